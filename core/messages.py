@@ -1,0 +1,88 @@
+"""What the core tells whoever runs it: one JSON object per line, each kind defined here and nowhere else."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from typing import Any, TypeAlias
+
+
+@dataclass(frozen=True)
+class Status:
+    """A stage begins; `stage` is one of the names in the report's seconds."""
+
+    stage: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Progress:
+    """The state after a round."""
+
+    fraction: float
+    photons: int
+    photons_per_s: float
+    estimated_error: float  # relative; nan until it can be told
+    seconds_left: float  # nan until it can be told
+    leaves: int
+
+
+@dataclass(frozen=True)
+class Preview:
+    """A page of the current stable light was written to `path` (.npy, (height, width, 4) float16, row 0 at the bottom)."""
+
+    page: int
+    path: str
+
+
+@dataclass(frozen=True)
+class Warning_:
+    """Something was replaced or left out; `subject` names the object, material or light, "" for the scene."""
+
+    subject: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Error:
+    """The scene cannot be baked; `text` names the object and says what to do."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Done:
+    """The last message; `result` is the path of the result file, `interrupted` tells a cancelled bake."""
+
+    result: str
+    interrupted: bool
+
+
+Message: TypeAlias = Status | Progress | Preview | Warning_ | Error | Done
+
+_KINDS: dict[str, type[Message]] = {
+    "STATUS": Status,
+    "PROGRESS": Progress,
+    "PREVIEW": Preview,
+    "WARNING": Warning_,
+    "ERROR": Error,
+    "DONE": Done,
+}
+
+
+def encode_message(message: Message) -> str:
+    """One line of JSON without a line end."""
+    kind = next(name for name, cls in _KINDS.items() if cls is type(message))
+    return json.dumps({"kind": kind, **asdict(message)})
+
+
+def decode_message(line: str) -> Message:
+    """The message of one line.
+
+    Raises ValueError when the line is not a message.
+    """
+    try:
+        fields: dict[str, Any] = json.loads(line)
+        return _KINDS[fields.pop("kind")](**fields)
+    except (KeyError, TypeError, AttributeError, ValueError) as reason:
+        raise ValueError(f"not a Leaflight message: {line[:200]!r}") from reason

@@ -1,0 +1,160 @@
+"""SceneSnapshot: all the core knows of a scene, as frozen struct-of-arrays.
+
+Metres, watts, linear Rec.709 RGB, +Z up, world space. -1 is "none".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray: TypeAlias = NDArray[np.floating]
+IntArray: TypeAlias = NDArray[np.integer]
+
+MAX_ALBEDO = 0.999  # a whiter surface would keep its photons for ever
+
+
+@dataclass(frozen=True)
+class SceneObject:
+    """One object; its triangles are tri_object == its index in SceneSnapshot.objects."""
+
+    name: str
+    receives: bool = True  # gets a lightmap; the others only cast light and shadow
+    two_sided: bool = False  # light on both sides of a face is summed
+    has_layer: bool = False  # tri_uv holds an existing UV layer to be used as it is
+    casts_shadow: bool = True
+    users: int = 1  # objects that share its mesh, itself included
+
+
+@dataclass(frozen=True)
+class Material:
+    """Diffuse reflectance and emitted radiance, each a constant times an optional image."""
+
+    name: str
+    albedo_rgb: tuple[float, float, float] = (0.8, 0.8, 0.8)
+    albedo_image: int = -1
+    emission_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # W/m^2/sr, strength included
+    emission_image: int = -1
+
+
+@dataclass(frozen=True)
+class TextureImage:
+    """A texture in linear Rec.709.
+
+    pixels   (height, width, 3) float32, row 0 at the bottom
+    """
+
+    name: str
+    pixels: NDArray[np.float32]
+    extension: str = "REPEAT"  # REPEAT, EXTEND, CLIP or MIRROR, as in Blender
+    closest: bool = False  # no interpolation
+
+
+@dataclass(frozen=True)
+class Light:
+    """A Blender light; units as in Blender (see docs/units.md).
+
+    rotation     rows are the light's world-space unit x, y and z axes; it shines along -z
+    power_rgb    W for POINT, SPOT and AREA; W/m^2 facing it for SUN; exposure, colour and diffuse_factor included
+    """
+
+    kind: str  # POINT SPOT SUN AREA
+    name: str
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    power_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    radius_m: float = 0.0  # POINT and SPOT
+    soft_falloff: bool = True  # POINT and SPOT: a disk that turns to the receiver, else a sphere
+    cone_angle_rad: float = 0.0  # SPOT: full opening angle
+    blend: float = 0.0  # SPOT: 0 hard ... 1 soft
+    angle_rad: float = 0.0  # SUN: full angle of its disk
+    shape: str = "RECTANGLE"  # AREA: RECTANGLE or ELLIPSE; square and disk are their equal-sided cases
+    size_m: tuple[float, float] = (1.0, 1.0)  # AREA: full extents along the light's x and y
+    spread_rad: float = float(np.pi)  # AREA: pi is Lambertian
+    casts_shadow: bool = True
+
+
+@dataclass(frozen=True)
+class SceneSnapshot:
+    """Triangles, materials, textures, lights and world of one frame.
+
+    vertex_position   (n_vertex, 3) float64, m
+    tri_vertex        (n_tri, 3) int32
+    tri_object        (n_tri,) int32       index into objects; triangles of an object are consecutive
+    tri_material      (n_tri,) int32       index into materials
+    tri_polygon       (n_tri,) int32       polygon of the object's mesh; its triangles are consecutive
+    tri_corner        (n_tri, 3) int32     corner (loop) of the object's mesh, to write UVs back
+    tri_normal        (n_tri, 3, 3) float32   unit shading normal at each corner
+    tri_uv            (n_tri, 3, 2) float64   existing lightmap UV in [0, 1], where the object has_layer; else 0
+    tri_albedo_uv     (n_tri, 3, 2) float32   texture UV of the albedo image, mapping applied
+    tri_emission_uv   (n_tri, 3, 2) float32   the same for the emission image
+    world_rgb         uniform radiance of the world, W/m^2/sr
+    """
+
+    vertex_position: NDArray[np.float64]
+    tri_vertex: NDArray[np.int32]
+    tri_object: NDArray[np.int32]
+    tri_material: NDArray[np.int32]
+    tri_polygon: NDArray[np.int32]
+    tri_corner: NDArray[np.int32]
+    tri_normal: NDArray[np.float32]
+    tri_uv: NDArray[np.float64]
+    tri_albedo_uv: NDArray[np.float32]
+    tri_emission_uv: NDArray[np.float32]
+    objects: tuple[SceneObject, ...]
+    materials: tuple[Material, ...]
+    images: tuple[TextureImage, ...] = ()
+    lights: tuple[Light, ...] = ()
+    world_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        error = _first_error(self)
+        if error:
+            raise ValueError(error)
+
+    @property
+    def n_tri(self) -> int:
+        return len(self.tri_vertex)
+
+    @property
+    def tri_position(self) -> NDArray[np.float64]:
+        """(n_tri, 3, 3) float64, m: corner positions."""
+        return self.vertex_position[self.tri_vertex]
+
+
+def _first_error(scene: SceneSnapshot) -> str:
+    n_tri = len(scene.tri_vertex)
+    shapes = {
+        "vertex_position": (len(scene.vertex_position), 3),
+        "tri_vertex": (n_tri, 3),
+        "tri_object": (n_tri,),
+        "tri_material": (n_tri,),
+        "tri_polygon": (n_tri,),
+        "tri_corner": (n_tri, 3),
+        "tri_normal": (n_tri, 3, 3),
+        "tri_uv": (n_tri, 3, 2),
+        "tri_albedo_uv": (n_tri, 3, 2),
+        "tri_emission_uv": (n_tri, 3, 2),
+    }
+    for name, expected in shapes.items():
+        found = getattr(scene, name).shape
+        if found != expected:
+            return f"{name}: expected shape {expected}, got {found}"
+    ranges = (
+        ("tri_vertex", len(scene.vertex_position)),
+        ("tri_object", len(scene.objects)),
+        ("tri_material", len(scene.materials)),
+    )
+    for name, count in ranges:
+        values = getattr(scene, name)
+        if n_tri and (values.min() < 0 or values.max() >= count):
+            return f"{name}: expected indices 0 to {count - 1}, got {values.min()} to {values.max()}"
+    if not np.isfinite(scene.vertex_position).all():
+        return "vertex_position: expected finite coordinates"
+    for material in scene.materials:
+        if max(material.albedo_image, material.emission_image) >= len(scene.images):
+            return f"{material.name}: names an image that is not in the snapshot"
+    return ""

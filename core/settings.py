@@ -1,0 +1,87 @@
+"""Every knob of a bake, once: name, default, unit, range and help.
+
+The command line (addon/arguments.py) and the panel (addon/properties.py) are generated from these fields.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+PASSES = ("combined", "lighting", "direct", "indirect", "diffuse", "emission", "albedo", "stderr")
+IMAGE_FORMATS = ("exr", "hdr", "png")
+BASES = ("constant", "linear", "quadratic")
+ORACLES = ("significance", "paper")
+DIRECT_MODES = ("rays", "photons")
+
+MAX_PAGE_SIZE_TEXELS = 16384
+
+
+def _knob(
+    default: Any,
+    help_text: str,
+    *,
+    unit: str = "",
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] = (),
+    group: str = "Advanced",
+    label: str = "",
+) -> Any:
+    metadata = dict(help=help_text, unit=unit, low=low, high=high, choices=choices, group=group, label=label)
+    return field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a user can choose about one bake; frozen, validated when made.
+
+    Raises ValueError with a sentence naming the knob, the value found and the range that holds.
+    """
+
+    # Lightmap
+    size: int = _knob(512, "side of a square page", unit="texels", low=4, high=MAX_PAGE_SIZE_TEXELS, group="Lightmap")
+    density: float = _knob(
+        0.0, "texels per metre of surface; 0 lets the page size decide", unit="texels/m", low=0.0, high=1e6, group="Lightmap"
+    )
+    atlas: bool = _knob(True, "share a set of pages between all objects, instead of one image per object", group="Lightmap")
+    padding: int = _knob(4, "least distance between two charts", unit="texels", low=1, high=64, group="Lightmap")
+    margin: int = _knob(8, "how far colour runs on beyond a chart's edge", unit="texels", low=0, high=256, group="Lightmap")
+    # Quality
+    error: float = _knob(0.05, "relative error at which the bake stops", low=1e-4, high=1.0, group="Quality")
+    max_photons: int = _knob(64_000_000, "photons after which the bake stops", unit="photons", low=1000, high=10**12, group="Quality")
+    time_limit: float = _knob(0.0, "seconds after which the bake stops; 0 is no limit", unit="s", low=0.0, high=1e7, group="Quality")
+    # Method
+    direct: str = _knob("rays", "how direct light is found: shadow rays, or photons as in the paper", choices=DIRECT_MODES)
+    basis: str = _knob("linear", "functions in each leaf", choices=BASES)
+    oracle: str = _knob("significance", "rule that splits a leaf", choices=ORACLES)
+    hierarchical: bool = _knob(True, "adaptive leaves; off is a fixed mesh at the finest level, for comparison")
+    threshold: float = _knob(0.05, "relative difference to the preview above which a leaf is split", low=0.0, high=10.0)
+    stability: int = _knob(16, "photons a node must have been shot to be stable", unit="photons", low=1, high=10**6)
+    preview_depth: int = _knob(2, "levels between the current and the preview nodes", unit="levels", low=1, high=3)
+    min_level: int = _knob(0, "level every quadtree starts with; 0 is the chart's root", unit="levels", low=0, high=14)
+    contact: bool = _knob(True, "split leaves near other geometry that touches the surface")
+    finest_texels: int = _knob(1, "side of the smallest leaf", unit="texels", low=1, high=1024)
+    max_depth: int = _knob(1000, "surfaces a photon may meet", unit="hits", low=1, high=100_000)
+    seed: int = _knob(1, "same seed, same bytes", low=0, high=2**31 - 1)
+    workers: int = _knob(0, "processes that trace; 0 takes one per core", low=0, high=1024)
+
+    def __post_init__(self) -> None:
+        for knob in dataclasses.fields(self):
+            error = _range_error(knob, getattr(self, knob.name))
+            if error:
+                raise ValueError(error)
+
+
+def _range_error(knob: dataclasses.Field[Any], value: Any) -> str:
+    choices, low, high = knob.metadata["choices"], knob.metadata["low"], knob.metadata["high"]
+    if choices and value not in choices:
+        return f"{knob.name}: expected one of {', '.join(choices)}, got {value!r}"
+    if low is None or isinstance(value, bool):
+        return ""
+    if not math.isfinite(value) or not low <= value <= high:
+        unit = f" {knob.metadata['unit']}" if knob.metadata["unit"] else ""
+        return f"{knob.name}: expected {low:g} to {high:g}{unit}, got {value:g}"
+    return ""
