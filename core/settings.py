@@ -28,9 +28,10 @@ def _knob(
     high: float | None = None,
     choices: tuple[str, ...] = (),
     group: str = "Advanced",
-    label: str = "",
+    flag: str = "",
+    off_flag: str = "",
 ) -> Any:
-    metadata = dict(help=help_text, unit=unit, low=low, high=high, choices=choices, group=group, label=label)
+    metadata = dict(help=help_text, unit=unit, low=low, high=high, choices=choices, group=group, flag=flag, off_flag=off_flag)
     return field(default=default, metadata=metadata)
 
 
@@ -46,9 +47,14 @@ class Settings:
     density: float = _knob(
         0.0, "texels per metre of surface; 0 lets the page size decide", unit="texels/m", low=0.0, high=1e6, group="Lightmap"
     )
-    atlas: bool = _knob(True, "share a set of pages between all objects, instead of one image per object", group="Lightmap")
+    atlas: bool = _knob(
+        True, "share a set of pages between all objects, instead of one image per object", group="Lightmap", off_flag="--per-object"
+    )
     padding: int = _knob(4, "least distance between two charts", unit="texels", low=1, high=64, group="Lightmap")
     margin: int = _knob(8, "how far colour runs on beyond a chart's edge", unit="texels", low=0, high=256, group="Lightmap")
+    # Output
+    passes: tuple[str, ...] = _knob(("combined",), "what the images hold", choices=PASSES, group="Output", flag="--pass")
+    formats: tuple[str, ...] = _knob(("exr",), "kinds of file that are written", choices=IMAGE_FORMATS, group="Output", flag="--format")
     # Quality
     error: float = _knob(0.05, "relative error at which the bake stops", low=1e-4, high=1.0, group="Quality")
     max_photons: int = _knob(64_000_000, "photons after which the bake stops", unit="photons", low=1000, high=10**12, group="Quality")
@@ -57,12 +63,12 @@ class Settings:
     direct: str = _knob("rays", "how direct light is found: shadow rays, or photons as in the paper", choices=DIRECT_MODES)
     basis: str = _knob("linear", "functions in each leaf", choices=BASES)
     oracle: str = _knob("significance", "rule that splits a leaf", choices=ORACLES)
-    hierarchical: bool = _knob(True, "adaptive leaves; off is a fixed mesh at the finest level, for comparison")
+    hierarchical: bool = _knob(True, "adaptive leaves; off is a fixed mesh at the finest level, for comparison", off_flag="--flat")
     threshold: float = _knob(0.05, "relative difference to the preview above which a leaf is split", low=0.0, high=10.0)
     stability: int = _knob(16, "photons a node must have been shot to be stable", unit="photons", low=1, high=10**6)
     preview_depth: int = _knob(2, "levels between the current and the preview nodes", unit="levels", low=1, high=3)
     min_level: int = _knob(0, "level every quadtree starts with; 0 is the chart's root", unit="levels", low=0, high=14)
-    contact: bool = _knob(True, "split leaves near other geometry that touches the surface")
+    contact: bool = _knob(True, "split leaves near other geometry that touches the surface", off_flag="--no-contact")
     finest_texels: int = _knob(1, "side of the smallest leaf", unit="texels", low=1, high=1024)
     max_depth: int = _knob(1000, "surfaces a photon may meet", unit="hits", low=1, high=100_000)
     seed: int = _knob(1, "same seed, same bytes", low=0, high=2**31 - 1)
@@ -77,8 +83,9 @@ class Settings:
 
 def _range_error(knob: dataclasses.Field[Any], value: Any) -> str:
     choices, low, high = knob.metadata["choices"], knob.metadata["low"], knob.metadata["high"]
-    if choices and value not in choices:
-        return f"{knob.name}: expected one of {', '.join(choices)}, got {value!r}"
+    if choices:
+        unknown = [one for one in (value if isinstance(value, tuple) else (value,)) if one not in choices]
+        return f"{knob.name}: expected one of {', '.join(choices)}, got {unknown[0]!r}" if unknown else ""
     if low is None or isinstance(value, bool):
         return ""
     if not math.isfinite(value) or not low <= value <= high:

@@ -1,0 +1,67 @@
+# Leaflight. `make help` lists the targets; nothing has to be installed first but Python 3.11 or 3.13, pip's way to bpy.
+
+PYTHON ?= python3
+OUT ?= out
+SCENE ?= sample_blends/cornell_box.blend
+
+PYTHON_VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+ifeq ($(PYTHON_VERSION),)
+$(error $(PYTHON) does not run: choose a Python with make PYTHON=python3.11)
+endif
+VENV := .venv-$(PYTHON_VERSION)
+RUN := $(VENV)/bin/python
+
+.PHONY: help bake test pytest bench lint zip clean
+.DELETE_ON_ERROR:
+
+help:
+	@echo "make bake    bake a sample scene into $(OUT)/: images, report, and a .blend that wears them   (SCENE=file.blend OUT=folder)"
+	@echo "make test    lint and the everyday tests"
+	@echo "make pytest  the everyday tests alone"
+	@echo "make bench   the slow tests and the benchmarks, minutes each"
+	@echo "make lint    ruff check, ruff format --check, mypy --strict"
+	@echo "make zip     the extension's zips in dist/, one per platform   (WHEELS_DIR=folder: also one with the wheels in it)"
+	@echo "make clean   remove what these made, virtual environments included"
+	@echo "All take PYTHON=python3.11 or python3.13; each version has a virtual environment of its own."
+
+bake: $(VENV)/.ready
+	mkdir -p $(OUT)
+	$(RUN) -m leaflight bake $(SCENE) --output $(OUT) --save $(OUT)/$(notdir $(basename $(SCENE))).blend --report $(OUT)/report.json
+
+test: lint pytest
+
+pytest: $(VENV)/.ready
+	$(RUN) -m pytest -m "not slow"
+
+bench: $(VENV)/.ready-bench
+	$(RUN) -m pytest -m slow
+	set -e; for script in $(wildcard tests/bench/bench_*.py); do echo "== $$script"; PYTHONPATH=tests $(RUN) $$script; done
+
+lint: $(VENV)/.installed
+	$(RUN) -m ruff check .
+	$(RUN) -m ruff format --check .
+	MYPYPATH=$(VENV)/package $(RUN) -m mypy
+
+zip: $(VENV)/.installed
+	$(RUN) tools/build_zip.py --output dist $(if $(WHEELS_DIR),--wheels-dir "$(WHEELS_DIR)")
+
+clean:
+	rm -rf .venv-* out dist wheels build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# package/leaflight leads mypy to this folder under the package's name, whatever the folder is called.
+$(VENV)/.installed: pyproject.toml
+	$(PYTHON) tools/check_system.py --python
+	$(PYTHON) -m venv $(VENV)
+	$(RUN) -m pip install --quiet --disable-pip-version-check --editable '.[test]'
+	mkdir -p $(VENV)/package
+	ln -sfn "$(CURDIR)" $(VENV)/package/leaflight
+	touch $@
+
+$(VENV)/.ready: $(VENV)/.installed tools/check_system.py
+	$(RUN) tools/check_system.py
+	touch $@
+
+$(VENV)/.ready-bench: $(VENV)/.ready
+	$(RUN) -m pip install --quiet --disable-pip-version-check --editable '.[test,bench]'
+	touch $@

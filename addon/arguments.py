@@ -1,0 +1,81 @@
+"""The command line's words, made from core.settings; no bpy here."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..core.settings import Settings
+
+
+@dataclass(frozen=True)
+class BakeRequest:
+    """One bake as asked for, by whatever driver."""
+
+    settings: Settings
+    scene: Path | None = None  # None: the scene that is open
+    objects: tuple[str, ...] = ()  # empty: every visible mesh
+    uv_layer: str = ""  # empty: unwrap into our own layer
+    output: Path = Path("bake")
+    report: Path | None = None
+    save: Path | None = None
+    assign: bool = True
+    quiet: bool = False
+
+
+def parse_arguments(argv: list[str], prog: str, with_scene: bool) -> BakeRequest:
+    """The request that `argv` (without the program's name) stands for.
+
+    with_scene   the file is an argument; else the open scene is baked
+    Raises ValueError with a sentence for a value out of its range; SystemExit(2), after usage, for words that cannot be read.
+    """
+    arguments = vars(_make_parser(prog, with_scene).parse_args(argv))
+    del arguments["command"]
+    knobs = {knob.name: arguments.pop(knob.name) for knob in dataclasses.fields(Settings)}
+    knobs = {name: tuple(value) if isinstance(value, list) else value for name, value in knobs.items()}
+    return BakeRequest(settings=Settings(**knobs), **{**arguments, "objects": tuple(arguments["objects"])})
+
+
+def _make_parser(prog: str, with_scene: bool) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog=prog, description="Bakes diffuse global illumination to textures.", allow_abbrev=False)
+    commands = parser.add_subparsers(dest="command", required=True)
+    bake = commands.add_parser(
+        "bake", help="bake a scene", formatter_class=argparse.ArgumentDefaultsHelpFormatter, allow_abbrev=False
+    )
+    if with_scene:
+        bake.add_argument("scene", type=Path, help=".blend, .glb, .gltf, .obj, .fbx or .usd")
+    scene = bake.add_argument_group("scene")
+    scene.add_argument("--objects", nargs="+", default=[], metavar="NAME", help="objects that get a lightmap; without it every visible mesh")
+    scene.add_argument("--uv-layer", default="", metavar="NAME", help="use this UV layer as it is; without it xatlas unwraps")
+    output = bake.add_argument_group("output")
+    output.add_argument("--output", type=Path, default=Path("bake"), metavar="DIR", help="folder of the images")
+    output.add_argument("--report", type=Path, metavar="FILE", help="write a JSON report")
+    output.add_argument("--save", type=Path, metavar="FILE", help="save the .blend with the bake in its materials")
+    output.add_argument("--no-assign", dest="assign", action="store_false", help="leave materials as they are")
+    output.add_argument("--quiet", action="store_true", help="no progress, only warnings and errors")
+    groups = {"Output": output}
+    for knob in dataclasses.fields(Settings):
+        name = knob.metadata["group"]
+        if name not in groups:
+            groups[name] = bake.add_argument_group(name.lower())
+        _add_knob(groups[name], knob)
+    return parser
+
+
+def _add_knob(group: Any, knob: dataclasses.Field[Any]) -> None:
+    about = knob.metadata
+    flag = about["flag"] or "--" + knob.name.replace("_", "-")
+    text = f"{about['help']}, in {about['unit']}" if about["unit"] else about["help"]
+    if isinstance(knob.default, bool):
+        if about["off_flag"]:
+            group.add_argument(about["off_flag"], dest=knob.name, action="store_false", default=knob.default, help=f"not: {text}")
+        group.add_argument(flag, dest=knob.name, action="store_true", default=knob.default, help=text)
+    elif isinstance(knob.default, tuple):
+        group.add_argument(flag, dest=knob.name, nargs="+", choices=about["choices"], default=list(knob.default), help=text)
+    elif about["choices"]:
+        group.add_argument(flag, dest=knob.name, choices=about["choices"], default=knob.default, help=text)
+    else:
+        group.add_argument(flag, dest=knob.name, type=type(knob.default), default=knob.default, metavar="N", help=text)

@@ -1,0 +1,164 @@
+"""Meshes of our own for what cannot carry a lightmap itself: results of modifiers, instances, and meshes that objects share.
+
+A copy takes its source's place in a marked collection while the source is hidden; its two flags are remembered on it.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from .tags import MADE, NAME, is_made, local_objects, mark_made, remove_mark, suffixed_name
+
+COPIES = "leaflight_copies"  # on our collection: the copies in it; a copy that the user duplicated is not among them
+SOURCE = "leaflight_source"  # on a copy: the object it stands for
+HIDDEN = "leaflight_hidden"  # on a source: its two visibility flags before we hid it
+SHARED_MESH = "leaflight_shared_mesh"  # on an object with a mesh of its own from us: the mesh it shared
+SHAPE = "leaflight_shape"  # on that mesh: digest of its shape when we made it
+LOOK_FLAGS = ("visible_camera", "visible_diffuse", "visible_glossy", "visible_transmission", "visible_volume_scatter", "visible_shadow")
+
+
+def make_copy(scene: bpy.types.Scene, source: bpy.types.Object, evaluated: bpy.types.Object, matrix: Matrix) -> bpy.types.Object:
+    """A mesh object "<name>.Leaflight" with the evaluated object's mesh and materials; hides the source.
+
+    source      the object to hide; for an instance the object that makes it (inst.parent.original)
+    evaluated   evaluated object, or an instance's inst.object, while the iteration stands on it
+    matrix      its world matrix
+    Raises ValueError with a sentence when the source cannot be hidden.
+    """
+    if source.library or source.override_library:
+        raise ValueError(f"{source.name}: is linked from another file and cannot be hidden behind its baked copy; make it local.")
+    name = suffixed_name(evaluated.name)
+    mesh = bpy.data.meshes.new_from_object(evaluated)  # further arguments would evaluate the original again and lose instances' meshes
+    mesh.name = name
+    _take_object_materials(mesh, evaluated)
+    copy = bpy.data.objects.new(name, mesh)
+    mark_made(mesh)
+    mark_made(copy)
+    copy[SOURCE] = source
+    copy.matrix_world = matrix
+    for flag in LOOK_FLAGS:
+        setattr(copy, flag, getattr(evaluated, flag))
+    copy.color, copy.pass_index = evaluated.color, evaluated.pass_index
+    _register_copy(_our_collection(scene), copy)
+    hide_source(source)
+    return copy
+
+
+def give_own_mesh(obj: bpy.types.Object) -> bpy.types.Mesh:
+    """Gives an object that shares its mesh a copy of it, to hold UVs of its own; restore_shared_mesh takes it back."""
+    if obj.data.users == 1 or is_made(obj.data):
+        return obj.data
+    shared = obj.data
+    mesh = shared.copy()
+    mesh.name, mesh.use_fake_user = suffixed_name(shared.name), False
+    remove_mark(mesh, SHAPE)
+    mark_made(mesh)
+    mesh[SHAPE] = _shape_digest(mesh)
+    obj[SHARED_MESH] = shared
+    obj.data = mesh
+    return mesh
+
+
+def restore_shared_mesh(obj: bpy.types.Object) -> None:
+    """Gives the shared mesh back, unless the user edited the copy since: then the copy is theirs."""
+    if SHARED_MESH not in obj:
+        return
+    own, shared = obj.data, obj[SHARED_MESH]
+    remove_mark(obj, SHARED_MESH)
+    if not is_made(own):
+        return
+    if shared is None or own.get(SHAPE) != _shape_digest(own):
+        remove_mark(own, SHAPE)
+        remove_mark(own, MADE)
+        return
+    obj.data = shared
+    if own.users == 0:
+        bpy.data.meshes.remove(own)
+
+
+def hide_source(source: bpy.types.Object | None) -> None:
+    """Hides a source from viewport and render and remembers both flags."""
+    if source is None or HIDDEN in source:
+        return
+    source[HIDDEN] = {"viewport": source.hide_viewport, "render": source.hide_render}
+    source.hide_viewport = source.hide_render = True
+
+
+def unhide_sources(objects: Iterable[bpy.types.Object]) -> None:
+    """Gives sources their flags again; one that the user showed meanwhile stays visible."""
+    for source in local_objects(objects):
+        if HIDDEN not in source:
+            continue
+        flags = source[HIDDEN]
+        source.hide_viewport = source.hide_viewport and bool(flags["viewport"])
+        source.hide_render = source.hide_render and bool(flags["render"])
+        remove_mark(source, HIDDEN)
+
+
+def set_copies_visible(scene: bpy.types.Scene, visible: bool) -> None:
+    """Shows the copies and hides their sources, or the other way round."""
+    unhide_sources(scene.objects)
+    for copy in _copies(_our_collections(scene)):
+        copy.hide_viewport = copy.hide_render = not visible
+        if visible:
+            hide_source(copy.get(SOURCE))
+
+
+def remove_copies(scene: bpy.types.Scene | None = None) -> None:
+    """Deletes our copies and their collection, of one scene or of all; what the user put into it, or duplicated, stays."""
+    collections = _our_collections(scene)
+    copies = _copies(collections)
+    meshes = {copy.data for copy in copies}
+    bpy.data.batch_remove(copies)
+    bpy.data.batch_remove([mesh for mesh in meshes if is_made(mesh) and mesh.users == 0])
+    for collection in collections:
+        remove_mark(collection, COPIES)
+        if not collection.objects and not collection.children:
+            bpy.data.collections.remove(collection)
+
+
+def _our_collections(scene: bpy.types.Scene | None) -> list[bpy.types.Collection]:
+    candidates = bpy.data.collections if scene is None else scene.collection.children_recursive
+    return [collection for collection in candidates if COPIES in collection and not collection.library]
+
+
+def _our_collection(scene: bpy.types.Scene) -> bpy.types.Collection:
+    ours = _our_collections(scene)
+    if ours:
+        return ours[0]
+    collection = bpy.data.collections.new(NAME)
+    mark_made(collection)
+    collection[COPIES] = {}
+    scene.collection.children.link(collection)
+    return collection
+
+
+def _register_copy(collection: bpy.types.Collection, copy: bpy.types.Object) -> None:
+    registry = collection[COPIES]
+    registry[str(len(registry))] = copy
+    collection.objects.link(copy)
+
+
+def _copies(collections: list[bpy.types.Collection]) -> list[bpy.types.Object]:
+    """The copies that are left; a deleted one reads as None."""
+    return [copy for collection in collections for copy in collection[COPIES].to_dict().values() if copy is not None]
+
+
+def _take_object_materials(mesh: bpy.types.Mesh, evaluated: bpy.types.Object) -> None:
+    """Slots linked to the object hold their material there, not on the mesh."""
+    for index, slot in enumerate(evaluated.material_slots):
+        if slot.link == "OBJECT" and index < len(mesh.materials):
+            mesh.materials[index] = slot.material.original if slot.material else None
+
+
+def _shape_digest(mesh: bpy.types.Mesh) -> str:
+    position = np.empty(3 * len(mesh.vertices), dtype=np.float32)
+    corner_vertex = np.empty(len(mesh.loops), dtype=np.int32)
+    mesh.vertices.foreach_get("co", position)
+    mesh.loops.foreach_get("vertex_index", corner_vertex)
+    return f"{zlib.crc32(corner_vertex.tobytes(), zlib.crc32(position.tobytes())):08x}"

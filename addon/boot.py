@@ -1,0 +1,64 @@
+"""Main program of the child process that bakes: boot.py JOB_FOLDER. No bpy here.
+
+Messages go to standard output, a JSON line each; "cancel" on standard input ends the bake with the best so far, and the
+end of standard input, which comes when the parent is gone, ends it at once.
+"""
+
+import importlib.util
+import json
+import os
+import signal
+import sys
+import threading
+import traceback
+from pathlib import Path
+
+# A worker process imports this file again as its main module, so the package is made known at import time.
+_ROOT = Path(__file__).resolve().parent.parent
+if "leaflight" not in sys.modules:
+    _spec = importlib.util.spec_from_file_location("leaflight", _ROOT / "__init__.py", submodule_search_locations=[str(_ROOT)])
+    assert _spec is not None and _spec.loader is not None
+    sys.modules["leaflight"] = importlib.util.module_from_spec(_spec)
+    _spec.loader.exec_module(sys.modules["leaflight"])
+
+
+def main(folder: Path) -> int:
+    """Bake the job in `folder`; 0 done, 1 a sentence was told, 3 a fault of ours, its traceback on standard error."""
+    # Blender's own options make Python ignore PYTHONPATH, so the folders of the packages come with the job.
+    sys.path += json.loads((folder / "sys_path.json").read_text(encoding="utf-8"))
+    from leaflight.core import bake, messages
+
+    out = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
+    os.dup2(2, 1)  # what libraries print must not get between the messages
+
+    def tell(message: messages.Message) -> None:
+        out.write(messages.encode_message(message) + "\n")
+
+    stop = threading.Event()
+    threading.Thread(target=_listen, args=(stop,), daemon=True).start()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    try:
+        bake.run_bake(folder, tell, stop.is_set)
+    except (ValueError, OSError) as reason:
+        traceback.print_exc()  # kept with the job, for whoever has to find out more
+        tell(messages.Error(str(reason)))
+        return 1
+    except MemoryError:
+        tell(messages.Error("The bake ran out of memory: choose a smaller --size or --density, or fewer --workers."))
+        return 1
+    except Exception:  # the last line of defence of a process: a fault of ours is shown whole
+        traceback.print_exc()
+        return 3
+    return 0
+
+
+def _listen(stop: threading.Event) -> None:
+    for line in sys.stdin:
+        if line.strip() == "cancel":
+            stop.set()
+    os._exit(4)
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1])))

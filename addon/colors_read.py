@@ -1,0 +1,216 @@
+"""Colours and numbers of a shader node tree as a constant times an image: exact where that holds, else the nearest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .images_read import ImageTable
+from .node_colors import GREY, WHITE, Color, Rgb, add_rgb, find_brightness, multiply_rgb, to_rgb
+from .node_ports import Port
+from .texture_mapping import read_mapping
+
+TEXTURE_COLOR: Rgb = (0.5, 0.5, 0.5)  # mean of a procedural texture, roughly
+RAMP_SAMPLES = 64
+
+
+class ColorReader:
+    """Reads the colours and numbers of one material, light or world.
+
+    `replaced` collects what could not be taken as it is, for one warning.
+    """
+
+    def __init__(self, images: ImageTable) -> None:
+        self.images = images
+        self.replaced: list[str] = []
+        self.missing_rgb = GREY  # what stands for a missing image; Blender's magenta would tint the room
+
+    def note(self, text: str) -> None:
+        if text not in self.replaced:
+            self.replaced.append(text)
+
+    def read_color(self, port: Port | None, default: Rgb = WHITE) -> Color:
+        """The colour that a source port gives."""
+        if port is None:
+            return Color(default)
+        if port.is_value:
+            return Color(_value_rgb(port.socket, default))
+        reader = _COLOR_READERS.get(port.node.type, _read_other_color)
+        return reader(self, port)
+
+    def read_number(self, port: Port | None, default: float) -> float:
+        """The number that a source port gives, or its mean over an image."""
+        if port is None:
+            return default
+        if port.is_value:
+            return find_brightness(_value_rgb(port.socket, (default, default, default)))
+        reader = _NUMBER_READERS.get(port.node.type)
+        if reader:
+            return reader(self, port)
+        color = self.read_color(port)
+        if color.image >= 0:
+            self.note(f"{_describe(port.node)} is replaced by its mean")
+        return find_brightness(color.mean)
+
+    def mix(self, first: Color, second: Color, fraction: float) -> Color:
+        """(1 - fraction) first + fraction second."""
+        return self.add(first.times(1.0 - fraction), second.times(fraction))
+
+    def add(self, first: Color, second: Color) -> Color:
+        """The sum; of two different images the brighter one stands for both."""
+        if max(second.mean) <= 0.0:
+            return first
+        if max(first.mean) <= 0.0:
+            return second
+        if first.image == second.image and first.mapping == second.mapping:
+            mean = None if first.mean_rgb is None else add_rgb(first.mean, second.mean)
+            return replace(first, rgb=add_rgb(first.rgb, second.rgb), mean_rgb=mean)
+        self.note("a mix of textures is replaced by the brighter one")
+        main, other = (first, second) if sum(first.mean) >= sum(second.mean) else (second, first)
+        total = add_rgb(main.mean, other.mean)
+        scale = [t / m if m > 0.0 else 1.0 for t, m in zip(total, main.mean, strict=True)]
+        return main.times((scale[0], scale[1], scale[2]))
+
+
+def _read_image(reader: ColorReader, port: Port) -> Color:
+    node = port.node
+    pixels = reader.images.read(node.image) if node.image else None
+    if pixels is None:
+        reader.note(f"image {node.image.name} is missing, a constant is used" if node.image else "an image texture has no image")
+        return Color(reader.missing_rgb)
+    if pixels.note:
+        reader.note(pixels.note)
+    if port.socket.name == "Alpha":
+        return Color((pixels.mean[3],) * 3)
+    mean = pixels.mean[:3]
+    if node.type == "TEX_ENVIRONMENT":
+        reader.note(f"image {node.image.name} is replaced by its mean over the sphere")
+        return Color(_sphere_mean(pixels.pixels))
+    vector = port.sibling("Vector")
+    mapping = None if node.projection != "FLAT" else read_mapping(vector)
+    if mapping is None:
+        reader.note(f"image {node.image.name} is replaced by its mean, for no UV layer maps it")
+        return Color(mean)
+    return Color(WHITE, reader.images.index(node.image, node.extension, node.interpolation == "Closest"), mapping, mean)
+
+
+def _read_mix(reader: ColorReader, port: Port) -> Color:
+    node = port.node
+    if node.type == "MIX" and node.data_type != "RGBA":
+        return _read_other_color(reader, port)
+    names = ("Factor_Float", "A_Color", "B_Color") if node.type == "MIX" else ("Fac", "Color1", "Color2")
+    fraction = min(max(reader.read_number(port.sibling(names[0]), 0.5), 0.0), 1.0)
+    first, second = reader.read_color(port.sibling(names[1])), reader.read_color(port.sibling(names[2]))
+    if node.blend_type == "MIX":
+        return reader.mix(first, second, fraction)
+    if node.blend_type == "ADD":
+        return reader.add(first, second.times(fraction))
+    if node.blend_type != "MULTIPLY":
+        reader.note(f"blend mode {node.blend_type.replace('_', ' ').lower()} of {_describe(node)} is left out")
+        return first if fraction < 1.0 or first.image >= 0 else second
+    if second.image >= 0 and (first.image >= 0 or fraction < 1.0):
+        reader.note("a product of textures takes one by its mean")
+        second = Color(second.mean)
+    if second.image >= 0:
+        return second.times(first.rgb)
+    return first.times(add_rgb(multiply_rgb(second.rgb, (fraction,) * 3), (1.0 - fraction,) * 3))
+
+
+def _read_ramp(reader: ColorReader, port: Port) -> Color:
+    fraction = port.sibling("Fac")
+    if fraction is not None and (fraction.is_value or fraction.node.type in _NUMBER_READERS):
+        return Color(to_rgb(port.node.color_ramp.evaluate(reader.read_number(fraction, 0.5))))
+    reader.note(f"{_describe(port.node)} is replaced by its mean")
+    samples = [to_rgb(port.node.color_ramp.evaluate(i / (RAMP_SAMPLES - 1))) for i in range(RAMP_SAMPLES)]
+    return Color(to_rgb(np.mean(samples, axis=0)))
+
+
+def _read_other_color(reader: ColorReader, port: Port) -> Color:
+    """A node unknown to us: the mean of its colour inputs, or the one textured input."""
+    reader.note(f"{_describe(port.node)} is approximated")
+    if port.node.type in ("VERTEX_COLOR", "ATTRIBUTE"):
+        return Color(WHITE)  # mostly a factor
+    found = [port.sibling(socket.identifier) for socket in port.node.inputs if socket.type == "RGBA" and socket.enabled]
+    colors = [reader.read_color(source) for source in found]
+    textured = next((color for color in colors if color.image >= 0), None)
+    if textured or not colors:
+        return textured or Color(TEXTURE_COLOR)
+    return Color(to_rgb(np.mean([color.mean for color in colors], axis=0)))
+
+
+def _read_output_value(reader: ColorReader, port: Port) -> Color:
+    return Color(_value_rgb(port.socket, WHITE))
+
+
+def _read_math(reader: ColorReader, port: Port) -> float:
+    values = [reader.read_number(port.sibling(socket.identifier), 0.0) for socket in port.node.inputs[:2]]
+    operation = _MATH.get(port.node.operation)
+    if operation is None:
+        reader.note(f"{_describe(port.node)} is left out")
+        return values[0]
+    result = operation(*values)
+    return min(max(result, 0.0), 1.0) if port.node.use_clamp else result
+
+
+def _read_light_path(reader: ColorReader, port: Port) -> float:
+    """As a ray sees it that gathers diffuse light."""
+    reader.note(f"{_describe(port.node)} is taken as diffuse rays see it")
+    return 1.0 if port.socket.name in ("Is Diffuse Ray", "Ray Depth", "Diffuse Depth") else 0.0
+
+
+def _read_fresnel(reader: ColorReader, port: Port) -> float:
+    reader.note(f"{_describe(port.node)} is approximated")
+    return 0.05  # facing a dielectric
+
+
+def _read_channel(reader: ColorReader, port: Port) -> float:
+    color = reader.read_color(port.sibling("Color"))
+    if color.image >= 0:
+        reader.note("a texture's channel is replaced by its mean")
+    return color.mean[{"Red": 0, "R": 0, "Green": 1, "G": 1}.get(port.socket.name, 2)]
+
+
+def _sphere_mean(pixels: Any) -> Rgb:
+    """Mean radiance of an equirectangular picture, rows weighted by solid angle."""
+    height = len(pixels)
+    weight = np.cos((np.arange(height) + 0.5) / height * np.pi - np.pi / 2)
+    return to_rgb(weight @ pixels.mean(axis=1, dtype=np.float64) / weight.sum())
+
+
+def _value_rgb(socket: Any, default: Rgb) -> Rgb:
+    value = getattr(socket, "default_value", default)
+    return to_rgb(value) if hasattr(value, "__len__") else (float(value),) * 3
+
+
+def _describe(node: Any) -> str:
+    return f"node {node.label or node.name}"
+
+
+_MATH: dict[str, Callable[[float, float], float]] = {
+    "ADD": lambda a, b: a + b,
+    "SUBTRACT": lambda a, b: a - b,
+    "MULTIPLY": lambda a, b: a * b,
+    "DIVIDE": lambda a, b: a / b if b else 0.0,
+    "MINIMUM": min,
+    "MAXIMUM": max,
+}
+_COLOR_READERS: dict[str, Callable[[ColorReader, Port], Color]] = {
+    "TEX_IMAGE": _read_image,
+    "TEX_ENVIRONMENT": _read_image,
+    "MIX": _read_mix,
+    "MIX_RGB": _read_mix,
+    "VALTORGB": _read_ramp,
+    "RGB": _read_output_value,
+    "VALUE": _read_output_value,
+}
+_NUMBER_READERS: dict[str, Callable[[ColorReader, Port], float]] = {
+    "MATH": _read_math,
+    "LIGHT_PATH": _read_light_path,
+    "FRESNEL": _read_fresnel,
+    "LAYER_WEIGHT": _read_fresnel,
+    "SEPARATE_COLOR": _read_channel,
+    "SEPRGB": _read_channel,
+}

@@ -1,0 +1,39 @@
+"""Messages of a bake as lines on standard error."""
+
+from __future__ import annotations
+
+import math
+import sys
+
+from ..core.messages import Done, Error, Message, Preview, Progress, Status, Warning_
+
+
+def print_message(message: Message, quiet: bool) -> None:
+    """One line for a person; with `quiet` only warnings and errors."""
+    line = _line(message, quiet)
+    if line:
+        print(f"leaflight: {line}", file=sys.stderr, flush=True)
+
+
+def _line(message: Message, quiet: bool) -> str:
+    match message:
+        case Warning_(subject, text):
+            return f"warning: {text if text.startswith(subject) else f'{subject}: {text}'}"
+        case Error(text):
+            return f"error: {text}"
+        case Status(text=text) if not quiet:
+            return text
+        case Progress() if not quiet:
+            return describe_progress(message)
+        case Status() | Progress() | Preview() | Done():
+            return ""
+
+
+def describe_progress(progress: Progress) -> str:
+    """Percentage, photons a second, estimated error and time left."""
+    parts = [f"{progress.fraction:4.0%}", f"{progress.photons / 1e6:.2f} M photons", f"{progress.photons_per_s / 1e6:.2f} M/s"]
+    if math.isfinite(progress.estimated_error):
+        parts.append(f"error {progress.estimated_error:.1%}")
+    if math.isfinite(progress.seconds_left):
+        parts.append(f"{progress.seconds_left:.0f} s left")
+    return "  ".join(parts)

@@ -1,0 +1,167 @@
+"""Evaluated meshes as arrays: read once in local space, placed in the world as often as they are used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class LocalMesh:
+    """One mesh in the space of its object.
+
+    position        (n_vertex, 3) float64
+    corner_vertex   (n_corner,) int32
+    polygon_start   (n_polygon,) int32   first corner
+    polygon_slot    (n_polygon,) int32   material slot
+    corner_normal   (n_corner, 3) float64
+    tri_corner      (n_tri, 3) int32, consecutive for each polygon
+    tri_polygon     (n_tri,) int32
+    layers          UV layers by name, (n_corner, 2) float64 each
+    render_layer    name of the layer that textures use by default, "" none
+    """
+
+    position: NDArray[np.float64]
+    corner_vertex: NDArray[np.int32]
+    polygon_start: NDArray[np.int32]
+    polygon_slot: NDArray[np.int32]
+    corner_normal: NDArray[np.float64]
+    tri_corner: NDArray[np.int32]
+    tri_polygon: NDArray[np.int32]
+    layers: dict[str, NDArray[np.float64]]
+    render_layer: str
+
+    @property
+    def n_corner(self) -> int:
+        return len(self.corner_vertex)
+
+    @property
+    def n_polygon(self) -> int:
+        return len(self.polygon_start)
+
+
+@dataclass(frozen=True)
+class WorldMesh:
+    """The triangles of a mesh in the world; vertices that no triangle uses are left out.
+
+    vertex_position   (n_vertex, 3) float64, m
+    tri_vertex, tri_corner   (n_tri, 3) int32, anticlockwise seen from the front
+    tri_polygon, tri_slot    (n_tri,) int32
+    tri_normal        (n_tri, 3, 3) float32, unit
+    left_out          triangles with a coordinate that is not finite
+    """
+
+    vertex_position: NDArray[np.float64]
+    tri_vertex: NDArray[np.int32]
+    tri_corner: NDArray[np.int32]
+    tri_polygon: NDArray[np.int32]
+    tri_slot: NDArray[np.int32]
+    tri_normal: NDArray[np.float32]
+    left_out: int
+
+
+def read_mesh(mesh: Any) -> LocalMesh:
+    """The arrays of a Blender mesh."""
+    mesh.calc_loop_triangles()
+    n_corner, n_polygon, n_tri = len(mesh.loops), len(mesh.polygons), len(mesh.loop_triangles)
+    render_layer = next((layer.name for layer in mesh.uv_layers if layer.active_render), "")
+    return LocalMesh(
+        position=_get(mesh.vertices, "co", (len(mesh.vertices), 3), np.float32).astype(np.float64),
+        corner_vertex=_get(mesh.loops, "vertex_index", (n_corner,), np.int32),
+        polygon_start=_get(mesh.polygons, "loop_start", (n_polygon,), np.int32),
+        polygon_slot=_get(mesh.polygons, "material_index", (n_polygon,), np.int32),
+        corner_normal=_get(mesh.corner_normals, "vector", (n_corner, 3), np.float32).astype(np.float64),
+        tri_corner=_get(mesh.loop_triangles, "loops", (n_tri, 3), np.int32),
+        tri_polygon=_get(mesh.loop_triangles, "polygon_index", (n_tri,), np.int32),
+        layers={layer.name: _get(layer.uv, "vector", (n_corner, 2), np.float32).astype(np.float64) for layer in mesh.uv_layers},
+        render_layer=render_layer,
+    )
+
+
+def has_corners_of(mesh: Any, local: LocalMesh) -> bool:
+    """Whether a Blender mesh has the very polygons and corners of `local`, so that a corner means the same in both."""
+    if len(mesh.loops) != local.n_corner or len(mesh.polygons) != local.n_polygon or len(mesh.vertices) != len(local.position):
+        return False
+    start = _get(mesh.polygons, "loop_start", (local.n_polygon,), np.int32)
+    vertex = _get(mesh.loops, "vertex_index", (local.n_corner,), np.int32)
+    return np.array_equal(start, local.polygon_start) and np.array_equal(vertex, local.corner_vertex)
+
+
+def place_mesh(local: LocalMesh, matrix: FloatArray) -> WorldMesh:
+    """A mesh in the world.
+
+    matrix  (4, 4) float, object to world; where it mirrors, the winding is turned so that fronts stay fronts, as in Cycles
+    """
+    linear, shift = np.asarray(matrix, np.float64)[:3, :3], np.asarray(matrix, np.float64)[:3, 3]
+    with np.errstate(invalid="ignore", over="ignore"):
+        position = local.position @ linear.T + shift
+        mirrored = bool(np.linalg.det(linear) < 0.0)
+    tri_corner = local.tri_corner[:, [0, 2, 1]] if mirrored else local.tri_corner
+    tri_vertex = local.corner_vertex[tri_corner]
+    finite = np.isfinite(position).all(axis=1)[tri_vertex].all(axis=1)
+    tri_corner, tri_vertex, tri_polygon = tri_corner[finite], tri_vertex[finite], local.tri_polygon[finite]
+
+    used = np.zeros(len(position), bool)
+    used[tri_vertex] = True
+    tri_vertex = (np.cumsum(used, dtype=np.int32) - 1)[tri_vertex].astype(np.int32, copy=False)
+    vertex_position = position[used]
+    return WorldMesh(
+        vertex_position=vertex_position,
+        tri_vertex=tri_vertex,
+        tri_corner=np.ascontiguousarray(tri_corner),
+        tri_polygon=tri_polygon,
+        tri_slot=local.polygon_slot[tri_polygon],
+        tri_normal=_world_normals(local.corner_normal[tri_corner], linear, mirrored, vertex_position[tri_vertex]),
+        left_out=int((~finite).sum()),
+    )
+
+
+def count_duplicates(world: WorldMesh) -> int:
+    """How many triangles lie exactly on an earlier one of the same mesh, whichever way they face."""
+    if not len(world.tri_vertex):
+        return 0
+    with np.errstate(over="ignore"):  # a hash of the coordinates' bits, wrapping by design; + 0.0 makes -0 and 0 one
+        bits = np.ascontiguousarray(world.vertex_position + 0.0).view(np.uint64)
+        vertex_key = np.zeros(len(bits), np.uint64)
+        for axis in range(3):
+            vertex_key = _mix_bits(vertex_key ^ bits[:, axis])
+        tri_key = _mix_bits(vertex_key)[world.tri_vertex].sum(axis=1, dtype=np.uint64)
+    return len(tri_key) - len(np.unique(tri_key))
+
+
+def _get(collection: Any, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+    values = np.empty(shape, dtype)
+    collection.foreach_get(name, values.reshape(-1))
+    return values
+
+
+def _world_normals(normal: FloatArray, linear: FloatArray, mirrored: bool, corner_position: FloatArray) -> NDArray[np.float32]:
+    """Unit normals by the cofactor matrix, which also a flattened object has; the face's own where a corner has none."""
+    cofactor = np.stack([np.cross(linear[1], linear[2]), np.cross(linear[2], linear[0]), np.cross(linear[0], linear[1])])
+    face = np.cross(corner_position[:, 1] - corner_position[:, 0], corner_position[:, 2] - corner_position[:, 0])
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        world = normal @ (-cofactor if mirrored else cofactor).T
+        world /= np.abs(world).max(axis=2, keepdims=True)  # a tiny object's cofactors would underflow when squared
+        world /= np.linalg.norm(world, axis=2, keepdims=True)
+        face /= np.abs(face).max(axis=1, keepdims=True)
+        face /= np.linalg.norm(face, axis=1, keepdims=True)
+    face[~np.isfinite(face).all(axis=1)] = (0.0, 0.0, 1.0)
+    bad = ~np.isfinite(world).all(axis=2)
+    world[bad] = np.broadcast_to(face[:, None, :], world.shape)[bad]
+    return world.astype(np.float32)
+
+
+def _mix_bits(key: IntArray) -> NDArray[np.uint64]:
+    """Spreads every bit over the word.
+
+    Source: SplitMix64's finaliser; Steele, Lea & Flood 2014.
+    """
+    key = (key ^ (key >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    key = (key ^ (key >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    mixed: NDArray[np.uint64] = key ^ (key >> np.uint64(31))
+    return mixed

@@ -1,0 +1,130 @@
+"""Which pieces of a scene get a lightmap, and whether on their own mesh or on a baked copy."""
+
+from __future__ import annotations
+
+import difflib
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+from .export_mesh import LocalMesh, has_corners_of
+from .export_pieces import COLLECTION, CURVE, GEOMETRY, OWN, SCATTER, Piece
+from .render_levels import Warnings, find_render_objects
+
+MAX_INSTANCES = 100  # more than these of one object share too small a page to be of use
+_COPY = "a copy made from the evaluated mesh is baked instead"
+
+
+def check_names(scene: Any, view_layer: Any, names: Sequence[str] | None) -> None:
+    """Raises ValueError with a sentence about the first name that cannot get a lightmap."""
+    rendered = find_render_objects(view_layer)
+    for name in names or ():
+        obj = view_layer.objects.get(name) or scene.objects.get(name)
+        if obj is None:
+            raise ValueError(f"{name}: no such object; {_list_objects(scene, name)}")
+        if obj not in rendered:
+            raise ValueError(f"{name}: is hidden in render, by itself or by its collection; show it in render, or leave it out of the bake.")
+        if obj.type != "MESH" and not _makes_instances(obj):
+            raise ValueError(f"{name}: is a {obj.type.lower()}, not a mesh; convert it to a mesh, or leave it out of the bake.")
+
+
+def _list_objects(scene: Any, name: str) -> str:
+    meshes = sorted(obj.name for obj in scene.objects if obj.type == "MESH")
+    close = difflib.get_close_matches(name, meshes, n=5, cutoff=0.5)
+    if close:
+        return f"the scene has: {', '.join(close)}"
+    if not meshes:
+        return "the scene has no mesh object"
+    return f"the scene has: {', '.join(meshes[:8])}{', ...' if len(meshes) > 8 else ''}"
+
+
+def _makes_instances(obj: Any) -> bool:
+    return obj.instance_type == "COLLECTION" and obj.instance_collection is not None
+
+
+class Receivers:
+    """The rule for one export: what is named receives light, else every mesh."""
+
+    def __init__(self, names: Sequence[str] | None, keys: Sequence[tuple[Any, str]], warnings: Warnings) -> None:
+        """keys: source and kind of every mesh piece of the scene."""
+        self._names = None if names is None else set(names)
+        self._warnings = warnings
+        self._count = Counter((source, kind) for source, kind in keys)
+        self._warned: set[Any] = set()
+
+    def receives(self, piece: Piece) -> bool:
+        """Whether a piece gets a lightmap; tells once for each object why it does not."""
+        if self._names is not None and piece.source.name not in self._names:
+            return False
+        if piece.kind == CURVE:
+            return False
+        if piece.kind == SCATTER:
+            self._warn_once(piece.source, "particles and instances on its vertices or faces cast light but get no lightmap")
+            return False
+        count = self._count[piece.source, piece.kind]
+        if piece.kind != OWN and count > MAX_INSTANCES:
+            self._warn_once(piece.source, f"its {count} instances cast light but get no lightmap; realize them to bake them")
+            return False
+        return True
+
+    def find_copy_reason(self, piece: Piece, local: LocalMesh, uv_layer: str | None) -> str:
+        """Why the piece must be baked as a copy, as a sentence, "" when its own mesh carries the lightmap."""
+        if piece.kind == COLLECTION:
+            return f"is an instance; {_COPY}"
+        if piece.kind == GEOMETRY or self._count[piece.source, GEOMETRY] in range(1, MAX_INSTANCES + 1):
+            return f"its geometry nodes make instances; {_COPY}"
+        obj = piece.source
+        if not obj.is_editable or obj.override_library:
+            return f"is linked from another file; {_COPY}"
+        reason = "" if has_corners_of(obj.data, local) else find_modifier_reason(obj, uv_layer in local.layers)
+        if not reason and not obj.data.is_editable and uv_layer not in local.layers:
+            reason = f"its mesh is linked from another file; {_COPY}"
+        return reason
+
+    def _warn_once(self, source: Any, text: str) -> None:
+        if source not in self._warned:
+            self._warned.add(source)
+            self._warnings.append((source.name, text))
+
+
+def find_modifier_reason(obj: Any, has_layer: bool) -> str:
+    """Why an object whose modifiers change its corners needs a copy; "" when they hand on a layer that it has, each face once."""
+    culprit = None
+    for modifier in obj.modifiers:
+        if not modifier.show_render or modifier.type in _DEFORMING:
+            continue
+        if modifier.type not in _LAYER_KEEPING and not _moves_layer(modifier):
+            return f"its {_describe(modifier)} {_EFFECT.get(modifier.type, 'changes its faces')}; {_COPY}"
+        culprit = culprit or modifier
+    if has_layer:
+        return ""
+    return f"its {_describe(culprit)} changes its faces; {_COPY}" if culprit else f"its evaluated faces differ from its mesh's; {_COPY}"
+
+
+def repeats_layer(obj: Any) -> bool:
+    """Whether a modifier lays the UV layer over itself, or makes faces that have none."""
+    shown = [modifier for modifier in obj.modifiers if modifier.show_render]
+    return any(m.type not in _DEFORMING and m.type not in _LAYER_KEEPING and not _moves_layer(m) for m in shown)
+
+
+def _moves_layer(modifier: Any) -> bool:
+    """Whether an array or mirror puts its repetitions elsewhere in the UV layer."""
+    if modifier.type == "ARRAY":
+        return bool(getattr(modifier, "offset_u", 0.0) or getattr(modifier, "offset_v", 0.0))
+    if modifier.type != "MIRROR":
+        return False
+    return modifier.use_mirror_u or modifier.use_mirror_v or modifier.use_mirror_udim or bool(modifier.offset_u or modifier.offset_v)
+
+
+def _describe(modifier: Any) -> str:
+    return {"NODES": "geometry nodes", "SUBSURF": "subdivision modifier"}.get(modifier.type) or modifier.bl_rna.name.lower()
+
+
+_LAYER_KEEPING = frozenset(("SUBSURF", "MULTIRES", "TRIANGULATE", "EDGE_SPLIT", "MASK", "DECIMATE", "WELD", "BEVEL", "BUILD"))
+_EFFECT = dict.fromkeys(("ARRAY", "MIRROR", "SOLIDIFY", "SCREW", "SKIN", "WIREFRAME"), "repeats the UV layer")
+_DEFORMING = frozenset(
+    ("ARMATURE", "CAST", "CURVE", "DISPLACE", "HOOK", "LAPLACIANDEFORM", "LATTICE", "MESH_DEFORM", "SHRINKWRAP", "SIMPLE_DEFORM")
+    + ("SMOOTH", "CORRECTIVE_SMOOTH", "LAPLACIANSMOOTH", "SURFACE_DEFORM", "WARP", "WAVE", "CLOTH", "COLLISION", "SOFT_BODY")
+    + ("DATA_TRANSFER", "MESH_CACHE", "MESH_SEQUENCE_CACHE", "NORMAL_EDIT", "WEIGHTED_NORMAL", "UV_PROJECT", "UV_WARP")
+    + ("VERTEX_WEIGHT_EDIT", "VERTEX_WEIGHT_MIX", "VERTEX_WEIGHT_PROXIMITY", "PARTICLE_SYSTEM", "DYNAMIC_PAINT")
+)

@@ -1,0 +1,85 @@
+"""Baked pages as Blender images: loaded from their files, or filled with pixels for a live preview."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from .tags import is_made, mark_made
+
+COLOR_SPACE_OF_SUFFIX = {".exr": "Linear Rec.709", ".hdr": "Linear Rec.709", ".png": "sRGB"}
+
+
+def load_image(path: str | Path, name: str = "") -> bpy.types.Image:
+    """The image of a baked file; the one we loaded before is read again. Its path is relative where the .blend is saved.
+
+    Raises ValueError with a sentence when the file is missing or of an unknown kind.
+    """
+    path = Path(path).resolve()
+    color_space = COLOR_SPACE_OF_SUFFIX.get(path.suffix.lower())
+    if color_space is None:
+        raise ValueError(f"{path.name}: is not an EXR, HDR or PNG file; choose one of these formats and bake again.")
+    if not path.is_file():
+        raise ValueError(f"{path}: the baked image is missing; bake again.")
+    image = _find_loaded(path)
+    if image is None:
+        image = bpy.data.images.load(str(path), check_existing=False)
+        mark_made(image)
+    image.name = name or path.stem
+    image.filepath = _relative_path(path)
+    image.colorspace_settings.name = color_space
+    image.alpha_mode = "CHANNEL_PACKED"  # alpha is coverage and must not scale the light
+    image.reload()
+    return image
+
+
+def preview_image(name: str, width: int, height: int) -> bpy.types.Image:
+    """A generated float image in linear Rec.709 for set_pixels."""
+    image = bpy.data.images.new(name, width, height, alpha=True, float_buffer=True)
+    image.colorspace_settings.name = "Linear Rec.709"  # before any pixels: setting it later zeroes them
+    image.alpha_mode = "CHANNEL_PACKED"
+    mark_made(image)
+    return image
+
+
+def set_pixels(image: bpy.types.Image, page: NDArray[np.floating[Any]]) -> None:
+    """Shows a page in a generated image.
+
+    page   (height, width, 3 or 4) float, row 0 at the bottom
+    Raises ValueError when the page's shape is not the image's.
+    """
+    width, height = image.size
+    if page.shape[:2] != (height, width) or page.shape[2:] not in ((3,), (4,)):
+        raise ValueError(f"{image.name}: expected pixels of shape ({height}, {width}, 4), got {page.shape}")
+    pixels = np.ones((height, width, 4), dtype=np.float32)
+    pixels[..., : page.shape[2]] = page
+    image.pixels.foreach_set(pixels.ravel())
+    image.update()
+
+
+def remove_unused_images() -> None:
+    """Deletes our images that at most an open editor shows; their files stay."""
+    made = [image for image in bpy.data.images if is_made(image)]
+    users_of = bpy.data.user_map(subset=made) if made else {}
+    unused = [image for image in made if not image.use_fake_user and all(isinstance(user, bpy.types.Screen) for user in users_of[image])]
+    bpy.data.batch_remove(unused)
+
+
+def _find_loaded(path: Path) -> bpy.types.Image | None:
+    for image in bpy.data.images:
+        if is_made(image) and image.source == "FILE" and not image.library and Path(bpy.path.abspath(image.filepath)).resolve() == path:
+            return image
+    return None
+
+
+def _relative_path(path: Path) -> str:
+    """Blender's // path where there is one: the .blend is saved, and on Windows on the same drive."""
+    blend = bpy.data.filepath
+    if not blend or os.path.splitdrive(blend)[0].lower() != path.drive.lower():
+        return str(path)
+    return str(bpy.path.relpath(str(path)))

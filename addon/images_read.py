@@ -1,0 +1,104 @@
+"""Blender images -> linear Rec.709 textures, each read once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import FloatArray, TextureImage
+
+MAX_TEXTURE_SIDE_TEXELS = 4096
+_EXTENSIONS = ("REPEAT", "EXTEND", "CLIP", "MIRROR")
+
+
+@dataclass(frozen=True)
+class ImagePixels:
+    """An image as the renderer sees it.
+
+    pixels   (height, width, 3) float32, linear Rec.709, row 0 at the bottom
+    mean     RGBA over the image
+    note     what of it was replaced, "" nothing
+    """
+
+    pixels: NDArray[np.float32]
+    mean: tuple[float, float, float, float]
+    note: str
+
+
+class ImageTable:
+    """The textures of a snapshot; one for each image and way of using it."""
+
+    def __init__(self) -> None:
+        self.images: list[TextureImage] = []
+        self._index: dict[tuple[int, str, bool], int] = {}
+        self._pixels: dict[int, ImagePixels | None] = {}
+
+    def read(self, image: Any) -> ImagePixels | None:
+        """The image's pixels, None where its file is missing or it has none."""
+        if image.session_uid not in self._pixels:
+            self._pixels[image.session_uid] = read_pixels(image)
+        return self._pixels[image.session_uid]
+
+    def index(self, image: Any, extension: str, closest: bool) -> int:
+        """Where the image is in `images`; it must have been read."""
+        extension = extension if extension in _EXTENSIONS else "REPEAT"
+        key = (image.session_uid, extension, closest)
+        if key not in self._index:
+            pixels = self._pixels[image.session_uid]
+            assert pixels is not None
+            self._index[key] = len(self.images)
+            self.images.append(TextureImage(image.name, pixels.pixels, extension, closest))
+        return self._index[key]
+
+
+def read_pixels(image: Any) -> ImagePixels | None:
+    """Pixels of a Blender image, reduced where it is very large; None when there are none to be had."""
+    was_loaded = image.has_data
+    width, height = image.size
+    if not width or not height or len(image.pixels) != width * height * image.channels:
+        return None
+    flat = np.empty(width * height * image.channels, np.float32)
+    image.pixels.foreach_get(flat)
+    if not was_loaded and not image.is_dirty and image.source == "FILE":
+        image.buffers_free()  # memory as it was
+    stored = flat.reshape(height, width, image.channels)
+    alpha = stored[..., 3] if image.channels == 4 else np.ones((1, 1), np.float32)
+    color = stored[..., :3] if image.channels >= 3 else np.repeat(stored[..., :1], 3, axis=2)
+    color = np.nan_to_num(color, nan=0.0, posinf=0.0, neginf=0.0)
+    space = image.colorspace_settings.name
+    # byte pixels come as they are stored; float pixels come linear already, whatever their file held
+    encoded = not image.is_float and not image.colorspace_settings.is_data and "Linear" not in space
+    if encoded:
+        color = decode_srgb(color)
+    note = ""
+    if image.source == "TILED":
+        note = f"only the first tile of image {image.name} is used"
+    elif encoded and space != "sRGB":
+        note = f"colour space {space} of image {image.name} is read as sRGB"
+    red, green, blue = (float(x) for x in color.mean(axis=(0, 1), dtype=np.float64))
+    return ImagePixels(_reduce(color), (red, green, blue, float(alpha.mean(dtype=np.float64))), note)
+
+
+def decode_srgb(encoded: FloatArray) -> NDArray[np.float32]:
+    """Linear values of sRGB-encoded ones.
+
+    Source: IEC 61966-2-1.
+    """
+    encoded = np.asarray(encoded, np.float32)
+    linear: NDArray[np.float32] = np.where(encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0.0) + 0.055) / 1.055) ** 2.4)
+    return linear.astype(np.float32, copy=False)
+
+
+def _reduce(color: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Averages of whole blocks, so that no side is above MAX_TEXTURE_SIDE_TEXELS; an incomplete last block is averaged too."""
+    for axis in (0, 1):
+        side = color.shape[axis]
+        block = -(-side // MAX_TEXTURE_SIDE_TEXELS)
+        if block > 1:
+            start = np.arange(0, side, block)
+            count = np.minimum(start + block, side) - start
+            color = np.add.reduceat(color, start, axis=axis) / count.reshape((-1, 1, 1) if axis == 0 else (1, -1, 1)).astype(np.float32)
+    return np.ascontiguousarray(color, np.float32)

@@ -1,0 +1,82 @@
+"""The child process that bakes, seen from Blender or from the command line; no bpy here."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from ..core.messages import Done, Error, Message, decode_message
+
+_BOOT = Path(__file__).with_name("boot.py")
+_LOG_FILE = "core.log"
+
+
+class BakeProcess:
+    """Starts baking the job in a folder; one reader takes its messages.
+
+    python_args   arguments of the interpreter, as in bpy.app.python_args
+    extra_paths   folders for the child's sys.path after those of the packages found here
+    """
+
+    def __init__(self, folder: Path, python_args: tuple[str, ...] = (), extra_paths: tuple[str, ...] = ()) -> None:
+        self._log = folder / _LOG_FILE
+        (folder / "sys_path.json").write_text(json.dumps([*_package_paths(), *extra_paths]), encoding="utf-8")
+        with open(self._log, "wb") as log:
+            self._process = subprocess.Popen(
+                [sys.executable, *python_args, "-B", str(_BOOT), str(folder)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                start_new_session=True,  # Ctrl-C reaches the parent only, which asks for the best so far
+                encoding="utf-8",
+            )
+
+    def messages(self) -> Iterator[Message]:
+        """Every message until the child ends; the last one is Done or Error."""
+        ended = False
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            message = decode_message(line)
+            ended = ended or isinstance(message, Done | Error)
+            yield message
+        code = self._process.wait()
+        if not ended:
+            yield Error(self._sudden_end(code))
+
+    def cancel(self) -> None:
+        """Ask for the best so far; the messages end with Done soon after."""
+        if self._process.poll() is None and self._process.stdin is not None:
+            try:
+                self._process.stdin.write("cancel\n")
+                self._process.stdin.flush()
+            except BrokenPipeError:
+                return  # it has just ended by itself
+
+    def kill(self) -> None:
+        """End the child at once; nothing is written."""
+        self._process.kill()
+        self._process.wait()
+
+    def _sudden_end(self, code: int) -> str:
+        tail = self._log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        last = f" Its last words: {tail[-1]}" if tail else ""
+        if code == -9:
+            return "The baking process was killed, most likely for lack of memory: choose a smaller page size or fewer workers." + last
+        return f"The baking process ended unexpectedly (code {code}): this is a fault of Leaflight's, please report it." + last
+
+
+def _package_paths() -> list[str]:
+    """Folders of the packages the child needs, as this process finds them."""
+    paths: list[str] = []
+    for package in ("numpy", "embreex", "xatlas", "OpenImageIO"):
+        spec = importlib.util.find_spec(package)
+        if spec is not None and spec.origin is not None:
+            folder = Path(spec.origin).parent
+            folder = folder.parent if spec.submodule_search_locations else folder
+            if str(folder) not in paths:
+                paths.append(str(folder))
+    return paths

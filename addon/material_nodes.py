@@ -1,0 +1,150 @@
+"""The nodes of a baked material: our UV layer, the image, and what shows them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import bpy
+
+from .tags import NAME, mark_made
+
+MODES = ("combined", "lighting", "nodes")
+DEFAULT_BASE_RGB = (0.8, 0.8, 0.8)  # Blender's own for a face without a material
+DIFFUSE_NODES = {"BSDF_PRINCIPLED", "BSDF_DIFFUSE", "SUBSURFACE_SCATTERING", "BSDF_TRANSLUCENT", "BSDF_TOON", "BSDF_SHEEN"}
+
+
+def write_nodes(material: bpy.types.Material, image: bpy.types.Image, uv_layer: str, mode: str) -> str:
+    """Adds our nodes to a material that is ours and gives "" or what could not be shown, to follow the original's name.
+
+    mode   combined: the image is all one sees; lighting: the image lights the base colour; nodes: placed, but linked to nothing
+    """
+    constant_base = _start_tree(material)
+    tree = material.node_tree
+    outputs = [node for node in tree.nodes if node.type == "OUTPUT_MATERIAL"]
+    surface = tree.get_output_node("CYCLES").inputs["Surface"] if outputs else None
+    place = _Placer(tree)
+    uv_map = place.node("ShaderNodeUVMap", 0)
+    uv_map.uv_map = uv_layer
+    texture = place.node("ShaderNodeTexImage", 1)
+    texture.image, texture.interpolation, texture.extension = image, "Linear", "EXTEND"
+    tree.links.new(texture.inputs["Vector"], uv_map.outputs["UV"])
+    if mode == "nodes":
+        return ""
+    error, shader = "", _show(place, texture.outputs["Color"])
+    if mode == "lighting":
+        error, shader = _lit_base(place, texture.outputs["Color"], shader, surface, constant_base)
+    for output in outputs or [place.node("ShaderNodeOutputMaterial", 4)]:
+        tree.links.new(output.inputs["Surface"], shader)
+    return error
+
+
+class _Placer:
+    """Adds marked nodes in a labelled frame below all others, column by column."""
+
+    def __init__(self, tree: bpy.types.NodeTree) -> None:
+        bottom = min((node.location.y for node in tree.nodes), default=0.0) - 500.0
+        self.tree = tree
+        self.frame = tree.nodes.new("NodeFrame")
+        self.frame.label = self.frame.name = NAME
+        self.frame.location = (0.0, bottom)
+        self.rows: dict[int, int] = {}
+        mark_made(self.frame)
+
+    def node(self, kind: str, column: int) -> bpy.types.Node:
+        node = self.tree.nodes.new(kind)
+        row = self.rows[column] = self.rows.get(column, -1) + 1
+        node.parent = self.frame
+        node.location = (300.0 * column, -200.0 * row)
+        node.label = NAME
+        mark_made(node)
+        return node
+
+
+def _start_tree(material: bpy.types.Material) -> tuple[float, float, float] | None:
+    """Makes sure of nodes; gives the base colour of a material that had none of its own, else None."""
+    if bpy.app.version >= (5, 0, 0) or material.use_nodes:
+        return None
+    material.use_nodes = True
+    material.node_tree.nodes.clear()
+    return tuple(material.diffuse_color[:3])
+
+
+def _show(place: _Placer, color: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+    emission = place.node("ShaderNodeEmission", 3)
+    emission.inputs["Strength"].default_value = 1.0
+    place.tree.links.new(emission.inputs["Color"], color)
+    return emission.outputs["Emission"]
+
+
+def _lit_base(
+    place: _Placer,
+    light: bpy.types.NodeSocket,
+    shader: bpy.types.NodeSocket,
+    surface: bpy.types.NodeSocket | None,
+    constant_base: tuple[float, float, float] | None,
+) -> tuple[str, bpy.types.NodeSocket]:
+    """Base colour times light, plus the material's own emission."""
+    nodes = list(_shader_nodes(surface)) if surface else []
+    base = next((_color_input(node) for node in nodes if node.type in DIFFUSE_NODES), None)
+    emission = next(filter(None, map(_emission_inputs, nodes)), None)
+    error = ""
+    multiply = place.node("ShaderNodeVectorMath", 2)  # a vector product is not clamped: light may be brighter than 1
+    multiply.operation = "MULTIPLY"
+    place.tree.links.new(multiply.inputs[1], light)
+    if base is not None:
+        _copy_input(place.tree, base, multiply.inputs[0])
+    elif emission is not None:
+        multiply.inputs[0].default_value = (0.0, 0.0, 0.0)
+    else:
+        multiply.inputs[0].default_value = constant_base or DEFAULT_BASE_RGB
+        if nodes:
+            error = (
+                "no diffuse base colour was found in its nodes, so its light is shown on grey; bake the combined pass to see its colour."
+            )
+    place.tree.links.new(shader.node.inputs["Color"], multiply.outputs["Vector"])
+    if emission is None:
+        return error, shader
+    glow = place.node("ShaderNodeEmission", 3)
+    for source, target in zip(emission, ("Color", "Strength"), strict=True):
+        _copy_input(place.tree, source, glow.inputs[target])
+    add = place.node("ShaderNodeAddShader", 4)
+    place.tree.links.new(add.inputs[0], shader)
+    place.tree.links.new(add.inputs[1], glow.outputs["Emission"])
+    return error, add.outputs["Shader"]
+
+
+def _shader_nodes(socket: bpy.types.NodeSocket) -> Iterator[bpy.types.Node]:
+    """The shader nodes that feed a socket, nearest first along each branch."""
+    waiting, seen = [socket], set()
+    while waiting:
+        for link in waiting.pop().links:
+            node = link.from_node
+            if link.is_muted or node.name in seen:
+                continue
+            seen.add(node.name)
+            if node.type != "REROUTE":
+                yield node
+            waiting += [entry for entry in reversed(node.inputs) if entry.type == "SHADER"]
+
+
+def _color_input(node: bpy.types.Node) -> bpy.types.NodeSocket:
+    return node.inputs["Base Color" if node.type == "BSDF_PRINCIPLED" else "Color"]
+
+
+def _emission_inputs(node: bpy.types.Node) -> tuple[bpy.types.NodeSocket, bpy.types.NodeSocket] | None:
+    if node.type == "EMISSION":
+        return node.inputs["Color"], node.inputs["Strength"]
+    if node.type != "BSDF_PRINCIPLED":
+        return None
+    strength = node.inputs["Emission Strength"]
+    return (node.inputs["Emission Color"], strength) if strength.is_linked or strength.default_value > 0.0 else None
+
+
+def _copy_input(tree: bpy.types.NodeTree, source: bpy.types.NodeSocket, target: bpy.types.NodeSocket) -> None:
+    """Feeds target with what feeds source: its link, else its constant."""
+    if source.is_linked:
+        tree.links.new(target, source.links[0].from_socket)
+    elif source.type == "RGBA" and target.type == "VECTOR":
+        target.default_value = source.default_value[:3]
+    else:
+        target.default_value = source.default_value

@@ -1,0 +1,78 @@
+"""Walking a node tree: what feeds a socket, through reroutes, muted nodes and groups."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Port:
+    """A socket, and the group nodes it lies in from the outside in."""
+
+    socket: Any
+    groups: tuple[Any, ...] = ()
+
+    @property
+    def node(self) -> Any:
+        return self.socket.node
+
+    @property
+    def is_value(self) -> bool:
+        """Whether the socket's own value holds, since nothing feeds it."""
+        return not self.socket.is_output
+
+    def sibling(self, name: str) -> Port | None:
+        """The source of the node's input of that name or identifier, None where there is none."""
+        inputs = self.node.inputs
+        socket = next((s for s in inputs if s.identifier == name), None) or inputs.get(name)
+        return None if socket is None else find_source(Port(socket, self.groups))
+
+
+def find_source(port: Port) -> Port:
+    """The output that feeds an input, or the unlinked input whose value holds."""
+    while not port.socket.is_output:
+        links = [link for link in port.socket.links if link.is_valid and not link.is_muted]
+        if not links:
+            return port
+        port = _pass_through(Port(links[0].from_socket, port.groups))
+    return port
+
+
+def _pass_through(port: Port) -> Port:
+    """An output's own port, or the input it merely hands on."""
+    node = port.node
+    if node.mute:
+        inner = next((link for link in node.internal_links if link.to_socket == port.socket), None)
+        return Port(inner.from_socket, port.groups) if inner else port
+    if node.type == "REROUTE":
+        return Port(node.inputs[0], port.groups)
+    if node.type == "GROUP" and node.node_tree:
+        output = next((n for n in node.node_tree.nodes if n.type == "GROUP_OUTPUT" and n.is_active_output), None)
+        socket = _find_identifier(output.inputs, port.socket) if output else None
+        return Port(socket, (*port.groups, node)) if socket else port
+    if node.type == "GROUP_INPUT" and port.groups:
+        socket = _find_identifier(port.groups[-1].inputs, port.socket)
+        return Port(socket, port.groups[:-1]) if socket else port
+    return port
+
+
+def _find_identifier(sockets: Any, wanted: Any) -> Any:
+    return next((socket for socket in sockets if socket.identifier == wanted.identifier), None)
+
+
+def uses_nodes(owner: Any) -> bool:
+    """Whether a material, light or world is described by its nodes."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # from Blender 6 on the property is gone, and always true
+        return owner.node_tree is not None and getattr(owner, "use_nodes", True)
+
+
+def find_surface(owner: Any) -> tuple[Any, Port | None]:
+    """The active output node for Cycles and what feeds its surface; None where there is no such thing."""
+    output = owner.node_tree.get_output_node("CYCLES") or owner.node_tree.get_output_node("ALL")
+    if output is None:
+        return None, None
+    source = find_source(Port(output.inputs["Surface"]))
+    return output, None if source.is_value else source

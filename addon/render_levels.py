@@ -1,0 +1,151 @@
+"""The scene as it is rendered: render levels of detail and render visibility, borrowed for a moment and given back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import bpy
+
+Warnings = list[tuple[str, str]]
+
+# Blender offers scripts only the viewport's evaluation, so the viewport's settings take the render's values meanwhile.
+# modifier type -> (viewport property, render property)
+_LEVELS = {
+    "SUBSURF": ("levels", "render_levels"),
+    "MULTIRES": ("levels", "render_levels"),
+    "SCREW": ("steps", "render_steps"),
+    "OCEAN": ("viewport_resolution", "resolution"),
+}
+
+
+@contextmanager
+def evaluate_for_render(scene: Any, view_layer: Any, warnings: Warnings) -> Iterator[Any]:
+    """The evaluated depsgraph with render levels and everything shown that renders; all is as before when it ends.
+
+    What renders must still be picked (`find_render_objects`): nothing is hidden that the viewport shows, because hiding deselects.
+    """
+    borrowed = _Borrowed(warnings)
+    selected = [obj for obj in view_layer.objects if obj.select_get(view_layer=view_layer)]
+    active = view_layer.objects.active
+    try:
+        _borrow_levels(scene, borrowed)
+        _borrow_visibility(view_layer, borrowed)
+        for obj in view_layer.objects:
+            if obj.mode == "EDIT":
+                obj.update_from_editmode()
+        view_layer.update()
+        yield view_layer.depsgraph
+    finally:
+        if borrowed.give_back():
+            view_layer.update()
+            for obj in selected:
+                obj.select_set(True, view_layer=view_layer)
+            view_layer.objects.active = active
+
+
+def find_render_objects(view_layer: Any) -> set[Any]:
+    """The objects of the view layer that a render shows: neither they nor a collection they are in is hidden in render."""
+    found: set[Any] = set()
+    pending = [(view_layer.layer_collection, False)]
+    while pending:
+        layer, hidden = pending.pop()
+        hidden = hidden or layer.collection.hide_render
+        pending.extend((child, hidden) for child in layer.children)
+        if not hidden and not layer.exclude:
+            found.update(obj for obj in layer.collection.objects if not obj.hide_render)
+    return found
+
+
+def find_hidden_instances(collection: Any) -> set[Any]:
+    """The objects below an instanced collection that a render does not show there."""
+    shown: set[Any] = set()
+    every: set[Any] = set()
+    pending, visited = [(collection, False)], set()
+    while pending:
+        branch, hidden = pending.pop()
+        if (branch, hidden) in visited:
+            continue
+        visited.add((branch, hidden))
+        hidden = hidden or branch.hide_render
+        pending.extend((child, hidden) for child in branch.children)
+        for obj in branch.objects:
+            every.add(obj)
+            if not hidden and not obj.hide_render:
+                shown.add(obj)
+            if obj.instance_type == "COLLECTION" and obj.instance_collection:
+                pending.append((obj.instance_collection, hidden or obj.hide_render))
+    return every - shown
+
+
+class _Borrowed:
+    """Properties set for a moment, with what they held."""
+
+    def __init__(self, warnings: Warnings) -> None:
+        self._warnings = warnings
+        self._given: list[tuple[Any, str, Any]] = []
+
+    def set(self, owner: Any, name: str, value: Any, subject: str) -> None:
+        before = getattr(owner, name)
+        if before == value:
+            return
+        try:
+            setattr(owner, name, value)
+        except (AttributeError, RuntimeError, TypeError):
+            self._warnings.append((subject, f"is linked and cannot be edited: its viewport {name} is used in place of the render's"))
+            return
+        self._given.append((owner, name, before))
+
+    def show(self, obj: Any, view_layer: Any) -> None:
+        obj.hide_set(False, view_layer=view_layer)
+        self._given.append((obj, "", view_layer))
+
+    def give_back(self) -> bool:
+        """Restore everything, latest first; False when there was nothing to restore."""
+        for owner, name, before in reversed(self._given):
+            if name:
+                setattr(owner, name, before)
+            else:
+                owner.hide_set(True, view_layer=before)
+        return bool(self._given)
+
+
+def _borrow_levels(scene: Any, borrowed: _Borrowed) -> None:
+    if scene.render.use_simplify:
+        borrowed.set(scene.render, "simplify_subdivision", scene.render.simplify_subdivision_render, scene.name)
+    for obj in bpy.data.objects:
+        for modifier in obj.modifiers:
+            borrowed.set(modifier, "show_viewport", modifier.show_render, obj.name)
+            if modifier.type in _LEVELS:
+                viewport, render = _LEVELS[modifier.type]
+                borrowed.set(modifier, viewport, getattr(modifier, render), obj.name)
+    for curve in bpy.data.curves:
+        # setting a curve's own resolution resets that of every spline in it, so the splines are set; a text has none
+        for owner in curve.splines or (curve,):
+            for direction in ("u", "v"):
+                resolution = getattr(curve, f"render_resolution_{direction}")
+                if resolution > 0:
+                    borrowed.set(owner, f"resolution_{direction}", resolution, curve.name)
+    for metaball in bpy.data.metaballs:
+        borrowed.set(metaball, "resolution", metaball.render_resolution, metaball.name)
+
+
+def _borrow_visibility(view_layer: Any, borrowed: _Borrowed) -> None:
+    for obj in bpy.data.objects:
+        if obj.hide_viewport and not obj.hide_render:
+            borrowed.set(obj, "hide_viewport", False, obj.name)
+        if obj.show_instancer_for_render and not obj.show_instancer_for_viewport:
+            borrowed.set(obj, "show_instancer_for_viewport", True, obj.name)
+    for collection in bpy.data.collections:
+        if collection.hide_viewport and not collection.hide_render:
+            borrowed.set(collection, "hide_viewport", False, collection.name)
+    pending = [view_layer.layer_collection]
+    while pending:
+        layer = pending.pop()
+        pending.extend(layer.children)
+        if layer.hide_viewport and not layer.exclude:
+            borrowed.set(layer, "hide_viewport", False, layer.name)
+    for obj in view_layer.objects:
+        if obj.hide_get(view_layer=view_layer):
+            borrowed.show(obj, view_layer)

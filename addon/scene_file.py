@@ -1,0 +1,62 @@
+"""Opens the scene that the command line names: a .blend, or a file of another format through Blender's importers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+_IMPORTERS = {
+    ".glb": lambda path: bpy.ops.import_scene.gltf(filepath=path),
+    ".gltf": lambda path: bpy.ops.import_scene.gltf(filepath=path),
+    ".obj": lambda path: bpy.ops.wm.obj_import(filepath=path),
+    ".fbx": lambda path: bpy.ops.import_scene.fbx(filepath=path),
+    ".usd": lambda path: bpy.ops.wm.usd_import(filepath=path),
+    ".usda": lambda path: bpy.ops.wm.usd_import(filepath=path),
+    ".usdc": lambda path: bpy.ops.wm.usd_import(filepath=path),
+}
+
+
+def open_scene(path: Path) -> list[tuple[str, str]]:
+    """Make the file the open scene, and give warnings (subject, sentence).
+
+    Raises ValueError with a sentence when the file is missing, of an unknown kind or damaged.
+    """
+    if not path.is_file():
+        raise ValueError(f"{path}: no such file; check the path.")
+    kind = path.suffix.lower()
+    if kind != ".blend" and kind not in _IMPORTERS:
+        raise ValueError(f"{path.name}: is no scene that can be read; expected .blend, {', '.join(_IMPORTERS)}.")
+    try:
+        if kind == ".blend":
+            bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False, use_scripts=False)
+            return []
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        _IMPORTERS[kind](str(path.resolve()))
+    except RuntimeError as reason:
+        raise ValueError(f"{path.name}: Blender cannot read it, the file seems damaged ({_first_line(reason)}); save it again.") from reason
+    return _light_by_world(path)
+
+
+def _first_line(reason: Exception) -> str:
+    return next((line.strip() for line in str(reason).splitlines() if line.strip()), "no reason given").removeprefix("Error: ")
+
+
+def _light_by_world(path: Path) -> list[tuple[str, str]]:
+    """Light from a plain world, for a model that was made without any."""
+    scene = bpy.context.scene
+    emits = any(
+        node.type == "EMISSION" or (node.type == "BSDF_PRINCIPLED" and node.inputs["Emission Strength"].default_value > 0.0)
+        for material in bpy.data.materials
+        if material.node_tree is not None
+        for node in material.node_tree.nodes
+    )
+    if scene.world is not None or emits or any(thing.type == "LIGHT" for thing in scene.objects):
+        return []
+    scene.world = bpy.data.worlds.new("World")
+    if scene.world.node_tree is None:  # Blender 4.5 makes worlds without nodes
+        scene.world.use_nodes = True
+    background = next(node for node in scene.world.node_tree.nodes if node.type == "BACKGROUND")
+    background.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    background.inputs["Strength"].default_value = 1.0
+    return [(path.name, f"{path.name}: has no light, so a white world of 1 W/m2/sr lights it; add lights for another look.")]

@@ -1,0 +1,58 @@
+"""How our data is marked, so that it is found without names and taken away again.
+
+Marks are custom properties: they survive saving, undo and duplication. Pointers in them keep the user's data-blocks alive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import bpy
+
+MADE = "leaflight_made"  # on data-blocks and nodes we created: they may be deleted
+NAME = "Leaflight"
+
+
+def mark_made(block: Any) -> None:
+    """Marks a data-block or node as created by us."""
+    block[MADE] = True
+
+
+def is_made(block: Any) -> bool:
+    """Whether we created this data-block, in this file; False for None."""
+    return block is not None and MADE in block and not block.library
+
+
+def local_objects(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
+    """Those of the objects that belong to this file; another file's may carry that file's bake, which is not ours to remove."""
+    return [obj for obj in objects if not obj.library and not obj.override_library]
+
+
+def remove_mark(block: Any, name: str) -> None:
+    """Deletes a custom property where there is one."""
+    if name in block:
+        del block[name]
+
+
+def suffixed_name(name: str) -> str:
+    """Name of our copy of something of the user's."""
+    return f"{name}.{NAME}"
+
+
+def remove_unused(blocks: Iterable[Any]) -> None:
+    """Deletes those of the data-blocks that we created and nothing uses."""
+    bpy.data.batch_remove([block for block in blocks if is_made(block) and block.users == 0])
+
+
+def not_editable_error(obj: bpy.types.Object) -> str:
+    """A sentence why the object's slots and UV layers cannot be changed, or ""."""
+    if obj.library or obj.override_library:
+        return f"{obj.name}: is linked from another file, so its materials stay as they are; make it local to see the bake on it."
+    if obj.type != "MESH":
+        return f"{obj.name}: is not a mesh; convert it to a mesh to see the bake on it."
+    if obj.data.library or obj.data.override_library:
+        return f"{obj.name}: its mesh {obj.data.name} is linked from another file; make the mesh local to see the bake on it."
+    if obj.data.is_editmode:
+        return f"{obj.name}: is in Edit Mode; leave Edit Mode and bake again."
+    return ""

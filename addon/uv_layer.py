@@ -1,0 +1,96 @@
+"""Our UV layer on a mesh: written beside the user's layers and taken off again."""
+
+from __future__ import annotations
+
+import zlib
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from .tags import NAME, remove_mark
+
+LAYER = "leaflight_uv_layer"  # on a mesh: name, digest and the user's choices of the moment we added our layer
+MAX_LAYERS = 8  # Blender's own limit
+
+
+def write_layer(mesh: bpy.types.Mesh, corner_uv: NDArray[np.floating[Any]], name: str = NAME) -> str:
+    """Creates our layer, or overwrites it, and gives the name it got; a layer of the user's with that name is not touched.
+
+    corner_uv   (n_corner, 2) float, [0, 1]
+    Raises ValueError with a sentence when the mesh takes no further layer or the shape is wrong.
+    """
+    if corner_uv.shape != (len(mesh.loops), 2):
+        raise ValueError(f"{mesh.name}: expected lightmap UVs of shape ({len(mesh.loops)}, 2), got {corner_uv.shape}.")
+    if mesh.is_editmode:
+        raise ValueError(f"{mesh.name}: is in Edit Mode; leave Edit Mode and bake again.")
+    layer = find_layer(mesh) or _add_layer(mesh, name)
+    flat_uv = np.ascontiguousarray(corner_uv, dtype=np.float32).ravel()
+    layer.uv.foreach_set("vector", flat_uv)
+    mesh[LAYER]["name"] = layer.name
+    mesh[LAYER]["digest"] = _layer_digest(layer)
+    mesh.update()
+    return str(layer.name)
+
+
+def find_layer(mesh: bpy.types.Mesh) -> bpy.types.MeshUVLoopLayer | None:
+    """Our layer: by its name, else, when the user renamed it, by its coordinates; None when it is gone."""
+    if LAYER not in mesh:
+        return None
+    mark = mesh[LAYER]
+    layer = mesh.uv_layers.get(mark["name"])
+    if layer is not None:
+        return layer
+    return next((other for other in mesh.uv_layers if _layer_digest(other) == mark["digest"]), None)
+
+
+def layer_name(mesh: bpy.types.Mesh) -> str:
+    """Name of our layer now, "" without one."""
+    layer = find_layer(mesh)
+    return layer.name if layer else ""
+
+
+def remove_layer(mesh: bpy.types.Mesh) -> None:
+    """Takes our layer off, if we added one, and gives the user's active layers back their place."""
+    if LAYER not in mesh:
+        return
+    layer, mark = find_layer(mesh), mesh[LAYER].to_dict()
+    if layer is not None:
+        layers, own_name = mesh.uv_layers, layer.name
+        active, render = _active_names(mesh)
+        layers.remove(layer)
+        _set_active(mesh, mark["active"] if active == own_name else active, mark["render"] if render == own_name else render)
+    remove_mark(mesh, LAYER)
+    mesh.update()
+
+
+def _add_layer(mesh: bpy.types.Mesh, name: str) -> bpy.types.MeshUVLoopLayer:
+    if len(mesh.uv_layers) >= MAX_LAYERS:
+        raise ValueError(f"{mesh.name}: has {len(mesh.uv_layers)} UV layers, as many as Blender allows; remove one and bake again.")
+    active, render = _active_names(mesh)
+    layer = mesh.uv_layers.new(name=name, do_init=False)
+    own_name = layer.name
+    mesh[LAYER] = {"name": own_name, "digest": "", "active": active, "render": render}
+    _set_active(mesh, active, render)
+    return mesh.uv_layers[own_name]
+
+
+def _active_names(mesh: bpy.types.Mesh) -> tuple[str, str]:
+    layers = mesh.uv_layers
+    render = next((layer.name for layer in layers if layer.active_render), "")
+    return (layers.active.name if layers.active else ""), render
+
+
+def _set_active(mesh: bpy.types.Mesh, active: str, render: str) -> None:
+    layers = mesh.uv_layers
+    if active in layers:
+        layers.active = layers[active]
+    if render in layers:
+        layers[render].active_render = True
+
+
+def _layer_digest(layer: bpy.types.MeshUVLoopLayer) -> str:
+    flat_uv = np.empty(2 * len(layer.uv), dtype=np.float32)
+    layer.uv.foreach_get("vector", flat_uv)
+    return f"{zlib.crc32(flat_uv.tobytes()):08x}"  # a string: custom properties hold signed 32-bit integers only

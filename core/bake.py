@@ -1,0 +1,202 @@
+"""A whole bake without Blender: a folder with a snapshot and a job goes in, image files and a result come out.
+
+The folder holds snapshot.npz and job.json when the bake starts; layout.npz and result.json when it is done.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import basis, charts, contact, image_file, resolve, shared_arrays, solve, texels, workers
+from .direct import bake_direct
+from .materials import clamp_warnings
+from .messages import Done, Message, Status, Warning_
+from .scene import SceneSnapshot
+from .settings import Settings
+from .snapshot import load_snapshot
+from .texel_map import TexelMap
+
+JOB_FILE, RESULT_FILE, LAYOUT_FILE = "job.json", "result.json", "layout.npz"
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to bake besides the scene itself.
+
+    output       folder of the images
+    atlas_name   file name of shared pages, without page number
+    """
+
+    settings: Settings
+    output: str
+    atlas_name: str
+
+    def save(self, folder: Path) -> None:
+        (folder / JOB_FILE).write_text(json.dumps(dataclasses.asdict(self)), encoding="utf-8")
+
+    @classmethod
+    def load(cls, folder: Path) -> Job:
+        fields: dict[str, Any] = json.loads((folder / JOB_FILE).read_text(encoding="utf-8"))
+        knobs = {name: tuple(value) if isinstance(value, list) else value for name, value in fields.pop("settings").items()}
+        return cls(settings=Settings(**knobs), **fields)
+
+
+@dataclass(frozen=True)
+class PageFile:
+    """One image file: a page of a pass; `objects` are indices into the snapshot's objects."""
+
+    path: str
+    pass_name: str
+    kind: str
+    page: int
+    objects: list[int]
+
+
+@dataclass
+class Stages:
+    """Seconds of each stage, told as it begins."""
+
+    tell: Callable[[Message], None]
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str, text: str) -> Iterator[None]:
+        self.tell(Status(name, text))
+        begin = time.perf_counter()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
+
+
+def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> None:
+    """Bake the job in `folder`; the last message is Done.
+
+    tell          hears every message
+    should_stop   asked after every round; the best so far is then written
+    Raises ValueError or OSError with a sentence for the user; nothing is then left under a final name.
+    """
+    job = Job.load(folder)
+    settings = job.settings
+    stages = Stages(tell)
+    executor = workers.make_executor(settings.workers)
+    try:
+        with stages.stage("load", "Reading the scene"):
+            snapshot = load_snapshot(folder / workers.SNAPSHOT_FILE)
+            warnings = clamp_warnings(snapshot)
+        with stages.stage("charts", "Unwrapping"):
+            atlas = charts.make_charts(snapshot, settings)
+            np.savez(folder / LAYOUT_FILE, tri_uv=atlas.tri_uv / atlas.page_size, tri_chart=atlas.tri_chart, object_page=atlas.object_page)
+        with stages.stage("texels", "Measuring texels"):
+            texel_map = texels.build_texel_map(snapshot, atlas, 2 * basis.DEGREES[settings.basis])
+            shared_arrays.save_struct(folder / workers.TEXELS_FOLDER, texel_map)
+        with stages.stage("scene", "Building the ray tracer's tree"):
+            tracing = workers.open_tracing(str(folder))
+        for subject, text in [*warnings, *atlas.warnings, *tracing.warnings]:
+            tell(Warning_(subject, text))
+        with stages.stage("direct", "Direct light"):
+            by_rays = settings.direct == "rays"
+            direct = bake_direct(folder, executor, settings) if by_rays else solve.DirectLight.none(len(texel_map.texel_area))
+        with stages.stage("photons", "Tracing photons"):
+            forced = _find_contacts(tracing, texel_map) if settings.contact else np.zeros(len(texel_map.texel_area), bool)
+            light = solve.Solver(folder, settings, executor, direct, forced).run(tell, should_stop)
+        with stages.stage("write", "Writing images"):
+            files = _write_pages(job, snapshot, atlas, texel_map, light, tracing)
+    finally:
+        executor.shutdown(cancel_futures=True)
+    result = {
+        "files": [dataclasses.asdict(file) for file in files],
+        "seconds": stages.seconds,
+        "peak_memory_mb": peak_memory_mb(),
+        "photons": light.photons,
+        "rounds": light.rounds,
+        "rays": light.ledger.rays + direct.rays,
+        "leaves": len(light.leaves),
+        "nodes": len(light.tree),
+        "estimated_error": light.error,
+        "stopped_by": light.stopped_by,
+        "energy_audit_w": light.ledger.audit_w(light.photons),
+        "page_size": atlas.page_size,
+        "pages": atlas.page_count,
+        "objects": _object_rows(snapshot, atlas, texel_map),
+    }
+    (folder / RESULT_FILE).write_text(json.dumps(result), encoding="utf-8")
+    tell(Done(str(folder / RESULT_FILE), light.stopped_by == "interrupted"))
+
+
+def _find_contacts(tracing: workers.Tracing, texel_map: TexelMap) -> NDArray[np.bool_]:
+    tri = texel_map.texel_tri
+    position_m = np.einsum("nk,nkj->nj", texel_map.texel_bary, tracing.snapshot.tri_position[tri])
+    size = np.sqrt(texel_map.tri_density[tri]) * tracing.unit_box.scale
+    return contact.find_contacts(tracing.scene.rays, tracing.unit_box.to_unit(position_m), tracing.scene.tri_normal[:, tri].T, size)
+
+
+def _write_pages(
+    job: Job, snapshot: SceneSnapshot, atlas: charts.ChartAtlas, texel_map: TexelMap, light: solve.LightField, tracing: workers.Tracing
+) -> list[PageFile]:
+    settings = job.settings
+    at_texels = resolve.light_at_texels(light, texel_map)
+    entry_page = atlas.chart_page[texel_map.texel_chart]
+    resolver = resolve.Resolver(at_texels, texel_map, tracing.scene.surfaces, entry_page, settings.margin)
+    output = Path(job.output)
+    output.mkdir(parents=True, exist_ok=True)
+    names = _page_names(job, snapshot, atlas)
+    files = []
+    for page in range(atlas.page_count):
+        for pass_name in settings.passes:
+            pixels = resolver.page(pass_name, page)
+            for kind in settings.formats:
+                path = output / f"{names[page]}.{pass_name}.{kind}"
+                metadata = {"leaflight:pass": pass_name, "leaflight:photons": light.photons, "leaflight:estimated_error": light.error}
+                image_file.write_image(path, pixels, metadata, kind)
+                files.append(PageFile(str(path), pass_name, kind, page, np.flatnonzero(atlas.object_page == page).tolist()))
+    return files
+
+
+def _page_names(job: Job, snapshot: SceneSnapshot, atlas: charts.ChartAtlas) -> list[str]:
+    """One file name for each page, unique also where names differ only by characters that files cannot have."""
+    names: list[str] = []
+    for page in range(atlas.page_count):
+        owners = np.flatnonzero(atlas.object_page == page)
+        alone = not job.settings.atlas and len(owners) == 1
+        name = _file_name(snapshot.objects[owners[0]].name) if alone else f"{_file_name(job.atlas_name)}_{page}"
+        while name.lower() in (other.lower() for other in names):
+            name += "_"
+        names.append(name)
+    return names
+
+
+def _file_name(name: str) -> str:
+    return re.sub(r'[<>:"/\\|?*\x00-\x1f]', "_", name).strip(". ") or "_"
+
+
+def _object_rows(snapshot: SceneSnapshot, atlas: charts.ChartAtlas, texel_map: TexelMap) -> list[dict[str, Any]]:
+    entry_object = atlas.chart_object[texel_map.texel_chart]
+    texel_count = np.bincount(entry_object, minlength=len(snapshot.objects))
+    chart_count = np.bincount(atlas.chart_object, minlength=len(snapshot.objects))
+    return [
+        {"name": one.name, "page": int(atlas.object_page[i]), "texels": int(texel_count[i]), "charts": int(chart_count[i])}
+        for i, one in enumerate(snapshot.objects)
+        if one.receives
+    ]
+
+
+def peak_memory_mb() -> dict[str, float]:
+    """Peak resident memory of this process and of its largest worker, MB; empty where the system does not tell."""
+    if sys.platform == "win32":
+        return {}
+    import resource  # not on Windows
+
+    unit = 1e6 if sys.platform == "darwin" else 1e3  # macOS counts bytes, Linux kilobytes
+    who = {"core": resource.RUSAGE_SELF, "worker": resource.RUSAGE_CHILDREN}
+    return {name: round(resource.getrusage(usage).ru_maxrss / unit, 1) for name, usage in who.items()}

@@ -1,0 +1,115 @@
+"""Galerkin bases on a quadtree node, orthonormal on the node's own covered domain.
+
+A node's coordinates s, t run over [-1, 1] across its square. Functions are kept as polynomials in s and t; what makes
+them a basis is the Gram matrix of the monomials over the part of the square that the chart covers, in world area
+measure. A node stores plain sums of monomials over its photons ("raw sums"), which move exactly from child to parent.
+
+Source: Zatz 1993 (Galerkin radiosity); Feda 1996 and [Tobler97] eq. 9, with W = A, for the sums over photons.
+"""
+
+from __future__ import annotations
+
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+
+DEGREES = {"constant": 0, "linear": 1, "quadratic": 2}
+EXPONENTS = tuple((total - j, j) for total in range(5) for j in range(total + 1))  # 1, s, t, s^2, st, t^2, ...
+QUADRANTS = ((0, 0), (1, 0), (0, 1), (1, 1))  # Morton order: x is the low bit
+
+# A function whose norm outside the span of the others is below this share of its norm carries no information a sliver
+# of a domain could hold in float64; it is dropped.
+_DROP_BELOW = 1e-6
+
+
+def count_functions(degree: int) -> int:
+    """Number of basis functions up to `degree`: 1, 3, 6; of products, up to 2 * degree: 1, 6, 15."""
+    return (degree + 1) * (degree + 2) // 2
+
+
+def monomials(s: NDArray[np.floating], t: NDArray[np.floating], degree: int) -> list[NDArray[np.floating]]:
+    """The monomials 1, s, t, s^2, st, t^2 up to `degree`, each of the shape of s.
+
+    s, t   (...) float, node coordinates
+    """
+    powers_s, powers_t = [np.ones_like(s)], [np.ones_like(t)]
+    for _ in range(degree):
+        powers_s.append(powers_s[-1] * s)
+        powers_t.append(powers_t[-1] * t)
+    return [powers_s[i] * powers_t[j] for i, j in EXPONENTS[: count_functions(degree)]]
+
+
+def gram_matrix(moment: NDArray[np.float64], degree: int) -> NDArray[np.float64]:
+    """Inner products of the monomials over each domain.
+
+    moment   (n, M) float64, m^2: integrals of the monomials up to 2 * degree over the domain
+    out      (n, K, K) float64, m^2
+    """
+    used = EXPONENTS[: count_functions(degree)]
+    product = [[EXPONENTS.index((a[0] + b[0], a[1] + b[1])) for b in used] for a in used]
+    return moment[:, np.array(product)]
+
+
+def orthonormal_functions(gram: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Orthonormal functions on each domain, as rows of monomial coefficients; dropped functions are rows of zeros.
+
+    gram   (n, K, K) float64, m^2
+    out    (n, K, K) float64, 1/m: out @ gram @ out^T is the identity on the kept rows
+    Source: Cholesky with pivoting by relative norm (Higham 2002, 10.3), the constant first; done twice, for which
+            Giraud et al. 2005 show that orthogonality holds to rounding.
+    """
+    first = _pivoted_gram_schmidt(gram, _DROP_BELOW)
+    kept_gram = first @ gram @ first.transpose(0, 2, 1)
+    return _pivoted_gram_schmidt(kept_gram, 0.5) @ first
+
+
+def _pivoted_gram_schmidt(gram: NDArray[np.float64], drop_below: float) -> NDArray[np.float64]:
+    n, size, _ = gram.shape
+    rows = np.arange(n)
+    scale = np.einsum("nii->ni", gram).copy()
+    scale[scale <= 0.0] = np.inf  # an empty domain keeps no function
+    residual = gram.copy()
+    function = np.broadcast_to(np.eye(size), gram.shape).copy()  # what is left of each monomial, in monomials
+    unused = np.ones((n, size), bool)
+    out = np.zeros_like(gram)
+    for step in range(size):
+        relative = np.where(unused, np.einsum("nii->ni", residual) / scale, -1.0)
+        pivot = np.zeros(n, int) if step == 0 else relative.argmax(1)
+        keep = relative[rows, pivot] > drop_below
+        norm = np.sqrt(np.where(keep, residual[rows, pivot, pivot], 1.0))
+        unit = np.where(keep[:, None], function[rows, pivot] / norm[:, None], 0.0)
+        inner = np.where(keep[:, None], residual[rows, pivot] / norm[:, None], 0.0)
+        out[:, step] = unit
+        function -= inner[:, :, None] * unit[:, None, :]
+        residual -= inner[:, :, None] * inner[:, None, :]
+        unused[rows, pivot] = False
+    return out
+
+
+def projector(functions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Matrix from raw sums to the monomial coefficients of the fitted function: the pseudo-inverse of the Gram matrix.
+
+    functions   (n, K, K) float64, of orthonormal_functions
+    out         (n, K, K) float64, 1/m^2
+    """
+    return functions.transpose(0, 2, 1) @ functions
+
+
+def parent_transforms(degree: int) -> NDArray[np.float64]:
+    """For each quadrant the matrix X with monomials(parent) = X @ monomials(child).
+
+    Raw sums go up by X, polynomial coefficients go down by X transposed; both exact.
+    out   (4, K, K) float64
+    """
+    size = count_functions(degree)
+    used = EXPONENTS[:size]
+    out = np.zeros((4, size, size))
+    for quadrant, (x, y) in enumerate(QUADRANTS):
+        shift = (2 * x - 1, 2 * y - 1)
+        for row, (i, j) in enumerate(used):  # ((s + x) / 2)^i ((t + y) / 2)^j, expanded
+            for a in range(i + 1):
+                for b in range(j + 1):
+                    weight = comb(i, a) * shift[0] ** (i - a) * comb(j, b) * shift[1] ** (j - b)
+                    out[quadrant, row, used.index((a, b))] += weight / 2.0 ** (i + j)
+    return out

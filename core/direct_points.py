@@ -1,0 +1,141 @@
+"""Receivers of direct light: where in each texel a ray starts, and where on a light it aims."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .direct_lights import Aim
+from .geometry import UnitBox, interpolate_corners, offset_origin, triangle_normals_areas
+from .lights import Float32
+from .rays import RayScene
+from .scene import FloatArray, IntArray, SceneSnapshot
+
+# Texels (m,) and points (k, m, 2) of the unit square -> triangles (k, m) and weights (k, m, 2) of their corners 1 and 2,
+# uniform over the texel's covered part: TexelMap.sub_points.
+SubPoints: TypeAlias = Callable[[IntArray, FloatArray], tuple[NDArray[np.int32], NDArray[np.float32]]]
+
+STAGES = ((0, 4), (4, 16), (16, 64))  # rays of a texel to a light; each is stratified together with those before it
+_RAYS_AT_ONCE = 2**16  # what fits the cache
+
+
+def _base_points(count: int) -> NDArray[np.uint32]:
+    """(count, 2) uint32: a (0, 2)-sequence; any first 4^k points fall one each in a grid of 2^k by 2^k, and in every other
+    grid of so many cells.
+
+    Source: Sobol' 1967, the first two dimensions.
+    """
+    bits = max(1, (count - 1).bit_length())
+    index = np.arange(count, dtype=np.uint32)
+    out = np.zeros((count, 2), np.uint32)
+    steps = np.array([1 << 31, 1 << 31], np.uint32)
+    for bit in range(bits):
+        out ^= ((index >> np.uint32(bit)) & np.uint32(1))[:, None] * steps
+        steps = np.array([steps[0] >> 1, steps[1] ^ (steps[1] >> 1)], np.uint32)
+    out.flags.writeable = False
+    return out
+
+
+_TEXEL_POINTS = _base_points(STAGES[-1][1])
+# The light's points in another order, so that place in the texel and place on the light are not tied; each stage keeps its own.
+_LIGHT_POINTS = _TEXEL_POINTS[np.concatenate([[0, 2, 3, 1], 4 + (5 * np.arange(12) + 3) % 12, 16 + (29 * np.arange(48) + 7) % 48])]
+_LIGHT_POINTS.flags.writeable = False
+
+
+def _shifted(points: NDArray[np.uint32], shift: NDArray[np.uint32]) -> Float32:
+    """(k, m, 2) float32 in [0, 1): points (k, 2) moved by digital shifts (m, 2), which keep their strata.
+
+    Source: Owen 2003, "Quasi-Monte Carlo sampling", 3.4.
+    """
+    bits = points[:, None, :] ^ shift
+    return (bits >> np.uint32(8)).astype(np.float32) * np.float32(2.0**-24)
+
+
+@dataclass(frozen=True)
+class Receivers:
+    """Points that light is wanted at.
+
+    position   (n, 3) float32, unit box, already off its surface
+    normal     (n, 3) float32, unit       shading normal
+    side       (n, 3) float32, unit       geometric normal
+    """
+
+    position: Float32
+    normal: Float32
+    side: Float32
+
+    def rows(self, index: IntArray) -> Receivers:
+        return Receivers(self.position[index], self.normal[index], self.side[index])
+
+    def see(self, rays: RayScene, aim: Aim) -> tuple[NDArray[np.bool_], int]:
+        """Which rays meet nothing, and how many had to be traced; what comes from behind the face is not seen."""
+        live = np.flatnonzero((aim.weight > 0) & ((aim.direction * self.side).sum(axis=1) > 0))
+        seen = np.zeros(len(aim.weight), bool)
+        if len(live):
+            seen[live] = ~rays.occluded(self.position[live], aim.direction[live], aim.distance[live])
+        return seen, len(live)
+
+
+@dataclass(frozen=True)
+class ReceivingSurfaces:
+    """Triangles that receive. corner_unit, shading_normal (n_tri, 3, 3) float32; normal (n_tri, 3) float32."""
+
+    corner_unit: Float32
+    shading_normal: Float32
+    normal: Float32
+
+    @classmethod
+    def of(cls, snapshot: SceneSnapshot, unit_box: UnitBox) -> ReceivingSurfaces:
+        corner_unit = unit_box.to_unit(snapshot.tri_position)
+        return cls(corner_unit, snapshot.tri_normal, triangle_normals_areas(corner_unit)[0].astype(np.float32))
+
+    def at(self, tri: IntArray, barycentric: Float32, flip: bool) -> Receivers:
+        """Receivers at weights (n, 2) of corners 1 and 2 of triangles (n,); on their back when `flip`."""
+        u, v = barycentric[:, 0], barycentric[:, 1]
+        side = self.normal[tri]
+        shading = interpolate_corners(self.shading_normal[tri], u, v)
+        length = np.sqrt((shading * shading).sum(axis=1, keepdims=True))
+        shading = np.where(length > 1e-6, shading / np.maximum(length, np.float32(1e-6)), side)
+        if flip:
+            shading, side = -shading, -side
+        return Receivers(offset_origin(interpolate_corners(self.corner_unit[tri], u, v), side), shading, side)
+
+
+@dataclass(frozen=True)
+class TexelChunk:
+    """Some texels, and the random shift of the points inside each.
+
+    texel   (n,) int            as `sub_points` knows them
+    shift   (n, 2) uint32
+    """
+
+    texel: IntArray
+    shift: NDArray[np.uint32]
+    sub_points: SubPoints
+    surfaces: ReceivingSurfaces
+    flip: bool
+
+    def receivers(self, rows: IntArray, first: int, last: int) -> Receivers:
+        """Starts of rays first ... last - 1 of some of the texels, ray by ray: ((last - first) * len(rows), ...)."""
+        tri, barycentric = self.sub_points(self.texel[rows], _shifted(_TEXEL_POINTS[first:last], self.shift[rows]))
+        return self.surfaces.at(tri.ravel(), barycentric.reshape(-1, 2), self.flip)
+
+
+def light_points(shift: NDArray[np.uint32], first: int, last: int) -> Float32:
+    """((last - first) * m, 2) float32: where on the light rays first ... last - 1 aim; shift (m, 2) uint32."""
+    return _shifted(_LIGHT_POINTS[first:last], shift).reshape(-1, 2)
+
+
+def random_shift(rng: np.random.Generator, count: int) -> NDArray[np.uint32]:
+    """(count, 2) uint32."""
+    return rng.integers(0, 2**32, size=(count, 2), dtype=np.uint32)
+
+
+def row_pieces(rows: IntArray, rays_each: int) -> list[IntArray]:
+    """The rows in pieces small enough to take so many rays each at once."""
+    step = max(1, _RAYS_AT_ONCE // rays_each)
+    return [rows[start : start + step] for start in range(0, len(rows), step)]

@@ -1,0 +1,225 @@
+"""Photon birth of emitting meshes and of the world; all emitters of a scene."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .geometry import UnitBox, interpolate_corners, offset_origin, orthonormal_basis, triangle_normals_areas
+from .lights import Births, Emitter, Float32, Float64, SceneCover, make_births, make_light_emitter
+from .materials import SurfaceMaterials
+from .sampling import AliasTable, square_to_cosine_hemisphere, square_to_uniform_triangle
+from .scene import FloatArray, IntArray, Light, SceneSnapshot
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec.709
+NO_LIGHT = "the scene has no light: add a light, an emitting material or a world colour"
+_MAX_CELLS = 2**17
+_MAX_CELLS_PER_SIDE = 64
+_CELL_SAMPLES = 4  # per side
+_FLOOR = 0.05  # of the mean radiance, so that light the cell's samples missed is still found
+
+
+@dataclass(frozen=True)
+class EmittingCells:
+    """Emitting triangles, cut into cells where a texture lights them; a cell is a square of square_to_uniform_triangle's domain.
+
+    tri          (n,) int64
+    corner       (n, 2) float32     lower left corner of the square
+    side         (n,) float32       1 where the whole triangle is the cell
+    area_m2      (n,) float64
+    mean_rgb     (n, 3) float64     W/m^2/sr, mean of the samples
+    constant     whether the radiance is mean_rgb everywhere
+    """
+
+    tri: NDArray[np.int64]
+    corner: Float32
+    side: Float32
+    area_m2: Float64
+    mean_rgb: Float64
+    constant: bool
+
+    def place(self, cell: IntArray, u: FloatArray) -> tuple[NDArray[np.int64], Float32]:
+        """Triangles (n,) and weights (n, 2) of their corners 1 and 2 at points u (n, 2) of cells (n,)."""
+        barycentric = square_to_uniform_triangle(self.corner[cell] + self.side[cell, None] * u.astype(np.float32))
+        return self.tri[cell], barycentric
+
+    @property
+    def importance(self) -> Float64:
+        """(n,) float64: area times radiance, with a floor under textured ones."""
+        radiance = weigh_channels(self.mean_rgb)
+        if not self.constant:
+            radiance = radiance + _FLOOR * np.average(radiance, weights=self.area_m2)
+        return self.area_m2 * radiance
+
+
+def weigh_channels(rgb: FloatArray) -> Float64:
+    """(n,) float64: one number for (n, 3), above 0 where any channel is; the eye's weights would starve a blue light."""
+    out: Float64 = np.asarray(rgb, np.float64) @ (0.5 * LUMINANCE + 0.5 / 3)
+    return out
+
+
+@dataclass(frozen=True)
+class MeshEmitter:
+    """All emitting triangles of one material, both sides.
+
+    corner_unit    (n_tri, 3, 3) float32, unit box   of the whole scene
+    normal         (n_tri, 3) float32, unit
+    """
+
+    name: str
+    power_rgb: Float64
+    cells: EmittingCells
+    table: AliasTable
+    corner_unit: Float32
+    normal: Float32
+    surfaces: SurfaceMaterials
+
+    def emit(self, u: Float32) -> Births:
+        cell, rest = self.table.sample(u[:, 0])
+        tri, barycentric = self.cells.place(cell, np.stack([rest, u[:, 1]], axis=1))
+        front = u[:, 2] < 0.5
+        local = square_to_cosine_hemisphere(np.stack([2 * u[:, 2] - ~front, u[:, 3]], axis=1))
+        normal = np.where(front[:, None], self.normal[tri], -self.normal[tri])
+        origin = offset_origin(interpolate_corners(self.corner_unit[tri], barycentric[:, 0], barycentric[:, 1]), normal)
+        direction = rotate_to(local, normal)
+        if self.cells.constant:
+            return make_births(origin, direction)
+        radiance = self.surfaces.emission_at(tri, barycentric[:, 0], barycentric[:, 1])
+        per_radiance = 2 * math.pi * self.cells.area_m2[cell] / self.table.probability[cell]
+        share = np.divide(1, self.power_rgb, out=np.zeros(3), where=self.power_rgb > 0)
+        return make_births(origin, direction, radiance * per_radiance[:, None] * share)
+
+
+@dataclass(frozen=True)
+class WorldEmitter:
+    """Uniform radiance from everywhere: every face of the scene's box is a Lambertian source that shines inwards."""
+
+    name: str
+    power_rgb: Float64
+    cover: SceneCover
+
+    def emit(self, u: Float32) -> Births:
+        axis, rest = self.cover.choose_axis(u[:, 0], self.cover.face_area[None])
+        at_high = u[:, 2] < 0.5
+        local = square_to_cosine_hemisphere(np.stack([2 * u[:, 2] - ~at_high, u[:, 3]], axis=1))
+        inward = np.zeros((len(u), 3), np.float32)
+        inward[np.arange(len(u)), axis] = np.where(at_high, -1, 1)
+        return make_births(self.cover.place(axis, at_high, rest, u[:, 1]), rotate_to(local, inward))
+
+
+def rotate_to(local: FloatArray, normal: FloatArray) -> FloatArray:
+    """Directions (n, 3) around +Z, turned to be around unit normals (n, 3)."""
+    tangent, bitangent = orthonormal_basis(normal)
+    out: FloatArray = local[:, :1] * tangent + local[:, 1:2] * bitangent + local[:, 2:] * normal
+    return out
+
+
+def build_emitters(
+    snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials
+) -> tuple[tuple[Emitter, ...], list[tuple[str, str]]]:
+    """Everything that emits, and (name, sentence) for every light that had to be changed or left out.
+
+    Raises ValueError when nothing emits.
+    """
+    emitters: list[Emitter] = []
+    warnings: list[tuple[str, str]] = []
+    cover = SceneCover.around(unit_box.to_unit(snapshot.vertex_position[np.unique(snapshot.tri_vertex)]))
+    for light in snapshot.lights:
+        power, sentence = usable_power(light)
+        if sentence:
+            warnings.append((light.name, sentence))
+        if power.any():
+            emitters.append(make_light_emitter(light, power, unit_box, cover))
+    emitters += _mesh_emitters(snapshot, unit_box, surfaces)
+    world = usable_world(snapshot)
+    if not np.array_equal(world, snapshot.world_rgb):
+        warnings.append(("World", "World: its colour is negative or not a finite number and counts as 0 there; correct it."))
+    if world.any():
+        power = math.pi * world * 2 * cover.face_area.sum() / unit_box.scale**2
+        emitters.append(WorldEmitter("World", power, cover))
+    emitters = [emitter for emitter in emitters if emitter.power_rgb.any() and np.isfinite(emitter.power_rgb).all()]
+    if not emitters:
+        raise ValueError(NO_LIGHT)
+    return tuple(emitters), warnings
+
+
+def usable_power(light: Light) -> tuple[Float64, str]:
+    """The light's power with only finite numbers >= 0, all 0 where it is left out; and a sentence if that changed it."""
+    power = np.array(light.power_rgb, np.float64)
+    placement = (*light.position_m, *np.ravel(light.rotation), *light.size_m)
+    numbers = (light.radius_m, light.cone_angle_rad, light.blend, light.angle_rad, light.spread_rad)
+    if not np.isfinite(power).all():
+        return np.zeros(3), f"{light.name}: its power is not a finite number, so the light is left out; correct its strength or colour."
+    if not np.isfinite((*placement, *numbers)).all():
+        return np.zeros(3), f"{light.name}: its position or size is not a finite number, so the light is left out; correct its transform."
+    if (power < 0).any():
+        what = "the light is left out" if (power <= 0).all() else "its negative channels count as 0"
+        return np.maximum(power, 0), f"{light.name}: its power is negative, so {what}; make its strength and colour positive."
+    return power, ""
+
+
+def usable_world(snapshot: SceneSnapshot) -> Float64:
+    """(3,) float64, W/m^2/sr: the world's radiance, 0 where it is negative or not finite."""
+    world = np.array(snapshot.world_rgb, np.float64)
+    return np.where(np.isfinite(world) & (world > 0), world, 0.0)
+
+
+def _mesh_emitters(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials) -> list[MeshEmitter]:
+    cells_of = find_emitting_cells(snapshot, surfaces)
+    if not cells_of:
+        return []
+    corner_unit = unit_box.to_unit(snapshot.tri_position)
+    normal = triangle_normals_areas(corner_unit)[0].astype(np.float32)
+    emitters = []
+    for index, cells in cells_of:
+        power = 2 * math.pi * (cells.area_m2[:, None] * cells.mean_rgb).sum(axis=0)
+        table = AliasTable(cells.importance)
+        emitters.append(MeshEmitter(snapshot.materials[index].name, power, cells, table, corner_unit, normal, surfaces))
+    return emitters
+
+
+def find_emitting_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials) -> list[tuple[int, EmittingCells]]:
+    """(material, its cells) for every material that emits from a triangle with area."""
+    emitting = [i for i, material in enumerate(snapshot.materials) if any(material.emission_rgb)]
+    if not emitting:
+        return []
+    area = triangle_normals_areas(snapshot.tri_position)[1]
+    found = []
+    for index in emitting:
+        tri = np.flatnonzero((snapshot.tri_material == index) & (area > 0))
+        if len(tri):
+            cells = _cut_cells(snapshot, surfaces, index, tri, area)
+            if cells.mean_rgb.any():
+                found.append((index, cells))
+    return found
+
+
+def _cut_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials, material: int, tri: NDArray[np.int64], area: Float64) -> EmittingCells:
+    image = snapshot.materials[material].emission_image
+    if image < 0:
+        rgb = surfaces.emission_at(tri, np.zeros(len(tri)), np.zeros(len(tri))).astype(np.float64)
+        return EmittingCells(tri, np.zeros((len(tri), 2), np.float32), np.ones(len(tri), np.float32), area[tri], rgb, True)
+    height, width = snapshot.images[image].pixels.shape[:2]
+    uv = np.nan_to_num(snapshot.tri_emission_uv[tri].astype(np.float64), posinf=0, neginf=0) * (width, height)
+    longest_texels = np.abs(uv - np.roll(uv, 1, axis=1)).max(axis=(1, 2))
+    finest = min(_MAX_CELLS_PER_SIDE, max(1, math.isqrt(_MAX_CELLS // len(tri))))
+    per_side = np.clip(np.ceil(longest_texels), 1, finest).astype(np.int64)
+    count = per_side**2
+    owner = np.repeat(np.arange(len(tri)), count)
+    within = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    side = 1 / per_side[owner]
+    corner = np.stack([within % per_side[owner], within // per_side[owner]], axis=1) * side[:, None]
+    cells = EmittingCells(
+        tri[owner], corner.astype(np.float32), side.astype(np.float32), area[tri[owner]] * side**2, np.zeros((len(owner), 3)), False
+    )
+    total = np.zeros((len(owner), 3))
+    every = np.arange(len(owner))
+    for x in range(_CELL_SAMPLES):
+        for y in range(_CELL_SAMPLES):
+            point = np.broadcast_to((np.array([x, y]) + 0.5) / _CELL_SAMPLES, (len(owner), 2))
+            at_tri, barycentric = cells.place(every, point)
+            total += surfaces.emission_at(at_tri, barycentric[:, 0], barycentric[:, 1])
+    return EmittingCells(cells.tri, cells.corner, cells.side, cells.area_m2, total / _CELL_SAMPLES**2, False)

@@ -1,0 +1,159 @@
+"""Charts of a UV layer, and what is wrong with a layer that comes from outside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .row_spans import find_row_spans
+from .scene import IntArray
+
+Float64: TypeAlias = NDArray[np.float64]
+Int64: TypeAlias = NDArray[np.int64]
+Bool: TypeAlias = NDArray[np.bool_]
+
+_SAME_UV = 1e-5  # pages; nearer UVs are one point, as rounding to float32 may have moved them
+_PAGE_TOLERANCE = 1e-5  # pages that rounding may carry a UV beyond its page
+_NO_HEIGHT = 1e-7  # height over longest side below which a triangle is a line in float32 UVs
+_INSET = 0.05  # raster texels taken off every side of a triangle, so that neighbours do not overlap
+_RASTER_MIN, _RASTER_MAX = 128, 2048
+_TEXELS_PER_TRIANGLE = 16
+_MAX_RASTER_TEXELS = 2e7
+
+
+@dataclass(frozen=True)
+class LayerCheck:
+    """Which triangles of a layer can be baked, and what is odd about it.
+
+    usable     (n_tri,) bool
+    findings   what was found, each with what to do
+    """
+
+    usable: Bool
+    findings: tuple[str, ...]
+
+
+def label_charts(tri_vertex: IntArray, tri_uv: Float64, tri_group: IntArray, same_uv: float = _SAME_UV) -> tuple[Int64, Bool]:
+    """Charts: triangles of one group that share an edge with the same UVs at both its ends.
+
+    tri_vertex   (n, 3) int
+    tri_uv       (n, 3, 2) float64
+    tri_group    (n,) int         -1 for triangles without a chart
+    out          (n,) int64 chart, 0, 1, ... in order of its first triangle, or -1; (n, 3) bool whether side k, from corner k on, is
+                 shared within its chart
+    """
+    n_tri = len(tri_vertex)
+    low, high = tri_vertex, np.roll(tri_vertex, -1, axis=1)
+    swap = low > high
+    end_uv = np.concatenate([tri_uv, np.roll(tri_uv, -1, axis=1)], axis=2)
+    end_uv = np.where(swap[..., None], end_uv[..., [2, 3, 0, 1]], end_uv).reshape(-1, 4)
+    keys = np.stack([np.repeat(tri_group, 3), np.minimum(low, high).ravel(), np.maximum(low, high).ravel()]).astype(np.int64)
+    order = np.lexsort((end_uv[:, 1], end_uv[:, 0], keys[2], keys[1], keys[0]))
+    order = order[keys[0, order] >= 0]
+    here, after = order[:-1], order[1:]
+    same = (keys[:, here] == keys[:, after]).all(axis=0) & (np.abs(end_uv[here] - end_uv[after]) <= same_uv).all(axis=1)
+    shared = np.zeros(3 * n_tri, bool)
+    shared[here[same]] = shared[after[same]] = True
+    label = _join(n_tri, here[same] // 3, after[same] // 3)
+    chart = np.full(n_tri, -1, np.int64)
+    used = tri_group >= 0
+    chart[used] = np.unique(label[used], return_inverse=True)[1].ravel()
+    return chart, shared.reshape(-1, 3)
+
+
+def _join(count: int, one: Int64, other: Int64) -> Int64:
+    """(count,) int64: the least member of each connected set.
+
+    Source: Shiloach & Vishkin 1982, "An O(log n) parallel connectivity algorithm".
+    """
+    label = np.arange(count)
+    while True:
+        root_one, root_other = label[one], label[other]
+        apart = root_one != root_other
+        if not apart.any():
+            return label
+        one, other, root_one, root_other = one[apart], other[apart], root_one[apart], root_other[apart]
+        np.minimum.at(label, np.maximum(root_one, root_other), np.minimum(root_one, root_other))
+        while (label != label[label]).any():
+            label = label[label]
+
+
+def signed_areas(tri_uv: Float64) -> Float64:
+    """(n,) float64: areas of triangles, negative where they turn clockwise.
+
+    tri_uv   (n, 3, 2) float64
+    """
+    one, other = tri_uv[:, 1] - tri_uv[:, 0], tri_uv[:, 2] - tri_uv[:, 0]
+    areas: Float64 = 0.5 * (one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
+    return areas
+
+
+def check_layer(tri_uv: Float64, tri_polygon: IntArray, solid: Bool) -> LayerCheck:
+    """What of an existing layer can be baked.
+
+    tri_uv        (n, 3, 2) float64, pages
+    tri_polygon   (n,) int
+    solid         (n,) bool, triangles with an area in space; the others are left out without a word
+    """
+    finite = np.isfinite(tri_uv).all(axis=(1, 2))
+    uv = np.where(finite[:, None, None], tri_uv, 0.0)
+    inside = ((uv >= -_PAGE_TOLERANCE) & (uv <= 1.0 + _PAGE_TOLERANCE)).all(axis=(1, 2))
+    area = signed_areas(uv)
+    longest = np.linalg.norm(uv - np.roll(uv, 1, axis=1), axis=2).max(axis=1)
+    flat = np.abs(area) <= 0.5 * _NO_HEIGHT * longest * np.maximum(longest, _NO_HEIGHT)
+    usable = solid & finite & inside & ~flat
+    overlapping = np.zeros(len(uv), bool)
+    overlapping[usable] = find_overlaps(uv[usable])
+    kinds = (
+        (solid & ~finite, "{} without a valid position in the UV layer, left unbaked; unwrap them anew"),
+        (solid & finite & ~inside, "{} outside the page (0 to 1) of the UV layer, left unbaked; move them onto it"),
+        (solid & finite & inside & flat, "{} without an area in the UV layer, left unbaked; unwrap them"),
+        (overlapping, "{} overlapping others in the UV layer, where their light is mixed up; unwrap them apart"),
+        (usable & (area < 0), "{} mirrored in the UV layer, baked as they are; turn them over if a normal map needs it"),
+    )
+    counts = [len(np.unique(tri_polygon[faces])) for faces, _ in kinds]
+    findings = [text.format(f"{count:,} face{'s'[: count != 1]}") for count, (_, text) in zip(counts, kinds, strict=True) if count]
+    return LayerCheck(usable, tuple(findings))
+
+
+def find_overlaps(tri_uv: Float64) -> Bool:
+    """Triangles that lie over others: one covers a texel of a raster wholly that the other touches.
+
+    tri_uv   (n, 3, 2) float64, pages, within 0 to 1; no triangle without area
+    out      (n,) bool
+    """
+    overlapping = np.zeros(len(tri_uv), bool)
+    if not len(tri_uv):
+        return overlapping
+    area = float(np.abs(signed_areas(tri_uv)).sum())
+    size = np.sqrt(min(_TEXELS_PER_TRIANGLE * len(tri_uv), _MAX_RASTER_TEXELS) / max(area, 1e-30))
+    size = int(np.clip(size, _RASTER_MIN, _RASTER_MAX))
+    spans = find_row_spans(_inset(tri_uv * size))
+    row = np.clip(spans.y, 0, size - 1).astype(np.int64) * size
+    full = _count_texels(row + spans.full_start, row + spans.full_end, size)
+    start, end = row + np.clip(spans.touched_start, 0, size), row + np.clip(spans.touched_end, 0, size)
+    touched = _count_texels(start, end, size)
+    shared_before = np.concatenate([[0], np.cumsum((full > 0) & (touched > 1))])
+    overlapping[spans.tri[shared_before[np.maximum(end, start)] > shared_before[start]]] = True
+    return overlapping
+
+
+def _inset(uv: Float64) -> Float64:
+    """Triangles scaled about the centres of their incircles, so that every side moves in by _INSET; the narrow ones become points."""
+    opposite = np.linalg.norm(np.roll(uv, -1, axis=1) - np.roll(uv, -2, axis=1), axis=2)
+    perimeter = opposite.sum(axis=1)
+    centre = (opposite[:, :, None] * uv).sum(axis=1) / perimeter[:, None]
+    radius = 2.0 * np.abs(signed_areas(uv)) / perimeter
+    factor = np.maximum(1.0 - _INSET / radius, 0.0)
+    scaled: Float64 = centre[:, None] + factor[:, None, None] * (uv - centre[:, None])
+    return scaled
+
+
+def _count_texels(start: Int64, end: Int64, size: int) -> Int64:
+    """(size * size,) int64: how many of the ranges hold each texel."""
+    change = np.bincount(start, minlength=size * size + 1) - np.bincount(np.maximum(end, start), minlength=size * size + 1)
+    count: Int64 = np.cumsum(change)[: size * size]
+    return count

@@ -1,0 +1,298 @@
+"""Photon birth of Blender's lights: point, spot, sun and area."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .geometry import UnitBox, orthonormal_basis
+from .sampling import square_to_cosine_hemisphere, square_to_uniform_cone, square_to_uniform_disk
+from .scene import FloatArray, Light
+
+Float32: TypeAlias = NDArray[np.float32]
+Float64: TypeAlias = NDArray[np.float64]
+
+SMALLEST_SIDE = 1e-6  # unit box; a light without extent shines as one of this side
+LAMBERTIAN_SPREAD_RAD = math.pi - 1e-4
+SMALLEST_SPREAD_RAD = math.radians(0.1)  # a smaller one looks the same and cannot be integrated
+_COVER_PADDING = 1e-3  # unit box; keeps rays from starting in the plane of an outermost surface
+_SPREAD_STEPS = 4096
+_CONE_STEPS = 64
+
+
+@dataclass(frozen=True)
+class Births:
+    """Newborn photons.
+
+    origin         (n, 3) float32, unit box
+    direction      (n, 3) float32, unit
+    relative_rgb   (n, 1) or (n, 3) float32   power relative to the emitter's equal share; its mean is 1
+    soft_radius    (n,) float32, unit box     radius of the disk that turns to the receiver; 0 for all other lights
+    soft_offset    (n,) float32, unit box     distance of the origin from that disk's centre
+    """
+
+    origin: Float32
+    direction: Float32
+    relative_rgb: Float32
+    soft_radius: Float32
+    soft_offset: Float32
+
+
+class Emitter(Protocol):
+    """Anything photons are born from.
+
+    power_rgb   (3,) float64, W, emitted into the scene
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def power_rgb(self) -> Float64: ...
+
+    def emit(self, u: Float32) -> Births:
+        """Photons for numbers u (n, 4) float32, uniform in [0, 1)."""
+
+
+def make_births(origin: FloatArray, direction: FloatArray, relative: FloatArray | None = None) -> Births:
+    """Births without a soft radius; equal shares when `relative` is left out."""
+    zero = np.zeros(len(origin), np.float32)
+    shares = np.ones((len(origin), 1), np.float32) if relative is None else relative.astype(np.float32)
+    return Births(origin.astype(np.float32), direction.astype(np.float32), shares, zero, zero)
+
+
+def turn(local: FloatArray, axes: FloatArray) -> Float32:
+    """Local directions (n, 3) in world space; +Z goes to -axes[2], where a Blender light shines. axes (3, 3)."""
+    return (local * np.array([1, 1, -1], np.float32)) @ np.asarray(axes, np.float32)
+
+
+@dataclass(frozen=True)
+class SpotCone:
+    """A spot's angular falloff: 1 inside, smoothstep of the cosine in the blended rim, 0 outside.
+
+    drop    1 - cosine of the half angle; 2 is a point light
+    blend   share of the drop that is blended
+    Source: Cycles, kernel/light/spot.h, spot_light_attenuation; scene/light.cpp, spot_smooth.
+    """
+
+    drop: float = 2.0
+    blend: float = 0.0
+
+    @classmethod
+    def of(cls, light: Light) -> SpotCone:
+        if light.kind != "SPOT":
+            return cls()
+        half_angle = min(max(light.cone_angle_rad, 1e-3), 2 * math.pi) / 2
+        return cls(2 * math.sin(half_angle / 2) ** 2, min(max(light.blend, 0.0), 1.0))
+
+    @property
+    def mean_drop(self) -> float:
+        """Integral of the attenuation over 1 - cosine; smoothstep is half of its width."""
+        return self.drop * (1 - self.blend / 2)
+
+    def attenuation(self, cosine: FloatArray) -> FloatArray:
+        """At the cosine between a direction and the axis."""
+        inside = self.drop - (1 - cosine)
+        if self.blend * self.drop == 0:
+            return (inside > 0).astype(cosine.dtype)
+        t = np.clip(inside / (self.blend * self.drop), 0, 1)
+        out: FloatArray = t * t * (3 - 2 * t)
+        return out
+
+    def sample_drop(self, u: FloatArray) -> FloatArray:
+        """1 - cosine with density proportional to the attenuation; u (n,) uniform in [0, 1)."""
+        mass = u * np.float32(self.mean_drop)
+        if self.blend == 0:
+            return mass
+        width = self.drop * self.blend
+        beyond = (mass - (self.drop - width)) / (width / 2)  # share of the rim's flux that lies further in
+        target = np.clip(1 - beyond, 0, 1)
+        # 2 t^3 - t^4 is convex, so Newton's iteration falls on its root from the cube root, which lies above.
+        t = np.cbrt(target)
+        for _ in range(5):
+            t -= (2 * t - t * t - target / np.maximum(t * t, 1e-30)) / (6 - 4 * t)
+        return np.where(beyond <= 0, mass, self.drop - width * t)
+
+
+@dataclass(frozen=True)
+class PointEmitter:
+    """A point or spot light; with a radius a disk across each photon's path (soft), or a sphere.
+
+    A line of uniform direction at a uniform place of the disk across it is exactly the field of a uniform sphere.
+    Source: Cycles, kernel/light/point.h and spot.h; radiance power / (4 pi^2 r^2).
+    """
+
+    name: str
+    power_rgb: Float64
+    centre: Float32
+    axes: Float32
+    cone: SpotCone
+    radius: float
+    soft: bool
+
+    def emit(self, u: Float32) -> Births:
+        drop = self.cone.sample_drop(u[:, 0])
+        across = np.sqrt(np.maximum(drop * (2 - drop), 0))
+        phi = np.float32(2 * math.pi) * u[:, 1]
+        direction = turn(np.stack([across * np.cos(phi), across * np.sin(phi), 1 - drop], axis=1).astype(np.float32), self.axes)
+        births = make_births(np.broadcast_to(self.centre, direction.shape), direction)
+        if self.radius == 0:
+            return births
+        disk = square_to_uniform_disk(u[:, 2:4]) * np.float32(self.radius)
+        tangent, bitangent = orthonormal_basis(direction)
+        origin = self.centre + disk[:, :1] * tangent + disk[:, 1:] * bitangent
+        offset_squared = (disk**2).sum(axis=1)
+        if not self.soft:
+            rise = np.sqrt(np.maximum(np.float32(self.radius) ** 2 - offset_squared, 0))
+            return make_births(origin + rise[:, None] * direction, direction)
+        radius = np.full(len(u), self.radius, np.float32)
+        return Births(origin.astype(np.float32), direction, births.relative_rgb, radius, np.sqrt(offset_squared))
+
+
+@dataclass(frozen=True)
+class AreaEmitter:
+    """A one-sided rectangle or ellipse.
+
+    axes          (3, 3) float32            the light's x, y and z
+    half_size     (2,) float32, unit box    half extents along x and y
+    spread_rad    pi is Lambertian
+    Source: Cycles, kernel/light/area.h; radiance power / (pi area), area_light_spread_attenuation.
+    """
+
+    name: str
+    power_rgb: Float64
+    centre: Float32
+    axes: Float32
+    half_size: Float32
+    ellipse: bool
+    spread_rad: float
+
+    def emit(self, u: Float32) -> Births:
+        place = (square_to_uniform_disk(u[:, :2]) if self.ellipse else 2 * u[:, :2] - 1) * self.half_size
+        origin = self.centre + place @ self.axes[:2]
+        if self.spread_rad > LAMBERTIAN_SPREAD_RAD:
+            return make_births(origin, turn(square_to_cosine_hemisphere(u[:, 2:4]), self.axes))
+        theta = sample_spread_angle(u[:, 2], self.spread_rad)
+        phi = 2 * math.pi * u[:, 3]
+        local = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=1)
+        return make_births(origin, turn(local.astype(np.float32), self.axes))
+
+
+def spread_attenuation(cosine: FloatArray, spread_rad: float) -> FloatArray:
+    """Radiance of an area light relative to a Lambertian one of equal power, at the cosine to its axis.
+
+    Source: Cycles, kernel/light/area.h, area_light_spread_attenuation; scene/light.cpp, normalize_spread.
+    """
+    if spread_rad > LAMBERTIAN_SPREAD_RAD:
+        return np.ones_like(cosine)
+    half = max(spread_rad, SMALLEST_SPREAD_RAD) / 2
+    positive = np.maximum(cosine, 1e-6)
+    tangent = np.sqrt(np.maximum(1 - cosine * cosine, 0)) / positive
+    # tan x - x loses its digits where x is small; its series does not.
+    difference = math.tan(half) - half if half > 0.05 else half**3 / 3 + 2 * half**5 / 15
+    out: FloatArray = np.maximum(math.tan(half) - tangent, 0) / difference
+    return out
+
+
+def sample_spread_angle(u: FloatArray, spread_rad: float) -> FloatArray:
+    """Angles to the axis with density proportional to attenuation * cosine per steradian; u (n,) uniform in [0, 1)."""
+    half = max(spread_rad, SMALLEST_SPREAD_RAD) / 2
+    theta = np.linspace(0, half, _SPREAD_STEPS + 1)
+    # (tan half - tan theta) cos theta sin theta = sin(half - theta) sin(theta) / cos half
+    density = np.sin(half - theta) * np.sin(theta)
+    cumulative = np.concatenate([[0], np.cumsum(density[1:] + density[:-1])])
+    out: FloatArray = np.interp(u, cumulative / cumulative[-1], theta)
+    return out
+
+
+@dataclass(frozen=True)
+class SceneCover:
+    """A box around the scene: light from infinity enters by its faces, so none is spent beside the scene's outline.
+
+    low, high   (3,) float32, unit box
+    """
+
+    low: Float32
+    high: Float32
+
+    @classmethod
+    def around(cls, points_unit: FloatArray) -> SceneCover:
+        """points_unit (n, 3), unit box; without any, the whole unit box."""
+        if not len(points_unit):
+            return cls(np.full(3, -0.5, np.float32), np.full(3, 0.5, np.float32))
+        low, high = points_unit.min(axis=0) - _COVER_PADDING, points_unit.max(axis=0) + _COVER_PADDING
+        return cls(low.astype(np.float32), high.astype(np.float32))
+
+    @property
+    def face_area(self) -> Float64:
+        """(3,) float64, unit box squared: areas of the faces across x, y and z."""
+        side = (self.high - self.low).astype(np.float64)
+        return np.array([side[1] * side[2], side[0] * side[2], side[0] * side[1]])
+
+    def outline_area(self, direction: FloatArray) -> Float64:
+        """(n,) float64, unit box squared: the box's area seen along directions (n, 3)."""
+        return np.abs(direction.astype(np.float64)) @ self.face_area
+
+    def choose_axis(self, u: FloatArray, weight: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
+        """Face axes chosen by weights (n, 3) or (1, 3), and what is left of u (n,)."""
+        end = np.cumsum(weight, axis=1)
+        end = end / end[:, -1:]
+        axis = np.minimum((u[:, None] >= end[:, :2]).sum(axis=1), 2)
+        end = np.broadcast_to(np.concatenate([np.zeros((len(end), 1)), end], axis=1), (len(u), 4))
+        row = np.arange(len(u))
+        width = np.maximum(end[row, axis + 1] - end[row, axis], 1e-12)
+        return axis, np.clip((u - end[row, axis]) / width, 0, 1)
+
+    def place(self, axis: NDArray[np.int64], at_high: NDArray[np.bool_], u: FloatArray, v: FloatArray) -> Float32:
+        """(n, 3) float32: points (u, v) of the faces across `axis`, on their high or low side."""
+        row = np.arange(len(axis))
+        share = np.empty((len(axis), 3), np.float32)
+        share[row, axis], share[row, (axis + 1) % 3], share[row, (axis + 2) % 3] = at_high, u, v
+        out: Float32 = self.low + share * (self.high - self.low)
+        return out
+
+
+@dataclass(frozen=True)
+class SunEmitter:
+    """Parallel light, or light from a disk of directions, entering by the faces of the scene's box.
+
+    mean_outline   unit box squared: the box's outline, averaged over the disk
+    """
+
+    name: str
+    power_rgb: Float64
+    axes: Float32
+    half_angle_rad: float
+    cover: SceneCover
+    mean_outline: float
+
+    def emit(self, u: Float32) -> Births:
+        direction = turn(square_to_uniform_cone(u[:, 2:4], self.half_angle_rad), self.axes)
+        axis, rest = self.cover.choose_axis(u[:, 0], np.abs(direction) * self.cover.face_area)
+        entering_high = direction[np.arange(len(u)), axis] < 0
+        relative = self.cover.outline_area(direction)[:, None] / self.mean_outline
+        return make_births(self.cover.place(axis, entering_high, rest, u[:, 1]), direction, relative)
+
+
+def make_light_emitter(light: Light, power_rgb: Float64, unit_box: UnitBox, cover: SceneCover) -> Emitter:
+    """The emitter of one of Blender's lights; power_rgb is its power_rgb with only finite numbers >= 0."""
+    axes = np.array(light.rotation, np.float32)
+    centre = unit_box.to_unit(np.array(light.position_m))
+    if light.kind == "SUN":
+        half = min(max(light.angle_rad, 0.0), math.pi) / 2
+        grid = (np.arange(_CONE_STEPS) + 0.5) / _CONE_STEPS
+        square = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
+        outline = float(cover.outline_area(turn(square_to_uniform_cone(square, half), axes)).mean())
+        # A disk of radiance E / (pi sin^2 half) over 2 pi (1 - cos half) steradians.
+        power = power_rgb * (2 / (1 + math.cos(half))) * outline / unit_box.scale**2
+        return SunEmitter(light.name, power, axes, half, cover, outline)
+    if light.kind == "AREA":
+        half_size = np.maximum(np.array(light.size_m) * unit_box.scale, SMALLEST_SIDE).astype(np.float32) / 2
+        return AreaEmitter(light.name, power_rgb, centre, axes, half_size, light.shape == "ELLIPSE", light.spread_rad)
+    cone = SpotCone.of(light)
+    radius = unit_box.to_unit_length(light.radius_m)
+    return PointEmitter(light.name, power_rgb * (cone.mean_drop / 2), centre, axes, cone, radius, light.soft_falloff)

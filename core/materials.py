@@ -1,0 +1,159 @@
+"""Albedo and emission at hits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .geometry import interpolate_corners
+from .scene import MAX_ALBEDO, FloatArray, IntArray, Material, SceneSnapshot, TextureImage
+
+
+@dataclass(frozen=True)
+class _Layer:
+    """One quantity of all surfaces: a colour per triangle times an optional image.
+
+    tri_rgb      (3, n_tri) float32, already clamped where there is no image
+    tri_image    (n_tri,) int32, -1 none; None when no triangle has one
+    tri_uv       (n_tri, 3, 2) float32
+    highest      upper limit of the product
+    """
+
+    tri_rgb: NDArray[np.float32]
+    tri_image: NDArray[np.int32] | None
+    tri_uv: NDArray[np.float32]
+    images: tuple[TextureImage, ...]
+    highest: float
+
+    def at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
+        rgb = self.tri_rgb.take(tri, axis=1)
+        if self.tri_image is not None:
+            hit_image = self.tri_image[tri]
+            for index in np.flatnonzero(np.bincount(hit_image + 1)[1:]):
+                rows = np.flatnonzero(hit_image == index)
+                uv = interpolate_corners(self.tri_uv[tri[rows]], u[rows], v[rows])
+                with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not finite, and so 0
+                    rgb[:, rows] = _clamp(rgb[:, rows] * sample_texture(self.images[index], uv).T, self.highest)
+        return rgb.T
+
+
+class SurfaceMaterials:
+    """Answers albedo and emission at points of triangles; one gather where no image is involved."""
+
+    def __init__(self, scene: SceneSnapshot) -> None:
+        materials = scene.materials
+        self._albedo = _layer(
+            scene, [m.albedo_rgb for m in materials], [m.albedo_image for m in materials], scene.tri_albedo_uv, MAX_ALBEDO
+        )
+        self._emission = _layer(
+            scene, [m.emission_rgb for m in materials], [m.emission_image for m in materials], scene.tri_emission_uv, np.inf
+        )
+
+    def albedo_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
+        """Diffuse reflectance, within [0, MAX_ALBEDO].
+
+        tri    (n,) int      u, v   (n,) float, barycentric weights of corners 1 and 2
+        out    (n, 3) float32; its transpose is contiguous
+        """
+        return self._albedo.at(tri, u, v)
+
+    def emission_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
+        """Emitted radiance, W/m^2/sr, finite and >= 0.
+
+        tri    (n,) int      u, v   (n,) float, barycentric weights of corners 1 and 2
+        out    (n, 3) float32; its transpose is contiguous
+        """
+        return self._emission.at(tri, u, v)
+
+
+def sample_texture(image: TextureImage, uv: FloatArray) -> NDArray[np.float32]:
+    """Colours of an image; texel (x, y) has its centre at ((x + 0.5) / width, (y + 0.5) / height), as in Blender.
+
+    uv    (n, 2) float; not finite counts as 0. An image without texels is black
+    out   (n, 3) float32
+    """
+    height, width = image.pixels.shape[:2]
+    if not height * width:
+        return np.zeros((len(uv), 3), np.float32)
+    turn = 2.0 if image.extension == "MIRROR" else 1.0
+    place = np.where(np.isfinite(uv), uv, 0).astype(np.float64)
+    periodic = image.extension in ("REPEAT", "MIRROR")
+    place = place - turn * np.floor(place / turn) if periodic else np.clip(place, -2, 3)  # keeps texel numbers within int64
+    place *= (width, height)
+    if image.closest:
+        return _texels(image, np.floor(place[:, 0]), np.floor(place[:, 1]))
+    place -= 0.5
+    corner = np.floor(place)
+    fraction = (place - corner).astype(np.float32)
+    (x, y), (s, t) = corner.T, fraction.T[:, :, None]
+    below = _texels(image, x, y) * (1 - s) + _texels(image, x + 1, y) * s
+    above = _texels(image, x, y + 1) * (1 - s) + _texels(image, x + 1, y + 1) * s
+    out: NDArray[np.float32] = below * (1 - t) + above * t
+    return out
+
+
+def _texels(image: TextureImage, x: FloatArray, y: FloatArray) -> NDArray[np.float32]:
+    height, width = image.pixels.shape[:2]
+    column, row = _wrap(x.astype(np.int64), width, image.extension), _wrap(y.astype(np.int64), height, image.extension)
+    rgb = image.pixels[row, column]
+    if image.extension == "CLIP":
+        rgb[(column != x) | (row != y)] = 0
+    return rgb
+
+
+def _wrap(index: IntArray, size: int, extension: str) -> IntArray:
+    if extension == "REPEAT":
+        return index % size
+    if extension == "MIRROR":
+        folded = index % (2 * size)
+        return np.minimum(folded, 2 * size - 1 - folded)
+    return np.clip(index, 0, size - 1)
+
+
+def clamp_warnings(scene: SceneSnapshot) -> list[tuple[str, str]]:
+    """What albedo_at and emission_at had to change: (material name, sentence)."""
+    return [(material.name, sentence) for material in scene.materials for sentence in _material_warnings(material, scene.images)]
+
+
+def _material_warnings(material: Material, images: tuple[TextureImage, ...]) -> list[str]:
+    sentences = []
+    for quantity, rgb, image, highest in (
+        ("albedo", material.albedo_rgb, material.albedo_image, MAX_ALBEDO),
+        ("emission", material.emission_rgb, material.emission_image, float(np.finfo(np.float32).max)),
+    ):
+        low, high = (np.array(rgb, np.float64),) * 2
+        where = ""
+        if image >= 0:
+            pixels = images[image].pixels.reshape(-1, 3)
+            with np.errstate(invalid="ignore"):  # 0 times infinity is reported as not finite
+                ends = [low * end.astype(np.float64) for end in (pixels.min(axis=0), pixels.max(axis=0))] if len(pixels) else [low * 0]
+            low, high = np.min(ends, axis=0), np.max(ends, axis=0)
+            where = f" with image {images[image].name}"
+        if not (np.isfinite(low).all() and np.isfinite(high).all()):
+            sentences.append(f"{material.name}: its {quantity}{where} is not a finite number and counts as 0; correct the value.")
+        elif low.min() < 0 or high.max() > highest:
+            sentences.append(
+                f"{material.name}: its {quantity}{where} reaches from {low.min():.4g} to {high.max():.4g} and is clamped to "
+                f"0 ... {highest:.4g}; choose values within."
+            )
+    return sentences
+
+
+def _layer(
+    scene: SceneSnapshot, rgb: list[tuple[float, float, float]], image: list[int], tri_uv: NDArray[np.float32], highest: float
+) -> _Layer:
+    with np.errstate(over="ignore"):
+        material_rgb = np.array(rgb, np.float64).reshape(-1, 3).astype(np.float32)
+    material_image = np.array(image, np.int32)
+    plain = material_image < 0
+    material_rgb[plain] = _clamp(material_rgb[plain], highest)
+    tri_image = material_image[scene.tri_material]
+    return _Layer(
+        np.ascontiguousarray(material_rgb[scene.tri_material].T), tri_image if (tri_image >= 0).any() else None, tri_uv, scene.images, highest
+    )
+
+
+def _clamp(values: FloatArray, highest: float) -> FloatArray:
+    return np.where(np.isfinite(values), values, 0).clip(0, np.float32(highest))

@@ -1,0 +1,257 @@
+"""One quadtree per UV chart, all of them in one node table.
+
+A chart's root is the smallest power-of-two square of texels that covers it. Texel entries are sorted by chart and Morton
+code, so a node is a range of entries. *Current* nodes tile every chart and carry the solution; *preview* nodes hang below
+them. A photon falls into the deepest node at its texel; sums of the nodes above follow from those below (see tally).
+Nodes whose square the chart does not enter are never made.
+
+Source: [Tobler97] 3.2 and 3.3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import basis
+from .texel_map import TexelMap
+
+_CHART_SHIFT = 30  # a Morton code of a 2^14 root has 28 bits
+
+
+@dataclass(frozen=True)
+class Quadtree:
+    """The node table; changed only by making a new one.
+
+    degree      of the basis: 0, 1 or 2
+    chart       (n,) int32
+    side        (n,) int32, texels
+    origin      (n, 2) int32, page texel of the lower left corner
+    key         (n,) int64, chart and Morton code of the first texel: nodes of one level sort by it
+    parent      (n,) int32, -1 for the nodes the tree started with
+    quadrant    (n,) int8, which child of its parent
+    children    (n, 4) int32, -1 where the chart does not enter or the node has none
+    start, end  (n,) int64, range of texel entries
+    depth       (n,) int16, 0 for the nodes the tree started with
+    current     (n,) bool
+    moment      (n, M) float64, m^2: of the monomials of degree 2 * degree in node coordinates
+    functions   (n, K, K) float64, 1/m: orthonormal basis
+    """
+
+    degree: int
+    chart: NDArray[np.int32]
+    side: NDArray[np.int32]
+    origin: NDArray[np.int32]
+    key: NDArray[np.int64]
+    parent: NDArray[np.int32]
+    quadrant: NDArray[np.int8]
+    children: NDArray[np.int32]
+    start: NDArray[np.int64]
+    end: NDArray[np.int64]
+    depth: NDArray[np.int16]
+    current: NDArray[np.bool_]
+    moment: NDArray[np.float64]
+    functions: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.chart)
+
+    @property
+    def area(self) -> NDArray[np.float64]:
+        """(n,) float64, m^2 covered by the chart."""
+        return self.moment[:, 0]
+
+    @cached_property
+    def n_functions(self) -> NDArray[np.int64]:
+        """(n,) int64: how many functions each node's domain can hold."""
+        return self.functions.any(2).sum(1)
+
+    @cached_property
+    def has_children(self) -> NDArray[np.bool_]:
+        """(n,) bool."""
+        return (self.children >= 0).any(1)
+
+    @cached_property
+    def levels(self) -> list[NDArray[np.int64]]:
+        """Nodes of each depth, from the top."""
+        return [np.flatnonzero(self.depth == d) for d in range(int(self.depth.max(initial=-1)) + 1)]
+
+
+def texel_keys(texels: TexelMap) -> NDArray[np.int64]:
+    """(n,) int64, ascending: chart and Morton code of every texel entry."""
+    return (texels.texel_chart.astype(np.int64) << _CHART_SHIFT) | texels.texel_code
+
+
+def plant_trees(texels: TexelMap, degree: int, level: int, finest_texels: int, flat: bool) -> Quadtree:
+    """Trees whose current nodes lie `level` below each chart's root, or at the finest level when `flat`.
+
+    finest_texels   side of the smallest node allowed, a power of two
+    """
+    finest = int(finest_texels).bit_length() - 1
+    depth_limit = np.maximum(texels.chart_log2 - finest, 0)
+    chart_level = depth_limit if flat else np.minimum(level, depth_limit)
+    side_log2 = (texels.chart_log2 - chart_level).astype(np.int64)
+    keys = texel_keys(texels)
+    # Entries of one node share the key without the low bits of a node's side; entries are sorted, so runs are nodes.
+    node_key = keys >> (2 * side_log2[texels.texel_chart]) << (2 * side_log2[texels.texel_chart])
+    first = np.flatnonzero(np.concatenate(([True], node_key[1:] != node_key[:-1]))) if len(keys) else np.zeros(0, int)
+    end = np.append(first[1:], len(keys)) if len(first) else first
+    chart = texels.texel_chart[first]
+    side = (1 << side_log2[chart]).astype(np.int32)
+    relative = (texels.texel_xy[first] - texels.chart_origin[chart]) // side[:, None] * side[:, None]
+    return _append(
+        _bare_tree(degree),
+        texels,
+        chart=chart,
+        side=side,
+        origin=(texels.chart_origin[chart] + relative).astype(np.int32),
+        key=node_key[first],
+        parent=np.full(len(first), -1, np.int32),
+        quadrant=np.zeros(len(first), np.int8),
+        start=first,
+        end=end,
+        depth=np.zeros(len(first), np.int16),
+        current=np.ones(len(first), bool),
+    )
+
+
+def _bare_tree(degree: int) -> Quadtree:
+    size, n_moment = basis.count_functions(degree), basis.count_functions(2 * degree)
+    whole, small = np.zeros(0, np.int64), np.zeros(0, np.int32)
+    return Quadtree(
+        degree=degree,
+        chart=small,
+        side=small,
+        origin=np.zeros((0, 2), np.int32),
+        key=whole,
+        parent=small,
+        quadrant=np.zeros(0, np.int8),
+        children=np.zeros((0, 4), np.int32),
+        start=whole,
+        end=whole,
+        depth=np.zeros(0, np.int16),
+        current=np.zeros(0, bool),
+        moment=np.zeros((0, n_moment)),
+        functions=np.zeros((0, size, size)),
+    )
+
+
+def _append(tree: Quadtree, texels: TexelMap, **new: NDArray[Any]) -> Quadtree:
+    half = new["side"] / 2.0
+    moment = texels.range_moments(new["start"], new["end"], new["origin"] + half[:, None], half, 2 * tree.degree)
+    columns = {name: np.concatenate([getattr(tree, name), values]) for name, values in new.items()}
+    n_new = len(new["chart"])
+    children = np.concatenate([tree.children, np.full((n_new, 4), -1, np.int32)])
+    born = np.flatnonzero(new["parent"] >= 0)
+    children[new["parent"][born], new["quadrant"][born]] = len(tree) + born
+    return replace(
+        tree,
+        children=children,
+        moment=np.concatenate([tree.moment, moment]),
+        functions=np.concatenate([tree.functions, basis.orthonormal_functions(basis.gram_matrix(moment, tree.degree))]),
+        **columns,
+    )
+
+
+def add_children(tree: Quadtree, nodes: NDArray[np.integer], texels: TexelMap, keys: NDArray[np.int64]) -> Quadtree:
+    """The tree with children below `nodes`, which must be larger than a texel and have none.
+
+    keys   of texel_keys(texels)
+    """
+    if len(nodes) == 0:
+        return tree
+    side = np.repeat(tree.side[nodes] // 2, 4)
+    quadrant = np.tile(np.arange(4, dtype=np.int8), len(nodes))
+    parent = np.repeat(nodes, 4).astype(np.int32)
+    key = tree.key[parent] + quadrant * side.astype(np.int64) ** 2
+    start = np.searchsorted(keys, key)
+    end = np.searchsorted(keys, key + side.astype(np.int64) ** 2)
+    covered = end > start
+    offset = np.stack([quadrant & 1, quadrant >> 1], 1) * side[:, None]
+    return _append(
+        tree,
+        texels,
+        chart=tree.chart[parent][covered],
+        side=side[covered],
+        origin=(tree.origin[parent] + offset)[covered].astype(np.int32),
+        key=key[covered],
+        parent=parent[covered],
+        quadrant=quadrant[covered],
+        start=start[covered],
+        end=end[covered],
+        depth=(tree.depth[parent] + 1)[covered].astype(np.int16),
+        current=np.zeros(int(covered.sum()), bool),
+    )
+
+
+def grow_previews(
+    tree: Quadtree, texels: TexelMap, keys: NDArray[np.int64], preview_depth: int, finest_texels: int
+) -> Quadtree:
+    """The tree with `preview_depth` levels of preview nodes below every current node, as far as texels allow."""
+    below = np.flatnonzero(tree.current)
+    for _ in range(preview_depth):
+        bare = below[~tree.has_children[below] & (tree.side[below] > finest_texels)]
+        tree = add_children(tree, bare, texels, keys)
+        children = tree.children[below]
+        below = children[children >= 0]
+    return tree
+
+
+def split(tree: Quadtree, marked: NDArray[np.integer]) -> Quadtree:
+    """The tree in which the children of the `marked` current nodes are current in their place."""
+    current = tree.current.copy()
+    current[marked] = False
+    children = tree.children[marked]
+    current[children[children >= 0]] = True
+    return replace(tree, current=current)
+
+
+def node_of_texel(tree: Quadtree, nodes: NDArray[np.integer], n_texel: int) -> NDArray[np.int32]:
+    """The node at each texel entry.
+
+    nodes   indices of nodes that tile every chart: the current ones, or those without children
+    out     (n_texel,) int32
+    """
+    order = nodes[np.argsort(tree.start[nodes])]
+    owner = np.repeat(order, tree.end[order] - tree.start[order]).astype(np.int32)
+    if len(owner) != n_texel:
+        raise ValueError(f"nodes: expected to tile {n_texel} texels, got {len(owner)}")
+    return owner
+
+
+@dataclass(frozen=True)
+class TreeView:
+    """The deepest nodes of a tree, as a process that traces needs them to place its hits.
+
+    node           (n_texel,) int32
+    centre         (n_node, 2) float32, page texels
+    inverse_half   (n_node,) float32, 1/texel
+    """
+
+    node: NDArray[np.int32]
+    centre: NDArray[np.float32]
+    inverse_half: NDArray[np.float32]
+
+    @classmethod
+    def of_tree(cls, tree: Quadtree, n_texel: int) -> TreeView:
+        half = tree.side / 2.0
+        deepest = np.flatnonzero(~tree.has_children)
+        centre = (tree.origin + half[:, None]).astype(np.float32)
+        return cls(node_of_texel(tree, deepest, n_texel), centre, (1.0 / half).astype(np.float32))
+
+    def locate(
+        self, entry: NDArray[np.integer], x: NDArray[np.floating], y: NDArray[np.floating]
+    ) -> tuple[NDArray[np.int32], NDArray[np.floating], NDArray[np.floating]]:
+        """The deepest node at each hit, and the hit in its coordinates s, t.
+
+        entry   (m,) int, texel entries;  x, y   (m,) float, page texels
+        """
+        node = self.node[entry]
+        # Rounding can put a hit a hair beyond its node, where a polynomial would run away.
+        s = np.clip((x - self.centre[node, 0]) * self.inverse_half[node], -1.0, 1.0)
+        t = np.clip((y - self.centre[node, 1]) * self.inverse_half[node], -1.0, 1.0)
+        return node, s, t

@@ -1,0 +1,125 @@
+"""Leaves to pages: the light field at every texel, times the surface, laid out as images with a margin.
+
+Pages are (height, width, 4) float32, row 0 at the bottom; alpha is 1 where a chart covers the texel, else 0 (the margin's
+colour has alpha 0 too). Passes and their units: docs/units.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import basis
+from .margin import fill_margin
+from .materials import SurfaceMaterials
+from .quadtree import node_of_texel
+from .solve import LightField
+from .texel_map import TexelMap, centred_strata
+
+_CHUNK = 1 << 18
+_ALBEDO_POINTS = 4  # a texel's albedo is a mean over so many points, for textures finer than the lightmap
+
+
+@dataclass(frozen=True)
+class TexelLight:
+    """Light at the texel entries.
+
+    direct, indirect   (n, 3) float32, W/m^2, never negative
+    stderr             (n, 3) float32, W/m^2, of their sum
+    leaf               (n,) int32, node of the tree
+    """
+
+    direct: NDArray[np.float32]
+    indirect: NDArray[np.float32]
+    stderr: NDArray[np.float32]
+    leaf: NDArray[np.int32]
+
+
+def light_at_texels(field: LightField, texels: TexelMap) -> TexelLight:
+    """The leaves' functions at each texel's own point, plus direct light by rays."""
+    n = len(texels.texel_area)
+    leaf = node_of_texel(field.tree, field.leaves, n)
+    direct, indirect = field.direct.irradiance.copy(), np.empty((n, 3), np.float32)
+    stderr = np.empty((n, 3), np.float32)
+    x, y = texels.hit_texel_xy(texels.texel_tri, texels.texel_bary[:, 1], texels.texel_bary[:, 2])
+    tree, solution = field.tree, field.solution
+    for start in range(0, n, _CHUNK):
+        part = slice(start, min(start + _CHUNK, n))
+        node = leaf[part]
+        half = tree.side[node] / 2.0
+        s = (x[part] - tree.origin[node, 0]) / half - 1.0
+        t = (y[part] - tree.origin[node, 1]) / half - 1.0
+        values = np.array(basis.monomials(s, t, tree.degree))
+        irradiance = np.einsum("bckn,kn->bnc", solution.coefficient[..., node], values)
+        direct[part] += np.maximum(irradiance[0], 0.0)  # a fitted plane may dip below zero at the edge of a shadow
+        indirect[part] = np.maximum(irradiance[1], 0.0)
+        squares = (np.einsum("nij,jn->ni", tree.functions[node], values) ** 2).sum(1) * tree.area[node]
+        variance = solution.variance[:, node].T * squares[:, None] * field.correction + field.direct.variance[part]
+        stderr[part] = np.sqrt(variance)
+    return TexelLight(direct, indirect, stderr, leaf)
+
+
+class Resolver:
+    """Pages of any pass from one light field."""
+
+    def __init__(self, light: TexelLight, texels: TexelMap, surfaces: SurfaceMaterials, entry_page: NDArray[np.int32], margin: int):
+        """entry_page   (n,) int32: the page of each texel entry"""
+        self._light, self._texels, self._surfaces = light, texels, surfaces
+        self._entry_page, self._margin = entry_page, margin
+
+    def page(self, name: str, page: int) -> NDArray[np.float32]:
+        """One page (h, w, 4) of the pass `name`."""
+        texels, size = self._texels, self._texels.page_size
+        entry = np.flatnonzero(self._entry_page == page)
+        cell = texels.texel_xy[entry, 1].astype(np.int64) * size + texels.texel_xy[entry, 0]
+        weight = texels.texel_area[entry]
+        total = np.bincount(cell, weight, size * size)
+        covered = total > 0.0
+        value = self._pass_values(name, entry)
+        pixels = np.zeros((size * size, 4), np.float32)
+        for channel in range(3):
+            mean = np.bincount(cell, weight * value[:, channel], size * size)
+            pixels[covered, channel] = mean[covered] / total[covered]
+        pixels[covered, 3] = 1.0
+        image = pixels.reshape(size, size, 4)
+        image[..., :3] = fill_margin(image[..., :3], covered.reshape(size, size), self._margin)
+        return image
+
+    def _pass_values(self, name: str, entry: NDArray[np.integer]) -> NDArray[np.float32]:
+        light = self._light
+        if name == "direct":
+            return light.direct[entry] / np.float32(np.pi)
+        if name == "indirect":
+            return light.indirect[entry] / np.float32(np.pi)
+        if name == "stderr":
+            return light.stderr[entry] / np.float32(np.pi)
+        if name == "albedo":
+            return self._surface(entry, emission=False)
+        if name == "emission":
+            return self._surface(entry, emission=True)
+        lighting = (light.direct[entry] + light.indirect[entry]) / np.float32(np.pi)
+        if name == "lighting":
+            return lighting
+        diffuse = lighting * self._surface(entry, emission=False)
+        if name == "diffuse":
+            return diffuse
+        if name == "combined":
+            return diffuse + self._surface(entry, emission=True)
+        raise ValueError(f"pass: {name!r} is not known")
+
+    def _surface(self, entry: NDArray[np.integer], emission: bool) -> NDArray[np.float32]:
+        """Mean albedo or emitted radiance over each texel's covered part."""
+        look_up = self._surfaces.emission_at if emission else self._surfaces.albedo_at
+        out = np.empty((len(entry), 3), np.float32)
+        for start in range(0, len(entry), _CHUNK):
+            part = entry[start : start + _CHUNK]
+            if not self._surfaces.has_texture(emission):
+                flat = np.zeros(len(part), np.float32)
+                out[start : start + _CHUNK] = look_up(self._texels.texel_tri[part], flat, flat)
+                continue
+            tri, uv = self._texels.sub_points(part, centred_strata(_ALBEDO_POINTS))
+            values = look_up(tri.ravel(), uv[..., 0].ravel(), uv[..., 1].ravel())
+            out[start : start + _CHUNK] = values.reshape(_ALBEDO_POINTS, -1, 3).mean(0)
+        return out

@@ -1,0 +1,180 @@
+"""Random streams, low-discrepancy points, warps from the unit square with their densities, and the alias table.
+
+A warp takes u (n, 2) float, uniform in [0, 1), and keeps its dtype. Each density says its measure.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .scene import FloatArray, IntArray
+
+
+def shard_rng(seed: int, round_index: int, shard: int) -> np.random.Generator:
+    """The stream of one shard, independent of every other's: the three numbers are hashed, not added.
+
+    Source: numpy's SeedSequence (O'Neill 2015, "Developing a seed_seq alternative"); SFC64 is numpy's fastest generator.
+    """
+    return np.random.Generator(np.random.SFC64(np.random.SeedSequence((seed, round_index, shard))))
+
+
+# Powers of 1/g, g the root of g^5 = g + 1, in 2^-32: four coordinates of the R sequence. Source: Roberts 2018.
+_KRONECKER_STEPS = np.array([round(2**32 * 1.1673039782614187**-k) | 1 for k in (1, 2, 3, 4)], np.uint32)
+
+
+def kronecker_points(shift: NDArray[np.uint32], start: int, count: int) -> NDArray[np.float32]:
+    """Points start ... start + count - 1 of a shifted low-discrepancy sequence; over random shifts each is uniform.
+
+    shift   (4,) uint32, uniform: the Cranley-Patterson rotation
+    out     (count, 4) float32 in [0, 1)
+    Source: Roberts 2018, "The Unreasonable Effectiveness of Quasirandom Sequences"; integers wrap by themselves and never reach 1.
+    """
+    index = np.arange(start, start + count, dtype=np.uint64).astype(np.uint32)
+    bits = index[:, None] * _KRONECKER_STEPS + shift
+    return (bits >> np.uint32(8)).astype(np.float32) * np.float32(2.0**-24)
+
+
+def square_to_uniform_disk(u: FloatArray) -> FloatArray:
+    """Points of the unit disk, density 1/pi per area; neighbours stay neighbours.
+
+    u     (n, 2) float, uniform in [0, 1)
+    out   (n, 2) float
+    Source: Shirley & Chiu 1997, concentric map, in Cline's form.
+    """
+    a, b = 2 * u[:, 0] - 1, 2 * u[:, 1] - 1
+    wide = np.abs(a) > np.abs(b)
+    radius = np.where(wide, a, b)
+    ratio = np.where(wide, b, a) / np.where(radius == 0, 1, radius)
+    phi = np.where(wide, math.pi / 4 * ratio, math.pi / 2 - math.pi / 4 * ratio).astype(u.dtype)
+    return np.stack([radius * np.cos(phi), radius * np.sin(phi)], axis=1)
+
+
+def uniform_disk_pdf() -> float:
+    """Density of square_to_uniform_disk, per area."""
+    return 1 / math.pi
+
+
+def square_to_cosine_hemisphere(u: FloatArray) -> FloatArray:
+    """Unit directions around +Z with density cos(theta)/pi per steradian.
+
+    u     (n, 2) float, uniform in [0, 1)
+    out   (n, 3) float, unit
+    Source: Malley's method; Shirley & Chiu 1997 for the disk.
+    """
+    disk = square_to_uniform_disk(u)
+    z = np.sqrt(np.maximum(0, 1 - (disk**2).sum(axis=1)))
+    return np.concatenate([disk, z[:, None]], axis=1)
+
+
+def cosine_hemisphere_pdf(cosine: FloatArray) -> FloatArray:
+    """Density of square_to_cosine_hemisphere, per steradian, at the cosine to +Z."""
+    out: FloatArray = np.maximum(cosine, 0) / math.pi
+    return out
+
+
+def square_to_uniform_sphere(u: FloatArray) -> FloatArray:
+    """Unit directions, density 1/(4 pi) per steradian.
+
+    u     (n, 2) float, uniform in [0, 1)
+    out   (n, 3) float, unit
+    Source: Archimedes; z is uniform.
+    """
+    return _from_height(2 * u[:, 0], u[:, 1])
+
+
+def uniform_sphere_pdf() -> float:
+    """Density of square_to_uniform_sphere, per steradian."""
+    return 1 / (4 * math.pi)
+
+
+def square_to_uniform_cone(u: FloatArray, half_angle_rad: float) -> FloatArray:
+    """Unit directions within an angle of +Z, uniform per steradian; exact in float32 for angles as small as the sun's.
+
+    u     (n, 2) float, uniform in [0, 1)
+    out   (n, 3) float, unit
+    """
+    return _from_height(u[:, 0] * _one_minus_cosine(half_angle_rad), u[:, 1])
+
+
+def uniform_cone_pdf(half_angle_rad: float) -> float:
+    """Density of square_to_uniform_cone inside its cone, per steradian."""
+    return 1 / (2 * math.pi * _one_minus_cosine(half_angle_rad))
+
+
+def _one_minus_cosine(angle_rad: float) -> float:
+    return 2 * math.sin(angle_rad / 2) ** 2
+
+
+def _from_height(drop: FloatArray, turn: FloatArray) -> FloatArray:
+    """Unit directions with z = 1 - drop, `turn` of the way around +Z."""
+    radius = np.sqrt(drop * (2 - drop))
+    phi = 2 * math.pi * turn
+    return np.stack([radius * np.cos(phi), radius * np.sin(phi), 1 - drop], axis=1)
+
+
+def square_to_uniform_triangle(u: FloatArray) -> FloatArray:
+    """Barycentric coordinates (weights of corners 1 and 2), density 2 in the unit triangle, 1/area on a triangle.
+
+    u     (n, 2) float, uniform in [0, 1)
+    out   (n, 2) float
+    Source: Heitz 2019, "A Low-Distortion Map Between Triangle and Square".
+    """
+    a, b = u[:, 0], u[:, 1]
+    upper = b > a
+    return np.stack([np.where(upper, a / 2, a - b / 2), np.where(upper, b - a / 2, b / 2)], axis=1)
+
+
+def uniform_triangle_pdf(area: float) -> float:
+    """Density of square_to_uniform_triangle on a triangle of that area, per area."""
+    return 1 / area
+
+
+class AliasTable:
+    """Chooses indices in proportion to weights, in constant time per choice.
+
+    weights       (n,) float, finite, >= 0, at least one > 0
+    probability   (n,) float64, of each index
+    Raises ValueError for weights that cannot be chosen from.
+    Source: Walker 1974, Vose 1991; built without a loop by the sweep of Hübschle-Schneider & Sanders 2019, section 4.
+    """
+
+    def __init__(self, weights: FloatArray) -> None:
+        weight = np.asarray(weights, np.float64)
+        if weight.ndim != 1 or not np.isfinite(weight).all() or (weight < 0).any() or not weight.any():
+            raise ValueError(f"weights: expected finite numbers >= 0 with one above 0, got shape {weight.shape}: {weight[:8]}")
+        share = weight / weight.max()  # the sum of huge weights would overflow
+        self.probability = share / share.sum()
+        filled = self.probability * len(weight)
+        light, heavy = np.flatnonzero(filled < 1), np.flatnonzero(filled >= 1)
+        if not len(heavy):  # all equal, rounded just below 1
+            light, heavy = light[:-1], light[-1:]
+        need = np.cumsum(1 - filled[light])  # what light buckets have taken from heavy ones, after each
+        spare = np.cumsum(filled[heavy] - 1)  # what heavy ones had to give, up to each
+        self._keep, self._alias = np.ones(len(weight)), np.arange(len(weight))
+        self._keep[light] = filled[light]
+        giver = np.searchsorted(spare, np.concatenate([[0.0], need[:-1]])[: len(light)], side="right")
+        self._alias[light] = heavy[np.minimum(giver, len(heavy) - 1)]
+        # A heavy bucket is done with the first light one that overdraws it; the next heavy one fills what is missing.
+        if len(light):
+            last = np.minimum(np.searchsorted(need, spare[:-1]), len(light) - 1)
+            self._keep[heavy[:-1]] = np.clip(1 + spare[:-1] - need[last], 0, 1)
+            self._alias[heavy[:-1]] = heavy[1:]
+
+    def sample(self, u: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Indices, and what is left of each number, again uniform in [0, 1); it has lost log2(n) bits.
+
+        u       (m,) float, uniform in [0, 1)
+        index   (m,) int64
+        rest    (m,) float, dtype of u
+        """
+        place = np.asarray(u, np.float64) * len(self._keep)
+        bucket = np.minimum(place.astype(np.int64), len(self._keep) - 1)
+        rest, keep = place - bucket, self._keep[bucket]
+        kept = rest < keep
+        low, width = np.where(kept, 0, keep), np.where(kept, keep, 1 - keep)
+        below_one = np.nextafter(u.dtype.type(1), u.dtype.type(0))
+        rest = np.minimum((rest - low) / width, below_one).astype(u.dtype)
+        return np.where(kept, bucket, self._alias[bucket]), rest

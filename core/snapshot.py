@@ -1,0 +1,126 @@
+"""SceneSnapshot on disk: one .npz of plain arrays with a JSON header among them, no pickle."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .scene import Light, Material, SceneObject, SceneSnapshot, TextureImage
+
+FORMAT = "leaflight-snapshot"
+FORMAT_VERSION = 1
+_HEADER = "header"
+_ARRAYS = (
+    "vertex_position",
+    "tri_vertex",
+    "tri_object",
+    "tri_material",
+    "tri_polygon",
+    "tri_corner",
+    "tri_normal",
+    "tri_uv",
+    "tri_albedo_uv",
+    "tri_emission_uv",
+)
+
+
+def save_snapshot(path: str | Path, snapshot: SceneSnapshot) -> None:
+    """Writes a snapshot to `path`, as it is named.
+
+    Raises OSError where the file cannot be written.
+    """
+    header = {
+        "format": FORMAT,
+        "version": FORMAT_VERSION,
+        "objects": [asdict(item) for item in snapshot.objects],
+        "materials": [asdict(item) for item in snapshot.materials],
+        "lights": [asdict(item) for item in snapshot.lights],
+        "images": [{"name": image.name, "extension": image.extension, "closest": image.closest} for image in snapshot.images],
+        "world_rgb": snapshot.world_rgb,
+    }
+    arrays = {name: getattr(snapshot, name) for name in _ARRAYS}
+    arrays |= {_image_key(index): image.pixels for index, image in enumerate(snapshot.images)}
+    arrays[_HEADER] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    with open(path, "wb") as file:  # an open file keeps numpy from adding a suffix
+        np.savez(file, **arrays)
+
+
+def load_snapshot(path: str | Path) -> SceneSnapshot:
+    """The snapshot stored in `path`.
+
+    Raises OSError where there is no such file, ValueError with a sentence where it holds no snapshot of this version.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+    except (zipfile.BadZipFile, ValueError, EOFError, KeyError, AttributeError, TypeError) as reason:
+        raise ValueError(f"{path}: is not a Leaflight snapshot or is damaged ({reason}); export the scene again.") from reason
+    header = _read_header(path, arrays)
+    try:
+        return _build_snapshot(header, arrays)
+    except (KeyError, TypeError, ValueError) as reason:
+        raise ValueError(f"{path}: is a damaged snapshot ({reason}); export the scene again.") from reason
+
+
+def _read_header(path: str | Path, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    try:
+        header = json.loads(arrays[_HEADER].tobytes())
+        if header["format"] != FORMAT:
+            raise ValueError(f"its format is {header['format']!r}")
+        version = header["version"]
+    except (KeyError, TypeError, ValueError) as reason:
+        raise ValueError(f"{path}: is not a Leaflight snapshot or is damaged ({reason}); export the scene again.") from reason
+    if version != FORMAT_VERSION:
+        raise ValueError(
+            f"{path}: holds snapshot version {version}, this Leaflight reads version {FORMAT_VERSION}; export the scene again."
+        )
+    found: dict[str, Any] = header
+    return found
+
+
+def _build_snapshot(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> SceneSnapshot:
+    images = tuple(
+        TextureImage(pixels=_as_picture(arrays[_image_key(index)], entry["name"]), **entry) for index, entry in enumerate(header["images"])
+    )
+    objects = tuple(SceneObject(**_frozen(entry)) for entry in header["objects"])
+    materials = tuple(Material(**_frozen(entry)) for entry in header["materials"])
+    lights = tuple(Light(**_frozen(entry)) for entry in header["lights"])
+    snapshot = SceneSnapshot(
+        **{name: arrays[name] for name in _ARRAYS},
+        objects=objects,
+        materials=materials,
+        images=images,
+        lights=lights,
+        world_rgb=_frozen(header["world_rgb"]),
+    )
+    for name in _ARRAYS:
+        kind = "f" if name in ("vertex_position", "tri_normal") or name.endswith("uv") else "i"
+        if arrays[name].dtype.kind != kind:
+            raise ValueError(f"{name}: expected numbers of kind {kind!r}, got {arrays[name].dtype}")
+    return snapshot
+
+
+def _as_picture(pixels: NDArray[Any], name: str) -> NDArray[np.float32]:
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.float32:
+        raise ValueError(f"image {name}: expected (height, width, 3) float32, got {pixels.shape} {pixels.dtype}")
+    return pixels
+
+
+def _frozen(value: Any) -> Any:
+    """JSON's lists as the tuples they were."""
+    if isinstance(value, list):
+        return tuple(_frozen(item) for item in value)
+    if isinstance(value, dict):
+        return {name: _frozen(item) for name, item in value.items()}
+    return value
+
+
+def _image_key(index: int) -> str:
+    return f"image_{index}"

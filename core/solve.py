@@ -1,0 +1,243 @@
+"""From a traced scene to light on texels: rounds of photons, refinement, and the rule that stops them.
+
+A photon's way: lights.emit -> photons.trace_shard -> texels.entry_of -> tally.deposit -> refine.mark -> quadtree.split.
+This is the only module that sees both the tracing and the statistics.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import basis, estimate, quadtree, refine, shared_arrays, tally, workers
+from .messages import Message, Progress
+from .quadtree import Quadtree
+from .settings import Settings
+from .tally import Solution, Tally
+
+ENERGY_NAMES = ("emitted", "absorbed", "escaped", "remainder")
+FIRST_ROUND_PHOTONS = 1 << 16
+SHARD_PHOTONS = 1 << 17  # at most
+# A round adds at most this share of all photons so far: late nodes lose what came before them.
+ROUND_GROWTH = 0.5
+ROUND_PHOTONS = 1 << 22  # at most, so that progress, cancelling and time limits are felt
+
+
+@dataclass(frozen=True)
+class DirectLight:
+    """Direct irradiance by shadow rays at every texel entry; zeros when photons carry it.
+
+    irradiance   (n, 3) float32, W/m^2
+    variance     (n, 3) float32, (W/m^2)^2
+    """
+
+    irradiance: NDArray[np.float32]
+    variance: NDArray[np.float32]
+
+    @classmethod
+    def none(cls, n_texel: int) -> DirectLight:
+        return cls(np.zeros((n_texel, 3), np.float32), np.zeros((n_texel, 3), np.float32))
+
+
+@dataclass
+class Ledger:
+    """Sums of all shards, each photon carrying all the light of the scene; divided by the photons when read.
+
+    energy_w   emitted, absorbed, escaped, remainder: (3,) float64 each
+    """
+
+    energy_w: dict[str, NDArray[np.float64]] = field(default_factory=lambda: {name: np.zeros(3) for name in ENERGY_NAMES})
+    rays: int = 0
+    deposits: int = 0
+
+    def add(self, result: workers.PhotonResult) -> None:
+        for name in ENERGY_NAMES:
+            self.energy_w[name] += getattr(result.audit, name)
+        self.rays += result.counters.rays
+        self.deposits += result.counters.deposits
+
+    def audit_w(self, photons: int) -> dict[str, list[float]]:
+        """The energy audit, W: emitted = absorbed + escaped + remainder."""
+        return {name: (total / max(photons, 1)).tolist() for name, total in self.energy_w.items()}
+
+
+@dataclass(frozen=True)
+class LightField:
+    """The light of a bake, before it becomes pages.
+
+    leaves         (m,) int64: the nodes to show
+    correction     of the leaves' variance, see estimate
+    stopped_by     "error", "max_photons", "time_limit" or "interrupted"
+    """
+
+    tree: Quadtree
+    solution: Solution
+    leaves: NDArray[np.int64]
+    received: NDArray[np.int64]
+    correction: float
+    direct: DirectLight
+    error: float
+    photons: int
+    rounds: int
+    stopped_by: str
+    ledger: Ledger
+
+
+@dataclass
+class Solver:
+    """A bake in progress: a stable solution exists after every round."""
+
+    folder: Path  # of workers.open_tracing
+    settings: Settings
+    executor: Executor
+    direct: DirectLight
+    forced_texels: NDArray[np.bool_]
+    started: float = field(default_factory=time.monotonic)
+
+    def __post_init__(self) -> None:
+        self.tracing = workers.open_tracing(str(self.folder))
+        texels, settings = self.tracing.texels, self.settings
+        self.degree = basis.DEGREES[settings.basis]
+        self.keys = quadtree.texel_keys(texels)
+        self.tree = quadtree.plant_trees(texels, self.degree, settings.min_level, settings.finest_texels, not settings.hierarchical)
+        if settings.hierarchical:
+            self._grow_previews()
+        self.tally = Tally.empty(len(self.tree), self.degree)
+        self.ledger = Ledger()
+        self.round = 0
+        self.stopped_by = ""
+
+    def _grow_previews(self) -> None:
+        texels, settings = self.tracing.texels, self.settings
+        self.tree = quadtree.grow_previews(self.tree, texels, self.keys, settings.preview_depth, settings.finest_texels)
+
+    def run(self, tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> LightField:
+        """Rounds until one of the stop rules holds; `tell` hears of each."""
+        light = self.light()
+        while not self.stopped_by:
+            self._trace_round(self._next_photons(light.error))
+            light = self.light()
+            self.stopped_by = self._stop_reason(light.error, should_stop)
+            tell(self._progress(light))
+            if not self.stopped_by and self.settings.hierarchical:
+                self._refine(light.solution)
+        return self.light()
+
+    def _trace_round(self, photons: int) -> None:
+        view = self.folder / f"view_{self.round}"
+        shared_arrays.save_struct(view, quadtree.TreeView.of_tree(self.tree, len(self.keys)))
+        n_shard = 2 * max(1, math.ceil(photons / (2 * SHARD_PHOTONS)))
+        settings = self.settings
+        shards = [
+            workers.PhotonShard(
+                tracing=str(self.folder),
+                view=str(view),
+                seed=settings.seed,
+                round=self.round,
+                shard=shard,
+                photons=photons // n_shard,
+                max_depth=settings.max_depth,
+                degree=self.degree,
+                skip_first=settings.direct == "rays",
+            )
+            for shard in range(n_shard)
+        ]
+        for shard, result in zip(shards, self.executor.map(workers.trace_photons, shards), strict=True):
+            self.tally.add(shard.shard % 2, result.tally, shard.photons)
+            self.ledger.add(result)
+        shared_arrays.remove_struct(view)
+        self.round += 1
+
+    def _refine(self, solution: Solution) -> None:
+        settings = self.settings
+        rule = refine.Rule(settings.oracle, settings.threshold, settings.stability, settings.preview_depth)
+        totals = tally.accumulate(self.tree, self.tally)
+        while True:  # a split node's children may have previews of their own that tell enough already
+            forced = _any_in_range(self.forced_texels, self.tree) & (self.tree.side > settings.finest_texels)
+            marked = refine.mark(self.tree, totals, solution, rule, forced, self._node_direct(self.direct.irradiance))
+            if not len(marked):
+                break
+            self.tree = quadtree.split(self.tree, marked)
+        self._grow_previews()
+        self.tally.grow(len(self.tree))
+
+    def light(self) -> LightField:
+        """The light as it stands."""
+        totals = tally.accumulate(self.tree, self.tally)
+        solution = tally.solve_tallies(self.tree, totals)
+        leaves = refine.choose_leaves(self.tree, totals, solution, self.settings.stability)
+        stated = estimate.state_error(
+            self.tree,
+            totals,
+            solution,
+            leaves,
+            self._node_direct(self.direct.irradiance),
+            self._node_direct(self.direct.variance),
+        )
+        return LightField(
+            self.tree,
+            solution,
+            leaves,
+            totals.received,
+            stated.correction,
+            self.direct,
+            stated.relative,
+            int(self.tally.photons.sum()),
+            self.round,
+            self.stopped_by,
+            self.ledger,
+        )
+
+    def _node_direct(self, per_texel: NDArray[np.float32]) -> NDArray[np.float64]:
+        """(3, n) float64: means over each node's texels."""
+        out = np.zeros((3, len(self.tree)))
+        if per_texel.any():
+            for channel in range(3):
+                sums = np.concatenate([[0.0], np.cumsum(per_texel[:, channel], dtype=np.float64)])
+                out[channel] = (sums[self.tree.end] - sums[self.tree.start]) / (self.tree.end - self.tree.start)
+        return out
+
+    def _next_photons(self, error: float) -> int:
+        so_far = int(self.tally.photons.sum())
+        if not so_far:
+            return min(FIRST_ROUND_PHOTONS, self.settings.max_photons)
+        wanted = min(ROUND_GROWTH * so_far, ROUND_PHOTONS)  # never the clock: the same seed gives the same bytes
+        if math.isfinite(error) and error > 0.0:  # noise falls as the square root; no more than that needs
+            wanted = min(wanted, so_far * max((error / self.settings.error) ** 2 - 1.0, 0.1))
+        return int(min(max(wanted, FIRST_ROUND_PHOTONS), self.settings.max_photons - so_far))
+
+    def _stop_reason(self, error: float, should_stop: Callable[[], bool]) -> str:
+        settings = self.settings
+        if should_stop():
+            return "interrupted"
+        if error <= settings.error:
+            return "error"
+        if settings.max_photons - self.tally.photons.sum() < 2:
+            return "max_photons"
+        if settings.time_limit and time.monotonic() - self.started >= settings.time_limit:
+            return "time_limit"
+        return ""
+
+    def _progress(self, light: LightField) -> Progress:
+        seconds = max(time.monotonic() - self.started, 1e-6)
+        settings = self.settings
+        fractions = [light.photons / settings.max_photons]
+        if light.error > 0.0:
+            fractions.append(min((settings.error / light.error) ** 2, 1.0))
+        if settings.time_limit:
+            fractions.append(seconds / settings.time_limit)
+        fraction = 1.0 if light.stopped_by else min(max(fractions), 1.0)
+        left = seconds * (1.0 / fraction - 1.0) if fraction > 0.0 else math.nan
+        return Progress(fraction, light.photons, light.photons / seconds, light.error, left, len(light.leaves))
+
+
+def _any_in_range(flag: NDArray[np.bool_], tree: Quadtree) -> NDArray[np.bool_]:
+    counts = np.concatenate([[0], np.cumsum(flag)])
+    return counts[tree.end] > counts[tree.start]

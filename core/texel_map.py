@@ -1,0 +1,209 @@
+"""The covered texels of all charts: moments over ranges of them, texel -> points on triangles, hit -> texel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .coverage import Float64, Int32, Int64, chunk_ranges, clip_to_texels, expand_ranges, monomial_exponents, powers
+from .scene import FloatArray, IntArray
+from .texel_grid import TexelGrid
+
+
+@dataclass(frozen=True)
+class TexelMap:
+    """One entry per (chart, texel) with covered area, sorted by (chart, Morton code).
+
+    chart_origin   (n_chart, 2) int32       page texel of the quadtree root's lower left corner
+    chart_log2     (n_chart,) int32         the root's side is 2**k texels
+    chart_start    (n_chart + 1,) int64     entries of chart c are chart_start[c]:chart_start[c + 1]
+    texel_chart    (n,) int32
+    texel_xy       (n, 2) int32             page texel
+    texel_code     (n,) int64               Morton code of texel_xy - chart_origin
+    texel_area     (n,) float64, m^2        world area of the chart inside the texel
+    texel_tri      (n,) int32               triangle of the representative point
+    grid           lookup of entries by triangle and texel
+    tri_uv         (n_tri + 1, 3, 2) float64   page texels; the last is for "no triangle"
+    tri_density    (n_tri,) float64         m^2 per texel^2
+    part_entry     (n_part,) int64          entries that are not wholly inside their triangles, ascending
+    part_point     (n_part, 2) float64      their representative points, texels from the texel's centre
+    part_moments   (n_part, M) float64, m^2 their moments about the texel's centre, in texels, less those of a full texel of equal area
+    pair_start     (n_part + 1,) int64      pairs of part i are pair_start[i]:pair_start[i + 1]
+    pair_tri       (n_pair,) int32          triangles with a share in the part
+    """
+
+    page_size: int
+    page_count: int
+    degree: int
+    chart_origin: Int32
+    chart_log2: Int32
+    chart_start: Int64
+    texel_chart: Int32
+    texel_xy: Int32
+    texel_code: Int64
+    texel_area: Float64
+    texel_tri: Int32
+    grid: TexelGrid
+    tri_uv: Float64
+    tri_density: Float64
+    part_entry: Int64
+    part_point: Float64
+    part_moments: Float64
+    pair_start: Int64
+    pair_tri: Int32
+
+    @cached_property
+    def texel_bary(self) -> NDArray[np.float32]:
+        """(n, 3) float32: corner weights of a point inside the covered part, on texel_tri."""
+        point = self.texel_xy + 0.5
+        point[self.part_entry] += self.part_point
+        uv = self._corner_weights(self.texel_tri, point)
+        return np.column_stack([np.maximum(1.0 - uv.sum(axis=1), 0.0), uv]).astype(np.float32)
+
+    def hit_texel_xy(self, tri: IntArray, u: FloatArray, v: FloatArray) -> tuple[Float64, Float64]:
+        """Page texel coordinates of hits.
+
+        tri   (m,) int      -1 gives 0, 0
+        u, v  (m,) float    weights of corners 1 and 2
+        out   (m,) float64 x, (m,) float64 y
+        """
+        corner = self.tri_uv[tri]
+        weight = 1.0 - u - v
+        x, y = (weight * corner[:, 0, axis] + u * corner[:, 1, axis] + v * corner[:, 2, axis] for axis in (0, 1))
+        return x, y
+
+    def entry_of(self, tri: IntArray, x: FloatArray, y: FloatArray) -> Int32:
+        """Entries that hits belong to; -1 for a miss and where the triangle has no texels.
+
+        tri   (m,) int      -1 is a miss
+        x, y  (m,) float    page texel coordinates
+        out   (m,) int32
+        """
+        return self.grid.find(tri, x, y)
+
+    def range_moments(self, start: IntArray, end: IntArray, centre: FloatArray, half: FloatArray, degree: int) -> Float64:
+        """World-area integrals of the monomials in s = (x - centre) / half over ranges of entries.
+
+        start, end  (k,) int        ranges may be empty, overlap and nest
+        centre      (k, 2) float    page texels
+        half        (k,) float      texels
+        out         (k, M) float64, m^2, in the order 1, s, t, s^2, st, t^2, s^3, s^2 t, ...
+        Raises ValueError when the degree is not 0, 2 or 4 or exceeds that of the map.
+        """
+        exponents = monomial_exponents(degree)
+        if degree > self.degree:
+            raise ValueError(f"degree: expected at most {self.degree}, that of the texel map, got {degree}")
+        moments = np.zeros((len(exponents), len(start)))
+        for rows, first, last in chunk_ranges(start, end):
+            owner, entry = expand_ranges(first, last)
+            area, (s, t), h = self._offsets(entry, rows[owner], centre, half)
+            s_power, t_power = _texel_means(s, h, degree), _texel_means(t, h, degree)
+            begins = np.append(0, np.cumsum(last - first)[:-1])
+            for k, (of_s, of_t) in enumerate(exponents):
+                moments[k, rows] += np.add.reduceat(area * s_power[of_s] * t_power[of_t], begins)
+        if degree:
+            self._add_part_moments(moments, start, end, centre, half, degree)
+        return np.ascontiguousarray(moments.T)
+
+    def _add_part_moments(
+        self, moments: Float64, start: IntArray, end: IntArray, centre: FloatArray, half: FloatArray, degree: int
+    ) -> None:
+        exponents = monomial_exponents(degree)
+        part_start, part_end = np.searchsorted(self.part_entry, start), np.searchsorted(self.part_entry, end)
+        for rows, first, last in chunk_ranges(part_start, part_end):
+            owner, part = expand_ranges(first, last)
+            _, (s, t), h = self._offsets(self.part_entry[part], rows[owner], centre, half)
+            s_power, t_power, h_power = powers(s, degree), powers(t, degree), powers(h, degree)
+            excess = [self.part_moments[part, m] * h_power[i + j] for m, (i, j) in enumerate(exponents)]
+            begins = np.append(0, np.cumsum(last - first)[:-1])
+            for k, (a, b) in enumerate(exponents[1:], start=1):
+                total = np.zeros(len(part))
+                for m, (i, j) in enumerate(exponents[1:], start=1):
+                    if i <= a and j <= b:
+                        total += comb(a, i) * comb(b, j) * s_power[a - i] * t_power[b - j] * excess[m]
+                moments[k, rows] += np.add.reduceat(total, begins)
+
+    def _offsets(
+        self, entry: Int64, row: Int64, centre: FloatArray, half: FloatArray
+    ) -> tuple[Float64, tuple[FloatArray, FloatArray], FloatArray]:
+        """Areas of the entries, their texels' centres in units of s and t, and the size of a texel in s."""
+        size = 1.0 / half[row]
+        s, t = ((self.texel_xy[entry, axis] + 0.5 - centre[row, axis]) * size for axis in (0, 1))
+        return self.texel_area[entry], (s, t), size
+
+    def sub_points(self, entry: IntArray, point: FloatArray) -> tuple[Int32, NDArray[np.float32]]:
+        """Points of the unit square carried over to the covered part of texels, uniform by world area.
+
+        entry   (m,) int
+        point   (k, m, 2) or (k, 1, 2) float in [0, 1); `centred_strata` or stratified random numbers
+        out     (k, m) int32 triangle, (k, m, 2) float32 weights of its corners 1 and 2
+        """
+        place = np.broadcast_to(point, (len(point), len(entry), 2)).astype(np.float64)
+        tri = np.broadcast_to(self.texel_tri[entry], place.shape[:2]).copy()
+        part = np.searchsorted(self.part_entry, entry)
+        is_part = self.part_entry[np.minimum(part, len(self.part_entry) - 1)] == entry if len(self.part_entry) else part < 0
+        if is_part.any():
+            tri[:, is_part], place[:, is_part] = self._warp_to_parts(part[is_part], place[:, is_part])
+        place += self.texel_xy[entry]
+        uv = self._corner_weights(tri.ravel(), place.reshape(-1, 2))
+        return tri, uv.reshape(place.shape).astype(np.float32)
+
+    def _warp_to_parts(self, part: Int64, point: Float64) -> tuple[Int32, Float64]:
+        """Triangles (k, m) and places (k, m, 2) from the texel's lower left corner."""
+        owner, pair = expand_ranges(self.pair_start[part], self.pair_start[part + 1])
+        tri = self.pair_tri[pair]
+        pieces = clip_to_texels(self.tri_uv[tri], self.texel_xy[self.part_entry[part[owner]]])
+        weight = pieces.area * self.tri_density[tri[pieces.pair]]
+        weight /= np.bincount(owner[pieces.pair], weight, minlength=len(part))[owner[pieces.pair]]
+        # Cumulative shares rise by one from part to part, so that one search serves all of them.
+        after = np.cumsum(weight)
+        target = point[:, :, 0] + np.arange(len(part))
+        bounds = np.searchsorted(owner[pieces.pair], np.arange(len(part) + 1))
+        chosen = np.clip(np.searchsorted(after, target, side="right"), bounds[:-1], bounds[1:] - 1)
+        # Source: Turk 1990, "Generating random points in triangles"; what is left of the first number is used again.
+        root = np.sqrt(np.clip((target - after[chosen]) / weight[chosen] + 1.0, 0.0, 1.0))
+        second = root * point[:, :, 1]
+        shares = (1.0 - root, root - second, second)
+        place = [sum(share * corner[chosen] for share, corner in zip(shares, axis, strict=True)) for axis in (pieces.x, pieces.y)]
+        return tri[pieces.pair[chosen]], np.stack(place, axis=-1) + 0.5
+
+    def _corner_weights(self, tri: Int32, point: Float64) -> Float64:
+        """Weights (n, 2) of corners 1 and 2 at page texel coordinates (n, 2), brought inside the triangle."""
+        corner = self.tri_uv[tri]
+        x, y = (point - corner[:, 0]).T
+        (x_1, y_1), (x_2, y_2) = (corner[:, 1] - corner[:, 0]).T, (corner[:, 2] - corner[:, 0]).T
+        double_area = x_1 * y_2 - y_1 * x_2
+        u = (x * y_2 - y * x_2) / double_area
+        v = (y * x_1 - x * y_1) / double_area
+        uv = np.clip(np.stack([u, v], axis=1), 0.0, 1.0)
+        inside: Float64 = uv / np.maximum(uv.sum(axis=1, keepdims=True), 1.0)
+        return inside
+
+
+def centred_strata(count: int) -> Float64:
+    """Centres of count = n * n equal cells of the unit square, for `TexelMap.sub_points`.
+
+    out   (count, 1, 2) float64
+    """
+    side = round(count**0.5)
+    if side * side != count or not count:
+        raise ValueError(f"count: expected a square number, got {count}")
+    line = (np.arange(side) + 0.5) / side
+    strata: Float64 = np.stack(np.meshgrid(line, line), axis=-1).reshape(count, 1, 2)
+    return strata
+
+
+def _texel_means(offset: FloatArray, size: FloatArray, degree: int) -> list[FloatArray]:
+    """Means of s^0 ... s^degree over a texel of side `size` about `offset`."""
+    power = powers(offset, degree)
+    square = size * size
+    if degree >= 2:
+        power[2] = power[2] + square / 12.0
+    if degree >= 4:
+        power[4] = power[4] + (offset * offset / 2.0 + square / 80.0) * square
+        power[3] = power[3] + offset * square / 4.0
+    return power

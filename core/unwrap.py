@@ -1,0 +1,215 @@
+"""Charts for the triangles of one object, in metres; the only module that knows xatlas."""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .geometry import orthonormal_basis, triangle_normals_areas
+from .layer_check import label_charts, signed_areas
+from .scene import IntArray
+
+Float64: TypeAlias = NDArray[np.float64]
+Int64: TypeAlias = NDArray[np.int64]
+Bool: TypeAlias = NDArray[np.bool_]
+
+_RASTER_TEXELS = 512  # xatlas packs what we only want unfolded; this many texels a side cost it little and keep its UVs exact to 1e-4
+_LARGEST_COORDINATE = 1e5  # float32 then still tells 1 % of a triangle of median size
+_FLATNESS = 1e-5  # of a chart's extent: nearer to its plane it is projected, in float64
+_LEAST_STRETCH = 1e-3  # a triangle whose UV area is less of its area in space is unfolded by itself
+
+
+def unwrap_triangles(
+    tri_position: Float64, tri_vertex: IntArray, tri_polygon: IntArray, tri_corner: IntArray
+) -> tuple[Int64, Float64, Bool]:
+    """Charts without overlap, each with the area in UV that it has in space; corners that are one have one UV.
+
+    tri_position   (n, 3, 3) float64, m
+    tri_vertex     (n, 3) int
+    tri_polygon    (n,) int
+    tri_corner     (n, 3) int
+    out            (n,) int64 chart, -1 without area; (n, 3, 2) float64 UV, m; (n, 3) bool whether side k is shared within its chart
+    Raises ValueError when xatlas cannot be loaded.
+    """
+    normal, area = triangle_normals_areas(tri_position)
+    solid = np.flatnonzero(area > 0)
+    group, uv = np.full(len(area), -1, np.int64), np.zeros((len(area), 3, 2))
+    if len(solid):
+        position = tri_position[solid]
+        position = position - 0.5 * (position.min(axis=(0, 1)) + position.max(axis=(0, 1)))
+        group[solid], uv[solid] = _unwrap_solid(
+            position, normal[solid], area[solid], tri_vertex[solid], tri_polygon[solid], tri_corner[solid]
+        )
+    extent = float(np.abs(uv).max(initial=0.0))
+    chart, shared = label_charts(tri_vertex, uv, group, same_uv=1e-12 * extent)
+    return chart, uv, shared
+
+
+def _unwrap_solid(
+    position: Float64, normal: Float64, area: Float64, tri_vertex: IntArray, tri_polygon: IntArray, tri_corner: IntArray
+) -> tuple[Int64, Float64]:
+    group, uv = _unfold_by_xatlas(position, tri_vertex, area)
+    placed = group >= 0
+    uv[placed] = _restore_proportions(position[placed], uv[placed], area[placed], group[placed])
+    uv[placed] = _project_flat_charts(position[placed], normal[placed], area[placed], uv[placed], group[placed])
+    polygon = np.unique(tri_polygon, return_inverse=True)[1].ravel()
+    broken = np.zeros(polygon.max() + 1, bool)
+    broken[polygon[~placed | (signed_areas(uv) < _LEAST_STRETCH * area)]] = True
+    broken[polygon[_torn_corners(group, uv, tri_corner)]] = True
+    again = np.flatnonzero(broken[polygon])
+    if len(again):
+        uv[again] = _unfold_polygons(position[again], normal[again], area[again], polygon[again], tri_corner[again])
+        group[again] = group.max() + 1 + polygon[again]
+    return group, uv
+
+
+def _unfold_by_xatlas(position: Float64, tri_vertex: IntArray, area: Float64) -> tuple[Int64, Float64]:
+    """Chart of each triangle, -1 where xatlas leaves it out, and UVs of any scale and proportion."""
+    xatlas = _load_xatlas()
+    extent = float(np.abs(position).max())
+    # xatlas leaves out triangles by an absolute area, so the usual one has area 1.
+    scale = min(float(np.median(area)) ** -0.5, _LARGEST_COORDINATE / extent)
+    _, first, vertex = np.unique(tri_vertex, return_index=True, return_inverse=True)
+    vertex_position = np.ascontiguousarray(position.reshape(-1, 3)[first] * scale, np.float32)
+    atlas, packing = xatlas.Atlas(), xatlas.PackOptions()
+    packing.bilinear, packing.create_image = False, False
+    packing.texels_per_unit = _RASTER_TEXELS / (float(area.sum()) ** 0.5 * scale)
+    atlas.add_mesh(vertex_position, np.ascontiguousarray(vertex.reshape(-1, 3), np.uint32))
+    atlas.generate(xatlas.ChartOptions(), packing)
+    if not atlas.chart_count:
+        return np.full(len(area), -1, np.int64), np.zeros((len(area), 3, 2))
+    _, tri_out, uv = atlas.get_mesh(0)
+    group = atlas.get_mesh_vertex_assignment(0)[1].astype(np.int32)[tri_out[:, 0]].astype(np.int64)
+    return group, (uv * np.array([atlas.width, atlas.height], np.float64))[tri_out]
+
+
+def _restore_proportions(position: Float64, uv: Float64, area: Float64, group: Int64) -> Float64:
+    """Charts as they were before xatlas stretched them to whole texels: as conformal as a scale along u and v can make them, not
+    mirrored, and of their area in space."""
+    edge, uv_edge = position[:, 1:] - position[:, :1], uv[:, 1:] - uv[:, :1]
+    uv_area = signed_areas(uv)
+    steep = np.abs(uv_area) > 1e-9 * (uv_edge**2).sum(axis=(1, 2))  # others have no derivative
+    weight = np.where(steep, area / np.where(steep, uv_area**2, 1.0), 0.0)
+    along_u = ((edge[:, 0] * uv_edge[:, 1, 1:] - edge[:, 1] * uv_edge[:, 0, 1:]) ** 2).sum(axis=1)
+    along_v = ((edge[:, 1] * uv_edge[:, 0, :1] - edge[:, 0] * uv_edge[:, 1, :1]) ** 2).sum(axis=1)
+    n_chart = group.max() + 1
+    sums = [np.bincount(group, values, n_chart) for values in (weight * along_u, weight * along_v, area, uv_area)]
+    known = (sums[0] > 0) & (sums[1] > 0)
+    ratio = np.sqrt(np.where(known, sums[0], 1.0) / np.where(known, sums[1], 1.0)) ** 0.5
+    size = np.sqrt(sums[2] / np.where(sums[3] != 0, np.abs(sums[3]), 1.0))
+    scale = np.stack([np.where(sums[3] < 0, -1.0, 1.0) * size * ratio, size / ratio], axis=1)
+    restored: Float64 = uv * scale[group][:, None]
+    return restored
+
+
+def _project_flat_charts(position: Float64, normal: Float64, area: Float64, uv: Float64, group: Int64) -> Float64:
+    """Flat charts projected onto their planes, which is exact; the others as they are."""
+    n_chart = group.max() + 1
+    axis = _sum_by(group, normal * area[:, None], n_chart)
+    length = np.linalg.norm(axis, axis=1)
+    axis = axis / np.where(length > 0, length, 1.0)[:, None]
+    centre = _sum_by(group, position.mean(axis=1), n_chart) / np.maximum(np.bincount(group, minlength=n_chart), 1)[:, None]
+    offset = position - centre[group][:, None]
+    height, extent = np.zeros(n_chart), np.zeros(n_chart)
+    np.maximum.at(height, group, np.abs(_dot(offset, axis[group][:, None])).max(axis=1))
+    np.maximum.at(extent, group, np.abs(offset).max(axis=(1, 2)))
+    turned_away = np.bincount(group, (normal * axis[group]).sum(axis=1) <= 0, n_chart) > 0
+    is_flat: Bool = ((height <= _FLATNESS * extent) & ~turned_away)[group]
+    return np.where(is_flat[:, None, None], _project(offset, axis[group]), uv)
+
+
+def _project(position: Float64, axis: Float64) -> Float64:
+    tangent, bitangent = orthonormal_basis(axis)
+    return np.stack([_dot(position, tangent[:, None]), _dot(position, bitangent[:, None])], axis=2)
+
+
+def _dot(one: Float64, other: Float64) -> Float64:
+    """Products summed term by term: the same for the same vectors wherever they stand, which einsum does not promise."""
+    product: Float64 = one[..., 0] * other[..., 0] + one[..., 1] * other[..., 1] + one[..., 2] * other[..., 2]
+    return product
+
+
+def _sum_by(group: Int64, values: Float64, count: int) -> Float64:
+    return np.stack([np.bincount(group, values[:, k], count) for k in range(3)], axis=1)
+
+
+def _torn_corners(group: Int64, uv: Float64, tri_corner: IntArray) -> Int64:
+    """Triangles with a corner that has another UV or chart in another triangle."""
+    corner, flat_uv = tri_corner.ravel(), uv.reshape(-1, 2)
+    order = np.argsort(corner, kind="stable")
+    here, after = order[:-1], order[1:]
+    same = corner[here] == corner[after]
+    torn = same & ((group[here // 3] != group[after // 3]) | (flat_uv[here] != flat_uv[after]).any(axis=1))
+    torn_tri: Int64 = np.unique(np.concatenate([here[torn], after[torn]]) // 3)
+    return torn_tri
+
+
+def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon: Int64, tri_corner: IntArray) -> Float64:
+    """Each polygon by itself: quads over their diagonal, which is isometric; others projected onto their plane.
+
+    Triangles of a polygon are consecutive. A polygon that its plane folds is laid out on a circle instead.
+    """
+    _, first, polygon, count = np.unique(polygon, return_index=True, return_inverse=True, return_counts=True)
+    polygon = polygon.ravel()
+    axis = _sum_by(polygon, normal * area[:, None], len(first))
+    length = np.linalg.norm(axis, axis=1)
+    axis = np.where(length[:, None] > 0, axis / np.where(length > 0, length, 1.0)[:, None], normal[first])
+    uv = _project(position - position[first[polygon], :1], axis[polygon])
+    folded = np.bincount(polygon, signed_areas(uv) < _LEAST_STRETCH * area) > 0
+    pair = first[count == 2]
+    hinged = _unfold_pairs(position, tri_corner, pair, uv)
+    folded[polygon[hinged]] = False
+    for start, n_tri in zip(first[folded], count[folded], strict=True):
+        rows = slice(start, start + n_tri)
+        uv[rows] = _lay_on_circle(position[rows], tri_corner[rows], float(area[rows].sum()))
+    return uv
+
+
+def _unfold_pairs(position: Float64, tri_corner: IntArray, first: Int64, uv: Float64) -> Int64:
+    """Writes the UVs of triangles `first` and `first + 1`, turned about their common side into one plane.
+
+    Gives those of `first` that have a common side.
+    """
+    # Side i of the one triangle is side j of the other, walked the other way.
+    one, other = tri_corner[first], tri_corner[first + 1]
+    match = (one[:, :, None] == np.roll(other, -1, axis=1)[:, None]) & (np.roll(one, -1, axis=1)[:, :, None] == other[:, None])
+    hinged = match.any(axis=(1, 2))
+    first, match = first[hinged], match[hinged].reshape(-1, 9).argmax(axis=1)
+    side_one, side_other = match // 3, match % 3
+    start, end = position[first, side_one], position[first, (side_one + 1) % 3]
+    length = np.linalg.norm(end - start, axis=1)
+    direction = (end - start) / length[:, None]
+    uv[first, side_one] = uv[first + 1, (side_other + 1) % 3] = 0.0
+    uv[first, (side_one + 1) % 3] = uv[first + 1, side_other] = np.stack([length, np.zeros_like(length)], axis=1)
+    for tri, corner, sign in ((first, (side_one + 2) % 3, 1.0), (first + 1, (side_other + 2) % 3, -1.0)):
+        height = 2.0 * triangle_normals_areas(position[tri])[1] / length
+        uv[tri, corner] = np.stack([((position[tri, corner] - start) * direction).sum(axis=1), sign * height], axis=1)
+    return first
+
+
+def _lay_on_circle(position: Float64, tri_corner: IntArray, area: float) -> Float64:
+    """A polygon's corners in their order on a circle, as far apart as in space: in convex position no triangulation overlaps."""
+    _, first, index = np.unique(tri_corner, return_index=True, return_inverse=True)
+    rim = position.reshape(-1, 3)[first]
+    length = np.linalg.norm(np.roll(rim, -1, axis=0) - rim, axis=1)
+    length = np.maximum(length, 1e-3 * length.mean())  # corners in one place would leave a triangle without area
+    angle = 2.0 * np.pi * (np.cumsum(length) - length) / length.sum()
+    uv: Float64 = np.stack([np.cos(angle), np.sin(angle)], axis=1)[index.reshape(tri_corner.shape)]
+    scale = (area / max(float(np.abs(signed_areas(uv)).sum()), 1e-30)) ** 0.5
+    scaled: Float64 = uv * scale
+    return scaled
+
+
+def _load_xatlas() -> ModuleType:
+    try:
+        import xatlas
+    except (ImportError, OSError) as reason:
+        raise ValueError(
+            f"The unwrapper xatlas cannot be loaded ({reason}); reinstall Leaflight with the package for this platform and Python "
+            "(Linux x64, Windows x64, or macOS), or name an existing UV layer with --uv-layer."
+        ) from reason
+    module: ModuleType = xatlas
+    return module

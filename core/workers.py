@@ -1,0 +1,125 @@
+"""Shards of work as pure functions of (files, settings, round, shard), for any concurrent.futures executor.
+
+A shard names its files; a process opens them once, mapped into memory, so that all processes share one copy. Results are
+summed by the caller in the order of the shards: the same seed gives the same bytes on one process, two, or a cluster.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import photons, sampling, shared_arrays, tally
+from .emitters import build_emitters
+from .geometry import UnitBox
+from .materials import SurfaceMaterials
+from .quadtree import TreeView
+from .scene import SceneSnapshot
+from .snapshot import load_snapshot
+from .texel_map import TexelMap
+
+SNAPSHOT_FILE = "snapshot.npz"
+TEXELS_FOLDER = "texels"
+
+
+@dataclass(frozen=True)
+class Tracing:
+    """What a process needs to trace: the scene ready for rays, and where hits fall."""
+
+    snapshot: SceneSnapshot
+    unit_box: UnitBox
+    scene: photons.TraceScene
+    texels: TexelMap
+    warnings: tuple[tuple[str, str], ...]  # subject, sentence
+
+
+@lru_cache(maxsize=1)
+def open_tracing(folder: str) -> Tracing:
+    """The scene and texel map that were written to `folder`; a process keeps the last one open.
+
+    Raises ValueError with a sentence when the scene has no light.
+    """
+    snapshot = load_snapshot(Path(folder) / SNAPSHOT_FILE)
+    unit_box = UnitBox.from_points(snapshot.vertex_position)
+    surfaces = SurfaceMaterials(snapshot)
+    emitters, warnings = build_emitters(snapshot, unit_box, surfaces)
+    texels = shared_arrays.load_struct(Path(folder) / TEXELS_FOLDER, TexelMap)
+    scene = photons.build_trace_scene(snapshot, unit_box, surfaces, emitters)
+    return Tracing(snapshot, unit_box, scene, texels, tuple(warnings))
+
+
+@lru_cache(maxsize=1)
+def open_view(folder: str) -> TreeView:
+    """The view that was written to `folder`; a process keeps the last one open."""
+    return shared_arrays.load_struct(Path(folder), TreeView)
+
+
+@dataclass(frozen=True)
+class PhotonShard:
+    """One shard of one round."""
+
+    tracing: str  # folder
+    view: str  # folder
+    seed: int
+    round: int
+    shard: int
+    photons: int
+    max_depth: int
+    degree: int
+    skip_first: bool  # direct light comes from shadow rays
+
+
+@dataclass(frozen=True)
+class PhotonResult:
+    """Sums and counts of one shard, each photon carrying its share of a bake with one photon."""
+
+    tally: tally.ShardTally
+    audit: photons.EnergyAudit
+    counters: photons.Counters
+
+
+def trace_photons(shard: PhotonShard) -> PhotonResult:
+    """Trace the photons of a shard and sum them over the nodes they meet."""
+    tracing, view = open_tracing(shard.tracing), open_view(shard.view)
+    rng = sampling.shard_rng(shard.seed, shard.round, shard.shard)
+    # How many photons the bake will have is not known yet: each carries all the light, and sums are divided when read.
+    hits = photons.trace_shard(tracing.scene, shard.photons, float(shard.photons), rng, shard.max_depth, shard.skip_first)
+    x, y = tracing.texels.hit_texel_xy(hits.tri, hits.u, hits.v)
+    node, s, t = view.locate(tracing.texels.entry_of(hits.tri, x, y), x, y)
+    sums = tally.deposit(node, s, t, hits.flux_rgb, hits.is_first, len(view.centre), shard.degree)
+    return PhotonResult(sums, hits.audit, hits.counters)
+
+
+class InlineExecutor(Executor):
+    """Runs each call at once, in this process: what one worker is."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:  # an executor hands every error to the one who asks for the result
+            future.set_exception(error)
+        return future
+
+
+def make_executor(workers: int) -> Executor:
+    """An executor with `workers` processes on this machine, 0 for one per core; close it with shutdown()."""
+    count = workers or os.cpu_count() or 1
+    if count == 1:
+        return InlineExecutor()
+    # A fork would copy embree's threads in an unknown state; a spawned process starts clean on every platform.
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(count, mp_context=context, initializer=_ignore_interrupts)
+
+
+def _ignore_interrupts() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the main process decides

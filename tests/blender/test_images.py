@@ -1,0 +1,102 @@
+"""Baked files as Blender images."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from leaflight.addon import images  # noqa: E402
+
+
+@pytest.fixture(autouse=True)
+def _empty_file():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+PAGE = np.arange(3 * 5 * 4, dtype=np.float32).reshape(3, 5, 4) / 7.0  # 3 rows of 5: a swap of the two is seen
+
+
+def read(image):
+    values = np.empty(len(image.pixels), dtype=np.float32)
+    image.pixels.foreach_get(values)
+    return values.reshape(image.size[1], image.size[0], 4)
+
+
+def write_file(path, file_format, page=PAGE):
+    """A file by Blender's own writer, with values above 1 kept where the format holds them."""
+    image = bpy.data.images.new("writer", page.shape[1], page.shape[0], float_buffer=True, is_data=True)
+    image.pixels.foreach_set(page.ravel())
+    scene = bpy.data.scenes.new("writer")
+    scene.view_settings.view_transform = "Raw"
+    scene.render.image_settings.file_format = file_format
+    scene.render.image_settings.color_mode = "RGB"
+    if file_format == "OPEN_EXR":
+        scene.render.image_settings.color_depth = "32"
+    image.save_render(str(path), scene=scene)
+    bpy.data.images.remove(image)
+    bpy.data.scenes.remove(scene)
+    return path
+
+
+def test_exr_is_linear_and_keeps_values_above_one(tmp_path):
+    image = images.load_image(write_file(tmp_path / "a.exr", "OPEN_EXR"))
+    assert (image.colorspace_settings.name, image.is_float, tuple(image.size)) == ("Linear Rec.709", True, (5, 3))
+    np.testing.assert_allclose(read(image)[..., :3], PAGE[..., :3], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("suffix", "file_format", "color_space"), [(".png", "PNG", "sRGB"), (".hdr", "HDR", "Linear Rec.709")])
+def test_color_space_of_each_format(tmp_path, suffix, file_format, color_space):
+    image = images.load_image(write_file(tmp_path / f"a{suffix}", file_format), "Room light")
+    assert (image.colorspace_settings.name, image.name) == (color_space, "Room light")
+
+
+def test_second_load_reads_the_file_again(tmp_path):
+    path = write_file(tmp_path / "a.exr", "OPEN_EXR")
+    first = images.load_image(path)
+    read(first)
+    write_file(path, "OPEN_EXR", PAGE * 2)
+    assert images.load_image(path) == first
+    np.testing.assert_allclose(read(first)[..., :3], 2 * PAGE[..., :3], rtol=1e-6)
+    assert len(bpy.data.images) == 1
+
+
+def test_an_image_the_user_loaded_from_the_same_file_is_not_taken(tmp_path):
+    path = write_file(tmp_path / "a.exr", "OPEN_EXR")
+    theirs = bpy.data.images.load(str(path))
+    assert images.load_image(path) != theirs
+    images.remove_unused_images()
+    assert list(bpy.data.images) == [theirs]
+
+
+def test_path_is_relative_in_a_saved_file(tmp_path):
+    path = write_file(tmp_path / "a.exr", "OPEN_EXR")
+    assert images.load_image(path).filepath == str(path.resolve())
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "room.blend"))
+    assert images.load_image(path).filepath == "//a.exr"
+    assert len(bpy.data.images) == 1
+
+
+def test_missing_and_unknown_files_are_refused_with_a_sentence(tmp_path):
+    with pytest.raises(ValueError, match=r"none\.exr: the baked image is missing"):
+        images.load_image(tmp_path / "none.exr")
+    with pytest.raises(ValueError, match=r"a\.gif: is not an EXR, HDR or PNG file"):
+        images.load_image(tmp_path / "a.gif")
+
+
+def test_set_pixels_shows_linear_light_right_side_up():
+    image = images.preview_image("live", 5, 3)
+    images.set_pixels(image, PAGE)
+    np.testing.assert_array_equal(read(image), PAGE)
+    assert image.colorspace_settings.name == "Linear Rec.709"
+    images.set_pixels(image, PAGE[..., :3].astype(np.float16))
+    np.testing.assert_array_equal(read(image)[..., 3], 1.0)
+    with pytest.raises(ValueError, match=r"expected pixels of shape \(3, 5, 4\), got \(5, 3, 4\)"):
+        images.set_pixels(image, PAGE.transpose(1, 0, 2))
+
+
+def test_only_unused_images_of_ours_are_removed():
+    theirs, unused, kept = bpy.data.images.new("theirs", 1, 1), images.preview_image("unused", 1, 1), images.preview_image("kept", 1, 1)
+    bpy.context.scene["keeps"] = kept
+    assert unused.users == 0
+    images.remove_unused_images()
+    assert list(bpy.data.images) == sorted([theirs, kept], key=lambda image: image.name)

@@ -1,0 +1,213 @@
+"""What baked materials show, by rendering them, and which materials they leave alone."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from leaflight.addon import images, materials_write, uv_layer  # noqa: E402
+
+PAGE = (np.arange(3 * 5 * 3, dtype=np.float32).reshape(3, 5, 3) + 1) / 8.0  # up to 5.6: light is brighter than 1
+
+
+@pytest.fixture
+def plane():
+    """A plane that fills 5 x 3 pixels of the camera's picture, with our UV layer over it."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    mesh = bpy.data.meshes.new("Plane")
+    mesh.from_pydata([(0, 0, 0), (5, 0, 0), (5, 3, 0), (0, 3, 0)], [], [(0, 1, 2, 3)])
+    mesh.uv_layers.new(name="UVMap")
+    uv_layer.write_layer(mesh, np.array([[0, 0], [1, 0], [1, 1], [0, 1]]))
+    return add_object("Plane", mesh)
+
+
+def add_object(name, data):
+    obj = bpy.data.objects.new(name, data)
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
+
+
+def make_material(name):
+    material = bpy.data.materials.new(name)
+    if bpy.app.version < (5, 0, 0):
+        material.use_nodes = True
+    return material
+
+
+def page_image(page=PAGE):
+    image = images.preview_image("page", page.shape[1], page.shape[0])
+    images.set_pixels(image, page)
+    return image
+
+
+def render(tmp_path):
+    """(3, 5, 3) linear pixels of the plane, row 0 at the bottom."""
+    camera = bpy.data.cameras.new("Camera")
+    camera.type, camera.ortho_scale = "ORTHO", 5.0
+    scene = bpy.context.scene
+    scene.camera = add_object("Camera", camera)
+    scene.camera.location = (2.5, 1.5, 2.0)
+    scene.render.engine, scene.cycles.samples, scene.cycles.pixel_filter_type = "CYCLES", 1, "BOX"
+    scene.cycles.filter_width = 0.01  # pixel centres only, where linear interpolation gives the texel itself
+    scene.cycles.use_denoising = scene.cycles.use_adaptive_sampling = False
+    scene.render.resolution_x = scene.render.resolution_y = 5  # Blender renders no fewer than 4 rows
+    settings = scene.render.image_settings
+    settings.file_format, settings.color_depth = "OPEN_EXR", "32"
+    scene.render.filepath = str(tmp_path / "render.exr")
+    bpy.ops.render.render(write_still=True)
+    picture = bpy.data.images.load(str(tmp_path / "render.exr"))
+    return np.array(picture.pixels[:], dtype=np.float32).reshape(5, 5, 4)[1:4, :, :3]
+
+
+def test_combined_shows_the_image_alone(plane, tmp_path):
+    plane.data.materials.append(make_material("Any"))
+    assert materials_write.assign([(plane, page_image())]) == []
+    np.testing.assert_allclose(render(tmp_path), PAGE, rtol=0.03)
+
+
+def principled(material):
+    node = material.node_tree.nodes["Principled BSDF"]
+    node.inputs["Base Color"].default_value = (0.5, 0.25, 0.125, 1)
+
+
+def principled_glowing(material):
+    principled(material)
+    node = material.node_tree.nodes["Principled BSDF"]
+    node.inputs["Emission Color"].default_value = (0.0, 1.0, 0.0, 1)
+    node.inputs["Emission Strength"].default_value = 2.0
+
+
+def linked_color_behind_mix_and_reroute(material):
+    tree = material.node_tree
+    tree.nodes.remove(tree.nodes["Principled BSDF"])
+    color, diffuse = tree.nodes.new("ShaderNodeRGB"), tree.nodes.new("ShaderNodeBsdfDiffuse")
+    color.outputs[0].default_value = (0.5, 0.25, 0.125, 1)
+    mix, reroute = tree.nodes.new("ShaderNodeMixShader"), tree.nodes.new("NodeReroute")
+    tree.links.new(diffuse.inputs["Color"], color.outputs[0])
+    tree.links.new(mix.inputs[1], tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0])
+    tree.links.new(reroute.inputs[0], diffuse.outputs[0])
+    tree.links.new(mix.inputs[2], reroute.outputs[0])
+    tree.links.new(tree.nodes["Material Output"].inputs["Surface"], mix.outputs[0])
+
+
+def emission_only(material):
+    tree = material.node_tree
+    tree.nodes.remove(tree.nodes["Principled BSDF"])
+    emission = tree.nodes.new("ShaderNodeEmission")
+    emission.inputs["Color"].default_value, emission.inputs["Strength"].default_value = (1, 0.5, 0.25, 1), 4.0
+    tree.links.new(tree.nodes["Material Output"].inputs["Surface"], emission.outputs[0])
+
+
+BASE = np.array([0.5, 0.25, 0.125])
+
+
+@pytest.mark.parametrize(
+    ("build", "expected"),
+    [
+        (principled, PAGE * BASE),
+        (principled_glowing, PAGE * BASE + [0, 2, 0]),
+        (linked_color_behind_mix_and_reroute, PAGE * BASE),
+        (emission_only, np.broadcast_to([4.0, 2.0, 1.0], PAGE.shape)),
+    ],
+)
+def test_lighting_shows_light_times_base_color_plus_emission(plane, tmp_path, build, expected):
+    material = make_material("Any")
+    build(material)
+    plane.data.materials.append(material)
+    assert materials_write.assign([(plane, page_image())], "lighting") == []
+    np.testing.assert_allclose(render(tmp_path), expected, rtol=0.03)
+
+
+def test_lighting_without_a_material_is_on_blenders_default_grey(plane, tmp_path):
+    assert materials_write.assign([(plane, page_image())], "lighting") == []
+    np.testing.assert_allclose(render(tmp_path), 0.8 * PAGE, rtol=0.03)
+
+
+@pytest.mark.skipif(bpy.app.version >= (5, 0, 0), reason="materials always have nodes from 5.0 on")
+def test_material_without_nodes_uses_its_viewport_color(plane, tmp_path):
+    material = bpy.data.materials.new("No nodes")
+    material.diffuse_color = (*BASE, 1)
+    plane.data.materials.append(material)
+    materials_write.assign([(plane, page_image())], "lighting")
+    np.testing.assert_allclose(render(tmp_path), PAGE * BASE, rtol=0.03)
+    assert not material.use_nodes
+
+
+def test_color_in_a_group_is_said(plane):
+    material = make_material("Grouped")
+    tree = material.node_tree
+    tree.nodes.remove(tree.nodes["Principled BSDF"])
+    group = bpy.data.node_groups.new("Inside", "ShaderNodeTree")
+    group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
+    node = tree.nodes.new("ShaderNodeGroup")
+    node.node_tree = group
+    tree.links.new(tree.nodes["Material Output"].inputs["Surface"], node.outputs[0])
+    plane.data.materials.append(material)
+    ((subject, sentence),) = materials_write.assign([(plane, page_image())], "lighting")
+    assert subject == "Grouped"
+    assert sentence.startswith("Grouped: no diffuse base colour was found")
+
+
+def test_nodes_mode_places_marked_nodes_and_links_nothing(plane):
+    material = make_material("Any")
+    plane.data.materials.append(material)
+    image = page_image()
+    materials_write.assign([(plane, image)], "nodes")
+    tree = plane.material_slots[0].material.node_tree
+    assert tree.nodes["Material Output"].inputs["Surface"].links[0].from_node.type == "BSDF_PRINCIPLED"
+    ours = {node.type: node for node in tree.nodes if "leaflight_made" in node}
+    assert sorted(ours) == ["FRAME", "TEX_IMAGE", "UVMAP"]
+    texture = ours["TEX_IMAGE"]
+    assert (ours["UVMAP"].uv_map, texture.image, texture.interpolation, texture.extension) == ("Leaflight", image, "Linear", "EXTEND")
+    assert ours["FRAME"].label == "Leaflight"
+
+
+def test_objects_that_share_mesh_or_material_but_are_not_baked_keep_theirs(plane):
+    material = make_material("Shared")
+    plane.data.materials.append(material)
+    twin = add_object("Twin", plane.data)
+    other = add_object("Other", bpy.data.meshes.new("Other"))
+    other.data.materials.append(material)
+    materials_write.assign([(plane, page_image())])
+    assert plane.material_slots[0].material != material
+    assert [twin.material_slots[0].material, other.material_slots[0].material, plane.data.materials[0]] == [material] * 3
+    assert "leaflight_made" not in material
+    assert [node.name for node in material.node_tree.nodes if node.label == "Leaflight"] == []
+
+
+def test_linked_duplicates_can_show_different_images(plane):
+    plane.data.materials.append(make_material("Shared"))
+    twin = add_object("Twin", plane.data)
+    first, second = page_image(), page_image()
+    materials_write.assign([(plane, first), (twin, second)])
+    shown = [next(n for n in obj.material_slots[0].material.node_tree.nodes if n.type == "TEX_IMAGE").image for obj in (plane, twin)]
+    assert shown == [first, second]
+
+
+def test_what_cannot_be_edited_is_skipped_with_a_sentence(plane, tmp_path):
+    curve = add_object("Wire", bpy.data.curves.new("Wire", "CURVE"))
+    no_layer = add_object("Plain", bpy.data.meshes.new("Plain"))
+    library = tmp_path / "library.blend"
+    bpy.data.libraries.write(str(library), {plane})
+    with bpy.data.libraries.load(str(library), link=True) as (_, target):
+        target.objects = ["Plane"]
+    linked = target.objects[0]
+    image = page_image()
+    warnings = dict(materials_write.assign([(obj, image) for obj in (curve, no_layer, linked)]))
+    assert "is not a mesh" in warnings["Wire"]
+    assert "has no UV layer" in warnings["Plain"]
+    assert "is linked from another file" in warnings["Plane"]
+    with pytest.raises(ValueError, match="mode: expected one of combined"):
+        materials_write.assign([], "unlit")
+
+
+def test_material_copies_are_no_assets_and_have_no_fake_user(plane):
+    material = make_material("Asset")
+    material.use_fake_user = True
+    material.asset_mark()
+    plane.data.materials.append(material)
+    materials_write.assign([(plane, page_image())])
+    copy = plane.material_slots[0].material
+    assert (copy.asset_data, copy.use_fake_user, copy.users) == (None, False, 1)
+    assert material.asset_data
+    assert material.use_fake_user

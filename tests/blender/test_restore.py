@@ -1,0 +1,388 @@
+"""A bake leaves no trace: a dump of every data-block is the same before a bake and after its removal."""
+
+import json
+import subprocess
+import sys
+import zlib
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from leaflight.addon import baked_copies, images, materials_write, restore, uv_layer  # noqa: E402
+
+BLOCKS = ("objects", "meshes", "materials", "images", "collections", "scenes", "node_groups", "lights", "worlds", "textures", "actions")
+# changes with every session, or when the viewport evaluates
+VOLATILE = {"session_uid", "is_updated", "is_updated_data", "is_evaluated", "has_data", "is_dirty", "is_runtime_data", "bindcode"}
+VOLATILE |= {"is_library_indirect"}  # of another file's data-blocks: found anew with every save
+
+
+def rna_values(struct):
+    """All of a struct's own values; pointers to data-blocks as their names."""
+    values = {}
+    for prop in struct.bl_rna.properties:
+        name = prop.identifier
+        if name in VOLATILE or prop.type == "COLLECTION":
+            continue
+        value = getattr(struct, name)
+        if prop.type == "POINTER":
+            if isinstance(value, bpy.types.ID):
+                values[name] = value.name
+        elif getattr(prop, "is_array", False):
+            if name != "pixels":
+                values[name] = np.array(value).ravel().tolist()
+        else:
+            values[name] = sorted(value) if isinstance(value, set) else value
+    return values
+
+
+def dump_tree(tree):
+    nodes = {}
+    for node in tree.nodes:
+        inputs = [[socket.identifier, rna_values(socket).get("default_value")] for socket in node.inputs]
+        nodes[node.name] = [rna_values(node), inputs, sorted(node.keys())]
+    links = sorted([li.from_node.name, li.from_socket.identifier, li.to_node.name, li.to_socket.identifier] for li in tree.links)
+    return [nodes, links]
+
+
+def dump_object(obj):
+    slots = []
+    for slot in obj.material_slots:
+        link = slot.link
+        slot.link = "OBJECT"
+        at_object = slot.material.name if slot.material else None
+        slot.link = link
+        slots.append([link, slot.material.name if slot.material else None, at_object])
+    return [slots, [rna_values(modifier) for modifier in obj.modifiers], sorted(c.name for c in obj.users_collection)]
+
+
+def dump_mesh(mesh):
+    attributes = {}
+    for attribute in mesh.attributes:
+        kind = {"FLOAT_VECTOR": ("vector", 3, "f4"), "FLOAT2": ("vector", 2, "f4"), "INT": ("value", 1, "i4")}.get(attribute.data_type)
+        content = ""
+        if kind:
+            content = np.empty(len(attribute.data) * kind[1], kind[2])
+            attribute.data.foreach_get(kind[0], content)
+            content = zlib.crc32(content.tobytes())
+        attributes[attribute.name] = [attribute.data_type, attribute.domain, content]
+    layers = [[layer.name, layer.active, layer.active_render] for layer in mesh.uv_layers]
+    return [[m.name if m else None for m in mesh.materials], layers, attributes]
+
+
+def plain(value):
+    """A custom property without addresses."""
+    if isinstance(value, bpy.types.ID):
+        return value.name
+    return {key: plain(entry) for key, entry in value.items()} if hasattr(value, "items") else str(value)
+
+
+def dump():
+    """Everything in the file, as plain values."""
+    special = {"objects": dump_object, "meshes": dump_mesh}
+    result = {}
+    for kind in BLOCKS:
+        for block in getattr(bpy.data, kind):
+            entry = [rna_values(block), {key: plain(block[key]) for key in block.keys() if key != "cycles"}]  # noqa: SIM118
+            if kind in special:
+                entry.append(special[kind](block))
+            if getattr(block, "node_tree", None) and kind == "materials":
+                entry.append(dump_tree(block.node_tree))
+            if kind == "collections":
+                entry.append(sorted(obj.name for obj in block.objects))
+            result[f"{kind}/{block.name}"] = entry
+    return json.loads(json.dumps(result, default=str))
+
+
+def differences(before, after):
+    """Readable list of what differs; [] when nothing does."""
+    missing = [f"missing {key}" for key in before if key not in after]
+    extra = [f"extra {key}" for key in after if key not in before]
+    changed = []
+    for key in before.keys() & after.keys():
+        for old, new in zip(before[key], after[key], strict=True):
+            if isinstance(old, dict):
+                changed += [f"{key}.{name}: {old.get(name)!r} -> {new.get(name)!r}" for name in old | new if old.get(name) != new.get(name)]
+            elif old != new:
+                changed.append(f"{key}: {old} -> {new}")
+    return missing + extra + changed
+
+
+def make_mesh(name, uv_layers=("UVMap",)):
+    mesh = bpy.data.meshes.new(name)
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 0), (2, 1, 0)]
+    mesh.from_pydata(corners, [], [(0, 1, 2, 3), (1, 4, 5, 2)])
+    for layer in uv_layers:
+        mesh.uv_layers.new(name=layer)
+    return mesh
+
+
+def make_material(name):
+    material = bpy.data.materials.new(name)
+    if bpy.app.version < (5, 0, 0):
+        material.use_nodes = True
+    return material
+
+
+def add_object(name, data, collection=None):
+    obj = bpy.data.objects.new(name, data)
+    (collection or bpy.context.scene.collection).objects.link(obj)
+    return obj
+
+
+def build_scene():
+    """Multi-material, linked duplicates, object-linked, no slot, empty slot, shared with an object that is not baked."""
+    red, blue, textured = make_material("Red"), make_material("Blue"), make_material("Textured")
+    tree = textured.node_tree
+    texture = tree.nodes.new("ShaderNodeTexImage")
+    texture.image = bpy.data.images.new("Wood", 4, 4)
+    tree.links.new(tree.nodes["Principled BSDF"].inputs["Base Color"], texture.outputs["Color"])
+
+    two = make_mesh("Two", ("First", "Second"))
+    two.materials.append(red)
+    two.materials.append(textured)
+    two.polygons[1].material_index = 1
+    two.uv_layers.active_index = 1
+    two.uv_layers["First"].active_render = True
+    baked = [add_object("MultiA", two), add_object("MultiB", two)]
+    add_object("NotBaked", two)
+
+    linked = make_mesh("Linked")
+    linked.materials.append(red)
+    obj = add_object("ObjectLinked", linked)
+    obj.material_slots[0].link = "OBJECT"
+    obj.material_slots[0].material = blue
+    baked.append(obj)
+    hidden_choice = add_object("ObjectChoiceUnused", linked)  # an object-level material that is not shown
+    hidden_choice.material_slots[0].link = "OBJECT"
+    hidden_choice.material_slots[0].material = blue
+    hidden_choice.material_slots[0].link = "DATA"
+    baked.append(hidden_choice)
+
+    bare = make_mesh("Bare", ())
+    bare.attributes.new("material_index", "INT", "FACE").data[1].value = 1
+    baked += [add_object("BareA", bare), add_object("BareB", bare)]
+    empty_slot = make_mesh("EmptySlot")
+    empty_slot.materials.append(None)
+    baked.append(add_object("EmptySlot", empty_slot))
+    return [obj.name for obj in baked]
+
+
+def bake(names, directory, tag="a", mode="lighting"):
+    """What a driver does after a bake."""
+    path = directory / f"page_{tag}.png"
+    source = bpy.data.images.new("writer", 4, 4)
+    source.filepath_raw, source.file_format = str(path), "PNG"
+    source.save()
+    bpy.data.images.remove(source)
+    image = images.load_image(path)
+    objects = [bpy.data.objects[name] for name in names]
+    for mesh in {obj.data for obj in objects}:
+        uv_layer.write_layer(mesh, np.random.default_rng(1).random((len(mesh.loops), 2)))
+    return materials_write.assign([(obj, image) for obj in objects], mode)
+
+
+@pytest.fixture
+def names():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    return build_scene()
+
+
+@pytest.mark.parametrize("mode", ["combined", "lighting", "nodes"])
+def test_removing_leaves_no_trace(names, tmp_path, mode):
+    before = dump()
+    assert bake(names, tmp_path, mode=mode) == []
+    assert differences(before, dump())
+    restore.remove_bake()
+    assert differences(before, dump()) == []
+
+
+def test_dump_sees_a_planted_trace(names):
+    before = dump()
+    bpy.data.objects["MultiA"].hide_render = True
+    bpy.data.materials["Red"].node_tree.nodes["Principled BSDF"].inputs["Roughness"].default_value = 0.25
+    found = differences(before, dump())
+    assert len(found) == 2
+
+
+def test_second_bake_replaces_the_first_and_restores_the_original(names, tmp_path):
+    before = dump()
+    bake(names, tmp_path, "a", "combined")
+    bake(names[1:], tmp_path, "b", "lighting")
+    bake(names, tmp_path, "c", "lighting")
+    copies = [material for material in bpy.data.materials if "leaflight_made" in material]
+    assert {node.image.name for m in copies for node in m.node_tree.nodes if node.type == "TEX_IMAGE" and node.label} == {"page_c"}
+    assert len(copies) == 4  # Red, Textured, Blue and the empty slots: shared by objects that show the same image
+    restore.remove_bake(bpy.context.scene)
+    assert differences(before, dump()) == []
+
+
+def test_preview_switches_both_ways(names, tmp_path):
+    before = dump()
+    bake(names, tmp_path)
+    shown = dump()
+    assert restore.has_bake(bpy.context.scene)
+    assert restore.is_preview_on(bpy.context.scene)
+    restore.toggle_preview(bpy.context.scene, False)
+    hidden = dump()
+    assert restore.has_bake(bpy.context.scene)
+    assert not restore.is_preview_on(bpy.context.scene)
+    for name in names:
+        assert hidden[f"objects/{name}"][2] == before[f"objects/{name}"][2]
+    assert restore.toggle_preview(bpy.context.scene, True) == []
+    assert differences(shown, dump()) == []
+    restore.toggle_preview(bpy.context.scene, False)
+    restore.remove_bake()
+    assert differences(before, dump()) == []
+
+
+@pytest.mark.parametrize("shown", [True, False])
+def test_restores_in_a_fresh_process(names, tmp_path, shown):
+    """The originals survive saving, though nothing but our pointers uses some of them."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "plain.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "plain.blend"))
+    before = dump()
+    bake(names, tmp_path)
+    copies = copy_of_array(add_array())
+    assert bpy.data.images["page_a"].filepath == "//page_a.png"
+    restore.toggle_preview(bpy.context.scene, shown)
+    assert copies.hide_render is not shown
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "baked.blend"))
+    script = (
+        "import json, runpy, bpy\n"
+        "from leaflight.addon import restore\n"
+        f"bpy.ops.wm.open_mainfile(filepath={str(tmp_path / 'baked.blend')!r})\n"
+        "restore.remove_bake()\n"
+        "bpy.data.batch_remove([bpy.data.objects['Array'], bpy.data.meshes['Array']])\n"
+        f"dump = runpy.run_path({__file__!r})['dump']\n"
+        f"json.dump(dump(), open({str(tmp_path / 'after.json')!r}, 'w'))\n"
+    )
+    subprocess.run([sys.executable, "-W", "ignore", "-c", script], check=True, timeout=120, stdout=subprocess.DEVNULL)
+    assert differences(before, json.loads((tmp_path / "after.json").read_text())) == []
+
+
+def add_array():
+    source = add_object("Array", make_mesh("Array"))
+    source.modifiers.new("Array", "ARRAY")
+    return source
+
+
+def copy_of_array(source):
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    return baked_copies.make_copy(bpy.context.scene, source, source.evaluated_get(depsgraph), source.matrix_world)
+
+
+def test_user_edits_between_are_kept_and_nothing_of_ours_stays(names, tmp_path):
+    bake(names, tmp_path)
+    data = bpy.data
+    duplicate = data.objects["MultiA"].copy()
+    duplicate.data = duplicate.data.copy()
+    bpy.context.scene.collection.objects.link(duplicate)
+    data.materials["Red"].name = "Renamed"
+    data.meshes["Two"].uv_layers["Leaflight"].name = "Mine"
+    data.objects["BareA"].name = "Other"
+    data.objects.remove(data.objects["MultiB"])
+    data.materials.remove(data.materials["Blue"])
+    green = make_material("Green")
+    data.objects["EmptySlot"].material_slots[0].material = green
+    stray = add_object("Stray", make_mesh("Stray"))  # the user put our copy on another mesh
+    stray.data.materials.append(data.objects["MultiA"].material_slots[0].material)
+    private = data.objects["MultiA"].material_slots[1].material.copy()  # "make single user"
+    data.objects["MultiA"].material_slots[1].material = private
+    restore.remove_bake()
+    for obj in (data.objects["MultiA"], duplicate):
+        assert [(slot.link, slot.material.name) for slot in obj.material_slots] == [("DATA", "Renamed"), ("DATA", "Textured")]
+        assert [layer.name for layer in obj.data.uv_layers] == ["First", "Second"]
+    assert data.objects["EmptySlot"].material_slots[0].material == green
+    assert data.objects["ObjectLinked"].material_slots[0].material is None
+    assert data.objects["ObjectLinked"].material_slots[0].link == "OBJECT"
+    assert stray.data.materials[0].name == "Renamed"
+    assert len(data.objects["Other"].material_slots) == 0
+    assert_nothing_of_ours()
+
+
+def test_slots_added_and_removed_between(names, tmp_path):
+    bake(names, tmp_path)
+    obj = bpy.data.objects["MultiA"]
+    with bpy.context.temp_override(object=obj, active_object=obj):
+        obj.active_material_index = 0
+        bpy.ops.object.material_slot_remove()
+    bpy.data.meshes["Linked"].materials.append(make_material("New"))
+    restore.remove_bake()
+    assert [slot.material.name for slot in obj.material_slots] == ["Textured"]
+    assert [slot.material.name for slot in bpy.data.objects["ObjectLinked"].material_slots] == ["Blue", "New"]
+    assert_nothing_of_ours()
+
+
+def assert_nothing_of_ours():
+    left = [key for key, entry in dump().items() if "leaflight" in json.dumps(entry).lower()]
+    assert left == []
+
+
+def test_one_undo_step_takes_a_bake_back(names, tmp_path):
+    before = dump()
+    bpy.ops.ed.undo_push(message="before")
+    bake(names, tmp_path)
+    shown = dump()
+    bpy.ops.ed.undo_push(message="bake")
+    bpy.ops.ed.undo()
+    assert differences(before, dump()) == []
+    bpy.ops.ed.redo()
+    assert differences(shown, dump()) == []
+    restore.remove_bake()
+    assert differences(before, dump()) == []
+    bpy.ops.ed.undo_push(message="removed")
+    bpy.ops.ed.undo()
+    assert differences(shown, dump()) == []
+
+
+def test_removing_from_one_scene_leaves_the_other(names, tmp_path):
+    other = bpy.data.scenes.new("Other")
+    obj = bpy.data.objects.new("Elsewhere", make_mesh("Elsewhere"))
+    other.collection.objects.link(obj)
+    bake([*names, "Elsewhere"], tmp_path)
+    restore.remove_bake(bpy.data.scenes["Scene"])
+    assert restore.is_preview_on(other)
+    assert obj.material_slots[0].material.node_tree.nodes["Image Texture"].image.name == "page_a"
+    restore.remove_bake(other)
+    assert_nothing_of_ours()
+
+
+def test_edit_mode_neither_crashes_nor_loses_the_bake(names, tmp_path):
+    before = dump()
+    bake(names, tmp_path)
+    obj = bpy.data.objects["MultiA"]
+    restore.toggle_preview(bpy.context.scene, False)
+    bpy.context.view_layer.objects.active = obj
+    bpy.ops.object.mode_set(mode="EDIT")
+    warnings = dict(restore.toggle_preview(bpy.context.scene, True))
+    assert "leave Edit Mode" in warnings["MultiA"]
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert restore.toggle_preview(bpy.context.scene, True) == []
+    bpy.ops.object.mode_set(mode="EDIT")
+    restore.remove_bake()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    obj.select_set(False)
+    bpy.context.view_layer.objects.active = None
+    assert [key for key in differences(before, dump()) if ".select" not in key] == []
+
+
+def test_another_files_bake_is_left_to_that_file(names, tmp_path):
+    bake(names, tmp_path)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, target):
+        target.objects = ["MultiA", "ObjectLinked"]
+    for obj in target.objects:
+        bpy.context.scene.collection.objects.link(obj)
+    local = add_object("Local", make_mesh("Local"))
+    local.data.materials.append(target.objects[0].material_slots[0].material)
+    before = dump()
+    assert not restore.has_bake(bpy.context.scene)
+    restore.toggle_preview(bpy.context.scene, False)
+    restore.remove_bake()
+    assert differences(before, dump()) == []
+    bake(["Local"], tmp_path, "b")
+    restore.remove_bake()
+    assert differences(before, dump()) == []

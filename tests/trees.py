@@ -1,0 +1,81 @@
+"""Texel maps and photons on simple charts, for tests of the quadtree and what is built on it."""
+
+from types import SimpleNamespace
+
+import numpy as np
+from leaflight.core import basis, quadtree, tally
+from leaflight.core.scene import Material, SceneObject, SceneSnapshot
+from leaflight.core.texels import build_texel_map
+
+
+def make_square_map(side, degree, width=1.0):
+    """Texel map of a square metre seen by a chart of `side` texels; `width` below 1 covers that share of it in x."""
+    position = np.array([[0, 0, 0], [width, 0, 0], [width, 1, 0], [0, 1, 0]], float)
+    tri_vertex = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+    zero = np.zeros(2, np.int32)
+    scene = SceneSnapshot(
+        vertex_position=position,
+        tri_vertex=tri_vertex,
+        tri_object=zero,
+        tri_material=zero,
+        tri_polygon=zero,
+        tri_corner=np.array([[0, 1, 2], [0, 2, 3]], np.int32),
+        tri_normal=np.broadcast_to(np.float32([0, 0, 1]), (2, 3, 3)),
+        tri_uv=np.zeros((2, 3, 2)),
+        tri_albedo_uv=np.zeros((2, 3, 2), np.float32),
+        tri_emission_uv=np.zeros((2, 3, 2), np.float32),
+        objects=(SceneObject("Square"),),
+        materials=(Material("White"),),
+    )
+    atlas = SimpleNamespace(
+        page_size=side,
+        page_count=1,
+        tri_chart=zero,
+        tri_uv=scene.tri_position[..., :2] * side,
+        chart_page=np.zeros(1, np.int32),
+        chart_object=np.zeros(1, np.int32),
+        object_page=np.zeros(1, np.int32),
+        warnings=(),
+    )
+    return build_texel_map(scene, atlas, 2 * degree)
+
+
+class SquareBake:
+    """Photons with a given density on the square of make_square_map, without any tracing."""
+
+    def __init__(self, side=64, degree=1, width=1.0, level=0, preview_depth=2, flat=False):
+        self.texels, self.degree, self.side = make_square_map(side, degree, width), degree, side
+        self.keys = quadtree.texel_keys(self.texels)
+        self.preview_depth = preview_depth
+        self.tree = quadtree.plant_trees(self.texels, degree, level, 1, flat)
+        if not flat:
+            self.grow()
+        self.tally = tally.Tally.empty(len(self.tree), degree)
+
+    def grow(self):
+        self.tree = quadtree.grow_previews(self.tree, self.texels, self.keys, self.preview_depth, 1)
+
+    def throw(self, s, t, half=0, emitted=None, flux=None):
+        """Deposit photons at s, t in [0, 1) of the square."""
+        self.tally.grow(len(self.tree))
+        view = quadtree.TreeView.of_tree(self.tree, len(self.keys))
+        x, y = s * self.side, t * self.side
+        node, *local = view.locate(self.texels.entry_of(np.zeros(len(x), int), x, y), x, y)
+        power = np.ones((3, len(x))) if flux is None else flux
+        sums = tally.deposit(node, *local, power, np.ones(len(x), bool), len(self.tree), self.degree)
+        self.tally.add(half, sums, len(x) if emitted is None else emitted)
+
+    def totals(self):
+        return tally.accumulate(self.tree, self.tally)
+
+    def solution(self):
+        return tally.solve_tallies(self.tree, self.totals())
+
+    def values(self, nodes, s, t):
+        """Irradiance of the first channel at s, t, on the node of `nodes` that holds each."""
+        owner = quadtree.node_of_texel(self.tree, nodes, len(self.keys))
+        node = owner[self.texels.entry_of(np.zeros(len(s), int), s * self.side, t * self.side)]
+        half = self.tree.side[node] / 2
+        local = [(v * self.side - self.tree.origin[node, axis]) / half - 1 for axis, v in enumerate((s, t))]
+        monomials = np.array(basis.monomials(*local, self.degree))
+        return (self.solution().coefficient.sum(0)[0][:, node] * monomials).sum(0)

@@ -1,0 +1,61 @@
+"""Bases are orthonormal on clipped domains, and sums move exactly between levels."""
+
+import numpy as np
+import pytest
+from leaflight.core import basis
+
+
+def clipped_moments(rng, degree, points=400):
+    """Moments of a random point cloud in a random strip of the square: a discrete measure stands for a clipped domain."""
+    s, t = rng.uniform(-1, 1, (2, points))
+    s *= rng.uniform(0.01, 1.0)
+    weight = rng.uniform(0.1, 1.0, points)
+    values = np.array(basis.monomials(s, t, 2 * degree))
+    return s, t, weight, (values * weight).sum(1)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_functions_are_orthonormal_on_clipped_domains(degree):
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        s, t, weight, moment = clipped_moments(rng, degree)
+        functions = basis.orthonormal_functions(basis.gram_matrix(moment[None], degree))[0]
+        values = functions @ np.array(basis.monomials(s, t, degree))
+        np.testing.assert_allclose((values * weight) @ values.T, np.eye(len(values)), atol=1e-10)
+
+
+def test_a_line_of_a_domain_drops_to_lower_order():
+    t = np.linspace(-1, 1, 9)
+    s = np.full_like(t, 0.3)  # no extent in s: 1 and s are the same function here
+    moment = np.array(basis.monomials(s, t, 2)).sum(1)
+    functions = basis.orthonormal_functions(basis.gram_matrix(moment[None], 1))[0]
+    assert (np.abs(functions).sum(1) > 0).sum() == 2
+    assert np.isfinite(functions).all()
+
+
+def test_an_empty_domain_keeps_no_function():
+    assert not basis.orthonormal_functions(np.zeros((1, 3, 3))).any()
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_projection_reproduces_a_polynomial(degree):
+    rng = np.random.default_rng(7)
+    s, t, weight, moment = clipped_moments(rng, degree)
+    values = np.array(basis.monomials(s, t, degree))
+    coefficient = rng.normal(size=len(values))
+    raw = values @ (weight * (coefficient @ values))
+    functions = basis.orthonormal_functions(basis.gram_matrix(moment[None], degree))
+    np.testing.assert_allclose((basis.projector(functions)[0] @ raw), coefficient, rtol=1e-6)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_raw_sums_move_up_and_coefficients_down(degree):
+    rng = np.random.default_rng(1)
+    transforms = basis.parent_transforms(degree)
+    for quadrant, (x, y) in enumerate(basis.QUADRANTS):
+        s, t = rng.uniform(-1, 1, (2, 5))
+        child = np.array(basis.monomials(s, t, degree))
+        parent = np.array(basis.monomials((s + 2 * x - 1) / 2, (t + 2 * y - 1) / 2, degree))
+        np.testing.assert_allclose(transforms[quadrant] @ child, parent, atol=1e-14)
+        coefficient = rng.normal(size=len(parent))
+        np.testing.assert_allclose((transforms[quadrant].T @ coefficient) @ child, coefficient @ parent, atol=1e-14)

@@ -1,0 +1,97 @@
+"""Clipping and moments against polygons whose answer is known, and against a supersampled count."""
+
+from __future__ import annotations
+
+from math import factorial
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from leaflight.core.coverage import Pieces, chunk_ranges, clip_to_texels, expand_ranges, monomial_exponents, piece_moments
+from leaflight.core.row_spans import find_row_spans
+
+RANGES = st.lists(st.tuples(st.integers(0, 50), st.integers(-3, 20)), max_size=12)
+COORDINATE = st.one_of(st.floats(0.0, 9.0), st.integers(0, 9).map(float))
+TRIANGLE = st.lists(st.tuples(COORDINATE, COORDINATE), min_size=3, max_size=3).map(np.array)
+
+
+def area_of(corners: np.ndarray) -> float:
+    one, two = corners[1] - corners[0], corners[2] - corners[0]
+    return 0.5 * abs(one[0] * two[1] - one[1] * two[0])
+
+
+@pytest.mark.parametrize("degree", [0, 2, 4])
+def test_rules_are_exact_on_the_unit_triangle(degree: int) -> None:
+    """The integral of x^i y^j over (0,0) (1,0) (0,1) is i! j! / (i + j + 2)!."""
+    unit = Pieces(np.zeros(1, np.int64), np.array([[0.0], [1.0], [0.0]]), np.array([[0.0], [0.0], [1.0]]), np.array([0.5]))
+    expected = [factorial(i) * factorial(j) / factorial(i + j + 2) for i, j in monomial_exponents(degree)]
+    np.testing.assert_allclose(piece_moments(unit, degree)[:, 0], expected, rtol=1e-14)
+
+
+def test_order_of_monomials() -> None:
+    assert monomial_exponents(2) == ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+    assert [len(monomial_exponents(degree)) for degree in (0, 2, 4)] == [1, 6, 15]
+
+
+def test_degree_is_refused() -> None:
+    with pytest.raises(ValueError, match="degree: expected 0, 2 or 4, got 3"):
+        monomial_exponents(3)
+
+
+@given(RANGES, st.integers(1, 9))
+def test_ranges_are_cut_without_loss(ranges: list[tuple[int, int]], size: int) -> None:
+    start = np.array([low for low, _ in ranges], dtype=np.int64)
+    end = start + np.array([length for _, length in ranges], dtype=np.int64)
+    expected = [(row, value) for row in range(len(start)) for value in range(start[row], end[row])]
+    owner, value = expand_ranges(start, end)
+    assert list(zip(owner.tolist(), value.tolist(), strict=True)) == expected
+    found = []
+    for rows, first, last in chunk_ranges(start, end, size):
+        assert (last > first).all()
+        assert (last - first).sum() <= size
+        part, value = expand_ranges(first, last)
+        found += zip(rows[part].tolist(), value.tolist(), strict=True)
+    assert found == expected
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_corner_cut_off_a_texel(mirrored: bool) -> None:
+    """x + y < 3 in texel (1, 1): the triangle (1,1) (2,1) (1,2), whose moments about the centre are those of half a square."""
+    uv = np.array([[[0.0, 0.0], [3.0, 0.0], [0.0, 3.0]]])
+    pieces = clip_to_texels(uv[:, ::-1] if mirrored else uv, np.array([[1, 1]]))
+    moments = piece_moments(pieces, 2).sum(axis=1)
+    # About the corner (1/2, 1/6, 1/6, 1/12, 1/24, 1/12), moved to the centre.
+    np.testing.assert_allclose(moments, [1 / 2, -1 / 12, -1 / 12, 1 / 24, 0, 1 / 24], atol=1e-15)
+
+
+@settings(max_examples=60, deadline=None)
+@given(TRIANGLE)
+def test_spans_hold_the_triangle_and_full_texels_are_full(corners: np.ndarray) -> None:
+    if area_of(corners) < 1e-6:
+        return
+    spans = find_row_spans(corners[None])
+    grid = np.stack(np.meshgrid(np.arange(9), np.arange(9)), axis=-1).reshape(-1, 2)
+    pieces = clip_to_texels(np.repeat(corners[None], len(grid), axis=0), grid)
+    area = np.bincount(pieces.pair, pieces.area, minlength=len(grid)).reshape(9, 9)
+    np.testing.assert_allclose(area.sum(), area_of(corners), rtol=1e-9)
+    touched, full = np.zeros((9, 9), bool), np.zeros((9, 9), bool)
+    for row in range(len(spans.y)):
+        touched[spans.y[row], spans.touched_start[row] : spans.touched_end[row]] = True
+        full[spans.y[row], spans.full_start[row] : spans.full_end[row]] = True
+    np.testing.assert_allclose(area[full], 1.0, rtol=1e-12)
+    assert area[~touched].max(initial=0.0) < 1e-12
+    assert (full <= touched).all()
+
+
+def test_full_texels_are_found() -> None:
+    """Below the diagonal of 8 x 8 lie 28 whole texels; row 0 has 7 of them and touches 8."""
+    spans = find_row_spans(np.array([[[0.0, 0.0], [8.0, 0.0], [0.0, 8.0]]]))
+    assert (spans.full_end - spans.full_start).tolist() == [7, 6, 5, 4, 3, 2, 1, 0]
+    assert (spans.touched_end - spans.touched_start).tolist() == [8, 7, 6, 5, 4, 3, 2, 1]
+
+
+def test_needle_makes_few_pairs() -> None:
+    """A diagonal needle across 1000 texels touches about 2000, not the million of its bounding box."""
+    spans = find_row_spans(np.array([[[0.2, 0.1], [1000.3, 999.9], [0.2, 0.1001]]]))
+    assert 999 <= (spans.touched_end - spans.touched_start).sum() < 3010

@@ -1,0 +1,64 @@
+"""Nodes tile their chart, areas add up, and children lie where their parents say."""
+
+import numpy as np
+import pytest
+from leaflight.core import quadtree
+from trees import SquareBake, make_square_map
+
+
+def test_children_share_out_the_area_of_their_parent():
+    bake = SquareBake(side=16, width=0.7, preview_depth=3)
+    tree = bake.tree
+    parents = np.flatnonzero(tree.has_children)
+    sums = [tree.area[tree.children[p][tree.children[p] >= 0]].sum() for p in parents]
+    np.testing.assert_allclose(sums, tree.area[parents], rtol=1e-12)
+    assert tree.area[0] == pytest.approx(0.7, rel=1e-12)
+
+
+def test_a_quadrant_without_texels_is_never_made():
+    bake = SquareBake(side=16, width=0.4, preview_depth=1)
+    assert (bake.tree.children[0] >= 0).tolist() == [True, False, True, False]
+
+
+def test_a_child_lies_in_its_quadrant():
+    bake = SquareBake(side=16, preview_depth=2)
+    for node in range(1, len(bake.tree)):
+        parent, quadrant = bake.tree.parent[node], bake.tree.quadrant[node]
+        expected = bake.tree.origin[parent] + np.array([quadrant & 1, quadrant >> 1]) * bake.tree.side[node]
+        np.testing.assert_array_equal(bake.tree.origin[node], expected)
+        inside = bake.texels.texel_xy[bake.tree.start[node] : bake.tree.end[node]] - bake.tree.origin[node]
+        assert (inside >= 0).all()
+        assert (inside < bake.tree.side[node]).all()
+
+
+def test_the_flat_tree_has_a_node_per_texel():
+    texels = make_square_map(8, 1)
+    tree = quadtree.plant_trees(texels, 1, level=0, finest_texels=1, flat=True)
+    assert len(tree) == 64
+    np.testing.assert_array_equal(quadtree.node_of_texel(tree, np.arange(64), 64), np.arange(64))
+
+
+@pytest.mark.parametrize("level", [0, 1, 2, 9])
+def test_a_minimum_level_starts_there_or_at_texels(level):
+    tree = quadtree.plant_trees(make_square_map(8, 0), 0, level, finest_texels=2, flat=False)
+    assert len(tree) == 4 ** min(level, 2)
+    assert tree.current.all()
+
+
+def test_previews_stop_at_the_finest_leaf():
+    bake = SquareBake(side=4, preview_depth=3)
+    assert bake.tree.side.min() == 1
+    assert len(bake.tree) == 1 + 4 + 16
+
+
+def test_splitting_hands_current_on_to_the_children():
+    bake = SquareBake(side=8, preview_depth=1)
+    tree = quadtree.split(bake.tree, np.array([0]))
+    assert np.flatnonzero(tree.current).tolist() == bake.tree.children[0].tolist()
+    quadtree.node_of_texel(tree, np.flatnonzero(tree.current), 64)  # they tile
+
+
+def test_nodes_that_do_not_tile_are_refused():
+    bake = SquareBake(side=8, preview_depth=1)
+    with pytest.raises(ValueError, match="expected to tile 64 texels"):
+        quadtree.node_of_texel(bake.tree, bake.tree.children[0][:2], 64)

@@ -1,0 +1,131 @@
+"""The subdivision rule: quiet on even light, awake at edges, blind to noise."""
+
+import numpy as np
+import pytest
+from leaflight.core import quadtree, refine
+from trees import SquareBake
+
+
+def rule(oracle="significance", threshold=0.05, stability=16, preview_depth=2):
+    return refine.Rule(oracle, threshold, stability, preview_depth)
+
+
+def marks(bake, the_rule, forced=None):
+    forced = np.zeros(len(bake.tree), bool) if forced is None else forced
+    background = np.zeros((3, len(bake.tree)))
+    return refine.mark(bake.tree, bake.totals(), bake.solution(), the_rule, forced, background)
+
+
+def refined(photons, sampler, rounds=8, **kwargs):
+    bake = SquareBake(**kwargs)
+    rng = np.random.default_rng(11)
+    for _ in range(rounds):
+        bake.throw(*sampler(rng, photons // rounds))
+        while len(marked := marks(bake, rule())):
+            bake.tree = quadtree.split(bake.tree, marked)
+        bake.grow()
+    bake.tally.grow(len(bake.tree))
+    return bake
+
+
+def even(rng, n):
+    return rng.random((2, n))
+
+
+def half_lit(rng, n):
+    s, t = rng.random((2, n))
+    return s * 0.3, t
+
+
+def test_is_stable_is_a_matter_of_photons_shot():
+    assert refine.is_stable(np.array([0, 15, 16, 17]), 16).tolist() == [False, False, True, True]
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_even_light_is_not_split(degree):
+    bake = refined(50_000, even, degree=degree)
+    assert bake.tree.current.sum() <= 4  # the root, but for one false alarm
+
+
+def test_the_chi_square_of_even_light_has_its_mean_and_spread():
+    """Over many bakes sigmas has mean 0 and deviation 1: neither asleep nor nervous. A 3 % too small noise would show."""
+    sigmas = []
+    for seed in range(300):
+        bake = SquareBake(side=8, degree=1, preview_depth=1)
+        bake.throw(*np.random.default_rng(seed).random((2, 2000)))
+        difference = refine.indicator(bake.tree, bake.totals(), bake.solution(), np.array([0]), 1, 16)
+        sigmas.append(difference.sigmas[0])
+    assert abs(np.mean(sigmas)) < 0.2
+    assert np.std(sigmas) == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_the_edge_of_light_is_found(degree):
+    bake = refined(200_000, half_lit, degree=degree, side=32)
+    current = np.flatnonzero(bake.tree.current)
+    smallest = current[bake.tree.side[current] == bake.tree.side[current].min()]
+    middle = (bake.tree.origin[smallest, 0] + bake.tree.side[smallest] / 2) / 32
+    assert bake.tree.side[smallest[0]] <= 4
+    assert np.abs(middle - 0.3).max() < 0.15
+
+
+def test_a_linear_ramp_needs_no_split_of_a_linear_basis():
+    def ramp(rng, n):
+        return np.sqrt(rng.random(n)), rng.random(n)
+
+    assert refined(100_000, ramp, degree=1).tree.current.sum() == 1
+    assert refined(100_000, ramp, degree=0).tree.current.sum() > 16
+
+
+def test_the_papers_oracle_compares_means_of_stable_previews():
+    bake = SquareBake(side=16, degree=0, preview_depth=1)
+    rng = np.random.default_rng(0)
+    bake.throw(rng.random(400) * 0.5, rng.random(400))
+    bake.throw(rng.random(30), rng.random(30))
+    assert len(marks(bake, rule("paper", threshold=0.5))) == 1
+    assert len(marks(bake, rule("paper", threshold=3.0))) == 0
+    assert len(marks(bake, rule("paper", threshold=0.5, stability=1000))) == 0
+
+
+def test_too_few_photons_are_never_compared():
+    bake = SquareBake(side=16, degree=0, preview_depth=1)
+    rng = np.random.default_rng(0)
+    bake.throw(rng.random(63) * 0.5, rng.random(63))
+    assert len(marks(bake, rule())) == 0
+    bake.throw(rng.random(1) * 0.5, rng.random(1))
+    assert len(marks(bake, rule())) == 1
+
+
+def test_contact_forces_a_split_of_even_light():
+    bake = SquareBake(side=16, degree=1, preview_depth=1)
+    bake.throw(*np.random.default_rng(0).random((2, 5000)))
+    forced = np.zeros(len(bake.tree), bool)
+    forced[0] = True
+    assert marks(bake, rule(), forced).tolist() == [0]
+
+
+def test_a_pattern_that_repeats_in_each_quadrant_is_seen_at_the_second_depth():
+    def stripes(rng, n):
+        s, t = rng.random((2, n))
+        return (np.floor(s * 4) + rng.random(n) * 0.5) / 4, t  # every quarter: lit, dark
+
+    bake = SquareBake(side=64, degree=0, preview_depth=3)
+    bake.throw(*stripes(np.random.default_rng(3), 20_000))
+    assert len(marks(bake, rule(preview_depth=2))) == 0
+    assert len(marks(bake, rule(preview_depth=3))) == 1
+
+
+def test_shown_leaves_tile_and_are_fewest_where_light_is_even():
+    bake = refined(200_000, half_lit, degree=1, side=32)
+    leaves = refine.choose_leaves(bake.tree, bake.totals(), bake.solution(), 16)
+    quadtree.node_of_texel(bake.tree, leaves, len(bake.keys))
+    dark = bake.tree.origin[leaves, 0] >= 16
+    assert (bake.tree.side[leaves[dark]] == 16).all()  # unlit half: as large as the root's split allows
+
+
+def test_pruning_takes_back_a_split_that_only_noise_asked_for():
+    bake = SquareBake(side=32, degree=1, preview_depth=2)
+    bake.tree = quadtree.split(bake.tree, np.array([0]))
+    bake.grow()
+    bake.throw(*np.random.default_rng(1).random((2, 5000)))
+    assert refine.choose_leaves(bake.tree, bake.totals(), bake.solution(), 16).tolist() == [0]

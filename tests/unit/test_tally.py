@@ -1,0 +1,90 @@
+"""Sums become the right irradiance, and no photon's energy is lost by splitting."""
+
+import numpy as np
+import pytest
+from leaflight.core import quadtree
+from trees import SquareBake
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+@pytest.mark.parametrize("width", [1.0, 0.33])
+def test_even_light_is_even_also_at_a_clipped_border(degree, width):
+    """Photons on a fine lattice: every node must read flux over covered area, at its rim too."""
+    bake = SquareBake(side=16, degree=degree, width=width)
+    line = (np.arange(800) + 0.5) / 800
+    s, t = (a.ravel() for a in np.meshgrid(line * width, line))
+    bake.throw(s, t, emitted=len(s))
+    deepest = np.flatnonzero(~bake.tree.has_children)
+    at_s, at_t = np.random.default_rng(0).uniform(0.01, 0.99, (2, 50)) * [[width], [1]]
+    np.testing.assert_allclose(bake.values(deepest, at_s, at_t), 1.0 / width, rtol=0.03)
+
+
+def test_linear_light_is_exact_for_a_linear_basis():
+    bake = SquareBake(side=8, degree=1)
+    rng = np.random.default_rng(2)
+    s, t = np.sqrt(rng.random(400_000)), rng.random(400_000)  # density 2 s
+    bake.throw(s, t)
+    root = np.array([0])
+    at = np.linspace(0.1, 0.9, 9)
+    np.testing.assert_allclose(bake.values(root, at, np.full(9, 0.5)), 2 * at, atol=0.02)
+
+
+def test_totals_of_a_parent_are_those_of_its_photons():
+    """Sums that went to the deepest nodes and were carried up equal sums taken at the root."""
+    rng = np.random.default_rng(3)
+    s, t = rng.random((2, 5000))
+    deep, shallow = SquareBake(side=16, degree=2, preview_depth=3), SquareBake(side=16, degree=2, preview_depth=1)
+    for bake in (deep, shallow):
+        bake.throw(s, t)
+    np.testing.assert_allclose(deep.totals().raw[..., 0], shallow.totals().raw[..., 0], rtol=1e-9, atol=1e-9)
+    assert deep.totals().received[0] == 5000
+    assert deep.totals().shot[0] == 5000
+
+
+def test_late_children_get_all_the_flux_of_their_parent():
+    """[Tobler97] eq. 10: photons that came before the children are shared out as those that came after."""
+    rng = np.random.default_rng(5)
+    bake = SquareBake(side=16, degree=1, preview_depth=1)
+    bake.throw(*rng.random((2, 3000)))
+    bake.tree = quadtree.split(bake.tree, np.array([0]))
+    bake.grow()
+    bake.throw(rng.random(500) * 0.5, rng.random(500))  # the later ones only on the left
+    solution = bake.solution()
+    parents = np.flatnonzero(bake.tree.has_children)
+    for parent in parents:
+        children = bake.tree.children[parent][bake.tree.children[parent] >= 0]
+        np.testing.assert_allclose(solution.flux[:, children].sum(1), solution.flux[:, parent], rtol=1e-9)
+    np.testing.assert_allclose(solution.flux[:, 0], 1.0)
+
+
+def test_children_without_photons_take_their_parents_function():
+    rng = np.random.default_rng(5)
+    bake = SquareBake(side=16, degree=1, preview_depth=1)
+    bake.throw(np.sqrt(rng.random(100_000)), rng.random(100_000))
+    bake.tree = quadtree.split(bake.tree, np.array([0]))
+    bake.grow()
+    bake.tally.grow(len(bake.tree))
+    fine = np.flatnonzero(~bake.tree.has_children)
+    coarse = bake.tree.children[0]
+    at_s, at_t = rng.random((2, 40))
+    np.testing.assert_allclose(bake.values(fine, at_s, at_t), bake.values(coarse, at_s, at_t), rtol=1e-9)
+
+
+def test_few_hits_in_many_nodes_make_a_small_tally():
+    bake = SquareBake(side=32, flat=True, degree=0)
+    bake.throw(np.array([0.5, 0.5, 0.9]), np.array([0.5, 0.5, 0.1]))
+    assert bake.tally.count.sum() == 3
+    assert bake.tally.count.max() == 2
+
+
+def test_variance_is_that_of_repeated_bakes():
+    values, stated = [], []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        bake = SquareBake(side=8, degree=1, preview_depth=1)
+        bake.throw(*rng.random((2, 2000)), flux=np.broadcast_to(rng.choice([0.5, 1.5], 2000), (3, 2000)))
+        solution = bake.solution()
+        values.append(solution.flux[0, 1] / bake.tree.area[1])
+        stated.append(solution.variance[0, 1])
+    # 60 bakes tell a variance to about 18 %.
+    assert np.var(values) == pytest.approx(np.mean(stated), rel=0.55)

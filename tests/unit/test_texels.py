@@ -1,0 +1,260 @@
+"""Texel areas, moments and lookups against supersampling, totals and hand-made charts."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from leaflight.core.coverage import monomial_exponents
+from leaflight.core.scene import Material, SceneObject, SceneSnapshot
+from leaflight.core.texel_grid import interleave_bits
+from leaflight.core.texels import TexelMap, build_texel_map, centred_strata
+
+
+def make_map(uv: Any, chart: Any = None, position: Any = None, size: int = 8, degree: int = 4) -> TexelMap:
+    """Texels of triangles `uv` (n, 3, 2); they lie in the plane z = 0 at their UV unless `position` (n, 3, 3) says otherwise."""
+    uv = np.asarray(uv, float)
+    n = len(uv)
+    chart = np.zeros(n, np.int32) if chart is None else np.asarray(chart, np.int32)
+    position = np.concatenate([uv, np.zeros((n, 3, 1))], axis=2) if position is None else np.asarray(position, float)
+    zero = np.zeros(n, np.int32)
+    snapshot = SceneSnapshot(
+        vertex_position=position.reshape(-1, 3),
+        tri_vertex=np.arange(3 * n, dtype=np.int32).reshape(n, 3),
+        tri_object=zero,
+        tri_material=zero,
+        tri_polygon=zero,
+        tri_corner=np.zeros((n, 3), np.int32),
+        tri_normal=np.zeros((n, 3, 3), np.float32),
+        tri_uv=np.zeros((n, 3, 2)),
+        tri_albedo_uv=np.zeros((n, 3, 2), np.float32),
+        tri_emission_uv=np.zeros((n, 3, 2), np.float32),
+        objects=(SceneObject("Plane"),),
+        materials=(Material("White"),),
+    )
+    n_chart = int(chart.max(initial=-1)) + 1
+    atlas: Any = SimpleNamespace(page_size=size, page_count=1, tri_chart=chart, tri_uv=uv, chart_page=np.zeros(n_chart, np.int32))
+    return build_texel_map(snapshot, atlas, degree)
+
+
+def world_areas(position: np.ndarray) -> np.ndarray:
+    return 0.5 * np.linalg.norm(np.cross(position[:, 1] - position[:, 0], position[:, 2] - position[:, 0]), axis=1)
+
+
+def fan(rng: np.random.Generator, n: int, size: float) -> np.ndarray:
+    """n triangles around a point: a star-shaped chart without overlap."""
+    angle = (np.arange(n) + rng.uniform(0.0, 0.4, n)) * 2 * np.pi / n  # no gap reaches pi
+    rim = size / 2 + size / 2.1 * rng.uniform(0.2, 1.0, (n, 1)) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    centre = np.full((n, 2), size / 2)
+    return np.stack([centre, rim, np.roll(rim, -1, axis=0)], axis=1)
+
+
+def brute_moments(texels: TexelMap, entry: int, centre: np.ndarray, half: float, steps: int = 400) -> np.ndarray:
+    """Moments of one entry by a fine grid of points, as the integrals of the triangles' densities."""
+    line = (np.arange(steps) + 0.5) / steps
+    point = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2) + texels.texel_xy[entry]
+    weight = np.zeros(len(point))
+    for tri, corner in enumerate(texels.tri_uv[:-1]):
+        matrix = (corner[1:] - corner[0]).T
+        uv = np.linalg.solve(matrix, (point - corner[0]).T)
+        weight += texels.tri_density[tri] * ((uv >= 0).all(axis=0) & (uv.sum(axis=0) <= 1))
+    s, t = ((point - centre) / half).T
+    return np.array([(weight * s**i * t**j).mean() for i, j in monomial_exponents(4)])
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(3, 12), st.sampled_from([1.0, 7.9, 40.0]), st.booleans())
+def test_areas_sum_to_the_mesh(seed: int, n: int, size: float, mirrored: bool) -> None:
+    rng = np.random.default_rng(seed)
+    uv, position = fan(rng, n, size), rng.normal(size=(n, 3, 3))
+    texels = make_map(uv[:, ::-1] if mirrored else uv, position=position, size=40, chart=rng.integers(0, 3, n))
+    np.testing.assert_allclose(texels.texel_area.sum(), world_areas(position).sum(), rtol=1e-12)
+    assert (texels.texel_area > 0).all()
+    key = (texels.texel_chart.astype(np.int64) << 32) | texels.texel_code
+    assert (np.diff(key) > 0).all()
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_moments_match_supersampling(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    uv = fan(rng, 5, 4.0)
+    texels = make_map(uv, position=rng.normal(size=(5, 3, 3)))
+    n = len(texels.texel_area)
+    centre, half = np.array([1.5, 2.0]), 2.5
+    found = texels.range_moments(np.arange(n), np.arange(n) + 1, np.tile(centre, (n, 1)), np.full(n, half), 4)
+    expected = np.array([brute_moments(texels, entry, centre, half) for entry in range(n)])
+    np.testing.assert_allclose(found, expected, atol=4e-3 * texels.texel_area.max())
+    np.testing.assert_allclose(found[:, 0], texels.texel_area, rtol=1e-14)
+
+
+@pytest.mark.parametrize("degree", [0, 2, 4])
+def test_moments_of_ranges_match_one_polygon(degree: int) -> None:
+    """All texels of one triangle together have the moments of the triangle, and nested ranges add up."""
+    corner = np.array([[0.3, 1.2], [37.1, 5.6], [11.9, 39.5]])
+    texels = make_map(corner[None], size=64)
+    n, centre = len(texels.texel_area), np.array([20.0, 20.0])
+    start, end = np.array([0, 0, 5, n // 3, 7]), np.array([n, n // 3, 5, n, 3])
+    moments = texels.range_moments(start, end, np.tile(centre, (5, 1)), np.full(5, 16.0), degree)
+    unit = np.polynomial.legendre.leggauss(6)
+    a, b = (grid.ravel() for grid in np.meshgrid((unit[0] + 1) / 2, (unit[0] + 1) / 2))
+    weight = (np.outer(unit[1], unit[1]) / 4).ravel() * (1 - a) * 2 * texels.texel_area.sum()  # Duffy's map of the square
+    point = corner[0] + a[:, None] * (corner[1] - corner[0]) + ((1 - a) * b)[:, None] * (corner[2] - corner[0])
+    s, t = ((point - centre) / 16.0).T
+    expected = np.array([(weight * s**i * t**j).sum() for i, j in monomial_exponents(degree)])
+    scale = np.array([(weight * abs(s) ** i * abs(t) ** j).sum() for i, j in monomial_exponents(degree)])
+    assert (abs(moments[0] - expected) < 1e-12 * scale).all()
+    assert (abs(moments[1] + moments[3] - expected) < 1e-12 * scale).all()
+    assert not moments[[2, 4]].any()
+
+
+def test_moments_above_the_maps_degree_are_refused() -> None:
+    texels = make_map([[[0, 0], [1, 0], [0, 1]]], degree=0)
+    with pytest.raises(ValueError, match="degree: expected at most 0"):
+        texels.range_moments(np.array([0]), np.array([1]), np.zeros((1, 2)), np.ones(1), 2)
+
+
+def test_asymmetric_page() -> None:
+    """3 wide and 5 high, two triangles whose seam runs across: every texel is whole, rows run upwards."""
+    quad = np.array([[1.0, 2.0], [4.0, 2.0], [4.0, 7.0], [1.0, 7.0]])
+    texels = make_map(quad[[[0, 1, 2], [0, 2, 3]]])
+    np.testing.assert_allclose(texels.texel_area, np.ones(15), rtol=1e-14)
+    assert texels.chart_origin.tolist() == [[1, 2]]
+    assert texels.chart_log2.tolist() == [3]
+    assert {tuple(xy) for xy in texels.texel_xy.tolist()} == {(x, y) for x in (1, 2, 3) for y in (2, 3, 4, 5, 6)}
+    relative = texels.texel_xy - texels.chart_origin[0]
+    assert (texels.texel_code == interleave_bits(relative[:, 0], relative[:, 1])).all()
+    entry = texels.entry_of(np.array([0, 1]), np.array([3.5, 1.5]), np.array([2.5, 6.5]))
+    assert texels.texel_xy[entry].tolist() == [[3, 2], [1, 6]]
+
+
+def test_two_charts_share_a_texel() -> None:
+    lower, upper = [[1.0, 1.0], [2.0, 1.0], [1.0, 2.0]], [[2.0, 2.0], [1.0, 2.0], [2.0, 1.0]]
+    texels = make_map([lower, upper], chart=[0, 1])
+    assert texels.texel_xy.tolist() == [[1, 1], [1, 1]]
+    assert texels.texel_chart.tolist() == [0, 1]
+    assert texels.chart_start.tolist() == [0, 1, 2]
+    np.testing.assert_allclose(texels.texel_area, 0.5)
+    middle = np.full(2, 1.5)
+    assert texels.entry_of(np.array([0, 1]), middle, middle).tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("side", [1e-7, 1e-3, 0.4])
+def test_chart_below_a_texel(side: float) -> None:
+    uv = 3.3 + side * np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]])
+    texels = make_map(uv, position=[[[0, 0, 0], [2, 0, 0], [0, 3, 0]]])
+    assert texels.texel_xy.tolist() == [[3, 3]]
+    np.testing.assert_allclose(texels.texel_area, [3.0], rtol=1e-12)
+    np.testing.assert_allclose(texels.texel_bary[0], np.full(3, 1 / 3), atol=1e-6)
+
+
+@pytest.mark.parametrize("width", [1e-11, 1e-6, 0.01])
+def test_needle_keeps_its_area(width: float) -> None:
+    uv = np.array([[[0.2, 0.1], [900.3, 899.7], [0.2, 0.1 + width]]])
+    texels = make_map(uv, position=[[[0, 0, 0], [1, 0, 0], [0, 1, 0]]], size=1024)
+    np.testing.assert_allclose(texels.texel_area.sum(), 0.5, rtol=1e-12)
+    assert np.isfinite(texels.part_moments).all()
+
+
+def test_triangles_without_texels() -> None:
+    """No chart, no area in UV, no area in the world: nothing of them is in the map, and hits on them find nothing."""
+    good = [[1.0, 1.0], [5.0, 1.0], [1.0, 5.0]]
+    uv = [good, good, [[1.0, 1.0], [2.0, 2.0], [5.0, 5.0]], good]
+    position = np.concatenate([np.array(uv), np.zeros((4, 3, 1))], axis=2)
+    position[3] = 0.0
+    texels = make_map(uv, chart=[0, -1, 0, 0], position=position)
+    np.testing.assert_allclose(texels.texel_area.sum(), 8.0)
+    assert texels.entry_of(np.array([1, 2, 3, -1]), np.full(4, 2.0), np.full(4, 2.0)).tolist() == [-1] * 4
+    assert texels.entry_of(np.array([0]), np.array([2.0]), np.array([2.0])) >= 0
+
+
+def test_empty_map() -> None:
+    texels = make_map(np.zeros((1, 3, 2)), chart=[-1])
+    assert len(texels.texel_area) == 0
+    assert texels.chart_start.tolist() == [0]
+    assert texels.texel_bary.shape == (0, 3)
+    assert texels.sub_points(np.empty(0, np.int64), centred_strata(4))[0].shape == (4, 0)
+
+
+def test_chart_outside_its_page_is_refused() -> None:
+    with pytest.raises(ValueError, match="tri_uv: expected texels 0 to 8, got 0 to 9"):
+        make_map([[[0, 0], [9, 0], [0, 1]]])
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_hits_find_their_texel(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    uv = fan(rng, 6, 20.0)
+    chart = np.array([0, 0, 1, 1, 2, 2])
+    texels = make_map(uv, chart=chart, size=20)
+    tri = rng.integers(0, 6, 500)
+    u = rng.random(500)
+    v = (1 - u) * rng.random(500)
+    x, y = texels.hit_texel_xy(tri, u, v)
+    expected = uv[tri, 0] + u[:, None] * (uv[tri, 1] - uv[tri, 0]) + v[:, None] * (uv[tri, 2] - uv[tri, 0])
+    np.testing.assert_allclose(np.stack([x, y], axis=1), expected, atol=1e-12)
+    entry = texels.entry_of(tri, x, y)
+    assert (entry >= 0).all()
+    assert (texels.texel_chart[entry] == chart[tri]).all()
+    assert (texels.texel_xy[entry] == np.floor(expected)).all()
+    # Rounding may carry a hit one texel too far: it still finds a texel of its chart next door.
+    for step in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1)):
+        moved = texels.entry_of(tri, x + step[0], y + step[1])
+        assert (moved >= 0).all()
+        assert (texels.texel_chart[moved] == chart[tri]).all()
+        away = np.abs(texels.texel_xy[moved] - np.floor(expected + step)).max(axis=1)
+        assert away.max() <= 1
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_representative_points_lie_inside(mirrored: bool) -> None:
+    uv = fan(np.random.default_rng(5), 7, 12.0)
+    texels = make_map(uv[:, ::-1] if mirrored else uv, size=12)
+    bary = texels.texel_bary
+    assert (bary >= 0).all()
+    np.testing.assert_allclose(bary.sum(axis=1), 1.0, atol=1e-6)
+    x, y = texels.hit_texel_xy(texels.texel_tri, bary[:, 1].astype(float), bary[:, 2].astype(float))
+    assert (np.abs(np.stack([x, y], axis=1) - texels.texel_xy - 0.5) <= 0.5 + 1e-5).all()
+
+
+def test_sub_points_are_uniform_over_the_covered_part() -> None:
+    """With many points their mean is the centroid that the moments give, for every texel."""
+    rng = np.random.default_rng(6)
+    uv = fan(rng, 7, 6.0)
+    texels = make_map(uv, position=rng.normal(size=(7, 3, 3)))
+    n = len(texels.texel_area)
+    lattice = (np.arange(2500)[:, None, None] + 0.5) * [1 / 2500, 0.6180339887498949] % 1.0
+    tri, weight = texels.sub_points(np.arange(n), lattice)
+    x, y = texels.hit_texel_xy(tri.ravel(), weight[..., 0].ravel(), weight[..., 1].ravel())
+    centre = texels.texel_xy + 0.5
+    local = np.stack([x, y], axis=1).reshape(2500, n, 2) - centre
+    assert (np.abs(local) <= 0.5 + 1e-4).all()
+    moments = texels.range_moments(np.arange(n), np.arange(n) + 1, centre, np.ones(n), 2)
+    np.testing.assert_allclose(local.mean(axis=0), moments[:, 1:3] / moments[:, :1], atol=1e-3)
+    np.testing.assert_allclose((local**2).mean(axis=0), moments[:, [3, 5]] / moments[:, :1], atol=1e-3)
+
+
+def test_sub_points_of_any_entries() -> None:
+    """A subset in any order gives the same points as all at once."""
+    texels = make_map(fan(np.random.default_rng(8), 5, 6.0))
+    every = texels.sub_points(np.arange(len(texels.texel_area)), centred_strata(4))
+    some = np.array([7, 3, 3, 0])
+    tri, weight = texels.sub_points(some, centred_strata(4))
+    assert (tri == every[0][:, some]).all()
+    np.testing.assert_allclose(weight, every[1][:, some], atol=1e-5)
+
+
+def test_centred_strata_refuses_what_is_not_a_square() -> None:
+    with pytest.raises(ValueError, match="count: expected a square number, got 3"):
+        centred_strata(3)
+
+
+@given(st.lists(st.tuples(st.integers(0, 65535), st.integers(0, 65535)), min_size=1))
+def test_interleave_bits(points: list[tuple[int, int]]) -> None:
+    x, y = np.array(points).T
+    expected = [sum(((a >> i & 1) << 2 * i) | ((b >> i & 1) << 2 * i + 1) for i in range(16)) for a, b in points]
+    assert interleave_bits(x, y).tolist() == expected
