@@ -53,7 +53,7 @@ class WorldMesh:
     tri_vertex, tri_corner   (n_tri, 3) int32, anticlockwise seen from the front
     tri_polygon, tri_slot    (n_tri,) int32
     tri_normal        (n_tri, 3, 3) float32, unit
-    left_out          triangles with a coordinate that is not finite
+    left_out          how many polygons were dropped for a coordinate that is not finite
     """
 
     vertex_position: NDArray[np.float64]
@@ -117,7 +117,7 @@ def place_mesh(local: LocalMesh, matrix: FloatArray) -> WorldMesh:
         tri_polygon=tri_polygon,
         tri_slot=local.polygon_slot[tri_polygon],
         tri_normal=_world_normals(local.corner_normal[tri_corner], linear, mirrored, vertex_position[tri_vertex]),
-        left_out=int((~finite).sum()),
+        left_out=len(np.unique(local.tri_polygon[~finite])),
     )
 
 

@@ -23,7 +23,7 @@ def check_names(scene: Any, view_layer: Any, names: Sequence[str] | None) -> Non
         if obj is None:
             raise ValueError(f"{name}: no such object; {_list_objects(scene, name)}")
         if obj not in rendered:
-            raise ValueError(f"{name}: is hidden in render, by itself or by its collection; show it in render, or leave it out of the bake.")
+            raise ValueError(f"{name}: is hidden in render, or its collection is; show it in render, or leave it out of the bake.")
         if obj.type != "MESH" and not _makes_instances(obj):
             raise ValueError(f"{name}: is a {obj.type.lower()}, not a mesh; convert it to a mesh, or leave it out of the bake.")
 
@@ -81,6 +81,10 @@ class Receivers:
             reason = f"its mesh is linked from another file; {_COPY}"
         return reason
 
+    def keeps_corners(self, piece: Piece, local: LocalMesh) -> bool:
+        """Whether the modifiers left the object's own corners as they are."""
+        return has_corners_of(piece.source.data, local)
+
     def _warn_once(self, source: Any, text: str) -> None:
         if source not in self._warned:
             self._warned.add(source)
@@ -123,8 +127,10 @@ def _describe(modifier: Any) -> str:
 _LAYER_KEEPING = frozenset(("SUBSURF", "MULTIRES", "TRIANGULATE", "EDGE_SPLIT", "MASK", "DECIMATE", "WELD", "BEVEL", "BUILD"))
 _EFFECT = dict.fromkeys(("ARRAY", "MIRROR", "SOLIDIFY", "SCREW", "SKIN", "WIREFRAME"), "repeats the UV layer")
 _DEFORMING = frozenset(
-    ("ARMATURE", "CAST", "CURVE", "DISPLACE", "HOOK", "LAPLACIANDEFORM", "LATTICE", "MESH_DEFORM", "SHRINKWRAP", "SIMPLE_DEFORM")
-    + ("SMOOTH", "CORRECTIVE_SMOOTH", "LAPLACIANSMOOTH", "SURFACE_DEFORM", "WARP", "WAVE", "CLOTH", "COLLISION", "SOFT_BODY")
-    + ("DATA_TRANSFER", "MESH_CACHE", "MESH_SEQUENCE_CACHE", "NORMAL_EDIT", "WEIGHTED_NORMAL", "UV_PROJECT", "UV_WARP")
-    + ("VERTEX_WEIGHT_EDIT", "VERTEX_WEIGHT_MIX", "VERTEX_WEIGHT_PROXIMITY", "PARTICLE_SYSTEM", "DYNAMIC_PAINT")
+    (
+        *("ARMATURE", "CAST", "CURVE", "DISPLACE", "HOOK", "LAPLACIANDEFORM", "LATTICE", "MESH_DEFORM", "SHRINKWRAP", "SIMPLE_DEFORM"),
+        *("SMOOTH", "CORRECTIVE_SMOOTH", "LAPLACIANSMOOTH", "SURFACE_DEFORM", "WARP", "WAVE", "CLOTH", "COLLISION", "SOFT_BODY"),
+        *("DATA_TRANSFER", "MESH_CACHE", "MESH_SEQUENCE_CACHE", "NORMAL_EDIT", "WEIGHTED_NORMAL", "UV_PROJECT", "UV_WARP"),
+        *("VERTEX_WEIGHT_EDIT", "VERTEX_WEIGHT_MIX", "VERTEX_WEIGHT_PROXIMITY", "PARTICLE_SYSTEM", "DYNAMIC_PAINT"),
+    )
 )

@@ -49,14 +49,18 @@ class EmitterPool:
     surfaces: SurfaceMaterials
 
     @classmethod
-    def of(cls, groups: list[EmittingCells], corner_unit: Float32, normal: Float32, scale: float, surfaces: SurfaceMaterials) -> EmitterPool:
+    def of(
+        cls, groups: list[EmittingCells], corner_unit: Float32, normal: Float32, scale: float, surfaces: SurfaceMaterials
+    ) -> EmitterPool:
         """A pool of the cells of several materials; scale is the unit box's."""
         importance = np.concatenate([group.importance for group in groups])
         constant = np.concatenate([np.full(len(group.tri), group.constant) for group in groups])
-        fields = ("tri", "corner", "side", "area_m2", "mean_rgb")
-        joined = [np.concatenate([getattr(group, name) for group in groups]) for name in fields]
-        order = _sort_by_place(corner_unit[joined[0]].mean(axis=1), normal[joined[0]])
-        cells = EmittingCells(*(values[order] for values in joined), constant=False)
+        tri = np.concatenate([group.tri for group in groups])
+        order = _sort_by_place(corner_unit[tri].mean(axis=1), normal[tri])
+        corner, side, area_m2, mean_rgb = (
+            np.concatenate([getattr(group, name) for group in groups])[order] for name in ("corner", "side", "area_m2", "mean_rgb")
+        )
+        cells = EmittingCells(tri[order], corner, side, area_m2, mean_rgb, constant=False)
         power_end = np.concatenate([[0.0], np.cumsum(importance[order])])
         start = np.searchsorted(power_end, power_end[-1] * np.arange(_MAX_CLUSTERS) / _MAX_CLUSTERS)
         if len(order) <= _MAX_CLUSTERS:
@@ -86,7 +90,7 @@ class EmitterPool:
                 n_ray += traced
                 total[piece] += value.sum(axis=0)
                 # Neighbouring strata differ by what is random inside them. Source: Wolter 1984, successive differences.
-                squares[piece] += 0.5 * ((value[0::2] - value[1::2]) ** 2).sum(axis=0) * 2
+                squares[piece] += ((value[0::2] - value[1::2]) ** 2).sum(axis=0)
                 taken[piece] += last - first
             error = np.sqrt(weigh_channels(squares)) / taken
             level = weigh_channels(base_rgb + total / taken[:, None])
@@ -173,16 +177,24 @@ class EmitterPool:
         share = np.maximum(cos_receiver, _GRAZING) * np.maximum(cos_light, _GRAZING) * per_area
         radiance = self.cells.mean_rgb[cell]
         if exact:
-            near = np.flatnonzero(self.constant[cell] & (square < _NEAR * area) & (weight > 0))
-            if len(near):
-                weight[near] = np.abs(polygon_irradiance(self.corner_unit[tri[near]], receivers.position[near], receivers.normal[near]))
-            far = np.flatnonzero(self.constant[cell] & (square >= _NEAR * area))
-            weight[far] *= 1 + area[far] / (math.pi * square[far])
+            self._sharpen(weight, receivers, cell, square)
             textured = np.flatnonzero(~self.constant[cell])
             if len(textured):
                 radiance[textured] = self.surfaces.emission_at(tri[textured], barycentric[textured, 0], barycentric[textured, 1])
         one = np.ones(len(cell), np.float32)
         return Aim(direction, one, share.astype(np.float32), weight.astype(np.float32)), radiance
+
+    def _sharpen(self, weight: Float64, receivers: Receivers, cell: Int64, square: FloatArray) -> None:
+        """Makes the weights of triangles of constant radiance exact: in closed form near them, per point further away."""
+        area = self.area[cell]
+        far = np.flatnonzero(self.constant[cell] & (square >= _NEAR * area))
+        weight[far] *= 1 + area[far] / (math.pi * square[far])
+        near = np.flatnonzero(self.constant[cell] & (square < _NEAR * area))
+        looking, corners = receivers.rows(near), self.corner_unit[self.cells.tri[cell[near]]]
+        # A triangle that the horizon cuts keeps the softened weight: the closed form leaves out what points below it would carry.
+        whole = (((corners - looking.position[:, None]) * looking.normal[:, None]).sum(axis=2) > 0).all(axis=1)
+        near, looking = near[whole], looking.rows(np.flatnonzero(whole))
+        weight[near] = np.abs(polygon_irradiance(corners[whole], looking.position, looking.normal))
 
 
 def _sort_by_place(centre: FloatArray, normal: FloatArray) -> Int64:
@@ -194,4 +206,5 @@ def _sort_by_place(centre: FloatArray, normal: FloatArray) -> Int64:
             code |= ((place[:, axis] >> bit) & 1) << (3 * bit + axis)
     axis = np.abs(normal).argmax(axis=1)
     facing = 2 * axis + (normal[np.arange(len(normal)), axis] < 0)
-    return np.lexsort((code, facing))
+    order: Int64 = np.lexsort((code, facing))
+    return order

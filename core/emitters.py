@@ -113,7 +113,7 @@ class WorldEmitter:
 def rotate_to(local: FloatArray, normal: FloatArray) -> FloatArray:
     """Directions (n, 3) around +Z, turned to be around unit normals (n, 3)."""
     tangent, bitangent = orthonormal_basis(normal)
-    out: FloatArray = local[:, :1] * tangent + local[:, 1:2] * bitangent + local[:, 2:] * normal
+    out: FloatArray = tangent * local[:, :1] + bitangent * local[:, 1:2] + normal * local[:, 2:]
     return out
 
 

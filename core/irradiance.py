@@ -35,7 +35,8 @@ def cap_irradiance(cosine: FloatArray, sine_squared: FloatArray) -> NDArray[np.f
         y = np.clip(-cotangent * c / np.maximum(sine, 1e-300), -1, 1)
         rim = sine * np.sqrt(1 - y * y)
         out[cut] = s * (c * np.arccos(y) - cotangent * rim) + np.arctan2(rim, cotangent)
-    return out.clip(0)
+    clipped: NDArray[np.float64] = np.maximum(out, 0)
+    return clipped
 
 
 def point_irradiance(to_light: FloatArray, normal: FloatArray, radius: float, soft: bool) -> NDArray[np.float64]:
@@ -48,7 +49,8 @@ def point_irradiance(to_light: FloatArray, normal: FloatArray, radius: float, so
     distance_squared = np.maximum((vector * vector).sum(axis=1), 1e-300)
     cosine = (vector * normal).sum(axis=1) / np.sqrt(distance_squared)
     if radius == 0:
-        return cosine.clip(0) / distance_squared
+        facing: NDArray[np.float64] = np.maximum(cosine, 0) / distance_squared
+        return facing
     radiance = 1 / (math.pi * radius**2)
     if soft:
         return cap_irradiance(cosine, radius**2 / (distance_squared + radius**2)) * radiance

@@ -120,7 +120,7 @@ def test_is_small_and_complete(name):
     assert not bpy.utils.blend_paths(absolute=True, packed=False, local=False), "refers to files outside"
     assert not bpy.data.libraries
     for image in bpy.data.images:
-        if image.type == "IMAGE" and image.users:
+        if image.source in {"FILE", "GENERATED"} and image.users:
             assert image.packed_file, image.name
             assert image.size[0] * image.size[1] == len(image.pixels) / 4 > 0, image.name
     assert scene.render.filepath == "//"
@@ -183,6 +183,19 @@ def test_furniture_is_closed_and_faces_outward():
             mesh = scene.objects[name].data
             assert open_edges(mesh) == 0, name
             assert signed_volume(mesh) > 0, name
+
+
+@pytest.mark.parametrize("name", ["cornell_box", "furnace", "furnished_room", "two_rooms"])
+def test_interior_faces_the_camera(name):
+    scene = open_sample(name)
+    graph, eye = bpy.context.evaluated_depsgraph_get(), scene.camera.location
+    hits = 0
+    for direction in np.random.default_rng(6).normal(size=(2000, 3)):
+        hit, _, normal, _, thing, _ = scene.ray_cast(graph, eye, direction)
+        if hit:
+            hits += 1
+            assert np.dot(normal, direction) < 0, thing.name
+    assert hits > (50 if name == "cornell_box" else 1900)
 
 
 def test_room_texture_is_mapped():

@@ -1,0 +1,98 @@
+"""The arrays of one piece with its materials and textures, and all pieces' arrays in one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.scene import IntArray
+from .export_mesh import LocalMesh, WorldMesh, place_mesh
+from .export_pieces import Piece
+from .materials_read import MaterialTable
+from .render_levels import Warnings
+from .texture_mapping import UvMapping
+
+
+@dataclass(frozen=True)
+class PieceArrays:
+    """One piece's part of the snapshot's arrays; passes_light tells that all its faces are glass or gap."""
+
+    world: WorldMesh
+    tri_material: NDArray[np.int32]
+    tri_uv: NDArray[np.float64]
+    tri_albedo_uv: NDArray[np.float32]
+    tri_emission_uv: NDArray[np.float32]
+    passes_light: bool
+
+    @property
+    def n_tri(self) -> int:
+        return len(self.tri_material)
+
+
+def read_piece(piece: Piece, local: LocalMesh, materials: MaterialTable, uv_layer: str | None, warnings: Warnings) -> PieceArrays:
+    """A piece in the world, with the materials of its slots; `uv_layer` fills tri_uv, None leaves it zero."""
+    world = place_mesh(local, piece.matrix)
+    n_tri = len(world.tri_slot)
+    slots = list_materials(piece.evaluated)
+    slot = np.clip(world.tri_slot, 0, len(slots) - 1)  # as Cycles does
+    used = np.unique(slot)
+    slot_material = np.zeros(len(slots), np.int32)
+    slot_material[used] = [materials.index(slots[index]) for index in used]
+    tri_material = slot_material[slot]
+    tri_albedo_uv, tri_emission_uv = np.zeros((2, n_tri, 3, 2), np.float32)
+    passing = []
+    for index in np.unique(tri_material):
+        reading = materials.readings[index]
+        passing.append(reading.passes_light)
+        here = tri_material == index
+        corner = world.tri_corner[here]
+        if reading.material.albedo_image >= 0:
+            tri_albedo_uv[here] = _texture_uv(piece, local, corner, reading.albedo_mapping, warnings)
+        if reading.material.emission_image >= 0:
+            tri_emission_uv[here] = _texture_uv(piece, local, corner, reading.emission_mapping, warnings)
+    tri_uv = np.zeros((n_tri, 3, 2)) if uv_layer is None else np.nan_to_num(local.layers[uv_layer][world.tri_corner])
+    return PieceArrays(world, tri_material, tri_uv, tri_albedo_uv, tri_emission_uv, bool(passing) and all(passing))
+
+
+def list_materials(evaluated: Any) -> list[Any]:
+    """The original material of each slot, None for an empty one; at least one."""
+    found = list(evaluated.data.materials)
+    for index, slot in enumerate(evaluated.material_slots):
+        if slot.link == "OBJECT" and index < len(found):
+            found[index] = slot.material
+    return [material and material.original for material in found] or [None]
+
+
+def join_arrays(pieces: Sequence[PieceArrays]) -> dict[str, NDArray[Any]]:
+    """The arrays of a SceneSnapshot by name; object i is pieces[i]."""
+    first_vertex = np.cumsum([0, *(len(piece.world.vertex_position) for piece in pieces)])
+    tri_object: IntArray = np.repeat(np.arange(len(pieces), dtype=np.int32), [piece.n_tri for piece in pieces])
+    shifted = [piece.world.tri_vertex + np.int32(first) for piece, first in zip(pieces, first_vertex[:-1], strict=True)]
+    return {
+        "vertex_position": np.concatenate([piece.world.vertex_position for piece in pieces]),
+        "tri_vertex": np.concatenate(shifted),
+        "tri_object": tri_object,
+        "tri_material": np.concatenate([piece.tri_material for piece in pieces]),
+        "tri_polygon": np.concatenate([piece.world.tri_polygon for piece in pieces]),
+        "tri_corner": np.concatenate([piece.world.tri_corner for piece in pieces]),
+        "tri_normal": np.concatenate([piece.world.tri_normal for piece in pieces]),
+        "tri_uv": np.concatenate([piece.tri_uv for piece in pieces]),
+        "tri_albedo_uv": np.concatenate([piece.tri_albedo_uv for piece in pieces]),
+        "tri_emission_uv": np.concatenate([piece.tri_emission_uv for piece in pieces]),
+    }
+
+
+def _texture_uv(piece: Piece, local: LocalMesh, corner: IntArray, mapping: UvMapping, warnings: Warnings) -> NDArray[np.float32]:
+    """Texture coordinates of triangles' corners; without the layer the texture's origin, as in Cycles."""
+    layer = local.layers.get(mapping.layer or local.render_layer)
+    if layer is None:
+        what = f"UV layer {mapping.layer}" if mapping.layer else "UV layer"
+        warnings.append((piece.source.name, f"has no {what}, so its texture shows one colour everywhere"))
+        uv = np.zeros((*corner.shape, 2))
+    else:
+        uv = layer[corner]
+    return np.nan_to_num(mapping.apply(uv)).astype(np.float32)

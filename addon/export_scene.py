@@ -1,0 +1,231 @@
+"""A Blender scene -> SceneSnapshot, and what of Blender each of its objects is."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import bpy
+
+from ..core.scene import Light, SceneObject, SceneSnapshot
+from .export_arrays import PieceArrays, join_arrays, read_piece
+from .export_mesh import LocalMesh, count_duplicates, read_mesh
+from .export_pieces import COLLECTION, CURVE, OWN, Piece, PieceKey, walk_pieces
+from .export_receivers import Receivers, check_names, repeats_layer
+from .lights_read import read_light, read_world
+from .materials_read import MaterialTable
+from .render_levels import Warnings, evaluate_for_render
+
+
+@dataclass(frozen=True)
+class ExportedObject:
+    """What of Blender an object of the snapshot is; holds no reference into Blender's data, so it outlives undo.
+
+    name         the SceneObject's, unique
+    source       name of the object of the scene that it is, or that makes it
+    library      file that the source is linked from, "" none
+    uid          the source's session_uid
+    key, kind    which piece of the source (see export_pieces)
+    needs_copy   its lightmap goes on a copy made from the evaluated mesh, whose corners and polygons the snapshot then counts
+    reason       why it needs a copy, "" otherwise
+    n_corner, n_polygon   of the mesh that tri_corner and tri_polygon index, to check before writing
+    """
+
+    name: str
+    source: str
+    library: str
+    uid: int
+    key: PieceKey
+    kind: str
+    needs_copy: bool
+    reason: str
+    n_corner: int
+    n_polygon: int
+
+
+@dataclass(frozen=True)
+class ExportResult:
+    """A snapshot and what is needed to bring a bake of it back.
+
+    objects         one for each of snapshot.objects, in the same order
+    material_uids   session_uid of each material of the snapshot, 0 for "no material"
+    warnings        (subject, text)
+    """
+
+    snapshot: SceneSnapshot
+    objects: tuple[ExportedObject, ...]
+    material_uids: tuple[int, ...]
+    warnings: tuple[tuple[str, str], ...]
+
+
+def export_scene(
+    context_or_scene: Any, objects: Sequence[str] | None = None, uv_layer: str | None = None, view_layer: Any = None
+) -> ExportResult:
+    """The snapshot of a scene as a render shows it; nothing of the user's is changed.
+
+    objects      names of those that get a lightmap, None for every mesh
+    uv_layer     existing UV layer to use as it is
+    view_layer   None for the current one, or the scene's first that renders
+    Raises ValueError with a sentence where there is nothing to bake.
+    """
+    scene = getattr(context_or_scene, "scene", context_or_scene)
+    view_layer = view_layer or _find_view_layer(context_or_scene, scene)
+    warnings: Warnings = []
+    check_names(scene, view_layer, objects)
+    _warn_working_space(warnings)
+    with evaluate_for_render(scene, view_layer, warnings) as depsgraph:
+        export = _Export(view_layer, depsgraph, objects, uv_layer, warnings)
+        world_rgb = read_world(scene, warnings)
+    return export.finish(world_rgb)
+
+
+def find_object(exported: ExportedObject) -> Any:
+    """The Blender object that is or makes an exported one; None where it is gone."""
+    by_uid = next((obj for obj in bpy.data.objects if obj.session_uid == exported.uid), None)
+    return by_uid or bpy.data.objects.get((exported.source, exported.library or None))
+
+
+class _Export:
+    """The pieces of one export, gathered while the depsgraph stands."""
+
+    def __init__(self, view_layer: Any, depsgraph: Any, names: Sequence[str] | None, uv_layer: str | None, warnings: Warnings) -> None:
+        self._uv_layer = uv_layer
+        self._warnings = warnings
+        self._materials = MaterialTable(warnings)
+        self._local: dict[tuple[int, ...], LocalMesh] = {}
+        self._names: set[str] = set()
+        self._found: list[tuple[ExportedObject, SceneObject, PieceArrays, int]] = []
+        self._lights: list[Light] = []
+        keys = [(piece.source, piece.kind) for piece in walk_pieces(view_layer, depsgraph) if piece.evaluated.type == "MESH"]
+        self._receivers = Receivers(names, keys, warnings)
+        curves: list[str] = []
+        for piece in walk_pieces(view_layer, depsgraph):
+            if piece.evaluated.type == "LIGHT":
+                light = read_light(piece.evaluated, piece.matrix, piece.evaluated.original.name, warnings)
+                self._lights.extend([light] if light else [])
+                continue
+            if piece.kind == CURVE:
+                curves.append(piece.source.name)
+            self._add(piece)
+        if curves and names is None:
+            listed = ", ".join(sorted(set(curves))[:8])
+            warnings.append(("", f"{listed}: not meshes, so they cast light but get no lightmap; convert them to meshes to bake them"))
+
+    def finish(self, world_rgb: tuple[float, float, float]) -> ExportResult:
+        """The result, its objects in the order of their names, so that it does not depend on Blender's."""
+        self._check_receivers()
+        self._found.sort(key=lambda entry: entry[0].name)
+        users = Counter(mesh_uid for *_, mesh_uid in self._found)
+        scene_objects = tuple(replace(item, users=max(users[uid], 1) if uid else 1) for _, item, _, uid in self._found)
+        readings = self._materials.readings
+        snapshot = SceneSnapshot(
+            **join_arrays([arrays for _, _, arrays, _ in self._found]),
+            objects=scene_objects,
+            materials=tuple(reading.material for reading in readings),
+            images=tuple(self._materials.images.images),
+            lights=tuple(sorted(self._lights, key=lambda light: (light.name, light.position_m))),
+            world_rgb=world_rgb,
+        )
+        exported = tuple(entry[0] for entry in self._found)
+        warnings = tuple(dict.fromkeys(self._warnings))
+        return ExportResult(snapshot, exported, tuple(reading.uid for reading in readings), warnings)
+
+    def _add(self, piece: Piece) -> None:
+        local = self._read_local(piece.evaluated)
+        receives = self._receivers.receives(piece)
+        unseen = not piece.evaluated.visible_shadow and not piece.evaluated.visible_diffuse
+        if not local.n_polygon or (unseen and not receives):
+            if receives and piece.kind == OWN:
+                self._warnings.append((piece.source.name, "has no faces and is left out"))
+            return
+        has_layer = receives and self._has_layer(piece, local)
+        arrays = read_piece(piece, local, self._materials, self._uv_layer if has_layer else None, self._warnings)
+        self._warn_faces(piece, arrays, receives)
+        if not arrays.n_tri:
+            return
+        reason = self._receivers.find_copy_reason(piece, local, self._uv_layer if has_layer else None) if receives else ""
+        name = self._unique_name(piece)
+        source = piece.source
+        library = source.library.filepath if source.library else ""
+        exported = ExportedObject(
+            name, source.name, library, source.session_uid, piece.key, piece.kind, bool(reason), reason, local.n_corner, local.n_polygon
+        )
+        if reason:
+            self._warnings.append((source.name, reason))
+        scene_object = SceneObject(
+            name=name,
+            receives=receives,
+            has_layer=has_layer,
+            casts_shadow=piece.evaluated.visible_shadow and not arrays.passes_light,
+        )
+        mesh_uid = source.data.session_uid if piece.kind == OWN else 0
+        self._found.append((exported, scene_object, arrays, mesh_uid))
+
+    def _read_local(self, evaluated: Any) -> LocalMesh:
+        """The piece's mesh, read once for all that share it."""
+        data = evaluated.data
+        key = (data.as_pointer(), len(data.vertices), len(data.loops), len(data.polygons))
+        if key not in self._local:
+            self._local[key] = read_mesh(evaluated.to_mesh())
+            evaluated.to_mesh_clear()
+        return self._local[key]
+
+    def _has_layer(self, piece: Piece, local: LocalMesh) -> bool:
+        if self._uv_layer is None or self._uv_layer not in local.layers or piece.kind not in (OWN, COLLECTION):
+            return False
+        original = piece.evaluated.original
+        return not repeats_layer(original) or (piece.kind == OWN and self._receivers.keeps_corners(piece, local))
+
+    def _unique_name(self, piece: Piece) -> str:
+        """The source's name; an instance adds what it is an instance of, and a number where that is not enough."""
+        name = piece.source.name
+        if piece.kind not in (OWN, CURVE):
+            own = piece.evaluated.original.name
+            name = f"{name}.{own if own != name else 'instance'}"
+        unique, number = name, 1
+        while unique in self._names:
+            number += 1
+            unique = f"{name}.{number:03d}"
+        self._names.add(unique)
+        return unique
+
+    def _warn_faces(self, piece: Piece, arrays: PieceArrays, receives: bool) -> None:
+        count = arrays.world.left_out
+        if count:
+            what = "every face is" if not arrays.n_tri else "1 face is" if count == 1 else f"{count} faces are"
+            self._warnings.append((piece.source.name, f"{what} left out, for a coordinate is not a finite number"))
+        duplicates = count_duplicates(arrays.world) if receives else 0
+        if duplicates:
+            self._warnings.append((piece.source.name, f"{duplicates} triangles lie exactly on others; merge them to bake them well"))
+
+    def _check_receivers(self) -> None:
+        receivers = [item for _, item, _, _ in self._found if item.receives]
+        if not receivers:
+            told = "; ".join(f"{subject}: {text}" for subject, text in self._warnings if "left out" in text and "face" in text)
+            found = f" ({told})" if told else ""
+            raise ValueError(f"nothing to bake: no mesh object with faces is shown in render{found}; add one, or show one in render.")
+        if self._uv_layer is None:
+            return
+        if not any(item.has_layer for item in receivers):
+            layers = sorted({layer for local in self._local.values() for layer in local.layers})
+            known = f"the layers there are: {', '.join(layers)}" if layers else "there are no UV layers"
+            raise ValueError(f"no object has a UV layer named {self._uv_layer} that can be used: {known}.")
+        missing = [item.name for item in receivers if not item.has_layer]
+        self._warnings.extend((name, f"has no UV layer {self._uv_layer} to use and is unwrapped anew") for name in missing)
+
+
+def _find_view_layer(context_or_scene: Any, scene: Any) -> Any:
+    if context_or_scene is not scene:
+        return context_or_scene.view_layer
+    if bpy.context.scene == scene:
+        return bpy.context.view_layer
+    return next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
+
+
+def _warn_working_space(warnings: Warnings) -> None:
+    colorspace = getattr(bpy.data, "colorspace", None)  # from Blender 5.0 on
+    space = getattr(colorspace, "working_space", "Linear Rec.709")
+    if space != "Linear Rec.709":
+        warnings.append(("", f"the file's working space {space} is treated as Linear Rec.709"))
