@@ -55,7 +55,7 @@ def give_own_mesh(obj: bpy.types.Object) -> bpy.types.Mesh:
         return obj.data
     shared = obj.data
     mesh = shared.copy()
-    mesh.name, mesh.use_fake_user = suffixed_name(shared.name), False
+    mesh.name = suffixed_name(shared.name)
     remove_mark(mesh, SHAPE)
     mark_made(mesh)
     mesh[SHAPE] = _shape_digest(mesh)

@@ -53,7 +53,7 @@ class WorldMesh:
     tri_vertex, tri_corner   (n_tri, 3) int32, anticlockwise seen from the front
     tri_polygon, tri_slot    (n_tri,) int32
     tri_normal        (n_tri, 3, 3) float32, unit
-    left_out          how many polygons were dropped for a coordinate that is not finite
+    left_out          polygons dropped whole for a coordinate that is not finite
     """
 
     vertex_position: NDArray[np.float64]
@@ -104,6 +104,9 @@ def place_mesh(local: LocalMesh, matrix: FloatArray) -> WorldMesh:
     tri_corner = local.tri_corner[:, [0, 2, 1]] if mirrored else local.tri_corner
     tri_vertex = local.corner_vertex[tri_corner]
     finite = np.isfinite(position).all(axis=1)[tri_vertex].all(axis=1)
+    broken = np.zeros(local.n_polygon, bool)
+    broken[local.tri_polygon[~finite]] = True
+    finite = ~broken[local.tri_polygon]
     tri_corner, tri_vertex, tri_polygon = tri_corner[finite], tri_vertex[finite], local.tri_polygon[finite]
 
     used = np.zeros(len(position), bool)
@@ -117,7 +120,7 @@ def place_mesh(local: LocalMesh, matrix: FloatArray) -> WorldMesh:
         tri_polygon=tri_polygon,
         tri_slot=local.polygon_slot[tri_polygon],
         tri_normal=_world_normals(local.corner_normal[tri_corner], linear, mirrored, vertex_position[tri_vertex]),
-        left_out=len(np.unique(local.tri_polygon[~finite])),
+        left_out=int(broken.sum()),
     )
 
 

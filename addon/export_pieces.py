@@ -19,6 +19,8 @@ GEOMETRY = "GEOMETRY"  # made by geometry nodes
 SCATTER = "SCATTER"  # made by particles, or by the vertices or faces of a parent
 CURVE = "CURVE"  # the evaluated mesh of a curve, text, surface or metaball
 
+_SCATTERING = ("VERTS", "FACES")
+
 
 @dataclass(frozen=True)
 class Piece:
@@ -49,9 +51,9 @@ def walk_pieces(view_layer: Any, depsgraph: Any) -> Iterator[Piece]:
             continue
         kind = _find_kind(instance, source)
         original = evaluated.original
-        if kind == OWN and not source.show_instancer_for_render and (source.is_instancer or source.particle_systems):
+        if kind == OWN and _is_hidden_original(source):
             continue
-        if kind == SCATTER and not instance.particle_system and original.hide_render:
+        if not instance.show_self or (kind == SCATTER and not instance.particle_system and original.hide_render):
             continue
         if kind == COLLECTION:
             if source not in hidden:
@@ -68,6 +70,16 @@ def _find_kind(instance: Any, source: Any) -> str:
         return CURVE
     if not instance.is_instance:
         return OWN
-    if instance.particle_system or source.instance_type in ("VERTS", "FACES"):
+    if instance.particle_system or source.instance_type in _SCATTERING:
         return SCATTER
     return COLLECTION if source.instance_type == "COLLECTION" and source.instance_collection else GEOMETRY
+
+
+def _is_hidden_original(obj: Any) -> bool:
+    """Whether a render shows an object's instances only: those it makes, or those made of it by its parent.
+
+    The viewport shows the latter's original, Cycles does not.
+    """
+    if not obj.show_instancer_for_render and (obj.instance_type in _SCATTERING or obj.particle_systems):
+        return True
+    return obj.parent is not None and obj.parent.instance_type in _SCATTERING

@@ -31,10 +31,9 @@ def load_image(path: str | Path, name: str = "") -> bpy.types.Image:
         image = bpy.data.images.load(str(path), check_existing=False)
         mark_made(image)
     image.name = name or path.stem
-    image.filepath = _relative_path(path)
+    image.filepath = _relative_path(path)  # reads the file again, too
     image.colorspace_settings.name = color_space
     image.alpha_mode = "CHANNEL_PACKED"  # alpha is coverage and must not scale the light
-    image.reload()
     return image
 
 

@@ -114,7 +114,7 @@ def _lit_base(
 
 
 def _shader_nodes(socket: bpy.types.NodeSocket) -> Iterator[bpy.types.Node]:
-    """The shader nodes that feed a socket, nearest first along each branch."""
+    """The nodes that feed a socket with shaders, nearest first along each branch."""
     waiting, seen = [socket], set()
     while waiting:
         for link in waiting.pop().links:
@@ -122,8 +122,7 @@ def _shader_nodes(socket: bpy.types.NodeSocket) -> Iterator[bpy.types.Node]:
             if link.is_muted or node.name in seen:
                 continue
             seen.add(node.name)
-            if node.type != "REROUTE":
-                yield node
+            yield node
             waiting += [entry for entry in reversed(node.inputs) if entry.type == "SHADER"]
 
 

@@ -147,7 +147,7 @@ def _cover(
 
 
 def _make_copy(original: bpy.types.Material | None) -> bpy.types.Material:
-    """Our copy, marked, without the original's fake user and asset mark."""
+    """Our copy, marked; Blender gives it no fake user and no asset mark."""
     if original is None:
         copy = bpy.data.materials.new(NAME)
         if copy.node_tree:
@@ -155,10 +155,7 @@ def _make_copy(original: bpy.types.Material | None) -> bpy.types.Material:
     else:
         copy = original.copy()
         copy.name = suffixed_name(original.name)
-        copy.use_fake_user = False
         copy[ORIGINAL] = original
-        if copy.asset_data:
-            copy.asset_clear()
     mark_made(copy)
     return copy
 

@@ -70,10 +70,8 @@ def _add_layer(mesh: bpy.types.Mesh, name: str) -> bpy.types.MeshUVLoopLayer:
         raise ValueError(f"{mesh.name}: has {len(mesh.uv_layers)} UV layers, as many as Blender allows; remove one and bake again.")
     active, render = _active_names(mesh)
     layer = mesh.uv_layers.new(name=name, do_init=False)
-    own_name = layer.name
-    mesh[LAYER] = {"name": own_name, "digest": "", "active": active, "render": render}
-    _set_active(mesh, active, render)
-    return mesh.uv_layers[own_name]
+    mesh[LAYER] = {"name": layer.name, "digest": "", "active": active, "render": render}
+    return layer
 
 
 def _active_names(mesh: bpy.types.Mesh) -> tuple[str, str]:

@@ -1,7 +1,4 @@
-"""A whole bake without Blender: a folder with a snapshot and a job goes in, image files and a result come out.
-
-The folder holds snapshot.npz and job.json when the bake starts; layout.npz and result.json when it is done.
-"""
+"""A whole bake without Blender: a folder with a snapshot and a job goes in, image files and a result come out (see job)."""
 
 from __future__ import annotations
 
@@ -20,37 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import basis, charts, contact, image_file, resolve, shared_arrays, solve, texels, workers
-from .direct import bake_direct
 from .materials import clamp_warnings
+from .job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
 from .messages import Done, Message, Status, Warning_
 from .scene import SceneSnapshot
-from .settings import Settings
 from .snapshot import load_snapshot
 from .texel_map import TexelMap
-
-JOB_FILE, RESULT_FILE, LAYOUT_FILE = "job.json", "result.json", "layout.npz"
-
-
-@dataclass(frozen=True)
-class Job:
-    """What to bake besides the scene itself.
-
-    output       folder of the images
-    atlas_name   file name of shared pages, without page number
-    """
-
-    settings: Settings
-    output: str
-    atlas_name: str
-
-    def save(self, folder: Path) -> None:
-        (folder / JOB_FILE).write_text(json.dumps(dataclasses.asdict(self)), encoding="utf-8")
-
-    @classmethod
-    def load(cls, folder: Path) -> Job:
-        fields: dict[str, Any] = json.loads((folder / JOB_FILE).read_text(encoding="utf-8"))
-        knobs = {name: tuple(value) if isinstance(value, list) else value for name, value in fields.pop("settings").items()}
-        return cls(settings=Settings(**knobs), **fields)
 
 
 @dataclass(frozen=True)
@@ -92,7 +64,7 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
     executor = workers.make_executor(settings.workers)
     try:
         with stages.stage("load", "Reading the scene"):
-            snapshot = load_snapshot(folder / workers.SNAPSHOT_FILE)
+            snapshot = load_snapshot(folder / SNAPSHOT_FILE)
             warnings = clamp_warnings(snapshot)
         with stages.stage("charts", "Unwrapping"):
             atlas = charts.make_charts(snapshot, settings)
@@ -105,10 +77,11 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
         for subject, text in [*warnings, *atlas.warnings, *tracing.warnings]:
             tell(Warning_(subject, text))
         with stages.stage("direct", "Direct light"):
+            n_texel = len(texel_map.texel_area)
             by_rays = settings.direct == "rays"
-            direct = bake_direct(folder, executor, settings) if by_rays else solve.DirectLight.none(len(texel_map.texel_area))
+            direct = solve.light_directly(folder, settings, executor, n_texel) if by_rays else solve.DirectField.none(n_texel)
         with stages.stage("photons", "Tracing photons"):
-            forced = _find_contacts(tracing, texel_map) if settings.contact else np.zeros(len(texel_map.texel_area), bool)
+            forced = _find_contacts(tracing, texel_map) if settings.contact else np.zeros(n_texel, bool)
             light = solve.Solver(folder, settings, executor, direct, forced).run(tell, should_stop)
         with stages.stage("write", "Writing images"):
             files = _write_pages(job, snapshot, atlas, texel_map, light, tracing)
@@ -120,7 +93,8 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
         "peak_memory_mb": peak_memory_mb(),
         "photons": light.photons,
         "rounds": light.rounds,
-        "rays": light.ledger.rays + direct.rays,
+        "rays": light.ledger.rays + direct.counters.get("rays", 0),
+        "direct": direct.counters,
         "leaves": len(light.leaves),
         "nodes": len(light.tree),
         "estimated_error": light.error,

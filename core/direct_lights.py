@@ -11,7 +11,7 @@ import numpy as np
 from .emitters import EmittingCells, rotate_to, usable_power, usable_world
 from .geometry import ORIGIN_OFFSET, UnitBox
 from .irradiance import ellipse_irradiance, point_irradiance, polygon_irradiance, sun_irradiance
-from .lights import SMALLEST_SIDE, Float32, Float64, SpotCone, spread_attenuation, turn
+from .lights import LAMBERTIAN_SPREAD_RAD, SMALLEST_SIDE, Float32, Float64, SpotCone, spread_attenuation, turn
 from .sampling import square_to_cosine_hemisphere, square_to_uniform_cone, square_to_uniform_disk, square_to_uniform_triangle
 from .scene import FloatArray, Light, SceneSnapshot
 
@@ -52,11 +52,11 @@ class Source(Protocol):
 
 def _aim_at(target: FloatArray, position: Float32, normal: Float32, light_normal: FloatArray) -> Aim:
     """Rays to points of a surface chosen uniformly by area, seen from its front."""
-    direction = target - position
+    direction: Float32 = np.subtract(target, position, dtype=np.float32)
     square = np.maximum((direction * direction).sum(axis=1), np.float32(1e-20))
     cosines = np.maximum((direction * normal).sum(axis=1), 0) * np.maximum(-(direction * light_normal).sum(axis=1), 0)
     share = cosines / (square * square)
-    return Aim(direction.astype(np.float32), np.ones(len(square), np.float32), share, share)
+    return Aim(direction, np.ones(len(square), np.float32), share, share)
 
 
 @dataclass(frozen=True)
@@ -129,8 +129,10 @@ class AreaSource:
     def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
         place = (square_to_uniform_disk(u) if self.ellipse else 2 * u - 1) * self.half_size
         # Off its plane, so that a ceiling the light lies in does not cover it.
-        target = self.centre + place @ self.axes[:2] - np.float32(ORIGIN_OFFSET) * self.axes[2]
+        target = (self.axes[:2].T @ place.T).T + (self.centre - np.float32(ORIGIN_OFFSET) * self.axes[2])
         aim = _aim_at(target, position, normal, -self.axes[2])
+        if self.spread_rad > LAMBERTIAN_SPREAD_RAD:
+            return aim
         length = np.sqrt((aim.direction**2).sum(axis=1))
         cosine = (aim.direction @ self.axes[2]) / np.maximum(length, np.float32(1e-20))
         return Aim(aim.direction, aim.distance, aim.share, (aim.share * spread_attenuation(cosine, self.spread_rad)).astype(np.float32))
@@ -170,7 +172,7 @@ class TriangleSource:
         weight = square_to_uniform_triangle(u)
         side = np.where((position - self.corners[0]) @ self.normal >= 0, 1, -1).astype(np.float32)[:, None] * self.normal
         edges = self.corners[1:] - self.corners[0]
-        target = self.corners[0] + weight @ edges + np.float32(ORIGIN_OFFSET) * side
+        target = (edges.T @ weight.T).T + self.corners[0] + np.float32(ORIGIN_OFFSET) * side
         return _aim_at(target, position, normal, side)
 
 

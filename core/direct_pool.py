@@ -24,7 +24,7 @@ Int64: TypeAlias = NDArray[np.int64]
 BLOCK_TEXELS = 64  # neighbours in Morton order, 8 x 8 within a chart, choose alike
 _PILOTS = 4  # receivers of a block that look at every cluster first
 _MAX_CLUSTERS = 256
-_UNSEEN = np.float32(0.03)  # share of a cluster that its pilots did not see
+_UNSEEN = np.float32(0.25)  # share of a cluster that its pilots did not see
 _GRAZING = np.float32(0.05)  # least cosine a cluster is judged by
 _NEAR = 4.0  # distance squared in areas of a triangle, below which its closed form is taken
 

@@ -113,7 +113,9 @@ class WorldEmitter:
 def rotate_to(local: FloatArray, normal: FloatArray) -> FloatArray:
     """Directions (n, 3) around +Z, turned to be around unit normals (n, 3)."""
     tangent, bitangent = orthonormal_basis(normal)
-    out: FloatArray = tangent * local[:, :1] + bitangent * local[:, 1:2] + normal * local[:, 2:]
+    out = tangent * local[:, :1]
+    out += bitangent * local[:, 1:2]
+    out += normal * local[:, 2:]
     return out
 
 

@@ -51,6 +51,10 @@ class SurfaceMaterials:
             scene, [m.emission_rgb for m in materials], [m.emission_image for m in materials], scene.tri_emission_uv, np.inf
         )
 
+    def has_images(self, emission: bool) -> bool:
+        """Whether the albedo, or the emission, of any triangle varies over it."""
+        return (self._emission if emission else self._albedo).tri_image is not None
+
     def albedo_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
         """Diffuse reflectance, within [0, MAX_ALBEDO].
 
@@ -97,7 +101,7 @@ def sample_texture(image: TextureImage, uv: FloatArray) -> NDArray[np.float32]:
 def _texels(image: TextureImage, x: FloatArray, y: FloatArray) -> NDArray[np.float32]:
     height, width = image.pixels.shape[:2]
     column, row = _wrap(x.astype(np.int64), width, image.extension), _wrap(y.astype(np.int64), height, image.extension)
-    rgb = image.pixels[row, column]
+    rgb: NDArray[np.float32] = image.pixels[row, column]
     if image.extension == "CLIP":
         rgb[(column != x) | (row != y)] = 0
     return rgb
@@ -150,9 +154,8 @@ def _layer(
     plain = material_image < 0
     material_rgb[plain] = _clamp(material_rgb[plain], highest)
     tri_image = material_image[scene.tri_material]
-    return _Layer(
-        np.ascontiguousarray(material_rgb[scene.tri_material].T), tri_image if (tri_image >= 0).any() else None, tri_uv, scene.images, highest
-    )
+    tri_rgb = np.ascontiguousarray(material_rgb[scene.tri_material].T)
+    return _Layer(tri_rgb, tri_image if (tri_image >= 0).any() else None, tri_uv, scene.images, highest)
 
 
 def _clamp(values: FloatArray, highest: float) -> FloatArray:

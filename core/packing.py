@@ -24,6 +24,7 @@ _ROUNDING = 1e-6  # texels by which a chart may reach over the edge of a texel u
 _MAX_COLUMNS = 1024  # a wider page is searched in steps of several texels
 _PRECISION = 1.01  # ratio of densities at which the search stops
 _STEP_UP = 1.08
+_BOXY = 0.995  # share of its box that a chart fills when turning it upside down is in vain
 _LEAST_SHARE = 1e-8  # of the greatest density that a page could hold; below it charts are points
 
 
@@ -85,12 +86,19 @@ class _Profiles:
 
 @dataclass(frozen=True)
 class Shapes:
-    """Charts at a density, ready to be placed: profiles along x and along y, sides in texels, and the order to place them in."""
+    """Charts at a density, ready to be placed.
+
+    along   profiles along x and along y
+    side    (n, 2) int64, texels
+    order   (n,) int64    to place them in
+    turns   (n,) int64    quarter turns that make a difference
+    """
 
     page: Page
     along: tuple[_Profiles, _Profiles]
     side: Int64
     order: Int64
+    turns: Int64
 
 
 def shape_charts(outlines: Outlines, density: float, page: Page) -> Shapes:
@@ -99,7 +107,9 @@ def shape_charts(outlines: Outlines, density: float, page: Page) -> Shapes:
     edge, chart = outlines.edge * density, outlines.edge_chart
     along = (_measure_profiles(edge, chart, side, page), _measure_profiles(edge[..., ::-1], chart, side[:, ::-1], page))
     order = np.lexsort((-side.min(axis=1), -side.max(axis=1)))  # long ones first; lexsort is stable
-    return Shapes(page, along, side, order)
+    boxy = outlines.area > _BOXY * outlines.extent.prod(axis=1)
+    turns = np.where(side.max(axis=1) == 1, 1, np.where(boxy, 2, 4))
+    return Shapes(page, along, side, order, turns)
 
 
 def fits_alone(outlines: Outlines, density: float, page: Page) -> bool:
@@ -161,7 +171,7 @@ def place_charts(shapes: Shapes, horizon: Int64) -> Placement | None:
     offset = np.zeros((len(shapes.side), 2), np.int64)
     for chart in shapes.order:
         best: tuple[int, int, int, int] | None = None
-        for candidate in range(4):
+        for candidate in range(shapes.turns[chart]):
             under, _ = _turned(shapes, chart, candidate)
             if len(under) > len(horizon):
                 continue
@@ -217,7 +227,7 @@ def find_greatest_density(outlines: Outlines, page: Page) -> tuple[float, Shapes
         found, share = _try_density(outlines, guess, page), share * share
     while too_great / found[0] > _PRECISION and found[0] < limit:
         middle = (too_great * found[0]) ** 0.5
-        density = min(found[0] * _STEP_UP, middle if too_great < limit else limit)
+        density = min(found[0] * _STEP_UP, middle if too_great <= limit else limit)
         better = _try_density(outlines, density, page)
         found, too_great = (better, too_great) if better else (found, density)
     return found

@@ -33,6 +33,7 @@ class TraceScene:
 
     emitter_share   (n_emitter,) float64     probability of each emitter, by its mean power; all 0 when nothing shines
     tri_normal      (3, n_tri) float32       geometric, unit; 0 for triangles without area
+    tri_frame       (3, 3, n_tri) float32    corner 0 and the edges to corners 1 and 2; axis; unit box
     tri_deposits    (n_tri,) bool            gets a lightmap
     tri_two_sided   (n_tri,) bool            light on the back is deposited too
     tri_smooth      (n_tri,) int32           column of smooth_normal, -1 for flat shading
@@ -44,6 +45,7 @@ class TraceScene:
     emitter_share: NDArray[np.float64]
     surfaces: SurfaceMaterials
     tri_normal: NDArray[np.float32]
+    tri_frame: NDArray[np.float32]
     tri_deposits: NDArray[np.bool_]
     tri_two_sided: NDArray[np.bool_]
     tri_smooth: NDArray[np.int32]
@@ -89,9 +91,7 @@ class ShardHits:
     counters: Counters
 
 
-def build_trace_scene(
-    snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, emitters: Sequence[Emitter]
-) -> TraceScene:
+def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, emitters: Sequence[Emitter]) -> TraceScene:
     """A snapshot made ready for photons; `unit_box` and `surfaces` are those the emitters were made with."""
     corners_m = snapshot.tri_position
     normal = triangle_normals_areas(corners_m)[0].astype(np.float32)
@@ -100,12 +100,15 @@ def build_trace_scene(
     tri_smooth = np.where(smooth, np.cumsum(smooth) - 1, -1).astype(np.int32)
     power = np.array([np.mean(emitter.power_rgb) for emitter in emitters], np.float64)
     total = power.sum()
+    corners = unit_box.to_unit(corners_m)
+    frame = np.stack([corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]])
     return TraceScene(
-        rays=RayScene(unit_box.to_unit(corners_m)),
+        rays=RayScene(corners),
         emitters=emitters,
         emitter_share=power / total if total > 0 else np.zeros(len(power)),
         surfaces=surfaces,
         tri_normal=np.ascontiguousarray(normal.T),
+        tri_frame=np.ascontiguousarray(frame.transpose(0, 2, 1)),
         tri_deposits=np.array([thing.receives for thing in snapshot.objects], bool)[snapshot.tri_object],
         tri_two_sided=np.array([thing.two_sided for thing in snapshot.objects], bool)[snapshot.tri_object],
         tri_smooth=tri_smooth,
@@ -144,15 +147,12 @@ class _Log:
     def __init__(self) -> None:
         self.emitted, self.absorbed, self.escaped, self.remainder = np.zeros((4, 3))
         self.photons = self.rays = 0
-        self._pieces: list[tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32], _Rows, bool]] = []
-
-    def deposit(self, tri: NDArray[np.int32], u: NDArray[np.float32], v: NDArray[np.float32], flux: _Rows, is_first: bool) -> None:
-        self._pieces.append((tri, u, v, flux, is_first))
+        self.pieces: list[tuple[NDArray[np.int32], _Rows, _Rows, _Rows, bool]] = []  # tri, u, v, flux, is_first
 
     def hits(self) -> ShardHits:
         nothing = np.zeros(0, np.float32)
-        self._pieces.append((np.zeros(0, np.int32), nothing, nothing, np.zeros((3, 0), np.float32), False))
-        tri, u, v, flux, is_first = zip(*self._pieces, strict=True)
+        self.pieces.append((np.zeros(0, np.int32), nothing, nothing, np.zeros((3, 0), np.float32), False))
+        tri, u, v, flux, is_first = zip(*self.pieces, strict=True)
         return ShardHits(
             np.concatenate(tri),
             np.concatenate(u),
@@ -191,17 +191,17 @@ def _trace_batch(scene: TraceScene, photons: _Photons, rng: np.random.Generator,
     log.photons += photons.flux.shape[1]
     for depth in range(max_depth):
         found = scene.rays.closest(photons.origin.T, photons.direction.T)
-        tri, u, v, distance = found.tri, found.u, found.v, found.distance
+        tri, u, v = found.tri, found.u, found.v
         log.rays += len(tri)
         if depth == 0:
-            _soften(photons, distance)
+            _soften(photons, found.distance)
             log.emitted += _total(photons.flux)
-        origin, direction, flux = photons.origin, photons.direction, photons.flux
+        direction, flux = photons.direction, photons.flux
         hit = np.flatnonzero(tri >= 0)
         if len(hit) < len(tri):
             log.escaped += _total(flux[:, tri < 0])
-            tri, u, v, distance = tri[hit], u[hit], v[hit], distance[hit]
-            origin, direction, flux = origin.take(hit, axis=1), direction.take(hit, axis=1), flux.take(hit, axis=1)
+            tri, u, v = tri[hit], u[hit], v[hit]
+            direction, flux = direction.take(hit, axis=1), flux.take(hit, axis=1)
         if not len(hit):
             return
         normal = scene.tri_normal.take(tri, axis=1)
@@ -213,7 +213,9 @@ def _trace_batch(scene: TraceScene, photons: _Photons, rng: np.random.Generator,
         if not len(alive):
             return
         normal = normal.take(alive, axis=1) * -np.copysign(np.float32(1), cosine[alive])  # the side that was hit
-        landed = origin.take(alive, axis=1) + distance[alive] * direction.take(alive, axis=1)
+        # The hit's barycentrics lie on the surface however grazing the ray; origin + distance * direction may be beyond a wall.
+        corner, edge1, edge2 = scene.tri_frame.take(tri[alive], axis=2)
+        landed = corner + u[alive] * edge1 + v[alive] * edge2
         photons = _Photons(offset_origin(landed, normal), _scatter(normal, rng), survivors)
     log.remainder += _total(photons.flux)
 
@@ -244,11 +246,11 @@ def _soften(photons: _Photons, distance: NDArray[np.float32]) -> None:
 def _deposit(
     scene: TraceScene,
     tri: NDArray[np.int32],
-    u: NDArray[np.float32],
-    v: NDArray[np.float32],
+    u: _Rows,
+    v: _Rows,
     flux: _Rows,
     direction: _Rows,
-    cosine: NDArray[np.float32],
+    cosine: _Rows,
     is_first: bool,
     log: _Log,
 ) -> None:
@@ -268,7 +270,7 @@ def _deposit(
             flux = flux.copy()
             # Shading normals scale what particles bring: Veach 1997, section 5.3.
             flux[:, smooth] *= np.maximum(facing, 0) / np.maximum(np.abs(face), np.float32(_LEAST_COSINE))
-    log.deposit(tri, u, v, flux, is_first)
+    log.pieces.append((tri, u, v, flux, is_first))
 
 
 def _play_roulette(flux: _Rows, albedo: _Rows, rng: np.random.Generator) -> tuple[NDArray[np.intp], _Rows]:

@@ -59,9 +59,7 @@ class RayScene:
         tri = found["primID"] if self._tri_of_primitive is None else self._tri_of_primitive[found["primID"]]
         return Hits(tri, found["u"], found["v"], found["tfar"])
 
-    def occluded(
-        self, origin: NDArray[np.float32], direction: NDArray[np.float32], distance: NDArray[np.float32]
-    ) -> NDArray[np.bool_]:
+    def occluded(self, origin: NDArray[np.float32], direction: NDArray[np.float32], distance: NDArray[np.float32]) -> NDArray[np.bool_]:
         """Whether a triangle lies nearer than the distance along each ray.
 
         origin, direction   (n, 3) float32, unit box; any strides

@@ -115,7 +115,7 @@ class Resolver:
         out = np.empty((len(entry), 3), np.float32)
         for start in range(0, len(entry), _CHUNK):
             part = entry[start : start + _CHUNK]
-            if not self._surfaces.has_texture(emission):
+            if not self._surfaces.has_images(emission):
                 flat = np.zeros(len(part), np.float32)
                 out[start : start + _CHUNK] = look_up(self._texels.texel_tri[part], flat, flat)
                 continue

@@ -24,6 +24,8 @@ from .tally import Solution, Tally
 
 ENERGY_NAMES = ("emitted", "absorbed", "escaped", "remainder")
 FIRST_ROUND_PHOTONS = 1 << 16
+DIRECT_TEXELS = 1 << 14  # in a shard of shadow rays
+DIRECT_TOLERANCE = 0.2  # of the error asked for: direct light is cheap, its share of the error shall not count
 SHARD_PHOTONS = 1 << 17  # at most
 # A round adds at most this share of all photons so far: late nodes lose what came before them.
 ROUND_GROWTH = 0.5
@@ -31,19 +33,36 @@ ROUND_PHOTONS = 1 << 22  # at most, so that progress, cancelling and time limits
 
 
 @dataclass(frozen=True)
-class DirectLight:
+class DirectField:
     """Direct irradiance by shadow rays at every texel entry; zeros when photons carry it.
 
     irradiance   (n, 3) float32, W/m^2
     variance     (n, 3) float32, (W/m^2)^2
+    counters     of direct.direct_irradiance; empty when photons carry it
     """
 
     irradiance: NDArray[np.float32]
     variance: NDArray[np.float32]
+    counters: dict[str, int] = field(default_factory=dict)
 
     @classmethod
-    def none(cls, n_texel: int) -> DirectLight:
+    def none(cls, n_texel: int) -> DirectField:
         return cls(np.zeros((n_texel, 3), np.float32), np.zeros((n_texel, 3), np.float32))
+
+
+def light_directly(folder: Path, settings: Settings, executor: Executor, n_texel: int) -> DirectField:
+    """Direct light at all texels by shadow rays, in shards."""
+    out = DirectField.none(n_texel)
+    shards = [
+        workers.DirectShard(str(folder), settings.seed, start, min(start + DIRECT_TEXELS, n_texel), DIRECT_TOLERANCE * settings.error)
+        for start in range(0, n_texel, DIRECT_TEXELS)
+    ]
+    for shard, light in zip(shards, executor.map(workers.light_texels, shards), strict=True):
+        out.irradiance[shard.start : shard.end] = light.irradiance_rgb
+        out.variance[shard.start : shard.end] = light.variance_rgb
+        for name, count in light.counters.items():
+            out.counters[name] = out.counters.get(name, 0) + count
+    return out
 
 
 @dataclass
@@ -82,7 +101,7 @@ class LightField:
     leaves: NDArray[np.int64]
     received: NDArray[np.int64]
     correction: float
-    direct: DirectLight
+    direct: DirectField
     error: float
     photons: int
     rounds: int
@@ -97,7 +116,7 @@ class Solver:
     folder: Path  # of workers.open_tracing
     settings: Settings
     executor: Executor
-    direct: DirectLight
+    direct: DirectField
     forced_texels: NDArray[np.bool_]
     started: float = field(default_factory=time.monotonic)
 

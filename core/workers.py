@@ -18,17 +18,18 @@ from typing import Any
 
 import numpy as np
 
-from . import photons, sampling, shared_arrays, tally
+from . import direct, photons, sampling, shared_arrays, tally
 from .emitters import build_emitters
 from .geometry import UnitBox
+from .job import SNAPSHOT_FILE
 from .materials import SurfaceMaterials
 from .quadtree import TreeView
 from .scene import SceneSnapshot
 from .snapshot import load_snapshot
 from .texel_map import TexelMap
 
-SNAPSHOT_FILE = "snapshot.npz"
 TEXELS_FOLDER = "texels"
+DIRECT_ROUND = 2**31 - 1  # of the random numbers for shadow rays: no round of photons comes that far
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,31 @@ def trace_photons(shard: PhotonShard) -> PhotonResult:
     node, s, t = view.locate(tracing.texels.entry_of(hits.tri, x, y), x, y)
     sums = tally.deposit(node, s, t, hits.flux_rgb, hits.is_first, len(view.centre), shard.degree)
     return PhotonResult(sums, hits.audit, hits.counters)
+
+
+@dataclass(frozen=True)
+class DirectShard:
+    """Shadow rays for a run of texel entries."""
+
+    tracing: str  # folder
+    seed: int
+    start: int
+    end: int
+    tolerance: float  # see direct.direct_irradiance
+
+
+def light_texels(shard: DirectShard) -> direct.DirectLight:
+    """Direct light at the texels of a shard."""
+    texels = open_tracing(shard.tracing).texels
+    rng = sampling.shard_rng(shard.seed, DIRECT_ROUND, shard.start)
+    scene = _open_direct_scene(shard.tracing)
+    return direct.direct_irradiance(scene, texels.sub_points, np.arange(shard.start, shard.end), rng, shard.tolerance)
+
+
+@lru_cache(maxsize=1)
+def _open_direct_scene(folder: str) -> direct.DirectScene:
+    tracing = open_tracing(folder)
+    return direct.DirectScene.of(tracing.scene.rays, tracing.snapshot, tracing.unit_box, tracing.scene.surfaces)
 
 
 class InlineExecutor(Executor):

@@ -41,6 +41,7 @@ def write_file(path, file_format, page=PAGE):
 def test_exr_is_linear_and_keeps_values_above_one(tmp_path):
     image = images.load_image(write_file(tmp_path / "a.exr", "OPEN_EXR"))
     assert (image.colorspace_settings.name, image.is_float, tuple(image.size)) == ("Linear Rec.709", True, (5, 3))
+    assert image.alpha_mode == "CHANNEL_PACKED"
     np.testing.assert_allclose(read(image)[..., :3], PAGE[..., :3], rtol=1e-6)
 
 
@@ -87,7 +88,7 @@ def test_set_pixels_shows_linear_light_right_side_up():
     image = images.preview_image("live", 5, 3)
     images.set_pixels(image, PAGE)
     np.testing.assert_array_equal(read(image), PAGE)
-    assert image.colorspace_settings.name == "Linear Rec.709"
+    assert (image.colorspace_settings.name, image.alpha_mode) == ("Linear Rec.709", "CHANNEL_PACKED")
     images.set_pixels(image, PAGE[..., :3].astype(np.float16))
     np.testing.assert_array_equal(read(image)[..., 3], 1.0)
     with pytest.raises(ValueError, match=r"expected pixels of shape \(3, 5, 4\), got \(5, 3, 4\)"):

@@ -36,7 +36,8 @@ def make_material(name):
 
 def page_image(page=PAGE):
     image = images.preview_image("page", page.shape[1], page.shape[0])
-    images.set_pixels(image, page)
+    coverage = np.full((*page.shape[:2], 1), 0.25)  # alpha must not change the light
+    images.set_pixels(image, np.concatenate([page, coverage], axis=2))
     return image
 
 

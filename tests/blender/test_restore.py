@@ -303,14 +303,17 @@ def test_user_edits_between_are_kept_and_nothing_of_ours_stays(names, tmp_path):
 
 
 def test_slots_added_and_removed_between(names, tmp_path):
-    bake(names, tmp_path)
     obj = bpy.data.objects["MultiA"]
+    obj.material_slots[1].link = "OBJECT"
+    obj.material_slots[1].material = bpy.data.materials["Blue"]
+    bake(names, tmp_path)
     with bpy.context.temp_override(object=obj, active_object=obj):
         obj.active_material_index = 0
         bpy.ops.object.material_slot_remove()
     bpy.data.meshes["Linked"].materials.append(make_material("New"))
     restore.remove_bake()
-    assert [slot.material.name for slot in obj.material_slots] == ["Textured"]
+    assert [(slot.link, slot.material.name) for slot in obj.material_slots] == [("OBJECT", "Blue")]
+    assert [slot.material.name for slot in bpy.data.objects["MultiB"].material_slots] == ["Textured"]
     assert [slot.material.name for slot in bpy.data.objects["ObjectLinked"].material_slots] == ["Blue", "New"]
     assert_nothing_of_ours()
 
@@ -347,6 +350,17 @@ def test_removing_from_one_scene_leaves_the_other(names, tmp_path):
     assert obj.material_slots[0].material.node_tree.nodes["Image Texture"].image.name == "page_a"
     restore.remove_bake(other)
     assert_nothing_of_ours()
+
+
+def test_added_slot_stays_while_another_object_shows_a_bake_in_it(names, tmp_path):
+    bake(names, tmp_path)
+    first, second = bpy.data.objects["BareA"], bpy.data.objects["BareB"]
+    materials_write.hide([first])
+    assert materials_write.is_shown(second)
+    assert second.material_slots[0].material
+    assert first.material_slots[0].material is None
+    materials_write.hide([second])
+    assert len(first.material_slots) == len(second.material_slots) == 0
 
 
 def test_edit_mode_neither_crashes_nor_loses_the_bake(names, tmp_path):

@@ -15,7 +15,7 @@ def mesh():
     mesh.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [], [(0, 1, 2, 3)])
     for name in ("First", "Second", "Third"):
         mesh.uv_layers.new(name=name)
-    mesh.uv_layers.active_index = 2
+    mesh.uv_layers.active_index = 0
     mesh.uv_layers["Second"].active_render = True
     return mesh
 

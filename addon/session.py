@@ -1,0 +1,146 @@
+"""One bake as Blender sees it: the scene goes out to a folder, and what comes back is put on its objects.
+
+Between the two only names and numbers are kept: undo, or a file that is opened meanwhile, makes references invalid.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+from numpy.typing import NDArray
+
+from ..core.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
+from ..core.snapshot import save_snapshot
+from . import baked_copies, export_scene, images, materials_write, restore, uv_layer
+from .arguments import BakeRequest
+from .export_pieces import walk_pieces
+from .render_levels import evaluate_for_render
+
+Warnings = list[tuple[str, str]]
+
+
+@dataclass(frozen=True)
+class Session:
+    """A bake under way in `folder`."""
+
+    folder: Path
+    request: BakeRequest
+    export: export_scene.ExportResult
+
+
+def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> Session:
+    """Export the scene and write the job.
+
+    Raises ValueError with a sentence when there is nothing to bake, OSError when the output folder cannot be written.
+    """
+    check_folder(request.output)
+    scene = context.scene
+    shown = restore.is_preview_on(scene)
+    if shown:  # an earlier bake must not be baked
+        restore.toggle_preview(scene, False)
+    try:
+        export = export_scene.export_scene(context, list(request.objects) or None, request.uv_layer or None)
+    finally:
+        if shown:
+            restore.toggle_preview(scene, True)
+    save_snapshot(folder / SNAPSHOT_FILE, export.snapshot)
+    name = Path(bpy.data.filepath).stem or (request.scene.stem if request.scene else "lightmap")
+    Job(request.settings, str(request.output.resolve()), name).save(folder)
+    return Session(folder, request, export)
+
+
+def check_folder(folder: Path) -> None:
+    """Make the folder and try it, before minutes go into a bake.
+
+    Raises OSError with a sentence when nothing can be written there.
+    """
+    probe = folder / ".leaflight_probe"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.touch()
+        probe.unlink()
+    except OSError as reason:
+        raise OSError(f"{folder}: cannot be written ({reason.strerror}); choose another folder or free it.") from reason
+
+
+def read_result(session: Session) -> dict[str, Any]:
+    """The result that the core left."""
+    result: dict[str, Any] = json.loads((session.folder / RESULT_FILE).read_text(encoding="utf-8"))
+    return result
+
+
+def assign(context: bpy.types.Context, session: Session, result: dict[str, Any]) -> Warnings:
+    """Put UV layers and images on the baked objects, in place of any earlier bake; gives what could not be done."""
+    scene, export = context.scene, session.export
+    restore.remove_bake(scene)
+    layout = np.load(session.folder / LAYOUT_FILE)
+    page_image = _load_pages(session.request, result)
+    baked = [i for i, page in enumerate(layout["object_page"]) if page in page_image]
+    targets, warnings = _find_targets(context, [export.objects[i] for i in baked])
+    shared = Counter(obj.data for obj in targets.values())
+    ours, theirs = [], []
+    for i in baked:
+        obj = targets.get(export.objects[i].name)
+        if obj is None:
+            continue
+        pair = (obj, page_image[layout["object_page"][i]])
+        if export.snapshot.objects[i].has_layer:
+            theirs.append(pair)
+            continue
+        mesh = baked_copies.give_own_mesh(obj) if shared[obj.data] > 1 else obj.data
+        try:
+            uv_layer.write_layer(mesh, _corner_uv(session, i, layout["tri_uv"]))
+        except ValueError as reason:
+            warnings.append((obj.name, str(reason)))
+            continue
+        ours.append(pair)
+    mode = "lighting" if session.request.settings.passes[0] == "lighting" else "combined"
+    warnings += materials_write.assign(ours, mode)
+    return warnings + materials_write.assign(theirs, mode, session.request.uv_layer)
+
+
+def _load_pages(request: BakeRequest, result: dict[str, Any]) -> dict[int, bpy.types.Image]:
+    """The first pass asked for, in the first format asked for, by page."""
+    wanted = (request.settings.passes[0], request.settings.formats[0])
+    files = [file for file in result["files"] if (file["pass_name"], file["kind"]) == wanted]
+    return {file["page"]: images.load_image(file["path"]) for file in files}
+
+
+def _find_targets(
+    context: bpy.types.Context, exported: list[export_scene.ExportedObject]
+) -> tuple[dict[str, bpy.types.Object], Warnings]:
+    """The objects that carry the bake, by name in the snapshot: the user's own, or copies made now."""
+    targets: dict[str, bpy.types.Object] = {}
+    warnings: Warnings = []
+    copies = {one.key: one for one in exported if one.needs_copy}
+    for one in exported:
+        if one.needs_copy:
+            continue
+        obj = export_scene.find_object(one)
+        if obj is None or obj.type != "MESH" or len(obj.data.loops) != one.n_corner:
+            warnings.append((one.source, f"{one.source}: was deleted or edited during the bake, so its lightmap fits nothing; bake again."))
+            continue
+        targets[one.name] = obj
+    if copies:
+        ignored: Warnings = []  # the export has told them already
+        with evaluate_for_render(context.scene, context.view_layer, ignored) as depsgraph:
+            for piece in walk_pieces(context.view_layer, depsgraph):
+                one = copies.get(piece.key)
+                if one is not None:
+                    targets[one.name] = baked_copies.make_copy(context.scene, piece.source, piece.evaluated, Matrix(piece.matrix.tolist()))
+    return targets, warnings
+
+
+def _corner_uv(session: Session, index: int, tri_uv: NDArray[np.float64]) -> NDArray[np.float32]:
+    snapshot = session.export.snapshot
+    rows = np.flatnonzero(snapshot.tri_object == index)
+    uv = np.zeros((session.export.objects[index].n_corner, 2), np.float32)
+    uv[snapshot.tri_corner[rows]] = tri_uv[rows]
+    return uv

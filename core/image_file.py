@@ -1,0 +1,134 @@
+"""Image files: EXR, HDR and PNG by way of OpenImageIO, which every Blender brings along. The only place that imports it."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .scene import FloatArray
+
+HALF_MAX = 65504.0  # the greatest half float; beyond it is infinity
+_INT_MAX = 2**31 - 1  # of an image file's integer attributes
+# Rec.709's red, green, blue and white x, y: what the numbers mean for readers that know no names of colour spaces.
+_REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+_EPOCH = "1970:01:01 00:00:00"  # OpenImageIO would put the time of writing into the file; the same bake gives the same bytes
+
+
+def write_image(path: Path, pixels: FloatArray, metadata: Mapping[str, str | int | float], kind: str) -> None:
+    """Write linear Rec.709 pixels: half float in EXR, shared exponent in HDR, 8 bit sRGB in PNG.
+
+    The file appears under its name only when it is complete. Values out of the format's range are clipped to it. HDR has
+    neither alpha nor metadata.
+
+    pixels   (h, w, 3) or (h, w, 4) float, row 0 at the bottom
+    kind     exr, hdr or png
+    Raises ValueError for another kind or shape and for NaN, OSError when the file cannot be written; both name the path.
+    """
+    data = _encode_or_error(pixels, kind)
+    if isinstance(data, str):
+        raise ValueError(f"{path}: {data}")
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        error = _write_file(temporary, data, metadata, kind)
+        if error:
+            raise OSError(error)
+        os.replace(temporary, path)
+    except OSError as reason:
+        temporary.unlink(missing_ok=True)
+        text = str(reason.strerror or reason).strip().replace(str(temporary), path.name)
+        raise OSError(f"{path}: cannot be written ({text}); choose a folder that exists, can be written to and has room") from reason
+
+
+def read_image(path: Path) -> tuple[NDArray[np.float32], dict[str, Any]]:
+    """Linear pixels and metadata of an EXR, HDR or PNG file.
+
+    out   (h, w, c) float32, row 0 at the bottom; name -> value
+    Raises OSError naming the path when it cannot be read.
+    """
+    oiio = _open_image_io()
+    straight = oiio.ImageSpec()
+    straight.attribute("oiio:UnassociatedAlpha", 1)
+    source = oiio.ImageInput.open(str(path), straight)
+    if source is None:
+        raise OSError(f"{path}: cannot be read ({oiio.geterror().strip()}); choose an image file")
+    pixels = source.read_image("float")
+    metadata = {attribute.name: attribute.value for attribute in source.spec().extra_attribs}
+    kind, error = source.format_name(), source.geterror()
+    source.close()
+    if pixels is None:
+        raise OSError(f"{path}: cannot be read ({error.strip()}); write it again")
+    linear = np.array(pixels[::-1], np.float32)
+    if kind == "png":
+        linear[..., :3] = _srgb_to_linear(linear[..., :3])
+    return linear, metadata
+
+
+def _open_image_io() -> Any:
+    try:
+        return importlib.import_module("OpenImageIO")
+    except ImportError as reason:
+        raise ValueError(
+            f"OpenImageIO: cannot be imported ({reason}); run Leaflight on Blender's Python, or on one whose sys.path has the "
+            "site-packages folder inside the bpy package"
+        ) from reason
+
+
+def _encode_or_error(pixels: FloatArray, kind: str) -> NDArray[np.generic] | str:
+    """Rows from the top in the file's own numbers, or what is wrong."""
+    if kind not in ("exr", "hdr", "png"):
+        return f"expected kind exr, hdr or png, got {kind!r}"
+    if pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or not pixels.size:
+        return f"expected pixels (h, w, 3) or (h, w, 4), got {pixels.shape}"
+    if np.isnan(pixels).any():
+        return f"expected numbers, got {np.count_nonzero(np.isnan(pixels))} NaN"
+    rows = pixels[::-1]
+    if kind == "exr":
+        return np.clip(rows, -HALF_MAX, HALF_MAX).astype(np.float16)
+    if kind == "hdr":
+        return np.clip(rows[..., :3], 0.0, HALF_MAX).astype(np.float32)
+    unit = np.clip(rows, 0.0, 1.0).astype(np.float32)
+    unit[..., :3] = _linear_to_srgb(unit[..., :3])
+    return np.rint(unit * 255.0).astype(np.uint8)
+
+
+def _write_file(path: Path, data: NDArray[np.generic], metadata: Mapping[str, str | int | float], kind: str) -> str:
+    """Write the file and give what went wrong, "" if nothing."""
+    oiio = _open_image_io()
+    height, width, channels = data.shape
+    spec = oiio.ImageSpec(width, height, channels, {"exr": "half", "hdr": "float", "png": "uint8"}[kind])
+    for name, value in metadata.items():
+        fits = isinstance(value, float | str) or abs(value) <= _INT_MAX
+        spec.attribute(name, value if fits else str(value))
+    spec.attribute("oiio:UnassociatedAlpha", 1)  # PNG: the colour of a margin is not divided by its alpha of zero
+    spec.attribute("oiio:ColorSpace", "sRGB" if kind == "png" else "lin_rec709")
+    if kind == "exr":
+        spec.attribute("compression", "zip")
+        spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), _REC709_CHROMATICITIES)
+        spec.attribute("DateTime", _EPOCH)
+    output = oiio.ImageOutput.create(kind)
+    if output is None:
+        return str(oiio.geterror())
+    # Every step is taken, and a full disk is often told by the last alone.
+    done = output.open(str(path), spec) and output.write_image(np.ascontiguousarray(data))
+    closed = output.close()
+    if done and closed:
+        return ""
+    return str(output.geterror()) or "the file could not be completed"
+
+
+def _linear_to_srgb(value: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Source: IEC 61966-2-1:1999."""
+    encoded: NDArray[np.float32] = np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** np.float32(1 / 2.4) - 0.055)
+    return encoded
+
+
+def _srgb_to_linear(value: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Source: IEC 61966-2-1:1999."""
+    linear: NDArray[np.float32] = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** np.float32(2.4))
+    return linear

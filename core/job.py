@@ -1,0 +1,41 @@
+"""The folder in which a bake is handed over: what lies in it, and the job itself.
+
+SNAPSHOT_FILE and JOB_FILE are there when the bake starts, LAYOUT_FILE and RESULT_FILE when it is done.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .settings import Settings
+
+SNAPSHOT_FILE = "snapshot.npz"
+JOB_FILE = "job.json"
+LAYOUT_FILE = "layout.npz"  # tri_uv (n_tri, 3, 2) in [0, 1], tri_chart (n_tri,), object_page (n_object,)
+RESULT_FILE = "result.json"
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to bake besides the scene itself.
+
+    output       folder of the images
+    atlas_name   file name of shared pages, without page number
+    """
+
+    settings: Settings
+    output: str
+    atlas_name: str
+
+    def save(self, folder: Path) -> None:
+        (folder / JOB_FILE).write_text(json.dumps(dataclasses.asdict(self)), encoding="utf-8")
+
+    @classmethod
+    def load(cls, folder: Path) -> Job:
+        fields: dict[str, Any] = json.loads((folder / JOB_FILE).read_text(encoding="utf-8"))
+        knobs = {name: tuple(value) if isinstance(value, list) else value for name, value in fields.pop("settings").items()}
+        return cls(settings=Settings(**knobs), **fields)

@@ -1,0 +1,242 @@
+"""What the export hands to the core: objects, materials on faces, layers, lights, and its sentences."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from leaflight.addon.export_scene import export_scene, find_object  # noqa: E402
+
+
+@pytest.fixture(autouse=True)
+def _empty_file():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+def make_mesh(name="Mesh", layers=("UVMap",)):
+    """Two quads side by side; layer k of the first is [0, 1] x [0, 1] shifted by k."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 0), (2, 1, 0)], [], [(0, 1, 2, 3), (1, 4, 5, 2)])
+    for shift, layer in enumerate(layers):
+        uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [1, 0], [2, 0], [2, 1], [1, 1]], np.float32) * 0.5 + shift
+        mesh.uv_layers.new(name=layer).uv.foreach_set("vector", uv.ravel())
+    return mesh
+
+
+def add_object(name, data=None, collection=None, **properties):
+    obj = bpy.data.objects.new(name, make_mesh(name) if data is None else data)
+    (collection or bpy.context.scene.collection).objects.link(obj)
+    for key, value in properties.items():
+        setattr(obj, key, value)
+    return obj
+
+
+def make_material(name, image=None, layer=""):
+    material = bpy.data.materials.new(name)
+    material.use_nodes = True
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    if image:
+        texture, uv_map = nodes.new("ShaderNodeTexImage"), nodes.new("ShaderNodeUVMap")
+        texture.image, uv_map.uv_map = image, layer
+        links.new(uv_map.outputs[0], texture.inputs[0])
+        links.new(texture.outputs[0], nodes["Principled BSDF"].inputs["Base Color"])
+    return material
+
+
+def export(**arguments):
+    return export_scene(bpy.context, **arguments)
+
+
+def part(result, name, field):
+    index = [item.name for item in result.snapshot.objects].index(name)
+    return getattr(result.snapshot, field)[result.snapshot.tri_object == index]
+
+
+def item(result, name):
+    found = next(k for k, exported in enumerate(result.objects) if exported.name == name)
+    return result.snapshot.objects[found], result.objects[found]
+
+
+def test_default_receivers_and_users():
+    mesh = make_mesh("Shared")
+    add_object("B", mesh, location=(5, 0, 0))
+    add_object("A", mesh)
+    add_object("Own")
+    result = export()
+    assert [o.name for o in result.snapshot.objects] == ["A", "B", "Own"]
+    assert [o.users for o in result.snapshot.objects] == [2, 2, 1]
+    assert all(o.receives and o.casts_shadow for o in result.snapshot.objects)
+    assert part(result, "B", "tri_corner").tolist() == part(result, "A", "tri_corner").tolist()
+    assert result.snapshot.tri_position[result.snapshot.tri_object == 1][..., 0].min() == pytest.approx(5.0)
+    assert not any(exported.needs_copy for exported in result.objects)
+    assert find_object(result.objects[0]) == bpy.data.objects["A"]
+    assert result.warnings == ()
+
+
+def test_named_objects_receive_and_others_cast():
+    add_object("Floor")
+    add_object("Lamp")
+    result = export(objects=["Floor"])
+    assert {o.name: o.receives for o in result.snapshot.objects} == {"Floor": True, "Lamp": False}
+
+
+@pytest.mark.parametrize(
+    ("names", "text"),
+    [
+        (["Flor"], r"Flor: no such object; the scene has: Floor"),
+        (["Zzz"], r"Zzz: no such object; the scene has: Ceiling, Floor, Hidden, Shut"),
+        (["Hidden"], "Hidden: is hidden in render"),
+        (["Shut"], "Shut: is hidden in render"),
+        (["Floor", "Sun"], "Sun: is a light, not a mesh"),
+    ],
+)
+def test_names_that_cannot_be_baked(names, text):
+    for name in ("Floor", "Ceiling", "Hidden"):
+        add_object(name)
+    bpy.data.objects["Hidden"].hide_render = True
+    shut = bpy.data.collections.new("Shut")
+    bpy.context.scene.collection.children.link(shut)
+    add_object("Shut", collection=shut)
+    bpy.context.view_layer.layer_collection.children["Shut"].exclude = True
+    add_object("Sun", bpy.data.lights.new("Sun", "SUN"))
+    with pytest.raises(ValueError, match=text):
+        export(objects=names)
+
+
+def test_nothing_to_bake():
+    with pytest.raises(ValueError, match="nothing to bake: no mesh object"):
+        export()
+    add_object("Empty mesh", bpy.data.meshes.new("Empty mesh"))
+    with pytest.raises(ValueError, match="Empty mesh: has no faces"):
+        export()
+    add_object("Floor")
+    assert ("Empty mesh", "has no faces and is left out") in export().warnings
+
+
+def test_broken_coordinates_and_duplicates_are_told():
+    mesh = make_mesh("Broken")
+    mesh.vertices[4].co.x = float("nan")
+    add_object("Broken", mesh)
+    double = bpy.data.meshes.new("Double")
+    double.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)] * 2, [], [(0, 1, 2), (3, 4, 5)])
+    add_object("Double", double)
+    result = export()
+    texts = dict(result.warnings)
+    assert texts["Broken"].startswith("1 face is left out")
+    assert texts["Double"].startswith("1 triangles lie exactly")
+    assert part(result, "Broken", "tri_polygon").tolist() == [0, 0]
+    for vertex in mesh.vertices:
+        vertex.co.y = float("nan")
+    assert dict(export().warnings)["Broken"].startswith("every face is left out")
+    bpy.data.objects.remove(bpy.data.objects["Double"])
+    with pytest.raises(ValueError, match="Broken: every face is left out"):
+        export()
+
+
+def test_materials_by_slot_object_slot_and_empty_slot():
+    mesh = make_mesh()
+    red, green = make_material("Red"), make_material("Green")
+    mesh.materials.append(red)
+    mesh.materials.append(None)
+    mesh.polygons[1].material_index = 1
+    add_object("Data", mesh)
+    own = add_object("Own slot", mesh, location=(0, 3, 0))
+    own.material_slots[0].link = "OBJECT"
+    own.material_slots[0].material = green
+    beyond = make_mesh("Beyond")
+    beyond.materials.append(red)
+    beyond.polygons[0].material_index = 7
+    add_object("Beyond", beyond, location=(0, 6, 0))
+    result = export()
+    names = np.array([material.name for material in result.snapshot.materials])
+    assert names[part(result, "Data", "tri_material")].tolist() == ["Red", "Red", "", ""]
+    assert names[part(result, "Own slot", "tri_material")].tolist() == ["Green", "Green", "", ""]
+    assert set(names[part(result, "Beyond", "tri_material")]) == {"Red"}
+    uids = dict(zip(names, result.material_uids, strict=True))
+    assert uids == {"Red": red.session_uid, "Green": green.session_uid, "": 0}
+
+
+def test_texture_coordinates_come_from_their_own_layer():
+    mesh = make_mesh(layers=("First", "Second"))
+    mesh.uv_layers["First"].active_render = True
+    image = bpy.data.images.new("Karo", 4, 4)
+    for name, layer in (("Default", ""), ("Named", "Second"), ("Lost", "Third")):
+        copy = mesh.copy()
+        copy.materials.append(make_material(name, image, layer))
+        add_object(name, copy)
+    result = export()
+    first = part(result, "Default", "tri_albedo_uv")
+    corner = part(result, "Default", "tri_corner")
+    uv = np.array([loop.uv for loop in mesh.uv_layers["First"].data])
+    assert first == pytest.approx(uv[corner])
+    assert part(result, "Named", "tri_albedo_uv") == pytest.approx(first + 1.0)
+    assert not part(result, "Lost", "tri_albedo_uv").any()
+    assert "UV layer Third" in dict(result.warnings)["Lost"]
+    assert len(result.snapshot.images) == 1
+
+
+def test_mirrored_object_keeps_corner_and_texture_together():
+    mesh = make_mesh()
+    mesh.materials.append(make_material("Paint", bpy.data.images.new("Karo", 4, 4)))
+    add_object("Plain", mesh)
+    add_object("Mirrored", mesh, scale=(-1, 1, 1))
+    result = export(uv_layer="UVMap")
+    uv = np.array([loop.uv for loop in mesh.uv_layers[0].data])
+    for name, sign in (("Plain", 1.0), ("Mirrored", -1.0)):
+        corner = part(result, name, "tri_corner")
+        assert part(result, name, "tri_uv") == pytest.approx(uv[corner])
+        assert part(result, name, "tri_albedo_uv") == pytest.approx(uv[corner])
+        index = [o.name for o in result.snapshot.objects].index(name)
+        position = result.snapshot.tri_position[result.snapshot.tri_object == index]
+        assert position[..., :2] == pytest.approx(uv[corner] * (2 * sign, 2), abs=1e-6)
+        normal = np.cross(position[:, 1] - position[:, 0], position[:, 2] - position[:, 0])
+        assert (normal[:, 2] > 0).all()
+
+
+def test_existing_layer():
+    add_object("With")
+    add_object("Without", make_mesh("Without", layers=()))
+    result = export(uv_layer="UVMap")
+    assert item(result, "With")[0].has_layer
+    assert not item(result, "Without")[0].has_layer
+    assert "unwrapped" in dict(result.warnings)["Without"]
+    assert part(result, "With", "tri_uv").max() == 1.0
+    assert not export().snapshot.tri_uv.any()
+    with pytest.raises(ValueError, match=r"no object has a UV layer named Nope .*: UVMap"):
+        export(uv_layer="Nope")
+
+
+def test_lights_world_and_shadow_flags():
+    floor = add_object("Floor", visible_shadow=False)
+    glass = bpy.data.materials.new("Glass")
+    glass.use_nodes = True
+    glass.node_tree.nodes["Principled BSDF"].inputs["Transmission Weight"].default_value = 1.0
+    pane = add_object("Pane")
+    pane.data.materials.append(glass)
+    add_object("Wall")
+    add_object("Sun", bpy.data.lights.new("Sun", "SUN"), rotation_euler=(0.5, 0, 0))
+    add_object("Off", bpy.data.lights.new("Off", "SUN"), hide_render=True)
+    add_object("Prop", visible_shadow=False, visible_diffuse=False)
+    group = bpy.data.collections.new("Group")
+    add_object("Bulb", bpy.data.lights.new("Bulb", "POINT"), collection=group)
+    holder = bpy.data.objects.new("Holder", None)
+    holder.instance_type, holder.instance_collection, holder.location = "COLLECTION", group, (0, 0, 4)
+    bpy.context.scene.collection.objects.link(holder)
+    result = export(objects=["Floor", "Pane", "Wall"])
+    assert {o.name: o.casts_shadow for o in result.snapshot.objects} == {"Floor": False, "Pane": False, "Wall": True}
+    assert [light.name for light in result.snapshot.lights] == ["Bulb", "Sun"]
+    assert result.snapshot.lights[0].position_m == (0.0, 0.0, 4.0)
+    assert result.snapshot.world_rgb == (0.0, 0.0, 0.0)
+    assert floor.visible_shadow is False
+
+
+def test_the_same_scene_gives_the_same_snapshot_whatever_the_order_of_its_objects():
+    def build(names):
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        for name in names:
+            add_object(name, location=(ord(name), 0, 0))
+        return export().snapshot
+
+    first, second = build("ABC"), build("CBA")
+    assert np.array_equal(first.vertex_position, second.vertex_position)
+    assert first.objects == second.objects

@@ -1,0 +1,347 @@
+"""Materials as diffuse reflectance and emission; one warning for each that had to be simplified."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from leaflight.addon.images_read import decode_srgb, read_pixels  # noqa: E402
+from leaflight.addon.materials_read import MaterialTable  # noqa: E402
+
+
+@pytest.fixture(autouse=True)
+def _empty_file():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+class Tree:
+    """A material's node tree, wired in one line each."""
+
+    def __init__(self, name="Paint"):
+        self.material = bpy.data.materials.new(name)
+        self.material.use_nodes = True
+        self.tree = self.material.node_tree
+        self.tree.nodes.clear()
+        self.output = self.add("OutputMaterial")
+
+    def add(self, kind, *, tree=None, **inputs):
+        node = (tree or self.tree).nodes.new(f"ShaderNode{kind}")
+        for name, value in inputs.items():
+            self.feed(node, name.replace("_", " "), value)
+        return node
+
+    def feed(self, node, name, value):
+        socket = name if not isinstance(name, str) else node.inputs[name]
+        if isinstance(value, bpy.types.NodeSocket):
+            node.id_data.links.new(value, socket)
+        else:
+            socket.default_value = (*value, 1.0) if isinstance(value, tuple) and socket.type == "RGBA" else value
+
+    def show(self, node):
+        self.tree.links.new(node.outputs[0], self.output.inputs["Surface"])
+        return self
+
+    def read(self):
+        warnings = []
+        table = MaterialTable(warnings)
+        reading = table.readings[table.index(self.material)]
+        assert len(warnings) <= 1
+        assert all(subject == self.material.name for subject, _ in warnings)
+        return reading, table, warnings[0][1] if warnings else ""
+
+
+def make_image(name="Karo", width=5, height=3, *, floating=False, value=None):
+    image = bpy.data.images.new(name, width, height, float_buffer=floating)
+    pixels = np.random.default_rng(1).random((height, width, 4)).astype(np.float32)
+    pixels[..., 3] = 1.0
+    if value is not None:
+        pixels[..., :3] = value
+    image.pixels.foreach_set(pixels.ravel())
+    return image, pixels[..., :3]
+
+
+def add_image(tree, image, vector=None, **properties):
+    node = tree.add("TexImage")
+    node.image = image
+    for name, value in properties.items():
+        setattr(node, name, value)
+    if vector is not None:
+        tree.feed(node, "Vector", vector)
+    return node
+
+
+def test_principled_constant():
+    tree = Tree()
+    tree.show(tree.add("BsdfPrincipled", Base_Color=(0.1, 0.2, 0.3), Emission_Color=(1.0, 0.5, 0.0), Emission_Strength=4.0))
+    reading, _, warning = tree.read()
+    assert reading.material.name == "Paint"
+    assert reading.material.albedo_rgb == pytest.approx((0.1, 0.2, 0.3))
+    assert reading.material.emission_rgb == pytest.approx((4.0, 2.0, 0.0))
+    assert (reading.material.albedo_image, reading.material.emission_image, reading.passes_light) == (-1, -1, False)
+    assert warning == ""
+
+
+def test_empty_slot_is_grey_and_each_material_is_read_once():
+    tree = Tree()
+    tree.show(tree.add("BsdfGlossy"))
+    warnings = []
+    table = MaterialTable(warnings)
+    assert [table.index(None), table.index(tree.material), table.index(None), table.index(tree.material)] == [0, 1, 0, 1]
+    assert table.readings[0].material.albedo_rgb == pytest.approx((0.8, 0.8, 0.8))
+    assert [reading.uid for reading in table.readings] == [0, tree.material.session_uid]
+    assert len(warnings) == 1
+
+
+def test_image_is_linear_and_shared():
+    image, stored = make_image()
+    tree = Tree()
+    texture = add_image(tree, image, extension="CLIP", interpolation="Closest")
+    other = add_image(tree, image, extension="CLIP", interpolation="Closest")
+    shader = tree.add("BsdfPrincipled", Base_Color=texture.outputs[0], Emission_Color=other.outputs[0], Emission_Strength=2.0)
+    reading, table, warning = tree.show(shader).read()
+    assert warning == ""
+    assert (reading.material.albedo_image, reading.material.emission_image) == (0, 0)
+    assert reading.material.albedo_rgb == pytest.approx((1.0, 1.0, 1.0))
+    assert reading.material.emission_rgb == pytest.approx((2.0, 2.0, 2.0))
+    texture_image = table.images.images[0]
+    assert (texture_image.extension, texture_image.closest) == ("CLIP", True)
+    expected = decode_srgb(np.round(stored * 255) / 255)
+    assert texture_image.pixels.shape == (3, 5, 3)
+    assert texture_image.pixels == pytest.approx(expected, abs=2e-3)
+
+
+def test_srgb_decode_known_values():
+    assert decode_srgb(np.array([0.0, 0.04045, 0.5, 1.0])) == pytest.approx([0.0, 0.0031308, 0.21404, 1.0], abs=1e-5)
+
+
+@pytest.mark.parametrize(("floating", "space"), [(True, "sRGB"), (False, "Non-Color"), (False, "Linear Rec.709")])
+def test_linear_pixels_are_taken_as_they_are(floating, space):
+    image = bpy.data.images.new("Plain", 5, 3, float_buffer=floating)
+    image.colorspace_settings.name = space
+    image.pixels.foreach_set(np.full(60, 0.5, np.float32))
+    assert read_pixels(image).pixels == pytest.approx(0.5, abs=3e-3)
+
+
+def test_very_large_image_is_averaged(monkeypatch):
+    monkeypatch.setattr("leaflight.addon.images_read.MAX_TEXTURE_SIDE_TEXELS", 4)
+    image, stored = make_image(width=7, height=3, floating=True)
+    pixels = read_pixels(image).pixels
+    assert pixels.shape == (3, 4, 3)
+    assert pixels[:, 0] == pytest.approx(stored[:, :2].mean(axis=1), rel=1e-5)
+    assert pixels[:, 3] == pytest.approx(stored[:, 6], rel=1e-5)
+
+
+def test_missing_image_takes_the_value_behind_the_link():
+    image = bpy.data.images.new("wood", 4, 4)
+    image.source, image.filepath = "FILE", "//not/there/wood.png"
+    image.reload()
+    tree = Tree()
+    shader = tree.add("BsdfPrincipled", Base_Color=(0.3, 0.2, 0.1))
+    tree.feed(shader, "Base Color", add_image(tree, image).outputs[0])
+    reading, table, warning = tree.show(shader).read()
+    assert reading.material.albedo_rgb == pytest.approx((0.3, 0.2, 0.1))
+    assert table.images.images == []
+    assert "image wood is missing" in warning
+
+
+@pytest.mark.parametrize(
+    ("vector_type", "expected"),
+    [
+        ("POINT", [[0.0, -3.0, 0.5], [2.0, 0.0, 0.25]]),
+        ("TEXTURE", [[0.0, 0.5, -0.125], [-1 / 3, 0.0, 0.5 / 3]]),
+        ("VECTOR", [[0.0, -3.0, 0.0], [2.0, 0.0, 0.0]]),
+    ],
+)
+def test_mapping_node(vector_type, expected):
+    image, _ = make_image()
+    tree = Tree()
+    uv_map = tree.add("UVMap")
+    uv_map.uv_map = "Second"
+    mapping = tree.add("Mapping", Vector=uv_map.outputs[0])
+    mapping.vector_type = vector_type
+    if "Location" in mapping.inputs and vector_type != "VECTOR":
+        mapping.inputs["Location"].default_value = (0.5, 0.25, 0.0)
+    mapping.inputs["Rotation"].default_value = (0.0, 0.0, np.pi / 2)
+    mapping.inputs["Scale"].default_value = (2.0, 3.0, 1.0)
+    shader = tree.add("BsdfDiffuse", Color=add_image(tree, image, mapping.outputs[0]).outputs[0])
+    reading, _, warning = tree.show(shader).read()
+    assert warning == ""
+    assert reading.albedo_mapping.layer == "Second"
+    uv = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.3, 0.7]])
+    expected = np.array(expected)
+    assert reading.albedo_mapping.apply(uv) == pytest.approx(uv @ expected[:, :2].T + expected[:, 2], abs=1e-6)
+
+
+def test_texture_coordinate_uv_is_exact_and_generated_is_replaced_by_the_mean():
+    image, _ = make_image(floating=True, value=(0.25, 0.5, 0.75))
+    for output, exact in (("UV", True), ("Generated", False)):
+        tree = Tree()
+        coordinate = tree.add("TexCoord")
+        shader = tree.add("BsdfDiffuse", Color=add_image(tree, image, coordinate.outputs[output]).outputs[0])
+        reading, _, warning = tree.show(shader).read()
+        assert (reading.material.albedo_image == 0) == exact == (warning == "")
+        if not exact:
+            assert reading.material.albedo_rgb == pytest.approx((0.25, 0.5, 0.75))
+
+
+def test_multiplied_image_is_exact():
+    image, _ = make_image()
+    tree = Tree()
+    mix = tree.add("Mix")
+    mix.data_type, mix.blend_type = "RGBA", "MULTIPLY"
+    mix.inputs[0].default_value = 0.5
+    tree.feed(mix, mix.inputs[6], add_image(tree, image).outputs[0])
+    tree.feed(mix, mix.inputs[7], (0.5, 0.0, 1.0))
+    reading, _, warning = tree.show(tree.add("BsdfDiffuse", Color=mix.outputs[2])).read()
+    assert warning == ""
+    assert reading.material.albedo_image == 0
+    assert reading.material.albedo_rgb == pytest.approx((0.75, 0.5, 1.0))
+
+
+def test_mix_of_constants_ramp_and_math():
+    tree = Tree()
+    value = tree.add("Value")
+    value.outputs[0].default_value = 0.25
+    math = tree.add("Math")
+    math.operation = "MULTIPLY"
+    tree.feed(math, math.inputs[0], value.outputs[0])
+    tree.feed(math, math.inputs[1], 2.0)
+    ramp = tree.add("ValToRGB", Fac=math.outputs[0])  # black to white
+    reading, _, warning = tree.show(tree.add("BsdfDiffuse", Color=ramp.outputs[0])).read()
+    assert warning == ""
+    assert reading.material.albedo_rgb == pytest.approx((0.5, 0.5, 0.5), abs=1e-6)
+
+
+def test_metal_and_transmission_leave_their_diffuse_part():
+    tree = Tree()
+    tree.show(tree.add("BsdfPrincipled", Base_Color=(0.8, 0.4, 0.2), Metallic=0.25, Transmission_Weight=0.5))
+    reading, _, warning = tree.read()
+    assert reading.material.albedo_rgb == pytest.approx((0.3, 0.15, 0.075))
+    assert "metallic" in warning
+    assert "transmission" in warning
+
+
+@pytest.mark.parametrize("shader", ["BsdfGlass", "BsdfTransparent", "BsdfRefraction"])
+def test_glass_passes_light(shader):
+    tree = Tree()
+    reading, _, warning = tree.show(tree.add(shader)).read()
+    assert reading.passes_light
+    assert warning
+
+
+def test_alpha():
+    for alpha, passes in ((1.0, False), (0.7, False), (0.2, True)):
+        tree = Tree()
+        reading, _, warning = tree.show(tree.add("BsdfPrincipled", Base_Color=(1.0, 1.0, 1.0), Alpha=alpha)).read()
+        assert reading.material.albedo_rgb == pytest.approx((alpha,) * 3)
+        assert reading.passes_light == passes
+        assert ("transparency" in warning) == (alpha < 1.0)
+
+
+def test_alpha_from_an_image_is_opaque():
+    image = bpy.data.images.new("Leaf", 4, 4, alpha=True)
+    image.pixels.foreach_set(np.tile([1.0, 1.0, 1.0, 0.25], 16).astype(np.float32))
+    tree = Tree()
+    texture = add_image(tree, image)
+    shader = tree.add("BsdfPrincipled", Base_Color=texture.outputs["Color"], Alpha=texture.outputs["Alpha"])
+    reading, _, warning = tree.show(shader).read()
+    assert reading.material.albedo_rgb == pytest.approx((1.0, 1.0, 1.0))
+    assert not reading.passes_light
+    assert "opaque" in warning
+
+
+def test_mix_and_add_shader():
+    tree = Tree()
+    diffuse, other = tree.add("BsdfDiffuse", Color=(1.0, 0.0, 0.0)), tree.add("BsdfDiffuse", Color=(0.0, 1.0, 0.0))
+    mix = tree.add("MixShader")
+    for socket, value in zip(mix.inputs, (0.25, diffuse.outputs[0], other.outputs[0]), strict=True):
+        tree.feed(mix, socket, value)
+    glow = tree.add("Emission", Color=(1.0, 1.0, 0.5), Strength=3.0)
+    add = tree.add("AddShader")
+    tree.feed(add, add.inputs[0], mix.outputs[0])
+    tree.feed(add, add.inputs[1], glow.outputs[0])
+    reading, _, warning = tree.show(add).read()
+    assert warning == ""
+    assert reading.material.albedo_rgb == pytest.approx((0.75, 0.25, 0.0))
+    assert reading.material.emission_rgb == pytest.approx((3.0, 3.0, 1.5))
+
+
+def test_cut_out_takes_the_opaque_shader():
+    image, _ = make_image()
+    tree = Tree()
+    mix = tree.add("MixShader")
+    texture = add_image(tree, image)
+    parts = (texture.outputs["Alpha"], tree.add("BsdfTransparent").outputs[0], tree.add("BsdfDiffuse", Color=(0.2, 0.4, 0.6)).outputs[0])
+    for socket, value in zip(mix.inputs, parts, strict=True):
+        tree.feed(mix, socket, value)
+    reading, _, warning = tree.show(mix).read()
+    assert reading.material.albedo_rgb == pytest.approx((0.2, 0.4, 0.6))
+    assert not reading.passes_light
+    assert "opaque" in warning
+
+
+def make_group(tree):
+    """A group that hands its Tint through to a diffuse shader."""
+    group = bpy.data.node_groups.new("Coat", "ShaderNodeTree")
+    group.interface.new_socket("Tint", in_out="INPUT", socket_type="NodeSocketColor")
+    group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
+    inside, outside = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
+    diffuse = group.nodes.new("ShaderNodeBsdfDiffuse")
+    group.links.new(inside.outputs["Tint"], diffuse.inputs["Color"])
+    group.links.new(diffuse.outputs[0], outside.inputs["Shader"])
+    node = tree.tree.nodes.new("ShaderNodeGroup")
+    node.node_tree = group
+    return node
+
+
+def test_groups_reroutes_and_muted_nodes():
+    tree = Tree()
+    node = make_group(tree)
+    node.inputs["Tint"].default_value = (0.3, 0.2, 0.1, 1.0)
+    reading, _, warning = tree.show(node).read()
+    assert (reading.material.albedo_rgb, warning) == (pytest.approx((0.3, 0.2, 0.1)), "")
+    color = tree.add("RGB")
+    color.outputs[0].default_value = (0.6, 0.5, 0.4, 1.0)
+    gamma = tree.add("Gamma", Color=color.outputs[0], Gamma=3.0)
+    gamma.mute = True
+    reroute = tree.tree.nodes.new("NodeReroute")
+    tree.tree.links.new(gamma.outputs[0], reroute.inputs[0])
+    tree.tree.links.new(reroute.outputs[0], node.inputs["Tint"])
+    reading, _, warning = tree.read()
+    assert (reading.material.albedo_rgb, warning) == (pytest.approx((0.6, 0.5, 0.4)), "")
+
+
+def test_unknown_nodes_and_shaders_give_one_warning():
+    tree = Tree()
+    noise = tree.add("TexNoise")
+    checker = tree.add("TexChecker", Color1=(1.0, 0.0, 0.0), Color2=(0.0, 0.0, 1.0))
+    bump = tree.add("Bump", Height=noise.outputs[0])
+    shader = tree.add("BsdfPrincipled", Base_Color=checker.outputs[0], Normal=bump.outputs[0], Roughness=noise.outputs[0])
+    reading, _, warning = tree.show(shader).read()
+    assert reading.material.albedo_rgb == pytest.approx((0.5, 0.0, 0.5))
+    assert "Checker" in warning
+    assert "bump" in warning
+    glossy = tree.add("BsdfGlossy", Color=(0.9, 0.8, 0.7))
+    reading, _, warning = tree.show(glossy).read()
+    assert reading.material.albedo_rgb == pytest.approx((0.9, 0.8, 0.7))
+    assert "Glossy" in warning
+
+
+def test_no_output_and_nothing_connected_are_black():
+    tree = Tree()
+    reading, _, warning = tree.read()
+    assert (reading.material.albedo_rgb, warning != "") == ((0.0, 0.0, 0.0), True)
+    tree.tree.nodes.clear()
+    reading, _, warning = tree.read()
+    assert (reading.material.albedo_rgb, warning != "") == ((0.0, 0.0, 0.0), True)
+
+
+def test_the_output_for_cycles_is_taken():
+    tree = Tree()
+    tree.show(tree.add("BsdfDiffuse", Color=(1.0, 0.0, 0.0)))
+    tree.output.target = "EEVEE"
+    second = tree.add("OutputMaterial")
+    second.target = "CYCLES"
+    tree.tree.links.new(tree.add("BsdfDiffuse", Color=(0.0, 1.0, 0.0)).outputs[0], second.inputs["Surface"])
+    reading, _, _ = tree.read()
+    assert reading.material.albedo_rgb == pytest.approx((0.0, 1.0, 0.0))

@@ -1,0 +1,146 @@
+"""Image files written and read back, and what is left behind when writing fails."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from leaflight.core.image_file import HALF_MAX, read_image, write_image
+
+
+@pytest.fixture(autouse=True)
+def open_image_io(monkeypatch: pytest.MonkeyPatch) -> None:
+    """OpenImageIO lies inside the bpy package; bpy itself is not imported."""
+    if importlib.util.find_spec("OpenImageIO"):
+        return
+    bpy = importlib.util.find_spec("bpy")
+    folders = [Path(folder) for folder in (bpy.submodule_search_locations or [])] if bpy else []
+    found = [site for folder in folders for site in folder.glob("*/python/lib/**/site-packages") if (site / "OpenImageIO").is_dir()]
+    if not found:
+        pytest.skip("no OpenImageIO here")
+    monkeypatch.syspath_prepend(str(found[0]))
+    sys.path.append(sys.path.pop(0))  # last: its numpy is not ours
+
+
+def ramp(channels: int = 4) -> np.ndarray:
+    """3 rows and 5 columns, every value different, row 0 dark."""
+    return (np.arange(3 * 5 * channels).reshape(3, 5, channels) / 64).astype(np.float32)
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+def test_exr_keeps_halves_exactly(tmp_path: Path, channels: int) -> None:
+    path = tmp_path / "Tür 3.lighting.exr"
+    pixels = ramp(channels) * 8
+    write_image(path, pixels, {"leaflight:pass": "lighting", "leaflight:photons": 10**12, "leaflight:error": 0.25}, "exr")
+    found, metadata = read_image(path)
+    np.testing.assert_array_equal(found, pixels)
+    assert metadata["leaflight:pass"] == "lighting"
+    assert metadata["leaflight:photons"] == str(10**12)
+    assert metadata["leaflight:error"] == 0.25
+    assert metadata["compression"] == "zip"
+    assert "lin_rec709" in metadata["oiio:ColorSpace"]
+    np.testing.assert_allclose(metadata["chromaticities"], [0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329], rtol=1e-6)
+
+
+def test_hdr_keeps_colour_to_a_part_in_200(tmp_path: Path) -> None:
+    write_image(tmp_path / "a.hdr", ramp() * 100, {}, "hdr")
+    found, _ = read_image(tmp_path / "a.hdr")
+    assert found.shape == (3, 5, 3)
+    np.testing.assert_allclose(found, ramp()[..., :3] * 100, atol=ramp().max() * 100 / 200)
+
+
+def test_png_is_srgb_and_keeps_colour_without_alpha(tmp_path: Path) -> None:
+    pixels = np.zeros((3, 5, 4), np.float32)
+    pixels[0, 1] = (0.5, 0.002, 2.0, 0.0)
+    pixels[2, 4] = (0.18, 1.0, -1.0, 1.0)
+    write_image(tmp_path / "a.png", pixels, {"Description": "lighting"}, "png")
+    found, metadata = read_image(tmp_path / "a.png")
+    step = np.array([0.5, 0.18, 0.002])  # a step of 1/255 at middle grey is 0.4 %; half of it either way
+    np.testing.assert_allclose([found[0, 1, 0], found[2, 4, 0], found[0, 1, 1]], step, atol=0.004)
+    np.testing.assert_array_equal(found[0, 1, 2:], [1.0, 0.0])
+    np.testing.assert_array_equal(found[2, 4, 1:], [1.0, 0.0, 1.0])
+    assert found[1].max() == 0.0
+    assert "sRGB" in metadata["oiio:ColorSpace"] or "srgb" in metadata["oiio:ColorSpace"]
+
+
+def test_png_bytes_are_the_srgb_curve(tmp_path: Path) -> None:
+    """Linear 0.2140 is byte 127.5 of 255; the file's own numbers are read past our decoding."""
+    import OpenImageIO
+
+    pixels = np.full((3, 5, 3), 0.21586, np.float32)
+    write_image(tmp_path / "a.png", pixels, {}, "png")
+    stored = OpenImageIO.ImageInput.open(str(tmp_path / "a.png")).read_image("uint8")
+    assert np.unique(stored).tolist() == [128]
+
+
+def test_row_0_is_the_last_of_the_file(tmp_path: Path) -> None:
+    import OpenImageIO
+
+    write_image(tmp_path / "a.exr", ramp(), {}, "exr")
+    stored = OpenImageIO.ImageInput.open(str(tmp_path / "a.exr")).read_image("float")
+    np.testing.assert_array_equal(stored[2], ramp()[0])
+
+
+@pytest.mark.parametrize("kind", ["exr", "hdr", "png"])
+def test_values_out_of_range_are_clipped(tmp_path: Path, kind: str) -> None:
+    pixels = np.zeros((3, 5, 3), np.float32)
+    pixels[0, 0] = (np.inf, 1e30, 0.5)
+    write_image(tmp_path / "a", pixels, {}, kind)
+    found, _ = read_image(tmp_path / "a")
+    assert np.isfinite(found).all()
+    limit = 1.0 if kind == "png" else HALF_MAX
+    np.testing.assert_allclose(found[0, 0, :2], limit, rtol=0.005)
+
+
+@pytest.mark.parametrize("kind", ["exr", "hdr", "png"])
+def test_same_pixels_same_bytes(tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_image(tmp_path / "a", ramp(), {"leaflight:pass": "x"}, kind)
+    monkeypatch.setattr("time.time", lambda: 0.0)
+    write_image(tmp_path / "b", ramp(), {"leaflight:pass": "x"}, kind)
+    first = (tmp_path / "a").read_bytes()
+    assert first == (tmp_path / "b").read_bytes()
+    assert kind != "exr" or b"1970:01:01" in first
+
+
+def test_what_is_no_image_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    with pytest.raises(ValueError, match=r"a\.exr: expected numbers, got 60 NaN"):
+        write_image(path, ramp() * np.nan, {}, "exr")
+    with pytest.raises(ValueError, match=r"a\.exr: expected pixels .* got \(3, 5, 2\)"):
+        write_image(path, ramp(2), {}, "exr")
+    with pytest.raises(ValueError, match=r"a\.exr: expected kind exr, hdr or png, got 'tiff'"):
+        write_image(path, ramp(), {}, "tiff")
+    assert not list(tmp_path.iterdir())
+
+
+def test_missing_folder_and_file(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match=r"away/a\.exr: cannot be written \(.*No such file"):
+        write_image(tmp_path / "away" / "a.exr", ramp(), {}, "exr")
+    with pytest.raises(OSError, match=r"b\.exr: cannot be read"):
+        read_image(tmp_path / "b.exr")
+
+
+@pytest.fixture
+def disk_of_one_kilobyte() -> Iterator[None]:
+    """No file of this process may grow beyond that; writing more fails as on a full disk."""
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1024, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("kind", ["exr", "hdr", "png"])
+@pytest.mark.usefixtures("disk_of_one_kilobyte")
+def test_full_disk_keeps_the_old_file(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"a.{kind}"
+    path.write_text("old")
+    noise = np.random.default_rng(1).random((200, 100, 3)).astype(np.float32)
+    with pytest.raises(OSError, match=rf"a\.{kind}: cannot be written"):
+        write_image(path, noise, {}, kind)
+    assert [file.name for file in tmp_path.iterdir()] == [path.name]
+    assert path.read_text() == "old"

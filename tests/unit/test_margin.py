@@ -1,0 +1,54 @@
+"""Margins on pages small enough to know every texel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from leaflight.core.margin import fill_margin
+
+
+def test_two_rings_on_an_asymmetric_page() -> None:
+    """3 rows, 5 columns, one covered texel in a corner: two rings take its value, columns 3 and 4 stay."""
+    page, covered = np.zeros((3, 5, 2), np.float32), np.zeros((3, 5), bool)
+    page[0, 0], covered[0, 0] = (2.0, 3.0), True
+    filled = fill_margin(page, covered, 2)
+    np.testing.assert_array_equal(filled[:, :3], np.broadcast_to(np.float32([2.0, 3.0]), (3, 3, 2)))
+    assert not filled[:, 3:].any()
+    assert page[1, 1, 0] == 0.0
+
+
+def test_between_two_charts_is_their_mean() -> None:
+    page = np.zeros((5, 3, 1), np.float32)
+    page[:, 0], page[:, 2] = 1.0, 5.0
+    covered = np.array([[True, False, True]] * 5)
+    np.testing.assert_array_equal(fill_margin(page, covered, 4)[:, 1, 0], np.full(5, 3.0))
+
+
+@pytest.mark.parametrize("texels", [0, 1, 3, 8])
+def test_reach_is_the_number_of_steps(texels: int) -> None:
+    rng = np.random.default_rng(texels)
+    covered = rng.random((17, 23)) < 0.01
+    covered[5, 6] = True
+    page = np.where(covered[..., None], rng.uniform(1.0, 2.0, (17, 23, 3)), -1.0).astype(np.float32)
+    filled = fill_margin(page, covered, texels)
+    y, x = np.nonzero(covered)
+    rows, columns = np.indices(covered.shape)
+    distance = np.maximum(abs(rows[..., None] - y), abs(columns[..., None] - x)).min(axis=-1)
+    np.testing.assert_array_equal(filled[..., 0] > 0.0, distance <= texels)
+    np.testing.assert_array_equal(filled[covered], page[covered])
+    assert filled[distance <= texels].max() <= page.max()
+    assert filled.dtype == np.float32
+
+
+def test_empty_and_full_pages_stay() -> None:
+    page = np.arange(30, dtype=np.float32).reshape(3, 5, 2)
+    for covered in (np.zeros((3, 5), bool), np.ones((3, 5), bool)):
+        np.testing.assert_array_equal(fill_margin(page, covered, 4), page)
+
+
+def test_a_colour_field_stays_smooth() -> None:
+    """The first ring off a straight edge takes the mean of three neighbours along it, so a ramp along the edge goes on."""
+    page, covered = np.zeros((9, 6, 1), np.float32), np.zeros((9, 6), bool)
+    covered[:, :3] = True
+    page[:, :3, 0] = np.arange(9)[:, None]
+    np.testing.assert_allclose(fill_margin(page, covered, 1)[1:-1, 3, 0], np.arange(1, 8), rtol=1e-6)
