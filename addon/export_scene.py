@@ -30,7 +30,8 @@ class ExportedObject:
     key, kind    which piece of the source (see export_pieces)
     needs_copy   its lightmap goes on a copy made from the evaluated mesh, whose corners and polygons the snapshot then counts
     reason       why it needs a copy, "" otherwise
-    n_corner, n_polygon   of the mesh that tri_corner and tri_polygon index, to check before writing
+    n_corner, n_polygon   of the mesh that is to carry the lightmap, its own or the copy's, to check before writing; where the own mesh
+                          carries an existing layer through modifiers, tri_corner and tri_polygon still count the evaluated mesh
     """
 
     name: str
@@ -73,6 +74,7 @@ def export_scene(
     scene = getattr(context_or_scene, "scene", context_or_scene)
     view_layer = view_layer or _find_view_layer(context_or_scene, scene)
     warnings: Warnings = []
+    view_layer.update()  # that of a new scene is empty until then
     check_names(scene, view_layer, objects)
     _warn_working_space(warnings)
     with evaluate_for_render(scene, view_layer, warnings) as depsgraph:
@@ -149,9 +151,9 @@ class _Export:
         name = self._unique_name(piece)
         source = piece.source
         library = source.library.filepath if source.library else ""
-        exported = ExportedObject(
-            name, source.name, library, source.session_uid, piece.key, piece.kind, bool(reason), reason, local.n_corner, local.n_polygon
-        )
+        own_mesh = piece.kind == OWN and not reason
+        size = (len(source.data.loops), len(source.data.polygons)) if own_mesh else (local.n_corner, local.n_polygon)
+        exported = ExportedObject(name, source.name, library, source.session_uid, piece.key, piece.kind, bool(reason), reason, *size)
         if reason:
             self._warnings.append((source.name, reason))
         scene_object = SceneObject(

@@ -27,6 +27,7 @@ from .settings import Settings
 from .unwrap import unwrap_triangles
 
 Float64: TypeAlias = NDArray[np.float64]
+Int32: TypeAlias = NDArray[np.int32]
 Int64: TypeAlias = NDArray[np.int64]
 
 _FEWEST_TEXELS = 1.0  # a chart of less area than this is hardly a lightmap
@@ -209,24 +210,22 @@ class _AtlasMaker:
             )
         self._apply(packed)
 
-    def _try_on(self, i: int, page: int, horizon: Int64) -> bool:
+    def _try_on(self, i: int, page: int, horizon: Int32) -> bool:
         """Places an object at the wanted density above the horizon, which is raised, if it fits."""
         outlines, density = self._select([i]), self.settings.density
         if not fits_alone(outlines, density, self.page):
             return False
         shapes = shape_charts(outlines, density, self.page)
-        trial = horizon.copy()
-        placement = place_charts(shapes, trial)
+        placement = place_charts(shapes, horizon)
         if placement is None:
             return False
-        horizon[:] = trial
         self._apply(_Packed([i], page, density, shapes, placement))
         return True
 
     def _pack_first_fit(self, objects: list[int]) -> None:
         """Whole objects, the largest first, each on the first page that has room for it."""
         area = {i: float(self._select([i]).area.sum()) for i in objects}
-        horizons: list[tuple[int, Int64]] = []
+        horizons: list[tuple[int, Int32]] = []
         for i in sorted(objects, key=lambda i: (-area[i], i)):
             needed = area[i] * self.settings.density**2
             roomy = (page for page in horizons if self._room_above(page[1]) >= needed)
@@ -238,7 +237,7 @@ class _AtlasMaker:
             else:
                 self._pack_less_dense(i)
 
-    def _room_above(self, horizon: Int64) -> float:
+    def _room_above(self, horizon: Int32) -> float:
         return float((self.page.inside - horizon).sum()) * self.page.step
 
     def _apply(self, packed: _Packed) -> None:

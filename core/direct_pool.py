@@ -24,7 +24,8 @@ Int64: TypeAlias = NDArray[np.int64]
 BLOCK_TEXELS = 64  # neighbours in Morton order, 8 x 8 within a chart, choose alike
 _PILOTS = 4  # receivers of a block that look at every cluster first
 _MAX_CLUSTERS = 256
-_UNSEEN = np.float32(0.25)  # share of a cluster that its pilots did not see
+_UNSEEN_LEAST, _UNSEEN_MOST = 0.02, 0.25  # share that a cluster keeps where a pilot did not see it
+_REGION_BLOCKS = 16  # blocks whose pilots tell together whether a cluster is seen from there at all
 _GRAZING = np.float32(0.05)  # least cosine a cluster is judged by
 _NEAR = 4.0  # distance squared in areas of a triangle, below which its closed form is taken
 
@@ -136,16 +137,22 @@ class EmitterPool:
         pilot = np.arange(n_block)[:, None] * BLOCK_TEXELS + np.arange(_PILOTS) * (BLOCK_TEXELS // _PILOTS) + BLOCK_TEXELS // _PILOTS // 2
         receivers = chunk.receivers(np.minimum(pilot, len(chunk.texel) - 1).ravel(), 0, 1)
         score, n_ray = np.empty((n_block * _PILOTS, n_cluster)), 0
+        seen = np.empty((n_block * _PILOTS, n_cluster), bool)
         power = np.diff(self.power_end[self.cluster_start])
         for piece in row_pieces(np.arange(n_block * _PILOTS), n_cluster):
             looking = receivers.rows(np.repeat(piece, n_cluster))
             cluster = np.tile(np.arange(n_cluster), len(piece))
             cell, _ = self._choose_cell(cluster, rng.random(len(cluster)))
             aim, _ = self._aim(looking, cell, rng.random((len(cell), 2), np.float32), exact=False)
-            seen, traced = looking.see(rays, aim)
+            visible, traced = looking.see(rays, aim)
             n_ray += traced
-            score[piece] = (np.where(seen, 1, _UNSEEN) * aim.share * power[cluster]).reshape(len(piece), n_cluster)
-        chance = score.reshape(n_block, _PILOTS, n_cluster).sum(axis=1)
+            seen[piece] = visible.reshape(len(piece), n_cluster)
+            score[piece] = (aim.share * power[cluster]).reshape(len(piece), n_cluster)
+        region = np.arange(0, len(seen), _REGION_BLOCKS * _PILOTS)
+        size = np.diff(np.append(region, len(seen)))
+        often = np.add.reduceat(seen, region, axis=0, dtype=np.float64) / size[:, None]
+        unseen = np.repeat(np.clip(often, _UNSEEN_LEAST, _UNSEEN_MOST), size, axis=0)
+        chance = (score * np.where(seen, 1, unseen)).reshape(n_block, _PILOTS, n_cluster).sum(axis=1)
         end = np.cumsum(chance, axis=1)
         return end / end[:, -1:] + np.arange(n_block)[:, None], n_ray
 

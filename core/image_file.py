@@ -17,6 +17,8 @@ HALF_MAX = 65504.0  # the greatest half float; beyond it is infinity
 _INT_MAX = 2**31 - 1  # of an image file's integer attributes
 # Rec.709's red, green, blue and white x, y: what the numbers mean for readers that know no names of colour spaces.
 _REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+_PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
+_INCOMPLETE = "the file could not be completed"
 _EPOCH = "1970:01:01 00:00:00"  # OpenImageIO would put the time of writing into the file; the same bake gives the same bytes
 
 
@@ -40,9 +42,10 @@ def write_image(path: Path, pixels: FloatArray, metadata: Mapping[str, str | int
             raise OSError(error)
         os.replace(temporary, path)
     except OSError as reason:
-        temporary.unlink(missing_ok=True)
         text = str(reason.strerror or reason).strip().replace(str(temporary), path.name)
         raise OSError(f"{path}: cannot be written ({text}); choose a folder that exists, can be written to and has room") from reason
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def read_image(path: Path) -> tuple[NDArray[np.float32], dict[str, Any]]:
@@ -89,12 +92,14 @@ def _encode_or_error(pixels: FloatArray, kind: str) -> NDArray[np.generic] | str
         return f"expected numbers, got {np.count_nonzero(np.isnan(pixels))} NaN"
     rows = pixels[::-1]
     if kind == "exr":
-        return np.clip(rows, -HALF_MAX, HALF_MAX).astype(np.float16)
+        halves: NDArray[np.float16] = np.clip(rows, -HALF_MAX, HALF_MAX).astype(np.float16)
+        return halves
     if kind == "hdr":
-        return np.clip(rows[..., :3], 0.0, HALF_MAX).astype(np.float32)
+        return np.asarray(np.clip(rows[..., :3], 0.0, HALF_MAX), np.float32)
     unit = np.clip(rows, 0.0, 1.0).astype(np.float32)
     unit[..., :3] = _linear_to_srgb(unit[..., :3])
-    return np.rint(unit * 255.0).astype(np.uint8)
+    encoded: NDArray[np.uint8] = np.rint(unit * 255.0).astype(np.uint8)
+    return encoded
 
 
 def _write_file(path: Path, data: NDArray[np.generic], metadata: Mapping[str, str | int | float], kind: str) -> str:
@@ -114,12 +119,23 @@ def _write_file(path: Path, data: NDArray[np.generic], metadata: Mapping[str, st
     output = oiio.ImageOutput.create(kind)
     if output is None:
         return str(oiio.geterror())
-    # Every step is taken, and a full disk is often told by the last alone.
     done = output.open(str(path), spec) and output.write_image(np.ascontiguousarray(data))
     closed = output.close()
-    if done and closed:
-        return ""
-    return str(output.geterror()) or "the file could not be completed"
+    if not (done and closed):
+        return str(output.geterror()) or _INCOMPLETE
+    return "" if _is_complete(path, kind) else _INCOMPLETE
+
+
+def _is_complete(path: Path, kind: str) -> bool:
+    """Whether all of a new file can be read: of a disk that fills up with its last buffer OpenImageIO says nothing."""
+    if kind == "png":
+        return path.read_bytes().endswith(_PNG_END)
+    source = _open_image_io().ImageInput.open(str(path))
+    if source is None:
+        return False
+    complete = source.read_image("half") is not None
+    source.close()
+    return complete
 
 
 def _linear_to_srgb(value: NDArray[np.float32]) -> NDArray[np.float32]:

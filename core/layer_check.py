@@ -57,15 +57,15 @@ def label_charts(tri_vertex: IntArray, tri_uv: Float64, tri_group: IntArray, sam
     same = (keys[:, here] == keys[:, after]).all(axis=0) & (np.abs(end_uv[here] - end_uv[after]) <= same_uv).all(axis=1)
     shared = np.zeros(3 * n_tri, bool)
     shared[here[same]] = shared[after[same]] = True
-    label = _join(n_tri, here[same] // 3, after[same] // 3)
+    label = join_sets(n_tri, here[same] // 3, after[same] // 3)
     chart = np.full(n_tri, -1, np.int64)
     used = tri_group >= 0
     chart[used] = np.unique(label[used], return_inverse=True)[1].ravel()
     return chart, shared.reshape(-1, 3)
 
 
-def _join(count: int, one: Int64, other: Int64) -> Int64:
-    """(count,) int64: the least member of each connected set.
+def join_sets(count: int, one: Int64, other: Int64) -> Int64:
+    """(count,) int64: the least member of the set that each belongs to, when one[i] and other[i] are joined for all i.
 
     Source: Shiloach & Vishkin 1982, "An O(log n) parallel connectivity algorithm".
     """

@@ -7,6 +7,7 @@ Measured against xatlas's own packer (100 and 1,000 rectangles, 1,024 texels, pa
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -18,6 +19,7 @@ from .coverage import expand_ranges
 from .outlines import Outlines
 
 Float64: TypeAlias = NDArray[np.float64]
+Int32: TypeAlias = NDArray[np.int32]
 Int64: TypeAlias = NDArray[np.int64]
 
 _ROUNDING = 1e-6  # texels by which a chart may reach over the edge of a texel unseen
@@ -25,6 +27,7 @@ _MAX_COLUMNS = 1024  # a wider page is searched in steps of several texels
 _PRECISION = 1.01  # ratio of densities at which the search stops
 _STEP_UP = 1.08
 _BOXY = 0.995  # share of its box that a chart fills when turning it upside down is in vain
+_SMALL = 16  # texels; turning a smaller chart upside down saves nothing that can be measured
 _LEAST_SHARE = 1e-8  # of the greatest density that a page could hold; below it charts are points
 
 
@@ -50,9 +53,9 @@ class Page:
         """Columns that hold the padding."""
         return -(-self.padding // self.step)
 
-    def empty_horizon(self) -> Int64:
-        """(columns + 2 reach,) int64: the height to which each column is taken; an empty one leaves no padding below."""
-        return np.full(self.inside // self.step + 2 * self.reach, -self.padding)
+    def empty_horizon(self) -> Int32:
+        """(columns + 2 reach,) int32: the height to which each column is taken; an empty one leaves no padding below."""
+        return np.full(self.inside // self.step + 2 * self.reach, -self.padding, np.int32)
 
 
 @dataclass(frozen=True)
@@ -71,16 +74,16 @@ class Placement:
 class _Profiles:
     """Lowest and highest texel of charts in every column of their own, with `reach` columns more on both sides.
 
-    low, high   (n,) int64   of the chart and its padding
-    roof        (n,) int64   highest texel of the chart alone
-    floor       (n,) int64   lowest texel of the chart alone
+    low, high   (n,) int32   of the chart and its padding
+    roof        (n,) int32   highest texel of the chart alone
+    floor       (n,) int32   lowest texel of the chart alone
     start       (n_chart + 1,) int64
     """
 
-    low: Int64
-    high: Int64
-    roof: Int64
-    floor: Int64
+    low: Int32
+    high: Int32
+    roof: Int32
+    floor: Int32
     start: Int64
 
 
@@ -107,7 +110,7 @@ def shape_charts(outlines: Outlines, density: float, page: Page) -> Shapes:
     edge, chart = outlines.edge * density, outlines.edge_chart
     along = (_measure_profiles(edge, chart, side, page), _measure_profiles(edge[..., ::-1], chart, side[:, ::-1], page))
     order = np.lexsort((-side.min(axis=1), -side.max(axis=1)))  # long ones first; lexsort is stable
-    boxy = outlines.area > _BOXY * outlines.extent.prod(axis=1)
+    boxy = (outlines.area > _BOXY * outlines.extent.prod(axis=1)) | (side.max(axis=1) <= _SMALL)
     turns = np.where(side.max(axis=1) == 1, 1, np.where(boxy, 2, 4))
     return Shapes(page, along, side, order, turns)
 
@@ -142,8 +145,8 @@ def _measure_profiles(edge: Float64, chart: Int64, side: Int64, page: Page) -> _
     np.maximum.at(high, position, height.max(axis=0))
     far = int(side.max(initial=0)) + 4 * page.size  # never the extreme of a window, unless nothing else is in it
     empty = np.isinf(low)
-    floor = np.where(empty, far, np.floor(np.where(empty, 0.0, low) + _ROUNDING)).astype(np.int64)
-    roof = np.where(empty, -far, np.ceil(np.where(empty, 0.0, high) - _ROUNDING)).astype(np.int64)
+    floor = np.where(empty, far, np.floor(np.where(empty, 0.0, low) + _ROUNDING)).astype(np.int32)
+    roof = np.where(empty, -far, np.ceil(np.where(empty, 0.0, high) - _ROUNDING)).astype(np.int32)
     roof = np.where(empty, -far, np.maximum(roof, floor + 1))
     window = 2 * reach + 1
     outer_low = sliding_window_view(np.pad(floor, reach, constant_values=far), window).min(axis=1)
@@ -151,11 +154,11 @@ def _measure_profiles(edge: Float64, chart: Int64, side: Int64, page: Page) -> _
     return _Profiles(outer_low - page.padding, outer_high + page.padding, roof, floor, start)
 
 
-def _turned(shapes: Shapes, chart: int, turn: int) -> tuple[Int64, Int64]:
+def _turned(shapes: Shapes, chart: int, turn: int) -> tuple[Int32, Int32]:
     """Padded underside and bare upper side of a chart after quarter turns."""
     profiles = shapes.along[turn % 2]
     start, end = profiles.start[chart], profiles.start[chart + 1]
-    reach, across = shapes.page.reach, shapes.side[chart, 1 - turn % 2]
+    reach, across = shapes.page.reach, np.int32(shapes.side[chart, 1 - turn % 2])
     bare = slice(start + reach, end - reach)
     if turn in (0, 1):
         under, upper = profiles.low[start:end], profiles.roof[bare]
@@ -164,18 +167,23 @@ def _turned(shapes: Shapes, chart: int, turn: int) -> tuple[Int64, Int64]:
     return (under, upper) if turn in (0, 3) else (under[::-1], upper[::-1])
 
 
-def place_charts(shapes: Shapes, horizon: Int64) -> Placement | None:
-    """The charts above the horizon, which is raised; None, with the horizon half raised, where the page is full."""
+def place_charts(shapes: Shapes, horizon: Int32) -> Placement | None:
+    """The charts above the horizon, which is raised; None, and the horizon as it was, where the page is full."""
     page = shapes.page
     turn = np.zeros(len(shapes.side), np.int64)
     offset = np.zeros((len(shapes.side), 2), np.int64)
+    columns = len(horizon)
+    taken = np.concatenate([horizon, np.zeros(columns, np.int32)])
+    # Row k is the horizon k columns on. A chart is tried at all columns at once, one long row for each of its own: what numpy is fast at.
+    ahead = sliding_window_view(taken, columns) if columns else taken
     for chart in shapes.order:
         best: tuple[int, int, int, int] | None = None
         for candidate in range(shapes.turns[chart]):
             under, _ = _turned(shapes, chart, candidate)
-            if len(under) > len(horizon):
+            shifts = columns - len(under) + 1
+            if shifts <= 0:
                 continue
-            height = (sliding_window_view(horizon, len(under)) - under).max(axis=1)
+            height = (ahead[: len(under), :shifts] - under[:, None]).max(axis=0)
             column = int(height.argmin())
             across = int(shapes.side[chart, 1 - candidate % 2])
             key = (int(height[column]) + across, candidate, column, int(height[column]))
@@ -185,10 +193,11 @@ def place_charts(shapes: Shapes, horizon: Int64) -> Placement | None:
         _, candidate, column, bottom = best
         upper = _turned(shapes, chart, candidate)[1]
         first = column + page.reach
-        taken = horizon[first : first + len(upper)]
-        np.maximum(taken, bottom + upper, out=taken)
+        below = taken[first : first + len(upper)]
+        np.maximum(below, bottom + upper, out=below)
         turn[chart] = candidate
         offset[chart] = (page.padding + column * page.step, page.padding + bottom)
+    horizon[:] = taken[:columns]
     return Placement(turn, offset)
 
 
@@ -242,7 +251,7 @@ def _try_density(outlines: Outlines, density: float, page: Page) -> tuple[float,
 
 
 def _density_limit(outlines: Outlines, page: Page) -> float:
-    return float(page.inside) / max(float(outlines.extent.max()), float(outlines.area.sum()) ** 0.5)
+    return page.inside / max(float(outlines.extent.max()), math.sqrt(float(outlines.area.sum())))
 
 
 def _guess_density(outlines: Outlines, page: Page) -> float:

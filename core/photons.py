@@ -22,9 +22,11 @@ BATCH = 32_768  # photons in flight; measured: 16 k to 64 k are alike, all array
 _SMOOTH_DEVIATION = 1e-3  # a corner normal nearer to the face's own than this is flat shading
 # Veach's weight is unbounded at grazing incidence. Its expectation loses less than LEAST_COSINE * sin(angle between the normals) / pi.
 _LEAST_COSINE = 0.01
+_GREATEST_POWER_W = 1e30  # leaves float32 room for photons brighter than the mean
 _FARTHEST = np.float32(1e6)  # its square is still finite in float32
 
 _Rows = NDArray[np.float32]
+_Ints = NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -92,13 +94,19 @@ class ShardHits:
 
 
 def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, emitters: Sequence[Emitter]) -> TraceScene:
-    """A snapshot made ready for photons; `unit_box` and `surfaces` are those the emitters were made with."""
+    """A snapshot made ready for photons; `unit_box` and `surfaces` are those the emitters were made with.
+
+    Raises ValueError for an emitter whose power cannot be traced.
+    """
     corners_m = snapshot.tri_position
     normal = triangle_normals_areas(corners_m)[0].astype(np.float32)
     deviation = np.abs(snapshot.tri_normal - normal[:, None]).max(axis=(1, 2), initial=0)
     smooth = np.isfinite(deviation) & (deviation > _SMOOTH_DEVIATION) & normal.any(axis=1)
     tri_smooth = np.where(smooth, np.cumsum(smooth) - 1, -1).astype(np.int32)
     power = np.array([np.mean(emitter.power_rgb) for emitter in emitters], np.float64)
+    for emitter in emitters:
+        if not (np.min(emitter.power_rgb) >= 0 and np.max(emitter.power_rgb) <= _GREATEST_POWER_W):
+            raise ValueError(f"{emitter.name}: its power is {emitter.power_rgb} W; choose one between 0 and {_GREATEST_POWER_W:g} W.")
     total = power.sum()
     corners = unit_box.to_unit(corners_m)
     frame = np.stack([corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]])
@@ -132,13 +140,12 @@ def trace_shard(
 
 @dataclass
 class _Photons:
-    """Photons under way; soft_radius and soft_offset are None after the first hit, and where no light is soft."""
+    """Photons under way; soft (2, n) is soft_radius and soft_offset, None after the first hit and where no light is soft."""
 
     origin: _Rows
     direction: _Rows
     flux: _Rows
-    soft_radius: NDArray[np.float32] | None = None
-    soft_offset: NDArray[np.float32] | None = None
+    soft: _Rows | None = None
 
 
 class _Log:
@@ -147,7 +154,7 @@ class _Log:
     def __init__(self) -> None:
         self.emitted, self.absorbed, self.escaped, self.remainder = np.zeros((4, 3))
         self.photons = self.rays = 0
-        self.pieces: list[tuple[NDArray[np.int32], _Rows, _Rows, _Rows, bool]] = []  # tri, u, v, flux, is_first
+        self.pieces: list[tuple[_Ints, _Rows, _Rows, _Rows, bool]] = []  # tri, u, v, flux, is_first
 
     def hits(self) -> ShardHits:
         nothing = np.zeros(0, np.float32)
@@ -175,16 +182,17 @@ def _births(scene: TraceScene, n_photons: int, total_flux_share: float, rng: np.
     start = np.concatenate([[0], end[:-1]])
     for first in range(0, n_photons, BATCH):
         last = min(first + BATCH, n_photons)
-        batch = _Photons(*np.empty((3, 3, last - first), np.float32), *np.zeros((2, last - first), np.float32))
+        origin, direction, flux = np.empty((3, 3, last - first), np.float32)
+        soft = np.zeros((2, last - first), np.float32)
         for e in np.flatnonzero((start < last) & (end > first) & (end > start)):
             low, high = max(first, start[e]), min(last, end[e])
             births = scene.emitters[e].emit(kronecker_points(shift[e], int(low - start[e]), int(high - low)))
             place = slice(low - first, high - first)
-            batch.origin[:, place], batch.direction[:, place] = births.origin.T, births.direction.T
+            origin[:, place], direction[:, place] = births.origin.T, births.direction.T
+            soft[0, place], soft[1, place] = births.soft_radius, births.soft_offset
             power = scene.emitters[e].power_rgb * (total_flux_share / n_photons / shares[e])
-            batch.flux[:, place] = power.astype(np.float32)[:, None] * births.relative_rgb.T
-            batch.soft_radius[place], batch.soft_offset[place] = births.soft_radius, births.soft_offset  # type: ignore[index]
-        yield batch
+            flux[:, place] = power.astype(np.float32)[:, None] * births.relative_rgb.T
+        yield _Photons(origin, direction, flux, soft if soft.any() else None)
 
 
 def _trace_batch(scene: TraceScene, photons: _Photons, rng: np.random.Generator, max_depth: int, skip_first: bool, log: _Log) -> None:
@@ -232,27 +240,17 @@ def _dot(a: _Rows, b: _Rows) -> NDArray[np.float32]:
     return product
 
 
-def _soften(photons: _Photons, distance: NDArray[np.float32]) -> None:
+def _soften(photons: _Photons, distance: _Rows) -> None:
     """Blender's soft falloff: 1 / d^2 becomes 1 / (d^2 + r^2) at the first hit."""
-    if photons.soft_radius is None or photons.soft_offset is None:
-        return
-    soft = np.flatnonzero(photons.soft_radius > 0)
-    if len(soft):
-        d2 = np.minimum(distance[soft], _FARTHEST) ** 2 + photons.soft_offset[soft] ** 2
-        r2 = photons.soft_radius[soft] ** 2
+    if photons.soft is not None:
+        radius, offset = photons.soft
+        soft = np.flatnonzero(radius > 0)
+        d2, r2 = np.minimum(distance[soft], _FARTHEST) ** 2 + offset[soft] ** 2, radius[soft] ** 2
         photons.flux[:, soft] *= np.maximum(d2, r2) / np.maximum(d2 + r2, np.finfo(np.float32).tiny)
 
 
 def _deposit(
-    scene: TraceScene,
-    tri: NDArray[np.int32],
-    u: _Rows,
-    v: _Rows,
-    flux: _Rows,
-    direction: _Rows,
-    cosine: _Rows,
-    is_first: bool,
-    log: _Log,
+    scene: TraceScene, tri: _Ints, u: _Rows, v: _Rows, flux: _Rows, direction: _Rows, cosine: _Rows, is_first: bool, log: _Log
 ) -> None:
     kept = np.flatnonzero(((cosine < 0) | scene.tri_two_sided[tri]) & scene.tri_deposits[tri])
     if len(kept) < len(tri):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry import orthonormal_basis, triangle_normals_areas
-from .layer_check import label_charts, signed_areas
+from .layer_check import join_sets, label_charts, signed_areas
 from .scene import IntArray
 
 Float64: TypeAlias = NDArray[np.float64]
@@ -17,6 +17,7 @@ Int64: TypeAlias = NDArray[np.int64]
 Bool: TypeAlias = NDArray[np.bool_]
 
 _RASTER_TEXELS = 512  # xatlas packs what we only want unfolded; this many texels a side cost it little and keep its UVs exact to 1e-4
+_MAX_RASTER_TEXELS = 2048  # a long thin chart is drawn no longer than this, to bound memory
 _LARGEST_COORDINATE = 1e5  # float32 then still tells 1 % of a triangle of median size
 _FLATNESS = 1e-5  # of a chart's extent: nearer to its plane it is projected, in float64
 _LEAST_STRETCH = 1e-3  # a triangle whose UV area is less of its area in space is unfolded by itself
@@ -69,21 +70,32 @@ def _unwrap_solid(
 def _unfold_by_xatlas(position: Float64, tri_vertex: IntArray, area: Float64) -> tuple[Int64, Float64]:
     """Chart of each triangle, -1 where xatlas leaves it out, and UVs of any scale and proportion."""
     xatlas = _load_xatlas()
-    extent = float(np.abs(position).max())
-    # xatlas leaves out triangles by an absolute area, so the usual one has area 1.
-    scale = min(float(np.median(area)) ** -0.5, _LARGEST_COORDINATE / extent)
     _, first, vertex = np.unique(tri_vertex, return_index=True, return_inverse=True)
-    vertex_position = np.ascontiguousarray(position.reshape(-1, 3)[first] * scale, np.float32)
+    vertex = vertex.reshape(-1, 3)
+    label = join_sets(len(first), vertex.ravel(), np.roll(vertex, -1, axis=1).ravel())[vertex[:, 0]]
+    order = np.argsort(label, kind="stable")
+    # Loose parts go in apart, each centred and scaled: a teaspoon in a hall would drown in float32.
+    parts = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
     atlas, packing = xatlas.Atlas(), xatlas.PackOptions()
-    packing.bilinear, packing.create_image = False, False
-    packing.texels_per_unit = _RASTER_TEXELS / (float(area.sum()) ** 0.5 * scale)
-    atlas.add_mesh(vertex_position, np.ascontiguousarray(vertex.reshape(-1, 3), np.uint32))
+    scaled_area = 0.0
+    for part in parts:
+        points = position[part]
+        points = points - 0.5 * (points.min(axis=(0, 1)) + points.max(axis=(0, 1)))
+        # xatlas leaves out triangles by an absolute area, so the usual one has area 1.
+        scale = min(float(np.median(area[part])) ** -0.5, _LARGEST_COORDINATE / float(np.abs(points).max()))
+        scaled_area += float(area[part].sum()) * scale**2
+        _, first, index = np.unique(vertex[part], return_index=True, return_inverse=True)
+        points = np.ascontiguousarray(points.reshape(-1, 3)[first] * scale, np.float32)
+        atlas.add_mesh(points, np.ascontiguousarray(index.reshape(-1, 3), np.uint32))
+    packing.bilinear, packing.create_image, packing.max_chart_size = False, False, _MAX_RASTER_TEXELS
+    packing.texels_per_unit = _RASTER_TEXELS / scaled_area**0.5
     atlas.generate(xatlas.ChartOptions(), packing)
-    if not atlas.chart_count:
-        return np.full(len(area), -1, np.int64), np.zeros((len(area), 3, 2))
-    _, tri_out, uv = atlas.get_mesh(0)
-    group = atlas.get_mesh_vertex_assignment(0)[1].astype(np.int32)[tri_out[:, 0]].astype(np.int64)
-    return group, (uv * np.array([atlas.width, atlas.height], np.float64))[tri_out]
+    group, uv = np.full(len(area), -1, np.int64), np.zeros((len(area), 3, 2))
+    for k, part in enumerate(parts if atlas.chart_count else ()):
+        _, tri_out, vertex_uv = atlas.get_mesh(k)
+        group[part] = atlas.get_mesh_vertex_assignment(k)[1].astype(np.int32)[tri_out[:, 0]]
+        uv[part] = (vertex_uv * np.array([atlas.width, atlas.height], np.float64))[tri_out]
+    return group, uv
 
 
 def _restore_proportions(position: Float64, uv: Float64, area: Float64, group: Int64) -> Float64:
@@ -116,8 +128,8 @@ def _project_flat_charts(position: Float64, normal: Float64, area: Float64, uv: 
     height, extent = np.zeros(n_chart), np.zeros(n_chart)
     np.maximum.at(height, group, np.abs(_dot(offset, axis[group][:, None])).max(axis=1))
     np.maximum.at(extent, group, np.abs(offset).max(axis=(1, 2)))
-    turned_away = np.bincount(group, (normal * axis[group]).sum(axis=1) <= 0, n_chart) > 0
-    is_flat: Bool = ((height <= _FLATNESS * extent) & ~turned_away)[group]
+    facing = (normal * axis[group]).sum(axis=1) > 0
+    is_flat: Bool = (height <= _FLATNESS * extent)[group] & (np.bincount(group, ~facing, n_chart) == 0)[group]
     return np.where(is_flat[:, None, None], _project(offset, axis[group]), uv)
 
 
@@ -150,7 +162,7 @@ def _torn_corners(group: Int64, uv: Float64, tri_corner: IntArray) -> Int64:
 def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon: Int64, tri_corner: IntArray) -> Float64:
     """Each polygon by itself: quads over their diagonal, which is isometric; others projected onto their plane.
 
-    Triangles of a polygon are consecutive. A polygon that its plane folds is laid out on a circle instead.
+    Triangles of a polygon are consecutive. A polygon that its plane folds, or winds twice about a corner, is laid out on a circle.
     """
     _, first, polygon, count = np.unique(polygon, return_index=True, return_inverse=True, return_counts=True)
     polygon = polygon.ravel()
@@ -159,6 +171,8 @@ def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon:
     axis = np.where(length[:, None] > 0, axis / np.where(length > 0, length, 1.0)[:, None], normal[first])
     uv = _project(position - position[first[polygon], :1], axis[polygon])
     folded = np.bincount(polygon, signed_areas(uv) < _LEAST_STRETCH * area) > 0
+    wound = _corner_angles(uv, tri_corner).max(axis=1) > 2.0 * np.pi * (1.0 + 1e-9)
+    folded |= np.bincount(polygon, wound) > 0
     pair = first[count == 2]
     hinged = _unfold_pairs(position, tri_corner, pair, uv)
     folded[polygon[hinged]] = False
@@ -166,6 +180,16 @@ def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon:
         rows = slice(start, start + n_tri)
         uv[rows] = _lay_on_circle(position[rows], tri_corner[rows], float(area[rows].sum()))
     return uv
+
+
+def _corner_angles(uv: Float64, tri_corner: IntArray) -> Float64:
+    """(n, 3) float64, rad: all that triangles take up together about each corner."""
+    after, before = np.roll(uv, -1, axis=1) - uv, np.roll(uv, 1, axis=1) - uv
+    cross = after[..., 0] * before[..., 1] - after[..., 1] * before[..., 0]
+    angle = np.arctan2(np.abs(cross), (after * before).sum(axis=2))
+    corner = np.unique(tri_corner, return_inverse=True)[1].ravel()
+    total: Float64 = np.bincount(corner, angle.ravel())[corner].reshape(tri_corner.shape)
+    return total
 
 
 def _unfold_pairs(position: Float64, tri_corner: IntArray, first: Int64, uv: Float64) -> Int64:

@@ -221,8 +221,10 @@ def test_edit_mode_mesh_is_read_as_it_is_edited():
     edited = bmesh.from_edit_mesh(obj.data)
     for vertex in edited.verts:
         vertex.co *= 3.0
+    bmesh.ops.subdivide_edges(edited, edges=edited.edges, cuts=1, use_grid_fill=True)
     bmesh.update_edit_mesh(obj.data)
     result = export()
+    assert (count(result, "Edited"), result.objects[0].needs_copy) == (8, False)
     assert bpy.context.mode == "EDIT_MESH"
     assert np.ptp(result.snapshot.vertex_position, axis=0) == pytest.approx([3, 3, 0])
     bpy.ops.object.mode_set(mode="OBJECT")

@@ -136,6 +136,8 @@ def test_an_existing_layer_on_a_modified_mesh(kind, properties, has_layer, needs
     scene_object, exported = by_name(result)["Plane"]
     assert (scene_object.has_layer, exported.needs_copy) == (has_layer, needs_copy)
     uv = result.snapshot.tri_uv[result.snapshot.tri_object == list(by_name(result)).index("Plane")]
+    if not needs_copy:
+        assert (exported.n_corner, exported.n_polygon) == (4, 1)
     if kind == "SUBSURF":
         assert len(np.unique(uv.reshape(-1, 2), axis=0)) == 9
     assert bool(uv.any()) == has_layer

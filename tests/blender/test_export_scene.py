@@ -144,8 +144,9 @@ def test_materials_by_slot_object_slot_and_empty_slot():
     own.material_slots[0].link = "OBJECT"
     own.material_slots[0].material = green
     beyond = make_mesh("Beyond")
+    beyond.materials.append(green)
     beyond.materials.append(red)
-    beyond.polygons[0].material_index = 7
+    beyond.polygons.foreach_set("material_index", [6, 6])
     add_object("Beyond", beyond, location=(0, 6, 0))
     result = export()
     names = np.array([material.name for material in result.snapshot.materials])

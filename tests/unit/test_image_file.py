@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -57,12 +57,14 @@ def test_png_is_srgb_and_keeps_colour_without_alpha(tmp_path: Path) -> None:
     pixels = np.zeros((3, 5, 4), np.float32)
     pixels[0, 1] = (0.5, 0.002, 2.0, 0.0)
     pixels[2, 4] = (0.18, 1.0, -1.0, 1.0)
+    pixels[2, 0] = (0.5, 0.5, 0.5, 0.25)
     write_image(tmp_path / "a.png", pixels, {"Description": "lighting"}, "png")
     found, metadata = read_image(tmp_path / "a.png")
     step = np.array([0.5, 0.18, 0.002])  # a step of 1/255 at middle grey is 0.4 %; half of it either way
     np.testing.assert_allclose([found[0, 1, 0], found[2, 4, 0], found[0, 1, 1]], step, atol=0.004)
     np.testing.assert_array_equal(found[0, 1, 2:], [1.0, 0.0])
     np.testing.assert_array_equal(found[2, 4, 1:], [1.0, 0.0, 1.0])
+    np.testing.assert_allclose(found[2, 0], [0.5, 0.5, 0.5, 0.25], atol=0.004)
     assert found[1].max() == 0.0
     assert "sRGB" in metadata["oiio:ColorSpace"] or "srgb" in metadata["oiio:ColorSpace"]
 
@@ -125,22 +127,27 @@ def test_missing_folder_and_file(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def disk_of_one_kilobyte() -> Iterator[None]:
-    """No file of this process may grow beyond that; writing more fails as on a full disk."""
+def limit_files() -> Iterator[Callable[[int], None]]:
+    """Sets the bytes beyond which no file of this process grows; writing more fails as on a full disk."""
     resource = pytest.importorskip("resource")
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1024, before[1]))
-    yield
+    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 @pytest.mark.parametrize("kind", ["exr", "hdr", "png"])
-@pytest.mark.usefixtures("disk_of_one_kilobyte")
-def test_full_disk_keeps_the_old_file(tmp_path: Path, kind: str) -> None:
+@pytest.mark.parametrize("missing", [1, 100, 50_000])
+def test_full_disk_keeps_the_old_file(tmp_path: Path, kind: str, missing: int, limit_files: Callable[[int], None]) -> None:
     path = tmp_path / f"a.{kind}"
-    path.write_text("old")
     noise = np.random.default_rng(1).random((200, 100, 3)).astype(np.float32)
+    write_image(path, noise, {}, kind)
+    size = path.stat().st_size
+    path.write_text("old")
+    limit_files(size - missing)
     with pytest.raises(OSError, match=rf"a\.{kind}: cannot be written"):
         write_image(path, noise, {}, kind)
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
     assert path.read_text() == "old"
+    limit_files(size)
+    write_image(path, noise, {}, kind)
+    assert path.stat().st_size == size

@@ -1,0 +1,115 @@
+"""What tests of light share: a floor of texels, patches that count photons, and bounds for statistics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from statistics import NormalDist
+
+import numpy as np
+from leaflight.core.direct import DirectScene
+from leaflight.core.geometry import UnitBox, orthonormal_basis
+from leaflight.core.lights import Emitter
+from leaflight.core.materials import SurfaceMaterials
+from leaflight.core.rays import RayScene
+from leaflight.core.scene import Light, Material, SceneSnapshot
+from scenes import Mesh, make_scene, quad_mesh
+
+ALPHA = 1e-3  # of a file's statistical tests together
+
+
+def sigma_limit(n_test: int) -> float:
+    """Standard deviations that none of n_test tests exceeds but with chance ALPHA. Source: Sidak 1967."""
+    return NormalDist().inv_cdf(1 - (1 - (1 - ALPHA) ** (1 / n_test)) / 2)
+
+
+def chi_square_sigmas(observed: np.ndarray, expected: np.ndarray) -> float:
+    """How many standard deviations a chi-square lies above its mean. Source: Wilson & Hilferty 1931."""
+    freedom = len(observed) - 1
+    value = ((observed - expected) ** 2 / expected).sum() / freedom
+    return float((np.cbrt(value) - (1 - 2 / (9 * freedom))) / np.sqrt(2 / (9 * freedom)))
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A square that counts photons; lengths of the unit box, side along the normal's tangents."""
+
+    centre: Sequence[float]
+    normal: Sequence[float]
+    side: float
+
+    def frame(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        normal = np.asarray(self.normal, float) / np.linalg.norm(self.normal)
+        tangent, bitangent = orthonormal_basis(normal[None])
+        return tangent[0], bitangent[0], normal
+
+    def mean(self, function: Callable[[np.ndarray, np.ndarray], np.ndarray], steps: int = 24) -> float:
+        """Mean of function(position (n, 3), normal (n, 3)) over the patch."""
+        tangent, bitangent, normal = self.frame()
+        line = ((np.arange(steps) + 0.5) / steps - 0.5) * self.side
+        x, y = (grid.reshape(-1, 1) for grid in np.meshgrid(line, line))
+        position = (np.asarray(self.centre) + x * tangent + y * bitangent).astype(np.float32)
+        return float(function(position, np.broadcast_to(normal, position.shape).astype(np.float32)).mean())
+
+    def count(self, emitter: Emitter, n_photon: int, seed: int, scale: float) -> tuple[np.ndarray, np.ndarray]:
+        """Irradiance (3,), W/m^2, of photons that nothing else stops, and its standard error; the soft falloff is the tracer's."""
+        births = emitter.emit(np.random.default_rng(seed).random((n_photon, 4), np.float32))
+        tangent, bitangent, normal = self.frame()
+        cosine = births.direction @ normal
+        distance = (np.asarray(self.centre) - births.origin) @ normal / np.where(cosine == 0, 1, cosine)
+        offset = births.origin + distance[:, None] * births.direction - np.asarray(self.centre)
+        inside = np.maximum(np.abs(offset @ tangent), np.abs(offset @ bitangent)) < self.side / 2
+        hit = (cosine < 0) & (distance > 0) & inside
+        d2, r2 = distance**2 + births.soft_offset**2, births.soft_radius**2
+        soft = np.where(r2 > 0, np.maximum(d2, r2) / np.maximum(d2 + r2, 1e-30), 1)
+        weight = np.broadcast_to(births.relative_rgb * (hit * soft)[:, None], (n_photon, 3))
+        per_unit = np.asarray(emitter.power_rgb) * scale**2 / self.side**2
+        return weight.mean(axis=0) * per_unit, weight.std(axis=0) / np.sqrt(n_photon) * per_unit
+
+
+def morton_square(side: int) -> tuple[np.ndarray, np.ndarray]:
+    """x and y of the texels of a square whose side is a power of two, in Morton order."""
+    code = np.arange(side * side)
+    x, y = np.zeros_like(code), np.zeros_like(code)
+    for bit in range(side.bit_length()):
+        x |= ((code >> (2 * bit)) & 1) << bit
+        y |= ((code >> (2 * bit + 1)) & 1) << bit
+    return x, y
+
+
+def floor_points(side: int, first_tri: int = 0) -> Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """TexelMap.sub_points for a quad_mesh of side * side texels in Morton order, whose triangles start at first_tri."""
+    column, row = morton_square(side)
+
+    def sub_points(texel: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        place = np.broadcast_to(point, (len(point), len(texel), 2))
+        x, y = (column[texel] + place[..., 0]) / side, (row[texel] + place[..., 1]) / side
+        lower = x >= y  # quad_mesh is fanned from (0, 0) over (1, 0), (1, 1), (0, 1)
+        bary = np.stack([np.where(lower, x - y, x), np.where(lower, y, y - x)], axis=-1)
+        return np.where(lower, first_tri, first_tri + 1).astype(np.int32), bary.astype(np.float32)
+
+    return sub_points
+
+
+def to_grid(values: np.ndarray, side: int) -> np.ndarray:
+    """(side, side, ...) image, row 0 at y = 0, of values in Morton order."""
+    column, row = morton_square(side)
+    out = np.empty((side, side, *values.shape[1:]))
+    out[row, column] = values
+    return out
+
+
+def lit_scene(
+    meshes: Sequence[Mesh] = (), lights: Sequence[Light] = (), emission: Sequence[Mesh] = (), rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)
+) -> SceneSnapshot:
+    """A quad_mesh floor, triangles 0 and 1, with other grey meshes, lights, and meshes that emit."""
+    scene = make_scene([quad_mesh("Floor"), *meshes, *emission], lights)
+    emits = scene.tri_object > len(meshes)
+    materials = (Material("Grey"), Material("Lamp", emission_rgb=rgb))
+    return replace(scene, materials=materials, tri_material=emits.astype(np.int32))
+
+
+def prepare(scene: SceneSnapshot) -> tuple[DirectScene, UnitBox, SurfaceMaterials]:
+    unit_box, surfaces = UnitBox.from_points(scene.vertex_position), SurfaceMaterials(scene)
+    rays = RayScene(unit_box.to_unit(scene.tri_position))
+    return DirectScene.of(rays, scene, unit_box, surfaces), unit_box, surfaces

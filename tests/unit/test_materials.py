@@ -1,0 +1,148 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from leaflight.core import materials
+from leaflight.core.scene import MAX_ALBEDO, Material, SceneObject, SceneSnapshot, TextureImage
+
+# 3 texels wide, 5 high: a swapped axis cannot pass
+PIXELS = np.random.default_rng(1).random((5, 3, 3)).astype(np.float32)
+TEXTURE = TextureImage("Checks", PIXELS)
+CENTRES = np.stack(np.meshgrid((np.arange(3) + 0.5) / 3, (np.arange(5) + 0.5) / 5), axis=-1).reshape(-1, 2)
+
+
+def _scene(*surfaces: Material, images=(TEXTURE,), uv=((0, 0), (1, 0), (0, 1))) -> SceneSnapshot:
+    """One triangle per material; texture UV equals barycentric (u, v)."""
+    n = len(surfaces)
+    none = np.zeros(n, np.int32)
+    tri_uv = np.tile(np.float32(uv), (n, 1, 1))
+    return SceneSnapshot(
+        vertex_position=np.tile(np.eye(3), (n, 1)),
+        tri_vertex=np.arange(3 * n, dtype=np.int32).reshape(n, 3),
+        tri_object=none,
+        tri_material=np.arange(n, dtype=np.int32),
+        tri_polygon=none,
+        tri_corner=np.zeros((n, 3), np.int32),
+        tri_normal=np.zeros((n, 3, 3), np.float32),
+        tri_uv=np.zeros((n, 3, 2)),
+        tri_albedo_uv=tri_uv,
+        tri_emission_uv=tri_uv[:, :, ::-1].copy(),
+        objects=(SceneObject("Object"),),
+        materials=surfaces,
+        images=images,
+    )
+
+
+def _at(scene, quantity, tri, u=0.2, v=0.3):
+    tri = np.atleast_1d(tri)
+    u, v = np.broadcast_to(np.float32(u), tri.shape), np.broadcast_to(np.float32(v), tri.shape)
+    return getattr(materials.SurfaceMaterials(scene), quantity)(tri, u, v)
+
+
+def test_constant_materials():
+    scene = _scene(Material("A", (0.1, 0.2, 0.3)), Material("B", (0.5, 0.6, 0.7), emission_rgb=(4, 50, 600)))
+    albedo = _at(scene, "albedo_at", np.array([1, 0, 1]))
+    assert albedo.dtype == np.float32
+    assert albedo.T.flags.c_contiguous
+    np.testing.assert_array_equal(albedo, np.float32([[0.5, 0.6, 0.7], [0.1, 0.2, 0.3], [0.5, 0.6, 0.7]]))
+    np.testing.assert_array_equal(_at(scene, "emission_at", np.array([1, 0])), [[4, 50, 600], [0, 0, 0]])
+
+
+def test_hits_of_constant_and_textured_materials_mix():
+    scene = _scene(Material("A", (0.1, 0.2, 0.3)), Material("B", (0.5, 1, 0), albedo_image=0))
+    u, v = CENTRES[:6].T.astype(np.float32)
+    albedo = materials.SurfaceMaterials(scene).albedo_at(np.array([1, 0, 1, 1, 0, 1]), u, v)
+    expected = PIXELS.reshape(-1, 3)[:6] * np.float32([0.5, 1, 0])
+    expected[[1, 4]] = [0.1, 0.2, 0.3]
+    np.testing.assert_allclose(albedo, expected, atol=1e-6)
+
+
+def test_emission_has_its_own_uv_and_may_exceed_one():
+    scene = _scene(Material("Lamp", emission_rgb=(10, 20, 30), emission_image=0))
+    emission = _at(scene, "emission_at", 0, u=0.5 / 5, v=2.5 / 3)  # the UV is (v, u)
+    np.testing.assert_allclose(emission[0], PIXELS[0, 2] * [10, 20, 30], rtol=1e-5)
+
+
+@pytest.mark.parametrize("values", [(1.0, 3.0, -2.0), (np.nan, np.inf, -np.inf)])
+@pytest.mark.parametrize("image", [-1, 0])
+def test_values_beyond_physics_are_clamped(values, image):
+    white = TextureImage("White", np.ones((1, 1, 3), np.float32))
+    scene = _scene(Material("Odd", values, image, values, image), images=(white,))
+    finite = np.nan_to_num(np.float64(values), nan=0, posinf=0, neginf=0)
+    np.testing.assert_allclose(_at(scene, "albedo_at", 0)[0], finite.clip(0, MAX_ALBEDO), rtol=1e-6)
+    np.testing.assert_allclose(_at(scene, "emission_at", 0)[0], finite.clip(0), rtol=1e-6)
+    assert [name for name, _ in materials.clamp_warnings(scene)] == ["Odd", "Odd"]
+
+
+def test_images_that_are_not_finite_count_as_black():
+    pixels = np.float32([[[np.nan, np.inf, 0.5]]])
+    scene = _scene(Material("Odd", (1, 1, 1), 0), images=(TextureImage("Broken", pixels),))
+    np.testing.assert_array_equal(_at(scene, "albedo_at", 0), [[0, 0, 0.5]])
+    assert "Odd: its albedo with image Broken is not a finite number" in materials.clamp_warnings(scene)[0][1]
+
+
+def test_an_image_without_texels_is_black():
+    assert not materials.sample_texture(TextureImage("Empty", np.zeros((0, 0, 3), np.float32)), CENTRES).any()
+
+
+def test_uv_that_is_not_finite_gives_finite_colours():
+    uv = np.array([[np.nan, 0.5], [np.inf, -np.inf], [1e30, -1e30]])
+    for extension in ("REPEAT", "EXTEND", "CLIP", "MIRROR"):
+        for closest in (False, True):
+            image = dataclasses.replace(TEXTURE, extension=extension, closest=closest)
+            assert np.isfinite(materials.sample_texture(image, uv)).all()
+
+
+@pytest.mark.parametrize("closest", [False, True])
+@pytest.mark.parametrize("extension", ["REPEAT", "EXTEND", "CLIP", "MIRROR"])
+def test_texel_centres_give_texels(extension, closest):
+    image = dataclasses.replace(TEXTURE, extension=extension, closest=closest)
+    np.testing.assert_allclose(materials.sample_texture(image, CENTRES), PIXELS.reshape(-1, 3), atol=1e-6)
+
+
+def test_between_centres_is_bilinear_and_closest_is_not():
+    between = np.array([[1.0 / 3, 1.75 / 5]])  # half way from column 0 to 1, three quarters... of row 1 to 2 is one quarter
+    blended = 0.75 * (PIXELS[1, 0] + PIXELS[1, 1]) / 2 + 0.25 * (PIXELS[2, 0] + PIXELS[2, 1]) / 2
+    np.testing.assert_allclose(materials.sample_texture(TEXTURE, between)[0], blended, atol=1e-6)
+    closest = dataclasses.replace(TEXTURE, closest=True)
+    np.testing.assert_array_equal(materials.sample_texture(closest, between + [[0.01, 0]])[0], PIXELS[1, 1])
+
+
+OUTSIDE = {  # texel (column, row) found at column -2 of row 1, and at column 4 of row 6
+    "REPEAT": ((1, 1), (1, 1)),
+    "EXTEND": ((0, 1), (2, 4)),
+    "CLIP": (None, None),
+    "MIRROR": ((1, 1), (1, 3)),
+}
+
+
+@pytest.mark.parametrize("closest", [False, True])
+@pytest.mark.parametrize("extension", OUTSIDE)
+def test_outside_the_image(extension, closest):
+    image = dataclasses.replace(TEXTURE, extension=extension, closest=closest)
+    found = materials.sample_texture(image, np.array([[-1.5 / 3, 1.5 / 5], [4.5 / 3, 6.5 / 5]]))
+    expected = [np.zeros(3) if place is None else PIXELS[place[1], place[0]] for place in OUTSIDE[extension]]
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+EDGE = {"REPEAT": PIXELS[0, 2], "EXTEND": PIXELS[0, 0], "CLIP": np.zeros(3), "MIRROR": PIXELS[0, 0]}
+
+
+@pytest.mark.parametrize("extension", EDGE)
+def test_the_edge_blends_with_what_lies_beyond(extension):
+    image = dataclasses.replace(TEXTURE, extension=extension)
+    found = materials.sample_texture(image, np.array([[0.0, 0.5 / 5]]))[0]
+    np.testing.assert_allclose(found, (PIXELS[0, 0] + EDGE[extension]) / 2, atol=1e-6)
+
+
+def test_no_warning_within_range():
+    scene = _scene(Material("Grey"), Material("Bright", (1, 1, 1), 0), Material("Lamp", emission_rgb=(1e6, 0, 0)))
+    assert materials.clamp_warnings(scene) == []
+
+
+def test_a_white_surface_is_warned_of():
+    ((name, sentence),) = materials.clamp_warnings(_scene(Material("Chalk", (1, 1, 1))))
+    assert name == "Chalk"
+    assert sentence == "Chalk: its albedo reaches from 1 to 1 and is clamped to 0 ... 0.999; choose values within."

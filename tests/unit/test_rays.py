@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+import pickle
+import sys
+
+import numpy as np
+import pytest
+from leaflight.core import geometry, rays, sampling
+
+TRIANGLE = np.array([[[0, 0, 0], [0.5, 0, 0], [0, 0.25, 0]]], np.float32)
+DOWN = np.array([[0, 0, -1]], np.float32)
+
+
+def _box(side: float, turn_rad: float) -> np.ndarray:
+    corner = side * (np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)]) - 0.5)
+    c, s = np.cos(turn_rad), np.sin(turn_rad)
+    corner = corner @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    return corner[[[q[0], q[i], q[i + 1]] for q in quads for i in (1, 2)]].astype(np.float32)
+
+
+def _sphere(n: int) -> np.ndarray:
+    theta, phi = np.linspace(0, np.pi, n + 1), np.linspace(0, 2 * np.pi, 2 * n + 1)
+    grid = 0.5 * np.stack(
+        [np.outer(np.sin(theta), np.cos(phi)), np.outer(np.sin(theta), np.sin(phi)), np.outer(np.cos(theta), phi * 0 + 1)], 2
+    )
+    grid[:, -1] = grid[:, 0]
+    grid[[0, -1]] = grid[[0, -1], :1]
+    a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
+    return np.concatenate([np.stack(t, axis=2).reshape(-1, 3, 3) for t in ((a, b, c), (a, c, d))]).astype(np.float32)
+
+
+def test_u_weighs_corner_1_and_v_corner_2():
+    weights = sampling.square_to_uniform_triangle(np.random.default_rng(1).random((100, 2), np.float32))
+    tilted = np.array([[[0.1, 0.2, 0], [0.4, -0.1, 0.2], [-0.3, 0.3, -0.1]]], np.float32)
+    target = geometry.interpolate_corners(np.repeat(tilted, 100, axis=0), weights[:, 0], weights[:, 1])
+    origin = np.tile(np.float32([[0, 0, 0.5]]), (100, 1))
+    hits = rays.RayScene(tilted).closest(origin, target - origin)
+    assert hits.tri.dtype == np.int32
+    assert not hits.tri.any()
+    np.testing.assert_allclose(np.stack([hits.u, hits.v], axis=1), weights, atol=2e-6)
+    np.testing.assert_allclose(hits.distance, 1, atol=1e-6)
+
+
+def test_the_first_of_two_triangles_is_met_from_either_side():
+    scene = rays.RayScene(np.concatenate([TRIANGLE - np.float32([0, 0, 0.25]), TRIANGLE]))
+    origin = np.float32([[0.1, 0.1, 0.5], [0.1, 0.1, -0.5], [0.4, 0.4, 0.5]])
+    hits = scene.closest(origin, np.concatenate([DOWN, -DOWN, DOWN]))
+    np.testing.assert_array_equal(hits.tri, [1, 0, -1])
+    np.testing.assert_allclose(hits.distance[:2], [0.5, 0.25])
+    assert np.isfinite(np.concatenate([hits.u, hits.v, hits.distance])).all()
+
+
+def test_strided_rays_give_the_same():
+    origin = np.random.default_rng(2).uniform(-0.5, 0.5, (3, 50)).astype(np.float32)
+    direction = np.random.default_rng(3).normal(size=(3, 50)).astype(np.float32)
+    scene = rays.RayScene(_box(1, 0.3))
+    by_columns, by_rows = scene.closest(origin.T, direction.T), scene.closest(origin.T.copy(), direction.T.copy())
+    np.testing.assert_array_equal(by_columns.tri, by_rows.tri)
+    np.testing.assert_array_equal(by_columns.distance, by_rows.distance)
+
+
+def test_occluded_only_below_the_distance_which_is_left_alone():
+    origin, distance = np.float32([[0.1, 0.1, 0.5]] * 2 + [[0.4, 0.4, 0.5]]), np.float32([0.49, 0.51, 9])
+    scene = rays.RayScene(TRIANGLE)
+    np.testing.assert_array_equal(scene.occluded(origin, np.repeat(DOWN, 3, axis=0), distance), [False, True, False])
+    np.testing.assert_array_equal(distance, np.float32([0.49, 0.51, 9]))
+
+
+@pytest.mark.parametrize("positions", [np.zeros((0, 3, 3), np.float32), np.zeros((2, 3, 3), np.float32)])
+def test_a_scene_without_area_is_missed(positions):
+    scene = rays.RayScene(positions)
+    origin, direction = np.zeros((4, 3), np.float32), np.ones((4, 3), np.float32)
+    hits = scene.closest(origin, direction)
+    np.testing.assert_array_equal(hits.tri, [-1] * 4)
+    assert not hits.u.any()
+    assert not hits.v.any()
+    assert not scene.occluded(origin, direction, np.ones(4, np.float32)).any()
+    assert len(scene.closest(origin[:0], direction[:0]).tri) == 0
+
+
+def test_triangles_without_area_are_left_out_but_counted():
+    line = np.repeat(TRIANGLE[:, :1], 3, axis=1)
+    scene = rays.RayScene(np.concatenate([line, TRIANGLE, line, TRIANGLE - np.float32([0, 0, 0.25])]))
+    origin = np.float32([[0.1, 0.1, 0.5], [0.1, 0.1, -0.5], [0.4, 0.4, 0.5]])
+    np.testing.assert_array_equal(scene.closest(origin, np.concatenate([DOWN, -DOWN, DOWN])).tri, [1, 3, -1])
+
+
+def test_a_copy_in_another_process_sees_the_same():
+    scene = pickle.loads(pickle.dumps(rays.RayScene(TRIANGLE)))
+    assert scene.closest(np.float32([[0.1, 0.1, 0.5]]), DOWN).tri == [0]
+
+
+def test_a_missing_embreex_is_told_with_what_to_do(monkeypatch):
+    monkeypatch.setitem(sys.modules, "embreex.rtcore_scene", None)
+    with pytest.raises(ValueError, match=r"embreex cannot be loaded .*; reinstall Leaflight"):
+        rays.RayScene(TRIANGLE)
+
+
+def test_rays_aimed_at_edges_hardly_slip_between_triangles():
+    corners = _sphere(24)
+    rng = np.random.default_rng(4)
+    tri, along = rng.integers(0, len(corners), 100_000), rng.random((100_000, 1), np.float32).round(1)
+    on_edge = corners[tri, 0] * along + corners[tri, 1] * (1 - along)
+    origin = rng.uniform(-0.2, 0.2, (100_000, 3)).astype(np.float32)
+    missed = rays.RayScene(corners).closest(origin, on_edge - origin).tri < 0
+    assert missed.mean() < 1e-3  # 6.5 % without embree's robust mode
+
+
+def _count_self_hits(corners, offset, n):
+    """Rays that land somewhere, and start anew from there within 1e-5 ... 1 of the surface's plane, log-uniform."""
+    rng = np.random.default_rng(5)
+    scene, normals = rays.RayScene(corners), geometry.triangle_normals_areas(corners)[0].astype(np.float32)
+    first = scene.closest(rng.uniform(-0.1, 0.1, (n, 3)).astype(np.float32), rng.normal(size=(n, 3)).astype(np.float32))
+    assert (first.tri >= 0).all()
+    normal = -normals[first.tri]  # all face outwards
+    tangent, bitangent = geometry.orthonormal_basis(normal)
+    phi, height = 2 * np.pi * rng.random((n, 1), np.float32), (10 ** -rng.uniform(0, 5, (n, 1))).astype(np.float32)
+    across = np.sqrt(1 - height**2)
+    direction = across * np.cos(phi) * tangent + across * np.sin(phi) * bitangent + height * normal
+    landed = geometry.interpolate_corners(corners[first.tri], first.u, first.v)
+    return int((scene.closest(landed + np.float32(offset) * normal, direction).tri == first.tri).sum())
+
+
+@pytest.mark.parametrize(("corners", "n"), [(_box(0.57, 0.6), 1_000_000), (_sphere(24), 200_000)])
+def test_no_ray_meets_the_triangle_it_starts_from(corners, n):
+    assert _count_self_hits(corners, geometry.ORIGIN_OFFSET, n) == 0
+    assert _count_self_hits(corners, 0.0, 10_000) > 0

@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+import math
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+from leaflight.core import sampling
+
+BINS = 16
+SAMPLES = 200_000
+HALF_ANGLE_RAD = 0.3
+
+
+def _around(points):
+    return np.arctan2(points[:, 1], points[:, 0]) / (2 * math.pi) % 1
+
+
+def _solid_angle_bins(lowest, pdf_at_cosine):
+    """Directions as (height, turn) in the unit square, with the probability of each row of bins from the density there."""
+    cosine = lowest + (1 - lowest) * (np.arange(BINS) + 0.5) / BINS
+    steradians = 2 * math.pi * (1 - lowest) / BINS**2
+    return (
+        lambda d: (np.clip((d[:, 2] - lowest) / (1 - lowest), 0, 1), _around(d)),
+        np.broadcast_to(pdf_at_cosine(cosine), BINS) * steradians,
+    )
+
+
+COSINE_CONE = math.cos(HALF_ANGLE_RAD)
+WARPS = {
+    "disk": (
+        sampling.square_to_uniform_disk,
+        lambda p: ((p**2).sum(axis=1), _around(p)),
+        np.full(BINS, sampling.uniform_disk_pdf() * math.pi / BINS**2),
+    ),
+    "cosine": (sampling.square_to_cosine_hemisphere, *_solid_angle_bins(0, sampling.cosine_hemisphere_pdf)),
+    "sphere": (sampling.square_to_uniform_sphere, *_solid_angle_bins(-1, lambda c: sampling.uniform_sphere_pdf())),
+    "cone": (
+        lambda u: sampling.square_to_uniform_cone(u, HALF_ANGLE_RAD),
+        *_solid_angle_bins(COSINE_CONE, lambda c: sampling.uniform_cone_pdf(HALF_ANGLE_RAD)),
+    ),
+    "triangle": (
+        sampling.square_to_uniform_triangle,
+        lambda b: (b.sum(axis=1) ** 2, b[:, 0] / np.maximum(b.sum(axis=1), 1e-12)),
+        np.full(BINS, sampling.uniform_triangle_pdf(0.5) * 0.5 / BINS**2),
+    ),
+}
+CRITICAL_Z = NormalDist().inv_cdf((1 - 1e-3) ** (1 / len(WARPS)))  # Sidak: one alpha for the file
+
+
+def _chi_square_z(name, u):
+    """The chi-square of a warp's histogram against its density, as a normal deviate. Source: Wilson & Hilferty 1931."""
+    warp, to_square, row_probability = WARPS[name]
+    counts = np.histogram2d(*to_square(warp(u).astype(np.float64)), BINS, [[0, 1], [0, 1]])[0]
+    expected = np.repeat(row_probability[:, None], BINS, axis=1) * len(u)
+    assert expected.sum() == pytest.approx(len(u), rel=1e-6)
+    k = BINS**2 - 1
+    chi_square = ((counts - expected) ** 2 / expected).sum()
+    return ((chi_square / k) ** (1 / 3) - (1 - 2 / (9 * k))) / math.sqrt(2 / (9 * k))
+
+
+@pytest.mark.parametrize("name", WARPS)
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_warp_follows_its_density(name, dtype):
+    u = np.random.default_rng(5).random((SAMPLES, 2), dtype)
+    assert WARPS[name][0](u).dtype == dtype
+    assert _chi_square_z(name, u) < CRITICAL_Z
+
+
+@pytest.mark.parametrize("name", WARPS)
+def test_a_bias_of_three_percent_is_seen(name):
+    u = np.random.default_rng(5).random((SAMPLES, 2))
+    u[: SAMPLES * 3 // 100] *= 0.5
+    assert _chi_square_z(name, u) > CRITICAL_Z
+
+
+@pytest.mark.parametrize("name", ["cosine", "sphere", "cone"])
+def test_directions_are_unit_at_the_corners_of_the_square(name):
+    edge = np.float32([0, 0.5, 1 - 2**-24])
+    u = np.stack(np.meshgrid(edge, edge), axis=-1).reshape(-1, 2)
+    np.testing.assert_allclose(np.linalg.norm(WARPS[name][0](u), axis=1), 1, atol=1e-6)
+
+
+def test_a_tiny_cone_keeps_its_width_in_float32():
+    u = np.random.default_rng(6).random((1000, 2), np.float32)
+    across = np.linalg.norm(sampling.square_to_uniform_cone(u, 1e-5)[:, :2], axis=1)
+    np.testing.assert_allclose(across, 1e-5 * np.sqrt(u[:, 0]), rtol=1e-5)
+
+
+def test_triangle_stays_inside():
+    b = sampling.square_to_uniform_triangle(np.random.default_rng(7).random((1000, 2), np.float32))
+    assert (b >= 0).all()
+    assert (b.sum(axis=1) <= 1).all()
+
+
+def _alias_weights():
+    rng = np.random.default_rng(8)
+    return {
+        "one": [3.0],
+        "equal": np.full(7, 0.1),
+        "zeros": [0, 0, 5, 0, 1, 0],
+        "one of many": np.eye(50)[17],
+        "wide": 10.0 ** rng.uniform(-12, 12, 200),
+        "random": rng.random(101),
+        "huge": [1e308, 1e308, 1e308],
+        "light first": [0.1, 0.1, 0.1, 5, 3],
+        "heavy first": [5, 3, 0.1, 0.1, 0.1],
+    }
+
+
+@pytest.mark.parametrize("name", _alias_weights())
+def test_alias_table_gives_each_index_its_share_and_a_uniform_rest(name):
+    table = sampling.AliasTable(np.array(_alias_weights()[name], float))
+    n = len(table.probability)
+    u = (np.arange(n * 5000) + 0.5) / (n * 5000)
+    index, rest = table.sample(u)
+    share = np.bincount(index, minlength=n) / len(u)
+    # an index is a few intervals of u, each known to within one step
+    np.testing.assert_allclose(share, table.probability, atol=2 * n / len(u))
+    assert not share[table.probability == 0].any()
+    assert (rest >= 0).all()
+    assert (rest < 1).all()
+    for common in np.flatnonzero(share > 0.05):
+        counts = np.histogram(rest[index == common], 8, (0, 1))[0]
+        assert np.ptp(counts) <= 4 * n + 8 + 0.01 * counts.mean()
+
+
+def test_alias_rest_of_float32_stays_below_one():
+    index, rest = sampling.AliasTable(np.array([1.0, 2.0, 3.0])).sample(np.float32([0, 1 - 2**-24]))
+    assert rest.dtype == np.float32
+    assert rest.max() < 1
+    assert index.max() < 3
+
+
+@pytest.mark.parametrize("weights", [[], [0.0, 0.0], [1.0, -1.0], [np.nan, 1], [np.inf, 1], [[1.0, 2.0]]])
+def test_weights_that_cannot_be_chosen_from_are_refused(weights):
+    with pytest.raises(ValueError, match="weights: expected"):
+        sampling.AliasTable(np.array(weights))
+
+
+def test_streams_are_the_same_for_the_same_shard_only():
+    keys = [(0, 0, 1), (0, 1, 0), (1, 0, 0), (1, 1, 0), (0, 1, 1)]
+    draws = [sampling.shard_rng(*key).random() for key in keys]
+    assert len(set(draws)) == len(keys)
+    assert draws == [sampling.shard_rng(*key).random() for key in keys]
+
+
+def test_kronecker_points_go_on_where_they_stopped():
+    shift = np.array([1, 2**31, 2**32 - 1, 12345], np.uint32)
+    points = sampling.kronecker_points(shift, 0, 100)
+    assert points.dtype == np.float32
+    np.testing.assert_array_equal(sampling.kronecker_points(shift, 60, 40), points[60:])
+    far = sampling.kronecker_points(shift, 2**40, 1000)
+    assert far.min() >= 0
+    assert far.max() < 1
+
+
+def test_kronecker_points_integrate_better_than_random_ones_and_without_bias():
+    def integrate(points):  # its mean is 1
+        return np.prod(
+            1 + 0.5 * np.sin(2 * np.pi * points.astype(np.float64)) * np.float64([1, -1, 1, -1]) + 0.4 * (points - 0.5), axis=1
+        ).mean()
+
+    rng = np.random.default_rng(9)
+    regular = np.array([integrate(sampling.kronecker_points(rng.integers(0, 2**32, 4, np.uint32), 0, 4096)) for _ in range(60)])
+    plain = np.array([integrate(rng.random((4096, 4))) for _ in range(60)])
+    assert regular.std() < 0.2 * plain.std()
+    assert abs(regular.mean() - 1) < 4 * regular.std() / math.sqrt(60)
