@@ -23,7 +23,7 @@ LOOK_FLAGS = ("visible_camera", "visible_diffuse", "visible_glossy", "visible_tr
 
 
 def make_copy(scene: bpy.types.Scene, source: bpy.types.Object, evaluated: bpy.types.Object, matrix: Matrix) -> bpy.types.Object:
-    """A mesh object "<name>.Leaflight" with the evaluated object's mesh and materials; hides the source.
+    """A mesh object "<name>.Leaflight" with the evaluated object's mesh and materials; set_copies_visible hides the source.
 
     source      the object to hide; for an instance the object that makes it (inst.parent.original)
     evaluated   evaluated object, or an instance's inst.object, while the iteration stands on it
@@ -45,7 +45,6 @@ def make_copy(scene: bpy.types.Scene, source: bpy.types.Object, evaluated: bpy.t
         setattr(copy, flag, getattr(evaluated, flag))
     copy.color, copy.pass_index = evaluated.color, evaluated.pass_index
     _register_copy(_our_collection(scene), copy)
-    hide_source(source)
     return copy
 
 

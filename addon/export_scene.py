@@ -147,6 +147,10 @@ class _Export:
         self._warn_faces(piece, arrays, receives)
         if not arrays.n_tri:
             return
+        casts_shadow = piece.evaluated.visible_shadow and not arrays.passes_light
+        if receives and not casts_shadow:
+            receives = False
+            self._warnings.append((piece.source.name, "casts no shadow, so light passes through it and it gets no lightmap"))
         reason = self._receivers.find_copy_reason(piece, local, self._uv_layer if has_layer else None) if receives else ""
         name = self._unique_name(piece)
         source = piece.source
@@ -159,8 +163,8 @@ class _Export:
         scene_object = SceneObject(
             name=name,
             receives=receives,
-            has_layer=has_layer,
-            casts_shadow=piece.evaluated.visible_shadow and not arrays.passes_light,
+            has_layer=has_layer and receives,
+            casts_shadow=casts_shadow,
         )
         mesh_uid = source.data.session_uid if piece.kind == OWN else 0
         self._found.append((exported, scene_object, arrays, mesh_uid))

@@ -133,8 +133,14 @@ def _find_targets(
         with evaluate_for_render(context.scene, context.view_layer, ignored) as depsgraph:
             for piece in walk_pieces(context.view_layer, depsgraph):
                 one = copies.get(piece.key)
-                if one is not None:
-                    targets[one.name] = baked_copies.make_copy(context.scene, piece.source, piece.evaluated, Matrix(piece.matrix.tolist()))
+                if one is None:
+                    continue
+                try:
+                    matrix = Matrix(piece.matrix.tolist())
+                    targets[one.name] = baked_copies.make_copy(context.scene, piece.source, piece.evaluated, matrix)
+                except ValueError as reason:
+                    warnings.append((one.source, str(reason)))
+        baked_copies.set_copies_visible(context.scene, True)  # only now: evaluate_for_render had lent itself their visibility
     return targets, warnings
 
 

@@ -155,7 +155,7 @@ class _AtlasMaker:
         for finding in check.findings:
             self._warn(i, finding)
         uv = np.where(check.usable[:, None, None], scene.tri_uv[rows], 0.0)
-        chart, shared = label_charts(scene.tri_vertex[rows], uv, np.where(check.usable, 0, -1))
+        chart, shared = label_charts(scene.tri_vertex[rows], scene.tri_corner[rows], uv, np.where(check.usable, 0, -1))
         return self._keep(i, chart, np.clip(uv, 0.0, 1.0) * float(self.settings.size), shared)
 
     def _keep(self, i: int, chart: Int64, uv: Float64, shared: NDArray[np.bool_]) -> int:

@@ -36,10 +36,13 @@ class LayerCheck:
     findings: tuple[str, ...]
 
 
-def label_charts(tri_vertex: IntArray, tri_uv: Float64, tri_group: IntArray, same_uv: float = _SAME_UV) -> tuple[Int64, Bool]:
-    """Charts: triangles of one group that share an edge with the same UVs at both its ends.
+def label_charts(
+    tri_vertex: IntArray, tri_corner: IntArray, tri_uv: Float64, tri_group: IntArray, same_uv: float = _SAME_UV
+) -> tuple[Int64, Bool]:
+    """Charts: triangles of one group that share a corner, or an edge with the same UVs at both its ends.
 
     tri_vertex   (n, 3) int
+    tri_corner   (n, 3) int       a corner has one UV, so the triangles of a polygon stay together
     tri_uv       (n, 3, 2) float64
     tri_group    (n,) int         -1 for triangles without a chart
     out          (n,) int64 chart, 0, 1, ... in order of its first triangle, or -1; (n, 3) bool whether side k, from corner k on, is
@@ -57,11 +60,28 @@ def label_charts(tri_vertex: IntArray, tri_uv: Float64, tri_group: IntArray, sam
     same = (keys[:, here] == keys[:, after]).all(axis=0) & (np.abs(end_uv[here] - end_uv[after]) <= same_uv).all(axis=1)
     shared = np.zeros(3 * n_tri, bool)
     shared[here[same]] = shared[after[same]] = True
-    label = join_sets(n_tri, here[same] // 3, after[same] // 3)
+    one, other = pair_corners(tri_corner, tri_group >= 0)
+    together = tri_group[one // 3] == tri_group[other // 3]
+    joined = [np.concatenate(ends) // 3 for ends in ((here[same], one[together]), (after[same], other[together]))]
+    label = join_sets(n_tri, *joined)
     chart = np.full(n_tri, -1, np.int64)
     used = tri_group >= 0
     chart[used] = np.unique(label[used], return_inverse=True)[1].ravel()
     return chart, shared.reshape(-1, 3)
+
+
+def pair_corners(tri_corner: IntArray, used: Bool) -> tuple[Int64, Int64]:
+    """Places, in the flattened array, of the same corner in two used triangles; enough of them to connect all of each corner.
+
+    tri_corner   (n, 3) int
+    used         (n,) bool
+    """
+    corner = tri_corner.ravel()
+    order = np.argsort(corner, kind="stable")
+    order = order[used[order // 3]]
+    here, after = order[:-1], order[1:]
+    same = corner[here] == corner[after]
+    return here[same], after[same]
 
 
 def join_sets(count: int, one: Int64, other: Int64) -> Int64:

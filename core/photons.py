@@ -110,6 +110,7 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
     total = power.sum()
     corners = unit_box.to_unit(corners_m)
     frame = np.stack([corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]])
+    casts_shadow = np.array([thing.casts_shadow for thing in snapshot.objects], bool)[snapshot.tri_object]
     return TraceScene(
         rays=RayScene(corners),
         emitters=emitters,

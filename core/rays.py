@@ -66,7 +66,7 @@ class RayScene:
         distance            (n,) float32, in lengths of the direction
         out                 (n,) bool
         """
-        limit = np.array(distance, np.float32)  # a copy: embreex writes into it
+        limit = np.array(distance, np.float32)  # a copy: embreex asks for an array it may write to
         blocked: NDArray[np.bool_] = self._embree.run(origin, direction, limit, query="OCCLUDED") >= 0
         return blocked
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry import orthonormal_basis, triangle_normals_areas
-from .layer_check import join_sets, label_charts, signed_areas
+from .layer_check import find_overlaps, join_sets, label_charts, pair_corners, signed_areas
 from .scene import IntArray
 
 Float64: TypeAlias = NDArray[np.float64]
@@ -45,7 +45,7 @@ def unwrap_triangles(
             position, normal[solid], area[solid], tri_vertex[solid], tri_polygon[solid], tri_corner[solid]
         )
     extent = float(np.abs(uv).max(initial=0.0))
-    chart, shared = label_charts(tri_vertex, uv, group, same_uv=1e-12 * extent)
+    chart, shared = label_charts(tri_vertex, tri_corner, uv, group, same_uv=1e-12 * extent)
     return chart, uv, shared
 
 
@@ -57,14 +57,42 @@ def _unwrap_solid(
     uv[placed] = _restore_proportions(position[placed], uv[placed], area[placed], group[placed])
     uv[placed] = _project_flat_charts(position[placed], normal[placed], area[placed], uv[placed], group[placed])
     polygon = np.unique(tri_polygon, return_inverse=True)[1].ravel()
-    broken = np.zeros(polygon.max() + 1, bool)
-    broken[polygon[~placed | (signed_areas(uv) < _LEAST_STRETCH * area)]] = True
-    broken[polygon[_torn_corners(group, uv, tri_corner)]] = True
-    again = np.flatnonzero(broken[polygon])
-    if len(again):
-        uv[again] = _unfold_polygons(position[again], normal[again], area[again], polygon[again], tri_corner[again])
-        group[again] = group.max() + 1 + polygon[again]
+    alone = np.zeros(polygon.max() + 1, bool)
+    bad = ~placed | (signed_areas(uv) < _LEAST_STRETCH * area)
+    bad[_torn_corners(group, uv, tri_corner)] = True
+    for _ in range(3):  # out of its chart, then out of its plane; by then nothing can overlap
+        if not bad.any():
+            break
+        broken = np.zeros(len(alone), bool)
+        broken[polygon[bad]] = True
+        again = np.flatnonzero(broken[polygon])
+        tried = alone[polygon[again]]
+        uv[again] = _unfold_polygons(position[again], normal[again], area[again], polygon[again], tri_corner[again], tried)
+        group[again] = len(group) + polygon[again]
+        alone |= broken
+        bad = _find_overlaps_in_charts(group, uv)
     return group, uv
+
+
+def _find_overlaps_in_charts(group: Int64, uv: Float64) -> Bool:
+    """Triangles that lie over others of their chart, as far as a raster tells; the charts are put on shelves to see them all at once."""
+    chart = np.unique(group, return_inverse=True)[1].ravel()
+    low, high = np.full((chart.max() + 1, 2), np.inf), np.full((chart.max() + 1, 2), -np.inf)
+    for axis in range(2):
+        np.minimum.at(low[:, axis], chart, uv[..., axis].min(axis=1))
+        np.maximum.at(high[:, axis], chart, uv[..., axis].max(axis=1))
+    side = (high - low) * 1.01
+    order = np.argsort(-side[:, 1], kind="stable")
+    along = np.cumsum(side[order, 0]) - side[order, 0]
+    shelf = np.floor(along / (float(side.prod(axis=1).sum()) ** 0.5 + float(side[:, 0].max()))).astype(np.int64)
+    _, first, shelf = np.unique(shelf, return_index=True, return_inverse=True)
+    height = side[order[first], 1]  # the first on a shelf is the highest
+    origin = np.empty_like(side)
+    origin[order] = np.stack([along - along[first][shelf], (np.cumsum(height) - height)[shelf]], axis=1)
+    spread = uv + (origin - low)[chart][:, None]
+    overlapping = signed_areas(uv) == 0
+    overlapping[~overlapping] = find_overlaps(spread[~overlapping] / float(spread.max()))
+    return overlapping
 
 
 def _unfold_by_xatlas(position: Float64, tri_vertex: IntArray, area: Float64) -> tuple[Int64, Float64]:
@@ -140,8 +168,8 @@ def _project(position: Float64, axis: Float64) -> Float64:
 
 def _dot(one: Float64, other: Float64) -> Float64:
     """Products summed term by term: the same for the same vectors wherever they stand, which einsum does not promise."""
-    product: Float64 = one[..., 0] * other[..., 0] + one[..., 1] * other[..., 1] + one[..., 2] * other[..., 2]
-    return product
+    x, y, z = (one[..., k] * other[..., k] for k in range(3))
+    return np.asarray(x + y + z)
 
 
 def _sum_by(group: Int64, values: Float64, count: int) -> Float64:
@@ -150,19 +178,17 @@ def _sum_by(group: Int64, values: Float64, count: int) -> Float64:
 
 def _torn_corners(group: Int64, uv: Float64, tri_corner: IntArray) -> Int64:
     """Triangles with a corner that has another UV or chart in another triangle."""
-    corner, flat_uv = tri_corner.ravel(), uv.reshape(-1, 2)
-    order = np.argsort(corner, kind="stable")
-    here, after = order[:-1], order[1:]
-    same = corner[here] == corner[after]
-    torn = same & ((group[here // 3] != group[after // 3]) | (flat_uv[here] != flat_uv[after]).any(axis=1))
-    torn_tri: Int64 = np.unique(np.concatenate([here[torn], after[torn]]) // 3)
+    one, other = pair_corners(tri_corner, np.ones(len(tri_corner), bool))
+    flat_uv = uv.reshape(-1, 2)
+    torn = (group[one // 3] != group[other // 3]) | (flat_uv[one] != flat_uv[other]).any(axis=1)
+    torn_tri: Int64 = np.concatenate([one[torn], other[torn]]) // 3
     return torn_tri
 
 
-def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon: Int64, tri_corner: IntArray) -> Float64:
+def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon: Int64, tri_corner: IntArray, tried: Bool) -> Float64:
     """Each polygon by itself: quads over their diagonal, which is isometric; others projected onto their plane.
 
-    Triangles of a polygon are consecutive. A polygon that its plane folds, or winds twice about a corner, is laid out on a circle.
+    Triangles of a polygon are consecutive. A polygon that its plane folds, or that was tried in vain, is laid out on a circle.
     """
     _, first, polygon, count = np.unique(polygon, return_index=True, return_inverse=True, return_counts=True)
     polygon = polygon.ravel()
@@ -171,8 +197,7 @@ def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon:
     axis = np.where(length[:, None] > 0, axis / np.where(length > 0, length, 1.0)[:, None], normal[first])
     uv = _project(position - position[first[polygon], :1], axis[polygon])
     folded = np.bincount(polygon, signed_areas(uv) < _LEAST_STRETCH * area) > 0
-    wound = _corner_angles(uv, tri_corner).max(axis=1) > 2.0 * np.pi * (1.0 + 1e-9)
-    folded |= np.bincount(polygon, wound) > 0
+    folded |= tried[first]
     pair = first[count == 2]
     hinged = _unfold_pairs(position, tri_corner, pair, uv)
     folded[polygon[hinged]] = False
@@ -180,16 +205,6 @@ def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon:
         rows = slice(start, start + n_tri)
         uv[rows] = _lay_on_circle(position[rows], tri_corner[rows], float(area[rows].sum()))
     return uv
-
-
-def _corner_angles(uv: Float64, tri_corner: IntArray) -> Float64:
-    """(n, 3) float64, rad: all that triangles take up together about each corner."""
-    after, before = np.roll(uv, -1, axis=1) - uv, np.roll(uv, 1, axis=1) - uv
-    cross = after[..., 0] * before[..., 1] - after[..., 1] * before[..., 0]
-    angle = np.arctan2(np.abs(cross), (after * before).sum(axis=2))
-    corner = np.unique(tri_corner, return_inverse=True)[1].ravel()
-    total: Float64 = np.bincount(corner, angle.ravel())[corner].reshape(tri_corner.shape)
-    return total
 
 
 def _unfold_pairs(position: Float64, tri_corner: IntArray, first: Int64, uv: Float64) -> Int64:

@@ -41,7 +41,9 @@ def visible_meshes():
 
 def copy_evaluated(obj):
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    return baked_copies.make_copy(bpy.context.scene, obj, obj.evaluated_get(depsgraph), obj.matrix_world)
+    copy = baked_copies.make_copy(bpy.context.scene, obj, obj.evaluated_get(depsgraph), obj.matrix_world)
+    baked_copies.set_copies_visible(bpy.context.scene, True)
+    return copy
 
 
 def show_bake(obj):
@@ -94,6 +96,7 @@ def test_each_instance_of_a_collection_gets_a_copy():
     depsgraph = bpy.context.evaluated_depsgraph_get()
     found = [(i.parent.original, i.object.original, i.matrix_world.copy()) for i in depsgraph.object_instances if i.is_instance]
     copies = [baked_copies.make_copy(bpy.context.scene, p, o.evaluated_get(depsgraph), m) for p, o, m in found]
+    baked_copies.set_copies_visible(bpy.context.scene, True)
     assert [name for name, _ in visible_meshes()] == ["Chair.Leaflight", "Chair.Leaflight.001"]
     assert [place for _, place in visible_meshes()] == [place for _, place in before]
     assert len({copy.data for copy in copies}) == 2
@@ -122,6 +125,7 @@ def test_geometry_nodes_instances_are_copied_while_iterating():
         for i in depsgraph.object_instances
         if i.is_instance
     ]
+    baked_copies.set_copies_visible(bpy.context.scene, True)
     assert [len(copy.data.polygons) for copy in copies] == [6] * 4
     assert {copy.data.materials[face.material_index].name for copy in copies for face in copy.data.polygons} == {"Instance paint"}
     assert visible_meshes() == sorted((copy.name, tuple(copy.matrix_world.translation)) for copy in copies)

@@ -270,7 +270,9 @@ def add_array():
 
 def copy_of_array(source):
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    return baked_copies.make_copy(bpy.context.scene, source, source.evaluated_get(depsgraph), source.matrix_world)
+    copy = baked_copies.make_copy(bpy.context.scene, source, source.evaluated_get(depsgraph), source.matrix_world)
+    baked_copies.set_copies_visible(bpy.context.scene, True)
+    return copy
 
 
 def test_user_edits_between_are_kept_and_nothing_of_ours_stays(names, tmp_path):

@@ -101,7 +101,7 @@ class TestSoftPoint(TestPoint):
         return 8 / (4 * math.pi) * cosine / (square + 0.8**2)
 
     def test_within_the_radius_too(self):
-        patch = Patch(unit_place(0.4), AXES[2], 0.02)
+        patch = Patch(unit_place(0.4), AXES[2], 0.03)
         counted, error = patch.count(self.emitter(), N_PHOTON, 3, UNIT_BOX.scale)
         assert error[0] < 0.05 * counted[0]
         assert abs(counted[0] - 8 / (4 * math.pi) / (0.4**2 + 0.8**2)) < LIMIT * error[0]

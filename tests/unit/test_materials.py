@@ -103,11 +103,11 @@ def test_texel_centres_give_texels(extension, closest):
 
 
 def test_between_centres_is_bilinear_and_closest_is_not():
-    between = np.array([[1.0 / 3, 1.75 / 5]])  # half way from column 0 to 1, three quarters... of row 1 to 2 is one quarter
+    between = np.array([[1.0 / 3, 1.75 / 5]])  # half way from column 0 to 1, a quarter of the way from row 1 to 2
     blended = 0.75 * (PIXELS[1, 0] + PIXELS[1, 1]) / 2 + 0.25 * (PIXELS[2, 0] + PIXELS[2, 1]) / 2
     np.testing.assert_allclose(materials.sample_texture(TEXTURE, between)[0], blended, atol=1e-6)
     closest = dataclasses.replace(TEXTURE, closest=True)
-    np.testing.assert_array_equal(materials.sample_texture(closest, between + [[0.01, 0]])[0], PIXELS[1, 1])
+    np.testing.assert_array_equal(materials.sample_texture(closest, np.add(between, (0.01, 0)))[0], PIXELS[1, 1])
 
 
 OUTSIDE = {  # texel (column, row) found at column -2 of row 1, and at column 4 of row 6

@@ -62,6 +62,7 @@ def test_strided_rays_give_the_same():
 
 def test_occluded_only_below_the_distance_which_is_left_alone():
     origin, distance = np.float32([[0.1, 0.1, 0.5]] * 2 + [[0.4, 0.4, 0.5]]), np.float32([0.49, 0.51, 9])
+    distance.flags.writeable = False
     scene = rays.RayScene(TRIANGLE)
     np.testing.assert_array_equal(scene.occluded(origin, np.repeat(DOWN, 3, axis=0), distance), [False, True, False])
     np.testing.assert_array_equal(distance, np.float32([0.49, 0.51, 9]))

@@ -1,0 +1,130 @@
+"""Every source: its rays, weighted by their shares, sum up to its closed form; and it agrees with photon birth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from floors import Patch, lit_scene, sigma_limit
+from leaflight.core.direct_lights import TriangleSource, WorldSource, make_sources
+from leaflight.core.emitters import usable_power
+from leaflight.core.geometry import UnitBox
+from leaflight.core.lights import SceneCover, make_light_emitter
+from leaflight.core.scene import Light
+from scenes import box_mesh
+
+UNIT_BOX = UnitBox(np.array([1.0, 2.0, 3.0]), 0.25)
+AXES = ((1.0, 0.0, 0.0), (0.0, math.cos(0.4), math.sin(0.4)), (0.0, -math.sin(0.4), math.cos(0.4)))
+DOWN = -np.array(AXES[2])
+AT = {"position_m": (1.0, 2.0, 3.0), "rotation": AXES, "power_rgb": (8.0, 4.0, 0.0)}
+LIGHTS = {
+    "point": Light("POINT", "L", **AT),
+    "soft": Light("POINT", "L", radius_m=0.5, **AT),
+    "sphere": Light("POINT", "L", radius_m=0.5, soft_falloff=False, **AT),
+    "spot": Light("SPOT", "L", cone_angle_rad=1.6, blend=0.8, **AT),
+    "soft_spot": Light("SPOT", "L", cone_angle_rad=1.6, blend=0.8, radius_m=0.2, **AT),
+    "sun": Light("SUN", "L", rotation=AXES, power_rgb=(8.0, 4.0, 0.0)),
+    "sun_disk": Light("SUN", "L", angle_rad=0.6, rotation=AXES, power_rgb=(8.0, 4.0, 0.0)),
+    "rectangle": Light("AREA", "L", size_m=(0.8, 0.5), **AT),
+    "ellipse": Light("AREA", "L", shape="ELLIPSE", size_m=(0.8, 0.5), **AT),
+    "spread": Light("AREA", "L", size_m=(0.8, 0.5), spread_rad=1.6, **AT),
+}
+LIMIT = sigma_limit(len(LIGHTS))
+
+
+def source_of(light: Light):
+    return make_sources(replace(lit_scene(), lights=(light,)), UNIT_BOX)[0]
+
+
+def grid_numbers(side: int) -> np.ndarray:
+    line = (np.arange(side, dtype=np.float32) + 0.5) / side
+    return np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2).astype(np.float32)
+
+
+def estimate(source, position: np.ndarray, normal: np.ndarray, side: int = 16) -> np.ndarray:
+    """Irradiance of each point, by a grid of rays and the closed form's ratio, as direct.py has it."""
+    u = grid_numbers(side)
+    out = []
+    for place, up in zip(position, normal, strict=True):
+        aim = source.aim(np.tile(place, (len(u), 1)), np.tile(up, (len(u), 1)), u)
+        out.append(aim.weight.sum() / max(aim.share.sum(), 1e-30))
+    return np.array(out) * source.irradiance(position, normal)
+
+
+@pytest.mark.parametrize("kind", LIGHTS)
+def test_agrees_with_photons(kind):
+    source = source_of(LIGHTS[kind])
+    cover = SceneCover.around(UNIT_BOX.to_unit(box_mesh(size_m=(4, 4, 4), centre_m=(1, 2, 3)).vertex))
+    emitter = make_light_emitter(LIGHTS[kind], usable_power(LIGHTS[kind])[0], UNIT_BOX, cover)
+    patch = Patch(DOWN * 1.2 * UNIT_BOX.scale + [0.1, 0, 0], AXES[2], 0.2)
+    counted, error = patch.count(emitter, 300_000, 1, UNIT_BOX.scale)
+    expected = patch.mean(lambda position, normal: estimate(source, position, normal), steps=8) * source.rgb
+    assert error[0] < 0.03 * expected[0]
+    assert (np.abs(counted - expected)[:2] < LIMIT * error[:2] + 2e-3 * expected[:2]).all()
+    assert counted[2] == expected[2] == 0
+
+
+@pytest.mark.parametrize("kind", [kind for kind, light in LIGHTS.items() if light.kind != "SUN"])
+def test_rays_end_at_the_light(kind):
+    source = source_of(LIGHTS[kind])
+    position = np.tile((DOWN * 0.3).astype(np.float32), (256, 1))
+    aim = source.aim(position, np.tile(np.array(AXES[2], np.float32), (256, 1)), grid_numbers(16))
+    end = position + aim.direction * aim.distance[:, None]
+    assert np.linalg.norm(end, axis=1).max() < 0.5 * UNIT_BOX.scale + 1e-6
+    if kind == "sphere":
+        assert np.linalg.norm(end, axis=1) == pytest.approx(0.5 * UNIT_BOX.scale, rel=1e-4)
+
+
+@pytest.mark.parametrize("kind", LIGHTS)
+def test_shares_are_proportional_to_the_closed_form_beyond_the_horizon_too(kind):
+    """Two receivers, one of them tilted so that its horizon cuts the light: the mean share has the ratio of the closed forms."""
+    if LIGHTS[kind].radius_m == 0 and LIGHTS[kind].angle_rad == 0 and LIGHTS[kind].kind != "AREA":
+        pytest.skip("a horizon does not cut a light without extent")
+    source = source_of(LIGHTS[kind])
+    away = -DOWN
+    position = np.tile((DOWN * 0.3).astype(np.float32), (1, 1))
+    across = np.array(AXES[0])
+    normals = [away, 0.15 * away + math.sqrt(1 - 0.15**2) * across]
+    u = grid_numbers(128)
+    shares = [source.aim(np.tile(position, (len(u), 1)), np.tile(n.astype(np.float32), (len(u), 1)), u).share.mean() for n in normals]
+    closed = [source.irradiance(position, n[None].astype(np.float32))[0] for n in normals]
+    assert shares[1] / shares[0] == pytest.approx(closed[1] / closed[0], rel=0.02)
+
+
+def test_inside_a_sphere_light_it_comes_from_all_around():
+    source = source_of(LIGHTS["sphere"])
+    position, normal = np.full((256, 3), 0.01, np.float32), np.tile(np.array([0, 0, 1], np.float32), (256, 1))
+    aim = source.aim(position, normal, grid_numbers(16))
+    assert (aim.direction[:, 2] > 0).all()
+    assert np.linalg.norm(position + aim.direction * aim.distance[:, None], axis=1) == pytest.approx(0.125, rel=1e-4)
+
+
+def test_triangles_shine_both_ways():
+    corners = np.array([[0, 0, 0], [0.2, 0, 0], [0, 0.2, 0]], np.float32)
+    source = TriangleSource(np.ones(3), True, corners, np.array([0, 0, 1], np.float32))
+    for height in (0.3, -0.3):
+        position, normal = np.array([[0.05, 0.05, height]], np.float32), np.array([[0, 0, -np.sign(height)]], np.float32)
+        assert source.irradiance(position, normal)[0] == pytest.approx(0.02 / 0.3**2, rel=0.1)
+        aim = source.aim(np.tile(position, (256, 1)), np.tile(normal, (256, 1)), grid_numbers(16))
+        end_height = (np.tile(position, (256, 1)) + aim.direction)[:, 2]
+        assert (end_height * np.sign(height) > 0).all(), "rays end before the triangle, not behind it"
+        assert aim.share.mean() * 0.02 == pytest.approx(source.irradiance(position, normal)[0], rel=0.01)
+
+
+def test_world():
+    source = WorldSource(np.ones(3))
+    normal = np.tile(np.array([0, 0, 1], np.float32), (256, 1))
+    assert source.irradiance(normal, normal) == pytest.approx(math.pi)
+    aim = source.aim(normal, normal, grid_numbers(16))
+    assert aim.direction[:, 2].mean() == pytest.approx(2 / 3, rel=0.02)
+    assert aim.distance.min() > 1e20
+
+
+def test_sources_are_those_with_power():
+    lights = (LIGHTS["point"], Light("SUN", "Off"), replace(LIGHTS["sun"], power_rgb=(math.nan, 0, 0)))
+    scene = replace(lit_scene(), lights=lights, world_rgb=(1.0, -1.0, 0.0))
+    sources = make_sources(scene, UNIT_BOX)
+    assert len(sources) == 2
+    assert sources[1].rgb.tolist() == [1, 0, 0]

@@ -1,0 +1,107 @@
+"""Where rays start and aim: strata, receivers off their surface, and what a receiver sees."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from floors import floor_points, lit_scene, prepare
+from leaflight.core import direct_points
+from leaflight.core.direct_lights import Aim
+from leaflight.core.direct_points import STAGES, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces, take_rows
+from leaflight.core.geometry import UnitBox
+from scenes import make_scene, sphere_mesh
+
+
+def cells(points: np.ndarray, columns: int, rows: int) -> list[int]:
+    """Sorted cells of a grid that points (n, 2) of the unit square fall in."""
+    return sorted((np.floor(points[:, 0] * columns) * rows + np.floor(points[:, 1] * rows)).astype(int).tolist())
+
+
+@pytest.mark.parametrize("count", [4, 16, 64])
+def test_first_rays_fall_one_in_each_stratum_of_the_light(count):
+    for shift in random_shift(np.random.default_rng(1), 5):
+        points = light_points(shift[None], 0, count)
+        for columns in (2**k for k in range(count.bit_length())):
+            assert cells(points, columns, count // columns) == list(range(count))
+
+
+@pytest.mark.parametrize("count", [4, 16, 64])
+def test_first_rays_start_one_in_each_stratum_of_the_texel(count):
+    scene, _, _ = prepare(lit_scene())
+    chunk = TexelChunk(np.array([0]), random_shift(np.random.default_rng(2), 1), floor_points(1), scene.surfaces, False)
+    start = chunk.receivers(np.array([0]), 0, count).position
+    side = round(count**0.5)
+    assert cells(start[:, :2] + 0.5, side, side) == list(range(count))
+
+
+def test_place_on_the_light_is_not_tied_to_place_in_the_texel():
+    texel, light = direct_points._TEXEL_POINTS.astype(float), direct_points._LIGHT_POINTS.astype(float)
+    for first, last in STAGES:
+        tie = np.corrcoef(np.concatenate([texel[:last], light[:last]], axis=1).T)[:2, 2:]
+        assert np.abs(tie).max() < (0.9 if first == 0 else 0.35)
+
+
+def test_stages_join_without_gaps():
+    shift = random_shift(np.random.default_rng(3), 7)
+    joined = np.concatenate([light_points(shift, first, last) for first, last in STAGES])
+    assert np.array_equal(joined, light_points(shift, 0, STAGES[-1][1]))
+
+
+def test_receivers_lie_off_their_surface_and_flip():
+    scene, _, _ = prepare(lit_scene())
+    for flip, sign in ((False, 1), (True, -1)):
+        chunk = TexelChunk(np.arange(16), np.zeros((16, 2), np.uint32), floor_points(4), scene.surfaces, flip)
+        receivers = chunk.receivers(np.arange(16), 0, 4)
+        assert receivers.position.shape == receivers.normal.shape == (64, 3)
+        assert (receivers.position[:, 2] * sign > 0).all()
+        assert (receivers.normal == [0, 0, sign]).all()
+        assert (receivers.side == [0, 0, sign]).all()
+
+
+def test_smooth_triangles_have_interpolated_unit_normals():
+    flat = make_scene([sphere_mesh(rings=6, segments=8)])
+    corner_normal = flat.tri_position / np.linalg.norm(flat.tri_position, axis=2, keepdims=True)
+    smooth = replace(flat, tri_normal=corner_normal.astype(np.float32))
+    surfaces = ReceivingSurfaces.of(smooth, UnitBox(np.zeros(3), 1.0))
+    tri = np.arange(flat.n_tri)
+    receivers = surfaces.at(tri, np.full((flat.n_tri, 2), 1 / 3, np.float32), False)
+    expected = corner_normal.mean(axis=1) / np.linalg.norm(corner_normal.mean(axis=1), axis=1, keepdims=True)
+    assert np.abs(receivers.normal - expected).max() < 1e-5
+    assert np.abs(np.linalg.norm(receivers.side, axis=1) - 1).max() < 1e-5
+    assert np.abs(receivers.side - receivers.normal).max() > 1e-3
+
+
+def test_corner_normals_that_cancel_give_the_face_normal():
+    scene = lit_scene()
+    opposite = scene.tri_normal.copy()
+    opposite[:, 1] *= -1
+    opposite[:, 2] = 0
+    surfaces = ReceivingSurfaces.of(replace(scene, tri_normal=opposite), UnitBox(np.zeros(3), 1.0))
+    receivers = surfaces.at(np.array([0]), np.array([[0.5, 0.0]], np.float32), False)
+    assert receivers.normal.tolist() == [[0, 0, 1]]
+
+
+def test_what_comes_from_behind_the_face_or_weighs_nothing_is_not_seen():
+    scene, _, _ = prepare(lit_scene())
+    receivers = scene.surfaces.at(np.zeros(4, int), np.full((4, 2), 0.25, np.float32), False)
+    direction = np.array([[0, 0, 1], [0, 0, -1], [1, 0, 0.1], [0, 0, 1]], np.float32)
+    weight = np.array([1, 1, 1, 0], np.float32)
+    seen, traced = receivers.see(scene.rays, Aim(direction, np.ones(4, np.float32), weight, weight))
+    assert seen.tolist() == [True, False, True, False]
+    assert traced == 2
+
+
+def test_taken_rows_keep_the_fast_layout():
+    values = np.arange(12, dtype=np.float32).reshape(3, 4).T
+    taken = take_rows(values, np.array([3, 1]))
+    assert np.array_equal(taken, values[[3, 1]])
+    assert taken.T.flags.c_contiguous
+
+
+def test_pieces_join_to_the_rows():
+    pieces = row_pieces(np.arange(10_000), 64)
+    assert np.array_equal(np.concatenate(pieces), np.arange(10_000))
+    assert max(map(len, pieces)) * 64 <= 2**15
+    assert row_pieces(np.arange(0), 64) == []

@@ -1,0 +1,142 @@
+"""Light of many emitting triangles: the same as from each by itself, with honest errors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from floors import floor_points, lit_scene, prepare, to_grid
+from leaflight.core import direct
+from leaflight.core.direct import DirectScene, direct_irradiance
+from leaflight.core.direct_lights import make_triangle_sources
+from leaflight.core.direct_pool import _sort_by_place
+from leaflight.core.emitters import find_emitting_cells
+from leaflight.core.scene import Material, SceneSnapshot, TextureImage
+from scenes import box_mesh, grid_mesh, moved, quad_mesh, sphere_mesh
+
+SIDE = 32
+TEXELS = np.arange(SIDE * SIDE)
+
+
+def light_floor(scene: DirectScene, seed: int = 1, **options: float) -> direct.DirectLight:
+    return direct_irradiance(scene, floor_points(SIDE), TEXELS, np.random.default_rng(seed), **options)
+
+
+def as_sources(scene: SceneSnapshot) -> DirectScene:
+    """The same scene with each emitting triangle as a source of its own."""
+    pooled, _, surfaces = prepare(scene)
+    ((_, cells),) = find_emitting_cells(scene, surfaces)
+    sources = make_triangle_sources(cells, pooled.surfaces.corner_unit, pooled.surfaces.normal)
+    return replace(pooled, pool=None, sources=tuple(sources))
+
+
+def boxes(count: int) -> list:
+    return [box_mesh(f"Lamp {i}", (0.1, 0.1, 0.05), (0.2 + 0.3 * (i % 3), 0.2 + 0.3 * (i // 3), 0.9)) for i in range(count)]
+
+
+def test_the_same_light_as_from_each_triangle_by_itself():
+    scene = lit_scene([box_mesh("Block", (0.3, 0.3, 0.3), (0.5, 0.5, 0.3))], emission=boxes(4), rgb=(3.0, 2.0, 1.0))
+    pooled, _, _ = prepare(scene)
+    assert pooled.pool is not None
+    alone = as_sources(scene)
+    alone = replace(alone, sources=alone.sources)
+    expected = light_floor(replace(alone), tolerance=0.0).irradiance_rgb
+    found = light_floor(pooled, tolerance=0.0)
+    error = found.irradiance_rgb - expected
+    assert error.mean(axis=0) == pytest.approx(0, abs=0.01 * expected.mean())
+    assert np.sqrt((error**2).mean()) < 0.1 * expected.mean()
+    assert found.irradiance_rgb[:, 0] == pytest.approx(3 * found.irradiance_rgb[:, 2])
+
+
+def test_errors_are_honest():
+    """Over seeds, the mean square error is the stated variance, within a factor."""
+    scene, _, _ = prepare(lit_scene([box_mesh("Block", (0.3, 0.3, 0.3), (0.5, 0.5, 0.3))], emission=boxes(6)))
+    runs = [light_floor(scene, seed) for seed in range(12)]
+    values = np.stack([run.irradiance_rgb[:, 0] for run in runs])
+    stated = np.mean([run.variance_rgb[:, 0].mean() for run in runs])
+    true = values.var(axis=0, ddof=1).mean()
+    assert 0.4 < true / stated < 1.6
+
+
+def test_an_open_sky_of_triangles_has_little_noise():
+    """200 triangles of one ceiling, nothing in between: every sample is worth almost the same."""
+    ceiling = moved(grid_mesh("Lamp", 10, edge_m=0.03), (0.35, 0.35, 0.8))
+    scene, box, _ = prepare(lit_scene(emission=[ceiling]))
+    found = light_floor(scene).irradiance_rgb[:, 0]
+    corners = box.to_unit(np.array([[0.35, 0.35, 0.8], [0.65, 0.35, 0.8], [0.65, 0.65, 0.8], [0.35, 0.65, 0.8]]))
+    centre = np.stack([(np.array([k % SIDE, k // SIDE]) + 0.5) / SIDE for k in range(SIDE * SIDE)])
+    position = box.to_unit(np.column_stack([centre, np.zeros(len(centre))]))
+    up = np.tile([0.0, 0.0, 1.0], (len(centre), 1))
+    expected = np.abs(direct_polygon(corners, position, up)).reshape(SIDE, SIDE)
+    assert to_grid(found, SIDE) == pytest.approx(expected, rel=0.02)
+
+
+def direct_polygon(corners: np.ndarray, position: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Lambert's formula, for polygons above the horizon."""
+    vector = corners[None] - position[:, None]
+    vector = vector / np.linalg.norm(vector, axis=2, keepdims=True)
+    after = np.roll(vector, -1, axis=1)
+    cross = np.cross(vector, after)
+    angle = np.arccos(np.clip((vector * after).sum(axis=2), -1, 1))
+    edge = cross / np.linalg.norm(cross, axis=2, keepdims=True)
+    return 0.5 * ((edge * normal[:, None]).sum(axis=2) * angle).sum(axis=1)
+
+
+def test_a_lamp_close_above_the_floor_has_no_fireflies():
+    scene, _, _ = prepare(lit_scene(emission=[moved(grid_mesh("Lamp", 4, edge_m=0.1), (0.3, 0.3, 0.01))]))
+    found = light_floor(scene).irradiance_rgb
+    assert found.max() < 1.1 * math.pi
+    grid = to_grid(found[:, 0], SIDE)
+    assert grid[12:20, 12:20] == pytest.approx(math.pi, rel=0.06)
+
+
+def test_textures_shine_where_they_are_bright():
+    scene = lit_scene(emission=[moved(quad_mesh("Screen"), (0, 0, 0.3))])
+    uv = scene.tri_emission_uv.copy()
+    uv[2], uv[3] = [[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]]
+    pixels = np.zeros((8, 8, 3), np.float32)
+    pixels[1, 6] = (64, 32, 0)
+    lamp = Material("Lamp", emission_rgb=(1.0, 1.0, 1.0), emission_image=0)
+    scene = replace(
+        scene, materials=(scene.materials[0], lamp), images=(TextureImage("P", pixels, closest=True),), tri_emission_uv=uv
+    )
+    prepared, _, _ = prepare(scene)
+    found = to_grid(light_floor(prepared).irradiance_rgb, SIDE)
+    # The bright texel is 0.125 m wide: nearly a small patch of 64 W/m^2/sr at (0.8125, 0.1875, 0.3).
+    place = (np.arange(SIDE) + 0.5) / SIDE
+    square = (place[None, :] - 0.8125) ** 2 + (place[:, None] - 0.1875) ** 2 + 0.09
+    expected = 64 / 64 * 0.09 / square**2
+    assert found[..., 0] == pytest.approx(expected, rel=0.2, abs=0.02 * expected.max())
+    assert found[..., 0].mean() == pytest.approx(expected.mean(), rel=0.03)
+    assert found[..., 1] == pytest.approx(found[..., 0] / 2)
+    assert not found[..., 2].any()
+
+
+def test_clusters_of_more_triangles_than_they_are():
+    lamps = [moved(sphere_mesh(f"Lamp {i}", 12, 24, 0.1), (0.25 + 0.5 * i, 0.5, 0.6)) for i in range(2)]
+    scene, _, _ = prepare(lit_scene(emission=lamps))
+    assert scene.pool is not None
+    assert len(scene.pool.cluster_start) - 1 <= 256
+    assert scene.pool.cluster_start[0] == 0
+    assert scene.pool.cluster_start[-1] == len(scene.pool.cells.tri)
+    assert (np.diff(scene.pool.cluster_start) > 0).all()
+    found = to_grid(light_floor(scene, tolerance=0.005).irradiance_rgb[:, 0], SIDE)
+    # A sphere of radiance 1 gives pi sin^2 cos, here in full view of the floor.
+    place = (np.arange(SIDE) + 0.5) / SIDE
+    expected = np.zeros((SIDE, SIDE))
+    for x in (0.25, 0.75):
+        square = (place[None, :] - x) ** 2 + (place[:, None] - 0.5) ** 2 + 0.36
+        expected += math.pi * 0.01 / square * 0.6 / np.sqrt(square)
+    assert found == pytest.approx(expected, rel=0.1)
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.03)  # 12 rings are a little smaller than their sphere
+
+
+def test_cells_are_sorted_by_facing_first():
+    centre = np.random.default_rng(1).random((100, 3)) - 0.5
+    normal = np.eye(3)[np.arange(100) % 3] * np.where(np.arange(100) % 2, 1, -1)[:, None]
+    order = _sort_by_place(centre, normal)
+    facing = [tuple(normal[i]) for i in order]
+    assert sum(a != b for a, b in zip(facing, facing[1:], strict=False)) == 5
+    assert sorted(order.tolist()) == list(range(100))

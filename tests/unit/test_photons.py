@@ -1,0 +1,313 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+import pickle
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from leaflight.core import geometry, photons, sampling
+from leaflight.core.lights import Births
+from leaflight.core.materials import SurfaceMaterials
+from leaflight.core.scene import Material, SceneObject, SceneSnapshot, TextureImage
+
+N = 40_000
+GREY = Material("Grey", (0.5, 0.5, 0.5))
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A point that shines everywhere, or along one direction."""
+
+    power_rgb: np.ndarray
+    place_unit: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    along: tuple[float, float, float] | None = None
+    soft: tuple[float, float] = (0.0, 0.0)
+    name: str = "Lamp"
+
+    def emit(self, u):
+        n = len(u)
+        direction = sampling.square_to_uniform_sphere(u[:, :2]) if self.along is None else np.tile(np.float32(self.along), (n, 1))
+        radius, offset = np.repeat(np.float32(self.soft)[:, None], n, axis=1)
+        return Births(np.tile(np.float32(self.place_unit), (n, 1)), direction, np.ones((n, 1), np.float32), radius, offset)
+
+
+def _cube(outwards: bool = False) -> np.ndarray:
+    """(12, 3, 3) m: side 1, two triangles per face in the order -x +x -y +y -z +z, seen from inside unless told otherwise."""
+    faces = []
+    for axis in range(3):
+        for side in (-0.5, 0.5):
+            a, b = np.eye(3)[(axis + 1) % 3] - 0.5 * np.ones(3), np.eye(3)[(axis + 2) % 3] - 0.5 * np.ones(3)
+            low, high = -0.5 * np.ones(3), a + b + 0.5
+            corner = np.array([low, a, high, b])
+            corner[:, axis] = side
+            if (side > 0) != outwards:
+                corner = corner[::-1]
+            faces += [corner[[0, 1, 2]], corner[[0, 2, 3]]]
+    return np.array(faces)
+
+
+def _snapshot(corners, surfaces=(GREY,), tri_material=None, **changes) -> SceneSnapshot:
+    n = len(corners)
+    none = np.zeros(n, np.int32)
+    normal = geometry.triangle_normals_areas(corners)[0]
+    plain = {
+        "vertex_position": np.reshape(corners, (-1, 3)).astype(np.float64),
+        "tri_vertex": np.arange(3 * n, dtype=np.int32).reshape(n, 3),
+        "tri_object": none,
+        "tri_material": none if tri_material is None else np.array(tri_material, np.int32),
+        "tri_polygon": none,
+        "tri_corner": np.zeros((n, 3), np.int32),
+        "tri_normal": np.repeat(normal[:, None], 3, axis=1).astype(np.float32),
+        "tri_uv": np.zeros((n, 3, 2)),
+        "tri_albedo_uv": np.tile(np.float32([[0, 0], [1, 0], [0, 1]]), (n, 1, 1)),
+        "tri_emission_uv": np.zeros((n, 3, 2), np.float32),
+        "objects": (SceneObject("Room"),),
+        "materials": surfaces,
+    }
+    return SceneSnapshot(**(plain | changes))
+
+
+def _white_lamp(watts: float = 12.0, **options) -> Lamp:
+    return Lamp(np.full(3, watts), **options)
+
+
+def _build(snapshot, *lamps) -> photons.TraceScene:
+    box = geometry.UnitBox.from_points(snapshot.vertex_position)
+    return photons.build_trace_scene(snapshot, box, SurfaceMaterials(snapshot), lamps)
+
+
+def _trace(scene, n=N, shard=0, max_depth=1000, skip_first=False, share=1.0) -> photons.ShardHits:
+    return photons.trace_shard(scene, n, share, sampling.shard_rng(7, 0, shard), max_depth, skip_first)
+
+
+def _assert_closes(audit: photons.EnergyAudit) -> None:
+    out = audit.absorbed + audit.escaped + audit.remainder
+    np.testing.assert_allclose(out, audit.emitted, rtol=1e-12, atol=1e-12 * audit.emitted.max())
+
+
+def test_furnace_deposits_the_geometric_series():
+    # every face sends back rho of what arrives: P + rho P + rho^2 P ... = P / (1 - rho), channel by channel
+    rho = np.array([0.8, 0.5, 0.1])
+    scene = _build(_snapshot(_cube(), (Material("Red", tuple(rho)),)), Lamp(np.array([10.0, 20.0, 5.0])))
+    sums = []
+    for shard in range(12):
+        hits = _trace(scene, 10_000, shard)
+        _assert_closes(hits.audit)
+        np.testing.assert_allclose(hits.audit.emitted, [10, 20, 5], rtol=1e-6)
+        np.testing.assert_allclose(hits.audit.absorbed, [10, 20, 5], rtol=1e-6)
+        sums.append(hits.flux_rgb.sum(axis=1, dtype=np.float64))
+    expected = np.array([10, 20, 5]) / (1 - rho)
+    error = (np.mean(sums, axis=0) - expected) / (np.std(sums, axis=0, ddof=1) / math.sqrt(12))
+    assert np.abs(error).max() < 4
+    np.testing.assert_allclose(np.mean(sums, axis=0), expected, rtol=0.01)
+
+
+def test_roulette_keeps_the_greatest_channel():
+    scene = _build(_snapshot(_cube(), (Material("Red", (0.9, 0.2, 0.05)),)), _white_lamp())
+    flux = _trace(scene, 2000).flux_rgb
+    np.testing.assert_allclose(flux.max(axis=0), 12 / 2000, rtol=1e-4)
+
+
+def test_same_stream_same_bytes_also_from_a_copy():
+    scene = _build(_snapshot(_cube()), _white_lamp(), _white_lamp(3.0, place_unit=(0.1, 0.2, 0.3)))
+    first, again, copy = _trace(scene), _trace(scene), _trace(pickle.loads(pickle.dumps(scene)))
+    other = _trace(scene, shard=1)
+    for name in ("tri", "u", "v", "flux_rgb", "is_first"):
+        assert getattr(first, name).tobytes() == getattr(again, name).tobytes() == getattr(copy, name).tobytes()
+    assert first.counters == again.counters
+    assert first.u.tobytes() != other.u.tobytes()
+
+
+def test_record_layout():
+    hits = _trace(_build(_snapshot(_cube()), _white_lamp()), 1000)
+    m = hits.counters.deposits
+    assert [hits.tri.dtype, hits.u.dtype, hits.v.dtype, hits.flux_rgb.dtype] == [np.int32, np.float32, np.float32, np.float32]
+    assert [hits.tri.shape, hits.u.shape, hits.flux_rgb.shape, hits.is_first.shape] == [(m,), (m,), (3, m), (m,)]
+    assert hits.flux_rgb.flags.c_contiguous
+    assert hits.is_first.sum() == hits.counters.photons == 1000
+    assert hits.counters.rays == m
+
+
+def _face_share(place_unit) -> np.ndarray:
+    hits = _trace(_build(_snapshot(_cube()), _white_lamp(place_unit=place_unit)), max_depth=1)
+    return np.bincount(hits.tri[hits.is_first] // 2, minlength=6) / N
+
+
+def test_a_point_in_the_centre_lights_six_faces_alike():
+    band = 0.5 * math.sqrt(1 / 6 * 5 / 6 / N)  # half a standard error of random photons: the births are stratified
+    assert np.abs(_face_share((0, 0, 0)) - 1 / 6).max() < band
+    assert np.abs(_face_share((0.01, 0, 0)) - 1 / 6).max() > band  # 3 % more on one face is seen
+
+
+def test_scattered_light_is_cosine_distributed():
+    # from the middle of the floor to the ceiling of a cube; view factor of an element to a parallel rectangle at its corner, four times
+    a = 0.5 / math.sqrt(1.25)
+    factor = 4 * (2 * a * math.atan(a)) / (2 * math.pi)
+    scene = _build(_snapshot(_cube(), (Material("White", (0.999,) * 3),)), _white_lamp(along=(0, 0, -1)))
+    hits = _trace(scene, max_depth=2)
+    second = np.bincount(hits.tri[~hits.is_first] // 2, minlength=6) / (~hits.is_first).sum()
+    band = 4 * math.sqrt(factor * (1 - factor) / N)
+    assert abs(second[5] - factor) < band
+    assert second[4] == 0
+    np.testing.assert_allclose(second[:4], (1 - factor) / 4, atol=band)
+
+
+def test_back_sides_scatter_but_get_nothing():
+    scene = _build(_snapshot(_cube(outwards=True)), _white_lamp())
+    hits = _trace(scene)
+    assert hits.counters.deposits == 0
+    assert hits.counters.rays == pytest.approx(2 * N, rel=0.03)  # 1 / (1 - 0.5)
+    assert not hits.audit.escaped.any()
+    both = _build(_snapshot(_cube(outwards=True), objects=(SceneObject("Leaf", two_sided=True),)), _white_lamp())
+    assert _trace(both).counters.deposits == hits.counters.rays
+
+
+def test_objects_without_a_lightmap_scatter_but_get_nothing():
+    two = _snapshot(_cube(), tri_object=np.repeat(np.int32([0, 1]), 6), objects=(SceneObject("Room"), SceneObject("Extra", receives=False)))
+    hits, all_hits = _trace(_build(two, _white_lamp())), _trace(_build(_snapshot(_cube()), _white_lamp()))
+    np.testing.assert_array_equal(hits.tri, all_hits.tri[all_hits.tri < 6])
+
+
+def test_skipped_first_hits_change_nothing_else():
+    scene = _build(_snapshot(_cube()), _white_lamp())
+    everything, indirect = _trace(scene), _trace(scene, skip_first=True)
+    later = ~everything.is_first
+    np.testing.assert_array_equal(indirect.tri, everything.tri[later])
+    np.testing.assert_array_equal(indirect.flux_rgb, everything.flux_rgb[:, later])
+    assert not indirect.is_first.any()
+    np.testing.assert_array_equal(indirect.audit.absorbed, everything.audit.absorbed)
+
+
+def test_audit_closes_with_escape_depth_limit_colours_and_softness():
+    surfaces = (Material("A", (0.9, 0.3, 0.0)), Material("B", (0.2, 0.8, 0.999)))
+    open_box = _snapshot(_cube()[:10], surfaces, [0, 1] * 5)
+    lamps = Lamp(np.array([3.0, 0.0, 900.0]), soft=(0.4, 0.1)), _white_lamp(1e-6), Lamp(np.array([0, 5.0, 0]), (0.2, 0.2, 0.45))
+    audit = _trace(_build(open_box, *lamps), max_depth=3).audit
+    _assert_closes(audit)
+    for part in (audit.emitted, audit.absorbed, audit.escaped, audit.remainder):
+        assert (part > 0).all()
+    assert audit.emitted[2] < 900  # after the falloff
+
+
+def test_emitters_get_their_share_to_within_one_photon():
+    lamps = [_white_lamp(watts, place_unit=(0, 0, 0.1 * k), along=(0, 0, -1)) for k, watts in enumerate((1.0, 0.0, 2.0, 1e-3, 4.0))]
+    lamps = [
+        dataclasses.replace(lamp, along=tuple(axis)) for lamp, axis in zip(lamps, [*np.eye(3), -np.eye(3)[0], -np.eye(3)[1]], strict=True)
+    ]
+    hits = _trace(_build(_snapshot(_cube()), *lamps), 1001, max_depth=1)
+    counts = np.bincount(hits.tri // 2, minlength=6)  # each lamp has a face of its own
+    expected = 1001 * np.array([1e-3, 1.0, 4.0, 0, 0, 2.0]) / 7.001
+    assert np.abs(counts - expected).max() < 1
+    assert hits.flux_rgb.sum() == pytest.approx(3 * 7.001, rel=1e-5)
+
+
+def test_a_rare_emitter_keeps_its_mean_power():
+    lamps = _white_lamp(1.0), Lamp(np.array([0, 0, 0.03]), along=(0, 0, 1))
+    scene = _build(_snapshot(_cube()), *lamps)
+    blue = [_trace(scene, 10, shard, max_depth=1).audit.emitted[2] for shard in range(600)]
+    assert np.mean(blue) == pytest.approx(1.03, abs=4 * np.std(blue) / math.sqrt(600))
+    assert np.std(blue) > 0
+
+
+def test_flux_share_scales_the_power():
+    scene = _build(_snapshot(_cube()), _white_lamp(12.0))
+    np.testing.assert_allclose(_trace(scene, 100, share=0.25).audit.emitted, 3)
+    np.testing.assert_allclose(_trace(scene, 100, share=100).flux_rgb[0], 12, rtol=1e-5)
+
+
+@pytest.mark.parametrize("lamps", [(), (_white_lamp(0.0),)])
+def test_darkness_gives_nothing(lamps):
+    hits = _trace(_build(_snapshot(_cube()), *lamps))
+    assert hits.counters == photons.Counters(0, 0, 0)
+    assert hits.flux_rgb.shape == (3, 0)
+    assert not hits.audit.emitted.any()
+
+
+def test_no_triangles_lets_everything_escape():
+    hits = _trace(_build(_snapshot(np.zeros((0, 3, 3))), _white_lamp()), 1000)
+    np.testing.assert_allclose(hits.audit.escaped, 12, rtol=1e-6)
+    assert hits.counters.deposits == 0
+
+
+@pytest.mark.parametrize("power", [-1.0, math.nan, math.inf, 1e31])
+def test_a_power_that_cannot_be_traced_is_refused(power):
+    with pytest.raises(ValueError, match="Sun: its power is"):
+        _build(_snapshot(_cube()), _white_lamp(power, name="Sun"))
+
+
+@pytest.mark.parametrize(("radius", "offset"), [(0.2, 0.0), (0.8, 0.0), (0.8, 0.3), (0.2, 0.1)])
+def test_soft_falloff_weighs_the_first_hit(radius, offset):
+    scene = _build(_snapshot(_cube(), (Material("White", (0.9,) * 3),)), _white_lamp(along=(0, 0, -1), soft=(radius, offset)))
+    hits = _trace(scene, 1000)
+    d2 = 0.5**2 + offset**2
+    expected = 12 / 1000 * max(d2, radius**2) / (d2 + radius**2)
+    np.testing.assert_allclose(hits.flux_rgb, expected, rtol=1e-4)  # roulette keeps it at later hits
+    np.testing.assert_allclose(hits.audit.emitted, 1000 * expected, rtol=1e-5)
+
+
+def _deposited_on_smooth_floor(shading_normal, along) -> float:
+    """Flux at the first hit of a beam on the cube's floor, relative to the flat floor's."""
+    flat = _snapshot(_cube())
+    normal = flat.tri_normal.copy()
+    normal[8:10] = np.float32(shading_normal) / np.float32(np.linalg.norm(shading_normal))
+    along = np.array(along) / np.linalg.norm(along)
+    hits = _trace(_build(dataclasses.replace(flat, tri_normal=normal), _white_lamp(along=tuple(along))), 100, max_depth=1)
+    assert set(hits.tri) <= {8, 9}
+    return float(hits.flux_rgb[0].sum()) / 12
+
+
+def test_smooth_faces_weigh_by_their_shading_normal():
+    assert _deposited_on_smooth_floor((0, 0, 1), (0, 0, -1)) == pytest.approx(1)
+    assert _deposited_on_smooth_floor((0.6, 0, 0.8), (0, 0, -1)) == pytest.approx(0.8, rel=1e-5)
+    assert _deposited_on_smooth_floor((0.6, 0, 0.8), (-0.6, 0, -0.8)) == pytest.approx(1 / 0.8, rel=1e-5)
+    assert _deposited_on_smooth_floor((0.8, 0, 0.6), (0.6, 0, -0.8)) == pytest.approx(0, abs=1e-6)
+    assert _deposited_on_smooth_floor((0.95, 0, 0.1), (0.6, 0, -0.8)) == 0
+
+
+def test_bent_shading_normals_interpolate():
+    flat = _snapshot(_cube())
+    normal = flat.tri_normal.copy()
+    up_and_aside = np.float32([[0.6, 0, 0.8], [0, 0, 1], [-0.6, 0, 0.8]])
+    normal[8:10] = up_and_aside
+    hits = _trace(_build(dataclasses.replace(flat, tri_normal=normal), _white_lamp()), 2000, max_depth=1)
+    _assert_closes(hits.audit)  # the correction is of what is recorded, not of what goes on
+    floor = np.isin(hits.tri, [8, 9])
+    weights = np.stack([1 - hits.u - hits.v, hits.u, hits.v], axis=1)[floor]
+    shading = weights @ up_and_aside
+    shading /= np.linalg.norm(shading, axis=1, keepdims=True)
+    position = np.einsum("nk,nkj->nj", weights, _cube()[hits.tri[floor]])
+    toward_lamp = -position / np.linalg.norm(position, axis=1, keepdims=True)
+    expected = 12 / 2000 * np.maximum((shading * toward_lamp).sum(axis=1), 0) / toward_lamp[:, 2]
+    np.testing.assert_allclose(hits.flux_rgb[1, floor], expected, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(hits.flux_rgb[1, ~floor], 12 / 2000, rtol=1e-5)
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1.0, 1e5])
+@pytest.mark.parametrize("offset", [0.0, 1e6])
+def test_no_light_leaks_from_closed_rooms_of_any_size_and_place(scale, offset):
+    room = _snapshot(_cube() * scale + offset, (Material("White", (0.9,) * 3),))
+    hits = _trace(_build(room, _white_lamp()), 20_000)
+    assert not hits.audit.escaped.any()
+    assert hits.counters.deposits == hits.counters.rays
+    assert hits.counters.rays == pytest.approx(200_000, rel=0.05)
+
+
+def test_broken_input_gives_finite_records():
+    rng = np.random.default_rng(3)
+    corners = rng.uniform(-1, 1, (60, 3, 3))
+    corners[:10, 2] = corners[:10, 1]  # no area
+    corners[10:20, 2] = corners[10:20, 0] + 1e-9 * rng.normal(size=(10, 3))  # needles
+    corners[20:25] = corners[25:30]  # doubled
+    odd = Material("Odd", (np.nan, 1e30, -1), 0), Material("White", (0.9, 0.5, 0))
+    image = TextureImage("Odd", np.full((2, 2, 3), np.inf, np.float32))
+    scene = _snapshot(corners, odd, [0, 1, 1] * 20, images=(image,))
+    normal = scene.tri_normal.copy()
+    normal[30:40] = 0
+    normal[40:45] = np.nan
+    hits = _trace(_build(dataclasses.replace(scene, tri_normal=normal), _white_lamp(soft=(1e-30, 0))), 5000)
+    assert hits.counters.deposits > 2000
+    for array in (hits.u, hits.v, hits.flux_rgb):
+        assert np.isfinite(array).all()
+    _assert_closes(hits.audit)
