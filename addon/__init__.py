@@ -1,0 +1,46 @@
+"""The add-on inside Blender: what it registers. bpy is imported when Blender registers it, not before."""
+
+from __future__ import annotations
+
+
+def register() -> None:
+    """Register everything; what fails half-way is taken back."""
+    from contextlib import ExitStack
+
+    import bpy
+
+    from . import operators, panels, properties
+    from .bake_state import BakeState
+
+    state = BakeState()
+    with ExitStack() as undo:
+        for cls in (properties.LeaflightProperties, *operators.CLASSES, *panels.CLASSES):
+            bpy.utils.register_class(cls)
+            undo.callback(bpy.utils.unregister_class, cls)
+        bpy.types.Scene.leaflight = bpy.props.PointerProperty(type=properties.LeaflightProperties)
+        undo.callback(delattr, bpy.types.Scene, "leaflight")
+        command = bpy.utils.register_cli_command("leaflight", _run_command_line)
+        undo.callback(bpy.utils.unregister_cli_command, command)
+        bpy.app.handlers.load_post.append(operators.forget_last_bake)
+        undo.callback(bpy.app.handlers.load_post.remove, operators.forget_last_bake)
+        undo.callback(state.clear)
+        # The only state that outlives a call. It belongs to this Blender, not to a file, so it is no Blender property:
+        # those are saved, and undo and opening a file would bring an old one back.
+        bpy.types.WindowManager.leaflight_state = state
+        undo.callback(delattr, bpy.types.WindowManager, "leaflight_state")
+        bpy.types.WindowManager.leaflight_registered = undo.pop_all()
+
+
+def unregister() -> None:
+    """Take back all that `register` did, last first; a bake that runs is ended."""
+    import bpy
+
+    registered = bpy.types.WindowManager.leaflight_registered
+    del bpy.types.WindowManager.leaflight_registered
+    registered.close()
+
+
+def _run_command_line(argv: list[str]) -> int:
+    from . import cli
+
+    return cli.main(argv)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import json
+import os
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -58,7 +61,11 @@ class BakeProcess:
 
     def kill(self) -> None:
         """End the child at once; nothing is written."""
-        self._process.kill()
+        if os.name == "posix":
+            with contextlib.suppress(ProcessLookupError):  # it has just ended by itself
+                os.killpg(self._process.pid, signal.SIGKILL)  # its workers too: it leads a session of its own
+        else:
+            self._process.kill()
         self._process.wait()
 
     def _sudden_end(self, code: int) -> str:

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import basis, charts, contact, image_file, resolve, shared_arrays, solve, texels, workers
-from .materials import clamp_warnings
 from .job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
+from .materials import clamp_warnings
 from .messages import Done, Message, Status, Warning_
 from .scene import SceneSnapshot
 from .snapshot import load_snapshot
@@ -128,10 +128,14 @@ def _write_pages(
     files = []
     for page in range(atlas.page_count):
         for pass_name in settings.passes:
+            metadata: dict[str, str | int | float] = {
+                "leaflight:pass": pass_name,
+                "leaflight:photons": light.photons,
+                "leaflight:estimated_error": light.error,
+            }
             pixels = resolver.page(pass_name, page)
             for kind in settings.formats:
                 path = output / f"{names[page]}.{pass_name}.{kind}"
-                metadata = {"leaflight:pass": pass_name, "leaflight:photons": light.photons, "leaflight:estimated_error": light.error}
                 image_file.write_image(path, pixels, metadata, kind)
                 files.append(PageFile(str(path), pass_name, kind, page, np.flatnonzero(atlas.object_page == page).tolist()))
     return files

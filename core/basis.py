@@ -14,6 +14,8 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
+from .scene import FloatArray
+
 DEGREES = {"constant": 0, "linear": 1, "quadratic": 2}
 EXPONENTS = tuple((total - j, j) for total in range(5) for j in range(total + 1))  # 1, s, t, s^2, st, t^2, ...
 QUADRANTS = ((0, 0), (1, 0), (0, 1), (1, 1))  # Morton order: x is the low bit
@@ -28,12 +30,13 @@ def count_functions(degree: int) -> int:
     return (degree + 1) * (degree + 2) // 2
 
 
-def monomials(s: NDArray[np.floating], t: NDArray[np.floating], degree: int) -> list[NDArray[np.floating]]:
+def monomials(s: FloatArray, t: FloatArray, degree: int) -> list[FloatArray]:
     """The monomials 1, s, t, s^2, st, t^2 up to `degree`, each of the shape of s.
 
     s, t   (...) float, node coordinates
     """
-    powers_s, powers_t = [np.ones_like(s)], [np.ones_like(t)]
+    powers_s: list[FloatArray] = [np.ones_like(s)]
+    powers_t: list[FloatArray] = [np.ones_like(t)]
     for _ in range(degree):
         powers_s.append(powers_s[-1] * s)
         powers_t.append(powers_t[-1] * t)
@@ -90,10 +93,26 @@ def _pivoted_gram_schmidt(gram: NDArray[np.float64], drop_below: float) -> NDArr
 def projector(functions: NDArray[np.float64]) -> NDArray[np.float64]:
     """Matrix from raw sums to the monomial coefficients of the fitted function: the pseudo-inverse of the Gram matrix.
 
+    With m the monomials at a point, m @ projector @ m is the sum of the squared basis functions there.
     functions   (n, K, K) float64, of orthonormal_functions
     out         (n, K, K) float64, 1/m^2
     """
     return functions.transpose(0, 2, 1) @ functions
+
+
+def apply_matrices(matrix: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Each node's matrix times each node's vectors; K is at most 6, so that plain loops over it beat einsum by far.
+
+    matrix   (n, K, K) float64
+    vector   (..., K, n) float64
+    out      (..., K, n) float64
+    """
+    rows = np.ascontiguousarray(matrix.transpose(1, 2, 0))
+    out = np.zeros(vector.shape)
+    for i, row in enumerate(rows):
+        for j, factor in enumerate(row):
+            out[..., i, :] += factor * vector[..., j, :]
+    return out
 
 
 def parent_transforms(degree: int) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .rays import RayScene
+from .scene import FloatArray
 
 _LIFT_TEXELS = 0.25  # height of the feelers above the surface
 _REACH_TEXELS = 1.5  # and their length
@@ -18,7 +19,7 @@ _CHUNK = 1 << 18
 
 
 def find_contacts(
-    rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: NDArray[np.floating]
+    rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray
 ) -> NDArray[np.bool_]:
     """Whether something stands within a texel or so of each point, found by short rays along the surface.
 
@@ -47,4 +48,5 @@ def _any_tangent(normal: NDArray[np.float32]) -> NDArray[np.float32]:
     axis[np.arange(len(normal)), least] = 1.0
     tangent = np.cross(normal, axis)
     length = np.linalg.norm(tangent, axis=1, keepdims=True)
-    return (tangent / np.where(length > 0.0, length, 1.0)).astype(np.float32)
+    unit: NDArray[np.float32] = (tangent / np.where(length > 0.0, length, 1.0)).astype(np.float32)
+    return unit

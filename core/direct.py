@@ -53,7 +53,7 @@ class DirectScene:
             for cells in groups:
                 sources += make_triangle_sources(cells, receiving.corner_unit, receiving.normal)
         else:
-            pool = EmitterPool.of(groups, receiving.corner_unit, receiving.normal, unit_box.scale, surfaces)
+            pool = EmitterPool.of(groups, receiving, unit_box.scale, surfaces)
         two_sided = np.array([scene_object.two_sided for scene_object in snapshot.objects], bool)
         return cls(rays, receiving, tuple(sources), pool, two_sided[snapshot.tri_object])
 
@@ -253,6 +253,6 @@ class _Tally:
         residual = np.maximum(self._sums[3] - 2 * ratio * self._sums[4] + ratio**2 * self._sums[1], 0)
         square = np.divide(residual, self._sums[0] ** 2, out=np.ones(len(ratio)), where=self._sums[0] > 0)
         starts, closed = np.maximum(self._starts, 1), self._closed()
-        spread = np.maximum(self._reach_squares / starts - closed**2, 0) * ratio**2 / starts ** 1.5
+        spread = np.maximum(self._reach_squares / starts - closed**2, 0) * ratio**2 / starts**1.5
         out: Float64 = spread + closed**2 * square / np.sqrt(np.maximum(self._rays, 1))
         return out

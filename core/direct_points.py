@@ -117,16 +117,21 @@ class ReceivingSurfaces:
     def at(self, tri: IntArray, barycentric: Float32, flip: bool) -> Receivers:
         """Receivers at weights (n, 2) of corners 1 and 2 of triangles (n,); on their back when `flip`."""
         u, v = np.ascontiguousarray(barycentric.T)
-        first, along_u, along_v = (rows.take(tri, axis=1) for rows in self.corner_rows)
-        along_u *= u
-        along_v *= v
-        first += along_u
-        first += along_v
+        first = self.place(tri, u, v).T
         side = self.normal.T.take(tri, axis=1)
         normal = self._shade(tri, u, v, side)
         if flip:
             normal, side = -normal, -side
         return Receivers(offset_origin(first, side).T, normal.T, side.T)
+
+    def place(self, tri: IntArray, u: Float32, v: Float32) -> Float32:
+        """(n, 3) view of rows, unit box: points at weights of corners 1 and 2."""
+        point, along_u, along_v = (rows.take(tri, axis=1) for rows in self.corner_rows)
+        along_u *= u
+        along_v *= v
+        point += along_u
+        point += along_v
+        return point.T
 
     def _shade(self, tri: IntArray, u: Float32, v: Float32, side: Float32) -> Float32:
         """(3, n): the interpolated normals where triangles are smooth."""

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .direct_lights import Aim
-from .direct_points import STAGES, Receivers, TexelChunk, light_points, random_shift, row_pieces
+from .direct_points import STAGES, Receivers, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces, take_rows
 from .emitters import EmittingCells, weigh_channels
-from .geometry import ORIGIN_OFFSET, interpolate_corners
+from .geometry import ORIGIN_OFFSET
 from .irradiance import polygon_irradiance
 from .lights import Float32, Float64
 from .materials import SurfaceMaterials
@@ -21,12 +21,12 @@ from .scene import FloatArray, IntArray
 
 Int64: TypeAlias = NDArray[np.int64]
 
-BLOCK_TEXELS = 64  # neighbours in Morton order, 8 x 8 within a chart, choose alike
+BLOCK_TEXELS = 64  # neighbours in Morton order, 8 x 8 within a chart, share their pilots
 _PILOTS = 4  # receivers of a block that look at every cluster first
-_MAX_CLUSTERS = 256
-_UNSEEN_LEAST, _UNSEEN_MOST = 0.02, 0.25  # share that a cluster keeps where a pilot did not see it
 _REGION_BLOCKS = 16  # blocks whose pilots tell together whether a cluster is seen from there at all
-_GRAZING = np.float32(0.05)  # least cosine a cluster is judged by
+_UNSEEN_LEAST, _UNSEEN_MOST = 0.05, 0.4  # share of a cluster that is kept for each pilot that did not see it
+_MAX_CLUSTERS = 256
+_GRAZING = np.float32(0.1)  # least cosine a cluster is judged by
 _NEAR = 4.0  # distance squared in areas of a triangle, below which its closed form is taken
 
 
@@ -34,41 +34,56 @@ _NEAR = 4.0  # distance squared in areas of a triangle, below which its closed f
 class EmitterPool:
     """Emitting cells, sorted so that clusters of consecutive ones are close and look the same way.
 
-    power_end        (n + 1,) float64    cumulative importance
-    cluster_start    (n_cluster + 1,) int64
+    constant         (n,) bool                          the cell is a whole triangle of one radiance
     area             (n,) float64, unit box squared
-    corner_unit      (n_tri, 3, 3) float32, unit box;  normal  (n_tri, 3) float32, unit
+    power_end        (n + 1,) float64                   cumulative importance
+    cluster_start    (n_cluster + 1,) int64
+    cluster_centre   (n_cluster, 3) float32, unit box
+    cluster_normal   (n_cluster, 3) float32             mean; short where its cells look in many directions
+    cluster_square   (n_cluster,) float32               mean squared distance of its cells from the centre, and their own size
     """
 
     cells: EmittingCells
     constant: NDArray[np.bool_]
+    area: Float64
     power_end: Float64
     cluster_start: Int64
-    area: Float64
-    corner_unit: Float32
-    normal: Float32
+    cluster_centre: Float32
+    cluster_normal: Float32
+    cluster_square: Float32
+    scene: ReceivingSurfaces
     surfaces: SurfaceMaterials
 
     @classmethod
-    def of(
-        cls, groups: list[EmittingCells], corner_unit: Float32, normal: Float32, scale: float, surfaces: SurfaceMaterials
-    ) -> EmitterPool:
+    def of(cls, groups: list[EmittingCells], scene: ReceivingSurfaces, scale: float, surfaces: SurfaceMaterials) -> EmitterPool:
         """A pool of the cells of several materials; scale is the unit box's."""
         importance = np.concatenate([group.importance for group in groups])
         constant = np.concatenate([np.full(len(group.tri), group.constant) for group in groups])
         tri = np.concatenate([group.tri for group in groups])
-        order = _sort_by_place(corner_unit[tri].mean(axis=1), normal[tri])
         corner, side, area_m2, mean_rgb = (
-            np.concatenate([getattr(group, name) for group in groups])[order] for name in ("corner", "side", "area_m2", "mean_rgb")
+            np.concatenate([getattr(group, name) for group in groups]) for name in ("corner", "side", "area_m2", "mean_rgb")
         )
-        cells = EmittingCells(tri[order], corner, side, area_m2, mean_rgb, constant=False)
-        power_end = np.concatenate([[0.0], np.cumsum(importance[order])])
-        start = np.searchsorted(power_end, power_end[-1] * np.arange(_MAX_CLUSTERS) / _MAX_CLUSTERS)
-        if len(order) <= _MAX_CLUSTERS:
-            start = np.arange(len(order))
-        cluster_start = np.unique(np.append(np.minimum(start, len(order) - 1), len(order))).astype(np.int64)
-        cluster_start[0] = 0
-        return cls(cells, constant[order], power_end, cluster_start, cells.area_m2 * scale**2, corner_unit, normal, surfaces)
+        every = np.arange(len(tri))
+        cells = EmittingCells(tri, corner, side, area_m2, mean_rgb, constant=False)
+        _, barycentric = cells.place(every, np.full((len(tri), 2), 0.5))
+        centre, normal = scene.place(tri, barycentric[:, 0], barycentric[:, 1]), scene.normal[tri]
+        order = _sort_by_place(centre, normal)
+        cells = EmittingCells(tri[order], corner[order], side[order], area_m2[order], mean_rgb[order], constant=False)
+        area, weight, centre, normal = area_m2[order] * scale**2, importance[order], centre[order], normal[order]
+        power_end = np.concatenate([[0.0], np.cumsum(weight)])
+        start = every
+        if len(every) > _MAX_CLUSTERS:
+            start = np.searchsorted(power_end, power_end[-1] * np.arange(_MAX_CLUSTERS) / _MAX_CLUSTERS, side="right") - 1
+        start = np.unique(np.clip(start, 0, len(every) - 1))
+        total = np.maximum(np.add.reduceat(weight, start), 1e-300)
+        mean_centre = np.add.reduceat(centre * weight[:, None], start, axis=0) / total[:, None]
+        mean_normal = np.add.reduceat(normal * weight[:, None], start, axis=0) / total[:, None]
+        cluster = np.repeat(np.arange(len(start)), np.diff(np.append(start, len(every))))
+        square = ((centre - mean_centre[cluster]) ** 2).sum(axis=1) + area / math.pi
+        mean_square = np.add.reduceat(square * weight, start) / total
+        cluster_start = np.append(start, len(every)).astype(np.int64)
+        means = (mean.astype(np.float32) for mean in (mean_centre, mean_normal, mean_square))
+        return cls(cells, constant[order], area, power_end, cluster_start, *means, scene, surfaces)
 
     def irradiance(
         self, rays: RayScene, chunk: TexelChunk, base_rgb: Float64, tolerance: float, max_rays: int, rng: np.random.Generator
@@ -116,14 +131,14 @@ class EmitterPool:
         # Each texel's strata of the choice are met in an order of their own, so that they are not tied to places in the texel.
         step = (np.arange(strata)[:, None] + shifts[1][rows, 0] % strata) % strata
         pick = (step + rng.random((strata, len(rows)))) / strata
-        block = np.broadcast_to(rows // BLOCK_TEXELS, pick.shape).ravel()
-        target = pick.ravel() + block
-        ends = choice.ravel()
-        cluster = np.minimum(np.searchsorted(ends, target, side="right") - block * n_cluster, n_cluster - 1)
-        low = np.where(cluster > 0, choice[block, np.maximum(cluster - 1, 0)], block)
-        chance = np.maximum(choice[block, cluster] - low, 1e-12)
+        # Row r of the choice rises from r to r + 1, so that one search serves all texels.
+        texel = np.broadcast_to(rows, pick.shape).ravel()
+        target = pick.ravel() + texel
+        cluster = np.minimum(np.searchsorted(choice.ravel(), target, side="right") - texel * n_cluster, n_cluster - 1)
+        low = np.where(cluster > 0, choice[texel, np.maximum(cluster - 1, 0)], texel)
+        chance = np.maximum(choice[texel, cluster] - low, 1e-12)
         cell, cell_chance = self._choose_cell(cluster, np.clip((target - low) / chance, 0, 1))
-        aim, radiance = self._aim(receivers, cell, light_points(shifts[0][rows], first, last), exact=True)
+        aim, radiance = self._aim(receivers, cell, light_points(shifts[0][rows], first, last))
         seen, traced = receivers.see(rays, aim)
         value = radiance * np.where(seen, aim.weight / (chance * cell_chance), 0)[:, None]
         ordered = np.empty((strata, len(rows), 3))
@@ -131,30 +146,58 @@ class EmitterPool:
         return ordered, traced
 
     def _choose_clusters(self, rays: RayScene, chunk: TexelChunk, rng: np.random.Generator) -> tuple[Float64, int]:
-        """(n_block, n_cluster) float64: cumulative chances of the clusters, block b's from b to b + 1; and rays spent."""
+        """(n, n_cluster) float64: cumulative chances of the clusters at each texel, row r from r to r + 1; and rays spent."""
+        visibility, n_ray = self._look_around(rays, chunk, rng)
+        count = len(chunk.texel)
+        power = np.diff(self.power_end[self.cluster_start]).astype(np.float32)
+        end = np.empty((count, len(power)))
+        for rows in row_pieces(np.arange(count), len(power)):
+            looking = chunk.receivers(rows, 0, 1)
+            chance = self._judge(looking) * power
+            chance *= visibility[rows // BLOCK_TEXELS]
+            np.cumsum(chance, axis=1, out=end[rows[0] : rows[-1] + 1])
+        end /= end[:, -1:]
+        end += np.arange(count)[:, None]
+        return end, n_ray
+
+    def _judge(self, receivers: Receivers) -> Float32:
+        """(n, n_cluster): what the clusters would give per area and radiance, unoccluded and never 0."""
+        centre, normal = self.cluster_centre, self.cluster_normal
+        square = (receivers.position**2).sum(axis=1)[:, None] + (centre**2).sum(axis=1) - 2 * receivers.position @ centre.T
+        np.maximum(square, np.float32(1e-9), out=square)
+        distance = np.sqrt(square)
+        least = _GRAZING * distance
+        out = receivers.normal @ centre.T - (receivers.normal * receivers.position).sum(axis=1)[:, None]
+        np.maximum(out, least, out=out)
+        from_light = receivers.position @ normal.T - (centre * normal).sum(axis=1)
+        np.abs(from_light, out=from_light)
+        # A mean normal is short where its cells look in many directions.
+        distance *= np.maximum(np.sqrt(np.maximum(1 - (normal**2).sum(axis=1), 0)), _GRAZING)
+        out *= np.maximum(from_light, distance, out=from_light)
+        out /= square * (square + self.cluster_square)
+        return out
+
+    def _look_around(self, rays: RayScene, chunk: TexelChunk, rng: np.random.Generator) -> tuple[Float32, int]:
+        """(n_block, n_cluster): share of each cluster that pilots of the block, and of the blocks around it, saw; and rays spent."""
         n_cluster = len(self.cluster_start) - 1
         n_block = -(-len(chunk.texel) // BLOCK_TEXELS)
         pilot = np.arange(n_block)[:, None] * BLOCK_TEXELS + np.arange(_PILOTS) * (BLOCK_TEXELS // _PILOTS) + BLOCK_TEXELS // _PILOTS // 2
         receivers = chunk.receivers(np.minimum(pilot, len(chunk.texel) - 1).ravel(), 0, 1)
-        score, n_ray = np.empty((n_block * _PILOTS, n_cluster)), 0
-        seen = np.empty((n_block * _PILOTS, n_cluster), bool)
-        power = np.diff(self.power_end[self.cluster_start])
+        seen, n_ray = np.empty((n_block * _PILOTS, n_cluster), np.float32), 0
         for piece in row_pieces(np.arange(n_block * _PILOTS), n_cluster):
-            looking = receivers.rows(np.repeat(piece, n_cluster))
             cluster = np.tile(np.arange(n_cluster), len(piece))
             cell, _ = self._choose_cell(cluster, rng.random(len(cluster)))
-            aim, _ = self._aim(looking, cell, rng.random((len(cell), 2), np.float32), exact=False)
+            looking = receivers.rows(np.repeat(piece, n_cluster))
+            aim, _ = self._aim(looking, cell, rng.random((len(cell), 2), np.float32))
             visible, traced = looking.see(rays, aim)
             n_ray += traced
             seen[piece] = visible.reshape(len(piece), n_cluster)
-            score[piece] = (aim.share * power[cluster]).reshape(len(piece), n_cluster)
-        region = np.arange(0, len(seen), _REGION_BLOCKS * _PILOTS)
-        size = np.diff(np.append(region, len(seen)))
-        often = np.add.reduceat(seen, region, axis=0, dtype=np.float64) / size[:, None]
-        unseen = np.repeat(np.clip(often, _UNSEEN_LEAST, _UNSEEN_MOST), size, axis=0)
-        chance = (score * np.where(seen, 1, unseen)).reshape(n_block, _PILOTS, n_cluster).sum(axis=1)
-        end = np.cumsum(chance, axis=1)
-        return end / end[:, -1:] + np.arange(n_block)[:, None], n_ray
+        by_block = seen.reshape(n_block, _PILOTS, n_cluster).mean(axis=1)
+        region = np.arange(0, n_block, _REGION_BLOCKS)
+        size = np.diff(np.append(region, n_block))
+        by_region = np.repeat(np.add.reduceat(by_block, region, axis=0) / size[:, None], size, axis=0)
+        unseen = np.clip(by_region, _UNSEEN_LEAST, _UNSEEN_MOST)
+        return (by_block + (1 - by_block) * unseen).astype(np.float32), n_ray
 
     def _choose_cell(self, cluster: Int64, u: FloatArray) -> tuple[Int64, Float64]:
         """Cells of clusters (n,) by importance, and their chances within the cluster."""
@@ -163,33 +206,26 @@ class EmitterPool:
         cell = np.clip(np.searchsorted(self.power_end, low + u * width, side="right") - 1, start, end - 1)
         return cell, np.maximum(self.power_end[cell + 1] - self.power_end[cell], 1e-300) / width
 
-    def _aim(self, receivers: Receivers, cell: Int64, u: FloatArray, exact: bool) -> tuple[Aim, Float64]:
-        """Rays to points of cells (n,), and the radiance there (n, 3).
-
-        The weight is the irradiance of the cell at radiance 1; the share, for choosing, is softer, and per area.
-        """
+    def _aim(self, receivers: Receivers, cell: Int64, u: FloatArray) -> tuple[Aim, Float64]:
+        """Rays to points of cells (n,), weighted by the cells' irradiance at radiance 1; and the radiance there (n, 3)."""
         tri, barycentric = self.cells.place(cell, u)
-        toward = np.where(((receivers.position - self.corner_unit[tri, 0]) * self.normal[tri]).sum(axis=1) >= 0, 1, -1)
-        side = self.normal[tri] * toward[:, None].astype(np.float32)
-        target = interpolate_corners(self.corner_unit[tri], barycentric[:, 0], barycentric[:, 1]) + np.float32(ORIGIN_OFFSET) * side
-        direction = (target - receivers.position).astype(np.float32)
+        target = self.scene.place(tri, barycentric[:, 0], barycentric[:, 1])
+        normal = take_rows(self.scene.normal, tri)
+        direction = target - receivers.position
+        toward = np.where((direction * normal).sum(axis=1) <= 0, np.float32(1), np.float32(-1))
+        direction += np.float32(ORIGIN_OFFSET) * toward[:, None] * normal
         square = np.maximum((direction * direction).sum(axis=1), np.float32(1e-20))
-        length = np.sqrt(square)
-        cos_receiver = (direction * receivers.normal).sum(axis=1) / length
-        cos_light = -(direction * side).sum(axis=1) / length
         area = self.area[cell]
+        cosines = np.maximum((direction * receivers.normal).sum(axis=1), 0) * np.abs((direction * normal).sum(axis=1)) / square
         # A small disk's irradiance does not grow beyond bounds as it comes near.
-        per_area = math.pi / (math.pi * square + area)
-        weight = np.maximum(cos_receiver, 0) * np.maximum(cos_light, 0) * per_area * area
-        share = np.maximum(cos_receiver, _GRAZING) * np.maximum(cos_light, _GRAZING) * per_area
+        weight = cosines * (math.pi * area / (math.pi * square + area))
+        self._sharpen(weight, receivers, cell, square)
         radiance = self.cells.mean_rgb[cell]
-        if exact:
-            self._sharpen(weight, receivers, cell, square)
-            textured = np.flatnonzero(~self.constant[cell])
-            if len(textured):
-                radiance[textured] = self.surfaces.emission_at(tri[textured], barycentric[textured, 0], barycentric[textured, 1])
-        one = np.ones(len(cell), np.float32)
-        return Aim(direction, one, share.astype(np.float32), weight.astype(np.float32)), radiance
+        textured = np.flatnonzero(~self.constant[cell])
+        if len(textured):
+            radiance[textured] = self.surfaces.emission_at(tri[textured], barycentric[textured, 0], barycentric[textured, 1])
+        short = weight.astype(np.float32)
+        return Aim(direction, np.ones(len(cell), np.float32), short, short), radiance
 
     def _sharpen(self, weight: Float64, receivers: Receivers, cell: Int64, square: FloatArray) -> None:
         """Makes the weights of triangles of constant radiance exact: in closed form near them, per point further away."""
@@ -197,7 +233,7 @@ class EmitterPool:
         far = np.flatnonzero(self.constant[cell] & (square >= _NEAR * area))
         weight[far] *= 1 + area[far] / (math.pi * square[far])
         near = np.flatnonzero(self.constant[cell] & (square < _NEAR * area))
-        looking, corners = receivers.rows(near), self.corner_unit[self.cells.tri[cell[near]]]
+        looking, corners = receivers.rows(near), self.scene.corner_unit[self.cells.tri[cell[near]]]
         # A triangle that the horizon cuts keeps the softened weight: the closed form leaves out what points below it would carry.
         whole = (((corners - looking.position[:, None]) * looking.normal[:, None]).sum(axis=2) > 0).all(axis=1)
         near, looking = near[whole], looking.rows(np.flatnonzero(whole))

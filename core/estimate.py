@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from . import refine
 from .quadtree import Quadtree
+from .scene import IntArray
 from .tally import Solution, Totals
 
 # Brightness below this share of the mean is judged against that share: else one black texel would decide the whole.
@@ -22,7 +23,7 @@ DARK_FLOOR = 0.1
 _PRIOR_VALUES = 64.0
 
 
-def noise_correction(tree: Quadtree, solution: Solution, nodes: NDArray[np.integer]) -> float:
+def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> float:
     """Variance seen between the halves of the bake over the variance that independent photons would have.
 
     nodes   (m,) int, nodes that tile the charts
@@ -59,7 +60,8 @@ def state_error(
     tree: Quadtree,
     totals: Totals,
     solution: Solution,
-    nodes: NDArray[np.integer],
+    comparison: refine.Comparison,
+    nodes: IntArray,
     background: NDArray[np.float64],
     background_variance: NDArray[np.float64],
 ) -> StatedError:
@@ -71,13 +73,12 @@ def state_error(
     correction = noise_correction(tree, solution, nodes)
     bias2 = np.zeros(len(tree))
     parents = nodes[tree.has_children[nodes] & (totals.shot[nodes] > 0)]
-    gap = refine.indicator(tree, totals, solution, parents, 1, 1)
-    bias2[parents] = gap.excess / 3.0
+    bias2[parents] = comparison.differences[0].excess[comparison.row[parents]] / 3.0
     area = np.maximum(tree.area[nodes], np.finfo(float).tiny)
     brightness = np.maximum(solution.flux[:, nodes] / area + background[:, nodes], 0.0)
     texels = (tree.end - tree.start)[nodes]
     mean = (brightness * texels).sum() / max(3.0 * texels.sum(), 1.0)
-    noise2 = solution.variance[:, nodes] * tree.n_functions[nodes] * correction + background_variance[:, nodes]
+    noise2 = solution.variance[:, nodes] * tree.rank[nodes] * correction + background_variance[:, nodes]
     scale2 = brightness**2 + (DARK_FLOOR * mean) ** 2
     share = np.divide(texels, scale2, out=np.zeros_like(scale2), where=scale2 > 0.0) / max(3.0 * texels.sum(), 1.0)
     # A bias is told only in sum, and a sum below zero is noise: it must not hide the noise that is there.

@@ -37,5 +37,5 @@ class Job:
     @classmethod
     def load(cls, folder: Path) -> Job:
         fields: dict[str, Any] = json.loads((folder / JOB_FILE).read_text(encoding="utf-8"))
-        knobs = {name: tuple(value) if isinstance(value, list) else value for name, value in fields.pop("settings").items()}
+        knobs: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in fields.pop("settings").items()}
         return cls(settings=Settings(**knobs), **fields)

@@ -19,8 +19,8 @@ _SAME_UV = 1e-5  # pages; nearer UVs are one point, as rounding to float32 may h
 _PAGE_TOLERANCE = 1e-5  # pages that rounding may carry a UV beyond its page
 _NO_HEIGHT = 1e-7  # height over longest side below which a triangle is a line in float32 UVs
 _INSET = 0.05  # raster texels taken off every side of a triangle, so that neighbours do not overlap
-_RASTER_MIN, _RASTER_MAX = 128, 2048
-_TEXELS_PER_TRIANGLE = 16
+_RASTER_MIN, _RASTER_MAX = 256, 2048
+_TEXELS_PER_TRIANGLE = 64
 _MAX_RASTER_TEXELS = 2e7
 
 

@@ -112,7 +112,7 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
     frame = np.stack([corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]])
     casts_shadow = np.array([thing.casts_shadow for thing in snapshot.objects], bool)[snapshot.tri_object]
     return TraceScene(
-        rays=RayScene(corners),
+        rays=RayScene(np.where(casts_shadow[:, None, None], corners, corners[:, :1])),  # without area it lets light through
         emitters=emitters,
         emitter_share=power / total if total > 0 else np.zeros(len(power)),
         surfaces=surfaces,

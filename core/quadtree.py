@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import basis
+from .scene import FloatArray, IntArray
 from .texel_map import TexelMap
 
 _CHART_SHIFT = 30  # a Morton code of a 2^14 root has 28 bits
@@ -39,7 +40,8 @@ class Quadtree:
     depth       (n,) int16, 0 for the nodes the tree started with
     current     (n,) bool
     moment      (n, M) float64, m^2: of the monomials of degree 2 * degree in node coordinates
-    functions   (n, K, K) float64, 1/m: orthonormal basis
+    project     (n, K, K) float64, 1/m^2: see basis.projector
+    rank        (n,) int64: how many functions the domain can hold
     """
 
     degree: int
@@ -55,7 +57,8 @@ class Quadtree:
     depth: NDArray[np.int16]
     current: NDArray[np.bool_]
     moment: NDArray[np.float64]
-    functions: NDArray[np.float64]
+    project: NDArray[np.float64]
+    rank: NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.chart)
@@ -66,14 +69,10 @@ class Quadtree:
         return self.moment[:, 0]
 
     @cached_property
-    def n_functions(self) -> NDArray[np.int64]:
-        """(n,) int64: how many functions each node's domain can hold."""
-        return self.functions.any(2).sum(1)
-
-    @cached_property
     def has_children(self) -> NDArray[np.bool_]:
         """(n,) bool."""
-        return (self.children >= 0).any(1)
+        has: NDArray[np.bool_] = (self.children >= 0).any(1)
+        return has
 
     @cached_property
     def levels(self) -> list[NDArray[np.int64]]:
@@ -136,13 +135,15 @@ def _bare_tree(degree: int) -> Quadtree:
         depth=np.zeros(0, np.int16),
         current=np.zeros(0, bool),
         moment=np.zeros((0, n_moment)),
-        functions=np.zeros((0, size, size)),
+        project=np.zeros((0, size, size)),
+        rank=whole,
     )
 
 
 def _append(tree: Quadtree, texels: TexelMap, **new: NDArray[Any]) -> Quadtree:
     half = new["side"] / 2.0
     moment = texels.range_moments(new["start"], new["end"], new["origin"] + half[:, None], half, 2 * tree.degree)
+    functions = basis.orthonormal_functions(basis.gram_matrix(moment, tree.degree))
     columns = {name: np.concatenate([getattr(tree, name), values]) for name, values in new.items()}
     n_new = len(new["chart"])
     children = np.concatenate([tree.children, np.full((n_new, 4), -1, np.int32)])
@@ -152,12 +153,13 @@ def _append(tree: Quadtree, texels: TexelMap, **new: NDArray[Any]) -> Quadtree:
         tree,
         children=children,
         moment=np.concatenate([tree.moment, moment]),
-        functions=np.concatenate([tree.functions, basis.orthonormal_functions(basis.gram_matrix(moment, tree.degree))]),
+        project=np.concatenate([tree.project, basis.projector(functions)]),
+        rank=np.concatenate([tree.rank, functions.any(2).sum(1)]),
         **columns,
     )
 
 
-def add_children(tree: Quadtree, nodes: NDArray[np.integer], texels: TexelMap, keys: NDArray[np.int64]) -> Quadtree:
+def add_children(tree: Quadtree, nodes: IntArray, texels: TexelMap, keys: NDArray[np.int64]) -> Quadtree:
     """The tree with children below `nodes`, which must be larger than a texel and have none.
 
     keys   of texel_keys(texels)
@@ -201,7 +203,7 @@ def grow_previews(
     return tree
 
 
-def split(tree: Quadtree, marked: NDArray[np.integer]) -> Quadtree:
+def split(tree: Quadtree, marked: IntArray) -> Quadtree:
     """The tree in which the children of the `marked` current nodes are current in their place."""
     current = tree.current.copy()
     current[marked] = False
@@ -210,7 +212,7 @@ def split(tree: Quadtree, marked: NDArray[np.integer]) -> Quadtree:
     return replace(tree, current=current)
 
 
-def node_of_texel(tree: Quadtree, nodes: NDArray[np.integer], n_texel: int) -> NDArray[np.int32]:
+def node_of_texel(tree: Quadtree, nodes: IntArray, n_texel: int) -> NDArray[np.int32]:
     """The node at each texel entry.
 
     nodes   indices of nodes that tile every chart: the current ones, or those without children
@@ -244,8 +246,8 @@ class TreeView:
         return cls(node_of_texel(tree, deepest, n_texel), centre, (1.0 / half).astype(np.float32))
 
     def locate(
-        self, entry: NDArray[np.integer], x: NDArray[np.floating], y: NDArray[np.floating]
-    ) -> tuple[NDArray[np.int32], NDArray[np.floating], NDArray[np.floating]]:
+        self, entry: IntArray, x: FloatArray, y: FloatArray
+    ) -> tuple[NDArray[np.int32], FloatArray, FloatArray]:
         """The deepest node at each hit, and the hit in its coordinates s, t.
 
         entry   (m,) int, texel entries;  x, y   (m,) float, page texels

@@ -10,6 +10,7 @@ least-squares fits; photons' powers vary, so their sum of squares stands for the
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,8 @@ from numpy.typing import NDArray
 
 from . import basis
 from .quadtree import Quadtree
-from .tally import CHANNELS, Solution, Totals
+from .scene import IntArray
+from .tally import Solution, Totals
 
 SIGNIFICANT_SIGMAS = 3.0
 # What a function more must win over the noise that it adds. 1 would be C_p, which picks up noise where it can choose
@@ -55,7 +57,7 @@ class Difference:
     tiled: NDArray[np.bool_]
 
 
-def is_stable(photons_shot: NDArray[np.integer], stability: int) -> NDArray[np.bool_]:
+def is_stable(photons_shot: IntArray, stability: int) -> NDArray[np.bool_]:
     """Whether nodes have been shot enough photons to be compared and shown.
 
     photons_shot   (n,) int
@@ -65,46 +67,43 @@ def is_stable(photons_shot: NDArray[np.integer], stability: int) -> NDArray[np.b
 
 
 def indicator(
-    tree: Quadtree, totals: Totals, solution: Solution, nodes: NDArray[np.integer], depth: int, stability: int
+    tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArray, depth: int, stability: int
 ) -> Difference:
     """Difference between `nodes` and their preview nodes `depth` levels below.
 
     nodes   (m,) int, nodes that have children
     """
     ids, above, tiled = _descendants(tree, nodes, depth)
+    previews, m = ids[-1], len(nodes)
     transforms = basis.parent_transforms(tree.degree)
-    project = basis.projector(tree.functions[ids[-1]])
-    gram = basis.gram_matrix(tree.moment[ids[-1]], tree.degree)
-    raw = totals.raw.sum((0, 1))[..., ids[-1]]  # (3, K, previews)
-    fit = np.einsum("nij,cjn->cin", project, raw)
+    raw = totals.raw.sum((0, 1))[..., previews]  # (3, K, previews)
+    fit = basis.apply_matrices(tree.project[previews], raw)
 
-    lifted, ancestor = raw, np.arange(len(ids[-1]))
+    lifted, ancestor = raw, np.arange(len(previews))
     for level in range(depth, 0, -1):  # the same photons, in the coordinates of the node
-        up = np.einsum("nij,cjn->cin", transforms[tree.quadrant[ids[level]]], lifted)
-        lifted = np.zeros((*raw.shape[:2], len(ids[level - 1])))
-        for row in range(up.shape[1]):
-            for channel in range(CHANNELS):
-                lifted[channel, row] = np.bincount(above[level], up[channel, row], len(ids[level - 1]))
+        up = basis.apply_matrices(transforms[tree.quadrant[ids[level]]], lifted)
+        lifted = _sum_by(above[level], up, len(ids[level - 1]))
         ancestor = above[level][ancestor]
-    expected = np.einsum("nij,cjn->cin", basis.projector(tree.functions[nodes]), lifted)
+    expected = basis.apply_matrices(tree.project[nodes], lifted)
     for level in range(1, depth + 1):
-        expected = np.einsum("nji,cjn->cin", transforms[tree.quadrant[ids[level]]], expected[..., above[level]])
+        down = transforms[tree.quadrant[ids[level]]].transpose(0, 2, 1)
+        expected = basis.apply_matrices(down, expected[..., above[level]])
 
     gap = fit - expected
-    to_irradiance = (solution.scale / max(int(totals.photons.sum()), 1)).mean(0)[nodes]
-    m = len(nodes)
-    energy = np.bincount(ancestor, np.einsum("cin,nij,cjn->n", gap, gram, gap), m)
-    weight2 = np.bincount(ancestor, totals.weight2[:, ids[-1]].sum(0), m)
+    gram = basis.gram_matrix(tree.moment[previews], tree.degree)
+    energy = _sum_by(ancestor, (gap * basis.apply_matrices(gram, gap)).sum((0, 1)), m)
+    weight2 = _sum_by(ancestor, totals.weight2[:, previews].sum(0), m)
     area = np.where(tree.area[nodes] > 0.0, tree.area[nodes], 1.0)
-    freedom = np.bincount(ancestor, tree.n_functions[ids[-1]], m) - tree.n_functions[nodes]
+    freedom = _sum_by(ancestor, tree.rank[previews].astype(float), m) - tree.rank[nodes]
     per_function = weight2 / area
     noise = freedom * per_function
-    spread = np.sqrt(2.0 * np.maximum(freedom, 1)) * per_function
+    spread = np.sqrt(2.0 * np.maximum(freedom, 1.0)) * per_function
     excess = energy - noise
     usable = tiled & (per_function > 0.0)
-    mean_gap = np.abs(np.einsum("cin,ni->cn", gap, tree.moment[ids[-1], : gap.shape[1]])).max(0) / tree.area[ids[-1]]
+    mean_gap = np.abs((gap * tree.moment[previews, : gap.shape[1]].T).sum(1)).max(0) / tree.area[previews]
     greatest = np.zeros(m)
-    np.maximum.at(greatest, ancestor, np.where(is_stable(totals.received[ids[-1]], stability), mean_gap, 0.0))
+    np.maximum.at(greatest, ancestor, np.where(is_stable(totals.received[previews], stability), mean_gap, 0.0))
+    to_irradiance = (solution.scale / max(int(totals.photons.sum()), 1)).mean(0)[nodes]
     return Difference(
         excess=np.where(usable, excess / area * to_irradiance**2, 0.0),
         noise=np.where(usable, noise / area * to_irradiance**2, 0.0),
@@ -114,12 +113,19 @@ def indicator(
     )
 
 
+def _sum_by(group: IntArray, values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Sums of values (..., n) over the members of each of `count` groups."""
+    flat = values.reshape(math.prod(values.shape[:-1]), values.shape[-1])
+    return np.array([np.bincount(group, row, count) for row in flat]).reshape(*values.shape[:-1], count)
+
+
 def _descendants(
-    tree: Quadtree, nodes: NDArray[np.integer], depth: int
-) -> tuple[list[NDArray[np.integer]], list[NDArray[np.integer]], NDArray[np.bool_]]:
+    tree: Quadtree, nodes: IntArray, depth: int
+) -> tuple[list[IntArray], list[IntArray], NDArray[np.bool_]]:
     """Nodes of each depth below `nodes`, the position of each one's parent in the depth above, and who is covered."""
-    ids, above = [nodes], [np.arange(len(nodes))]
-    ancestor = np.arange(len(nodes))
+    ids: list[IntArray] = [nodes]
+    above: list[IntArray] = [np.arange(len(nodes))]
+    ancestor = above[0]
     for _ in range(depth):
         children = tree.children[ids[-1]]
         row, column = np.nonzero(children >= 0)
@@ -127,13 +133,35 @@ def _descendants(
         above.append(row)
         ancestor = ancestor[row]
     texels = np.bincount(ancestor, tree.end[ids[-1]] - tree.start[ids[-1]], len(nodes))
-    return ids, above, texels == tree.end[nodes] - tree.start[nodes]
+    tiled: NDArray[np.bool_] = texels == tree.end[nodes] - tree.start[nodes]
+    return ids, above, tiled
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The indicator of every node that has children, for all that asks about them in one round.
+
+    row           (n,) int64: position of a node in the differences; -1 without children
+    differences   one for each preview depth, from 1
+    """
+
+    row: NDArray[np.int64]
+    differences: tuple[Difference, ...]
+
+    @classmethod
+    def of(cls, tree: Quadtree, totals: Totals, solution: Solution, rule: Rule) -> Comparison:
+        nodes = np.flatnonzero(tree.has_children)
+        row = np.full(len(tree), -1)
+        row[nodes] = np.arange(len(nodes))
+        depths = range(1, rule.preview_depth + 1)
+        return cls(row, tuple(indicator(tree, totals, solution, nodes, depth, rule.stability) for depth in depths))
 
 
 def mark(
     tree: Quadtree,
     totals: Totals,
     solution: Solution,
+    comparison: Comparison,
     rule: Rule,
     forced: NDArray[np.bool_],
     background: NDArray[np.float64],
@@ -148,17 +176,18 @@ def mark(
     area = np.where(tree.area[nodes] > 0.0, tree.area[nodes], 1.0)
     level = np.linalg.norm(solution.flux[:, nodes] / area + background[:, nodes], axis=0)
     marked = forced[nodes].copy()
-    for depth in range(1, rule.preview_depth + 1):
-        difference = indicator(tree, totals, solution, nodes, depth, rule.stability)
+    rows = comparison.row[nodes]
+    for difference in comparison.differences:
         if rule.oracle == "paper":
-            marked |= difference.greatest > rule.threshold * level
+            marked |= difference.greatest[rows] > rule.threshold * level
         else:
-            above_noise = difference.sigmas > SIGNIFICANT_SIGMAS
-            marked |= above_noise & (difference.excess > (rule.threshold * level) ** 2)
-    return nodes[marked]
+            above_noise = difference.sigmas[rows] > SIGNIFICANT_SIGMAS
+            marked |= above_noise & (difference.excess[rows] > (rule.threshold * level) ** 2)
+    split: IntArray = nodes[marked]
+    return split
 
 
-def choose_leaves(tree: Quadtree, totals: Totals, solution: Solution, stability: int) -> NDArray[np.int64]:
+def choose_leaves(tree: Quadtree, totals: Totals, comparison: Comparison, stability: int) -> NDArray[np.int64]:
     """The nodes to show: they tile every chart with the least expected squared error, and all but the first are stable.
 
     The squared difference between a node and any tiling below it is the sum of the one-level differences in between
@@ -167,17 +196,17 @@ def choose_leaves(tree: Quadtree, totals: Totals, solution: Solution, stability:
     """
     gain = np.zeros(len(tree))
     opened = np.zeros(len(tree), bool)
+    difference = comparison.differences[0]
     for level in reversed(tree.levels[:-1]):
         nodes = level[tree.has_children[level] & is_stable(totals.shot[level] // FANOUT, stability)]
-        difference = indicator(tree, totals, solution, nodes, 1, stability)
-        children = tree.children[nodes]
+        rows, children = comparison.row[nodes], tree.children[nodes]
         below = np.where(children >= 0, gain[children], 0.0).sum(1)
-        worth = (difference.excess - NOISE_PRICE * difference.noise) * tree.area[nodes] + below
+        worth = (difference.excess[rows] - NOISE_PRICE * difference.noise[rows]) * tree.area[nodes] + below
         gain[nodes] = np.maximum(worth, 0.0)
         opened[nodes] = worth > 0.0
     shown = [level[tree.parent[level] < 0] for level in tree.levels[:1]]
     leaves = []
-    while len(shown[-1]):
+    while shown and len(shown[-1]):
         front = shown[-1]
         leaves.append(front[~opened[front]])
         children = tree.children[front[opened[front]]]

@@ -15,6 +15,7 @@ from . import basis
 from .margin import fill_margin
 from .materials import SurfaceMaterials
 from .quadtree import node_of_texel
+from .scene import IntArray
 from .solve import LightField
 from .texel_map import TexelMap, centred_strata
 
@@ -55,7 +56,7 @@ def light_at_texels(field: LightField, texels: TexelMap) -> TexelLight:
         irradiance = np.einsum("bckn,kn->bnc", solution.coefficient[..., node], values)
         direct[part] += np.maximum(irradiance[0], 0.0)  # a fitted plane may dip below zero at the edge of a shadow
         indirect[part] = np.maximum(irradiance[1], 0.0)
-        squares = (np.einsum("nij,jn->ni", tree.functions[node], values) ** 2).sum(1) * tree.area[node]
+        squares = (values * basis.apply_matrices(tree.project[node], values)).sum(0) * tree.area[node]
         variance = solution.variance[:, node].T * squares[:, None] * field.correction + field.direct.variance[part]
         stderr[part] = np.sqrt(variance)
     return TexelLight(direct, indirect, stderr, leaf)
@@ -87,29 +88,26 @@ class Resolver:
         image[..., :3] = fill_margin(image[..., :3], covered.reshape(size, size), self._margin)
         return image
 
-    def _pass_values(self, name: str, entry: NDArray[np.integer]) -> NDArray[np.float32]:
-        light = self._light
-        if name == "direct":
-            return light.direct[entry] / np.float32(np.pi)
-        if name == "indirect":
-            return light.indirect[entry] / np.float32(np.pi)
-        if name == "stderr":
-            return light.stderr[entry] / np.float32(np.pi)
+    def _pass_values(self, name: str, entry: IntArray) -> NDArray[np.float32]:
         if name == "albedo":
             return self._surface(entry, emission=False)
         if name == "emission":
             return self._surface(entry, emission=True)
-        lighting = (light.direct[entry] + light.indirect[entry]) / np.float32(np.pi)
-        if name == "lighting":
+        light = self._light
+        irradiance = {"direct": [light.direct], "indirect": [light.indirect], "stderr": [light.stderr]}
+        parts = irradiance.get(name, [light.direct, light.indirect])
+        lighting: NDArray[np.float32] = sum(part[entry] for part in parts) / np.float32(np.pi)
+        if name in (*irradiance, "lighting"):
             return lighting
-        diffuse = lighting * self._surface(entry, emission=False)
+        diffuse: NDArray[np.float32] = lighting * self._surface(entry, emission=False)
         if name == "diffuse":
             return diffuse
         if name == "combined":
-            return diffuse + self._surface(entry, emission=True)
+            combined: NDArray[np.float32] = diffuse + self._surface(entry, emission=True)
+            return combined
         raise ValueError(f"pass: {name!r} is not known")
 
-    def _surface(self, entry: NDArray[np.integer], emission: bool) -> NDArray[np.float32]:
+    def _surface(self, entry: IntArray, emission: bool) -> NDArray[np.float32]:
         """Mean albedo or emitted radiance over each texel's covered part."""
         look_up = self._surfaces.emission_at if emission else self._surfaces.albedo_at
         out = np.empty((len(entry), 3), np.float32)

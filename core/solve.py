@@ -10,7 +10,7 @@ import math
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from . import basis, estimate, quadtree, refine, shared_arrays, tally, workers
 from .messages import Message, Progress
 from .quadtree import Quadtree
 from .settings import Settings
-from .tally import Solution, Tally
+from .tally import Solution, Tally, Totals
 
 ENERGY_NAMES = ("emitted", "absorbed", "escaped", "remainder")
 FIRST_ROUND_PHOTONS = 1 << 16
@@ -109,6 +109,15 @@ class LightField:
     ledger: Ledger
 
 
+@dataclass(frozen=True)
+class _State:
+    """What the tallies say after a round."""
+
+    totals: Totals
+    solution: Solution
+    comparison: refine.Comparison
+
+
 @dataclass
 class Solver:
     """A bake in progress: a stable solution exists after every round."""
@@ -130,8 +139,8 @@ class Solver:
             self._grow_previews()
         self.tally = Tally.empty(len(self.tree), self.degree)
         self.ledger = Ledger()
+        self.rule = refine.Rule(settings.oracle, settings.threshold, settings.stability, settings.preview_depth)
         self.round = 0
-        self.stopped_by = ""
 
     def _grow_previews(self) -> None:
         texels, settings = self.tracing.texels, self.settings
@@ -139,15 +148,23 @@ class Solver:
 
     def run(self, tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> LightField:
         """Rounds until one of the stop rules holds; `tell` hears of each."""
-        light = self.light()
-        while not self.stopped_by:
-            self._trace_round(self._next_photons(light.error))
-            light = self.light()
-            self.stopped_by = self._stop_reason(light.error, should_stop)
+        error = math.nan
+        while True:
+            self._trace_round(self._next_photons(error))
+            state = self._read_tallies()
+            light = self._light(state)
+            error = light.error
+            light = replace(light, stopped_by=self._stop_reason(error, should_stop))
             tell(self._progress(light))
-            if not self.stopped_by and self.settings.hierarchical:
-                self._refine(light.solution)
-        return self.light()
+            if light.stopped_by:
+                return light
+            if self.settings.hierarchical:
+                self._refine(state)
+
+    def _read_tallies(self) -> _State:
+        totals = tally.accumulate(self.tree, self.tally)
+        solution = tally.solve_tallies(self.tree, totals)
+        return _State(totals, solution, refine.Comparison.of(self.tree, totals, solution, self.rule))
 
     def _trace_round(self, photons: int) -> None:
         view = self.folder / f"view_{self.round}"
@@ -174,44 +191,41 @@ class Solver:
         shared_arrays.remove_struct(view)
         self.round += 1
 
-    def _refine(self, solution: Solution) -> None:
-        settings = self.settings
-        rule = refine.Rule(settings.oracle, settings.threshold, settings.stability, settings.preview_depth)
-        totals = tally.accumulate(self.tree, self.tally)
+    def _refine(self, state: _State) -> None:
+        forced = _any_in_range(self.forced_texels, self.tree) & (self.tree.side > self.settings.finest_texels)
+        background = self._node_direct(self.direct.irradiance)
         while True:  # a split node's children may have previews of their own that tell enough already
-            forced = _any_in_range(self.forced_texels, self.tree) & (self.tree.side > settings.finest_texels)
-            marked = refine.mark(self.tree, totals, solution, rule, forced, self._node_direct(self.direct.irradiance))
+            marked = refine.mark(self.tree, state.totals, state.solution, state.comparison, self.rule, forced, background)
             if not len(marked):
                 break
             self.tree = quadtree.split(self.tree, marked)
         self._grow_previews()
         self.tally.grow(len(self.tree))
 
-    def light(self) -> LightField:
+    def _light(self, state: _State) -> LightField:
         """The light as it stands."""
-        totals = tally.accumulate(self.tree, self.tally)
-        solution = tally.solve_tallies(self.tree, totals)
-        leaves = refine.choose_leaves(self.tree, totals, solution, self.settings.stability)
+        leaves = refine.choose_leaves(self.tree, state.totals, state.comparison, self.settings.stability)
         stated = estimate.state_error(
             self.tree,
-            totals,
-            solution,
+            state.totals,
+            state.solution,
+            state.comparison,
             leaves,
             self._node_direct(self.direct.irradiance),
             self._node_direct(self.direct.variance),
         )
         return LightField(
-            self.tree,
-            solution,
-            leaves,
-            totals.received,
-            stated.correction,
-            self.direct,
-            stated.relative,
-            int(self.tally.photons.sum()),
-            self.round,
-            self.stopped_by,
-            self.ledger,
+            tree=self.tree,
+            solution=state.solution,
+            leaves=leaves,
+            received=state.totals.received,
+            correction=stated.correction,
+            direct=self.direct,
+            error=stated.relative,
+            photons=int(self.tally.photons.sum()),
+            rounds=self.round,
+            stopped_by="",
+            ledger=self.ledger,
         )
 
     def _node_direct(self, per_texel: NDArray[np.float32]) -> NDArray[np.float64]:

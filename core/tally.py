@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from . import basis
 from .quadtree import Quadtree
+from .scene import FloatArray, IntArray
 
 COMPONENTS = 2
 HALVES = 2
@@ -40,10 +41,10 @@ class ShardTally:
 
 
 def deposit(
-    node: NDArray[np.integer],
-    s: NDArray[np.floating],
-    t: NDArray[np.floating],
-    flux: NDArray[np.floating],
+    node: IntArray,
+    s: FloatArray,
+    t: FloatArray,
+    flux: FloatArray,
     is_first: NDArray[np.bool_],
     n_node: int,
     degree: int,
@@ -142,7 +143,7 @@ def accumulate(tree: Quadtree, tally: Tally) -> Totals:
             parent, child = level[child >= 0], child[child >= 0]
             shot[parent] += received[child]
             shot_weight2[:, parent] += weight2[:, child]
-            shot_raw[..., parent] += np.einsum("ij,...jn->...in", transforms[quadrant], raw[..., child])
+            shot_raw[..., parent] += transforms[quadrant] @ raw[..., child]
         received[level] += shot[level]
         weight2[:, level] += shot_weight2[:, level]
         raw[..., level] += shot_raw[..., level]
@@ -170,27 +171,26 @@ class Solution:
 
 def solve_tallies(tree: Quadtree, totals: Totals) -> Solution:
     """Irradiance of every node, late nodes scaled up to all the light their ancestors received."""
-    both = totals.raw.sum(0), totals.shot_raw.sum(0)
     photons = max(int(totals.photons.sum()), 1)
-    coefficient, scale = _scaled_coefficients(tree, *both)
-    flux = np.einsum("bckn,nk->cn", coefficient, tree.moment[:, : coefficient.shape[2]]) / photons
-    halves = np.empty((HALVES, *flux.shape))
-    for half in range(HALVES):
-        half_coefficient, _ = _scaled_coefficients(tree, totals.raw[half], totals.shot_raw[half])
-        moment = tree.moment[:, : coefficient.shape[2]]
-        halves[half] = np.einsum("bckn,nk->cn", half_coefficient, moment) / max(int(totals.photons[half]), 1)
+    raw, shot_raw = totals.raw.sum(0), totals.shot_raw.sum(0)
+    coefficient = _scale_coefficients(tree, raw, shot_raw)
+    moment = tree.moment[:, : raw.shape[2]].T
+    flux = (coefficient * moment).sum((0, 2))
+    seen = raw[:, :, 0].sum(0)
+    scale = np.where(seen > 0.0, np.abs(flux) / np.where(seen > 0.0, seen, 1.0), 0.0)
     area = np.maximum(tree.area, np.finfo(float).tiny)
     variance = totals.weight2 * scale**2 / photons**2 / area**2
-    return Solution(coefficient / photons, halves, flux, variance, scale)
+    halves = [
+        _scale_flux(tree, totals.raw[half, :, :, 0].sum(0), totals.shot_raw[half, :, :, 0].sum(0)) / max(int(totals.photons[half]), 1)
+        for half in range(HALVES)
+    ]
+    return Solution(coefficient / photons, np.array(halves), flux / photons, variance, scale)
 
 
-def _scaled_coefficients(
-    tree: Quadtree, raw: NDArray[np.float64], shot_raw: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Polynomial coefficients (2, 3, K, n) per photon, and the scale of eq. 10 for both components together (3, n)."""
+def _scale_coefficients(tree: Quadtree, raw: NDArray[np.float64], shot_raw: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Polynomial coefficients (2, 3, K, n) per photon."""
     transforms = basis.parent_transforms(tree.degree)
-    project = basis.projector(tree.functions)
-    fitted = np.einsum("nij,bcjn->bcin", project, raw)
+    fitted = basis.apply_matrices(tree.project, raw)
     received, shot = raw[:, :, 0], shot_raw[:, :, 0]
     scale = np.ones(received.shape)
     for level in tree.levels[1:]:
@@ -199,9 +199,20 @@ def _scaled_coefficients(
         ratio = received[:, :, parent] / np.where(seen, shot[:, :, parent], 1.0)
         scale[:, :, level] = np.where(seen, scale[:, :, parent] * ratio, 0.0)
         fitted[..., level] *= scale[:, :, None, level]
-        # A component that reached no child since there are children: the parent's own function holds on.
-        inherited = np.einsum("nji,bcjn->bcin", transforms[tree.quadrant[level]], fitted[..., parent])
-        fitted[..., level] = np.where(seen[:, :, None], fitted[..., level], inherited)
-    flux = np.einsum("bckn,nk->cn", fitted, tree.moment[:, : raw.shape[2]])
-    own = received.sum(0)
-    return fitted, np.where(own > 0.0, np.abs(flux) / np.where(own > 0.0, own, 1.0), 0.0)
+        if not seen.all():
+            # A component that reached no child since there are children: the parent's own function holds on.
+            inherited = basis.apply_matrices(transforms[tree.quadrant[level]].transpose(0, 2, 1), fitted[..., parent])
+            fitted[..., level] = np.where(seen[:, :, None], fitted[..., level], inherited)
+    return fitted
+
+
+def _scale_flux(tree: Quadtree, received: NDArray[np.float64], shot: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Flux (3, n) per photon of every node, from sums (3, n) over the photons it received and shot."""
+    flux = received.copy()
+    area = np.maximum(tree.area, np.finfo(float).tiny)
+    for level in tree.levels[1:]:
+        parent = tree.parent[level]
+        seen = shot[:, parent] > 0.0
+        share = np.where(seen, received[:, level] / np.where(seen, shot[:, parent], 1.0), area[level] / area[parent])
+        flux[:, level] = flux[:, parent] * share
+    return flux

@@ -60,6 +60,7 @@ def _unwrap_solid(
     alone = np.zeros(polygon.max() + 1, bool)
     bad = ~placed | (signed_areas(uv) < _LEAST_STRETCH * area)
     bad[_torn_corners(group, uv, tri_corner)] = True
+    bad[placed] |= _find_overlaps_in_charts(group[placed], uv[placed])
     for _ in range(3):  # out of its chart, then out of its plane; by then nothing can overlap
         if not bad.any():
             break
@@ -90,7 +91,7 @@ def _find_overlaps_in_charts(group: Int64, uv: Float64) -> Bool:
     origin = np.empty_like(side)
     origin[order] = np.stack([along - along[first][shelf], (np.cumsum(height) - height)[shelf]], axis=1)
     spread = uv + (origin - low)[chart][:, None]
-    overlapping = signed_areas(uv) == 0
+    overlapping: Bool = signed_areas(uv) == 0
     overlapping[~overlapping] = find_overlaps(spread[~overlapping] / float(spread.max()))
     return overlapping
 
@@ -188,7 +189,8 @@ def _torn_corners(group: Int64, uv: Float64, tri_corner: IntArray) -> Int64:
 def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon: Int64, tri_corner: IntArray, tried: Bool) -> Float64:
     """Each polygon by itself: quads over their diagonal, which is isometric; others projected onto their plane.
 
-    Triangles of a polygon are consecutive. A polygon that its plane folds, or that was tried in vain, is laid out on a circle.
+    Triangles of a polygon are consecutive. A polygon that its plane folds, or winds twice about a corner, or that was
+    tried in vain, is laid out on a circle.
     """
     _, first, polygon, count = np.unique(polygon, return_index=True, return_inverse=True, return_counts=True)
     polygon = polygon.ravel()
@@ -197,7 +199,7 @@ def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon:
     axis = np.where(length[:, None] > 0, axis / np.where(length > 0, length, 1.0)[:, None], normal[first])
     uv = _project(position - position[first[polygon], :1], axis[polygon])
     folded = np.bincount(polygon, signed_areas(uv) < _LEAST_STRETCH * area) > 0
-    folded |= tried[first]
+    folded |= tried[first] | (np.bincount(polygon, _corner_angles(uv, tri_corner).max(axis=1) > 2.0 * np.pi * (1.0 + 1e-9)) > 0)
     pair = first[count == 2]
     hinged = _unfold_pairs(position, tri_corner, pair, uv)
     folded[polygon[hinged]] = False
@@ -205,6 +207,16 @@ def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon:
         rows = slice(start, start + n_tri)
         uv[rows] = _lay_on_circle(position[rows], tri_corner[rows], float(area[rows].sum()))
     return uv
+
+
+def _corner_angles(uv: Float64, tri_corner: IntArray) -> Float64:
+    """(n, 3) float64, rad: all that triangles take up together about each corner."""
+    after, before = np.roll(uv, -1, axis=1) - uv, np.roll(uv, 1, axis=1) - uv
+    cross = after[..., 0] * before[..., 1] - after[..., 1] * before[..., 0]
+    angle = np.arctan2(np.abs(cross), (after * before).sum(axis=2))
+    corner = np.unique(tri_corner, return_inverse=True)[1].ravel()
+    total: Float64 = np.bincount(corner, angle.ravel())[corner].reshape(tri_corner.shape)
+    return total
 
 
 def _unfold_pairs(position: Float64, tri_corner: IntArray, first: Int64, uv: Float64) -> Int64:

@@ -141,6 +141,12 @@ def test_a_point_in_the_centre_lights_six_faces_alike():
     assert np.abs(_face_share((0.01, 0, 0)) - 1 / 6).max() > band  # 3 % more on one face is seen
 
 
+def test_births_go_on_from_batch_to_batch():
+    assert N > photons.BATCH
+    hits = _trace(_build(_snapshot(_cube()), _white_lamp()), max_depth=1)
+    assert len(np.unique(np.stack([hits.tri, hits.u, hits.v]), axis=1).T) > 0.99 * N
+
+
 def test_scattered_light_is_cosine_distributed():
     # from the middle of the floor to the ceiling of a cube; view factor of an element to a parallel rectangle at its corner, four times
     a = 0.5 / math.sqrt(1.25)
@@ -168,6 +174,15 @@ def test_objects_without_a_lightmap_scatter_but_get_nothing():
     two = _snapshot(_cube(), tri_object=np.repeat(np.int32([0, 1]), 6), objects=(SceneObject("Room"), SceneObject("Extra", receives=False)))
     hits, all_hits = _trace(_build(two, _white_lamp())), _trace(_build(_snapshot(_cube()), _white_lamp()))
     np.testing.assert_array_equal(hits.tri, all_hits.tri[all_hits.tri < 6])
+
+
+def test_objects_without_shadow_let_light_through():
+    pane = np.array([[[-0.5, -0.5, 0.2], [0.5, -0.5, 0.2], [0.0, 0.5, 0.2]]])
+    objects = SceneObject("Room"), SceneObject("Pane", receives=False, casts_shadow=False)
+    with_pane = _snapshot(np.concatenate([pane, _cube()]), tri_object=np.int32([1] + [0] * 12), objects=objects)
+    hits, bare = _trace(_build(with_pane, _white_lamp())), _trace(_build(_snapshot(_cube()), _white_lamp()))
+    assert hits.counters == bare.counters
+    np.testing.assert_array_equal(hits.tri, bare.tri + 1)
 
 
 def test_skipped_first_hits_change_nothing_else():

@@ -13,7 +13,15 @@ def rule(oracle="significance", threshold=0.05, stability=16, preview_depth=2):
 def marks(bake, the_rule, forced=None):
     forced = np.zeros(len(bake.tree), bool) if forced is None else forced
     background = np.zeros((3, len(bake.tree)))
-    return refine.mark(bake.tree, bake.totals(), bake.solution(), the_rule, forced, background)
+    totals, solution = bake.totals(), bake.solution()
+    comparison = refine.Comparison.of(bake.tree, totals, solution, the_rule)
+    return refine.mark(bake.tree, totals, solution, comparison, the_rule, forced, background)
+
+
+def shown(bake):
+    totals = bake.totals()
+    comparison = refine.Comparison.of(bake.tree, totals, bake.solution(), rule())
+    return refine.choose_leaves(bake.tree, totals, comparison, 16)
 
 
 def refined(photons, sampler, rounds=8, **kwargs):
@@ -117,7 +125,7 @@ def test_a_pattern_that_repeats_in_each_quadrant_is_seen_at_the_second_depth():
 
 def test_shown_leaves_tile_and_are_fewest_where_light_is_even():
     bake = refined(200_000, half_lit, degree=1, side=32)
-    leaves = refine.choose_leaves(bake.tree, bake.totals(), bake.solution(), 16)
+    leaves = shown(bake)
     quadtree.node_of_texel(bake.tree, leaves, len(bake.keys))
     dark = bake.tree.origin[leaves, 0] >= 16
     assert (bake.tree.side[leaves[dark]] == 16).all()  # unlit half: as large as the root's split allows
@@ -128,4 +136,4 @@ def test_pruning_takes_back_a_split_that_only_noise_asked_for():
     bake.tree = quadtree.split(bake.tree, np.array([0]))
     bake.grow()
     bake.throw(*np.random.default_rng(1).random((2, 5000)))
-    assert refine.choose_leaves(bake.tree, bake.totals(), bake.solution(), 16).tolist() == [0]
+    assert shown(bake).tolist() == [0]

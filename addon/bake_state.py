@@ -1,0 +1,169 @@
+"""The bake that runs, or the last one, as operators drive it and the panel shows it; no bpy here."""
+
+from __future__ import annotations
+
+import math
+import queue
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from ..core.messages import Done, Error, Message, Progress, Status, Warning_
+
+
+class Process(Protocol):
+    """What a bake's state needs of job.BakeProcess."""
+
+    def messages(self) -> Iterator[Message]: ...
+    def cancel(self) -> None: ...
+    def kill(self) -> None: ...
+
+
+@dataclass
+class BakeState:
+    """One bake: begin, then drain or wait until it gives how the bake ended, then end.
+
+    stopping    the best so far was asked for
+    discarded   the child was killed at the user's wish: that is no error
+    notice      what the user has to do before the result can be shown, "" nothing
+    result      the core's result file, once it is on the objects; `seconds` is then the whole bake's
+    """
+
+    stage: str = ""
+    progress: Progress | None = None
+    fraction: float = 0.0
+    stopping: bool = False
+    discarded: bool = False
+    notice: str = ""
+    error: str = ""
+    warnings: list[tuple[str, str]] = field(default_factory=list)
+    result: dict[str, Any] | None = None
+    seconds: float = 0.0
+    _began: float = 0.0
+    _process: Process | None = None
+    _queue: queue.SimpleQueue[Message] = field(default_factory=queue.SimpleQueue)
+
+    @property
+    def running(self) -> bool:
+        """Whether a bake is under way, from its start until its result is on the objects."""
+        return self._process is not None
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the bake began."""
+        return time.monotonic() - self._began
+
+    def clear(self) -> None:
+        """Forget the last bake; one that runs is killed."""
+        self.discard()
+        self.__init__()  # type: ignore[misc]  # the panel and the operators hold this very object
+
+    def begin(self, process: Process, began: float, warnings: list[tuple[str, str]]) -> None:
+        """Listen to a process that has just been started; `began` is a time.monotonic()."""
+        self.clear()
+        self.stage, self._began, self._process = "Starting", began, process
+        self.warnings = list(warnings)
+        threading.Thread(target=_listen, args=(process, self._queue), daemon=True).start()
+
+    def fail(self, error: str) -> None:
+        """A bake that could not even begin."""
+        self.clear()
+        self.error = error
+
+    def drain(self) -> Done | Error | None:
+        """Hear all messages that have come; gives the last one of the bake when it was among them."""
+        while not self._queue.empty():
+            ended = self._hear(self._queue.get())
+            if ended:
+                return ended
+        return None
+
+    def wait(self) -> Done | Error:
+        """Hear messages until the bake has ended."""
+        while True:
+            ended = self._hear(self._queue.get())
+            if ended:
+                return ended
+
+    def cancel(self) -> None:
+        """Ask for the best so far."""
+        if self._process is not None and not self.stopping:
+            self.stopping = True
+            self._process.cancel()
+
+    def discard(self) -> None:
+        """End the bake at once, without a result."""
+        if self._process is not None:
+            self.discarded = True
+            self._process.kill()
+
+    def end(self, error: str = "", result: dict[str, Any] | None = None) -> None:
+        """The bake is over; its folder is no longer needed."""
+        self.error, self.result, self.seconds = error, result, self.elapsed
+        self.notice, self._process = "", None
+
+    def _hear(self, message: Message) -> Done | Error | None:
+        match message:
+            case Status(text=text):
+                self.stage = text
+            case Progress():
+                self.progress = message
+                self.fraction = max(self.fraction, message.fraction)  # a new stage of refinement may know better and fall back
+            case Warning_(subject, text):
+                self.warnings.append((subject, text))
+            case Done() | Error():
+                return message
+        return None
+
+    def describe(self) -> tuple[str, str]:
+        """Text for the progress bar, and a line below it."""
+        if self.notice:
+            return "100%", self.notice
+        progress, stage = self.progress, "Finishing with the best so far" if self.stopping else self.stage
+        if progress is None:
+            return f"{self.elapsed:.0f} s", stage
+        bar = f"{self.fraction:.0%}"
+        if math.isfinite(progress.seconds_left) and not self.stopping and self.fraction < 1.0:
+            bar += f", {describe_seconds(progress.seconds_left)} left"
+        line = f"{stage}: {describe_count(progress.photons)}"
+        return bar, line + (f", error {progress.estimated_error:.1%}" if math.isfinite(progress.estimated_error) else "")
+
+    def summarize(self) -> list[str]:
+        """Lines about the last result; empty without one."""
+        result = self.result
+        if result is None:
+            return []
+        why = result["stopped_by"]
+        lines = [f"{'Stopped early' if why == 'interrupted' else 'Baked'} after {describe_seconds(self.seconds)}"]
+        lines.append(f"Error {result['estimated_error']:.1%}" + _REASONS.get(why, ""))
+        lines.append(f"{result['leaves']:,} leaves, {describe_count(result['photons'])} photons")
+        pages, size = result["pages"], result["page_size"]
+        lines.append(f"{pages} page{'s' if pages > 1 else ''} of {size} x {size} texels")
+        return lines
+
+
+_REASONS = {"max_photons": ", stopped at Max Photons", "time_limit": ", stopped at Time Limit", "interrupted": ", stopped by you"}
+
+
+def describe_count(count: int) -> str:
+    """A number of photons for a narrow panel."""
+    return f"{count / 1e6:.2f} M" if count >= 1e5 else f"{count:,}"
+
+
+def describe_seconds(seconds: float) -> str:
+    """A duration for a person."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest:02d} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def _listen(process: Process, heard: queue.SimpleQueue[Message]) -> None:
+    try:
+        for message in process.messages():
+            heard.put(message)
+    except (ValueError, OSError) as reason:  # a line that is no message, or a pipe that broke: nothing to wait for any more
+        process.kill()
+        heard.put(Error(f"The baking process cannot be understood ({reason}): this is a fault of Leaflight's, please report it."))

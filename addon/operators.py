@@ -1,0 +1,229 @@
+"""Bake, stop, show and remove, as Blender's operators."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..core.messages import Done, Error
+from . import restore, session
+from .bake_state import BakeState
+from .cli import library_paths
+from .job import BakeProcess
+from .request import make_request
+
+_TIMER_SECONDS = 0.1
+_HINT = "Esc: stop and keep the best so far"
+
+
+def get_state(context: bpy.types.Context) -> BakeState:
+    """The bake of this Blender (see `register`)."""
+    state: BakeState = context.window_manager.leaflight_state
+    return state
+
+
+@bpy.app.handlers.persistent
+def forget_last_bake(*_: Any) -> None:
+    """The panel must not tell of another file's bake."""
+    get_state(bpy.context).clear()
+
+
+class LEAFLIGHT_OT_bake(bpy.types.Operator):
+    """Bakes beside Blender with a window; without one, or from a script, until it is done."""
+
+    bl_idname = "leaflight.bake"
+    bl_label = "Bake"
+    bl_description = "Bake the light of the scene to textures and show them on the objects"
+    bl_options = frozenset({"UNDO"})  # not REGISTER: changing an operator's settings afterwards would bake again
+
+    _folder: tempfile.TemporaryDirectory[str] | None = None
+    _timer: Any = None
+    _shown: tuple[str, str] = ("", "")
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if get_state(context).running:
+            cls.poll_message_set("A bake is running")
+            return False
+        return _is_out_of_edit_mode(cls, context)
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        if context.window is None:
+            return self.execute(context)
+        if not self._start(context):
+            return {"CANCELLED"}
+        self._timer = context.window_manager.event_timer_add(_TIMER_SECONDS, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        state = get_state(context)
+        if event.type == "ESC" and event.value == "PRESS" and not state.stopping:
+            state.cancel()
+            return {"RUNNING_MODAL"}
+        if event.type != "TIMER":
+            return {"PASS_THROUGH"}
+        self._ended = self._ended or state.drain()
+        if isinstance(self._ended, Done) and context.mode.startswith("EDIT") and not state.discarded:
+            state.notice = "Leave Edit Mode to see the bake"
+        elif self._ended:
+            return self._finish(context, self._ended)
+        self._show(context)
+        return {"PASS_THROUGH"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        if not self._start(context):
+            return {"CANCELLED"}
+        return self._finish(context, get_state(context).wait())
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Blender quits or opens a file."""
+        get_state(context).clear()
+        self._clean_up(context)
+
+    def _start(self, context: bpy.types.Context) -> bool:
+        state, began = get_state(context), time.monotonic()
+        self._ended: Done | Error | None = None
+        self._folder = tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True)
+        folder = Path(self._folder.name)
+        try:
+            self._session = session.prepare(context, make_request(context), folder)
+            process = BakeProcess(folder, tuple(bpy.app.python_args), library_paths())
+        except (ValueError, OSError) as reason:
+            state.fail(str(reason))
+            self.report({"ERROR"}, str(reason))
+            self._clean_up(context)
+            return False
+        # Undo and opening a file make references invalid: only names and numbers are kept.
+        self._scene_uid, self._view_layer = context.scene.session_uid, context.view_layer.name
+        state.begin(process, began, list(self._session.export.warnings))
+        return True
+
+    def _finish(self, context: bpy.types.Context, ended: Done | Error) -> set[str]:
+        state = get_state(context)
+        error, result = "", None
+        if isinstance(ended, Error):
+            error = "" if state.discarded else ended.text
+        elif not state.discarded:
+            try:
+                result = session.read_result(self._session)
+                with self._bake_scene(context):
+                    state.warnings += session.assign(bpy.context, self._session, result)
+            except (ValueError, OSError) as reason:
+                error, result = str(reason), None
+        state.end(error, result)
+        self._clean_up(context)
+        if error:
+            self.report({"ERROR"}, error)
+        if result is None:
+            return {"CANCELLED"}
+        lines, count = state.summarize(), len(state.warnings)
+        told = f"; {count} warning{'s' if count > 1 else ''} in the panel" if count else ""
+        self.report({"WARNING"} if count else {"INFO"}, f"{lines[0]}, {lines[1].lower()}{told}")
+        return {"FINISHED"}
+
+    @contextmanager
+    def _bake_scene(self, context: bpy.types.Context) -> Iterator[None]:
+        """The scene that was baked, whichever is shown now."""
+        scene = next((scene for scene in bpy.data.scenes if scene.session_uid == self._scene_uid), None)
+        if scene is None:
+            raise ValueError("the scene was deleted during the bake; the images are in the output folder.")
+        if scene == context.scene:
+            yield
+            return
+        view_layer = scene.view_layers.get(self._view_layer) or scene.view_layers[0]
+        with context.temp_override(scene=scene, view_layer=view_layer):
+            yield
+
+    def _show(self, context: bpy.types.Context) -> None:
+        shown = get_state(context).describe()
+        if shown != self._shown:
+            self._shown = shown
+            context.workspace.status_text_set(f"Leaflight  {shown[0]}  {shown[1]}    {_HINT}")
+            _redraw_panels(context)
+
+    def _clean_up(self, context: bpy.types.Context) -> None:
+        if self._timer is not None:
+            context.window_manager.event_timer_remove(self._timer)
+            self._timer = None
+            for workspace in bpy.data.workspaces:  # each has a text of its own, and the user may have changed it meanwhile
+                with context.temp_override(workspace=workspace):
+                    workspace.status_text_set(None)
+        if self._folder is not None:
+            self._folder.cleanup()
+            self._folder = None
+        _redraw_panels(context)
+
+
+class LEAFLIGHT_OT_stop(bpy.types.Operator):
+    bl_idname = "leaflight.stop"
+    bl_label = "Stop"
+    bl_description = "Stop the bake and keep the best so far; once more, throw it away"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return get_state(context).running
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        state = get_state(context)
+        if state.stopping or state.notice:
+            state.discard()
+        else:
+            state.cancel()
+        return {"FINISHED"}
+
+
+class LEAFLIGHT_OT_toggle_preview(bpy.types.Operator):
+    bl_idname = "leaflight.toggle_preview"
+    bl_label = "Preview"
+    bl_description = "Switch between the baked and the original materials"
+    bl_options = frozenset({"REGISTER", "UNDO"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return restore.has_bake(context.scene) and _is_out_of_edit_mode(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        scene = context.scene
+        for _, sentence in restore.toggle_preview(scene, not restore.is_preview_on(scene)):
+            self.report({"WARNING"}, sentence)
+        return {"FINISHED"}
+
+
+class LEAFLIGHT_OT_remove(bpy.types.Operator):
+    bl_idname = "leaflight.remove"
+    bl_label = "Remove"
+    bl_description = "Take the bake off the scene and put everything back as it was; the image files stay"
+    bl_options = frozenset({"REGISTER", "UNDO"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return restore.has_bake(context.scene) and not get_state(context).running and _is_out_of_edit_mode(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        restore.remove_bake(context.scene)
+        get_state(context).clear()
+        return {"FINISHED"}
+
+
+def _is_out_of_edit_mode(operator: Any, context: bpy.types.Context) -> bool:
+    if context.mode.startswith("EDIT"):
+        operator.poll_message_set("Leave Edit Mode first")
+        return False
+    return True
+
+
+def _redraw_panels(context: bpy.types.Context) -> None:
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
+
+
+CLASSES = (LEAFLIGHT_OT_bake, LEAFLIGHT_OT_stop, LEAFLIGHT_OT_toggle_preview, LEAFLIGHT_OT_remove)

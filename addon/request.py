@@ -1,0 +1,52 @@
+"""What a press of the Bake button asks for, from the panel's properties."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from .arguments import BakeRequest
+from .baked_copies import SOURCE
+from .properties import make_settings
+from .render_levels import find_render_objects
+
+
+def make_request(context: bpy.types.Context) -> BakeRequest:
+    """The bake of the open scene that stands in the panel.
+
+    Raises ValueError with a sentence where that cannot be baked.
+    """
+    properties = context.scene.leaflight
+    error = find_output_error(properties.output)
+    if error:
+        raise ValueError(error)
+    chosen = properties.objects == "SELECTED"
+    names = list_objects(context)
+    if chosen and not names:
+        raise ValueError("no mesh is selected: select some, or choose All in the panel.")
+    return BakeRequest(
+        settings=make_settings(properties),
+        objects=tuple(names) if chosen else (),
+        uv_layer=properties.uv_layer,
+        output=Path(bpy.path.abspath(properties.output)),
+    )
+
+
+def list_objects(context: bpy.types.Context) -> list[str]:
+    """Names of the objects that would get a lightmap."""
+    if context.scene.leaflight.objects == "SELECTED":
+        # A baked copy that was clicked on stands for the object hidden behind it.
+        found = [obj.get(SOURCE) or obj for obj in context.view_layer.objects.selected]
+    else:
+        found = find_render_objects(context.view_layer)
+    return sorted({obj.name for obj in found if obj.type == "MESH" or (obj.instance_type == "COLLECTION" and obj.instance_collection)})
+
+
+def find_output_error(output: str) -> str:
+    """A sentence why nothing can be written to the folder, or ""."""
+    if not output.strip():
+        return "no output folder is chosen: choose one in the panel."
+    if output.startswith("//") and not bpy.data.filepath:
+        return f"{output}: is beside the .blend, which is not saved yet; save it, or choose another output folder."
+    return ""
