@@ -88,7 +88,7 @@ def _list_uv_layers(properties: Any, context: Any, text: str) -> list[str]:
     return sorted({layer.name for mesh in meshes for layer in mesh.uv_layers if text.lower() in layer.name.lower()})
 
 
-_KNOBS = {knob.name: _make_property(knob) for knob in dataclasses.fields(Settings)}
+_KNOBS = {knob.name: _make_property(knob) for knob in dataclasses.fields(Settings) if knob.name != "passes"}
 _PASSES = next(knob for knob in dataclasses.fields(Settings) if knob.name == "passes")
 _PASS_ITEMS = [(choice, describe_choice(choice), "") for choice in _PASSES.metadata["choices"]]
 _QUALITY_ITEMS = [
@@ -119,7 +119,11 @@ _BLENDER_ONLY = {
         name="UV Layer", description="Use this UV layer as it is; empty: unwrap into a layer of Leaflight's own", search=_list_uv_layers
     ),
     "output": bpy.props.StringProperty(
-        name="Output", description="Folder of the images; // is the folder of the .blend", default="//lightmaps", subtype="DIR_PATH"
+        name="Output",
+        description="Folder of the images; // is the folder of the .blend",
+        default="//lightmaps",
+        subtype="DIR_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
     ),
 }
 

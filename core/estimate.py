@@ -19,6 +19,8 @@ from .tally import Solution, Totals
 
 # Brightness below this share of the mean is judged against that share: else one black texel would decide the whole.
 DARK_FLOOR = 0.1
+# The worst texels are left out: on a hard edge of light, whether a texel is its centre or its mean decides its error.
+BEST_TEXELS = 0.99
 # The halves of few leaves say little about noise; the prior says "as independent photons" with this many values' weight.
 _PRIOR_VALUES = 64.0
 
@@ -45,7 +47,7 @@ def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> flo
 class StatedError:
     """What the bake says of itself.
 
-    relative     error of the whole: root mean square over texels and channels, relative to local brightness
+    relative     error of the whole: root mean square over the best texels and channels, relative to local brightness
     correction   of noise_correction
     bias2        (n,) float64, (W/m^2)^2: mean square of light the nodes cannot hold, a channel; noise can
                  make one negative, their sum tells; 0 elsewhere
@@ -80,7 +82,19 @@ def state_error(
     mean = (brightness * texels).sum() / max(3.0 * texels.sum(), 1.0)
     noise2 = solution.variance[:, nodes] * tree.rank[nodes] * correction + background_variance[:, nodes]
     scale2 = brightness**2 + (DARK_FLOOR * mean) ** 2
-    share = np.divide(texels, scale2, out=np.zeros_like(scale2), where=scale2 > 0.0) / max(3.0 * texels.sum(), 1.0)
+    weight = np.divide(1.0, scale2, out=np.zeros_like(scale2), where=scale2 > 0.0)
+    noise, bias = (noise2 * weight).mean(0), (bias2[nodes] * weight).mean(0)
+    best = _best_share(np.maximum(noise + bias, 0.0), texels)
     # A bias is told only in sum, and a sum below zero is noise: it must not hide the noise that is there.
-    relative = float(np.sqrt((noise2 * share).sum() + max((bias2[nodes] * share).sum(), 0.0)))
+    square = (noise * best).sum() + max(float((bias * best).sum()), 0.0)
+    relative = float(np.sqrt(square / max(best.sum(), 1.0)))
     return StatedError(relative if totals.photons.sum() else float("nan"), correction, bias2)
+
+
+def _best_share(error: NDArray[np.float64], texels: NDArray[np.integer]) -> NDArray[np.float64]:
+    """(m,) float64: how many texels of each node are among the BEST_TEXELS of all, by their error."""
+    order = np.argsort(error, kind="stable")
+    end = np.cumsum(texels[order])
+    kept = np.empty(len(texels))
+    kept[order] = np.clip(BEST_TEXELS * texels.sum() - (end - texels[order]), 0.0, texels[order])
+    return kept

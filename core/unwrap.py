@@ -202,6 +202,7 @@ def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon:
     folded |= tried[first] | (np.bincount(polygon, _corner_angles(uv, tri_corner).max(axis=1) > 2.0 * np.pi * (1.0 + 1e-9)) > 0)
     pair = first[count == 2]
     hinged = _unfold_pairs(position, tri_corner, pair, uv)
+    folded[polygon[pair]] = True  # what is left of a polygon whose middle had no area
     folded[polygon[hinged]] = False
     for start, n_tri in zip(first[folded], count[folded], strict=True):
         rows = slice(start, start + n_tri)

@@ -1,0 +1,67 @@
+"""Small rooms and whole solves of them, without Blender and without image files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from leaflight.core import basis, charts, shared_arrays, solve, texels, workers
+from leaflight.core.job import SNAPSHOT_FILE
+from leaflight.core.scene import Light, Material, SceneSnapshot
+from leaflight.core.settings import Settings
+from leaflight.core.snapshot import save_snapshot
+from leaflight.core.texel_map import TexelMap
+from scenes import Mesh, box_mesh, make_scene, quad_mesh
+
+
+def room_mesh(name: str = "Room", size_m: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Mesh:
+    """A box whose six quads face inwards."""
+    box = box_mesh(name, size_m)
+    return replace(box, polygons=[polygon[::-1] for polygon in box.polygons])
+
+
+def furnace_scene(rho: float, radiance: float = 1.0) -> SceneSnapshot:
+    """A closed room whose walls all reflect and glow alike: E = pi e (1 + rho + rho^2 ...) = pi e / (1 - rho) everywhere."""
+    return make_scene([room_mesh()], materials=[Material("Wall", (rho,) * 3, emission_rgb=(radiance,) * 3)])
+
+
+def lamp_scene(rho: float = 0.5) -> SceneSnapshot:
+    """A floor with a block on it, under a lamp; light escapes."""
+    floor = replace(quad_mesh("Floor"), vertex=quad_mesh().vertex - [0.5, 0.5, 0.0])
+    block = box_mesh("Block", (0.2, 0.2, 0.3), (0.1, 0.0, 0.15))
+    lamp = Light("POINT", "Lamp", (-0.2, 0.1, 0.8), power_rgb=(10.0, 5.0, 2.5), radius_m=0.02)
+    return make_scene([floor, block], [lamp], [Material("Grey", (rho,) * 3)])
+
+
+def prepare_folder(folder: Path, scene: SceneSnapshot, settings: Settings) -> tuple[charts.ChartAtlas, TexelMap]:
+    """What bake.run_bake puts into a folder before light is sought."""
+    save_snapshot(folder / SNAPSHOT_FILE, scene)
+    atlas = charts.make_charts(scene, settings)
+    texel_map = texels.build_texel_map(scene, atlas, 2 * basis.DEGREES[settings.basis])
+    shared_arrays.save_struct(folder / workers.TEXELS_FOLDER, texel_map)
+    return atlas, texel_map
+
+
+def make_solver(
+    folder: Path, scene: SceneSnapshot, settings: Settings, executor: Executor | None = None, forced: np.ndarray | None = None
+) -> solve.Solver:
+    """A solver in an empty folder, direct light found already."""
+    executor = executor or workers.InlineExecutor()
+    n_texel = len(prepare_folder(folder, scene, settings)[1].texel_area)
+    by_rays = settings.direct == "rays"
+    direct = solve.light_directly(folder, settings, executor, n_texel) if by_rays else solve.DirectField.none(n_texel)
+    return solve.Solver(folder, settings, executor, direct, np.zeros(n_texel, bool) if forced is None else forced)
+
+
+def solve_scene(
+    folder: Path,
+    scene: SceneSnapshot,
+    settings: Settings,
+    executor: Executor | None = None,
+    should_stop: Callable[[], bool] = lambda: False,
+) -> solve.LightField:
+    """The light of a scene."""
+    return make_solver(folder, scene, settings, executor).run(lambda message: None, should_stop)

@@ -1,0 +1,181 @@
+import time
+
+import numpy as np
+import pytest
+from leaflight.core.charts import make_charts
+from leaflight.core.geometry import triangle_normals_areas
+from leaflight.core.layer_check import signed_areas
+from leaflight.core.settings import Settings
+from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, quad_mesh, sphere_mesh
+from texel_gaps import check_gaps
+
+FULL_PAGE = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+
+
+def mixed_meshes():
+    return [
+        box_mesh("Box", (0.4, 0.8, 0.2)),
+        Mesh("Shade", quad_mesh().vertex, quad_mesh().polygons, receives=False),
+        moved(sphere_mesh("Ball", rings=8, segments=12), (1e3, 0, 0), 0.3),
+        grid_mesh("Cloth", cells=6, noise=0.6, edge_m=0.2),
+        Mesh("Nothing", np.zeros((0, 3)), []),
+        quad_mesh("Painted", uv=FULL_PAGE),
+    ]
+
+
+def check_atlas(scene, atlas, padding):
+    """What an atlas promises of any scene."""
+    count = len(atlas.chart_page)
+    used = atlas.tri_chart >= 0
+    area = triangle_normals_areas(scene.tri_position)[1]
+    receives = np.array([one.receives for one in scene.objects], bool)
+    np.testing.assert_array_equal(used, (area > 0) & receives[scene.tri_object])
+    assert not atlas.tri_uv[~used].any()
+    assert set(atlas.tri_chart[used]) == set(range(count))
+    np.testing.assert_array_equal(atlas.chart_object[atlas.tri_chart[used]], scene.tri_object[used])
+    np.testing.assert_array_equal(atlas.chart_page, atlas.object_page[atlas.chart_object])
+    assert set(atlas.object_page[atlas.object_page >= 0]) == set(range(atlas.page_count))
+    for one in range(len(scene.objects)):
+        rows = used & (scene.tri_object == one)
+        corners = scene.tri_corner[rows].ravel()
+        points = atlas.tri_uv[rows].reshape(-1, 2)
+        assert len(np.unique(np.column_stack([corners, points]), axis=0)) == len(np.unique(corners)), "a corner has two UVs"
+    for page in range(atlas.page_count):
+        rows = np.flatnonzero(used)[atlas.chart_page[atlas.tri_chart[used]] == page]
+        if not any(scene.objects[k].has_layer for k in scene.tri_object[rows]):
+            check_gaps(atlas.tri_uv[rows], atlas.tri_chart[rows], atlas.page_size, padding)
+
+
+def densities(scene, atlas):
+    """Texels per metre of each object, nan without charts."""
+    used, count = atlas.tri_chart >= 0, len(scene.objects)
+    area = np.bincount(scene.tri_object[used], triangle_normals_areas(scene.tri_position[used])[1], count)
+    texels = np.bincount(scene.tri_object[used], np.abs(signed_areas(atlas.tri_uv[used])), count)
+    return np.sqrt(np.divide(texels, area, out=np.full(count, np.nan), where=area > 0))
+
+
+@pytest.mark.parametrize("options", [{}, {"density": 60.0}, {"atlas": False}, {"atlas": False, "density": 40.0}, {"padding": 1}])
+def test_atlas_keeps_its_promises(options):
+    scene = make_scene(mixed_meshes())
+    settings = Settings(size=128, **options)
+    atlas = make_charts(scene, settings)
+    check_atlas(scene, atlas, settings.padding)
+    assert atlas.object_page[[1, 4]].tolist() == [-1, -1]
+    assert [subject for subject, _ in atlas.warnings if subject == "Nothing"] == ["Nothing"]
+
+
+def test_only_a_size_makes_one_page_of_one_density():
+    scene = make_scene([m for m in mixed_meshes() if m.name != "Painted"])
+    atlas = make_charts(scene, Settings(size=256))
+    assert atlas.page_count == 1
+    found = densities(scene, atlas)[[0, 2, 3]]
+    np.testing.assert_allclose(found, found[0], rtol=1e-3)
+    covered = np.abs(signed_areas(atlas.tri_uv)).sum()
+    assert covered > 0.3 * 256**2
+
+
+def test_density_is_exact_and_fills_pages_with_whole_objects():
+    rng = np.random.default_rng(4)
+    scene = make_scene([box_mesh(f"Box {k}", rng.uniform(0.1, 1.0, 3)) for k in range(30)])
+    atlas = make_charts(scene, Settings(size=256, density=60.0))
+    check_atlas(scene, atlas, 4)
+    np.testing.assert_allclose(densities(scene, atlas), 60.0, rtol=1e-9)
+    covered = np.abs(signed_areas(atlas.tri_uv)).sum()
+    assert 1 < atlas.page_count < covered / (0.5 * 256**2) + 1
+    assert not atlas.warnings
+
+
+@pytest.mark.parametrize("atlas_mode", [True, False])
+def test_object_too_large_for_its_density_is_named_and_baked_less_dense(atlas_mode):
+    scene = make_scene([box_mesh("Hall", (9, 9, 9)), box_mesh("Cup", (0.1, 0.1, 0.1))])
+    atlas = make_charts(scene, Settings(size=128, density=50.0, atlas=atlas_mode))
+    check_atlas(scene, atlas, 4)
+    hall, cup = densities(scene, atlas)
+    assert hall < 10
+    assert cup == pytest.approx(50.0)
+    ((subject, sentence),) = atlas.warnings
+    assert subject == "Hall"
+    assert sentence.startswith("Hall: does not fit a page of 128 texels at 50 texels per metre and is baked at ")
+
+
+def test_huge_density_is_no_trouble():
+    scene = make_scene([box_mesh("A", (1e4, 1e4, 1e4)), box_mesh("B")])
+    atlas = make_charts(scene, Settings(size=64, density=1e6))
+    assert atlas.page_count == 2
+    assert len(atlas.warnings) == 2
+
+
+def test_per_object_pages_are_filled():
+    scene = make_scene([quad_mesh("Small", 0.1, 0.1), quad_mesh("Large", 50, 50)])
+    atlas = make_charts(scene, Settings(size=64, atlas=False))
+    assert atlas.object_page.tolist() == [0, 1]
+    np.testing.assert_allclose(densities(scene, atlas), [560.0, 1.12])
+
+
+def test_existing_layer_is_kept_as_it_is():
+    uv = np.array([[0.25, 0.25], [0.75, 0.25], [0.75, 0.5], [0.25, 0.5]])
+    scene = make_scene([box_mesh(), quad_mesh("Painted", uv=uv)])
+    atlas = make_charts(scene, Settings(size=64))
+    assert atlas.object_page.tolist() == [0, 1]
+    np.testing.assert_array_equal(atlas.tri_uv[-2:], uv[[[0, 1, 2], [0, 2, 3]]] * 64)
+    assert atlas.tri_chart[-2] == atlas.tri_chart[-1] >= 0
+    assert not atlas.warnings
+
+
+def test_faulty_layer_is_told_and_baked_where_it_can_be():
+    grid = grid_mesh("Table", cells=4)
+    uv = [grid.vertex[polygon][:, :2] / 4 for polygon in grid.polygons]
+    uv[3] = uv[3] + 2.0
+    uv[5] = uv[6]
+    scene = make_scene([Mesh("Table", grid.vertex, grid.polygons, uv)])
+    atlas = make_charts(scene, Settings(size=64))
+    assert np.flatnonzero(atlas.tri_chart < 0).tolist() == [6, 7]
+    assert [subject for subject, _ in atlas.warnings] == ["Table", "Table"]
+    assert [sentence.split(" the ")[0] for _, sentence in atlas.warnings] == [
+        "Table: 1 face outside",
+        "Table: 2 faces overlapping others in",
+    ]
+
+
+def test_layer_that_cannot_be_used_at_all_leaves_the_object_out():
+    scene = make_scene([quad_mesh("Unwrapped", uv=np.zeros((4, 2)))])
+    atlas = make_charts(scene, Settings(size=64))
+    assert atlas.page_count == 0
+    assert atlas.object_page.tolist() == [-1]
+    assert [sentence.split(" an area")[0] for _, sentence in atlas.warnings] == [
+        "Unwrapped: 1 face without",
+        "Unwrapped: no face can be baked, so it gets no lightmap; give it faces with",
+    ]
+
+
+@pytest.mark.parametrize("meshes", [[], [Mesh("Shade", quad_mesh().vertex, quad_mesh().polygons, receives=False)]])
+def test_nothing_that_receives_makes_an_empty_atlas(meshes):
+    atlas = make_charts(make_scene(meshes), Settings())
+    assert (atlas.page_count, len(atlas.chart_page), len(atlas.warnings)) == (0, 0, 0)
+
+
+def test_page_too_small_for_the_charts():
+    loose = Mesh("Loose", np.random.default_rng(1).normal(size=(300, 3)), np.arange(300).reshape(-1, 3).tolist())
+    with pytest.raises(ValueError, match=r"The 100 charts of Loose do not fit a page of 16 texels: raise --size or lower --padding"):
+        make_charts(make_scene([loose]), Settings(size=16))
+    with pytest.raises(ValueError, match=r"The 106 charts of 2 objects do not fit"):
+        make_charts(make_scene([loose, box_mesh()]), Settings(size=16))
+
+
+def test_charts_below_a_texel_are_told():
+    atlas = make_charts(make_scene([moved(sphere_mesh("Grit"), scale=1e-3), quad_mesh("Floor", 10, 10)]), Settings(size=64))
+    assert [subject for subject, _ in atlas.warnings] == ["Grit"]
+
+
+def test_same_scene_same_atlas():
+    scene = make_scene(mixed_meshes())
+    one, other = (make_charts(scene, Settings(size=128)) for _ in range(2))
+    np.testing.assert_array_equal(one.tri_uv, other.tri_uv)
+    np.testing.assert_array_equal(one.tri_chart, other.tri_chart)
+
+
+def test_ten_thousand_triangles_take_seconds():
+    scene = make_scene([sphere_mesh(rings=72, segments=72)])
+    start = time.process_time()
+    make_charts(scene, Settings(size=512))
+    assert time.process_time() - start < 10.0  # 0.6 s on a quiet core

@@ -1,0 +1,48 @@
+import numpy as np
+from leaflight.core.layer_check import label_charts
+from leaflight.core.outlines import measure_outlines, straighten_charts
+from scenes import grid_mesh, make_scene
+
+
+def turned_grids(angles):
+    """Flat 6 x 3 grids, one chart each, turned and moved."""
+    scene = make_scene([grid_mesh(str(k), cells=6) for k in range(len(angles))])
+    uv = scene.tri_position[..., :2] * (1.0, 0.5)
+    c, s = np.cos(angles)[scene.tri_object, None], np.sin(angles)[scene.tri_object, None]
+    uv = np.stack([c * uv[..., 0] - s * uv[..., 1] + 5, s * uv[..., 0] + c * uv[..., 1] - 9], axis=2)
+    corner = scene.tri_corner + 1000 * scene.tri_object[:, None]
+    chart, shared = label_charts(scene.tri_vertex, corner, uv, scene.tri_object)
+    return uv, chart, shared
+
+
+def test_rectangles_are_turned_upright():
+    uv, chart, shared = turned_grids(np.array([0.0, 0.4, 1.1, 2.7]))
+    upright = straighten_charts(uv, chart, shared, 4)
+    outlines = measure_outlines(upright, chart, shared, 4)
+    np.testing.assert_allclose(np.sort(outlines.extent, axis=1), [[3.0, 6.0]] * 4)
+    np.testing.assert_allclose(outlines.area, 18.0)
+    for k in range(4):
+        np.testing.assert_allclose(upright[chart == k].min(axis=(0, 1)), 0.0, atol=1e-12)
+
+
+def test_only_the_border_is_kept():
+    uv, chart, shared = turned_grids(np.array([0.0, 0.4]))
+    outlines = measure_outlines(straighten_charts(uv, chart, shared, 2), chart, shared, 2)
+    assert np.diff(outlines.start).tolist() == [24, 24]
+    length = np.linalg.norm(outlines.edge[:, 1] - outlines.edge[:, 0], axis=1)
+    np.testing.assert_allclose(np.bincount(outlines.edge_chart, length), 18.0)
+
+
+def test_selection_keeps_the_order_asked_for():
+    uv, chart, shared = turned_grids(np.array([0.0, 0.4, 1.1]))
+    uv[chart == 2] *= 2.0
+    outlines = measure_outlines(straighten_charts(uv, chart, shared, 3), chart, shared, 3)
+    some = outlines.select(np.array([2, 0]))
+    np.testing.assert_array_equal(some.area, outlines.area[[2, 0]])
+    np.testing.assert_array_equal(some.edge[:24], outlines.edge[outlines.start[2] : outlines.start[3]])
+    np.testing.assert_array_equal(some.edge_chart, np.repeat([0, 1], 24))
+
+
+def test_no_charts():
+    none = measure_outlines(np.zeros((0, 3, 2)), np.zeros(0, int), np.zeros((0, 3), bool), 0)
+    assert len(none.edge) == len(none.extent) == 0

@@ -1,0 +1,157 @@
+import builtins
+
+import numpy as np
+import pytest
+from leaflight.core.geometry import triangle_normals_areas
+from leaflight.core.layer_check import find_overlaps, signed_areas
+from leaflight.core.unwrap import unwrap_triangles
+from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, quad_mesh, sphere_mesh
+
+
+def unwrap(mesh):
+    scene = make_scene([mesh])
+    return scene, *unwrap_triangles(scene.tri_position, scene.tri_vertex, scene.tri_polygon, scene.tri_corner)
+
+
+def spread(chart, uv):
+    """The charts side by side in 0 to 1, so that only overlaps within a chart are left."""
+    low = np.full(chart.max() + 1, np.inf)
+    high = -low
+    np.minimum.at(low, chart, uv[..., 0].min(axis=1))
+    np.maximum.at(high, chart, uv[..., 0].max(axis=1))
+    width = (high - low) * 1.01
+    placed = uv - np.stack([low - (np.cumsum(width) - width), np.full(len(low), uv[..., 1].min())], axis=1)[chart][:, None]
+    return placed / placed.max()
+
+
+def check_promises(mesh):
+    scene, chart, uv, shared = unwrap(mesh)
+    area = triangle_normals_areas(scene.tri_position)[1]
+    used = chart >= 0
+    np.testing.assert_array_equal(used, area > 0, err_msg="every triangle with an area has a chart, no other has one")
+    assert np.isfinite(uv).all()
+    assert not shared[~used].any()
+    assert set(chart[used]) == set(range(chart.max() + 1))
+    uv_of_corner, chart_of_corner = {}, {}
+    for tri in np.flatnonzero(used):
+        for corner, point in zip(scene.tri_corner[tri].tolist(), uv[tri].tolist(), strict=True):
+            assert uv_of_corner.setdefault(corner, point) == point, f"corner {corner} has two UVs"
+            assert chart_of_corner.setdefault(corner, chart[tri]) == chart[tri], f"corner {corner} has two charts"
+    assert (np.abs(signed_areas(uv[used])) > 0).all()
+    count = chart.max() + 1
+    uv_area = np.bincount(chart[used], np.abs(signed_areas(uv[used])), count)
+    return scene, chart, uv, uv_area, np.bincount(chart[used], area[used], count)
+
+
+SOUND = {
+    "quad": quad_mesh(),
+    "box": box_mesh(),
+    "sphere": sphere_mesh(),
+    "bent grid 0.3": grid_mesh(noise=0.3),
+    "bent grid 0.6": grid_mesh(noise=0.6),
+    "bent grid 1.5": grid_mesh(noise=1.5),
+    "two of every face": Mesh("Double", box_mesh().vertex, box_mesh().polygons * 2),
+    "both sides": Mesh("Both", grid_mesh().vertex, [*grid_mesh().polygons, *(p[::-1] for p in grid_mesh().polygons)]),
+    "one triangle": Mesh("Triangle", np.eye(3), [[0, 1, 2]]),
+}
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_charts_keep_their_promises(name):
+    _, chart, uv, uv_area, area = check_promises(SOUND[name])
+    assert not find_overlaps(spread(chart, uv)).any()
+    np.testing.assert_allclose(uv_area, area, rtol=0.2)  # single triangles of a torn chart keep their share of its area
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1.0, 1e5])
+@pytest.mark.parametrize("offset", [0.0, 1e6])
+def test_scale_and_place_do_not_matter(scale, offset):
+    mesh = sphere_mesh(rings=8, segments=16)
+    _, chart, uv, uv_area, area = check_promises(moved(mesh, scale=scale))
+    _, far_chart, *_, far_uv_area, _ = check_promises(moved(mesh, (offset * scale,) * 3, scale))
+    assert chart.max() == far_chart.max()
+    np.testing.assert_allclose(uv_area, area, rtol=1e-3)
+    np.testing.assert_allclose(np.sort(far_uv_area), np.sort(uv_area), rtol=1e-3)
+
+
+def test_flat_charts_are_isometric():
+    """Every side of a box's faces keeps its length, to float64."""
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    box = box_mesh(size_m=(3.0, 0.2, 0.01))
+    scene, chart, uv, *_ = check_promises(Mesh("Box", box.vertex @ turn.T, box.polygons))
+    assert chart.max() == 5
+    length, uv_length = (np.linalg.norm(p - np.roll(p, 1, axis=1), axis=2) for p in (scene.tri_position, uv))
+    np.testing.assert_allclose(uv_length, length, rtol=1e-12)
+
+
+def test_torn_quads_are_unfolded_over_their_diagonal():
+    """A steep pair of triangles is one chart, each triangle congruent with itself in space."""
+    vertex = np.array([[0, 0, 0], [1, 0, 5], [1, 1, 0], [0, 1, 5.0]])
+    scene, chart, uv, *_ = check_promises(Mesh("Bent", vertex, [[0, 1, 2, 3]]))
+    assert chart.tolist() == [0, 0]
+    length, uv_length = (np.linalg.norm(p - np.roll(p, 1, axis=1), axis=2) for p in (scene.tri_position, uv))
+    np.testing.assert_allclose(uv_length, length, rtol=1e-6)
+    assert np.prod(signed_areas(uv)) > 0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_wild_polygons_never_overlap(seed):
+    rng = np.random.default_rng(seed)
+    polygons = [rng.choice(60, rng.integers(3, 8), replace=False).tolist() for _ in range(40)]
+    _, chart, uv, *_ = check_promises(Mesh("Wild", rng.normal(size=(60, 3)) * (1, 1, seed % 3), polygons))
+    assert not find_overlaps(spread(chart, uv)).any()
+
+
+def test_corners_on_both_sides_of_a_lost_triangle_stay_together():
+    """The middle triangle of the fan has no area; the two others share one corner only, in one chart."""
+    vertex = np.array([[0, 0, 0], [1, -1, 0], [1, 0, 0], [2, 0, 0], [2, 1, 3.0]])
+    _, chart, *_ = check_promises(Mesh("Lost", vertex, [[0, 1, 2, 3, 4]]))
+    assert chart.tolist() == [0, -1, 0]
+
+
+def test_zero_area_triangles_are_left_out():
+    grid = grid_mesh(cells=8)
+    start = len(grid.vertex)
+    rng = np.random.default_rng(5)
+    pairs = start + rng.integers(0, 1000, (20_000, 2))
+    line = [[start + 1000 + k, start + 1001 + k, start + 1002 + k] for k in range(20_000)]
+    on_line = np.arange(20_002)[:, None] * np.full(3, 1e-5)
+    vertex = np.concatenate([grid.vertex, rng.uniform(0, 8, (1000, 3)), on_line])
+    _, chart, *_ = check_promises(Mesh("Waste", vertex, [*grid.polygons, *([a, a, b] for a, b in pairs.tolist()), *line]))
+    assert chart.max() == 0
+
+
+def test_needles_have_charts():
+    height = np.arange(51) * 1e-6
+    ends = [np.stack([np.full(51, x), height, 0 * height], axis=1) for x in (0.0, 1.0)]
+    strip = Mesh("Needles", np.concatenate(ends), [[k, 51 + k, 52 + k, k + 1] for k in range(50)])
+    check_promises(strip)
+    check_promises(Mesh("Needle", np.array([[0, 0, 0], [1, 0, 0], [0.5, 1e-6, 0]]), [[0, 1, 2]]))
+
+
+def test_detail_in_a_large_object_is_unwrapped_as_by_itself():
+    spoon = moved(sphere_mesh(), (30.0, 20.0, 0.01), 0.01)
+    floor = quad_mesh(width_m=100, depth_m=100)
+    hall = Mesh("Hall", np.concatenate([floor.vertex, spoon.vertex]), [*floor.polygons, *([4 + k for k in p] for p in spoon.polygons)])
+    _, alone, *_ = check_promises(spoon)
+    _, together, *_ = check_promises(hall)
+    assert together.max() == alone.max() + 1
+
+
+def test_nothing_is_unwrapped_to_nothing():
+    empty = np.zeros((0, 3), int)
+    chart, uv, shared = unwrap_triangles(np.zeros((0, 3, 3)), empty, np.zeros(0, int), empty)
+    assert (chart.shape, uv.shape, shared.shape) == ((0,), (0, 3, 2), (0, 3))
+
+
+def test_missing_xatlas_says_what_to_do(monkeypatch):
+    real_import = builtins.__import__
+
+    def refuse(name, *args, **kwargs):
+        if name == "xatlas":
+            raise ImportError("planted")
+        return real_import(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", refuse)
+    with pytest.raises(ValueError, match=r"xatlas cannot be loaded \(planted\).*--uv-layer"):
+        unwrap(quad_mesh())
