@@ -136,15 +136,31 @@ class BakeState:
         if result is None:
             return []
         why = result["stopped_by"]
-        lines = [f"{'Stopped early' if why == 'interrupted' else 'Baked'} after {describe_seconds(self.seconds)}"]
+        lines = [("Stopped after " if why == "interrupted" else "Baked in ") + describe_seconds(self.seconds)]
         lines.append(f"Error {result['estimated_error']:.1%}" + _REASONS.get(why, ""))
         lines.append(f"{result['leaves']:,} leaves, {describe_count(result['photons'])} photons")
         pages, size = result["pages"], result["page_size"]
         lines.append(f"{pages} page{'s' if pages > 1 else ''} of {size} x {size} texels")
         return lines
 
+    def list_warnings(self) -> list[str]:
+        """The warnings as sentences, each once, with the names of all that it is about."""
+        subjects: dict[str, list[str]] = {}
+        for subject, text in self.warnings:
+            subjects.setdefault(text.removeprefix(f"{subject}: ") if subject else text, []).append(subject)
+        return [f"{_join_names(names)}{sentence}" for sentence, names in subjects.items()]
 
-_REASONS = {"max_photons": ", stopped at Max Photons", "time_limit": ", stopped at Time Limit", "interrupted": ", stopped by you"}
+
+_NAMED = 3  # names in one warning, for a narrow panel
+_REASONS = {"max_photons": ", stopped at Max Photons", "time_limit": ", stopped at Time Limit"}
+
+
+def _join_names(names: list[str]) -> str:
+    named = list(dict.fromkeys(name for name in names if name))
+    if not named:
+        return ""
+    more = f" and {len(named) - _NAMED} more" if len(named) > _NAMED else ""
+    return f"{', '.join(named[:_NAMED])}{more}: "
 
 
 def describe_count(count: int) -> str:

@@ -220,10 +220,10 @@ def _is_out_of_edit_mode(operator: Any, context: bpy.types.Context) -> bool:
 
 
 def _redraw_panels(context: bpy.types.Context) -> None:
-    for window in context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
+    """The sidebars alone: drawing the 3D view with them may take long."""
+    areas = [area for window in context.window_manager.windows for area in window.screen.areas if area.type == "VIEW_3D"]
+    for region in (region for area in areas for region in area.regions if region.type == "UI"):
+        region.tag_redraw()
 
 
 CLASSES = (LEAFLIGHT_OT_bake, LEAFLIGHT_OT_stop, LEAFLIGHT_OT_toggle_preview, LEAFLIGHT_OT_remove)

@@ -42,7 +42,7 @@ class LEAFLIGHT_PT_main(_Sidebar, bpy.types.Panel):
         if not state.running and restore.has_bake(context.scene):
             _draw_result(layout, context, state)
         if state.warnings:
-            _draw_warnings(layout, context, state.warnings)
+            _draw_warnings(layout, context, state)
 
 
 def _draw_choices(column: Any, context: bpy.types.Context) -> None:
@@ -55,7 +55,8 @@ def _draw_choices(column: Any, context: bpy.types.Context) -> None:
     for name in _IN_MAIN:
         column.prop(properties, name)
     column.separator()
-    names = column.row(align=True, heading="Quality")
+    names = column.row(align=True)
+    names.use_property_split = False
     for name in QUALITY_ERROR:
         names.prop_enum(properties, "quality", name)
     column.prop(properties, "main_pass")
@@ -78,11 +79,10 @@ def _draw_bake(layout: Any, context: bpy.types.Context) -> None:
 def _draw_progress(layout: Any, state: BakeState) -> None:
     bar, line = state.describe()
     column = layout.column(align=True)
-    row = column.row(align=True)
+    row = column.split(factor=0.7, align=True)
     row.scale_y = 1.6
     row.progress(factor=state.fraction, text=bar)
-    gone = state.stopping or state.notice
-    row.operator("leaflight.stop", text="Discard" if gone else "Stop", icon="CANCEL")
+    row.operator("leaflight.stop", text="Discard" if state.stopping or state.notice else "Stop")
     column.label(text=line)
 
 
@@ -99,16 +99,17 @@ def _draw_result(layout: Any, context: bpy.types.Context, state: BakeState) -> N
     row.operator("wm.path_open", text="", icon="FILE_FOLDER").filepath = folder
 
 
-def _draw_warnings(layout: Any, context: bpy.types.Context, warnings: list[tuple[str, str]]) -> None:
+def _draw_warnings(layout: Any, context: bpy.types.Context, state: BakeState) -> None:
+    count, sentences = len(state.warnings), state.list_warnings()
     header, body = layout.panel("leaflight_warnings")
-    header.label(text=f"{len(warnings)} Warning{'' if len(warnings) == 1 else 's'}", icon="ERROR")
+    header.label(text=f"{count} Warning{'' if count == 1 else 's'}", icon="ERROR")
     if body is None:
         return
     column = body.column()
-    for subject, text in warnings[:_SHOWN_WARNINGS]:
-        _draw_sentence(column, context, text if text.startswith(subject) else f"{subject}: {text}", "DOT")
-    if len(warnings) > _SHOWN_WARNINGS:
-        column.label(text=f"and {len(warnings) - _SHOWN_WARNINGS} more", icon="BLANK1")
+    for sentence in sentences[:_SHOWN_WARNINGS]:
+        _draw_sentence(column, context, sentence, "DOT")
+    if len(sentences) > _SHOWN_WARNINGS:
+        column.label(text=f"and {len(sentences) - _SHOWN_WARNINGS} more", icon="BLANK1")
 
 
 def _draw_sentence(layout: Any, context: bpy.types.Context, text: str, icon: str) -> None:

@@ -70,7 +70,7 @@ def _make_property(knob: "dataclasses.Field[Any]") -> Any:
         return bpy.props.IntProperty(**named, **limits | {"max": min(about["high"], _MAX_INT)}, subtype=subtype)
     if subtype == "TIME_ABSOLUTE":
         return bpy.props.FloatProperty(**named, **limits, subtype=subtype, unit=subtype)
-    return bpy.props.FloatProperty(**named, **limits, precision=3, step=1)
+    return bpy.props.FloatProperty(**named, **limits, precision=1 if about["high"] > 10 else 3)
 
 
 def _get_quality(properties: Any) -> int:

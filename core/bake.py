@@ -6,6 +6,7 @@ import dataclasses
 import json
 import re
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -61,6 +62,7 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
     job = Job.load(folder)
     settings = job.settings
     stages = Stages(tell)
+    _open_output(Path(job.output))
     executor = workers.make_executor(settings.workers)
     try:
         with stages.stage("load", "Reading the scene"):
@@ -87,6 +89,7 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
             files = _write_pages(job, snapshot, atlas, texel_map, light, tracing)
     finally:
         executor.shutdown(cancel_futures=True)
+        workers.forget_folders()  # the next bake may use the same folder
     result = {
         "files": [dataclasses.asdict(file) for file in files],
         "seconds": stages.seconds,
@@ -108,6 +111,15 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
     tell(Done(str(folder / RESULT_FILE), light.stopped_by == "interrupted"))
 
 
+def _open_output(folder: Path) -> None:
+    """Makes the folder of the images; who cannot write there is told before the work, not after it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as reason:
+        raise OSError(f"{folder}: images cannot be written there ({reason.strerror}); choose a folder that can be written to.") from reason
+
+
 def _find_contacts(tracing: workers.Tracing, texel_map: TexelMap) -> NDArray[np.bool_]:
     tri = texel_map.texel_tri
     position_m = np.einsum("nk,nkj->nj", texel_map.texel_bary, tracing.snapshot.tri_position[tri])
@@ -123,9 +135,8 @@ def _write_pages(
     entry_page = atlas.chart_page[texel_map.texel_chart]
     resolver = resolve.Resolver(at_texels, texel_map, tracing.scene.surfaces, entry_page, settings.margin)
     output = Path(job.output)
-    output.mkdir(parents=True, exist_ok=True)
     names = _page_names(job, snapshot, atlas)
-    files = []
+    files: list[PageFile] = []
     for page in range(atlas.page_count):
         for pass_name in settings.passes:
             metadata: dict[str, str | int | float] = {

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from .direct_lights import Source, make_sources, make_triangle_sources
 from .direct_points import (
+    GAUSS_POINTS,
+    MIDDLE,
     STAGES,
     Receivers,
     ReceivingSurfaces,
@@ -31,6 +33,10 @@ _AGREE_TEXELS = 16  # neighbours in Morton order whose first rays must agree bef
 _MOST_TRIANGLE_SOURCES = 12  # emitting triangles that are looked at one by one
 _SOURCES_PER_TEXEL = 16.0  # lamps that a texel looks at, on average, when there are more
 _LEAST_CHANCE = 0.02
+# Powers of the number of rays by which strata lower the variance; measured. A hard edge crosses few cells of a texel; a soft one ties
+# places in the texel to places on the light, which are stratified each by themselves.
+_SHARP_GAIN, _SOFT_GAIN = 0.9, 0.375
+_GENTLE = 0.5  # range of a closed form inside a texel, of its mean, up to which four points give its mean
 
 
 @dataclass(frozen=True)
@@ -106,7 +112,7 @@ def _light_chunk(
     scene: DirectScene, chunk: TexelChunk, rng: np.random.Generator, tolerance: float, max_rays: int, counters: dict[str, int]
 ) -> tuple[Float64, Float64]:
     count = len(chunk.texel)
-    starts = chunk.receivers(np.arange(count), *STAGES[0])
+    starts = chunk.receivers_at(np.arange(count), GAUSS_POINTS)
     tallies = []
     for source, rows, chance in _choose_sources(scene.sources, chunk, rng):
         tally = _Tally(source, rows, chance, random_shift(rng, len(rows)))
@@ -129,7 +135,7 @@ def _light_chunk(
         for stage in STAGES[1:]:
             if stage[0] >= max_rays:
                 break
-            unsettled = tally.unsettled(tolerance * level[tally.rows] / weight, stage == STAGES[1])
+            unsettled = tally.unsettled(tolerance * level[tally.rows] / weight, stage)
             if stage == STAGES[1]:
                 counters["settled"] += int((tally.reach > 0).sum()) - len(unsettled)
             for piece in row_pieces(unsettled, stage[1] - stage[0]):
@@ -148,7 +154,7 @@ def _choose_sources(
     everyone = np.arange(count)
     if len(sources) <= _SOURCES_PER_TEXEL:
         return [(source, everyone, np.ones(count)) for source in sources]
-    scouts = chunk.receivers(everyone[_AGREE_TEXELS // 2 :: _AGREE_TEXELS] if count > _AGREE_TEXELS else everyone[:1], 0, 1)
+    scouts = chunk.receivers_at(everyone[_AGREE_TEXELS // 2 :: _AGREE_TEXELS] if count > _AGREE_TEXELS else everyone[:1], MIDDLE)
     promise = np.stack([source.irradiance(scouts.position, scouts.normal) * float(weigh_channels(source.rgb)) for source in sources])
     per_block = BLOCK_TEXELS // _AGREE_TEXELS
     padding = -promise.shape[1] % per_block
@@ -172,7 +178,7 @@ class _Tally:
     def __init__(self, source: Source, rows: NDArray[np.int64], chance: Float64, shift: NDArray[np.uint32]) -> None:
         self.source, self.rows, self.chance, self._shift = source, rows, chance, shift
         self.reach = np.zeros(len(rows))
-        self._reach_squares = np.zeros(len(rows))
+        self._reach_squares, self._bend = np.zeros((2, len(rows)))
         self._starts, self._rays = np.zeros(len(rows)), np.zeros(len(rows))
         # Sums of share, share^2, weight * seen, (weight * seen)^2, share * weight * seen.
         self._sums = np.zeros((5, len(rows)))
@@ -188,6 +194,8 @@ class _Tally:
             self.reach[index] += closed.sum(axis=0)
             self._reach_squares[index] += (closed * closed).sum(axis=0)
             self._starts[index] += last - first
+            if stage == STAGES[0]:
+                self._bend = _estimate_bend(closed)
             if stage == STAGES[0] and not closed.all():
                 live = np.flatnonzero(closed.ravel() > 0)
                 return self._trace(rays, receivers.rows(live), live, index, (first, last))
@@ -224,16 +232,24 @@ class _Tally:
         out: Float64 = by_choice + self._error_squared() / self.chance**2
         return out
 
-    def unsettled(self, allowed: Float64, by_neighbours: bool) -> NDArray[np.int64]:
-        """Texels whose standard error exceeds what is allowed (n,); or whose neighbours' rays disagree, with a say in the sum."""
-        doubt = np.sqrt(self._error_squared()) > allowed * self.chance
-        if by_neighbours:
+    def unsettled(self, allowed: Float64, stage: tuple[int, int]) -> NDArray[np.int64]:
+        """Texels that want the rays of a stage: whose standard error, or that of their neighbours, exceeds what is allowed (n,).
+
+        A texel that stopped whenever its own rays agree would be too bright, or too dark, on average.
+        """
+        error = self._error_squared()
+        doubt = error > (allowed * self.chance) ** 2
+        if stage == STAGES[1] or not self.source.is_sharp:
             n_block = -(-len(self.rows) // _AGREE_TEXELS)
             block = np.arange(len(self.rows)) // _AGREE_TEXELS
             lit = np.bincount(block, self._lit, minlength=n_block) > 0
             mixed = np.pad(lit & (np.bincount(block, self._dark, minlength=n_block) > 0), 1)
             around = mixed[:-2] | mixed[1:-1] | mixed[2:]
-            doubt |= around[block] & (0.25 * self._closed() > allowed * self.chance)
+            if stage == STAGES[1]:
+                doubt |= around[block] & (0.25 * self._closed() > allowed * self.chance)
+            else:
+                mean_error = np.bincount(block, error, minlength=n_block) / np.bincount(block, minlength=n_block)
+                doubt |= mean_error[block] > (allowed * self.chance) ** 2
         return np.flatnonzero(doubt & (self.reach > 0))
 
     def _closed(self) -> Float64:
@@ -244,15 +260,21 @@ class _Tally:
         return np.divide(self._sums[2], self._sums[0], out=np.zeros(len(self.rows)), where=self._sums[0] > 0)
 
     def _error_squared(self) -> Float64:
-        """Of the ratio estimate.
-
-        Source: Cochran 1977, "Sampling Techniques", 6.3, for random rays. Of n stratified ones only the sqrt(n) whose cells the shadow's
-        edge crosses vary: Mitchell 1996, "Consequences of Stratified Sampling in Graphics".
-        """
+        """Of the ratio estimate. Source: Cochran 1977, "Sampling Techniques", 6.3, for random rays."""
         ratio = self._ratio()
         residual = np.maximum(self._sums[3] - 2 * ratio * self._sums[4] + ratio**2 * self._sums[1], 0)
         square = np.divide(residual, self._sums[0] ** 2, out=np.ones(len(ratio)), where=self._sums[0] > 0)
         starts, closed = np.maximum(self._starts, 1), self._closed()
-        spread = np.maximum(self._reach_squares / starts - closed**2, 0) * ratio**2 / starts**1.5
-        out: Float64 = spread + closed**2 * square / np.sqrt(np.maximum(self._rays, 1))
+        spread = np.maximum(self._reach_squares / starts - closed**2, 0) / starts**2
+        spread = np.where(starts > len(GAUSS_POINTS), spread, self._bend**2) * ratio**2
+        gain = np.maximum(self._rays, 1) ** (_SHARP_GAIN if self.source.is_sharp else _SOFT_GAIN)
+        out: Float64 = spread + closed**2 * square / gain
         return out
+
+
+def _estimate_bend(closed: Float64) -> Float64:
+    """(n,) float64: how far the mean of values (4, n) at the Gauss points may be off: nothing where they lie in a gentle plane."""
+    twist = np.abs(closed[0] - closed[1] - closed[2] + closed[3]) / 4
+    reach = closed.max(axis=0) - closed.min(axis=0)
+    out: Float64 = np.where(reach > _GENTLE * closed.mean(axis=0), reach / 4, twist)
+    return out

@@ -43,6 +43,10 @@ class Source(Protocol):
     @property
     def casts_shadow(self) -> bool: ...
 
+    @property
+    def is_sharp(self) -> bool:
+        """Has no extent, so that its shadows have hard edges."""
+
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         """(n,) float64: unoccluded, for rgb = 1, at points (n, 3), unit box, with unit normals (n, 3)."""
 
@@ -70,6 +74,10 @@ class PointSource:
     cone: SpotCone
     radius: float
     soft: bool
+
+    @property
+    def is_sharp(self) -> bool:
+        return self.radius == 0
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         return point_irradiance(self.centre - position, normal, self.radius, self.soft)
@@ -116,6 +124,7 @@ class AreaSource:
     half_size: Float32
     ellipse: bool
     spread_rad: float
+    is_sharp: bool = False
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         x, y = self.axes[:2].astype(np.float64) * self.half_size[:, None]
@@ -147,6 +156,10 @@ class SunSource:
     axes: Float32
     half_angle_rad: float
 
+    @property
+    def is_sharp(self) -> bool:
+        return self.half_angle_rad == 0
+
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         return sun_irradiance(normal @ self.axes[2], self.half_angle_rad)
 
@@ -164,6 +177,7 @@ class TriangleSource:
     casts_shadow: bool
     corners: Float32
     normal: Float32
+    is_sharp: bool = False
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         return np.abs(polygon_irradiance(self.corners, position, normal))
@@ -182,6 +196,7 @@ class WorldSource:
 
     rgb: Float64
     casts_shadow: bool = True
+    is_sharp: bool = False
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         return np.full(len(position), math.pi)

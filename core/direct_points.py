@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from random import Random
@@ -20,6 +21,9 @@ from .scene import FloatArray, IntArray, SceneSnapshot
 # uniform over the texel's covered part: TexelMap.sub_points.
 SubPoints: TypeAlias = Callable[[IntArray, FloatArray], tuple[NDArray[np.int32], NDArray[np.float32]]]
 
+# Source: Gauss-Legendre, two points a side; their mean is exact for cubic polynomials.
+GAUSS_POINTS = np.array([[[x, y]] for y in (-1, 1) for x in (-1, 1)]) * math.sqrt(1 / 12) + 0.5
+MIDDLE = np.full((1, 1, 2), 0.5)
 STAGES = ((0, 4), (4, 16), (16, 64))  # rays of a texel to a light; each is stratified together with those before it
 _RAYS_AT_ONCE = 2**15  # what fits the cache
 _SMOOTH_DEVIATION = 1e-3  # corner normals nearer to the face's own than this are flat shading
@@ -52,6 +56,7 @@ def _shuffle_stages(points: NDArray[np.uint32], seed: int) -> NDArray[np.uint32]
     return out
 
 
+GAUSS_POINTS.flags.writeable = MIDDLE.flags.writeable = False
 _TEXEL_POINTS = _base_points(STAGES[-1][1])
 # Another order for the light, so that places in the texel and on the light are not tied; of 2,000 seeds this has the least correlation.
 _LIGHT_POINTS = _shuffle_stages(_TEXEL_POINTS, 804)
@@ -171,7 +176,11 @@ class TexelChunk:
 
     def receivers(self, rows: IntArray, first: int, last: int) -> Receivers:
         """Starts of rays first ... last - 1 of some of the texels, ray by ray: ((last - first) * len(rows), ...)."""
-        tri, barycentric = self.sub_points(self.texel[rows], _shifted(_TEXEL_POINTS[first:last], self.shift[rows]))
+        return self.receivers_at(rows, _shifted(_TEXEL_POINTS[first:last], self.shift[rows]))
+
+    def receivers_at(self, rows: IntArray, points: FloatArray) -> Receivers:
+        """The same at points (k, 1 or len(rows), 2) of the texels' unit squares."""
+        tri, barycentric = self.sub_points(self.texel[rows], points)
         return self.surfaces.at(tri.ravel(), barycentric.reshape(-1, 2), self.flip)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .direct_lights import Aim
-from .direct_points import STAGES, Receivers, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces, take_rows
+from .direct_points import MIDDLE, STAGES, Receivers, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces, take_rows
 from .emitters import EmittingCells, weigh_channels
 from .geometry import ORIGIN_OFFSET
 from .irradiance import polygon_irradiance
@@ -152,7 +152,7 @@ class EmitterPool:
         power = np.diff(self.power_end[self.cluster_start]).astype(np.float32)
         end = np.empty((count, len(power)))
         for rows in row_pieces(np.arange(count), len(power)):
-            looking = chunk.receivers(rows, 0, 1)
+            looking = chunk.receivers_at(rows, MIDDLE)
             chance = self._judge(looking) * power
             chance *= visibility[rows // BLOCK_TEXELS]
             np.cumsum(chance, axis=1, out=end[rows[0] : rows[-1] + 1])
@@ -182,7 +182,7 @@ class EmitterPool:
         n_cluster = len(self.cluster_start) - 1
         n_block = -(-len(chunk.texel) // BLOCK_TEXELS)
         pilot = np.arange(n_block)[:, None] * BLOCK_TEXELS + np.arange(_PILOTS) * (BLOCK_TEXELS // _PILOTS) + BLOCK_TEXELS // _PILOTS // 2
-        receivers = chunk.receivers(np.minimum(pilot, len(chunk.texel) - 1).ravel(), 0, 1)
+        receivers = chunk.receivers_at(np.minimum(pilot, len(chunk.texel) - 1).ravel(), MIDDLE)
         seen, n_ray = np.empty((n_block * _PILOTS, n_cluster), np.float32), 0
         for piece in row_pieces(np.arange(n_block * _PILOTS), n_cluster):
             cluster = np.tile(np.arange(n_cluster), len(piece))

@@ -21,6 +21,8 @@ from .tally import Solution, Totals
 DARK_FLOOR = 0.1
 # The worst texels are left out: on a hard edge of light, whether a texel is its centre or its mean decides its error.
 BEST_TEXELS = 0.99
+# Squared light that a node cannot hold, over what its parent could not: 1/2 along edges, 1/16 where light is smooth.
+BIAS_DECAY = 0.25
 # The halves of few leaves say little about noise; the prior says "as independent photons" with this many values' weight.
 _PRIOR_VALUES = 64.0
 
@@ -76,6 +78,9 @@ def state_error(
     bias2 = np.zeros(len(tree))
     parents = nodes[tree.has_children[nodes] & (totals.shot[nodes] > 0)]
     bias2[parents] = comparison.differences[0].excess[comparison.row[parents]] / 3.0
+    blind = nodes[~tree.has_children[nodes] & (tree.side[nodes] > 1) & (tree.parent[nodes] >= 0)]
+    above = np.maximum(comparison.differences[0].excess[comparison.row[tree.parent[blind]]], 0.0) / 3.0
+    bias2[blind] = BIAS_DECAY * above  # no previews yet: what their parents could not hold tells
     area = np.maximum(tree.area[nodes], np.finfo(float).tiny)
     brightness = np.maximum(solution.flux[:, nodes] / area + background[:, nodes], 0.0)
     texels = (tree.end - tree.start)[nodes]

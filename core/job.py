@@ -36,6 +36,15 @@ class Job:
 
     @classmethod
     def load(cls, folder: Path) -> Job:
-        fields: dict[str, Any] = json.loads((folder / JOB_FILE).read_text(encoding="utf-8"))
-        knobs: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in fields.pop("settings").items()}
-        return cls(settings=Settings(**knobs), **fields)
+        """The job in `folder`.
+
+        Raises OSError where there is none, ValueError with a sentence where it is damaged.
+        """
+        path = folder / JOB_FILE
+        text = path.read_text(encoding="utf-8")
+        try:
+            fields: dict[str, Any] = json.loads(text)
+            knobs: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in fields["settings"].items()}
+            return cls(Settings(**knobs), fields["output"], fields["atlas_name"])
+        except (KeyError, TypeError, AttributeError, ValueError) as reason:
+            raise ValueError(f"{path}: is no Leaflight job or is damaged ({reason}); start the bake again.") from reason

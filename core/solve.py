@@ -23,7 +23,7 @@ from .settings import Settings
 from .tally import Solution, Tally, Totals
 
 ENERGY_NAMES = ("emitted", "absorbed", "escaped", "remainder")
-FIRST_ROUND_PHOTONS = 1 << 16
+FIRST_ROUND_PHOTONS = 1 << 18
 DIRECT_TEXELS = 1 << 14  # in a shard of shadow rays
 DIRECT_TOLERANCE = 0.2  # of the error asked for: direct light is cheap, its share of the error shall not count
 SHARD_PHOTONS = 1 << 17  # at most

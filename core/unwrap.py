@@ -46,6 +46,10 @@ def unwrap_triangles(
         )
     extent = float(np.abs(uv).max(initial=0.0))
     chart, shared = label_charts(tri_vertex, tri_corner, uv, group, same_uv=1e-12 * extent)
+    used = chart >= 0
+    # What was taken out of a chart was not stretched as the rest is.
+    sums = [np.bincount(chart[used], values[used]) for values in (area, np.abs(signed_areas(uv)))]
+    uv[used] *= np.sqrt(sums[0] / sums[1])[chart[used], None, None]
     return chart, uv, shared
 
 
@@ -202,7 +206,6 @@ def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon:
     folded |= tried[first] | (np.bincount(polygon, _corner_angles(uv, tri_corner).max(axis=1) > 2.0 * np.pi * (1.0 + 1e-9)) > 0)
     pair = first[count == 2]
     hinged = _unfold_pairs(position, tri_corner, pair, uv)
-    folded[polygon[pair]] = True  # what is left of a polygon whose middle had no area
     folded[polygon[hinged]] = False
     for start, n_tri in zip(first[folded], count[folded], strict=True):
         rows = slice(start, start + n_tri)

@@ -64,6 +64,12 @@ def open_view(folder: str) -> TreeView:
     return shared_arrays.load_struct(Path(folder), TreeView)
 
 
+def forget_folders() -> None:
+    """Close what this process keeps open, so that folders can be removed or written anew."""
+    for opened in (open_tracing, open_view, _open_direct_scene):
+        opened.cache_clear()
+
+
 @dataclass(frozen=True)
 class PhotonShard:
     """One shard of one round."""

@@ -100,7 +100,10 @@ def to_grid(values: np.ndarray, side: int) -> np.ndarray:
 
 
 def lit_scene(
-    meshes: Sequence[Mesh] = (), lights: Sequence[Light] = (), emission: Sequence[Mesh] = (), rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    meshes: Sequence[Mesh] = (),
+    lights: Sequence[Light] = (),
+    emission: Sequence[Mesh] = (),
+    rgb: tuple[float, float, float] = (1.0, 1.0, 1.0),
 ) -> SceneSnapshot:
     """A quad_mesh floor, triangles 0 and 1, with other grey meshes, lights, and meshes that emit."""
     scene = make_scene([quad_mesh("Floor"), *meshes, *emission], lights)

@@ -24,6 +24,7 @@ SHADING = os.environ.get("SHADING", "MATERIAL")
 MID_BAKE_FRACTION = 0.4
 GIVE_UP_SECONDS = 240.0
 TICK_SECONDS = 0.02
+CALM_TICKS = 50
 
 
 def take_picture(name: str) -> Iterator[float]:
@@ -87,10 +88,13 @@ def steps() -> Iterator[float]:
         yield TICK_SECONDS
         gaps.append(time.perf_counter() - last)
     print(f"SECONDS {time.perf_counter() - began:.1f}  error {state.error!r}  result {state.summarize()}  warnings {state.warnings}")
-    print(f"GAP press of Bake {start_gap:.3f} s, longest while it ran {max(gaps):.3f} s, at the end {gaps[-1]:.3f} s", flush=True)
-    yield 6.0
+    print(f"GAP press of Bake {start_gap:.3f} s, longest while it ran {max(gaps[:-1]):.3f} s, at the end {gaps[-1]:.3f} s", flush=True)
+    for _ in range(CALM_TICKS):  # shaders compile and panels slide into place meanwhile
+        area.tag_redraw()
+        yield 0.2
     yield from take_picture("done")
-    print("UNDO " + ("bake still there" if leaves_bake_after_undo(window, area) else "one step took the bake off"), flush=True)
+    if state.result:
+        print("UNDO " + ("bake still there" if leaves_bake_after_undo(window, area) else "one step took the bake off"), flush=True)
 
 
 def leaves_bake_after_undo(window, area) -> bool:

@@ -82,6 +82,7 @@ def test_density_is_exact_and_fills_pages_with_whole_objects():
     np.testing.assert_allclose(densities(scene, atlas), 60.0, rtol=1e-9)
     covered = np.abs(signed_areas(atlas.tri_uv)).sum()
     assert 1 < atlas.page_count < covered / (0.5 * 256**2) + 1
+    assert atlas.object_page[np.bincount(scene.tri_object, triangle_normals_areas(scene.tri_position)[1]).argmax()] == 0
     assert not atlas.warnings
 
 

@@ -97,9 +97,7 @@ def test_textures_shine_where_they_are_bright():
     pixels = np.zeros((8, 8, 3), np.float32)
     pixels[1, 6] = (64, 32, 0)
     lamp = Material("Lamp", emission_rgb=(1.0, 1.0, 1.0), emission_image=0)
-    scene = replace(
-        scene, materials=(scene.materials[0], lamp), images=(TextureImage("P", pixels, closest=True),), tri_emission_uv=uv
-    )
+    scene = replace(scene, materials=(scene.materials[0], lamp), images=(TextureImage("P", pixels, closest=True),), tri_emission_uv=uv)
     prepared, _, _ = prepare(scene)
     found = to_grid(light_floor(prepared).irradiance_rgb, SIDE)
     # The bright texel is 0.125 m wide: nearly a small patch of 64 W/m^2/sr at (0.8125, 0.1875, 0.3).

@@ -95,9 +95,8 @@ def test_each_fault_is_found_and_counted():
     uv[0, 1] = np.nan
     uv[2:6] += 0.9  # two quads outside the page
     uv[6:8] = uv[6, 0]  # no area
-    uv[10:12, :, 0] = 0.05 - 0.5 * (uv[10:12, :, 0] - 0.5)  # somewhere else, mirrored
-    uv[10:12, :, 1] = 0.02 + 0.01 * uv[10:12, :, 1]
-    uv[10:12, :, 0] = np.clip(uv[10:12, :, 0], 0, 1)
+    uv[10:12, :, 0] = 0.08 - 0.1 * (uv[10:12, :, 0] - 0.6)  # somewhere else, mirrored
+    uv[10:12, :, 1] *= 0.1
     found = check(uv, scene)
     starts = [sentence.split(" the ")[0] for sentence in found.findings]
     assert starts == [

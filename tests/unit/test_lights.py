@@ -174,7 +174,9 @@ class TestSunDisk(TestSun):
         phi = 2 * math.pi * (np.arange(400) + 0.5) / 400
         sine = np.sqrt(1 - cosine**2)
         axes = np.array(AXES)
-        direction = (sine * np.cos(phi))[..., None] * axes[0] + (sine * np.sin(phi))[..., None] * axes[1] + (cosine + 0 * phi)[..., None] * axes[2]
+        direction = (
+            (sine * np.cos(phi))[..., None] * axes[0] + (sine * np.sin(phi))[..., None] * axes[1] + (cosine + 0 * phi)[..., None] * axes[2]
+        )
         outline = np.abs(direction) @ np.array([3.008 * 2.008, 4.008 * 2.008, 4.008 * 3.008])
         return outline.mean() * 2 * math.pi * (1 - math.cos(0.4)) / (math.pi * math.sin(0.4) ** 2)
 

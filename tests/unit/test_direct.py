@@ -1,0 +1,248 @@
+"""Direct irradiance of a floor: closed forms, shadows with a known outline, photons as a second opinion, honest errors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from floors import floor_points, lit_scene, morton_square, prepare, sigma_limit, to_grid
+from leaflight.core import direct, photons
+from leaflight.core.direct import DirectLight, direct_irradiance
+from leaflight.core.emitters import build_emitters
+from leaflight.core.irradiance import polygon_irradiance
+from leaflight.core.scene import Light, SceneSnapshot
+from scenes import box_mesh, moved, quad_mesh
+
+SIDE = 32
+PLACE = (np.arange(SIDE) + 0.5) / SIDE  # m, texel centres along an edge of the floor
+BLOCK = box_mesh("Block", (0.3, 0.3, 0.2), (0.5, 0.5, 0.4))
+PANEL = Light("AREA", "Panel", position_m=(0.5, 0.5, 1.0), size_m=(0.4, 0.4), power_rgb=(2.0, 1.0, 0.0))
+BULB = Light("POINT", "Bulb", position_m=(0.4, 0.6, 0.8), power_rgb=(4.0, 2.0, 0.0))
+SUN = Light("SUN", "Sun", power_rgb=(3.0, 2.0, 0.0))
+
+
+def light_floor(scene: SceneSnapshot, side: int = SIDE, seed: int = 1, **options: float) -> DirectLight:
+    prepared, _, _ = prepare(scene)
+    return direct_irradiance(prepared, floor_points(side), np.arange(side * side), np.random.default_rng(seed), **options)
+
+
+def red(light: DirectLight, side: int = SIDE) -> np.ndarray:
+    """(side, side) of the red channel, row 0 at y = 0."""
+    return to_grid(light.irradiance_rgb[:, 0], side)
+
+
+def from_panel(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    corners = np.array([[0.3, 0.3, 1.0], [0.3, 0.7, 1.0], [0.7, 0.7, 1.0], [0.7, 0.3, 1.0]])
+    position = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    radiance = 2.0 / (math.pi * 0.16)
+    return radiance * polygon_irradiance(corners, position, np.tile([0.0, 0.0, 1.0], (x.size, 1))).reshape(x.shape)
+
+
+class TestUnoccluded:
+    def expect(self, light: Light, expected: np.ndarray, rel: float = 2e-3) -> None:
+        found = light_floor(lit_scene(lights=[light]))
+        assert red(found) == pytest.approx(expected, rel=rel)
+        rgb = np.array(light.power_rgb)
+        assert found.irradiance_rgb == pytest.approx(found.irradiance_rgb[:, :1] * rgb / rgb[0])
+        assert found.counters["rays"] == 4 * SIDE**2 or light.kind == "SPOT"
+
+    def test_sun(self):
+        self.expect(SUN, np.full((SIDE, SIDE), 3.0), 1e-6)
+        self.expect(replace(SUN, angle_rad=0.5), np.full((SIDE, SIDE), 3.0), 1e-6)
+
+    @pytest.mark.parametrize("radius", [0.0, 0.1])
+    def test_point(self, radius):
+        square = (PLACE[None, :] - 0.4) ** 2 + (PLACE[:, None] - 0.6) ** 2 + 0.64
+        expected = 4 / (4 * math.pi) * 0.8 / np.sqrt(square) / (square + radius**2)
+        self.expect(replace(BULB, radius_m=radius), expected)
+
+    def test_area(self):
+        self.expect(PANEL, from_panel(*np.meshgrid(PLACE, PLACE)))
+
+    def test_spot(self):
+        spot = replace(BULB, kind="SPOT", cone_angle_rad=2.0, blend=1.0)
+        square = (PLACE[None, :] - 0.4) ** 2 + (PLACE[:, None] - 0.6) ** 2 + 0.64
+        cosine = 0.8 / np.sqrt(square)
+        t = np.clip((cosine - math.cos(1.0)) / (1 - math.cos(1.0)), 0, 1)
+        self.expect(spot, 4 / (4 * math.pi) * cosine / square * t * t * (3 - 2 * t), 0.01)
+
+    def test_emitting_quad(self):
+        lamp = moved(quad_mesh("Lamp", 0.4, 0.4), (0.3, 0.3, 1.0))
+        found = light_floor(lit_scene(emission=[lamp], rgb=(2 / (math.pi * 0.16), 0, 0)))
+        assert red(found) == pytest.approx(from_panel(*np.meshgrid(PLACE, PLACE)), rel=2e-3)
+
+    def test_world(self):
+        found = light_floor(replace(lit_scene(), world_rgb=(0.5, 0.2, 0.0)))
+        assert red(found) == pytest.approx(math.pi * 0.5, rel=1e-6)
+
+
+class TestShadows:
+    def test_sun_under_a_block(self):
+        """Shadow from 0.35 to 0.65 m: its edges cut texels at 0.2 and 0.8 of their width, which the sub-points find."""
+        found = red(light_floor(lit_scene([BLOCK], [SUN]))) / 3
+        inside = np.clip(np.minimum(PLACE + 0.5 / SIDE, 0.65) - np.maximum(PLACE - 0.5 / SIDE, 0.35), 0, None) * SIDE
+        expected = 1 - inside[None, :] * inside[:, None]
+        assert found == pytest.approx(expected, abs=0.05)
+        assert found.mean() == pytest.approx(1 - 0.09, abs=5e-4)
+
+    @pytest.mark.parametrize("light", [SUN, BULB, PANEL, replace(BULB, radius_m=0.05, soft_falloff=False)])
+    def test_under_a_roof_it_is_dark(self, light):
+        roof = moved(quad_mesh("Roof", 20, 20), (-9.5, -9.5, 0.1))
+        assert not light_floor(lit_scene([roof], [light])).irradiance_rgb.any()
+
+    def test_a_light_that_casts_no_shadow(self):
+        free = light_floor(lit_scene(lights=[PANEL]))
+        found = light_floor(lit_scene([BLOCK], [replace(PANEL, casts_shadow=False)]))
+        assert found.irradiance_rgb == pytest.approx(free.irradiance_rgb, rel=2e-3)
+        assert found.counters["rays"] == 0
+
+    def test_penumbra_against_a_sum_over_the_light(self):
+        side, fine = 16, 24
+        found = red(light_floor(lit_scene([BLOCK], [PANEL]), side), side)
+        line = 0.3 + 0.4 * (np.arange(fine) + 0.5) / fine
+        light = np.stack([*(grid.ravel() for grid in np.meshgrid(line, line)), np.ones(fine * fine)], axis=1)
+        sub = (np.arange(side * 4) + 0.5) / (side * 4)
+        x, y = (grid.ravel() for grid in np.meshgrid(sub, sub))
+        position = np.stack([x, y, 0 * x], axis=1)
+        vector = light[None] - position[:, None]
+        square = (vector**2).sum(axis=2)
+        value = 2.0 / (math.pi * 0.16) * 0.16 / fine**2 / square**2
+        # Where the segment meets the block's slabs: 0.35 to 0.65 m, and 0.3 to 0.5 m high.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            low = (np.array([0.35, 0.35, 0.3]) - position[:, None]) / vector
+            high = (np.array([0.65, 0.65, 0.5]) - position[:, None]) / vector
+        enter, leave = np.minimum(low, high).max(axis=2), np.maximum(low, high).min(axis=2)
+        value[enter < leave] = 0
+        expected = value.sum(axis=1).reshape(side, 4, side, 4).mean(axis=(1, 3))
+        assert np.abs(found - expected).max() < 0.15 * expected.max()
+        assert np.sqrt(((found - expected) ** 2).mean()) < 0.04 * expected.mean()
+        assert found.mean() == pytest.approx(expected.mean(), rel=4e-3)
+
+    def test_sky_beside_a_wall(self):
+        """At the foot of a wide high wall half of the sky is left."""
+        wall = box_mesh("Wall", (0.02, 400, 200), (-0.01, 0, 100))
+        found = red(light_floor(replace(lit_scene([wall]), world_rgb=(1.0, 1.0, 1.0))))
+        assert found.mean() == pytest.approx(math.pi / 2, rel=0.01)
+
+    def test_a_panel_in_the_plane_of_the_ceiling(self):
+        ceiling = moved(quad_mesh("Ceiling", 3, 3), (-1, -1, 1.0))
+        found = red(light_floor(lit_scene([ceiling], [PANEL])))
+        assert found == pytest.approx(from_panel(*np.meshgrid(PLACE, PLACE)), rel=2e-3)
+
+    def test_few_rays_where_they_agree(self):
+        found = light_floor(lit_scene([box_mesh("Block", (0.1, 0.1, 0.02), (0.1, 0.1, 0.05))], [PANEL]), side=64)
+        assert found.counters["pairs"] == 64 * 64
+        assert found.counters["settled"] > 0.8 * 64 * 64
+        assert found.counters["rays"] < 12 * 64 * 64
+
+    def test_the_limit_of_rays_holds(self):
+        for limit in (4, 16, 64):
+            found = light_floor(lit_scene([BLOCK], [PANEL]), max_rays=limit, tolerance=0.0)
+            assert found.counters["rays"] <= limit * SIDE**2
+
+
+class TestSides:
+    def facing_down(self, two_sided: bool) -> SceneSnapshot:
+        """The floor seen from below by a light under it."""
+        scene = lit_scene(lights=[replace(BULB, position_m=(0.4, 0.6, -0.8)), replace(SUN, power_rgb=(1.0, 0.0, 0.0))])
+        return replace(scene, objects=(replace(scene.objects[0], two_sided=two_sided),))
+
+    def test_only_the_front_is_lit(self):
+        found = light_floor(self.facing_down(False))
+        assert red(found) == pytest.approx(1, rel=1e-6)
+        assert found.counters["out_of_reach"] == SIDE**2
+
+    def test_two_sided_objects_sum_both(self):
+        square = (PLACE[None, :] - 0.4) ** 2 + (PLACE[:, None] - 0.6) ** 2 + 0.64
+        expected = 1 + 4 / (4 * math.pi) * 0.8 / square**1.5
+        assert red(light_floor(self.facing_down(True))) == pytest.approx(expected, rel=2e-3)
+
+
+SECOND_OPINIONS = {
+    "panel": lit_scene([BLOCK], [PANEL]),
+    "ellipse": lit_scene([BLOCK], [replace(PANEL, shape="ELLIPSE", size_m=(0.6, 0.3))]),
+    "sphere": lit_scene([BLOCK], [replace(BULB, radius_m=0.1, soft_falloff=False)]),
+    "spot": lit_scene([BLOCK], [replace(BULB, kind="SPOT", cone_angle_rad=1.2, blend=0.5)]),
+    "sun": lit_scene([BLOCK], [replace(SUN, angle_rad=0.3)]),
+    "lamp": lit_scene([BLOCK], emission=[box_mesh("Lamp", (0.2, 0.2, 0.05), (0.4, 0.5, 0.9))], rgb=(5.0, 2.0, 0.0)),
+    "world": replace(lit_scene([BLOCK]), world_rgb=(1.0, 0.5, 0.0)),
+}
+
+
+@pytest.mark.parametrize("name", SECOND_OPINIONS)
+def test_photons_say_the_same(name):
+    """Over the 8 x 8 parts of the floor, within the photons' Poisson noise and 2 % of our own."""
+    scene, n_photon = SECOND_OPINIONS[name], 300_000
+    _, box, surfaces = prepare(scene)
+    emitters, _ = build_emitters(scene, box, surfaces)
+    trace = photons.build_trace_scene(scene, box, surfaces, emitters)
+    hits = photons.trace_shard(trace, n_photon, 1.0, np.random.default_rng(5), max_depth=1, skip_first=False)
+    on_floor = hits.tri < 2
+    corner = scene.tri_position[hits.tri[on_floor]]
+    u, v = hits.u[on_floor, None], hits.v[on_floor, None]
+    place = corner[:, 0] * (1 - u - v) + corner[:, 1] * u + corner[:, 2] * v
+    flux = hits.flux_rgb[0, on_floor].astype(float)
+    shape = {"bins": 8, "range": [[0, 1], [0, 1]]}
+    counted = np.histogram2d(place[:, 1], place[:, 0], weights=flux, **shape)[0] * 64
+    spread = np.sqrt(np.histogram2d(place[:, 1], place[:, 0], weights=flux**2, **shape)[0]) * 64
+    found = red(light_floor(scene)).reshape(8, 4, 8, 4).mean(axis=(1, 3))
+    limit = sigma_limit(64 * len(SECOND_OPINIONS))
+    assert (np.abs(counted - found) < limit * spread + 0.02 * found.max()).all()
+    assert counted.mean() == pytest.approx(found.mean(), rel=0.01)
+
+
+class TestManyLamps:
+    lamps = tuple(
+        replace(BULB, name=f"Bulb {k}", position_m=(0.1 + 0.2 * (k % 5), 0.1 + 0.2 * (k // 5), 0.6), power_rgb=(1.0, 0.0, 0.0))
+        for k in range(25)
+    )
+
+    def test_choosing_among_them_changes_only_the_noise(self, monkeypatch):
+        scene = lit_scene([BLOCK], self.lamps)
+        chosen = [red(light_floor(scene, seed=seed)) for seed in range(6)]
+        monkeypatch.setattr(direct, "_SOURCES_PER_TEXEL", 100.0)
+        every = red(light_floor(scene))
+        assert np.mean(chosen) == pytest.approx(every.mean(), rel=0.01)
+        assert np.sqrt(((chosen[0] - every) ** 2).mean()) < 0.15 * every.mean()
+        assert np.mean(chosen, axis=0) == pytest.approx(every, abs=0.3 * every.mean())
+
+    def test_their_errors_are_honest(self):
+        runs = [light_floor(lit_scene([BLOCK], self.lamps), seed=seed) for seed in range(12)]
+        true = np.var([run.irradiance_rgb[:, 0] for run in runs], axis=0, ddof=1).mean()
+        assert 0.5 < true / np.mean([run.variance_rgb[:, 0].mean() for run in runs]) < 1.5
+
+
+@pytest.mark.parametrize("light", [PANEL, replace(SUN, angle_rad=0.3), BULB])
+def test_errors_are_honest(light):
+    runs = [light_floor(lit_scene([BLOCK], [light]), seed=seed) for seed in range(12)]
+    true = np.var([run.irradiance_rgb[:, 0] for run in runs], axis=0, ddof=1).mean()
+    stated = np.mean([run.variance_rgb[:, 0].mean() for run in runs])
+    assert 0.3 < true / stated < 1.8
+    assert runs[0].variance_rgb[:, 0] == pytest.approx(runs[0].variance_rgb[:, 1] * (light.power_rgb[0] / light.power_rgb[1]) ** 2)
+
+
+def test_the_same_numbers_from_the_same_stream():
+    scene = replace(lit_scene([BLOCK], [PANEL, BULB]), world_rgb=(0.1, 0.1, 0.1))
+    first, again, other = (light_floor(scene, seed=seed) for seed in (3, 3, 4))
+    assert np.array_equal(first.irradiance_rgb, again.irradiance_rgb)
+    assert first.counters == again.counters
+    assert not np.array_equal(first.irradiance_rgb, other.irradiance_rgb)
+
+
+def test_texels_may_be_any_of_them(monkeypatch):
+    """Chunks and the choice of texels change nothing but the noise."""
+    scene, _, _ = prepare(lit_scene(lights=[PANEL]))
+    column, row = morton_square(SIDE)
+    picked = np.flatnonzero((column + row) % 3 == 0)
+    monkeypatch.setattr(direct, "_CHUNK_TEXELS", 100)
+    found = direct_irradiance(scene, floor_points(SIDE), picked, np.random.default_rng(1))
+    expected = from_panel(PLACE[column[picked]], PLACE[row[picked]])
+    assert found.irradiance_rgb[:, 0] == pytest.approx(expected, rel=2e-3)
+
+
+def test_no_texels_and_no_lights():
+    scene, _, _ = prepare(lit_scene())
+    assert direct_irradiance(scene, floor_points(2), np.arange(0), np.random.default_rng(1)).irradiance_rgb.shape == (0, 3)
+    assert not direct_irradiance(scene, floor_points(2), np.arange(4), np.random.default_rng(1)).irradiance_rgb.any()
