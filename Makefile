@@ -11,7 +11,7 @@ endif
 VENV := .venv-$(PYTHON_VERSION)
 RUN := $(VENV)/bin/python
 
-.PHONY: help bake test pytest bench lint zip clean
+.PHONY: help bake test pytest bench pictures lint zip clean
 .DELETE_ON_ERROR:
 
 help:
@@ -19,6 +19,7 @@ help:
 	@echo "make test    lint and the everyday tests"
 	@echo "make pytest  the everyday tests alone"
 	@echo "make bench   the slow tests and the benchmarks, minutes each"
+	@echo "make pictures  bake all samples and draw them into docs/samples"
 	@echo "make lint    ruff check, ruff format --check, mypy --strict"
 	@echo "make zip     the extension's zips in dist/, one per platform   (WHEELS_DIR=folder: also one with the wheels in it)"
 	@echo "make clean   remove what these made, virtual environments included"
@@ -26,7 +27,7 @@ help:
 
 bake: $(VENV)/.ready
 	mkdir -p $(OUT)
-	$(RUN) -m leaflight bake $(SCENE) --output $(OUT) --save $(OUT)/$(notdir $(basename $(SCENE))).blend --report $(OUT)/report.json
+	$(RUN) -m leaflight bake $(SCENE) --output $(OUT) --format exr png --save $(OUT)/$(notdir $(basename $(SCENE))).blend --report $(OUT)/report.json
 
 test: lint pytest
 
@@ -36,6 +37,9 @@ pytest: $(VENV)/.ready
 bench: $(VENV)/.ready-bench
 	$(RUN) -m pytest -m slow
 	set -e; for script in $(wildcard tests/bench/bench_*.py); do echo "== $$script"; PYTHONPATH=tests $(RUN) $$script; done
+
+pictures: $(VENV)/.ready
+	$(RUN) tests/bench/draw_samples.py
 
 lint: $(VENV)/.installed
 	$(RUN) -m ruff check .

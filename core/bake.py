@@ -73,6 +73,7 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
             np.savez(folder / LAYOUT_FILE, tri_uv=atlas.tri_uv / atlas.page_size, tri_chart=atlas.tri_chart, object_page=atlas.object_page)
         with stages.stage("texels", "Measuring texels"):
             texel_map = texels.build_texel_map(snapshot, atlas, 2 * basis.DEGREES[settings.basis])
+            shared_arrays.remove_struct(folder / workers.TEXELS_FOLDER)  # of an earlier bake in the same folder
             shared_arrays.save_struct(folder / workers.TEXELS_FOLDER, texel_map)
         with stages.stage("scene", "Building the ray tracer's tree"):
             tracing = workers.open_tracing(str(folder))
@@ -147,7 +148,12 @@ def _write_pages(
             pixels = resolver.page(pass_name, page)
             for kind in settings.formats:
                 path = output / f"{names[page]}.{pass_name}.{kind}"
-                image_file.write_image(path, pixels, metadata, kind)
+                try:
+                    image_file.write_image(path, pixels, metadata, kind)
+                except (OSError, ValueError):
+                    for file in files:  # half a bake looks like a whole one
+                        Path(file.path).unlink(missing_ok=True)
+                    raise
                 files.append(PageFile(str(path), pass_name, kind, page, np.flatnonzero(atlas.object_page == page).tolist()))
     return files
 

@@ -185,10 +185,12 @@ class Solver:
             )
             for shard in range(n_shard)
         ]
-        for shard, result in zip(shards, self.executor.map(workers.trace_photons, shards), strict=True):
-            self.tally.add(shard.shard % 2, result.tally, shard.photons)
-            self.ledger.add(result)
-        shared_arrays.remove_struct(view)
+        try:
+            for shard, result in zip(shards, self.executor.map(workers.trace_photons, shards), strict=True):
+                self.tally.add(shard.shard % 2, result.tally, shard.photons)
+                self.ledger.add(result)
+        finally:
+            shared_arrays.remove_struct(view)
         self.round += 1
 
     def _refine(self, state: _State) -> None:

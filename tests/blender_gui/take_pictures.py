@@ -81,10 +81,10 @@ def steps() -> Iterator[float]:
     start_gap = time.perf_counter() - last
     pictured, began = False, last
     while state.running and time.perf_counter() - began < GIVE_UP_SECONDS:
-        last = time.perf_counter()
         if not pictured and state.fraction >= MID_BAKE_FRACTION:
             yield from take_picture("baking")
             pictured = True
+        last = time.perf_counter()
         yield TICK_SECONDS
         gaps.append(time.perf_counter() - last)
     print(f"SECONDS {time.perf_counter() - began:.1f}  error {state.error!r}  result {state.summarize()}  warnings {state.warnings}")

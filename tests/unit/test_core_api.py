@@ -21,6 +21,7 @@ def test_importing_the_core_loads_no_native_library():
     assert set(NATIVE) & set(loaded) == set()
 
 
+@pytest.mark.usefixtures("open_image_io")
 def test_the_example_in_the_docstring_runs(tmp_path):
     example = textwrap.dedent(core.__doc__.partition("::\n")[2].partition("\nWith more")[0])
     exec(compile(example, "core docstring", "exec"), {"folder": tmp_path, "print": lambda message: None})
@@ -28,5 +29,5 @@ def test_the_example_in_the_docstring_runs(tmp_path):
     assert [row["name"] for row in result["objects"]] == ["Floor"]
     pixels, _ = read_image(tmp_path / "room_0.combined.exr")
     lit = pixels[pixels[..., 3] == 1, 0]
-    # Below the lamp, Blender's units: 100 W are 100 / (4 pi^2) W/m^2 / sr of irradiance at 1 m; times albedo / pi.
-    assert lit.max() == pytest.approx(100 / (4 * np.pi**2) / 1.5**2 * 0.5 / np.pi * np.pi, rel=0.02)
+    # Below a lamp of P watts at d metres Blender shows P / (4 pi^2 d^2) times the albedo.
+    assert lit.max() == pytest.approx(100 / (4 * np.pi**2 * 1.5**2) * 0.5, rel=0.02)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -134,5 +135,5 @@ def test_cells_are_sorted_by_facing_first():
     normal = np.eye(3)[np.arange(100) % 3] * np.where(np.arange(100) % 2, 1, -1)[:, None]
     order = _sort_by_place(centre, normal)
     facing = [tuple(normal[i]) for i in order]
-    assert sum(a != b for a, b in zip(facing, facing[1:], strict=False)) == 5
+    assert sum(a != b for a, b in pairwise(facing)) == 5
     assert sorted(order.tolist()) == list(range(100))

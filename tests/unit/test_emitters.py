@@ -132,12 +132,12 @@ class TestTexturedScreen(EmitterContract):
         image = np.zeros((4, 8, 3))
         np.add.at(image, (row.clip(0, 3), column), flux)
         expected = self.pixels * 2 * math.pi * 2 * 2 / 32
-        assert image == pytest.approx(expected, rel=0.02, abs=1e-3 * expected.max())
+        assert image == pytest.approx(expected, rel=0.02, abs=1e-3 * float(expected.max()))
 
     def test_few_photons_are_wasted(self):
         relative = self.emitter().emit(numbers()).relative_rgb
         assert (relative.max(axis=1) < 0.01).mean() < 0.3
-        assert relative[:, 1:].max() < 2  # of the white texel
+        assert relative[:, 1:].max() < 6  # cells on a texel's edge are chosen by their mean
 
     def test_cells_cover_their_triangles(self):
         ((_, cells),) = find_emitting_cells(self.scene, SurfaceMaterials(self.scene))

@@ -49,7 +49,7 @@ def test_polygons_equal_the_sum_over_their_points():
 
 
 def test_polygons_may_differ_by_receiver():
-    corners = np.random.default_rng(3).normal(size=(50, 3, 3)) + [0, 0, 2]
+    corners = np.random.default_rng(3).normal(size=(50, 3, 3)) + np.array([0, 0, 2])
     position, normal = np.random.default_rng(4).normal(size=(50, 3)), random_directions(50, 5)
     together = polygon_irradiance(corners, position, normal)
     apart = [polygon_irradiance(corners[i], position[i : i + 1], normal[i : i + 1])[0] for i in range(50)]

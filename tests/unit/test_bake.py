@@ -1,0 +1,197 @@
+"""A whole bake: the folder that goes in, the files and the result that come out, and what is left when it fails."""
+
+import dataclasses
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from boxes import lamp_scene, room_mesh
+from leaflight.core import bake
+from leaflight.core.image_file import read_image
+from leaflight.core.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.messages import Done, Progress, Status, Warning_
+from leaflight.core.scene import Light, Material
+from leaflight.core.settings import Settings
+from leaflight.core.snapshot import load_snapshot, save_snapshot
+from scenes import make_scene, moved, quad_mesh
+
+pytestmark = pytest.mark.usefixtures("open_image_io")
+QUICK = Settings(size=32, padding=1, workers=1, error=0.3, max_photons=20_000)
+STAGES = ["load", "charts", "texels", "scene", "direct", "photons", "write"]
+
+
+def bake_scene(folder, scene, settings=QUICK, output="", should_stop=lambda: False):
+    """Messages and result of a bake in `folder`."""
+    folder.mkdir(exist_ok=True)
+    save_snapshot(folder / SNAPSHOT_FILE, scene)
+    Job(settings, output or str(folder / "images"), "room").save(folder)
+    messages = []
+    bake.run_bake(folder, messages.append, should_stop)
+    return messages, json.loads((folder / RESULT_FILE).read_text())
+
+
+def list_files(folder):
+    return sorted(path.name for path in Path(folder).rglob("*"))
+
+
+def test_files_and_result_say_the_same(tmp_path):
+    settings = replace(QUICK, passes=("combined", "indirect"), formats=("exr", "png"))
+    messages, result = bake_scene(tmp_path, lamp_scene(), settings)
+    names = [f"room_0.{name}.{kind}" for name in ("combined", "indirect") for kind in ("exr", "png")]
+    assert [Path(file["path"]).name for file in result["files"]] == names
+    assert list_files(tmp_path / "images") == names
+    assert [(file["pass_name"], file["kind"], file["page"], file["objects"]) for file in result["files"]] == [
+        (name, kind, 0, [0, 1]) for name in ("combined", "indirect") for kind in ("exr", "png")
+    ]
+    assert [message.stage for message in messages if isinstance(message, Status)] == STAGES == list(result["seconds"])
+    assert messages[-1] == Done(str(tmp_path / RESULT_FILE), False)
+    last = [message for message in messages if isinstance(message, Progress)][-1]
+    assert (last.photons, last.estimated_error, last.leaves) == (result["photons"], result["estimated_error"], result["leaves"])
+    assert result["stopped_by"] in ("error", "max_photons")
+    assert (result["page_size"], result["pages"]) == (32, 1)
+
+
+def test_rows_of_objects_are_those_of_the_image(tmp_path):
+    _, result = bake_scene(tmp_path, lamp_scene())
+    assert [(row["name"], row["page"]) for row in result["objects"]] == [("Floor", 0), ("Block", 0)]
+    assert [row["charts"] for row in result["objects"]] == [1, 6]
+    pixels, metadata = read_image(Path(result["files"][0]["path"]))
+    assert pixels.shape == (32, 32, 4)
+    assert sum(row["texels"] for row in result["objects"]) == np.count_nonzero(pixels[..., 3])
+    assert metadata["leaflight:pass"] == "combined"
+
+
+def test_layout_is_of_the_snapshot(tmp_path):
+    scene = lamp_scene()
+    bake_scene(tmp_path, scene)
+    with np.load(tmp_path / LAYOUT_FILE) as layout:
+        assert layout["tri_uv"].shape == (scene.n_tri, 3, 2)
+        assert 0 <= layout["tri_uv"].min() < 0.5 < layout["tri_uv"].max() <= 1
+        assert layout["tri_chart"].shape == (scene.n_tri,)
+        assert layout["object_page"].tolist() == [0, 0]
+
+
+def test_energy_audit_closes_in_the_result(tmp_path):
+    _, result = bake_scene(tmp_path, lamp_scene())
+    audit = {name: np.array(value) for name, value in result["energy_audit_w"].items()}
+    power = np.array([10.0, 5.0, 2.5])
+    assert audit["emitted"] / audit["emitted"][0] == pytest.approx(power / power[0], rel=1e-6)
+    assert audit["absorbed"] + audit["escaped"] + audit["remainder"] == pytest.approx(audit["emitted"], rel=1e-9)
+
+
+def test_same_seed_gives_the_same_bytes(tmp_path):
+    files = []
+    for name in ("a", "b"):
+        bake_scene(tmp_path / name, lamp_scene(), replace(QUICK, error=0.02))
+        files.append((tmp_path / name / "images" / "room_0.combined.exr").read_bytes())
+    assert files[0] == files[1]
+
+
+def test_a_folder_can_be_used_again(tmp_path):
+    """What a process keeps open must not outlive the bake: the second scene is another one."""
+    bright = lamp_scene()
+    dark = replace(bright, lights=(replace(bright.lights[0], power_rgb=(1.0, 0.5, 0.25)),))
+    means = []
+    for scene in (bright, dark):
+        bake_scene(tmp_path, scene, replace(QUICK, direct="photons", passes=("lighting",)))
+        means.append(read_image(tmp_path / "images" / "room_0.lighting.exr")[0][..., 0].mean())
+    assert means[0] == pytest.approx(10 * means[1], rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("names", "files"),
+    [
+        (("a/b", "a?b"), ["a_b.combined.exr", "a_b_.combined.exr"]),
+        (("Floor", "floor"), ["Floor.combined.exr", "floor_.combined.exr"]),
+        (("..", "\u00c4 1"), ["_.combined.exr", "\u00c4 1.combined.exr"]),
+    ],
+)
+def test_file_names_of_objects_are_unique_and_allowed(tmp_path, names, files):
+    quads = [moved(quad_mesh(), (0, 0, 2.0 * index), name=name) for index, name in enumerate(names)]
+    scene = make_scene(quads, [Light("SUN", "Sun", power_rgb=(1.0, 1.0, 1.0))])
+    _, result = bake_scene(tmp_path, scene, replace(QUICK, atlas=False))
+    assert [Path(file["path"]).name for file in result["files"]] == files
+    assert list_files(tmp_path / "images") == sorted(files)
+    assert [file["objects"] for file in result["files"]] == [[0], [1]]
+
+
+def test_interrupted_bake_is_written_and_says_so(tmp_path):
+    messages, result = bake_scene(tmp_path, lamp_scene(), replace(QUICK, error=1e-4, max_photons=10**9), should_stop=lambda: True)
+    assert messages[-1].interrupted
+    assert result["stopped_by"] == "interrupted"
+    assert result["rounds"] == 1
+    assert list_files(tmp_path / "images") == ["room_0.combined.exr"]
+
+
+def test_what_was_changed_is_told(tmp_path):
+    scene = replace(lamp_scene(), materials=(Material("Snow", (2.0, 2.0, 2.0)),))
+    messages, _ = bake_scene(tmp_path, scene)
+    told = [message for message in messages if isinstance(message, Warning_)]
+    assert [message.subject for message in told] == ["Snow"]
+    assert "is clamped" in told[0].text
+
+
+def test_a_scene_without_light_is_a_sentence(tmp_path):
+    with pytest.raises(ValueError, match="light"):
+        bake_scene(tmp_path, replace(lamp_scene(), lights=()))
+    assert not list_files(tmp_path / "images")
+
+
+def test_a_damaged_snapshot_is_a_sentence(tmp_path):
+    save_snapshot(tmp_path / SNAPSHOT_FILE, lamp_scene())
+    whole = (tmp_path / SNAPSHOT_FILE).read_bytes()
+    assert load_snapshot(tmp_path / SNAPSHOT_FILE).n_tri == 14
+    Job(QUICK, str(tmp_path / "images"), "room").save(tmp_path)
+    for damaged in (b"", whole[: len(whole) // 2], whole[:300] + b"?" * 300 + whole[600:]):
+        (tmp_path / SNAPSHOT_FILE).write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"snapshot\.npz: .+; export the scene again\."):
+            bake.run_bake(tmp_path, lambda message: None, lambda: False)
+    assert not list_files(tmp_path / "images")
+
+
+@pytest.mark.parametrize("place", ["file", "below a file", "/proc/self/images"])
+def test_an_output_that_cannot_be_written_is_told_before_the_work(tmp_path, place):
+    (tmp_path / "note.txt").write_text("a user's own")
+    output = {"file": tmp_path / "note.txt", "below a file": tmp_path / "note.txt" / "images"}.get(place, Path(place))
+    save_snapshot(tmp_path / SNAPSHOT_FILE, lamp_scene())
+    Job(QUICK, str(output), "room").save(tmp_path)
+    before, messages = list_files(tmp_path), []
+    with pytest.raises(OSError, match=r": images cannot be written there \(.+\); choose a folder that can be written to\.") as caught:
+        bake.run_bake(tmp_path, messages.append, lambda: False)
+    assert str(caught.value).startswith(str(output))
+    assert messages == []
+    assert list_files(tmp_path) == before
+
+
+def test_half_a_bake_is_not_left_behind(tmp_path):
+    blocked = tmp_path / "images" / "room_0.emission.exr"
+    blocked.mkdir(parents=True)  # a folder where the second image should go
+    with pytest.raises(OSError, match=r"room_0\.emission\.exr: cannot be written"):
+        bake_scene(tmp_path, lamp_scene(), replace(QUICK, passes=("combined", "emission", "albedo")))
+    assert list_files(tmp_path / "images") == [blocked.name]
+    assert not (tmp_path / RESULT_FILE).exists()
+
+
+def test_objects_that_do_not_receive_get_no_row_and_no_texel(tmp_path):
+    scene = lamp_scene()
+    objects = (scene.objects[0], replace(scene.objects[1], receives=False))
+    _, result = bake_scene(tmp_path, replace(scene, objects=objects))
+    assert [row["name"] for row in result["objects"]] == ["Floor"]
+    assert result["files"][0]["objects"] == [0]
+
+
+def test_a_closed_dark_room_ends(tmp_path):
+    """No light arrives anywhere: nothing to estimate, and yet the bake ends, with numbers only."""
+    sun = Light("SUN", "Sun", power_rgb=(1.0, 1.0, 1.0))
+    outside_in = make_scene([room_mesh()], [sun])
+    _, result = bake_scene(tmp_path, outside_in, replace(QUICK, passes=("combined", "stderr")))
+    for file in result["files"]:
+        assert np.isfinite(read_image(Path(file["path"]))[0]).all()
+    assert dataclasses.asdict(QUICK)["max_photons"] >= result["photons"]
+
+
+def test_peak_memory_is_in_megabytes():
+    found = bake.peak_memory_mb()
+    assert not found or 20 < found["core"] < 100_000
