@@ -44,7 +44,9 @@ pictures: $(VENV)/.ready
 lint: $(VENV)/.installed
 	$(RUN) -m ruff check .
 	$(RUN) -m ruff format --check .
+ifneq ($(PYTHON_VERSION),3.13) # numpy 1's and numpy 2's types contradict each other here and there: one of them is the reference
 	MYPYPATH=$(VENV)/package $(RUN) -m mypy
+endif
 
 zip: $(VENV)/.installed
 	$(RUN) tools/build_zip.py --output dist $(if $(WHEELS_DIR),--wheels-dir "$(WHEELS_DIR)")

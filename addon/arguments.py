@@ -42,13 +42,11 @@ def parse_arguments(argv: list[str], prog: str, with_scene: bool) -> BakeRequest
 def _make_parser(prog: str, with_scene: bool) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog=prog, description="Bakes diffuse global illumination to textures.", allow_abbrev=False)
     commands = parser.add_subparsers(dest="command", required=True)
-    bake = commands.add_parser(
-        "bake", help="bake a scene", formatter_class=argparse.ArgumentDefaultsHelpFormatter, allow_abbrev=False
-    )
+    bake = commands.add_parser("bake", help="bake a scene", formatter_class=argparse.ArgumentDefaultsHelpFormatter, allow_abbrev=False)
     if with_scene:
         bake.add_argument("scene", type=Path, help=".blend, .glb, .gltf, .obj, .fbx or .usd")
     scene = bake.add_argument_group("scene")
-    scene.add_argument("--objects", nargs="+", default=[], metavar="NAME", help="objects that get a lightmap; without it every visible mesh")
+    scene.add_argument("--objects", nargs="+", default=[], metavar="NAME", help="what gets a lightmap; without it every visible mesh")
     scene.add_argument("--uv-layer", default="", metavar="NAME", help="use this UV layer as it is; without it xatlas unwraps")
     output = bake.add_argument_group("output")
     output.add_argument("--output", type=Path, default=Path("bake"), metavar="DIR", help="folder of the images")

@@ -17,7 +17,8 @@ from pathlib import Path
 _ROOT = Path(__file__).resolve().parent.parent
 if "leaflight" not in sys.modules:
     _spec = importlib.util.spec_from_file_location("leaflight", _ROOT / "__init__.py", submodule_search_locations=[str(_ROOT)])
-    assert _spec is not None and _spec.loader is not None
+    assert _spec is not None
+    assert _spec.loader is not None
     sys.modules["leaflight"] = importlib.util.module_from_spec(_spec)
     _spec.loader.exec_module(sys.modules["leaflight"])
 

@@ -113,9 +113,7 @@ def _load_pages(request: BakeRequest, result: dict[str, Any]) -> dict[int, bpy.t
     return {file["page"]: images.load_image(file["path"]) for file in files}
 
 
-def _find_targets(
-    context: bpy.types.Context, exported: list[export_scene.ExportedObject]
-) -> tuple[dict[str, bpy.types.Object], Warnings]:
+def _find_targets(context: bpy.types.Context, exported: list[export_scene.ExportedObject]) -> tuple[dict[str, bpy.types.Object], Warnings]:
     """The objects that carry the bake, by name in the snapshot: the user's own, or copies made now."""
     targets: dict[str, bpy.types.Object] = {}
     warnings: Warnings = []
@@ -132,9 +130,9 @@ def _find_targets(
         ignored: Warnings = []  # the export has told them already
         with evaluate_for_render(context.scene, context.view_layer, ignored) as depsgraph:
             for piece in walk_pieces(context.view_layer, depsgraph):
-                one = copies.get(piece.key)
-                if one is None:
+                if piece.key not in copies:
                     continue
+                one = copies[piece.key]
                 try:
                     matrix = Matrix(piece.matrix.tolist())
                     targets[one.name] = baked_copies.make_copy(context.scene, piece.source, piece.evaluated, matrix)

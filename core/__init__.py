@@ -1,4 +1,4 @@
-'''The core of Leaflight: light for surfaces given as numpy arrays; numpy and the standard library, never Blender.
+"""The core of Leaflight: light for surfaces given as numpy arrays; numpy and the standard library, never Blender.
 
 This package imports nothing by itself, so that a worker or a panel loads only what it uses. What programs need:
 
@@ -22,4 +22,4 @@ A grey floor of 2 m x 2 m under a lamp of 100 W, baked to `folder` (a pathlib.Pa
     bake.run_bake(folder, tell=print, should_stop=lambda: False)  # writes room_0.combined.exr and result.json
 
 With more workers than one the calling script needs `if __name__ == "__main__":`, as for any use of multiprocessing.
-'''
+"""

@@ -18,9 +18,7 @@ _FEELERS = 4
 _CHUNK = 1 << 18
 
 
-def find_contacts(
-    rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray
-) -> NDArray[np.bool_]:
+def find_contacts(rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray) -> NDArray[np.bool_]:
     """Whether something stands within a texel or so of each point, found by short rays along the surface.
 
     position     (n, 3) float32, unit box

@@ -140,12 +140,13 @@ class ReceivingSurfaces:
 
     def place(self, tri: IntArray, u: Float32, v: Float32) -> Float32:
         """(n, 3) view of rows, unit box: points at weights of corners 1 and 2."""
-        point, along_u, along_v = (rows.take(tri, axis=1) for rows in self.corner_rows)
+        corner, along_u, along_v = (rows.take(tri, axis=1) for rows in self.corner_rows)
         along_u *= u
         along_v *= v
-        point += along_u
-        point += along_v
-        return point.T
+        corner += along_u
+        corner += along_v
+        point: Float32 = corner.T
+        return point
 
     def _shade(self, tri: IntArray, u: Float32, v: Float32, side: Float32) -> Float32:
         """(3, n): the interpolated normals where triangles are smooth."""

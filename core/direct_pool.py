@@ -82,8 +82,18 @@ class EmitterPool:
         square = ((centre - mean_centre[cluster]) ** 2).sum(axis=1) + area / math.pi
         mean_square = np.add.reduceat(square * weight, start) / total
         cluster_start = np.append(start, len(every)).astype(np.int64)
-        means = (mean.astype(np.float32) for mean in (mean_centre, mean_normal, mean_square))
-        return cls(cells, constant[order], area, power_end, cluster_start, *means, scene, surfaces)
+        return cls(
+            cells=cells,
+            constant=constant[order],
+            area=area,
+            power_end=power_end,
+            cluster_start=cluster_start,
+            cluster_centre=mean_centre.astype(np.float32),
+            cluster_normal=mean_normal.astype(np.float32),
+            cluster_square=mean_square.astype(np.float32),
+            scene=scene,
+            surfaces=surfaces,
+        )
 
     def irradiance(
         self, rays: RayScene, chunk: TexelChunk, base_rgb: Float64, tolerance: float, max_rays: int, rng: np.random.Generator
@@ -167,7 +177,7 @@ class EmitterPool:
         np.maximum(square, np.float32(1e-9), out=square)
         distance = np.sqrt(square)
         least = _GRAZING * distance
-        out = receivers.normal @ centre.T - (receivers.normal * receivers.position).sum(axis=1)[:, None]
+        out: Float32 = receivers.normal @ centre.T - (receivers.normal * receivers.position).sum(axis=1)[:, None]
         np.maximum(out, least, out=out)
         from_light = receivers.position @ normal.T - (centre * normal).sum(axis=1)
         np.abs(from_light, out=from_light)

@@ -113,7 +113,7 @@ class WorldEmitter:
 def rotate_to(local: FloatArray, normal: FloatArray) -> FloatArray:
     """Directions (n, 3) around +Z, turned to be around unit normals (n, 3)."""
     tangent, bitangent = orthonormal_basis(normal)
-    out = tangent * local[:, :1]
+    out: FloatArray = tangent * local[:, :1]
     out += bitangent * local[:, 1:2]
     out += normal * local[:, 2:]
     return out

@@ -8,6 +8,7 @@ The error of a bake is relative to local brightness, so that dark corners count 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +97,7 @@ def state_error(
     return StatedError(relative if totals.photons.sum() else float("nan"), correction, bias2)
 
 
-def _best_share(error: NDArray[np.float64], texels: NDArray[np.integer]) -> NDArray[np.float64]:
+def _best_share(error: NDArray[np.float64], texels: NDArray[np.integer[Any]]) -> NDArray[np.float64]:
     """(m,) float64: how many texels of each node are among the BEST_TEXELS of all, by their error."""
     order = np.argsort(error, kind="stable")
     end = np.cumsum(texels[order])

@@ -67,7 +67,8 @@ def make_births(origin: FloatArray, direction: FloatArray, relative: FloatArray 
 
 def turn(local: FloatArray, axes: FloatArray) -> Float32:
     """Local directions (n, 3) in world space; +Z goes to -axes[2], where a Blender light shines. axes (3, 3)."""
-    return (local * np.array([1, 1, -1], np.float32)) @ np.asarray(axes, np.float32)
+    world: Float32 = (local * np.array([1, 1, -1], np.float32)) @ np.asarray(axes, np.float32)
+    return world
 
 
 @dataclass(frozen=True)

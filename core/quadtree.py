@@ -190,9 +190,7 @@ def add_children(tree: Quadtree, nodes: IntArray, texels: TexelMap, keys: NDArra
     )
 
 
-def grow_previews(
-    tree: Quadtree, texels: TexelMap, keys: NDArray[np.int64], preview_depth: int, finest_texels: int
-) -> Quadtree:
+def grow_previews(tree: Quadtree, texels: TexelMap, keys: NDArray[np.int64], preview_depth: int, finest_texels: int) -> Quadtree:
     """The tree with `preview_depth` levels of preview nodes below every current node, as far as texels allow."""
     below = np.flatnonzero(tree.current)
     for _ in range(preview_depth):
@@ -245,9 +243,7 @@ class TreeView:
         centre = (tree.origin + half[:, None]).astype(np.float32)
         return cls(node_of_texel(tree, deepest, n_texel), centre, (1.0 / half).astype(np.float32))
 
-    def locate(
-        self, entry: IntArray, x: FloatArray, y: FloatArray
-    ) -> tuple[NDArray[np.int32], FloatArray, FloatArray]:
+    def locate(self, entry: IntArray, x: FloatArray, y: FloatArray) -> tuple[NDArray[np.int32], FloatArray, FloatArray]:
         """The deepest node at each hit, and the hit in its coordinates s, t.
 
         entry   (m,) int, texel entries;  x, y   (m,) float, page texels

@@ -66,9 +66,7 @@ def is_stable(photons_shot: IntArray, stability: int) -> NDArray[np.bool_]:
     return photons_shot >= stability
 
 
-def indicator(
-    tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArray, depth: int, stability: int
-) -> Difference:
+def indicator(tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArray, depth: int, stability: int) -> Difference:
     """Difference between `nodes` and their preview nodes `depth` levels below.
 
     nodes   (m,) int, nodes that have children
@@ -119,9 +117,7 @@ def _sum_by(group: IntArray, values: NDArray[np.float64], count: int) -> NDArray
     return np.array([np.bincount(group, row, count) for row in flat]).reshape(*values.shape[:-1], count)
 
 
-def _descendants(
-    tree: Quadtree, nodes: IntArray, depth: int
-) -> tuple[list[IntArray], list[IntArray], NDArray[np.bool_]]:
+def _descendants(tree: Quadtree, nodes: IntArray, depth: int) -> tuple[list[IntArray], list[IntArray], NDArray[np.bool_]]:
     """Nodes of each depth below `nodes`, the position of each one's parent in the depth above, and who is covered."""
     ids: list[IntArray] = [nodes]
     above: list[IntArray] = [np.arange(len(nodes))]
@@ -171,7 +167,7 @@ def mark(
     forced       (n,) bool: split as soon as stable, whatever the light
     background   (3, n) float64, W/m^2: light on the node that does not come through the tallies (direct light by rays)
     """
-    nodes = np.flatnonzero(tree.current & tree.has_children)
+    nodes: NDArray[np.int64] = np.flatnonzero(tree.current & tree.has_children)
     nodes = nodes[is_stable(totals.shot[nodes] // FANOUT, rule.stability)]
     area = np.where(tree.area[nodes] > 0.0, tree.area[nodes], 1.0)
     level = np.linalg.norm(solution.flux[:, nodes] / area + background[:, nodes], axis=0)
@@ -211,4 +207,5 @@ def choose_leaves(tree: Quadtree, totals: Totals, comparison: Comparison, stabil
         leaves.append(front[~opened[front]])
         children = tree.children[front[opened[front]]]
         shown.append(children[children >= 0])
-    return np.concatenate([np.zeros(0, np.int64), *leaves]).astype(np.int64)
+    out: NDArray[np.int64] = np.concatenate([np.zeros(0, np.int64), *leaves]).astype(np.int64)
+    return out

@@ -6,13 +6,13 @@ Metres, watts, linear Rec.709 RGB, +Z up, world space. -1 is "none".
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray: TypeAlias = NDArray[np.floating]
-IntArray: TypeAlias = NDArray[np.integer]
+FloatArray: TypeAlias = NDArray[Any]  # of any float type; numpy's own generic types confuse its operators' types
+IntArray: TypeAlias = NDArray[Any]  # of any integer type
 
 MAX_ALBEDO = 0.999  # a whiter surface would keep its photons for ever
 

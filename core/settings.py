@@ -31,7 +31,16 @@ def _knob(
     flag: str = "",
     off_flag: str = "",
 ) -> Any:
-    metadata = dict(help=help_text, unit=unit, low=low, high=high, choices=choices, group=group, flag=flag, off_flag=off_flag)
+    metadata = {
+        "help": help_text,
+        "unit": unit,
+        "low": low,
+        "high": high,
+        "choices": choices,
+        "group": group,
+        "flag": flag,
+        "off_flag": off_flag,
+    }
     return field(default=default, metadata=metadata)
 
 

@@ -70,7 +70,7 @@ def deposit(
         for k, moment in enumerate(moments):
             sums = np.bincount(slot, flux[channel] * moment if k else flux[channel], COMPONENTS * m)
             raw[:, channel, k] = sums.reshape(COMPONENTS, m)
-    return ShardTally(touched, np.bincount(node, minlength=m), weight2, raw)
+    return ShardTally(touched.astype(np.int64), np.bincount(node, minlength=m), weight2, raw)
 
 
 @dataclass

@@ -38,6 +38,7 @@ def lamp_scene(rho: float = 0.5) -> SceneSnapshot:
 
 def prepare_folder(folder: Path, scene: SceneSnapshot, settings: Settings) -> tuple[charts.ChartAtlas, TexelMap]:
     """What bake.run_bake puts into a folder before light is sought."""
+    folder.mkdir(exist_ok=True)
     save_snapshot(folder / SNAPSHOT_FILE, scene)
     atlas = charts.make_charts(scene, settings)
     texel_map = texels.build_texel_map(scene, atlas, 2 * basis.DEGREES[settings.basis])

@@ -173,10 +173,8 @@ class TestSunDisk(TestSun):
         cosine = 1 - (1 - math.cos(0.4)) * (np.arange(400) + 0.5)[:, None] / 400
         phi = 2 * math.pi * (np.arange(400) + 0.5) / 400
         sine = np.sqrt(1 - cosine**2)
-        axes = np.array(AXES)
-        direction = (
-            (sine * np.cos(phi))[..., None] * axes[0] + (sine * np.sin(phi))[..., None] * axes[1] + (cosine + 0 * phi)[..., None] * axes[2]
-        )
+        local = np.stack([sine * np.cos(phi), sine * np.sin(phi), cosine + 0 * phi], axis=-1)
+        direction = local @ np.array(AXES)
         outline = np.abs(direction) @ np.array([3.008 * 2.008, 4.008 * 2.008, 4.008 * 3.008])
         return outline.mean() * 2 * math.pi * (1 - math.cos(0.4)) / (math.pi * math.sin(0.4) ** 2)
 
@@ -230,7 +228,7 @@ class TestSpreadArea(TestArea):
 def test_spot_angles_follow_the_attenuation(blend):
     cone = SpotCone(0.4, blend)
     u = np.random.default_rng(4).random(N_PHOTON)
-    counts, edges = np.histogram(cone.sample_drop(u), bins=40, range=(0, 0.4))
+    counts, _ = np.histogram(cone.sample_drop(u), bins=40, range=(0, 0.4))
     fine = (np.arange(40 * 200) + 0.5) * 0.4 / 8000
     density = cone.attenuation(1 - fine).reshape(40, 200).sum(axis=1)
     used = density > 1e-3 * density.max()

@@ -1,0 +1,187 @@
+"""Rounds of photons: what stops them, that light is neither lost nor made, and that workers change nothing."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from boxes import lamp_scene, make_solver, solve_scene
+from leaflight.core import quadtree, solve, workers
+from leaflight.core.messages import Progress
+from leaflight.core.settings import Settings
+
+SETTINGS = Settings(size=32, padding=1, max_photons=600_000, error=1e-4)
+QUICK = replace(SETTINGS, max_photons=20_000)
+
+
+def solution_bytes(light):
+    arrays = [light.solution.coefficient, light.solution.variance, light.leaves, light.direct.irradiance, light.direct.variance]
+    return b"".join(array.tobytes() for array in arrays)
+
+
+@pytest.fixture(scope="module")
+def two_workers():
+    with workers.make_executor(2) as executor:
+        yield executor
+
+
+@pytest.mark.parametrize("direct", ["photons", "rays"])
+def test_two_workers_give_the_bytes_of_one(tmp_path, two_workers, direct):
+    settings = replace(SETTINGS, direct=direct)
+    alone = solve_scene(tmp_path / "1", lamp_scene(), settings)
+    together = solve_scene(tmp_path / "2", lamp_scene(), settings, two_workers)
+    assert alone.rounds > 1  # so that refined trees are compared, not only roots
+    assert len(alone.leaves) > 7
+    assert solution_bytes(together) == solution_bytes(alone)
+
+
+@pytest.mark.parametrize("direct", ["photons", "rays"])
+def test_another_seed_is_another_bake(tmp_path, direct):
+    lights = [solve_scene(tmp_path / str(seed), lamp_scene(), replace(QUICK, direct=direct, seed=seed)) for seed in (1, 2)]
+    assert not np.array_equal(lights[0].solution.flux, lights[1].solution.flux)
+    assert lights[0].solution.flux.sum() == pytest.approx(lights[1].solution.flux.sum(), rel=0.05)
+
+
+@pytest.mark.parametrize("maximum", [1000, 12_345, 70_001, 600_000])
+def test_photons_stop_at_the_greatest_number_allowed(tmp_path, maximum):
+    light = solve_scene(tmp_path, lamp_scene(), replace(SETTINGS, max_photons=maximum))
+    assert maximum - 1 <= light.photons <= maximum
+    assert light.stopped_by == "max_photons"
+
+
+def test_the_error_asked_for_stops(tmp_path):
+    light = solve_scene(tmp_path, lamp_scene(), replace(SETTINGS, error=0.2, max_photons=10**9))
+    assert light.stopped_by == "error"
+    assert light.error <= 0.2
+
+
+def test_the_time_limit_stops(tmp_path):
+    solver = make_solver(tmp_path, lamp_scene(), replace(SETTINGS, time_limit=100.0, max_photons=10**9))
+    solver.started -= 101.0
+    light = solver.run(lambda message: None, lambda: False)
+    assert (light.stopped_by, light.rounds) == ("time_limit", 1)
+
+
+def test_an_interrupt_gives_the_best_so_far(tmp_path):
+    asked = []
+
+    def should_stop():
+        asked.append(True)
+        return len(asked) == 2
+
+    light = solve_scene(tmp_path, lamp_scene(), SETTINGS, should_stop=should_stop)
+    assert (light.stopped_by, light.rounds, len(asked)) == ("interrupted", 2, 2)
+    assert light.photons < SETTINGS.max_photons
+    assert light.solution.flux[:, light.leaves].min() >= 0
+    assert light.solution.flux[:, light.leaves].max() > 0
+
+
+def test_progress_is_told_after_every_round(tmp_path):
+    told = []
+    light = make_solver(tmp_path, lamp_scene(), SETTINGS).run(told.append, lambda: False)
+    assert len(told) == light.rounds > 1
+    assert all(isinstance(message, Progress) for message in told)
+    assert (np.diff([message.photons for message in told]) > 0).all()
+    assert (np.diff([message.fraction for message in told]) > 0).all()
+    assert all(0 < message.fraction <= 1 and message.seconds_left >= 0 for message in told)
+    assert (told[-1].fraction, told[-1].photons, told[-1].leaves) == (1.0, light.photons, len(light.leaves))
+
+
+@pytest.mark.parametrize("max_depth", [2, 1000])
+def test_energy_audit_closes(tmp_path, max_depth):
+    light = solve_scene(tmp_path, lamp_scene(rho=0.9), replace(QUICK, max_depth=max_depth))
+    audit = {name: np.array(watts) for name, watts in light.ledger.audit_w(light.photons).items()}
+    assert audit["absorbed"] + audit["escaped"] + audit["remainder"] == pytest.approx(audit["emitted"], rel=1e-9)
+    assert min(audit["absorbed"].min(), audit["escaped"].min()) > 0
+    assert (audit["remainder"] > 0).all() == (max_depth == 2)
+
+
+def test_emitted_power_is_that_of_the_lamp_whatever_the_number_of_photons(tmp_path):
+    # Blender's intensity is P / (4 pi^2), so the flux over the sphere is P / pi.
+    for maximum in (1000, 20_000):
+        light = solve_scene(tmp_path / str(maximum), lamp_scene(), replace(SETTINGS, max_photons=maximum))
+        emitted = light.ledger.audit_w(light.photons)["emitted"]
+        assert emitted == pytest.approx(np.array([10.0, 5.0, 2.5]), rel=1e-3)
+
+
+@pytest.mark.parametrize("basis", ["constant", "linear", "quadratic"])
+def test_splitting_loses_no_flux(tmp_path, basis):
+    """The flux of the leaves is all that was deposited, though nodes were made late."""
+    solver = make_solver(tmp_path, lamp_scene(), replace(SETTINGS, direct="photons", basis=basis))
+    light = solver.run(lambda message: None, lambda: False)
+    deposited = solver.tally.raw[:, :, :, 0].sum((0, 1, 3)) / light.photons
+    assert len(light.leaves) > 7
+    assert light.rounds > 2
+    assert light.solution.flux[:, light.leaves].sum(1) == pytest.approx(deposited, rel=1e-9)
+
+
+def test_leaves_tile_every_chart(tmp_path):
+    light = solve_scene(tmp_path, lamp_scene(), SETTINGS)
+    n_texel = len(light.direct.irradiance)
+    assert len(quadtree.node_of_texel(light.tree, light.leaves, n_texel)) == n_texel
+
+
+@pytest.mark.parametrize("finest", [1, 4])
+def test_flat_mode_has_leaves_of_the_finest_size(tmp_path, finest):
+    light = solve_scene(tmp_path, lamp_scene(), replace(QUICK, hierarchical=False, finest_texels=finest))
+    assert (light.tree.side == np.minimum(finest, light.tree.side.max())).all()
+    assert len(light.leaves) == len(light.tree)
+    if finest == 1:
+        assert len(light.leaves) == len(light.direct.irradiance)
+
+
+def test_no_leaf_is_smaller_than_the_finest(tmp_path):
+    light = solve_scene(tmp_path, lamp_scene(), replace(SETTINGS, direct="photons", finest_texels=4))
+    assert light.tree.side[light.leaves].min() == 4
+
+
+def test_min_level_is_where_trees_start(tmp_path):
+    solver = make_solver(tmp_path, lamp_scene(), replace(QUICK, min_level=2))
+    texels = solver.tracing.texels
+    roots = np.flatnonzero(solver.tree.parent < 0)
+    assert (solver.tree.side[roots] == np.maximum(1 << texels.chart_log2[solver.tree.chart[roots]] >> 2, 1)).all()
+    light = solver.run(lambda message: None, lambda: False)
+    assert len(light.leaves) >= len(roots)
+
+
+def test_contact_splits_where_it_is_forced(tmp_path):
+    """A texel that something touches has, once there are photons enough, a current node of the finest size around it."""
+    scene, settings = lamp_scene(), replace(SETTINGS, threshold=10.0, min_level=1)
+    light = solve_scene(tmp_path / "free", scene, settings)
+    assert light.tree.side[light.tree.current].min() > 1
+    solver = make_solver(tmp_path / "forced", scene, settings)
+    lit = np.flatnonzero(solver.direct.irradiance[:, 0] > solver.direct.irradiance[:, 0].max() * 0.9)
+    solver.forced_texels[lit[0]] = True
+    solver.run(lambda message: None, lambda: False)
+    side = solver.tree.side[quadtree.node_of_texel(solver.tree, np.flatnonzero(solver.tree.current), len(solver.keys))]
+    assert side[lit[0]] < light.tree.side[light.tree.current].min()
+    assert side[solver.tracing.texels.texel_chart != solver.tracing.texels.texel_chart[lit[0]]].min() > 1
+
+
+def test_direct_light_is_the_same_in_shards_of_any_order(tmp_path, two_workers, monkeypatch):
+    monkeypatch.setattr(solve, "DIRECT_TEXELS", 100)
+    alone, together = (make_solver(tmp_path / name, lamp_scene(), QUICK, executor).direct for name, executor in (("1", None), ("2", two_workers)))
+    assert alone.irradiance.tobytes() == together.irradiance.tobytes()
+    assert alone.counters == together.counters
+    assert alone.counters["rays"] > 0
+
+
+def test_views_of_past_rounds_are_removed(tmp_path):
+    solve_scene(tmp_path, lamp_scene(), SETTINGS)
+    assert not list(tmp_path.glob("view_*"))
+
+
+def test_an_error_in_a_shard_ends_the_bake_and_leaves_no_view(tmp_path, monkeypatch):
+    def fail(shard):
+        raise ValueError(f"shard {shard.shard}")
+
+    monkeypatch.setattr(workers, "trace_photons", fail)
+    with pytest.raises(ValueError, match="shard 0"):
+        solve_scene(tmp_path, lamp_scene(), QUICK)
+    assert not list(tmp_path.glob("view_*"))
+
+
+def test_stated_error_is_a_number_from_the_first_round_on(tmp_path):
+    told = []
+    make_solver(tmp_path, lamp_scene(), QUICK).run(told.append, lambda: False)
+    assert all(math.isfinite(message.estimated_error) and message.estimated_error > 0 for message in told)

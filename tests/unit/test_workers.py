@@ -1,0 +1,120 @@
+"""Shards of work: pure functions, whoever runs them; executors hand errors on."""
+
+import pickle
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from boxes import lamp_scene, make_solver, prepare_folder
+from leaflight.core import quadtree, shared_arrays, workers
+from leaflight.core.scene import SceneObject
+from leaflight.core.settings import Settings
+
+SETTINGS = Settings(size=32, padding=1)
+
+
+@pytest.fixture
+def photon_shard(tmp_path):
+    """A shard of 5000 photons in the lamp scene."""
+    solver = make_solver(tmp_path, lamp_scene(), replace(SETTINGS, direct="photons"))
+    view = tmp_path / "view"
+    shared_arrays.save_struct(view, quadtree.TreeView.of_tree(solver.tree, len(solver.keys)))
+    return workers.PhotonShard(str(tmp_path), str(view), 1, 0, 0, photons=5000, max_depth=100, degree=1, skip_first=False)
+
+
+def to_bytes(result):
+    """All numbers of a result of dataclasses of arrays."""
+    if isinstance(result, np.ndarray):
+        return result.tobytes()
+    if isinstance(result, dict | int):
+        return repr(result).encode()
+    return b"".join(to_bytes(getattr(result, field.name)) for field in fields(result))
+
+
+def test_a_photon_shard_is_a_pure_function(photon_shard):
+    first = workers.trace_photons(photon_shard)
+    workers.trace_photons(replace(photon_shard, shard=1))
+    assert to_bytes(workers.trace_photons(photon_shard)) == to_bytes(first)
+
+
+@pytest.mark.parametrize("change", [{"seed": 2}, {"round": 1}, {"shard": 1}])
+def test_seed_round_and_shard_each_give_other_photons(photon_shard, change):
+    assert to_bytes(workers.trace_photons(replace(photon_shard, **change))) != to_bytes(workers.trace_photons(photon_shard))
+
+
+def test_each_photon_carries_all_the_light(photon_shard):
+    """Sums are divided by the photons of the whole bake when they are read."""
+    few, many = (workers.trace_photons(replace(photon_shard, photons=n)) for n in (5000, 10_000))
+    assert many.audit.emitted == pytest.approx(2 * few.audit.emitted, rel=1e-6)
+    assert few.counters.photons == 5000
+    assert few.tally.raw[:, 0, 0].sum() == pytest.approx(many.tally.raw[:, 0, 0].sum() / 2, rel=0.1)
+
+
+def test_skipping_first_hits_leaves_the_indirect_part(photon_shard):
+    whole, rest = (workers.trace_photons(replace(photon_shard, skip_first=skip)) for skip in (False, True))
+    assert whole.tally.raw[0].any()
+    assert not rest.tally.raw[0].any()
+    assert rest.tally.raw[1, 0, 0].sum() == pytest.approx(whole.tally.raw[1, 0, 0].sum(), rel=1e-12)
+
+
+def test_a_direct_shard_is_a_pure_function_and_takes_its_texels_only(tmp_path):
+    _, texel_map = prepare_folder(tmp_path, lamp_scene(), SETTINGS)
+    shard = workers.DirectShard(str(tmp_path), 1, 10, 60, 0.01)
+    light = workers.light_texels(shard)
+    assert light.irradiance_rgb.shape == (50, 3)
+    assert to_bytes(workers.light_texels(shard)) == to_bytes(light)
+    whole = workers.light_texels(replace(shard, start=0, end=len(texel_map.texel_area))).irradiance_rgb
+    assert np.median(np.abs(light.irradiance_rgb - whole[10:60]) / np.maximum(whole[10:60], 1e-3)) < 0.02
+
+
+def test_shards_and_results_can_be_sent(photon_shard):
+    result = workers.trace_photons(photon_shard)
+    assert pickle.loads(pickle.dumps(photon_shard)) == photon_shard
+    assert to_bytes(pickle.loads(pickle.dumps(result))) == to_bytes(result)
+
+
+def test_a_folder_is_opened_once_until_it_is_forgotten(tmp_path):
+    scene = lamp_scene()
+    prepare_folder(tmp_path, scene, SETTINGS)
+    opened = workers.open_tracing(str(tmp_path))
+    assert workers.open_tracing(str(tmp_path)) is opened
+    shared_arrays.remove_struct(tmp_path / workers.TEXELS_FOLDER)
+    prepare_folder(tmp_path, replace(scene, objects=(SceneObject("Other"), SceneObject("Block"))), SETTINGS)
+    workers.forget_folders()
+    assert workers.open_tracing(str(tmp_path)).snapshot.objects[0].name == "Other"
+
+
+def test_a_scene_without_light_is_a_sentence(tmp_path):
+    prepare_folder(tmp_path, replace(lamp_scene(), lights=()), SETTINGS)
+    with pytest.raises(ValueError, match=r"light.+\."):
+        workers.open_tracing(str(tmp_path))
+
+
+def fail(number):
+    raise ValueError(f"shard {number}")
+
+
+def test_inline_executor_gives_results_in_order():
+    with workers.InlineExecutor() as executor:
+        assert list(executor.map(abs, [-3, 2, -1])) == [3, 2, 1]
+
+
+def test_inline_executor_hands_errors_on_with_the_result():
+    future = workers.InlineExecutor().submit(fail, 7)
+    assert isinstance(future.exception(), ValueError)
+    with pytest.raises(ValueError, match="shard 7"):
+        future.result()
+
+
+def test_process_executor_hands_errors_on():
+    with workers.make_executor(2) as executor, pytest.raises(ZeroDivisionError):
+        list(executor.map(divmod, [1, 1], [1, 0]))
+
+
+@pytest.mark.parametrize(("asked", "cores", "kind"), [(1, 8, workers.InlineExecutor), (0, 1, workers.InlineExecutor), (3, 1, ProcessPoolExecutor)])
+def test_one_worker_is_this_process(monkeypatch, asked, cores, kind):
+    monkeypatch.setattr(workers.os, "cpu_count", lambda: cores)
+    executor = workers.make_executor(asked)
+    assert isinstance(executor, kind)
+    executor.shutdown()
