@@ -36,13 +36,33 @@ def parse_arguments(argv: list[str], prog: str, with_scene: bool) -> BakeRequest
     del arguments["command"]
     knobs = {knob.name: arguments.pop(knob.name) for knob in dataclasses.fields(Settings)}
     knobs = {name: tuple(value) if isinstance(value, list) else value for name, value in knobs.items()}
-    return BakeRequest(settings=Settings(**knobs), **{**arguments, "objects": tuple(arguments["objects"])})
+    save = arguments["save"]
+    if save is not None and save.suffix.lower() != ".blend":
+        raise ValueError(f"--save {save}: Blender opens only names that end in .blend; add the ending.")
+    return BakeRequest(settings=_make_settings(knobs), **{**arguments, "objects": tuple(arguments["objects"])})
+
+
+def _make_settings(knobs: dict[str, Any]) -> Settings:
+    try:
+        return Settings(**knobs)
+    except ValueError as reason:  # it begins with the knob's name, and here that is a flag
+        name, _, found = str(reason).partition(": ")
+        knob = next(knob for knob in dataclasses.fields(Settings) if knob.name == name)
+        raise ValueError(f"{_flag(knob)}: {found}; choose a value in this range.") from reason
+
+
+class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
+    """Shows a default only where it tells something: not of switches, nor of what is empty."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        shown = action.nargs != 0 and action.default not in (None, "", [])
+        return super()._get_help_string(action) if shown else action.help
 
 
 def _make_parser(prog: str, with_scene: bool) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog=prog, description="Bakes diffuse global illumination to textures.", allow_abbrev=False)
     commands = parser.add_subparsers(dest="command", required=True)
-    bake = commands.add_parser("bake", help="bake a scene", formatter_class=argparse.ArgumentDefaultsHelpFormatter, allow_abbrev=False)
+    bake = commands.add_parser("bake", help="bake a scene", formatter_class=_HelpFormatter, allow_abbrev=False)
     if with_scene:
         bake.add_argument("scene", type=Path, help=".blend, .glb, .gltf, .obj, .fbx or .usd")
     scene = bake.add_argument_group("scene")
@@ -65,11 +85,13 @@ def _make_parser(prog: str, with_scene: bool) -> argparse.ArgumentParser:
 
 def _add_knob(group: Any, knob: dataclasses.Field[Any]) -> None:
     about = knob.metadata
-    flag = about["flag"] or "--" + knob.name.replace("_", "-")
+    flag = _flag(knob)
     text = f"{about['help']}, in {about['unit']}" if about["unit"] else about["help"]
     if isinstance(knob.default, bool):
         if about["off_flag"]:
-            group.add_argument(about["off_flag"], dest=knob.name, action="store_false", default=knob.default, help=f"not: {text}")
+            group.add_argument(
+                about["off_flag"], dest=knob.name, action="store_false", default=knob.default, help=f"the opposite of {flag}"
+            )
         group.add_argument(flag, dest=knob.name, action="store_true", default=knob.default, help=text)
     elif isinstance(knob.default, tuple):
         group.add_argument(flag, dest=knob.name, nargs="+", choices=about["choices"], default=list(knob.default), help=text)
@@ -77,3 +99,7 @@ def _add_knob(group: Any, knob: dataclasses.Field[Any]) -> None:
         group.add_argument(flag, dest=knob.name, choices=about["choices"], default=knob.default, help=text)
     else:
         group.add_argument(flag, dest=knob.name, type=type(knob.default), default=knob.default, metavar="N", help=text)
+
+
+def _flag(knob: dataclasses.Field[Any]) -> str:
+    return knob.metadata["flag"] or "--" + knob.name.replace("_", "-")

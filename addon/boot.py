@@ -6,10 +6,12 @@ end of standard input, which comes when the parent is gone, ends it at once.
 
 import importlib.util
 import json
+import multiprocessing
 import os
 import signal
 import sys
 import threading
+import time
 import traceback
 from pathlib import Path
 
@@ -43,7 +45,7 @@ def main(folder: Path) -> int:
         bake.run_bake(folder, tell, stop.is_set)
     except (ValueError, OSError) as reason:
         traceback.print_exc()  # kept with the job, for whoever has to find out more
-        tell(messages.Error(str(reason)))
+        tell(messages.Error(_sentence(reason, folder)))
         return 1
     except MemoryError:
         tell(messages.Error("The bake ran out of memory: choose a smaller --size or --density, or fewer --workers."))
@@ -54,6 +56,12 @@ def main(folder: Path) -> int:
     return 0
 
 
+def _sentence(reason: ValueError | OSError, folder: Path) -> str:
+    if isinstance(reason, OSError) and reason.strerror:  # the system's own words, not ours: of a file in the job's folder
+        return f"{folder}: the bake's temporary files cannot be kept there ({reason.strerror}); make room, or set TMPDIR to another folder."
+    return str(reason)
+
+
 def _listen(stop: threading.Event) -> None:
     for line in sys.stdin:
         if line.strip() == "cancel":
@@ -61,5 +69,15 @@ def _listen(stop: threading.Event) -> None:
     os._exit(4)
 
 
+def _end_with_parent() -> None:
+    """End this worker with the process that it works for; killed, that one cannot say that no more work comes."""
+    while (parent := multiprocessing.parent_process()) is None:
+        time.sleep(0.1)  # it is known only some time after this file was imported
+    parent.join()
+    os._exit(4)
+
+
 if __name__ == "__main__":
     sys.exit(main(Path(sys.argv[1])))
+elif __name__ == "__mp_main__":  # how multiprocessing imports the main program in a worker
+    threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import math
 import signal
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -28,8 +29,11 @@ EXIT_DONE, EXIT_CANNOT_BAKE, EXIT_INTERRUPTED = 0, 1, 130
 def main(argv: list[str], prog: str = "leaflight", with_scene: bool = False) -> int:
     """Run the command line and give its exit code: 0 done, 1 cannot be baked, 130 interrupted; argparse exits with 2."""
     try:
-        request = parse_arguments(argv, prog, with_scene)
-        return _bake(request)
+        with _interrupts(_stop_here):  # Blender takes SIGINT for itself until someone else does
+            return _bake(parse_arguments(argv, prog, with_scene))
+    except KeyboardInterrupt:
+        print_message(Error("interrupted before there was any light; nothing was written."), quiet=True)
+        return EXIT_INTERRUPTED
     except (ValueError, OSError) as reason:
         print_message(Error(str(reason)), quiet=True)
         return EXIT_CANNOT_BAKE
@@ -39,12 +43,13 @@ def _bake(request: BakeRequest) -> int:
     begin = time.perf_counter()
     for file in (request.report, request.save):
         if file is not None:
-            session.check_folder(file.parent)
+            session.check_file(file)
     warnings: session.Warnings = []
     if request.scene is not None:
         warnings += open_scene(request.scene)
     elif not bpy.data.filepath:
         raise ValueError("no .blend is open (Blender goes on with its startup scene where it cannot read a file); check the path.")
+    scene = bpy.data.filepath or str(request.scene)
     seconds = {"open": time.perf_counter() - begin}
     with tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True) as folder:
         start = time.perf_counter()
@@ -53,54 +58,55 @@ def _bake(request: BakeRequest) -> int:
         for subject, text in [*warnings, *work.export.warnings]:
             print_message(Warning_(subject, text), request.quiet)
         process = BakeProcess(Path(folder), tuple(bpy.app.python_args), library_paths())
-        error, interrupted, told = _follow(process, request.quiet)
-        if error:
-            raise ValueError(error)
-        result = session.read_result(work)
-        start = time.perf_counter()
-        late = session.assign(bpy.context, work, result) if request.assign and request.save else []
-        for subject, text in late:
-            print_message(Warning_(subject, text), request.quiet)
-        if request.save is not None:
-            _save(request.save)
-        seconds = {**seconds, **result["seconds"], "assign": time.perf_counter() - start}
-    seconds["total"] = time.perf_counter() - begin
-    result["seconds"] = {name: round(value, 4) for name, value in seconds.items()}
-    result["interrupted"] = interrupted
-    _report(request, result, [*warnings, *work.export.warnings, *told, *late])
+        with _interrupts(process.cancel):  # until the end: what was baked is saved
+            error, interrupted, told = _follow(process, request.quiet)
+            if error:
+                raise ValueError(error)
+            result = session.read_result(work)
+            start = time.perf_counter()
+            late = session.assign(bpy.context, work, result) if request.assign and request.save else []
+            for subject, text in late:
+                print_message(Warning_(subject, text), request.quiet)
+            if request.save is not None:
+                _save(request.save)
+            seconds |= {**result["seconds"], "assign": time.perf_counter() - start}
+            seconds["total"] = time.perf_counter() - begin
+            result["seconds"] = {name: round(value, 4) for name, value in seconds.items()}
+            _report(request, {"scene": scene, **result, "interrupted": interrupted}, [*warnings, *work.export.warnings, *told, *late])
     return EXIT_INTERRUPTED if interrupted else EXIT_DONE
 
 
 def _follow(process: BakeProcess, quiet: bool) -> tuple[str, bool, session.Warnings]:
     """Print the child's messages; gives the error's sentence, whether the bake was interrupted, and the warnings."""
     error, interrupted, warnings = "", False, []
-    with _interrupts_ask_for_the_best_so_far(process):
-        for message in process.messages():
-            match message:
-                case Error(text):
-                    error = text
-                case Done():
-                    interrupted = message.interrupted
-                case Warning_(subject, text):
-                    warnings.append((subject, text))
-                    print_message(message, quiet)
-                case _:
-                    print_message(message, quiet)
+    for message in process.messages():
+        match message:
+            case Error(text):
+                error = text
+            case Done():
+                interrupted = message.interrupted
+            case Warning_(subject, text):
+                warnings.append((subject, text))
+                print_message(message, quiet)
+            case _:
+                print_message(message, quiet)
     return error, interrupted, warnings
 
 
-@contextmanager
-def _interrupts_ask_for_the_best_so_far(process: BakeProcess) -> Iterator[None]:
-    def cancel(*_: Any) -> None:
-        process.cancel()
+def _stop_here() -> None:
+    raise KeyboardInterrupt
 
+
+@contextmanager
+def _interrupts(call: Callable[[], None]) -> Iterator[None]:
+    """Ctrl-C and SIGTERM make this call meanwhile."""
     numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, cancel) for number in numbers]
+    before = [signal.signal(number, lambda *_: call()) for number in numbers]
     try:
         yield
     finally:
         for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)  # None: not set from Python
 
 
 def library_paths() -> tuple[str, ...]:
@@ -125,5 +131,10 @@ def _report(request: BakeRequest, result: dict[str, Any], warnings: session.Warn
     told = [{"subject": subject, "text": text} for subject, text in warnings]
     for row in result["objects"]:
         row["warnings"] = [text for subject, text in warnings if subject == row["name"]]
-    report = {"blender": bpy.app.version_string, "scene": bpy.data.filepath or str(request.scene), **result, "warnings": told}
-    request.report.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    if not math.isfinite(result["estimated_error"]):
+        result["estimated_error"] = None  # JSON has no NaN
+    report = {"blender": bpy.app.version_string, **result, "warnings": told}
+    try:
+        request.report.write_text(json.dumps(report, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    except OSError as reason:
+        raise OSError(f"{request.report}: the report cannot be written ({reason.strerror}); the images are complete.") from reason

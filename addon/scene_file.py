@@ -23,10 +23,10 @@ def open_scene(path: Path) -> list[tuple[str, str]]:
     Raises ValueError with a sentence when the file is missing, of an unknown kind or damaged.
     """
     if not path.is_file():
-        raise ValueError(f"{path}: no such file; check the path.")
+        raise ValueError(f"{path}: {'is a folder, not a scene' if path.is_dir() else 'no such file'}; check the path.")
     kind = path.suffix.lower()
     if kind != ".blend" and kind not in _IMPORTERS:
-        raise ValueError(f"{path.name}: is no scene that can be read; expected .blend, {', '.join(_IMPORTERS)}.")
+        raise ValueError(f"{path.name}: is not a kind of scene that can be read; choose a file of {', '.join(['.blend', *_IMPORTERS])}.")
     try:
         if kind == ".blend":
             bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False, use_scripts=False)
@@ -35,6 +35,8 @@ def open_scene(path: Path) -> list[tuple[str, str]]:
         _IMPORTERS[kind](str(path.resolve()))
     except RuntimeError as reason:
         raise ValueError(f"{path.name}: Blender cannot read it, the file seems damaged ({_first_line(reason)}); save it again.") from reason
+    if not bpy.data.meshes:
+        raise ValueError(f"{path.name}: Blender finds no mesh in it; check that it is the right file, and save it again.")
     return _light_by_world(path)
 
 
@@ -45,12 +47,8 @@ def _first_line(reason: Exception) -> str:
 def _light_by_world(path: Path) -> list[tuple[str, str]]:
     """Light from a plain world, for a model that was made without any."""
     scene = bpy.context.scene
-    emits = any(
-        node.type == "EMISSION" or (node.type == "BSDF_PRINCIPLED" and node.inputs["Emission Strength"].default_value > 0.0)
-        for material in bpy.data.materials
-        if material.node_tree is not None
-        for node in material.node_tree.nodes
-    )
+    trees = [material.node_tree for material in bpy.data.materials if material.node_tree is not None]
+    emits = any(_may_emit(node) for tree in trees for node in tree.nodes)
     if scene.world is not None or emits or any(thing.type == "LIGHT" for thing in scene.objects):
         return []
     scene.world = bpy.data.worlds.new("World")
@@ -60,3 +58,11 @@ def _light_by_world(path: Path) -> list[tuple[str, str]]:
     background.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
     background.inputs["Strength"].default_value = 1.0
     return [(path.name, f"{path.name}: has no light, so a white world of 1 W/m2/sr lights it; add lights for another look.")]
+
+
+def _may_emit(node: bpy.types.Node) -> bool:
+    if node.type != "BSDF_PRINCIPLED":
+        return node.type == "EMISSION"
+    strength, color = node.inputs["Emission Strength"], node.inputs["Emission Color"]
+    # Importers leave a strength of 1 beside black.
+    return (strength.is_linked or strength.default_value > 0.0) and (color.is_linked or any(color.default_value[:3]))

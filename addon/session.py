@@ -6,6 +6,7 @@ Between the two only names and numbers are kept: undo, or a file that is opened 
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,9 +51,14 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
     finally:
         if shown:
             restore.toggle_preview(scene, True)
-    save_snapshot(folder / SNAPSHOT_FILE, export.snapshot)
     name = Path(bpy.data.filepath).stem or (request.scene.stem if request.scene else "lightmap")
-    Job(request.settings, str(request.output.resolve()), name).save(folder)
+    try:
+        save_snapshot(folder / SNAPSHOT_FILE, export.snapshot)
+        Job(request.settings, str(request.output.resolve()), name).save(folder)
+    except OSError as reason:
+        raise OSError(
+            f"{folder}: the scene cannot be kept there ({reason.strerror}); make room, or set TMPDIR to another folder."
+        ) from reason
     return Session(folder, request, export)
 
 
@@ -67,7 +73,19 @@ def check_folder(folder: Path) -> None:
         probe.touch()
         probe.unlink()
     except OSError as reason:
-        raise OSError(f"{folder}: cannot be written ({reason.strerror}); choose another folder or free it.") from reason
+        raise OSError(f"{folder}: is no folder that can be written ({reason.strerror}); choose another one.") from reason
+
+
+def check_file(file: Path) -> None:
+    """The same for a file that is to be written.
+
+    Raises OSError with a sentence when it cannot be.
+    """
+    check_folder(file.parent)
+    if file.is_dir():
+        raise OSError(f"{file}: is a folder; give the name of a file.")
+    if file.exists() and not os.access(file, os.W_OK):
+        raise OSError(f"{file}: is write-protected; choose another name, or make it writable.")
 
 
 def read_result(session: Session) -> dict[str, Any]:

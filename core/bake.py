@@ -25,6 +25,8 @@ from .scene import SceneSnapshot
 from .snapshot import load_snapshot
 from .texel_map import TexelMap
 
+MAX_NAME_BYTES = 180  # of an object in a file's name: systems allow 255 in all, and Blender as many for the object
+
 
 @dataclass(frozen=True)
 class PageFile:
@@ -57,7 +59,7 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
 
     tell          hears every message
     should_stop   asked after every round; the best so far is then written
-    Raises ValueError or OSError with a sentence for the user; nothing is then left under a final name.
+    Raises ValueError or OSError with a sentence for the user; no image is then left half-written.
     """
     job = Job.load(folder)
     settings = job.settings
@@ -70,6 +72,8 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
             warnings = clamp_warnings(snapshot)
         with stages.stage("charts", "Unwrapping"):
             atlas = charts.make_charts(snapshot, settings)
+            if not atlas.page_count:
+                raise ValueError(_describe_no_charts(atlas))
             np.savez(folder / LAYOUT_FILE, tri_uv=atlas.tri_uv / atlas.page_size, tri_chart=atlas.tri_chart, object_page=atlas.object_page)
         with stages.stage("texels", "Measuring texels"):
             texel_map = texels.build_texel_map(snapshot, atlas, 2 * basis.DEGREES[settings.basis])
@@ -119,6 +123,11 @@ def _open_output(folder: Path) -> None:
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as reason:
         raise OSError(f"{folder}: images cannot be written there ({reason.strerror}); choose a folder that can be written to.") from reason
+
+
+def _describe_no_charts(atlas: charts.ChartAtlas) -> str:
+    told = "; ".join(f"{subject}: {text}" for subject, text in atlas.warnings)
+    return f"nothing to bake: no object has a face that takes light ({told})"
 
 
 def _find_contacts(tracing: workers.Tracing, texel_map: TexelMap) -> NDArray[np.bool_]:
@@ -172,7 +181,8 @@ def _page_names(job: Job, snapshot: SceneSnapshot, atlas: charts.ChartAtlas) -> 
 
 
 def _file_name(name: str) -> str:
-    return re.sub(r'[<>:"/\\|?*\x00-\x1f]', "_", name).strip(". ") or "_"
+    short = name.encode()[:MAX_NAME_BYTES].decode(errors="ignore")
+    return re.sub(r'[<>:"/\\|?*\x00-\x1f]', "_", short).strip(". ") or "_"
 
 
 def _object_rows(snapshot: SceneSnapshot, atlas: charts.ChartAtlas, texel_map: TexelMap) -> list[dict[str, Any]]:

@@ -257,7 +257,8 @@ class _Tally:
         return out
 
     def _ratio(self) -> Float64:
-        return np.divide(self._sums[2], self._sums[0], out=np.zeros(len(self.rows)), where=self._sums[0] > 0)
+        out: Float64 = np.divide(self._sums[2], self._sums[0], out=np.zeros(len(self.rows)), where=self._sums[0] > 0)
+        return out
 
     def _error_squared(self) -> Float64:
         """Of the ratio estimate. Source: Cochran 1977, "Sampling Techniques", 6.3, for random rays."""

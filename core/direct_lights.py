@@ -97,7 +97,8 @@ class PointSource:
         if self.cone.drop >= 2:
             return aim
         direction = aim.direction / np.sqrt((aim.direction**2).sum(axis=1, keepdims=True))
-        return Aim(aim.direction, aim.distance, aim.share, aim.share * self.cone.attenuation(-(direction @ self.axis)))
+        weight = aim.share * self.cone.attenuation(-(direction @ self.axis))
+        return Aim(aim.direction, aim.distance, aim.share, weight.astype(np.float32))
 
     def _aim_at_sphere(self, axis: Float32, length: Float32, normal: Float32, u: Float32) -> Aim:
         """Uniform per steradian of the sphere; from within it, cosine-distributed, as in Cycles."""
@@ -223,7 +224,7 @@ def _make_lamp(light: Light, power: Float64, unit_box: UnitBox) -> Source:
     if light.kind == "SUN":
         return SunSource(power, light.casts_shadow, axes, min(max(light.angle_rad, 0.0), math.pi) / 2)
     if light.kind == "AREA":
-        half_size = np.maximum(np.array(light.size_m) * unit_box.scale, SMALLEST_SIDE).astype(np.float32) / 2
+        half_size = (np.maximum(np.array(light.size_m) * unit_box.scale, SMALLEST_SIDE) / 2).astype(np.float32)
         ellipse = light.shape == "ELLIPSE"
         area = 4 * float(np.prod(half_size.astype(np.float64))) * (math.pi / 4 if ellipse else 1)
         radiance = power * unit_box.scale**2 / (math.pi * area)

@@ -257,7 +257,7 @@ def _sort_by_place(centre: FloatArray, normal: FloatArray) -> Int64:
     for bit in range(10):
         for axis in range(3):
             code |= ((place[:, axis] >> bit) & 1) << (3 * bit + axis)
-    axis = np.abs(normal).argmax(axis=1)
-    facing = 2 * axis + (normal[np.arange(len(normal)), axis] < 0)
+    nearest = np.abs(normal).argmax(axis=1)
+    facing = 2 * nearest + (normal[np.arange(len(normal)), nearest] < 0)
     order: Int64 = np.lexsort((code, facing))
     return order

@@ -106,7 +106,7 @@ def ellipse_irradiance(centre: FloatArray, semi_axes: FloatArray, position: Floa
     centre      (3,) float
     semi_axes   (2, 3) float    counter-clockwise on the shining side
     """
-    reach = _FAR_IN_RADII * float(np.sqrt((semi_axes**2).sum(axis=1).max()))
+    reach = _FAR_IN_RADII * math.sqrt(np.max((semi_axes**2).sum(axis=1)))
     near = ((np.asarray(position, np.float64) - centre) ** 2).sum(axis=1) < reach**2
     out = np.empty(len(position))
     for rows, count in ((np.flatnonzero(~near), _FAR_CORNERS), (np.flatnonzero(near), _NEAR_CORNERS)):

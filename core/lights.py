@@ -67,8 +67,9 @@ def make_births(origin: FloatArray, direction: FloatArray, relative: FloatArray 
 
 def turn(local: FloatArray, axes: FloatArray) -> Float32:
     """Local directions (n, 3) in world space; +Z goes to -axes[2], where a Blender light shines. axes (3, 3)."""
-    world: Float32 = (local * np.array([1, 1, -1], np.float32)) @ np.asarray(axes, np.float32)
-    return world
+    shining: Float32 = np.asarray(axes, np.float32) * np.array([[1], [1], [-1]], np.float32)
+    turned: Float32 = np.asarray(local, np.float32) @ shining
+    return turned
 
 
 @dataclass(frozen=True)
@@ -292,7 +293,7 @@ def make_light_emitter(light: Light, power_rgb: Float64, unit_box: UnitBox, cove
         power = power_rgb * (2 / (1 + math.cos(half))) * outline / unit_box.scale**2
         return SunEmitter(light.name, power, axes, half, cover, outline)
     if light.kind == "AREA":
-        half_size = np.maximum(np.array(light.size_m) * unit_box.scale, SMALLEST_SIDE).astype(np.float32) / 2
+        half_size = (np.maximum(np.array(light.size_m) * unit_box.scale, SMALLEST_SIDE) / 2).astype(np.float32)
         return AreaEmitter(light.name, power_rgb, centre, axes, half_size, light.shape == "ELLIPSE", light.spread_rad)
     cone = SpotCone.of(light)
     radius = unit_box.to_unit_length(light.radius_m)

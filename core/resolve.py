@@ -96,7 +96,7 @@ class Resolver:
         light = self._light
         irradiance = {"direct": [light.direct], "indirect": [light.indirect], "stderr": [light.stderr]}
         parts = irradiance.get(name, [light.direct, light.indirect])
-        lighting: NDArray[np.float32] = sum(part[entry] for part in parts) / np.float32(np.pi)
+        lighting: NDArray[np.float32] = np.sum([part[entry] for part in parts], axis=0) / np.float32(np.pi)
         if name in (*irradiance, "lighting"):
             return lighting
         diffuse: NDArray[np.float32] = lighting * self._surface(entry, emission=False)

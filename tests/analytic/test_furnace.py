@@ -21,6 +21,7 @@ N_TEST = 2 * len(CASES)  # two statistical tests a case
 
 LEAF_TEXELS = 4
 
+
 @dataclass(frozen=True)
 class Furnace:
     """A solved furnace on a mesh of equal leaves, and what it should be.

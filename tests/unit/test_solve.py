@@ -145,22 +145,26 @@ def test_min_level_is_where_trees_start(tmp_path):
 
 
 def test_contact_splits_where_it_is_forced(tmp_path):
-    """A texel that something touches has, once there are photons enough, a current node of the finest size around it."""
-    scene, settings = lamp_scene(), replace(SETTINGS, threshold=10.0, min_level=1)
-    light = solve_scene(tmp_path / "free", scene, settings)
-    assert light.tree.side[light.tree.current].min() > 1
-    solver = make_solver(tmp_path / "forced", scene, settings)
-    lit = np.flatnonzero(solver.direct.irradiance[:, 0] > solver.direct.irradiance[:, 0].max() * 0.9)
-    solver.forced_texels[lit[0]] = True
-    solver.run(lambda message: None, lambda: False)
-    side = solver.tree.side[quadtree.node_of_texel(solver.tree, np.flatnonzero(solver.tree.current), len(solver.keys))]
-    assert side[lit[0]] < light.tree.side[light.tree.current].min()
-    assert side[solver.tracing.texels.texel_chart != solver.tracing.texels.texel_chart[lit[0]]].min() > 1
+    """The node around a texel that something touches is split as soon as it is stable, though no light asks for it."""
+    sides = []
+    for name in ("free", "forced"):
+        solver = make_solver(tmp_path / name, lamp_scene(), replace(SETTINGS, direct="photons", threshold=10.0))
+        touched = np.flatnonzero(solver.tracing.texels.texel_chart == 0)[0]
+        solver.forced_texels[touched] = name == "forced"
+        solver.run(lambda message: None, lambda: False)
+        current = np.flatnonzero(solver.tree.current)
+        sides.append(solver.tree.side[quadtree.node_of_texel(solver.tree, current, len(solver.keys))])
+    assert (sides[1] <= sides[0]).all()
+    assert sides[1][touched] <= 2 < sides[0][touched]
+    elsewhere = solver.tracing.texels.texel_chart > 0
+    assert np.array_equal(sides[0][elsewhere], sides[1][elsewhere])
 
 
 def test_direct_light_is_the_same_in_shards_of_any_order(tmp_path, two_workers, monkeypatch):
     monkeypatch.setattr(solve, "DIRECT_TEXELS", 100)
-    alone, together = (make_solver(tmp_path / name, lamp_scene(), QUICK, executor).direct for name, executor in (("1", None), ("2", two_workers)))
+    alone, together = (
+        make_solver(tmp_path / name, lamp_scene(), QUICK, executor).direct for name, executor in (("1", None), ("2", two_workers))
+    )
     assert alone.irradiance.tobytes() == together.irradiance.tobytes()
     assert alone.counters == together.counters
     assert alone.counters["rays"] > 0

@@ -87,7 +87,7 @@ def test_a_folder_is_opened_once_until_it_is_forgotten(tmp_path):
 
 def test_a_scene_without_light_is_a_sentence(tmp_path):
     prepare_folder(tmp_path, replace(lamp_scene(), lights=()), SETTINGS)
-    with pytest.raises(ValueError, match=r"light.+\."):
+    with pytest.raises(ValueError, match="the scene has no light: add"):
         workers.open_tracing(str(tmp_path))
 
 
@@ -112,7 +112,9 @@ def test_process_executor_hands_errors_on():
         list(executor.map(divmod, [1, 1], [1, 0]))
 
 
-@pytest.mark.parametrize(("asked", "cores", "kind"), [(1, 8, workers.InlineExecutor), (0, 1, workers.InlineExecutor), (3, 1, ProcessPoolExecutor)])
+@pytest.mark.parametrize(
+    ("asked", "cores", "kind"), [(1, 8, workers.InlineExecutor), (0, 1, workers.InlineExecutor), (3, 1, ProcessPoolExecutor)]
+)
 def test_one_worker_is_this_process(monkeypatch, asked, cores, kind):
     monkeypatch.setattr(workers.os, "cpu_count", lambda: cores)
     executor = workers.make_executor(asked)

@@ -1,0 +1,76 @@
+"""A small lit room in Blender, and quick bakes of it by the command line."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from leaflight.addon import cli
+
+QUICK = ("--size", "32", "--max-photons", "20000", "--workers", "1")
+
+
+def open_room(lamp_w: float = 100.0) -> None:
+    """The open scene: a floor of 4 m x 4 m and a cube of 1 m, both with the layer UVMap, and a lamp above; no world."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_plane_add(size=4.0)
+    bpy.context.object.name = "Floor"
+    bpy.ops.mesh.primitive_cube_add(size=1.0, location=(0.0, 0.0, 0.6))
+    bpy.context.object.name = "Cube"
+    bpy.ops.object.light_add(type="POINT", location=(1.0, 1.0, 2.0))
+    bpy.context.object.name = "Lamp"
+    bpy.context.object.data.energy = lamp_w
+
+
+def add_mesh(name: str, vertices: Sequence[Sequence[float]], faces: Sequence[Sequence[int]]) -> Any:
+    """A mesh object in the open scene."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(vertices, [], faces)
+    obj = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
+
+
+def save_scene(path: Path) -> Path:
+    """Save the open scene."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return path
+
+
+def bake(scene: Path, *words: str, output: Path | None = None) -> int:
+    """Exit code of a quick bake into `output`, by default the folder `maps` beside the scene, with a report in it."""
+    output = output or scene.parent / "maps"
+    argv = ["bake", str(scene), *QUICK, "--output", str(output), "--report", str(scene.parent / "report.json"), *words]
+    return cli.main(argv, "leaflight", with_scene=True)
+
+
+def read_report(scene: Path) -> dict[str, Any]:
+    """The report of `bake`, read as strictly as JSON is meant."""
+
+    def refuse(word: str) -> None:
+        raise ValueError(f"{word} is not JSON")
+
+    report: dict[str, Any] = json.loads((scene.parent / "report.json").read_text(encoding="utf-8"), parse_constant=refuse)
+    return report
+
+
+def list_files(folder: Path) -> list[str]:
+    """Names of what lies in a folder, hidden files too; none where it does not exist."""
+    return sorted(path.name for path in folder.iterdir()) if folder.exists() else []
+
+
+def read_pixels(path: Path) -> np.ndarray:
+    """Linear pixels of an image file."""
+    from leaflight.core.image_file import read_image
+
+    before = list(sys.path)
+    sys.path.extend(cli.library_paths())
+    try:
+        return read_image(path)[0]
+    finally:
+        sys.path[:] = before

@@ -1,0 +1,205 @@
+"""The command line's contract: files, names, report, exit codes, signals; a small room is baked for real."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from blend_rooms import QUICK, bake, list_files, open_room, read_pixels, read_report, save_scene  # noqa: E402
+from leaflight.addon import cli, session  # noqa: E402
+
+STAGES = {"open", "export", "load", "charts", "texels", "scene", "direct", "photons", "write", "assign", "total"}
+
+
+@pytest.fixture
+def room(tmp_path):
+    open_room()
+    return save_scene(tmp_path / "room.blend")
+
+
+def start_process(scene, *words):
+    """The command line in a process of its own."""
+    argv = [sys.executable, "-m", "leaflight", "bake", str(scene), "--size", "32", *words]
+    return subprocess.Popen(argv, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, encoding="utf-8", cwd=scene.parent)
+
+
+def test_bake_gives_an_image_and_a_report_and_leaves_the_scene_alone(room, capsys):
+    before = room.read_bytes()
+    assert bake(room) == 0
+    assert list_files(room.parent / "maps") == ["room_0.combined.exr"]
+    pixels = read_pixels(room.parent / "maps" / "room_0.combined.exr")
+    assert pixels.shape == (32, 32, 4)
+    assert np.isfinite(pixels).all()
+    assert pixels[..., :3].max() > 0.1
+    assert room.read_bytes() == before
+
+    report = read_report(room)
+    assert set(report["seconds"]) == STAGES
+    assert report["seconds"]["total"] >= report["seconds"]["photons"] > 0
+    assert (report["photons"], report["stopped_by"], report["interrupted"], report["warnings"]) == (20000, "max_photons", False, [])
+    assert (report["scene"], report["blender"]) == (str(room), bpy.app.version_string)
+    assert report["rays"] > 20000
+    assert report["leaves"] > 0
+    assert 0 < report["estimated_error"] < 1
+    assert report["peak_memory_mb"]["core"] > 10
+    energy = report["energy_audit_w"]
+    assert energy["emitted"] == pytest.approx([100.0] * 3)
+    np.testing.assert_allclose(np.add(np.add(energy["absorbed"], energy["escaped"]), energy["remainder"]), energy["emitted"], rtol=1e-12)
+    assert [(row["name"], row["charts"], row["warnings"]) for row in report["objects"]] == [("Cube", 6, []), ("Floor", 1, [])]
+    assert all(row["texels"] > 0 for row in report["objects"])
+
+    told = capsys.readouterr().err
+    assert "leaflight: Tracing photons\n" in told
+    assert re.search(r"leaflight: 100%  0\.02 M photons  \d+\.\d\d M/s  error \d+\.\d%  0 s left\n", told)
+
+
+def test_quiet_says_nothing_of_a_bake_that_goes_well(room, capsys):
+    assert bake(room, "--quiet") == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_per_object_passes_and_formats(room):
+    words = ("--per-object", "--pass", "lighting", "albedo", "--format", "exr", "hdr", "png")
+    assert bake(room, *words) == 0
+    expected = [f"{name}.{kind}.{end}" for name in ("Cube", "Floor") for kind in ("albedo", "lighting") for end in ("exr", "hdr", "png")]
+    assert list_files(room.parent / "maps") == expected
+    files = read_report(room)["files"]
+    assert sorted(Path(file["path"]).name for file in files) == expected
+    assert {(file["pass_name"], file["kind"]) for file in files} == {(p, k) for p in ("lighting", "albedo") for k in ("exr", "hdr", "png")}
+
+
+def test_names_that_files_cannot_have_stay_apart(tmp_path):
+    open_room()
+    bpy.data.objects["Cube"].name = "a/b"
+    bpy.data.objects["Floor"].name = "A:b"
+    assert bake(save_scene(tmp_path / "room.blend"), "--per-object") == 0
+    names = list_files(tmp_path / "maps")
+    assert len({name.lower() for name in names}) == 2
+    assert all(re.fullmatch(r"[aA]_b_*\.combined\.exr", name) for name in names)
+
+
+def test_names_as_long_as_blender_allows_become_files(tmp_path):
+    open_room()
+    for letter, obj in zip("ÄB", (bpy.data.objects["Cube"], bpy.data.objects["Floor"]), strict=True):
+        obj.name = letter * 255
+    assert bake(save_scene(tmp_path / "room.blend"), "--per-object") == 0
+    assert len(list_files(tmp_path / "maps")) == 2
+
+
+def test_objects_named_get_a_lightmap_and_the_rest_still_cast_light(room):
+    assert bake(room, "--objects", "Floor", "--per-object", "--pass", "direct") == 0
+    assert list_files(room.parent / "maps") == ["Floor.direct.exr"]
+    assert [row["name"] for row in read_report(room)["objects"]] == ["Floor"]
+    pixels = read_pixels(room.parent / "maps" / "Floor.direct.exr")
+    lit = pixels[..., :3].mean(axis=2)[pixels[..., 3] > 0.5]
+    assert lit.min() < 0.05 * lit.max()  # the cube's shadow
+
+
+def test_existing_uv_layer_is_used_as_it_is(room):
+    assert bake(room, "--objects", "Floor", "--uv-layer", "UVMap", "--save", str(room.parent / "baked.blend")) == 0
+    pixels = read_pixels(room.parent / "maps" / "room_0.combined.exr")
+    assert (pixels[..., 3] == 1.0).all()  # Blender's plane fills the page
+    assert [layer.name for layer in bpy.data.objects["Floor"].data.uv_layers] == ["UVMap"]
+
+
+def test_saved_file_wears_the_bake_and_bakes_alike_again(room):
+    before = room.read_bytes()
+    saved = room.parent / "far" / "baked.blend"
+    assert bake(room, "--save", str(saved)) == 0
+    assert room.read_bytes() == before
+    assert read_report(room)["scene"] == str(room)
+    first = (room.parent / "maps" / "room_0.combined.exr").read_bytes()
+
+    bpy.ops.wm.open_mainfile(filepath=str(saved))
+    image = bpy.data.images["room_0.combined"]
+    assert image.filepath == "//../maps/room_0.combined.exr"
+    floor = bpy.data.objects["Floor"]
+    assert "Leaflight" in floor.data.uv_layers
+    assert any(node.type == "TEX_IMAGE" and node.image == image for node in floor.material_slots[0].material.node_tree.nodes)
+
+    assert bake(saved, output=room.parent / "again") == 0
+    assert (room.parent / "again" / "baked_0.combined.exr").read_bytes() == first  # the bake itself gives no light
+
+
+def test_no_assign_leaves_materials_and_layers(room):
+    assert bake(room, "--no-assign", "--save", str(room.parent / "baked.blend")) == 0
+    floor = bpy.data.objects["Floor"]
+    assert [layer.name for layer in floor.data.uv_layers] == ["UVMap"]
+    assert len(floor.material_slots) == 0
+    assert len(bpy.data.images) == 0
+
+
+def test_seed_alone_decides_the_bytes(room):
+    """Enough photons for several shards, so that the order of workers could matter."""
+    words = ("--max-photons", "300000", "--error", "0.0001", "--pass", "indirect")
+    images = []
+    for name, more in (("one", ()), ("two", ("--workers", "2")), ("other", ("--seed", "2"))):
+        assert bake(room, *words, *more, output=room.parent / name) == 0
+        images.append((room.parent / name / "room_0.indirect.exr").read_bytes())
+    assert images[0] == images[1]
+    assert images[0] != images[2]
+
+
+def test_time_limit_ends_a_bake(room):
+    assert bake(room, "--time-limit", "0.2", "--error", "0.0001", "--max-photons", "100000000000") == 0
+    report = read_report(room)
+    assert report["stopped_by"] == "time_limit"
+    assert report["seconds"]["photons"] < 20
+
+
+def test_report_goes_into_a_folder_that_is_made(room):
+    report = room.parent / "deep" / "er" / "report.json"
+    assert bake(room, "--report", str(report)) == 0
+    assert json.loads(report.read_text())["photons"] == 20000
+
+
+def test_open_scene_is_baked_where_blender_runs_the_command(room, capsys):
+    argv = ["bake", *QUICK, "--output", str(room.parent / "maps")]
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    assert cli.main(argv) == 1
+    assert "error: no .blend is open" in capsys.readouterr().err
+    bpy.ops.wm.open_mainfile(filepath=str(room))
+    assert cli.main(argv) == 0
+    assert list_files(room.parent / "maps") == ["room_0.combined.exr"]
+
+
+def test_exit_codes_of_a_process(room):
+    for words, code, sentence in (
+        (("--quiet", "--max-photons", "20000", "--workers", "1"), 0, r"^$"),
+        (("--size", "0"), 1, r"^leaflight: error: --size: expected 4 to 16384 texels, got 0;"),
+        (("--sighs", "5"), 2, r"usage: python -m leaflight"),
+    ):
+        process = start_process(room, *words)
+        told = process.communicate(timeout=60)[1]
+        assert (process.returncode, bool(re.search(sentence, told))) == (code, True), told
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_with_the_best_so_far(room, number):
+    process = start_process(room, "--error", "0.0001", "--max-photons", "1000000000000", "--report", "report.json", "--save", "baked.blend")
+    assert any("% " in line for line in process.stderr)  # the first round is through
+    process.send_signal(number)
+    process.communicate(timeout=60)
+    assert process.returncode == 130
+    report = read_report(room)
+    assert (report["interrupted"], report["stopped_by"]) == (True, "interrupted")
+    assert list_files(room.parent / "bake") == ["room_0.combined.exr"]
+    assert (room.parent / "baked.blend").is_file()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_before_there_is_light_ends_without_files(room, number, monkeypatch, capsys):
+    monkeypatch.setattr(session, "prepare", lambda *_: os.kill(os.getpid(), number))
+    before = [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)]
+    assert bake(room) == 130
+    assert "interrupted before there was any light" in capsys.readouterr().err
+    assert list_files(room.parent) == ["room.blend"]
+    assert [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)] == before

@@ -1,0 +1,216 @@
+"""The panel's properties and operators, as a script without a window uses them."""
+
+import dataclasses
+import os
+import time
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+import leaflight  # noqa: E402
+from leaflight.addon import panels, properties, request, restore  # noqa: E402
+from leaflight.core.settings import Settings  # noqa: E402
+
+
+@pytest.fixture(autouse=True)
+def _registered():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    leaflight.register()
+    yield
+    leaflight.unregister()
+
+
+@pytest.fixture
+def state():
+    return bpy.context.window_manager.leaflight_state
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """A floor under a lamp, with a material of the user's, baked small."""
+    bpy.ops.mesh.primitive_plane_add()
+    bpy.context.object.name = "Floor"
+    bpy.context.object.data.materials.append(bpy.data.materials.new("Grey"))
+    bpy.ops.object.light_add(type="POINT", location=(0.0, 0.0, 1.0))
+    bpy.context.object.data.energy = 20.0
+    chosen = bpy.context.scene.leaflight
+    chosen.size, chosen.error, chosen.workers, chosen.output = 16, 0.5, 1, str(tmp_path / "maps")
+    return bpy.context.scene
+
+
+def bake_error():
+    with pytest.raises(RuntimeError) as raised:
+        bpy.ops.leaflight.bake()
+    return str(raised.value)
+
+
+def is_baked():
+    return bpy.data.objects["Floor"].material_slots[0].material.name != "Grey"
+
+
+def test_untouched_panel_is_the_default_settings():
+    assert properties.make_settings(bpy.context.scene.leaflight) == Settings()
+
+
+def test_panel_has_every_knob_with_its_range():
+    rna = bpy.context.scene.leaflight.bl_rna.properties
+    for knob in dataclasses.fields(Settings):
+        about = rna[knob.name]
+        assert about.name == knob.name.replace("_", " ").title() or knob.name == "passes"
+        if about.type in ("INT", "FLOAT"):
+            low, high = knob.metadata["low"], min(knob.metadata["high"], 2**31 - 1 if about.type == "INT" else float("inf"))
+            assert (about.hard_min, about.hard_max) == (pytest.approx(low), pytest.approx(high))
+    assert [name for group in properties.list_groups() for name in properties.list_knobs(group)] == [
+        knob.name for knob in sorted(dataclasses.fields(Settings), key=lambda knob: properties.list_groups().index(knob.metadata["group"]))
+    ]
+
+
+def test_every_group_has_a_sub_panel():
+    assert [cls.bl_label for cls in panels.CLASSES[1:]] == properties.list_groups()
+
+
+def test_quality_is_the_target_error():
+    chosen = bpy.context.scene.leaflight
+    for name, error in properties.QUALITY_ERROR.items():
+        chosen.quality = name
+        assert properties.make_settings(chosen).error == error
+        assert chosen.quality == name
+    chosen.error = 0.123
+    assert chosen.quality == "CUSTOM"
+
+
+def test_main_pass_comes_first_and_once():
+    chosen = bpy.context.scene.leaflight
+    chosen.main_pass, chosen.passes, chosen.formats = "lighting", {"albedo", "lighting", "direct"}, {"png", "exr"}
+    settings = properties.make_settings(chosen)
+    assert settings.passes == ("lighting", "direct", "albedo")
+    assert settings.formats == ("exr", "png")
+    chosen.formats = set()
+    with pytest.raises(ValueError, match="no file format"):
+        properties.make_settings(chosen)
+
+
+def test_bake_is_shown_switched_and_removed(scene, state, tmp_path):
+    assert bpy.ops.leaflight.bake() == {"FINISHED"}
+    assert is_baked()
+    assert not state.running
+    assert state.summarize()
+    assert list((tmp_path / "maps").glob("*.combined.exr"))
+    assert bpy.ops.leaflight.toggle_preview() == {"FINISHED"}
+    assert not is_baked()
+    assert restore.has_bake(scene)
+    bpy.ops.leaflight.toggle_preview()
+    assert is_baked()
+    assert bpy.ops.leaflight.remove() == {"FINISHED"}
+    assert not is_baked()
+    assert not restore.has_bake(scene)
+    assert not bpy.ops.leaflight.remove.poll()
+    assert state.summarize() == []
+
+
+def test_folder_beside_an_unsaved_file_is_refused(scene, state, tmp_path):
+    scene.leaflight.output = "//maps"
+    assert "//maps: is beside the .blend, which is not saved yet" in bake_error()
+    assert "not saved yet" in state.error
+    assert not state.running
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "floor.blend"))
+    assert bpy.ops.leaflight.bake() == {"FINISHED"}
+    assert state.error == ""
+    assert list((tmp_path / "maps").iterdir())
+
+
+def test_selected_objects_are_baked(scene):
+    scene.leaflight.objects = "SELECTED"
+    assert "no mesh is selected" in bake_error()  # the lamp is
+    floor = bpy.data.objects["Floor"]
+    floor.select_set(True)
+    assert request.make_request(bpy.context).objects == ("Floor",)
+    assert bpy.ops.leaflight.bake() == {"FINISHED"}
+
+
+def test_selected_copy_stands_for_its_source(scene):
+    floor = bpy.data.objects["Floor"]
+    floor.modifiers.new("Thick", "SOLIDIFY").thickness = 0.1
+    scene.leaflight.size = 64
+    assert bpy.ops.leaflight.bake() == {"FINISHED"}
+    copy = next(obj for obj in scene.objects if obj.name == "Floor.Leaflight")
+    copy.select_set(True)
+    scene.leaflight.objects = "SELECTED"
+    assert request.list_objects(bpy.context) == ["Floor"]
+    assert bpy.ops.leaflight.bake() == {"FINISHED"}
+
+
+def test_core_s_sentence_reaches_script_and_panel(scene, state):
+    bpy.data.lights[0].energy = 0.0
+    error = bake_error()
+    assert state.error
+    assert state.error in error
+    assert not is_baked()
+
+
+def test_edit_mode_must_be_left(scene):
+    bpy.context.view_layer.objects.active = bpy.data.objects["Floor"]
+    bpy.ops.object.mode_set(mode="EDIT")
+    assert "Leave Edit Mode first" in bake_error()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert bpy.ops.leaflight.bake.poll()
+
+
+def test_opening_a_file_forgets_the_last_bake(scene, state):
+    bpy.ops.leaflight.bake()
+    bpy.ops.wm.read_homefile(use_empty=True)
+    assert state.summarize() == []
+
+
+@pytest.mark.skipif(os.name != "posix", reason="process groups are POSIX's")
+def test_unregistering_ends_a_bake_with_its_workers(scene, state, tmp_path):
+    from leaflight.addon import cli, job, session
+
+    chosen = scene.leaflight
+    chosen.error, chosen.size, chosen.workers, chosen.max_photons = 1e-4, 64, 2, 2**31 - 1
+    session.prepare(bpy.context, request.make_request(bpy.context), tmp_path)
+    process = job.BakeProcess(tmp_path, tuple(bpy.app.python_args), cli.library_paths())
+    state.begin(process, time.monotonic(), [])
+    give_up = time.monotonic() + 30.0
+    while state.progress is None and time.monotonic() < give_up:
+        assert state.drain() is None
+        time.sleep(0.05)
+    group = process._process.pid
+    os.killpg(group, 0)  # it is there
+    leaflight.unregister()
+    leaflight.register()
+    assert wait_until_gone(group)
+
+
+def wait_until_gone(group):
+    for _ in range(100):
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def test_registering_twice_leaves_nothing_between():
+    leaflight.unregister()
+    assert not hasattr(bpy.types.Scene, "leaflight")
+    assert not hasattr(bpy.types.WindowManager, "leaflight_state")
+    assert not hasattr(bpy.types, "LEAFLIGHT_PT_main")
+    leaflight.register()
+    assert bpy.context.scene.leaflight.size == Settings().size
+
+
+def test_a_failed_registration_is_taken_back(monkeypatch):
+    leaflight.unregister()
+
+    def refuse(*_):
+        raise RuntimeError("planted")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(bpy.utils, "register_cli_command", refuse)
+        with pytest.raises(RuntimeError, match="planted"):
+            leaflight.register()
+    assert not hasattr(bpy.types.Scene, "leaflight")
+    leaflight.register()

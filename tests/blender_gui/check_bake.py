@@ -1,0 +1,181 @@
+"""Checks what only a Blender with a window can show of a bake: stopping, Edit Mode, another scene, another file, the end.
+
+    blender --enable-event-simulate sample_blends/furnished_room.blend --python tests/blender_gui/check_bake.py
+
+The extension must be installed. Prints a line for each check, and at last how many failed; then quits in the middle of a bake.
+"""
+
+import os
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator
+
+import bpy
+
+ROOM = bpy.data.filepath
+TICK_SECONDS = 0.05
+GIVE_UP_SECONDS = 60.0
+FAILED: list[str] = []
+
+
+def check(name: str, holds: object) -> None:
+    print(f"CHECK {'ok    ' if holds else 'FAILED'} {name}", flush=True)
+    if not holds:
+        FAILED.append(name)
+
+
+def state():
+    return bpy.context.window_manager.leaflight_state
+
+
+def window():
+    return bpy.context.window_manager.windows[0]
+
+
+def in_view():
+    area = next(area for area in window().screen.areas if area.type == "VIEW_3D")
+    return bpy.context.temp_override(window=window(), area=area, region=next(r for r in area.regions if r.type == "WINDOW"))
+
+
+def press_bake(error: float = 0.2) -> None:
+    chosen = bpy.context.scene.leaflight
+    chosen.size, chosen.error, chosen.output = 128, error, tempfile.mkdtemp(prefix="leaflight_images_")
+    with in_view():
+        bpy.ops.leaflight.bake("INVOKE_DEFAULT")
+
+
+def wait(condition: Callable[[], object]) -> Iterator[float]:
+    give_up = time.monotonic() + GIVE_UP_SECONDS
+    while not condition() and time.monotonic() < give_up:
+        yield TICK_SECONDS
+
+
+def has_bake(scene) -> bool:
+    return any("leaflight_bake" in obj for obj in scene.objects)
+
+
+def remove_bake() -> None:
+    with in_view():
+        bpy.ops.leaflight.remove()
+
+
+def is_alive(process_id: int) -> bool:
+    try:
+        os.killpg(process_id, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def running_id() -> int:
+    return state()._process._process.pid
+
+
+def check_escape() -> Iterator[float]:
+    press_bake(error=1e-4)
+    yield from wait(lambda: state().progress)
+    check("a second bake cannot start", not bpy.ops.leaflight.bake.poll())
+    middle = {"x": window().width // 3, "y": window().height // 2}
+    window().event_simulate(type="ESC", value="PRESS", **middle)
+    window().event_simulate(type="ESC", value="RELEASE", **middle)
+    yield from wait(lambda: state().stopping)
+    check("Esc asks for the best so far", state().stopping)
+    yield from wait(lambda: not state().running)
+    check("the best so far is shown", state().result and state().result["stopped_by"] == "interrupted" and has_bake(bpy.context.scene))
+    remove_bake()
+
+
+def check_discard() -> Iterator[float]:
+    press_bake(error=1e-4)
+    yield from wait(lambda: state().progress)
+    group = running_id()
+    bpy.ops.leaflight.stop()
+    bpy.ops.leaflight.stop()
+    yield from wait(lambda: not state().running)
+    check("stop twice throws the bake away", not state().result and not state().error and not has_bake(bpy.context.scene))
+    check("and leaves no process", not is_alive(group))
+
+
+def check_edit_mode() -> Iterator[float]:
+    press_bake()
+    with in_view():
+        bpy.context.view_layer.objects.active = next(obj for obj in bpy.context.scene.objects if obj.type == "MESH")
+        bpy.ops.object.mode_set(mode="EDIT")
+    yield from wait(lambda: state().notice)
+    check("a finished bake waits for Edit Mode's end", state().running and "Leave Edit Mode" in state().notice)
+    with in_view():
+        bpy.ops.object.mode_set(mode="OBJECT")
+    yield from wait(lambda: not state().running)
+    check("and is then shown", has_bake(bpy.context.scene) and not state().warnings)
+    remove_bake()
+
+
+def check_undo_meanwhile() -> Iterator[float]:
+    with in_view():
+        bpy.ops.object.select_all(action="SELECT")
+        bpy.ops.ed.undo_push(message="Select")
+        bpy.ops.object.select_all(action="DESELECT")
+        bpy.ops.ed.undo_push(message="Deselect")
+    press_bake()
+    with in_view():
+        bpy.ops.ed.undo()
+    yield from wait(lambda: not state().running)
+    check("a bake outlives an undo", state().result and has_bake(bpy.context.scene))
+    remove_bake()
+
+
+def check_other_scene() -> Iterator[float]:
+    baked = bpy.context.scene.name
+    press_bake()
+    window().scene = bpy.data.scenes.new("Other")
+    yield from wait(lambda: not state().running)
+    check("the scene that was baked gets the bake", has_bake(bpy.data.scenes[baked]) and not state().error)
+    window().scene = bpy.data.scenes[baked]
+    remove_bake()
+    press_bake()
+    scene = bpy.data.scenes[baked]
+    window().scene = bpy.data.scenes["Other"]
+    bpy.data.scenes.remove(scene)
+    yield from wait(lambda: not state().running)
+    check("a deleted scene is told", "scene was deleted" in state().error)
+
+
+def check_other_file() -> Iterator[float]:
+    bpy.ops.wm.open_mainfile(filepath=ROOM)
+    yield 1.0
+    press_bake(error=1e-4)
+    yield from wait(lambda: state().progress)
+    group = running_id()
+    bpy.ops.wm.open_mainfile(filepath=ROOM)
+    yield 1.0
+    check("opening a file ends the bake", not is_alive(group) and not state().running)
+    check("the sidebar bakes again", bpy.ops.leaflight.bake.poll())
+
+
+def check_end() -> Iterator[float]:
+    press_bake(error=1e-4)
+    yield from wait(lambda: state().progress)
+    print(f"QUITTING with process group {running_id()} at work; {len(FAILED)} FAILED", flush=True)
+
+
+def steps() -> Iterator[float]:
+    for checks in (check_escape, check_discard, check_edit_mode, check_undo_meanwhile, check_other_scene, check_other_file, check_end):
+        try:
+            yield from checks()
+        except Exception:
+            traceback.print_exc()
+            check(checks.__name__, False)
+
+
+def run() -> float | None:
+    pause = next(SCRIPT, None)
+    if pause is None:
+        with in_view():
+            bpy.ops.wm.quit_blender()
+    return pause
+
+
+bpy.context.preferences.view.show_splash = False
+SCRIPT = steps()
+bpy.app.timers.register(run, first_interval=2.0, persistent=True)

@@ -1,0 +1,107 @@
+"""The command line's words: what they mean, and what is said of those that cannot be."""
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+from leaflight.addon.arguments import BakeRequest, parse_arguments
+from leaflight.core.settings import Settings
+
+
+def parse(*words, with_scene=True):
+    scene = ["room.blend"] if with_scene else []
+    return parse_arguments(["bake", *scene, *words], "leaflight", with_scene)
+
+
+def test_without_options_everything_has_its_default():
+    assert parse() == BakeRequest(Settings(), scene=Path("room.blend"))
+    assert parse(with_scene=False) == BakeRequest(Settings())
+
+
+@pytest.mark.parametrize(
+    ("words", "knob", "value"),
+    [
+        ("--size 64", "size", 64),
+        ("--density 12.5", "density", 12.5),
+        ("--per-object", "atlas", False),
+        ("--atlas", "atlas", True),
+        ("--pass lighting direct", "passes", ("lighting", "direct")),
+        ("--format png exr", "formats", ("png", "exr")),
+        ("--direct photons", "direct", "photons"),
+        ("--basis quadratic", "basis", "quadratic"),
+        ("--oracle paper", "oracle", "paper"),
+        ("--flat", "hierarchical", False),
+        ("--no-contact", "contact", False),
+        ("--error 0.1", "error", 0.1),
+        ("--max-photons 5000", "max_photons", 5000),
+        ("--time-limit 2.5", "time_limit", 2.5),
+        ("--seed 7", "seed", 7),
+        ("--workers 2", "workers", 2),
+        ("--max-depth 3", "max_depth", 3),
+    ],
+)
+def test_flag_sets_its_knob_and_no_other(words, knob, value):
+    assert parse(*words.split()).settings == dataclasses.replace(Settings(), **{knob: value})
+
+
+def test_scene_and_output_options():
+    words = "--objects Floor Wall --uv-layer Light --output a/b --report r.json --save s.blend --no-assign --quiet"
+    expected = BakeRequest(
+        Settings(),
+        scene=Path("room.blend"),
+        objects=("Floor", "Wall"),
+        uv_layer="Light",
+        output=Path("a/b"),
+        report=Path("r.json"),
+        save=Path("s.blend"),
+        assign=False,
+        quiet=True,
+    )
+    assert parse(*words.split()) == expected
+
+
+@pytest.mark.parametrize(
+    "words", ["--sighs 5", "--size big", "--size 1.5", "--size", "--pass shine", "--format gif", "--siz 64", "b.blend"]
+)
+def test_words_that_cannot_be_read_end_with_2_and_usage(words, capsys):
+    with pytest.raises(SystemExit) as end:
+        parse(*words.split())
+    assert end.value.code == 2
+    assert "usage: leaflight" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("argv", [[], ["bake"], ["boil", "room.blend"]])
+def test_missing_words_end_with_2(argv):
+    with pytest.raises(SystemExit) as end:
+        parse_arguments(argv, "leaflight", True)
+    assert end.value.code == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("--size 0", r"^--size: expected 4 to 16384 texels, got 0; choose a value in this range\.$"),
+        ("--size 100000", r"^--size: .* got 100000;"),
+        ("--size -5", r"^--size: .* got -5;"),
+        ("--max-photons 5", r"^--max-photons: .* got 5;"),
+        ("--error nan", r"^--error: expected 0\.0001 to 1, got nan;"),
+        ("--time-limit inf", r"^--time-limit: .* got inf;"),
+        ("--save room", r"^--save room: .* end in \.blend;"),
+    ],
+)
+def test_values_out_of_range_are_told_by_their_flag(words, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        parse(*words.split())
+
+
+def test_help_tells_every_knob_and_no_empty_default(capsys):
+    with pytest.raises(SystemExit) as end:
+        parse("--help")
+    text = capsys.readouterr().out
+    assert end.value.code == 0
+    for knob in dataclasses.fields(Settings):
+        flag = knob.metadata["flag"] or "--" + knob.name.replace("_", "-")
+        assert f" {flag} " in text, flag
+    assert "(default: 512)" in " ".join(text.split())
+    for odd in ("default: True", "default: None", "default: []", "default: )"):
+        assert odd not in text

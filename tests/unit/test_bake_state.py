@@ -1,0 +1,119 @@
+"""The state behind the panel, driven by a process that only talks."""
+
+import math
+import threading
+
+import pytest
+from leaflight.addon.bake_state import BakeState, describe_count, describe_seconds
+from leaflight.core.messages import Done, Error, Progress, Status, Warning_
+
+RESULT = {"stopped_by": "error", "estimated_error": 0.048, "leaves": 1234, "photons": 2_500_000, "pages": 2, "page_size": 512}
+
+
+class Talker:
+    """Says what it is given, then waits to be killed where `lasting`."""
+
+    def __init__(self, messages, lasting=False):
+        self.said = messages
+        self.killed = threading.Event()
+        self.lasting = lasting
+        self.cancelled = 0
+
+    def messages(self):
+        for message in self.said:
+            if isinstance(message, Exception):
+                raise message
+            yield message
+        if self.lasting:
+            self.killed.wait(10)
+            yield Error("killed")
+
+    def cancel(self):
+        self.cancelled += 1
+
+    def kill(self):
+        self.killed.set()
+
+
+def begin(*messages, lasting=False, warnings=()):
+    state, process = BakeState(), Talker(messages, lasting)
+    state.begin(process, 0.0, list(warnings))
+    return state, process
+
+
+def progress(fraction, error=0.1, left=12.0):
+    return Progress(fraction, 1_500_000, 1e6, error, left, 100)
+
+
+def test_messages_reach_the_panel():
+    state, _ = begin(Status("photons", "Tracing photons"), progress(0.4), progress(0.3), Done("result.json", False))
+    assert state.running
+    assert state.wait() == Done("result.json", False)
+    assert state.describe() == ("40%, 12 s left", "Tracing photons: 1.50 M, error 10.0%")  # a bar never runs back
+    state.end(result=RESULT)
+    assert not state.running
+    assert state.summarize()[1:] == ["Error 4.8%", "1,234 leaves, 2.50 M photons", "2 pages of 512 x 512 texels"]
+
+
+def test_unknown_error_and_time_are_not_shown():
+    state, _ = begin(Status("photons", "Tracing photons"), progress(0.4, math.nan, math.nan), Done("", False))
+    state.wait()
+    assert state.describe() == ("40%", "Tracing photons: 1.50 M")
+
+
+def test_drain_gives_nothing_while_the_bake_runs():
+    state, process = begin(Status("charts", "Unwrapping"), lasting=True)
+    while state.stage != "Unwrapping":
+        assert state.drain() is None
+    assert state.describe()[1] == "Unwrapping"
+    state.discard()
+    assert process.killed.is_set()
+    assert state.wait() == Error("killed")
+    assert state.discarded
+
+
+def test_cancel_asks_once():
+    state, process = begin(lasting=True)
+    state.cancel()
+    state.cancel()
+    assert process.cancelled == 1
+    assert state.describe()[1] == "Finishing with the best so far"
+    state.clear()
+    assert process.killed.is_set()
+    assert not state.running
+
+
+def test_old_messages_do_not_reach_the_next_bake():
+    state, _ = begin(lasting=True)
+    state.clear()
+    state.begin(Talker([Done("second", False)]), 0.0, [])
+    assert state.wait() == Done("second", False)
+
+
+@pytest.mark.parametrize("reason", [ValueError("not a Leaflight message: 'x'"), OSError("pipe")])
+def test_a_process_that_cannot_be_understood_is_ended(reason):
+    state, process = begin(reason)
+    ended = state.wait()
+    assert isinstance(ended, Error)
+    assert str(reason) in ended.text
+    assert process.killed.is_set()
+
+
+def test_warnings_about_many_objects_are_one_sentence():
+    told = [Warning_(name, f"{name}: is too small.") for name in "ABCDE"]
+    state, _ = begin(*told, Warning_("", "the sky is dark."), Done("", False), warnings=[("A", "has no faces")])
+    state.wait()
+    assert state.list_warnings() == ["A: has no faces", "A, B, C and 2 more: is too small.", "the sky is dark."]
+
+
+def test_result_tells_why_it_stopped():
+    state = BakeState()
+    state.end(result=RESULT | {"stopped_by": "max_photons"})
+    assert state.summarize()[1] == "Error 4.8%, stopped at Max Photons"
+    state.end(result=RESULT | {"stopped_by": "interrupted"})
+    assert state.summarize()[0].startswith("Stopped after")
+
+
+def test_numbers_for_a_narrow_panel():
+    assert [describe_count(count) for count in (65_536, 1_234_567)] == ["65,536", "1.23 M"]
+    assert [describe_seconds(seconds) for seconds in (12.4, 125, 7300)] == ["12 s", "2 min 05 s", "2 h 01 min"]

@@ -1,0 +1,34 @@
+"""What a person at the terminal sees."""
+
+import math
+
+import pytest
+from leaflight.addon.console import describe_progress, print_message
+from leaflight.core.messages import Done, Error, Preview, Progress, Status, Warning_
+
+PROGRESS = Progress(fraction=0.25, photons=1_500_000, photons_per_s=2.5e6, estimated_error=0.043, seconds_left=12.4, leaves=900)
+
+
+@pytest.mark.parametrize(
+    ("message", "line", "quiet_line"),
+    [
+        (Status("charts", "Unwrapping"), "leaflight: Unwrapping\n", ""),
+        (PROGRESS, "leaflight:  25%  1.50 M photons  2.50 M/s  error 4.3%  12 s left\n", ""),
+        (Warning_("Lamp", "has no power"), *["leaflight: warning: Lamp: has no power\n"] * 2),
+        (Warning_("Lamp", "Lamp: has no power"), *["leaflight: warning: Lamp: has no power\n"] * 2),
+        (Warning_("", "the scene is dark"), *["leaflight: warning: the scene is dark\n"] * 2),
+        (Error("nothing to bake."), *["leaflight: error: nothing to bake.\n"] * 2),
+        (Preview(0, "page.npy"), "", ""),
+        (Done("result.json", False), "", ""),
+    ],
+)
+def test_each_message_has_its_line_on_standard_error(message, line, quiet_line, capsys):
+    print_message(message, quiet=False)
+    assert capsys.readouterr() == ("", line)
+    print_message(message, quiet=True)
+    assert capsys.readouterr() == ("", quiet_line)
+
+
+def test_what_cannot_be_told_yet_is_left_out():
+    unknown = Progress(0.0, 0, 0.0, estimated_error=math.nan, seconds_left=math.nan, leaves=0)
+    assert describe_progress(unknown) == "  0%  0.00 M photons  0.00 M/s"

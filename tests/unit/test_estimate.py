@@ -1,0 +1,146 @@
+"""The stated error against the real one, on a square whose light is known."""
+
+import numpy as np
+import pytest
+from leaflight.core import estimate, quadtree, refine
+from trees import SquareBake
+
+SIDE = 64
+
+
+def even(rng, n):
+    return rng.random((2, n))
+
+
+def hill(rng, n):
+    """Density (1 + sin(2 pi s) sin(2 pi t) * 0.8): drawn by rejection."""
+    s, t, u = rng.random((3, 4 * n))
+    kept = np.flatnonzero(u * 1.8 < hill_truth(s, t))[:n]
+    return s[kept], t[kept]
+
+
+def even_truth(s, t):
+    return np.ones_like(s)
+
+
+def hill_truth(s, t):
+    return 1 + 0.8 * np.sin(2 * np.pi * s) * np.sin(2 * np.pi * t)
+
+
+def throw(sampler, photons, seed, **options):
+    """A bake of a watt over a square metre, in two halves."""
+    bake = SquareBake(side=SIDE, **options)
+    rng = np.random.default_rng(seed)
+    for half in (0, 1):
+        s, t = sampler(rng, photons // 2)
+        bake.throw(s, t, half, emitted=photons // 2)
+    return bake
+
+
+def state(bake, nodes, background_variance=0.0):
+    totals, solution = bake.totals(), bake.solution()
+    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.05, 16, 2))
+    zero = np.zeros((3, len(bake.tree)))
+    return estimate.state_error(bake.tree, totals, solution, comparison, nodes, zero, zero + background_variance)
+
+
+def real_error(bake, nodes, truth):
+    """As estimate states it: relative to local brightness, over the best texels; a texel shows the light at its middle."""
+    line = (np.arange(SIDE) + 0.5) / SIDE
+    s, t = (grid.ravel() for grid in np.meshgrid(line, line))
+    squares = (bake.values(nodes, s, t) - truth(s, t)) ** 2 / (truth(s, t) ** 2 + estimate.DARK_FLOOR**2)
+    return np.sqrt(np.sort(squares)[: int(estimate.BEST_TEXELS * len(squares))].mean())
+
+
+def current(bake):
+    return np.flatnonzero(bake.tree.current)
+
+
+def ratio_of_errors(make, truth, n_bake):
+    """Root mean squares of stated over real error, over bakes."""
+    stated, real = [], []
+    for seed in range(n_bake):
+        bake = make(seed)
+        stated.append(state(bake, current(bake)).relative)
+        real.append(real_error(bake, current(bake), truth))
+    return np.sqrt(np.mean(np.square(stated)) / np.mean(np.square(real)))
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_noise_alone_is_stated_within_a_quarter(degree):
+    ratio = ratio_of_errors(lambda seed: throw(even, 50_000, seed, degree=degree, level=3), even_truth, n_bake=6)
+    assert 0.8 < ratio < 1.25
+
+
+@pytest.mark.parametrize(("degree", "level"), [(0, 3), (1, 2), (2, 2)])
+def test_light_that_coarse_leaves_cannot_hold_is_stated_within_a_quarter(degree, level):
+    ratio = ratio_of_errors(lambda seed: throw(hill, 400_000, seed, degree=degree, level=level), hill_truth, n_bake=1)
+    assert 0.75 < ratio < 1.25
+    bake = throw(hill, 400_000, 0, degree=degree, level=level)
+    nodes = current(bake)
+    noise2 = bake.solution().variance[0, nodes] * bake.tree.rank[nodes]
+    assert state(bake, nodes).bias2[nodes].mean() > 3 * noise2.mean()  # or the test would be of noise again
+
+
+def test_correction_is_1_for_independent_photons():
+    """Over 20 bakes of 64 leaves, each of three like channels: the mean of 1280 squares, less its prior."""
+    found = []
+    for seed in range(20):
+        bake = throw(even, 20_000, seed, degree=0, level=3)
+        found.append(estimate.noise_correction(bake.tree, bake.solution(), current(bake)))
+    assert np.mean(found) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 1280))
+
+
+def test_correction_sees_that_photons_come_in_clumps():
+    """Four photons at each place of a quarter as many: their variance is four times what single photons would have."""
+
+    def clumps(rng, n):
+        return np.repeat(rng.random((2, n // 4)), 4, axis=1)
+
+    bake = throw(clumps, 80_000, 1, degree=0, level=4)
+    assert 2.5 < estimate.noise_correction(bake.tree, bake.solution(), current(bake)) < 4.5
+
+
+def test_correction_of_no_light_is_1():
+    bake = SquareBake(side=8)
+    assert estimate.noise_correction(bake.tree, bake.solution(), current(bake)) == 1.0
+
+
+def test_no_photons_are_no_statement():
+    bake = SquareBake(side=8)
+    assert np.isnan(state(bake, current(bake)).relative)
+
+
+def test_noise_of_direct_light_counts():
+    bake = throw(even, 50_000, 1, degree=0, level=3)
+    without, with_it = state(bake, current(bake)), state(bake, current(bake), background_variance=0.2**2)
+    brightness = 1 + estimate.DARK_FLOOR**2
+    assert with_it.relative**2 - without.relative**2 == pytest.approx(0.2**2 / brightness, rel=0.1)
+
+
+def test_the_worst_texels_are_left_out():
+    """One leaf in 64 is far off: its 1.6 % of the texels count for what is over 1 % of them."""
+    bake = throw(even, 50_000, 1, degree=0, level=3)
+    leaf = current(bake)[:1]
+    variance = np.zeros((3, len(bake.tree)))
+    variance[:, leaf] = 100.0
+    totals, solution = bake.totals(), bake.solution()
+    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.05, 16, 2))
+    stated = estimate.state_error(bake.tree, totals, solution, comparison, current(bake), 0 * variance, variance)
+    share = (1 / 64 - (1 - estimate.BEST_TEXELS)) / estimate.BEST_TEXELS
+    assert stated.relative == pytest.approx(np.sqrt(share * 100.0), rel=0.1)
+
+
+def test_more_photons_state_less():
+    few, many = (state(bake, current(bake)).relative for bake in (throw(even, n, 3, degree=1, level=2) for n in (20_000, 320_000)))
+    assert many == pytest.approx(few / 4, rel=0.35)
+
+
+def test_leaves_without_previews_take_the_word_of_their_parents():
+    bake = throw(hill, 200_000, 1, degree=0, level=2, preview_depth=1)
+    parents = current(bake)
+    told = state(bake, parents).bias2[parents]
+    bake.tree = quadtree.split(bake.tree, parents)
+    children = current(bake)
+    blind = state(bake, children).bias2[children]
+    assert blind.mean() == pytest.approx(estimate.BIAS_DECAY * np.maximum(told, 0).mean(), rel=1e-6)

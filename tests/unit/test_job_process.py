@@ -1,0 +1,228 @@
+"""The child process that bakes: what it says, how it is ended, and that nobody stays behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from boxes import lamp_scene
+from leaflight.addon import job
+from leaflight.addon.job import BakeProcess
+from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.messages import Done, Error, Message, Progress, Status
+from leaflight.core.settings import Settings
+from leaflight.core.snapshot import save_snapshot
+
+PATIENCE_S = 20.0
+ENDLESS = Settings(size=32, padding=1, error=1e-4, max_photons=10**12)
+needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are found in /proc")
+
+
+@pytest.fixture
+def start(tmp_path: Path, open_image_io: None) -> Iterator[Callable[..., BakeProcess]]:
+    """Starts a bake of a small scene, by default one without end; kills what is left of it."""
+    started = []
+
+    def start_bake(settings: Settings = ENDLESS) -> BakeProcess:
+        save_snapshot(tmp_path / SNAPSHOT_FILE, lamp_scene())
+        Job(settings, str(tmp_path / "out"), "room").save(tmp_path)
+        started.append(BakeProcess(tmp_path))
+        return started[-1]
+
+    yield start_bake
+    for process in started:
+        process.kill()
+
+
+@pytest.fixture
+def dummy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], BakeProcess]:
+    """A child that runs these lines in place of a bake; `tell` sends a message of this kind and fields."""
+
+    def start_dummy(lines: str) -> BakeProcess:
+        boot = tmp_path / "boot.py"
+        head = (
+            "import json, os, signal, sys, time\ndef tell(kind, **fields):\n    print(json.dumps({'kind': kind, **fields}), flush=True)\n"
+        )
+        boot.write_text(head + lines, encoding="utf-8")
+        monkeypatch.setattr(job, "_BOOT", boot)
+        return BakeProcess(tmp_path)
+
+    return start_dummy
+
+
+def find_descendants(pid: int) -> list[int]:
+    """Processes below this one, by /proc."""
+    parents = {}
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                parents[int(entry.name)] = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
+            except (FileNotFoundError, ProcessLookupError):
+                continue  # it ended while we looked
+    found = [child for child, parent in parents.items() if parent == pid]
+    return found + [below for child in found for below in find_descendants(child)]
+
+
+def is_alive(pid: int) -> bool:
+    """Whether a process runs; one that ended and that nobody has asked for its code does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def wait_for_end(pids: list[int]) -> list[int]:
+    """Those that still run when patience ends."""
+    limit = time.monotonic() + PATIENCE_S
+    while any(map(is_alive, pids)) and time.monotonic() < limit:
+        time.sleep(0.05)
+    return [pid for pid in pids if is_alive(pid)]
+
+
+def run_to(process: BakeProcess, kind: type[Message]) -> Message:
+    return next(message for message in process.messages() if isinstance(message, kind))
+
+
+def test_finished_bake_tells_its_stages_and_leaves_its_result(start, tmp_path):
+    messages = list(start(replace(ENDLESS, max_photons=2000, workers=1)).messages())
+    assert [message.stage for message in messages if isinstance(message, Status)] == [
+        *("load", "charts", "texels", "scene", "direct", "photons", "write")
+    ]
+    assert messages[-1] == Done(str(tmp_path / RESULT_FILE), interrupted=False)
+    result = json.loads((tmp_path / RESULT_FILE).read_text())
+    assert [Path(file["path"]).name for file in result["files"]] == ["room_0.combined.exr"]
+    assert (tmp_path / "out" / "room_0.combined.exr").is_file()
+
+
+@needs_proc
+def test_cancel_gives_the_best_so_far_and_ends_the_workers(start, tmp_path):
+    process = start(replace(ENDLESS, workers=2))
+    last, workers = None, []
+    for message in process.messages():
+        if isinstance(message, Progress) and not workers:
+            workers = find_descendants(process._process.pid)
+            process.cancel()
+            process.cancel()  # an impatient user's second time does no harm
+        last = message
+    assert last == Done(str(tmp_path / RESULT_FILE), interrupted=True)
+    assert json.loads((tmp_path / RESULT_FILE).read_text())["stopped_by"] == "interrupted"
+    assert (tmp_path / "out" / "room_0.combined.exr").is_file()
+    assert len(workers) >= 2
+    assert wait_for_end(workers) == []
+    process.cancel()  # too late, and no harm either
+
+
+def close_stdin(process: BakeProcess) -> None:
+    """What the system does when the parent is gone."""
+    process._process.stdin.close()
+
+
+@needs_proc
+@pytest.mark.parametrize("end", [BakeProcess.kill, close_stdin])
+def test_nobody_stays_behind(start, tmp_path, end):
+    """Killed, or left by its parent, the child takes its workers along; they are asked when they have nothing to do, too."""
+    process = start(replace(ENDLESS, workers=3))  # two shards a round: one worker of three is idle
+    run_to(process, Progress)
+    everyone = [process._process.pid, *find_descendants(process._process.pid)]
+    assert len(everyone) >= 3
+    end(process)
+    process._process.wait(PATIENCE_S)
+    assert wait_for_end(everyone) == []
+    assert list((tmp_path / "out").glob("*")) == []
+
+
+@needs_proc
+@pytest.mark.parametrize("end", ["os.kill(os.getpid(), signal.SIGKILL)", "sys.stdin.read(); os._exit(4)"])
+def test_idle_workers_end_with_the_process_they_work_for(tmp_path, end):
+    """They wait for work, and a killed process cannot say that there is none."""
+    boot = Path(job.__file__).with_name("boot.py")
+    program = tmp_path / "program.py"
+    program.write_text(
+        f"import os, runpy, signal, sys, time\nrunpy.run_path({str(boot)!r}, run_name=__name__ if __name__ != '__main__' else 'boot')\n"
+        "if __name__ == '__main__':\n"
+        "    from leaflight.core.workers import make_executor\n"
+        "    executor = make_executor(2)\n"
+        "    print(*{future.result() for future in [executor.submit(os.getpid) for _ in range(2)]}, flush=True)\n"
+        "    print(*executor._processes, flush=True)\n"
+        f"    sys.stdin.readline(); {end}\n",
+        encoding="utf-8",
+    )
+    with subprocess.Popen([sys.executable, str(program)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as parent:
+        parent.stdout.readline()
+        workers = [int(pid) for pid in parent.stdout.readline().split()]
+        assert workers
+        assert all(map(is_alive, workers))
+        parent.stdin.write("go\n")
+        parent.stdin.close()
+    left = wait_for_end(workers)
+    for pid in left:
+        os.kill(pid, signal.SIGKILL)
+    assert left == []
+
+
+def test_a_sentence_of_the_core_comes_as_error(start, tmp_path):
+    (tmp_path / "out").write_text("a file where the folder of the images should be")
+    process = start(replace(ENDLESS, max_photons=2000, workers=1))
+    assert isinstance(list(process.messages())[-1], Error)
+    assert process._process.returncode == 1
+
+
+def test_the_systems_own_words_become_a_sentence(start, tmp_path):
+    (tmp_path / "texels").write_text("in the way of a folder of temporary files")
+    last = list(start(replace(ENDLESS, workers=1)).messages())[-1]
+    assert isinstance(last, Error)
+    assert "temporary files cannot be kept there (File exists)" in last.text
+    assert "TMPDIR" in last.text
+
+
+@pytest.mark.parametrize(
+    ("lines", "sentence"),
+    [
+        (
+            "tell('STATUS', stage='a', text='b'); os.kill(os.getpid(), signal.SIGKILL)",
+            r"was killed, most likely for lack of memory: .*fewer",
+        ),
+        ("print('KeyError: 3', file=sys.stderr); sys.exit(3)", r"ended unexpectedly \(code 3\).* Its last words: KeyError: 3$"),
+        ("sys.exit(0)", r"ended unexpectedly \(code 0\)"),
+    ],
+)
+def test_a_sudden_end_becomes_an_error(dummy, lines, sentence):
+    *_, last = dummy(lines).messages()
+    assert isinstance(last, Error)
+    assert re.search(sentence, last.text)
+
+
+def test_nothing_follows_the_childs_own_end(dummy):
+    messages = list(dummy("tell('ERROR', text='no light'); sys.exit(1)").messages())
+    assert messages == [Error("no light")]
+
+
+def test_a_line_that_is_no_message_is_told(dummy):
+    with pytest.raises(ValueError, match="not a Leaflight message: 'hello"):
+        list(dummy("print('hello')").messages())
+
+
+def test_kill_ends_a_child_that_does_not_listen(dummy):
+    process = dummy("tell('STATUS', stage='a', text='b'); time.sleep(600)")
+    next(process.messages())
+    start_s = time.monotonic()
+    process.kill()
+    assert process._process.returncode == -signal.SIGKILL
+    assert time.monotonic() - start_s < PATIENCE_S
+
+
+def test_the_child_gets_the_folders_of_its_packages(dummy, tmp_path):
+    list(dummy("tell('DONE', result='', interrupted=False)").messages())
+    paths = json.loads((tmp_path / "sys_path.json").read_text())
+    assert str(Path(np.__file__).parent.parent) in paths
+    assert len(paths) == len(set(paths))
