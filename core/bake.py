@@ -141,8 +141,8 @@ def _write_pages(
     job: Job, snapshot: SceneSnapshot, atlas: charts.ChartAtlas, texel_map: TexelMap, light: solve.LightField, tracing: workers.Tracing
 ) -> list[PageFile]:
     settings = job.settings
-    at_texels = resolve.light_at_texels(light, texel_map)
     entry_page = atlas.chart_page[texel_map.texel_chart]
+    at_texels = resolve.light_at_texels(light, texel_map, entry_page)
     resolver = resolve.Resolver(at_texels, texel_map, tracing.scene.surfaces, entry_page, settings.margin)
     output = Path(job.output)
     names = _page_names(job, snapshot, atlas)

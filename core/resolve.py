@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from . import basis
+from . import reconstruct
 from .margin import fill_margin
 from .materials import SurfaceMaterials
 from .quadtree import node_of_texel
@@ -38,28 +38,18 @@ class TexelLight:
     leaf: NDArray[np.int32]
 
 
-def light_at_texels(field: LightField, texels: TexelMap) -> TexelLight:
-    """The leaves' functions at each texel's own point, plus direct light by rays."""
-    n = len(texels.texel_area)
-    leaf = node_of_texel(field.tree, field.leaves, n)
-    direct, indirect = field.direct.irradiance.copy(), np.empty((n, 3), np.float32)
-    stderr = np.empty((n, 3), np.float32)
-    x, y = texels.hit_texel_xy(texels.texel_tri, texels.texel_bary[:, 1], texels.texel_bary[:, 2])
-    tree, solution = field.tree, field.solution
-    for start in range(0, n, _CHUNK):
-        part = slice(start, min(start + _CHUNK, n))
-        node = leaf[part]
-        half = tree.side[node] / 2.0
-        s = (x[part] - tree.origin[node, 0]) / half - 1.0
-        t = (y[part] - tree.origin[node, 1]) / half - 1.0
-        values = np.array(basis.monomials(s, t, tree.degree))
-        irradiance = np.einsum("bckn,kn->bnc", solution.coefficient[..., node], values)
-        direct[part] += np.maximum(irradiance[0], 0.0)  # a fitted plane may dip below zero at the edge of a shadow
-        indirect[part] = np.maximum(irradiance[1], 0.0)
-        squares = (values * basis.apply_matrices(tree.project[node], values)).sum(0) * tree.area[node]
-        variance = solution.variance[:, node].T * squares[:, None] * field.correction + field.direct.variance[part]
-        stderr[part] = np.sqrt(variance)
-    return TexelLight(direct, indirect, stderr, leaf)
+def light_at_texels(field: LightField, texels: TexelMap, page: NDArray[np.int32]) -> TexelLight:
+    """The leaves' functions at each texel's own point, plus direct light by rays.
+
+    page   (n,) int32: the page of each texel entry
+    """
+    leaf = node_of_texel(field.tree, field.leaves, len(texels.texel_area))
+    traced = reconstruct.blend_leaves(field.tree, field.solution, leaf, texels, page)
+    direct, indirect = np.maximum(traced.irradiance, 0.0)  # a fitted plane may dip below zero at the edge of a shadow
+    stderr = np.sqrt(traced.variance.T * field.correction + field.direct.variance)
+    return TexelLight(
+        (field.direct.irradiance + direct.T).astype(np.float32), indirect.T.astype(np.float32), stderr.astype(np.float32), leaf
+    )
 
 
 class Resolver:

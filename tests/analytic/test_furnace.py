@@ -66,12 +66,13 @@ def solve_case(folder, rho, direct, basis):
     texels = tree.end[leaves] - tree.start[leaves]
     by_rays = np.add.reduceat(light.direct.irradiance[:, 0].astype(float), tree.start[leaves]) / texels
     area = tree.area[leaves]
+    texel_map = workers.open_tracing(str(folder)).texels
     return Furnace(
         np.pi / (1 - rho),
         light.solution.flux[0, leaves] / area + by_rays,
         np.sqrt(light.solution.variance[0, leaves] * light.correction),
         area,
-        resolve.light_at_texels(light, workers.open_tracing(str(folder)).texels),
+        resolve.light_at_texels(light, texel_map, np.zeros(len(texel_map.texel_area), np.int32)),
         rho > 0 or direct == "photons",
     )
 

@@ -1,0 +1,126 @@
+"""Leaves' functions to light at texels, without visible edges between leaves.
+
+Around each texel a window as large as half its leaf is looked at. Every leaf that reaches into it has a say at the texel,
+by the share of the window it fills and with its own function, carried on a little beyond its edge: linear light stays
+linear, and a step between two leaves that is no larger than their noise becomes a ramp. A step that is larger is light,
+and stays. Windows end at a chart's border.
+
+Source: the weights are those of a partition of unity (Babuska & Melenk 1997); the test of a step is a z-test of the
+two leaves' values.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import basis
+from .quadtree import Quadtree
+from .tally import Solution
+from .texel_map import TexelMap
+
+Float64: TypeAlias = NDArray[np.float64]
+
+WINDOW = 1.0  # side of the window over the side of the leaf
+_STRATA = 4  # points across the window, each way
+_STEP_SIGMAS = 3.0  # a step above so many standard errors is light
+_FARTHEST = 2.0  # node coordinate up to which a function is carried on beyond its node, which ends at 1
+_CHUNK = 1 << 16
+
+
+@dataclass(frozen=True)
+class PointLight:
+    """Light at points.
+
+    irradiance   (2, 3, m) float64, W/m^2: per component and channel; may dip below zero at the edge of a shadow
+    variance     (3, m) float64, (W/m^2)^2, of both components together
+    """
+
+    irradiance: Float64
+    variance: Float64
+
+
+def evaluate_leaf(tree: Quadtree, solution: Solution, node: NDArray[Any], x: Float64, y: Float64) -> PointLight:
+    """The functions of nodes at points, which may lie beyond them.
+
+    node   (m,) int;  x, y   (m,) float64, page texels
+    """
+    monomials = np.array(basis.monomials(*node_coordinates(tree, node, x, y), tree.degree))
+    irradiance = np.zeros((*solution.coefficient.shape[:2], len(node)))
+    for k, monomial in enumerate(monomials):
+        irradiance += solution.coefficient[:, :, k, node] * monomial
+    squares = (monomials * basis.apply_matrices(tree.project[node], monomials)).sum(0) * tree.area[node]
+    return PointLight(irradiance, solution.variance[:, node] * squares)
+
+
+def node_coordinates(tree: Quadtree, node: NDArray[Any], x: Float64, y: Float64) -> tuple[Float64, Float64]:
+    """Coordinates s, t of points in their nodes, each (m,), [-1, 1] inside."""
+    half = tree.side[node] / 2.0
+    return (x - tree.origin[node, 0]) / half - 1.0, (y - tree.origin[node, 1]) / half - 1.0
+
+
+def blend_leaves(tree: Quadtree, solution: Solution, leaf: NDArray[np.int32], texels: TexelMap, page: NDArray[np.int32]) -> PointLight:
+    """Light at every texel entry.
+
+    leaf   (n,) int32, the leaf at each entry
+    page   (n,) int32, the page of each entry
+    """
+    n, size = len(leaf), texels.page_size
+    x, y = texels.hit_texel_xy(texels.texel_tri, texels.texel_bary[:, 1], texels.texel_bary[:, 2])
+    entry_at = np.full((texels.page_count, size, size), -1, np.int32)
+    entry_at[page, texels.texel_xy[:, 1], texels.texel_xy[:, 0]] = np.arange(n, dtype=np.int32)
+    out = PointLight(np.empty((*solution.coefficient.shape[:2], n)), np.empty((solution.variance.shape[0], n)))
+    for start in range(0, n, _CHUNK):
+        part = np.arange(start, min(start + _CHUNK, n))
+        own = evaluate_leaf(tree, solution, leaf[part], x[part], y[part])
+        window = _Window(own, leaf[part])
+        for across, up in product((np.arange(_STRATA) + 0.5) / _STRATA - 0.5, repeat=2):
+            column = np.floor(x[part] + across * WINDOW * tree.side[leaf[part]]).astype(np.int64)
+            row = np.floor(y[part] + up * WINDOW * tree.side[leaf[part]]).astype(np.int64)
+            inside = (column >= 0) & (column < size) & (row >= 0) & (row < size)
+            entry = np.where(inside, entry_at[page[part], np.clip(row, 0, size - 1), np.clip(column, 0, size - 1)], -1)
+            other = np.where((entry >= 0) & (texels.texel_chart[entry] == texels.texel_chart[part]), leaf[entry], -1)
+            near = np.flatnonzero((other >= 0) & (other != leaf[part]))
+            theirs = evaluate_leaf(tree, solution, other[near], x[part[near]], y[part[near]])
+            far = np.abs(node_coordinates(tree, other[near], x[part[near]], y[part[near]])).max(0)
+            window.add(np.flatnonzero(other == leaf[part]), near, other[near], theirs, far <= _FARTHEST)
+        out.irradiance[..., part], out.variance[:, part] = window.mean()
+    return out
+
+
+class _Window:
+    """The points of a window around each of m texels, and which leaf each of them speaks for."""
+
+    def __init__(self, own: PointLight, leaf: NDArray[np.int32]) -> None:
+        self._own, self._leaf = own, leaf
+        self._irradiance = own.irradiance.copy()  # the texel itself is a point too
+        self._count = np.ones(len(leaf))
+        self._nodes = [leaf]
+        self._variances = [own.variance]
+
+    def add(self, same: NDArray[Any], near: NDArray[Any], other: NDArray[Any], theirs: PointLight, close: NDArray[np.bool_]) -> None:
+        """A point for each texel: on its own leaf for the texels `same`, on `other` for those `near`, on none for the rest."""
+        step = (theirs.irradiance - self._own.irradiance[..., near]).sum(0).mean(0)
+        noise = (theirs.variance + self._own.variance[:, near]).mean(0)
+        joined = close & (step**2 <= _STEP_SIGMAS**2 * noise)
+        rows = near[joined]
+        self._irradiance[..., same] += self._own.irradiance[..., same]
+        self._irradiance[..., rows] += theirs.irradiance[..., joined]
+        self._count[same] += 1
+        self._count[rows] += 1
+        node, variance = np.full(len(self._leaf), -1, np.int32), np.zeros_like(self._own.variance)
+        node[same], variance[:, same] = self._leaf[same], self._own.variance[:, same]
+        node[rows], variance[:, rows] = other[joined], theirs.variance[:, joined]
+        self._nodes.append(node)
+        self._variances.append(variance)
+
+    def mean(self) -> tuple[Float64, Float64]:
+        """Irradiance and variance: points on one leaf err together, leaves err apart."""
+        variance = np.zeros_like(self._own.variance)
+        for node, one in zip(self._nodes, self._variances, strict=True):
+            variance += one * np.sum([other == node for other in self._nodes], axis=0)
+        return self._irradiance / self._count, variance / self._count**2

@@ -1,0 +1,90 @@
+"""Leaves are joined where their step is noise, and only there."""
+
+import numpy as np
+import pytest
+from leaflight.core import quadtree, reconstruct
+from trees import SquareBake
+
+
+def quartered(density, photons=20_000, side=32, degree=1):
+    """Four leaves over the square, under photons thrown by `density(rng, n)`."""
+    bake = SquareBake(side=side, degree=degree, preview_depth=1, level=1)
+    bake.throw(*density(np.random.default_rng(8), photons))
+    return bake
+
+
+def blend(bake):
+    n = len(bake.keys)
+    leaves = np.flatnonzero(bake.tree.current)
+    owner = quadtree.node_of_texel(bake.tree, leaves, n)
+    values = reconstruct.blend_leaves(bake.tree, bake.solution(), owner, bake.texels, np.zeros(n, np.int32))
+    image = np.empty((bake.side, bake.side))
+    image[bake.texels.texel_xy[:, 1], bake.texels.texel_xy[:, 0]] = values.irradiance.sum(0)[0]
+    plain = np.empty_like(image)
+    x, y = bake.texels.hit_texel_xy(bake.texels.texel_tri, *bake.texels.texel_bary[:, 1:].T)
+    plain[bake.texels.texel_xy[:, 1], bake.texels.texel_xy[:, 0]] = reconstruct.evaluate_leaf(
+        bake.tree, bake.solution(), owner, x, y
+    ).irradiance.sum(0)[0]
+    return image, plain
+
+
+def even(rng, n):
+    return rng.random((2, n))
+
+
+def step(rng, n):
+    s, t = rng.random((2, n))
+    return np.where(rng.random(n) < 0.75, s * 0.5, 0.5 + s * 0.5), t  # three times as much on the left
+
+
+def ramp(rng, n):
+    return np.sqrt(rng.random(n)), rng.random(n)
+
+
+def jump(image):
+    """Mean step between the two columns in the middle."""
+    middle = image.shape[1] // 2
+    return np.abs(image[:, middle] - image[:, middle - 1]).mean()
+
+
+def test_noise_between_leaves_becomes_a_ramp():
+    image, plain = blend(quartered(even))
+    assert jump(image) < 0.4 * jump(plain)
+    assert np.abs(image - 1).mean() < np.abs(plain - 1).mean()
+
+
+def test_an_edge_of_light_stays_as_sharp():
+    image, plain = blend(quartered(step))
+    assert jump(plain) == pytest.approx(1.0, abs=0.1)
+    assert jump(image) > 0.9 * jump(plain)
+
+
+def test_a_ramp_over_several_leaves_stays_a_ramp():
+    image, _ = blend(quartered(ramp, photons=400_000))
+    expected = 2 * (np.arange(32) + 0.5) / 32
+    np.testing.assert_allclose(image.mean(0), expected, atol=0.03)
+
+
+def test_the_flux_of_even_light_is_kept():
+    image, plain = blend(quartered(even))
+    assert image.mean() == pytest.approx(plain.mean(), rel=0.005)
+
+
+def test_one_leaf_is_its_own_function():
+    bake = SquareBake(side=16, degree=2)
+    bake.throw(*ramp(np.random.default_rng(0), 20_000))
+    image, plain = blend(bake)
+    np.testing.assert_allclose(image, plain, rtol=1e-9)
+
+
+def test_stated_variance_is_that_of_repeated_blends():
+    values, stated = [], []
+    for seed in range(40):
+        bake = SquareBake(side=16, degree=0, preview_depth=1, level=1)
+        rng = np.random.default_rng(seed)
+        bake.throw(*rng.random((2, rng.poisson(2000))), emitted=2000)  # most of a bake's photons land elsewhere
+        owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), 256)
+        light = reconstruct.blend_leaves(bake.tree, bake.solution(), owner, bake.texels, np.zeros(256, np.int32))
+        values.append(light.irradiance.sum(0)[0])
+        stated.append(light.variance[0])
+    assert np.var(values, axis=0).mean() == pytest.approx(np.mean(stated), rel=0.3)
