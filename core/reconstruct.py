@@ -28,6 +28,7 @@ Float64: TypeAlias = NDArray[np.float64]
 WINDOW = 1.0  # side of the window over the side of the leaf
 _STRATA = 4  # points across the window, each way
 _STEP_SIGMAS = 3.0  # a step above so many standard errors is light
+_NOISIER = 4.0  # a leaf whose variance there is more than so many times the texel's own has no say
 _FARTHEST = 2.0  # node coordinate up to which a function is carried on beyond its node, which ends at 1
 _CHUNK = 1 << 16
 
@@ -105,8 +106,9 @@ class _Window:
     def add(self, same: NDArray[Any], near: NDArray[Any], other: NDArray[Any], theirs: PointLight, close: NDArray[np.bool_]) -> None:
         """A point for each texel: on its own leaf for the texels `same`, on `other` for those `near`, on none for the rest."""
         step = (theirs.irradiance - self._own.irradiance[..., near]).sum(0).mean(0)
-        noise = (theirs.variance + self._own.variance[:, near]).mean(0)
-        joined = close & (step**2 <= _STEP_SIGMAS**2 * noise)
+        own, other_noise = self._own.variance[:, near].mean(0), theirs.variance.mean(0)
+        # A sliver's function runs away beyond its node, and its noise would excuse any step.
+        joined = close & (step**2 <= _STEP_SIGMAS**2 * (own + other_noise)) & (other_noise <= _NOISIER * own)
         rows = near[joined]
         self._irradiance[..., same] += self._own.irradiance[..., same]
         self._irradiance[..., rows] += theirs.irradiance[..., joined]

@@ -1,7 +1,7 @@
 """From a traced scene to light on texels: rounds of photons, refinement, and the rule that stops them.
 
 A photon's way: lights.emit -> photons.trace_shard -> texels.entry_of -> tally.deposit -> refine.mark -> quadtree.split.
-This is the only module that sees both the tracing and the statistics.
+With workers and bake the only module that sees both the tracing and the statistics.
 """
 
 from __future__ import annotations
