@@ -10,7 +10,7 @@ _IMPORTERS = {
     ".glb": lambda path: bpy.ops.import_scene.gltf(filepath=path),
     ".gltf": lambda path: bpy.ops.import_scene.gltf(filepath=path),
     ".obj": lambda path: bpy.ops.wm.obj_import(filepath=path),
-    ".fbx": lambda path: bpy.ops.import_scene.fbx(filepath=path),
+    ".fbx": lambda path: bpy.ops.wm.fbx_import(filepath=path),  # the older one in Python stops at lamps in 5.0
     ".usd": lambda path: bpy.ops.wm.usd_import(filepath=path),
     ".usda": lambda path: bpy.ops.wm.usd_import(filepath=path),
     ".usdc": lambda path: bpy.ops.wm.usd_import(filepath=path),
@@ -34,14 +34,18 @@ def open_scene(path: Path) -> list[tuple[str, str]]:
         bpy.ops.wm.read_factory_settings(use_empty=True)
         _IMPORTERS[kind](str(path.resolve()))
     except RuntimeError as reason:
-        raise ValueError(f"{path.name}: Blender cannot read it, the file seems damaged ({_first_line(reason)}); save it again.") from reason
+        raise ValueError(f"{path.name}: Blender cannot read it, the file seems damaged ({_find_cause(reason)}); save it again.") from reason
     if not bpy.data.meshes:
         raise ValueError(f"{path.name}: Blender finds no mesh in it; check that it is the right file, and save it again.")
     return _light_by_world(path)
 
 
-def _first_line(reason: Exception) -> str:
-    return next((line.strip() for line in str(reason).splitlines() if line.strip()), "no reason given").removeprefix("Error: ")
+def _find_cause(reason: Exception) -> str:
+    """The line of Blender's report that tells most: its first, or what ends a traceback."""
+    lines = [line.strip() for line in str(reason).splitlines() if line.strip() and not line.startswith("Location: ")]
+    if not lines:
+        return "no reason given"
+    return lines[-1 if "Traceback" in lines[0] else 0].removeprefix("Error: ")
 
 
 def _light_by_world(path: Path) -> list[tuple[str, str]]:

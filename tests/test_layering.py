@@ -25,19 +25,24 @@ TRACE = {
     "core.emitters",
     "core.geometry",
     "core.sampling",
-    "core.materials",
     "core.direct",
+    "core.direct_lights",
+    "core.direct_points",
+    "core.direct_pool",
     "core.irradiance",
+    "core.contact",
 }
+# core.materials is on neither side: albedo and emission belong to the surface, photons and pages both ask for them.
 STATISTICS = {"core.tally", "core.refine", "core.quadtree", "core.basis", "core.estimate"}
-SEES_ALL = {"core.solve"}
+# Where both sides meet: rounds of photons, shards that trace and sum them, and the whole bake.
+SEES_ALL = {"core.solve", "core.workers", "core.bake"}
 BPY_FREE_ADDON = {"addon.arguments", "addon.boot", "addon.job"}
 PANELS = "addon.panels"
 # The child's main program: it has no package, so it gives this folder the name leaflight and imports it by that.
 NAMES_THE_PACKAGE = {"addon.boot"}
 
 # Core modules whose tests are not in tests/unit/test_<module>.py.
-TEST_HOME: dict[str, str] = {}
+TEST_HOME: dict[str, str] = {"core.texel_map": "tests/unit/test_texels.py"}
 
 # Modules by their name inside the package ("core.rays", "addon", "__main__"), with their source text.
 Sources = dict[str, str]

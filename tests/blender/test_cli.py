@@ -203,3 +203,18 @@ def test_a_signal_before_there_is_light_ends_without_files(room, number, monkeyp
     assert "interrupted before there was any light" in capsys.readouterr().err
     assert list_files(room.parent) == ["room.blend"]
     assert [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="whether a process blocks signals is seen in /proc")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_blender_starts_is_kept(room, number):
+    """Python's own answer would break into Blender's start, and Blender's is to go on."""
+    process = start_process(room, "--max-photons", "20000", "--workers", "1")
+    blocked = 0
+    while process.poll() is None and not blocked:
+        status = Path(f"/proc/{process.pid}/status").read_text()
+        blocked = int(re.search(r"SigBlk:\s*(\w+)", status)[1], 16) & (1 << (number - 1))
+    process.send_signal(number)
+    process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert list_files(room.parent) == ["room.blend"]

@@ -1,6 +1,6 @@
 """Checks what only a Blender with a window can show of a bake: stopping, Edit Mode, another scene, another file, the end.
 
-    blender --enable-event-simulate sample_blends/furnished_room.blend --python tests/blender_gui/check_bake.py
+    blender --enable-event-simulate sample_blends/cornell_box.blend --python tests/blender_gui/check_bake.py
 
 The extension must be installed. Prints a line for each check, and at last how many failed; then quits in the middle of a bake.
 """
@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 
 import bpy
 
-ROOM = bpy.data.filepath
+SCENE_FILE = bpy.data.filepath
 TICK_SECONDS = 0.05
 GIVE_UP_SECONDS = 60.0
 FAILED: list[str] = []
@@ -22,6 +22,7 @@ FAILED: list[str] = []
 def check(name: str, holds: object) -> None:
     print(f"CHECK {'ok    ' if holds else 'FAILED'} {name}", flush=True)
     if not holds:
+        print(f"      error {state().error!r}, notice {state().notice!r}, stage {state().stage!r}", flush=True)
         FAILED.append(name)
 
 
@@ -74,12 +75,12 @@ def running_id() -> int:
 
 def check_escape() -> Iterator[float]:
     press_bake(error=1e-4)
-    yield from wait(lambda: state().progress)
+    yield from wait(lambda: state().progress or not state().running)
     check("a second bake cannot start", not bpy.ops.leaflight.bake.poll())
     middle = {"x": window().width // 3, "y": window().height // 2}
     window().event_simulate(type="ESC", value="PRESS", **middle)
     window().event_simulate(type="ESC", value="RELEASE", **middle)
-    yield from wait(lambda: state().stopping)
+    yield from wait(lambda: state().stopping or not state().running)
     check("Esc asks for the best so far", state().stopping)
     yield from wait(lambda: not state().running)
     check("the best so far is shown", state().result and state().result["stopped_by"] == "interrupted" and has_bake(bpy.context.scene))
@@ -88,12 +89,13 @@ def check_escape() -> Iterator[float]:
 
 def check_discard() -> Iterator[float]:
     press_bake(error=1e-4)
-    yield from wait(lambda: state().progress)
+    yield from wait(lambda: state().progress or not state().running)
     group = running_id()
     bpy.ops.leaflight.stop()
     bpy.ops.leaflight.stop()
     yield from wait(lambda: not state().running)
     check("stop twice throws the bake away", not state().result and not state().error and not has_bake(bpy.context.scene))
+    yield from wait(lambda: not is_alive(group))
     check("and leaves no process", not is_alive(group))
 
 
@@ -102,7 +104,7 @@ def check_edit_mode() -> Iterator[float]:
     with in_view():
         bpy.context.view_layer.objects.active = next(obj for obj in bpy.context.scene.objects if obj.type == "MESH")
         bpy.ops.object.mode_set(mode="EDIT")
-    yield from wait(lambda: state().notice)
+    yield from wait(lambda: state().notice or not state().running)
     check("a finished bake waits for Edit Mode's end", state().running and "Leave Edit Mode" in state().notice)
     with in_view():
         bpy.ops.object.mode_set(mode="OBJECT")
@@ -142,20 +144,20 @@ def check_other_scene() -> Iterator[float]:
 
 
 def check_other_file() -> Iterator[float]:
-    bpy.ops.wm.open_mainfile(filepath=ROOM)
+    bpy.ops.wm.open_mainfile(filepath=SCENE_FILE)
     yield 1.0
     press_bake(error=1e-4)
-    yield from wait(lambda: state().progress)
+    yield from wait(lambda: state().progress or not state().running)
     group = running_id()
-    bpy.ops.wm.open_mainfile(filepath=ROOM)
-    yield 1.0
+    bpy.ops.wm.open_mainfile(filepath=SCENE_FILE)
+    yield from wait(lambda: not is_alive(group))
     check("opening a file ends the bake", not is_alive(group) and not state().running)
     check("the sidebar bakes again", bpy.ops.leaflight.bake.poll())
 
 
 def check_end() -> Iterator[float]:
     press_bake(error=1e-4)
-    yield from wait(lambda: state().progress)
+    yield from wait(lambda: state().progress or not state().running)
     print(f"QUITTING with process group {running_id()} at work; {len(FAILED)} FAILED", flush=True)
 
 

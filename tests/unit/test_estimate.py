@@ -74,9 +74,9 @@ def test_noise_alone_is_stated_within_a_quarter(degree):
 
 @pytest.mark.parametrize(("degree", "level"), [(0, 3), (1, 2), (2, 2)])
 def test_light_that_coarse_leaves_cannot_hold_is_stated_within_a_quarter(degree, level):
-    ratio = ratio_of_errors(lambda seed: throw(hill, 400_000, seed, degree=degree, level=level), hill_truth, n_bake=1)
+    ratio = ratio_of_errors(lambda seed: throw(hill, 1_000_000, seed, degree=degree, level=level), hill_truth, n_bake=1)
     assert 0.75 < ratio < 1.25
-    bake = throw(hill, 400_000, 0, degree=degree, level=level)
+    bake = throw(hill, 1_000_000, 0, degree=degree, level=level)
     nodes = current(bake)
     noise2 = bake.solution().variance[0, nodes] * bake.tree.rank[nodes]
     assert state(bake, nodes).bias2[nodes].mean() > 3 * noise2.mean()  # or the test would be of noise again

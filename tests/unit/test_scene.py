@@ -46,7 +46,7 @@ def test_materials_must_name_images_that_are_there(slot):
     image = TextureImage("Wood", np.zeros((1, 1, 3), np.float32))
     first, second = Material("Oak", **{slot: 0}), Material("Oak", **{slot: 1})
     dataclasses.replace(quad_scene(), images=(image,), materials=(first,))
-    with pytest.raises(ValueError, match="^Oak: names an image that is not in the snapshot"):
+    with pytest.raises(ValueError, match=r"^Oak: names an image that is not in the snapshot"):
         dataclasses.replace(quad_scene(), images=(image,), materials=(second,))
 
 

@@ -170,6 +170,29 @@ def test_direct_light_is_the_same_in_shards_of_any_order(tmp_path, two_workers, 
     assert alone.counters["rays"] > 0
 
 
+class Recorder(workers.InlineExecutor):
+    """Keeps what it was asked to do."""
+
+    def __init__(self):
+        self.shards = []
+
+    def submit(self, fn, /, *args, **kwargs):
+        self.shards += args
+        return super().submit(fn, *args, **kwargs)
+
+
+def test_no_two_shards_of_a_bake_are_alike(tmp_path):
+    """A round that repeats another's photons would look like progress and be none."""
+    recorder = Recorder()
+    light = solve_scene(tmp_path, lamp_scene(), replace(SETTINGS, direct="photons", max_photons=1_200_000), recorder)
+    streams = {(shard.seed, shard.round, shard.shard) for shard in recorder.shards}
+    assert len(streams) == len(recorder.shards) > 2 * 2
+    assert {shard.round for shard in recorder.shards} == set(range(light.rounds))
+    assert sum(shard.photons for shard in recorder.shards) == light.photons
+    for number in range(light.rounds):  # two halves of a bake are two estimates only if they have as many photons
+        assert len([shard for shard in recorder.shards if shard.round == number]) % 2 == 0
+
+
 def test_views_of_past_rounds_are_removed(tmp_path):
     solve_scene(tmp_path, lamp_scene(), SETTINGS)
     assert not list(tmp_path.glob("view_*"))

@@ -1,0 +1,239 @@
+"""Bad input: each gets its sentence, none leaves an image that is not whole, none changes the scene's file."""
+
+import math
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from blend_rooms import QUICK, add_mesh, bake, list_files, open_room, read_pixels, read_report, save_scene  # noqa: E402
+from leaflight.addon import cli  # noqa: E402
+
+IMAGE = "room_0.combined.exr"
+TRIANGLE = [(0.0, 0.0, 1.5), (1.0, 0.0, 1.5), (1.0, 1.0, 1.5)]
+
+
+@pytest.fixture
+def room(tmp_path):
+    open_room()
+    return save_scene(tmp_path / "room.blend")
+
+
+def refuse(scene, capsys, *words):
+    """The sentence of a bake that must be refused."""
+    before = scene.read_bytes() if scene.is_file() else None
+    assert bake(scene, *words) == 1
+    told = [line for line in capsys.readouterr().err.splitlines() if "error: " in line]
+    assert len(told) == 1
+    assert list_files(scene.parent / "maps") == []
+    assert not (scene.parent / "report.json").exists()
+    assert before is None or scene.read_bytes() == before
+    return told[0].removeprefix("leaflight: error: ")
+
+
+def bake_with_warnings(scene):
+    """(subject, text) of a bake that must go on, and its pixels."""
+    before = scene.read_bytes()
+    assert bake(scene) == 0
+    assert scene.read_bytes() == before
+    pixels = read_pixels(scene.parent / "maps" / IMAGE)
+    assert np.isfinite(pixels).all()
+    assert pixels[..., :3].max() > 0.01
+    return [(warning["subject"], warning["text"]) for warning in read_report(scene)["warnings"]]
+
+
+# files
+
+
+def test_missing_file(tmp_path, capsys):
+    assert refuse(tmp_path / "none.blend", capsys) == f"{tmp_path / 'none.blend'}: no such file; check the path."
+
+
+@pytest.mark.parametrize("kept", [0.0, 0.0003, 0.03, 0.5, 0.95])
+def test_blend_that_was_cut_off(room, capsys, kept):
+    data = room.read_bytes()
+    cut = room.with_name("cut.blend")
+    cut.write_bytes(data[: int(kept * len(data))])
+    assert refuse(cut, capsys).startswith("cut.blend: Blender cannot read it, the file seems damaged (")
+
+
+def test_blend_of_garbage(tmp_path, capsys):
+    scene = tmp_path / "garbage.blend"
+    scene.write_bytes(np.random.default_rng(1).bytes(5000))
+    assert refuse(scene, capsys).startswith("garbage.blend: Blender cannot read it, the file seems damaged (")
+
+
+@pytest.mark.parametrize("below", ["file", "file/maps"])
+def test_output_folder_that_cannot_be(room, capsys, below):
+    (room.parent / "file").write_text("not a folder")
+    folder = room.parent / below
+    assert refuse(room, capsys, "--output", str(folder)).startswith(f"{folder}: is no folder that can be written (")
+
+
+@pytest.mark.parametrize("option", ["--report", "--save"])
+def test_files_that_cannot_be_written_are_told_before_the_bake(room, capsys, monkeypatch, option):
+    monkeypatch.setattr(cli, "BakeProcess", None)  # a bake would begin with it
+    (room.parent / "file").write_text("not a folder")
+    below = room.parent / "file" / "x.blend"
+    assert refuse(room, capsys, option, str(below)).startswith(f"{below.parent}: is no folder that can be written (")
+    folder = room.parent / "folder.blend"
+    folder.mkdir()
+    assert refuse(room, capsys, option, str(folder)) == f"{folder}: is a folder; give the name of a file."
+
+
+def test_image_name_that_is_taken_by_a_folder(room, capsys):
+    (room.parent / "maps" / IMAGE).mkdir(parents=True)
+    assert bake(room, "--quiet") == 1
+    assert f"{IMAGE}: cannot be written (" in capsys.readouterr().err
+    assert list_files(room.parent / "maps") == [IMAGE]
+    assert list_files(room.parent / "maps" / IMAGE) == []
+
+
+def bake_on_small_disk(scene, most_bytes):
+    """Code and standard error of a bake on a system where no file grows beyond this."""
+    resource = pytest.importorskip("resource")
+    argv = [sys.executable, "-m", "leaflight", "bake", str(scene), *QUICK, "--output", "maps", "--uv-layer", "UVMap", "--quiet"]
+    argv += ["--objects", "Floor", "--margin", "256", "--size", "128"]
+
+    def limit():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, most_bytes))
+
+    done = subprocess.run(argv, capture_output=True, encoding="utf-8", cwd=scene.parent, preexec_fn=limit, timeout=60, check=False)
+    return done.returncode, done.stderr
+
+
+def test_full_disk(tmp_path):
+    """The layer covers little of the page, so the image is the greatest file; a limit just below it hits nothing else."""
+    open_room()
+    layer = bpy.data.objects["Floor"].data.uv_layers["UVMap"]
+    uv = np.empty(2 * len(layer.uv), np.float32)
+    layer.uv.foreach_get("vector", uv)
+    layer.uv.foreach_set("vector", uv / 8)
+    scene = save_scene(tmp_path / "room.blend")
+    before = scene.read_bytes()
+    image = tmp_path / "maps" / IMAGE
+    code, told = bake_on_small_disk(scene, 10**9)
+    assert (code, told) == (0, "")
+    whole = image.read_bytes()
+
+    code, told = bake_on_small_disk(scene, len(whole) - 1)
+    assert code == 1
+    assert f"{IMAGE}: cannot be written (" in told
+    assert "has room" in told
+    assert list_files(image.parent) == [IMAGE]
+    assert image.read_bytes() == whole  # the old one, not a part of the new
+
+    shutil.rmtree(image.parent)
+    code, told = bake_on_small_disk(scene, 2000)  # not even the scene can be handed over
+    assert code == 1
+    assert "the scene cannot be kept there (File too large); make room, or set TMPDIR to another folder." in told
+    assert list_files(image.parent) == []
+    assert scene.read_bytes() == before
+
+
+# scenes
+
+
+def test_no_mesh(tmp_path, capsys):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.object.light_add(type="POINT")
+    assert refuse(save_scene(tmp_path / "room.blend"), capsys).startswith("nothing to bake: no mesh object with faces")
+
+
+@pytest.mark.parametrize("power_w", [None, 0.0, -5.0])
+def test_no_light(tmp_path, capsys, power_w):
+    open_room(power_w or 0.0)
+    if power_w is None:
+        bpy.data.objects.remove(bpy.data.objects["Lamp"])
+    assert refuse(save_scene(tmp_path / "room.blend"), capsys).startswith("the scene has no light: add a light")
+
+
+def test_lights_of_no_and_of_negative_power_beside_a_good_one(tmp_path):
+    open_room()
+    for name, power_w in (("Dark", 0.0), ("Negative", -50.0)):
+        light = bpy.data.lights.new(name, "POINT")
+        light.energy = power_w
+        bpy.context.scene.collection.objects.link(bpy.data.objects.new(name, light))
+    warnings = bake_with_warnings(save_scene(tmp_path / "room.blend"))
+    assert [subject for subject, text in warnings if "negative power" in text] == ["Negative"]
+
+
+def test_object_without_faces(tmp_path, capsys):
+    open_room()
+    add_mesh("Empty", [], [])
+    add_mesh("Wire", TRIANGLE[:2], [])
+    scene = save_scene(tmp_path / "room.blend")
+    sentence = refuse(scene, capsys, "--objects", "Empty")
+    assert "nothing to bake" in sentence
+    assert "Empty: has no faces" in sentence
+    assert {subject for subject, text in bake_with_warnings(scene) if "no faces" in text} == {"Empty", "Wire"}
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_vertices_that_are_not_numbers(tmp_path, capsys, value):
+    open_room()
+    add_mesh("Broken", [*TRIANGLE, (0.0, 0.0, value)], [(0, 1, 2), (0, 2, 3)])
+    add_mesh("Hopeless", [(value, 0.0, 0.0), *TRIANGLE[1:]], [(0, 1, 2)])
+    scene = save_scene(tmp_path / "room.blend")
+    assert "Hopeless: every face is left out" in refuse(scene, capsys, "--objects", "Hopeless")
+    told = {subject: text for subject, text in bake_with_warnings(scene) if "not a finite number" in text}
+    assert set(told) == {"Broken", "Hopeless"}
+    assert told["Broken"].startswith("1 face is left out")
+    assert [row["texels"] > 0 for row in read_report(scene)["objects"] if row["name"] == "Broken"] == [True]
+
+
+def test_faces_without_area_and_faces_twice(tmp_path, capsys):
+    open_room()
+    add_mesh("Needle", [(0.0, 0.0, 1.0), (1.0, 0.0, 1.0), (2.0, 0.0, 1.0)], [(0, 1, 2)])
+    add_mesh("Twice", TRIANGLE, [(0, 1, 2), (0, 1, 2), (2, 1, 0)])
+    scene = save_scene(tmp_path / "room.blend")
+    sentence = refuse(scene, capsys, "--objects", "Needle")
+    assert "nothing to bake" in sentence
+    assert "Needle: no face can be baked" in sentence
+    told = dict(bake_with_warnings(scene))
+    assert "lie exactly on others" in told["Twice"]
+    assert "no face can be baked" in told["Needle"]
+
+
+def test_object_scaled_to_nothing(tmp_path):
+    open_room()
+    bpy.data.objects["Cube"].scale = (0.0, 0.0, 0.0)
+    assert any(
+        subject == "Cube" and "no face can be baked" in text for subject, text in bake_with_warnings(save_scene(tmp_path / "room.blend"))
+    )
+
+
+def test_missing_image_file(tmp_path):
+    open_room()
+    material = bpy.data.materials.new("Tiles")
+    if material.node_tree is None:  # Blender 4.5
+        material.use_nodes = True
+    texture = material.node_tree.nodes.new("ShaderNodeTexImage")
+    texture.image = bpy.data.images.new("lost", 4, 4)
+    texture.image.source, texture.image.filepath = "FILE", "//lost.png"
+    material.node_tree.links.new(texture.outputs[0], material.node_tree.nodes["Principled BSDF"].inputs["Base Color"])
+    bpy.data.objects["Floor"].data.materials.append(material)
+    warnings = bake_with_warnings(save_scene(tmp_path / "room.blend"))
+    assert [subject for subject, text in warnings if "image lost is missing" in text] == ["Tiles"]
+
+
+# options
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("--size", "0"), "--size: expected 4 to 16384 texels, got 0; choose a value in this range."),
+        (("--size", "100000"), "--size: expected 4 to 16384 texels, got 100000; choose a value in this range."),
+        (("--size", "4"), "The 7 charts of 2 objects do not fit a page of 4 texels: raise --size or lower --padding."),
+        (("--uv-layer", "Nope"), "no object has a UV layer named Nope that can be used: the layers there are: UVMap."),
+        (("--objects", "Cubus"), "Cubus: no such object; the scene has: Cube"),
+        (("--objects", "Lamp"), "Lamp: is a light, not a mesh; convert it to a mesh, or leave it out of the bake."),
+    ],
+)
+def test_options_that_cannot_be_met(room, capsys, words, sentence):
+    assert refuse(room, capsys, *words) == sentence

@@ -1,0 +1,187 @@
+"""A bake's way out of Blender and back, without the process between."""
+
+import errno
+import json
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from blend_rooms import list_files, open_room, save_scene  # noqa: E402
+from leaflight.addon import cli, restore, session  # noqa: E402
+from leaflight.addon.arguments import BakeRequest  # noqa: E402
+from leaflight.core.bake import run_bake  # noqa: E402
+from leaflight.core.job import JOB_FILE, SNAPSHOT_FILE, Job  # noqa: E402
+from leaflight.core.settings import Settings  # noqa: E402
+from leaflight.core.snapshot import load_snapshot  # noqa: E402
+
+SETTINGS = Settings(size=32, max_photons=5000, workers=1)
+
+
+@pytest.fixture(autouse=True)
+def _room(monkeypatch):
+    open_room()
+    monkeypatch.setattr(sys, "path", [*sys.path, *cli.library_paths()])
+
+
+@pytest.fixture
+def folder(tmp_path):
+    path = tmp_path / "job"
+    path.mkdir()
+    return path
+
+
+@pytest.fixture
+def request_(tmp_path):
+    return BakeRequest(SETTINGS, output=tmp_path / "maps")
+
+
+def prepare(request, folder):
+    return session.prepare(bpy.context, request, folder)
+
+
+def bake(request, folder, between=lambda: None):
+    """A whole bake; what happens `between` is the user's doing meanwhile. Gives the warnings."""
+    work = prepare(request, folder)
+    run_bake(folder, lambda message: None, lambda: False)
+    between()
+    return session.assign(bpy.context, work, session.read_result(work))
+
+
+def shown_images(name):
+    """Names of the images in an object's materials."""
+    trees = [slot.material.node_tree for slot in bpy.data.objects[name].material_slots if slot.material]
+    return {node.image.name for tree in trees for node in tree.nodes if node.type == "TEX_IMAGE"}
+
+
+def test_job_says_what_was_asked(request_, folder, tmp_path):
+    prepare(request_, folder)
+    assert list_files(folder) == sorted([JOB_FILE, SNAPSHOT_FILE])
+    assert Job.load(folder) == Job(SETTINGS, str(tmp_path / "maps"), "lightmap")
+    assert [one.name for one in load_snapshot(folder / SNAPSHOT_FILE).objects] == ["Cube", "Floor"]
+
+
+def test_pages_are_named_after_the_file(request_, folder, tmp_path):
+    save_scene(tmp_path / "Küche 2.blend")
+    prepare(request_, folder)
+    assert Job.load(folder).atlas_name == "Küche 2"
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_plane_add()
+    prepare(replace(request_, scene=tmp_path / "model.glb"), folder)
+    assert Job.load(folder).atlas_name == "model"
+
+
+def test_objects_and_layer_of_the_request_are_exported(request_, folder):
+    prepare(replace(request_, objects=("Floor",), uv_layer="UVMap"), folder)
+    found = load_snapshot(folder / SNAPSHOT_FILE).objects
+    assert [(one.name, one.receives, one.has_layer) for one in found] == [("Cube", False, False), ("Floor", True, True)]
+
+
+def test_bake_is_shown_on_every_object(request_, folder):
+    assert bake(request_, folder) == []
+    for name in ("Floor", "Cube"):
+        assert shown_images(name) == {"lightmap_0.combined"}
+        uv = np.empty(2 * len(bpy.data.objects[name].data.loops), np.float32)
+        bpy.data.objects[name].data.uv_layers["Leaflight"].uv.foreach_get("vector", uv)
+        assert uv.min() >= 0.0
+        assert uv.max() <= 1.0
+        assert np.ptp(uv) > 0.05
+
+
+def test_the_first_pass_and_format_are_shown(request_, folder):
+    bake(replace(request_, settings=replace(SETTINGS, passes=("lighting", "albedo"), formats=("png", "exr"))), folder)
+    image = bpy.data.images["lightmap_0.lighting"]
+    assert image.filepath.endswith("lightmap_0.lighting.png")
+    assert shown_images("Floor") == {image.name}
+
+
+def test_objects_that_share_a_mesh_get_places_of_their_own(request_, folder):
+    twin = bpy.data.objects["Cube"].copy()
+    twin.name, twin.location.x = "Twin", 1.5
+    bpy.context.scene.collection.objects.link(twin)
+    assert bake(request_, folder) == []
+    layers = []
+    for name in ("Cube", "Twin"):
+        mesh = bpy.data.objects[name].data
+        uv = np.empty(2 * len(mesh.loops), np.float32)
+        mesh.uv_layers["Leaflight"].uv.foreach_get("vector", uv)
+        layers.append(uv)
+    assert not np.allclose(*layers)
+
+
+def test_an_earlier_bake_is_not_baked_and_stays_shown(request_, folder, tmp_path):
+    clean = prepare(request_, folder).export.snapshot
+    first = tmp_path / "first"
+    first.mkdir()
+    bake(request_, first)
+    assert restore.is_preview_on(bpy.context.scene)
+    again = prepare(request_, folder).export.snapshot
+    assert (again.materials, again.images) == (clean.materials, clean.images)
+    assert restore.is_preview_on(bpy.context.scene)
+    with pytest.raises(ValueError, match="no such object"):
+        prepare(replace(request_, objects=("Cubus",)), folder)
+    assert restore.is_preview_on(bpy.context.scene)
+
+
+def delete_cube():
+    bpy.data.objects.remove(bpy.data.objects["Cube"])
+
+
+def edit_cube():
+    bpy.data.objects["Cube"].data.clear_geometry()
+
+
+@pytest.mark.parametrize("between", [delete_cube, edit_cube])
+def test_what_the_user_changed_meanwhile_is_told_and_the_rest_is_shown(request_, folder, between):
+    warnings = bake(request_, folder, between)
+    assert [subject for subject, _ in warnings] == ["Cube"]
+    assert "was deleted or edited during the bake" in warnings[0][1]
+    assert shown_images("Floor") == {"lightmap_0.combined"}
+
+
+def test_an_object_renamed_meanwhile_is_still_found(request_, folder):
+    def rename():
+        bpy.data.objects["Cube"].name = "Box"
+
+    assert bake(request_, folder, rename) == []
+    assert shown_images("Box") == {"lightmap_0.combined"}
+
+
+def test_check_folder_makes_it_and_leaves_nothing(tmp_path):
+    session.check_folder(tmp_path / "a" / "b")
+    assert list_files(tmp_path / "a" / "b") == []
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match=r"file/c: is no folder that can be written \(Not a directory\); choose another one\.$"):
+        session.check_folder(tmp_path / "file" / "c")
+
+
+def test_check_file(tmp_path, monkeypatch):
+    session.check_file(tmp_path / "new" / "report.json")
+    assert list_files(tmp_path / "new") == []
+    with pytest.raises(OSError, match=r"new: is a folder; give the name of a file\.$"):
+        session.check_file(tmp_path / "new")
+    (tmp_path / "old.json").write_text("{}")
+    session.check_file(tmp_path / "old.json")
+    monkeypatch.setattr(session.os, "access", lambda *_: False)  # root may write everywhere
+    with pytest.raises(OSError, match=r"old\.json: is write-protected;"):
+        session.check_file(tmp_path / "old.json")
+
+
+def test_temporary_folder_without_room(request_, folder, monkeypatch):
+    def fail(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(session, "save_snapshot", fail)
+    with pytest.raises(OSError, match=r"the scene cannot be kept there \(No space left on device\); make room, or set TMPDIR"):
+        prepare(request_, folder)
+
+
+def test_result_is_read_as_the_core_left_it(request_, folder):
+    work = prepare(request_, folder)
+    run_bake(folder, lambda message: None, lambda: False)
+    result = session.read_result(work)
+    assert result == json.loads((folder / "result.json").read_text())
+    assert [row["name"] for row in result["objects"]] == ["Cube", "Floor"]

@@ -1,0 +1,81 @@
+"""Contact: the floor knows where the leg of a table stands."""
+
+import numpy as np
+import pytest
+from leaflight.core.contact import find_contacts
+from leaflight.core.geometry import UnitBox
+from leaflight.core.rays import RayScene
+from scenes import box_mesh, make_scene, quad_mesh
+
+SIDE = 64
+LEG_M = 0.1
+
+
+def find_on_floor(meshes, texel_m=1 / SIDE, normal=(0.0, 0.0, 1.0)):
+    """(SIDE, SIDE) bool over a floor of a square metre, row 0 at y = 0, and the distance of each texel to the leg's square, m."""
+    scene = make_scene([quad_mesh("Floor"), *meshes])
+    unit_box = UnitBox.from_points(scene.vertex_position)
+    line = (np.arange(SIDE) + 0.5) / SIDE
+    x, y = (grid.ravel() for grid in np.meshgrid(line, line))
+    position = unit_box.to_unit(np.stack([x, y, 0 * x], axis=1)).astype(np.float32)
+    up = np.broadcast_to(np.float32(normal), position.shape)
+    found = find_contacts(RayScene(unit_box.to_unit(scene.tri_position)), position, up, np.full(len(x), texel_m * unit_box.scale))
+    beyond = np.maximum(np.abs(np.stack([x - 0.3, y - 0.6])) - LEG_M / 2, 0)
+    return found.reshape(SIDE, SIDE), np.hypot(*beyond).reshape(SIDE, SIDE)
+
+
+def leg(height_m=0.7, gap_m=0.0):
+    return box_mesh("Leg", (LEG_M, LEG_M, height_m), (0.3, 0.6, gap_m + height_m / 2))
+
+
+def test_texels_at_the_leg_are_found_and_those_far_away_are_not():
+    found, distance = find_on_floor([leg()])
+    beside = (distance > 0) & (distance < 1 / SIDE)
+    assert beside.sum() > 4 * LEG_M * SIDE - 4
+    assert np.count_nonzero(beside & ~found) <= 4  # the corners' own, which the feelers pass on both sides
+    assert not found[distance > 2 / SIDE].any()
+
+
+def test_the_reach_is_measured_in_texels():
+    near, far = (find_on_floor([leg()], texel_m=size)[0].sum() for size in (1 / SIDE, 4 / SIDE))
+    assert far > 2 * near
+
+
+def test_a_bare_floor_and_what_hangs_high_above_it_are_no_contact():
+    assert not find_on_floor([])[0].any()
+    assert not find_on_floor([leg(gap_m=1 / SIDE)])[0].any()
+
+
+def test_what_nearly_touches_counts():
+    assert find_on_floor([leg(gap_m=0.1 / SIDE)])[0].sum() > 4 * LEG_M * SIDE - 8
+
+
+@pytest.mark.parametrize("normal", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.6, 0.0, 0.8)])
+def test_feelers_lie_in_the_surface_whatever_its_normal(normal):
+    """Along x the surface is the plane x = const: a feeler that left it would meet the quad beside it."""
+    normal = np.array(normal)
+    rng = np.random.default_rng(1)
+    position = rng.random((50, 3)).astype(np.float32)
+    directions = []
+
+    class Recorder:
+        def occluded(self, origin, direction, distance):
+            directions.append(direction)
+            assert np.allclose((origin - position) @ normal, 0.25 * 0.01, atol=1e-6)
+            assert np.allclose(distance, 1.5 * 0.01)
+            return np.zeros(len(origin), bool)
+
+    find_contacts(Recorder(), position, np.broadcast_to(np.float32(normal), (50, 3)), np.full(50, 0.01))
+    assert len(directions) >= 4
+    for direction in directions:
+        assert np.allclose(np.linalg.norm(direction, axis=1), 1, atol=1e-5)
+        assert np.allclose(direction @ normal, 0, atol=1e-5)
+    assert np.allclose(sum(directions), 0, atol=1e-5)
+
+
+def test_a_surface_without_direction_is_quiet():
+    scene = make_scene([quad_mesh("Floor")])
+    rays = RayScene(scene.tri_position.astype(np.float32))
+    nothing = np.zeros((3, 3), np.float32)
+    assert not find_contacts(rays, nothing + np.float32(0.5), nothing, np.full(3, 0.1)).any()
+    assert find_contacts(rays, nothing[:0], nothing[:0], np.zeros(0)).shape == (0,)
