@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import basis, charts, contact, image_file, resolve, shared_arrays, solve, texels, workers
+from .direct_field import DirectField
 from .job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
 from .materials import clamp_warnings
 from .messages import Done, Message, Status, Warning_
@@ -85,8 +86,9 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
             tell(Warning_(subject, text))
         with stages.stage("direct", "Direct light"):
             n_texel = len(texel_map.texel_area)
-            by_rays = settings.direct == "rays"
-            direct = solve.light_directly(folder, settings, executor, n_texel) if by_rays else solve.DirectField.none(n_texel)
+            direct = DirectField.none(n_texel)
+            if settings.direct == "rays":
+                direct.shoot(folder, settings, executor, np.arange(n_texel))
         with stages.stage("photons", "Tracing photons"):
             forced = _find_contacts(tracing, texel_map) if settings.contact else np.zeros(n_texel, bool)
             light = solve.Solver(folder, settings, executor, direct, forced).run(tell, should_stop)

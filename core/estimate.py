@@ -7,14 +7,14 @@ The error of a bake is relative to local brightness, so that dark corners count 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import refine
-from .quadtree import Quadtree
+from .quadtree import Quadtree, node_of_texel
 from .scene import IntArray
 from .tally import Solution, Totals
 
@@ -48,17 +48,18 @@ def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> flo
 
 @dataclass(frozen=True)
 class StatedError:
-    """What the bake says of itself.
+    """What the bake says of itself, relative to local brightness.
 
-    relative     error of the whole: root mean square over the best texels and channels, relative to local brightness
-    correction   of noise_correction
-    bias2        (n,) float64, (W/m^2)^2: mean square of light the nodes cannot hold, a channel; noise can
-                 make one negative, their sum tells; 0 elsewhere
+    relative      error of the whole: root mean square over the best texels and over channels; nan before any photon
+    direct        the part of it that is noise of direct light by rays, which no photon makes less
+    correction    of noise_correction
+    texel_direct2 (n,) float32: the squared part of direct light by rays at each texel
     """
 
     relative: float
+    direct: float
     correction: float
-    bias2: NDArray[np.float64]
+    texel_direct2: NDArray[np.float32]
 
 
 def state_error(
@@ -67,40 +68,39 @@ def state_error(
     solution: Solution,
     comparison: refine.Comparison,
     nodes: IntArray,
-    background: NDArray[np.float64],
-    background_variance: NDArray[np.float64],
+    direct: NDArray[np.float32],
+    direct_variance: NDArray[np.float32],
 ) -> StatedError:
     """Error of the light on the `nodes`, which tile the charts.
 
-    background            (3, n) float64, W/m^2: mean direct light on each node by rays, 0 without
-    background_variance   (3, n) float64, (W/m^2)^2: mean over the node of the variance of each texel's direct light
+    direct            (n_texel, 3) float32, W/m^2: direct light by rays at each texel, 0 without
+    direct_variance   (n_texel, 3) float32, (W/m^2)^2
     """
     correction = noise_correction(tree, solution, nodes)
-    bias2 = np.zeros(len(tree))
-    parents = nodes[tree.has_children[nodes] & (totals.shot[nodes] > 0)]
-    bias2[parents] = comparison.differences[0].excess[comparison.row[parents]] / 3.0
-    blind = nodes[~tree.has_children[nodes] & (tree.side[nodes] > 1) & (tree.parent[nodes] >= 0)]
-    above = np.maximum(comparison.differences[0].excess[comparison.row[tree.parent[blind]]], 0.0) / 3.0
-    bias2[blind] = BIAS_DECAY * above  # no previews yet: what their parents could not hold tells
-    area = np.maximum(tree.area[nodes], np.finfo(float).tiny)
-    brightness = np.maximum(solution.flux[:, nodes] / area + background[:, nodes], 0.0)
-    texels = (tree.end - tree.start)[nodes]
-    mean = (brightness * texels).sum() / max(3.0 * texels.sum(), 1.0)
-    noise2 = solution.variance[:, nodes] * tree.rank[nodes] * correction + background_variance[:, nodes]
-    scale2 = brightness**2 + (DARK_FLOOR * mean) ** 2
+    area = np.maximum(tree.area, np.finfo(float).tiny)
+    leaf = node_of_texel(tree, nodes, len(direct))
+    brightness = np.maximum((solution.flux / area).astype(np.float32)[:, leaf].T + direct, 0.0)
+    scale2 = brightness**2 + np.float32(DARK_FLOOR * brightness.mean(dtype=np.float64)) ** 2
     weight = np.divide(1.0, scale2, out=np.zeros_like(scale2), where=scale2 > 0.0)
-    noise, bias = (noise2 * weight).mean(0), (bias2[nodes] * weight).mean(0)
-    best = _best_share(np.maximum(noise + bias, 0.0), texels)
+    photons2 = (weight * (solution.variance * tree.rank * correction).astype(np.float32)[:, leaf].T).mean(1)
+    direct2: NDArray[np.float32] = (weight * direct_variance).mean(1)
+    bias2 = weight.mean(1) * missing_light(tree, totals, comparison, nodes).astype(np.float32)[leaf]
+    square = photons2 + direct2 + np.maximum(bias2, 0.0)
+    count = int(np.ceil(BEST_TEXELS * len(square)))
+    best = np.argpartition(square, count - 1)[:count] if count else np.zeros(0, int)
+    parts = [float(part[best].sum(dtype=np.float64)) / max(count, 1) for part in (photons2, direct2, bias2)]
     # A bias is told only in sum, and a sum below zero is noise: it must not hide the noise that is there.
-    square = (noise * best).sum() + max(float((bias * best).sum()), 0.0)
-    relative = float(np.sqrt(square / max(best.sum(), 1.0)))
-    return StatedError(relative if totals.photons.sum() else float("nan"), correction, bias2)
+    relative = math.sqrt(parts[0] + parts[1] + max(parts[2], 0.0)) if totals.photons.sum() else math.nan
+    return StatedError(relative, math.sqrt(parts[1]), correction, direct2)
 
 
-def _best_share(error: NDArray[np.float64], texels: NDArray[np.integer[Any]]) -> NDArray[np.float64]:
-    """(m,) float64: how many texels of each node are among the BEST_TEXELS of all, by their error."""
-    order = np.argsort(error, kind="stable")
-    end = np.cumsum(texels[order])
-    kept = np.empty(len(texels))
-    kept[order] = np.clip(BEST_TEXELS * texels.sum() - (end - texels[order]), 0.0, texels[order])
-    return kept
+def missing_light(tree: Quadtree, totals: Totals, comparison: refine.Comparison, nodes: IntArray) -> NDArray[np.float64]:
+    """(n,) float64, (W/m^2)^2: mean square a channel of light that `nodes` cannot hold, 0 elsewhere; noise can make it negative."""
+    missing = np.zeros(len(tree))
+    excess = comparison.differences[0].excess / 3.0
+    parents = nodes[tree.has_children[nodes] & (totals.shot[nodes] > 0)]
+    missing[parents] = excess[comparison.row[parents]]
+    blind = nodes[~tree.has_children[nodes] & (tree.side[nodes] > 1) & (tree.parent[nodes] >= 0)]
+    # No previews yet: what their parents could not hold tells.
+    missing[blind] = BIAS_DECAY * np.maximum(excess[comparison.row[tree.parent[blind]]], 0.0)
+    return missing

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import basis, estimate, quadtree, refine, shared_arrays, tally, workers
+from .direct_field import MOST_PASSES, DirectField
 from .messages import Message, Progress
 from .quadtree import Quadtree
 from .settings import Settings
@@ -24,45 +25,11 @@ from .tally import Solution, Tally, Totals
 
 ENERGY_NAMES = ("emitted", "absorbed", "escaped", "remainder")
 FIRST_ROUND_PHOTONS = 1 << 18
-DIRECT_TEXELS = 1 << 14  # in a shard of shadow rays
-DIRECT_TOLERANCE = 0.2  # of the error asked for: direct light is cheap, its share of the error shall not count
+DIRECT_SHARE = 0.5  # of the error asked for, that direct light by rays may have
 SHARD_PHOTONS = 1 << 17  # at most
 # A round adds at most this share of all photons so far: late nodes lose what came before them.
 ROUND_GROWTH = 0.5
 ROUND_PHOTONS = 1 << 22  # at most, so that progress, cancelling and time limits are felt
-
-
-@dataclass(frozen=True)
-class DirectField:
-    """Direct irradiance by shadow rays at every texel entry; zeros when photons carry it.
-
-    irradiance   (n, 3) float32, W/m^2
-    variance     (n, 3) float32, (W/m^2)^2
-    counters     of direct.direct_irradiance; empty when photons carry it
-    """
-
-    irradiance: NDArray[np.float32]
-    variance: NDArray[np.float32]
-    counters: dict[str, int] = field(default_factory=dict)
-
-    @classmethod
-    def none(cls, n_texel: int) -> DirectField:
-        return cls(np.zeros((n_texel, 3), np.float32), np.zeros((n_texel, 3), np.float32))
-
-
-def light_directly(folder: Path, settings: Settings, executor: Executor, n_texel: int) -> DirectField:
-    """Direct light at all texels by shadow rays, in shards."""
-    out = DirectField.none(n_texel)
-    shards = [
-        workers.DirectShard(str(folder), settings.seed, start, min(start + DIRECT_TEXELS, n_texel), DIRECT_TOLERANCE * settings.error)
-        for start in range(0, n_texel, DIRECT_TEXELS)
-    ]
-    for shard, light in zip(shards, executor.map(workers.light_texels, shards), strict=True):
-        out.irradiance[shard.start : shard.end] = light.irradiance_rgb
-        out.variance[shard.start : shard.end] = light.variance_rgb
-        for name, count in light.counters.items():
-            out.counters[name] = out.counters.get(name, 0) + count
-    return out
 
 
 @dataclass
@@ -152,7 +119,13 @@ class Solver:
         while True:
             self._trace_round(self._next_photons(error))
             state = self._read_tallies()
-            light = self._light(state)
+            light, stated = self._light(state)
+            while self._direct_errs_most(stated) and not should_stop():
+                worst = (stated.texel_direct2 > (DIRECT_SHARE * self.settings.error) ** 2) & (self.direct.passes < MOST_PASSES)
+                if not worst.any():
+                    break
+                self.direct.shoot(self.folder, self.settings, self.executor, np.flatnonzero(worst))
+                light, stated = self._light(state)
             error = light.error
             light = replace(light, stopped_by=self._stop_reason(error, should_stop))
             tell(self._progress(light))
@@ -160,6 +133,11 @@ class Solver:
                 return light
             if self.settings.hierarchical:
                 self._refine(state)
+
+    def _direct_errs_most(self, stated: estimate.StatedError) -> bool:
+        """Whether more shadow rays help more than more photons."""
+        by_rays = self.settings.direct == "rays" and stated.direct > DIRECT_SHARE * self.settings.error
+        return by_rays and stated.direct**2 > 0.5 * stated.relative**2
 
     def _read_tallies(self) -> _State:
         totals = tally.accumulate(self.tree, self.tally)
@@ -204,7 +182,7 @@ class Solver:
         self._grow_previews()
         self.tally.grow(len(self.tree))
 
-    def _light(self, state: _State) -> LightField:
+    def _light(self, state: _State) -> tuple[LightField, estimate.StatedError]:
         """The light as it stands."""
         leaves = refine.choose_leaves(self.tree, state.totals, state.comparison, self.settings.stability)
         stated = estimate.state_error(
@@ -213,10 +191,10 @@ class Solver:
             state.solution,
             state.comparison,
             leaves,
-            self._node_direct(self.direct.irradiance),
-            self._node_direct(self.direct.variance),
+            self.direct.irradiance,
+            self.direct.variance,
         )
-        return LightField(
+        light = LightField(
             tree=self.tree,
             solution=state.solution,
             leaves=leaves,
@@ -229,6 +207,7 @@ class Solver:
             stopped_by="",
             ledger=self.ledger,
         )
+        return light, stated
 
     def _node_direct(self, per_texel: NDArray[np.float32]) -> NDArray[np.float64]:
         """(3, n) float64: means over each node's texels."""

@@ -16,15 +16,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from . import direct, photons, sampling, shared_arrays, tally
 from .emitters import build_emitters
 from .geometry import UnitBox
 from .job import SNAPSHOT_FILE
 from .materials import SurfaceMaterials
 from .quadtree import TreeView
-from .scene import SceneSnapshot
+from .scene import IntArray, SceneSnapshot
 from .snapshot import load_snapshot
 from .texel_map import TexelMap
 
@@ -108,21 +106,21 @@ def trace_photons(shard: PhotonShard) -> PhotonResult:
 
 @dataclass(frozen=True)
 class DirectShard:
-    """Shadow rays for a run of texel entries."""
+    """Shadow rays for some texel entries."""
 
     tracing: str  # folder
     seed: int
-    start: int
-    end: int
+    turn: int  # how many times the texels have been looked at before
+    start: int  # position of the shard in its turn
+    texels: IntArray  # ascending
     tolerance: float  # see direct.direct_irradiance
 
 
 def light_texels(shard: DirectShard) -> direct.DirectLight:
     """Direct light at the texels of a shard."""
-    texels = open_tracing(shard.tracing).texels
-    rng = sampling.shard_rng(shard.seed, DIRECT_ROUND, shard.start)
-    scene = _open_direct_scene(shard.tracing)
-    return direct.direct_irradiance(scene, texels.sub_points, np.arange(shard.start, shard.end), rng, shard.tolerance)
+    sub_points = open_tracing(shard.tracing).texels.sub_points
+    rng = sampling.shard_rng(shard.seed, DIRECT_ROUND - shard.turn, shard.start)
+    return direct.direct_irradiance(_open_direct_scene(shard.tracing), sub_points, shard.texels, rng, shard.tolerance)
 
 
 @lru_cache(maxsize=1)

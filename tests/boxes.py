@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from leaflight.core import basis, charts, shared_arrays, solve, texels, workers
+from leaflight.core.direct_field import DirectField
 from leaflight.core.job import SNAPSHOT_FILE
 from leaflight.core.scene import Light, Material, SceneSnapshot
 from leaflight.core.settings import Settings
@@ -52,8 +53,9 @@ def make_solver(
     """A solver in an empty folder, direct light found already."""
     executor = executor or workers.InlineExecutor()
     n_texel = len(prepare_folder(folder, scene, settings)[1].texel_area)
-    by_rays = settings.direct == "rays"
-    direct = solve.light_directly(folder, settings, executor, n_texel) if by_rays else solve.DirectField.none(n_texel)
+    direct = DirectField.none(n_texel)
+    if settings.direct == "rays":
+        direct.shoot(folder, settings, executor, np.arange(n_texel))
     return solve.Solver(folder, settings, executor, direct, np.zeros(n_texel, bool) if forced is None else forced)
 
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver
-from leaflight.core import charts, reconstruct, resolve, solve
+from leaflight.core import charts, resolve, solve
+from leaflight.core.direct_field import DirectField
 from leaflight.core.materials import SurfaceMaterials
 from leaflight.core.scene import Material, TextureImage
 from leaflight.core.settings import PASSES, Settings
@@ -123,7 +124,7 @@ def test_albedo_of_a_texel_is_the_mean_of_its_texture():
 def light_field(bake, leaves, correction=1.0):
     n = len(bake.keys)
     rng = np.random.default_rng(5)
-    direct = solve.DirectField(rng.random((n, 3), np.float32), 0.01 * rng.random((n, 3), np.float32))
+    direct = DirectField(rng.random((n, 3), np.float32), 0.01 * rng.random((n, 3), np.float32), np.ones(n, np.int16))
     received = bake.totals().received
     return solve.LightField(bake.tree, bake.solution(), leaves, received, correction, direct, 0.0, 1, 1, "error", solve.Ledger())
 
@@ -163,7 +164,7 @@ def test_no_light_is_negative_where_a_fitted_plane_dips_below_zero():
     bake.throw(0.2 * rng.random(10_000), rng.random(10_000))
     nodes = np.flatnonzero(bake.tree.current)
     assert bake.values(nodes, np.array([0.95]), np.array([0.5]))[0] < -0.5
-    field = replace(light_field(bake, nodes), direct=solve.DirectField.none(len(bake.keys)))
+    field = replace(light_field(bake, nodes), direct=DirectField.none(len(bake.keys)))
     light = resolve.light_at_texels(field, bake.texels, np.zeros(len(bake.keys), np.int32))
     assert light.direct.min() == 0
     assert light.direct.max() > 1

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, solve_scene
-from leaflight.core import quadtree, solve, workers
+from leaflight.core import direct_field, quadtree, workers
 from leaflight.core.messages import Progress
 from leaflight.core.settings import Settings
 
@@ -69,7 +69,7 @@ def test_an_interrupt_gives_the_best_so_far(tmp_path):
         asked.append(True)
         return len(asked) == 2
 
-    light = solve_scene(tmp_path, lamp_scene(), SETTINGS, should_stop=should_stop)
+    light = solve_scene(tmp_path, lamp_scene(), replace(SETTINGS, direct="photons"), should_stop=should_stop)
     assert (light.stopped_by, light.rounds, len(asked)) == ("interrupted", 2, 2)
     assert light.photons < SETTINGS.max_photons
     assert light.solution.flux[:, light.leaves].min() >= 0
@@ -161,7 +161,7 @@ def test_contact_splits_where_it_is_forced(tmp_path):
 
 
 def test_direct_light_is_the_same_in_shards_of_any_order(tmp_path, two_workers, monkeypatch):
-    monkeypatch.setattr(solve, "DIRECT_TEXELS", 100)
+    monkeypatch.setattr(direct_field, "SHARD_TEXELS", 100)
     alone, together = (
         make_solver(tmp_path / name, lamp_scene(), QUICK, executor).direct for name, executor in (("1", None), ("2", two_workers))
     )

@@ -60,11 +60,13 @@ def test_skipping_first_hits_leaves_the_indirect_part(photon_shard):
 
 def test_a_direct_shard_is_a_pure_function_and_takes_its_texels_only(tmp_path):
     _, texel_map = prepare_folder(tmp_path, lamp_scene(), SETTINGS)
-    shard = workers.DirectShard(str(tmp_path), 1, 10, 60, 0.01)
+    shard = workers.DirectShard(str(tmp_path), seed=1, turn=0, start=0, texels=np.arange(10, 60), tolerance=0.01)
     light = workers.light_texels(shard)
     assert light.irradiance_rgb.shape == (50, 3)
     assert to_bytes(workers.light_texels(shard)) == to_bytes(light)
-    whole = workers.light_texels(replace(shard, start=0, end=len(texel_map.texel_area))).irradiance_rgb
+    everywhere = replace(shard, texels=np.arange(len(texel_map.texel_area)))
+    whole = workers.light_texels(everywhere).irradiance_rgb
+    assert (workers.light_texels(replace(everywhere, turn=1)).irradiance_rgb != whole).any()  # in half shadow other rays see other light
     assert np.median(np.abs(light.irradiance_rgb - whole[10:60]) / np.maximum(whole[10:60], 1e-3)) < 0.02
 
 

@@ -1,0 +1,48 @@
+"""Shots add up to means, with the variance of means."""
+
+import numpy as np
+import pytest
+from boxes import lamp_scene, prepare_folder
+from leaflight.core import workers
+from leaflight.core.direct_field import DirectField
+from leaflight.core.settings import Settings
+
+SETTINGS = Settings(size=24, padding=1, error=0.5)
+
+
+@pytest.fixture
+def shot(tmp_path):
+    n_texel = len(prepare_folder(tmp_path, lamp_scene(), SETTINGS)[1].texel_area)
+    field = DirectField.none(n_texel)
+    field.shoot(tmp_path, SETTINGS, workers.InlineExecutor(), np.arange(n_texel))
+    return tmp_path, field
+
+
+def test_a_second_shot_is_averaged_in_and_told_so(shot):
+    folder, field = shot
+    noisy = np.argsort(field.variance[:, 0])[-20:]
+    noisy.sort()
+    rest = np.setdiff1d(np.arange(len(field.passes)), noisy)
+    irradiance, variance = field.irradiance.copy(), field.variance.copy()
+    field.shoot(folder, SETTINGS, workers.InlineExecutor(), noisy)
+    assert field.passes[noisy].tolist() == [2] * 20
+    assert (field.passes[rest] == 1).all()
+    np.testing.assert_array_equal(field.irradiance[rest], irradiance[rest])
+    assert (field.irradiance[noisy] != irradiance[noisy]).any()
+    assert field.variance[noisy].mean() < 0.8 * variance[noisy].mean()
+
+
+def test_many_shots_come_to_the_light(shot):
+    folder, field = shot
+    once = field.irradiance.copy()
+    for _ in range(20):
+        field.shoot(folder, SETTINGS, workers.InlineExecutor(), np.arange(len(field.passes)))
+    stated = np.sqrt(field.variance.mean())
+    assert stated < 0.35 * np.sqrt(np.mean((once - field.irradiance) ** 2))
+    assert field.counters["rays"] > 0
+
+
+def test_photons_alone_leave_nothing_here():
+    field = DirectField.none(5)
+    assert not field.irradiance.any()
+    assert field.counters == {}
