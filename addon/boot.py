@@ -6,12 +6,10 @@ end of standard input, which comes when the parent is gone, ends it at once.
 
 import importlib.util
 import json
-import multiprocessing
 import os
 import signal
 import sys
 import threading
-import time
 import traceback
 from pathlib import Path
 
@@ -69,15 +67,5 @@ def _listen(stop: threading.Event) -> None:
     os._exit(4)
 
 
-def _end_with_parent() -> None:
-    """End this worker with the process that it works for; killed, that one cannot say that no more work comes."""
-    while (parent := multiprocessing.parent_process()) is None:
-        time.sleep(0.1)  # it is known only some time after this file was imported
-    parent.join()
-    os._exit(4)
-
-
 if __name__ == "__main__":
     sys.exit(main(Path(sys.argv[1])))
-elif __name__ == "__mp_main__":  # how multiprocessing imports the main program in a worker
-    threading.Thread(target=_end_with_parent, daemon=True).start()

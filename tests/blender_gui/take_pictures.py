@@ -2,8 +2,8 @@
 
     blender sample_blends/furnished_room.blend --python tests/blender_gui/take_pictures.py
 
-The extension must be installed. PICTURES names the folder for the pictures (default: a temporary one), QUALITY, SIZE
-and PASS are the panel's, SHADING the viewport's. Prints the longest gap in which Blender's main loop did not run.
+The extension must be installed. PICTURES names the folder for the pictures (default: a temporary one), QUALITY, SIZE,
+PASS and OUTPUT are the panel's, SHADING the viewport's. Prints the longest gap in which Blender's main loop did not run.
 """
 
 import os
@@ -21,6 +21,7 @@ PICTURES = Path(os.environ.get("PICTURES") or tempfile.mkdtemp(prefix="leaflight
 QUALITY = os.environ.get("QUALITY", "PRODUCTION")
 SIZE = int(os.environ.get("SIZE", "512"))
 PASS = os.environ.get("PASS", "combined")
+OUTPUT = os.environ.get("OUTPUT") or tempfile.mkdtemp(prefix="leaflight_images_")
 SHADING = os.environ.get("SHADING", "MATERIAL")
 MID_BAKE_FRACTION = 0.4
 GIVE_UP_SECONDS = 240.0
@@ -70,7 +71,7 @@ def steps() -> Iterator[float]:
     find_region(area, "UI").active_panel_category = "Leaflight"
     settings = bpy.context.scene.leaflight
     settings.quality, settings.size, settings.main_pass = QUALITY, SIZE, PASS
-    settings.output = tempfile.mkdtemp(prefix="leaflight_images_")
+    settings.output = OUTPUT
     area.tag_redraw()
     yield 1.0
     with bpy.context.temp_override(window=window, area=area, region=find_region(area, "WINDOW")):
