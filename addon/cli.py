@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import math
 import signal
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -57,7 +55,7 @@ def _bake(request: BakeRequest) -> int:
         seconds["export"] = time.perf_counter() - start
         for subject, text in [*warnings, *work.export.warnings]:
             print_message(Warning_(subject, text), request.quiet)
-        process = BakeProcess(Path(folder), tuple(bpy.app.python_args), library_paths())
+        process = BakeProcess(Path(folder), tuple(bpy.app.python_args), session.library_paths())
         with _interrupts(process.cancel):  # until the end: what was baked is saved
             error, interrupted, told = _follow(process, request.quiet)
             if error:
@@ -107,14 +105,6 @@ def _interrupts(call: Callable[[], None]) -> Iterator[None]:
     finally:
         for number, handler in zip(numbers, before, strict=True):
             signal.signal(number, signal.SIG_DFL if handler is None else handler)  # None: not set from Python
-
-
-def library_paths() -> tuple[str, ...]:
-    """Where pip's bpy keeps OpenImageIO, which is not on its sys.path; nothing in Blender itself."""
-    if importlib.util.find_spec("OpenImageIO") is not None:
-        return ()
-    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
-    return (str(Path(bpy.utils.resource_path("LOCAL")) / "python" / "lib" / version / "site-packages"),)
 
 
 def _save(path: Path) -> None:

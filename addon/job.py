@@ -35,6 +35,7 @@ class BakeProcess:
                 stdout=subprocess.PIPE,
                 stderr=log,
                 start_new_session=True,  # Ctrl-C reaches the parent only, which asks for the best so far
+                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),  # on Windows no console flashes up
                 encoding="utf-8",
             )
 

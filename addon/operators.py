@@ -14,11 +14,11 @@ import bpy
 from ..core.messages import Done, Error
 from . import restore, session
 from .bake_state import BakeState
-from .cli import library_paths
 from .job import BakeProcess
 from .request import make_request
 
 _TIMER_SECONDS = 0.1
+_FAULT = "The bake could not be shown: this is a fault of Leaflight's, please report it with the text in the system console."
 _HINT = "Esc: stop and keep the best so far"
 
 
@@ -94,7 +94,7 @@ class LEAFLIGHT_OT_bake(bpy.types.Operator):
         folder = Path(self._folder.name)
         try:
             self._session = session.prepare(context, make_request(context), folder)
-            process = BakeProcess(folder, tuple(bpy.app.python_args), library_paths())
+            process = BakeProcess(folder, tuple(bpy.app.python_args), session.library_paths())
         except (ValueError, OSError) as reason:
             state.fail(str(reason))
             self.report({"ERROR"}, str(reason))
@@ -107,18 +107,20 @@ class LEAFLIGHT_OT_bake(bpy.types.Operator):
 
     def _finish(self, context: bpy.types.Context, ended: Done | Error) -> set[str]:
         state = get_state(context)
-        error, result = "", None
-        if isinstance(ended, Error):
-            error = "" if state.discarded else ended.text
-        elif not state.discarded:
-            try:
-                result = session.read_result(self._session)
+        error, result = _FAULT, None
+        try:
+            if isinstance(ended, Error) or state.discarded:
+                error = ended.text if isinstance(ended, Error) and not state.discarded else ""
+            else:
+                found = session.read_result(self._session)
                 with self._bake_scene(context):
-                    state.warnings += session.assign(bpy.context, self._session, result)
-            except (ValueError, OSError) as reason:
-                error, result = str(reason), None
-        state.end(error, result)
-        self._clean_up(context)
+                    state.warnings += session.assign(bpy.context, self._session, found)
+                error, result = "", found
+        except (ValueError, OSError) as reason:
+            error = str(reason)
+        finally:  # a fault of ours goes on to Blender's console, but leaves no bake that runs for ever
+            state.end(error, result)
+            self._clean_up(context)
         if error:
             self.report({"ERROR"}, error)
         if result is None:

@@ -5,7 +5,9 @@ Between the two only names and numbers are kept: undo, or a file that is opened 
 
 from __future__ import annotations
 
+import importlib.util
 import json
+import sys
 import os
 from collections import Counter
 from dataclasses import dataclass
@@ -98,6 +100,7 @@ def assign(context: bpy.types.Context, session: Session, result: dict[str, Any])
     """Put UV layers and images on the baked objects, in place of any earlier bake; gives what could not be done."""
     scene, export = context.scene, session.export
     restore.remove_bake(scene)
+    context.view_layer.update()  # until then Blender 5.2 lists the copies that were removed, as None
     layout = np.load(session.folder / LAYOUT_FILE)
     page_image = _load_pages(session.request, result)
     baked = [i for i, page in enumerate(layout["object_page"]) if page in page_image]
@@ -166,3 +169,11 @@ def _corner_uv(session: Session, index: int, tri_uv: NDArray[np.float64]) -> NDA
     uv = np.zeros((session.export.objects[index].n_corner, 2), np.float32)
     uv[snapshot.tri_corner[rows]] = tri_uv[rows]
     return uv
+
+
+def library_paths() -> tuple[str, ...]:
+    """Where pip's bpy keeps OpenImageIO, which is not on its sys.path; nothing in Blender itself."""
+    if importlib.util.find_spec("OpenImageIO") is not None:
+        return ()
+    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    return (str(Path(bpy.utils.resource_path("LOCAL")) / "python" / "lib" / version / "site-packages"),)

@@ -87,8 +87,9 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
         with stages.stage("direct", "Direct light"):
             n_texel = len(texel_map.texel_area)
             direct = DirectField.none(n_texel)
-            if settings.direct == "rays":
-                direct.shoot(folder, settings, executor, np.arange(n_texel))
+            shot = settings.direct == "photons" or direct.shoot(folder, settings, executor, np.arange(n_texel), tell, should_stop)
+            if not shot:  # stopped before there was anything to show: one round of photons shows all of the light, coarsely
+                settings, direct = dataclasses.replace(settings, direct="photons"), DirectField.none(n_texel)
         with stages.stage("photons", "Tracing photons"):
             forced = _find_contacts(tracing, texel_map) if settings.contact else np.zeros(n_texel, bool)
             light = solve.Solver(folder, settings, executor, direct, forced).run(tell, should_stop)

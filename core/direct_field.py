@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import workers
+from .messages import Message, Status
 from .scene import IntArray
 from .settings import Settings
 
 SHARD_TEXELS = 1 << 14
 TOLERANCE = 0.2  # of the error asked for: direct light is cheap, its share of the error shall not count
 MOST_PASSES = 64
+SECONDS_BETWEEN_WORDS = 1.0
 
 
 @dataclass
@@ -32,19 +36,34 @@ class DirectField:
     variance: NDArray[np.float32]
     passes: NDArray[np.int16]
     counters: dict[str, int] = field(default_factory=dict)
+    turns: int = 0  # shots so far, each with random numbers of its own
 
     @classmethod
     def none(cls, n_texel: int) -> DirectField:
         return cls(np.zeros((n_texel, 3), np.float32), np.zeros((n_texel, 3), np.float32), np.zeros(n_texel, np.int16))
 
-    def shoot(self, folder: Path, settings: Settings, executor: Executor, texels: IntArray) -> None:
-        """One more estimate of the texels (m,), ascending; each becomes the mean of all it has had."""
-        turn = int(self.passes.max(initial=0))
+    def shoot(
+        self,
+        folder: Path,
+        settings: Settings,
+        executor: Executor,
+        texels: IntArray,
+        tell: Callable[[Message], None] = lambda message: None,
+        should_stop: Callable[[], bool] = lambda: False,
+    ) -> bool:
+        """One more estimate of the texels (m,), ascending; each becomes the mean of all it has had. False when it was stopped."""
+        turn, self.turns = self.turns, self.turns + 1
         shards = [
             workers.DirectShard(str(folder), settings.seed, turn, start, texels[start : start + SHARD_TEXELS], TOLERANCE * settings.error)
             for start in range(0, len(texels), SHARD_TEXELS)
         ]
+        told = time.monotonic()
         for shard, light in zip(shards, executor.map(workers.light_texels, shards), strict=True):
+            if should_stop():
+                return False
+            if time.monotonic() - told > SECONDS_BETWEEN_WORDS:
+                told = time.monotonic()
+                tell(Status("direct", f"Direct light, {shard.start / len(texels):.0%}"))
             rows = shard.texels
             before = self.passes[rows, None].astype(np.float32)
             self.irradiance[rows] = (self.irradiance[rows] * before + light.irradiance_rgb) / (before + 1)
@@ -52,3 +71,4 @@ class DirectField:
             self.passes[rows] += 1
             for name, count in light.counters.items():
                 self.counters[name] = self.counters.get(name, 0) + count
+        return True

@@ -227,8 +227,8 @@ class EmitterPool:
         square = np.maximum((direction * direction).sum(axis=1), np.float32(1e-20))
         area = self.area[cell]
         cosines = np.maximum((direction * receivers.normal).sum(axis=1), 0) * np.abs((direction * normal).sum(axis=1)) / square
-        # A small disk's irradiance does not grow beyond bounds as it comes near.
-        weight = cosines * (math.pi * area / (math.pi * square + area))
+        # Exact, but for points nearer than the radius of a disk of the cell's area: few of them would be far too bright.
+        weight = cosines * (area / np.maximum(square, area / math.pi))
         self._sharpen(weight, receivers, cell, square)
         radiance = self.cells.mean_rgb[cell]
         textured = np.flatnonzero(~self.constant[cell])
@@ -238,13 +238,10 @@ class EmitterPool:
         return Aim(direction, np.ones(len(cell), np.float32), short, short), radiance
 
     def _sharpen(self, weight: Float64, receivers: Receivers, cell: Int64, square: FloatArray) -> None:
-        """Makes the weights of triangles of constant radiance exact: in closed form near them, per point further away."""
-        area = self.area[cell]
-        far = np.flatnonzero(self.constant[cell] & (square >= _NEAR * area))
-        weight[far] *= 1 + area[far] / (math.pi * square[far])
-        near = np.flatnonzero(self.constant[cell] & (square < _NEAR * area))
+        """Takes the closed form near triangles of constant radiance."""
+        near = np.flatnonzero(self.constant[cell] & (square < _NEAR * self.area[cell]))
         looking, corners = receivers.rows(near), self.scene.corner_unit[self.cells.tri[cell[near]]]
-        # A triangle that the horizon cuts keeps the softened weight: the closed form leaves out what points below it would carry.
+        # A triangle that the horizon cuts keeps the weight of its point: the closed form leaves out what points below it would carry.
         whole = (((corners - looking.position[:, None]) * looking.normal[:, None]).sum(axis=2) > 0).all(axis=1)
         near, looking = near[whole], looking.rows(np.flatnonzero(whole))
         weight[near] = np.abs(polygon_irradiance(corners[whole], looking.position, looking.normal))

@@ -97,10 +97,11 @@ def state_error(
 def missing_light(tree: Quadtree, totals: Totals, comparison: refine.Comparison, nodes: IntArray) -> NDArray[np.float64]:
     """(n,) float64, (W/m^2)^2: mean square a channel of light that `nodes` cannot hold, 0 elsewhere; noise can make it negative."""
     missing = np.zeros(len(tree))
-    excess = comparison.differences[0].excess / 3.0
+    # Photons spread more evenly than chance would spread them: less noise than their number tells, which would hide a bias.
+    common = comparison.differences[0].common / 3.0
     parents = nodes[tree.has_children[nodes] & (totals.shot[nodes] > 0)]
-    missing[parents] = excess[comparison.row[parents]]
+    missing[parents] = common[comparison.row[parents]]
     blind = nodes[~tree.has_children[nodes] & (tree.side[nodes] > 1) & (tree.parent[nodes] >= 0)]
     # No previews yet: what their parents could not hold tells.
-    missing[blind] = BIAS_DECAY * np.maximum(excess[comparison.row[tree.parent[blind]]], 0.0)
+    missing[blind] = BIAS_DECAY * np.maximum(common[comparison.row[tree.parent[blind]]], 0.0)
     return missing

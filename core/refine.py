@@ -44,6 +44,8 @@ class Difference:
 
     excess       (m,) float64, (W/m^2)^2: mean square difference less what noise alone gives, summed over channels; noise
                  can make it negative
+    common       (m,) float64, (W/m^2)^2: the same, told by what both halves of the bake see alike: free of any model of
+                 noise, and noisier
     noise        (m,) float64, (W/m^2)^2: what noise alone gives: by so much splitting raises the mean square error
     sigmas       (m,) float64: how far the squared difference lies above its expectation under noise
     greatest     (m,) float64, W/m^2: greatest difference of mean over the stable previews, over channels
@@ -51,6 +53,7 @@ class Difference:
     """
 
     excess: NDArray[np.float64]
+    common: NDArray[np.float64]
     noise: NDArray[np.float64]
     sigmas: NDArray[np.float64]
     greatest: NDArray[np.float64]
@@ -74,7 +77,7 @@ def indicator(tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArra
     ids, above, tiled = _descendants(tree, nodes, depth)
     previews, m = ids[-1], len(nodes)
     transforms = basis.parent_transforms(tree.degree)
-    raw = totals.raw.sum((0, 1))[..., previews]  # (3, K, previews)
+    raw = totals.raw.sum(1)[..., previews]  # (2 halves, 3, K, previews)
     fit = basis.apply_matrices(tree.project[previews], raw)
 
     lifted, ancestor = raw, np.arange(len(previews))
@@ -88,8 +91,10 @@ def indicator(tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArra
         expected = basis.apply_matrices(down, expected[..., above[level]])
 
     gap = fit - expected
-    gram = basis.gram_matrix(tree.moment[previews], tree.degree)
-    energy = _sum_by(ancestor, (gap * basis.apply_matrices(gram, gap)).sum((0, 1)), m)
+    dual = basis.apply_matrices(basis.gram_matrix(tree.moment[previews], tree.degree), gap)
+    common = _sum_by(ancestor, 4.0 * (gap[0] * dual[1]).sum((0, 1)), m)
+    gap = gap.sum(0)
+    energy = _sum_by(ancestor, (gap * dual.sum(0)).sum((0, 1)), m)
     weight2 = _sum_by(ancestor, totals.weight2[:, previews].sum(0), m)
     area = np.where(tree.area[nodes] > 0.0, tree.area[nodes], 1.0)
     freedom = _sum_by(ancestor, tree.rank[previews].astype(float), m) - tree.rank[nodes]
@@ -104,6 +109,7 @@ def indicator(tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArra
     to_irradiance = (solution.scale / max(int(totals.photons.sum()), 1)).mean(0)[nodes]
     return Difference(
         excess=np.where(usable, excess / area * to_irradiance**2, 0.0),
+        common=np.where(usable, common / area * to_irradiance**2, 0.0),
         noise=np.where(usable, noise / area * to_irradiance**2, 0.0),
         sigmas=np.where(usable, excess / np.where(usable, spread, 1.0), 0.0),
         greatest=np.where(tiled, greatest * to_irradiance, 0.0),

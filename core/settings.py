@@ -92,6 +92,8 @@ class Settings:
 
 def _range_error(knob: dataclasses.Field[Any], value: Any) -> str:
     choices, low, high = knob.metadata["choices"], knob.metadata["low"], knob.metadata["high"]
+    if isinstance(knob.default, tuple) and (not isinstance(value, tuple) or not value):
+        return f"{knob.name}: expected at least one of {', '.join(choices)}, as a tuple, got {value!r}"
     if choices:
         unknown = [one for one in (value if isinstance(value, tuple) else (value,)) if one not in choices]
         return f"{knob.name}: expected one of {', '.join(choices)}, got {unknown[0]!r}" if unknown else ""

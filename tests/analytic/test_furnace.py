@@ -59,18 +59,20 @@ def furnace(tmp_path_factory):
 
 def solve_case(folder, rho, direct, basis):
     settings = Settings(
-        size=64, direct=direct, basis=basis, hierarchical=False, finest_texels=LEAF_TEXELS, max_photons=1_000_000, error=1e-4, seed=3
+        size=64, direct=direct, basis=basis, hierarchical=False, finest_texels=LEAF_TEXELS, max_photons=1_000_000, error=0.005, seed=3
     )
     light = solve_scene(folder, furnace_scene(rho), settings)
     tree, leaves = light.tree, light.leaves[np.argsort(light.tree.start[light.leaves])]
     texels = tree.end[leaves] - tree.start[leaves]
-    by_rays = np.add.reduceat(light.direct.irradiance[:, 0].astype(float), tree.start[leaves]) / texels
+    by_rays, rays_variance = (
+        np.add.reduceat(values[:, 0].astype(float), tree.start[leaves]) for values in (light.direct.irradiance, light.direct.variance)
+    )
     area = tree.area[leaves]
     texel_map = workers.open_tracing(str(folder)).texels
     return Furnace(
         np.pi / (1 - rho),
-        light.solution.flux[0, leaves] / area + by_rays,
-        np.sqrt(light.solution.variance[0, leaves] * light.correction),
+        light.solution.flux[0, leaves] / area + by_rays / texels,
+        np.sqrt(light.solution.variance[0, leaves] * light.correction + rays_variance / texels**2),
         area,
         resolve.light_at_texels(light, texel_map, np.zeros(len(texel_map.texel_area), np.int32)),
         rho > 0 or direct == "photons",

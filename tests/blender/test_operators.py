@@ -9,7 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 import leaflight  # noqa: E402
-from leaflight.addon import panels, properties, request, restore  # noqa: E402
+from leaflight.addon import panels, properties, request, restore, session  # noqa: E402
 from leaflight.core.settings import Settings  # noqa: E402
 
 
@@ -149,6 +149,17 @@ def test_core_s_sentence_reaches_script_and_panel(scene, state):
     assert not is_baked()
 
 
+def test_a_fault_of_ours_leaves_no_bake_running(scene, state, monkeypatch):
+    def fail(*_):
+        raise AttributeError("planted")
+
+    monkeypatch.setattr(session, "assign", fail)
+    assert "planted" in bake_error()
+    assert not state.running
+    assert "fault of Leaflight's" in state.error
+    assert state.result is None
+
+
 def test_edit_mode_must_be_left(scene):
     bpy.context.view_layer.objects.active = bpy.data.objects["Floor"]
     bpy.ops.object.mode_set(mode="EDIT")
@@ -165,12 +176,12 @@ def test_opening_a_file_forgets_the_last_bake(scene, state):
 
 @pytest.mark.skipif(os.name != "posix", reason="process groups are POSIX's")
 def test_unregistering_ends_a_bake_with_its_workers(scene, state, tmp_path):
-    from leaflight.addon import cli, job, session
+    from leaflight.addon import job
 
     chosen = scene.leaflight
     chosen.error, chosen.size, chosen.workers, chosen.max_photons = 1e-4, 64, 2, 2**31 - 1
     session.prepare(bpy.context, request.make_request(bpy.context), tmp_path)
-    process = job.BakeProcess(tmp_path, tuple(bpy.app.python_args), cli.library_paths())
+    process = job.BakeProcess(tmp_path, tuple(bpy.app.python_args), session.library_paths())
     state.begin(process, time.monotonic(), [])
     give_up = time.monotonic() + 30.0
     while state.progress is None and time.monotonic() < give_up:

@@ -11,7 +11,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_rooms import list_files, open_room, save_scene  # noqa: E402
-from leaflight.addon import cli, restore, session  # noqa: E402
+from leaflight.addon import restore, session  # noqa: E402
 from leaflight.addon.arguments import BakeRequest  # noqa: E402
 from leaflight.core.bake import run_bake  # noqa: E402
 from leaflight.core.job import JOB_FILE, SNAPSHOT_FILE, Job  # noqa: E402
@@ -24,7 +24,7 @@ SETTINGS = Settings(size=32, max_photons=5000, workers=1)
 @pytest.fixture(autouse=True)
 def _room(monkeypatch):
     open_room()
-    monkeypatch.setattr(sys, "path", [*sys.path, *cli.library_paths()])
+    monkeypatch.setattr(sys, "path", [*sys.path, *session.library_paths()])
 
 
 @pytest.fixture

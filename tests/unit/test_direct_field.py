@@ -46,3 +46,18 @@ def test_photons_alone_leave_nothing_here():
     field = DirectField.none(5)
     assert not field.irradiance.any()
     assert field.counters == {}
+
+
+def test_every_shot_has_random_numbers_of_its_own(shot):
+    """Also of texels that have been shot as often as others before."""
+    folder, field = shot
+    rows = np.argsort(field.variance[:, 0])[-8:]
+    rows.sort()
+    seen = []
+    for texels in (rows[:4], rows[:4], rows[4:], rows[4:]):
+        before, passes = field.irradiance[texels].copy(), field.passes[texels, None]
+        field.shoot(folder, SETTINGS, workers.InlineExecutor(), texels)
+        seen.append(field.irradiance[texels] * (passes + 1) - before * passes)
+    assert not np.allclose(seen[0], seen[1], rtol=1e-3)
+    assert not np.allclose(seen[2], seen[3], rtol=1e-3)
+    assert field.turns == 5
