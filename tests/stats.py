@@ -8,7 +8,7 @@ import numpy as np
 from floors import sigma_limit
 
 PLANTED_BIAS = 1.03  # a test of light must reject a result that is brighter by so much
-FLOOR = 3e-5  # of the truth: what rounding, and a truth averaged over few points, may be off
+FLOOR = 1e-4  # of the truth: what rounding, and a truth averaged over few points, may be off
 
 
 @dataclass(frozen=True)
