@@ -67,7 +67,9 @@ def test_children_without_photons_take_their_parents_function():
     fine = np.flatnonzero(~bake.tree.has_children)
     coarse = bake.tree.children[0]
     at_s, at_t = rng.random((2, 40))
-    np.testing.assert_allclose(bake.values(fine, at_s, at_t), bake.values(coarse, at_s, at_t), rtol=1e-9)
+    np.testing.assert_allclose(
+        bake.values(fine, at_s, at_t), bake.values(coarse, at_s, at_t), rtol=0.02
+    )  # the parent's own is shrunk a hair
 
 
 def test_few_hits_in_many_nodes_make_a_small_tally():
@@ -88,3 +90,22 @@ def test_variance_is_that_of_repeated_bakes():
         stated.append(solution.variance[0, 1])
     # 60 bakes tell a variance to about 18 %.
     assert np.var(values) == pytest.approx(np.mean(stated), rel=0.55)
+
+
+def test_slopes_that_are_noise_are_taken_back_and_flux_stays():
+    """Even light: the functions of leaves come nearer to it than plain fits would, and a real ramp keeps its slope."""
+    plain, shrunk = [], []
+    line = (np.arange(32) + 0.5) / 32
+    s, t = (a.ravel() for a in np.meshgrid(line, line))
+    for seed in range(20):
+        bake = SquareBake(side=32, degree=1, level=1, preview_depth=1)
+        bake.throw(*np.random.default_rng(seed).random((2, 1000)))
+        nodes = np.flatnonzero(bake.tree.current)
+        solution = bake.solution()
+        np.testing.assert_allclose(solution.flux[:, nodes].sum(1), 1.0, rtol=1e-9)
+        shrunk.append(np.mean((bake.values(nodes, s, t) - 1) ** 2))
+        plain.append((solution.variance[0, nodes] * bake.tree.rank[nodes]).mean())
+    assert np.mean(shrunk) < 0.75 * np.mean(plain)
+    ramp = SquareBake(side=32, degree=1)
+    ramp.throw(np.sqrt(np.random.default_rng(0).random(20_000)), np.random.default_rng(1).random(20_000))
+    assert ramp.solution().keep[0] > 0.98
