@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import importlib.util
 import json
-import sys
 import os
+import sys
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path

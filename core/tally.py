@@ -173,7 +173,7 @@ class Solution:
 
 def solve_tallies(tree: Quadtree, totals: Totals) -> Solution:
     """Irradiance of every node, late nodes scaled up to all the light their ancestors received."""
-    photons = max(int(totals.photons.sum()), 1)
+    photons = max(float(totals.photons.sum()), 1.0)  # its square is beyond any integer type from 3e9 on
     raw, shot_raw = totals.raw.sum(0), totals.shot_raw.sum(0)
     coefficient = _scale_coefficients(tree, raw, shot_raw)
     moment = tree.moment[:, : raw.shape[2]].T
