@@ -82,7 +82,7 @@ def state_error(
     brightness = np.maximum((solution.flux / area).astype(np.float32)[:, leaf].T + direct, 0.0)
     scale2 = brightness**2 + np.float32(DARK_FLOOR * brightness.mean(dtype=np.float64)) ** 2
     weight = np.divide(1.0, scale2, out=np.zeros_like(scale2), where=scale2 > 0.0)
-    photons2 = (weight * (solution.variance * (1.0 + solution.keep * (tree.rank - 1)) * correction).astype(np.float32)[:, leaf].T).mean(1)
+    photons2 = (weight * (solution.variance * tree.rank * correction).astype(np.float32)[:, leaf].T).mean(1)
     direct2: NDArray[np.float32] = (weight * direct_variance).mean(1)
     bias2 = weight.mean(1) * missing_light(tree, totals, comparison, nodes).astype(np.float32)[leaf]
     square = photons2 + direct2 + np.maximum(bias2, 0.0)

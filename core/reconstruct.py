@@ -55,7 +55,7 @@ def evaluate_leaf(tree: Quadtree, solution: Solution, node: NDArray[Any], x: Flo
     for k, monomial in enumerate(monomials):
         irradiance += solution.coefficient[:, :, k, node] * monomial
     squares = (monomials * basis.apply_matrices(tree.project[node], monomials)).sum(0) * tree.area[node]
-    return PointLight(irradiance, solution.variance[:, node] * (1.0 + solution.keep[node] * (squares - 1.0)))
+    return PointLight(irradiance, solution.variance[:, node] * squares)
 
 
 def node_coordinates(tree: Quadtree, node: NDArray[Any], x: Float64, y: Float64) -> tuple[Float64, Float64]:

@@ -160,7 +160,6 @@ class Solution:
     variance      (3, n) float64, (W/m^2)^2: of the node's mean irradiance; at a point of the node the variance is this
                   times the area times the sum of the squared basis functions there
     scale         (3, n) float64: eq. 10, all the light of a node over the light it saw itself; 0 where it saw none
-    keep          (n,) float64: share that was kept of a node's function beyond its mean, see _shrink_to_mean
     """
 
     coefficient: NDArray[np.float64]
@@ -168,7 +167,6 @@ class Solution:
     flux: NDArray[np.float64]
     variance: NDArray[np.float64]
     scale: NDArray[np.float64]
-    keep: NDArray[np.float64]
 
 
 def solve_tallies(tree: Quadtree, totals: Totals) -> Solution:
@@ -186,30 +184,7 @@ def solve_tallies(tree: Quadtree, totals: Totals) -> Solution:
         _scale_flux(tree, totals.raw[half, :, :, 0].sum(0), totals.shot_raw[half, :, :, 0].sum(0)) / max(int(totals.photons[half]), 1)
         for half in range(HALVES)
     ]
-    coefficient, keep = _shrink_to_mean(tree, coefficient / photons, variance)
-    return Solution(coefficient, np.array(halves), flux / photons, variance, scale, keep)
-
-
-def _shrink_to_mean(
-    tree: Quadtree, coefficient: NDArray[np.float64], variance: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Functions nearer to their mean, by as much as their slope may be noise; flux stays. And the share kept (n,).
-
-    Source: the positive-part estimator of James & Stein 1961, over channels together.
-    """
-    size = coefficient.shape[2]
-    area = np.maximum(tree.area, np.finfo(float).tiny)
-    mean = (coefficient * tree.moment[:, :size].T).sum(2) / area
-    beyond = coefficient.copy()
-    beyond[:, :, 0] -= mean
-    both = beyond.sum(0)
-    gram = basis.gram_matrix(tree.moment, tree.degree)
-    energy = (both * basis.apply_matrices(gram, both)).sum((0, 1))
-    noise = np.maximum(tree.rank - 1, 0) * variance.sum(0) * area
-    keep = np.where(energy > 0.0, np.maximum(1.0 - noise / np.where(energy > 0.0, energy, 1.0), 0.0), 0.0)
-    beyond *= keep
-    beyond[:, :, 0] += mean
-    return beyond, keep
+    return Solution(coefficient / photons, np.array(halves), flux / photons, variance, scale)
 
 
 def _scale_coefficients(tree: Quadtree, raw: NDArray[np.float64], shot_raw: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -46,7 +46,7 @@ class Estimates:
 
     def _doubt(self) -> np.ndarray:
         """With what rounding may do, so that dark values are not judged by an error of 0."""
-        return self.doubt + FLOOR * (self.truth + 0.01 * self.truth.mean())
+        return self.doubt + FLOOR * (self.truth + 0.2 * self.truth.mean())
 
     def bias_and_stderr(self) -> tuple[float, float]:
         """The factor, less 1, that best explains all values together, and its standard error. Source: generalised least squares."""

@@ -58,19 +58,23 @@ def test_the_hierarchy_errs_less_than_the_fixed_mesh(measured):
     assert constant.nrmse < 0.7 * flat.nrmse
 
 
-def test_stable_nodes_tile_the_charts(measured):
-    bake = measured.room["constant"]
-    leaf = bake.leaf_of(bake.show_stable(4))
-    assert len(leaf) == len(bake.stage.texels.texel_area)
-    below = bake.light.tree.depth[leaf] > 0
-    assert (bake.light.received[leaf[below]] >= 4).mean() > 0.9
+def test_the_paper_shows_stable_nodes_at_or_below_the_current_ones(measured):
+    bake = measured.room["constant"].stage.bake(400_000)  # two rounds, so that there are split nodes
+    current = np.flatnonzero(bake.light.tree.current)
+    assert bake.light.tree.depth[current].max() > 0
+    np.testing.assert_array_equal(np.sort(bake.show_stable(10**9)), current)
+    shown = bake.leaf_of(bake.show_stable(8))
+    below = ~bake.light.tree.current[shown]
+    assert below.any()
+    assert (bake.light.received[shown[below]] >= 8).all()
 
 
 def test_noise_of_the_references_cancels():
     rng = np.random.default_rng(1)
     truth = rng.uniform(1.0, 2.0, (20_000, 3))
-    references = [truth + rng.normal(0.0, 0.3, truth.shape) for _ in range(2)]
-    none, some = (paper_bakes.measure_errors(truth * (1 + error), *references) for error in (0.0, 0.1))
+    noisy = [truth + rng.normal(0.0, 0.3, truth.shape) for _ in range(2)]
+    reference = paper_bakes.Reference(*noisy, truth, truth[:, 0], np.ones(len(truth)))
+    none, some = (reference.measure(truth * (1 + error)) for error in (0.0, 0.1))
     assert none.nrmse < 0.03
     assert some.nrmse == pytest.approx(0.1 * np.sqrt((truth**2).mean()) / truth.mean(), rel=0.1)
 

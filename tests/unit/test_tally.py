@@ -90,22 +90,3 @@ def test_variance_is_that_of_repeated_bakes():
         stated.append(solution.variance[0, 1])
     # 60 bakes tell a variance to about 18 %.
     assert np.var(values) == pytest.approx(np.mean(stated), rel=0.55)
-
-
-def test_slopes_that_are_noise_are_taken_back_and_flux_stays():
-    """Even light: the functions of leaves come nearer to it than plain fits would, and a real ramp keeps its slope."""
-    plain, shrunk = [], []
-    line = (np.arange(32) + 0.5) / 32
-    s, t = (a.ravel() for a in np.meshgrid(line, line))
-    for seed in range(20):
-        bake = SquareBake(side=32, degree=1, level=1, preview_depth=1)
-        bake.throw(*np.random.default_rng(seed).random((2, 1000)))
-        nodes = np.flatnonzero(bake.tree.current)
-        solution = bake.solution()
-        np.testing.assert_allclose(solution.flux[:, nodes].sum(1), 1.0, rtol=1e-9)
-        shrunk.append(np.mean((bake.values(nodes, s, t) - 1) ** 2))
-        plain.append((solution.variance[0, nodes] * bake.tree.rank[nodes]).mean())
-    assert np.mean(shrunk) < 0.75 * np.mean(plain)
-    ramp = SquareBake(side=32, degree=1)
-    ramp.throw(np.sqrt(np.random.default_rng(0).random(20_000)), np.random.default_rng(1).random(20_000))
-    assert ramp.solution().keep[0] > 0.98

@@ -1,0 +1,63 @@
+"""A uniform sky of radiance L: pi L on an open plane, pi L less the wall's Lambert polygon beside a black wall.
+
+The statistical tests of this file share floors.ALPHA.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from closed_forms import from_polygon
+from known_light import bake_adaptive, bake_known, black_scene, floor_mesh
+from leaflight.core.settings import DIRECT_MODES
+from scenes import Mesh
+from stats import PLANTED_BIAS
+
+RADIANCE = 0.5
+WALL = np.array([[0, -0.5, 0], [0, 1.5, 0], [0, 1.5, 1.5], [0, -0.5, 1.5]])
+
+
+def open_sky(position, normal):
+    return np.full(len(position), math.pi * RADIANCE)
+
+
+def beside_wall(position, normal):
+    return RADIANCE * (math.pi - from_polygon(WALL, position, normal))
+
+
+def sky_scene(*others):
+    return replace(black_scene([floor_mesh()], others=others), world_rgb=(RADIANCE,) * 3)
+
+
+SCENES = {"open": (sky_scene(), open_sky), "wall": (sky_scene(Mesh("Wall", WALL, [[0, 1, 2, 3]])), beside_wall)}
+CASES = [(name, direct) for name in SCENES for direct in DIRECT_MODES]
+
+
+@pytest.fixture(scope="module", params=CASES, ids="-".join)
+def known(request, tmp_path_factory):
+    name, direct = request.param
+    return bake_known(tmp_path_factory.mktemp("sky"), *SCENES[name], direct, error=0.01, max_photons=1_500_000)
+
+
+def test_the_wall_takes_nearly_half():
+    at_its_foot = np.array([[1e-3, 0.5, 0.0]])
+    assert beside_wall(at_its_foot, np.array([[0.0, 0.0, 1.0]]))[0] == pytest.approx(math.pi * RADIANCE / 2, rel=0.01)
+
+
+def test_every_leaf_is_within_its_stated_error(known):
+    assert not known.on_leaves().complaint(len(CASES))
+
+
+def test_mean_is_right(known):
+    assert abs(known.on_leaves().mean_bias) < 5e-3
+
+
+def test_a_planted_bias_is_rejected(known):
+    assert known.on_leaves().times(PLANTED_BIAS).complaint(len(CASES))
+
+
+@pytest.mark.parametrize("direct", DIRECT_MODES)
+def test_adaptive_bake_is_within_its_stated_error(tmp_path, direct):
+    found = bake_adaptive(tmp_path, *SCENES["wall"], direct)
+    assert found.real_error() < 1.2 * found.light.error

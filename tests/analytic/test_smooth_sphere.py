@@ -1,0 +1,87 @@
+"""A smooth-shaded sphere under a sun: E0 max(0, n.l) with the interpolated normal n, on the faces that the sun reaches.
+
+Of a polyhedron's faces those that look away from the sun are dark, however their normals are bent. The statistical tests of this
+file share floors.ALPHA.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from known_light import BLACK, SUB_POINTS, bake_known
+from leaflight.core.scene import Light
+from leaflight.core.settings import DIRECT_MODES
+from scenes import make_scene, sphere_mesh
+from stats import PLANTED_BIAS, Estimates
+
+E0 = 4.0
+SUN = np.array([2.0, -1.0, 2.0]) / 3  # from the sphere
+GRAZING = 0.15  # the cosine to the face below which the sun only skims it
+
+
+def sphere_scene():
+    z = SUN
+    x = np.cross([0.0, 1.0, 0.0], z)
+    x /= np.linalg.norm(x)
+    sun = Light("SUN", "Sun", rotation=tuple(map(tuple, np.array([x, np.cross(z, x), z]))), power_rgb=(E0,) * 3)
+    scene = make_scene([sphere_mesh(rings=12, segments=24)], [sun], [BLACK])
+    return replace(scene, tri_normal=scene.tri_position.astype(np.float32))  # of a unit sphere
+
+
+def irradiance(position, normal):
+    return E0 * np.maximum(normal @ SUN, 0)
+
+
+@pytest.fixture(scope="module", params=DIRECT_MODES)
+def known(request, tmp_path_factory):
+    return bake_known(tmp_path_factory.mktemp("sphere"), sphere_scene(), irradiance, request.param, size=128, max_photons=800_000)
+
+
+def leaf_faces(known):
+    """(m, 2) least and greatest cosine between the sun and the faces of each leaf."""
+    scene, texels = sphere_scene(), known.texels
+    edge = np.diff(scene.tri_position, axis=1)
+    face = np.cross(edge[:, 0], edge[:, 1])
+    cosine = (face / np.linalg.norm(face, axis=1, keepdims=True)) @ SUN
+    tri = texels.sub_points(np.arange(len(known.truth)), SUB_POINTS)[0]
+    start = np.sort(known.light.tree.start[known.light.leaves])
+    ends = cosine[tri].min(0), cosine[tri].max(0)
+    return np.stack([np.minimum.reduceat(ends[0], start), np.maximum.reduceat(ends[1], start)], axis=1)
+
+
+def keep(found, rows):
+    return Estimates(*(getattr(found, name)[rows] for name in ("value", "truth", "noise", "doubt", "weight")))
+
+
+def lit_leaves(known):
+    """Without slivers at the charts' edges, which few photons reach."""
+    leaves = known.on_leaves()
+    return keep(leaves, (leaf_faces(known)[:, 0] > GRAZING) & (leaves.weight > 0.2 * np.median(leaves.weight)))
+
+
+def test_most_of_the_lit_half_is_judged(known):
+    assert 0.2 < len(lit_leaves(known).value) / len(known.light.leaves) < 0.5
+
+
+def test_every_lit_leaf_is_within_its_stated_error(known):
+    assert not lit_leaves(known).complaint(len(DIRECT_MODES))
+
+
+def test_mean_is_right(known):
+    assert abs(lit_leaves(known).mean_bias) < 3e-3
+
+
+def test_a_planted_bias_is_rejected(known):
+    assert lit_leaves(known).times(PLANTED_BIAS).complaint(len(DIRECT_MODES))
+
+
+def test_faces_that_look_away_are_dark(known):
+    away = keep(known.on_leaves(), leaf_faces(known)[:, 1] < -1e-3)
+    assert len(away.value) > 20
+    assert away.value.max() == 0.0
+
+
+def test_faces_that_the_sun_skims_are_no_brighter_than_their_normals(known):
+    faces = leaf_faces(known)
+    skimmed = keep(known.on_leaves(), (faces[:, 0] > 1e-3) & (faces[:, 0] < GRAZING))
+    assert skimmed.mean == pytest.approx((skimmed.truth @ skimmed.weight) / skimmed.weight.sum(), rel=0.1)
