@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -11,19 +9,7 @@ import numpy as np
 import pytest
 from leaflight.core.image_file import HALF_MAX, read_image, write_image
 
-
-@pytest.fixture(autouse=True)
-def open_image_io(monkeypatch: pytest.MonkeyPatch) -> None:
-    """OpenImageIO lies inside the bpy package; bpy itself is not imported."""
-    if importlib.util.find_spec("OpenImageIO"):
-        return
-    bpy = importlib.util.find_spec("bpy")
-    folders = [Path(folder) for folder in (bpy.submodule_search_locations or [])] if bpy else []
-    found = [site for folder in folders for site in folder.glob("*/python/lib/**/site-packages") if (site / "OpenImageIO").is_dir()]
-    if not found:
-        pytest.skip("no OpenImageIO here")
-    monkeypatch.syspath_prepend(str(found[0]))
-    sys.path.append(sys.path.pop(0))  # last: its numpy is not ours
+pytestmark = pytest.mark.usefixtures("open_image_io")
 
 
 def ramp(channels: int = 4) -> np.ndarray:
