@@ -28,7 +28,7 @@ FIRST_ROUND_PHOTONS = 1 << 18
 DIRECT_SHARE = 0.5  # of the error asked for, that direct light by rays may have
 SHARD_PHOTONS = 1 << 17  # at most
 # A round adds at most this share of all photons so far: late nodes lose what came before them.
-ROUND_GROWTH = 0.5
+ROUND_GROWTH = 1.0
 ROUND_PHOTONS = 1 << 22  # at most, so that progress, cancelling and time limits are felt
 
 

@@ -64,6 +64,11 @@ class TexelMap:
         uv = self._corner_weights(self.texel_tri, point)
         return np.column_stack([np.maximum(1.0 - uv.sum(axis=1), 0.0), uv]).astype(np.float32)
 
+    @cached_property
+    def _corner_rows(self) -> Float64:
+        """(6, n_tri + 1) float64: tri_uv as rows, which a look-up by triangle reads faster."""
+        return np.ascontiguousarray(self.tri_uv.reshape(-1, 6).T)
+
     def hit_texel_xy(self, tri: IntArray, u: FloatArray, v: FloatArray) -> tuple[Float64, Float64]:
         """Page texel coordinates of hits.
 
@@ -71,9 +76,10 @@ class TexelMap:
         u, v  (m,) float    weights of corners 1 and 2
         out   (m,) float64 x, (m,) float64 y
         """
-        corner = self.tri_uv[tri]
+        x_0, y_0, x_1, y_1, x_2, y_2 = self._corner_rows.take(tri, axis=1, mode="wrap")
         weight = 1.0 - u - v
-        x, y = (weight * corner[:, 0, axis] + u * corner[:, 1, axis] + v * corner[:, 2, axis] for axis in (0, 1))
+        x = weight * x_0 + u * x_1 + v * x_2
+        y = weight * y_0 + u * y_1 + v * y_2
         return x, y
 
     def entry_of(self, tri: IntArray, x: FloatArray, y: FloatArray) -> Int32:
