@@ -22,6 +22,7 @@ from .direct_field import DirectField
 from .job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
 from .materials import clamp_warnings
 from .messages import Done, Message, Status, Warning_
+from .reconstruct import LeafBlender
 from .scene import SceneSnapshot
 from .snapshot import load_snapshot
 from .texel_map import TexelMap
@@ -92,9 +93,10 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
                 settings, direct = dataclasses.replace(settings, direct="photons"), DirectField.none(n_texel)
         with stages.stage("photons", "Tracing photons"):
             forced = _find_contacts(tracing, texel_map) if settings.contact else np.zeros(n_texel, bool)
-            light = solve.Solver(folder, settings, executor, direct, forced).run(tell, should_stop)
+            blender = LeafBlender.of(texel_map, atlas.chart_page[texel_map.texel_chart])
+            light = solve.Solver(folder, settings, executor, direct, forced, blender).run(tell, should_stop)
         with stages.stage("write", "Writing images"):
-            files = _write_pages(job, snapshot, atlas, texel_map, light, tracing)
+            files = _write_pages(job, snapshot, atlas, blender, light, tracing)
     finally:
         executor.shutdown(cancel_futures=True)
         workers.forget_folders()  # the next bake may use the same folder
@@ -141,12 +143,11 @@ def _find_contacts(tracing: workers.Tracing, texel_map: TexelMap) -> NDArray[np.
 
 
 def _write_pages(
-    job: Job, snapshot: SceneSnapshot, atlas: charts.ChartAtlas, texel_map: TexelMap, light: solve.LightField, tracing: workers.Tracing
+    job: Job, snapshot: SceneSnapshot, atlas: charts.ChartAtlas, blender: LeafBlender, light: solve.LightField, tracing: workers.Tracing
 ) -> list[PageFile]:
     settings = job.settings
-    entry_page = atlas.chart_page[texel_map.texel_chart]
-    at_texels = resolve.light_at_texels(light, texel_map, entry_page)
-    resolver = resolve.Resolver(at_texels, texel_map, tracing.scene.surfaces, entry_page, settings.margin)
+    at_texels = resolve.light_at_texels(light, blender, settings.denoise)
+    resolver = resolve.Resolver(at_texels, blender.texels, tracing.scene.surfaces, blender.page, settings.margin)
     output = Path(job.output)
     names = _page_names(job, snapshot, atlas)
     files: list[PageFile] = []

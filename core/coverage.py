@@ -91,14 +91,17 @@ class Pieces:
     area: Float64
 
 
-def clip_to_texels(uv: Float64, texel_xy: IntArray) -> Pieces:
-    """Triangle n clipped to texel n, as triangles.
+def clip_to_texels(uv: Float64, texel_xy: IntArray, side: Float64 | None = None) -> Pieces:
+    """Triangle n clipped to texel n, or to a smaller square around its centre, as triangles.
 
     uv        (n, 3, 2) float64, texels, either orientation
     texel_xy  (n, 2) int
+    side      (n,) float64, texels: of the squares; 1 if None
     Source: Sutherland & Hodgman 1974, "Reentrant polygon clipping".
     """
     local = uv - (texel_xy[:, None, :] + 0.5)
+    if side is not None:
+        local /= side[:, None, None]
     side_1, side_2 = local[:, 1] - local[:, 0], local[:, 2] - local[:, 0]
     mirrored = side_1[:, 0] * side_2[:, 1] < side_1[:, 1] * side_2[:, 0]
     x, y = local[:, :, 0].ravel(), local[:, :, 1].ravel()
@@ -113,6 +116,9 @@ def clip_to_texels(uv: Float64, texel_xy: IntArray) -> Pieces:
     corners = (first[middle], middle, middle + 1)  # a fan about each polygon's first corner
     piece_x, piece_y = np.stack([x[i] for i in corners]), np.stack([y[i] for i in corners])
     pair = polygon[middle]
+    if side is not None:
+        piece_x *= side[pair]
+        piece_y *= side[pair]
     area = 0.5 * ((piece_x[1] - piece_x[0]) * (piece_y[2] - piece_y[0]) - (piece_x[2] - piece_x[0]) * (piece_y[1] - piece_y[0]))
     area = np.where(mirrored[pair], -area, area)
     kept = area > 0.0

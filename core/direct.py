@@ -268,7 +268,9 @@ class _Tally:
         starts, closed = np.maximum(self._starts, 1), self._closed()
         spread = np.maximum(self._reach_squares / starts - closed**2, 0) / starts**2
         spread = np.where(starts > len(GAUSS_POINTS), spread, self._bend**2) * ratio**2
-        gain = np.maximum(self._rays, 1) ** (_SHARP_GAIN if self.source.is_sharp else _SOFT_GAIN)
+        # Of few lit rays, or few dark ones, hardly two are in strata that cover each other's noise.
+        rarer = 2 * self._rays * np.minimum(ratio, np.maximum(1 - ratio, 0))
+        gain = np.maximum(rarer, 1) ** (_SHARP_GAIN if self.source.is_sharp else _SOFT_GAIN)
         out: Float64 = spread + closed**2 * square / gain
         return out
 

@@ -15,15 +15,20 @@ from numpy.typing import NDArray
 
 from . import refine
 from .quadtree import Quadtree, node_of_texel
+from .reconstruct import LeafBlender, evaluate_leaf
 from .scene import IntArray
 from .tally import Solution, Totals
 
 # Brightness below this share of the mean is judged against that share: else one black texel would decide the whole.
 DARK_FLOOR = 0.1
+# Texels whose centre lies outside of the chart are left out too: little of them is seen, and no other baker has light there.
 # The worst texels are left out: on a hard edge of light, whether a texel is its centre or its mean decides its error.
 BEST_TEXELS = 0.99
 # Squared light that a node cannot hold, over what its parent could not: 1/2 along edges, 1/16 where light is smooth.
 BIAS_DECAY = 0.25
+_BIAS_DOUBT = 0.5  # standard errors of the bias; measured over bakes of few leaves
+_SAMPLE = 1 << 14  # texels that are asked
+_GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 # The halves of few leaves say little about noise; the prior says "as independent photons" with this many values' weight.
 _PRIOR_VALUES = 64.0
 
@@ -70,8 +75,9 @@ def state_error(
     nodes: IntArray,
     direct: NDArray[np.float32],
     direct_variance: NDArray[np.float32],
+    blender: LeafBlender,
 ) -> StatedError:
-    """Error of the light on the `nodes`, which tile the charts.
+    """Error of the light on the `nodes`, which tile the charts, blended.
 
     direct            (n_texel, 3) float32, W/m^2: direct light by rays at each texel, 0 without
     direct_variance   (n_texel, 3) float32, (W/m^2)^2
@@ -82,16 +88,68 @@ def state_error(
     brightness = np.maximum((solution.flux / area).astype(np.float32)[:, leaf].T + direct, 0.0)
     scale2 = brightness**2 + np.float32(DARK_FLOOR * brightness.mean(dtype=np.float64)) ** 2
     weight = np.divide(1.0, scale2, out=np.zeros_like(scale2), where=scale2 > 0.0)
-    photons2 = (weight * (solution.variance * tree.rank * correction).astype(np.float32)[:, leaf].T).mean(1)
     direct2: NDArray[np.float32] = (weight * direct_variance).mean(1)
-    bias2 = weight.mean(1) * missing_light(tree, totals, comparison, nodes).astype(np.float32)[leaf]
-    square = photons2 + direct2 + np.maximum(bias2, 0.0)
-    count = int(np.ceil(BEST_TEXELS * len(square)))
-    best = np.argpartition(square, count - 1)[:count] if count else np.zeros(0, int)
-    parts = [float(part[best].sum(dtype=np.float64)) / max(count, 1) for part in (photons2, direct2, bias2)]
-    # A bias is told only in sum, and a sum below zero is noise: it must not hide the noise that is there.
-    relative = math.sqrt(parts[0] + parts[1] + max(parts[2], 0.0)) if totals.photons.sum() else math.nan
-    return StatedError(relative, math.sqrt(parts[1]), correction, direct2)
+    n = len(direct)
+    if not totals.photons.sum() or not n:
+        return StatedError(math.nan, float(np.sqrt(direct2.mean())) if n else 0.0, correction, direct2)
+    # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
+    sample = _choose_sample(blender.texels.texel_cover)
+    photons2 = (weight[sample].T * blender.blend(tree, solution, leaf, sample).variance).mean(0) * correction
+    blind2 = weight.mean(1) * missing_light(tree, totals, comparison, nodes)[leaf]
+    deepest = node_of_texel(tree, np.flatnonzero(~tree.has_children), n)[sample]
+    bias2, gap2 = _missing_from_blend(tree, solution, leaf, deepest, sample, blender, weight, blind2)
+    likely = photons2 + direct2[sample] + gap2
+    count = int(np.ceil(BEST_TEXELS * len(sample)))
+    best = np.argpartition(likely, count - 1)[:count]
+    parts = [float(part[best].mean(dtype=np.float64)) for part in (photons2, direct2[sample], bias2)]
+    # A bias is told only in sum, by nodes that err apart; below zero it is noise, which must not hide the noise that is there.
+    # A bake stops at the first round whose sum comes out small, so that part of its standard error belongs to it.
+    by_node = np.bincount(deepest[best], bias2[best])
+    bias = max(parts[2], 0.0) + _BIAS_DOUBT * math.sqrt((by_node**2).sum()) / count
+    return StatedError(math.sqrt(parts[0] + parts[1] + bias), math.sqrt(parts[1]), correction, direct2)
+
+
+def _choose_sample(cover: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(m,) int64, ascending: texels with covered centres, or all if there are none; spread without a rhythm that rows could share.
+
+    cover   (n,) float64: see TexelMap.texel_cover
+    """
+    middle = np.flatnonzero(cover >= 0.5)
+    middle = middle if len(middle) else np.arange(len(cover))
+    if len(middle) <= _SAMPLE:
+        return middle
+    stratum = len(middle) / _SAMPLE
+    place = (np.arange(_SAMPLE) + (np.arange(_SAMPLE) * _GOLDEN) % 1.0) * stratum
+    sample: NDArray[np.int64] = middle[place.astype(np.int64)]
+    return sample
+
+
+def _missing_from_blend(
+    tree: Quadtree,
+    solution: Solution,
+    leaf: NDArray[np.int32],
+    deepest: NDArray[np.int32],
+    sample: NDArray[np.int64],
+    blender: LeafBlender,
+    weight: NDArray[np.float32],
+    blind2: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Squared relative difference between the blend and the deepest nodes at the texels `sample`, (m,) float64 twice.
+
+    The first is a product of what each half says alone, whose noise is independent, and so right in sum. The second is the
+    difference that was seen, noise and all, and so tells where it is. Without nodes below, `blind2` (n,) stands for both.
+    """
+    unbiased = blind2[sample]
+    seen = np.maximum(unbiased, 0.0)
+    told = np.flatnonzero(deepest != leaf[sample])
+    entry = sample[told]
+    shown = blender.blend(tree, solution, leaf, entry, halves=True).irradiance
+    below = evaluate_leaf(tree, solution, deepest[told], blender.x[entry], blender.y[entry], halves=True).irradiance
+    gap = shown - below
+    unbiased[told] = (weight[entry].T * gap[0] * gap[1]).mean(0)
+    group, count = np.unique(deepest[told], return_inverse=True, return_counts=True)[1:]
+    seen[told] = (np.bincount(group, unbiased[told]) / count)[group]
+    return unbiased, seen
 
 
 def missing_light(tree: Quadtree, totals: Totals, comparison: refine.Comparison, nodes: IntArray) -> NDArray[np.float64]:

@@ -37,7 +37,7 @@ _CHUNK = 1 << 16
 class PointLight:
     """Light at points.
 
-    irradiance   (2, 3, m) float64, W/m^2: per component and channel; may dip below zero at the edge of a shadow
+    irradiance   (2, 3, m) float64, W/m^2: per component (or half) and channel; may dip below zero at the edge of a shadow
     variance     (3, m) float64, (W/m^2)^2, of both components together
     """
 
@@ -45,15 +45,17 @@ class PointLight:
     variance: Float64
 
 
-def evaluate_leaf(tree: Quadtree, solution: Solution, node: NDArray[Any], x: Float64, y: Float64) -> PointLight:
+def evaluate_leaf(tree: Quadtree, solution: Solution, node: NDArray[Any], x: Float64, y: Float64, halves: bool = False) -> PointLight:
     """The functions of nodes at points, which may lie beyond them.
 
-    node   (m,) int;  x, y   (m,) float64, page texels
+    node     (m,) int;  x, y   (m,) float64, page texels
+    halves   what each half of the bake says, in place of the components
     """
+    coefficient = solution.half if halves else solution.coefficient
     monomials = np.array(basis.monomials(*node_coordinates(tree, node, x, y), tree.degree))
-    irradiance = np.zeros((*solution.coefficient.shape[:2], len(node)))
+    irradiance = np.zeros((*coefficient.shape[:2], len(node)))
     for k, monomial in enumerate(monomials):
-        irradiance += solution.coefficient[:, :, k, node] * monomial
+        irradiance += coefficient[:, :, k, node] * monomial
     squares = (monomials * basis.apply_matrices(tree.project[node], monomials)).sum(0) * tree.area[node]
     return PointLight(irradiance, solution.variance[:, node] * squares)
 
@@ -64,40 +66,69 @@ def node_coordinates(tree: Quadtree, node: NDArray[Any], x: Float64, y: Float64)
     return (x - tree.origin[node, 0]) / half - 1.0, (y - tree.origin[node, 1]) / half - 1.0
 
 
-def blend_leaves(tree: Quadtree, solution: Solution, leaf: NDArray[np.int32], texels: TexelMap, page: NDArray[np.int32]) -> PointLight:
-    """Light at every texel entry.
+@dataclass(frozen=True)
+class LeafBlender:
+    """Where texels lie and who is next to whom, for blending at any of them.
 
-    leaf   (n,) int32, the leaf at each entry
-    page   (n,) int32, the page of each entry
+    x, y       (n,) float64, page texels: each entry's own point
+    page       (n,) int32, of each entry
+    entry_at   (n_page, size, size) int32, -1 where no chart covers the texel
     """
-    n, size = len(leaf), texels.page_size
-    x, y = texels.hit_texel_xy(texels.texel_tri, texels.texel_bary[:, 1], texels.texel_bary[:, 2])
-    entry_at = np.full((texels.page_count, size, size), -1, np.int32)
-    entry_at[page, texels.texel_xy[:, 1], texels.texel_xy[:, 0]] = np.arange(n, dtype=np.int32)
-    out = PointLight(np.empty((*solution.coefficient.shape[:2], n)), np.empty((solution.variance.shape[0], n)))
-    for start in range(0, n, _CHUNK):
-        part = np.arange(start, min(start + _CHUNK, n))
-        own = evaluate_leaf(tree, solution, leaf[part], x[part], y[part])
-        window = _Window(own, leaf[part])
+
+    texels: TexelMap
+    x: Float64
+    y: Float64
+    page: NDArray[np.int32]
+    entry_at: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, texels: TexelMap, page: NDArray[np.int32]) -> LeafBlender:
+        """page   (n,) int32, the page of each entry"""
+        x, y = texels.hit_texel_xy(texels.texel_tri, texels.texel_bary[:, 1], texels.texel_bary[:, 2])
+        entry_at = np.full((texels.page_count, texels.page_size, texels.page_size), -1, np.int32)
+        entry_at[page, texels.texel_xy[:, 1], texels.texel_xy[:, 0]] = np.arange(len(page), dtype=np.int32)
+        return cls(texels, x, y, page, entry_at)
+
+    def blend(
+        self, tree: Quadtree, solution: Solution, leaf: NDArray[np.int32], entry: NDArray[Any] | None = None, halves: bool = False
+    ) -> PointLight:
+        """Light at texel entries.
+
+        leaf     (n,) int32, the leaf at each entry
+        entry    (m,) int, all if None
+        halves   what each half of the bake says, in place of the components
+        """
+        entry = np.arange(len(leaf)) if entry is None else entry
+        parts = [
+            self._blend_part(tree, solution, leaf, entry[start : start + _CHUNK], halves) for start in range(0, max(len(entry), 1), _CHUNK)
+        ]
+        return PointLight(
+            np.concatenate([part.irradiance for part in parts], axis=-1), np.concatenate([part.variance for part in parts], axis=-1)
+        )
+
+    def _blend_part(self, tree: Quadtree, solution: Solution, leaf: NDArray[np.int32], part: NDArray[Any], halves: bool) -> PointLight:
+        size, chart = self.texels.page_size, self.texels.texel_chart
+        x, y, page, own_leaf = self.x[part], self.y[part], self.page[part], leaf[part]
+        window = _Window(evaluate_leaf(tree, solution, own_leaf, x, y, halves), own_leaf, halves)
         for across, up in product((np.arange(_STRATA) + 0.5) / _STRATA - 0.5, repeat=2):
-            column = np.floor(x[part] + across * WINDOW * tree.side[leaf[part]]).astype(np.int64)
-            row = np.floor(y[part] + up * WINDOW * tree.side[leaf[part]]).astype(np.int64)
+            column = np.floor(x + across * WINDOW * tree.side[own_leaf]).astype(np.int64)
+            row = np.floor(y + up * WINDOW * tree.side[own_leaf]).astype(np.int64)
             inside = (column >= 0) & (column < size) & (row >= 0) & (row < size)
-            entry = np.where(inside, entry_at[page[part], np.clip(row, 0, size - 1), np.clip(column, 0, size - 1)], -1)
-            other = np.where((entry >= 0) & (texels.texel_chart[entry] == texels.texel_chart[part]), leaf[entry], -1)
-            near = np.flatnonzero((other >= 0) & (other != leaf[part]))
-            theirs = evaluate_leaf(tree, solution, other[near], x[part[near]], y[part[near]])
-            far = np.abs(node_coordinates(tree, other[near], x[part[near]], y[part[near]])).max(0)
-            window.add(np.flatnonzero(other == leaf[part]), near, other[near], theirs, far <= _FARTHEST)
-        out.irradiance[..., part], out.variance[:, part] = window.mean()
-    return out
+            entry = np.where(inside, self.entry_at[page, np.clip(row, 0, size - 1), np.clip(column, 0, size - 1)], -1)
+            other = np.where((entry >= 0) & (chart[entry] == chart[part]), leaf[entry], -1)
+            near = np.flatnonzero((other >= 0) & (other != own_leaf))
+            theirs = evaluate_leaf(tree, solution, other[near], x[near], y[near], halves)
+            far = np.abs(node_coordinates(tree, other[near], x[near], y[near])).max(0)
+            window.add(np.flatnonzero(other == own_leaf), near, other[near], theirs, far <= _FARTHEST)
+        return PointLight(*window.mean())
 
 
 class _Window:
     """The points of a window around each of m texels, and which leaf each of them speaks for."""
 
-    def __init__(self, own: PointLight, leaf: NDArray[np.int32]) -> None:
+    def __init__(self, own: PointLight, leaf: NDArray[np.int32], halves: bool) -> None:
         self._own, self._leaf = own, leaf
+        self._share = 0.5 if halves else 1.0  # components add up to the light, halves each stand for it
         self._irradiance = own.irradiance.copy()  # the texel itself is a point too
         self._count = np.ones(len(leaf))
         self._nodes = [leaf]
@@ -105,7 +136,7 @@ class _Window:
 
     def add(self, same: NDArray[Any], near: NDArray[Any], other: NDArray[Any], theirs: PointLight, close: NDArray[np.bool_]) -> None:
         """A point for each texel: on its own leaf for the texels `same`, on `other` for those `near`, on none for the rest."""
-        step = (theirs.irradiance - self._own.irradiance[..., near]).sum(0).mean(0)
+        step = self._share * (theirs.irradiance - self._own.irradiance[..., near]).sum(0).mean(0)
         own, other_noise = self._own.variance[:, near].mean(0), theirs.variance.mean(0)
         # A sliver's function runs away beyond its node, and its noise would excuse any step.
         joined = close & (step**2 <= _STEP_SIGMAS**2 * (own + other_noise)) & (other_noise <= _NOISIER * own)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from . import reconstruct
+from . import denoise, reconstruct
 from .margin import fill_margin
 from .materials import SurfaceMaterials
 from .quadtree import node_of_texel
@@ -20,6 +20,7 @@ from .solve import LightField
 from .texel_map import TexelMap, centred_strata
 
 _CHUNK = 1 << 18
+_GRAIN = 0.005  # relative noise of shadow rays that is worth smoothing
 _ALBEDO_POINTS = 4  # a texel's albedo is a mean over so many points, for textures finer than the lightmap
 
 
@@ -38,18 +39,24 @@ class TexelLight:
     leaf: NDArray[np.int32]
 
 
-def light_at_texels(field: LightField, texels: TexelMap, page: NDArray[np.int32]) -> TexelLight:
-    """The leaves' functions at each texel's own point, plus direct light by rays.
-
-    page   (n,) int32: the page of each texel entry
-    """
-    leaf = node_of_texel(field.tree, field.leaves, len(texels.texel_area))
-    traced = reconstruct.blend_leaves(field.tree, field.solution, leaf, texels, page)
+def light_at_texels(field: LightField, blender: reconstruct.LeafBlender, smooth_grain: bool = True) -> TexelLight:
+    """The leaves' functions at each texel's own point, plus direct light by rays; stderr is that before grain is smoothed."""
+    leaf = node_of_texel(field.tree, field.leaves, len(blender.page))
+    traced = blender.blend(field.tree, field.solution, leaf)
     direct, indirect = np.maximum(traced.irradiance, 0.0)  # a fitted plane may dip below zero at the edge of a shadow
-    stderr = np.sqrt(traced.variance.T * field.correction + field.direct.variance)
-    return TexelLight(
-        (field.direct.irradiance + direct.T).astype(np.float32), indirect.T.astype(np.float32), stderr.astype(np.float32), leaf
-    )
+    variance = (traced.variance * field.correction + field.direct.variance.T).astype(np.float32)
+    light = np.stack([field.direct.irradiance.T + direct, indirect]).astype(np.float32)
+    if smooth_grain:
+        light = denoise.denoise(light, variance, _find_grain(field, leaf), blender.texels, blender.page)
+    return TexelLight(light[0].T, light[1].T, np.sqrt(variance.T), leaf)
+
+
+def _find_grain(field: LightField, leaf: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """(n,) bool: texels in small leaves, and those where shadow rays leave noise that could be seen."""
+    level = field.direct.irradiance.mean() + 1e-30
+    rays = field.direct.variance.sum(1) > (_GRAIN * (field.direct.irradiance.sum(1) + level)) ** 2
+    grain: NDArray[np.bool_] = (field.tree.side[leaf] <= denoise.SMALL_LEAF) | rays
+    return grain
 
 
 class Resolver:

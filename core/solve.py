@@ -20,6 +20,7 @@ from . import basis, estimate, quadtree, refine, shared_arrays, tally, workers
 from .direct_field import MOST_PASSES, DirectField
 from .messages import Message, Progress
 from .quadtree import Quadtree
+from .reconstruct import LeafBlender
 from .settings import Settings
 from .tally import Solution, Tally, Totals
 
@@ -94,6 +95,7 @@ class Solver:
     executor: Executor
     direct: DirectField
     forced_texels: NDArray[np.bool_]
+    blender: LeafBlender
     started: float = field(default_factory=time.monotonic)
 
     def __post_init__(self) -> None:
@@ -193,6 +195,7 @@ class Solver:
             leaves,
             self.direct.irradiance,
             self.direct.variance,
+            self.blender,
         )
         light = LightField(
             tree=self.tree,

@@ -155,6 +155,7 @@ class Solution:
     """Irradiance of every node.
 
     coefficient   (2, 3, K, n) float64, W/m^2: per component and channel, of the monomials in node coordinates
+    half          (2, 3, K, n) float64, W/m^2: both components, from each half alone
     flux_half     (2, 3, n) float64, W: both components, from each half alone
     flux          (3, n) float64, W: both components
     variance      (3, n) float64, (W/m^2)^2: of the node's mean irradiance; at a point of the node the variance is this
@@ -163,6 +164,7 @@ class Solution:
     """
 
     coefficient: NDArray[np.float64]
+    half: NDArray[np.float64]
     flux_half: NDArray[np.float64]
     flux: NDArray[np.float64]
     variance: NDArray[np.float64]
@@ -180,15 +182,17 @@ def solve_tallies(tree: Quadtree, totals: Totals) -> Solution:
     scale = np.where(seen > 0.0, np.abs(flux) / np.where(seen > 0.0, seen, 1.0), 0.0)
     area = np.maximum(tree.area, np.finfo(float).tiny)
     variance = totals.weight2 * scale**2 / photons**2 / area**2
+    emitted = np.maximum(totals.photons, 1)[:, None, None, None]
+    half = _scale_coefficients(tree, totals.raw.sum(1), totals.shot_raw.sum(1)) / emitted
     halves = [
         _scale_flux(tree, totals.raw[half, :, :, 0].sum(0), totals.shot_raw[half, :, :, 0].sum(0)) / max(int(totals.photons[half]), 1)
         for half in range(HALVES)
     ]
-    return Solution(coefficient / photons, np.array(halves), flux / photons, variance, scale)
+    return Solution(coefficient / photons, half, np.array(halves), flux / photons, variance, scale)
 
 
 def _scale_coefficients(tree: Quadtree, raw: NDArray[np.float64], shot_raw: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Polynomial coefficients (2, 3, K, n) per photon."""
+    """Polynomial coefficients (2, 3, K, n) per photon, of two components or of two halves."""
     transforms = basis.parent_transforms(tree.degree)
     fitted = basis.apply_matrices(tree.project, raw)
     received, shot = raw[:, :, 0], shot_raw[:, :, 0]

@@ -13,6 +13,8 @@ from .coverage import Float64, Int32, Int64, chunk_ranges, clip_to_texels, expan
 from .scene import FloatArray, IntArray
 from .texel_grid import TexelGrid
 
+LOOK = 0.5  # side of the square around its centre that a texel looks at
+
 
 @dataclass(frozen=True)
 class TexelMap:
@@ -30,7 +32,7 @@ class TexelMap:
     tri_uv         (n_tri + 1, 3, 2) float64   page texels; the last is for "no triangle"
     tri_density    (n_tri,) float64         m^2 per texel^2
     part_entry     (n_part,) int64          entries that are not wholly inside their triangles, ascending
-    part_point     (n_part, 2) float64      their representative points, texels from the texel's centre
+    part_point     (n_part, 2) float64      their representative points, texels from the texel's centre: the centre itself if covered
     part_moments   (n_part, M) float64, m^2 their moments about the texel's centre, in texels, less those of a full texel of equal area
     pair_start     (n_part + 1,) int64      pairs of part i are pair_start[i]:pair_start[i + 1]
     pair_tri       (n_pair,) int32          triangles with a share in the part
@@ -63,6 +65,12 @@ class TexelMap:
         point[self.part_entry] += self.part_point
         uv = self._corner_weights(self.texel_tri, point)
         return np.column_stack([np.maximum(1.0 - uv.sum(axis=1), 0.0), uv]).astype(np.float32)
+
+    @cached_property
+    def texel_cover(self) -> Float64:
+        """(n,) float64: share of each texel that its chart covers; at a straight edge half of it is where the centre is."""
+        cover: Float64 = self.texel_area / self.tri_density[self.texel_tri]
+        return cover
 
     @cached_property
     def _corner_rows(self) -> Float64:
@@ -141,11 +149,15 @@ class TexelMap:
         s, t = ((self.texel_xy[entry, axis] + 0.5 - centre[row, axis]) * size for axis in (0, 1))
         return self.texel_area[entry], (s, t), size
 
-    def sub_points(self, entry: IntArray, point: FloatArray) -> tuple[Int32, NDArray[np.float32]]:
-        """Points of the unit square carried over to the covered part of texels, uniform by world area.
+    def sub_points(self, entry: IntArray, point: FloatArray, look: float = LOOK) -> tuple[Int32, NDArray[np.float32]]:
+        """Points of the unit square carried over to where a texel looks, uniform by world area.
+
+        A texel is read at its centre by whoever filters the image, and looks at the square of half its side around it, as
+        Cycles' bake does (measured); a texel whose centre no triangle covers looks at what is covered.
 
         entry   (m,) int
         point   (k, m, 2) or (k, 1, 2) float in [0, 1); `centred_strata` or stratified random numbers
+        look    side of that square, texels; 1 for all that is covered
         out     (k, m) int32 triangle, (k, m, 2) float32 weights of its corners 1 and 2
         """
         place = np.broadcast_to(point, (len(point), len(entry), 2)).astype(np.float64)
@@ -153,16 +165,18 @@ class TexelMap:
         part = np.searchsorted(self.part_entry, entry)
         is_part = self.part_entry[np.minimum(part, len(self.part_entry) - 1)] == entry if len(self.part_entry) else part < 0
         if is_part.any():
-            tri[:, is_part], place[:, is_part] = self._warp_to_parts(part[is_part], place[:, is_part])
+            tri[:, is_part], place[:, is_part] = self._warp_to_parts(part[is_part], place[:, is_part], look)
+        place[:, ~is_part] = 0.5 + look * (place[:, ~is_part] - 0.5)
         place += self.texel_xy[entry]
         uv = self._corner_weights(tri.ravel(), place.reshape(-1, 2))
         return tri, uv.reshape(place.shape).astype(np.float32)
 
-    def _warp_to_parts(self, part: Int64, point: Float64) -> tuple[Int32, Float64]:
+    def _warp_to_parts(self, part: Int64, point: Float64, look: float) -> tuple[Int32, Float64]:
         """Triangles (k, m) and places (k, m, 2) from the texel's lower left corner."""
         owner, pair = expand_ranges(self.pair_start[part], self.pair_start[part + 1])
         tri = self.pair_tri[pair]
-        pieces = clip_to_texels(self.tri_uv[tri], self.texel_xy[self.part_entry[part[owner]]])
+        side = np.where(self.part_point[part].any(axis=1), 1.0, look)[owner]
+        pieces = clip_to_texels(self.tri_uv[tri], self.texel_xy[self.part_entry[part[owner]]], side)
         weight = pieces.area * self.tri_density[tri[pieces.pair]]
         weight /= np.bincount(owner[pieces.pair], weight, minlength=len(part))[owner[pieces.pair]]
         # Cumulative shares rise by one from part to part, so that one search serves all of them.

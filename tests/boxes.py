@@ -11,6 +11,7 @@ import numpy as np
 from leaflight.core import basis, charts, shared_arrays, solve, texels, workers
 from leaflight.core.direct_field import DirectField
 from leaflight.core.job import SNAPSHOT_FILE
+from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.scene import Light, Material, SceneSnapshot
 from leaflight.core.settings import Settings
 from leaflight.core.snapshot import save_snapshot
@@ -52,11 +53,13 @@ def make_solver(
 ) -> solve.Solver:
     """A solver in an empty folder, direct light found already."""
     executor = executor or workers.InlineExecutor()
-    n_texel = len(prepare_folder(folder, scene, settings)[1].texel_area)
+    atlas, texel_map = prepare_folder(folder, scene, settings)
+    n_texel = len(texel_map.texel_area)
     direct = DirectField.none(n_texel)
     if settings.direct == "rays":
         direct.shoot(folder, settings, executor, np.arange(n_texel))
-    return solve.Solver(folder, settings, executor, direct, np.zeros(n_texel, bool) if forced is None else forced)
+    forced = np.zeros(n_texel, bool) if forced is None else forced
+    return solve.Solver(folder, settings, executor, direct, forced, LeafBlender.of(texel_map, atlas.chart_page[texel_map.texel_chart]))
 
 
 def solve_scene(

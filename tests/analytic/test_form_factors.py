@@ -17,7 +17,7 @@ from closed_forms import (
     from_disk,
     from_polygon,
 )
-from known_light import bake_adaptive, bake_known, black_scene, floor_mesh
+from known_light import bake_known, black_scene, compare_errors, floor_mesh
 from leaflight.core.scene import Light
 from leaflight.core.settings import DIRECT_MODES
 from scenes import Mesh
@@ -105,10 +105,10 @@ def test_a_planted_bias_is_rejected(known):
 
 
 @pytest.mark.parametrize("direct", DIRECT_MODES)
-def test_adaptive_bake_is_within_its_stated_error(tmp_path, direct):
+def test_adaptive_bakes_are_within_their_stated_error(tmp_path, direct):
     scene, irradiance, _ = SCENES["perpendicular mesh"]
-    found = bake_adaptive(tmp_path, scene, irradiance, direct)
-    assert found.real_error() < 1.2 * found.light.error
+    least, most = (0.75, 1.25) if direct == "photons" else (0.75, math.inf)  # rays alone err less than they say
+    assert least < compare_errors(tmp_path, scene, irradiance, direct) < most
 
 
 def test_the_other_one_is_lit_alike(tmp_path):

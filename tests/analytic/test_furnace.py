@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from boxes import furnace_scene, solve_scene
+from boxes import furnace_scene, make_solver, solve_scene
 from floors import sigma_limit
-from leaflight.core import resolve, workers
+from leaflight.core import resolve
 from leaflight.core.settings import BASES, DIRECT_MODES, Settings
 
 RHOS = (0.0, 0.5, 0.9)
@@ -61,20 +61,20 @@ def solve_case(folder, rho, direct, basis):
     settings = Settings(
         size=64, direct=direct, basis=basis, hierarchical=False, finest_texels=LEAF_TEXELS, max_photons=1_000_000, error=0.005, seed=3
     )
-    light = solve_scene(folder, furnace_scene(rho), settings)
+    solver = make_solver(folder, furnace_scene(rho), settings)
+    light = solver.run(lambda message: None, lambda: False)
     tree, leaves = light.tree, light.leaves[np.argsort(light.tree.start[light.leaves])]
     texels = tree.end[leaves] - tree.start[leaves]
     by_rays, rays_variance = (
         np.add.reduceat(values[:, 0].astype(float), tree.start[leaves]) for values in (light.direct.irradiance, light.direct.variance)
     )
     area = tree.area[leaves]
-    texel_map = workers.open_tracing(str(folder)).texels
     return Furnace(
         np.pi / (1 - rho),
         light.solution.flux[0, leaves] / area + by_rays / texels,
         np.sqrt(light.solution.variance[0, leaves] * light.correction + rays_variance / texels**2),
         area,
-        resolve.light_at_texels(light, texel_map, np.zeros(len(texel_map.texel_area), np.int32)),
+        resolve.light_at_texels(light, solver.blender, smooth_grain=False),
         rho > 0 or direct == "photons",
     )
 

@@ -12,6 +12,7 @@ import numpy as np
 from boxes import prepare_folder
 from leaflight.core import bake, quadtree, resolve, solve, workers
 from leaflight.core.job import SNAPSHOT_FILE
+from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.scene import SceneSnapshot
 from leaflight.core.settings import Settings
 
@@ -109,7 +110,7 @@ class Bake:
     @cached_property
     def blended(self) -> np.ndarray:
         """(n, 3) irradiance, W/m^2: as Leaflight writes it, without edges between leaves."""
-        at_texels = resolve.light_at_texels(self.light, self.stage.texels, self.stage.page)
+        at_texels = resolve.light_at_texels(self.light, self.stage.blender)
         return np.asarray(at_texels.direct + at_texels.indirect, np.float64)
 
     def show_stable(self, stability: int) -> np.ndarray:
@@ -147,13 +148,14 @@ class Stage:
         self.contact = bake._find_contacts(self.tracing, self.texels)
         self._bakes = 0
         self.page = self.atlas.chart_page[self.texels.texel_chart]
+        self.blender = LeafBlender.of(self.texels, self.page)
 
     def bake(self, photons: int, **knobs: object) -> Bake:
         """A bake with so many photons; `knobs` are fields of Settings."""
         settings = dataclasses.replace(self.settings, max_photons=int(photons), **knobs)
         n_texel = len(self.texels.texel_area)
         forced = self.contact if settings.contact else np.zeros(n_texel, bool)
-        solver = solve.Solver(self._open_folder(), settings, self.executor, solve.DirectField.none(n_texel), forced)
+        solver = solve.Solver(self._open_folder(), settings, self.executor, solve.DirectField.none(n_texel), forced, self.blender)
         return Bake(self, solver.run(lambda message: None, lambda: False))
 
     def _open_folder(self) -> Path:

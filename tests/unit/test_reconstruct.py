@@ -17,7 +17,7 @@ def blend(bake):
     n = len(bake.keys)
     leaves = np.flatnonzero(bake.tree.current)
     owner = quadtree.node_of_texel(bake.tree, leaves, n)
-    values = reconstruct.blend_leaves(bake.tree, bake.solution(), owner, bake.texels, np.zeros(n, np.int32))
+    values = reconstruct.LeafBlender.of(bake.texels, np.zeros(n, np.int32)).blend(bake.tree, bake.solution(), owner)
     image = np.empty((bake.side, bake.side))
     image[bake.texels.texel_xy[:, 1], bake.texels.texel_xy[:, 0]] = values.irradiance.sum(0)[0]
     plain = np.empty_like(image)
@@ -84,7 +84,28 @@ def test_stated_variance_is_that_of_repeated_blends():
         rng = np.random.default_rng(seed)
         bake.throw(*rng.random((2, rng.poisson(2000))), emitted=2000)  # most of a bake's photons land elsewhere
         owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), 256)
-        light = reconstruct.blend_leaves(bake.tree, bake.solution(), owner, bake.texels, np.zeros(256, np.int32))
+        light = reconstruct.LeafBlender.of(bake.texels, np.zeros(256, np.int32)).blend(bake.tree, bake.solution(), owner)
         values.append(light.irradiance.sum(0)[0])
         stated.append(light.variance[0])
     assert np.var(values, axis=0).mean() == pytest.approx(np.mean(stated), rel=0.3)
+
+
+def test_some_texels_blend_as_all_do():
+    bake = quartered(step)
+    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), len(bake.keys))
+    blender = reconstruct.LeafBlender.of(bake.texels, np.zeros(len(bake.keys), np.int32))
+    every, some = (blender.blend(bake.tree, bake.solution(), owner, entry) for entry in (None, np.arange(3, 900, 7)))
+    np.testing.assert_array_equal(some.irradiance, every.irradiance[..., 3:900:7])
+    np.testing.assert_array_equal(some.variance, every.variance[:, 3:900:7])
+
+
+def test_the_mean_of_the_halves_is_the_whole():
+    bake = SquareBake(side=32, degree=1, preview_depth=1, level=1)
+    rng = np.random.default_rng(2)
+    for half in (0, 1):
+        bake.throw(*ramp(rng, 20_000), half)
+    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), len(bake.keys))
+    blender = reconstruct.LeafBlender.of(bake.texels, np.zeros(len(bake.keys), np.int32))
+    whole, halves = (blender.blend(bake.tree, bake.solution(), owner, halves=halves).irradiance for halves in (False, True))
+    np.testing.assert_allclose(halves.mean(0), whole.sum(0), rtol=1e-9)
+    assert np.abs(halves[0] - halves[1]).max() > 0.01

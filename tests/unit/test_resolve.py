@@ -8,6 +8,7 @@ from boxes import lamp_scene, make_solver
 from leaflight.core import charts, resolve, solve
 from leaflight.core.direct_field import DirectField
 from leaflight.core.materials import SurfaceMaterials
+from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.scene import Material, TextureImage
 from leaflight.core.settings import PASSES, Settings
 from leaflight.core.texels import build_texel_map
@@ -130,8 +131,8 @@ def light_field(bake, leaves, correction=1.0):
 
 
 def light_of(field, texels):
-    """Light at texels that are all on one page."""
-    return resolve.light_at_texels(field, texels, np.zeros(len(texels.texel_area), np.int32))
+    """Light at texels that are all on one page, grain and all."""
+    return resolve.light_at_texels(field, LeafBlender.of(texels, np.zeros(len(texels.texel_area), np.int32)), smooth_grain=False)
 
 
 @pytest.mark.parametrize("level", [0, 2])
@@ -141,7 +142,7 @@ def test_texels_show_the_function_of_their_leaf(level):
     rng = np.random.default_rng(2)
     bake.throw(np.sqrt(rng.random(2_000_000)), rng.random(2_000_000))
     field = light_field(bake, np.flatnonzero(bake.tree.current))
-    light = resolve.light_at_texels(field, bake.texels, np.zeros(len(bake.keys), np.int32))
+    light = light_of(field, bake.texels)
     x = bake.texels.texel_xy[:, 0]
     assert light.direct[:, 0] - field.direct.irradiance[:, 0] == pytest.approx(2 * (x + 0.5) / 16, abs=0.03)
     assert not light.indirect.any()
@@ -165,7 +166,7 @@ def test_no_light_is_negative_where_a_fitted_plane_dips_below_zero():
     nodes = np.flatnonzero(bake.tree.current)
     assert bake.values(nodes, np.array([0.95]), np.array([0.5]))[0] < -0.5
     field = replace(light_field(bake, nodes), direct=DirectField.none(len(bake.keys)))
-    light = resolve.light_at_texels(field, bake.texels, np.zeros(len(bake.keys), np.int32))
+    light = light_of(field, bake.texels)
     assert light.direct.min() == 0
     assert light.direct.max() > 1
 
@@ -175,8 +176,7 @@ def test_no_light_is_negative_where_a_fitted_plane_dips_below_zero():
 def test_whole_bakes_hold_no_negative_and_no_odd_numbers(tmp_path, direct, basis):
     settings = Settings(size=32, padding=1, direct=direct, basis=basis, max_photons=20_000, error=1e-4)
     solver = make_solver(tmp_path, lamp_scene(), settings)
-    texels = solver.tracing.texels
-    light = resolve.light_at_texels(solver.run(lambda message: None, lambda: False), texels, np.zeros(len(texels.texel_area), np.int32))
+    light = resolve.light_at_texels(solver.run(lambda message: None, lambda: False), solver.blender)
     for values in (light.direct, light.indirect, light.stderr):
         assert np.isfinite(values).all()
         assert values.min() >= 0

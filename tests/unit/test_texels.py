@@ -221,8 +221,8 @@ def test_representative_points_lie_inside(mirrored: bool) -> None:
     assert (np.abs(np.stack([x, y], axis=1) - texels.texel_xy - 0.5) <= 0.5 + 1e-5).all()
 
 
-def test_sub_points_are_uniform_over_the_covered_part() -> None:
-    """With many points their mean is the centroid that the moments give, for every texel."""
+def test_sub_points_are_uniform_over_what_a_texel_looks_at() -> None:
+    """Many points against a fine grid: the inner square where the centre is covered, all that is covered elsewhere."""
     rng = np.random.default_rng(6)
     uv = fan(rng, 7, 6.0)
     texels = make_map(uv, position=rng.normal(size=(7, 3, 3)))
@@ -230,12 +230,39 @@ def test_sub_points_are_uniform_over_the_covered_part() -> None:
     lattice = (np.arange(2500)[:, None, None] + 0.5) * [1 / 2500, 0.6180339887498949] % 1.0
     tri, weight = texels.sub_points(np.arange(n), lattice)
     x, y = texels.hit_texel_xy(tri.ravel(), weight[..., 0].ravel(), weight[..., 1].ravel())
-    centre = texels.texel_xy + 0.5
-    local = np.stack([x, y], axis=1).reshape(2500, n, 2) - centre
-    assert (np.abs(local) <= 0.5 + 1e-4).all()
-    moments = texels.range_moments(np.arange(n), np.arange(n) + 1, centre, np.ones(n), 2)
-    np.testing.assert_allclose(local.mean(axis=0), moments[:, 1:3] / moments[:, :1], atol=1e-3)
-    np.testing.assert_allclose((local**2).mean(axis=0), moments[:, [3, 5]] / moments[:, :1], atol=1e-3)
+    local = np.stack([x, y], axis=1).reshape(2500, n, 2) - (texels.texel_xy + 0.5)
+    line = (np.arange(-100, 100) + 0.5) / 200
+    grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    central = 0
+    for entry in range(n):
+        density = density_at(texels, uv, texels.texel_xy[entry] + 0.5 + grid)
+        if density_at(texels, uv, texels.texel_xy[[entry]] + 0.5)[0] > 0:
+            density *= (np.abs(grid) < 0.25).all(axis=1)
+            central += 1
+        np.testing.assert_allclose(local[:, entry].mean(axis=0), np.average(grid, axis=0, weights=density), atol=0.01)
+        np.testing.assert_allclose((local[:, entry] ** 2).mean(axis=0), np.average(grid**2, axis=0, weights=density), atol=0.01)
+    assert 0 < central < n
+
+
+def density_at(texels: TexelMap, uv: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """(m,) world area per texel^2 at points (m, 2), 0 outside of the triangles."""
+    density = np.zeros(len(point))
+    for tri, (a, b, c) in enumerate(uv):
+        u, v = np.linalg.solve(np.stack([b - a, c - a], axis=1), (point - a).T)
+        density[(u > 0) & (v > 0) & (u + v < 1)] = texels.tri_density[tri]
+    return density
+
+
+def test_a_texel_is_read_at_its_centre_where_that_is_covered() -> None:
+    uv = fan(np.random.default_rng(5), 7, 12.0)
+    texels = make_map(uv, size=12)
+    x, y = texels.hit_texel_xy(texels.texel_tri, texels.texel_bary[:, 1].astype(float), texels.texel_bary[:, 2].astype(float))
+    central = density_at(texels, uv, texels.texel_xy + 0.5) > 0
+    away = np.abs(np.stack([x, y], axis=1) - texels.texel_xy - 0.5).max(axis=1)
+    assert away[central].max() < 1e-5
+    assert away[~central].min() > 1e-3
+    assert central.any()
+    assert not central.all()
 
 
 def test_sub_points_of_any_entries() -> None:

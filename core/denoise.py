@@ -1,0 +1,102 @@
+"""Light at texels, averaged over like neighbours: a non-local mean that knows each texel's standard error.
+
+Two texels are alike when the patches around them differ by no more than their noise. Along an edge of light the
+neighbours on the same side are alike, which no square leaf of the tree can say; a gradient's are, until they are not.
+Only texels of one chart are compared, and only where leaves are smaller than the window: within a leaf neighbours err together.
+
+Source: Rousselle, Knaus & Zwicker 2012, "Adaptive rendering with non-local means filtering", eq. 2-4.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .texel_map import TexelMap
+
+RADIUS = 4  # texels, of the window
+SMALL_LEAF = 4  # side, texels, up to which a leaf's noise is seen as grain
+_PATCH = 1  # texels, radius of the patches compared
+_VARIANCE_RADIUS = 2  # texels; a texel that saw no photon by chance has no variance of its own
+_STRICTNESS = 1.0  # standard errors of a difference that count as alike; measured: 0.45 leaves a tenth more error
+_HALO = RADIUS + _PATCH
+_TILE = 64
+_LEAST_DOUBT2 = np.float32(1e-6)  # squared, relative to the texel and to the mean: keeps a quotient of exact values finite
+_UNLIKE = np.float32(1e4)  # a distance beyond any weight
+_BRIGHTEST = np.float32(1e12)  # over the mean: its square is still finite
+_DARKEST = 1e-30  # W/m^2
+
+_Image = NDArray[np.float32]
+
+
+def denoise(
+    light: NDArray[np.float32], variance: NDArray[np.float32], grainy: NDArray[np.bool_], texels: TexelMap, page: NDArray[np.int32]
+) -> NDArray[np.float32]:
+    """The light with its grain smoothed, where a tile of the page has any.
+
+    light      (k, 3, n) float32: parts of the light at the texel entries; their sum decides who is alike
+    variance   (3, n) float32, of the sum
+    grainy     (n,) bool: texels whose neighbours err by themselves
+    page       (n,) int32, of each entry
+    out        (k, 3, n) float32
+    """
+    out = light.copy()
+    scale = np.float32(1 / max(float(light.sum(axis=0).mean(dtype=np.float64)), _DARKEST))  # squares of tiny and huge light stay finite
+    side = -(-texels.page_size // _TILE) * _TILE
+    for number in range(texels.page_count):
+        entries = np.flatnonzero(page == number)
+        entry_at = np.full((side + 2 * _HALO, side + 2 * _HALO), -1, np.int32)
+        entry_at[texels.texel_xy[entries, 1] + _HALO, texels.texel_xy[entries, 0] + _HALO] = entries
+        for row, column in product(range(0, side, _TILE), repeat=2):
+            entry = entry_at[row : row + _TILE + 2 * _HALO, column : column + _TILE + 2 * _HALO]
+            inner = entry[_HALO:-_HALO, _HALO:-_HALO]
+            covered = inner >= 0
+            if grainy[inner[covered]].any():
+                chart = np.where(entry >= 0, texels.texel_chart[entry], -1)
+                noise = np.where(entry >= 0, (variance[:, entry] * scale * scale).sum(axis=0), 0)
+                smooth = _average_alike(light[..., entry] * scale, noise, chart)
+                out[..., inner[covered]] = smooth[..., covered] / scale
+    return out
+
+
+def _average_alike(light: _Image, variance: _Image, chart: NDArray[np.int32]) -> _Image:
+    """light (k, 3, h, w), variance (h, w), chart (h, w), -1 outside of charts; out without the halo."""
+    total = np.minimum(light.sum(axis=0), _BRIGHTEST)
+    inside = (chart >= 0).astype(np.float32)
+    variance = _box_sum(variance * inside, _VARIANCE_RADIUS) / np.maximum(_box_sum(inside, _VARIANCE_RADIUS), 1)
+    floor = _LEAST_DOUBT2 * ((total * total).sum(axis=0) + 1)
+    middle = _window(0, 0, _PATCH)
+    here, own, own_chart = total[..., *middle], variance[middle], chart[middle]
+    mean = np.zeros_like(light[..., *_window(0, 0, 0)])
+    weight = np.zeros(mean.shape[2:], np.float32)
+    for dy, dx in product(range(-RADIUS, RADIUS + 1), repeat=2):
+        there = _window(dy, dx, _PATCH)
+        same = (own_chart == chart[there]) & (own_chart >= 0)
+        other = variance[there]
+        distance = ((here - total[..., *there]) ** 2).sum(axis=0)
+        distance -= own + np.minimum(own, other)
+        distance /= np.float32(_STRICTNESS**2) * (own + other) + floor[middle]
+        distance = np.where(same, np.minimum(distance, _UNLIKE), 0)
+        patch = _box_sum(distance, _PATCH)[_PATCH:-_PATCH, _PATCH:-_PATCH]
+        patch /= np.maximum(_box_sum(same.astype(np.float32), _PATCH)[_PATCH:-_PATCH, _PATCH:-_PATCH], 1)
+        alike = np.exp(-np.maximum(patch, 0)) * same[_PATCH:-_PATCH, _PATCH:-_PATCH]
+        mean += alike * light[..., *_window(dy, dx, 0)]
+        weight += alike
+    out: _Image = mean / np.maximum(weight, np.finfo(np.float32).tiny)
+    return out
+
+
+def _window(dy: int, dx: int, grow: int) -> tuple[slice, slice]:
+    """The part of an image with its halo that lies (dy, dx) from the part without, larger by `grow` on each side."""
+    y, x = (slice(_HALO - grow + step, step + grow - _HALO or None) for step in (dy, dx))
+    return y, x
+
+
+def _box_sum(image: _Image, radius: int) -> _Image:
+    """Sums over squares of side 2 * radius + 1; beyond the image there is nothing."""
+    padded = np.pad(image, radius)
+    rows: _Image = sum(padded[i : i + image.shape[0]] for i in range(2 * radius + 1))  # type: ignore[assignment]
+    out: _Image = sum(rows[:, i : i + image.shape[1]] for i in range(2 * radius + 1))  # type: ignore[assignment]
+    return out

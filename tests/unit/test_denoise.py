@@ -1,0 +1,101 @@
+"""Grain is averaged over like neighbours, and nothing else is."""
+
+import numpy as np
+import pytest
+from leaflight.core import denoise
+from trees import make_square_map
+
+SIDE = 48
+SIGMA = 0.1
+
+
+@pytest.fixture(scope="module")
+def texels():
+    return make_square_map(SIDE, 1)
+
+
+def smooth(texels, truth, sigma=SIGMA, grainy=True, seed=1, scale=1.0):
+    """Images (h, w) of noisy light and of what denoise makes of it; truth is a function of the texel's x and y."""
+    x, y = texels.texel_xy.T
+    noisy = truth(x, y) + sigma * np.random.default_rng(seed).standard_normal((3, len(x)))
+    light = np.float32([0.75 * noisy, 0.25 * noisy]) * np.float32(scale)
+    variance = np.full((3, len(x)), (sigma * scale) ** 2, np.float32)
+    page = np.zeros(len(x), np.int32)
+    out = denoise.denoise(light, variance, np.full(len(x), grainy), texels, page)
+    assert out[0] == pytest.approx(3 * out[1], rel=1e-4)  # parts are averaged alike
+    return tuple(image_of(texels, one.sum(0)[0] / scale) for one in (light, out))
+
+
+def image_of(texels, values):
+    image = np.empty((SIDE, SIDE))
+    image[texels.texel_xy[:, 1], texels.texel_xy[:, 0]] = values
+    return image
+
+
+def even(x, y):
+    return np.ones(len(x))
+
+
+def edge(x, y):
+    return np.where(x < SIDE // 2, 1.0, 3.0)
+
+
+def ramp(x, y):
+    return 1.0 + x / SIDE
+
+
+@pytest.mark.parametrize(("truth", "gain"), [(even, 4.0), (edge, 3.5), (ramp, 3.0)])
+def test_noise_falls(texels, truth, gain):
+    noisy, found = smooth(texels, truth)
+    expected = image_of(texels, truth(*texels.texel_xy.T))
+    assert np.sqrt(((found - expected) ** 2).mean()) < np.sqrt(((noisy - expected) ** 2).mean()) / gain
+
+
+def test_an_edge_stays_where_it_is(texels):
+    _, found = smooth(texels, edge)
+    middle = SIDE // 2
+    four_sigmas = 4 * SIGMA / np.sqrt(SIDE)  # of a column's mean: the texels along an edge are like each other alone
+    assert found[:, middle - 1].mean() == pytest.approx(1.0, abs=four_sigmas)
+    assert found[:, middle].mean() == pytest.approx(3.0, abs=four_sigmas)
+
+
+def test_a_mean_is_kept(texels):
+    noisy, found = smooth(texels, ramp)
+    assert found.mean() == pytest.approx(noisy.mean(), abs=4 * SIGMA / SIDE)
+
+
+def test_light_without_noise_is_left_as_it_is(texels):
+    noisy, found = smooth(texels, lambda x, y: 1.0 + 0.5 * np.sin(x * y), sigma=0.0)
+    assert found == pytest.approx(noisy, rel=1e-4)
+
+
+def test_nothing_is_touched_where_there_is_no_grain(texels):
+    noisy, found = smooth(texels, even, grainy=False)
+    assert (found == noisy).all()
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1e12])
+def test_tiny_and_huge_light_is_smoothed_alike(texels, scale):
+    assert smooth(texels, edge, scale=scale)[1] == pytest.approx(smooth(texels, edge)[1], rel=1e-3)
+
+
+def test_darkness_stays_dark(texels):
+    assert not smooth(texels, lambda x, y: np.zeros(len(x)), sigma=0.0)[1].any()
+
+
+def test_a_flash_beyond_all_others_stays_finite(texels):
+    def flash(x, y):
+        return np.where((x == 7) & (y == 9), 1e25, 1.0)
+
+    found = smooth(texels, flash)[1]
+    assert np.isfinite(found).all()
+    assert np.delete(found.ravel(), 9 * SIDE + 7).max() < 2.0
+
+
+def test_charts_do_not_mix(texels, monkeypatch):
+    """Two halves of the page that are charts of their own, and differ by less than their noise."""
+    x = texels.texel_xy[:, 0]
+    monkeypatch.setitem(texels.__dict__, "texel_chart", (x >= SIDE // 2).astype(np.int32))
+    light = np.zeros((1, 3, len(x)), np.float32) + np.where(x < SIDE // 2, 1.0, 1.1).astype(np.float32)
+    found = denoise.denoise(light, np.ones((3, len(x)), np.float32), np.ones(len(x), bool), texels, np.zeros(len(x), np.int32))
+    np.testing.assert_allclose(found, light, rtol=1e-5)
