@@ -19,7 +19,7 @@ SAMPLED = [Point(2.0 + 0.1 * n, n**-0.5, 2.0 * n**-0.5, n) for n in (4, 16, 64)]
 def test_between_bakes_error_is_a_power_of_time():
     points = [Point(1.0, 0.4, 0.4, 1), Point(4.0, 0.2, 0.2, 4), Point(16.0, 0.1, 0.1, 16)]
     assert reach_error(points, 0.2) == Reach(pytest.approx(4.0))
-    assert reach_error(points[::-1], 0.2 / math.sqrt(2.0)) == Reach(pytest.approx(8.0))
+    assert reach_error(points[::-1], 0.2 / 2.0**0.25) == Reach(pytest.approx(4.0 * 2.0**0.5))
 
 
 def test_the_quickest_bake_may_be_good_enough():
