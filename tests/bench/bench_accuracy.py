@@ -1,6 +1,6 @@
 """The samples against Cycles, texel by texel: is there a bias, how small does the error get, is the stated error true?
 
-python tests/bench/bench_accuracy.py [NAME ...] [--maps DIR]     about ten minutes on two cores; needs pip's bpy for the export
+python tests/bench/bench_accuracy.py [NAME ...] [--docs] [--maps DIR]     about ten minutes on two cores; needs pip's bpy for the export
 
 Exits with 1 when a claim fails.
 """
@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from bench_paper import DOCS, put_tables
 from cycles_reference import SAMPLE_COUNTS, Reference
 from export_samples import export_samples
 from image_io_path import add_image_io
@@ -147,6 +148,7 @@ def draw_map(one: Measured, reference: Reference, path: Path) -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help="samples, without them all")
+    parser.add_argument("--docs", action="store_true", help="write the tables into docs/cycles.md")
     parser.add_argument("--maps", type=Path, help="draw maps of the error at the finest settings into this folder")
     arguments = parser.parse_args()
     names = arguments.names or sorted(SAMPLE_COUNTS)
@@ -166,7 +168,11 @@ def main() -> int:
                     arguments.maps.mkdir(parents=True, exist_ok=True)
                     draw_map(one, reference, arguments.maps / f"{name}.png")
     claims = judge(measured)
-    print(Table(HEAD, [one.row() for one in measured]), table_claims(claims), sep="\n\n")
+    tables = {"errors": Table(HEAD, [one.row() for one in measured]), "claims": table_claims(claims)}
+    print(*tables.values(), sep="\n\n")
+    if arguments.docs:
+        page = DOCS / "cycles.md"
+        page.write_text(put_tables(page.read_text(encoding="utf-8"), tables), encoding="utf-8")
     return int(not all(claim.holds for claim in claims))
 
 
