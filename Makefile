@@ -11,7 +11,7 @@ endif
 VENV := .venv-$(PYTHON_VERSION)
 RUN := $(VENV)/bin/python
 
-.PHONY: help bake test pytest bench pictures lint zip clean
+.PHONY: help bake test pytest bench bench-speed pictures lint zip clean
 .DELETE_ON_ERROR:
 
 help:
@@ -19,6 +19,7 @@ help:
 	@echo "make test    lint and the everyday tests"
 	@echo "make pytest  the everyday tests alone"
 	@echo "make bench   the slow tests and the benchmarks, minutes each"
+	@echo "make bench-speed  Leaflight beside Cycles on an idle machine, hours; fills docs/speed.md"
 	@echo "make pictures  bake all samples and draw them into docs/samples"
 	@echo "make lint    ruff check, ruff format --check, mypy --strict"
 	@echo "make zip     the extension's zips in dist/, one per platform   (WHEELS_DIR=folder: also one with the wheels in it)"
@@ -36,7 +37,10 @@ pytest: $(VENV)/.ready
 
 bench: $(VENV)/.ready-bench
 	$(RUN) -m pytest -m slow
-	set -e; for script in $(wildcard tests/bench/bench_*.py); do echo "== $$script"; PYTHONPATH=tests $(RUN) $$script; done
+	set -e; for script in $(filter-out %/bench_speed.py,$(wildcard tests/bench/bench_*.py)); do echo "== $$script"; PYTHONPATH=tests $(RUN) $$script; done
+
+bench-speed: $(VENV)/.ready-bench
+	PYTHONPATH=tests $(RUN) tests/bench/bench_speed.py --docs
 
 pictures: $(VENV)/.ready
 	$(RUN) tests/bench/draw_samples.py

@@ -19,7 +19,7 @@ class LocalMesh:
     corner_vertex   (n_corner,) int32
     polygon_start   (n_polygon,) int32   first corner
     polygon_slot    (n_polygon,) int32   material slot
-    corner_normal   (n_corner, 3) float64
+    corner_normal   (n_corner, 3) float64, 0 on flat faces: each triangle of a bent one has its own, as in Cycles
     tri_corner      (n_tri, 3) int32, consecutive for each polygon
     tri_polygon     (n_tri,) int32
     layers          UV layers by name, (n_corner, 2) float64 each
@@ -75,12 +75,20 @@ def read_mesh(mesh: Any) -> LocalMesh:
         corner_vertex=_get(mesh.loops, "vertex_index", (n_corner,), np.int32),
         polygon_start=_get(mesh.polygons, "loop_start", (n_polygon,), np.int32),
         polygon_slot=_get(mesh.polygons, "material_index", (n_polygon,), np.int32),
-        corner_normal=_get(mesh.corner_normals, "vector", (n_corner, 3), np.float32).astype(np.float64),
+        corner_normal=_read_corner_normals(mesh, n_corner, n_polygon),
         tri_corner=_get(mesh.loop_triangles, "loops", (n_tri, 3), np.int32),
         tri_polygon=_get(mesh.loop_triangles, "polygon_index", (n_tri,), np.int32),
         layers={layer.name: _get(layer.uv, "vector", (n_corner, 2), np.float32).astype(np.float64) for layer in mesh.uv_layers},
         render_layer=render_layer,
     )
+
+
+def _read_corner_normals(mesh: Any, n_corner: int, n_polygon: int) -> NDArray[np.float64]:
+    normal = _get(mesh.corner_normals, "vector", (n_corner, 3), np.float32).astype(np.float64)
+    if not mesh.has_custom_normals:
+        smooth = _get(mesh.polygons, "use_smooth", (n_polygon,), np.bool_)
+        normal[np.repeat(~smooth, _get(mesh.polygons, "loop_total", (n_polygon,), np.int32))] = 0.0
+    return normal
 
 
 def has_corners_of(mesh: Any, local: LocalMesh) -> bool:

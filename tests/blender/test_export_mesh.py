@@ -81,6 +81,17 @@ def test_normals_under_a_sheared_mirror_are_cycles():
     assert world.tri_normal == pytest.approx(np.repeat(expected[:, None], 3, axis=1), abs=1e-6)
 
 
+@pytest.mark.parametrize("scale_x", [1.0, -1.0])
+def test_triangles_of_a_bent_flat_quad_have_normals_of_their_own(scale_x):
+    """Blender shows the quad's mean normal at its corners; Cycles shades each triangle of it by itself."""
+    mesh = bpy.data.meshes.new("Bent")
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0.5), (1, 1, 0), (0, 1, 0.8)], [], [(0, 1, 2, 3)])
+    mesh.polygons.foreach_set("use_smooth", [False])
+    world = place_mesh(read_mesh(mesh), np.diag([scale_x, 1.0, 1.0, 1.0]))
+    assert world.tri_normal == pytest.approx(np.repeat(face_normals(world)[:, None], 3, axis=1), abs=1e-6)
+    assert abs(world.tri_normal[0, 0] - world.tri_normal[1, 0]).max() > 0.5
+
+
 def test_smooth_normals_are_the_corners():
     mesh = make_cube()
     mesh.polygons.foreach_set("use_smooth", [True] * 6)

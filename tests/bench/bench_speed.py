@@ -1,0 +1,302 @@
+"""Seconds against error: Leaflight beside Cycles' bake, and Cycles with OIDN's filter, on the same UV layer and machine; see docs/speed.md.
+
+python tests/bench/bench_speed.py [--docs] [--quick] [--cache DIR]     hours, with nothing else running; needs the extra `bench`
+
+References of other sizes than the committed ones are made once and kept in the cache folder. --quick is for checking this script alone: its
+figures say nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import datetime
+import hashlib
+import json
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import speed_probes
+import speed_rivals
+from bench_paper import put_tables
+from cycles_reference import REFERENCES, ROOT, SAMPLE_COUNTS, Reference
+from export_samples import export_samples
+from image_io_path import add_image_io
+from leaflight.core.snapshot import load_snapshot
+from paper_tables import Table
+from speed_curves import Point, Reach, geometric_mean, ratio_text, reach_error
+
+DOCS = ROOT / "docs"
+HISTORY = DOCS / "speed" / "history.jsonl"
+COMMITTED_SIZE = 256
+OURS, PHOTONS, CYCLES, OIDN = "Leaflight", "Leaflight, photons only", "Cycles", "Cycles + OIDN"
+MEASURED_ERRORS = (0.10, 0.05, 0.02)
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is run.
+
+    errors     that Leaflight is asked for, ascending in time
+    samples    that Cycles is asked for, until one bake would take longer than `budget_s`
+    """
+
+    scenes: tuple[str, ...] = ("cornell_box", "furnished_room", "instances", "two_rooms")
+    sizes: tuple[int, ...] = (256, 1024)
+    errors: tuple[float, ...] = (0.3, 0.15, 0.08, 0.05, 0.03, 0.02, 0.012, 0.008)
+    photon_errors: tuple[float, ...] = (0.3, 0.15, 0.08, 0.05, 0.03)
+    samples: tuple[int, ...] = (4, 16, 64, 256, 1024)
+    budget_s: float = 300.0
+    reference_samples: int = 0  # 0: as many as the noise asks for
+    probes: speed_probes.Sizes = dataclasses.field(default_factory=speed_probes.Sizes)
+
+
+QUICK = Effort(("cornell_box", "instances"), (256, 64), (0.3, 0.1), (0.3,), (1, 2), 2.0, 8, speed_probes.QUICK)
+Curves = dict[str, list[Point]]
+
+
+@dataclass(frozen=True)
+class Target:
+    """One row of what speed must be.
+
+    figure   nan where it could not be measured
+    """
+
+    text: str
+    figure: float
+    bound: str
+    holds: bool
+
+    @classmethod
+    def at_least(cls, text: str, figure: float, bound: float) -> Target:
+        return cls(text, figure, f">= {bound:g}", figure >= bound)
+
+    @classmethod
+    def at_most(cls, text: str, figure: float, bound: float) -> Target:
+        return cls(text, figure, f"<= {bound:g}", figure <= bound)
+
+
+# -- curves --
+
+
+def find_reference(name: str, size: int, cache: Path, samples: int) -> Reference:
+    """The committed reference, or that of the cache, made where there is none."""
+    if size == COMMITTED_SIZE:
+        return Reference.load(name, size, REFERENCES)
+    folder = cache / f"{samples or 'full'}"
+    if not (folder / f"{name}_{size}.npz").exists():
+        # More texels average the reference's noise, which cancels: as many samples in all are enough.
+        count = samples or max(SAMPLE_COUNTS[name] * COMMITTED_SIZE // size, 64)
+        command = [sys.executable, str(Path(__file__).with_name("cycles_reference.py")), name, "--size", str(size), "--samples", str(count)]
+        subprocess.run([*command, "--folder", str(folder)], check=True, stdout=subprocess.DEVNULL)
+    return Reference.load(name, size, folder)
+
+
+def trace_curves(name: str, size: int, reference: Reference, effort: Effort) -> Curves:
+    """Every way of baking the scene at that size, as points of time and error."""
+    bakes, tri_uv = speed_rivals.bake_rival(name, size, effort.budget_s, effort.samples)
+    curves: Curves = {CYCLES: [speed_rivals.measure_point(reference, one.page, tri_uv, one.seconds, one.samples) for one in bakes]}
+    denoised = [speed_rivals.denoise(one) for one in bakes]
+    curves[OIDN] = [speed_rivals.measure_point(reference, one.page, tri_uv, one.seconds, one.samples) for one in denoised]
+    for label, errors, options in ((OURS, effort.errors, []), (PHOTONS, effort.photon_errors, ["--direct", "photons"])):
+        curves[label] = []
+        for error in errors:
+            page, report = speed_rivals.bake_leaflight(name, size, ["--error", str(error), "--max-photons", "1000000000", *options])
+            curves[label].append(speed_rivals.measure_point(reference, page, tri_uv, report["seconds"]["loaded"], error))
+            if report["seconds"]["loaded"] > effort.budget_s:
+                break
+    return curves
+
+
+def reach_all(curves: Curves, error: float, measure: str = "rel") -> dict[str, Reach | None]:
+    """When each way comes to the error; Cycles' times are extrapolated where it was not run for so long."""
+    return {label: reach_error(points, error, measure, extrapolate=label == CYCLES) for label, points in curves.items()}
+
+
+def table_times(curves: dict[tuple[str, int], Curves]) -> Table:
+    """Seconds to 10, 5 and 2 % `rel`, and their ratios."""
+    rows = []
+    for (name, size), of_scene in curves.items():
+        for error in MEASURED_ERRORS:
+            reach = reach_all(of_scene, error)
+            times = [str(reach[label]) if reach[label] else "never" for label in (OURS, PHOTONS, CYCLES, OIDN)]
+            ratios = [ratio_text(reach[label], reach[OURS]) for label in (CYCLES, OIDN)]
+            rows.append([f"{name} {size}²", f"{error:.0%}", *times, *ratios])
+    return Table(("scene", "rel", OURS, PHOTONS, CYCLES, OIDN, f"{CYCLES} / {OURS}", f"{OIDN} / {OURS}"), rows)
+
+
+def table_points(curves: dict[tuple[str, int], Curves]) -> Table:
+    """Every bake that was run."""
+    rows = [
+        [f"{name} {size}²", label, f"{point.asked:g}", f"{point.seconds:.2f}", f"{point.rel:.2%}", f"{point.nrmse:.2%}"]
+        for (name, size), of_scene in curves.items()
+        for label, points in of_scene.items()
+        for point in points
+    ]
+    return Table(("scene", "by", "samples or error", "seconds", "rel", "nrmse"), rows)
+
+
+def draw_curves(curves: Curves, title: str, path: Path) -> None:
+    """Error over time, both by powers of ten: full lines rel, dotted lines nrmse."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(6.4, 4.8))
+    for (label, points), color in zip(curves.items(), ("#777777", "#d08020", "#1060c0", "#60a0e0"), strict=True):
+        points = sorted(points, key=lambda point: point.seconds)
+        seconds = [point.seconds for point in points]
+        axes.loglog(seconds, [100 * point.rel for point in points], "o-", color=color, label=label)
+        axes.loglog(seconds, [100 * point.nrmse for point in points], ":", color=color)
+    axes.set_xlabel("seconds")
+    axes.set_ylabel("error, % (full: rel, dotted: nrmse)")
+    axes.set_title(title)
+    axes.grid(True, which="both", alpha=0.25)
+    axes.legend()
+    figure.tight_layout()
+    figure.savefig(path, dpi=80)
+    pyplot.close(figure)
+
+
+# -- targets --
+
+
+def judge_curves(curves: dict[tuple[str, int], Curves]) -> list[Target]:
+    """The targets that compare times to an error."""
+    targets = []
+    for error, mean, least in ((0.05, 30.0, 1.0), (0.02, 50.0, 3.0)):
+        ratios = ratios_to(curves, CYCLES, error)
+        text = f"time to {error:.0%} rel, {CYCLES} / {OURS}"
+        targets.append(Target.at_least(f"{text}, geometric mean", geometric_mean(ratios), mean))
+        targets.append(Target.at_least(f"{text}, least", min(ratios), least))
+    ratios = [ratio for error in (0.05, 0.02) for ratio in ratios_to(curves, OIDN, error) if ratio < float("inf")]
+    text = f"time to 5 % and 2 % rel, {OIDN} / {OURS}, where both come to it"
+    targets.append(Target.at_least(f"{text}, geometric mean", geometric_mean(ratios), 5.0))
+    targets.append(Target.at_least(f"{text}, least", min(ratios, default=float("nan")), 1.0))
+    cornell = curves.get(("cornell_box", COMMITTED_SIZE), {})
+    ours = reach_error(cornell.get(OURS, []), 0.02, "nrmse")
+    sixteen = [point.seconds for point in cornell.get(CYCLES, []) if point.asked == 16]
+    ratio = ours.seconds / sixteen[0] if ours and sixteen else float("nan")
+    targets.append(Target.at_most("cornell_box 256² to 2 % nrmse / Cycles' 16 samples", ratio, 1.0))
+    return targets
+
+
+def ratios_to(curves: dict[tuple[str, int], Curves], rival: str, error: float) -> list[float]:
+    """The rival's time over ours for each scene and size; 0 where we never come to the error, infinite where only the rival does not."""
+    ratios = []
+    for of_scene in curves.values():
+        reach = reach_all(of_scene, error)
+        ours, theirs = reach[OURS], reach[rival]
+        ratios.append(0.0 if ours is None else theirs.seconds / ours.seconds if theirs else float("inf"))
+    return ratios
+
+
+def run_probes(folder: Path, sizes: speed_probes.Sizes) -> list[Target]:
+    """The targets that are about Leaflight alone; each is printed as it is measured."""
+    export_samples(folder, "cornell_box", "furnished_room")
+    box, room = (load_snapshot(folder / f"{name}.npz") for name in ("cornell_box", "furnished_room"))
+    targets: list[Target] = []
+
+    def tell(*new: Target) -> None:
+        targets.extend(new)
+        for one in new:
+            print(f"{one.text}: {one.figure:.3g} ({one.bound})", file=sys.stderr, flush=True)
+
+    rates = speed_probes.wavefront_share(folder / "rays", room, sizes)
+    text = f"wavefront {rates['wavefront_per_s'] / 1e6:.2f} M rays/s / embreex {rates['embreex_per_s'] / 1e6:.2f} M rays/s, one core"
+    tell(Target.at_least(text, rates["share"], 0.4))
+    tell(Target.at_least("photons a second, 2 workers / 1 worker", speed_probes.worker_gain(folder / "workers", room, sizes), 1.8))
+    pages = speed_probes.page_growth(folder / "pages", box, sizes)
+    small, large = sizes.pages
+    tell(Target.at_most(f"{small}² -> {large}², the same 5 %, times", pages["ratio"], 8.0))
+    tell(Target.at_most(f"{large}², peak memory, GB", pages["peak_mb"] / 1e3, 4.0))
+    hills = speed_probes.triangle_growth(folder / "triangles", sizes)
+    few, many = sizes.triangles
+    tell(Target.at_most(f"{few:,} -> {many:,} triangles, tracing, times", hills["ratio"], 4.0))
+    tell(Target.at_most(f"{many:,} triangles, peak memory of a worker, GB", hills["worker_mb"] / 1e3, 4.0))
+    few, many = sizes.lights
+    tell(Target.at_most(f"{few:,} -> {many:,} lights, the same 5 %, times", speed_probes.light_growth(folder / "lights", sizes), 3.0))
+    tell(Target.at_most("start to first photon beyond importing bpy, s", speed_probes.start_seconds(sizes), 0.5))
+    tell(Target.at_most("re-bake of an unchanged scene after load, s", speed_probes.rebake_seconds(), 0.3))
+    return targets
+
+
+def table_targets(targets: Sequence[Target], before: dict[str, float]) -> Table:
+    """Each target with what the last run of the history had."""
+    rows = []
+    for target in targets:
+        earlier = next((figure for text, figure in before.items() if key_of(text) == key_of(target.text)), None)
+        figures = [f"{target.figure:.3g}", "" if earlier is None else f"{earlier:.3g}"]
+        rows.append([target.text, *figures, target.bound, "holds" if target.holds else "FAILS"])
+    return Table(("what", "measured", "before", "target", ""), rows)
+
+
+def key_of(text: str) -> str:
+    """A target's text without the figures that change from run to run."""
+    return "".join(letter for letter in text if not letter.isdigit() and letter != ".") if text.startswith("wavefront") else text
+
+
+# -- history --
+
+
+def read_history(path: Path) -> list[dict[str, Any]]:
+    """Every run that was kept, oldest first."""
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
+
+
+def append_history(path: Path, targets: Sequence[Target]) -> None:
+    """Date, version, a digest of the sources, and all figures."""
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    digest = hashlib.sha256()
+    for source in sorted([*ROOT.glob("core/*.py"), *ROOT.glob("addon/*.py")]):
+        digest.update(source.read_bytes())
+    figures = {target.text: round(target.figure, 4) if abs(target.figure) < float("inf") else None for target in targets}
+    line = {"date": datetime.date.today().isoformat(), "version": version, "sources": digest.hexdigest()[:12], "figures": figures}
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(line) + "\n")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "--docs", action="store_true", help="write tables and pictures into docs/speed.md and docs/speed, and add to the history"
+    )
+    parser.add_argument("--quick", action="store_true", help="check this script, with sizes that measure nothing")
+    parser.add_argument("--cache", type=Path, default=ROOT / "out" / "references", help="folder of references that are not committed")
+    parser.add_argument("--scenes", nargs="+", help="only these")
+    arguments = parser.parse_args()
+    effort = QUICK if arguments.quick else Effort()
+    effort = dataclasses.replace(effort, scenes=tuple(arguments.scenes or effort.scenes))
+    add_image_io()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        pictures = DOCS / "speed" if arguments.docs else folder
+        pictures.mkdir(exist_ok=True)
+        curves: dict[tuple[str, int], Curves] = {}
+        for size in effort.sizes:
+            for scene in effort.scenes:
+                reference = find_reference(scene, size, arguments.cache, effort.reference_samples)
+                curves[scene, size] = trace_curves(scene, size, reference, effort)
+                draw_curves(curves[scene, size], f"{scene}, {size}²", pictures / f"{scene}_{size}.png")
+                print(table_times({(scene, size): curves[scene, size]}), file=sys.stderr, flush=True)
+        targets = [*judge_curves(curves), *run_probes(folder, effort.probes)]
+    history = read_history(HISTORY)
+    before = {text: figure for text, figure in (history[-1]["figures"] if history else {}).items() if figure is not None}
+    tables = {"targets": table_targets(targets, before), "times": table_times(curves), "bakes": table_points(curves)}
+    print(*tables.values(), sep="\n\n")
+    if arguments.docs:
+        page = DOCS / "speed.md"
+        page.write_text(put_tables(page.read_text(encoding="utf-8"), tables), encoding="utf-8")
+        append_history(HISTORY, targets)
+    return int(not all(target.holds for target in targets))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

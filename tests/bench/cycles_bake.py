@@ -1,0 +1,108 @@
+"""A sample as Cycles bakes it, on the UV layer that Leaflight makes for it. Needs pip's bpy, and is run in a process of its own.
+
+A texel of Cycles, as cycles_texel.py measures it under 5.0, is a mean over a square half a texel wide around the texel's centre, whatever
+the pixel filter, and of that only over what lies on the triangle of the centre. A texel whose centre no triangle covers is not
+baked. So where light has an edge, or a chart its border, it is not the mean over all that the chart covers of the texel.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+from leaflight.addon import materials_write, session
+from leaflight.addon.arguments import BakeRequest
+from leaflight.addon.scene_file import open_scene
+from leaflight.core import bake
+from leaflight.core.job import LAYOUT_FILE
+from leaflight.core.settings import Settings
+
+BOUNCES = 128
+TARGET = "Cycles target"
+
+
+@dataclass(frozen=True)
+class Stage:
+    """An open sample whose objects wear Leaflight's UV layer and their own materials.
+
+    objects   those that are baked
+    image     square, what Cycles bakes into
+    tri_uv    (n_tri, 3, 2) float64, [0, 1]
+    """
+
+    scene: bpy.types.Scene
+    objects: list[bpy.types.Object]
+    image: bpy.types.Image
+    tri_uv: np.ndarray
+
+
+def set_stage(blend: Path, size: int, folder: Path) -> Stage:
+    """Open a sample and lay it out by a Leaflight bake of no worth, whose materials are taken off again.
+
+    folder   an empty one
+    Raises ValueError where the charts do not fit one page.
+    """
+    sys.path += session.library_paths()
+    open_scene(blend)
+    quick = Settings(size=size, passes=("lighting",), direct="photons", error=1.0, max_photons=1000, workers=1)
+    work = session.prepare(bpy.context, BakeRequest(quick, output=folder / "images"), folder)
+    bake.run_bake(folder, lambda message: None, lambda: False)
+    result = session.read_result(work)
+    if result["pages"] != 1:
+        raise ValueError(f"{blend.name}: has {result['pages']} pages, expected one; choose a larger size.")
+    session.assign(bpy.context, work, result)
+    scene = bpy.context.scene
+    objects = [obj for obj in scene.objects if materials_write.is_shown(obj)]
+    materials_write.hide(objects)
+    image = bpy.data.images.new(TARGET, size, size, alpha=True, float_buffer=True)
+    image.colorspace_settings.name = "Linear Rec.709"
+    for obj in objects:
+        _aim_at(obj, image)
+    _set_cycles(scene)
+    return Stage(scene, objects, image, np.load(folder / LAYOUT_FILE)["tri_uv"])
+
+
+def bake_cycles(stage: Stage, samples: int, seed: int) -> tuple[np.ndarray, float]:
+    """Lighting of all objects, and the seconds that Blender's bake took.
+
+    out   (size, size, 4) float32, row 0 at the bottom; alpha is 0 where nothing was baked
+    """
+    stage.scene.cycles.samples, stage.scene.cycles.seed = samples, seed
+    size = stage.image.size[0]
+    stage.image.pixels.foreach_set(np.zeros(size * size * 4, np.float32))
+    begin = time.perf_counter()
+    bpy.ops.object.bake(type="DIFFUSE", pass_filter={"DIRECT", "INDIRECT"}, margin=0, use_clear=False, target="IMAGE_TEXTURES")
+    seconds = time.perf_counter() - begin
+    pixels = np.empty(size * size * 4, np.float32)
+    stage.image.pixels.foreach_get(pixels)
+    return pixels.reshape(size, size, 4), seconds
+
+
+def _aim_at(obj: bpy.types.Object, image: bpy.types.Image) -> None:
+    """Every material of the object gets the image as its active node, and the object is selected with our layer active."""
+    obj.data.uv_layers.active = obj.data.uv_layers["Leaflight"]
+    obj.select_set(True)
+    bpy.context.view_layer.objects.active = obj
+    for slot in obj.material_slots:
+        nodes = slot.material.node_tree.nodes
+        node = nodes.get(TARGET) or nodes.new("ShaderNodeTexImage")
+        node.name, node.image = TARGET, image
+        for other in nodes:
+            other.select = False
+        node.select = True
+        nodes.active = node
+
+
+def _set_cycles(scene: bpy.types.Scene) -> None:
+    """Nothing clamped, cut short, filtered or denoised."""
+    scene.render.engine = "CYCLES"
+    cycles = scene.cycles
+    cycles.use_adaptive_sampling = cycles.use_denoising = cycles.use_fast_gi = False
+    cycles.sample_clamp_direct = cycles.sample_clamp_indirect = cycles.blur_glossy = cycles.light_sampling_threshold = 0.0
+    cycles.max_bounces = cycles.diffuse_bounces = BOUNCES
+    scene.render.bake.margin = 0
+    scene.render.bake.use_clear = False

@@ -1,0 +1,205 @@
+"""One figure each of how the bake's time grows, and of what it is spent on."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from boxes import prepare_folder, room_mesh
+from cycles_reference import SAMPLES
+from image_io_path import find_image_io
+from leaflight.addon.job import BakeProcess
+from leaflight.core import photons, sampling, workers
+from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.messages import Error
+from leaflight.core.rays import Hits, RayScene
+from leaflight.core.scene import Light, Material, SceneSnapshot
+from leaflight.core.settings import Settings
+from leaflight.core.snapshot import save_snapshot
+from scenes import grid_mesh, make_scene, moved
+
+NEVER = 1e-4  # an error that no bake here comes to, so that the photons decide
+FIRST_PHOTON = "Tracing photons"  # what the command line says then
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How large the probes are."""
+
+    rays: int = 1 << 19
+    photons: int = 16_000_000
+    triangle_photons: int = 4_000_000
+    triangles: tuple[int, int] = (1_000, 1_000_000)
+    lights: tuple[int, int] = (1, 1_000)
+    pages: tuple[int, int] = (1024, 4096)
+    repeats: int = 3
+
+
+QUICK = Sizes(1 << 15, 300_000, 100_000, (200, 5_000), (1, 20), (64, 128), 1)
+
+
+def run_core(folder: Path, scene: SceneSnapshot, settings: Settings) -> dict[str, Any]:
+    """The result of a bake in a process of its own, so that its peak of memory is its own; `seconds` are joined by `all`."""
+    folder.mkdir()
+    save_snapshot(folder / SNAPSHOT_FILE, scene)
+    Job(settings, str(folder / "images"), "lightmap").save(folder)
+    site = find_image_io()
+    begin = time.perf_counter()
+    for message in BakeProcess(folder, (), (str(site),) if site else ()).messages():
+        if isinstance(message, Error):
+            raise RuntimeError(message.text)
+    seconds = time.perf_counter() - begin
+    result: dict[str, Any] = json.loads((folder / RESULT_FILE).read_text(encoding="utf-8"))
+    result["seconds"]["all"] = seconds
+    return result
+
+
+# -- tracing --
+
+
+@dataclass
+class _Recorder:
+    """Stands in for a scene of rays and keeps what it is asked."""
+
+    rays: RayScene
+    asked: list[tuple[np.ndarray, np.ndarray]] = dataclasses.field(default_factory=list)
+
+    def closest(self, origin: np.ndarray, direction: np.ndarray) -> Hits:
+        self.asked.append((np.ascontiguousarray(origin), np.ascontiguousarray(direction)))
+        return self.rays.closest(origin, direction)
+
+
+def wavefront_share(folder: Path, snapshot: SceneSnapshot, sizes: Sizes) -> dict[str, float]:
+    """Rays a second of the wavefront and of embreex alone on the same rays, on one core, and their ratio `share`."""
+    prepare_folder(folder, snapshot, Settings(size=256))
+    scene = workers.open_tracing(str(folder)).scene
+    recorder = _Recorder(scene.rays)
+    recording = dataclasses.replace(scene, rays=recorder)
+
+    def trace(scene: photons.TraceScene) -> int:
+        return photons.trace_shard(scene, sizes.rays // 4, 1.0, sampling.shard_rng(1, 0, 0), 1000, True).counters.rays
+
+    count = trace(recording)
+
+    def run_embree() -> None:
+        for origin, direction in recorder.asked:
+            scene.rays.closest(origin, direction)
+
+    wavefront_s, embree_s = (_least_seconds(call, sizes.repeats) for call in (lambda: trace(scene), run_embree))
+    workers.forget_folders()
+    return {"wavefront_per_s": count / wavefront_s, "embreex_per_s": count / embree_s, "share": embree_s / wavefront_s}
+
+
+def _least_seconds(call: Any, repeats: int) -> float:
+    seconds = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        call()
+        seconds.append(time.perf_counter() - begin)
+    return min(seconds)
+
+
+def worker_gain(folder: Path, snapshot: SceneSnapshot, sizes: Sizes) -> float:
+    """Photons a second of two workers over those of one, refinement and all."""
+    folder.mkdir()
+    settings = Settings(size=256, error=NEVER, max_photons=sizes.photons, direct="photons")
+    seconds = [
+        run_core(folder / str(count), snapshot, dataclasses.replace(settings, workers=count))["seconds"]["photons"] for count in (1, 2)
+    ]
+    return seconds[0] / seconds[1]
+
+
+# -- how time grows --
+
+
+def page_growth(folder: Path, snapshot: SceneSnapshot, sizes: Sizes) -> dict[str, float]:
+    """Time to a stated error of 5 % at the larger page size over that at the smaller, and the larger's peak of memory, MB."""
+    folder.mkdir()
+    small, large = (run_core(folder / str(size), snapshot, Settings(size=size)) for size in sizes.pages)
+    return {"ratio": large["seconds"]["all"] / small["seconds"]["all"], "peak_mb": peak_mb(large)}
+
+
+def triangle_growth(folder: Path, sizes: Sizes) -> dict[str, float]:
+    """Time of tracing over the larger number of triangles over that over the smaller, and the larger's peak of memory, MB."""
+    folder.mkdir()
+    settings = Settings(size=1024, error=NEVER, max_photons=sizes.triangle_photons, direct="photons")
+    few, many = (run_core(folder / str(count), hills_scene(count), settings) for count in sizes.triangles)
+    ratio = many["seconds"]["photons"] / few["seconds"]["photons"]
+    return {"ratio": ratio, "peak_mb": peak_mb(many), "worker_mb": many["peak_memory_mb"].get("worker", float("nan"))}
+
+
+def light_growth(folder: Path, sizes: Sizes) -> float:
+    """Time to a stated error of 5 % of many lights over that of few, of the same power together."""
+    folder.mkdir()
+    few, many = (run_core(folder / str(count), lights_scene(count), Settings(size=256)) for count in sizes.lights)
+    return many["seconds"]["all"] / few["seconds"]["all"]
+
+
+def peak_mb(result: dict[str, Any]) -> float:
+    """Of the core or of its largest worker."""
+    return max(result["peak_memory_mb"].values(), default=float("nan"))
+
+
+def hills_scene(triangles: int) -> SceneSnapshot:
+    """A bumpy square in a room, with a UV layer of its own, under a lamp: so many triangles, most of them on the square."""
+    cells = max(int(np.sqrt(triangles / 2)), 1)
+    grid = moved(grid_mesh("Hills", cells, noise=0.3), scale=1.8 / cells, offset_m=(-0.9, -0.9, -0.9))
+    layer = [(grid.vertex[polygon, :2] + 0.9) / 1.8 for polygon in grid.polygons]
+    hills = dataclasses.replace(grid, uv=layer)
+    room = dataclasses.replace(room_mesh("Room", (2.0, 2.0, 2.0)), receives=False)
+    lamp = Light("POINT", "Lamp", (0.2, 0.1, 0.7), power_rgb=(20.0,) * 3, radius_m=0.02)
+    return make_scene([hills, room], [lamp], [Material("Grey", (0.5,) * 3)])
+
+
+def lights_scene(count: int) -> SceneSnapshot:
+    """A low hall of 20 x 20 m under so many lamps, of 1 kW together."""
+    rng = np.random.default_rng(1)
+    place = np.column_stack([rng.uniform(-9.0, 9.0, (count, 2)), rng.uniform(1.5, 1.9, count)])
+    lamps = [Light("POINT", f"Lamp {i}", tuple(place[i]), power_rgb=(1000.0 / count,) * 3, radius_m=0.02) for i in range(count)]
+    return make_scene([room_mesh("Hall", (20.0, 20.0, 4.0))], lamps, [Material("Grey", (0.5,) * 3)])
+
+
+# -- the command line --
+
+
+def start_seconds(sizes: Sizes) -> float:
+    """From the start of the command line to the first photon, less what importing bpy alone takes."""
+    bake = ["-m", "leaflight", "bake", str(SAMPLES / "cornell_box.blend"), "--size", "256", "--direct", "photons", "--max-photons", "1000"]
+    whole = min(_seconds_to_line([*bake, "--no-assign"], FIRST_PHOTON) for _ in range(sizes.repeats))
+    return whole - _least_seconds(lambda: subprocess.run([sys.executable, "-c", "import bpy"], check=True), sizes.repeats)
+
+
+def _seconds_to_line(arguments: Sequence[str], text: str) -> float:
+    """Raises RuntimeError where the process ends without that line on standard error."""
+    with tempfile.TemporaryDirectory() as output:
+        begin = time.perf_counter()
+        command = [sys.executable, *arguments, "--output", output]
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, encoding="utf-8") as process:
+            assert process.stderr is not None
+            found = None
+            for line in process.stderr:
+                if found is None and text in line:
+                    found = time.perf_counter() - begin
+    if found is None:
+        raise RuntimeError(f"{' '.join(arguments)}: never said {text!r}")
+    return found
+
+
+def rebake_seconds(name: str = "cornell_box") -> float:
+    """Of a second bake of a scene that has not changed, into the same folder, after the .blend was loaded."""
+    with tempfile.TemporaryDirectory() as output:
+        for _ in range(2):
+            report = Path(output) / "report.json"
+            command = [sys.executable, "-m", "leaflight", "bake", str(SAMPLES / f"{name}.blend"), "--size", "256", "--no-assign", "--quiet"]
+            subprocess.run([*command, "--output", output, "--report", str(report)], check=True, stdout=subprocess.DEVNULL)
+            seconds = json.loads(report.read_text(encoding="utf-8"))["seconds"]
+    return seconds["total"] - seconds["open"]

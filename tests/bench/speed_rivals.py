@@ -1,0 +1,113 @@
+"""Timed bakes of a sample on one UV layer: Leaflight, Cycles, and Cycles with OIDN's filter for lightmaps.
+
+python tests/bench/speed_rivals.py NAME SIZE FOLDER BUDGET_S SAMPLES ...     the Cycles part, in a process of its own
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from cycles_reference import SAMPLES, Reference
+from leaflight.core import image_file
+from speed_curves import Point
+
+SEED = 3  # the references have 1 and 2
+TIMES_FILE, LAYOUT_FILE = "times.json", "layout.npy"
+
+
+@dataclass(frozen=True)
+class CyclesBake:
+    """page   (size, size, 4) float32; alpha is 0 where nothing was baked"""
+
+    samples: int
+    seconds: float
+    page: np.ndarray
+
+
+def bake_leaflight(name: str, size: int, options: Sequence[str]) -> tuple[np.ndarray, dict]:
+    """The lighting page and the report of a bake by the command line.
+
+    out   (size, size, 4) float32; the report, whose seconds have a further entry: `loaded`, all after the .blend was loaded
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder) / "report.json"
+        command = [sys.executable, "-m", "leaflight", "bake", str(SAMPLES / f"{name}.blend"), "--size", str(size), "--pass", "lighting"]
+        command += ["--output", folder, "--report", str(report), "--no-assign", "--quiet", *options]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        told = json.loads(report.read_text(encoding="utf-8"))
+        told["seconds"]["loaded"] = told["seconds"]["total"] - told["seconds"]["open"]
+        return image_file.read_image(Path(told["files"][0]["path"]))[0], told
+
+
+def bake_rival(name: str, size: int, budget_s: float, samples: Sequence[int]) -> tuple[list[CyclesBake], np.ndarray]:
+    """Bakes by Cycles with ever more samples, until the next would take longer than the budget; and the layout.
+
+    out   quickest first; (n_tri, 3, 2) float64, [0, 1]
+    """
+    with tempfile.TemporaryDirectory() as work:
+        command = [sys.executable, __file__, name, str(size), work, str(budget_s), *map(str, samples)]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        folder = Path(work)
+        times = json.loads((folder / TIMES_FILE).read_text(encoding="utf-8"))
+        bakes = [CyclesBake(int(count), seconds, np.load(folder / f"{count}.npy")) for count, seconds in times.items()]
+        return bakes, np.load(folder / LAYOUT_FILE)
+
+
+def denoise(bake: CyclesBake) -> CyclesBake:
+    """The page after OIDN's filter RTLightmap, and the seconds of both; empty texels take the nearest baked one's light first.
+
+    Raises ImportError without pyoidn or scipy, RuntimeError with OIDN's own words.
+    """
+    import pyoidn
+    from scipy.ndimage import distance_transform_edt
+
+    begin = time.perf_counter()
+    nearest = distance_transform_edt(bake.page[..., 3] == 0.0, return_distances=False, return_indices=True)
+    color = np.ascontiguousarray(bake.page[tuple(nearest)][..., :3])
+    smooth = np.zeros_like(color)
+    with pyoidn.Device() as device:
+        device.commit()
+        with pyoidn.Filter(device, pyoidn.OIDN_FILTER_TYPE_RT_LIGHTMAP) as lightmap_filter:
+            lightmap_filter.set_image(pyoidn.OIDN_IMAGE_COLOR, color, pyoidn.OIDN_FORMAT_FLOAT3)
+            lightmap_filter.set_image(pyoidn.OIDN_IMAGE_OUTPUT, smooth, pyoidn.OIDN_FORMAT_FLOAT3)
+            lightmap_filter.commit()
+            lightmap_filter.execute()
+        error = device.get_error()
+    if error:
+        raise RuntimeError(f"OIDN: {error}")
+    return CyclesBake(bake.samples, bake.seconds + time.perf_counter() - begin, smooth)
+
+
+def measure_point(reference: Reference, page: np.ndarray, tri_uv: np.ndarray, seconds: float, asked: float) -> Point:
+    errors = reference.measure(page, tri_uv)
+    return Point(seconds, errors.rel, errors.nrmse, asked)
+
+
+def main(name: str, size: int, folder: Path, budget_s: float, samples: list[int]) -> None:
+    """What bake_rival runs."""
+    from cycles_bake import bake_cycles, set_stage
+
+    with tempfile.TemporaryDirectory() as work:
+        stage = set_stage(SAMPLES / f"{name}.blend", size, Path(work))
+    np.save(folder / LAYOUT_FILE, stage.tri_uv)
+    bake_cycles(stage, 1, SEED)  # the first bake of a process loads what the others find loaded
+    times: dict[str, float] = {}
+    for count in samples:
+        page, times[str(count)] = bake_cycles(stage, count, SEED)
+        np.save(folder / f"{count}.npy", page)
+        following = samples[min(samples.index(count) + 1, len(samples) - 1)]
+        if len(times) > 1 and times[str(count)] * following / count > budget_s:
+            break
+    (folder / TIMES_FILE).write_text(json.dumps(times), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]), Path(sys.argv[3]), float(sys.argv[4]), [int(word) for word in sys.argv[5:]])

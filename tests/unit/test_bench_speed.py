@@ -1,0 +1,106 @@
+"""The pure parts of the speed benchmark: times to an error, ratios, tables, history."""
+
+import dataclasses
+import math
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
+
+import bench_speed
+from speed_curves import Point, Reach, geometric_mean, ratio_text, reach_error
+
+# Two seconds of start, then 0.1 s a sample; error 1 / sqrt(samples).
+SAMPLED = [Point(2.0 + 0.1 * n, n**-0.5, 2.0 * n**-0.5, n) for n in (4, 16, 64)]
+
+
+def test_between_bakes_error_is_a_power_of_time():
+    points = [Point(1.0, 0.4, 0.4, 1), Point(4.0, 0.2, 0.2, 4), Point(16.0, 0.1, 0.1, 16)]
+    assert reach_error(points, 0.2) == Reach(pytest.approx(4.0))
+    assert reach_error(points[::-1], 0.2 / 2.0**0.25) == Reach(pytest.approx(4.0 * 2.0**0.5))
+
+
+def test_the_quickest_bake_may_be_good_enough():
+    assert reach_error(SAMPLED, 0.6) == Reach(2.4, "<=")
+
+
+def test_beyond_the_longest_bake_samples_are_extrapolated_not_the_start():
+    assert reach_error(SAMPLED, 0.05) is None
+    assert reach_error(SAMPLED, 0.05, extrapolate=True) == Reach(pytest.approx(2.0 + 0.1 * 400), "~")
+    assert reach_error(SAMPLED, 0.05, "nrmse", extrapolate=True) == Reach(pytest.approx(2.0 + 0.1 * 1600), "~")
+    assert reach_error([], 0.05, extrapolate=True) is None
+
+
+def test_a_longer_bake_that_is_worse_gains_nothing():
+    points = [Point(1.0, 0.4, 0.4, 1), Point(2.0, 0.5, 0.5, 2), Point(4.0, 0.1, 0.1, 4)]
+    reach = reach_error(points, 0.2)
+    assert reach.seconds == pytest.approx(2.0)  # halfway from the first to the last, by powers
+
+
+def test_mean_and_ratios():
+    assert geometric_mean([2.0, 8.0]) == pytest.approx(4.0)
+    assert geometric_mean([2.0, 0.0]) == 0.0
+    assert math.isnan(geometric_mean([]))
+    assert ratio_text(Reach(30.0, "~"), Reach(10.0)) == "~3"
+    assert ratio_text(Reach(30.0), Reach(10.0, "<=")) == "≥3"
+    assert ratio_text(None, Reach(1.0)) == "never"
+    assert ratio_text(Reach(1.0), None) == "-"
+
+
+def test_times_are_printed_with_two_digits_or_more():
+    assert [str(Reach(seconds, mark)) for seconds, mark in ((0.123, ""), (4.567, "<="), (678.9, "~"))] == ["0.12 s", "≤4.6 s", "~679 s"]
+
+
+def curves(ours_s):
+    """Cycles, its filtered pages that stop at 8 %, and Leaflight at a fixed time for each error."""
+    ours = [Point(ours_s * k, error, error, error) for k, error in ((1, 0.1), (2, 0.05), (5, 0.02))]
+    filtered = [dataclasses.replace(point, rel=0.08, nrmse=0.08) for point in SAMPLED]
+    return {bench_speed.CYCLES: SAMPLED, bench_speed.OIDN: filtered, bench_speed.OURS: ours, bench_speed.PHOTONS: ours[:1]}
+
+
+def test_targets_are_judged_from_the_curves():
+    judged = {target.text: target for target in bench_speed.judge_curves({("cornell_box", 256): curves(0.1)})}
+    mean = judged["time to 5% rel, Cycles / Leaflight, geometric mean"]
+    assert mean.figure == pytest.approx(42.0 / 0.2)
+    assert mean.holds
+    assert judged["time to 2% rel, Cycles / Leaflight, least"].figure == pytest.approx((2.0 + 0.1 * 2500) / 0.5)
+    assert judged["cornell_box 256² to 2 % nrmse / Cycles' 16 samples"].figure == pytest.approx(0.5 / 3.6)
+    slow = bench_speed.judge_curves({("cornell_box", 256): curves(100.0)})
+    assert not any(target.holds for target in slow)
+
+
+def test_a_scene_that_never_comes_there_fails():
+    curve = curves(0.1) | {bench_speed.OURS: curves(0.1)[bench_speed.OURS][:2]}
+    judged = {target.text: target for target in bench_speed.judge_curves({("instances", 256): curve})}
+    assert judged["time to 5% rel, Cycles / Leaflight, least"].holds
+    assert not judged["time to 2% rel, Cycles / Leaflight, least"].holds
+    assert judged["time to 2% rel, Cycles / Leaflight, least"].figure == 0.0
+
+
+def test_tables_are_whole():
+    measured = {("cornell_box", 256): curves(0.1)}
+    for table in (bench_speed.table_times(measured), bench_speed.table_points(measured)):
+        assert table.rows
+        assert all(len(row) == len(table.head) for row in table.rows)
+    assert "never" in str(bench_speed.table_times(measured))
+
+
+def test_history_grows_and_is_shown_beside_the_next_run(tmp_path):
+    path = tmp_path / "history.jsonl"
+    assert bench_speed.read_history(path) == []
+    first = [bench_speed.Target.at_least("a", 2.0, 1.0), bench_speed.Target.at_most("b", math.nan, 1.0)]
+    bench_speed.append_history(path, first)
+    bench_speed.append_history(path, first)
+    kept = bench_speed.read_history(path)
+    assert [line["figures"] for line in kept] == [{"a": 2.0, "b": None}] * 2
+    assert {"date", "version", "sources"} < set(kept[0])
+    table = bench_speed.table_targets([bench_speed.Target.at_least("a", 0.5, 1.0)], {"a": 2.0})
+    assert table.rows == [["a", "0.5", "2", ">= 1", "FAILS"]]
+
+
+def test_curves_are_drawn(tmp_path):
+    pytest.importorskip("matplotlib")  # of the bench extra, not of the tests'
+    bench_speed.draw_curves(curves(0.1), "toy", tmp_path / "toy.png")
+    assert 0 < (tmp_path / "toy.png").stat().st_size < 100_000
