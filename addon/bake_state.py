@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from ..core.messages import Done, Error, Message, Progress, Status, Warning_
+from ..core.messages import Done, Error, Message, Preview, Progress, Status, Warning_
 
 
 class Process(Protocol):
@@ -28,6 +28,7 @@ class BakeState:
     stopping    the best so far was asked for
     discarded   the child was killed at the user's wish: that is no error
     notice      what the user has to do before the result can be shown, "" nothing
+    previews    the newest file of each page that has not been shown yet
     result      the core's result file, once it is on the objects; `seconds` is then the whole bake's
     """
 
@@ -41,6 +42,7 @@ class BakeState:
     warnings: list[tuple[str, str]] = field(default_factory=list)
     result: dict[str, Any] | None = None
     seconds: float = 0.0
+    previews: dict[int, str] = field(default_factory=dict)
     _began: float = 0.0
     _process: Process | None = None
     _queue: queue.SimpleQueue[Message] = field(default_factory=queue.SimpleQueue)
@@ -80,6 +82,11 @@ class BakeState:
                 return ended
         return None
 
+    def take_previews(self) -> dict[int, str]:
+        """Files by page that came since the last time."""
+        taken, self.previews = self.previews, {}
+        return taken
+
     def wait(self) -> Done | Error:
         """Hear messages until the bake has ended."""
         while True:
@@ -111,6 +118,8 @@ class BakeState:
             case Progress():
                 self.progress = message
                 self.fraction = max(self.fraction, message.fraction)  # a new stage of refinement may know better and fall back
+            case Preview(page, path):
+                self.previews[page] = path
             case Warning_(subject, text):
                 self.warnings.append((subject, text))
             case Done() | Error():
