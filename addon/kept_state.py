@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,11 +17,14 @@ MOST_MB = 1000  # a larger state is not kept beside an artist's images
 REFINED = 0.5  # of the error so far, where the panel does not ask for less
 
 
-def mark_state(scene: bpy.types.Scene, folder: Path | None) -> None:
-    """Remember where the state of the scene's bake is, if it was kept."""
+def mark_state(scene: bpy.types.Scene, request: BakeRequest) -> None:
+    """Remember where the state of the scene's bake is, if it was kept: relative to the .blend that there is or will be."""
     remove_mark(scene, STATE)
-    if folder is not None and (folder / INFO_FILE).is_file():
-        scene[STATE] = bpy.path.relpath(str(folder.resolve())) if bpy.data.filepath else str(folder.resolve())
+    if request.keep is None or not (request.keep / INFO_FILE).is_file():
+        return
+    folder = str(request.keep.resolve())
+    blend = str(request.save.resolve()) if request.save else bpy.data.filepath
+    scene[STATE] = bpy.path.relpath(folder, start=os.path.dirname(blend)) if blend else folder
 
 
 def has_state(scene: bpy.types.Scene) -> bool:

@@ -62,7 +62,7 @@ class LiveView:
         for page, image in worn_images(scene).items():
             image.user_remap(found[page])
         _remove_images()
-        mark_state(scene, self._work.request.keep)
+        mark_state(scene, self._work.request)
         return []
 
     def take_off(self) -> None:

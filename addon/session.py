@@ -104,7 +104,7 @@ def assign(context: bpy.types.Context, session: Session, result: dict[str, Any])
     restore.remove_bake(context.scene)
     context.view_layer.update()  # until then Blender 5.2 lists the copies that were removed, as None
     warnings = show_pages(context, session, load_pages(session.request, result))
-    mark_state(context.scene, session.request.keep)
+    mark_state(context.scene, session.request)
     return warnings
 
 

@@ -27,9 +27,9 @@ from .solve import LightField, Solver
 from .texel_map import TexelMap, centred_strata
 from .workers import InlineExecutor, open_tracing
 
-FIRST_PHOTONS = 1 << 16  # of the first light, which is to be seen at once
+FIRST_PHOTONS = 1 << 17  # of the first light, which is to be seen at once
 FIRST_ROUND = 1 << 30  # its own name and random numbers: no round of a bake comes that far, nor do shadow rays' turns come down to it
-FIRST_LEVEL = 2  # of its current nodes: there is no time for rounds that would split them
+FIRST_LEVEL = 1  # of its current nodes: there is no time for rounds that would split them
 MOST_TEXELS = 1 << 19  # of all pages together
 LEAST_PAUSE_S = 0.3
 PAUSE_OF_COST = 10.0  # a preview waits so many times what the last one took
@@ -53,7 +53,8 @@ def find_first_light(folder: Path, settings: Settings) -> LightField:
     folder   of workers.open_tracing
     """
     level = max(settings.min_level, FIRST_LEVEL)
-    quick = replace(settings, direct="photons", max_photons=FIRST_PHOTONS, min_level=level, hierarchical=True)
+    # Planes through so few photons would dip to black.
+    quick = replace(settings, direct="photons", basis="constant", max_photons=FIRST_PHOTONS, min_level=level, hierarchical=True)
     n_texel = len(open_tracing(str(folder)).texels.texel_area)
     solver = Solver(folder, quick, InlineExecutor(), DirectField.none(n_texel), np.zeros(n_texel, bool))
     solver.round = FIRST_ROUND
@@ -90,17 +91,16 @@ class PreviewPages:
 
     def show(self, light: LightField) -> None:
         """Pages of the light as it stands, unless the last ones are too fresh for what they cost."""
-        begin = time.monotonic()
-        if begin < self._next_s:
+        if time.monotonic() < self._next_s:
             return
+        begin = time.thread_time()  # not the clock: what others do with the machine is no cost of ours
         for page, pixels in enumerate(self.draw(light)):
             path = self._path(page, self._turn)
             np.save(path, pixels)
             self._path(page, self._turn - _KEPT_TURNS).unlink(missing_ok=True)
             self._tell(Preview(page, str(path)))
         self._turn += 1
-        now = time.monotonic()
-        self._next_s = now + max(LEAST_PAUSE_S, PAUSE_OF_COST * (now - begin))
+        self._next_s = time.monotonic() + max(LEAST_PAUSE_S, PAUSE_OF_COST * (time.thread_time() - begin))
 
     def join(self, light: LightField, direct: DirectField) -> Callable[[Message], None]:
         """Shows a first light, and again with each message while direct light is found; in place of `tell`."""

@@ -91,6 +91,7 @@ def test_pages_come_no_faster_than_they_may_cost(tmp_path, monkeypatch):
 
     monkeypatch.setattr(pages, "draw", draw_slowly)
     monkeypatch.setattr(preview.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(preview.time, "thread_time", lambda: clock[0])
     for _ in range(100):
         pages.show(first)
         clock[0] += 0.1
