@@ -24,7 +24,8 @@ def mark_state(scene: bpy.types.Scene, request: BakeRequest) -> None:
         return
     folder = str(request.keep.resolve())
     blend = str(request.save.resolve()) if request.save else bpy.data.filepath
-    scene[STATE] = bpy.path.relpath(folder, start=os.path.dirname(blend)) if blend else folder
+    beside = blend and os.path.splitdrive(blend)[0].lower() == os.path.splitdrive(folder)[0].lower()
+    scene[STATE] = bpy.path.relpath(folder, start=os.path.dirname(blend)) if beside else folder
 
 
 def has_state(scene: bpy.types.Scene) -> bool:
