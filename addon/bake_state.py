@@ -42,6 +42,7 @@ class BakeState:
     warnings: list[tuple[str, str]] = field(default_factory=list)
     result: dict[str, Any] | None = None
     seconds: float = 0.0
+    target: float = 0.0
     previews: dict[int, str] = field(default_factory=dict)
     _began: float = 0.0
     _process: Process | None = None
@@ -62,9 +63,10 @@ class BakeState:
         self.discard()
         self.__init__()  # type: ignore[misc]  # the panel and the operators hold this very object
 
-    def begin(self, process: Process, began: float, warnings: list[tuple[str, str]]) -> None:
-        """Listen to a process that has just been started; `began` is a time.monotonic()."""
+    def begin(self, process: Process, began: float, warnings: list[tuple[str, str]], target: float = 0.0) -> None:
+        """Listen to a process that has just been started; `began` is a time.monotonic(), `target` the error asked for."""
         self.clear()
+        self.target = target
         self.stage, self._began, self._process = "Starting", began, process
         self.warnings = list(warnings)
         threading.Thread(target=_listen, args=(process, self._queue), daemon=True).start()
@@ -138,6 +140,13 @@ class BakeState:
             bar += f", {describe_seconds(progress.seconds_left)} left"
         line = f"{stage}: {describe_count(progress.photons)}"
         return bar, line + (f", error {progress.estimated_error:.1%}" if math.isfinite(progress.estimated_error) else "")
+
+    def describe_pace(self) -> str:
+        """A line about how fast it goes and how far it has to go; "" while no photon flies."""
+        if self.progress is None or self.notice:
+            return ""
+        pace = f"{describe_count(round(self.progress.photons_per_s))} photons/s"
+        return f"{pace}, until the error is {self.target:.1%}" if self.target else pace
 
     def summarize(self) -> list[str]:
         """Lines about the last result; empty without one."""

@@ -103,7 +103,7 @@ class Baking:
         # Undo and opening a file make references invalid: only names and numbers are kept.
         self._live = live.LiveView(self._session)
         self._scene_uid, self._view_layer = context.scene.session_uid, context.view_layer.name
-        state.begin(process, began, list(self._session.export.warnings))
+        state.begin(process, began, list(self._session.export.warnings), self._session.request.settings.error)
         return True
 
     def _finish(self, context: bpy.types.Context, ended: Done | Error) -> set[str]:

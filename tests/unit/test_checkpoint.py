@@ -1,6 +1,7 @@
 """A bake that goes on from what was kept is the bake that did not stop; what does not fit is refused."""
 
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -149,3 +150,15 @@ def test_only_our_own_files_are_removed(tmp_path):
     assert checkpoint.read_info(kept).photons == 0
     remove_checkpoint(kept)
     assert not kept.exists()
+
+
+def test_progress_tells_of_the_photons_of_this_time_only(tmp_path):
+    kept, first = keep(tmp_path)
+    solver, told = make_solver(tmp_path / "second", lamp_scene(), SETTINGS), []
+    load_checkpoint(kept, tmp_path / "second", SETTINGS).give_to(solver)
+    solver.started -= 100.0
+    light = solver.run(told.append, lambda: False)
+    assert told[0].photons == first.photons
+    assert told[0].photons_per_s == 0.0
+    assert math.isnan(told[0].seconds_left)
+    assert told[-1].photons_per_s == pytest.approx((light.photons - first.photons) / 100.0, rel=0.1)
