@@ -9,7 +9,7 @@ def register() -> None:
 
     import bpy
 
-    from . import operators, panels, properties
+    from . import live, operators, panels, properties
     from .bake_state import BakeState
 
     state = BakeState()
@@ -21,8 +21,16 @@ def register() -> None:
         undo.callback(delattr, bpy.types.Scene, "leaflight")
         command = bpy.utils.register_cli_command("leaflight", _run_command_line)
         undo.callback(bpy.utils.unregister_cli_command, command)
-        bpy.app.handlers.load_post.append(operators.forget_last_bake)
-        undo.callback(bpy.app.handlers.load_post.remove, operators.forget_last_bake)
+        handlers = bpy.app.handlers
+        for when, handler in (
+            (handlers.load_post, operators.forget_last_bake),
+            (handlers.save_pre, operators.take_live_off),
+            (handlers.undo_post, operators.forget_old_light),
+            (handlers.redo_post, operators.forget_old_light),
+        ):
+            when.append(handler)
+            undo.callback(when.remove, handler)
+        undo.callback(live.take_off)
         undo.callback(state.clear)
         # The only state that outlives a call. It belongs to this Blender, not to a file, so it is no Blender property:
         # those are saved, and undo and opening a file would bring an old one back.

@@ -24,6 +24,10 @@ class BakeRequest:
     save: Path | None = None
     assign: bool = True
     quiet: bool = False
+    preview: bool = False  # pages of the light so far are wanted meanwhile
+    resume: Path | None = None  # folder of the state of an earlier bake to go on from
+    keep: Path | None = None  # folder to keep the state in
+    keep_mb: int = 0  # size beyond which it is not kept; 0: any
 
 
 def parse_arguments(argv: list[str], prog: str, with_scene: bool) -> BakeRequest:
@@ -74,6 +78,8 @@ def _make_parser(prog: str, with_scene: bool) -> argparse.ArgumentParser:
     output.add_argument("--save", type=Path, metavar="FILE", help="save the .blend with the bake in its materials")
     output.add_argument("--no-assign", dest="assign", action="store_false", help="leave materials as they are")
     output.add_argument("--quiet", action="store_true", help="no progress, only warnings and errors")
+    output.add_argument("--keep", type=Path, metavar="DIR", help="keep the state of the bake there, to go on from")
+    output.add_argument("--resume", type=Path, metavar="DIR", help="go on from the state that a bake of the same scene kept there")
     groups = {"Output": output}
     for knob in dataclasses.fields(Settings):
         name = knob.metadata["group"]

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from ..core.messages import Done, Error, Message, Progress, Status, Warning_
+from ..core.messages import Done, Error, Message, Preview, Progress, Status, Warning_
 
 
 class Process(Protocol):
@@ -28,6 +28,7 @@ class BakeState:
     stopping    the best so far was asked for
     discarded   the child was killed at the user's wish: that is no error
     notice      what the user has to do before the result can be shown, "" nothing
+    previews    the newest file of each page that has not been shown yet
     result      the core's result file, once it is on the objects; `seconds` is then the whole bake's
     """
 
@@ -41,6 +42,8 @@ class BakeState:
     warnings: list[tuple[str, str]] = field(default_factory=list)
     result: dict[str, Any] | None = None
     seconds: float = 0.0
+    target: float = 0.0
+    previews: dict[int, str] = field(default_factory=dict)
     _began: float = 0.0
     _process: Process | None = None
     _queue: queue.SimpleQueue[Message] = field(default_factory=queue.SimpleQueue)
@@ -60,9 +63,10 @@ class BakeState:
         self.discard()
         self.__init__()  # type: ignore[misc]  # the panel and the operators hold this very object
 
-    def begin(self, process: Process, began: float, warnings: list[tuple[str, str]]) -> None:
-        """Listen to a process that has just been started; `began` is a time.monotonic()."""
+    def begin(self, process: Process, began: float, warnings: list[tuple[str, str]], target: float = 0.0) -> None:
+        """Listen to a process that has just been started; `began` is a time.monotonic(), `target` the error asked for."""
         self.clear()
+        self.target = target
         self.stage, self._began, self._process = "Starting", began, process
         self.warnings = list(warnings)
         threading.Thread(target=_listen, args=(process, self._queue), daemon=True).start()
@@ -79,6 +83,11 @@ class BakeState:
             if ended:
                 return ended
         return None
+
+    def take_previews(self) -> dict[int, str]:
+        """Files by page that came since the last time."""
+        taken, self.previews = self.previews, {}
+        return taken
 
     def wait(self) -> Done | Error:
         """Hear messages until the bake has ended."""
@@ -111,6 +120,8 @@ class BakeState:
             case Progress():
                 self.progress = message
                 self.fraction = max(self.fraction, message.fraction)  # a new stage of refinement may know better and fall back
+            case Preview(page, path):
+                self.previews[page] = path
             case Warning_(subject, text):
                 self.warnings.append((subject, text))
             case Done() | Error():
@@ -129,6 +140,13 @@ class BakeState:
             bar += f", {describe_seconds(progress.seconds_left)} left"
         line = f"{stage}: {describe_count(progress.photons)}"
         return bar, line + (f", error {progress.estimated_error:.1%}" if math.isfinite(progress.estimated_error) else "")
+
+    def describe_pace(self) -> str:
+        """A line about how fast it goes and how far it has to go; "" while no photon flies."""
+        if self.progress is None or self.notice:
+            return ""
+        pace = f"{describe_count(round(self.progress.photons_per_s))} photons/s"
+        return f"{pace}, until the error is {self.target:.1%}" if self.target else pace
 
     def summarize(self) -> list[str]:
         """Lines about the last result; empty without one."""

@@ -42,6 +42,8 @@ def _bake(request: BakeRequest) -> int:
     for file in (request.report, request.save):
         if file is not None:
             session.check_file(file)
+    if request.keep is not None:
+        session.check_folder(request.keep)
     warnings: session.Warnings = []
     if request.scene is not None:
         warnings += open_scene(request.scene)

@@ -59,6 +59,7 @@ def set_pixels(image: bpy.types.Image, page: NDArray[np.floating[Any]]) -> None:
     pixels[..., : page.shape[2]] = page
     image.pixels.foreach_set(pixels.ravel())
     image.update()
+    image.update_tag()  # a view that has finished its samples draws them again, whatever the image has become, until something changes
 
 
 def remove_unused_images() -> None:

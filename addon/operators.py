@@ -2,165 +2,54 @@
 
 from __future__ import annotations
 
-import tempfile
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import bpy
 
-from ..core.messages import Done, Error
-from . import restore, session
-from .bake_state import BakeState
-from .job import BakeProcess
+from . import live, restore
+from .arguments import BakeRequest
+from .baking import Baking, get_state, is_out_of_edit_mode
+from .kept_state import has_state, refine_request, remove_state
 from .request import make_request
-
-_TIMER_SECONDS = 0.1
-_FAULT = "The bake could not be shown: this is a fault of Leaflight's, please report it with the text in the system console."
-_HINT = "Esc: stop and keep the best so far"
-
-
-def get_state(context: bpy.types.Context) -> BakeState:
-    """The bake of this Blender (see `register`)."""
-    state: BakeState = context.window_manager.leaflight_state
-    return state
 
 
 @bpy.app.handlers.persistent
 def forget_last_bake(*_: Any) -> None:
-    """The panel must not tell of another file's bake."""
+    """The panel must not tell of another file's bake, and a file saved in the middle of one must not show it."""
     get_state(bpy.context).clear()
+    live.take_off()
 
 
-class LEAFLIGHT_OT_bake(bpy.types.Operator):
-    """Bakes beside Blender with a window; without one, or from a script, until it is done."""
+@bpy.app.handlers.persistent
+def take_live_off(*_: Any) -> None:
+    """A file that is saved during a bake holds what was there before; the next pages put the light on again."""
+    live.take_off()
 
+
+@bpy.app.handlers.persistent
+def forget_old_light(*_: Any) -> None:
+    """Undo may bring back a moment of a bake that is over."""
+    if not get_state(bpy.context).running:
+        live.take_off()
+
+
+class LEAFLIGHT_OT_bake(Baking, bpy.types.Operator):
     bl_idname = "leaflight.bake"
     bl_label = "Bake"
     bl_description = "Bake the light of the scene to textures and show them on the objects"
-    bl_options = frozenset({"UNDO"})  # not REGISTER: changing an operator's settings afterwards would bake again
 
-    _folder: tempfile.TemporaryDirectory[str] | None = None
-    _timer: Any = None
-    _shown: tuple[str, str] = ("", "")
+
+class LEAFLIGHT_OT_refine(Baking, bpy.types.Operator):
+    bl_idname = "leaflight.refine"
+    bl_label = "Refine"
+    bl_description = "Go on with the last bake to the panel's error, or to half its own where that is smaller"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if get_state(context).running:
-            cls.poll_message_set("A bake is running")
-            return False
-        return _is_out_of_edit_mode(cls, context)
+        return restore.has_bake(context.scene) and has_state(context.scene) and super().poll(context)
 
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        if context.window is None:
-            return self.execute(context)
-        if not self._start(context):
-            return {"CANCELLED"}
-        self._timer = context.window_manager.event_timer_add(_TIMER_SECONDS, window=context.window)
-        context.window_manager.modal_handler_add(self)
-        return {"RUNNING_MODAL"}
-
-    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        state = get_state(context)
-        if event.type == "ESC" and event.value == "PRESS" and not state.stopping:
-            state.cancel()
-            return {"RUNNING_MODAL"}
-        if event.type != "TIMER":
-            return {"PASS_THROUGH"}
-        self._ended = self._ended or state.drain()
-        if isinstance(self._ended, Done) and context.mode.startswith("EDIT") and not state.discarded:
-            state.notice = "Leave Edit Mode to see the bake"
-        elif self._ended:
-            return self._finish(context, self._ended)
-        self._show(context)
-        return {"PASS_THROUGH"}
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        if not self._start(context):
-            return {"CANCELLED"}
-        return self._finish(context, get_state(context).wait())
-
-    def cancel(self, context: bpy.types.Context) -> None:
-        """Blender quits or opens a file."""
-        get_state(context).clear()
-        self._clean_up(context)
-
-    def _start(self, context: bpy.types.Context) -> bool:
-        state, began = get_state(context), time.monotonic()
-        self._ended: Done | Error | None = None
-        self._folder = tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True)
-        folder = Path(self._folder.name)
-        try:
-            self._session = session.prepare(context, make_request(context), folder)
-            process = BakeProcess(folder, tuple(bpy.app.python_args), session.library_paths())
-        except (ValueError, OSError) as reason:
-            state.fail(str(reason))
-            self.report({"ERROR"}, str(reason))
-            self._clean_up(context)
-            return False
-        # Undo and opening a file make references invalid: only names and numbers are kept.
-        self._scene_uid, self._view_layer = context.scene.session_uid, context.view_layer.name
-        state.begin(process, began, list(self._session.export.warnings))
-        return True
-
-    def _finish(self, context: bpy.types.Context, ended: Done | Error) -> set[str]:
-        state = get_state(context)
-        error, result = _FAULT, None
-        try:
-            if isinstance(ended, Error) or state.discarded:
-                error = ended.text if isinstance(ended, Error) and not state.discarded else ""
-            else:
-                found = session.read_result(self._session)
-                with self._bake_scene(context):
-                    state.warnings += session.assign(bpy.context, self._session, found)
-                error, result = "", found
-        except (ValueError, OSError) as reason:
-            error = str(reason)
-        finally:  # a fault of ours goes on to Blender's console, but leaves no bake that runs for ever
-            state.end(error, result)
-            self._clean_up(context)
-        if error:
-            self.report({"ERROR"}, error)
-        if result is None:
-            return {"CANCELLED"}
-        lines, count = state.summarize(), len(state.warnings)
-        told = f"; {count} warning{'s' if count > 1 else ''} in the panel" if count else ""
-        self.report({"WARNING"} if count else {"INFO"}, f"{lines[0]}, {lines[1].lower()}{told}")
-        return {"FINISHED"}
-
-    @contextmanager
-    def _bake_scene(self, context: bpy.types.Context) -> Iterator[None]:
-        """The scene that was baked, whichever is shown now."""
-        scene = next((scene for scene in bpy.data.scenes if scene.session_uid == self._scene_uid), None)
-        if scene is None:
-            raise ValueError("the scene was deleted during the bake; the images are in the output folder.")
-        if scene == context.scene:
-            yield
-            return
-        view_layer = scene.view_layers.get(self._view_layer) or scene.view_layers[0]
-        with context.temp_override(scene=scene, view_layer=view_layer):
-            yield
-
-    def _show(self, context: bpy.types.Context) -> None:
-        shown = get_state(context).describe()
-        if shown != self._shown:
-            self._shown = shown
-            context.workspace.status_text_set(f"Leaflight  {shown[0]}  {shown[1]}    {_HINT}")
-            _redraw_panels(context)
-
-    def _clean_up(self, context: bpy.types.Context) -> None:
-        if self._timer is not None:
-            context.window_manager.event_timer_remove(self._timer)
-            self._timer = None
-            for workspace in bpy.data.workspaces:  # each has a text of its own, and the user may have changed it meanwhile
-                with context.temp_override(workspace=workspace):
-                    workspace.status_text_set(None)
-        if self._folder is not None:
-            self._folder.cleanup()
-            self._folder = None
-        _redraw_panels(context)
+    def _make_request(self, context: bpy.types.Context) -> BakeRequest:
+        return refine_request(context.scene, make_request(context))
 
 
 class LEAFLIGHT_OT_stop(bpy.types.Operator):
@@ -189,7 +78,7 @@ class LEAFLIGHT_OT_toggle_preview(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return restore.has_bake(context.scene) and _is_out_of_edit_mode(cls, context)
+        return restore.has_bake(context.scene) and is_out_of_edit_mode(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         scene = context.scene
@@ -206,26 +95,13 @@ class LEAFLIGHT_OT_remove(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return restore.has_bake(context.scene) and not get_state(context).running and _is_out_of_edit_mode(cls, context)
+        return restore.has_bake(context.scene) and not get_state(context).running and is_out_of_edit_mode(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
+        remove_state(context.scene)
         restore.remove_bake(context.scene)
         get_state(context).clear()
         return {"FINISHED"}
 
 
-def _is_out_of_edit_mode(operator: Any, context: bpy.types.Context) -> bool:
-    if context.mode.startswith("EDIT"):
-        operator.poll_message_set("Leave Edit Mode first")
-        return False
-    return True
-
-
-def _redraw_panels(context: bpy.types.Context) -> None:
-    """The sidebars alone: drawing the 3D view with them may take long."""
-    areas = [area for window in context.window_manager.windows for area in window.screen.areas if area.type == "VIEW_3D"]
-    for region in (region for area in areas for region in area.regions if region.type == "UI"):
-        region.tag_redraw()
-
-
-CLASSES = (LEAFLIGHT_OT_bake, LEAFLIGHT_OT_stop, LEAFLIGHT_OT_toggle_preview, LEAFLIGHT_OT_remove)
+CLASSES = (LEAFLIGHT_OT_bake, LEAFLIGHT_OT_refine, LEAFLIGHT_OT_stop, LEAFLIGHT_OT_toggle_preview, LEAFLIGHT_OT_remove)

@@ -84,6 +84,8 @@ def _draw_progress(layout: Any, state: BakeState) -> None:
     row.progress(factor=state.fraction, text=bar)
     row.operator("leaflight.stop", text="Discard" if state.stopping or state.notice else "Stop")
     column.label(text=line)
+    if state.describe_pace():
+        column.label(text=state.describe_pace())
 
 
 def _draw_result(layout: Any, context: bpy.types.Context, state: BakeState) -> None:

@@ -8,6 +8,7 @@ import bpy
 
 from .arguments import BakeRequest
 from .baked_copies import SOURCE
+from .kept_state import MOST_MB
 from .properties import make_settings
 from .render_levels import find_render_objects
 
@@ -25,11 +26,14 @@ def make_request(context: bpy.types.Context) -> BakeRequest:
     names = list_objects(context)
     if chosen and not names:
         raise ValueError("no mesh is selected: select some, or choose All in the panel.")
+    output = Path(bpy.path.abspath(properties.output))
     return BakeRequest(
         settings=make_settings(properties),
         objects=tuple(names) if chosen else (),
         uv_layer=properties.uv_layer,
-        output=Path(bpy.path.abspath(properties.output)),
+        output=output,
+        keep=output / f"{Path(bpy.data.filepath).stem or 'lightmap'}.refine",
+        keep_mb=MOST_MB,
     )
 
 

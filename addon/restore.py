@@ -5,6 +5,8 @@ from __future__ import annotations
 import bpy
 
 from . import baked_copies, images, materials_write, uv_layer
+from .kept_state import STATE
+from .layout import LAYOUT
 from .tags import MADE, is_made, local_objects, remove_mark
 
 OBJECT_MARKS = (MADE, materials_write.BAKE, baked_copies.SOURCE, baked_copies.HIDDEN, baked_copies.SHARED_MESH)
@@ -24,6 +26,9 @@ def remove_bake(scene: bpy.types.Scene | None = None) -> None:
     for mesh in _local_meshes(objects, everything=scene is None):
         materials_write.remove_added_slot(mesh)
         uv_layer.remove_layer(mesh)
+    for one in [scene] if scene else bpy.data.scenes:
+        remove_mark(one, LAYOUT)
+        remove_mark(one, STATE)
     for obj in objects:
         baked_copies.restore_shared_mesh(obj)
         for mark in OBJECT_MARKS:

@@ -19,11 +19,13 @@ import numpy as np
 from mathutils import Matrix
 from numpy.typing import NDArray
 
-from ..core.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
+from ..core.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from ..core.snapshot import save_snapshot
 from . import baked_copies, export_scene, images, materials_write, restore, uv_layer
 from .arguments import BakeRequest
 from .export_pieces import walk_pieces
+from .kept_state import mark_state
+from .layout import Layout, mark_layout, read_layout
 from .render_levels import evaluate_for_render
 
 Warnings = list[tuple[str, str]]
@@ -56,7 +58,8 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
     name = Path(bpy.data.filepath).stem or (request.scene.stem if request.scene else "lightmap")
     try:
         save_snapshot(folder / SNAPSHOT_FILE, export.snapshot)
-        Job(request.settings, str(request.output.resolve()), name).save(folder)
+        resume, keep = (str(path.resolve()) if path else "" for path in (request.resume, request.keep))
+        Job(request.settings, str(request.output.resolve()), name, request.preview, resume, keep, request.keep_mb).save(folder)
     except OSError as reason:
         raise OSError(
             f"{folder}: the scene cannot be kept there ({reason.strerror}); make room, or set TMPDIR to another folder."
@@ -98,12 +101,17 @@ def read_result(session: Session) -> dict[str, Any]:
 
 def assign(context: bpy.types.Context, session: Session, result: dict[str, Any]) -> Warnings:
     """Put UV layers and images on the baked objects, in place of any earlier bake; gives what could not be done."""
-    scene, export = context.scene, session.export
-    restore.remove_bake(scene)
+    restore.remove_bake(context.scene)
     context.view_layer.update()  # until then Blender 5.2 lists the copies that were removed, as None
-    layout = np.load(session.folder / LAYOUT_FILE)
-    page_image = _load_pages(session.request, result)
-    baked = [i for i, page in enumerate(layout["object_page"]) if page in page_image]
+    warnings = show_pages(context, session, load_pages(session.request, result))
+    mark_state(context.scene, session.request)
+    return warnings
+
+
+def show_pages(context: bpy.types.Context, session: Session, page_image: dict[int, bpy.types.Image]) -> Warnings:
+    """Put UV layers and these images on the baked objects of a scene without a bake; gives what could not be done."""
+    export, layout = session.export, get_layout(session)
+    baked = [i for i, page in enumerate(layout.object_page) if page in page_image]
     targets, warnings = _find_targets(context, [export.objects[i] for i in baked])
     shared = Counter(obj.data for obj in targets.values())
     ours, theirs = [], []
@@ -111,23 +119,33 @@ def assign(context: bpy.types.Context, session: Session, result: dict[str, Any])
         obj = targets.get(export.objects[i].name)
         if obj is None:
             continue
-        pair = (obj, page_image[layout["object_page"][i]])
+        pair = (obj, page_image[int(layout.object_page[i])])
         if export.snapshot.objects[i].has_layer:
             theirs.append(pair)
             continue
         mesh = baked_copies.give_own_mesh(obj) if shared[obj.data] > 1 else obj.data
         try:
-            uv_layer.write_layer(mesh, _corner_uv(session, i, layout["tri_uv"]))
+            uv_layer.write_layer(mesh, _corner_uv(session, i, layout.tri_uv))
         except ValueError as reason:
             warnings.append((obj.name, str(reason)))
             continue
         ours.append(pair)
-    mode = "lighting" if session.request.settings.passes[0] == "lighting" else "combined"
+    mode = _pick_mode(session.request)
     warnings += materials_write.assign(ours, mode)
+    mark_layout(context.scene, layout, page_image)
     return warnings + materials_write.assign(theirs, mode, session.request.uv_layer)
 
 
-def _load_pages(request: BakeRequest, result: dict[str, Any]) -> dict[int, bpy.types.Image]:
+def get_layout(session: Session) -> Layout:
+    """The layout of the bake, once the core has made it."""
+    return read_layout(session.folder, session.export.objects, f"{_pick_mode(session.request)} {session.request.uv_layer}")
+
+
+def _pick_mode(request: BakeRequest) -> str:
+    return "lighting" if request.settings.passes[0] == "lighting" else "combined"
+
+
+def load_pages(request: BakeRequest, result: dict[str, Any]) -> dict[int, bpy.types.Image]:
     """The first pass asked for, in the first format asked for, by page."""
     wanted = (request.settings.passes[0], request.settings.formats[0])
     files = [file for file in result["files"] if (file["pass_name"], file["kind"]) == wanted]
@@ -142,8 +160,8 @@ def _find_targets(context: bpy.types.Context, exported: list[export_scene.Export
     for one in exported:
         if one.needs_copy:
             continue
-        obj = export_scene.find_object(one)
-        if obj is None or obj.type != "MESH" or len(obj.data.loops) != one.n_corner:
+        obj = find_carrier(one)
+        if obj is None:
             warnings.append((one.source, f"{one.source}: was deleted or edited during the bake, so its lightmap fits nothing; bake again."))
             continue
         targets[one.name] = obj
@@ -161,6 +179,12 @@ def _find_targets(context: bpy.types.Context, exported: list[export_scene.Export
                     warnings.append((one.source, str(reason)))
         baked_copies.set_copies_visible(context.scene, True)  # only now: evaluate_for_render had lent itself their visibility
     return targets, warnings
+
+
+def find_carrier(one: export_scene.ExportedObject) -> Any:
+    """The user's own object that carries the bake, None when it was deleted or edited meanwhile."""
+    obj = export_scene.find_object(one)
+    return obj if obj is not None and obj.type == "MESH" and len(obj.data.loops) == one.n_corner else None
 
 
 def _corner_uv(session: Session, index: int, tri_uv: NDArray[np.float64]) -> NDArray[np.float32]:

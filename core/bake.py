@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import basis, charts, contact, image_file, resolve, shared_arrays, solve, texels, workers
+from . import basis, charts, checkpoint, contact, image_file, preview, resolve, shared_arrays, solve, texels, workers
 from .direct_field import DirectField
 from .job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
 from .materials import clamp_warnings
@@ -27,6 +27,7 @@ from .scene import SceneSnapshot
 from .snapshot import load_snapshot
 from .texel_map import TexelMap
 
+PREVIEW_FOLDER = "preview"
 MAX_NAME_BYTES = 180  # of an object in a file's name: systems allow 255 in all, and Blender as many for the object
 
 
@@ -85,18 +86,35 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
             tracing = workers.open_tracing(str(folder))
         for subject, text in [*warnings, *atlas.warnings, *tracing.warnings]:
             tell(Warning_(subject, text))
-        with stages.stage("direct", "Direct light"):
-            n_texel = len(texel_map.texel_area)
-            direct = DirectField.none(n_texel)
-            shot = settings.direct == "photons" or direct.shoot(folder, settings, executor, np.arange(n_texel), tell, should_stop)
-            if not shot:  # stopped before there was anything to show: one round of photons shows all of the light, coarsely
-                settings, direct = dataclasses.replace(settings, direct="photons"), DirectField.none(n_texel)
+        n_texel = len(texel_map.texel_area)
+        blender = LeafBlender.of(texel_map, atlas.chart_page[texel_map.texel_chart])
+        kept = checkpoint.load_checkpoint(Path(job.resume), folder, settings) if job.resume else None
+        direct = kept.direct if kept else DirectField.none(n_texel)
+        live, tell_live = None, tell
+        if job.preview:
+            with stages.stage("preview", "First light"):
+                live = preview.PreviewPages(folder / PREVIEW_FOLDER, texel_map, tracing.scene.surfaces, blender.page, settings, tell)
+                if not kept:
+                    tell_live = live.join(preview.find_first_light(folder, settings, blender), direct)
+        shot = True
+        if not kept:
+            with stages.stage("direct", "Direct light"):
+                shot = settings.direct == "photons" or direct.shoot(folder, settings, executor, np.arange(n_texel), tell_live, should_stop)
+                if not shot:  # stopped before there was anything to show: one round of photons shows all of the light, coarsely
+                    settings, direct = dataclasses.replace(settings, direct="photons"), DirectField.none(n_texel)
         with stages.stage("photons", "Tracing photons"):
             forced = _find_contacts(tracing, texel_map) if settings.contact else np.zeros(n_texel, bool)
-            blender = LeafBlender.of(texel_map, atlas.chart_page[texel_map.texel_chart])
-            light = solve.Solver(folder, settings, executor, direct, forced, blender).run(tell, should_stop)
+            solver = solve.Solver(folder, settings, executor, direct, forced, blender)
+            if kept:
+                kept.give_to(solver)
+            if live:
+                solver.watch = live.show
+            light = solver.run(tell, should_stop)
         with stages.stage("write", "Writing images"):
             files = _write_pages(job, snapshot, atlas, blender, light, tracing)
+        if job.keep:
+            with stages.stage("keep", "Keeping the state"):
+                _keep_state(job, solver if shot else None, light.error, tell)
     finally:
         executor.shutdown(cancel_futures=True)
         workers.forget_folders()  # the next bake may use the same folder
@@ -140,6 +158,17 @@ def _find_contacts(tracing: workers.Tracing, texel_map: TexelMap) -> NDArray[np.
     position_m = np.einsum("nk,nkj->nj", texel_map.texel_bary, tracing.snapshot.tri_position[tri])
     size = np.sqrt(texel_map.tri_density[tri]) * tracing.unit_box.scale
     return contact.find_contacts(tracing.scene.rays, tracing.unit_box.to_unit(position_m), tracing.scene.tri_normal[:, tri].T, size)
+
+
+def _keep_state(job: Job, solver: solve.Solver | None, error: float, tell: Callable[[Message], None]) -> None:
+    """None is a bake that was stopped before it had a state; an earlier one's fits the images no longer."""
+    try:
+        if solver is None:
+            checkpoint.remove_checkpoint(Path(job.keep))
+        else:
+            checkpoint.save_checkpoint(Path(job.keep), solver, error, job.keep_mb * 10**6)
+    except (ValueError, OSError) as reason:  # the images are there all the same
+        tell(Warning_("", str(reason)))
 
 
 def _write_pages(

@@ -61,9 +61,6 @@ class DirectField:
         for shard, light in zip(shards, executor.map(workers.light_texels, shards), strict=True):
             if should_stop():
                 return False
-            if time.monotonic() - told > SECONDS_BETWEEN_WORDS:
-                told = time.monotonic()
-                tell(Status("direct", f"Direct light, {shard.start / len(texels):.0%}"))
             rows = shard.texels
             before = self.passes[rows, None].astype(np.float32)
             self.irradiance[rows] = (self.irradiance[rows] * before + light.irradiance_rgb) / (before + 1)
@@ -71,4 +68,7 @@ class DirectField:
             self.passes[rows] += 1
             for name, count in light.counters.items():
                 self.counters[name] = self.counters.get(name, 0) + count
+            if time.monotonic() - told > SECONDS_BETWEEN_WORDS:  # after it is added: whoever hears it may look
+                told = time.monotonic()
+                tell(Status("direct", f"Direct light, {(shard.start + len(rows)) / len(texels):.0%}"))
         return True

@@ -25,11 +25,19 @@ class Job:
 
     output       folder of the images
     atlas_name   file name of shared pages, without page number
+    preview      whether pages of the light so far are written meanwhile, see preview
+    resume       folder of the state of an earlier bake to go on from, "" none; see checkpoint
+    keep         folder to keep the state in at the end, "" none
+    keep_mb      size beyond which it is not kept, 0 for any
     """
 
     settings: Settings
     output: str
     atlas_name: str
+    preview: bool = False
+    resume: str = ""
+    keep: str = ""
+    keep_mb: int = 0
 
     def save(self, folder: Path) -> None:
         (folder / JOB_FILE).write_text(json.dumps(dataclasses.asdict(self)), encoding="utf-8")
@@ -45,6 +53,6 @@ class Job:
         try:
             fields: dict[str, Any] = json.loads(text)
             knobs: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in fields["settings"].items()}
-            return cls(Settings(**knobs), fields["output"], fields["atlas_name"])
+            return cls(**(fields | {"settings": Settings(**knobs)}))
         except (KeyError, TypeError, AttributeError, ValueError) as reason:
             raise ValueError(f"{path}: is no Leaflight job or is damaged ({reason}); start the bake again.") from reason

@@ -97,6 +97,7 @@ class Solver:
     forced_texels: NDArray[np.bool_]
     blender: LeafBlender
     started: float = field(default_factory=time.monotonic)
+    watch: Callable[[LightField], None] = lambda light: None  # sees the light after every round but the last
 
     def __post_init__(self) -> None:
         self.tracing = workers.open_tracing(str(self.folder))
@@ -118,8 +119,12 @@ class Solver:
     def run(self, tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> LightField:
         """Rounds until one of the stop rules holds; `tell` hears of each."""
         error = math.nan
+        before = int(self.tally.photons.sum())
+        traced = before > 0  # a bake that goes on: its last round has not been refined yet
         while True:
-            self._trace_round(self._next_photons(error))
+            if not traced:
+                self._trace_round(self._next_photons(error))
+            traced = False
             state = self._read_tallies()
             light, stated = self._light(state)
             while self._direct_errs_most(stated) and not should_stop():
@@ -130,9 +135,10 @@ class Solver:
                 light, stated = self._light(state)
             error = light.error
             light = replace(light, stopped_by=self._stop_reason(error, should_stop))
-            tell(self._progress(light))
+            tell(self._progress(light, before))
             if light.stopped_by:
                 return light
+            self.watch(light)
             if self.settings.hierarchical:
                 self._refine(state)
 
@@ -242,7 +248,8 @@ class Solver:
             return "time_limit"
         return ""
 
-    def _progress(self, light: LightField) -> Progress:
+    def _progress(self, light: LightField, before: int) -> Progress:
+        """`before` photons were traced by an earlier bake."""
         seconds = max(time.monotonic() - self.started, 1e-6)
         settings = self.settings
         fractions = [light.photons / settings.max_photons]
@@ -251,8 +258,9 @@ class Solver:
         if settings.time_limit:
             fractions.append(seconds / settings.time_limit)
         fraction = 1.0 if light.stopped_by else min(max(fractions), 1.0)
-        left = seconds * (1.0 / fraction - 1.0) if fraction > 0.0 else math.nan
-        return Progress(fraction, light.photons, light.photons / seconds, light.error, left, len(light.leaves))
+        done = fraction * (1.0 - before / max(light.photons, 1))  # of it, in this time
+        left = seconds * (1.0 - fraction) / done if done > 0.0 else math.nan
+        return Progress(fraction, light.photons, (light.photons - before) / seconds, light.error, left, len(light.leaves))
 
 
 def _any_in_range(flag: NDArray[np.bool_], tree: Quadtree) -> NDArray[np.bool_]:

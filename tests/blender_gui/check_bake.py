@@ -1,4 +1,4 @@
-"""Checks what only a Blender with a window can show of a bake: stopping, Edit Mode, another scene, another file, the end.
+"""Checks what only a Blender with a window can show of a bake: live light, stopping, Edit Mode, undo, another scene or file, the end.
 
     blender --enable-event-simulate sample_blends/cornell_box.blend --python tests/blender_gui/check_bake.py
 
@@ -10,6 +10,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import bpy
 
@@ -73,6 +74,66 @@ def running_id() -> int:
     return state()._process._process.pid
 
 
+def live_images() -> list[str]:
+    return [image.name for image in bpy.data.images if "leaflight_live" in image]
+
+
+def is_live() -> bool:
+    return state().running and has_bake(bpy.context.scene) and bool(live_images())
+
+
+def stop() -> Iterator[float]:
+    bpy.ops.leaflight.stop()
+    yield from wait(lambda: not state().running)
+
+
+def mean_light() -> float:
+    pixels = bpy.data.images[live_images()[0]].pixels[:]
+    return sum(pixels) / len(pixels)
+
+
+def check_live() -> Iterator[float]:
+    press_bake(error=1e-4)
+    yield from wait(lambda: is_live() or not state().running)
+    check("the first light is on the objects before there is any progress", is_live() and state().progress is None)
+    first = mean_light() if is_live() else 0.0
+    yield from wait(lambda: state().progress or not state().running)
+    yield from wait(lambda: not state().running or mean_light() != first)
+    check("and changes while it bakes", is_live() and 0.0 < mean_light() != first > 0.0)
+    path = Path(tempfile.mkdtemp()) / "meanwhile.blend"
+    with in_view():
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    with bpy.data.libraries.load(str(path)) as (found, _):
+        check("a file saved meanwhile holds none of it", not any("live" in name for name in found.images))
+        check("nor our materials", not any("Leaflight" in name for name in found.materials))
+    yield from wait(lambda: is_live() or not state().running)
+    check("and it comes on again", is_live())
+    yield from stop()
+    check("the best so far takes its place", has_bake(bpy.context.scene) and state().result and not live_images())
+
+
+def check_refine() -> Iterator[float]:
+    before = state().result
+    check("a stopped bake can be refined", bpy.ops.leaflight.refine.poll())
+    bpy.context.scene.leaflight.error = 0.9 * before["estimated_error"]
+    with in_view():
+        bpy.ops.leaflight.refine("INVOKE_DEFAULT")
+    yield from wait(lambda: not state().running)
+    check(
+        "and goes on from there",
+        state().result and state().result["photons"] > before["photons"] and "direct" not in state().result["seconds"],
+    )
+    shown = {image.name for image in bpy.data.images if image.users}
+    press_bake(error=1e-4)
+    yield from wait(lambda: is_live() or not state().running)
+    check("a new bake of the same layout is shown over it", is_live())
+    bpy.ops.leaflight.stop()
+    bpy.ops.leaflight.stop()
+    yield from wait(lambda: not state().running)
+    check("thrown away, the earlier comes back", has_bake(bpy.context.scene) and shown == {i.name for i in bpy.data.images if i.users})
+    remove_bake()
+
+
 def check_escape() -> Iterator[float]:
     press_bake(error=1e-4)
     yield from wait(lambda: state().progress or not state().running)
@@ -88,13 +149,15 @@ def check_escape() -> Iterator[float]:
 
 
 def check_discard() -> Iterator[float]:
+    materials = {material.name for material in bpy.data.materials}
     press_bake(error=1e-4)
-    yield from wait(lambda: state().progress or not state().running)
+    yield from wait(lambda: (is_live() and state().progress) or not state().running)
     group = running_id()
     bpy.ops.leaflight.stop()
     bpy.ops.leaflight.stop()
     yield from wait(lambda: not state().running)
     check("stop twice throws the bake away", not state().result and not state().error and not has_bake(bpy.context.scene))
+    check("with its materials and images", not live_images() and materials == {material.name for material in bpy.data.materials})
     yield from wait(lambda: not is_alive(group))
     check("and leaves no process", not is_alive(group))
 
@@ -119,11 +182,24 @@ def check_undo_meanwhile() -> Iterator[float]:
         bpy.ops.ed.undo_push(message="Select")
         bpy.ops.object.select_all(action="DESELECT")
         bpy.ops.ed.undo_push(message="Deselect")
-    press_bake()
+    press_bake(error=1e-4)
+    yield from wait(lambda: is_live() or not state().running)
     with in_view():
         bpy.ops.ed.undo()
-    yield from wait(lambda: not state().running)
-    check("a bake outlives an undo", state().result and has_bake(bpy.context.scene))
+    check("an undo takes the light off", not has_bake(bpy.context.scene) and state().running)
+    yield from wait(lambda: is_live() or not state().running)
+    check("and it comes on again", is_live())
+    with in_view():
+        bpy.ops.object.select_all(action="SELECT")
+        bpy.ops.ed.undo_push(message="Select")
+    yield from stop()
+    check("a bake outlives an undo", state().result and has_bake(bpy.context.scene) and not live_images())
+    with in_view():
+        bpy.ops.ed.undo()
+    check("a step back into the middle of the bake shows nothing half done", not live_images() and not has_bake(bpy.context.scene))
+    with in_view():
+        bpy.ops.ed.redo()
+    check("and forward again the whole bake", has_bake(bpy.context.scene) and not live_images())
     remove_bake()
 
 
@@ -162,7 +238,17 @@ def check_end() -> Iterator[float]:
 
 
 def steps() -> Iterator[float]:
-    for checks in (check_escape, check_discard, check_edit_mode, check_undo_meanwhile, check_other_scene, check_other_file, check_end):
+    for checks in (
+        check_live,
+        check_refine,
+        check_escape,
+        check_discard,
+        check_edit_mode,
+        check_undo_meanwhile,
+        check_other_scene,
+        check_other_file,
+        check_end,
+    ):
         try:
             yield from checks()
         except Exception:

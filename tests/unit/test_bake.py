@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boxes import lamp_scene, room_mesh
-from leaflight.core import bake
+from leaflight.core import bake, preview
+from leaflight.core.checkpoint import read_info
 from leaflight.core.image_file import read_image
 from leaflight.core.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
-from leaflight.core.messages import Done, Progress, Status, Warning_
+from leaflight.core.messages import Done, Preview, Progress, Status, Warning_
 from leaflight.core.scene import Light, Material
 from leaflight.core.settings import Settings
 from leaflight.core.snapshot import load_snapshot, save_snapshot
@@ -22,11 +23,11 @@ QUICK = Settings(size=32, padding=1, workers=1, error=0.3, max_photons=20_000)
 STAGES = ["load", "charts", "texels", "scene", "direct", "photons", "write"]
 
 
-def bake_scene(folder, scene, settings=QUICK, output="", should_stop=lambda: False):
+def bake_scene(folder, scene, settings=QUICK, output="", should_stop=lambda: False, **job):
     """Messages and result of a bake in `folder`."""
     folder.mkdir(exist_ok=True)
     save_snapshot(folder / SNAPSHOT_FILE, scene)
-    Job(settings, output or str(folder / "images"), "room").save(folder)
+    Job(settings, output or str(folder / "images"), "room", **job).save(folder)
     messages = []
     bake.run_bake(folder, messages.append, should_stop)
     return messages, json.loads((folder / RESULT_FILE).read_text())
@@ -203,3 +204,65 @@ def test_stopped_before_direct_light_is_done_a_bake_still_shows_all_light(tmp_pa
     pixels, _ = read_image(result["files"][0]["path"])
     assert said[-1].interrupted
     assert pixels[..., :3][pixels[..., 3] > 0].mean() > 0.05
+
+
+@pytest.mark.parametrize("direct", ["rays", "photons"])
+def test_previews_come_first_and_change_no_byte(tmp_path, monkeypatch, direct):
+    monkeypatch.setattr(preview, "LEAST_PAUSE_S", 0.0)
+    monkeypatch.setattr(preview, "PAUSE_OF_COST", 0.0)
+    settings, files = replace(QUICK, direct=direct, error=0.02, max_photons=600_000), []
+    for name, with_preview in (("with", True), ("without", False)):
+        messages, result = bake_scene(tmp_path / name, lamp_scene(), settings, preview=with_preview)
+        files.append((tmp_path / name / "images" / "room_0.combined.exr").read_bytes())
+        shown = [message for message in messages if isinstance(message, Preview)]
+        assert len(shown) == (result["rounds"] if with_preview else 0)  # the first light, and each round but the last
+        if with_preview:
+            stages = [message.stage for message in messages if isinstance(message, Status)]
+            assert stages == [*STAGES[:4], "preview", *STAGES[4:]]
+            kinds = [type(message) for message in messages]
+            assert kinds.index(Preview) < kinds.index(Progress)
+    assert files[0] == files[1]
+
+
+def test_a_stopped_bake_goes_on_to_the_bytes_of_a_whole_one(tmp_path):
+    settings, kept = replace(QUICK, error=1e-4, max_photons=600_000), str(tmp_path / "kept")
+    _, whole = bake_scene(tmp_path / "whole", lamp_scene(), settings)
+    asked = []
+
+    def stop_in_the_first_round():
+        asked.append(True)
+        return len(asked) > 1  # the first time is that of direct light's only shard
+
+    _, part = bake_scene(tmp_path / "part", lamp_scene(), settings, should_stop=stop_in_the_first_round, keep=kept)
+    assert part["stopped_by"] == "interrupted"
+    assert read_info(Path(kept)).photons == part["photons"] < whole["photons"]
+    messages, rest = bake_scene(tmp_path / "rest", lamp_scene(), settings, resume=kept, keep=kept, preview=True)
+    images = [(tmp_path / name / "images" / "room_0.combined.exr").read_bytes() for name in ("whole", "part", "rest")]
+    assert images[0] == images[2] != images[1]
+    assert (rest["photons"], rest["rays"], rest["energy_audit_w"]) == (whole["photons"], whole["rays"], whole["energy_audit_w"])
+    assert "direct" not in rest["seconds"]
+    assert [message.stage for message in messages if isinstance(message, Status)][-2:] == ["write", "keep"]
+    assert read_info(Path(kept)).photons == whole["photons"]
+
+
+def test_stopped_before_direct_light_is_done_there_is_nothing_to_go_on_from(tmp_path):
+    kept = tmp_path / "kept"
+    bake_scene(tmp_path, lamp_scene(), keep=str(kept))
+    assert read_info(kept)
+    bake_scene(tmp_path, lamp_scene(), should_stop=lambda: True, keep=str(kept))
+    assert not kept.exists()
+
+
+def test_a_state_that_cannot_be_kept_is_a_warning(tmp_path):
+    (tmp_path / "kept").touch()
+    messages, result = bake_scene(tmp_path, lamp_scene(), keep=str(tmp_path / "kept"))
+    assert [message.text for message in messages if isinstance(message, Warning_)] == [
+        f"{tmp_path / 'kept'}: the bake's state cannot be kept there (File exists); make room, or bake again."
+    ]
+    assert Path(result["files"][0]["path"]).is_file()
+
+
+def test_going_on_from_nothing_is_a_sentence(tmp_path):
+    with pytest.raises(ValueError, match="holds no state of a bake"):
+        bake_scene(tmp_path, lamp_scene(), resume=str(tmp_path / "nowhere"))
+    assert not list_files(tmp_path / "images")

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 from leaflight.addon.bake_state import BakeState, describe_count, describe_seconds
-from leaflight.core.messages import Done, Error, Progress, Status, Warning_
+from leaflight.core.messages import Done, Error, Preview, Progress, Status, Warning_
 
 RESULT = {"stopped_by": "error", "estimated_error": 0.048, "leaves": 1234, "photons": 2_500_000, "pages": 2, "page_size": 512}
 
@@ -117,3 +117,18 @@ def test_result_tells_why_it_stopped():
 def test_numbers_for_a_narrow_panel():
     assert [describe_count(count) for count in (65_536, 1_234_567)] == ["65,536", "1.23 M"]
     assert [describe_seconds(seconds) for seconds in (12.4, 125, 7300)] == ["12 s", "2 min 05 s", "2 h 01 min"]
+
+
+def test_pace_and_target_are_told():
+    state, process = BakeState(), Talker([progress(0.4), Done("", False)])
+    assert state.describe_pace() == ""
+    state.begin(process, 0.0, [], target=0.05)
+    state.wait()
+    assert state.describe_pace() == "1.00 M photons/s, until the error is 5.0%"
+
+
+def test_the_newest_page_is_shown_and_once():
+    state, _ = begin(Preview(0, "a"), Preview(1, "b"), Preview(0, "c"), Done("", False))
+    state.wait()
+    assert state.take_previews() == {0: "c", 1: "b"}
+    assert state.take_previews() == {}

@@ -21,7 +21,7 @@ def another_value(knob):
 def test_all_knobs_come_back_from_disk(tmp_path):
     changed = Settings(**{knob.name: another_value(knob) for knob in dataclasses.fields(Settings)})
     assert all(getattr(changed, knob.name) != knob.default for knob in dataclasses.fields(Settings))
-    job = Job(changed, output="/some where/\u00e4", atlas_name="caf\u00e9")
+    job = Job(changed, output="/some where/\u00e4", atlas_name="caf\u00e9", preview=True, resume="a", keep="b", keep_mb=3)
     job.save(tmp_path)
     assert Job.load(tmp_path) == job
 

@@ -1,0 +1,63 @@
+"""Where the core laid the objects out, and which images of that layout a scene wears."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.job import LAYOUT_FILE
+from .export_scene import ExportedObject
+
+LAYOUT = "leaflight_layout"  # on a scene that wears a bake: digest of its layout, and its images by page
+
+
+@dataclass(frozen=True)
+class Layout:
+    """UVs and pages of the snapshot's triangles and objects.
+
+    tri_uv        (n_tri, 3, 2) float64, [0, 1]
+    object_page   (n_object,) int64, -1 for none
+    digest        the same for bakes that differ in nothing but the light in their images
+    """
+
+    tri_uv: NDArray[np.float64]
+    object_page: NDArray[np.int64]
+    digest: str
+
+    @property
+    def page_count(self) -> int:
+        return int(self.object_page.max(initial=-1)) + 1
+
+
+def read_layout(folder: Path, objects: Sequence[ExportedObject], shown_as: str) -> Layout:
+    """The layout that the core left in the job's folder; it is there before the first light is.
+
+    shown_as   whatever else the materials of a bake depend on
+    """
+    with np.load(folder / LAYOUT_FILE) as stored:
+        tri_uv, object_page = stored["tri_uv"], stored["object_page"]
+    about = repr([(one.name, one.n_corner) for one in objects]) + shown_as
+    digest = zlib.crc32(about.encode(), zlib.crc32(tri_uv.tobytes(), zlib.crc32(object_page.tobytes())))
+    return Layout(tri_uv, object_page, f"{digest:08x}")
+
+
+def mark_layout(scene: bpy.types.Scene, layout: Layout, page_image: dict[int, bpy.types.Image]) -> None:
+    """Remember what the scene wears."""
+    scene[LAYOUT] = {"digest": layout.digest, "images": {str(page): image for page, image in page_image.items()}}
+
+
+def worn_digest(scene: bpy.types.Scene) -> str:
+    """Digest of the layout that the scene wears, "" without one."""
+    return str(scene[LAYOUT]["digest"]) if LAYOUT in scene else ""
+
+
+def worn_images(scene: bpy.types.Scene) -> dict[int, bpy.types.Image]:
+    """Images by page that the scene wears; one that was deleted is left out."""
+    found = scene[LAYOUT]["images"].to_dict() if LAYOUT in scene else {}
+    return {int(page): image for page, image in found.items() if image is not None}

@@ -1,0 +1,164 @@
+"""A bake's tallies in a folder, so that it can go on to a smaller error later instead of starting again.
+
+What is kept is the state after the last round, before it is refined: going on from there does what the bake would have done
+had it not stopped. It fits one scene and one method only, which are compared before.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import shutil
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import shared_arrays
+from .direct_field import DirectField
+from .job import SNAPSHOT_FILE
+from .quadtree import Quadtree
+from .settings import Settings
+from .solve import ENERGY_NAMES, Solver
+from .tally import Tally
+
+FORMAT = "leaflight-state"
+FORMAT_VERSION = 1
+INFO_FILE = "leaflight_state.json"  # marks a folder as ours
+_STRUCT_FOLDER = "state"
+# Of the groups of knobs that change nothing of what is traced, and knobs of other groups that do not either.
+_FREE_GROUPS = ("Output", "Quality")
+_FREE_KNOBS = ("workers", "margin")
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """The state of a bake between two rounds.
+
+    energy_w   (4, 3) float64: the ledger's sums, in the order of solve.ENERGY_NAMES
+    """
+
+    tree: Quadtree
+    tally: Tally
+    direct: DirectField
+    energy_w: NDArray[np.float64]
+    rays: int
+    deposits: int
+    round: int
+
+    @classmethod
+    def of(cls, solver: Solver) -> Checkpoint:
+        ledger = solver.ledger
+        energy_w = np.array([ledger.energy_w[name] for name in ENERGY_NAMES])
+        return cls(solver.tree, solver.tally, solver.direct, energy_w, ledger.rays, ledger.deposits, solver.round)
+
+    def give_to(self, solver: Solver) -> None:
+        """Let a new solver of the same scene and method go on from here."""
+        solver.tree, solver.tally, solver.direct, solver.round = self.tree, self.tally, self.direct, self.round
+        ledger = solver.ledger
+        ledger.energy_w = dict(zip(ENERGY_NAMES, self.energy_w, strict=True))
+        ledger.rays, ledger.deposits = self.rays, self.deposits
+
+
+@dataclass(frozen=True)
+class Info:
+    """What can be told of a kept state without reading it."""
+
+    photons: int
+    error: float  # stated, relative
+    bytes: int
+    identity: dict[str, str]
+
+
+def save_checkpoint(folder: Path, solver: Solver, error: float, most_bytes: int = 0) -> None:
+    """Keep the state in `folder`, in place of what was kept there before.
+
+    most_bytes   0 is no limit
+    Raises OSError when it cannot be written, ValueError when it is larger; each with a sentence.
+    """
+    struct = Checkpoint.of(solver)
+    size = _count_bytes(struct)
+    remove_checkpoint(folder)
+    if most_bytes and size > most_bytes:
+        raise ValueError(f"the bake's state takes {size / 1e6:,.0f} MB, more than the {most_bytes / 1e6:,.0f} MB allowed; it is not kept.")
+    info = Info(int(solver.tally.photons.sum()), error, size, _identify(solver.folder, solver.settings))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        shared_arrays.save_struct(folder / _STRUCT_FOLDER, struct)
+        text = json.dumps({"format": FORMAT, "version": FORMAT_VERSION, **dataclasses.asdict(info)})
+        (folder / INFO_FILE).write_text(text, encoding="utf-8")  # last: a state without it is not complete
+    except OSError as reason:
+        shutil.rmtree(folder / _STRUCT_FOLDER, ignore_errors=True)
+        raise OSError(f"{folder}: the bake's state cannot be kept there ({reason.strerror}); make room, or bake again.") from reason
+
+
+def read_info(folder: Path) -> Info | None:
+    """What is told of the state in `folder`; None where there is none that this version can go on from."""
+    try:
+        fields: dict[str, Any] = json.loads((folder / INFO_FILE).read_text(encoding="utf-8"))
+        known = (fields.pop("format"), fields.pop("version")) == (FORMAT, FORMAT_VERSION)
+        return Info(**fields) if known else None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):  # not there, or not ours
+        return None
+
+
+def load_checkpoint(folder: Path, job_folder: Path, settings: Settings) -> Checkpoint:
+    """The state kept in `folder`, for the job in another.
+
+    Raises ValueError with a sentence when there is none, or none of this scene and these settings.
+    """
+    info = read_info(folder)
+    if info is None:
+        raise ValueError(f"{folder}: holds no state of a bake that can be gone on with; bake again.")
+    identity = _identify(job_folder, settings)
+    differing = [name for name in identity if info.identity.get(name) != identity[name]]
+    if differing:
+        raise ValueError(f"{folder}: is the state of a bake with another {', '.join(differing)}; bake again.")
+    try:
+        kept: Checkpoint = _own_arrays(shared_arrays.load_struct(folder / _STRUCT_FOLDER, Checkpoint))
+        return kept
+    except (OSError, ValueError, KeyError, TypeError) as reason:
+        raise ValueError(f"{folder}: the state of the bake is damaged ({reason}); bake again.") from reason
+
+
+def remove_checkpoint(folder: Path) -> None:
+    """Delete what save_checkpoint wrote, and the folder if nothing else is in it; any other folder is left alone."""
+    if not (folder / INFO_FILE).is_file():
+        return
+    (folder / INFO_FILE).unlink()
+    shutil.rmtree(folder / _STRUCT_FOLDER, ignore_errors=True)
+    if not any(folder.iterdir()):
+        folder.rmdir()
+
+
+def _identify(job_folder: Path, settings: Settings) -> dict[str, str]:
+    """What a state belongs to: the scene by its arrays' checksums, and each knob of the method."""
+    with zipfile.ZipFile(job_folder / SNAPSHOT_FILE) as stored:
+        rows = sorted(f"{member.filename} {member.file_size} {member.CRC}" for member in stored.infolist())
+    knobs = [knob for knob in dataclasses.fields(settings) if knob.metadata["group"] not in _FREE_GROUPS and knob.name not in _FREE_KNOBS]
+    scene = hashlib.sha256("\n".join(rows).encode()).hexdigest()
+    return {"scene": scene} | {knob.name: repr(getattr(settings, knob.name)) for knob in knobs}
+
+
+def _count_bytes(struct: Any) -> int:
+    total = 0
+    for field in dataclasses.fields(struct):
+        value = getattr(struct, field.name)
+        total += value.nbytes if isinstance(value, np.ndarray) else _count_bytes(value) if dataclasses.is_dataclass(value) else 0
+    return total
+
+
+def _own_arrays(struct: Any) -> Any:
+    """The struct with arrays in memory in place of mapped files: they grow, and the files may be replaced meanwhile."""
+    values = {}
+    for field in dataclasses.fields(struct):
+        value = getattr(struct, field.name)
+        if dataclasses.is_dataclass(value):
+            values[field.name] = _own_arrays(value)
+        else:
+            values[field.name] = np.array(value) if isinstance(value, np.ndarray) else value
+    return type(struct)(**values)

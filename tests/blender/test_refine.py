@@ -1,0 +1,126 @@
+"""Refine: a bake goes on from what was kept of it, in Blender and on the command line."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+import leaflight  # noqa: E402
+from blend_rooms import bake, open_room, read_report, save_scene  # noqa: E402
+from leaflight.addon import kept_state, restore  # noqa: E402
+from leaflight.addon.arguments import BakeRequest  # noqa: E402
+from leaflight.core.checkpoint import read_info  # noqa: E402
+from leaflight.core.settings import Settings  # noqa: E402
+
+
+@pytest.fixture
+def room(tmp_path):
+    """The room with the add-on, baked once and coarsely."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    leaflight.register()
+    open_room()
+    save_scene(tmp_path / "room.blend")
+    chosen = bpy.context.scene.leaflight
+    chosen.size, chosen.error, chosen.workers, chosen.max_photons = 32, 0.5, 1, 20_000
+    chosen.output = "//maps"
+    assert not bpy.ops.leaflight.refine.poll()
+    bpy.ops.leaflight.bake()
+    yield bpy.context.scene
+    leaflight.unregister()
+
+
+@pytest.fixture
+def state():
+    return bpy.context.window_manager.leaflight_state
+
+
+@pytest.fixture
+def kept(tmp_path):
+    return tmp_path / "maps" / "room.refine"
+
+
+def test_refine_goes_on_to_half_the_error_or_to_the_panels(room, state, kept):
+    first = state.result
+    assert read_info(kept).photons == first["photons"] == 20_000
+    assert room["leaflight_state"] == "//maps/room.refine"
+    bpy.ops.leaflight.refine()
+    second = state.result
+    assert first["photons"] < second["photons"] <= 40_000  # as many again as the panel allows
+    assert second["estimated_error"] < first["estimated_error"]
+    room.leaflight.error, room.leaflight.max_photons = 0.9 * second["estimated_error"], 10**8
+    bpy.ops.leaflight.refine()
+    assert state.result["stopped_by"] == "error"
+    assert state.result["estimated_error"] <= room.leaflight.error
+    assert state.result["photons"] > second["photons"]
+    assert read_info(kept).photons == state.result["photons"]
+
+
+def test_refine_works_on_a_file_that_was_closed(room, state, kept, tmp_path):
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "room.blend"))
+    assert bpy.ops.leaflight.refine.poll()
+    bpy.ops.leaflight.refine()
+    assert state.result["photons"] > 20_000
+
+
+def test_a_changed_scene_or_method_is_refused_and_the_bake_stays(room, state):
+    bpy.data.objects["Lamp"].data.energy = 50.0
+    with pytest.raises(RuntimeError, match="another scene; bake again"):
+        bpy.ops.leaflight.refine()
+    assert restore.is_preview_on(room)
+    bpy.data.objects["Lamp"].data.energy = 100.0
+    room.leaflight.size = 48
+    with pytest.raises(RuntimeError, match="another size"):
+        bpy.ops.leaflight.refine()
+    room.leaflight.size = 32
+    assert bpy.ops.leaflight.refine() == {"FINISHED"}
+
+
+def test_remove_deletes_the_state(room, kept):
+    assert kept.is_dir()
+    bpy.ops.leaflight.remove()
+    assert not kept.exists()
+    assert "leaflight_state" not in room
+    assert not bpy.ops.leaflight.refine.poll()
+
+
+def test_a_state_that_is_gone_is_a_sentence(room, kept):
+    next(kept.glob("*.json")).unlink()
+    assert not bpy.ops.leaflight.refine.poll()
+    with pytest.raises(ValueError, match="bake it again"):
+        kept_state.refine_request(room, BakeRequest(Settings()))
+
+
+def test_the_request_never_asks_for_less_than_there_can_be(room, kept):
+    request = BakeRequest(Settings(error=0.3))
+    info = read_info(kept)
+    half = kept_state.refine_request(room, replace(request, settings=Settings(error=1.0)))
+    assert half.settings.error == 0.5 * info.error
+    assert kept_state.refine_request(room, replace(request, settings=Settings(error=0.001))).settings.error == 0.001
+    assert half.settings.max_photons == Settings().max_photons + info.photons
+    assert half.resume == kept
+
+
+def test_the_command_line_keeps_and_goes_on(tmp_path):
+    open_room()
+    scene, kept = save_scene(tmp_path / "room.blend"), tmp_path / "kept"
+    assert bake(scene, "--keep", str(kept)) == 0
+    assert read_info(kept).photons == 20_000
+    assert bake(scene, "--resume", str(kept), "--max-photons", "50000") == 0
+    report = read_report(scene)
+    assert report["photons"] == 50_000
+    assert report["rounds"] == 2
+    assert read_info(kept).photons == 20_000  # --keep was not said again
+    assert bake(scene, "--resume", str(tmp_path / "nowhere")) == 1
+    assert bake(scene, "--keep", str(scene)) == 1
+
+
+def test_a_saved_scene_of_the_command_line_can_be_refined_in_blender(tmp_path):
+    open_room()
+    scene, saved = save_scene(tmp_path / "room.blend"), tmp_path / "elsewhere" / "baked.blend"
+    assert bake(scene, "--keep", str(tmp_path / "kept"), "--save", str(saved)) == 0
+    bpy.ops.wm.open_mainfile(filepath=str(saved))
+    assert kept_state.has_state(bpy.context.scene)
+    assert Path(bpy.path.abspath(bpy.context.scene["leaflight_state"])).resolve() == tmp_path / "kept"

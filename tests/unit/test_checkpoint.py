@@ -1,0 +1,164 @@
+"""A bake that goes on from what was kept is the bake that did not stop; what does not fit is refused."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from boxes import lamp_scene, make_solver
+from leaflight.core import checkpoint
+from leaflight.core.checkpoint import INFO_FILE, load_checkpoint, read_info, remove_checkpoint, save_checkpoint
+from leaflight.core.settings import Settings
+
+SETTINGS = Settings(size=32, padding=1, max_photons=600_000, error=1e-4)
+
+
+def run(solver, stop_after=10**9):
+    asked = []
+
+    def should_stop():
+        asked.append(True)
+        return solver.round >= stop_after
+
+    return solver.run(lambda message: None, should_stop)
+
+
+def keep(folder, settings=SETTINGS, stop_after=1):
+    """Where the state of a bake of the lamp scene is kept, and its light."""
+    solver = make_solver(folder / "first", lamp_scene(), settings)
+    light = run(solver, stop_after)
+    save_checkpoint(folder / "kept", solver, light.error)
+    return folder / "kept", light
+
+
+def go_on(folder, kept, settings=SETTINGS, scene=None):
+    solver = make_solver(folder / "second", scene or lamp_scene(), settings)
+    load_checkpoint(kept, folder / "second", settings).give_to(solver)
+    return run(solver)
+
+
+def light_bytes(light):
+    arrays = [light.solution.coefficient, light.solution.variance, light.leaves, light.direct.irradiance, light.direct.variance]
+    return b"".join(array.tobytes() for array in arrays)
+
+
+@pytest.mark.parametrize(
+    "settings", [SETTINGS, replace(SETTINGS, direct="photons", basis="quadratic"), replace(SETTINGS, hierarchical=False)]
+)
+@pytest.mark.parametrize("stop_after", [1, 2])
+def test_an_interrupted_bake_goes_on_to_the_bytes_of_one_that_was_not(tmp_path, settings, stop_after):
+    whole = run(make_solver(tmp_path / "whole", lamp_scene(), settings))
+    kept, part = keep(tmp_path, settings, stop_after)
+    assert (part.stopped_by, part.rounds) == ("interrupted", stop_after)
+    assert whole.rounds > stop_after
+    rest = go_on(tmp_path, kept, settings)
+    assert light_bytes(rest) == light_bytes(whole)
+    assert (rest.photons, rest.rounds, rest.error) == (whole.photons, whole.rounds, whole.error)
+    assert rest.ledger.audit_w(rest.photons) == whole.ledger.audit_w(whole.photons)
+    assert rest.ledger.rays == whole.ledger.rays
+
+
+def test_a_smaller_error_is_reached_with_the_photons_so_far(tmp_path):
+    coarse = replace(SETTINGS, error=0.3, max_photons=10**9, finest_texels=2)
+    kept, first = keep(tmp_path, coarse, 10**9)
+    assert first.stopped_by == "error"
+    fine = go_on(tmp_path, kept, replace(coarse, error=0.5 * first.error))
+    assert fine.stopped_by == "error"
+    assert fine.error <= 0.5 * first.error
+    assert fine.photons > first.photons
+    at_once = run(make_solver(tmp_path / "at once", lamp_scene(), replace(coarse, error=0.5 * first.error)))
+    assert fine.solution.flux[:, fine.leaves].sum(1) == pytest.approx(at_once.solution.flux[:, at_once.leaves].sum(1), rel=0.02)
+
+
+def test_an_error_reached_already_needs_no_photon(tmp_path):
+    kept, first = keep(tmp_path, replace(SETTINGS, error=0.3))
+    again = go_on(tmp_path, kept, replace(SETTINGS, error=0.9))
+    assert (again.photons, again.stopped_by) == (first.photons, "error")
+
+
+def test_a_state_may_be_kept_where_it_came_from(tmp_path):
+    kept, _ = keep(tmp_path)
+    solver = make_solver(tmp_path / "second", lamp_scene(), SETTINGS)
+    load_checkpoint(kept, tmp_path / "second", SETTINGS).give_to(solver)
+    light = run(solver)
+    save_checkpoint(kept, solver, light.error)
+    assert read_info(kept).photons == light.photons > 2**18
+
+
+def test_another_scene_or_method_is_refused_by_name(tmp_path):
+    kept, _ = keep(tmp_path)
+    with pytest.raises(ValueError, match="another scene; bake again"):
+        go_on(tmp_path, kept, scene=lamp_scene(rho=0.51))
+    for knob, value in (("seed", 2), ("basis", "constant"), ("size", 33), ("direct", "photons")):
+        with pytest.raises(ValueError, match=f"another {knob}"):
+            load_checkpoint(kept, tmp_path / "first", replace(SETTINGS, **{knob: value}))
+    free = replace(SETTINGS, error=0.5, max_photons=10**7, time_limit=3.0, workers=3, margin=2, passes=("albedo",), formats=("png",))
+    assert load_checkpoint(kept, tmp_path / "first", free).round == 1
+
+
+def test_what_is_no_state_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="holds no state"):
+        load_checkpoint(tmp_path / "nowhere", tmp_path, SETTINGS)
+    kept, _ = keep(tmp_path)
+    next(kept.glob("*/tally/raw.npy")).unlink()
+    with pytest.raises(ValueError, match="is damaged"):
+        load_checkpoint(kept, tmp_path / "first", SETTINGS)
+    info = json.loads((kept / INFO_FILE).read_text())
+    (kept / INFO_FILE).write_text(json.dumps(info | {"version": 0}))
+    assert read_info(kept) is None
+
+
+def test_a_state_too_large_is_not_kept_and_said(tmp_path):
+    kept, _ = keep(tmp_path)
+    size = read_info(kept).bytes
+    on_disk = sum(path.stat().st_size for path in kept.rglob("*.npy"))
+    assert 0.8 * on_disk < size <= on_disk
+    solver = make_solver(tmp_path / "second", lamp_scene(), SETTINGS)
+    run(solver, 1)
+    with pytest.raises(ValueError, match="MB allowed; it is not kept"):
+        save_checkpoint(kept, solver, 0.1, most_bytes=1000)
+    assert read_info(kept) is None  # nor is the old one, of other images
+
+
+def test_a_full_disk_leaves_no_half_state(tmp_path, monkeypatch):
+    kept, _ = keep(tmp_path)
+    solver = make_solver(tmp_path / "second", lamp_scene(), SETTINGS)
+    run(solver, 1)
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "save", fail)
+    with pytest.raises(OSError, match="cannot be kept there"):
+        save_checkpoint(kept, solver, 0.1)
+    assert read_info(kept) is None
+
+
+def test_only_our_own_files_are_removed(tmp_path):
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "state").mkdir()
+    remove_checkpoint(tmp_path / "other")
+    assert (tmp_path / "other" / "state").is_dir()
+    kept, _ = keep(tmp_path)
+    (kept / "mine.txt").touch()
+    remove_checkpoint(kept)
+    assert [path.name for path in kept.iterdir()] == ["mine.txt"]
+    remove_checkpoint(kept)
+    (kept / "mine.txt").unlink()
+    save_checkpoint(kept, make_solver(tmp_path / "third", lamp_scene(), SETTINGS), 1.0)
+    assert checkpoint.read_info(kept).photons == 0
+    remove_checkpoint(kept)
+    assert not kept.exists()
+
+
+def test_progress_tells_of_the_photons_of_this_time_only(tmp_path):
+    kept, first = keep(tmp_path)
+    solver, told = make_solver(tmp_path / "second", lamp_scene(), SETTINGS), []
+    load_checkpoint(kept, tmp_path / "second", SETTINGS).give_to(solver)
+    solver.started -= 100.0
+    light = solver.run(told.append, lambda: False)
+    assert told[0].photons == first.photons
+    assert told[0].photons_per_s == 0.0
+    assert math.isnan(told[0].seconds_left)
+    assert told[-1].photons_per_s == pytest.approx((light.photons - first.photons) / 100.0, rel=0.1)
