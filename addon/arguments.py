@@ -48,7 +48,8 @@ def _make_settings(knobs: dict[str, Any]) -> Settings:
     except ValueError as reason:  # it begins with the knob's name, and here that is a flag
         name, _, found = str(reason).partition(": ")
         knob = next(knob for knob in dataclasses.fields(Settings) if knob.name == name)
-        raise ValueError(f"{_flag(knob)}: {found}; choose a value in this range.") from reason
+        hint = "choose another" if isinstance(knob.default, str) else "choose a value in this range"
+        raise ValueError(f"{_flag(knob)}: {found}; {hint}.") from reason
 
 
 class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
@@ -98,7 +99,8 @@ def _add_knob(group: Any, knob: dataclasses.Field[Any]) -> None:
     elif about["choices"]:
         group.add_argument(flag, dest=knob.name, choices=about["choices"], default=knob.default, help=text)
     else:
-        group.add_argument(flag, dest=knob.name, type=type(knob.default), default=knob.default, metavar="N", help=text)
+        metavar = "TEXT" if isinstance(knob.default, str) else "N"
+        group.add_argument(flag, dest=knob.name, type=type(knob.default), default=knob.default, metavar=metavar, help=text)
 
 
 def _flag(knob: dataclasses.Field[Any]) -> str:
