@@ -114,6 +114,7 @@ class LEAFLIGHT_OT_bake(bpy.types.Operator):
             else:
                 found = session.read_result(self._session)
                 with self._bake_scene(context):
+                    session.finish_files(bpy.context.scene, found)
                     state.warnings += session.assign(bpy.context, self._session, found)
                 error, result = "", found
         except (ValueError, OSError) as reason:

@@ -83,7 +83,7 @@ def _write_file(
 ) -> tuple[str, float, str]:
     """Write one file and give PageFile's encoding, range and linear."""
     debug = name in DEBUG_PASSES
-    if kind == "png" and settings.png_view == "scene" and not debug:
+    if kind == "png" and settings.view_transform == "scene" and not debug:
         linear = folder / VIEWS_FOLDER / f"{path.stem}.exr"
         linear.parent.mkdir(exist_ok=True)
         image_file.write_image(linear, pixels, {}, "exr")

@@ -17,7 +17,7 @@ from .file_names import DEFAULT_PATTERN, find_pattern_error, has_pass
 DEBUG_PASSES = ("leaf_edges", "level", "photons", "charts")  # not light: how the bake came about
 PASSES = ("combined", "lighting", "direct", "indirect", "diffuse", "emission", "albedo", "stderr", *DEBUG_PASSES)
 IMAGE_FORMATS = ("exr", "hdr", "png", *ENCODINGS)
-PNG_VIEWS = ("standard", "scene")
+VIEW_TRANSFORMS = ("standard", "scene")
 BASES = ("constant", "linear", "quadratic")
 ORACLES = ("significance", "paper")
 DIRECT_MODES = ("rays", "photons")
@@ -80,7 +80,13 @@ class Settings:
         group="Output",
         flag="--range",
     )
-    png_view: str = _knob("standard", "PNG as plain sRGB, or as the scene's colour management shows it", choices=PNG_VIEWS, group="Output")
+    view_transform: str = _knob(
+        "standard",
+        "how PNG files show light: as plain sRGB, or as the scene's colour management does",
+        choices=VIEW_TRANSFORMS,
+        group="Output",
+        flag="--png-view",
+    )
     name_pattern: str = _knob(
         DEFAULT_PATTERN,
         "names of the files: {name} is the object or atlas_page, {pass} and {page} may be used too",

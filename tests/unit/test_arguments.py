@@ -29,7 +29,7 @@ def test_without_options_everything_has_its_default():
         ("--format png exr", "formats", ("png", "exr")),
         ("--format rgbm logluv", "formats", ("rgbm", "logluv")),
         ("--range 6", "value_range", 6.0),
-        ("--png-view scene", "png_view", "scene"),
+        ("--png-view scene", "view_transform", "scene"),
         ("--name-pattern {pass}_{page}", "name_pattern", "{pass}_{page}"),
         ("--pack", "pack", True),
         ("--direct photons", "direct", "photons"),

@@ -57,6 +57,17 @@ def test_edges_are_one_texel_wide_and_lie_between_leaves():
     assert np.array_equal(edge, expected)
 
 
+def test_a_charts_own_border_is_no_edge():
+    """The page's lower left corner is given to another page: what is left begins in the middle of a leaf."""
+    pages = make_pages()
+    xy = pages._texels.texel_xy
+    pages._entry_page = (xy < 6).any(1).astype(np.int32)
+    edge = pages.page("leaf_edges", 0)[..., 0]
+    assert not edge[6, 6:8].any()
+    assert not edge[6:8, 6].any()
+    assert edge[8, 6:].all()
+
+
 def test_charts_are_numbered_and_what_no_chart_covers_is_empty():
     pages = make_pages(width=0.5)
     assert not pages.page("charts", 0)[..., :3].any()

@@ -69,6 +69,9 @@ def test_black_stays_black_and_what_is_beyond_the_range_stays_at_it(encoding):
     assert np.isfinite(out).all()
     if encoding != "logluv":
         np.testing.assert_allclose(out[2:], [[5, 0, 0], [5, 5, 5]], rtol=1e-6)
+    else:
+        assert out[2, 0] > 1e18
+        assert out[2, 1:].max() < 0.05 * out[2, 0]
 
 
 @pytest.mark.parametrize("encoding", encodings.ENCODINGS)

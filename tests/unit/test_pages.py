@@ -74,7 +74,7 @@ def test_a_range_that_is_wanted_is_taken_and_clips(tmp_path):
 
 
 def test_debug_passes_are_numbers_in_files_of_numbers_and_pictures_in_png(tmp_path):
-    files = write(tmp_path, replace(PER_OBJECT, passes=("photons",), formats=("exr", "png"), png_view="scene"), ["Floor"])
+    files = write(tmp_path, replace(PER_OBJECT, passes=("photons",), formats=("exr", "png"), view_transform="scene"), ["Floor"])
     exr, png = (read_image(Path(file.path))[0] for file in files)
     assert exr.max() == 300_000
     np.testing.assert_allclose(png[..., :3], 0.5, atol=0.004)
@@ -83,7 +83,7 @@ def test_debug_passes_are_numbers_in_files_of_numbers_and_pictures_in_png(tmp_pa
 
 
 def test_the_scenes_view_is_left_to_blender(tmp_path):
-    (file,) = write(tmp_path, replace(PER_OBJECT, formats=("png",), png_view="scene"), ["Floor"])
+    (file,) = write(tmp_path, replace(PER_OBJECT, formats=("png",), view_transform="scene"), ["Floor"])
     assert not Path(file.path).exists()
     assert file.linear == str(tmp_path / VIEWS_FOLDER / "Floor.combined.exr")
     np.testing.assert_array_equal(read_image(Path(file.linear))[0], PAGE)
