@@ -19,7 +19,7 @@ help:
 	@echo "make test    lint and the everyday tests"
 	@echo "make pytest  the everyday tests alone"
 	@echo "make bench   the slow tests and the benchmarks, minutes each"
-	@echo "make pictures  bake all samples and draw them into docs/samples"
+	@echo "make pictures  bake all samples and draw them into docs/samples, and the leaves of one into docs/leaves.png"
 	@echo "make lint    ruff check, ruff format --check, mypy --strict"
 	@echo "make zip     the extension's zips in dist/, one per platform   (WHEELS_DIR=folder: also one with the wheels in it)"
 	@echo "make clean   remove what these made, virtual environments included"
@@ -40,6 +40,7 @@ bench: $(VENV)/.ready-bench
 
 pictures: $(VENV)/.ready
 	$(RUN) tests/bench/draw_samples.py
+	PYTHONPATH=tests $(RUN) tests/bench/draw_wireframe.py
 
 lint: $(VENV)/.installed
 	$(RUN) -m ruff check .

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..core.file_names import clean_name
+from ..core.file_names import clean_name, make_unique
 from . import gltf_materials, gltf_textures
 from .baked_copies import SOURCE
 from .export_pieces import Piece, walk_pieces
@@ -97,7 +97,8 @@ class Stage:
                 made = gltf_materials.make_unlit(original, texture, layer)
             self._made.append(made)
             self._materials[key] = made
-            self.names["materials"][made.name] = original.name if original else NAME
+            name, taken = original.name if original else NAME, self.names["materials"].values()
+            self.names["materials"][made.name] = make_unique([*taken, name])[-1]  # a material on two pages is two in the file
         return self._materials[key]
 
     def _texture(self, image: bpy.types.Image, lit: bool) -> tuple[bpy.types.Image, float]:

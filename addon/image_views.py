@@ -39,7 +39,8 @@ def save_view(image: bpy.types.Image, path: Path, scene: bpy.types.Scene) -> Non
         image.save_render(str(temporary), scene=lender)
         os.replace(temporary, path)
     except (RuntimeError, OSError) as reason:
-        raise OSError(f"{path}: cannot be written ({str(reason).strip()}); choose a folder that can be written to.") from reason
+        cause = str(reason).strip().partition("\n")[0].removeprefix("Error: ")
+        raise OSError(f"{path}: cannot be written ({cause}); choose a folder that can be written to.") from reason
     finally:
         with contextlib.suppress(OSError):  # where it could not be made it cannot be taken away either
             temporary.unlink(missing_ok=True)

@@ -73,7 +73,7 @@ def decode(stored: NDArray[np.uint8], encoding: str, value_range: float) -> NDAr
     value_range   that of encode
     out           (..., 3) float32
     Raises ValueError for an unknown encoding and a range that is not above 0.
-    Source: RGBM: B. Karis, "RGBM color encoding", 2009. RGBD: three.js, RGBDToLinear, to release 136. LogLuv, 32 bits: G. Ward
+    Source: RGBM: B. Karis, "RGBM color encoding", 2009. RGBD: three.js' RGBDToLinear, to release 135. LogLuv, 32 bits: G. Ward
     Larson, "LogLuv Encoding for Full-Gamut, High-Dynamic Range Images", Journal of Graphics Tools 3(1), 1998.
     """
     _check(encoding, value_range)

@@ -31,14 +31,15 @@ def room(monkeypatch):
         wood.use_nodes = True
     wood.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (0.4, 0.3, 0.2, 1.0)
     bpy.data.objects["Cube"].data.materials.append(wood)
+    bpy.data.scenes.new("A scene before it")
     return bpy.context.scene
 
 
-def bake_room(tmp_path, *passes, view="standard"):
+def bake_room(tmp_path, *passes, atlas=True):
     """Bakes floor and cube and puts the bake on them."""
     folder = tmp_path / "job"
     folder.mkdir()
-    settings = Settings(size=32, max_photons=5000, workers=1, passes=passes, formats=("exr",), view_transform=view)
+    settings = Settings(size=32, max_photons=5000, workers=1, passes=passes, atlas=atlas)
     request = BakeRequest(settings, objects=("Floor", "Cube"), output=tmp_path / "maps")
     work = session.prepare(bpy.context, request, folder)
     run_bake(folder, lambda message: None, lambda: False)
@@ -172,6 +173,19 @@ def test_the_scenes_view_goes_into_unlit_colours(room, tmp_path, transform):
         assert difference.max() > 0.1
 
 
+def test_a_material_on_two_pages_is_two_with_their_own_ranges(room, tmp_path):
+    bpy.data.objects["Floor"].data.materials.append(bpy.data.materials["Wood"])
+    bake_room(tmp_path, "lighting", atlas=False)
+    document = export(tmp_path)
+    manifest = json.loads((tmp_path / "room.lightmap.json").read_text(encoding="utf-8"))
+    ranges = {image["image"]: image["range"] for image in manifest["images"]}
+    found = {material["name"]: ranges[material["image"]] for material in manifest["materials"]}
+    for name in ("Floor", "Cube"):
+        light = read_pixels(tmp_path / "maps" / f"{name}.lighting.exr")[..., :3]
+        assert found[document["materials"][primitive_of(document, name)["material"]]["name"]] == pytest.approx(light.max())
+    assert sorted(found) == ["Wood", "Wood_"]
+
+
 def test_a_hidden_bake_is_exported_and_hidden_again(room, tmp_path):
     bake_room(tmp_path, "combined")
     restore.toggle_preview(room, False)
@@ -209,7 +223,7 @@ def test_materials_that_use_the_baked_layer_find_it_at_texcoord_0_too(room, tmp_
     assert np.ptp(first) == 1.0
 
 
-def test_an_occlusion_of_the_users_gives_way_and_stays_in_their_file(room, tmp_path):
+def test_textures_and_occlusion_of_the_users_stay_theirs_but_on_baked_objects(room, tmp_path):
     dirt = bpy.data.images.new("dirt", 4, 4)
     dirt.pack()
     wood = bpy.data.materials["Wood"]
@@ -218,12 +232,14 @@ def test_an_occlusion_of_the_users_gives_way_and_stays_in_their_file(room, tmp_p
     node, texture = wood.node_tree.nodes.new("ShaderNodeGroup"), wood.node_tree.nodes.new("ShaderNodeTexImage")
     node.node_tree, texture.image = group, dirt
     wood.node_tree.links.new(node.inputs[0], texture.outputs["Color"])
+    wood.node_tree.links.new(wood.node_tree.nodes["Principled BSDF"].inputs["Base Color"], texture.outputs["Color"])
     bpy.data.objects["Ball"].data.materials.append(wood)
     bake_room(tmp_path, "lighting")
     document = export(tmp_path)
     of_cube, of_ball = (document["materials"][primitive_of(document, name)["material"]] for name in ("Cube", "Ball"))
     names = [document["images"][document["textures"][m["occlusionTexture"]["index"]]["source"]]["name"] for m in (of_cube, of_ball)]
     assert names == ["lightmap_0.lighting", "dirt"]
+    assert of_cube["pbrMetallicRoughness"]["baseColorTexture"].get("texCoord", 0) == 0
     manifest = json.loads((tmp_path / "room.lightmap.json").read_text(encoding="utf-8"))
     assert [image["name"] for image in manifest["images"]] == ["lightmap_0.lighting"]
 
