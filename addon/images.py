@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.settings import Settings
+from ..core.settings import DEBUG_PASSES, Settings
 from .tags import is_made, mark_made
 
 COLOR_SPACE_OF_SUFFIX = {".exr": "Linear Rec.709", ".hdr": "Linear Rec.709", ".png": "sRGB"}
@@ -19,8 +19,10 @@ COLOR_SPACE_OF_SUFFIX = {".exr": "Linear Rec.709", ".hdr": "Linear Rec.709", ".p
 def find_shown_format(settings: Settings) -> str:
     """The first kind of file asked for that materials can show, "" none: encoded files mean nothing to them.
 
-    A file that went through a view transform would go through it again.
+    A file that went through a view transform would go through it again. Of a debug pass the picture is shown, where there is one.
     """
+    if settings.passes[0] in DEBUG_PASSES and "png" in settings.formats:
+        return "png"
     shown = {"exr", "hdr"} | ({"png"} if settings.view_transform == "standard" else set())
     return next((kind for kind in settings.formats if kind in shown), "")
 

@@ -85,17 +85,19 @@ def test_an_image_that_was_packed_is_linked_again(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("formats", "view", "shown"),
+    ("pass_name", "formats", "view", "shown"),
     [
-        (("exr",), "standard", "exr"),
-        (("rgbm", "png", "exr"), "standard", "png"),
-        (("png", "hdr"), "scene", "hdr"),
-        (("rgbm", "logluv"), "standard", ""),
-        (("png",), "scene", ""),
+        ("combined", ("exr",), "standard", "exr"),
+        ("combined", ("rgbm", "png", "exr"), "standard", "png"),
+        ("combined", ("png", "hdr"), "scene", "hdr"),
+        ("combined", ("rgbm", "logluv"), "standard", ""),
+        ("combined", ("png",), "scene", ""),
+        ("level", ("exr", "png"), "scene", "png"),
+        ("level", ("exr",), "scene", "exr"),
     ],
 )
-def test_what_materials_can_show(formats, view, shown):
-    settings = Settings(formats=formats, view_transform=view)
+def test_what_materials_can_show(pass_name, formats, view, shown):
+    settings = Settings(passes=(pass_name,), formats=formats, view_transform=view)
     assert images.find_shown_format(settings) == shown
     if shown:
         images.check_shown(settings)
