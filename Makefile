@@ -20,7 +20,7 @@ help:
 	@echo "make pytest  the everyday tests alone"
 	@echo "make bench   the slow tests and the benchmarks, minutes each"
 	@echo "make bench-speed  Leaflight beside Cycles on an idle machine, hours; fills docs/speed.md"
-	@echo "make pictures  bake all samples and draw them into docs/samples"
+	@echo "make pictures  bake all samples and draw them into docs/samples, and the leaves of one into docs/leaves.png"
 	@echo "make lint    ruff check, ruff format --check, mypy --strict"
 	@echo "make zip     the extension's zips in dist/, one per platform   (WHEELS_DIR=folder: also one with the wheels in it)"
 	@echo "make clean   remove what these made, virtual environments included"
@@ -44,6 +44,7 @@ bench-speed: $(VENV)/.ready-bench
 
 pictures: $(VENV)/.ready
 	$(RUN) tests/bench/draw_samples.py
+	PYTHONPATH=tests $(RUN) tests/bench/draw_wireframe.py
 
 lint: $(VENV)/.installed
 	$(RUN) -m ruff check .

@@ -9,12 +9,12 @@ def register() -> None:
 
     import bpy
 
-    from . import live, operators, panels, properties
+    from . import export_gltf, live, operators, panels, properties
     from .bake_state import BakeState
 
     state = BakeState()
     with ExitStack() as undo:
-        for cls in (properties.LeaflightProperties, *operators.CLASSES, *panels.CLASSES):
+        for cls in (properties.LeaflightProperties, *operators.CLASSES, *export_gltf.CLASSES, *panels.CLASSES):
             bpy.utils.register_class(cls)
             undo.callback(bpy.utils.unregister_class, cls)
         bpy.types.Scene.leaflight = bpy.props.PointerProperty(type=properties.LeaflightProperties)

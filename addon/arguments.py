@@ -22,6 +22,7 @@ class BakeRequest:
     output: Path = Path("bake")
     report: Path | None = None
     save: Path | None = None
+    gltf: Path | None = None
     assign: bool = True
     quiet: bool = False
     preview: bool = False  # pages of the light so far are wanted meanwhile
@@ -43,6 +44,8 @@ def parse_arguments(argv: list[str], prog: str, with_scene: bool) -> BakeRequest
     save = arguments["save"]
     if save is not None and save.suffix.lower() != ".blend":
         raise ValueError(f"--save {save}: Blender opens only names that end in .blend; add the ending.")
+    if arguments["gltf"] is not None and arguments["gltf"].suffix.lower() != ".glb":
+        raise ValueError(f"--gltf {arguments['gltf']}: is written as one binary file; give it a name that ends in .glb.")
     return BakeRequest(settings=_make_settings(knobs), **{**arguments, "objects": tuple(arguments["objects"])})
 
 
@@ -52,7 +55,8 @@ def _make_settings(knobs: dict[str, Any]) -> Settings:
     except ValueError as reason:  # it begins with the knob's name, and here that is a flag
         name, _, found = str(reason).partition(": ")
         knob = next(knob for knob in dataclasses.fields(Settings) if knob.name == name)
-        raise ValueError(f"{_flag(knob)}: {found}; choose a value in this range.") from reason
+        hint = "choose another" if isinstance(knob.default, str) else "choose a value in this range"
+        raise ValueError(f"{_flag(knob)}: {found}; {hint}.") from reason
 
 
 class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
@@ -73,9 +77,10 @@ def _make_parser(prog: str, with_scene: bool) -> argparse.ArgumentParser:
     scene.add_argument("--objects", nargs="+", default=[], metavar="NAME", help="what gets a lightmap; without it every visible mesh")
     scene.add_argument("--uv-layer", default="", metavar="NAME", help="use this UV layer as it is; without it xatlas unwraps")
     output = bake.add_argument_group("output")
-    output.add_argument("--output", type=Path, default=Path("bake"), metavar="DIR", help="folder of the images")
+    output.add_argument("--output", type=Path, default=Path("bake"), metavar="DIR", help="folder of the images; // is that of the .blend")
     output.add_argument("--report", type=Path, metavar="FILE", help="write a JSON report")
     output.add_argument("--save", type=Path, metavar="FILE", help="save the .blend with the bake in its materials")
+    output.add_argument("--gltf", type=Path, metavar="FILE", help="export a .glb that shows the first pass, combined or lighting")
     output.add_argument("--no-assign", dest="assign", action="store_false", help="leave materials as they are")
     output.add_argument("--quiet", action="store_true", help="no progress, only warnings and errors")
     output.add_argument("--keep", type=Path, metavar="DIR", help="keep the state of the bake there, to go on from")
@@ -104,7 +109,8 @@ def _add_knob(group: Any, knob: dataclasses.Field[Any]) -> None:
     elif about["choices"]:
         group.add_argument(flag, dest=knob.name, choices=about["choices"], default=knob.default, help=text)
     else:
-        group.add_argument(flag, dest=knob.name, type=type(knob.default), default=knob.default, metavar="N", help=text)
+        metavar = "TEXT" if isinstance(knob.default, str) else "N"
+        group.add_argument(flag, dest=knob.name, type=type(knob.default), default=knob.default, metavar=metavar, help=text)
 
 
 def _flag(knob: dataclasses.Field[Any]) -> str:

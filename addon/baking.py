@@ -115,6 +115,7 @@ class Baking:
             else:
                 found = session.read_result(self._session)
                 with self._bake_scene(context):
+                    session.finish_files(bpy.context.scene, found)
                     state.warnings += self._live.finish(bpy.context, found)
                 error, result = "", found
         except (ValueError, OSError) as reason:

@@ -18,7 +18,10 @@ from ..core.messages import Done, Error, Warning_
 from . import session
 from .arguments import BakeRequest, parse_arguments
 from .console import print_message
+from .export_gltf import export_gltf
+from .images import check_shown
 from .job import BakeProcess
+from .request import resolve_paths
 from .scene_file import open_scene
 
 EXIT_DONE, EXIT_CANNOT_BAKE, EXIT_INTERRUPTED = 0, 1, 130
@@ -39,16 +42,13 @@ def main(argv: list[str], prog: str = "leaflight", with_scene: bool = False) -> 
 
 def _bake(request: BakeRequest) -> int:
     begin = time.perf_counter()
-    for file in (request.report, request.save):
-        if file is not None:
-            session.check_file(file)
-    if request.keep is not None:
-        session.check_folder(request.keep)
     warnings: session.Warnings = []
     if request.scene is not None:
         warnings += open_scene(request.scene)
     elif not bpy.data.filepath:
         raise ValueError("no .blend is open (Blender goes on with its startup scene where it cannot read a file); check the path.")
+    request = resolve_paths(request)
+    _check(request)
     scene = bpy.data.filepath or str(request.scene)
     seconds = {"open": time.perf_counter() - begin}
     with tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True) as folder:
@@ -64,16 +64,31 @@ def _bake(request: BakeRequest) -> int:
                 raise ValueError(error)
             result = session.read_result(work)
             start = time.perf_counter()
+            session.finish_files(bpy.context.scene, result)
             late = session.assign(bpy.context, work, result) if request.assign and request.save else []
-            for subject, text in late:
-                print_message(Warning_(subject, text), request.quiet)
             if request.save is not None:
                 _save(request.save)
+            if request.gltf is not None:  # after saving: what is only for the export is not for the .blend
+                late += session.assign(bpy.context, work, result) if not (request.assign and request.save) else []
+                late += export_gltf(bpy.context, request.gltf, request.settings.view_transform)
+            for subject, text in late:
+                print_message(Warning_(subject, text), request.quiet)
             seconds |= {**result["seconds"], "assign": time.perf_counter() - start}
             seconds["total"] = time.perf_counter() - begin
             result["seconds"] = {name: round(value, 4) for name, value in seconds.items()}
             _report(request, {"scene": scene, **result, "interrupted": interrupted}, [*warnings, *work.export.warnings, *told, *late])
     return EXIT_INTERRUPTED if interrupted else EXIT_DONE
+
+
+def _check(request: BakeRequest) -> None:
+    """Raises ValueError or OSError with a sentence for what would stop the bake at its end."""
+    for file in (request.report, request.save, request.gltf):
+        if file is not None:
+            session.check_file(file)
+    if request.keep is not None:
+        session.check_folder(request.keep)
+    if request.gltf is not None or (request.save is not None and request.assign):
+        check_shown(request.settings)
 
 
 def _follow(process: BakeProcess, quiet: bool) -> tuple[str, bool, session.Warnings]:

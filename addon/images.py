@@ -10,13 +10,35 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.settings import DEBUG_PASSES, Settings
 from .tags import is_made, mark_made
 
 COLOR_SPACE_OF_SUFFIX = {".exr": "Linear Rec.709", ".hdr": "Linear Rec.709", ".png": "sRGB"}
 
 
-def load_image(path: str | Path, name: str = "") -> bpy.types.Image:
+def find_shown_format(settings: Settings) -> str:
+    """The first kind of file asked for that materials can show, "" none: encoded files mean nothing to them.
+
+    A file that went through a view transform would go through it again. Of a debug pass the picture is shown, where there is one.
+    """
+    if settings.passes[0] in DEBUG_PASSES and "png" in settings.formats:
+        return "png"
+    shown = {"exr", "hdr"} | ({"png"} if settings.view_transform == "standard" else set())
+    return next((kind for kind in settings.formats if kind in shown), "")
+
+
+def check_shown(settings: Settings) -> None:
+    """Raises ValueError with a sentence when no file of the bake could be shown on the objects."""
+    if not find_shown_format(settings):
+        kinds = ", ".join(kind.upper() for kind in settings.formats)
+        why = "after a view transform " if "png" in settings.formats else ""
+        raise ValueError(f"formats: Blender's materials cannot show {kinds} {why}as light; add EXR to the formats.")
+
+
+def load_image(path: str | Path, name: str = "", pack: bool = False) -> bpy.types.Image:
     """The image of a baked file; the one we loaded before is read again. Its path is relative where the .blend is saved.
+
+    pack   keep the file's bytes in the .blend
 
     Raises ValueError with a sentence when the file is missing or of an unknown kind.
     """
@@ -30,10 +52,14 @@ def load_image(path: str | Path, name: str = "") -> bpy.types.Image:
     if image is None:
         image = bpy.data.images.load(str(path), check_existing=False)
         mark_made(image)
+    elif image.packed_file:
+        image.unpack(method="REMOVE")  # else it would not look at the file again
     image.name = name or path.stem
     image.filepath = _relative_path(path)  # reads the file again, too
     image.colorspace_settings.name = color_space
     image.alpha_mode = "CHANNEL_PACKED"  # alpha is coverage and must not scale the light
+    if pack:
+        image.pack()
     return image
 
 

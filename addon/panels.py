@@ -97,6 +97,7 @@ def _draw_result(layout: Any, context: bpy.types.Context, state: BakeState) -> N
     shown = restore.is_preview_on(context.scene)
     row.operator("leaflight.toggle_preview", icon="HIDE_OFF" if shown else "HIDE_ON", depress=shown)
     row.operator("leaflight.remove", icon="TRASH")
+    row.operator("leaflight.export_gltf", text="", icon="EXPORT")
     folder = bpy.path.abspath(context.scene.leaflight.output)
     row.operator("wm.path_open", text="", icon="FILE_FOLDER").filepath = folder
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from ..core.settings import Settings
+from ..core.settings import IMAGE_FORMATS, Settings
 
 # Target errors behind the names; any other error is "custom" and shows none of them pressed.
 QUALITY_ERROR = {"DRAFT": 0.20, "PREVIEW": 0.10, "PRODUCTION": 0.05}
@@ -42,8 +42,8 @@ def make_settings(properties: Any) -> Settings:
 
 
 def describe_choice(choice: str) -> str:
-    """Label of a choice: EXR, Combined."""
-    return choice.upper() if len(choice) <= 3 else choice.capitalize()
+    """Label of a choice: EXR, Leaf edges."""
+    return choice.upper() if choice in IMAGE_FORMATS else choice.capitalize().replace("_", " ")
 
 
 def _read(value: Any, knob: "dataclasses.Field[Any]") -> Any:
@@ -64,6 +64,8 @@ def _make_property(knob: "dataclasses.Field[Any]") -> Any:
         items = [(choice, describe_choice(choice), "") for choice in about["choices"]]
         flags = {"options": {"ENUM_FLAG"}, "default": set(default)} if isinstance(default, tuple) else {"default": default}
         return bpy.props.EnumProperty(items=items, **named, **flags)
+    if isinstance(default, str):
+        return bpy.props.StringProperty(default=default, **named)
     if isinstance(default, bool):
         return bpy.props.BoolProperty(default=default, **named)
     if isinstance(default, int):

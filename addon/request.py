@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import bpy
 
 from .arguments import BakeRequest
 from .baked_copies import SOURCE
+from .images import check_shown
 from .kept_state import MOST_MB
 from .properties import make_settings
 from .render_levels import find_render_objects
@@ -27,14 +29,33 @@ def make_request(context: bpy.types.Context) -> BakeRequest:
     if chosen and not names:
         raise ValueError("no mesh is selected: select some, or choose All in the panel.")
     output = Path(bpy.path.abspath(properties.output))
+    settings = make_settings(properties)
+    check_shown(settings)
     return BakeRequest(
-        settings=make_settings(properties),
+        settings=settings,
         objects=tuple(names) if chosen else (),
         uv_layer=properties.uv_layer,
         output=output,
         keep=output / f"{Path(bpy.data.filepath).stem or 'lightmap'}.refine",
         keep_mb=MOST_MB,
     )
+
+
+def resolve_paths(request: BakeRequest) -> BakeRequest:
+    """The request with the folder of the open .blend in place of a path's leading //.
+
+    Raises ValueError with a sentence where no .blend is open.
+    """
+    found: dict[str, Path] = {}
+    for name in ("output", "report", "save", "gltf", "keep", "resume"):
+        path = getattr(request, name)
+        if path is None or not path.as_posix().startswith("//"):
+            continue
+        error = find_output_error(path.as_posix())
+        if error:
+            raise ValueError(error)
+        found[name] = Path(bpy.path.abspath(path.as_posix()))
+    return dataclasses.replace(request, **found)
 
 
 def list_objects(context: bpy.types.Context) -> list[str]:

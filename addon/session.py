@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ..core.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from ..core.snapshot import save_snapshot
-from . import baked_copies, export_scene, images, materials_write, restore, uv_layer
+from . import baked_copies, export_scene, image_views, images, materials_write, restore, uv_layer
 from .arguments import BakeRequest
 from .export_pieces import walk_pieces
 from .kept_state import mark_state
@@ -99,6 +99,17 @@ def read_result(session: Session) -> dict[str, Any]:
     return result
 
 
+def finish_files(scene: bpy.types.Scene, result: dict[str, Any]) -> None:
+    """Write what only Blender can: images through the scene's view transform.
+
+    Raises OSError with a sentence when one cannot be written.
+    """
+    for file in result["files"]:
+        linear = file.pop("linear")
+        if linear:
+            image_views.save_file_view(Path(linear), Path(file["path"]), scene)
+
+
 def assign(context: bpy.types.Context, session: Session, result: dict[str, Any]) -> Warnings:
     """Put UV layers and images on the baked objects, in place of any earlier bake; gives what could not be done."""
     restore.remove_bake(context.scene)
@@ -146,10 +157,10 @@ def _pick_mode(request: BakeRequest) -> str:
 
 
 def load_pages(request: BakeRequest, result: dict[str, Any]) -> dict[int, bpy.types.Image]:
-    """The first pass asked for, in the first format asked for, by page."""
-    wanted = (request.settings.passes[0], request.settings.formats[0])
+    """The first pass asked for, in the first format asked for that can be shown, by page."""
+    wanted = (request.settings.passes[0], images.find_shown_format(request.settings))
     files = [file for file in result["files"] if (file["pass_name"], file["kind"]) == wanted]
-    return {file["page"]: images.load_image(file["path"]) for file in files}
+    return {file["page"]: images.load_image(file["path"], pack=request.settings.pack) for file in files}
 
 
 def _find_targets(context: bpy.types.Context, exported: list[export_scene.ExportedObject]) -> tuple[dict[str, bpy.types.Object], Warnings]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import re
 import sys
 import tempfile
 import time
@@ -17,29 +16,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import basis, charts, checkpoint, contact, image_file, preview, resolve, shared_arrays, solve, texels, workers
+from . import basis, charts, checkpoint, contact, debug_passes, pages, preview, resolve, shared_arrays, solve, texels, workers
 from .direct_field import DirectField
 from .job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
 from .materials import clamp_warnings
 from .messages import Done, Message, Status, Warning_
 from .reconstruct import LeafBlender
 from .scene import SceneSnapshot
+from .settings import DEBUG_PASSES
 from .snapshot import load_snapshot
 from .texel_map import TexelMap
 
 PREVIEW_FOLDER = "preview"
-MAX_NAME_BYTES = 180  # of an object in a file's name: systems allow 255 in all, and Blender as many for the object
-
-
-@dataclass(frozen=True)
-class PageFile:
-    """One image file: a page of a pass; `objects` are indices into the snapshot's objects."""
-
-    path: str
-    pass_name: str
-    kind: str
-    page: int
-    objects: list[int]
 
 
 @dataclass
@@ -111,7 +99,7 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
                 solver.watch = live.show
             light = solver.run(tell, should_stop)
         with stages.stage("write", "Writing images"):
-            files = _write_pages(job, snapshot, atlas, blender, light, tracing)
+            files = _write_pages(job, folder, snapshot, atlas, blender, light, tracing)
         if job.keep:
             with stages.stage("keep", "Keeping the state"):
                 _keep_state(job, solver if shot else None, light.error, tell)
@@ -172,50 +160,26 @@ def _keep_state(job: Job, solver: solve.Solver | None, error: float, tell: Calla
 
 
 def _write_pages(
-    job: Job, snapshot: SceneSnapshot, atlas: charts.ChartAtlas, blender: LeafBlender, light: solve.LightField, tracing: workers.Tracing
-) -> list[PageFile]:
-    settings = job.settings
-    at_texels = resolve.light_at_texels(light, blender, settings.denoise)
-    resolver = resolve.Resolver(at_texels, blender.texels, tracing.scene.surfaces, blender.page, settings.margin)
-    output = Path(job.output)
-    names = _page_names(job, snapshot, atlas)
-    files: list[PageFile] = []
-    for page in range(atlas.page_count):
-        for pass_name in settings.passes:
-            metadata: dict[str, str | int | float] = {
-                "leaflight:pass": pass_name,
-                "leaflight:photons": light.photons,
-                "leaflight:estimated_error": light.error,
-            }
-            pixels = resolver.page(pass_name, page)
-            for kind in settings.formats:
-                path = output / f"{names[page]}.{pass_name}.{kind}"
-                try:
-                    image_file.write_image(path, pixels, metadata, kind)
-                except (OSError, ValueError):
-                    for file in files:  # half a bake looks like a whole one
-                        Path(file.path).unlink(missing_ok=True)
-                    raise
-                files.append(PageFile(str(path), pass_name, kind, page, np.flatnonzero(atlas.object_page == page).tolist()))
-    return files
+    job: Job,
+    folder: Path,
+    snapshot: SceneSnapshot,
+    atlas: charts.ChartAtlas,
+    blender: LeafBlender,
+    light: solve.LightField,
+    tracing: workers.Tracing,
+) -> list[pages.PageFile]:
+    margin = job.settings.margin
+    at_texels = resolve.light_at_texels(light, blender, job.settings.denoise)
+    resolver = resolve.Resolver(at_texels, blender.texels, tracing.scene.surfaces, blender.page, margin)
+    debug = debug_passes.DebugPages(light, blender.texels, blender.page, margin)
 
+    def draw(name: str, page: int, look: bool) -> NDArray[np.float32]:
+        if name not in DEBUG_PASSES:
+            return resolver.page(name, page)
+        return debug.look(name, page, lambda: resolver.page("combined", page)) if look else debug.page(name, page)
 
-def _page_names(job: Job, snapshot: SceneSnapshot, atlas: charts.ChartAtlas) -> list[str]:
-    """One file name for each page, unique also where names differ only by characters that files cannot have."""
-    names: list[str] = []
-    for page in range(atlas.page_count):
-        owners = np.flatnonzero(atlas.object_page == page)
-        alone = not job.settings.atlas and len(owners) == 1
-        name = _file_name(snapshot.objects[owners[0]].name) if alone else f"{_file_name(job.atlas_name)}_{page}"
-        while name.lower() in (other.lower() for other in names):
-            name += "_"
-        names.append(name)
-    return names
-
-
-def _file_name(name: str) -> str:
-    short = name.encode()[:MAX_NAME_BYTES].decode(errors="ignore")
-    return re.sub(r'[<>:"/\\|?*\x00-\x1f]', "_", short).strip(". ") or "_"
+    metadata: dict[str, str | int | float] = {"leaflight:photons": light.photons, "leaflight:estimated_error": light.error}
+    return pages.write_pages(job, folder, snapshot, atlas, metadata, draw)
 
 
 def _object_rows(snapshot: SceneSnapshot, atlas: charts.ChartAtlas, texel_map: TexelMap) -> list[dict[str, Any]]:

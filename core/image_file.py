@@ -1,4 +1,4 @@
-"""Image files: EXR, HDR and PNG by way of OpenImageIO, which every Blender brings along. The only place that imports it."""
+"""Image files: EXR, HDR, PNG and PNG with encoded light, by OpenImageIO, which every Blender brings. The only place that imports it."""
 
 from __future__ import annotations
 
@@ -11,30 +11,55 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import encodings
 from .scene import FloatArray
 
 HALF_MAX = 65504.0  # the greatest half float; beyond it is infinity
+_FLOAT_MAX = float(np.finfo(np.float32).max)
 _INT_MAX = 2**31 - 1  # of an image file's integer attributes
 # Rec.709's red, green, blue and white x, y: what the numbers mean for readers that know no names of colour spaces.
 _REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 _PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
 _INCOMPLETE = "the file could not be completed"
+KINDS = ("exr", "hdr", "png", *encodings.ENCODINGS)
+_ENCODING, _RANGE = "leaflight:encoding", "leaflight:range"
 _EPOCH = "1970:01:01 00:00:00"  # OpenImageIO would put the time of writing into the file; the same bake gives the same bytes
 
 
-def write_image(path: Path, pixels: FloatArray, metadata: Mapping[str, str | int | float], kind: str) -> None:
-    """Write linear Rec.709 pixels: half float in EXR, shared exponent in HDR, 8 bit sRGB in PNG.
+def suffix_of(kind: str) -> str:
+    """What a file of this kind ends in: .exr, .rgbm.png."""
+    return f".{kind}.png" if kind in encodings.ENCODINGS else f".{kind}"
+
+
+def range_of(pixels: FloatArray, kind: str, wanted: float) -> float:
+    """The greatest value that a file of this kind holds.
+
+    wanted   of RGBM and RGBD; 0 for the page's own
+    """
+    if kind in ("rgbm", "rgbd"):
+        return wanted or encodings.find_range(np.minimum(pixels[..., :3], HALF_MAX))
+    return {"png": 1.0, "logluv": encodings.LOGLUV_MAX}.get(kind, HALF_MAX)
+
+
+def write_image(
+    path: Path, pixels: FloatArray, metadata: Mapping[str, str | int | float], kind: str, wanted_range: float = 0.0, full: bool = False
+) -> None:
+    """Write linear Rec.709 pixels: half float in EXR, shared exponent in HDR, 8 bit sRGB in PNG, or encoded (see encodings).
 
     The file appears under its name only when it is complete. Values out of the format's range are clipped to it. HDR has
-    neither alpha nor metadata.
+    neither alpha nor metadata, encoded files have no alpha; they carry encoding and range in their metadata.
 
-    pixels   (h, w, 3) or (h, w, 4) float, row 0 at the bottom
-    kind     exr, hdr or png
+    pixels         (h, w, 3) or (h, w, 4) float, row 0 at the bottom
+    kind           one of KINDS
+    wanted_range   see range_of
+    full           EXR of 32 bits a number
     Raises ValueError for another kind or shape and for NaN, OSError when the file cannot be written; both name the path.
     """
-    data = _encode_or_error(pixels, kind)
+    data = _encode_or_error(pixels, kind, wanted_range, full)
     if isinstance(data, str):
         raise ValueError(f"{path}: {data}")
+    if kind in encodings.ENCODINGS:
+        metadata = {**metadata, _ENCODING: kind, _RANGE: str(range_of(pixels, kind, wanted_range))}
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         error = _write_file(temporary, data, metadata, kind)
@@ -49,7 +74,7 @@ def write_image(path: Path, pixels: FloatArray, metadata: Mapping[str, str | int
 
 
 def read_image(path: Path) -> tuple[NDArray[np.float32], dict[str, Any]]:
-    """Linear pixels and metadata of an EXR, HDR or PNG file.
+    """Linear pixels and metadata of an EXR, HDR or PNG file; what write_image encoded is decoded.
 
     out   (h, w, c) float32, row 0 at the bottom; name -> value
     Raises OSError naming the path when it cannot be read.
@@ -67,8 +92,11 @@ def read_image(path: Path) -> tuple[NDArray[np.float32], dict[str, Any]]:
     if pixels is None:
         raise OSError(f"{path}: cannot be read ({error.strip()}); write it again")
     linear = np.array(pixels[::-1], np.float32)
+    if _ENCODING in metadata:
+        stored = np.rint(linear * 255.0).astype(np.uint8)
+        return encodings.decode(stored, metadata[_ENCODING], float(metadata[_RANGE])), metadata
     if kind == "png":
-        linear[..., :3] = _srgb_to_linear(linear[..., :3])
+        linear[..., :3] = srgb_to_linear(linear[..., :3])
     return linear, metadata
 
 
@@ -82,22 +110,26 @@ def _open_image_io() -> Any:
         ) from reason
 
 
-def _encode_or_error(pixels: FloatArray, kind: str) -> NDArray[np.generic] | str:
+def _encode_or_error(pixels: FloatArray, kind: str, wanted_range: float, full: bool) -> NDArray[np.generic] | str:
     """Rows from the top in the file's own numbers, or what is wrong."""
-    if kind not in ("exr", "hdr", "png"):
-        return f"expected kind exr, hdr or png, got {kind!r}"
+    if kind not in KINDS:
+        return f"expected kind {', '.join(KINDS)}, got {kind!r}"
     if pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or not pixels.size:
         return f"expected pixels (h, w, 3) or (h, w, 4), got {pixels.shape}"
     if np.isnan(pixels).any():
         return f"expected numbers, got {np.count_nonzero(np.isnan(pixels))} NaN"
     rows = pixels[::-1]
+    if kind in encodings.ENCODINGS:
+        return encodings.encode(rows[..., :3], kind, range_of(pixels, kind, wanted_range))
+    if kind == "exr" and full:
+        return np.asarray(np.clip(rows, -_FLOAT_MAX, _FLOAT_MAX), np.float32)
     if kind == "exr":
         halves: NDArray[np.float16] = np.clip(rows, -HALF_MAX, HALF_MAX).astype(np.float16)
         return halves
     if kind == "hdr":
         return np.asarray(np.clip(rows[..., :3], 0.0, HALF_MAX), np.float32)
     unit = np.clip(rows, 0.0, 1.0).astype(np.float32)
-    unit[..., :3] = _linear_to_srgb(unit[..., :3])
+    unit[..., :3] = linear_to_srgb(unit[..., :3])
     encoded: NDArray[np.uint8] = np.rint(unit * 255.0).astype(np.uint8)
     return encoded
 
@@ -106,17 +138,17 @@ def _write_file(path: Path, data: NDArray[np.generic], metadata: Mapping[str, st
     """Write the file and give what went wrong, "" if nothing."""
     oiio = _open_image_io()
     height, width, channels = data.shape
-    spec = oiio.ImageSpec(width, height, channels, {"exr": "half", "hdr": "float", "png": "uint8"}[kind])
+    spec = oiio.ImageSpec(width, height, channels, {"float16": "half", "float32": "float"}.get(data.dtype.name, "uint8"))
     for name, value in metadata.items():
         fits = isinstance(value, float | str) or abs(value) <= _INT_MAX
         spec.attribute(name, value if fits else str(value))
     spec.attribute("oiio:UnassociatedAlpha", 1)  # PNG: the colour of a margin is not divided by its alpha of zero
-    spec.attribute("oiio:ColorSpace", "sRGB" if kind == "png" else "lin_rec709")
+    spec.attribute("oiio:ColorSpace", {"exr": "lin_rec709", "hdr": "lin_rec709", "png": "sRGB"}.get(kind, "raw"))
     if kind == "exr":
         spec.attribute("compression", "zip")
         spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), _REC709_CHROMATICITIES)
         spec.attribute("DateTime", _EPOCH)
-    output = oiio.ImageOutput.create(kind)
+    output = oiio.ImageOutput.create(kind if kind in ("exr", "hdr") else "png")
     if output is None:
         return str(oiio.geterror())
     done = output.open(str(path), spec) and output.write_image(np.ascontiguousarray(data))
@@ -128,7 +160,7 @@ def _write_file(path: Path, data: NDArray[np.generic], metadata: Mapping[str, st
 
 def _is_complete(path: Path, kind: str) -> bool:
     """Whether all of a new file can be read: of a disk that fills up with its last buffer OpenImageIO says nothing."""
-    if kind == "png":
+    if kind not in ("exr", "hdr"):
         return path.read_bytes().endswith(_PNG_END)
     source = _open_image_io().ImageInput.open(str(path))
     if source is None:
@@ -138,13 +170,17 @@ def _is_complete(path: Path, kind: str) -> bool:
     return complete
 
 
-def _linear_to_srgb(value: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Source: IEC 61966-2-1:1999."""
+def linear_to_srgb(value: NDArray[np.float32]) -> NDArray[np.float32]:
+    """sRGB values of linear ones, both within [0, 1].
+
+    Source: IEC 61966-2-1:1999."""
     encoded: NDArray[np.float32] = np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** np.float32(1 / 2.4) - 0.055)
     return encoded
 
 
-def _srgb_to_linear(value: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Source: IEC 61966-2-1:1999."""
+def srgb_to_linear(value: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Linear values of sRGB ones, both within [0, 1].
+
+    Source: IEC 61966-2-1:1999."""
     linear: NDArray[np.float32] = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** np.float32(2.4))
     return linear

@@ -17,6 +17,7 @@ SNAPSHOT_FILE = "snapshot.npz"
 JOB_FILE = "job.json"
 LAYOUT_FILE = "layout.npz"  # tri_uv (n_tri, 3, 2) in [0, 1], tri_chart (n_tri,), object_page (n_object,)
 RESULT_FILE = "result.json"
+VIEWS_FOLDER = "views"  # linear images that Blender puts through the scene's view transform, see pages.PageFile
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-PASSES = ("combined", "lighting", "direct", "indirect", "diffuse", "emission", "albedo", "stderr")
-IMAGE_FORMATS = ("exr", "hdr", "png")
+from .encodings import ENCODINGS
+from .file_names import DEFAULT_PATTERN, find_pattern_error, has_pass
+
+DEBUG_PASSES = ("leaf_edges", "level", "photons", "charts")  # not light: how the bake came about
+PASSES = ("combined", "lighting", "direct", "indirect", "diffuse", "emission", "albedo", "stderr", *DEBUG_PASSES)
+IMAGE_FORMATS = ("exr", "hdr", "png", *ENCODINGS)
+VIEW_TRANSFORMS = ("standard", "scene")
 BASES = ("constant", "linear", "quadratic")
 ORACLES = ("significance", "paper")
 DIRECT_MODES = ("rays", "photons")
@@ -30,6 +36,7 @@ def _knob(
     group: str = "Advanced",
     flag: str = "",
     off_flag: str = "",
+    find_error: Callable[[str], str] | None = None,
 ) -> Any:
     metadata = {
         "help": help_text,
@@ -40,6 +47,7 @@ def _knob(
         "group": group,
         "flag": flag,
         "off_flag": off_flag,
+        "find_error": find_error,
     }
     return field(default=default, metadata=metadata)
 
@@ -64,6 +72,28 @@ class Settings:
     # Output
     passes: tuple[str, ...] = _knob(("combined",), "what the images hold", choices=PASSES, group="Output", flag="--pass")
     formats: tuple[str, ...] = _knob(("exr",), "kinds of file that are written", choices=IMAGE_FORMATS, group="Output", flag="--format")
+    value_range: float = _knob(
+        0.0,
+        "greatest value an RGBM or RGBD file holds; 0 takes each page's own",
+        low=0.0,
+        high=1e6,
+        group="Output",
+        flag="--range",
+    )
+    view_transform: str = _knob(
+        "standard",
+        "how PNG files show light: as plain sRGB, or as the scene's colour management does",
+        choices=VIEW_TRANSFORMS,
+        group="Output",
+        flag="--png-view",
+    )
+    name_pattern: str = _knob(
+        DEFAULT_PATTERN,
+        "names of the files: {name} is the object or atlas_page, {pass} and {page} may be used too",
+        group="Output",
+        find_error=find_pattern_error,
+    )
+    pack: bool = _knob(False, "keep the images that the objects show inside the .blend, besides their files", group="Output")
     # Quality
     error: float = _knob(0.05, "relative error at which the bake stops", low=1e-4, high=1.0, group="Quality")
     max_photons: int = _knob(64_000_000, "photons after which the bake stops", unit="photons", low=1000, high=10**12, group="Quality")
@@ -89,10 +119,15 @@ class Settings:
             error = _range_error(knob, getattr(self, knob.name))
             if error:
                 raise ValueError(error)
+        if len(self.passes) > 1 and not has_pass(self.name_pattern):
+            raise ValueError(f"name_pattern: expected {{pass}} in it, for there are {len(self.passes)} passes, got {self.name_pattern!r}")
 
 
 def _range_error(knob: dataclasses.Field[Any], value: Any) -> str:
     choices, low, high = knob.metadata["choices"], knob.metadata["low"], knob.metadata["high"]
+    if knob.metadata["find_error"]:
+        error = knob.metadata["find_error"](value)
+        return f"{knob.name}: {error}" if error else ""
     if isinstance(knob.default, tuple) and (not isinstance(value, tuple) or not value):
         return f"{knob.name}: expected at least one of {', '.join(choices)}, as a tuple, got {value!r}"
     if choices:

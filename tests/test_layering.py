@@ -36,7 +36,7 @@ TRACE = {
 STATISTICS = {"core.tally", "core.refine", "core.quadtree", "core.basis", "core.estimate"}
 # Where both sides meet: rounds of photons, shards that trace and sum them, and the whole bake.
 SEES_ALL = {"core.solve", "core.workers", "core.bake"}
-BPY_FREE_ADDON = {"addon.arguments", "addon.bake_state", "addon.boot", "addon.console", "addon.job"}
+BPY_FREE_ADDON = {"addon.arguments", "addon.bake_state", "addon.boot", "addon.console", "addon.gltf_file", "addon.job"}
 PANELS = "addon.panels"
 # The child's main program: it has no package, so it gives this folder the name leaflight and imports it by that.
 NAMES_THE_PACKAGE = {"addon.boot"}

@@ -13,8 +13,9 @@ from floors import sigma_limit
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from leaflight.core import charts, resolve, workers
+from leaflight.core.debug_passes import DebugPages
 from leaflight.core.scene import MAX_ALBEDO, Light, Material, SceneSnapshot
-from leaflight.core.settings import BASES, DIRECT_MODES, PASSES, Settings
+from leaflight.core.settings import BASES, DEBUG_PASSES, DIRECT_MODES, PASSES, Settings
 from leaflight.core.solve import LightField
 from odd_meshes import COINCIDENT, FURNITURE
 from scenes import Mesh, box_mesh, make_scene, moved, quad_mesh
@@ -55,7 +56,12 @@ def bake_safely(folder, scene: SceneSnapshot, direct="rays", prepare=lambda solv
     entry_page = atlas.chart_page[texels.texel_chart]
     at_texels = resolve.light_at_texels(light, solver.blender)
     resolver = resolve.Resolver(at_texels, texels, solver.tracing.scene.surfaces, entry_page, margin=4)
-    pages = {name: np.stack([resolver.page(name, page)[..., :3] for page in range(atlas.page_count)]) for name in PASSES}
+    debug = DebugPages(light, texels, entry_page, margin=4)
+    drawers = {name: debug if name in DEBUG_PASSES else resolver for name in PASSES}
+    pages = {name: np.stack([drawers[name].page(name, page)[..., :3] for page in range(atlas.page_count)]) for name in PASSES}
+    for name in DEBUG_PASSES:
+        look = debug.look(name, 0, lambda: resolver.page("combined", 0))
+        assert ((look >= 0) & (look <= 1)).all(), name
     for name, pixels in pages.items():
         assert np.isfinite(pixels).all(), name
         assert pixels.min() >= 0, name

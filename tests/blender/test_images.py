@@ -6,6 +6,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from leaflight.addon import images  # noqa: E402
+from leaflight.core.settings import Settings  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
@@ -59,6 +60,50 @@ def test_second_load_reads_the_file_again(tmp_path):
     assert images.load_image(path) == first
     np.testing.assert_allclose(read(first)[..., :3], 2 * PAGE[..., :3], rtol=1e-6)
     assert len(bpy.data.images) == 1
+
+
+def test_packed_images_live_without_their_file_and_are_read_again_from_it(tmp_path):
+    path = write_file(tmp_path / "a.exr", "OPEN_EXR")
+    image = images.load_image(path, pack=True)
+    assert image.packed_file
+    write_file(path, "OPEN_EXR", PAGE * 2)
+    assert images.load_image(path, pack=True) == image
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "room.blend"))
+    path.unlink()
+    bpy.context.scene["keeps"] = image
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "room.blend"))
+    np.testing.assert_allclose(read(bpy.data.images["a"])[..., :3], 2 * PAGE[..., :3], rtol=1e-6)
+
+
+def test_an_image_that_was_packed_is_linked_again(tmp_path):
+    path = write_file(tmp_path / "a.exr", "OPEN_EXR")
+    images.load_image(path, pack=True)
+    image = images.load_image(path)
+    assert not image.packed_file
+    np.testing.assert_allclose(read(image)[..., :3], PAGE[..., :3], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("pass_name", "formats", "view", "shown"),
+    [
+        ("combined", ("exr",), "standard", "exr"),
+        ("combined", ("rgbm", "png", "exr"), "standard", "png"),
+        ("combined", ("png", "hdr"), "scene", "hdr"),
+        ("combined", ("rgbm", "logluv"), "standard", ""),
+        ("combined", ("png",), "scene", ""),
+        ("level", ("exr", "png"), "scene", "png"),
+        ("level", ("exr",), "scene", "exr"),
+    ],
+)
+def test_what_materials_can_show(pass_name, formats, view, shown):
+    settings = Settings(passes=(pass_name,), formats=formats, view_transform=view)
+    assert images.find_shown_format(settings) == shown
+    if shown:
+        images.check_shown(settings)
+    else:
+        with pytest.raises(ValueError, match=r"formats: Blender's materials cannot show .* as light; add EXR to the formats"):
+            images.check_shown(settings)
 
 
 def test_an_image_the_user_loaded_from_the_same_file_is_not_taken(tmp_path):

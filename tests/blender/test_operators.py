@@ -120,6 +120,37 @@ def test_folder_beside_an_unsaved_file_is_refused(scene, state, tmp_path):
     assert list((tmp_path / "maps").iterdir())
 
 
+def test_baked_scene_is_exported(scene, tmp_path):
+    assert not bpy.ops.leaflight.export_gltf.poll()
+    bpy.ops.leaflight.bake()
+    assert bpy.ops.leaflight.export_gltf(filepath=str(tmp_path / "room.glb")) == {"FINISHED"}
+    assert (tmp_path / "room.glb").stat().st_size > 1000
+    with pytest.raises(RuntimeError, match="cannot be written"):
+        bpy.ops.leaflight.export_gltf(filepath=str(tmp_path / "none" / "room.glb"))
+    assert bpy.context.window.scene == scene
+
+
+def test_output_choices_reach_the_bake(scene, tmp_path):
+    chosen = scene.leaflight
+    chosen.formats, chosen.name_pattern = {"rgbm"}, "{pass}_{page}"
+    assert "cannot show RGBM as light; add EXR to the formats" in bake_error()
+    chosen.formats, chosen.pack = {"rgbm", "exr"}, True
+    assert bpy.ops.leaflight.bake() == {"FINISHED"}
+    assert sorted(path.name for path in (tmp_path / "maps").iterdir()) == ["combined_0.exr", "combined_0.rgbm.png"]
+    assert bpy.data.images["combined_0"].packed_file
+    chosen.name_pattern = "{size}"
+    assert "name_pattern: expected no other fields" in bake_error()
+
+
+def test_labels_of_choices():
+    assert [properties.describe_choice(choice) for choice in ("exr", "logluv", "combined", "leaf_edges")] == [
+        "EXR",
+        "LOGLUV",
+        "Combined",
+        "Leaf edges",
+    ]
+
+
 def test_selected_objects_are_baked(scene):
     scene.leaflight.objects = "SELECTED"
     assert "no mesh is selected" in bake_error()  # the lamp is

@@ -176,6 +176,18 @@ def check_edit_mode() -> Iterator[float]:
     remove_bake()
 
 
+def check_gltf() -> Iterator[float]:
+    press_bake()
+    yield from wait(lambda: not state().running)
+    scene, file = bpy.context.scene, os.path.join(tempfile.mkdtemp(prefix="leaflight_gltf_"), "room.glb")
+    with in_view():
+        bpy.ops.leaflight.export_gltf(filepath=file)
+    yield 0.5  # a redraw with the scene that came back
+    check("the baked scene is exported", os.path.getsize(file) > 1000)
+    check("and the window shows the user's scene again", window().scene == scene and len(bpy.data.scenes) == 1 and has_bake(scene))
+    remove_bake()
+
+
 def check_undo_meanwhile() -> Iterator[float]:
     with in_view():
         bpy.ops.object.select_all(action="SELECT")
@@ -237,18 +249,22 @@ def check_end() -> Iterator[float]:
     print(f"QUITTING with process group {running_id()} at work; {len(FAILED)} FAILED", flush=True)
 
 
+CHECKS = (
+    check_live,
+    check_refine,
+    check_escape,
+    check_discard,
+    check_edit_mode,
+    check_gltf,
+    check_undo_meanwhile,
+    check_other_scene,
+    check_other_file,
+    check_end,
+)
+
+
 def steps() -> Iterator[float]:
-    for checks in (
-        check_live,
-        check_refine,
-        check_escape,
-        check_discard,
-        check_edit_mode,
-        check_undo_meanwhile,
-        check_other_scene,
-        check_other_file,
-        check_end,
-    ):
+    for checks in CHECKS:
         try:
             yield from checks()
         except Exception:

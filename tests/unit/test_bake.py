@@ -10,11 +10,12 @@ import pytest
 from boxes import lamp_scene, room_mesh
 from leaflight.core import bake, preview
 from leaflight.core.checkpoint import read_info
+from leaflight.core.encodings import ENCODINGS
 from leaflight.core.image_file import read_image
 from leaflight.core.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.messages import Done, Preview, Progress, Status, Warning_
 from leaflight.core.scene import Light, Material
-from leaflight.core.settings import Settings
+from leaflight.core.settings import IMAGE_FORMATS, PASSES, Settings
 from leaflight.core.snapshot import load_snapshot, save_snapshot
 from scenes import make_scene, moved, quad_mesh
 
@@ -52,6 +53,23 @@ def test_files_and_result_say_the_same(tmp_path):
     assert (last.photons, last.estimated_error, last.leaves) == (result["photons"], result["estimated_error"], result["leaves"])
     assert result["stopped_by"] in ("error", "max_photons")
     assert (result["page_size"], result["pages"]) == (32, 1)
+
+
+def test_every_pass_and_kind_of_a_bake_can_be_read(tmp_path):
+    """Debug passes among them; their numbers are those of the bake."""
+    _, result = bake_scene(tmp_path, lamp_scene(), replace(QUICK, passes=PASSES, formats=IMAGE_FORMATS))
+    assert len(result["files"]) == len(PASSES) * len(IMAGE_FORMATS)
+    found = {}
+    for file in result["files"]:
+        pixels, _ = read_image(Path(file["path"]))
+        assert np.isfinite(pixels).all()
+        found[file["pass_name"], file["kind"]] = pixels
+    covered = found["charts", "exr"][..., 3] > 0
+    assert np.unique(found["charts", "exr"][covered, 0]).tolist() == list(range(7))
+    assert 0 < found["photons", "exr"][covered, 0].max() <= result["photons"]
+    lighting = found["lighting", "exr"][..., :3]
+    for kind in ENCODINGS:
+        np.testing.assert_allclose(found["lighting", kind], lighting, atol=0.022 * lighting.max())
 
 
 def test_rows_of_objects_are_those_of_the_image(tmp_path):

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from leaflight.core.image_file import HALF_MAX, read_image, write_image
+from leaflight.core import encodings
+from leaflight.core.image_file import HALF_MAX, KINDS, range_of, read_image, suffix_of, write_image
 
 pytestmark = pytest.mark.usefixtures("open_image_io")
 
@@ -73,6 +74,40 @@ def test_row_0_is_the_last_of_the_file(tmp_path: Path) -> None:
     np.testing.assert_array_equal(stored[2], ramp()[0])
 
 
+@pytest.mark.parametrize("kind", encodings.ENCODINGS)
+def test_encoded_files_hold_the_bytes_of_the_encoding(tmp_path: Path, kind: str) -> None:
+    """As they are: no colour space, and no alpha that would scale them."""
+    import OpenImageIO
+
+    pixels = ramp() * 4
+    pixels[0, 0] = 0.0  # RGBM's alpha is then the smallest
+    write_image(tmp_path / "a", pixels, {}, kind, 20.0)
+    straight = OpenImageIO.ImageSpec()
+    straight.attribute("oiio:UnassociatedAlpha", 1)
+    stored = OpenImageIO.ImageInput.open(str(tmp_path / "a"), straight).read_image("uint8")
+    np.testing.assert_array_equal(stored[::-1], encodings.encode(pixels[..., :3], kind, 20.0))
+    found, metadata = read_image(tmp_path / "a")
+    np.testing.assert_array_equal(found, encodings.decode(stored[::-1], kind, 20.0))
+    assert metadata["leaflight:encoding"] == kind
+    assert metadata["leaflight:range"] == str(range_of(pixels, kind, 20.0))
+    raw = (tmp_path / "a").read_bytes()
+    assert not any(chunk in raw for chunk in (b"gAMA", b"sRGB", b"iCCP"))
+
+
+def test_full_exr_keeps_counts(tmp_path: Path) -> None:
+    counts = np.full((3, 5, 3), 1_000_001.0, np.float32)
+    write_image(tmp_path / "a.exr", counts, {}, "exr", full=True)
+    np.testing.assert_array_equal(read_image(tmp_path / "a.exr")[0], counts)
+
+
+def test_range_and_ending_of_each_kind() -> None:
+    pixels = np.full((2, 2, 4), 7.0, np.float32)
+    assert [range_of(pixels, kind, 0.0) for kind in KINDS] == [HALF_MAX, HALF_MAX, 1.0, 7.0, 7.0, encodings.LOGLUV_MAX]
+    assert range_of(pixels, "rgbm", 5.0) == 5.0
+    assert range_of(pixels * np.float32(np.inf), "rgbd", 0.0) == pytest.approx(HALF_MAX, rel=1e-3)
+    assert [suffix_of(kind) for kind in KINDS] == [".exr", ".hdr", ".png", ".rgbm.png", ".rgbd.png", ".logluv.png"]
+
+
 @pytest.mark.parametrize("kind", ["exr", "hdr", "png"])
 def test_values_out_of_range_are_clipped(tmp_path: Path, kind: str) -> None:
     pixels = np.zeros((3, 5, 3), np.float32)
@@ -84,7 +119,7 @@ def test_values_out_of_range_are_clipped(tmp_path: Path, kind: str) -> None:
     np.testing.assert_allclose(found[0, 0, :2], limit, rtol=0.005)
 
 
-@pytest.mark.parametrize("kind", ["exr", "hdr", "png"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_same_pixels_same_bytes(tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     write_image(tmp_path / "a", ramp(), {"leaflight:pass": "x"}, kind)
     monkeypatch.setattr("time.time", lambda: 0.0)
@@ -100,7 +135,7 @@ def test_what_is_no_image_is_refused(tmp_path: Path) -> None:
         write_image(path, ramp() * np.nan, {}, "exr")
     with pytest.raises(ValueError, match=r"a\.exr: expected pixels .* got \(3, 5, 2\)"):
         write_image(path, ramp(2), {}, "exr")
-    with pytest.raises(ValueError, match=r"a\.exr: expected kind exr, hdr or png, got 'tiff'"):
+    with pytest.raises(ValueError, match=r"a\.exr: expected kind exr, hdr, png, rgbm, rgbd, logluv, got 'tiff'"):
         write_image(path, ramp(), {}, "tiff")
     assert not list(tmp_path.iterdir())
 
@@ -121,7 +156,7 @@ def limit_files() -> Iterator[Callable[[int], None]]:
     resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-@pytest.mark.parametrize("kind", ["exr", "hdr", "png"])
+@pytest.mark.parametrize("kind", ["exr", "hdr", "png", "rgbm"])
 @pytest.mark.parametrize("missing", [1, 100, 50_000])
 def test_full_disk_keeps_the_old_file(tmp_path: Path, kind: str, missing: int, limit_files: Callable[[int], None]) -> None:
     path = tmp_path / f"a.{kind}"

@@ -15,6 +15,8 @@ def another_value(knob):
         return last if isinstance(knob.default, tuple) else next(one for one in last if one != knob.default)
     if isinstance(knob.default, bool):
         return not knob.default
+    if isinstance(knob.default, str):
+        return knob.default + "_"
     return next(type(knob.default)(knob.metadata[end]) for end in ("high", "low") if knob.metadata[end] != knob.default)
 
 

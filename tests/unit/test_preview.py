@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import furnace_scene, lamp_scene, make_solver, prepare_folder
-from leaflight.core import preview, resolve, workers
+from leaflight.core import charts, preview, resolve, workers
 from leaflight.core.direct_field import DirectField
 from leaflight.core.preview import PreviewPages, find_first_light
+from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.settings import Settings
 
 SETTINGS = Settings(size=32, padding=1, direct="photons", error=1e-4, max_photons=300_000, passes=("lighting",))
@@ -20,9 +21,15 @@ def make_pages(folder, scene, settings=SETTINGS, tell=lambda message: None):
     return PreviewPages(folder / "pages", texels, surfaces, entry_page, settings, tell), texels, entry_page
 
 
+def first_light(folder, settings):
+    tracing = workers.open_tracing(str(folder))
+    page = charts.make_charts(tracing.snapshot, settings).chart_page[tracing.texels.texel_chart]
+    return find_first_light(folder, settings, LeafBlender.of(tracing.texels, page))
+
+
 def test_first_light_is_all_of_the_light(tmp_path):
     pages, _, _ = make_pages(tmp_path, furnace_scene(0.5))
-    (page,) = pages.draw(find_first_light(tmp_path, SETTINGS))
+    (page,) = pages.draw(first_light(tmp_path, SETTINGS))
     lit = page[page[..., 3] > 0][:, :3].astype(float)
     assert lit.mean() == pytest.approx(2.0, rel=0.01)  # e / (1 - rho)
     assert lit.std() < 0.4
@@ -31,7 +38,7 @@ def test_first_light_is_all_of_the_light(tmp_path):
 @pytest.mark.parametrize("direct", ["rays", "photons"])
 def test_first_light_is_of_the_scene_whatever_finds_its_direct_light_later(tmp_path, direct):
     pages, _, _ = make_pages(tmp_path, lamp_scene(), replace(SETTINGS, direct=direct, hierarchical=False))
-    (page,) = pages.draw(find_first_light(tmp_path, replace(SETTINGS, direct=direct, hierarchical=False)))
+    (page,) = pages.draw(first_light(tmp_path, replace(SETTINGS, direct=direct, hierarchical=False)))
     assert page[page[..., 3] > 0][:, 0].astype(float).mean() > 0.05
 
 
@@ -42,7 +49,9 @@ def test_pages_are_those_of_the_bake_but_for_its_blending(tmp_path):
         light = make_solver(tmp_path / f"{name} solver", furnace_scene(0.5), settings).run(lambda message: None, lambda: False)
         (page,) = pages.draw(light)
         surfaces = workers.open_tracing(str(tmp_path / name)).scene.surfaces
-        final = resolve.Resolver(resolve.light_at_texels(light, texels, entry_page), texels, surfaces, entry_page, 2).page(name, 0)
+        final = resolve.Resolver(resolve.light_at_texels(light, LeafBlender.of(texels, entry_page)), texels, surfaces, entry_page, 2).page(
+            name, 0
+        )
         np.testing.assert_array_equal(page[..., 3], final[..., 3])
         covered = final[..., 3] > 0
         assert page[covered][:, :3].astype(float).mean() == pytest.approx(final[covered][:, :3].mean(), rel=0.02), name
@@ -50,7 +59,7 @@ def test_pages_are_those_of_the_bake_but_for_its_blending(tmp_path):
 
 def test_shadow_rays_replace_photons_where_they_have_been_shot(tmp_path):
     pages, texels, _ = make_pages(tmp_path, lamp_scene(), replace(SETTINGS, passes=("direct",)))
-    first = find_first_light(tmp_path, SETTINGS)
+    first = first_light(tmp_path, SETTINGS)
     field = DirectField.none(len(texels.texel_area))
     half = np.arange(len(field.passes)) % 2 == 0
     field.passes[half], field.irradiance[half] = 1, 100.0 * np.pi
@@ -62,7 +71,7 @@ def test_shadow_rays_replace_photons_where_they_have_been_shot(tmp_path):
 
 def test_large_pages_are_shown_smaller_and_as_bright(tmp_path, monkeypatch):
     pages, _, _ = make_pages(tmp_path, furnace_scene(0.5))
-    first = find_first_light(tmp_path, SETTINGS)
+    first = first_light(tmp_path, SETTINGS)
     (whole,) = pages.draw(first)
     monkeypatch.setattr(preview, "MOST_TEXELS", 11 * 11)
     pages, _, _ = make_pages(tmp_path / "small", furnace_scene(0.5))
@@ -74,7 +83,7 @@ def test_large_pages_are_shown_smaller_and_as_bright(tmp_path, monkeypatch):
 
 def test_colour_runs_on_beyond_the_charts(tmp_path):
     pages, _, _ = make_pages(tmp_path, furnace_scene(0.5))
-    (page,) = pages.draw(find_first_light(tmp_path, SETTINGS))
+    (page,) = pages.draw(first_light(tmp_path, SETTINGS))
     margin = (page[..., 3] == 0) & (page[..., 0] > 0)
     assert margin.any()
 
@@ -82,7 +91,7 @@ def test_colour_runs_on_beyond_the_charts(tmp_path):
 def test_pages_come_no_faster_than_they_may_cost(tmp_path, monkeypatch):
     told, clock = [], [0.0]
     pages, _, _ = make_pages(tmp_path, furnace_scene(0.5), tell=told.append)
-    first = find_first_light(tmp_path, SETTINGS)
+    first = first_light(tmp_path, SETTINGS)
     draw = pages.draw
 
     def draw_slowly(light):
@@ -106,7 +115,7 @@ def test_messages_are_passed_on_and_show_what_has_come(tmp_path, monkeypatch):
     told = []
     pages, texels, _ = make_pages(tmp_path, lamp_scene(), tell=told.append)
     field = DirectField.none(len(texels.texel_area))
-    tell = pages.join(find_first_light(tmp_path, SETTINGS), field)
+    tell = pages.join(first_light(tmp_path, SETTINGS), field)
     field.passes[:], field.irradiance[:] = 1, 50.0 * np.pi
     tell("a message")
     assert told[1] == "a message"

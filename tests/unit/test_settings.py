@@ -18,7 +18,7 @@ def by_name(knobs):
 @by_name(KNOBS)
 def test_knob_has_help_and_a_rule(knob):
     assert knob.metadata["help"]
-    assert isinstance(knob.default, bool) or knob in RANGED or knob in CHOSEN
+    assert isinstance(knob.default, bool) or knob in RANGED or knob in CHOSEN or knob.metadata["find_error"]
 
 
 @by_name(RANGED)
@@ -64,3 +64,11 @@ def test_settings_are_frozen():
 def test_a_list_of_passes_is_a_tuple_with_something_in_it(value):
     with pytest.raises(ValueError, match="passes: expected at least one of combined"):
         Settings(passes=value)
+
+
+def test_a_pattern_of_names_is_checked():
+    assert Settings(name_pattern="{page}").name_pattern == "{page}"
+    with pytest.raises(ValueError, match=r"^name_pattern: expected no other fields than .*, got '{size}'$"):
+        Settings(name_pattern="{size}")
+    with pytest.raises(ValueError, match=r"^name_pattern: expected {pass} in it, for there are 2 passes, got '{name}'$"):
+        Settings(name_pattern="{name}", passes=("combined", "albedo"))

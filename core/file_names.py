@@ -1,0 +1,60 @@
+"""What image files are called: the pattern that a user may choose, and names that every system takes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+DEFAULT_PATTERN = "{name}.{pass}"
+MAX_NAME_BYTES = 180  # of an object in a file's name: systems allow 255 in all, and Blender as many for the object
+MAX_PATTERN_BYTES = 30  # besides the fields, for the same reason
+
+_FIELDS = ("name", "pass", "page")
+_FIELD = re.compile(r"\{([^{}]*)\}")
+_FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]')
+
+
+def find_pattern_error(pattern: str) -> str:
+    """What is wrong with a pattern, "" nothing.
+
+    Fields: {name}, the object or, of shared pages, atlas_page; {pass}; {page}, a number.
+    """
+    fields, text = _FIELD.findall(pattern), _FIELD.sub("", pattern)
+    unknown = [field for field in fields if field not in _FIELDS]
+    if unknown or "{" in text or "}" in text:
+        return f"expected no other fields than {', '.join(f'{{{field}}}' for field in _FIELDS)}, got {pattern!r}"
+    if not {"name", "page"} & set(fields) or fields.count("name") > 1:
+        return f"expected {{name}} once, or {{page}}, so that each page has a file of its own, got {pattern!r}"
+    if _FORBIDDEN.search(text):
+        return f'expected none of < > : " / \\ | ? *, which files cannot be called, got {pattern!r}; a folder is given by the output'
+    if len(text.encode()) > MAX_PATTERN_BYTES:
+        return f"expected at most {MAX_PATTERN_BYTES} letters besides the fields, got {pattern!r}"
+    return ""
+
+
+def has_pass(pattern: str) -> bool:
+    """Whether files of two passes have different names."""
+    return "pass" in _FIELD.findall(pattern)
+
+
+def fill_pattern(pattern: str, name: str, pass_name: str, page: int) -> str:
+    """The file's name without its ending; `name` is of make_unique."""
+    values = {"name": name, "pass": pass_name, "page": str(page)}
+    return _FIELD.sub(lambda match: values[match[1]], pattern)
+
+
+def make_unique(names: Iterable[str]) -> list[str]:
+    """The names with underscores after those that are there already; letters count alike in both cases, as on some disks."""
+    out: list[str] = []
+    for name in names:
+        unique = name
+        while unique.lower() in (other.lower() for other in out):
+            unique += "_"
+        out.append(unique)
+    return out
+
+
+def clean_name(name: str) -> str:
+    """A name that every system takes for a file: shortened, and an underscore for what cannot be in it."""
+    short = name.encode()[:MAX_NAME_BYTES].decode(errors="ignore")
+    return _FORBIDDEN.sub("_", short).strip(". ") or "_"

@@ -1,0 +1,75 @@
+"""The command line's output options: encodings, names, folders beside the .blend, packing."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from blend_rooms import bake, list_files, open_room, read_pixels, read_report, save_scene  # noqa: E402
+
+
+@pytest.fixture
+def room(tmp_path):
+    open_room()
+    return save_scene(tmp_path / "room.blend")
+
+
+def test_report_lists_each_file_with_encoding_and_range(room):
+    assert bake(room, "--format", "exr", "rgbm", "rgbd", "logluv", "--range", "4", "--pass", "lighting", "photons") == 0
+    report = read_report(room)
+    assert sorted(Path(file["path"]).name for file in report["files"]) == list_files(room.parent / "maps")
+    light = read_pixels(room.parent / "maps" / "room_0.lighting.exr")[..., :3]
+    for file in report["files"]:
+        if file["pass_name"] == "lighting":
+            assert file["maximum"] == pytest.approx(light.max(), rel=1e-3)
+            np.testing.assert_allclose(read_pixels(Path(file["path"]))[..., :3], light, atol=0.022 * light.max())
+        if file["kind"] in ("rgbm", "rgbd"):
+            assert (file["encoding"], file["range"]) == (file["kind"], 4.0)
+
+
+def test_pattern_names_the_files(room):
+    assert bake(room, "--per-object", "--pass", "albedo", "direct", "--name-pattern", "{pass}-{name}") == 0
+    assert list_files(room.parent / "maps") == ["albedo-Cube.exr", "albedo-Floor.exr", "direct-Cube.exr", "direct-Floor.exr"]
+
+
+def test_folders_beside_the_blend(room, monkeypatch, tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert bake(room, "--save", "//out/baked.blend", "--report", "//report.json", output=Path("//maps/low")) == 0
+    assert list_files(tmp_path / "maps" / "low") == ["room_0.combined.exr"]
+    assert (tmp_path / "report.json").is_file()
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "baked.blend"))
+    assert bpy.data.images["room_0.combined"].filepath == "//../maps/low/room_0.combined.exr"
+
+
+def test_folder_beside_a_blend_that_there_is_not(room, tmp_path, capsys):
+    bpy.ops.export_scene.gltf(filepath=str(tmp_path / "model.glb"))
+    assert bake(tmp_path / "model.glb", output=Path("//maps")) == 1
+    assert "error: //maps: is beside the .blend, which is not saved yet" in capsys.readouterr().err
+
+
+def test_packed_images_need_no_folder(room):
+    saved = room.parent / "baked.blend"
+    assert bake(room, "--pack", "--save", str(saved)) == 0
+    light = read_pixels(room.parent / "maps" / "room_0.combined.exr")
+    (room.parent / "maps" / "room_0.combined.exr").unlink()
+    bpy.ops.wm.open_mainfile(filepath=str(saved))
+    image = bpy.data.images["room_0.combined"]
+    pixels = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(pixels)
+    np.testing.assert_allclose(pixels.reshape(light.shape), light, rtol=1e-3)
+
+
+@pytest.mark.parametrize("words", [("--format", "rgbm", "logluv"), ("--format", "png", "--png-view", "scene")])
+def test_files_that_materials_cannot_show_are_told_before_the_bake(room, capsys, words):
+    assert bake(room, *words, "--save", str(room.parent / "baked.blend")) == 1
+    assert "add EXR to the formats" in capsys.readouterr().err
+    assert list_files(room.parent / "maps") == []
+    assert bake(room, *words, "--save", str(room.parent / "baked.blend"), "--no-assign") == 0
+
+
+def test_the_first_format_that_can_be_shown_is(room):
+    assert bake(room, "--format", "rgbm", "hdr", "--save", str(room.parent / "baked.blend")) == 0
+    assert bpy.data.images["room_0.combined"].filepath.endswith(".hdr")

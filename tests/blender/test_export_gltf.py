@@ -1,0 +1,281 @@
+"""A baked scene as .glb, imported again: textures, UV sets, pixels, and nothing of the user's changed."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from blend_rooms import bake, list_files, open_room, read_pixels, read_report, save_scene  # noqa: E402
+from leaflight.addon import restore, session  # noqa: E402
+from leaflight.addon.arguments import BakeRequest  # noqa: E402
+from leaflight.addon.export_gltf import export_gltf  # noqa: E402
+from leaflight.addon.gltf_file import read_document  # noqa: E402
+from leaflight.core.bake import run_bake  # noqa: E402
+from leaflight.core.settings import Settings  # noqa: E402
+
+STEP = 0.51 / 255  # half a step of 8 bits, and rounding
+
+
+@pytest.fixture
+def room(monkeypatch):
+    """The cube wears wood, the floor nothing, a third object is not baked; the floor's UV layer is stretched."""
+    open_room()
+    monkeypatch.setattr(sys, "path", [*sys.path, *session.library_paths()])
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=8, ring_count=4, location=(0, 0, 1.5), radius=0.2)
+    bpy.context.object.name = "Ball"
+    wood = bpy.data.materials.new("Wood")
+    if wood.node_tree is None:
+        wood.use_nodes = True
+    wood.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (0.4, 0.3, 0.2, 1.0)
+    bpy.data.objects["Cube"].data.materials.append(wood)
+    bpy.data.scenes.new("A scene before it")
+    return bpy.context.scene
+
+
+def bake_room(tmp_path, *passes, atlas=True):
+    """Bakes floor and cube and puts the bake on them."""
+    folder = tmp_path / "job"
+    folder.mkdir()
+    settings = Settings(size=32, max_photons=5000, workers=1, passes=passes, atlas=atlas)
+    request = BakeRequest(settings, objects=("Floor", "Cube"), output=tmp_path / "maps")
+    work = session.prepare(bpy.context, request, folder)
+    run_bake(folder, lambda message: None, lambda: False)
+    result = session.read_result(work)
+    session.finish_files(bpy.context.scene, result)
+    assert session.assign(bpy.context, work, result) == []
+
+
+def baked_pixels(tmp_path, name):
+    return read_pixels(tmp_path / "maps" / f"lightmap_0.{name}.exr")[..., :3]
+
+
+def import_again(path):
+    """Images of the file, by name, as stored, in [0, 1]."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.import_scene.gltf(filepath=str(path))
+    found = {}
+    for image in bpy.data.images:
+        if image.size[0]:
+            pixels = np.empty(len(image.pixels), np.float32)
+            image.pixels.foreach_get(pixels)
+            found[image.name] = pixels.reshape(image.size[1], image.size[0], -1)[..., :3]
+    return found
+
+
+def to_srgb(linear):
+    linear = np.clip(linear, 0.0, 1.0)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def uv_of(obj, layer):
+    """Places of the corners in the layer, each once: the file holds triangles."""
+    uv = np.empty(2 * len(obj.data.loops), np.float32)
+    obj.data.uv_layers[layer].uv.foreach_get("vector", uv)
+    return np.unique(np.round(uv.reshape(-1, 2), 5), axis=0)
+
+
+def snapshot():
+    """What the file holds: data-blocks with their users, what objects wear, layers, visibility, and what is shown."""
+    blocks = {}
+    for kind in ("scenes", "objects", "meshes", "materials", "images", "node_groups", "collections", "worlds", "lights"):
+        for block in getattr(bpy.data, kind):
+            tree = getattr(block, "node_tree", None) if kind == "materials" else None
+            nodes = sorted((node.name, node.bl_idname) for node in tree.nodes) if tree else []
+            blocks[kind, block.name] = (block.users, nodes, len(tree.links) if tree else 0)
+    for obj in bpy.data.objects:
+        slots = [(slot.link, slot.material.name if slot.material else "") for slot in obj.material_slots]
+        layers = [(layer.name, layer.active_render) for layer in obj.data.uv_layers] if obj.type == "MESH" else []
+        blocks["worn", obj.name] = (slots, layers, obj.hide_viewport, obj.hide_render, obj.select_get())
+    active = bpy.context.view_layer.objects.active
+    return blocks, bpy.context.scene.name, bpy.context.window.scene.name, active.name if active else "", bpy.context.scene.frame_current
+
+
+def export(tmp_path, **options):
+    """The document of an export that leaves the file as it was."""
+    before = snapshot()
+    assert export_gltf(bpy.context, tmp_path / "room.glb", **options) == []
+    assert snapshot() == before
+    return read_document((tmp_path / "room.glb").read_bytes())
+
+
+def find(document, kind, name):
+    return next(entry for entry in document[kind] if entry["name"] == name)
+
+
+def primitive_of(document, name):
+    return document["meshes"][find(document, "nodes", name)["mesh"]]["primitives"][0]
+
+
+def test_combined_light_is_an_unlit_colour(room, tmp_path):
+    bake_room(tmp_path, "combined")
+    uv = uv_of(bpy.data.objects["Floor"], "Leaflight")
+    document = export(tmp_path)
+    assert list_files(tmp_path) == ["job", "maps", "room.glb"]
+    assert document["extensionsUsed"] == ["KHR_materials_unlit"]
+    assert {node["name"] for node in document["nodes"]} == {"Floor", "Cube", "Ball"}
+    assert document["scenes"][0]["name"] == room.name
+    for name, worn in (("Floor", "Leaflight"), ("Cube", "Wood")):
+        primitive = primitive_of(document, name)
+        material = document["materials"][primitive["material"]]
+        assert material["name"] == worn
+        assert "KHR_materials_unlit" in material["extensions"]
+        assert material["pbrMetallicRoughness"]["baseColorTexture"].get("texCoord", 0) == 0
+        assert [key for key in primitive["attributes"] if key.startswith("TEXCOORD")] == ["TEXCOORD_0"]
+    assert "material" not in primitive_of(document, "Ball")
+    expected = to_srgb(baked_pixels(tmp_path, "combined"))
+    assert expected.max() > 0.5
+    images = import_again(tmp_path / "room.glb")
+    np.testing.assert_allclose(images["lightmap_0.combined"], expected, atol=STEP)
+    np.testing.assert_allclose(uv_of(bpy.data.objects["Floor"], "UVMap"), uv, atol=2e-5)
+
+
+def test_lighting_is_a_lightmap_on_the_second_uv_set(room, tmp_path):
+    bake_room(tmp_path, "lighting")
+    own, ours = (uv_of(bpy.data.objects["Floor"], name) for name in ("UVMap", "Leaflight"))
+    document = export(tmp_path)
+    assert list_files(tmp_path) == ["job", "maps", "room.glb", "room.lightmap.json"]
+    assert "extensionsUsed" not in document
+    wood = document["materials"][primitive_of(document, "Cube")["material"]]
+    assert wood["name"] == "Wood"
+    assert wood["occlusionTexture"]["texCoord"] == 1
+    assert wood["pbrMetallicRoughness"]["baseColorFactor"][:3] == pytest.approx([0.4, 0.3, 0.2])
+    assert {"TEXCOORD_0", "TEXCOORD_1"} <= primitive_of(document, "Cube")["attributes"].keys()
+
+    manifest = json.loads((tmp_path / "room.lightmap.json").read_text(encoding="utf-8"))
+    assert manifest["irradiance_factor"] == pytest.approx(np.pi)
+    assert sorted(material["name"] for material in manifest["materials"]) == ["Leaflight", "Wood"]
+    assert {material["texcoord"] for material in manifest["materials"]} == {1}
+    (image,) = manifest["images"]
+    light = baked_pixels(tmp_path, "lighting")
+    assert image["range"] == pytest.approx(light.max())
+
+    images = import_again(tmp_path / "room.glb")
+    np.testing.assert_allclose(images[image["name"]], to_srgb(light / image["range"]), atol=STEP)
+    floor = bpy.data.objects["Floor"]
+    for layer, expected in zip(floor.data.uv_layers, (own, ours), strict=True):
+        np.testing.assert_allclose(uv_of(floor, layer.name), expected, atol=2e-5)
+
+
+@pytest.mark.parametrize("transform", ["Standard", "AgX"])
+def test_the_scenes_view_goes_into_unlit_colours(room, tmp_path, transform):
+    """One stop up: with the Standard transform that is the sRGB curve of twice the light."""
+    room.view_settings.view_transform, room.view_settings.exposure = transform, 1.0
+    bake_room(tmp_path, "combined")
+    export(tmp_path, view_transform="scene")
+    shown = import_again(tmp_path / "room.glb")["lightmap_0.combined"]
+    difference = np.abs(shown - to_srgb(2 * baked_pixels(tmp_path, "combined")))
+    if transform == "Standard":
+        assert difference.max() <= STEP
+    else:
+        assert difference.max() > 0.1
+
+
+def test_a_material_on_two_pages_is_two_with_their_own_ranges(room, tmp_path):
+    bpy.data.objects["Floor"].data.materials.append(bpy.data.materials["Wood"])
+    bake_room(tmp_path, "lighting", atlas=False)
+    document = export(tmp_path)
+    manifest = json.loads((tmp_path / "room.lightmap.json").read_text(encoding="utf-8"))
+    ranges = {image["image"]: image["range"] for image in manifest["images"]}
+    found = {material["name"]: ranges[material["image"]] for material in manifest["materials"]}
+    for name in ("Floor", "Cube"):
+        light = read_pixels(tmp_path / "maps" / f"{name}.lighting.exr")[..., :3]
+        assert found[document["materials"][primitive_of(document, name)["material"]]["name"]] == pytest.approx(light.max())
+    assert sorted(found) == ["Wood", "Wood_"]
+
+
+def test_a_hidden_bake_is_exported_and_hidden_again(room, tmp_path):
+    bake_room(tmp_path, "combined")
+    restore.toggle_preview(room, False)
+    document = export(tmp_path)
+    assert not restore.is_preview_on(room)
+    assert len(document["images"]) == 1
+
+
+def test_results_of_modifiers_and_instances_are_in_the_file_once(room, tmp_path):
+    bpy.data.objects["Cube"].modifiers.new("Thick", "ARRAY").count = 2
+    bake_room(tmp_path, "combined")
+    assert "Cube.Leaflight" in bpy.data.objects
+    document = export(tmp_path)
+    assert sorted(node["name"] for node in document["nodes"]) == ["Ball", "Cube", "Floor"]
+    count = document["accessors"][primitive_of(document, "Cube")["attributes"]["POSITION"]]["count"]
+    assert count >= 2 * 24
+
+
+def test_materials_that_use_the_baked_layer_find_it_at_texcoord_0_too(room, tmp_path):
+    """The only layer of the floor is the user's own and carries the bake."""
+    folder = tmp_path / "job"
+    folder.mkdir()
+    request = BakeRequest(
+        Settings(size=32, max_photons=5000, workers=1, passes=("lighting",)), objects=("Floor",), uv_layer="UVMap", output=tmp_path / "maps"
+    )
+    work = session.prepare(bpy.context, request, folder)
+    run_bake(folder, lambda message: None, lambda: False)
+    result = session.read_result(work)
+    session.assign(bpy.context, work, result)
+    export(tmp_path)
+    import_again(tmp_path / "room.glb")
+    floor = bpy.data.objects["Floor"]
+    first, second = (uv_of(floor, layer.name) for layer in floor.data.uv_layers)
+    np.testing.assert_array_equal(first, second)
+    assert np.ptp(first) == 1.0
+
+
+def test_textures_and_occlusion_of_the_users_stay_theirs_but_on_baked_objects(room, tmp_path):
+    dirt = bpy.data.images.new("dirt", 4, 4)
+    dirt.pack()
+    wood = bpy.data.materials["Wood"]
+    group = bpy.data.node_groups.new("glTF Material Output", "ShaderNodeTree")
+    group.interface.new_socket("Occlusion", in_out="INPUT", socket_type="NodeSocketFloat")
+    node, texture = wood.node_tree.nodes.new("ShaderNodeGroup"), wood.node_tree.nodes.new("ShaderNodeTexImage")
+    node.node_tree, texture.image = group, dirt
+    wood.node_tree.links.new(node.inputs[0], texture.outputs["Color"])
+    wood.node_tree.links.new(wood.node_tree.nodes["Principled BSDF"].inputs["Base Color"], texture.outputs["Color"])
+    bpy.data.objects["Ball"].data.materials.append(wood)
+    bake_room(tmp_path, "lighting")
+    document = export(tmp_path)
+    of_cube, of_ball = (document["materials"][primitive_of(document, name)["material"]] for name in ("Cube", "Ball"))
+    names = [document["images"][document["textures"][m["occlusionTexture"]["index"]]["source"]]["name"] for m in (of_cube, of_ball)]
+    assert names == ["lightmap_0.lighting", "dirt"]
+    assert of_cube["pbrMetallicRoughness"]["baseColorTexture"].get("texCoord", 0) == 0
+    manifest = json.loads((tmp_path / "room.lightmap.json").read_text(encoding="utf-8"))
+    assert [image["name"] for image in manifest["images"]] == ["lightmap_0.lighting"]
+
+
+def test_what_cannot_be_exported_is_a_sentence_and_changes_nothing(room, tmp_path, monkeypatch):
+    with pytest.raises(ValueError, match="nothing is baked yet: bake the scene first"):
+        export_gltf(bpy.context, tmp_path / "room.glb")
+    bake_room(tmp_path, "combined")
+    before = snapshot()
+    (tmp_path / "maps" / "lightmap_0.combined.exr").rename(tmp_path / "away.exr")
+    bpy.data.images["lightmap_0.combined"].buffers_free()
+    with pytest.raises(ValueError, match=r"lightmap_0\.combined\.exr is missing; bake again\."):
+        export_gltf(bpy.context, tmp_path / "room.glb")
+    (tmp_path / "away.exr").rename(tmp_path / "maps" / "lightmap_0.combined.exr")
+    bpy.data.images["lightmap_0.combined"].reload()
+    with pytest.raises(OSError, match=r"room\.glb: cannot be written \(No such file"):
+        export_gltf(bpy.context, tmp_path / "none" / "room.glb")
+    monkeypatch.setattr("addon_utils.check", lambda name: (False, False))
+    with pytest.raises(ValueError, match="glTF exporter is switched off"):
+        export_gltf(bpy.context, tmp_path / "room.glb")
+    assert snapshot() == before
+    assert list_files(tmp_path) == ["job", "maps"]
+
+
+def test_command_line_exports_and_saves_what_was_asked(room, tmp_path):
+    scene = save_scene(tmp_path / "room.blend")
+    words = ("--gltf", str(tmp_path / "out" / "room.glb"), "--save", str(tmp_path / "saved.blend"), "--no-assign", "--pass", "lighting")
+    assert bake(scene, *words) == 0
+    assert list_files(tmp_path / "out") == ["room.glb", "room.lightmap.json"]
+    assert {warning["subject"] for warning in read_report(scene)["warnings"]} == {"Ball"}
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))
+    assert not restore.has_bake(bpy.context.scene)
+
+
+def test_command_line_refuses_another_ending_before_it_bakes(room, tmp_path, capsys):
+    scene = save_scene(tmp_path / "room.blend")
+    assert bake(scene, "--gltf", str(tmp_path / "room.gltf")) == 1
+    assert "give it a name that ends in .glb." in capsys.readouterr().err
+    assert list_files(tmp_path) == ["room.blend"]

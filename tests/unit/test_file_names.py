@@ -1,0 +1,61 @@
+"""Names of files: the pattern, and names that differ wherever they must."""
+
+import pytest
+from leaflight.core import file_names
+
+
+def fill(pattern):
+    return file_names.fill_pattern(pattern, "Floor", "combined", 3)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name"),
+    [("{name}.{pass}", "Floor.combined"), ("{pass}-{name}", "combined-Floor"), ("lm_{page}", "lm_3"), ("{page}{page} ä", "33 ä")],
+)
+def test_fields_are_filled_in(pattern, name):
+    assert file_names.find_pattern_error(pattern) == ""
+    assert fill(pattern) == name
+
+
+def test_what_looks_like_a_field_in_a_name_stays():
+    assert file_names.fill_pattern("{name}.{pass}", "{pass}", "albedo", 0) == "{pass}.albedo"
+
+
+@pytest.mark.parametrize(
+    ("pattern", "error"),
+    [
+        ("", "so that each page has a file of its own"),
+        ("{pass}", "so that each page has a file of its own"),
+        ("{name}{name}", "expected {name} once"),
+        ("{name}.{size}", r"no other fields than {name}, {pass}, {page}, got '{name}.{size}'"),
+        ("{name", "no other fields"),
+        ("{name}}", "no other fields"),
+        ("{{name}}", "no other fields"),
+        ("maps/{name}", "a folder is given by the output"),
+        ("..\\{name}", "a folder is given by the output"),
+        ("{name}" + "x" * 31, "at most 30 letters"),
+    ],
+)
+def test_what_is_wrong_with_a_pattern_is_told(pattern, error):
+    assert error in file_names.find_pattern_error(pattern)
+
+
+def test_longest_names_fit_a_disk():
+    """255 bytes, with the ending, and what is put around a name while the file is written."""
+    name = file_names.clean_name("ä" * 300)
+    longest = file_names.fill_pattern("{name}{pass}{page}" + "x" * file_names.MAX_PATTERN_BYTES, name, "leaf_edges", 99999)
+    assert len(f".{longest}.logluv.png.4194304.part".encode()) <= 255
+
+
+@pytest.mark.parametrize(("name", "clean"), [("a/b", "a_b"), ("..", "_"), (" Ä 1. ", "Ä 1"), ("con\n", "con_"), ("", "_")])
+def test_names_are_made_such_that_files_can_have_them(name, clean):
+    assert file_names.clean_name(name) == clean
+
+
+def test_equal_names_get_underscores():
+    assert file_names.make_unique(["a", "A", "b", "a"]) == ["a", "A_", "b", "a__"]
+
+
+def test_only_patterns_with_a_pass_tell_passes_apart():
+    assert file_names.has_pass("{name}.{pass}")
+    assert not file_names.has_pass("{name}.pass")

@@ -1,0 +1,124 @@
+"""Pages to files: names, what the report says of each file, and what is left when one fails."""
+
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from leaflight.core import encodings, pages
+from leaflight.core.image_file import HALF_MAX, read_image
+from leaflight.core.job import VIEWS_FOLDER, Job
+from leaflight.core.settings import IMAGE_FORMATS, Settings
+from scenes import make_scene, moved, quad_mesh
+
+pytestmark = pytest.mark.usefixtures("open_image_io")
+
+PAGE = np.zeros((4, 4, 4), np.float32)
+PAGE[1:3, 1:3] = (0.5, 3.0, 0.25, 1.0)
+PAGE[0, 1:3, :3] = (0.5, 3.0, 0.25)  # a margin
+
+
+def draw(name, page, look):
+    if look:
+        return np.full((4, 4, 4), 0.5, np.float32)
+    return PAGE * np.float32(1 + page) if name != "photons" else PAGE * np.float32(1e5)
+
+
+def write(folder, settings, names=("Floor", "Wall"), draw=draw):
+    """Files of objects with a page each."""
+    (folder / "out").mkdir(parents=True, exist_ok=True)
+    scene = make_scene([moved(quad_mesh(), (0, 0, 2.0 * i), name=name) for i, name in enumerate(names)])
+    atlas = SimpleNamespace(page_count=len(names), object_page=np.arange(len(names)))
+    return pages.write_pages(Job(settings, str(folder / "out"), "room"), folder, scene, atlas, {"leaflight:photons": 5}, draw)
+
+
+def list_names(files):
+    return [Path(file.path).name for file in files]
+
+
+PER_OBJECT = Settings(atlas=False)
+
+
+def test_every_pass_in_every_kind_is_a_row_with_encoding_and_range(tmp_path):
+    files = write(tmp_path, replace(PER_OBJECT, formats=IMAGE_FORMATS), ["Floor"])
+    assert list_names(files) == [f"Floor.combined.{end}" for end in ("exr", "hdr", "png", "rgbm.png", "rgbd.png", "logluv.png")]
+    assert [(file.encoding, file.range) for file in files] == [
+        ("linear, half float", HALF_MAX),
+        ("linear, shared exponent", HALF_MAX),
+        ("sRGB", 1.0),
+        ("rgbm", 3.0),
+        ("rgbd", 3.0),
+        ("logluv", encodings.LOGLUV_MAX),
+    ]
+    assert {file.maximum for file in files} == {3.0}
+    json.dumps([asdict(file) for file in files], allow_nan=False)
+
+
+@pytest.mark.parametrize("encoding", encodings.ENCODINGS)
+def test_encoded_files_hold_the_page_with_its_margin(tmp_path, encoding):
+    """A range of the page's own, found anew on the second page."""
+    for page, file in enumerate(write(tmp_path, replace(PER_OBJECT, formats=(encoding,)))):
+        pixels, metadata = read_image(Path(file.path))
+        expected = PAGE[..., :3] * (1 + page)
+        np.testing.assert_allclose(pixels, expected, atol=0.022 * expected.max())
+        assert (metadata["leaflight:encoding"], metadata["leaflight:pass"]) == (encoding, "combined")
+        assert float(metadata["leaflight:range"]) == file.range
+
+
+def test_a_range_that_is_wanted_is_taken_and_clips(tmp_path):
+    files = write(tmp_path, replace(PER_OBJECT, formats=("rgbm",), value_range=2.0))
+    assert [(file.range, file.maximum) for file in files] == [(2.0, 3.0), (2.0, 6.0)]
+    assert read_image(Path(files[1].path))[0].max() == pytest.approx(2.0)
+
+
+def test_debug_passes_are_numbers_in_files_of_numbers_and_pictures_in_png(tmp_path):
+    files = write(tmp_path, replace(PER_OBJECT, passes=("photons",), formats=("exr", "png"), view_transform="scene"), ["Floor"])
+    exr, png = (read_image(Path(file.path))[0] for file in files)
+    assert exr.max() == 300_000
+    np.testing.assert_allclose(png[..., :3], 0.5, atol=0.004)
+    assert [file.encoding for file in files] == ["linear, float", "a picture, sRGB"]
+    assert {file.maximum for file in files} == {300_000}
+
+
+def test_the_scenes_view_is_left_to_blender(tmp_path):
+    (file,) = write(tmp_path, replace(PER_OBJECT, formats=("png",), view_transform="scene"), ["Floor"])
+    assert not Path(file.path).exists()
+    assert file.linear == str(tmp_path / VIEWS_FOLDER / "Floor.combined.exr")
+    np.testing.assert_array_equal(read_image(Path(file.linear))[0], PAGE)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "names", "expected"),
+    [
+        ("{name}.{pass}", ("Floor", "Wall"), ["Floor.albedo.exr", "Wall.albedo.exr"]),
+        ("{pass}_{page}", ("Floor", "Wall"), ["albedo_0.exr", "albedo_1.exr"]),
+        ("{name}", ("Floor", "floor"), ["Floor.exr", "floor_.exr"]),
+        ("{name}{page}", ("a1", "a"), ["a10.exr", "a1.exr"]),
+    ],
+)
+def test_names_follow_the_pattern(tmp_path, pattern, names, expected):
+    assert list_names(write(tmp_path, replace(PER_OBJECT, passes=("albedo",), name_pattern=pattern), names)) == expected
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(expected)
+
+
+def test_names_that_only_the_pattern_makes_equal_stay_apart(tmp_path):
+    """Page 1 of "0_" and page 10 of "_" are both 10_."""
+    files = write(tmp_path, replace(PER_OBJECT, name_pattern="{page}{name}"), ["x", "0_", *"abcdefgh", "_"])
+    assert [list_names(files)[page] for page in (1, 10)] == ["10_.exr", "10__.exr"]
+
+
+def test_pages_of_an_atlas_are_numbered(tmp_path):
+    assert list_names(write(tmp_path, Settings())) == ["room_0.combined.exr", "room_1.combined.exr"]
+
+
+def test_half_a_bake_is_not_left_behind(tmp_path):
+    def fail(name, page, look):
+        if page:
+            raise ValueError("no light")
+        return draw(name, page, look)
+
+    with pytest.raises(ValueError, match="no light"):
+        write(tmp_path, PER_OBJECT, draw=fail)
+    assert list((tmp_path / "out").iterdir()) == []
