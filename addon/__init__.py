@@ -9,7 +9,7 @@ def register() -> None:
 
     import bpy
 
-    from . import operators, panels, properties
+    from . import object_settings, operators, panels, properties
     from .bake_state import BakeState
 
     state = BakeState()
@@ -17,6 +17,8 @@ def register() -> None:
         for cls in (properties.LeaflightProperties, *operators.CLASSES, *panels.CLASSES):
             bpy.utils.register_class(cls)
             undo.callback(bpy.utils.unregister_class, cls)
+        object_settings.register()
+        undo.callback(object_settings.unregister)
         bpy.types.Scene.leaflight = bpy.props.PointerProperty(type=properties.LeaflightProperties)
         undo.callback(delattr, bpy.types.Scene, "leaflight")
         command = bpy.utils.register_cli_command("leaflight", _run_command_line)

@@ -46,7 +46,7 @@ def main(folder: Path) -> int:
         tell(messages.Error(_sentence(reason, folder)))
         return 1
     except MemoryError:
-        tell(messages.Error("The bake ran out of memory: choose a smaller --size or --density, or fewer --workers."))
+        tell(messages.Error("The bake ran out of memory: choose a smaller page size or density, or fewer workers."))
         return 1
     except Exception:  # the last line of defence of a process: a fault of ours is shown whole
         traceback.print_exc()

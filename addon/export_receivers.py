@@ -9,6 +9,7 @@ from typing import Any
 
 from .export_mesh import LocalMesh, has_corners_of
 from .export_pieces import COLLECTION, CURVE, GEOMETRY, OWN, SCATTER, Piece
+from .object_settings import BAKE
 from .render_levels import Warnings, find_render_objects
 
 MAX_INSTANCES = 100  # more than these of one object share too small a page to be of use
@@ -24,6 +25,8 @@ def check_names(scene: Any, view_layer: Any, names: Sequence[str] | None) -> Non
             raise ValueError(f"{name}: no such object; {_list_objects(scene, name)}")
         if obj not in rendered:
             raise ValueError(f"{name}: is hidden in render, or its collection is; show it in render, or leave it out of the bake.")
+        if obj.leaflight.role != BAKE:
+            raise ValueError(f"{name}: its Role (Object properties, Leaflight) is not Bake; choose Bake, or leave it out of the bake.")
         if obj.type != "MESH" and not _makes_instances(obj):
             raise ValueError(f"{name}: is a {obj.type.lower()}, not a mesh; convert it to a mesh, or leave it out of the bake.")
 

@@ -16,6 +16,7 @@ from .export_pieces import COLLECTION, CURVE, OWN, Piece, PieceKey, walk_pieces
 from .export_receivers import Receivers, check_names, repeats_layer
 from .lights_read import read_light, read_world
 from .materials_read import MaterialTable
+from .object_settings import BAKE, IGNORE, ObjectChoice, read_choice, registered
 from .render_levels import Warnings, evaluate_for_render
 
 
@@ -75,12 +76,13 @@ def export_scene(
     view_layer = view_layer or _find_view_layer(context_or_scene, scene)
     warnings: Warnings = []
     view_layer.update()  # that of a new scene is empty until then
-    check_names(scene, view_layer, objects)
     _warn_working_space(warnings)
-    with evaluate_for_render(scene, view_layer, warnings) as depsgraph:
-        export = _Export(view_layer, depsgraph, objects, uv_layer, warnings)
-        world_rgb = read_world(scene, warnings)
-    return export.finish(world_rgb)
+    with registered():
+        check_names(scene, view_layer, objects)
+        with evaluate_for_render(scene, view_layer, warnings) as depsgraph:
+            export = _Export(view_layer, depsgraph, objects, uv_layer, warnings)
+            world_rgb = read_world(scene, warnings)
+        return export.finish(world_rgb)
 
 
 def find_object(exported: ExportedObject) -> Any:
@@ -104,13 +106,16 @@ class _Export:
         self._receivers = Receivers(names, keys, warnings)
         curves: list[str] = []
         for piece in walk_pieces(view_layer, depsgraph):
+            choice = read_choice(piece.source, piece.evaluated.original)
+            if choice.role == IGNORE:
+                continue
             if piece.evaluated.type == "LIGHT":
                 light = read_light(piece.evaluated, piece.matrix, piece.evaluated.original.name, warnings)
                 self._lights.extend([light] if light else [])
                 continue
             if piece.kind == CURVE:
                 curves.append(piece.source.name)
-            self._add(piece)
+            self._add(piece, choice)
         if curves and names is None:
             listed = ", ".join(sorted(set(curves))[:8])
             warnings.append(("", f"{listed}: not meshes, so they cast light but get no lightmap; convert them to meshes to bake them"))
@@ -134,9 +139,9 @@ class _Export:
         warnings = tuple(dict.fromkeys(self._warnings))
         return ExportResult(snapshot, exported, tuple(reading.uid for reading in readings), warnings)
 
-    def _add(self, piece: Piece) -> None:
+    def _add(self, piece: Piece, choice: ObjectChoice) -> None:
         local = self._read_local(piece.evaluated)
-        receives = self._receivers.receives(piece)
+        receives = choice.role == BAKE and self._receivers.receives(piece)
         unseen = not piece.evaluated.visible_shadow and not piece.evaluated.visible_diffuse
         if not local.n_polygon or (unseen and not receives):
             if receives and piece.kind == OWN:
@@ -165,6 +170,8 @@ class _Export:
             receives=receives,
             has_layer=has_layer and receives,
             casts_shadow=casts_shadow,
+            two_sided=choice.two_sided,
+            density_factor=choice.density_factor,
         )
         mesh_uid = source.data.session_uid if piece.kind == OWN else 0
         self._found.append((exported, scene_object, arrays, mesh_uid))
@@ -211,6 +218,8 @@ class _Export:
         if not receivers:
             told = "; ".join(f"{subject}: {text}" for subject, text in self._warnings if "left out" in text and "face" in text)
             found = f" ({told})" if told else ""
+            if self._found and not told:
+                raise ValueError("nothing to bake: what renders only casts light; add a mesh, or choose Bake as the Role of one.")
             raise ValueError(f"nothing to bake: no mesh object with faces is shown in render{found}; add one, or show one in render.")
         if self._uv_layer is None:
             return

@@ -8,6 +8,7 @@ import bpy
 
 from .arguments import BakeRequest
 from .baked_copies import SOURCE
+from .object_settings import BAKE
 from .properties import make_settings
 from .render_levels import find_render_objects
 
@@ -24,7 +25,7 @@ def make_request(context: bpy.types.Context) -> BakeRequest:
     chosen = properties.objects == "SELECTED"
     names = list_objects(context)
     if chosen and not names:
-        raise ValueError("no mesh is selected: select some, or choose All in the panel.")
+        raise ValueError("no mesh is selected that is to be baked: select some, or choose All in the panel.")
     return BakeRequest(
         settings=make_settings(properties),
         objects=tuple(names) if chosen else (),
@@ -40,7 +41,12 @@ def list_objects(context: bpy.types.Context) -> list[str]:
         found = [obj.get(SOURCE) or obj for obj in context.view_layer.objects.selected]
     else:
         found = find_render_objects(context.view_layer)
-    return sorted({obj.name for obj in found if obj.type == "MESH" or (obj.instance_type == "COLLECTION" and obj.instance_collection)})
+    return sorted({obj.name for obj in found if obj.leaflight.role == BAKE and can_be_baked(obj)})
+
+
+def can_be_baked(obj: bpy.types.Object) -> bool:
+    """Whether an object, or what it is an instance of, may get a lightmap."""
+    return obj.type == "MESH" or (obj.instance_type == "COLLECTION" and obj.instance_collection is not None)
 
 
 def find_output_error(output: str) -> str:

@@ -52,9 +52,9 @@ class Settings:
     """
 
     # Lightmap
-    size: int = _knob(512, "side of a square page", unit="texels", low=4, high=MAX_PAGE_SIZE_TEXELS, group="Lightmap")
+    size: int = _knob(512, "page size: side of a square page", unit="texels", low=4, high=MAX_PAGE_SIZE_TEXELS, group="Lightmap")
     density: float = _knob(
-        0.0, "texels per metre of surface; 0 lets the page size decide", unit="texels/m", low=0.0, high=1e6, group="Lightmap"
+        0.0, "density: texels per metre of surface; 0 lets the page size decide", unit="texels/m", low=0.0, high=1e6, group="Lightmap"
     )
     atlas: bool = _knob(
         True, "share a set of pages between all objects, instead of one image per object", group="Lightmap", off_flag="--per-object"
