@@ -171,7 +171,9 @@ def test_nothing_that_receives_makes_an_empty_atlas(meshes):
 
 def test_page_too_small_for_the_charts():
     loose = Mesh("Loose", np.random.default_rng(1).normal(size=(300, 3)), np.arange(300).reshape(-1, 3).tolist())
-    with pytest.raises(ValueError, match=r"The 100 charts of Loose do not fit a page of 16 texels: choose a greater page size or less padding"):
+    with pytest.raises(
+        ValueError, match=r"The 100 charts of Loose do not fit a page of 16 texels: choose a greater page size or less padding"
+    ):
         make_charts(make_scene([loose]), Settings(size=16))
     with pytest.raises(ValueError, match=r"The 106 charts of 2 objects do not fit"):
         make_charts(make_scene([loose, box_mesh()]), Settings(size=16))
