@@ -23,6 +23,7 @@ class BakeRequest:
     report: Path | None = None
     save: Path | None = None
     assign: bool = True
+    nodes_only: bool = False  # the image is placed in the materials, but linked to nothing
     quiet: bool = False
 
 

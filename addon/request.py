@@ -30,6 +30,7 @@ def make_request(context: bpy.types.Context) -> BakeRequest:
         settings=make_settings(properties),
         objects=tuple(names) if chosen else (),
         uv_layer=properties.uv_layer,
+        nodes_only=properties.materials == "NODES",
         output=Path(bpy.path.abspath(properties.output)),
     )
 

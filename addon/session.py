@@ -122,7 +122,7 @@ def assign(context: bpy.types.Context, session: Session, result: dict[str, Any])
             warnings.append((obj.name, str(reason)))
             continue
         ours.append(pair)
-    mode = "lighting" if session.request.settings.passes[0] == "lighting" else "combined"
+    mode = "nodes" if session.request.nodes_only else "lighting" if session.request.settings.passes[0] == "lighting" else "combined"
     warnings += materials_write.assign(ours, mode)
     return warnings + materials_write.assign(theirs, mode, session.request.uv_layer)
 

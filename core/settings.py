@@ -30,6 +30,7 @@ def _knob(
     group: str = "Advanced",
     flag: str = "",
     off_flag: str = "",
+    label: str = "",
 ) -> Any:
     metadata = {
         "help": help_text,
@@ -40,6 +41,7 @@ def _knob(
         "group": group,
         "flag": flag,
         "off_flag": off_flag,
+        "label": label,
     }
     return field(default=default, metadata=metadata)
 
@@ -52,7 +54,9 @@ class Settings:
     """
 
     # Lightmap
-    size: int = _knob(512, "page size: side of a square page", unit="texels", low=4, high=MAX_PAGE_SIZE_TEXELS, group="Lightmap")
+    size: int = _knob(
+        512, "page size: side of a square page", unit="texels", low=4, high=MAX_PAGE_SIZE_TEXELS, group="Lightmap", label="Page Size"
+    )
     density: float = _knob(
         0.0, "density: texels per metre of surface; 0 lets the page size decide", unit="texels/m", low=0.0, high=1e6, group="Lightmap"
     )
@@ -65,11 +69,13 @@ class Settings:
     passes: tuple[str, ...] = _knob(("combined",), "what the images hold", choices=PASSES, group="Output", flag="--pass")
     formats: tuple[str, ...] = _knob(("exr",), "kinds of file that are written", choices=IMAGE_FORMATS, group="Output", flag="--format")
     # Quality
-    error: float = _knob(0.05, "relative error at which the bake stops", low=1e-4, high=1.0, group="Quality")
+    error: float = _knob(0.05, "relative error at which the bake stops", low=1e-4, high=1.0, group="Quality", label="Target Error")
     max_photons: int = _knob(64_000_000, "photons after which the bake stops", unit="photons", low=1000, high=10**12, group="Quality")
     time_limit: float = _knob(0.0, "seconds after which the bake stops; 0 is no limit", unit="s", low=0.0, high=1e7, group="Quality")
     # Method
-    direct: str = _knob("rays", "how direct light is found: shadow rays, or photons as in the paper", choices=DIRECT_MODES)
+    direct: str = _knob(
+        "rays", "how direct light is found: shadow rays, or photons as in the paper", choices=DIRECT_MODES, label="Direct Light"
+    )
     basis: str = _knob("linear", "functions in each leaf", choices=BASES)
     oracle: str = _knob("significance", "rule that splits a leaf", choices=ORACLES)
     hierarchical: bool = _knob(True, "adaptive leaves; off is a fixed mesh at the finest level, for comparison", off_flag="--flat")
