@@ -20,7 +20,8 @@ _START_S = 1.5
 _CORE_S_PER_TEXEL = 3e-5  # direct light and writing, on one core
 _CORE_S_PER_PHOTON = 1.2e-6
 _PHOTONS_AT = (3e6, 0.05, 1.5e5)  # photons to this error on so many texels
-_UNCERTAIN = 4.0  # times more or fewer, as scenes differ
+_UNCERTAIN = 4.0  # times more or fewer photons, as scenes differ
+_UNCERTAIN_PACE = 2.0  # times slower or faster, as machines do
 
 
 @dataclass(frozen=True)
@@ -109,14 +110,17 @@ def _estimate_seconds(texels: float, settings: Settings, cores: int, pace: Pace 
         other_s = pace.other_s * max(texels / pace.texels, 0.1)
         photons = pace.photons * _scale_photons(texels, settings.error, pace.error, pace.texels)
         s_per_photon = pace.photon_s / max(pace.photons, 1)
-        spread = 1.0
+        spread = pace_spread = 1.0
     else:
         guess, error, usual_texels = _PHOTONS_AT
         other_s = _START_S + texels * _CORE_S_PER_TEXEL / cores
         photons = guess * _scale_photons(texels, settings.error, error, usual_texels)
         s_per_photon = _CORE_S_PER_PHOTON / cores
-        spread = _UNCERTAIN
-    least, most = (other_s + min(count, settings.max_photons) * s_per_photon for count in (photons / spread, photons * spread))
+        spread, pace_spread = _UNCERTAIN, _UNCERTAIN_PACE
+    least, most = (
+        other_s * slower + min(photons * more, settings.max_photons) * s_per_photon
+        for slower, more in ((1.0 / pace_spread, 1.0 / spread), (pace_spread, spread))
+    )
     if settings.time_limit > 0.0:
         least, most = min(least, settings.time_limit), min(most, settings.time_limit)
     return least, most

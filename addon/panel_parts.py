@@ -7,8 +7,9 @@ from typing import Any
 
 import bpy
 
-from .bake_state import describe_count, describe_seconds
+from .bake_state import describe_seconds
 from .estimate import Estimate
+from .select_operator import is_known
 from .told import Told
 
 _CHARACTER_PIXELS = 7.0  # of a label's text at a scale of 1, on average
@@ -25,22 +26,21 @@ def draw_sentence(layout: Any, context: bpy.types.Context, text: str, icon: str,
 
 def draw_told(layout: Any, context: bpy.types.Context, told: Told, icon: str) -> None:
     """A sentence with a button that selects what it is about."""
+    names = [name for name in told.names if is_known(name)]
     row = layout.row()
-    draw_sentence(row, context, told.text, icon, _BUTTON_CHARACTERS if told.names else 0)
-    if told.names:
-        button = row.column()
-        button.alignment = "RIGHT"
-        button.operator("leaflight.select", text="", icon="RESTRICT_SELECT_OFF").names = "\n".join(told.names)
+    draw_sentence(row, context, told.text, icon, _BUTTON_CHARACTERS if names else 0)
+    if names:
+        row.operator("leaflight.select", text="", icon="RESTRICT_SELECT_OFF").names = "\n".join(names)
 
 
 def describe_estimate(estimate: Estimate) -> list[str]:
     """What will be baked, as short lines."""
     objects, pages = estimate.objects, estimate.pages
-    least, most = (_round_time(seconds) for seconds in estimate.seconds)
+    least, most = (max(_round(seconds), 1.0) for seconds in estimate.seconds)
     span = describe_seconds(most) if least == most else f"{describe_seconds(least)} to {describe_seconds(most)}"
     return [
         f"{objects} object{'' if objects == 1 else 's'}, {estimate.area_m2:.3g} m²",
-        f"{describe_count(estimate.texels)} texels, {estimate.density:.3g} per metre",
+        f"{_round(estimate.texels):,.0f} texels, {estimate.density:.3g} per metre",
         f"{pages} page{'' if pages == 1 else 's'} of {estimate.page_size} x {estimate.page_size}",
         f"about {_describe_memory(estimate.memory_mb)}, {span}",
     ]
@@ -53,16 +53,10 @@ def prepare(layout: Any) -> Any:
     return layout
 
 
-def _round_time(seconds: float) -> float:
+def _round(value: float) -> float:
     """An estimate claims two digits at most."""
-    return float(f"{seconds:.2g}") if seconds >= 1.0 else 1.0
+    return float(f"{value:.2g}")
 
 
 def _describe_memory(memory_mb: float) -> str:
-    return (
-        f"{memory_mb / 1000:.1f} GB"
-        if memory_mb >= 1000
-        else f"{memory_mb:.2g} MB"
-        if memory_mb < 100
-        else f"{round(memory_mb, -1):.0f} MB"
-    )
+    return f"{memory_mb / 1000:.1f} GB" if memory_mb >= 1000 else f"{_round(memory_mb):.0f} MB"

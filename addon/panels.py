@@ -178,12 +178,13 @@ def _draw_property(column: Any, properties: Any, name: str) -> None:
 
 
 _SPECIAL = {"Quality": _draw_quality, "Lightmap": _draw_lightmap, "Output": _draw_output}
+_OPEN = ("Quality", "Lightmap")
 _ORDERED = sorted(list_groups(), key=lambda group: (group != "Quality", group == "Advanced"))
 
 
 def _make_panel(group: str, order: int) -> type:
     special = {"special": staticmethod(_SPECIAL[group])} if group in _SPECIAL else {}
-    options = {} if group == "Quality" else {"bl_options": frozenset({"DEFAULT_CLOSED"})}
+    options = {} if group in _OPEN else {"bl_options": frozenset({"DEFAULT_CLOSED"})}
     return type(
         f"LEAFLIGHT_PT_{group.lower()}",
         (_Group, bpy.types.Panel),

@@ -5,7 +5,7 @@ No `from __future__ import annotations` here: Blender reads properties out of an
 
 import bpy
 
-from .told import match_names
+from .told import match_name
 
 
 class LEAFLIGHT_OT_select(bpy.types.Operator):
@@ -48,15 +48,20 @@ class LEAFLIGHT_OT_select(bpy.types.Operator):
 def find_objects(context: bpy.types.Context, names: list[str]) -> list[bpy.types.Object]:
     """Objects of the view layer with these names, or, where there are none, with materials or data of these names."""
     objects = context.view_layer.objects
-    found = [objects[name] for name in match_names(names, objects.keys())]
-    if found:
-        return found
+    known = [match_name(name, objects) for name in names]
+    if any(known):
+        return [objects[name] for name in dict.fromkeys(known) if name]
     wanted = set(names)
     return [
         obj
         for obj in objects
         if (obj.data and obj.data.name in wanted) or any(s.material and s.material.name in wanted for s in obj.material_slots)
     ]
+
+
+def is_known(name: str) -> bool:
+    """Whether the file has something of this name that can be selected, or an object that wears it."""
+    return any(match_name(name, blocks) for blocks in (bpy.data.objects, bpy.data.materials, bpy.data.meshes, bpy.data.lights))
 
 
 CLASSES = (LEAFLIGHT_OT_select,)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import dataclass
 
 _NAMED = 3  # names in one sentence, for a narrow panel
@@ -30,17 +30,12 @@ def split_error(error: str) -> Told:
     return Told((subject,) if colon else (), error)
 
 
-def match_names(subjects: Iterable[str], known: Iterable[str]) -> list[str]:
-    """Those of the known names that are meant; an instance is named "<object>.<what it shows>"."""
-    names = set(known)
-    found = []
-    for subject in subjects:
-        name = subject
-        while name not in names and "." in name:
-            name = name.rpartition(".")[0]
-        if name in names:
-            found.append(name)
-    return list(dict.fromkeys(found))
+def match_name(subject: str, known: Container[str]) -> str:
+    """The known name that is meant, "" where there is none; an instance is named "<object>.<what it shows>"."""
+    name = subject
+    while name not in known and "." in name:
+        name = name.rpartition(".")[0]
+    return name if name in known else ""
 
 
 def _strip_subject(text: str, subject: str) -> str:

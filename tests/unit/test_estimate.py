@@ -1,161 +1,73 @@
-"""The stated error against the real one, on a square whose light is known."""
+"""What the panel tells before a bake, from areas."""
 
-import numpy as np
 import pytest
-from leaflight.core import estimate, quadtree, refine
-from trees import SquareBake
+from leaflight.addon.estimate import Pace, estimate_bake
+from leaflight.core.settings import Settings
 
-SIDE = 64
-
-
-def even(rng, n):
-    return rng.random((2, n))
+ROOM = [("Floor", 20.0, 1.0), ("Walls", 60.0, 1.0), ("Lamp", 1.0, 1.0)]
 
 
-def hill(rng, n):
-    """Density (1 + sin(2 pi s) sin(2 pi t) * 0.8): drawn by rejection."""
-    s, t, u = rng.random((3, 4 * n))
-    kept = np.flatnonzero(u * 1.8 < hill_truth(s, t))[:n]
-    return s[kept], t[kept]
+def estimate(objects=ROOM, own_layers=0, pace=None, **chosen):
+    return estimate_bake(objects, Settings(**chosen), own_layers, 2, pace)
 
 
-def even_truth(s, t):
-    return np.ones_like(s)
+def test_a_page_holds_what_it_can():
+    found = estimate()
+    assert (found.objects, found.pages, found.page_size) == (3, 1, 512)
+    assert found.area_m2 == 81.0
+    assert 0.4 * 512**2 < found.texels < 0.9 * 512**2
+    assert found.density == pytest.approx((found.texels / 81.0) ** 0.5, rel=1e-4)
+    assert estimate(size=1024).density > 2.0 * found.density
+    assert estimate(padding=16).texels < found.texels
 
 
-def hill_truth(s, t):
-    return 1 + 0.8 * np.sin(2 * np.pi * s) * np.sin(2 * np.pi * t)
+def test_density_decides_texels_and_pages():
+    found = estimate(density=50.0)
+    assert found.texels == pytest.approx(81.0 * 50.0**2, rel=1e-6)
+    assert found.density == 50.0
+    assert found.pages == 2
+    assert found.too_large == ()
+    assert estimate(density=100.0).too_large == ("Walls",)
 
 
-def throw(sampler, photons, seed, **options):
-    """A bake of a watt over a square metre, in two halves."""
-    bake = SquareBake(side=SIDE, **options)
-    rng = np.random.default_rng(seed)
-    for half in (0, 1):
-        s, t = sampler(rng, photons // 2)
-        bake.throw(s, t, half, emitted=photons // 2)
-    return bake
+def test_each_object_may_be_finer_or_have_its_own_page():
+    finer = [("Floor", 20.0, 2.0), *ROOM[1:]]
+    assert estimate(finer, density=40.0).texels == pytest.approx((81.0 + 3 * 20.0) * 40.0**2, rel=1e-6)
+    assert estimate(finer).density < estimate().density
+    assert estimate(atlas=False).pages == 3
+    assert estimate(own_layers=1).pages == 2
+    assert estimate(own_layers=3).pages == 3
 
 
-def state(bake, nodes, direct_variance=0.0):
-    totals, solution = bake.totals(), bake.solution()
-    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.05, 16, 2))
-    zero = np.zeros((len(bake.keys), 3), np.float32)
-    variance = zero + np.float32(direct_variance)
-    return estimate.state_error(bake.tree, totals, solution, comparison, nodes, zero, variance)
+def test_finer_bakes_take_more():
+    coarse, fine = estimate(error=0.2), estimate(error=0.05)
+    assert coarse.seconds[1] < fine.seconds[1]
+    assert fine.seconds[0] < fine.seconds[1]
+    assert estimate(size=2048).memory_mb > 2.0 * estimate().memory_mb
+    assert estimate(time_limit=1.0).seconds == (1.0, 1.0)
+    assert estimate(error=0.001, max_photons=10**6).seconds[1] < estimate(error=0.001).seconds[1] / 5
 
 
-def noise_of(bake, nodes):
-    """What state_error says of photons' noise alone, relative; nodes of one size."""
-    solution = bake.solution()
-    brightness = solution.flux[0, nodes] / bake.tree.area[nodes]
-    variance = solution.variance[0, nodes] * bake.tree.rank[nodes] * state(bake, nodes).correction
-    return np.sqrt((variance / (brightness**2 + (estimate.DARK_FLOOR * brightness.mean()) ** 2)).mean())
+def test_the_last_bake_tells_the_pace_of_the_next():
+    texels = estimate().texels
+    result = {
+        "estimated_error": 0.1,
+        "photons": 10**6,
+        "objects": [{"texels": texels}],
+        "seconds": {"direct": 6.0, "write": 1.0, "photons": 3.0},
+    }
+    pace = Pace.of_result(result)
+    assert estimate(error=0.1, pace=pace).seconds == (pytest.approx(10.0, rel=1e-4),) * 2
+    assert estimate(error=0.05, pace=pace).seconds[0] == pytest.approx(7.0 + 4 * 3.0, rel=1e-4)
 
 
-def real_error(bake, nodes, truth):
-    """As estimate states it: relative to local brightness, over the best texels; a texel shows the light at its middle."""
-    line = (np.arange(SIDE) + 0.5) / SIDE
-    s, t = (grid.ravel() for grid in np.meshgrid(line, line))
-    squares = (bake.values(nodes, s, t) - truth(s, t)) ** 2 / (truth(s, t) ** 2 + estimate.DARK_FLOOR**2)
-    return np.sqrt(np.sort(squares)[: int(estimate.BEST_TEXELS * len(squares))].mean())
+@pytest.mark.parametrize("error", [float("nan"), 0.0])
+def test_a_bake_without_an_error_tells_no_pace(error):
+    assert Pace.of_result({"estimated_error": error, "photons": 1, "objects": [], "seconds": {}}) is None
+    assert Pace.of_result(None) is None
 
 
-def current(bake):
-    return np.flatnonzero(bake.tree.current)
-
-
-def ratio_of_errors(make, truth, n_bake):
-    """Root mean squares of stated over real error, over bakes."""
-    stated, real = [], []
-    for seed in range(n_bake):
-        bake = make(seed)
-        stated.append(state(bake, current(bake)).relative)
-        real.append(real_error(bake, current(bake), truth))
-    return np.sqrt(np.mean(np.square(stated)) / np.mean(np.square(real)))
-
-
-@pytest.mark.parametrize("degree", [0, 1, 2])
-def test_noise_alone_is_stated_within_a_quarter(degree):
-    """On the safe side: what is left of a bias by chance is added where it is positive."""
-    ratio = ratio_of_errors(lambda seed: throw(even, 50_000, seed, degree=degree, level=3), even_truth, n_bake=6)
-    assert 0.95 < ratio < 1.25
-
-
-@pytest.mark.parametrize(("degree", "level"), [(0, 3), (1, 2), (2, 2)])
-def test_light_that_coarse_leaves_cannot_hold_is_stated_within_a_quarter(degree, level):
-    ratio = ratio_of_errors(lambda seed: throw(hill, 1_000_000, seed, degree=degree, level=level), hill_truth, n_bake=1)
-    assert 0.75 < ratio < 1.25
-    bake = throw(hill, 1_000_000, 0, degree=degree, level=level)
-    nodes = current(bake)
-    assert state(bake, nodes).relative > 2 * noise_of(bake, nodes)  # or the test would be of noise again
-
-
-def test_correction_is_1_for_independent_photons():
-    """Over 20 bakes of 64 leaves, each of three like channels: the mean of 1280 squares, less its prior."""
-    found = []
-    for seed in range(20):
-        bake = throw(even, 20_000, seed, degree=0, level=3)
-        found.append(estimate.noise_correction(bake.tree, bake.solution(), current(bake)))
-    assert np.mean(found) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 1280))
-
-
-def test_correction_sees_that_photons_come_in_clumps():
-    """Four photons at each place of a quarter as many: their variance is four times what single photons would have."""
-
-    def clumps(rng, n):
-        return np.repeat(rng.random((2, n // 4)), 4, axis=1)
-
-    bake = throw(clumps, 80_000, 1, degree=0, level=4)
-    assert 2.5 < estimate.noise_correction(bake.tree, bake.solution(), current(bake)) < 4.5
-
-
-def test_correction_of_no_light_is_1():
-    bake = SquareBake(side=8)
-    assert estimate.noise_correction(bake.tree, bake.solution(), current(bake)) == 1.0
-
-
-def test_no_photons_are_no_statement():
-    bake = SquareBake(side=8)
-    assert np.isnan(state(bake, current(bake)).relative)
-
-
-def test_noise_of_direct_light_counts_and_is_told_apart():
-    bake = throw(even, 50_000, 1, degree=0, level=3)
-    without, with_it = state(bake, current(bake)), state(bake, current(bake), direct_variance=0.2**2)
-    expected = 0.2**2 / (1 + estimate.DARK_FLOOR**2)
-    assert with_it.relative**2 - without.relative**2 == pytest.approx(expected, rel=0.1)
-    assert with_it.direct**2 == pytest.approx(expected, rel=0.02)
-    assert with_it.texel_direct2 == pytest.approx(np.full(SIDE * SIDE, expected), rel=0.2)
-    assert without.direct == 0
-    assert not without.texel_direct2.any()
-
-
-@pytest.mark.parametrize(("share", "counted"), [(1 / 64, 1 / 64 - 0.01), (0.005, 0.0)])
-def test_the_worst_texels_are_left_out(share, counted):
-    """Some texels are far off: of those, what is over 1 % of all counts."""
-    bake = throw(even, 50_000, 1, degree=0, level=3)
-    variance = np.zeros((SIDE * SIDE, 1))
-    variance[: round(share * SIDE * SIDE)] = 100.0
-    variance *= 1 + 1e-3 * np.random.default_rng(1).random(variance.shape)  # no two alike, so that their order is told
-    brightness2 = 1 + estimate.DARK_FLOOR**2
-    found = state(bake, current(bake), direct_variance=variance).direct
-    assert found**2 == pytest.approx(counted / estimate.BEST_TEXELS * 100.0 / brightness2, rel=0.15, abs=1e-9)
-
-
-def test_more_photons_state_less():
-    few, many = (state(bake, current(bake)).relative for bake in (throw(even, n, 3, degree=1, level=2) for n in (20_000, 320_000)))
-    assert many == pytest.approx(few / 4, rel=0.35)
-
-
-def test_leaves_without_previews_take_the_word_of_their_parents():
-    def low_hill(rng, n):  # brightness is about the same everywhere
-        return np.concatenate([hill(rng, n // 5), even(rng, n - n // 5)], axis=1)
-
-    bake = throw(low_hill, 1_000_000, 1, degree=0, level=2, preview_depth=1)
-    parents = current(bake)
-    told2 = state(bake, parents).relative ** 2 - noise_of(bake, parents) ** 2
-    bake.tree = quadtree.split(bake.tree, parents)
-    children = current(bake)
-    blind2 = state(bake, children).relative ** 2 - noise_of(bake, children) ** 2
-    assert blind2 == pytest.approx(estimate.BIAS_DECAY * told2, rel=0.1)
+@pytest.mark.parametrize("area", [0.0, float("inf"), float("nan")])
+def test_nothing_to_bake_has_no_estimate(area):
+    assert estimate([]) is None
+    assert estimate([("Point", area, 1.0)]) is None
