@@ -13,11 +13,12 @@ from ..core.scene import Light, SceneObject, SceneSnapshot
 from .export_arrays import PieceArrays, join_arrays, read_piece
 from .export_mesh import LocalMesh, count_duplicates, read_mesh
 from .export_pieces import COLLECTION, CURVE, OWN, Piece, PieceKey, walk_pieces
-from .export_receivers import Receivers, check_names, repeats_layer
+from .export_receivers import NO_ROOM, Receivers, check_names, describe_nothing, repeats_layer
 from .lights_read import read_light, read_world
 from .materials_read import MaterialTable
 from .object_settings import BAKE, IGNORE, ObjectChoice, read_choice, registered
 from .render_levels import Warnings, evaluate_for_render
+from .uv_layer import has_room
 
 
 @dataclass(frozen=True)
@@ -157,6 +158,9 @@ class _Export:
             receives = False
             self._warnings.append((piece.source.name, "casts no shadow, so light passes through it and it gets no lightmap"))
         reason = self._receivers.find_copy_reason(piece, local, self._uv_layer if has_layer else None) if receives else ""
+        if receives and not has_layer and not has_room(piece.source.data if piece.kind == OWN else piece.evaluated.data):
+            receives, reason = False, ""
+            self._warnings.append((piece.source.name, NO_ROOM))
         name = self._unique_name(piece)
         source = piece.source
         library = source.library.filepath if source.library else ""
@@ -216,11 +220,7 @@ class _Export:
     def _check_receivers(self) -> None:
         receivers = [item for _, item, _, _ in self._found if item.receives]
         if not receivers:
-            told = "; ".join(f"{subject}: {text}" for subject, text in self._warnings if "left out" in text and "face" in text)
-            found = f" ({told})" if told else ""
-            if self._found and not told:
-                raise ValueError("nothing to bake: what renders only casts light; add a mesh, or choose Bake as the Role of one.")
-            raise ValueError(f"nothing to bake: no mesh object with faces is shown in render{found}; add one, or show one in render.")
+            raise ValueError(describe_nothing(self._warnings, only_casting=bool(self._found)))
         if self._uv_layer is None:
             return
         if not any(item.has_layer for item in receivers):

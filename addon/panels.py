@@ -11,7 +11,7 @@ from .bake_state import BakeState
 from .checker import is_checker_on
 from .panel_parts import describe_estimate, draw_sentence, draw_told, prepare
 from .properties import list_groups, list_knobs
-from .request import find_output_error
+from .request import find_mode_error, find_output_error
 from .scene_meter import SceneMeter
 from .told import Told, group_warnings, split_error
 
@@ -74,6 +74,9 @@ def _draw_bake(layout: Any, context: bpy.types.Context) -> None:
         draw_sentence(column, context, error, "INFO")
         if not bpy.data.filepath:
             column.operator("wm.save_as_mainfile", text="Save As...", icon="FILE_TICK")
+    mode_error = find_mode_error(context)
+    if mode_error:
+        draw_sentence(layout, context, mode_error, "INFO")
     row = layout.row()
     row.scale_y = 1.6
     row.enabled = not error

@@ -57,3 +57,10 @@ def find_output_error(output: str) -> str:
     if output.startswith("//") and not bpy.data.filepath:
         return f"{output}: is beside the .blend, which is not saved yet; save it, or choose another output folder."
     return ""
+
+
+def find_mode_error(context: bpy.types.Context) -> str:
+    """A sentence why nothing can be baked or shown in this mode, or ""."""
+    if not context.mode.startswith("EDIT"):
+        return ""
+    return f"{context.object.name}: is in Edit Mode; leave it (Tab) to bake."

@@ -46,6 +46,11 @@ def find_layer(mesh: bpy.types.Mesh) -> bpy.types.MeshUVLoopLayer | None:
     return next((other for other in mesh.uv_layers if _layer_digest(other) == mark["digest"]), None)
 
 
+def has_room(mesh: bpy.types.Mesh) -> bool:
+    """Whether our layer is there, or there is room for it."""
+    return len(mesh.uv_layers) < MAX_LAYERS or find_layer(mesh) is not None
+
+
 def layer_name(mesh: bpy.types.Mesh) -> str:
     """Name of our layer now, "" without one."""
     layer = find_layer(mesh)

@@ -20,7 +20,7 @@ PICTURES = Path(os.environ.get("PICTURES") or tempfile.mkdtemp(prefix="leaflight
 GIVE_UP_SECONDS = 120.0
 TICK_SECONDS = 0.05
 MID_BAKE_FRACTION = 0.3
-WIDTH, COLORS = 720, 96  # of a picture: small files
+WIDTH, COLORS = 700, 96  # of a picture: small files
 
 
 def window():
@@ -66,7 +66,7 @@ def take_picture(name: str, x: int, y: int, width: int, height: int) -> Iterator
     """A part of the window, in Blender's pixels from its lower left corner, small enough for a page of documentation."""
     path = PICTURES / f"{name}.png"
     crop = f"{width}x{height}+{x}+{window().height - y - height}"
-    command = ["import", "-window", "root", "-crop", crop, "+repage", "-resize", f"{WIDTH}x>", "+dither", "-colors", str(COLORS), str(path)]
+    command = ["import", "-window", "root", "-crop", crop, "+repage", "-resize", f"{WIDTH}x>", "+dither", "-colors", str(COLORS), f"PNG8:{path}"]
     process = subprocess.Popen(command)
     while process.poll() is None:
         yield TICK_SECONDS
@@ -152,6 +152,10 @@ def picture_bake() -> Iterator[float]:
 
 def picture_object() -> Iterator[float]:
     bpy.context.view_layer.objects.active = bpy.data.objects["Rug"]
+    panel = bpy.types.LEAFLIGHT_PT_object
+    bpy.utils.unregister_class(panel)
+    panel.bl_options = set()  # open, as after a click
+    bpy.utils.register_class(panel)
     yield from settle(1.0)
     area = area_of("PROPERTIES")
     area.spaces.active.context = "OBJECT"
