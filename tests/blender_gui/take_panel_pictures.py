@@ -20,7 +20,7 @@ PICTURES = Path(os.environ.get("PICTURES") or tempfile.mkdtemp(prefix="leaflight
 GIVE_UP_SECONDS = 120.0
 TICK_SECONDS = 0.05
 MID_BAKE_FRACTION = 0.3
-WIDTH, COLORS = 700, 96  # of a picture: small files
+WIDTH, COLORS = 700, 160  # of a picture: small files
 
 
 def window():
@@ -138,7 +138,6 @@ def picture_bake() -> Iterator[float]:
     obj = bpy.data.objects["Rug"].copy()  # an offender, for the warnings
     obj.name, obj.data = "Nothing", bpy.data.meshes.new("Nothing")
     bpy.context.scene.collection.objects.link(obj)
-    chosen().quality = "PRODUCTION"
     press("bake", "INVOKE_DEFAULT")
     yield from wait(lambda: state().fraction >= MID_BAKE_FRACTION or not state().running)
     yield from picture_of_view("baking")
@@ -194,7 +193,7 @@ def picture_errors() -> Iterator[float]:
 
 def steps() -> Iterator[float]:
     yield from open_tab()
-    chosen().output, chosen().size, chosen().quality = tempfile.mkdtemp(prefix="leaflight_images_"), 512, "PREVIEW"
+    chosen().output, chosen().size, chosen().main_pass = tempfile.mkdtemp(prefix="leaflight_images_"), 512, "lighting"
     for part in (picture_plan, picture_checker, picture_bake, picture_object, picture_errors):
         try:
             yield from part()
