@@ -56,6 +56,10 @@ class SceneMeter:
             self._area_m2.pop(uid, None)
         self.stale, self._changed = True, time.monotonic()
 
+    def doubt(self) -> None:
+        """Anything may have changed: all objects are to be measured again."""
+        self.note(set(self._area_m2))
+
     def watch(self, context: bpy.types.Context) -> None:
         """The panel is being drawn: notice other settings, and see to it that what is stale is brought up to date."""
         if not self.stale and self._key != _read_key(context):
@@ -166,6 +170,21 @@ def forget_measures(*_: Any) -> None:
     bpy.context.window_manager.leaflight_meter.clear()
 
 
+@bpy.app.handlers.persistent
+def doubt_measures(*_: Any) -> None:
+    """Handler of undo and redo, which do not tell what they changed."""
+    bpy.context.window_manager.leaflight_meter.doubt()
+
+
+_HANDLERS = (
+    ("depsgraph_update_post", note_changes),
+    ("frame_change_post", note_changes),
+    ("undo_post", doubt_measures),
+    ("redo_post", doubt_measures),
+    ("load_post", forget_measures),
+)
+
+
 def redraw_sidebars(context: bpy.types.Context) -> None:
     """The sidebars alone: drawing the 3D view with them may take long."""
     areas = [area for window in context.window_manager.windows for area in window.screen.areas if area.type == "VIEW_3D"]
@@ -176,14 +195,14 @@ def redraw_sidebars(context: bpy.types.Context) -> None:
 def register() -> None:
     """Listen to changes from now on."""
     bpy.types.WindowManager.leaflight_meter = SceneMeter()  # of this Blender, like the state of the bake
-    bpy.app.handlers.depsgraph_update_post.append(note_changes)
-    bpy.app.handlers.load_post.append(forget_measures)
+    for name, handler in _HANDLERS:
+        getattr(bpy.app.handlers, name).append(handler)
 
 
 def unregister() -> None:
     """Take back what `register` did."""
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)
-    bpy.app.handlers.load_post.remove(forget_measures)
-    bpy.app.handlers.depsgraph_update_post.remove(note_changes)
+    for name, handler in reversed(_HANDLERS):
+        getattr(bpy.app.handlers, name).remove(handler)
     del bpy.types.WindowManager.leaflight_meter

@@ -97,6 +97,25 @@ def test_another_file_is_measured_anew(meter):
     assert measure(meter) is None
 
 
+def test_undo_and_another_frame_are_measured_anew(meter):
+    cube = bpy.data.objects["Cube"]
+    cube.keyframe_insert("scale", frame=1)
+    cube.scale = (2.0, 2.0, 2.0)
+    cube.keyframe_insert("scale", frame=2)
+    bpy.context.scene.frame_set(1)
+    bpy.ops.ed.undo_push(message="before")
+    assert measure(meter).area_m2 == pytest.approx(16.0 + 6.0)
+    bpy.context.scene.frame_set(2)
+    assert meter.stale
+    assert measure(meter).area_m2 == pytest.approx(16.0 + 24.0)
+    bpy.data.objects["Floor"].scale = (2.0, 1.0, 1.0)
+    assert measure(meter).area_m2 == pytest.approx(32.0 + 24.0)
+    bpy.ops.ed.undo_push(message="after")
+    bpy.ops.ed.undo()
+    assert meter.stale
+    assert measure(meter).area_m2 == pytest.approx(16.0 + 6.0)
+
+
 def test_estimate_in_words(meter):
     bpy.context.scene.leaflight.density = 20.0
     lines = panel_parts.describe_estimate(measure(meter))

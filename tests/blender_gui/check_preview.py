@@ -101,7 +101,9 @@ def check_mode(kind: str, main_pass: str, materials: str) -> Iterator[float]:
     found = {other: differ("before", other) for other in ("on", "off", "again", "removed")}
     told = ", ".join(f"{other} {value:.4f}" for other, value in found.items())
     hidden = materials == "NODES" and kind != "SOLID"  # Solid view shows the active image, linked or not
-    check(f"{name}: the bake is {'placed only' if hidden else 'shown'} ({told})", (found["on"] < ALIKE) if hidden else (found["on"] > OTHER))
+    check(
+        f"{name}: the bake is {'placed only' if hidden else 'shown'} ({told})", (found["on"] < ALIKE) if hidden else (found["on"] > OTHER)
+    )
     check(f"{name}: Preview shows it again", differ("on", "again") < ALIKE)
     check(f"{name}: Preview off and Remove show the original", found["off"] < ALIKE and found["removed"] < ALIKE)
 

@@ -66,7 +66,20 @@ def take_picture(name: str, x: int, y: int, width: int, height: int) -> Iterator
     """A part of the window, in Blender's pixels from its lower left corner, small enough for a page of documentation."""
     path = PICTURES / f"{name}.png"
     crop = f"{width}x{height}+{x}+{window().height - y - height}"
-    command = ["import", "-window", "root", "-crop", crop, "+repage", "-resize", f"{WIDTH}x>", "+dither", "-colors", str(COLORS), f"PNG8:{path}"]
+    command = [
+        "import",
+        "-window",
+        "root",
+        "-crop",
+        crop,
+        "+repage",
+        "-resize",
+        f"{WIDTH}x>",
+        "+dither",
+        "-colors",
+        str(COLORS),
+        f"PNG8:{path}",
+    ]
     process = subprocess.Popen(command)
     while process.poll() is None:
         yield TICK_SECONDS
