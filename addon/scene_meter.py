@@ -56,10 +56,6 @@ class SceneMeter:
             self._area_m2.pop(uid, None)
         self.stale, self._changed = True, time.monotonic()
 
-    def doubt(self) -> None:
-        """Anything may have changed: all objects are to be measured again."""
-        self.note(set(self._area_m2))
-
     def watch(self, context: bpy.types.Context) -> None:
         """The panel is being drawn: notice other settings, and see to it that what is stale is brought up to date."""
         if not self.stale and self._key != _read_key(context):
@@ -170,17 +166,9 @@ def forget_measures(*_: Any) -> None:
     bpy.context.window_manager.leaflight_meter.clear()
 
 
-@bpy.app.handlers.persistent
-def doubt_measures(*_: Any) -> None:
-    """Handler of undo and redo, which do not tell what they changed."""
-    bpy.context.window_manager.leaflight_meter.doubt()
-
-
 _HANDLERS = (
-    ("depsgraph_update_post", note_changes),
+    ("depsgraph_update_post", note_changes),  # undo and redo come here too
     ("frame_change_post", note_changes),
-    ("undo_post", doubt_measures),
-    ("redo_post", doubt_measures),
     ("load_post", forget_measures),
 )
 
