@@ -23,6 +23,8 @@ SHADINGS = {"SOLID": "", "MATERIAL": "", "EEVEE": "BLENDER_EEVEE"}
 BLOCK = 32  # pixels along a side, over which noise is taken out
 ALIKE = 0.02  # mean difference of two pictures of one view, of 1
 OTHER = 0.04
+STILL = 0.002
+TRIES = 15
 GIVE_UP_SECONDS = 120.0
 FAILED: list[str] = []
 
@@ -60,8 +62,17 @@ def shade(kind: str) -> None:
 
 
 def picture(name: str) -> Iterator[float]:
-    """The middle of the view as means of blocks, 0 to 1, kept in PICTURE."""
-    end = time.monotonic() + 4.0
+    """The middle of the view as means of blocks, 0 to 1, kept in PICTURE once it is the same twice: shaders compile meanwhile."""
+    for _ in range(TRIES):
+        yield from take_picture("earlier")
+        yield from take_picture(name)
+        if differ("earlier", name) < STILL:
+            return
+    print(f"{name}: the view does not come to rest", flush=True)
+
+
+def take_picture(name: str) -> Iterator[float]:
+    end = time.monotonic() + 2.0
     while time.monotonic() < end:
         view().tag_redraw()
         yield 0.2
