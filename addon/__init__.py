@@ -9,14 +9,18 @@ def register() -> None:
 
     import bpy
 
-    from . import export_gltf, live, operators, panels, properties
+    from . import checker, export_gltf, live, object_settings, operators, panels, panels_object, properties, scene_meter, select_operator
     from .bake_state import BakeState
 
     state = BakeState()
+    commands = (*operators.CLASSES, *select_operator.CLASSES, *checker.CLASSES, *export_gltf.CLASSES)
     with ExitStack() as undo:
-        for cls in (properties.LeaflightProperties, *operators.CLASSES, *export_gltf.CLASSES, *panels.CLASSES):
+        for cls in (properties.LeaflightProperties, *commands, *panels.CLASSES, *panels_object.CLASSES):
             bpy.utils.register_class(cls)
             undo.callback(bpy.utils.unregister_class, cls)
+        for part in (object_settings, scene_meter, checker):
+            part.register()
+            undo.callback(part.unregister)
         bpy.types.Scene.leaflight = bpy.props.PointerProperty(type=properties.LeaflightProperties)
         undo.callback(delattr, bpy.types.Scene, "leaflight")
         command = bpy.utils.register_cli_command("leaflight", _run_command_line)

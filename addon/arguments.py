@@ -24,6 +24,7 @@ class BakeRequest:
     save: Path | None = None
     gltf: Path | None = None
     assign: bool = True
+    nodes_only: bool = False  # the image is placed in the materials, but linked to nothing
     quiet: bool = False
     preview: bool = False  # pages of the light so far are wanted meanwhile
     resume: Path | None = None  # folder of the state of an earlier bake to go on from

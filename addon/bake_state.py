@@ -161,24 +161,8 @@ class BakeState:
         lines.append(f"{pages} page{'s' if pages > 1 else ''} of {size} x {size} texels")
         return lines
 
-    def list_warnings(self) -> list[str]:
-        """The warnings as sentences, each once, with the names of all that it is about."""
-        subjects: dict[str, list[str]] = {}
-        for subject, text in self.warnings:
-            subjects.setdefault(text.removeprefix(f"{subject}: ") if subject else text, []).append(subject)
-        return [f"{_join_names(names)}{sentence}" for sentence, names in subjects.items()]
 
-
-_NAMED = 3  # names in one warning, for a narrow panel
 _REASONS = {"max_photons": ", stopped at Max Photons", "time_limit": ", stopped at Time Limit"}
-
-
-def _join_names(names: list[str]) -> str:
-    named = list(dict.fromkeys(name for name in names if name))
-    if not named:
-        return ""
-    more = f" and {len(named) - _NAMED} more" if len(named) > _NAMED else ""
-    return f"{', '.join(named[:_NAMED])}{more}: "
 
 
 def describe_count(count: int) -> str:

@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 import traceback
+from concurrent.futures import BrokenExecutor
 from pathlib import Path
 
 # A worker process imports this file again as its main module, so the package is made known at import time.
@@ -46,7 +47,13 @@ def main(folder: Path) -> int:
         tell(messages.Error(_sentence(reason, folder)))
         return 1
     except MemoryError:
-        tell(messages.Error("The bake ran out of memory: choose a smaller --size or --density, or fewer --workers."))
+        tell(messages.Error("The bake ran out of memory: choose a smaller page size or density, or fewer workers."))
+        return 1
+    except BrokenExecutor:
+        traceback.print_exc()
+        tell(
+            messages.Error("A worker of the bake was killed, most likely for lack of memory: choose a smaller page size or fewer workers.")
+        )
         return 1
     except Exception:  # the last line of defence of a process: a fault of ours is shown whole
         traceback.print_exc()

@@ -9,9 +9,11 @@ from typing import Any
 
 from .export_mesh import LocalMesh, has_corners_of
 from .export_pieces import COLLECTION, CURVE, GEOMETRY, OWN, SCATTER, Piece
+from .object_settings import BAKE
 from .render_levels import Warnings, find_render_objects
 
 MAX_INSTANCES = 100  # more than these of one object share too small a page to be of use
+NO_ROOM = "has 8 UV layers, as many as Blender allows; remove one to give it a lightmap"
 _COPY = "a copy made from the evaluated mesh is baked instead"
 
 
@@ -24,8 +26,22 @@ def check_names(scene: Any, view_layer: Any, names: Sequence[str] | None) -> Non
             raise ValueError(f"{name}: no such object; {_list_objects(scene, name)}")
         if obj not in rendered:
             raise ValueError(f"{name}: is hidden in render, or its collection is; show it in render, or leave it out of the bake.")
+        if obj.leaflight.role != BAKE:
+            raise ValueError(f"{name}: its Role (Object properties, Leaflight) is not Bake; choose Bake, or leave it out of the bake.")
         if obj.type != "MESH" and not _makes_instances(obj):
             raise ValueError(f"{name}: is a {obj.type.lower()}, not a mesh; convert it to a mesh, or leave it out of the bake.")
+
+
+def describe_nothing(warnings: Warnings, only_casting: bool) -> str:
+    """A sentence why nothing gets a lightmap, with what was told of single objects."""
+    no_room = [f"{subject}: {text}" for subject, text in warnings if text == NO_ROOM]
+    if no_room:
+        return f"nothing to bake: {'; '.join(no_room)}."
+    left_out = [f"{subject}: {text}" for subject, text in warnings if "left out" in text and "face" in text]
+    if only_casting and not left_out:
+        return "nothing to bake: what renders only casts light; add a mesh, or choose Bake as the Role of one."
+    found = f" ({'; '.join(left_out)})" if left_out else ""
+    return f"nothing to bake: no mesh object with faces is shown in render{found}; add one, or show one in render."
 
 
 def _list_objects(scene: Any, name: str) -> str:

@@ -13,10 +13,12 @@ from ..core.scene import Light, SceneObject, SceneSnapshot
 from .export_arrays import PieceArrays, join_arrays, read_piece
 from .export_mesh import LocalMesh, count_duplicates, read_mesh
 from .export_pieces import COLLECTION, CURVE, OWN, Piece, PieceKey, walk_pieces
-from .export_receivers import Receivers, check_names, repeats_layer
+from .export_receivers import NO_ROOM, Receivers, check_names, describe_nothing, repeats_layer
 from .lights_read import read_light, read_world
 from .materials_read import MaterialTable
+from .object_settings import BAKE, IGNORE, ObjectChoice, read_choice, registered
 from .render_levels import Warnings, evaluate_for_render
+from .uv_layer import has_room
 
 
 @dataclass(frozen=True)
@@ -75,12 +77,13 @@ def export_scene(
     view_layer = view_layer or _find_view_layer(context_or_scene, scene)
     warnings: Warnings = []
     view_layer.update()  # that of a new scene is empty until then
-    check_names(scene, view_layer, objects)
     _warn_working_space(warnings)
-    with evaluate_for_render(scene, view_layer, warnings) as depsgraph:
-        export = _Export(view_layer, depsgraph, objects, uv_layer, warnings)
-        world_rgb = read_world(scene, warnings)
-    return export.finish(world_rgb)
+    with registered():
+        check_names(scene, view_layer, objects)
+        with evaluate_for_render(scene, view_layer, warnings) as depsgraph:
+            export = _Export(view_layer, depsgraph, objects, uv_layer, warnings)
+            world_rgb = read_world(scene, warnings)
+        return export.finish(world_rgb)
 
 
 def find_object(exported: ExportedObject) -> Any:
@@ -104,13 +107,16 @@ class _Export:
         self._receivers = Receivers(names, keys, warnings)
         curves: list[str] = []
         for piece in walk_pieces(view_layer, depsgraph):
+            choice = read_choice(piece.source, piece.evaluated.original)
+            if choice.role == IGNORE:
+                continue
             if piece.evaluated.type == "LIGHT":
                 light = read_light(piece.evaluated, piece.matrix, piece.evaluated.original.name, warnings)
                 self._lights.extend([light] if light else [])
                 continue
             if piece.kind == CURVE:
                 curves.append(piece.source.name)
-            self._add(piece)
+            self._add(piece, choice)
         if curves and names is None:
             listed = ", ".join(sorted(set(curves))[:8])
             warnings.append(("", f"{listed}: not meshes, so they cast light but get no lightmap; convert them to meshes to bake them"))
@@ -134,9 +140,9 @@ class _Export:
         warnings = tuple(dict.fromkeys(self._warnings))
         return ExportResult(snapshot, exported, tuple(reading.uid for reading in readings), warnings)
 
-    def _add(self, piece: Piece) -> None:
+    def _add(self, piece: Piece, choice: ObjectChoice) -> None:
         local = self._read_local(piece.evaluated)
-        receives = self._receivers.receives(piece)
+        receives = choice.role == BAKE and self._receivers.receives(piece)
         unseen = not piece.evaluated.visible_shadow and not piece.evaluated.visible_diffuse
         if not local.n_polygon or (unseen and not receives):
             if receives and piece.kind == OWN:
@@ -152,6 +158,9 @@ class _Export:
             receives = False
             self._warnings.append((piece.source.name, "casts no shadow, so light passes through it and it gets no lightmap"))
         reason = self._receivers.find_copy_reason(piece, local, self._uv_layer if has_layer else None) if receives else ""
+        if receives and not has_layer and not has_room(piece.source.data if piece.kind == OWN else piece.evaluated.data):
+            receives, reason = False, ""
+            self._warnings.append((piece.source.name, NO_ROOM))
         name = self._unique_name(piece)
         source = piece.source
         library = source.library.filepath if source.library else ""
@@ -165,6 +174,8 @@ class _Export:
             receives=receives,
             has_layer=has_layer and receives,
             casts_shadow=casts_shadow,
+            two_sided=choice.two_sided,
+            density_factor=choice.density_factor,
         )
         mesh_uid = source.data.session_uid if piece.kind == OWN else 0
         self._found.append((exported, scene_object, arrays, mesh_uid))
@@ -209,9 +220,7 @@ class _Export:
     def _check_receivers(self) -> None:
         receivers = [item for _, item, _, _ in self._found if item.receives]
         if not receivers:
-            told = "; ".join(f"{subject}: {text}" for subject, text in self._warnings if "left out" in text and "face" in text)
-            found = f" ({told})" if told else ""
-            raise ValueError(f"nothing to bake: no mesh object with faces is shown in render{found}; add one, or show one in render.")
+            raise ValueError(describe_nothing(self._warnings, only_casting=bool(self._found)))
         if self._uv_layer is None:
             return
         if not any(item.has_layer for item in receivers):

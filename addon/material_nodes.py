@@ -27,6 +27,7 @@ def write_nodes(material: bpy.types.Material, image: bpy.types.Image, uv_layer: 
     uv_map.uv_map = uv_layer
     texture = place.node("ShaderNodeTexImage", 1)
     texture.image, texture.interpolation, texture.extension = image, "Linear", "EXTEND"
+    tree.nodes.active = texture  # the Solid view shows the active image
     tree.links.new(texture.inputs["Vector"], uv_map.outputs["UV"])
     if mode == "nodes":
         return ""

@@ -13,7 +13,7 @@ import numpy as np
 
 from .material_nodes import MODES, write_nodes
 from .tags import NAME, is_made, local_objects, mark_made, not_editable_error, remove_mark, remove_unused, suffixed_name
-from .uv_layer import layer_name
+from .uv_layer import ACTIVE, activate_layer, layer_name, release_active
 
 BAKE = "leaflight_bake"  # on an object: image, mode, uv_layer; and `slots`, what they held, while the bake is shown
 ORIGINAL = "leaflight_original"  # on our copy of a material: the user's; absent where the slot was empty
@@ -71,7 +71,7 @@ def hide(objects: Iterable[bpy.types.Object]) -> None:
     for obj in objects:
         uncover(obj)
     for mesh in {obj.data for obj in objects if obj.type == "MESH"}:
-        remove_added_slot(mesh)
+        release_mesh(mesh)
     remove_unused(bpy.data.materials)
 
 
@@ -103,12 +103,19 @@ def find_original(material: bpy.types.Material | None) -> bpy.types.Material | N
     return material
 
 
-def remove_added_slot(mesh: bpy.types.Mesh) -> None:
-    """Takes the slot off that we gave a mesh without one, unless the user filled it or an object still shows a bake in it."""
-    if ADDED_SLOT not in mesh:
+def release_mesh(mesh: bpy.types.Mesh) -> None:
+    """Gives a mesh what showing a bake took from it: its active UV layer, and no slot; not while an object shows a bake on it."""
+    if ADDED_SLOT not in mesh and ACTIVE not in mesh:
         return
     users = [obj for obj in bpy.data.objects if obj.data == mesh]
-    if any(is_shown(obj) for obj in users):
+    if not any(is_shown(obj) for obj in users):
+        release_active(mesh)
+        _remove_added_slot(mesh, users)
+
+
+def _remove_added_slot(mesh: bpy.types.Mesh, users: list[bpy.types.Object]) -> None:
+    """Takes the slot off that we gave a mesh without one, unless the user filled it."""
+    if ADDED_SLOT not in mesh:
         return
     remove_mark(mesh, ADDED_SLOT)
     if len(mesh.materials) != 1 or mesh.materials[0] or any(slot.material for obj in users for slot in obj.material_slots):
@@ -143,6 +150,7 @@ def _cover(
         held[str(index)] = {"link": link} | {name: block for name, block in pointers.items() if block}
         slot.material = copies[key]
     obj[BAKE]["slots"] = held
+    activate_layer(obj.data, uv_layer)
     return warnings
 
 

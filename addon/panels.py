@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import textwrap
 from typing import Any
 
 import bpy
 
 from . import restore
 from .bake_state import BakeState
-from .properties import QUALITY_ERROR, list_groups, list_knobs
-from .request import find_output_error, list_objects
+from .checker import is_checker_on
+from .panel_parts import describe_estimate, draw_sentence, draw_told, prepare
+from .properties import list_groups, list_knobs
+from .request import find_mode_error, find_output_error
+from .scene_meter import SceneMeter
+from .told import Told, group_warnings, split_error
 
-_IN_MAIN = ("size", "density")
 _SHOWN_WARNINGS = 6
-_CHARACTER_PIXELS = 7.0  # of a label's text at a scale of 1, on average
 
 
 class _Sidebar:
@@ -25,51 +26,57 @@ class _Sidebar:
 
 class LEAFLIGHT_PT_main(_Sidebar, bpy.types.Panel):
     bl_idname = "LEAFLIGHT_PT_main"
-    bl_label = "Leaflight"
+    bl_label = "Bake"
+    bl_order = 0
 
     def draw(self, context: bpy.types.Context) -> None:
         state: BakeState = context.window_manager.leaflight_state
-        layout = _prepare(self.layout)
-        column = layout.column()
-        column.enabled = not state.running
-        _draw_choices(column, context)
+        layout = prepare(self.layout)
         if state.running:
             _draw_progress(layout, state)
         else:
+            _draw_plan(layout, context)
             _draw_bake(layout, context)
         if state.error:
-            _draw_sentence(layout.box(), context, state.error, "ERROR")
+            draw_told(layout.box(), context, split_error(state.error), "ERROR")
         if not state.running and restore.has_bake(context.scene):
             _draw_result(layout, context, state)
         if state.warnings:
-            _draw_warnings(layout, context, state)
+            _draw_warnings(layout, context, group_warnings(state.warnings))
 
 
-def _draw_choices(column: Any, context: bpy.types.Context) -> None:
-    properties = context.scene.leaflight
-    column.row().prop(properties, "objects", expand=True)
-    count = len(list_objects(context))
-    row = column.row()
-    row.alignment = "RIGHT"
-    row.label(text=f"{count} object{'' if count == 1 else 's'} to bake")
-    for name in _IN_MAIN:
-        column.prop(properties, name)
-    column.separator()
-    names = column.row(align=True)
-    names.use_property_split = False
-    for name in QUALITY_ERROR:
-        names.prop_enum(properties, "quality", name)
-    column.prop(properties, "main_pass")
-    column.prop(properties, "output")
+def _draw_plan(layout: Any, context: bpy.types.Context) -> None:
+    """What will be baked, before it is."""
+    meter: SceneMeter = context.window_manager.leaflight_meter
+    meter.watch(context)
+    layout.row().prop(context.scene.leaflight, "objects", expand=True)
+    column = layout.box().column(align=True)
+    if meter.problem:
+        draw_sentence(column, context, meter.problem, "ERROR")
+    elif meter.estimate is None:
+        column.label(text="Measuring..." if meter.stale else "No mesh to bake", icon="SORTTIME" if meter.stale else "INFO")
+    else:
+        lines = column.column(align=True)
+        lines.active = not meter.stale
+        for i, line in enumerate(describe_estimate(meter.estimate)):
+            lines.label(text=line, icon="TEXTURE" if i == 0 else "BLANK1")
+        if meter.stale:
+            column.label(text="The scene changed: measuring...", icon="SORTTIME")
+        if meter.estimate.too_large:
+            told = "larger than a page at this density: baked less finely"
+            draw_told(column, context, group_warnings((name, told) for name in meter.estimate.too_large)[0], "ERROR")
 
 
 def _draw_bake(layout: Any, context: bpy.types.Context) -> None:
     error = find_output_error(context.scene.leaflight.output)
     if error:
         column = layout.column()
-        _draw_sentence(column, context, error, "INFO")
+        draw_sentence(column, context, error, "INFO")
         if not bpy.data.filepath:
             column.operator("wm.save_as_mainfile", text="Save As...", icon="FILE_TICK")
+    mode_error = find_mode_error(context)
+    if mode_error:
+        draw_sentence(layout, context, mode_error, "INFO")
     row = layout.row()
     row.scale_y = 1.6
     row.enabled = not error
@@ -100,50 +107,68 @@ def _draw_result(layout: Any, context: bpy.types.Context, state: BakeState) -> N
     row.operator("leaflight.export_gltf", text="", icon="EXPORT")
     folder = bpy.path.abspath(context.scene.leaflight.output)
     row.operator("wm.path_open", text="", icon="FILE_FOLDER").filepath = folder
+    if hasattr(bpy.types, "LEAFLIGHT_OT_refine"):
+        box.operator("leaflight.refine", icon="ADD")
 
 
-def _draw_warnings(layout: Any, context: bpy.types.Context, state: BakeState) -> None:
-    count, sentences = len(state.warnings), state.list_warnings()
+def _draw_warnings(layout: Any, context: bpy.types.Context, warnings: list[Told]) -> None:
     header, body = layout.panel("leaflight_warnings")
-    header.label(text=f"{count} Warning{'' if count == 1 else 's'}", icon="ERROR")
+    header.label(text=f"{len(warnings)} Warning{'' if len(warnings) == 1 else 's'}", icon="ERROR")
     if body is None:
         return
     column = body.column()
-    for sentence in sentences[:_SHOWN_WARNINGS]:
-        _draw_sentence(column, context, sentence, "DOT")
-    if len(sentences) > _SHOWN_WARNINGS:
-        column.label(text=f"and {len(sentences) - _SHOWN_WARNINGS} more", icon="BLANK1")
-
-
-def _draw_sentence(layout: Any, context: bpy.types.Context, text: str, icon: str) -> None:
-    """A sentence over as many lines as it needs; Blender's labels do not wrap."""
-    width = context.region.width / (_CHARACTER_PIXELS * context.preferences.system.ui_scale) - 8
-    column = layout.column(align=True)
-    for i, line in enumerate(textwrap.wrap(text, max(int(width), 16))):
-        column.label(text=line, icon=icon if i == 0 else "BLANK1")
-
-
-def _prepare(layout: Any) -> Any:
-    layout.use_property_split = True
-    layout.use_property_decorate = False
-    return layout
+    for told in warnings[:_SHOWN_WARNINGS]:
+        draw_told(column, context, told, "DOT")
+    if len(warnings) > _SHOWN_WARNINGS:
+        column.label(text=f"and {len(warnings) - _SHOWN_WARNINGS} more", icon="BLANK1")
 
 
 class _Group(_Sidebar):
-    """A closed sub-panel with the knobs of one group of core.settings."""
+    """A panel with the knobs of one group of core.settings; `special` draws some of them in its own way."""
 
-    bl_parent_id = "LEAFLIGHT_PT_main"
-    bl_options = frozenset({"DEFAULT_CLOSED"})
     group = ""
-    first: tuple[str, ...] = ()  # properties besides the group's own
+    special: Any = None
 
     def draw(self: Any, context: bpy.types.Context) -> None:
         properties = context.scene.leaflight
-        column = _prepare(self.layout).column()
+        column = prepare(self.layout).column()
         column.enabled = not context.window_manager.leaflight_state.running
-        for name in (*self.first, *list_knobs(self.group)):
-            if name not in _IN_MAIN:
+        drawn = type(self).special(column, context) if type(self).special else ()
+        for name in list_knobs(self.group):
+            if name not in drawn:
                 _draw_property(column, properties, name)
+
+
+def _draw_quality(column: Any, context: bpy.types.Context) -> tuple[str, ...]:
+    properties = context.scene.leaflight
+    presets = column.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
+    presets.use_property_split = False
+    presets.prop(properties, "quality", expand=True)
+    error = column.column()
+    error.active = properties.quality == "CUSTOM"
+    error.prop(properties, "error")
+    return ("error",)
+
+
+def _draw_lightmap(column: Any, context: bpy.types.Context) -> tuple[str, ...]:
+    properties = context.scene.leaflight
+    column.row().prop(properties, "resolution", expand=True)
+    if properties.resolution == "DENSITY":
+        column.prop(properties, "density")
+    column.prop(properties, "size")
+    shown = is_checker_on(context)
+    column.operator("leaflight.checker", icon="TEXTURE", depress=shown)
+    column.separator()
+    column.prop(properties, "uv_layer")
+    return ("size", "density")
+
+
+def _draw_output(column: Any, context: bpy.types.Context) -> tuple[str, ...]:
+    properties = context.scene.leaflight
+    column.prop(properties, "main_pass")
+    column.prop(properties, "materials")
+    column.prop(properties, "output")
+    return ()
 
 
 def _draw_property(column: Any, properties: Any, name: str) -> None:
@@ -158,10 +183,22 @@ def _draw_property(column: Any, properties: Any, name: str) -> None:
         grid.prop_enum(properties, name, item.identifier)
 
 
-_FIRST = {"Lightmap": ("uv_layer",)}
-_GROUPS = tuple(
-    type(f"LEAFLIGHT_PT_{group.lower()}", (_Group, bpy.types.Panel), {"bl_label": group, "group": group, "first": _FIRST.get(group, ())})
-    for group in list_groups()
-)
+_SPECIAL = {"Quality": _draw_quality, "Lightmap": _draw_lightmap, "Output": _draw_output}
+_OPEN = ("Quality", "Lightmap")
+_ORDERED = sorted(list_groups(), key=lambda group: (group != "Quality", group == "Advanced"))
 
-CLASSES = (LEAFLIGHT_PT_main, *_GROUPS)
+
+def _make_panel(group: str, order: int) -> type:
+    special = {"special": staticmethod(_SPECIAL[group])} if group in _SPECIAL else {}
+    options = {} if group in _OPEN else {"bl_options": frozenset({"DEFAULT_CLOSED"})}
+    return type(
+        f"LEAFLIGHT_PT_{group.lower()}",
+        (_Group, bpy.types.Panel),
+        {"bl_label": group, "group": group, "bl_order": order, **special, **options},
+    )
+
+
+CLASSES = (
+    LEAFLIGHT_PT_main,
+    *(_make_panel(group, order) for order, group in enumerate(_ORDERED, 1)),
+)

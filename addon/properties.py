@@ -14,6 +14,7 @@ from ..core.settings import IMAGE_FORMATS, Settings
 QUALITY_ERROR = {"DRAFT": 0.20, "PREVIEW": 0.10, "PRODUCTION": 0.05}
 
 _CUSTOM = 0
+_BY_PAGE, _BY_DENSITY = 0, 1
 _MAX_INT = 2**31 - 1  # Blender's integers have 32 bits; the command line goes further
 _SUBTYPES = {"texels": "PIXEL", "s": "TIME_ABSOLUTE"}
 
@@ -55,7 +56,7 @@ def _read(value: Any, knob: "dataclasses.Field[Any]") -> Any:
 def _make_property(knob: "dataclasses.Field[Any]") -> Any:
     about, default = knob.metadata, knob.default
     description = about["help"][0].upper() + about["help"][1:]
-    named: dict[str, Any] = {"name": knob.name.replace("_", " ").title(), "description": description}
+    named: dict[str, Any] = {"name": about["label"] or knob.name.replace("_", " ").title(), "description": description}
     limits: dict[str, Any] = {"min": about["low"], "max": about["high"], "default": default}
     subtype = _SUBTYPES.get(about["unit"], "NONE")
     if about["unit"] and subtype == "NONE":
@@ -76,13 +77,29 @@ def _make_property(knob: "dataclasses.Field[Any]") -> Any:
 
 
 def _get_quality(properties: Any) -> int:
+    if properties.custom_quality:
+        return _CUSTOM
     error = float(f"{properties.error:.7g}")
     return next((number for number, value in enumerate(QUALITY_ERROR.values(), 1) if value == error), _CUSTOM)
 
 
 def _set_quality(properties: Any, number: int) -> None:
+    properties.custom_quality = number == _CUSTOM
     if number != _CUSTOM:
         properties.error = list(QUALITY_ERROR.values())[number - 1]
+
+
+def _get_resolution(properties: Any) -> int:
+    return _BY_DENSITY if properties.density > 0.0 else _BY_PAGE
+
+
+def _set_resolution(properties: Any, number: int) -> None:
+    if number == _get_resolution(properties):
+        return
+    if number == _BY_DENSITY:
+        properties.density = properties.last_density
+    else:
+        properties.last_density, properties.density = properties.density, 0.0
 
 
 def _list_uv_layers(properties: Any, context: Any, text: str) -> list[str]:
@@ -92,10 +109,28 @@ def _list_uv_layers(properties: Any, context: Any, text: str) -> list[str]:
 
 _KNOBS = {knob.name: _make_property(knob) for knob in dataclasses.fields(Settings) if knob.name != "passes"}
 _PASSES = next(knob for knob in dataclasses.fields(Settings) if knob.name == "passes")
-_PASS_ITEMS = [(choice, describe_choice(choice), "") for choice in _PASSES.metadata["choices"]]
+_PASS_ABOUT = {
+    "combined": "What one sees: light times colour, plus what glows",
+    "lighting": "Light without colour: irradiance divided by pi",
+    "direct": "The part of the lighting that comes straight from lights",
+    "indirect": "The part of the lighting that was reflected at least once",
+    "diffuse": "Light times colour, without what glows",
+    "emission": "What glows by itself",
+    "albedo": "Colour without light",
+    "stderr": "Standard error of the lighting, as it is estimated",
+}
+_PASS_ITEMS = [(choice, describe_choice(choice), _PASS_ABOUT.get(choice, "")) for choice in _PASSES.metadata["choices"]]
 _QUALITY_ITEMS = [
-    ("CUSTOM", "Custom", "Another target error", _CUSTOM),
     *((name, name.capitalize(), f"Bake until the error is {error:.0%}", i) for i, (name, error) in enumerate(QUALITY_ERROR.items(), 1)),
+    ("CUSTOM", "Custom", "Another target error", _CUSTOM),
+]
+_RESOLUTION_ITEMS = [
+    ("PAGE", "Page Size", "Everything on one page, as finely as fits", _BY_PAGE),
+    ("DENSITY", "Density", "So many texels per metre of surface, on as many pages as that takes", _BY_DENSITY),
+]
+_SHOWN_ITEMS = [
+    ("SHOW", "Shown", "The baked objects show the image: Lighting times their base colour, any other pass by itself, unlit"),
+    ("NODES", "Nodes Only", "The image is placed in copies of the materials, linked to nothing, for you to link"),
 ]
 
 _BLENDER_ONLY = {
@@ -111,6 +146,16 @@ _BLENDER_ONLY = {
         get=_get_quality,
         set=_set_quality,
     ),
+    "custom_quality": bpy.props.BoolProperty(options={"HIDDEN"}),
+    "resolution": bpy.props.EnumProperty(
+        name="Resolution",
+        description="What decides how large texels are on the surface",
+        items=_RESOLUTION_ITEMS,
+        get=_get_resolution,
+        set=_set_resolution,
+    ),
+    "last_density": bpy.props.FloatProperty(default=64.0, options={"HIDDEN"}),
+    "materials": bpy.props.EnumProperty(name="Materials", description="What baked objects wear after the bake", items=_SHOWN_ITEMS),
     "main_pass": bpy.props.EnumProperty(
         name="Pass", description="What the objects show after the bake", items=_PASS_ITEMS, default=_PASSES.default[0]
     ),

@@ -11,6 +11,7 @@ from .arguments import BakeRequest
 from .baked_copies import SOURCE
 from .images import check_shown
 from .kept_state import MOST_MB
+from .object_settings import BAKE
 from .properties import make_settings
 from .render_levels import find_render_objects
 
@@ -27,7 +28,7 @@ def make_request(context: bpy.types.Context) -> BakeRequest:
     chosen = properties.objects == "SELECTED"
     names = list_objects(context)
     if chosen and not names:
-        raise ValueError("no mesh is selected: select some, or choose All in the panel.")
+        raise ValueError("no mesh is selected that is to be baked: select some, or choose All in the panel.")
     output = Path(bpy.path.abspath(properties.output))
     settings = make_settings(properties)
     check_shown(settings)
@@ -35,6 +36,7 @@ def make_request(context: bpy.types.Context) -> BakeRequest:
         settings=settings,
         objects=tuple(names) if chosen else (),
         uv_layer=properties.uv_layer,
+        nodes_only=properties.materials == "NODES",
         output=output,
         keep=output / f"{Path(bpy.data.filepath).stem or 'lightmap'}.refine",
         keep_mb=MOST_MB,
@@ -65,7 +67,12 @@ def list_objects(context: bpy.types.Context) -> list[str]:
         found = [obj.get(SOURCE) or obj for obj in context.view_layer.objects.selected]
     else:
         found = find_render_objects(context.view_layer)
-    return sorted({obj.name for obj in found if obj.type == "MESH" or (obj.instance_type == "COLLECTION" and obj.instance_collection)})
+    return sorted({obj.name for obj in found if obj.leaflight.role == BAKE and can_be_baked(obj)})
+
+
+def can_be_baked(obj: bpy.types.Object) -> bool:
+    """Whether an object, or what it is an instance of, may get a lightmap."""
+    return obj.type == "MESH" or (obj.instance_type == "COLLECTION" and obj.instance_collection is not None)
 
 
 def find_output_error(output: str) -> str:
@@ -75,3 +82,10 @@ def find_output_error(output: str) -> str:
     if output.startswith("//") and not bpy.data.filepath:
         return f"{output}: is beside the .blend, which is not saved yet; save it, or choose another output folder."
     return ""
+
+
+def find_mode_error(context: bpy.types.Context) -> str:
+    """A sentence why nothing can be baked or shown in this mode, or ""."""
+    if not context.mode.startswith("EDIT"):
+        return ""
+    return f"{context.object.name}: is in Edit Mode; leave it (Tab) to bake."

@@ -24,7 +24,7 @@ def remove_bake(scene: bpy.types.Scene | None = None) -> None:
         materials_write.uncover(obj)
         remove_mark(obj, materials_write.BAKE)
     for mesh in _local_meshes(objects, everything=scene is None):
-        materials_write.remove_added_slot(mesh)
+        materials_write.release_mesh(mesh)
         uv_layer.remove_layer(mesh)
     for one in [scene] if scene else bpy.data.scenes:
         remove_mark(one, LAYOUT)

@@ -153,7 +153,7 @@ def get_layout(session: Session) -> Layout:
 
 
 def _pick_mode(request: BakeRequest) -> str:
-    return "lighting" if request.settings.passes[0] == "lighting" else "combined"
+    return "nodes" if request.nodes_only else "lighting" if request.settings.passes[0] == "lighting" else "combined"
 
 
 def load_pages(request: BakeRequest, result: dict[str, Any]) -> dict[int, bpy.types.Image]:

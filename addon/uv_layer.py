@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .tags import NAME, remove_mark
 
 LAYER = "leaflight_uv_layer"  # on a mesh: name, digest and the user's choices of the moment we added our layer
+ACTIVE = "leaflight_active_layer"  # on a mesh that shows a bake: the layer active before, and the one active for the bake
 MAX_LAYERS = 8  # Blender's own limit
 
 
@@ -45,10 +46,33 @@ def find_layer(mesh: bpy.types.Mesh) -> bpy.types.MeshUVLoopLayer | None:
     return next((other for other in mesh.uv_layers if _layer_digest(other) == mark["digest"]), None)
 
 
+def has_room(mesh: bpy.types.Mesh) -> bool:
+    """Whether our layer is there, or there is room for it."""
+    return len(mesh.uv_layers) < MAX_LAYERS or find_layer(mesh) is not None
+
+
 def layer_name(mesh: bpy.types.Mesh) -> str:
     """Name of our layer now, "" without one."""
     layer = find_layer(mesh)
     return layer.name if layer else ""
+
+
+def activate_layer(mesh: bpy.types.Mesh, name: str) -> None:
+    """Makes the bake's layer the active one, through which the Solid view shows images, and remembers the user's."""
+    before = mesh[ACTIVE]["before"] if ACTIVE in mesh else _active_names(mesh)[0]
+    mesh[ACTIVE] = {"before": before, "shown": name}
+    mesh.uv_layers.active = mesh.uv_layers[name]
+
+
+def release_active(mesh: bpy.types.Mesh) -> None:
+    """Gives the layer its place back that was active before the bake was shown, unless the user chose another since."""
+    if ACTIVE not in mesh:
+        return
+    mark = mesh[ACTIVE].to_dict()
+    remove_mark(mesh, ACTIVE)
+    active = mesh.uv_layers.active
+    if active and active.name in (mark["shown"], layer_name(mesh)):
+        _set_active(mesh, mark["before"], "")
 
 
 def remove_layer(mesh: bpy.types.Mesh) -> None:

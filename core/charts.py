@@ -145,8 +145,8 @@ class _AtlasMaker:
     def _unwrap(self, i: int) -> int:
         scene, rows = self.snapshot, self._rows(i)
         position = scene.vertex_position[scene.tri_vertex[rows]]
-        found = unwrap_triangles(position, scene.tri_vertex[rows], scene.tri_polygon[rows], scene.tri_corner[rows])
-        return self._keep(i, *found)
+        chart, uv, shared = unwrap_triangles(position, scene.tri_vertex[rows], scene.tri_polygon[rows], scene.tri_corner[rows])
+        return self._keep(i, chart, uv * scene.objects[i].density_factor, shared)
 
     def _read_layer(self, i: int) -> int:
         scene, rows = self.snapshot, self._rows(i)
@@ -186,12 +186,12 @@ class _AtlasMaker:
             names = self.snapshot.objects[objects[0]].name if len(objects) == 1 else f"{len(objects)} objects"
             raise ValueError(
                 f"The {len(outlines.extent):,} charts of {names} do not fit a page of {self.page.size} texels: "
-                "raise --size or lower --padding."
+                "choose a greater page size or less padding."
             )
         for i in objects:
             area = self.outlines.area[self.first_chart[i] : self.first_chart[i + 1]]
             if float(np.median(area)) * found[0] ** 2 < _FEWEST_TEXELS:
-                self._warn(i, "half of its charts are smaller than a texel; raise --size, or merge small faces")
+                self._warn(i, "half of its charts are smaller than a texel; choose a greater page size or density, or merge small faces")
         return _Packed(objects, page, *found)
 
     def _pack_alone(self, i: int) -> None:
@@ -203,10 +203,11 @@ class _AtlasMaker:
     def _pack_less_dense(self, i: int) -> None:
         packed = self._fit([i], self._new_page())
         if self.settings.density > 0:
+            factor = self.snapshot.objects[i].density_factor
             self._warn(
                 i,
-                f"does not fit a page of {self.page.size} texels at {self.settings.density:g} texels per metre "
-                f"and is baked at {packed.density:.3g}; raise --size or lower --density",
+                f"does not fit a page of {self.page.size} texels at {self.settings.density * factor:g} texels per metre "
+                f"and is baked at {packed.density * factor:.3g}; choose a greater page size or a lower density",
             )
         self._apply(packed)
 

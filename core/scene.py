@@ -5,6 +5,7 @@ Metres, watts, linear Rec.709 RGB, +Z up, world space. -1 is "none".
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -27,6 +28,7 @@ class SceneObject:
     has_layer: bool = False  # tri_uv holds an existing UV layer to be used as it is
     casts_shadow: bool = True
     users: int = 1  # objects that share its mesh, itself included
+    density_factor: float = 1.0  # its texels per metre, relative to the others'; a layer of its own says that itself
 
 
 @dataclass(frozen=True)
@@ -154,6 +156,9 @@ def _first_error(scene: SceneSnapshot) -> str:
             return f"{name}: expected indices 0 to {count - 1}, got {values.min()} to {values.max()}"
     if not np.isfinite(scene.vertex_position).all():
         return "vertex_position: expected finite coordinates"
+    for one in scene.objects:
+        if not (math.isfinite(one.density_factor) and one.density_factor > 0.0):
+            return f"{one.name}: expected a density factor above 0, got {one.density_factor:g}"
     for material in scene.materials:
         if max(material.albedo_image, material.emission_image) >= len(scene.images):
             return f"{material.name}: names an image that is not in the snapshot"

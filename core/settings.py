@@ -37,6 +37,7 @@ def _knob(
     flag: str = "",
     off_flag: str = "",
     find_error: Callable[[str], str] | None = None,
+    label: str = "",
 ) -> Any:
     metadata = {
         "help": help_text,
@@ -48,6 +49,7 @@ def _knob(
         "flag": flag,
         "off_flag": off_flag,
         "find_error": find_error,
+        "label": label,
     }
     return field(default=default, metadata=metadata)
 
@@ -60,9 +62,11 @@ class Settings:
     """
 
     # Lightmap
-    size: int = _knob(512, "side of a square page", unit="texels", low=4, high=MAX_PAGE_SIZE_TEXELS, group="Lightmap")
+    size: int = _knob(
+        512, "page size: side of a square page", unit="texels", low=4, high=MAX_PAGE_SIZE_TEXELS, group="Lightmap", label="Page Size"
+    )
     density: float = _knob(
-        0.0, "texels per metre of surface; 0 lets the page size decide", unit="texels/m", low=0.0, high=1e6, group="Lightmap"
+        0.0, "density: texels per metre of surface; 0 lets the page size decide", unit="texels/m", low=0.0, high=1e6, group="Lightmap"
     )
     atlas: bool = _knob(
         True, "share a set of pages between all objects, instead of one image per object", group="Lightmap", off_flag="--per-object"
@@ -95,11 +99,13 @@ class Settings:
     )
     pack: bool = _knob(False, "keep the images that the objects show inside the .blend, besides their files", group="Output")
     # Quality
-    error: float = _knob(0.05, "relative error at which the bake stops", low=1e-4, high=1.0, group="Quality")
+    error: float = _knob(0.05, "relative error at which the bake stops", low=1e-4, high=1.0, group="Quality", label="Target Error")
     max_photons: int = _knob(64_000_000, "photons after which the bake stops", unit="photons", low=1000, high=10**12, group="Quality")
     time_limit: float = _knob(0.0, "seconds after which the bake stops; 0 is no limit", unit="s", low=0.0, high=1e7, group="Quality")
     # Method
-    direct: str = _knob("rays", "how direct light is found: shadow rays, or photons as in the paper", choices=DIRECT_MODES)
+    direct: str = _knob(
+        "rays", "how direct light is found: shadow rays, or photons as in the paper", choices=DIRECT_MODES, label="Direct Light"
+    )
     basis: str = _knob("linear", "functions in each leaf", choices=BASES)
     oracle: str = _knob("significance", "rule that splits a leaf", choices=ORACLES)
     hierarchical: bool = _knob(True, "adaptive leaves; off is a fixed mesh at the finest level, for comparison", off_flag="--flat")

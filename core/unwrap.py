@@ -264,7 +264,7 @@ def _load_xatlas() -> ModuleType:
     except (ImportError, OSError) as reason:
         raise ValueError(
             f"The unwrapper xatlas cannot be loaded ({reason}); reinstall Leaflight with the package for this platform and Python "
-            "(Linux x64, Windows x64, or macOS), or name an existing UV layer with --uv-layer."
+            "(Linux x64, Windows x64, or macOS), or choose an existing UV layer."
         ) from reason
     module: ModuleType = xatlas
     return module

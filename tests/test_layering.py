@@ -36,8 +36,17 @@ TRACE = {
 STATISTICS = {"core.tally", "core.refine", "core.quadtree", "core.basis", "core.estimate"}
 # Where both sides meet: rounds of photons, shards that trace and sum them, and the whole bake.
 SEES_ALL = {"core.solve", "core.workers", "core.bake"}
-BPY_FREE_ADDON = {"addon.arguments", "addon.bake_state", "addon.boot", "addon.console", "addon.gltf_file", "addon.job"}
-PANELS = "addon.panels"
+BPY_FREE_ADDON = {
+    "addon.arguments",
+    "addon.bake_state",
+    "addon.boot",
+    "addon.console",
+    "addon.estimate",
+    "addon.gltf_file",
+    "addon.job",
+    "addon.told",
+}
+PANELS = {"addon.panels", "addon.panels_object", "addon.panel_parts"}
 # The child's main program: it has no package, so it gives this folder the name leaflight and imports it by that.
 NAMES_THE_PACKAGE = {"addon.boot"}
 
@@ -154,8 +163,9 @@ def complain_of_addon(sources: Sources) -> list[str]:
             complaints.append(f"{module} reaches bpy: it must run without Blender")
     if "bpy" in reach("__init__", sources, top_level_only=True):
         complaints.append("__init__ reaches bpy when it is imported: do it inside register()")
-    if PANELS in sources and "numpy" in list_imports(PANELS, sources):
-        complaints.append(f"{PANELS} imports numpy: panels show what others computed")
+    for module in sorted(PANELS & sources.keys()):
+        if "numpy" in list_imports(module, sources):
+            complaints.append(f"{module} imports numpy: panels show what others computed")
     return complaints
 
 

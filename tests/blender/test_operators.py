@@ -57,7 +57,8 @@ def test_panel_has_every_knob_with_its_range():
     rna = bpy.context.scene.leaflight.bl_rna.properties
     for knob in dataclasses.fields(Settings):
         about = rna[knob.name]
-        assert about.name == knob.name.replace("_", " ").title() or knob.name == "passes"
+        assert about.name == (knob.metadata["label"] or knob.name.replace("_", " ").title()) or knob.name == "passes"
+        assert about.description
         if about.type in ("INT", "FLOAT"):
             low, high = knob.metadata["low"], min(knob.metadata["high"], 2**31 - 1 if about.type == "INT" else float("inf"))
             assert (about.hard_min, about.hard_max) == (pytest.approx(low), pytest.approx(high))
@@ -66,8 +67,9 @@ def test_panel_has_every_knob_with_its_range():
     ]
 
 
-def test_every_group_has_a_sub_panel():
-    assert [cls.bl_label for cls in panels.CLASSES[1:]] == properties.list_groups()
+def test_every_group_has_a_panel():
+    assert [cls.bl_label for cls in panels.CLASSES] == ["Bake", "Quality", "Lightmap", "Output", "Advanced"]
+    assert {cls.bl_label for cls in panels.CLASSES[1:]} == set(properties.list_groups())
 
 
 def test_quality_is_the_target_error():

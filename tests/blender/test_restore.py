@@ -142,6 +142,30 @@ def test_preview_switches_both_ways(names, tmp_path):
     assert differences(before, dump()) == []
 
 
+def active_layer(name):
+    return bpy.data.meshes[name].uv_layers.active.name
+
+
+def test_solid_view_shows_the_bake_only_while_it_is_shown(names, tmp_path):
+    bake(names, tmp_path)
+    for name in names:
+        obj = bpy.data.objects[name]
+        assert all(slot.material.node_tree.nodes.active.image.name == "page_a" for slot in obj.material_slots)
+        assert obj.data.uv_layers.active.name == "Leaflight"
+    restore.toggle_preview(bpy.context.scene, False)
+    assert (active_layer("Two"), active_layer("Linked")) == ("Second", "UVMap")
+    bpy.data.meshes["Two"].uv_layers.active = bpy.data.meshes["Two"].uv_layers["First"]
+    restore.toggle_preview(bpy.context.scene, True)
+    assert active_layer("Two") == "Leaflight"
+    bpy.data.meshes["Linked"].uv_layers.active = bpy.data.meshes["Linked"].uv_layers["UVMap"]  # chosen while the bake is shown
+    restore.toggle_preview(bpy.context.scene, False)
+    assert (active_layer("Two"), active_layer("Linked")) == ("First", "UVMap")
+    restore.toggle_preview(bpy.context.scene, True)
+    restore.remove_bake()
+    assert (active_layer("Two"), active_layer("Linked")) == ("First", "UVMap")
+    assert_nothing_of_ours()
+
+
 @pytest.mark.parametrize("shown", [True, False])
 def test_restores_in_a_fresh_process(names, tmp_path, shown):
     """The originals survive saving, though nothing but our pointers uses some of them."""

@@ -99,11 +99,10 @@ def test_a_process_that_cannot_be_understood_is_ended(reason):
     assert process.killed.is_set()
 
 
-def test_warnings_about_many_objects_are_one_sentence():
-    told = [Warning_(name, f"{name}: is too small.") for name in "ABCDE"]
-    state, _ = begin(*told, Warning_("", "the sky is dark."), Done("", False), warnings=[("A", "has no faces")])
+def test_warnings_are_kept_in_their_order():
+    state, _ = begin(Warning_("A", "A: is too small."), Done("", False), warnings=[("A", "has no faces")])
     state.wait()
-    assert state.list_warnings() == ["A: has no faces", "A, B, C and 2 more: is too small.", "the sky is dark."]
+    assert state.warnings == [("A", "has no faces"), ("A", "A: is too small.")]
 
 
 def test_result_tells_why_it_stopped():

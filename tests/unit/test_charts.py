@@ -1,3 +1,4 @@
+import dataclasses
 import time
 
 import numpy as np
@@ -99,6 +100,19 @@ def test_object_too_large_for_its_density_is_named_and_baked_less_dense(atlas_mo
     assert sentence.startswith("Hall: does not fit a page of 128 texels at 50 texels per metre and is baked at ")
 
 
+@pytest.mark.parametrize("options", [{}, {"density": 20.0}, {"atlas": False, "density": 20.0}])
+def test_density_factor_is_relative_to_the_others(options):
+    scene = make_scene([box_mesh("Plain"), box_mesh("Fine")])
+    objects = (scene.objects[0], dataclasses.replace(scene.objects[1], density_factor=2.0))
+    scene = dataclasses.replace(scene, objects=objects)
+    atlas = make_charts(scene, Settings(size=256, **options))
+    check_atlas(scene, atlas, 4)
+    plain, fine = densities(scene, atlas)
+    assert fine == pytest.approx(2.0 * plain)
+    if options:
+        assert plain == pytest.approx(20.0)
+
+
 def test_huge_density_is_no_trouble():
     scene = make_scene([box_mesh("A", (1e4, 1e4, 1e4)), box_mesh("B")])
     atlas = make_charts(scene, Settings(size=64, density=1e6))
@@ -157,7 +171,9 @@ def test_nothing_that_receives_makes_an_empty_atlas(meshes):
 
 def test_page_too_small_for_the_charts():
     loose = Mesh("Loose", np.random.default_rng(1).normal(size=(300, 3)), np.arange(300).reshape(-1, 3).tolist())
-    with pytest.raises(ValueError, match=r"The 100 charts of Loose do not fit a page of 16 texels: raise --size or lower --padding"):
+    with pytest.raises(
+        ValueError, match=r"The 100 charts of Loose do not fit a page of 16 texels: choose a greater page size or less padding"
+    ):
         make_charts(make_scene([loose]), Settings(size=16))
     with pytest.raises(ValueError, match=r"The 106 charts of 2 objects do not fit"):
         make_charts(make_scene([loose, box_mesh()]), Settings(size=16))

@@ -202,6 +202,23 @@ def test_a_sudden_end_becomes_an_error(dummy, lines, sentence):
     assert re.search(sentence, last.text)
 
 
+@needs_proc
+def test_a_worker_that_was_killed_is_told(start):
+    process = start(replace(ENDLESS, workers=2))
+    messages = process.messages()
+    next(message for message in messages if isinstance(message, Progress))
+    worker = next(pid for pid in find_descendants(process._process.pid) if is_worker(pid))
+    os.kill(worker, signal.SIGKILL)
+    *_, last = messages
+    assert isinstance(last, Error)
+    assert last.text.startswith("A worker of the bake was killed, most likely for lack of memory: choose")
+
+
+def is_worker(pid: int) -> bool:
+    words = Path(f"/proc/{pid}/cmdline").read_bytes()
+    return b"spawn_main" in words and b"resource_tracker" not in words
+
+
 def test_nothing_follows_the_childs_own_end(dummy):
     messages = list(dummy("tell('ERROR', text='no light'); sys.exit(1)").messages())
     assert messages == [Error("no light")]

@@ -50,6 +50,14 @@ def test_materials_must_name_images_that_are_there(slot):
         dataclasses.replace(quad_scene(), images=(image,), materials=(second,))
 
 
+@pytest.mark.parametrize("factor", [0.0, -1.0, np.nan, np.inf])
+def test_density_factors_must_be_above_zero(factor):
+    scene = quad_scene()
+    named = dataclasses.replace(scene.objects[0], name="Oak", density_factor=factor)
+    with pytest.raises(ValueError, match=r"^Oak: expected a density factor above 0"):
+        dataclasses.replace(scene, objects=(named,))
+
+
 def test_a_scene_without_triangles_is_allowed():
     empty = {name: getattr(quad_scene(), name)[:0] for name in ARRAYS}
     assert dataclasses.replace(quad_scene(), **empty).n_tri == 0

@@ -155,5 +155,5 @@ def test_missing_xatlas_says_what_to_do(monkeypatch):
         return real_import(name, *args, **kwargs)
 
     monkeypatch.setattr(builtins, "__import__", refuse)
-    with pytest.raises(ValueError, match=r"xatlas cannot be loaded \(planted\).*--uv-layer"):
+    with pytest.raises(ValueError, match=r"xatlas cannot be loaded \(planted\).*choose an existing UV layer"):
         unwrap(quad_mesh())

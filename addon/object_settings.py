@@ -1,0 +1,83 @@
+"""What one chooses for a single object, kept on it: whether it is baked, how finely, and on which sides.
+
+No `from __future__ import annotations` here: Blender reads properties out of annotations.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+
+BAKE, CAST, IGNORE = "BAKE", "CAST", "IGNORE"
+
+_ROLES = [
+    (BAKE, "Bake", "It gets a lightmap"),
+    (CAST, "Only Cast Light", "It casts light and shadow, but gets no lightmap"),
+    (IGNORE, "Ignore", "The bake takes place as if it was not there"),
+]
+
+
+class LeaflightObject(bpy.types.PropertyGroup):
+    """One object's own choices."""
+
+    role: bpy.props.EnumProperty(name="Role", description="What the object does in a bake", items=_ROLES)
+    density_factor: bpy.props.FloatProperty(
+        name="Density Factor",
+        description="Texels per metre of this object, relative to the others: 2 is twice as fine; not for a UV layer of your own",
+        default=1.0,
+        min=0.01,
+        max=100.0,
+        soft_min=0.25,
+        soft_max=4.0,
+        precision=2,
+    )
+    two_sided: bpy.props.BoolProperty(
+        name="Two-Sided", description="Sum the light on both sides of each face, as for leaves and paper", default=False
+    )
+
+
+@dataclass(frozen=True)
+class ObjectChoice:
+    """The choices that hold for one piece of the scene."""
+
+    role: str = BAKE
+    density_factor: float = 1.0
+    two_sided: bool = False
+
+
+def read_choice(*objects: bpy.types.Object) -> ObjectChoice:
+    """What holds for a piece that all these objects make: what is instanced, and what instances it."""
+    chosen: list[Any] = [obj.leaflight for obj in dict.fromkeys(objects)]
+    roles = {one.role for one in chosen}
+    factor = 1.0
+    for one in chosen:
+        factor *= float(f"{one.density_factor:.7g}")  # Blender's are float32
+    role = next(role for role in (IGNORE, CAST, BAKE) if role in roles)
+    return ObjectChoice(role, factor, any(one.two_sided for one in chosen))
+
+
+def register() -> None:
+    """Objects have choices from now on."""
+    bpy.utils.register_class(LeaflightObject)
+    bpy.types.Object.leaflight = bpy.props.PointerProperty(type=LeaflightObject)
+
+
+def unregister() -> None:
+    """Takes back what `register` did; what was chosen stays in the file."""
+    del bpy.types.Object.leaflight
+    bpy.utils.unregister_class(LeaflightObject)
+
+
+@contextmanager
+def registered() -> Iterator[None]:
+    """Choices can be read meanwhile, also where the add-on is not enabled: on pip's bpy."""
+    if hasattr(bpy.types.Object, "leaflight"):
+        yield
+        return
+    register()
+    try:
+        yield
+    finally:
+        unregister()

@@ -1,0 +1,207 @@
+"""What an artist may run into: each is a sentence in the status bar (the operator's report) and in the panel, and harms nothing."""
+
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+import leaflight  # noqa: E402
+from blend_rooms import add_mesh, open_room  # noqa: E402
+from leaflight.addon import job, request, restore  # noqa: E402
+
+
+@pytest.fixture(autouse=True)
+def _room(tmp_path):
+    leaflight.register()
+    open_room()
+    chosen = bpy.context.scene.leaflight
+    chosen.size, chosen.error, chosen.workers, chosen.output = 32, 0.5, 1, str(tmp_path / "maps")
+    yield
+    leaflight.unregister()
+
+
+@pytest.fixture
+def state():
+    return bpy.context.window_manager.leaflight_state
+
+
+def bake_error(state):
+    """The report of a bake that fails, which the panel shows too, and which leaves nothing on the scene."""
+    with pytest.raises(RuntimeError) as raised:
+        bpy.ops.leaflight.bake()
+    assert state.error
+    assert state.error in str(raised.value)
+    assert not state.running
+    assert not restore.has_bake(bpy.context.scene)
+    return state.error
+
+
+def bake_warnings(state):
+    assert bpy.ops.leaflight.bake() == {"FINISHED"}
+    assert not state.error
+    return dict(state.warnings)
+
+
+def test_unsaved_file(state):
+    bpy.context.scene.leaflight.output = "//maps"
+    assert bake_error(state) == "//maps: is beside the .blend, which is not saved yet; save it, or choose another output folder."
+
+
+def test_folder_that_cannot_be_written(state, tmp_path):
+    (tmp_path / "taken").write_text("")
+    for output in (tmp_path / "taken", tmp_path / "taken" / "below"):
+        bpy.context.scene.leaflight.output = str(output)
+        sentence = bake_error(state)
+        assert sentence.startswith(f"{output}: is no folder that can be written (")
+        assert sentence.endswith("choose another one.")
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="nothing is read-only to the administrator")
+def test_read_only_folder(state, tmp_path):
+    (tmp_path / "fixed").mkdir(mode=0o555)
+    bpy.context.scene.leaflight.output = str(tmp_path / "fixed")
+    assert "is no folder that can be written (Permission denied)" in bake_error(state)
+
+
+def test_meshes_that_take_no_layer(state):
+    mesh = bpy.data.objects["Cube"].data
+    while len(mesh.uv_layers) < 8:
+        mesh.uv_layers.new()
+    add_mesh("Wire", [(0, 0, 0), (1, 0, 0)], [])
+    add_mesh("Needle", [(0, 0, 0), (1, 0, 0), (2, 0, 0)], [(0, 1, 2)])
+    told = bake_warnings(state)
+    assert told["Cube"] == "has 8 UV layers, as many as Blender allows; remove one to give it a lightmap"
+    assert told["Wire"] == "has no faces and is left out"
+    assert "give it faces with an area, or leave it out of the bake" in told["Needle"]
+    assert "leaflight_bake" not in bpy.data.objects["Cube"]
+    assert "leaflight_bake" in bpy.data.objects["Floor"]
+
+
+def test_only_meshes_that_take_no_layer(state):
+    bpy.data.objects.remove(bpy.data.objects["Floor"])
+    mesh = bpy.data.objects["Cube"].data
+    while len(mesh.uv_layers) < 8:
+        mesh.uv_layers.new()
+    assert "Cube: has 8 UV layers" in bake_error(state)
+
+
+def test_a_bake_over_one_in_the_eighth_layer_works(state):
+    mesh = bpy.data.objects["Cube"].data
+    while len(mesh.uv_layers) < 7:
+        mesh.uv_layers.new()
+    assert bake_warnings(state) == {}
+    assert bake_warnings(state) == {}
+    assert len(mesh.uv_layers) == 8
+
+
+@pytest.mark.parametrize("what", ["objects", "meshes"])
+def test_linked_from_another_file(state, tmp_path, what):
+    library = str(tmp_path / "library.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=library, copy=True)
+    bpy.data.objects.remove(bpy.data.objects["Cube"])
+    bpy.data.orphans_purge()
+    with bpy.data.libraries.load(library, link=True) as (_, to):
+        setattr(to, what, ["Cube"])
+    cube = bpy.data.objects["Cube"] if what == "objects" else bpy.data.objects.new("Own", bpy.data.meshes["Cube"])
+    bpy.context.scene.collection.objects.link(cube)
+    told = [text for subject, text in state.warnings if subject == cube.name] if bpy.ops.leaflight.bake() else []
+    if what == "meshes":  # baked on a copy, which may be shown in its place
+        assert told == ["its mesh is linked from another file; a copy made from the evaluated mesh is baked instead"]
+        assert "Cube.Leaflight" in {obj.name for obj in bpy.context.scene.objects} or cube.hide_render
+    else:
+        assert told[-1] == f"{cube.name}: is linked from another file and cannot be hidden behind its baked copy; make it local."
+    assert bpy.ops.leaflight.remove() == {"FINISHED"}
+
+
+def test_object_in_edit_mode(state):
+    bpy.context.view_layer.objects.active = bpy.data.objects["Cube"]
+    bpy.ops.object.mode_set(mode="EDIT")
+    assert request.find_mode_error(bpy.context) == "Cube: is in Edit Mode; leave it (Tab) to bake."
+    assert not bpy.ops.leaflight.bake.poll()
+    with pytest.raises(RuntimeError, match="Leave Edit Mode first"):
+        bpy.ops.leaflight.bake()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert request.find_mode_error(bpy.context) == ""
+
+
+def test_hidden_collection(state):
+    hidden = bpy.data.collections.new("Hidden")
+    bpy.context.scene.collection.children.link(hidden)
+    for name in ("Cube", "Floor"):
+        hidden.objects.link(bpy.data.objects[name])
+        bpy.context.scene.collection.objects.unlink(bpy.data.objects[name])
+    hidden.hide_render = True
+    assert bake_error(state).startswith("nothing to bake: no mesh object with faces is shown in render")
+    bpy.context.scene.leaflight.objects = "SELECTED"
+    bpy.data.objects["Cube"].select_set(True)
+    assert bake_error(state) == "Cube: is hidden in render, or its collection is; show it in render, or leave it out of the bake."
+    hidden.hide_render, hidden.hide_viewport = False, True  # what only the viewport hides is rendered, and baked
+    bpy.context.scene.leaflight.objects = "ALL"
+    assert bake_warnings(state) == {}
+    assert hidden.hide_viewport
+
+
+@pytest.mark.parametrize("power_w", [0.0, None])
+def test_no_light(state, power_w):
+    lamp = bpy.data.objects["Lamp"]
+    if power_w is None:
+        bpy.data.objects.remove(lamp)
+    else:
+        lamp.data.energy = power_w
+    assert "has no light: add a light, an emitting material or a world colour" in bake_error(state)
+
+
+def when_baking(state, act):
+    """Does something to the child process once it bakes; the operator waits for the child meanwhile."""
+
+    def wait():
+        give_up = time.monotonic() + 30.0
+        while time.monotonic() < give_up:
+            process = state._process
+            if process is not None:
+                act(process._process.pid)
+                return
+            time.sleep(0.01)
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    return thread
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals are POSIX's")
+def test_killed_child(state):
+    bpy.context.scene.leaflight.error = 1e-4
+    thread = when_baking(state, lambda pid: os.kill(pid, signal.SIGKILL))
+    sentence = bake_error(state)
+    thread.join()
+    assert sentence.startswith(
+        "The baking process was killed, most likely for lack of memory: choose a smaller page size or fewer workers."
+    )
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory can be limited on Linux")
+def test_child_out_of_memory(state, monkeypatch):
+    import resource
+
+    popen = job.subprocess.Popen
+
+    def start_limited(*arguments, **options):
+        limit = 1_000_000_000
+        return popen(*arguments, **options, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)))
+
+    monkeypatch.setattr(job.subprocess, "Popen", start_limited)
+    bpy.context.scene.leaflight.size = 4096
+    assert bake_error(state) == "The bake ran out of memory: choose a smaller page size or density, or fewer workers."
+
+
+def test_sentences_name_no_flag_of_the_command_line(state):
+    chosen = bpy.context.scene.leaflight
+    chosen.size = 4
+    assert "--" not in bake_error(state)
+    chosen.size, chosen.density = 32, 1000.0
+    assert not [text for text in bake_warnings(state).values() if "--" in text]

@@ -1,0 +1,192 @@
+"""The estimate of the panel, the checker of texels and the buttons of warnings, on a small room."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+import leaflight  # noqa: E402
+from blend_rooms import open_room  # noqa: E402
+from leaflight.addon import checker_arrays, panel_parts  # noqa: E402
+
+
+@pytest.fixture(autouse=True)
+def _room():
+    leaflight.register()
+    open_room()
+    yield
+    leaflight.unregister()
+
+
+@pytest.fixture
+def meter():
+    return bpy.context.window_manager.leaflight_meter
+
+
+def measure(meter):
+    bpy.context.view_layer.update()
+    assert meter.measure(bpy.context)
+    return meter.estimate
+
+
+def test_areas_are_the_worlds(meter):
+    cube = bpy.data.objects["Cube"]
+    found = measure(meter)
+    assert (found.objects, found.area_m2) == (2, pytest.approx(16.0 + 6.0))
+    cube.scale = (1.0, 1.0, 3.0)
+    assert measure(meter).area_m2 == pytest.approx(16.0 + 2.0 + 12.0)
+    cube.modifiers.new("Array", "ARRAY").count = 3
+    assert measure(meter).area_m2 == pytest.approx(16.0 + 3 * 14.0)
+
+
+def test_what_changes_is_stale_at_once_and_only_that_is_measured_again(meter, monkeypatch):
+    from leaflight.addon import scene_meter
+
+    measure(meter)
+    assert not meter.stale
+    measured, original = [], scene_meter.measure_object
+    monkeypatch.setattr(scene_meter, "measure_object", lambda obj, graph: measured.append(obj.name) or original(obj, graph))
+    version = meter.version
+    bpy.data.objects["Cube"].location.x = 1.0
+    bpy.context.view_layer.update()
+    assert meter.stale
+    assert not meter.is_calm()
+    measure(meter)
+    assert measured == ["Cube"]
+    assert meter.version > version
+
+
+def test_settings_and_choices_make_it_stale(meter):
+    before = measure(meter)
+    chosen = bpy.context.scene.leaflight
+    chosen.density = 10.0
+    meter.watch(bpy.context)
+    assert meter.stale
+    assert measure(meter).density == 10.0
+    assert before.density != 10.0
+    bpy.data.objects["Cube"].leaflight.role = "CAST"
+    assert measure(meter).objects == 1
+    chosen.formats = set()
+    assert measure(meter) is None
+    assert "no file format" in meter.problem
+
+
+def test_measuring_is_done_in_steps(meter):
+    bpy.context.view_layer.update()
+    assert not meter.measure(bpy.context, seconds=-1.0)
+    assert meter.stale
+    assert measure(meter)
+
+
+def test_an_instance_has_the_area_of_what_it_shows(meter):
+    shown = bpy.data.collections.new("Shown")
+    cube = bpy.data.objects["Cube"]
+    shown.objects.link(cube)
+    bpy.context.scene.collection.objects.unlink(cube)
+    empty = bpy.data.objects.new("Two", None)
+    empty.instance_type, empty.instance_collection, empty.scale = "COLLECTION", shown, (2.0, 2.0, 2.0)
+    bpy.context.scene.collection.objects.link(empty)
+    assert measure(meter).area_m2 == pytest.approx(16.0 + 4 * 6.0)
+
+
+def test_another_file_is_measured_anew(meter):
+    measure(meter)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    assert meter.estimate is None
+    assert meter.stale
+    assert measure(meter) is None
+
+
+def test_undo_and_another_frame_are_measured_anew(meter):
+    cube = bpy.data.objects["Cube"]
+    cube.keyframe_insert("scale", frame=1)
+    cube.scale = (2.0, 2.0, 2.0)
+    cube.keyframe_insert("scale", frame=2)
+    bpy.context.scene.frame_set(1)
+    bpy.ops.ed.undo_push(message="before")
+    assert measure(meter).area_m2 == pytest.approx(16.0 + 6.0)
+    bpy.context.scene.frame_set(2)
+    assert meter.stale
+    assert measure(meter).area_m2 == pytest.approx(16.0 + 24.0)
+    bpy.data.objects["Floor"].scale = (2.0, 1.0, 1.0)
+    assert measure(meter).area_m2 == pytest.approx(32.0 + 24.0)
+    bpy.ops.ed.undo_push(message="after")
+    bpy.ops.ed.undo()
+    assert meter.stale
+    assert measure(meter).area_m2 == pytest.approx(16.0 + 6.0)
+
+
+def test_estimate_in_words(meter):
+    bpy.context.scene.leaflight.density = 20.0
+    lines = panel_parts.describe_estimate(measure(meter))
+    assert lines[:3] == ["2 objects, 22 m²", "8,800 texels, 20 per metre", "1 page of 512 x 512"]
+    assert lines[3].startswith("about ")
+
+
+def test_resolution_is_a_page_or_a_density():
+    chosen = bpy.context.scene.leaflight
+    assert chosen.resolution == "PAGE"
+    chosen.resolution = "DENSITY"
+    assert chosen.density > 0.0
+    chosen.density = 33.0
+    chosen.resolution = "PAGE"
+    assert chosen.density == 0.0
+    chosen.resolution = "DENSITY"
+    assert chosen.density == 33.0
+
+
+def test_custom_quality_stays_pressed():
+    chosen = bpy.context.scene.leaflight
+    assert chosen.quality == "PRODUCTION"
+    chosen.quality = "CUSTOM"
+    assert (chosen.quality, chosen.error) == ("CUSTOM", pytest.approx(0.05))
+    chosen.quality = "DRAFT"
+    assert (chosen.quality, chosen.error) == ("DRAFT", pytest.approx(0.2))
+
+
+def test_checker_has_texels_of_the_wanted_size_before_there_are_charts():
+    cube = bpy.data.objects["Cube"]
+    cube.rotation_euler, cube.scale = (0.3, 0.5, 0.7), (1.0, 2.0, 3.0)
+    cube.leaflight.density_factor = 2.0
+    bpy.context.view_layer.update()
+    arrays = checker_arrays.make_checker(bpy.context, 10.0)
+    corner, texel = arrays.position.reshape(-1, 3, 3), arrays.texel.reshape(-1, 3, 2)
+    length_m = np.linalg.norm(corner[:, 1] - corner[:, 0], axis=1)
+    texels = np.linalg.norm(texel[:, 1] - texel[:, 0], axis=1)
+    finer = arrays.ratio[::3] > 1.5
+    np.testing.assert_allclose(texels[finer], 20.0 * length_m[finer], rtol=1e-4)
+    np.testing.assert_allclose(texels[~finer], 10.0 * length_m[~finer], rtol=1e-4)
+    assert (finer.sum(), (~finer).sum()) == (12, 2)
+
+
+def test_checker_shows_the_layer_once_there_is_one():
+    floor = bpy.data.objects["Floor"]
+    bpy.context.scene.leaflight.uv_layer = "UVMap"  # the plane's fills the page
+    bpy.context.scene.leaflight.size = 256
+    bpy.data.objects["Cube"].leaflight.role = "IGNORE"
+    arrays = checker_arrays.make_checker(bpy.context, 32.0)
+    assert arrays.texel.max() == 256.0
+    np.testing.assert_allclose(arrays.ratio, 2.0, rtol=1e-5)  # 256 texels over 4 m, where 32 are wanted
+    floor.leaflight.role = "IGNORE"
+    assert len(checker_arrays.make_checker(bpy.context, 32.0).position) == 0
+
+
+@pytest.mark.parametrize(
+    ("names", "selected"), [("Cube", ["Cube"]), ("Floor\nCube", ["Cube", "Floor"]), ("Cube.piece.003", ["Cube"]), ("Grey", ["Floor"])]
+)
+def test_button_selects_what_a_warning_is_about(names, selected):
+    floor = bpy.data.objects["Floor"]
+    floor.data.materials.append(bpy.data.materials.new("Grey"))
+    floor.hide_set(True)
+    bpy.data.objects["Lamp"].select_set(True)
+    assert bpy.ops.leaflight.select(names=names) == {"FINISHED"}
+    assert sorted(obj.name for obj in bpy.context.selected_objects) == selected
+    assert bpy.context.view_layer.objects.active.name in selected
+
+
+def test_button_tells_what_it_cannot_select():
+    assert bpy.ops.leaflight.select(names="Gone") == {"CANCELLED"}
+    bpy.context.view_layer.objects.active = bpy.data.objects["Cube"]
+    bpy.ops.object.mode_set(mode="EDIT")
+    assert not bpy.ops.leaflight.select.poll()
+    bpy.ops.object.mode_set(mode="OBJECT")

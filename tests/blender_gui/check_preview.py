@@ -1,0 +1,157 @@
+"""Checks what only a Blender with a window can show of Preview and Remove: the same view before and after, in each kind of shading.
+
+    blender sample_blends/cornell_box.blend --python tests/blender_gui/check_preview.py
+
+The extension must be installed, and ImageMagick there. KINDS names some of the shadings, default all. Prints a line for each check, and
+at last how many failed.
+"""
+
+import os
+import subprocess
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+FOLDER = Path(tempfile.mkdtemp(prefix="leaflight_views_"))
+# Not Cycles: there a good bake looks as the scene itself does; tests/blender/test_materials_write.py renders that.
+SHADINGS = {"SOLID": "", "MATERIAL": "", "EEVEE": "BLENDER_EEVEE"}
+BLOCK = 32  # pixels along a side, over which noise is taken out
+ALIKE = 0.02  # mean difference of two pictures of one view, of 1
+OTHER = 0.04
+STILL = 0.002
+TRIES = 15
+GIVE_UP_SECONDS = 120.0
+FAILED: list[str] = []
+
+
+def check(name: str, holds: object) -> None:
+    print(f"CHECK {'ok    ' if holds else 'FAILED'} {name}", flush=True)
+    if not holds:
+        FAILED.append(name)
+
+
+def window():
+    return bpy.context.window_manager.windows[0]
+
+
+def view():
+    return next(area for area in window().screen.areas if area.type == "VIEW_3D")
+
+
+def in_view():
+    return bpy.context.temp_override(window=window(), area=view(), region=next(r for r in view().regions if r.type == "WINDOW"))
+
+
+def wait(condition: Callable[[], object]) -> Iterator[float]:
+    give_up = time.monotonic() + GIVE_UP_SECONDS
+    while not condition() and time.monotonic() < give_up:
+        yield 0.05
+
+
+def shade(kind: str) -> None:
+    shading = view().spaces.active.shading
+    shading.type = "RENDERED" if SHADINGS[kind] else kind
+    shading.light, shading.color_type = "FLAT", "TEXTURE"
+    if SHADINGS[kind]:
+        bpy.context.scene.render.engine = SHADINGS[kind]
+
+
+def picture(name: str) -> Iterator[float]:
+    """The middle of the view as means of blocks, 0 to 1, kept in PICTURE once it is the same twice: shaders compile meanwhile."""
+    for _ in range(TRIES):
+        yield from take_picture("earlier")
+        yield from take_picture(name)
+        if differ("earlier", name) < STILL:
+            return
+    print(f"{name}: the view does not come to rest", flush=True)
+
+
+def take_picture(name: str) -> Iterator[float]:
+    end = time.monotonic() + 2.0
+    while time.monotonic() < end:
+        view().tag_redraw()
+        yield 0.2
+    area, path = view(), FOLDER / f"{name}.png"
+    width, height = area.width // 3, area.height // 2
+    crop = f"{width}x{height}+{area.x + width}+{window().height - area.y - area.height + height // 2}"
+    process = subprocess.Popen(["import", "-window", "root", "-crop", crop, "+repage", str(path)])
+    while process.poll() is None:
+        yield 0.05
+    image = bpy.data.images.load(str(path))
+    values = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(values)
+    rows, columns = image.size[1] // BLOCK, image.size[0] // BLOCK
+    pixels = values.reshape(image.size[1], image.size[0], -1)[: rows * BLOCK, : columns * BLOCK]
+    bpy.data.images.remove(image)
+    PICTURE[name] = pixels.reshape(rows, BLOCK, columns, BLOCK, -1).mean(axis=(1, 3))
+
+
+PICTURE: dict[str, np.ndarray] = {}
+
+
+def differ(first: str, second: str) -> float:
+    return float(np.abs(PICTURE[first] - PICTURE[second]).mean())
+
+
+def check_mode(kind: str, main_pass: str, materials: str) -> Iterator[float]:
+    chosen = bpy.context.scene.leaflight
+    chosen.main_pass, chosen.materials = main_pass, materials
+    name = f"{kind} {main_pass} {materials}"
+    with in_view():
+        bpy.ops.leaflight.bake("INVOKE_DEFAULT")
+    yield from wait(lambda: not bpy.context.window_manager.leaflight_state.running)
+    yield from picture("on")
+    with in_view():
+        bpy.ops.leaflight.toggle_preview()
+    yield from picture("off")
+    with in_view():
+        bpy.ops.leaflight.toggle_preview()
+    yield from picture("again")
+    with in_view():
+        bpy.ops.leaflight.remove()
+    yield from picture("removed")
+    found = {other: differ("before", other) for other in ("on", "off", "again", "removed")}
+    told = ", ".join(f"{other} {value:.4f}" for other, value in found.items())
+    hidden = materials == "NODES" and kind != "SOLID"  # Solid view shows the active image, linked or not
+    check(
+        f"{name}: the bake is {'placed only' if hidden else 'shown'} ({told})", (found["on"] < ALIKE) if hidden else (found["on"] > OTHER)
+    )
+    check(f"{name}: Preview shows it again", differ("on", "again") < ALIKE)
+    check(f"{name}: Preview off and Remove show the original", found["off"] < ALIKE and found["removed"] < ALIKE)
+
+
+def steps() -> Iterator[float]:
+    space = view().spaces.active
+    space.region_3d.view_perspective = "CAMERA"
+    space.overlay.show_overlays = space.show_gizmo = False
+    chosen = bpy.context.scene.leaflight
+    chosen.size, chosen.quality, chosen.output = 128, "DRAFT", tempfile.mkdtemp(prefix="leaflight_images_")
+    yield 2.0
+    for kind in os.environ.get("KINDS", " ".join(SHADINGS)).split():
+        shade(kind)
+        yield 4.0  # shaders compile
+        yield from picture("before")
+        for main_pass, materials in (("combined", "SHOW"), ("lighting", "SHOW"), ("combined", "NODES")):
+            try:
+                yield from check_mode(kind, main_pass, materials)
+            except Exception:
+                traceback.print_exc()
+                check(f"{kind} {main_pass} {materials}", False)
+    print(f"{len(FAILED)} FAILED", flush=True)
+
+
+def run() -> float | None:
+    pause = next(SCRIPT, None)
+    if pause is None:
+        bpy.ops.wm.quit_blender()
+    return pause
+
+
+bpy.context.preferences.view.show_splash = False
+SCRIPT = steps()
+bpy.app.timers.register(run, first_interval=2.0, persistent=True)

@@ -1,0 +1,230 @@
+"""Takes a picture of each state of the panel in a Blender with a window, as an artist meets them; they are docs/panel.
+
+    blender sample_blends/furnished_room.blend --python tests/blender_gui/take_panel_pictures.py
+
+The extension must be installed, and ImageMagick there. PICTURES names the folder for the pictures (default: a temporary one).
+"""
+
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import bpy
+
+PICTURES = Path(os.environ.get("PICTURES") or tempfile.mkdtemp(prefix="leaflight_pictures_"))
+GIVE_UP_SECONDS = 120.0
+TICK_SECONDS = 0.05
+MID_BAKE_FRACTION = 0.3
+WIDTH, COLORS = 700, 160  # of a picture: small files
+
+
+def window():
+    return bpy.context.window_manager.windows[0]
+
+
+def area_of(kind: str):
+    return next(area for area in window().screen.areas if area.type == kind)
+
+
+def region_of(area, kind: str = "WINDOW"):
+    return next(region for region in area.regions if region.type == kind)
+
+
+def in_view():
+    area = area_of("VIEW_3D")
+    return bpy.context.temp_override(window=window(), area=area, region=region_of(area))
+
+
+def state():
+    return bpy.context.window_manager.leaflight_state
+
+
+def chosen():
+    return bpy.context.scene.leaflight
+
+
+def wait(condition: Callable[[], object]) -> Iterator[float]:
+    give_up = time.monotonic() + GIVE_UP_SECONDS
+    while not condition() and time.monotonic() < give_up:
+        yield TICK_SECONDS
+
+
+def settle(seconds: float = 2.5) -> Iterator[float]:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        for area in window().screen.areas:
+            area.tag_redraw()
+        yield 0.2
+
+
+def take_picture(name: str, x: int, y: int, width: int, height: int) -> Iterator[float]:
+    """A part of the window, in Blender's pixels from its lower left corner, small enough for a page of documentation."""
+    path = PICTURES / f"{name}.png"
+    crop = f"{width}x{height}+{x}+{window().height - y - height}"
+    command = [
+        "import",
+        "-window",
+        "root",
+        "-crop",
+        crop,
+        "+repage",
+        "-resize",
+        f"{WIDTH}x>",
+        "+dither",
+        "-colors",
+        str(COLORS),
+        f"PNG8:{path}",
+    ]
+    process = subprocess.Popen(command)
+    while process.poll() is None:
+        yield TICK_SECONDS
+    print(f"PICTURE {path} {path.stat().st_size // 1000} kB", flush=True)
+
+
+def picture_of_view(name: str, height: int = 560) -> Iterator[float]:
+    area = area_of("VIEW_3D")
+    height = min(height, area.height)
+    yield from take_picture(name, area.x, area.y + area.height - height, area.width, height)
+
+
+def picture_of_panel(name: str, height: int = 420) -> Iterator[float]:
+    area = area_of("VIEW_3D")
+    region = region_of(area, "UI")
+    height = min(height, region.height)
+    yield from take_picture(name, region.x, region.y + region.height - height, region.width, height)
+
+
+def press(name: str, *arguments: str) -> None:
+    with in_view():
+        try:
+            getattr(bpy.ops.leaflight, name)(*arguments)
+        except RuntimeError as reason:
+            print(f"REPORT {str(reason).strip()}", flush=True)
+
+
+def open_tab() -> Iterator[float]:
+    area = area_of("VIEW_3D")
+    area.spaces.active.show_region_ui = True
+    space = area.spaces.active
+    space.region_3d.view_perspective = "CAMERA"
+    space.overlay.show_overlays = False
+    space.show_gizmo = False
+    space.shading.type = "MATERIAL"
+    yield 1.0  # the sidebar must be drawn once before its tab can be chosen
+    region_of(area, "UI").active_panel_category = "Leaflight"
+    area.tag_redraw()
+    yield 0.5
+    with in_view():
+        bpy.ops.view3d.view_center_camera()
+
+
+def measured() -> Iterator[float]:
+    """Until the panel's estimate is up to date and drawn."""
+    yield from settle()
+    yield from wait(lambda: not bpy.context.window_manager.leaflight_meter.stale)
+    yield from settle()
+
+
+def picture_plan() -> Iterator[float]:
+    yield 6.0  # the first material preview compiles shaders
+    yield from measured()
+    yield from picture_of_view("plan")
+
+
+def picture_checker() -> Iterator[float]:
+    area_of("VIEW_3D").spaces.active.shading.type = "SOLID"
+    bpy.data.objects["Rug"].leaflight.density_factor = 2.0
+    press("checker")
+    yield from measured()
+    yield from picture_of_view("checker")
+    press("checker")
+    bpy.data.objects["Rug"].leaflight.density_factor = 1.0
+    area_of("VIEW_3D").spaces.active.shading.type = "MATERIAL"
+
+
+def picture_bake() -> Iterator[float]:
+    obj = bpy.data.objects["Rug"].copy()  # an offender, for the warnings
+    obj.name, obj.data = "Nothing", bpy.data.meshes.new("Nothing")
+    bpy.context.scene.collection.objects.link(obj)
+    press("bake", "INVOKE_DEFAULT")
+    yield from wait(lambda: state().fraction >= MID_BAKE_FRACTION or not state().running)
+    yield from picture_of_view("baking")
+    yield from wait(lambda: not state().running)
+    print(f"BAKED {state().summarize()} {state().error!r} {state().warnings}", flush=True)
+    yield from measured()
+    yield from picture_of_view("done")
+    bpy.ops.leaflight.select(names="Nothing")
+    print(f"SELECTED {[obj.name for obj in bpy.context.selected_objects]}", flush=True)
+
+
+def picture_object() -> Iterator[float]:
+    bpy.context.view_layer.objects.active = bpy.data.objects["Rug"]
+    panel = bpy.types.LEAFLIGHT_PT_object
+    bpy.utils.unregister_class(panel)
+    panel.bl_options = set()  # open, as after a click
+    bpy.utils.register_class(panel)
+    yield from settle(1.0)
+    area = area_of("PROPERTIES")
+    area.spaces.active.context = "OBJECT"
+    yield 0.5
+    with bpy.context.temp_override(window=window(), area=area, region=region_of(area)):
+        bpy.ops.screen.screen_full_area()
+    yield 1.0
+    area = next(area for area in window().screen.areas if area.type == "PROPERTIES")
+    yield from take_picture("object", area.x, area.y, area.width, area.height)
+    with bpy.context.temp_override(window=window(), area=area):
+        bpy.ops.screen.back_to_previous()
+    yield 1.0
+
+
+def picture_errors() -> Iterator[float]:
+    press("remove")
+    bpy.data.objects.remove(bpy.data.objects["Nothing"])
+    folder = Path(tempfile.mkdtemp(prefix="leaflight_taken_")) / "taken"
+    folder.write_text("a file where a folder is wanted")
+    chosen().output = str(folder)
+    press("bake")
+    yield from measured()
+    yield from picture_of_panel("error_folder")
+    chosen().output = tempfile.mkdtemp(prefix="leaflight_images_")
+    for obj in [obj for obj in bpy.data.objects if obj.type == "LIGHT"]:
+        bpy.data.objects.remove(obj)
+    for material in bpy.data.materials:
+        for node in material.node_tree.nodes:
+            if node.type in ("EMISSION", "BSDF_PRINCIPLED"):
+                node.inputs["Strength" if node.type == "EMISSION" else "Emission Strength"].default_value = 0.0
+    bpy.context.scene.world = None
+    press("bake")
+    yield from measured()
+    yield from picture_of_panel("error_no_light")
+
+
+def steps() -> Iterator[float]:
+    yield from open_tab()
+    chosen().output, chosen().size, chosen().main_pass = tempfile.mkdtemp(prefix="leaflight_images_"), 512, "lighting"
+    for part in (picture_plan, picture_checker, picture_bake, picture_object, picture_errors):
+        try:
+            yield from part()
+        except Exception:
+            traceback.print_exc()
+
+
+def run() -> float | None:
+    pause = next(SCRIPT, None)
+    if pause is None:
+        bpy.ops.wm.quit_blender()
+    return pause
+
+
+if not shutil.which("import"):
+    raise SystemExit("ImageMagick's import is needed to take pictures: install ImageMagick.")
+PICTURES.mkdir(parents=True, exist_ok=True)
+bpy.context.preferences.view.show_splash = False
+bpy.context.preferences.filepaths.use_auto_save_temporary_files = False
+SCRIPT = steps()
+bpy.app.timers.register(run, first_interval=2.0, persistent=True)

@@ -1,0 +1,73 @@
+"""What the panel tells before a bake, from areas."""
+
+import pytest
+from leaflight.addon.estimate import Pace, estimate_bake
+from leaflight.core.settings import Settings
+
+ROOM = [("Floor", 20.0, 1.0), ("Walls", 60.0, 1.0), ("Lamp", 1.0, 1.0)]
+
+
+def estimate(objects=ROOM, own_layers=0, pace=None, **chosen):
+    return estimate_bake(objects, Settings(**chosen), own_layers, 2, pace)
+
+
+def test_a_page_holds_what_it_can():
+    found = estimate()
+    assert (found.objects, found.pages, found.page_size) == (3, 1, 512)
+    assert found.area_m2 == 81.0
+    assert 0.4 * 512**2 < found.texels < 0.9 * 512**2
+    assert found.density == pytest.approx((found.texels / 81.0) ** 0.5, rel=1e-4)
+    assert estimate(size=1024).density > 2.0 * found.density
+    assert estimate(padding=16).texels < found.texels
+
+
+def test_density_decides_texels_and_pages():
+    found = estimate(density=50.0)
+    assert found.texels == pytest.approx(81.0 * 50.0**2, rel=1e-6)
+    assert found.density == 50.0
+    assert found.pages == 2
+    assert found.too_large == ()
+    assert estimate(density=100.0).too_large == ("Walls",)
+
+
+def test_each_object_may_be_finer_or_have_its_own_page():
+    finer = [("Floor", 20.0, 2.0), *ROOM[1:]]
+    assert estimate(finer, density=40.0).texels == pytest.approx((81.0 + 3 * 20.0) * 40.0**2, rel=1e-6)
+    assert estimate(finer).density < estimate().density
+    assert estimate(atlas=False).pages == 3
+    assert estimate(own_layers=1).pages == 2
+    assert estimate(own_layers=3).pages == 3
+
+
+def test_finer_bakes_take_more():
+    coarse, fine = estimate(error=0.2), estimate(error=0.05)
+    assert coarse.seconds[1] < fine.seconds[1]
+    assert fine.seconds[0] < fine.seconds[1]
+    assert estimate(size=2048).memory_mb > 2.0 * estimate().memory_mb
+    assert estimate(time_limit=1.0).seconds == (1.0, 1.0)
+    assert estimate(error=0.001, max_photons=10**6).seconds[1] < estimate(error=0.001).seconds[1] / 5
+
+
+def test_the_last_bake_tells_the_pace_of_the_next():
+    texels = estimate().texels
+    result = {
+        "estimated_error": 0.1,
+        "photons": 10**6,
+        "objects": [{"texels": texels}],
+        "seconds": {"direct": 6.0, "write": 1.0, "photons": 3.0},
+    }
+    pace = Pace.of_result(result)
+    assert estimate(error=0.1, pace=pace).seconds == (pytest.approx(10.0, rel=1e-4),) * 2
+    assert estimate(error=0.05, pace=pace).seconds[0] == pytest.approx(7.0 + 4 * 3.0, rel=1e-4)
+
+
+@pytest.mark.parametrize("error", [float("nan"), 0.0])
+def test_a_bake_without_an_error_tells_no_pace(error):
+    assert Pace.of_result({"estimated_error": error, "photons": 1, "objects": [], "seconds": {}}) is None
+    assert Pace.of_result(None) is None
+
+
+@pytest.mark.parametrize("area", [0.0, float("inf"), float("nan")])
+def test_nothing_to_bake_has_no_estimate(area):
+    assert estimate([]) is None
+    assert estimate([("Point", area, 1.0)]) is None
