@@ -156,7 +156,7 @@ def test_instances_of_a_collection_are_copies():
     result = export()
     assert set(by_name(result)) == {"Holder.Chair", "Holder.Screen"}
     scene_object, exported = by_name(result)["Holder.Chair"]
-    assert (exported.source, exported.needs_copy, scene_object.receives, scene_object.users) == ("Holder", True, True, 1)
+    assert (exported.source, exported.needs_copy, scene_object.receives, scene_object.mesh) == ("Holder", True, True, -1)
     assert result.snapshot.vertex_position[:, 2] == pytest.approx(3.0)
     assert {o.receives for o in export(objects=["Holder"]).snapshot.objects} == {True}
 
