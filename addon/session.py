@@ -9,7 +9,6 @@ import importlib.util
 import json
 import os
 import sys
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +26,7 @@ from .export_pieces import walk_pieces
 from .render_levels import evaluate_for_render
 
 Warnings = list[tuple[str, str]]
+Layout = dict[str, NDArray[Any]]  # what is in LAYOUT_FILE
 
 
 @dataclass(frozen=True)
@@ -101,27 +101,18 @@ def assign(context: bpy.types.Context, session: Session, result: dict[str, Any])
     scene, export = context.scene, session.export
     restore.remove_bake(scene)
     context.view_layer.update()  # until then Blender 5.2 lists the copies that were removed, as None
-    layout = np.load(session.folder / LAYOUT_FILE)
+    with np.load(session.folder / LAYOUT_FILE) as stored:
+        layout = dict(stored)
     page_image = _load_pages(session.request, result)
     baked = [i for i, page in enumerate(layout["object_page"]) if page in page_image]
     targets, warnings = _find_targets(context, [export.objects[i] for i in baked])
-    shared = Counter(obj.data for obj in targets.values())
-    ours, theirs = [], []
-    for i in baked:
-        obj = targets.get(export.objects[i].name)
-        if obj is None:
-            continue
-        pair = (obj, page_image[layout["object_page"][i]])
-        if export.snapshot.objects[i].has_layer:
-            theirs.append(pair)
-            continue
-        mesh = baked_copies.give_own_mesh(obj) if shared[obj.data] > 1 else obj.data
-        try:
-            uv_layer.write_layer(mesh, _corner_uv(session, i, layout["tri_uv"]))
-        except ValueError as reason:
-            warnings.append((obj.name, str(reason)))
-            continue
-        ours.append(pair)
+    found = [(i, obj) for i in baked if (obj := targets.get(export.objects[i].name))]
+    to_write = [(i, obj) for i, obj in found if not export.snapshot.objects[i].has_layer]
+    failed, told = _write_layers(session, layout, to_write)
+    pairs = [(i, (obj, page_image[layout["object_page"][i]])) for i, obj in found if i not in failed]
+    ours = [pair for i, pair in pairs if not export.snapshot.objects[i].has_layer]
+    theirs = [pair for i, pair in pairs if export.snapshot.objects[i].has_layer]
+    warnings += told
     mode = "lighting" if session.request.settings.passes[0] == "lighting" else "combined"
     warnings += materials_write.assign(ours, mode)
     return warnings + materials_write.assign(theirs, mode, session.request.uv_layer)
@@ -163,11 +154,43 @@ def _find_targets(context: bpy.types.Context, exported: list[export_scene.Export
     return targets, warnings
 
 
-def _corner_uv(session: Session, index: int, tri_uv: NDArray[np.float64]) -> NDArray[np.float32]:
-    snapshot = session.export.snapshot
-    rows = np.flatnonzero(snapshot.tri_object == index)
+def _write_layers(session: Session, layout: Layout, objects: list[tuple[int, bpy.types.Object]]) -> tuple[set[int], Warnings]:
+    """UVs on the objects' meshes, and what the objects make of them; gives those that could not be written."""
+    failed: set[int] = set()
+    block = layout["object_block"]
+    worn = {i: (int(block[i]), i if block[i] < 0 else -1) for i, _ in objects}
+    left = baked_copies.part_meshes([(obj, worn[i]) for i, obj in objects])
+    warnings = [(obj.name, _describe_copy(obj)) for obj in left if session.request.settings.share_meshes]
+    written: dict[tuple[bpy.types.Mesh, tuple[int, int]], str] = {}  # why it could not be, "" where it could
+    for i, obj in objects:
+        key = (obj.data, worn[i])
+        if key not in written:
+            try:
+                uv_layer.write_layer(obj.data, _corner_uv(session, i, layout))
+                written[key] = ""
+            except ValueError as reason:
+                written[key] = str(reason)
+        if written[key]:
+            warnings.append((obj.name, written[key]))
+            failed.add(i)
+        elif block[i] >= 0:
+            uv_layer.write_place(obj, layout["object_place"][i])
+    return failed, warnings
+
+
+def _describe_copy(obj: bpy.types.Object) -> str:
+    return (
+        f"{obj.name}: its shape or size is too unlike the others that share its mesh, so it shows the bake on a copy of the mesh; "
+        "Remove gives the mesh back."
+    )
+
+
+def _corner_uv(session: Session, index: int, layout: Layout) -> NDArray[np.float32]:
+    """(n_corner, 2) float32: UVs of an object, before its place on the page is put to them; 0 where nothing is baked."""
+    snapshot, place = session.export.snapshot, layout["object_place"][index]
+    rows = np.flatnonzero((snapshot.tri_object == index) & (layout["tri_chart"] >= 0))
     uv = np.zeros((session.export.objects[index].n_corner, 2), np.float32)
-    uv[snapshot.tri_corner[rows]] = tri_uv[rows]
+    uv[snapshot.tri_corner[rows]] = (layout["tri_uv"][rows] - place[2:]) / place[:2]
     return uv
 
 
