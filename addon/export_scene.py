@@ -170,7 +170,7 @@ class _Export:
             has_layer=has_layer and receives,
             casts_shadow=casts_shadow,
         )
-        mesh_uid = source.data.session_uid if own_mesh and receives and not has_layer else 0
+        mesh_uid = source.data.session_uid if own_mesh else 0
         self._found.append((exported, scene_object, arrays, mesh_uid))
 
     def _read_local(self, evaluated: Any) -> LocalMesh:

@@ -35,12 +35,12 @@ def find_blocks(snapshot: SceneSnapshot) -> list[Block]:
     """All blocks of a scene; an object that shares its mesh, but fits none of them, is in none."""
     start = np.searchsorted(snapshot.tri_object, np.arange(len(snapshot.objects) + 1))
     rows = [slice(int(start[i]), int(start[i + 1])) for i in range(len(snapshot.objects))]
-    sharing: dict[tuple[int, bytes, bytes], list[int]] = {}
+    sharing: dict[tuple[int, bytes], list[int]] = {}
     for i, one in enumerate(snapshot.objects):
         if one.mesh >= 0 and one.receives and not one.has_layer:
             # Sorted, for a mirrored object walks its triangles the other way. A triangle that one of them lacks may change the charts.
             corners = np.sort(snapshot.tri_corner[rows[i]], axis=1)
-            sharing.setdefault((one.mesh, corners.tobytes(), snapshot.tri_polygon[rows[i]].tobytes()), []).append(i)
+            sharing.setdefault((one.mesh, corners.tobytes()), []).append(i)
     blocks: list[Block] = []
     for members in sharing.values():
         if len(members) < 2:
