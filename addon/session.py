@@ -16,17 +16,16 @@ from typing import Any
 import bpy
 import numpy as np
 from mathutils import Matrix
-from numpy.typing import NDArray
 
 from ..core.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
 from ..core.snapshot import save_snapshot
-from . import baked_copies, export_scene, images, materials_write, restore, uv_layer
+from . import baked_copies, export_scene, images, materials_write, restore
 from .arguments import BakeRequest
 from .export_pieces import walk_pieces
+from .layers_write import write_layers
 from .render_levels import evaluate_for_render
 
 Warnings = list[tuple[str, str]]
-Layout = dict[str, NDArray[Any]]  # what is in LAYOUT_FILE
 
 
 @dataclass(frozen=True)
@@ -108,7 +107,7 @@ def assign(context: bpy.types.Context, session: Session, result: dict[str, Any])
     targets, warnings = _find_targets(context, [export.objects[i] for i in baked])
     found = [(i, obj) for i in baked if (obj := targets.get(export.objects[i].name))]
     to_write = [(i, obj) for i, obj in found if not export.snapshot.objects[i].has_layer]
-    failed, told = _write_layers(session, layout, to_write)
+    failed, told = write_layers(export, layout, to_write, session.request.settings.share_meshes)
     pairs = [(i, (obj, page_image[layout["object_page"][i]])) for i, obj in found if i not in failed]
     ours = [pair for i, pair in pairs if not export.snapshot.objects[i].has_layer]
     theirs = [pair for i, pair in pairs if export.snapshot.objects[i].has_layer]
@@ -152,46 +151,6 @@ def _find_targets(context: bpy.types.Context, exported: list[export_scene.Export
                     warnings.append((one.source, str(reason)))
         baked_copies.set_copies_visible(context.scene, True)  # only now: evaluate_for_render had lent itself their visibility
     return targets, warnings
-
-
-def _write_layers(session: Session, layout: Layout, objects: list[tuple[int, bpy.types.Object]]) -> tuple[set[int], Warnings]:
-    """UVs on the objects' meshes, and what the objects make of them; gives those that could not be written."""
-    failed: set[int] = set()
-    block = layout["object_block"]
-    worn = {i: (int(block[i]), i if block[i] < 0 else -1) for i, _ in objects}
-    left = baked_copies.part_meshes([(obj, worn[i]) for i, obj in objects])
-    warnings = [(obj.name, _describe_copy(obj)) for obj in left if session.request.settings.share_meshes]
-    written: dict[tuple[bpy.types.Mesh, tuple[int, int]], str] = {}  # why it could not be, "" where it could
-    for i, obj in objects:
-        key = (obj.data, worn[i])
-        if key not in written:
-            try:
-                uv_layer.write_layer(obj.data, _corner_uv(session, i, layout))
-                written[key] = ""
-            except ValueError as reason:
-                written[key] = str(reason)
-        if written[key]:
-            warnings.append((obj.name, written[key]))
-            failed.add(i)
-        elif block[i] >= 0:
-            uv_layer.write_place(obj, layout["object_place"][i])
-    return failed, warnings
-
-
-def _describe_copy(obj: bpy.types.Object) -> str:
-    return (
-        f"{obj.name}: its shape or size is too unlike the others that share its mesh, so it shows the bake on a copy of the mesh; "
-        "Remove gives the mesh back."
-    )
-
-
-def _corner_uv(session: Session, index: int, layout: Layout) -> NDArray[np.float32]:
-    """(n_corner, 2) float32: UVs of an object, before its place on the page is put to them; 0 where nothing is baked."""
-    snapshot, place = session.export.snapshot, layout["object_place"][index]
-    rows = np.flatnonzero((snapshot.tri_object == index) & (layout["tri_chart"] >= 0))
-    uv = np.zeros((session.export.objects[index].n_corner, 2), np.float32)
-    uv[snapshot.tri_corner[rows]] = (layout["tri_uv"][rows] - place[2:]) / place[:2]
-    return uv
 
 
 def library_paths() -> tuple[str, ...]:
