@@ -9,7 +9,8 @@ COVER = SceneCover(np.float32([-0.5, -0.25, -0.1]), np.float32([0.5, 0.25, 0.1])
 
 def test_cover_of_a_flat_scene_has_a_thickness():
     cover = SceneCover.around(np.array([[-0.5, -0.5, 0], [0.5, 0.5, 0]], np.float32))
-    assert (cover.high > cover.low).all()
+    assert (cover.low < [-0.5, -0.5, 0]).all()
+    assert (cover.high > [0.5, 0.5, 0]).all()
     assert (cover.face_area > 0).all()
 
 
