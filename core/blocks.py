@@ -63,13 +63,11 @@ def lay_block(outlines: Outlines, density: float, page: Page) -> BlockLayout | N
     return min(found, key=lambda layout: float((layout.side + page.padding).prod()), default=None)
 
 
-def outline_block(outlines: Outlines, layout: BlockLayout, size: float) -> Outlines:
-    """The block as one outline that keeps its turn, in metres of an object `size` times as large as the smallest."""
-    scale = size / layout.density
-    edge = layout.place(outlines.edge, outlines.edge_chart) * scale
-    return Outlines(
-        edge, np.array([0, len(edge)]), layout.side[None] * scale, np.array([float(outlines.area.sum()) * size**2]), np.ones(1, bool)
-    )
+def outline_block(outlines: Outlines, layout: BlockLayout) -> Outlines:
+    """The block as one outline that keeps its turn, in metres of its smallest object."""
+    edge = layout.place(outlines.edge, outlines.edge_chart) / layout.density
+    extent, area = layout.side[None] / layout.density, outlines.area.sum(keepdims=True)
+    return Outlines(edge, np.array([0, len(edge)]), extent, area, np.ones(1, bool))
 
 
 def _measure_layout(outlines: Outlines, density: float, shapes: Shapes, placement: Placement) -> BlockLayout:

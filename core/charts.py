@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -76,7 +77,7 @@ class _Worn:
 
     smallest: int
     largest: int
-    layout: BlockLayout | None = None
+    laid: tuple[BlockLayout, Outlines] | None = None
     alone: _Packed | None = None
 
 
@@ -153,23 +154,26 @@ class _AtlasMaker:
 
     def _lay_out(self, objects: Sequence[int], density: float) -> Outlines | None:
         """What is placed for the objects, in their order: each one's charts, or its block."""
-        parts = []
-        for i in objects:
-            if self.object_block[i] < 0:
-                parts.append(self._select([i]))
+        parts: list[Outlines] = []
+        for blocked, group in itertools.groupby(objects, lambda i: self.object_block[i] >= 0):
+            if not blocked:
+                parts.append(self._select(list(group)))
                 continue
-            outlines = self._select([self.worn[int(self.object_block[i])].smallest])
-            layout = self._lay_block(i, density)
-            if layout is None:
-                return None
-            parts.append(outline_block(outlines, layout, float(self.scale[i])))
+            for i in group:
+                laid = self._lay_block(i, density)
+                if laid is None:
+                    return None
+                parts.append(laid[1].scale(float(self.scale[i])))
         return join_outlines(parts)
 
-    def _lay_block(self, i: int, density: float) -> BlockLayout | None:
+    def _lay_block(self, i: int, density: float) -> tuple[BlockLayout, Outlines] | None:
+        """The layout of the block that an object wears, and its outline on the smallest."""
         worn = self.worn[int(self.object_block[i])]
-        if worn.layout is None or worn.layout.density != density:
-            worn.layout = lay_block(self._select([worn.smallest]), density, self.page)
-        return worn.layout
+        if worn.laid is None or worn.laid[0].density != density:
+            outlines = self._select([worn.smallest])
+            layout = lay_block(outlines, density, self.page)
+            worn.laid = None if layout is None else (layout, outline_block(outlines, layout))
+        return worn.laid
 
     def _fit(self, objects: list[int], page: int) -> _Packed:
         outlines = self._select(objects)
@@ -268,8 +272,9 @@ class _AtlasMaker:
 
     def _place_block(self, i: int, uv: Float64, chart: Int64, packed: _Packed, part: int) -> Float64:
         """UVs of an object that wears a block."""
-        layout = self._lay_block(i, packed.density)
-        assert layout is not None, "it was laid out to be packed"
+        laid = self._lay_block(i, packed.density)
+        assert laid is not None, "it was laid out to be packed"
+        layout = laid[0]
         offset = packed.placement.offset[part]
         side = float(layout.side.max()) * self.scale[i]
         self.object_place[i] = np.array([side, side, *offset]) / self.page.size

@@ -46,6 +46,10 @@ class Outlines:
         start = np.concatenate([[0], np.cumsum(np.diff(self.start)[charts])])
         return Outlines(self.edge[rows], start, self.extent[charts], self.area[charts], self.rigid[charts])
 
+    def scale(self, size: float) -> Outlines:
+        """The same outlines, `size` times as large."""
+        return Outlines(self.edge * size, self.start, self.extent * size, self.area * size**2, self.rigid)
+
 
 def straighten_charts(uv: Float64, chart: Int64, shared: NDArray[np.bool_], n_chart: int) -> Float64:
     """Charts turned so that their box is smallest, and moved to 0; the side of the longest border edge is tried, and even steps.

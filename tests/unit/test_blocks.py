@@ -39,7 +39,7 @@ def test_outline_is_rigid_and_in_the_metres_of_its_object():
     _, _, outlines = triangles(5)
     page = Page(256, 4)
     layout = lay_block(outlines, 20.0, page)
-    one = outline_block(outlines, layout, 3.0)
+    one = outline_block(outlines, layout).scale(3.0)
     assert (len(one.extent), one.rigid.tolist(), len(one.edge)) == (1, [True], 15)
     np.testing.assert_allclose(one.extent[0] * 20.0, layout.side * 3.0)
     np.testing.assert_allclose(one.area, outlines.area.sum() * 9.0)
