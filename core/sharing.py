@@ -45,9 +45,10 @@ def find_blocks(snapshot: SceneSnapshot) -> list[Block]:
     for members in sharing.values():
         if len(members) < 2:
             continue
-        area = np.array([float(triangle_normals_areas(snapshot.tri_position[rows[i]])[1].sum()) for i in members])
+        position = [snapshot.vertex_position[snapshot.tri_vertex[rows[i]]] for i in members]
+        area = np.array([float(triangle_normals_areas(corners)[1].sum()) for corners in position])
         solid = np.flatnonzero(area > 0)
-        lengths = [_log_lengths(snapshot.tri_position[rows[members[k]]], snapshot.tri_corner[rows[members[k]]]) for k in solid]
+        lengths = [_log_lengths(position[k], snapshot.tri_corner[rows[members[k]]]) for k in solid]
         for group in group_alike(np.stack(lengths)) if lengths else []:
             chosen = solid[group]
             if len(group) > 1:
