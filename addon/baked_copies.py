@@ -6,7 +6,8 @@ A copy takes its source's place in a marked collection while the source is hidde
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Hashable, Iterable, Sequence
 
 import bpy
 import numpy as np
@@ -48,18 +49,43 @@ def make_copy(scene: bpy.types.Scene, source: bpy.types.Object, evaluated: bpy.t
     return copy
 
 
-def give_own_mesh(obj: bpy.types.Object) -> bpy.types.Mesh:
-    """Gives an object that shares its mesh a copy of it, to hold UVs of its own; restore_shared_mesh takes it back."""
+def part_meshes(wearers: Sequence[tuple[bpy.types.Object, Hashable]]) -> list[bpy.types.Object]:
+    """Sees to it that no mesh has to hold the UVs of two layouts, and gives the objects that lost the mesh they shared.
+
+    wearers   object, and what tells its layout from others; the one that most of a mesh's objects wear keeps it, the others get a copy each
+    """
+    layouts: dict[bpy.types.Mesh, Counter[Hashable]] = {}
+    for obj, layout in wearers:
+        layouts.setdefault(obj.data, Counter())[layout] += 1
+    kept = {mesh: count.most_common(1)[0][0] for mesh, count in layouts.items()}
+    copies: dict[tuple[bpy.types.Mesh, Hashable], bpy.types.Mesh] = {}
+    left: list[bpy.types.Object] = []
+    for obj, layout in wearers:
+        if layout == kept[obj.data]:
+            continue
+        key = (obj.data, layout)
+        copies[key] = give_own_mesh(obj, copies.get(key))
+        left.append(obj)
+    return left
+
+
+def give_own_mesh(obj: bpy.types.Object, copy: bpy.types.Mesh | None = None) -> bpy.types.Mesh:
+    """Gives an object that shares its mesh a copy of it, new or one of ours, to hold other UVs; restore_shared_mesh takes it back."""
     if obj.data.users == 1 or is_made(obj.data):
         return obj.data
     shared = obj.data
+    mesh = copy or _copy_mesh(shared)
+    obj[SHARED_MESH] = shared
+    obj.data = mesh
+    return mesh
+
+
+def _copy_mesh(shared: bpy.types.Mesh) -> bpy.types.Mesh:
     mesh = shared.copy()
     mesh.name = suffixed_name(shared.name)
     remove_mark(mesh, SHAPE)
     mark_made(mesh)
     mesh[SHAPE] = _shape_digest(mesh)
-    obj[SHARED_MESH] = shared
-    obj.data = mesh
     return mesh
 
 

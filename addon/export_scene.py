@@ -126,7 +126,11 @@ class _Export:
         self._check_receivers()
         self._found.sort(key=lambda entry: entry[0].name)
         users = Counter(mesh_uid for *_, mesh_uid in self._found)
-        scene_objects = tuple(replace(item, users=max(users[uid], 1) if uid else 1) for _, item, _, uid in self._found)
+        number: dict[int, int] = {}  # not Blender's own, which another session would count otherwise
+        for *_, uid in self._found:
+            if uid and users[uid] > 1:
+                number.setdefault(uid, len(number))
+        scene_objects = tuple(replace(item, mesh=number.get(uid, -1)) for _, item, _, uid in self._found)
         readings = self._materials.readings
         snapshot = SceneSnapshot(
             **join_arrays([arrays for _, _, arrays, _ in self._found]),
@@ -177,7 +181,7 @@ class _Export:
             two_sided=choice.two_sided,
             density_factor=choice.density_factor,
         )
-        mesh_uid = source.data.session_uid if piece.kind == OWN else 0
+        mesh_uid = source.data.session_uid if own_mesh else 0
         self._found.append((exported, scene_object, arrays, mesh_uid))
 
     def _read_local(self, evaluated: Any) -> LocalMesh:

@@ -22,12 +22,18 @@ class Layout:
     """UVs and pages of the snapshot's triangles and objects.
 
     tri_uv        (n_tri, 3, 2) float64, [0, 1]
+    tri_chart     (n_tri,) int64, -1 for none
     object_page   (n_object,) int64, -1 for none
+    object_block  (n_object,) int64, -1 for objects with charts of their own
+    object_place  (n_object, 4) float64, pages: scale and offset of the block's UVs
     digest        the same for bakes that differ in nothing but the light in their images
     """
 
     tri_uv: NDArray[np.float64]
+    tri_chart: NDArray[np.int64]
     object_page: NDArray[np.int64]
+    object_block: NDArray[np.int64]
+    object_place: NDArray[np.float64]
     digest: str
 
     @property
@@ -42,9 +48,10 @@ def read_layout(folder: Path, objects: Sequence[ExportedObject], shown_as: str) 
     """
     with np.load(folder / LAYOUT_FILE) as stored:
         tri_uv, object_page = stored["tri_uv"], stored["object_page"]
+        tri_chart, block, place = stored["tri_chart"], stored["object_block"], stored["object_place"]
     about = repr([(one.name, one.n_corner) for one in objects]) + shown_as
-    digest = zlib.crc32(about.encode(), zlib.crc32(tri_uv.tobytes(), zlib.crc32(object_page.tobytes())))
-    return Layout(tri_uv, object_page, f"{digest:08x}")
+    digest = zlib.crc32(about.encode(), zlib.crc32(tri_uv.tobytes(), zlib.crc32(object_page.tobytes() + block.tobytes())))
+    return Layout(tri_uv, tri_chart, object_page, block, place, f"{digest:08x}")
 
 
 def mark_layout(scene: bpy.types.Scene, layout: Layout, page_image: dict[int, bpy.types.Image]) -> None:

@@ -13,22 +13,23 @@ DEFAULT_BASE_RGB = (0.8, 0.8, 0.8)  # Blender's own for a face without a materia
 DIFFUSE_NODES = {"BSDF_PRINCIPLED", "BSDF_DIFFUSE", "SUBSURFACE_SCATTERING", "BSDF_TRANSLUCENT", "BSDF_TOON", "BSDF_SHEEN"}
 
 
-def write_nodes(material: bpy.types.Material, image: bpy.types.Image, uv_layer: str, mode: str) -> str:
+def write_nodes(material: bpy.types.Material, image: bpy.types.Image, uv_layer: str, mode: str, place_name: str = "") -> str:
     """Adds our nodes to a material that is ours and gives "" or what could not be shown, to follow the original's name.
 
-    mode   combined: the image is all one sees; lighting: the image lights the base colour; nodes: placed, but linked to nothing
+    mode         combined: the image is all one sees; lighting: the image lights the base colour; nodes: placed, but linked to nothing
+    place_name   the objects' property that holds scale and offset of their UVs, "" without one
     """
     constant_base = _start_tree(material)
     tree = material.node_tree
     outputs = [node for node in tree.nodes if node.type == "OUTPUT_MATERIAL"]
     surface = tree.get_output_node("CYCLES").inputs["Surface"] if outputs else None
     place = _Placer(tree)
-    uv_map = place.node("ShaderNodeUVMap", 0)
-    uv_map.uv_map = uv_layer
+    uv = _place_uv(place, uv_layer, place_name)
     texture = place.node("ShaderNodeTexImage", 1)
     texture.image, texture.interpolation, texture.extension = image, "Linear", "EXTEND"
-    tree.nodes.active = texture  # the Solid view shows the active image
-    tree.links.new(texture.inputs["Vector"], uv_map.outputs["UV"])
+    if not place_name:  # the Solid view shows the active image, by the mesh's own UVs
+        tree.nodes.active = texture
+    tree.links.new(texture.inputs["Vector"], uv)
     if mode == "nodes":
         return ""
     error, shader = "", _show(place, texture.outputs["Color"])
@@ -68,6 +69,25 @@ def _start_tree(material: bpy.types.Material) -> tuple[float, float, float] | No
     material.use_nodes = True
     material.node_tree.nodes.clear()
     return tuple(material.diffuse_color[:3])
+
+
+def _place_uv(place: _Placer, uv_layer: str, place_name: str) -> bpy.types.NodeSocket:
+    """The layer's UVs, and where objects share them: times the object's scale, plus its offset."""
+    uv_map = place.node("ShaderNodeUVMap", -3 if place_name else 0)
+    uv_map.uv_map = uv_layer
+    if not place_name:
+        return uv_map.outputs["UV"]
+    links = place.tree.links
+    attribute, split = place.node("ShaderNodeAttribute", -3), place.node("ShaderNodeSeparateXYZ", -2)
+    offset, moved = place.node("ShaderNodeCombineXYZ", -1), place.node("ShaderNodeVectorMath", 0)
+    attribute.attribute_type, attribute.attribute_name = "OBJECT", place_name
+    moved.operation = "MULTIPLY_ADD"
+    links.new(split.inputs[0], attribute.outputs["Vector"])
+    links.new(offset.inputs["X"], split.outputs["Z"])
+    links.new(offset.inputs["Y"], attribute.outputs["Alpha"])
+    for socket, value in zip(moved.inputs, (uv_map.outputs["UV"], attribute.outputs["Vector"], offset.outputs[0]), strict=False):
+        links.new(socket, value)
+    return moved.outputs["Vector"]
 
 
 def _show(place: _Placer, color: bpy.types.NodeSocket) -> bpy.types.NodeSocket:

@@ -13,7 +13,7 @@ import numpy as np
 
 from .material_nodes import MODES, write_nodes
 from .tags import NAME, is_made, local_objects, mark_made, not_editable_error, remove_mark, remove_unused, suffixed_name
-from .uv_layer import ACTIVE, activate_layer, layer_name, release_active
+from .uv_layer import ACTIVE, PLACE, activate_layer, layer_name, release_active
 
 BAKE = "leaflight_bake"  # on an object: image, mode, uv_layer; and `slots`, what they held, while the bake is shown
 ORIGINAL = "leaflight_original"  # on our copy of a material: the user's; absent where the slot was empty
@@ -136,12 +136,13 @@ def _cover(
         obj.data.materials.append(None)
         obj.data[ADDED_SLOT] = True
     held: dict[str, dict[str, Any]] = {}
+    place = PLACE if PLACE in obj else ""
     for index, slot in enumerate(obj.material_slots):
         original, link = find_original(slot.material), slot.link
-        key = (original, image, uv_layer)
+        key = (original, image, uv_layer, place)
         if key not in copies:
             copies[key] = _make_copy(original)
-            error = write_nodes(copies[key], image, uv_layer, mode)
+            error = write_nodes(copies[key], image, uv_layer, mode, place)
             if error:
                 subject = original.name if original else obj.name
                 warnings.append((subject, f"{subject}: {error}"))
@@ -150,7 +151,8 @@ def _cover(
         held[str(index)] = {"link": link} | {name: block for name, block in pointers.items() if block}
         slot.material = copies[key]
     obj[BAKE]["slots"] = held
-    activate_layer(obj.data, uv_layer)
+    if not place:
+        activate_layer(obj.data, uv_layer)
     return warnings
 
 

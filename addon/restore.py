@@ -9,7 +9,7 @@ from .kept_state import STATE
 from .layout import LAYOUT
 from .tags import MADE, is_made, local_objects, remove_mark
 
-OBJECT_MARKS = (MADE, materials_write.BAKE, baked_copies.SOURCE, baked_copies.HIDDEN, baked_copies.SHARED_MESH)
+OBJECT_MARKS = (MADE, materials_write.BAKE, baked_copies.SOURCE, baked_copies.HIDDEN, baked_copies.SHARED_MESH, uv_layer.PLACE)
 
 
 def remove_bake(scene: bpy.types.Scene | None = None) -> None:

@@ -9,22 +9,20 @@ import importlib.util
 import json
 import os
 import sys
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import bpy
-import numpy as np
 from mathutils import Matrix
-from numpy.typing import NDArray
 
 from ..core.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from ..core.snapshot import save_snapshot
-from . import baked_copies, export_scene, image_views, images, materials_write, restore, uv_layer
+from . import baked_copies, export_scene, image_views, images, materials_write, restore
 from .arguments import BakeRequest
 from .export_pieces import walk_pieces
 from .kept_state import mark_state
+from .layers_write import write_layers
 from .layout import Layout, mark_layout, read_layout
 from .render_levels import evaluate_for_render
 
@@ -124,23 +122,13 @@ def show_pages(context: bpy.types.Context, session: Session, page_image: dict[in
     export, layout = session.export, get_layout(session)
     baked = [i for i, page in enumerate(layout.object_page) if page in page_image]
     targets, warnings = _find_targets(context, [export.objects[i] for i in baked])
-    shared = Counter(obj.data for obj in targets.values())
-    ours, theirs = [], []
-    for i in baked:
-        obj = targets.get(export.objects[i].name)
-        if obj is None:
-            continue
-        pair = (obj, page_image[int(layout.object_page[i])])
-        if export.snapshot.objects[i].has_layer:
-            theirs.append(pair)
-            continue
-        mesh = baked_copies.give_own_mesh(obj) if shared[obj.data] > 1 else obj.data
-        try:
-            uv_layer.write_layer(mesh, _corner_uv(session, i, layout.tri_uv))
-        except ValueError as reason:
-            warnings.append((obj.name, str(reason)))
-            continue
-        ours.append(pair)
+    found = [(i, obj) for i in baked if (obj := targets.get(export.objects[i].name))]
+    to_write = [(i, obj) for i, obj in found if not export.snapshot.objects[i].has_layer]
+    failed, told = write_layers(export, layout, to_write, session.request.settings.share_meshes)
+    pairs = [(i, (obj, page_image[int(layout.object_page[i])])) for i, obj in found if i not in failed]
+    ours = [pair for i, pair in pairs if not export.snapshot.objects[i].has_layer]
+    theirs = [pair for i, pair in pairs if export.snapshot.objects[i].has_layer]
+    warnings += told
     mode = _pick_mode(session.request)
     warnings += materials_write.assign(ours, mode)
     mark_layout(context.scene, layout, page_image)
@@ -196,14 +184,6 @@ def find_carrier(one: export_scene.ExportedObject) -> Any:
     """The user's own object that carries the bake, None when it was deleted or edited meanwhile."""
     obj = export_scene.find_object(one)
     return obj if obj is not None and obj.type == "MESH" and len(obj.data.loops) == one.n_corner else None
-
-
-def _corner_uv(session: Session, index: int, tri_uv: NDArray[np.float64]) -> NDArray[np.float32]:
-    snapshot = session.export.snapshot
-    rows = np.flatnonzero(snapshot.tri_object == index)
-    uv = np.zeros((session.export.objects[index].n_corner, 2), np.float32)
-    uv[snapshot.tri_corner[rows]] = tri_uv[rows]
-    return uv
 
 
 def library_paths() -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Our UV layer on a mesh: written beside the user's layers and taken off again."""
+"""Our UV layer on a mesh: written beside the user's layers and taken off again; and where on a page each object puts it."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from .tags import NAME, remove_mark
 
 LAYER = "leaflight_uv_layer"  # on a mesh: name, digest and the user's choices of the moment we added our layer
 ACTIVE = "leaflight_active_layer"  # on a mesh that shows a bake: the layer active before, and the one active for the bake
+PLACE = "leaflight_uv"  # on an object that shares the layer: scale along x and y, offset along x and y; read by the shader
 MAX_LAYERS = 8  # Blender's own limit
 
 
@@ -33,6 +34,15 @@ def write_layer(mesh: bpy.types.Mesh, corner_uv: NDArray[np.floating[Any]], name
     mesh[LAYER]["digest"] = _layer_digest(layer)
     mesh.update()
     return str(layer.name)
+
+
+def write_place(obj: bpy.types.Object, place: NDArray[np.floating[Any]]) -> None:
+    """Puts the layer's unit square on the object's own part of its page.
+
+    place   (4,) float, pages: scale along x and y, offset along x and y
+    """
+    obj[PLACE] = [float(number) for number in place]
+    obj.update_tag()
 
 
 def find_layer(mesh: bpy.types.Mesh) -> bpy.types.MeshUVLoopLayer | None:

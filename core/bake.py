@@ -65,7 +65,8 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
             atlas = charts.make_charts(snapshot, settings)
             if not atlas.page_count:
                 raise ValueError(_describe_no_charts(atlas))
-            np.savez(folder / LAYOUT_FILE, tri_uv=atlas.tri_uv / atlas.page_size, tri_chart=atlas.tri_chart, object_page=atlas.object_page)
+            layout = {name: getattr(atlas, name) for name in ("tri_chart", "object_page", "object_block", "object_place")}
+            np.savez(folder / LAYOUT_FILE, tri_uv=atlas.tri_uv / atlas.page_size, **layout)
         with stages.stage("texels", "Measuring texels"):
             texel_map = texels.build_texel_map(snapshot, atlas, 2 * basis.DEGREES[settings.basis])
             shared_arrays.remove_struct(folder / workers.TEXELS_FOLDER)  # of an earlier bake in the same folder

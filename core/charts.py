@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -9,22 +11,12 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import triangle_normals_areas
-from .layer_check import check_layer, label_charts
-from .outlines import Outlines, measure_outlines, straighten_charts
-from .packing import (
-    Page,
-    Placement,
-    Shapes,
-    find_greatest_density,
-    fits_alone,
-    place_charts,
-    place_uv,
-    shape_charts,
-)
+from .blocks import BlockLayout, join_outlines, lay_block, outline_block
+from .chart_search import find_charts
+from .outlines import Outlines
+from .packing import Page, Placement, Shapes, find_greatest_density, fits_alone, place_charts, place_uv, shape_charts
 from .scene import SceneSnapshot
 from .settings import Settings
-from .unwrap import unwrap_triangles
 
 Float64: TypeAlias = NDArray[np.float64]
 Int32: TypeAlias = NDArray[np.int32]
@@ -43,6 +35,8 @@ class ChartAtlas:
     chart_page    (n_chart,) int32
     chart_object  (n_chart,) int32
     object_page   (n_object,) int32        -1 none; all charts of an object are on one page
+    object_block  (n_object,) int32        objects of one block share the UVs (tri_uv / page_size - offset) / scale; -1 none
+    object_place  (n_object, 4) float64    pages: scale along x and y, offset along x and y; 1, 1, 0, 0 without a block
     warnings      subject and sentence
     """
 
@@ -53,6 +47,8 @@ class ChartAtlas:
     chart_page: NDArray[np.int32]
     chart_object: NDArray[np.int32]
     object_page: NDArray[np.int32]
+    object_block: NDArray[np.int32]
+    object_place: NDArray[np.float64]
     warnings: tuple[tuple[str, str], ...]
 
 
@@ -66,13 +62,23 @@ def make_charts(snapshot: SceneSnapshot, settings: Settings) -> ChartAtlas:
 
 @dataclass(frozen=True)
 class _Packed:
-    """Charts placed on a page: the objects, the density in texels/m, and where."""
+    """What is placed on a page: the objects, the density in texels/m, and where their charts, or the blocks they wear, lie."""
 
     objects: list[int]
     page: int
     density: float
     shapes: Shapes
     placement: Placement
+
+
+@dataclass
+class _Worn:
+    """How a block is laid out; `alone` is its smallest object's page, where every object has one for itself."""
+
+    smallest: int
+    largest: int
+    laid: tuple[BlockLayout, Outlines] | None = None
+    alone: _Packed | None = None
 
 
 class _AtlasMaker:
@@ -82,20 +88,31 @@ class _AtlasMaker:
         self.snapshot, self.settings = snapshot, settings
         self.page = Page(settings.size, settings.padding)
         self.page_count = 0
+        self.found = find_charts(snapshot, settings.share_meshes)
         self.warnings: list[tuple[str, str]] = []
-        self.outlines: Outlines  # of all charts, once they are found
-        tri_object, count = snapshot.tri_object, len(snapshot.objects)
-        self.start = np.searchsorted(tri_object, np.arange(count + 1))
-        self.chart = np.full(snapshot.n_tri, -1, np.int64)
+        count = len(snapshot.objects)
+        self.start = np.searchsorted(snapshot.tri_object, np.arange(count + 1))
         self.uv = np.zeros((snapshot.n_tri, 3, 2))
-        self.shared = np.zeros((snapshot.n_tri, 3), bool)
-        self.first_chart = np.zeros(count + 1, np.int64)
+        self.density = np.full(count, settings.density)
         self.object_page = np.full(count, -1, np.int32)
+        self.object_block = np.full(count, -1, np.int32)
+        self.object_place = np.tile(np.array([1.0, 1.0, 0.0, 0.0]), (count, 1))
+        self.size = np.ones(count)  # in metres, over the smallest object of the same block; `scale` is in texels
+        self.worn: list[_Worn] = []
+        for number, block in enumerate(self.found.blocks):
+            members = np.array(block.members)
+            self.object_block[members], self.size[members] = number, block.size / block.size.min()
+            self.worn.append(_Worn(int(members[block.size.argmin()]), int(members[block.size.argmax()])))
+        # Where each fills a page by itself, a block is as large on all of them.
+        self.scale = self.size if settings.atlas or settings.density > 0 else np.ones(count)
 
     def make(self) -> ChartAtlas:
-        layered = self._find_charts()
-        self.outlines = self._straighten(layered)
-        unwrapped = [i for i in np.flatnonzero(np.diff(self.first_chart)) if i not in layered]
+        found, layered = self.found, self.found.layered
+        for i, sentence in found.findings:
+            self._warn(i, sentence)
+        unwrapped = [i for i in np.flatnonzero(np.diff(found.first_chart)).tolist() if i not in layered]
+        if self.settings.density > 0:
+            self._make_blocks_fit()
         if not self.settings.atlas:
             for i in unwrapped:
                 self._pack_alone(i)
@@ -105,15 +122,18 @@ class _AtlasMaker:
             self._apply(self._fit(unwrapped, self._new_page()))
         for i in layered:
             self.object_page[i] = self._new_page()
-        chart_object = np.repeat(np.arange(len(self.object_page)), np.diff(self.first_chart))
+            self.uv[self._rows(i)] = found.uv[self._rows(i)] * float(self.settings.size)
+        chart_object = np.repeat(np.arange(len(self.object_page)), np.diff(found.first_chart))
         return ChartAtlas(
             self.settings.size,
             self.page_count,
-            self.chart.astype(np.int32),
+            found.chart.astype(np.int32),
             self.uv,
             self.object_page[chart_object],
             chart_object.astype(np.int32),
             self.object_page,
+            self.object_block,
+            self.object_place,
             tuple(self.warnings),
         )
 
@@ -128,107 +148,103 @@ class _AtlasMaker:
         self.page_count += 1
         return self.page_count - 1
 
-    def _find_charts(self) -> dict[int, None]:
-        """Charts of every object; gives those whose layer is kept."""
-        layered: dict[int, None] = {}
-        for i, one in enumerate(self.snapshot.objects):
-            count = 0
-            if one.receives:
-                count = self._read_layer(i) if one.has_layer else self._unwrap(i)
-                if count and one.has_layer:
-                    layered[i] = None
-                elif not count:
-                    self._warn(i, "no face can be baked, so it gets no lightmap; give it faces with an area, or leave it out of the bake")
-            self.first_chart[i + 1] = self.first_chart[i] + count
-        return layered
-
-    def _unwrap(self, i: int) -> int:
-        scene, rows = self.snapshot, self._rows(i)
-        position = scene.vertex_position[scene.tri_vertex[rows]]
-        chart, uv, shared = unwrap_triangles(position, scene.tri_vertex[rows], scene.tri_polygon[rows], scene.tri_corner[rows])
-        return self._keep(i, chart, uv * scene.objects[i].density_factor, shared)
-
-    def _read_layer(self, i: int) -> int:
-        scene, rows = self.snapshot, self._rows(i)
-        solid = triangle_normals_areas(scene.vertex_position[scene.tri_vertex[rows]])[1] > 0
-        check = check_layer(scene.tri_uv[rows], scene.tri_polygon[rows], solid)
-        for finding in check.findings:
-            self._warn(i, finding)
-        uv = np.where(check.usable[:, None, None], scene.tri_uv[rows], 0.0)
-        chart, shared = label_charts(scene.tri_vertex[rows], scene.tri_corner[rows], uv, np.where(check.usable, 0, -1))
-        return self._keep(i, chart, np.clip(uv, 0.0, 1.0) * float(self.settings.size), shared)
-
-    def _keep(self, i: int, chart: Int64, uv: Float64, shared: NDArray[np.bool_]) -> int:
-        rows = self._rows(i)
-        self.chart[rows] = np.where(chart >= 0, chart + self.first_chart[i], -1)
-        self.uv[rows], self.shared[rows] = uv, shared
-        return int(chart.max(initial=-1)) + 1
-
-    def _straighten(self, layered: dict[int, None]) -> Outlines:
-        """Turns unwrapped charts upright; the outlines of layered ones, never packed, are empty."""
-        packed = self.chart >= 0
-        for i in layered:
-            packed[self._rows(i)] = False
-        count = int(self.first_chart[-1])
-        self.uv[packed] = straighten_charts(self.uv[packed], self.chart[packed], self.shared[packed], count)
-        return measure_outlines(self.uv[packed], self.chart[packed], self.shared[packed], count)
-
     def _select(self, objects: Sequence[int]) -> Outlines:
-        return self.outlines.select(self._charts(objects))
+        first = self.found.first_chart
+        return self.found.outlines.select(np.concatenate([np.arange(first[i], first[i + 1]) for i in objects]))
 
-    def _charts(self, objects: Sequence[int]) -> Int64:
-        return np.concatenate([np.arange(self.first_chart[i], self.first_chart[i + 1]) for i in objects])
+    def _lay_out(self, objects: Sequence[int], density: float) -> Outlines | None:
+        """What is placed for the objects, in their order: each one's charts, or its block."""
+        parts: list[Outlines] = []
+        for blocked, group in itertools.groupby(objects, lambda i: self.object_block[i] >= 0):
+            if not blocked:
+                parts.append(self._select(list(group)))
+                continue
+            for i in group:
+                laid = self._lay_block(i, density)
+                if laid is None:
+                    return None
+                parts.append(laid[1].scale(float(self.scale[i])))
+        return join_outlines(parts)
+
+    def _lay_block(self, i: int, density: float) -> tuple[BlockLayout, Outlines] | None:
+        """The layout of the block that an object wears, and its outline on the smallest."""
+        worn = self.worn[int(self.object_block[i])]
+        if worn.laid is None or worn.laid[0].density != density:
+            outlines = self._select([worn.smallest])
+            layout = lay_block(outlines, density, self.page)
+            worn.laid = None if layout is None else (layout, outline_block(outlines, layout))
+        return worn.laid
 
     def _fit(self, objects: list[int], page: int) -> _Packed:
         outlines = self._select(objects)
-        found = find_greatest_density(outlines, self.page)
+        found = find_greatest_density(outlines, self.page, lambda density: self._lay_out(objects, density))
         if found is None:
             names = self.snapshot.objects[objects[0]].name if len(objects) == 1 else f"{len(objects)} objects"
             raise ValueError(
                 f"The {len(outlines.extent):,} charts of {names} do not fit a page of {self.page.size} texels: "
                 "choose a greater page size or less padding."
             )
+        first_chart = self.found.first_chart
         for i in objects:
-            area = self.outlines.area[self.first_chart[i] : self.first_chart[i + 1]]
+            area = self.found.outlines.area[first_chart[i] : first_chart[i + 1]]
             if float(np.median(area)) * found[0] ** 2 < _FEWEST_TEXELS:
                 self._warn(i, "half of its charts are smaller than a texel; choose a greater page size or density, or merge small faces")
         return _Packed(objects, page, *found)
 
+    def _make_blocks_fit(self) -> None:
+        """Lowers the density of all that wear a block that is too large for a page on the largest of them."""
+        for worn, block in zip(self.worn, self.found.blocks, strict=True):
+            if self._place(worn.largest, self.page.empty_horizon()) is None:
+                self.density[list(block.members)] = self._fit([worn.largest], -1).density
+                for i in block.members:
+                    self._warn_less_dense(i, float(self.density[i]))
+
+    def _warn_less_dense(self, i: int, density: float) -> None:
+        factor = self.snapshot.objects[i].density_factor
+        self._warn(
+            i,
+            f"does not fit a page of {self.page.size} texels at {self.settings.density * factor:g} texels per metre "
+            f"and is baked at {density * factor:.3g}; choose a greater page size or a lower density",
+        )
+
     def _pack_alone(self, i: int) -> None:
         if self.settings.density > 0 and self._try_on(i, self.page_count, self.page.empty_horizon()):
             self._new_page()
-        else:
+        elif self.object_block[i] < 0:
             self._pack_less_dense(i)
+        else:
+            worn = self.worn[int(self.object_block[i])]
+            worn.alone = worn.alone or self._fit([worn.smallest], -1)
+            self._apply(dataclasses.replace(worn.alone, objects=[i], page=self._new_page()))
 
     def _pack_less_dense(self, i: int) -> None:
         packed = self._fit([i], self._new_page())
         if self.settings.density > 0:
-            factor = self.snapshot.objects[i].density_factor
-            self._warn(
-                i,
-                f"does not fit a page of {self.page.size} texels at {self.settings.density * factor:g} texels per metre "
-                f"and is baked at {packed.density * factor:.3g}; choose a greater page size or a lower density",
-            )
+            self._warn_less_dense(i, packed.density)
         self._apply(packed)
 
     def _try_on(self, i: int, page: int, horizon: Int32) -> bool:
         """Places an object at the wanted density above the horizon, which is raised, if it fits."""
-        outlines, density = self._select([i]), self.settings.density
-        if not fits_alone(outlines, density, self.page):
-            return False
+        found = self._place(i, horizon)
+        if found is not None:
+            self._apply(_Packed([i], page, float(self.density[i]), *found))
+        return found is not None
+
+    def _place(self, i: int, horizon: Int32) -> tuple[Shapes, Placement] | None:
+        density = float(self.density[i])
+        outlines = self._lay_out([i], density)
+        if outlines is None or not fits_alone(outlines, density, self.page):
+            return None
         shapes = shape_charts(outlines, density, self.page)
         placement = place_charts(shapes, horizon)
-        if placement is None:
-            return False
-        self._apply(_Packed([i], page, density, shapes, placement))
-        return True
+        return None if placement is None else (shapes, placement)
 
     def _pack_first_fit(self, objects: list[int]) -> None:
         """Whole objects, the largest first, each on the first page that has room for it."""
         area = {i: float(self._select([i]).area.sum()) for i in objects}
         horizons: list[tuple[int, Int32]] = []
         for i in sorted(objects, key=lambda i: (-area[i], i)):
-            needed = area[i] * self.settings.density**2
+            needed = area[i] * float(self.density[i]) ** 2
             roomy = (page for page in horizons if self._room_above(page[1]) >= needed)
             if any(self._try_on(i, page, horizon) for page, horizon in roomy):
                 continue
@@ -242,11 +258,26 @@ class _AtlasMaker:
         return float((self.page.inside - horizon).sum()) * self.page.step
 
     def _apply(self, packed: _Packed) -> None:
-        charts = self._charts(packed.objects)
+        part = 0
         for i in packed.objects:
             rows = np.arange(self.start[i], self.start[i + 1])
-            rows = rows[self.chart[rows] >= 0]
-            self.uv[rows] = place_uv(
-                self.uv[rows], np.searchsorted(charts, self.chart[rows]), packed.density, packed.shapes, packed.placement
-            )
+            rows = rows[self.found.chart[rows] >= 0]
+            uv, chart = self.found.uv[rows], self.found.chart[rows] - self.found.first_chart[i]
+            if self.object_block[i] < 0:
+                self.uv[rows] = place_uv(uv, part + chart, packed.density, packed.shapes, packed.placement)
+                part += int(self.found.first_chart[i + 1] - self.found.first_chart[i])
+            else:
+                self.uv[rows] = self._place_block(i, uv, chart, packed, part)
+                part += 1
             self.object_page[i] = packed.page
+
+    def _place_block(self, i: int, uv: Float64, chart: Int64, packed: _Packed, part: int) -> Float64:
+        """UVs of an object that wears a block."""
+        laid = self._lay_block(i, packed.density)
+        assert laid is not None, "it was laid out to be packed"
+        layout = laid[0]
+        offset = packed.placement.offset[part]
+        side = float(layout.side.max()) * self.scale[i]
+        self.object_place[i] = np.array([side, side, *offset]) / self.page.size
+        placed: Float64 = layout.place(uv / self.size[i], chart) * self.scale[i] + offset
+        return placed

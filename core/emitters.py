@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry import UnitBox, interpolate_corners, offset_origin, orthonormal_basis, triangle_normals_areas
-from .lights import Births, Emitter, Float32, Float64, SceneCover, make_births, make_light_emitter
+from .lights import Births, Emitter, Float32, Float64, make_births, make_light_emitter
 from .materials import SurfaceMaterials
 from .sampling import AliasTable, square_to_cosine_hemisphere, square_to_uniform_triangle
 from .scene import FloatArray, IntArray, Light, SceneSnapshot
+from .scene_cover import SceneCover
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec.709
 NO_LIGHT = "the scene has no light: add a light, an emitting material or a world colour"
@@ -76,6 +77,7 @@ class MeshEmitter:
     corner_unit: Float32
     normal: Float32
     surfaces: SurfaceMaterials
+    casts_shadow: bool = True
 
     def emit(self, u: Float32) -> Births:
         cell, rest = self.table.sample(u[:, 0])
@@ -100,6 +102,7 @@ class WorldEmitter:
     name: str
     power_rgb: Float64
     cover: SceneCover
+    casts_shadow: bool = True
 
     def emit(self, u: Float32) -> Births:
         axis, rest = self.cover.choose_axis(u[:, 0], self.cover.face_area[None])

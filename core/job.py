@@ -15,7 +15,7 @@ from .settings import Settings
 
 SNAPSHOT_FILE = "snapshot.npz"
 JOB_FILE = "job.json"
-LAYOUT_FILE = "layout.npz"  # tri_uv (n_tri, 3, 2) in [0, 1], tri_chart (n_tri,), object_page (n_object,)
+LAYOUT_FILE = "layout.npz"  # tri_uv (n_tri, 3, 2) in [0, 1], tri_chart (n_tri,), object_page, _block and _place as in charts.ChartAtlas
 RESULT_FILE = "result.json"
 VIEWS_FOLDER = "views"  # linear images that Blender puts through the scene's view transform, see pages.PageFile
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .geometry import UnitBox, orthonormal_basis
 from .sampling import square_to_cosine_hemisphere, square_to_uniform_cone, square_to_uniform_disk
 from .scene import FloatArray, Light
+from .scene_cover import SceneCover
 
 Float32: TypeAlias = NDArray[np.float32]
 Float64: TypeAlias = NDArray[np.float64]
@@ -19,7 +20,6 @@ Float64: TypeAlias = NDArray[np.float64]
 SMALLEST_SIDE = 1e-6  # unit box; a light without extent shines as one of this side
 LAMBERTIAN_SPREAD_RAD = math.pi - 1e-4
 SMALLEST_SPREAD_RAD = math.radians(0.1)  # a smaller one looks the same and cannot be integrated
-_COVER_PADDING = 1e-3  # unit box; keeps rays from starting in the plane of an outermost surface
 _SPREAD_STEPS = 4096
 _CONE_STEPS = 64
 
@@ -45,7 +45,8 @@ class Births:
 class Emitter(Protocol):
     """Anything photons are born from.
 
-    power_rgb   (3,) float64, W, emitted into the scene
+    power_rgb      (3,) float64, W, emitted into the scene
+    casts_shadow   False: it lights every surface along its way, also those behind others
     """
 
     @property
@@ -53,6 +54,9 @@ class Emitter(Protocol):
 
     @property
     def power_rgb(self) -> Float64: ...
+
+    @property
+    def casts_shadow(self) -> bool: ...
 
     def emit(self, u: Float32) -> Births:
         """Photons for numbers u (n, 4) float32, uniform in [0, 1)."""
@@ -135,6 +139,7 @@ class PointEmitter:
     cone: SpotCone
     radius: float
     soft: bool
+    casts_shadow: bool
 
     def emit(self, u: Float32) -> Births:
         drop = self.cone.sample_drop(u[:, 0])
@@ -172,6 +177,7 @@ class AreaEmitter:
     half_size: Float32
     ellipse: bool
     spread_rad: float
+    casts_shadow: bool
 
     def emit(self, u: Float32) -> Births:
         place = (square_to_uniform_disk(u[:, :2]) if self.ellipse else 2 * u[:, :2] - 1) * self.half_size
@@ -212,53 +218,6 @@ def sample_spread_angle(u: FloatArray, spread_rad: float) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class SceneCover:
-    """A box around the scene: light from infinity enters by its faces, so none is spent beside the scene's outline.
-
-    low, high   (3,) float32, unit box
-    """
-
-    low: Float32
-    high: Float32
-
-    @classmethod
-    def around(cls, points_unit: FloatArray) -> SceneCover:
-        """points_unit (n, 3), unit box; without any, the whole unit box."""
-        if not len(points_unit):
-            return cls(np.full(3, -0.5, np.float32), np.full(3, 0.5, np.float32))
-        low, high = points_unit.min(axis=0) - _COVER_PADDING, points_unit.max(axis=0) + _COVER_PADDING
-        return cls(low.astype(np.float32), high.astype(np.float32))
-
-    @property
-    def face_area(self) -> Float64:
-        """(3,) float64, unit box squared: areas of the faces across x, y and z."""
-        side = (self.high - self.low).astype(np.float64)
-        return np.array([side[1] * side[2], side[0] * side[2], side[0] * side[1]])
-
-    def outline_area(self, direction: FloatArray) -> Float64:
-        """(n,) float64, unit box squared: the box's area seen along directions (n, 3)."""
-        return np.abs(direction.astype(np.float64)) @ self.face_area
-
-    def choose_axis(self, u: FloatArray, weight: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
-        """Face axes chosen by weights (n, 3) or (1, 3), and what is left of u (n,)."""
-        end = np.cumsum(weight, axis=1)
-        end = end / end[:, -1:]
-        axis = np.minimum((u[:, None] >= end[:, :2]).sum(axis=1), 2)
-        end = np.broadcast_to(np.concatenate([np.zeros((len(end), 1)), end], axis=1), (len(u), 4))
-        row = np.arange(len(u))
-        width = np.maximum(end[row, axis + 1] - end[row, axis], 1e-12)
-        return axis, np.clip((u - end[row, axis]) / width, 0, 1)
-
-    def place(self, axis: NDArray[np.int64], at_high: NDArray[np.bool_], u: FloatArray, v: FloatArray) -> Float32:
-        """(n, 3) float32: points (u, v) of the faces across `axis`, on their high or low side."""
-        row = np.arange(len(axis))
-        share = np.empty((len(axis), 3), np.float32)
-        share[row, axis], share[row, (axis + 1) % 3], share[row, (axis + 2) % 3] = at_high, u, v
-        out: Float32 = self.low + share * (self.high - self.low)
-        return out
-
-
-@dataclass(frozen=True)
 class SunEmitter:
     """Parallel light, or light from a disk of directions, entering by the faces of the scene's box.
 
@@ -271,6 +230,7 @@ class SunEmitter:
     half_angle_rad: float
     cover: SceneCover
     mean_outline: float
+    casts_shadow: bool
 
     def emit(self, u: Float32) -> Births:
         direction = turn(square_to_uniform_cone(u[:, 2:4], self.half_angle_rad), self.axes)
@@ -291,10 +251,12 @@ def make_light_emitter(light: Light, power_rgb: Float64, unit_box: UnitBox, cove
         outline = float(cover.outline_area(turn(square_to_uniform_cone(square, half), axes)).mean())
         # A disk of radiance E / (pi sin^2 half) over 2 pi (1 - cos half) steradians.
         power = power_rgb * (2 / (1 + math.cos(half))) * outline / unit_box.scale**2
-        return SunEmitter(light.name, power, axes, half, cover, outline)
+        return SunEmitter(light.name, power, axes, half, cover, outline, light.casts_shadow)
     if light.kind == "AREA":
         half_size = (np.maximum(np.array(light.size_m) * unit_box.scale, SMALLEST_SIDE) / 2).astype(np.float32)
-        return AreaEmitter(light.name, power_rgb, centre, axes, half_size, light.shape == "ELLIPSE", light.spread_rad)
+        ellipse = light.shape == "ELLIPSE"
+        return AreaEmitter(light.name, power_rgb, centre, axes, half_size, ellipse, light.spread_rad, light.casts_shadow)
     cone = SpotCone.of(light)
     radius = unit_box.to_unit_length(light.radius_m)
-    return PointEmitter(light.name, power_rgb * (cone.mean_drop / 2), centre, axes, cone, radius, light.soft_falloff)
+    power = power_rgb * (cone.mean_drop / 2)
+    return PointEmitter(light.name, power, centre, axes, cone, radius, light.soft_falloff, light.casts_shadow)

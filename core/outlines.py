@@ -26,12 +26,14 @@ class Outlines:
     start    (n_chart + 1,) int64         edges of chart c are start[c]:start[c + 1]
     extent   (n_chart, 2) float64, m
     area     (n_chart,) float64, m^2
+    rigid    (n_chart,) bool              may be moved, but not turned
     """
 
     edge: Float64
     start: Int64
     extent: Float64
     area: Float64
+    rigid: NDArray[np.bool_]
 
     @property
     def edge_chart(self) -> Int64:
@@ -42,7 +44,11 @@ class Outlines:
         """The outlines of some charts, in their order."""
         _, rows = expand_ranges(self.start[charts], self.start[charts + 1])
         start = np.concatenate([[0], np.cumsum(np.diff(self.start)[charts])])
-        return Outlines(self.edge[rows], start, self.extent[charts], self.area[charts])
+        return Outlines(self.edge[rows], start, self.extent[charts], self.area[charts], self.rigid[charts])
+
+    def scale(self, size: float) -> Outlines:
+        """The same outlines, `size` times as large."""
+        return Outlines(self.edge * size, self.start, self.extent * size, self.area * size**2, self.rigid)
 
 
 def straighten_charts(uv: Float64, chart: Int64, shared: NDArray[np.bool_], n_chart: int) -> Float64:
@@ -74,7 +80,7 @@ def straighten_charts(uv: Float64, chart: Int64, shared: NDArray[np.bool_], n_ch
 
 
 def measure_outlines(uv: Float64, chart: Int64, shared: NDArray[np.bool_], n_chart: int) -> Outlines:
-    """The borders of charts whose smallest coordinates are 0.
+    """The borders of charts whose smallest coordinates are 0; none is rigid.
 
     uv, chart, shared   as in straighten_charts
     """
@@ -83,7 +89,7 @@ def measure_outlines(uv: Float64, chart: Int64, shared: NDArray[np.bool_], n_cha
     start = np.searchsorted(edge_chart[order], np.arange(n_chart + 1))
     _, high = _bounds(uv, chart, n_chart)
     area = np.bincount(chart, np.abs(signed_areas(uv)), n_chart).astype(np.float64)
-    return Outlines(edge[order], start, np.maximum(high, 0.0), area)
+    return Outlines(edge[order], start, np.maximum(high, 0.0), area, np.zeros(n_chart, bool))
 
 
 def _border(uv: Float64, chart: Int64, shared: NDArray[np.bool_]) -> tuple[Float64, Int64]:

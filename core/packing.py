@@ -8,6 +8,7 @@ Measured against xatlas's own packer (100 and 1,000 rectangles, 1,024 texels, pa
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -111,7 +112,7 @@ def shape_charts(outlines: Outlines, density: float, page: Page) -> Shapes:
     along = (_measure_profiles(edge, chart, side, page), _measure_profiles(edge[..., ::-1], chart, side[:, ::-1], page))
     order = np.lexsort((-side.min(axis=1), -side.max(axis=1)))  # long ones first; lexsort is stable
     boxy = (outlines.area > _BOXY * outlines.extent.prod(axis=1)) | (side.max(axis=1) <= _SMALL)
-    turns = np.where(side.max(axis=1) == 1, 1, np.where(boxy, 2, 4))
+    turns = np.where(outlines.rigid | (side.max(axis=1) == 1), 1, np.where(boxy, 2, 4))
     return Shapes(page, along, side, order, turns)
 
 
@@ -220,30 +221,36 @@ def place_uv(uv: Float64, chart: Int64, density: float, shapes: Shapes, placemen
     return placed
 
 
-def find_greatest_density(outlines: Outlines, page: Page) -> tuple[float, Shapes, Placement] | None:
-    """The greatest density, in texels/m, at which all charts fit one page, found to 1 %; None where none does."""
+def find_greatest_density(
+    outlines: Outlines, page: Page, lay_out: Callable[[float], Outlines | None] | None = None
+) -> tuple[float, Shapes, Placement] | None:
+    """The greatest density, in texels/m, at which all charts fit one page, found to 1 %; None where none does.
+
+    lay_out   what has to be placed at a density, where that is not the charts themselves; None where it fits no page
+    """
     if not page.inside:
         return None
+    lay_out = lay_out or (lambda density: outlines)
     limit = _density_limit(outlines, page)
     guess = min(_guess_density(outlines, page) or limit * _LEAST_SHARE, limit)
-    found = _try_density(outlines, guess, page)
+    found = _try_density(lay_out(guess), guess, page)
     share = 0.92
     too_great = limit * _PRECISION
     while found is None:
         too_great, guess = guess, guess * share
         if guess < limit * _LEAST_SHARE:
             return None
-        found, share = _try_density(outlines, guess, page), share * share
+        found, share = _try_density(lay_out(guess), guess, page), share * share
     while too_great / found[0] > _PRECISION and found[0] < limit:
         middle = (too_great * found[0]) ** 0.5
         density = min(found[0] * _STEP_UP, middle if too_great <= limit else limit)
-        better = _try_density(outlines, density, page)
+        better = _try_density(lay_out(density), density, page)
         found, too_great = (better, too_great) if better else (found, density)
     return found
 
 
-def _try_density(outlines: Outlines, density: float, page: Page) -> tuple[float, Shapes, Placement] | None:
-    if not fits_alone(outlines, density, page):
+def _try_density(outlines: Outlines | None, density: float, page: Page) -> tuple[float, Shapes, Placement] | None:
+    if outlines is None or not fits_alone(outlines, density, page):
         return None
     shapes = shape_charts(outlines, density, page)
     placement = place_charts(shapes, page.empty_horizon())

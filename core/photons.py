@@ -5,25 +5,23 @@ Arrays of photons are (3, n), one contiguous row per axis or channel. Source: Pa
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .births import Photons, bear_photons, light_every_surface, locate_hits, soften
 from .geometry import UnitBox, offset_origin, triangle_normals_areas
 from .lights import Emitter
 from .materials import SurfaceMaterials
 from .rays import RayScene
-from .sampling import kronecker_points
 from .scene import SceneSnapshot
 
-BATCH = 32_768  # photons in flight; measured: 16 k is 10 % slower, 64 k 3 % faster with twice the memory
 _SMOOTH_DEVIATION = 1e-3  # a corner normal nearer to the face's own than this is flat shading
 # Veach's weight is unbounded at grazing incidence. Its expectation loses less than LEAST_COSINE * sin(angle between the normals) / pi.
 _LEAST_COSINE = 0.01
 _GREATEST_POWER_W = 1e30  # leaves float32 room for photons brighter than the mean
-_FARTHEST = np.float32(1e6)  # its square is still finite in float32
 
 _Rows = NDArray[np.float32]
 _Ints = NDArray[np.int32]
@@ -58,7 +56,8 @@ class TraceScene:
 class EnergyAudit:
     """Where the light went, each (3,) float64, W: emitted == absorbed + escaped + remainder.
 
-    `absorbed` is what roulette took less what it gave to survivors; `remainder` was still under way at max_depth.
+    `absorbed` is what roulette took less what it gave to survivors; `remainder` was still under way at max_depth. The light of a lamp
+    without shadow counts as emitted once for each surface that it lights.
     """
 
     emitted: NDArray[np.float64]
@@ -134,19 +133,12 @@ def trace_shard(
     skip_first         direct light is found elsewhere: first hits scatter but are not deposited
     """
     log = _Log()
-    for photons in _births(scene, n_photons, total_flux_share, rng):
+    for photons, shadowless in bear_photons(scene.emitters, scene.emitter_share, n_photons, total_flux_share, rng):
+        log.photons += photons.flux.shape[1]
+        if shadowless.any():
+            log.rays += light_every_surface(photons, shadowless, scene.rays, scene.tri_normal, scene.tri_frame)
         _trace_batch(scene, photons, rng, max_depth, skip_first, log)
     return log.hits()
-
-
-@dataclass
-class _Photons:
-    """Photons under way; soft (2, n) is soft_radius and soft_offset, None after the first hit and where no light is soft."""
-
-    origin: _Rows
-    direction: _Rows
-    flux: _Rows
-    soft: _Rows | None = None
 
 
 class _Log:
@@ -172,38 +164,13 @@ class _Log:
         )
 
 
-def _births(scene: TraceScene, n_photons: int, total_flux_share: float, rng: np.random.Generator) -> Iterator[_Photons]:
-    """Batches of new photons. Emitter e gets its share of them to within one, by systematic sampling: E[count] = n * share exactly."""
-    shares = scene.emitter_share
-    if n_photons <= 0 or not shares.any():
-        return
-    shift = rng.integers(0, 2**32, (len(shares), 4), np.uint32)
-    end = np.ceil(np.cumsum(shares) * n_photons - rng.random()).astype(np.int64).clip(0, n_photons)
-    end[np.flatnonzero(shares)[-1] :] = n_photons  # a sum of shares may round to just below 1
-    start = np.concatenate([[0], end[:-1]])
-    for first in range(0, n_photons, BATCH):
-        last = min(first + BATCH, n_photons)
-        origin, direction, flux = np.empty((3, 3, last - first), np.float32)
-        soft = np.zeros((2, last - first), np.float32)
-        for e in np.flatnonzero((start < last) & (end > first) & (end > start)):
-            low, high = max(first, start[e]), min(last, end[e])
-            births = scene.emitters[e].emit(kronecker_points(shift[e], int(low - start[e]), int(high - low)))
-            place = slice(low - first, high - first)
-            origin[:, place], direction[:, place] = births.origin.T, births.direction.T
-            soft[0, place], soft[1, place] = births.soft_radius, births.soft_offset
-            power = scene.emitters[e].power_rgb * (total_flux_share / n_photons / shares[e])
-            flux[:, place] = power.astype(np.float32)[:, None] * births.relative_rgb.T
-        yield _Photons(origin, direction, flux, soft if soft.any() else None)
-
-
-def _trace_batch(scene: TraceScene, photons: _Photons, rng: np.random.Generator, max_depth: int, skip_first: bool, log: _Log) -> None:
-    log.photons += photons.flux.shape[1]
+def _trace_batch(scene: TraceScene, photons: Photons, rng: np.random.Generator, max_depth: int, skip_first: bool, log: _Log) -> None:
     for depth in range(max_depth):
         found = scene.rays.closest(photons.origin.T, photons.direction.T)
         tri, u, v = found.tri, found.u, found.v
         log.rays += len(tri)
         if depth == 0:
-            _soften(photons, found.distance)
+            soften(photons, found.distance)
             log.emitted += _total(photons.flux)
         direction, flux = photons.direction, photons.flux
         hit = np.flatnonzero(tri >= 0)
@@ -222,10 +189,8 @@ def _trace_batch(scene: TraceScene, photons: _Photons, rng: np.random.Generator,
         if not len(alive):
             return
         normal = normal.take(alive, axis=1) * -np.copysign(np.float32(1), cosine[alive])  # the side that was hit
-        # The hit's barycentrics lie on the surface however grazing the ray; origin + distance * direction may be beyond a wall.
-        corner, edge1, edge2 = scene.tri_frame.take(tri[alive], axis=2)
-        landed = corner + u[alive] * edge1 + v[alive] * edge2
-        photons = _Photons(offset_origin(landed, normal), _scatter(normal, rng), survivors)
+        landed = locate_hits(scene.tri_frame, tri[alive], u[alive], v[alive])
+        photons = Photons(offset_origin(landed, normal), _scatter(normal, rng), survivors)
     log.remainder += _total(photons.flux)
 
 
@@ -239,15 +204,6 @@ def _dot(a: _Rows, b: _Rows) -> NDArray[np.float32]:
     product += a[1] * b[1]
     product += a[2] * b[2]
     return product
-
-
-def _soften(photons: _Photons, distance: _Rows) -> None:
-    """Blender's soft falloff: 1 / d^2 becomes 1 / (d^2 + r^2) at the first hit."""
-    if photons.soft is not None:
-        radius, offset = photons.soft
-        soft = np.flatnonzero(radius > 0)
-        d2, r2 = np.minimum(distance[soft], _FARTHEST) ** 2 + offset[soft] ** 2, radius[soft] ** 2
-        photons.flux[:, soft] *= np.maximum(d2, r2) / np.maximum(d2 + r2, np.finfo(np.float32).tiny)
 
 
 def _deposit(

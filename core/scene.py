@@ -27,7 +27,7 @@ class SceneObject:
     two_sided: bool = False  # light on both sides of a face is summed
     has_layer: bool = False  # tri_uv holds an existing UV layer to be used as it is
     casts_shadow: bool = True
-    users: int = 1  # objects that share its mesh, itself included
+    mesh: int = -1  # objects of one number share a mesh that may hold the UVs of all; -1 shares none
     density_factor: float = 1.0  # its texels per metre, relative to the others'; a layer of its own says that itself
 
 

@@ -71,6 +71,12 @@ class Settings:
     atlas: bool = _knob(
         True, "share a set of pages between all objects, instead of one image per object", group="Lightmap", off_flag="--per-object"
     )
+    share_meshes: bool = _knob(
+        True,
+        "objects that share a mesh keep sharing it, each with its own place on a page; off gives each a mesh of its own",
+        group="Lightmap",
+        off_flag="--own-meshes",
+    )
     padding: int = _knob(4, "least distance between two charts", unit="texels", low=1, high=64, group="Lightmap")
     margin: int = _knob(8, "how far colour runs on beyond a chart's edge", unit="texels", low=0, high=256, group="Lightmap")
     # Output

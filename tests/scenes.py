@@ -17,6 +17,7 @@ class Mesh:
     vertex    (n, 3) float, m
     polygons  lists of vertex indices, counterclockwise seen from the front
     uv        one (n_corner, 2) per polygon, pages, or None for no layer
+    shares    number of the mesh that it shares with others, -1 none; a mirrored one lists the same polygons and walks each fan backwards
     """
 
     name: str
@@ -24,6 +25,8 @@ class Mesh:
     polygons: list[list[int]]
     uv: list[np.ndarray] | None = None
     receives: bool = True
+    shares: int = -1
+    mirrored: bool = False
 
 
 def make_scene(meshes: Sequence[Mesh], lights: Sequence[Light] = (), materials: Sequence[Material] = (Material("Grey"),)) -> SceneSnapshot:
@@ -34,7 +37,7 @@ def make_scene(meshes: Sequence[Mesh], lights: Sequence[Light] = (), materials: 
         corner_start = 0
         for number, polygon in enumerate(mesh.polygons):
             for k in range(1, len(polygon) - 1):
-                fan = [0, k, k + 1]
+                fan = [0, k + 1, k] if mesh.mirrored else [0, k, k + 1]
                 tri_vertex.append([vertex_start + polygon[j] for j in fan])
                 tri_corner.append([corner_start + j for j in fan])
                 tri_uv.append(mesh.uv[number][fan] if mesh.uv else np.zeros((3, 2)))
@@ -58,7 +61,7 @@ def make_scene(meshes: Sequence[Mesh], lights: Sequence[Light] = (), materials: 
         tri_uv=np.array(tri_uv, np.float64).reshape(-1, 3, 2),
         tri_albedo_uv=np.zeros((len(tri), 3, 2), np.float32),
         tri_emission_uv=np.zeros((len(tri), 3, 2), np.float32),
-        objects=tuple(SceneObject(mesh.name, receives=mesh.receives, has_layer=mesh.uv is not None) for mesh in meshes),
+        objects=tuple(SceneObject(mesh.name, receives=mesh.receives, has_layer=mesh.uv is not None, mesh=mesh.shares) for mesh in meshes),
         materials=tuple(materials),
         lights=tuple(lights),
     )
@@ -105,6 +108,13 @@ def sphere_mesh(name: str = "Sphere", rings: int = 16, segments: int = 32, radiu
 def moved(mesh: Mesh, offset_m: Sequence[float] = (0.0, 0.0, 0.0), scale: float = 1.0, name: str = "") -> Mesh:
     """A scaled and moved copy."""
     return dataclasses.replace(mesh, vertex=np.asarray(mesh.vertex, float) * scale + np.asarray(offset_m, float), name=name or mesh.name)
+
+
+def shared_mesh(name: str, mesh: Mesh, scale_xyz: Sequence[float] = (1.0, 1.0, 1.0), offset_m: Sequence[float] = (0.0, 0.0, 0.0)) -> Mesh:
+    """A linked duplicate, scaled along the axes; a negative scale mirrors it."""
+    scale = np.asarray(scale_xyz, float)
+    vertex = np.asarray(mesh.vertex, float) * scale + np.asarray(offset_m, float)
+    return dataclasses.replace(mesh, name=name, vertex=vertex, shares=max(mesh.shares, 0), mirrored=bool(scale.prod() < 0))
 
 
 def quad_scene(**options: object) -> SceneSnapshot:

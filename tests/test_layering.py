@@ -20,6 +20,8 @@ ADDON_MAX_LINES = 250
 LIBRARY_HOME = {"embreex": "core.rays", "xatlas": "core.unwrap", "OpenImageIO": "core.image_file"}
 TRACE = {
     "core.photons",
+    "core.births",
+    "core.scene_cover",
     "core.rays",
     "core.lights",
     "core.emitters",

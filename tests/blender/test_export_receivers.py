@@ -108,6 +108,15 @@ def test_modifiers_that_make_faces_need_a_copy(kind, text):
     assert corners(result, "Fence").max() == exported.n_corner - 1
 
 
+def test_only_what_wears_its_own_mesh_shares_it():
+    fence = add_plane("Fence")
+    add_modifier(fence, "ARRAY")
+    for name in ("A", "B"):
+        twin = bpy.data.objects.new(name, fence.data)
+        bpy.context.scene.collection.objects.link(twin)
+    assert {name: one.mesh for name, (one, _) in by_name(export()).items()} == {"A": 0, "B": 0, "Fence": -1}
+
+
 def test_a_modifier_off_in_render_needs_no_copy():
     add_modifier(add_plane("Plane"), "ARRAY", show_render=False)
     assert not by_name(export())["Plane"][1].needs_copy
@@ -156,7 +165,7 @@ def test_instances_of_a_collection_are_copies():
     result = export()
     assert set(by_name(result)) == {"Holder.Chair", "Holder.Screen"}
     scene_object, exported = by_name(result)["Holder.Chair"]
-    assert (exported.source, exported.needs_copy, scene_object.receives, scene_object.users) == ("Holder", True, True, 1)
+    assert (exported.source, exported.needs_copy, scene_object.receives, scene_object.mesh) == ("Holder", True, True, -1)
     assert result.snapshot.vertex_position[:, 2] == pytest.approx(3.0)
     assert {o.receives for o in export(objects=["Holder"]).snapshot.objects} == {True}
 

@@ -57,14 +57,14 @@ def item(result, name):
     return result.snapshot.objects[found], result.objects[found]
 
 
-def test_default_receivers_and_users():
+def test_default_receivers_and_shared_meshes():
     mesh = make_mesh("Shared")
     add_object("B", mesh, location=(5, 0, 0))
     add_object("A", mesh)
     add_object("Own")
     result = export()
     assert [o.name for o in result.snapshot.objects] == ["A", "B", "Own"]
-    assert [o.users for o in result.snapshot.objects] == [2, 2, 1]
+    assert [o.mesh for o in result.snapshot.objects] == [0, 0, -1]
     assert all(o.receives and o.casts_shadow for o in result.snapshot.objects)
     assert part(result, "B", "tri_corner").tolist() == part(result, "A", "tri_corner").tolist()
     assert result.snapshot.tri_position[result.snapshot.tri_object == 1][..., 0].min() == pytest.approx(5.0)

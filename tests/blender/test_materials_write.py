@@ -66,6 +66,22 @@ def test_combined_shows_the_image_alone(plane, tmp_path):
     np.testing.assert_allclose(render(tmp_path), PAGE, rtol=0.03)
 
 
+def test_linked_duplicates_show_their_own_parts_of_a_page(plane, tmp_path):
+    plane.data.materials.append(make_material("Any"))
+    twin = add_object("Twin", plane.data)
+    twin.location.y = -100  # out of the picture
+    page = np.tile(PAGE, (3, 2, 1))
+    page[3:6, 5:] *= 0.5
+    uv_layer.write_place(plane, np.array([0.5, 1 / 3, 0.0, 0.0]))
+    uv_layer.write_place(twin, np.array([0.5, 1 / 3, 0.5, 1 / 3]))
+    image = page_image(page)
+    assert materials_write.assign([(plane, image), (twin, image)]) == []
+    assert plane.material_slots[0].material == twin.material_slots[0].material
+    np.testing.assert_allclose(render(tmp_path), PAGE, rtol=0.03)
+    plane.location.y, twin.location.y = 100, 0
+    np.testing.assert_allclose(render(tmp_path), 0.5 * PAGE, rtol=0.03)
+
+
 def principled(material):
     node = material.node_tree.nodes["Principled BSDF"]
     node.inputs["Base Color"].default_value = (0.5, 0.25, 0.125, 1)

@@ -85,6 +85,9 @@ def bake(names, directory, tag="a", mode="lighting"):
     objects = [bpy.data.objects[name] for name in names]
     for mesh in {obj.data for obj in objects}:
         uv_layer.write_layer(mesh, np.random.default_rng(1).random((len(mesh.loops), 2)))
+        sharing = [obj for obj in objects if obj.data == mesh]
+        for obj in sharing if len(sharing) > 1 else ():
+            uv_layer.write_place(obj, np.random.default_rng(2).random(4))
     return materials_write.assign([(obj, image) for obj in objects], mode)
 
 
@@ -99,7 +102,24 @@ def test_removing_leaves_no_trace(names, tmp_path, mode):
     before = dump()
     assert bake(names, tmp_path, mode=mode) == []
     assert differences(before, dump())
+    assert [name for name in names if uv_layer.PLACE in bpy.data.objects[name]] == ["MultiA", "MultiB", *names[2:6]]
     restore.remove_bake()
+    assert differences(before, dump()) == []
+
+
+def test_removing_gives_parted_meshes_back(names, tmp_path):
+    before = dump()
+    mesh = bpy.data.meshes["Two"]
+    others = [add_object(name, mesh) for name in ("C", "D", "E")]
+    left = baked_copies.part_meshes([*((bpy.data.objects[name], "one") for name in names[:2]), *((obj, obj.name > "D") for obj in others)])
+    assert left == others
+    copies = [obj.data for obj in others]
+    assert copies[0] == copies[1] != copies[2]
+    assert mesh not in copies
+    assert bake([*names, "C", "D", "E"], tmp_path) == []
+    restore.remove_bake()
+    assert {obj.data for obj in others} == {mesh}
+    bpy.data.batch_remove(others)
     assert differences(before, dump()) == []
 
 
@@ -118,7 +138,8 @@ def test_second_bake_replaces_the_first_and_restores_the_original(names, tmp_pat
     bake(names, tmp_path, "c", "lighting")
     copies = [material for material in bpy.data.materials if "leaflight_made" in material]
     assert {node.image.name for m in copies for node in m.node_tree.nodes if node.type == "TEX_IMAGE" and node.label} == {"page_c"}
-    assert len(copies) == 4  # Red, Textured, Blue and the empty slots: shared by objects that show the same image
+    # Red, Textured, Blue and the empty slots, with a place on the page and without: shared by objects that show the same image
+    assert len(copies) == 5
     restore.remove_bake(bpy.context.scene)
     assert differences(before, dump()) == []
 

@@ -11,10 +11,10 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_rooms import list_files, open_room, save_scene  # noqa: E402
-from leaflight.addon import restore, session  # noqa: E402
+from leaflight.addon import restore, session, uv_layer  # noqa: E402
 from leaflight.addon.arguments import BakeRequest  # noqa: E402
 from leaflight.core.bake import run_bake  # noqa: E402
-from leaflight.core.job import JOB_FILE, SNAPSHOT_FILE, Job  # noqa: E402
+from leaflight.core.job import JOB_FILE, LAYOUT_FILE, SNAPSHOT_FILE, Job  # noqa: E402
 from leaflight.core.settings import Settings  # noqa: E402
 from leaflight.core.snapshot import load_snapshot  # noqa: E402
 
@@ -98,18 +98,68 @@ def test_the_first_pass_and_format_are_shown(request_, folder):
     assert shown_images("Floor") == {image.name}
 
 
-def test_objects_that_share_a_mesh_get_places_of_their_own(request_, folder):
-    twin = bpy.data.objects["Cube"].copy()
-    twin.name, twin.location.x = "Twin", 1.5
-    bpy.context.scene.collection.objects.link(twin)
-    assert bake(request_, folder) == []
-    layers = []
-    for name in ("Cube", "Twin"):
-        mesh = bpy.data.objects[name].data
-        uv = np.empty(2 * len(mesh.loops), np.float32)
-        mesh.uv_layers["Leaflight"].uv.foreach_get("vector", uv)
-        layers.append(uv)
-    assert not np.allclose(*layers)
+def add_twins(*scales):
+    """Linked duplicates of the cube, and their names with its own."""
+    cube = bpy.data.objects["Cube"]
+    for k, scale in enumerate(scales):
+        twin = cube.copy()
+        twin.name, twin.location.x, twin.scale = f"Twin {k}", 1.5 + k, scale
+        bpy.context.scene.collection.objects.link(twin)
+    return ["Cube", *(f"Twin {k}" for k in range(len(scales)))]
+
+
+def read_uv(name, layer="Leaflight"):
+    """What an object's lightmap is looked up with: its UVs, put in their place where it has one."""
+    obj = bpy.data.objects[name]
+    uv = np.empty((len(obj.data.loops), 2), np.float32)
+    obj.data.uv_layers[layer].uv.foreach_get("vector", uv.reshape(-1))
+    place = np.array(obj.get(uv_layer.PLACE, (1, 1, 0, 0)))
+    return uv * place[:2] + place[2:]
+
+
+@pytest.mark.parametrize("options", [{}, {"density": 8.0}, {"atlas": False}])
+def test_linked_duplicates_keep_sharing_their_mesh(request_, folder, options):
+    names = add_twins((1, 1, 1), (-2, 2, 2), (1, 1, 1.5))
+    work = prepare(replace(request_, settings=replace(SETTINGS, size=64, **options)), folder)
+    run_bake(folder, lambda message: None, lambda: False)
+    assert session.assign(bpy.context, work, session.read_result(work)) == []
+    assert {bpy.data.objects[name].data for name in names} == {bpy.data.meshes["Cube"]}
+    layout, snapshot = np.load(folder / LAYOUT_FILE), work.export.snapshot
+    for i, one in enumerate(snapshot.objects):
+        rows = snapshot.tri_object == i
+        np.testing.assert_allclose(read_uv(one.name)[snapshot.tri_corner[rows]], layout["tri_uv"][rows], atol=1e-6)
+    assert len({tuple(bpy.data.objects[name][uv_layer.PLACE]) for name in names}) == (4 if options.get("atlas", True) else 1)
+    assert len({frozenset(shown_images(name)) for name in names}) == (1 if not options else len(set(layout["object_page"][:4])))
+    restore.remove_bake(bpy.context.scene)
+    assert not any(uv_layer.PLACE in obj for obj in bpy.data.objects)
+
+
+def test_who_is_too_unlike_the_others_wears_a_copy_of_the_mesh_and_is_told(request_, folder):
+    names = add_twins((1, 1, 1), (20, 1, 1), (20, 1, 1))
+    warnings = bake(replace(request_, settings=replace(SETTINGS, size=64)), folder)
+    assert [subject for subject, text in warnings if "too unlike the others" in text] == names[2:]
+    data = [bpy.data.objects[name].data for name in names]
+    assert data[0] == data[1] == bpy.data.meshes["Cube"]
+    assert data[2] == data[3] != data[0]
+    restore.remove_bake(bpy.context.scene)
+    assert {bpy.data.objects[name].data for name in names} == {bpy.data.meshes["Cube"]}
+
+
+def test_own_meshes_are_given_where_they_are_asked_for(request_, folder):
+    names = add_twins((1, 1, 1))
+    assert bake(replace(request_, settings=replace(SETTINGS, share_meshes=False)), folder) == []
+    assert not np.allclose(*(read_uv(name) for name in names))
+    assert bpy.data.objects["Cube"].data != bpy.data.objects["Twin 0"].data
+    assert not any(uv_layer.PLACE in obj for obj in bpy.data.objects)
+
+
+def test_linked_duplicates_with_a_layer_of_the_users_have_an_image_each(request_, folder):
+    """Their UVs are the same by design, so they cannot share a page."""
+    names = add_twins((1, 1, 1))
+    bake(replace(request_, uv_layer="UVMap"), folder)
+    assert {bpy.data.objects[name].data for name in names} == {bpy.data.meshes["Cube"]}
+    assert not shown_images(names[0]) & shown_images(names[1])
+    assert not any(uv_layer.PLACE in obj for obj in bpy.data.objects)
 
 
 def test_an_earlier_bake_is_not_baked_and_stays_shown(request_, folder, tmp_path):

@@ -25,6 +25,7 @@ def test_without_options_everything_has_its_default():
         ("--density 12.5", "density", 12.5),
         ("--per-object", "atlas", False),
         ("--atlas", "atlas", True),
+        ("--own-meshes", "share_meshes", False),
         ("--pass lighting direct", "passes", ("lighting", "direct")),
         ("--format png exr", "formats", ("png", "exr")),
         ("--format rgbm logluv", "formats", ("rgbm", "logluv")),

@@ -7,7 +7,7 @@ from leaflight.core.charts import make_charts
 from leaflight.core.geometry import triangle_normals_areas
 from leaflight.core.layer_check import signed_areas
 from leaflight.core.settings import Settings
-from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, quad_mesh, sphere_mesh
+from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, quad_mesh, shared_mesh, sphere_mesh
 from texel_gaps import check_gaps
 
 FULL_PAGE = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
@@ -182,6 +182,78 @@ def test_page_too_small_for_the_charts():
 def test_charts_below_a_texel_are_told():
     atlas = make_charts(make_scene([moved(sphere_mesh("Grit"), scale=1e-3), quad_mesh("Floor", 10, 10)]), Settings(size=64))
     assert [subject for subject, _ in atlas.warnings] == ["Grit"]
+
+
+def check_blocks(scene, atlas):
+    """Objects of one block have one UV at each corner, within a unit square; gives their names by block."""
+    names = {}
+    for block in range(atlas.object_block.max() + 1):
+        of_corner = {}
+        members = np.flatnonzero(atlas.object_block == block)
+        for i in members:
+            rows = (scene.tri_object == i) & (atlas.tri_chart >= 0)
+            place = atlas.object_place[i]
+            assert place[0] == place[1]
+            uv = (atlas.tri_uv[rows] / atlas.page_size - place[2:]) / place[:2]
+            np.testing.assert_allclose([uv.min(), uv.max()], [0, 1], atol=1e-9)
+            for corner, point in zip(scene.tri_corner[rows].ravel().tolist(), uv.reshape(-1, 2), strict=True):
+                np.testing.assert_allclose(point, of_corner.setdefault(corner, point), atol=1e-9)
+        names[block] = [scene.objects[i].name for i in members]
+    free = atlas.object_block < 0
+    assert (atlas.object_place[free] == [1, 1, 0, 0]).all()
+    return names
+
+
+def linked_meshes():
+    cloth, crate = grid_mesh("Cloth", cells=4, noise=0.9, edge_m=0.2), box_mesh("Crate", (0.5, 0.3, 0.2))
+    crates = [shared_mesh(f"Crate {k}", crate, (1 + 0.3 * k,) * 3, (k, 0, 0)) for k in range(5)]
+    crates.append(shared_mesh("Crate mirrored", crate, (-1, 1, 1)))
+    cloths = [dataclasses.replace(shared_mesh(f"Cloth {k}", cloth, (1, 1 + 0.2 * k, 1)), shares=1) for k in range(3)]
+    return [*crates, shared_mesh("Plank", crate, (9, 1, 0.1)), quad_mesh("Floor", 3, 3), *cloths, quad_mesh("Painted", uv=FULL_PAGE)]
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"density": 60.0}, {"density": 400.0}, {"atlas": False}, {"atlas": False, "density": 50.0}, {"padding": 1}]
+)
+def test_linked_duplicates_wear_one_block_each_in_its_own_place(options):
+    scene = make_scene(linked_meshes())
+    settings = Settings(size=192, **options)
+    atlas = make_charts(scene, settings)
+    check_atlas(scene, atlas, settings.padding)
+    names = check_blocks(scene, atlas)
+    assert sorted(map(sorted, names.values())) == [
+        ["Cloth 0", "Cloth 1", "Cloth 2"],
+        ["Crate 0", "Crate 1", "Crate 2", "Crate 3", "Crate 4", "Crate mirrored"],
+    ]
+    found = densities(scene, atlas)
+    worn = atlas.object_block >= 0
+    if not options.get("atlas", True) and "density" not in options:
+        for block in names:
+            texels = np.bincount(scene.tri_object, np.abs(signed_areas(atlas.tri_uv)))[atlas.object_block == block]
+            np.testing.assert_allclose(texels, texels[0])
+    elif options.get("density") == 400.0:
+        assert {f"Crate {k}" for k in range(5)} <= {subject for subject, _ in atlas.warnings}
+        assert (found[worn] < 400.0).all()
+    else:
+        np.testing.assert_allclose(found[worn], options.get("density", found[worn][0]), rtol=1e-9)
+
+
+def test_without_sharing_every_object_is_by_itself():
+    scene = make_scene(linked_meshes())
+    atlas = make_charts(scene, Settings(size=192, share_meshes=False))
+    plain = make_charts(
+        dataclasses.replace(scene, objects=tuple(dataclasses.replace(o, mesh=-1) for o in scene.objects)), Settings(size=192)
+    )
+    assert (atlas.object_block < 0).all()
+    np.testing.assert_array_equal(atlas.tri_uv, plain.tri_uv)
+
+
+def test_blocks_cost_little_room():
+    """Five sizes of a crate, many times: not much less dense than charts packed one by one."""
+    crate = box_mesh("Crate", (0.5, 0.3, 0.2))
+    scene = make_scene([shared_mesh(f"Crate {k}", crate, (1 + 0.2 * (k % 5),) * 3) for k in range(60)])
+    shared, alone = (densities(scene, make_charts(scene, Settings(size=512, share_meshes=share)))[0] for share in (True, False))
+    assert 0.8 * alone < shared <= 1.02 * alone
 
 
 def test_same_scene_same_atlas():

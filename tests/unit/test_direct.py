@@ -168,6 +168,8 @@ SECOND_OPINIONS = {
     "sun": lit_scene([BLOCK], [replace(SUN, angle_rad=0.3)]),
     "lamp": lit_scene([BLOCK], emission=[box_mesh("Lamp", (0.2, 0.2, 0.05), (0.4, 0.5, 0.9))], rgb=(5.0, 2.0, 0.0)),
     "world": replace(lit_scene([BLOCK]), world_rgb=(1.0, 0.5, 0.0)),
+    "panel without shadow": lit_scene([BLOCK], [replace(PANEL, casts_shadow=False)]),
+    "soft bulb without shadow": lit_scene([BLOCK], [replace(BULB, radius_m=0.1, casts_shadow=False)]),
 }
 
 

@@ -11,8 +11,9 @@ from floors import Patch, lit_scene, sigma_limit
 from leaflight.core.direct_lights import TriangleSource, WorldSource, make_sources
 from leaflight.core.emitters import usable_power
 from leaflight.core.geometry import UnitBox
-from leaflight.core.lights import SceneCover, make_light_emitter
+from leaflight.core.lights import make_light_emitter
 from leaflight.core.scene import Light
+from leaflight.core.scene_cover import SceneCover
 from scenes import box_mesh
 
 UNIT_BOX = UnitBox(np.array([1.0, 2.0, 3.0]), 0.25)

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from floors import Patch, chi_square_sigmas, sigma_limit
 from leaflight.core.geometry import UnitBox
-from leaflight.core.lights import PointEmitter, SceneCover, SpotCone, make_light_emitter, sample_spread_angle, spread_attenuation
+from leaflight.core.lights import PointEmitter, SpotCone, make_light_emitter, sample_spread_angle, spread_attenuation
 from leaflight.core.scene import Light
+from leaflight.core.scene_cover import SceneCover
 from scenes import box_mesh
 
 UNIT_BOX = UnitBox(np.array([1.0, 2.0, 3.0]), 0.25)  # 4 m wide
@@ -267,12 +268,6 @@ def test_light_without_size_still_shines_its_power():
     emitter = make_light_emitter(light, np.array(light.power_rgb), UNIT_BOX, COVER)
     assert emitter.power_rgb == pytest.approx(light.power_rgb)
     assert np.isfinite(emitter.emit(np.random.default_rng(1).random((100, 4), np.float32)).origin).all()
-
-
-def test_cover_of_a_flat_scene_has_a_thickness():
-    cover = SceneCover.around(np.array([[-0.5, -0.5, 0], [0.5, 0.5, 0]], np.float32))
-    assert (cover.high > cover.low).all()
-    assert (cover.face_area > 0).all()
 
 
 def test_a_point_light_is_a_spot_of_all_directions():

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from leaflight.core import geometry, photons, sampling
+from leaflight.core import births, geometry, photons, sampling
 from leaflight.core.lights import Births
 from leaflight.core.materials import SurfaceMaterials
 from leaflight.core.scene import Material, SceneObject, SceneSnapshot, TextureImage
@@ -24,6 +24,7 @@ class Lamp:
     place_unit: tuple[float, float, float] = (0.0, 0.0, 0.0)
     along: tuple[float, float, float] | None = None
     soft: tuple[float, float] = (0.0, 0.0)
+    casts_shadow: bool = True
     name: str = "Lamp"
 
     def emit(self, u):
@@ -142,7 +143,7 @@ def test_a_point_in_the_centre_lights_six_faces_alike():
 
 
 def test_births_go_on_from_batch_to_batch():
-    assert N > photons.BATCH
+    assert N > births.BATCH
     hits = _trace(_build(_snapshot(_cube()), _white_lamp()), max_depth=1)
     assert len(np.unique(np.stack([hits.tri, hits.u, hits.v]), axis=1).T) > 0.99 * N
 
@@ -183,6 +184,23 @@ def test_objects_without_shadow_let_light_through():
     hits, bare = _trace(_build(with_pane, _white_lamp())), _trace(_build(_snapshot(_cube()), _white_lamp()))
     assert hits.counters == bare.counters
     np.testing.assert_array_equal(hits.tri, bare.tri + 1)
+
+
+def test_a_lamp_without_shadow_lights_what_lies_behind_too_and_that_scatters():
+    """A pane that faces down halves the cube, the lamp in the upper half: the floor is lit as without it, the pane on its back only."""
+    pane = np.array([[[-0.5, -0.5, -0.2], [0.5, 0.5, -0.2], [0.5, -0.5, -0.2]], [[-0.5, -0.5, -0.2], [-0.5, 0.5, -0.2], [0.5, 0.5, -0.2]]])
+    two = np.concatenate([_cube(), pane])
+    lamp = _white_lamp(casts_shadow=False)
+    bare, hits = _trace(_build(_snapshot(_cube()), _white_lamp()), max_depth=1), _trace(_build(_snapshot(two), lamp))
+    first = hits.is_first
+    np.testing.assert_array_equal(np.bincount(hits.tri[first], minlength=14)[:12], np.bincount(bare.tri, minlength=12))
+    assert hits.counters.photons == N
+    below = np.bincount(hits.tri[~first], hits.flux_rgb[0, ~first], 14)
+    shadowed = _trace(_build(_snapshot(two), _white_lamp()))
+    assert not np.bincount(shadowed.tri, minlength=14)[[8, 9, 12, 13]].any()
+    assert (below[[12, 13]] > 0.01 * 12).all()  # from the floor
+    _assert_closes(hits.audit)
+    assert hits.audit.emitted[0] > 12 * 1.1
 
 
 def test_skipped_first_hits_change_nothing_else():

@@ -22,7 +22,7 @@ def make_snapshot():
         tri_uv=rng.random((2, 3, 2)),
         tri_albedo_uv=rng.random((2, 3, 2)).astype(np.float32),
         tri_emission_uv=rng.random((2, 3, 2)).astype(np.float32),
-        objects=(SceneObject("Wand", users=2), SceneObject("Möbel", receives=False, casts_shadow=False)),
+        objects=(SceneObject("Wand", mesh=2), SceneObject("Möbel", receives=False, casts_shadow=False)),
         materials=(Material("Putz", (0.1, 0.2, 0.3), 0), Material("Lampe", emission_rgb=(1.0, 2.0, 3.0))),
         images=(TextureImage("Karo", rng.random((3, 5, 3)).astype(np.float32), "CLIP", True),),
         lights=(Light("AREA", "Fenster", (1.0, 2.0, 3.0), power_rgb=(4.0, 5.0, 6.0), size_m=(2.0, 0.5), casts_shadow=False),),

@@ -1,0 +1,127 @@
+"""Photons as they leave the lights, and those that no surface holds up."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .geometry import offset_origin
+from .lights import Emitter
+from .rays import RayScene
+from .sampling import kronecker_points
+
+BATCH = 32_768  # photons in flight; measured: 16 k is 10 % slower, 64 k 3 % faster with twice the memory
+_MOST_SURFACES = 1000  # along one way; where rounding holds a photon up at a surface, it ends
+_FARTHEST = np.float32(1e6)  # its square is still finite in float32
+
+Bools: TypeAlias = NDArray[np.bool_]
+Float64: TypeAlias = NDArray[np.float64]
+_Rows = NDArray[np.float32]
+_Ints = NDArray[np.int32]
+
+
+@dataclass
+class Photons:
+    """Photons under way, (3, n) float32 rows: an axis or a channel each.
+
+    soft   (3, n) float32   unit box: soft_radius, soft_offset and the way covered so far; None after the first hit, or if none is soft
+    """
+
+    origin: _Rows
+    direction: _Rows
+    flux: _Rows
+    soft: _Rows | None = None
+
+
+def bear_photons(
+    emitters: Sequence[Emitter], shares: Float64, n_photons: int, total_flux_share: float, rng: np.random.Generator
+) -> Iterator[tuple[Photons, Bools]]:
+    """Batches of new photons, and which of them are a lamp's without shadow.
+
+    Emitter e gets its share of them to within one, by systematic sampling: E[count] = n * share exactly.
+
+    shares   (n_emitter,) float64   probability of each emitter
+    """
+    if n_photons <= 0 or not shares.any():
+        return
+    shift = rng.integers(0, 2**32, (len(shares), 4), np.uint32)
+    end = np.ceil(np.cumsum(shares) * n_photons - rng.random()).astype(np.int64).clip(0, n_photons)
+    end[np.flatnonzero(shares)[-1] :] = n_photons  # a sum of shares may round to just below 1
+    start = np.concatenate([[0], end[:-1]])
+    for first in range(0, n_photons, BATCH):
+        last = min(first + BATCH, n_photons)
+        origin, direction, flux = np.empty((3, 3, last - first), np.float32)
+        soft, shadowless = np.zeros((3, last - first), np.float32), np.zeros(last - first, bool)
+        for e in np.flatnonzero((start < last) & (end > first) & (end > start)):
+            low, high = max(first, start[e]), min(last, end[e])
+            births = emitters[e].emit(kronecker_points(shift[e], int(low - start[e]), int(high - low)))
+            place = slice(low - first, high - first)
+            origin[:, place], direction[:, place] = births.origin.T, births.direction.T
+            soft[0, place], soft[1, place] = births.soft_radius, births.soft_offset
+            shadowless[place] = not emitters[e].casts_shadow
+            power = emitters[e].power_rgb * (total_flux_share / n_photons / shares[e])
+            flux[:, place] = power.astype(np.float32)[:, None] * births.relative_rgb.T
+        yield Photons(origin, direction, flux, soft if soft.any() else None), shadowless
+
+
+def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri_normal: _Rows, tri_frame: _Rows) -> int:
+    """Adds a photon for each surface behind the first along the way of the shadowless ones, born just before it; gives the rays it took.
+
+    Blender lights whatever faces such a lamp, and what is lit scatters.
+
+    tri_normal   (3, n_tri) float32
+    tri_frame    (3, 3, n_tri) float32   as in photons.TraceScene
+    """
+    place = np.flatnonzero(shadowless)
+    origin, direction = photons.origin.take(place, axis=1), photons.direction.take(place, axis=1)
+    covered = np.zeros(len(place), np.float32)
+    parts, traced = [photons], 0
+    for number in range(_MOST_SURFACES):
+        found = rays.closest(origin.T, direction.T)
+        traced += len(place)
+        hit = np.flatnonzero(found.tri >= 0)
+        place, origin, direction, covered = place[hit], origin.take(hit, axis=1), direction.take(hit, axis=1), covered[hit]
+        if number:
+            soft = None if photons.soft is None else photons.soft.take(place, axis=1)
+            if soft is not None:
+                soft[2] = covered
+            parts.append(Photons(origin, direction, photons.flux.take(place, axis=1), soft))
+        if not len(hit):
+            break
+        tri = found.tri[hit]
+        normal = tri_normal.take(tri, axis=1)
+        normal = normal * np.copysign(np.float32(1), (direction * normal).sum(axis=0))  # the side it leaves by
+        origin = offset_origin(locate_hits(tri_frame, tri, found.u[hit], found.v[hit]), normal)
+        covered = covered + found.distance[hit]
+    photons.origin, photons.direction, photons.flux = (
+        np.concatenate([getattr(part, name) for part in parts], axis=1) for name in ("origin", "direction", "flux")
+    )
+    if photons.soft is not None:
+        photons.soft = np.concatenate([part.soft for part in parts if part.soft is not None], axis=1)
+    return traced
+
+
+def locate_hits(tri_frame: _Rows, tri: _Ints, u: _Rows, v: _Rows) -> _Rows:
+    """(3, n) float32, unit box: places on triangles.
+
+    By the barycentrics they lie on the surface however grazing the ray; origin + distance * direction may be beyond a wall.
+    """
+    corner, edge1, edge2 = tri_frame.take(tri, axis=2)
+    located: _Rows = corner + u * edge1 + v * edge2
+    return located
+
+
+def soften(photons: Photons, distance: _Rows) -> None:
+    """Blender's soft falloff: 1 / d^2 becomes 1 / (d^2 + r^2) at the first hit.
+
+    distance   (n,) float32, unit box
+    """
+    if photons.soft is not None:
+        radius, offset, covered = photons.soft
+        soft = np.flatnonzero(radius > 0)
+        d2, r2 = np.minimum(distance[soft] + covered[soft], _FARTHEST) ** 2 + offset[soft] ** 2, radius[soft] ** 2
+        photons.flux[:, soft] *= np.maximum(d2, r2) / np.maximum(d2 + r2, np.finfo(np.float32).tiny)

@@ -1,0 +1,90 @@
+"""Charts that several objects share, laid side by side once, to be moved and scaled as one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .outlines import Outlines
+from .packing import Page, Placement, Shapes, fits_alone, place_charts, place_uv, shape_charts
+
+Float64: TypeAlias = NDArray[np.float64]
+Int32: TypeAlias = NDArray[np.int32]
+Int64: TypeAlias = NDArray[np.int64]
+
+_WIDTHS = (0.6, 0.75, 0.95, 1.2)  # tried, over the side of a square that the charts' boxes with their padding would fill
+
+
+@dataclass(frozen=True)
+class BlockLayout:
+    """A block at the density, in texels/m, of its smallest object.
+
+    low    (2,) float64, texels   lower left corner among the charts as they were placed
+    side   (2,) float64, texels   width and height
+    """
+
+    density: float
+    shapes: Shapes
+    placement: Placement
+    low: Float64
+    side: Float64
+
+    def place(self, points: Float64, chart: Int64) -> Float64:
+        """Points of charts in texels of the block.
+
+        points   (n, k, 2) float64, m, as in the outlines
+        chart    (n,) int64
+        """
+        placed: Float64 = place_uv(points, chart, self.density, self.shapes, self.placement) - self.low
+        return placed
+
+
+def lay_block(outlines: Outlines, density: float, page: Page) -> BlockLayout | None:
+    """The charts of the smallest object of a block on as little room as can be; None where a page does not hold them.
+
+    Between them is a texel more than the padding: an object may put the block anywhere between texels.
+    """
+    inner = Page(page.size + 2, page.padding + 1)
+    if not fits_alone(outlines, density, inner):
+        return None
+    shapes = shape_charts(outlines, density, inner)
+    room = math.sqrt(float((shapes.side + inner.padding).prod(axis=1).sum()))
+    widest = inner.inside // inner.step
+    found: list[BlockLayout] = []
+    for columns in sorted({min(widest, max(1, round(room * share / inner.step))) for share in _WIDTHS}):
+        placement = place_charts(shapes, np.full(columns + 2 * inner.reach, -inner.padding, np.int32))
+        if placement is not None:
+            found.append(_measure_layout(outlines, density, shapes, placement))
+    return min(found, key=lambda layout: float((layout.side + page.padding).prod()), default=None)
+
+
+def outline_block(outlines: Outlines, layout: BlockLayout) -> Outlines:
+    """The block as one outline that keeps its turn, in metres of its smallest object."""
+    edge = layout.place(outlines.edge, outlines.edge_chart) / layout.density
+    extent, area = layout.side[None] / layout.density, outlines.area.sum(keepdims=True)
+    return Outlines(edge, np.array([0, len(edge)]), extent, area, np.ones(1, bool))
+
+
+def _measure_layout(outlines: Outlines, density: float, shapes: Shapes, placement: Placement) -> BlockLayout:
+    placed = place_uv(outlines.edge, outlines.edge_chart, density, shapes, placement)
+    low = placed.min(axis=(0, 1))
+    return BlockLayout(density, shapes, placement, low, placed.max(axis=(0, 1)) - low)
+
+
+def join_outlines(parts: Sequence[Outlines]) -> Outlines:
+    """All the outlines of the parts, one after the other."""
+    counts = [0, *(len(part.edge) for part in parts)]
+    first = np.cumsum(counts)
+    start = [part.start[:-1] + before for part, before in zip(parts, first[:-1], strict=True)]
+    return Outlines(
+        np.concatenate([part.edge for part in parts]),
+        np.append(np.concatenate(start), first[-1]),
+        np.concatenate([part.extent for part in parts]),
+        np.concatenate([part.area for part in parts]),
+        np.concatenate([part.rigid for part in parts]),
+    )

@@ -1,0 +1,121 @@
+"""The charts of every receiving object, before they have a place: unwrapped, or as an existing UV layer says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .geometry import triangle_normals_areas
+from .layer_check import check_layer, label_charts
+from .outlines import Outlines, measure_outlines, straighten_charts
+from .scene import SceneSnapshot
+from .sharing import Block, find_blocks, follow_charts
+from .unwrap import unwrap_triangles
+
+Float64: TypeAlias = NDArray[np.float64]
+Int64: TypeAlias = NDArray[np.int64]
+Bool: TypeAlias = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class FoundCharts:
+    """The charts of a scene; those of an object follow each other.
+
+    chart         (n_tri,) int64         -1 for triangles that get no texels
+    uv            (n_tri, 3, 2) float64  m, each chart upright and at 0; of kept layers pages
+    first_chart   (n_object + 1,) int64
+    outlines      of all charts; empty ones of kept layers, which are never packed
+    layered       objects whose layer is kept
+    blocks        objects that wear the same charts, each in its own metres
+    findings      object and what was odd about it
+    """
+
+    chart: Int64
+    uv: Float64
+    first_chart: Int64
+    outlines: Outlines
+    layered: tuple[int, ...]
+    blocks: tuple[Block, ...]
+    findings: tuple[tuple[int, str], ...]
+
+
+def find_charts(snapshot: SceneSnapshot, share_meshes: bool) -> FoundCharts:
+    """The charts; with `share_meshes` objects that share a mesh share them, too, where they can.
+
+    Raises ValueError when xatlas is needed and cannot be loaded.
+    """
+    search = _Search(snapshot, find_blocks(snapshot) if share_meshes else [])
+    count = np.zeros(len(snapshot.objects) + 1, np.int64)
+    layered = []
+    for i, one in enumerate(snapshot.objects):
+        if not one.receives:
+            continue
+        count[i + 1] = search.read_layer(i) if one.has_layer else search.unwrap(i)
+        if not count[i + 1]:
+            search.findings.append(
+                (i, "no face can be baked, so it gets no lightmap; give it faces with an area, or leave it out of the bake")
+            )
+        elif one.has_layer:
+            layered.append(i)
+    first_chart = np.cumsum(count)
+    chart = np.where(search.chart >= 0, search.chart + first_chart[snapshot.tri_object], -1)
+    packed = (chart >= 0) & ~np.isin(snapshot.tri_object, layered)
+    outlines = measure_outlines(search.uv[packed], chart[packed], search.shared[packed], int(first_chart[-1]))
+    return FoundCharts(chart, search.uv, first_chart, outlines, tuple(layered), tuple(search.blocks), tuple(search.findings))
+
+
+class _Search:
+    """The arrays that fill up, object by object; `chart` counts from 0 in each."""
+
+    def __init__(self, snapshot: SceneSnapshot, blocks: list[Block]) -> None:
+        self.snapshot, self.blocks = snapshot, blocks
+        self.findings: list[tuple[int, str]] = []
+        self.chart = np.full(snapshot.n_tri, -1, np.int64)
+        self.uv = np.zeros((snapshot.n_tri, 3, 2))
+        self.shared = np.zeros((snapshot.n_tri, 3), bool)
+        self._start = np.searchsorted(snapshot.tri_object, np.arange(len(snapshot.objects) + 1))
+        self._worn = {i: (block, float(size)) for block in blocks for i, size in zip(block.members, block.size, strict=True)}
+        self._unwrapped: dict[int, tuple[Int64, Float64, Bool]] = {}  # by the object whose charts they are
+
+    def unwrap(self, i: int) -> int:
+        """Charts of an object, upright; gives their number."""
+        if i not in self._worn:
+            return self._keep(i, *self._unfold(i))
+        block, size = self._worn[i]
+        leader = block.members[0]
+        if leader not in self._unwrapped:
+            self._unwrapped[leader] = self._unfold(leader)
+        chart, uv, shared = self._unwrapped[leader]
+        corner = self.snapshot.tri_corner
+        uv, shared = follow_charts(corner[self._rows(i)], corner[self._rows(leader)], uv, shared)
+        return self._keep(i, chart, uv * size, shared)
+
+    def read_layer(self, i: int) -> int:
+        """Charts of an object's existing layer; gives their number."""
+        scene, rows = self.snapshot, self._rows(i)
+        solid = triangle_normals_areas(scene.vertex_position[scene.tri_vertex[rows]])[1] > 0
+        check = check_layer(scene.tri_uv[rows], scene.tri_polygon[rows], solid)
+        self.findings += [(i, finding) for finding in check.findings]
+        uv = np.where(check.usable[:, None, None], scene.tri_uv[rows], 0.0)
+        chart, shared = label_charts(scene.tri_vertex[rows], scene.tri_corner[rows], uv, np.where(check.usable, 0, -1))
+        return self._keep(i, chart, np.clip(uv, 0.0, 1.0), shared)
+
+    def _rows(self, i: int) -> slice:
+        return slice(int(self._start[i]), int(self._start[i + 1]))
+
+    def _unfold(self, i: int) -> tuple[Int64, Float64, Bool]:
+        scene, rows = self.snapshot, self._rows(i)
+        position = scene.vertex_position[scene.tri_vertex[rows]]
+        chart, uv, shared = unwrap_triangles(position, scene.tri_vertex[rows], scene.tri_polygon[rows], scene.tri_corner[rows])
+        uv *= scene.objects[i].density_factor
+        used = chart >= 0
+        uv[used] = straighten_charts(uv[used], chart[used], shared[used], int(chart.max(initial=-1)) + 1)
+        return chart, uv, shared
+
+    def _keep(self, i: int, chart: Int64, uv: Float64, shared: Bool) -> int:
+        rows = self._rows(i)
+        self.chart[rows], self.uv[rows], self.shared[rows] = chart, uv, shared
+        return int(chart.max(initial=-1)) + 1

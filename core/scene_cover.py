@@ -1,0 +1,63 @@
+"""The faces by which light from infinity enters a scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .scene import FloatArray
+
+Float32: TypeAlias = NDArray[np.float32]
+Float64: TypeAlias = NDArray[np.float64]
+
+_COVER_PADDING = 1e-3  # unit box; keeps rays from starting in the plane of an outermost surface
+
+
+@dataclass(frozen=True)
+class SceneCover:
+    """A box around the scene: light from infinity enters by its faces, so none is spent beside the scene's outline.
+
+    low, high   (3,) float32, unit box
+    """
+
+    low: Float32
+    high: Float32
+
+    @classmethod
+    def around(cls, points_unit: FloatArray) -> SceneCover:
+        """points_unit (n, 3), unit box; without any, the whole unit box."""
+        if not len(points_unit):
+            return cls(np.full(3, -0.5, np.float32), np.full(3, 0.5, np.float32))
+        low, high = points_unit.min(axis=0) - _COVER_PADDING, points_unit.max(axis=0) + _COVER_PADDING
+        return cls(low.astype(np.float32), high.astype(np.float32))
+
+    @property
+    def face_area(self) -> Float64:
+        """(3,) float64, unit box squared: areas of the faces across x, y and z."""
+        side = (self.high - self.low).astype(np.float64)
+        return np.array([side[1] * side[2], side[0] * side[2], side[0] * side[1]])
+
+    def outline_area(self, direction: FloatArray) -> Float64:
+        """(n,) float64, unit box squared: the box's area seen along directions (n, 3)."""
+        return np.abs(direction.astype(np.float64)) @ self.face_area
+
+    def choose_axis(self, u: FloatArray, weight: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
+        """Face axes chosen by weights (n, 3) or (1, 3), and what is left of u (n,)."""
+        end = np.cumsum(weight, axis=1)
+        end = end / end[:, -1:]
+        axis = np.minimum((u[:, None] >= end[:, :2]).sum(axis=1), 2)
+        end = np.broadcast_to(np.concatenate([np.zeros((len(end), 1)), end], axis=1), (len(u), 4))
+        row = np.arange(len(u))
+        width = np.maximum(end[row, axis + 1] - end[row, axis], 1e-12)
+        return axis, np.clip((u - end[row, axis]) / width, 0, 1)
+
+    def place(self, axis: NDArray[np.int64], at_high: NDArray[np.bool_], u: FloatArray, v: FloatArray) -> Float32:
+        """(n, 3) float32: points (u, v) of the faces across `axis`, on their high or low side."""
+        row = np.arange(len(axis))
+        share = np.empty((len(axis), 3), np.float32)
+        share[row, axis], share[row, (axis + 1) % 3], share[row, (axis + 2) % 3] = at_high, u, v
+        out: Float32 = self.low + share * (self.high - self.low)
+        return out

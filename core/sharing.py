@@ -1,0 +1,96 @@
+"""Which objects wear one set of charts: those that share a mesh, as long as its shape and size are about the same on all of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .geometry import triangle_normals_areas
+from .scene import FloatArray, IntArray, SceneSnapshot
+
+Float64: TypeAlias = NDArray[np.float64]
+
+MAX_STRETCH = 2.0  # longest over shortest scale of an object's edges, as seen from its charts'; beyond it texels are needles
+MAX_SIZE_RATIO = 4.0  # to the object whose charts they are, either way; gaps are as wide as the smallest needs them
+_SAMPLED_TRIANGLES = 1024
+_SHORTEST = 1e-6  # of an object's longest edge; what is shorter counts as this long
+
+
+@dataclass(frozen=True)
+class Block:
+    """Objects that wear the same charts, two or more: first the one that is unwrapped.
+
+    size   (n,) float64   root of each one's surface over the first's, times what their densities differ by
+    """
+
+    members: tuple[int, ...]
+    size: Float64
+
+
+def find_blocks(snapshot: SceneSnapshot) -> list[Block]:
+    """All blocks of a scene; an object that shares its mesh, but fits none of them, is in none."""
+    start = np.searchsorted(snapshot.tri_object, np.arange(len(snapshot.objects) + 1))
+    rows = [slice(int(start[i]), int(start[i + 1])) for i in range(len(snapshot.objects))]
+    sharing: dict[tuple[int, bytes], list[int]] = {}
+    for i, one in enumerate(snapshot.objects):
+        if one.mesh >= 0 and one.receives and not one.has_layer:
+            # Sorted, for a mirrored object walks its triangles the other way. A triangle that one of them lacks may change the charts.
+            corners = np.sort(snapshot.tri_corner[rows[i]], axis=1)
+            sharing.setdefault((one.mesh, corners.tobytes()), []).append(i)
+    blocks: list[Block] = []
+    for members in sharing.values():
+        if len(members) < 2:
+            continue
+        position = [snapshot.vertex_position[snapshot.tri_vertex[rows[i]]] for i in members]
+        area = np.array([float(triangle_normals_areas(corners)[1].sum()) for corners in position])
+        area *= np.array([snapshot.objects[i].density_factor for i in members]) ** 2
+        solid = np.flatnonzero(area > 0)
+        lengths = [_log_lengths(position[k], snapshot.tri_corner[rows[members[k]]]) for k in solid]
+        for group in group_alike(np.stack(lengths)) if lengths else []:
+            chosen = solid[group]
+            if len(group) > 1:
+                blocks.append(Block(tuple(members[k] for k in chosen), np.sqrt(area[chosen] / area[chosen[0]])))
+    return blocks
+
+
+def group_alike(log_length: Float64) -> list[list[int]]:
+    """All rows in groups: about the one nearest to the mean those that fit it, then the same with the rest.
+
+    log_length   (n, n_edge) float64, natural logarithms
+    """
+    groups: list[list[int]] = []
+    left = np.arange(len(log_length))
+    while len(left):
+        rows = log_length[left]
+        distance = ((rows - rows.mean(axis=0)) ** 2).mean(axis=1)
+        first = int(np.flatnonzero(distance <= distance.min() + 1e-9)[0])  # of equals, whatever the rounding, the first
+        ratio = rows - rows[first]
+        fits = (np.ptp(ratio, axis=1) <= math.log(MAX_STRETCH)) & (np.abs(ratio.mean(axis=1)) <= math.log(MAX_SIZE_RATIO))
+        groups.append([int(left[first]), *(int(k) for k in left[fits] if k != left[first])])
+        left = left[~fits]
+    return groups
+
+
+def follow_charts(corner: IntArray, leader_corner: IntArray, uv: Float64, shared: NDArray[np.bool_]) -> tuple[Float64, NDArray[np.bool_]]:
+    """The UVs and the shared sides of an object's triangles, from those of the object that was unwrapped.
+
+    corner, leader_corner   (n, 3) int      the same three in each row, in any order
+    uv, shared              (n, 3, 2) float64 and (n, 3) bool, as `leader_corner` walks them
+    """
+    place = (corner[:, :, None] == leader_corner[:, None, :]).argmax(axis=2)
+    opposite = np.roll(place, -2, axis=1)  # of side k, from corner k on
+    return np.take_along_axis(uv, place[:, :, None], axis=1), np.take_along_axis(shared, (opposite + 1) % 3, axis=1)
+
+
+def _log_lengths(tri_position: FloatArray, tri_corner: IntArray) -> Float64:
+    """(n_edge,) float64: logarithm of the lengths of some sides of the triangles, in an order that all that share the mesh have."""
+    step = -(-len(tri_corner) // _SAMPLED_TRIANGLES)
+    order = np.argsort(tri_corner[::step], axis=1)
+    position = np.take_along_axis(tri_position[::step], order[:, :, None], axis=1)
+    length = np.linalg.norm(position - np.roll(position, 1, axis=1), axis=2).ravel()
+    log_length: Float64 = np.log(np.maximum(length, _SHORTEST * length.max()))
+    return log_length

@@ -1,0 +1,76 @@
+"""Which objects wear the charts of one."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from leaflight.core.sharing import find_blocks, follow_charts, group_alike
+from leaflight.core.unwrap import unwrap_triangles
+from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, shared_mesh
+
+BOX = box_mesh("Box", (1.0, 0.7, 0.4))
+
+
+def blocks_of(meshes):
+    """Names of each block's members, and their sizes."""
+    scene = make_scene(meshes)
+    found = find_blocks(scene)
+    return [[scene.objects[i].name for i in block.members] for block in found], [block.size for block in found]
+
+
+def test_linked_duplicates_of_any_size_and_turn_are_one_block():
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    turned = shared_mesh("C", BOX)
+    turned = dataclasses.replace(turned, vertex=turned.vertex @ turn.T)
+    names, sizes = blocks_of(
+        [shared_mesh("A", BOX), shared_mesh("B", BOX, (3, 3, 3), (9, 0, 0)), turned, shared_mesh("D", BOX, (-1, 1, 1))]
+    )
+    assert [sorted(group) for group in names] == [["A", "B", "C", "D"]]
+    by_name = dict(zip(names[0], sizes[0], strict=True))
+    assert by_name["B"] / by_name["A"] == pytest.approx(3.0)
+    assert by_name["C"] / by_name["A"] == pytest.approx(1.0)
+
+
+def test_what_shares_no_mesh_or_gets_no_charts_is_in_none():
+    alone = [BOX, moved(BOX, name="Same shape"), shared_mesh("Only one", BOX)]
+    others = [dataclasses.replace(shared_mesh("Shade", BOX), receives=False), shared_mesh("Flat", BOX, (0, 0, 0))]
+    assert blocks_of([*alone, *others]) == ([], [])
+
+
+def test_a_kept_layer_is_not_shared():
+    uv = [np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])] * 6
+    assert blocks_of([dataclasses.replace(shared_mesh(name, BOX), uv=uv) for name in "AB"]) == ([], [])
+
+
+def test_the_stretched_and_the_tiny_are_left_out_or_have_a_block_of_their_own():
+    plain = [shared_mesh(f"Plain {k}", BOX) for k in range(3)]
+    slab = [shared_mesh(f"Slab {k}", BOX, (10, 10, 0.1)) for k in range(2)]
+    names, _ = blocks_of([slab[0], *plain, slab[1], shared_mesh("Crumb", BOX, (0.05, 0.05, 0.05))])
+    assert names == [["Plain 0", "Plain 1", "Plain 2"], ["Slab 0", "Slab 1"]]
+
+
+def test_other_corners_are_another_mesh():
+    other = Mesh("Other", BOX.vertex, BOX.polygons[:-1], shares=0)
+    bent = dataclasses.replace(shared_mesh("Bent", BOX), shares=1)
+    assert blocks_of([shared_mesh("A", BOX), other, bent]) == ([], [])
+
+
+def test_groups_gather_about_the_row_nearest_to_the_mean():
+    log_length = np.log(np.array([[1, 1], [1, 1.9], [1.05, 1.5], [1, 9], [1, 1.2], [2, 20]]))
+    assert group_alike(log_length) == [[1, 0, 2, 4], [3, 5]]
+
+
+@pytest.mark.parametrize("scale", [(1, 1, 1), (-1, 1, 1)])
+def test_a_follower_has_the_leaders_uv_at_every_corner(scale):
+    cloth = grid_mesh("Cloth", cells=5, noise=0.8)
+    scene = make_scene([shared_mesh("A", cloth), shared_mesh("B", cloth, scale)])
+    rows = np.split(np.arange(scene.n_tri), 2)
+    _, uv, shared = unwrap_triangles(*(a[rows[0]] for a in (scene.tri_position, scene.tri_vertex, scene.tri_polygon, scene.tri_corner)))
+    own, leaders = scene.tri_corner[rows[1]], scene.tri_corner[rows[0]]
+    found, sides = follow_charts(own, leaders, uv, shared)
+    of_corner = dict(zip(leaders.ravel().tolist(), uv.reshape(-1, 2).tolist(), strict=True))
+    assert [of_corner[corner] for corner in own.ravel().tolist()] == found.reshape(-1, 2).tolist()
+    ends = {(t, *sorted((a, b))) for t, k in zip(*np.nonzero(shared), strict=True) for a, b in [(leaders[t, k], leaders[t, (k + 1) % 3])]}
+    own_ends = {(t, *sorted((a, b))) for t, k in zip(*np.nonzero(sides), strict=True) for a, b in [(own[t, k], own[t, (k + 1) % 3])]}
+    assert ends == own_ends
+    assert 0 < len(ends) < shared.size
