@@ -66,7 +66,7 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
     settings = job.settings
     stages = Stages(tell)
     _open_output(Path(job.output))
-    executor = workers.make_executor(settings.workers)
+    executor = workers.open_executor(settings)
     try:
         with stages.stage("load", "Reading the scene"):
             snapshot = load_snapshot(folder / SNAPSHOT_FILE)

@@ -30,6 +30,7 @@ def _knob(
     group: str = "Advanced",
     flag: str = "",
     off_flag: str = "",
+    decides_images: bool = True,
 ) -> Any:
     metadata = {
         "help": help_text,
@@ -40,6 +41,7 @@ def _knob(
         "group": group,
         "flag": flag,
         "off_flag": off_flag,
+        "decides_images": decides_images,
     }
     return field(default=default, metadata=metadata)
 
@@ -81,7 +83,9 @@ class Settings:
     finest_texels: int = _knob(1, "side of the smallest leaf", unit="texels", low=1, high=1024)
     max_depth: int = _knob(1000, "surfaces a photon may meet", unit="hits", low=1, high=100_000)
     seed: int = _knob(1, "same seed, same bytes", low=0, high=2**31 - 1)
-    workers: int = _knob(0, "processes that trace; 0 takes one per core", low=0, high=1024)
+    workers: int = _knob(0, "processes that trace; 0 takes one per core", low=0, high=1024, decides_images=False)
+    cluster: str = _knob("", "trace on the workers of the dask scheduler at this address, host:port", decides_images=False)
+    force: bool = _knob(False, "bake even where nothing has changed since the last bake", group="Output", decides_images=False)
 
     def __post_init__(self) -> None:
         for knob in dataclasses.fields(self):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
@@ -24,10 +25,13 @@ from .job import SNAPSHOT_FILE
 from .materials import SurfaceMaterials
 from .quadtree import TreeView
 from .scene import IntArray, SceneSnapshot
+from .settings import Settings
 from .snapshot import load_snapshot
 from .texel_map import TexelMap
 
 TEXELS_FOLDER = "texels"
+# A shard's fields that name folders, and what of each folder the shard reads, () all of it.
+FOLDER_PARTS: dict[str, tuple[str, ...]] = {"tracing": (SNAPSHOT_FILE, TEXELS_FOLDER), "view": ()}
 DIRECT_ROUND = 2**31 - 1  # of the random numbers for shadow rays: no round of photons comes that far
 
 
@@ -140,6 +144,23 @@ class InlineExecutor(Executor):
         except Exception as error:  # an executor hands every error to the one who asks for the result
             future.set_exception(error)
         return future
+
+
+def open_executor(settings: Settings) -> Executor:
+    """The executor that the settings ask for; close it with shutdown().
+
+    Raises ValueError or OSError with a sentence when a cluster is asked for and cannot be used.
+    """
+    if not settings.cluster:
+        return make_executor(settings.workers)
+    try:
+        from . import cluster  # dask is there only for those who use it
+    except ImportError as reason:
+        raise ValueError(
+            f"--cluster {settings.cluster}: dask.distributed cannot be loaded ({reason}); install Leaflight with its extra `cluster`, "
+            f"or into this Python: {sys.executable} -m pip install 'dask[distributed]'."
+        ) from reason
+    return cluster.connect(settings.cluster)
 
 
 def make_executor(workers: int) -> Executor:
