@@ -98,7 +98,7 @@ def _add_knob(group: Any, knob: dataclasses.Field[Any]) -> None:
     elif about["choices"]:
         group.add_argument(flag, dest=knob.name, choices=about["choices"], default=knob.default, help=text)
     else:
-        group.add_argument(flag, dest=knob.name, type=type(knob.default), default=knob.default, metavar="N", help=text)
+        group.add_argument(flag, dest=knob.name, type=type(knob.default), default=knob.default, metavar=about["metavar"], help=text)
 
 
 def _flag(knob: dataclasses.Field[Any]) -> str:

@@ -80,7 +80,7 @@ class BakeProcess:
 def _package_paths() -> list[str]:
     """Folders of the packages the child needs, as this process finds them."""
     paths: list[str] = []
-    for package in ("numpy", "embreex", "xatlas", "OpenImageIO"):
+    for package in ("numpy", "embreex", "xatlas", "OpenImageIO", "distributed"):
         spec = importlib.util.find_spec(package)
         if spec is not None and spec.origin is not None:
             folder = Path(spec.origin).parent

@@ -58,6 +58,8 @@ class LEAFLIGHT_OT_bake(bpy.types.Operator):
             return self.execute(context)
         if not self._start(context):
             return {"CANCELLED"}
+        if self._ended:
+            return self._finish(context, self._ended)
         self._timer = context.window_manager.event_timer_add(_TIMER_SECONDS, window=context.window)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
@@ -80,7 +82,7 @@ class LEAFLIGHT_OT_bake(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         if not self._start(context):
             return {"CANCELLED"}
-        return self._finish(context, get_state(context).wait())
+        return self._finish(context, self._ended or get_state(context).wait())
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Blender quits or opens a file."""
@@ -94,7 +96,8 @@ class LEAFLIGHT_OT_bake(bpy.types.Operator):
         folder = Path(self._folder.name)
         try:
             self._session = session.prepare(context, make_request(context), folder)
-            process = BakeProcess(folder, tuple(bpy.app.python_args), session.library_paths())
+            kept = self._session.kept is not None
+            process = None if kept else BakeProcess(folder, tuple(bpy.app.python_args), session.library_paths())
         except (ValueError, OSError) as reason:
             state.fail(str(reason))
             self.report({"ERROR"}, str(reason))
@@ -102,7 +105,11 @@ class LEAFLIGHT_OT_bake(bpy.types.Operator):
             return False
         # Undo and opening a file make references invalid: only names and numbers are kept.
         self._scene_uid, self._view_layer = context.scene.session_uid, context.view_layer.name
-        state.begin(process, began, list(self._session.export.warnings))
+        warnings = list(self._session.export.warnings)
+        if process is None:
+            self._ended = state.begin_kept(session.tell_kept(self._session), began, warnings)
+        else:
+            state.begin(process, began, warnings)
         return True
 
     def _finish(self, context: bpy.types.Context, ended: Done | Error) -> set[str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import re
 import sys
 import tempfile
 import time
@@ -17,16 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import basis, charts, contact, image_file, resolve, shared_arrays, solve, texels, workers
+from . import basis, charts, contact, image_file, kept_bake, resolve, shared_arrays, solve, texels, workers
 from .direct_field import DirectField
-from .job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
+from .job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job, make_file_name
 from .materials import clamp_warnings
 from .messages import Done, Message, Status, Warning_
 from .scene import SceneSnapshot
 from .snapshot import load_snapshot
 from .texel_map import TexelMap
-
-MAX_NAME_BYTES = 180  # of an object in a file's name: systems allow 255 in all, and Blender as many for the object
 
 
 @dataclass(frozen=True)
@@ -82,7 +79,8 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
             shared_arrays.save_struct(folder / workers.TEXELS_FOLDER, texel_map)
         with stages.stage("scene", "Building the ray tracer's tree"):
             tracing = workers.open_tracing(str(folder))
-        for subject, text in [*warnings, *atlas.warnings, *tracing.warnings]:
+        warnings += [*atlas.warnings, *tracing.warnings]
+        for subject, text in warnings:
             tell(Warning_(subject, text))
         with stages.stage("direct", "Direct light"):
             n_texel = len(texel_map.texel_area)
@@ -114,7 +112,13 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
         "page_size": atlas.page_size,
         "pages": atlas.page_count,
         "objects": _object_rows(snapshot, atlas, texel_map),
+        "skipped": {"bake": 0},
     }
+    if light.stopped_by != "interrupted":
+        try:
+            kept_bake.note_bake(folder, snapshot, job, result, warnings)
+        except OSError as reason:
+            tell(Warning_("", f"this bake cannot be noted in {job.output} ({reason}), so the same bake will be done again"))
     (folder / RESULT_FILE).write_text(json.dumps(result), encoding="utf-8")
     tell(Done(str(folder / RESULT_FILE), light.stopped_by == "interrupted"))
 
@@ -176,16 +180,11 @@ def _page_names(job: Job, snapshot: SceneSnapshot, atlas: charts.ChartAtlas) -> 
     for page in range(atlas.page_count):
         owners = np.flatnonzero(atlas.object_page == page)
         alone = not job.settings.atlas and len(owners) == 1
-        name = _file_name(snapshot.objects[owners[0]].name) if alone else f"{_file_name(job.atlas_name)}_{page}"
+        name = make_file_name(snapshot.objects[owners[0]].name) if alone else f"{make_file_name(job.atlas_name)}_{page}"
         while name.lower() in (other.lower() for other in names):
             name += "_"
         names.append(name)
     return names
-
-
-def _file_name(name: str) -> str:
-    short = name.encode()[:MAX_NAME_BYTES].decode(errors="ignore")
-    return re.sub(r'[<>:"/\\|?*\x00-\x1f]', "_", short).strip(". ") or "_"
 
 
 def _object_rows(snapshot: SceneSnapshot, atlas: charts.ChartAtlas, texel_map: TexelMap) -> list[dict[str, Any]]:

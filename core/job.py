@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ SNAPSHOT_FILE = "snapshot.npz"
 JOB_FILE = "job.json"
 LAYOUT_FILE = "layout.npz"  # tri_uv (n_tri, 3, 2) in [0, 1], tri_chart (n_tri,), object_page (n_object,)
 RESULT_FILE = "result.json"
+
+MAX_NAME_BYTES = 180  # of an object in a file's name: systems allow 255 in all, and Blender as many for the object
 
 
 @dataclass(frozen=True)
@@ -48,3 +51,9 @@ class Job:
             return cls(Settings(**knobs), fields["output"], fields["atlas_name"])
         except (KeyError, TypeError, AttributeError, ValueError) as reason:
             raise ValueError(f"{path}: is no Leaflight job or is damaged ({reason}); start the bake again.") from reason
+
+
+def make_file_name(name: str) -> str:
+    """The name, or what is nearest to it that every system allows."""
+    short = name.encode()[:MAX_NAME_BYTES].decode(errors="ignore")
+    return re.sub(r'[<>:"/\\|?*\x00-\x1f]', "_", short).strip(". ") or "_"

@@ -30,6 +30,7 @@ def _knob(
     group: str = "Advanced",
     flag: str = "",
     off_flag: str = "",
+    metavar: str = "N",
     decides_images: bool = True,
 ) -> Any:
     metadata = {
@@ -41,7 +42,8 @@ def _knob(
         "group": group,
         "flag": flag,
         "off_flag": off_flag,
-        "decides_images": decides_images,
+        "metavar": metavar,
+        "decides_images": decides_images,  # or only how, and where, they are computed
     }
     return field(default=default, metadata=metadata)
 
@@ -66,6 +68,7 @@ class Settings:
     # Output
     passes: tuple[str, ...] = _knob(("combined",), "what the images hold", choices=PASSES, group="Output", flag="--pass")
     formats: tuple[str, ...] = _knob(("exr",), "kinds of file that are written", choices=IMAGE_FORMATS, group="Output", flag="--format")
+    force: bool = _knob(False, "bake even if nothing has changed since the last bake", group="Output", decides_images=False)
     # Quality
     error: float = _knob(0.05, "relative error at which the bake stops", low=1e-4, high=1.0, group="Quality")
     max_photons: int = _knob(64_000_000, "photons after which the bake stops", unit="photons", low=1000, high=10**12, group="Quality")
@@ -84,8 +87,9 @@ class Settings:
     max_depth: int = _knob(1000, "surfaces a photon may meet", unit="hits", low=1, high=100_000)
     seed: int = _knob(1, "same seed, same bytes", low=0, high=2**31 - 1)
     workers: int = _knob(0, "processes that trace; 0 takes one per core", low=0, high=1024, decides_images=False)
-    cluster: str = _knob("", "trace on the workers of the dask scheduler at this address, host:port", decides_images=False)
-    force: bool = _knob(False, "bake even where nothing has changed since the last bake", group="Output", decides_images=False)
+    cluster: str = _knob(
+        "", "trace on the workers of the dask scheduler at this address, host:port", metavar="ADDRESS", decides_images=False
+    )
 
     def __post_init__(self) -> None:
         for knob in dataclasses.fields(self):
