@@ -8,6 +8,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,9 +19,12 @@ from numpy.typing import NDArray
 
 from . import basis, charts, contact, image_file, kept_bake, resolve, shared_arrays, solve, texels, workers
 from .direct_field import DirectField
+from .direct_only import settle_direct
 from .job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job, make_file_name
-from .materials import clamp_warnings
+from .materials import SurfaceMaterials, clamp_warnings
 from .messages import Done, Message, Status, Warning_
+from .needs import Needs, count_skipped
+from .pruning import prune_scene
 from .scene import SceneSnapshot
 from .snapshot import load_snapshot
 from .texel_map import TexelMap
@@ -63,11 +67,17 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
     settings = job.settings
     stages = Stages(tell)
     _open_output(Path(job.output))
-    executor = workers.open_executor(settings)
+    executor: Executor = workers.InlineExecutor()
     try:
         with stages.stage("load", "Reading the scene"):
             snapshot = load_snapshot(folder / SNAPSHOT_FILE)
             warnings = clamp_warnings(snapshot)
+            pruned, left_out = prune_scene(snapshot)
+            surfaces = SurfaceMaterials(pruned)
+            needs = Needs.of(settings, surfaces)
+            settings = needs.trim(settings)
+            if needs.direct or needs.photons:
+                executor = workers.open_executor(settings)
         with stages.stage("charts", "Unwrapping"):
             atlas = charts.make_charts(snapshot, settings)
             if not atlas.page_count:
@@ -77,22 +87,28 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
             texel_map = texels.build_texel_map(snapshot, atlas, 2 * basis.DEGREES[settings.basis])
             shared_arrays.remove_struct(folder / workers.TEXELS_FOLDER)  # of an earlier bake in the same folder
             shared_arrays.save_struct(folder / workers.TEXELS_FOLDER, texel_map)
-        with stages.stage("scene", "Building the ray tracer's tree"):
-            tracing = workers.open_tracing(str(folder))
-        warnings += [*atlas.warnings, *tracing.warnings]
+        warnings += atlas.warnings
+        if needs.direct:
+            with stages.stage("scene", "Building the ray tracer's tree"):
+                tracing = workers.open_tracing(str(folder))
+            warnings += tracing.warnings
         for subject, text in warnings:
             tell(Warning_(subject, text))
-        with stages.stage("direct", "Direct light"):
-            n_texel = len(texel_map.texel_area)
-            direct = DirectField.none(n_texel)
-            shot = settings.direct == "photons" or direct.shoot(folder, settings, executor, np.arange(n_texel), tell, should_stop)
-            if not shot:  # stopped before there was anything to show: one round of photons shows all of the light, coarsely
-                settings, direct = dataclasses.replace(settings, direct="photons"), DirectField.none(n_texel)
-        with stages.stage("photons", "Tracing photons"):
-            forced = _find_contacts(tracing, texel_map) if settings.contact else np.zeros(n_texel, bool)
-            light = solve.Solver(folder, settings, executor, direct, forced).run(tell, should_stop)
+        n_texel = len(texel_map.texel_area)
+        direct, shot = DirectField.none(n_texel), True
+        if needs.direct:
+            with stages.stage("direct", "Direct light"):
+                shot = settings.direct == "photons" or direct.shoot(folder, settings, executor, np.arange(n_texel), tell, should_stop)
+                if not shot:  # stopped before there was anything to show: one round of photons shows all of the light, coarsely
+                    settings, direct = dataclasses.replace(settings, direct="photons"), DirectField.none(n_texel)
+        if needs.photons or not shot:
+            with stages.stage("photons", "Tracing photons"):
+                forced = _find_contacts(tracing, texel_map) if settings.contact else np.zeros(n_texel, bool)
+                light = solve.Solver(folder, settings, executor, direct, forced).run(tell, should_stop)
+        else:
+            light = settle_direct(folder, texel_map, settings, executor, direct, tell, should_stop)
         with stages.stage("write", "Writing images"):
-            files = _write_pages(job, snapshot, atlas, texel_map, light, tracing)
+            files = _write_pages(job, snapshot, atlas, texel_map, light, surfaces)
     finally:
         executor.shutdown(cancel_futures=True)
         workers.forget_folders()  # the next bake may use the same folder
@@ -112,7 +128,7 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
         "page_size": atlas.page_size,
         "pages": atlas.page_count,
         "objects": _object_rows(snapshot, atlas, texel_map),
-        "skipped": {"bake": 0},
+        "skipped": count_skipped(needs, left_out, snapshot, atlas, light, settings),
     }
     if light.stopped_by != "interrupted":
         try:
@@ -145,12 +161,12 @@ def _find_contacts(tracing: workers.Tracing, texel_map: TexelMap) -> NDArray[np.
 
 
 def _write_pages(
-    job: Job, snapshot: SceneSnapshot, atlas: charts.ChartAtlas, texel_map: TexelMap, light: solve.LightField, tracing: workers.Tracing
+    job: Job, snapshot: SceneSnapshot, atlas: charts.ChartAtlas, texel_map: TexelMap, light: solve.LightField, surfaces: SurfaceMaterials
 ) -> list[PageFile]:
     settings = job.settings
     entry_page = atlas.chart_page[texel_map.texel_chart]
     at_texels = resolve.light_at_texels(light, texel_map, entry_page)
-    resolver = resolve.Resolver(at_texels, texel_map, tracing.scene.surfaces, entry_page, settings.margin)
+    resolver = resolve.Resolver(at_texels, texel_map, surfaces, entry_page, settings.margin)
     output = Path(job.output)
     names = _page_names(job, snapshot, atlas)
     files: list[PageFile] = []

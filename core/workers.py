@@ -23,6 +23,7 @@ from .emitters import build_emitters
 from .geometry import UnitBox
 from .job import SNAPSHOT_FILE
 from .materials import SurfaceMaterials
+from .pruning import prune_scene
 from .quadtree import TreeView
 from .scene import IntArray, SceneSnapshot
 from .settings import Settings
@@ -52,7 +53,7 @@ def open_tracing(folder: str) -> Tracing:
 
     Raises ValueError with a sentence when the scene has no light.
     """
-    snapshot = load_snapshot(Path(folder) / SNAPSHOT_FILE)
+    snapshot, _ = prune_scene(load_snapshot(Path(folder) / SNAPSHOT_FILE))
     unit_box = UnitBox.from_points(snapshot.vertex_position)
     surfaces = SurfaceMaterials(snapshot)
     emitters, warnings = build_emitters(snapshot, unit_box, surfaces)
@@ -170,7 +171,10 @@ def make_executor(workers: int) -> Executor:
         return InlineExecutor()
     # A fork would copy embree's threads in an unknown state; a spawned process starts clean on every platform.
     context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(count, mp_context=context, initializer=_start_worker)
+    executor = ProcessPoolExecutor(count, mp_context=context, initializer=_start_worker)
+    for _ in range(count):  # else they would start, which takes as long as reading a scene, when there is something to trace
+        executor.submit(os.getpid)
+    return executor
 
 
 def _start_worker() -> None:
