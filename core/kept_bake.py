@@ -56,7 +56,7 @@ def note_bake(folder: Path, snapshot: SceneSnapshot, job: Job, result: dict[str,
 
     Raises OSError where that cannot be written.
     """
-    files = [{**file, "path": Path(file["path"]).name} for file in result["files"]]
+    files = [{**file, "path": Path(file["path"]).relative_to(job.output).as_posix()} for file in result["files"]]
     header = {
         "format": FORMAT,
         "bake": hash_bake(snapshot, job),

@@ -18,8 +18,10 @@ import pytest
 pytest.importorskip("distributed")
 
 from boxes import lamp_scene, make_solver, prepare_folder, solve_scene
-from leaflight.core import cluster, shared_arrays, workers
+from leaflight.core import bake, cluster, shared_arrays, workers
+from leaflight.core.job import SNAPSHOT_FILE, Job
 from leaflight.core.settings import Settings
+from leaflight.core.snapshot import save_snapshot
 from leaflight.core.solve import LightField
 
 PATIENCE_S = 60.0
@@ -85,6 +87,18 @@ def to_bytes(light: LightField) -> bytes:
 @pytest.fixture(scope="module")
 def local(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return to_bytes(solve_scene(tmp_path_factory.mktemp("local"), lamp_scene(), SETTINGS))
+
+
+@pytest.mark.usefixtures("open_image_io")
+def test_a_whole_bake_gives_the_same_files(farm, tmp_path):
+    images = []
+    for name, where in (("a", {"workers": 1}), ("b", {"cluster": farm.address})):
+        (tmp_path / name).mkdir()
+        save_snapshot(tmp_path / name / SNAPSHOT_FILE, lamp_scene())
+        Job(replace(SETTINGS, max_photons=100_000, **where), str(tmp_path / name / "images"), "room").save(tmp_path / name)
+        bake.run_bake(tmp_path / name, lambda message: None, lambda: False)
+        images.append((tmp_path / name / "images" / "room_0.combined.exr").read_bytes())
+    assert images[0] == images[1]
 
 
 def test_same_bytes_as_locally_and_the_folder_is_shared_where_it_is_seen(farm, local, tmp_path):
