@@ -110,8 +110,7 @@ def _add_knob(group: Any, knob: dataclasses.Field[Any]) -> None:
     elif about["choices"]:
         group.add_argument(flag, dest=knob.name, choices=about["choices"], default=knob.default, help=text)
     else:
-        metavar = "TEXT" if isinstance(knob.default, str) else "N"
-        group.add_argument(flag, dest=knob.name, type=type(knob.default), default=knob.default, metavar=metavar, help=text)
+        group.add_argument(flag, dest=knob.name, type=type(knob.default), default=knob.default, metavar=about["metavar"], help=text)
 
 
 def _flag(knob: dataclasses.Field[Any]) -> str:

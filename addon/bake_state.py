@@ -71,6 +71,14 @@ class BakeState:
         self.warnings = list(warnings)
         threading.Thread(target=_listen, args=(process, self._queue), daemon=True).start()
 
+    def begin_kept(self, messages: list[Message], began: float, warnings: list[tuple[str, str]]) -> Done | Error | None:
+        """A bake that need not be done; gives its last message."""
+        self.clear()
+        self._began, self.warnings = began, list(warnings)
+        for message in messages:
+            self._queue.put(message)
+        return self.drain()
+
     def fail(self, error: str) -> None:
         """A bake that could not even begin."""
         self.clear()
@@ -155,6 +163,8 @@ class BakeState:
             return []
         why = result["stopped_by"]
         lines = [("Stopped after " if why == "interrupted" else "Baked in ") + describe_seconds(self.seconds)]
+        if result["skipped"]["bake"]:
+            lines = [self.stage]
         lines.append(f"Error {result['estimated_error']:.1%}" + _REASONS.get(why, ""))
         lines.append(f"{result['leaves']:,} leaves, {describe_count(result['photons'])} photons")
         pages, size = result["pages"], result["page_size"]

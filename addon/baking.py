@@ -51,6 +51,8 @@ class Baking:
             return self.execute(context)
         if not self._start(context, preview=True):
             return {"CANCELLED"}
+        if self._ended:
+            return self._finish(context, self._ended)
         self._timer = context.window_manager.event_timer_add(_TIMER_SECONDS, window=context.window)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
@@ -77,7 +79,7 @@ class Baking:
     def execute(self, context: bpy.types.Context) -> set[str]:
         if not self._start(context, preview=False):
             return {"CANCELLED"}
-        return self._finish(context, get_state(context).wait())
+        return self._finish(context, self._ended or get_state(context).wait())
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Blender quits or opens a file."""
@@ -94,7 +96,8 @@ class Baking:
         folder = Path(self._folder.name)
         try:
             self._session = session.prepare(context, replace(self._make_request(context), preview=preview), folder)
-            process = BakeProcess(folder, tuple(bpy.app.python_args), session.library_paths())
+            kept = self._session.kept is not None
+            process = None if kept else BakeProcess(folder, tuple(bpy.app.python_args), session.library_paths())
         except (ValueError, OSError) as reason:
             state.fail(str(reason))
             self.report({"ERROR"}, str(reason))
@@ -103,7 +106,11 @@ class Baking:
         # Undo and opening a file make references invalid: only names and numbers are kept.
         self._live = live.LiveView(self._session)
         self._scene_uid, self._view_layer = context.scene.session_uid, context.view_layer.name
-        state.begin(process, began, list(self._session.export.warnings), self._session.request.settings.error)
+        warnings = list(self._session.export.warnings)
+        if process is None:
+            self._ended = state.begin_kept(session.tell_kept(self._session), began, warnings)
+        else:
+            state.begin(process, began, warnings, self._session.request.settings.error)
         return True
 
     def _finish(self, context: bpy.types.Context, ended: Done | Error) -> set[str]:

@@ -7,14 +7,14 @@ import math
 import signal
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import bpy
 
-from ..core.messages import Done, Error, Warning_
+from ..core.messages import Done, Error, Message, Warning_
 from . import session
 from .arguments import BakeRequest, parse_arguments
 from .console import print_message
@@ -57,9 +57,9 @@ def _bake(request: BakeRequest) -> int:
         seconds["export"] = time.perf_counter() - start
         for subject, text in [*warnings, *work.export.warnings]:
             print_message(Warning_(subject, text), request.quiet)
-        process = BakeProcess(Path(folder), tuple(bpy.app.python_args), session.library_paths())
-        with _interrupts(process.cancel):  # until the end: what was baked is saved
-            error, interrupted, told = _follow(process, request.quiet)
+        process = None if work.kept else BakeProcess(Path(folder), tuple(bpy.app.python_args), session.library_paths())
+        with _interrupts(process.cancel if process else _stop_here):  # until the end: what was baked is saved
+            error, interrupted, told = _follow(process.messages() if process else session.tell_kept(work), request.quiet)
             if error:
                 raise ValueError(error)
             result = session.read_result(work)
@@ -91,10 +91,10 @@ def _check(request: BakeRequest) -> None:
         check_shown(request.settings)
 
 
-def _follow(process: BakeProcess, quiet: bool) -> tuple[str, bool, session.Warnings]:
-    """Print the child's messages; gives the error's sentence, whether the bake was interrupted, and the warnings."""
+def _follow(messages: Iterable[Message], quiet: bool) -> tuple[str, bool, session.Warnings]:
+    """Print a bake's messages; gives the error's sentence, whether the bake was interrupted, and the warnings."""
     error, interrupted, warnings = "", False, []
-    for message in process.messages():
+    for message in messages:
         match message:
             case Error(text):
                 error = text

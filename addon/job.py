@@ -30,7 +30,7 @@ class BakeProcess:
         (folder / "sys_path.json").write_text(json.dumps([*_package_paths(), *extra_paths]), encoding="utf-8")
         with open(self._log, "wb") as log:
             self._process = subprocess.Popen(
-                [sys.executable, *python_args, "-B", str(_BOOT), str(folder)],
+                [sys.executable, *python_args, str(_BOOT), str(folder)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=log,
@@ -80,7 +80,7 @@ class BakeProcess:
 def _package_paths() -> list[str]:
     """Folders of the packages the child needs, as this process finds them."""
     paths: list[str] = []
-    for package in ("numpy", "embreex", "xatlas", "OpenImageIO"):
+    for package in ("numpy", "embreex", "xatlas", "OpenImageIO", "distributed"):
         spec = importlib.util.find_spec(package)
         if spec is not None and spec.origin is not None:
             folder = Path(spec.origin).parent

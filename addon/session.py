@@ -16,7 +16,10 @@ from typing import Any
 import bpy
 from mathutils import Matrix
 
+from ..core.checkpoint import INFO_FILE
 from ..core.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from ..core.kept_bake import KeptBake, find_kept_bake
+from ..core.messages import Done, Message, Status, Warning_
 from ..core.snapshot import save_snapshot
 from . import baked_copies, export_scene, image_views, images, materials_write, restore
 from .arguments import BakeRequest
@@ -31,15 +34,19 @@ Warnings = list[tuple[str, str]]
 
 @dataclass(frozen=True)
 class Session:
-    """A bake under way in `folder`."""
+    """A bake under way in `folder`.
+
+    kept   the last bake, where nothing has changed since and its result is in the folder already
+    """
 
     folder: Path
     request: BakeRequest
     export: export_scene.ExportResult
+    kept: KeptBake | None = None
 
 
 def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> Session:
-    """Export the scene and write the job.
+    """Export the scene and write the job, or what an earlier bake of the same gave.
 
     Raises ValueError with a sentence when there is nothing to bake, OSError when the output folder cannot be written.
     """
@@ -54,15 +61,21 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
         if shown:
             restore.toggle_preview(scene, True)
     name = Path(bpy.data.filepath).stem or (request.scene.stem if request.scene else "lightmap")
+    resume, keep = (str(path.resolve()) if path else "" for path in (request.resume, request.keep))
+    job = Job(request.settings, str(request.output.resolve()), name, request.preview, resume, keep, request.keep_mb)
+    again = request.settings.force or resume or (keep and not Path(keep, INFO_FILE).exists())
+    kept = None if again else find_kept_bake(export.snapshot, job)
     try:
-        save_snapshot(folder / SNAPSHOT_FILE, export.snapshot)
-        resume, keep = (str(path.resolve()) if path else "" for path in (request.resume, request.keep))
-        Job(request.settings, str(request.output.resolve()), name, request.preview, resume, keep, request.keep_mb).save(folder)
+        if kept is None:
+            save_snapshot(folder / SNAPSHOT_FILE, export.snapshot)
+            job.save(folder)
+        else:
+            kept.restore(folder)
     except OSError as reason:
         raise OSError(
             f"{folder}: the scene cannot be kept there ({reason.strerror}); make room, or set TMPDIR to another folder."
         ) from reason
-    return Session(folder, request, export)
+    return Session(folder, request, export, kept)
 
 
 def check_folder(folder: Path) -> None:
@@ -89,6 +102,14 @@ def check_file(file: Path) -> None:
         raise OSError(f"{file}: is a folder; give the name of a file.")
     if file.exists() and not os.access(file, os.W_OK):
         raise OSError(f"{file}: is write-protected; choose another name, or make it writable.")
+
+
+def tell_kept(session: Session) -> list[Message]:
+    """The messages of a bake that need not be done."""
+    assert session.kept is not None
+    count = len(session.kept.result["files"])
+    said = Status("kept", f"Unchanged since the last bake: {count} file{'s' if count > 1 else ''} kept")
+    return [said, *(Warning_(*warning) for warning in session.kept.warnings), Done(str(session.folder / RESULT_FILE), False)]
 
 
 def read_result(session: Session) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,11 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import basis, charts, checkpoint, contact, debug_passes, pages, preview, resolve, shared_arrays, solve, texels, workers
+from . import basis, charts, checkpoint, contact, debug_passes, kept_bake, pages, preview, resolve, shared_arrays, solve, texels, workers
 from .direct_field import DirectField
+from .direct_only import settle_direct
 from .job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
-from .materials import clamp_warnings
+from .materials import SurfaceMaterials, clamp_warnings
 from .messages import Done, Message, Status, Warning_
+from .needs import Needs, count_skipped
+from .pruning import prune_scene
 from .reconstruct import LeafBlender
 from .scene import SceneSnapshot
 from .settings import DEBUG_PASSES
@@ -56,11 +60,17 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
     settings = job.settings
     stages = Stages(tell)
     _open_output(Path(job.output))
-    executor = workers.make_executor(settings.workers)
+    executor: Executor = workers.InlineExecutor()
     try:
         with stages.stage("load", "Reading the scene"):
             snapshot = load_snapshot(folder / SNAPSHOT_FILE)
             warnings = clamp_warnings(snapshot)
+            pruned, left_out = prune_scene(snapshot)
+            surfaces = SurfaceMaterials(pruned)
+            needs = Needs.of(settings, surfaces)
+            settings = needs.trim(settings)
+            if needs.direct or needs.photons:
+                executor = workers.open_executor(settings)
         with stages.stage("charts", "Unwrapping"):
             atlas = charts.make_charts(snapshot, settings)
             if not atlas.page_count:
@@ -71,36 +81,42 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
             texel_map = texels.build_texel_map(snapshot, atlas, 2 * basis.DEGREES[settings.basis])
             shared_arrays.remove_struct(folder / workers.TEXELS_FOLDER)  # of an earlier bake in the same folder
             shared_arrays.save_struct(folder / workers.TEXELS_FOLDER, texel_map)
-        with stages.stage("scene", "Building the ray tracer's tree"):
-            tracing = workers.open_tracing(str(folder))
-        for subject, text in [*warnings, *atlas.warnings, *tracing.warnings]:
+        warnings += atlas.warnings
+        if needs.direct:
+            with stages.stage("scene", "Building the ray tracer's tree"):
+                tracing = workers.open_tracing(str(folder))
+            warnings += tracing.warnings
+        for subject, text in warnings:
             tell(Warning_(subject, text))
         n_texel = len(texel_map.texel_area)
         blender = LeafBlender.of(texel_map, atlas.chart_page[texel_map.texel_chart])
         kept = checkpoint.load_checkpoint(Path(job.resume), folder, settings) if job.resume else None
-        direct = kept.direct if kept else DirectField.none(n_texel)
+        direct, shot = kept.direct if kept else DirectField.none(n_texel), True
         live, tell_live = None, tell
-        if job.preview:
+        if job.preview and needs.direct:
             with stages.stage("preview", "First light"):
-                live = preview.PreviewPages(folder / PREVIEW_FOLDER, texel_map, tracing.scene.surfaces, blender.page, settings, tell)
+                live = preview.PreviewPages(folder / PREVIEW_FOLDER, texel_map, surfaces, blender.page, settings, tell)
                 if not kept:
                     tell_live = live.join(preview.find_first_light(folder, settings, blender), direct)
-        shot = True
-        if not kept:
+        if needs.direct and not kept:
             with stages.stage("direct", "Direct light"):
                 shot = settings.direct == "photons" or direct.shoot(folder, settings, executor, np.arange(n_texel), tell_live, should_stop)
                 if not shot:  # stopped before there was anything to show: one round of photons shows all of the light, coarsely
                     settings, direct = dataclasses.replace(settings, direct="photons"), DirectField.none(n_texel)
-        with stages.stage("photons", "Tracing photons"):
-            forced = _find_contacts(tracing, texel_map) if settings.contact else np.zeros(n_texel, bool)
-            solver = solve.Solver(folder, settings, executor, direct, forced, blender)
-            if kept:
-                kept.give_to(solver)
-            if live:
-                solver.watch = live.show
-            light = solver.run(tell, should_stop)
+        solver = None
+        if needs.photons or not shot:
+            with stages.stage("photons", "Tracing photons"):
+                forced = _find_contacts(tracing, texel_map) if settings.contact else np.zeros(n_texel, bool)
+                solver = solve.Solver(folder, settings, executor, direct, forced, blender)
+                if kept:
+                    kept.give_to(solver)
+                if live:
+                    solver.watch = live.show
+                light = solver.run(tell, should_stop)
+        else:
+            light = settle_direct(folder, blender, settings, executor, direct, tell, should_stop)
         with stages.stage("write", "Writing images"):
-            files = _write_pages(job, folder, snapshot, atlas, blender, light, tracing)
+            files = _write_pages(job, folder, snapshot, atlas, blender, light, surfaces)
         if job.keep:
             with stages.stage("keep", "Keeping the state"):
                 _keep_state(job, solver if shot else None, light.error, tell)
@@ -123,7 +139,13 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
         "page_size": atlas.page_size,
         "pages": atlas.page_count,
         "objects": _object_rows(snapshot, atlas, texel_map),
+        "skipped": count_skipped(needs, left_out, snapshot, atlas, light, settings),
     }
+    if light.stopped_by != "interrupted":
+        try:
+            kept_bake.note_bake(folder, snapshot, job, result, warnings)
+        except OSError as reason:
+            tell(Warning_("", f"this bake cannot be noted in {job.output} ({reason}), so the same bake will be done again"))
     (folder / RESULT_FILE).write_text(json.dumps(result), encoding="utf-8")
     tell(Done(str(folder / RESULT_FILE), light.stopped_by == "interrupted"))
 
@@ -167,11 +189,11 @@ def _write_pages(
     atlas: charts.ChartAtlas,
     blender: LeafBlender,
     light: solve.LightField,
-    tracing: workers.Tracing,
+    surfaces: SurfaceMaterials,
 ) -> list[pages.PageFile]:
     margin = job.settings.margin
     at_texels = resolve.light_at_texels(light, blender, job.settings.denoise)
-    resolver = resolve.Resolver(at_texels, blender.texels, tracing.scene.surfaces, blender.page, margin)
+    resolver = resolve.Resolver(at_texels, blender.texels, surfaces, blender.page, margin)
     debug = debug_passes.DebugPages(light, blender.texels, blender.page, margin)
 
     def draw(name: str, page: int, look: bool) -> NDArray[np.float32]:

@@ -89,17 +89,16 @@ def state_error(
     scale2 = brightness**2 + np.float32(DARK_FLOOR * brightness.mean(dtype=np.float64)) ** 2
     weight = np.divide(1.0, scale2, out=np.zeros_like(scale2), where=scale2 > 0.0)
     direct2: NDArray[np.float32] = (weight * direct_variance).mean(1)
-    n = len(direct)
-    if not totals.photons.sum() or not n:
-        return StatedError(math.nan, float(np.sqrt(direct2.mean())) if n else 0.0, correction, direct2)
-    # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
     sample = _choose_sample(blender.texels.texel_cover)
+    count = int(np.ceil(BEST_TEXELS * len(sample)))
+    if not totals.photons.sum() or not count:
+        return StatedError(math.nan, math.sqrt(np.sort(direct2[sample])[:count].sum() / max(count, 1)), correction, direct2)
+    # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
     photons2 = (weight[sample].T * blender.blend(tree, solution, leaf, sample).variance).mean(0) * correction
     blind2 = weight.mean(1) * missing_light(tree, totals, comparison, nodes)[leaf]
-    deepest = node_of_texel(tree, np.flatnonzero(~tree.has_children), n)[sample]
+    deepest = node_of_texel(tree, np.flatnonzero(~tree.has_children), len(leaf))[sample]
     bias2, gap2 = _missing_from_blend(tree, solution, leaf, deepest, sample, blender, weight, blind2)
     likely = photons2 + direct2[sample] + gap2
-    count = int(np.ceil(BEST_TEXELS * len(sample)))
     best = np.argpartition(likely, count - 1)[:count]
     parts = [float(part[best].mean(dtype=np.float64)) for part in (photons2, direct2[sample], bias2)]
     # A bias is told only in sum, by nodes that err apart; below zero it is noise, which must not hide the noise that is there.

@@ -55,6 +55,11 @@ class SurfaceMaterials:
         """Whether the albedo, or the emission, of any triangle varies over it."""
         return (self._emission if emission else self._albedo).tri_image is not None
 
+    @property
+    def reflects(self) -> bool:
+        """Whether any triangle reflects any light."""
+        return bool(self._albedo.tri_rgb.any())
+
     def albedo_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
         """Diffuse reflectance, within [0, MAX_ALBEDO].
 

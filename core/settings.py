@@ -38,6 +38,8 @@ def _knob(
     off_flag: str = "",
     find_error: Callable[[str], str] | None = None,
     label: str = "",
+    metavar: str = "N",
+    decides_images: bool = True,
 ) -> Any:
     metadata = {
         "help": help_text,
@@ -50,6 +52,8 @@ def _knob(
         "off_flag": off_flag,
         "find_error": find_error,
         "label": label,
+        "metavar": metavar,
+        "decides_images": decides_images,  # or only how, and where, they are computed
     }
     return field(default=default, metadata=metadata)
 
@@ -101,9 +105,13 @@ class Settings:
         DEFAULT_PATTERN,
         "names of the files: {name} is the object or atlas_page, {pass} and {page} may be used too",
         group="Output",
+        metavar="TEXT",
         find_error=find_pattern_error,
     )
-    pack: bool = _knob(False, "keep the images that the objects show inside the .blend, besides their files", group="Output")
+    pack: bool = _knob(
+        False, "keep the images that the objects show inside the .blend, besides their files", group="Output", decides_images=False
+    )
+    force: bool = _knob(False, "bake even if nothing has changed since the last bake", group="Output", decides_images=False)
     # Quality
     error: float = _knob(0.05, "relative error at which the bake stops", low=1e-4, high=1.0, group="Quality", label="Target Error")
     max_photons: int = _knob(64_000_000, "photons after which the bake stops", unit="photons", low=1000, high=10**12, group="Quality")
@@ -124,7 +132,10 @@ class Settings:
     finest_texels: int = _knob(1, "side of the smallest leaf", unit="texels", low=1, high=1024)
     max_depth: int = _knob(1000, "surfaces a photon may meet", unit="hits", low=1, high=100_000)
     seed: int = _knob(1, "same seed, same bytes", low=0, high=2**31 - 1)
-    workers: int = _knob(0, "processes that trace; 0 takes one per core", low=0, high=1024)
+    workers: int = _knob(0, "processes that trace; 0 takes one per core", low=0, high=1024, decides_images=False)
+    cluster: str = _knob(
+        "", "trace on the workers of the dask scheduler at this address, host:port", metavar="ADDRESS", decides_images=False
+    )
 
     def __post_init__(self) -> None:
         for knob in dataclasses.fields(self):

@@ -36,7 +36,15 @@ def save_snapshot(path: str | Path, snapshot: SceneSnapshot) -> None:
 
     Raises OSError where the file cannot be written.
     """
-    header = {
+    arrays = list_arrays(snapshot)
+    arrays[_HEADER] = np.frombuffer(json.dumps(describe_snapshot(snapshot)).encode(), dtype=np.uint8)
+    with open(path, "wb") as file:  # an open file keeps numpy from adding a suffix
+        np.savez(file, **arrays)
+
+
+def describe_snapshot(snapshot: SceneSnapshot) -> dict[str, Any]:
+    """All of a snapshot but its arrays, as JSON knows it."""
+    return {
         "format": FORMAT,
         "version": FORMAT_VERSION,
         "objects": [asdict(item) for item in snapshot.objects],
@@ -45,11 +53,12 @@ def save_snapshot(path: str | Path, snapshot: SceneSnapshot) -> None:
         "images": [{"name": image.name, "extension": image.extension, "closest": image.closest} for image in snapshot.images],
         "world_rgb": snapshot.world_rgb,
     }
+
+
+def list_arrays(snapshot: SceneSnapshot) -> dict[str, NDArray[Any]]:
+    """The arrays of a snapshot, its images among them."""
     arrays = {name: getattr(snapshot, name) for name in _ARRAYS}
-    arrays |= {_image_key(index): image.pixels for index, image in enumerate(snapshot.images)}
-    arrays[_HEADER] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
-    with open(path, "wb") as file:  # an open file keeps numpy from adding a suffix
-        np.savez(file, **arrays)
+    return arrays | {_image_key(index): image.pixels for index, image in enumerate(snapshot.images)}
 
 
 def load_snapshot(path: str | Path) -> SceneSnapshot:

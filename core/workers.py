@@ -9,6 +9,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
@@ -22,12 +23,16 @@ from .emitters import build_emitters
 from .geometry import UnitBox
 from .job import SNAPSHOT_FILE
 from .materials import SurfaceMaterials
+from .pruning import prune_scene
 from .quadtree import TreeView
 from .scene import IntArray, SceneSnapshot
+from .settings import Settings
 from .snapshot import load_snapshot
 from .texel_map import TexelMap
 
 TEXELS_FOLDER = "texels"
+# A shard's fields that name folders, and what of each folder the shard reads, () all of it.
+FOLDER_PARTS: dict[str, tuple[str, ...]] = {"tracing": (SNAPSHOT_FILE, TEXELS_FOLDER), "view": ()}
 DIRECT_ROUND = 2**31 - 1  # of the random numbers for shadow rays: no round of photons comes that far
 
 
@@ -48,7 +53,7 @@ def open_tracing(folder: str) -> Tracing:
 
     Raises ValueError with a sentence when the scene has no light.
     """
-    snapshot = load_snapshot(Path(folder) / SNAPSHOT_FILE)
+    snapshot, _ = prune_scene(load_snapshot(Path(folder) / SNAPSHOT_FILE))
     unit_box = UnitBox.from_points(snapshot.vertex_position)
     surfaces = SurfaceMaterials(snapshot)
     emitters, warnings = build_emitters(snapshot, unit_box, surfaces)
@@ -142,6 +147,23 @@ class InlineExecutor(Executor):
         return future
 
 
+def open_executor(settings: Settings) -> Executor:
+    """The executor that the settings ask for; close it with shutdown().
+
+    Raises ValueError or OSError with a sentence when a cluster is asked for and cannot be used.
+    """
+    if not settings.cluster:
+        return make_executor(settings.workers)
+    try:
+        from . import cluster  # dask is there only for those who use it
+    except ImportError as reason:
+        raise ValueError(
+            f"--cluster {settings.cluster}: dask.distributed cannot be loaded ({reason}); install Leaflight with its extra `cluster`, "
+            f"or into this Python: {sys.executable} -m pip install 'dask[distributed]'."
+        ) from reason
+    return cluster.connect(settings.cluster)
+
+
 def make_executor(workers: int) -> Executor:
     """An executor with `workers` processes on this machine, 0 for one per core; close it with shutdown()."""
     count = workers or os.cpu_count() or 1
@@ -149,7 +171,10 @@ def make_executor(workers: int) -> Executor:
         return InlineExecutor()
     # A fork would copy embree's threads in an unknown state; a spawned process starts clean on every platform.
     context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(count, mp_context=context, initializer=_start_worker)
+    executor = ProcessPoolExecutor(count, mp_context=context, initializer=_start_worker)
+    for _ in range(count):  # else they would start, which takes as long as reading a scene, when there is something to trace
+        executor.submit(os.getpid)
+    return executor
 
 
 def _start_worker() -> None:

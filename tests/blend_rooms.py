@@ -60,8 +60,9 @@ def read_report(scene: Path) -> dict[str, Any]:
 
 
 def list_files(folder: Path) -> list[str]:
-    """Names of what lies in a folder, hidden files too; none where it does not exist."""
-    return sorted(path.name for path in folder.iterdir()) if folder.exists() else []
+    """Names of what lies in a folder, hidden files too but for the note of a kept bake; none where it does not exist."""
+    found = folder.iterdir() if folder.exists() else []
+    return sorted(path.name for path in found if not path.name.startswith(".leaflight_"))
 
 
 def read_pixels(path: Path) -> np.ndarray:

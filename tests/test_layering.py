@@ -17,7 +17,7 @@ CORE_MAX_LINES = 300
 ADDON_MAX_LINES = 250
 
 # Each of these libraries has one home in core.
-LIBRARY_HOME = {"embreex": "core.rays", "xatlas": "core.unwrap", "OpenImageIO": "core.image_file"}
+LIBRARY_HOME = {"embreex": "core.rays", "xatlas": "core.unwrap", "OpenImageIO": "core.image_file", "distributed": "core.cluster"}
 TRACE = {
     "core.photons",
     "core.births",
@@ -131,7 +131,7 @@ def reach(module: str, sources: Sources, *, top_level_only: bool = False) -> set
 
 
 def complain_of_libraries(sources: Sources) -> list[str]:
-    """Core imports numpy, the standard library and core; three libraries in one module each."""
+    """Core imports numpy, the standard library and core; four libraries in one module each."""
     complaints = []
     for module in _modules_of("core", sources):
         for name in sorted(list_imports(module, sources)):
@@ -246,6 +246,12 @@ FAULTS = [
     (complain_of_libraries, "core.scene", "from .. import addon", "core.scene imports __init__"),
     (complain_of_libraries, "core.tally", "import embreex.rtcore_scene", "core.tally imports embreex: only core.rays"),
     (complain_of_libraries, "core.rays", "from importlib import import_module\nimport_module('xatlas')", "core.rays imports xatlas"),
+    (
+        complain_of_libraries,
+        "core.solve",
+        "def late():\n    from distributed import Client",
+        "core.solve imports distributed: only core.cluster",
+    ),
     (complain_of_libraries, "core.rays", "import OpenImageIO", "core.rays imports OpenImageIO: only core.image_file"),
     (complain_of_trace_and_statistics, "core.rays", "from .tally import deposit", "core.rays traces and reaches core.tally"),
     (complain_of_trace_and_statistics, "core.rays", "from .scene import a\nfrom . import solve", "core.rays traces and reaches core.tally"),

@@ -218,3 +218,47 @@ def test_a_signal_while_blender_starts_is_kept(room, number):
     process.communicate(timeout=60)
     assert process.returncode == 130
     assert list_files(room.parent) == ["room.blend"]
+
+
+def test_a_bake_of_an_unchanged_scene_is_kept(room, capsys, monkeypatch):
+    """Also once the file wears it; the report is as complete as the first one's."""
+    saved = room.parent / "room.blend"
+    assert bake(room, "--pass", "combined", "albedo", "--save", str(saved)) == 0
+    first = read_report(room)
+    written = {path: path.stat().st_mtime_ns for path in (room.parent / "maps").iterdir()}
+    capsys.readouterr()
+    monkeypatch.setattr(cli, "BakeProcess", None)  # no child is started
+    assert bake(saved, "--pass", "combined", "albedo", "--save", str(room.parent / "again.blend")) == 0
+    assert "leaflight: Unchanged since the last bake: 2 files kept\n" in capsys.readouterr().err
+    assert {path: path.stat().st_mtime_ns for path in (room.parent / "maps").iterdir()} == written
+    report = read_report(room)
+    assert report.keys() == first.keys()
+    assert (first["skipped"]["bake"], report["skipped"]["bake"]) == (0, 1)
+    assert set(report["seconds"]) == STAGES
+    changing = ("seconds", "skipped", "peak_memory_mb")
+    assert {key: value for key, value in report.items() if key not in changing} == {k: v for k, v in first.items() if k not in changing}
+    bpy.ops.wm.open_mainfile(filepath=str(room.parent / "again.blend"))
+    assert "room_0.combined" in bpy.data.images
+
+
+def test_what_has_changed_is_baked_again(room, capsys):
+    image = room.parent / "maps" / "room_0.combined.exr"
+
+    def is_kept(*words):
+        capsys.readouterr()
+        assert bake(room, *words) == 0
+        return "Unchanged since the last bake: 1 file kept" in capsys.readouterr().err
+
+    assert [is_kept(), is_kept(), is_kept("--force"), is_kept("--seed", "2"), is_kept("--seed", "2")] == [False, True, False, False, True]
+    image.unlink()
+    assert [is_kept("--seed", "2"), is_kept("--seed", "2", "--workers", "2")] == [False, True]
+    bpy.ops.wm.open_mainfile(filepath=str(room))
+    bpy.data.objects["Lamp"].location.x += 0.01
+    save_scene(room)
+    assert [is_kept("--seed", "2"), is_kept("--seed", "2"), is_kept("--seed", "2", "--objects", "Floor")] == [False, True, False]
+
+
+def test_a_cluster_that_cannot_be_reached_is_a_sentence(room, capsys):
+    pytest.importorskip("distributed")
+    assert bake(room, "--cluster", "nowhere") == 1
+    assert re.search(r"error: --cluster nowhere: no dask scheduler answers there .* host:port\.\n", capsys.readouterr().err)

@@ -7,7 +7,15 @@ import pytest
 from leaflight.addon.bake_state import BakeState, describe_count, describe_seconds
 from leaflight.core.messages import Done, Error, Preview, Progress, Status, Warning_
 
-RESULT = {"stopped_by": "error", "estimated_error": 0.048, "leaves": 1234, "photons": 2_500_000, "pages": 2, "page_size": 512}
+RESULT = {
+    "stopped_by": "error",
+    "estimated_error": 0.048,
+    "leaves": 1234,
+    "photons": 2_500_000,
+    "pages": 2,
+    "page_size": 512,
+    "skipped": {"bake": 0},
+}
 
 
 class Talker:

@@ -122,3 +122,11 @@ def test_one_worker_is_this_process(monkeypatch, asked, cores, kind):
     executor = workers.make_executor(asked)
     assert isinstance(executor, kind)
     executor.shutdown()
+
+
+def test_a_cluster_without_dask_is_a_sentence(monkeypatch):
+    monkeypatch.setitem(workers.sys.modules, "distributed", None)
+    monkeypatch.delitem(workers.sys.modules, "leaflight.core.cluster", raising=False)
+    monkeypatch.delattr("leaflight.core.cluster", raising=False)
+    with pytest.raises(ValueError, match=r"^--cluster farm:8786: dask\.distributed cannot be loaded .*extra `cluster`, .* -m pip install "):
+        workers.open_executor(replace(SETTINGS, cluster="farm:8786"))

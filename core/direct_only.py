@@ -1,0 +1,49 @@
+"""A bake that needs no photons: direct light by shadow rays until it is exact enough, or no light at all."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor
+from pathlib import Path
+
+import numpy as np
+
+from . import estimate, quadtree, refine, tally
+from .direct_field import MOST_PASSES, DirectField
+from .messages import Message
+from .reconstruct import LeafBlender
+from .settings import Settings
+from .solve import Ledger, LightField
+
+_DEGREE = 0  # of leaves in which nothing lands
+
+
+def settle_direct(
+    folder: Path,
+    blender: LeafBlender,
+    settings: Settings,
+    executor: Executor,
+    direct: DirectField,
+    tell: Callable[[Message], None],
+    should_stop: Callable[[], bool],
+) -> LightField:
+    """The light of a bake whose direct light has been shot once, or is not asked for; worse texels are shot again."""
+    started = time.monotonic()
+    tree = quadtree.plant_trees(blender.texels, _DEGREE, 0, settings.finest_texels, flat=False)
+    totals = tally.accumulate(tree, tally.Tally.empty(len(tree), _DEGREE))
+    solution = tally.solve_tallies(tree, totals)
+    comparison = refine.Comparison.of(tree, totals, solution, refine.Rule(settings.oracle, settings.threshold, settings.stability, 1))
+    leaves = np.arange(len(tree))
+    while True:
+        stated = estimate.state_error(tree, totals, solution, comparison, leaves, direct.irradiance, direct.variance, blender)
+        worst = np.flatnonzero((stated.texel_direct2 > settings.error**2) & (direct.passes < MOST_PASSES))
+        stopped_by = "error" if stated.direct <= settings.error else "" if len(worst) else "max_rays"
+        if should_stop():
+            stopped_by = "interrupted"
+        elif not stopped_by and settings.time_limit and time.monotonic() - started >= settings.time_limit:
+            stopped_by = "time_limit"
+        if stopped_by:
+            break
+        direct.shoot(folder, settings, executor, worst, tell)
+    return LightField(tree, solution, leaves, totals.received, 1.0, direct, stated.direct, 0, 0, stopped_by, Ledger())

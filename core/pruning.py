@@ -1,0 +1,78 @@
+"""What of a scene can give no light anywhere, or is the same everywhere, left out before any ray is traced."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .scene import Light, Material, SceneSnapshot, TextureImage
+
+Colour: TypeAlias = tuple[float, float, float]
+
+
+def prune_scene(snapshot: SceneSnapshot) -> tuple[SceneSnapshot, dict[str, int]]:
+    """A scene that bakes alike with less work; and how many lights and textures were left out.
+
+    Triangles and objects stay as they are. A scene whose lights all go keeps them: it has light, and is told apart from one without.
+    """
+    points = snapshot.vertex_position[np.unique(snapshot.tri_vertex)]
+    powered = [light for light in snapshot.lights if any(light.power_rgb)]
+    reaching = [light for light in powered if can_reach(light, points)]
+    colour = [_find_colour(image) for image in snapshot.images]
+    materials = tuple(_fold_textures(material, colour) for material in snapshot.materials)
+    counts = {
+        "lights_without_power": len(snapshot.lights) - len(powered),
+        "lights_out_of_reach": len(powered) - len(reaching),
+        "textures_of_one_colour": sum(_count_images(one) for one in snapshot.materials) - sum(_count_images(one) for one in materials),
+    }
+    return replace(snapshot, lights=tuple(reaching) or snapshot.lights, materials=materials), counts
+
+
+def can_reach(light: Light, points_m: NDArray[np.float64]) -> bool:
+    """Whether a light may shine at any of these points (n, 3); where in doubt, it may."""
+    axis = -np.array(light.rotation, np.float64)[2]
+    position = np.array(light.position_m, np.float64)
+    numbers = (*axis, *position, light.radius_m, light.cone_angle_rad)
+    if not len(points_m) or not np.isfinite(numbers).all() or light.kind not in ("AREA", "SPOT"):
+        return True
+    if light.kind == "AREA":
+        return bool(((points_m - position) @ axis > 0).any())
+    low, high = points_m.min(axis=0), points_m.max(axis=0)
+    toward = 0.5 * (low + high) - position
+    distance, around = float(np.linalg.norm(toward)), 0.5 * float(np.linalg.norm(high - low)) + max(light.radius_m, 0.0)
+    if distance <= around:
+        return True
+    angle = math.acos(min(max(float(toward @ axis) / (distance * float(np.linalg.norm(axis))), -1.0), 1.0))
+    return angle <= 0.5 * light.cone_angle_rad + math.asin(around / distance)
+
+
+def _find_colour(image: TextureImage) -> Colour | None:
+    """The colour that an image has everywhere; None where it has not."""
+    pixels = image.pixels.reshape(-1, 3)
+    if not len(pixels) or image.extension == "CLIP" or not np.isfinite(pixels[0]).all() or (pixels != pixels[0]).any():
+        return None
+    red, green, blue = map(float, pixels[0])
+    return red, green, blue
+
+
+def _fold_textures(material: Material, colour: list[Colour | None]) -> Material:
+    albedo_rgb, albedo_image = _fold_texture(material.albedo_rgb, material.albedo_image, colour)
+    emission_rgb, emission_image = _fold_texture(material.emission_rgb, material.emission_image, colour)
+    return Material(material.name, albedo_rgb, albedo_image, emission_rgb, emission_image)
+
+
+def _fold_texture(rgb: Colour, image: int, colour: list[Colour | None]) -> tuple[Colour, int]:
+    """A constant times an image, without the image where that changes nothing."""
+    factor = colour[image] if image >= 0 and any(rgb) else (1.0, 1.0, 1.0)
+    if factor is None:
+        return rgb, image
+    red, green, blue = (one * two for one, two in zip(rgb, factor, strict=True))
+    return (red, green, blue), -1
+
+
+def _count_images(material: Material) -> int:
+    return (material.albedo_image >= 0) + (material.emission_image >= 0)

@@ -1,0 +1,58 @@
+"""Bakes without photons: direct light until its own noise is small enough, stopped by the same rules."""
+
+import numpy as np
+import pytest
+from boxes import lamp_scene, prepare_folder
+from leaflight.core import workers
+from leaflight.core.direct_field import DirectField
+from leaflight.core.direct_only import settle_direct
+from leaflight.core.settings import Settings
+
+
+def settle(folder, shoot=True, should_stop=lambda: False, **knobs):
+    settings = Settings(size=32, padding=1, **knobs)
+    _, texels = prepare_folder(folder, lamp_scene(), settings)
+    executor, count = workers.InlineExecutor(), len(texels.texel_area)
+    direct = DirectField.none(count)
+    if shoot:
+        direct.shoot(folder, settings, executor, np.arange(count))
+    return settle_direct(folder, texels, settings, executor, direct, lambda message: None, should_stop)
+
+
+def test_noise_that_is_small_enough_ends_at_once(tmp_path):
+    light = settle(tmp_path, error=0.05)
+    assert (light.stopped_by, light.photons, light.rounds) == ("error", 0, 0)
+    assert 0 < light.error <= 0.05
+    assert light.direct.passes.max() == 1
+
+
+def test_worse_texels_are_shot_again(tmp_path, monkeypatch):
+    monkeypatch.setattr("leaflight.core.direct_field.TOLERANCE", 20.0)  # so that the first turn is too coarse
+    first = settle(tmp_path / "a", error=1.0)
+    light = settle(tmp_path / "b", error=first.error / 3)
+    assert light.stopped_by == "error"
+    assert light.error <= first.error / 3
+    assert light.direct.passes.min() == 1 < light.direct.passes.max()
+
+
+def test_light_that_nobody_asks_for_has_no_error(tmp_path):
+    light = settle(tmp_path, shoot=False)
+    assert (light.stopped_by, light.error) == ("error", 0.0)
+    assert not light.direct.irradiance.any()
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [({"should_stop": lambda: True}, "interrupted"), ({"time_limit": 1e-9}, "time_limit")],
+)
+def test_it_can_be_stopped(tmp_path, monkeypatch, options, why):
+    monkeypatch.setattr("leaflight.core.direct_field.TOLERANCE", 20.0)
+    light = settle(tmp_path, error=1e-3, **options)
+    assert light.stopped_by == why
+    assert light.error > 1e-3
+
+
+def test_texels_that_cannot_become_better_end_it(tmp_path, monkeypatch):
+    monkeypatch.setattr("leaflight.core.direct_field.TOLERANCE", 20.0)
+    monkeypatch.setattr("leaflight.core.direct_only.MOST_PASSES", 2)
+    assert settle(tmp_path, error=1e-4).stopped_by == "max_rays"

@@ -1,0 +1,104 @@
+"""Digests: alike for what bakes alike, and different for each thing that decides the images."""
+
+import dataclasses
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from boxes import lamp_scene
+from leaflight.core import identity
+from leaflight.core.job import Job
+from leaflight.core.scene import Material, TextureImage
+from leaflight.core.settings import Settings
+from leaflight.core.snapshot import load_snapshot, save_snapshot
+
+JOB = Job(Settings(), "images", "room")
+WOOD = TextureImage("Wood", np.full((2, 3, 3), 0.5, np.float32), "REPEAT", False)
+SCENE = replace(lamp_scene(), images=(WOOD,), materials=(*lamp_scene().materials, Material("Unused")))
+
+
+def other_value(knob):
+    """A value of the knob besides its default."""
+    if knob.metadata["choices"]:
+        choice = knob.metadata["choices"][-1]
+        return (choice,) if isinstance(knob.default, tuple) else next(c for c in knob.metadata["choices"] if c != knob.default)
+    if isinstance(knob.default, bool):
+        return not knob.default
+    if isinstance(knob.default, str):
+        return "farm:8786"
+    return knob.default + 1 if isinstance(knob.default, int) else knob.default / 2 or 1.0
+
+
+def test_a_saved_snapshot_has_the_digest_of_the_one_in_memory(tmp_path):
+    save_snapshot(tmp_path / "scene", SCENE)
+    assert identity.hash_bake(load_snapshot(tmp_path / "scene"), JOB) == identity.hash_bake(SCENE, JOB)
+
+
+@pytest.mark.parametrize("knob", dataclasses.fields(Settings), ids=lambda knob: knob.name)
+def test_a_knob_counts_when_it_decides_the_images(knob):
+    changed = replace(JOB, settings=replace(JOB.settings, **{knob.name: other_value(knob)}))
+    same = identity.hash_bake(SCENE, changed) == identity.hash_bake(SCENE, JOB)
+    assert same == (knob.name in ("workers", "cluster", "force"))
+
+
+ARRAYS = [field.name for field in dataclasses.fields(SCENE) if isinstance(getattr(SCENE, field.name), np.ndarray)]
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_each_array_counts(name):
+    changed = getattr(SCENE, name).copy()
+    changed.flat[0] = 1 - changed.flat[0]
+    assert identity.hash_bake(replace(SCENE, **{name: changed}), JOB) != identity.hash_bake(SCENE, JOB)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"lights": (replace(SCENE.lights[0], power_rgb=(10.0, 5.0, 2.6)),)},
+        {"materials": (replace(SCENE.materials[0], albedo_rgb=(0.5, 0.5, 0.6)), SCENE.materials[1])},
+        {"objects": (SCENE.objects[0], replace(SCENE.objects[1], receives=False))},
+        {"images": (replace(SCENE.images[0], pixels=np.full((2, 3, 3), 0.6, np.float32)),)},
+        {"images": (replace(SCENE.images[0], pixels=np.full((3, 2, 3), 0.5, np.float32)),)},
+        {"images": (replace(SCENE.images[0], closest=True),)},
+        {"world_rgb": (0.0, 0.0, 0.1)},
+    ],
+)
+def test_the_rest_of_the_scene_counts(change):
+    assert identity.hash_bake(replace(SCENE, **change), JOB) != identity.hash_bake(SCENE, JOB)
+
+
+def test_the_name_counts_and_the_folder_does_not():
+    assert identity.hash_bake(SCENE, replace(JOB, atlas_name="hall")) != identity.hash_bake(SCENE, JOB)
+    assert identity.hash_bake(SCENE, replace(JOB, output="elsewhere")) == identity.hash_bake(SCENE, JOB)
+
+
+def test_the_code_counts(monkeypatch):
+    before = identity.hash_bake(SCENE, JOB)
+    monkeypatch.setattr(identity, "hash_code", lambda: "another version")
+    assert identity.hash_bake(SCENE, JOB) != before
+
+
+def test_digest_of_the_code_is_of_every_core_module(tmp_path, monkeypatch):
+    for name in ("a.py", "b.py"):
+        (tmp_path / name).write_text("first")
+    monkeypatch.setattr(identity, "__file__", str(tmp_path / "identity.py"))
+    identity.hash_code.cache_clear()
+    digests = [identity.hash_code()]
+    for name in ("a.py", "b.py"):
+        (tmp_path / name).write_text("second")
+        identity.hash_code.cache_clear()
+        digests.append(identity.hash_code())
+    identity.hash_code.cache_clear()
+    assert len(set(digests)) == 3
+
+
+def test_pieces_cannot_run_into_each_other():
+    assert identity.hash_pieces([b"ab", b"c"]) != identity.hash_pieces([b"a", b"bc"])
+
+
+def test_a_file_has_the_digest_of_its_bytes(tmp_path):
+    (tmp_path / "a").write_bytes(b"x" * 100_000)
+    (tmp_path / "b").write_bytes(b"x" * 100_000)
+    assert identity.hash_file(tmp_path / "a") == identity.hash_file(tmp_path / "b")
+    (tmp_path / "b").write_bytes(b"x" * 99_999 + b"y")
+    assert identity.hash_file(tmp_path / "a") != identity.hash_file(tmp_path / "b")

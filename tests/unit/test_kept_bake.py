@@ -1,0 +1,108 @@
+"""A bake is kept when scene, settings, code and files are what they were, and is done again when any of them is not."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from boxes import lamp_scene
+from leaflight.core import bake, kept_bake
+from leaflight.core.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.messages import Warning_
+from leaflight.core.scene import Material
+from leaflight.core.settings import Settings
+from leaflight.core.snapshot import save_snapshot
+
+pytestmark = pytest.mark.usefixtures("open_image_io")
+SCENE = replace(lamp_scene(), materials=(Material("Snow", (2.0, 2.0, 2.0)),))  # it is clamped, which is a warning
+QUICK = Settings(size=16, padding=1, workers=1, error=0.9, max_photons=2000, passes=("combined", "albedo"))
+
+
+def bake_job(folder, settings=QUICK, should_stop=lambda: False):
+    """A bake in `folder` with its images in `folder`/images; its job, messages and result."""
+    folder.mkdir(exist_ok=True)
+    save_snapshot(folder / SNAPSHOT_FILE, SCENE)
+    job = Job(settings, str(folder / "images"), "room: 1")
+    job.save(folder)
+    messages = []
+    bake.run_bake(folder, messages.append, should_stop)
+    return job, messages, json.loads((folder / RESULT_FILE).read_text())
+
+
+@pytest.fixture
+def job(tmp_path):
+    return bake_job(tmp_path)[0]
+
+
+def test_the_same_bake_is_kept_with_all_that_it_gave(tmp_path):
+    job, messages, result = bake_job(tmp_path)
+    kept = kept_bake.find_kept_bake(SCENE, job)
+    assert kept.result == {**result, "seconds": dict.fromkeys(result["seconds"], 0.0), "skipped": {**result["skipped"], "bake": 1}}
+    assert result["skipped"]["bake"] == 0
+    told = [(message.subject, message.text) for message in messages if isinstance(message, Warning_)]
+    assert kept.warnings == tuple(told)
+    assert told
+    again = tmp_path / "again"
+    again.mkdir()
+    kept.restore(again)
+    assert json.loads((again / RESULT_FILE).read_text()) == kept.result
+    with np.load(tmp_path / LAYOUT_FILE) as first, np.load(again / LAYOUT_FILE) as second:
+        assert set(first.files) == set(second.files)
+        assert all(np.array_equal(first[name], second[name]) for name in first.files)
+
+
+def test_images_may_be_moved_with_their_note(tmp_path, job):
+    moved = replace(job, output=str(tmp_path / "elsewhere"))
+    Path(job.output).rename(moved.output)
+    files = kept_bake.find_kept_bake(SCENE, moved).result["files"]
+    assert files
+    assert all(Path(file["path"]).is_file() for file in files)
+    assert kept_bake.find_kept_bake(SCENE, job) is None
+
+
+@pytest.mark.parametrize("change", [{"size": 32}, {"seed": 2}, {"passes": ("combined",)}])
+def test_other_settings_are_another_bake(job, change):
+    assert kept_bake.find_kept_bake(SCENE, replace(job, settings=replace(QUICK, **change))) is None
+
+
+def test_another_scene_or_code_is_another_bake(job, monkeypatch):
+    assert kept_bake.find_kept_bake(replace(SCENE, world_rgb=(0.1, 0.1, 0.1)), job) is None
+    monkeypatch.setattr("leaflight.core.identity.hash_code", lambda: "another version")
+    assert kept_bake.find_kept_bake(SCENE, job) is None
+
+
+@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize("how", ["missing", "altered", "longer"])
+def test_missing_or_altered_files_are_baked_again(job, number, how):
+    path = Path(kept_bake.find_kept_bake(SCENE, job).result["files"][number]["path"])
+    whole = path.read_bytes()
+    if how == "missing":
+        path.unlink()
+    else:
+        path.write_bytes(whole + b"!" if how == "longer" else whole[:-1] + bytes([whole[-1] ^ 1]))
+    assert kept_bake.find_kept_bake(SCENE, job) is None
+    path.write_bytes(whole)
+    assert kept_bake.find_kept_bake(SCENE, job) is not None
+
+
+@pytest.mark.parametrize(
+    "damage", [lambda whole: b"", lambda whole: whole[: len(whole) // 2], lambda whole: whole.replace(b"kept-bake", b"kept-cake")]
+)
+def test_a_damaged_note_is_no_note(job, damage):
+    note = kept_bake.find_note(job)
+    note.write_bytes(damage(note.read_bytes()))
+    assert kept_bake.find_kept_bake(SCENE, job) is None
+
+
+def test_a_bake_that_was_stopped_is_not_kept(tmp_path):
+    job, messages, _ = bake_job(tmp_path, replace(QUICK, error=1e-4, max_photons=10**9), should_stop=lambda: True)
+    assert messages[-1].interrupted
+    assert kept_bake.find_kept_bake(SCENE, job) is None
+
+
+def test_a_note_that_cannot_be_written_costs_a_warning_only(tmp_path, monkeypatch):
+    monkeypatch.setattr(kept_bake, "find_note", lambda job: tmp_path / "no folder" / "note.npz")
+    job, messages, _ = bake_job(tmp_path)
+    assert [message.text for message in messages if isinstance(message, Warning_)][-1].startswith("this bake cannot be noted in ")
+    assert not list(Path(job.output).glob(".leaflight*"))
