@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-import re
 import tempfile
 import time
 from concurrent.futures import Executor
@@ -22,7 +21,8 @@ from leaflight.core.settings import Settings
 from leaflight.core.snapshot import load_snapshot
 from leaflight.core.workers import make_executor
 from paper_bakes import Bake, Reference, Stage
-from paper_tables import Point, Table
+from paper_tables import Point
+from tables import Table, put_tables
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 ROOM, SQUARE = "furnished_room", "figure2_square"
@@ -87,14 +87,6 @@ def draw_paper(measured: Measured, camera: dict, folder: Path) -> None:
     paper_pictures.draw_room(measured.room, camera, folder)
     paper_pictures.draw_floor(measured.room, measured.reference, folder / "floor.png")
     paper_pictures.draw_curves(measured.curves, folder / "curves.png")
-
-
-def put_tables(text: str, tables: dict[str, Table]) -> str:
-    """The text with each table between its marks, `<!-- table: name -->` and `<!-- end -->`."""
-    for name, table in tables.items():
-        marks = re.compile(rf"(<!-- table: {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
-        text = marks.sub(lambda found, table=table: f"{found[1]}\n{table}\n\n{found[2]}", text)
-    return text
 
 
 def leave_out(scene: SceneSnapshot, names: tuple[str, ...]) -> SceneSnapshot:

@@ -9,24 +9,13 @@ import numpy as np
 from leaflight.core.irradiance import polygon_irradiance
 from leaflight.core.settings import BASES, Settings
 from paper_bakes import Bake, Errors, Reference, Stage
+from tables import Table
 
 REFERENCE_SEED, REFERENCE_RUNS = 1000, 4  # runs of each of the two references
 SEEDS = 4  # for variances between bakes
 PHOTONS_IN_A_NODE = 16  # on the fixed mesh, for a variance to be worth comparing
 LAMP_W, LAMP_M, LAMP_HEIGHT_M, SHEET_EDGE_M = 40.0, 0.3, 2.0, 0.5  # of figure2_square.blend
 DEFAULTS = Settings()
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows of text under a head."""
-
-    head: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-    def __str__(self) -> str:
-        lines = [self.head, ["---"] * len(self.head), *self.rows]
-        return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def percent(value: float) -> str:
