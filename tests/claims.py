@@ -79,7 +79,9 @@ def tabulate_claims(claims: Iterable[Claim]) -> Table:
         case = f" ({worst.case})" if len(group) > 1 else ""
         fails = sum(not claim.holds for claim in group)
         subject, _, what = name.partition(": ")
-        rows.append([subject, what, str(len(group)), worst._text(worst.measured) + case, worst.bound, f"**{fails} fail**" if fails else "yes"])
+        rows.append(
+            [subject, what, str(len(group)), worst._text(worst.measured) + case, worst.bound, f"**{fails} fail**" if fails else "yes"]
+        )
     return Table(HEAD, rows)
 
 

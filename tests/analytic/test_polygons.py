@@ -18,7 +18,7 @@ RADIANCE = 2.0
 # Beside the floor, which is the unit square at z = 0, or over it; seen from it counter-clockwise.
 OVER = np.array([[0.3, 0.2, 0.5], [0.4, 0.9, 0.4], [0.9, 0.5, 0.7]])
 SUNK = np.array([[-0.4, 0.1, -0.5], [-0.3, 0.9, 0.2], [-0.2, 0.4, 0.9]])
-EDGE = np.array([[0.0, 0.8, 0.0], [0.6, 0.0, 0.8]])  # of the area light, at right angles
+EDGE = np.array([[0.6, 0.0, 0.8], [0.0, 0.8, 0.0]])  # of the area light, at right angles
 TILTED = np.array([-0.5, 0.5, 0.1]) + np.array([[-1, -1], [-1, 1], [1, 1], [1, -1]]) / 2 @ EDGE
 
 

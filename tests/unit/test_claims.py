@@ -18,8 +18,10 @@ SOME = [
 
 @pytest.mark.parametrize(
     ("measured", "low", "high", "holds"),
-    [(1, 1, 2, True), (2, 1, 2, True), (2.1, 1, 2, False), (0.9, 1, math.inf, False), (9, 1, math.inf, True), (0, -math.inf, 0, True)]
-    + [(1, -math.inf, 0, False), (math.nan, 0, 1, False), (math.inf, 0, math.inf, True), (3, 3, 3, True), (4, 3, 3, False)],
+    [
+        *[(1, 1, 2, True), (2, 1, 2, True), (2.1, 1, 2, False), (0.9, 1, math.inf, False), (9, 1, math.inf, True)],
+        *[(0, -math.inf, 0, True), (1, -math.inf, 0, False), (math.nan, 0, 1, False), (3, 3, 3, True), (4, 3, 3, False)],
+    ],
 )
 def test_a_claim_holds_within_its_bounds(measured, low, high, holds):
     claim = Claim("a: b", measured, low, high)
