@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from tables import Table
 
+PUBLISHED = Path(__file__).resolve().parents[1] / "out" / "claims"
 HEAD = ("of", "claim", "cases", "measured", "claimed", "holds")
 
 
@@ -97,5 +99,17 @@ def load_claims(path: Path) -> list[Claim]:
     return [Claim(**{**row, "points": tuple(map(tuple, row["points"]))}) for row in rows]
 
 
-def all_hold(claims: Iterable[Claim]) -> bool:
-    return all(claim.holds for claim in claims)
+def tell_failures(claims: Sequence[Claim]) -> int:
+    """Exit code of a benchmark: 1, and each claim that fails on standard error, or 0; no claims at all fail too."""
+    failing = [claim for claim in claims if not claim.holds]
+    for claim in failing:
+        print(f"FAILS  {claim}", file=sys.stderr)
+    print(f"{len(claims)} claims, {len(failing)} fail", file=sys.stderr)
+    return int(bool(failing) or not claims)
+
+
+def publish_claims(name: str, claims: Sequence[Claim], folder: Path = PUBLISHED) -> int:
+    """Print a benchmark's claims, keep them for the table of all benchmarks (print_claims.py), and give its exit code."""
+    save_claims(claims, folder / f"{name}.json")
+    print(tabulate_claims(claims))
+    return tell_failures(claims)
