@@ -41,8 +41,8 @@ def spot_irradiance(position, normal):
 
 SCENES = {
     "point": (lamp("POINT"), lambda p, n: INTENSITY * from_point(PLACE, p, n)),
-    "soft": (lamp("POINT", radius_m=0.2), lambda p, n: INTENSITY * from_point(PLACE, p, n, radius=0.2)),
-    "sphere": (lamp("POINT", radius_m=0.2, soft_falloff=False), lambda p, n: INTENSITY * from_point(PLACE, p, n)),
+    "soft point": (lamp("POINT", radius_m=0.2), lambda p, n: INTENSITY * from_point(PLACE, p, n, radius=0.2)),
+    "sphere light": (lamp("POINT", radius_m=0.2, soft_falloff=False), lambda p, n: INTENSITY * from_point(PLACE, p, n)),
     "sun": (lamp("SUN", rotation=facing(-SUN)), lambda p, n: POWER_W * (n @ SUN)),
     "wide sun": (lamp("SUN", rotation=facing(-SUN), angle_rad=0.6), lambda p, n: POWER_W * (n @ SUN)),
     "spot": (lamp("SPOT", rotation=facing(AXIS), cone_angle_rad=2 * HALF_CONE, blend=BLEND), spot_irradiance),

@@ -28,13 +28,21 @@ def measure_claims(*selection: str) -> list[Claim]:
 def draw_convergence(claims: list[Claim], path: Path) -> None:
     """Errors over node size and over photons, with the slopes that are claimed of them."""
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter
 
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
     for axis, (what, label) in zip(axes, (("node size", "side of a node, texels"), ("photons", "photons")), strict=True):
-        for claim in (one for one in claims if one.points and f"log {what}" in one.name):
+        drawn = [claim for claim in claims if claim.points and f"log {what}" in claim.name]
+        for claim in drawn:
             x, y = zip(*claim.points, strict=True)
             axis.loglog(x, y, "o-", label=f"{claim.name.rpartition(', ')[2]}: slope {claim.measured:.2f}", linewidth=1, markersize=4)
         axis.set_xlabel(label)
+        axis.set_xticks(sorted({x for claim in drawn for x, _ in claim.points}), minor=False)
+        axis.xaxis.set_major_formatter(EngFormatter())
+        axis.xaxis.set_minor_formatter(NullFormatter())
+        axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.yaxis.set_minor_formatter(NullFormatter())
         axis.set_ylabel("root mean square error" + (" / mean" if what == "photons" else ""))
         axis.grid(which="both", linewidth=0.3)
         axis.legend(frameon=False, fontsize=8)
