@@ -50,6 +50,19 @@ def test_the_same_light_as_from_each_triangle_by_itself(monkeypatch):
     assert found.irradiance_rgb[:, 0] == pytest.approx(3 * found.irradiance_rgb[:, 2])
 
 
+def test_triangles_that_share_an_edge_with_the_floor():
+    """32 of them, rising outwards from it: the nearest ends of rays bring most of the light, and their corners lie on the horizon."""
+    grid = grid_mesh("Skirt", 4, edge_m=0.25)
+    x, y, _ = grid.vertex.T
+    skirt = replace(grid, vertex=np.stack([-0.3 * x, 1 - y, 0.6 * x], axis=1))
+    scene = lit_scene(emission=[skirt])
+    pooled, alone = prepare(scene)[0], as_sources(scene)
+    found = np.mean([to_grid(light_floor(pooled, seed).irradiance_rgb[:, 0], SIDE) for seed in range(8)], axis=0)
+    expected = to_grid(light_floor(alone).irradiance_rgb[:, 0], SIDE)
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.004)
+    assert found[:, 0].mean() == pytest.approx(expected[:, 0].mean(), rel=0.02)
+
+
 def test_cells_of_a_cluster_are_chosen_by_their_power(hold):
     """Textured cells, each as bright as chance would have it."""
     pixels = np.random.default_rng(3).uniform(0.2, 1.0, (8, 8, 3)).astype(np.float32)
