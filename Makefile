@@ -18,7 +18,7 @@ help:
 	@echo "make bake    bake a sample scene into $(OUT)/: images, report, and a .blend that wears them   (SCENE=file.blend OUT=folder)"
 	@echo "make test    lint and the everyday tests"
 	@echo "make pytest  the everyday tests alone"
-	@echo "make bench   the slow tests and the benchmarks, minutes each"
+	@echo "make bench   the slow tests and the benchmarks, minutes each; ends with one table of what is claimed and measured"
 	@echo "make bench-speed  Leaflight beside Cycles on an idle machine, hours; fills docs/speed.md"
 	@echo "make pictures  bake all samples and draw them into docs/samples, and the leaves of one into docs/leaves.png"
 	@echo "make lint    ruff check, ruff format --check, mypy --strict"
@@ -36,8 +36,9 @@ pytest: $(VENV)/.ready
 	$(RUN) -m pytest -m "not slow"
 
 bench: $(VENV)/.ready-bench
-	$(RUN) -m pytest -m slow
-	set -e; for script in $(filter-out %/bench_speed.py,$(wildcard tests/bench/bench_*.py)); do echo "== $$script"; PYTHONPATH=tests $(RUN) $$script; done
+	rm -rf out/claims
+	code=0; for script in $(sort $(filter-out %/bench_speed.py,$(wildcard tests/bench/bench_*.py))) tests/bench/print_claims.py; do \
+	  echo "== $$script"; PYTHONPATH=tests $(RUN) $$script || code=1; done; exit $$code
 
 bench-speed: $(VENV)/.ready-bench
 	PYTHONPATH=tests $(RUN) tests/bench/bench_speed.py --docs

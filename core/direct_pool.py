@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -27,6 +28,7 @@ _REGION_BLOCKS = 16  # blocks whose pilots tell together whether a cluster is se
 _UNSEEN_LEAST, _UNSEEN_MOST = 0.05, 0.4  # share of a cluster that is kept for each pilot that did not see it
 _MAX_CLUSTERS = 256
 _GRAZING = np.float32(0.1)  # least cosine a cluster is judged by
+_ON_HORIZON = 1e-3  # roots of a triangle's area below the horizon that count as on it
 _NEAR = 4.0  # distance squared in areas of a triangle, below which its closed form is taken
 
 
@@ -53,6 +55,12 @@ class EmitterPool:
     cluster_square: Float32
     scene: ReceivingSurfaces
     surfaces: SurfaceMaterials
+
+    @cached_property
+    def middle(self) -> Float32:
+        """(n, 3) float32, unit box: of the cells' triangles."""
+        out: Float32 = self.scene.corner_unit[self.cells.tri].mean(axis=1)
+        return out
 
     @classmethod
     def of(cls, groups: list[EmittingCells], scene: ReceivingSurfaces, scale: float, surfaces: SurfaceMaterials) -> EmitterPool:
@@ -229,7 +237,7 @@ class EmitterPool:
         cosines = np.maximum((direction * receivers.normal).sum(axis=1), 0) * np.abs((direction * normal).sum(axis=1)) / square
         # Exact, but for points nearer than the radius of a disk of the cell's area: few of them would be far too bright.
         weight = cosines * (area / np.maximum(square, area / math.pi))
-        self._sharpen(weight, receivers, cell, square)
+        self._sharpen(weight, receivers, cell)
         radiance = self.cells.mean_rgb[cell]
         textured = np.flatnonzero(~self.constant[cell])
         if len(textured):
@@ -237,12 +245,16 @@ class EmitterPool:
         short = weight.astype(np.float32)
         return Aim(direction, np.ones(len(cell), np.float32), short, short), radiance
 
-    def _sharpen(self, weight: Float64, receivers: Receivers, cell: Int64, square: FloatArray) -> None:
+    def _sharpen(self, weight: Float64, receivers: Receivers, cell: Int64) -> None:
         """Takes the closed form near triangles of constant radiance."""
-        near = np.flatnonzero(self.constant[cell] & (square < _NEAR * self.area[cell]))
+        # By the middle of the triangle: were it by the ray's end, near ends would bring the mean of all, and far ones their own less.
+        middle = take_rows(self.middle, cell) - receivers.position
+        near = np.flatnonzero(self.constant[cell] & ((middle * middle).sum(axis=1) < _NEAR * self.area[cell]))
         looking, corners = receivers.rows(near), self.scene.corner_unit[self.cells.tri[cell[near]]]
+        height = ((corners - looking.position[:, None]) * looking.normal[:, None]).sum(axis=2)
         # A triangle that the horizon cuts keeps the weight of its point: the closed form leaves out what points below it would carry.
-        whole = (((corners - looking.position[:, None]) * looking.normal[:, None]).sum(axis=2) > 0).all(axis=1)
+        # Corners that it shares with the receiver's own face lie on the horizon, to rounding.
+        whole = (height > -_ON_HORIZON * np.sqrt(self.area[cell[near]])[:, None]).all(axis=1)
         near, looking = near[whole], looking.rows(np.flatnonzero(whole))
         weight[near] = np.abs(polygon_irradiance(corners[whole], looking.position, looking.normal))
 

@@ -16,7 +16,7 @@ from leaflight.core.scene import Light, Material, SceneSnapshot
 from leaflight.core.settings import Settings
 from leaflight.core.snapshot import save_snapshot
 from leaflight.core.texel_map import TexelMap
-from scenes import Mesh, box_mesh, make_scene, quad_mesh
+from scenes import Mesh, box_mesh, make_scene, quad_mesh, sphere_mesh
 
 
 def room_mesh(name: str = "Room", size_m: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Mesh:
@@ -25,9 +25,19 @@ def room_mesh(name: str = "Room", size_m: tuple[float, float, float] = (1.0, 1.0
     return replace(box, polygons=[polygon[::-1] for polygon in box.polygons])
 
 
-def furnace_scene(rho: float, radiance: float = 1.0) -> SceneSnapshot:
-    """A closed room whose walls all reflect and glow alike: E = pi e (1 + rho + rho^2 ...) = pi e / (1 - rho) everywhere."""
-    return make_scene([room_mesh()], materials=[Material("Wall", (rho,) * 3, emission_rgb=(radiance,) * 3)])
+def ball_room_mesh(name: str = "Ball") -> Mesh:
+    """A sphere of few flat faces that face inwards, of radius 1 m."""
+    ball = sphere_mesh(name, rings=8, segments=12)
+    return replace(ball, polygons=[polygon[::-1] for polygon in ball.polygons])
+
+
+def furnace_scene(*rho: float, radiance: float = 1.0, room: Mesh | None = None) -> SceneSnapshot:
+    """A closed room whose walls all reflect and glow alike: E = pi e (1 + rho + rho^2 ...) = pi e / (1 - rho) everywhere.
+
+    rho   one for all channels, or three
+    """
+    wall = Material("Wall", (rho * 3)[:3], emission_rgb=(radiance,) * 3)
+    return make_scene([room or room_mesh()], materials=[wall])
 
 
 def lamp_scene(rho: float = 0.5) -> SceneSnapshot:

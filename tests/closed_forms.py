@@ -29,6 +29,17 @@ def from_polygon(corner: np.ndarray, position: np.ndarray, normal: np.ndarray) -
     return np.abs((angle / np.maximum(sine, 1e-300) * (cross * normal[:, None]).sum(2)).sum(1)) / 2
 
 
+def above_floor(corner: np.ndarray) -> np.ndarray:
+    """The part of a plane convex polygon (m, 3) at z >= 0. Source: Sutherland & Hodgman 1974."""
+    kept = []
+    for a, b in zip(corner, np.roll(corner, -1, axis=0), strict=True):
+        if a[2] >= 0:
+            kept.append(a)
+        if (a[2] >= 0) != (b[2] >= 0):
+            kept.append(a + (b - a) * a[2] / (a[2] - b[2]))
+    return np.array(kept)
+
+
 def from_disk(radius: float, height: float, offset: np.ndarray) -> np.ndarray:
     """Of a disk parallel to the receiver, `height` above it, whose axis passes it at `offset` (n,). Source: B-13."""
     square = offset**2 + height**2

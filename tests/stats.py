@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -55,19 +57,48 @@ class Estimates:
         total = pull @ self.truth
         return float(pull @ (self.value - self.truth) / total), float(np.hypot(np.linalg.norm(pull * self.noise), pull @ doubt) / total)
 
-    def complaint(self, n_case: int) -> str:
-        """What a z-test of every value and of all together has against them; "" for nothing.
+    @property
+    def worst_sigmas(self) -> float:
+        """How many stated errors the farthest value is off."""
+        return float(np.abs(self.sigmas).max())
 
-        n_case   estimates that are judged in one file; all their tests together share floors.ALPHA
-        """
-        limit = sigma_limit(n_case * (len(self.value) + 1))
-        sigmas = self.sigmas
-        worst = int(np.argmax(np.abs(sigmas)))
-        if not np.abs(sigmas[worst]) < limit:
-            found = f"{self.value[worst]:.6g} for {self.truth[worst]:.6g}"
-            return f"value {worst} of {len(sigmas)}: {found}, {sigmas[worst]:.2f} stated errors off, limit {limit:.2f}"
+    @property
+    def bias_sigmas(self) -> float:
+        """How many errors all values together are off."""
         bias, stderr = self.bias_and_stderr()
-        return "" if abs(bias) < limit * stderr else f"all: off by {100 * bias:.3f} +- {100 * stderr:.3f} %, limit {limit:.2f} errors"
+        return abs(bias) / stderr
+
+
+def z_limit(found: Estimates, n_case: int) -> float:
+    """Stated errors that neither a value nor all together exceed, in n_case estimates, but with chance floors.ALPHA."""
+    return sigma_limit(n_case * (len(found.value) + 1))
+
+
+def hold_unbiased(hold: Callable[..., None], subject: str, found: Estimates, n_case: int, mean_percent: float) -> None:
+    """A z-test of every value and of all together; and what the mean may be off, or large errors would excuse anything.
+
+    n_case   estimates that are judged in one file; all their tests together share floors.ALPHA
+    """
+    farthest = max(found.worst_sigmas, found.bias_sigmas)
+    hold(f"{subject}: farthest off, of leaves and of all together", farthest, high=z_limit(found, n_case), unit="stated errors")
+    hold(f"{subject}: bias of the mean", 100 * abs(found.mean_bias), high=mean_percent, unit="%")
+
+
+def hold_bias_is_seen(hold: Callable[..., None], subject: str, found: Estimates, n_case: int) -> None:
+    """The z-test rejects light that is 3 % too bright."""
+    biased = found.times(PLANTED_BIAS)
+    seen = max(biased.worst_sigmas, biased.bias_sigmas)
+    hold(f"{subject}: farthest off with a planted bias of 3 %", seen, low=z_limit(found, n_case), unit="stated errors")
+
+
+def hold_statement(hold: Callable[..., None], subject: str, ratio: float, direct: str) -> None:
+    """What some bakes say of themselves is how far they are off; rays alone may err less than they say."""
+    hold(f"{subject}: stated over real error of adaptive bakes", ratio, low=0.75, high=1.25 if direct == "photons" else math.inf)
+
+
+def hold_stated_error(hold: Callable[..., None], subject: str, real: float, stated: float, most: float = 1.2) -> None:
+    """What a bake says of itself covers how far it is off."""
+    hold(f"{subject}: real over stated error of an adaptive bake", real / stated, high=most)
 
 
 def fit_slope(x: np.ndarray, y: np.ndarray) -> float:

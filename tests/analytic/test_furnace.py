@@ -4,122 +4,152 @@ What arrives is pi e from the glow, rho times that after one bounce, and so on: 
 The statistical tests of this file share floors.ALPHA.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from boxes import furnace_scene, make_solver, solve_scene
+from boxes import ball_room_mesh, furnace_scene, make_solver, room_mesh, solve_scene
 from floors import sigma_limit
 from leaflight.core import resolve
 from leaflight.core.settings import BASES, DIRECT_MODES, Settings
+from stats import PLANTED_BIAS
 
-RHOS = (0.0, 0.5, 0.9)
-ALL_CASES = [(rho, direct, basis) for rho in RHOS for direct in DIRECT_MODES for basis in BASES]
-QUICK_CASES = [(0.0, "photons", "linear"), (0.5, "rays", "linear"), (0.5, "photons", "constant"), (0.9, "photons", "quadratic")]
-CASES = [pytest.param(case, id="-".join(map(str, case)), marks=() if case in QUICK_CASES else pytest.mark.slow) for case in ALL_CASES]
-N_TEST = 2 * len(CASES)  # two statistical tests a case
-
+# Room, page, error asked for: the sphere's many emitting triangles are chosen by chance, and to 0.5 % rays would take minutes.
+SHAPES = {"box": (room_mesh(), 64, 0.005), "sphere": (ball_room_mesh(), 128, 0.05)}
+RHOS = {"0": (0.0,), "0.5": (0.5,), "0.9": (0.9,), "0.95": (0.95,), "coloured": (0.95, 0.5, 0.1)}
 LEAF_TEXELS = 4
+PHOTONS = {"0": 500_000, "0.5": 500_000, "0.9": 250_000, "0.95": 150_000, "coloured": 400_000}
+FEW_SEEDS, SEEDS = (3,), (3, 4, 5)
+QUICK_CASES = [
+    ("box", "0", "photons", "linear"),
+    ("box", "0.5", "rays", "linear"),
+    ("box", "0.5", "photons", "constant"),
+    ("box", "0.9", "photons", "quadratic"),
+    ("box", "coloured", "photons", "linear"),
+    ("sphere", "0.5", "rays", "linear"),
+]
+ALL_CASES = [
+    (shape, rho, direct, basis)
+    for shape in SHAPES
+    for rho in RHOS
+    for direct in DIRECT_MODES
+    for basis in BASES
+    if shape == "box" or basis == "linear"
+]
+PARAMS = [pytest.param((*case, FEW_SEEDS), id="-".join(case)) for case in QUICK_CASES]
+PARAMS += [pytest.param((*case, SEEDS), id="-".join([*case, "seeds"]), marks=pytest.mark.slow) for case in ALL_CASES]
+N_TEST = 2 * 3 * len(PARAMS)  # two statistical tests a case and channel
 
 
 @dataclass(frozen=True)
 class Furnace:
-    """A solved furnace on a mesh of equal leaves, and what it should be.
+    """A furnace solved with several seeds on a mesh of equal leaves, and what it should be.
 
-    mean, stderr    (m,) float64, W/m^2: irradiance of each leaf and its stated error, first channel
+    truth           (3,) float64, W/m^2
+    mean, stderr    (seeds, 3, m) float64, W/m^2: irradiance of each leaf and its stated error
     area            (m,) float64, m^2
-    texel           all channels at the texels
-    indirect        whether photons bring any of it
+    texels          (seeds, 3, n) float64, W/m^2: light at the texels; texel_stderr its stated error
+    safe            (3,) bool: whether the channel may err less than it states
     """
 
-    truth: float
+    truth: np.ndarray
     mean: np.ndarray
     stderr: np.ndarray
     area: np.ndarray
-    texel: resolve.TexelLight
-    indirect: bool
+    texels: np.ndarray
+    texel_stderr: np.ndarray
+    safe: np.ndarray
 
-    def leaf_sigmas(self, truth):
-        """(m,) float64: how many stated errors the leaves are off; where nothing is random, rounding is what is stated."""
-        return (self.mean - truth) / np.maximum(self.stderr, 1e-6 * self.truth)
+    def sigmas(self, bias=1.0):
+        """(seeds, 3, m): how many stated errors the leaves are off; where nothing is random, rounding is what is stated."""
+        truth = self.truth[:, None]
+        # Slivers at the edges of charts get so few photons that their errors are not normal.
+        rows = self.area > 0.2 * np.median(self.area)
+        return ((self.mean * bias - truth) / np.maximum(self.stderr, 1e-6 * truth))[..., rows]
+
+    def mean_squares(self, bias=1.0):
+        """(3,): mean of squared sigmas."""
+        return np.mean(self.sigmas(bias) ** 2, axis=(0, 2))
+
+    def band(self):
+        """Where the mean of n squared sigmas lies: n of them vary by 2 / n."""
+        count = self.sigmas()[:, 0].size
+        width = sigma_limit(N_TEST) * np.sqrt(2 / count)
+        return 1 - width, 1 + width
 
 
-@pytest.fixture(scope="module")
-def furnace(tmp_path_factory):
-    """Solves each case once."""
-    known = {}
-
-    def solve(case):
-        if case not in known:
-            known[case] = solve_case(tmp_path_factory.mktemp("furnace"), *case)
-        return known[case]
-
-    return solve
-
-
-def solve_case(folder, rho, direct, basis):
-    settings = Settings(
-        size=64, direct=direct, basis=basis, hierarchical=False, finest_texels=LEAF_TEXELS, max_photons=1_000_000, error=0.005, seed=3
-    )
-    solver = make_solver(folder, furnace_scene(rho), settings)
-    light = solver.run(lambda message: None, lambda: False)
-    tree, leaves = light.tree, light.leaves[np.argsort(light.tree.start[light.leaves])]
-    texels = tree.end[leaves] - tree.start[leaves]
-    by_rays, rays_variance = (
-        np.add.reduceat(values[:, 0].astype(float), tree.start[leaves]) for values in (light.direct.irradiance, light.direct.variance)
-    )
-    area = tree.area[leaves]
+@pytest.fixture(scope="module", params=PARAMS)
+def furnace(request, tmp_path_factory):
+    shape, rho, direct, basis, seeds = request.param
+    room, size, error = SHAPES[shape]
+    scene = furnace_scene(*RHOS[rho], room=room)
+    settings = [Settings(size=size, basis=basis, error=error, seed=seed) for seed in seeds]
+    runs = [solve_once(tmp_path_factory.mktemp("furnace"), scene, direct, PHOTONS[rho], one) for one in settings]
+    mean, stderr, area, texels, texel_stderr = zip(*runs, strict=True)
+    rho = np.array(scene.materials[0].albedo_rgb)
+    # Without chance there is only rounding. The correction of the stated errors is one for all channels, and those with less bounced
+    # light have more of the photons that are spread more evenly than chance would.
+    safe = (rho < rho.max()) | ((rho == 0) & (direct == "rays"))
     return Furnace(
-        np.pi / (1 - rho),
-        light.solution.flux[0, leaves] / area + by_rays / texels,
-        np.sqrt(light.solution.variance[0, leaves] * light.correction + rays_variance / texels**2),
-        area,
-        resolve.light_at_texels(light, solver.blender, smooth_grain=False),
-        rho > 0 or direct == "photons",
+        np.pi / (1 - rho), np.array(mean), np.array(stderr), area[0], np.array(texels, float), np.array(texel_stderr, float), safe
     )
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_mean_irradiance_is_the_geometric_series(furnace, case):
-    found = furnace(case)
-    assert (found.mean * found.area).sum() / found.area.sum() == pytest.approx(found.truth, rel=0.002)
+def solve_once(folder, scene, direct, photons, settings):
+    """Irradiance of the leaves, its stated error and their areas; light at texels and its stated error."""
+    settings = replace(settings, direct=direct, hierarchical=False, finest_texels=LEAF_TEXELS, max_photons=photons)
+    solver = make_solver(folder, scene, settings)
+    light = solver.run(lambda message: None, lambda: False)
+    texel_map = solver.tracing.texels
+    tree, leaves = light.tree, light.leaves[np.argsort(light.tree.start[light.leaves])]
+    weight, start, area = texel_map.texel_area[:, None], tree.start[leaves], tree.area[leaves]
+    rays, rays_variance = (
+        np.add.reduceat(values, start).T for values in (light.direct.irradiance * weight, light.direct.variance * weight**2)
+    )
+    mean = (light.solution.flux[:, leaves] + rays) / area
+    stderr = np.sqrt(light.solution.variance[:, leaves] * light.correction + rays_variance / area**2)
+    shown = resolve.light_at_texels(light, solver.blender, smooth_grain=False)
+    return mean, stderr, area, (shown.direct + shown.indirect).T, shown.stderr.T
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_every_leaf_is_within_its_stated_error(furnace, case):
-    found = furnace(case)
-    assert np.abs(found.leaf_sigmas(found.truth)).max() < sigma_limit(N_TEST * len(found.mean))
+def test_mean_irradiance_is_the_geometric_series(furnace, hold):
+    found = (furnace.mean * furnace.area).sum((0, 2)) / furnace.area.sum() / len(furnace.mean)
+    hold("furnace: mean irradiance off the geometric series", 100 * np.abs(found / furnace.truth - 1).max(), high=0.2, unit="%")
 
 
-def chi_square_band(found):
-    """Where the mean of n squared sigmas lies; n of them vary by 2 / n. Light without chance may be better than stated."""
-    width = sigma_limit(N_TEST) * np.sqrt(2 / len(found.mean))
-    return (1 - width if found.indirect else 0.0), 1 + width
+def test_every_leaf_is_within_its_stated_error(furnace, hold):
+    sigmas = furnace.sigmas()
+    limit = sigma_limit(N_TEST * sigmas[:, 0].size)
+    hold("furnace: farthest leaf from the truth", np.abs(sigmas).max(), high=limit, unit="stated errors")
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_stated_errors_of_leaves_are_honest(furnace, case):
-    lowest, highest = chi_square_band(furnace(case))
-    assert lowest < np.mean(furnace(case).leaf_sigmas(furnace(case).truth) ** 2) < highest
+def test_stated_errors_of_leaves_are_true(furnace, hold):
+    squares, (lowest, highest) = furnace.mean_squares(), furnace.band()
+    for one, safe in zip(squares, furnace.safe, strict=True):
+        name = "furnace: mean of (estimate - truth)^2 / stderr^2 over leaves"
+        if safe:
+            hold(f"{name}, where it may be less", one, high=highest)
+        else:
+            hold(name, one, low=lowest, high=highest)
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_a_planted_bias_of_3_percent_is_rejected(furnace, case):
-    biased = furnace(case).truth * 1.03
-    assert np.mean(furnace(case).leaf_sigmas(biased) ** 2) > chi_square_band(furnace(case))[1]
+def test_a_planted_bias_is_rejected(furnace, hold):
+    hold("furnace: that mean with a planted bias of 3 %", furnace.mean_squares(PLANTED_BIAS).min(), low=furnace.band()[1])
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_stated_errors_of_texels_are_honest(furnace, case):
+def test_stated_errors_of_texels_are_true(furnace, hold):
     """Also away from the middle of a leaf, where the higher functions have their say."""
-    texel, truth = furnace(case).texel, furnace(case).truth
-    real = np.sqrt(np.mean((texel.direct + texel.indirect - truth) ** 2))
-    stated = np.sqrt(np.mean(texel.stderr**2))
-    assert real < 1.25 * stated
-    assert not furnace(case).indirect or stated < 1.25 * real
+    real = np.sqrt(np.mean((furnace.texels - furnace.truth[:, None]) ** 2, axis=(0, 2)))
+    stated = np.sqrt(np.mean(furnace.texel_stderr**2, axis=(0, 2)))
+    for ratio, safe in zip(real / np.maximum(stated, 1e-6 * furnace.truth), furnace.safe, strict=True):
+        name = "furnace: real over stated error at texels, root mean squares"
+        if safe:
+            hold(f"{name}, where it may be less", ratio, high=1.25)
+        else:
+            hold(name, ratio, low=0.8, high=1.25)
 
 
-def test_even_light_needs_no_leaf_but_the_six_walls(tmp_path):
+def test_even_light_needs_no_leaf_but_the_six_walls(tmp_path, hold):
     light = solve_scene(tmp_path, furnace_scene(0.5), Settings(size=64, direct="photons", max_photons=400_000, error=1e-4))
-    assert len(light.leaves) == 6
     assert light.error < 0.02
+    hold("furnace: leaves of an adaptive bake", len(light.leaves), low=6, high=6)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-import re
+import sys
 import tempfile
 import time
 from concurrent.futures import Executor
@@ -16,13 +16,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import paper_tables
+from claims import publish_claims
 from export_samples import export_samples
 from leaflight.core.scene import SceneSnapshot
 from leaflight.core.settings import Settings
 from leaflight.core.snapshot import load_snapshot
 from leaflight.core.workers import make_executor
 from paper_bakes import Bake, Reference, Stage
-from paper_tables import Point, Table
+from paper_tables import Point
+from tables import Table, put_tables
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 ROOM, SQUARE = "furnished_room", "figure2_square"
@@ -54,6 +56,7 @@ class Measured:
     room: dict[str, Bake]
     curves: dict[str, list[Point]]
     reference: Reference
+    overhead: paper_tables.Overhead
 
 
 def measure_paper(folder: Path, room: SceneSnapshot, square: SceneSnapshot, effort: Effort, executor: Executor) -> Measured:
@@ -73,10 +76,11 @@ def measure_paper(folder: Path, room: SceneSnapshot, square: SceneSnapshot, effo
     curves, room_bakes = paper_tables.trace_curves(stage, reference, effort.curve)
     tell("figure 3", paper_tables.table_curves(curves))
     tell("leaves for the same error", paper_tables.table_leaves(curves))
-    tell("overhead", paper_tables.table_overhead(stage, reference, effort.figure_3))
+    overhead = paper_tables.measure_overhead(stage, reference, effort.figure_3)
+    tell("overhead", paper_tables.table_overhead(overhead))
     tell("hints", paper_tables.sweep(stage, reference, effort.sweep, paper_tables.HINTS))
     tell("knobs", paper_tables.sweep(stage, reference, effort.sweep, paper_tables.KNOBS))
-    return Measured(tables, square_bakes, room_bakes, curves, reference)
+    return Measured(tables, square_bakes, room_bakes, curves, reference, overhead)
 
 
 def draw_paper(measured: Measured, camera: dict, folder: Path) -> None:
@@ -89,21 +93,13 @@ def draw_paper(measured: Measured, camera: dict, folder: Path) -> None:
     paper_pictures.draw_curves(measured.curves, folder / "curves.png")
 
 
-def put_tables(text: str, tables: dict[str, Table]) -> str:
-    """The text with each table between its marks, `<!-- table: name -->` and `<!-- end -->`."""
-    for name, table in tables.items():
-        marks = re.compile(rf"(<!-- table: {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
-        text = marks.sub(lambda found, table=table: f"{found[1]}\n{table}\n\n{found[2]}", text)
-    return text
-
-
 def leave_out(scene: SceneSnapshot, names: tuple[str, ...]) -> SceneSnapshot:
     """The scene in which the named objects get no lightmap."""
     objects = tuple(dataclasses.replace(one, receives=one.receives and one.name not in names) for one in scene.objects)
     return dataclasses.replace(scene, objects=objects)
 
 
-def main() -> None:
+def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--docs", action="store_true", help="write pictures and tables into docs/paper and docs/paper.md")
     parser.add_argument("--share", type=float, default=1.0, help="of the photons, for a shorter run")
@@ -120,7 +116,8 @@ def main() -> None:
     if arguments.docs:
         page = DOCS / "paper.md"
         page.write_text(put_tables(page.read_text(encoding="utf-8"), measured.tables), encoding="utf-8")
+    return publish_claims("paper", measured.overhead.claims())
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from claims import Claim
 from leaflight.core.irradiance import polygon_irradiance
 from leaflight.core.settings import BASES, Settings
 from paper_bakes import Bake, Errors, Reference, Stage
+from tables import Table
 
 REFERENCE_SEED, REFERENCE_RUNS = 1000, 4  # runs of each of the two references
 SEEDS = 4  # for variances between bakes
 PHOTONS_IN_A_NODE = 16  # on the fixed mesh, for a variance to be worth comparing
 LAMP_W, LAMP_M, LAMP_HEIGHT_M, SHEET_EDGE_M = 40.0, 0.3, 2.0, 0.5  # of figure2_square.blend
+PAPER_OVERHEAD = 1 / (1 - 1 / 4)  # [Tobler97]: what late nodes may lose
+LOT_LESS_NOISE = math.sqrt(0.5)  # "a lot less variance" of the paper: at most half
 DEFAULTS = Settings()
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows of text under a head."""
-
-    head: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-    def __str__(self) -> str:
-        lines = [self.head, ["---"] * len(self.head), *self.rows]
-        return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def percent(value: float) -> str:
@@ -143,12 +136,32 @@ def table_leaves(curves: dict[str, list[Point]]) -> Table:
     return Table(("basis", "rel", "leaves", "photons"), rows)
 
 
-def table_overhead(stage: Stage, reference: Reference, photons: float) -> Table:
-    """Hierarchical over fixed mesh at equal photons, from bakes of several seeds.
+@dataclass(frozen=True)
+class Overhead:
+    """Hierarchical over fixed mesh at equal photons.
 
-    Of the finest nodes that every seed's hierarchy made: the variance between seeds. Of all texels as they are shown: the
-    standard deviation between seeds, relative to local brightness.
+    compared   finest nodes that every seed's hierarchy made
+    variance   theirs, between seeds; nan where none was compared
+    photons    that they saw, inverse
+    noise      of all texels as they are shown: standard deviation between seeds, relative to local brightness
     """
+
+    compared: int
+    variance: float
+    photons: float
+    noise: float
+
+    def claims(self) -> list[Claim]:
+        """What [Tobler97] says of them."""
+        return [
+            Claim("the paper: variance of the finest nodes, hierarchical over fixed mesh", self.variance, high=PAPER_OVERHEAD),
+            Claim("the paper: photons for the same variance there, hierarchical over fixed mesh", self.photons, high=PAPER_OVERHEAD),
+            Claim("the paper: noise of the whole picture, hierarchical over fixed mesh", self.noise, high=LOT_LESS_NOISE),
+        ]
+
+
+def measure_overhead(stage: Stage, reference: Reference, photons: float) -> Overhead:
+    """From bakes of several seeds."""
     value, received, shown = [], [], []
     for seed in range(1, SEEDS + 1):
         bake = stage.bake(photons, basis="constant", seed=seed)
@@ -160,16 +173,22 @@ def table_overhead(stage: Stage, reference: Reference, photons: float) -> Table:
         shown.append(bake.values())
     spread, seen = np.var(value, axis=0, ddof=1), np.mean(received, axis=0)
     rows = np.isfinite(spread).all(1) & (reference.received >= PHOTONS_IN_A_NODE)
-    if not rows.any():
-        return Table(("finest nodes compared",), [["none"]])
-    variance = (spread[rows] / reference.local2[rows]).mean() / (reference.variance[rows] / reference.local2[rows]).mean()
-    lost = reference.received[rows].sum() / seen[rows].sum()
+    variance = lost = math.nan
+    if rows.any():
+        variance = (spread[rows] / reference.local2[rows]).mean() / (reference.variance[rows] / reference.local2[rows]).mean()
+        lost = reference.received[rows].sum() / seen[rows].sum()
     noise = [
         np.average((one / reference.local2).mean(1), weights=reference.area) for one in (np.var(shown, axis=0, ddof=1), reference.variance)
     ]
+    return Overhead(int(rows.sum()), float(variance), float(lost), float(np.sqrt(noise[0] / noise[1])))
+
+
+def table_overhead(found: Overhead) -> Table:
+    if not found.compared:
+        return Table(("finest nodes compared",), [["none"]])
     return Table(
         ("finest nodes compared", "their variance", "photons they saw, inverse", "the paper's limit of both", "noise of the whole picture"),
-        [[f"{rows.sum():,}", f"{variance:.2f}", f"{lost:.2f}", "1.33", f"{np.sqrt(noise[0] / noise[1]):.2f}"]],
+        [[f"{found.compared:,}", f"{found.variance:.2f}", f"{found.photons:.2f}", f"{PAPER_OVERHEAD:.2f}", f"{found.noise:.2f}"]],
     )
 
 

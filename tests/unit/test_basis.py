@@ -15,13 +15,14 @@ def clipped_moments(rng, degree, points=400):
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2])
-def test_functions_are_orthonormal_on_clipped_domains(degree):
-    rng = np.random.default_rng(4)
+def test_functions_are_orthonormal_on_clipped_domains(degree, hold):
+    rng, off = np.random.default_rng(4), 0.0
     for _ in range(50):
         s, t, weight, moment = clipped_moments(rng, degree)
         functions = basis.orthonormal_functions(basis.gram_matrix(moment[None], degree))[0]
         values = functions @ np.array(basis.monomials(s, t, degree))
-        np.testing.assert_allclose((values * weight) @ values.T, np.eye(len(values)), atol=1e-10)
+        off = max(off, np.abs((values * weight) @ values.T - np.eye(len(values))).max())
+    hold("basis: inner products on random clipped domains off the identity", off, high=1e-10)
 
 
 def test_a_line_of_a_domain_drops_to_lower_order():

@@ -6,17 +6,19 @@ from boxes import lamp_scene, prepare_folder
 from leaflight.core import workers
 from leaflight.core.direct_field import DirectField
 from leaflight.core.direct_only import settle_direct
+from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.settings import Settings
 
 
 def settle(folder, shoot=True, should_stop=lambda: False, **knobs):
     settings = Settings(size=32, padding=1, **knobs)
-    _, texels = prepare_folder(folder, lamp_scene(), settings)
+    atlas, texels = prepare_folder(folder, lamp_scene(), settings)
     executor, count = workers.InlineExecutor(), len(texels.texel_area)
     direct = DirectField.none(count)
     if shoot:
         direct.shoot(folder, settings, executor, np.arange(count))
-    return settle_direct(folder, texels, settings, executor, direct, lambda message: None, should_stop)
+    blender = LeafBlender.of(texels, atlas.chart_page[texels.texel_chart])
+    return settle_direct(folder, blender, settings, executor, direct, lambda message: None, should_stop)
 
 
 def test_noise_that_is_small_enough_ends_at_once(tmp_path):

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from floors import floor_points, lit_scene, prepare, to_grid
+from floors import chi_square_sigmas, floor_points, lit_scene, prepare, sigma_limit, to_grid
 from leaflight.core import direct
 from leaflight.core.direct import DirectScene, direct_irradiance
 from leaflight.core.direct_lights import make_triangle_sources
@@ -48,6 +48,42 @@ def test_the_same_light_as_from_each_triangle_by_itself(monkeypatch):
     assert error.mean(axis=0) == pytest.approx(0, abs=0.01 * expected.mean())
     assert np.sqrt((error**2).mean()) < 0.1 * expected.mean()
     assert found.irradiance_rgb[:, 0] == pytest.approx(3 * found.irradiance_rgb[:, 2])
+
+
+def test_triangles_that_share_an_edge_with_the_floor():
+    """32 of them, rising outwards from it: the nearest ends of rays bring most of the light, and their corners lie on the horizon."""
+    grid = grid_mesh("Skirt", 4, edge_m=0.25)
+    x, y, _ = grid.vertex.T
+    skirt = replace(grid, vertex=np.stack([-0.3 * x, 1 - y, 0.6 * x], axis=1))
+    scene = lit_scene(emission=[skirt])
+    pooled, alone = prepare(scene)[0], as_sources(scene)
+    found = np.mean([to_grid(light_floor(pooled, seed).irradiance_rgb[:, 0], SIDE) for seed in range(8)], axis=0)
+    expected = to_grid(light_floor(alone).irradiance_rgb[:, 0], SIDE)
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.004)
+    assert found[:, 0].mean() == pytest.approx(expected[:, 0].mean(), rel=0.02)
+
+
+def test_cells_of_a_cluster_are_chosen_by_their_power(hold):
+    """Textured cells, each as bright as chance would have it."""
+    pixels = np.random.default_rng(3).uniform(0.2, 1.0, (8, 8, 3)).astype(np.float32)
+    scene = lit_scene(emission=[moved(quad_mesh("Screen"), (0, 0, 1.0))])
+    lamp = Material("Screen", emission_rgb=(1.0,) * 3, emission_image=0)
+    uv = scene.tri_position[..., :2].astype(np.float32)
+    pictured = replace(scene, materials=(scene.materials[0], lamp), images=(TextureImage("Picture", pixels),), tri_emission_uv=uv)
+    pool = prepare(pictured)[0].pool
+    power = np.diff(pool.power_end)
+    whole = np.add.reduceat(power, pool.cluster_start[:-1])
+    rng = np.random.default_rng(4)
+    cluster = rng.choice(len(whole), 400_000, p=whole / power.sum())
+    cell, chance = pool._choose_cell(cluster, rng.random(len(cluster)))
+    assert chance == pytest.approx(power[cell] / whole[cluster])
+    groups = np.arange(len(power)) * 8 // len(power)
+    counts, expected = np.bincount(groups[cell]), np.bincount(groups, power) / power.sum() * len(cell)
+    limit = sigma_limit(2)
+    hold("light choice of rays: chi-square against the power", chi_square_sigmas(counts, expected), high=limit, unit="sigmas")
+    off = np.bincount(groups, power * np.where(groups == 5, 1.03, 1))
+    seen = chi_square_sigmas(counts, off / off.sum() * len(cell))
+    hold("light choice of rays: chi-square with a part of the lamp 3 % off", seen, low=limit, unit="sigmas")
 
 
 def test_errors_are_honest():

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from floors import chi_square_sigmas, sigma_limit
 from leaflight.core import births, geometry, photons, sampling
 from leaflight.core.lights import Births
 from leaflight.core.materials import SurfaceMaterials
@@ -234,6 +235,19 @@ def test_emitters_get_their_share_to_within_one_photon():
     expected = 1001 * np.array([1e-3, 1.0, 4.0, 0, 0, 2.0]) / 7.001
     assert np.abs(counts - expected).max() < 1
     assert hits.flux_rgb.sum() == pytest.approx(3 * 7.001, rel=1e-5)
+
+
+def test_photons_choose_emitters_by_their_watts(hold):
+    watts = np.array([1.0, 2.0, 0.5, 4.0, 0.25, 3.0])
+    faces = np.concatenate([np.eye(3), -np.eye(3)])
+    face_of = [1, 3, 5, 0, 2, 4]  # _cube's faces are -x +x -y +y -z +z
+    scene = _build(_snapshot(_cube()), *[_white_lamp(w, along=tuple(axis)) for w, axis in zip(watts, faces, strict=True)])
+    counts = sum(np.bincount(_trace(scene, 501, shard, max_depth=1).tri // 2, minlength=6) for shard in range(300))[face_of]
+    expected, off = watts / watts.sum() * counts.sum(), watts * [1, 1, 1, 1.03, 1, 1]
+    limit = sigma_limit(2)
+    hold("light choice of photons: chi-square against the watts", chi_square_sigmas(counts, expected), high=limit, unit="sigmas")
+    seen = chi_square_sigmas(counts, off / off.sum() * counts.sum())
+    hold("light choice of photons: chi-square with one lamp 3 % off", seen, low=limit, unit="sigmas")
 
 
 def test_a_rare_emitter_keeps_its_mean_power():

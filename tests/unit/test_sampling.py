@@ -5,6 +5,7 @@ from statistics import NormalDist
 
 import numpy as np
 import pytest
+from floors import ALPHA, chi_square_sigmas
 from leaflight.core import sampling
 
 BINS = 16
@@ -45,7 +46,7 @@ WARPS = {
         np.full(BINS, sampling.uniform_triangle_pdf(0.5) * 0.5 / BINS**2),
     ),
 }
-CRITICAL_Z = NormalDist().inv_cdf((1 - 1e-3) ** (1 / len(WARPS)))  # Sidak: one alpha for the file
+CRITICAL_Z = NormalDist().inv_cdf((1 - ALPHA) ** (1 / (2 * len(WARPS) + 1)))  # Sidak: one alpha for the file
 
 
 def _chi_square_z(name, u):
@@ -61,17 +62,17 @@ def _chi_square_z(name, u):
 
 @pytest.mark.parametrize("name", WARPS)
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_warp_follows_its_density(name, dtype):
+def test_warp_follows_its_density(name, dtype, hold):
     u = np.random.default_rng(5).random((SAMPLES, 2), dtype)
     assert WARPS[name][0](u).dtype == dtype
-    assert _chi_square_z(name, u) < CRITICAL_Z
+    hold("warps: chi-square against the density", _chi_square_z(name, u), high=CRITICAL_Z, unit="sigmas")
 
 
 @pytest.mark.parametrize("name", WARPS)
-def test_a_bias_of_three_percent_is_seen(name):
+def test_a_bias_of_three_percent_is_seen(name, hold):
     u = np.random.default_rng(5).random((SAMPLES, 2))
     u[: SAMPLES * 3 // 100] *= 0.5
-    assert _chi_square_z(name, u) > CRITICAL_Z
+    hold("warps: chi-square with 3 % of the numbers halved", _chi_square_z(name, u), low=CRITICAL_Z, unit="sigmas")
 
 
 @pytest.mark.parametrize("name", ["cosine", "sphere", "cone"])
@@ -123,6 +124,26 @@ def test_alias_table_gives_each_index_its_share_and_a_uniform_rest(name):
     for common in np.flatnonzero(share > 0.05):
         counts = np.histogram(rest[index == common], 8, (0, 1))[0]
         assert np.ptp(counts) <= 4 * n + 8 + 0.01 * counts.mean()
+
+
+ALIAS_WEIGHTS = np.random.default_rng(10).uniform(0.2, 1.0, 40)
+
+
+def _alias_chi_square(expected_weights):
+    table = sampling.AliasTable(ALIAS_WEIGHTS)
+    index = table.sample(np.random.default_rng(11).random(10 * SAMPLES))[0]
+    expected = expected_weights / expected_weights.sum() * len(index)
+    return chi_square_sigmas(np.bincount(index, minlength=len(expected)), expected)
+
+
+def test_alias_table_chooses_by_its_weights(hold):
+    hold("alias table: chi-square against the weights", _alias_chi_square(ALIAS_WEIGHTS), high=CRITICAL_Z, unit="sigmas")
+
+
+def test_an_alias_weight_that_is_off_by_three_percent_is_seen(hold):
+    off = ALIAS_WEIGHTS.copy()
+    off[off.argmax()] *= 1.03
+    hold("alias table: chi-square with one weight 3 % off", _alias_chi_square(off), low=CRITICAL_Z, unit="sigmas")
 
 
 def test_alias_rest_of_float32_stays_below_one():

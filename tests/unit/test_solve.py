@@ -26,13 +26,15 @@ def two_workers():
 
 
 @pytest.mark.parametrize("direct", ["photons", "rays"])
-def test_two_workers_give_the_bytes_of_one(tmp_path, two_workers, direct):
+def test_two_workers_give_the_bytes_of_one(tmp_path, two_workers, direct, hold):
     settings = replace(SETTINGS, direct=direct)
     alone = solve_scene(tmp_path / "1", lamp_scene(), settings)
     together = solve_scene(tmp_path / "2", lamp_scene(), settings, two_workers)
     assert alone.rounds > 1  # so that refined trees are compared, not only roots
     assert len(alone.leaves) > 7
-    assert solution_bytes(together) == solution_bytes(alone)
+    bytes_of = [np.frombuffer(solution_bytes(light), np.uint8) for light in (alone, together)]
+    assert len(bytes_of[0]) == len(bytes_of[1])
+    hold("workers: bytes that differ between one and two", np.count_nonzero(bytes_of[0] != bytes_of[1]), high=0)
 
 
 @pytest.mark.parametrize("direct", ["photons", "rays"])

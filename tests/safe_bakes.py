@@ -1,0 +1,88 @@
+"""Bakes that are checked all over: every page, the energy audit, and the mean light with its stated error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from boxes import make_solver
+from floors import sigma_limit
+from leaflight.core import charts, resolve, workers
+from leaflight.core.debug_passes import DebugPages
+from leaflight.core.scene import SceneSnapshot
+from leaflight.core.settings import DEBUG_PASSES, PASSES, Settings
+from leaflight.core.solve import LightField, Solver
+
+N_TEST = 90  # comparisons of means in test_stress.py, at most
+Z_LIMIT = sigma_limit(N_TEST)
+FLOOR = 2e-3  # of the greatest channel: what closed forms at four points of a texel may be off
+AUDIT_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Baked:
+    """A bake that has passed the checks.
+
+    pages         pass -> (page_count, size, size, 3) float32
+    mean, stderr  (3,) float64, W/m^2: over all texels by area
+    """
+
+    hold: Callable[..., None]
+    light: LightField
+    pages: dict[str, np.ndarray]
+    mean: np.ndarray
+    stderr: np.ndarray
+
+    def off_by(self, truth: float | np.ndarray) -> tuple[float, float]:
+        """How far the mean is from the truth, of the channel farthest off: in stated errors, and in percent of the greatest."""
+        most = np.max(truth)
+        gap = np.abs(self.mean - truth).max()
+        return float(max(gap - FLOOR * most, 0.0) / max(self.stderr.max(), 1e-6 * most)), float(100 * gap / most)
+
+    def hold_mean(self, truth: float | np.ndarray, percent: float = 2.0) -> None:
+        """The mean is within its stated error, and not only because that is large."""
+        sigmas, off = self.off_by(truth)
+        self.hold("odd scenes: mean light off the truth", sigmas, high=Z_LIMIT, unit="stated errors")
+        self.hold(f"odd scenes: mean light off the truth, up to {percent:g} %", off, high=percent, unit="%")
+
+
+def bake_safely(
+    hold: Callable[..., None],
+    folder: Path,
+    scene: SceneSnapshot,
+    direct: str = "rays",
+    prepare: Callable[[Solver], None] = lambda solver: None,
+    **knobs: object,
+) -> Baked:
+    """A bake of small pages unless `knobs`, fields of Settings, say otherwise; `prepare` may change the solver before it runs."""
+    usual = {"size": 32, "padding": 1, "error": 0.02, "max_photons": 20_000, "direct": direct, "workers": 1}
+    chosen = Settings(**{**usual, **knobs})
+    workers.forget_folders()
+    solver = make_solver(folder, scene, chosen)
+    prepare(solver)
+    light = solver.run(lambda message: None, lambda: False)
+    atlas, texels = charts.make_charts(scene, chosen), solver.tracing.texels
+    entry_page = atlas.chart_page[texels.texel_chart]
+    at_texels = resolve.light_at_texels(light, solver.blender)
+    resolver = resolve.Resolver(at_texels, texels, solver.tracing.scene.surfaces, entry_page, margin=4)
+    debug = DebugPages(light, texels, entry_page, margin=4)
+    drawers = {name: debug if name in DEBUG_PASSES else resolver for name in PASSES}
+    pages = {name: np.stack([drawers[name].page(name, page)[..., :3] for page in range(atlas.page_count)]) for name in PASSES}
+    for name in DEBUG_PASSES:
+        look = debug.look(name, 0, lambda: resolver.page("combined", 0))
+        assert ((look >= 0) & (look <= 1)).all(), name
+    odd = sum(np.count_nonzero(~np.isfinite(pixels) | (pixels < 0)) for pixels in pages.values())
+    hold("odd scenes: values of pages that are NaN, infinite or negative", odd, high=0)
+    assert np.isfinite(light.error)
+    audit = {name: np.array(value) for name, value in light.ledger.audit_w(light.photons).items()}
+    open_w = np.abs(audit["absorbed"] + audit["escaped"] + audit["remainder"] - audit["emitted"]).max()
+    hold("odd scenes: energy audit off, of what is emitted", open_w / max(audit["emitted"].max(), 1e-300), high=AUDIT_ROUNDING)
+    weight = texels.texel_area[:, None]
+    by_rays = (light.direct.irradiance * weight).sum(0, dtype=float)
+    ray_noise = (light.direct.variance * weight**2).sum(0, dtype=float)
+    area = light.tree.area[light.leaves]
+    noise = (light.solution.variance[:, light.leaves] * area**2).sum(1) * light.correction + ray_noise
+    mean = (light.solution.flux[:, light.leaves].sum(1) + by_rays) / weight.sum()
+    return Baked(hold, light, pages, mean, np.sqrt(noise) / weight.sum())

@@ -1,0 +1,104 @@
+"""Claims hold within their bounds only, are told by their worst case, and survive the way to a file."""
+
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from claims import Claim, hold_claim, load_claims, publish_claims, save_claims, tabulate_claims, tell_failures
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
+
+import bench_claims
+import print_claims
+
+SOME = [
+    Claim("sun: error", 0.5, high=2.0, unit="%", case="rays"),
+    Claim("sun: error", 1.5, high=2.0, unit="%", case="photons"),
+    Claim("slope: over size", 2.02, 1.85, 2.15, points=((1.0, 2.0), (2.0, 4.0))),
+    Claim("bias: seen", 7.0, low=4.0, unit="sigmas"),
+]
+
+
+@pytest.mark.parametrize(
+    ("measured", "low", "high", "holds"),
+    [
+        *[(1, 1, 2, True), (2, 1, 2, True), (2.1, 1, 2, False), (0.9, 1, math.inf, False), (9, 1, math.inf, True)],
+        *[(0, -math.inf, 0, True), (1, -math.inf, 0, False), (math.nan, 0, 1, False), (3, 3, 3, True), (4, 3, 3, False)],
+    ],
+)
+def test_a_claim_holds_within_its_bounds(measured, low, high, holds):
+    claim = Claim("a: b", measured, low, high)
+    assert claim.holds is holds
+    if math.isfinite(measured):
+        assert (claim.strain <= 1) is holds
+
+
+def test_a_table_shows_the_worst_case_of_each_name():
+    assert tabulate_claims(SOME).rows == [
+        ["sun", "error", "2", "1.5 % (photons)", "at most 2 %", "yes"],
+        ["slope", "over size", "1", "2.02", "1.85 to 2.15", "yes"],
+        ["bias", "seen", "1", "7 sigmas", "at least 4 sigmas", "yes"],
+    ]
+
+
+def test_a_claim_that_fails_is_seen():
+    failing = [*SOME, Claim("sun: error", 2.5, high=2.0, unit="%", case="sky")]
+    assert tell_failures(SOME) == 0
+    assert tell_failures(failing) == 1
+    assert tell_failures([]) == 1
+    assert tabulate_claims(failing).rows[0][3:] == ["2.5 % (sky)", "at most 2 %", "**1 fail**"]
+
+
+def test_claims_come_back_from_a_file(tmp_path):
+    save_claims(SOME, tmp_path / "new" / "claims.json")
+    assert load_claims(tmp_path / "new" / "claims.json") == SOME
+
+
+def test_a_benchmark_publishes_its_claims(tmp_path, capsys):
+    assert publish_claims("sun", SOME, tmp_path) == 0
+    assert load_claims(tmp_path / "sun.json") == SOME
+    assert "| slope | over size | 1 | 2.02 | 1.85 to 2.15 | yes |" in capsys.readouterr().out
+
+
+def test_the_table_of_all_benchmarks_goes_into_the_page(tmp_path, monkeypatch):
+    page = tmp_path / "accuracy.md"
+    page.write_text("a\n<!-- table: claims -->\nold\n<!-- end -->\nb\n", encoding="utf-8")
+    monkeypatch.setattr(print_claims, "PUBLISHED", tmp_path / "claims")
+    monkeypatch.setattr(print_claims, "PAGE", page)
+    monkeypatch.setattr(sys, "argv", ["print_claims.py", "--docs"])
+    for name, claims in (("one", SOME[:2]), ("two", SOME[2:])):
+        publish_claims(name, claims, tmp_path / "claims")
+    assert print_claims.main() == 0
+    assert page.read_text(encoding="utf-8") == f"a\n<!-- table: claims -->\n\n{tabulate_claims(SOME)}\n\n<!-- end -->\nb\n"
+
+
+def test_convergence_is_drawn_and_small(tmp_path):
+    pytest.importorskip("matplotlib")  # of the bench extra, not of the tests'
+    points = ((10.0, 0.1), (20.0, 0.05))
+    claims = [
+        Claim("convergence: slope of log error over log node size, linear", 2.0, 1.8, 2.2, points=points),
+        Claim("convergence: slope of log error over log photons, albedo 0", -0.6, -1.1, -0.4, points=points),
+        *SOME,
+    ]
+    bench_claims.draw_convergence(claims, tmp_path / "new" / "picture.png")
+    assert 5_000 < (tmp_path / "new" / "picture.png").stat().st_size < 200_000
+
+
+def test_a_claim_that_fails_is_kept_and_raised():
+    kept = []
+    with pytest.raises(AssertionError, match=r"sun: error \[sky\]: 3 %, claimed: at most 2 %"):
+        hold_claim(kept, Claim("sun: error", 3.0, high=2.0, unit="%", case="sky"))
+    assert [claim.holds for claim in kept] == [False]
+
+
+def test_pytest_writes_the_claims_of_its_tests(tmp_path):
+    """Of those that hold some, and tells how many tests failed."""
+    test = Path(__file__).with_name("test_basis.py")
+    run = subprocess.run([sys.executable, "-m", "pytest", test, "--claims", tmp_path / "claims.json"], capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout
+    claims = load_claims(tmp_path / "claims.json")
+    assert len({claim.name for claim in claims}) == 2
+    assert claims[-1].name.startswith("tests: ")
+    assert tell_failures(claims) == 0
