@@ -63,7 +63,8 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
     name = Path(bpy.data.filepath).stem or (request.scene.stem if request.scene else "lightmap")
     resume, keep = (str(path.resolve()) if path else "" for path in (request.resume, request.keep))
     job = Job(request.settings, str(request.output.resolve()), name, request.preview, resume, keep, request.keep_mb)
-    again = request.settings.force or resume or (keep and not Path(keep, INFO_FILE).exists())
+    stateless = keep and not request.keep_mb and not Path(keep, INFO_FILE).exists()  # the panel keeps a state only if it is small
+    again = request.settings.force or resume or stateless
     kept = None if again else find_kept_bake(export.snapshot, job)
     try:
         if kept is None:

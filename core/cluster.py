@@ -100,7 +100,7 @@ class ClusterExecutor(Executor):
             if self._copies.get(field, FolderCopy("", "")).folder != folder:
                 copy = FolderCopy(folder, stamp_folder(Path(folder), workers.FOLDER_PARTS[field]))
                 with self._sentences():
-                    have = self._client.run(has_copy, copy)
+                    have = self._client.run(has_copy, copy, on_error="ignore")  # who dies meanwhile, or joins, asks for it
                     self._send(copy, workers.FOLDER_PARTS[field], [worker for worker, has in have.items() if not has])
                 self._copies[field] = copy
             return self._copies[field]

@@ -15,7 +15,7 @@ from leaflight.core.settings import BASES, DIRECT_MODES, Settings
 from stats import PLANTED_BIAS
 
 # Room, page, error asked for: the sphere's many emitting triangles are chosen by chance, and to 0.5 % rays would take minutes.
-SHAPES = {"box": (room_mesh(), 64, 0.005), "sphere": (ball_room_mesh(), 128, 0.05)}
+SHAPES = {"box": (room_mesh(), 64, 0.005), "sphere": (ball_room_mesh(), 128, 0.038)}
 RHOS = {"0": (0.0,), "0.5": (0.5,), "0.9": (0.9,), "0.95": (0.95,), "coloured": (0.95, 0.5, 0.1)}
 LEAF_TEXELS = 4
 PHOTONS = {"0": 500_000, "0.5": 500_000, "0.9": 250_000, "0.95": 150_000, "coloured": 400_000}

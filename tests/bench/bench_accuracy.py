@@ -30,7 +30,7 @@ from paper_tables import Table
 SIZE = 256
 NEVER = 1e-4  # an error that no bake here comes to, so that the photons decide
 COUNTS = (1_000_000, 4_000_000, 16_000_000)
-FINEST = Settings(size=SIZE, passes=("lighting",), error=0.005, max_photons=32_000_000)
+FINEST = Settings(size=SIZE, share_meshes=False, passes=("lighting",), error=0.005, max_photons=32_000_000)
 MOST_BIAS, MOST_REL, STATED_WITHIN = 0.005, 0.02, 0.25
 
 
@@ -94,7 +94,7 @@ def bake_page(folder: Path, settings: Settings) -> tuple[np.ndarray, np.ndarray,
 
 def measure_sample(reference: Reference, folder: Path) -> Iterable[Measured]:
     """The sample whose snapshot lies in `folder`, baked with each number of photons and at the finest settings."""
-    runs = [Settings(size=SIZE, passes=("lighting",), error=NEVER, max_photons=count) for count in COUNTS]
+    runs = [Settings(size=SIZE, share_meshes=False, passes=("lighting",), error=NEVER, max_photons=count) for count in COUNTS]
     for settings in (*runs, FINEST):
         begin = time.perf_counter()
         page, tri_uv, result = bake_page(folder, settings)

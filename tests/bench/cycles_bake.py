@@ -48,7 +48,7 @@ def set_stage(blend: Path, size: int, folder: Path) -> Stage:
     """
     sys.path += session.library_paths()
     open_scene(blend)
-    quick = Settings(size=size, passes=("lighting",), direct="photons", error=1.0, max_photons=1000, workers=1)
+    quick = Settings(size=size, share_meshes=False, passes=("lighting",), direct="photons", error=1.0, max_photons=1000, workers=1)
     work = session.prepare(bpy.context, BakeRequest(quick, output=folder / "images"), folder)
     bake.run_bake(folder, lambda message: None, lambda: False)
     result = session.read_result(work)

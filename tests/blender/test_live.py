@@ -18,7 +18,7 @@ from leaflight.core.bake import run_bake  # noqa: E402
 from leaflight.core.messages import Preview  # noqa: E402
 from leaflight.core.settings import Settings  # noqa: E402
 
-SETTINGS = Settings(size=32, max_photons=600_000, error=1e-4, workers=1)
+SETTINGS = Settings(size=32, max_photons=600_000, error=1e-4, workers=1, force=True)
 
 
 @pytest.fixture(autouse=True)

@@ -9,7 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 import leaflight  # noqa: E402
-from leaflight.addon import operators, panels, properties, request, restore, session  # noqa: E402
+from leaflight.addon import baking, panels, properties, request, restore, session  # noqa: E402
 from leaflight.core.settings import Settings  # noqa: E402
 
 
@@ -264,8 +264,8 @@ def test_an_unchanged_scene_keeps_its_bake_until_it_is_forced(scene, state, monk
     """Nor does the bake that it wears change it, or that it was removed meanwhile."""
     assert bpy.ops.leaflight.bake() == {"FINISHED"}
     began = []
-    process = operators.BakeProcess
-    monkeypatch.setattr(operators, "BakeProcess", lambda *words: began.append(words) or process(*words))
+    process = baking.BakeProcess
+    monkeypatch.setattr(baking, "BakeProcess", lambda *words: began.append(words) or process(*words))
     assert bpy.ops.leaflight.bake() == {"FINISHED"}
     assert state.summarize()[0] == "Unchanged since the last bake: 1 file kept"
     assert bpy.ops.leaflight.remove() == {"FINISHED"}

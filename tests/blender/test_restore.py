@@ -168,8 +168,9 @@ def active_layer(name):
 
 
 def test_solid_view_shows_the_bake_only_while_it_is_shown(names, tmp_path):
-    bake(names, tmp_path)
-    for name in names:
+    alone = list({bpy.data.objects[name].data: name for name in names}.values())  # the Solid view knows no place on the page
+    bake(alone, tmp_path)
+    for name in alone:
         obj = bpy.data.objects[name]
         assert all(slot.material.node_tree.nodes.active.image.name == "page_a" for slot in obj.material_slots)
         assert obj.data.uv_layers.active.name == "Leaflight"

@@ -25,7 +25,7 @@ def other_value(knob):
     if isinstance(knob.default, bool):
         return not knob.default
     if isinstance(knob.default, str):
-        return "farm:8786"
+        return "{name}" if knob.metadata["find_error"] else "farm:8786"
     return knob.default + 1 if isinstance(knob.default, int) else knob.default / 2 or 1.0
 
 
@@ -38,7 +38,7 @@ def test_a_saved_snapshot_has_the_digest_of_the_one_in_memory(tmp_path):
 def test_a_knob_counts_when_it_decides_the_images(knob):
     changed = replace(JOB, settings=replace(JOB.settings, **{knob.name: other_value(knob)}))
     same = identity.hash_bake(SCENE, changed) == identity.hash_bake(SCENE, JOB)
-    assert same == (knob.name in ("workers", "cluster", "force"))
+    assert same == (knob.name in ("workers", "cluster", "force", "pack"))
 
 
 ARRAYS = [field.name for field in dataclasses.fields(SCENE) if isinstance(getattr(SCENE, field.name), np.ndarray)]
