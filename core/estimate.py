@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from . import refine
 from .quadtree import Quadtree, node_of_texel
-from .reconstruct import LeafBlender, evaluate_leaf
+from .reconstruct import LeafBlender, PointLight, evaluate_leaf
 from .scene import IntArray
 from .tally import Solution, Totals
 
@@ -27,7 +27,7 @@ BEST_TEXELS = 0.99
 # Squared light that a node cannot hold, over what its parent could not: 1/2 along edges, 1/16 where light is smooth.
 BIAS_DECAY = 0.25
 _BIAS_DOUBT = 0.5  # standard errors of the bias; measured over bakes of few leaves
-_SAMPLE = 1 << 14  # texels that are asked
+_SAMPLE = 1 << 13  # texels that are asked
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 # The halves of few leaves say little about noise; the prior says "as independent photons" with this many values' weight.
 _PRIOR_VALUES = 64.0
@@ -94,10 +94,11 @@ def state_error(
     if not totals.photons.sum() or not count:
         return StatedError(math.nan, math.sqrt(np.sort(direct2[sample])[:count].sum() / max(count, 1)), correction, direct2)
     # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
-    photons2 = (weight[sample].T * blender.blend(tree, solution, leaf, sample).variance).mean(0) * correction
+    shown = blender.blend(tree, solution, leaf, sample, halves=True)
+    photons2 = (weight[sample].T * shown.variance).mean(0) * correction
     blind2 = weight.mean(1) * missing_light(tree, totals, comparison, nodes)[leaf]
     deepest = node_of_texel(tree, np.flatnonzero(~tree.has_children), len(leaf))[sample]
-    bias2, gap2 = _missing_from_blend(tree, solution, leaf, deepest, sample, blender, weight, blind2)
+    bias2, gap2 = _missing_from_blend(tree, solution, leaf, deepest, sample, blender, shown, weight, blind2)
     likely = photons2 + direct2[sample] + gap2
     best = np.argpartition(likely, count - 1)[:count]
     parts = [float(part[best].mean(dtype=np.float64)) for part in (photons2, direct2[sample], bias2)]
@@ -130,6 +131,7 @@ def _missing_from_blend(
     deepest: NDArray[np.int32],
     sample: NDArray[np.int64],
     blender: LeafBlender,
+    shown: PointLight,
     weight: NDArray[np.float32],
     blind2: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -142,9 +144,8 @@ def _missing_from_blend(
     seen = np.maximum(unbiased, 0.0)
     told = np.flatnonzero(deepest != leaf[sample])
     entry = sample[told]
-    shown = blender.blend(tree, solution, leaf, entry, halves=True).irradiance
     below = evaluate_leaf(tree, solution, deepest[told], blender.x[entry], blender.y[entry], halves=True).irradiance
-    gap = shown - below
+    gap = shown.irradiance[..., told] - below
     unbiased[told] = (weight[entry].T * gap[0] * gap[1]).mean(0)
     group, count = np.unique(deepest[told], return_inverse=True, return_counts=True)[1:]
     seen[told] = (np.bincount(group, unbiased[told]) / count)[group]
