@@ -152,8 +152,8 @@ class TexelMap:
     def sub_points(self, entry: IntArray, point: FloatArray, look: float = LOOK) -> tuple[Int32, NDArray[np.float32]]:
         """Points of the unit square carried over to where a texel looks, uniform by world area.
 
-        A texel is read at its centre by whoever filters the image, and looks at the square of half its side around it, as
-        Cycles' bake does (measured); a texel whose centre no triangle covers looks at what is covered.
+        A texel is read at its centre by whoever filters the image, and looks at the square of half its side around it, on the
+        triangle there, as Cycles' bake does (measured); a texel whose centre no triangle covers looks at what is covered.
 
         entry   (m,) int
         point   (k, m, 2) or (k, 1, 2) float in [0, 1); `centred_strata` or stratified random numbers
@@ -174,6 +174,10 @@ class TexelMap:
     def _warp_to_parts(self, part: Int64, point: Float64, look: float) -> tuple[Int32, Float64]:
         """Triangles (k, m) and places (k, m, 2) from the texel's lower left corner."""
         owner, pair = expand_ranges(self.pair_start[part], self.pair_start[part + 1])
+        if look < 1.0:  # across a crease light is another one: the centre's triangle alone tells of it, as in Cycles
+            central = ~self.part_point[part].any(axis=1)
+            told = ~central[owner] | (self.pair_tri[pair] == self.texel_tri[self.part_entry[part]][owner])
+            owner, pair = owner[told], pair[told]
         tri = self.pair_tri[pair]
         side = np.where(self.part_point[part].any(axis=1), 1.0, look)[owner]
         pieces = clip_to_texels(self.tri_uv[tri], self.texel_xy[self.part_entry[part[owner]]], side)

@@ -222,7 +222,7 @@ def test_representative_points_lie_inside(mirrored: bool) -> None:
 
 
 def test_sub_points_are_uniform_over_what_a_texel_looks_at() -> None:
-    """Many points against a fine grid: the inner square where the centre is covered, all that is covered elsewhere."""
+    """Many points against a fine grid: the inner square on the centre's triangle, all that is covered where there is none."""
     rng = np.random.default_rng(6)
     uv = fan(rng, 7, 6.0)
     texels = make_map(uv, position=rng.normal(size=(7, 3, 3)))
@@ -235,19 +235,22 @@ def test_sub_points_are_uniform_over_what_a_texel_looks_at() -> None:
     grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
     central = 0
     for entry in range(n):
-        density = density_at(texels, uv, texels.texel_xy[entry] + 0.5 + grid)
-        if density_at(texels, uv, texels.texel_xy[[entry]] + 0.5)[0] > 0:
-            density *= (np.abs(grid) < 0.25).all(axis=1)
+        centre = texels.texel_xy[entry] + 0.5
+        density = density_at(texels, uv, centre + grid)
+        if density_at(texels, uv, centre[None])[0] > 0:
+            density = density_at(texels, uv, centre + grid, texels.texel_tri[entry]) * (np.abs(grid) < 0.25).all(axis=1)
             central += 1
         np.testing.assert_allclose(local[:, entry].mean(axis=0), np.average(grid, axis=0, weights=density), atol=0.01)
         np.testing.assert_allclose((local[:, entry] ** 2).mean(axis=0), np.average(grid**2, axis=0, weights=density), atol=0.01)
     assert 0 < central < n
 
 
-def density_at(texels: TexelMap, uv: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """(m,) world area per texel^2 at points (m, 2), 0 outside of the triangles."""
+def density_at(texels: TexelMap, uv: np.ndarray, point: np.ndarray, only: int = -1) -> np.ndarray:
+    """(m,) world area per texel^2 at points (m, 2), 0 outside of the triangles, or of one of them."""
     density = np.zeros(len(point))
     for tri, (a, b, c) in enumerate(uv):
+        if only not in (-1, tri):
+            continue
         u, v = np.linalg.solve(np.stack([b - a, c - a], axis=1), (point - a).T)
         density[(u > 0) & (v > 0) & (u + v < 1)] = texels.tri_density[tri]
     return density
