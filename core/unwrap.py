@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from types import ModuleType
 from typing import TypeAlias
 
@@ -16,6 +17,8 @@ Float64: TypeAlias = NDArray[np.float64]
 Int64: TypeAlias = NDArray[np.int64]
 Bool: TypeAlias = NDArray[np.bool_]
 
+# The atlas joins its threads when it goes, and has been seen to wait for ever for one that was just falling asleep.
+_THREADS_REST_S = 1e-3
 _RASTER_TEXELS = 512  # xatlas packs what we only want unfolded; this many texels a side cost it little and keep its UVs exact to 1e-4
 _MAX_RASTER_TEXELS = 2048  # a long thin chart is drawn no longer than this, to bound memory
 _LARGEST_COORDINATE = 1e5  # float32 then still tells 1 % of a triangle of median size
@@ -128,6 +131,7 @@ def _unfold_by_xatlas(position: Float64, tri_vertex: IntArray, area: Float64) ->
         _, tri_out, vertex_uv = atlas.get_mesh(k)
         group[part] = atlas.get_mesh_vertex_assignment(k)[1].astype(np.int32)[tri_out[:, 0]]
         uv[part] = (vertex_uv * np.array([atlas.width, atlas.height], np.float64))[tri_out]
+    time.sleep(_THREADS_REST_S)
     return group, uv
 
 

@@ -57,6 +57,11 @@ class Claim:
             return f"at least {self._text(self.low)}"
         return f"{self.low:.3g} to {self._text(self.high)}"
 
+    @property
+    def texts(self) -> tuple[str, str]:
+        """The figure and its bounds."""
+        return self._text(self.measured), self.bound
+
     def __str__(self) -> str:
         return f"{self.name}{f' [{self.case}]' if self.case else ''}: {self._text(self.measured)}, claimed: {self.bound}"
 
