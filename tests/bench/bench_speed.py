@@ -271,9 +271,16 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="check this script, with sizes that measure nothing")
     parser.add_argument("--cache", type=Path, default=ROOT / "out" / "references", help="folder of references that are not committed")
     parser.add_argument("--scenes", nargs="+", help="only these")
+    parser.add_argument("--sizes", nargs="+", type=int, help="sides of pages, only these")
+    parser.add_argument("--budget", type=float, help="seconds that one bake may take")
     arguments = parser.parse_args()
     effort = QUICK if arguments.quick else Effort()
-    effort = dataclasses.replace(effort, scenes=tuple(arguments.scenes or effort.scenes))
+    effort = dataclasses.replace(
+        effort,
+        scenes=tuple(arguments.scenes or effort.scenes),
+        sizes=tuple(arguments.sizes or effort.sizes),
+        budget_s=arguments.budget or effort.budget_s,
+    )
     add_image_io()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
