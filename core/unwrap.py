@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import time
+from functools import lru_cache
 from types import ModuleType
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +19,7 @@ Float64: TypeAlias = NDArray[np.float64]
 Int64: TypeAlias = NDArray[np.int64]
 Bool: TypeAlias = NDArray[np.bool_]
 
-# The atlas joins its threads when it goes, and has been seen to wait for ever for one that was just falling asleep.
+_MOST_LEFT_ALONE = 256
 _THREADS_REST_S = 1e-3
 _RASTER_TEXELS = 512  # xatlas packs what we only want unfolded; this many texels a side cost it little and keep its UVs exact to 1e-4
 _MAX_RASTER_TEXELS = 2048  # a long thin chart is drawn no longer than this, to bound memory
@@ -131,8 +133,24 @@ def _unfold_by_xatlas(position: Float64, tri_vertex: IntArray, area: Float64) ->
         _, tri_out, vertex_uv = atlas.get_mesh(k)
         group[part] = atlas.get_mesh_vertex_assignment(k)[1].astype(np.int32)[tri_out[:, 0]]
         uv[part] = (vertex_uv * np.array([atlas.width, atlas.height], np.float64))[tri_out]
-    time.sleep(_THREADS_REST_S)
+    _leave_alone(atlas)
     return group, uv
+
+
+def _leave_alone(atlas: Any) -> None:
+    """Keep an atlas until the process ends: when it goes, it joins its threads, and has been seen to wait for ever for one that was
+    just falling asleep. Of very many only the first are kept, for each has threads and memory."""
+    left = _left_alone()
+    if len(left) < _MOST_LEFT_ALONE:
+        left.append(atlas)
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(atlas))  # the interpreter's end would destroy it too
+    else:
+        time.sleep(_THREADS_REST_S)
+
+
+@lru_cache(maxsize=1)
+def _left_alone() -> list[Any]:
+    return []
 
 
 def _restore_proportions(position: Float64, uv: Float64, area: Float64, group: Int64) -> Float64:
