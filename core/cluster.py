@@ -135,7 +135,7 @@ class ClusterExecutor(Executor):
             try:
                 return future.result(timeout=ASK_AGAIN_S)
             except TimeoutError:
-                alone_s = 0.0 if self._client.scheduler_info(n_workers=-1)["workers"] else alone_s + ASK_AGAIN_S
+                alone_s = 0.0 if self._client.scheduler_info(n_workers=-1).get("workers") else alone_s + ASK_AGAIN_S
                 if alone_s >= NO_WORKER_S:
                     raise OSError(f"--cluster {self._address}: all of its workers are gone; start some, and bake again.") from None
 
