@@ -17,7 +17,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import basis, charts, checkpoint, contact, debug_passes, kept_bake, pages, preview, resolve, shared_arrays, solve, texels, workers
+from . import (
+    basis,
+    charts,
+    checkpoint,
+    contact,
+    creases,
+    debug_passes,
+    kept_bake,
+    pages,
+    preview,
+    resolve,
+    shared_arrays,
+    solve,
+    texels,
+    workers,
+)
 from .direct_field import DirectField
 from .direct_only import settle_direct
 from .job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
@@ -78,7 +93,8 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
             layout = {name: getattr(atlas, name) for name in ("tri_chart", "object_page", "object_block", "object_place")}
             np.savez(folder / LAYOUT_FILE, tri_uv=atlas.tri_uv / atlas.page_size, **layout)
         with stages.stage("texels", "Measuring texels"):
-            texel_map = texels.build_texel_map(snapshot, atlas, 2 * basis.DEGREES[settings.basis])
+            facets = creases.cut_at_creases(snapshot, atlas)
+            texel_map = texels.build_texel_map(snapshot, facets, 2 * basis.DEGREES[settings.basis])
             shared_arrays.remove_struct(folder / workers.TEXELS_FOLDER)  # of an earlier bake in the same folder
             shared_arrays.save_struct(folder / workers.TEXELS_FOLDER, texel_map)
         warnings += atlas.warnings
@@ -89,7 +105,7 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
         for subject, text in warnings:
             tell(Warning_(subject, text))
         n_texel = len(texel_map.texel_area)
-        blender = LeafBlender.of(texel_map, atlas.chart_page[texel_map.texel_chart])
+        blender = LeafBlender.of(texel_map, facets.chart_page[texel_map.texel_chart])
         kept = checkpoint.load_checkpoint(Path(job.resume), folder, settings) if job.resume else None
         direct, shot = kept.direct if kept else DirectField.none(n_texel), True
         live, tell_live = None, tell
@@ -138,8 +154,8 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
         "energy_audit_w": light.ledger.audit_w(light.photons),
         "page_size": atlas.page_size,
         "pages": atlas.page_count,
-        "objects": _object_rows(snapshot, atlas, texel_map),
-        "skipped": count_skipped(needs, left_out, snapshot, atlas, light, settings),
+        "objects": _object_rows(snapshot, atlas, facets.chart_object[texel_map.texel_chart]),
+        "skipped": count_skipped(needs, left_out, snapshot, facets, light, settings),
     }
     if light.stopped_by != "interrupted":
         try:
@@ -205,8 +221,7 @@ def _write_pages(
     return pages.write_pages(job, folder, snapshot, atlas, metadata, draw)
 
 
-def _object_rows(snapshot: SceneSnapshot, atlas: charts.ChartAtlas, texel_map: TexelMap) -> list[dict[str, Any]]:
-    entry_object = atlas.chart_object[texel_map.texel_chart]
+def _object_rows(snapshot: SceneSnapshot, atlas: charts.ChartAtlas, entry_object: NDArray[np.int32]) -> list[dict[str, Any]]:
     texel_count = np.bincount(entry_object, minlength=len(snapshot.objects))
     chart_count = np.bincount(atlas.chart_object, minlength=len(snapshot.objects))
     return [

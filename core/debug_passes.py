@@ -65,12 +65,11 @@ class DebugPages:
         return self._finish(np.where(covered[..., None], colour, np.float32(0)), covered)
 
     def _entries(self, page: int) -> NDArray[np.int64]:
-        """(h, w) the texel entry with the greatest share of each texel, -1 where there is none."""
+        """(h, w) the texel entry that is shown, -1 where there is none."""
         size = self._texels.page_size
-        entry = np.flatnonzero(self._entry_page == page)
-        entry = entry[np.argsort(self._texels.texel_area[entry], kind="stable")]
+        entry = np.flatnonzero(self._texels.shown & (self._entry_page == page))
         at = np.full((size, size), -1, np.int64)
-        at[self._texels.texel_xy[entry, 1], self._texels.texel_xy[entry, 0]] = entry  # of several the last one, the largest, stays
+        at[self._texels.texel_xy[entry, 1], self._texels.texel_xy[entry, 0]] = entry
         return at
 
     def _values(self, name: str, entry: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -46,7 +46,7 @@ def denoise(
     scale = np.float32(1 / max(float(light.sum(axis=0).mean(dtype=np.float64)), _DARKEST))  # squares of tiny and huge light stay finite
     side = -(-texels.page_size // _TILE) * _TILE
     for number in range(texels.page_count):
-        entries = np.flatnonzero(page == number)
+        entries = np.flatnonzero(texels.shown & (page == number))
         entry_at = np.full((side + 2 * _HALO, side + 2 * _HALO), -1, np.int32)
         entry_at[texels.texel_xy[entries, 1] + _HALO, texels.texel_xy[entries, 0] + _HALO] = entries
         for row, column in product(range(0, side, _TILE), repeat=2):

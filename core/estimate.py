@@ -18,6 +18,7 @@ from .quadtree import Quadtree, node_of_texel
 from .reconstruct import LeafBlender, PointLight, evaluate_leaf
 from .scene import IntArray
 from .tally import Solution, Totals
+from .texel_map import TexelMap
 
 # Brightness below this share of the mean is judged against that share: else one black texel would decide the whole.
 DARK_FLOOR = 0.1
@@ -89,7 +90,7 @@ def state_error(
     scale2 = brightness**2 + np.float32(DARK_FLOOR * brightness.mean(dtype=np.float64)) ** 2
     weight = np.divide(1.0, scale2, out=np.zeros_like(scale2), where=scale2 > 0.0)
     direct2: NDArray[np.float32] = (weight * direct_variance).mean(1)
-    sample = _choose_sample(blender.texels.texel_cover)
+    sample = _choose_sample(blender.texels)
     count = int(np.ceil(BEST_TEXELS * len(sample)))
     if not totals.photons.sum() or not count:
         return StatedError(math.nan, math.sqrt(np.sort(direct2[sample])[:count].sum() / max(count, 1)), correction, direct2)
@@ -109,13 +110,10 @@ def state_error(
     return StatedError(math.sqrt(parts[0] + parts[1] + bias), math.sqrt(parts[1]), correction, direct2)
 
 
-def _choose_sample(cover: NDArray[np.float64]) -> NDArray[np.int64]:
-    """(m,) int64, ascending: texels with covered centres, or all if there are none; spread without a rhythm that rows could share.
-
-    cover   (n,) float64: see TexelMap.texel_cover
-    """
-    middle = np.flatnonzero(cover >= 0.5)
-    middle = middle if len(middle) else np.arange(len(cover))
+def _choose_sample(texels: TexelMap) -> NDArray[np.int64]:
+    """(m,) int64, ascending: shown texels with covered centres, or all if there are none; spread without a rhythm that rows could share."""
+    middle = np.flatnonzero(texels.shown & texels.is_central)
+    middle = middle if len(middle) else np.arange(len(texels.shown))
     if len(middle) <= _SAMPLE:
         return middle
     stratum = len(middle) / _SAMPLE

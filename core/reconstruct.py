@@ -72,7 +72,7 @@ class LeafBlender:
 
     x, y       (n,) float64, page texels: each entry's own point
     page       (n,) int32, of each entry
-    entry_at   (n_page, size, size) int32, -1 where no chart covers the texel
+    entry_at   (n_page, size, size) int32, -1 where no chart covers the texel; of several the one that is shown
     """
 
     texels: TexelMap
@@ -86,7 +86,8 @@ class LeafBlender:
         """page   (n,) int32, the page of each entry"""
         x, y = texels.hit_texel_xy(texels.texel_tri, texels.texel_bary[:, 1], texels.texel_bary[:, 2])
         entry_at = np.full((texels.page_count, texels.page_size, texels.page_size), -1, np.int32)
-        entry_at[page, texels.texel_xy[:, 1], texels.texel_xy[:, 0]] = np.arange(len(page), dtype=np.int32)
+        shown = np.flatnonzero(texels.shown)
+        entry_at[page[shown], texels.texel_xy[shown, 1], texels.texel_xy[shown, 0]] = shown
         return cls(texels, x, y, page, entry_at)
 
     def blend(

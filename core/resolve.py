@@ -70,19 +70,12 @@ class Resolver:
     def page(self, name: str, page: int) -> NDArray[np.float32]:
         """One page (h, w, 4) of the pass `name`."""
         texels, size = self._texels, self._texels.page_size
-        entry = np.flatnonzero(self._entry_page == page)
-        cell = texels.texel_xy[entry, 1].astype(np.int64) * size + texels.texel_xy[entry, 0]
-        weight = texels.texel_area[entry]
-        total = np.bincount(cell, weight, size * size)
-        covered = total > 0.0
-        value = self._pass_values(name, entry)
-        pixels = np.zeros((size * size, 4), np.float32)
-        for channel in range(3):
-            mean = np.bincount(cell, weight * value[:, channel], size * size)
-            pixels[covered, channel] = mean[covered] / total[covered]
-        pixels[covered, 3] = 1.0
-        image = pixels.reshape(size, size, 4)
-        image[..., :3] = fill_margin(image[..., :3], covered.reshape(size, size), self._margin)
+        entry = np.flatnonzero(texels.shown & (self._entry_page == page))
+        column, row = texels.texel_xy[entry].T
+        image = np.zeros((size, size, 4), np.float32)
+        image[row, column, :3] = self._pass_values(name, entry)
+        image[row, column, 3] = 1.0
+        image[..., :3] = fill_margin(image[..., :3], image[..., 3] > 0.0, self._margin)
         return image
 
     def _pass_values(self, name: str, entry: IntArray) -> NDArray[np.float32]:

@@ -20,6 +20,7 @@ LOOK = 0.5  # side of the square around its centre that a texel looks at
 class TexelMap:
     """One entry per (chart, texel) with covered area, sorted by (chart, Morton code).
 
+    chart_page     (n_chart,) int32
     chart_origin   (n_chart, 2) int32       page texel of the quadtree root's lower left corner
     chart_log2     (n_chart,) int32         the root's side is 2**k texels
     chart_start    (n_chart + 1,) int64     entries of chart c are chart_start[c]:chart_start[c + 1]
@@ -41,6 +42,7 @@ class TexelMap:
     page_size: int
     page_count: int
     degree: int
+    chart_page: Int32
     chart_origin: Int32
     chart_log2: Int32
     chart_start: Int64
@@ -67,10 +69,27 @@ class TexelMap:
         return np.column_stack([np.maximum(1.0 - uv.sum(axis=1), 0.0), uv]).astype(np.float32)
 
     @cached_property
-    def texel_cover(self) -> Float64:
-        """(n,) float64: share of each texel that its chart covers; at a straight edge half of it is where the centre is."""
-        cover: Float64 = self.texel_area / self.tri_density[self.texel_tri]
-        return cover
+    def is_central(self) -> NDArray[np.bool_]:
+        """(n,) bool: whether the chart covers the texel's centre; one on the edge of two triangles is told by half of the texel."""
+        central = np.ones(len(self.texel_area), bool)
+        part = self.part_entry
+        central[part] = ~self.part_point.any(axis=1) | (self.texel_area[part] >= 0.5 * self.tri_density[self.texel_tri[part]])
+        return central
+
+    @cached_property
+    def shown(self) -> NDArray[np.bool_]:
+        """(n,) bool: of the entries at one texel of a page the one that the page shows there.
+
+        That is the one that holds the texel's centre, where whoever filters the image reads it; of several such, or of none, the largest.
+        """
+        page, (x, y) = self.chart_page[self.texel_chart], self.texel_xy.T
+        order = np.lexsort((self.texel_area, self.is_central, x, y, page))
+        last = np.ones(len(order), bool)
+        here, after = order[:-1], order[1:]
+        last[:-1] = (page[here] != page[after]) | (x[here] != x[after]) | (y[here] != y[after])
+        shown = np.zeros(len(order), bool)
+        shown[order[last]] = True
+        return shown
 
     @cached_property
     def _corner_rows(self) -> Float64:

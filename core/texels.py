@@ -66,6 +66,7 @@ def build_texel_map(snapshot: SceneSnapshot, atlas: ChartAtlas, degree: int) -> 
         page_size=size,
         page_count=atlas.page_count,
         degree=degree,
+        chart_page=atlas.chart_page,
         grid=grid,
         tri_uv=np.concatenate([uv, np.zeros((1, 3, 2))]),
         tri_density=density,

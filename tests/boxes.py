@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from leaflight.core import basis, charts, shared_arrays, solve, texels, workers
+from leaflight.core import basis, charts, creases, shared_arrays, solve, texels, workers
 from leaflight.core.direct_field import DirectField
 from leaflight.core.job import SNAPSHOT_FILE
 from leaflight.core.reconstruct import LeafBlender
@@ -52,7 +52,7 @@ def prepare_folder(folder: Path, scene: SceneSnapshot, settings: Settings) -> tu
     """What bake.run_bake puts into a folder before light is sought."""
     folder.mkdir(exist_ok=True)
     save_snapshot(folder / SNAPSHOT_FILE, scene)
-    atlas = charts.make_charts(scene, settings)
+    atlas = creases.cut_at_creases(scene, charts.make_charts(scene, settings))
     texel_map = texels.build_texel_map(scene, atlas, 2 * basis.DEGREES[settings.basis])
     shared_arrays.save_struct(folder / workers.TEXELS_FOLDER, texel_map)
     return atlas, texel_map
@@ -63,13 +63,13 @@ def make_solver(
 ) -> solve.Solver:
     """A solver in an empty folder, direct light found already."""
     executor = executor or workers.InlineExecutor()
-    atlas, texel_map = prepare_folder(folder, scene, settings)
+    texel_map = prepare_folder(folder, scene, settings)[1]
     n_texel = len(texel_map.texel_area)
     direct = DirectField.none(n_texel)
     if settings.direct == "rays":
         direct.shoot(folder, settings, executor, np.arange(n_texel))
     forced = np.zeros(n_texel, bool) if forced is None else forced
-    return solve.Solver(folder, settings, executor, direct, forced, LeafBlender.of(texel_map, atlas.chart_page[texel_map.texel_chart]))
+    return solve.Solver(folder, settings, executor, direct, forced, LeafBlender.of(texel_map, texel_map.chart_page[texel_map.texel_chart]))
 
 
 def solve_scene(

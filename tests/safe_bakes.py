@@ -64,7 +64,7 @@ def bake_safely(
     prepare(solver)
     light = solver.run(lambda message: None, lambda: False)
     atlas, texels = charts.make_charts(scene, chosen), solver.tracing.texels
-    entry_page = atlas.chart_page[texels.texel_chart]
+    entry_page = texels.chart_page[texels.texel_chart]
     at_texels = resolve.light_at_texels(light, solver.blender)
     resolver = resolve.Resolver(at_texels, texels, solver.tracing.scene.surfaces, entry_page, margin=4)
     debug = DebugPages(light, texels, entry_page, margin=4)

@@ -116,20 +116,21 @@ def test_edges_are_drawn_over_the_light_in_a_grey_that_shows():
         assert (np.abs(look[edge][:, :3] - min(light, 1.0)) > 0.3).all()
 
 
-def test_a_texel_of_two_charts_belongs_to_the_larger():
+@pytest.mark.parametrize(("share", "owner"), [(2.0, 1), (0.5, 0)])
+def test_a_texel_of_two_charts_at_its_centre_belongs_to_the_larger(share, owner):
     pages = make_pages()
     texels = pages._texels
-    twice = replace(
+    pages._texels = replace(
         texels,
+        chart_page=np.zeros(2, np.int32),
         texel_chart=np.append(texels.texel_chart, np.int32(1)),
         texel_xy=np.append(texels.texel_xy, texels.texel_xy[:1], axis=0),
-        texel_area=np.append(texels.texel_area, 2 * texels.texel_area[0]),
+        texel_tri=np.append(texels.texel_tri, texels.texel_tri[:1]),
+        texel_area=np.append(texels.texel_area, share * texels.texel_area[0]),
     )
-    pages._texels, pages._entry_page = twice, np.zeros(len(twice.texel_area), np.int32)
+    pages._entry_page = np.zeros(len(texels.texel_area) + 1, np.int32)
     x, y = texels.texel_xy[0]
-    assert pages.page("charts", 0)[y, x, 0] == 1
-    twice.texel_area[-1] = 0.5 * texels.texel_area[0]
-    assert pages.page("charts", 0)[y, x, 0] == 0
+    assert pages.page("charts", 0)[y, x, 0] == owner
 
 
 def test_another_page_is_empty_and_an_unknown_pass_is_named():

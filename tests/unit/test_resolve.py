@@ -98,11 +98,12 @@ def test_a_page_without_charts_is_empty(three_by_five):
     assert not three_by_five.page("combined", 1).any()
 
 
-def test_a_texel_of_two_charts_is_their_mean_by_area():
-    """Charts of 2.5 x 2 texels meet in the middle of column 2; the second stands for twice the area."""
-    scene = layered_scene((0, 0, 2.5, 2), (2.5, 0, 2.5, 2), heights_m=(1.0, 2.0))
+@pytest.mark.parametrize(("border", "middle"), [(2.3, 4), (2.7, 1)])
+def test_a_texel_of_two_charts_shows_the_one_at_its_centre(border, middle):
+    """Charts that meet in column 2; the first stands for fifty times the area in the world."""
+    scene = layered_scene((0, 0, border, 2), (border, 0, 5 - border, 2), heights_m=(50.0, 1.0))
     page = make_resolver(scene, lambda x, y, chart: (1.0 + 3.0 * chart, 0.0 * x, 0.0 * x)).page("direct", 0)
-    assert page[0, :5, 0] * np.pi == pytest.approx(np.array([1, 1, (1 + 2 * 4) / 3, 4, 4]), rel=1e-5)
+    assert page[0, :5, 0] * np.pi == pytest.approx(np.array([1, 1, middle, 4, 4]), rel=1e-5)
     assert (page[:2, :5, 3] == 1).all()
 
 

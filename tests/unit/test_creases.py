@@ -1,0 +1,86 @@
+"""Where charts are cut: along edges at which shading normals differ, and nowhere else."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from leaflight.core import creases
+from leaflight.core.charts import ChartAtlas
+from leaflight.core.texels import build_texel_map
+
+SIDE = 16.0  # texels, of each of the two faces of a strip
+
+
+def strip(angle_deg, smooth=False, side=SIDE, faces=2):
+    """Square faces in a row, each bent against the one before, on one chart; 1 m is `side` texels."""
+    turn = np.radians(angle_deg) * np.arange(faces)
+    x = np.concatenate([[0.0], np.cumsum(np.cos(turn))])
+    z = np.concatenate([[0.0], np.cumsum(np.sin(turn))])
+    position = np.array([[x[i], y, z[i]] for i in range(faces + 1) for y in (0.0, 1.0)])
+    vertex, normal, uv = [], [], []
+    flat = np.stack([-np.sin(turn), np.zeros(faces), np.cos(turn)], axis=1)
+    at = [flat[max(i - 1, 0) : i + 1].mean(axis=0) for i in range(faces)] + [flat[-1]]
+    for i in range(faces):
+        for corners in ((0, 2, 3), (0, 3, 1)):
+            index = [2 * i + corner for corner in corners]
+            vertex.append(index)
+            normal.append([at[k // 2] / np.linalg.norm(at[k // 2]) if smooth else flat[i] for k in index])
+            uv.append([[side * (k // 2), side * (k % 2)] for k in index])
+    n = len(vertex)
+    scene = SimpleNamespace(
+        tri_vertex=np.array(vertex, np.int32),
+        tri_normal=np.array(normal, np.float32),
+        tri_position=position[np.array(vertex)],
+        n_tri=n,
+    )
+    atlas = ChartAtlas(
+        page_size=256,
+        page_count=3,
+        tri_chart=np.full(n, 1, np.int32),
+        tri_uv=np.array(uv, float),
+        chart_page=np.array([0, 2], np.int32),
+        chart_object=np.array([0, 1], np.int32),
+        object_page=np.array([0, 2], np.int32),
+        object_block=np.full(2, -1, np.int32),
+        object_place=np.tile([1.0, 1.0, 0.0, 0.0], (2, 1)),
+        warnings=(),
+    )
+    return scene, atlas
+
+
+@pytest.mark.parametrize(("angle_deg", "smooth", "charts"), [(0, False, 1), (10, False, 1), (60, False, 2), (60, True, 1)])
+def test_a_chart_is_cut_where_its_shading_is(angle_deg, smooth, charts):
+    cut = creases.cut_at_creases(*strip(angle_deg, smooth))
+    assert cut.tri_chart.tolist() == ([0, 0, 1, 1] if charts == 2 else [0] * 4)
+    assert cut.chart_page.tolist() == [2] * charts
+    assert cut.chart_object.tolist() == [1] * charts
+
+
+def test_faces_smaller_than_texels_stay_together():
+    cut = creases.cut_at_creases(*strip(60, side=1.5, faces=5))
+    assert set(cut.tri_chart.tolist()) == {0}
+
+
+def test_a_small_face_does_not_join_large_ones():
+    scene, atlas = strip(60, faces=3)
+    atlas.tri_uv[2:4] *= 1e-2  # the middle one
+    assert creases.cut_at_creases(scene, atlas).tri_chart.tolist() == [0, 0, 1, 1, 2, 2]
+
+
+def test_triangles_without_a_chart_stay_without():
+    scene, atlas = strip(60)
+    atlas.tri_chart[0] = -1
+    assert creases.cut_at_creases(scene, atlas).tri_chart.tolist() == [-1, 0, 1, 1]
+    atlas.tri_chart[:] = -1
+    assert creases.cut_at_creases(scene, atlas).tri_chart.tolist() == [-1] * 4
+
+
+def test_a_texel_across_a_crease_is_shown_by_the_side_that_holds_its_centre():
+    scene, atlas = strip(60, side=16.25)  # the crease is at x = 16.25, short of the centre of texel 16
+    texels = build_texel_map(scene, creases.cut_at_creases(scene, atlas), 0)
+    across = np.flatnonzero((texels.texel_xy == [16, 5]).all(axis=1))
+    assert texels.texel_chart[across].tolist() == [0, 1]
+    assert texels.shown[across].tolist() == [False, True]
+    areas = texels.texel_area[across] * 16.25**2
+    np.testing.assert_allclose(areas, [0.25, 0.75], rtol=1e-9)
+    assert texels.shown.sum() == len(np.unique(texels.texel_xy, axis=0))
