@@ -27,7 +27,9 @@ DARK_FLOOR = 0.1
 BEST_TEXELS = 0.99
 # Squared light that a node cannot hold, over what its parent could not: 1/2 along edges, 1/16 where light is smooth.
 BIAS_DECAY = 0.25
-_BIAS_DOUBT = 0.5  # standard errors of the bias; measured over bakes of few leaves
+# A bake that stops at the first round whose error is small enough picks one that came out small by chance: so many standard errors of
+# the bias are held against it. Measured over bakes of few leaves.
+_BIAS_DOUBT = 0.5
 _SAMPLE = 1 << 13  # texels that are asked
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 # The halves of few leaves say little about noise; the prior says "as independent photons" with this many values' weight.
@@ -57,12 +59,14 @@ class StatedError:
     """What the bake says of itself, relative to local brightness.
 
     relative      error of the whole: root mean square over the best texels and over channels; nan before any photon
+    chosen        the same for whoever stops at this round because it is small, which is to choose among rounds
     direct        the part of it that is noise of direct light by rays, which no photon makes less
     correction    of noise_correction
     texel_direct2 (n,) float32: the squared part of direct light by rays at each texel
     """
 
     relative: float
+    chosen: float
     direct: float
     correction: float
     texel_direct2: NDArray[np.float32]
@@ -93,7 +97,7 @@ def state_error(
     sample = _choose_sample(blender.texels)
     count = int(np.ceil(BEST_TEXELS * len(sample)))
     if not totals.photons.sum() or not count:
-        return StatedError(math.nan, math.sqrt(np.sort(direct2[sample])[:count].sum() / max(count, 1)), correction, direct2)
+        return StatedError(math.nan, math.nan, math.sqrt(np.sort(direct2[sample])[:count].sum() / max(count, 1)), correction, direct2)
     # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
     shown = blender.blend(tree, solution, leaf, sample, halves=True)
     photons2 = (weight[sample].T * shown.variance).mean(0) * correction
@@ -104,10 +108,9 @@ def state_error(
     best = np.argpartition(likely, count - 1)[:count]
     parts = [float(part[best].mean(dtype=np.float64)) for part in (photons2, direct2[sample], bias2)]
     # A bias is told only in sum, by nodes that err apart; below zero it is noise, which must not hide the noise that is there.
-    # A bake stops at the first round whose sum comes out small, so that part of its standard error belongs to it.
-    by_node = np.bincount(deepest[best], bias2[best])
-    bias = max(parts[2], 0.0) + _BIAS_DOUBT * math.sqrt((by_node**2).sum()) / count
-    return StatedError(math.sqrt(parts[0] + parts[1] + bias), math.sqrt(parts[1]), correction, direct2)
+    doubt2 = _BIAS_DOUBT * math.sqrt((np.bincount(deepest[best], bias2[best]) ** 2).sum()) / count
+    square = parts[0] + parts[1] + max(parts[2], 0.0)
+    return StatedError(math.sqrt(square), math.sqrt(square + doubt2), math.sqrt(parts[1]), correction, direct2)
 
 
 def _choose_sample(texels: TexelMap) -> NDArray[np.int64]:

@@ -134,7 +134,10 @@ class Solver:
                 self.direct.shoot(self.folder, self.settings, self.executor, np.flatnonzero(worst))
                 light, stated = self._light(state)
             error = light.error
-            light = replace(light, stopped_by=self._stop_reason(error, should_stop))
+            stopped_by = self._stop_reason(error, should_stop)
+            if stopped_by not in ("", "error"):  # not chosen by its error, then
+                light = replace(light, error=stated.relative)
+            light = replace(light, stopped_by=stopped_by)
             tell(self._progress(light, before))
             if light.stopped_by:
                 return light
@@ -210,7 +213,7 @@ class Solver:
             received=state.totals.received,
             correction=stated.correction,
             direct=self.direct,
-            error=stated.relative,
+            error=stated.chosen,
             photons=int(self.tally.photons.sum()),
             rounds=self.round,
             stopped_by="",

@@ -81,10 +81,10 @@ def ratio_of_errors(make, truth, n_bake):
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2])
-def test_noise_alone_is_not_stated_too_small(degree):
-    """On the safe side: where there is no bias, the doubt about it still counts, most of all for the few leaves of this square."""
+def test_noise_alone_is_stated_within_a_quarter(degree):
+    """On the safe side: what is left of a bias by chance is added where it is positive."""
     ratio = ratio_of_errors(lambda seed: throw(even, 50_000, seed, degree=degree, level=3), even_truth, n_bake=6)
-    assert 0.95 < ratio < 1.6
+    assert 0.95 < ratio < 1.25
 
 
 @pytest.mark.parametrize(("degree", "level"), [(0, 3), (1, 2), (2, 2)])
