@@ -20,6 +20,7 @@ class BakeRequest:
     objects: tuple[str, ...] = ()  # empty: every visible mesh
     uv_layer: str = ""  # empty: unwrap into our own layer
     output: Path = Path("bake")
+    name: str = ""  # of shared pages and of what is kept; empty: the file's
     report: Path | None = None
     save: Path | None = None
     gltf: Path | None = None

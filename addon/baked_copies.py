@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import zlib
 from collections import Counter
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Container, Hashable, Iterable, Sequence
 
 import bpy
 import numpy as np
@@ -49,19 +49,20 @@ def make_copy(scene: bpy.types.Scene, source: bpy.types.Object, evaluated: bpy.t
     return copy
 
 
-def part_meshes(wearers: Sequence[tuple[bpy.types.Object, Hashable]]) -> list[bpy.types.Object]:
+def part_meshes(wearers: Sequence[tuple[bpy.types.Object, Hashable]], taken: Container[bpy.types.Mesh]) -> list[bpy.types.Object]:
     """Sees to it that no mesh has to hold the UVs of two layouts, and gives the objects that lost the mesh they shared.
 
     wearers   object, and what tells its layout from others; the one that most of a mesh's objects wear keeps it, the others get a copy each
+    taken     meshes that hold the layout of another bake, and keep it
     """
     layouts: dict[bpy.types.Mesh, Counter[Hashable]] = {}
     for obj, layout in wearers:
         layouts.setdefault(obj.data, Counter())[layout] += 1
-    kept = {mesh: count.most_common(1)[0][0] for mesh, count in layouts.items()}
+    kept = {mesh: count.most_common(1)[0][0] for mesh, count in layouts.items() if mesh not in taken}
     copies: dict[tuple[bpy.types.Mesh, Hashable], bpy.types.Mesh] = {}
     left: list[bpy.types.Object] = []
     for obj, layout in wearers:
-        if layout == kept[obj.data]:
+        if obj.data in kept and layout == kept[obj.data]:
             continue
         key = (obj.data, layout)
         copies[key] = give_own_mesh(obj, copies.get(key))

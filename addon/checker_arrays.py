@@ -13,7 +13,7 @@ from .materials_write import BAKE
 from .object_settings import read_choice
 from .request import list_objects
 from .scene_meter import read_corners, walk_meshes
-from .uv_layer import layer_name
+from .uv_layer import layer_name, read_place
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ def make_checker(context: bpy.types.Context, density: float) -> CheckerArrays:
     parts = []
     for obj in (view_layer.objects[name] for name in list_objects(context) if name in view_layer.objects):
         factor = read_choice(obj).density_factor
-        layer, size = _find_layer(obj, chosen.uv_layer, chosen.size)
+        layer, side = _find_layer(obj, chosen.uv_layer, chosen.size)
         for mesh, matrix in walk_meshes(obj, depsgraph):
             corner = read_corners(mesh, matrix)
             uv = _read_uv(mesh, layer)
-            texel = project_faces(corner, density * factor) if uv is None else uv * size
+            texel = project_faces(corner, density * factor) if uv is None else uv * side
             parts.append((corner, texel, compare_density(corner, texel, density)))
     if not parts:
         return CheckerArrays(*(np.zeros(shape, np.float32) for shape in ((0, 3), (0, 2), 0)))
@@ -77,14 +77,14 @@ def compare_density(corner: NDArray[np.float64], texel: NDArray[np.float64], den
     return np.where(np.isfinite(ratio), ratio, 1.0)
 
 
-def _find_layer(obj: bpy.types.Object, wanted: str, size: int) -> tuple[str, int]:
-    """The UV layer that holds the object's texels, and how many lie along its side; ("", 0) before there is one."""
+def _find_layer(obj: bpy.types.Object, wanted: str, size: int) -> tuple[str, NDArray[np.float64]]:
+    """The UV layer that holds the object's texels, "" before there is one, and how many lie along its sides, (2,) float64."""
     if obj.type != "MESH":
-        return "", 0
+        return "", np.zeros(2)
     if wanted and wanted in obj.data.uv_layers:
-        return wanted, size
+        return wanted, np.full(2, float(size))
     image: Any = obj[BAKE].get("image") if BAKE in obj else None
-    return (layer_name(obj.data), image.size[0]) if image and layer_name(obj.data) else ("", 0)
+    return (layer_name(obj.data), image.size[0] * read_place(obj)[:2]) if image else ("", np.zeros(2))
 
 
 def _read_uv(mesh: bpy.types.Mesh, layer: str) -> NDArray[np.float64] | None:

@@ -10,6 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 from mathutils import Matrix
+from numpy.typing import NDArray
 
 from ..core.file_names import clean_name, make_unique
 from . import gltf_materials, gltf_textures
@@ -18,7 +19,7 @@ from .export_pieces import Piece, walk_pieces
 from .materials_write import BAKE, Sentences, find_original
 from .render_levels import evaluate_for_render
 from .tags import NAME
-from .uv_layer import MAX_LAYERS, layer_name
+from .uv_layer import MAX_LAYERS, layer_name, read_place
 
 
 class Stage:
@@ -49,7 +50,7 @@ class Stage:
         self.scene.collection.objects.link(obj)
         names = [original.name, original.data.name]
         if SOURCE in original:
-            names = [name.removesuffix(f".{NAME}") for name in names]
+            names = ["".join(name.rpartition(f".{NAME}")[::2]) for name in names]  # of several instances each has a number behind it
         self.names["nodes"][obj.name], self.names["meshes"][mesh.name] = names
         slots = [find_original(slot.material.original) if slot.material else None for slot in piece.evaluated.material_slots]
         self._bare.append((original, mesh, slots))
@@ -80,7 +81,7 @@ class Stage:
             self.warnings.append((original.name, f"{original.name}: its baked image or UV layer was deleted; bake it again."))
             return slots
         lit = bake["mode"] == "lighting"
-        _order_layers(mesh, layer, lit)
+        _order_layers(mesh, layer, lit, read_place(original))
         return [self._material(slot, image, layer, lit) for slot in slots]
 
     def _material(self, original: bpy.types.Material | None, image: bpy.types.Image, layer: str, lit: bool) -> bpy.types.Material:
@@ -139,10 +140,12 @@ def open_stage(context: bpy.types.Context, folder: Path, view_transform: str) ->
         stage.close()
 
 
-def _order_layers(mesh: bpy.types.Mesh, ours: str, lit: bool) -> None:
+def _order_layers(mesh: bpy.types.Mesh, ours: str, lit: bool, place: NDArray[np.float64]) -> None:
     """TEXCOORD_0 is the baked layer alone where it is all one sees; else the layer that materials use, and the baked one is TEXCOORD_1.
 
     Where materials use the baked layer too, there is a copy of it.
+
+    place   (4,) float64, pages: of the object in the baked layer (see uv_layer.read_place), which a viewer knows nothing of
     """
     layers = mesh.uv_layers
     coordinates = {}
@@ -156,6 +159,7 @@ def _order_layers(mesh: bpy.types.Mesh, ours: str, lit: bool) -> None:
         order = [first, *order, *((name, name) for name in coordinates if name not in (ours, used))][:MAX_LAYERS]
     for name in coordinates:
         layers.remove(layers[name])
+    coordinates[ours] = (coordinates[ours].reshape(-1, 2) * place[:2] + place[2:]).astype(np.float32).ravel()
     for name, source in order:
         layers.new(name=name, do_init=False).uv.foreach_set("vector", coordinates[source])
     layers[0].active_render = True

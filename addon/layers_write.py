@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from . import baked_copies, uv_layer
+from . import baked_copies, materials_write, uv_layer
 from .export_scene import ExportResult
 from .layout import Layout
 
@@ -23,8 +23,10 @@ def write_layers(
     """
     block = layout.object_block
     worn = {i: (int(block[i]), i if block[i] < 0 else -1) for i, _ in objects}
-    left = baked_copies.part_meshes([(obj, worn[i]) for i, obj in objects])
-    warnings = [(obj.name, _describe_copy(obj)) for obj in left if tell_copies]
+    taken = materials_write.find_worn_meshes()
+    shared = {obj: obj.data for _, obj in objects}
+    left = baked_copies.part_meshes([(obj, worn[i]) for i, obj in objects], taken)
+    warnings = [(obj.name, _describe_copy(obj, shared[obj] in taken)) for obj in left if tell_copies]
     failed: set[int] = set()
     errors: dict[tuple[bpy.types.Mesh, tuple[int, int]], str] = {}  # "" where the layer is written
     for i, obj in objects:
@@ -43,11 +45,9 @@ def write_layers(
     return failed, warnings
 
 
-def _describe_copy(obj: bpy.types.Object) -> str:
-    return (
-        f"{obj.name}: its shape or size is too unlike the others that share its mesh, so it shows the bake on a copy of the mesh; "
-        "Remove gives the mesh back."
-    )
+def _describe_copy(obj: bpy.types.Object, is_taken: bool) -> str:
+    why = "its mesh shows the bake of another scene" if is_taken else "its shape or size is too unlike the others that share its mesh"
+    return f"{obj.name}: {why}, so it shows the bake on a copy of the mesh; Remove gives the mesh back."
 
 
 def _corner_uv(export: ExportResult, index: int, layout: Layout) -> NDArray[np.float32]:

@@ -80,6 +80,12 @@ def is_shown(obj: bpy.types.Object) -> bool:
     return BAKE in obj and "slots" in obj[BAKE]
 
 
+def find_worn_meshes() -> set[bpy.types.Mesh]:
+    """The meshes on which objects of any scene carry a bake in our layer, shown or not."""
+    placed = {obj for scene in bpy.data.scenes for obj in local_objects(scene.objects)}  # not what is in no scene any more
+    return {obj.data for obj in placed if BAKE in obj and not obj[BAKE]["uv_layer"]}
+
+
 def uncover(obj: bpy.types.Object) -> None:
     """Gives every slot that shows a copy of ours its own material and link again; what the user put in since stays."""
     held = _pop_held(obj)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import bpy
 
+from ..core.file_names import clean_name
 from .arguments import BakeRequest
 from .baked_copies import SOURCE
 from .images import check_shown
@@ -30,7 +31,7 @@ def make_request(context: bpy.types.Context) -> BakeRequest:
     if chosen and not names:
         raise ValueError("no mesh is selected that is to be baked: select some, or choose All in the panel.")
     output = Path(bpy.path.abspath(properties.output))
-    settings = make_settings(properties)
+    settings, name = make_settings(properties), _name_pages(context.scene)
     check_shown(settings)
     return BakeRequest(
         settings=settings,
@@ -38,9 +39,16 @@ def make_request(context: bpy.types.Context) -> BakeRequest:
         uv_layer=properties.uv_layer,
         nodes_only=properties.materials == "NODES",
         output=output,
-        keep=output / f"{Path(bpy.data.filepath).stem or 'lightmap'}.refine",
+        name=name,
+        keep=output / f"{clean_name(name)}.refine",
         keep_mb=MOST_MB,
     )
+
+
+def _name_pages(scene: bpy.types.Scene) -> str:
+    """The file's name, and the scene's where there are several: one must not write over what another wears."""
+    name = Path(bpy.data.filepath).stem or "lightmap"
+    return f"{name}_{scene.name}" if len(bpy.data.scenes) > 1 else name
 
 
 def resolve_paths(request: BakeRequest) -> BakeRequest:

@@ -23,9 +23,11 @@ def remove_bake(scene: bpy.types.Scene | None = None) -> None:
     for obj in objects:
         materials_write.uncover(obj)
         remove_mark(obj, materials_write.BAKE)
+    worn = materials_write.find_worn_meshes()  # by objects of another scene
     for mesh in _local_meshes(objects, everything=scene is None):
         materials_write.release_mesh(mesh)
-        uv_layer.remove_layer(mesh)
+        if mesh not in worn:
+            uv_layer.remove_layer(mesh)
     for one in [scene] if scene else bpy.data.scenes:
         remove_mark(one, LAYOUT)
         remove_mark(one, STATE)

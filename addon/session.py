@@ -60,7 +60,7 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
     finally:
         if shown:
             restore.toggle_preview(scene, True)
-    name = Path(bpy.data.filepath).stem or (request.scene.stem if request.scene else "lightmap")
+    name = request.name or Path(bpy.data.filepath).stem or (request.scene.stem if request.scene else "lightmap")
     resume, keep = (str(path.resolve()) if path else "" for path in (request.resume, request.keep))
     job = Job(request.settings, str(request.output.resolve()), name, request.preview, resume, keep, request.keep_mb)
     stateless = keep and not request.keep_mb and not Path(keep, INFO_FILE).exists()  # the panel keeps a state only if it is small

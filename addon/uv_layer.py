@@ -29,7 +29,8 @@ def write_layer(mesh: bpy.types.Mesh, corner_uv: NDArray[np.floating[Any]], name
         raise ValueError(f"{mesh.name}: is in Edit Mode; leave Edit Mode and bake again.")
     layer = find_layer(mesh) or _add_layer(mesh, name)
     flat_uv = np.ascontiguousarray(corner_uv, dtype=np.float32).ravel()
-    layer.uv.foreach_set("vector", flat_uv)
+    # Not layer.uv, through which Blender before 5.2 writes into arrays that copies of the mesh share with it.
+    mesh.attributes[layer.name].data.foreach_set("vector", flat_uv)
     mesh[LAYER]["name"] = layer.name
     mesh[LAYER]["digest"] = _layer_digest(layer)
     mesh.update()
@@ -43,6 +44,11 @@ def write_place(obj: bpy.types.Object, place: NDArray[np.floating[Any]]) -> None
     """
     obj[PLACE] = [float(number) for number in place]
     obj.update_tag()
+
+
+def read_place(obj: bpy.types.Object) -> NDArray[np.float64]:
+    """(4,) float64, pages: what write_place gave the object; the whole page without."""
+    return np.array(obj[PLACE] if PLACE in obj else (1.0, 1.0, 0.0, 0.0), np.float64)
 
 
 def find_layer(mesh: bpy.types.Mesh) -> bpy.types.MeshUVLoopLayer | None:

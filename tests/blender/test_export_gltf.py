@@ -9,7 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_rooms import bake, list_files, open_room, read_pixels, read_report, save_scene  # noqa: E402
-from leaflight.addon import restore, session  # noqa: E402
+from leaflight.addon import restore, session, uv_layer  # noqa: E402
 from leaflight.addon.arguments import BakeRequest  # noqa: E402
 from leaflight.addon.export_gltf import export_gltf  # noqa: E402
 from leaflight.addon.gltf_file import read_document  # noqa: E402
@@ -35,12 +35,12 @@ def room(monkeypatch):
     return bpy.context.scene
 
 
-def bake_room(tmp_path, *passes, atlas=True):
-    """Bakes floor and cube and puts the bake on them."""
+def bake_room(tmp_path, *passes, atlas=True, names=("Floor", "Cube")):
+    """Bakes these objects and puts the bake on them."""
     folder = tmp_path / "job"
     folder.mkdir()
     settings = Settings(size=32, max_photons=5000, workers=1, passes=passes, atlas=atlas)
-    request = BakeRequest(settings, objects=("Floor", "Cube"), output=tmp_path / "maps")
+    request = BakeRequest(settings, objects=names, output=tmp_path / "maps")
     work = session.prepare(bpy.context, request, folder)
     run_bake(folder, lambda message: None, lambda: False)
     result = session.read_result(work)
@@ -202,6 +202,39 @@ def test_results_of_modifiers_and_instances_are_in_the_file_once(room, tmp_path)
     assert sorted(node["name"] for node in document["nodes"]) == ["Ball", "Cube", "Floor"]
     count = document["accessors"][primitive_of(document, "Cube")["attributes"]["POSITION"]]["count"]
     assert count >= 2 * 24
+
+
+@pytest.mark.parametrize("light", ["combined", "lighting"])
+def test_linked_duplicates_have_their_own_part_of_the_page_in_the_file(room, tmp_path, light):
+    cube = bpy.data.objects["Cube"]
+    twin = cube.copy()
+    twin.name, twin.location.x = "Twin", 1.5
+    room.collection.objects.link(twin)
+    bake_room(tmp_path, light, names=("Floor", "Cube", "Twin"))
+    assert twin.data == cube.data
+    places = {name: np.array(bpy.data.objects[name][uv_layer.PLACE]) for name in ("Cube", "Twin")}
+    own = uv_of(cube, "Leaflight")
+    expected = {name: np.unique(np.round(own * place[:2] + place[2:], 5), axis=0) for name, place in places.items()}
+    assert not np.allclose(expected["Cube"], expected["Twin"])
+    export(tmp_path)
+    import_again(tmp_path / "room.glb")
+    for name in ("Cube", "Twin"):
+        mesh = bpy.data.objects[name].data
+        assert len(mesh.uv_layers) == (2 if light == "lighting" else 1)
+        np.testing.assert_allclose(uv_of(bpy.data.objects[name], mesh.uv_layers[-1].name), expected[name], atol=2e-5)
+
+
+def test_copies_of_instances_bear_their_sources_names(room, tmp_path):
+    shown = bpy.data.collections.new("Shown")
+    shown.objects.link(bpy.data.objects["Cube"])
+    room.collection.objects.unlink(bpy.data.objects["Cube"])
+    for x in (-1.0, 1.0):
+        empty = bpy.data.objects.new("Place", None)
+        empty.instance_type, empty.instance_collection, empty.location.x = "COLLECTION", shown, x
+        room.collection.objects.link(empty)
+    bake_room(tmp_path, "combined", names=("Floor", "Place", "Place.001"))
+    document = export(tmp_path)
+    assert sorted(node["name"] for node in document["nodes"]) == ["Ball", "Cube", "Cube.001", "Floor"]
 
 
 def test_materials_that_use_the_baked_layer_find_it_at_texcoord_0_too(room, tmp_path):

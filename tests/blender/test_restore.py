@@ -111,7 +111,8 @@ def test_removing_gives_parted_meshes_back(names, tmp_path):
     before = dump()
     mesh = bpy.data.meshes["Two"]
     others = [add_object(name, mesh) for name in ("C", "D", "E")]
-    left = baked_copies.part_meshes([*((bpy.data.objects[name], "one") for name in names[:2]), *((obj, obj.name > "D") for obj in others)])
+    wearers = [*((bpy.data.objects[name], "one") for name in names[:2]), *((obj, obj.name > "D") for obj in others)]
+    left = baked_copies.part_meshes(wearers, ())
     assert left == others
     copies = [obj.data for obj in others]
     assert copies[0] == copies[1] != copies[2]

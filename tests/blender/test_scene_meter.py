@@ -171,6 +171,20 @@ def test_checker_shows_the_layer_once_there_is_one():
     assert len(checker_arrays.make_checker(bpy.context, 32.0).position) == 0
 
 
+def test_checker_shows_the_texels_of_duplicates_that_share_a_layer(tmp_path):
+    cube = bpy.data.objects["Cube"]
+    twin = cube.copy()
+    twin.location.x = 3.0
+    bpy.context.scene.collection.objects.link(twin)
+    chosen = bpy.context.scene.leaflight
+    chosen.size, chosen.error, chosen.workers, chosen.output = 64, 0.5, 1, str(tmp_path)
+    assert bpy.ops.leaflight.bake() == {"FINISHED"}
+    assert "leaflight_uv" in cube
+    texels = sum(row["texels"] for row in bpy.context.window_manager.leaflight_state.result["objects"])
+    density = (texels / (16.0 + 2 * 6.0)) ** 0.5
+    np.testing.assert_allclose(checker_arrays.make_checker(bpy.context, density).ratio, 1.0, atol=0.15)
+
+
 @pytest.mark.parametrize(
     ("names", "selected"), [("Cube", ["Cube"]), ("Floor\nCube", ["Cube", "Floor"]), ("Cube.piece.003", ["Cube"]), ("Grey", ["Floor"])]
 )

@@ -88,3 +88,14 @@ def test_full_mesh_and_wrong_shape_are_refused_with_a_sentence(mesh):
     with pytest.raises(ValueError, match=r"Plate: has 8 UV layers.*remove one"):
         uv_layer.write_layer(mesh, CORNER_UV)
     assert list(mesh.keys()) == []
+
+
+def test_a_copy_of_the_mesh_keeps_its_uvs(mesh):
+    """Copies, undo steps and evaluated meshes share a mesh's arrays until they are written."""
+    before = np.full((len(mesh.loops), 2), 0.25, np.float32)
+    name = uv_layer.write_layer(mesh, before)
+    copy = mesh.copy()
+    uv_layer.write_layer(copy, before + 0.5)
+    found = np.empty_like(before)
+    mesh.uv_layers[name].uv.foreach_get("vector", found.reshape(-1))
+    np.testing.assert_array_equal(found, before)

@@ -1,0 +1,91 @@
+"""Two scenes of one file, with meshes and objects that both show: neither bake harms the other."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+import leaflight  # noqa: E402
+from blend_dump import differences, dump  # noqa: E402
+from blend_rooms import open_room  # noqa: E402
+from leaflight.addon import materials_write, restore  # noqa: E402
+
+
+@pytest.fixture(autouse=True)
+def _scenes(tmp_path):
+    """The room, and a scene "B/c" whose only mesh object is a twin of its cube; the lamp is in both."""
+    leaflight.register()
+    open_room()
+    other = bpy.data.scenes.new("B/c")
+    twin = bpy.data.objects.new("Twin", bpy.data.objects["Cube"].data)
+    for obj in (twin, bpy.data.objects["Lamp"]):
+        other.collection.objects.link(obj)
+    for scene in bpy.data.scenes:
+        chosen = scene.leaflight
+        chosen.size, chosen.error, chosen.workers, chosen.output = 32, 0.5, 1, str(tmp_path / "maps")
+    yield
+    leaflight.unregister()
+
+
+def run(scene_name, operator):
+    bpy.context.window.scene = bpy.data.scenes[scene_name]
+    assert getattr(bpy.ops.leaflight, operator)() == {"FINISHED"}
+
+
+def look(name):
+    """What an object shows: its image, and the UVs of its corners in the layer that its material reads."""
+    obj = bpy.data.objects[name]
+    tree = obj.material_slots[0].material.node_tree
+    layer = next(node.uv_map for node in tree.nodes if node.type == "UVMAP")
+    uv = np.empty(2 * len(obj.data.loops), np.float32)
+    obj.data.uv_layers[layer].uv.foreach_get("vector", uv)
+    return next(node.image.filepath for node in tree.nodes if node.type == "TEX_IMAGE"), uv.tolist()
+
+
+def test_a_bake_of_one_scene_leaves_the_other_s_as_it_is(tmp_path):
+    mesh = bpy.data.objects["Cube"].data
+    run("Scene", "bake")
+    first = look("Cube")
+    before = dump()
+    run("B/c", "bake")
+    told = dict(bpy.context.window_manager.leaflight_state.warnings)
+    assert "its mesh shows the bake of another scene, so it shows the bake on a copy" in told["Twin"]
+    assert look("Cube") == first
+    assert look("Twin") != first
+    run("B/c", "remove")
+    assert bpy.data.objects["Twin"].data == mesh
+    assert differences(before, dump()) == []
+    files = [path.name for path in (tmp_path / "maps").glob("*.exr")]
+    assert sorted(files) == ["lightmap_B_c_0.combined.exr", "lightmap_Scene_0.combined.exr"]
+
+
+def test_removing_the_first_leaves_the_second():
+    run("Scene", "bake")
+    run("B/c", "bake")
+    second = look("Twin")
+    run("Scene", "remove")
+    assert look("Twin") == second
+    run("B/c", "remove")
+    assert [layer.name for layer in bpy.data.objects["Cube"].data.uv_layers] == ["UVMap"]
+
+
+def test_a_bake_beside_an_unbaked_twin_keeps_its_layer():
+    """The twin is not baked, but its scene is: what is taken off there before a bake must not reach the mesh."""
+    run("Scene", "bake")
+    first = look("Cube")
+    bpy.data.objects["Twin"].leaflight.role = "CAST"
+    bpy.data.scenes["B/c"].collection.objects.link(bpy.data.objects["Floor"])
+    run("B/c", "bake")
+    assert look("Cube") == first
+    assert look("Floor")[0] != first[0]  # an object in both scenes shows the latest
+
+
+def test_a_twin_that_is_in_no_scene_any_more_takes_no_mesh():
+    run("B/c", "bake")
+    twin = bpy.data.objects["Twin"]
+    twin.use_fake_user = True
+    bpy.data.scenes["B/c"].collection.objects.unlink(twin)
+    assert materials_write.find_worn_meshes() == set()
+    run("Scene", "bake")
+    assert restore.is_preview_on(bpy.data.scenes["Scene"])
+    assert not bpy.context.window_manager.leaflight_state.warnings
