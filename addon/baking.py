@@ -17,7 +17,7 @@ from . import live, session
 from .arguments import BakeRequest
 from .bake_state import BakeState
 from .job import BakeProcess
-from .request import make_request
+from .request import find_mode_error, make_request
 
 _TIMER_SECONDS = 0.1
 _FAULT = "The bake could not be shown: this is a fault of Leaflight's, please report it with the text in the system console."
@@ -44,7 +44,7 @@ class Baking:
         if get_state(context).running:
             cls.poll_message_set("A bake is running")
             return False
-        return is_out_of_edit_mode(cls, context)
+        return True  # also in Edit Mode: what is the matter is told in words, not by a grey button
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if context.window is None:
@@ -90,6 +90,10 @@ class Baking:
         return make_request(context)
 
     def _start(self, context: bpy.types.Context, preview: bool) -> bool:
+        mode_error = find_mode_error(context)
+        if mode_error:  # the panel tells it as long as it holds
+            self.report({"ERROR"}, mode_error)
+            return False
         state, began = get_state(context), time.monotonic()
         self._ended: Done | Error | None = None
         self._folder = tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True)
@@ -120,7 +124,7 @@ class Baking:
             if isinstance(ended, Error) or state.discarded:
                 error = ended.text if isinstance(ended, Error) and not state.discarded else ""
             else:
-                found = session.read_result(self._session)
+                found = session.read_result(self._session) | {"resumed": self._session.request.resume is not None}
                 with self._bake_scene(context):
                     session.finish_files(bpy.context.scene, found)
                     state.warnings += self._live.finish(bpy.context, found)

@@ -1,6 +1,6 @@
-"""What a bake will be, told before it begins, from areas alone: texels, pages, memory and time; no bpy here.
+"""What a bake will be, told before it begins, from areas and triangles alone: texels, pages, memory and time; no bpy here.
 
-All of it is rough: charts are only made during the bake. The constants are the bakes in docs/samples, on two cores.
+All of it is rough: charts are only made during the bake. The constants are those that fit the bakes in docs/samples, on two cores.
 """
 
 from __future__ import annotations
@@ -16,12 +16,26 @@ _FILL = 0.9  # share of a large page that charts cover
 _GAP = 20.0  # paddings along a page's side, for the charts of a usual scene
 _CORE_MB, _WORKER_MB = 250.0, 90.0
 _CORE_MB_PER_TEXEL, _WORKER_MB_PER_TEXEL = 2.5e-4, 9e-5
-_START_S = 1.5
-_CORE_S_PER_TEXEL = 3e-5  # direct light and writing, on one core
-_CORE_S_PER_PHOTON = 1.2e-6
-_PHOTONS_AT = (3e6, 0.05, 1.5e5)  # photons to this error on so many texels
-_UNCERTAIN = 4.0  # times more or fewer photons, as scenes differ
-_UNCERTAIN_PACE = 2.0  # times slower or faster, as machines do
+_START_S = 1.2
+_CORE_S_PER_TEXEL = 2.2e-5  # direct light and writing, on one core
+_CORE_S_PER_PHOTON = 1.7e-6
+_LEAST_PHOTONS = 2.6e5  # the first round
+_PHOTONS_AT = (6.4e4, 0.57)  # of one triangle to this error on so many texels, and the power with which more triangles need more
+_USUAL_ERROR, _USUAL_TEXELS = 0.05, 1.7e5
+_UNCERTAIN = 2.0  # times sooner or later, as scenes and machines differ
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One object before a bake, as it is shown.
+
+    n_triangle   a scene of more has more edges of light
+    """
+
+    name: str
+    area_m2: float
+    n_triangle: int
+    density_factor: float
 
 
 @dataclass(frozen=True)
@@ -56,8 +70,14 @@ class Pace:
 
     @classmethod
     def of_result(cls, result: dict[str, Any] | None) -> Pace | None:
-        """The pace behind a result file; None without one, or where it tells too little."""
-        if result is None or not math.isfinite(result["estimated_error"]) or result["estimated_error"] <= 0.0:
+        """The pace behind a result file; None without one, or where it tells too little: a bake that was kept, or gone on with."""
+        if (
+            result is None
+            or result["resumed"]
+            or result["skipped"]["bake"]
+            or not math.isfinite(result["estimated_error"])
+            or result["estimated_error"] <= 0.0
+        ):
             return None
         texels = sum(row["texels"] for row in result["objects"])
         photon_s = result["seconds"].get("photons", 0.0)
@@ -66,15 +86,14 @@ class Pace:
 
 
 def estimate_bake(
-    objects: Sequence[tuple[str, float, float]], settings: Settings, own_layers: int, cores: int, pace: Pace | None = None
+    objects: Sequence[Measured], settings: Settings, own_layers: int, cores: int, pace: Pace | None = None
 ) -> Estimate | None:
     """What baking these objects will be; None where they have no area.
 
-    objects      name, area in m2, density factor
     own_layers   how many of them bring a UV layer of their own, each a page
     cores        of the machine
     """
-    weighted_m2 = [area * factor**2 for _, area, factor in objects]
+    weighted_m2 = [one.area_m2 * one.density_factor**2 for one in objects]
     total_m2 = sum(weighted_m2)
     if not (math.isfinite(total_m2) and total_m2 > 0.0):
         return None
@@ -83,7 +102,7 @@ def estimate_bake(
     density, too_large = settings.density, []
     if density > 0.0:
         texels_of = [min(area * density**2, page_texels) for area in weighted_m2]
-        too_large = [name for (name, _, _), area in zip(objects, weighted_m2, strict=True) if area * density**2 > inside**2]
+        too_large = [one.name for one, area in zip(objects, weighted_m2, strict=True) if area * density**2 > inside**2]
         pages = len(objects) if not settings.atlas else math.ceil(sum(texels_of) / page_texels)
         texels = sum(texels_of)
     else:
@@ -94,33 +113,29 @@ def estimate_bake(
     workers = settings.workers or cores
     return Estimate(
         objects=len(objects),
-        area_m2=sum(area for _, area, _ in objects),
+        area_m2=sum(one.area_m2 for one in objects),
         density=density,
         texels=round(texels),
         pages=pages,
         page_size=settings.size,
         memory_mb=_CORE_MB + workers * _WORKER_MB + texels * (_CORE_MB_PER_TEXEL + workers * _WORKER_MB_PER_TEXEL),
-        seconds=_estimate_seconds(texels, settings, min(workers, cores), pace),
+        seconds=_estimate_seconds(texels, sum(one.n_triangle for one in objects), settings, min(workers, cores), pace),
         too_large=tuple(too_large),
     )
 
 
-def _estimate_seconds(texels: float, settings: Settings, cores: int, pace: Pace | None) -> tuple[float, float]:
+def _estimate_seconds(texels: float, n_triangle: int, settings: Settings, cores: int, pace: Pace | None) -> tuple[float, float]:
     if pace is not None:
         other_s = pace.other_s * max(texels / pace.texels, 0.1)
         photons = pace.photons * _scale_photons(texels, settings.error, pace.error, pace.texels)
-        s_per_photon = pace.photon_s / max(pace.photons, 1)
-        spread = pace_spread = 1.0
+        s_per_photon, spread = pace.photon_s / max(pace.photons, 1), 1.0
     else:
-        guess, error, usual_texels = _PHOTONS_AT
+        of_one, power = _PHOTONS_AT
         other_s = _START_S + texels * _CORE_S_PER_TEXEL / cores
-        photons = guess * _scale_photons(texels, settings.error, error, usual_texels)
-        s_per_photon = _CORE_S_PER_PHOTON / cores
-        spread, pace_spread = _UNCERTAIN, _UNCERTAIN_PACE
-    least, most = (
-        other_s * slower + min(photons * more, settings.max_photons) * s_per_photon
-        for slower, more in ((1.0 / pace_spread, 1.0 / spread), (pace_spread, spread))
-    )
+        photons = of_one * n_triangle**power * _scale_photons(texels, settings.error, _USUAL_ERROR, _USUAL_TEXELS)
+        s_per_photon, spread = _CORE_S_PER_PHOTON / cores, _UNCERTAIN
+    usual_s = other_s + min(max(photons, _LEAST_PHOTONS), settings.max_photons) * s_per_photon
+    least, most = usual_s / spread, usual_s * spread
     if settings.time_limit > 0.0:
         least, most = min(least, settings.time_limit), min(most, settings.time_limit)
     return least, most

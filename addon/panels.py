@@ -32,12 +32,13 @@ class LEAFLIGHT_PT_main(_Sidebar, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         state: BakeState = context.window_manager.leaflight_state
         layout = prepare(self.layout)
+        now = "" if state.running else find_output_error(context.scene.leaflight.output)
         if state.running:
             _draw_progress(layout, state)
         else:
             _draw_plan(layout, context)
-            _draw_bake(layout, context)
-        if state.error:
+            _draw_bake(layout, context, now)
+        if state.error and state.error != now:
             draw_told(layout.box(), context, split_error(state.error), "ERROR")
         if not state.running and restore.has_bake(context.scene):
             _draw_result(layout, context, state)
@@ -67,11 +68,10 @@ def _draw_plan(layout: Any, context: bpy.types.Context) -> None:
             draw_told(column, context, group_warnings((name, told) for name in meter.estimate.too_large)[0], "ERROR")
 
 
-def _draw_bake(layout: Any, context: bpy.types.Context) -> None:
-    error = find_output_error(context.scene.leaflight.output)
-    if error:
+def _draw_bake(layout: Any, context: bpy.types.Context, output_error: str) -> None:
+    if output_error:
         column = layout.column()
-        draw_sentence(column, context, error, "INFO")
+        draw_sentence(column, context, output_error, "INFO")
         if not bpy.data.filepath:
             column.operator("wm.save_as_mainfile", text="Save As...", icon="FILE_TICK")
     mode_error = find_mode_error(context)
@@ -79,7 +79,7 @@ def _draw_bake(layout: Any, context: bpy.types.Context) -> None:
         draw_sentence(layout, context, mode_error, "INFO")
     row = layout.row()
     row.scale_y = 1.6
-    row.enabled = not error
+    row.enabled = not output_error
     row.operator("leaflight.bake", icon="RENDER_STILL")
 
 
@@ -107,8 +107,7 @@ def _draw_result(layout: Any, context: bpy.types.Context, state: BakeState) -> N
     row.operator("leaflight.export_gltf", text="", icon="EXPORT")
     folder = bpy.path.abspath(context.scene.leaflight.output)
     row.operator("wm.path_open", text="", icon="FILE_FOLDER").filepath = folder
-    if hasattr(bpy.types, "LEAFLIGHT_OT_refine"):
-        box.operator("leaflight.refine", icon="ADD")
+    box.operator("leaflight.refine", icon="ADD")
 
 
 def _draw_warnings(layout: Any, context: bpy.types.Context, warnings: list[Told]) -> None:

@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from .estimate import Estimate, Pace, estimate_bake
+from .estimate import Estimate, Measured, Pace, estimate_bake
 from .object_settings import read_choice
 from .properties import make_settings
 from .request import list_objects
@@ -43,9 +43,9 @@ class SceneMeter:
         self.estimate: Estimate | None = None
         self.problem = ""
         self.stale = True
-        self._area_m2: dict[int, float] = {}  # by the object's session_uid
+        self._size: dict[int, tuple[float, int]] = {}  # area in m2 and triangles, by the object's session_uid
         self._key: tuple[Any, ...] = ()
-        self._rows: list[tuple[str, float, float]] = []
+        self._rows: list[Measured] = []
         self._measured = False
         self._changed = 0.0
         self.version += 1
@@ -53,7 +53,7 @@ class SceneMeter:
     def note(self, changed: set[int]) -> None:
         """Something in the scene changed; objects of these session_uid are to be measured again."""
         for uid in changed:
-            self._area_m2.pop(uid, None)
+            self._size.pop(uid, None)
         self.stale, self._changed = True, time.monotonic()
 
     def watch(self, context: bpy.types.Context) -> None:
@@ -74,12 +74,12 @@ class SceneMeter:
         objects = [view_layer.objects[name] for name in list_objects(context) if name in view_layer.objects]
         depsgraph = context.evaluated_depsgraph_get()
         for obj in objects:
-            if obj.session_uid not in self._area_m2:
+            if obj.session_uid not in self._size:
                 if time.monotonic() > until:
                     return False
-                self._area_m2[obj.session_uid] = measure_object(obj, depsgraph)
+                self._size[obj.session_uid] = measure_object(obj, depsgraph)
                 self._measured = True
-        rows = [(obj.name, self._area_m2[obj.session_uid], read_choice(obj).density_factor) for obj in objects]
+        rows = [Measured(obj.name, *self._size[obj.session_uid], read_choice(obj).density_factor) for obj in objects]
         self.version += self._measured or key != self._key or rows != self._rows
         self.stale, self._measured, self._key, self._rows = False, False, key, rows
         self.estimate, self.problem = None, ""
@@ -95,9 +95,14 @@ class SceneMeter:
         return True
 
 
-def measure_object(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> float:
-    """Area in m2 of the faces that an object shows, or that the collection shows which it is an instance of."""
-    return sum(_measure_corners(read_corners(mesh, matrix)) for mesh, matrix in walk_meshes(obj, depsgraph))
+def measure_object(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[float, int]:
+    """Area in m2 and number of the triangles that an object shows, or that the collection shows which it is an instance of."""
+    area_m2, count = 0.0, 0
+    for mesh, matrix in walk_meshes(obj, depsgraph):
+        corner = read_corners(mesh, matrix)
+        area_m2 += _measure_corners(corner)
+        count += len(corner)
+    return area_m2, count
 
 
 def walk_meshes(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Iterator[tuple[bpy.types.Mesh, NDArray[np.float64]]]:

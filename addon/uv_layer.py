@@ -48,7 +48,7 @@ def write_place(obj: bpy.types.Object, place: NDArray[np.floating[Any]]) -> None
 
 def read_place(obj: bpy.types.Object) -> NDArray[np.float64]:
     """(4,) float64, pages: what write_place gave the object; the whole page without."""
-    return np.array(obj[PLACE] if PLACE in obj else (1.0, 1.0, 0.0, 0.0), np.float64)
+    return np.array(obj.get(PLACE, (1.0, 1.0, 0.0, 0.0)), np.float64)
 
 
 def find_layer(mesh: bpy.types.Mesh) -> bpy.types.MeshUVLoopLayer | None:

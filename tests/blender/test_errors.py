@@ -122,9 +122,9 @@ def test_object_in_edit_mode(state):
     bpy.context.view_layer.objects.active = bpy.data.objects["Cube"]
     bpy.ops.object.mode_set(mode="EDIT")
     assert request.find_mode_error(bpy.context) == "Cube: is in Edit Mode; leave it (Tab) to bake."
-    assert not bpy.ops.leaflight.bake.poll()
-    with pytest.raises(RuntimeError, match="Leave Edit Mode first"):
+    with pytest.raises(RuntimeError, match=r"Cube: is in Edit Mode; leave it \(Tab\) to bake\."):
         bpy.ops.leaflight.bake()
+    assert not state.error  # the panel tells it while it holds, and no longer
     bpy.ops.object.mode_set(mode="OBJECT")
     assert request.find_mode_error(bpy.context) == ""
 

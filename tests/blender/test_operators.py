@@ -196,7 +196,7 @@ def test_a_fault_of_ours_leaves_no_bake_running(scene, state, monkeypatch):
 def test_edit_mode_must_be_left(scene):
     bpy.context.view_layer.objects.active = bpy.data.objects["Floor"]
     bpy.ops.object.mode_set(mode="EDIT")
-    assert "Leave Edit Mode first" in bake_error()
+    assert "is in Edit Mode; leave it" in bake_error()
     bpy.ops.object.mode_set(mode="OBJECT")
     assert bpy.ops.leaflight.bake.poll()
 

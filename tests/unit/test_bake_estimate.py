@@ -1,10 +1,11 @@
 """What the panel tells before a bake, from areas."""
 
 import pytest
-from leaflight.addon.estimate import Pace, estimate_bake
+from leaflight.addon.estimate import Measured, Pace, estimate_bake
 from leaflight.core.settings import Settings
 
-ROOM = [("Floor", 20.0, 1.0), ("Walls", 60.0, 1.0), ("Lamp", 1.0, 1.0)]
+RESULT = {"estimated_error": 0.1, "photons": 1, "objects": [{"texels": 9}], "seconds": {}, "resumed": False, "skipped": {"bake": 0}}
+ROOM = [Measured("Floor", 20.0, 2, 1.0), Measured("Walls", 60.0, 12, 1.0), Measured("Lamp", 1.0, 60, 1.0)]
 
 
 def estimate(objects=ROOM, own_layers=0, pace=None, **chosen):
@@ -31,7 +32,7 @@ def test_density_decides_texels_and_pages():
 
 
 def test_each_object_may_be_finer_or_have_its_own_page():
-    finer = [("Floor", 20.0, 2.0), *ROOM[1:]]
+    finer = [Measured("Floor", 20.0, 2, 2.0), *ROOM[1:]]
     assert estimate(finer, density=40.0).texels == pytest.approx((81.0 + 3 * 20.0) * 40.0**2, rel=1e-6)
     assert estimate(finer).density < estimate().density
     assert estimate(atlas=False).pages == 3
@@ -50,7 +51,7 @@ def test_finer_bakes_take_more():
 
 def test_the_last_bake_tells_the_pace_of_the_next():
     texels = estimate().texels
-    result = {
+    result = RESULT | {
         "estimated_error": 0.1,
         "photons": 10**6,
         "objects": [{"texels": texels}],
@@ -61,13 +62,38 @@ def test_the_last_bake_tells_the_pace_of_the_next():
     assert estimate(error=0.05, pace=pace).seconds[0] == pytest.approx(7.0 + 4 * 3.0, rel=1e-4)
 
 
-@pytest.mark.parametrize("error", [float("nan"), 0.0])
-def test_a_bake_without_an_error_tells_no_pace(error):
-    assert Pace.of_result({"estimated_error": error, "photons": 1, "objects": [], "seconds": {}}) is None
+@pytest.mark.parametrize(
+    "changes", [{"estimated_error": float("nan")}, {"estimated_error": 0.0}, {"objects": []}, {"resumed": True}, {"skipped": {"bake": 1}}]
+)
+def test_a_bake_that_tells_too_little_has_no_pace(changes):
+    assert Pace.of_result(RESULT) is not None
+    assert Pace.of_result(RESULT | changes) is None
     assert Pace.of_result(None) is None
+
+
+# Of docs/samples/README.md, but for triangles: texels, triangles, seconds in all. Two cores.
+SAMPLES = {
+    "bent_quads": (115_771, 1536, 9.65),
+    "cornell_box": (173_662, 30, 2.62),
+    "figure2_square": (190_951, 14, 1.91),
+    "furnace": (163_350, 12, 3.24),
+    "furnished_room": (147_136, 4974, 10.85),
+    "instances": (202_401, 1478, 5.53),
+    "two_rooms": (204_858, 182, 4.29),
+}
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_samples_take_what_was_told(name):
+    """The panel tells a span; each sample's time lies in it, on the texels that were told too."""
+    texels, n_triangle, seconds = SAMPLES[name]
+    found = estimate([Measured(name, 100.0, n_triangle, 1.0)])
+    assert found.seconds[0] < seconds < found.seconds[1]
+    assert found.seconds[1] <= 4.01 * found.seconds[0]
+    assert 0.6 < found.texels / texels < 1.6
 
 
 @pytest.mark.parametrize("area", [0.0, float("inf"), float("nan")])
 def test_nothing_to_bake_has_no_estimate(area):
     assert estimate([]) is None
-    assert estimate([("Point", area, 1.0)]) is None
+    assert estimate([Measured("Point", area, 1, 1.0)]) is None
