@@ -17,6 +17,7 @@ from . import live, session
 from .arguments import BakeRequest
 from .bake_state import BakeState
 from .job import BakeProcess
+from .redraw import redraw
 from .request import find_mode_error, make_request
 
 _TIMER_SECONDS = 0.1
@@ -182,10 +183,3 @@ def is_out_of_edit_mode(operator: Any, context: bpy.types.Context) -> bool:
         operator.poll_message_set("Leave Edit Mode first")
         return False
     return True
-
-
-def redraw(context: bpy.types.Context, kind: str) -> None:
-    """Regions of the 3D views: the sidebars "UI", or the views "WINDOW", whose drawing may take long."""
-    areas = [area for window in context.window_manager.windows for area in window.screen.areas if area.type == "VIEW_3D"]
-    for region in (region for area in areas for region in area.regions if region.type == kind):
-        region.tag_redraw()

@@ -8,7 +8,10 @@ import bpy
 import gpu
 from gpu_extras.batch import batch_for_shader
 
-from .checker_arrays import make_checker
+from .checker_arrays import CheckerArrays, CheckerMaker
+from .redraw import redraw
+
+_STEP_S, _PAUSE_S = 0.03, 0.02  # of making it at a time, and until the next
 
 _VERTEX = """
 void main() {
@@ -47,7 +50,9 @@ class Checker:
         self._handle: Any = None
         self._shader: Any = None
         self._batch: Any = None
-        self._version = -1
+        self._version = -1  # of the scene's meter, that is drawn or being made
+        self._maker: CheckerMaker | None = None
+        self._made: CheckerArrays | None = None
 
     @property
     def on(self) -> bool:
@@ -60,8 +65,15 @@ class Checker:
             self._handle = bpy.types.SpaceView3D.draw_handler_add(self._draw, (), "WINDOW", "POST_VIEW")
         elif not on and self.on:
             bpy.types.SpaceView3D.draw_handler_remove(self._handle, "WINDOW")
-            self._handle = self._batch = None
+            self._handle = self._batch = self._maker = self._made = None
             self._version = -1
+
+    def work(self, context: bpy.types.Context) -> bool:
+        """Go on making what is to be drawn; gives whether there is more to do."""
+        self._made = self._maker.work(context, _STEP_S) if self._maker else None
+        if self._made is not None:
+            self._maker = None
+        return self._maker is not None
 
     def _draw(self) -> None:
         context = bpy.context
@@ -70,11 +82,13 @@ class Checker:
         if meter.estimate is None:
             return
         if self._version != meter.version and not meter.stale:
+            self._maker, self._version = CheckerMaker(meter.estimate.density), meter.version
+            if not bpy.app.timers.is_registered(_tick):
+                bpy.app.timers.register(_tick, first_interval=0.0)
+        if self._made is not None:
             self._shader = self._shader or _make_shader()
-            arrays = make_checker(context, meter.estimate.density)
-            content = {"pos": arrays.position, "texel": arrays.texel, "ratio": arrays.ratio}
-            self._batch = batch_for_shader(self._shader, "TRIS", content)
-            self._version = meter.version
+            content = {"pos": self._made.position, "texel": self._made.texel, "ratio": self._made.ratio}
+            self._batch, self._made = batch_for_shader(self._shader, "TRIS", content), None
         if self._batch is not None:
             gpu.state.depth_test_set("LESS_EQUAL")
             gpu.state.depth_mask_set(True)
@@ -86,6 +100,15 @@ class Checker:
 def is_checker_on(context: bpy.types.Context) -> bool:
     """Whether the checker is shown."""
     return bool(context.window_manager.leaflight_checker.on)
+
+
+def _tick() -> float | None:
+    """The timer that makes what is drawn; ends when all is made."""
+    context = bpy.context
+    if context.window_manager.leaflight_checker.work(context):
+        return _PAUSE_S
+    redraw(context, "WINDOW")
+    return None
 
 
 def _make_shader() -> Any:
@@ -115,9 +138,8 @@ class LEAFLIGHT_OT_checker(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         checker: Checker = context.window_manager.leaflight_checker
         checker.show(not checker.on)
-        for window in context.window_manager.windows:
-            for area in (area for area in window.screen.areas if area.type == "VIEW_3D"):
-                area.tag_redraw()
+        redraw(context, "WINDOW")
+        redraw(context, "UI")
         return {"FINISHED"}
 
 
@@ -131,5 +153,7 @@ def register() -> None:
 
 def unregister() -> None:
     """Take it off the views and away."""
+    if bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.unregister(_tick)
     bpy.context.window_manager.leaflight_checker.show(False)
     del bpy.types.WindowManager.leaflight_checker

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,22 +32,44 @@ class CheckerArrays:
     ratio: NDArray[np.float32]
 
 
-def make_checker(context: bpy.types.Context, density: float) -> CheckerArrays:
-    """The checker of all objects that would be baked; `density` is the wanted one, in texels/m."""
-    depsgraph, view_layer = context.evaluated_depsgraph_get(), context.view_layer
-    chosen = context.scene.leaflight
-    parts = []
-    for obj in (view_layer.objects[name] for name in list_objects(context) if name in view_layer.objects):
-        factor = read_choice(obj).density_factor
-        layer, side = _find_layer(obj, chosen.uv_layer, chosen.size)
-        for mesh, matrix in walk_meshes(obj, depsgraph):
-            corner = read_corners(mesh, matrix)
-            uv = _read_uv(mesh, layer)
-            texel = project_faces(corner, density * factor) if uv is None else uv * side
-            parts.append((corner, texel, compare_density(corner, texel, density)))
-    if not parts:
+class CheckerMaker:
+    """Makes the checker of all objects that would be baked, a little at a time: Blender must stay smooth.
+
+    density   the wanted one, texels/m
+    """
+
+    def __init__(self, density: float) -> None:
+        self._density = density
+        self._parts: dict[int, CheckerArrays] = {}  # by session_uid: an undo meanwhile makes references invalid
+
+    def work(self, context: bpy.types.Context, seconds: float = math.inf) -> CheckerArrays | None:
+        """Go on for so long at most; gives the checker once it is whole."""
+        until = time.monotonic() + seconds
+        depsgraph, objects = context.evaluated_depsgraph_get(), list_objects(context)
+        for obj in objects:
+            if obj.session_uid not in self._parts:
+                if time.monotonic() > until:
+                    return None
+                self._parts[obj.session_uid] = _make_part(context, obj, depsgraph, self._density)
+        parts = [self._parts[obj.session_uid] for obj in objects] or [_join([])]
+        return CheckerArrays(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("position", "texel", "ratio")))
+
+
+def _make_part(context: bpy.types.Context, obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, density: float) -> CheckerArrays:
+    chosen, factor = context.scene.leaflight, read_choice(obj).density_factor
+    layer, side = _find_layer(obj, chosen.uv_layer, chosen.size)
+    found = []
+    for mesh, matrix in walk_meshes(obj, depsgraph):
+        corner, uv = read_corners(mesh, matrix), _read_uv(mesh, layer)
+        texel = project_faces(corner, density * factor) if uv is None else uv * side
+        found.append((corner, texel, compare_density(corner, texel, density)))
+    return _join(found)
+
+
+def _join(found: list[tuple[NDArray[np.float64], ...]]) -> CheckerArrays:
+    if not found:
         return CheckerArrays(*(np.zeros(shape, np.float32) for shape in ((0, 3), (0, 2), 0)))
-    corner, texel, ratio = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    corner, texel, ratio = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
     finite = np.isfinite(corner).all(axis=(1, 2)) & np.isfinite(texel).all(axis=(1, 2))
     flat = (corner[finite].reshape(-1, 3), texel[finite].reshape(-1, 2), np.repeat(ratio[finite], 3))
     return CheckerArrays(*(np.ascontiguousarray(array, np.float32) for array in flat))

@@ -20,8 +20,9 @@ _COPY = "a copy made from the evaluated mesh is baked instead"
 def check_names(scene: Any, view_layer: Any, names: Sequence[str] | None) -> None:
     """Raises ValueError with a sentence about the first name that cannot get a lightmap."""
     rendered = find_render_objects(view_layer)
+    by_name = {obj.name: obj for obj in (*scene.objects, *view_layer.objects)}
     for name in names or ():
-        obj = view_layer.objects.get(name) or scene.objects.get(name)
+        obj = by_name.get(name)
         if obj is None:
             raise ValueError(f"{name}: no such object; {_list_objects(scene, name)}")
         if obj not in rendered:

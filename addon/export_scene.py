@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -86,10 +86,10 @@ def export_scene(
         return export.finish(world_rgb)
 
 
-def find_object(exported: ExportedObject) -> Any:
-    """The Blender object that is or makes an exported one; None where it is gone."""
-    by_uid = next((obj for obj in bpy.data.objects if obj.session_uid == exported.uid), None)
-    return by_uid or bpy.data.objects.get((exported.source, exported.library or None))
+def find_objects(exported: Iterable[ExportedObject]) -> list[Any]:
+    """The Blender object that is or makes each exported one; None where it is gone."""
+    by_uid = {obj.session_uid: obj for obj in bpy.data.objects}
+    return [by_uid.get(one.uid) or bpy.data.objects.get((one.source, one.library or None)) for one in exported]
 
 
 class _Export:

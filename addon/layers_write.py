@@ -53,7 +53,8 @@ def _describe_copy(obj: bpy.types.Object, is_taken: bool) -> str:
 def _corner_uv(export: ExportResult, index: int, layout: Layout) -> NDArray[np.float32]:
     """(n_corner, 2) float32: UVs of an object, before its place on the page is put to them; 0 where nothing is baked."""
     snapshot, place = export.snapshot, layout.object_place[index]
-    rows = np.flatnonzero((snapshot.tri_object == index) & (layout.tri_chart >= 0))
+    first, end = np.searchsorted(snapshot.tri_object, (index, index + 1))  # an export has them in the order of objects
+    rows = first + np.flatnonzero(layout.tri_chart[first:end] >= 0)
     uv = np.zeros((export.objects[index].n_corner, 2), np.float32)
     uv[snapshot.tri_corner[rows]] = (layout.tri_uv[rows] - place[2:]) / place[:2]
     return uv

@@ -50,7 +50,7 @@ def read_layout(folder: Path, objects: Sequence[ExportedObject], shown_as: str) 
         tri_uv, object_page = stored["tri_uv"], stored["object_page"]
         tri_chart, block, place = stored["tri_chart"], stored["object_block"], stored["object_place"]
     about = repr([(one.name, one.n_corner) for one in objects]) + shown_as
-    digest = zlib.crc32(about.encode(), zlib.crc32(tri_uv.tobytes(), zlib.crc32(object_page.tobytes() + block.tobytes())))
+    digest = zlib.crc32(about.encode(), zlib.crc32(np.ascontiguousarray(tri_uv), zlib.crc32(object_page.tobytes() + block.tobytes())))
     return Layout(tri_uv, tri_chart, object_page, block, place, f"{digest:08x}")
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from . import images, materials_write, restore, session
 from .kept_state import mark_state
-from .layout import worn_digest, worn_images
+from .layout import Layout, worn_digest, worn_images
 from .tags import is_made, local_objects
 
 LIVE = "leaflight_live"  # on an image: its page of the bake that runs
@@ -27,6 +27,7 @@ class LiveView:
     def __init__(self, work: session.Session) -> None:
         self._work = work
         self._pages: dict[int, NDArray[np.float16]] = {}
+        self._layout: Layout | None = None
         self._was_hidden = False
 
     def show(self, context: bpy.types.Context, paths: dict[int, str]) -> None:
@@ -41,11 +42,11 @@ class LiveView:
         scene = context.scene
         if is_live(scene):
             return
-        layout = session.get_layout(self._work)
+        layout = self._layout = self._layout or session.get_layout(self._work)
         if len(self._pages) < layout.page_count:
             return
         if not restore.has_bake(scene):
-            session.show_pages(context, self._work, self._make_images())
+            session.show_pages(context, self._work, layout, self._make_images())
         elif worn_digest(scene) == layout.digest:
             self._was_hidden = not restore.is_preview_on(scene)
             _stand_in(scene, self._make_images())
@@ -55,7 +56,7 @@ class LiveView:
     def finish(self, context: bpy.types.Context, result: dict[str, Any]) -> session.Warnings:
         """Put the result in place of the light so far; gives what could not be done."""
         scene = context.scene
-        if not (is_live(scene) and self._is_whole(scene)):
+        if not (self._layout and is_live(scene) and self._is_whole(scene, self._layout)):
             self.take_off()
             return session.assign(context, self._work, result)
         found = session.load_pages(self._work.request, result)
@@ -82,15 +83,14 @@ class LiveView:
             images.set_pixels(found[page], pixels)
         return found
 
-    def _is_whole(self, scene: bpy.types.Scene) -> bool:
+    def _is_whole(self, scene: bpy.types.Scene, layout: Layout) -> bool:
         """Whether every object wears the light that it should, so that only images must be changed."""
         exported = self._work.export.objects
-        baked = [exported[i] for i, page in enumerate(session.get_layout(self._work).object_page) if page >= 0]
+        baked = [exported[i] for i, page in enumerate(layout.object_page) if page >= 0]
         wearing = {obj.name for obj in local_objects(scene.objects) if materials_write.is_shown(obj) and is_live_image(_image_of(obj))}
         if any(one.needs_copy for one in baked):  # a copy stands where its source stood
             return not _stands_in() and len(wearing) == len(baked)
-        found = [session.find_carrier(one) for one in baked]
-        return all(obj is not None and obj.name in wearing for obj in found)
+        return all(obj is not None and obj.name in wearing for obj in session.find_carriers(baked))
 
 
 def is_live(scene: bpy.types.Scene) -> bool:

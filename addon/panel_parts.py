@@ -26,11 +26,11 @@ def draw_sentence(layout: Any, context: bpy.types.Context, text: str, icon: str,
 
 def draw_told(layout: Any, context: bpy.types.Context, told: Told, icon: str) -> None:
     """A sentence with a button that selects what it is about."""
-    names = [name for name in told.names if is_known(name)]
+    selects = any(is_known(name) for name in told.names)
     row = layout.row()
-    draw_sentence(row, context, told.text, icon, _BUTTON_CHARACTERS if names else 0)
-    if names:
-        row.operator("leaflight.select", text="", icon="RESTRICT_SELECT_OFF").names = "\n".join(names)
+    draw_sentence(row, context, told.text, icon, _BUTTON_CHARACTERS if selects else 0)
+    if selects:
+        row.operator("leaflight.select", text="", icon="RESTRICT_SELECT_OFF").names = "\n".join(told.names)
 
 
 def describe_estimate(estimate: Estimate) -> list[str]:

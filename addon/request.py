@@ -27,7 +27,7 @@ def make_request(context: bpy.types.Context) -> BakeRequest:
     if error:
         raise ValueError(error)
     chosen = properties.objects == "SELECTED"
-    names = list_objects(context)
+    names = [obj.name for obj in list_objects(context)]
     if chosen and not names:
         raise ValueError("no mesh is selected that is to be baked: select some, or choose All in the panel.")
     output = Path(bpy.path.abspath(properties.output))
@@ -68,14 +68,16 @@ def resolve_paths(request: BakeRequest) -> BakeRequest:
     return dataclasses.replace(request, **found)
 
 
-def list_objects(context: bpy.types.Context) -> list[str]:
-    """Names of the objects that would get a lightmap."""
+def list_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """The objects of the view layer that would get a lightmap, by name."""
     if context.scene.leaflight.objects == "SELECTED":
         # A baked copy that was clicked on stands for the object hidden behind it.
-        found = [obj.get(SOURCE) or obj for obj in context.view_layer.objects.selected]
+        known = set(context.view_layer.objects)
+        found = {obj.get(SOURCE) or obj for obj in context.view_layer.objects.selected} & known
     else:
         found = find_render_objects(context.view_layer)
-    return sorted({obj.name for obj in found if obj.leaflight.role == BAKE and can_be_baked(obj)})
+    chosen = {obj.name: obj for obj in found if obj.leaflight.role == BAKE and can_be_baked(obj)}
+    return [chosen[name] for name in sorted(chosen)]
 
 
 def can_be_baked(obj: bpy.types.Object) -> bool:

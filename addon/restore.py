@@ -53,7 +53,7 @@ def toggle_preview(scene: bpy.types.Scene, on: bool) -> materials_write.Sentence
 
 def has_bake(scene: bpy.types.Scene) -> bool:
     """Whether any object of the scene carries a bake, shown or not."""
-    return any(materials_write.BAKE in obj for obj in local_objects(scene.objects))
+    return any(materials_write.BAKE in obj and not obj.library and not obj.override_library for obj in scene.objects)
 
 
 def is_preview_on(scene: bpy.types.Scene) -> bool:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from .estimate import Estimate, Measured, Pace, estimate_bake
 from .object_settings import read_choice
 from .properties import make_settings
+from .redraw import redraw
 from .request import list_objects
 
 _CALM_S = 0.3  # without a change, before measuring
@@ -70,8 +71,7 @@ class SceneMeter:
     def measure(self, context: bpy.types.Context, seconds: float = float("inf")) -> bool:
         """Measure what is to be baked, for so long at most; gives whether it is done and `estimate` up to date."""
         until = time.monotonic() + seconds
-        key, view_layer = _read_key(context), context.view_layer
-        objects = [view_layer.objects[name] for name in list_objects(context) if name in view_layer.objects]
+        key, objects = _read_key(context), list_objects(context)
         depsgraph = context.evaluated_depsgraph_get()
         for obj in objects:
             if obj.session_uid not in self._size:
@@ -151,7 +151,7 @@ def _tick() -> float | None:
         return _CALM_S
     if not meter.measure(context, _STEP_S):
         return _PAUSE_S
-    redraw_sidebars(context)
+    redraw(context, "UI")
     return None
 
 
@@ -176,13 +176,6 @@ _HANDLERS = (
     ("frame_change_post", note_changes),
     ("load_post", forget_measures),
 )
-
-
-def redraw_sidebars(context: bpy.types.Context) -> None:
-    """The sidebars alone: drawing the 3D view with them may take long."""
-    areas = [area for window in context.window_manager.windows for area in window.screen.areas if area.type == "VIEW_3D"]
-    for region in (region for area in areas for region in area.regions if region.type == "UI"):
-        region.tag_redraw()
 
 
 def register() -> None:

@@ -134,14 +134,14 @@ def assign(context: bpy.types.Context, session: Session, result: dict[str, Any])
     """Put UV layers and images on the baked objects, in place of any earlier bake; gives what could not be done."""
     restore.remove_bake(context.scene)
     context.view_layer.update()  # until then Blender 5.2 lists the copies that were removed, as None
-    warnings = show_pages(context, session, load_pages(session.request, result))
+    warnings = show_pages(context, session, get_layout(session), load_pages(session.request, result))
     mark_state(context.scene, session.request)
     return warnings
 
 
-def show_pages(context: bpy.types.Context, session: Session, page_image: dict[int, bpy.types.Image]) -> Warnings:
+def show_pages(context: bpy.types.Context, session: Session, layout: Layout, page_image: dict[int, bpy.types.Image]) -> Warnings:
     """Put UV layers and these images on the baked objects of a scene without a bake; gives what could not be done."""
-    export, layout = session.export, get_layout(session)
+    export = session.export
     baked = [i for i, page in enumerate(layout.object_page) if page in page_image]
     targets, warnings = _find_targets(context, [export.objects[i] for i in baked])
     found = [(i, obj) for i in baked if (obj := targets.get(export.objects[i].name))]
@@ -178,10 +178,8 @@ def _find_targets(context: bpy.types.Context, exported: list[export_scene.Export
     targets: dict[str, bpy.types.Object] = {}
     warnings: Warnings = []
     copies = {one.key: one for one in exported if one.needs_copy}
-    for one in exported:
-        if one.needs_copy:
-            continue
-        obj = find_carrier(one)
+    own = [one for one in exported if not one.needs_copy]
+    for one, obj in zip(own, find_carriers(own), strict=True):
         if obj is None:
             warnings.append((one.source, f"{one.source}: was deleted or edited during the bake, so its lightmap fits nothing; bake again."))
             continue
@@ -202,10 +200,10 @@ def _find_targets(context: bpy.types.Context, exported: list[export_scene.Export
     return targets, warnings
 
 
-def find_carrier(one: export_scene.ExportedObject) -> Any:
-    """The user's own object that carries the bake, None when it was deleted or edited meanwhile."""
-    obj = export_scene.find_object(one)
-    return obj if obj is not None and obj.type == "MESH" and len(obj.data.loops) == one.n_corner else None
+def find_carriers(exported: list[export_scene.ExportedObject]) -> list[Any]:
+    """The user's own objects that carry the bake, None for what was deleted or edited meanwhile."""
+    found = zip(exported, export_scene.find_objects(exported), strict=True)
+    return [obj if obj is not None and obj.type == "MESH" and len(obj.data.loops) == one.n_corner else None for one, obj in found]
 
 
 def library_paths() -> tuple[str, ...]:

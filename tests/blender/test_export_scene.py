@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon.export_scene import export_scene, find_object  # noqa: E402
+from leaflight.addon.export_scene import export_scene, find_objects  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
@@ -69,7 +69,7 @@ def test_default_receivers_and_shared_meshes():
     assert part(result, "B", "tri_corner").tolist() == part(result, "A", "tri_corner").tolist()
     assert result.snapshot.tri_position[result.snapshot.tri_object == 1][..., 0].min() == pytest.approx(5.0)
     assert not any(exported.needs_copy for exported in result.objects)
-    assert find_object(result.objects[0]) == bpy.data.objects["A"]
+    assert find_objects(result.objects[:1]) == [bpy.data.objects["A"]]
     assert result.warnings == ()
 
 

@@ -170,7 +170,7 @@ def test_selected_copy_stands_for_its_source(scene):
     copy = next(obj for obj in scene.objects if obj.name == "Floor.Leaflight")
     copy.select_set(True)
     scene.leaflight.objects = "SELECTED"
-    assert request.list_objects(bpy.context) == ["Floor"]
+    assert request.list_objects(bpy.context) == [floor]
     assert bpy.ops.leaflight.bake() == {"FINISHED"}
 
 

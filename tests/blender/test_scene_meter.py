@@ -23,6 +23,10 @@ def meter():
     return bpy.context.window_manager.leaflight_meter
 
 
+def make_checker(density):
+    return checker_arrays.CheckerMaker(density).work(bpy.context)
+
+
 def measure(meter):
     bpy.context.view_layer.update()
     assert meter.measure(bpy.context)
@@ -149,7 +153,7 @@ def test_checker_has_texels_of_the_wanted_size_before_there_are_charts():
     cube.rotation_euler, cube.scale = (0.3, 0.5, 0.7), (1.0, 2.0, 3.0)
     cube.leaflight.density_factor = 2.0
     bpy.context.view_layer.update()
-    arrays = checker_arrays.make_checker(bpy.context, 10.0)
+    arrays = make_checker(10.0)
     corner, texel = arrays.position.reshape(-1, 3, 3), arrays.texel.reshape(-1, 3, 2)
     length_m = np.linalg.norm(corner[:, 1] - corner[:, 0], axis=1)
     texels = np.linalg.norm(texel[:, 1] - texel[:, 0], axis=1)
@@ -159,16 +163,24 @@ def test_checker_has_texels_of_the_wanted_size_before_there_are_charts():
     assert (finer.sum(), (~finer).sum()) == (12, 2)
 
 
+def test_checker_is_made_in_steps():
+    maker = checker_arrays.CheckerMaker(10.0)
+    assert maker.work(bpy.context, seconds=-1.0) is None
+    whole = maker.work(bpy.context)
+    np.testing.assert_array_equal(whole.texel, make_checker(10.0).texel)
+    assert len(whole.position) == 3 * (12 + 2)
+
+
 def test_checker_shows_the_layer_once_there_is_one():
     floor = bpy.data.objects["Floor"]
     bpy.context.scene.leaflight.uv_layer = "UVMap"  # the plane's fills the page
     bpy.context.scene.leaflight.size = 256
     bpy.data.objects["Cube"].leaflight.role = "IGNORE"
-    arrays = checker_arrays.make_checker(bpy.context, 32.0)
+    arrays = make_checker(32.0)
     assert arrays.texel.max() == 256.0
     np.testing.assert_allclose(arrays.ratio, 2.0, rtol=1e-5)  # 256 texels over 4 m, where 32 are wanted
     floor.leaflight.role = "IGNORE"
-    assert len(checker_arrays.make_checker(bpy.context, 32.0).position) == 0
+    assert len(make_checker(32.0).position) == 0
 
 
 def test_checker_shows_the_texels_of_duplicates_that_share_a_layer(tmp_path):
@@ -182,7 +194,7 @@ def test_checker_shows_the_texels_of_duplicates_that_share_a_layer(tmp_path):
     assert "leaflight_uv" in cube
     texels = sum(row["texels"] for row in bpy.context.window_manager.leaflight_state.result["objects"])
     density = (texels / (16.0 + 2 * 6.0)) ** 0.5
-    np.testing.assert_allclose(checker_arrays.make_checker(bpy.context, density).ratio, 1.0, atol=0.15)
+    np.testing.assert_allclose(make_checker(density).ratio, 1.0, atol=0.15)
 
 
 @pytest.mark.parametrize(

@@ -109,7 +109,7 @@ def picture(name: str, height: int = 310) -> Iterator[float]:
     yield from settle()
     if PICTURES is None:
         return
-    area, region = view(), region_of(view(), "UI")
+    region = region_of(view(), "UI")
     whole, path = PICTURES / "whole.png", PICTURES / f"error_{name}.png"
     panel = f"{WIDTH}x{min(height, region.height)}+{region.x + region.width - WIDTH}+{window().height - region.y - region.height}"
     bar = f"{WIDTH}x{BAR_HEIGHT}+{(window().width - WIDTH) // 2}+{window().height - BAR_HEIGHT}"  # its text is in the middle
