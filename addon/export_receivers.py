@@ -11,6 +11,7 @@ from .export_mesh import LocalMesh, has_corners_of
 from .export_pieces import COLLECTION, CURVE, GEOMETRY, OWN, SCATTER, Piece
 from .object_settings import BAKE
 from .render_levels import Warnings, find_render_objects
+from .told import group_warnings
 
 MAX_INSTANCES = 100  # more than these of one object share too small a page to be of use
 NO_ROOM = "has 8 UV layers, as many as Blender allows; remove one to give it a lightmap"
@@ -35,10 +36,10 @@ def check_names(scene: Any, view_layer: Any, names: Sequence[str] | None) -> Non
 
 def describe_nothing(warnings: Warnings, only_casting: bool) -> str:
     """A sentence why nothing gets a lightmap, with what was told of single objects."""
-    no_room = [f"{subject}: {text}" for subject, text in warnings if text == NO_ROOM]
+    no_room = group_warnings(warning for warning in warnings if warning[1] == NO_ROOM)
     if no_room:
-        return f"nothing to bake: {'; '.join(no_room)}."
-    left_out = [f"{subject}: {text}" for subject, text in warnings if "left out" in text and "face" in text]
+        return f"nothing to bake: {no_room[0].text}."
+    left_out = [told.text for told in group_warnings(warning for warning in warnings if "left out" in warning[1] and "face" in warning[1])]
     if only_casting and not left_out:
         return "nothing to bake: what renders only casts light; add a mesh, or choose Bake as the Role of one."
     found = f" ({'; '.join(left_out)})" if left_out else ""

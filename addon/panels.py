@@ -13,6 +13,7 @@ from .panel_parts import describe_estimate, draw_sentence, draw_told, prepare
 from .properties import list_groups, list_knobs
 from .request import find_mode_error, find_output_error
 from .scene_meter import SceneMeter
+from .select_operator import is_known
 from .told import Told, group_warnings, split_error
 
 _SHOWN_WARNINGS = 6
@@ -39,7 +40,7 @@ class LEAFLIGHT_PT_main(_Sidebar, bpy.types.Panel):
             _draw_plan(layout, context)
             _draw_bake(layout, context, now)
         if state.error and state.error != now:
-            draw_told(layout.box(), context, split_error(state.error), "ERROR")
+            draw_told(layout.box(), context, split_error(state.error, is_known), "ERROR")
         if not state.running and restore.has_bake(context.scene):
             _draw_result(layout, context, state)
         if state.warnings:

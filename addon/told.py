@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable
+from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
 
 _NAMED = 3  # names in one sentence, for a narrow panel
@@ -24,10 +24,11 @@ def group_warnings(warnings: Iterable[tuple[str, str]]) -> list[Told]:
     return [_tell(names, sentence) for sentence, names in subjects.items()]
 
 
-def split_error(error: str) -> Told:
-    """An error with its subject, which stands before the colon."""
-    subject, colon, _ = error.partition(": ")
-    return Told((subject,) if colon else (), error)
+def split_error(error: str, is_known: Callable[[str], bool]) -> Told:
+    """An error with its subject, which stands before a colon: the longest that is known, for names may hold colons too."""
+    parts = error.split(": ")
+    subjects = [": ".join(parts[:count]) for count in range(len(parts) - 1, 0, -1)]
+    return Told(tuple(subject for subject in subjects if is_known(subject))[:1], error)
 
 
 def match_name(subject: str, known: Container[str]) -> str:

@@ -205,3 +205,15 @@ def test_sentences_name_no_flag_of_the_command_line(state):
     assert "--" not in bake_error(state)
     chosen.size, chosen.density = 32, 1000.0
     assert not [text for text in bake_warnings(state).values() if "--" in text]
+
+
+def test_many_meshes_of_one_fault_make_one_short_sentence(state):
+    for name in ("A", "B", "C", "D", "E"):
+        twin = bpy.data.objects["Cube"].copy()
+        twin.name, twin.data = name, twin.data.copy()
+        bpy.context.scene.collection.objects.link(twin)
+    for obj in (obj for obj in bpy.context.scene.objects if obj.type == "MESH"):
+        while len(obj.data.uv_layers) < 8:
+            obj.data.uv_layers.new()
+    room = "has 8 UV layers, as many as Blender allows; remove one to give it a lightmap"
+    assert bake_error(state) == f"nothing to bake: Floor, Cube, A and 4 more: {room}."

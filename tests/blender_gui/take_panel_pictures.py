@@ -3,6 +3,7 @@
     blender sample_blends/furnished_room.blend --python tests/blender_gui/take_panel_pictures.py
 
 The extension must be installed, and ImageMagick there. PICTURES names the folder for the pictures (default: a temporary one).
+Those of errors are check_errors.py's.
 """
 
 import os
@@ -62,7 +63,7 @@ def settle(seconds: float = 2.5) -> Iterator[float]:
         yield 0.2
 
 
-def take_picture(name: str, x: int, y: int, width: int, height: int) -> Iterator[float]:
+def take_picture(name: str, x: int, y: int, width: int, height: int, wide: int = WIDTH) -> Iterator[float]:
     """A part of the window, in Blender's pixels from its lower left corner, small enough for a page of documentation."""
     path = PICTURES / f"{name}.png"
     crop = f"{width}x{height}+{x}+{window().height - y - height}"
@@ -74,7 +75,7 @@ def take_picture(name: str, x: int, y: int, width: int, height: int) -> Iterator
         crop,
         "+repage",
         "-resize",
-        f"{WIDTH}x>",
+        f"{wide}x>",
         "+dither",
         "-colors",
         str(COLORS),
@@ -134,6 +135,10 @@ def picture_plan() -> Iterator[float]:
     yield 6.0  # the first material preview compiles shaders
     yield from measured()
     yield from picture_of_view("plan")
+    chosen().resolution, chosen().density = "DENSITY", 80.0
+    yield from measured()
+    yield from picture_of_panel("pages")
+    chosen().resolution = "PAGE"
 
 
 def picture_checker() -> Iterator[float]:
@@ -141,6 +146,7 @@ def picture_checker() -> Iterator[float]:
     bpy.data.objects["Rug"].leaflight.density_factor = 2.0
     press("checker")
     yield from measured()
+    yield from settle()
     yield from picture_of_view("checker")
     press("checker")
     bpy.data.objects["Rug"].leaflight.density_factor = 1.0
@@ -152,6 +158,9 @@ def picture_bake() -> Iterator[float]:
     obj.name, obj.data = "Nothing", bpy.data.meshes.new("Nothing")
     bpy.context.scene.collection.objects.link(obj)
     press("bake", "INVOKE_DEFAULT")
+    yield from wait(lambda: shows_bake() or not state().running)
+    yield from settle(0.3)
+    yield from picture_of_view("first_light")
     yield from wait(lambda: state().fraction >= MID_BAKE_FRACTION or not state().running)
     yield from picture_of_view("baking")
     yield from wait(lambda: not state().running)
@@ -160,6 +169,60 @@ def picture_bake() -> Iterator[float]:
     yield from picture_of_view("done")
     bpy.ops.leaflight.select(names="Nothing")
     print(f"SELECTED {[obj.name for obj in bpy.context.selected_objects]}", flush=True)
+    bpy.data.objects.remove(obj)
+    press("toggle_preview")
+    yield from measured()
+    yield from picture_of_view("preview_off")
+    press("toggle_preview")
+
+
+def picture_refine() -> Iterator[float]:
+    press("bake", "INVOKE_DEFAULT")  # without the offender it is another scene; stopped early
+    yield from wait(lambda: state().progress or not state().running)
+    with in_view():
+        bpy.ops.leaflight.stop()
+    yield from settle(0.2)
+    yield from picture_of_panel("stopping", 200)
+    yield from wait(lambda: not state().running)
+    yield from measured()
+    yield from picture_of_panel("stopped")
+    press("refine", "INVOKE_DEFAULT")
+    yield from wait(lambda: state().progress or not state().running)
+    yield from picture_of_panel("refining", 200)
+    yield from wait(lambda: not state().running)
+    print(f"REFINED {state().summarize()}", flush=True)
+
+
+def picture_other_ends() -> Iterator[float]:
+    chosen().quality = "DRAFT"
+    press("bake", "INVOKE_DEFAULT")
+    with in_view():
+        bpy.context.view_layer.objects.active = bpy.data.objects["Rug"]
+        bpy.ops.object.mode_set(mode="EDIT")
+    yield from wait(lambda: state().notice or not state().running)
+    yield from settle(0.5)
+    yield from picture_of_panel("edit_mode_waits", 200)
+    with in_view():
+        bpy.ops.object.mode_set(mode="OBJECT")
+    yield from wait(lambda: not state().running)
+    press("bake", "INVOKE_DEFAULT")
+    yield from wait(lambda: not state().running)
+    yield from measured()
+    yield from picture_of_panel("unchanged")
+
+
+def picture_groups() -> Iterator[float]:
+    """Output and Advanced, opened as by a click."""
+    for name in ("output", "advanced"):
+        panel = getattr(bpy.types, f"LEAFLIGHT_PT_{name}")
+        bpy.utils.unregister_class(panel)
+        panel.bl_options, panel.bl_order = set(), -1  # first of all, where it is seen whole
+        bpy.utils.register_class(panel)
+        yield from settle()
+        yield from picture_of_panel(name, 460)
+        bpy.utils.unregister_class(panel)
+        panel.bl_options, panel.bl_order = {"DEFAULT_CLOSED"}, 9
+        bpy.utils.register_class(panel)
 
 
 def picture_object() -> Iterator[float]:
@@ -182,32 +245,65 @@ def picture_object() -> Iterator[float]:
     yield 1.0
 
 
-def picture_errors() -> Iterator[float]:
-    press("remove")
-    bpy.data.objects.remove(bpy.data.objects["Nothing"])
-    folder = Path(tempfile.mkdtemp(prefix="leaflight_taken_")) / "taken"
-    folder.write_text("a file where a folder is wanted")
-    chosen().output = str(folder)
-    press("bake")
-    yield from measured()
-    yield from picture_of_panel("error_folder")
-    chosen().output = tempfile.mkdtemp(prefix="leaflight_images_")
-    for obj in [obj for obj in bpy.data.objects if obj.type == "LIGHT"]:
-        bpy.data.objects.remove(obj)
-    for material in bpy.data.materials:
-        for node in material.node_tree.nodes:
-            if node.type in ("EMISSION", "BSDF_PRINCIPLED"):
-                node.inputs["Strength" if node.type == "EMISSION" else "Emission Strength"].default_value = 0.0
-    bpy.context.scene.world = None
-    press("bake")
-    yield from measured()
-    yield from picture_of_panel("error_no_light")
+def picture_debug_passes() -> Iterator[float]:
+    area = area_of("VIEW_3D")
+    area.spaces.active.show_region_ui = False
+    chosen().quality, chosen().formats = "PREVIEW", {"exr", "png"}
+    for name in ("leaf_edges", "level", "photons", "charts", "stderr"):
+        chosen().main_pass = name
+        press("bake", "INVOKE_DEFAULT")
+        yield from wait(lambda: not state().running)
+        yield from settle()
+        yield from take_picture(f"pass_{name}", area.x, area.y, area.width, area.height, WIDTH // 2)
+    chosen().formats = {"exr"}
+
+
+def picture_gltf() -> Iterator[float]:
+    """The exported file, imported again into an empty one."""
+    file = str(Path(tempfile.mkdtemp(prefix="leaflight_gltf_")) / "room.glb")
+    camera = bpy.context.scene.camera.matrix_world.copy(), bpy.context.scene.camera.data.angle
+    chosen().main_pass = "combined"
+    press("bake", "INVOKE_DEFAULT")
+    yield from wait(lambda: not state().running)
+    with in_view():
+        bpy.ops.leaflight.export_gltf(filepath=file)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    yield 1.0
+    with in_view():
+        bpy.ops.import_scene.gltf(filepath=file)
+    scene = bpy.context.scene
+    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(scene.camera)
+    scene.camera.matrix_world, scene.camera.data.angle = camera
+    scene.view_settings.view_transform = "Standard"  # what a viewer shows
+    yield from open_tab()
+    area = area_of("VIEW_3D")
+    area.spaces.active.show_region_ui = False
+    yield from settle(8.0)
+    yield from take_picture("gltf", area.x, area.y, area.width, area.height, WIDTH // 2)
+
+
+def shows_bake() -> bool:
+    return any("leaflight_bake" in obj for obj in bpy.context.scene.objects)
+
+
+PARTS = (
+    picture_plan,
+    picture_checker,
+    picture_groups,
+    picture_bake,
+    picture_refine,
+    picture_other_ends,
+    picture_object,
+    picture_debug_passes,
+    picture_gltf,
+)
 
 
 def steps() -> Iterator[float]:
     yield from open_tab()
     chosen().output, chosen().size, chosen().main_pass = tempfile.mkdtemp(prefix="leaflight_images_"), 512, "lighting"
-    for part in (picture_plan, picture_checker, picture_bake, picture_object, picture_errors):
+    for part in PARTS:
         try:
             yield from part()
         except Exception:

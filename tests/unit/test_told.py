@@ -14,8 +14,11 @@ def test_warnings_about_many_objects_are_one_sentence():
 
 
 def test_an_error_names_its_subject_before_the_colon():
-    assert split_error("Wall: is odd; mend it.") == Told(("Wall",), "Wall: is odd; mend it.")
-    assert split_error("All is dark.") == Told((), "All is dark.")
+    known = {"Wall", "Wall: left", "nothing"}.__contains__
+    assert split_error("Wall: is odd; mend it.", known) == Told(("Wall",), "Wall: is odd; mend it.")
+    assert split_error("Wall: left: is odd: mend it.", known).names == ("Wall: left",)
+    assert split_error("Roof: is odd; mend it.", known).names == ()
+    assert split_error("All is dark.", known) == Told((), "All is dark.")
 
 
 @pytest.mark.parametrize(
