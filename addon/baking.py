@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -59,6 +59,13 @@ class Baking:
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        try:
+            return self._follow(context, event)
+        except Exception:  # goes on to Blender's console; Blender then forgets the operator, so the bake must not run on
+            self._abandon(context)
+            raise
+
+    def _follow(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         state = get_state(context)
         if event.type == "ESC" and event.value == "PRESS" and not state.stopping:
             state.cancel()
@@ -71,9 +78,11 @@ class Baking:
         elif self._ended:
             return self._finish(context, self._ended)
         elif state.previews and not context.mode.startswith("EDIT"):
-            with suppress(ValueError), self._bake_scene(context):  # its end will tell that the scene was deleted
-                self._live.show(bpy.context, state.take_previews())
-            redraw(context, "WINDOW")
+            paths = state.take_previews()
+            if self._find_scene():  # else the bake's end tells that it was deleted
+                with self._bake_scene(context):
+                    self._live.show(bpy.context, paths)
+                redraw(context, "WINDOW")
         self._show(context)
         return {"PASS_THROUGH"}
 
@@ -148,7 +157,7 @@ class Baking:
     @contextmanager
     def _bake_scene(self, context: bpy.types.Context) -> Iterator[None]:
         """The scene that was baked, whichever is shown now."""
-        scene = next((scene for scene in bpy.data.scenes if scene.session_uid == self._scene_uid), None)
+        scene = self._find_scene()
         if scene is None:
             raise ValueError("the scene was deleted during the bake; the images are in the output folder.")
         if scene == context.scene:
@@ -157,6 +166,18 @@ class Baking:
         view_layer = scene.view_layers.get(self._view_layer) or scene.view_layers[0]
         with context.temp_override(scene=scene, view_layer=view_layer):
             yield
+
+    def _find_scene(self) -> bpy.types.Scene | None:
+        return next((scene for scene in bpy.data.scenes if scene.session_uid == self._scene_uid), None)
+
+    def _abandon(self, context: bpy.types.Context) -> None:
+        """End a bake that a fault of ours has left without anyone to follow it."""
+        state = get_state(context)
+        if state.running:
+            state.discard()
+            state.end(_FAULT)
+            self._clean_up(context)
+            self._live.take_off()
 
     def _show(self, context: bpy.types.Context) -> None:
         shown = get_state(context).describe()

@@ -100,7 +100,7 @@ def _draw_result(layout: Any, context: bpy.types.Context, state: BakeState) -> N
     box = layout.box()
     column = box.column(align=True)
     for i, line in enumerate(state.summarize()):
-        column.label(text=line, icon="CHECKMARK" if i == 0 else "BLANK1")
+        draw_sentence(column, context, line, "CHECKMARK" if i == 0 else "BLANK1")
     row = box.row(align=True)
     shown = restore.is_preview_on(context.scene)
     row.operator("leaflight.toggle_preview", icon="HIDE_OFF" if shown else "HIDE_ON", depress=shown)

@@ -3,6 +3,7 @@
 import dataclasses
 import os
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -191,6 +192,39 @@ def test_a_fault_of_ours_leaves_no_bake_running(scene, state, monkeypatch):
     assert not state.running
     assert "fault of Leaflight's" in state.error
     assert state.result is None
+
+
+def test_a_fault_while_the_light_is_shown_ends_the_bake(scene, state):
+    """Blender forgets a modal operator that raises, without a word to it."""
+
+    class FakeProcess:
+        killed = False
+
+        def messages(self):
+            return iter(())
+
+        def kill(self):
+            self.killed = True
+
+    class FakeLive:
+        taken_off = False
+
+        def show(self, *_):
+            raise ValueError("planted")
+
+        def take_off(self):
+            self.taken_off = True
+
+    process, follower = FakeProcess(), baking.Baking()
+    state.begin(process, time.monotonic(), [])
+    follower._ended, follower._live, follower._scene_uid = None, FakeLive(), scene.session_uid
+    state.previews[0] = "page.npy"
+    with pytest.raises(ValueError, match="planted"):
+        follower.modal(bpy.context, SimpleNamespace(type="TIMER", value="NOTHING"))
+    assert process.killed
+    assert follower._live.taken_off
+    assert not state.running
+    assert "fault of Leaflight's" in state.error
 
 
 def test_edit_mode_must_be_left(scene):

@@ -3,7 +3,7 @@
     blender sample_blends/furnished_room.blend --python tests/blender_gui/take_panel_pictures.py
 
 The extension must be installed, and ImageMagick there. PICTURES names the folder for the pictures (default: a temporary one).
-Those of errors are check_errors.py's.
+Those of errors are check_errors.py's. PARTS names some of the parts below, default all.
 """
 
 import os
@@ -18,6 +18,7 @@ from pathlib import Path
 import bpy
 
 PICTURES = Path(os.environ.get("PICTURES") or tempfile.mkdtemp(prefix="leaflight_pictures_"))
+CHOSEN = os.environ.get("PARTS", "").split()
 GIVE_UP_SECONDS = 120.0
 TICK_SECONDS = 0.05
 MID_BAKE_FRACTION = 0.3
@@ -159,7 +160,7 @@ def picture_bake() -> Iterator[float]:
     bpy.context.scene.collection.objects.link(obj)
     press("bake", "INVOKE_DEFAULT")
     yield from wait(lambda: shows_bake() or not state().running)
-    yield from settle(0.3)
+    yield from settle(3.0)  # shaders compile
     yield from picture_of_view("first_light")
     yield from wait(lambda: state().fraction >= MID_BAKE_FRACTION or not state().running)
     yield from picture_of_view("baking")
@@ -177,7 +178,9 @@ def picture_bake() -> Iterator[float]:
 
 
 def picture_refine() -> Iterator[float]:
-    press("bake", "INVOKE_DEFAULT")  # without the offender it is another scene; stopped early
+    chosen().force = True  # the scene has not changed
+    press("bake", "INVOKE_DEFAULT")
+    chosen().force = False
     yield from wait(lambda: state().progress or not state().running)
     with in_view():
         bpy.ops.leaflight.stop()
@@ -212,17 +215,19 @@ def picture_other_ends() -> Iterator[float]:
 
 
 def picture_groups() -> Iterator[float]:
-    """Output and Advanced, opened as by a click."""
+    """Output and Advanced, open as after a click, without the others, so that they are seen whole."""
+    groups = {name: getattr(bpy.types, f"LEAFLIGHT_PT_{name}") for name in ("quality", "lightmap", "output", "advanced")}
     for name in ("output", "advanced"):
-        panel = getattr(bpy.types, f"LEAFLIGHT_PT_{name}")
-        bpy.utils.unregister_class(panel)
-        panel.bl_options, panel.bl_order = set(), -1  # first of all, where it is seen whole
-        bpy.utils.register_class(panel)
+        for panel in groups.values():
+            bpy.utils.unregister_class(panel)
+        options, groups[name].bl_options = groups[name].bl_options, set()
+        bpy.utils.register_class(groups[name])
         yield from settle()
-        yield from picture_of_panel(name, 460)
-        bpy.utils.unregister_class(panel)
-        panel.bl_options, panel.bl_order = {"DEFAULT_CLOSED"}, 9
-        bpy.utils.register_class(panel)
+        yield from picture_of_panel(name, 640)
+        bpy.utils.unregister_class(groups[name])
+        groups[name].bl_options = options
+        for panel in groups.values():
+            bpy.utils.register_class(panel)
 
 
 def picture_object() -> Iterator[float]:
@@ -253,7 +258,7 @@ def picture_debug_passes() -> Iterator[float]:
         chosen().main_pass = name
         press("bake", "INVOKE_DEFAULT")
         yield from wait(lambda: not state().running)
-        yield from settle()
+        yield from settle(6.0)
         yield from take_picture(f"pass_{name}", area.x, area.y, area.width, area.height, WIDTH // 2)
     chosen().formats = {"exr"}
 
@@ -303,7 +308,7 @@ PARTS = (
 def steps() -> Iterator[float]:
     yield from open_tab()
     chosen().output, chosen().size, chosen().main_pass = tempfile.mkdtemp(prefix="leaflight_images_"), 512, "lighting"
-    for part in PARTS:
+    for part in (part for part in PARTS if part.__name__.removeprefix("picture_") in CHOSEN or not CHOSEN):
         try:
             yield from part()
         except Exception:
