@@ -144,14 +144,16 @@ class BakeState:
         if progress is None:
             return f"{self.elapsed:.0f} s", stage
         bar = f"{self.fraction:.0%}"
-        if math.isfinite(progress.seconds_left) and not self.stopping and self.fraction < 1.0:
+        if self.stopping:
+            return bar, stage
+        if math.isfinite(progress.seconds_left) and self.fraction < 1.0:
             bar += f", {describe_seconds(progress.seconds_left)} left"
         line = f"{stage}: {describe_count(progress.photons)}"
         return bar, line + (f", error {progress.estimated_error:.1%}" if math.isfinite(progress.estimated_error) else "")
 
     def describe_pace(self) -> str:
         """A line about how fast it goes and how far it has to go; "" while no photon flies."""
-        if self.progress is None or self.notice:
+        if self.progress is None or self.notice or self.stopping:
             return ""
         pace = f"{describe_count(round(self.progress.photons_per_s))} photons/s"
         return f"{pace}, until the error is {self.target:.1%}" if self.target else pace

@@ -42,7 +42,8 @@ def describe_estimate(estimate: Estimate) -> list[str]:
         f"{objects} object{'' if objects == 1 else 's'}, {estimate.area_m2:.3g} m²",
         f"{_round(estimate.texels):,.0f} texels, {estimate.density:.3g} per metre",
         f"{pages} page{'' if pages == 1 else 's'} of {estimate.page_size} x {estimate.page_size}",
-        f"about {_describe_memory(estimate.memory_mb)}, {span}",
+        f"about {_describe_memory(estimate.memory_mb)} of memory",
+        f"about {span}",
     ]
 
 

@@ -22,6 +22,7 @@ CHOSEN = os.environ.get("PARTS", "").split()
 GIVE_UP_SECONDS = 120.0
 TICK_SECONDS = 0.05
 MID_BAKE_FRACTION = 0.3
+GROUPS = ("quality", "lightmap", "output", "advanced")
 WIDTH, COLORS = 700, 160  # of a picture: small files
 
 
@@ -160,7 +161,7 @@ def picture_bake() -> Iterator[float]:
     bpy.context.scene.collection.objects.link(obj)
     press("bake", "INVOKE_DEFAULT")
     yield from wait(lambda: shows_bake() or not state().running)
-    yield from settle(3.0)  # shaders compile
+    yield from settle(6.0)  # shaders compile, which an idle machine with a graphics card does in a blink
     yield from picture_of_view("first_light")
     yield from wait(lambda: state().fraction >= MID_BAKE_FRACTION or not state().running)
     yield from picture_of_view("baking")
@@ -191,6 +192,7 @@ def picture_refine() -> Iterator[float]:
     yield from picture_of_panel("stopped")
     press("refine", "INVOKE_DEFAULT")
     yield from wait(lambda: state().progress or not state().running)
+    yield from settle(0.5)
     yield from picture_of_panel("refining", 200)
     yield from wait(lambda: not state().running)
     print(f"REFINED {state().summarize()}", flush=True)
@@ -215,19 +217,27 @@ def picture_other_ends() -> Iterator[float]:
 
 
 def picture_groups() -> Iterator[float]:
-    """Output and Advanced, open as after a click, without the others, so that they are seen whole."""
-    groups = {name: getattr(bpy.types, f"LEAFLIGHT_PT_{name}") for name in ("quality", "lightmap", "output", "advanced")}
-    for name in ("output", "advanced"):
-        for panel in groups.values():
+    """Output and Advanced without the others, so that they are seen whole."""
+    groups = [getattr(bpy.types, f"LEAFLIGHT_PT_{name}") for name in GROUPS]
+    for name, group in zip(GROUPS[2:], groups[2:], strict=True):
+        for panel in groups:
             bpy.utils.unregister_class(panel)
-        options, groups[name].bl_options = groups[name].bl_options, set()
-        bpy.utils.register_class(groups[name])
+        bpy.utils.register_class(group)
         yield from settle()
         yield from picture_of_panel(name, 640)
-        bpy.utils.unregister_class(groups[name])
-        groups[name].bl_options = options
-        for panel in groups.values():
+        bpy.utils.unregister_class(group)
+        for panel in groups:
             bpy.utils.register_class(panel)
+
+
+def open_groups() -> None:
+    """All groups as after a click on them; before Blender draws them first, for it remembers which are closed."""
+    groups = [getattr(bpy.types, f"LEAFLIGHT_PT_{name}") for name in GROUPS]
+    for panel in groups:
+        bpy.utils.unregister_class(panel)
+    for panel in groups:
+        panel.bl_options = set()
+        bpy.utils.register_class(panel)
 
 
 def picture_object() -> Iterator[float]:
@@ -306,6 +316,7 @@ PARTS = (
 
 
 def steps() -> Iterator[float]:
+    open_groups()
     yield from open_tab()
     chosen().output, chosen().size, chosen().main_pass = tempfile.mkdtemp(prefix="leaflight_images_"), 512, "lighting"
     for part in (part for part in PARTS if part.__name__.removeprefix("picture_") in CHOSEN or not CHOSEN):

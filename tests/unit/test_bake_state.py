@@ -86,6 +86,7 @@ def test_cancel_asks_once():
     state.cancel()
     assert process.cancelled == 1
     assert state.describe()[1] == "Finishing with the best so far"
+    assert state.describe_pace() == ""
     state.clear()
     assert process.killed.is_set()
     assert not state.running
