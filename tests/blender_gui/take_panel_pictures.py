@@ -219,6 +219,7 @@ def picture_other_ends() -> Iterator[float]:
 def picture_groups() -> Iterator[float]:
     """Output and Advanced without the others, so that they are seen whole."""
     groups = [getattr(bpy.types, f"LEAFLIGHT_PT_{name}") for name in GROUPS]
+    output, chosen().output = chosen().output, "//lightmaps"
     for name, group in zip(GROUPS[2:], groups[2:], strict=True):
         for panel in groups:
             bpy.utils.unregister_class(panel)
@@ -228,6 +229,7 @@ def picture_groups() -> Iterator[float]:
         bpy.utils.unregister_class(group)
         for panel in groups:
             bpy.utils.register_class(panel)
+    chosen().output = output
 
 
 def open_groups() -> None:

@@ -85,6 +85,7 @@ def test_cancel_asks_once():
     state.cancel()
     state.cancel()
     assert process.cancelled == 1
+    state.progress = progress(0.5)
     assert state.describe()[1] == "Finishing with the best so far"
     assert state.describe_pace() == ""
     state.clear()
