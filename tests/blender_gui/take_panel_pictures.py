@@ -270,7 +270,7 @@ def picture_debug_passes() -> Iterator[float]:
         chosen().main_pass = name
         press("bake", "INVOKE_DEFAULT")
         yield from wait(lambda: not state().running)
-        yield from settle(6.0)
+        yield from settle(20.0 if name == "leaf_edges" else 6.0)  # the first of them compiles a shader
         yield from take_picture(f"pass_{name}", area.x, area.y, area.width, area.height, WIDTH // 2)
     chosen().formats = {"exr"}
 

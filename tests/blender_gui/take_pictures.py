@@ -2,10 +2,10 @@
 
     blender sample_blends/furnished_room.blend --python tests/blender_gui/take_pictures.py
 
-The extension must be installed. PICTURES names the folder for the pictures (default: a temporary one), QUALITY, SIZE, PASS and OUTPUT
-are the panel's, SHADING the viewport's. Prints the seconds from Bake to the first light on the objects, to when it is seen (Blender
-shows white until it has compiled the new materials' shaders), and the longest gap in which Blender's main loop did not run.
-PICTURES=none takes no pictures, which would slow the bake.
+The extension must be installed. PICTURES names the folder for the pictures (default: a temporary one), QUALITY, SIZE,
+PASS and OUTPUT are the panel's, SHADING the viewport's. Prints the seconds from Bake to the first light on the objects, and the
+longest gap in which Blender's main loop did not run. The first light is drawn, which is not yet seen: Blender shows white objects until
+it has compiled the new materials' shaders; first_light.png tells. PICTURES=none takes no pictures, which would slow the bake.
 """
 
 import math
@@ -19,8 +19,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
-import gpu
-import numpy as np
 
 TAKES_PICTURES = os.environ.get("PICTURES") != "none"
 PICTURES = Path(os.environ.get("PICTURES") or tempfile.mkdtemp(prefix="leaflight_pictures_"))
@@ -33,7 +31,6 @@ MID_BAKE_FRACTION = 0.4
 GIVE_UP_SECONDS = 240.0
 TICK_SECONDS = 0.02
 CALM_TICKS = 50
-BLOCK = 32  # pixels along a side
 
 
 def take_picture(name: str) -> Iterator[float]:
@@ -86,11 +83,6 @@ def steps() -> Iterator[float]:
     with bpy.context.temp_override(window=window, area=area, region=find_region(area, "WINDOW")):
         bpy.ops.view3d.view_center_camera()
     yield 8.0  # the first material preview compiles shaders
-    looks: list[np.ndarray] = []
-    handler = bpy.types.SpaceView3D.draw_handler_add(lambda: looks.append(read_view()), (), "WINDOW", "POST_PIXEL")
-    area.tag_redraw()
-    yield 1.0
-    bpy.types.SpaceView3D.draw_handler_remove(handler, "WINDOW")
     yield from take_picture("before")
     gaps, last = [], time.perf_counter()
     with bpy.context.temp_override(window=window, area=area, region=find_region(area, "WINDOW")):
@@ -98,14 +90,9 @@ def steps() -> Iterator[float]:
     start_gap = time.perf_counter() - last
     began, pictured = last, set()
     drawn: list[float] = []  # when the view was drawn with light on the objects
-    seen: list[np.ndarray] = []  # what it looked like then
-
-    def note_draw() -> None:
-        if shows_bake():
-            drawn.append(time.perf_counter() - began)
-            seen.append(read_view())
-
-    handler = bpy.types.SpaceView3D.draw_handler_add(note_draw, (), "WINDOW", "POST_PIXEL")
+    handler = bpy.types.SpaceView3D.draw_handler_add(
+        lambda: shows_bake() and drawn.append(time.perf_counter() - began), (), "WINDOW", "POST_PIXEL"
+    )
     while state.running and time.perf_counter() - began < GIVE_UP_SECONDS:
         for name, due in (("first_light", drawn), ("baking", state.fraction >= MID_BAKE_FRACTION)):
             if due and name not in pictured:
@@ -114,7 +101,8 @@ def steps() -> Iterator[float]:
         last, worked = time.perf_counter(), time.thread_time()
         yield TICK_SECONDS
         gaps.append((time.perf_counter() - last, time.thread_time() - worked, time.perf_counter() - began))
-    print(f"FIRST LIGHT on the objects, and drawn, after {drawn[0] if drawn else math.nan:.2f} s; the view was drawn {len(drawn)} times")
+    bpy.types.SpaceView3D.draw_handler_remove(handler, "WINDOW")
+    print(f"FIRST LIGHT drawn after {drawn[0] if drawn else math.nan:.2f} s; the view was drawn {len(drawn)} times")
     print(f"SECONDS {time.perf_counter() - began:.1f}  error {state.error!r}  result {state.summarize()}  warnings {state.warnings}")
     for gap, worked, at in sorted(gaps, reverse=True)[:6]:  # on a machine that has other work, a gap is longer than what fills it
         print(f"  gap {gap:.3f} s at {at:.1f} s, in which the main thread worked {worked:.3f} s")
@@ -123,26 +111,9 @@ def steps() -> Iterator[float]:
     for _ in range(CALM_TICKS):  # shaders compile and panels slide into place meanwhile
         area.tag_redraw()
         yield 0.2
-    bpy.types.SpaceView3D.draw_handler_remove(handler, "WINDOW")
-    at = next((i for i, look in enumerate(seen) if is_nearer(look, seen[-1], looks[-1])), None)
-    print(f"FIRST LIGHT seen, its shaders compiled, after {math.nan if at is None else drawn[at]:.2f} s", flush=True)
     yield from take_picture("done")
     if state.result:
         print("UNDO " + ("bake still there" if leaves_bake_after_undo(window, area) else "one step took the bake off"), flush=True)
-
-
-def read_view() -> np.ndarray:
-    """The middle of the view as means of blocks, 0 to 1; in a draw handler."""
-    left, bottom, width, height = gpu.state.viewport_get()
-    rows, columns = height // 2 // BLOCK, width // 2 // BLOCK
-    size = (left + width // 8, bottom + height // 4, columns * BLOCK, rows * BLOCK)
-    pixels = np.array(gpu.state.active_framebuffer_get().read_color(*size, 4, 0, "FLOAT"), np.float32)
-    return pixels.reshape(rows, BLOCK, columns, BLOCK, 4)[..., :3].mean(axis=(1, 3))
-
-
-def is_nearer(look: np.ndarray, end: np.ndarray, before: np.ndarray) -> bool:
-    """Whether a view is like the last one: not as before the bake, nor with what Blender shows in place of shaders that it compiles."""
-    return bool(np.abs(look - end).mean() < 0.5 * np.abs(before - end).mean())
 
 
 def shows_bake():
