@@ -13,6 +13,7 @@ from .layer_check import check_layer, label_charts
 from .outlines import Outlines, measure_outlines, straighten_charts
 from .scene import SceneSnapshot
 from .sharing import Block, find_blocks, follow_charts
+from .unfolding import UnfolderDied
 from .unwrap import unwrap_triangles
 
 Float64: TypeAlias = NDArray[np.float64]
@@ -45,7 +46,7 @@ class FoundCharts:
 def find_charts(snapshot: SceneSnapshot, share_meshes: bool) -> FoundCharts:
     """The charts; with `share_meshes` objects that share a mesh share them, too, where they can.
 
-    Raises ValueError when xatlas is needed and cannot be loaded.
+    Raises ValueError when xatlas is needed and cannot be loaded, or crashes.
     """
     search = _Search(snapshot, find_blocks(snapshot) if share_meshes else [])
     count = np.zeros(len(snapshot.objects) + 1, np.int64)
@@ -109,7 +110,13 @@ class _Search:
     def _unfold(self, i: int) -> tuple[Int64, Float64, Bool]:
         scene, rows = self.snapshot, self._rows(i)
         position = scene.vertex_position[scene.tri_vertex[rows]]
-        chart, uv, shared = unwrap_triangles(position, scene.tri_vertex[rows], scene.tri_polygon[rows], scene.tri_corner[rows])
+        try:
+            chart, uv, shared = unwrap_triangles(position, scene.tri_vertex[rows], scene.tri_polygon[rows], scene.tri_corner[rows])
+        except UnfolderDied as code:
+            raise ValueError(
+                f"{scene.objects[i].name}: the unwrapper xatlas ended unexpectedly on it (code {code}); give it a UV layer of its own and "
+                "choose that, make its mesh simpler, or leave it out of the bake."
+            ) from code
         uv *= scene.objects[i].density_factor
         used = chart >= 0
         uv[used] = straighten_charts(uv[used], chart[used], shared[used], int(chart.max(initial=-1)) + 1)

@@ -55,7 +55,7 @@ class ChartAtlas:
 def make_charts(snapshot: SceneSnapshot, settings: Settings) -> ChartAtlas:
     """Charts of all receiving objects, of one density in texels/m; layers that exist are kept and get pages of their own.
 
-    Raises ValueError when charts do not fit a page at any density, or when xatlas is needed and cannot be loaded.
+    Raises ValueError when charts do not fit a page at any density, or when xatlas is needed and cannot be loaded, or crashes.
     """
     return _AtlasMaker(snapshot, settings).make()
 

@@ -1,12 +1,8 @@
-"""Charts for the triangles of one object, in metres; the only module that knows xatlas."""
+"""Charts for the triangles of one object, in metres: xatlas's, and what it leaves out or gets wrong polygon by polygon."""
 
 from __future__ import annotations
 
-import ctypes
-import time
-from functools import lru_cache
-from types import ModuleType
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,15 +10,12 @@ from numpy.typing import NDArray
 from .geometry import orthonormal_basis, triangle_normals_areas
 from .layer_check import find_overlaps, join_sets, label_charts, pair_corners, signed_areas
 from .scene import IntArray
+from .unfolding import Mesh, unfold_meshes
 
 Float64: TypeAlias = NDArray[np.float64]
 Int64: TypeAlias = NDArray[np.int64]
 Bool: TypeAlias = NDArray[np.bool_]
 
-_MOST_LEFT_ALONE = 256
-_THREADS_REST_S = 1e-3
-_RASTER_TEXELS = 512  # xatlas packs what we only want unfolded; this many texels a side cost it little and keep its UVs exact to 1e-4
-_MAX_RASTER_TEXELS = 2048  # a long thin chart is drawn no longer than this, to bound memory
 _LARGEST_COORDINATE = 1e5  # float32 then still tells 1 % of a triangle of median size
 _FLATNESS = 1e-5  # of a chart's extent: nearer to its plane it is projected, in float64
 _LEAST_STRETCH = 1e-3  # a triangle whose UV area is less of its area in space is unfolded by itself
@@ -38,7 +31,7 @@ def unwrap_triangles(
     tri_polygon    (n,) int
     tri_corner     (n, 3) int
     out            (n,) int64 chart, -1 without area; (n, 3, 2) float64 UV, m; (n, 3) bool whether side k is shared within its chart
-    Raises ValueError when xatlas cannot be loaded.
+    Raises ValueError when xatlas cannot be loaded, UnfolderDied when it crashes.
     """
     normal, area = triangle_normals_areas(tri_position)
     solid = np.flatnonzero(area > 0)
@@ -107,14 +100,13 @@ def _find_overlaps_in_charts(group: Int64, uv: Float64) -> Bool:
 
 def _unfold_by_xatlas(position: Float64, tri_vertex: IntArray, area: Float64) -> tuple[Int64, Float64]:
     """Chart of each triangle, -1 where xatlas leaves it out, and UVs of any scale and proportion."""
-    xatlas = _load_xatlas()
     _, first, vertex = np.unique(tri_vertex, return_index=True, return_inverse=True)
     vertex = vertex.reshape(-1, 3)
     label = join_sets(len(first), vertex.ravel(), np.roll(vertex, -1, axis=1).ravel())[vertex[:, 0]]
     order = np.argsort(label, kind="stable")
     # Loose parts go in apart, each centred and scaled: a teaspoon in a hall would drown in float32.
     parts = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
-    atlas, packing = xatlas.Atlas(), xatlas.PackOptions()
+    meshes: list[Mesh] = []
     scaled_area = 0.0
     for part in parts:
         points = position[part]
@@ -123,34 +115,12 @@ def _unfold_by_xatlas(position: Float64, tri_vertex: IntArray, area: Float64) ->
         scale = min(float(np.median(area[part])) ** -0.5, _LARGEST_COORDINATE / float(np.abs(points).max()))
         scaled_area += float(area[part].sum()) * scale**2
         _, first, index = np.unique(vertex[part], return_index=True, return_inverse=True)
-        points = np.ascontiguousarray(points.reshape(-1, 3)[first] * scale, np.float32)
-        atlas.add_mesh(points, np.ascontiguousarray(index.reshape(-1, 3), np.uint32))
-    packing.bilinear, packing.create_image, packing.max_chart_size = False, False, _MAX_RASTER_TEXELS
-    packing.texels_per_unit = _RASTER_TEXELS / scaled_area**0.5
-    atlas.generate(xatlas.ChartOptions(), packing)
+        points = points.reshape(-1, 3)[first] * scale
+        meshes.append((np.ascontiguousarray(points, np.float32), np.ascontiguousarray(index.reshape(-1, 3), np.uint32)))
     group, uv = np.full(len(area), -1, np.int64), np.zeros((len(area), 3, 2))
-    for k, part in enumerate(parts if atlas.chart_count else ()):
-        _, tri_out, vertex_uv = atlas.get_mesh(k)
-        group[part] = atlas.get_mesh_vertex_assignment(k)[1].astype(np.int32)[tri_out[:, 0]]
-        uv[part] = (vertex_uv * np.array([atlas.width, atlas.height], np.float64))[tri_out]
-    _leave_alone(atlas)
+    for part, unfolded in zip(parts, unfold_meshes(meshes, scaled_area), strict=True):
+        group[part], uv[part] = unfolded
     return group, uv
-
-
-def _leave_alone(atlas: Any) -> None:
-    """Keep an atlas until the process ends: when it goes, it joins its threads, and has been seen to wait for ever for one that was
-    just falling asleep. Of very many only the first are kept, for each has threads and memory."""
-    left = _left_alone()
-    if len(left) < _MOST_LEFT_ALONE:
-        left.append(atlas)
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(atlas))  # the interpreter's end would destroy it too
-    else:
-        time.sleep(_THREADS_REST_S)
-
-
-@lru_cache(maxsize=1)
-def _left_alone() -> list[Any]:
-    return []
 
 
 def _restore_proportions(position: Float64, uv: Float64, area: Float64, group: Int64) -> Float64:
@@ -278,15 +248,3 @@ def _lay_on_circle(position: Float64, tri_corner: IntArray, area: float) -> Floa
     scale = (area / max(float(np.abs(signed_areas(uv)).sum()), 1e-30)) ** 0.5
     scaled: Float64 = uv * scale
     return scaled
-
-
-def _load_xatlas() -> ModuleType:
-    try:
-        import xatlas
-    except (ImportError, OSError) as reason:
-        raise ValueError(
-            f"The unwrapper xatlas cannot be loaded ({reason}); reinstall Leaflight with the package for this platform and Python "
-            "(Linux x64, Windows x64, or macOS), or choose an existing UV layer."
-        ) from reason
-    module: ModuleType = xatlas
-    return module

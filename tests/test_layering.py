@@ -17,7 +17,7 @@ CORE_MAX_LINES = 300
 ADDON_MAX_LINES = 250
 
 # Each of these libraries has one home in core.
-LIBRARY_HOME = {"embreex": "core.rays", "xatlas": "core.unwrap", "OpenImageIO": "core.image_file", "distributed": "core.cluster"}
+LIBRARY_HOME = {"embreex": "core.rays", "xatlas": "core.unfolding", "OpenImageIO": "core.image_file", "distributed": "core.cluster"}
 TRACE = {
     "core.photons",
     "core.births",

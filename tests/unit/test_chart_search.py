@@ -6,6 +6,7 @@ from leaflight.core import chart_search
 from leaflight.core.chart_search import find_charts
 from leaflight.core.geometry import triangle_normals_areas
 from leaflight.core.layer_check import signed_areas
+from leaflight.core.unfolding import UnfolderDied
 from scenes import box_mesh, grid_mesh, make_scene, quad_mesh, shared_mesh
 
 CLOTH = grid_mesh("Cloth", cells=4, noise=0.8)
@@ -40,3 +41,13 @@ def test_shared_charts_are_found_once_and_worn_in_each_ones_metres(monkeypatch):
         assert np.abs(signed_areas(found.uv[rows[k]])).sum() == pytest.approx(area[rows[k]].sum())
     find_charts(scene, False)
     assert len(calls) == 4
+
+
+def test_crash_of_xatlas_names_the_object(monkeypatch):
+    def crash(*arrays):
+        raise UnfolderDied(-11)
+
+    monkeypatch.setattr(chart_search, "unwrap_triangles", crash)
+    scene = make_scene([box_mesh()])
+    with pytest.raises(ValueError, match=rf"^{scene.objects[0].name}: the unwrapper xatlas ended unexpectedly on it \(code -11\); give"):
+        chart_search.find_charts(scene, share_meshes=True)

@@ -1,5 +1,3 @@
-import builtins
-
 import numpy as np
 import pytest
 from leaflight.core.geometry import triangle_normals_areas
@@ -144,16 +142,3 @@ def test_nothing_is_unwrapped_to_nothing():
     empty = np.zeros((0, 3), int)
     chart, uv, shared = unwrap_triangles(np.zeros((0, 3, 3)), empty, np.zeros(0, int), empty)
     assert (chart.shape, uv.shape, shared.shape) == ((0,), (0, 3, 2), (0, 3))
-
-
-def test_missing_xatlas_says_what_to_do(monkeypatch):
-    real_import = builtins.__import__
-
-    def refuse(name, *args, **kwargs):
-        if name == "xatlas":
-            raise ImportError("planted")
-        return real_import(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", refuse)
-    with pytest.raises(ValueError, match=r"xatlas cannot be loaded \(planted\).*choose an existing UV layer"):
-        unwrap(quad_mesh())

@@ -1,0 +1,106 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from leaflight.core import unfolding
+from leaflight.core.layer_check import signed_areas
+from leaflight.core.unfolding import Unfolder, UnfolderDied, unfold_meshes
+
+SQUARE = (np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32), np.array([[0, 1, 2], [0, 2, 3]], np.uint32))
+NOTHING = (np.zeros((3, 3), np.float32), np.array([[0, 1, 2]], np.uint32))
+
+
+@pytest.fixture
+def unfolder():
+    own = Unfolder()
+    yield own
+    own._kill()
+
+
+def is_alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_meshes_of_one_question_lie_side_by_side():
+    (chart, uv), (other_chart, other_uv) = unfold_meshes([SQUARE, SQUARE], 2.0)
+    assert chart.tolist() == [0, 0]
+    assert set(other_chart.tolist()) == {1}
+    np.testing.assert_allclose(np.abs(signed_areas(uv)), np.abs(signed_areas(other_uv)), rtol=1e-5)
+    assert (uv.max(axis=(0, 1)) < other_uv.min(axis=(0, 1))).any() or (other_uv.max(axis=(0, 1)) < uv.min(axis=(0, 1))).any()
+
+
+def test_what_has_no_area_is_left_out():
+    ((chart, uv),) = unfold_meshes([NOTHING], 1.0)
+    assert chart.tolist() == [-1]
+    assert not uv.any()
+
+
+@pytest.mark.parametrize("limit", [("_MOST_ATLASES", 5), ("_MOST_TRIANGLES", 10)])
+def test_child_that_keeps_much_is_replaced_and_the_answers_stay_the_same(unfolder, monkeypatch, limit):
+    monkeypatch.setattr(unfolding, *limit)
+    seen, answers = set(), []
+    for _ in range(11):
+        answers.append(unfolder.unfold([SQUARE], 1.0)[0])
+        seen.add(unfolder._child.pid)
+        if len(answers) % 5 == 0:
+            assert unfolder._child.returncode is not None, "it is gone, with what it kept, before there is another question"
+    assert len(seen) == 3
+    for chart, uv in answers[1:]:
+        np.testing.assert_array_equal(chart, answers[0][0])
+        np.testing.assert_array_equal(uv, answers[0][1])
+
+
+def test_child_that_was_killed_between_two_questions_is_replaced(unfolder):
+    first = unfolder.unfold([SQUARE], 1.0)
+    unfolder._child.kill()
+    unfolder._child.wait()
+    np.testing.assert_array_equal(unfolder.unfold([SQUARE], 1.0)[0][1], first[0][1])
+
+
+def test_crash_is_told_and_the_next_question_answered(unfolder, tmp_path, monkeypatch):
+    with monkeypatch.context() as patch:
+        (tmp_path / "xatlas.py").write_text("import os\nos._exit(7)\n")
+        patch.syspath_prepend(str(tmp_path))
+        with pytest.raises(UnfolderDied, match=r"^7$"):
+            unfolder.unfold([SQUARE], 1.0)
+    assert len(unfolder.unfold([SQUARE], 1.0)) == 1
+
+
+def test_missing_xatlas_says_what_to_do(tmp_path, monkeypatch, unfolder):
+    (tmp_path / "xatlas.py").write_text("raise ImportError('planted')\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(unfolding, "_own_unfolder", lambda process_id: unfolder)
+    with pytest.raises(ValueError, match=r"xatlas cannot be loaded \(planted\).*choose an existing UV layer"):
+        unfold_meshes([SQUARE], 1.0)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="asks for a process by its number")
+@pytest.mark.parametrize("end", ["pass", "os.kill(os.getpid(), 9)"])
+def test_child_ends_with_its_parent(end):
+    script = f"""
+import os
+from leaflight.core import unfolding
+from leaflight.core.layer_check import signed_areas
+from test_unfolding import SQUARE
+unfolder = unfolding.Unfolder()
+unfolder.unfold([SQUARE], 1.0)
+print(unfolder._child.pid, flush=True)
+{end}
+"""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
+    ended = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == (0 if end == "pass" else -signal.SIGKILL), ended.stderr
+    assert not ended.stderr
+    deadline = time.monotonic() + 20
+    while is_alive(int(ended.stdout)) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert not is_alive(int(ended.stdout))
