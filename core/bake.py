@@ -28,6 +28,8 @@ from . import (
     pages,
     preview,
     resolve,
+    seam_points,
+    seams,
     shared_arrays,
     solve,
     texels,
@@ -132,7 +134,7 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
         else:
             light = settle_direct(folder, blender, settings, executor, direct, tell, should_stop)
         with stages.stage("write", "Writing images"):
-            files = _write_pages(job, folder, snapshot, atlas, blender, light, surfaces)
+            files, seam_report = _write_pages(job, folder, snapshot, atlas, blender, light, surfaces)
         if job.keep:
             with stages.stage("keep", "Keeping the state"):
                 _keep_state(job, solver if shot else None, light.error, tell)
@@ -155,6 +157,7 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
         "page_size": atlas.page_size,
         "pages": atlas.page_count,
         "objects": _object_rows(snapshot, atlas, facets.chart_object[texel_map.texel_chart]),
+        "seams": dataclasses.asdict(seam_report),
         "skipped": count_skipped(needs, left_out, snapshot, facets, light, settings),
     }
     if light.stopped_by != "interrupted":
@@ -206,9 +209,13 @@ def _write_pages(
     blender: LeafBlender,
     light: solve.LightField,
     surfaces: SurfaceMaterials,
-) -> list[pages.PageFile]:
+) -> tuple[list[pages.PageFile], seams.SeamReport]:
     margin = job.settings.margin
     at_texels = resolve.light_at_texels(light, blender, job.settings.denoise)
+    seam_report = seams.SeamReport(0, 0, 0.0, 0.0)
+    if job.settings.seams and margin:  # without a margin filtering reads the empty page, and no texel helps
+        points = seam_points.find_seams(snapshot, atlas.tri_chart, atlas.tri_uv, atlas.object_page[snapshot.tri_object])
+        at_texels, seam_report = resolve.close_seams(at_texels, points, blender)
     resolver = resolve.Resolver(at_texels, blender.texels, surfaces, blender.page, margin)
     debug = debug_passes.DebugPages(light, blender.texels, blender.page, margin)
 
@@ -218,7 +225,7 @@ def _write_pages(
         return debug.look(name, page, lambda: resolver.page("combined", page)) if look else debug.page(name, page)
 
     metadata: dict[str, str | int | float] = {"leaflight:photons": light.photons, "leaflight:estimated_error": light.error}
-    return pages.write_pages(job, folder, snapshot, atlas, metadata, draw)
+    return pages.write_pages(job, folder, snapshot, atlas, metadata, draw), seam_report
 
 
 def _object_rows(snapshot: SceneSnapshot, atlas: charts.ChartAtlas, entry_object: NDArray[np.int32]) -> list[dict[str, Any]]:

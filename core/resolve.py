@@ -6,20 +6,24 @@ colour has alpha 0 too). Passes and their units: docs/units.md.
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import denoise, reconstruct
+from . import denoise, reconstruct, seams
 from .margin import fill_margin
 from .materials import SurfaceMaterials
 from .quadtree import node_of_texel
 from .scene import IntArray
+from .seam_points import SeamPoints
 from .solve import LightField
 from .texel_map import TexelMap, centred_strata
 
 _CHUNK = 1 << 18
+_LIGHT_PASSES = ("lighting", "direct", "indirect", "diffuse", "combined")
 _GRAIN = 0.005  # relative noise of shadow rays that is worth smoothing
 _ALBEDO_POINTS = 4  # a texel's albedo is a mean over so many points, for textures finer than the lightmap
 
@@ -31,12 +35,14 @@ class TexelLight:
     direct, indirect   (n, 3) float32, W/m^2, never negative
     stderr             (n, 3) float32, W/m^2, of their sum
     leaf               (n,) int32, node of the tree
+    empty              light beside charts, direct and indirect, where seams need it
     """
 
     direct: NDArray[np.float32]
     indirect: NDArray[np.float32]
     stderr: NDArray[np.float32]
     leaf: NDArray[np.int32]
+    empty: seams.EmptyTexels | None = None
 
 
 def light_at_texels(field: LightField, blender: reconstruct.LeafBlender, smooth_grain: bool = True) -> TexelLight:
@@ -51,12 +57,32 @@ def light_at_texels(field: LightField, blender: reconstruct.LeafBlender, smooth_
     return TexelLight(light[0].T, light[1].T, np.sqrt(variance.T), leaf)
 
 
+def close_seams(light: TexelLight, points: SeamPoints, blender: reconstruct.LeafBlender) -> tuple[TexelLight, seams.SeamReport]:
+    """The light with its steps across seams closed; stderr is that before."""
+    if not points.place.size:
+        return light, seams.SeamReport(0, 0, 0.0, 0.0)
+    parts = np.stack([light.direct, light.indirect])
+    matched, empty, report = seams.match_seams(points, parts, light.stderr**2, blender.texels.is_central, blender.entry_at)
+    return dataclasses.replace(light, direct=matched[0], indirect=matched[1], empty=empty), report
+
+
 def _find_grain(field: LightField, leaf: NDArray[np.int32]) -> NDArray[np.bool_]:
     """(n,) bool: texels in small leaves, and those where shadow rays leave noise that could be seen."""
     level = field.direct.irradiance.mean() + 1e-30
     rays = field.direct.variance.sum(1) > (_GRAIN * (field.direct.irradiance.sum(1) + level)) ** 2
     grain: NDArray[np.bool_] = (field.tree.side[leaf] <= denoise.SMALL_LEAF) | rays
     return grain
+
+
+def _shade(
+    name: str, direct: NDArray[np.float32], indirect: NDArray[np.float32], surface: Callable[[bool], NDArray[np.float32]]
+) -> NDArray[np.float32]:
+    """(n, 3) float32: a pass of light, from irradiance (n, 3), and what tells albedo, or emitted radiance where its argument is true."""
+    total = {"direct": direct, "indirect": indirect}.get(name)
+    lighting: NDArray[np.float32] = (direct + indirect if total is None else total) / np.float32(np.pi)
+    if name in ("diffuse", "combined"):
+        lighting = lighting * surface(False)
+    return lighting + surface(True) if name == "combined" else lighting
 
 
 class Resolver:
@@ -75,27 +101,30 @@ class Resolver:
         image = np.zeros((size, size, 4), np.float32)
         image[row, column, :3] = self._pass_values(name, entry)
         image[row, column, 3] = 1.0
-        image[..., :3] = fill_margin(image[..., :3], image[..., 3] > 0.0, self._margin)
+        filled = image[..., 3] > 0.0
+        if self._light.empty is not None and name in _LIGHT_PASSES:
+            column, row, value = self._beside_charts(name, page, self._light.empty)
+            image[row, column, :3], filled[row, column] = value, True
+        image[..., :3] = fill_margin(image[..., :3], filled, self._margin)
         return image
 
     def _pass_values(self, name: str, entry: IntArray) -> NDArray[np.float32]:
-        if name == "albedo":
-            return self._surface(entry, emission=False)
-        if name == "emission":
-            return self._surface(entry, emission=True)
         light = self._light
-        irradiance = {"direct": [light.direct], "indirect": [light.indirect], "stderr": [light.stderr]}
-        parts = irradiance.get(name, [light.direct, light.indirect])
-        lighting: NDArray[np.float32] = np.sum([part[entry] for part in parts], axis=0) / np.float32(np.pi)
-        if name in (*irradiance, "lighting"):
-            return lighting
-        diffuse: NDArray[np.float32] = lighting * self._surface(entry, emission=False)
-        if name == "diffuse":
-            return diffuse
-        if name == "combined":
-            combined: NDArray[np.float32] = diffuse + self._surface(entry, emission=True)
-            return combined
+        if name in _LIGHT_PASSES:
+            return _shade(name, light.direct[entry], light.indirect[entry], lambda emission: self._surface(entry, emission))
+        if name == "stderr":
+            return light.stderr[entry] / np.float32(np.pi)
+        if name in ("albedo", "emission"):
+            return self._surface(entry, emission=name == "emission")
         raise ValueError(f"pass: {name!r} is not known")
+
+    def _beside_charts(self, name: str, page: int, empty: seams.EmptyTexels) -> tuple[IntArray, IntArray, NDArray[np.float32]]:
+        """Columns and rows (m,) of texels of a page that no chart covers, and their values (m, 3)."""
+        rows = np.flatnonzero(empty.page == page)
+        tri, (u, v) = empty.tri[rows], empty.weight[rows].T
+        look_up = {True: self._surfaces.emission_at, False: self._surfaces.albedo_at}
+        value = _shade(name, empty.light[0, rows], empty.light[1, rows], lambda emission: look_up[emission](tri, u, v))
+        return empty.xy[rows, 0], empty.xy[rows, 1], value
 
     def _surface(self, entry: IntArray, emission: bool) -> NDArray[np.float32]:
         """Mean albedo or emitted radiance over each texel's covered part."""

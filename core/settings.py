@@ -129,6 +129,7 @@ class Settings:
     min_level: int = _knob(0, "level every quadtree starts with; 0 is the chart's root", unit="levels", low=0, high=14)
     contact: bool = _knob(True, "split leaves near other geometry that touches the surface", off_flag="--no-contact")
     denoise: bool = _knob(True, "average grain over like neighbours within a chart", off_flag="--no-denoise")
+    seams: bool = _knob(True, "bring light together where a smooth surface is cut between charts", off_flag="--no-seams")
     finest_texels: int = _knob(1, "side of the smallest leaf", unit="texels", low=1, high=1024)
     max_depth: int = _knob(1000, "surfaces a photon may meet", unit="hits", low=1, high=100_000)
     seed: int = _knob(1, "same seed, same bytes", low=0, high=2**31 - 1)

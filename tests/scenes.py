@@ -9,6 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from leaflight.core.scene import Light, Material, SceneObject, SceneSnapshot
 
+HINGE_LEFT = np.array([[0.1, 0.1], [0.3, 0.1], [0.3, 0.5], [0.1, 0.5]])  # a square's UVs, pages
+HINGE_RIGHT = np.array([[0.9, 0.6], [0.9, 0.8], [0.5, 0.8], [0.5, 0.6]])  # turned by a quarter, and the shared edge elsewhere
+
 
 @dataclass(frozen=True)
 class Mesh:
@@ -105,6 +108,13 @@ def sphere_mesh(name: str = "Sphere", rings: int = 16, segments: int = 32, radiu
     return Mesh(name, vertex, polygons)
 
 
+def hinge_mesh(angle_deg: float = 0.0, uv: Sequence[np.ndarray] = (HINGE_LEFT, HINGE_RIGHT), name: str = "Hinge") -> Mesh:
+    """Two unit squares that share the edge x = 1, the second turned down by an angle; each is a chart of its own."""
+    x, z = 1 + np.cos(np.radians(angle_deg)), -np.sin(np.radians(angle_deg))
+    vertex = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [x, 0, z], [x, 1, z]])
+    return Mesh(name, vertex, [[0, 1, 2, 3], [1, 4, 5, 2]], list(uv))
+
+
 def moved(mesh: Mesh, offset_m: Sequence[float] = (0.0, 0.0, 0.0), scale: float = 1.0, name: str = "") -> Mesh:
     """A scaled and moved copy."""
     return dataclasses.replace(mesh, vertex=np.asarray(mesh.vertex, float) * scale + np.asarray(offset_m, float), name=name or mesh.name)
@@ -115,6 +125,16 @@ def shared_mesh(name: str, mesh: Mesh, scale_xyz: Sequence[float] = (1.0, 1.0, 1
     scale = np.asarray(scale_xyz, float)
     vertex = np.asarray(mesh.vertex, float) * scale + np.asarray(offset_m, float)
     return dataclasses.replace(mesh, name=name, vertex=vertex, shares=max(mesh.shares, 0), mirrored=bool(scale.prod() < 0))
+
+
+def shade_smooth(scene: SceneSnapshot) -> SceneSnapshot:
+    """The scene with every vertex's corners shaded by the mean normal of its faces."""
+    corner = scene.tri_position
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    total = np.zeros_like(scene.vertex_position)
+    np.add.at(total, scene.tri_vertex, normal[:, None])
+    total /= np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)
+    return dataclasses.replace(scene, tri_normal=total[scene.tri_vertex].astype(np.float32))
 
 
 def quad_scene(**options: object) -> SceneSnapshot:

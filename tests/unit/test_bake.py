@@ -17,7 +17,7 @@ from leaflight.core.messages import Done, Preview, Progress, Status, Warning_
 from leaflight.core.scene import Light, Material
 from leaflight.core.settings import IMAGE_FORMATS, PASSES, Settings
 from leaflight.core.snapshot import load_snapshot, save_snapshot
-from scenes import make_scene, moved, quad_mesh
+from scenes import make_scene, moved, quad_mesh, shade_smooth, sphere_mesh
 
 pytestmark = pytest.mark.usefixtures("open_image_io")
 QUICK = Settings(size=32, padding=1, workers=1, error=0.3, max_photons=20_000)
@@ -54,6 +54,23 @@ def test_files_and_result_say_the_same(tmp_path):
     assert (last.photons, last.estimated_error, last.leaves) == (result["photons"], result["estimated_error"], result["leaves"])
     assert result["stopped_by"] in ("error", "max_photons")
     assert (result["page_size"], result["pages"]) == (32, 1)
+
+
+def test_seams_are_closed_and_told_unless_they_are_off_or_have_no_margin(tmp_path):
+    lamp = Light("AREA", "Lamp", (0.0, 0.0, 4.0), power_rgb=(50.0, 50.0, 50.0), size_m=(1.0, 1.0))
+    scene, settings = shade_smooth(make_scene([sphere_mesh()], [lamp])), replace(QUICK, size=64, passes=("direct",))
+    told, pages = {}, {}
+    for name, knobs in {"on": {}, "off": {"seams": False}, "bare": {"margin": 0}}.items():
+        _, result = bake_scene(tmp_path / name, scene, replace(settings, **knobs))
+        told[name], pages[name] = result["seams"], read_image(Path(result["files"][0]["path"]))[0]
+    assert told["on"]["edges"] > 20
+    assert told["on"]["step_after"] < 0.5 * told["on"]["step_before"]
+    assert told["off"] == told["bare"] == {"edges": 0, "texels": 0, "step_before": 0.0, "step_after": 0.0}
+    covered = pages["off"][..., 3] > 0
+    np.testing.assert_array_equal(pages["bare"][covered], pages["off"][covered])
+    changed = (pages["on"] != pages["off"]).any(axis=2)
+    assert changed[covered].any()
+    assert changed[~covered].any()
 
 
 def test_every_pass_and_kind_of_a_bake_can_be_read(tmp_path):
