@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -137,16 +138,38 @@ def _light_chunk(
             variance += error
             counters["rays"] += traced
     level = weigh_channels(light + found)
-    for tally in tallies:
-        allowed = tolerance * level[tally.rows] / weigh_channels(tally.rgb)
-        for stage in STAGES[1:]:
-            if stage[0] >= max_rays:
-                break
-            unsettled = tally.unsettled(allowed, stage)
-            if stage == STAGES[1]:
-                counters["settled"] += int((tally.reach > 0).sum()) - len(unsettled)
-            for piece in row_pieces(unsettled, stage[1] - stage[0]):
+    allowed = [tolerance * level[tally.rows] / weigh_channels(tally.rgb) for tally in tallies]
+    for stage in STAGES[1:]:
+        if stage[0] >= max_rays:
+            break
+        unsettled = [tally.unsettled(limit, stage) for tally, limit in zip(tallies, allowed, strict=True)]
+        if stage == STAGES[1]:
+            counters["settled"] += sum(int((tally.reach > 0).sum()) - len(rows) for tally, rows in zip(tallies, unsettled, strict=True))
+        n_source = len(scene.sources)
+        counters["rays"] += _add_to_all(scene.rays, chunk, tallies[:n_source], unsettled[:n_source], stage)
+        for tally, rows in zip(tallies[n_source:], unsettled[n_source:], strict=True):
+            for piece in row_pieces(rows, stage[1] - stage[0]):
                 counters["rays"] += tally.add(scene.rays, chunk, piece, stage, None)
+    for tally in tallies:
         found += tally.light(count)
         variance += tally.variance(count)
     return found, variance
+
+
+def _add_to_all(rays: RayScene, chunk: TexelChunk, tallies: Sequence[Tally], texels: Sequence[IntArray], stage: tuple[int, int]) -> int:
+    """Sends a stage's rays of tallies of all texels, each from its own choice of them; gives how many were traced.
+
+    The rays of a texel start at the same places for every light, so that these are found once.
+    """
+    wanted = np.zeros((len(tallies), len(chunk.texel)), bool)
+    for row, own in zip(wanted, texels, strict=True):
+        row[own] = True
+    n_ray, traced = stage[1] - stage[0], 0
+    for piece in row_pieces(np.flatnonzero(wanted.any(axis=0)), n_ray):
+        starts = chunk.receivers(piece, *stage)
+        for tally, row in zip(tallies, wanted, strict=True):
+            own = row[piece]
+            if own.any():
+                looking = starts if own.all() else starts.rows(np.flatnonzero(np.tile(own, n_ray)))
+                traced += tally.add(rays, chunk, piece[own], stage, looking)
+    return traced

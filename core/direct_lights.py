@@ -90,6 +90,12 @@ def _aim_at(target: FloatArray, position: Float32, normal: Float32, light_normal
     return Aim(direction, np.ones(len(square), np.float32), share, share)
 
 
+def _combine(u: FloatArray, x_axis: Float32, y_axis: Float32) -> Float32:
+    """(n, 3) view of (3, n) rows: u[:, 0] * x_axis + u[:, 1] * y_axis."""
+    out: Float32 = (u[:, 0] * x_axis.T + u[:, 1] * y_axis.T).T
+    return out
+
+
 def _uniform_cone(u: Float32, drop: Float32) -> Float32:
     """(n, 3): sampling.square_to_uniform_cone for a cone per ray, of 1 - cosine `drop`."""
     height, phi = u[:, 0] * drop, np.float32(2 * math.pi) * u[:, 1]
@@ -200,7 +206,7 @@ class AreaSource:
     def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
         place = square_to_uniform_disk(u) if self.ellipse else 2 * u - 1
         # Off its plane, so that a ceiling the light lies in does not cover it.
-        target = place[:, :1] * self.x_axis + place[:, 1:] * self.y_axis + (self.centre - np.float32(ORIGIN_OFFSET) * self.z_axis)
+        target = _combine(place, self.x_axis, self.y_axis) + (self.centre - np.float32(ORIGIN_OFFSET) * self.z_axis)
         aim = _aim_at(target, position, normal, -self.z_axis, self.area)
         if self.is_lambertian:
             return aim
@@ -267,7 +273,7 @@ class TriangleSource:
         weight = square_to_uniform_triangle(u)
         first, second, third = self.corners[:, 0], self.corners[:, 1], self.corners[:, 2]
         side = np.where(_dot(position - first, self.normal) >= 0, 1, -1).astype(np.float32)[:, None] * self.normal
-        target = weight[:, :1] * (second - first) + weight[:, 1:] * (third - first) + first + np.float32(ORIGIN_OFFSET) * side
+        target = _combine(weight, second - first, third - first) + first + np.float32(ORIGIN_OFFSET) * side
         return _aim_at(target, position, normal, side, self.area)
 
 
