@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .direct_lights import Aim
-from .geometry import UnitBox, interpolate_corners, offset_origin, triangle_normals_areas
+from .geometry import UnitBox, interpolate_corners, offset_origin, take_rows, triangle_normals_areas
 from .lights import Float32
 from .rays import RayScene
 from .scene import FloatArray, IntArray, SceneSnapshot
@@ -96,11 +96,6 @@ class Receivers:
         if len(live):
             seen[live] = ~rays.occluded(take_rows(self.position, live), take_rows(aim.direction, live), aim.distance[live])
         return seen, len(live)
-
-
-def take_rows(values: Float32, index: IntArray) -> Float32:
-    """values[index] of (n, 3) views of (3, n) rows, as such a view."""
-    return values.T.take(index, axis=1).T
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .scene import FloatArray
+from .scene import FloatArray, IntArray
 
 # Unit-box length: 40 micrometres in a room of 20 m. Points interpolated from corners lie within 8e-8 of their triangle's plane, and
 # 2.5e-7 was enough for 1e6 rays in a box and in a sphere down to 1e-5 above the surface; the rest is reserve (test_rays.py).
@@ -107,3 +107,8 @@ def offset_origin(position: FloatArray, normal: FloatArray) -> FloatArray:
     """
     out: FloatArray = position + np.float32(ORIGIN_OFFSET) * normal
     return out
+
+
+def take_rows(values: NDArray[np.float32], index: IntArray) -> NDArray[np.float32]:
+    """values[index] of (n, 3) views of (3, n) rows, as such a view."""
+    return values.T.take(index, axis=1).T

@@ -39,31 +39,40 @@ def cap_irradiance(cosine: FloatArray, sine_squared: FloatArray) -> NDArray[np.f
     return clipped
 
 
-def point_irradiance(to_light: FloatArray, normal: FloatArray, radius: float, soft: bool) -> NDArray[np.float64]:
+def point_irradiance(to_light: FloatArray, normal: FloatArray, radius: FloatArray | float, soft: bool) -> NDArray[np.float64]:
     """From a point light of intensity 1, a disk that turns to the receiver (soft), or a sphere.
 
     to_light   (n, 3) float   from the receivers to the light's centre
+    radius     a number, (1,) or (n,) float; all 0, or none
     out        (n,) float64   facing a disk 1 / (d^2 + r^2); inside a sphere that of its radiance all around, as in Cycles
     """
     vector = np.asarray(to_light, np.float64)
     distance_squared = np.maximum((vector * vector).sum(axis=1), 1e-300)
     cosine = (vector * normal).sum(axis=1) / np.sqrt(distance_squared)
-    if radius == 0:
+    if not np.any(radius):
         facing: NDArray[np.float64] = np.maximum(cosine, 0) / distance_squared
         return facing
-    radiance = 1 / (math.pi * radius**2)
+    radius_squared = np.square(radius, dtype=np.float64)
+    radiance = 1 / (math.pi * radius_squared)
     if soft:
-        return cap_irradiance(cosine, radius**2 / (distance_squared + radius**2)) * radiance
-    out = cap_irradiance(cosine, np.minimum(radius**2 / distance_squared, 1))
-    return np.where(distance_squared > radius**2, out, math.pi) * radiance
+        out = cap_irradiance(cosine, radius_squared / (distance_squared + radius_squared))
+    else:
+        out = cap_irradiance(cosine, np.minimum(radius_squared / distance_squared, 1))
+        out = np.where(distance_squared > radius_squared, out, math.pi)
+    shining: NDArray[np.float64] = out * radiance
+    return shining
 
 
-def sun_irradiance(cosine: FloatArray, half_angle_rad: float) -> NDArray[np.float64]:
-    """From a sun whose irradiance facing it is 1; cosine (n,) between the normals and the direction to it."""
-    if half_angle_rad == 0:
+def sun_irradiance(cosine: FloatArray, half_angle_rad: FloatArray | float) -> NDArray[np.float64]:
+    """From a sun whose irradiance facing it is 1; cosine (n,) between the normals and the direction to it.
+
+    half_angle_rad   a number, (1,) or (n,) float; all 0, or none
+    """
+    if not np.any(half_angle_rad):
         return np.maximum(np.asarray(cosine, np.float64), 0)
-    share = math.sin(half_angle_rad) ** 2
-    return cap_irradiance(cosine, np.full(len(cosine), share)) / (math.pi * share)
+    share = np.sin(half_angle_rad, dtype=np.float64) ** 2
+    facing: NDArray[np.float64] = cap_irradiance(cosine, np.asarray(share)) / (math.pi * share)
+    return facing
 
 
 def polygon_irradiance(corners: FloatArray, position: FloatArray, normal: FloatArray) -> NDArray[np.float64]:
@@ -103,16 +112,18 @@ def polygon_irradiance(corners: FloatArray, position: FloatArray, normal: FloatA
 def ellipse_irradiance(centre: FloatArray, semi_axes: FloatArray, position: FloatArray, normal: FloatArray) -> NDArray[np.float64]:
     """From an ellipse of radiance 1, as a polygon of its area and second moments to 0.1 %; signed as polygon_irradiance.
 
-    centre      (3,) float
-    semi_axes   (2, 3) float    counter-clockwise on the shining side
+    centre      (3,) or (m, 3) float         one ellipse, m = 1, or one per receiver, m = n
+    semi_axes   (2, 3) or (m, 2, 3) float    counter-clockwise on the shining side
     """
-    reach = _FAR_IN_RADII * math.sqrt(np.max((semi_axes**2).sum(axis=1)))
-    near = ((np.asarray(position, np.float64) - centre) ** 2).sum(axis=1) < reach**2
+    centres, axes = np.reshape(centre, (-1, 3)), np.reshape(semi_axes, (-1, 2, 3))
+    reach_squared = _FAR_IN_RADII**2 * (axes**2).sum(axis=2).max(axis=1)
+    near = ((np.asarray(position, np.float64) - centres) ** 2).sum(axis=1) < reach_squared
     out = np.empty(len(position))
     for rows, count in ((np.flatnonzero(~near), _FAR_CORNERS), (np.flatnonzero(near), _NEAR_CORNERS)):
         phi = 2 * math.pi * np.arange(count) / count
         growth = math.sqrt(2 * math.pi / count / math.sin(2 * math.pi / count))  # makes the areas equal
-        corners = centre + growth * np.stack([np.cos(phi), np.sin(phi)], axis=1) @ semi_axes
+        own = rows if len(centres) > 1 else slice(None)
+        corners = centres[own, None] + growth * np.stack([np.cos(phi), np.sin(phi)], axis=1) @ axes[own]
         out[rows] = polygon_irradiance(corners, position[rows], normal[rows])
     return out
 

@@ -20,6 +20,7 @@ Float64: TypeAlias = NDArray[np.float64]
 SMALLEST_SIDE = 1e-6  # unit box; a light without extent shines as one of this side
 LAMBERTIAN_SPREAD_RAD = math.pi - 1e-4
 SMALLEST_SPREAD_RAD = math.radians(0.1)  # a smaller one looks the same and cannot be integrated
+_SHARPEST_RIM = 1e-12  # of a spot, in 1 - cosine: less than float32 tells apart
 _SPREAD_STEPS = 4096
 _CONE_STEPS = 64
 
@@ -76,6 +77,13 @@ def turn(local: FloatArray, axes: FloatArray) -> Float32:
     return turned
 
 
+def spot_attenuation(cosine: FloatArray, drop: FloatArray | float, blend: FloatArray | float) -> FloatArray:
+    """A SpotCone's attenuation; cosine, drop and blend are numbers or (n,)."""
+    t = np.clip((drop - (1 - cosine)) / np.maximum(blend * drop, _SHARPEST_RIM), 0, 1)
+    out: FloatArray = t * t * (3 - 2 * t)
+    return out
+
+
 @dataclass(frozen=True)
 class SpotCone:
     """A spot's angular falloff: 1 inside, smoothstep of the cosine in the blended rim, 0 outside.
@@ -102,12 +110,7 @@ class SpotCone:
 
     def attenuation(self, cosine: FloatArray) -> FloatArray:
         """At the cosine between a direction and the axis."""
-        inside = self.drop - (1 - cosine)
-        if self.blend * self.drop == 0:
-            return (inside > 0).astype(cosine.dtype)
-        t = np.clip(inside / (self.blend * self.drop), 0, 1)
-        out: FloatArray = t * t * (3 - 2 * t)
-        return out
+        return spot_attenuation(cosine, self.drop, self.blend)
 
     def sample_drop(self, u: FloatArray) -> FloatArray:
         """1 - cosine with density proportional to the attenuation; u (n,) uniform in [0, 1)."""
@@ -190,20 +193,20 @@ class AreaEmitter:
         return make_births(origin, turn(local.astype(np.float32), self.axes))
 
 
-def spread_attenuation(cosine: FloatArray, spread_rad: float) -> FloatArray:
+def spread_attenuation(cosine: FloatArray, spread_rad: FloatArray | float) -> FloatArray:
     """Radiance of an area light relative to a Lambertian one of equal power, at the cosine to its axis.
 
+    spread_rad   a number, (1,) or (n,) float
     Source: Cycles, kernel/light/area.h, area_light_spread_attenuation; scene/light.cpp, normalize_spread.
     """
-    if spread_rad > LAMBERTIAN_SPREAD_RAD:
-        return np.ones_like(cosine)
-    half = max(spread_rad, SMALLEST_SPREAD_RAD) / 2
+    half = np.maximum(spread_rad, SMALLEST_SPREAD_RAD) / 2
     positive = np.maximum(cosine, 1e-6)
     tangent = np.sqrt(np.maximum(1 - cosine * cosine, 0)) / positive
     # tan x - x loses its digits where x is small; its series does not.
-    difference = math.tan(half) - half if half > 0.05 else half**3 / 3 + 2 * half**5 / 15
-    out: FloatArray = np.maximum(math.tan(half) - tangent, 0) / difference
-    return out
+    difference = np.where(half > 0.05, np.tan(half) - half, half**3 / 3 + 2 * half**5 / 15)
+    out = np.maximum(np.tan(half) - tangent, 0) / difference
+    lambertian: FloatArray = np.where(np.greater(spread_rad, LAMBERTIAN_SPREAD_RAD), 1, out)
+    return lambertian
 
 
 def sample_spread_angle(u: FloatArray, spread_rad: float) -> FloatArray:

@@ -28,9 +28,13 @@ TRACE = {
     "core.geometry",
     "core.sampling",
     "core.direct",
+    "core.direct_choice",
+    "core.direct_crowd",
     "core.direct_lights",
     "core.direct_points",
     "core.direct_pool",
+    "core.direct_sources",
+    "core.direct_tally",
     "core.irradiance",
     "core.contact",
 }

@@ -204,7 +204,7 @@ class TestManyLamps:
     def test_choosing_among_them_changes_only_the_noise(self, monkeypatch):
         scene = lit_scene([BLOCK], self.lamps)
         chosen = [red(light_floor(scene, seed=seed)) for seed in range(6)]
-        monkeypatch.setattr(direct, "_SOURCES_PER_TEXEL", 100.0)
+        monkeypatch.setattr(direct, "_FEW_LAMPS", 100)
         every = red(light_floor(scene))
         assert np.mean(chosen) == pytest.approx(every.mean(), rel=0.01)
         assert np.sqrt(((chosen[0] - every) ** 2).mean()) < 0.15 * every.mean()

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import Patch, lit_scene, sigma_limit
-from leaflight.core.direct_lights import TriangleSource, WorldSource, make_sources
+from leaflight.core.direct_lights import TriangleSource, WorldSource
+from leaflight.core.direct_sources import join_sources, make_lamps, make_suns
 from leaflight.core.emitters import usable_power
 from leaflight.core.geometry import UnitBox
 from leaflight.core.lights import make_light_emitter
@@ -36,7 +37,8 @@ LIMIT = sigma_limit(len(LIGHTS))
 
 
 def source_of(light: Light):
-    return make_sources(replace(lit_scene(), lights=(light,)), UNIT_BOX)[0]
+    scene = replace(lit_scene(), lights=(light,))
+    return (make_lamps(scene, UNIT_BOX) + make_suns(scene))[0]
 
 
 def grid_numbers(side: int) -> np.ndarray:
@@ -61,7 +63,7 @@ def test_agrees_with_photons(kind):
     emitter = make_light_emitter(LIGHTS[kind], usable_power(LIGHTS[kind])[0], UNIT_BOX, cover)
     patch = Patch(DOWN * 1.2 * UNIT_BOX.scale + [0.1, 0, 0], AXES[2], 0.2)
     counted, error = patch.count(emitter, 300_000, 1, UNIT_BOX.scale)
-    expected = patch.mean(lambda position, normal: estimate(source, position, normal), steps=8) * source.rgb
+    expected = patch.mean(lambda position, normal: estimate(source, position, normal), steps=8) * source.rgb[0]
     assert error[0] < 0.03 * expected[0]
     assert (np.abs(counted - expected)[:2] < LIMIT * error[:2] + 2e-3 * expected[:2]).all()
     assert counted[2] == expected[2] == 0
@@ -79,10 +81,8 @@ def test_rays_end_at_the_light(kind):
 
 
 @pytest.mark.parametrize("kind", LIGHTS)
-def test_shares_are_proportional_to_the_closed_form_beyond_the_horizon_too(kind):
-    """Two receivers, one of them tilted so that its horizon cuts the light: the mean share has the ratio of the closed forms."""
-    if LIGHTS[kind].radius_m == 0 and LIGHTS[kind].angle_rad == 0 and LIGHTS[kind].kind != "AREA":
-        pytest.skip("a horizon does not cut a light without extent")
+def test_mean_shares_are_the_closed_form_beyond_the_horizon_too(kind):
+    """Two receivers, one of them tilted so that its horizon cuts the light."""
     source = source_of(LIGHTS[kind])
     away = -DOWN
     position = np.tile((DOWN * 0.3).astype(np.float32), (1, 1))
@@ -91,7 +91,7 @@ def test_shares_are_proportional_to_the_closed_form_beyond_the_horizon_too(kind)
     u = grid_numbers(128)
     shares = [source.aim(np.tile(position, (len(u), 1)), np.tile(n.astype(np.float32), (len(u), 1)), u).share.mean() for n in normals]
     closed = [source.irradiance(position, n[None].astype(np.float32))[0] for n in normals]
-    assert shares[1] / shares[0] == pytest.approx(closed[1] / closed[0], rel=0.02)
+    assert shares == pytest.approx(closed, rel=0.02)
 
 
 def test_inside_a_sphere_light_it_comes_from_all_around():
@@ -99,33 +99,50 @@ def test_inside_a_sphere_light_it_comes_from_all_around():
     position, normal = np.full((256, 3), 0.01, np.float32), np.tile(np.array([0, 0, 1], np.float32), (256, 1))
     aim = source.aim(position, normal, grid_numbers(16))
     assert (aim.direction[:, 2] > 0).all()
+    assert aim.share == pytest.approx(source.irradiance(position, normal))
     assert np.linalg.norm(position + aim.direction * aim.distance[:, None], axis=1) == pytest.approx(0.125, rel=1e-4)
 
 
 def test_triangles_shine_both_ways():
     corners = np.array([[0, 0, 0], [0.2, 0, 0], [0, 0.2, 0]], np.float32)
-    source = TriangleSource(np.ones(3), True, corners, np.array([0, 0, 1], np.float32))
+    source = TriangleSource(np.ones((1, 3)), True, corners[None], np.array([[0, 0, 1]], np.float32), np.array([0.02], np.float32))
     for height in (0.3, -0.3):
         position, normal = np.array([[0.05, 0.05, height]], np.float32), np.array([[0, 0, -np.sign(height)]], np.float32)
         assert source.irradiance(position, normal)[0] == pytest.approx(0.02 / 0.3**2, rel=0.1)
         aim = source.aim(np.tile(position, (256, 1)), np.tile(normal, (256, 1)), grid_numbers(16))
         end_height = (np.tile(position, (256, 1)) + aim.direction)[:, 2]
         assert (end_height * np.sign(height) > 0).all(), "rays end before the triangle, not behind it"
-        assert aim.share.mean() * 0.02 == pytest.approx(source.irradiance(position, normal)[0], rel=0.01)
+        assert aim.share.mean() == pytest.approx(source.irradiance(position, normal)[0], rel=0.01)
 
 
 def test_world():
-    source = WorldSource(np.ones(3))
+    source = WorldSource(np.ones((1, 3)))
     normal = np.tile(np.array([0, 0, 1], np.float32), (256, 1))
     assert source.irradiance(normal, normal) == pytest.approx(math.pi)
     aim = source.aim(normal, normal, grid_numbers(16))
+    assert aim.share == pytest.approx(math.pi)
     assert aim.direction[:, 2].mean() == pytest.approx(2 / 3, rel=0.02)
     assert aim.distance.min() > 1e20
 
 
-def test_sources_are_those_with_power():
-    lights = (LIGHTS["point"], Light("SUN", "Off"), replace(LIGHTS["sun"], power_rgb=(math.nan, 0, 0)))
-    scene = replace(lit_scene(), lights=lights, world_rgb=(1.0, -1.0, 0.0))
-    sources = make_sources(scene, UNIT_BOX)
-    assert len(sources) == 2
-    assert sources[1].rgb.tolist() == [1, 0, 0]
+@pytest.mark.parametrize("kind", LIGHTS)
+def test_a_row_for_each_receiver_is_the_light_by_itself(kind):
+    """Two lights in turn, of one source, at the receivers of each."""
+    light = LIGHTS[kind]
+    sizes = {"radius_m": 1.5 * light.radius_m, "angle_rad": 1.5 * light.angle_rad, "size_m": (0.5, 0.4), "blend": 0.5 * light.blend}
+    other = replace(light, position_m=(1.2, 1.9, 3.3), rotation=np.eye(3).tolist(), **sizes)
+    here, there = source_of(light), source_of(other)
+    ((both, _),) = join_sources([here, there])
+    which = np.arange(40) % 2
+    rng = np.random.default_rng(3)
+    position = rng.uniform(-0.5, 0.1, (40, 3)).astype(np.float32)
+    normal = np.tile(np.array([[0, 0.6, 0.8]], np.float32), (40, 1))
+    u = rng.random((40, 2), np.float32)
+    mixed = both.rows(which)
+    for lamp, source in enumerate((here, there)):
+        own = which == lamp
+        assert (mixed.rgb[own] == source.rgb).all()
+        assert mixed.irradiance(position, normal)[own] == pytest.approx(source.irradiance(position[own], normal[own]), rel=1e-5)
+        aim, alone = mixed.aim(position, normal, u), source.aim(position[own], normal[own], u[own])
+        for name in ("direction", "distance", "share", "weight"):
+            assert getattr(aim, name)[own] == pytest.approx(getattr(alone, name), rel=1e-4, abs=1e-6), name

@@ -9,7 +9,7 @@ import pytest
 from floors import floor_points, lit_scene, prepare
 from leaflight.core import direct_points
 from leaflight.core.direct_lights import Aim
-from leaflight.core.direct_points import STAGES, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces, take_rows
+from leaflight.core.direct_points import STAGES, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces
 from leaflight.core.geometry import UnitBox
 from scenes import make_scene, sphere_mesh
 
@@ -91,13 +91,6 @@ def test_what_comes_from_behind_the_face_or_weighs_nothing_is_not_seen():
     seen, traced = receivers.see(scene.rays, Aim(direction, np.ones(4, np.float32), weight, weight))
     assert seen.tolist() == [True, False, True, False]
     assert traced == 2
-
-
-def test_taken_rows_keep_the_fast_layout():
-    values = np.arange(12, dtype=np.float32).reshape(3, 4).T
-    taken = take_rows(values, np.array([3, 1]))
-    assert np.array_equal(taken, values[[3, 1]])
-    assert taken.T.flags.c_contiguous
 
 
 def test_pieces_join_to_the_rows():

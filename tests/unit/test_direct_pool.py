@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from floors import chi_square_sigmas, floor_points, lit_scene, prepare, sigma_limit, to_grid
 from leaflight.core import direct
 from leaflight.core.direct import DirectScene, direct_irradiance
-from leaflight.core.direct_lights import make_triangle_sources
-from leaflight.core.direct_pool import _sort_by_place
+from leaflight.core.direct_sources import make_triangle_sources
 from leaflight.core.emitters import find_emitting_cells
 from leaflight.core.scene import Material, SceneSnapshot, TextureImage
 from scenes import box_mesh, grid_mesh, moved, quad_mesh, sphere_mesh
@@ -37,8 +35,7 @@ def boxes(count: int) -> list:
     return [box_mesh(f"Lamp {i}", (0.1, 0.1, 0.05), (0.2 + 0.3 * (i % 3), 0.2 + 0.3 * (i // 3), 0.9)) for i in range(count)]
 
 
-def test_the_same_light_as_from_each_triangle_by_itself(monkeypatch):
-    monkeypatch.setattr(direct, "_SOURCES_PER_TEXEL", 1000.0)  # look at every one
+def test_the_same_light_as_from_each_triangle_by_itself():
     scene = lit_scene([box_mesh("Block", (0.3, 0.3, 0.3), (0.5, 0.5, 0.3))], emission=boxes(4), rgb=(3.0, 2.0, 1.0))
     pooled, _, _ = prepare(scene)
     assert pooled.pool is not None
@@ -71,11 +68,11 @@ def test_cells_of_a_cluster_are_chosen_by_their_power(hold):
     uv = scene.tri_position[..., :2].astype(np.float32)
     pictured = replace(scene, materials=(scene.materials[0], lamp), images=(TextureImage("Picture", pixels),), tri_emission_uv=uv)
     pool = prepare(pictured)[0].pool
-    power = np.diff(pool.power_end)
-    whole = np.add.reduceat(power, pool.cluster_start[:-1])
+    power = np.diff(pool.clusters.weight_end)
+    whole = np.add.reduceat(power, pool.clusters.start[:-1])
     rng = np.random.default_rng(4)
     cluster = rng.choice(len(whole), 400_000, p=whole / power.sum())
-    cell, chance = pool._choose_cell(cluster, rng.random(len(cluster)))
+    cell, chance = pool.clusters.choose(cluster, rng.random(len(cluster)))
     assert chance == pytest.approx(power[cell] / whole[cluster])
     groups = np.arange(len(power)) * 8 // len(power)
     counts, expected = np.bincount(groups[cell]), np.bincount(groups, power) / power.sum() * len(cell)
@@ -151,10 +148,7 @@ def test_clusters_of_more_triangles_than_they_are():
     lamps = [moved(sphere_mesh(f"Lamp {i}", 12, 24, 0.1), (0.25 + 0.5 * i, 0.5, 0.6)) for i in range(2)]
     scene, _, _ = prepare(lit_scene(emission=lamps))
     assert scene.pool is not None
-    assert len(scene.pool.cluster_start) - 1 <= 256
-    assert scene.pool.cluster_start[0] == 0
-    assert scene.pool.cluster_start[-1] == len(scene.pool.cells.tri)
-    assert (np.diff(scene.pool.cluster_start) > 0).all()
+    assert len(scene.pool.clusters) <= 256 < len(scene.pool.cells.tri)
     found = to_grid(light_floor(scene, tolerance=0.005).irradiance_rgb[:, 0], SIDE)
     # A sphere of radiance 1 gives pi sin^2 cos, here in full view of the floor.
     place = (np.arange(SIDE) + 0.5) / SIDE
@@ -164,12 +158,3 @@ def test_clusters_of_more_triangles_than_they_are():
         expected += math.pi * 0.01 / square * 0.6 / np.sqrt(square)
     assert np.sqrt(((found / expected - 1) ** 2).mean()) < 0.1
     assert found.mean() == pytest.approx(expected.mean(), rel=0.03)  # 12 rings are a little smaller than their sphere
-
-
-def test_cells_are_sorted_by_facing_first():
-    centre = np.random.default_rng(1).random((100, 3)) - 0.5
-    normal = np.eye(3)[np.arange(100) % 3] * np.where(np.arange(100) % 2, 1, -1)[:, None]
-    order = _sort_by_place(centre, normal)
-    facing = [tuple(normal[i]) for i in order]
-    assert sum(a != b for a, b in pairwise(facing)) == 5
-    assert sorted(order.tolist()) == list(range(100))

@@ -84,3 +84,10 @@ def test_offset_moves_along_the_normal_in_both_layouts():
     assert moved.dtype == np.float32
     np.testing.assert_allclose(position[:, 1] - moved[:, 1], geometry.ORIGIN_OFFSET, rtol=0.02)
     np.testing.assert_array_equal(geometry.offset_origin(position.T, normal.T).T, moved)
+
+
+def test_taken_rows_keep_the_fast_layout():
+    values = np.arange(12, dtype=np.float32).reshape(3, 4).T
+    taken = geometry.take_rows(values, np.array([3, 1]))
+    assert np.array_equal(taken, values[[3, 1]])
+    assert taken.T.flags.c_contiguous

@@ -127,3 +127,11 @@ def test_rays_that_are_spared_are_counted(tmp_path):
     assert result["skipped"]["pairs_out_of_reach"] == result["direct"]["out_of_reach"] > 0
     assert result["skipped"]["pairs_settled_early"] == result["direct"]["settled"] > 0
     assert result["skipped"]["photons"] == QUICK.max_photons - result["photons"] >= 0
+
+
+def test_lamps_that_give_little_are_sampled_together_and_counted(tmp_path):
+    lamp = GREY.lights[0]
+    many = tuple(replace(lamp, name=str(k), position_m=(0.1 * (k % 5), 0.1 * (k // 5), lamp.position_m[2])) for k in range(20))
+    result, _, _ = bake_scene(tmp_path / "a", replace(GREY, lights=many))
+    assert result["skipped"]["pairs_sampled_together"] == result["direct"]["sampled"] > 0
+    assert bake_scene(tmp_path / "b", GREY)[0]["skipped"]["pairs_sampled_together"] == 0

@@ -1,0 +1,167 @@
+"""Choice among more lights than can be looked at one by one: clusters of them, strata of the choice, and rays until they agree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .direct_points import row_pieces
+from .emitters import weigh_channels
+from .lights import Float32, Float64
+from .scene import FloatArray, IntArray
+
+BLOCK_TEXELS = 64  # neighbours in Morton order, 8 x 8 within a chart, that tell each other what lights them
+
+Int64: TypeAlias = NDArray[np.int64]
+Span: TypeAlias = tuple[int, int]  # rays first ... last - 1 of a texel
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """Sorted emitters in runs of about the same importance; an emitter is chosen within its run by importance.
+
+    weight_end   (n + 1,) float64           cumulative importance
+    start        (n_cluster + 1,) int64
+    centre       (n_cluster, 3) float32, unit box
+    normal       (n_cluster, 3) float32     mean; short where its emitters look in many directions
+    square       (n_cluster,) float32       mean squared distance of its emitters from the centre, and their own size
+    """
+
+    weight_end: Float64
+    start: Int64
+    centre: Float32
+    normal: Float32
+    square: Float32
+
+    @classmethod
+    def of(cls, weight: Float64, centre: FloatArray, normal: FloatArray, own_square: FloatArray, most: int) -> Clusters:
+        """At most so many clusters of emitters in their order; own_square (n,) is their squared size."""
+        every = np.arange(len(weight))
+        weight_end = np.concatenate([[0.0], np.cumsum(weight)])
+        start = every
+        if len(every) > most:
+            start = np.searchsorted(weight_end, weight_end[-1] * np.arange(most) / most, side="right") - 1
+        start = np.unique(np.clip(start, 0, len(every) - 1))
+        total = np.maximum(np.add.reduceat(weight, start), 1e-300)
+        mean_centre = np.add.reduceat(centre * weight[:, None], start, axis=0) / total[:, None]
+        mean_normal = np.add.reduceat(normal * weight[:, None], start, axis=0) / total[:, None]
+        cluster = np.repeat(np.arange(len(start)), np.diff(np.append(start, len(every))))
+        square = ((centre - mean_centre[cluster]) ** 2).sum(axis=1) + own_square
+        mean_square = np.add.reduceat(square * weight, start) / total
+        return cls(
+            weight_end,
+            np.append(start, len(every)).astype(np.int64),
+            mean_centre.astype(np.float32),
+            mean_normal.astype(np.float32),
+            mean_square.astype(np.float32),
+        )
+
+    def __len__(self) -> int:
+        return len(self.start) - 1
+
+    @property
+    def weight(self) -> Float64:
+        """(n_cluster,) float64."""
+        return np.diff(self.weight_end[self.start])
+
+    def choose(self, cluster: Int64, u: FloatArray) -> tuple[Int64, Float64]:
+        """Emitters of clusters (n,) by importance, and their chances within the cluster."""
+        if len(self) == len(self.weight_end) - 1:  # each is its own cluster
+            return cluster, np.ones(len(cluster))
+        start, end = self.start[cluster], self.start[cluster + 1]
+        low, width = self.weight_end[start], self.weight_end[end] - self.weight_end[start]
+        chosen = np.clip(np.searchsorted(self.weight_end, low + u * width, side="right") - 1, start, end - 1)
+        return chosen, np.maximum(self.weight_end[chosen + 1] - self.weight_end[chosen], 1e-300) / width
+
+
+def cumulate(chances: FloatArray, first: int, out: Float64) -> None:
+    """out (n, n_cluster) float64: cumulative chances of clusters, row r from first + r to one more, so that one search serves all."""
+    np.cumsum(chances, axis=1, out=out)
+    out /= np.maximum(out[:, -1:], 1e-300)
+    out += np.arange(first, first + len(out))[:, None]
+
+
+def choose_by_strata(
+    end: Float64, rows: IntArray, turn: NDArray[np.uint32], count: int, rng: np.random.Generator
+) -> tuple[Int64, Int64, Float64, Float64]:
+    """Choices (count, len(rows)) of a cluster, one in each of `count` strata of a row's chances.
+
+    end       of cumulate
+    rows      (n,) int      of end
+    turn      (n,) uint32   turns the order in which each meets its strata, so that they are not tied to places in the texel
+    out       strata (count, len(rows)) int64; then (count * len(rows),): cluster int64, its chance, and what is left of
+              the random number, again uniform in [0, 1]
+    """
+    n_cluster = end.shape[1]
+    step = (np.arange(count)[:, None] + turn % count) % count
+    pick = (step + rng.random((count, len(rows)))) / count
+    row = np.broadcast_to(rows, pick.shape).ravel()
+    target = pick.ravel() + row
+    # Searched texel by texel, whose chances are near each other in memory.
+    found = np.searchsorted(end.ravel(), np.ravel(target.reshape(pick.shape), order="F"), side="right").reshape(pick.shape, order="F")
+    cluster = np.clip(found.ravel() - row * n_cluster, 0, n_cluster - 1)
+    low = np.where(cluster > 0, end[row, np.maximum(cluster - 1, 0)], row)
+    chance = np.maximum(end[row, cluster] - low, 1e-12)
+    return step, cluster, chance, np.clip((target - low) / chance, 0, 1)
+
+
+def in_order(step: Int64, values: FloatArray) -> Float64:
+    """(k, n, 3) float64: values (k * n, 3) of n rows in the order of their strata, step (k, n)."""
+    ordered = np.empty((*step.shape, 3))
+    ordered[step, np.arange(step.shape[1])] = values.reshape(*step.shape, 3)
+    return ordered
+
+
+def gather_until_sure(
+    gather: Callable[[IntArray, Span], tuple[Float64, int]],
+    rows: IntArray,
+    base_rgb: Float64,
+    tolerance: float,
+    spans: Sequence[Span],
+    learn: Callable[[IntArray], None] = lambda rows: None,
+) -> tuple[Float64, Float64, int]:
+    """Irradiance (n, 3) and its variance (n, 3), and the number of rays; 0 but at the rows.
+
+    gather     gives, for some rows and a span of their rays, estimates (k, len(rows), 3) in the order of their strata, and rays traced
+    base_rgb   (n, 3) float64: other light; more rays go where the error shows beside the sum
+    learn      called after the first span, with the rows that go on
+    """
+    count, n_ray = len(base_rgb), 0
+    total, squares = np.zeros((count, 3)), np.zeros((count, 3))
+    if not len(rows):
+        return total, squares, n_ray
+    taken = np.ones(count, np.int64)
+    taken[rows] = 0
+    for first, last in spans:
+        for piece in row_pieces(rows, last - first):
+            value, traced = gather(piece, (first, last))
+            n_ray += traced
+            total[piece] += value.sum(axis=0)
+            # Neighbouring strata differ by what is random inside them. Source: Wolter 1984, successive differences.
+            squares[piece] += ((value[0::2] - value[1::2]) ** 2).sum(axis=0)
+            taken[piece] += last - first
+        error = weigh_channels(squares) / taken**2
+        allowed = (tolerance * weigh_channels(base_rgb + total / taken[:, None])) ** 2
+        # A texel that stopped whenever its own rays agree would be too bright, or too dark, on average.
+        worse = np.add.reduceat(error - allowed, np.arange(0, count, BLOCK_TEXELS)) > 0
+        rows = rows[(error > allowed)[rows] | worse[rows // BLOCK_TEXELS]]
+        if first == 0:
+            learn(rows)
+    return total / taken[:, None], squares / taken[:, None] ** 2, n_ray
+
+
+def sort_by_place(centre: FloatArray, normal: FloatArray) -> Int64:
+    """Order of emitters: by the axis their normals are nearest to, then along a Morton curve."""
+    place = (np.clip(centre + 0.5, 0, 1) * 1023).astype(np.int64)
+    code = np.zeros(len(place), np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            code |= ((place[:, axis] >> bit) & 1) << (3 * bit + axis)
+    nearest = np.abs(normal).argmax(axis=1)
+    facing = 2 * nearest + (normal[np.arange(len(normal)), nearest] < 0)
+    order: Int64 = np.lexsort((code, facing))
+    return order

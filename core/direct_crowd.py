@@ -1,0 +1,231 @@
+"""Direct light from many lamps: the few that matter to a texel are told apart, the others are sampled together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .direct_choice import BLOCK_TEXELS, Clusters, Int64, Span, choose_by_strata, cumulate, gather_until_sure, in_order, sort_by_place
+from .direct_lights import AreaSource, PointSource, Source
+from .direct_points import MIDDLE, STAGES, Receivers, TexelChunk, light_points, random_shift, row_pieces
+from .direct_sources import join_sources
+from .emitters import weigh_channels
+from .lights import Float32, Float64, spread_attenuation
+from .rays import RayScene
+from .scene import IntArray
+
+_MAX_CLUSTERS = 4096  # 32 KB each of a chunk of 2^14 texels
+_MATTERS = 1 / 16  # share of what a texel may get, from which on a lamp is looked at by itself
+_TOGETHER = 4  # neighbouring texels, 2 x 2 within a chart, that choose alike
+_REGION_BLOCKS = 16  # blocks of texels that are asked together which lamps light them
+_AROUND_RAYS = 4  # what their answer counts, in rays of a block's own
+_LEAST_LIT = 0.1
+_GRAZING, _BEHIND = np.float32(0.1), np.float32(0.01)  # least cosine a lamp is judged by, and what is left of one that shines elsewhere
+_CONE_SLACK_RAD = 0.1
+_ANYWHERE = -2.0  # below any cosine
+
+
+@dataclass(frozen=True)
+class LampCrowd:
+    """Lamps in the order of their places, whose clusters are single lamps unless they are very many.
+
+    kind, number   (n,) int64                    the lamp is row `number` of kinds[kind]
+    clusters       of the lamps; normal is where a spot or an area light shines, 0 where it shines all around
+    low_cosine     (n_cluster,) float32          beyond it a cone gives nothing
+    flat           (n_cluster,) bool             it shines by the cosine, as an area light does
+    """
+
+    kinds: tuple[Source, ...]
+    kind: Int64
+    number: Int64
+    clusters: Clusters
+    low_cosine: Float32
+    flat: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, lamps: Sequence[Source]) -> LampCrowd:
+        """A crowd of sources of one lamp each, that are somewhere: no suns."""
+        joined = join_sources(lamps)
+        kind = np.concatenate([np.full(len(of), k) for k, (_, of) in enumerate(joined)])
+        number = np.concatenate([np.arange(len(of)) for _, of in joined])
+        outlines = [_outline(source) for source, _ in joined]
+        centre, axis, weight, square, low, flat = (np.concatenate(parts) for parts in zip(*outlines, strict=True))
+        order = sort_by_place(centre, axis)
+        centre, axis, weight, square, low, flat = (values[order] for values in (centre, axis, weight, square, low, flat))
+        clusters = Clusters.of(weight, centre, axis, square, _MAX_CLUSTERS)
+        alone = np.diff(clusters.start) == 1
+        first = clusters.start[:-1]
+        clusters.normal[~alone] = 0  # lamps that shine elsewhere may be among them
+        low_cosine = np.where(alone, low[first], _ANYWHERE).astype(np.float32)
+        return cls(tuple(source for source, _ in joined), kind[order], number[order], clusters, low_cosine, flat[first] & alone)
+
+    def tell_apart(self, chunk: TexelChunk, starts: Receivers) -> tuple[list[tuple[Source, Int64, Int64]], RestOfCrowd]:
+        """Sources with the pairs (texel, row of the source) that matter, and the rest of the lamps at each texel.
+
+        starts   of rays from the chunk's texels, any number of each
+        """
+        count, n_cluster = len(chunk.texel), len(self.clusters)
+        reach = _reach_of_texels(chunk, starts)
+        end = np.empty((-(-count // _TOGETHER), n_cluster))
+        alone = np.diff(self.clusters.start) == 1
+        groups, chosen = [], []
+        for piece in row_pieces(np.arange(len(end)), n_cluster):
+            rows = np.minimum(piece[:, None] * _TOGETHER + np.arange(_TOGETHER), count - 1).ravel()
+            share = self.judge(chunk.receivers_at(rows, MIDDLE), reach[rows])
+            share /= share.sum(axis=1, keepdims=True)
+            share = share.reshape(len(piece), _TOGETHER, n_cluster)
+            row, cluster = np.nonzero((share.max(axis=1) > np.float32(_MATTERS)) & alone)
+            together = share.sum(axis=1)
+            together[row, cluster] = 0
+            cumulate(together, piece[0], end[piece[0] : piece[-1] + 1])
+            groups.append(piece[row])
+            chosen.append(cluster)
+        lamp = np.repeat(self.clusters.start[np.concatenate(chosen)], _TOGETHER)
+        texel = (np.concatenate(groups)[:, None] * _TOGETHER + np.arange(_TOGETHER)).ravel()
+        order = np.argsort(lamp, kind="stable")
+        order = order[texel[order] < count]
+        texel, lamp = texel[order], lamp[order]
+        pairs = []
+        for k, source in enumerate(self.kinds):
+            own = np.flatnonzero(self.kind[lamp] == k)
+            if len(own):
+                pairs.append((source, texel[own], self.number[lamp[own]]))
+        return pairs, RestOfCrowd(self, end, count * len(self.kind) - len(texel))
+
+    def judge(self, receivers: Receivers, reach: Float32) -> Float32:
+        """(n, n_cluster): about what the clusters give, unoccluded, and never 0; reach (n,), unit box, is half a texel's diagonal."""
+        centre, normal, axis = self.clusters.centre, receivers.normal, self.clusters.normal
+        square = _dot(receivers.position, receivers.position)[:, None] + _dot(centre, centre) - 2 * receivers.position @ centre.T
+        np.maximum(square, np.float32(1e-9), out=square)
+        distance = np.sqrt(square)
+        out: Float32 = normal @ centre.T - _dot(normal, receivers.position)[:, None]
+        extent = np.sqrt(self.clusters.square)
+        least = np.where(out > -(extent + reach[:, None]), _GRAZING, _BEHIND)
+        least *= distance
+        np.maximum(out, least, out=out)
+        square += self.clusters.square
+        square += (reach * reach)[:, None]
+        square *= distance
+        out /= square
+        out *= self.clusters.weight.astype(np.float32)
+        aimed = np.flatnonzero(axis.any(axis=1))
+        if len(aimed):
+            cosine = (receivers.position @ axis[aimed].T - _dot(centre, axis)[aimed]) / distance[:, aimed]
+            shine = np.where(self.flat[aimed], np.maximum(cosine, _GRAZING), np.float32(1))
+            out[:, aimed] *= np.where(cosine >= self.low_cosine[aimed], shine, _BEHIND)
+        return out
+
+
+class RestOfCrowd:
+    """Lamps that give little to a texel, by chance.
+
+    end      (n_group, n_cluster) float64   of direct_choice.cumulate, for so many texels together; a row of 0 chances has nobody in it
+    n_pair   pairs (texel, lamp) that are in it
+    """
+
+    def __init__(self, crowd: LampCrowd, end: Float64, n_pair: int) -> None:
+        self._crowd, self._end, self.n_pair = crowd, end, n_pair
+
+    def irradiance(
+        self, rays: RayScene, chunk: TexelChunk, base_rgb: Float64, tolerance: float, max_rays: int, rng: np.random.Generator
+    ) -> tuple[Float64, Float64, int]:
+        """As EmitterPool.irradiance."""
+        count = len(chunk.texel)
+        shift, turn = random_shift(rng, count), random_shift(rng, count)[:, 0]
+
+        n_cluster = self._end.shape[1]
+        shot, lit = np.zeros((2, -(-count // BLOCK_TEXELS) * n_cluster))
+
+        def gather(rows: IntArray, span: Span) -> tuple[Float64, int]:
+            first, last = span
+            receivers = chunk.receivers(rows, first, last)
+            step, cluster, chance, rest = choose_by_strata(self._end, rows // _TOGETHER, turn[rows], last - first, rng)
+            lamp, lamp_chance = self._crowd.clusters.choose(cluster, rest)
+            value, traced = self._look(rays, receivers, lamp, light_points(shift[rows], first, last))
+            if first == 0:
+                place = np.tile(rows // BLOCK_TEXELS * n_cluster, last) + cluster
+                np.add(shot, np.bincount(place, minlength=len(shot)), out=shot)
+                np.add(lit, np.bincount(place, value.any(axis=1), len(lit)), out=lit)
+            value /= (chance * lamp_chance)[:, None]
+            return in_order(step, value), traced
+
+        def learn(rows: IntArray) -> None:
+            self._weigh(np.unique(rows // _TOGETHER), _lit_share(shot.reshape(-1, n_cluster), lit.reshape(-1, n_cluster)))
+
+        spans = [span for span in STAGES if span[0] < max_rays]
+        somebody = self._end[:, -1] > np.arange(len(self._end))
+        rows = np.flatnonzero(np.repeat(somebody, _TOGETHER)[:count])
+        return gather_until_sure(gather, rows, base_rgb, tolerance, spans, learn)
+
+    def _weigh(self, groups: Int64, share: Float32) -> None:
+        """Lowers the chances of what is not lit by; share (n_block, n_cluster)."""
+        for piece in row_pieces(groups, self._end.shape[1]):
+            chances = np.diff(self._end[piece], axis=1, prepend=piece[:, None].astype(float))
+            np.maximum(chances, 0, out=chances)
+            chances *= share[piece * _TOGETHER // BLOCK_TEXELS]
+            end = np.empty_like(chances)
+            cumulate(chances, 0, end)
+            self._end[piece] = end + (piece - np.arange(len(piece)))[:, None]
+
+    def _look(self, rays: RayScene, receivers: Receivers, lamp: Int64, u: Float32) -> tuple[Float64, int]:
+        """(n, 3) float64: irradiance by one ray from each receiver to its lamp; and rays traced."""
+        value, traced = np.zeros((len(lamp), 3)), 0
+        kind = self._crowd.kind[lamp]
+        for k, source in enumerate(self._crowd.kinds):
+            own = np.flatnonzero(kind == k)
+            lamps, looking = source.rows(self._crowd.number[lamp[own]]), receivers.rows(own)
+            aim = lamps.aim(looking.position, looking.normal, u[own])
+            weight = aim.weight
+            if source.casts_shadow:
+                seen, n_ray = looking.see(rays, aim)
+                weight, traced = weight * seen, traced + n_ray
+            value[own] = weight[:, None] * lamps.rgb
+        return value, traced
+
+
+def _lit_share(shot: Float64, lit: Float64) -> Float32:
+    """(n_block, n_cluster): share of its rays by which a cluster lights a block, helped by the blocks around where they are few."""
+    region = np.arange(0, len(shot), _REGION_BLOCKS)
+    size = np.diff(np.append(region, len(shot)))
+    around = (np.add.reduceat(lit, region, axis=0) + 1) / (np.add.reduceat(shot, region, axis=0) + 1)
+    share = (lit + _AROUND_RAYS * np.repeat(around, size, axis=0)) / (shot + _AROUND_RAYS)
+    out: Float32 = np.maximum(share, _LEAST_LIT).astype(np.float32)
+    return out
+
+
+def _reach_of_texels(chunk: TexelChunk, starts: Receivers) -> Float32:
+    """(n,) float32, unit box: about half the diagonal of each texel."""
+    place = starts.position.reshape(-1, len(chunk.texel), 3)
+    out: Float32 = np.sqrt(((place - place.mean(axis=0)) ** 2).sum(axis=2).max(axis=0)) * np.float32(math.sqrt(3))
+    return out
+
+
+def _outline(source: Source) -> tuple[Float32, Float32, Float64, Float32, Float32, NDArray[np.bool_]]:
+    """Centre (n, 3), where it shines (n, 3), intensity (n,), squared size (n,), cosine of the cone (n,), and whether it is flat (n,)."""
+    weight = weigh_channels(source.rgb)
+    anywhere, no = np.full(len(weight), _ANYWHERE, np.float32), np.zeros(len(weight), bool)
+    if isinstance(source, PointSource):
+        if not source.is_spot:
+            return source.centre, np.zeros_like(source.centre), weight, source.radius**2, anywhere, no
+        return source.centre, source.axis, weight, source.radius**2, _widen(np.arccos(1 - source.drop)), no
+    if isinstance(source, AreaSource):
+        square = _dot(source.x_axis, source.x_axis) + _dot(source.y_axis, source.y_axis)
+        boost = spread_attenuation(np.ones(len(weight)), source.spread_rad)
+        low = np.full_like(anywhere, -_GRAZING) if source.is_lambertian else _widen(source.spread_rad / 2)
+        return source.centre, -source.z_axis, weight * source.area * boost, square, low, ~no
+    raise TypeError(f"{type(source).__name__} has no place")
+
+
+def _widen(half_angle_rad: Float32) -> Float32:
+    """Cosines of cones that are surely as wide, as seen from a texel's middle."""
+    out: Float32 = np.cos(np.minimum(half_angle_rad + _CONE_SLACK_RAD, np.float32(math.pi)))
+    return out
+
+
+def _dot(a: Float32, b: Float32) -> Float32:
+    out: Float32 = np.asarray((a * b).sum(axis=1))
+    return out

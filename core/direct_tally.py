@@ -1,0 +1,153 @@
+"""Lights looked at one by one: closed forms times the visible share, found by shadow rays where it is in doubt."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .direct_lights import Source
+from .direct_points import GAUSS_POINTS, STAGES, Receivers, TexelChunk, light_points
+from .lights import Float64
+from .rays import RayScene
+from .scene import IntArray
+
+AGREE_TEXELS = 16  # neighbours in Morton order whose first rays must agree before any of them stops
+# Powers of the number of rays by which strata lower the variance; measured. A hard edge crosses few cells of a texel; a soft one ties
+# places in the texel to places on the light, which are stratified each by themselves.
+_SHARP_GAIN, _SOFT_GAIN = 0.9, 0.375
+_GENTLE = 0.5  # range of a closed form inside a texel, of its mean, up to which four points give its mean
+
+
+class Tally:
+    """What is known of lights at some texels: a ratio estimate for each pair, closed form * sum(weight * seen) / sum(share).
+
+    rows    (n,) int64     texels of the chunk; neighbours in space should be neighbours here, of one light after the other
+    lamp    (n,) int64     rows of the source; None where it has one
+    reach   (n,) float64   sum of the closed form at the rays' starts
+    """
+
+    def __init__(self, source: Source, rows: NDArray[np.int64], lamp: NDArray[np.int64] | None, shift: NDArray[np.uint32]) -> None:
+        self.source, self.rows, self._lamp, self._shift = source, rows, lamp, shift
+        self.reach = np.zeros(len(rows))
+        self._reach_squares, self._bend = np.zeros((2, len(rows)))
+        self._starts, self._rays = np.zeros(len(rows)), np.zeros(len(rows))
+        # Sums of share, share^2, weight * seen, (weight * seen)^2, share * weight * seen.
+        self._sums = np.zeros((5, len(rows)))
+        self._lit, self._dark = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
+
+    def add(self, rays: RayScene, chunk: TexelChunk, index: IntArray, stage: tuple[int, int], starts: Receivers | None) -> int:
+        """Sends a stage's rays from some of the tally's texels; gives how many were traced."""
+        first, last = stage
+        receivers = chunk.receivers(self.rows[index], first, last) if starts is None else starts
+        lamp = None if self._lamp is None else np.tile(self._lamp[index], last - first)
+        self._rays[index] += last - first
+        if stage != STAGES[2]:  # by then the closed form is known at 16 points
+            closed = self._lamps(lamp).irradiance(receivers.position, receivers.normal).reshape(last - first, -1)
+            self.reach[index] += closed.sum(axis=0)
+            self._reach_squares[index] += (closed * closed).sum(axis=0)
+            self._starts[index] += last - first
+            if stage == STAGES[0]:
+                self._bend[index] = _estimate_bend(closed)
+            if stage == STAGES[0] and not closed.all():
+                live = np.flatnonzero(closed.ravel() > 0)
+                lamp = None if lamp is None else lamp[live]
+                return self._trace(rays, receivers.rows(live), self._lamps(lamp), live, index, (first, last))
+        return self._trace(rays, receivers, self._lamps(lamp), np.arange(len(receivers.position)), index, (first, last))
+
+    def _lamps(self, lamp: NDArray[np.int64] | None) -> Source:
+        return self.source if lamp is None else self.source.rows(lamp)
+
+    def _trace(self, rays: RayScene, receivers: Receivers, lamps: Source, live: IntArray, index: IntArray, stage: tuple[int, int]) -> int:
+        """live (m,) int: place of each receiver in (rays, len(index))."""
+        if not len(live):
+            return 0
+        aim = lamps.aim(receivers.position, receivers.normal, light_points(self._shift[index], *stage)[live])
+        traced = 0
+        if self.source.casts_shadow:
+            seen, traced = receivers.see(rays, aim)
+        else:
+            seen = np.ones(len(live), bool)
+        shape = (stage[1] - stage[0], len(index))
+        share, weight, dark = np.zeros((3, *shape))
+        share.flat[live], weight.flat[live] = aim.share, aim.weight * seen
+        dark.flat[live] = (aim.weight > 0) & ~seen
+        for row, values in enumerate((share, share * share, weight, weight * weight, share * weight)):
+            self._sums[row, index] += values.sum(axis=0)
+        self._lit[index] |= weight.any(axis=0)
+        self._dark[index] |= dark.any(axis=0)
+        return traced
+
+    @property
+    def rgb(self) -> Float64:
+        """(n or 1, 3) float64: of each pair's light."""
+        return self.source.rgb if self._lamp is None else self.source.rgb[self._lamp]
+
+    def light(self, count: int) -> Float64:
+        """(count, 3) float64: irradiance of the chunk's texels by these lights."""
+        return self._sum_texels(self.value()[:, None] * self.rgb, count)
+
+    def variance(self, count: int) -> Float64:
+        """(count, 3) float64: of light."""
+        return self._sum_texels(self._error_squared()[:, None] * self.rgb**2, count)
+
+    def _sum_texels(self, values: Float64, count: int) -> Float64:
+        if self._lamp is None:  # each texel is there once
+            out = np.zeros((count, 3))
+            out[self.rows] = values
+            return out
+        return np.stack([np.bincount(self.rows, channel, count) for channel in values.T], axis=1)
+
+    def value(self) -> Float64:
+        """(n,) float64: irradiance for rgb = 1."""
+        out: Float64 = self._closed() * self._ratio()
+        return out
+
+    def unsettled(self, allowed: Float64, stage: tuple[int, int]) -> NDArray[np.int64]:
+        """Texels that want the rays of a stage: whose standard error, or that of their neighbours, exceeds what is allowed (n,).
+
+        A texel that stopped whenever its own rays agree would be too bright, or too dark, on average.
+        """
+        error = self._error_squared()
+        doubt = error > allowed**2
+        if stage == STAGES[1] or not self.source.is_sharp:
+            n_block = -(-len(self.rows) // AGREE_TEXELS)
+            block = np.arange(len(self.rows)) // AGREE_TEXELS
+            lit = np.bincount(block, self._lit, minlength=n_block) > 0
+            mixed = np.pad(lit & (np.bincount(block, self._dark, minlength=n_block) > 0), 1)
+            around = mixed[:-2] | mixed[1:-1] | mixed[2:]
+            if stage == STAGES[1]:
+                doubt |= around[block] & (0.25 * self._closed() > allowed)
+            else:
+                mean_error = np.bincount(block, error, minlength=n_block) / np.bincount(block, minlength=n_block)
+                doubt |= mean_error[block] > allowed**2
+        return np.flatnonzero(doubt & (self.reach > 0))
+
+    def _closed(self) -> Float64:
+        out: Float64 = self.reach / np.maximum(self._starts, 1)
+        return out
+
+    def _ratio(self) -> Float64:
+        out: Float64 = np.divide(self._sums[2], self._sums[0], out=np.zeros(len(self.rows)), where=self._sums[0] > 0)
+        return out
+
+    def _error_squared(self) -> Float64:
+        """Of the ratio estimate. Source: Cochran 1977, "Sampling Techniques", 6.3, for random rays."""
+        ratio = self._ratio()
+        residual = np.maximum(self._sums[3] - 2 * ratio * self._sums[4] + ratio**2 * self._sums[1], 0)
+        square = np.divide(residual, self._sums[0] ** 2, out=np.ones(len(ratio)), where=self._sums[0] > 0)
+        starts, closed = np.maximum(self._starts, 1), self._closed()
+        spread = np.maximum(self._reach_squares / starts - closed**2, 0) / starts**2
+        spread = np.where(starts > len(GAUSS_POINTS), spread, self._bend**2) * ratio**2
+        # Of few lit rays, or few dark ones, hardly two are in strata that cover each other's noise.
+        rarer = 2 * self._rays * np.minimum(ratio, np.maximum(1 - ratio, 0))
+        gain = np.maximum(rarer, 1) ** (_SHARP_GAIN if self.source.is_sharp else _SOFT_GAIN)
+        out: Float64 = spread + closed**2 * square / gain
+        return out
+
+
+def _estimate_bend(closed: Float64) -> Float64:
+    """(n,) float64: how far the mean of values (4, n) at the Gauss points may be off: nothing where they lie in a gentle plane."""
+    twist = np.abs(closed[0] - closed[1] - closed[2] + closed[3]) / 4
+    reach = closed.max(axis=0) - closed.min(axis=0)
+    out: Float64 = np.where(reach > _GENTLE * closed.mean(axis=0), reach / 4, twist)
+    return out

@@ -1,0 +1,115 @@
+"""Clusters, strata of a choice, and rays until they agree."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from leaflight.core.direct_choice import Clusters, choose_by_strata, cumulate, gather_until_sure, in_order, sort_by_place
+from leaflight.core.direct_points import STAGES
+
+
+def random_clusters(count: int, most: int) -> Clusters:
+    rng = np.random.default_rng(count)
+    return Clusters.of(rng.uniform(0.1, 1.0, count), rng.random((count, 3)), np.zeros((count, 3)), np.full(count, 0.25), most)
+
+
+def test_clusters_are_runs_of_all_emitters():
+    clusters = random_clusters(1000, 50)
+    assert len(clusters) <= 50
+    assert clusters.start[0] == 0
+    assert clusters.start[-1] == 1000
+    assert (np.diff(clusters.start) > 0).all()
+    assert clusters.weight.max() < 2 * clusters.weight.mean()
+    assert clusters.weight.sum() == pytest.approx(clusters.weight_end[-1])
+    assert (clusters.square > 0.25).all()
+
+
+def test_few_emitters_are_clusters_of_themselves():
+    clusters = random_clusters(20, 50)
+    every = np.arange(20)
+    chosen, chance = clusters.choose(every, np.full(20, 0.5))
+    assert np.array_equal(chosen, every)
+    assert (chance == 1).all()
+    assert (clusters.square == 0.25).all()
+
+
+def test_emitters_are_chosen_within_their_cluster_by_weight():
+    clusters = random_clusters(100, 10)
+    cluster = np.repeat(np.arange(len(clusters)), 1000)
+    chosen, chance = clusters.choose(cluster, np.tile((np.arange(1000) + 0.5) / 1000, len(clusters)))
+    weight = np.diff(clusters.weight_end)
+    assert chance == pytest.approx(weight[chosen] / clusters.weight[cluster])
+    assert np.bincount(chosen) / 1000 == pytest.approx(weight / np.repeat(clusters.weight, np.diff(clusters.start)), abs=2e-3)
+
+
+def test_strata_give_each_cluster_its_part_of_the_choices():
+    chances = np.array([[1.0, 0, 3, 0], [0, 0, 0, 2], [5, 5, 5, 5]])
+    end = np.empty((3, 4))
+    cumulate(chances, 0, end)
+    rows = np.array([2, 0, 1, 0])
+    step, cluster, chance, rest = choose_by_strata(end, rows, np.array([7, 0, 2, 9], np.uint32), 16, np.random.default_rng(1))
+    assert all(sorted(one) == list(range(16)) for one in step.T)
+    counts = np.stack([np.bincount(one, minlength=4) for one in cluster.reshape(16, 4).T])
+    assert counts == pytest.approx(16 * (chances / chances.sum(axis=1, keepdims=True))[rows])
+    assert pytest.approx((chances / chances.sum(axis=1, keepdims=True))[rows[:, None], cluster.reshape(16, 4).T]) == chance.reshape(16, 4).T
+    assert rest.min() >= 0
+    assert rest.max() <= 1
+    assert 0.3 < rest.mean() < 0.7
+
+
+def test_values_are_put_into_the_order_of_their_strata():
+    step = np.array([[1, 2], [2, 0], [0, 1]])
+    assert in_order(step, np.repeat(step.ravel()[:, None], 3, axis=1))[..., 0].tolist() == [[0, 0], [1, 1], [2, 2]]
+
+
+class TestGathering:
+    def gather(self, level: np.ndarray, noise: np.ndarray):
+        """Rays of rows by these means and standard deviations; keeps what it was asked."""
+        rng, asked = np.random.default_rng(1), []
+
+        def gather(rows, span):
+            asked.append((rows, span))
+            value = level[rows] + noise[rows] * rng.normal(size=(span[1] - span[0], len(rows)))
+            return np.repeat(value[..., None], 3, axis=2), value.size
+
+        return gather, asked
+
+    def test_rows_that_agree_stop_and_the_others_go_on(self):
+        level, noise = np.full(256, 5.0), np.repeat([0.0, 1.0], 128)
+        gather, _ = self.gather(level, noise)
+        value, variance, traced = gather_until_sure(gather, np.arange(256), np.zeros((256, 3)), 1e-3, STAGES)
+        assert traced == 128 * 4 + 128 * 64
+        assert (value[:128] == 5).all()
+        assert not variance[:128].any()
+        assert variance[128:].mean() == pytest.approx(1 / 64, rel=0.1)
+        assert value[128:].mean() == pytest.approx(5, abs=0.05)
+
+    def test_what_other_light_outshines_may_be_noisy(self):
+        gather, _ = self.gather(np.full(64, 1.0), np.full(64, 0.5))
+        assert gather_until_sure(gather, np.arange(64), np.full((64, 3), 1e4), 1e-3, STAGES)[2] == 4 * 64
+
+    def test_neighbours_of_a_doubtful_row_go_on_with_it(self):
+        noise = np.zeros(256)
+        noise[10] = 10.0
+        gather, asked = self.gather(np.ones(256), noise)
+        gather_until_sure(gather, np.arange(256), np.zeros((256, 3)), 0.01, STAGES)
+        assert [(len(rows), span) for rows, span in asked] == [(256, (0, 4)), (64, (4, 16)), (64, (16, 64))]
+
+    def test_rows_with_nothing_to_gather_are_left_out(self):
+        gather, _ = self.gather(np.ones(100), np.zeros(100))
+        learned = []
+        value, _, _ = gather_until_sure(gather, np.arange(50, 60), np.zeros((100, 3)), 0.01, STAGES, learned.append)
+        assert value[:, 0].nonzero()[0].tolist() == list(range(50, 60))
+        assert [rows.tolist() for rows in learned] == [[]]
+        assert gather_until_sure(gather, np.arange(0), np.zeros((100, 3)), 0.01, STAGES)[2] == 0
+
+
+def test_emitters_are_sorted_by_facing_first():
+    centre = np.random.default_rng(1).random((100, 3)) - 0.5
+    normal = np.eye(3)[np.arange(100) % 3] * np.where(np.arange(100) % 2, 1, -1)[:, None]
+    order = sort_by_place(centre, normal)
+    facing = [tuple(normal[i]) for i in order]
+    assert sum(a != b for a, b in pairwise(facing)) == 5
+    assert sorted(order.tolist()) == list(range(100))
