@@ -26,7 +26,7 @@ SIZE_TEXELS, LEAF_TEXELS = 32, 4
 # Direct light by rays is the mean of a closed form over four points of a texel: so much it may be off beyond its stated error, of
 # itself, and so much where edges of triangles cut the texel, which warps the four points. Measured: 0.06 % and 0.5 % (root mean square).
 WHOLE_DOUBT, CUT_DOUBT = 1e-3, 5e-3
-STATEMENTS = 4  # bakes whose stated errors are judged together
+STATEMENTS = 4  # bakes whose stated errors are judged, one by one and together
 FEW_PHOTONS, PHOTONS = 2_000, 600_000  # rays need no photons where nothing reflects
 
 Irradiance = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -118,8 +118,7 @@ def bake_adaptive(folder: Path, scene: SceneSnapshot, irradiance: Irradiance, di
     return bake_known(folder, scene, irradiance, direct, **knobs)
 
 
-def compare_errors(folder: Path, scene: SceneSnapshot, irradiance: Irradiance, direct: str) -> float:
-    """Stated over real error, root mean squares over some bakes: what a single one says of its bias is a matter of chance."""
+def state_errors(folder: Path, scene: SceneSnapshot, irradiance: Irradiance, direct: str) -> np.ndarray:
+    """(STATEMENTS, 2) float64: the error that each of some adaptive bakes states, and how far it is off."""
     bakes = [bake_adaptive(folder / str(seed), scene, irradiance, direct, seed=seed) for seed in range(STATEMENTS)]
-    stated, real = np.mean([bake.light.error**2 for bake in bakes]), np.mean([bake.real_error() ** 2 for bake in bakes])
-    return float(np.sqrt(stated / real))
+    return np.array([(bake.light.error, bake.real_error()) for bake in bakes])
