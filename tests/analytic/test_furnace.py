@@ -38,7 +38,7 @@ ALL_CASES = [
 ]
 PARAMS = [pytest.param((*case, FEW_SEEDS), id="-".join(case)) for case in QUICK_CASES]
 PARAMS += [pytest.param((*case, SEEDS), id="-".join([*case, "seeds"]), marks=pytest.mark.slow) for case in ALL_CASES]
-N_TEST = 2 * 3 * len(PARAMS)  # two statistical tests a case and channel
+N_TEST = 2 * 3 * len(PARAMS) + 1  # two statistical tests a case and channel, and one of few rays
 
 
 @dataclass(frozen=True)
@@ -155,6 +155,19 @@ def test_stated_errors_cover_what_pages_show(furnace, hold):
     stated = np.sqrt(np.mean(furnace.texel_stderr**2, axis=(0, 2)))
     ratio = real / np.maximum(stated, 1e-6 * furnace.truth)
     hold("furnace: real over stated error at texels as pages show them, root mean squares", ratio.max(), high=1.25)
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="texels take more rays where their own few differ; those that stop are the darker ones, by 0.1 %")
+def test_texels_that_get_no_more_rays_are_not_too_dark(tmp_path, hold):
+    scene, off, stderr = furnace_scene(0.0, room=ball_room_mesh()), [], []
+    for seed in range(16):
+        settings = Settings(size=64, padding=1, error=0.05, seed=seed)
+        mean, leaf_stderr, area, *_ = solve_once(tmp_path / str(seed), scene, "rays", 2_000, settings)
+        off.append(np.average(mean[0], weights=area) / np.pi - 1)
+        stderr.append(np.linalg.norm(leaf_stderr[0] * area) / area.sum() / np.pi)
+    sigmas = abs(np.mean(off)) / (np.mean(stderr) / np.sqrt(len(off)))
+    hold("furnace: mean of sixteen bakes by few rays off the truth", sigmas, high=sigma_limit(N_TEST), unit="stated errors")
 
 
 def test_even_light_needs_no_leaf_but_the_six_walls(tmp_path, hold):
