@@ -89,13 +89,16 @@ class KnownLight:
         return float(np.sqrt(np.sort(square)[: int(BEST_TEXELS * len(square))].mean()))
 
 
-def mean_over_texels(scene: SceneSnapshot, texels: TexelMap, irradiance: Irradiance, look: float) -> np.ndarray:
+def mean_over_texels(
+    scene: SceneSnapshot, texels: TexelMap, irradiance: Irradiance, look: float, points: np.ndarray = SUB_POINTS
+) -> np.ndarray:
     """(n,) float64: mean of irradiance(position (m, 3), shading normal (m, 3)) over what each texel looks at.
 
-    look   side of the square, texels: rays look at the middle, photons fall everywhere
+    look     side of the square, texels: rays look at the middle, photons fall everywhere
+    points   (k, 1, 2) float64, of the square
     """
     entry = np.arange(len(texels.texel_area))
-    tri, uv = texels.sub_points(entry, SUB_POINTS, look)
+    tri, uv = texels.sub_points(entry, points, look)
     flat = tri.ravel(), uv[..., 0].ravel().astype(float), uv[..., 1].ravel().astype(float)
     position = interpolate_corners(scene.tri_position[flat[0]], *flat[1:])
     normal = interpolate_corners(scene.tri_normal[flat[0]].astype(float), *flat[1:])
