@@ -81,24 +81,19 @@ def known(request, tmp_path_factory):
     return bake_known(tmp_path_factory.mktemp("factor"), scene, irradiance, direct)
 
 
-@pytest.fixture
-def name(request):
-    return request.node.callspec.params["known"][0]
-
-
 def test_published_factors():
     """Of unit squares: Howell's C-11 and C-14 as tabled; of disks: seen from far away, area over pi d^2."""
     assert pytest.approx((0.199825, 0.200044), abs=1e-6) == (PARALLEL, PERPENDICULAR)
     assert factor_of_coaxial_disks(0.01, 0.2, 10.0) == pytest.approx(0.04 / 100.04, rel=1e-5)
 
 
-def test_every_leaf_is_within_its_stated_error(known, name, hold):
-    hold_unbiased(hold, f"form factor, {name}", known.on_leaves(), len(CASES), 0.3)
+def test_every_leaf_is_within_its_stated_error(known, scene_name, hold):
+    hold_unbiased(hold, f"form factor, {scene_name}", known.on_leaves(), len(CASES), 0.3)
 
 
-def test_mean_is_the_form_factor(known, name, hold):
-    off = known.on_leaves().mean / (math.pi * RADIANCE * SCENES[name][2]) - 1
-    hold(f"form factor, {name}: off the published one", 100 * abs(off), high=0.3, unit="%")
+def test_mean_is_the_form_factor(known, scene_name, hold):
+    off = known.on_leaves().mean / (math.pi * RADIANCE * SCENES[scene_name][2]) - 1
+    hold(f"form factor, {scene_name}: off the published one", 100 * abs(off), high=0.3, unit="%")
 
 
 def test_a_planted_bias_is_rejected(known, hold):

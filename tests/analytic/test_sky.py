@@ -45,13 +45,8 @@ def test_the_wall_takes_nearly_half():
     assert beside_wall(at_its_foot, np.array([[0.0, 0.0, 1.0]]))[0] == pytest.approx(math.pi * RADIANCE / 2, rel=0.01)
 
 
-@pytest.fixture
-def subject(request):
-    return f"sky, {request.node.callspec.params['known'][0]}"
-
-
-def test_every_leaf_is_within_its_stated_error(known, subject, hold):
-    hold_unbiased(hold, subject, known.on_leaves(), len(CASES), 0.5)
+def test_every_leaf_is_within_its_stated_error(known, scene_name, hold):
+    hold_unbiased(hold, f"sky, {scene_name}", known.on_leaves(), len(CASES), 0.5)
 
 
 def test_a_planted_bias_is_rejected(known, hold):
