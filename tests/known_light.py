@@ -117,7 +117,8 @@ def bake_known(folder: Path, scene: SceneSnapshot, irradiance: Irradiance, direc
 
 def bake_adaptive(folder: Path, scene: SceneSnapshot, irradiance: Irradiance, direct: str, size: int = 64, seed: int = 5) -> KnownLight:
     """As a user gets it: leaves where light wants them, until the stated error is small enough."""
-    knobs = {"hierarchical": True, "finest_texels": 1, "max_photons": 2_000_000, "error": 0.03, "size": size, "seed": seed}
+    photons = 2_000_000 if direct == "photons" else FEW_PHOTONS
+    knobs = {"hierarchical": True, "finest_texels": 1, "max_photons": photons, "error": 0.03, "size": size, "seed": seed}
     return bake_known(folder, scene, irradiance, direct, **knobs)
 
 

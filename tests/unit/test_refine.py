@@ -58,7 +58,7 @@ def test_even_light_is_not_split(degree):
 
 
 def uneven(cells, photons):
-    """Places of photons that fall on the left halves of `cells` columns of the square by 0.8, on the right halves by 1.2 times their mean."""
+    """Places of photons: on the left halves of `cells` columns of the square 0.8 times their mean, on the right halves 1.2."""
     s, t, side = np.random.default_rng(0).random((3, photons))
     column = np.floor(s * cells)
     return (column + (s * cells - column + (side > 0.4)) / 2) / cells, t

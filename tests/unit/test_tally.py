@@ -70,7 +70,7 @@ def test_late_children_scale_their_functions_by_what_their_parent_saw():
     whole = (solution.coefficient.sum(0) * bake.tree.moment[:, :3].T).sum(1)
     np.testing.assert_allclose(whole, solution.flux, rtol=1e-9)
     for level in bake.tree.levels:
-        np.testing.assert_allclose(whole[:, level].sum(1), 1.0, rtol=0.01)  # halves of a level were made after a third, or two, of the light
+        np.testing.assert_allclose(whole[:, level].sum(1), 1.0, rtol=0.01)
 
 
 def test_components_and_halves_are_told_apart():
