@@ -114,13 +114,14 @@ def test_few_hits_in_many_nodes_make_a_small_tally():
 
 
 def test_variance_is_that_of_repeated_bakes():
+    """Of four nodes, in bakes whose photons mostly land elsewhere; 240 of them tell a variance to 5 %."""
     values, stated = [], []
-    for seed in range(60):
+    for seed in range(240):
         rng = np.random.default_rng(seed)
         bake = SquareBake(side=8, degree=1, preview_depth=1)
-        bake.throw(*rng.random((2, 2000)), flux=np.broadcast_to(rng.choice([0.5, 1.5], 2000), (3, 2000)))
+        n = rng.poisson(2000)
+        bake.throw(*rng.random((2, n)), emitted=2000, flux=np.broadcast_to(rng.choice([0.5, 1.5], n), (3, n)))
         solution = bake.solution()
-        values.append(solution.flux[0, 1] / bake.tree.area[1])
-        stated.append(solution.variance[0, 1])
-    # 60 bakes tell a variance to about 18 %.
-    assert np.var(values) == pytest.approx(np.mean(stated), rel=0.55)
+        values.append(solution.flux[0, 1:] / bake.tree.area[1:])
+        stated.append(solution.variance[0, 1:])
+    assert np.var(values, axis=0).mean() == pytest.approx(np.mean(stated), rel=0.15)
