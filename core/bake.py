@@ -124,7 +124,7 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
         solver = None
         if needs.photons or not shot:
             with stages.stage("photons", "Tracing photons"):
-                forced = _find_contacts(tracing, texel_map) if settings.contact else np.zeros(n_texel, bool)
+                forced = find_contact_texels(tracing, texel_map) if settings.contact else np.zeros(n_texel, bool)
                 solver = solve.Solver(folder, settings, executor, direct, forced, blender)
                 if kept:
                     kept.give_to(solver)
@@ -183,7 +183,8 @@ def _describe_no_charts(atlas: charts.ChartAtlas) -> str:
     return f"nothing to bake: no object has a face that takes light ({told})"
 
 
-def _find_contacts(tracing: workers.Tracing, texel_map: TexelMap) -> NDArray[np.bool_]:
+def find_contact_texels(tracing: workers.Tracing, texel_map: TexelMap) -> NDArray[np.bool_]:
+    """(n,) bool: texel entries at which other geometry stands."""
     tri = texel_map.texel_tri
     position_m = np.einsum("nk,nkj->nj", texel_map.texel_bary, tracing.snapshot.tri_position[tri])
     size = np.sqrt(texel_map.tri_density[tri]) * tracing.unit_box.scale

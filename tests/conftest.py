@@ -50,6 +50,12 @@ def fixture_hold(request: pytest.FixtureRequest) -> Callable[..., None]:
 
 
 @pytest.fixture
+def scene_name(request: pytest.FixtureRequest) -> str:
+    """Of the scene that the fixture `known` bakes, the first of its parameters."""
+    return str(request.node.callspec.params["known"][0])
+
+
+@pytest.fixture
 def open_image_io(monkeypatch: pytest.MonkeyPatch) -> None:
     """OpenImageIO lies inside the bpy package; bpy itself is not imported."""
     if importlib.util.find_spec("OpenImageIO"):

@@ -26,7 +26,7 @@ SIZE_TEXELS, LEAF_TEXELS = 32, 4
 # Direct light by rays is the mean of a closed form over four points of a texel: so much it may be off beyond its stated error, of
 # itself, and so much where edges of triangles cut the texel, which warps the four points. Measured: 0.06 % and 0.5 % (root mean square).
 WHOLE_DOUBT, CUT_DOUBT = 1e-3, 5e-3
-STATEMENTS = 4  # bakes whose stated errors are judged together
+STATEMENTS = 4  # bakes whose stated errors are judged, one by one and together
 FEW_PHOTONS, PHOTONS = 2_000, 600_000  # rays need no photons where nothing reflects
 
 Irradiance = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -89,13 +89,16 @@ class KnownLight:
         return float(np.sqrt(np.sort(square)[: int(BEST_TEXELS * len(square))].mean()))
 
 
-def mean_over_texels(scene: SceneSnapshot, texels: TexelMap, irradiance: Irradiance, look: float) -> np.ndarray:
+def mean_over_texels(
+    scene: SceneSnapshot, texels: TexelMap, irradiance: Irradiance, look: float, points: np.ndarray = SUB_POINTS
+) -> np.ndarray:
     """(n,) float64: mean of irradiance(position (m, 3), shading normal (m, 3)) over what each texel looks at.
 
-    look   side of the square, texels: rays look at the middle, photons fall everywhere
+    look     side of the square, texels: rays look at the middle, photons fall everywhere
+    points   (k, 1, 2) float64, of the square
     """
     entry = np.arange(len(texels.texel_area))
-    tri, uv = texels.sub_points(entry, SUB_POINTS, look)
+    tri, uv = texels.sub_points(entry, points, look)
     flat = tri.ravel(), uv[..., 0].ravel().astype(float), uv[..., 1].ravel().astype(float)
     position = interpolate_corners(scene.tri_position[flat[0]], *flat[1:])
     normal = interpolate_corners(scene.tri_normal[flat[0]].astype(float), *flat[1:])
@@ -114,12 +117,12 @@ def bake_known(folder: Path, scene: SceneSnapshot, irradiance: Irradiance, direc
 
 def bake_adaptive(folder: Path, scene: SceneSnapshot, irradiance: Irradiance, direct: str, size: int = 64, seed: int = 5) -> KnownLight:
     """As a user gets it: leaves where light wants them, until the stated error is small enough."""
-    knobs = {"hierarchical": True, "finest_texels": 1, "max_photons": 2_000_000, "error": 0.03, "size": size, "seed": seed}
+    photons = 2_000_000 if direct == "photons" else FEW_PHOTONS
+    knobs = {"hierarchical": True, "finest_texels": 1, "max_photons": photons, "error": 0.03, "size": size, "seed": seed}
     return bake_known(folder, scene, irradiance, direct, **knobs)
 
 
-def compare_errors(folder: Path, scene: SceneSnapshot, irradiance: Irradiance, direct: str) -> float:
-    """Stated over real error, root mean squares over some bakes: what a single one says of its bias is a matter of chance."""
+def state_errors(folder: Path, scene: SceneSnapshot, irradiance: Irradiance, direct: str) -> np.ndarray:
+    """(STATEMENTS, 2) float64: the error that each of some adaptive bakes states, and how far it is off."""
     bakes = [bake_adaptive(folder / str(seed), scene, irradiance, direct, seed=seed) for seed in range(STATEMENTS)]
-    stated, real = np.mean([bake.light.error**2 for bake in bakes]), np.mean([bake.real_error() ** 2 for bake in bakes])
-    return float(np.sqrt(stated / real))
+    return np.array([(bake.light.error, bake.real_error()) for bake in bakes])

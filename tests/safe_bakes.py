@@ -42,7 +42,8 @@ class Baked:
         return float(max(gap - FLOOR * most, 0.0) / max(self.stderr.max(), 1e-6 * most)), float(100 * gap / most)
 
     def hold_mean(self, truth: float | np.ndarray, percent: float = 2.0) -> None:
-        """The mean is within its stated error, and not only because that is large."""
+        """The mean is within its stated error, and not only because that is large; no light is none at all."""
+        assert not self.mean[np.broadcast_to(truth, 3) == 0].any()
         sigmas, off = self.off_by(truth)
         self.hold("odd scenes: mean light off the truth", sigmas, high=Z_LIMIT, unit="stated errors")
         self.hold(f"odd scenes: mean light off the truth, up to {percent:g} %", off, high=percent, unit="%")
@@ -75,10 +76,11 @@ def bake_safely(
         assert ((look >= 0) & (look <= 1)).all(), name
     odd = sum(np.count_nonzero(~np.isfinite(pixels) | (pixels < 0)) for pixels in pages.values())
     hold("odd scenes: values of pages that are NaN, infinite or negative", odd, high=0)
-    assert np.isfinite(light.error)
+    assert 0 <= light.error < np.inf
     audit = {name: np.array(value) for name, value in light.ledger.audit_w(light.photons).items()}
-    open_w = np.abs(audit["absorbed"] + audit["escaped"] + audit["remainder"] - audit["emitted"]).max()
-    hold("odd scenes: energy audit off, of what is emitted", open_w / max(audit["emitted"].max(), 1e-300), high=AUDIT_ROUNDING)
+    open_w = np.abs(audit["absorbed"] + audit["escaped"] + audit["remainder"] - audit["emitted"])
+    off = (open_w / np.maximum(audit["emitted"], 1e-300)).max()
+    hold("odd scenes: energy audit off, of what is emitted in a channel", off, high=AUDIT_ROUNDING)
     weight = texels.texel_area[:, None]
     by_rays = (light.direct.irradiance * weight).sum(0, dtype=float)
     ray_noise = (light.direct.variance * weight**2).sum(0, dtype=float)

@@ -91,9 +91,14 @@ def hold_bias_is_seen(hold: Callable[..., None], subject: str, found: Estimates,
     hold(f"{subject}: farthest off with a planted bias of 3 %", seen, low=z_limit(found, n_case), unit="stated errors")
 
 
-def hold_statement(hold: Callable[..., None], subject: str, ratio: float, direct: str) -> None:
-    """What some bakes say of themselves is how far they are off; rays alone may err less than they say."""
-    hold(f"{subject}: stated over real error of adaptive bakes", ratio, low=0.75, high=1.25 if direct == "photons" else math.inf)
+def hold_statement(hold: Callable[..., None], subject: str, errors: np.ndarray, direct: str) -> None:
+    """What some bakes say of themselves together is how far they are off; rays alone may err less than they say.
+
+    errors   (n, 2) float64: the stated and the real error of each
+    """
+    stated, real = np.sqrt((errors**2).mean(axis=0))
+    name = f"{subject}: stated over real error of adaptive bakes"
+    hold(name, stated / real, low=0.75, high=1.25 if direct == "photons" else math.inf)
 
 
 def hold_stated_error(hold: Callable[..., None], subject: str, real: float, stated: float, most: float = 1.2) -> None:

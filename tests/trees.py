@@ -55,14 +55,14 @@ class SquareBake:
     def grow(self):
         self.tree = quadtree.grow_previews(self.tree, self.texels, self.keys, self.preview_depth, 1)
 
-    def throw(self, s, t, half=0, emitted=None, flux=None):
-        """Deposit photons at s, t in [0, 1) of the square."""
+    def throw(self, s, t, half=0, emitted=None, flux=None, is_first=True):
+        """Deposit photons at s, t in [0, 1) of the square; straight from a light if `is_first`."""
         self.tally.grow(len(self.tree))
         view = quadtree.TreeView.of_tree(self.tree, len(self.keys))
         x, y = s * self.side, t * self.side
         node, *local = view.locate(self.texels.entry_of(np.zeros(len(x), int), x, y), x, y)
         power = np.ones((3, len(x))) if flux is None else flux
-        sums = tally.deposit(node, *local, power, np.ones(len(x), bool), len(self.tree), self.degree)
+        sums = tally.deposit(node, *local, power, np.full(len(x), is_first), len(self.tree), self.degree)
         self.tally.add(half, sums, len(x) if emitted is None else emitted)
 
     def totals(self):

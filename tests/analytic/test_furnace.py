@@ -15,7 +15,7 @@ from leaflight.core.settings import BASES, DIRECT_MODES, Settings
 from stats import PLANTED_BIAS
 
 # Room, page, error asked for: the sphere's many emitting triangles are chosen by chance, and to 0.5 % rays would take minutes.
-SHAPES = {"box": (room_mesh(), 64, 0.005), "sphere": (ball_room_mesh(), 128, 0.038)}
+SHAPES = {"box": (room_mesh(), 64, 0.005), "sphere": (ball_room_mesh(), 128, 0.02)}
 RHOS = {"0": (0.0,), "0.5": (0.5,), "0.9": (0.9,), "0.95": (0.95,), "coloured": (0.95, 0.5, 0.1)}
 LEAF_TEXELS = 4
 PHOTONS = {"0": 500_000, "0.5": 500_000, "0.9": 250_000, "0.95": 150_000, "coloured": 400_000}
@@ -38,7 +38,7 @@ ALL_CASES = [
 ]
 PARAMS = [pytest.param((*case, FEW_SEEDS), id="-".join(case)) for case in QUICK_CASES]
 PARAMS += [pytest.param((*case, SEEDS), id="-".join([*case, "seeds"]), marks=pytest.mark.slow) for case in ALL_CASES]
-N_TEST = 2 * 3 * len(PARAMS)  # two statistical tests a case and channel
+N_TEST = 2 * 3 * len(PARAMS) + 1  # two statistical tests a case and channel, and one of few rays
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,8 @@ class Furnace:
     truth           (3,) float64, W/m^2
     mean, stderr    (seeds, 3, m) float64, W/m^2: irradiance of each leaf and its stated error
     area            (m,) float64, m^2
-    texels          (seeds, 3, n) float64, W/m^2: light at the texels; texel_stderr its stated error
+    texels          (seeds, 3, n) float64, W/m^2: light at the texels with its grain; texel_stderr its stated error
+    smooth          (seeds, 3, n) float64, W/m^2: light at the texels as pages show it
     safe            (3,) bool: whether the channel may err less than it states
     """
 
@@ -58,6 +59,7 @@ class Furnace:
     area: np.ndarray
     texels: np.ndarray
     texel_stderr: np.ndarray
+    smooth: np.ndarray
     safe: np.ndarray
 
     def sigmas(self, bias=1.0):
@@ -85,18 +87,16 @@ def furnace(request, tmp_path_factory):
     scene = furnace_scene(*RHOS[rho], room=room)
     settings = [Settings(size=size, basis=basis, error=error, seed=seed) for seed in seeds]
     runs = [solve_once(tmp_path_factory.mktemp("furnace"), scene, direct, PHOTONS[rho], one) for one in settings]
-    mean, stderr, area, texels, texel_stderr = zip(*runs, strict=True)
+    mean, stderr, area, *texels = zip(*runs, strict=True)
     rho = np.array(scene.materials[0].albedo_rgb)
     # Without chance there is only rounding. The correction of the stated errors is one for all channels, and those with less bounced
     # light have more of the photons that are spread more evenly than chance would.
     safe = (rho < rho.max()) | ((rho == 0) & (direct == "rays"))
-    return Furnace(
-        np.pi / (1 - rho), np.array(mean), np.array(stderr), area[0], np.array(texels, float), np.array(texel_stderr, float), safe
-    )
+    return Furnace(np.pi / (1 - rho), np.array(mean), np.array(stderr), area[0], *(np.array(values, float) for values in texels), safe)
 
 
 def solve_once(folder, scene, direct, photons, settings):
-    """Irradiance of the leaves, its stated error and their areas; light at texels and its stated error."""
+    """Irradiance of the leaves, its stated error and their areas; light at texels with its grain, its stated error, and without grain."""
     settings = replace(settings, direct=direct, hierarchical=False, finest_texels=LEAF_TEXELS, max_photons=photons)
     solver = make_solver(folder, scene, settings)
     light = solver.run(lambda message: None, lambda: False)
@@ -108,8 +108,8 @@ def solve_once(folder, scene, direct, photons, settings):
     )
     mean = (light.solution.flux[:, leaves] + rays) / area
     stderr = np.sqrt(light.solution.variance[:, leaves] * light.correction + rays_variance / area**2)
-    shown = resolve.light_at_texels(light, solver.blender, smooth_grain=False)
-    return mean, stderr, area, (shown.direct + shown.indirect).T, shown.stderr.T
+    grainy, smooth = (resolve.light_at_texels(light, solver.blender, smooth_grain=smooth) for smooth in (False, True))
+    return mean, stderr, area, (grainy.direct + grainy.indirect).T, grainy.stderr.T, (smooth.direct + smooth.indirect).T
 
 
 def test_mean_irradiance_is_the_geometric_series(furnace, hold):
@@ -147,6 +147,27 @@ def test_stated_errors_of_texels_are_true(furnace, hold):
             hold(f"{name}, where it may be less", ratio, high=1.25)
         else:
             hold(name, ratio, low=0.8, high=1.25)
+
+
+def test_stated_errors_cover_what_pages_show(furnace, hold):
+    """Grain that is averaged over like neighbours errs less than is stated of it; never more."""
+    real = np.sqrt(np.mean((furnace.smooth - furnace.truth[:, None]) ** 2, axis=(0, 2)))
+    stated = np.sqrt(np.mean(furnace.texel_stderr**2, axis=(0, 2)))
+    ratio = real / np.maximum(stated, 1e-6 * furnace.truth)
+    hold("furnace: real over stated error at texels as pages show them, root mean squares", ratio.max(), high=1.25)
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="texels take more rays where their own few differ; those that stop are the darker ones, by 0.1 %")
+def test_texels_that_get_no_more_rays_are_not_too_dark(tmp_path, hold):
+    scene, off, stderr = furnace_scene(0.0, room=ball_room_mesh()), [], []
+    for seed in range(16):
+        settings = Settings(size=64, padding=1, error=0.05, seed=seed)
+        mean, leaf_stderr, area, *_ = solve_once(tmp_path / str(seed), scene, "rays", 2_000, settings)
+        off.append(np.average(mean[0], weights=area) / np.pi - 1)
+        stderr.append(np.linalg.norm(leaf_stderr[0] * area) / area.sum() / np.pi)
+    sigmas = abs(np.mean(off)) / (np.mean(stderr) / np.sqrt(len(off)))
+    hold("furnace: mean of sixteen bakes by few rays off the truth", sigmas, high=sigma_limit(N_TEST), unit="stated errors")
 
 
 def test_even_light_needs_no_leaf_but_the_six_walls(tmp_path, hold):

@@ -57,13 +57,8 @@ def known(request, tmp_path_factory):
     return bake_known(tmp_path_factory.mktemp("plane"), black_scene([floor_mesh()], [light]), irradiance, direct)
 
 
-@pytest.fixture
-def subject(request):
-    return f"plane under a {request.node.callspec.params['known'][0]}"
-
-
-def test_every_leaf_is_within_its_stated_error(known, subject, hold):
-    hold_unbiased(hold, subject, known.on_leaves(), len(CASES), 0.2)
+def test_every_leaf_is_within_its_stated_error(known, scene_name, hold):
+    hold_unbiased(hold, f"plane under a {scene_name}", known.on_leaves(), len(CASES), 0.2)
 
 
 def test_a_planted_bias_is_rejected(known, hold):

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from closed_forms import from_polygon
-from known_light import bake_known, black_scene, compare_errors, floor_mesh
+from known_light import bake_known, black_scene, floor_mesh, state_errors
 from leaflight.core.settings import DIRECT_MODES
 from scenes import Mesh
-from stats import hold_bias_is_seen, hold_statement, hold_unbiased
+from stats import hold_bias_is_seen, hold_stated_error, hold_statement, hold_unbiased
 
 RADIANCE = 0.5
 WALL = np.array([[0, -0.5, 0], [0, 1.5, 0], [0, 1.5, 1.5], [0, -0.5, 1.5]])
@@ -45,19 +45,23 @@ def test_the_wall_takes_nearly_half():
     assert beside_wall(at_its_foot, np.array([[0.0, 0.0, 1.0]]))[0] == pytest.approx(math.pi * RADIANCE / 2, rel=0.01)
 
 
-@pytest.fixture
-def subject(request):
-    return f"sky, {request.node.callspec.params['known'][0]}"
-
-
-def test_every_leaf_is_within_its_stated_error(known, subject, hold):
-    hold_unbiased(hold, subject, known.on_leaves(), len(CASES), 0.5)
+def test_every_leaf_is_within_its_stated_error(known, scene_name, hold):
+    hold_unbiased(hold, f"sky, {scene_name}", known.on_leaves(), len(CASES), 0.5)
 
 
 def test_a_planted_bias_is_rejected(known, hold):
     hold_bias_is_seen(hold, "sky", known.on_leaves(), len(CASES))
 
 
-@pytest.mark.parametrize("direct", DIRECT_MODES)
-def test_adaptive_bakes_are_within_their_stated_error(tmp_path, direct, hold):
-    hold_statement(hold, "sky, wall", compare_errors(tmp_path, *SCENES["wall"], direct), direct)
+@pytest.fixture(scope="module", params=DIRECT_MODES)
+def errors(request, tmp_path_factory):
+    return request.param, state_errors(tmp_path_factory.mktemp("adaptive"), *SCENES["wall"], request.param)
+
+
+def test_each_adaptive_bake_is_within_its_stated_error(errors, hold):
+    for stated, real in errors[1]:
+        hold_stated_error(hold, "sky, wall", real, stated)
+
+
+def test_adaptive_bakes_together_state_their_error(errors, hold):
+    hold_statement(hold, "sky, wall", errors[1], errors[0])

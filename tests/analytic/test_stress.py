@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 import safe_bakes
 from boxes import lamp_scene, room_mesh, solve_scene
+from closed_forms import from_point
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
+from known_light import bake_known, mean_over_texels
 from leaflight.core import workers
 from leaflight.core.materials import clamp_warnings
 from leaflight.core.scene import MAX_ALBEDO, Light, Material
 from leaflight.core.settings import BASES, DIRECT_MODES, Settings
+from leaflight.core.texel_map import LOOK, centred_strata
 from odd_meshes import COINCIDENT, FURNITURE
 from safe_bakes import Z_LIMIT
 from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, quad_mesh
@@ -147,6 +150,11 @@ class TestMeshes:
         assert bake_safely(tmp_path, turned).mean == pytest.approx(TRUTH * 5 / 6, rel=0.02)
 
 
+TOO_SHARP = pytest.mark.xfail(
+    strict=True, reason="16 points of a texel are all that a closed form is asked at, and their spread does not tell of a peak between them"
+)
+
+
 class TestLights:
     @pytest.mark.parametrize("direct", DIRECT_MODES)
     @pytest.mark.parametrize("gap_m", [0.0, 1e-7, 1e-3])
@@ -160,6 +168,23 @@ class TestLights:
         """Photons count also what falls on a thirtieth of a texel; rays tell of light as large as a texel, for they look at its middle."""
         baked = bake_safely(tmp_path, closed_room([replace(LAMP, position_m=(0.5 - gap_m, 0.1, 0.0))]), direct)
         baked.hold_mean(TRUTH, percent=20)
+
+    @pytest.mark.parametrize("gap_m", [pytest.param(0.004, marks=TOO_SHARP), 0.008, 0.016, 0.06])
+    def test_close_to_a_wall_rays_find_what_falls_where_they_look(self, tmp_path, gap_m, hold):
+        """From a thirtieth of a texel on: within the stated error of all texels together, and not only because that is large."""
+        place = (0.5 - gap_m, 0.113, 0.021)
+        scene = closed_room([replace(LAMP, position_m=place)], Material("Black", (0.0,) * 3))
+
+        def irradiance(position, normal):
+            return POWER_W / (4 * np.pi) * from_point(np.array(place), position, normal)
+
+        known = bake_known(tmp_path, scene, irradiance, "rays", padding=1, error=0.02)
+        truth = mean_over_texels(scene, known.texels, irradiance, LOOK, centred_strata(40 * 40))
+        area, direct = known.texels.texel_area, known.light.direct
+        off = (direct.irradiance[:, 0] - truth) @ area
+        noise = np.linalg.norm(np.sqrt(direct.variance[:, 0]) * area)
+        hold("odd scenes: rays off what falls where they look", abs(off) / noise, high=Z_LIMIT, unit="stated errors")
+        hold("odd scenes: rays off what falls where they look, up to 20 %", 100 * abs(off) / (truth @ area), high=20, unit="%")
 
     @pytest.mark.parametrize("direct", DIRECT_MODES)
     def test_inside_a_mesh_nothing_comes_out(self, tmp_path, direct, bake_safely):

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from closed_forms import from_polygon
-from known_light import bake_known, black_scene, compare_errors, floor_mesh
+from known_light import bake_known, black_scene, floor_mesh, state_errors
 from leaflight.core.scene import TextureImage
 from leaflight.core.settings import DIRECT_MODES
 from scenes import Mesh
-from stats import hold_bias_is_seen, hold_statement, hold_unbiased
+from stats import hold_bias_is_seen, hold_stated_error, hold_statement, hold_unbiased
 
 HEIGHT_M, RADIANCE = 0.5, 3.0
 PANEL = np.array([[0, 0, HEIGHT_M], [1, 0, HEIGHT_M], [1, 1, HEIGHT_M], [0, 1, HEIGHT_M]])
@@ -51,6 +51,18 @@ def test_a_planted_bias_is_rejected(known, hold):
     hold_bias_is_seen(hold, "textured emitter", known.on_leaves(), len(DIRECT_MODES))
 
 
-@pytest.mark.parametrize("direct", [pytest.param("rays", marks=pytest.mark.slow), "photons"])
-def test_adaptive_bakes_are_within_their_stated_error(tmp_path, direct, hold):
-    hold_statement(hold, "textured emitter", compare_errors(tmp_path, panel_scene(), irradiance, direct), direct)
+@pytest.fixture(scope="module", params=[pytest.param("rays", marks=pytest.mark.slow), "photons"])
+def errors(request, tmp_path_factory):
+    return request.param, state_errors(tmp_path_factory.mktemp("adaptive"), panel_scene(), irradiance, request.param)
+
+
+def test_each_adaptive_bake_is_within_its_stated_error(errors, request, hold):
+    if errors[0] == "photons":
+        reason = "a few large leaves tell their bias so roughly that the bake stops when it seems small"
+        request.applymarker(pytest.mark.xfail(reason=reason, strict=True))
+    for stated, real in errors[1]:
+        hold_stated_error(hold, "textured emitter", real, stated)
+
+
+def test_adaptive_bakes_together_state_their_error(errors, hold):
+    hold_statement(hold, "textured emitter", errors[1], errors[0])

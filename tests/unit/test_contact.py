@@ -50,7 +50,7 @@ def test_what_nearly_touches_counts():
     assert find_on_floor([leg(gap_m=0.1 / SIDE)])[0].sum() > 4 * LEG_M * SIDE - 8
 
 
-@pytest.mark.parametrize("normal", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.6, 0.0, 0.8)])
+@pytest.mark.parametrize("normal", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.6, 0.0, 0.8), (0.48, 0.6, 0.64)])
 def test_feelers_lie_in_the_surface_whatever_its_normal(normal):
     """Along x the surface is the plane x = const: a feeler that left it would meet the quad beside it."""
     normal = np.array(normal)

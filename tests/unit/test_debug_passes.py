@@ -104,6 +104,7 @@ def test_more_is_brighter_and_the_most_is_the_end_of_the_map(name):
     value, look = pages.page(name, 0)[..., 0], pages.look(name, 0, black)[..., :3].mean(-1)
     order = np.argsort(value.ravel())
     assert (np.diff(look.ravel()[order]) >= 0).all()
+    assert len(np.unique(look)) == len(np.unique(value))
     assert pages.look(name, 0, black)[value == value.max()][0, :3] == pytest.approx([0.982, 0.799, 0.019], abs=0.002)
 
 

@@ -59,6 +59,29 @@ def test_an_edge_stays_where_it_is(texels):
     assert found[:, middle].mean() == pytest.approx(3.0, abs=four_sigmas)
 
 
+def test_a_step_of_four_errors_is_seen(texels):
+    def step(x, y):
+        return np.where(x < SIDE // 2, 1.0, 1.0 + 4 * SIGMA)
+
+    columns = smooth(texels, step)[1].mean(axis=0)
+    assert columns[SIDE // 2] - columns[SIDE // 2 - 1] > 0.75 * 4 * SIGMA
+
+
+def test_texels_that_no_photon_met_by_chance_count_as_the_others_do(texels):
+    """They have no variance of their own; taken for exact they would pull the mean down."""
+    n = len(texels.texel_xy)
+    met = np.random.default_rng(1).random(n) < 0.3
+    light = np.broadcast_to(np.float32(met / 0.3), (1, 3, n))
+    found = denoise.denoise(light, light[0] ** 2, np.ones(n, bool), texels, np.zeros(n, np.int32))
+    assert found.mean() == pytest.approx(light.mean(), rel=0.015)
+
+
+def test_a_little_grain_is_enough(texels):
+    x, y = texels.texel_xy.T
+    noisy, found = smooth(texels, even, grainy=(x == 20) & (y > 10) & (y < 30))
+    assert np.abs(found[11:30, 20] - 1).mean() < 0.5 * np.abs(noisy[11:30, 20] - 1).mean()
+
+
 def test_a_mean_is_kept(texels):
     noisy, found = smooth(texels, ramp)
     assert found.mean() == pytest.approx(noisy.mean(), abs=4 * SIGMA / SIDE)

@@ -115,6 +115,16 @@ def test_correction_sees_that_photons_come_in_clumps():
     assert 2.5 < estimate.noise_correction(bake.tree, bake.solution(), current(bake)) < 4.5
 
 
+def test_the_stated_error_takes_the_correction():
+    """Four photons at each place err as a quarter as many, as few leaves state without seeing it."""
+    clumped, single = [], []
+    for seed in range(4):
+        for stated, copies in ((clumped, 4), (single, 1)):
+            bake = throw(lambda rng, n, k=copies: np.repeat(rng.random((2, n // k)), k, axis=1), 80_000, seed, degree=0, level=4)
+            stated.append(state(bake, current(bake)).relative)
+    assert np.mean(clumped) == pytest.approx(2 * np.mean(single), rel=0.2)
+
+
 def test_correction_of_no_light_is_1():
     bake = SquareBake(side=8)
     assert estimate.noise_correction(bake.tree, bake.solution(), current(bake)) == 1.0

@@ -95,6 +95,24 @@ def test_a_damaged_note_is_no_note(job, damage):
     assert kept_bake.find_kept_bake(SCENE, job) is None
 
 
+class Surprise:
+    def __reduce__(self):
+        return Path.touch, (Path("surprise"),)
+
+
+def test_a_note_runs_nothing(job, monkeypatch, tmp_path):
+    """It lies where other people's files may: what is pickled in it is not unpickled."""
+    monkeypatch.chdir(tmp_path)
+    note = kept_bake.find_note(job)
+    with np.load(note) as stored:
+        arrays = dict(stored)
+    np.savez(note, **arrays)
+    assert kept_bake.find_kept_bake(SCENE, job) is not None
+    np.savez(note, **{**arrays, "tri_uv": np.array([Surprise()], object)})
+    assert kept_bake.find_kept_bake(SCENE, job) is None
+    assert not Path("surprise").exists()
+
+
 def test_a_bake_that_was_stopped_is_not_kept(tmp_path):
     job, messages, _ = bake_job(tmp_path, replace(QUICK, error=1e-4, max_photons=10**9), should_stop=lambda: True)
     assert messages[-1].interrupted

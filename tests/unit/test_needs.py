@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from boxes import lamp_scene
 from leaflight.core import bake
+from leaflight.core.estimate import BEST_TEXELS, DARK_FLOOR
 from leaflight.core.image_file import read_image
 from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.materials import SurfaceMaterials
@@ -59,7 +60,21 @@ def test_direct_light_alone_traces_no_photon_and_is_the_same(tmp_path):
     assert (result["photons"], result["stopped_by"], result["skipped"]["indirect_light"]) == (0, "error", 1)
     assert result["skipped"]["photons"] == QUICK.max_photons
     assert full["skipped"]["indirect_light"] == 0
-    assert alone["direct"] == pytest.approx(pictures["direct"], rel=0.02, abs=1e-3)
+    assert np.array_equal(alone["direct"], pictures["direct"])
+
+
+@pytest.mark.xfail(strict=True, reason="neighbours are alike by the noise of all light, so that direct light, known far better, is smeared")
+def test_indirect_light_leaves_direct_light_as_sharp_as_it_is_alone(tmp_path):
+    """Judged over the best texels against finely traced direct light, relative to its brightness."""
+    _, _, fine = bake_scene(tmp_path / "fine", GREY, passes=("direct",), error=1e-3, denoise=False)
+    covered = fine["direct"][..., 3] > 0
+    truth = fine["direct"][covered][:, :3]
+    errors = []
+    for name, passes in (("alone", ("direct",)), ("both", ("direct", "indirect"))):
+        found = bake_scene(tmp_path / name, GREY, passes=passes, error=0.05)[2]["direct"][covered][:, :3]
+        squares = (found - truth) ** 2 / (truth**2 + (DARK_FLOOR * truth.mean()) ** 2)
+        errors.append(np.sqrt(np.sort(squares, axis=None)[: int(BEST_TEXELS * squares.size)].mean()))
+    assert errors[1] < 1.2 * errors[0]
 
 
 def test_direct_light_by_photons_traces_first_hits_only(tmp_path):

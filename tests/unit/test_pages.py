@@ -59,7 +59,9 @@ def test_every_pass_in_every_kind_is_a_row_with_encoding_and_range(tmp_path):
 @pytest.mark.parametrize("encoding", encodings.ENCODINGS)
 def test_encoded_files_hold_the_page_with_its_margin(tmp_path, encoding):
     """A range of the page's own, found anew on the second page."""
-    for page, file in enumerate(write(tmp_path, replace(PER_OBJECT, formats=(encoding,)))):
+    files = write(tmp_path, replace(PER_OBJECT, formats=(encoding,)))
+    assert len(files) == 2
+    for page, file in enumerate(files):
         pixels, metadata = read_image(Path(file.path))
         expected = PAGE[..., :3] * (1 + page)
         np.testing.assert_allclose(pixels, expected, atol=0.022 * expected.max())

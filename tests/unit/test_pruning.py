@@ -52,6 +52,14 @@ def test_lights_out_of_reach_send_no_photon_to_the_scene(kind):
     assert (~reach).sum() > 0.6 * (hits == 0).sum() > 20  # and few that send none are kept
 
 
+def test_a_wide_lamp_reaches_beside_its_cone():
+    """A spot whose cone passes the scene, but not the rim of whose sphere."""
+    beside = Light("SPOT", "Beside", (1.2, 0.0, 2.0), power_rgb=(1.0,) * 3, cone_angle_rad=0.02, radius_m=0.8, soft_falloff=False)
+    assert can_reach(beside, POINTS)
+    assert count_hits(beside, np.random.default_rng(8)) > 0
+    assert not can_reach(replace(beside, radius_m=0.0), POINTS)
+
+
 @pytest.mark.parametrize("kind", ["POINT", "SUN"])
 def test_lights_that_shine_everywhere_are_kept(kind):
     rng = np.random.default_rng(6)

@@ -40,9 +40,12 @@ def test_the_flat_tree_has_a_node_per_texel():
 
 @pytest.mark.parametrize("level", [0, 1, 2, 9])
 def test_a_minimum_level_starts_there_or_at_texels(level):
-    tree = quadtree.plant_trees(make_square_map(8, 0), 0, level, finest_texels=2, flat=False)
+    texels = make_square_map(8, 0)
+    tree = quadtree.plant_trees(texels, 0, level, finest_texels=2, flat=False)
     assert len(tree) == 4 ** min(level, 2)
     assert tree.current.all()
+    place = texels.texel_xy - tree.origin[quadtree.node_of_texel(tree, np.arange(len(tree)), 64)]
+    assert ((place >= 0) & (place < tree.side[0])).all()
 
 
 def test_previews_stop_at_the_finest_leaf():

@@ -109,3 +109,42 @@ def test_the_mean_of_the_halves_is_the_whole():
     whole, halves = (blender.blend(bake.tree, bake.solution(), owner, halves=halves).irradiance for halves in (False, True))
     np.testing.assert_allclose(halves.mean(0), whole.sum(0), rtol=1e-9)
     assert np.abs(halves[0] - halves[1]).max() > 0.01
+
+
+def joined_leaves(degree):
+    """Four leaves, alike to rounding and in the mirror; what is blended at all texels, and the leaf of each."""
+    bake = SquareBake(side=32, degree=degree, preview_depth=1, level=1)
+    s, t = np.random.default_rng(3).random((2, 500))
+    for mirrored in ((s, t), (1 - s, t), (s, 1 - t), (1 - s, 1 - t)):
+        bake.throw(*mirrored)
+    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), len(bake.keys))
+    light = reconstruct.LeafBlender.of(bake.texels, np.zeros(len(owner), np.int32)).blend(bake.tree, bake.solution(), owner)
+    return bake, light, owner
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_light_that_is_its_own_mirror_is_blended_into_its_own_mirror(degree):
+    bake, light, _ = joined_leaves(degree)
+    image = np.empty((32, 32))
+    image[bake.texels.texel_xy[:, 1], bake.texels.texel_xy[:, 0]] = light.irradiance.sum(0)[0]
+    x, y = np.meshgrid(np.arange(32), np.arange(32))
+    central = (x != y) & (x != 31 - y)  # the square's diagonal runs through the others' centres: they are shown a little beside it
+    for mirror in (image[::-1], image[:, ::-1]):
+        np.testing.assert_allclose(image[central], mirror[central], rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("place", "points"),
+    [
+        ((15, 15), (5, 4, 4, 4)),  # 4 of 17 points lie on each of three other leaves
+        ((11, 8), (13, 4)),  # 3 texels from the middle of its leaf, whose side is that of the window
+        ((8, 8), (17,)),
+        ((1, 1), (5,)),  # most of its window lies outside of the chart
+        ((30, 1), (5,)),
+    ],
+)
+def test_points_on_one_leaf_err_together_and_leaves_err_apart(place, points):
+    bake, light, owner = joined_leaves(0)
+    entry = np.flatnonzero((bake.texels.texel_xy == place).all(axis=1))
+    expected = np.square(points).sum() / np.sum(points) ** 2
+    np.testing.assert_allclose(light.variance[:, entry], bake.solution().variance[:, owner[entry]] * expected, rtol=1e-9)

@@ -1,5 +1,7 @@
 """The subdivision rule: quiet on even light, awake at edges, blind to noise."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from leaflight.core import quadtree, refine
@@ -10,9 +12,9 @@ def rule(oracle="significance", threshold=0.05, stability=16, preview_depth=2):
     return refine.Rule(oracle, threshold, stability, preview_depth)
 
 
-def marks(bake, the_rule, forced=None):
+def marks(bake, the_rule, forced=None, background=None):
     forced = np.zeros(len(bake.tree), bool) if forced is None else forced
-    background = np.zeros((3, len(bake.tree)))
+    background = np.zeros((3, len(bake.tree))) if background is None else background
     totals, solution = bake.totals(), bake.solution()
     comparison = refine.Comparison.of(bake.tree, totals, solution, the_rule)
     return refine.mark(bake.tree, totals, solution, comparison, the_rule, forced, background)
@@ -55,16 +57,53 @@ def test_even_light_is_not_split(degree):
     assert bake.tree.current.sum() <= 4  # the root, but for one false alarm
 
 
-def test_the_chi_square_of_even_light_has_its_mean_and_spread():
-    """Over many bakes sigmas has mean 0 and deviation 1: neither asleep nor nervous. A 3 % too small noise would show."""
+def uneven(cells, photons):
+    """Places of photons: on the left halves of `cells` columns of the square 0.8 times their mean, on the right halves 1.2."""
+    s, t, side = np.random.default_rng(0).random((3, photons))
+    column = np.floor(s * cells)
+    return (column + (s * cells - column + (side > 0.4)) / 2) / cells, t
+
+
+@pytest.mark.parametrize("direct", [False, True])
+def test_a_difference_is_judged_beside_all_light(direct):
+    """As much direct light again halves it. The paper's oracle takes one channel's difference, and all three channels' light."""
+    bake = SquareBake(side=16, degree=0, preview_depth=1)
+    bake.throw(*uneven(1, 20_000))
+    light = np.where(direct, bake.solution().flux / bake.tree.area, 0.0)
+    thresholds = np.array([0.07, 0.15]) / np.sqrt(3)
+    assert [len(marks(bake, rule("paper", one), background=light)) for one in thresholds] == ([1, 0] if direct else [1, 1])
+
+
+def test_a_difference_is_relative_whatever_the_size_of_the_node():
+    """In every one of 64 nodes a step of 20 % about its mean."""
+    bake = SquareBake(side=32, degree=0, preview_depth=1, level=3)
+    bake.throw(*uneven(8, 400_000))
+    assert [len(marks(bake, rule("paper", threshold / np.sqrt(3)))) for threshold in (0.15, 0.3)] == [64, 0]
+
+
+def chi_squares(n_bake, depth, noise_share=1.0):
+    """(n_bake,) sigmas of even light; the noise that is expected may be a share of the right one."""
     sigmas = []
-    for seed in range(300):
-        bake = SquareBake(side=8, degree=1, preview_depth=1)
+    for seed in range(n_bake):
+        bake = SquareBake(side=4 * 2**depth, degree=1, preview_depth=depth)
         bake.throw(*np.random.default_rng(seed).random((2, 2000)))
-        difference = refine.indicator(bake.tree, bake.totals(), bake.solution(), np.array([0]), 1, 16)
-        sigmas.append(difference.sigmas[0])
+        totals = bake.totals()
+        totals = dataclasses.replace(totals, weight2=totals.weight2 * noise_share)
+        sigmas.append(refine.indicator(bake.tree, totals, bake.solution(), np.array([0]), depth, 16).sigmas[0])
+    return np.array(sigmas)
+
+
+def test_the_chi_square_of_even_light_has_its_mean_and_spread():
+    """Over many bakes sigmas has mean 0 and deviation 1: neither asleep nor nervous."""
+    sigmas = chi_squares(300, 1)
     assert abs(np.mean(sigmas)) < 0.2
     assert np.std(sigmas) == pytest.approx(1.0, abs=0.15)
+
+
+def test_a_noise_of_3_percent_too_little_shows():
+    """Of 64 previews' functions; in 200 bakes the mean is known to 0.07."""
+    right, wrong = chi_squares(200, 3), chi_squares(200, 3, 0.97)
+    assert abs(np.mean(right)) < 0.15 < np.mean(wrong)
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2])

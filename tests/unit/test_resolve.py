@@ -172,6 +172,23 @@ def test_no_light_is_negative_where_a_fitted_plane_dips_below_zero():
     assert light.direct.max() > 1
 
 
+@pytest.mark.parametrize(
+    ("level", "ray_noise", "smooth"),
+    [(1, 0.004, False), (1, 0.012, True), (2, 0.0, True)],  # leaves of 8 texels are seen as such, of 4 as grain
+)
+def test_grain_is_that_of_small_leaves_and_of_noisy_rays(level, ray_noise, smooth):
+    """Rays bring as much light as photons; half a percent of it is no noise to care for."""
+    bake = SquareBake(side=16, degree=0, level=level)
+    bake.throw(*np.random.default_rng(2).random((2, 10_000)))
+    ones = np.ones((len(bake.keys), 3), np.float32)
+    field = light_field(bake, np.flatnonzero(bake.tree.current))
+    field = replace(field, direct=DirectField(ones, np.float32(ray_noise**2) * ones, field.direct.passes))
+    blender = LeafBlender.of(bake.texels, np.zeros(len(bake.keys), np.int32))
+    grainy, shown = (resolve.light_at_texels(field, blender, smooth_grain=smooth_grain) for smooth_grain in (False, True))
+    assert (np.abs(shown.direct - grainy.direct).max() > 1e-5) == smooth
+    np.testing.assert_array_equal(shown.stderr, grainy.stderr)
+
+
 @pytest.mark.parametrize("direct", ["photons", "rays"])
 @pytest.mark.parametrize("basis", ["linear", "quadratic"])
 def test_whole_bakes_hold_no_negative_and_no_odd_numbers(tmp_path, direct, basis):

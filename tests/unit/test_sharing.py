@@ -31,6 +31,13 @@ def test_linked_duplicates_of_any_size_and_turn_are_one_block():
     assert by_name["C"] / by_name["A"] == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("scale", [0.01, 1.0, 100.0])
+def test_two_are_enough_whatever_their_size(scale):
+    names, (sizes,) = blocks_of([shared_mesh(name, BOX, (size * scale,) * 3) for name, size in (("A", 1.0), ("B", 2.0))])
+    assert names == [["A", "B"]]
+    np.testing.assert_allclose(sizes, [1.0, 2.0])
+
+
 def test_what_shares_no_mesh_or_gets_no_charts_is_in_none():
     alone = [BOX, moved(BOX, name="Same shape"), shared_mesh("Only one", BOX)]
     others = [dataclasses.replace(shared_mesh("Shade", BOX), receives=False), shared_mesh("Flat", BOX, (0, 0, 0))]

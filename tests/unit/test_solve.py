@@ -87,6 +87,18 @@ def test_progress_is_told_after_every_round(tmp_path):
     assert (np.diff([message.fraction for message in told]) > 0).all()
     assert all(0 < message.fraction <= 1 and message.seconds_left >= 0 for message in told)
     assert (told[-1].fraction, told[-1].photons, told[-1].leaves) == (1.0, light.photons, len(light.leaves))
+    for message in told:  # time so far is photons over their pace; what is left takes as long for its share
+        spent = message.photons / message.photons_per_s
+        assert message.seconds_left == pytest.approx(spent * (1 / message.fraction - 1), rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("tolerance", [0.2, 20.0])
+def test_rays_are_shot_again_where_they_err_most(tmp_path, monkeypatch, tolerance):
+    """And only there, and only where the first turn left more noise than half of the error asked for."""
+    monkeypatch.setattr(direct_field, "TOLERANCE", tolerance)
+    light = solve_scene(tmp_path, lamp_scene(rho=0.05), replace(QUICK, error=0.02))
+    assert light.direct.passes.min() == 1
+    assert (light.direct.passes.max() > 1) == (tolerance > 1)
 
 
 @pytest.mark.parametrize("max_depth", [2, 1000])

@@ -221,28 +221,70 @@ def test_representative_points_lie_inside(mirrored: bool) -> None:
     assert (np.abs(np.stack([x, y], axis=1) - texels.texel_xy - 0.5) <= 0.5 + 1e-5).all()
 
 
+def many_sub_points(texels: TexelMap, **options: float) -> np.ndarray:
+    """(2500, n, 2) places from the texels' centres, texels."""
+    n = len(texels.texel_area)
+    lattice = (np.arange(2500)[:, None, None] + 0.5) * [1 / 2500, 0.6180339887498949] % 1.0
+    tri, weight = texels.sub_points(np.arange(n), lattice, **options)
+    x, y = texels.hit_texel_xy(tri.ravel(), weight[..., 0].ravel(), weight[..., 1].ravel())
+    return np.stack([x, y], axis=1).reshape(2500, n, 2) - (texels.texel_xy + 0.5)
+
+
+def test_sub_points_of_whole_texels_are_uniform_over_the_covered_part() -> None:
+    """With many points their mean is the centroid that the moments give, for every texel."""
+    rng = np.random.default_rng(6)
+    texels = make_map(fan(rng, 7, 6.0), position=rng.normal(size=(7, 3, 3)))
+    local, n = many_sub_points(texels, look=1.0), len(texels.texel_area)
+    assert (np.abs(local) <= 0.5 + 1e-4).all()
+    moments = texels.range_moments(np.arange(n), np.arange(n) + 1, texels.texel_xy + 0.5, np.ones(n), 2)
+    np.testing.assert_allclose(local.mean(axis=0), moments[:, 1:3] / moments[:, :1], atol=1e-3)
+    np.testing.assert_allclose((local**2).mean(axis=0), moments[:, [3, 5]] / moments[:, :1], atol=1e-3)
+
+
 def test_sub_points_are_uniform_over_what_a_texel_looks_at() -> None:
-    """Many points against a fine grid: the inner square on the centre's triangle, all that is covered where there is none."""
+    """The inner square on the centre's triangle, all that is covered where there is none."""
     rng = np.random.default_rng(6)
     uv = fan(rng, 7, 6.0)
     texels = make_map(uv, position=rng.normal(size=(7, 3, 3)))
-    n = len(texels.texel_area)
-    lattice = (np.arange(2500)[:, None, None] + 0.5) * [1 / 2500, 0.6180339887498949] % 1.0
-    tri, weight = texels.sub_points(np.arange(n), lattice)
-    x, y = texels.hit_texel_xy(tri.ravel(), weight[..., 0].ravel(), weight[..., 1].ravel())
-    local = np.stack([x, y], axis=1).reshape(2500, n, 2) - (texels.texel_xy + 0.5)
-    line = (np.arange(-100, 100) + 0.5) / 200
-    grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    central = 0
-    for entry in range(n):
+    local, central = many_sub_points(texels), 0
+    for entry in range(len(texels.texel_area)):
         centre = texels.texel_xy[entry] + 0.5
-        density = density_at(texels, uv, centre + grid)
         if density_at(texels, uv, centre[None])[0] > 0:
-            density = density_at(texels, uv, centre + grid, texels.texel_tri[entry]) * (np.abs(grid) < 0.25).all(axis=1)
+            expected = polygon_moments(clip_to_square(uv[texels.texel_tri[entry]] - centre, 0.25))
             central += 1
-        np.testing.assert_allclose(local[:, entry].mean(axis=0), np.average(grid, axis=0, weights=density), atol=0.01)
-        np.testing.assert_allclose((local[:, entry] ** 2).mean(axis=0), np.average(grid**2, axis=0, weights=density), atol=0.01)
-    assert 0 < central < n
+        else:
+            expected = sum(
+                density * polygon_moments(clip_to_square(tri - centre, 0.5)) for tri, density in zip(uv, texels.tri_density, strict=False)
+            )
+        np.testing.assert_allclose(local[:, entry].mean(axis=0), expected[1:3] / expected[0], atol=1e-3)
+        np.testing.assert_allclose((local[:, entry] ** 2).mean(axis=0), expected[3:] / expected[0], atol=1e-3)
+    assert 0 < central < len(texels.texel_area)
+
+
+def clip_to_square(polygon: np.ndarray, half: float) -> np.ndarray:
+    """The part of a convex polygon (m, 2) within +-half of the origin. Source: Sutherland & Hodgman 1974."""
+    for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1)):
+        kept = []
+        inside = half - sign * polygon[:, axis] if len(polygon) else ()
+        for k, a in enumerate(polygon):
+            b, here, there = polygon[k - 1], inside[k], inside[k - 1]
+            if (here >= 0) != (there >= 0):
+                kept.append(a + (b - a) * here / (here - there))
+            if here >= 0:
+                kept.append(a)
+        polygon = np.array(kept)
+    return polygon
+
+
+def polygon_moments(polygon: np.ndarray) -> np.ndarray:
+    """(5,) integrals of 1, x, y, x^2, y^2 over a convex polygon: by the middles of the edges of its fan, exact for squares."""
+    total = np.zeros(5)
+    for k in range(1, len(polygon) - 1):
+        a, b, c = polygon[0], polygon[k], polygon[k + 1]
+        area = abs((b - a)[0] * (c - a)[1] - (b - a)[1] * (c - a)[0]) / 2
+        x, y = np.mean([[(p + q) / 2, ((p + q) / 2) ** 2] for p, q in ((a, b), (b, c), (c, a))], axis=0).T
+        total += area * np.array([1, x[0], y[0], x[1], y[1]])
+    return total
 
 
 def density_at(texels: TexelMap, uv: np.ndarray, point: np.ndarray, only: int = -1) -> np.ndarray:
