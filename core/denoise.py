@@ -9,6 +9,7 @@ Source: Rousselle, Knaus & Zwicker 2012, "Adaptive rendering with non-local mean
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 
 import numpy as np
@@ -32,7 +33,12 @@ _Image = NDArray[np.float32]
 
 
 def denoise(
-    light: NDArray[np.float32], variance: NDArray[np.float32], grainy: NDArray[np.bool_], texels: TexelMap, page: NDArray[np.int32]
+    light: NDArray[np.float32],
+    variance: NDArray[np.float32],
+    grainy: NDArray[np.bool_],
+    texels: TexelMap,
+    page: NDArray[np.int32],
+    threads: int = 1,
 ) -> NDArray[np.float32]:
     """The light with its grain smoothed, where a tile of the page has any.
 
@@ -49,15 +55,21 @@ def denoise(
         entries = np.flatnonzero(texels.shown & (page == number))
         entry_at = np.full((side + 2 * _HALO, side + 2 * _HALO), -1, np.int32)
         entry_at[texels.texel_xy[entries, 1] + _HALO, texels.texel_xy[entries, 0] + _HALO] = entries
-        for row, column in product(range(0, side, _TILE), repeat=2):
+
+        def smooth(place: tuple[int, int], entry_at: NDArray[np.int32] = entry_at) -> None:
+            row, column = place
             entry = entry_at[row : row + _TILE + 2 * _HALO, column : column + _TILE + 2 * _HALO]
             inner = entry[_HALO:-_HALO, _HALO:-_HALO]
             covered = inner >= 0
             if grainy[inner[covered]].any():
                 chart = np.where(entry >= 0, texels.texel_chart[entry], -1)
                 noise = np.where(entry >= 0, (variance[:, entry] * scale * scale).sum(axis=0), 0)
-                smooth = _average_alike(np.ascontiguousarray(light[..., entry]) * scale, noise, chart)  # else channels lie innermost
-                out[..., inner[covered]] = smooth[..., covered] / scale
+                smoothed = _average_alike(np.ascontiguousarray(light[..., entry]) * scale, noise, chart)  # else channels lie innermost
+                out[..., inner[covered]] = smoothed[..., covered] / scale
+
+        with ThreadPoolExecutor(threads) as pool:
+            for _ in pool.map(smooth, product(range(0, side, _TILE), repeat=2)):
+                pass
     return out
 
 

@@ -30,7 +30,7 @@ _STRATA = 4  # points across the window, each way
 _STEP_SIGMAS = 3.0  # a step above so many standard errors is light
 _NOISIER = 4.0  # a leaf whose variance there is more than so many times the texel's own has no say
 _FARTHEST = 2.0  # node coordinate up to which a function is carried on beyond its node, which ends at 1
-_CHUNK = 1 << 16
+CHUNK = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,11 @@ class LeafBlender:
     @classmethod
     def of(cls, texels: TexelMap, page: NDArray[np.int32]) -> LeafBlender:
         """page   (n,) int32, the page of each entry"""
-        x, y = texels.hit_texel_xy(texels.texel_tri, texels.texel_bary[:, 1], texels.texel_bary[:, 2])
+        x, y = np.empty((2, len(page)))
+        for start in range(0, len(page), CHUNK):
+            part = slice(start, min(start + CHUNK, len(page)))
+            _, u, v = texels.bary_of(part.start, part.stop).T
+            x[part], y[part] = texels.hit_texel_xy(texels.texel_tri[part], u, v)
         entry_at = np.full((texels.page_count, texels.page_size, texels.page_size), -1, np.int32)
         shown = np.flatnonzero(texels.shown)
         entry_at[page[shown], texels.texel_xy[shown, 1], texels.texel_xy[shown, 0]] = shown
@@ -101,7 +105,7 @@ class LeafBlender:
         """
         entry = np.arange(len(leaf)) if entry is None else entry
         parts = [
-            self._blend_part(tree, solution, leaf, entry[start : start + _CHUNK], halves) for start in range(0, max(len(entry), 1), _CHUNK)
+            self._blend_part(tree, solution, leaf, entry[start : start + CHUNK], halves) for start in range(0, max(len(entry), 1), CHUNK)
         ]
         return PointLight(
             np.concatenate([part.irradiance for part in parts], axis=-1), np.concatenate([part.variance for part in parts], axis=-1)
