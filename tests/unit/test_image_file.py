@@ -136,6 +136,18 @@ def test_same_pixels_same_bytes(tmp_path: Path, kind: str, monkeypatch: pytest.M
     assert kind != "exr" or b"1970:01:01" in first
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_bands_of_rows_make_the_same_file(tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    pixels = np.random.default_rng(2).random((11, 4, 4), np.float32)
+    write_image(tmp_path / "whole", pixels, {}, kind)
+    monkeypatch.setattr("leaflight.core.image_file._BAND_NUMBERS", 3 * 4 * 4)
+    write_image(tmp_path / "bands", pixels, {}, kind)
+    assert (tmp_path / "bands").read_bytes() == (tmp_path / "whole").read_bytes()
+    pixels[0, 0, 0] = pixels[7, 1, 2] = np.nan
+    with pytest.raises(ValueError, match="2 NaN"):
+        write_image(tmp_path / "bands", pixels, {}, kind)
+
+
 def test_what_is_no_image_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.exr"
     with pytest.raises(ValueError, match=r"a\.exr: expected numbers, got 60 NaN"):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver
-from leaflight.core import charts, resolve, solve
+from leaflight.core import charts, reconstruct, resolve, solve
 from leaflight.core.direct_field import DirectField
 from leaflight.core.materials import SurfaceMaterials
 from leaflight.core.reconstruct import LeafBlender
@@ -170,6 +170,19 @@ def test_no_light_is_negative_where_a_fitted_plane_dips_below_zero():
     light = light_of(field, bake.texels)
     assert light.direct.min() == 0
     assert light.direct.max() > 1
+
+
+def test_threads_and_parts_change_no_byte(monkeypatch):
+    bake = SquareBake(side=32, degree=1, level=2)
+    bake.throw(*np.random.default_rng(2).random((2, 4000)))
+    field = light_field(bake, np.flatnonzero(bake.tree.current))
+    blender = LeafBlender.of(bake.texels, np.zeros(len(bake.keys), np.int32))
+    whole = resolve.light_at_texels(field, blender)
+    monkeypatch.setattr(reconstruct, "CHUNK", 100)
+    parts = resolve.light_at_texels(field, blender, threads=2)
+    for name in ("direct", "indirect", "stderr", "leaf"):
+        np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
+    assert (whole.stderr > 0).all()
 
 
 @pytest.mark.parametrize("direct", ["photons", "rays"])
