@@ -158,7 +158,8 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
         "objects": _object_rows(snapshot, atlas, facets.chart_object[texel_map.texel_chart]),
         "skipped": count_skipped(needs, left_out, snapshot, facets, light, settings),
     }
-    if light.stopped_by != "interrupted":
+    # What Blender is to make by the scene's view transform is not there yet, and its settings are no part of the job.
+    if light.stopped_by != "interrupted" and not any(file.linear for file in files):
         try:
             kept_bake.note_bake(folder, snapshot, job, result, warnings)
         except OSError as reason:
