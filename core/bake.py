@@ -43,7 +43,6 @@ from .reconstruct import LeafBlender
 from .scene import SceneSnapshot
 from .settings import DEBUG_PASSES
 from .snapshot import load_snapshot
-from .texel_map import TexelMap
 
 PREVIEW_FOLDER = "preview"
 CONTACT_TEXELS = 1 << 16  # of a shard

@@ -90,12 +90,15 @@ class TexelMap:
 
         That is the one that holds the texel's centre, where whoever filters the image reads it; of several such, or of none, the largest.
         """
-        page, (x, y) = self.chart_page[self.texel_chart], self.texel_xy.T
-        order = np.lexsort((self.texel_area, self.is_central, x, y, page))
-        last = np.ones(len(order), bool)
-        here, after = order[:-1], order[1:]
-        last[:-1] = (page[here] != page[after]) | (x[here] != x[after]) | (y[here] != y[after])
-        shown = np.zeros(len(order), bool)
+        cell = (self.chart_page[self.texel_chart].astype(np.int64) * self.page_size + self.texel_xy[:, 1]) * self.page_size
+        cell += self.texel_xy[:, 0]
+        shared = np.zeros(self.page_count * self.page_size**2, bool)
+        shared[cell[_repeated(cell, len(shared))]] = True
+        rivals = np.flatnonzero(shared[cell])  # few: charts meet along creases, and where a layer overlaps itself
+        order = rivals[np.lexsort((self.texel_area[rivals], self.is_central[rivals], cell[rivals]))]
+        last = np.append(cell[order[:-1]] != cell[order[1:]], True)[: len(order)]
+        shown = np.ones(len(cell), bool)
+        shown[rivals] = False
         shown[order[last]] = True
         return shown
 
@@ -253,6 +256,14 @@ def centred_strata(count: int) -> Float64:
     line = (np.arange(side) + 0.5) / side
     strata: Float64 = np.stack(np.meshgrid(line, line), axis=-1).reshape(count, 1, 2)
     return strata
+
+
+def _repeated(number: Int64, count: int) -> Int64:
+    """All places of numbers below `count` that come again later."""
+    last = np.empty(count, np.int32)
+    last[number] = np.arange(len(number), dtype=np.int32)
+    repeated: Int64 = np.flatnonzero(last[number] != np.arange(len(number), dtype=np.int32))
+    return repeated
 
 
 def _texel_means(offset: FloatArray, size: FloatArray, degree: int) -> list[FloatArray]:
