@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.scene import FloatArray, TextureImage
+from ..core.image_file import srgb_to_linear
+from ..core.scene import TextureImage
 
 MAX_TEXTURE_SIDE_TEXELS = 4096
 _EXTENSIONS = ("REPEAT", "EXTEND", "CLIP", "MIRROR")
@@ -72,7 +73,7 @@ def read_pixels(image: Any) -> ImagePixels | None:
     # byte pixels come as they are stored; float pixels come linear already, whatever their file held
     encoded = not image.is_float and not image.colorspace_settings.is_data and "Linear" not in space
     if encoded:
-        color = decode_srgb(color)
+        color = srgb_to_linear(color)
     note = ""
     if image.source == "TILED":
         note = f"only the first tile of image {image.name} is used"
@@ -80,16 +81,6 @@ def read_pixels(image: Any) -> ImagePixels | None:
         note = f"colour space {space} of image {image.name} is read as sRGB"
     red, green, blue = (float(x) for x in color.mean(axis=(0, 1), dtype=np.float64))
     return ImagePixels(_reduce(color), (red, green, blue, float(alpha.mean(dtype=np.float64))), note)
-
-
-def decode_srgb(encoded: FloatArray) -> NDArray[np.float32]:
-    """Linear values of sRGB-encoded ones.
-
-    Source: IEC 61966-2-1.
-    """
-    encoded = np.asarray(encoded, np.float32)
-    linear: NDArray[np.float32] = np.where(encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0.0) + 0.055) / 1.055) ** 2.4)
-    return linear.astype(np.float32, copy=False)
 
 
 def _reduce(color: NDArray[np.float32]) -> NDArray[np.float32]:

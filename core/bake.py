@@ -21,7 +21,6 @@ from . import (
     basis,
     charts,
     checkpoint,
-    contact,
     creases,
     debug_passes,
     kept_bake,
@@ -46,9 +45,9 @@ from .reconstruct import LeafBlender
 from .scene import SceneSnapshot
 from .settings import DEBUG_PASSES
 from .snapshot import load_snapshot
-from .texel_map import TexelMap
 
 PREVIEW_FOLDER = "preview"
+CONTACT_TEXELS = 1 << 16  # of a shard
 
 
 @dataclass
@@ -103,6 +102,7 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
         if needs.direct:
             with stages.stage("scene", "Building the ray tracer's tree"):
                 tracing = workers.open_tracing(str(folder))
+                texel_map = tracing.texels  # the file that all processes share, in place of our own copy
             warnings += tracing.warnings
         for subject, text in warnings:
             tell(Warning_(subject, text))
@@ -124,7 +124,7 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
         solver = None
         if needs.photons or not shot:
             with stages.stage("photons", "Tracing photons"):
-                forced = find_contact_texels(tracing, texel_map) if settings.contact else np.zeros(n_texel, bool)
+                forced = find_contacts(folder, executor, n_texel) if settings.contact else np.zeros(n_texel, bool)
                 solver = solve.Solver(folder, settings, executor, direct, forced, blender)
                 if kept:
                     kept.give_to(solver)
@@ -160,7 +160,8 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
         "seams": dataclasses.asdict(seam_report),
         "skipped": count_skipped(needs, left_out, snapshot, facets, light, settings),
     }
-    if light.stopped_by != "interrupted":
+    # What Blender is to make by the scene's view transform is not there yet, and its settings are no part of the job.
+    if light.stopped_by != "interrupted" and not any(file.linear for file in files):
         try:
             kept_bake.note_bake(folder, snapshot, job, result, warnings)
         except OSError as reason:
@@ -183,12 +184,10 @@ def _describe_no_charts(atlas: charts.ChartAtlas) -> str:
     return f"nothing to bake: no object has a face that takes light ({told})"
 
 
-def find_contact_texels(tracing: workers.Tracing, texel_map: TexelMap) -> NDArray[np.bool_]:
-    """(n,) bool: texel entries at which other geometry stands."""
-    tri = texel_map.texel_tri
-    position_m = np.einsum("nk,nkj->nj", texel_map.texel_bary, tracing.snapshot.tri_position[tri])
-    size = np.sqrt(texel_map.tri_density[tri]) * tracing.unit_box.scale
-    return contact.find_contacts(tracing.scene.rays, tracing.unit_box.to_unit(position_m), tracing.scene.tri_normal[:, tri].T, size)
+def find_contacts(folder: Path, executor: Executor, n_texel: int) -> NDArray[np.bool_]:
+    """(n_texel,) bool: where something touches the surface (see contact); folder of workers.open_tracing."""
+    shards = [workers.ContactShard(str(folder), start, min(start + CONTACT_TEXELS, n_texel)) for start in range(0, n_texel, CONTACT_TEXELS)]
+    return np.concatenate([np.zeros(0, bool), *executor.map(workers.find_contacts, shards)])
 
 
 def _keep_state(job: Job, solver: solve.Solver | None, error: float, tell: Callable[[Message], None]) -> None:
@@ -212,7 +211,7 @@ def _write_pages(
     surfaces: SurfaceMaterials,
 ) -> tuple[list[pages.PageFile], seams.SeamReport]:
     margin = job.settings.margin
-    at_texels = resolve.light_at_texels(light, blender, job.settings.denoise)
+    at_texels = resolve.light_at_texels(light, blender, job.settings.denoise, workers.count_processors(job.settings.workers))
     seam_report = seams.SeamReport(0, 0, 0.0, 0.0)
     if job.settings.seams and margin:  # without a margin filtering reads the empty page, and no texel helps
         points = seam_points.find_seams(snapshot, atlas.tri_chart, atlas.tri_uv, atlas.object_page[snapshot.tri_object])

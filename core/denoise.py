@@ -9,6 +9,7 @@ Source: Rousselle, Knaus & Zwicker 2012, "Adaptive rendering with non-local mean
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 
 import numpy as np
@@ -32,7 +33,12 @@ _Image = NDArray[np.float32]
 
 
 def denoise(
-    light: NDArray[np.float32], variance: NDArray[np.float32], grainy: NDArray[np.bool_], texels: TexelMap, page: NDArray[np.int32]
+    light: NDArray[np.float32],
+    variance: NDArray[np.float32],
+    grainy: NDArray[np.bool_],
+    texels: TexelMap,
+    page: NDArray[np.int32],
+    threads: int = 1,
 ) -> NDArray[np.float32]:
     """The light with its grain smoothed, where a tile of the page has any.
 
@@ -49,15 +55,21 @@ def denoise(
         entries = np.flatnonzero(texels.shown & (page == number))
         entry_at = np.full((side + 2 * _HALO, side + 2 * _HALO), -1, np.int32)
         entry_at[texels.texel_xy[entries, 1] + _HALO, texels.texel_xy[entries, 0] + _HALO] = entries
-        for row, column in product(range(0, side, _TILE), repeat=2):
+
+        def smooth(place: tuple[int, int], entry_at: NDArray[np.int32] = entry_at) -> None:
+            row, column = place
             entry = entry_at[row : row + _TILE + 2 * _HALO, column : column + _TILE + 2 * _HALO]
             inner = entry[_HALO:-_HALO, _HALO:-_HALO]
             covered = inner >= 0
             if grainy[inner[covered]].any():
                 chart = np.where(entry >= 0, texels.texel_chart[entry], -1)
                 noise = np.where(entry >= 0, (variance[:, entry] * scale * scale).sum(axis=0), 0)
-                smooth = _average_alike(light[..., entry] * scale, noise, chart)
-                out[..., inner[covered]] = smooth[..., covered] / scale
+                smoothed = _average_alike(np.ascontiguousarray(light[..., entry]) * scale, noise, chart)  # else channels lie innermost
+                out[..., inner[covered]] = smoothed[..., covered] / scale
+
+        with ThreadPoolExecutor(threads) as pool:
+            for _ in pool.map(smooth, product(range(0, side, _TILE), repeat=2)):
+                pass
     return out
 
 
@@ -65,24 +77,37 @@ def _average_alike(light: _Image, variance: _Image, chart: NDArray[np.int32]) ->
     """light (k, 3, h, w), variance (h, w), chart (h, w), -1 outside of charts; out without the halo."""
     total = np.minimum(light.sum(axis=0), _BRIGHTEST)
     inside = (chart >= 0).astype(np.float32)
-    variance = _box_sum(variance * inside, _VARIANCE_RADIUS) / np.maximum(_box_sum(inside, _VARIANCE_RADIUS), 1)
+    around = [np.pad(image, _VARIANCE_RADIUS) for image in (variance * inside, inside)]
+    variance = _box_sum(around[0], _VARIANCE_RADIUS) / np.maximum(_box_sum(around[1], _VARIANCE_RADIUS), 1)
     floor = _LEAST_DOUBT2 * ((total * total).sum(axis=0) + 1)
-    middle = _window(0, 0, _PATCH)
-    here, own, own_chart = total[..., *middle], variance[middle], chart[middle]
+    middle, core = _window(0, 0, _PATCH), (slice(_PATCH, -_PATCH),) * 2
+    own, own_floor, own_chart = variance[middle], floor[middle], chart[middle]
+    one_chart = chart.min() == chart.max() >= 0
     mean = np.zeros_like(light[..., *_window(0, 0, 0)])
     weight = np.zeros(mean.shape[2:], np.float32)
+    gap, share = np.empty_like(total[..., *middle]), np.empty_like(mean)
     for dy, dx in product(range(-RADIUS, RADIUS + 1), repeat=2):
         there = _window(dy, dx, _PATCH)
-        same = (own_chart == chart[there]) & (own_chart >= 0)
         other = variance[there]
-        distance = ((here - total[..., *there]) ** 2).sum(axis=0)
+        np.subtract(total[..., *middle], total[..., *there], out=gap)
+        gap *= gap
+        distance = gap.sum(axis=0)
         distance -= own + np.minimum(own, other)
-        distance /= np.float32(_STRICTNESS**2) * (own + other) + floor[middle]
-        distance = np.where(same, np.minimum(distance, _UNLIKE), 0)
-        patch = _box_sum(distance, _PATCH)[_PATCH:-_PATCH, _PATCH:-_PATCH]
-        patch /= np.maximum(_box_sum(same.astype(np.float32), _PATCH)[_PATCH:-_PATCH, _PATCH:-_PATCH], 1)
-        alike = np.exp(-np.maximum(patch, 0)) * same[_PATCH:-_PATCH, _PATCH:-_PATCH]
-        mean += alike * light[..., *_window(dy, dx, 0)]
+        distance /= np.float32(_STRICTNESS**2) * (own + other) + own_floor
+        np.minimum(distance, _UNLIKE, out=distance)
+        if one_chart:  # most of a large page
+            patch = _box_sum(distance, _PATCH)
+            patch /= np.float32((2 * _PATCH + 1) ** 2)
+        else:
+            same = ((own_chart == chart[there]) & (own_chart >= 0)).astype(np.float32)
+            distance *= same
+            patch = _box_sum(distance, _PATCH)
+            patch /= np.maximum(_box_sum(same, _PATCH), 1)
+        alike = np.exp(-np.maximum(patch, 0, out=patch))
+        if not one_chart:
+            alike *= same[core]
+        np.multiply(alike, light[..., *_window(dy, dx, 0)], out=share)
+        mean += share
         weight += alike
     out: _Image = mean / np.maximum(weight, np.finfo(np.float32).tiny)
     return out
@@ -95,8 +120,8 @@ def _window(dy: int, dx: int, grow: int) -> tuple[slice, slice]:
 
 
 def _box_sum(image: _Image, radius: int) -> _Image:
-    """Sums over squares of side 2 * radius + 1; beyond the image there is nothing."""
-    padded = np.pad(image, radius)
-    rows: _Image = sum(padded[i : i + image.shape[0]] for i in range(2 * radius + 1))  # type: ignore[assignment]
-    out: _Image = sum(rows[:, i : i + image.shape[1]] for i in range(2 * radius + 1))  # type: ignore[assignment]
+    """Sums over squares of side 2 * radius + 1, where these lie in the image: (h - 2 * radius, w - 2 * radius)."""
+    height, width = (side - 2 * radius for side in image.shape)
+    rows: _Image = sum(image[i : i + height] for i in range(2 * radius + 1))  # type: ignore[assignment]
+    out: _Image = sum(rows[:, i : i + width] for i in range(2 * radius + 1))  # type: ignore[assignment]
     return out

@@ -8,6 +8,7 @@ The error of a bake is relative to local brightness, so that dark corners count 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +32,7 @@ BIAS_DECAY = 0.25
 # the bias are held against it. Measured over bakes of few leaves.
 _BIAS_DOUBT = 0.5
 _SAMPLE = 1 << 13  # texels that are asked
+_CHUNK = 1 << 16
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 # The halves of few leaves say little about noise; the prior says "as independent photons" with this many values' weight.
 _PRIOR_VALUES = 64.0
@@ -90,18 +92,20 @@ def state_error(
     correction = noise_correction(tree, solution, nodes)
     area = np.maximum(tree.area, np.finfo(float).tiny)
     leaf = node_of_texel(tree, nodes, len(direct))
-    brightness = np.maximum((solution.flux / area).astype(np.float32)[:, leaf].T + direct, 0.0)
-    scale2 = brightness**2 + np.float32(DARK_FLOOR * brightness.mean(dtype=np.float64)) ** 2
-    weight = np.divide(1.0, scale2, out=np.zeros_like(scale2), where=scale2 > 0.0)
-    direct2: NDArray[np.float32] = (weight * direct_variance).mean(1)
+    node_light = np.ascontiguousarray((solution.flux / area).astype(np.float32).T)
+    dark2 = _find_dark(node_light, leaf, direct)
+    direct2 = np.empty(len(leaf), np.float32)
+    for part in _parts(len(leaf)):
+        direct2[part] = (_weigh(node_light[leaf[part]] + direct[part], dark2) * direct_variance[part]).mean(1)
     sample = _choose_sample(blender.texels)
     count = int(np.ceil(BEST_TEXELS * len(sample)))
     if not totals.photons.sum() or not count:
         return StatedError(math.nan, math.nan, math.sqrt(np.sort(direct2[sample])[:count].sum() / max(count, 1)), correction, direct2)
     # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
     shown = blender.blend(tree, solution, leaf, sample, halves=True)
-    photons2 = (weight[sample].T * shown.variance).mean(0) * correction
-    blind2 = weight.mean(1) * missing_light(tree, totals, comparison, nodes)[leaf]
+    weight = _weigh(node_light[leaf[sample]] + direct[sample], dark2)
+    photons2 = (weight.T * shown.variance).mean(0) * correction
+    blind2 = weight.mean(1) * missing_light(tree, totals, comparison, nodes)[leaf[sample]]
     deepest = node_of_texel(tree, np.flatnonzero(~tree.has_children), len(leaf))[sample]
     bias2, gap2 = _missing_from_blend(tree, solution, leaf, deepest, sample, blender, shown, weight, blind2)
     likely = photons2 + direct2[sample] + gap2
@@ -111,6 +115,22 @@ def state_error(
     doubt2 = _BIAS_DOUBT * math.sqrt((np.bincount(deepest[best], bias2[best]) ** 2).sum()) / count
     square = parts[0] + parts[1] + max(parts[2], 0.0)
     return StatedError(math.sqrt(square), math.sqrt(square + doubt2), math.sqrt(parts[1]), correction, direct2)
+
+
+def _parts(count: int) -> Iterator[slice]:
+    return (slice(start, min(start + _CHUNK, count)) for start in range(0, count, _CHUNK))
+
+
+def _find_dark(node_light: NDArray[np.float32], leaf: NDArray[np.int32], direct: NDArray[np.float32]) -> np.float32:
+    """Square of the brightness below which a texel is judged as if it had that; arguments as in state_error."""
+    sums = [np.maximum(node_light[leaf[part]] + direct[part], 0.0).sum(dtype=np.float64) for part in _parts(len(leaf))]
+    return np.float32(DARK_FLOOR * math.fsum(sums) / max(direct.size, 1)) ** 2
+
+
+def _weigh(light: NDArray[np.float32], dark2: np.float32) -> NDArray[np.float32]:
+    """What makes a squared error relative: light (m, 3) W/m^2, out (m, 3)."""
+    scale2 = np.maximum(light, 0.0) ** 2 + dark2
+    return np.divide(np.float32(1.0), scale2, out=np.zeros_like(scale2), where=scale2 > 0.0)
 
 
 def _choose_sample(texels: TexelMap) -> NDArray[np.int64]:
@@ -138,16 +158,18 @@ def _missing_from_blend(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Squared relative difference between the blend and the deepest nodes at the texels `sample`, (m,) float64 twice.
 
+    weight   (m, 3), of the texels `sample`, as is blind2
+
     The first is a product of what each half says alone, whose noise is independent, and so right in sum. The second is the
-    difference that was seen, noise and all, and so tells where it is. Without nodes below, `blind2` (n,) stands for both.
+    difference that was seen, noise and all, and so tells where it is. Without nodes below, `blind2` (m,) stands for both.
     """
-    unbiased = blind2[sample]
+    unbiased = blind2.copy()
     seen = np.maximum(unbiased, 0.0)
     told = np.flatnonzero(deepest != leaf[sample])
     entry = sample[told]
     below = evaluate_leaf(tree, solution, deepest[told], blender.x[entry], blender.y[entry], halves=True).irradiance
     gap = shown.irradiance[..., told] - below
-    unbiased[told] = (weight[entry].T * gap[0] * gap[1]).mean(0)
+    unbiased[told] = (weight[told].T * gap[0] * gap[1]).mean(0)
     group, count = np.unique(deepest[told], return_inverse=True, return_counts=True)[1:]
     seen[told] = (np.bincount(group, unbiased[told]) / count)[group]
     return unbiased, seen

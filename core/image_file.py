@@ -23,6 +23,7 @@ _PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
 _INCOMPLETE = "the file could not be completed"
 KINDS = ("exr", "hdr", "png", *encodings.ENCODINGS)
 _ENCODING, _RANGE = "leaflight:encoding", "leaflight:range"
+_BAND_NUMBERS = 1 << 19
 _EPOCH = "1970:01:01 00:00:00"  # OpenImageIO would put the time of writing into the file; the same bake gives the same bytes
 
 
@@ -37,7 +38,7 @@ def range_of(pixels: FloatArray, kind: str, wanted: float) -> float:
     wanted   of RGBM and RGBD; 0 for the page's own
     """
     if kind in ("rgbm", "rgbd"):
-        return wanted or encodings.find_range(np.minimum(pixels[..., :3], HALF_MAX))
+        return wanted or encodings.find_range(np.minimum(pixels[..., :3].max(axis=(0, 1)), HALF_MAX))
     return {"png": 1.0, "logluv": encodings.LOGLUV_MAX}.get(kind, HALF_MAX)
 
 
@@ -116,16 +117,30 @@ def _encode_or_error(pixels: FloatArray, kind: str, wanted_range: float, full: b
         return f"expected kind {', '.join(KINDS)}, got {kind!r}"
     if pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or not pixels.size:
         return f"expected pixels (h, w, 3) or (h, w, 4), got {pixels.shape}"
-    if np.isnan(pixels).any():
-        return f"expected numbers, got {np.count_nonzero(np.isnan(pixels))} NaN"
-    rows = pixels[::-1]
+    unknown = sum(int(np.count_nonzero(np.isnan(pixels[band]))) for band in _bands(pixels))
+    if unknown:
+        return f"expected numbers, got {unknown} NaN"
+    greatest = range_of(pixels, kind, wanted_range)
+    first = _encode_rows(pixels[:1], kind, greatest, full)
+    data = np.empty((len(pixels), *first.shape[1:]), first.dtype)
+    for band in _bands(pixels):
+        data[band] = _encode_rows(pixels[::-1][band], kind, greatest, full)
+    return data
+
+
+def _bands(pixels: FloatArray) -> list[slice]:
+    """Some rows at a time: what is made of them on the way to a file stays small beside the page."""
+    step = max(1, _BAND_NUMBERS // (pixels.shape[1] * pixels.shape[2]))
+    return [slice(start, start + step) for start in range(0, len(pixels), step)]
+
+
+def _encode_rows(rows: FloatArray, kind: str, greatest: float, full: bool) -> NDArray[np.generic]:
+    """Rows in the file's own numbers; greatest of range_of."""
     if kind in encodings.ENCODINGS:
-        return encodings.encode(rows[..., :3], kind, range_of(pixels, kind, wanted_range))
-    if kind == "exr" and full:
-        return np.asarray(np.clip(rows, -_FLOAT_MAX, _FLOAT_MAX), np.float32)
+        return encodings.encode(rows[..., :3], kind, greatest)
     if kind == "exr":
-        halves: NDArray[np.float16] = np.clip(rows, -HALF_MAX, HALF_MAX).astype(np.float16)
-        return halves
+        most, kept = (_FLOAT_MAX, np.float32) if full else (HALF_MAX, np.float16)
+        return np.asarray(np.clip(rows, -most, most), kept)
     if kind == "hdr":
         return np.asarray(np.clip(rows[..., :3], 0.0, HALF_MAX), np.float32)
     unit = np.clip(rows, 0.0, 1.0).astype(np.float32)
@@ -151,7 +166,7 @@ def _write_file(path: Path, data: NDArray[np.generic], metadata: Mapping[str, st
     output = oiio.ImageOutput.create(kind if kind in ("exr", "hdr") else "png")
     if output is None:
         return str(oiio.geterror())
-    done = output.open(str(path), spec) and output.write_image(np.ascontiguousarray(data))
+    done = output.open(str(path), spec) and output.write_image(data)
     closed = output.close()
     if not (done and closed):
         return str(output.geterror()) or _INCOMPLETE
@@ -159,13 +174,16 @@ def _write_file(path: Path, data: NDArray[np.generic], metadata: Mapping[str, st
 
 
 def _is_complete(path: Path, kind: str) -> bool:
-    """Whether all of a new file can be read: of a disk that fills up with its last buffer OpenImageIO says nothing."""
+    """Whether a new file has its end: of a disk that fills up with its last buffer OpenImageIO says nothing."""
     if kind not in ("exr", "hdr"):
-        return path.read_bytes().endswith(_PNG_END)
+        with open(path, "rb") as file:
+            file.seek(max(path.stat().st_size - len(_PNG_END), 0))
+            return file.read() == _PNG_END
     source = _open_image_io().ImageInput.open(str(path))
     if source is None:
         return False
-    complete = source.read_image("half") is not None
+    spec = source.spec()
+    complete = source.read_scanlines(spec.height - 1, spec.height, 0, 0, spec.nchannels, "half") is not None  # rows are in order
     source.close()
     return complete
 

@@ -30,7 +30,7 @@ _STRATA = 4  # points across the window, each way
 _STEP_SIGMAS = 3.0  # a step above so many standard errors is light
 _NOISIER = 4.0  # a leaf whose variance there is more than so many times the texel's own has no say
 _FARTHEST = 2.0  # node coordinate up to which a function is carried on beyond its node, which ends at 1
-_CHUNK = 1 << 16
+CHUNK = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,11 @@ class LeafBlender:
     @classmethod
     def of(cls, texels: TexelMap, page: NDArray[np.int32]) -> LeafBlender:
         """page   (n,) int32, the page of each entry"""
-        x, y = texels.hit_texel_xy(texels.texel_tri, texels.texel_bary[:, 1], texels.texel_bary[:, 2])
+        x, y = np.empty((2, len(page)))
+        for start in range(0, len(page), CHUNK):
+            part = slice(start, min(start + CHUNK, len(page)))
+            _, u, v = texels.bary_of(part.start, part.stop).T
+            x[part], y[part] = texels.hit_texel_xy(texels.texel_tri[part], u, v)
         entry_at = np.full((texels.page_count, texels.page_size, texels.page_size), -1, np.int32)
         shown = np.flatnonzero(texels.shown)
         entry_at[page[shown], texels.texel_xy[shown, 1], texels.texel_xy[shown, 0]] = shown
@@ -101,60 +105,50 @@ class LeafBlender:
         """
         entry = np.arange(len(leaf)) if entry is None else entry
         parts = [
-            self._blend_part(tree, solution, leaf, entry[start : start + _CHUNK], halves) for start in range(0, max(len(entry), 1), _CHUNK)
+            self._blend_part(tree, solution, leaf, entry[start : start + CHUNK], halves) for start in range(0, max(len(entry), 1), CHUNK)
         ]
         return PointLight(
             np.concatenate([part.irradiance for part in parts], axis=-1), np.concatenate([part.variance for part in parts], axis=-1)
         )
 
     def _blend_part(self, tree: Quadtree, solution: Solution, leaf: NDArray[np.int32], part: NDArray[Any], halves: bool) -> PointLight:
-        size, chart = self.texels.page_size, self.texels.texel_chart
-        x, y, page, own_leaf = self.x[part], self.y[part], self.page[part], leaf[part]
-        window = _Window(evaluate_leaf(tree, solution, own_leaf, x, y, halves), own_leaf, halves)
-        for across, up in product((np.arange(_STRATA) + 0.5) / _STRATA - 0.5, repeat=2):
+        x, y, own_leaf = self.x[part], self.y[part], leaf[part]
+        own = evaluate_leaf(tree, solution, own_leaf, x, y, halves)
+        reached = self._reached_leaves(tree, leaf, part)
+        own_count = 1.0 + (reached == own_leaf).sum(0)  # the texel itself is a point too
+        reached[reached == own_leaf] = -1
+        irradiance, variance, count = own.irradiance * own_count, own.variance * own_count**2, own_count
+        share = 0.5 if halves else 1.0  # components add up to the light, halves each stand for it
+        rows = np.arange(len(part))
+        while True:  # one more leaf for every texel whose window reaches one
+            other = reached.max(0)
+            rows, reached, other = rows[other >= 0], reached[:, other >= 0], other[other >= 0]
+            if not len(rows):
+                break
+            points = (reached == other).sum(0)
+            reached[reached == other] = -1
+            theirs = evaluate_leaf(tree, solution, other, x[rows], y[rows], halves)
+            step = share * (theirs.irradiance - own.irradiance[..., rows]).sum(0).mean(0)
+            own_noise, noise = own.variance[:, rows].mean(0), theirs.variance.mean(0)
+            # A sliver's function runs away beyond its node, and its noise would excuse any step.
+            close = np.abs(node_coordinates(tree, other, x[rows], y[rows])).max(0) <= _FARTHEST
+            joined = close & (step**2 <= _STEP_SIGMAS**2 * (own_noise + noise)) & (noise <= _NOISIER * own_noise)
+            points = np.where(joined, points, 0)
+            irradiance[..., rows] += points * theirs.irradiance
+            variance[:, rows] += points**2 * theirs.variance  # points on one leaf err together, leaves err apart
+            count[rows] += points
+        return PointLight(irradiance / count, variance / count**2)
+
+    def _reached_leaves(self, tree: Quadtree, leaf: NDArray[np.int32], part: NDArray[Any]) -> NDArray[np.int32]:
+        """(points of a window, m) int32: leaf under each point of each texel's window, -1 where its chart is not."""
+        size, own_leaf, page = self.texels.page_size, leaf[part], self.page[part]
+        x, y, chart = self.x[part], self.y[part], tree.chart[own_leaf]
+        reached = np.empty((_STRATA**2, len(part)), np.int32)
+        for point, (across, up) in enumerate(product((np.arange(_STRATA) + 0.5) / _STRATA - 0.5, repeat=2)):
             column = np.floor(x + across * WINDOW * tree.side[own_leaf]).astype(np.int64)
             row = np.floor(y + up * WINDOW * tree.side[own_leaf]).astype(np.int64)
             inside = (column >= 0) & (column < size) & (row >= 0) & (row < size)
             entry = np.where(inside, self.entry_at[page, np.clip(row, 0, size - 1), np.clip(column, 0, size - 1)], -1)
-            other = np.where((entry >= 0) & (chart[entry] == chart[part]), leaf[entry], -1)
-            near = np.flatnonzero((other >= 0) & (other != own_leaf))
-            theirs = evaluate_leaf(tree, solution, other[near], x[near], y[near], halves)
-            far = np.abs(node_coordinates(tree, other[near], x[near], y[near])).max(0)
-            window.add(np.flatnonzero(other == own_leaf), near, other[near], theirs, far <= _FARTHEST)
-        return PointLight(*window.mean())
-
-
-class _Window:
-    """The points of a window around each of m texels, and which leaf each of them speaks for."""
-
-    def __init__(self, own: PointLight, leaf: NDArray[np.int32], halves: bool) -> None:
-        self._own, self._leaf = own, leaf
-        self._share = 0.5 if halves else 1.0  # components add up to the light, halves each stand for it
-        self._irradiance = own.irradiance.copy()  # the texel itself is a point too
-        self._count = np.ones(len(leaf))
-        self._nodes = [leaf]
-        self._variances = [own.variance]
-
-    def add(self, same: NDArray[Any], near: NDArray[Any], other: NDArray[Any], theirs: PointLight, close: NDArray[np.bool_]) -> None:
-        """A point for each texel: on its own leaf for the texels `same`, on `other` for those `near`, on none for the rest."""
-        step = self._share * (theirs.irradiance - self._own.irradiance[..., near]).sum(0).mean(0)
-        own, other_noise = self._own.variance[:, near].mean(0), theirs.variance.mean(0)
-        # A sliver's function runs away beyond its node, and its noise would excuse any step.
-        joined = close & (step**2 <= _STEP_SIGMAS**2 * (own + other_noise)) & (other_noise <= _NOISIER * own)
-        rows = near[joined]
-        self._irradiance[..., same] += self._own.irradiance[..., same]
-        self._irradiance[..., rows] += theirs.irradiance[..., joined]
-        self._count[same] += 1
-        self._count[rows] += 1
-        node, variance = np.full(len(self._leaf), -1, np.int32), np.zeros_like(self._own.variance)
-        node[same], variance[:, same] = self._leaf[same], self._own.variance[:, same]
-        node[rows], variance[:, rows] = other[joined], theirs.variance[:, joined]
-        self._nodes.append(node)
-        self._variances.append(variance)
-
-    def mean(self) -> tuple[Float64, Float64]:
-        """Irradiance and variance: points on one leaf err together, leaves err apart."""
-        variance = np.zeros_like(self._own.variance)
-        for node, one in zip(self._nodes, self._variances, strict=True):
-            variance += one * np.sum([other == node for other in self._nodes], axis=0)
-        return self._irradiance / self._count, variance / self._count**2
+            other = leaf[entry]
+            reached[point] = np.where((entry >= 0) & (tree.chart[other] == chart), other, -1)
+        return reached

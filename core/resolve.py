@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,15 +46,24 @@ class TexelLight:
     empty: seams.EmptyTexels | None = None
 
 
-def light_at_texels(field: LightField, blender: reconstruct.LeafBlender, smooth_grain: bool = True) -> TexelLight:
+def light_at_texels(field: LightField, blender: reconstruct.LeafBlender, smooth_grain: bool = True, threads: int = 1) -> TexelLight:
     """The leaves' functions at each texel's own point, plus direct light by rays; stderr is that before grain is smoothed."""
-    leaf = node_of_texel(field.tree, field.leaves, len(blender.page))
-    traced = blender.blend(field.tree, field.solution, leaf)
-    direct, indirect = np.maximum(traced.irradiance, 0.0)  # a fitted plane may dip below zero at the edge of a shadow
-    variance = (traced.variance * field.correction + field.direct.variance.T).astype(np.float32)
-    light = np.stack([field.direct.irradiance.T + direct, indirect]).astype(np.float32)
+    n_texel = len(blender.page)
+    leaf = node_of_texel(field.tree, field.leaves, n_texel)
+    light, variance = np.empty((2, 3, n_texel), np.float32), np.empty((3, n_texel), np.float32)
+
+    def fill(start: int) -> None:
+        part = slice(start, min(start + reconstruct.CHUNK, n_texel))
+        traced = blender.blend(field.tree, field.solution, leaf, np.arange(part.start, part.stop))
+        direct, indirect = np.maximum(traced.irradiance, 0.0)  # a fitted plane may dip below zero at the edge of a shadow
+        light[0, :, part], light[1, :, part] = field.direct.irradiance[part].T + direct, indirect
+        variance[:, part] = traced.variance * field.correction + field.direct.variance[part].T
+
+    with ThreadPoolExecutor(threads) as pool:  # numpy lets go of the interpreter within a chunk
+        for _ in pool.map(fill, range(0, n_texel, reconstruct.CHUNK)):
+            pass
     if smooth_grain:
-        light = denoise.denoise(light, variance, _find_grain(field, leaf), blender.texels, blender.page)
+        light = denoise.denoise(light, variance, _find_grain(field, leaf), blender.texels, blender.page, threads)
     return TexelLight(light[0].T, light[1].T, np.sqrt(variance.T), leaf)
 
 

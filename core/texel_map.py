@@ -60,13 +60,21 @@ class TexelMap:
     pair_start: Int64
     pair_tri: Int32
 
-    @cached_property
+    @property
     def texel_bary(self) -> NDArray[np.float32]:
-        """(n, 3) float32: corner weights of a point inside the covered part, on texel_tri."""
-        point = self.texel_xy + 0.5
-        point[self.part_entry] += self.part_point
-        uv = self._corner_weights(self.texel_tri, point)
-        return np.column_stack([np.maximum(1.0 - uv.sum(axis=1), 0.0), uv]).astype(np.float32)
+        """(n, 3) float32: corner weights of a point inside the covered part, on texel_tri; `bary_of` gives some of them."""
+        return self.bary_of(0, len(self.texel_tri))
+
+    def bary_of(self, start: int, end: int) -> NDArray[np.float32]:
+        """texel_bary of the entries start ... end - 1."""
+        x, y = self.texel_xy[start:end].T + 0.5
+        first, last = np.searchsorted(self.part_entry, (start, end))
+        part = self.part_entry[first:last] - start
+        x[part] += self.part_point[first:last, 0]
+        y[part] += self.part_point[first:last, 1]
+        u, v = self._corner_weights(self.texel_tri[start:end], x, y)
+        bary: NDArray[np.float32] = np.stack([np.maximum(1.0 - (u + v), 0.0), u, v], axis=1).astype(np.float32)
+        return bary
 
     @cached_property
     def is_central(self) -> NDArray[np.bool_]:
@@ -82,12 +90,15 @@ class TexelMap:
 
         That is the one that holds the texel's centre, where whoever filters the image reads it; of several such, or of none, the largest.
         """
-        page, (x, y) = self.chart_page[self.texel_chart], self.texel_xy.T
-        order = np.lexsort((self.texel_area, self.is_central, x, y, page))
-        last = np.ones(len(order), bool)
-        here, after = order[:-1], order[1:]
-        last[:-1] = (page[here] != page[after]) | (x[here] != x[after]) | (y[here] != y[after])
-        shown = np.zeros(len(order), bool)
+        cell = (self.chart_page[self.texel_chart].astype(np.int64) * self.page_size + self.texel_xy[:, 1]) * self.page_size
+        cell += self.texel_xy[:, 0]
+        shared = np.zeros(self.page_count * self.page_size**2, bool)
+        shared[cell[_repeated(cell, len(shared))]] = True
+        rivals = np.flatnonzero(shared[cell])  # few: charts meet along creases, and where a layer overlaps itself
+        order = rivals[np.lexsort((self.texel_area[rivals], self.is_central[rivals], cell[rivals]))]
+        last = np.append(cell[order[:-1]] != cell[order[1:]], True)[: len(order)]
+        shown = np.ones(len(cell), bool)
+        shown[rivals] = False
         shown[order[last]] = True
         return shown
 
@@ -95,6 +106,13 @@ class TexelMap:
     def _corner_rows(self) -> Float64:
         """(6, n_tri + 1) float64: tri_uv as rows, which a look-up by triangle reads faster."""
         return np.ascontiguousarray(self.tri_uv.reshape(-1, 6).T)
+
+    @cached_property
+    def _corner_frames(self) -> Float64:
+        """(7, n_tri + 1) float64: x, y of corner 0 and of both edges from it, and twice the signed area."""
+        corner_0, corner_1, corner_2 = self.tri_uv.transpose(1, 2, 0)
+        (x_1, y_1), (x_2, y_2) = corner_1 - corner_0, corner_2 - corner_0
+        return np.stack([*corner_0, x_1, y_1, x_2, y_2, x_1 * y_2 - y_1 * x_2])
 
     def hit_texel_xy(self, tri: IntArray, u: FloatArray, v: FloatArray) -> tuple[Float64, Float64]:
         """Page texel coordinates of hits.
@@ -179,16 +197,19 @@ class TexelMap:
         look    side of that square, texels; 1 for all that is covered
         out     (k, m) int32 triangle, (k, m, 2) float32 weights of its corners 1 and 2
         """
-        place = np.broadcast_to(point, (len(point), len(entry), 2)).astype(np.float64)
-        tri = np.broadcast_to(self.texel_tri[entry], place.shape[:2]).copy()
+        xy, tri = self.texel_xy[entry], self.texel_tri[entry]
+        x, y = (0.5 + look * (point[..., axis].astype(np.float64) - 0.5) + xy[:, axis] for axis in (0, 1))
+        weights = np.empty((2, *x.shape), np.float32)  # rows: who interpolates by them reads u and v by themselves
+        weights[:] = self._corner_weights(tri, x, y)
+        tri = np.broadcast_to(tri, x.shape).copy()
         part = np.searchsorted(self.part_entry, entry)
         is_part = self.part_entry[np.minimum(part, len(self.part_entry) - 1)] == entry if len(self.part_entry) else part < 0
         if is_part.any():
-            tri[:, is_part], place[:, is_part] = self._warp_to_parts(part[is_part], place[:, is_part], look)
-        place[:, ~is_part] = 0.5 + look * (place[:, ~is_part] - 0.5)
-        place += self.texel_xy[entry]
-        uv = self._corner_weights(tri.ravel(), place.reshape(-1, 2))
-        return tri, uv.reshape(place.shape).astype(np.float32)
+            inside = np.broadcast_to(point, (len(point), len(entry), 2))[:, is_part].astype(np.float64)
+            tri[:, is_part], place = self._warp_to_parts(part[is_part], inside, look)
+            place += xy[is_part]
+            weights[:, :, is_part] = self._corner_weights(tri[:, is_part], place[..., 0], place[..., 1])
+        return tri, np.moveaxis(weights, 0, -1)
 
     def _warp_to_parts(self, part: Int64, point: Float64, look: float) -> tuple[Int32, Float64]:
         """Triangles (k, m) and places (k, m, 2) from the texel's lower left corner."""
@@ -214,17 +235,14 @@ class TexelMap:
         place = [sum(share * corner[chosen] for share, corner in zip(shares, axis, strict=True)) for axis in (pieces.x, pieces.y)]
         return tri[pieces.pair[chosen]], np.stack(place, axis=-1) + 0.5
 
-    def _corner_weights(self, tri: Int32, point: Float64) -> Float64:
-        """Weights (n, 2) of corners 1 and 2 at page texel coordinates (n, 2), brought inside the triangle."""
-        corner = self.tri_uv[tri]
-        x, y = (point - corner[:, 0]).T
-        (x_1, y_1), (x_2, y_2) = (corner[:, 1] - corner[:, 0]).T, (corner[:, 2] - corner[:, 0]).T
-        double_area = x_1 * y_2 - y_1 * x_2
-        u = (x * y_2 - y * x_2) / double_area
-        v = (y * x_1 - x * y_1) / double_area
-        uv = np.clip(np.stack([u, v], axis=1), 0.0, 1.0)
-        inside: Float64 = uv / np.maximum(uv.sum(axis=1, keepdims=True), 1.0)
-        return inside
+    def _corner_weights(self, tri: Int32, x: Float64, y: Float64) -> tuple[Float64, Float64]:
+        """Weights of corners 1 and 2 at page texel coordinates x, y (..., m), brought inside the triangles (m,) or (..., m)."""
+        x_0, y_0, x_1, y_1, x_2, y_2, double_area = self._corner_frames.take(tri, axis=1)
+        x, y = x - x_0, y - y_0
+        u = np.clip((x * y_2 - y * x_2) / double_area, 0.0, 1.0)
+        v = np.clip((y * x_1 - x * y_1) / double_area, 0.0, 1.0)
+        total = np.maximum(u + v, 1.0)
+        return u / total, v / total
 
 
 def centred_strata(count: int) -> Float64:
@@ -238,6 +256,14 @@ def centred_strata(count: int) -> Float64:
     line = (np.arange(side) + 0.5) / side
     strata: Float64 = np.stack(np.meshgrid(line, line), axis=-1).reshape(count, 1, 2)
     return strata
+
+
+def _repeated(number: Int64, count: int) -> Int64:
+    """All places of numbers below `count` that come again later."""
+    last = np.empty(count, np.int32)
+    last[number] = np.arange(len(number), dtype=np.int32)
+    repeated: Int64 = np.flatnonzero(last[number] != np.arange(len(number), dtype=np.int32))
+    return repeated
 
 
 def _texel_means(offset: FloatArray, size: FloatArray, degree: int) -> list[FloatArray]:

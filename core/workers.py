@@ -18,7 +18,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from . import direct, photons, sampling, shared_arrays, tally
+import numpy as np
+from numpy.typing import NDArray
+
+from . import contact, direct, photons, sampling, shared_arrays, tally
 from .emitters import build_emitters
 from .geometry import UnitBox
 from .job import SNAPSHOT_FILE
@@ -129,6 +132,25 @@ def light_texels(shard: DirectShard) -> direct.DirectLight:
     return direct.direct_irradiance(_open_direct_scene(shard.tracing), sub_points, shard.texels, rng, shard.tolerance)
 
 
+@dataclass(frozen=True)
+class ContactShard:
+    """Texel entries start ... end - 1 that are asked whether something touches the surface there."""
+
+    tracing: str  # folder
+    start: int
+    end: int
+
+
+def find_contacts(shard: ContactShard) -> NDArray[np.bool_]:
+    """(end - start,) bool, see contact."""
+    tracing = open_tracing(shard.tracing)
+    tri = tracing.texels.texel_tri[shard.start : shard.end]
+    bary = tracing.texels.bary_of(shard.start, shard.end)
+    position_m = np.einsum("nk,nkj->nj", bary, tracing.snapshot.tri_position[tri])
+    size = np.sqrt(tracing.texels.tri_density[tri]) * tracing.unit_box.scale
+    return contact.find_contacts(tracing.scene.rays, tracing.unit_box.to_unit(position_m), tracing.scene.tri_normal[:, tri].T, size)
+
+
 @lru_cache(maxsize=1)
 def _open_direct_scene(folder: str) -> direct.DirectScene:
     tracing = open_tracing(folder)
@@ -164,9 +186,14 @@ def open_executor(settings: Settings) -> Executor:
     return cluster.connect(settings.cluster)
 
 
+def count_processors(workers: int) -> int:
+    """How many may be used at once, 0 for one per core."""
+    return workers or os.cpu_count() or 1
+
+
 def make_executor(workers: int) -> Executor:
     """An executor with `workers` processes on this machine, 0 for one per core; close it with shutdown()."""
-    count = workers or os.cpu_count() or 1
+    count = count_processors(workers)
     if count == 1:
         return InlineExecutor()
     # A fork would copy embree's threads in an unknown state; a spawned process starts clean on every platform.

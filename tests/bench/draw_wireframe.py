@@ -58,7 +58,7 @@ def bake_light(folder: Path, snapshot: Path) -> tuple[SimpleNamespace, solve.Lig
         tracing = workers.open_tracing(str(folder))
         direct = DirectField.none(len(texels.texel_area))
         blender = LeafBlender.of(texels, atlas.chart_page[texels.texel_chart])
-        solver = solve.Solver(folder, SETTINGS, executor, direct, bake.find_contact_texels(tracing, texels), blender)
+        solver = solve.Solver(folder, SETTINGS, executor, direct, bake.find_contacts(folder, executor, len(texels.texel_area)), blender)
         light = solver.run(lambda message: None, lambda: False)
     finally:
         executor.shutdown()

@@ -145,7 +145,7 @@ class Stage:
         # Moments of the greatest degree serve every basis.
         self.atlas, self.texels = prepare_folder(folder, scene, dataclasses.replace(settings, basis="quadratic"))
         self.tracing = workers.open_tracing(str(folder))
-        self.contact = bake.find_contact_texels(self.tracing, self.texels)
+        self.contact = bake.find_contacts(folder, executor, len(self.texels.texel_area))
         self._bakes = 0
         self.page = self.atlas.chart_page[self.texels.texel_chart]
         self.blender = LeafBlender.of(self.texels, self.page)

@@ -5,8 +5,9 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon.images_read import decode_srgb, read_pixels  # noqa: E402
+from leaflight.addon.images_read import read_pixels  # noqa: E402
 from leaflight.addon.materials_read import MaterialTable  # noqa: E402
+from leaflight.core.image_file import srgb_to_linear  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
@@ -105,13 +106,9 @@ def test_image_is_linear_and_shared():
     assert reading.material.emission_rgb == pytest.approx((2.0, 2.0, 2.0))
     texture_image = table.images.images[0]
     assert (texture_image.extension, texture_image.closest) == ("CLIP", True)
-    expected = decode_srgb(np.round(stored * 255) / 255)
+    expected = srgb_to_linear(np.float32(np.round(stored * 255) / 255))
     assert texture_image.pixels.shape == (3, 5, 3)
     assert texture_image.pixels == pytest.approx(expected, abs=2e-3)
-
-
-def test_srgb_decode_known_values():
-    assert decode_srgb(np.array([0.0, 0.04045, 0.5, 1.0])) == pytest.approx([0.0, 0.0031308, 0.21404, 1.0], abs=1e-5)
 
 
 @pytest.mark.parametrize(("floating", "space"), [(True, "sRGB"), (False, "Non-Color"), (False, "Linear Rec.709")])

@@ -122,3 +122,28 @@ def test_charts_do_not_mix(texels, monkeypatch):
     light = np.zeros((1, 3, len(x)), np.float32) + np.where(x < SIDE // 2, 1.0, 1.1).astype(np.float32)
     found = denoise.denoise(light, np.ones((3, len(x)), np.float32), np.ones(len(x), bool), texels, np.zeros(len(x), np.int32))
     np.testing.assert_allclose(found, light, rtol=1e-5)
+
+
+def test_a_tile_within_one_chart_is_smoothed_like_any_other():
+    """The same numbers with and without another chart in the corner of the halo, where no kept texel's neighbours reach."""
+    rng = np.random.default_rng(4)
+    side = 32 + 2 * denoise.RADIUS + 2
+    light = 1 + SIGMA * rng.standard_normal((2, 3, side, side), np.float32)
+    variance = np.full((side, side), SIGMA**2, np.float32) * rng.random((side, side), np.float32)
+    chart = np.zeros((side, side), np.int32)
+    alone = denoise._average_alike(light, variance, chart)
+    chart[0, 0] = 1
+    beside = denoise._average_alike(light, variance, chart)
+    assert alone.shape == (2, 3, 32, 32)
+    np.testing.assert_array_equal(alone[..., 3:, 3:], beside[..., 3:, 3:])
+    assert (alone[..., 0, 0] != beside[..., 0, 0]).any()
+
+
+def test_threads_change_no_byte():
+    texels = make_square_map(96, 1)  # four tiles
+    rng = np.random.default_rng(5)
+    light = 1 + SIGMA * rng.standard_normal((2, 3, len(texels.texel_area)), np.float32)
+    variance, grainy = np.full(light.shape[1:], SIGMA**2, np.float32), np.ones(light.shape[2], bool)
+    one, two = (denoise.denoise(light, variance, grainy, texels, np.zeros(len(grainy), np.int32), threads) for threads in (1, 2))
+    assert (one != light).all()
+    np.testing.assert_array_equal(one, two)

@@ -174,3 +174,14 @@ def test_leaves_without_previews_take_the_word_of_their_parents():
     children = current(bake)
     blind2 = state(bake, children).relative ** 2 - noise_of(bake, children) ** 2
     assert blind2 == pytest.approx(estimate.BIAS_DECAY * told2, rel=0.1)
+
+
+def test_parts_of_a_page_state_the_same_error(monkeypatch):
+    bake = throw(hill, 4000, seed=3, level=2)
+    nodes = np.flatnonzero(bake.tree.current)
+    whole = state(bake, nodes, direct_variance=1e-3)
+    monkeypatch.setattr(estimate, "_CHUNK", 1000)
+    parts = state(bake, nodes, direct_variance=1e-3)
+    assert parts.relative == pytest.approx(whole.relative, rel=1e-6)
+    np.testing.assert_allclose(parts.texel_direct2, whole.texel_direct2, rtol=1e-5)
+    assert (whole.texel_direct2 > 0).all()

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from leaflight.core import encodings
-from leaflight.core.image_file import HALF_MAX, KINDS, range_of, read_image, suffix_of, write_image
+from leaflight.core.image_file import HALF_MAX, KINDS, linear_to_srgb, range_of, read_image, srgb_to_linear, suffix_of, write_image
 
 pytestmark = pytest.mark.usefixtures("open_image_io")
 
@@ -64,6 +64,13 @@ def test_png_bytes_are_the_srgb_curve(tmp_path: Path) -> None:
     write_image(tmp_path / "a.png", pixels, {}, "png")
     stored = OpenImageIO.ImageInput.open(str(tmp_path / "a.png")).read_image("uint8")
     assert np.unique(stored).tolist() == [128]
+
+
+def test_the_srgb_curve_goes_through_known_points_and_back() -> None:
+    linear = srgb_to_linear(np.float32([0.0, 0.04045, 0.5, 1.0]))
+    assert linear == pytest.approx([0.0, 0.0031308, 0.21404, 1.0], abs=1e-5)
+    every = np.arange(256, dtype=np.float32) / 255
+    np.testing.assert_allclose(linear_to_srgb(srgb_to_linear(every)), every, atol=1e-6)
 
 
 def test_row_0_is_the_last_of_the_file(tmp_path: Path) -> None:
@@ -127,6 +134,18 @@ def test_same_pixels_same_bytes(tmp_path: Path, kind: str, monkeypatch: pytest.M
     first = (tmp_path / "a").read_bytes()
     assert first == (tmp_path / "b").read_bytes()
     assert kind != "exr" or b"1970:01:01" in first
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bands_of_rows_make_the_same_file(tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    pixels = np.random.default_rng(2).random((11, 4, 4), np.float32)
+    write_image(tmp_path / "whole", pixels, {}, kind)
+    monkeypatch.setattr("leaflight.core.image_file._BAND_NUMBERS", 3 * 4 * 4)
+    write_image(tmp_path / "bands", pixels, {}, kind)
+    assert (tmp_path / "bands").read_bytes() == (tmp_path / "whole").read_bytes()
+    pixels[0, 0, 0] = pixels[7, 1, 2] = np.nan
+    with pytest.raises(ValueError, match="2 NaN"):
+        write_image(tmp_path / "bands", pixels, {}, kind)
 
 
 def test_what_is_no_image_is_refused(tmp_path: Path) -> None:

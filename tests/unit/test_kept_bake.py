@@ -61,6 +61,17 @@ def test_images_may_be_moved_with_their_note(tmp_path, job):
     assert kept_bake.find_kept_bake(SCENE, job) is None
 
 
+def test_pictures_through_the_scenes_view_transform_are_made_anew(tmp_path):
+    """Exposure may have changed since, which the core does not know of; an earlier picture of that name says nothing."""
+    settings = replace(QUICK, formats=("png",), view_transform="scene", passes=("combined",))
+    for _ in range(2):
+        job, messages, result = bake_job(tmp_path, settings)
+        assert not [message.text for message in messages if isinstance(message, Warning_) and "noted" in message.text]
+        assert not kept_bake.find_note(job).exists()
+        assert kept_bake.find_kept_bake(SCENE, job) is None
+        Path(result["files"][0]["path"]).write_bytes(b"what Blender makes of it")
+
+
 @pytest.mark.parametrize("change", [{"size": 32}, {"seed": 2}, {"passes": ("combined",)}])
 def test_other_settings_are_another_bake(job, change):
     assert kept_bake.find_kept_bake(SCENE, replace(job, settings=replace(QUICK, **change))) is None

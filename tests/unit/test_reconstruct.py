@@ -148,3 +148,51 @@ def test_points_on_one_leaf_err_together_and_leaves_err_apart(place, points):
     entry = np.flatnonzero((bake.texels.texel_xy == place).all(axis=1))
     expected = np.square(points).sum() / np.sum(points) ** 2
     np.testing.assert_allclose(light.variance[:, entry], bake.solution().variance[:, owner[entry]] * expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("degree", [0, 1])
+def test_a_blend_is_the_mean_over_the_points_of_each_window(degree):
+    """Against the definition, point by point: who speaks for a point, and whether a step to it is noise."""
+    bake = SquareBake(side=32, degree=degree, preview_depth=1, level=2)
+    rng = np.random.default_rng(9)
+    for half in (0, 1):
+        bake.throw(*step(rng, 3000), half)
+    tree = quadtree.split(bake.tree, np.flatnonzero(bake.tree.current)[::3])  # leaves of two sizes
+    solution, n = bake.solution(), len(bake.keys)
+    owner = quadtree.node_of_texel(tree, np.flatnonzero(tree.current), n)
+    blender = reconstruct.LeafBlender.of(bake.texels, np.zeros(n, np.int32))
+    at = np.full((32, 32), -1)
+    at[bake.texels.texel_xy[:, 1], bake.texels.texel_xy[:, 0]] = owner
+    line = (np.arange(4) + 0.5) / 4 - 0.5
+    joined_any = refused_any = far_any = False
+    blended = blender.blend(tree, solution, owner)
+    for entry in rng.choice(n, 100, replace=False):
+        x, y, own = blender.x[entry : entry + 1], blender.y[entry : entry + 1], owner[entry]
+
+        def light_of(node, x=x, y=y):
+            return reconstruct.evaluate_leaf(tree, solution, np.array([node]), x, y)
+
+        mine, points = light_of(own), [own]
+        for across, up in ((a, b) for a in line for b in line):
+            column, row = int(np.floor(x[0] + across * tree.side[own])), int(np.floor(y[0] + up * tree.side[own]))
+            if not (0 <= column < 32 and 0 <= row < 32):
+                continue
+            other, theirs = at[row, column], light_of(at[row, column])
+            far = np.abs(reconstruct.node_coordinates(tree, np.array([other]), x, y)).max() > reconstruct._FARTHEST
+            gap = (theirs.irradiance - mine.irradiance).sum(0).mean()
+            noise, own_noise = theirs.variance.mean(), mine.variance.mean()
+            alike = gap**2 <= reconstruct._STEP_SIGMAS**2 * (noise + own_noise) and noise <= reconstruct._NOISIER * own_noise
+            if other == own or (alike and not far):
+                points.append(other)
+            joined_any |= other != own and alike and not far
+            refused_any |= other != own and not alike
+            far_any |= alike and far
+        nodes, count = np.unique(points, return_counts=True)
+        parts = [light_of(node) for node in nodes]
+        mean = sum(k * part.irradiance for k, part in zip(count, parts, strict=True)) / len(points)
+        variance = sum(k**2 * part.variance for k, part in zip(count, parts, strict=True)) / len(points) ** 2
+        np.testing.assert_allclose(blended.irradiance[..., entry], mean[..., 0], rtol=1e-12)
+        np.testing.assert_allclose(blended.variance[:, entry], variance[:, 0], rtol=1e-12)
+    assert joined_any
+    assert refused_any
+    assert far_any == (degree == 0)  # the noise of a plane carried on so far rules it out before

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver
-from leaflight.core import charts, resolve, solve
+from leaflight.core import charts, reconstruct, resolve, solve
 from leaflight.core.direct_field import DirectField
 from leaflight.core.materials import SurfaceMaterials
 from leaflight.core.reconstruct import LeafBlender
@@ -187,6 +187,19 @@ def test_grain_is_that_of_small_leaves_and_of_noisy_rays(level, ray_noise, smoot
     grainy, shown = (resolve.light_at_texels(field, blender, smooth_grain=smooth_grain) for smooth_grain in (False, True))
     assert (np.abs(shown.direct - grainy.direct).max() > 1e-5) == smooth
     np.testing.assert_array_equal(shown.stderr, grainy.stderr)
+
+
+def test_threads_and_parts_change_no_byte(monkeypatch):
+    bake = SquareBake(side=32, degree=1, level=2)
+    bake.throw(*np.random.default_rng(2).random((2, 4000)))
+    field = light_field(bake, np.flatnonzero(bake.tree.current))
+    blender = LeafBlender.of(bake.texels, np.zeros(len(bake.keys), np.int32))
+    whole = resolve.light_at_texels(field, blender)
+    monkeypatch.setattr(reconstruct, "CHUNK", 100)
+    parts = resolve.light_at_texels(field, blender, threads=2)
+    for name in ("direct", "indirect", "stderr", "leaf"):
+        np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
+    assert (whole.stderr > 0).all()
 
 
 @pytest.mark.parametrize("direct", ["photons", "rays"])

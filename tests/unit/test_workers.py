@@ -7,9 +7,10 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, prepare_folder
-from leaflight.core import quadtree, shared_arrays, workers
-from leaflight.core.scene import SceneObject
+from leaflight.core import bake, quadtree, shared_arrays, workers
+from leaflight.core.scene import Light, SceneObject
 from leaflight.core.settings import Settings
+from scenes import box_mesh, make_scene, quad_mesh
 
 SETTINGS = Settings(size=32, padding=1)
 
@@ -130,3 +131,18 @@ def test_a_cluster_without_dask_is_a_sentence(monkeypatch):
     monkeypatch.delattr("leaflight.core.cluster", raising=False)
     with pytest.raises(ValueError, match=r"^--cluster farm:8786: dask\.distributed cannot be loaded .*extra `cluster`, .* -m pip install "):
         workers.open_executor(replace(SETTINGS, cluster="farm:8786"))
+
+
+def test_contacts_are_found_alike_in_one_shard_and_in_many(tmp_path, monkeypatch):
+    """A box on a floor: around its foot, and nowhere else."""
+    scene = make_scene(
+        [quad_mesh("Floor"), box_mesh("Box", (0.2, 0.2, 0.2), (0.4, 0.4, 0.1))],
+        [Light("POINT", "Lamp", (0.5, 0.5, 2.0), power_rgb=(1.0,) * 3)],
+    )
+    _, texels = prepare_folder(tmp_path, scene, SETTINGS)
+    n = len(texels.texel_area)
+    whole = bake.find_contacts(tmp_path, workers.InlineExecutor(), n)
+    monkeypatch.setattr(bake, "CONTACT_TEXELS", 100)
+    np.testing.assert_array_equal(bake.find_contacts(tmp_path, workers.InlineExecutor(), n), whole)
+    assert whole.shape == (n,)
+    assert 0 < whole.sum() < n / 2
