@@ -5,42 +5,60 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from .addon.console import print_message
+from .addon.job import BakeProcess, open_bake
+from .core.messages import Error
+
 EXIT_INTERRUPTED = 130
+_INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
+_PYTHON_ARGS = ("-I",)  # those of Blender, bpy.app.python_args
 
 
 def main() -> int:
     """Run the command line and give its exit code."""
     try:
-        with _interrupts_wait():
-            try:
-                import bpy  # noqa: F401  tried first, for a sentence instead of a traceback
-            except ImportError as reason:
-                print(
-                    f"leaflight: error: Blender as a Python module (bpy) cannot be loaded: {reason}\n"
-                    "Install it with `pip install bpy`, or bake with `blender -b SCENE.blend --command leaflight bake`.",
-                    file=sys.stderr,
-                )
-                return 1
-            from .addon import cli
-        return cli.main(sys.argv[1:], prog="python -m leaflight", with_scene=True)
+        _take_interrupts()
+        with open_bake(_PYTHON_ARGS) as process:  # it loads while Blender does
+            return _run(process)
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
+    except OSError as reason:  # no room for the job
+        print_message(Error(str(reason)), quiet=True)
+        return 1
+
+
+def _run(process: BakeProcess) -> int:
+    with _interrupts_wait():
+        try:
+            import bpy  # noqa: F401  tried first, for a sentence instead of a traceback
+        except ImportError as reason:
+            print(
+                f"leaflight: error: Blender as a Python module (bpy) cannot be loaded: {reason}\n"
+                "Install it with `pip install bpy`, or bake with `blender -b SCENE.blend --command leaflight bake`.",
+                file=sys.stderr,
+            )
+            return 1
+        from .addon import cli
+    return cli.main(sys.argv[1:], prog="python -m leaflight", with_scene=True, process=process)
 
 
 @contextmanager
 def _interrupts_wait() -> Iterator[None]:
     """Ctrl-C and SIGTERM come at the end of this block: they crash Blender, or are lost, while it starts."""
-    numbers = (signal.SIGINT, signal.SIGTERM)
     can_wait = hasattr(signal, "pthread_sigmask")  # not on Windows
     if can_wait:
-        signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+        signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTS)
     try:
         yield
     finally:
-        for number in numbers:
-            signal.signal(number, signal.default_int_handler)  # Blender took SIGINT for itself
+        _take_interrupts()  # Blender took SIGINT for itself
         if can_wait:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, _INTERRUPTS)
+
+
+def _take_interrupts() -> None:
+    for number in _INTERRUPTS:
+        signal.signal(number, signal.default_int_handler)
 
 
 if __name__ == "__main__":

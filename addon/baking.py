@@ -107,12 +107,14 @@ class Baking:
         state, began = get_state(context), time.monotonic()
         self._ended: Done | Error | None = None
         self._folder = tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True)
-        folder = Path(self._folder.name)
+        process = None
         try:
-            self._session = session.prepare(context, replace(self._make_request(context), preview=preview), folder)
-            kept = self._session.kept is not None
-            process = None if kept else BakeProcess(folder, tuple(bpy.app.python_args), session.library_paths())
+            request = replace(self._make_request(context), preview=preview)
+            process = BakeProcess(Path(self._folder.name), tuple(bpy.app.python_args))  # loads while the scene is exported
+            self._session = session.prepare(context, request, process.folder)
         except (ValueError, OSError) as reason:
+            if process is not None:
+                process.kill()
             state.fail(str(reason))
             self.report({"ERROR"}, str(reason))
             self._clean_up(context)
@@ -121,7 +123,8 @@ class Baking:
         self._live = live.LiveView(self._session)
         self._scene_uid, self._view_layer = context.scene.session_uid, context.view_layer.name
         warnings = list(self._session.export.warnings)
-        if process is None:
+        if self._session.kept:
+            process.kill()
             self._ended = state.begin_kept(session.tell_kept(self._session), began, warnings)
         else:
             state.begin(process, began, warnings, self._session.request.settings.error)

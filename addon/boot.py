@@ -1,7 +1,7 @@
 """Main program of the child process that bakes: boot.py JOB_FOLDER. No bpy here.
 
-Messages go to standard output, a JSON line each; "cancel" on standard input ends the bake with the best so far, and the
-end of standard input, which comes when the parent is gone, ends it at once.
+Messages go to standard output, a JSON line each. On standard input "begin" says that the job is in its folder, "cancel" ends the bake
+with the best so far, and the end of it, which comes when the parent is gone, ends it at once.
 """
 
 import importlib.util
@@ -28,7 +28,11 @@ def main(folder: Path) -> int:
     """Bake the job in `folder`; 0 done, 1 a sentence was told, 3 a fault of ours, its traceback on standard error."""
     # Blender's own options make Python ignore PYTHONPATH, so the folders of the packages come with the job.
     sys.path += json.loads((folder / "sys_path.json").read_text(encoding="utf-8"))
-    from leaflight.core import bake, messages
+    begun, stop = threading.Event(), threading.Event()
+    threading.Thread(target=_listen, args=(begun, stop), daemon=True).start()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    from leaflight.core import bake, messages  # while the parent reads the scene
 
     out = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
     os.dup2(2, 1)  # what libraries print must not get between the messages
@@ -36,10 +40,7 @@ def main(folder: Path) -> int:
     def tell(message: messages.Message) -> None:
         out.write(messages.encode_message(message) + "\n")
 
-    stop = threading.Event()
-    threading.Thread(target=_listen, args=(stop,), daemon=True).start()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    begun.wait()
     try:
         bake.run_bake(folder, tell, stop.is_set)
     except (ValueError, OSError) as reason:
@@ -67,10 +68,13 @@ def _sentence(reason: ValueError | OSError, folder: Path) -> str:
     return str(reason)
 
 
-def _listen(stop: threading.Event) -> None:
+def _listen(begun: threading.Event, stop: threading.Event) -> None:
     for line in sys.stdin:
-        if line.strip() == "cancel":
-            stop.set()
+        match line.strip():
+            case "begin":
+                begun.set()
+            case "cancel":
+                stop.set()
     os._exit(4)
 
 

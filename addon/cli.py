@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import signal
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -20,18 +19,25 @@ from .arguments import BakeRequest, parse_arguments
 from .console import print_message
 from .export_gltf import export_gltf
 from .images import check_shown
-from .job import BakeProcess
+from .job import BakeProcess, open_bake
 from .request import resolve_paths
 from .scene_file import open_scene
 
 EXIT_DONE, EXIT_CANNOT_BAKE, EXIT_INTERRUPTED = 0, 1, 130
 
 
-def main(argv: list[str], prog: str = "leaflight", with_scene: bool = False) -> int:
-    """Run the command line and give its exit code: 0 done, 1 cannot be baked, 130 interrupted; argparse exits with 2."""
+def main(argv: list[str], prog: str = "leaflight", with_scene: bool = False, process: BakeProcess | None = None) -> int:
+    """Run the command line and give its exit code: 0 done, 1 cannot be baked, 130 interrupted; argparse exits with 2.
+
+    process   that bakes, where there is one already
+    """
     try:
         with _interrupts(_stop_here):  # Blender takes SIGINT for itself until someone else does
-            return _bake(parse_arguments(argv, prog, with_scene))
+            request = parse_arguments(argv, prog, with_scene)
+            if process is not None:
+                return _bake(request, process)
+            with open_bake(tuple(bpy.app.python_args)) as process:
+                return _bake(request, process)
     except KeyboardInterrupt:
         print_message(Error("interrupted before there was any light; nothing was written."), quiet=True)
         return EXIT_INTERRUPTED
@@ -40,7 +46,7 @@ def main(argv: list[str], prog: str = "leaflight", with_scene: bool = False) -> 
         return EXIT_CANNOT_BAKE
 
 
-def _bake(request: BakeRequest) -> int:
+def _bake(request: BakeRequest, process: BakeProcess) -> int:
     begin = time.perf_counter()
     warnings: session.Warnings = []
     if request.scene is not None:
@@ -51,32 +57,30 @@ def _bake(request: BakeRequest) -> int:
     _check(request)
     scene = bpy.data.filepath or str(request.scene)
     seconds = {"open": time.perf_counter() - begin}
-    with tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True) as folder:
+    start = time.perf_counter()
+    work = session.prepare(bpy.context, request, process.folder)
+    seconds["export"] = time.perf_counter() - start
+    for subject, text in [*warnings, *work.export.warnings]:
+        print_message(Warning_(subject, text), request.quiet)
+    with _interrupts(_stop_here if work.kept else process.cancel):  # until the end: what was baked is saved
+        error, interrupted, told = _follow(session.tell_kept(work) if work.kept else process.messages(), request.quiet)
+        if error:
+            raise ValueError(error)
+        result = session.read_result(work)
         start = time.perf_counter()
-        work = session.prepare(bpy.context, request, Path(folder))
-        seconds["export"] = time.perf_counter() - start
-        for subject, text in [*warnings, *work.export.warnings]:
+        session.finish_files(bpy.context.scene, result)
+        late = session.assign(bpy.context, work, result) if request.assign and request.save else []
+        if request.save is not None:
+            _save(request.save)
+        if request.gltf is not None:  # after saving: what is only for the export is not for the .blend
+            late += session.assign(bpy.context, work, result) if not (request.assign and request.save) else []
+            late += export_gltf(bpy.context, request.gltf, request.settings.view_transform)
+        for subject, text in late:
             print_message(Warning_(subject, text), request.quiet)
-        process = None if work.kept else BakeProcess(Path(folder), tuple(bpy.app.python_args), session.library_paths())
-        with _interrupts(process.cancel if process else _stop_here):  # until the end: what was baked is saved
-            error, interrupted, told = _follow(process.messages() if process else session.tell_kept(work), request.quiet)
-            if error:
-                raise ValueError(error)
-            result = session.read_result(work)
-            start = time.perf_counter()
-            session.finish_files(bpy.context.scene, result)
-            late = session.assign(bpy.context, work, result) if request.assign and request.save else []
-            if request.save is not None:
-                _save(request.save)
-            if request.gltf is not None:  # after saving: what is only for the export is not for the .blend
-                late += session.assign(bpy.context, work, result) if not (request.assign and request.save) else []
-                late += export_gltf(bpy.context, request.gltf, request.settings.view_transform)
-            for subject, text in late:
-                print_message(Warning_(subject, text), request.quiet)
-            seconds |= {**result["seconds"], "assign": time.perf_counter() - start}
-            seconds["total"] = time.perf_counter() - begin
-            result["seconds"] = {name: round(value, 4) for name, value in seconds.items()}
-            _report(request, {"scene": scene, **result, "interrupted": interrupted}, [*warnings, *work.export.warnings, *told, *late])
+        seconds |= {**result["seconds"], "assign": time.perf_counter() - start}
+        seconds["total"] = time.perf_counter() - begin
+        result["seconds"] = {name: round(value, 4) for name, value in seconds.items()}
+        _report(request, {"scene": scene, **result, "interrupted": interrupted}, [*warnings, *work.export.warnings, *told, *late])
     return EXIT_INTERRUPTED if interrupted else EXIT_DONE
 
 

@@ -9,7 +9,9 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from ..core.messages import Done, Error, Message, decode_message
@@ -18,16 +20,27 @@ _BOOT = Path(__file__).with_name("boot.py")
 _LOG_FILE = "core.log"
 
 
+@contextmanager
+def open_bake(python_args: tuple[str, ...]) -> Iterator[BakeProcess]:
+    """A process with a new folder for its job; at the end nothing is left of both."""
+    with tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True) as folder:
+        process = BakeProcess(Path(folder), python_args)
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
 class BakeProcess:
-    """Starts baking the job in a folder; one reader takes its messages.
+    """Bakes the job in `folder`, which may come there later: the process loads meanwhile and begins when its messages are asked for.
 
     python_args   arguments of the interpreter, as in bpy.app.python_args
-    extra_paths   folders for the child's sys.path after those of the packages found here
     """
 
-    def __init__(self, folder: Path, python_args: tuple[str, ...] = (), extra_paths: tuple[str, ...] = ()) -> None:
+    def __init__(self, folder: Path, python_args: tuple[str, ...] = ()) -> None:
+        self.folder = folder
         self._log = folder / _LOG_FILE
-        (folder / "sys_path.json").write_text(json.dumps([*_package_paths(), *extra_paths]), encoding="utf-8")
+        (folder / "sys_path.json").write_text(json.dumps([*_package_paths(), *library_paths()]), encoding="utf-8")
         with open(self._log, "wb") as log:
             self._process = subprocess.Popen(
                 [sys.executable, *python_args, str(_BOOT), str(folder)],
@@ -40,7 +53,8 @@ class BakeProcess:
             )
 
     def messages(self) -> Iterator[Message]:
-        """Every message until the child ends; the last one is Done or Error."""
+        """Has the child begin, then every message until it ends, for one reader; the last one is Done or Error."""
+        self._say("begin")
         ended = False
         assert self._process.stdout is not None
         for line in self._process.stdout:
@@ -53,12 +67,13 @@ class BakeProcess:
 
     def cancel(self) -> None:
         """Ask for the best so far; the messages end with Done soon after."""
+        self._say("cancel")
+
+    def _say(self, word: str) -> None:
         if self._process.poll() is None and self._process.stdin is not None:
-            try:
-                self._process.stdin.write("cancel\n")
+            with contextlib.suppress(BrokenPipeError):  # it has just ended by itself
+                self._process.stdin.write(f"{word}\n")
                 self._process.stdin.flush()
-            except BrokenPipeError:
-                return  # it has just ended by itself
 
     def kill(self) -> None:
         """End the child at once; nothing is written."""
@@ -88,3 +103,13 @@ def _package_paths() -> list[str]:
             if str(folder) not in paths:
                 paths.append(str(folder))
     return paths
+
+
+def library_paths() -> tuple[str, ...]:
+    """Where pip's bpy keeps OpenImageIO: not on sys.path, where it has to be last, for its numpy is not ours. Nothing in Blender itself."""
+    bpy = importlib.util.find_spec("bpy")
+    if bpy is None or importlib.util.find_spec("OpenImageIO") is not None:
+        return ()
+    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    places = [f"*/python/lib/{version}/site-packages", "*/python/lib/site-packages"]  # the second on Windows
+    return tuple(str(site) for folder in bpy.submodule_search_locations or () for place in places for site in Path(folder).glob(place))

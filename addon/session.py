@@ -5,10 +5,8 @@ Between the two only names and numbers are kept: undo, or a file that is opened 
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -204,11 +202,3 @@ def find_carriers(exported: list[export_scene.ExportedObject]) -> list[Any]:
     """The user's own objects that carry the bake, None for what was deleted or edited meanwhile."""
     found = zip(exported, export_scene.find_objects(exported), strict=True)
     return [obj if obj is not None and obj.type == "MESH" and len(obj.data.loops) == one.n_corner else None for one, obj in found]
-
-
-def library_paths() -> tuple[str, ...]:
-    """Where pip's bpy keeps OpenImageIO, which is not on its sys.path; nothing in Blender itself."""
-    if importlib.util.find_spec("OpenImageIO") is not None:
-        return ()
-    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
-    return (str(Path(bpy.utils.resource_path("LOCAL")) / "python" / "lib" / version / "site-packages"),)

@@ -101,6 +101,8 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
         warnings += atlas.warnings
         if needs.direct:
             with stages.stage("scene", "Building the ray tracer's tree"):
+                if isinstance(executor, workers.LocalExecutor):
+                    executor.on_each(workers.open_scene, str(folder))
                 tracing = workers.open_tracing(str(folder))
                 texel_map = tracing.texels  # the file that all processes share, in place of our own copy
             warnings += tracing.warnings

@@ -16,7 +16,7 @@ from .messages import Message, Status
 from .scene import IntArray
 from .settings import Settings
 
-SHARD_TEXELS = 1 << 14
+SHARD_TEXELS = 1 << 12  # small enough that no worker waits long for another's last; larger ones are no quicker
 TOLERANCE = 0.2  # of the error asked for: direct light is cheap, its share of the error shall not count
 MOST_PASSES = 64
 SECONDS_BETWEEN_WORDS = 1.0

@@ -5,13 +5,13 @@ Arrays of photons are (3, n), one contiguous row per axis or channel. Source: Pa
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .births import Photons, bear_photons, light_every_surface, locate_hits, soften
+from .births import BATCH, Photons, bear_photons, light_every_surface, locate_hits, soften
 from .geometry import UnitBox, offset_origin, triangle_normals_areas
 from .lights import Emitter
 from .materials import SurfaceMaterials
@@ -21,6 +21,8 @@ from .scene import SceneSnapshot
 _SMOOTH_DEVIATION = 1e-3  # a corner normal nearer to the face's own than this is flat shading
 # Veach's weight is unbounded at grazing incidence. Its expectation loses less than LEAST_COSINE * sin(angle between the normals) / pi.
 _LEAST_COSINE = 0.01
+_DEPTHS_TOGETHER = 2  # surfaces between joins of what is left of the waves
+_WAVE_FIELDS = ("origin", "direction", "flux")
 _GREATEST_POWER_W = 1e30  # leaves float32 room for photons brighter than the mean
 
 _Rows = NDArray[np.float32]
@@ -133,11 +135,15 @@ def trace_shard(
     skip_first         direct light is found elsewhere: first hits scatter but are not deposited
     """
     log = _Log()
-    for photons, shadowless in bear_photons(scene.emitters, scene.emitter_share, n_photons, total_flux_share, rng):
-        log.photons += photons.flux.shape[1]
-        if shadowless.any():
-            log.rays += light_every_surface(photons, shadowless, scene.rays, scene.tri_normal, scene.tri_frame)
-        _trace_batch(scene, photons, rng, max_depth, skip_first, log)
+    waves: Iterable[Photons] = _bear(scene, n_photons, total_flux_share, rng, log)
+    for depth in range(0, max_depth, _DEPTHS_TOGETHER):
+        depths = range(depth, min(depth + _DEPTHS_TOGETHER, max_depth))
+        left = [after for photons in waves if (after := _bounce(scene, photons, rng, depths, skip_first, log))]
+        waves = _join_waves(left)
+        if not left:
+            break
+    for photons in waves:
+        log.remainder += _total(photons.flux)
     return log.hits()
 
 
@@ -164,8 +170,9 @@ class _Log:
         )
 
 
-def _trace_batch(scene: TraceScene, photons: Photons, rng: np.random.Generator, max_depth: int, skip_first: bool, log: _Log) -> None:
-    for depth in range(max_depth):
+def _bounce(scene: TraceScene, photons: Photons, rng: np.random.Generator, depths: range, skip_first: bool, log: _Log) -> Photons | None:
+    """The photons after as many surfaces; None when none is left."""
+    for depth in depths:
         found = scene.rays.closest(photons.origin.T, photons.direction.T)
         tri, u, v = found.tri, found.u, found.v
         log.rays += len(tri)
@@ -175,11 +182,11 @@ def _trace_batch(scene: TraceScene, photons: Photons, rng: np.random.Generator, 
         direction, flux = photons.direction, photons.flux
         hit = np.flatnonzero(tri >= 0)
         if len(hit) < len(tri):
-            log.escaped += _total(flux[:, tri < 0])
-            tri, u, v = tri[hit], u[hit], v[hit]
+            log.escaped += _total(flux.compress(tri < 0, axis=1))
+            tri, u, v = tri.take(hit), u.take(hit), v.take(hit)
             direction, flux = direction.take(hit, axis=1), flux.take(hit, axis=1)
         if not len(hit):
-            return
+            return None
         normal = scene.tri_normal.take(tri, axis=1)
         cosine = _dot(direction, normal)  # < 0 on the front
         if depth or not skip_first:
@@ -187,11 +194,27 @@ def _trace_batch(scene: TraceScene, photons: Photons, rng: np.random.Generator, 
         alive, survivors = _play_roulette(flux, scene.surfaces.albedo_at(tri, u, v).T, rng)
         log.absorbed += _total(flux) - _total(survivors)
         if not len(alive):
-            return
-        normal = normal.take(alive, axis=1) * -np.copysign(np.float32(1), cosine[alive])  # the side that was hit
-        landed = locate_hits(scene.tri_frame, tri[alive], u[alive], v[alive])
+            return None
+        normal = normal.take(alive, axis=1)
+        normal *= -np.copysign(np.float32(1), cosine.take(alive))  # the side that was hit
+        landed = locate_hits(scene.tri_frame, tri.take(alive), u.take(alive), v.take(alive))
         photons = Photons(offset_origin(landed, normal), _scatter(normal, rng), survivors)
-    log.remainder += _total(photons.flux)
+    return photons
+
+
+def _bear(scene: TraceScene, n_photons: int, total_flux_share: float, rng: np.random.Generator, log: _Log) -> Iterator[Photons]:
+    for photons, shadowless in bear_photons(scene.emitters, scene.emitter_share, n_photons, total_flux_share, rng):
+        log.photons += photons.flux.shape[1]
+        if shadowless.any():
+            log.rays += light_every_surface(photons, shadowless, scene.rays, scene.tri_normal, scene.tri_frame)
+        yield photons
+
+
+def _join_waves(waves: list[Photons]) -> list[Photons]:
+    """The same photons, all of which have met a surface, in as few waves as they fit in: numpy is slow on short arrays."""
+    ends = np.cumsum([photons.flux.shape[1] for photons in waves]) // BATCH
+    groups = [[photons for photons, own in zip(waves, ends, strict=True) if own == end] for end in np.unique(ends)]
+    return [Photons(*(np.concatenate([getattr(one, name) for one in group], axis=1) for name in _WAVE_FIELDS)) for group in groups]
 
 
 def _total(flux: _Rows) -> NDArray[np.float64]:

@@ -42,22 +42,25 @@ class SceneCover:
 
     def outline_area(self, direction: FloatArray) -> Float64:
         """(n,) float64, unit box squared: the box's area seen along directions (n, 3)."""
-        return np.abs(direction.astype(np.float64)) @ self.face_area
+        x, y, z = np.abs(direction.T.astype(np.float64))
+        a, b, c = self.face_area
+        out: Float64 = x * a + y * b + z * c  # many times faster than a product of matrices
+        return out
 
     def choose_axis(self, u: FloatArray, weight: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
         """Face axes chosen by weights (n, 3) or (1, 3), and what is left of u (n,)."""
-        end = np.cumsum(weight, axis=1)
-        end = end / end[:, -1:]
-        axis = np.minimum((u[:, None] >= end[:, :2]).sum(axis=1), 2)
-        end = np.broadcast_to(np.concatenate([np.zeros((len(end), 1)), end], axis=1), (len(u), 4))
-        row = np.arange(len(u))
-        width = np.maximum(end[row, axis + 1] - end[row, axis], 1e-12)
-        return axis, np.clip((u - end[row, axis]) / width, 0, 1)
+        end = np.cumsum(weight, axis=1).T
+        first, second = end[0] / end[2], end[1] / end[2]
+        beyond_first, beyond_second = u >= first, u >= second
+        axis = beyond_first.astype(np.int64) + beyond_second
+        low = np.where(beyond_second, second, np.where(beyond_first, first, 0))
+        high = np.where(beyond_second, 1, np.where(beyond_first, second, first))
+        return axis, np.clip((u - low) / np.maximum(high - low, 1e-12), 0, 1)
 
     def place(self, axis: NDArray[np.int64], at_high: NDArray[np.bool_], u: FloatArray, v: FloatArray) -> Float32:
         """(n, 3) float32: points (u, v) of the faces across `axis`, on their high or low side."""
-        row = np.arange(len(axis))
-        share = np.empty((len(axis), 3), np.float32)
-        share[row, axis], share[row, (axis + 1) % 3], share[row, (axis + 2) % 3] = at_high, u, v
-        out: Float32 = self.low + share * (self.high - self.low)
-        return out
+        across = [axis == k for k in range(3)]
+        side = at_high.astype(np.float32)
+        share = np.stack([np.where(across[k], side, np.where(across[k - 1], u, v)) for k in range(3)])
+        out: Float32 = self.low + share.T * (self.high - self.low)
+        return out.astype(np.float32, copy=False)

@@ -108,9 +108,14 @@ class Tally:
 
     def add(self, half: int, shard: ShardTally, photons: int) -> None:
         self.photons[half] += photons
-        self.count[shard.node] += shard.count
-        self.weight2[:, shard.node] += shard.weight2
-        self.raw[half, ..., shard.node] += np.moveaxis(shard.raw, -1, 0)
+        if len(shard.node) == len(self.count):  # all of them, in order: no gathering
+            self.count += shard.count
+            self.weight2 += shard.weight2
+            self.raw[half] += shard.raw
+        else:
+            self.count[shard.node] += shard.count
+            self.weight2[:, shard.node] += shard.weight2
+            self.raw[half, ..., shard.node] += np.moveaxis(shard.raw, -1, 0)
 
 
 @dataclass(frozen=True)

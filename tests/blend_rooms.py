@@ -10,7 +10,8 @@ from typing import Any
 
 import bpy
 import numpy as np
-from leaflight.addon import cli, session
+from leaflight.addon import cli
+from leaflight.addon.job import library_paths
 
 QUICK = ("--size", "32", "--max-photons", "20000", "--workers", "1")
 
@@ -70,7 +71,7 @@ def read_pixels(path: Path) -> np.ndarray:
     from leaflight.core.image_file import read_image
 
     before = list(sys.path)
-    sys.path.extend(session.library_paths())
+    sys.path.extend(library_paths())
     try:
         return read_image(path)[0]
     finally:

@@ -16,6 +16,7 @@ import bpy
 import numpy as np
 from leaflight.addon import materials_write, session
 from leaflight.addon.arguments import BakeRequest
+from leaflight.addon.job import library_paths
 from leaflight.addon.scene_file import open_scene
 from leaflight.core import bake
 from leaflight.core.job import LAYOUT_FILE
@@ -46,7 +47,7 @@ def set_stage(blend: Path, size: int, folder: Path) -> Stage:
     folder   an empty one
     Raises ValueError where the charts do not fit one page.
     """
-    sys.path += session.library_paths()
+    sys.path += library_paths()
     open_scene(blend)
     quick = Settings(size=size, share_meshes=False, passes=("lighting",), direct="photons", error=1.0, max_photons=1000, workers=1)
     work = session.prepare(bpy.context, BakeRequest(quick, output=folder / "images"), folder)

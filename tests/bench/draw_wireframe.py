@@ -42,7 +42,7 @@ def main() -> None:
         stage, light = bake_light(folder / "bake", folder / f"{SCENE}.npz")
         picture = draw_picture(stage, light, camera)
     import bpy  # not before: workers of the bake would load it too
-    from leaflight.addon.session import library_paths
+    from leaflight.addon.job import library_paths
 
     sys.path += library_paths()
     write_image(OUT, np.ascontiguousarray(picture[::-1], np.float32), {}, "png")

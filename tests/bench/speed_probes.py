@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from boxes import prepare_folder, room_mesh
 from cycles_reference import SAMPLES
-from image_io_path import find_image_io
 from leaflight.addon.job import BakeProcess
 from leaflight.core import photons, sampling, workers
 from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
@@ -52,9 +51,8 @@ def run_core(folder: Path, scene: SceneSnapshot, settings: Settings) -> dict[str
     folder.mkdir()
     save_snapshot(folder / SNAPSHOT_FILE, scene)
     Job(settings, str(folder / "images"), "lightmap").save(folder)
-    site = find_image_io()
     begin = time.perf_counter()
-    for message in BakeProcess(folder, (), (str(site),) if site else ()).messages():
+    for message in BakeProcess(folder).messages():
         if isinstance(message, Error):
             raise RuntimeError(message.text)
     seconds = time.perf_counter() - begin

@@ -15,6 +15,7 @@ bpy = pytest.importorskip("bpy")
 
 from blend_rooms import QUICK, bake, list_files, open_room, read_pixels, read_report, save_scene  # noqa: E402
 from leaflight.addon import cli, session  # noqa: E402
+from leaflight.addon.job import BakeProcess  # noqa: E402
 
 STAGES = {"open", "export", "load", "charts", "texels", "scene", "direct", "photons", "write", "assign", "total"}
 
@@ -227,7 +228,7 @@ def test_a_bake_of_an_unchanged_scene_is_kept(room, capsys, monkeypatch):
     first = read_report(room)
     written = {path: path.stat().st_mtime_ns for path in (room.parent / "maps").iterdir()}
     capsys.readouterr()
-    monkeypatch.setattr(cli, "BakeProcess", None)  # no child is started
+    monkeypatch.setattr(BakeProcess, "messages", None)  # no child is told to begin
     assert bake(saved, "--pass", "combined", "albedo", "--save", str(room.parent / "again.blend")) == 0
     assert "leaflight: Unchanged since the last bake: 2 files kept\n" in capsys.readouterr().err
     assert {path: path.stat().st_mtime_ns for path in (room.parent / "maps").iterdir()} == written

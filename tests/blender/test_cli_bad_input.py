@@ -11,7 +11,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_rooms import QUICK, add_mesh, bake, list_files, open_room, read_pixels, read_report, save_scene  # noqa: E402
-from leaflight.addon import cli  # noqa: E402
+from leaflight.addon.job import BakeProcess  # noqa: E402
 
 IMAGE = "room_0.combined.exr"
 TRIANGLE = [(0.0, 0.0, 1.5), (1.0, 0.0, 1.5), (1.0, 1.0, 1.5)]
@@ -76,7 +76,7 @@ def test_output_folder_that_cannot_be(room, capsys, below):
 
 @pytest.mark.parametrize("option", ["--report", "--save"])
 def test_files_that_cannot_be_written_are_told_before_the_bake(room, capsys, monkeypatch, option):
-    monkeypatch.setattr(cli, "BakeProcess", None)  # a bake would begin with it
+    monkeypatch.setattr(BakeProcess, "messages", None)  # a bake would begin with it
     (room.parent / "file").write_text("not a folder")
     below = room.parent / "file" / "x.blend"
     assert refuse(room, capsys, option, str(below)).startswith(f"{below.parent}: is no folder that can be written (")

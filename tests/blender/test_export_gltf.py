@@ -13,6 +13,7 @@ from leaflight.addon import restore, session, uv_layer  # noqa: E402
 from leaflight.addon.arguments import BakeRequest  # noqa: E402
 from leaflight.addon.export_gltf import export_gltf  # noqa: E402
 from leaflight.addon.gltf_file import read_document  # noqa: E402
+from leaflight.addon.job import library_paths  # noqa: E402
 from leaflight.core.bake import run_bake  # noqa: E402
 from leaflight.core.settings import Settings  # noqa: E402
 
@@ -23,7 +24,7 @@ STEP = 0.51 / 255  # half a step of 8 bits, and rounding
 def room(monkeypatch):
     """The cube wears wood, the floor nothing, a third object is not baked; the floor's UV layer is stretched."""
     open_room()
-    monkeypatch.setattr(sys, "path", [*sys.path, *session.library_paths()])
+    monkeypatch.setattr(sys, "path", [*sys.path, *library_paths()])
     bpy.ops.mesh.primitive_uv_sphere_add(segments=8, ring_count=4, location=(0, 0, 1.5), radius=0.2)
     bpy.context.object.name = "Ball"
     wood = bpy.data.materials.new("Wood")

@@ -13,6 +13,7 @@ from blend_dump import differences, dump  # noqa: E402
 from blend_rooms import open_room  # noqa: E402
 from leaflight.addon import live, restore, session  # noqa: E402
 from leaflight.addon.arguments import BakeRequest  # noqa: E402
+from leaflight.addon.job import library_paths  # noqa: E402
 from leaflight.core import preview  # noqa: E402
 from leaflight.core.bake import run_bake  # noqa: E402
 from leaflight.core.messages import Preview  # noqa: E402
@@ -24,7 +25,7 @@ SETTINGS = Settings(size=32, max_photons=600_000, error=1e-4, workers=1, force=T
 @pytest.fixture(autouse=True)
 def _room(monkeypatch):
     open_room()
-    monkeypatch.setattr(sys, "path", [*sys.path, *session.library_paths()])
+    monkeypatch.setattr(sys, "path", [*sys.path, *library_paths()])
     monkeypatch.setattr(preview, "LEAST_PAUSE_S", 0.0)
     monkeypatch.setattr(preview, "PAUSE_OF_COST", 0.0)
     monkeypatch.setattr(preview, "_KEPT_TURNS", 1000)

@@ -248,7 +248,7 @@ def test_unregistering_ends_a_bake_with_its_workers(scene, state, tmp_path):
     chosen = scene.leaflight
     chosen.error, chosen.size, chosen.workers, chosen.max_photons = 1e-4, 64, 2, 2**31 - 1
     session.prepare(bpy.context, request.make_request(bpy.context), tmp_path)
-    process = job.BakeProcess(tmp_path, tuple(bpy.app.python_args), session.library_paths())
+    process = job.BakeProcess(tmp_path, tuple(bpy.app.python_args))
     state.begin(process, time.monotonic(), [])
     give_up = time.monotonic() + 30.0
     while state.progress is None and time.monotonic() < give_up:
@@ -298,8 +298,8 @@ def test_an_unchanged_scene_keeps_its_bake_until_it_is_forced(scene, state, monk
     """Nor does the bake that it wears change it, or that it was removed meanwhile."""
     assert bpy.ops.leaflight.bake() == {"FINISHED"}
     began = []
-    process = baking.BakeProcess
-    monkeypatch.setattr(baking, "BakeProcess", lambda *words: began.append(words) or process(*words))
+    messages = baking.BakeProcess.messages
+    monkeypatch.setattr(baking.BakeProcess, "messages", lambda process: began.append(process) or messages(process))
     assert bpy.ops.leaflight.bake() == {"FINISHED"}
     assert state.summarize()[0] == "Unchanged since the last bake: 1 file kept"
     assert bpy.ops.leaflight.remove() == {"FINISHED"}

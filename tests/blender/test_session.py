@@ -13,6 +13,7 @@ bpy = pytest.importorskip("bpy")
 from blend_rooms import list_files, open_room, save_scene  # noqa: E402
 from leaflight.addon import restore, session, uv_layer  # noqa: E402
 from leaflight.addon.arguments import BakeRequest  # noqa: E402
+from leaflight.addon.job import library_paths  # noqa: E402
 from leaflight.core.bake import run_bake  # noqa: E402
 from leaflight.core.job import JOB_FILE, LAYOUT_FILE, SNAPSHOT_FILE, Job  # noqa: E402
 from leaflight.core.settings import Settings  # noqa: E402
@@ -24,7 +25,7 @@ SETTINGS = Settings(size=32, max_photons=5000, workers=1)
 @pytest.fixture(autouse=True)
 def _room(monkeypatch):
     open_room()
-    monkeypatch.setattr(sys, "path", [*sys.path, *session.library_paths()])
+    monkeypatch.setattr(sys, "path", [*sys.path, *library_paths()])
 
 
 @pytest.fixture

@@ -153,7 +153,7 @@ def test_idle_workers_end_with_the_process_they_work_for(tmp_path, end):
         "    from leaflight.core.workers import make_executor\n"
         "    executor = make_executor(2)\n"
         "    print(*{future.result() for future in [executor.submit(os.getpid) for _ in range(2)]}, flush=True)\n"
-        "    print(*executor._processes, flush=True)\n"
+        "    print(*executor._pool._processes, flush=True)\n"
         f"    sys.stdin.readline(); {end}\n",
         encoding="utf-8",
     )
@@ -243,3 +243,23 @@ def test_the_child_gets_the_folders_of_its_packages(dummy, tmp_path):
     paths = json.loads((tmp_path / "sys_path.json").read_text())
     assert str(Path(np.__file__).parent.parent) in paths
     assert len(paths) == len(set(paths))
+
+
+def test_a_bake_begins_when_its_messages_are_asked_for(open_image_io):
+    """So the process loads while the scene is still being read; nothing is left of it and its folder."""
+    with job.open_bake(()) as process:
+        save_snapshot(process.folder / SNAPSHOT_FILE, lamp_scene())
+        time.sleep(0.5)  # it would have failed for want of a job
+        assert process._process.poll() is None
+        Job(replace(ENDLESS, max_photons=2000, workers=1), str(process.folder / "out"), "room").save(process.folder)
+        *_, last = process.messages()
+        assert isinstance(last, Done)
+    assert not process.folder.exists()
+
+
+@needs_proc
+def test_a_bake_that_never_begins_leaves_nothing():
+    with pytest.raises(KeyboardInterrupt), job.open_bake(()) as process:
+        raise KeyboardInterrupt
+    assert not is_alive(process._process.pid)
+    assert not process.folder.exists()

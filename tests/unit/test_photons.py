@@ -143,10 +143,42 @@ def test_a_point_in_the_centre_lights_six_faces_alike():
     assert np.abs(_face_share((0.01, 0, 0)) - 1 / 6).max() > band  # 3 % more on one face is seen
 
 
-def test_births_go_on_from_batch_to_batch():
-    assert N > births.BATCH
+def test_births_go_on_from_batch_to_batch(monkeypatch):
+    monkeypatch.setattr(births, "BATCH", N // 3)
     hits = _trace(_build(_snapshot(_cube()), _white_lamp()), max_depth=1)
     assert len(np.unique(np.stack([hits.tri, hits.u, hits.v]), axis=1).T) > 0.99 * N
+
+
+def _count_rays(scene):
+    """The scene, and the lengths of the arrays of rays that are traced in it."""
+    lengths = []
+
+    class Counting:
+        def closest(self, origin, direction):
+            lengths.append(len(origin))
+            return scene.rays.closest(origin, direction)
+
+    return dataclasses.replace(scene, rays=Counting()), lengths
+
+
+def test_what_is_left_of_the_waves_goes_on_together(monkeypatch):
+    """To the same light and the same depth as in one wave."""
+    scene = _build(_snapshot(_cube(), (GREY,)), _white_lamp())
+    counting, lengths = _count_rays(scene)
+    whole = _trace(counting, max_depth=9)
+    assert len(lengths) == 9
+    monkeypatch.setattr(births, "BATCH", N // 8)
+    monkeypatch.setattr(photons, "BATCH", N // 8)
+    counting, lengths = _count_rays(scene)
+    parts = _trace(counting, max_depth=9)
+    assert max(lengths) <= 2 * (N // 8)
+    assert len(lengths) < 8 * 9 / 2
+    assert sum(lengths) == parts.counters.rays
+    _assert_closes(parts.audit)
+    shares = [np.bincount(hits.tri, weights=hits.flux_rgb[0], minlength=12) / N for hits in (whole, parts)]
+    assert shares[1].sum() == pytest.approx(shares[0].sum(), rel=0.01)  # 80 000 hits
+    np.testing.assert_allclose(shares[1], shares[0], rtol=0.05)
+    assert 0 < parts.audit.remainder[0] == pytest.approx(whole.audit.remainder[0], rel=0.5)
 
 
 def test_scattered_light_is_cosine_distributed():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core import quadtree
+from leaflight.core import quadtree, tally
 from trees import SquareBake
 
 
@@ -111,6 +111,25 @@ def test_few_hits_in_many_nodes_make_a_small_tally():
     bake.throw(np.array([0.5, 0.5, 0.9]), np.array([0.5, 0.5, 0.1]))
     assert bake.tally.count.sum() == 3
     assert bake.tally.count.max() == 2
+
+
+def test_shards_of_all_nodes_and_of_some_add_up():
+    """The counts and sums that one shard of all their hits has."""
+    rng = np.random.default_rng(4)
+    node, (s, t), is_first = rng.integers(0, 6, 300), rng.random((2, 300)), rng.random(300) < 0.5
+    flux = rng.random((3, 300))
+    parts = [slice(0, 296), slice(296, 300)]
+    sums, whole = (tally.Tally.empty(6, degree=1) for _ in range(2))
+    shards = [tally.deposit(node[part], s[part], t[part], flux[:, part], is_first[part], 6, 1) for part in parts]
+    assert [len(shard.node) == 6 for shard in shards] == [True, False]
+    for half, shard in zip((1, 0), shards, strict=True):
+        sums.add(half, shard, 10)
+    whole.add(0, tally.deposit(node, s, t, flux, is_first, 6, 1), 20)
+    assert sums.photons.tolist() == [10, 10]
+    np.testing.assert_array_equal(sums.count, np.bincount(node, minlength=6))
+    np.testing.assert_allclose(sums.weight2, whole.weight2)
+    np.testing.assert_allclose(sums.raw.sum(0), whole.raw[0])
+    np.testing.assert_array_equal(sums.raw[1], shards[0].raw)
 
 
 def test_variance_is_that_of_repeated_bakes():
