@@ -32,7 +32,11 @@ def main(folder: Path) -> int:
     threading.Thread(target=_listen, args=(begun, stop), daemon=True).start()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    from leaflight.core import bake, messages  # while the parent reads the scene
+    # While the parent reads the scene: what the bake will need.
+    from leaflight.core import bake, executors, messages, unfolding
+
+    unfolding.start_ahead()
+    open_executor = executors.start_ahead()
 
     out = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
     os.dup2(2, 1)  # what libraries print must not get between the messages
@@ -42,7 +46,7 @@ def main(folder: Path) -> int:
 
     begun.wait()
     try:
-        bake.run_bake(folder, tell, stop.is_set)
+        bake.run_bake(folder, tell, stop.is_set, open_executor)
     except (ValueError, OSError) as reason:
         traceback.print_exc()  # kept with the job, for whoever has to find out more
         tell(messages.Error(_sentence(reason, folder)))

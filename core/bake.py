@@ -23,6 +23,7 @@ from . import (
     checkpoint,
     creases,
     debug_passes,
+    executors,
     kept_bake,
     pages,
     preview,
@@ -43,7 +44,7 @@ from .needs import Needs, count_skipped
 from .pruning import prune_scene
 from .reconstruct import LeafBlender
 from .scene import SceneSnapshot
-from .settings import DEBUG_PASSES
+from .settings import DEBUG_PASSES, Settings
 from .snapshot import load_snapshot
 
 PREVIEW_FOLDER = "preview"
@@ -65,18 +66,24 @@ class Stages:
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
 
 
-def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> None:
+def run_bake(
+    folder: Path,
+    tell: Callable[[Message], None],
+    should_stop: Callable[[], bool],
+    open_executor: Callable[[Settings], Executor] = executors.open_executor,
+) -> None:
     """Bake the job in `folder`; the last message is Done.
 
-    tell          hears every message
-    should_stop   asked after every round; the best so far is then written
+    tell            hears every message
+    should_stop     asked after every round; the best so far is then written
+    open_executor   where the shards run; it is shut down at the end
     Raises ValueError or OSError with a sentence for the user; no image is then left half-written.
     """
     job = Job.load(folder)
     settings = job.settings
     stages = Stages(tell)
     _open_output(Path(job.output))
-    executor: Executor = workers.InlineExecutor()
+    executor: Executor = executors.InlineExecutor()
     try:
         with stages.stage("load", "Reading the scene"):
             snapshot = load_snapshot(folder / SNAPSHOT_FILE)
@@ -86,7 +93,7 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
             needs = Needs.of(settings, surfaces)
             settings = needs.trim(settings)
             if needs.direct or needs.photons:
-                executor = workers.open_executor(settings)
+                executor = open_executor(settings)
         with stages.stage("charts", "Unwrapping"):
             atlas = charts.make_charts(snapshot, settings)
             if not atlas.page_count:
@@ -101,7 +108,7 @@ def run_bake(folder: Path, tell: Callable[[Message], None], should_stop: Callabl
         warnings += atlas.warnings
         if needs.direct:
             with stages.stage("scene", "Building the ray tracer's tree"):
-                if isinstance(executor, workers.LocalExecutor):
+                if isinstance(executor, executors.LocalExecutor):
                     executor.on_each(workers.open_scene, str(folder))
                 tracing = workers.open_tracing(str(folder))
                 texel_map = tracing.texels  # the file that all processes share, in place of our own copy
@@ -213,7 +220,7 @@ def _write_pages(
     surfaces: SurfaceMaterials,
 ) -> tuple[list[pages.PageFile], seams.SeamReport]:
     margin = job.settings.margin
-    at_texels = resolve.light_at_texels(light, blender, job.settings.denoise, workers.count_processors(job.settings.workers))
+    at_texels = resolve.light_at_texels(light, blender, job.settings.denoise, executors.count_processors(job.settings.workers))
     seam_report = seams.SeamReport(0, 0, 0.0, 0.0)
     if job.settings.seams and margin:  # without a margin filtering reads the empty page, and no texel helps
         points = seam_points.find_seams(snapshot, atlas.tri_chart, atlas.tri_uv, atlas.object_page[snapshot.tri_object])

@@ -17,7 +17,7 @@ from .scene import IntArray
 from .settings import Settings
 
 SHARD_TEXELS = 1 << 12  # small enough that no worker waits long for another's last; larger ones are no quicker
-TOLERANCE = 0.2  # of the error asked for: direct light is cheap, its share of the error shall not count
+TOLERANCE = 0.5  # of the error asked for: its noise is averaged over neighbours, at less cost than more rays
 MOST_PASSES = 64
 SECONDS_BETWEEN_WORDS = 1.0
 

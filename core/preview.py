@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from . import basis
 from .direct_field import DirectField
+from .executors import InlineExecutor
 from .image_file import HALF_MAX
 from .margin import fill_margin
 from .materials import SurfaceMaterials
@@ -26,7 +27,6 @@ from .scene import IntArray
 from .settings import Settings
 from .solve import LightField, Solver
 from .texel_map import TexelMap, centred_strata
-from .workers import InlineExecutor
 
 FIRST_PHOTONS = 1 << 17  # of the first light, which is to be seen at once
 FIRST_ROUND = 1 << 30  # its own name and random numbers: no round of a bake comes that far, nor do shadow rays' turns come down to it

@@ -53,6 +53,11 @@ def unfold_meshes(meshes: list[Mesh], area: float) -> list[Unfolded]:
     return answer
 
 
+def start_ahead() -> None:
+    """Starts the child before there is a mesh, so that it has loaded by then."""
+    _own_unfolder(os.getpid()).start()
+
+
 @lru_cache(maxsize=1)
 def _own_unfolder(process_id: int) -> Unfolder:
     """A process keeps one; not that of the process it was forked from."""
@@ -68,10 +73,18 @@ class Unfolder:
         self._kill: Callable[[], object] = lambda: None
         self._atlases = self._triangles = 0
 
+    def start(self) -> None:
+        """Start the child if there is none."""
+        with self._lock:
+            self._find_child()
+
+    def _find_child(self) -> subprocess.Popen[bytes]:
+        return self._child if self._child and self._child.poll() is None else self._start()
+
     def unfold(self, meshes: list[Mesh], area: float) -> list[Unfolded] | str:
         """See unfold_meshes; why xatlas cannot be loaded, where it cannot."""
         with self._lock:
-            child = self._child if self._child and self._child.poll() is None else self._start()
+            child = self._find_child()
             assert child.stdin is not None
             assert child.stdout is not None
             try:
@@ -112,16 +125,17 @@ def _kill(child: subprocess.Popen[bytes]) -> None:
 def _serve(questions: BinaryIO, answers: BinaryIO) -> None:
     """Answers until there are no more questions."""
     kept: list[Any] = []
+    try:
+        import xatlas
+    except (ImportError, OSError) as reason:
+        answer: list[Unfolded] | str = str(reason)
+        xatlas = None
     while True:
         try:
             meshes, area = pickle.load(questions)
         except EOFError:
             return
-        try:
-            import xatlas
-        except (ImportError, OSError) as reason:
-            answer: list[Unfolded] | str = str(reason)
-        else:
+        if xatlas is not None:
             kept.append(xatlas.Atlas())
             answer = _generate(kept[-1], xatlas.ChartOptions(), xatlas.PackOptions(), meshes, area)
         pickle.dump(answer, answers, pickle.HIGHEST_PROTOCOL)

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from leaflight.core import basis, charts, creases, shared_arrays, solve, texels, workers
+from leaflight.core import basis, charts, creases, executors, shared_arrays, solve, texels, workers
 from leaflight.core.direct_field import DirectField
 from leaflight.core.job import SNAPSHOT_FILE
 from leaflight.core.reconstruct import LeafBlender
@@ -62,7 +62,7 @@ def make_solver(
     folder: Path, scene: SceneSnapshot, settings: Settings, executor: Executor | None = None, forced: np.ndarray | None = None
 ) -> solve.Solver:
     """A solver in an empty folder, direct light found already."""
-    executor = executor or workers.InlineExecutor()
+    executor = executor or executors.InlineExecutor()
     texel_map = prepare_folder(folder, scene, settings)[1]
     n_texel = len(texel_map.texel_area)
     direct = DirectField.none(n_texel)

@@ -18,10 +18,10 @@ from pathlib import Path
 import paper_tables
 from claims import publish_claims
 from export_samples import export_samples
+from leaflight.core.executors import make_executor
 from leaflight.core.scene import SceneSnapshot
 from leaflight.core.settings import Settings
 from leaflight.core.snapshot import load_snapshot
-from leaflight.core.workers import make_executor
 from paper_bakes import Bake, Reference, Stage
 from paper_tables import Point
 from tables import Table, put_tables

@@ -17,7 +17,7 @@ import numpy as np
 from boxes import prepare_folder
 from draw_leaves import light_view, look_through, shade_view
 from export_samples import export_samples
-from leaflight.core import bake, quadtree, resolve, solve, workers
+from leaflight.core import bake, executors, quadtree, resolve, solve, workers
 from leaflight.core.direct_field import DirectField
 from leaflight.core.image_file import write_image
 from leaflight.core.reconstruct import LeafBlender
@@ -53,7 +53,7 @@ def bake_light(folder: Path, snapshot: Path) -> tuple[SimpleNamespace, solve.Lig
     """What core.bake does, without files; gives what draw_leaves wants to know of the scene, and the light."""
     scene = load_snapshot(snapshot)
     atlas, texels = prepare_folder(folder, scene, SETTINGS)
-    executor = workers.make_executor(SETTINGS.workers)
+    executor = executors.make_executor(SETTINGS.workers)
     try:
         tracing = workers.open_tracing(str(folder))
         direct = DirectField.none(len(texels.texel_area))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boxes import lamp_scene
-from leaflight.core import workers
+from leaflight.core import executors, workers
 from leaflight.core.scene import Light, Material
 from scenes import make_scene, moved, quad_mesh
 
@@ -31,7 +31,7 @@ def square_scene():
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
     scenes = lamp_scene(), square_scene()
-    yield bench_paper.measure_paper(tmp_path_factory.mktemp("paper"), *scenes, TOY, workers.InlineExecutor())
+    yield bench_paper.measure_paper(tmp_path_factory.mktemp("paper"), *scenes, TOY, executors.InlineExecutor())
     workers.forget_folders()
 
 

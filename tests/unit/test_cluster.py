@@ -20,7 +20,7 @@ import pytest
 pytest.importorskip("distributed")
 
 from boxes import lamp_scene, make_solver, prepare_folder, solve_scene
-from leaflight.core import bake, cluster, shared_arrays, workers
+from leaflight.core import bake, cluster, executors, shared_arrays, workers
 from leaflight.core.job import SNAPSHOT_FILE, Job
 from leaflight.core.settings import Settings
 from leaflight.core.snapshot import save_snapshot
@@ -104,7 +104,7 @@ def test_a_whole_bake_gives_the_same_files(farm, tmp_path):
 
 
 def test_same_bytes_as_locally_and_the_folder_is_shared_where_it_is_seen(farm, local, tmp_path):
-    with workers.open_executor(replace(SETTINGS, cluster=farm.address)) as executor:
+    with executors.open_executor(replace(SETTINGS, cluster=farm.address)) as executor:
         assert to_bytes(solve_scene(tmp_path, lamp_scene(), SETTINGS, executor)) == local
     assert farm.list_copies() == []
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from boxes import lamp_scene, prepare_folder
-from leaflight.core import workers
+from leaflight.core import executors
 from leaflight.core.direct_field import DirectField
 from leaflight.core.settings import Settings
 
@@ -14,7 +14,7 @@ SETTINGS = Settings(size=24, padding=1, error=0.5)
 def shot(tmp_path):
     n_texel = len(prepare_folder(tmp_path, lamp_scene(), SETTINGS)[1].texel_area)
     field = DirectField.none(n_texel)
-    field.shoot(tmp_path, SETTINGS, workers.InlineExecutor(), np.arange(n_texel))
+    field.shoot(tmp_path, SETTINGS, executors.InlineExecutor(), np.arange(n_texel))
     return tmp_path, field
 
 
@@ -24,7 +24,7 @@ def test_a_second_shot_is_averaged_in_and_told_so(shot):
     noisy.sort()
     rest = np.setdiff1d(np.arange(len(field.passes)), noisy)
     irradiance, variance = field.irradiance.copy(), field.variance.copy()
-    field.shoot(folder, SETTINGS, workers.InlineExecutor(), noisy)
+    field.shoot(folder, SETTINGS, executors.InlineExecutor(), noisy)
     assert field.passes[noisy].tolist() == [2] * 20
     assert (field.passes[rest] == 1).all()
     np.testing.assert_array_equal(field.irradiance[rest], irradiance[rest])
@@ -36,7 +36,7 @@ def test_many_shots_come_to_the_light(shot):
     folder, field = shot
     once = field.irradiance.copy()
     for _ in range(20):
-        field.shoot(folder, SETTINGS, workers.InlineExecutor(), np.arange(len(field.passes)))
+        field.shoot(folder, SETTINGS, executors.InlineExecutor(), np.arange(len(field.passes)))
     stated = np.sqrt(field.variance.mean())
     assert stated < 0.35 * np.sqrt(np.mean((once - field.irradiance) ** 2))
     assert field.counters["rays"] > 0
@@ -56,7 +56,7 @@ def test_every_shot_has_random_numbers_of_its_own(shot):
     seen = []
     for texels in (rows[:4], rows[:4], rows[4:], rows[4:]):
         before, passes = field.irradiance[texels].copy(), field.passes[texels, None]
-        field.shoot(folder, SETTINGS, workers.InlineExecutor(), texels)
+        field.shoot(folder, SETTINGS, executors.InlineExecutor(), texels)
         seen.append(field.irradiance[texels] * (passes + 1) - before * passes)
     assert not np.allclose(seen[0], seen[1], rtol=1e-3)
     assert not np.allclose(seen[2], seen[3], rtol=1e-3)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from boxes import lamp_scene, prepare_folder
-from leaflight.core import workers
+from leaflight.core import executors
 from leaflight.core.direct_field import DirectField
 from leaflight.core.direct_only import settle_direct
 from leaflight.core.reconstruct import LeafBlender
@@ -13,7 +13,7 @@ from leaflight.core.settings import Settings
 def settle(folder, shoot=True, should_stop=lambda: False, **knobs):
     settings = Settings(size=32, padding=1, **knobs)
     atlas, texels = prepare_folder(folder, lamp_scene(), settings)
-    executor, count = workers.InlineExecutor(), len(texels.texel_area)
+    executor, count = executors.InlineExecutor(), len(texels.texel_area)
     direct = DirectField.none(count)
     if shoot:
         direct.shoot(folder, settings, executor, np.arange(count))

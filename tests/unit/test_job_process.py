@@ -150,7 +150,7 @@ def test_idle_workers_end_with_the_process_they_work_for(tmp_path, end):
     program.write_text(
         f"import os, runpy, signal, sys, time\nrunpy.run_path({str(boot)!r}, run_name=__name__ if __name__ != '__main__' else 'boot')\n"
         "if __name__ == '__main__':\n"
-        "    from leaflight.core.workers import make_executor\n"
+        "    from leaflight.core.executors import make_executor\n"
         "    executor = make_executor(2)\n"
         "    print(*{future.result() for future in [executor.submit(os.getpid) for _ in range(2)]}, flush=True)\n"
         "    print(*executor._pool._processes, flush=True)\n"

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, solve_scene
-from leaflight.core import direct_field, quadtree, workers
+from leaflight.core import direct_field, executors, quadtree, workers
 from leaflight.core.messages import Progress
 from leaflight.core.settings import Settings
 
@@ -21,7 +21,7 @@ def solution_bytes(light):
 
 @pytest.fixture(scope="module")
 def two_workers():
-    with workers.make_executor(2) as executor:
+    with executors.make_executor(2) as executor:
         yield executor
 
 
@@ -184,7 +184,7 @@ def test_direct_light_is_the_same_in_shards_of_any_order(tmp_path, two_workers, 
     assert alone.counters["rays"] > 0
 
 
-class Recorder(workers.InlineExecutor):
+class Recorder(executors.InlineExecutor):
     """Keeps what it was asked to do."""
 
     def __init__(self):

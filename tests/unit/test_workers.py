@@ -1,15 +1,12 @@
 """Shards of work: pure functions, whoever runs them; executors hand errors on."""
 
-import os
 import pickle
-import time
-from concurrent.futures import BrokenExecutor
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, prepare_folder
-from leaflight.core import bake, quadtree, shared_arrays, workers
+from leaflight.core import bake, executors, quadtree, shared_arrays, workers
 from leaflight.core.scene import Light, SceneObject
 from leaflight.core.settings import Settings
 from scenes import box_mesh, make_scene, quad_mesh
@@ -96,99 +93,10 @@ def test_a_scene_without_light_is_a_sentence(tmp_path):
         workers.open_tracing(str(tmp_path))
 
 
-def fail(number):
-    raise ValueError(f"shard {number}")
-
-
-def test_inline_executor_gives_results_in_order():
-    with workers.InlineExecutor() as executor:
-        assert list(executor.map(abs, [-3, 2, -1])) == [3, 2, 1]
-
-
-def test_inline_executor_hands_errors_on_with_the_result():
-    future = workers.InlineExecutor().submit(fail, 7)
-    assert isinstance(future.exception(), ValueError)
-    with pytest.raises(ValueError, match="shard 7"):
-        future.result()
-
-
-def test_local_executor_hands_errors_on():
-    with workers.make_executor(2) as executor, pytest.raises(ZeroDivisionError):
-        list(executor.map(divmod, [1, 1], [1, 0]))
-
-
-def test_local_executor_gives_results_in_order():
-    with workers.LocalExecutor(3) as executor:
-        assert list(executor.map(abs, range(-40, 0))) == list(range(40, 0, -1))
-
-
-def tell_process(seconds):
-    time.sleep(seconds)
-    return os.getpid()
-
-
-def test_this_process_works_while_it_waits_and_the_other_one_works_too():
-    with workers.LocalExecutor(2) as executor:
-        for _ in range(100):  # the other one needs its time to start
-            by = list(executor.map(tell_process, [0.02] * 8))
-            if len(set(by)) == 2:
-                break
-        assert len(set(by)) == 2
-        assert os.getpid() in by
-
-
-def test_a_process_that_was_killed_is_told_from_then_on():
-    with workers.LocalExecutor(2) as executor:
-        assert executor.submit(os.getpid).result() != os.getpid()
-        lost = executor.submit(os._exit, 1)
-        with pytest.raises(BrokenExecutor):
-            lost.result()
-        with pytest.raises(BrokenExecutor):
-            executor.submit(abs, -1).result()
-
-
-def test_work_that_nobody_has_begun_is_cancelled():
-    executor = workers.LocalExecutor(2)
-    begun, *rest = [executor.submit(tell_process, 0.1) for _ in range(3)]
-    executor.shutdown(cancel_futures=True)
-    assert begun.done()
-    assert [future.cancelled() for future in rest] == [True, True]
-    with pytest.raises(RuntimeError, match="shutdown"):
-        executor.submit(abs, 1).result()
-
-
-def test_an_abandoned_map_leaves_nothing_to_do():
-    with workers.LocalExecutor(2) as executor:
-        executor.submit(os.getpid).result()  # until it has started, this process does what is waiting
-        results = executor.map(tell_process, [0.01] * 500)
-        next(results)
-        assert executor._waiting
-        results.close()
-        assert all(call.cancelled() for call in executor._waiting)
-
-
 def test_a_folder_that_cannot_be_opened_ahead_is_told_when_there_is_work(tmp_path):
     workers.open_scene(str(tmp_path))
     with pytest.raises(FileNotFoundError):
         workers.open_tracing(str(tmp_path))
-
-
-@pytest.mark.parametrize(
-    ("asked", "cores", "kind"), [(1, 8, workers.InlineExecutor), (0, 1, workers.InlineExecutor), (3, 1, workers.LocalExecutor)]
-)
-def test_one_worker_is_this_process(monkeypatch, asked, cores, kind):
-    monkeypatch.setattr(workers.os, "cpu_count", lambda: cores)
-    executor = workers.make_executor(asked)
-    assert isinstance(executor, kind)
-    executor.shutdown()
-
-
-def test_a_cluster_without_dask_is_a_sentence(monkeypatch):
-    monkeypatch.setitem(workers.sys.modules, "distributed", None)
-    monkeypatch.delitem(workers.sys.modules, "leaflight.core.cluster", raising=False)
-    monkeypatch.delattr("leaflight.core.cluster", raising=False)
-    with pytest.raises(ValueError, match=r"^--cluster farm:8786: dask\.distributed cannot be loaded .*extra `cluster`, .* -m pip install "):
-        workers.open_executor(replace(SETTINGS, cluster="farm:8786"))
 
 
 def test_contacts_are_found_alike_in_one_shard_and_in_many(tmp_path, monkeypatch):
@@ -199,8 +107,8 @@ def test_contacts_are_found_alike_in_one_shard_and_in_many(tmp_path, monkeypatch
     )
     _, texels = prepare_folder(tmp_path, scene, SETTINGS)
     n = len(texels.texel_area)
-    whole = bake.find_contacts(tmp_path, workers.InlineExecutor(), n)
+    whole = bake.find_contacts(tmp_path, executors.InlineExecutor(), n)
     monkeypatch.setattr(bake, "CONTACT_TEXELS", 100)
-    np.testing.assert_array_equal(bake.find_contacts(tmp_path, workers.InlineExecutor(), n), whole)
+    np.testing.assert_array_equal(bake.find_contacts(tmp_path, executors.InlineExecutor(), n), whole)
     assert whole.shape == (n,)
     assert 0 < whole.sum() < n / 2

@@ -1,0 +1,174 @@
+"""Where shards run: in this process, in processes of this machine with it, or on a cluster."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from functools import partial
+from typing import Any
+
+from .settings import Settings
+
+
+class InlineExecutor(Executor):
+    """Runs each call at once, in this process: what one worker is."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        _settle(future, partial(fn, *args, **kwargs))
+        return future
+
+
+def open_executor(settings: Settings) -> Executor:
+    """The executor that the settings ask for; close it with shutdown().
+
+    Raises ValueError or OSError with a sentence when a cluster is asked for and cannot be used.
+    """
+    if not settings.cluster:
+        return make_executor(settings.workers)
+    try:
+        from . import cluster  # dask is there only for those who use it
+    except ImportError as reason:
+        raise ValueError(
+            f"--cluster {settings.cluster}: dask.distributed cannot be loaded ({reason}); install Leaflight with its extra `cluster`, "
+            f"or into this Python: {sys.executable} -m pip install 'dask[distributed]'."
+        ) from reason
+    return cluster.connect(settings.cluster)
+
+
+def start_ahead() -> Callable[[Settings], Executor]:
+    """Starts processes before the settings are known; what then opens the executor that they ask for, of these processes if they can be."""
+    ahead = make_executor(0)
+
+    def open_wanted(settings: Settings) -> Executor:
+        if not settings.cluster and count_processors(settings.workers) == count_processors(0):
+            return ahead
+        ahead.shutdown()
+        return open_executor(settings)
+
+    return open_wanted
+
+
+def count_processors(workers: int) -> int:
+    """How many may be used at once, 0 for one per core."""
+    return workers or os.cpu_count() or 1
+
+
+def make_executor(workers: int) -> Executor:
+    """An executor of `workers` processes of this machine, this one among them, 0 for one per core; close it with shutdown()."""
+    count = count_processors(workers)
+    return InlineExecutor() if count == 1 else LocalExecutor(count)
+
+
+class _Call(Future[Any]):
+    """A call that whoever asks for its result helps to come to."""
+
+    def __init__(self, help_out: Callable[[], bool], run: Callable[[], Any]) -> None:
+        super().__init__()
+        self._help_out, self.run = help_out, run
+
+    def result(self, timeout: float | None = None) -> Any:
+        while not self.done() and self._help_out():
+            pass
+        return super().result(timeout)
+
+
+class LocalExecutor(Executor):
+    """Processes of this machine, and this one as one more of them: while it waits for a result it works on what nobody has begun.
+
+    So little waits for processes that are still starting, and two workers are one process to start.
+    """
+
+    def __init__(self, count: int) -> None:
+        # A fork would copy embree's threads in an unknown state; a spawned process starts clean on every platform.
+        context = multiprocessing.get_context("spawn")
+        self._others = count - 1
+        self._pool = ProcessPoolExecutor(self._others, mp_context=context, initializer=_start_worker)
+        self._waiting: deque[_Call] = deque()
+        self._turn = threading.Lock()  # of _idle
+        self._idle = self._others
+        self.on_each(os.getpid)  # else they would start, which takes as long as reading a scene, when there is something to trace
+
+    def on_each(self, fn: Callable[..., Any], /, *args: Any) -> None:
+        """Have each of the other processes run `fn` while this one goes on; what it gives is dropped."""
+        for _ in range(self._others):
+            self._pool.submit(fn, *args)
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        call = _Call(self._help_out, partial(fn, *args, **kwargs))
+        self._waiting.append(call)
+        self._feed()
+        return call
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        for call in list(self._waiting) if cancel_futures else ():
+            call.cancel()
+        while wait and self._help_out():
+            pass
+        self._pool.shutdown(wait, cancel_futures=cancel_futures)
+
+    def _take(self) -> _Call | None:
+        """The first call that nobody has begun."""
+        while True:
+            try:
+                call = self._waiting.popleft()
+            except IndexError:
+                return None
+            if call.set_running_or_notify_cancel():
+                return call
+
+    def _help_out(self) -> bool:
+        """Run a call here; False when all have been begun."""
+        call = self._take()
+        if call is not None:
+            _settle(call, call.run)
+        return call is not None
+
+    def _feed(self) -> None:
+        """Give the other processes a call each: a second one in reserve would be missing here at the end."""
+        while True:
+            with self._turn:
+                call = self._take() if self._idle else None
+                if call is None:
+                    return
+                self._idle -= 1
+            try:
+                self._pool.submit(call.run).add_done_callback(partial(self._receive, call))
+            except RuntimeError as error:  # one of them was killed, or all were sent home
+                call.set_exception(error)
+                with self._turn:
+                    self._idle += 1
+
+    def _receive(self, call: _Call, sent: Future[Any]) -> None:
+        with self._turn:
+            self._idle += 1
+        self._feed()  # first: it works while the result is looked at
+        _settle(call, sent.result)
+
+
+def _settle(future: Future[Any], run: Callable[[], Any]) -> None:
+    try:
+        future.set_result(run())
+    except Exception as error:  # an executor hands every error to the one who asks for the result
+        future.set_exception(error)
+
+
+def _start_worker() -> None:
+    from . import workers  # noqa: F401  loaded before there is work
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the main process decides
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A main process that is killed cannot say that no more work comes: its workers would wait for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

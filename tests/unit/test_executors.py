@@ -1,0 +1,98 @@
+"""Executors: results in order, errors handed on, and this process one of the workers."""
+
+import os
+import time
+from concurrent.futures import BrokenExecutor
+
+import pytest
+from leaflight.core import executors
+from leaflight.core.settings import Settings
+
+
+def fail(number):
+    raise ValueError(f"shard {number}")
+
+
+def test_inline_executor_gives_results_in_order():
+    with executors.InlineExecutor() as executor:
+        assert list(executor.map(abs, [-3, 2, -1])) == [3, 2, 1]
+
+
+def test_inline_executor_hands_errors_on_with_the_result():
+    future = executors.InlineExecutor().submit(fail, 7)
+    assert isinstance(future.exception(), ValueError)
+    with pytest.raises(ValueError, match="shard 7"):
+        future.result()
+
+
+def test_local_executor_hands_errors_on():
+    with executors.make_executor(2) as executor, pytest.raises(ZeroDivisionError):
+        list(executor.map(divmod, [1, 1], [1, 0]))
+
+
+def test_local_executor_gives_results_in_order():
+    with executors.LocalExecutor(3) as executor:
+        assert list(executor.map(abs, range(-40, 0))) == list(range(40, 0, -1))
+
+
+def tell_process(seconds):
+    time.sleep(seconds)
+    return os.getpid()
+
+
+def test_this_process_works_while_it_waits_and_the_other_one_works_too():
+    with executors.LocalExecutor(2) as executor:
+        for _ in range(100):  # the other one needs its time to start
+            by = list(executor.map(tell_process, [0.02] * 8))
+            if len(set(by)) == 2:
+                break
+        assert len(set(by)) == 2
+        assert os.getpid() in by
+
+
+def test_a_process_that_was_killed_is_told_from_then_on():
+    with executors.LocalExecutor(2) as executor:
+        assert executor.submit(os.getpid).result() != os.getpid()
+        lost = executor.submit(os._exit, 1)
+        with pytest.raises(BrokenExecutor):
+            lost.result()
+        with pytest.raises(BrokenExecutor):
+            executor.submit(abs, -1).result()
+
+
+def test_work_that_nobody_has_begun_is_cancelled():
+    executor = executors.LocalExecutor(2)
+    begun, *rest = [executor.submit(tell_process, 0.1) for _ in range(3)]
+    executor.shutdown(cancel_futures=True)
+    assert begun.done()
+    assert [future.cancelled() for future in rest] == [True, True]
+    with pytest.raises(RuntimeError, match="shutdown"):
+        executor.submit(abs, 1).result()
+
+
+def test_an_abandoned_map_leaves_nothing_to_do():
+    with executors.LocalExecutor(2) as executor:
+        executor.submit(os.getpid).result()  # until it has started, this process does what is waiting
+        results = executor.map(tell_process, [0.01] * 500)
+        next(results)
+        assert executor._waiting
+        results.close()
+        assert all(call.cancelled() for call in executor._waiting)
+
+
+@pytest.mark.parametrize(
+    ("asked", "cores", "kind"), [(1, 8, executors.InlineExecutor), (0, 1, executors.InlineExecutor), (3, 1, executors.LocalExecutor)]
+)
+def test_one_worker_is_this_process(monkeypatch, asked, cores, kind):
+    monkeypatch.setattr(executors.os, "cpu_count", lambda: cores)
+    executor = executors.make_executor(asked)
+    assert isinstance(executor, kind)
+    executor.shutdown()
+
+
+def test_a_cluster_without_dask_is_a_sentence(monkeypatch):
+    monkeypatch.setitem(executors.sys.modules, "distributed", None)
+    monkeypatch.delitem(executors.sys.modules, "leaflight.core.cluster", raising=False)
+    monkeypatch.delattr("leaflight.core.cluster", raising=False)
+    with pytest.raises(ValueError, match=r"^--cluster farm:8786: dask\.distributed cannot be loaded .*extra `cluster`, .* -m pip install "):
+        executors.open_executor(Settings(cluster="farm:8786"))
