@@ -78,10 +78,9 @@ class TexelMap:
 
     @cached_property
     def is_central(self) -> NDArray[np.bool_]:
-        """(n,) bool: whether the chart covers the texel's centre; one on the edge of two triangles is told by half of the texel."""
+        """(n,) bool: whether the chart covers the texel's centre."""
         central = np.ones(len(self.texel_area), bool)
-        part = self.part_entry
-        central[part] = ~self.part_point.any(axis=1) | (self.texel_area[part] >= 0.5 * self.tri_density[self.texel_tri[part]])
+        central[self.part_entry] = ~self.part_point.any(axis=1)
         return central
 
     @cached_property

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .coverage import (
     Float64,
@@ -31,7 +30,8 @@ __all__ = ["TexelMap", "build_texel_map", "centred_strata"]
 
 _SLIVER = 1e-11  # share of a texel, or of a smaller triangle, below which a clipped part is rounding noise
 _MIN_UV_AREA = 1e-18  # texels^2; below it a triangle has no texels
-_LEAST_DEPTH = 1e-6  # texels that a centre lies inside of a triangle
+_EDGE = 1e-6  # texels from a triangle's edge up to which a centre lies on it
+_ON_EDGE = 1e30  # makes a piece with the centre on its edge larger than any without, of several such the largest
 _PAGE_TOLERANCE = 1e-3  # texels that rounding may carry a chart beyond its page
 
 
@@ -89,7 +89,7 @@ class _Pairs:
     cell        (n,) int64         cell of the grid
     area        (n,) float64       texels^2
     excess      (M, n) float64     moments about the texel's centre, texels^2, less those of a full texel of the same area
-    best_area   (n,) float64       texels^2, of the largest piece; infinite where the texel's centre is inside
+    best_area   (n,) float64       texels^2, of the largest piece; infinite where the texel's centre is inside, huge on the edge
     best_point  (2, n) float64     its centroid, texels from the texel's centre; 0 where that is inside
     """
 
@@ -123,21 +123,23 @@ def _measure_pairs(uv: Float64, spans: RowSpans, grid: TexelGrid, degree: int) -
         cell = grid.row_cell[grid.tri_row[tri, 2] + y[kept], 2] + x[kept]
         centroid = np.stack([pieces.x[:, best].mean(axis=0), pieces.y[:, best].mean(axis=0)])
         best_area = pieces.area[best]
-        central = _holds_centre(uv[tri], np.stack([x, y], axis=1)[kept] + 0.5)
-        centroid[:, central], best_area[central] = 0.0, np.inf
+        depth = _centre_depth(uv[tri], np.stack([x, y], axis=1)[kept] + 0.5)
+        best_area[np.abs(depth) <= _EDGE] *= _ON_EDGE
+        best_area[depth > _EDGE] = np.inf
+        centroid[:, depth >= -_EDGE] = 0.0
         excess = np.stack([row[kept] for row in moments]) - full * area
         parts.append(_Pairs(tri, cell, area, excess, best_area, centroid))
     return _Pairs(*(np.concatenate([getattr(part, field.name) for part in parts], axis=-1) for field in dataclasses.fields(_Pairs)))
 
 
-def _holds_centre(uv: Float64, centre: Float64) -> NDArray[np.bool_]:
-    """(n,) bool: whether a triangle (n, 3, 2) holds the centre (n, 2) of a texel, and some of the square around it."""
+def _centre_depth(uv: Float64, centre: Float64) -> Float64:
+    """(n,) float64, texels: how far inside a triangle (n, 3, 2) the centre (n, 2) of a texel lies; below 0 outside."""
     edge = np.roll(uv, -1, axis=1) - uv
     to_centre = centre[:, None] - uv
     side = edge[..., 0] * to_centre[..., 1] - edge[..., 1] * to_centre[..., 0]
     side /= np.maximum(np.linalg.norm(edge, axis=2), _MIN_UV_AREA)  # distance from each edge's line, signed by orientation
-    held: NDArray[np.bool_] = (side > _LEAST_DEPTH).all(axis=1) | (side < -_LEAST_DEPTH).all(axis=1)
-    return held
+    depth: Float64 = np.maximum(side.min(axis=1), -side.max(axis=1))
+    return depth
 
 
 def _collect_entries(density: Float64, spans: RowSpans, grid: TexelGrid, pairs: _Pairs, n_chart: int) -> dict[str, Any]:

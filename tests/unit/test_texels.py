@@ -142,7 +142,7 @@ def test_two_charts_share_a_texel() -> None:
     assert texels.entry_of(np.array([0, 1]), middle, middle).tolist() == [0, 1]
 
 
-@pytest.mark.parametrize("side", [1e-7, 1e-3, 0.4])
+@pytest.mark.parametrize("side", [1e-7, 1e-3, 0.39])  # at 0.4 the centre lies on the edge
 def test_chart_below_a_texel(side: float) -> None:
     uv = 3.3 + side * np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]])
     texels = make_map(uv, position=[[[0, 0, 0], [2, 0, 0], [0, 3, 0]]])
@@ -324,3 +324,12 @@ def test_sub_points_of_any_entries() -> None:
 def test_centred_strata_refuses_what_is_not_a_square() -> None:
     with pytest.raises(ValueError, match="count: expected a square number, got 3"):
         centred_strata(3)
+
+
+def test_a_centre_on_the_diagonal_of_a_square_is_where_its_texel_is_read() -> None:
+    texels = make_map([[[0, 0], [8, 0], [8, 8]], [[0, 0], [8, 8], [0, 8]]])
+    diagonal = texels.texel_xy[:, 0] == texels.texel_xy[:, 1]
+    assert diagonal.sum() == 8
+    assert texels.is_central.all()
+    corner = texels.tri_uv[texels.texel_tri]
+    np.testing.assert_allclose(np.einsum("nk,nkj->nj", texels.texel_bary, corner), texels.texel_xy + 0.5, atol=1e-6)
