@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import denoise, reconstruct, seams
+from .direct_field import DirectField
 from .margin import fill_margin
 from .materials import SurfaceMaterials
 from .quadtree import node_of_texel
@@ -57,14 +58,35 @@ def light_at_texels(field: LightField, blender: reconstruct.LeafBlender, smooth_
         traced = blender.blend(field.tree, field.solution, leaf, np.arange(part.start, part.stop))
         direct, indirect = np.maximum(traced.irradiance, 0.0)  # a fitted plane may dip below zero at the edge of a shadow
         light[0, :, part], light[1, :, part] = field.direct.irradiance[part].T + direct, indirect
-        variance[:, part] = traced.variance * field.correction + field.direct.variance[part].T
+        variance[:, part] = traced.variance * field.correction
 
     with ThreadPoolExecutor(threads) as pool:  # numpy lets go of the interpreter within a chunk
         for _ in pool.map(fill, range(0, n_texel, reconstruct.CHUNK)):
             pass
     if smooth_grain:
-        light = denoise.denoise(light, variance, _find_grain(field, leaf), blender.texels, blender.page, threads)
-    return TexelLight(light[0].T, light[1].T, np.sqrt(variance.T), leaf)
+        light = _smooth_grain(light, variance, field, leaf, blender, threads)
+    return TexelLight(light[0].T, light[1].T, np.sqrt(variance.T + field.direct.variance), leaf)
+
+
+def _smooth_grain(
+    light: NDArray[np.float32],
+    variance: NDArray[np.float32],
+    field: LightField,
+    leaf: NDArray[np.int32],
+    blender: reconstruct.LeafBlender,
+    threads: int,
+) -> NDArray[np.float32]:
+    """Light (2, 3, n) of components without their grain; variance (3, n) of what the leaves hold of them."""
+
+    def smooth(parts: slice, noise: NDArray[np.float32], grain: NDArray[np.bool_]) -> NDArray[np.float32]:
+        return denoise.denoise(light[parts], noise, grain, blender.texels, blender.page, threads)
+
+    small = field.tree.side[leaf] <= denoise.SMALL_LEAF
+    if not field.direct.passes.any():
+        return smooth(slice(2), variance, small)
+    # Each by its own noise: by that of all light, direct light, known far better, would be smeared.
+    direct = smooth(slice(1), field.direct.variance.T, _find_ray_grain(field.direct))
+    return np.concatenate([direct, smooth(slice(1, 2), variance, small)])
 
 
 def close_seams(light: TexelLight, points: SeamPoints, blender: reconstruct.LeafBlender) -> tuple[TexelLight, seams.SeamReport]:
@@ -76,11 +98,10 @@ def close_seams(light: TexelLight, points: SeamPoints, blender: reconstruct.Leaf
     return dataclasses.replace(light, direct=matched[0], indirect=matched[1], empty=empty), report
 
 
-def _find_grain(field: LightField, leaf: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """(n,) bool: texels in small leaves, and those where shadow rays leave noise that could be seen."""
-    level = field.direct.irradiance.mean() + 1e-30
-    rays = field.direct.variance.sum(1) > (_GRAIN * (field.direct.irradiance.sum(1) + level)) ** 2
-    grain: NDArray[np.bool_] = (field.tree.side[leaf] <= denoise.SMALL_LEAF) | rays
+def _find_ray_grain(direct: DirectField) -> NDArray[np.bool_]:
+    """(n,) bool: texels where shadow rays leave noise that could be seen."""
+    level = direct.irradiance.mean() + 1e-30
+    grain: NDArray[np.bool_] = direct.variance.sum(1) > (_GRAIN * (direct.irradiance.sum(1) + level)) ** 2
     return grain
 
 

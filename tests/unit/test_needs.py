@@ -63,7 +63,6 @@ def test_direct_light_alone_traces_no_photon_and_is_the_same(tmp_path):
     assert np.array_equal(alone["direct"], pictures["direct"])
 
 
-@pytest.mark.xfail(strict=True, reason="neighbours are alike by the noise of all light, so that direct light, known far better, is smeared")
 def test_indirect_light_leaves_direct_light_as_sharp_as_it_is_alone(tmp_path):
     """Judged over the best texels against finely traced direct light, relative to its brightness."""
     _, _, fine = bake_scene(tmp_path / "fine", GREY, passes=("direct",), error=1e-3, denoise=False)

@@ -172,21 +172,35 @@ def test_no_light_is_negative_where_a_fitted_plane_dips_below_zero():
     assert light.direct.max() > 1
 
 
-@pytest.mark.parametrize(
-    ("level", "ray_noise", "smooth"),
-    [(1, 0.004, False), (1, 0.012, True), (2, 0.0, True)],  # leaves of 8 texels are seen as such, of 4 as grain
-)
-def test_grain_is_that_of_small_leaves_and_of_noisy_rays(level, ray_noise, smooth):
-    """Rays bring as much light as photons; half a percent of it is no noise to care for."""
-    bake = SquareBake(side=16, degree=0, level=level)
-    bake.throw(*np.random.default_rng(2).random((2, 10_000)))
-    ones = np.ones((len(bake.keys), 3), np.float32)
-    field = light_field(bake, np.flatnonzero(bake.tree.current))
-    field = replace(field, direct=DirectField(ones, np.float32(ray_noise**2) * ones, field.direct.passes))
+def smooth_both(bake, direct):
+    """The light at texels without and with its grain smoothed."""
+    field = replace(light_field(bake, np.flatnonzero(bake.tree.current)), direct=direct)
     blender = LeafBlender.of(bake.texels, np.zeros(len(bake.keys), np.int32))
     grainy, shown = (resolve.light_at_texels(field, blender, smooth_grain=smooth_grain) for smooth_grain in (False, True))
-    assert (np.abs(shown.direct - grainy.direct).max() > 1e-5) == smooth
     np.testing.assert_array_equal(shown.stderr, grainy.stderr)
+    return grainy, shown
+
+
+@pytest.mark.parametrize(("level", "smooth"), [(1, False), (2, True)])  # leaves of 8 texels are seen as such, of 4 as grain
+def test_grain_of_photons_is_that_of_small_leaves(level, smooth):
+    bake = SquareBake(side=16, degree=0, level=level)
+    bake.throw(*np.random.default_rng(2).random((2, 10_000)))
+    grainy, shown = smooth_both(bake, DirectField.none(len(bake.keys)))
+    assert (np.abs(shown.direct - grainy.direct).max() > 1e-5) == smooth
+
+
+@pytest.mark.parametrize(("noise", "smooth"), [(0.004, False), (0.012, True)])
+def test_grain_of_rays_is_theirs_and_smears_nothing_else(noise, smooth):
+    """Half a percent of the light is no noise to care for; leaves of 8 texels have no grain."""
+    bake = SquareBake(side=16, degree=0, level=1)
+    rng = np.random.default_rng(2)
+    light = (1 + noise * rng.normal(size=(len(bake.keys), 3))).astype(np.float32)
+    direct = DirectField(light, np.full_like(light, noise**2), np.ones(len(light), np.int16))
+    bake.throw(*rng.random((2, 10_000)))
+    grainy, shown = smooth_both(bake, direct)
+    assert (shown.direct.std() < 0.6 * grainy.direct.std()) == smooth
+    np.testing.assert_array_equal(shown.indirect, grainy.indirect)
+    np.testing.assert_allclose(grainy.stderr**2 - smooth_both(bake, DirectField.none(len(light)))[0].stderr ** 2, noise**2, rtol=1e-3)
 
 
 def test_threads_and_parts_change_no_byte(monkeypatch):
