@@ -176,15 +176,15 @@ def mark(
     nodes: NDArray[np.int64] = np.flatnonzero(tree.current & tree.has_children)
     nodes = nodes[is_stable(totals.shot[nodes] // FANOUT, rule.stability)]
     area = np.where(tree.area[nodes] > 0.0, tree.area[nodes], 1.0)
-    level = np.linalg.norm(solution.flux[:, nodes] / area + background[:, nodes], axis=0)
+    light = solution.flux[:, nodes] / area + background[:, nodes]
     marked = forced[nodes].copy()
     rows = comparison.row[nodes]
     for difference in comparison.differences:
         if rule.oracle == "paper":
-            marked |= difference.greatest[rows] > rule.threshold * level
+            marked |= difference.greatest[rows] > rule.threshold * light.max(axis=0)
         else:
             above_noise = difference.sigmas[rows] > SIGNIFICANT_SIGMAS
-            marked |= above_noise & (difference.excess[rows] > (rule.threshold * level) ** 2)
+            marked |= above_noise & (difference.excess[rows] > rule.threshold**2 * (light**2).sum(axis=0))
     split: IntArray = nodes[marked]
     return split
 
