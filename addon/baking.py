@@ -110,7 +110,8 @@ class Baking:
         process = None
         try:
             request = replace(self._make_request(context), preview=preview)
-            process = BakeProcess(Path(self._folder.name), tuple(bpy.app.python_args))  # loads while the scene is exported
+            # It loads while the scene is exported.
+            process = BakeProcess(Path(self._folder.name), tuple(bpy.app.python_args), yielding=not bpy.app.background)
             self._session = session.prepare(context, request, process.folder)
         except (ValueError, OSError) as reason:
             if process is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +86,8 @@ def set_pixels(image: bpy.types.Image, page: NDArray[np.floating[Any]]) -> None:
     pixels[..., : page.shape[2]] = page
     image.pixels.foreach_set(pixels.ravel())
     image.update()
-    image.update_tag()  # a view that has finished its samples draws them again, whatever the image has become, until something changes
+    if not follows_images(bpy.context.window_manager.windows):
+        image.update_tag()
 
 
 def remove_unused_images() -> None:
@@ -94,6 +96,19 @@ def remove_unused_images() -> None:
     users_of = bpy.data.user_map(subset=made) if made else {}
     unused = [image for image in made if not image.use_fake_user and all(isinstance(user, bpy.types.Screen) for user in users_of[image])]
     bpy.data.batch_remove(unused)
+
+
+def follows_images(windows: Iterable[bpy.types.Window]) -> bool:
+    """Whether every view of these windows draws an image anew by itself when its pixels change.
+
+    One that has finished its samples does not, until something is tagged; only EEVEE's does, from Blender 5.2 at the latest on.
+    There a tag has it make all its shadows anew, which takes several times as long as the picture.
+    """
+    views = [(area.spaces.active, window.scene) for window in windows for area in window.screen.areas if area.type == "VIEW_3D"]
+    shown = [(space.shading.type, scene.render.engine) for space, scene in views]
+    return bpy.app.version >= (5, 2, 0) and all(
+        kind == "MATERIAL" or (kind, engine) == ("RENDERED", "BLENDER_EEVEE") for kind, engine in shown
+    )
 
 
 def _find_loaded(path: Path) -> bpy.types.Image | None:

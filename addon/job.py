@@ -18,6 +18,7 @@ from ..core.messages import Done, Error, Message, decode_message
 
 _BOOT = Path(__file__).with_name("boot.py")
 _LOG_FILE = "core.log"
+_NICE = 10  # of a bake behind a window: it takes what drawing leaves
 
 
 @contextmanager
@@ -35,10 +36,12 @@ class BakeProcess:
     """Bakes the job in `folder`, which may come there later: the process loads meanwhile and begins when its messages are asked for.
 
     python_args   arguments of the interpreter, as in bpy.app.python_args
+    yielding      whether it leaves the processors to others that want them, as to a window that is to be drawn
     """
 
-    def __init__(self, folder: Path, python_args: tuple[str, ...] = ()) -> None:
+    def __init__(self, folder: Path, python_args: tuple[str, ...] = (), *, yielding: bool = False) -> None:
         self.folder = folder
+        flags = getattr(subprocess, "CREATE_NO_WINDOW", 0)  # on Windows no console flashes up
         self._log = folder / _LOG_FILE
         (folder / "sys_path.json").write_text(json.dumps([*_package_paths(), *library_paths()]), encoding="utf-8")
         with open(self._log, "wb") as log:
@@ -48,9 +51,11 @@ class BakeProcess:
                 stdout=subprocess.PIPE,
                 stderr=log,
                 start_new_session=True,  # Ctrl-C reaches the parent only, which asks for the best so far
-                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),  # on Windows no console flashes up
+                creationflags=flags | (getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0) if yielding else 0),
                 encoding="utf-8",
             )
+        if yielding and os.name == "posix":
+            _step_back(self._process.pid)
 
     def messages(self) -> Iterator[Message]:
         """Has the child begin, then every message until it ends, for one reader; the last one is Done or Error."""
@@ -90,6 +95,14 @@ class BakeProcess:
         if code == -9:
             return "The baking process was killed, most likely for lack of memory: choose a smaller page size or fewer workers." + last
         return f"The baking process ended unexpectedly (code {code}): this is a fault of Leaflight's, please report it." + last
+
+
+def _step_back(pid: int) -> None:
+    """Give the processors to others first; before the process starts workers, which inherit it."""
+    with contextlib.suppress(OSError):  # it has ended already, and messages tells of it; or the system forbids it
+        os.setpriority(os.PRIO_PROCESS, pid, _NICE)
+        # A Linux desktop shares time out between sessions first, and heeds priorities only within each.
+        Path(f"/proc/{pid}/autogroup").write_text(str(_NICE), encoding="ascii")
 
 
 def _package_paths() -> list[str]:

@@ -1,5 +1,7 @@
 """Baked files as Blender images."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -138,6 +140,20 @@ def test_set_pixels_shows_linear_light_right_side_up():
     np.testing.assert_array_equal(read(image)[..., 3], 1.0)
     with pytest.raises(ValueError, match=r"expected pixels of shape \(3, 5, 4\), got \(5, 3, 4\)"):
         images.set_pixels(image, PAGE.transpose(1, 0, 2))
+
+
+def window(*shadings, engine="BLENDER_EEVEE"):
+    spaces = [SimpleNamespace(shading=SimpleNamespace(type=shading)) for shading in shadings]
+    areas = [SimpleNamespace(type="VIEW_3D", spaces=SimpleNamespace(active=space)) for space in spaces]
+    scene = SimpleNamespace(render=SimpleNamespace(engine=engine))
+    return SimpleNamespace(scene=scene, screen=SimpleNamespace(areas=[*areas, SimpleNamespace(type="OUTLINER")]))
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 2, 0), reason="its EEVEE waits for a tag")
+def test_only_views_of_eevee_follow_images_untold():
+    assert images.follows_images([window("MATERIAL", "RENDERED"), window()])
+    for other in (window("MATERIAL", "SOLID"), window("RENDERED", engine="CYCLES"), window("WIREFRAME")):
+        assert not images.follows_images([window("MATERIAL"), other])
 
 
 def test_only_unused_images_of_ours_are_removed():

@@ -45,17 +45,17 @@ def start(tmp_path: Path, open_image_io: None) -> Iterator[Callable[..., BakePro
 
 
 @pytest.fixture
-def dummy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], BakeProcess]:
+def dummy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., BakeProcess]:
     """A child that runs these lines in place of a bake; `tell` sends a message of this kind and fields."""
 
-    def start_dummy(lines: str) -> BakeProcess:
+    def start_dummy(lines: str, **options: bool) -> BakeProcess:
         boot = tmp_path / "boot.py"
         head = (
             "import json, os, signal, sys, time\ndef tell(kind, **fields):\n    print(json.dumps({'kind': kind, **fields}), flush=True)\n"
         )
         boot.write_text(head + lines, encoding="utf-8")
         monkeypatch.setattr(job, "_BOOT", boot)
-        return BakeProcess(tmp_path)
+        return BakeProcess(tmp_path, **options)
 
     return start_dummy
 
@@ -139,6 +139,30 @@ def test_nobody_stays_behind(start, tmp_path, end):
     process._process.wait(PATIENCE_S)
     assert wait_for_end(everyone) == []
     assert list((tmp_path / "out").glob("*")) == []
+
+
+@needs_proc
+def test_a_yielding_bake_and_its_workers_step_back(dummy):
+    ask = "import subprocess\nsys.stdin.readline()\nnice = lambda: os.getpriority(os.PRIO_PROCESS, 0)\n"
+    ask += "worker = [sys.executable, '-c', 'import os; print(os.getpriority(os.PRIO_PROCESS, 0))']\n"
+    ask += "tell('STATUS', stage='nice', text=f'{nice()} {int(subprocess.check_output(worker))}')\n"
+    own = os.getpriority(os.PRIO_PROCESS, 0)
+    for yielding, steps in ((False, 0), (True, 10)):
+        expected = min(own + steps, 19) if yielding else own
+        process = dummy(ask, yielding=yielding)
+        assert run_to(process, Status) == Status("nice", f"{expected} {expected}")
+        process.kill()
+
+
+@needs_proc
+def test_a_yielding_bake_steps_back_on_a_desktop_too(dummy):
+    """Where Linux shares time out between sessions, a priority within one's own does nothing."""
+    process = dummy("sys.stdin.readline()", yielding=True)
+    place = Path(f"/proc/{process._process.pid}/autogroup")
+    if not place.exists() or "nice" not in place.read_text():
+        pytest.skip("time is not shared out between sessions")
+    assert place.read_text().split()[-1] == "10"
+    process.kill()
 
 
 @needs_proc
