@@ -52,14 +52,12 @@ class ExportedObject:
 class ExportResult:
     """A snapshot and what is needed to bring a bake of it back.
 
-    objects         one for each of snapshot.objects, in the same order
-    material_uids   session_uid of each material of the snapshot, 0 for "no material"
-    warnings        (subject, text)
+    objects    one for each of snapshot.objects, in the same order
+    warnings   (subject, text)
     """
 
     snapshot: SceneSnapshot
     objects: tuple[ExportedObject, ...]
-    material_uids: tuple[int, ...]
     warnings: tuple[tuple[str, str], ...]
 
 
@@ -142,7 +140,7 @@ class _Export:
         )
         exported = tuple(entry[0] for entry in self._found)
         warnings = tuple(dict.fromkeys(self._warnings))
-        return ExportResult(snapshot, exported, tuple(reading.uid for reading in readings), warnings)
+        return ExportResult(snapshot, exported, warnings)
 
     def _add(self, piece: Piece, choice: ObjectChoice) -> None:
         local = self._read_local(piece.evaluated)

@@ -68,16 +68,10 @@ def read_world(scene: Any, warnings: Warnings) -> Rgb:
         return BLACK
     if not uses_nodes(world):
         return to_rgb(world.color)
-    _, source = find_surface(world)
-    if source is None:
-        return BLACK
-    reader = ColorReader(ImageTable())
-    emission = read_shader(reader, source).emission
-    if emission.image >= 0:
-        reader.note("its texture is replaced by its mean")
-    if reader.replaced:
-        warnings.append((world.name, f"the world is baked as a uniform sky: {'; '.join(reader.replaced)}"))
-    return tuple(max(x, 0.0) for x in emission.mean)  # type: ignore[return-value]
+    emission, replaced = _read_nodes(world)
+    if replaced:
+        warnings.append((world.name, f"the world is baked as a uniform sky: {'; '.join(replaced)}"))
+    return tuple(max(x, 0.0) for x in emission)  # type: ignore[return-value]
 
 
 def _area_size(data: Any, scale: FloatArray) -> tuple[float, float]:
@@ -105,16 +99,22 @@ def _read_color(data: Any, name: str, warnings: Warnings) -> Rgb:
         color = multiply_rgb(color, to_rgb(data.temperature_color))
     if not uses_nodes(data):
         return color
+    emission, replaced = _read_nodes(data)
+    if replaced:
+        warnings.append((name, f"the light's nodes are simplified: {'; '.join(replaced)}"))
+    return multiply_rgb(color, emission)
+
+
+def _read_nodes(data: Any) -> tuple[Rgb, list[str]]:
+    """What the nodes of a light or a world emit, the mean of it, and what of them was replaced."""
     _, source = find_surface(data)
     if source is None:
-        return BLACK
+        return BLACK, []
     reader = ColorReader(ImageTable())
     emission = read_shader(reader, source).emission
     if emission.image >= 0:
         reader.note("its texture is replaced by its mean")
-    if reader.replaced:
-        warnings.append((name, f"the light's nodes are simplified: {'; '.join(reader.replaced)}"))
-    return multiply_rgb(color, emission.mean)
+    return emission.mean, reader.replaced
 
 
 def _read_strength(data: Any, size: tuple[float, float]) -> float:

@@ -33,16 +33,12 @@ class Surface:
 
 @dataclass(frozen=True)
 class MaterialReading:
-    """A material of the snapshot, the mappings of its images, and whether it is glass or gap rather than wall.
-
-    uid   session_uid of the Blender material, 0 for none
-    """
+    """A material of the snapshot, the mappings of its images, and whether it is glass or gap rather than wall."""
 
     material: Material
     albedo_mapping: UvMapping = UNMAPPED
     emission_mapping: UvMapping = UNMAPPED
     passes_light: bool = False
-    uid: int = 0
 
 
 class MaterialTable:
@@ -59,10 +55,10 @@ class MaterialTable:
         uid = material.session_uid if material else 0
         if uid not in self._index:
             self._index[uid] = len(self.readings)
-            self.readings.append(self._read(material, uid))
+            self.readings.append(self._read(material))
         return self._index[uid]
 
-    def _read(self, material: Any, uid: int) -> MaterialReading:
+    def _read(self, material: Any) -> MaterialReading:
         if material is None:
             return MaterialReading(Material("", GREY))
         reader = ColorReader(self.images)
@@ -80,7 +76,6 @@ class MaterialTable:
             surface.albedo.mapping,
             surface.emission.mapping,
             surface.passing > PASSING_FRACTION,
-            uid,
         )
 
 

@@ -69,8 +69,6 @@ def _make_property(knob: "dataclasses.Field[Any]") -> Any:
         return bpy.props.StringProperty(default=default, **named)
     if isinstance(default, bool):
         return bpy.props.BoolProperty(default=default, **named)
-    if isinstance(default, str):
-        return bpy.props.StringProperty(default=default, **named)
     if isinstance(default, int):
         return bpy.props.IntProperty(**named, **limits | {"max": min(about["high"], _MAX_INT)}, subtype=subtype)
     if subtype == "TIME_ABSOLUTE":

@@ -1,6 +1,6 @@
 """The folder in which a bake is handed over: what lies in it, and the job itself.
 
-SNAPSHOT_FILE and JOB_FILE are there when the bake starts, LAYOUT_FILE and RESULT_FILE when it is done.
+SNAPSHOT_FILE and JOB_FILE are there when the bake starts, LAYOUT_FILE before the first light is, RESULT_FILE when it is done.
 """
 
 from __future__ import annotations

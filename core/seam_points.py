@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .coverage import expand_ranges
+from .layer_check import pair_sides
 from .scene import SceneSnapshot
 
 Float32: TypeAlias = NDArray[np.float32]
@@ -92,10 +93,13 @@ def _pair_sides(snapshot: SceneSnapshot, tri_chart: Int32, tri_uv: Float64) -> t
 
     Edges that more than two sides share are left out.
     """
-    used = np.flatnonzero(tri_chart >= 0)
-    side = (3 * used[:, None] + np.arange(3)).ravel()
+    corners, one, other = pair_sides(snapshot.tri_vertex, tri_chart)
+    uv = tri_uv.reshape(-1, 2)[corners]
+    together = (np.abs(uv[:, one] - uv[:, other]) < _SAME_PLACE).all(axis=(0, 2))
+    lies_apart = np.repeat(tri_chart >= 0, 3)
+    lies_apart[one[together]] = lies_apart[other[together]] = False
+    border = np.flatnonzero(lies_apart)
     vertex = snapshot.tri_vertex.ravel()
-    border = side[~_are_shared(side, vertex, tri_chart, tri_uv.reshape(-1, 2))]
     # Files often hold a vertex once for each normal or texture coordinate that it has: there the place tells.
     ends = vertex[np.stack([border, _next_corner(border)])]
     place, inverse = np.unique(ends, return_inverse=True)
@@ -108,18 +112,3 @@ def _pair_sides(snapshot: SceneSnapshot, tri_chart: Int32, tri_uv: Float64) -> t
     side, other = border[order[pairs]], border[order[pairs + 1]]
     long = low[order[pairs]] != high[order[pairs]]
     return side[long], other[long]
-
-
-def _are_shared(side: Int64, vertex: Int32, tri_chart: Int32, uv: Float64) -> NDArray[np.bool_]:
-    """(n,) bool: sides that another triangle has at the same place of the same chart."""
-    ends = np.stack([side, _next_corner(side)])
-    turn = vertex[ends[0]] > vertex[ends[1]]
-    ends = np.where(turn, ends[::-1], ends)
-    key = vertex[ends].astype(np.int64)
-    order = np.argsort(key[0] * (int(key.max(initial=0)) + 1) + key[1], kind="stable")
-    here, after = order[:-1], order[1:]
-    same = (key[:, here] == key[:, after]).all(axis=0) & (tri_chart[side[here] // 3] == tri_chart[side[after] // 3])
-    same &= (np.abs(uv[ends[:, here]] - uv[ends[:, after]]) < _SAME_PLACE).all(axis=(0, 2))
-    shared = np.zeros(len(side), bool)
-    shared[here[same]] = shared[after[same]] = True
-    return shared

@@ -145,8 +145,3 @@ def quad_scene(**options: object) -> SceneSnapshot:
 def box_scene(**options: object) -> SceneSnapshot:
     """One box_mesh."""
     return make_scene([box_mesh(**options)])
-
-
-def grid_scene(**options: object) -> SceneSnapshot:
-    """One grid_mesh."""
-    return make_scene([grid_mesh(**options)])

@@ -89,7 +89,7 @@ def test_empty_slot_is_grey_and_each_material_is_read_once():
     table = MaterialTable(warnings)
     assert [table.index(None), table.index(tree.material), table.index(None), table.index(tree.material)] == [0, 1, 0, 1]
     assert table.readings[0].material.albedo_rgb == pytest.approx((0.8, 0.8, 0.8))
-    assert [reading.uid for reading in table.readings] == [0, tree.material.session_uid]
+    assert [reading.material.name for reading in table.readings] == ["", tree.material.name]
     assert len(warnings) == 1
 
 

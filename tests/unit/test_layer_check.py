@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from leaflight.core.layer_check import check_layer, find_overlaps, join_sets, label_charts, signed_areas
+from leaflight.core.layer_check import check_layer, find_overlaps, join_sets, label_charts, pair_sides, signed_areas
 from scenes import grid_mesh, make_scene
 
 RNG = np.random.default_rng(7)
@@ -55,6 +55,19 @@ def test_groups_are_never_joined():
     group = np.array([0, 0, 1, 1, -1, -1, 0, 0])
     chart, _ = label_charts(scene.tri_vertex, scene.tri_corner, uv, group)
     assert chart.tolist() == [0, 0, 1, 1, -1, -1, 2, 2]
+
+
+def test_sides_are_paired_within_their_group():
+    scene, _ = grid_layer(cells=2)
+    group = np.array([0, 0, 1, 1, -1, -1, 0, 0])
+    ends, one, other = pair_sides(scene.tri_vertex, group)
+    vertex = scene.tri_vertex.ravel()
+    sides = [frozenset(pair) for pair in zip(vertex, np.roll(scene.tri_vertex, -1, axis=1).ravel(), strict=True)]
+    expected = {(a, b) for b in range(24) for a in range(b) if sides[a] == sides[b] and group[a // 3] == group[b // 3] >= 0}
+    assert {tuple(sorted(pair)) for pair in zip(one.tolist(), other.tolist(), strict=True)} == expected
+    assert len(expected) == len(one) == 3  # the diagonals
+    assert (vertex[ends[0]] < vertex[ends[1]]).all()
+    assert [frozenset(vertex[ends[:, side]]) for side in range(24)] == sides
 
 
 def test_sound_layer_has_no_findings():
