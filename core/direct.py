@@ -128,7 +128,7 @@ def _light_chunk(
     light, variance = np.zeros((count, 3)), np.zeros((count, 3))
     for tally in tallies:
         counters["pairs"] += len(tally.rows)
-        counters["out_of_reach"] += int((tally.reach == 0).sum())
+        counters["out_of_reach"] += int((~tally.in_reach).sum())
         light += tally.light(count)
     found = np.zeros((count, 3))
     for many in (rest, scene.pool):
@@ -144,7 +144,7 @@ def _light_chunk(
             break
         unsettled = [tally.unsettled(limit, stage) for tally, limit in zip(tallies, allowed, strict=True)]
         if stage == STAGES[1]:
-            counters["settled"] += sum(int((tally.reach > 0).sum()) - len(rows) for tally, rows in zip(tallies, unsettled, strict=True))
+            counters["settled"] += sum(int(tally.in_reach.sum()) - len(rows) for tally, rows in zip(tallies, unsettled, strict=True))
         n_source = len(scene.sources)
         counters["rays"] += _add_to_all(scene.rays, chunk, tallies[:n_source], unsettled[:n_source], stage)
         for tally, rows in zip(tallies[n_source:], unsettled[n_source:], strict=True):

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .direct_lights import Source
+from .direct_peaks import average_peaks, estimate_bend, find_peaks
 from .direct_points import GAUSS_POINTS, STAGES, Receivers, TexelChunk, light_points
 from .lights import Float64
 from .rays import RayScene
@@ -15,7 +16,6 @@ AGREE_TEXELS = 16  # neighbours in Morton order whose first rays must agree befo
 # Powers of the number of rays by which strata lower the variance; measured. A hard edge crosses few cells of a texel; a soft one ties
 # places in the texel to places on the light, which are stratified each by themselves.
 _SHARP_GAIN, _SOFT_GAIN = 0.9, 0.375
-_GENTLE = 0.5  # range of a closed form inside a texel, of its mean, up to which four points give its mean
 
 
 class Tally:
@@ -23,13 +23,13 @@ class Tally:
 
     rows    (n,) int64     texels of the chunk; neighbours in space should be neighbours here, of one light after the other
     lamp    (n,) int64     rows of the source; None where it has one
-    reach   (n,) float64   sum of the closed form at the rays' starts
     """
 
     def __init__(self, source: Source, rows: NDArray[np.int64], lamp: NDArray[np.int64] | None, shift: NDArray[np.uint32]) -> None:
         self.source, self.rows, self._lamp, self._shift = source, rows, lamp, shift
-        self.reach = np.zeros(len(rows))
-        self._reach_squares, self._bend = np.zeros((2, len(rows)))
+        # Sums of the closed form at starts and of its squares; how far the mean of four may be off.
+        self._reach, self._reach_squares, self._bend = np.zeros((3, len(rows)))
+        self._peak, self._peak_mean, self._peak_variance = np.zeros(len(rows), bool), *np.zeros((2, len(rows)))
         self._starts, self._rays = np.zeros(len(rows)), np.zeros(len(rows))
         # Sums of share, share^2, weight * seen, (weight * seen)^2, share * weight * seen.
         self._sums = np.zeros((5, len(rows)))
@@ -43,16 +43,26 @@ class Tally:
         self._rays[index] += last - first
         if stage != STAGES[2]:  # by then the closed form is known at 16 points
             closed = self._lamps(lamp).irradiance(receivers.position, receivers.normal).reshape(last - first, -1)
-            self.reach[index] += closed.sum(axis=0)
+            self._reach[index] += closed.sum(axis=0)
             self._reach_squares[index] += (closed * closed).sum(axis=0)
             self._starts[index] += last - first
             if stage == STAGES[0]:
-                self._bend[index] = _estimate_bend(closed)
+                self._bend[index] = estimate_bend(closed)
+                self._average_peaks(chunk, index, receivers)
             if stage == STAGES[0] and not closed.all():
                 live = np.flatnonzero(closed.ravel() > 0)
                 lamp = None if lamp is None else lamp[live]
                 return self._trace(rays, receivers.rows(live), self._lamps(lamp), live, index, (first, last))
         return self._trace(rays, receivers, self._lamps(lamp), np.arange(len(receivers.position)), index, (first, last))
+
+    def _average_peaks(self, chunk: TexelChunk, index: IntArray, starts: Receivers) -> None:
+        """Takes the mean of the closed form finely where the first starts (4, len(index)) are too few for it."""
+        lamp = None if self._lamp is None else self._lamp[index]
+        peak = find_peaks(self._lamps(lamp), starts, STAGES[0][1])
+        if peak.any():
+            at, lamp = index[peak], None if lamp is None else lamp[peak]
+            self._peak[at] = True
+            self._peak_mean[at], self._peak_variance[at] = average_peaks(self.source, lamp, chunk, self.rows[at])
 
     def _lamps(self, lamp: NDArray[np.int64] | None) -> Source:
         return self.source if lamp is None else self.source.rows(lamp)
@@ -120,11 +130,16 @@ class Tally:
             else:
                 mean_error = np.bincount(block, error, minlength=n_block) / np.bincount(block, minlength=n_block)
                 doubt |= mean_error[block] > allowed**2
-        return np.flatnonzero(doubt & (self.reach > 0))
+        return np.flatnonzero(doubt & self.in_reach)
+
+    @property
+    def in_reach(self) -> NDArray[np.bool_]:
+        """(n,) bool: whether light would come there if nothing stood between."""
+        out: NDArray[np.bool_] = self._closed() > 0
+        return out
 
     def _closed(self) -> Float64:
-        out: Float64 = self.reach / np.maximum(self._starts, 1)
-        return out
+        return np.where(self._peak, self._peak_mean, self._reach / np.maximum(self._starts, 1))
 
     def _ratio(self) -> Float64:
         out: Float64 = np.divide(self._sums[2], self._sums[0], out=np.zeros(len(self.rows)), where=self._sums[0] > 0)
@@ -137,17 +152,10 @@ class Tally:
         square = np.divide(residual, self._sums[0] ** 2, out=np.ones(len(ratio)), where=self._sums[0] > 0)
         starts, closed = np.maximum(self._starts, 1), self._closed()
         spread = np.maximum(self._reach_squares / starts - closed**2, 0) / starts**2
-        spread = np.where(starts > len(GAUSS_POINTS), spread, self._bend**2) * ratio**2
+        spread = np.where(starts > len(GAUSS_POINTS), spread, self._bend**2)
+        spread = np.where(self._peak, self._peak_variance, spread) * ratio**2
         # Of few lit rays, or few dark ones, hardly two are in strata that cover each other's noise.
         rarer = 2 * self._rays * np.minimum(ratio, np.maximum(1 - ratio, 0))
         gain = np.maximum(rarer, 1) ** (_SHARP_GAIN if self.source.is_sharp else _SOFT_GAIN)
         out: Float64 = spread + closed**2 * square / gain
         return out
-
-
-def _estimate_bend(closed: Float64) -> Float64:
-    """(n,) float64: how far the mean of values (4, n) at the Gauss points may be off: nothing where they lie in a gentle plane."""
-    twist = np.abs(closed[0] - closed[1] - closed[2] + closed[3]) / 4
-    reach = closed.max(axis=0) - closed.min(axis=0)
-    out: Float64 = np.where(reach > _GENTLE * closed.mean(axis=0), reach / 4, twist)
-    return out
