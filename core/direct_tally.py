@@ -34,6 +34,7 @@ class Tally:
         # Sums of share, share^2, weight * seen, (weight * seen)^2, share * weight * seen.
         self._sums = np.zeros((5, len(rows)))
         self._lit, self._dark = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
+        self._leader = np.arange(len(rows))  # whose rays tell what share is seen
 
     def add(self, rays: RayScene, chunk: TexelChunk, index: IntArray, stage: tuple[int, int], starts: Receivers | None) -> int:
         """Sends a stage's rays from some of the tally's texels; gives how many were traced."""
@@ -124,13 +125,39 @@ class Tally:
             block = np.arange(len(self.rows)) // AGREE_TEXELS
             lit = np.bincount(block, self._lit, minlength=n_block) > 0
             mixed = np.pad(lit & (np.bincount(block, self._dark, minlength=n_block) > 0), 1)
+            matters = 0.25 * self._closed() > allowed
             around = mixed[:-2] | mixed[1:-1] | mixed[2:]
             if stage == STAGES[1]:
-                doubt |= around[block] & (0.25 * self._closed() > allowed)
+                doubt |= around[block] & matters
+                dark = ~lit[block]
             else:
                 mean_error = np.bincount(block, error, minlength=n_block) / np.bincount(block, minlength=n_block)
                 doubt |= mean_error[block] > allowed**2
-        return np.flatnonzero(doubt & self.in_reach)
+                dark = ~self._lit & (self._rays == STAGES[1][1])
+            if not self.source.is_sharp:
+                doubt[self._lead(dark & matters & self._leads & ~doubt, stage)] = True
+        return np.flatnonzero(doubt & self.in_reach & self._leads)
+
+    def _lead(self, dark: NDArray[np.bool_], stage: tuple[int, int]) -> NDArray[np.int64]:
+        """One of the dark texels (n,) of each block, by chance, to go on for all of them.
+
+        A block that stopped whenever all is dark would miss little light always; by chance it is right on average.
+        """
+        rows = np.flatnonzero(dark)
+        _, first, size = np.unique(rows // AGREE_TEXELS, return_index=True, return_counts=True)
+        # Bits of the shift that places on lights do not use.
+        chance = self._shift[rows[first], STAGES.index(stage) - 1] & np.uint32(255)
+        leader: NDArray[np.int64] = rows[first + (chance * size >> 8)]
+        heir = np.arange(len(dark))
+        heir[rows] = np.repeat(leader, size)
+        self._leader = heir[self._leader]
+        return leader
+
+    @property
+    def _leads(self) -> NDArray[np.bool_]:
+        """(n,) bool: own rays tell what share is seen."""
+        out: NDArray[np.bool_] = self._leader == np.arange(len(self._leader))
+        return out
 
     @property
     def in_reach(self) -> NDArray[np.bool_]:
@@ -142,20 +169,21 @@ class Tally:
         return np.where(self._peak, self._peak_mean, self._reach / np.maximum(self._starts, 1))
 
     def _ratio(self) -> Float64:
-        out: Float64 = np.divide(self._sums[2], self._sums[0], out=np.zeros(len(self.rows)), where=self._sums[0] > 0)
+        share, seen = self._sums[0, self._leader], self._sums[2, self._leader]
+        out: Float64 = np.divide(seen, share, out=np.zeros(len(self.rows)), where=share > 0)
         return out
 
     def _error_squared(self) -> Float64:
         """Of the ratio estimate. Source: Cochran 1977, "Sampling Techniques", 6.3, for random rays."""
-        ratio = self._ratio()
-        residual = np.maximum(self._sums[3] - 2 * ratio * self._sums[4] + ratio**2 * self._sums[1], 0)
-        square = np.divide(residual, self._sums[0] ** 2, out=np.ones(len(ratio)), where=self._sums[0] > 0)
+        ratio, sums = self._ratio(), self._sums[:, self._leader]
+        residual = np.maximum(sums[3] - 2 * ratio * sums[4] + ratio**2 * sums[1], 0)
+        square = np.divide(residual, sums[0] ** 2, out=np.ones(len(ratio)), where=sums[0] > 0)
         starts, closed = np.maximum(self._starts, 1), self._closed()
         spread = np.maximum(self._reach_squares / starts - closed**2, 0) / starts**2
         spread = np.where(starts > len(GAUSS_POINTS), spread, self._bend**2)
         spread = np.where(self._peak, self._peak_variance, spread) * ratio**2
         # Of few lit rays, or few dark ones, hardly two are in strata that cover each other's noise.
-        rarer = 2 * self._rays * np.minimum(ratio, np.maximum(1 - ratio, 0))
+        rarer = 2 * self._rays[self._leader] * np.minimum(ratio, np.maximum(1 - ratio, 0))
         gain = np.maximum(rarer, 1) ** (_SHARP_GAIN if self.source.is_sharp else _SOFT_GAIN)
         out: Float64 = spread + closed**2 * square / gain
         return out

@@ -98,6 +98,23 @@ class TestShadows:
         assert found.irradiance_rgb == pytest.approx(free.irradiance_rgb, rel=2e-3)
         assert found.counters["rays"] == 0
 
+    def test_a_little_sky_is_not_lost(self):
+        """By a slit that so few rays find that whole blocks of texels see nothing at first."""
+        spans, side = ((-30.0, 1.8), (1.95, 30.0)), 16
+        roof = [moved(quad_mesh("Roof", end - start, 60), (start, -30, 0.3)) for start, end in spans]
+        scene = replace(lit_scene(roof), world_rgb=(1.0, 0.0, 0.0))
+        found = np.array([light_floor(scene, side, seed, tolerance=0.025).irradiance_rgb[:, 0].mean() for seed in range(96)])
+        place = (np.arange(side) + 0.5) / side
+        position = np.column_stack([grid.ravel() for grid in np.meshgrid(place, place)] + [np.zeros(side * side)])
+        up = np.tile([0.0, 0.0, 1.0], (side * side, 1))
+        truth = np.full(side * side, math.pi)
+        for start, end in spans:
+            corners = np.array([[start, -30, 0.3], [end, -30, 0.3], [end, 30, 0.3], [start, 30, 0.3]])
+            truth -= np.abs(polygon_irradiance(corners, position, up))
+        noise = found.std() / math.sqrt(len(found))
+        assert noise < 0.05 * truth.mean()
+        assert abs(found.mean() - truth.mean()) < sigma_limit(1) * noise
+
     def test_penumbra_against_a_sum_over_the_light(self):
         side, fine = 16, 24
         found = red(light_floor(lit_scene([BLOCK], [PANEL]), side), side)
