@@ -31,7 +31,7 @@ from paper_tables import Table
 SIZE = 256
 NEVER = 1e-4  # an error that no bake here comes to, so that the photons decide
 COUNTS = (1_000_000, 4_000_000, 16_000_000)
-FINEST = Settings(size=SIZE, share_meshes=False, passes=("lighting",), error=0.005, max_photons=32_000_000)
+FINEST = Settings(size=SIZE, share_meshes=False, passes=("lighting",), error=0.005, max_photons=128_000_000)
 MOST_BIAS, MOST_REL, STATED_WITHIN = 0.5, 2.0, 0.25  # %, %, 1
 
 

@@ -303,11 +303,11 @@ def find_child() -> int:
 
 
 def find_worker() -> int:
-    """A process of the child's, other than its resource tracker."""
+    """A process of the child's that traces: it has others for unwrapping and for Python's own needs."""
     leader = find_child()
     for status in Path("/proc").glob("[0-9]*/stat"):
         parent = int(status.read_text().rpartition(")")[2].split()[1])
-        if parent == leader and "resource_tracker" not in (status.parent / "cmdline").read_text():
+        if parent == leader and "spawn_main" in (status.parent / "cmdline").read_text():
             return int(status.parent.name)
     raise LookupError(f"process {leader} has no workers")
 
