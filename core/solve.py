@@ -135,6 +135,10 @@ class Solver:
                 light, stated = self._light(state)
             error = light.error
             stopped_by = self._stop_reason(error, should_stop)
+            # In the first round the trees stand as they were planted: detail that their previews do not show is in no stated error.
+            refined = stopped_by == "error" and self.round == 1 and self._refine(state)
+            if refined:
+                stopped_by = ""
             if stopped_by not in ("", "error"):  # not chosen by its error, then
                 light = replace(light, error=stated.relative)
             light = replace(light, stopped_by=stopped_by)
@@ -142,7 +146,7 @@ class Solver:
             if light.stopped_by:
                 return light
             self.watch(light)
-            if self.settings.hierarchical:
+            if not refined:
                 self._refine(state)
 
     def _direct_errs_most(self, stated: estimate.StatedError) -> bool:
@@ -182,7 +186,11 @@ class Solver:
             shared_arrays.remove_struct(view)
         self.round += 1
 
-    def _refine(self, state: _State) -> None:
+    def _refine(self, state: _State) -> bool:
+        """Splits what the oracle marks; whether there is more of the tree now."""
+        if not self.settings.hierarchical:
+            return False
+        before = len(self.tree)
         forced = _any_in_range(self.forced_texels, self.tree) & (self.tree.side > self.settings.finest_texels)
         background = self._node_direct(self.direct.irradiance)
         while True:  # a split node's children may have previews of their own that tell enough already
@@ -192,6 +200,7 @@ class Solver:
             self.tree = quadtree.split(self.tree, marked)
         self._grow_previews()
         self.tally.grow(len(self.tree))
+        return len(self.tree) > before
 
     def _light(self, state: _State) -> tuple[LightField, estimate.StatedError]:
         """The light as it stands."""

@@ -6,12 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import lamp_scene, make_solver, room_mesh
+from boxes import lamp_scene, make_solver
 from leaflight.core import checkpoint
 from leaflight.core.checkpoint import INFO_FILE, load_checkpoint, read_info, remove_checkpoint, save_checkpoint
-from leaflight.core.scene import Light, Material
 from leaflight.core.settings import Settings
-from scenes import make_scene
 
 SETTINGS = Settings(size=32, padding=1, max_photons=600_000, error=1e-4)
 
@@ -26,9 +24,9 @@ def run(solver, stop_after=10**9):
     return solver.run(lambda message: None, should_stop)
 
 
-def keep(folder, settings=SETTINGS, stop_after=1, scene=None):
-    """Where the state of a bake, of the lamp scene if of no other, is kept, and its light."""
-    solver = make_solver(folder / "first", scene or lamp_scene(), settings)
+def keep(folder, settings=SETTINGS, stop_after=1):
+    """Where the state of a bake of the lamp scene is kept, and its light."""
+    solver = make_solver(folder / "first", lamp_scene(), settings)
     light = run(solver, stop_after)
     save_checkpoint(folder / "kept", solver, light.error)
     return folder / "kept", light
@@ -62,22 +60,20 @@ def test_an_interrupted_bake_goes_on_to_the_bytes_of_one_that_was_not(tmp_path, 
 
 
 def test_a_smaller_error_is_reached_with_the_photons_so_far(tmp_path):
-    """In a closed room, where light is reflected often enough that its sum over the leaves has hardly any noise."""
-    lamp = Light("POINT", "Lamp", (0.2, 0.1, 0.3), power_rgb=(10.0, 5.0, 2.5))
-    room = make_scene([room_mesh()], [lamp], [Material("Grey", (0.5,) * 3)])
-    coarse = replace(SETTINGS, error=0.3, max_photons=10_000_000, finest_texels=2)
-    kept, first = keep(tmp_path, coarse, 10**9, room)
+    coarse = replace(SETTINGS, error=0.3, max_photons=10_000_000)
+    kept, first = keep(tmp_path, coarse, 10**9)
     assert first.stopped_by == "error"
-    fine = go_on(tmp_path, kept, replace(coarse, error=0.7 * first.error), room)
+    finer = replace(coarse, error=0.75 * first.error)
+    fine = go_on(tmp_path, kept, finer)
     assert fine.stopped_by == "error"
-    assert fine.error <= 0.7 * first.error
+    assert fine.error <= 0.75 * first.error
     assert fine.photons > first.photons
-    at_once = run(make_solver(tmp_path / "at once", room, replace(coarse, error=0.7 * first.error)))
+    at_once = run(make_solver(tmp_path / "at once", lamp_scene(), finer))
     assert fine.solution.flux[:, fine.leaves].sum(1) == pytest.approx(at_once.solution.flux[:, at_once.leaves].sum(1), rel=0.02)
 
 
 def test_an_error_reached_already_needs_no_photon(tmp_path):
-    kept, first = keep(tmp_path, replace(SETTINGS, error=0.3))
+    kept, first = keep(tmp_path, replace(SETTINGS, error=0.3), stop_after=2)
     again = go_on(tmp_path, kept, replace(SETTINGS, error=0.9))
     assert (again.photons, again.stopped_by) == (first.photons, "error")
 

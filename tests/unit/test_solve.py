@@ -101,6 +101,12 @@ def test_rays_are_shot_again_where_they_err_most(tmp_path, monkeypatch, toleranc
     assert (light.direct.passes.max() > 1) == (tolerance > 1)
 
 
+@pytest.mark.parametrize(("knobs", "rounds"), [({}, 2), ({"finest_texels": 16}, 1), ({"hierarchical": False}, 1)])
+def test_no_bake_stops_at_its_first_leaves_while_they_would_be_split(tmp_path, knobs, rounds):
+    light = solve_scene(tmp_path, lamp_scene(), replace(SETTINGS, error=0.9, max_photons=10**7, **knobs))
+    assert (light.rounds, light.stopped_by) == (rounds, "error")
+
+
 @pytest.mark.parametrize("max_depth", [2, 1000])
 def test_energy_audit_closes(tmp_path, max_depth):
     light = solve_scene(tmp_path, lamp_scene(rho=0.9), replace(QUICK, max_depth=max_depth))
