@@ -27,7 +27,7 @@ from .solve import ENERGY_NAMES, Solver
 from .tally import Tally
 
 FORMAT = "leaflight-state"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 INFO_FILE = "leaflight_state.json"  # marks a folder as ours
 _STRUCT_FOLDER = "state"
 # Of the groups of knobs that change nothing of what is traced, and knobs of other groups that do not either.
@@ -44,6 +44,7 @@ class Checkpoint:
 
     tree: Quadtree
     tally: Tally
+    square_tally: Tally
     direct: DirectField
     energy_w: NDArray[np.float64]
     rays: int
@@ -54,11 +55,12 @@ class Checkpoint:
     def of(cls, solver: Solver) -> Checkpoint:
         ledger = solver.ledger
         energy_w = np.array([ledger.energy_w[name] for name in ENERGY_NAMES])
-        return cls(solver.tree, solver.tally, solver.direct, energy_w, ledger.rays, ledger.deposits, solver.round)
+        return cls(solver.tree, solver.tally, solver.square_tally, solver.direct, energy_w, ledger.rays, ledger.deposits, solver.round)
 
     def give_to(self, solver: Solver) -> None:
         """Let a new solver of the same scene and method go on from here."""
-        solver.tree, solver.tally, solver.direct, solver.round = self.tree, self.tally, self.direct, self.round
+        solver.tree, solver.tally, solver.square_tally = self.tree, self.tally, self.square_tally
+        solver.direct, solver.round = self.direct, self.round
         ledger = solver.ledger
         ledger.energy_w = dict(zip(ENERGY_NAMES, self.energy_w, strict=True))
         ledger.rays, ledger.deposits = self.rays, self.deposits

@@ -225,23 +225,25 @@ def node_of_texel(tree: Quadtree, nodes: IntArray, n_texel: int) -> NDArray[np.i
 
 @dataclass(frozen=True)
 class TreeView:
-    """The deepest nodes of a tree, as a process that traces needs them to place its hits.
+    """Where photons are counted, as a process that traces needs it to place its hits: the deepest nodes of a tree, and squares.
 
     node           (n_texel,) int32
     centre         (n_node, 2) float32, page texels
     inverse_half   (n_node,) float32, 1/texel
+    square_entry   (k,) int32, ascending: texel entries whose squares have counters too
     """
 
     node: NDArray[np.int32]
     centre: NDArray[np.float32]
     inverse_half: NDArray[np.float32]
+    square_entry: NDArray[np.int32]
 
     @classmethod
-    def of_tree(cls, tree: Quadtree, n_texel: int) -> TreeView:
+    def of_tree(cls, tree: Quadtree, n_texel: int, square_entry: NDArray[np.int32]) -> TreeView:
         half = tree.side / 2.0
         deepest = np.flatnonzero(~tree.has_children)
         centre = (tree.origin + half[:, None]).astype(np.float32)
-        return cls(node_of_texel(tree, deepest, n_texel), centre, (1.0 / half).astype(np.float32))
+        return cls(node_of_texel(tree, deepest, n_texel), centre, (1.0 / half).astype(np.float32), square_entry)
 
     def locate(self, entry: IntArray, x: FloatArray, y: FloatArray) -> tuple[NDArray[np.int32], FloatArray, FloatArray]:
         """The deepest node at each hit, and the hit in its coordinates s, t.

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from . import denoise, reconstruct, seams
+from . import denoise, reconstruct, seams, squares
 from .direct_field import DirectField
 from .margin import fill_margin
 from .materials import SurfaceMaterials
@@ -48,7 +48,10 @@ class TexelLight:
 
 
 def light_at_texels(field: LightField, blender: reconstruct.LeafBlender, smooth_grain: bool = True, threads: int = 1) -> TexelLight:
-    """The leaves' functions at each texel's own point, plus direct light by rays; stderr is that before grain is smoothed."""
+    """The leaves' functions at each texel's own point, or what squares say there, plus direct light by rays.
+
+    stderr is that before grain is smoothed.
+    """
     n_texel = len(blender.page)
     leaf = node_of_texel(field.tree, field.leaves, n_texel)
     light, variance = np.empty((2, 3, n_texel), np.float32), np.empty((3, n_texel), np.float32)
@@ -63,30 +66,32 @@ def light_at_texels(field: LightField, blender: reconstruct.LeafBlender, smooth_
     with ThreadPoolExecutor(threads) as pool:  # numpy lets go of the interpreter within a chunk
         for _ in pool.map(fill, range(0, n_texel, reconstruct.CHUNK)):
             pass
+    grain = field.tree.side[leaf] <= denoise.SMALL_LEAF
+    if field.squares is not None:
+        grain |= squares.mix(light, variance, field.direct.irradiance, field.squares, blender.texels, blender.entry_at)
     if smooth_grain:
-        light = _smooth_grain(light, variance, field, leaf, blender, threads)
+        light = _smooth_grain(light, variance, grain, field.direct, blender, threads)
     return TexelLight(light[0].T, light[1].T, np.sqrt(variance.T + field.direct.variance), leaf)
 
 
 def _smooth_grain(
     light: NDArray[np.float32],
     variance: NDArray[np.float32],
-    field: LightField,
-    leaf: NDArray[np.int32],
+    grain: NDArray[np.bool_],
+    direct: DirectField,
     blender: reconstruct.LeafBlender,
     threads: int,
 ) -> NDArray[np.float32]:
-    """Light (2, 3, n) of components without their grain; variance (3, n) of what the leaves hold of them."""
+    """Light (2, 3, n) of components without their grain; variance (3, n) and grain (n,) of what photons tell of them."""
 
-    def smooth(parts: slice, noise: NDArray[np.float32], grain: NDArray[np.bool_]) -> NDArray[np.float32]:
-        return denoise.denoise(light[parts], noise, grain, blender.texels, blender.page, threads)
+    def smooth(parts: slice, noise: NDArray[np.float32], grainy: NDArray[np.bool_]) -> NDArray[np.float32]:
+        return denoise.denoise(light[parts], noise, grainy, blender.texels, blender.page, threads)
 
-    small = field.tree.side[leaf] <= denoise.SMALL_LEAF
-    if not field.direct.passes.any():
-        return smooth(slice(2), variance, small)
+    if not direct.passes.any():
+        return smooth(slice(2), variance, grain)
     # Each by its own noise: by that of all light, direct light, known far better, would be smeared.
-    direct = smooth(slice(1), field.direct.variance.T, _find_ray_grain(field.direct))
-    return np.concatenate([direct, smooth(slice(1, 2), variance, small)])
+    by_rays = smooth(slice(1), direct.variance.T, _find_ray_grain(direct))
+    return np.concatenate([by_rays, smooth(slice(1, 2), variance, grain)])
 
 
 def close_seams(light: TexelLight, points: SeamPoints, blender: reconstruct.LeafBlender) -> tuple[TexelLight, seams.SeamReport]:

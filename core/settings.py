@@ -127,7 +127,9 @@ class Settings:
     stability: int = _knob(8, "photons a node must have been shot to be stable", unit="photons", low=1, high=10**6)
     preview_depth: int = _knob(2, "levels between the current and the preview nodes", unit="levels", low=1, high=3)
     min_level: int = _knob(0, "level every quadtree starts with; 0 is the chart's root", unit="levels", low=0, high=14)
-    contact: bool = _knob(True, "split leaves near other geometry that touches the surface", off_flag="--no-contact")
+    contact: bool = _knob(
+        True, "finer leaves where other geometry touches the surface, and light told apart within texels", off_flag="--no-contact"
+    )
     denoise: bool = _knob(True, "average grain over like neighbours within a chart", off_flag="--no-denoise")
     seams: bool = _knob(True, "bring light together where a smooth surface is cut between charts", off_flag="--no-seams")
     finest_texels: int = _knob(1, "side of the smallest leaf", unit="texels", low=1, high=1024)

@@ -22,6 +22,7 @@ from .messages import Message, Progress
 from .quadtree import Quadtree
 from .reconstruct import LeafBlender
 from .settings import Settings
+from .squares import SquareLight, Squares
 from .tally import Solution, Tally, Totals
 
 ENERGY_NAMES = ("emitted", "absorbed", "escaped", "remainder")
@@ -61,6 +62,7 @@ class LightField:
 
     leaves         (m,) int64: the nodes to show
     correction     of the leaves' variance, see estimate
+    squares        what squares say where something touches the surface; None without photons
     stopped_by     "error", "max_photons", "time_limit" or "interrupted"
     """
 
@@ -75,6 +77,7 @@ class LightField:
     rounds: int
     stopped_by: str
     ledger: Ledger
+    squares: SquareLight | None = None
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,8 @@ class Solver:
         if settings.hierarchical:
             self._grow_previews()
         self.tally = Tally.empty(len(self.tree), self.degree)
+        self.squares = Squares.of(texels, self.forced_texels)
+        self.square_tally = Tally.empty(len(self.squares.entry), 0)
         self.ledger = Ledger()
         self.rule = refine.Rule(settings.oracle, settings.threshold, settings.stability, settings.preview_depth)
         self.round = 0
@@ -161,7 +166,7 @@ class Solver:
 
     def _trace_round(self, photons: int) -> None:
         view = self.folder / f"view_{self.round}"
-        shared_arrays.save_struct(view, quadtree.TreeView.of_tree(self.tree, len(self.keys)))
+        shared_arrays.save_struct(view, quadtree.TreeView.of_tree(self.tree, len(self.keys), self.squares.entry))
         n_shard = 2 * max(1, math.ceil(photons / (2 * SHARD_PHOTONS)))
         settings = self.settings
         shards = [
@@ -181,6 +186,7 @@ class Solver:
         try:
             for shard, result in zip(shards, self.executor.map(workers.trace_photons, shards), strict=True):
                 self.tally.add(shard.shard % 2, result.tally, shard.photons)
+                self.square_tally.add(shard.shard % 2, result.squares, shard.photons)
                 self.ledger.add(result)
         finally:
             shared_arrays.remove_struct(view)
@@ -227,6 +233,7 @@ class Solver:
             rounds=self.round,
             stopped_by="",
             ledger=self.ledger,
+            squares=self.squares.light(self.square_tally),
         )
         return light, stated
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from . import contact, direct, photons, sampling, shared_arrays, tally
+from . import contact, direct, photons, sampling, shared_arrays
 from .emitters import build_emitters
 from .geometry import UnitBox
 from .job import SNAPSHOT_FILE
@@ -23,6 +23,8 @@ from .pruning import prune_scene
 from .quadtree import TreeView
 from .scene import IntArray, SceneSnapshot
 from .snapshot import load_snapshot
+from .squares import deposit_on_squares
+from .tally import ShardTally, deposit
 from .texel_map import TexelMap
 
 TEXELS_FOLDER = "texels"
@@ -92,9 +94,10 @@ class PhotonShard:
 
 @dataclass(frozen=True)
 class PhotonResult:
-    """Sums and counts of one shard, each photon carrying its share of a bake with one photon."""
+    """Sums and counts of one shard, each photon carrying its share of a bake with one photon; sums over nodes and over squares."""
 
-    tally: tally.ShardTally
+    tally: ShardTally
+    squares: ShardTally
     audit: photons.EnergyAudit
     counters: photons.Counters
 
@@ -106,9 +109,11 @@ def trace_photons(shard: PhotonShard) -> PhotonResult:
     # How many photons the bake will have is not known yet: each carries all the light, and sums are divided when read.
     hits = photons.trace_shard(tracing.scene, shard.photons, float(shard.photons), rng, shard.max_depth, shard.skip_first)
     x, y = tracing.texels.hit_texel_xy(hits.tri, hits.u, hits.v)
-    node, s, t = view.locate(tracing.texels.entry_of(hits.tri, x, y), x, y)
-    sums = tally.deposit(node, s, t, hits.flux_rgb, hits.is_first, len(view.centre), shard.degree)
-    return PhotonResult(sums, hits.audit, hits.counters)
+    entry = tracing.texels.entry_of(hits.tri, x, y)
+    node, s, t = view.locate(entry, x, y)
+    sums = deposit(node, s, t, hits.flux_rgb, hits.is_first, len(view.centre), shard.degree)
+    on_squares = deposit_on_squares(tracing.texels, view.square_entry, entry, hits.tri, x, y, hits.flux_rgb, hits.is_first)
+    return PhotonResult(sums, on_squares, hits.audit, hits.counters)
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,7 @@ def go_on(folder, kept, settings=SETTINGS, scene=None):
 
 def light_bytes(light):
     arrays = [light.solution.coefficient, light.solution.variance, light.leaves, light.direct.irradiance, light.direct.variance]
+    arrays += [light.squares.irradiance, light.squares.variance]
     return b"".join(array.tobytes() for array in arrays)
 
 

@@ -19,7 +19,7 @@ def photon_shard(tmp_path):
     """A shard of 5000 photons in the lamp scene."""
     solver = make_solver(tmp_path, lamp_scene(), replace(SETTINGS, direct="photons"))
     view = tmp_path / "view"
-    shared_arrays.save_struct(view, quadtree.TreeView.of_tree(solver.tree, len(solver.keys)))
+    shared_arrays.save_struct(view, quadtree.TreeView.of_tree(solver.tree, len(solver.keys), solver.squares.entry))
     return workers.PhotonShard(str(tmp_path), str(view), 1, 0, 0, photons=5000, max_depth=100, degree=1, skip_first=False)
 
 

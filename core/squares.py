@@ -1,0 +1,160 @@
+"""Photons on the square that a texel looks at, counted where something touches the surface.
+
+A leaf of one texel holds the mean over that texel; an image is read at its centre. Where light changes fast within a texel - along
+the edge of a rug, at the foot of a wall - the two differ however many photons there are. There the square around the centre,
+which shadow rays start from too, has a counter of its own, and its light is mixed with the leaves' by how much both differ beyond noise.
+
+Source of the weight: Wiener 1949, for a signal whose power is told by its neighbours: signal / (signal + noise).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .coverage import Float64, clip_to_texels
+from .scene import FloatArray, IntArray
+from .tally import ShardTally, Tally, deposit
+from .texel_map import LOOK, TexelMap
+
+_LEAST_SHARE = 0.02  # of a square: less than that on the centre's triangle is met by too few photons to tell anything
+_RADIUS = 2  # texels, of the neighbours that tell how far leaves and squares differ
+_DARK_FLOOR = 0.1  # light below this share of the mean is judged against that share
+_LEAST_LIGHT = 1e-30  # W/m^2
+_DOUBT = 0.5  # standard errors of a difference between leaves and squares that are held against it; measured on the samples
+
+
+@dataclass(frozen=True)
+class SquareLight:
+    """Light on squares.
+
+    entry        (m,) int32, ascending: texel entries
+    irradiance   (2, 3, m) float64, W/m^2: per component and channel
+    variance     (3, m) float64, (W/m^2)^2, of both components together
+    """
+
+    entry: NDArray[np.int32]
+    irradiance: Float64
+    variance: Float64
+
+
+@dataclass(frozen=True)
+class Squares:
+    """The squares that photons are counted on.
+
+    entry   (m,) int32, ascending: texel entries
+    area    (m,) float64, m^2: of the square's part on the triangle at its centre
+    """
+
+    entry: NDArray[np.int32]
+    area: Float64
+
+    @classmethod
+    def of(cls, texels: TexelMap, wanted: NDArray[np.bool_]) -> Squares:
+        """Those of the texel entries `wanted` (n,) that have a centre."""
+        entry = np.flatnonzero(wanted & texels.is_central)
+        density = texels.tri_density[texels.texel_tri[entry]]
+        full = LOOK * LOOK * density
+        area = full.copy()
+        cut = np.flatnonzero(np.isin(entry, texels.part_entry))  # the others lie wholly inside their triangles
+        corners, xy = texels.tri_uv[texels.texel_tri[entry[cut]]], texels.texel_xy[entry[cut]]
+        pieces = clip_to_texels(corners, xy, np.full(len(cut), LOOK))
+        area[cut] = np.bincount(pieces.pair, pieces.area, len(cut)) * density[cut]
+        kept = area > _LEAST_SHARE * full
+        return cls(entry[kept].astype(np.int32), area[kept])
+
+    def light(self, tally: Tally) -> SquareLight:
+        """What the photons so far say; `tally` as of `deposit_on_squares`."""
+        photons = max(float(tally.photons.sum()), 1.0)
+        return SquareLight(self.entry, tally.raw.sum(0)[:, :, 0] / (photons * self.area), tally.weight2 / (photons * self.area) ** 2)
+
+
+def deposit_on_squares(
+    texels: TexelMap,
+    square_entry: NDArray[np.int32],
+    entry: IntArray,
+    tri: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    flux: FloatArray,
+    is_first: NDArray[np.bool_],
+) -> ShardTally:
+    """Sums over the hits of a shard, of squares in place of nodes.
+
+    square_entry   (k,) int32, of Squares
+    entry, tri     (m,) int: the texel entry and the triangle of each hit
+    x, y           (m,) float, page texels
+    flux           (3, m) float, W
+    is_first       (m,) bool: straight from a light
+    """
+    rows = np.flatnonzero(tri == texels.texel_tri[entry]) if len(square_entry) else np.zeros(0, np.intp)
+    column, row = texels.texel_xy[entry[rows]].T
+    rows = rows[(np.abs(x[rows] - column - 0.5) < LOOK / 2) & (np.abs(y[rows] - row - 0.5) < LOOK / 2)]
+    slot = np.searchsorted(square_entry, entry[rows])
+    counted = slot < len(square_entry)
+    counted[counted] = square_entry[slot[counted]] == entry[rows[counted]]
+    rows, slot = rows[counted], slot[counted]
+    nowhere = np.zeros(len(rows))
+    return deposit(slot, nowhere, nowhere, flux[:, rows], is_first[rows], len(square_entry), degree=0)
+
+
+def mix(
+    light: NDArray[np.float32],
+    variance: NDArray[np.float32],
+    direct: NDArray[np.float32],
+    squares: SquareLight,
+    texels: TexelMap,
+    entry_at: NDArray[np.int32],
+) -> NDArray[np.bool_]:
+    """Bring the leaves' light to that of the squares, in place; which texels changed, (n,) bool.
+
+    light      (2, 3, n) float32, W/m^2: components at the texel entries
+    variance   (3, n) float32, (W/m^2)^2, of what photons tell of their sum
+    direct     (n, 3) float32, W/m^2: the part of the first component that rays tell
+    entry_at   (n_page, size, size) int32, the entry that a page shows at each texel, -1 for none
+    """
+    entry = squares.entry
+    changed = np.zeros(light.shape[-1], bool)
+    if not len(entry):
+        return changed
+    traced = light[..., entry].astype(np.float64)
+    traced[0] -= direct[entry].T
+    gap = squares.irradiance - traced
+    noise2, seen2 = squares.variance.sum(axis=0), (gap.sum(axis=0) ** 2).sum(axis=0)
+    level = traced.sum(axis=(0, 1))
+    # Of neighbours the bright one must not outvote all others.
+    scale = 1.0 / (level**2 + (_DARK_FLOOR * level.mean() + _LEAST_LIGHT) ** 2)
+    told2 = (seen2 - noise2) * scale
+    (noise2, signal2, signal4), count = _average_around(np.stack([noise2 * scale, told2, told2**2]), entry, texels, entry_at)
+    signal2 -= _DOUBT * np.sqrt(np.maximum(signal4 - signal2**2, 0.0) / np.maximum(count - 1.0, 1.0))
+    signal2 = np.maximum(signal2, 0.0)
+    share = np.divide(signal2, signal2 + noise2, out=np.zeros_like(signal2), where=signal2 > 0.0)
+    light[..., entry] += (share * gap).astype(np.float32)
+    variance[:, entry] = (1.0 - share) ** 2 * variance[:, entry] + share**2 * squares.variance
+    changed[entry] = share > 0.0
+    return changed
+
+
+def _average_around(value: Float64, entry: IntArray, texels: TexelMap, entry_at: NDArray[np.int32]) -> tuple[Float64, Float64]:
+    """Means of values (k, m) at texel entries (m,) over those of them that lie around each, on its chart; and how many these are, (m,).
+
+    None counts for itself: a weight that knows a photon of its own square would favour squares that few fell on.
+    """
+    size = texels.page_size
+    slot_of = np.full(len(texels.texel_chart), -1, np.int32)
+    slot_of[entry] = np.arange(len(entry), dtype=np.int32)
+    chart = texels.texel_chart[entry]
+    page = texels.chart_page[chart]
+    total, count = np.zeros_like(value), np.zeros(len(entry))
+    for dy, dx in product(range(-_RADIUS, _RADIUS + 1), repeat=2):
+        column, row = texels.texel_xy[entry].T.astype(np.int64) + np.array([[dx], [dy]])
+        inside = (column >= 0) & (column < size) & (row >= 0) & (row < size) & bool(dx or dy)
+        other = np.where(inside, entry_at[page, np.clip(row, 0, size - 1), np.clip(column, 0, size - 1)], -1)
+        slot = slot_of[other]
+        near = np.flatnonzero((other >= 0) & (slot >= 0) & (texels.texel_chart[other] == chart))
+        total[:, near] += value[:, slot[near]]
+        count[near] += 1.0
+    return total / np.maximum(count, 1.0), count

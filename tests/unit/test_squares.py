@@ -1,0 +1,176 @@
+"""Squares have the area of their part of the centre's triangle, count what falls there, and move light by what is no noise."""
+
+import numpy as np
+import pytest
+from boxes import lamp_scene, make_solver, prepare_folder
+from leaflight.core import squares
+from leaflight.core.quadtree import node_of_texel
+from leaflight.core.reconstruct import LeafBlender
+from leaflight.core.settings import Settings
+from leaflight.core.squares import SquareLight, Squares, deposit_on_squares
+from leaflight.core.texel_map import LOOK
+from stats import sigma_limit
+from trees import make_square_map
+
+SETTINGS = Settings(size=32, padding=1)
+
+
+@pytest.fixture
+def texels(tmp_path):
+    """Of a block on a floor: texels that are whole, and texels cut by borders and diagonals."""
+    return prepare_folder(tmp_path, lamp_scene(), SETTINGS)[1]
+
+
+def is_inside(texels, tri, x, y):
+    """Whether points lie on the triangles, all (m,)."""
+    u, v = texels._corner_weights(np.full(len(x), tri), x, y)
+    corner = texels.tri_uv[tri]
+    back = corner[0] + u[:, None] * (corner[1] - corner[0]) + v[:, None] * (corner[2] - corner[0])
+    return np.abs(back - np.stack([x, y], axis=1)).max(axis=1) < 1e-9
+
+
+def test_area_is_that_of_the_square_on_the_centres_triangle(texels):
+    found = Squares.of(texels, np.ones(len(texels.texel_area), bool))
+    line = LOOK * ((np.arange(60) + 0.5) / 60 - 0.5) + 0.5
+    across, up = (axis.ravel() for axis in np.meshgrid(line, line))
+    shares = []
+    for entry, area in zip(found.entry, found.area, strict=True):
+        tri = texels.texel_tri[entry]
+        column, row = texels.texel_xy[entry]
+        shares.append(is_inside(texels, tri, column + across, row + up).mean())
+        assert area == pytest.approx(shares[-1] * LOOK**2 * texels.tri_density[tri], abs=0.02 * LOOK**2 * texels.tri_density[tri])
+    assert min(shares) < 0.9 < max(shares)
+    assert texels.is_central[found.entry].all()
+
+
+def test_only_wanted_texels_have_squares(texels):
+    wanted = np.arange(len(texels.texel_area)) % 3 == 0
+    found = Squares.of(texels, wanted)
+    assert np.array_equal(found.entry, np.flatnonzero(wanted & texels.is_central))
+    assert not len(Squares.of(texels, np.zeros(len(wanted), bool)).entry)
+
+
+def test_a_hit_counts_where_it_falls_on_the_square_and_on_the_centres_triangle(texels):
+    rng = np.random.default_rng(3)
+    n = 4000
+    found = Squares.of(texels, np.arange(len(texels.texel_area)) % 2 == 0)
+    tri = rng.integers(0, len(texels.tri_density), n)
+    x, y = texels.hit_texel_xy(tri, *(0.5 * rng.random((2, n))))
+    entry = texels.entry_of(tri, x, y)
+    flux, is_first = rng.random((3, n)).astype(np.float32), rng.random(n) < 0.5
+    sums = deposit_on_squares(texels, found.entry, entry, tri, x, y, flux, is_first)
+    raw, count = np.zeros((2, 3, len(found.entry))), np.zeros(len(found.entry), int)
+    for i in range(n):
+        column, row = texels.texel_xy[entry[i]]
+        on_square = max(abs(x[i] - column - 0.5), abs(y[i] - row - 0.5)) < LOOK / 2
+        if on_square and tri[i] == texels.texel_tri[entry[i]] and entry[i] in found.entry:
+            slot = np.searchsorted(found.entry, entry[i])
+            raw[0 if is_first[i] else 1, :, slot] += flux[:, i]
+            count[slot] += 1
+    assert count.sum() > 100
+    assert np.array_equal(sums.count, count[sums.node])
+    assert sums.count.sum() == count.sum()
+    np.testing.assert_allclose(sums.raw[:, :, 0], raw[..., sums.node], rtol=1e-12)
+
+
+def test_no_squares_count_nothing(texels):
+    nothing = np.zeros(0, np.int32)
+    sums = deposit_on_squares(
+        texels, nothing, np.array([0]), np.array([0]), np.array([0.5]), np.array([0.5]), np.ones((3, 1)), np.array([True])
+    )
+    assert not len(sums.node)
+
+
+def test_a_bake_counts_light_on_the_squares_at_contacts(tmp_path, texels):
+    """The mean over squares of what photons say is what its leaves say there; without contact there are none."""
+    settings = Settings(size=32, padding=1, direct="photons", max_photons=1_000_000, error=1e-4, hierarchical=False)
+    for name in ("none", "some"):
+        forced = np.zeros(len(texels.texel_area), bool)
+        forced[::2] = name == "some"
+        solver = make_solver(tmp_path / name, lamp_scene(), settings, forced=forced)
+        light = solver.run(lambda message: None, lambda: False)
+        assert np.array_equal(light.squares.entry, np.flatnonzero(forced & texels.is_central))
+    shown = solver.blender.blend(
+        light.tree, light.solution, node_of_texel(light.tree, light.leaves, len(texels.texel_area)), light.squares.entry
+    ).irradiance
+    area = solver.squares.area
+    told, held = ((each.sum(axis=0) * area).sum(axis=-1) for each in (light.squares.irradiance, shown))
+    noise = np.sqrt((light.squares.variance * area**2).sum(axis=-1))
+    assert (np.abs(told - held) < sigma_limit(3) * noise).all()
+    assert (noise < 0.02 * told).all()
+    assert light.squares.irradiance[1].any()
+
+
+def mix_noise(truth, leaf_value, photons=4.0, side=64, seed=1, entry=None):
+    """What becomes of leaves' light `leaf_value` where squares tell of `truth` by a few photons each, per texel (side, side)."""
+    texels = make_square_map(side, 0)
+    blender = LeafBlender.of(texels, np.zeros(side * side, np.int32))
+    entry = np.arange(side * side) if entry is None else entry
+    x, y = texels.texel_xy[entry].T
+    truth = np.broadcast_to(truth, (side, side))
+    counted = np.random.default_rng(seed).poisson(photons * truth[y, x])
+    irradiance = np.zeros((2, 3, len(entry)))
+    irradiance[1] = counted / photons
+    told = SquareLight(entry.astype(np.int32), irradiance, np.tile(counted / photons**2, (3, 1)))
+    light = np.zeros((2, 3, side * side), np.float32)
+    light[1] = leaf_value
+    variance = np.full((3, side * side), 1e-6, np.float32)
+    changed = squares.mix(light, variance, np.zeros((side * side, 3), np.float32), told, texels, blender.entry_at)
+    image = np.zeros((side, side))
+    image[texels.texel_xy[:, 1], texels.texel_xy[:, 0]] = light[1, 0]
+    return image, changed, variance
+
+
+@pytest.mark.parametrize("photons", [0.1, 1.0, 10.0])
+def test_light_that_leaves_hold_stays_and_has_no_bias(photons):
+    image, _, variance = mix_noise(1.0, 1.0, photons)
+    noise = 1 / np.sqrt(photons)
+    assert np.sqrt(((image - 1) ** 2).mean()) < 0.4 * noise
+    assert abs(image.mean() - 1) < sigma_limit(3) * noise / 64
+    assert np.sqrt(variance.mean()) == pytest.approx(np.sqrt(((image - 1) ** 2).mean()), rel=0.3)
+
+
+def test_light_that_leaves_do_not_hold_is_taken_from_the_squares():
+    truth = np.where(np.arange(64) % 4 == 0, 3.0, 1.0)[:, None]
+    image, changed, _ = mix_noise(truth, truth.mean(), photons=400.0)
+    assert np.abs(image - truth).max() < 0.4
+    assert np.sqrt(((image - truth) ** 2).mean()) < 0.1 * truth.std()
+    assert changed.mean() > 0.99
+
+
+def test_a_square_alone_has_no_say():
+    """Nothing tells whether it differs by more than noise."""
+    image, changed, _ = mix_noise(9.0, 1.0, entry=np.array([5]))
+    assert (image == 1).all()
+    assert not changed.any()
+
+
+def test_squares_of_another_chart_have_no_say(texels):
+    """Where only other charts' squares lie around."""
+    blender = LeafBlender.of(texels, texels.chart_page[texels.texel_chart])
+    first = [np.flatnonzero(texels.shown & (texels.texel_chart == chart))[0] for chart in np.unique(texels.texel_chart)]
+    entry = np.sort(first).astype(np.int32)
+    told = SquareLight(entry, np.full((2, 3, len(entry)), 9.0), np.full((3, len(entry)), 1e-3))
+    n = len(texels.texel_area)
+    light, variance = np.ones((2, 3, n), np.float32), np.full((3, n), 1e-3, np.float32)
+    assert not squares.mix(light, variance, np.zeros((n, 3), np.float32), told, texels, blender.entry_at).any()
+    assert (light == 1).all()
+
+
+def test_direct_light_by_rays_is_left_alone():
+    texels = make_square_map(8, 0)
+    blender = LeafBlender.of(texels, np.zeros(64, np.int32))
+    irradiance = np.zeros((2, 3, 64))
+    irradiance[1] = 2.0
+    light = np.ones((2, 3, 64), np.float32)
+    direct = np.ones((64, 3), np.float32)
+    squares.mix(
+        light,
+        np.full((3, 64), 1e-9, np.float32),
+        direct,
+        SquareLight(np.arange(64, dtype=np.int32), irradiance, np.full((3, 64), 1e-9)),
+        texels,
+        blender.entry_at,
+    )
+    assert (light[0] == 1).all()
+    assert light[1] == pytest.approx(2.0, rel=1e-3)
