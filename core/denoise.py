@@ -10,6 +10,7 @@ Source: Rousselle, Knaus & Zwicker 2012, "Adaptive rendering with non-local mean
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -28,8 +29,23 @@ _LEAST_DOUBT2 = np.float32(1e-6)  # squared, relative to the texel and to the me
 _UNLIKE = np.float32(1e4)  # a distance beyond any weight
 _BRIGHTEST = np.float32(1e12)  # over the mean: its square is still finite
 _DARKEST = 1e-30  # W/m^2
+_LEAST_WEIGHT = np.float32(1e-12)  # a covered texel weighs one itself
 
 _Image = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Denoised:
+    """Light without its grain, and the noise that is left where that of the texels was independent.
+
+    light       (3, n) float32
+    variance    (3, n) float32
+    own_share   (n,) float32: weight of each texel's own light in the mean
+    """
+
+    light: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    own_share: NDArray[np.float32]
 
 
 def denoise(
@@ -48,6 +64,32 @@ def denoise(
     page       (n,) int32, of each entry
     out        (k, 3, n) float32
     """
+    return _denoise(light, variance, grainy, texels, page, threads, None)
+
+
+def denoise_and_tell(
+    light: NDArray[np.float32],
+    variance: NDArray[np.float32],
+    grainy: NDArray[np.bool_],
+    texels: TexelMap,
+    page: NDArray[np.int32],
+    threads: int = 1,
+) -> Denoised:
+    """As denoise, of light (3, n) whose texels err independently."""
+    left = np.concatenate([variance, np.ones((1, variance.shape[1]), np.float32)])
+    return Denoised(_denoise(light[None], variance, grainy, texels, page, threads, left)[0], left[:3], left[3])
+
+
+def _denoise(
+    light: NDArray[np.float32],
+    variance: NDArray[np.float32],
+    grainy: NDArray[np.bool_],
+    texels: TexelMap,
+    page: NDArray[np.int32],
+    threads: int,
+    left: NDArray[np.float32] | None,
+) -> NDArray[np.float32]:
+    """As denoise; `left` (4, n), if given, gets the variance that is left and each texel's own share."""
     out = light.copy()
     scale = np.float32(1 / max(float(light.sum(axis=0).mean(dtype=np.float64)), _DARKEST))  # squares of tiny and huge light stay finite
     side = -(-texels.page_size // _TILE) * _TILE
@@ -63,9 +105,13 @@ def denoise(
             covered = inner >= 0
             if grainy[inner[covered]].any():
                 chart = np.where(entry >= 0, texels.texel_chart[entry], -1)
-                noise = np.where(entry >= 0, (variance[:, entry] * scale * scale).sum(axis=0), 0)
-                smoothed = _average_alike(np.ascontiguousarray(light[..., entry]) * scale, noise, chart)  # else channels lie innermost
+                noise = np.where(entry >= 0, variance[:, entry] * scale * scale, 0)
+                lit = np.ascontiguousarray(light[..., entry]) * scale  # else channels lie innermost
+                smoothed, noise_left, own_share = _average_alike(lit, noise, chart, left is not None)
                 out[..., inner[covered]] = smoothed[..., covered] / scale
+                if left is not None:
+                    left[:3, inner[covered]] = noise_left[:, covered] / scale**2
+                    left[3, inner[covered]] = own_share[covered]
 
         with ThreadPoolExecutor(threads) as pool:
             for _ in pool.map(smooth, product(range(0, side, _TILE), repeat=2)):
@@ -73,8 +119,12 @@ def denoise(
     return out
 
 
-def _average_alike(light: _Image, variance: _Image, chart: NDArray[np.int32]) -> _Image:
-    """light (k, 3, h, w), variance (h, w), chart (h, w), -1 outside of charts; out without the halo."""
+def _average_alike(light: _Image, noise: _Image, chart: NDArray[np.int32], tell: bool) -> tuple[_Image, _Image, _Image]:
+    """Means, the variance that is left (3, h, w) if `tell`, and the share of each texel in its own mean; all without the halo.
+
+    light (k, 3, h, w), noise (3, h, w) variance, chart (h, w), -1 outside of charts
+    """
+    variance = noise.sum(axis=0)
     total = np.minimum(light.sum(axis=0), _BRIGHTEST)
     inside = (chart >= 0).astype(np.float32)
     around = [np.pad(image, _VARIANCE_RADIUS) for image in (variance * inside, inside)]
@@ -85,6 +135,7 @@ def _average_alike(light: _Image, variance: _Image, chart: NDArray[np.int32]) ->
     one_chart = chart.min() == chart.max() >= 0
     mean = np.zeros_like(light[..., *_window(0, 0, 0)])
     weight = np.zeros(mean.shape[2:], np.float32)
+    noise_left = np.zeros_like(noise[:, *_window(0, 0, 0)])
     gap, share = np.empty_like(total[..., *middle]), np.empty_like(mean)
     for dy, dx in product(range(-RADIUS, RADIUS + 1), repeat=2):
         there = _window(dy, dx, _PATCH)
@@ -109,8 +160,11 @@ def _average_alike(light: _Image, variance: _Image, chart: NDArray[np.int32]) ->
         np.multiply(alike, light[..., *_window(dy, dx, 0)], out=share)
         mean += share
         weight += alike
-    out: _Image = mean / np.maximum(weight, np.finfo(np.float32).tiny)
-    return out
+        if tell:
+            alike *= alike
+            noise_left += alike * noise[:, *_window(dy, dx, 0)]
+    weight = np.maximum(weight, _LEAST_WEIGHT)
+    return mean / weight, noise_left / (weight * weight), 1 / weight
 
 
 def _window(dy: int, dx: int, grow: int) -> tuple[slice, slice]:

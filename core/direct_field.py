@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import workers
+from .direct_shown import ShownDirect
 from .messages import Message, Status
 from .scene import IntArray
 from .settings import Settings
+from .texel_map import TexelMap
 
 SHARD_TEXELS = 1 << 12  # small enough that no worker waits long for another's last; larger ones are no quicker
 TOLERANCE = 0.5  # of the error asked for: its noise is averaged over neighbours, at less cost than more rays
@@ -38,9 +40,20 @@ class DirectField:
     counters: dict[str, int] = field(default_factory=dict)
     turns: int = 0  # shots so far, each with random numbers of its own
 
+    def __post_init__(self) -> None:
+        self._smoothed: ShownDirect | None = None  # of the last shot; made when it is asked for
+
     @classmethod
     def none(cls, n_texel: int) -> DirectField:
         return cls(np.zeros((n_texel, 3), np.float32), np.zeros((n_texel, 3), np.float32), np.zeros(n_texel, np.int16))
+
+    def show(self, texels: TexelMap, page: NDArray[np.int32], smooth: bool, threads: int = 1) -> ShownDirect:
+        """The light as it is shown, its grain smoothed or as it is; page (n,) int32, of each entry."""
+        if not smooth:
+            return ShownDirect.plain(self.irradiance, self.variance)
+        if self._smoothed is None:
+            self._smoothed = ShownDirect.smoothed(self.irradiance, self.variance, texels, page, threads)
+        return self._smoothed
 
     def shoot(
         self,
@@ -53,6 +66,7 @@ class DirectField:
     ) -> bool:
         """One more estimate of the texels (m,), ascending; each becomes the mean of all it has had. False when it was stopped."""
         turn, self.turns = self.turns, self.turns + 1
+        self._smoothed = None
         shards = [
             workers.DirectShard(str(folder), settings.seed, turn, start, texels[start : start + SHARD_TEXELS], TOLERANCE * settings.error)
             for start in range(0, len(texels), SHARD_TEXELS)

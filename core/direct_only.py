@@ -11,6 +11,7 @@ import numpy as np
 
 from . import estimate, quadtree, refine, tally
 from .direct_field import MOST_PASSES, DirectField
+from .executors import count_processors
 from .messages import Message
 from .reconstruct import LeafBlender
 from .settings import Settings
@@ -36,7 +37,8 @@ def settle_direct(
     comparison = refine.Comparison.of(tree, totals, solution, refine.Rule(settings.oracle, settings.threshold, settings.stability, 1))
     leaves = np.arange(len(tree))
     while True:
-        stated = estimate.state_error(tree, totals, solution, comparison, leaves, direct.irradiance, direct.variance, blender)
+        shown = direct.show(blender.texels, blender.page, settings.denoise, count_processors(settings.workers))
+        stated = estimate.state_error(tree, totals, solution, comparison, leaves, shown, blender)
         worst = np.flatnonzero((stated.texel_direct2 > settings.error**2) & (direct.passes < MOST_PASSES))
         stopped_by = "error" if stated.direct <= settings.error else "" if len(worst) else "max_rays"
         if should_stop():

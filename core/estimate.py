@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import refine
+from .direct_shown import ShownDirect
 from .quadtree import Quadtree, node_of_texel
 from .reconstruct import LeafBlender, PointLight, evaluate_leaf
 from .scene import IntArray
@@ -80,15 +81,11 @@ def state_error(
     solution: Solution,
     comparison: refine.Comparison,
     nodes: IntArray,
-    direct: NDArray[np.float32],
-    direct_variance: NDArray[np.float32],
+    shown_direct: ShownDirect,
     blender: LeafBlender,
 ) -> StatedError:
-    """Error of the light on the `nodes`, which tile the charts, blended.
-
-    direct            (n_texel, 3) float32, W/m^2: direct light by rays at each texel, 0 without
-    direct_variance   (n_texel, 3) float32, (W/m^2)^2
-    """
+    """Error of the light on the `nodes`, which tile the charts, blended, and of direct light by rays, 0 without."""
+    direct = shown_direct.irradiance
     correction = noise_correction(tree, solution, nodes)
     area = np.maximum(tree.area, np.finfo(float).tiny)
     leaf = node_of_texel(tree, nodes, len(direct))
@@ -96,7 +93,7 @@ def state_error(
     dark2 = _find_dark(node_light, leaf, direct)
     direct2 = np.empty(len(leaf), np.float32)
     for part in _parts(len(leaf)):
-        direct2[part] = (_weigh(node_light[leaf[part]] + direct[part], dark2) * direct_variance[part]).mean(1)
+        direct2[part] = (_weigh(node_light[leaf[part]] + direct[part], dark2) * shown_direct.variance[part]).mean(1)
     sample = _choose_sample(blender.texels)
     count = int(np.ceil(BEST_TEXELS * len(sample)))
     if not totals.photons.sum() or not count:
@@ -110,7 +107,9 @@ def state_error(
     bias2, gap2 = _missing_from_blend(tree, solution, leaf, deepest, sample, blender, shown, weight, blind2)
     likely = photons2 + direct2[sample] + gap2
     best = np.argpartition(likely, count - 1)[:count]
-    parts = [float(part[best].mean(dtype=np.float64)) for part in (photons2, direct2[sample], bias2)]
+    blur2 = (weight * shown_direct.blur2[sample]).mean(1)
+    parts = [float(part[best].mean(dtype=np.float64)) for part in (photons2, direct2[sample], bias2, blur2)]
+    parts[1] += max(parts[3], 0.0)
     # A bias is told only in sum, by nodes that err apart; below zero it is noise, which must not hide the noise that is there.
     doubt2 = _BIAS_DOUBT * math.sqrt((np.bincount(deepest[best], bias2[best]) ** 2).sum()) / count
     square = parts[0] + parts[1] + max(parts[2], 0.0)

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import denoise, reconstruct, seams, squares
-from .direct_field import DirectField
 from .margin import fill_margin
 from .materials import SurfaceMaterials
 from .quadtree import node_of_texel
@@ -26,7 +25,6 @@ from .texel_map import TexelMap, centred_strata
 
 _CHUNK = 1 << 18
 _LIGHT_PASSES = ("lighting", "direct", "indirect", "diffuse", "combined")
-_GRAIN = 0.005  # relative noise of shadow rays that is worth smoothing
 _ALBEDO_POINTS = 4  # a texel's albedo is a mean over so many points, for textures finer than the lightmap
 
 
@@ -59,8 +57,7 @@ def light_at_texels(field: LightField, blender: reconstruct.LeafBlender, smooth_
     def fill(start: int) -> None:
         part = slice(start, min(start + reconstruct.CHUNK, n_texel))
         traced = blender.blend(field.tree, field.solution, leaf, np.arange(part.start, part.stop))
-        direct, indirect = np.maximum(traced.irradiance, 0.0)  # a fitted plane may dip below zero at the edge of a shadow
-        light[0, :, part], light[1, :, part] = field.direct.irradiance[part].T + direct, indirect
+        light[..., part] = np.maximum(traced.irradiance, 0.0)  # a fitted plane may dip below zero at the edge of a shadow
         variance[:, part] = traced.variance * field.correction
 
     with ThreadPoolExecutor(threads) as pool:  # numpy lets go of the interpreter within a chunk
@@ -68,30 +65,12 @@ def light_at_texels(field: LightField, blender: reconstruct.LeafBlender, smooth_
             pass
     grain = field.tree.side[leaf] <= denoise.SMALL_LEAF
     if field.squares is not None:
-        grain |= squares.mix(light, variance, field.direct.irradiance, field.squares, blender.texels, blender.entry_at)
-    if smooth_grain:
-        light = _smooth_grain(light, variance, grain, field.direct, blender, threads)
-    return TexelLight(light[0].T, light[1].T, np.sqrt(variance.T + field.direct.variance), leaf)
-
-
-def _smooth_grain(
-    light: NDArray[np.float32],
-    variance: NDArray[np.float32],
-    grain: NDArray[np.bool_],
-    direct: DirectField,
-    blender: reconstruct.LeafBlender,
-    threads: int,
-) -> NDArray[np.float32]:
-    """Light (2, 3, n) of components without their grain; variance (3, n) and grain (n,) of what photons tell of them."""
-
-    def smooth(parts: slice, noise: NDArray[np.float32], grainy: NDArray[np.bool_]) -> NDArray[np.float32]:
-        return denoise.denoise(light[parts], noise, grainy, blender.texels, blender.page, threads)
-
-    if not direct.passes.any():
-        return smooth(slice(2), variance, grain)
-    # Each by its own noise: by that of all light, direct light, known far better, would be smeared.
-    by_rays = smooth(slice(1), direct.variance.T, _find_ray_grain(direct))
-    return np.concatenate([by_rays, smooth(slice(1, 2), variance, grain)])
+        grain |= squares.mix(light, variance, field.squares, blender.texels, blender.entry_at)
+    if smooth_grain:  # apart from that of rays: by the noise of all light, direct light, known far better, would be smeared
+        by_photons = slice(1 if field.direct.passes.any() else 0, 2)
+        light[by_photons] = denoise.denoise(light[by_photons], variance, grain, blender.texels, blender.page, threads)
+    by_rays = field.direct.show(blender.texels, blender.page, smooth_grain, threads).irradiance
+    return TexelLight(by_rays + light[0].T, light[1].T, np.sqrt(variance.T + field.direct.variance), leaf)
 
 
 def close_seams(light: TexelLight, points: SeamPoints, blender: reconstruct.LeafBlender) -> tuple[TexelLight, seams.SeamReport]:
@@ -101,13 +80,6 @@ def close_seams(light: TexelLight, points: SeamPoints, blender: reconstruct.Leaf
     parts = np.stack([light.direct, light.indirect])
     matched, empty, report = seams.match_seams(points, parts, light.stderr**2, blender.texels.is_central, blender.entry_at)
     return dataclasses.replace(light, direct=matched[0], indirect=matched[1], empty=empty), report
-
-
-def _find_ray_grain(direct: DirectField) -> NDArray[np.bool_]:
-    """(n,) bool: texels where shadow rays leave noise that could be seen."""
-    level = direct.irradiance.mean() + 1e-30
-    grain: NDArray[np.bool_] = direct.variance.sum(1) > (_GRAIN * (direct.irradiance.sum(1) + level)) ** 2
-    return grain
 
 
 def _shade(

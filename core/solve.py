@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from . import basis, estimate, quadtree, refine, shared_arrays, tally, workers
 from .direct_field import MOST_PASSES, DirectField
+from .executors import count_processors
 from .messages import Message, Progress
 from .quadtree import Quadtree
 from .reconstruct import LeafBlender
@@ -155,9 +156,11 @@ class Solver:
                 self._refine(state)
 
     def _direct_errs_most(self, stated: estimate.StatedError) -> bool:
-        """Whether more shadow rays help more than more photons."""
-        by_rays = self.settings.direct == "rays" and stated.direct > DIRECT_SHARE * self.settings.error
-        return by_rays and stated.direct**2 > 0.5 * stated.relative**2
+        """Whether a shadow ray more helps more than a photon's ray more: squared errors fall as one over the number of rays."""
+        if self.settings.direct != "rays" or not stated.direct > DIRECT_SHARE * self.settings.error:
+            return False
+        gain = stated.direct**2 / max(self.direct.counters["rays"], 1)
+        return gain > (stated.relative**2 - stated.direct**2) / max(self.ledger.rays, 1)
 
     def _read_tallies(self) -> _State:
         totals = tally.accumulate(self.tree, self.tally)
@@ -217,8 +220,7 @@ class Solver:
             state.solution,
             state.comparison,
             leaves,
-            self.direct.irradiance,
-            self.direct.variance,
+            self.direct.show(self.blender.texels, self.blender.page, self.settings.denoise, count_processors(self.settings.workers)),
             self.blender,
         )
         light = LightField(

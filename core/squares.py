@@ -104,7 +104,6 @@ def deposit_on_squares(
 def mix(
     light: NDArray[np.float32],
     variance: NDArray[np.float32],
-    direct: NDArray[np.float32],
     squares: SquareLight,
     texels: TexelMap,
     entry_at: NDArray[np.int32],
@@ -112,8 +111,7 @@ def mix(
     """Bring the leaves' light to that of the squares, in place; which texels changed, (n,) bool.
 
     light      (2, 3, n) float32, W/m^2: components at the texel entries
-    variance   (3, n) float32, (W/m^2)^2, of what photons tell of their sum
-    direct     (n, 3) float32, W/m^2: the part of the first component that rays tell
+    variance   (3, n) float32, (W/m^2)^2, of their sum
     entry_at   (n_page, size, size) int32, the entry that a page shows at each texel, -1 for none
     """
     entry = squares.entry
@@ -121,7 +119,6 @@ def mix(
     if not len(entry):
         return changed
     traced = light[..., entry].astype(np.float64)
-    traced[0] -= direct[entry].T
     gap = squares.irradiance - traced
     noise2, seen2 = squares.variance.sum(axis=0), (gap.sum(axis=0) ** 2).sum(axis=0)
     level = traced.sum(axis=(0, 1))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from leaflight.core import estimate, quadtree, reconstruct, refine
+from leaflight.core.direct_shown import ShownDirect
 from trees import SquareBake
 
 SIDE = 64
@@ -42,7 +43,7 @@ def state(bake, nodes, direct_variance=0.0):
     comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.05, 16, 2))
     zero = np.zeros((len(bake.keys), 3), np.float32)
     variance = zero + np.float32(direct_variance)
-    return estimate.state_error(bake.tree, totals, solution, comparison, nodes, zero, variance, blender_of(bake))
+    return estimate.state_error(bake.tree, totals, solution, comparison, nodes, ShownDirect.plain(zero, variance), blender_of(bake))
 
 
 def blender_of(bake):

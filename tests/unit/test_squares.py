@@ -115,7 +115,7 @@ def mix_noise(truth, leaf_value, photons=4.0, side=64, seed=1, entry=None):
     light = np.zeros((2, 3, side * side), np.float32)
     light[1] = leaf_value
     variance = np.full((3, side * side), 1e-6, np.float32)
-    changed = squares.mix(light, variance, np.zeros((side * side, 3), np.float32), told, texels, blender.entry_at)
+    changed = squares.mix(light, variance, told, texels, blender.entry_at)
     image = np.zeros((side, side))
     image[texels.texel_xy[:, 1], texels.texel_xy[:, 0]] = light[1, 0]
     return image, changed, variance
@@ -153,24 +153,5 @@ def test_squares_of_another_chart_have_no_say(texels):
     told = SquareLight(entry, np.full((2, 3, len(entry)), 9.0), np.full((3, len(entry)), 1e-3))
     n = len(texels.texel_area)
     light, variance = np.ones((2, 3, n), np.float32), np.full((3, n), 1e-3, np.float32)
-    assert not squares.mix(light, variance, np.zeros((n, 3), np.float32), told, texels, blender.entry_at).any()
+    assert not squares.mix(light, variance, told, texels, blender.entry_at).any()
     assert (light == 1).all()
-
-
-def test_direct_light_by_rays_is_left_alone():
-    texels = make_square_map(8, 0)
-    blender = LeafBlender.of(texels, np.zeros(64, np.int32))
-    irradiance = np.zeros((2, 3, 64))
-    irradiance[1] = 2.0
-    light = np.ones((2, 3, 64), np.float32)
-    direct = np.ones((64, 3), np.float32)
-    squares.mix(
-        light,
-        np.full((3, 64), 1e-9, np.float32),
-        direct,
-        SquareLight(np.arange(64, dtype=np.int32), irradiance, np.full((3, 64), 1e-9)),
-        texels,
-        blender.entry_at,
-    )
-    assert (light[0] == 1).all()
-    assert light[1] == pytest.approx(2.0, rel=1e-3)

@@ -1,0 +1,52 @@
+"""Direct light by shadow rays as it is shown: its grain smoothed, and how far it may then be off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .denoise import denoise_and_tell
+from .texel_map import TexelMap
+
+_GRAIN = 0.005  # relative noise that is worth smoothing
+# Neighbours are chosen by their noise too, and those alike in it smooth less. Measured over even light, ramps, edges and ripples with
+# noise of 2 to 30 %: with this factor and the blur the stated error is 0.7 to 1.4 of the real one.
+_CHOSEN_BY_NOISE = 2.0
+
+
+@dataclass(frozen=True)
+class ShownDirect:
+    """Direct light at the texel entries.
+
+    irradiance   (n, 3) float32, W/m^2
+    variance     (n, 3) float32, (W/m^2)^2: noise that is left
+    blur2        (n, 3) float32, (W/m^2)^2: what smoothing changed beyond the noise that it took; counts in sum, where that is not negative
+    """
+
+    irradiance: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    blur2: NDArray[np.float32]
+
+    @classmethod
+    def plain(cls, irradiance: NDArray[np.float32], variance: NDArray[np.float32]) -> ShownDirect:
+        """Light as it was found; arguments as the fields."""
+        return cls(irradiance, variance, np.zeros((1, 3), np.float32).repeat(len(irradiance), axis=0))
+
+    @classmethod
+    def smoothed(
+        cls, irradiance: NDArray[np.float32], variance: NDArray[np.float32], texels: TexelMap, page: NDArray[np.int32], threads: int
+    ) -> ShownDirect:
+        """Light without its grain.
+
+        page   (n,) int32, of each entry
+        """
+        level = irradiance.mean() + 1e-30
+        grainy = variance.sum(axis=1) > (_GRAIN * (irradiance.sum(axis=1) + level)) ** 2
+        if not grainy.any():
+            return cls.plain(irradiance, variance)
+        shown = denoise_and_tell(np.ascontiguousarray(irradiance.T), np.ascontiguousarray(variance.T), grainy, texels, page, threads)
+        # Of the squared change, noise alone explains what the texel had and has now, less what it kept of its own.
+        blur2 = (shown.light.T - irradiance) ** 2 - variance * (1.0 - 2.0 * shown.own_share[:, None]) - shown.variance.T
+        return cls(np.ascontiguousarray(shown.light.T), np.ascontiguousarray(_CHOSEN_BY_NOISE * shown.variance.T), blur2)

@@ -1,0 +1,79 @@
+"""What is said of smoothed direct light is what it is off."""
+
+import numpy as np
+import pytest
+from leaflight.core.direct_field import DirectField
+from leaflight.core.direct_shown import ShownDirect
+from trees import make_square_map
+
+SIDE = 64
+
+
+@pytest.fixture(scope="module")
+def texels():
+    return make_square_map(SIDE, 1)
+
+
+def show(texels, truth, sigma, seed=1):
+    """Noisy light, its variance, and what is shown of it."""
+    noisy = (truth + sigma * np.random.default_rng(seed).standard_normal(truth.shape)).astype(np.float32)
+    variance = np.broadcast_to(np.float32(sigma**2), truth.shape).copy()
+    return noisy, variance, ShownDirect.smoothed(noisy, variance, texels, np.zeros(len(truth), np.int32), 1)
+
+
+def real_and_told(shown, truth):
+    """How far the light is off, root mean square, and what is said of it."""
+    return np.sqrt(((shown.irradiance - truth) ** 2).mean()), np.sqrt(shown.variance.mean() + max(shown.blur2.mean(), 0))
+
+
+def even(x):
+    return np.ones_like(x)
+
+
+def ripple(x):
+    return 1 + 0.1 * np.sin(1.5 * x)
+
+
+def wave(x):
+    return 1 + 0.1 * np.sin(0.5 * x)
+
+
+def ramp(x):
+    return 1 + np.clip((x - 20) / 20, 0, 1)
+
+
+def edge(x):
+    return np.where(x < 30, 1.0, 3.0)
+
+
+@pytest.mark.parametrize("sigma", [0.02, 0.1, 0.3])
+@pytest.mark.parametrize("light", [even, ripple, wave, ramp, edge])
+def test_what_is_told_is_what_the_light_is_off(texels, light, sigma):
+    truth = light(texels.texel_xy[:, :1]) * np.ones(3)
+    real, told = real_and_told(show(texels, truth, sigma)[2], truth)
+    assert 0.65 * real < told < 1.5 * real
+    assert real < 0.6 * sigma
+
+
+def test_blur_is_seen_as_such(texels):
+    """Ripples as high as the noise are smoothed away with it."""
+    truth = ripple(texels.texel_xy[:, :1]) * np.ones(3)
+    shown = show(texels, truth, 0.1)[2]
+    assert shown.blur2.mean() > shown.variance.mean() > 0
+
+
+def test_light_with_little_noise_is_shown_as_it_is(texels):
+    noisy, variance, shown = show(texels, np.ones((SIDE * SIDE, 3)), 0.001)
+    assert shown.irradiance is noisy
+    assert shown.variance is variance
+    assert not shown.blur2.any()
+
+
+def test_a_field_smooths_once_for_each_shot(texels):
+    noisy, variance, shown = show(texels, np.ones((SIDE * SIDE, 3)), 0.1)
+    field = DirectField(noisy, variance, np.ones(len(noisy), np.int16))
+    page = np.zeros(len(noisy), np.int32)
+    first = field.show(texels, page, smooth=True)
+    assert field.show(texels, page, smooth=True) is first
+    np.testing.assert_array_equal(first.irradiance, shown.irradiance)
+    assert field.show(texels, page, smooth=False).irradiance is noisy
