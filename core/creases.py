@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from .charts import ChartAtlas
 from .layer_check import join_sets, pair_sides, signed_areas
-from .scene import FloatArray, SceneSnapshot
+from .scene import FloatArray, IntArray, SceneSnapshot
 
 _CREASE_COSINE = math.cos(math.radians(20.0))  # between shading normals at an edge's end; 2 and 8 degrees bake no better, with more leaves
-_LEAST_AREA = 4.0  # texels^2; smaller faces side by side are a rough surface, of which a texel shows the mean
+# texels; narrower faces side by side are a rough surface, of which a texel shows the mean: each for itself would catch too few photons
+_LEAST_WIDTH = 2.0
+_LOST_WIDTH = 4.0  # texels; narrower faces that lie mostly among such faces are of that surface too
 
 
 def cut_at_creases(snapshot: SceneSnapshot, atlas: ChartAtlas) -> ChartAtlas:
@@ -26,10 +28,10 @@ def cut_at_creases(snapshot: SceneSnapshot, atlas: ChartAtlas) -> ChartAtlas:
     ends, one, other = pair_sides(snapshot.tri_vertex[used], atlas.tri_chart[used])
     normal = snapshot.tri_normal[used].reshape(-1, 3)[ends]
     smooth = ~_differ(normal[:, one], normal[:, other]).any(axis=0)
+    facet = join_sets(len(used), one[smooth] // 3, other[smooth] // 3)
+    narrow = _find_narrow(atlas.tri_uv[used], facet, np.stack([one, other]), smooth)[facet]
     one, other = one // 3, other // 3
-    facet = join_sets(len(used), one[smooth], other[smooth])
-    small = np.bincount(facet, np.abs(signed_areas(atlas.tri_uv[used])), minlength=len(used))[facet] < _LEAST_AREA
-    joined = smooth | (small[one] & small[other])
+    joined = smooth | (narrow[one] & narrow[other])
     _, first, label = np.unique(join_sets(len(used), one[joined], other[joined]), return_index=True, return_inverse=True)
     tri_chart = np.full(len(atlas.tri_chart), -1, np.int32)
     tri_chart[used] = label.ravel()
@@ -42,3 +44,27 @@ def _differ(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
     told = one.any(axis=-1) & other.any(axis=-1)
     differ: NDArray[np.bool_] = told & ((one * other).sum(axis=-1) < _CREASE_COSINE)
     return differ
+
+
+def _find_narrow(tri_uv: FloatArray, facet: IntArray, pair: IntArray, smooth: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n,) bool: whether facets are of a rough surface.
+
+    tri_uv   (n, 3, 2) float64, texels
+    facet    (n,) int64, below n: of each triangle
+    pair     (2, m) int64, sides that lie together, side 3 i + k from corner k of triangle i on
+    smooth   (m,) bool: within a facet; elsewhere a crease
+    """
+    length = np.linalg.norm(np.roll(tri_uv, -1, axis=1) - tri_uv, axis=2).ravel()
+    outer = length.copy()
+    outer[pair[:, smooth]] = 0.0
+    around = np.bincount(np.repeat(facet, 3), outer, minlength=len(facet))
+    area = np.bincount(facet, np.abs(signed_areas(tri_uv)), minlength=len(facet))
+    # The side of a square, twice the width of a long strip.
+    width = np.divide(4.0 * area, around, out=np.zeros(len(facet)), where=around > 0.0)
+    narrow = width < _LEAST_WIDTH
+    crease = pair[:, ~smooth]
+    here, there = np.concatenate([crease, crease[::-1]], axis=1)
+    beside = narrow[facet[there // 3]]
+    among = np.bincount(facet[here[beside] // 3], length[here[beside]], minlength=len(facet))
+    lost: NDArray[np.bool_] = narrow | ((width < _LOST_WIDTH) & (among > 0.5 * around))
+    return lost

@@ -67,6 +67,24 @@ def test_a_small_face_does_not_join_large_ones():
     assert creases.cut_at_creases(scene, atlas).tri_chart.tolist() == [0, 0, 1, 1, 2, 2]
 
 
+@pytest.mark.parametrize(
+    ("widths", "charts"),
+    [
+        ((1, 1, 1), [0, 0, 0]),  # 8 texels^2 each, but light of the next one in every texel
+        ((2, 2, 2), [0, 1, 2]),
+        ((1, 2.5, 1), [0, 0, 0]),  # wide enough by itself, but lost among narrow ones
+        ((1, 2.5, 9), [0, 1, 2]),
+        ((1, 9, 1), [0, 1, 2]),
+    ],
+)
+def test_only_faces_that_are_wide_in_texels_are_cut_apart(widths, charts):
+    scene, atlas = strip(60, side=1.0, faces=len(widths))
+    edges = np.concatenate([[0.0], np.cumsum(widths)])
+    atlas.tri_uv[..., 0] = edges[atlas.tri_uv[..., 0].astype(int)]
+    atlas.tri_uv[..., 1] *= 8.0
+    assert creases.cut_at_creases(scene, atlas).tri_chart[::2].tolist() == charts
+
+
 def test_triangles_without_a_chart_stay_without():
     scene, atlas = strip(60)
     atlas.tri_chart[0] = -1
