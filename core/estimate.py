@@ -180,8 +180,8 @@ def missing_light(tree: Quadtree, totals: Totals, comparison: refine.Comparison,
     # Photons spread more evenly than chance would spread them: less noise than their number tells, which would hide a bias.
     common = comparison.differences[0].common / 3.0
     parents = nodes[tree.has_children[nodes] & (totals.shot[nodes] > 0)]
-    missing[parents] = common[comparison.row[parents]]
+    missing[parents] = common[comparison.rows[0][parents]]
     blind = nodes[~tree.has_children[nodes] & (tree.side[nodes] > 1) & (tree.parent[nodes] >= 0)]
     # No previews yet: what their parents could not hold tells.
-    missing[blind] = BIAS_DECAY * np.maximum(common[comparison.row[tree.parent[blind]]], 0.0)
+    missing[blind] = BIAS_DECAY * np.maximum(common[comparison.rows[0][tree.parent[blind]]], 0.0)
     return missing

@@ -11,7 +11,7 @@ least-squares fits; photons' powers vary, so their sum of squares stands for the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +19,14 @@ from numpy.typing import NDArray
 from . import basis
 from .quadtree import Quadtree
 from .scene import IntArray
-from .tally import Solution, Totals
+from .tally import Solution, Totals, parts_of
 
 SIGNIFICANT_SIGMAS = 3.0
 # What a function more must win over the noise that it adds. 1 would be C_p, which picks up noise where it can choose
 # among thousands of nodes; not much more is needed, for the grain of small leaves is smoothed afterwards.
 NOISE_PRICE = 1.2
 FANOUT = 4
+_PART = 1 << 13  # previews that are compared at once: what lies between fits a core's cache
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def indicator(tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArra
     ids, above, tiled = _descendants(tree, nodes, depth)
     previews, m = ids[-1], len(nodes)
     transforms = basis.parent_transforms(tree.degree)
-    raw = totals.raw.sum(1)[..., previews]  # (2 halves, 3, K, previews)
+    raw = totals.raw.take(previews, axis=-1).sum(1)  # (2 halves, 3, K, previews)
     fit = basis.apply_matrices(tree.project[previews], raw)
 
     lifted, ancestor = raw, np.arange(len(previews))
@@ -106,7 +107,7 @@ def indicator(tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArra
     mean_gap = np.abs((gap * tree.moment[previews, : gap.shape[1]].T).sum(1)).max(0) / tree.area[previews]
     greatest = np.zeros(m)
     np.maximum.at(greatest, ancestor, np.where(is_stable(totals.received[previews], stability), mean_gap, 0.0))
-    to_irradiance = (solution.scale / max(int(totals.photons.sum()), 1)).mean(0)[nodes]
+    to_irradiance = (solution.scale[:, nodes] / max(int(totals.photons.sum()), 1)).mean(0)
     return Difference(
         excess=np.where(usable, excess / area * to_irradiance**2, 0.0),
         common=np.where(usable, common / area * to_irradiance**2, 0.0),
@@ -141,22 +142,28 @@ def _descendants(tree: Quadtree, nodes: IntArray, depth: int) -> tuple[list[IntA
 
 @dataclass(frozen=True)
 class Comparison:
-    """The indicator of every node that has children, for all that asks about them in one round.
+    """The indicator of all nodes of which it is asked in one round, for each preview depth from 1.
 
-    row           (n,) int64: position of a node in the differences; -1 without children
-    differences   one for each preview depth, from 1
+    rows          (n,) int64 each: position of a node in the differences of its depth; -1 where it is not asked
+    differences   at depth 1 of all nodes that have shot photons, deeper of those that have shot enough to be split
     """
 
-    row: NDArray[np.int64]
+    rows: tuple[NDArray[np.int64], ...]
     differences: tuple[Difference, ...]
 
     @classmethod
     def of(cls, tree: Quadtree, totals: Totals, solution: Solution, rule: Rule) -> Comparison:
-        nodes = np.flatnonzero(tree.has_children)
-        row = np.full(len(tree), -1)
-        row[nodes] = np.arange(len(nodes))
-        depths = range(1, rule.preview_depth + 1)
-        return cls(row, tuple(indicator(tree, totals, solution, nodes, depth, rule.stability) for depth in depths))
+        rows, differences = [], []
+        stable = is_stable(totals.shot // FANOUT, rule.stability)
+        for depth in range(1, rule.preview_depth + 1):
+            nodes = np.flatnonzero(tree.has_children & (stable | (totals.shot > 0) if depth == 1 else stable))
+            groups = list(parts_of(nodes, _PART >> 2 * depth)) or [nodes]
+            parts = [indicator(tree, totals, solution, group, depth, rule.stability) for group in groups]
+            names = [field.name for field in fields(Difference)]
+            differences.append(Difference(*(np.concatenate([getattr(part, name) for part in parts]) for name in names)))
+            rows.append(np.full(len(tree), -1))
+            rows[-1][nodes] = np.arange(len(nodes))
+        return cls(tuple(rows), tuple(differences))
 
 
 def mark(
@@ -178,8 +185,8 @@ def mark(
     area = np.where(tree.area[nodes] > 0.0, tree.area[nodes], 1.0)
     light = solution.flux[:, nodes] / area + background[:, nodes]
     marked = forced[nodes].copy()
-    rows = comparison.row[nodes]
-    for difference in comparison.differences:
+    for all_rows, difference in zip(comparison.rows, comparison.differences, strict=True):
+        rows = all_rows[nodes]
         if rule.oracle == "paper":
             marked |= difference.greatest[rows] > rule.threshold * light.max(axis=0)
         else:
@@ -201,7 +208,7 @@ def choose_leaves(tree: Quadtree, totals: Totals, comparison: Comparison, stabil
     difference = comparison.differences[0]
     for level in reversed(tree.levels[:-1]):
         nodes = level[tree.has_children[level] & is_stable(totals.shot[level] // FANOUT, stability)]
-        rows, children = comparison.row[nodes], tree.children[nodes]
+        rows, children = comparison.rows[0][nodes], tree.children[nodes]
         below = np.where(children >= 0, gain[children], 0.0).sum(1)
         worth = (difference.excess[rows] - NOISE_PRICE * difference.noise[rows]) * tree.area[nodes] + below
         gain[nodes] = np.maximum(worth, 0.0)

@@ -10,6 +10,7 @@ Source: [Tobler97] 3.1 (counters), eq. 9 (coefficients), eq. 10 (nodes that were
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,7 @@ from .scene import FloatArray, IntArray
 COMPONENTS = 2
 HALVES = 2
 CHANNELS = 3
+_PART = 1 << 11  # nodes whose sums are worked on at once: what lies between fits a core's cache
 
 
 @dataclass(frozen=True)
@@ -124,35 +126,41 @@ class Totals:
 
     received   (n,) int64: p_received, photons that reached the node since it exists
     shot       (n,) int64: p_shot, those passed on to its children
-    shot_raw   as raw: sums over the photons shot only, in the node's own coordinates
-    shot_weight2   as weight2, over the photons shot only
+    shot_flux  (2, 2, 3, n) float64, W: half, component, channel: powers of the photons shot
     """
 
     photons: NDArray[np.int64]
     received: NDArray[np.int64]
     shot: NDArray[np.int64]
     weight2: NDArray[np.float64]
-    shot_weight2: NDArray[np.float64]
     raw: NDArray[np.float64]
-    shot_raw: NDArray[np.float64]
+    shot_flux: NDArray[np.float64]
+
+
+def parts_of(nodes: NDArray[np.int64], size: int = _PART) -> Iterator[NDArray[np.int64]]:
+    """The nodes, so many at a time."""
+    return (nodes[start : start + size] for start in range(0, len(nodes), size))
 
 
 def accumulate(tree: Quadtree, tally: Tally) -> Totals:
     """Sums of every node from those of the deepest, exactly, level by level from the bottom."""
     transforms = basis.parent_transforms(tree.degree)
     received, weight2, raw = tally.count.copy(), tally.weight2.copy(), tally.raw.copy()
-    shot, shot_weight2, shot_raw = np.zeros_like(received), np.zeros_like(weight2), np.zeros_like(raw)
+    shot, shot_flux = np.zeros_like(received), np.zeros((*raw.shape[:3], len(tree)))
     for level in reversed(tree.levels[:-1]):
-        for quadrant in range(4):
-            child = tree.children[level, quadrant]
-            parent, child = level[child >= 0], child[child >= 0]
-            shot[parent] += received[child]
-            shot_weight2[:, parent] += weight2[:, child]
-            shot_raw[..., parent] += transforms[quadrant] @ raw[..., child]
-        received[level] += shot[level]
-        weight2[:, level] += shot_weight2[:, level]
-        raw[..., level] += shot_raw[..., level]
-    return Totals(tally.photons.copy(), received, shot, weight2, shot_weight2, raw, shot_raw)
+        for nodes in parts_of(level[tree.has_children[level]]):
+            shot_raw = np.zeros((*raw.shape[:-1], len(nodes)))
+            for quadrant in range(4):
+                child = tree.children[nodes, quadrant]
+                there = np.flatnonzero(child >= 0)
+                parent, child = nodes[there], child[there]
+                shot[parent] += received[child]
+                weight2[:, parent] += weight2[:, child]
+                shot_raw[..., there] += transforms[quadrant] @ raw.take(child, axis=-1)
+            received[nodes] += shot[nodes]
+            raw[..., nodes] += shot_raw
+            shot_flux[..., nodes] = shot_raw[..., 0, :]
+    return Totals(tally.photons.copy(), received, shot, weight2, raw, shot_flux)
 
 
 @dataclass(frozen=True)
@@ -179,40 +187,52 @@ class Solution:
 def solve_tallies(tree: Quadtree, totals: Totals) -> Solution:
     """Irradiance of every node, late nodes scaled up to all the light their ancestors received."""
     photons = max(float(totals.photons.sum()), 1.0)  # its square is beyond any integer type from 3e9 on
-    raw, shot_raw = totals.raw.sum(0), totals.shot_raw.sum(0)
-    coefficient = _scale_coefficients(tree, raw, shot_raw)
-    moment = tree.moment[:, : raw.shape[2]].T
-    flux = (coefficient * moment).sum((0, 2))
-    seen = raw[:, :, 0].sum(0)
-    scale = np.where(seen > 0.0, np.abs(flux) / np.where(seen > 0.0, seen, 1.0), 0.0)
-    area = np.maximum(tree.area, np.finfo(float).tiny)
-    variance = totals.weight2 * scale**2 / photons**2 / area**2
-    emitted = np.maximum(totals.photons, 1)[:, None, None, None]
-    half = _scale_coefficients(tree, totals.raw.sum(1), totals.shot_raw.sum(1)) / emitted
+    fitted = _fit_functions(tree, totals)
+    coefficient, half = fitted[:COMPONENTS], fitted[COMPONENTS:]
+    flux, scale, variance = np.empty((3, CHANNELS, len(tree)))
+    for nodes in parts_of(np.arange(len(tree))):
+        here = slice(nodes[0], nodes[-1] + 1)
+        flux[:, here] = (coefficient[..., here] * tree.moment[here, : coefficient.shape[2]].T).sum((0, 2))
+        seen = totals.raw[:, :, :, 0, here].sum((0, 1))
+        scale[:, here] = np.where(seen > 0.0, np.abs(flux[:, here]) / np.where(seen > 0.0, seen, 1.0), 0.0)
+        area = np.maximum(tree.area[here], np.finfo(float).tiny)
+        variance[:, here] = totals.weight2[:, here] * scale[:, here] ** 2 / photons**2 / area**2
+    coefficient /= photons
+    half /= np.maximum(totals.photons, 1)[:, None, None, None]
+    flux /= photons
     halves = [
-        _scale_flux(tree, totals.raw[half, :, :, 0].sum(0), totals.shot_raw[half, :, :, 0].sum(0)) / max(int(totals.photons[half]), 1)
-        for half in range(HALVES)
+        _scale_flux(tree, totals.raw[one, :, :, 0].sum(0), totals.shot_flux[one].sum(0)) / max(int(totals.photons[one]), 1)
+        for one in range(HALVES)
     ]
-    return Solution(coefficient / photons, half, np.array(halves), flux / photons, variance, scale)
+    return Solution(coefficient, half, np.array(halves), flux, variance, scale)
 
 
-def _scale_coefficients(tree: Quadtree, raw: NDArray[np.float64], shot_raw: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Polynomial coefficients (2, 3, K, n) per photon, of two components or of two halves."""
-    transforms = basis.parent_transforms(tree.degree)
-    fitted = basis.apply_matrices(tree.project, raw)
-    received, shot = raw[:, :, 0], shot_raw[:, :, 0]
-    scale = np.ones(received.shape)
-    for level in tree.levels[1:]:
-        parent = tree.parent[level]
-        seen = shot[:, :, parent] > 0.0
-        ratio = received[:, :, parent] / np.where(seen, shot[:, :, parent], 1.0)
-        scale[:, :, level] = np.where(seen, scale[:, :, parent] * ratio, 0.0)
-        fitted[..., level] *= scale[:, :, None, level]
-        if not seen.all():
-            # A component that reached no child since there are children: the parent's own function holds on.
-            inherited = basis.apply_matrices(transforms[tree.quadrant[level]].transpose(0, 2, 1), fitted[..., parent])
-            fitted[..., level] = np.where(seen[:, :, None], fitted[..., level], inherited)
+def _fit_functions(tree: Quadtree, totals: Totals) -> NDArray[np.float64]:
+    """Polynomial coefficients (4, 3, K, n) per photon, of the two components and of the two halves."""
+    transforms = basis.parent_transforms(tree.degree).transpose(0, 2, 1)
+    fitted = np.empty((COMPONENTS + HALVES, *totals.raw.shape[2:]))
+    scale = np.ones((*fitted.shape[:2], len(tree)))
+    for level in tree.levels:
+        for nodes in parts_of(level):
+            raw, parent = _join_views(totals.raw.take(nodes, axis=-1)), tree.parent[nodes]
+            own = basis.apply_matrices(tree.project[nodes], raw)
+            if tree.depth[nodes[0]]:
+                shot = _join_views(totals.shot_flux.take(parent, axis=-1))
+                received = _join_views(totals.raw[:, :, :, 0, parent])
+                seen = shot > 0.0
+                scale[..., nodes] = np.where(seen, scale.take(parent, axis=-1) * (received / np.where(seen, shot, 1.0)), 0.0)
+                own *= scale[:, :, None, nodes]
+                if not seen.all():
+                    # A component that reached no child since there are children: the parent's own function holds on.
+                    inherited = basis.apply_matrices(transforms[tree.quadrant[nodes]], fitted.take(parent, axis=-1))
+                    own = np.where(seen[:, :, None], own, inherited)
+            fitted[..., nodes] = own
     return fitted
+
+
+def _join_views(sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(4, ...): of sums (2 halves, 2 components, ...) those of each component and those of each half."""
+    return np.concatenate([sums.sum(0), sums.sum(1)])
 
 
 def _scale_flux(tree: Quadtree, received: NDArray[np.float64], shot: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -175,3 +175,22 @@ def test_pruning_takes_back_a_split_that_only_noise_asked_for():
     bake.grow()
     bake.throw(*np.random.default_rng(1).random((2, 5000)))
     assert shown(bake).tolist() == [0]
+
+
+def test_a_comparison_tells_of_all_nodes_that_anybody_asks_for(monkeypatch):
+    """Nodes that shot no photon are left out, and deeper those that shot too few to be split; in parts the rest is the same."""
+    monkeypatch.setattr(refine, "_PART", 1 << 5)
+    bake = refined(20_000, half_lit, side=64, degree=1)
+    totals, solution = bake.totals(), bake.solution()
+    comparison = refine.Comparison.of(bake.tree, totals, solution, rule())
+    nodes = np.flatnonzero(bake.tree.has_children)
+    for depth, row, some in zip((1, 2), comparison.rows, comparison.differences, strict=True):
+        asked = totals.shot[nodes] >= (1 if depth == 1 else 16 * refine.FANOUT)
+        assert 0 < asked.sum() < len(nodes)
+        assert ((row[nodes] >= 0) == asked).all()
+        assert (row >= 0).sum() == asked.sum()
+        whole = refine.indicator(bake.tree, totals, solution, nodes, depth, 16)
+        for field in dataclasses.fields(refine.Difference):
+            found, told = getattr(some, field.name)[row[nodes[asked]]], getattr(whole, field.name)
+            np.testing.assert_array_equal(found, told[asked], err_msg=field.name)
+            assert field.name == "tiled" or depth == 2 or not told[~asked].any()

@@ -144,3 +144,24 @@ def test_variance_is_that_of_repeated_bakes():
         values.append(solution.flux[0, 1:] / bake.tree.area[1:])
         stated.append(solution.variance[0, 1:])
     assert np.var(values, axis=0).mean() == pytest.approx(np.mean(stated), rel=0.15)
+
+
+def test_sums_and_light_are_the_same_in_parts_as_at_once(monkeypatch):
+    rng = np.random.default_rng(17)
+    bake = SquareBake(side=32, degree=1, width=0.7, preview_depth=2)
+    bake.throw(*rng.random((2, 300)) * [[0.7], [1.0]])
+    bake.tree = quadtree.split(bake.tree, np.array([0]))
+    bake.grow()
+    bake.throw(*rng.random((2, 300)) * [[0.3], [1.0]], half=1, is_first=False)
+    monkeypatch.setattr(tally, "parts_of", lambda nodes: iter([nodes]))
+    whole = bake.totals(), bake.solution()
+    monkeypatch.setattr(tally, "parts_of", lambda nodes: (nodes[start : start + 7] for start in range(0, len(nodes), 7)))
+    assert len(bake.tree) > 7
+    for one, other in zip(whole, (bake.totals(), bake.solution()), strict=True):
+        for name, values in vars(one).items():
+            np.testing.assert_array_equal(values, getattr(other, name), err_msg=name)
+
+
+def test_parts_hold_every_node_once():
+    assert [part.tolist() for part in tally.parts_of(np.arange(9), 4)] == [[0, 1, 2, 3], [4, 5, 6, 7], [8]]
+    assert list(tally.parts_of(np.arange(0))) == []
