@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -14,11 +15,13 @@ from .outlines import Outlines, measure_outlines, straighten_charts
 from .scene import SceneSnapshot
 from .sharing import Block, find_blocks, follow_charts
 from .unfolding import UnfolderDied
-from .unwrap import unwrap_triangles
+from .unwrap import Unwrapping
 
 Float64: TypeAlias = NDArray[np.float64]
 Int64: TypeAlias = NDArray[np.int64]
 Bool: TypeAlias = NDArray[np.bool_]
+
+_MOST_AHEAD = 1 << 18  # triangles that xatlas is given before the charts of those it had are mended, which bounds memory
 
 
 @dataclass(frozen=True)
@@ -51,16 +54,19 @@ def find_charts(snapshot: SceneSnapshot, share_meshes: bool) -> FoundCharts:
     search = _Search(snapshot, find_blocks(snapshot) if share_meshes else [])
     count = np.zeros(len(snapshot.objects) + 1, np.int64)
     layered = []
-    for i, one in enumerate(snapshot.objects):
-        if not one.receives:
-            continue
-        count[i + 1] = search.read_layer(i) if one.has_layer else search.unwrap(i)
-        if not count[i + 1]:
-            search.findings.append(
-                (i, "no face can be baked, so it gets no lightmap; give it faces with an area, or leave it out of the bake")
-            )
-        elif one.has_layer:
-            layered.append(i)
+    try:
+        for i, one in enumerate(snapshot.objects):
+            if not one.receives:
+                continue
+            count[i + 1] = search.read_layer(i) if one.has_layer else search.unwrap(i)
+            if not count[i + 1]:
+                search.findings.append(
+                    (i, "no face can be baked, so it gets no lightmap; give it faces with an area, or leave it out of the bake")
+                )
+            elif one.has_layer:
+                layered.append(i)
+    finally:
+        search.cancel()
     first_chart = np.cumsum(count)
     chart = np.where(search.chart >= 0, search.chart + first_chart[snapshot.tri_object], -1)
     packed = (chart >= 0) & ~np.isin(snapshot.tri_object, layered)
@@ -80,19 +86,27 @@ class _Search:
         self._start = np.searchsorted(snapshot.tri_object, np.arange(len(snapshot.objects) + 1))
         self._worn = {i: (block, float(size)) for block in blocks for i, size in zip(block.members, block.size, strict=True)}
         self._unwrapped: dict[int, tuple[Int64, Float64, Bool]] = {}  # by the object whose charts they are
+        owners = [self._owner(i) for i, one in enumerate(snapshot.objects) if one.receives and not one.has_layer]
+        self._to_begin = deque(dict.fromkeys(owners))
+        self._begun: dict[int, Unwrapping] = {}  # in the order of their ends
+        self._ahead = 0  # triangles of those
 
     def unwrap(self, i: int) -> int:
         """Charts of an object, upright; gives their number."""
+        owner = self._owner(i)
         if i not in self._worn:
             return self._keep(i, *self._unfold(i))
-        block, size = self._worn[i]
-        leader = block.members[0]
-        if leader not in self._unwrapped:
-            self._unwrapped[leader] = self._unfold(leader)
-        chart, uv, shared = self._unwrapped[leader]
+        if owner not in self._unwrapped:
+            self._unwrapped[owner] = self._unfold(owner)
+        chart, uv, shared = self._unwrapped[owner]
         corner = self.snapshot.tri_corner
-        uv, shared = follow_charts(corner[self._rows(i)], corner[self._rows(leader)], uv, shared)
-        return self._keep(i, chart, uv * size, shared)
+        uv, shared = follow_charts(corner[self._rows(i)], corner[self._rows(owner)], uv, shared)
+        return self._keep(i, chart, uv * self._worn[i][1], shared)
+
+    def cancel(self) -> None:
+        """No object's charts are asked for any more."""
+        for unwrapping in self._begun.values():
+            unwrapping.cancel()
 
     def read_layer(self, i: int) -> int:
         """Charts of an object's existing layer; gives their number."""
@@ -107,20 +121,35 @@ class _Search:
     def _rows(self, i: int) -> slice:
         return slice(int(self._start[i]), int(self._start[i + 1]))
 
+    def _owner(self, i: int) -> int:
+        """The object whose charts an object wears."""
+        return self._worn[i][0].members[0] if i in self._worn else i
+
     def _unfold(self, i: int) -> tuple[Int64, Float64, Bool]:
-        scene, rows = self.snapshot, self._rows(i)
-        position = scene.vertex_position[scene.tri_vertex[rows]]
+        self._begin_more()
+        unwrapping, rows = self._begun.pop(i), self._rows(i)
         try:
-            chart, uv, shared = unwrap_triangles(position, scene.tri_vertex[rows], scene.tri_polygon[rows], scene.tri_corner[rows])
+            chart, uv, shared = unwrapping.finish()
         except UnfolderDied as code:
             raise ValueError(
-                f"{scene.objects[i].name}: the unwrapper xatlas ended unexpectedly on it (code {code}); give it a UV layer of its own and "
-                "choose that, make its mesh simpler, or leave it out of the bake."
+                f"{self.snapshot.objects[i].name}: the unwrapper xatlas ended unexpectedly on it (code {code}); give it a UV layer of "
+                "its own and choose that, make its mesh simpler, or leave it out of the bake."
             ) from code
-        uv *= scene.objects[i].density_factor
+        self._ahead -= rows.stop - rows.start
+        uv *= self.snapshot.objects[i].density_factor
         used = chart >= 0
         uv[used] = straighten_charts(uv[used], chart[used], shared[used], int(chart.max(initial=-1)) + 1)
         return chart, uv, shared
+
+    def _begin_more(self) -> None:
+        """xatlas unwraps what comes next while charts that it has made are mended and turned."""
+        scene = self.snapshot
+        while self._to_begin and self._ahead < _MOST_AHEAD:
+            i = self._to_begin.popleft()
+            rows = self._rows(i)
+            position = scene.vertex_position[scene.tri_vertex[rows]]
+            self._begun[i] = Unwrapping(position, scene.tri_vertex[rows], scene.tri_polygon[rows], scene.tri_corner[rows])
+            self._ahead += rows.stop - rows.start
 
     def _keep(self, i: int, chart: Int64, uv: Float64, shared: Bool) -> int:
         rows = self._rows(i)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from .geometry import orthonormal_basis, triangle_normals_areas
 from .layer_check import find_overlaps, join_sets, label_charts, pair_corners, signed_areas
 from .scene import IntArray
-from .unfolding import Mesh, unfold_meshes
+from .unfolding import unfold_meshes
+from .xatlas_process import Mesh
 
 Float64: TypeAlias = NDArray[np.float64]
 Int64: TypeAlias = NDArray[np.int64]
@@ -21,40 +22,55 @@ _FLATNESS = 1e-5  # of a chart's extent: nearer to its plane it is projected, in
 _LEAST_STRETCH = 1e-3  # a triangle whose UV area is less of its area in space is unfolded by itself
 
 
-def unwrap_triangles(
-    tri_position: Float64, tri_vertex: IntArray, tri_polygon: IntArray, tri_corner: IntArray
-) -> tuple[Int64, Float64, Bool]:
-    """Charts without overlap, each with the area in UV that it has in space; corners that are one have one UV.
+class Unwrapping:
+    """Charts of one object's triangles: xatlas begins with them when it is made, and `finish` takes them from it."""
 
-    tri_position   (n, 3, 3) float64, m
-    tri_vertex     (n, 3) int
-    tri_polygon    (n,) int
-    tri_corner     (n, 3) int
-    out            (n,) int64 chart, -1 without area; (n, 3, 2) float64 UV, m; (n, 3) bool whether side k is shared within its chart
-    Raises ValueError when xatlas cannot be loaded, UnfolderDied when it crashes.
-    """
-    normal, area = triangle_normals_areas(tri_position)
-    solid = np.flatnonzero(area > 0)
-    group, uv = np.full(len(area), -1, np.int64), np.zeros((len(area), 3, 2))
-    if len(solid):
-        position = tri_position[solid]
-        position = position - 0.5 * (position.min(axis=(0, 1)) + position.max(axis=(0, 1)))
-        group[solid], uv[solid] = _unwrap_solid(
-            position, normal[solid], area[solid], tri_vertex[solid], tri_polygon[solid], tri_corner[solid]
-        )
-    extent = float(np.abs(uv).max(initial=0.0))
-    chart, shared = label_charts(tri_vertex, tri_corner, uv, group, same_uv=1e-12 * extent)
-    used = chart >= 0
-    # What was taken out of a chart was not stretched as the rest is.
-    sums = [np.bincount(chart[used], values[used]) for values in (area, np.abs(signed_areas(uv)))]
-    uv[used] *= np.sqrt(sums[0] / sums[1])[chart[used], None, None]
-    return chart, uv, shared
+    def __init__(self, tri_position: Float64, tri_vertex: IntArray, tri_polygon: IntArray, tri_corner: IntArray) -> None:
+        """tri_position   (n, 3, 3) float64, m
+        tri_vertex     (n, 3) int
+        tri_polygon    (n,) int
+        tri_corner     (n, 3) int
+        """
+        self._vertex, self._polygon, self._corner = tri_vertex, tri_polygon, tri_corner
+        self._normal, self._area = triangle_normals_areas(tri_position)
+        self._solid = np.flatnonzero(self._area > 0)
+        self._position = tri_position[self._solid]
+        self._asked: _Asked | None = None
+        if len(self._solid):
+            self._position -= 0.5 * (self._position.min(axis=(0, 1)) + self._position.max(axis=(0, 1)))
+            self._asked = _Asked(self._position, tri_vertex[self._solid], self._area[self._solid])
+
+    def cancel(self) -> None:
+        """Nobody will ask for the charts any more."""
+        if self._asked:
+            self._asked.answer.cancel()
+
+    def finish(self) -> tuple[Int64, Float64, Bool]:
+        """Charts without overlap, each with the area in UV that it has in space; corners that are one have one UV.
+
+        (n,) int64 chart, -1 without area; (n, 3, 2) float64 UV, m; (n, 3) bool whether side k is shared within its chart
+        Raises ValueError when xatlas cannot be loaded, UnfolderDied when it crashes.
+        """
+        area, solid = self._area, self._solid
+        group, uv = np.full(len(area), -1, np.int64), np.zeros((len(area), 3, 2))
+        if self._asked:
+            found = self._asked.read()
+            group[solid], uv[solid] = _mend_charts(
+                *found, self._position, self._normal[solid], area[solid], self._polygon[solid], self._corner[solid]
+            )
+        extent = float(np.abs(uv).max(initial=0.0))
+        chart, shared = label_charts(self._vertex, self._corner, uv, group, same_uv=1e-12 * extent)
+        used = chart >= 0
+        # What was taken out of a chart was not stretched as the rest is.
+        sums = [np.bincount(chart[used], values[used]) for values in (area, np.abs(signed_areas(uv)))]
+        uv[used] *= np.sqrt(sums[0] / sums[1])[chart[used], None, None]
+        return chart, uv, shared
 
 
-def _unwrap_solid(
-    position: Float64, normal: Float64, area: Float64, tri_vertex: IntArray, tri_polygon: IntArray, tri_corner: IntArray
+def _mend_charts(
+    group: Int64, uv: Float64, position: Float64, normal: Float64, area: Float64, tri_polygon: IntArray, tri_corner: IntArray
 ) -> tuple[Int64, Float64]:
-    group, uv = _unfold_by_xatlas(position, tri_vertex, area)
+    """Charts of xatlas, -1 where it left a triangle out, as they are to be, and a chart for what has none."""
     placed = group >= 0
     uv[placed] = _restore_proportions(position[placed], uv[placed], area[placed], group[placed])
     uv[placed] = _project_flat_charts(position[placed], normal[placed], area[placed], uv[placed], group[placed])
@@ -98,29 +114,36 @@ def _find_overlaps_in_charts(group: Int64, uv: Float64) -> Bool:
     return overlapping
 
 
-def _unfold_by_xatlas(position: Float64, tri_vertex: IntArray, area: Float64) -> tuple[Int64, Float64]:
-    """Chart of each triangle, -1 where xatlas leaves it out, and UVs of any scale and proportion."""
-    _, first, vertex = np.unique(tri_vertex, return_index=True, return_inverse=True)
-    vertex = vertex.reshape(-1, 3)
-    label = join_sets(len(first), vertex.ravel(), np.roll(vertex, -1, axis=1).ravel())[vertex[:, 0]]
-    order = np.argsort(label, kind="stable")
-    # Loose parts go in apart, each centred and scaled: a teaspoon in a hall would drown in float32.
-    parts = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
-    meshes: list[Mesh] = []
-    scaled_area = 0.0
-    for part in parts:
-        points = position[part]
-        points = points - 0.5 * (points.min(axis=(0, 1)) + points.max(axis=(0, 1)))
-        # xatlas leaves out triangles by an absolute area, so the usual one has area 1.
-        scale = min(float(np.median(area[part])) ** -0.5, _LARGEST_COORDINATE / float(np.abs(points).max()))
-        scaled_area += float(area[part].sum()) * scale**2
-        _, first, index = np.unique(vertex[part], return_index=True, return_inverse=True)
-        points = points.reshape(-1, 3)[first] * scale
-        meshes.append((np.ascontiguousarray(points, np.float32), np.ascontiguousarray(index.reshape(-1, 3), np.uint32)))
-    group, uv = np.full(len(area), -1, np.int64), np.zeros((len(area), 3, 2))
-    for part, unfolded in zip(parts, unfold_meshes(meshes, scaled_area), strict=True):
-        group[part], uv[part] = unfolded
-    return group, uv
+class _Asked:
+    """A question to xatlas, and how its answer is read."""
+
+    def __init__(self, position: Float64, tri_vertex: IntArray, area: Float64) -> None:
+        _, first, vertex = np.unique(tri_vertex, return_index=True, return_inverse=True)
+        vertex = vertex.reshape(-1, 3)
+        label = join_sets(len(first), vertex.ravel(), np.roll(vertex, -1, axis=1).ravel())[vertex[:, 0]]
+        order = np.argsort(label, kind="stable")
+        # Loose parts go in apart, each centred and scaled: a teaspoon in a hall would drown in float32.
+        self._parts = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+        meshes: list[Mesh] = []
+        scaled_area = 0.0
+        for part in self._parts:
+            points = position[part]
+            points = points - 0.5 * (points.min(axis=(0, 1)) + points.max(axis=(0, 1)))
+            # xatlas leaves out triangles by an absolute area, so the usual one has area 1.
+            scale = min(float(np.median(area[part])) ** -0.5, _LARGEST_COORDINATE / float(np.abs(points).max()))
+            scaled_area += float(area[part].sum()) * scale**2
+            _, first, index = np.unique(vertex[part], return_index=True, return_inverse=True)
+            points = points.reshape(-1, 3)[first] * scale
+            meshes.append((np.ascontiguousarray(points, np.float32), np.ascontiguousarray(index.reshape(-1, 3), np.uint32)))
+        self.answer = unfold_meshes(meshes, scaled_area)
+        self._count = len(area)
+
+    def read(self) -> tuple[Int64, Float64]:
+        """Chart of each triangle, -1 where xatlas leaves it out, and UVs of any scale and proportion."""
+        group, uv = np.full(self._count, -1, np.int64), np.zeros((self._count, 3, 2))
+        for part, unfolded in zip(self._parts, self.answer.result(), strict=True):
+            group[part], uv[part] = unfolded
+        return group, uv
 
 
 def _restore_proportions(position: Float64, uv: Float64, area: Float64, group: Int64) -> Float64:

@@ -17,7 +17,7 @@ CORE_MAX_LINES = 300
 ADDON_MAX_LINES = 250
 
 # Each of these libraries has one home in core.
-LIBRARY_HOME = {"embreex": "core.rays", "xatlas": "core.unfolding", "OpenImageIO": "core.image_file", "distributed": "core.cluster"}
+LIBRARY_HOME = {"embreex": "core.rays", "xatlas": "core.xatlas_process", "OpenImageIO": "core.image_file", "distributed": "core.cluster"}
 TRACE = {
     "core.photons",
     "core.births",
@@ -58,7 +58,7 @@ PANELS = {"addon.panels", "addon.panels_object", "addon.panel_parts"}
 NAMES_THE_PACKAGE = {"addon.boot"}
 
 # Core modules whose tests are not in tests/unit/test_<module>.py.
-TEST_HOME: dict[str, str] = {"core.texel_map": "tests/unit/test_texels.py"}
+TEST_HOME: dict[str, str] = {"core.texel_map": "tests/unit/test_texels.py", "core.xatlas_process": "tests/unit/test_unfolding.py"}
 
 # Modules by their name inside the package ("core.rays", "addon", "__main__"), with their source text.
 Sources = dict[str, str]

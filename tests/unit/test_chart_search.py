@@ -27,8 +27,8 @@ def test_charts_of_an_object_follow_each_other_upright_and_at_zero():
 def test_shared_charts_are_found_once_and_worn_in_each_ones_metres(monkeypatch):
     scene = make_scene([shared_mesh("A", CLOTH), shared_mesh("B", CLOTH, (-2.0, 2.0, 2.0)), shared_mesh("C", CLOTH, (1.0, 1.2, 1.0))])
     calls = []
-    real = chart_search.unwrap_triangles
-    monkeypatch.setattr(chart_search, "unwrap_triangles", lambda *arrays: calls.append(1) or real(*arrays))
+    real = chart_search.Unwrapping
+    monkeypatch.setattr(chart_search, "Unwrapping", lambda *arrays: calls.append(1) or real(*arrays))
     found = find_charts(scene, True)
     assert len(calls) == 1
     assert len(found.blocks) == 1
@@ -43,11 +43,52 @@ def test_shared_charts_are_found_once_and_worn_in_each_ones_metres(monkeypatch):
     assert len(calls) == 4
 
 
-def test_crash_of_xatlas_names_the_object(monkeypatch):
-    def crash(*arrays):
-        raise UnfolderDied(-11)
+class FakeUnwrapping:
+    """Writes down what is done with it; the one of `fails` triangles crashes."""
 
-    monkeypatch.setattr(chart_search, "unwrap_triangles", crash)
-    scene = make_scene([box_mesh()])
-    with pytest.raises(ValueError, match=rf"^{scene.objects[0].name}: the unwrapper xatlas ended unexpectedly on it \(code -11\); give"):
-        chart_search.find_charts(scene, share_meshes=True)
+    def __init__(self, diary, fails, tri_position, *_):
+        self.diary, self.fails, self.count = diary, fails, len(tri_position)
+        diary.append(("begin", self.count))
+
+    def finish(self):
+        if self.count == self.fails:
+            raise UnfolderDied(-11)
+        self.diary.append(("finish", self.count))
+        return np.full(self.count, -1), np.zeros((self.count, 3, 2)), np.zeros((self.count, 3), bool)
+
+    def cancel(self):
+        self.diary.append(("cancel", self.count))
+
+
+GRIDS = [grid_mesh(f"Grid {cells}", cells=cells) for cells in (1, 2, 3, 4)]  # of 2, 8, 18 and 32 triangles
+
+
+@pytest.fixture
+def diary(monkeypatch):
+    def watch(fails=-1):
+        written = []
+        monkeypatch.setattr(chart_search, "Unwrapping", lambda *arrays: FakeUnwrapping(written, fails, *arrays))
+        return written
+
+    return watch
+
+
+def test_xatlas_has_more_to_do_while_charts_are_mended(diary):
+    written = diary()
+    find_charts(make_scene(GRIDS), False)
+    assert written == [("begin", 2), ("begin", 8), ("begin", 18), ("begin", 32), *(("finish", count) for count in (2, 8, 18, 32))]
+
+
+def test_so_many_triangles_and_no_more_are_unwrapped_ahead(diary, monkeypatch):
+    monkeypatch.setattr(chart_search, "_MOST_AHEAD", 20)
+    written = diary()
+    find_charts(make_scene(GRIDS), False)
+    expected = [("begin", 2), ("begin", 8), ("begin", 18), ("finish", 2), ("finish", 8), ("begin", 32), ("finish", 18), ("finish", 32)]
+    assert written == expected
+
+
+def test_crash_of_xatlas_names_the_object_and_the_others_are_not_unwrapped(diary):
+    written = diary(fails=8)
+    with pytest.raises(ValueError, match=r"^Grid 2: the unwrapper xatlas ended unexpectedly on it \(code -11\); give"):
+        find_charts(make_scene(GRIDS), True)
+    assert written[-2:] == [("cancel", 18), ("cancel", 32)]

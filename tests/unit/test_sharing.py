@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from leaflight.core.sharing import find_blocks, follow_charts, group_alike
-from leaflight.core.unwrap import unwrap_triangles
+from leaflight.core.unwrap import Unwrapping
 from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, shared_mesh
 
 BOX = box_mesh("Box", (1.0, 0.7, 0.4))
@@ -72,7 +72,7 @@ def test_a_follower_has_the_leaders_uv_at_every_corner(scale):
     cloth = grid_mesh("Cloth", cells=5, noise=0.8)
     scene = make_scene([shared_mesh("A", cloth), shared_mesh("B", cloth, scale)])
     rows = np.split(np.arange(scene.n_tri), 2)
-    _, uv, shared = unwrap_triangles(*(a[rows[0]] for a in (scene.tri_position, scene.tri_vertex, scene.tri_polygon, scene.tri_corner)))
+    _, uv, shared = Unwrapping(*(a[rows[0]] for a in (scene.tri_position, scene.tri_vertex, scene.tri_polygon, scene.tri_corner))).finish()
     own, leaders = scene.tri_corner[rows[1]], scene.tri_corner[rows[0]]
     found, sides = follow_charts(own, leaders, uv, shared)
     of_corner = dict(zip(leaders.ravel().tolist(), uv.reshape(-1, 2).tolist(), strict=True))

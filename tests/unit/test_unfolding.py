@@ -2,6 +2,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -31,7 +32,7 @@ def is_alive(pid):
 
 
 def test_meshes_of_one_question_lie_side_by_side():
-    (chart, uv), (other_chart, other_uv) = unfold_meshes([SQUARE, SQUARE], 2.0)
+    (chart, uv), (other_chart, other_uv) = unfold_meshes([SQUARE, SQUARE], 2.0).result()
     assert chart.tolist() == [0, 0]
     assert set(other_chart.tolist()) == {1}
     np.testing.assert_allclose(np.abs(signed_areas(uv)), np.abs(signed_areas(other_uv)), rtol=1e-5)
@@ -39,7 +40,7 @@ def test_meshes_of_one_question_lie_side_by_side():
 
 
 def test_what_has_no_area_is_left_out():
-    ((chart, uv),) = unfold_meshes([NOTHING], 1.0)
+    ((chart, uv),) = unfold_meshes([NOTHING], 1.0).result()
     assert chart.tolist() == [-1]
     assert not uv.any()
 
@@ -66,13 +67,54 @@ def test_child_that_was_killed_between_two_questions_is_replaced(unfolder):
     np.testing.assert_array_equal(unfolder.unfold([SQUARE], 1.0)[0][1], first[0][1])
 
 
+def plant_xatlas(monkeypatch, folder, deaths):
+    """An xatlas whose process dies when it is loaded, so many times; `deaths` files are left of them."""
+    (folder / "xatlas.py").write_text(
+        f"""
+import importlib, os, pathlib, sys
+fallen = len(list(pathlib.Path({str(folder)!r}).glob("*.died")))
+if fallen < {deaths}:
+    pathlib.Path({str(folder)!r}, f"{{fallen}}.died").touch()
+    os._exit(7)
+sys.path.remove({str(folder)!r})
+del sys.modules["xatlas"]
+sys.modules["xatlas"] = importlib.import_module("xatlas")
+"""
+    )
+    monkeypatch.syspath_prepend(str(folder))
+
+
+def test_a_question_that_a_child_died_of_is_put_again(unfolder, tmp_path, monkeypatch):
+    expected = unfold_meshes([SQUARE], 1.0).result()
+    plant_xatlas(monkeypatch, tmp_path, deaths=2)
+    np.testing.assert_array_equal(unfolder.unfold([SQUARE], 1.0)[0][1], expected[0][1])
+    assert len(list(tmp_path.glob("*.died"))) == 2
+
+
 def test_crash_is_told_and_the_next_question_answered(unfolder, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
-        (tmp_path / "xatlas.py").write_text("import os\nos._exit(7)\n")
-        patch.syspath_prepend(str(tmp_path))
+        plant_xatlas(patch, tmp_path, deaths=100)
         with pytest.raises(UnfolderDied, match=r"^7$"):
             unfolder.unfold([SQUARE], 1.0)
+        assert len(list(tmp_path.glob("*.died"))) == 3
     assert len(unfolder.unfold([SQUARE], 1.0)) == 1
+
+
+def test_questions_are_answered_in_their_order_and_cancelled_ones_never(unfolder, monkeypatch):
+    asked, may_answer = [], threading.Event()
+    monkeypatch.setattr(unfolder, "unfold", lambda meshes, area: (may_answer.wait(60) and asked.append(area)) or [area])
+    answers = [unfolder.ask([SQUARE], area) for area in (1.0, 2.0, 3.0)]
+    assert answers[1].cancel()
+    may_answer.set()
+    assert answers[2].result(60) == [3.0]
+    assert (answers[0].result(60), asked) == ([1.0], [1.0, 3.0])
+
+
+def test_a_failure_goes_to_the_one_who_asked(unfolder, monkeypatch):
+    monkeypatch.setattr(unfolder, "unfold", lambda meshes, area: [1 / area])
+    failing, good = unfolder.ask([SQUARE], 0.0), unfolder.ask([SQUARE], 1.0)
+    assert isinstance(failing.exception(60), ZeroDivisionError)
+    assert good.result(60) == [1.0]
 
 
 def test_missing_xatlas_says_what_to_do(tmp_path, monkeypatch, unfolder):
@@ -80,7 +122,7 @@ def test_missing_xatlas_says_what_to_do(tmp_path, monkeypatch, unfolder):
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(unfolding, "_own_unfolder", lambda process_id: unfolder)
     with pytest.raises(ValueError, match=r"xatlas cannot be loaded \(planted\).*choose an existing UV layer"):
-        unfold_meshes([SQUARE], 1.0)
+        unfold_meshes([SQUARE], 1.0).result()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="asks for a process by its number")

@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 from leaflight.core.geometry import triangle_normals_areas
 from leaflight.core.layer_check import find_overlaps, signed_areas
-from leaflight.core.unwrap import unwrap_triangles
+from leaflight.core.unwrap import Unwrapping
 from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, quad_mesh, sphere_mesh
 
 
 def unwrap(mesh):
     scene = make_scene([mesh])
-    return scene, *unwrap_triangles(scene.tri_position, scene.tri_vertex, scene.tri_polygon, scene.tri_corner)
+    return scene, *Unwrapping(scene.tri_position, scene.tri_vertex, scene.tri_polygon, scene.tri_corner).finish()
 
 
 def overlaps_within_charts(chart, uv):
@@ -140,5 +140,5 @@ def test_detail_in_a_large_object_is_unwrapped_as_by_itself():
 
 def test_nothing_is_unwrapped_to_nothing():
     empty = np.zeros((0, 3), int)
-    chart, uv, shared = unwrap_triangles(np.zeros((0, 3, 3)), empty, np.zeros(0, int), empty)
+    chart, uv, shared = Unwrapping(np.zeros((0, 3, 3)), empty, np.zeros(0, int), empty).finish()
     assert (chart.shape, uv.shape, shared.shape) == ((0,), (0, 3, 2), (0, 3))

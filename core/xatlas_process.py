@@ -1,0 +1,76 @@
+"""The process that xatlas runs in, as a main program; the only module that knows xatlas. A question is meshes and their area, an answer
+what became of them, or why xatlas cannot be loaded; each a pickle.
+
+When an atlas of xatlas is destroyed, it joins its threads. It tells them to wake up without holding the lock that they fall
+asleep under, so that the call is lost on one that is just doing so, and then the join never ends; there is no way to wait for their
+sleep. So no atlas is ever destroyed: the process keeps all of its own and is killed, which gives their threads and memory back.
+
+Each mesh that is added to an atlas is a task in a queue that grows, and so moves in memory, while a thread may just be reading a
+task from where it lay. That crashes about one in 500 questions of several meshes, whoever asks; see unfolding.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import sys
+from typing import Any, BinaryIO, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Mesh: TypeAlias = tuple[NDArray[np.float32], NDArray[np.uint32]]
+Unfolded: TypeAlias = tuple[NDArray[np.int32], NDArray[np.float64]]
+
+_RASTER_TEXELS = 512  # xatlas packs what we only want unfolded; this many texels a side cost it little and keep its UVs exact to 1e-4
+_MAX_RASTER_TEXELS = 2048  # a long thin chart is drawn no longer than this, to bound memory
+
+
+def _serve(questions: BinaryIO, answers: BinaryIO) -> None:
+    """Answers until there are no more questions."""
+    kept: list[Any] = []
+    try:
+        import xatlas
+    except (ImportError, OSError) as reason:
+        answer: list[Unfolded] | str = str(reason)
+        xatlas = None
+    while True:
+        try:
+            meshes, area = pickle.load(questions)
+        except EOFError:
+            return
+        if xatlas is not None:
+            kept.append(xatlas.Atlas())
+            answer = _generate(kept[-1], xatlas.ChartOptions(), xatlas.PackOptions(), meshes, area)
+        pickle.dump(answer, answers, pickle.HIGHEST_PROTOCOL)
+        answers.flush()
+
+
+def _generate(atlas: Any, charts: Any, packing: Any, meshes: list[Mesh], area: float) -> list[Unfolded]:
+    for position, triangles in meshes:
+        atlas.add_mesh(position, triangles)
+    packing.bilinear, packing.create_image, packing.max_chart_size = False, False, _MAX_RASTER_TEXELS
+    packing.texels_per_unit = _RASTER_TEXELS / area**0.5
+    atlas.generate(charts, packing)
+    if not atlas.chart_count:
+        return [(np.full(len(triangles), -1, np.int32), np.zeros((len(triangles), 3, 2))) for _, triangles in meshes]
+    page = np.array([atlas.width, atlas.height], np.float64)
+    unfolded: list[Unfolded] = []
+    for k in range(len(meshes)):
+        _, corner, uv = atlas.get_mesh(k)
+        chart = atlas.get_mesh_vertex_assignment(k)[1].astype(np.int32)
+        unfolded.append((chart[corner[:, 0]], (uv * page)[corner]))
+    return unfolded
+
+
+def _main() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the parent decides
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what libraries print must not get between the answers
+    _serve(sys.stdin.buffer, answers)
+    os._exit(0)  # an end in good order would destroy the atlases
+
+
+if __name__ == "__main__":
+    _main()
