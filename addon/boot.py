@@ -32,11 +32,14 @@ def main(folder: Path) -> int:
     threading.Thread(target=_listen, args=(begun, stop), daemon=True).start()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    # While the parent reads the scene: what the bake will need.
-    from leaflight.core import bake, executors, messages, unfolding
+    # While the parent reads the scene: what the bake will need, and first what loads beside this process.
+    from leaflight.core import unfolding
 
     unfolding.start_ahead()
-    open_executor = executors.start_ahead()
+    from leaflight.core import bake, executors, messages
+
+    # With nothing to wait for, other processes would only be in the way of the first light.
+    open_executor = executors.open_executor if begun.is_set() else executors.start_ahead()
 
     out = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
     os.dup2(2, 1)  # what libraries print must not get between the messages

@@ -100,6 +100,7 @@ def run_bake(
                 raise ValueError(_describe_no_charts(atlas))
             layout = {name: getattr(atlas, name) for name in ("tri_chart", "object_page", "object_block", "object_place")}
             np.savez(folder / LAYOUT_FILE, tri_uv=atlas.tri_uv / atlas.page_size, **layout)
+        executors.wake(executor)  # not before: xatlas works beside this process
         with stages.stage("texels", "Measuring texels"):
             facets = creases.cut_at_creases(snapshot, atlas)
             texel_map = texels.build_texel_map(snapshot, facets, 2 * basis.DEGREES[settings.basis])

@@ -45,6 +45,7 @@ def open_executor(settings: Settings) -> Executor:
 def start_ahead() -> Callable[[Settings], Executor]:
     """Starts processes before the settings are known; what then opens the executor that they ask for, of these processes if they can be."""
     ahead = make_executor(0)
+    wake(ahead)
 
     def open_wanted(settings: Settings) -> Executor:
         if not settings.cluster and count_processors(settings.workers) == count_processors(0):
@@ -64,6 +65,12 @@ def make_executor(workers: int) -> Executor:
     """An executor of `workers` processes of this machine, this one among them, 0 for one per core; close it with shutdown()."""
     count = count_processors(workers)
     return InlineExecutor() if count == 1 else LocalExecutor(count)
+
+
+def wake(executor: Executor) -> None:
+    """Have processes of this machine start, which takes as long as reading a scene, before there is work for them."""
+    if isinstance(executor, LocalExecutor):
+        executor.on_each(os.getpid)
 
 
 class _Call(Future[Any]):
@@ -93,7 +100,6 @@ class LocalExecutor(Executor):
         self._waiting: deque[_Call] = deque()
         self._turn = threading.Lock()  # of _idle
         self._idle = self._others
-        self.on_each(os.getpid)  # else they would start, which takes as long as reading a scene, when there is something to trace
 
     def on_each(self, fn: Callable[..., Any], /, *args: Any) -> None:
         """Have each of the other processes run `fn` while this one goes on; what it gives is dropped."""

@@ -282,6 +282,32 @@ def test_a_bake_begins_when_its_messages_are_asked_for(open_image_io):
 
 
 @needs_proc
+@pytest.mark.skipif(os.cpu_count() == 1, reason="one processor has one process")
+def test_workers_start_ahead_where_the_job_is_long_in_coming():
+    def find_workers() -> list[int]:
+        return [pid for pid in find_descendants(process._process.pid) if is_worker(pid)]
+
+    with job.open_bake(()) as process:
+        limit = time.monotonic() + PATIENCE_S
+        while not find_workers() and time.monotonic() < limit:
+            time.sleep(0.02)
+        started = find_workers()
+        assert started
+    assert wait_for_end(started) == []
+
+
+@needs_proc
+def test_workers_keep_out_of_the_way_of_unwrapping_where_the_job_is_there(start):
+    process, workers = start(replace(ENDLESS, workers=2)), {}
+    for message in process.messages():
+        workers[type(message), getattr(message, "stage", "")] = [pid for pid in find_descendants(process._process.pid) if is_worker(pid)]
+        if isinstance(message, Progress):
+            break
+    assert workers[Status, "charts"] == []
+    assert len(workers[Progress, ""]) == 1
+
+
+@needs_proc
 def test_a_bake_that_never_begins_leaves_nothing():
     with pytest.raises(KeyboardInterrupt), job.open_bake(()) as process:
         raise KeyboardInterrupt
