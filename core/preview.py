@@ -26,7 +26,7 @@ from .reconstruct import LeafBlender
 from .scene import IntArray
 from .settings import Settings
 from .solve import LightField, Solver
-from .texel_map import TexelMap, centred_strata
+from .texel_map import TexelMap
 
 FIRST_PHOTONS = 1 << 17  # of the first light, which is to be seen at once
 FIRST_ROUND = 1 << 30  # its own name and random numbers: no round of a bake comes that far, nor do shadow rays' turns come down to it
@@ -59,7 +59,7 @@ def find_first_light(folder: Path, settings: Settings, blender: LeafBlender) -> 
     n_texel = len(blender.page)
     solver = Solver(folder, quick, InlineExecutor(), DirectField.none(n_texel), np.zeros(n_texel, bool), blender)
     solver.round = FIRST_ROUND
-    return solver.run(lambda message: None, lambda: True)
+    return solver.glance()
 
 
 class PreviewPages:
@@ -158,9 +158,9 @@ def _choose_entries(texels: TexelMap, entry_page: NDArray[np.int32], side: int) 
 
 
 def _surface_at(texels: TexelMap, look_up: Callable[..., NDArray[np.float32]], has_images: bool, entry: IntArray) -> NDArray[np.float32]:
-    """(m, 3) float32: what the surface is like in the middle of texels."""
-    if not has_images:
-        flat = np.zeros(len(entry), np.float32)
-        return look_up(texels.texel_tri[entry], flat, flat)
-    tri, uv = texels.sub_points(entry, centred_strata(1))
-    return look_up(tri[0], uv[0, :, 0], uv[0, :, 1])
+    """(m, 3) float32: what the surface is like at one point of each texel."""
+    if has_images:
+        _, u, v = texels.bary_at(entry).T
+    else:
+        u = v = np.zeros(len(entry), np.float32)
+    return look_up(texels.texel_tri[entry], u, v)

@@ -211,9 +211,15 @@ class Solver:
         self.tally.grow(len(self.tree))
         return len(self.tree) > before
 
+    def glance(self) -> LightField:
+        """The light after one round, for the eye: nothing is known of its error."""
+        self._trace_round(self._next_photons(math.nan))
+        state = self._read_tallies()
+        return self._make_light(state, self._choose_leaves(state), correction=1.0, error=math.nan)
+
     def _light(self, state: _State) -> tuple[LightField, estimate.StatedError]:
         """The light as it stands."""
-        leaves = refine.choose_leaves(self.tree, state.totals, state.comparison, self.settings.stability)
+        leaves = self._choose_leaves(state)
         stated = estimate.state_error(
             self.tree,
             state.totals,
@@ -223,21 +229,26 @@ class Solver:
             self.direct.show(self.blender.texels, self.blender.page, self.settings.denoise, count_processors(self.settings.workers)),
             self.blender,
         )
-        light = LightField(
+        return self._make_light(state, leaves, stated.correction, stated.chosen), stated
+
+    def _choose_leaves(self, state: _State) -> NDArray[np.int64]:
+        return refine.choose_leaves(self.tree, state.totals, state.comparison, self.settings.stability)
+
+    def _make_light(self, state: _State, leaves: NDArray[np.int64], correction: float, error: float) -> LightField:
+        return LightField(
             tree=self.tree,
             solution=state.solution,
             leaves=leaves,
             received=state.totals.received,
-            correction=stated.correction,
+            correction=correction,
             direct=self.direct,
-            error=stated.chosen,
+            error=error,
             photons=int(self.tally.photons.sum()),
             rounds=self.round,
             stopped_by="",
             ledger=self.ledger,
             squares=self.squares.light(self.square_tally),
         )
-        return light, stated
 
     def _node_direct(self, per_texel: NDArray[np.float32]) -> NDArray[np.float64]:
         """(3, n) float64: means over each node's texels."""

@@ -67,14 +67,29 @@ class TexelMap:
 
     def bary_of(self, start: int, end: int) -> NDArray[np.float32]:
         """texel_bary of the entries start ... end - 1."""
-        x, y = self.texel_xy[start:end].T + 0.5
         first, last = np.searchsorted(self.part_entry, (start, end))
-        part = self.part_entry[first:last] - start
-        x[part] += self.part_point[first:last, 0]
-        y[part] += self.part_point[first:last, 1]
-        u, v = self._corner_weights(self.texel_tri[start:end], x, y)
+        return self._own_bary(slice(start, end), self.part_entry[first:last] - start, slice(first, last))
+
+    def bary_at(self, entry: IntArray) -> NDArray[np.float32]:
+        """texel_bary of these entries, (m,) int."""
+        is_part, part = self._find_parts(entry)
+        return self._own_bary(entry, np.flatnonzero(is_part), part[is_part])
+
+    def _own_bary(self, entry: IntArray | slice, row: Int64, part: Int64 | slice) -> NDArray[np.float32]:
+        """texel_bary of entries, those of `row` covered in part."""
+        x, y = self.texel_xy[entry].T + 0.5
+        x[row] += self.part_point[part, 0]
+        y[row] += self.part_point[part, 1]
+        u, v = self._corner_weights(self.texel_tri[entry], x, y)
         bary: NDArray[np.float32] = np.stack([np.maximum(1.0 - (u + v), 0.0), u, v], axis=1).astype(np.float32)
         return bary
+
+    def _find_parts(self, entry: IntArray) -> tuple[NDArray[np.bool_], Int64]:
+        """(m,) bool whether an entry is covered in part, and (m,) its row of the part_ fields if it is."""
+        part = np.searchsorted(self.part_entry, entry)
+        if not len(self.part_entry):
+            return part < 0, part
+        return self.part_entry[np.minimum(part, len(self.part_entry) - 1)] == entry, part
 
     @cached_property
     def is_central(self) -> NDArray[np.bool_]:
@@ -201,8 +216,7 @@ class TexelMap:
         weights = np.empty((2, *x.shape), np.float32)  # rows: who interpolates by them reads u and v by themselves
         weights[:] = self._corner_weights(tri, x, y)
         tri = np.broadcast_to(tri, x.shape).copy()
-        part = np.searchsorted(self.part_entry, entry)
-        is_part = self.part_entry[np.minimum(part, len(self.part_entry) - 1)] == entry if len(self.part_entry) else part < 0
+        is_part, part = self._find_parts(entry)
         if is_part.any():
             inside = np.broadcast_to(point, (len(point), len(entry), 2))[:, is_part].astype(np.float64)
             tri[:, is_part], place = self._warp_to_parts(part[is_part], inside, look)

@@ -78,6 +78,15 @@ def test_an_interrupt_gives_the_best_so_far(tmp_path):
     assert light.solution.flux[:, light.leaves].max() > 0
 
 
+def test_a_glance_is_what_a_bake_of_one_round_gives_but_for_its_error(tmp_path):
+    settings = replace(QUICK, direct="photons")
+    glance = make_solver(tmp_path / "1", lamp_scene(), settings).glance()
+    whole = make_solver(tmp_path / "2", lamp_scene(), settings).run(lambda message: None, lambda: True)
+    assert (glance.photons, glance.rounds, math.isnan(glance.error)) == (whole.photons, 1, True)
+    assert solution_bytes(glance) == solution_bytes(whole)
+    assert glance.leaves.size
+
+
 def test_progress_is_told_after_every_round(tmp_path):
     told = []
     light = make_solver(tmp_path, lamp_scene(), SETTINGS).run(told.append, lambda: False)

@@ -216,6 +216,8 @@ def test_representative_points_lie_inside(mirrored: bool) -> None:
     texels = make_map(uv[:, ::-1] if mirrored else uv, size=12)
     bary = texels.texel_bary
     np.testing.assert_array_equal(np.concatenate([texels.bary_of(0, 5), texels.bary_of(5, 18), texels.bary_of(18, len(bary))]), bary)
+    entry = np.random.default_rng(6).integers(len(bary), size=60)
+    np.testing.assert_array_equal(texels.bary_at(entry), bary[entry])
     assert (bary >= 0).all()
     np.testing.assert_allclose(bary.sum(axis=1), 1.0, atol=1e-6)
     x, y = texels.hit_texel_xy(texels.texel_tri, bary[:, 1].astype(float), bary[:, 2].astype(float))
