@@ -15,6 +15,7 @@ Float64: TypeAlias = NDArray[np.float64]
 Int64: TypeAlias = NDArray[np.int64]
 
 _TURNS = 24  # angles tried in a quarter turn, to find the smallest box
+_POINTS_AT_ONCE = 1 << 16  # of all turns together, to bound memory
 _CLEARLY_SMALLER = 0.999  # the longest edge keeps its direction unless another turn saves this much
 
 
@@ -67,9 +68,7 @@ def straighten_charts(uv: Float64, chart: Int64, shared: NDArray[np.bool_], n_ch
     angles[1:] = (np.arange(_TURNS) * (np.pi / 2 / _TURNS))[:, None]
     best = np.full(n_chart, np.inf)
     cosine, sine = np.ones(n_chart), np.zeros(n_chart)
-    for angle in angles:
-        low, high = _bounds(_turn(edge, np.cos(angle)[edge_chart], np.sin(angle)[edge_chart]), edge_chart, n_chart)
-        box = (high - low).prod(axis=1)
+    for angle, box in zip(angles, _box_areas(edge, edge_chart, angles), strict=True):
         better = box < best * _CLEARLY_SMALLER
         best = np.where(better, box, best)
         cosine, sine = np.where(better, np.cos(angle), cosine), np.where(better, np.sin(angle), sine)
@@ -90,6 +89,22 @@ def measure_outlines(uv: Float64, chart: Int64, shared: NDArray[np.bool_], n_cha
     _, high = _bounds(uv, chart, n_chart)
     area = np.bincount(chart, np.abs(signed_areas(uv)), n_chart).astype(np.float64)
     return Outlines(edge[order], start, np.maximum(high, 0.0), area, np.zeros(n_chart, bool))
+
+
+def _box_areas(edge: Float64, edge_chart: Int64, angles: Float64) -> Float64:
+    """(n_turn, n_chart) float64, m^2: of the boxes around charts turned by angles (n_turn, n_chart), rad; 0 without a border."""
+    order = np.argsort(edge_chart, kind="stable")
+    chart, begin, count = np.unique(edge_chart[order], return_index=True, return_counts=True)
+    x, y = edge[order].reshape(-1, 2).T
+    areas = np.zeros_like(angles)
+    at_once = max(_POINTS_AT_ONCE // max(len(x), 1), 1)
+    for first in range(0, len(angles) if len(chart) else 0, at_once):
+        turns = slice(first, first + at_once)
+        cosine, sine = (np.repeat(of(angles[turns, chart]), 2 * count, axis=1) for of in (np.cos, np.sin))
+        turned = (x * cosine - y * sine, x * sine + y * cosine)
+        width, height = (np.maximum.reduceat(axis, 2 * begin, axis=1) - np.minimum.reduceat(axis, 2 * begin, axis=1) for axis in turned)
+        areas[turns, chart] = width * height
+    return areas
 
 
 def _border(uv: Float64, chart: Int64, shared: NDArray[np.bool_]) -> tuple[Float64, Int64]:

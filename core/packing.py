@@ -155,49 +155,65 @@ def _measure_profiles(edge: Float64, chart: Int64, side: Int64, page: Page) -> _
     return _Profiles(outer_low - page.padding, outer_high + page.padding, roof, floor, start)
 
 
-def _turned(shapes: Shapes, chart: int, turn: int) -> tuple[Int32, Int32]:
-    """Padded underside and bare upper side of a chart after quarter turns."""
-    profiles = shapes.along[turn % 2]
-    start, end = profiles.start[chart], profiles.start[chart + 1]
-    reach, across = shapes.page.reach, np.int32(shapes.side[chart, 1 - turn % 2])
-    bare = slice(start + reach, end - reach)
-    if turn in (0, 1):
-        under, upper = profiles.low[start:end], profiles.roof[bare]
-    else:
-        under, upper = across - profiles.high[start:end], across - profiles.floor[bare]
-    return (under, upper) if turn in (0, 3) else (under[::-1], upper[::-1])
+class _Sides:
+    """The undersides and upper sides of charts after quarter turns; plain numbers, which are read faster one by one."""
+
+    def __init__(self, shapes: Shapes) -> None:
+        self._along = [(along, along.start.tolist()) for along in shapes.along]
+        self._side = shapes.side.tolist()
+        self._reach = shapes.page.reach
+
+    def across(self, chart: int, turn: int) -> int:
+        """Height of the turned chart, texels."""
+        height: int = self._side[chart][1 - turn % 2]
+        return height
+
+    def under(self, chart: int, turn: int) -> Int32:
+        """The padded underside."""
+        profiles, start = self._along[turn % 2]
+        rows = slice(start[chart], start[chart + 1])
+        under = profiles.low[rows] if turn in (0, 1) else self.across(chart, turn) - profiles.high[rows]
+        return under if turn in (0, 3) else under[::-1]
+
+    def upper(self, chart: int, turn: int) -> Int32:
+        """The bare upper side."""
+        profiles, start = self._along[turn % 2]
+        rows = slice(start[chart] + self._reach, start[chart + 1] - self._reach)
+        upper = profiles.roof[rows] if turn in (0, 1) else self.across(chart, turn) - profiles.floor[rows]
+        return upper if turn in (0, 3) else upper[::-1]
 
 
 def place_charts(shapes: Shapes, horizon: Int32) -> Placement | None:
     """The charts above the horizon, which is raised; None, and the horizon as it was, where the page is full."""
-    page = shapes.page
+    page, sides = shapes.page, _Sides(shapes)
+    inside, padding, step, reach = page.inside, page.padding, page.step, page.reach
     turn = np.zeros(len(shapes.side), np.int64)
     offset = np.zeros((len(shapes.side), 2), np.int64)
     columns = len(horizon)
     taken = np.concatenate([horizon, np.zeros(columns, np.int32)])
     # Row k is the horizon k columns on. A chart is tried at all columns at once, one long row for each of its own: what numpy is fast at.
     ahead = sliding_window_view(taken, columns) if columns else taken
-    for chart in shapes.order:
+    turns = shapes.turns.tolist()
+    for chart in shapes.order.tolist():
         best: tuple[int, int, int, int] | None = None
-        for candidate in range(shapes.turns[chart]):
-            under, _ = _turned(shapes, chart, candidate)
+        for candidate in range(turns[chart]):
+            under = sides.under(chart, candidate)
             shifts = columns - len(under) + 1
             if shifts <= 0:
                 continue
-            height = (ahead[: len(under), :shifts] - under[:, None]).max(axis=0)
+            height = np.maximum.reduce(ahead[: len(under), :shifts] - under[:, None], axis=0)
             column = int(height.argmin())
-            across = int(shapes.side[chart, 1 - candidate % 2])
-            key = (int(height[column]) + across, candidate, column, int(height[column]))
+            bottom = int(height[column])
+            key = (bottom + sides.across(chart, candidate), candidate, column, bottom)
             best = key if best is None or key < best else best
-        if best is None or best[0] > page.inside:
+        if best is None or best[0] > inside:
             return None
         _, candidate, column, bottom = best
-        upper = _turned(shapes, chart, candidate)[1]
-        first = column + page.reach
-        below = taken[first : first + len(upper)]
+        upper = sides.upper(chart, candidate)
+        below = taken[column + reach : column + reach + len(upper)]
         np.maximum(below, bottom + upper, out=below)
         turn[chart] = candidate
-        offset[chart] = (page.padding + column * page.step, page.padding + bottom)
+        offset[chart] = (padding + column * step, padding + bottom)
     horizon[:] = taken[:columns]
     return Placement(turn, offset)
 

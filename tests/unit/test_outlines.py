@@ -1,4 +1,5 @@
 import numpy as np
+from leaflight.core import outlines
 from leaflight.core.layer_check import label_charts
 from leaflight.core.outlines import measure_outlines, straighten_charts
 from scenes import grid_mesh, make_scene
@@ -18,28 +19,44 @@ def turned_grids(angles):
 def test_rectangles_are_turned_upright():
     uv, chart, shared = turned_grids(np.array([0.0, 0.4, 1.1, 2.7]))
     upright = straighten_charts(uv, chart, shared, 4)
-    outlines = measure_outlines(upright, chart, shared, 4)
-    np.testing.assert_allclose(np.sort(outlines.extent, axis=1), [[3.0, 6.0]] * 4)
-    np.testing.assert_allclose(outlines.area, 18.0)
+    found = measure_outlines(upright, chart, shared, 4)
+    np.testing.assert_allclose(np.sort(found.extent, axis=1), [[3.0, 6.0]] * 4)
+    np.testing.assert_allclose(found.area, 18.0)
     for k in range(4):
         np.testing.assert_allclose(upright[chart == k].min(axis=(0, 1)), 0.0, atol=1e-12)
 
 
+def test_how_many_turns_are_tried_at_once_changes_nothing(monkeypatch):
+    uv, chart, shared = turned_grids(np.array([0.0, 0.4, 1.1, 2.7]))
+    together = straighten_charts(uv, chart, shared, 4)
+    monkeypatch.setattr(outlines, "_POINTS_AT_ONCE", 1)
+    np.testing.assert_array_equal(straighten_charts(uv, chart, shared, 4), together)
+
+
+def test_a_chart_without_a_border_is_not_turned():
+    uv, chart, shared = turned_grids(np.array([0.4, 0.4]))
+    shared[chart == 0] = True
+    upright = straighten_charts(uv, chart, shared, 2)
+    moved = uv[chart == 0] - uv[chart == 0].min(axis=(0, 1))
+    np.testing.assert_allclose(upright[chart == 0], moved, atol=1e-12)
+    np.testing.assert_allclose(np.sort(upright[chart == 1].max(axis=(0, 1))), [3.0, 6.0])
+
+
 def test_only_the_border_is_kept():
     uv, chart, shared = turned_grids(np.array([0.0, 0.4]))
-    outlines = measure_outlines(straighten_charts(uv, chart, shared, 2), chart, shared, 2)
-    assert np.diff(outlines.start).tolist() == [24, 24]
-    length = np.linalg.norm(outlines.edge[:, 1] - outlines.edge[:, 0], axis=1)
-    np.testing.assert_allclose(np.bincount(outlines.edge_chart, length), 18.0)
+    found = measure_outlines(straighten_charts(uv, chart, shared, 2), chart, shared, 2)
+    assert np.diff(found.start).tolist() == [24, 24]
+    length = np.linalg.norm(found.edge[:, 1] - found.edge[:, 0], axis=1)
+    np.testing.assert_allclose(np.bincount(found.edge_chart, length), 18.0)
 
 
 def test_selection_keeps_the_order_asked_for():
     uv, chart, shared = turned_grids(np.array([0.0, 0.4, 1.1]))
     uv[chart == 2] *= 2.0
-    outlines = measure_outlines(straighten_charts(uv, chart, shared, 3), chart, shared, 3)
-    some = outlines.select(np.array([2, 0]))
-    np.testing.assert_array_equal(some.area, outlines.area[[2, 0]])
-    np.testing.assert_array_equal(some.edge[:24], outlines.edge[outlines.start[2] : outlines.start[3]])
+    found = measure_outlines(straighten_charts(uv, chart, shared, 3), chart, shared, 3)
+    some = found.select(np.array([2, 0]))
+    np.testing.assert_array_equal(some.area, found.area[[2, 0]])
+    np.testing.assert_array_equal(some.edge[:24], found.edge[found.start[2] : found.start[3]])
     np.testing.assert_array_equal(some.edge_chart, np.repeat([0, 1], 24))
 
 
