@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 import time
 from collections.abc import Iterator
@@ -21,6 +22,8 @@ from .redraw import redraw
 from .request import find_mode_error, make_request
 
 _TIMER_SECONDS = 0.1
+_FIRST_TIMER_SECONDS = 0.02  # until there is light: whoever has pressed Bake waits for it
+_TEXT_SECONDS = 0.25  # between two texts: nobody reads faster, and drawing them takes time from the bake
 _FAULT = "The bake could not be shown: this is a fault of Leaflight's, please report it with the text in the system console."
 _HINT = "Esc: stop and keep the best so far"
 
@@ -38,7 +41,9 @@ class Baking:
 
     _folder: tempfile.TemporaryDirectory[str] | None = None
     _timer: Any = None
+    _timer_seconds = 0.0
     _shown: tuple[str, str] = ("", "")
+    _shown_s = -math.inf
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -54,7 +59,7 @@ class Baking:
             return {"CANCELLED"}
         if self._ended:
             return self._finish(context, self._ended)
-        self._timer = context.window_manager.event_timer_add(_TIMER_SECONDS, window=context.window)
+        self._set_timer(context, _FIRST_TIMER_SECONDS)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
@@ -83,6 +88,9 @@ class Baking:
                 with self._bake_scene(context):
                     self._live.show(bpy.context, paths)
                 redraw(context, "WINDOW")
+            self._set_timer(context, _TIMER_SECONDS)
+        if state.progress:  # no first light came, or Edit Mode hides it
+            self._set_timer(context, _TIMER_SECONDS)
         self._show(context)
         return {"PASS_THROUGH"}
 
@@ -183,10 +191,17 @@ class Baking:
             self._clean_up(context)
             self._live.take_off()
 
+    def _set_timer(self, context: bpy.types.Context, seconds: float) -> None:
+        if seconds == self._timer_seconds:
+            return
+        if self._timer is not None:
+            context.window_manager.event_timer_remove(self._timer)
+        self._timer, self._timer_seconds = context.window_manager.event_timer_add(seconds, window=context.window), seconds
+
     def _show(self, context: bpy.types.Context) -> None:
-        shown = get_state(context).describe()
-        if shown != self._shown:
-            self._shown = shown
+        shown, now = get_state(context).describe(), time.monotonic()
+        if shown != self._shown and now >= self._shown_s + _TEXT_SECONDS:
+            self._shown, self._shown_s = shown, now
             context.workspace.status_text_set(f"Leaflight  {shown[0]}  {shown[1]}    {_HINT}")
             redraw(context, "UI")
 

@@ -17,6 +17,7 @@ from .select_operator import is_known
 from .told import Told, group_warnings, split_error
 
 _SHOWN_WARNINGS = 6
+_KEPT_LINES = 3  # of the plan: what a bake is of; of the others its own lines take the place
 
 
 class _Sidebar:
@@ -35,7 +36,7 @@ class LEAFLIGHT_PT_main(_Sidebar, bpy.types.Panel):
         layout = prepare(self.layout)
         now = "" if state.running else find_output_error(context.scene.leaflight.output)
         if state.running:
-            _draw_progress(layout, state)
+            _draw_progress(layout, context, state)
         else:
             _draw_plan(layout, context)
             _draw_bake(layout, context, now)
@@ -84,16 +85,24 @@ def _draw_bake(layout: Any, context: bpy.types.Context, output_error: str) -> No
     row.operator("leaflight.bake", icon="RENDER_STILL")
 
 
-def _draw_progress(layout: Any, state: BakeState) -> None:
+def _draw_progress(layout: Any, context: bpy.types.Context, state: BakeState) -> None:
+    """As high as what stood here before: else Blender slides all panels below, drawing them a dozen times while the bake starts."""
     bar, line = state.describe()
-    column = layout.column(align=True)
-    row = column.split(factor=0.7, align=True)
+    meter: SceneMeter = context.window_manager.leaflight_meter
+    row = layout.row()
+    row.enabled = False
+    row.prop(context.scene.leaflight, "objects", expand=True)
+    column = layout.box().column(align=True)
+    plan = column.column(align=True)
+    plan.active = False
+    for i, text in enumerate(describe_estimate(meter.estimate)[:_KEPT_LINES] if meter.estimate else ()):
+        plan.label(text=text, icon="TEXTURE" if i == 0 else "BLANK1")
+    for text in (line, state.describe_pace()):  # in place of the memory and the time
+        column.label(text=text)
+    row = layout.split(factor=0.7, align=True)
     row.scale_y = 1.6
     row.progress(factor=state.fraction, text=bar)
     row.operator("leaflight.stop", text="Discard" if state.stopping or state.notice else "Stop")
-    column.label(text=line)
-    if state.describe_pace():
-        column.label(text=state.describe_pace())
 
 
 def _draw_result(layout: Any, context: bpy.types.Context, state: BakeState) -> None:

@@ -11,6 +11,7 @@ bpy = pytest.importorskip("bpy")
 
 import leaflight  # noqa: E402
 from leaflight.addon import baking, panels, properties, request, restore, session  # noqa: E402
+from leaflight.core.messages import Preview, Progress, Status  # noqa: E402
 from leaflight.core.settings import Settings  # noqa: E402
 
 
@@ -225,6 +226,61 @@ def test_a_fault_while_the_light_is_shown_ends_the_bake(scene, state):
     assert follower._live.taken_off
     assert not state.running
     assert "fault of Leaflight's" in state.error
+
+
+class Follower(baking.Baking):
+    """Follows a bake without a process; what it asks of Blender is written down."""
+
+    def __init__(self, state, monkeypatch):
+        state.begin(SimpleNamespace(messages=lambda: iter(()), kill=lambda: None), time.monotonic(), [])
+        self._ended, self.state, self.written = None, state, []
+        self._live = SimpleNamespace(show=lambda *_: self.written.append("light"))
+        self._scene_uid = bpy.context.scene.session_uid
+        self.clock_s = 100.0
+        monkeypatch.setattr(baking, "time", SimpleNamespace(monotonic=lambda: self.clock_s))
+        self.context = SimpleNamespace(
+            mode="OBJECT",
+            scene=bpy.context.scene,
+            window="window",
+            workspace=SimpleNamespace(status_text_set=lambda text: self.written.append(text.split("  ")[2])),
+            window_manager=SimpleNamespace(
+                leaflight_state=state,
+                windows=(),
+                event_timer_add=lambda seconds, window: self.written.append(seconds) or object(),
+                event_timer_remove=lambda timer: self.written.append("removed"),
+            ),
+        )
+
+    def hear(self, message, after_s):
+        self.clock_s += after_s
+        self.state._hear(message)
+        self.modal(self.context, SimpleNamespace(type="TIMER", value="NOTHING"))
+
+
+def test_it_is_looked_for_the_first_light_often_and_for_what_follows_seldom(state, scene, monkeypatch):
+    follower = Follower(state, monkeypatch)
+    follower._set_timer(follower.context, baking._FIRST_TIMER_SECONDS)
+    for _ in range(3):
+        follower.hear(Preview(0, "page.npy"), 1.0)
+    timers = [entry for entry in follower.written if entry != "Starting"]
+    assert timers == [0.02, "light", "removed", 0.1, "light", "light"]
+
+
+def test_where_no_first_light_comes_the_first_progress_ends_the_haste(state, scene, monkeypatch):
+    follower = Follower(state, monkeypatch)
+    follower._set_timer(follower.context, baking._FIRST_TIMER_SECONDS)
+    for _ in range(2):
+        follower.hear(Progress(0.1, 10, 1.0, 0.5, 1.0, 1), 0.1)
+    assert [entry for entry in follower.written if entry in (0.02, "removed", 0.1)] == [0.02, "removed", 0.1]
+
+
+def test_texts_change_no_faster_than_they_can_be_read(state, scene, monkeypatch):
+    follower = Follower(state, monkeypatch)
+    for stage, after_s in (("One", 1.0), ("Two", 0.1), ("Three", 0.1), ("Four", 0.1), ("Five", 0.1)):
+        follower.hear(Status("stage", stage), after_s)
+    assert follower.written == ["One", "Four"]
+    follower.hear(Status("stage", "Five"), 0.2)
+    assert follower.written == ["One", "Four", "Five"]
 
 
 def test_edit_mode_must_be_left(scene):
