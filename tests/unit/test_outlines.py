@@ -26,11 +26,16 @@ def test_rectangles_are_turned_upright():
         np.testing.assert_allclose(upright[chart == k].min(axis=(0, 1)), 0.0, atol=1e-12)
 
 
-def test_how_many_turns_are_tried_at_once_changes_nothing(monkeypatch):
-    uv, chart, shared = turned_grids(np.array([0.0, 0.4, 1.1, 2.7]))
-    together = straighten_charts(uv, chart, shared, 4)
-    monkeypatch.setattr(outlines, "_POINTS_AT_ONCE", 1)
-    np.testing.assert_array_equal(straighten_charts(uv, chart, shared, 4), together)
+def test_the_smallest_box_is_found_however_many_turns_are_tried_at_once(monkeypatch):
+    uv, chart, shared = np.random.default_rng(3).random((40, 3, 2)), np.arange(40), np.zeros((40, 3), bool)
+    together = straighten_charts(uv, chart, shared, 40)
+    box = together.max(axis=1).prod(axis=1)
+    for angle in np.arange(24) * np.pi / 48:
+        turned = uv @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        assert (box <= np.ptp(turned, axis=1).prod(axis=1) / 0.999 + 1e-12).all()
+    for points in (1, 6 * 40 * 4):
+        monkeypatch.setattr(outlines, "_POINTS_AT_ONCE", points)
+        np.testing.assert_array_equal(straighten_charts(uv, chart, shared, 40), together)
 
 
 def test_a_chart_without_a_border_is_not_turned():
