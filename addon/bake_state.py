@@ -156,7 +156,7 @@ class BakeState:
         if self.progress is None or self.notice or self.stopping:
             return ""
         pace = f"{describe_count(round(self.progress.photons_per_s))} photons/s"
-        return f"{pace}, until the error is {self.target:.1%}" if self.target else pace
+        return f"{pace}, to an error of {self.target:.1%}" if self.target else pace
 
     def summarize(self) -> list[str]:
         """Lines about the last result; empty without one."""

@@ -133,7 +133,7 @@ def test_pace_and_target_are_told():
     assert state.describe_pace() == ""
     state.begin(process, 0.0, [], target=0.05)
     state.wait()
-    assert state.describe_pace() == "1.00 M photons/s, until the error is 5.0%"
+    assert state.describe_pace() == "1.00 M photons/s, to an error of 5.0%"
 
 
 def test_the_newest_page_is_shown_and_once():
