@@ -152,8 +152,8 @@ class BakeState:
         return bar, line + (f", error {progress.estimated_error:.1%}" if math.isfinite(progress.estimated_error) else "")
 
     def describe_pace(self) -> str:
-        """A line about how fast it goes and how far it has to go; "" while no photon flies."""
-        if self.progress is None or self.notice or self.stopping:
+        """A line about how fast it goes and how far it has to go; "" while no photon flies, as when a bake begins to go on."""
+        if self.progress is None or self.notice or self.stopping or not self.progress.photons_per_s:
             return ""
         pace = f"{describe_count(round(self.progress.photons_per_s))} photons/s"
         return f"{pace}, to an error of {self.target:.1%}" if self.target else pace

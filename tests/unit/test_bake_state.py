@@ -1,5 +1,6 @@
 """The state behind the panel, driven by a process that only talks."""
 
+import dataclasses
 import math
 import threading
 
@@ -134,6 +135,8 @@ def test_pace_and_target_are_told():
     state.begin(process, 0.0, [], target=0.05)
     state.wait()
     assert state.describe_pace() == "1.00 M photons/s, to an error of 5.0%"
+    state.progress = dataclasses.replace(state.progress, photons_per_s=0.0)
+    assert state.describe_pace() == ""
 
 
 def test_the_newest_page_is_shown_and_once():
