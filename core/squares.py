@@ -21,10 +21,10 @@ from .tally import ShardTally, Tally, deposit
 from .texel_map import LOOK, TexelMap
 
 _LEAST_SHARE = 0.02  # of a square: less than that on the centre's triangle is met by too few photons to tell anything
-_RADIUS = 2  # texels, of the neighbours that tell how far leaves and squares differ
+_RADIUS = 4  # texels, of the neighbours that tell how far leaves and squares differ
 _DARK_FLOOR = 0.1  # light below this share of the mean is judged against that share
 _LEAST_LIGHT = 1e-30  # W/m^2
-_DOUBT = 0.5  # standard errors of a difference between leaves and squares that are held against it; measured on the samples
+_DOUBT = 1.0  # standard errors of how far leaves and squares differ that are held against it: else chance moves every third of good leaves
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,13 @@ class SquareLight:
     entry        (m,) int32, ascending: texel entries
     irradiance   (2, 3, m) float64, W/m^2: per component and channel
     variance     (3, m) float64, (W/m^2)^2, of both components together
+    grain        (3, m) float64, W/m^2: what one photon of usual power adds
     """
 
     entry: NDArray[np.int32]
     irradiance: Float64
     variance: Float64
+    grain: Float64
 
 
 @dataclass(frozen=True)
@@ -68,8 +70,11 @@ class Squares:
 
     def light(self, tally: Tally) -> SquareLight:
         """What the photons so far say; `tally` as of `deposit_on_squares`."""
-        photons = max(float(tally.photons.sum()), 1.0)
-        return SquareLight(self.entry, tally.raw.sum(0)[:, :, 0] / (photons * self.area), tally.weight2 / (photons * self.area) ** 2)
+        divisor = max(float(tally.photons.sum()), 1.0) * self.area
+        raw = tally.raw.sum(0)[:, :, 0]
+        sums = raw.sum(axis=(0, 2))
+        power = np.divide(tally.weight2.sum(axis=1), sums, out=np.zeros_like(sums), where=sums > 0.0)
+        return SquareLight(self.entry, raw / divisor, tally.weight2 / divisor**2, power[:, None] / divisor)
 
 
 def deposit_on_squares(
@@ -120,7 +125,9 @@ def mix(
         return changed
     traced = light[..., entry].astype(np.float64)
     gap = squares.irradiance - traced
-    noise2, seen2 = squares.variance.sum(axis=0), (gap.sum(axis=0) ** 2).sum(axis=0)
+    # Where no photon fell by chance there is no variance to be seen: the leaves' light tells how many could have been expected.
+    noise = np.maximum(squares.variance, squares.grain * traced.sum(axis=0))
+    noise2, seen2 = noise.sum(axis=0), (gap.sum(axis=0) ** 2).sum(axis=0)
     level = traced.sum(axis=(0, 1))
     # Of neighbours the bright one must not outvote all others.
     scale = 1.0 / (level**2 + (_DARK_FLOOR * level.mean() + _LEAST_LIGHT) ** 2)
@@ -130,7 +137,7 @@ def mix(
     signal2 = np.maximum(signal2, 0.0)
     share = np.divide(signal2, signal2 + noise2, out=np.zeros_like(signal2), where=signal2 > 0.0)
     light[..., entry] += (share * gap).astype(np.float32)
-    variance[:, entry] = (1.0 - share) ** 2 * variance[:, entry] + share**2 * squares.variance
+    variance[:, entry] = (1.0 - share) ** 2 * variance[:, entry] + share**2 * noise
     changed[entry] = share > 0.0
     return changed
 

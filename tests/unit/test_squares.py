@@ -111,7 +111,7 @@ def mix_noise(truth, leaf_value, photons=4.0, side=64, seed=1, entry=None):
     counted = np.random.default_rng(seed).poisson(photons * truth[y, x])
     irradiance = np.zeros((2, 3, len(entry)))
     irradiance[1] = counted / photons
-    told = SquareLight(entry.astype(np.int32), irradiance, np.tile(counted / photons**2, (3, 1)))
+    told = SquareLight(entry.astype(np.int32), irradiance, np.tile(counted / photons**2, (3, 1)), np.full((3, len(entry)), 1 / photons))
     light = np.zeros((2, 3, side * side), np.float32)
     light[1] = leaf_value
     variance = np.full((3, side * side), 1e-6, np.float32)
@@ -121,13 +121,14 @@ def mix_noise(truth, leaf_value, photons=4.0, side=64, seed=1, entry=None):
     return image, changed, variance
 
 
-@pytest.mark.parametrize("photons", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize("photons", [0.003, 0.1, 1.0, 10.0])
 def test_light_that_leaves_hold_stays_and_has_no_bias(photons):
     image, _, variance = mix_noise(1.0, 1.0, photons)
     noise = 1 / np.sqrt(photons)
-    assert np.sqrt(((image - 1) ** 2).mean()) < 0.4 * noise
+    assert np.sqrt(((image - 1) ** 2).mean()) < 0.06 * noise
     assert abs(image.mean() - 1) < sigma_limit(3) * noise / 64
-    assert np.sqrt(variance.mean()) == pytest.approx(np.sqrt(((image - 1) ** 2).mean()), rel=0.3)
+    real = np.sqrt(((image - 1) ** 2).mean())
+    assert 0.7 * real < np.sqrt(variance.mean()) < 1.4 * real + 0.0015  # which is a little more than what the leaves state
 
 
 def test_light_that_leaves_do_not_hold_is_taken_from_the_squares():
@@ -136,6 +137,13 @@ def test_light_that_leaves_do_not_hold_is_taken_from_the_squares():
     assert np.abs(image - truth).max() < 0.4
     assert np.sqrt(((image - truth) ** 2).mean()) < 0.1 * truth.std()
     assert changed.mean() > 0.99
+
+
+def test_squares_that_no_photon_has_met_say_nothing():
+    """Darkness is not what they tell, but that there were too few photons."""
+    image, _, variance = mix_noise(0.0, 1.0, photons=0.01)
+    assert (image > 0.9).all()
+    assert (variance > 0).all()
 
 
 def test_a_square_alone_has_no_say():
@@ -150,7 +158,7 @@ def test_squares_of_another_chart_have_no_say(texels):
     blender = LeafBlender.of(texels, texels.chart_page[texels.texel_chart])
     first = [np.flatnonzero(texels.shown & (texels.texel_chart == chart))[0] for chart in np.unique(texels.texel_chart)]
     entry = np.sort(first).astype(np.int32)
-    told = SquareLight(entry, np.full((2, 3, len(entry)), 9.0), np.full((3, len(entry)), 1e-3))
+    told = SquareLight(entry, np.full((2, 3, len(entry)), 9.0), np.full((3, len(entry)), 1e-3), np.full((3, len(entry)), 1e-3))
     n = len(texels.texel_area)
     light, variance = np.ones((2, 3, n), np.float32), np.full((3, n), 1e-3, np.float32)
     assert not squares.mix(light, variance, told, texels, blender.entry_at).any()
