@@ -10,7 +10,6 @@ Source: Rousselle, Knaus & Zwicker 2012, "Adaptive rendering with non-local mean
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -34,20 +33,6 @@ _LEAST_WEIGHT = np.float32(1e-12)  # a covered texel weighs one itself
 _Image = NDArray[np.float32]
 
 
-@dataclass(frozen=True)
-class Denoised:
-    """Light without its grain, and the noise that is left where that of the texels was independent.
-
-    light       (3, n) float32
-    variance    (3, n) float32
-    own_share   (n,) float32: weight of each texel's own light in the mean
-    """
-
-    light: NDArray[np.float32]
-    variance: NDArray[np.float32]
-    own_share: NDArray[np.float32]
-
-
 def denoise(
     light: NDArray[np.float32],
     variance: NDArray[np.float32],
@@ -55,6 +40,7 @@ def denoise(
     texels: TexelMap,
     page: NDArray[np.int32],
     threads: int = 1,
+    left: NDArray[np.float32] | None = None,
 ) -> NDArray[np.float32]:
     """The light with its grain smoothed, where a tile of the page has any.
 
@@ -62,35 +48,12 @@ def denoise(
     variance   (3, n) float32, of the sum
     grainy     (n,) bool: texels whose neighbours err by themselves
     page       (n,) int32, of each entry
+    left       (4, n) float32: if given, gets the variance that is left where texels err independently, and each texel's share in its mean
     out        (k, 3, n) float32
     """
-    return _denoise(light, variance, grainy, texels, page, threads, None)
-
-
-def denoise_and_tell(
-    light: NDArray[np.float32],
-    variance: NDArray[np.float32],
-    grainy: NDArray[np.bool_],
-    texels: TexelMap,
-    page: NDArray[np.int32],
-    threads: int = 1,
-) -> Denoised:
-    """As denoise, of light (3, n) whose texels err independently."""
-    left = np.concatenate([variance, np.ones((1, variance.shape[1]), np.float32)])
-    return Denoised(_denoise(light[None], variance, grainy, texels, page, threads, left)[0], left[:3], left[3])
-
-
-def _denoise(
-    light: NDArray[np.float32],
-    variance: NDArray[np.float32],
-    grainy: NDArray[np.bool_],
-    texels: TexelMap,
-    page: NDArray[np.int32],
-    threads: int,
-    left: NDArray[np.float32] | None,
-) -> NDArray[np.float32]:
-    """As denoise; `left` (4, n), if given, gets the variance that is left and each texel's own share."""
     out = light.copy()
+    if left is not None:
+        left[:3], left[3] = variance, 1
     scale = np.float32(1 / max(float(light.sum(axis=0).mean(dtype=np.float64)), _DARKEST))  # squares of tiny and huge light stay finite
     side = -(-texels.page_size // _TILE) * _TILE
     for number in range(texels.page_count):

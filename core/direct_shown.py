@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .denoise import denoise_and_tell
+from .denoise import denoise
 from .texel_map import TexelMap
 
 _GRAIN = 0.005  # relative noise that is worth smoothing
@@ -46,7 +46,9 @@ class ShownDirect:
         grainy = variance.sum(axis=1) > (_GRAIN * (irradiance.sum(axis=1) + level)) ** 2
         if not grainy.any():
             return cls.plain(irradiance, variance)
-        shown = denoise_and_tell(np.ascontiguousarray(irradiance.T), np.ascontiguousarray(variance.T), grainy, texels, page, threads)
+        left = np.empty((4, len(irradiance)), np.float32)
+        light = denoise(np.ascontiguousarray(irradiance.T)[None], variance.T, grainy, texels, page, threads, left)[0].T
+        noise_left, own_share = left[:3].T, left[3, :, None]
         # Of the squared change, noise alone explains what the texel had and has now, less what it kept of its own.
-        blur2 = (shown.light.T - irradiance) ** 2 - variance * (1.0 - 2.0 * shown.own_share[:, None]) - shown.variance.T
-        return cls(np.ascontiguousarray(shown.light.T), np.ascontiguousarray(_CHOSEN_BY_NOISE * shown.variance.T), blur2)
+        blur2 = (light - irradiance) ** 2 - variance * (1.0 - 2.0 * own_share) - noise_left
+        return cls(np.ascontiguousarray(light), np.ascontiguousarray(_CHOSEN_BY_NOISE * noise_left), blur2)

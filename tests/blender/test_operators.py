@@ -11,7 +11,7 @@ bpy = pytest.importorskip("bpy")
 
 import leaflight  # noqa: E402
 from leaflight.addon import baking, panels, properties, request, restore, session  # noqa: E402
-from leaflight.core.messages import Preview, Progress, Status  # noqa: E402
+from leaflight.core.messages import Preview, Progress, Status  # noqa: E402 - after bpy is known to be there
 from leaflight.core.settings import Settings  # noqa: E402
 
 

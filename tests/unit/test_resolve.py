@@ -11,6 +11,7 @@ from leaflight.core.materials import SurfaceMaterials
 from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.scene import Material, TextureImage
 from leaflight.core.settings import DEBUG_PASSES, PASSES, Settings
+from leaflight.core.squares import SquareLight
 from leaflight.core.texels import build_texel_map
 from scenes import Mesh, make_scene
 from trees import SquareBake
@@ -187,6 +188,21 @@ def test_grain_of_photons_is_that_of_small_leaves(level, smooth):
     bake.throw(*np.random.default_rng(2).random((2, 10_000)))
     grainy, shown = smooth_both(bake, DirectField.none(len(bake.keys)))
     assert (np.abs(shown.direct - grainy.direct).max() > 1e-5) == smooth
+
+
+def test_grain_that_squares_bring_is_smoothed():
+    """On leaves that are too large for grain of their own."""
+    bake = SquareBake(side=16, degree=0, level=1)
+    bake.throw(*np.random.default_rng(2).random((2, 10_000)))
+    n = len(bake.keys)
+    told = np.zeros((2, 3, n))
+    told[1] = 3 + 0.3 * np.random.default_rng(3).standard_normal(n)
+    say = SquareLight(np.arange(n, dtype=np.int32), told, np.full((3, n), 0.09), np.full((3, n), 0.01))
+    field = replace(light_field(bake, np.flatnonzero(bake.tree.current)), direct=DirectField.none(n), squares=say)
+    blender = LeafBlender.of(bake.texels, np.zeros(n, np.int32))
+    grainy, shown = (resolve.light_at_texels(field, blender, smooth_grain=smooth) for smooth in (False, True))
+    assert grainy.indirect.mean() == pytest.approx(3, rel=0.1)
+    assert shown.indirect.std() < 0.6 * grainy.indirect.std()
 
 
 @pytest.mark.parametrize(("noise", "smooth"), [(0.004, False), (0.012, True)])

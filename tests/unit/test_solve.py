@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, solve_scene
 from leaflight.core import direct_field, executors, quadtree, workers
+from leaflight.core.direct_shown import ShownDirect
 from leaflight.core.messages import Progress
 from leaflight.core.settings import Settings
 
@@ -108,6 +109,16 @@ def test_rays_are_shot_again_where_they_err_most(tmp_path, monkeypatch, toleranc
     light = solve_scene(tmp_path, lamp_scene(rho=0.05), replace(QUICK, error=0.02, denoise=False))
     assert light.direct.passes.min() == 1
     assert (light.direct.passes.max() > 1) == (tolerance > 1)
+
+
+def test_what_is_shown_of_direct_light_is_of_its_last_shot(tmp_path):
+    solver = make_solver(tmp_path, lamp_scene(), replace(QUICK, error=0.3))
+    direct, where = solver.direct, (solver.blender.texels, solver.blender.page)
+    before = direct.show(*where, smooth=True)
+    direct.shoot(tmp_path, solver.settings, solver.executor, np.arange(len(direct.irradiance)))
+    shown, fresh = direct.show(*where, smooth=True), ShownDirect.smoothed(direct.irradiance, direct.variance, *where, threads=1)
+    np.testing.assert_array_equal(shown.irradiance, fresh.irradiance)
+    assert (shown.irradiance != before.irradiance).any()
 
 
 @pytest.mark.parametrize(("knobs", "rounds"), [({}, 2), ({"finest_texels": 16}, 1), ({"hierarchical": False}, 1)])
