@@ -4,7 +4,8 @@
 
 The extension must be installed. PICTURES names the folder for the pictures (default: a temporary one), QUALITY, SIZE,
 PASS and OUTPUT are the panel's, SHADING the viewport's. Prints the seconds from Bake to the first light on the objects, and the
-longest gap in which Blender's main loop did not run. The first light is drawn, which is not yet seen: Blender shows white objects until
+longest gap in which Blender's main loop did not run; before that, the gaps of Blender alone, without a bake: when the view is drawn
+anew, and when one object changes its material. The first light is drawn, which is not yet seen: Blender shows white objects until
 it has compiled the new materials' shaders; first_light.png tells. PICTURES=none takes no pictures, which would slow the bake.
 """
 
@@ -15,7 +16,7 @@ import subprocess
 import tempfile
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import bpy
@@ -31,6 +32,7 @@ MID_BAKE_FRACTION = 0.4
 GIVE_UP_SECONDS = 240.0
 TICK_SECONDS = 0.02
 CALM_TICKS = 50
+ALONE_TICKS = 150
 
 
 def take_picture(name: str) -> Iterator[float]:
@@ -83,6 +85,7 @@ def steps() -> Iterator[float]:
     with bpy.context.temp_override(window=window, area=area, region=find_region(area, "WINDOW")):
         bpy.ops.view3d.view_center_camera()
     yield 8.0  # the first material preview compiles shaders
+    yield from measure_blender_alone(area)
     yield from take_picture("before")
     gaps, last = [], time.perf_counter()
     with bpy.context.temp_override(window=window, area=area, region=find_region(area, "WINDOW")):
@@ -114,6 +117,33 @@ def steps() -> Iterator[float]:
     yield from take_picture("done")
     if state.result:
         print("UNDO " + ("bake still there" if leaves_bake_after_undo(window, area) else "one step took the bake off"), flush=True)
+
+
+def find_gap(change: Callable[[], None]) -> Iterator[float]:
+    """The longest gap after a change, in LONGEST: Blender goes on drawing while samples add up."""
+    LONGEST.append(0.0)
+    yield 2.0  # what came before comes to rest
+    change()
+    for _ in range(ALONE_TICKS):
+        last = time.perf_counter()
+        yield TICK_SECONDS
+        LONGEST[-1] = max(LONGEST[-1], time.perf_counter() - last)
+
+
+LONGEST: list[float] = []
+
+
+def measure_blender_alone(area) -> Iterator[float]:
+    """Prints what gaps Blender makes here without Leaflight."""
+    obj = next(one for one in bpy.context.scene.objects if one.type == "MESH" and one.material_slots)
+    slot, own, other = obj.material_slots[0], obj.material_slots[0].material, bpy.data.materials.new("Other")
+    yield from find_gap(area.tag_redraw)
+    yield from find_gap(lambda: setattr(slot, "material", other))
+    yield from find_gap(lambda: setattr(slot, "material", own))
+    bpy.data.materials.remove(other)
+    yield 8.0  # what this has set going in Blender comes to rest
+    redraw, *changes = LONGEST
+    print(f"ALONE the view drawn anew {redraw:.3f} s, one object's material changed {max(changes):.3f} s", flush=True)
 
 
 def shows_bake():
