@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import workers
+from .direct import DirectLight
 from .direct_shown import ShownDirect
 from .messages import Message, Status
 from .scene import IntArray
@@ -22,6 +23,38 @@ SHARD_TEXELS = 1 << 12  # small enough that no worker waits long for another's l
 TOLERANCE = 0.5  # of the error asked for: its noise is averaged over neighbours, at less cost than more rays
 MOST_PASSES = 64
 SECONDS_BETWEEN_WORDS = 1.0
+DARK_FLOOR = 0.1  # of the mean, against which darker texels are weighed
+_BLOCK = 64  # texels in a row, neighbours, whose variances are corrected together
+# Weights in texels shot again: of variances as they were told in all texels' correction, and of that in a block's.
+_PRIOR_VALUES, _PRIOR_OF_BLOCK = 64.0, 16.0
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """How estimates of texels that were shot again differ.
+
+    sums   (3, n_block) float64: how often it was; squared differences between the new estimate and the mean of those before,
+           relative to their brightness; and what their variances let expect of that
+    """
+
+    sums: NDArray[np.float64]
+
+    def add(self, block: IntArray, seen: NDArray[np.float64], expected: NDArray[np.float64]) -> None:
+        """One more estimate of some texels: all (m,)."""
+        for row, values in zip(self.sums, (np.ones(len(block)), seen, expected), strict=True):
+            row += np.bincount(block, values, len(row))
+
+    def correct(self) -> NDArray[np.float32]:
+        """(n_block,) float32: factors for the variances."""
+        count, seen, expected = self.sums
+        total = self.sums.sum(axis=1)
+        common = (_divide(total[1:2], total[2:]) * total[0] + _PRIOR_VALUES) / (total[0] + _PRIOR_VALUES)
+        factor: NDArray[np.float64] = (_divide(seen, expected) * count + _PRIOR_OF_BLOCK * common) / (count + _PRIOR_OF_BLOCK)
+        return factor.astype(np.float32)
+
+
+def _divide(seen: NDArray[np.float64], expected: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.divide(seen, expected, out=np.ones_like(seen), where=expected > 0.0)
 
 
 @dataclass
@@ -29,16 +62,19 @@ class DirectField:
     """Direct irradiance by shadow rays at every texel entry; zeros when photons carry it. Grows better in place.
 
     irradiance   (n, 3) float32, W/m^2
-    variance     (n, 3) float32, (W/m^2)^2
+    variance     (n, 3) float32, (W/m^2)^2: as single estimates tell it
     passes       (n,) int16: how many estimates each texel is the mean of
     counters     of direct.direct_irradiance, summed; empty when photons carry it
+    turns        shots so far, each with random numbers of its own
+    repeats      of texels shot again, or None
     """
 
     irradiance: NDArray[np.float32]
     variance: NDArray[np.float32]
     passes: NDArray[np.int16]
     counters: dict[str, int] = field(default_factory=dict)
-    turns: int = 0  # shots so far, each with random numbers of its own
+    turns: int = 0
+    repeats: Repeats | None = None
 
     def __post_init__(self) -> None:
         self._smoothed: ShownDirect | None = None  # of the last shot; made when it is asked for
@@ -50,10 +86,21 @@ class DirectField:
     def show(self, texels: TexelMap, page: NDArray[np.int32], smooth: bool, threads: int = 1) -> ShownDirect:
         """The light as it is shown, its grain smoothed or as it is; page (n,) int32, of each entry."""
         if not smooth:
-            return ShownDirect.plain(self.irradiance, self.variance)
+            return ShownDirect.plain(self.irradiance, self.find_variance())
         if self._smoothed is None:
-            self._smoothed = ShownDirect.smoothed(self.irradiance, self.variance, texels, page, threads)
+            self._smoothed = ShownDirect.smoothed(self.irradiance, self.find_variance(), texels, page, threads)
         return self._smoothed
+
+    def find_variance(self) -> NDArray[np.float32]:
+        """(n, 3) float32, (W/m^2)^2: where texels were shot again, corrected by how their estimates differ.
+
+        What strata gain depends on how shadows lie, which a single estimate cannot tell.
+        """
+        if self.repeats is None:
+            return self.variance
+        correction = self.repeats.correct()[np.arange(len(self.passes)) // _BLOCK]
+        corrected: NDArray[np.float32] = self.variance * np.where(self.passes > 1, correction, np.float32(1.0))[:, None]
+        return corrected
 
     def shoot(
         self,
@@ -72,11 +119,13 @@ class DirectField:
             for start in range(0, len(texels), SHARD_TEXELS)
         ]
         told = time.monotonic()
+        floor = DARK_FLOOR * float(self.irradiance.mean(dtype=np.float64)) + 1e-30
         for shard, light in zip(shards, executor.map(workers.light_texels, shards), strict=True):
             if should_stop():
                 return False
             rows = shard.texels
             before = self.passes[rows, None].astype(np.float32)
+            self._note_difference(rows, light, floor)
             self.irradiance[rows] = (self.irradiance[rows] * before + light.irradiance_rgb) / (before + 1)
             self.variance[rows] = (self.variance[rows] * before**2 + light.variance_rgb) / (before + 1) ** 2
             self.passes[rows] += 1
@@ -86,3 +135,17 @@ class DirectField:
                 told = time.monotonic()
                 tell(Status("direct", f"Direct light, {(shard.start + len(rows)) / len(texels):.0%}"))
         return True
+
+    def _note_difference(self, rows: IntArray, light: DirectLight, floor: float) -> None:
+        """Compares new estimates of the texels `rows` with those before; floor: brightness below which a texel counts as if it had that."""
+        again = self.passes[rows] > 0
+        if not again.any():
+            return
+        rows = rows[again]
+        gap = light.irradiance_rgb[again] - self.irradiance[rows]
+        joint = self.irradiance[rows] + gap / (self.passes[rows, None] + 1)  # which a texel's own noise moves independently of the gap
+        weight = 1.0 / (joint + floor) ** 2
+        seen = (weight * gap**2).sum(axis=1)
+        expected = (weight * (light.variance_rgb[again] + self.variance[rows])).sum(axis=1)
+        self.repeats = self.repeats or Repeats(np.zeros((3, -(-len(self.passes) // _BLOCK))))
+        self.repeats.add(rows // _BLOCK, seen, expected)

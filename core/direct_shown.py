@@ -51,4 +51,5 @@ class ShownDirect:
         noise_left, own_share = left[:3].T, left[3, :, None]
         # Of the squared change, noise alone explains what the texel had and has now, less what it kept of its own.
         blur2 = (light - irradiance) ** 2 - variance * (1.0 - 2.0 * own_share) - noise_left
-        return cls(np.ascontiguousarray(light), np.ascontiguousarray(_CHOSEN_BY_NOISE * noise_left), blur2)
+        chosen = noise_left + (_CHOSEN_BY_NOISE - 1.0) * np.maximum(noise_left - own_share**2 * variance, 0.0)
+        return cls(np.ascontiguousarray(light), np.ascontiguousarray(chosen), blur2)

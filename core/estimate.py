@@ -37,6 +37,7 @@ _CHUNK = 1 << 16
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 # The halves of few leaves say little about noise; the prior says "as independent photons" with this many values' weight.
 _PRIOR_VALUES = 64.0
+_TINY = np.finfo(float).tiny
 
 
 def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> float:
@@ -44,7 +45,7 @@ def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> flo
 
     nodes   (m,) int, nodes that tile the charts
     """
-    area = np.maximum(tree.area[nodes], np.finfo(float).tiny)
+    area = np.maximum(tree.area[nodes], _TINY)
     seen = ((solution.flux_half[0] - solution.flux_half[1])[:, nodes] / (2.0 * area)) ** 2
     predicted = solution.variance[:, nodes]
     told = predicted > 0.0
@@ -87,7 +88,7 @@ def state_error(
     """Error of the light on the `nodes`, which tile the charts, blended, and of direct light by rays, 0 without."""
     direct = shown_direct.irradiance
     correction = noise_correction(tree, solution, nodes)
-    area = np.maximum(tree.area, np.finfo(float).tiny)
+    area = np.maximum(tree.area, _TINY)
     leaf = node_of_texel(tree, nodes, len(direct))
     node_light = np.ascontiguousarray((solution.flux / area).astype(np.float32).T)
     dark2 = _find_dark(node_light, leaf, direct)
@@ -102,7 +103,7 @@ def state_error(
     shown = blender.blend(tree, solution, leaf, sample, halves=True)
     weight = _weigh(node_light[leaf[sample]] + direct[sample], dark2)
     photons2 = (weight.T * shown.variance).mean(0) * correction
-    blind2 = weight.mean(1) * missing_light(tree, totals, comparison, nodes)[leaf[sample]]
+    blind2 = weight.mean(1) * missing_light(tree, totals, solution, comparison, nodes)[leaf[sample]]
     deepest = node_of_texel(tree, np.flatnonzero(~tree.has_children), len(leaf))[sample]
     bias2, gap2 = _missing_from_blend(tree, solution, leaf, deepest, sample, blender, shown, weight, blind2)
     likely = photons2 + direct2[sample] + gap2
@@ -167,14 +168,17 @@ def _missing_from_blend(
     told = np.flatnonzero(deepest != leaf[sample])
     entry = sample[told]
     below = evaluate_leaf(tree, solution, deepest[told], blender.x[entry], blender.y[entry], halves=True).irradiance
-    gap = shown.irradiance[..., told] - below
+    halves = shown.irradiance[..., told]
+    gap = np.where(halves.sum(0) > 0.0, halves, 0.0) - below  # what dips below zero is shown as dark
     unbiased[told] = (weight[told].T * gap[0] * gap[1]).mean(0)
     group, count = np.unique(deepest[told], return_inverse=True, return_counts=True)[1:]
     seen[told] = (np.bincount(group, unbiased[told]) / count)[group]
     return unbiased, seen
 
 
-def missing_light(tree: Quadtree, totals: Totals, comparison: refine.Comparison, nodes: IntArray) -> NDArray[np.float64]:
+def missing_light(
+    tree: Quadtree, totals: Totals, solution: Solution, comparison: refine.Comparison, nodes: IntArray
+) -> NDArray[np.float64]:
     """(n,) float64, (W/m^2)^2: mean square a channel of light that `nodes` cannot hold, 0 elsewhere; noise can make it negative."""
     missing = np.zeros(len(tree))
     # Photons spread more evenly than chance would spread them: less noise than their number tells, which would hide a bias.
@@ -182,6 +186,9 @@ def missing_light(tree: Quadtree, totals: Totals, comparison: refine.Comparison,
     parents = nodes[tree.has_children[nodes] & (totals.shot[nodes] > 0)]
     missing[parents] = common[comparison.rows[0][parents]]
     blind = nodes[~tree.has_children[nodes] & (tree.side[nodes] > 1) & (tree.parent[nodes] >= 0)]
-    # No previews yet: what their parents could not hold tells.
-    missing[blind] = BIAS_DECAY * np.maximum(common[comparison.rows[0][tree.parent[blind]]], 0.0)
+    # No previews yet: what their parents could not hold tells, and dark ones have less of it.
+    parent = tree.parent[blind]
+    light2, parent2 = (((solution.flux[:, ids] / np.maximum(tree.area[ids], _TINY)) ** 2).sum(0) for ids in (blind, parent))
+    share = np.divide(light2, parent2, out=np.zeros(len(blind)), where=parent2 > 0.0)
+    missing[blind] = BIAS_DECAY * np.minimum(share, 1.0) * np.maximum(common[comparison.rows[0][parent]], 0.0)
     return missing

@@ -70,7 +70,7 @@ def light_at_texels(field: LightField, blender: reconstruct.LeafBlender, smooth_
         by_photons = slice(1 if field.direct.passes.any() else 0, 2)
         light[by_photons] = denoise.denoise(light[by_photons], variance, grain, blender.texels, blender.page, threads)
     by_rays = field.direct.show(blender.texels, blender.page, smooth_grain, threads).irradiance
-    return TexelLight(by_rays + light[0].T, light[1].T, np.sqrt(variance.T + field.direct.variance), leaf)
+    return TexelLight(by_rays + light[0].T, light[1].T, np.sqrt(variance.T + field.direct.find_variance()), leaf)
 
 
 def close_seams(light: TexelLight, points: SeamPoints, blender: reconstruct.LeafBlender) -> tuple[TexelLight, seams.SeamReport]:

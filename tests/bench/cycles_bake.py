@@ -41,30 +41,31 @@ class Stage:
     tri_uv: np.ndarray
 
 
-def set_stage(blend: Path, size: int, folder: Path) -> Stage:
+def set_stage(blend: Path, size: int, folder: Path, objects: tuple[str, ...] = ()) -> Stage:
     """Open a sample and lay it out by a Leaflight bake of no worth, whose materials are taken off again.
 
-    folder   an empty one
+    folder    an empty one
+    objects   that are baked, if not all
     Raises ValueError where the charts do not fit one page.
     """
     sys.path += library_paths()
     open_scene(blend)
     quick = Settings(size=size, share_meshes=False, passes=("lighting",), direct="photons", error=1.0, max_photons=1000, workers=1)
-    work = session.prepare(bpy.context, BakeRequest(quick, output=folder / "images"), folder)
+    work = session.prepare(bpy.context, BakeRequest(quick, objects=objects, output=folder / "images"), folder)
     bake.run_bake(folder, lambda message: None, lambda: False)
     result = session.read_result(work)
     if result["pages"] != 1:
         raise ValueError(f"{blend.name}: has {result['pages']} pages, expected one; choose a larger size.")
     session.assign(bpy.context, work, result)
     scene = bpy.context.scene
-    objects = [obj for obj in scene.objects if materials_write.is_shown(obj)]
-    materials_write.hide(objects)
+    baked = [obj for obj in scene.objects if materials_write.is_shown(obj)]
+    materials_write.hide(baked)
     image = bpy.data.images.new(TARGET, size, size, alpha=True, float_buffer=True)
     image.colorspace_settings.name = "Linear Rec.709"
-    for obj in objects:
+    for obj in baked:
         _aim_at(obj, image)
     _set_cycles(scene)
-    return Stage(scene, objects, image, np.load(folder / LAYOUT_FILE)["tri_uv"])
+    return Stage(scene, baked, image, np.load(folder / LAYOUT_FILE)["tri_uv"])
 
 
 def bake_cycles(stage: Stage, samples: int, seed: int) -> tuple[np.ndarray, float]:

@@ -56,21 +56,36 @@ def test_committed_references_have_little_noise_and_are_small(name):
     assert len(reference.first) == reference.covered.sum()
 
 
-def measured(rel=0.01, bias=0.001, stated=0.01, finest=True):
+def measured(rel=0.01, bias=0.001, stated=0.01, finest=True, truth=None):
     errors = LightmapErrors(100, rel, rel, rel, bias)
-    return bench_accuracy.Measured("toy", finest, 1_000_000, errors, stated, 1.0, np.zeros((2, 2, 4)))
+    exact = LightmapErrors(100, truth, truth, truth, bias) if truth else None
+    return bench_accuracy.Measured("toy", finest, 1_000_000, errors, exact, stated, 1.0, np.zeros((2, 2, 4)))
+
+
+def series(*bakes, **options):
+    return bench_accuracy.Series(bakes or (measured(**options),))
 
 
 def test_claims_hold_up_to_their_bounds():
-    assert [claim.holds for claim in bench_accuracy.judge([measured()])] == [True, True]
-    assert [claim.holds for claim in bench_accuracy.judge([measured(rel=0.021, bias=-0.006)])] == [False, False]
-    counts = [measured(stated=stated, finest=False) for stated in (0.0074, 0.0076, 0.0124, 0.0126)]
+    assert [claim.holds for claim in bench_accuracy.judge([series()])] == [True, True]
+    assert [claim.holds for claim in bench_accuracy.judge([series(rel=0.021, bias=-0.006)])] == [False, False]
+    counts = [series(stated=stated, finest=False) for stated in (0.0074, 0.0076, 0.0124, 0.0126)]
     assert [claim.holds for claim in bench_accuracy.judge(counts)] == [False, True, True, False]
-    assert not bench_accuracy.judge([measured(rel=0.0, finest=False)])[0].holds
+    assert not bench_accuracy.judge([series(rel=0.0, finest=False)])[0].holds
+
+
+def test_stated_errors_are_held_against_the_mean_of_seeds_and_the_closed_form():
+    two = series(measured(rel=0.03, stated=0.04, finest=False), measured(rel=0.04, stated=0.03, finest=False))
+    assert two.ratio == pytest.approx(1.0)
+    assert two.row()[-1] == "0.75 to 1.33"
+    exact = series(rel=0.0, truth=0.02, stated=0.02, finest=False)
+    assert exact.ratio == pytest.approx(1.0)
+    assert exact.row()[5] == "2.00%"
+    assert len(exact.row()) == len(bench_accuracy.HEAD)
 
 
 def test_failing_claims_stand_out_in_the_table():
-    table = bench_accuracy.table_claims(bench_accuracy.judge([measured(), measured(bias=0.1)]))
+    table = bench_accuracy.table_claims(bench_accuracy.judge([series(), series(bias=0.1)]))
     assert [row[-1] for row in table.rows] == ["holds", "holds", "FAILS", "holds"]
 
 

@@ -1,9 +1,12 @@
 """Shots add up to means, with the variance of means."""
 
+from concurrent.futures import Future
+
 import numpy as np
 import pytest
 from boxes import lamp_scene, prepare_folder
 from leaflight.core import executors
+from leaflight.core.direct import DirectLight
 from leaflight.core.direct_field import DirectField
 from leaflight.core.settings import Settings
 
@@ -61,3 +64,31 @@ def test_every_shot_has_random_numbers_of_its_own(shot):
     assert not np.allclose(seen[0], seen[1], rtol=1e-3)
     assert not np.allclose(seen[2], seen[3], rtol=1e-3)
     assert field.turns == 5
+
+
+class Dice(executors.InlineExecutor):
+    """Stands in for whoever shoots: estimates of 1 W/m^2 that err by `sigma` (n,), and say 0.2."""
+
+    def __init__(self, sigma):
+        super().__init__()
+        self._sigma, self._rng = sigma[:, None], np.random.default_rng(1)
+
+    def submit(self, fn, shard):
+        future = Future()
+        sigma = self._sigma[shard.texels]
+        future.set_result(DirectLight(1 + sigma * self._rng.standard_normal((len(sigma), 3)), np.full((len(sigma), 3), 0.2**2), {}))
+        return future
+
+
+def test_variances_of_texels_shot_again_are_corrected_by_how_their_estimates_differ(tmp_path):
+    """By those of neighbours; what was shot once keeps its own."""
+    sigma = np.repeat([0.1, 0.2, 0.4, 0.1], 640)
+    field, dice, again = DirectField.none(len(sigma)), Dice(sigma), np.arange(3 * 640)
+    field.shoot(tmp_path, SETTINGS, dice, np.arange(len(sigma)))
+    assert field.find_variance() is field.variance
+    for _ in range(15):
+        field.shoot(tmp_path, SETTINGS, dice, again)
+    told = field.find_variance().reshape(4, 640, 3).mean(axis=(1, 2))
+    np.testing.assert_allclose(told[:3] * 16, [0.1**2, 0.2**2, 0.4**2], rtol=0.25)
+    assert told[3] == pytest.approx(0.2**2)
+    assert field.variance.max() == pytest.approx(0.2**2)

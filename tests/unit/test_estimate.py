@@ -186,3 +186,33 @@ def test_parts_of_a_page_state_the_same_error(monkeypatch):
     assert parts.relative == pytest.approx(whole.relative, rel=1e-6)
     np.testing.assert_allclose(parts.texel_direct2, whole.texel_direct2, rtol=1e-5)
     assert (whole.texel_direct2 > 0).all()
+
+
+@pytest.mark.parametrize(("halves", "counted"), [((1.0, 1.0), 1.0), ((3.0, -1.0), -3.0), ((-1.0, -1.0), 0.0), ((1.0, -3.0), 0.0)])
+def test_what_dips_below_zero_is_judged_as_it_is_shown(halves, counted):
+    """As dark; of what is shown, a half may well be below zero."""
+    bake = SquareBake(side=8, level=1)  # no photons: below all leaves it is dark
+    tree, sample = bake.tree, np.arange(len(bake.keys))
+    leaf, deepest = (quadtree.node_of_texel(tree, nodes, len(sample)) for nodes in (current(bake), np.flatnonzero(~tree.has_children)))
+    assert (leaf != deepest).all()
+    light = np.ones((2, 3, len(sample))) * np.reshape(halves, (2, 1, 1))
+    shown = reconstruct.PointLight(light, np.zeros((3, len(sample))))
+    weight, blind2 = np.ones((len(sample), 3), np.float32), np.full(len(sample), np.nan)
+    unbiased, _ = estimate._missing_from_blend(tree, bake.solution(), leaf, deepest, sample, blender_of(bake), shown, weight, blind2)
+    np.testing.assert_allclose(unbiased, counted, rtol=1e-6)
+
+
+def test_dark_leaves_without_previews_state_less_than_bright_ones():
+    def one_side(rng, n):
+        return 0.5 + 0.5 * rng.random(n) ** 2, rng.random(n)
+
+    bake = throw(one_side, 200_000, 1, degree=0, level=0, preview_depth=1)
+    bake.tree = quadtree.split(bake.tree, current(bake))
+    nodes = current(bake)
+    totals, solution = bake.totals(), bake.solution()
+    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.05, 16, 1))
+    missing = estimate.missing_light(bake.tree, totals, solution, comparison, nodes)[nodes]
+    dark = solution.flux[0, nodes] == 0
+    assert dark.sum() == 2
+    assert (missing[dark] == 0).all()
+    assert (missing[~dark] > 0).all()
