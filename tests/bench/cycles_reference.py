@@ -32,7 +32,7 @@ SAMPLE_COUNTS = {
     "cornell_box": 1024,
     "figure2_square": 256,
     "furnace": 256,
-    "furnished_room": 12288,  # the committed one has 4096, its noise is 3 %
+    "furnished_room": 12288,
     "instances": 256,
     "two_rooms": 2048,
 }
