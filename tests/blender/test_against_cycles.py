@@ -18,6 +18,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
 from bench_accuracy import MOST_BIAS, MOST_REL, bake_page  # noqa: E402
 from cycles_bake import bake_cycles, set_stage  # noqa: E402
 from cycles_reference import SEEDS, Reference  # noqa: E402
+from cycles_texel import TEXEL, bake_step  # noqa: E402
 from leaflight.core.job import SNAPSHOT_FILE  # noqa: E402
 from leaflight.core.settings import Settings  # noqa: E402
 from stats import PLANTED_BIAS  # noqa: E402
@@ -131,27 +132,44 @@ def save_scene(path, light, material):
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
 
 
-@pytest.fixture(params=CASES, ids=", ".join)
-def baked(request, tmp_path):
+@pytest.fixture(scope="module", params=CASES, ids=", ".join)
+def baked(request, tmp_path_factory):
     """The scene's reference, and Leaflight's page and layout."""
-    blend, folder = tmp_path / "scene.blend", tmp_path / "bake"
+    root = tmp_path_factory.mktemp("scene")
+    blend, work, folder = root / "scene.blend", root / "stage", root / "bake"
     save_scene(blend, *request.param)
-    (tmp_path / "stage").mkdir()
-    stage = set_stage(blend, SIZE, tmp_path / "stage")
+    work.mkdir()
+    stage = set_stage(blend, SIZE, work)
     first, second = (bake_cycles(stage, SAMPLES, seed)[0] for seed in SEEDS)
     covered = (first[..., 3] > 0) & (second[..., 3] > 0)
     folder.mkdir()
-    (tmp_path / "stage" / SNAPSHOT_FILE).rename(folder / SNAPSHOT_FILE)
+    (work / SNAPSHOT_FILE).rename(folder / SNAPSHOT_FILE)
     page, tri_uv, _ = bake_page(folder, SETTINGS)
     return Reference("scene", covered, first[covered][:, :3], second[covered][:, :3], stage.tri_uv), page, tri_uv
 
 
-@pytest.mark.slow
-def test_light_and_material_are_those_of_cycles(baked, hold):
+def measure(baked, bias=1.0):
     reference, page, tri_uv = baked
-    found, biased = (reference.measure(page * np.float32(factor), tri_uv) for factor in (1.0, PLANTED_BIAS))
-    bounds = {"low": -MOST_BIAS, "high": MOST_BIAS, "unit": "%"}
-    hold("Cycles, each light and material: bias against it", 100 * found.bias, **bounds)
-    hold("Cycles, each light and material: rel at the finest settings", 100 * found.rel, high=MOST_REL, unit="%")
-    hold("Cycles, each light and material: bias with a planted one of 3 %", 100 * biased.bias, low=MOST_BIAS, unit="%")
-    hold("Cycles, each light and material: rel with a planted bias of 3 %", 100 * biased.rel, low=MOST_REL, unit="%")
+    return reference.measure(page * np.float32(bias), tri_uv)
+
+
+@pytest.fixture(scope="module")
+def looks_at_middle():
+    """Whether a texel of this Cycles is a mean over its middle, as a page of ours is: 5.0's is, 5.2's is one over the whole texel."""
+    return bake_step(TEXEL + 0.2)[TEXEL, 0] == 1  # where what glows begins to the left of the middle
+
+
+@pytest.mark.slow
+def test_light_is_not_biased(baked, hold):
+    name = "Cycles, each light and material: bias"
+    hold(f"{name} against it", 100 * measure(baked).bias, low=-MOST_BIAS, high=MOST_BIAS, unit="%")
+    hold(f"{name} with a planted one of 3 %", 100 * measure(baked, PLANTED_BIAS).bias, low=MOST_BIAS, unit="%")
+
+
+@pytest.mark.slow
+def test_light_is_that_of_cycles(looks_at_middle, baked, hold):
+    if not looks_at_middle:
+        pytest.skip("a texel of this Cycles is a mean over all of it")
+    name = "Cycles, each light and material: rel"
+    hold(f"{name} at the finest settings", 100 * measure(baked).rel, high=MOST_REL, unit="%")
+    hold(f"{name} with a planted bias of 3 %", 100 * measure(baked, PLANTED_BIAS).rel, low=MOST_REL, unit="%")
