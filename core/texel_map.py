@@ -204,7 +204,7 @@ class TexelMap:
         """Points of the unit square carried over to where a texel looks, uniform by world area.
 
         A texel is read at its centre by whoever filters the image, and looks at the square of half its side around it, on the
-        triangle there, as Cycles' bake does (measured); a texel whose centre no triangle covers looks at what is covered.
+        triangle there, as Cycles' bake does in Blender 5.0 (measured); a texel whose centre no triangle covers looks at what is covered.
 
         entry   (m,) int
         point   (k, m, 2) or (k, 1, 2) float in [0, 1); `centred_strata` or stratified random numbers

@@ -5,19 +5,22 @@ A function of degree p on nodes of side h leaves an error of order h^(p + 1) of 
 
 import numpy as np
 import pytest
-from boxes import room_mesh
+from boxes import furnace_scene, room_mesh
+from closed_forms import from_point
 from known_light import bake_known
 from leaflight.core import quadtree, tally
 from leaflight.core.scene import Light, Material
 from leaflight.core.settings import BASES
 from scenes import make_scene
-from stats import fit_slope
+from stats import PLANTED_BIAS, fit_slope
 from trees import SquareBake
 
-PHOTONS = (20_000, 80_000, 320_000)
+PHOTONS, SEEDS = (20_000, 80_000, 320_000), (1, 2, 3, 4)
 SIDE_TEXELS = 64
 REPEATS = 10**8  # of every photon: no slope may pass for noise
-DEEP = Light("POINT", "Lamp", (0.1, 0.05, 0.0), power_rgb=(12.0,) * 3)
+POWER_W, PLACE = 12.0, (0.1, 0.05, 0.0)
+STEEPEST, LEAST_STEEP = -1.1, -0.45  # slopes over photons
+NEAR = 0.15  # of slopes over node sizes
 
 
 def smooth_light(s, t):
@@ -39,37 +42,51 @@ def bake_without_noise(degree, finest_texels):
     return bake
 
 
-def node_error(degree, finest_texels):
-    """Root mean square error over the square."""
-    bake = bake_without_noise(degree, finest_texels)
+def node_errors(degree, sizes):
+    """node_errors(bias): root mean square error over the square, of nodes of each size."""
     s, t = np.random.default_rng(7).random((2, 20_000))
-    found = bake.values(np.flatnonzero(~bake.tree.has_children), s, t)
-    return np.sqrt(np.mean((found - smooth_light(s, t)) ** 2))
+    bakes = [bake_without_noise(degree, size) for size in sizes]
+    found = np.array([bake.values(np.flatnonzero(~bake.tree.has_children), s, t) for bake in bakes])
+    return lambda bias=1.0: np.sqrt(np.mean((bias * found - smooth_light(s, t)) ** 2, axis=1))
 
 
 @pytest.mark.parametrize(("degree", "sizes"), [(0, (2, 4, 8, 16)), (1, (4, 8, 16, 32)), (2, (8, 16, 32, 64))], ids=BASES)
 def test_error_falls_with_the_size_of_nodes(degree, sizes, hold):
-    errors = [node_error(degree, size) for size in sizes]
-    bounds = {"low": degree + 0.85, "high": degree + 1.15, "points": tuple(zip(sizes, errors, strict=True))}
-    hold(f"convergence: slope of log error over log node size, {BASES[degree]}", fit_slope(np.array(sizes), np.array(errors)), **bounds)
+    """And would not if it were biased."""
+    errors, exact = node_errors(degree, sizes), degree + 1
+    name, points = "convergence: slope of log error over log node size", tuple(zip(sizes, errors(), strict=True))
+    hold(f"{name}, {BASES[degree]}", fit_slope(np.array(sizes), errors()), low=exact - NEAR, high=exact + NEAR, points=points)
+    hold(f"{name}, with a planted bias of 3 %", fit_slope(np.array(sizes), errors(PLANTED_BIAS)), high=exact - NEAR)
 
 
-def photon_errors(folder, rho, counts):
-    """Root mean square error of leaves, relative to the mean, from pairs of bakes that differ only by their seeds."""
-    scene = make_scene([room_mesh()], [DEEP], [Material("Wall", (rho,) * 3)])
-
-    def value(count, seed):
-        knobs = {"size": 64, "error": 1e-4, "max_photons": count, "seed": seed}
-        return bake_known(folder / f"{count}_{seed}", scene, lambda p, n: np.ones(len(p)), "photons", **knobs).on_leaves().value
-
-    pairs = [(value(count, 1), value(count, 2)) for count in counts]
-    return np.array([np.sqrt(np.mean((one - other) ** 2) / 2) / one.mean() for one, other in pairs])
+def lamp_light(position, normal):
+    return POWER_W / (4 * np.pi) * from_point(PLACE, position, normal)
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.7])
+def furnace_light(position, normal):
+    return np.full(len(position), np.pi / (1 - 0.7))
+
+
+PHOTON_SCENES = {
+    0: (make_scene([room_mesh()], [Light("POINT", "Lamp", PLACE, power_rgb=(POWER_W,) * 3)], [Material("Black", (0.0,) * 3)]), lamp_light),
+    0.7: (furnace_scene(0.7), furnace_light),
+}
+
+
+@pytest.mark.parametrize("rho", PHOTON_SCENES)
 def test_error_falls_at_least_as_the_root_of_the_photons(tmp_path, rho, hold):
-    """Kronecker's points do better than chance where nothing scatters."""
-    errors = photon_errors(tmp_path, rho, PHOTONS)
-    assert errors[0] < 0.2
-    bounds = {"low": -1.1, "high": -0.45, "points": tuple(zip(PHOTONS, errors, strict=True))}
-    hold(f"convergence: slope of log error over log photons, albedo {rho:g}", fit_slope(np.array(PHOTONS), errors), **bounds)
+    """Kronecker's points do better than chance where nothing scatters; a bias would stay."""
+
+    def bake(count, seed):
+        knobs = {"size": 64, "finest_texels": 8, "error": 1e-4, "max_photons": count, "seed": seed}
+        return bake_known(tmp_path / f"{count}_{seed}", *PHOTON_SCENES[rho], "photons", **knobs).on_leaves()
+
+    def errors(bias=1.0):
+        squares = [np.mean([np.average((bias * f.value - f.truth) ** 2, weights=f.weight) / f.mean**2 for f in some]) for some in bakes]
+        return np.sqrt(squares)
+
+    bakes = [[bake(count, seed) for seed in SEEDS] for count in PHOTONS]
+    assert errors()[0] < 0.2
+    name, points = "convergence: slope of log error over log photons", tuple(zip(PHOTONS, errors(), strict=True))
+    hold(f"{name}, albedo {rho:g}", fit_slope(np.array(PHOTONS), errors()), low=STEEPEST, high=LEAST_STEEP, points=points)
+    hold(f"{name}, with a planted bias of 3 %", fit_slope(np.array(PHOTONS), errors(PLANTED_BIAS)), low=LEAST_STEEP)

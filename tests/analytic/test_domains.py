@@ -77,7 +77,7 @@ def test_bases_of_nodes_are_orthonormal_on_the_chart(degree, hold):
             worst = max(worst, np.abs((values * weight) @ values.T - np.eye(len(values))).max())
             judged += 1
     assert judged > 200
-    hold("basis: inner products on the nodes of random charts off the identity", worst, high=1e-10)
+    hold("basis: inner products on nodes that random charts cover by a twentieth and more off the identity", worst, high=1e-10)
 
 
 @pytest.mark.parametrize("mesh", [sphere_mesh(), moved(grid_mesh("Bent", noise=0.4), scale=0.01)], ids=["sphere", "bent"])

@@ -15,8 +15,9 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
+import paper_claims
 import paper_tables
-from claims import publish_claims
+from claims import Claim, publish_claims
 from export_samples import export_samples
 from leaflight.core.executors import make_executor
 from leaflight.core.scene import SceneSnapshot
@@ -49,14 +50,14 @@ class Effort:
 
 @dataclass(frozen=True)
 class Measured:
-    """All that was measured: tables by name, and what the pictures are made from."""
+    """All that was measured: tables by name, what is claimed, and what the pictures are made from."""
 
     tables: dict[str, Table]
+    claims: list[Claim]
     square: dict[str, Bake]
     room: dict[str, Bake]
     curves: dict[str, list[Point]]
     reference: Reference
-    overhead: paper_tables.Overhead
 
 
 def measure_paper(folder: Path, room: SceneSnapshot, square: SceneSnapshot, effort: Effort, executor: Executor) -> Measured:
@@ -69,18 +70,27 @@ def measure_paper(folder: Path, room: SceneSnapshot, square: SceneSnapshot, effo
         print(f"\n{name}, after {time.monotonic() - began:.0f} s\n\n{table}", flush=True)
 
     stage = Stage(folder / "square", square, Settings(size=effort.square_size), executor)
-    table, square_bakes = paper_tables.bake_square(stage, effort.figure_2)
-    tell("figure 2", table)
+    square_rows, square_bakes = paper_tables.bake_square(stage, effort.figure_2)
+    tell("figure 2", paper_tables.table_square(square_rows))
     stage = Stage(folder / "room", room, Settings(size=effort.size), executor)
     reference = paper_tables.make_reference(stage, effort.figure_3)
     curves, room_bakes = paper_tables.trace_curves(stage, reference, effort.curve)
     tell("figure 3", paper_tables.table_curves(curves))
-    tell("leaves for the same error", paper_tables.table_leaves(curves))
+    needs = paper_tables.read_needs(curves)
+    tell("leaves for the same error", paper_tables.table_needs(needs))
     overhead = paper_tables.measure_overhead(stage, reference, effort.figure_3)
     tell("overhead", paper_tables.table_overhead(overhead))
-    tell("hints", paper_tables.sweep(stage, reference, effort.sweep, paper_tables.HINTS))
-    tell("knobs", paper_tables.sweep(stage, reference, effort.sweep, paper_tables.KNOBS))
-    return Measured(tables, square_bakes, room_bakes, curves, reference, overhead)
+    hints, knobs = (paper_tables.sweep(stage, reference, effort.sweep, choices) for choices in (paper_tables.HINTS, paper_tables.KNOBS))
+    tell("hints", paper_tables.table_sweep(hints))
+    tell("knobs", paper_tables.table_sweep(knobs))
+    claims = [
+        *paper_claims.judge_square(square_rows),
+        *paper_claims.judge_curves(curves, needs),
+        *paper_claims.judge_overhead(overhead),
+        *paper_claims.judge_hints(hints),
+        *paper_claims.judge_knobs(knobs),
+    ]
+    return Measured(tables, claims, square_bakes, room_bakes, curves, reference)
 
 
 def draw_paper(measured: Measured, camera: dict, folder: Path) -> None:
@@ -116,7 +126,7 @@ def main() -> int:
     if arguments.docs:
         page = DOCS / "paper.md"
         page.write_text(put_tables(page.read_text(encoding="utf-8"), measured.tables), encoding="utf-8")
-    return publish_claims("paper", measured.overhead.claims())
+    return publish_claims("paper", measured.claims)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
 """A sample as Cycles bakes it, on the UV layer that Leaflight makes for it. Needs pip's bpy, and is run in a process of its own.
 
 A texel of Cycles, as cycles_texel.py measures it under 5.0, is a mean over a square half a texel wide around the texel's centre, whatever
-the pixel filter, and of that only over what lies on the triangle of the centre. A texel whose centre no triangle covers is not
-baked. So where light has an edge, or a chart its border, it is not the mean over all that the chart covers of the texel.
+the pixel filter, and of that only over what lies on the triangle of the centre. Under 5.2 the square is the texel. A texel whose centre
+no triangle covers is not baked. So where light has an edge, or a chart its border, it is not the mean over all that the chart covers of
+the texel.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 python tests/bench/cycles_reference.py [NAME ...] [--size N] [--samples N] [--folder DIR]     about half an hour for all on two cores
 
 DIFFUSE with Direct and Indirect, without Color; nothing is clamped, filtered or denoised, and no path is cut short. What a texel of Cycles
-is: see cycles_bake.py. Files are NAME_SIZE.npz, their arrays:
+is: see cycles_bake.py; Blender 5.2's is another one, so make them with 5.0. Files are NAME_SIZE.npz, their arrays:
   covered         (size * size / 8,) uint8, bits: texels that Cycles baked, row 0 at the bottom
   first, second   (n, 3) float16: lighting of the covered texels, W/m^2/pi, of either seed
   tri_uv          (n_tri, 3, 2) uint16: the layout in 65535ths of the page, by which a bake on another layout is told
@@ -32,7 +32,7 @@ SAMPLE_COUNTS = {
     "cornell_box": 1024,
     "figure2_square": 256,
     "furnace": 256,
-    "furnished_room": 12288,  # the committed one has 4096, its noise is 3 %
+    "furnished_room": 12288,
     "instances": 256,
     "two_rooms": 2048,
 }

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from claims import Claim
 from leaflight.core.irradiance import polygon_irradiance
 from leaflight.core.settings import BASES, Settings
 from paper_bakes import Bake, Errors, Reference, Stage
@@ -18,7 +17,6 @@ SEEDS = 4  # for variances between bakes
 PHOTONS_IN_A_NODE = 16  # on the fixed mesh, for a variance to be worth comparing
 LAMP_W, LAMP_M, LAMP_HEIGHT_M, SHEET_EDGE_M = 40.0, 0.3, 2.0, 0.5  # of figure2_square.blend
 PAPER_OVERHEAD = 1 / (1 - 1 / 4)  # [Tobler97]: what late nodes may lose
-LOT_LESS_NOISE = math.sqrt(0.5)  # "a lot less variance" of the paper: at most half
 DEFAULTS = Settings()
 
 
@@ -54,8 +52,18 @@ def texel_positions(stage: Stage) -> np.ndarray:
     return np.einsum("nk,nkj->nj", texels.texel_bary, stage.tracing.snapshot.tri_position[texels.texel_tri])
 
 
-def bake_square(stage: Stage, arriving: float) -> tuple[Table, dict[str, Bake]]:
-    """Figure 2: bakes in which so many photons land on the square; the table, and those to draw by their basis."""
+@dataclass(frozen=True)
+class SquareRow:
+    """One bake of figure 2; rmse is relative to the mean."""
+
+    basis: str
+    rule: str
+    leaves: int
+    rmse: float
+
+
+def bake_square(stage: Stage, arriving: float) -> tuple[list[SquareRow], dict[str, Bake]]:
+    """Figure 2: bakes in which so many photons land on the square, and those to draw by their basis."""
     truth = square_irradiance(texel_positions(stage))
     photons = arriving * LAMP_W / (truth * stage.texels.texel_area).sum()
     rows, drawn = [], {}
@@ -66,11 +74,15 @@ def bake_square(stage: Stage, arriving: float) -> tuple[Table, dict[str, Bake]]:
             bake = stage.bake(photons, basis=basis, oracle=oracle, stability=stability)
             leaf = bake.leaf if oracle == "significance" else bake.leaf_of(bake.show_stable(stability))
             off = bake.values(leaf)[:, 0] - truth
-            count = len(np.unique(leaf))
-            rows.append([basis, f"{oracle}, stable from {stability}", f"{count:,}", percent(np.sqrt((off**2).mean()) / truth.mean())])
+            rmse = float(np.sqrt((off**2).mean()) / truth.mean())
+            rows.append(SquareRow(basis, f"{oracle}, stable from {stability}", len(np.unique(leaf)), rmse))
             if oracle == "significance":
                 drawn[basis] = bake
-    return Table(("basis", "oracle", "leaves", "RMSE / mean"), rows), drawn
+    return rows, drawn
+
+
+def table_square(rows: Sequence[SquareRow]) -> Table:
+    return Table(("basis", "oracle", "leaves", "RMSE / mean"), [[r.basis, r.rule, f"{r.leaves:,}", percent(r.rmse)] for r in rows])
 
 
 # -- figure 3 --
@@ -125,14 +137,28 @@ def table_curves(curves: dict[str, list[Point]]) -> Table:
     return Table(("basis", "photons", "leaves", "rel / nrmse", "of flat's", "blended"), rows)
 
 
-def table_leaves(curves: dict[str, list[Point]]) -> Table:
+@dataclass(frozen=True)
+class Need:
+    """What a basis takes to come to an error."""
+
+    rel: float
+    leaves: float
+    photons: float
+
+
+def read_needs(curves: dict[str, list[Point]]) -> dict[str, Need]:
     """Leaves and photons that each basis takes to a `rel` that all of them reach, read off the curves."""
     target = max(min(point.rel for point in points) for points in curves.values())
-    rows = []
+    needs = {}
     for name, points in curves.items():
         rel = np.log([point.rel for point in points])[::-1]
         read = [np.exp(np.interp(np.log(target), rel, np.log([getattr(p, of) for p in points])[::-1])) for of in ("leaves", "photons")]
-        rows.append([name, percent(target), f"{read[0]:,.0f}", f"{read[1] / 1e6:.2f} M"])
+        needs[name] = Need(target, *map(float, read))
+    return needs
+
+
+def table_needs(needs: dict[str, Need]) -> Table:
+    rows = [[name, percent(need.rel), f"{need.leaves:,.0f}", f"{need.photons / 1e6:.2f} M"] for name, need in needs.items()]
     return Table(("basis", "rel", "leaves", "photons"), rows)
 
 
@@ -150,14 +176,6 @@ class Overhead:
     variance: float
     photons: float
     noise: float
-
-    def claims(self) -> list[Claim]:
-        """What [Tobler97] says of them."""
-        return [
-            Claim("the paper: variance of the finest nodes, hierarchical over fixed mesh", self.variance, high=PAPER_OVERHEAD),
-            Claim("the paper: photons for the same variance there, hierarchical over fixed mesh", self.photons, high=PAPER_OVERHEAD),
-            Claim("the paper: noise of the whole picture, hierarchical over fixed mesh", self.noise, high=LOT_LESS_NOISE),
-        ]
 
 
 def measure_overhead(stage: Stage, reference: Reference, photons: float) -> Overhead:
@@ -204,15 +222,31 @@ class Choice:
     printed: bool = False
 
 
-def sweep(stage: Stage, reference: Reference, photons: float, choices: Sequence[Choice]) -> Table:
-    """One row for each choice of knobs; errors also at texels that contact flags, where shadows leak."""
-    rows = []
+@dataclass(frozen=True)
+class Swept:
+    """A choice of knobs, and what came of it; `contact` are the errors at texels that contact flags, where shadows leak."""
+
+    choice: Choice
+    errors: Errors
+    contact: Errors
+    leaves: int
+    nodes: int
+
+
+def sweep(stage: Stage, reference: Reference, photons: float, choices: Sequence[Choice]) -> list[Swept]:
+    """One bake for each choice of knobs."""
+    swept = []
     for choice in choices:
         bake = stage.bake(photons, **choice.knobs)
         leaf = bake.leaf_of(bake.show_stable(int(choice.knobs["stability"]))) if choice.printed else bake.leaf
         values = bake.values(leaf)
-        errors = [_both(reference.measure(values, texels)) for texels in (None, stage.contact)]
-        rows.append([choice.name, *errors, f"{len(np.unique(leaf)):,}", f"{len(bake.light.tree):,}"])
+        errors = [reference.measure(values, texels) for texels in (None, stage.contact)]
+        swept.append(Swept(choice, *errors, len(np.unique(leaf)), len(bake.light.tree)))
+    return swept
+
+
+def table_sweep(swept: Sequence[Swept]) -> Table:
+    rows = [[one.choice.name, _both(one.errors), _both(one.contact), f"{one.leaves:,}", f"{one.nodes:,}"] for one in swept]
     return Table(("", "rel / nrmse", "the same at contacts", "leaves", "nodes"), rows)
 
 

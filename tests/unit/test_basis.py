@@ -6,9 +6,11 @@ from leaflight.core import basis
 
 
 def clipped_moments(rng, degree, points=400):
-    """Moments of a random point cloud in a random strip of the square: a discrete measure stands for a clipped domain."""
-    s, t = rng.uniform(-1, 1, (2, points))
-    s *= rng.uniform(0.01, 1.0)
+    """Moments of a random point cloud in a random strip across the square: a discrete measure stands for a clipped domain."""
+    along, across = rng.uniform(-1, 1, (2, points))
+    across = rng.uniform(-0.5, 0.5) + 0.5 * rng.uniform(0.1, 1.0) * across
+    turn = rng.uniform(0, np.pi)
+    s, t = np.cos(turn) * along - np.sin(turn) * across, np.sin(turn) * along + np.cos(turn) * across
     weight = rng.uniform(0.1, 1.0, points)
     values = np.array(basis.monomials(s, t, 2 * degree))
     return s, t, weight, (values * weight).sum(1)

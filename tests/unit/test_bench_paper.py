@@ -15,6 +15,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
 
 import bench_paper
 import paper_bakes
+import paper_claims
 import paper_tables
 
 TOY = bench_paper.Effort(size=48, square_size=32, figure_2=2e4, figure_3=3e4, sweep=1e4)
@@ -67,6 +68,60 @@ def test_the_paper_shows_stable_nodes_at_or_below_the_current_ones(measured):
     below = ~bake.light.tree.current[shown]
     assert below.any()
     assert (bake.light.received[shown[below]] >= 8).all()
+
+
+def test_every_measure_is_claimed(measured):
+    """Not that each holds: at toy size some do not."""
+    names = {claim.name for claim in measured.claims}
+    assert len(names) == 12
+    assert len(measured.claims) == 2 + 7 + 3 + 4 + 5
+    assert sum(claim.measured > 0 for claim in measured.claims) >= len(measured.claims) - 2  # no finest node is compared at toy size
+
+
+def point(rel, leaves, photons):
+    return paper_tables.Point(photons, leaves, rel, rel, paper_bakes.Errors(rel, rel))
+
+
+def swept(rel, at_contacts, **knobs):
+    return paper_tables.Swept(paper_tables.Choice("", knobs), paper_bakes.Errors(rel, rel), paper_bakes.Errors(9.0, at_contacts), 1, 1)
+
+
+def failing(claims):
+    return {claim.name.partition(": ")[2] + claim.case for claim in claims if not claim.holds}
+
+
+def test_claims_of_the_paper_fail_beyond_their_bounds():
+    rows = [paper_tables.SquareRow(basis, "", leaves, rmse) for basis, leaves, rmse in (("constant", 10, 0.2), ("constant", 1, 0.1))]
+    for leaves, rmse, told in ((5, 0.18, set()), (6, 0.18, {"leaves, linear over constant"}), (5, 0.19, {"error, linear over constant"})):
+        assert failing(paper_claims.judge_square([*rows, paper_tables.SquareRow("linear", "", leaves, rmse)])) == told
+    curves = {name: [point(2.0, 10, 1e6), point(rel, 20, 4e6)] for name, rel in (("flat", 1.0), ("linear", 0.39))}
+    needs = {name: paper_tables.Need(1.0, *need) for name, need in (("flat", (9, 9)), ("constant", (5, 4)), ("linear", (4, 4.5)))}
+    good = {**needs, "quadratic": paper_tables.Need(1.0, 3, 3)}
+    assert failing(paper_claims.judge_curves(curves, good)) == set()
+    bad = {**needs, "quadratic": paper_tables.Need(1.0, 3.7, 4.6)}
+    curves["linear"].append(point(0.41, 30, 8e6))
+    assert len(failing(paper_claims.judge_curves(curves, bad))) == 3
+    assert len(failing(paper_claims.judge_overhead(paper_tables.Overhead(9, 1.34, 1.34, 0.71)))) == 3
+    assert failing(paper_claims.judge_overhead(paper_tables.Overhead(9, 1.33, 1.33, 0.70))) == set()
+    assert len(failing(paper_claims.judge_overhead(paper_tables.Overhead(0, float("nan"), float("nan"), 0.70)))) == 2
+
+
+def test_claims_of_hints_and_defaults_fail_beyond_their_bounds():
+    def hints(contact, level):
+        knobs = {"contact": False, "min_level": 0}, {"contact": True, "min_level": 0}, {"contact": False, "min_level": 3}
+        return [swept(1.0, error, basis="linear", **one) for one, error in zip(knobs, (1.0, contact, level), strict=True)]
+
+    assert failing(paper_claims.judge_hints(hints(0.89, 0.89))) == set()
+    assert failing(paper_claims.judge_hints(hints(0.91, 0.89))) == {"nrmse at contacts, contact subdivision over nonelinear"}
+    assert failing(paper_claims.judge_hints(hints(0.89, 0.91))) == {"nrmse at contacts, minimum level 3 over 0linear"}
+
+    def knobs(rel, shallow):
+        others = [swept(rel, 1.0, threshold=0.1), swept(2.0, 1.0, stability=2), swept(2.0, 1.0, oracle="paper", stability=8)]
+        return [swept(1.0, 1.0), *others, swept(shallow, 1.0, preview_depth=1), swept(2.0, 1.0, preview_depth=3)]
+
+    assert failing(paper_claims.judge_knobs(knobs(0.96, 1.12))) == set()
+    assert failing(paper_claims.judge_knobs(knobs(0.94, 1.12))) == {"rel over that of the best value triedthreshold"}
+    assert failing(paper_claims.judge_knobs(knobs(0.96, 1.1))) == {"rel, preview depth 2 over 1"}
 
 
 def test_noise_of_the_references_cancels():

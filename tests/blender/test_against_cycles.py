@@ -1,0 +1,175 @@
+"""Every kind of light and of material against Cycles' own bake of the same texels: no bias, little error.
+
+Each is a floor with a wall and a block on it under one light. Cycles bakes them twice, so that its own noise cancels (lightmap_errors.py).
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
+
+from bench_accuracy import MOST_BIAS, MOST_REL, bake_page  # noqa: E402
+from cycles_bake import bake_cycles, set_stage  # noqa: E402
+from cycles_reference import SEEDS, Reference  # noqa: E402
+from cycles_texel import TEXEL, bake_step  # noqa: E402
+from leaflight.core.job import SNAPSHOT_FILE  # noqa: E402
+from leaflight.core.settings import Settings  # noqa: E402
+from stats import PLANTED_BIAS  # noqa: E402
+
+SIZE, SAMPLES = 64, 400
+SETTINGS = Settings(size=SIZE, share_meshes=False, passes=("lighting",), error=0.005, max_photons=8_000_000, workers=1)
+ABOVE = (0.5, 0.3, 1.6)
+
+
+def use_tree(owner):
+    if bpy.app.version < (5, 0, 0):
+        owner.use_nodes = True
+    return owner.node_tree
+
+
+def add_lamp(kind, **properties):
+    data = bpy.data.lights.new("Lamp", kind)
+    for name, value in {"energy": 50.0, "color": (1.0, 0.8, 0.5), **properties}.items():
+        setattr(data, name, value)
+    lamp = bpy.data.objects.new("Lamp", data)
+    lamp.location, lamp.rotation_euler = ABOVE, (0.2, 0.3, 0.5)
+    bpy.context.scene.collection.objects.link(lamp)
+
+
+def add_world(radiance):
+    bpy.context.scene.world = bpy.data.worlds.new("Sky")
+    background = use_tree(bpy.context.scene.world).nodes["Background"]
+    background.inputs["Color"].default_value = (*radiance, 1.0)
+
+
+def add_checker():
+    """An image of 4 x 4 pixels, dark or bright, no two rows or columns alike, packed into the file."""
+    image = bpy.data.images.new("Checker", 4, 4, float_buffer=True)
+    image.colorspace_settings.name = "Linear Rec.709"
+    pixels = np.ones((16, 4), np.float32)
+    pixels[:, :3] = np.where(np.random.default_rng(2).random((16, 3)) < 0.5, 0.02, 0.95)
+    image.pixels.foreach_set(pixels.ravel())
+    image.pack()
+    return image
+
+
+def map_checker(tree, socket):
+    """Through a UV map and a mapping node."""
+    texture, place, layer = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexImage", "Mapping", "UVMap"))
+    texture.image, texture.interpolation, layer.uv_map = add_checker(), "Closest", "UVMap"
+    place.inputs["Scale"].default_value, place.inputs["Location"].default_value = (2.0, 1.5, 1.0), (0.2, 0.1, 0.0)
+    for port, target in (
+        (layer.outputs["UV"], place.inputs["Vector"]),
+        (place.outputs["Vector"], texture.inputs["Vector"]),
+        (texture.outputs["Color"], socket),
+    ):
+        tree.links.new(port, target)
+
+
+def make_material(shader="Principled", textured=False):
+    material = bpy.data.materials.new(shader)
+    tree = use_tree(material)
+    if shader == "Principled":
+        node = tree.nodes["Principled BSDF"]
+        node.inputs["Roughness"].default_value, node.inputs["Specular IOR Level"].default_value = 1.0, 0.0
+        colour = node.inputs["Base Color"]
+    else:
+        node = tree.nodes.new("ShaderNodeBsdfDiffuse")
+        tree.links.new(node.outputs["BSDF"], tree.nodes["Material Output"].inputs["Surface"])
+        colour = node.inputs["Color"]
+    colour.default_value = (0.7, 0.4, 0.2, 1.0)
+    if textured:
+        map_checker(tree, colour)
+    return material
+
+
+def add_panel(textured):
+    """A glowing sheet over the floor."""
+    bpy.ops.mesh.primitive_plane_add(size=0.8, location=ABOVE, rotation=(0.2, 0.3, 0.5))
+    material = make_material()
+    node = material.node_tree.nodes["Principled BSDF"]
+    node.inputs["Emission Strength"].default_value, node.inputs["Emission Color"].default_value = 10.0, (1.0, 0.8, 0.5, 1.0)
+    if textured:
+        map_checker(material.node_tree, node.inputs["Emission Color"])
+    bpy.context.object.data.materials.append(material)
+
+
+LIGHTS = {
+    "point": lambda: add_lamp("POINT", shadow_soft_size=0.0),
+    "soft point": lambda: add_lamp("POINT", shadow_soft_size=0.2),
+    "sphere": lambda: add_lamp("POINT", shadow_soft_size=0.2, use_soft_falloff=False),
+    "spot": lambda: add_lamp("SPOT", spot_size=1.2, spot_blend=0.5, shadow_soft_size=0.1),
+    "sun": lambda: add_lamp("SUN", energy=3.0, angle=0.1),
+    "square": lambda: add_lamp("AREA", shape="SQUARE", size=0.5),
+    "rectangle": lambda: add_lamp("AREA", shape="RECTANGLE", size=0.8, size_y=0.3),
+    "disk": lambda: add_lamp("AREA", shape="DISK", size=0.5),
+    "ellipse": lambda: add_lamp("AREA", shape="ELLIPSE", size=0.8, size_y=0.3),
+    "glowing mesh": lambda: add_panel(textured=False),
+    "textured glowing mesh": lambda: add_panel(textured=True),
+    "sky": lambda: add_world((0.6, 0.8, 1.0)),
+}
+MATERIALS = {"textured Principled": ("Principled", True), "Diffuse": ("Diffuse", False), "textured Diffuse": ("Diffuse", True)}
+CASES = [(light, "Principled") for light in LIGHTS] + [("soft point", material) for material in MATERIALS]
+
+
+def save_scene(path, light, material):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    made = make_material(*MATERIALS.get(material, ()))
+    bpy.ops.mesh.primitive_plane_add(size=2.0)
+    bpy.context.object.data.materials.append(made)
+    bpy.ops.mesh.primitive_plane_add(size=2.0, location=(-1.0, 0.0, 1.0), rotation=(0.0, 0.5 * np.pi, 0.0))
+    bpy.context.object.data.materials.append(made)
+    bpy.ops.mesh.primitive_cube_add(size=0.5, location=(-0.3, 0.1, 0.25), rotation=(0.0, 0.0, 0.4))
+    bpy.context.object.data.materials.append(made)
+    LIGHTS[light]()
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+
+
+@pytest.fixture(scope="module", params=CASES, ids=", ".join)
+def baked(request, tmp_path_factory):
+    """The scene's reference, and Leaflight's page and layout."""
+    root = tmp_path_factory.mktemp("scene")
+    blend, work, folder = root / "scene.blend", root / "stage", root / "bake"
+    save_scene(blend, *request.param)
+    work.mkdir()
+    stage = set_stage(blend, SIZE, work)
+    first, second = (bake_cycles(stage, SAMPLES, seed)[0] for seed in SEEDS)
+    covered = (first[..., 3] > 0) & (second[..., 3] > 0)
+    folder.mkdir()
+    (work / SNAPSHOT_FILE).rename(folder / SNAPSHOT_FILE)
+    page, tri_uv, _ = bake_page(folder, SETTINGS)
+    return Reference("scene", covered, first[covered][:, :3], second[covered][:, :3], stage.tri_uv), page, tri_uv
+
+
+def measure(baked, bias=1.0):
+    reference, page, tri_uv = baked
+    return reference.measure(page * np.float32(bias), tri_uv)
+
+
+@pytest.fixture(scope="module")
+def looks_at_middle():
+    """Whether a texel of this Cycles is a mean over its middle, as a page of ours is: 5.0's is, 5.2's is one over the whole texel."""
+    return bake_step(TEXEL + 0.2)[TEXEL, 0] == 1  # where what glows begins to the left of the middle
+
+
+@pytest.mark.slow
+def test_light_is_not_biased(baked, hold):
+    name = "Cycles, each light and material: bias"
+    hold(f"{name} against it", 100 * measure(baked).bias, low=-MOST_BIAS, high=MOST_BIAS, unit="%")
+    hold(f"{name} with a planted one of 3 %", 100 * measure(baked, PLANTED_BIAS).bias, low=MOST_BIAS, unit="%")
+
+
+@pytest.mark.slow
+def test_light_is_that_of_cycles(looks_at_middle, baked, hold):
+    if not looks_at_middle:
+        pytest.skip("a texel of this Cycles is a mean over all of it")
+    name = "Cycles, each light and material: rel"
+    hold(f"{name} at the finest settings", 100 * measure(baked).rel, high=MOST_REL, unit="%")
+    hold(f"{name} with a planted bias of 3 %", 100 * measure(baked, PLANTED_BIAS).rel, low=MOST_REL, unit="%")
