@@ -20,6 +20,7 @@ from .bake_state import BakeState
 from .job import BakeProcess
 from .redraw import redraw
 from .request import find_mode_error, make_request
+from .told import group_warnings
 
 _TIMER_SECONDS = 0.1
 _FIRST_TIMER_SECONDS = 0.02  # until there is light: whoever has pressed Bake waits for it
@@ -161,7 +162,7 @@ class Baking:
             self.report({"ERROR"}, error)
         if result is None:
             return {"CANCELLED"}
-        lines, count = state.summarize(), len(state.warnings)
+        lines, count = state.summarize(), len(group_warnings(state.warnings))
         told = f"; {count} warning{'s' if count > 1 else ''} in the panel" if count else ""
         self.report({"WARNING"} if count else {"INFO"}, f"{lines[0]}, {lines[1].lower()}{told}")
         return {"FINISHED"}

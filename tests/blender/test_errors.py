@@ -12,7 +12,7 @@ bpy = pytest.importorskip("bpy")
 
 import leaflight  # noqa: E402
 from blend_rooms import add_mesh, open_room  # noqa: E402
-from leaflight.addon import job, request, restore  # noqa: E402
+from leaflight.addon import export_receivers, job, request, restore  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
@@ -82,6 +82,13 @@ def test_meshes_that_take_no_layer(state):
     assert "leaflight_bake" in bpy.data.objects["Floor"]
 
 
+def test_status_bar_counts_warnings_as_the_panel_does(state, capfd):
+    for name in ("Wire", "Rope"):
+        add_mesh(name, [(0, 0, 0), (1, 0, 0)], [])
+    assert len(bake_warnings(state)) == 2
+    assert "; 1 warning in the panel" in capfd.readouterr().out
+
+
 def test_only_meshes_that_take_no_layer(state):
     bpy.data.objects.remove(bpy.data.objects["Floor"])
     mesh = bpy.data.objects["Cube"].data
@@ -114,7 +121,7 @@ def test_linked_from_another_file(state, tmp_path, what):
         assert told == ["its mesh is linked from another file; a copy made from the evaluated mesh is baked instead"]
         assert "Cube.Leaflight" in {obj.name for obj in bpy.context.scene.objects} or cube.hide_render
     else:
-        assert told[-1] == f"{cube.name}: is linked from another file and cannot be hidden behind its baked copy; make it local."
+        assert told == [export_receivers.LINKED]
     assert bpy.ops.leaflight.remove() == {"FINISHED"}
 
 
