@@ -82,6 +82,21 @@ def test_meshes_that_take_no_layer(state):
     assert "leaflight_bake" in bpy.data.objects["Floor"]
 
 
+def test_objects_without_a_size(state):
+    cube, floor = (bpy.data.objects[name] for name in ("Cube", "Floor"))
+    cube.scale = (0.0, 0.0, 0.0)
+    told = [text for subject, text in state.warnings if subject == "Cube"] if bpy.ops.leaflight.bake() else []
+    assert len(told) == 1
+    assert "no face can be baked" in told[0]
+    bpy.ops.leaflight.remove()
+    floor.scale = (0.0, 0.0, 0.0)
+    assert bake_error(state) == (
+        "nothing to bake: no object has a face that takes light (Cube, Floor: no face can be baked, so it gets no lightmap; "
+        "give it faces with an area, or leave it out of the bake)."
+    )
+    assert state.warnings == []
+
+
 def test_status_bar_counts_warnings_as_the_panel_does(state, capfd):
     for name in ("Wire", "Rope"):
         add_mesh(name, [(0, 0, 0), (1, 0, 0)], [])
