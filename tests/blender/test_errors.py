@@ -52,6 +52,14 @@ def test_unsaved_file(state):
     assert bake_error(state) == "//maps: is beside the .blend, which is not saved yet; save it, or choose another output folder."
 
 
+@pytest.mark.parametrize(("output", "name"), [("maps", "maps"), ("./maps", "maps"), ("~/maps", "maps"), ("../maps", "../maps")])
+def test_folder_without_a_beginning(state, output, name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    bpy.context.scene.leaflight.output = output
+    assert bake_error(state) == f"{output}: does not say where it begins; write //{name} for a folder beside the .blend, or a whole path."
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_folder_that_cannot_be_written(state, tmp_path):
     (tmp_path / "taken").write_text("")
     for output in (tmp_path / "taken", tmp_path / "taken" / "below"):
