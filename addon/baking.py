@@ -20,6 +20,7 @@ from .bake_state import BakeState
 from .job import BakeProcess
 from .redraw import redraw
 from .request import find_mode_error, make_request
+from .told import group_warnings
 
 _TIMER_SECONDS = 0.1
 _FIRST_TIMER_SECONDS = 0.02  # until there is light: whoever has pressed Bake waits for it
@@ -100,9 +101,10 @@ class Baking:
         return self._finish(context, self._ended or get_state(context).wait())
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """Blender quits or opens a file."""
+        """Blender quits, opens a file, or closes the window; only then does it come to the timer, for data is not to be changed now."""
         get_state(context).clear()
         self._clean_up(context)
+        bpy.app.timers.register(self._live.take_off, first_interval=0.0)
 
     def _make_request(self, context: bpy.types.Context) -> BakeRequest:
         return make_request(context)
@@ -161,7 +163,7 @@ class Baking:
             self.report({"ERROR"}, error)
         if result is None:
             return {"CANCELLED"}
-        lines, count = state.summarize(), len(state.warnings)
+        lines, count = state.summarize(), len(group_warnings(state.warnings))
         told = f"; {count} warning{'s' if count > 1 else ''} in the panel" if count else ""
         self.report({"WARNING"} if count else {"INFO"}, f"{lines[0]}, {lines[1].lower()}{told}")
         return {"FINISHED"}
@@ -209,13 +211,22 @@ class Baking:
         if self._timer is not None:
             context.window_manager.event_timer_remove(self._timer)
             self._timer = None
-            for workspace in bpy.data.workspaces:  # each has a text of its own, and the user may have changed it meanwhile
-                with context.temp_override(workspace=workspace):
-                    workspace.status_text_set(None)
+            _clear_status_bar(context)
         if self._folder is not None:
             self._folder.cleanup()
             self._folder = None
         redraw(context, "UI")
+
+
+def _clear_status_bar(context: bpy.types.Context) -> None:
+    """Each workspace has a text of its own, and the user may have changed it meanwhile.
+
+    The context's own window may be closing, which ends the operator: it is listed no more, and Blender crashes on its status bar.
+    """
+    for window in context.window_manager.windows[:1]:
+        for workspace in bpy.data.workspaces:
+            with context.temp_override(window=window, workspace=workspace):
+                workspace.status_text_set(None)
 
 
 def is_out_of_edit_mode(operator: Any, context: bpy.types.Context) -> bool:

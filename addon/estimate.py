@@ -93,6 +93,7 @@ def estimate_bake(
     own_layers   how many of them bring a UV layer of their own, each a page
     cores        of the machine
     """
+    objects = [one for one in objects if one.area_m2 > 0.0]
     weighted_m2 = [one.area_m2 * one.density_factor**2 for one in objects]
     total_m2 = sum(weighted_m2)
     if not (math.isfinite(total_m2) and total_m2 > 0.0):

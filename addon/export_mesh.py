@@ -133,7 +133,7 @@ def place_mesh(local: LocalMesh, matrix: FloatArray) -> WorldMesh:
 
 
 def count_duplicates(world: WorldMesh) -> int:
-    """How many triangles lie exactly on an earlier one of the same mesh, whichever way they face."""
+    """How many triangles lie exactly on an earlier one of the same mesh, whichever way they face; those without an area do not count."""
     if not len(world.tri_vertex):
         return 0
     with np.errstate(over="ignore"):  # a hash of the coordinates' bits, wrapping by design; + 0.0 makes -0 and 0 one
@@ -141,7 +141,9 @@ def count_duplicates(world: WorldMesh) -> int:
         vertex_key = np.zeros(len(bits), np.uint64)
         for axis in range(3):
             vertex_key = _mix_bits(vertex_key ^ bits[:, axis])
-        tri_key = _mix_bits(vertex_key)[world.tri_vertex].sum(axis=1, dtype=np.uint64)
+        corner_key = vertex_key[world.tri_vertex]
+        whole = (corner_key != np.roll(corner_key, 1, axis=1)).all(axis=1)
+        tri_key = _mix_bits(corner_key[whole]).sum(axis=1, dtype=np.uint64)
     return len(tri_key) - len(np.unique(tri_key))
 
 

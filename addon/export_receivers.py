@@ -15,6 +15,7 @@ from .told import group_warnings
 
 MAX_INSTANCES = 100  # more than these of one object share too small a page to be of use
 NO_ROOM = "has 8 UV layers, as many as Blender allows; remove one to give it a lightmap"
+LINKED = "is linked from another file and cannot be hidden behind a baked copy, so its bake is in the images only; make it local"
 _COPY = "a copy made from the evaluated mesh is baked instead"
 
 
@@ -87,13 +88,13 @@ class Receivers:
 
     def find_copy_reason(self, piece: Piece, local: LocalMesh, uv_layer: str | None) -> str:
         """Why the piece must be baked as a copy, as a sentence, "" when its own mesh carries the lightmap."""
+        obj = piece.source
+        if not obj.is_editable or obj.override_library:
+            return LINKED
         if piece.kind == COLLECTION:
             return f"is an instance; {_COPY}"
         if piece.kind == GEOMETRY or self._count[piece.source, GEOMETRY] in range(1, MAX_INSTANCES + 1):
             return f"its geometry nodes make instances; {_COPY}"
-        obj = piece.source
-        if not obj.is_editable or obj.override_library:
-            return f"is linked from another file; {_COPY}"
         reason = "" if has_corners_of(obj.data, local) else find_modifier_reason(obj, uv_layer in local.layers)
         if not reason and not obj.data.is_editable and uv_layer not in local.layers:
             reason = f"its mesh is linked from another file; {_COPY}"

@@ -217,7 +217,8 @@ class _Export:
             self._warnings.append((piece.source.name, f"{what} left out, for a coordinate is not a finite number"))
         duplicates = count_duplicates(arrays.world) if receives else 0
         if duplicates:
-            self._warnings.append((piece.source.name, f"{duplicates} triangles lie exactly on others; merge them to bake them well"))
+            what = "1 triangle lies exactly on another" if duplicates == 1 else f"{duplicates} triangles lie exactly on others"
+            self._warnings.append((piece.source.name, f"{what}; merge them to bake them well"))
 
     def _check_receivers(self) -> None:
         receivers = [item for _, item, _, _ in self._found if item.receives]

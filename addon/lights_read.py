@@ -35,6 +35,8 @@ def read_light(obj: Any, matrix: FloatArray, name: str, warnings: Warnings) -> L
     size = _area_size(data, scale)
     error = _light_error(data, matrix, size)
     power_rgb = multiply_rgb(_read_color(data, name, warnings), (_read_strength(data, size),) * 3)
+    if not error and not np.isfinite(power_rgb).all():
+        error = "its power is not a finite number"
     if not error and min(power_rgb) < 0.0:
         error = "it has negative power, which cannot be traced"
     if error:

@@ -100,6 +100,15 @@ def uncover(obj: bpy.types.Object) -> None:
             entry = {"link": "OBJECT", "object_material": original}
         slot.material = entry.get("object_material")
         slot.link = entry["link"]
+    if obj.type == "MESH" and not obj.data.library:
+        _clear_mesh(obj.data)
+
+
+def _clear_mesh(mesh: bpy.types.Mesh) -> None:
+    """We put nothing into a mesh's own slots, but joining objects does: what they wear then."""
+    for index, material in enumerate(mesh.materials):
+        if is_made(material):
+            mesh.materials[index] = find_original(material)
 
 
 def find_original(material: bpy.types.Material | None) -> bpy.types.Material | None:

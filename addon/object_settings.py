@@ -10,6 +10,8 @@ from typing import Any
 
 import bpy
 
+from .tags import local_objects, remove_mark
+
 BAKE, CAST, IGNORE = "BAKE", "CAST", "IGNORE"
 
 _ROLES = [
@@ -81,3 +83,12 @@ def registered() -> Iterator[None]:
         yield
     finally:
         unregister()
+        if bpy.app.version < (5, 0, 0):
+            _remove_empty()
+
+
+def _remove_empty() -> None:
+    """Before Blender 5.0 a look at an object's choices makes a custom property on it, which stays; empty where nothing was chosen."""
+    for obj in local_objects(bpy.data.objects):
+        if "leaflight" in obj and not obj["leaflight"].keys():
+            remove_mark(obj, "leaflight")

@@ -46,7 +46,12 @@ class LEAFLIGHT_OT_refine(Baking, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return restore.has_bake(context.scene) and has_state(context.scene) and super().poll(context)
+        if not super().poll(context) or not restore.has_bake(context.scene):
+            return False
+        if not has_state(context.scene):
+            cls.poll_message_set("Nothing is kept of this bake to go on from: it was stopped too early, or is too large; bake it again")
+            return False
+        return True
 
     def _make_request(self, context: bpy.types.Context) -> BakeRequest:
         return refine_request(context.scene, make_request(context))

@@ -57,7 +57,7 @@ def _draw_plan(layout: Any, context: bpy.types.Context) -> None:
     if meter.problem:
         draw_sentence(column, context, meter.problem, "ERROR")
     elif meter.estimate is None:
-        column.label(text="Measuring..." if meter.stale else "No mesh to bake", icon="SORTTIME" if meter.stale else "INFO")
+        column.label(text="Measuring..." if meter.stale else "No mesh with faces to bake", icon="SORTTIME" if meter.stale else "INFO")
     else:
         lines = column.column(align=True)
         lines.active = not meter.stale

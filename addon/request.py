@@ -91,6 +91,9 @@ def find_output_error(output: str) -> str:
         return "no output folder is chosen: choose one in the panel."
     if output.startswith("//") and not bpy.data.filepath:
         return f"{output}: is beside the .blend, which is not saved yet; save it, or choose another output folder."
+    if not output.startswith("//") and not Path(output).is_absolute():  # Blender would take the folder that it was started in
+        name = output.removeprefix("./").removeprefix("~/")
+        return f"{output}: does not say where it begins; write //{name} for a folder beside the .blend, or a whole path."
     return ""
 
 

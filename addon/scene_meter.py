@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .estimate import Estimate, Measured, Pace, estimate_bake
+from .images import check_shown
 from .object_settings import read_choice
 from .properties import make_settings
 from .redraw import redraw
@@ -85,6 +86,7 @@ class SceneMeter:
         self.estimate, self.problem = None, ""
         try:
             settings = make_settings(context.scene.leaflight)
+            check_shown(settings)
         except ValueError as reason:
             self.problem = str(reason)
             return True
@@ -137,7 +139,8 @@ def _read_key(context: bpy.types.Context) -> tuple[Any, ...]:
     """What the estimate depends on besides the objects."""
     chosen, state = context.scene.leaflight, context.window_manager.leaflight_state
     names = ("objects", "uv_layer", "size", "density", "atlas", "padding", "error", "max_photons", "time_limit", "workers")
-    values = (getattr(chosen, name) for name in names)
+    told = ("main_pass", "formats", "view_transform", "name_pattern")  # what may be wrong
+    values = (getattr(chosen, name) for name in (*names, *told))
     return (context.scene.session_uid, context.view_layer.name, id(state.result), *values)
 
 

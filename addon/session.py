@@ -22,6 +22,7 @@ from ..core.snapshot import save_snapshot
 from . import baked_copies, export_scene, image_views, images, materials_write, restore
 from .arguments import BakeRequest
 from .export_pieces import walk_pieces
+from .export_receivers import LINKED
 from .kept_state import mark_state
 from .layers_write import write_layers
 from .layout import Layout, mark_layout, read_layout
@@ -189,6 +190,8 @@ def _find_targets(context: bpy.types.Context, exported: list[export_scene.Export
                 if piece.key not in copies:
                     continue
                 one = copies[piece.key]
+                if one.reason == LINKED:  # as the export has told
+                    continue
                 try:
                     matrix = Matrix(piece.matrix.tolist())
                     targets[one.name] = baked_copies.make_copy(context.scene, piece.source, piece.evaluated, matrix)

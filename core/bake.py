@@ -49,6 +49,7 @@ from .snapshot import load_snapshot
 
 PREVIEW_FOLDER = "preview"
 CONTACT_TEXELS = 1 << 16  # of a shard
+_NAMED = 3  # objects in one sentence
 
 
 @dataclass
@@ -190,8 +191,12 @@ def _open_output(folder: Path) -> None:
 
 
 def _describe_no_charts(atlas: charts.ChartAtlas) -> str:
-    told = "; ".join(f"{subject}: {text}" for subject, text in atlas.warnings)
-    return f"nothing to bake: no object has a face that takes light ({told})"
+    subjects: dict[str, list[str]] = {}
+    for subject, text in atlas.warnings:
+        subjects.setdefault(text.removeprefix(f"{subject}: ").removesuffix("."), []).append(subject)
+    more = {text: f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "" for text, names in subjects.items()}
+    told = "; ".join(f"{', '.join(names[:_NAMED])}{more[text]}: {text}" for text, names in subjects.items())
+    return f"nothing to bake: no object has a face that takes light ({told})."
 
 
 def find_contacts(folder: Path, executor: Executor, n_texel: int) -> NDArray[np.bool_]:

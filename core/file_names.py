@@ -12,6 +12,7 @@ MAX_PATTERN_BYTES = 30  # besides the fields, for the same reason
 _FIELDS = ("name", "pass", "page")
 _FIELD = re.compile(r"\{([^{}]*)\}")
 _FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]')
+_DEVICE = re.compile(r"(con|prn|aux|nul|(com|lpt)[0-9])(\.|$)", re.IGNORECASE)  # Windows' own, whatever ends them
 
 
 def find_pattern_error(pattern: str) -> str:
@@ -57,4 +58,5 @@ def make_unique(names: Iterable[str]) -> list[str]:
 def clean_name(name: str) -> str:
     """A name that every system takes for a file: shortened, and an underscore for what cannot be in it."""
     short = name.encode()[:MAX_NAME_BYTES].decode(errors="ignore")
-    return _FORBIDDEN.sub("_", short).strip(". ") or "_"
+    clean = _FORBIDDEN.sub("_", short).strip(". ") or "_"
+    return f"_{clean}" if _DEVICE.match(clean) else clean

@@ -12,7 +12,7 @@ bpy = pytest.importorskip("bpy")
 
 import leaflight  # noqa: E402
 from blend_rooms import add_mesh, open_room  # noqa: E402
-from leaflight.addon import job, request, restore  # noqa: E402
+from leaflight.addon import export_receivers, job, request, restore  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
@@ -52,6 +52,14 @@ def test_unsaved_file(state):
     assert bake_error(state) == "//maps: is beside the .blend, which is not saved yet; save it, or choose another output folder."
 
 
+@pytest.mark.parametrize(("output", "name"), [("maps", "maps"), ("./maps", "maps"), ("~/maps", "maps"), ("../maps", "../maps")])
+def test_folder_without_a_beginning(state, output, name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    bpy.context.scene.leaflight.output = output
+    assert bake_error(state) == f"{output}: does not say where it begins; write //{name} for a folder beside the .blend, or a whole path."
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_folder_that_cannot_be_written(state, tmp_path):
     (tmp_path / "taken").write_text("")
     for output in (tmp_path / "taken", tmp_path / "taken" / "below"):
@@ -80,6 +88,28 @@ def test_meshes_that_take_no_layer(state):
     assert "give it faces with an area, or leave it out of the bake" in told["Needle"]
     assert "leaflight_bake" not in bpy.data.objects["Cube"]
     assert "leaflight_bake" in bpy.data.objects["Floor"]
+
+
+def test_objects_without_a_size(state):
+    cube, floor = (bpy.data.objects[name] for name in ("Cube", "Floor"))
+    cube.scale = (0.0, 0.0, 0.0)
+    told = [text for subject, text in state.warnings if subject == "Cube"] if bpy.ops.leaflight.bake() else []
+    assert len(told) == 1
+    assert "no face can be baked" in told[0]
+    bpy.ops.leaflight.remove()
+    floor.scale = (0.0, 0.0, 0.0)
+    assert bake_error(state) == (
+        "nothing to bake: no object has a face that takes light (Cube, Floor: no face can be baked, so it gets no lightmap; "
+        "give it faces with an area, or leave it out of the bake)."
+    )
+    assert state.warnings == []
+
+
+def test_status_bar_counts_warnings_as_the_panel_does(state, capfd):
+    for name in ("Wire", "Rope"):
+        add_mesh(name, [(0, 0, 0), (1, 0, 0)], [])
+    assert len(bake_warnings(state)) == 2
+    assert "; 1 warning in the panel" in capfd.readouterr().out
 
 
 def test_only_meshes_that_take_no_layer(state):
@@ -114,7 +144,7 @@ def test_linked_from_another_file(state, tmp_path, what):
         assert told == ["its mesh is linked from another file; a copy made from the evaluated mesh is baked instead"]
         assert "Cube.Leaflight" in {obj.name for obj in bpy.context.scene.objects} or cube.hide_render
     else:
-        assert told[-1] == f"{cube.name}: is linked from another file and cannot be hidden behind its baked copy; make it local."
+        assert told == [export_receivers.LINKED]
     assert bpy.ops.leaflight.remove() == {"FINISHED"}
 
 

@@ -123,7 +123,7 @@ def test_broken_coordinates_and_duplicates_are_told():
     result = export()
     texts = dict(result.warnings)
     assert texts["Broken"].startswith("1 face is left out")
-    assert texts["Double"].startswith("1 triangles lie exactly")
+    assert texts["Double"].startswith("1 triangle lies exactly")
     assert part(result, "Broken", "tri_polygon").tolist() == [0, 0]
     for vertex in mesh.vertices:
         vertex.co.y = float("nan")

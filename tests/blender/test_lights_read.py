@@ -109,6 +109,8 @@ def test_half_sphere_spot_and_flattened_spot():
     ("kind", "properties", "text"),
     [
         ("POINT", {"energy": -5.0}, "negative power"),
+        ("POINT", {"energy": math.nan}, "power is not a finite number"),
+        ("SUN", {"energy": math.inf}, "power is not a finite number"),
         ("AREA", {"size": 0.0}, "size is zero"),
         ("SPOT", {"use_square": True}, "square spot"),
         ("SPOT", {"object_properties": {"scale": (1, 2, 1)}}, "oval cone"),

@@ -272,6 +272,23 @@ def test_slots_added_and_removed_between(names, tmp_path):
     assert_nothing_of_ours()
 
 
+def test_joined_objects_get_their_own_materials_back(names, tmp_path):
+    """Join lays the materials that objects wear into the mesh."""
+    bake(names, tmp_path)
+    joined = bpy.data.objects["MultiA"]
+    both = [joined, bpy.data.objects["ObjectLinked"]]
+    with bpy.context.temp_override(active_object=joined, object=joined, selected_editable_objects=both):
+        bpy.ops.object.join()
+    assert restore.toggle_preview(bpy.context.scene, False) == []
+    own = [slot.material.name for slot in joined.material_slots]
+    assert set(own) == {"Red", "Textured", "Blue"}
+    assert restore.toggle_preview(bpy.context.scene, True) == []
+    assert all(slot.material.name.endswith(".Leaflight") for slot in joined.material_slots)
+    restore.remove_bake(bpy.context.scene)
+    assert [slot.material.name for slot in joined.material_slots] == own
+    assert_nothing_of_ours()
+
+
 def assert_nothing_of_ours():
     left = [key for key, entry in dump().items() if "leaflight" in json.dumps(entry).lower()]
     assert left == []

@@ -6,7 +6,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 import leaflight  # noqa: E402
-from blend_rooms import open_room  # noqa: E402
+from blend_rooms import add_mesh, open_room  # noqa: E402
 from leaflight.addon import checker_arrays, panel_parts  # noqa: E402
 
 
@@ -41,6 +41,27 @@ def test_areas_are_the_worlds(meter):
     assert measure(meter).area_m2 == pytest.approx(16.0 + 2.0 + 12.0)
     cube.modifiers.new("Array", "ARRAY").count = 3
     assert measure(meter).area_m2 == pytest.approx(16.0 + 3 * 14.0)
+
+
+def test_what_has_no_area_is_not_counted(meter):
+    before = measure(meter)
+    add_mesh("Wire", [(0, 0, 0), (1, 0, 0)], [])
+    assert measure(meter) == before
+    bpy.context.scene.leaflight.atlas = False
+    assert measure(meter).pages == 2
+    for obj in (bpy.data.objects["Cube"], bpy.data.objects["Floor"]):
+        obj.scale = (0.0, 0.0, 0.0)
+    assert measure(meter) is None
+
+
+def test_what_materials_cannot_show_is_told_before_the_bake(meter):
+    measure(meter)
+    bpy.context.scene.leaflight.formats = {"rgbm"}
+    assert measure(meter) is None
+    assert "cannot show RGBM" in meter.problem
+    bpy.context.scene.leaflight.formats = {"exr"}
+    meter.watch(bpy.context)
+    assert meter.stale
 
 
 def test_what_changes_is_stale_at_once_and_only_that_is_measured_again(meter, monkeypatch):

@@ -231,6 +231,28 @@ def check_other_scene() -> Iterator[float]:
     check("a deleted scene is told", "scene was deleted" in state().error)
 
 
+def check_closed_window() -> Iterator[float]:
+    bpy.ops.wm.open_mainfile(filepath=SCENE_FILE)
+    yield 1.0
+    bpy.ops.wm.window_new()
+    yield 1.0
+    second = bpy.context.window_manager.windows[1]
+    area = second.screen.areas[0]
+    area.type = "VIEW_3D"
+    yield 0.5
+    chosen = bpy.context.scene.leaflight
+    chosen.size, chosen.error, chosen.output = 128, 1e-4, tempfile.mkdtemp(prefix="leaflight_images_")
+    with bpy.context.temp_override(window=second, area=area, region=next(r for r in area.regions if r.type == "WINDOW")):
+        bpy.ops.leaflight.bake("INVOKE_DEFAULT")
+    yield from wait(lambda: is_live() or not state().running)
+    group = running_id()
+    with bpy.context.temp_override(window=second):
+        bpy.ops.wm.window_close()
+    yield from wait(lambda: not is_alive(group) and not live_images())
+    check("closing the window that a bake was started in ends it", not is_alive(group) and not state().running)
+    check("and takes its light off", not live_images() and not has_bake(bpy.context.scene))
+
+
 def check_other_file() -> Iterator[float]:
     bpy.ops.wm.open_mainfile(filepath=SCENE_FILE)
     yield 1.0
@@ -258,6 +280,7 @@ CHECKS = (
     check_gltf,
     check_undo_meanwhile,
     check_other_scene,
+    check_closed_window,
     check_other_file,
     check_end,
 )

@@ -217,7 +217,7 @@ def linked_object() -> Iterator[float]:
     with bpy.data.libraries.load(library, link=True) as (_, to):
         to.objects = [name]
     bpy.context.scene.collection.objects.link(to.objects[0])
-    yield from check_warning("linked_object", name, "is linked from another file and cannot be hidden behind its baked copy")
+    yield from check_warning("linked_object", name, "is linked from another file and cannot be hidden behind a baked copy")
 
 
 def edit_mode() -> Iterator[float]:

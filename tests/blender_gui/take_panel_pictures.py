@@ -189,14 +189,14 @@ def picture_refine() -> Iterator[float]:
     with in_view():
         bpy.ops.leaflight.stop()
     yield from settle(0.2)
-    yield from picture_of_panel("stopping", 200)
+    yield from picture_of_panel("stopping", 270)
     yield from wait(lambda: not state().running)
     yield from measured()
     yield from picture_of_panel("stopped")
     press("refine", "INVOKE_DEFAULT")
     yield from wait(lambda: state().progress or not state().running)
     yield from settle(0.5)
-    yield from picture_of_panel("refining", 200)
+    yield from picture_of_panel("refining", 270)
     yield from wait(lambda: not state().running)
     print(f"REFINED {state().summarize()}", flush=True)
 
@@ -209,7 +209,7 @@ def picture_other_ends() -> Iterator[float]:
         bpy.ops.object.mode_set(mode="EDIT")
     yield from wait(lambda: state().notice or not state().running)
     yield from settle(0.5)
-    yield from picture_of_panel("edit_mode_waits", 200)
+    yield from picture_of_panel("edit_mode_waits", 270)
     with in_view():
         bpy.ops.object.mode_set(mode="OBJECT")
     yield from wait(lambda: not state().running)
@@ -249,8 +249,9 @@ def picture_object() -> Iterator[float]:
     bpy.context.view_layer.objects.active = bpy.data.objects["Rug"]
     panel = bpy.types.LEAFLIGHT_PT_object
     bpy.utils.unregister_class(panel)
-    panel.bl_options = set()  # open, as after a click
-    bpy.utils.register_class(panel)
+    # Open, as after a click; under another name, for Blender remembers of this one that it is closed.
+    opened = type("LEAFLIGHT_PT_opened", (panel,), {"bl_idname": "LEAFLIGHT_PT_opened", "bl_options": set()})
+    bpy.utils.register_class(opened)
     yield from settle(1.0)
     area = area_of("PROPERTIES")
     area.spaces.active.context = "OBJECT"
@@ -262,6 +263,8 @@ def picture_object() -> Iterator[float]:
     yield from take_picture("object", area.x, area.y, area.width, area.height)
     with bpy.context.temp_override(window=window(), area=area):
         bpy.ops.screen.back_to_previous()
+    bpy.utils.unregister_class(opened)
+    bpy.utils.register_class(panel)
     yield 1.0
 
 

@@ -47,7 +47,19 @@ def test_longest_names_fit_a_disk():
     assert len(f".{longest}.logluv.png.4194304.part".encode()) <= 255
 
 
-@pytest.mark.parametrize(("name", "clean"), [("a/b", "a_b"), ("..", "_"), (" Ä 1. ", "Ä 1"), ("con\n", "con_"), ("", "_")])
+@pytest.mark.parametrize(
+    ("name", "clean"),
+    [
+        ("a/b", "a_b"),
+        ("..", "_"),
+        (" Ä 1. ", "Ä 1"),
+        ("con\n", "con_"),
+        ("", "_"),
+        ("con", "_con"),
+        ("Nul.1", "_Nul.1"),
+        ("console", "console"),
+    ],
+)
 def test_names_are_made_such_that_files_can_have_them(name, clean):
     assert file_names.clean_name(name) == clean
 
