@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from bench_paper import DOCS, put_tables
+from bench_paper import DOCS
 from claims import Claim, publish_claims
 from cycles_reference import OBJECTS, SAMPLE_COUNTS, Reference
 from export_samples import export_samples
@@ -30,8 +30,8 @@ from leaflight.core.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.settings import Settings
 from leaflight.core.snapshot import load_snapshot
 from lightmap_errors import LightmapErrors
-from paper_tables import Table
 from sample_truths import measure_truth
+from tables import Table, put_tables
 
 SIZE = 256
 NEVER = 1e-4  # an error that no bake here comes to, so that the photons decide

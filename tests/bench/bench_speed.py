@@ -24,13 +24,12 @@ from typing import Any
 
 import speed_probes
 import speed_rivals
-from bench_paper import put_tables
 from cycles_reference import REFERENCES, ROOT, SAMPLE_COUNTS, Reference
 from export_samples import export_samples
 from image_io_path import add_image_io
 from leaflight.core.snapshot import load_snapshot
-from paper_tables import Table
 from speed_curves import Point, Reach, geometric_mean, ratio_text, reach_error
+from tables import Table, put_tables
 
 DOCS = ROOT / "docs"
 HISTORY = DOCS / "speed" / "history.jsonl"
