@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .geometry import offset_origin
 from .lights import Emitter
 from .rays import RayScene
-from .sampling import kronecker_points
+from .sampling import low_discrepancy_points
 
 BATCH = 65_536  # photons in flight; measured with textures and a sky: 32 k is a tenth slower, 128 k no quicker
 _MOST_SURFACES = 1000  # along one way; where rounding holds a photon up at a surface, it ends
@@ -58,7 +58,7 @@ def bear_photons(
         soft, shadowless = np.zeros((3, last - first), np.float32), np.zeros(last - first, bool)
         for e in np.flatnonzero((start < last) & (end > first) & (end > start)):
             low, high = max(first, start[e]), min(last, end[e])
-            births = emitters[e].emit(kronecker_points(shift[e], int(low - start[e]), int(high - low)))
+            births = emitters[e].emit(low_discrepancy_points(shift[e], int(low - start[e]), int(high - low)))
             place = slice(low - first, high - first)
             origin[:, place], direction[:, place] = births.origin.T, births.direction.T
             soft[0, place], soft[1, place] = births.soft_radius, births.soft_offset

@@ -75,7 +75,7 @@ PHOTON_SCENES = {
 
 @pytest.mark.parametrize("rho", PHOTON_SCENES)
 def test_error_falls_at_least_as_the_root_of_the_photons(tmp_path, rho, hold):
-    """Kronecker's points do better than chance where nothing scatters; a bias would stay."""
+    """Points of a net do better than chance where nothing scatters; a bias would stay."""
 
     def bake(count, seed):
         knobs = {"size": 64, "finest_texels": 8, "error": 1e-4, "max_photons": count, "seed": seed}

@@ -35,7 +35,7 @@ from tables import Table, put_tables
 
 SIZE = 256
 NEVER = 1e-4  # an error that no bake here comes to, so that the photons decide
-SEEDS_OF_COUNT = {1_000_000: 4, 4_000_000: 2, 16_000_000: 1}  # the fewer photons, the fewer leaves, and the more chance
+SEEDS_OF_COUNT = {1_000_000: 8, 4_000_000: 2, 16_000_000: 1}  # the fewer photons, the fewer leaves, and the more chance
 FINEST = Settings(size=SIZE, share_meshes=False, passes=("lighting",), error=0.005, max_photons=128_000_000)
 MOST_BIAS, MOST_REL, STATED_WITHIN = 0.5, 2.0, 0.25  # %, %, 1
 
