@@ -26,6 +26,7 @@ from .snapshot import load_snapshot
 from .squares import deposit_on_squares
 from .tally import ShardTally, deposit
 from .texel_map import TexelMap
+from .tiles import Tiles
 
 TEXELS_FOLDER = "texels"
 # A shard's fields that name folders, and what of each folder the shard reads, () all of it.
@@ -126,13 +127,17 @@ class DirectShard:
     start: int  # position of the shard in its turn
     texels: IntArray  # ascending
     tolerance: float  # see direct.direct_irradiance
+    smoothed: bool  # the same
 
 
 def light_texels(shard: DirectShard) -> direct.DirectLight:
     """Direct light at the texels of a shard."""
-    sub_points = open_tracing(shard.tracing).texels.sub_points
+    texels = open_tracing(shard.tracing).texels
+    tiles = Tiles.of(texels.texel_chart[shard.texels], texels.texel_code[shard.texels])
     rng = sampling.shard_rng(shard.seed, DIRECT_ROUND - shard.turn, shard.start)
-    return direct.direct_irradiance(_open_direct_scene(shard.tracing), sub_points, shard.texels, rng, shard.tolerance)
+    return direct.direct_irradiance(
+        _open_direct_scene(shard.tracing), texels.sub_points, shard.texels, rng, shard.tolerance, tiles=tiles, smoothed=shard.smoothed
+    )
 
 
 @dataclass(frozen=True)
