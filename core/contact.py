@@ -11,33 +11,84 @@ from numpy.typing import NDArray
 
 from .rays import RayScene
 from .scene import FloatArray
+from .tiles import TILE_SIDE
 
 _LIFT_TEXELS = 0.25  # height of the feelers above the surface
 _REACH_TEXELS = 1.5  # and their length
-_FEELERS = 4
 _CHUNK = 1 << 18
 
 
-def find_contacts(rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray) -> NDArray[np.bool_]:
+def find_contacts(
+    rays: RayScene,
+    position: NDArray[np.float32],
+    normal: NDArray[np.float32],
+    texel_size: FloatArray,
+    axes: NDArray[np.float32] | None = None,
+) -> NDArray[np.bool_]:
     """Whether something stands within a texel or so of each point, found by short rays along the surface.
 
     position     (n, 3) float32, unit box
     normal       (n, 3) float32, unit
     texel_size   (n,) float, unit box: side of a texel on the surface
+    axes         (2, n, 3) float32, unit: directions that the rays go to and fro; any in the surface if None
     """
     found = np.zeros(len(position), bool)
     for start in range(0, len(position), _CHUNK):
         part = slice(start, start + _CHUNK)
         size = texel_size[part, None].astype(np.float32)
-        along = _any_tangent(normal[part])
-        across = np.cross(normal[part], along)
+        along, across = axes[:, part] if axes is not None else _any_axes(normal[part])
         origin = position[part] + normal[part] * (_LIFT_TEXELS * size)
         reach = _REACH_TEXELS * size[:, 0]
-        for feeler in range(_FEELERS):
-            angle = 2.0 * np.pi * feeler / _FEELERS
-            direction = (np.cos(angle) * along + np.sin(angle) * across).astype(np.float32)
+        for direction in (along, across, -along, -across):
             found[part] |= rays.occluded(origin, direction, reach)
     return found
+
+
+def find_clear_tiles(rays: RayScene, corner: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray) -> NDArray[np.bool_]:
+    """(m,) bool: square tiles of texels where no point's rays along the rows and columns would meet anything.
+
+    Those of a row lie on one line, so that one ray stands for them all.
+
+    corner       (3, m, 3) float32, unit box: middles of a tile's first texel, and of the last ones of its first row and column
+    normal       (m, 3) float32, unit
+    texel_size   (m,) float, unit box
+    """
+    size = texel_size[:, None].astype(np.float32)
+    first, *ends = corner + normal * (_LIFT_TEXELS * size)
+    clear = np.ones(len(first), bool)
+    for end, other in (ends, ends[::-1]):
+        length = np.linalg.norm(end - first, axis=1, keepdims=True)
+        direction = (end - first) / np.maximum(length, np.finfo(np.float32).tiny)
+        origin = first - direction * (_REACH_TEXELS * size)
+        whole = length[:, 0] + 2 * _REACH_TEXELS * size[:, 0]
+        for line in range(TILE_SIDE):
+            step = np.float32(line / (TILE_SIDE - 1)) * (other - first)
+            clear &= ~rays.occluded(origin + step, direction, whole)
+    return clear
+
+
+def texel_axes(corner: FloatArray, corner_xy: FloatArray, normal: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(2, n, 3) float32, unit: along the rows and columns of texels on triangles; any in the surface where that is not known.
+
+    corner      (n, 3, 3) float
+    corner_xy   (n, 3, 2) float, texels
+    normal      (n, 3) float32, unit
+    """
+    edge, edge_xy = corner[:, 1:] - corner[:, :1], corner_xy[:, 1:] - corner_xy[:, :1]
+    (x_1, y_1), (x_2, y_2) = edge_xy[:, 0].T, edge_xy[:, 1].T
+    along = edge[:, 0] * y_2[:, None] - edge[:, 1] * y_1[:, None]
+    across = edge[:, 1] * x_1[:, None] - edge[:, 0] * x_2[:, None]
+    out = np.stack(_any_axes(normal))
+    for axis, found in zip(out, (along, across), strict=True):
+        length = np.linalg.norm(found, axis=1)
+        known = length > 0
+        axis[known] = found[known] / length[known, None]
+    return out
+
+
+def _any_axes(normal: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    along = _any_tangent(normal)
+    return along, np.cross(normal, along)
 
 
 def _any_tangent(normal: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -22,12 +22,14 @@ from .direct_points import (
 from .direct_pool import EmitterPool
 from .direct_sources import make_lamps, make_suns, make_triangle_sources, make_world
 from .direct_tally import Tally
+from .direct_tiles import look_from_tiles
 from .emitters import find_emitting_cells, weigh_channels
 from .geometry import UnitBox
 from .lights import Float64
 from .materials import SurfaceMaterials
 from .rays import RayScene
 from .scene import IntArray, SceneSnapshot
+from .tiles import Tiles
 
 _CHUNK_TEXELS = 2**14
 _MOST_TRIANGLE_SOURCES = 12  # emitting triangles that are looked at one by one
@@ -68,7 +70,8 @@ class DirectLight:
 
     irradiance_rgb   (n, 3) float64, W/m^2   on the front, and the back too where the object is two-sided
     variance_rgb     (n, 3) float64, (W/m^2)^2, of the estimates
-    counters         rays; pairs (texel, light) looked at, out_of_reach behind the horizon or beyond a cone, settled by the first rays;
+    counters         rays; pairs (texel, light) looked at, out_of_reach behind the horizon or beyond a cone, settled by the first rays,
+                     shared with all of a tile;
                      sampled, pairs of lamps that gave little and were sampled together
     """
 
@@ -84,6 +87,8 @@ def direct_irradiance(
     rng: np.random.Generator,
     tolerance: float = 0.01,
     max_rays: int = STAGES[-1][1],
+    tiles: Tiles | None = None,
+    smoothed: bool = False,
 ) -> DirectLight:
     """Direct light at texels, averaged over the covered part of each.
 
@@ -91,31 +96,51 @@ def direct_irradiance(
     texel        (n,) int     as sub_points knows them; neighbours in space should be neighbours here (Morton order)
     tolerance    standard error, relative to the texel's direct light, at which a light gets no more rays
     max_rays     per texel and light: 4, 16 or 64
+    tiles        among the texels, which then share their first looks at lights
+    smoothed     the light will be averaged over like neighbours: where it changes gently over a tile, more noise is left for that
     """
     irradiance, variance = np.zeros((len(texel), 3)), np.zeros((len(texel), 3))
-    counters = {"rays": 0, "pairs": 0, "out_of_reach": 0, "settled": 0, "sampled": 0}
+    counters = {"rays": 0, "pairs": 0, "out_of_reach": 0, "settled": 0, "shared": 0, "sampled": 0}
     for start in range(0, len(texel), _CHUNK_TEXELS):
         rows = slice(start, start + _CHUNK_TEXELS)
         tri = sub_points(texel[rows], np.full((1, 1, 2), 0.5))[0][0]
         two_sided = np.flatnonzero(scene.tri_two_sided[tri])
         for flip in (False, True) if len(two_sided) else (False,):
-            part = start + (two_sided if flip else np.arange(len(tri)))
+            own = two_sided if flip else np.arange(len(tri))
+            part = start + own
             chunk = TexelChunk(texel[part], random_shift(rng, len(part)), sub_points, scene.surfaces, flip)
-            value, error = _light_chunk(scene, chunk, rng, tolerance, max_rays, counters)
+            whole = (tiles or Tiles.none()).within(part).on_one_triangle(tri[own])
+            value, error = _light_chunk(scene, chunk, whole, smoothed, rng, tolerance, max_rays, counters)
             irradiance[part] += value
             variance[part] += error
     return DirectLight(irradiance, variance, counters)
 
 
 def _light_chunk(
-    scene: DirectScene, chunk: TexelChunk, rng: np.random.Generator, tolerance: float, max_rays: int, counters: dict[str, int]
+    scene: DirectScene,
+    chunk: TexelChunk,
+    tiles: Tiles,
+    smoothed: bool,
+    rng: np.random.Generator,
+    tolerance: float,
+    max_rays: int,
+    counters: dict[str, int],
 ) -> tuple[Float64, Float64]:
     count = len(chunk.texel)
-    everyone = np.arange(count)
-    starts = chunk.receivers_at(everyone, GAUSS_POINTS)
-    tallies = [Tally(source, everyone, None, random_shift(rng, count)) for source in scene.sources]
-    for tally in tallies:
-        counters["rays"] += tally.add(scene.rays, chunk, everyone, STAGES[0], starts)
+    shared, tallies = _look_first(scene, chunk, tiles, smoothed, rng, counters)
+    looking = np.zeros(count, bool)
+    looking[:] = scene.crowd is not None
+    leading = [np.flatnonzero(tally.leads) for tally in tallies]
+    for tally, index in zip(tallies, leading, strict=True):
+        looking[tally.rows[index]] = True
+    asked = np.flatnonzero(looking)
+    starts = chunk.receivers_at(asked, GAUSS_POINTS)
+    for tally, index in zip(tallies, leading, strict=True):
+        own = starts
+        if len(index) < len(asked):
+            place = np.searchsorted(asked, tally.rows[index])
+            own = starts.rows((place + len(asked) * np.arange(len(GAUSS_POINTS))[:, None]).ravel())
+        counters["rays"] += tally.add(scene.rays, chunk, index, STAGES[0], own)
     rest = None
     if scene.crowd is not None:
         pairs, rest = scene.crowd.tell_apart(chunk, starts)
@@ -125,7 +150,7 @@ def _light_chunk(
             for piece in row_pieces(np.arange(len(rows)), STAGES[0][1]):
                 counters["rays"] += tally.add(scene.rays, chunk, piece, STAGES[0], None)
             tallies.append(tally)
-    light, variance = np.zeros((count, 3)), np.zeros((count, 3))
+    light, variance = shared.copy(), np.zeros((count, 3))
     for tally in tallies:
         counters["pairs"] += len(tally.rows)
         counters["out_of_reach"] += int((~tally.in_reach).sum())
@@ -153,17 +178,41 @@ def _light_chunk(
     for tally in tallies:
         found += tally.light(count)
         variance += tally.variance(count)
-    return found, variance
+    return found + shared, variance
 
 
-def _add_to_all(rays: RayScene, chunk: TexelChunk, tallies: Sequence[Tally], texels: Sequence[IntArray], stage: tuple[int, int]) -> int:
-    """Sends a stage's rays of tallies of all texels, each from its own choice of them; gives how many were traced.
+def _look_first(
+    scene: DirectScene, chunk: TexelChunk, tiles: Tiles, smoothed: bool, rng: np.random.Generator, counters: dict[str, int]
+) -> tuple[Float64, list[Tally]]:
+    """Light (n, 3) that tiles are sure of, and for each source an empty tally of the texels that look at it themselves."""
+    shared, tallies, texels = np.zeros((len(chunk.texel), 3)), [], tiles.texels()
+    for source in scene.sources:
+        look = look_from_tiles(scene.rays, chunk, tiles, source, random_shift(rng, len(tiles)))
+        shared[look.lit] += look.closed[look.lit, None] * source.rgb
+        without = look.closed == 0
+        agreed = look.lit | look.dark
+        rows = np.flatnonzero(~(agreed | without))
+        own = np.arange(len(chunk.texel)) == look.leader
+        looks_on = ~(agreed | without) & own & ~np.isnan(look.closed)
+        alone = texels[looks_on[tiles.start]] if smoothed else texels[:0]
+        leader, index = np.searchsorted(rows, look.leader[rows]), np.searchsorted(rows, alone)
+        tallies.append(Tally(source, rows, None, random_shift(rng, len(rows)), look.closed[rows], index, leader))
+        counters["rays"] += look.rays
+        counters["pairs"] += len(chunk.texel) - len(rows)
+        counters["out_of_reach"] += int(without.sum())
+        counters["settled"] += int(agreed.sum())
+        counters["shared"] += int(agreed.sum()) + int((~own).sum())
+    return shared, tallies
+
+
+def _add_to_all(rays: RayScene, chunk: TexelChunk, tallies: Sequence[Tally], chosen: Sequence[IntArray], stage: tuple[int, int]) -> int:
+    """Sends a stage's rays of tallies of one light each, each from its own choice of its rows; gives how many were traced.
 
     The rays of a texel start at the same places for every light, so that these are found once.
     """
     wanted = np.zeros((len(tallies), len(chunk.texel)), bool)
-    for row, own in zip(wanted, texels, strict=True):
-        row[own] = True
+    for row, tally, own in zip(wanted, tallies, chosen, strict=True):
+        row[tally.rows[own]] = True
     n_ray, traced = stage[1] - stage[0], 0
     for piece in row_pieces(np.flatnonzero(wanted.any(axis=0)), n_ray):
         starts = chunk.receivers(piece, *stage)
@@ -171,5 +220,5 @@ def _add_to_all(rays: RayScene, chunk: TexelChunk, tallies: Sequence[Tally], tex
             own = row[piece]
             if own.any():
                 looking = starts if own.all() else starts.rows(np.flatnonzero(np.tile(own, n_ray)))
-                traced += tally.add(rays, chunk, piece[own], stage, looking)
+                traced += tally.add(rays, chunk, np.searchsorted(tally.rows, piece[own]), stage, looking)
     return traced

@@ -19,7 +19,9 @@ from .scene import IntArray
 from .settings import Settings
 from .texel_map import TexelMap
 
-SHARD_TEXELS = 1 << 12  # small enough that no worker waits long for another's last; larger ones are no quicker
+SHARD_TEXELS = 1 << 12  # at least: small enough that no worker waits long for another's last
+_LARGEST_SHARD = 4  # times that, where there are shards enough: larger ones are no quicker
+_SHARDS_ENOUGH = 64
 TOLERANCE = 0.5  # of the error asked for: its noise is averaged over neighbours, at less cost than more rays
 MOST_PASSES = 64
 SECONDS_BETWEEN_WORDS = 1.0
@@ -114,9 +116,11 @@ class DirectField:
         """One more estimate of the texels (m,), ascending; each becomes the mean of all it has had. False when it was stopped."""
         turn, self.turns = self.turns, self.turns + 1
         self._smoothed = None
+        tolerance, smoothed = TOLERANCE * settings.error, settings.denoise
+        step = SHARD_TEXELS * min(max(len(texels) // (_SHARDS_ENOUGH * SHARD_TEXELS), 1), _LARGEST_SHARD)
         shards = [
-            workers.DirectShard(str(folder), settings.seed, turn, start, texels[start : start + SHARD_TEXELS], TOLERANCE * settings.error)
-            for start in range(0, len(texels), SHARD_TEXELS)
+            workers.DirectShard(str(folder), settings.seed, turn, start, texels[start : start + step], tolerance, smoothed)
+            for start in range(0, len(texels), step)
         ]
         told = time.monotonic()
         floor = DARK_FLOOR * float(self.irradiance.mean(dtype=np.float64)) + 1e-30

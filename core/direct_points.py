@@ -30,7 +30,7 @@ _SMOOTH_DEVIATION = 1e-3  # corner normals nearer to the face's own than this ar
 _SHORTEST_NORMAL = 1e-6
 
 
-def _base_points(count: int) -> NDArray[np.uint32]:
+def base_points(count: int) -> NDArray[np.uint32]:
     """(count, 2) uint32: a (0, 2)-sequence; any first 4^k points fall one each in a grid of 2^k by 2^k, and in every other
     grid of so many cells.
 
@@ -57,12 +57,12 @@ def _shuffle_stages(points: NDArray[np.uint32], seed: int) -> NDArray[np.uint32]
 
 
 GAUSS_POINTS.flags.writeable = MIDDLE.flags.writeable = False
-_TEXEL_POINTS = _base_points(STAGES[-1][1])
+_TEXEL_POINTS = base_points(STAGES[-1][1])
 # Another order for the light, so that places in the texel and on the light are not tied; of 2,000 seeds this has the least correlation.
 _LIGHT_POINTS = _shuffle_stages(_TEXEL_POINTS, 804)
 
 
-def _shifted(points: NDArray[np.uint32], shift: NDArray[np.uint32]) -> Float32:
+def shift_points(points: NDArray[np.uint32], shift: NDArray[np.uint32]) -> Float32:
     """(k, m, 2) float32 in [0, 1): points (k, 2) moved by digital shifts (m, 2), which keep their strata.
 
     Source: Owen 2003, "Quasi-Monte Carlo sampling", 3.4.
@@ -172,7 +172,7 @@ class TexelChunk:
 
     def receivers(self, rows: IntArray, first: int, last: int) -> Receivers:
         """Starts of rays first ... last - 1 of some of the texels, ray by ray: ((last - first) * len(rows), ...)."""
-        return self.receivers_at(rows, _shifted(_TEXEL_POINTS[first:last], self.shift[rows]))
+        return self.receivers_at(rows, shift_points(_TEXEL_POINTS[first:last], self.shift[rows]))
 
     def receivers_at(self, rows: IntArray, points: FloatArray) -> Receivers:
         """The same at points (k, 1 or len(rows), 2) of the texels' unit squares."""
@@ -182,7 +182,7 @@ class TexelChunk:
 
 def light_points(shift: NDArray[np.uint32], first: int, last: int) -> Float32:
     """((last - first) * m, 2) float32: where on the light rays first ... last - 1 aim; shift (m, 2) uint32."""
-    return _shifted(_LIGHT_POINTS[first:last], shift).reshape(-1, 2)
+    return shift_points(_LIGHT_POINTS[first:last], shift).reshape(-1, 2)
 
 
 def random_shift(rng: np.random.Generator, count: int) -> NDArray[np.uint32]:

@@ -11,11 +11,13 @@ from .direct_points import GAUSS_POINTS, STAGES, Receivers, TexelChunk, light_po
 from .lights import Float64
 from .rays import RayScene
 from .scene import IntArray
+from .tiles import TILE_SURFACES, TILE_TEXELS
 
 AGREE_TEXELS = 16  # neighbours in Morton order whose first rays must agree before any of them stops
 # Powers of the number of rays by which strata lower the variance; measured. A hard edge crosses few cells of a texel; a soft one ties
 # places in the texel to places on the light, which are stratified each by themselves.
 _SHARP_GAIN, _SOFT_GAIN = 0.9, 0.375
+_SMOOTHED = 4.0  # how many times smoothing over like neighbours, 81 at most, makes an error less, with much to spare; measured
 
 
 class Tally:
@@ -23,18 +25,36 @@ class Tally:
 
     rows    (n,) int64     texels of the chunk; neighbours in space should be neighbours here, of one light after the other
     lamp    (n,) int64     rows of the source; None where it has one
+    known   (n,) float64   closed form, nan where it is to be found; None is nan everywhere
+    tiles   (k, 64) int64  pairs of tiles whose closed form is known, if noise may be left to whoever smooths it over neighbours
+    leader  (n,) int64     pairs whose rays tell what share is seen, of closed forms that are known; None is each its own
     """
 
-    def __init__(self, source: Source, rows: NDArray[np.int64], lamp: NDArray[np.int64] | None, shift: NDArray[np.uint32]) -> None:
+    def __init__(
+        self,
+        source: Source,
+        rows: NDArray[np.int64],
+        lamp: NDArray[np.int64] | None,
+        shift: NDArray[np.uint32],
+        known: Float64 | None = None,
+        tiles: NDArray[np.int64] | None = None,
+        leader: NDArray[np.int64] | None = None,
+    ) -> None:
         self.source, self.rows, self._lamp, self._shift = source, rows, lamp, shift
+        self._tiles = np.zeros((0, TILE_TEXELS), np.int64) if tiles is None else tiles
         # Sums of the closed form at starts and of its squares; how far the mean of four may be off.
         self._reach, self._reach_squares, self._bend = np.zeros((3, len(rows)))
         self._peak, self._peak_mean, self._peak_variance = np.zeros(len(rows), bool), *np.zeros((2, len(rows)))
         self._starts, self._rays = np.zeros(len(rows)), np.zeros(len(rows))
+        self._known = np.zeros(len(rows), bool)
+        if known is not None:
+            self._known = ~np.isnan(known)
+            self._starts[self._known] = 1.0
+            self._reach[self._known], self._reach_squares[self._known] = known[self._known], known[self._known] ** 2
         # Sums of share, share^2, weight * seen, (weight * seen)^2, share * weight * seen.
         self._sums = np.zeros((5, len(rows)))
         self._lit, self._dark = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
-        self._leader = np.arange(len(rows))  # whose rays tell what share is seen
+        self._leader = np.arange(len(rows)) if leader is None else leader
 
     def add(self, rays: RayScene, chunk: TexelChunk, index: IntArray, stage: tuple[int, int], starts: Receivers | None) -> int:
         """Sends a stage's rays from some of the tally's texels; gives how many were traced."""
@@ -42,19 +62,26 @@ class Tally:
         receivers = chunk.receivers(self.rows[index], first, last) if starts is None else starts
         lamp = None if self._lamp is None else np.tile(self._lamp[index], last - first)
         self._rays[index] += last - first
-        if stage != STAGES[2]:  # by then the closed form is known at 16 points
-            closed = self._lamps(lamp).irradiance(receivers.position, receivers.normal).reshape(last - first, -1)
-            self._reach[index] += closed.sum(axis=0)
-            self._reach_squares[index] += (closed * closed).sum(axis=0)
-            self._starts[index] += last - first
+        live = np.arange(len(receivers.position))
+        asked = np.flatnonzero(~self._known[index])
+        if stage != STAGES[2] and len(asked):  # by then the closed form is known at 16 points
+            own, own_lamp, at = receivers, lamp, index
+            if len(asked) < len(index):
+                places = (np.arange(last - first)[:, None] * len(index) + asked).ravel()
+                own, own_lamp, at = receivers.rows(places), None if lamp is None else lamp[places], index[asked]
+            closed = self._lamps(own_lamp).irradiance(own.position, own.normal).reshape(last - first, -1)
+            self._reach[at] += closed.sum(axis=0)
+            self._reach_squares[at] += (closed * closed).sum(axis=0)
+            self._starts[at] += last - first
             if stage == STAGES[0]:
-                self._bend[index] = estimate_bend(closed)
-                self._average_peaks(chunk, index, receivers)
-            if stage == STAGES[0] and not closed.all():
-                live = np.flatnonzero(closed.ravel() > 0)
-                lamp = None if lamp is None else lamp[live]
-                return self._trace(rays, receivers.rows(live), self._lamps(lamp), live, index, (first, last))
-        return self._trace(rays, receivers, self._lamps(lamp), np.arange(len(receivers.position)), index, (first, last))
+                self._bend[at] = estimate_bend(closed)
+                self._average_peaks(chunk, at, own)
+                if not closed.all():
+                    reached = np.ones((last - first, len(index)), bool)
+                    reached[:, asked] = closed > 0
+                    live = np.flatnonzero(reached)
+                    receivers, lamp = receivers.rows(live), None if lamp is None else lamp[live]
+        return self._trace(rays, receivers, self._lamps(lamp), live, index, (first, last))
 
     def _average_peaks(self, chunk: TexelChunk, index: IntArray, starts: Receivers) -> None:
         """Takes the mean of the closed form finely where the first starts (4, len(index)) are too few for it."""
@@ -134,9 +161,23 @@ class Tally:
                 mean_error = np.bincount(block, error, minlength=n_block) / np.bincount(block, minlength=n_block)
                 doubt |= mean_error[block] > allowed**2
                 dark = ~self._lit & (self._rays == STAGES[1][1])
+            calm = self._tiles[self._find_calm(allowed)]
+            doubt[calm] = False
             if not self.source.is_sharp:
-                doubt[self._lead(dark & matters & self._leads & ~doubt, stage)] = True
-        return np.flatnonzero(doubt & self.in_reach & self._leads)
+                doubt[self._lead(dark & matters & self.leads & ~doubt, stage)] = True
+        return np.flatnonzero(doubt & self.in_reach & self.leads)
+
+    def _find_calm(self, allowed: Float64) -> NDArray[np.bool_]:
+        """(k,) bool: tiles in which light changes so gently that smoothing will average the texels' noise; allowed (n,) of the pairs.
+
+        Decided for whole tiles, by how far their texels are off a quadratic surface, noise and all: a texel that stopped by what
+        its own few rays say would be too bright, or too dark, on average.
+        """
+        value = self.value()[self._tiles]
+        off2 = (value**2).sum(axis=1) - ((value @ TILE_SURFACES) ** 2).sum(axis=1)
+        off2 /= TILE_TEXELS - TILE_SURFACES.shape[1]
+        out: NDArray[np.bool_] = off2 <= (_SMOOTHED * allowed[self._tiles].mean(axis=1)) ** 2
+        return out
 
     def _lead(self, dark: NDArray[np.bool_], stage: tuple[int, int]) -> NDArray[np.int64]:
         """One of the dark texels (n,) of each block, by chance, to go on for all of them.
@@ -154,7 +195,7 @@ class Tally:
         return leader
 
     @property
-    def _leads(self) -> NDArray[np.bool_]:
+    def leads(self) -> NDArray[np.bool_]:
         """(n,) bool: own rays tell what share is seen."""
         out: NDArray[np.bool_] = self._leader == np.arange(len(self._leader))
         return out

@@ -84,9 +84,9 @@ def polygon_irradiance(corners: FloatArray, position: FloatArray, normal: FloatA
     Source: Lambert 1760; Arvo 1995, "Applications of Irradiance Tensors", 2.1. Each edge is cut by itself; the arc between
     the two cuts runs along the horizon.
     """
-    points = np.broadcast_to(corners, (len(position), *np.shape(corners)[-2:]))
-    place, up = np.asarray(position, np.float64).T, np.asarray(normal, np.float64).T
-    vector = [np.ascontiguousarray(points[:, i].T, np.float64) - place for i in range(points.shape[1])]
+    points = np.reshape(corners, (-1, *np.shape(corners)[-2:]))
+    place, up = (np.ascontiguousarray(rows.T, np.float64) for rows in (position, normal))
+    vector = [points[:, i].T - place for i in range(points.shape[1])]
     height = [_dot(v, up) for v in vector]
     total = np.zeros(len(position))
     leaving, entering = np.zeros((3, len(position))), np.zeros((3, len(position)))

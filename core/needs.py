@@ -58,5 +58,6 @@ def count_skipped(
         "charts_without_photons": len(atlas.chart_object) - len(reached) if needs.photons else len(atlas.chart_object),
         "pairs_out_of_reach": counters.get("out_of_reach", 0),  # of a texel and a light, see direct
         "pairs_settled_early": counters.get("settled", 0),
+        "pairs_shared": counters.get("shared", 0),
         "pairs_sampled_together": counters.get("sampled", 0),
     }

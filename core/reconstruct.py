@@ -22,6 +22,7 @@ from . import basis
 from .quadtree import Quadtree
 from .tally import Solution
 from .texel_map import TexelMap
+from .tiles import NODE_WEIGHTS, TILE_NODES, TILE_SIDE, TILE_TEXELS, Tiles
 
 Float64: TypeAlias = NDArray[np.float64]
 
@@ -30,6 +31,7 @@ _STRATA = 4  # points across the window, each way
 _STEP_SIGMAS = 3.0  # a step above so many standard errors is light
 _NOISIER = 4.0  # a leaf whose variance there is more than so many times the texel's own has no say
 _FARTHEST = 2.0  # node coordinate up to which a function is carried on beyond its node, which ends at 1
+_FINE = 16  # tiles side by side in a leaf, from which on nine texels tell of a tile: off by 0.1 of the standard error; measured
 CHUNK = 1 << 16
 
 
@@ -110,6 +112,25 @@ class LeafBlender:
         return PointLight(
             np.concatenate([part.irradiance for part in parts], axis=-1), np.concatenate([part.variance for part in parts], axis=-1)
         )
+
+    def blend_range(self, tree: Quadtree, solution: Solution, leaf: NDArray[np.int32], start: int, stop: int) -> PointLight:
+        """Light at the entries start ... stop - 1, over tiles of large leaves by few of their texels; leaf as for blend."""
+        part = slice(start, stop)
+        tiles = Tiles.of(self.texels.texel_chart[part], self.texels.texel_code[part])
+        own = leaf[start + tiles.start]
+        smooth = (leaf[start + tiles.start + TILE_TEXELS - 1] == own) & (tree.side[own] >= _FINE * TILE_SIDE)
+        nodes = start + (tiles.start[smooth] + TILE_NODES[:, None])
+        rows = tiles.texels()[smooth]
+        alone = np.ones(stop - start, bool)
+        alone[rows] = False
+        asked = np.concatenate([nodes.ravel(), start + np.flatnonzero(alone)])
+        found = self.blend(tree, solution, leaf, asked)
+        irradiance, variance = (np.empty((*values.shape[:-1], stop - start)) for values in (found.irradiance, found.variance))
+        for out, values in ((irradiance, found.irradiance), (variance, found.variance)):
+            out[..., alone] = values[..., nodes.size :]
+            told = NODE_WEIGHTS @ values[..., : nodes.size].reshape(*values.shape[:-1], *nodes.shape)
+            out[..., rows.T] = told
+        return PointLight(irradiance, np.maximum(variance, 0.0))
 
     def _blend_part(self, tree: Quadtree, solution: Solution, leaf: NDArray[np.int32], part: NDArray[Any], halves: bool) -> PointLight:
         x, y, own_leaf = self.x[part], self.y[part], leaf[part]

@@ -56,7 +56,7 @@ def light_at_texels(field: LightField, blender: reconstruct.LeafBlender, smooth_
 
     def fill(start: int) -> None:
         part = slice(start, min(start + reconstruct.CHUNK, n_texel))
-        traced = blender.blend(field.tree, field.solution, leaf, np.arange(part.start, part.stop))
+        traced = blender.blend_range(field.tree, field.solution, leaf, part.start, part.stop)
         light[..., part] = np.maximum(traced.irradiance, 0.0)  # a fitted plane may dip below zero at the edge of a shadow
         variance[:, part] = traced.variance * field.correction
 

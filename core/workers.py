@@ -21,11 +21,12 @@ from .job import SNAPSHOT_FILE
 from .materials import SurfaceMaterials
 from .pruning import prune_scene
 from .quadtree import TreeView
-from .scene import IntArray, SceneSnapshot
+from .scene import FloatArray, IntArray, SceneSnapshot
 from .snapshot import load_snapshot
 from .squares import deposit_on_squares
 from .tally import ShardTally, deposit
 from .texel_map import TexelMap
+from .tiles import TILE_CORNERS, TILE_TEXELS, Tiles
 
 TEXELS_FOLDER = "texels"
 # A shard's fields that name folders, and what of each folder the shard reads, () all of it.
@@ -126,13 +127,17 @@ class DirectShard:
     start: int  # position of the shard in its turn
     texels: IntArray  # ascending
     tolerance: float  # see direct.direct_irradiance
+    smoothed: bool  # the same
 
 
 def light_texels(shard: DirectShard) -> direct.DirectLight:
     """Direct light at the texels of a shard."""
-    sub_points = open_tracing(shard.tracing).texels.sub_points
+    texels = open_tracing(shard.tracing).texels
+    tiles = Tiles.of(texels.texel_chart[shard.texels], texels.texel_code[shard.texels])
     rng = sampling.shard_rng(shard.seed, DIRECT_ROUND - shard.turn, shard.start)
-    return direct.direct_irradiance(_open_direct_scene(shard.tracing), sub_points, shard.texels, rng, shard.tolerance)
+    return direct.direct_irradiance(
+        _open_direct_scene(shard.tracing), texels.sub_points, shard.texels, rng, shard.tolerance, tiles=tiles, smoothed=shard.smoothed
+    )
 
 
 @dataclass(frozen=True)
@@ -147,11 +152,30 @@ class ContactShard:
 def find_contacts(shard: ContactShard) -> NDArray[np.bool_]:
     """(end - start,) bool, see contact."""
     tracing = open_tracing(shard.tracing)
-    tri = tracing.texels.texel_tri[shard.start : shard.end]
-    bary = tracing.texels.bary_of(shard.start, shard.end)
-    position_m = np.einsum("nk,nkj->nj", bary, tracing.snapshot.tri_position[tri])
+    texels, rays, part = tracing.texels, tracing.scene.rays, slice(shard.start, shard.end)
+    tiles = Tiles.of(texels.texel_chart[part], texels.texel_code[part]).on_one_triangle(texels.texel_tri[part])
+    first = shard.start + tiles.start
+    whole = np.searchsorted(texels.part_entry, first) == np.searchsorted(texels.part_entry, first + TILE_TEXELS)
+    corner = first[whole] + TILE_CORNERS[:, None]
+    position, normal, size = _texel_places(tracing, corner.ravel())
+    n_tile = corner.shape[1]
+    clear = contact.find_clear_tiles(rays, position.reshape(3, n_tile, 3), normal[:n_tile], size[:n_tile])
+    asked = np.ones(shard.end - shard.start, bool)
+    asked[tiles.texels()[whole][clear]] = False
+    entry = shard.start + np.flatnonzero(asked)
+    tri = texels.texel_tri[entry]
+    position, normal, size = _texel_places(tracing, entry)
+    axes = contact.texel_axes(tracing.snapshot.tri_position[tri], texels.tri_uv[tri], normal)
+    asked[asked] = contact.find_contacts(rays, position, normal, size, axes)
+    return asked
+
+
+def _texel_places(tracing: Tracing, entry: IntArray) -> tuple[NDArray[np.float32], NDArray[np.float32], FloatArray]:
+    """Positions (n, 3), unit box, normals (n, 3) and sides (n,), unit box, of texel entries (n,)."""
+    tri = tracing.texels.texel_tri[entry]
+    position_m = np.einsum("nk,nkj->nj", tracing.texels.bary_at(entry), tracing.snapshot.tri_position[tri])
     size = np.sqrt(tracing.texels.tri_density[tri]) * tracing.unit_box.scale
-    return contact.find_contacts(tracing.scene.rays, tracing.unit_box.to_unit(position_m), tracing.scene.tri_normal[:, tri].T, size)
+    return tracing.unit_box.to_unit(position_m), tracing.scene.tri_normal[:, tri].T, size
 
 
 @lru_cache(maxsize=1)

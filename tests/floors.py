@@ -13,6 +13,7 @@ from leaflight.core.lights import Emitter
 from leaflight.core.materials import SurfaceMaterials
 from leaflight.core.rays import RayScene
 from leaflight.core.scene import Light, Material, SceneSnapshot
+from leaflight.core.tiles import Tiles
 from scenes import Mesh, make_scene, quad_mesh
 
 ALPHA = 1e-3  # of a file's statistical tests together
@@ -89,6 +90,11 @@ def floor_points(side: int, first_tri: int = 0) -> Callable[[np.ndarray, np.ndar
         return np.where(lower, first_tri, first_tri + 1).astype(np.int32), bary.astype(np.float32)
 
     return sub_points
+
+
+def floor_tiles(side: int) -> Tiles:
+    """Tiles of such a floor."""
+    return Tiles.of(np.zeros(side * side, np.int32), np.arange(side * side))
 
 
 def to_grid(values: np.ndarray, side: int) -> np.ndarray:

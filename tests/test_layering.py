@@ -36,6 +36,7 @@ TRACE = {
     "core.direct_pool",
     "core.direct_sources",
     "core.direct_tally",
+    "core.direct_tiles",
     "core.irradiance",
     "core.contact",
 }

@@ -185,7 +185,7 @@ def test_a_folder_that_is_used_again_is_read_again(farm, tmp_path):
 
 def test_a_sentence_of_a_shard_comes_through(farm, tmp_path):
     prepare_folder(tmp_path, replace(lamp_scene(), lights=()), SETTINGS)
-    shard = workers.DirectShard(str(tmp_path), seed=1, turn=0, start=0, texels=np.arange(9), tolerance=0.1)
+    shard = workers.DirectShard(str(tmp_path), seed=1, turn=0, start=0, texels=np.arange(9), tolerance=0.1, smoothed=False)
     with cluster.connect(farm.address) as executor, pytest.raises(ValueError, match="the scene has no light: add"):
         executor.submit(workers.light_texels, shard).result()
 

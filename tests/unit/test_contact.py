@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core.contact import find_contacts
+from leaflight.core.contact import find_clear_tiles, find_contacts, texel_axes
 from leaflight.core.geometry import UnitBox
 from leaflight.core.rays import RayScene
 from scenes import box_mesh, make_scene, quad_mesh
@@ -79,3 +79,32 @@ def test_a_surface_without_direction_is_quiet():
     nothing = np.zeros((3, 3), np.float32)
     assert not find_contacts(rays, nothing + np.float32(0.5), nothing, np.full(3, 0.1)).any()
     assert find_contacts(rays, nothing[:0], nothing[:0], np.zeros(0)).shape == (0,)
+
+
+@pytest.mark.parametrize("place", [(0.3, 0.6), (0.26, 0.5), (0.62, 0.124)])
+def test_clear_tiles_are_those_where_no_texel_finds_anything(place):
+    """Rods of half a texel and of a few, seen from a floor of eight by eight tiles."""
+    for side_m in (0.5 / SIDE, 5.0 / SIDE):
+        scene = make_scene([quad_mesh("Floor"), box_mesh("Rod", (side_m, side_m, 0.5), (*place, 0.25))])
+        unit_box = UnitBox.from_points(scene.vertex_position)
+        rays = RayScene(unit_box.to_unit(scene.tri_position))
+        line = (np.arange(SIDE) + 0.5) / SIDE
+        x, y = np.meshgrid(line, line)
+        position = unit_box.to_unit(np.stack([x, y, 0 * x], axis=2).reshape(-1, 3)).astype(np.float32)
+        up, size = np.broadcast_to(np.float32([0, 0, 1]), position.shape), np.full(len(position), unit_box.scale / SIDE)
+        axes = np.broadcast_to(np.float32([[1, 0, 0], [0, 1, 0]])[:, None], (2, *position.shape))
+        tiles = find_contacts(rays, position, up, size, axes).reshape(8, 8, 8, 8).any(axis=(1, 3)).ravel()
+        grid = position.reshape(8, 8, 8, 8, 3)
+        corner = np.stack([grid[:, 0, :, 0], grid[:, 0, :, 7], grid[:, 7, :, 0]]).reshape(3, 64, 3)
+        np.testing.assert_array_equal(find_clear_tiles(rays, corner, up[:64], size[:64]), ~tiles)
+        assert 0 < tiles.sum() < 10
+
+
+def test_axes_are_those_of_the_page():
+    """A triangle whose page runs along z and, mirrored, along y; one that its page knows as a line lies anyhow in its surface."""
+    corner = np.array([[[0, 0, 0], [0, 0, 2.0], [0, -3.0, 0]]] * 2)
+    corner_xy = np.array([[[5, 5], [9, 5], [5, 8.0]], [[5, 5], [9, 5], [7, 5.0]]])
+    axes = texel_axes(corner, corner_xy, np.float32([[1, 0, 0]] * 2))
+    assert axes[:, 0].tolist() == [[0, 0, 1], [0, -1, 0]]
+    assert np.abs(axes[:, 1, 0]).max() < 1e-6
+    assert np.linalg.norm(axes, axis=2) == pytest.approx(1)

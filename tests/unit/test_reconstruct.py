@@ -196,3 +196,40 @@ def test_a_blend_is_the_mean_over_the_points_of_each_window(degree):
     assert joined_any
     assert refused_any
     assert far_any == (degree == 0)  # the noise of a plane carried on so far rules it out before
+
+
+def blend_both(bake, pieces):
+    """Blends (c, n) of all texels, one by one and by ranges that end at `pieces`, and the standard error (n,) of the first."""
+    n = len(bake.keys)
+    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), n)
+    blender = reconstruct.LeafBlender.of(bake.texels, np.zeros(n, np.int32))
+    each = blender.blend(bake.tree, bake.solution(), owner)
+    ends = [0, *pieces, n]
+    parts = [blender.blend_range(bake.tree, bake.solution(), owner, *ends[i : i + 2]) for i in range(len(ends) - 1)]
+    light = [values.irradiance.reshape(6, -1) for values in (each, *parts)]
+    variance = [values.variance for values in (each, *parts)]
+    return light[0], np.hstack(light[1:]), variance[0], np.hstack(variance[1:])
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_tiles_of_a_large_leaf_are_its_function(degree):
+    bake = SquareBake(side=128, degree=degree)
+    bake.throw(*ramp(np.random.default_rng(0), 20_000))
+    each, by_tiles, variance, variance_by_tiles = blend_both(bake, [70, 128 * 64 + 1])
+    np.testing.assert_allclose(by_tiles, each, atol=1e-9 * each.max())
+    if degree < 2:  # else of degree four
+        np.testing.assert_allclose(variance_by_tiles, variance, rtol=1e-9)
+
+
+def test_tiles_follow_a_ramp_between_large_leaves():
+    """Each point of a window that comes to another leaf is a small step, which a tile takes as a slope."""
+    each, by_tiles, variance, variance_by_tiles = blend_both(quartered(even, side=256), [1000])
+    off = (by_tiles - each).sum(axis=0) / 3
+    assert 0 < np.sqrt((off**2).mean()) < 0.2 * np.sqrt(variance.mean())
+    assert variance_by_tiles.min() >= 0
+    assert variance_by_tiles.mean() == pytest.approx(variance.mean(), rel=0.01)
+
+
+def test_tiles_of_small_leaves_are_blended_texel_by_texel():
+    each, by_tiles, _, _ = blend_both(quartered(even), [100])
+    np.testing.assert_array_equal(by_tiles, each)

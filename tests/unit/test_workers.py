@@ -60,7 +60,7 @@ def test_skipping_first_hits_leaves_the_indirect_part(photon_shard):
 
 def test_a_direct_shard_is_a_pure_function_and_takes_its_texels_only(tmp_path):
     _, texel_map = prepare_folder(tmp_path, lamp_scene(), SETTINGS)
-    shard = workers.DirectShard(str(tmp_path), seed=1, turn=0, start=0, texels=np.arange(10, 60), tolerance=0.01)
+    shard = workers.DirectShard(str(tmp_path), seed=1, turn=0, start=0, texels=np.arange(10, 60), tolerance=0.01, smoothed=False)
     light = workers.light_texels(shard)
     assert light.irradiance_rgb.shape == (50, 3)
     assert to_bytes(workers.light_texels(shard)) == to_bytes(light)

@@ -1,0 +1,112 @@
+"""Squares of texels, all of them covered, within which light that changes slowly can be told by few of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .coverage import Float64, Int64
+from .scene import IntArray
+from .texel_grid import interleave_bits
+
+_SIDE_BITS = 3
+TILE_SIDE = 1 << _SIDE_BITS
+TILE_TEXELS = TILE_SIDE**2
+_NODES = (0, 3, 7)  # columns and rows of a tile whose crossings tell of all its texels
+_PLACE_BITS = 14  # of a tile's column or row in a page
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """Tiles among some texels.
+
+    start   (m,) int64      rows of their first texels; the others follow in Morton order
+    place   (m, 3) int64    chart, column and row: those next to each other differ by one
+    """
+
+    start: Int64
+    place: Int64
+
+    @classmethod
+    def none(cls) -> Tiles:
+        return cls(np.zeros(0, np.int64), np.zeros((0, 3), np.int64))
+
+    @classmethod
+    def of(cls, chart: IntArray, code: IntArray) -> Tiles:
+        """Those among texels of charts (n,) with Morton codes (n,), both ascending."""
+        first = np.flatnonzero(code[: max(len(code) - TILE_TEXELS + 1, 0)] % TILE_TEXELS == 0)
+        last = first + TILE_TEXELS - 1
+        first = first[(code[last] == code[first] + TILE_TEXELS - 1) & (chart[last] == chart[first])]
+        x, y = _part_bits(code[first] >> 2 * _SIDE_BITS)
+        return cls(first, np.stack([chart[first].astype(np.int64), x, y], axis=1))
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    def within(self, rows: IntArray) -> Tiles:
+        """Those all of whose texels are among `rows` (k,), ascending, numbered as these."""
+        at, end = np.searchsorted(rows, self.start), np.searchsorted(rows, self.start + TILE_TEXELS)
+        whole = end - at == TILE_TEXELS
+        return Tiles(at[whole], self.place[whole])
+
+    def on_one_triangle(self, tri: IntArray) -> Tiles:
+        """Those whose texels all have one triangle; tri (n,) of the texels."""
+        same = (tri[self.texels()] == tri[self.start][:, None]).all(axis=1)
+        return Tiles(self.start[same], self.place[same])
+
+    def texels(self) -> Int64:
+        """(m, 64) int64: rows of the tiles' texels."""
+        return self.start[:, None] + np.arange(TILE_TEXELS)
+
+    def near(self, marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(m,) bool: marked, or beside or aslant of one that is."""
+        key = (self.place[:, 0] << 2 * _PLACE_BITS) + (self.place[:, 2] << _PLACE_BITS) + self.place[:, 1]
+        wanted = np.sort(key[marked])
+        out = marked.copy()
+        if len(wanted):
+            for dy in (-1, 0, 1):
+                for dx in (-1, 0, 1):
+                    other = key + (dy << _PLACE_BITS) + dx
+                    out |= wanted[np.minimum(np.searchsorted(wanted, other), len(wanted) - 1)] == other
+        return out
+
+
+def _part_bits(code: Int64) -> tuple[Int64, Int64]:
+    """x and y of Morton codes (n,)."""
+    x, y = np.zeros_like(code), np.zeros_like(code)
+    for bit in range(_PLACE_BITS):
+        x |= ((code >> 2 * bit) & 1) << bit
+        y |= ((code >> 2 * bit + 1) & 1) << bit
+    return x, y
+
+
+def _node_weights() -> Float64:
+    """(64, 9) float64: what each of TILE_NODES adds to each texel of a tile, in Morton order. Source: Lagrange's polynomials."""
+    x, y = _part_bits(np.arange(TILE_TEXELS))
+    along = np.stack([np.prod([(np.arange(TILE_SIDE) - b) / (a - b) for b in _NODES if b != a], axis=0) for a in _NODES], axis=1)
+    out: Float64 = (along[y][:, :, None] * along[x][:, None, :]).reshape(TILE_TEXELS, -1)
+    out.flags.writeable = False
+    return out
+
+
+def _surfaces() -> Float64:
+    """(64, 6) float64: the polynomials of degree 2 at the texels of a tile, in Morton order; orthonormal."""
+    x, y = (place / (TILE_SIDE - 1) - 0.5 for place in _part_bits(np.arange(TILE_TEXELS)))
+    out: Float64 = np.linalg.qr(np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1))[0]
+    out.flags.writeable = False
+    return out
+
+
+def _texels_at(x: IntArray, y: IntArray) -> Int64:
+    """(n,) int64: places in a tile's Morton order of its columns x and rows y."""
+    out = interleave_bits(x, y)
+    out.flags.writeable = False
+    return out
+
+
+TILE_SURFACES = _surfaces()
+TILE_CORNERS = _texels_at(np.array([0, TILE_SIDE - 1, 0]), np.array([0, 0, TILE_SIDE - 1]))
+TILE_NODES = _texels_at(np.tile(_NODES, len(_NODES)), np.repeat(_NODES, len(_NODES)))
+NODE_WEIGHTS = _node_weights()

@@ -1,0 +1,61 @@
+"""Tiles: squares of texels among those of charts, and light over them told by nine of their texels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from floors import floor_points, floor_tiles, morton_square
+from leaflight.core.direct_points import MIDDLE
+from leaflight.core.tiles import NODE_WEIGHTS, TILE_CORNERS, TILE_NODES, TILE_SURFACES, TILE_TEXELS, Tiles
+
+
+class TestTiles:
+    def test_whole_squares_are_found(self):
+        code = np.concatenate([np.arange(3, 200), np.arange(64)])
+        chart = np.concatenate([np.zeros(197, np.int32), np.ones(64, np.int32)])
+        tiles = Tiles.of(chart, code)
+        assert code[tiles.start].tolist() == [64, 128, 0]
+        assert tiles.place.tolist() == [[0, 1, 0], [0, 0, 1], [1, 0, 0]]
+
+    def test_a_hole_or_the_next_chart_breaks_them(self):
+        assert not len(Tiles.of(np.zeros(66, np.int32), np.delete(np.arange(67), 20)))
+        assert not len(Tiles.of(np.repeat([0, 1], 32), np.concatenate([np.arange(32), np.arange(32, 64)])))
+        assert not len(Tiles.of(np.zeros(0, np.int32), np.zeros(0, np.int64)))
+
+    def test_within_some_texels(self):
+        tiles = floor_tiles(16)
+        assert tiles.within(np.arange(64, 256)).start.tolist() == [0, 64, 128]
+        assert tiles.within(np.delete(np.arange(256), 70)).start.tolist() == [0, 127, 191]
+        assert not len(tiles.within(np.arange(0)))
+
+    def test_of_one_triangle(self):
+        tri = floor_points(16)(np.arange(256), MIDDLE)[0][0]
+        assert floor_tiles(16).on_one_triangle(tri).place[:, 1:].tolist() == [[1, 0], [0, 1]]
+
+    def test_near_is_the_ring_around(self):
+        tiles = floor_tiles(64)
+        marked = (tiles.place[:, 1] == 3) & (tiles.place[:, 2] == 0)
+        near = tiles.near(marked)
+        assert sorted(map(tuple, tiles.place[near, 1:])) == [(x, y) for x in (2, 3, 4) for y in (0, 1)]
+        assert not tiles.near(np.zeros(64, bool)).any()
+
+    def test_all_of_their_texels(self):
+        assert floor_tiles(16).texels()[2].tolist() == list(range(2 * TILE_TEXELS, 3 * TILE_TEXELS))
+
+
+class TestSurfaces:
+    def test_nodes_tell_every_surface_of_degree_two(self):
+        x, y = morton_square(8)
+        value = 3.0 - x + 2 * y + 0.5 * x * x - x * y * y
+        assert NODE_WEIGHTS @ value[TILE_NODES] == pytest.approx(value)
+
+    def test_nothing_is_left_of_a_quadratic_surface(self):
+        x, y = morton_square(8)
+        value = 3.0 - x + 2 * y + 0.5 * x * x - x * y
+        assert TILE_SURFACES @ (TILE_SURFACES.T @ value) == pytest.approx(value)
+        assert np.abs(TILE_SURFACES @ (TILE_SURFACES.T @ x**3.0) - x**3.0).max() > 1
+
+    def test_corners(self):
+        x, y = morton_square(8)
+        assert x[TILE_CORNERS].tolist() == [0, 7, 0]
+        assert y[TILE_CORNERS].tolist() == [0, 0, 7]
