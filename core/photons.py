@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .births import BATCH, Photons, bear_photons, light_every_surface, locate_hits, soften
-from .geometry import UnitBox, offset_origin, triangle_normals_areas
+from .births import BATCH, Photons, bear_photons, light_every_surface, soften
+from .geometry import UnitBox, locate_hits, offset_origin, triangle_frames, triangle_normals_areas
 from .lights import Emitter
 from .materials import SurfaceMaterials
 from .rays import RayScene
@@ -35,7 +35,7 @@ class TraceScene:
 
     emitter_share   (n_emitter,) float64     probability of each emitter, by its mean power; all 0 when nothing shines
     tri_normal      (3, n_tri) float32       geometric, unit; 0 for triangles without area
-    tri_frame       (3, 3, n_tri) float32    corner 0 and the edges to corners 1 and 2; axis; unit box
+    tri_frame       (3, 3, n_tri) float32    of triangle_frames, unit box
     tri_deposits    (n_tri,) bool            gets a lightmap
     tri_two_sided   (n_tri,) bool            light on the back is deposited too
     tri_smooth      (n_tri,) int32           column of smooth_normal, -1 for flat shading
@@ -110,7 +110,6 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
             raise ValueError(f"{emitter.name}: its power is {emitter.power_rgb} W; choose one between 0 and {_GREATEST_POWER_W:g} W.")
     total = power.sum()
     corners = unit_box.to_unit(corners_m)
-    frame = np.stack([corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]])
     casts_shadow = np.array([thing.casts_shadow for thing in snapshot.objects], bool)[snapshot.tri_object]
     return TraceScene(
         rays=RayScene(np.where(casts_shadow[:, None, None], corners, corners[:, :1])),  # without area it lets light through
@@ -118,7 +117,7 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
         emitter_share=power / total if total > 0 else np.zeros(len(power)),
         surfaces=surfaces,
         tri_normal=np.ascontiguousarray(normal.T),
-        tri_frame=np.ascontiguousarray(frame.transpose(0, 2, 1)),
+        tri_frame=triangle_frames(corners),
         tri_deposits=np.array([thing.receives for thing in snapshot.objects], bool)[snapshot.tri_object],
         tri_two_sided=np.array([thing.two_sided for thing in snapshot.objects], bool)[snapshot.tri_object],
         tri_smooth=tri_smooth,
