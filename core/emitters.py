@@ -13,6 +13,7 @@ from .geometry import (
     locate_hits,
     offset_origin,
     orthonormal_basis,
+    select,
     stack_columns,
     take_rows,
     triangle_frames,
@@ -118,7 +119,7 @@ class WorldEmitter:
         axis, rest = self.cover.choose_axis(u[:, 0], self.cover.face_area[None])
         at_low = u[:, 2] >= 0.5
         local = square_to_cosine_hemisphere(stack_columns(2 * u[:, 2] - at_low, u[:, 3]))
-        inward = ((axis == np.arange(3)[:, None]) * (2 * at_low.astype(np.float32) - 1)).T
+        inward = select(axis == np.arange(3)[:, None], 2 * at_low.astype(np.float32) - 1, np.zeros(1, np.float32)).T
         return make_births(self.cover.place(axis, ~at_low, rest, u[:, 1]), rotate_to(local, inward))
 
 
