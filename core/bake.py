@@ -37,6 +37,7 @@ from . import (
 )
 from .direct_field import DirectField
 from .direct_only import settle_direct
+from .heap import keep_freed_memory
 from .job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
 from .materials import SurfaceMaterials, clamp_warnings
 from .messages import Done, Message, Status, Warning_
@@ -80,6 +81,7 @@ def run_bake(
     open_executor   where the shards run; it is shut down at the end
     Raises ValueError or OSError with a sentence for the user; no image is then left half-written.
     """
+    keep_freed_memory()
     job = Job.load(folder)
     settings = job.settings
     stages = Stages(tell)

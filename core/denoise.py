@@ -86,59 +86,78 @@ def _average_alike(light: _Image, noise: _Image, chart: NDArray[np.int32], tell:
     """Means, the variance that is left (3, h, w) if `tell`, and the share of each texel in its own mean; all without the halo.
 
     light (k, 3, h, w), noise (3, h, w) variance, chart (h, w), -1 outside of charts
+
+    Rows follow each other in one long row, on which a neighbour is a step: what a step takes over an end of a row lies in the halo.
     """
+    height, width = chart.shape
     variance = noise.sum(axis=0)
-    total = np.minimum(light.sum(axis=0), _BRIGHTEST)
     inside = (chart >= 0).astype(np.float32)
     around = [np.pad(image, _VARIANCE_RADIUS) for image in (variance * inside, inside)]
-    variance = _box_sum(around[0], _VARIANCE_RADIUS) / np.maximum(_box_sum(around[1], _VARIANCE_RADIUS), 1)
+    sums, counts = (_box_sum(image.ravel(), image.shape[1], _VARIANCE_RADIUS) for image in around)
+    variance = _unroll(sums / np.maximum(counts, 1), around[0].shape, _VARIANCE_RADIUS).ravel()
+    light, noise = light.reshape(*light.shape[:2], -1), noise.reshape(len(noise), -1)
+    total = np.minimum(light.sum(axis=0), _BRIGHTEST)
     floor = _LEAST_DOUBT2 * ((total * total).sum(axis=0) + 1)
-    middle, core = _window(0, 0, _PATCH), (slice(_PATCH, -_PATCH),) * 2
-    own, own_floor, own_chart = variance[middle], floor[middle], chart[middle]
     one_chart = chart.min() == chart.max() >= 0
-    mean = np.zeros_like(light[..., *_window(0, 0, 0)])
-    weight = np.zeros(mean.shape[2:], np.float32)
-    noise_left = np.zeros_like(noise[:, *_window(0, 0, 0)])
-    gap, share = np.empty_like(total[..., *middle]), np.empty_like(mean)
+    others = chart.ravel()
+    owners = np.where(others < 0, -2, others)  # like nobody
+
+    first, last = _HALO * (width + 1), (height - _HALO) * width - _HALO
+    patch = _PATCH * (width + 1)
+    core, middle = slice(first, last), slice(first - patch, last + patch)
+    own_total, own, own_chart = total[:, middle], variance[middle], owners[middle]
+    doubt = np.float32(_STRICTNESS**2) * variance
+    own_doubt = doubt[middle] + floor[middle]
+    mean, weight = np.zeros_like(light[..., core]), np.zeros(last - first, np.float32)
+    noise_left = np.zeros_like(noise[:, core])
+    gap, share = np.empty_like(own_total), np.empty_like(mean)
     for dy, dx in product(range(-RADIUS, RADIUS + 1), repeat=2):
-        there = _window(dy, dx, _PATCH)
-        other = variance[there]
-        np.subtract(total[..., *middle], total[..., *there], out=gap)
+        step = dy * width + dx
+        near, there = slice(first - patch + step, last + patch + step), slice(first + step, last + step)
+        np.subtract(own_total, total[:, near], out=gap)
         gap *= gap
         distance = gap.sum(axis=0)
-        distance -= own + np.minimum(own, other)
-        distance /= np.float32(_STRICTNESS**2) * (own + other) + own_floor
+        distance -= own + np.minimum(own, variance[near])
+        distance /= own_doubt + doubt[near]
         np.minimum(distance, _UNLIKE, out=distance)
         if one_chart:  # most of a large page
-            patch = _box_sum(distance, _PATCH)
-            patch /= np.float32((2 * _PATCH + 1) ** 2)
+            alike = _box_sum(distance, width, _PATCH)
+            alike /= np.float32((2 * _PATCH + 1) ** 2)
         else:
-            same = ((own_chart == chart[there]) & (own_chart >= 0)).astype(np.float32)
+            same = (own_chart == others[near]).astype(np.float32)
             distance *= same
-            patch = _box_sum(distance, _PATCH)
-            patch /= np.maximum(_box_sum(same, _PATCH), 1)
-        alike = np.exp(-np.maximum(patch, 0, out=patch))
+            alike = _box_sum(distance, width, _PATCH)
+            alike /= np.maximum(_box_sum(same, width, _PATCH), 1)
+        np.maximum(alike, 0, out=alike)
+        np.negative(alike, out=alike)
+        np.exp(alike, out=alike)
         if not one_chart:
-            alike *= same[core]
-        np.multiply(alike, light[..., *_window(dy, dx, 0)], out=share)
+            alike *= same[patch:-patch]
+        np.multiply(alike, light[..., there], out=share)
         mean += share
         weight += alike
         if tell:
             alike *= alike
-            noise_left += alike * noise[:, *_window(dy, dx, 0)]
-    weight = np.maximum(weight, _LEAST_WEIGHT)
-    return mean / weight, noise_left / (weight * weight), 1 / weight
+            noise_left += alike * noise[:, there]
+    np.maximum(weight, _LEAST_WEIGHT, out=weight)
+    found = mean / weight, noise_left / (weight * weight), 1 / weight
+    return tuple(_unroll(values, chart.shape, _HALO) for values in found)  # type: ignore[return-value]  # as many as go in
 
 
-def _window(dy: int, dx: int, grow: int) -> tuple[slice, slice]:
-    """The part of an image with its halo that lies (dy, dx) from the part without, larger by `grow` on each side."""
-    y, x = (slice(_HALO - grow + step, step + grow - _HALO or None) for step in (dy, dx))
-    return y, x
+def _unroll(values: _Image, shape: tuple[int, ...], border: int) -> _Image:
+    """The inside of images of a shape (h, w), of all but their first and last border * (w + 1) texels, row after row."""
+    image = np.zeros((*values.shape[:-1], *shape), np.float32)
+    skipped = border * (shape[1] + 1)
+    image.reshape(*values.shape[:-1], -1)[..., skipped:-skipped] = values
+    return image[..., border:-border, border:-border]
 
 
-def _box_sum(image: _Image, radius: int) -> _Image:
-    """Sums over squares of side 2 * radius + 1, where these lie in the image: (h - 2 * radius, w - 2 * radius)."""
-    height, width = (side - 2 * radius for side in image.shape)
-    rows: _Image = sum(image[i : i + height] for i in range(2 * radius + 1))  # type: ignore[assignment]
-    out: _Image = sum(rows[:, i : i + width] for i in range(2 * radius + 1))  # type: ignore[assignment]
-    return out
+def _box_sum(image: _Image, width: int, radius: int) -> _Image:
+    """Sums over squares of side 2 * radius + 1 about all but the first and the last radius * (width + 1) texels; rows follow each other."""
+    for stride in (width, 1):
+        count = len(image) - 2 * radius * stride
+        total = image[:count] + image[stride : count + stride]
+        for i in range(2, 2 * radius + 1):
+            total += image[i * stride : count + i * stride]
+        image = total
+    return image

@@ -8,7 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import UnitBox, interpolate_corners, offset_origin, orthonormal_basis, triangle_normals_areas
+from .geometry import (
+    UnitBox,
+    locate_hits,
+    offset_origin,
+    orthonormal_basis,
+    select,
+    stack_columns,
+    take_rows,
+    triangle_frames,
+    triangle_normals_areas,
+)
 from .lights import Births, Emitter, Float32, Float64, make_births, make_light_emitter
 from .materials import SurfaceMaterials
 from .sampling import AliasTable, square_to_cosine_hemisphere, square_to_uniform_triangle
@@ -44,8 +54,8 @@ class EmittingCells:
 
     def place(self, cell: IntArray, u: FloatArray) -> tuple[NDArray[np.int64], Float32]:
         """Triangles (n,) and weights (n, 2) of their corners 1 and 2 at points u (n, 2) of cells (n,)."""
-        barycentric = square_to_uniform_triangle(self.corner[cell] + self.side[cell, None] * u.astype(np.float32))
-        return self.tri[cell], barycentric
+        corner, side = take_rows(self.corner, cell), self.side.take(cell)[:, None]
+        return self.tri.take(cell), square_to_uniform_triangle(corner + side * u.astype(np.float32, copy=False))
 
     @property
     def importance(self) -> Float64:
@@ -67,27 +77,28 @@ def weigh_channels(rgb: FloatArray) -> Float64:
 class MeshEmitter:
     """All emitting triangles of one material, both sides.
 
-    corner_unit    (n_tri, 3, 3) float32, unit box   of the whole scene
-    normal         (n_tri, 3) float32, unit
+    tri_frame    (3, 3, n_tri) float32, unit box   of the whole scene, see triangle_frames
+    tri_normal   (3, n_tri) float32, unit
     """
 
     name: str
     power_rgb: Float64
     cells: EmittingCells
     table: AliasTable
-    corner_unit: Float32
-    normal: Float32
+    tri_frame: Float32
+    tri_normal: Float32
     surfaces: SurfaceMaterials
     casts_shadow: bool = True
 
     def emit(self, u: Float32) -> Births:
         cell, rest = self.table.sample(u[:, 0])
-        tri, barycentric = self.cells.place(cell, np.stack([rest, u[:, 1]], axis=1))
-        front = u[:, 2] < 0.5
-        local = square_to_cosine_hemisphere(np.stack([2 * u[:, 2] - ~front, u[:, 3]], axis=1))
-        normal = np.where(front[:, None], self.normal[tri], -self.normal[tri])
-        origin = offset_origin(interpolate_corners(self.corner_unit[tri], barycentric[:, 0], barycentric[:, 1]), normal)
-        direction = rotate_to(local, normal)
+        tri, barycentric = self.cells.place(cell, stack_columns(rest, u[:, 1]))
+        back = u[:, 2] >= 0.5
+        local = square_to_cosine_hemisphere(stack_columns(2 * u[:, 2] - back, u[:, 3]))
+        normal = self.tri_normal.take(tri, axis=1)
+        normal *= 1 - 2 * back.astype(np.float32)
+        origin = offset_origin(locate_hits(self.tri_frame, tri, *barycentric.T), normal).T
+        direction = rotate_to(local, normal.T)
         if self.cells.constant:
             return make_births(origin, direction)
         radiance = self.surfaces.emission_at(tri, barycentric[:, 0], barycentric[:, 1])
@@ -107,11 +118,10 @@ class WorldEmitter:
 
     def emit(self, u: Float32) -> Births:
         axis, rest = self.cover.choose_axis(u[:, 0], self.cover.face_area[None])
-        at_high = u[:, 2] < 0.5
-        local = square_to_cosine_hemisphere(np.stack([2 * u[:, 2] - ~at_high, u[:, 3]], axis=1))
-        inward = np.zeros((len(u), 3), np.float32)
-        inward[np.arange(len(u)), axis] = np.where(at_high, -1, 1)
-        return make_births(self.cover.place(axis, at_high, rest, u[:, 1]), rotate_to(local, inward))
+        at_low = u[:, 2] >= 0.5
+        local = square_to_cosine_hemisphere(stack_columns(2 * u[:, 2] - at_low, u[:, 3]))
+        inward = select(axis == np.arange(3)[:, None], 2 * at_low.astype(np.float32) - 1, np.zeros(1, np.float32)).T
+        return make_births(self.cover.place(axis, ~at_low, rest, u[:, 1]), rotate_to(local, inward))
 
 
 def rotate_to(local: FloatArray, normal: FloatArray) -> FloatArray:
@@ -178,12 +188,13 @@ def _mesh_emitters(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surface
     if not cells_of:
         return []
     corner_unit = unit_box.to_unit(snapshot.tri_position)
-    normal = triangle_normals_areas(corner_unit)[0].astype(np.float32)
+    frame = triangle_frames(corner_unit)
+    normal = np.ascontiguousarray(triangle_normals_areas(corner_unit)[0].T, np.float32)
     emitters = []
     for index, cells in cells_of:
         power = 2 * math.pi * (cells.area_m2[:, None] * cells.mean_rgb).sum(axis=0)
         table = AliasTable(cells.importance)
-        emitters.append(MeshEmitter(snapshot.materials[index].name, power, cells, table, corner_unit, normal, surfaces))
+        emitters.append(MeshEmitter(snapshot.materials[index].name, power, cells, table, frame, normal, surfaces))
     return emitters
 
 

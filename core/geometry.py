@@ -95,8 +95,8 @@ def orthonormal_basis(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
     sign = np.copysign(np.ones_like(z), z)
     a = -1.0 / (sign + z)
     b = x * y * a
-    tangent = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=1)
-    return tangent, np.stack([b, sign + y * y * a, -y], axis=1)
+    tangent = stack_columns(1.0 + sign * x * x * a, sign * b, -sign * x)
+    return tangent, stack_columns(b, sign + y * y * a, -y)
 
 
 def offset_origin(position: FloatArray, normal: FloatArray) -> FloatArray:
@@ -106,6 +106,49 @@ def offset_origin(position: FloatArray, normal: FloatArray) -> FloatArray:
     Source: the idea of Waechter & Binder 2019 (Ray Tracing Gems, ch. 6); in the unit box their scale is a constant.
     """
     out: FloatArray = position + np.float32(ORIGIN_OFFSET) * normal
+    return out
+
+
+def locate_hits(tri_frame: FloatArray, tri: IntArray, u: FloatArray, v: FloatArray) -> FloatArray:
+    """(3, n) float: places on triangles.
+
+    By the barycentrics they lie on the surface however grazing the ray; origin + distance * direction may be beyond a wall.
+
+    tri_frame   (3, 3, n_tri) float   of `triangle_frames`
+    tri         (n,) int
+    u, v        (n,) float            weights of corners 1 and 2
+    """
+    corner, edge1, edge2 = tri_frame.take(tri, axis=2)
+    edge1 *= u
+    edge2 *= v
+    corner += edge1
+    corner += edge2
+    located: FloatArray = corner
+    return located
+
+
+def triangle_frames(corners: FloatArray) -> FloatArray:
+    """(3, 3, n) float: corner 0 and the edges to corners 1 and 2, then the axis, of triangles (n, 3, 3)."""
+    frame = np.stack([corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]])
+    return np.ascontiguousarray(frame.transpose(0, 2, 1))
+
+
+def stack_columns(*columns: FloatArray) -> FloatArray:
+    """(n, k) view of (k, n) rows: numpy works on long rows many times faster than on short ones."""
+    return np.stack(columns).T
+
+
+def combine_vectors(weight: FloatArray, vectors: FloatArray) -> FloatArray:
+    """weight (n, k) @ vectors (k, 3), as a view of (3, n) rows; a BLAS would start threads for so little, beside the other workers."""
+    out: FloatArray = weight[:, 0] * vectors[0][:, None]
+    for k in range(1, len(vectors)):
+        out += weight[:, k] * vectors[k][:, None]
+    return out.T
+
+
+def select(flag: NDArray[np.bool_], yes: FloatArray, no: FloatArray) -> FloatArray:
+    """np.where for finite numbers. That jumps wherever the flag changes: measured, it takes eight times as long where chance decides."""
+    out: FloatArray = flag * yes + ~flag * no
     return out
 
 

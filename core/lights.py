@@ -9,7 +9,7 @@ from typing import Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import UnitBox, orthonormal_basis
+from .geometry import UnitBox, combine_vectors, orthonormal_basis, stack_columns
 from .sampling import square_to_cosine_hemisphere, square_to_uniform_cone, square_to_uniform_disk
 from .scene import FloatArray, Light
 from .scene_cover import SceneCover
@@ -27,7 +27,7 @@ _CONE_STEPS = 64
 
 @dataclass(frozen=True)
 class Births:
-    """Newborn photons.
+    """Newborn photons; best as views of (k, n) rows.
 
     origin         (n, 3) float32, unit box
     direction      (n, 3) float32, unit
@@ -67,13 +67,13 @@ def make_births(origin: FloatArray, direction: FloatArray, relative: FloatArray 
     """Births without a soft radius; equal shares when `relative` is left out."""
     zero = np.zeros(len(origin), np.float32)
     shares = np.ones((len(origin), 1), np.float32) if relative is None else relative.astype(np.float32)
-    return Births(origin.astype(np.float32), direction.astype(np.float32), shares, zero, zero)
+    return Births(origin.astype(np.float32, copy=False), direction.astype(np.float32, copy=False), shares, zero, zero)
 
 
 def turn(local: FloatArray, axes: FloatArray) -> Float32:
     """Local directions (n, 3) in world space; +Z goes to -axes[2], where a Blender light shines. axes (3, 3)."""
-    shining: Float32 = np.asarray(axes, np.float32) * np.array([[1], [1], [-1]], np.float32)
-    turned: Float32 = np.asarray(local, np.float32) @ shining
+    shining = np.asarray(axes, np.float32) * np.array([[1], [1], [-1]], np.float32)
+    turned: Float32 = combine_vectors(np.asarray(local, np.float32), shining)
     return turned
 
 
@@ -148,19 +148,19 @@ class PointEmitter:
         drop = self.cone.sample_drop(u[:, 0])
         across = np.sqrt(np.maximum(drop * (2 - drop), 0))
         phi = np.float32(2 * math.pi) * u[:, 1]
-        direction = turn(np.stack([across * np.cos(phi), across * np.sin(phi), 1 - drop], axis=1).astype(np.float32), self.axes)
+        direction = turn(stack_columns(across * np.cos(phi), across * np.sin(phi), 1 - drop), self.axes)
         births = make_births(np.broadcast_to(self.centre, direction.shape), direction)
         if self.radius == 0:
             return births
         disk = square_to_uniform_disk(u[:, 2:4]) * np.float32(self.radius)
         tangent, bitangent = orthonormal_basis(direction)
         origin = self.centre + disk[:, :1] * tangent + disk[:, 1:] * bitangent
-        offset_squared = (disk**2).sum(axis=1)
+        offset_squared = disk[:, 0] ** 2 + disk[:, 1] ** 2
         if not self.soft:
             rise = np.sqrt(np.maximum(np.float32(self.radius) ** 2 - offset_squared, 0))
             return make_births(origin + rise[:, None] * direction, direction)
         radius = np.full(len(u), self.radius, np.float32)
-        return Births(origin.astype(np.float32), direction, births.relative_rgb, radius, np.sqrt(offset_squared))
+        return Births(origin.astype(np.float32, copy=False), direction, births.relative_rgb, radius, np.sqrt(offset_squared))
 
 
 @dataclass(frozen=True)
@@ -184,13 +184,13 @@ class AreaEmitter:
 
     def emit(self, u: Float32) -> Births:
         place = (square_to_uniform_disk(u[:, :2]) if self.ellipse else 2 * u[:, :2] - 1) * self.half_size
-        origin = self.centre + place @ self.axes[:2]
+        origin = self.centre + combine_vectors(place, self.axes[:2])
         if self.spread_rad > LAMBERTIAN_SPREAD_RAD:
             return make_births(origin, turn(square_to_cosine_hemisphere(u[:, 2:4]), self.axes))
         theta = sample_spread_angle(u[:, 2], self.spread_rad)
         phi = 2 * math.pi * u[:, 3]
-        local = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=1)
-        return make_births(origin, turn(local.astype(np.float32), self.axes))
+        local = stack_columns(np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta))
+        return make_births(origin, turn(local, self.axes))
 
 
 def spread_attenuation(cosine: FloatArray, spread_rad: FloatArray | float) -> FloatArray:
@@ -238,7 +238,7 @@ class SunEmitter:
     def emit(self, u: Float32) -> Births:
         direction = turn(square_to_uniform_cone(u[:, 2:4], self.half_angle_rad), self.axes)
         axis, rest = self.cover.choose_axis(u[:, 0], np.abs(direction) * self.cover.face_area)
-        entering_high = direction[np.arange(len(u)), axis] < 0
+        entering_high = ((axis == np.arange(3)[:, None]) & (direction.T < 0)).any(axis=0)
         relative = self.cover.outline_area(direction)[:, None] / self.mean_outline
         return make_births(self.cover.place(axis, entering_high, rest, u[:, 1]), direction, relative)
 

@@ -5,14 +5,15 @@ Arrays of photons are (3, n), one contiguous row per axis or channel. Source: Pa
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .births import BATCH, Photons, bear_photons, light_every_surface, locate_hits, soften
-from .geometry import UnitBox, offset_origin, triangle_normals_areas
+from .births import BATCH, Photons, bear_photons, light_every_surface, soften
+from .geometry import UnitBox, locate_hits, offset_origin, triangle_frames, triangle_normals_areas
 from .lights import Emitter
 from .materials import SurfaceMaterials
 from .rays import RayScene
@@ -35,9 +36,9 @@ class TraceScene:
 
     emitter_share   (n_emitter,) float64     probability of each emitter, by its mean power; all 0 when nothing shines
     tri_normal      (3, n_tri) float32       geometric, unit; 0 for triangles without area
-    tri_frame       (3, 3, n_tri) float32    corner 0 and the edges to corners 1 and 2; axis; unit box
-    tri_deposits    (n_tri,) bool            gets a lightmap
-    tri_two_sided   (n_tri,) bool            light on the back is deposited too
+    tri_frame       (3, 3, n_tri) float32    of triangle_frames, unit box
+    tri_lit_below   (n_tri,) float32         light is deposited whose cosine with the normal is less: 0, or for light on the back inf,
+                                             or without a lightmap -inf
     tri_smooth      (n_tri,) int32           column of smooth_normal, -1 for flat shading
     smooth_normal   (3, 3, n_smooth) float32 corner, axis: unit shading normals
     """
@@ -48,8 +49,7 @@ class TraceScene:
     surfaces: SurfaceMaterials
     tri_normal: NDArray[np.float32]
     tri_frame: NDArray[np.float32]
-    tri_deposits: NDArray[np.bool_]
-    tri_two_sided: NDArray[np.bool_]
+    tri_lit_below: NDArray[np.float32]
     tri_smooth: NDArray[np.int32]
     smooth_normal: NDArray[np.float32]
 
@@ -110,7 +110,7 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
             raise ValueError(f"{emitter.name}: its power is {emitter.power_rgb} W; choose one between 0 and {_GREATEST_POWER_W:g} W.")
     total = power.sum()
     corners = unit_box.to_unit(corners_m)
-    frame = np.stack([corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]])
+    lit_below = np.array([(math.inf if thing.two_sided else 0) if thing.receives else -math.inf for thing in snapshot.objects], np.float32)
     casts_shadow = np.array([thing.casts_shadow for thing in snapshot.objects], bool)[snapshot.tri_object]
     return TraceScene(
         rays=RayScene(np.where(casts_shadow[:, None, None], corners, corners[:, :1])),  # without area it lets light through
@@ -118,9 +118,8 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
         emitter_share=power / total if total > 0 else np.zeros(len(power)),
         surfaces=surfaces,
         tri_normal=np.ascontiguousarray(normal.T),
-        tri_frame=np.ascontiguousarray(frame.transpose(0, 2, 1)),
-        tri_deposits=np.array([thing.receives for thing in snapshot.objects], bool)[snapshot.tri_object],
-        tri_two_sided=np.array([thing.two_sided for thing in snapshot.objects], bool)[snapshot.tri_object],
+        tri_frame=triangle_frames(corners),
+        tri_lit_below=lit_below[snapshot.tri_object],
         tri_smooth=tri_smooth,
         smooth_normal=np.ascontiguousarray(snapshot.tri_normal[smooth].transpose(1, 2, 0), np.float32),
     )
@@ -232,17 +231,17 @@ def _dot(a: _Rows, b: _Rows) -> NDArray[np.float32]:
 def _deposit(
     scene: TraceScene, tri: _Ints, u: _Rows, v: _Rows, flux: _Rows, direction: _Rows, cosine: _Rows, is_first: bool, log: _Log
 ) -> None:
-    kept = np.flatnonzero(((cosine < 0) | scene.tri_two_sided[tri]) & scene.tri_deposits[tri])
+    kept = np.flatnonzero(cosine < scene.tri_lit_below.take(tri))
     if len(kept) < len(tri):
-        tri, u, v, flux = tri[kept], u[kept], v[kept], flux.take(kept, axis=1)
+        tri, u, v, flux = tri.take(kept), u.take(kept), v.take(kept), flux.take(kept, axis=1)
     if scene.smooth_normal.size:
-        column = scene.tri_smooth[tri]
+        column = scene.tri_smooth.take(tri)
         smooth = np.flatnonzero(column >= 0)
         if len(smooth):
-            corner = scene.smooth_normal.take(column[smooth], axis=2)
-            s, t = u[smooth], v[smooth]
+            corner = scene.smooth_normal.take(column.take(smooth), axis=2)
+            s, t = u.take(smooth), v.take(smooth)
             shading = corner[0] * (1 - s - t) + corner[1] * s + corner[2] * t
-            incoming, face = direction.take(kept[smooth], axis=1), cosine[kept[smooth]]
+            incoming, face = direction.take(kept[smooth], axis=1), cosine.take(kept[smooth])
             length = np.sqrt(_dot(shading, shading))
             facing = _dot(shading, incoming) * np.copysign(np.float32(1), face) / np.maximum(length, np.float32(1e-6))
             flux = flux.copy()
@@ -262,7 +261,7 @@ def _play_roulette(flux: _Rows, albedo: _Rows, rng: np.random.Generator) -> tupl
     power = np.maximum(np.maximum(flux[0], flux[1]), flux[2])
     chance = np.float32(1) - rng.random(len(power), dtype=np.float32)  # in (0, 1]: no survivor is scaled up by more than 2^24
     alive = np.flatnonzero(chance * power < greatest)
-    return alive, reflected.take(alive, axis=1) * (power[alive] / greatest[alive])
+    return alive, reflected.take(alive, axis=1) * (power.take(alive) / greatest.take(alive))
 
 
 def _scatter(normal: _Rows, rng: np.random.Generator) -> _Rows:
@@ -275,5 +274,5 @@ def _scatter(normal: _Rows, rng: np.random.Generator) -> _Rows:
     direction[0] += radius * np.cos(turn)
     direction[1] += radius * np.sin(turn)
     direction[2] += 1 - 2 * height
-    direction *= np.float32(1) / np.sqrt(_dot(direction, direction))
+    direction /= np.sqrt(_dot(direction, direction))
     return direction

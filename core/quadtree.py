@@ -250,8 +250,8 @@ class TreeView:
 
         entry   (m,) int, texel entries;  x, y   (m,) float, page texels
         """
-        node = self.node[entry]
+        node = self.node.take(entry)
+        inverse_half = self.inverse_half.take(node)
         # Rounding can put a hit a hair beyond its node, where a polynomial would run away.
-        s = np.clip((x - self.centre[node, 0]) * self.inverse_half[node], -1.0, 1.0)
-        t = np.clip((y - self.centre[node, 1]) * self.inverse_half[node], -1.0, 1.0)
+        s, t = (np.clip((at - self.centre[:, axis].take(node)) * inverse_half, -1.0, 1.0) for axis, at in enumerate((x, y)))
         return node, s, t

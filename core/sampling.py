@@ -1,6 +1,6 @@
 """Random streams, low-discrepancy points, warps from the unit square with their densities, and the alias table.
 
-A warp takes u (n, 2) float, uniform in [0, 1), and keeps its dtype. Each density says its measure.
+A warp takes u (n, 2) float, uniform in [0, 1), and keeps its dtype; points (n, k) are views of (k, n) rows. Each density says its measure.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from .geometry import select, stack_columns
 from .scene import FloatArray, IntArray
 
 
@@ -47,7 +48,8 @@ def low_discrepancy_points(shift: NDArray[np.uint32], start: int, count: int) ->
         some = min(count - done, period - first)
         moved = shift if not turn else np.random.SeedSequence((*shift.tolist(), turn)).generate_state(4)
         bits = base[:, first : first + some] ^ moved[:, None]
-        np.multiply(bits >> np.uint32(8), np.float32(2.0**-24), out=out[:, done : done + some], dtype=np.float32, casting="unsafe")
+        bits >>= np.uint32(8)
+        np.multiply(bits, np.float32(2.0**-24), out=out[:, done : done + some], dtype=np.float32, casting="unsafe")
         done += some
     return out.T
 
@@ -104,10 +106,10 @@ def square_to_uniform_disk(u: FloatArray) -> FloatArray:
     """
     a, b = 2 * u[:, 0] - 1, 2 * u[:, 1] - 1
     wide = np.abs(a) > np.abs(b)
-    radius = np.where(wide, a, b)
-    ratio = np.where(wide, b, a) / np.where(radius == 0, 1, radius)
-    phi = np.where(wide, math.pi / 4 * ratio, math.pi / 2 - math.pi / 4 * ratio).astype(u.dtype)
-    return np.stack([radius * np.cos(phi), radius * np.sin(phi)], axis=1)
+    radius = select(wide, a, b)
+    phi = math.pi / 4 * select(wide, b, a) / (radius + (radius == 0))  # from the nearer axis
+    along, across = radius * np.cos(phi), radius * np.sin(phi)
+    return stack_columns(select(wide, along, across), select(wide, across, along))
 
 
 def uniform_disk_pdf() -> float:
@@ -122,9 +124,8 @@ def square_to_cosine_hemisphere(u: FloatArray) -> FloatArray:
     out   (n, 3) float, unit
     Source: Malley's method; Shirley & Chiu 1997 for the disk.
     """
-    disk = square_to_uniform_disk(u)
-    z = np.sqrt(np.maximum(0, 1 - (disk**2).sum(axis=1)))
-    return np.concatenate([disk, z[:, None]], axis=1)
+    x, y = square_to_uniform_disk(u).T
+    return stack_columns(x, y, np.sqrt(np.maximum(0, 1 - (x * x + y * y))))
 
 
 def cosine_hemisphere_pdf(cosine: FloatArray) -> FloatArray:
@@ -170,7 +171,7 @@ def _from_height(drop: FloatArray, turn: FloatArray) -> FloatArray:
     """Unit directions with z = 1 - drop, `turn` of the way around +Z."""
     radius = np.sqrt(drop * (2 - drop))
     phi = 2 * math.pi * turn
-    return np.stack([radius * np.cos(phi), radius * np.sin(phi), 1 - drop], axis=1)
+    return stack_columns(radius * np.cos(phi), radius * np.sin(phi), 1 - drop)
 
 
 def square_to_uniform_triangle(u: FloatArray) -> FloatArray:
@@ -181,8 +182,8 @@ def square_to_uniform_triangle(u: FloatArray) -> FloatArray:
     Source: Heitz 2019, "A Low-Distortion Map Between Triangle and Square".
     """
     a, b = u[:, 0], u[:, 1]
-    upper = b > a
-    return np.stack([np.where(upper, a / 2, a - b / 2), np.where(upper, b - a / 2, b / 2)], axis=1)
+    overlap = np.minimum(a, b) / 2
+    return stack_columns(a - overlap, b - overlap)
 
 
 def uniform_triangle_pdf(area: float) -> float:
@@ -230,9 +231,9 @@ class AliasTable:
         """
         place = np.asarray(u, np.float64) * len(self._keep)
         bucket = np.minimum(place.astype(np.int64), len(self._keep) - 1)
-        rest, keep = place - bucket, self._keep[bucket]
+        rest, keep = place - bucket, self._keep.take(bucket)
         kept = rest < keep
-        low, width = np.where(kept, 0, keep), np.where(kept, keep, 1 - keep)
+        low, width = ~kept * keep, select(kept, keep, 1 - keep)
         below_one = np.nextafter(u.dtype.type(1), u.dtype.type(0))
         rest = np.minimum((rest - low) / width, below_one).astype(u.dtype)
-        return np.where(kept, bucket, self._alias[bucket]), rest
+        return kept * bucket + ~kept * self._alias.take(bucket), rest

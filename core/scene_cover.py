@@ -8,6 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .geometry import select, stack_columns
 from .scene import FloatArray
 
 Float32: TypeAlias = NDArray[np.float32]
@@ -47,20 +48,21 @@ class SceneCover:
         out: Float64 = x * a + y * b + z * c  # many times faster than a product of matrices
         return out
 
-    def choose_axis(self, u: FloatArray, weight: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
-        """Face axes chosen by weights (n, 3) or (1, 3), and what is left of u (n,)."""
-        end = np.cumsum(weight, axis=1).T
-        first, second = end[0] / end[2], end[1] / end[2]
+    def choose_axis(self, u: Float32, weight: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
+        """Face axes (n,) chosen by weights (n, 3) or (1, 3), and what is left of u (n,) float32, again in [0, 1]."""
+        x, y, z = weight.T.astype(np.float32)
+        total = x + y + z
+        first, second = x / total, (x + y) / total
         beyond_first, beyond_second = u >= first, u >= second
         axis = beyond_first.astype(np.int64) + beyond_second
-        low = np.where(beyond_second, second, np.where(beyond_first, first, 0))
-        high = np.where(beyond_second, 1, np.where(beyond_first, second, first))
+        low = np.maximum(beyond_first * first, beyond_second * second)
+        high = select(beyond_first, np.maximum(second, beyond_second), first)
         return axis, np.clip((u - low) / np.maximum(high - low, 1e-12), 0, 1)
 
     def place(self, axis: NDArray[np.int64], at_high: NDArray[np.bool_], u: FloatArray, v: FloatArray) -> Float32:
         """(n, 3) float32: points (u, v) of the faces across `axis`, on their high or low side."""
         across = [axis == k for k in range(3)]
-        side = at_high.astype(np.float32)
-        share = np.stack([np.where(across[k], side, np.where(across[k - 1], u, v)) for k in range(3)])
-        out: Float32 = self.low + share.T * (self.high - self.low)
-        return out.astype(np.float32, copy=False)
+        side, u, v = (number.astype(np.float32, copy=False) for number in (at_high, u, v))
+        share = stack_columns(*(across[k] * side + across[k - 1] * u + across[k - 2] * v for k in range(3)))
+        out: Float32 = self.low + share * (self.high - self.low)
+        return out

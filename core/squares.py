@@ -95,15 +95,15 @@ def deposit_on_squares(
     flux           (3, m) float, W
     is_first       (m,) bool: straight from a light
     """
-    rows = np.flatnonzero(tri == texels.texel_tri[entry]) if len(square_entry) else np.zeros(0, np.intp)
-    column, row = texels.texel_xy[entry[rows]].T
-    rows = rows[(np.abs(x[rows] - column - 0.5) < LOOK / 2) & (np.abs(y[rows] - row - 0.5) < LOOK / 2)]
-    slot = np.searchsorted(square_entry, entry[rows])
-    counted = slot < len(square_entry)
-    counted[counted] = square_entry[slot[counted]] == entry[rows[counted]]
-    rows, slot = rows[counted], slot[counted]
+    has_square = np.zeros(len(texels.texel_tri), bool)
+    has_square[square_entry] = True
+    rows = np.flatnonzero(has_square.take(entry)) if len(square_entry) else np.zeros(0, np.intp)
+    rows = rows[tri.take(rows) == texels.texel_tri.take(entry.take(rows))]
+    column, row = texels.texel_xy.take(entry.take(rows), axis=0).T
+    rows = rows[(np.abs(x.take(rows) - column - 0.5) < LOOK / 2) & (np.abs(y.take(rows) - row - 0.5) < LOOK / 2)]
+    slot = np.searchsorted(square_entry, entry.take(rows))
     nowhere = np.zeros(len(rows))
-    return deposit(slot, nowhere, nowhere, flux[:, rows], is_first[rows], len(square_entry), degree=0)
+    return deposit(slot, nowhere, nowhere, flux.take(rows, axis=1), is_first.take(rows), len(square_entry), degree=0)
 
 
 def mix(

@@ -61,7 +61,7 @@ def deposit(
     if len(node) < n_node:  # few hits in many nodes: sums as large as the hits, not as the tree
         touched, node = np.unique(node, return_inverse=True)
     else:
-        touched = np.arange(n_node)
+        touched, node = np.arange(n_node), node.astype(np.intp)  # else bincount would do that each time
     m = len(touched)
     slot = node + m * (~is_first)
     moments = basis.monomials(s, t, degree)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from . import contact, direct, photons, sampling, shared_arrays
 from .emitters import build_emitters
 from .geometry import UnitBox
+from .heap import keep_freed_memory
 from .job import SNAPSHOT_FILE
 from .materials import SurfaceMaterials
 from .pruning import prune_scene
@@ -51,6 +52,7 @@ def open_tracing(folder: str) -> Tracing:
 
     Raises ValueError with a sentence when the scene has no light.
     """
+    keep_freed_memory()
     snapshot, _ = prune_scene(load_snapshot(Path(folder) / SNAPSHOT_FILE))
     unit_box = UnitBox.from_points(snapshot.vertex_position)
     surfaces = SurfaceMaterials(snapshot)

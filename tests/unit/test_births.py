@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from leaflight.core import births
-from leaflight.core.births import BATCH, Photons, bear_photons, light_every_surface, locate_hits, soften
+from leaflight.core.births import BATCH, Photons, bear_photons, light_every_surface, soften
 from leaflight.core.lights import make_births
 from leaflight.core.rays import RayScene
 
@@ -97,7 +97,11 @@ def test_a_miss_adds_nothing():
     assert photons.flux.shape[1] == 2
 
 
-def test_hits_lie_where_their_weights_say():
-    _, _, frame = sheets(0.3, 0.1)
-    place = locate_hits(frame, np.int32([0, 1]), np.float32([1, 0]), np.float32([0, 1]))
-    np.testing.assert_allclose(place.T, [[0.5, -0.5, 0.3], [-0.5, -0.5, 0.1]], atol=1e-7)
+def test_only_soft_photons_lose_light_however_near_they_hit():
+    soft = np.float32([[0.0, 0.0, 0.2], [0.0] * 3, [0.0] * 3])
+    photons = way_down(3, soft)
+    soften(photons, np.float32([0.0, 0.5, 0.0]))
+    np.testing.assert_allclose(photons.flux, [[1, 1, 1]] * 3)
+    photons = way_down(3, soft)
+    soften(photons, np.float32([1e-30, 3e38, 0.2]))
+    np.testing.assert_allclose(photons.flux[0], [1, 1, 0.5])

@@ -91,3 +91,32 @@ def test_taken_rows_keep_the_fast_layout():
     taken = geometry.take_rows(values, np.array([3, 1]))
     assert np.array_equal(taken, values[[3, 1]])
     assert taken.T.flags.c_contiguous
+
+
+def test_hits_lie_where_their_weights_say():
+    corners = np.float32([[[0, 0, 0.3], [1, 0, 0.3], [0, 2, 0.3]], [[1, 1, 1], [1, 1, 4], [0, 1, 1]]])
+    place = geometry.locate_hits(geometry.triangle_frames(corners), np.int32([0, 1, 1]), np.float32([1, 0, 0.25]), np.float32([0, 1, 0.5]))
+    np.testing.assert_allclose(place.T, [[1, 0, 0.3], [0, 1, 1], [0.5, 1, 1.75]], atol=1e-7)
+
+
+def test_vectors_are_combined_as_by_a_product_of_matrices_in_the_fast_layout():
+    rng = np.random.default_rng(1)
+    weight, vectors = rng.random((50, 2), np.float32), rng.random((2, 3), np.float32)
+    combined = geometry.combine_vectors(weight, vectors)
+    np.testing.assert_allclose(combined, weight @ vectors, rtol=1e-6)
+    assert combined.dtype == np.float32
+    assert combined.T.flags.c_contiguous
+
+
+def test_columns_are_stacked_in_the_fast_layout():
+    stacked = geometry.stack_columns(np.arange(4.0), np.ones(4))
+    assert stacked.tolist() == [[0, 1], [1, 1], [2, 1], [3, 1]]
+    assert stacked.T.flags.c_contiguous
+
+
+def test_select_is_where():
+    rng = np.random.default_rng(1)
+    flag, yes, no = rng.random(100) < 0.5, rng.normal(size=100).astype(np.float32), rng.normal(size=100).astype(np.float32)
+    chosen = geometry.select(flag, yes, no)
+    np.testing.assert_array_equal(chosen, np.where(flag, yes, no))
+    assert chosen.dtype == np.float32
