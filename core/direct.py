@@ -127,7 +127,7 @@ def _light_chunk(
     counters: dict[str, int],
 ) -> tuple[Float64, Float64]:
     count = len(chunk.texel)
-    shared, tallies = _look_first(scene, chunk, tiles, smoothed, rng, counters)
+    shared, variance, tallies = _look_first(scene, chunk, tiles, smoothed, rng, counters)
     looking = np.zeros(count, bool)
     looking[:] = scene.crowd is not None
     leading = [np.flatnonzero(tally.leads) for tally in tallies]
@@ -150,7 +150,7 @@ def _light_chunk(
             for piece in row_pieces(np.arange(len(rows)), STAGES[0][1]):
                 counters["rays"] += tally.add(scene.rays, chunk, piece, STAGES[0], None)
             tallies.append(tally)
-    light, variance = shared.copy(), np.zeros((count, 3))
+    light = shared.copy()
     for tally in tallies:
         counters["pairs"] += len(tally.rows)
         counters["out_of_reach"] += int((~tally.in_reach).sum())
@@ -183,12 +183,13 @@ def _light_chunk(
 
 def _look_first(
     scene: DirectScene, chunk: TexelChunk, tiles: Tiles, smoothed: bool, rng: np.random.Generator, counters: dict[str, int]
-) -> tuple[Float64, list[Tally]]:
-    """Light (n, 3) that tiles are sure of, and for each source an empty tally of the texels that look at it themselves."""
-    shared, tallies, texels = np.zeros((len(chunk.texel), 3)), [], tiles.texels()
+) -> tuple[Float64, Float64, list[Tally]]:
+    """Light (n, 3) that tiles are sure of, its variance, and for each source an empty tally of the texels that look at it themselves."""
+    (shared, variance), tallies, texels = np.zeros((2, len(chunk.texel), 3)), [], tiles.texels()
     for source in scene.sources:
         look = look_from_tiles(scene.rays, chunk, tiles, source, random_shift(rng, len(tiles)))
         shared[look.lit] += look.closed[look.lit, None] * source.rgb
+        variance[look.lit] += (look.off[look.lit, None] * source.rgb) ** 2
         without = look.closed == 0
         agreed = look.lit | look.dark
         rows = np.flatnonzero(~(agreed | without))
@@ -196,13 +197,13 @@ def _look_first(
         looks_on = ~(agreed | without) & own & ~np.isnan(look.closed)
         alone = texels[looks_on[tiles.start]] if smoothed else texels[:0]
         leader, index = np.searchsorted(rows, look.leader[rows]), np.searchsorted(rows, alone)
-        tallies.append(Tally(source, rows, None, random_shift(rng, len(rows)), look.closed[rows], index, leader))
+        tallies.append(Tally(source, rows, None, random_shift(rng, len(rows)), np.stack([look.closed, look.off])[:, rows], index, leader))
         counters["rays"] += look.rays
         counters["pairs"] += len(chunk.texel) - len(rows)
         counters["out_of_reach"] += int(without.sum())
         counters["settled"] += int(agreed.sum())
         counters["shared"] += int(agreed.sum()) + int((~own).sum())
-    return shared, tallies
+    return shared, variance, tallies
 
 
 def _add_to_all(rays: RayScene, chunk: TexelChunk, tallies: Sequence[Tally], chosen: Sequence[IntArray], stage: tuple[int, int]) -> int:

@@ -25,7 +25,7 @@ class Tally:
 
     rows    (n,) int64     texels of the chunk; neighbours in space should be neighbours here, of one light after the other
     lamp    (n,) int64     rows of the source; None where it has one
-    known   (n,) float64   closed form, nan where it is to be found; None is nan everywhere
+    known   (2, n) float64   closed form, nan where it is to be found, and how far it may be off; None is nan everywhere
     tiles   (k, 64) int64  pairs of tiles whose closed form is known, if noise may be left to whoever smooths it over neighbours
     leader  (n,) int64     pairs whose rays tell what share is seen, of closed forms that are known; None is each its own
     """
@@ -48,9 +48,10 @@ class Tally:
         self._starts, self._rays = np.zeros(len(rows)), np.zeros(len(rows))
         self._known = np.zeros(len(rows), bool)
         if known is not None:
-            self._known = ~np.isnan(known)
+            self._known = ~np.isnan(known[0])
             self._starts[self._known] = 1.0
-            self._reach[self._known], self._reach_squares[self._known] = known[self._known], known[self._known] ** 2
+            self._reach[self._known], self._bend[self._known] = known[:, self._known]
+            self._reach_squares = self._reach**2
         # Sums of share, share^2, weight * seen, (weight * seen)^2, share * weight * seen.
         self._sums = np.zeros((5, len(rows)))
         self._lit, self._dark = np.zeros(len(rows), bool), np.zeros(len(rows), bool)

@@ -22,6 +22,8 @@ from .tiles import NODE_WEIGHTS, TILE_NODES, TILE_TEXELS, Tiles
 
 _CHECKS = ((2, 1), (5, 2), (1, 5), (6, 6))  # texels x, y that must agree with what a tile's nodes tell
 _CLOSED_ERROR = 2e-3  # relative, that they may be off by
+# What interpolation leaves out, as its mean square over a tile to that at the checks; by the remainder x (x - 3) (x - 7) along each axis.
+_OFF_ELSEWHERE = 0.575
 _STRATA = 16  # texels of a quarter of a tile, whose rays are strata of the light by themselves
 
 Bools = NDArray[np.bool_]
@@ -32,6 +34,7 @@ class FirstLook:
     """What tiles tell of one light at the texels of a chunk.
 
     closed   (n,) float64   unoccluded irradiance for rgb = 1; nan where no tile tells it
+    off      (n,) float64   how far that may be off
     lit      (n,) bool      all of the light is seen
     leader   (n,) int64     texel whose rays tell of this one too, where a tile saw nothing of a light with an extent; else its own row
     dark     (n,) bool      none of a light without extent is seen
@@ -39,6 +42,7 @@ class FirstLook:
     """
 
     closed: Float64
+    off: Float64
     lit: Bools
     dark: Bools
     leader: NDArray[np.int64]
@@ -53,9 +57,9 @@ def look_from_tiles(rays: RayScene, chunk: TexelChunk, tiles: Tiles, source: Sou
     """
     count = len(chunk.texel)
     closed, lit, dark = np.full(count, np.nan), np.zeros(count, bool), np.zeros(count, bool)
-    told, values = _closed_at_tiles(chunk, tiles, source)
-    texels = tiles.texels()
-    closed[texels[told]] = values
+    told, values, gap = _closed_at_tiles(chunk, tiles, source)
+    texels, off = tiles.texels(), np.zeros(count)
+    closed[texels[told]], off[texels[told]] = values, gap[:, None]
     reached = np.flatnonzero(told)[values.any(axis=1)]
     full, none = np.zeros((2, len(tiles)), bool)
     traced = 0
@@ -74,7 +78,7 @@ def look_from_tiles(rays: RayScene, chunk: TexelChunk, tiles: Tiles, source: Sou
     else:  # by bits of the shift that places on lights do not use
         chosen = tiles.start + (shift[:, 0] % np.uint32(TILE_TEXELS)).astype(np.int64)
         leader[texels[unlit & whole]] = chosen[unlit & whole, None]
-    return FirstLook(closed, lit, dark, leader, traced)
+    return FirstLook(closed, off, lit, dark, leader, traced)
 
 
 def _see(rays: RayScene, receivers: Receivers, source: Source, shift: NDArray[np.uint32]) -> tuple[Bools, Bools, int]:
@@ -91,17 +95,20 @@ def _see(rays: RayScene, receivers: Receivers, source: Source, shift: NDArray[np
     return full.reshape(-1, TILE_TEXELS).all(axis=1), none.reshape(-1, TILE_TEXELS).all(axis=1), traced
 
 
-def _closed_at_tiles(chunk: TexelChunk, tiles: Tiles, source: Source) -> tuple[Bools, Float64]:
-    """(m,) bool whether the closed form is smooth over a tile, and (k, 64) float64 its values at the texels of those where it is."""
+def _closed_at_tiles(chunk: TexelChunk, tiles: Tiles, source: Source) -> tuple[Bools, Float64, Float64]:
+    """(m,) bool whether the closed form is smooth over a tile; of those where it is, (k, 64) float64 its values at the texels, and
+    (k,) float64 how far these may be off.
+    """
     if not len(tiles):
-        return np.zeros(0, bool), np.zeros((0, TILE_TEXELS))
+        return np.zeros(0, bool), np.zeros((0, TILE_TEXELS)), np.zeros(0)
     rows = (tiles.start + np.concatenate([TILE_NODES, _CHECK_TEXELS])[:, None]).ravel()
     receivers = chunk.receivers_at(rows, MIDDLE)
     found = source.irradiance(receivers.position, receivers.normal).reshape(-1, len(tiles))
     nodes, checks = found[: len(TILE_NODES)], found[len(TILE_NODES) :]
-    told = (np.abs(NODE_WEIGHTS[_CHECK_TEXELS] @ nodes - checks) <= _CLOSED_ERROR * checks).all(axis=0)
+    gap = NODE_WEIGHTS[_CHECK_TEXELS] @ nodes - checks
+    told = (np.abs(gap) <= _CLOSED_ERROR * checks).all(axis=0)
     values: Float64 = np.maximum(NODE_WEIGHTS @ nodes[:, told], 0.0).T
-    return told, values
+    return told, values, np.sqrt(_OFF_ELSEWHERE * (gap[:, told] ** 2).mean(axis=0))
 
 
 def _tile_points() -> NDArray[np.uint32]:

@@ -26,7 +26,7 @@ SIZE_TEXELS, LEAF_TEXELS = 32, 4
 # Direct light by rays is the mean of a closed form over four points of a texel: so much it may be off beyond its stated error, of
 # itself, and so much where edges of triangles cut the texel, which warps the four points. Measured: 0.06 % and 0.5 % (root mean square).
 WHOLE_DOUBT, CUT_DOUBT = 1e-3, 5e-3
-STATEMENTS = 4  # bakes whose stated errors are judged, one by one and together
+STATEMENTS = 12  # bakes whose stated errors are judged, one by one and together: of fewer, chance decides
 FEW_PHOTONS, PHOTONS = 2_000, 600_000  # rays need no photons where nothing reflects
 
 Irradiance = Callable[[np.ndarray, np.ndarray], np.ndarray]

@@ -12,7 +12,7 @@ bpy = pytest.importorskip("bpy")
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
 
-from cycles_reference import REFERENCES, SAMPLE_COUNTS, SAMPLES, Reference  # noqa: E402
+from cycles_reference import OBJECTS, REFERENCES, SAMPLE_COUNTS, SAMPLES, Reference  # noqa: E402
 from leaflight.addon.export_scene import export_scene  # noqa: E402
 from leaflight.core.charts import make_charts  # noqa: E402
 from leaflight.core.settings import Settings  # noqa: E402
@@ -21,7 +21,7 @@ from leaflight.core.settings import Settings  # noqa: E402
 @pytest.mark.parametrize("name", sorted(SAMPLE_COUNTS))
 def test_layout_is_that_of_the_reference(name):
     bpy.ops.wm.open_mainfile(filepath=str(SAMPLES / f"{name}.blend"), load_ui=False)
-    atlas = make_charts(export_scene(bpy.context).snapshot, Settings(size=256, share_meshes=False))
+    atlas = make_charts(export_scene(bpy.context, OBJECTS.get(name)).snapshot, Settings(size=256, share_meshes=False))
     Reference.load(name).check_layout(atlas.tri_uv / atlas.page_size)
 
 
