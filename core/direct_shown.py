@@ -13,7 +13,7 @@ from .texel_map import TexelMap
 _GRAIN = 0.005  # relative noise that is worth smoothing
 # Neighbours are chosen by their noise too, and those alike in it smooth less. Measured over even light, ramps, edges and ripples with
 # noise of 2 to 30 %: with this factor and the blur the stated error is 0.7 to 1.4 of the real one.
-_CHOSEN_BY_NOISE = 2.0
+_CHOSEN_BY_NOISE = 1.8
 
 
 @dataclass(frozen=True)

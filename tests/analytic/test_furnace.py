@@ -18,7 +18,8 @@ from stats import PLANTED_BIAS
 SHAPES = {"box": (room_mesh(), 64, 0.005), "sphere": (ball_room_mesh(), 128, 0.02)}
 RHOS = {"0": (0.0,), "0.5": (0.5,), "0.9": (0.9,), "0.95": (0.95,), "coloured": (0.95, 0.5, 0.1)}
 LEAF_TEXELS = 4
-PHOTONS = {"0": 500_000, "0.5": 500_000, "0.9": 250_000, "0.95": 600_000, "coloured": 1_200_000}  # where rho is 0.95, of 400,000 the mean alone varies by 0.16 %
+# Where rho is 0.95, the mean of 400,000 photons varies by 0.16 % alone.
+PHOTONS = {"0": 500_000, "0.5": 500_000, "0.9": 250_000, "0.95": 600_000, "coloured": 1_200_000}
 FEW_SEEDS, SEEDS = (3,), (3, 4, 5)
 QUICK_CASES = [
     ("box", "0", "photons", "linear"),
