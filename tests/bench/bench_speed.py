@@ -269,7 +269,7 @@ def main() -> int:
     )
     parser.add_argument("--quick", action="store_true", help="check this script, with sizes that measure nothing")
     parser.add_argument("--cache", type=Path, default=ROOT / "out" / "references", help="folder of references that are not committed")
-    parser.add_argument("--scenes", nargs="+", help="only these")
+    parser.add_argument("--scenes", nargs="+", help="only these, NAME:SIZE of that size only")
     parser.add_argument("--sizes", nargs="+", type=int, help="sides of pages, only these")
     parser.add_argument("--budget", type=float, help="seconds that one bake may take")
     arguments = parser.parse_args()
@@ -287,7 +287,7 @@ def main() -> int:
         pictures.mkdir(exist_ok=True)
         curves: dict[tuple[str, int], Curves] = {}
         for size in effort.sizes:
-            for scene in effort.scenes:
+            for scene in (name for name, _, only in (scene.partition(":") for scene in effort.scenes) if only in ("", str(size))):
                 reference = find_reference(scene, size, arguments.cache, effort.reference_samples)
                 curves[scene, size] = trace_curves(scene, size, reference, effort)
                 draw_curves(curves[scene, size], f"{scene}, {size}²", pictures / f"{scene}_{size}.png")
