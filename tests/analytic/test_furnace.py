@@ -18,8 +18,10 @@ from stats import PLANTED_BIAS
 SHAPES = {"box": (room_mesh(), 64, 0.005), "sphere": (ball_room_mesh(), 128, 0.02)}
 RHOS = {"0": (0.0,), "0.5": (0.5,), "0.9": (0.9,), "0.95": (0.95,), "coloured": (0.95, 0.5, 0.1)}
 LEAF_TEXELS = 4
+NEVER = 1e-4
 # Where rho is 0.95, the mean of 400,000 photons varies by 0.16 % alone.
 PHOTONS = {"0": 500_000, "0.5": 500_000, "0.9": 250_000, "0.95": 600_000, "coloured": 1_200_000}
+PHOTONS_OF_SLOW = {"0.95": 2_400_000, "coloured": 2_400_000}
 FEW_SEEDS, SEEDS = (3,), (3, 4, 5)
 QUICK_CASES = [
     ("box", "0", "photons", "linear"),
@@ -86,8 +88,11 @@ def furnace(request, tmp_path_factory):
     shape, rho, direct, basis, seeds = request.param
     room, size, error = SHAPES[shape]
     scene = furnace_scene(*RHOS[rho], room=room)
+    photons = PHOTONS[rho]
+    if seeds == SEEDS and rho in PHOTONS_OF_SLOW:  # all of them, whatever error they come to
+        photons, error = PHOTONS_OF_SLOW[rho], NEVER
     settings = [Settings(size=size, basis=basis, error=error, seed=seed) for seed in seeds]
-    runs = [solve_once(tmp_path_factory.mktemp("furnace"), scene, direct, PHOTONS[rho], one) for one in settings]
+    runs = [solve_once(tmp_path_factory.mktemp("furnace"), scene, direct, photons, one) for one in settings]
     mean, stderr, area, *texels = zip(*runs, strict=True)
     rho = np.array(scene.materials[0].albedo_rgb)
     # Without chance there is only rounding. The correction of the stated errors is one for all channels, and those with less bounced
@@ -139,10 +144,14 @@ def test_a_planted_bias_is_rejected(furnace, hold):
 
 
 def test_stated_errors_of_texels_are_true(furnace, hold):
-    """Also away from the middle of a leaf, where the higher functions have their say."""
+    """Also away from the middle of a leaf, where the higher functions have their say.
+
+    Photons that nothing has reflected keep the evenness of their net, by which the errors of blended neighbours cancel in part.
+    """
+    even = furnace.truth == np.pi
     real = np.sqrt(np.mean((furnace.texels - furnace.truth[:, None]) ** 2, axis=(0, 2)))
     stated = np.sqrt(np.mean(furnace.texel_stderr**2, axis=(0, 2)))
-    for ratio, safe in zip(real / np.maximum(stated, 1e-6 * furnace.truth), furnace.safe, strict=True):
+    for ratio, safe in zip(real / np.maximum(stated, 1e-6 * furnace.truth), furnace.safe | even, strict=True):
         name = "furnace: real over stated error at texels, root mean squares"
         if safe:
             hold(f"{name}, where it may be less", ratio, high=1.25)
@@ -159,7 +168,6 @@ def test_stated_errors_cover_what_pages_show(furnace, hold):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="texels take more rays where their own few differ; those that stop are the darker ones, by 0.1 %")
 def test_texels_that_get_no_more_rays_are_not_too_dark(tmp_path, hold):
     scene, off, stderr = furnace_scene(0.0, room=ball_room_mesh()), [], []
     for seed in range(16):
