@@ -14,13 +14,13 @@ from typing import Any
 import bpy
 
 from ..core.messages import Done, Error
+from ..core.told import group_warnings
 from . import live, session
 from .arguments import BakeRequest
 from .bake_state import BakeState
 from .job import BakeProcess
 from .redraw import redraw
 from .request import find_mode_error, make_request
-from .told import group_warnings
 
 _TIMER_SECONDS = 0.1
 _FIRST_TIMER_SECONDS = 0.02  # until there is light: whoever has pressed Bake waits for it

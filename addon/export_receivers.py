@@ -7,11 +7,11 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
+from ..core.told import group_warnings
 from .export_mesh import LocalMesh, has_corners_of
 from .export_pieces import COLLECTION, CURVE, GEOMETRY, OWN, SCATTER, Piece
 from .object_settings import BAKE
 from .render_levels import Warnings, find_render_objects
-from .told import group_warnings
 
 MAX_INSTANCES = 100  # more than these of one object share too small a page to be of use
 NO_ROOM = "has 8 UV layers, as many as Blender allows; remove one to give it a lightmap"

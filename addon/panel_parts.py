@@ -7,10 +7,10 @@ from typing import Any
 
 import bpy
 
+from ..core.told import Told
 from .bake_state import describe_seconds
 from .estimate import Estimate
 from .select_operator import is_known
-from .told import Told
 
 _CHARACTER_PIXELS = 7.0  # of a label's text at a scale of 1, on average
 _BUTTON_CHARACTERS = 6

@@ -6,6 +6,7 @@ from typing import Any
 
 import bpy
 
+from ..core.told import Told, group_warnings, split_error
 from . import restore
 from .bake_state import BakeState
 from .checker import is_checker_on
@@ -14,7 +15,6 @@ from .properties import list_groups, list_knobs
 from .request import find_mode_error, find_output_error
 from .scene_meter import SceneMeter
 from .select_operator import is_known
-from .told import Told, group_warnings, split_error
 
 _SHOWN_WARNINGS = 6
 _KEPT_LINES = 3  # of the plan: what a bake is of; of the others its own lines take the place

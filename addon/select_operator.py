@@ -5,7 +5,7 @@ No `from __future__ import annotations` here: Blender reads properties out of an
 
 import bpy
 
-from .told import match_name
+from ..core.told import match_name
 
 
 class LEAFLIGHT_OT_select(bpy.types.Operator):

@@ -47,10 +47,10 @@ from .reconstruct import LeafBlender
 from .scene import SceneSnapshot
 from .settings import DEBUG_PASSES, Settings
 from .snapshot import load_snapshot
+from .told import group_warnings
 
 PREVIEW_FOLDER = "preview"
 CONTACT_TEXELS = 1 << 16  # of a shard
-_NAMED = 3  # objects in one sentence
 
 
 @dataclass
@@ -193,11 +193,7 @@ def _open_output(folder: Path) -> None:
 
 
 def _describe_no_charts(atlas: charts.ChartAtlas) -> str:
-    subjects: dict[str, list[str]] = {}
-    for subject, text in atlas.warnings:
-        subjects.setdefault(text.removeprefix(f"{subject}: ").removesuffix("."), []).append(subject)
-    more = {text: f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "" for text, names in subjects.items()}
-    told = "; ".join(f"{', '.join(names[:_NAMED])}{more[text]}: {text}" for text, names in subjects.items())
+    told = "; ".join(told.text.removesuffix(".") for told in group_warnings(atlas.warnings))
     return f"nothing to bake: no object has a face that takes light ({told})."
 
 

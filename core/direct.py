@@ -128,8 +128,7 @@ def _light_chunk(
 ) -> tuple[Float64, Float64]:
     count = len(chunk.texel)
     shared, variance, tallies = _look_first(scene, chunk, tiles, smoothed, rng, counters)
-    looking = np.zeros(count, bool)
-    looking[:] = scene.crowd is not None
+    looking = np.full(count, scene.crowd is not None)
     leading = [np.flatnonzero(tally.leads) for tally in tallies]
     for tally, index in zip(tallies, leading, strict=True):
         looking[tally.rows[index]] = True

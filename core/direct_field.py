@@ -25,7 +25,7 @@ _SHARDS_ENOUGH = 64
 TOLERANCE = 0.5  # of the error asked for: its noise is averaged over neighbours, at less cost than more rays
 MOST_PASSES = 64
 SECONDS_BETWEEN_WORDS = 1.0
-DARK_FLOOR = 0.1  # of the mean, against which darker texels are weighed
+_DARK_FLOOR = 0.1  # of the mean, against which darker texels are weighed
 _BLOCK = 64  # texels in a row, neighbours, whose variances are corrected together
 # Weights in texels shot again: of variances as they were told in all texels' correction, and of that in a block's.
 _PRIOR_VALUES, _PRIOR_OF_BLOCK = 64.0, 16.0
@@ -123,7 +123,7 @@ class DirectField:
             for start in range(0, len(texels), step)
         ]
         told = time.monotonic()
-        floor = DARK_FLOOR * float(self.irradiance.mean(dtype=np.float64)) + 1e-30
+        floor = _DARK_FLOOR * float(self.irradiance.mean(dtype=np.float64)) + 1e-30
         for shard, light in zip(shards, executor.map(workers.light_texels, shards), strict=True):
             if should_stop():
                 return False

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .direct_lights import Aim
-from .geometry import UnitBox, interpolate_corners, offset_origin, take_rows, triangle_normals_areas
+from .geometry import UnitBox, interpolate_corners, locate_hits, offset_origin, take_rows, triangle_frames, triangle_normals_areas
 from .lights import Float32
 from .rays import RayScene
 from .scene import FloatArray, IntArray, SceneSnapshot
@@ -104,14 +104,14 @@ class ReceivingSurfaces:
 
     corner_unit      (n_tri, 3, 3) float32, unit box
     normal           (n_tri, 3) float32, unit; 0 for triangles without area
-    corner_rows      (corner, axis, n_tri) float32     corner_unit, and both edges from corner 0
+    tri_frame        (3, 3, n_tri) float32, unit box   of triangle_frames
     smooth           (n_tri,) bool                     the corners' normals are not the face's own
     shading_normal   (n_tri, 3, 3) float32
     """
 
     corner_unit: Float32
     normal: Float32
-    corner_rows: Float32
+    tri_frame: Float32
     smooth: NDArray[np.bool_]
     shading_normal: Float32
 
@@ -119,9 +119,8 @@ class ReceivingSurfaces:
     def of(cls, snapshot: SceneSnapshot, unit_box: UnitBox) -> ReceivingSurfaces:
         corner_unit = unit_box.to_unit(snapshot.tri_position)
         normal = triangle_normals_areas(snapshot.tri_position)[0].astype(np.float32)
-        rows = np.stack([corner_unit[:, 0], corner_unit[:, 1] - corner_unit[:, 0], corner_unit[:, 2] - corner_unit[:, 0]])
         smooth = np.abs(snapshot.tri_normal - normal[:, None]).max(axis=(1, 2)) > _SMOOTH_DEVIATION
-        return cls(corner_unit, normal, np.ascontiguousarray(rows.transpose(0, 2, 1)), smooth, snapshot.tri_normal)
+        return cls(corner_unit, normal, triangle_frames(corner_unit), smooth, snapshot.tri_normal)
 
     def at(self, tri: IntArray, barycentric: Float32, flip: bool) -> Receivers:
         """Receivers at weights (n, 2) of corners 1 and 2 of triangles (n,); on their back when `flip`."""
@@ -135,12 +134,7 @@ class ReceivingSurfaces:
 
     def place(self, tri: IntArray, u: Float32, v: Float32) -> Float32:
         """(n, 3) view of rows, unit box: points at weights of corners 1 and 2."""
-        corner, along_u, along_v = (rows.take(tri, axis=1) for rows in self.corner_rows)
-        along_u *= u
-        along_v *= v
-        corner += along_u
-        corner += along_v
-        point: Float32 = corner.T
+        point: Float32 = locate_hits(self.tri_frame, tri, u, v).T
         return point
 
     def _shade(self, tri: IntArray, u: Float32, v: Float32, side: Float32) -> Float32:

@@ -18,12 +18,10 @@ from .direct_points import MIDDLE, Receivers, TexelChunk, base_points, row_piece
 from .lights import Float64
 from .rays import RayScene
 from .texel_grid import interleave_bits
-from .tiles import NODE_WEIGHTS, TILE_NODES, TILE_TEXELS, Tiles
+from .tiles import NODE_WEIGHTS, TILE_LINES, TILE_NODES, TILE_SIDE, TILE_TEXELS, Tiles
 
 _CHECKS = ((2, 1), (5, 2), (1, 5), (6, 6))  # texels x, y that must agree with what a tile's nodes tell
 _CLOSED_ERROR = 2e-3  # relative, that they may be off by
-# What interpolation leaves out, as its mean square over a tile to that at the checks; by the remainder x (x - 3) (x - 7) along each axis.
-_OFF_ELSEWHERE = 0.575
 _STRATA = 16  # texels of a quarter of a tile, whose rays are strata of the light by themselves
 
 Bools = NDArray[np.bool_]
@@ -111,6 +109,12 @@ def _closed_at_tiles(chunk: TexelChunk, tiles: Tiles, source: Source) -> tuple[B
     return told, values, np.sqrt(_OFF_ELSEWHERE * (gap[:, told] ** 2).mean(axis=0))
 
 
+def _find_off_elsewhere() -> float:
+    """What interpolation leaves out: its mean square over a tile to that at the checks, by the remainder of a cubic along each axis."""
+    off2 = np.prod([np.arange(TILE_SIDE) - node for node in TILE_LINES], axis=0).astype(float) ** 2
+    return float(2.0 * off2.mean() / off2[np.array(_CHECKS)].sum(axis=1).mean())
+
+
 def _tile_points() -> NDArray[np.uint32]:
     """(64, 2) uint32: strata of the light for the texels of a tile, in a random order within each quarter of it."""
     points, random = base_points(TILE_TEXELS), Random(1)
@@ -121,5 +125,6 @@ def _tile_points() -> NDArray[np.uint32]:
 
 
 _TILE_POINTS = _tile_points()
+_OFF_ELSEWHERE = _find_off_elsewhere()
 _CHECK_TEXELS = interleave_bits(*np.array(_CHECKS).T)
 _CHECK_TEXELS.flags.writeable = False

@@ -34,6 +34,8 @@ FIRST_LEVEL = 1  # of its current nodes: there is no time for rounds that would 
 MOST_TEXELS = 1 << 19  # of all pages together
 LEAST_PAUSE_S = 0.3
 PAUSE_OF_COST = 10.0  # a preview waits so many times what the last one took
+# Whoever shows the first light gives all objects materials then, and draws everything anew: beside a bake that takes it a third longer.
+FIRST_DRAWN_S = 0.3
 _KEPT_TURNS = 3  # whoever shows a page may lag behind so many
 
 # Pass -> whether direct and indirect light show, whether the albedo colours them, and what is added.
@@ -104,9 +106,10 @@ class PreviewPages:
         self._next_s = time.monotonic() + max(LEAST_PAUSE_S, PAUSE_OF_COST * (time.thread_time() - begin))
 
     def join(self, light: LightField, direct: DirectField) -> Callable[[Message], None]:
-        """Shows a first light, and again with each message while direct light is found; in place of `tell`."""
+        """Shows a first light, and leaves time to draw it; again with each message while direct light is found; in place of `tell`."""
         mixed = replace(light, direct=direct)
         self.show(mixed)
+        time.sleep(FIRST_DRAWN_S)
 
         def tell_and_show(message: Message) -> None:
             self._tell(message)

@@ -14,7 +14,7 @@ from .texel_grid import interleave_bits
 _SIDE_BITS = 3
 TILE_SIDE = 1 << _SIDE_BITS
 TILE_TEXELS = TILE_SIDE**2
-_NODES = (0, 3, 7)  # columns and rows of a tile whose crossings tell of all its texels
+TILE_LINES = (0, 3, 7)  # columns and rows of a tile whose crossings tell of all its texels
 _PLACE_BITS = 14  # of a tile's column or row in a page
 
 
@@ -85,7 +85,7 @@ def _part_bits(code: Int64) -> tuple[Int64, Int64]:
 def _node_weights() -> Float64:
     """(64, 9) float64: what each of TILE_NODES adds to each texel of a tile, in Morton order. Source: Lagrange's polynomials."""
     x, y = _part_bits(np.arange(TILE_TEXELS))
-    along = np.stack([np.prod([(np.arange(TILE_SIDE) - b) / (a - b) for b in _NODES if b != a], axis=0) for a in _NODES], axis=1)
+    along = np.stack([np.prod([(np.arange(TILE_SIDE) - b) / (a - b) for b in TILE_LINES if b != a], axis=0) for a in TILE_LINES], axis=1)
     out: Float64 = (along[y][:, :, None] * along[x][:, None, :]).reshape(TILE_TEXELS, -1)
     out.flags.writeable = False
     return out
@@ -108,5 +108,5 @@ def _texels_at(x: IntArray, y: IntArray) -> Int64:
 
 TILE_SURFACES = _surfaces()
 TILE_CORNERS = _texels_at(np.array([0, TILE_SIDE - 1, 0]), np.array([0, 0, TILE_SIDE - 1]))
-TILE_NODES = _texels_at(np.tile(_NODES, len(_NODES)), np.repeat(_NODES, len(_NODES)))
+TILE_NODES = _texels_at(np.tile(TILE_LINES, len(TILE_LINES)), np.repeat(TILE_LINES, len(TILE_LINES)))
 NODE_WEIGHTS = _node_weights()

@@ -52,7 +52,6 @@ BPY_FREE_ADDON = {
     "addon.estimate",
     "addon.gltf_file",
     "addon.job",
-    "addon.told",
 }
 PANELS = {"addon.panels", "addon.panels_object", "addon.panel_parts"}
 # The child's main program: it has no package, so it gives this folder the name leaflight and imports it by that.

@@ -110,9 +110,14 @@ def trace_curves(name: str, size: int, reference: Reference, effort: Effort) -> 
             page, report = speed_rivals.bake_leaflight(name, size, ["--error", str(error), "--max-photons", "1000000000", *options])
             point = speed_rivals.measure_point(reference, page, tri_uv, report["seconds"]["loaded"], error)
             curves[label].append(point)
-            if point.seconds > effort.budget_s * (1.0 if point.rel <= min(MEASURED_ERRORS) else PATIENCE):
+            if ends_series(point, effort.budget_s):
                 break
     return curves
+
+
+def ends_series(point: Point, budget_s: float) -> bool:
+    """Whether a bake took so long that the next, of a smaller error, is left out."""
+    return point.seconds > budget_s * (1.0 if point.rel <= min(MEASURED_ERRORS) else PATIENCE)
 
 
 def reach_all(curves: Curves, error: float, measure: str = "rel") -> dict[str, Reach | None]:

@@ -15,13 +15,13 @@ bpy = pytest.importorskip("bpy")
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
 
-from bench_accuracy import MOST_BIAS, MOST_REL, bake_page  # noqa: E402
-from cycles_bake import bake_cycles, set_stage  # noqa: E402
-from cycles_reference import SEEDS, Reference  # noqa: E402
-from cycles_texel import TEXEL, bake_step  # noqa: E402
-from leaflight.core.job import SNAPSHOT_FILE  # noqa: E402
-from leaflight.core.settings import Settings  # noqa: E402
-from stats import PLANTED_BIAS  # noqa: E402
+from bench_accuracy import MOST_BIAS, MOST_REL, bake_page
+from cycles_bake import bake_cycles, set_stage
+from cycles_reference import SEEDS, Reference
+from cycles_texel import TEXEL, bake_step
+from leaflight.core.job import SNAPSHOT_FILE
+from leaflight.core.settings import Settings
+from stats import PLANTED_BIAS
 
 SIZE, SAMPLES = 64, 400
 SETTINGS = Settings(size=SIZE, share_meshes=False, passes=("lighting",), error=0.005, max_photons=8_000_000, workers=1)

@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon import baked_copies, images, materials_write, restore, uv_layer  # noqa: E402
+from leaflight.addon import baked_copies, images, materials_write, restore, uv_layer
 
 
 @pytest.fixture(autouse=True)

@@ -13,9 +13,9 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import QUICK, bake, list_files, open_room, read_pixels, read_report, save_scene  # noqa: E402
-from leaflight.addon import cli, session  # noqa: E402
-from leaflight.addon.job import BakeProcess  # noqa: E402
+from blend_rooms import QUICK, bake, list_files, open_room, read_pixels, read_report, save_scene
+from leaflight.addon import cli, session
+from leaflight.addon.job import BakeProcess
 
 STAGES = {"open", "export", "load", "charts", "texels", "scene", "direct", "photons", "write", "assign", "total"}
 

@@ -10,8 +10,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import QUICK, add_mesh, bake, list_files, open_room, read_pixels, read_report, save_scene  # noqa: E402
-from leaflight.addon.job import BakeProcess  # noqa: E402
+from blend_rooms import QUICK, add_mesh, bake, list_files, open_room, read_pixels, read_report, save_scene
+from leaflight.addon.job import BakeProcess
 
 IMAGE = "room_0.combined.exr"
 TRIANGLE = [(0.0, 0.0, 1.5), (1.0, 0.0, 1.5), (1.0, 1.0, 1.5)]

@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import bake, list_files, open_room, read_pixels, read_report, save_scene  # noqa: E402
+from blend_rooms import bake, list_files, open_room, read_pixels, read_report, save_scene
 
 
 @pytest.fixture

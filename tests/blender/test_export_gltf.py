@@ -8,14 +8,14 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import bake, list_files, open_room, read_pixels, read_report, save_scene  # noqa: E402
-from leaflight.addon import restore, session, uv_layer  # noqa: E402
-from leaflight.addon.arguments import BakeRequest  # noqa: E402
-from leaflight.addon.export_gltf import export_gltf  # noqa: E402
-from leaflight.addon.gltf_file import read_document  # noqa: E402
-from leaflight.addon.job import library_paths  # noqa: E402
-from leaflight.core.bake import run_bake  # noqa: E402
-from leaflight.core.settings import Settings  # noqa: E402
+from blend_rooms import bake, list_files, open_room, read_pixels, read_report, save_scene
+from leaflight.addon import restore, session, uv_layer
+from leaflight.addon.arguments import BakeRequest
+from leaflight.addon.export_gltf import export_gltf
+from leaflight.addon.gltf_file import read_document
+from leaflight.addon.job import library_paths
+from leaflight.core.bake import run_bake
+from leaflight.core.settings import Settings
 
 STEP = 0.51 / 255  # half a step of 8 bits, and rounding
 

@@ -5,9 +5,9 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon.export_pieces import walk_pieces  # noqa: E402
-from leaflight.addon.export_scene import export_scene  # noqa: E402
-from leaflight.addon.render_levels import evaluate_for_render  # noqa: E402
+from leaflight.addon.export_pieces import walk_pieces
+from leaflight.addon.export_scene import export_scene
+from leaflight.addon.render_levels import evaluate_for_render
 
 
 @pytest.fixture(autouse=True)

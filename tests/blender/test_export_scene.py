@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon.export_scene import export_scene, find_objects  # noqa: E402
+from leaflight.addon.export_scene import export_scene, find_objects
 
 
 @pytest.fixture(autouse=True)

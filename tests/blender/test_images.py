@@ -7,8 +7,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon import images  # noqa: E402
-from leaflight.core.settings import Settings  # noqa: E402
+from leaflight.addon import images
+from leaflight.core.settings import Settings
 
 
 @pytest.fixture(autouse=True)

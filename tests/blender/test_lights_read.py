@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon.lights_read import read_light, read_world  # noqa: E402
+from leaflight.addon.lights_read import read_light, read_world
 
 
 @pytest.fixture(autouse=True)

@@ -9,15 +9,15 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_dump import differences, dump  # noqa: E402
-from blend_rooms import open_room  # noqa: E402
-from leaflight.addon import live, restore, session  # noqa: E402
-from leaflight.addon.arguments import BakeRequest  # noqa: E402
-from leaflight.addon.job import library_paths  # noqa: E402
-from leaflight.core import preview  # noqa: E402
-from leaflight.core.bake import run_bake  # noqa: E402
-from leaflight.core.messages import Preview  # noqa: E402
-from leaflight.core.settings import Settings  # noqa: E402
+from blend_dump import differences, dump
+from blend_rooms import open_room
+from leaflight.addon import live, restore, session
+from leaflight.addon.arguments import BakeRequest
+from leaflight.addon.job import library_paths
+from leaflight.core import preview
+from leaflight.core.bake import run_bake
+from leaflight.core.messages import Preview
+from leaflight.core.settings import Settings
 
 SETTINGS = Settings(size=32, max_photons=600_000, error=1e-4, workers=1, force=True)
 

@@ -5,9 +5,9 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon.images_read import read_pixels  # noqa: E402
-from leaflight.addon.materials_read import MaterialTable  # noqa: E402
-from leaflight.core.image_file import srgb_to_linear  # noqa: E402
+from leaflight.addon.images_read import read_pixels
+from leaflight.addon.materials_read import MaterialTable
+from leaflight.core.image_file import srgb_to_linear
 
 
 @pytest.fixture(autouse=True)

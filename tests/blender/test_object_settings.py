@@ -4,9 +4,9 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import open_room  # noqa: E402
-from leaflight.addon import object_settings  # noqa: E402
-from leaflight.addon.export_scene import export_scene  # noqa: E402
+from blend_rooms import open_room
+from leaflight.addon import object_settings
+from leaflight.addon.export_scene import export_scene
 
 
 @pytest.fixture(autouse=True)

@@ -9,10 +9,10 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import leaflight  # noqa: E402
-from leaflight.addon import baking, panels, properties, request, restore, session  # noqa: E402
-from leaflight.core.messages import Preview, Progress, Status  # noqa: E402 - after bpy is known to be there
-from leaflight.core.settings import Settings  # noqa: E402
+import leaflight
+from leaflight.addon import baking, panels, properties, request, restore, session
+from leaflight.core.messages import Preview, Progress, Status
+from leaflight.core.settings import Settings
 
 
 @pytest.fixture(autouse=True)

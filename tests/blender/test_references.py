@@ -12,10 +12,10 @@ bpy = pytest.importorskip("bpy")
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
 
-from cycles_reference import OBJECTS, REFERENCES, SAMPLE_COUNTS, SAMPLES, Reference  # noqa: E402
-from leaflight.addon.export_scene import export_scene  # noqa: E402
-from leaflight.core.charts import make_charts  # noqa: E402
-from leaflight.core.settings import Settings  # noqa: E402
+from cycles_reference import OBJECTS, REFERENCES, SAMPLE_COUNTS, SAMPLES, Reference
+from leaflight.addon.export_scene import export_scene
+from leaflight.core.charts import make_charts
+from leaflight.core.settings import Settings
 
 
 @pytest.mark.parametrize("name", sorted(SAMPLE_COUNTS))

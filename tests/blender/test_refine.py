@@ -7,12 +7,12 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import leaflight  # noqa: E402
-from blend_rooms import bake, open_room, read_report, save_scene  # noqa: E402
-from leaflight.addon import kept_state, restore  # noqa: E402
-from leaflight.addon.arguments import BakeRequest  # noqa: E402
-from leaflight.core.checkpoint import read_info  # noqa: E402
-from leaflight.core.settings import Settings  # noqa: E402
+import leaflight
+from blend_rooms import bake, open_room, read_report, save_scene
+from leaflight.addon import kept_state, restore
+from leaflight.addon.arguments import BakeRequest
+from leaflight.core.checkpoint import read_info
+from leaflight.core.settings import Settings
 
 
 @pytest.fixture

@@ -9,9 +9,9 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import blend_dump  # noqa: E402
-from blend_dump import differences, dump  # noqa: E402
-from leaflight.addon import baked_copies, images, materials_write, restore, uv_layer  # noqa: E402
+import blend_dump
+from blend_dump import differences, dump
+from leaflight.addon import baked_copies, images, materials_write, restore, uv_layer
 
 
 def make_mesh(name, uv_layers=("UVMap",)):

@@ -4,8 +4,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import open_room, save_scene  # noqa: E402
-from leaflight.addon.scene_file import open_scene  # noqa: E402
+from blend_rooms import open_room, save_scene
+from leaflight.addon.scene_file import open_scene
 
 EXPORTERS = {
     ".glb": lambda path: bpy.ops.export_scene.gltf(filepath=path, export_format="GLB", export_lights=True),

@@ -5,9 +5,9 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import leaflight  # noqa: E402
-from blend_rooms import add_mesh, open_room  # noqa: E402
-from leaflight.addon import checker_arrays, panel_parts  # noqa: E402
+import leaflight
+from blend_rooms import add_mesh, open_room
+from leaflight.addon import checker_arrays, panel_parts
 
 
 @pytest.fixture(autouse=True)

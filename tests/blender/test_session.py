@@ -10,14 +10,14 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import list_files, open_room, save_scene  # noqa: E402
-from leaflight.addon import restore, session, uv_layer  # noqa: E402
-from leaflight.addon.arguments import BakeRequest  # noqa: E402
-from leaflight.addon.job import library_paths  # noqa: E402
-from leaflight.core.bake import run_bake  # noqa: E402
-from leaflight.core.job import JOB_FILE, LAYOUT_FILE, SNAPSHOT_FILE, Job  # noqa: E402
-from leaflight.core.settings import Settings  # noqa: E402
-from leaflight.core.snapshot import load_snapshot  # noqa: E402
+from blend_rooms import list_files, open_room, save_scene
+from leaflight.addon import restore, session, uv_layer
+from leaflight.addon.arguments import BakeRequest
+from leaflight.addon.job import library_paths
+from leaflight.core.bake import run_bake
+from leaflight.core.job import JOB_FILE, LAYOUT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.settings import Settings
+from leaflight.core.snapshot import load_snapshot
 
 SETTINGS = Settings(size=32, max_photons=5000, workers=1)
 

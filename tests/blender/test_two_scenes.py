@@ -5,10 +5,10 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import leaflight  # noqa: E402
-from blend_dump import differences, dump  # noqa: E402
-from blend_rooms import open_room  # noqa: E402
-from leaflight.addon import materials_write, restore  # noqa: E402
+import leaflight
+from blend_dump import differences, dump
+from blend_rooms import open_room
+from leaflight.addon import materials_write, restore
 
 
 @pytest.fixture(autouse=True)

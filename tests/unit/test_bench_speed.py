@@ -104,3 +104,12 @@ def test_curves_are_drawn(tmp_path):
     pytest.importorskip("matplotlib")  # of the bench extra, not of the tests'
     bench_speed.draw_curves(curves(0.1), "toy", tmp_path / "toy.png")
     assert 0 < (tmp_path / "toy.png").stat().st_size < 100_000
+
+
+def test_a_series_goes_on_until_it_has_come_to_the_least_error():
+    budget_s = 10.0
+    ends = [
+        bench_speed.ends_series(Point(seconds, rel, rel, 0.1), budget_s)
+        for seconds, rel in ((9, 0.01), (11, 0.01), (11, 0.021), (41, 0.021))
+    ]
+    assert ends == [False, True, False, True]

@@ -1,7 +1,7 @@
 """Sentences of the panel and what each is about."""
 
 import pytest
-from leaflight.addon.told import Told, group_warnings, match_name, split_error
+from leaflight.core.told import Told, group_warnings, match_name, split_error
 
 
 def test_warnings_about_many_objects_are_one_sentence():

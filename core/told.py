@@ -1,11 +1,11 @@
-"""Sentences for the panel, and the objects that each is about; no bpy here."""
+"""Sentences for people, and the objects that each is about."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
 
-_NAMED = 3  # names in one sentence, for a narrow panel
+_NAMED = 3  # names in one sentence: a panel is narrow
 
 
 @dataclass(frozen=True)
