@@ -37,13 +37,14 @@ class Photons:
 
 
 def bear_photons(
-    emitters: Sequence[Emitter], shares: Float64, n_photons: int, total_flux_share: float, rng: np.random.Generator
+    emitters: Sequence[Emitter], shares: Float64, n_photons: int, total_flux_share: float, rng: np.random.Generator, batch: int = BATCH
 ) -> Iterator[tuple[Photons, Bools]]:
     """Batches of new photons, and which of them are a lamp's without shadow.
 
     Emitter e gets its share of them to within one, by systematic sampling: E[count] = n * share exactly.
 
     shares   (n_emitter,) float64   probability of each emitter
+    batch    photons, at most
     """
     if n_photons <= 0 or not shares.any():
         return
@@ -51,8 +52,8 @@ def bear_photons(
     end = np.ceil(np.cumsum(shares) * n_photons - rng.random()).astype(np.int64).clip(0, n_photons)
     end[np.flatnonzero(shares)[-1] :] = n_photons  # a sum of shares may round to just below 1
     start = np.concatenate([[0], end[:-1]])
-    for first in range(0, n_photons, BATCH):
-        last = min(first + BATCH, n_photons)
+    for first in range(0, n_photons, batch):
+        last = min(first + batch, n_photons)
         origin, direction, flux = np.empty((3, 3, last - first), np.float32)
         soft, shadowless = np.zeros((3, last - first), np.float32), np.zeros(last - first, bool)
         for e in np.flatnonzero((start < last) & (end > first) & (end > start)):

@@ -1,6 +1,10 @@
 """Wavefront particle tracing: births, hits, deposit records, roulette, diffuse scattering.
 
 Arrays of photons are (3, n), one contiguous row per axis or channel. Source: Pattanaik & Mudur 1992.
+
+Where direct light is found by shadow rays, the way to the first surface only says where light is to be scattered from: SPLIT photons go it
+together and part there, each with its own share of the light and in a direction of its own. Source: Arvo & Kirk 1990, "Particle transport
+and image synthesis" (splitting).
 """
 
 from __future__ import annotations
@@ -17,11 +21,14 @@ from .geometry import UnitBox, locate_hits, offset_origin, triangle_frames, tria
 from .lights import Emitter
 from .materials import SurfaceMaterials
 from .rays import RayScene
+from .sampling import grouped_points
 from .scene import SceneSnapshot
 
 _SMOOTH_DEVIATION = 1e-3  # a corner normal nearer to the face's own than this is flat shading
 # Veach's weight is unbounded at grazing incidence. Its expectation loses less than LEAST_COSINE * sin(angle between the normals) / pi.
 _LEAST_COSINE = 0.01
+# Measured on the samples: as little error as of photons that go alone, by a third to two thirds fewer rays; 16 gain hardly more.
+SPLIT = 8
 _DEPTHS_TOGETHER = 2  # surfaces between joins of what is left of the waves
 _WAVE_FIELDS = ("origin", "direction", "flux")
 _GREATEST_POWER_W = 1e30  # leaves float32 room for photons brighter than the mean
@@ -131,10 +138,10 @@ def trace_shard(
     """Trace photons until they escape, are absorbed or have met `max_depth` surfaces.
 
     total_flux_share   what these photons carry together, as a share of all the scene's power: n_photons / all photons of a bake
-    skip_first         direct light is found elsewhere: first hits scatter but are not deposited
+    skip_first         direct light is found elsewhere: first hits scatter but are not deposited; SPLIT photons go there together
     """
     log = _Log()
-    waves: Iterable[Photons] = _bear(scene, n_photons, total_flux_share, rng, log)
+    waves: Iterable[Photons] = _bear(scene, n_photons, total_flux_share, rng, SPLIT if skip_first else 1, log)
     for depth in range(0, max_depth, _DEPTHS_TOGETHER):
         depths = range(depth, min(depth + _DEPTHS_TOGETHER, max_depth))
         left = [after for photons in waves if (after := _bounce(scene, photons, rng, depths, skip_first, log))]
@@ -190,20 +197,26 @@ def _bounce(scene: TraceScene, photons: Photons, rng: np.random.Generator, depth
         cosine = _dot(direction, normal)  # < 0 on the front
         if depth or not skip_first:
             _deposit(scene, tri, u, v, flux, direction, cosine, depth == 0, log)
-        alive, survivors = _play_roulette(flux, scene.surfaces.albedo_at(tri, u, v).T, rng)
+        split = SPLIT if skip_first and not depth else 1
+        alive, survivors = _play_roulette(flux, scene.surfaces.albedo_at(tri, u, v).T, split, rng)
         log.absorbed += _total(flux) - _total(survivors)
         if not len(alive):
             return None
         normal = normal.take(alive, axis=1)
         normal *= -np.copysign(np.float32(1), cosine.take(alive))  # the side that was hit
         landed = locate_hits(scene.tri_frame, tri.take(alive), u.take(alive), v.take(alive))
-        photons = Photons(offset_origin(landed, normal), _scatter(normal, rng), survivors)
+        numbers = rng.random((2, len(alive)), dtype=np.float32) if split == 1 else grouped_points(alive, rng)
+        photons = Photons(offset_origin(landed, normal), _scatter(normal, numbers), survivors)
     return photons
 
 
-def _bear(scene: TraceScene, n_photons: int, total_flux_share: float, rng: np.random.Generator, log: _Log) -> Iterator[Photons]:
-    for photons, shadowless in bear_photons(scene.emitters, scene.emitter_share, n_photons, total_flux_share, rng):
-        log.photons += photons.flux.shape[1]
+def _bear(
+    scene: TraceScene, n_photons: int, total_flux_share: float, rng: np.random.Generator, together: int, log: _Log
+) -> Iterator[Photons]:
+    """The photons as they are born, `together` in one."""
+    log.photons += n_photons if scene.emitter_share.any() else 0
+    births = bear_photons(scene.emitters, scene.emitter_share, -(-n_photons // together), total_flux_share, rng, max(BATCH // together, 1))
+    for photons, shadowless in births:
         if shadowless.any():
             log.rays += light_every_surface(photons, shadowless, scene.rays, scene.tri_normal, scene.tri_frame)
         yield photons
@@ -250,25 +263,31 @@ def _deposit(
     log.pieces.append((tri, u, v, flux, is_first))
 
 
-def _play_roulette(flux: _Rows, albedo: _Rows, rng: np.random.Generator) -> tuple[NDArray[np.intp], _Rows]:
+def _play_roulette(flux: _Rows, albedo: _Rows, split: int, rng: np.random.Generator) -> tuple[NDArray[np.intp], _Rows]:
     """Which photons are reflected, and their flux then: q = max(flux * albedo) / max(flux) keeps the greatest channel as it is.
 
-    alive       (k,) int, survivors
+    split       of each photon so many play, with a share of its flux each; split * q of them survive, to within one
+    alive       (k,) int, ascending: photons that survivors come from
     survivors   (3, k) float32, W
     """
     reflected = flux * albedo
     greatest = np.maximum(np.maximum(reflected[0], reflected[1]), reflected[2])
     power = np.maximum(np.maximum(flux[0], flux[1]), flux[2])
-    chance = np.float32(1) - rng.random(len(power), dtype=np.float32)  # in (0, 1]: no survivor is scaled up by more than 2^24
-    alive = np.flatnonzero(chance * power < greatest)
-    return alive, reflected.take(alive, axis=1) * (power.take(alive) / greatest.take(alive))
+    share = np.divide(greatest, power, out=np.zeros_like(power), where=power > 0)
+    share *= np.float32(split)
+    share += rng.random(len(power), dtype=np.float32)
+    alive = np.repeat(np.arange(len(power)), share.astype(np.intp))  # what is cut off survives by chance
+    return alive, reflected.take(alive, axis=1) * (power.take(alive) / (np.float32(split) * greatest.take(alive)))
 
 
-def _scatter(normal: _Rows, rng: np.random.Generator) -> _Rows:
-    """Cosine-distributed unit directions around the normals: the normal plus a point of the unit sphere."""
-    height, turn = rng.random((2, normal.shape[1]), dtype=np.float32)
+def _scatter(normal: _Rows, numbers: _Rows) -> _Rows:
+    """Cosine-distributed unit directions around the normals: the normal plus a point of the unit sphere.
+
+    numbers   (2, n) float32, uniform in [0, 1)
+    """
+    height, turn = numbers
     radius = np.sqrt(height * (1 - height)) * np.float32(2)
-    turn *= np.float32(2 * np.pi)
+    turn = turn * np.float32(2 * np.pi)
     # A hair longer than 1, so that rounding never points a grazing ray below its surface.
     direction = normal * np.float32(1 + 1e-5)
     direction[0] += radius * np.cos(turn)

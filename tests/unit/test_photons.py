@@ -236,14 +236,35 @@ def test_a_lamp_without_shadow_lights_what_lies_behind_too_and_that_scatters():
     assert hits.audit.emitted[0] > 12 * 1.1
 
 
-def test_skipped_first_hits_change_nothing_else():
-    scene = _build(_snapshot(_cube()), _white_lamp())
-    everything, indirect = _trace(scene), _trace(scene, skip_first=True)
-    later = ~everything.is_first
-    np.testing.assert_array_equal(indirect.tri, everything.tri[later])
-    np.testing.assert_array_equal(indirect.flux_rgb, everything.flux_rgb[:, later])
-    assert not indirect.is_first.any()
-    np.testing.assert_array_equal(indirect.audit.absorbed, everything.audit.absorbed)
+def test_photons_whose_first_hit_is_skipped_go_there_together_and_part():
+    """The light that surfaces send each other is the same as of photons that go alone, by fewer rays."""
+    scene = _build(_snapshot(_cube(), (Material("Red", (0.8, 0.5, 0.1)),)), Lamp(np.array([10.0, 20.0, 5.0])))
+    counting, lengths = _count_rays(scene)
+    alone, together = _trace(scene), _trace(counting, skip_first=True)
+    assert together.counters.photons == N
+    assert lengths[0] == N // photons.SPLIT
+    assert not together.is_first.any()
+    assert not _trace(scene, skip_first=True, max_depth=1).counters.deposits
+    _assert_closes(together.audit)
+    np.testing.assert_array_equal(together.audit.emitted, alone.audit.emitted)
+    later = ~alone.is_first
+    assert together.counters.deposits == pytest.approx(later.sum(), rel=0.02)
+    sent = [hits.flux_rgb[:, kept].sum(axis=1) for hits, kept in ((alone, later), (together, slice(None)))]
+    np.testing.assert_allclose(sent[1], sent[0], rtol=0.03)
+    on_tri = [np.bincount(hits.tri[kept], minlength=12) for hits, kept in ((alone, later), (together, slice(None)))]
+    np.testing.assert_allclose(on_tri[1], on_tri[0], rtol=0.08)
+
+
+def test_photons_that_part_take_no_light_with_them_and_leave_none():
+    flux = np.repeat(np.float32([[1.0], [2.0], [4.0]]), 1000, axis=1)
+    flux[:, 0] = 0
+    albedo = np.float32([[0.9], [0.9], [0.3]]).repeat(1000, axis=1)
+    alive, survivors = photons._play_roulette(flux, albedo, photons.SPLIT, np.random.default_rng(3))
+    count = np.bincount(alive, minlength=1000)
+    assert set(count[1:]) == {int(photons.SPLIT * 0.45), int(photons.SPLIT * 0.45) + 1}  # the greatest channel keeps 1.8 of 4
+    assert count[0] == 0
+    np.testing.assert_allclose(survivors.max(axis=0), 4 / photons.SPLIT, rtol=1e-6)
+    np.testing.assert_allclose(survivors.sum(axis=1), (flux * albedo).sum(axis=1), rtol=0.02)
 
 
 def test_audit_closes_with_escape_depth_limit_colours_and_softness():

@@ -213,3 +213,17 @@ def test_points_integrate_better_than_random_ones_and_without_bias():
     plain = np.array([integrate(rng.random((4096, 4))) for _ in range(60)])
     assert regular.std() < 0.2 * plain.std()
     assert abs(regular.mean() - 1) < 4 * regular.std() / math.sqrt(60)
+
+
+def test_points_of_a_group_are_spread_and_each_is_uniform():
+    group = np.repeat(np.arange(9000), 1 + np.arange(9000) % 9)
+    points = sampling.grouped_points(group, np.random.default_rng(4))
+    assert points.shape == (2, len(group))
+    assert points.dtype == np.float32
+    assert ((points >= 0) & (points < 1)).all()
+    eight = points[:, np.isin(group, np.flatnonzero(np.arange(9000) % 9 == 7))].reshape(2, -1, 8)
+    for axis in eight:  # one in every eighth
+        np.testing.assert_array_equal(np.sort((axis * 8).astype(int), axis=1), np.broadcast_to(np.arange(8), axis.shape))
+    cells = np.bincount((points * 8).astype(int)[0] * 8 + (points * 8).astype(int)[1], minlength=64)
+    assert np.abs(cells / len(group) * 64 - 1).max() < 0.2  # 702 in each
+    assert sampling.grouped_points(np.zeros(0, int), np.random.default_rng(4)).shape == (2, 0)
