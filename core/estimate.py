@@ -1,7 +1,7 @@
 """The stated error: how far the bake is likely to be from the converged light, told from the bake itself.
 
 Three parts: noise of each leaf from the squared powers of its photons, corrected by how the two halves of the bake differ;
-light that the leaves cannot hold, from the previews below them; and the noise of direct light by shadow rays.
+light that the leaves cannot hold, from the stable nodes below them; and the noise of direct light by shadow rays.
 The error of a bake is relative to local brightness, so that dark corners count as the eye counts them.
 """
 
@@ -104,15 +104,15 @@ def state_error(
     weight = _weigh(node_light[leaf[sample]] + direct[sample], dark2)
     photons2 = (weight.T * shown.variance).mean(0) * correction
     blind2 = weight.mean(1) * missing_light(tree, totals, solution, comparison, nodes)[leaf[sample]]
-    deepest = node_of_texel(tree, np.flatnonzero(~tree.has_children), len(leaf))[sample]
-    bias2, gap2 = _missing_from_blend(tree, solution, leaf, deepest, sample, blender, shown, weight, blind2)
+    judge = node_of_texel(tree, refine.open_nodes(tree, nodes, comparison.stable), len(leaf))[sample]
+    bias2, gap2 = _missing_from_blend(tree, solution, leaf, judge, sample, blender, shown, weight, blind2)
     likely = photons2 + direct2[sample] + gap2
     best = np.argpartition(likely, count - 1)[:count]
     blur2 = (weight * shown_direct.blur2[sample]).mean(1)
     parts = [float(part[best].mean(dtype=np.float64)) for part in (photons2, direct2[sample], bias2, blur2)]
     parts[1] += max(parts[3], 0.0)
     # A bias is told only in sum, by nodes that err apart; below zero it is noise, which must not hide the noise that is there.
-    doubt2 = _BIAS_DOUBT * math.sqrt((np.bincount(deepest[best], bias2[best]) ** 2).sum()) / count
+    doubt2 = _BIAS_DOUBT * math.sqrt((np.bincount(judge[best], bias2[best]) ** 2).sum()) / count
     square = parts[0] + parts[1] + max(parts[2], 0.0)
     return StatedError(math.sqrt(square), math.sqrt(square + doubt2), math.sqrt(parts[1]), correction, direct2)
 
@@ -149,29 +149,30 @@ def _missing_from_blend(
     tree: Quadtree,
     solution: Solution,
     leaf: NDArray[np.int32],
-    deepest: NDArray[np.int32],
+    judge: NDArray[np.int32],
     sample: NDArray[np.int64],
     blender: LeafBlender,
     shown: PointLight,
     weight: NDArray[np.float32],
     blind2: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Squared relative difference between the blend and the deepest nodes at the texels `sample`, (m,) float64 twice.
+    """Squared relative difference between the blend and the nodes that judge it, at the texels `sample`, (m,) float64 twice.
 
-    weight   (m, 3), of the texels `sample`, as is blind2
+    judge    (m,) int, the deepest stable node at those texels: what few photons tell would drown the sum in noise
+    weight   (m, 3), as is blind2
 
     The first is a product of what each half says alone, whose noise is independent, and so right in sum. The second is the
     difference that was seen, noise and all, and so tells where it is. Without nodes below, `blind2` (m,) stands for both.
     """
     unbiased = blind2.copy()
     seen = np.maximum(unbiased, 0.0)
-    told = np.flatnonzero(deepest != leaf[sample])
+    told = np.flatnonzero(judge != leaf[sample])
     entry = sample[told]
-    below = evaluate_leaf(tree, solution, deepest[told], blender.x[entry], blender.y[entry], halves=True).irradiance
+    below = evaluate_leaf(tree, solution, judge[told], blender.x[entry], blender.y[entry], halves=True).irradiance
     halves = shown.irradiance[..., told]
     gap = np.where(halves.sum(0) > 0.0, halves, 0.0) - below  # what dips below zero is shown as dark
     unbiased[told] = (weight[told].T * gap[0] * gap[1]).mean(0)
-    group, count = np.unique(deepest[told], return_inverse=True, return_counts=True)[1:]
+    group, count = np.unique(judge[told], return_inverse=True, return_counts=True)[1:]
     seen[told] = (np.bincount(group, unbiased[told]) / count)[group]
     return unbiased, seen
 

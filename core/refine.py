@@ -146,24 +146,26 @@ class Comparison:
 
     rows          (n,) int64 each: position of a node in the differences of its depth; -1 where it is not asked
     differences   at depth 1 of all nodes that have shot photons, deeper of those that have shot enough to be split
+    stable        (n,) bool: nodes that have shot enough to be split
     """
 
     rows: tuple[NDArray[np.int64], ...]
     differences: tuple[Difference, ...]
+    stable: NDArray[np.bool_]
 
     @classmethod
     def of(cls, tree: Quadtree, totals: Totals, solution: Solution, rule: Rule) -> Comparison:
         rows, differences = [], []
-        stable = is_stable(totals.shot // FANOUT, rule.stability)
+        stable = tree.has_children & is_stable(totals.shot // FANOUT, rule.stability)
         for depth in range(1, rule.preview_depth + 1):
-            nodes = np.flatnonzero(tree.has_children & (stable | (totals.shot > 0) if depth == 1 else stable))
+            nodes = np.flatnonzero(tree.has_children & (totals.shot > 0) if depth == 1 else stable)
             groups = list(parts_of(nodes, _PART >> 2 * depth)) or [nodes]
             parts = [indicator(tree, totals, solution, group, depth, rule.stability) for group in groups]
             names = [field.name for field in fields(Difference)]
             differences.append(Difference(*(np.concatenate([getattr(part, name) for part in parts]) for name in names)))
             rows.append(np.full(len(tree), -1))
             rows[-1][nodes] = np.arange(len(nodes))
-        return cls(tuple(rows), tuple(differences))
+        return cls(tuple(rows), tuple(differences), stable)
 
 
 def mark(
@@ -213,12 +215,16 @@ def choose_leaves(tree: Quadtree, totals: Totals, comparison: Comparison, stabil
         worth = (difference.excess[rows] - NOISE_PRICE * difference.noise[rows]) * tree.area[nodes] + below
         gain[nodes] = np.maximum(worth, 0.0)
         opened[nodes] = worth > 0.0
-    shown = [level[tree.parent[level] < 0] for level in tree.levels[:1]]
-    leaves = []
-    while shown and len(shown[-1]):
-        front = shown[-1]
-        leaves.append(front[~opened[front]])
+    roots = np.flatnonzero(tree.parent < 0)
+    return open_nodes(tree, roots, opened)
+
+
+def open_nodes(tree: Quadtree, nodes: IntArray, opened: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Nodes (k,) that tile what `nodes` (m,) tile: those, or where `opened` (n,) their children, and so on."""
+    front, tiles = nodes, [np.zeros(0, np.int64)]
+    while len(front):
+        tiles.append(front[~opened[front]])
         children = tree.children[front[opened[front]]]
-        shown.append(children[children >= 0])
-    out: NDArray[np.int64] = np.concatenate([np.zeros(0, np.int64), *leaves]).astype(np.int64)
+        front = children[children >= 0]
+    out: NDArray[np.int64] = np.concatenate(tiles).astype(np.int64)
     return out

@@ -188,6 +188,16 @@ def test_parts_of_a_page_state_the_same_error(monkeypatch):
     assert (whole.texel_direct2 > 0).all()
 
 
+def test_nodes_of_few_photons_do_not_judge():
+    """Even light on 16 leaves; single texels below them have seen two photons each: what they say is noise, which must not count as doubt."""
+    ratios = []
+    for seed in range(6):
+        bake = throw(even, 8000, seed, level=2, preview_depth=4)
+        told = state(bake, current(bake))
+        ratios.append(told.chosen / noise_of(bake, current(bake)))
+    assert max(ratios) < 1.27  # 1.32 to 1.44 with the deepest as judges
+
+
 @pytest.mark.parametrize(("halves", "counted"), [((1.0, 1.0), 1.0), ((3.0, -1.0), -3.0), ((-1.0, -1.0), 0.0), ((1.0, -3.0), 0.0)])
 def test_what_dips_below_zero_is_judged_as_it_is_shown(halves, counted):
     """As dark; of what is shown, a half may well be below zero."""

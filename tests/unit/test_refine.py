@@ -194,3 +194,16 @@ def test_a_comparison_tells_of_all_nodes_that_anybody_asks_for(monkeypatch):
             found, told = getattr(some, field.name)[row[nodes[asked]]], getattr(whole, field.name)
             np.testing.assert_array_equal(found, told[asked], err_msg=field.name)
             assert field.name == "tiled" or depth == 2 or not told[~asked].any()
+
+
+def test_opened_nodes_give_way_to_their_children():
+    bake = SquareBake(preview_depth=2)
+    tree, roots = bake.tree, np.flatnonzero(bake.tree.parent < 0)
+    opened = np.zeros(len(tree), bool)
+    opened[roots] = True
+    first = tree.children[roots[0]]
+    opened[first[2]] = True
+    found = refine.open_nodes(tree, roots, opened)
+    assert sorted(found) == sorted([*first[[0, 1, 3]], *tree.children[first[2]]])
+    quadtree.node_of_texel(tree, found, len(bake.keys))  # they tile the square
+    assert refine.open_nodes(tree, roots, np.zeros(len(tree), bool)).tolist() == roots.tolist()
