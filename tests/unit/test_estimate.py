@@ -189,7 +189,7 @@ def test_parts_of_a_page_state_the_same_error(monkeypatch):
 
 
 def test_nodes_of_few_photons_do_not_judge():
-    """Even light on 16 leaves; single texels below them have seen two photons each: what they say is noise, which must not count as doubt."""
+    """Even light on 16 leaves; what single texels below them say, which have seen two photons each, is noise and no doubt."""
     ratios = []
     for seed in range(6):
         bake = throw(even, 8000, seed, level=2, preview_depth=4)
