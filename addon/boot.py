@@ -4,6 +4,7 @@ Messages go to standard output, a JSON line each. On standard input "begin" says
 with the best so far, and the end of it, which comes when the parent is gone, ends it at once.
 """
 
+import atexit
 import importlib.util
 import json
 import os
@@ -86,4 +87,8 @@ def _listen(begun: threading.Event, stop: threading.Event) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1])))
+    _codes = [1]
+    # First to be registered, so the last that is called: the others have ended processes and taken away what belongs to the system by
+    # then, and to take Python apart would only keep whoever waits for this process.
+    atexit.register(lambda: os._exit(_codes[-1]))
+    _codes.append(main(Path(sys.argv[1])))

@@ -81,6 +81,7 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
         seconds["total"] = time.perf_counter() - begin
         result["seconds"] = {name: round(value, 4) for name, value in seconds.items()}
         _report(request, {"scene": scene, **result, "interrupted": interrupted}, [*warnings, *work.export.warnings, *told, *late])
+        process.close()
     return EXIT_INTERRUPTED if interrupted else EXIT_DONE
 
 
@@ -96,7 +97,7 @@ def _check(request: BakeRequest) -> None:
 
 
 def _follow(messages: Iterable[Message], quiet: bool) -> tuple[str, bool, session.Warnings]:
-    """Print a bake's messages; gives the error's sentence, whether the bake was interrupted, and the warnings."""
+    """Print a bake's messages to the last; gives the error's sentence, whether the bake was interrupted, and the warnings."""
     error, interrupted, warnings = "", False, []
     for message in messages:
         match message:
@@ -109,6 +110,8 @@ def _follow(messages: Iterable[Message], quiet: bool) -> tuple[str, bool, sessio
                 print_message(message, quiet)
             case _:
                 print_message(message, quiet)
+        if isinstance(message, Done | Error):
+            break  # the result is there; the process that made it may end meanwhile
     return error, interrupted, warnings
 
 

@@ -18,6 +18,7 @@ from ..core.messages import Done, Error, Message, decode_message
 
 _BOOT = Path(__file__).with_name("boot.py")
 _LOG_FILE = "core.log"
+_PATIENCE_S = 10.0  # for a child that has told its last message and has only to let go of what it holds
 _NICE = 10  # of a bake behind a window: it takes what drawing leaves
 
 
@@ -29,7 +30,7 @@ def open_bake(python_args: tuple[str, ...]) -> Iterator[BakeProcess]:
         try:
             yield process
         finally:
-            process.kill()
+            process.close()
 
 
 class BakeProcess:
@@ -41,6 +42,7 @@ class BakeProcess:
 
     def __init__(self, folder: Path, python_args: tuple[str, ...] = (), *, yielding: bool = False) -> None:
         self.folder = folder
+        self._ended = False  # Done or Error has come
         flags = getattr(subprocess, "CREATE_NO_WINDOW", 0)  # on Windows no console flashes up
         self._log = folder / _LOG_FILE
         (folder / "sys_path.json").write_text(json.dumps([*_package_paths(), *library_paths()]), encoding="utf-8")
@@ -58,16 +60,18 @@ class BakeProcess:
             _step_back(self._process.pid)
 
     def messages(self) -> Iterator[Message]:
-        """Has the child begin, then every message until it ends, for one reader; the last one is Done or Error."""
+        """Has the child begin, then every message until it ends, for one reader; the last one is Done or Error.
+
+        With that the result is there: who asks for no more need not wait for the child's end.
+        """
         self._say("begin")
-        ended = False
         assert self._process.stdout is not None
         for line in self._process.stdout:
             message = decode_message(line)
-            ended = ended or isinstance(message, Done | Error)
+            self._ended = self._ended or isinstance(message, Done | Error)
             yield message
         code = self._process.wait()
-        if not ended:
+        if not self._ended:
             yield Error(self._sudden_end(code))
 
     def cancel(self) -> None:
@@ -80,13 +84,22 @@ class BakeProcess:
                 self._process.stdin.write(f"{word}\n")
                 self._process.stdin.flush()
 
+    def close(self) -> None:
+        """End the child: in good order where it has told its last message, else at once."""
+        if self._ended:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(_PATIENCE_S)
+                return
+        self.kill()
+
     def kill(self) -> None:
         """End the child at once; nothing is written."""
+        self._process.kill()
         if os.name == "posix":
-            with contextlib.suppress(ProcessLookupError):  # it has just ended by itself
-                os.killpg(self._process.pid, signal.SIGKILL)  # its workers too: it leads a session of its own
-        else:
-            self._process.kill()
+            # Those that it started too, for it leads a session of its own; but Python's resource tracker, which this signal does not
+            # end, stays to take away the semaphores of all, and ends by itself.
+            with contextlib.suppress(ProcessLookupError):  # they have just ended by themselves
+                os.killpg(self._process.pid, signal.SIGTERM)
         self._process.wait()
 
     def _sudden_end(self, code: int) -> str:

@@ -146,6 +146,7 @@ def run_bake(
                 light = solver.run(tell, should_stop)
         else:
             light = settle_direct(folder, blender, settings, executor, direct, tell, should_stop)
+        executors.send_home(executor)
         with stages.stage("write", "Writing images"):
             files, seam_report = _write_pages(job, folder, snapshot, atlas, blender, light, surfaces)
         if job.keep:

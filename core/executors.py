@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import multiprocessing
 import os
 import signal
@@ -73,6 +74,12 @@ def wake(executor: Executor) -> None:
         executor.on_each(os.getpid)
 
 
+def send_home(executor: Executor) -> None:
+    """Have processes of this machine end, which takes a moment, while there is other work that needs none of them."""
+    if isinstance(executor, LocalExecutor):
+        executor.send_home()
+
+
 class _Call(Future[Any]):
     """A call that whoever asks for its result helps to come to."""
 
@@ -100,6 +107,7 @@ class LocalExecutor(Executor):
         self._waiting: deque[_Call] = deque()
         self._turn = threading.Lock()  # of _idle
         self._idle = self._others
+        self._leaving: threading.Thread | None = None
 
     def on_each(self, fn: Callable[..., Any], /, *args: Any) -> None:
         """Have each of the other processes run `fn` while this one goes on; what it gives is dropped."""
@@ -117,7 +125,14 @@ class LocalExecutor(Executor):
             call.cancel()
         while wait and self._help_out():
             pass
+        if wait and self._leaving:
+            self._leaving.join()
         self._pool.shutdown(wait, cancel_futures=cancel_futures)
+
+    def send_home(self) -> None:
+        """The other processes end while this one goes on; all that was asked of them must be done, and no more may be."""
+        self._leaving = threading.Thread(target=self._pool.shutdown)
+        self._leaving.start()
 
     def _take(self) -> _Call | None:
         """The first call that nobody has begun."""
@@ -168,6 +183,7 @@ def _settle(future: Future[Any], run: Callable[[], Any]) -> None:
 def _start_worker() -> None:
     from . import workers  # noqa: F401  loaded before there is work
 
+    atexit.register(os._exit, 0)  # taking Python apart takes as long as a small bake's write, and all that is there is the system's to free
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the main process decides
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

@@ -16,6 +16,7 @@ bpy = pytest.importorskip("bpy")
 from blend_rooms import QUICK, bake, list_files, open_room, read_pixels, read_report, save_scene
 from leaflight.addon import cli, session
 from leaflight.addon.job import BakeProcess
+from leaflight.core.messages import Done
 
 STAGES = {"open", "export", "load", "charts", "texels", "scene", "direct", "photons", "write", "assign", "total"}
 
@@ -219,6 +220,14 @@ def test_a_signal_while_blender_starts_is_kept(room, number):
     process.communicate(timeout=60)
     assert process.returncode == 130
     assert list_files(room.parent) == ["room.blend"]
+
+
+def test_the_result_is_taken_before_the_process_that_made_it_has_ended():
+    def messages():
+        yield Done("", interrupted=True)
+        pytest.fail("the process was waited for")
+
+    assert cli._follow(messages(), quiet=True) == ("", True, [])
 
 
 def test_a_bake_of_an_unchanged_scene_is_kept(room, capsys, monkeypatch):

@@ -70,6 +70,19 @@ def test_work_that_nobody_has_begun_is_cancelled():
         executor.submit(abs, 1).result()
 
 
+def test_processes_that_are_sent_home_end_while_this_one_goes_on():
+    executor = executors.LocalExecutor(2)
+    assert executor.submit(os.getpid).result() != os.getpid()
+    (other,) = executor._pool._processes.values()
+    executors.send_home(executor)
+    other.join(60)
+    assert other.exitcode == 0
+    with pytest.raises(RuntimeError, match="shutdown"):
+        executor.submit(abs, 1).result()
+    executor.shutdown()
+    executors.send_home(executors.InlineExecutor())  # there is nobody to send
+
+
 def test_an_abandoned_map_leaves_nothing_to_do():
     with executors.LocalExecutor(2) as executor:
         executor.submit(os.getpid).result()  # until it has started, this process does what is waiting

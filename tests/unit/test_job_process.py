@@ -89,6 +89,20 @@ def wait_for_end(pids: list[int]) -> list[int]:
     return [pid for pid in pids if is_alive(pid)]
 
 
+def find_semaphores(pid: int) -> list[Path]:
+    """Files of the named semaphores that a process has mapped, where Linux keeps them."""
+    mapped = {int(line.split()[4]) for line in Path(f"/proc/{pid}/maps").read_text().splitlines() if "/dev/shm/sem." in line}
+    return [path for path in Path("/dev/shm").glob("sem.*") if find_inode(path) in mapped]
+
+
+def find_inode(path: Path) -> int:
+    """0 where another process has just taken the file away."""
+    try:
+        return path.stat().st_ino
+    except FileNotFoundError:
+        return 0
+
+
 def run_to(process: BakeProcess, kind: type[Message]) -> Message:
     return next(message for message in process.messages() if isinstance(message, kind))
 
@@ -130,14 +144,17 @@ def close_stdin(process: BakeProcess) -> None:
 @needs_proc
 @pytest.mark.parametrize("end", [BakeProcess.kill, close_stdin])
 def test_nobody_stays_behind(start, tmp_path, end):
-    """Killed, or left by its parent, the child takes its workers along; they are asked when they have nothing to do, too."""
+    """Killed, or left by its parent, the child takes its workers along, idle ones too, and what they have of the system's."""
     process = start(replace(ENDLESS, workers=3))  # two shards a round: one worker of three is idle
     run_to(process, Progress)
     everyone = [process._process.pid, *find_descendants(process._process.pid)]
     assert len(everyone) >= 3
+    semaphores = find_semaphores(process._process.pid)
+    assert semaphores or sys.platform != "linux"
     end(process)
     process._process.wait(PATIENCE_S)
     assert wait_for_end(everyone) == []
+    assert [path for path in semaphores if path.exists()] == []
     assert list((tmp_path / "out").glob("*")) == []
 
 
@@ -246,6 +263,24 @@ def is_worker(pid: int) -> bool:
 def test_nothing_follows_the_childs_own_end(dummy):
     messages = list(dummy("tell('ERROR', text='no light'); sys.exit(1)").messages())
     assert messages == [Error("no light")]
+
+
+def test_the_result_may_be_read_before_the_child_ends(dummy, tmp_path):
+    """It is then waited for, so that it can put away what it holds."""
+    process = dummy(f"tell('DONE', result='', interrupted=False); time.sleep(0.5); open({str(tmp_path / 'put_away')!r}, 'w')")
+    assert run_to(process, Done) == Done("", interrupted=False)
+    assert process._process.poll() is None
+    process.close()
+    assert process._process.returncode == 0
+    assert (tmp_path / "put_away").exists()
+
+
+def test_a_child_that_does_not_end_after_its_last_message_is_killed(dummy, monkeypatch):
+    monkeypatch.setattr(job, "_PATIENCE_S", 0.1)
+    process = dummy("tell('DONE', result='', interrupted=False); time.sleep(600)")
+    run_to(process, Done)
+    process.close()
+    assert process._process.returncode == -signal.SIGKILL
 
 
 def test_a_line_that_is_no_message_is_told(dummy):
