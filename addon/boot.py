@@ -37,10 +37,14 @@ def main(folder: Path) -> int:
     from leaflight.core import unfolding
 
     unfolding.start_ahead()
-    from leaflight.core import bake, executors, messages
+    from leaflight.core import bake, executors, image_file, messages, rays
 
     # With nothing to wait for, other processes would only be in the way of the first light.
     open_executor = executors.open_executor if begun.is_set() else executors.start_ahead()
+
+    if not begun.is_set():
+        rays.load_ahead()
+        image_file.load_ahead()
 
     out = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
     os.dup2(2, 1)  # what libraries print must not get between the messages

@@ -181,9 +181,10 @@ def _settle(future: Future[Any], run: Callable[[], Any]) -> None:
 
 
 def _start_worker() -> None:
-    from . import workers  # noqa: F401  loaded before there is work
+    from . import rays, workers  # noqa: F401  loaded before there is work
 
-    atexit.register(os._exit, 0)  # taking Python apart takes as long as a small bake's write, and all that is there is the system's to free
+    rays.load_ahead()
+    atexit.register(os._exit, 0)  # to take Python apart would take time from the others, and what is left is the system's to free
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the main process decides
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

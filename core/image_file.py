@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 from collections.abc import Mapping
@@ -99,6 +100,12 @@ def read_image(path: Path) -> tuple[NDArray[np.float32], dict[str, Any]]:
     if kind == "png":
         linear[..., :3] = srgb_to_linear(linear[..., :3])
     return linear, metadata
+
+
+def load_ahead() -> None:
+    """Loads OpenImageIO before there is an image; where that fails, whoever has one is told."""
+    with contextlib.suppress(ValueError):
+        _open_image_io()
 
 
 def _open_image_io() -> Any:

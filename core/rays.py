@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -69,6 +70,12 @@ class RayScene:
         limit = np.array(distance, np.float32)  # a copy: embreex asks for an array it may write to
         blocked: NDArray[np.bool_] = self._embree.run(origin, direction, limit, query="OCCLUDED") >= 0
         return blocked
+
+
+def load_ahead() -> None:
+    """Loads embreex before there is a scene; where that fails, whoever has a scene is told."""
+    with contextlib.suppress(ValueError):
+        _load_embree()
 
 
 def _load_embree() -> tuple[Any, Any]:

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from leaflight.core import encodings
-from leaflight.core.image_file import HALF_MAX, KINDS, linear_to_srgb, range_of, read_image, srgb_to_linear, suffix_of, write_image
+from leaflight.core.image_file import (
+    HALF_MAX,
+    KINDS,
+    linear_to_srgb,
+    load_ahead,
+    range_of,
+    read_image,
+    srgb_to_linear,
+    suffix_of,
+    write_image,
+)
 
 pytestmark = pytest.mark.usefixtures("open_image_io")
 
@@ -191,3 +202,10 @@ def test_full_disk_keeps_the_old_file(tmp_path: Path, kind: str, missing: int, l
     limit_files(size)
     write_image(path, noise, {}, kind)
     assert path.stat().st_size == size
+
+
+def test_a_missing_library_is_told_when_there_is_an_image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "OpenImageIO", None)
+    load_ahead()
+    with pytest.raises(ValueError, match=r"^OpenImageIO: cannot be imported"):
+        write_image(tmp_path / "a.exr", ramp(), {}, "exr")

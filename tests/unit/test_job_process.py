@@ -103,6 +103,10 @@ def find_inode(path: Path) -> int:
         return 0
 
 
+def has_loaded(pid: int, library: str) -> bool:
+    return library in Path(f"/proc/{pid}/maps").read_text()
+
+
 def run_to(process: BakeProcess, kind: type[Message]) -> Message:
     return next(message for message in process.messages() if isinstance(message, kind))
 
@@ -318,7 +322,7 @@ def test_a_bake_begins_when_its_messages_are_asked_for(open_image_io):
 
 @needs_proc
 @pytest.mark.skipif(os.cpu_count() == 1, reason="one processor has one process")
-def test_workers_start_ahead_where_the_job_is_long_in_coming():
+def test_workers_and_libraries_are_there_ahead_where_the_job_is_long_in_coming():
     def find_workers() -> list[int]:
         return [pid for pid in find_descendants(process._process.pid) if is_worker(pid)]
 
@@ -328,6 +332,10 @@ def test_workers_start_ahead_where_the_job_is_long_in_coming():
             time.sleep(0.02)
         started = find_workers()
         assert started
+        wanted = [(process._process.pid, "embree"), (process._process.pid, "OpenImageIO"), *((pid, "embree") for pid in started)]
+        while not all(has_loaded(*one) for one in wanted) and time.monotonic() < limit:
+            time.sleep(0.02)
+        assert [one for one in wanted if not has_loaded(*one)] == []
     assert wait_for_end(started) == []
 
 

@@ -96,6 +96,7 @@ def test_a_missing_embreex_is_told_with_what_to_do(monkeypatch):
     monkeypatch.setitem(sys.modules, "embreex.rtcore_scene", None)
     with pytest.raises(ValueError, match=r"embreex cannot be loaded .*; reinstall Leaflight"):
         rays.RayScene(TRIANGLE)
+    rays.load_ahead()  # nobody has asked for rays yet
 
 
 def test_rays_aimed_at_edges_hardly_slip_between_triangles():
