@@ -159,25 +159,27 @@ def check_layer(tri_uv: Float64, tri_polygon: IntArray, solid: Bool) -> LayerChe
     return LayerCheck(usable, tuple(findings))
 
 
-def find_overlaps(tri_uv: Float64) -> Bool:
+def find_overlaps(tri_uv: Float64, apart: Bool | None = None) -> Bool:
     """Triangles that lie over others: one covers a texel of a raster wholly that the other touches.
 
     tri_uv   (n, 3, 2) float64, pages, within 0 to 1; no triangle without area
+    apart    (n,) bool: known to lie over no other, and so not drawn; None knows of none
     out      (n,) bool
     """
     overlapping = np.zeros(len(tri_uv), bool)
-    if not len(tri_uv):
+    drawn = np.arange(len(tri_uv)) if apart is None else np.flatnonzero(~apart)
+    if not len(drawn):
         return overlapping
     area = float(np.abs(signed_areas(tri_uv)).sum())
     size = np.sqrt(min(_TEXELS_PER_TRIANGLE * len(tri_uv), _MAX_RASTER_TEXELS) / max(area, 1e-30))
     size = int(np.clip(size, _RASTER_MIN, _RASTER_MAX))
-    spans = find_row_spans(_inset(tri_uv * size))
+    spans = find_row_spans(_inset(tri_uv[drawn] * size))
     row = np.clip(spans.y, 0, size - 1).astype(np.int64) * size
     full = _count_texels(row + spans.full_start, row + spans.full_end, size)
     start, end = row + np.clip(spans.touched_start, 0, size), row + np.clip(spans.touched_end, 0, size)
     touched = _count_texels(start, end, size)
     shared_before = np.concatenate([[0], np.cumsum((full > 0) & (touched > 1))])
-    overlapping[spans.tri[shared_before[np.maximum(end, start)] > shared_before[start]]] = True
+    overlapping[drawn[spans.tri[shared_before[np.maximum(end, start)] > shared_before[start]]]] = True
     return overlapping
 
 

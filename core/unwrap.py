@@ -96,6 +96,11 @@ def _mend_charts(
 def _find_overlaps_in_charts(group: Int64, uv: Float64) -> Bool:
     """Triangles that lie over others of their chart, as far as a raster tells; the charts are put on shelves to see them all at once."""
     chart = np.unique(group, return_inverse=True)[1].ravel()
+    area = signed_areas(uv)
+    overlapping: Bool = area == 0
+    apart = _find_hinged(chart, uv, area)
+    if (overlapping | apart).all():
+        return overlapping
     low, high = np.full((chart.max() + 1, 2), np.inf), np.full((chart.max() + 1, 2), -np.inf)
     for axis in range(2):
         np.minimum.at(low[:, axis], chart, uv[..., axis].min(axis=1))
@@ -109,9 +114,28 @@ def _find_overlaps_in_charts(group: Int64, uv: Float64) -> Bool:
     origin = np.empty_like(side)
     origin[order] = np.stack([along - along[first][shelf], (np.cumsum(height) - height)[shelf]], axis=1)
     spread = uv + (origin - low)[chart][:, None]
-    overlapping: Bool = signed_areas(uv) == 0
-    overlapping[~overlapping] = find_overlaps(spread[~overlapping] / float(spread.max()))
+    drawn = ~overlapping
+    overlapping[drawn] = find_overlaps(spread[drawn] / float(spread.max()), apart[drawn])
     return overlapping
+
+
+def _find_hinged(chart: Int64, uv: Float64, area: Float64) -> Bool:
+    """(n,) bool: triangles of charts of one or two, the two on different sides of a side that they share; most charts are such, and the
+    triangles of none lie over each other."""
+    order = np.argsort(chart, kind="stable")
+    first = np.flatnonzero(np.diff(chart[order], prepend=-1))
+    count = np.diff(first, append=len(chart))
+    hinged = np.zeros(len(chart), bool)
+    hinged[order[first[count == 1]]] = True
+    one, other = order[first[count == 2]], order[first[count == 2] + 1]
+    start, end = uv[one], np.roll(uv[one], -1, axis=1)
+    meets = np.zeros(len(one), bool)
+    for turn in range(3):  # side k of the one is a side of the other, walked the other way
+        other_end, other_start = np.roll(uv[other], turn, axis=1), np.roll(uv[other], turn - 1, axis=1)
+        meets |= ((start == other_start) & (end == other_end)).all(axis=2).any(axis=1)
+    meets &= (area[one] > 0) & (area[other] > 0)
+    hinged[one[meets]] = hinged[other[meets]] = True
+    return hinged
 
 
 class _Asked:

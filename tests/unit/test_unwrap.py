@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from leaflight.core.geometry import triangle_normals_areas
 from leaflight.core.layer_check import find_overlaps, signed_areas
-from leaflight.core.unwrap import Unwrapping
+from leaflight.core.unwrap import Unwrapping, _find_hinged, _find_overlaps_in_charts
 from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, quad_mesh, sphere_mesh
 
 
@@ -142,3 +142,26 @@ def test_nothing_is_unwrapped_to_nothing():
     empty = np.zeros((0, 3), int)
     chart, uv, shared = Unwrapping(np.zeros((0, 3, 3)), empty, np.zeros(0, int), empty).finish()
     assert (chart.shape, uv.shape, shared.shape) == ((0,), (0, 3, 2), (0, 3))
+
+
+def test_charts_of_two_triangles_are_judged_as_the_raster_judges_them(monkeypatch):
+    """Two on a common side, in all turns of their corners; folded over it; without one; turned over; and one by itself."""
+    rng = np.random.default_rng(7)
+    pairs = []
+    for kind in range(400):
+        one = rng.random((3, 2))
+        one = one if signed_areas(one[None])[0] > 0 else one[::-1]
+        across = one[0] + one[1] - one[2] if kind % 4 != 1 else 0.5 * one.mean(axis=0) + 0.5 * one[2]
+        other = np.stack([one[1], one[0], across])
+        other = other + (1e-9 if kind % 4 == 2 else 0.0)
+        pairs.append(np.stack([np.roll(one, kind, axis=0), np.roll(other, kind // 3, axis=0)])[:, :: 1 if kind % 4 != 3 else -1])
+    uv = np.concatenate([*pairs, pairs[0][:1]])
+    chart = np.append(np.repeat(np.arange(len(pairs)), 2), len(pairs))
+    shuffled = rng.permutation(len(chart))
+    known = _find_hinged(chart[shuffled], uv[shuffled], signed_areas(uv)[shuffled])
+    sure = (chart % 4 == 0) | (chart == len(pairs))
+    assert (known == sure[shuffled]).all()
+    found = _find_overlaps_in_charts(chart[shuffled], uv[shuffled])
+    assert found.any()
+    monkeypatch.setattr("leaflight.core.unwrap._find_hinged", lambda chart, uv, area: np.zeros(len(chart), bool))
+    assert (_find_overlaps_in_charts(chart[shuffled], uv[shuffled]) == found).all()
