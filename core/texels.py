@@ -32,6 +32,7 @@ _SLIVER = 1e-11  # share of a texel, or of a smaller triangle, below which a cli
 _MIN_UV_AREA = 1e-18  # texels^2; below it a triangle has no texels
 _EDGE = 1e-6  # texels from a triangle's edge up to which a centre lies on it
 _ON_EDGE = 1e30  # makes a piece with the centre on its edge larger than any without, of several such the largest
+_MOST_SLOTS = 4  # for each key up to which a table sorts them: more would take more memory than sorting does
 _PAGE_TOLERANCE = 1e-3  # texels that rounding may carry a chart beyond its page
 
 
@@ -59,8 +60,9 @@ def build_texel_map(snapshot: SceneSnapshot, atlas: ChartAtlas, degree: int) -> 
     covered += np.bincount(pairs.tri, pairs.area, minlength=len(uv))
     # Not the world area over the area in UV: a needle's clipped parts are rounded more than its whole.
     density = np.divide(world_area, covered, out=np.zeros_like(covered), where=covered > 0.0)
-    entries = _collect_entries(density, spans, grid, pairs, len(atlas.chart_page))
-    parts = _collect_parts(density, grid, pairs)
+    by_area = np.argsort(pairs.best_area * density[pairs.tri])  # of several assignments to one place the last, the largest, stays
+    entries = _collect_entries(density, spans, grid, pairs, by_area, len(atlas.chart_page))
+    parts = _collect_parts(density, grid, pairs, by_area)
     fill_border(grid)
     return TexelMap(
         page_size=size,
@@ -142,7 +144,7 @@ def _centre_depth(uv: Float64, centre: Float64) -> Float64:
     return depth
 
 
-def _collect_entries(density: Float64, spans: RowSpans, grid: TexelGrid, pairs: _Pairs, n_chart: int) -> dict[str, Any]:
+def _collect_entries(density: Float64, spans: RowSpans, grid: TexelGrid, pairs: _Pairs, by_area: Int64, n_chart: int) -> dict[str, Any]:
     """The chart_ and texel_ fields of the map; fills grid.cell_entry."""
     cell_area = np.zeros(len(grid.cell_entry))
     cell_tri = np.full(len(grid.cell_entry), -1, np.int32)
@@ -153,7 +155,6 @@ def _collect_entries(density: Float64, spans: RowSpans, grid: TexelGrid, pairs: 
         np.add.at(cell_area, cell, density[tri])
         cell_tri[cell] = tri
     np.add.at(cell_area, pairs.cell, pairs.area * density[pairs.tri])
-    by_area = np.argsort(pairs.best_area * density[pairs.tri])
     cell_tri[pairs.cell[by_area]] = pairs.tri[by_area]
 
     cell = np.flatnonzero(cell_tri >= 0)
@@ -163,7 +164,9 @@ def _collect_entries(density: Float64, spans: RowSpans, grid: TexelGrid, pairs: 
     chart_start = np.searchsorted(chart, np.arange(n_chart + 1, dtype=np.int32)).astype(np.int64)
     origin, log2 = _find_roots(xy, chart_start)
     code = interleave_bits(xy[:, 0] - origin[chart, 0], xy[:, 1] - origin[chart, 1])
-    order = np.argsort((chart.astype(np.int64) << 32) | code)
+    root_texels = 1 << 2 * log2.astype(np.int64)
+    first = np.cumsum(root_texels) - root_texels
+    order = _find_order(first[chart] + code, int(root_texels.sum()))
     cell = cell[order]
     grid.cell_entry[cell] = np.arange(len(cell), dtype=np.int32)
     return {
@@ -178,10 +181,22 @@ def _collect_entries(density: Float64, spans: RowSpans, grid: TexelGrid, pairs: 
     }
 
 
-def _collect_parts(density: Float64, grid: TexelGrid, pairs: _Pairs) -> dict[str, Any]:
+def _find_order(key: Int64, count: int) -> Int64 | Int32:
+    """(n,) what sorts keys (n,), of which no two are alike, from 0 to below `count`."""
+    if count > _MOST_SLOTS * len(key):
+        return np.argsort(key)
+    place = np.full(count, -1, np.int32)
+    place[key] = np.arange(len(key), dtype=np.int32)
+    order: Int32 = place[place >= 0]
+    return order
+
+
+def _collect_parts(density: Float64, grid: TexelGrid, pairs: _Pairs, by_area: Int64) -> dict[str, Any]:
     """The part_ and pair_ fields of the map."""
-    part_entry, part = np.unique(grid.cell_entry[pairs.cell], return_inverse=True)
-    by_area = np.argsort(pairs.best_area * density[pairs.tri])
+    entry = grid.cell_entry[pairs.cell]
+    is_part = np.zeros(int(entry.max(initial=-1)) + 1, bool)
+    is_part[entry] = True
+    part_entry, part = np.flatnonzero(is_part), (np.cumsum(is_part) - 1)[entry]
     point = np.zeros((len(part_entry), 2))
     point[part[by_area]] = pairs.best_point[:, by_area].T
     moments = np.empty((len(part_entry), len(pairs.excess)))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from leaflight.core.coverage import monomial_exponents
 from leaflight.core.scene import Material, SceneObject, SceneSnapshot
 from leaflight.core.texel_grid import interleave_bits
-from leaflight.core.texels import TexelMap, build_texel_map, centred_strata
+from leaflight.core.texels import TexelMap, _find_order, build_texel_map, centred_strata
 
 
 def make_map(uv: Any, chart: Any = None, position: Any = None, size: int = 8, degree: int = 4) -> TexelMap:
@@ -335,3 +335,10 @@ def test_a_centre_on_the_diagonal_of_a_square_is_where_its_texel_is_read() -> No
     assert texels.is_central.all()
     corner = texels.tri_uv[texels.texel_tri]
     np.testing.assert_allclose(np.einsum("nk,nkj->nj", texels.texel_bary, corner), texels.texel_xy + 0.5, atol=1e-6)
+
+
+@pytest.mark.parametrize("count", [50, 60, 50_000])  # dense, with gaps, too sparse for a table
+def test_keys_are_put_in_order(count: int) -> None:
+    key = np.random.default_rng(3).permutation(count)[:50]
+    assert key[_find_order(key, count)].tolist() == sorted(key)
+    assert len(_find_order(key[:0], 0)) == 0
