@@ -27,7 +27,7 @@ from .solve import ENERGY_NAMES, Solver
 from .tally import Tally
 
 FORMAT = "leaflight-state"
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 INFO_FILE = "leaflight_state.json"  # marks a folder as ours
 _STRUCT_FOLDER = "state"
 # Of the groups of knobs that change nothing of what is traced, and knobs of other groups that do not either.

@@ -11,7 +11,7 @@ least-squares fits; photons' powers vary, so their sum of squares stands for the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,9 +80,8 @@ def indicator(tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArra
     transforms = basis.parent_transforms(tree.degree)
     raw = totals.raw.take(previews, axis=-1).sum(1)  # (2 halves, 3, K, previews)
     fit = basis.apply_matrices(tree.project[previews], raw)
-
-    lifted, ancestor = raw, np.arange(len(previews))
-    for level in range(depth, 0, -1):  # the same photons, in the coordinates of the node
+    lifted, ancestor = totals.shot_raw.take(ids[depth - 1], axis=-1).sum(1), above[depth]
+    for level in range(depth - 1, 0, -1):  # the same photons, in the coordinates of the node
         up = basis.apply_matrices(transforms[tree.quadrant[ids[level]]], lifted)
         lifted = _sum_by(above[level], up, len(ids[level - 1]))
         ancestor = above[level][ancestor]
@@ -145,7 +144,8 @@ class Comparison:
     """The indicator of all nodes of which it is asked in one round, for each preview depth from 1.
 
     rows          (n,) int64 each: position of a node in the differences of its depth; -1 where it is not asked
-    differences   at depth 1 of all nodes that have shot photons, deeper of those that have shot enough to be split
+    differences   of nodes that have shot enough photons to be compared: at depth 1 of all, so that leaves can be chosen among them,
+                  deeper of those that may be split, the current ones and what may become current by their split
     stable        (n,) bool: nodes that have shot enough to be split
     """
 
@@ -155,17 +155,38 @@ class Comparison:
 
     @classmethod
     def of(cls, tree: Quadtree, totals: Totals, solution: Solution, rule: Rule) -> Comparison:
-        rows, differences = [], []
         stable = tree.has_children & is_stable(totals.shot // FANOUT, rule.stability)
-        for depth in range(1, rule.preview_depth + 1):
-            nodes = np.flatnonzero(tree.has_children & (totals.shot > 0) if depth == 1 else stable)
-            groups = list(parts_of(nodes, _PART >> 2 * depth)) or [nodes]
-            parts = [indicator(tree, totals, solution, group, depth, rule.stability) for group in groups]
-            names = [field.name for field in fields(Difference)]
-            differences.append(Difference(*(np.concatenate([getattr(part, name) for part in parts]) for name in names)))
-            rows.append(np.full(len(tree), -1))
-            rows[-1][nodes] = np.arange(len(nodes))
-        return cls(tuple(rows), tuple(differences), stable)
+        asked, may_split = [], tree.current.copy()
+        for depth in range(rule.preview_depth, 0, -1):
+            asked.append(np.flatnonzero(stable & may_split if depth > 1 else stable))
+            children = tree.children[may_split]
+            may_split[children[children >= 0]] = True
+        pairs = [_compare(tree, totals, solution, nodes, depth, rule.stability) for depth, nodes in enumerate(reversed(asked), start=1)]
+        rows, differences = zip(*pairs, strict=True)
+        return cls(rows, differences, stable)
+
+    def join(self, tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArray, stability: int) -> Comparison:
+        """With the difference at depth 1 of those of the `nodes` (m,) that have shot photons, if only a few."""
+        rows, known = self.rows[0].copy(), self.differences[0]
+        more = nodes[tree.has_children[nodes] & (totals.shot[nodes] > 0) & (rows[nodes] < 0)]
+        rows[more] = len(known.tiled) + np.arange(len(more))
+        found = _compare(tree, totals, solution, more, 1, stability)[1]
+        return replace(self, rows=(rows, *self.rows[1:]), differences=(_concatenate([known, found]), *self.differences[1:]))
+
+
+def _compare(
+    tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArray, depth: int, stability: int
+) -> tuple[NDArray[np.int64], Difference]:
+    """Rows and differences of a Comparison at one depth."""
+    groups = list(parts_of(nodes, _PART >> 2 * depth)) or [nodes]
+    rows = np.full(len(tree), -1)
+    rows[nodes] = np.arange(len(nodes))
+    return rows, _concatenate([indicator(tree, totals, solution, group, depth, stability) for group in groups])
+
+
+def _concatenate(parts: list[Difference]) -> Difference:
+    names = [field.name for field in fields(Difference)]
+    return Difference(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 def mark(
@@ -188,12 +209,13 @@ def mark(
     light = solution.flux[:, nodes] / area + background[:, nodes]
     marked = forced[nodes].copy()
     for all_rows, difference in zip(comparison.rows, comparison.differences, strict=True):
-        rows = all_rows[nodes]
+        asked = np.flatnonzero(all_rows[nodes] >= 0)  # the others have no previews so deep
+        rows, level = all_rows[nodes[asked]], light[:, asked]
         if rule.oracle == "paper":
-            marked |= difference.greatest[rows] > rule.threshold * light.max(axis=0)
+            marked[asked] |= difference.greatest[rows] > rule.threshold * level.max(axis=0)
         else:
             above_noise = difference.sigmas[rows] > SIGNIFICANT_SIGMAS
-            marked |= above_noise & (difference.excess[rows] > rule.threshold**2 * (light**2).sum(axis=0))
+            marked[asked] |= above_noise & (difference.excess[rows] > rule.threshold**2 * (level**2).sum(axis=0))
     split: IntArray = nodes[marked]
     return split
 

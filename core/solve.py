@@ -111,9 +111,10 @@ class Solver:
         self.tree = quadtree.plant_trees(texels, self.degree, settings.min_level, settings.finest_texels, not settings.hierarchical)
         if settings.hierarchical:
             self._grow_previews()
-        self.tally = Tally.empty(len(self.tree), self.degree)
+        components = 1 if settings.direct == "rays" else tally.COMPONENTS
+        self.tally = Tally.empty(len(self.tree), self.degree, components)
         self.squares = Squares.of(texels, self.forced_texels)
-        self.square_tally = Tally.empty(len(self.squares.entry), 0)
+        self.square_tally = Tally.empty(len(self.squares.entry), 0, components)
         self.ledger = Ledger()
         self.rule = refine.Rule(settings.oracle, settings.threshold, settings.stability, settings.preview_depth)
         self.round = 0
@@ -224,7 +225,7 @@ class Solver:
             self.tree,
             state.totals,
             state.solution,
-            state.comparison,
+            state.comparison.join(self.tree, state.totals, state.solution, leaves, self.settings.stability),
             leaves,
             self.direct.show(self.blender.texels, self.blender.page, self.settings.denoise, count_processors(self.settings.workers)),
             self.blender,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from .coverage import Float64, clip_to_texels
 from .scene import FloatArray, IntArray
-from .tally import ShardTally, Tally, deposit
+from .tally import ShardTally, Tally, deposit, with_direct
 from .texel_map import LOOK, TexelMap
 
 _LEAST_SHARE = 0.02  # of a square: less than that on the centre's triangle is met by too few photons to tell anything
@@ -71,7 +71,7 @@ class Squares:
     def light(self, tally: Tally) -> SquareLight:
         """What the photons so far say; `tally` as of `deposit_on_squares`."""
         divisor = max(float(tally.photons.sum()), 1.0) * self.area
-        raw = tally.raw.sum(0)[:, :, 0]
+        raw = with_direct(tally.raw.sum(0)[:, :, 0])
         sums = raw.sum(axis=(0, 2))
         power = np.divide(tally.weight2.sum(axis=1), sums, out=np.zeros_like(sums), where=sums > 0.0)
         return SquareLight(self.entry, raw / divisor, tally.weight2 / divisor**2, power[:, None] / divisor)
@@ -85,7 +85,7 @@ def deposit_on_squares(
     x: FloatArray,
     y: FloatArray,
     flux: FloatArray,
-    is_first: NDArray[np.bool_],
+    is_first: NDArray[np.bool_] | None,
 ) -> ShardTally:
     """Sums over the hits of a shard, of squares in place of nodes.
 
@@ -93,7 +93,7 @@ def deposit_on_squares(
     entry, tri     (m,) int: the texel entry and the triangle of each hit
     x, y           (m,) float, page texels
     flux           (3, m) float, W
-    is_first       (m,) bool: straight from a light
+    is_first       (m,) bool: straight from a light; None as for tally.deposit
     """
     has_square = np.zeros(len(texels.texel_tri), bool)
     has_square[square_entry] = True
@@ -103,7 +103,8 @@ def deposit_on_squares(
     rows = rows[(np.abs(x.take(rows) - column - 0.5) < LOOK / 2) & (np.abs(y.take(rows) - row - 0.5) < LOOK / 2)]
     slot = np.searchsorted(square_entry, entry.take(rows))
     nowhere = np.zeros(len(rows))
-    return deposit(slot, nowhere, nowhere, flux.take(rows, axis=1), is_first.take(rows), len(square_entry), degree=0)
+    first = None if is_first is None else is_first.take(rows)
+    return deposit(slot, nowhere, nowhere, flux.take(rows, axis=1), first, len(square_entry), degree=0)
 
 
 def mix(

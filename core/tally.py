@@ -4,12 +4,14 @@ A photon is added once, to the deepest node at its texel. What a node has receiv
 shot on to its children, so p_received and p_shot need no counters of their own. Only sums are kept during the run;
 watts per square metre appear when a Solution is made.
 
-Components of light: 0 direct, 1 indirect. Halves: even and odd shards.
+Components of light: 0 direct, 1 indirect; where rays find the direct light photons bring the indirect alone, and the sums
+have that one component: C is 2 or 1. Halves: even and odd shards.
 Source: [Tobler97] 3.1 (counters), eq. 9 (coefficients), eq. 10 (nodes that were made late).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -33,7 +35,7 @@ class ShardTally:
     node      (m,) int64, ascending
     count     (m,) int64, photons
     weight2   (3, m) float64, W^2: sum of squared photon powers
-    raw       (2, 3, K, m) float64, W: per component and channel, sums of power times each monomial
+    raw       (C, 3, K, m) float64, W: per component and channel, sums of power times each monomial
     """
 
     node: NDArray[np.int64]
@@ -47,7 +49,7 @@ def deposit(
     s: FloatArray,
     t: FloatArray,
     flux: FloatArray,
-    is_first: NDArray[np.bool_],
+    is_first: NDArray[np.bool_] | None,
     n_node: int,
     degree: int,
 ) -> ShardTally:
@@ -56,23 +58,25 @@ def deposit(
     node       (m,) int, the deepest node at each hit
     s, t       (m,) float, node coordinates
     flux       (3, m) float, W
-    is_first   (m,) bool: straight from a light
+    is_first   (m,) bool: straight from a light; None is a shard of indirect light alone
     """
-    if len(node) < n_node:  # few hits in many nodes: sums as large as the hits, not as the tree
-        touched, node = np.unique(node, return_inverse=True)
-    else:
-        touched, node = np.arange(n_node), node.astype(np.intp)  # else bincount would do that each time
+    count = np.bincount(node, minlength=n_node)
+    touched = np.flatnonzero(count)  # sums as large as the hits, not as the tree
     m = len(touched)
-    slot = node + m * (~is_first)
+    slot_of = np.empty(n_node, np.intp)
+    slot_of[touched] = np.arange(m)
+    slot = slot_of.take(node)
+    components = 1 if is_first is None else COMPONENTS
+    placed = slot if is_first is None else slot + m * (~is_first)
     moments = basis.monomials(s, t, degree)
-    raw = np.empty((COMPONENTS, CHANNELS, len(moments), m))
+    raw = np.empty((components, CHANNELS, len(moments), m))
     weight2 = np.empty((CHANNELS, m))
     for channel in range(CHANNELS):
-        weight2[channel] = np.bincount(node, flux[channel] * flux[channel], m)
+        weight2[channel] = np.bincount(slot, flux[channel] * flux[channel], m)
         for k, moment in enumerate(moments):
-            sums = np.bincount(slot, flux[channel] * moment if k else flux[channel], COMPONENTS * m)
-            raw[:, channel, k] = sums.reshape(COMPONENTS, m)
-    return ShardTally(touched.astype(np.int64), np.bincount(node, minlength=m), weight2, raw)
+            sums = np.bincount(placed, flux[channel] * moment if k else flux[channel], components * m)
+            raw[:, channel, k] = sums.reshape(components, m)
+    return ShardTally(touched.astype(np.int64), count[touched], weight2, raw)
 
 
 @dataclass
@@ -82,7 +86,7 @@ class Tally:
     photons   (2,) int64: emitted, per half
     count     (n,) int64
     weight2   (3, n) float64, W^2
-    raw       (2, 2, 3, K, n) float64, W: half, component, channel, monomial
+    raw       (2, C, 3, K, n) float64, W: half, component, channel, monomial
     """
 
     photons: NDArray[np.int64]
@@ -91,13 +95,13 @@ class Tally:
     raw: NDArray[np.float64]
 
     @classmethod
-    def empty(cls, n_node: int, degree: int) -> Tally:
+    def empty(cls, n_node: int, degree: int, components: int = COMPONENTS) -> Tally:
         size = basis.count_functions(degree)
         return cls(
             np.zeros(HALVES, np.int64),
             np.zeros(n_node, np.int64),
             np.zeros((CHANNELS, n_node)),
-            np.zeros((HALVES, COMPONENTS, CHANNELS, size, n_node)),
+            np.zeros((HALVES, components, CHANNELS, size, n_node)),
         )
 
     def grow(self, n_node: int) -> None:
@@ -110,14 +114,15 @@ class Tally:
 
     def add(self, half: int, shard: ShardTally, photons: int) -> None:
         self.photons[half] += photons
-        if len(shard.node) == len(self.count):  # all of them, in order: no gathering
-            self.count += shard.count
-            self.weight2 += shard.weight2
-            self.raw[half] += shard.raw
-        else:
-            self.count[shard.node] += shard.count
-            self.weight2[:, shard.node] += shard.weight2
-            self.raw[half, ..., shard.node] += np.moveaxis(shard.raw, -1, 0)
+        self.count[shard.node] += shard.count
+        for sums, added in ((self.weight2, shard.weight2), (self.raw[half], shard.raw)):
+            for row, of_shard in zip(_rows_of(sums), _rows_of(added), strict=True):
+                row[shard.node] += of_shard
+
+
+def _rows_of(sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k, n): the same sums (..., n), one row for each kind."""
+    return sums.reshape(math.prod(sums.shape[:-1]), sums.shape[-1])
 
 
 @dataclass(frozen=True)
@@ -126,7 +131,7 @@ class Totals:
 
     received   (n,) int64: p_received, photons that reached the node since it exists
     shot       (n,) int64: p_shot, those passed on to its children
-    shot_flux  (2, 2, 3, n) float64, W: half, component, channel: powers of the photons shot
+    shot_raw   (2, C, 3, K, n) float64, W: the part of raw that the photons shot make
     """
 
     photons: NDArray[np.int64]
@@ -134,7 +139,7 @@ class Totals:
     shot: NDArray[np.int64]
     weight2: NDArray[np.float64]
     raw: NDArray[np.float64]
-    shot_flux: NDArray[np.float64]
+    shot_raw: NDArray[np.float64]
 
 
 def parts_of(nodes: NDArray[np.int64], size: int = _PART) -> Iterator[NDArray[np.int64]]:
@@ -146,21 +151,21 @@ def accumulate(tree: Quadtree, tally: Tally) -> Totals:
     """Sums of every node from those of the deepest, exactly, level by level from the bottom."""
     transforms = basis.parent_transforms(tree.degree)
     received, weight2, raw = tally.count.copy(), tally.weight2.copy(), tally.raw.copy()
-    shot, shot_flux = np.zeros_like(received), np.zeros((*raw.shape[:3], len(tree)))
+    shot, shot_raw = np.zeros_like(received), np.zeros_like(raw)
     for level in reversed(tree.levels[:-1]):
         for nodes in parts_of(level[tree.has_children[level]]):
-            shot_raw = np.zeros((*raw.shape[:-1], len(nodes)))
+            of_part = np.zeros((*raw.shape[:-1], len(nodes)))
             for quadrant in range(4):
                 child = tree.children[nodes, quadrant]
                 there = np.flatnonzero(child >= 0)
                 parent, child = nodes[there], child[there]
                 shot[parent] += received[child]
                 weight2[:, parent] += weight2[:, child]
-                shot_raw[..., there] += transforms[quadrant] @ raw.take(child, axis=-1)
+                of_part[..., there] += transforms[quadrant] @ raw.take(child, axis=-1)
             received[nodes] += shot[nodes]
-            raw[..., nodes] += shot_raw
-            shot_flux[..., nodes] = shot_raw[..., 0, :]
-    return Totals(tally.photons.copy(), received, shot, weight2, raw, shot_flux)
+            raw[..., nodes] += of_part
+            shot_raw[..., nodes] = of_part
+    return Totals(tally.photons.copy(), received, shot, weight2, raw, shot_raw)
 
 
 @dataclass(frozen=True)
@@ -188,37 +193,45 @@ def solve_tallies(tree: Quadtree, totals: Totals) -> Solution:
     """Irradiance of every node, late nodes scaled up to all the light their ancestors received."""
     photons = max(float(totals.photons.sum()), 1.0)  # its square is beyond any integer type from 3e9 on
     fitted = _fit_functions(tree, totals)
-    coefficient, half = fitted[:COMPONENTS], fitted[COMPONENTS:]
+    components = fitted[:-HALVES]
     flux, scale, variance = np.empty((3, CHANNELS, len(tree)))
     for nodes in parts_of(np.arange(len(tree))):
         here = slice(nodes[0], nodes[-1] + 1)
-        flux[:, here] = (coefficient[..., here] * tree.moment[here, : coefficient.shape[2]].T).sum((0, 2))
+        flux[:, here] = (components[..., here] * tree.moment[here, : components.shape[2]].T).sum((0, 2))
         seen = totals.raw[:, :, :, 0, here].sum((0, 1))
         scale[:, here] = np.where(seen > 0.0, np.abs(flux[:, here]) / np.where(seen > 0.0, seen, 1.0), 0.0)
         area = np.maximum(tree.area[here], np.finfo(float).tiny)
         variance[:, here] = totals.weight2[:, here] * scale[:, here] ** 2 / photons**2 / area**2
-    coefficient /= photons
+    components /= photons
+    half = fitted[-HALVES:]
     half /= np.maximum(totals.photons, 1)[:, None, None, None]
     flux /= photons
     halves = [
-        _scale_flux(tree, totals.raw[one, :, :, 0].sum(0), totals.shot_flux[one].sum(0)) / max(int(totals.photons[one]), 1)
+        _scale_flux(tree, totals.raw[one, :, :, 0].sum(0), totals.shot_raw[one, :, :, 0].sum(0)) / max(int(totals.photons[one]), 1)
         for one in range(HALVES)
     ]
-    return Solution(coefficient, half, np.array(halves), flux, variance, scale)
+    return Solution(with_direct(components), half, np.array(halves), flux, variance, scale)
+
+
+def with_direct(components: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(2, ...): values (C, ...) of both components, nothing of the direct one where only the indirect one was counted."""
+    missing = np.zeros((COMPONENTS - len(components), *components.shape[1:]))
+    return np.concatenate([missing, components])
 
 
 def _fit_functions(tree: Quadtree, totals: Totals) -> NDArray[np.float64]:
-    """Polynomial coefficients (4, 3, K, n) per photon, of the two components and of the two halves."""
+    """Polynomial coefficients (C + 2, 3, K, n) per photon, of the components and of the two halves."""
     transforms = basis.parent_transforms(tree.degree).transpose(0, 2, 1)
-    fitted = np.empty((COMPONENTS + HALVES, *totals.raw.shape[2:]))
+    n_component, *rest = totals.raw.shape[1:]
+    fitted = np.empty((n_component + HALVES, *rest))
     scale = np.ones((*fitted.shape[:2], len(tree)))
     for level in tree.levels:
         for nodes in parts_of(level):
             raw, parent = _join_views(totals.raw.take(nodes, axis=-1)), tree.parent[nodes]
             own = basis.apply_matrices(tree.project[nodes], raw)
             if tree.depth[nodes[0]]:
-                shot = _join_views(totals.shot_flux.take(parent, axis=-1))
-                received = _join_views(totals.raw[:, :, :, 0, parent])
+                shot = _join_views(totals.shot_raw[:, :, :, 0].take(parent, axis=-1))
+                received = _join_views(totals.raw[:, :, :, 0].take(parent, axis=-1))
                 seen = shot > 0.0
                 scale[..., nodes] = np.where(seen, scale.take(parent, axis=-1) * (received / np.where(seen, shot, 1.0)), 0.0)
                 own *= scale[:, :, None, nodes]
@@ -231,7 +244,7 @@ def _fit_functions(tree: Quadtree, totals: Totals) -> NDArray[np.float64]:
 
 
 def _join_views(sums: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(4, ...): of sums (2 halves, 2 components, ...) those of each component and those of each half."""
+    """(C + 2, ...): of sums (2 halves, C components, ...) those of each component and those of each half."""
     return np.concatenate([sums.sum(0), sums.sum(1)])
 
 

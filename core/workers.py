@@ -114,8 +114,9 @@ def trace_photons(shard: PhotonShard) -> PhotonResult:
     x, y = tracing.texels.hit_texel_xy(hits.tri, hits.u, hits.v)
     entry = tracing.texels.entry_of(hits.tri, x, y)
     node, s, t = view.locate(entry, x, y)
-    sums = deposit(node, s, t, hits.flux_rgb, hits.is_first, len(view.centre), shard.degree)
-    on_squares = deposit_on_squares(tracing.texels, view.square_entry, entry, hits.tri, x, y, hits.flux_rgb, hits.is_first)
+    is_first = None if shard.skip_first else hits.is_first
+    sums = deposit(node, s, t, hits.flux_rgb, is_first, len(view.centre), shard.degree)
+    on_squares = deposit_on_squares(tracing.texels, view.square_entry, entry, hits.tri, x, y, hits.flux_rgb, is_first)
     return PhotonResult(sums, on_squares, hits.audit, hits.counters)
 
 

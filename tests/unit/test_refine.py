@@ -178,22 +178,40 @@ def test_pruning_takes_back_a_split_that_only_noise_asked_for():
 
 
 def test_a_comparison_tells_of_all_nodes_that_anybody_asks_for(monkeypatch):
-    """Nodes that shot no photon are left out, and deeper those that shot too few to be split; in parts the rest is the same."""
+    """Nodes that shot too few photons to be compared are left out, and deeper those that have been split; in parts the rest is the same."""
     monkeypatch.setattr(refine, "_PART", 1 << 5)
     bake = refined(20_000, half_lit, side=64, degree=1)
     totals, solution = bake.totals(), bake.solution()
     comparison = refine.Comparison.of(bake.tree, totals, solution, rule())
     nodes = np.flatnonzero(bake.tree.has_children)
     for depth, row, some in zip((1, 2), comparison.rows, comparison.differences, strict=True):
-        asked = totals.shot[nodes] >= (1 if depth == 1 else 16 * refine.FANOUT)
+        asked = totals.shot[nodes] >= 16 * refine.FANOUT
+        if depth == 2:
+            asked &= bake.tree.current[nodes]
         assert 0 < asked.sum() < len(nodes)
         assert ((row[nodes] >= 0) == asked).all()
         assert (row >= 0).sum() == asked.sum()
-        whole = refine.indicator(bake.tree, totals, solution, nodes, depth, 16)
-        for field in dataclasses.fields(refine.Difference):
-            found, told = getattr(some, field.name)[row[nodes[asked]]], getattr(whole, field.name)
-            np.testing.assert_array_equal(found, told[asked], err_msg=field.name)
-            assert field.name == "tiled" or depth == 2 or not told[~asked].any()
+        same_as_at_once(bake, solution, some, nodes[asked], row[nodes[asked]], depth)
+    joined = comparison.join(bake.tree, totals, solution, nodes, 16)
+    assert joined.rows[1] is comparison.rows[1]
+    assert ((joined.rows[0][nodes] >= 0) == (totals.shot[nodes] > 0)).all()
+    told = nodes[totals.shot[nodes] > 0]
+    same_as_at_once(bake, solution, joined.differences[0], told, joined.rows[0][told], 1)
+
+
+def same_as_at_once(bake, solution, difference, nodes, rows, depth):
+    whole = refine.indicator(bake.tree, bake.totals(), solution, nodes, depth, 16)
+    for field in dataclasses.fields(refine.Difference):
+        np.testing.assert_array_equal(getattr(difference, field.name)[rows], getattr(whole, field.name), err_msg=field.name)
+
+
+def test_what_a_split_may_make_current_is_compared_too():
+    """Down to where the previews end: all three levels of the square, of which the first has two below it."""
+    bake = SquareBake(side=64, degree=0, preview_depth=3)
+    bake.throw(*np.random.default_rng(3).random((2, 200_000)))
+    comparison = refine.Comparison.of(bake.tree, bake.totals(), bake.solution(), rule(preview_depth=3))
+    asked = [[(rows[level] >= 0).all() for level in bake.tree.levels[:3]] for rows in comparison.rows]
+    assert asked == [[True, True, True], [True, True, False], [True, False, False]]
 
 
 def test_opened_nodes_give_way_to_their_children():
