@@ -14,7 +14,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from .scene import FloatArray
+from .scene import FloatArray, IntArray
 
 DEGREES = {"constant": 0, "linear": 1, "quadratic": 2}
 EXPONENTS = tuple((total - j, j) for total in range(5) for j in range(total + 1))  # 1, s, t, s^2, st, t^2, ...
@@ -131,4 +131,19 @@ def parent_transforms(degree: int) -> NDArray[np.float64]:
                 for b in range(j + 1):
                     weight = comb(i, a) * shift[0] ** (i - a) * comb(j, b) * shift[1] ** (j - b)
                     out[quadrant, row, used.index((a, b))] += weight / 2.0 ** (i + j)
+    return out
+
+
+def apply_transforms(transforms: NDArray[np.float64], quadrant: IntArray, vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Each node's vectors by the matrix of its quadrant, most of which is zeros.
+
+    transforms   (4, K, K) float64, of parent_transforms, or those transposed
+    quadrant     (n,) int
+    vector       (..., K, n) float64
+    out          (..., K, n) float64
+    """
+    out = np.zeros(vector.shape)
+    for i, j in zip(*np.nonzero(transforms.any(0)), strict=True):
+        factor = transforms[:, i, j]
+        out[..., i, :] += (factor[0] if (factor == factor[0]).all() else factor.take(quadrant)) * vector[..., j, :]
     return out

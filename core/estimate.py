@@ -117,6 +117,12 @@ def state_error(
     return StatedError(math.sqrt(square), math.sqrt(square + doubt2), math.sqrt(parts[1]), correction, direct2)
 
 
+def list_told(tree: Quadtree, nodes: IntArray, blender: LeafBlender) -> NDArray[np.int64]:
+    """(m,) int64: the nodes whose functions state_error asks for, the leaves `nodes` among them."""
+    deepest = np.flatnonzero(~tree.has_children)
+    return np.concatenate([nodes, node_of_texel(tree, deepest, len(blender.page))[_choose_sample(blender.texels)]])
+
+
 def _parts(count: int) -> Iterator[slice]:
     return (slice(start, min(start + _CHUNK, count)) for start in range(0, count, _CHUNK))
 

@@ -223,6 +223,22 @@ def node_of_texel(tree: Quadtree, nodes: IntArray, n_texel: int) -> NDArray[np.i
     return owner
 
 
+def any_in_nodes(tree: Quadtree, flag: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n,) bool: nodes that have a texel entry with the flag (n_texel,)."""
+    counts = np.concatenate([[0], np.cumsum(flag)])
+    return counts[tree.end] > counts[tree.start]
+
+
+def mean_in_nodes(tree: Quadtree, per_texel: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(3, n) float64: means over each node's texel entries of values (n_texel, 3)."""
+    out = np.zeros((3, len(tree)))
+    if per_texel.any():
+        for channel in range(3):
+            sums = np.concatenate([[0.0], np.cumsum(per_texel[:, channel], dtype=np.float64)])
+            out[channel] = (sums[tree.end] - sums[tree.start]) / (tree.end - tree.start)
+    return out
+
+
 @dataclass(frozen=True)
 class TreeView:
     """Where photons are counted, as a process that traces needs it to place its hits: the deepest nodes of a tree, and squares.

@@ -82,13 +82,12 @@ def indicator(tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArra
     fit = basis.apply_matrices(tree.project[previews], raw)
     lifted, ancestor = totals.shot_raw.take(ids[depth - 1], axis=-1).sum(1), above[depth]
     for level in range(depth - 1, 0, -1):  # the same photons, in the coordinates of the node
-        up = basis.apply_matrices(transforms[tree.quadrant[ids[level]]], lifted)
+        up = basis.apply_transforms(transforms, tree.quadrant[ids[level]], lifted)
         lifted = _sum_by(above[level], up, len(ids[level - 1]))
         ancestor = above[level][ancestor]
     expected = basis.apply_matrices(tree.project[nodes], lifted)
     for level in range(1, depth + 1):
-        down = transforms[tree.quadrant[ids[level]]].transpose(0, 2, 1)
-        expected = basis.apply_matrices(down, expected[..., above[level]])
+        expected = basis.apply_transforms(transforms.transpose(0, 2, 1), tree.quadrant[ids[level]], expected.take(above[level], axis=-1))
 
     gap = fit - expected
     dual = basis.apply_matrices(basis.gram_matrix(tree.moment[previews], tree.degree), gap)
@@ -139,6 +138,12 @@ def _descendants(tree: Quadtree, nodes: IntArray, depth: int) -> tuple[list[IntA
     return ids, above, tiled
 
 
+def find_comparable(tree: Quadtree, totals: Totals, stability: int) -> NDArray[np.bool_]:
+    """(n,) bool: nodes that have shot enough photons to be compared with the previews below them."""
+    comparable: NDArray[np.bool_] = tree.has_children & is_stable(totals.shot // FANOUT, stability)
+    return comparable
+
+
 @dataclass(frozen=True)
 class Comparison:
     """The indicator of all nodes of which it is asked in one round, for each preview depth from 1.
@@ -155,7 +160,7 @@ class Comparison:
 
     @classmethod
     def of(cls, tree: Quadtree, totals: Totals, solution: Solution, rule: Rule) -> Comparison:
-        stable = tree.has_children & is_stable(totals.shot // FANOUT, rule.stability)
+        stable = find_comparable(tree, totals, rule.stability)
         asked, may_split = [], tree.current.copy()
         for depth in range(rule.preview_depth, 0, -1):
             asked.append(np.flatnonzero(stable & may_split if depth > 1 else stable))
@@ -203,8 +208,7 @@ def mark(
     forced       (n,) bool: split as soon as stable, whatever the light
     background   (3, n) float64, W/m^2: light on the node that does not come through the tallies (direct light by rays)
     """
-    nodes: NDArray[np.int64] = np.flatnonzero(tree.current & tree.has_children)
-    nodes = nodes[is_stable(totals.shot[nodes] // FANOUT, rule.stability)]
+    nodes: NDArray[np.int64] = np.flatnonzero(tree.current & find_comparable(tree, totals, rule.stability))
     area = np.where(tree.area[nodes] > 0.0, tree.area[nodes], 1.0)
     light = solution.flux[:, nodes] / area + background[:, nodes]
     marked = forced[nodes].copy()

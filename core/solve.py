@@ -61,6 +61,7 @@ class Ledger:
 class LightField:
     """The light of a bake, before it becomes pages.
 
+    solution       of the leaves and what is above them
     leaves         (m,) int64: the nodes to show
     correction     of the leaves' variance, see estimate
     squares        what squares say where something touches the surface; None without photons
@@ -83,11 +84,16 @@ class LightField:
 
 @dataclass(frozen=True)
 class _State:
-    """What the tallies say after a round."""
+    """What the tallies say after a round.
+
+    leaves     (m,) int64: the nodes to show
+    solution   of them, of what their stated error asks for, of nodes that are compared, and of all above
+    """
 
     totals: Totals
     solution: Solution
     comparison: refine.Comparison
+    leaves: NDArray[np.int64]
 
 
 @dataclass
@@ -164,9 +170,14 @@ class Solver:
         return gain > (stated.relative**2 - stated.direct**2) / max(self.ledger.rays, 1)
 
     def _read_tallies(self) -> _State:
-        totals = tally.accumulate(self.tree, self.tally)
-        solution = tally.solve_tallies(self.tree, totals)
-        return _State(totals, solution, refine.Comparison.of(self.tree, totals, solution, self.rule))
+        tree, rule = self.tree, self.rule
+        totals = tally.accumulate(tree, self.tally)
+        compared = np.flatnonzero(refine.find_comparable(tree, totals, rule.stability))
+        solution = tally.solve_tallies(tree, totals, compared)
+        comparison = refine.Comparison.of(tree, totals, solution, rule)
+        leaves = refine.choose_leaves(tree, totals, comparison, rule.stability)
+        solution = tally.solve_tallies(tree, totals, np.concatenate([compared, estimate.list_told(tree, leaves, self.blender)]))
+        return _State(totals, solution, comparison.join(tree, totals, solution, leaves, rule.stability), leaves)
 
     def _trace_round(self, photons: int) -> None:
         view = self.folder / f"view_{self.round}"
@@ -201,8 +212,8 @@ class Solver:
         if not self.settings.hierarchical:
             return False
         before = len(self.tree)
-        forced = _any_in_range(self.forced_texels, self.tree) & (self.tree.side > self.settings.finest_texels)
-        background = self._node_direct(self.direct.irradiance)
+        forced = quadtree.any_in_nodes(self.tree, self.forced_texels) & (self.tree.side > self.settings.finest_texels)
+        background = quadtree.mean_in_nodes(self.tree, self.direct.irradiance)
         while True:  # a split node's children may have previews of their own that tell enough already
             marked = refine.mark(self.tree, state.totals, state.solution, state.comparison, self.rule, forced, background)
             if not len(marked):
@@ -216,30 +227,26 @@ class Solver:
         """The light after one round, for the eye: nothing is known of its error."""
         self._trace_round(self._next_photons(math.nan))
         state = self._read_tallies()
-        return self._make_light(state, self._choose_leaves(state), correction=1.0, error=math.nan)
+        return self._make_light(state, correction=1.0, error=math.nan)
 
     def _light(self, state: _State) -> tuple[LightField, estimate.StatedError]:
         """The light as it stands."""
-        leaves = self._choose_leaves(state)
         stated = estimate.state_error(
             self.tree,
             state.totals,
             state.solution,
-            state.comparison.join(self.tree, state.totals, state.solution, leaves, self.settings.stability),
-            leaves,
+            state.comparison,
+            state.leaves,
             self.direct.show(self.blender.texels, self.blender.page, self.settings.denoise, count_processors(self.settings.workers)),
             self.blender,
         )
-        return self._make_light(state, leaves, stated.correction, stated.chosen), stated
+        return self._make_light(state, stated.correction, stated.chosen), stated
 
-    def _choose_leaves(self, state: _State) -> NDArray[np.int64]:
-        return refine.choose_leaves(self.tree, state.totals, state.comparison, self.settings.stability)
-
-    def _make_light(self, state: _State, leaves: NDArray[np.int64], correction: float, error: float) -> LightField:
+    def _make_light(self, state: _State, correction: float, error: float) -> LightField:
         return LightField(
             tree=self.tree,
             solution=state.solution,
-            leaves=leaves,
+            leaves=state.leaves,
             received=state.totals.received,
             correction=correction,
             direct=self.direct,
@@ -250,15 +257,6 @@ class Solver:
             ledger=self.ledger,
             squares=self.squares.light(self.square_tally),
         )
-
-    def _node_direct(self, per_texel: NDArray[np.float32]) -> NDArray[np.float64]:
-        """(3, n) float64: means over each node's texels."""
-        out = np.zeros((3, len(self.tree)))
-        if per_texel.any():
-            for channel in range(3):
-                sums = np.concatenate([[0.0], np.cumsum(per_texel[:, channel], dtype=np.float64)])
-                out[channel] = (sums[self.tree.end] - sums[self.tree.start]) / (self.tree.end - self.tree.start)
-        return out
 
     def _next_photons(self, error: float) -> int:
         so_far = int(self.tally.photons.sum())
@@ -294,8 +292,3 @@ class Solver:
         done = fraction * (1.0 - before / max(light.photons, 1))  # of it, in this time
         left = seconds * (1.0 - fraction) / done if done > 0.0 else math.nan
         return Progress(fraction, light.photons, (light.photons - before) / seconds, light.error, left, len(light.leaves))
-
-
-def _any_in_range(flag: NDArray[np.bool_], tree: Quadtree) -> NDArray[np.bool_]:
-    counts = np.concatenate([[0], np.cumsum(flag)])
-    return counts[tree.end] > counts[tree.start]

@@ -189,28 +189,57 @@ class Solution:
     scale: NDArray[np.float64]
 
 
-def solve_tallies(tree: Quadtree, totals: Totals) -> Solution:
-    """Irradiance of every node, late nodes scaled up to all the light their ancestors received."""
-    photons = max(float(totals.photons.sum()), 1.0)  # its square is beyond any integer type from 3e9 on
-    fitted = _fit_functions(tree, totals)
-    components = fitted[:-HALVES]
-    flux, scale, variance = np.empty((3, CHANNELS, len(tree)))
-    for nodes in parts_of(np.arange(len(tree))):
-        here = slice(nodes[0], nodes[-1] + 1)
-        flux[:, here] = (components[..., here] * tree.moment[here, : components.shape[2]].T).sum((0, 2))
-        seen = totals.raw[:, :, :, 0, here].sum((0, 1))
-        scale[:, here] = np.where(seen > 0.0, np.abs(flux[:, here]) / np.where(seen > 0.0, seen, 1.0), 0.0)
-        area = np.maximum(tree.area[here], np.finfo(float).tiny)
-        variance[:, here] = totals.weight2[:, here] * scale[:, here] ** 2 / photons**2 / area**2
-    components /= photons
-    half = fitted[-HALVES:]
-    half /= np.maximum(totals.photons, 1)[:, None, None, None]
-    flux /= photons
-    halves = [
-        _scale_flux(tree, totals.raw[one, :, :, 0].sum(0), totals.shot_raw[one, :, :, 0].sum(0)) / max(int(totals.photons[one]), 1)
-        for one in range(HALVES)
-    ]
-    return Solution(with_direct(components), half, np.array(halves), flux, variance, scale)
+def solve_tallies(tree: Quadtree, totals: Totals, nodes: NDArray[np.int64] | None = None) -> Solution:
+    """Irradiance of nodes, late nodes scaled up to all the light their ancestors received.
+
+    nodes   (m,) int64: those that are asked for, all if None; of others that are not above them 0 is told
+    """
+    transforms = basis.parent_transforms(tree.degree).transpose(0, 2, 1)
+    n_component, *rest = totals.raw.shape[1:]
+    functions = np.zeros((COMPONENTS + HALVES, *rest))
+    fitted = functions[COMPONENTS - n_component :]  # of _join_views
+    view_scale = np.ones((*fitted.shape[:2], len(tree)))
+    flux_half, (flux, scale, variance) = np.zeros((HALVES, CHANNELS, len(tree))), np.zeros((3, CHANNELS, len(tree)))
+    # As float: its square is beyond any integer type from 3e9 on.
+    photons = np.maximum([float(totals.photons.sum())] * n_component + totals.photons.tolist(), 1.0)[:, None, None]
+    for level in _find_above(tree, nodes):
+        for part in parts_of(level):
+            raw, parent = _join_views(totals.raw.take(part, axis=-1)), tree.parent[part]
+            own = basis.apply_matrices(tree.project[part], raw / photons[..., None])
+            if tree.depth[part[0]]:
+                shot = _join_views(totals.shot_raw[:, :, :, 0].take(parent, axis=-1))
+                received = _join_views(totals.raw[:, :, :, 0].take(parent, axis=-1))
+                seen = shot > 0.0
+                view_scale[..., part] = np.where(seen, view_scale.take(parent, axis=-1) * (received / np.where(seen, shot, 1.0)), 0.0)
+                own *= view_scale[:, :, None, part]
+                if not seen.all():
+                    # A component that reached no child since there are children: the parent's own function holds on.
+                    inherited = basis.apply_transforms(transforms, tree.quadrant[part], fitted.take(parent, axis=-1))
+                    own = np.where(seen[:, :, None], own, inherited)
+            fitted[..., part] = own
+            whole = (own * tree.moment[part, : own.shape[2]].T).sum(2)
+            arrived = raw[:n_component, :, 0].sum(0) / photons[0]
+            light = whole[:n_component].sum(0)
+            factor = np.where(arrived > 0.0, np.abs(light) / np.where(arrived > 0.0, arrived, 1.0), 0.0)
+            area = np.maximum(tree.area[part], np.finfo(float).tiny)
+            flux_half[..., part], flux[:, part], scale[:, part] = whole[n_component:], light, factor
+            variance[:, part] = totals.weight2[:, part] * factor**2 / photons[0] ** 2 / area**2
+    return Solution(functions[:COMPONENTS], functions[COMPONENTS:], flux_half, flux, variance, scale)
+
+
+def _find_above(tree: Quadtree, nodes: NDArray[np.int64] | None) -> list[NDArray[np.int64]]:
+    """Nodes (m,) and all that are above them, of each depth from the top; all if None."""
+    if nodes is None:
+        return tree.levels
+    wanted = np.zeros(len(tree), bool)
+    wanted[nodes] = True
+    levels = []
+    for level in reversed(tree.levels):
+        found = level[wanted[level]]
+        above = tree.parent[found]
+        wanted[above[above >= 0]] = True
+        levels.append(found)
+    return levels[::-1]
 
 
 def with_direct(components: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -219,42 +248,6 @@ def with_direct(components: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([missing, components])
 
 
-def _fit_functions(tree: Quadtree, totals: Totals) -> NDArray[np.float64]:
-    """Polynomial coefficients (C + 2, 3, K, n) per photon, of the components and of the two halves."""
-    transforms = basis.parent_transforms(tree.degree).transpose(0, 2, 1)
-    n_component, *rest = totals.raw.shape[1:]
-    fitted = np.empty((n_component + HALVES, *rest))
-    scale = np.ones((*fitted.shape[:2], len(tree)))
-    for level in tree.levels:
-        for nodes in parts_of(level):
-            raw, parent = _join_views(totals.raw.take(nodes, axis=-1)), tree.parent[nodes]
-            own = basis.apply_matrices(tree.project[nodes], raw)
-            if tree.depth[nodes[0]]:
-                shot = _join_views(totals.shot_raw[:, :, :, 0].take(parent, axis=-1))
-                received = _join_views(totals.raw[:, :, :, 0].take(parent, axis=-1))
-                seen = shot > 0.0
-                scale[..., nodes] = np.where(seen, scale.take(parent, axis=-1) * (received / np.where(seen, shot, 1.0)), 0.0)
-                own *= scale[:, :, None, nodes]
-                if not seen.all():
-                    # A component that reached no child since there are children: the parent's own function holds on.
-                    inherited = basis.apply_matrices(transforms[tree.quadrant[nodes]], fitted.take(parent, axis=-1))
-                    own = np.where(seen[:, :, None], own, inherited)
-            fitted[..., nodes] = own
-    return fitted
-
-
 def _join_views(sums: NDArray[np.float64]) -> NDArray[np.float64]:
     """(C + 2, ...): of sums (2 halves, C components, ...) those of each component and those of each half."""
     return np.concatenate([sums.sum(0), sums.sum(1)])
-
-
-def _scale_flux(tree: Quadtree, received: NDArray[np.float64], shot: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Flux (3, n) per photon of every node, from sums (3, n) over the photons it received and shot."""
-    flux = received.copy()
-    area = np.maximum(tree.area, np.finfo(float).tiny)
-    for level in tree.levels[1:]:
-        parent = tree.parent[level]
-        seen = shot[:, parent] > 0.0
-        share = np.where(seen, received[:, level] / np.where(seen, shot[:, parent], 1.0), area[level] / area[parent])
-        flux[:, level] = flux[:, parent] * share
-    return flux

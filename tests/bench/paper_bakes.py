@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from boxes import prepare_folder
-from leaflight.core import bake, quadtree, resolve, solve, workers
+from leaflight.core import bake, quadtree, resolve, solve, tally, workers
 from leaflight.core.job import SNAPSHOT_FILE
 from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.scene import SceneSnapshot
@@ -85,6 +85,12 @@ class Bake:
 
     stage: Stage
     light: solve.LightField
+    tally: tally.Tally
+
+    @cached_property
+    def solution(self) -> tally.Solution:
+        """Of all nodes, where the light field tells of its leaves alone."""
+        return tally.solve_tallies(self.light.tree, tally.accumulate(self.light.tree, self.tally))
 
     @cached_property
     def leaf(self) -> np.ndarray:
@@ -103,7 +109,7 @@ class Bake:
         leaf, tree, texels = self.leaf if leaf is None else leaf, self.light.tree, self.stage.texels
         half, entry = tree.side[leaf] / 2.0, np.arange(len(leaf))
         moments = texels.range_moments(entry, entry + 1, tree.origin[leaf] + half[:, None], half, 2 * tree.degree)
-        coefficient = self.light.solution.coefficient.sum(0)[..., leaf]
+        coefficient = self.solution.coefficient.sum(0)[..., leaf]
         total = np.einsum("ckn,nk->nc", coefficient, moments[:, : coefficient.shape[1]])
         return np.maximum(total / texels.texel_area[:, None], 0.0)
 
@@ -156,7 +162,8 @@ class Stage:
         n_texel = len(self.texels.texel_area)
         forced = self.contact if settings.contact else np.zeros(n_texel, bool)
         solver = solve.Solver(self._open_folder(), settings, self.executor, solve.DirectField.none(n_texel), forced, self.blender)
-        return Bake(self, solver.run(lambda message: None, lambda: False))
+        light = solver.run(lambda message: None, lambda: False)
+        return Bake(self, light, solver.tally)
 
     def _open_folder(self) -> Path:
         """A folder for one bake: workers keep views open by name, and those of two bakes must not be taken for each other."""

@@ -186,7 +186,7 @@ def measure_overhead(stage: Stage, reference: Reference, photons: float) -> Over
         tree = bake.light.tree
         node = bake.leaf_of(np.flatnonzero(~tree.has_children))
         finest = (tree.side[node] == stage.settings.finest_texels) & (tree.parent[node] >= 0)
-        value.append(np.where(finest[:, None], (bake.light.solution.flux / tree.area).T[node], np.nan))
+        value.append(np.where(finest[:, None], (bake.solution.flux / tree.area).T[node], np.nan))
         received.append(bake.light.received[node])
         shown.append(bake.values())
     spread, seen = np.var(value, axis=0, ddof=1), np.mean(received, axis=0)
