@@ -32,6 +32,9 @@ DIRECT_SHARE = 0.5  # of the error asked for, that direct light by rays may have
 SHARD_PHOTONS = 1 << 17  # at most
 # A round adds at most this share of all photons so far: late nodes lose what came before them.
 ROUND_GROWTH = 1.0
+# ... and at least as many photons for each node: to look at what came of a round takes as long as tracing them does on two cores.
+NODE_PHOTONS = 8
+SPARE = 1.1  # photons over those that the error asked for would need if it fell as noise does: finer leaves have more of it
 ROUND_PHOTONS = 1 << 22  # at most, so that progress, cancelling and time limits are felt
 
 
@@ -131,12 +134,12 @@ class Solver:
 
     def run(self, tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> LightField:
         """Rounds until one of the stop rules holds; `tell` hears of each."""
-        error = math.nan
+        stated: estimate.StatedError | None = None
         before = int(self.tally.photons.sum())
         traced = before > 0  # a bake that goes on: its last round has not been refined yet
         while True:
             if not traced:
-                self._trace_round(self._next_photons(error))
+                self._trace_round(self._next_photons(stated))
             traced = False
             state = self._read_tallies()
             light, stated = self._light(state)
@@ -225,7 +228,7 @@ class Solver:
 
     def glance(self) -> LightField:
         """The light after one round, for the eye: nothing is known of its error."""
-        self._trace_round(self._next_photons(math.nan))
+        self._trace_round(self._next_photons(None))
         state = self._read_tallies()
         return self._make_light(state, correction=1.0, error=math.nan)
 
@@ -258,14 +261,19 @@ class Solver:
             squares=self.squares.light(self.square_tally),
         )
 
-    def _next_photons(self, error: float) -> int:
-        so_far = int(self.tally.photons.sum())
+    def _next_photons(self, stated: estimate.StatedError | None) -> int:
+        """Of the next round: as many as the error asked for is likely to need, if that is not too many for one round."""
+        so_far, settings = int(self.tally.photons.sum()), self.settings
         if not so_far:
-            return min(FIRST_ROUND_PHOTONS, self.settings.max_photons)
-        wanted = min(ROUND_GROWTH * so_far, ROUND_PHOTONS)  # never the clock: the same seed gives the same bytes
-        if math.isfinite(error) and error > 0.0:  # noise falls as the square root; no more than that needs
-            wanted = min(wanted, so_far * max((error / self.settings.error) ** 2 - 1.0, 0.1))
-        return int(min(max(wanted, FIRST_ROUND_PHOTONS), self.settings.max_photons - so_far))
+            return min(FIRST_ROUND_PHOTONS, settings.max_photons)
+        growth = ROUND_GROWTH  # never the clock: the same seed gives the same bytes
+        if stated is not None and stated.chosen > 0.0:
+            # Squared, noise falls as one over the photons; what direct light has is left as it is.
+            left2 = settings.error**2 - stated.direct**2
+            if left2 > 0.0:
+                growth = min(max(SPARE * (stated.chosen**2 - stated.direct**2) / left2, SPARE) - 1.0, growth)
+        wanted = max(min(growth * so_far, ROUND_PHOTONS), FIRST_ROUND_PHOTONS, min(NODE_PHOTONS * len(self.tree), so_far))
+        return int(min(wanted, settings.max_photons - so_far))
 
     def _stop_reason(self, error: float, should_stop: Callable[[], bool]) -> str:
         settings = self.settings
