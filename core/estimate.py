@@ -104,7 +104,7 @@ def state_error(
     weight = _weigh(node_light[leaf[sample]] + direct[sample], dark2)
     photons2 = (weight.T * shown.variance).mean(0) * correction
     blind2 = weight.mean(1) * missing_light(tree, totals, solution, comparison, nodes)[leaf[sample]]
-    judge = node_of_texel(tree, refine.open_nodes(tree, nodes, comparison.stable), len(leaf))[sample]
+    judge = _find_judges(tree, comparison, nodes, blender)
     bias2, gap2 = _missing_from_blend(tree, solution, leaf, judge, sample, blender, shown, weight, blind2)
     likely = photons2 + direct2[sample] + gap2
     best = np.argpartition(likely, count - 1)[:count]
@@ -117,10 +117,18 @@ def state_error(
     return StatedError(math.sqrt(square), math.sqrt(square + doubt2), math.sqrt(parts[1]), correction, direct2)
 
 
-def list_told(tree: Quadtree, nodes: IntArray, blender: LeafBlender) -> NDArray[np.int64]:
+def list_told(tree: Quadtree, comparison: refine.Comparison, nodes: IntArray, blender: LeafBlender) -> NDArray[np.int64]:
     """(m,) int64: the nodes whose functions state_error asks for, the leaves `nodes` among them."""
-    deepest = np.flatnonzero(~tree.has_children)
-    return np.concatenate([nodes, node_of_texel(tree, deepest, len(blender.page))[_choose_sample(blender.texels)]])
+    return np.concatenate([nodes, _find_judges(tree, comparison, nodes, blender)])
+
+
+def _find_judges(tree: Quadtree, comparison: refine.Comparison, nodes: IntArray, blender: LeafBlender) -> NDArray[np.int32]:
+    """(m,) int32: the deepest node at each texel of the sample whose parent is stable, or its leaf of `nodes`.
+
+    What few photons tell would drown the sum in noise.
+    """
+    judge: NDArray[np.int32] = node_of_texel(tree, refine.open_nodes(tree, nodes, comparison.stable), len(blender.page))
+    return judge[_choose_sample(blender.texels)]
 
 
 def _parts(count: int) -> Iterator[slice]:
@@ -164,7 +172,7 @@ def _missing_from_blend(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Squared relative difference between the blend and the nodes that judge it, at the texels `sample`, (m,) float64 twice.
 
-    judge    (m,) int, the deepest stable node at those texels: what few photons tell would drown the sum in noise
+    judge    (m,) int32, of _find_judges
     weight   (m, 3), as is blind2
 
     The first is a product of what each half says alone, whose noise is independent, and so right in sum. The second is the

@@ -224,7 +224,7 @@ def mark(
     return split
 
 
-def choose_leaves(tree: Quadtree, totals: Totals, comparison: Comparison, stability: int) -> NDArray[np.int64]:
+def choose_leaves(tree: Quadtree, comparison: Comparison) -> NDArray[np.int64]:
     """The nodes to show: they tile every chart with the least expected squared error, and all but the first are stable.
 
     The squared difference between a node and any tiling below it is the sum of the one-level differences in between
@@ -235,7 +235,7 @@ def choose_leaves(tree: Quadtree, totals: Totals, comparison: Comparison, stabil
     opened = np.zeros(len(tree), bool)
     difference = comparison.differences[0]
     for level in reversed(tree.levels[:-1]):
-        nodes = level[tree.has_children[level] & is_stable(totals.shot[level] // FANOUT, stability)]
+        nodes = level[comparison.stable[level]]
         rows, children = comparison.rows[0][nodes], tree.children[nodes]
         below = np.where(children >= 0, gain[children], 0.0).sum(1)
         worth = (difference.excess[rows] - NOISE_PRICE * difference.noise[rows]) * tree.area[nodes] + below

@@ -178,8 +178,8 @@ class Solver:
         compared = np.flatnonzero(refine.find_comparable(tree, totals, rule.stability))
         solution = tally.solve_tallies(tree, totals, compared)
         comparison = refine.Comparison.of(tree, totals, solution, rule)
-        leaves = refine.choose_leaves(tree, totals, comparison, rule.stability)
-        solution = tally.solve_tallies(tree, totals, np.concatenate([compared, estimate.list_told(tree, leaves, self.blender)]))
+        leaves = refine.choose_leaves(tree, comparison)
+        solution = tally.solve_tallies(tree, totals, np.concatenate([compared, estimate.list_told(tree, comparison, leaves, self.blender)]))
         return _State(totals, solution, comparison.join(tree, totals, solution, leaves, rule.stability), leaves)
 
     def _trace_round(self, photons: int) -> None:

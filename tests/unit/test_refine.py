@@ -23,7 +23,7 @@ def marks(bake, the_rule, forced=None, background=None):
 def shown(bake):
     totals = bake.totals()
     comparison = refine.Comparison.of(bake.tree, totals, bake.solution(), rule())
-    return refine.choose_leaves(bake.tree, totals, comparison, 16)
+    return refine.choose_leaves(bake.tree, comparison)
 
 
 def refined(photons, sampler, rounds=8, **kwargs):
