@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from . import basis, estimate, quadtree, refine, shared_arrays, tally, workers
+from . import basis, estimate, quadtree, refine, rounds, shared_arrays, tally, workers
 from .direct_field import MOST_PASSES, DirectField
 from .executors import count_processors
 from .messages import Message, Progress
@@ -27,15 +27,7 @@ from .squares import SquareLight, Squares
 from .tally import Solution, Tally, Totals
 
 ENERGY_NAMES = ("emitted", "absorbed", "escaped", "remainder")
-FIRST_ROUND_PHOTONS = 1 << 18
 DIRECT_SHARE = 0.5  # of the error asked for, that direct light by rays may have
-SHARD_PHOTONS = 1 << 17  # at most
-# A round adds at most this share of all photons so far: late nodes lose what came before them.
-ROUND_GROWTH = 1.0
-# ... and at least as many photons for each node: to look at what came of a round takes as long as tracing them does on two cores.
-NODE_PHOTONS = 8
-SPARE = 1.1  # photons over those that the error asked for would need if it fell as noise does: finer leaves have more of it
-ROUND_PHOTONS = 1 << 22  # at most, so that progress, cancelling and time limits are felt
 
 
 @dataclass
@@ -185,7 +177,6 @@ class Solver:
     def _trace_round(self, photons: int) -> None:
         view = self.folder / f"view_{self.round}"
         shared_arrays.save_struct(view, quadtree.TreeView.of_tree(self.tree, len(self.keys), self.squares.entry))
-        n_shard = 2 * max(1, math.ceil(photons / (2 * SHARD_PHOTONS)))
         settings = self.settings
         shards = [
             workers.PhotonShard(
@@ -194,12 +185,12 @@ class Solver:
                 seed=settings.seed,
                 round=self.round,
                 shard=shard,
-                photons=photons // n_shard,
+                photons=share,
                 max_depth=settings.max_depth,
                 degree=self.degree,
                 skip_first=settings.direct == "rays",
             )
-            for shard in range(n_shard)
+            for shard, share in enumerate(rounds.share_photons(photons))
         ]
         try:
             for shard, result in zip(shards, self.executor.map(workers.trace_photons, shards), strict=True):
@@ -262,18 +253,9 @@ class Solver:
         )
 
     def _next_photons(self, stated: estimate.StatedError | None) -> int:
-        """Of the next round: as many as the error asked for is likely to need, if that is not too many for one round."""
+        error, fixed = (math.nan, 0.0) if stated is None else (stated.chosen, stated.direct)
         so_far, settings = int(self.tally.photons.sum()), self.settings
-        if not so_far:
-            return min(FIRST_ROUND_PHOTONS, settings.max_photons)
-        growth = ROUND_GROWTH  # never the clock: the same seed gives the same bytes
-        if stated is not None and stated.chosen > 0.0:
-            # Squared, noise falls as one over the photons; what direct light has is left as it is.
-            left2 = settings.error**2 - stated.direct**2
-            if left2 > 0.0:
-                growth = min(max(SPARE * (stated.chosen**2 - stated.direct**2) / left2, SPARE) - 1.0, growth)
-        wanted = max(min(growth * so_far, ROUND_PHOTONS), FIRST_ROUND_PHOTONS, min(NODE_PHOTONS * len(self.tree), so_far))
-        return int(min(wanted, settings.max_photons - so_far))
+        return rounds.next_photons(so_far, settings.max_photons, len(self.tree), settings.error, error, fixed)
 
     def _stop_reason(self, error: float, should_stop: Callable[[], bool]) -> str:
         settings = self.settings

@@ -44,8 +44,9 @@ def test_another_seed_is_another_bake(tmp_path, direct):
     lights = [
         solve_scene(tmp_path / str(seed), lamp_scene(), replace(QUICK, direct=direct, seed=seed, max_photons=enough)) for seed in (1, 2)
     ]
-    assert not np.array_equal(lights[0].solution.flux, lights[1].solution.flux)
-    assert lights[0].solution.flux.sum() == pytest.approx(lights[1].solution.flux.sum(), rel=0.05)
+    flux = [light.solution.flux[:, light.leaves].sum() for light in lights]
+    assert flux[0] != flux[1]
+    assert flux[0] == pytest.approx(flux[1], rel=0.05)
 
 
 @pytest.mark.parametrize("maximum", [1000, 12_345, 70_001, 600_000])
@@ -109,7 +110,7 @@ def test_progress_is_told_after_every_round(tmp_path):
 def test_rays_are_shot_again_where_they_err_most(tmp_path, monkeypatch, tolerance):
     """And only there, and only where the first turn left more noise than half of the error asked for, smoothed or not."""
     monkeypatch.setattr(direct_field, "TOLERANCE", tolerance)
-    light = solve_scene(tmp_path, lamp_scene(rho=0.05), replace(SETTINGS, error=0.02, denoise=False))
+    light = solve_scene(tmp_path, lamp_scene(rho=0.05), replace(SETTINGS, error=0.03, denoise=False))
     assert light.direct.passes.min() == 1
     assert (light.direct.passes.max() > 1) == (tolerance > 1)
 

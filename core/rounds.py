@@ -1,0 +1,47 @@
+"""How many photons a round has, and how they are shared out.
+
+Never by the clock, nor by how many workers there are: the same seed gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+FIRST_ROUND_PHOTONS = 1 << 18
+SHARD_PHOTONS = 1 << 17  # at most
+# A round adds at most this share of all photons so far: late nodes lose what came before them.
+ROUND_GROWTH = 1.0
+ROUND_PHOTONS = 1 << 22  # at most, so that progress, cancelling and time limits are felt
+# ... and at least as many photons for each node: to look at what came of a round takes as long as tracing them does on two cores.
+NODE_PHOTONS = 8
+SPARE = 1.1  # photons over those that the error asked for would need if it fell as noise does: finer leaves have more of it
+
+
+def next_photons(so_far: int, most: int, n_node: int, wanted_error: float, error: float, fixed_error: float) -> int:
+    """Photons of the next round: those that the error asked for is likely to need, if that is not too many for one round.
+
+    so_far        photons, of a bake that may have `most`
+    n_node        nodes of the trees
+    error         relative, as it stands; nan where nothing is known
+    fixed_error   relative, the part of it that no photon makes less
+    """
+    if not so_far:
+        return min(FIRST_ROUND_PHOTONS, most)
+    growth = ROUND_GROWTH
+    noise2, left2 = error**2 - fixed_error**2, wanted_error**2 - fixed_error**2
+    if left2 > 0.0 and noise2 > 0.0:  # squared, noise falls as one over the photons
+        growth = min(max(SPARE * noise2 / left2, SPARE) - 1.0, growth)
+    wanted = max(min(growth * so_far, ROUND_PHOTONS), FIRST_ROUND_PHOTONS, min(NODE_PHOTONS * n_node, so_far))
+    return int(min(wanted, most - so_far))
+
+
+def share_photons(photons: int) -> list[int]:
+    """Photons of each shard of a round, for the halves of the bake in turn: equal shards, the last ones half as large.
+
+    Who works on the last shard of all keeps the others waiting, and a small one not long; but small ones take longer by the photon.
+    """
+    n_pair = max(1, math.ceil(photons / (2 * SHARD_PHOTONS)))
+    ends = [2 * pair for pair in range(n_pair)] + [2 * n_pair - 1, 2 * n_pair]  # of all pairs, in half shards
+    halves = (photons + 1) // 2, photons // 2
+    return [half * end // ends[-1] - half * start // ends[-1] for start, end in pairwise(ends) for half in halves]

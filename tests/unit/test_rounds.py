@@ -1,0 +1,50 @@
+"""How long rounds are and how they are shared out."""
+
+import math
+
+import pytest
+from leaflight.core.rounds import FIRST_ROUND_PHOTONS, NODE_PHOTONS, ROUND_PHOTONS, SHARD_PHOTONS, SPARE, next_photons, share_photons
+
+PLENTY = 10**9
+
+
+def test_the_first_round_is_always_the_same_but_for_bakes_of_fewer_photons():
+    assert next_photons(0, PLENTY, 10**6, 0.05, math.nan, 0.0) == FIRST_ROUND_PHOTONS
+    assert next_photons(0, 1000, 10**6, 0.05, math.nan, 0.0) == 1000
+
+
+def test_a_round_doubles_the_photons_while_nothing_tells_of_less():
+    for error, fixed in ((math.nan, 0.0), (1.0, 0.0), (0.06, 0.05), (0.06, 0.055)):
+        assert next_photons(1_000_000, PLENTY, 10, 0.05, error, fixed) == 1_000_000
+    assert next_photons(10 * ROUND_PHOTONS, PLENTY, 10, 0.05, 1.0, 0.0) == ROUND_PHOTONS
+
+
+@pytest.mark.parametrize("fixed", [0.0, 0.02, 0.04])
+def test_a_round_aims_at_the_error_asked_for(fixed):
+    """With the photons that it asks for, noise that falls as their root would come out a little below."""
+    noise2 = 1.3 * (0.05**2 - fixed**2)
+    photons = next_photons(3_000_000, PLENTY, 10, 0.05, math.sqrt(noise2 + fixed**2), fixed)
+    then2 = noise2 * 3_000_000 / (3_000_000 + photons) + fixed**2
+    assert (then2 - fixed**2) * SPARE == pytest.approx(0.05**2 - fixed**2, rel=1e-5)
+
+
+def test_a_round_is_worth_being_looked_at():
+    assert next_photons(4_000_000, PLENTY, 100_000, 0.05, 0.0501, 0.0) == NODE_PHOTONS * 100_000
+    assert next_photons(400_000, PLENTY, 100_000, 0.05, 0.0501, 0.0) == 400_000  # but never more than doubles them
+    assert next_photons(4_000_000, PLENTY, 10, 0.05, 0.05, 0.0) == pytest.approx((SPARE - 1.0) * 4_000_000, abs=1)
+
+
+def test_no_round_goes_beyond_the_photons_of_the_bake():
+    assert next_photons(900, 1000, 10, 0.05, 1.0, 0.0) == 100
+
+
+@pytest.mark.parametrize("photons", [2, 3, 1001, FIRST_ROUND_PHOTONS, 1_234_567, ROUND_PHOTONS])
+def test_shards_are_of_all_photons_and_both_halves_alike(photons):
+    shares = share_photons(photons)
+    assert sum(shares) == photons
+    assert len(shares) % 2 == 0
+    assert sum(shares[::2]) - sum(shares[1::2]) == photons % 2
+    assert max(shares) <= SHARD_PHOTONS
+    whole, last = shares[:-4], shares[-4:]
+    assert all(abs(2 * small - large) <= 3 for small in last for large in whole)
+    assert max(last) - min(last) <= 1
