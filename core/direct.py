@@ -184,7 +184,7 @@ def _look_first(
         rows = np.flatnonzero(~(agreed | without))
         own = np.arange(len(chunk)) == look.leader
         looks_on = ~(agreed | without) & own & ~np.isnan(look.closed)
-        alone = texels[looks_on[tiles.start]] if smoothed else texels[:0]
+        alone = texels[looks_on[texels].all(axis=1)] if smoothed else texels[:0]
         leader, index = np.searchsorted(rows, look.leader[rows]), np.searchsorted(rows, alone)
         tallies.append(Tally(source, rows, None, random_shift(rng, len(rows)), np.stack([look.closed, look.off])[:, rows], index, leader))
         counters["rays"] += look.rays
