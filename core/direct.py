@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,6 @@ from .direct_points import (
     GAUSS_POINTS,
     STAGES,
     ReceivingSurfaces,
-    SubPoints,
     TexelChunk,
     random_shift,
     row_pieces,
@@ -29,6 +28,7 @@ from .lights import Float64
 from .materials import SurfaceMaterials
 from .rays import RayScene
 from .scene import IntArray, SceneSnapshot
+from .texel_looks import TexelLooks
 from .tiles import Tiles
 
 _CHUNK_TEXELS = 2**14
@@ -82,7 +82,7 @@ class DirectLight:
 
 def direct_irradiance(
     scene: DirectScene,
-    sub_points: SubPoints,
+    look_at: Callable[[IntArray], TexelLooks],
     texel: IntArray,
     rng: np.random.Generator,
     tolerance: float = 0.01,
@@ -92,8 +92,8 @@ def direct_irradiance(
 ) -> DirectLight:
     """Direct light at texels, averaged over the covered part of each.
 
-    sub_points   TexelMap.sub_points, or its like
-    texel        (n,) int     as sub_points knows them; neighbours in space should be neighbours here (Morton order)
+    look_at      TexelMap.look_at, or its like
+    texel        (n,) int     as look_at knows them; neighbours in space should be neighbours here (Morton order)
     tolerance    standard error, relative to the texel's direct light, at which a light gets no more rays
     max_rays     per texel and light: 4, 16 or 64
     tiles        among the texels, which then share their first looks at lights
@@ -103,12 +103,13 @@ def direct_irradiance(
     counters = {"rays": 0, "pairs": 0, "out_of_reach": 0, "settled": 0, "shared": 0, "sampled": 0}
     for start in range(0, len(texel), _CHUNK_TEXELS):
         rows = slice(start, start + _CHUNK_TEXELS)
-        tri = sub_points(texel[rows], np.full((1, 1, 2), 0.5))[0][0]
+        looks = look_at(texel[rows])
+        tri = looks.tri[: len(looks)]
         two_sided = np.flatnonzero(scene.tri_two_sided[tri])
         for flip in (False, True) if len(two_sided) else (False,):
             own = two_sided if flip else np.arange(len(tri))
             part = start + own
-            chunk = TexelChunk(texel[part], random_shift(rng, len(part)), sub_points, scene.surfaces, flip)
+            chunk = TexelChunk(look_at(texel[part]) if flip else looks, random_shift(rng, len(part)), scene.surfaces, flip)
             whole = (tiles or Tiles.none()).within(part).on_one_triangle(tri[own])
             value, error = _light_chunk(scene, chunk, whole, smoothed, rng, tolerance, max_rays, counters)
             irradiance[part] += value
@@ -126,28 +127,19 @@ def _light_chunk(
     max_rays: int,
     counters: dict[str, int],
 ) -> tuple[Float64, Float64]:
-    count = len(chunk.texel)
+    count = len(chunk)
     shared, variance, tallies = _look_first(scene, chunk, tiles, smoothed, rng, counters)
-    looking = np.full(count, scene.crowd is not None)
-    leading = [np.flatnonzero(tally.leads) for tally in tallies]
-    for tally, index in zip(tallies, leading, strict=True):
-        looking[tally.rows[index]] = True
-    asked = np.flatnonzero(looking)
-    starts = chunk.receivers_at(asked, GAUSS_POINTS)
-    for tally, index in zip(tallies, leading, strict=True):
-        own = starts
-        if len(index) < len(asked):
-            place = np.searchsorted(asked, tally.rows[index])
-            own = starts.rows((place + len(asked) * np.arange(len(GAUSS_POINTS))[:, None]).ravel())
-        counters["rays"] += tally.add(scene.rays, chunk, index, STAGES[0], own)
+    for tally in tallies:
+        for piece in row_pieces(np.flatnonzero(tally.leads), STAGES[0][1]):
+            counters["rays"] += tally.add(scene.rays, chunk, piece, STAGES[0], GAUSS_POINTS)
     rest = None
     if scene.crowd is not None:
-        pairs, rest = scene.crowd.tell_apart(chunk, starts)
+        pairs, rest = scene.crowd.tell_apart(chunk, chunk.receivers_at(np.arange(count), GAUSS_POINTS))
         counters["sampled"] += rest.n_pair
         for source, rows, lamp in pairs:
             tally = Tally(source, rows, lamp, random_shift(rng, len(rows)))
             for piece in row_pieces(np.arange(len(rows)), STAGES[0][1]):
-                counters["rays"] += tally.add(scene.rays, chunk, piece, STAGES[0], None)
+                counters["rays"] += tally.add(scene.rays, chunk, piece, STAGES[0])
             tallies.append(tally)
     light = shared.copy()
     for tally in tallies:
@@ -169,11 +161,9 @@ def _light_chunk(
         unsettled = [tally.unsettled(limit, stage) for tally, limit in zip(tallies, allowed, strict=True)]
         if stage == STAGES[1]:
             counters["settled"] += sum(int(tally.in_reach.sum()) - len(rows) for tally, rows in zip(tallies, unsettled, strict=True))
-        n_source = len(scene.sources)
-        counters["rays"] += _add_to_all(scene.rays, chunk, tallies[:n_source], unsettled[:n_source], stage)
-        for tally, rows in zip(tallies[n_source:], unsettled[n_source:], strict=True):
+        for tally, rows in zip(tallies, unsettled, strict=True):
             for piece in row_pieces(rows, stage[1] - stage[0]):
-                counters["rays"] += tally.add(scene.rays, chunk, piece, stage, None)
+                counters["rays"] += tally.add(scene.rays, chunk, piece, stage)
     for tally in tallies:
         found += tally.light(count)
         variance += tally.variance(count)
@@ -184,7 +174,7 @@ def _look_first(
     scene: DirectScene, chunk: TexelChunk, tiles: Tiles, smoothed: bool, rng: np.random.Generator, counters: dict[str, int]
 ) -> tuple[Float64, Float64, list[Tally]]:
     """Light (n, 3) that tiles are sure of, its variance, and for each source an empty tally of the texels that look at it themselves."""
-    (shared, variance), tallies, texels = np.zeros((2, len(chunk.texel), 3)), [], tiles.texels()
+    (shared, variance), tallies, texels = np.zeros((2, len(chunk), 3)), [], tiles.texels()
     for source in scene.sources:
         look = look_from_tiles(scene.rays, chunk, tiles, source, random_shift(rng, len(tiles)))
         shared[look.lit] += look.closed[look.lit, None] * source.rgb
@@ -192,33 +182,14 @@ def _look_first(
         without = look.closed == 0
         agreed = look.lit | look.dark
         rows = np.flatnonzero(~(agreed | without))
-        own = np.arange(len(chunk.texel)) == look.leader
+        own = np.arange(len(chunk)) == look.leader
         looks_on = ~(agreed | without) & own & ~np.isnan(look.closed)
-        alone = texels[looks_on[tiles.start]] if smoothed else texels[:0]
+        alone = texels[looks_on[texels].all(axis=1)] if smoothed else texels[:0]
         leader, index = np.searchsorted(rows, look.leader[rows]), np.searchsorted(rows, alone)
         tallies.append(Tally(source, rows, None, random_shift(rng, len(rows)), np.stack([look.closed, look.off])[:, rows], index, leader))
         counters["rays"] += look.rays
-        counters["pairs"] += len(chunk.texel) - len(rows)
+        counters["pairs"] += len(chunk) - len(rows)
         counters["out_of_reach"] += int(without.sum())
         counters["settled"] += int(agreed.sum())
         counters["shared"] += int(agreed.sum()) + int((~own).sum())
     return shared, variance, tallies
-
-
-def _add_to_all(rays: RayScene, chunk: TexelChunk, tallies: Sequence[Tally], chosen: Sequence[IntArray], stage: tuple[int, int]) -> int:
-    """Sends a stage's rays of tallies of one light each, each from its own choice of its rows; gives how many were traced.
-
-    The rays of a texel start at the same places for every light, so that these are found once.
-    """
-    wanted = np.zeros((len(tallies), len(chunk.texel)), bool)
-    for row, tally, own in zip(wanted, tallies, chosen, strict=True):
-        row[tally.rows[own]] = True
-    n_ray, traced = stage[1] - stage[0], 0
-    for piece in row_pieces(np.flatnonzero(wanted.any(axis=0)), n_ray):
-        starts = chunk.receivers(piece, *stage)
-        for tally, row in zip(tallies, wanted, strict=True):
-            own = row[piece]
-            if own.any():
-                looking = starts if own.all() else starts.rows(np.flatnonzero(np.tile(own, n_ray)))
-                traced += tally.add(rays, chunk, np.searchsorted(tally.rows, piece[own]), stage, looking)
-    return traced

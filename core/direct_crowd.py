@@ -14,6 +14,7 @@ from .direct_lights import AreaSource, PointSource, Source
 from .direct_points import MIDDLE, STAGES, Receivers, TexelChunk, light_points, random_shift, row_pieces
 from .direct_sources import join_sources
 from .emitters import weigh_channels
+from .geometry import take_rows
 from .lights import Float32, Float64, spread_attenuation
 from .rays import RayScene
 from .scene import IntArray
@@ -68,7 +69,7 @@ class LampCrowd:
 
         starts   of rays from the chunk's texels, any number of each
         """
-        count, n_cluster = len(chunk.texel), len(self.clusters)
+        count, n_cluster = len(chunk), len(self.clusters)
         reach = _reach_of_texels(chunk, starts)
         end = np.empty((-(-count // _TOGETHER), n_cluster))
         alone = np.diff(self.clusters.start) == 1
@@ -134,7 +135,7 @@ class RestOfCrowd:
         self, rays: RayScene, chunk: TexelChunk, base_rgb: Float64, tolerance: float, max_rays: int, rng: np.random.Generator
     ) -> tuple[Float64, Float64, int]:
         """As EmitterPool.irradiance."""
-        count = len(chunk.texel)
+        count = len(chunk)
         shift, turn = random_shift(rng, count), random_shift(rng, count)[:, 0]
 
         n_cluster = self._end.shape[1]
@@ -145,7 +146,7 @@ class RestOfCrowd:
             receivers = chunk.receivers(rows, first, last)
             step, cluster, chance, rest = choose_by_strata(self._end, rows // _TOGETHER, turn[rows], last - first, rng)
             lamp, lamp_chance = self._crowd.clusters.choose(cluster, rest)
-            value, traced = self._look(rays, receivers, lamp, light_points(shift[rows], first, last))
+            value, traced = self._look(rays, receivers, lamp, light_points(take_rows(shift, rows), first, last))
             if first == 0:
                 place = np.tile(rows // BLOCK_TEXELS * n_cluster, last) + cluster
                 np.add(shot, np.bincount(place, minlength=len(shot)), out=shot)
@@ -199,7 +200,7 @@ def _lit_share(shot: Float64, lit: Float64) -> Float32:
 
 def _reach_of_texels(chunk: TexelChunk, starts: Receivers) -> Float32:
     """(n,) float32, unit box: about half the diagonal of each texel."""
-    place = starts.position.reshape(-1, len(chunk.texel), 3)
+    place = starts.position.reshape(-1, len(chunk), 3)
     out: Float32 = np.sqrt(((place - place.mean(axis=0)) ** 2).sum(axis=2).max(axis=0)) * np.float32(math.sqrt(3))
     return out
 

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from random import Random
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .direct_lights import Aim
-from .geometry import UnitBox, interpolate_corners, locate_hits, offset_origin, take_rows, triangle_frames, triangle_normals_areas
+from .geometry import UnitBox, locate_hits, offset_origin, take_rows, triangle_frames, triangle_normals_areas
 from .lights import Float32
 from .rays import RayScene
 from .scene import FloatArray, IntArray, SceneSnapshot
-
-# Texels (m,) and points (k, m, 2) of the unit square -> triangles (k, m) and weights (k, m, 2) of their corners 1 and 2,
-# uniform over the texel's covered part: TexelMap.sub_points.
-SubPoints: TypeAlias = Callable[[IntArray, FloatArray], tuple[NDArray[np.int32], NDArray[np.float32]]]
+from .texel_looks import TexelLooks
 
 # Source: Gauss-Legendre, two points a side; their mean is exact for cubic polynomials.
 GAUSS_POINTS = np.array([[[x, y]] for y in (-1, 1) for x in (-1, 1)]) * math.sqrt(1 / 12) + 0.5
@@ -63,12 +58,15 @@ _LIGHT_POINTS = _shuffle_stages(_TEXEL_POINTS, 804)
 
 
 def shift_points(points: NDArray[np.uint32], shift: NDArray[np.uint32]) -> Float32:
-    """(k, m, 2) float32 in [0, 1): points (k, 2) moved by digital shifts (m, 2), which keep their strata.
+    """(k, m, 2) float32 in [0, 1), a view of (2, k, m) rows: points (k, 2) moved by digital shifts (m, 2), which keep their strata.
 
     Source: Owen 2003, "Quasi-Monte Carlo sampling", 3.4.
     """
-    bits = points[:, None, :] ^ shift
-    return (bits >> np.uint32(8)).astype(np.float32) * np.float32(2.0**-24)
+    bits = points.T[:, :, None] ^ shift.T[:, None, :]
+    bits >>= np.uint32(8)
+    out = bits.view(np.int32).astype(np.float32)  # numbers below 2^31 are the same, and sooner converted
+    out *= np.float32(2.0**-24)
+    return np.moveaxis(out, 0, -1)
 
 
 @dataclass(frozen=True)
@@ -77,7 +75,7 @@ class Receivers:
 
     position   (n, 3) float32, unit box, already off its surface
     normal     (n, 3) float32, unit       shading normal
-    side       (n, 3) float32, unit       geometric normal
+    side       (n, 3) float32, unit       geometric normal; the same array as `normal` where all of them are flat
     """
 
     position: Float32
@@ -85,7 +83,8 @@ class Receivers:
     side: Float32
 
     def rows(self, index: IntArray) -> Receivers:
-        return Receivers(take_rows(self.position, index), take_rows(self.normal, index), take_rows(self.side, index))
+        side = take_rows(self.side, index)
+        return Receivers(take_rows(self.position, index), side if self.normal is self.side else take_rows(self.normal, index), side)
 
     def see(self, rays: RayScene, aim: Aim) -> tuple[NDArray[np.bool_], int]:
         """Which rays meet nothing, and how many had to be traced; what comes from behind the face is not seen."""
@@ -122,56 +121,123 @@ class ReceivingSurfaces:
         smooth = np.abs(snapshot.tri_normal - normal[:, None]).max(axis=(1, 2)) > _SMOOTH_DEVIATION
         return cls(corner_unit, normal, triangle_frames(corner_unit), smooth, snapshot.tri_normal)
 
-    def at(self, tri: IntArray, barycentric: Float32, flip: bool) -> Receivers:
-        """Receivers at weights (n, 2) of corners 1 and 2 of triangles (n,); on their back when `flip`."""
-        u, v = np.ascontiguousarray(barycentric.T)
-        first = self.place(tri, u, v).T
-        side = self.normal.T.take(tri, axis=1)
-        normal = self._shade(tri, u, v, side)
-        if flip:
-            normal, side = -normal, -side
-        return Receivers(offset_origin(first, side).T, normal.T, side.T)
-
     def place(self, tri: IntArray, u: Float32, v: Float32) -> Float32:
         """(n, 3) view of rows, unit box: points at weights of corners 1 and 2."""
         point: Float32 = locate_hits(self.tri_frame, tri, u, v).T
         return point
 
-    def _shade(self, tri: IntArray, u: Float32, v: Float32, side: Float32) -> Float32:
-        """(3, n): the interpolated normals where triangles are smooth."""
+    def follow(self, looks: TexelLooks, flip: bool) -> LookFrames:
+        """Places and normals at the elements of looks; on their back when `flip`."""
+        tri, weight = looks.tri, looks.weight
+        side = self.normal.T.take(tri, axis=1)
+        if flip:
+            side *= np.float32(-1)
+        position = _follow_axes(self.tri_frame, tri, weight)
+        position[0] = offset_origin(position[0], side)
         smooth = np.flatnonzero(self.smooth[tri])
         if not len(smooth):
-            return side
-        shading = interpolate_corners(self.shading_normal[tri[smooth]], u[smooth], v[smooth])
-        length = np.sqrt((shading * shading).sum(axis=1))
-        usable = np.flatnonzero(length > _SHORTEST_NORMAL)
-        normal = side.copy()
-        normal[:, smooth[usable]] = (shading[usable] / length[usable, None]).T
-        return normal
+            return LookFrames(position, side, None, None)
+        normal = np.zeros_like(position)
+        normal[0] = side
+        corners = triangle_frames(self.shading_normal[tri[smooth]])
+        normal[:, :, smooth] = _follow_axes(corners, np.arange(len(smooth)), weight[:, :, smooth]) * np.float32(-1 if flip else 1)
+        return LookFrames(position, side, normal, self.smooth[tri])
+
+
+def _follow_axes(frame: Float32, tri: IntArray, weight: Float32) -> Float32:
+    """(3, 3, n) float32: what triangle_frames (3, 3, n_tri) tell at elements: at their origin, and what their axes add; then x, y, z."""
+    corner, *edges = frame.take(tri, axis=2)
+    out = np.empty((3, 3, len(tri)), np.float32)
+    for row, (u, v) in zip(out, weight, strict=True):
+        np.multiply(edges[0], u, out=row)
+        row += edges[1] * v
+    out[0] += corner
+    return out
 
 
 @dataclass(frozen=True)
+class LookFrames:
+    """Receivers on the elements of TexelLooks, linear along their axes; at the origin, and what each axis adds.
+
+    position   (3, 3, n) float32, unit box    already off the surface; [of origin and axes, of x, y and z, of elements], as in normal
+    side       (3, n) float32, unit           geometric normal
+    normal     (3, 3, n) float32              shading normal, of any length; None where all are flat
+    smooth     (n,) bool                      has a shading normal of its own; None where none has
+    """
+
+    position: Float32
+    side: Float32
+    normal: Float32 | None
+    smooth: NDArray[np.bool_] | None
+
+    def at(self, element: IntArray, a: FloatArray, b: FloatArray) -> tuple[Float32, Float32, Float32]:
+        """Positions, shading normals and sides, each (3, k, m) or (3, 1, m), at places (k, m) along the axes of elements (1 or k, m)."""
+        side = self.side.take(element, axis=1)
+        position = _interpolate(self.position.take(element, axis=2), a, b)
+        if self.normal is None or self.smooth is None or not self.smooth[element].any():
+            return position, side, side
+        normal = _interpolate(self.normal.take(element, axis=2), a, b)
+        length = np.sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2])
+        cancelled = length <= _SHORTEST_NORMAL
+        if cancelled.any():
+            length[cancelled] = 1
+            normal = np.where(cancelled, side, normal)
+        normal /= length
+        return position, normal, side
+
+
+def _interpolate(frame: Float32, a: FloatArray, b: FloatArray) -> Float32:
+    """(3, k, m): origin + a * one axis + b * the other, of frame (3, 3, 1 or k, m)."""
+    out = np.empty((3, *a.shape), np.float32)
+    for row, origin, along_a, along_b in zip(out, *frame, strict=True):
+        np.multiply(along_a, a, out=row)
+        row += along_b * b
+        row += origin
+    return out
+
+
 class TexelChunk:
     """Some texels, and the random shift of the points inside each.
 
-    texel   (n,) int            as `sub_points` knows them
-    shift   (n, 2) uint32
+    looks      of n texels
+    shift      (n, 2) uint32
+    surfaces   what the looks are on
+    flip       the backs of the texels are asked for
     """
 
-    texel: IntArray
-    shift: NDArray[np.uint32]
-    sub_points: SubPoints
-    surfaces: ReceivingSurfaces
-    flip: bool
+    def __init__(self, looks: TexelLooks, shift: NDArray[np.uint32], surfaces: ReceivingSurfaces, flip: bool) -> None:
+        self._looks, self._shift, self._frames = looks, shift, surfaces.follow(looks, flip)
+
+    def __len__(self) -> int:
+        return len(self._looks)
 
     def receivers(self, rows: IntArray, first: int, last: int) -> Receivers:
         """Starts of rays first ... last - 1 of some of the texels, ray by ray: ((last - first) * len(rows), ...)."""
-        return self.receivers_at(rows, shift_points(_TEXEL_POINTS[first:last], self.shift[rows]))
+        return self.receivers_at(rows, shift_points(_TEXEL_POINTS[first:last], take_rows(self._shift, rows)))
 
     def receivers_at(self, rows: IntArray, points: FloatArray) -> Receivers:
         """The same at points (k, 1 or len(rows), 2) of the texels' unit squares."""
-        tri, barycentric = self.sub_points(self.texel[rows], points)
-        return self.surfaces.at(tri.ravel(), barycentric.reshape(-1, 2), self.flip)
+        shape = (3, len(points), len(rows))
+        a, b = (np.broadcast_to(points[..., axis].astype(np.float32, copy=False), shape[1:]) for axis in (0, 1))
+        position, normal, side = self._frames.at(rows[None], a, b)
+        part = self._looks.part[rows]
+        torn = np.flatnonzero(part >= 0)
+        if len(torn):
+            chosen = self._looks.choose(part[torn], np.broadcast_to(points, (*shape[1:], 2))[:, torn])
+            position[:, :, torn], own_normal, own_side = self._frames.at(*chosen)
+            flat = normal is side and own_normal is own_side
+            side = _replace_columns(side, shape, torn, own_side)
+            normal = side if flat else _replace_columns(normal, shape, torn, own_normal)
+        sides = np.broadcast_to(side, shape).reshape(3, -1).T
+        normals = sides if normal is side else np.broadcast_to(normal, shape).reshape(3, -1).T
+        return Receivers(position.reshape(3, -1).T, normals, sides)
+
+
+def _replace_columns(values: Float32, shape: tuple[int, int, int], columns: IntArray, others: Float32) -> Float32:
+    """A copy of the values, broadcast to a shape (3, k, m), with others (3, k, p) in some columns (p,)."""
+    out: Float32 = np.broadcast_to(values, shape).copy()
+    out[:, :, columns] = others
+    return out
 
 
 def light_points(shift: NDArray[np.uint32], first: int, last: int) -> Float32:
@@ -180,8 +246,8 @@ def light_points(shift: NDArray[np.uint32], first: int, last: int) -> Float32:
 
 
 def random_shift(rng: np.random.Generator, count: int) -> NDArray[np.uint32]:
-    """(count, 2) uint32."""
-    return rng.integers(0, 2**32, size=(count, 2), dtype=np.uint32)
+    """(count, 2) uint32, a view of (2, count) rows."""
+    return np.ascontiguousarray(rng.integers(0, 2**32, size=(count, 2), dtype=np.uint32).T).T
 
 
 def row_pieces(rows: IntArray, rays_each: int) -> list[IntArray]:

@@ -77,13 +77,13 @@ class EmitterPool:
         base_rgb   (n, 3) float64: other light at the texels; more rays go where the error shows beside the sum
         """
         end, n_ray = self._choose_clusters(rays, chunk, rng)
-        shift, turn = random_shift(rng, len(chunk.texel)), random_shift(rng, len(chunk.texel))[:, 0]
+        shift, turn = random_shift(rng, len(chunk)), random_shift(rng, len(chunk))[:, 0]
 
         def gather(rows: IntArray, span: Span) -> tuple[Float64, int]:
             return self._gather(rays, chunk, rows, end, (shift, turn), span, rng)
 
         spans = [span for span in ((0, STAGES[1][1]), STAGES[2]) if span[0] < max_rays]
-        rows = np.arange(len(chunk.texel))
+        rows = np.arange(len(chunk))
         total, variance, traced = gather_until_sure(gather, rows, base_rgb, tolerance, spans)
         return total, variance, n_ray + traced
 
@@ -102,14 +102,14 @@ class EmitterPool:
         receivers = chunk.receivers(rows, first, last)
         step, cluster, chance, rest = choose_by_strata(end, rows, shifts[1][rows], last - first, rng)
         cell, cell_chance = self.clusters.choose(cluster, rest)
-        aim, radiance = self._aim(receivers, cell, light_points(shifts[0][rows], first, last))
+        aim, radiance = self._aim(receivers, cell, light_points(take_rows(shifts[0], rows), first, last))
         seen, traced = receivers.see(rays, aim)
         return in_order(step, radiance * np.where(seen, aim.weight / (chance * cell_chance), 0)[:, None]), traced
 
     def _choose_clusters(self, rays: RayScene, chunk: TexelChunk, rng: np.random.Generator) -> tuple[Float64, int]:
         """(n, n_cluster) float64: cumulative chances of the clusters at each texel, row r from r to r + 1; and rays spent."""
         visibility, n_ray = self._look_around(rays, chunk, rng)
-        count = len(chunk.texel)
+        count = len(chunk)
         power = self.clusters.weight.astype(np.float32)
         end = np.empty((count, len(power)))
         for rows in row_pieces(np.arange(count), len(power)):
@@ -139,9 +139,9 @@ class EmitterPool:
     def _look_around(self, rays: RayScene, chunk: TexelChunk, rng: np.random.Generator) -> tuple[Float32, int]:
         """(n_block, n_cluster): share of each cluster that pilots of the block, and of the blocks around it, saw; and rays spent."""
         n_cluster = len(self.clusters)
-        n_block = -(-len(chunk.texel) // BLOCK_TEXELS)
+        n_block = -(-len(chunk) // BLOCK_TEXELS)
         pilot = np.arange(n_block)[:, None] * BLOCK_TEXELS + np.arange(_PILOTS) * (BLOCK_TEXELS // _PILOTS) + BLOCK_TEXELS // _PILOTS // 2
-        receivers = chunk.receivers_at(np.minimum(pilot, len(chunk.texel) - 1).ravel(), MIDDLE)
+        receivers = chunk.receivers_at(np.minimum(pilot, len(chunk) - 1).ravel(), MIDDLE)
         seen, n_ray = np.empty((n_block * _PILOTS, n_cluster), np.float32), 0
         for piece in row_pieces(np.arange(n_block * _PILOTS), n_cluster):
             cluster = np.tile(np.arange(n_cluster), len(piece))

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .direct_lights import Source
 from .direct_peaks import average_peaks, estimate_bend, find_peaks
 from .direct_points import GAUSS_POINTS, STAGES, Receivers, TexelChunk, light_points
+from .geometry import take_rows
 from .lights import Float64
 from .rays import RayScene
-from .scene import IntArray
+from .scene import FloatArray, IntArray
 from .tiles import TILE_SURFACES, TILE_TEXELS
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 
 AGREE_TEXELS = 16  # neighbours in Morton order whose first rays must agree before any of them stops
 # Powers of the number of rays by which strata lower the variance; measured. A hard edge crosses few cells of a texel; a soft one ties
@@ -57,13 +62,17 @@ class Tally:
         self._lit, self._dark = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
         self._leader = np.arange(len(rows)) if leader is None else leader
 
-    def add(self, rays: RayScene, chunk: TexelChunk, index: IntArray, stage: tuple[int, int], starts: Receivers | None) -> int:
-        """Sends a stage's rays from some of the tally's texels; gives how many were traced."""
+    def add(self, rays: RayScene, chunk: TexelChunk, index: IntArray, stage: tuple[int, int], points: FloatArray | None = None) -> int:
+        """Sends a stage's rays from some of the tally's texels (m,), ascending; gives how many were traced.
+
+        points   (rays, 1 or m, 2) float in [0, 1): where in a texel they start, if not at the stage's own places
+        """
         first, last = stage
-        receivers = chunk.receivers(self.rows[index], first, last) if starts is None else starts
+        rows = self.rows[index]
+        receivers = chunk.receivers(rows, first, last) if points is None else chunk.receivers_at(rows, points)
         lamp = None if self._lamp is None else np.tile(self._lamp[index], last - first)
         self._rays[index] += last - first
-        live = np.arange(len(receivers.position))
+        live = None
         asked = np.flatnonzero(~self._known[index])
         if stage != STAGES[2] and len(asked):  # by then the closed form is known at 16 points
             own, own_lamp, at = receivers, lamp, index
@@ -96,24 +105,34 @@ class Tally:
     def _lamps(self, lamp: NDArray[np.int64] | None) -> Source:
         return self.source if lamp is None else self.source.rows(lamp)
 
-    def _trace(self, rays: RayScene, receivers: Receivers, lamps: Source, live: IntArray, index: IntArray, stage: tuple[int, int]) -> int:
-        """live (m,) int: place of each receiver in (rays, len(index))."""
-        if not len(live):
+    def _trace(
+        self, rays: RayScene, receivers: Receivers, lamps: Source, live: IntArray | None, index: IntArray, stage: tuple[int, int]
+    ) -> int:
+        """live (m,) int: place of each receiver in (rays, len(index)); None where each has its own."""
+        if live is not None and not len(live):
             return 0
-        aim = lamps.aim(receivers.position, receivers.normal, light_points(self._shift[index], *stage)[live])
-        traced = 0
+        points = light_points(take_rows(self._shift, index), *stage)
+        aim = lamps.aim(receivers.position, receivers.normal, points if live is None else take_rows(points, live))
+        shines, traced = aim.weight > 0, 0
+        seen = shines
         if self.source.casts_shadow:
             seen, traced = receivers.see(rays, aim)
-        else:
-            seen = np.ones(len(live), bool)
         shape = (stage[1] - stage[0], len(index))
-        share, weight, dark = np.zeros((3, *shape))
-        share.flat[live], weight.flat[live] = aim.share, aim.weight * seen
-        dark.flat[live] = (aim.weight > 0) & ~seen
-        for row, values in enumerate((share, share * share, weight, weight * weight, share * weight)):
-            self._sums[row, index] += values.sum(axis=0)
-        self._lit[index] |= weight.any(axis=0)
-        self._dark[index] |= dark.any(axis=0)
+
+        def spread(values: NDArray[_Scalar]) -> NDArray[_Scalar]:
+            if live is None:
+                return values.reshape(shape)
+            out = np.zeros(shape, values.dtype)
+            out.flat[live] = values
+            return out
+
+        own = slice(index[0], index[-1] + 1) if index[-1] - index[0] == len(index) - 1 else index
+        share = spread(aim.share).astype(np.float64)
+        weight = spread(aim.weight * seen).astype(np.float64)
+        for row, (one, other) in enumerate(((share, None), (share, share), (weight, None), (weight, weight), (share, weight))):
+            self._sums[row, own] += one.sum(axis=0) if other is None else np.einsum("ij,ij->j", one, other)
+        self._lit[own] |= spread(seen).any(axis=0)
+        self._dark[own] |= spread(shines & ~seen).any(axis=0)
         return traced
 
     @property
@@ -211,13 +230,12 @@ class Tally:
         return np.where(self._peak, self._peak_mean, self._reach / np.maximum(self._starts, 1))
 
     def _ratio(self) -> Float64:
-        share, seen = self._sums[0, self._leader], self._sums[2, self._leader]
-        out: Float64 = np.divide(seen, share, out=np.zeros(len(self.rows)), where=share > 0)
-        return out
+        return _divide_seen(self._sums[:3].take(self._leader, axis=1))
 
     def _error_squared(self) -> Float64:
         """Of the ratio estimate. Source: Cochran 1977, "Sampling Techniques", 6.3, for random rays."""
-        ratio, sums = self._ratio(), self._sums[:, self._leader]
+        sums = self._sums.take(self._leader, axis=1)
+        ratio = _divide_seen(sums)
         residual = np.maximum(sums[3] - 2 * ratio * sums[4] + ratio**2 * sums[1], 0)
         square = np.divide(residual, sums[0] ** 2, out=np.ones(len(ratio)), where=sums[0] > 0)
         starts, closed = np.maximum(self._starts, 1), self._closed()
@@ -229,3 +247,9 @@ class Tally:
         gain = np.maximum(rarer, 1) ** (_SHARP_GAIN if self.source.is_sharp else _SOFT_GAIN)
         out: Float64 = spread + closed**2 * square / gain
         return out
+
+
+def _divide_seen(sums: Float64) -> Float64:
+    """(n,) float64: share of the light that is seen, by the sums of Tally (3 or more, n)."""
+    out: Float64 = np.divide(sums[2], sums[0], out=np.zeros(sums.shape[1]), where=sums[0] > 0)
+    return out

@@ -53,7 +53,7 @@ def look_from_tiles(rays: RayScene, chunk: TexelChunk, tiles: Tiles, source: Sou
     A little of a light with an extent may come by a gap that few rays find: in the dark one texel of a tile, by chance,
     looks on for all of them, which is right on average.
     """
-    count = len(chunk.texel)
+    count = len(chunk)
     closed, lit, dark = np.full(count, np.nan), np.zeros(count, bool), np.zeros(count, bool)
     told, values, gap = _closed_at_tiles(chunk, tiles, source)
     texels, off = tiles.texels(), np.zeros(count)

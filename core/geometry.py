@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,8 @@ from .scene import FloatArray, IntArray
 # Unit-box length: 40 micrometres in a room of 20 m. Points interpolated from corners lie within 8e-8 of their triangle's plane, and
 # 2.5e-7 was enough for 1e6 rays in a box and in a sphere down to 1e-5 above the surface; the rest is reserve (test_rays.py).
 ORIGIN_OFFSET = 2e-6
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 
 _SMALLEST_EXTENT_M = 1e-30  # below it 1 / extent leaves float32
 _COLLINEAR = 8 * float(np.finfo(np.float64).eps)  # sine of the angle below which float64 cannot tell an area from rounding
@@ -152,6 +155,6 @@ def select(flag: NDArray[np.bool_], yes: FloatArray, no: FloatArray) -> FloatArr
     return out
 
 
-def take_rows(values: NDArray[np.float32], index: IntArray) -> NDArray[np.float32]:
-    """values[index] of (n, 3) views of (3, n) rows, as such a view."""
+def take_rows(values: NDArray[_Scalar], index: IntArray) -> NDArray[_Scalar]:
+    """values[index] of (n, k) views of (k, n) rows, as such a view."""
     return values.T.take(index, axis=1).T

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from .coverage import Float64, Int32, Int64, chunk_ranges, clip_to_texels, expand_ranges, monomial_exponents, powers
 from .scene import FloatArray, IntArray
 from .texel_grid import TexelGrid
+from .texel_looks import TexelLooks
 
 LOOK = 0.5  # side of the square around its centre that a texel looks at
+_ROUNDING = 1e-9  # weight of a corner below 0 that is still on the triangle
 
 
 @dataclass(frozen=True)
@@ -201,52 +203,49 @@ class TexelMap:
         return self.texel_area[entry], (s, t), size
 
     def sub_points(self, entry: IntArray, point: FloatArray, look: float = LOOK) -> tuple[Int32, NDArray[np.float32]]:
-        """Points of the unit square carried over to where a texel looks, uniform by world area.
+        """Points of the unit square carried over to where texels look, see `look_at` and `TexelLooks.points`."""
+        return self.look_at(entry, look).points(point)
+
+    def look_at(self, entry: IntArray, look: float = LOOK) -> TexelLooks:
+        """Where texels look, every place there counting by its world area.
 
         A texel is read at its centre by whoever filters the image, and looks at the square of half its side around it, on the
         triangle there, as Cycles' bake does in Blender 5.0 (measured); a texel whose centre no triangle covers looks at what is covered.
 
         entry   (m,) int
-        point   (k, m, 2) or (k, 1, 2) float in [0, 1); `centred_strata` or stratified random numbers
         look    side of that square, texels; 1 for all that is covered
-        out     (k, m) int32 triangle, (k, m, 2) float32 weights of its corners 1 and 2
         """
-        xy, tri = self.texel_xy[entry], self.texel_tri[entry]
-        x, y = (0.5 + look * (point[..., axis].astype(np.float64) - 0.5) + xy[:, axis] for axis in (0, 1))
-        weights = np.empty((2, *x.shape), np.float32)  # rows: who interpolates by them reads u and v by themselves
-        weights[:] = self._corner_weights(tri, x, y)
-        tri = np.broadcast_to(tri, x.shape).copy()
+        tri = self.texel_tri[entry]
+        x_0, y_0, x_1, y_1, x_2, y_2, double_area = self._corner_frames.take(tri, axis=1)
+        x, y = self.texel_xy[entry].T + (0.5 - 0.5 * look)
+        x -= x_0
+        y -= y_0
+        weight = np.empty((3, 2, len(tri)))
+        weight[0] = x * y_2 - y * x_2, y * x_1 - x * y_1
+        weight[1] = look * y_2, -look * y_1
+        weight[2] = -look * x_2, look * x_1
+        weight /= double_area
+        squares = TexelLooks.of_squares(tri, weight)
         is_part, part = self._find_parts(entry)
-        if is_part.any():
-            inside = np.broadcast_to(point, (len(point), len(entry), 2))[:, is_part].astype(np.float64)
-            tri[:, is_part], place = self._warp_to_parts(part[is_part], inside, look)
-            place += xy[is_part]
-            weights[:, :, is_part] = self._corner_weights(tri[:, is_part], place[..., 0], place[..., 1])
-        return tri, np.moveaxis(weights, 0, -1)
+        rows = np.flatnonzero(is_part)
+        rows = rows[self.part_point[part[rows]].any(axis=1) | ~_are_inside(weight[:, :, rows])]
+        return self._clip_looks(squares, rows, part[rows], look) if len(rows) else squares
 
-    def _warp_to_parts(self, part: Int64, point: Float64, look: float) -> tuple[Int32, Float64]:
-        """Triangles (k, m) and places (k, m, 2) from the texel's lower left corner."""
+    def _clip_looks(self, squares: TexelLooks, rows: Int64, part: Int64, look: float) -> TexelLooks:
+        """The looks of texels, in which `rows` (p,), of these parts (p,), have the pieces of what is covered instead of their squares."""
         owner, pair = expand_ranges(self.pair_start[part], self.pair_start[part + 1])
+        central = ~self.part_point[part].any(axis=1)
         if look < 1.0:  # across a crease light is another one: the centre's triangle alone tells of it, as in Cycles
-            central = ~self.part_point[part].any(axis=1)
             told = ~central[owner] | (self.pair_tri[pair] == self.texel_tri[self.part_entry[part]][owner])
             owner, pair = owner[told], pair[told]
-        tri = self.pair_tri[pair]
-        side = np.where(self.part_point[part].any(axis=1), 1.0, look)[owner]
-        pieces = clip_to_texels(self.tri_uv[tri], self.texel_xy[self.part_entry[part[owner]]], side)
-        weight = pieces.area * self.tri_density[tri[pieces.pair]]
-        weight /= np.bincount(owner[pieces.pair], weight, minlength=len(part))[owner[pieces.pair]]
-        # Cumulative shares rise by one from part to part, so that one search serves all of them.
-        after = np.cumsum(weight)
-        target = point[:, :, 0] + np.arange(len(part))
-        bounds = np.searchsorted(owner[pieces.pair], np.arange(len(part) + 1))
-        chosen = np.clip(np.searchsorted(after, target, side="right"), bounds[:-1], bounds[1:] - 1)
-        # Source: Turk 1990, "Generating random points in triangles"; what is left of the first number is used again.
-        root = np.sqrt(np.clip((target - after[chosen]) / weight[chosen] + 1.0, 0.0, 1.0))
-        second = root * point[:, :, 1]
-        shares = (1.0 - root, root - second, second)
-        place = [sum(share * corner[chosen] for share, corner in zip(shares, axis, strict=True)) for axis in (pieces.x, pieces.y)]
-        return tri[pieces.pair[chosen]], np.stack(place, axis=-1) + 0.5
+        tri, xy = self.pair_tri[pair], self.texel_xy[self.part_entry[part[owner]]]
+        pieces = clip_to_texels(self.tri_uv[tri], xy, np.where(central, look, 1.0)[owner])
+        tri, xy, owner = tri[pieces.pair], xy[pieces.pair], owner[pieces.pair]
+        u, v = self._corner_weights(tri, pieces.x + (xy[:, 0] + 0.5), pieces.y + (xy[:, 1] + 0.5))
+        weight = np.stack([u, v], axis=1)
+        weight[1:] -= weight[0]
+        covered, owner = np.unique(owner, return_inverse=True)  # of what clipping rounds away the square is left
+        return squares.with_pieces(rows[covered], owner, tri, weight, pieces.area * self.tri_density[tri])
 
     def _corner_weights(self, tri: Int32, x: Float64, y: Float64) -> tuple[Float64, Float64]:
         """Weights of corners 1 and 2 at page texel coordinates x, y (..., m), brought inside the triangles (m,) or (..., m)."""
@@ -259,7 +258,7 @@ class TexelMap:
 
 
 def centred_strata(count: int) -> Float64:
-    """Centres of count = n * n equal cells of the unit square, for `TexelMap.sub_points`.
+    """Centres of count = n * n equal cells of the unit square, for `TexelLooks.points`.
 
     out   (count, 1, 2) float64
     """
@@ -269,6 +268,15 @@ def centred_strata(count: int) -> Float64:
     line = (np.arange(side) + 0.5) / side
     strata: Float64 = np.stack(np.meshgrid(line, line), axis=-1).reshape(count, 1, 2)
     return strata
+
+
+def _are_inside(weight: Float64) -> NDArray[np.bool_]:
+    """(m,) bool: whether squares lie wholly on their triangles; weight (3, 2, m) as in TexelLooks."""
+    inside = np.ones(weight.shape[2], bool)
+    for a, b in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        u, v = weight[0] + a * weight[1] + b * weight[2]
+        inside &= np.minimum(np.minimum(u, v), 1.0 - u - v) >= -_ROUNDING
+    return inside
 
 
 def _repeated(number: Int64, count: int) -> Int64:

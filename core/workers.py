@@ -139,7 +139,7 @@ def light_texels(shard: DirectShard) -> direct.DirectLight:
     tiles = Tiles.of(texels.texel_chart[shard.texels], texels.texel_code[shard.texels])
     rng = sampling.shard_rng(shard.seed, DIRECT_ROUND - shard.turn, shard.start)
     return direct.direct_irradiance(
-        _open_direct_scene(shard.tracing), texels.sub_points, shard.texels, rng, shard.tolerance, tiles=tiles, smoothed=shard.smoothed
+        _open_direct_scene(shard.tracing), texels.look_at, shard.texels, rng, shard.tolerance, tiles=tiles, smoothed=shard.smoothed
     )
 
 

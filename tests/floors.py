@@ -13,6 +13,7 @@ from leaflight.core.lights import Emitter
 from leaflight.core.materials import SurfaceMaterials
 from leaflight.core.rays import RayScene
 from leaflight.core.scene import Light, Material, SceneSnapshot
+from leaflight.core.texel_looks import TexelLooks
 from leaflight.core.tiles import Tiles
 from scenes import Mesh, make_scene, quad_mesh
 
@@ -78,18 +79,20 @@ def morton_square(side: int) -> tuple[np.ndarray, np.ndarray]:
     return x, y
 
 
-def floor_points(side: int, first_tri: int = 0) -> Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """TexelMap.sub_points for a quad_mesh of side * side texels in Morton order, whose triangles start at first_tri."""
+def floor_looks(side: int, first_tri: int = 0) -> Callable[[np.ndarray], TexelLooks]:
+    """TexelMap.look_at, at all that is covered, for a quad_mesh of side * side texels in Morton order; its triangles start at first_tri."""
     column, row = morton_square(side)
 
-    def sub_points(texel: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        place = np.broadcast_to(point, (len(point), len(texel), 2))
-        x, y = (column[texel] + place[..., 0]) / side, (row[texel] + place[..., 1]) / side
-        lower = x >= y  # quad_mesh is fanned from (0, 0) over (1, 0), (1, 1), (0, 1)
-        bary = np.stack([np.where(lower, x - y, x), np.where(lower, y, y - x)], axis=-1)
-        return np.where(lower, first_tri, first_tri + 1).astype(np.int32), bary.astype(np.float32)
+    def look_at(texel: np.ndarray) -> TexelLooks:
+        x, y, step = column[texel] / side, row[texel] / side, np.full(len(texel), 1 / side)
+        lower = column[texel] >= row[texel]  # quad_mesh is fanned from (0, 0) over (1, 0), (1, 1), (0, 1)
+        weight = np.zeros((3, 2, len(texel)))
+        weight[0] = np.where(lower, x - y, x), np.where(lower, y, y - x)
+        weight[1] = step, np.where(lower, 0, -step)
+        weight[2] = np.where(lower, -step, 0), step
+        return TexelLooks.of_squares(np.where(lower, first_tri, first_tri + 1), weight)
 
-    return sub_points
+    return look_at
 
 
 def floor_tiles(side: int) -> Tiles:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import floor_points, lit_scene, morton_square, prepare, sigma_limit, to_grid
+from floors import floor_looks, lit_scene, morton_square, prepare, sigma_limit, to_grid
 from leaflight.core import direct, photons
 from leaflight.core.direct import DirectLight, direct_irradiance
 from leaflight.core.emitters import build_emitters
@@ -25,7 +25,7 @@ SUN = Light("SUN", "Sun", power_rgb=(3.0, 2.0, 0.0))
 
 def light_floor(scene: SceneSnapshot, side: int = SIDE, seed: int = 1, **options: float) -> DirectLight:
     prepared, _, _ = prepare(scene)
-    return direct_irradiance(prepared, floor_points(side), np.arange(side * side), np.random.default_rng(seed), **options)
+    return direct_irradiance(prepared, floor_looks(side), np.arange(side * side), np.random.default_rng(seed), **options)
 
 
 def red(light: DirectLight, side: int = SIDE) -> np.ndarray:
@@ -256,12 +256,12 @@ def test_texels_may_be_any_of_them(monkeypatch):
     column, row = morton_square(SIDE)
     picked = np.flatnonzero((column + row) % 3 == 0)
     monkeypatch.setattr(direct, "_CHUNK_TEXELS", 100)
-    found = direct_irradiance(scene, floor_points(SIDE), picked, np.random.default_rng(1))
+    found = direct_irradiance(scene, floor_looks(SIDE), picked, np.random.default_rng(1))
     expected = from_panel(PLACE[column[picked]], PLACE[row[picked]])
     assert found.irradiance_rgb[:, 0] == pytest.approx(expected, rel=2e-3)
 
 
 def test_no_texels_and_no_lights():
     scene, _, _ = prepare(lit_scene())
-    assert direct_irradiance(scene, floor_points(2), np.arange(0), np.random.default_rng(1)).irradiance_rgb.shape == (0, 3)
-    assert not direct_irradiance(scene, floor_points(2), np.arange(4), np.random.default_rng(1)).irradiance_rgb.any()
+    assert direct_irradiance(scene, floor_looks(2), np.arange(0), np.random.default_rng(1)).irradiance_rgb.shape == (0, 3)
+    assert not direct_irradiance(scene, floor_looks(2), np.arange(4), np.random.default_rng(1)).irradiance_rgb.any()

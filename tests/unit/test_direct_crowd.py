@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import floor_points, lit_scene, prepare, sigma_limit
+from floors import floor_looks, lit_scene, prepare, sigma_limit
 from leaflight.core import direct, direct_crowd
 from leaflight.core.direct import DirectScene, direct_irradiance
 from leaflight.core.direct_points import MIDDLE, Receivers, TexelChunk
@@ -48,7 +48,7 @@ def make_lamps(count: int, seed: int = 1) -> list[Light]:
 
 
 def light_floor(scene: DirectScene, seed: int = 1, **options: float) -> direct.DirectLight:
-    return direct_irradiance(scene, floor_points(SIDE), TEXELS, np.random.default_rng(seed), **options)
+    return direct_irradiance(scene, floor_looks(SIDE), TEXELS, np.random.default_rng(seed), **options)
 
 
 def one_by_one(monkeypatch, scene) -> DirectScene:
@@ -134,7 +134,7 @@ class TestJudging:
         below = Light("POINT", "Below", (0.5, 0.5, -0.5), power_rgb=(1.0,) * 3)
         above = Light("POINT", "Above", (0.5, 0.5, 0.5), power_rgb=(1.0,) * 3)
         scene = prepare(lit_scene(lights=[up, below, above, *[replace(above, name=str(k)) for k in range(20)]]))[0]
-        chunk = TexelChunk(TEXELS, np.zeros((len(TEXELS), 2), np.uint32), floor_points(SIDE), scene.surfaces, False)
+        chunk = TexelChunk(floor_looks(SIDE)(TEXELS), np.zeros((len(TEXELS), 2), np.uint32), scene.surfaces, False)
         judged = scene.crowd.judge(chunk.receivers_at(TEXELS, MIDDLE), np.full(len(TEXELS), 0.01, np.float32))
         best = judged.max(axis=1)
         assert ((judged < 0.12 * best[:, None]).sum(axis=1) == 2).all()

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import floor_points, lit_scene, morton_square, prepare
+from floors import floor_looks, lit_scene, morton_square, prepare
 from leaflight.core.direct_lights import Source
 from leaflight.core.direct_peaks import average_peaks, estimate_bend, find_peaks
-from leaflight.core.direct_points import GAUSS_POINTS, TexelChunk
+from leaflight.core.direct_points import GAUSS_POINTS, Receivers, TexelChunk
 from leaflight.core.direct_sources import join_sources, make_lamps, make_suns
 from leaflight.core.geometry import ORIGIN_OFFSET, UnitBox
 from leaflight.core.scene import Light
@@ -27,7 +27,7 @@ TILE = replace(
 
 @pytest.fixture(scope="module")
 def chunk():
-    return TexelChunk(TEXELS, np.zeros((len(TEXELS), 2), np.uint32), floor_points(SIDE), prepare(lit_scene())[0].surfaces, False)
+    return TexelChunk(floor_looks(SIDE)(TEXELS), np.zeros((len(TEXELS), 2), np.uint32), prepare(lit_scene())[0].surfaces, False)
 
 
 def source_of(*lights: Light) -> Source:
@@ -94,19 +94,21 @@ def test_only_texels_near_a_lamp_hold_a_peak(chunk):
     assert not find_peaks(make_suns(lit_scene(lights=[Light("SUN", "Sun", power_rgb=(1.0,) * 3)]))[0], receivers, 4).any()
 
 
-def test_a_texel_of_parts_that_lie_apart_takes_few_points(chunk):
+def test_a_texel_of_parts_that_lie_apart_takes_few_points():
     """Squares over the step from one part to the other are never small."""
-    whole, taken = floor_points(SIDE), []
+    here, there, taken = floor_looks(SIDE)(TEXELS[20:21]), floor_looks(SIDE)(TEXELS[:1]), []
+    halves = np.concatenate([here.weight, there.weight], axis=2)  # the triangle at a square's origin is half of it
+    tri = np.array([here.tri[0], there.tri[0]])
+    parts = here.with_pieces(np.array([0]), np.zeros(2, int), tri, halves, np.array([1.0, 2.0]))
 
-    def sub_points(texel: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        taken.append(point.shape[0] * len(texel))
-        here, there = whole(texel, point), whole(np.zeros_like(texel), point)
-        near = np.broadcast_to(point[..., 0] < 1 / 3, here[0].shape)
-        return np.where(near, here[0], there[0]), np.where(near[..., None], here[1], there[1])
+    class CountingChunk(TexelChunk):
+        def receivers_at(self, rows: np.ndarray, points: np.ndarray) -> Receivers:
+            taken.append(len(points) * len(rows))
+            return super().receivers_at(rows, points)
 
-    source = source_of(LAMP)
-    mean, variance = average_peaks(source, None, replace(chunk, sub_points=sub_points), TEXELS[20:21])
-    receivers = replace(chunk, sub_points=sub_points).receivers_at(TEXELS[20:21], centred_strata(200**2))
+    source, torn = source_of(LAMP), CountingChunk(parts, np.zeros((1, 2), np.uint32), prepare(lit_scene())[0].surfaces, False)
+    mean, variance = average_peaks(source, None, torn, np.array([0]))
+    receivers = torn.receivers_at(np.array([0]), centred_strata(200**2))
     truth = source.irradiance(receivers.position, receivers.normal).mean()
     assert np.abs(mean - truth) < 2 * np.sqrt(variance) + 2e-3 * truth
     assert sum(taken[:-1]) < 8_000

@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import floor_points, lit_scene, prepare
+from floors import floor_looks, lit_scene, prepare
 from leaflight.core import direct_points
 from leaflight.core.direct_lights import Aim
-from leaflight.core.direct_points import STAGES, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces
+from leaflight.core.direct_points import MIDDLE, STAGES, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces
 from leaflight.core.geometry import UnitBox
+from leaflight.core.texel_looks import TexelLooks
 from scenes import make_scene, sphere_mesh
 
 
@@ -30,7 +31,7 @@ def test_first_rays_fall_one_in_each_stratum_of_the_light(count):
 @pytest.mark.parametrize("count", [4, 16, 64])
 def test_first_rays_start_one_in_each_stratum_of_the_texel(count):
     scene, _, _ = prepare(lit_scene())
-    chunk = TexelChunk(np.array([0]), random_shift(np.random.default_rng(2), 1), floor_points(1), scene.surfaces, False)
+    chunk = TexelChunk(floor_looks(1)(np.array([0])), random_shift(np.random.default_rng(2), 1), scene.surfaces, False)
     start = chunk.receivers(np.array([0]), 0, count).position
     side = round(count**0.5)
     assert cells(start[:, :2] + 0.5, side, side) == list(range(count))
@@ -49,10 +50,17 @@ def test_stages_join_without_gaps():
     assert np.array_equal(joined, light_points(shift, 0, STAGES[-1][1]))
 
 
+def chunk_at(surfaces: ReceivingSurfaces, tri: np.ndarray, u: float, v: float, flip: bool = False) -> TexelChunk:
+    """A texel at one point of each triangle."""
+    weight = np.zeros((3, 2, len(tri)))
+    weight[0] = np.array([[u], [v]])
+    return TexelChunk(TexelLooks.of_squares(tri, weight), np.zeros((len(tri), 2), np.uint32), surfaces, flip)
+
+
 def test_receivers_lie_off_their_surface_and_flip():
     scene, _, _ = prepare(lit_scene())
     for flip, sign in ((False, 1), (True, -1)):
-        chunk = TexelChunk(np.arange(16), np.zeros((16, 2), np.uint32), floor_points(4), scene.surfaces, flip)
+        chunk = TexelChunk(floor_looks(4)(np.arange(16)), np.zeros((16, 2), np.uint32), scene.surfaces, flip)
         receivers = chunk.receivers(np.arange(16), 0, 4)
         assert receivers.position.shape == receivers.normal.shape == (64, 3)
         assert (receivers.position[:, 2] * sign > 0).all()
@@ -66,7 +74,7 @@ def test_smooth_triangles_have_interpolated_unit_normals():
     smooth = replace(flat, tri_normal=corner_normal.astype(np.float32))
     surfaces = ReceivingSurfaces.of(smooth, UnitBox(np.zeros(3), 1.0))
     tri = np.arange(flat.n_tri)
-    receivers = surfaces.at(tri, np.full((flat.n_tri, 2), 1 / 3, np.float32), False)
+    receivers = chunk_at(surfaces, tri, 1 / 3, 1 / 3).receivers_at(tri, MIDDLE)
     expected = corner_normal.mean(axis=1) / np.linalg.norm(corner_normal.mean(axis=1), axis=1, keepdims=True)
     assert np.abs(receivers.normal - expected).max() < 1e-5
     assert np.abs(np.linalg.norm(receivers.side, axis=1) - 1).max() < 1e-5
@@ -79,13 +87,13 @@ def test_corner_normals_that_cancel_give_the_face_normal():
     opposite[:, 1] *= -1
     opposite[:, 2] = 0
     surfaces = ReceivingSurfaces.of(replace(scene, tri_normal=opposite), UnitBox(np.zeros(3), 1.0))
-    receivers = surfaces.at(np.array([0]), np.array([[0.5, 0.0]], np.float32), False)
+    receivers = chunk_at(surfaces, np.array([0]), 0.5, 0.0).receivers_at(np.array([0]), MIDDLE)
     assert receivers.normal.tolist() == [[0, 0, 1]]
 
 
 def test_what_comes_from_behind_the_face_or_weighs_nothing_is_not_seen():
     scene, _, _ = prepare(lit_scene())
-    receivers = scene.surfaces.at(np.zeros(4, int), np.full((4, 2), 0.25, np.float32), False)
+    receivers = chunk_at(scene.surfaces, np.zeros(4, int), 0.25, 0.25).receivers_at(np.arange(4), MIDDLE)
     direction = np.array([[0, 0, 1], [0, 0, -1], [1, 0, 0.1], [0, 0, 1]], np.float32)
     weight = np.array([1, 1, 1, 0], np.float32)
     seen, traced = receivers.see(scene.rays, Aim(direction, np.ones(4, np.float32), weight, weight))

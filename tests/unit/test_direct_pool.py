@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import chi_square_sigmas, floor_points, lit_scene, prepare, sigma_limit, to_grid
+from floors import chi_square_sigmas, floor_looks, lit_scene, prepare, sigma_limit, to_grid
 from leaflight.core import direct
 from leaflight.core.direct import DirectScene, direct_irradiance
 from leaflight.core.direct_sources import make_triangle_sources
@@ -20,7 +20,7 @@ TEXELS = np.arange(SIDE * SIDE)
 
 
 def light_floor(scene: DirectScene, seed: int = 1, **options: float) -> direct.DirectLight:
-    return direct_irradiance(scene, floor_points(SIDE), TEXELS, np.random.default_rng(seed), **options)
+    return direct_irradiance(scene, floor_looks(SIDE), TEXELS, np.random.default_rng(seed), **options)
 
 
 def as_sources(scene: SceneSnapshot) -> DirectScene:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import floor_points, lit_scene, prepare
+from floors import floor_looks, lit_scene, prepare
 from leaflight.core.direct_points import STAGES, TexelChunk
 from leaflight.core.direct_sources import join_sources, make_lamps
 from leaflight.core.direct_tally import AGREE_TEXELS, Tally
@@ -28,7 +28,7 @@ def shifts(count: int) -> np.ndarray:
 @pytest.fixture(scope="module")
 def ready():
     scene = prepare(SCENE)[0]
-    chunk = TexelChunk(TEXELS, shifts(len(TEXELS)), floor_points(SIDE), scene.surfaces, False)
+    chunk = TexelChunk(floor_looks(SIDE)(TEXELS), shifts(len(TEXELS)), scene.surfaces, False)
     return scene, chunk, make_lamps(SCENE, UnitBox.from_points(SCENE.vertex_position))
 
 
@@ -39,8 +39,8 @@ def test_pairs_sum_to_what_each_light_gives(ready):
     pairs = Tally(both, np.tile(TEXELS, 2), np.repeat([0, 1], len(TEXELS)), np.tile(shift, (2, 1)))
     alone = [Tally(lamp, TEXELS, None, shift) for lamp in lamps]
     for stage in STAGES[:2]:
-        traced = sum(pairs.add(scene.rays, chunk, piece, stage, None) for piece in np.array_split(np.arange(2 * len(TEXELS)), 3))
-        assert traced == sum(tally.add(scene.rays, chunk, TEXELS, stage, None) for tally in alone)
+        traced = sum(pairs.add(scene.rays, chunk, piece, stage) for piece in np.array_split(np.arange(2 * len(TEXELS)), 3))
+        assert traced == sum(tally.add(scene.rays, chunk, TEXELS, stage) for tally in alone)
     assert pairs.light(len(TEXELS)) == pytest.approx(sum(tally.light(len(TEXELS)) for tally in alone), rel=1e-5)
     assert pairs.variance(len(TEXELS)) == pytest.approx(sum(tally.variance(len(TEXELS)) for tally in alone), rel=1e-3, abs=1e-12)
     assert pairs.variance(len(TEXELS)).max() > 0
@@ -50,14 +50,14 @@ def test_texels_without_a_pair_get_nothing(ready):
     scene, chunk, lamps = ready
     ((both, _),) = join_sources(lamps)
     tally = Tally(both, np.array([0, 255]), np.array([0, 1]), shifts(2))
-    tally.add(scene.rays, chunk, np.arange(2), STAGES[0], None)
+    tally.add(scene.rays, chunk, np.arange(2), STAGES[0])
     assert tally.light(len(TEXELS)).any(axis=1).nonzero()[0].tolist() == [0, 255]
 
 
 def test_neighbours_of_a_shadow_edge_go_on_with_it(ready):
     scene, chunk, lamps = ready
     tally = Tally(lamps[0], TEXELS, None, shifts(len(TEXELS)))
-    tally.add(scene.rays, chunk, TEXELS, STAGES[0], None)
+    tally.add(scene.rays, chunk, TEXELS, STAGES[0])
     more = tally.unsettled(np.full(len(TEXELS), 1e-4), STAGES[1])
     assert 0 < len(more) < len(TEXELS)
     assert (np.bincount(more // AGREE_TEXELS) % AGREE_TEXELS == 0).all(), "whole groups of neighbours, since all of them are in reach"

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import floor_points, floor_tiles, lit_scene, morton_square, prepare, sigma_limit, to_grid
+from floors import floor_looks, floor_tiles, lit_scene, morton_square, prepare, sigma_limit, to_grid
 from leaflight.core.direct import DirectLight, direct_irradiance
 from leaflight.core.direct_points import TexelChunk
 from leaflight.core.direct_sources import make_lamps
@@ -28,7 +28,7 @@ PENUMBRA = lit_scene([box_mesh("Block", (4.0, 4.0, 0.1), (2.5, 0.5, 3.5))], [PAN
 def light_floor(scene: SceneSnapshot, side: int = SIDE, seed: int = 1, tiles: Tiles | None = None, **options: float) -> DirectLight:
     rng = np.random.default_rng(seed)
     tiles = floor_tiles(side) if tiles is None else tiles
-    return direct_irradiance(prepare(scene)[0], floor_points(side), np.arange(side * side), rng, tiles=tiles, **options)
+    return direct_irradiance(prepare(scene)[0], floor_looks(side), np.arange(side * side), rng, tiles=tiles, **options)
 
 
 def wire(width: float, angle_rad: float, shift: float) -> SceneSnapshot:
@@ -55,7 +55,7 @@ class TestClosedForms:
         near = replace(BULB, position_m=(0.3, 0.4, 0.02))
         scene, box = lit_scene(lights=[near]), UnitBox.from_points(lit_scene().vertex_position)
         prepared = prepare(scene)[0]
-        chunk = TexelChunk(np.arange(SIDE**2), np.zeros((SIDE**2, 2), np.uint32), floor_points(SIDE), prepared.surfaces, False)
+        chunk = TexelChunk(floor_looks(SIDE)(np.arange(SIDE**2)), np.zeros((SIDE**2, 2), np.uint32), prepared.surfaces, False)
         tiles = floor_tiles(SIDE)
         look = look_from_tiles(prepared.rays, chunk, tiles, make_lamps(scene, box)[0], np.zeros((len(tiles), 2), np.uint32))
         column, row = morton_square(SIDE)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from floors import floor_points, floor_tiles, morton_square
-from leaflight.core.direct_points import MIDDLE
+from floors import floor_looks, floor_tiles, morton_square
 from leaflight.core.tiles import NODE_WEIGHTS, TILE_CORNERS, TILE_NODES, TILE_SURFACES, TILE_TEXELS, Tiles
 
 
@@ -29,7 +28,7 @@ class TestTiles:
         assert not len(tiles.within(np.arange(0)))
 
     def test_of_one_triangle(self):
-        tri = floor_points(16)(np.arange(256), MIDDLE)[0][0]
+        tri = floor_looks(16)(np.arange(256)).tri
         assert floor_tiles(16).on_one_triangle(tri).place[:, 1:].tolist() == [[1, 0], [0, 1]]
 
     def test_near_is_the_ring_around(self):
