@@ -10,6 +10,7 @@ from itertools import pairwise
 
 FIRST_ROUND_PHOTONS = 1 << 18
 SHARD_PHOTONS = 1 << 17  # at most
+MANY_PAIRS = 3  # of shards, from which on a round ends with smaller ones
 # A round adds at most this share of all photons so far: late nodes lose what came before them.
 ROUND_GROWTH = 1.0
 ROUND_PHOTONS = 1 << 22  # at most, so that progress, cancelling and time limits are felt
@@ -37,11 +38,14 @@ def next_photons(so_far: int, most: int, n_node: int, wanted_error: float, error
 
 
 def share_photons(photons: int) -> list[int]:
-    """Photons of each shard of a round, for the halves of the bake in turn: equal shards, the last ones half as large.
+    """Photons of each shard of a round, for the halves of the bake in turn: equal shards, of many the last ones half as large.
 
-    Who works on the last shard of all keeps the others waiting, and a small one not long; but small ones take longer by the photon.
+    Who works on the last shard of all keeps the others waiting, and a small one not long; but small ones take longer by the photon, and
+    their nets of directions are coarser.
     """
     n_pair = max(1, math.ceil(photons / (2 * SHARD_PHOTONS)))
-    ends = [2 * pair for pair in range(n_pair)] + [2 * n_pair - 1, 2 * n_pair]  # of all pairs, in half shards
+    ends = [2 * pair for pair in range(n_pair + 1)]  # of all pairs, in half shards
+    if n_pair >= MANY_PAIRS:
+        ends.insert(n_pair, 2 * n_pair - 1)
     halves = (photons + 1) // 2, photons // 2
     return [half * end // ends[-1] - half * start // ends[-1] for start, end in pairwise(ends) for half in halves]
