@@ -47,9 +47,12 @@ class ShownDirect:
         if not grainy.any():
             return cls.plain(irradiance, variance)
         left = np.empty((4, len(irradiance)), np.float32)
-        light = denoise(np.ascontiguousarray(irradiance.T)[None], variance.T, grainy, texels, page, threads, left)[0].T
-        noise_left, own_share = left[:3].T, left[3, :, None]
+        smooth = denoise(irradiance.T[None], variance.T, grainy, texels, page, threads, left)[0]
+        shown = cls(irradiance.copy(), variance.copy(), np.zeros_like(irradiance))
+        rows = np.flatnonzero(left[3] < 1.0)
+        noise, noise_left, own_share = variance[rows], left[:3, rows].T, left[3, rows, None]
+        shown.irradiance[rows] = smooth[:, rows].T
         # Of the squared change, noise alone explains what the texel had and has now, less what it kept of its own.
-        blur2 = (light - irradiance) ** 2 - variance * (1.0 - 2.0 * own_share) - noise_left
-        chosen = noise_left + (_CHOSEN_BY_NOISE - 1.0) * np.maximum(noise_left - own_share**2 * variance, 0.0)
-        return cls(np.ascontiguousarray(light), np.ascontiguousarray(chosen), blur2)
+        shown.blur2[rows] = (shown.irradiance[rows] - irradiance[rows]) ** 2 - noise * (1.0 - 2.0 * own_share) - noise_left
+        shown.variance[rows] = noise_left + (_CHOSEN_BY_NOISE - 1.0) * np.maximum(noise_left - own_share**2 * noise, 0.0)
+        return shown

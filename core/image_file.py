@@ -124,9 +124,8 @@ def _encode_or_error(pixels: FloatArray, kind: str, wanted_range: float, full: b
         return f"expected kind {', '.join(KINDS)}, got {kind!r}"
     if pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or not pixels.size:
         return f"expected pixels (h, w, 3) or (h, w, 4), got {pixels.shape}"
-    unknown = sum(int(np.count_nonzero(np.isnan(pixels[band]))) for band in _bands(pixels))
-    if unknown:
-        return f"expected numbers, got {unknown} NaN"
+    if np.isnan(pixels.min()):  # one NaN is enough to make it one
+        return f"expected numbers, got {sum(int(np.count_nonzero(np.isnan(pixels[band]))) for band in _bands(pixels))} NaN"
     greatest = range_of(pixels, kind, wanted_range)
     first = _encode_rows(pixels[:1], kind, greatest, full)
     data = np.empty((len(pixels), *first.shape[1:]), first.dtype)

@@ -105,10 +105,12 @@ class Resolver:
         """One page (h, w, 4) of the pass `name`."""
         texels, size = self._texels, self._texels.page_size
         entry = np.flatnonzero(texels.shown & (self._entry_page == page))
-        column, row = texels.texel_xy[entry].T
-        image = np.zeros((size, size, 4), np.float32)
-        image[row, column, :3] = self._pass_values(name, entry)
-        image[row, column, 3] = 1.0
+        column, row = texels.texel_xy.take(entry, axis=0).T
+        at = np.full((size, size), -1, np.int32)
+        at[row, column] = np.arange(len(entry), dtype=np.int32)
+        pixels = np.zeros((len(entry) + 1, 4), np.float32)  # the last is that of the empty page
+        pixels[:-1, :3], pixels[:-1, 3] = self._pass_values(name, entry), 1.0
+        image: NDArray[np.float32] = pixels.take(at, axis=0, mode="wrap")
         filled = image[..., 3] > 0.0
         if self._light.empty is not None and name in _LIGHT_PASSES:
             column, row, value = self._beside_charts(name, page, self._light.empty)
@@ -119,9 +121,11 @@ class Resolver:
     def _pass_values(self, name: str, entry: IntArray) -> NDArray[np.float32]:
         light = self._light
         if name in _LIGHT_PASSES:
-            return _shade(name, light.direct[entry], light.indirect[entry], lambda emission: self._surface(entry, emission))
+            return _shade(
+                name, light.direct.take(entry, axis=0), light.indirect.take(entry, axis=0), lambda emission: self._surface(entry, emission)
+            )
         if name == "stderr":
-            return light.stderr[entry] / np.float32(np.pi)
+            return light.stderr.take(entry, axis=0) / np.float32(np.pi)
         if name in ("albedo", "emission"):
             return self._surface(entry, emission=name == "emission")
         raise ValueError(f"pass: {name!r} is not known")

@@ -80,17 +80,18 @@ def match_seams(
     is_central   (n,) bool: whether the texel's centre is covered
     entry_at     (n_page, size, size) int32: the entry that a texel shows, -1 where no chart covers it
     """
-    parts, n = light.shape[:2]
-    system = _System.of(points, is_central, entry_at)
-    keep, pull = system.weigh(light.sum(axis=0).mean(axis=1), np.sqrt(variance.mean(axis=1)))
-    before = system.gather(light.transpose(1, 0, 2).reshape(n, -1))
+    parts = len(light)
+    system, entry = _System.of(points, is_central, entry_at)
+    near = light.take(entry, axis=1)
+    keep, pull = system.weigh(near.sum(axis=0).mean(axis=1), np.sqrt(variance.take(entry, axis=0).mean(axis=1)))
+    before = system.gather(near.transpose(1, 0, 2).reshape(len(entry), -1))
     change = system.solve(before, keep, pull)
     shift = np.abs(change.reshape(-1, parts, 3).sum(axis=1).mean(axis=1))
     change *= np.minimum(_FARTHEST / np.sqrt(keep) / np.maximum(shift, _DARKEST), 1.0)[:, None]
     after = np.maximum(before + change, 0.0)
     shown = after.reshape(-1, parts, 3).transpose(1, 0, 2)
     matched = light.copy()
-    matched[:, system.near[system.covered, 0]] = shown[:, system.covered]
+    matched[:, entry[system.near[system.covered, 0]]] = shown[:, system.covered]
     report = SeamReport(points.n_edge, int(system.covered.sum()), system.step(before), system.step(after))
     return matched, system.empty(points, shown), report
 
@@ -103,7 +104,7 @@ class _System:
     cell             (v,) int64      texel of all pages together
     covered          (v,) bool
     central          (v,) bool       covered, and so is its centre
-    near             (v, 25) int32   entries of the texels around, itself first and then the nearest, -1 none
+    near             (v, 25) int32   rows of the texels around among all that are looked at, itself first and then the nearest, -1 none
     column, weight   (m, 8) int32, float64: what the one side of a point reads, less what the other does
     """
 
@@ -116,7 +117,8 @@ class _System:
     weight: Float64
 
     @classmethod
-    def of(cls, points: SeamPoints, is_central: NDArray[np.bool_], entry_at: Int32) -> _System:
+    def of(cls, points: SeamPoints, is_central: NDArray[np.bool_], entry_at: Int32) -> tuple[_System, Int64]:
+        """The system, and the entries (k,) of the texels that it looks at."""
         size = entry_at.shape[1]
         read, weight = _read_bilinear(points, size)
         cell, column = np.unique(read, return_inverse=True)
@@ -126,10 +128,16 @@ class _System:
             inside = (x + dx >= 0) & (x + dx < size) & (y + dy >= 0) & (y + dy < size)
             near[inside, k] = entry_at.ravel()[cell[inside] + dy * size + dx]
         covered = near[:, 0] >= 0
-        return cls(size, cell, covered, covered & is_central[near[:, 0]], near, column.reshape(read.shape).astype(np.int32), weight)
+        central = covered & is_central[near[:, 0]]
+        looked_at = np.zeros(len(is_central) + 1, bool)  # -1 is the last
+        looked_at[near] = True
+        entry = np.flatnonzero(looked_at[:-1])
+        row_of = np.full(len(looked_at), -1, np.int32)
+        row_of[entry] = np.arange(len(entry), dtype=np.int32)
+        return cls(size, cell, covered, central, row_of[near], column.reshape(read.shape).astype(np.int32), weight), entry
 
     def gather(self, values: NDArray[Any]) -> Float64:
-        """(v, c): what texels show of values (n, c) at the entries; empty ones the mean of the covered around them, as in the margin."""
+        """(v, c): what texels show of values (k, c) at those looked at; empty ones the mean of the covered around them, as in margins."""
         out: Float64 = values[self.near[:, 0]].astype(np.float64)
         near = self.near[~self.covered, 1:9]
         known = near >= 0
@@ -139,7 +147,7 @@ class _System:
     def weigh(self, total: Float32, noise: Float32) -> tuple[Float64, Float64]:
         """How much each texel (v,) holds on to its light, and how much each point (m,) pulls: one over squares of what each may be off.
 
-        total, noise   (n,) float32, W/m^2: light at the entries, and its standard error
+        total, noise   (k,) float32, W/m^2: light at the texels looked at, and its standard error
         """
         value, doubt = self.gather(np.stack([total, noise], axis=1)).T
         level = value + _FLOOR * value.mean() + _DARKEST

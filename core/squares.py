@@ -148,18 +148,20 @@ def _average_around(value: Float64, entry: IntArray, texels: TexelMap, entry_at:
 
     None counts for itself: a weight that knows a photon of its own square would favour squares that few fell on.
     """
-    size = texels.page_size
-    slot_of = np.full(len(texels.texel_chart), -1, np.int32)
-    slot_of[entry] = np.arange(len(entry), dtype=np.int32)
     chart = texels.texel_chart[entry]
-    page = texels.chart_page[chart]
+    page = texels.chart_page[chart].astype(np.int64)
+    column, row = texels.texel_xy[entry].T.astype(np.int64)
+    shown = np.flatnonzero(entry_at[page, row, column] == entry)
+    width = texels.page_size + 2 * _RADIUS  # a border saves every test for the page's edge
+    place = (page * width + row + _RADIUS) * width + column + _RADIUS
+    slot_at = np.full(len(entry_at) * width * width, -1, np.int32)
+    slot_at[place[shown]] = shown
     total, count = np.zeros_like(value), np.zeros(len(entry))
     for dy, dx in product(range(-_RADIUS, _RADIUS + 1), repeat=2):
-        column, row = texels.texel_xy[entry].T.astype(np.int64) + np.array([[dx], [dy]])
-        inside = (column >= 0) & (column < size) & (row >= 0) & (row < size) & bool(dx or dy)
-        other = np.where(inside, entry_at[page, np.clip(row, 0, size - 1), np.clip(column, 0, size - 1)], -1)
-        slot = slot_of[other]
-        near = np.flatnonzero((other >= 0) & (slot >= 0) & (texels.texel_chart[other] == chart))
-        total[:, near] += value[:, slot[near]]
-        count[near] += 1.0
+        if dx or dy:
+            slot = slot_at.take(place + (dy * width + dx))
+            near = (slot >= 0) & (chart.take(slot, mode="wrap") == chart)
+            for sums, values in zip(total, value, strict=True):
+                sums += values.take(slot, mode="wrap") * near
+            count += near
     return total / np.maximum(count, 1.0), count

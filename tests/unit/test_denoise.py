@@ -97,6 +97,34 @@ def test_nothing_is_touched_where_there_is_no_grain(texels):
     assert (found == noisy).all()
 
 
+def test_only_what_is_near_grain_is_touched(texels):
+    x, y = texels.texel_xy.T
+    noisy, found = smooth(texels, even, grainy=(x == 20) & (y == 30))
+    touched = np.argwhere(found != noisy)
+    assert touched.min(axis=0).tolist() == [28, 18]
+    assert touched.max(axis=0).tolist() == [32, 22]
+    assert len(touched) == 25
+
+
+@pytest.mark.parametrize("widths", [(16,), (64,)])
+def test_however_a_page_is_cut_it_is_smoothed_alike(texels, monkeypatch, widths):
+    """Grain in several places, near to each other and at the page's edges."""
+    x, y = texels.texel_xy.T
+    grainy = ((x < 3) & (y % 17 < 2)) | ((x - 30) ** 2 + (y - 12) ** 2 < 50) | (y == SIDE - 1)
+    expected = smooth(texels, ramp, grainy=grainy)[1]
+    monkeypatch.setattr(denoise, "_WIDTHS", widths)
+    monkeypatch.setattr(denoise, "_HEIGHT", 8)
+    monkeypatch.setattr(denoise, "_TOGETHER", 1000)
+    np.testing.assert_allclose(smooth(texels, ramp, grainy=grainy)[1], expected, rtol=1e-6)
+
+
+def test_dark_light_of_bright_noise_stays_dark(texels):
+    """Of two kinds of light, of which one is smoothed, the noise may be all of the other's."""
+    n = len(texels.texel_xy)
+    found = denoise.denoise(np.zeros((1, 3, n), np.float32), np.ones((3, n), np.float32), np.ones(n, bool), texels, np.zeros(n, np.int32))
+    assert not found.any()
+
+
 @pytest.mark.parametrize("scale", [1e-12, 1e12])
 def test_tiny_and_huge_light_is_smoothed_alike(texels, scale):
     assert smooth(texels, edge, scale=scale)[1] == pytest.approx(smooth(texels, edge)[1], rel=1e-3)

@@ -50,9 +50,12 @@ def edge(x):
 @pytest.mark.parametrize("light", [even, ripple, wave, ramp, edge])
 def test_what_is_told_is_what_the_light_is_off(texels, light, sigma):
     truth = light(texels.texel_xy[:, :1]) * np.ones(3)
-    real, told = real_and_told(show(texels, truth, sigma)[2], truth)
+    noisy, _, shown = show(texels, truth, sigma)
+    real, told = real_and_told(shown, truth)
     assert 0.65 * real < told < 1.5 * real
-    assert real < 0.6 * sigma
+    smoothed = (shown.irradiance != noisy).any(axis=1)  # two percent are too little to care for where light is bright
+    assert smoothed.mean() > 0.4
+    assert np.sqrt(((shown.irradiance - truth)[smoothed] ** 2).mean()) < 0.6 * sigma
 
 
 def test_blur_is_seen_as_such(texels):
@@ -60,6 +63,18 @@ def test_blur_is_seen_as_such(texels):
     truth = ripple(texels.texel_xy[:, :1]) * np.ones(3)
     shown = show(texels, truth, 0.1)[2]
     assert shown.blur2.mean() > shown.variance.mean() > 0
+
+
+def test_light_is_smoothed_where_it_has_grain_and_told_as_it_is_elsewhere(texels):
+    truth = np.ones((SIDE * SIDE, 3))
+    x = texels.texel_xy[:, 0]
+    noisy = (truth + np.where(x < 20, 0.1, 0.001)[:, None] * np.random.default_rng(1).standard_normal(truth.shape)).astype(np.float32)
+    variance = np.where(x < 20, np.float32(0.01), np.float32(1e-6))[:, None].repeat(3, axis=1)
+    shown = ShownDirect.smoothed(noisy, variance, texels, np.zeros(len(truth), np.int32), 1)
+    far = x > 22
+    for found, given in ((shown.irradiance, noisy), (shown.variance, variance), (shown.blur2, np.zeros_like(noisy))):
+        np.testing.assert_array_equal(found[far], given[far])
+        assert (found[x < 20] != given[x < 20]).mean() > 0.99
 
 
 def test_light_with_little_noise_is_shown_as_it_is(texels):

@@ -212,24 +212,25 @@ def blend_both(bake, pieces):
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2])
-def test_tiles_of_a_large_leaf_are_its_function(degree):
+def test_cells_of_a_leaf_are_its_function(degree):
     bake = SquareBake(side=128, degree=degree)
     bake.throw(*ramp(np.random.default_rng(0), 20_000))
-    each, by_tiles, variance, variance_by_tiles = blend_both(bake, [70, 128 * 64 + 1])
-    np.testing.assert_allclose(by_tiles, each, atol=1e-9 * each.max())
+    each, by_cells, variance, variance_by_cells = blend_both(bake, [70, 128 * 64 + 1])
+    np.testing.assert_allclose(by_cells, each, atol=1e-9 * each.max())
     if degree < 2:  # else of degree four
-        np.testing.assert_allclose(variance_by_tiles, variance, rtol=1e-9)
+        np.testing.assert_allclose(variance_by_cells, variance, rtol=1e-9)
 
 
-def test_tiles_follow_a_ramp_between_large_leaves():
-    """Each point of a window that comes to another leaf is a small step, which a tile takes as a slope."""
-    each, by_tiles, variance, variance_by_tiles = blend_both(quartered(even, side=256), [1000])
-    off = (by_tiles - each).sum(axis=0) / 3
+def test_cells_follow_a_ramp_between_leaves():
+    """Whose step is noise is asked once for a cell, not at each of its texels."""
+    each, by_cells, variance, variance_by_cells = blend_both(quartered(even, side=256), [1000])
+    off = (by_cells - each).sum(axis=0) / 3
     assert 0 < np.sqrt((off**2).mean()) < 0.2 * np.sqrt(variance.mean())
-    assert variance_by_tiles.min() >= 0
-    assert variance_by_tiles.mean() == pytest.approx(variance.mean(), rel=0.01)
+    assert variance_by_cells.min() >= 0
+    assert variance_by_cells.mean() == pytest.approx(variance.mean(), rel=0.01)
 
 
-def test_tiles_of_small_leaves_are_blended_texel_by_texel():
-    each, by_tiles, _, _ = blend_both(quartered(even), [100])
-    np.testing.assert_array_equal(by_tiles, each)
+def test_small_leaves_are_blended_texel_by_texel():
+    each, by_cells, variance, variance_by_cells = blend_both(quartered(even, side=16), [100])
+    np.testing.assert_array_equal(by_cells, each)
+    np.testing.assert_array_equal(variance_by_cells, variance)

@@ -182,9 +182,9 @@ def smooth_both(bake, direct):
     return grainy, shown
 
 
-@pytest.mark.parametrize(("level", "smooth"), [(1, False), (2, True)])  # leaves of 8 texels are seen as such, of 4 as grain
+@pytest.mark.parametrize(("level", "smooth"), [(2, False), (3, True)])  # leaves of 16 texels are seen as such, of 8 as grain
 def test_grain_of_photons_is_that_of_small_leaves(level, smooth):
-    bake = SquareBake(side=16, degree=0, level=level)
+    bake = SquareBake(side=64, degree=0, level=level)
     bake.throw(*np.random.default_rng(2).random((2, 10_000)))
     grainy, shown = smooth_both(bake, DirectField.none(len(bake.keys)))
     assert (np.abs(shown.direct - grainy.direct).max() > 1e-5) == smooth
@@ -192,7 +192,7 @@ def test_grain_of_photons_is_that_of_small_leaves(level, smooth):
 
 def test_grain_that_squares_bring_is_smoothed():
     """On leaves that are too large for grain of their own."""
-    bake = SquareBake(side=16, degree=0, level=1)
+    bake = SquareBake(side=64, degree=0, level=1)
     bake.throw(*np.random.default_rng(2).random((2, 10_000)))
     n = len(bake.keys)
     told = np.zeros((2, 3, n))
@@ -207,12 +207,12 @@ def test_grain_that_squares_bring_is_smoothed():
 
 @pytest.mark.parametrize(("noise", "smooth"), [(0.004, False), (0.012, True)])
 def test_grain_of_rays_is_theirs_and_smears_nothing_else(noise, smooth):
-    """Half a percent of the light is no noise to care for; leaves of 8 texels have no grain."""
-    bake = SquareBake(side=16, degree=0, level=1)
+    """Half a percent of the light is no noise to care for; leaves of 32 texels have no grain."""
+    bake = SquareBake(side=64, degree=0, level=1)
     rng = np.random.default_rng(2)
     light = (1 + noise * rng.normal(size=(len(bake.keys), 3))).astype(np.float32)
     direct = DirectField(light, np.full_like(light, noise**2), np.ones(len(light), np.int16))
-    bake.throw(*rng.random((2, 10_000)))
+    bake.throw(*rng.random((2, 400_000)))
     grainy, shown = smooth_both(bake, direct)
     assert (shown.direct.std() < 0.6 * grainy.direct.std()) == smooth
     np.testing.assert_array_equal(shown.indirect, grainy.indirect)
