@@ -21,12 +21,13 @@ from .coverage import expand_ranges
 from .texel_map import TexelMap
 
 RADIUS = 4  # texels, of the window
-SMALL_LEAF = (
-    8  # side, texels, up to which a leaf's noise is averaged with its neighbours'; 16 would leave 1 % less error, and state too much
-)
-_PATCH = 1  # texels, radius of the patches compared
+# Side, texels, up to which a leaf's noise is averaged with its neighbours'. 16 would leave 1 % less error, and state too much.
+SMALL_LEAF = 8
+_PATCH = 2  # texels, radius of the patches compared
 _VARIANCE_RADIUS = 2  # texels; a texel that saw no photon by chance has no variance of its own
-_STRICTNESS = 1.0  # standard errors of a difference that count as alike; measured: 0.45 leaves a tenth more error
+# Standard errors of a difference that count as alike. Measured with the radius of the patches: with 1 and 1.0 neighbours pass for like whose
+# noise is alike, and a textured emitter's light is off by twice what it is now and says; 3 leaves no less error on the samples.
+_STRICTNESS = 0.5
 _HALO = RADIUS + _PATCH
 _WIDTHS = (16, 32, 64)  # texels, of the strips that a page may be cut into: narrow ones for contacts, wide ones for all of a page
 _HEIGHT = 128  # texels, of the largest

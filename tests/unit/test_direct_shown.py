@@ -59,10 +59,11 @@ def test_what_is_told_is_what_the_light_is_off(texels, light, sigma):
 
 
 def test_blur_is_seen_as_such(texels):
-    """Ripples as high as the noise are smoothed away with it."""
-    truth = ripple(texels.texel_xy[:, :1]) * np.ones(3)
-    shown = show(texels, truth, 0.1)[2]
-    assert shown.blur2.mean() > shown.variance.mean() > 0
+    """Ripples below the noise are smoothed away with it; even light has none."""
+    sigma = 0.3
+    blurred, plain = (show(texels, light(texels.texel_xy[:, :1]) * np.ones(3), sigma)[2] for light in (ripple, even))
+    assert blurred.blur2.mean() > 0.5 * blurred.variance.mean() > 0
+    assert abs(plain.blur2.mean()) < 0.2 * plain.variance.mean()
 
 
 def test_light_is_smoothed_where_it_has_grain_and_told_as_it_is_elsewhere(texels):
