@@ -25,8 +25,8 @@ RADIUS = 4  # texels, of the window
 SMALL_LEAF = 8
 _PATCH = 2  # texels, radius of the patches compared
 _VARIANCE_RADIUS = 2  # texels; a texel that saw no photon by chance has no variance of its own
-# Standard errors of a difference that count as alike. Measured with the radius of the patches: with 1 and 1.0 neighbours pass for like whose
-# noise is alike, and a textured emitter's light is off by twice what it is now and says; 3 leaves no less error on the samples.
+# Standard errors of a difference that count as alike. Measured with the radius of the patches: with 1 and 1.0 neighbours pass for like
+# whose noise is alike, and a textured emitter's light is off by twice what it is now and says; 3 leaves no less error on the samples.
 _STRICTNESS = 0.5
 _HALO = RADIUS + _PATCH
 _WIDTHS = (16, 32, 64)  # texels, of the strips that a page may be cut into: narrow ones for contacts, wide ones for all of a page

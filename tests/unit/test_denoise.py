@@ -157,7 +157,7 @@ def test_a_tile_within_one_chart_is_smoothed_like_any_other():
     rng = np.random.default_rng(4)
     side = 32 + 2 * denoise._HALO
     light = 1 + SIGMA * rng.standard_normal((2, 3, side, side), np.float32)
-    variance = np.full((3, side, side), SIGMA**2 / 3, np.float32) * rng.random((side, side), np.float32)
+    variance = np.full((3, side, side), 2 * SIGMA**2, np.float32) * (np.float32(0.5) + rng.random((side, side), np.float32))
     chart = np.zeros((side, side), np.int32)
     alone = denoise._average_alike(light, variance, chart, tell=False)[0]
     chart[:4, :4] = 1
