@@ -123,11 +123,13 @@ def list_told(tree: Quadtree, comparison: refine.Comparison, nodes: IntArray, bl
 
 
 def _find_judges(tree: Quadtree, comparison: refine.Comparison, nodes: IntArray, blender: LeafBlender) -> NDArray[np.int32]:
-    """(m,) int32: the deepest node at each texel of the sample whose parent is stable, or its leaf of `nodes`.
+    """(m,) int32: the node that judges the light at each texel of the sample: a child of its leaf of `nodes`, where that has any.
 
-    What few photons tell would drown the sum in noise.
+    Below stable nodes it is one deeper still; what the fewer photons of others tell would drown the sum in noise.
     """
-    judge: NDArray[np.int32] = node_of_texel(tree, refine.open_nodes(tree, nodes, comparison.stable), len(blender.page))
+    opened = comparison.stable.copy()
+    opened[nodes] |= tree.has_children[nodes]
+    judge: NDArray[np.int32] = node_of_texel(tree, refine.open_nodes(tree, nodes, opened), len(blender.page))
     return judge[_choose_sample(blender.texels)]
 
 
