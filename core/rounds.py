@@ -9,7 +9,7 @@ import math
 from itertools import pairwise
 
 FIRST_ROUND_PHOTONS = 1 << 18
-SHARD_PHOTONS = 1 << 17  # at most
+SHARD_PHOTONS = 1 << 18  # at most
 MANY_PAIRS = 3  # of shards, from which on a round ends with smaller ones
 # A round adds at most this share of all photons so far: late nodes lose what came before them.
 ROUND_GROWTH = 1.0

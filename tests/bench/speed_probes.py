@@ -17,7 +17,7 @@ import numpy as np
 from boxes import prepare_folder, room_mesh
 from cycles_reference import SAMPLES
 from leaflight.addon.job import BakeProcess
-from leaflight.core import photons, sampling, workers
+from leaflight.core import photons, rounds, sampling, workers
 from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.messages import Error
 from leaflight.core.rays import Hits, RayScene
@@ -34,7 +34,7 @@ FIRST_PHOTON = "Tracing photons"  # what the command line says then
 class Sizes:
     """How large the probes are."""
 
-    rays: int = 1 << 19
+    shard_photons: int = rounds.SHARD_PHOTONS
     photons: int = 16_000_000
     triangle_photons: int = 4_000_000
     triangles: tuple[int, int] = (1_000, 1_000_000)
@@ -43,7 +43,7 @@ class Sizes:
     repeats: int = 3
 
 
-QUICK = Sizes(1 << 15, 300_000, 100_000, (200, 5_000), (1, 20), (64, 128), 1)
+QUICK = Sizes(1 << 13, 300_000, 100_000, (200, 5_000), (1, 20), (64, 128), 1)
 
 
 def run_core(folder: Path, scene: SceneSnapshot, settings: Settings) -> dict[str, Any]:
@@ -84,7 +84,7 @@ def wavefront_share(folder: Path, snapshot: SceneSnapshot, sizes: Sizes) -> dict
     recording = dataclasses.replace(scene, rays=recorder)
 
     def trace(scene: photons.TraceScene) -> int:
-        return photons.trace_shard(scene, sizes.rays // 4, 1.0, sampling.shard_rng(1, 0, 0), 1000, True).counters.rays
+        return photons.trace_shard(scene, sizes.shard_photons, 1.0, sampling.shard_rng(1, 0, 0), 1000, True).counters.rays
 
     count = trace(recording)
 
