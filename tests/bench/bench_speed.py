@@ -2,7 +2,7 @@
 
 python tests/bench/bench_speed.py [--docs] [--quick] [--cache DIR]     hours, with nothing else running; needs the extra `bench`
 
-References of other sizes than the committed ones are made once and kept in the cache folder. --quick is for checking this script alone: its
+References that are not committed are made once and kept in the cache folder. --quick is for checking this script alone: its
 figures say nothing.
 """
 
@@ -24,7 +24,7 @@ from typing import Any
 
 import speed_probes
 import speed_rivals
-from cycles_reference import REFERENCES, ROOT, SAMPLE_COUNTS, Reference
+from cycles_reference import COMMITTED, ROOT, WHOLE_SIZE, Reference
 from export_samples import export_samples
 from image_io_path import add_image_io
 from leaflight.core.snapshot import load_snapshot
@@ -33,7 +33,6 @@ from tables import Table, put_tables
 
 DOCS = ROOT / "docs"
 HISTORY = DOCS / "speed" / "history.jsonl"
-COMMITTED_SIZE = 256
 OURS, PHOTONS, CYCLES, OIDN = "Leaflight", "Leaflight, photons only", "Cycles", "Cycles + OIDN"
 MEASURED_ERRORS = (0.10, 0.05, 0.02)
 PATIENCE = 4.0  # budgets that one of our bakes may take while its series has not come to the least of them
@@ -87,14 +86,12 @@ class Target:
 
 def find_reference(name: str, size: int, cache: Path, samples: int) -> Reference:
     """The committed reference, or that of the cache, made where there is none."""
-    if size == COMMITTED_SIZE:
-        return Reference.load(name, size, REFERENCES)
+    if name in COMMITTED.get(size, ()):
+        return Reference.load(name, size)
     folder = cache / f"{samples or 'full'}"
     if not (folder / f"{name}_{size}.npz").exists():
-        # More texels average the reference's noise, which cancels: as many samples in all are enough.
-        count = samples or max(SAMPLE_COUNTS[name] * COMMITTED_SIZE // size, 64)
-        command = [sys.executable, str(Path(__file__).with_name("cycles_reference.py")), name, "--size", str(size), "--samples", str(count)]
-        subprocess.run([*command, "--folder", str(folder)], check=True, stdout=subprocess.DEVNULL)
+        command = [sys.executable, str(Path(__file__).with_name("cycles_reference.py")), name, "--size", str(size)]
+        subprocess.run([*command, "--samples", str(samples), "--folder", str(folder)], check=True, stdout=subprocess.DEVNULL)
     return Reference.load(name, size, folder)
 
 
@@ -186,7 +183,7 @@ def judge_curves(curves: dict[tuple[str, int], Curves]) -> list[Target]:
     text = f"time to 5 % and 2 % rel, {OIDN} / {OURS}, where both come to it"
     targets.append(Target.at_least(f"{text}, geometric mean", geometric_mean(ratios), 5.0))
     targets.append(Target.at_least(f"{text}, least", min(ratios, default=float("nan")), 1.0))
-    cornell = curves.get(("cornell_box", COMMITTED_SIZE), {})
+    cornell = curves.get(("cornell_box", WHOLE_SIZE), {})
     ours = reach_error(cornell.get(OURS, []), 0.02, "nrmse")
     sixteen = [point.seconds for point in cornell.get(CYCLES, []) if point.asked == 16]
     ratio = ours.seconds / sixteen[0] if ours and sixteen else float("nan")

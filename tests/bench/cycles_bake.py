@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,28 +26,35 @@ from leaflight.core.settings import Settings
 
 BOUNCES = 128
 TARGET = "Cycles target"
+UV_LAYER = "Leaflight"
+SEEDS_APART = 100
 
 
 @dataclass(frozen=True)
 class Stage:
     """An open sample whose objects wear Leaflight's UV layer and their own materials.
 
-    objects   those that are baked
-    image     square, what Cycles bakes into
-    tri_uv    (n_tri, 3, 2) float64, [0, 1]
+    objects     those that are baked
+    image       square, what Cycles bakes into: the page, or a window of it
+    page_size   texels
+    page_uv     (n_corner, 2) float32 of each mesh, [0, 1]: its layout on the page
+    tri_uv      (n_tri, 3, 2) float64, [0, 1]
     """
 
     scene: bpy.types.Scene
     objects: list[bpy.types.Object]
     image: bpy.types.Image
+    page_size: int
+    page_uv: dict[bpy.types.Mesh, np.ndarray]
     tri_uv: np.ndarray
 
 
-def set_stage(blend: Path, size: int, folder: Path, objects: tuple[str, ...] = ()) -> Stage:
+def set_stage(blend: Path, size: int, folder: Path, objects: tuple[str, ...] = (), window: int = 0) -> Stage:
     """Open a sample and lay it out by a Leaflight bake of no worth, whose materials are taken off again.
 
     folder    an empty one
     objects   that are baked, if not all
+    window    side of what is baked of the page at once, texels, if not the page
     Raises ValueError where the charts do not fit one page.
     """
     sys.path += library_paths()
@@ -61,12 +69,13 @@ def set_stage(blend: Path, size: int, folder: Path, objects: tuple[str, ...] = (
     scene = bpy.context.scene
     baked = [obj for obj in scene.objects if materials_write.is_shown(obj)]
     materials_write.hide(baked)
-    image = bpy.data.images.new(TARGET, size, size, alpha=True, float_buffer=True)
+    image = bpy.data.images.new(TARGET, window or size, window or size, alpha=True, float_buffer=True)
     image.colorspace_settings.name = "Linear Rec.709"
     for obj in baked:
         _aim_at(obj, image)
     _set_cycles(scene)
-    return Stage(scene, baked, image, np.load(folder / LAYOUT_FILE)["tri_uv"])
+    page_uv = {obj.data: _read_uv(obj.data) for obj in baked}
+    return Stage(scene, baked, image, size, page_uv, np.load(folder / LAYOUT_FILE)["tri_uv"])
 
 
 def bake_cycles(stage: Stage, samples: int, seed: int) -> tuple[np.ndarray, float]:
@@ -85,9 +94,32 @@ def bake_cycles(stage: Stage, samples: int, seed: int) -> tuple[np.ndarray, floa
     return pixels.reshape(size, size, 4), seconds
 
 
+def bake_windows(stage: Stage, corners: Sequence[tuple[int, int]], samples: int, seed: int) -> tuple[np.ndarray, float]:
+    """Lighting of all objects where windows of the stage's size show it, and the seconds that Blender's bakes took.
+
+    corners   left and low ends of the windows, texels
+    out       (page_size, page_size, 4) float32, row 0 at the bottom; alpha is 0 where nothing was baked
+    """
+    page, seconds, side = np.zeros((stage.page_size, stage.page_size, 4), np.float32), 0.0, stage.image.size[0]
+    for number, (left, low) in enumerate(corners):
+        for mesh, page_uv in stage.page_uv.items():  # a texel of the window is one of the page: Cycles sees the same squares
+            shown = (page_uv * stage.page_size - (left, low)) / side
+            mesh.uv_layers[UV_LAYER].uv.foreach_set("vector", shown.astype(np.float32).ravel())
+        # Windows of one seed would have the same noise.
+        page[low : low + side, left : left + side], of_window = bake_cycles(stage, samples, seed + SEEDS_APART * number)
+        seconds += of_window
+    return page, seconds
+
+
+def _read_uv(mesh: bpy.types.Mesh) -> np.ndarray:
+    uv = np.empty((len(mesh.loops), 2), np.float32)
+    mesh.uv_layers[UV_LAYER].uv.foreach_get("vector", uv.ravel())
+    return uv
+
+
 def _aim_at(obj: bpy.types.Object, image: bpy.types.Image) -> None:
     """Every material of the object gets the image as its active node, and the object is selected with our layer active."""
-    obj.data.uv_layers.active = obj.data.uv_layers["Leaflight"]
+    obj.data.uv_layers.active = obj.data.uv_layers[UV_LAYER]
     obj.select_set(True)
     bpy.context.view_layer.objects.active = obj
     for slot in obj.material_slots:

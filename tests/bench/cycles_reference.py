@@ -1,10 +1,12 @@
 """References: the samples as Cycles bakes them, two seeds each, on the UV layer that Leaflight makes.
 
-python tests/bench/cycles_reference.py [NAME ...] [--size N] [--samples N] [--folder DIR]     about half an hour for all on two cores
+python tests/bench/cycles_reference.py [NAME ...] [--size N] [--samples N] [--folder DIR]     about half an hour for each size on two cores
 
 DIFFUSE with Direct and Indirect, without Color; nothing is clamped, filtered or denoised, and no path is cut short. What a texel of Cycles
-is: see cycles_bake.py; Blender 5.2's is another one, so make them with 5.0. Files are NAME_SIZE.npz, their arrays:
-  covered         (size * size / 8,) uint8, bits: texels that Cycles baked, row 0 at the bottom
+is: see cycles_bake.py; Blender 5.2's is another one, so make them with 5.0. Of pages larger than 256 texels windows are baked, spread
+over the page, with as many texels in all: the noise of a texel counts in the measure, and would take hours to bake away on all of them.
+Files are NAME_SIZE.npz, their arrays:
+  covered         (size * size / 8,) uint8, bits: texels that Cycles baked in the windows, row 0 at the bottom
   first, second   (n, 3) float16: lighting of the covered texels, W/m^2/pi, of either seed
   tri_uv          (n_tri, 3, 2) uint16: the layout in 65535ths of the page, by which a bake on another layout is told
   size, samples, blender
@@ -13,6 +15,7 @@ is: see cycles_bake.py; Blender 5.2's is another one, so make them with 5.0. Fil
 from __future__ import annotations
 
 import argparse
+import math
 import subprocess
 import sys
 import tempfile
@@ -36,8 +39,13 @@ SAMPLE_COUNTS = {
     "instances": 256,
     "two_rooms": 2048,
 }
+# Samples whose references are committed, by the side of their page, texels.
+COMMITTED = {256: tuple(SAMPLE_COUNTS), 1024: ("cornell_box", "furnished_room", "instances", "two_rooms")}
 # What is baked of a sample, if not all of it: Cycles divides light by colour, so that black objects have none to be held against.
 OBJECTS = {"figure2_square": ("Square",)}
+WHOLE_SIZE = 256  # side of the largest page of which all is baked, texels
+_WINDOWS = 16  # of a larger one, as many texels in all
+_STEP = 5  # columns from window to window: prime to their number, so that no row and no column of windows has two
 _UV_STEPS = 65535
 _SAME_TEXELS = 0.02  # texels by which a layout may differ: float32 on another machine, not another packing
 
@@ -112,14 +120,26 @@ class Reference:
         return measure_errors(page[self.covered][:, :3], self.first, self.second)
 
 
+def spread_windows(size: int) -> tuple[int, list[tuple[int, int]]]:
+    """Side of the windows of a page, texels, and the left and low end of each. Raises ValueError where they would not be whole."""
+    if size <= WHOLE_SIZE:
+        return size, [(0, 0)]
+    pitch, side = size // _WINDOWS, WHOLE_SIZE // math.isqrt(_WINDOWS)
+    if size % _WINDOWS or pitch < side:
+        least = side * _WINDOWS
+        raise ValueError(f"{size}: a page that is baked in windows must have a multiple of {_WINDOWS} texels a side, {least} or more.")
+    return side, [(column * _STEP % _WINDOWS * pitch, column * pitch) for column in range(_WINDOWS)]
+
+
 def make_reference(name: str, size: int, samples: int, folder: Path) -> None:
     """Bake one sample in this process, which loads bpy; says on standard error what came out."""
     import bpy
-    from cycles_bake import bake_cycles, set_stage
+    from cycles_bake import bake_windows, set_stage
 
+    side, corners = spread_windows(size)
     with tempfile.TemporaryDirectory() as work:
-        stage = set_stage(SAMPLES / f"{name}.blend", size, Path(work), OBJECTS.get(name, ()))
-    (first, seconds), (second, _) = (bake_cycles(stage, samples, seed) for seed in SEEDS)
+        stage = set_stage(SAMPLES / f"{name}.blend", size, Path(work), OBJECTS.get(name, ()), side)
+    (first, seconds), (second, _) = (bake_windows(stage, corners, samples, seed) for seed in SEEDS)
     covered = (first[..., 3] > 0.0) & (second[..., 3] > 0.0)
     reference = Reference(name, covered, *(light[covered][:, :3] for light in (first, second)), stage.tri_uv)
     path = reference.save(folder, samples, bpy.app.version_string)
@@ -133,13 +153,13 @@ def make_reference(name: str, size: int, samples: int, folder: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("names", nargs="*", metavar="NAME", help="samples, without them all")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="samples, without them all that are committed")
     parser.add_argument("--size", type=int, default=256, help="side of the page, texels")
     parser.add_argument("--samples", type=int, default=0, help="of each seed, instead of what the noise asks for")
     parser.add_argument("--folder", type=Path, default=REFERENCES)
     arguments = parser.parse_args()
     arguments.folder.mkdir(parents=True, exist_ok=True)
-    names = arguments.names or sorted(SAMPLE_COUNTS)
+    names = arguments.names or sorted(COMMITTED.get(arguments.size, SAMPLE_COUNTS))
     if len(names) == 1:
         make_reference(names[0], arguments.size, arguments.samples or SAMPLE_COUNTS[names[0]], arguments.folder)
         return

@@ -10,7 +10,7 @@ import pytest
 sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
 
 import bench_accuracy
-from cycles_reference import REFERENCES, SAMPLE_COUNTS, Reference
+from cycles_reference import COMMITTED, REFERENCES, Reference, spread_windows
 from lightmap_errors import LightmapErrors
 
 SIZE = 32
@@ -48,12 +48,24 @@ def test_another_layout_is_refused_and_rounding_is_not():
         reference.measure(truth[:16, :16], reference.tri_uv)
 
 
-@pytest.mark.parametrize("name", sorted(SAMPLE_COUNTS))
-def test_committed_references_have_little_noise_and_are_small(name):
-    reference = Reference.load(name)
+@pytest.mark.parametrize(("name", "size"), [(name, size) for size, names in COMMITTED.items() for name in sorted(names)])
+def test_committed_references_have_little_noise_and_are_small(name, size):
+    reference = Reference.load(name, size)
     assert reference.noise < 0.02  # it cancels, but for what it does to the choice of the best texels
-    assert (REFERENCES / f"{name}_256.npz").stat().st_size < 1_000_000
+    assert (REFERENCES / f"{name}_{size}.npz").stat().st_size < 1_000_000
     assert len(reference.first) == reference.covered.sum()
+
+
+def test_windows_are_spread_over_a_large_page_and_are_all_of_a_small_one():
+    assert spread_windows(256) == (256, [(0, 0)])
+    side, corners = spread_windows(1024)
+    assert side * side * len(corners) == 256 * 256
+    for ends in zip(*corners, strict=True):
+        assert sorted(ends) == list(range(0, 1024, 64))
+    assert spread_windows(4096)[0] == 64
+    for size in (512, 1030):
+        with pytest.raises(ValueError, match=f"{size}: a page that is baked in windows"):
+            spread_windows(size)
 
 
 def measured(rel=0.01, bias=0.001, stated=0.01, finest=True, truth=None):
