@@ -167,7 +167,7 @@ def run_bake(
         "nodes": len(light.tree),
         "estimated_error": light.error,
         "stopped_by": light.stopped_by,
-        "energy_audit_w": light.ledger.audit_w(light.photons),
+        "energy_audit_w": light.ledger.audit_w(),
         "page_size": atlas.page_size,
         "pages": atlas.page_count,
         "objects": _object_rows(snapshot, atlas, facets.chart_object[texel_map.texel_chart]),

@@ -27,13 +27,15 @@ _Rows = NDArray[np.float32]
 class Photons:
     """Photons under way, (3, n) float32 rows: an axis or a channel each.
 
-    soft   (3, n) float32   unit box: soft_radius, soft_offset and the way covered so far; None after the first hit, or if none is soft
+    soft    (3, n) float32   unit box: soft_radius, soft_offset and the way covered so far; None after the first hit, or if none is soft
+    group   (n,) int32       see photon_log.Groups; None before the first hit, or if nobody asks
     """
 
     origin: _Rows
     direction: _Rows
     flux: _Rows
     soft: _Rows | None = None
+    group: NDArray[np.int32] | None = None
 
 
 def bear_photons(

@@ -21,13 +21,15 @@ from numpy.typing import NDArray
 from . import shared_arrays
 from .direct_field import DirectField
 from .job import SNAPSHOT_FILE
+from .ledger import ENERGY_NAMES
 from .quadtree import Quadtree
 from .settings import Settings
-from .solve import ENERGY_NAMES, Solver
+from .solve import Solver
+from .splitting import SplitGuide
 from .tally import Tally
 
 FORMAT = "leaflight-state"
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 INFO_FILE = "leaflight_state.json"  # marks a folder as ours
 _STRUCT_FOLDER = "state"
 # Of the groups of knobs that change nothing of what is traced, and knobs of other groups that do not either.
@@ -39,14 +41,17 @@ _FREE_KNOBS = ("workers", "margin")
 class Checkpoint:
     """The state of a bake between two rounds.
 
-    energy_w   (4, 3) float64: the ledger's sums, in the order of solve.ENERGY_NAMES
+    energy_w   (4, 3) float64: the ledger's sums, in the order of ledger.ENERGY_NAMES
     """
 
     tree: Quadtree
     tally: Tally
     square_tally: Tally
+    guide: SplitGuide
     direct: DirectField
     energy_w: NDArray[np.float64]
+    photons: int
+    told: float
     rays: int
     deposits: int
     round: int
@@ -55,14 +60,16 @@ class Checkpoint:
     def of(cls, solver: Solver) -> Checkpoint:
         ledger = solver.ledger
         energy_w = np.array([ledger.energy_w[name] for name in ENERGY_NAMES])
-        return cls(solver.tree, solver.tally, solver.square_tally, solver.direct, energy_w, ledger.rays, ledger.deposits, solver.round)
+        counts = ledger.photons, ledger.told, ledger.rays, ledger.deposits, solver.round
+        return cls(solver.tree, solver.tally, solver.square_tally, solver.guide, solver.direct, energy_w, *counts)
 
     def give_to(self, solver: Solver) -> None:
         """Let a new solver of the same scene and method go on from here."""
         solver.tree, solver.tally, solver.square_tally = self.tree, self.tally, self.square_tally
-        solver.direct, solver.round = self.direct, self.round
+        solver.guide, solver.direct, solver.round = self.guide, self.direct, self.round
         ledger = solver.ledger
         ledger.energy_w = dict(zip(ENERGY_NAMES, self.energy_w, strict=True))
+        ledger.photons, ledger.told = self.photons, self.told
         ledger.rays, ledger.deposits = self.rays, self.deposits
 
 
@@ -87,7 +94,7 @@ def save_checkpoint(folder: Path, solver: Solver, error: float, most_bytes: int 
     remove_checkpoint(folder)
     if most_bytes and size > most_bytes:
         raise ValueError(f"the bake's state takes {size / 1e6:,.0f} MB, more than the {most_bytes / 1e6:,.0f} MB allowed; it is not kept.")
-    info = Info(int(solver.tally.photons.sum()), error, size, _identify(solver.folder, solver.settings))
+    info = Info(solver.ledger.photons, error, size, _identify(solver.folder, solver.settings))
     try:
         folder.mkdir(parents=True, exist_ok=True)
         shared_arrays.save_struct(folder / _STRUCT_FOLDER, struct)

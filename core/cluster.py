@@ -275,6 +275,7 @@ def _turn_to_tracing(copy: FolderCopy) -> None:
 @lru_cache(maxsize=1)
 def _turn_to_view(copy: FolderCopy) -> None:
     workers.open_view.cache_clear()
+    workers.open_splitting.cache_clear()
 
 
 _OPENED = {"tracing": _turn_to_tracing, "view": _turn_to_view}

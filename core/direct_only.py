@@ -12,10 +12,11 @@ import numpy as np
 from . import estimate, quadtree, refine, tally
 from .direct_field import MOST_PASSES, DirectField
 from .executors import count_processors
+from .ledger import Ledger
 from .messages import Message
 from .reconstruct import LeafBlender
 from .settings import Settings
-from .solve import Ledger, LightField
+from .solve import LightField
 
 _DEGREE = 0  # of leaves in which nothing lands
 

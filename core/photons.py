@@ -10,7 +10,7 @@ and image synthesis" (splitting).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ from .births import BATCH, Photons, bear_photons, light_every_surface, soften
 from .geometry import UnitBox, locate_hits, offset_origin, triangle_frames, triangle_normals_areas
 from .lights import Emitter
 from .materials import SurfaceMaterials
+from .photon_log import PhotonLog, ShardHits
 from .rays import RayScene
 from .sampling import grouped_points
 from .scene import SceneSnapshot
@@ -30,11 +31,12 @@ _LEAST_COSINE = 0.01
 # Measured on the samples: as little error as of photons that go alone, by a third to two thirds fewer rays; 16 gain hardly more.
 SPLIT = 8
 _DEPTHS_TOGETHER = 2  # surfaces between joins of what is left of the waves
-_WAVE_FIELDS = ("origin", "direction", "flux")
 _GREATEST_POWER_W = 1e30  # leaves float32 room for photons brighter than the mean
 
 _Rows = NDArray[np.float32]
 _Ints = NDArray[np.int32]
+# Of hits (tri, u, v), each (m,): where they lie, (m,) int32, and how many times SPLIT photons part there, (m,) float32.
+SplitAt = Callable[[_Ints, _Rows, _Rows], tuple[_Ints, _Rows]]
 
 
 @dataclass(frozen=True)
@@ -59,46 +61,6 @@ class TraceScene:
     tri_lit_below: NDArray[np.float32]
     tri_smooth: NDArray[np.int32]
     smooth_normal: NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class EnergyAudit:
-    """Where the light went, each (3,) float64, W: emitted == absorbed + escaped + remainder.
-
-    `absorbed` is what roulette took less what it gave to survivors; `remainder` was still under way at max_depth. The light of a lamp
-    without shadow counts as emitted once for each surface that it lights.
-    """
-
-    emitted: NDArray[np.float64]
-    absorbed: NDArray[np.float64]
-    escaped: NDArray[np.float64]
-    remainder: NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Counters:
-    photons: int
-    rays: int
-    deposits: int
-
-
-@dataclass(frozen=True)
-class ShardHits:
-    """The deposits of one shard, in a fixed order.
-
-    tri        (m,) int32
-    u, v       (m,) float32     barycentric weights of corners 1 and 2
-    flux_rgb   (3, m) float32, W
-    is_first   (m,) bool        straight from a light
-    """
-
-    tri: NDArray[np.int32]
-    u: NDArray[np.float32]
-    v: NDArray[np.float32]
-    flux_rgb: NDArray[np.float32]
-    is_first: NDArray[np.bool_]
-    audit: EnergyAudit
-    counters: Counters
 
 
 def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, emitters: Sequence[Emitter]) -> TraceScene:
@@ -133,18 +95,25 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
 
 
 def trace_shard(
-    scene: TraceScene, n_photons: int, total_flux_share: float, rng: np.random.Generator, max_depth: int, skip_first: bool
+    scene: TraceScene,
+    n_photons: int,
+    total_flux_share: float,
+    rng: np.random.Generator,
+    max_depth: int,
+    skip_first: bool,
+    split_at: SplitAt | None = None,
 ) -> ShardHits:
     """Trace photons until they escape, are absorbed or have met `max_depth` surfaces.
 
     total_flux_share   what these photons carry together, as a share of all the scene's power: n_photons / all photons of a bake
     skip_first         direct light is found elsewhere: first hits scatter but are not deposited; SPLIT photons go there together
+    split_at           more or fewer of them where they part; then what becomes of them is told by groups
     """
-    log = _Log()
+    log = PhotonLog()
     waves: Iterable[Photons] = _bear(scene, n_photons, total_flux_share, rng, SPLIT if skip_first else 1, log)
     for depth in range(0, max_depth, _DEPTHS_TOGETHER):
         depths = range(depth, min(depth + _DEPTHS_TOGETHER, max_depth))
-        left = [after for photons in waves if (after := _bounce(scene, photons, rng, depths, skip_first, log))]
+        left = [after for photons in waves if (after := _bounce(scene, photons, rng, depths, skip_first, split_at, log))]
         waves = _join_waves(left)
         if not left:
             break
@@ -153,35 +122,21 @@ def trace_shard(
     return log.hits()
 
 
-class _Log:
-    """Collects what a shard reports."""
-
-    def __init__(self) -> None:
-        self.emitted, self.absorbed, self.escaped, self.remainder = np.zeros((4, 3))
-        self.photons = self.rays = 0
-        self.pieces: list[tuple[_Ints, _Rows, _Rows, _Rows, bool]] = []  # tri, u, v, flux, is_first
-
-    def hits(self) -> ShardHits:
-        nothing = np.zeros(0, np.float32)
-        self.pieces.append((np.zeros(0, np.int32), nothing, nothing, np.zeros((3, 0), np.float32), False))
-        tri, u, v, flux, is_first = zip(*self.pieces, strict=True)
-        return ShardHits(
-            np.concatenate(tri),
-            np.concatenate(u),
-            np.concatenate(v),
-            np.concatenate(flux, axis=1),
-            np.repeat(np.array(is_first), [len(piece) for piece in tri]),
-            EnergyAudit(self.emitted, self.absorbed, self.escaped, self.remainder),
-            Counters(self.photons, self.rays, sum(len(piece) for piece in tri)),
-        )
-
-
-def _bounce(scene: TraceScene, photons: Photons, rng: np.random.Generator, depths: range, skip_first: bool, log: _Log) -> Photons | None:
+def _bounce(
+    scene: TraceScene,
+    photons: Photons,
+    rng: np.random.Generator,
+    depths: range,
+    skip_first: bool,
+    split_at: SplitAt | None,
+    log: PhotonLog,
+) -> Photons | None:
     """The photons after as many surfaces; None when none is left."""
     for depth in depths:
         found = scene.rays.closest(photons.origin.T, photons.direction.T)
         tri, u, v = found.tri, found.u, found.v
-        log.rays += len(tri)
+        group = photons.group
+        log.count_rays(len(tri), group)
         if depth == 0:
             soften(photons, found.distance)
             log.emitted += _total(photons.flux)
@@ -191,13 +146,19 @@ def _bounce(scene: TraceScene, photons: Photons, rng: np.random.Generator, depth
             log.escaped += _total(flux.compress(tri < 0, axis=1))
             tri, u, v = tri.take(hit), u.take(hit), v.take(hit)
             direction, flux = direction.take(hit, axis=1), flux.take(hit, axis=1)
+            group = None if group is None else group.take(hit)
         if not len(hit):
             return None
         normal = scene.tri_normal.take(tri, axis=1)
         cosine = _dot(direction, normal)  # < 0 on the front
         if depth or not skip_first:
-            _deposit(scene, tri, u, v, flux, direction, cosine, depth == 0, log)
-        split = SPLIT if skip_first and not depth else 1
+            _deposit(scene, tri, u, v, flux, direction, cosine, depth == 0, group, log)
+        parts = skip_first and not depth
+        split = np.full(len(tri), SPLIT if parts else 1, np.float32)
+        if parts and split_at:
+            place, factor = split_at(tri, u, v)
+            split *= factor
+            group = log.open_groups(place, factor)
         alive, survivors = _play_roulette(flux, scene.surfaces.albedo_at(tri, u, v).T, split, rng)
         log.absorbed += _total(flux) - _total(survivors)
         if not len(alive):
@@ -205,13 +166,14 @@ def _bounce(scene: TraceScene, photons: Photons, rng: np.random.Generator, depth
         normal = normal.take(alive, axis=1)
         normal *= -np.copysign(np.float32(1), cosine.take(alive))  # the side that was hit
         landed = locate_hits(scene.tri_frame, tri.take(alive), u.take(alive), v.take(alive))
-        numbers = rng.random((2, len(alive)), dtype=np.float32) if split == 1 else grouped_points(alive, rng)
-        photons = Photons(offset_origin(landed, normal), _scatter(normal, numbers), survivors)
+        numbers = grouped_points(alive, rng) if parts else rng.random((2, len(alive)), dtype=np.float32)
+        group = None if group is None else group.take(alive)
+        photons = Photons(offset_origin(landed, normal), _scatter(normal, numbers), survivors, group=group)
     return photons
 
 
 def _bear(
-    scene: TraceScene, n_photons: int, total_flux_share: float, rng: np.random.Generator, together: int, log: _Log
+    scene: TraceScene, n_photons: int, total_flux_share: float, rng: np.random.Generator, together: int, log: PhotonLog
 ) -> Iterator[Photons]:
     """The photons as they are born, `together` in one."""
     log.photons += n_photons if scene.emitter_share.any() else 0
@@ -226,7 +188,13 @@ def _join_waves(waves: list[Photons]) -> list[Photons]:
     """The same photons, all of which have met a surface, in as few waves as they fit in: numpy is slow on short arrays."""
     ends = np.cumsum([photons.flux.shape[1] for photons in waves]) // BATCH
     groups = [[photons for photons, own in zip(waves, ends, strict=True) if own == end] for end in np.unique(ends)]
-    return [Photons(*(np.concatenate([getattr(one, name) for one in group], axis=1) for name in _WAVE_FIELDS)) for group in groups]
+    return [_join(group) for group in groups]
+
+
+def _join(waves: list[Photons]) -> Photons:
+    origin, direction, flux = (np.concatenate([getattr(one, name) for one in waves], axis=1) for name in ("origin", "direction", "flux"))
+    numbers = [one.group for one in waves if one.group is not None]
+    return Photons(origin, direction, flux, group=np.concatenate(numbers) if numbers else None)
 
 
 def _total(flux: _Rows) -> NDArray[np.float64]:
@@ -242,11 +210,21 @@ def _dot(a: _Rows, b: _Rows) -> NDArray[np.float32]:
 
 
 def _deposit(
-    scene: TraceScene, tri: _Ints, u: _Rows, v: _Rows, flux: _Rows, direction: _Rows, cosine: _Rows, is_first: bool, log: _Log
+    scene: TraceScene,
+    tri: _Ints,
+    u: _Rows,
+    v: _Rows,
+    flux: _Rows,
+    direction: _Rows,
+    cosine: _Rows,
+    is_first: bool,
+    group: _Ints | None,
+    log: PhotonLog,
 ) -> None:
     kept = np.flatnonzero(cosine < scene.tri_lit_below.take(tri))
     if len(kept) < len(tri):
         tri, u, v, flux = tri.take(kept), u.take(kept), v.take(kept), flux.take(kept, axis=1)
+        group = None if group is None else group.take(kept)
     if scene.smooth_normal.size:
         column = scene.tri_smooth.take(tri)
         smooth = np.flatnonzero(column >= 0)
@@ -260,13 +238,13 @@ def _deposit(
             flux = flux.copy()
             # Shading normals scale what particles bring: Veach 1997, section 5.3.
             flux[:, smooth] *= np.maximum(facing, 0) / np.maximum(np.abs(face), np.float32(_LEAST_COSINE))
-    log.pieces.append((tri, u, v, flux, is_first))
+    log.deposit(tri, u, v, flux, is_first, group)
 
 
-def _play_roulette(flux: _Rows, albedo: _Rows, split: int, rng: np.random.Generator) -> tuple[NDArray[np.intp], _Rows]:
+def _play_roulette(flux: _Rows, albedo: _Rows, split: _Rows, rng: np.random.Generator) -> tuple[NDArray[np.intp], _Rows]:
     """Which photons are reflected, and their flux then: q = max(flux * albedo) / max(flux) keeps the greatest channel as it is.
 
-    split       of each photon so many play, with a share of its flux each; split * q of them survive, to within one
+    split       (n,) float32: of each photon so many play, with a share of its flux each; split * q of them survive, to within one
     alive       (k,) int, ascending: photons that survivors come from
     survivors   (3, k) float32, W
     """
@@ -274,10 +252,10 @@ def _play_roulette(flux: _Rows, albedo: _Rows, split: int, rng: np.random.Genera
     greatest = np.maximum(np.maximum(reflected[0], reflected[1]), reflected[2])
     power = np.maximum(np.maximum(flux[0], flux[1]), flux[2])
     share = np.divide(greatest, power, out=np.zeros_like(power), where=power > 0)
-    share *= np.float32(split)
+    share *= split
     share += rng.random(len(power), dtype=np.float32)
     alive = np.repeat(np.arange(len(power)), share.astype(np.intp))  # what is cut off survives by chance
-    return alive, reflected.take(alive, axis=1) * (power.take(alive) / (np.float32(split) * greatest.take(alive)))
+    return alive, reflected.take(alive, axis=1) * (power.take(alive) / (split * greatest).take(alive))
 
 
 def _scatter(normal: _Rows, numbers: _Rows) -> _Rows:

@@ -19,10 +19,14 @@ NODE_PHOTONS = 8
 SPARE = 1.1  # photons over those that the error asked for would need if it fell as noise does: finer leaves have more of it
 
 
-def next_photons(so_far: int, most: int, n_node: int, wanted_error: float, error: float, fixed_error: float) -> int:
+def next_photons(
+    so_far: int, told: float, weight: float, most: int, n_node: int, wanted_error: float, error: float, fixed_error: float
+) -> int:
     """Photons of the next round: those that the error asked for is likely to need, if that is not too many for one round.
 
     so_far        photons, of a bake that may have `most`
+    told          photons of a first round that would tell as much
+    weight        how much one of the next round tells, over one of a first
     n_node        nodes of the trees
     error         relative, as it stands; nan where nothing is known
     fixed_error   relative, the part of it that no photon makes less
@@ -33,7 +37,7 @@ def next_photons(so_far: int, most: int, n_node: int, wanted_error: float, error
     noise2, left2 = error**2 - fixed_error**2, wanted_error**2 - fixed_error**2
     if left2 > 0.0 and noise2 > 0.0:  # squared, noise falls as one over the photons
         growth = min(max(SPARE * noise2 / left2, SPARE) - 1.0, growth)
-    wanted = max(min(growth * so_far, ROUND_PHOTONS), FIRST_ROUND_PHOTONS, min(NODE_PHOTONS * n_node, so_far))
+    wanted = max(min(growth * told / weight, ROUND_PHOTONS), FIRST_ROUND_PHOTONS / weight, min(NODE_PHOTONS * n_node, so_far) / weight)
     return int(min(wanted, most - so_far))
 
 

@@ -19,37 +19,16 @@ from numpy.typing import NDArray
 from . import basis, estimate, quadtree, refine, rounds, shared_arrays, tally, workers
 from .direct_field import MOST_PASSES, DirectField
 from .executors import count_processors
+from .ledger import Ledger
 from .messages import Message, Progress
 from .quadtree import Quadtree
 from .reconstruct import LeafBlender
 from .settings import Settings
+from .splitting import SplitGuide, Splitting, weigh_deposits
 from .squares import SquareLight, Squares
 from .tally import Solution, Tally, Totals
 
-ENERGY_NAMES = ("emitted", "absorbed", "escaped", "remainder")
 DIRECT_SHARE = 0.5  # of the error asked for, that direct light by rays may have
-
-
-@dataclass
-class Ledger:
-    """Sums of all shards, each photon carrying all the light of the scene; divided by the photons when read.
-
-    energy_w   emitted, absorbed, escaped, remainder: (3,) float64 each
-    """
-
-    energy_w: dict[str, NDArray[np.float64]] = field(default_factory=lambda: {name: np.zeros(3) for name in ENERGY_NAMES})
-    rays: int = 0
-    deposits: int = 0
-
-    def add(self, result: workers.PhotonResult) -> None:
-        for name in ENERGY_NAMES:
-            self.energy_w[name] += getattr(result.audit, name)
-        self.rays += result.counters.rays
-        self.deposits += result.counters.deposits
-
-    def audit_w(self, photons: int) -> dict[str, list[float]]:
-        """The energy audit, W: emitted = absorbed + escaped + remainder."""
-        return {name: (total / max(photons, 1)).tolist() for name, total in self.energy_w.items()}
 
 
 @dataclass(frozen=True)
@@ -116,6 +95,8 @@ class Solver:
         self.tally = Tally.empty(len(self.tree), self.degree, components)
         self.squares = Squares.of(texels, self.forced_texels)
         self.square_tally = Tally.empty(len(self.squares.entry), 0, components)
+        self.guide = SplitGuide.empty(len(self.tracing.snapshot.objects) + len(self.tree))
+        self.state: _State | None = None  # of the last round
         self.ledger = Ledger()
         self.rule = refine.Rule(settings.oracle, settings.threshold, settings.stability, settings.preview_depth)
         self.round = 0
@@ -127,13 +108,13 @@ class Solver:
     def run(self, tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> LightField:
         """Rounds until one of the stop rules holds; `tell` hears of each."""
         stated: estimate.StatedError | None = None
-        before = int(self.tally.photons.sum())
+        before = self.ledger.photons
         traced = before > 0  # a bake that goes on: its last round has not been refined yet
         while True:
             if not traced:
-                self._trace_round(self._next_photons(stated))
+                self._trace_round(stated)
             traced = False
-            state = self._read_tallies()
+            state = self.state = self._read_tallies()
             light, stated = self._light(state)
             while self._direct_errs_most(stated) and not should_stop():
                 worst = (stated.texel_direct2 > (DIRECT_SHARE * self.settings.error) ** 2) & (self.direct.passes < MOST_PASSES)
@@ -174,10 +155,13 @@ class Solver:
         solution = tally.solve_tallies(tree, totals, np.concatenate([compared, estimate.list_told(tree, comparison, leaves, self.blender)]))
         return _State(totals, solution, comparison.join(tree, totals, solution, leaves, rule.stability), leaves)
 
-    def _trace_round(self, photons: int) -> None:
+    def _trace_round(self, stated: estimate.StatedError | None) -> None:
+        splitting, weight = self._split_photons()
         view = self.folder / f"view_{self.round}"
         shared_arrays.save_struct(view, quadtree.TreeView.of_tree(self.tree, len(self.keys), self.squares.entry))
-        settings = self.settings
+        if splitting:
+            shared_arrays.save_struct(view / workers.SPLITTING_FOLDER, splitting)
+        settings, parted = self.settings, []
         shards = [
             workers.PhotonShard(
                 tracing=str(self.folder),
@@ -189,17 +173,34 @@ class Solver:
                 max_depth=settings.max_depth,
                 degree=self.degree,
                 skip_first=settings.direct == "rays",
+                weight=weight,
+                guided=splitting is not None,
             )
-            for shard, share in enumerate(rounds.share_photons(photons))
+            for shard, share in enumerate(rounds.share_photons(self._next_photons(stated, weight)))
         ]
         try:
             for shard, result in zip(shards, self.executor.map(workers.trace_photons, shards), strict=True):
-                self.tally.add(shard.shard % 2, result.tally, shard.photons)
-                self.square_tally.add(shard.shard % 2, result.squares, shard.photons)
-                self.ledger.add(result)
+                self.tally.add(shard.shard % 2, result.tally, shard.photons * weight)
+                self.square_tally.add(shard.shard % 2, result.squares, shard.photons * weight)
+                self.ledger.add(shard, result)
+                parted += [result.splitting] if result.splitting else []
         finally:
             shared_arrays.remove_struct(view)
+        self.guide.add_round(parted)
         self.round += 1
+
+    def _split_photons(self) -> tuple[Splitting | None, float]:
+        """Where photons of the next round part, and how much one of them tells; nothing where no round was read or they go alone."""
+        if self.state is None or self.settings.direct != "rays":
+            return None, 1.0
+        tree, flux = self.tree, self.state.solution.flux
+        before = flux.shape[1]
+        light = flux / np.maximum(tree.area[:before], np.finfo(float).tiny)
+        light += quadtree.mean_in_nodes(tree, self.direct.irradiance)[:, :before]
+        snapshot, texels = self.tracing.snapshot, self.tracing.texels
+        self.guide.grow(len(snapshot.objects) + len(tree))
+        factor, weight = self.guide.plan(tree, snapshot.tri_object[texels.texel_tri[tree.start[tree.levels[0]]]])
+        return Splitting(factor, weigh_deposits(tree, self.state.leaves, light, self.ledger.deposits)), weight
 
     def _refine(self, state: _State) -> bool:
         """Splits what the oracle marks; whether there is more of the tree now."""
@@ -219,7 +220,7 @@ class Solver:
 
     def glance(self) -> LightField:
         """The light after one round, for the eye: nothing is known of its error."""
-        self._trace_round(self._next_photons(None))
+        self._trace_round(None)
         state = self._read_tallies()
         return self._make_light(state, correction=1.0, error=math.nan)
 
@@ -245,17 +246,17 @@ class Solver:
             correction=correction,
             direct=self.direct,
             error=error,
-            photons=int(self.tally.photons.sum()),
+            photons=self.ledger.photons,
             rounds=self.round,
             stopped_by="",
             ledger=self.ledger,
             squares=self.squares.light(self.square_tally),
         )
 
-    def _next_photons(self, stated: estimate.StatedError | None) -> int:
+    def _next_photons(self, stated: estimate.StatedError | None, weight: float) -> int:
         error, fixed = (math.nan, 0.0) if stated is None else (stated.chosen, stated.direct)
-        so_far, settings = int(self.tally.photons.sum()), self.settings
-        return rounds.next_photons(so_far, settings.max_photons, len(self.tree), settings.error, error, fixed)
+        ledger, settings = self.ledger, self.settings
+        return rounds.next_photons(ledger.photons, ledger.told, weight, settings.max_photons, len(self.tree), settings.error, error, fixed)
 
     def _stop_reason(self, error: float, should_stop: Callable[[], bool]) -> str:
         settings = self.settings
@@ -263,7 +264,7 @@ class Solver:
             return "interrupted"
         if error <= settings.error:
             return "error"
-        if settings.max_photons - self.tally.photons.sum() < 2:
+        if settings.max_photons - self.ledger.photons < 2:
             return "max_photons"
         if settings.time_limit and time.monotonic() - self.started >= settings.time_limit:
             return "time_limit"

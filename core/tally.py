@@ -83,13 +83,13 @@ def deposit(
 class Tally:
     """What every node received while it was the deepest; grows in place.
 
-    photons   (2,) int64: emitted, per half
+    photons   (2,) float64: emitted, per half, each counted by its weight
     count     (n,) int64
     weight2   (3, n) float64, W^2
     raw       (2, C, 3, K, n) float64, W: half, component, channel, monomial
     """
 
-    photons: NDArray[np.int64]
+    photons: NDArray[np.float64]
     count: NDArray[np.int64]
     weight2: NDArray[np.float64]
     raw: NDArray[np.float64]
@@ -98,7 +98,7 @@ class Tally:
     def empty(cls, n_node: int, degree: int, components: int = COMPONENTS) -> Tally:
         size = basis.count_functions(degree)
         return cls(
-            np.zeros(HALVES, np.int64),
+            np.zeros(HALVES),
             np.zeros(n_node, np.int64),
             np.zeros((CHANNELS, n_node)),
             np.zeros((HALVES, components, CHANNELS, size, n_node)),
@@ -112,7 +112,7 @@ class Tally:
             self.weight2 = np.pad(self.weight2, ((0, 0), (0, more)))
             self.raw = np.pad(self.raw, ((0, 0),) * 4 + ((0, more),))
 
-    def add(self, half: int, shard: ShardTally, photons: int) -> None:
+    def add(self, half: int, shard: ShardTally, photons: float) -> None:
         self.photons[half] += photons
         self.count[shard.node] += shard.count
         for sums, added in ((self.weight2, shard.weight2), (self.raw[half], shard.raw)):
@@ -134,7 +134,7 @@ class Totals:
     shot_raw   (2, C, 3, K, n) float64, W: the part of raw that the photons shot make
     """
 
-    photons: NDArray[np.int64]
+    photons: NDArray[np.float64]
     received: NDArray[np.int64]
     shot: NDArray[np.int64]
     weight2: NDArray[np.float64]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -20,16 +20,19 @@ from .geometry import UnitBox
 from .heap import keep_freed_memory
 from .job import SNAPSHOT_FILE
 from .materials import SurfaceMaterials
+from .photon_log import Counters, EnergyAudit
 from .pruning import prune_scene
 from .quadtree import TreeView
 from .scene import FloatArray, IntArray, SceneSnapshot
 from .snapshot import load_snapshot
+from .splitting import SplitTally, Splitting
 from .squares import deposit_on_squares
 from .tally import ShardTally, deposit
 from .texel_map import TexelMap
 from .tiles import TILE_CORNERS, TILE_TEXELS, Tiles
 
 TEXELS_FOLDER = "texels"
+SPLITTING_FOLDER = "splitting"  # in a view's
 # A shard's fields that name folders, and what of each folder the shard reads, () all of it.
 FOLDER_PARTS: dict[str, tuple[str, ...]] = {"tracing": (SNAPSHOT_FILE, TEXELS_FOLDER), "view": ()}
 DIRECT_ROUND = 2**31 - 1  # of the random numbers for shadow rays: no round of photons comes that far
@@ -74,9 +77,15 @@ def open_view(folder: str) -> TreeView:
     return shared_arrays.load_struct(Path(folder), TreeView)
 
 
+@lru_cache(maxsize=1)
+def open_splitting(folder: str) -> Splitting:
+    """What photons of a view are told; the same."""
+    return shared_arrays.load_struct(Path(folder) / SPLITTING_FOLDER, Splitting)
+
+
 def forget_folders() -> None:
     """Close what this process keeps open, so that folders can be removed or written anew."""
-    for opened in (open_tracing, open_view, _open_direct_scene):
+    for opened in (open_tracing, open_view, open_splitting, _open_direct_scene):
         opened.cache_clear()
 
 
@@ -93,31 +102,50 @@ class PhotonShard:
     max_depth: int
     degree: int
     skip_first: bool  # direct light comes from shadow rays
+    weight: float = 1.0  # how much a photon tells, see splitting
+    guided: bool = False  # the view's folder tells where more or fewer photons should part
 
 
 @dataclass(frozen=True)
 class PhotonResult:
-    """Sums and counts of one shard, each photon carrying its share of a bake with one photon; sums over nodes and over squares."""
+    """Sums and counts of one shard; sums over nodes and squares of photons that carry the light of a bake with one, times their weight."""
 
     tally: ShardTally
     squares: ShardTally
-    audit: photons.EnergyAudit
-    counters: photons.Counters
+    audit: EnergyAudit
+    counters: Counters
+    splitting: SplitTally | None
 
 
 def trace_photons(shard: PhotonShard) -> PhotonResult:
     """Trace the photons of a shard and sum them over the nodes they meet."""
     tracing, view = open_tracing(shard.tracing), open_view(shard.view)
     rng = sampling.shard_rng(shard.seed, shard.round, shard.shard)
+    splitting = open_splitting(shard.view) if shard.guided else None
+    split_at = partial(_split_at, tracing, view, splitting) if splitting else None
     # How many photons the bake will have is not known yet: each carries all the light, and sums are divided when read.
-    hits = photons.trace_shard(tracing.scene, shard.photons, float(shard.photons), rng, shard.max_depth, shard.skip_first)
+    flux_share = shard.photons * shard.weight
+    hits = photons.trace_shard(tracing.scene, shard.photons, flux_share, rng, shard.max_depth, shard.skip_first, split_at)
     x, y = tracing.texels.hit_texel_xy(hits.tri, hits.u, hits.v)
     entry = tracing.texels.entry_of(hits.tri, x, y)
     node, s, t = view.locate(entry, x, y)
     is_first = None if shard.skip_first else hits.is_first
     sums = deposit(node, s, t, hits.flux_rgb, is_first, len(view.centre), shard.degree)
     on_squares = deposit_on_squares(tracing.texels, view.square_entry, entry, hits.tri, x, y, hits.flux_rgb, is_first)
-    return PhotonResult(sums, on_squares, hits.audit, hits.counters)
+    parted = SplitTally.of(hits.groups, splitting.worth, node, hits.flux_rgb) if splitting and hits.groups else None
+    return PhotonResult(sums, on_squares, hits.audit, hits.counters, parted)
+
+
+def _split_at(
+    tracing: Tracing, view: TreeView, splitting: Splitting, tri: NDArray[np.int32], u: NDArray[np.float32], v: NDArray[np.float32]
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """photons.SplitAt."""
+    x, y = tracing.texels.hit_texel_xy(tri, u, v)
+    entry = tracing.texels.entry_of(tri, x, y)
+    is_mapped = entry >= 0
+    node = view.node.take(np.maximum(entry, 0)) if len(view.node) else entry
+    place = splitting.find_places(node, is_mapped, tracing.snapshot.tri_object.take(tri))
+    return place, splitting.factor.take(place)
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,7 @@ def bake_safely(
     odd = sum(np.count_nonzero(~np.isfinite(pixels) | (pixels < 0)) for pixels in pages.values())
     hold("odd scenes: values of pages that are NaN, infinite or negative", odd, high=0)
     assert 0 <= light.error < np.inf
-    audit = {name: np.array(value) for name, value in light.ledger.audit_w(light.photons).items()}
+    audit = {name: np.array(value) for name, value in light.ledger.audit_w().items()}
     open_w = np.abs(audit["absorbed"] + audit["escaped"] + audit["remainder"] - audit["emitted"])
     off = (open_w / np.maximum(audit["emitted"], 1e-300)).max()
     hold("odd scenes: energy audit off, of what is emitted in a channel", off, high=AUDIT_ROUNDING)

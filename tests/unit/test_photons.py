@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from floors import chi_square_sigmas, sigma_limit
-from leaflight.core import births, geometry, photons, sampling
+from leaflight.core import births, geometry, photon_log, photons, sampling
 from leaflight.core.lights import Births
 from leaflight.core.materials import SurfaceMaterials
 from leaflight.core.scene import Material, SceneObject, SceneSnapshot, TextureImage
@@ -80,11 +80,11 @@ def _build(snapshot, *lamps) -> photons.TraceScene:
     return photons.build_trace_scene(snapshot, box, SurfaceMaterials(snapshot), lamps)
 
 
-def _trace(scene, n=N, shard=0, max_depth=1000, skip_first=False, share=1.0) -> photons.ShardHits:
+def _trace(scene, n=N, shard=0, max_depth=1000, skip_first=False, share=1.0) -> photon_log.ShardHits:
     return photons.trace_shard(scene, n, share, sampling.shard_rng(7, 0, shard), max_depth, skip_first)
 
 
-def _assert_closes(audit: photons.EnergyAudit) -> None:
+def _assert_closes(audit: photon_log.EnergyAudit) -> None:
     out = audit.absorbed + audit.escaped + audit.remainder
     np.testing.assert_allclose(out, audit.emitted, rtol=1e-12, atol=1e-12 * audit.emitted.max())
 
@@ -255,11 +255,36 @@ def test_photons_whose_first_hit_is_skipped_go_there_together_and_part():
     np.testing.assert_allclose(on_tri[1], on_tri[0], rtol=0.08)
 
 
+def test_photons_part_in_groups_as_they_are_told():
+    """On the floor twice as many as elsewhere: the same light, and each deposit and ray belongs to a group."""
+    scene = _build(_snapshot(_cube(), (Material("Red", (0.8, 0.5, 0.1)),)), _white_lamp())
+
+    def split_at(tri, u, v):
+        return tri // 2, np.where(tri // 2 == 4, np.float32(2), np.float32(0.5))
+
+    rng = sampling.shard_rng(7, 0, 0)
+    hits, plain = photons.trace_shard(scene, N, 1.0, rng, 1000, True, split_at), _trace(scene, skip_first=True)
+    _assert_closes(hits.audit)
+    sent = [each.flux_rgb.sum(axis=1, dtype=np.float64) for each in (hits, plain)]
+    np.testing.assert_allclose(sent[0], sent[1], rtol=0.05)
+    groups = hits.groups
+    births = -(-N // photons.SPLIT)
+    assert plain.groups is None
+    assert len(groups.place) == births
+    assert groups.rays.sum() == hits.counters.rays - births
+    assert len(groups.owner) == hits.counters.deposits
+    np.testing.assert_array_equal(groups.split, np.where(groups.place == 4, 2, 0.5))
+    deposits = np.bincount(groups.owner, minlength=births)
+    np.testing.assert_array_equal(groups.rays, deposits)  # in a closed room every ray ends on a surface
+    per_group = [deposits[groups.place == face].mean() for face in range(6)]
+    assert per_group[4] / np.mean(per_group[:4]) == pytest.approx(4, rel=0.1)
+
+
 def test_photons_that_part_take_no_light_with_them_and_leave_none():
     flux = np.repeat(np.float32([[1.0], [2.0], [4.0]]), 1000, axis=1)
     flux[:, 0] = 0
     albedo = np.float32([[0.9], [0.9], [0.3]]).repeat(1000, axis=1)
-    alive, survivors = photons._play_roulette(flux, albedo, photons.SPLIT, np.random.default_rng(3))
+    alive, survivors = photons._play_roulette(flux, albedo, np.full(1000, photons.SPLIT, np.float32), np.random.default_rng(3))
     count = np.bincount(alive, minlength=1000)
     assert set(count[1:]) == {int(photons.SPLIT * 0.45), int(photons.SPLIT * 0.45) + 1}  # the greatest channel keeps 1.8 of 4
     assert count[0] == 0
@@ -320,7 +345,7 @@ def test_flux_share_scales_the_power():
 @pytest.mark.parametrize("lamps", [(), (_white_lamp(0.0),)])
 def test_darkness_gives_nothing(lamps):
     hits = _trace(_build(_snapshot(_cube()), *lamps))
-    assert hits.counters == photons.Counters(0, 0, 0)
+    assert hits.counters == photon_log.Counters(0, 0, 0)
     assert hits.flux_rgb.shape == (3, 0)
     assert not hits.audit.emitted.any()
 

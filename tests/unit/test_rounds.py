@@ -8,34 +8,46 @@ from leaflight.core.rounds import FIRST_ROUND_PHOTONS, NODE_PHOTONS, ROUND_PHOTO
 PLENTY = 10**9
 
 
+def next_plain(so_far, *others):
+    """Where all photons told as much as those of a first round."""
+    return next_photons(so_far, float(so_far), 1.0, *others)
+
+
 def test_the_first_round_is_always_the_same_but_for_bakes_of_fewer_photons():
-    assert next_photons(0, PLENTY, 10**6, 0.05, math.nan, 0.0) == FIRST_ROUND_PHOTONS
-    assert next_photons(0, 1000, 10**6, 0.05, math.nan, 0.0) == 1000
+    assert next_plain(0, PLENTY, 10**6, 0.05, math.nan, 0.0) == FIRST_ROUND_PHOTONS
+    assert next_plain(0, 1000, 10**6, 0.05, math.nan, 0.0) == 1000
 
 
 def test_a_round_doubles_the_photons_while_nothing_tells_of_less():
     for error, fixed in ((math.nan, 0.0), (1.0, 0.0), (0.06, 0.05), (0.06, 0.055)):
-        assert next_photons(1_000_000, PLENTY, 10, 0.05, error, fixed) == 1_000_000
-    assert next_photons(10 * ROUND_PHOTONS, PLENTY, 10, 0.05, 1.0, 0.0) == ROUND_PHOTONS
+        assert next_plain(1_000_000, PLENTY, 10, 0.05, error, fixed) == 1_000_000
+    assert next_plain(10 * ROUND_PHOTONS, PLENTY, 10, 0.05, 1.0, 0.0) == ROUND_PHOTONS
 
 
 @pytest.mark.parametrize("fixed", [0.0, 0.02, 0.04])
 def test_a_round_aims_at_the_error_asked_for(fixed):
     """With the photons that it asks for, noise that falls as their root would come out a little below."""
     noise2 = 1.3 * (0.05**2 - fixed**2)
-    photons = next_photons(3_000_000, PLENTY, 10, 0.05, math.sqrt(noise2 + fixed**2), fixed)
+    photons = next_plain(3_000_000, PLENTY, 10, 0.05, math.sqrt(noise2 + fixed**2), fixed)
     then2 = noise2 * 3_000_000 / (3_000_000 + photons) + fixed**2
     assert (then2 - fixed**2) * SPARE == pytest.approx(0.05**2 - fixed**2, rel=1e-5)
 
 
 def test_a_round_is_worth_being_looked_at():
-    assert next_photons(4_000_000, PLENTY, 100_000, 0.05, 0.0501, 0.0) == NODE_PHOTONS * 100_000
-    assert next_photons(400_000, PLENTY, 100_000, 0.05, 0.0501, 0.0) == 400_000  # but never more than doubles them
-    assert next_photons(4_000_000, PLENTY, 10, 0.05, 0.05, 0.0) == pytest.approx((SPARE - 1.0) * 4_000_000, abs=1)
+    assert next_plain(4_000_000, PLENTY, 100_000, 0.05, 0.0501, 0.0) == NODE_PHOTONS * 100_000
+    assert next_plain(400_000, PLENTY, 100_000, 0.05, 0.0501, 0.0) == 400_000  # but never more than doubles them
+    assert next_plain(4_000_000, PLENTY, 10, 0.05, 0.05, 0.0) == pytest.approx((SPARE - 1.0) * 4_000_000, abs=1)
 
 
 def test_no_round_goes_beyond_the_photons_of_the_bake():
-    assert next_photons(900, 1000, 10, 0.05, 1.0, 0.0) == 100
+    assert next_plain(900, 1000, 10, 0.05, 1.0, 0.0) == 100
+
+
+def test_photons_that_tell_more_are_fewer():
+    plain = next_plain(8_000_000, PLENTY, 10, 0.05, 0.055, 0.0)
+    assert next_photons(3_000_000, 8e6, 4.0, PLENTY, 10, 0.05, 0.055, 0.0) == plain // 4
+    assert next_photons(1_000_000, 1e6, 4.0, PLENTY, 10, 0.05, 1.0, 0.0) == 250_000  # what there was before is doubled, no more
+    assert next_photons(100_000, 1e5, 4.0, PLENTY, 10, 0.05, 0.055, 0.0) == FIRST_ROUND_PHOTONS // 4
 
 
 @pytest.mark.parametrize("photons", [2, 3, 1001, FIRST_ROUND_PHOTONS, 1_234_567, ROUND_PHOTONS])

@@ -2,13 +2,15 @@
 
 import pickle
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, prepare_folder
-from leaflight.core import bake, executors, quadtree, shared_arrays, workers
+from leaflight.core import bake, executors, photons, quadtree, shared_arrays, workers
 from leaflight.core.scene import Light, SceneObject
 from leaflight.core.settings import Settings
+from leaflight.core.splitting import Splitting
 from scenes import box_mesh, make_scene, quad_mesh
 
 SETTINGS = Settings(size=32, padding=1)
@@ -27,7 +29,7 @@ def to_bytes(result):
     """All numbers of a result of dataclasses of arrays."""
     if isinstance(result, np.ndarray):
         return result.tobytes()
-    if isinstance(result, dict | int):
+    if isinstance(result, dict | int | None):
         return repr(result).encode()
     return b"".join(to_bytes(getattr(result, field.name)) for field in fields(result))
 
@@ -49,6 +51,35 @@ def test_each_photon_carries_all_the_light(photon_shard):
     assert many.audit.emitted == pytest.approx(2 * few.audit.emitted, rel=1e-6)
     assert few.counters.photons == 5000
     assert few.tally.raw[:, 0, 0].sum() == pytest.approx(many.tally.raw[:, 0, 0].sum() / 2, rel=0.1)
+
+
+def test_photons_of_more_weight_carry_more(photon_shard):
+    one, three = (workers.trace_photons(replace(photon_shard, weight=weight)) for weight in (1.0, 3.0))
+    assert three.audit.emitted == pytest.approx(3 * one.audit.emitted, rel=1e-6)
+    np.testing.assert_allclose(three.tally.raw, 3 * one.tally.raw, rtol=1e-5, atol=1e-5 * one.tally.raw.max())
+    assert three.counters == one.counters
+
+
+def test_photons_part_as_their_view_says(photon_shard):
+    """The same light comes of fewer rays where fewer photons part; the groups tell of all of them."""
+    shard = replace(photon_shard, photons=200_000, skip_first=True, guided=True)
+    n_object, n_node = len(workers.open_tracing(shard.tracing).snapshot.objects), len(workers.open_view(shard.view).centre)
+    results = []
+    for factor in (1.0, 0.25):
+        told = Splitting(np.full(n_object + n_node, factor, np.float32), np.ones((3, n_node)))
+        shared_arrays.save_struct(Path(shard.view) / workers.SPLITTING_FOLDER, told)
+        results.append(workers.trace_photons(shard))
+        shared_arrays.remove_struct(Path(shard.view) / workers.SPLITTING_FOLDER)
+        workers.forget_folders()
+    many, few = results
+    births = -(-shard.photons // photons.SPLIT)
+    assert few.counters.rays - births == pytest.approx((many.counters.rays - births) / 4, rel=0.02)
+    assert few.tally.raw[0, 0, 0].sum() == pytest.approx(many.tally.raw[0, 0, 0].sum(), rel=0.02)
+    for result, factor in ((many, 1.0), (few, 0.25)):
+        assert result.splitting.groups.sum() <= births
+        assert result.splitting.place.min() >= n_object  # all that photons meet there has a lightmap
+        assert result.splitting.rays.sum() * factor == pytest.approx(result.counters.rays - births)
+        assert result.splitting.noise.sum() / factor == pytest.approx(result.tally.weight2.sum(), rel=1e-5)
 
 
 def test_skipping_first_hits_leaves_the_indirect_part(photon_shard):

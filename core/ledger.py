@@ -1,0 +1,39 @@
+"""Where all light of a bake went, and what it took."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import workers
+
+ENERGY_NAMES = ("emitted", "absorbed", "escaped", "remainder")
+
+
+@dataclass
+class Ledger:
+    """Sums of all shards, each photon carrying all the light of the scene times its weight; divided by the photons' weights when read.
+
+    energy_w   emitted, absorbed, escaped, remainder: (3,) float64 each
+    told       photons, each counted by its weight
+    """
+
+    energy_w: dict[str, NDArray[np.float64]] = field(default_factory=lambda: {name: np.zeros(3) for name in ENERGY_NAMES})
+    photons: int = 0
+    told: float = 0.0
+    rays: int = 0
+    deposits: int = 0
+
+    def add(self, shard: workers.PhotonShard, result: workers.PhotonResult) -> None:
+        for name in ENERGY_NAMES:
+            self.energy_w[name] += getattr(result.audit, name)
+        self.photons += shard.photons
+        self.told += shard.photons * shard.weight
+        self.rays += result.counters.rays
+        self.deposits += result.counters.deposits
+
+    def audit_w(self) -> dict[str, list[float]]:
+        """The energy audit, W: emitted = absorbed + escaped + remainder."""
+        return {name: (total / max(self.told, 1.0)).tolist() for name, total in self.energy_w.items()}

@@ -1,0 +1,121 @@
+"""What a shard of photons reports: its deposits, where the light went, and what became of photons by the place where they parted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Rows = NDArray[np.float32]
+_Ints = NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class EnergyAudit:
+    """Where the light went, each (3,) float64, W: emitted == absorbed + escaped + remainder.
+
+    `absorbed` is what roulette took less what it gave to survivors; `remainder` was still under way at max_depth. The light of a lamp
+    without shadow counts as emitted once for each surface that it lights.
+    """
+
+    emitted: NDArray[np.float64]
+    absorbed: NDArray[np.float64]
+    escaped: NDArray[np.float64]
+    remainder: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Counters:
+    photons: int
+    rays: int
+    deposits: int
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Photons that went to their first surface as one, and parted there.
+
+    place   (g,) int32          where, as photons.SplitAt tells
+    split   (g,) float32        of photons.SPLIT how many times as many
+    rays    (g,) int64          that they took from there on, all together
+    owner   (m,) int32          the group of each deposit
+    """
+
+    place: _Ints
+    split: _Rows
+    rays: NDArray[np.int64]
+    owner: _Ints
+
+
+@dataclass(frozen=True)
+class ShardHits:
+    """The deposits of one shard, in a fixed order.
+
+    tri        (m,) int32
+    u, v       (m,) float32     barycentric weights of corners 1 and 2
+    flux_rgb   (3, m) float32, W
+    is_first   (m,) bool        straight from a light
+    groups     None where nobody asked for them
+    """
+
+    tri: _Ints
+    u: _Rows
+    v: _Rows
+    flux_rgb: _Rows
+    is_first: NDArray[np.bool_]
+    audit: EnergyAudit
+    counters: Counters
+    groups: Groups | None
+
+
+class PhotonLog:
+    """Collects what a shard reports; the sums are added to from outside."""
+
+    def __init__(self) -> None:
+        self.emitted, self.absorbed, self.escaped, self.remainder = np.zeros((4, 3))
+        self.photons = self.rays = self._n_group = 0
+        self._pieces: list[tuple[_Ints, _Rows, _Rows, _Rows, bool]] = []  # tri, u, v, flux, is_first
+        self._place: list[_Ints] = []
+        self._split: list[_Rows] = []
+        self._under_way: list[_Ints] = []  # the group of each ray
+        self._owner: list[_Ints] = []
+
+    def open_groups(self, place: _Ints, split: _Rows) -> _Ints:
+        """The numbers (g,) of new groups; arguments as in Groups."""
+        self._place.append(place)
+        self._split.append(split)
+        first, self._n_group = self._n_group, self._n_group + len(place)
+        return np.arange(first, self._n_group, dtype=np.int32)
+
+    def count_rays(self, count: int, group: _Ints | None) -> None:
+        """group   (count,) int32: whose they are, None before groups are opened and where there are none"""
+        self.rays += count
+        if group is not None:
+            self._under_way.append(group)
+
+    def deposit(self, tri: _Ints, u: _Rows, v: _Rows, flux: _Rows, is_first: bool, group: _Ints | None) -> None:
+        """Arguments as in ShardHits; group (m,) int32, None where there are none."""
+        self._pieces.append((tri, u, v, flux, is_first))
+        if group is not None:
+            self._owner.append(group)
+
+    def hits(self) -> ShardHits:
+        nothing = np.zeros(0, np.float32)
+        self._pieces.append((np.zeros(0, np.int32), nothing, nothing, np.zeros((3, 0), np.float32), False))
+        tri, u, v, flux, is_first = zip(*self._pieces, strict=True)
+        return ShardHits(
+            np.concatenate(tri),
+            np.concatenate(u),
+            np.concatenate(v),
+            np.concatenate(flux, axis=1),
+            np.repeat(np.array(is_first), [len(piece) for piece in tri]),
+            EnergyAudit(self.emitted, self.absorbed, self.escaped, self.remainder),
+            Counters(self.photons, self.rays, sum(len(piece) for piece in tri)),
+            self._groups() if self._place else None,
+        )
+
+    def _groups(self) -> Groups:
+        none = [np.zeros(0, np.int32)]
+        rays = np.bincount(np.concatenate(self._under_way + none), minlength=self._n_group)
+        return Groups(np.concatenate(self._place), np.concatenate(self._split), rays, np.concatenate(self._owner + none))

@@ -1,0 +1,22 @@
+"""Sums of shards of any weight."""
+
+import numpy as np
+from leaflight.core.ledger import ENERGY_NAMES, Ledger
+from leaflight.core.photon_log import Counters, EnergyAudit
+from leaflight.core.workers import PhotonResult, PhotonShard
+
+
+def make_shard(photons, weight):
+    """A shard whose photons bring 2 W each of red light to where nothing reflects, and what came of it."""
+    shard = PhotonShard("", "", 1, 0, 0, photons, 10, 1, skip_first=True, weight=weight)
+    watts = np.array([2.0, 0.0, 0.0]) * photons * weight
+    return shard, PhotonResult(None, None, EnergyAudit(watts, watts, 0 * watts, 0 * watts), Counters(photons, 3 * photons, photons), None)
+
+
+def test_watts_do_not_depend_on_how_many_photons_there_were_nor_on_their_weights():
+    ledger = Ledger()
+    assert ledger.audit_w() == {name: [0.0] * 3 for name in ENERGY_NAMES}
+    for photons, weight in ((100, 1.0), (50, 4.0)):
+        ledger.add(*make_shard(photons, weight))
+    assert ledger.audit_w() == {"emitted": [2.0, 0.0, 0.0], "absorbed": [2.0, 0.0, 0.0], "escaped": [0.0] * 3, "remainder": [0.0] * 3}
+    assert (ledger.photons, ledger.told, ledger.rays, ledger.deposits) == (150, 300.0, 450, 150)

@@ -1,0 +1,48 @@
+"""What a shard reports, put together from pieces."""
+
+import numpy as np
+from leaflight.core.photon_log import PhotonLog
+
+RED = np.float32([[1.0], [0.0], [0.0]])
+
+
+def deposit(log, tri, group=None):
+    count = len(tri)
+    place = np.linspace(0, 1, count, dtype=np.float32)
+    log.deposit(np.array(tri, np.int32), place, 1 - place, RED.repeat(count, axis=1), group is None, group)
+
+
+def test_pieces_follow_each_other():
+    log = PhotonLog()
+    log.count_rays(5, None)
+    deposit(log, [3, 1])
+    deposit(log, [2])
+    hits = log.hits()
+    assert hits.tri.tolist() == [3, 1, 2]
+    assert hits.u.tolist() == [0, 1, 0]
+    assert hits.flux_rgb.shape == (3, 3)
+    assert hits.is_first.all()
+    assert (hits.counters.rays, hits.counters.deposits) == (5, 3)
+    assert hits.groups is None
+
+
+def test_groups_are_numbered_on_and_own_rays_and_deposits():
+    log = PhotonLog()
+    for place, split in ((7, 0.5), (9, 2.0)):
+        own = log.open_groups(np.full(2, place, np.int32), np.full(2, split, np.float32))
+        several = own.repeat(3)
+        log.count_rays(6, several)
+        deposit(log, [0, 0], several[2:4])
+    groups = log.hits().groups
+    assert groups.place.tolist() == [7, 7, 9, 9]
+    assert groups.split.tolist() == [0.5, 0.5, 2.0, 2.0]
+    assert groups.rays.tolist() == [3, 3, 3, 3]
+    assert groups.owner.tolist() == [0, 1, 2, 3]
+
+
+def test_a_shard_without_photons_has_all_fields():
+    hits = PhotonLog().hits()
+    assert [len(hits.tri), hits.flux_rgb.shape, hits.groups] == [0, (3, 0), None]
+    log = PhotonLog()
+    log.open_groups(np.zeros(1, np.int32), np.ones(1, np.float32))  # whose photons were all absorbed
+    assert log.hits().groups.rays.tolist() == [0]

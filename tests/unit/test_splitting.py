@@ -1,0 +1,139 @@
+"""How many photons part where: least noise at the same work, and what little is known is not taken for truth."""
+
+import numpy as np
+import pytest
+from leaflight.core.photon_log import Groups
+from leaflight.core.splitting import LEAST_FACTOR, MOST_FACTOR, MOST_WEIGHT, SplitGuide, SplitTally, Splitting, weigh_deposits
+from trees import SquareBake
+
+NO_ROOT = np.zeros(1, np.int64)  # the tree's one root is of object 0
+
+
+def make_tree(level=1):
+    """One root with previews below it."""
+    bake = SquareBake(side=16, preview_depth=level)
+    return bake.tree
+
+
+def make_guide(tree, rates, groups=1e5, n_object=1):
+    """A guide that has seen many groups at all nodes of the lowest level, with (rays, noise) of a group at each."""
+    lowest = tree.levels[-1] + n_object
+    rays, noise = np.array(rates, float).T
+    guide = SplitGuide.empty(n_object + len(tree))
+    guide.add_round([SplitTally(lowest, np.full(len(lowest), groups), groups * rays, groups * noise)])
+    return guide, lowest
+
+
+def test_factors_go_as_the_root_of_noise_over_work():
+    tree = make_tree()
+    rates = [(10.0, 1.0), (10.0, 4.0), (40.0, 4.0), (10.0, 9.0)]
+    guide, lowest = make_guide(tree, rates)
+    factor, weight = guide.plan(tree, NO_ROOT)
+    np.testing.assert_allclose(factor[lowest] / factor[lowest[0]], [1, 2, 1, 3], rtol=0.01)
+    rays, noise = np.array(rates).T
+    assert (factor[lowest] * rays).sum() == pytest.approx(rays.sum(), rel=0.01)  # the same work
+    assert weight == pytest.approx(noise.sum() / (noise / factor[lowest]).sum(), rel=0.01)
+    best = noise.sum() * rays.sum() / np.sqrt(noise * rays).sum() ** 2  # Cauchy and Schwarz allow no more
+    assert weight == pytest.approx(best, rel=0.01)
+
+
+def test_factors_and_weights_have_bounds():
+    tree = make_tree()
+    for useful_rays, extreme in ((10.0, LEAST_FACTOR), (0.5, MOST_FACTOR)):
+        guide, lowest = make_guide(tree, [(10.0, 1e-9), (10.0, 1e-9), (10.0, 1e-9), (useful_rays, 1.0)])
+        factor, weight = guide.plan(tree, NO_ROOT)
+        assert extreme in factor[lowest]
+        assert factor.min() >= LEAST_FACTOR
+        assert factor.max() <= MOST_FACTOR
+        assert 1.0 < weight <= MOST_WEIGHT
+
+
+def test_nothing_known_changes_nothing():
+    tree = make_tree()
+    guide = SplitGuide.empty(1 + len(tree))
+    for _ in range(2):
+        factor, weight = guide.plan(tree, NO_ROOT)
+        assert (factor == 1).all()
+        assert weight == 1.0
+        guide.add_round([SplitTally(np.array([0]), np.ones(1), np.ones(1), np.zeros(1))])  # light that comes to nothing
+
+
+def test_what_few_groups_tell_is_mixed_with_what_is_known_above():
+    tree = make_tree()
+    for groups, least, most in ((1.0, 0.9, 1.3), (1e6, 3.9, 4.1)):
+        guide, lowest = make_guide(tree, [(1.0, 1.0), (1.0, 1.0), (1.0, 1.0), (1.0, 16.0)], groups)
+        factor, _ = guide.plan(tree, NO_ROOT)
+        assert least < factor[lowest[3]] / factor[lowest[0]] < most
+
+
+def test_new_nodes_begin_with_what_is_known_of_their_parents():
+    tree, finer = make_tree(1), make_tree(2)
+    guide, lowest = make_guide(tree, [(1.0, 1.0), (1.0, 1.0), (1.0, 4.0), (1.0, 4.0)])
+    guide.grow(1 + len(finer))
+    factor, _ = guide.plan(finer, NO_ROOT)
+    newest = finer.levels[2]
+    np.testing.assert_allclose(factor[newest + 1], factor[finer.parent[newest] + 1], rtol=1e-6)
+    assert factor[lowest[2]] == pytest.approx(2 * factor[lowest[0]], rel=0.01)
+
+
+def test_objects_without_a_lightmap_are_places_too():
+    tree = make_tree()
+    guide, lowest = make_guide(tree, [(1.0, 4.0)] * 4, n_object=2)
+    guide.add_round(
+        [SplitTally(np.array([1]), np.array([4e5]), np.array([4e5]), np.array([1e-9])), SplitTally(lowest, *np.full((3, 4), 1e5))]
+    )
+    factor, _ = guide.plan(tree, NO_ROOT)
+    assert factor[1] < 0.5 * factor[lowest].min()
+    told = Splitting(factor, np.zeros((3, len(tree))))
+    places = told.find_places(np.array([3, 9]), np.array([True, False]), np.array([0, 1]))
+    assert places.tolist() == [2 + 3, 1]
+
+
+def test_rounds_count_by_their_groups_whatever_their_light_is_worth():
+    tree = make_tree()
+    one, other = ([(1.0, 1.0), (1.0, 1.0), (1.0, 9.0), (1.0, 9.0)], [(1.0, 1e9), (1.0, 1e9), (1.0, 9e9), (1.0, 9e9)])
+    guide, lowest = make_guide(tree, one)
+    before = guide.plan(tree, NO_ROOT)[0]
+    more, _ = make_guide(tree, other)
+    guide.add_round([SplitTally(np.arange(len(more.groups)), more.groups, more.rays, 1e9 * more.noise)])
+    np.testing.assert_allclose(guide.plan(tree, NO_ROOT)[0][lowest], before[lowest], rtol=1e-3)
+
+
+def test_groups_are_summed_as_if_nobody_had_been_told_anything():
+    """A place where twice as many parted has twice the rays, and half the noise, of what it would have had."""
+    groups = Groups(np.int32([4, 2, 4]), np.float32([2, 1, 2]), np.array([20, 10, 24]), np.int32([0, 0, 1, 2]))
+    worth = np.array([[1.0, 2.0], [0.0, 0.0], [0.0, 1.0]])
+    flux = np.float32([[1, 1, 3, 2], [5, 5, 5, 5], [0, 2, 0, 0]])
+    tally = SplitTally.of(groups, worth, np.array([0, 1, 0, 1]), flux)
+    assert tally.place.tolist() == [2, 4]
+    assert tally.groups.tolist() == [1, 2]
+    assert tally.rays.tolist() == [10, 22]
+    assert tally.noise.tolist() == [9, 2 * (1 + (2 + 4)) + 2 * 8]
+
+
+def test_light_is_worth_most_on_dark_small_leaves():
+    bake = SquareBake(side=64, preview_depth=1)
+    tree = bake.tree
+    leaves, light = tree.levels[1], np.ones((3, len(tree)))
+    light[:, leaves[0]] = 0.1
+    worth = weigh_deposits(tree, leaves, light, 10**9)
+    share = (tree.end - tree.start)[leaves[1]]
+    dark = 0.1 * np.mean([0.1, 1, 1, 1])
+    assert worth[0, leaves[1]] == pytest.approx(share / (1 + dark**2) / tree.area[leaves[1]] ** 2, rel=1e-6)
+    assert worth[0, leaves[0]] / worth[0, leaves[1]] == pytest.approx((1 + dark**2) / (0.01 + dark**2), rel=1e-6)
+    few = weigh_deposits(tree, leaves, light, 1)[:, leaves]
+    assert (few < 0.1 * worth[:, leaves]).all()  # one photon for all of them: its leaf stays as uncertain as it was
+
+
+def test_worth_goes_down_to_the_deepest_nodes_and_grain_counts_together():
+    bake = SquareBake(side=8, preview_depth=3)
+    tree = bake.tree
+    light = np.ones((3, len(tree)))
+    worth = weigh_deposits(tree, tree.levels[3], light, 10**9)  # leaves of one texel
+    together = tree.levels[1]  # of four
+    for level in tree.levels[2:]:
+        above = tree.parent[level]
+        while (tree.depth[above] > 1).any():
+            above = tree.parent[above]
+        np.testing.assert_array_equal(worth[:, level], worth[:, above])
+    assert worth[0, together[0]] == pytest.approx(16 / 1.01 / tree.area[together[0]] ** 2, rel=1e-6)
