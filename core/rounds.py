@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
-FIRST_ROUND_PHOTONS = 1 << 18
+FIRST_ROUND_PHOTONS = 1 << 17
 SHARD_PHOTONS = 1 << 18  # at most
 MANY_PAIRS = 3  # of shards, from which on a round ends with smaller ones
-# A round adds at most this share of all photons so far: late nodes lose what came before them.
-ROUND_GROWTH = 1.0
+# A round adds at most so many times all photons so far: late nodes lose what came before them, and to read a round takes time too.
+ROUND_GROWTH = 2.0
 ROUND_PHOTONS = 1 << 22  # at most, so that progress, cancelling and time limits are felt
 # ... and at least as many photons for each node: to look at what came of a round takes as long as tracing them does on two cores.
 NODE_PHOTONS = 8

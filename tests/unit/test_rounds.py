@@ -3,7 +3,16 @@
 import math
 
 import pytest
-from leaflight.core.rounds import FIRST_ROUND_PHOTONS, NODE_PHOTONS, ROUND_PHOTONS, SHARD_PHOTONS, SPARE, next_photons, share_photons
+from leaflight.core.rounds import (
+    FIRST_ROUND_PHOTONS,
+    NODE_PHOTONS,
+    ROUND_GROWTH,
+    ROUND_PHOTONS,
+    SHARD_PHOTONS,
+    SPARE,
+    next_photons,
+    share_photons,
+)
 
 PLENTY = 10**9
 
@@ -18,9 +27,9 @@ def test_the_first_round_is_always_the_same_but_for_bakes_of_fewer_photons():
     assert next_plain(0, 1000, 10**6, 0.05, math.nan, 0.0) == 1000
 
 
-def test_a_round_doubles_the_photons_while_nothing_tells_of_less():
+def test_a_round_triples_the_photons_while_nothing_tells_of_less():
     for error, fixed in ((math.nan, 0.0), (1.0, 0.0), (0.06, 0.05), (0.06, 0.055)):
-        assert next_plain(1_000_000, PLENTY, 10, 0.05, error, fixed) == 1_000_000
+        assert next_plain(1_000_000, PLENTY, 10, 0.05, error, fixed) == ROUND_GROWTH * 1_000_000
     assert next_plain(10 * ROUND_PHOTONS, PLENTY, 10, 0.05, 1.0, 0.0) == ROUND_PHOTONS
 
 
@@ -46,7 +55,7 @@ def test_no_round_goes_beyond_the_photons_of_the_bake():
 def test_photons_that_tell_more_are_fewer():
     plain = next_plain(8_000_000, PLENTY, 10, 0.05, 0.055, 0.0)
     assert next_photons(3_000_000, 8e6, 4.0, PLENTY, 10, 0.05, 0.055, 0.0) == plain // 4
-    assert next_photons(1_000_000, 1e6, 4.0, PLENTY, 10, 0.05, 1.0, 0.0) == 250_000  # what there was before is doubled, no more
+    assert next_photons(1_000_000, 1e6, 4.0, PLENTY, 10, 0.05, 1.0, 0.0) == 500_000  # what there was before is tripled, no more
     assert next_photons(100_000, 1e5, 4.0, PLENTY, 10, 0.05, 0.055, 0.0) == FIRST_ROUND_PHOTONS // 4
 
 
