@@ -128,9 +128,11 @@ class SplitGuide:
         number, work, noise = self.groups[met], work[met], noise[met]
         scale = 1.0 / max(float(wanted[met].max()), _TINY)
         all_work = float((number * work).sum())
-        for _ in range(_STEPS):  # as much work as without
+        for _ in range(_STEPS):  # as much work as if SPLIT parted everywhere
             factor = np.clip(scale * wanted[met], LEAST_FACTOR, MOST_FACTOR)
             scale *= all_work / max(float((number * factor * work).sum()), _TINY)
+        # Where most of the noise is from must not be bounded alone: the work would go to where it is of no use.
+        scale = min(scale, MOST_FACTOR * float((number * noise).sum()) / max(float((number * noise * wanted[met]).sum()), _TINY))
         factor = np.clip(scale * wanted, LEAST_FACTOR, MOST_FACTOR)
         weight = float((number * noise).sum() / max(float((number * noise / factor[met]).sum()), _TINY))
         return factor.astype(np.float32), min(max(weight, 1.0), MOST_WEIGHT)

@@ -5,11 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import lamp_scene, make_solver, solve_scene
+from boxes import lamp_scene, make_solver, room_mesh, solve_scene
 from leaflight.core import direct_field, executors, quadtree, workers
 from leaflight.core.direct_shown import ShownDirect
 from leaflight.core.messages import Progress
+from leaflight.core.scene import Light, Material
 from leaflight.core.settings import Settings
+from scenes import make_scene, moved, quad_mesh
 
 SETTINGS = Settings(size=32, padding=1, max_photons=600_000, error=1e-4)
 QUICK = replace(SETTINGS, max_photons=20_000)
@@ -90,6 +92,34 @@ def test_a_glance_is_what_a_bake_of_one_round_gives_but_for_its_error(tmp_path):
     assert (glance.photons, glance.rounds, math.isnan(glance.error)) == (whole.photons, 1, True)
     assert solution_bytes(glance) == solution_bytes(whole)
     assert glance.leaves.size
+
+
+def sunlit_court(tmp_path, name, seed, guided):
+    """Light that surfaces send to the walls of a small court on a wide plain under the sun, W/m^2, and the rays of photons it took."""
+    court = room_mesh("Court")
+    court = moved(replace(court, polygons=[court.polygons[0], *court.polygons[2:]]), (0, 0, 0.5))
+    plain = moved(quad_mesh("Plain", 9.0, 9.0), (-4.5, -4.5, -0.1))
+    sun = Light("SUN", "Sun", (0.0, 0.0, 5.0), power_rgb=(1.0, 1.0, 1.0), angle_rad=0.01)
+    scene = make_scene([court, plain], [sun], [Material("Grey", (0.7,) * 3)])
+    solver = make_solver(tmp_path / f"{name}{seed}", scene, replace(SETTINGS, size=64, seed=seed, error=1e-4, max_photons=1_000_000))
+    if not guided:
+        solver._split_photons = lambda: (None, 1.0)
+    light = solver.run(lambda message: None, lambda: False)
+    texels = solver.tracing.texels
+    of_court = solver.tracing.snapshot.tri_object[texels.texel_tri[light.tree.start[light.leaves]]] == 0
+    leaves = light.leaves[of_court]
+    return light.solution.flux[0, leaves].sum() / light.tree.area[leaves].sum(), light.ledger.rays
+
+
+def test_photons_that_are_sent_where_they_tell_most_bring_the_same_light_with_less_noise(tmp_path):
+    plain, guided = (
+        np.array([sunlit_court(tmp_path, name, seed, name == "guided") for seed in range(8)]).T for name in ("plain", "guided")
+    )
+    doubt = np.hypot(plain[0].std(ddof=1), guided[0].std(ddof=1)) / math.sqrt(8)
+    assert abs(plain[0].mean() - guided[0].mean()) < 4 * doubt
+    assert doubt < 0.02 * plain[0].mean()
+    assert guided[1].mean() < 0.7 * plain[1].mean()
+    assert guided[0].std() < 0.7 * plain[0].std()
 
 
 def test_progress_is_told_after_every_round(tmp_path):
