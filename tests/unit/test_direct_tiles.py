@@ -116,7 +116,6 @@ class TestShadows:
         assert noise < 0.05 * alone.mean()
         assert abs(shared.mean() - alone.mean()) < sigma_limit(1) * noise
 
-
     def test_a_tile_that_follows_its_first_texel_is_not_one_that_looks_by_itself(self, monkeypatch):
         """All its texels have that one's share, which is no sign that light is gentle there: it goes on looking for the others."""
         monkeypatch.setattr(direct, "random_shift", lambda rng, count: np.zeros((count, 2), np.uint32))  # the first is chosen everywhere
