@@ -14,8 +14,9 @@ _GRAIN = 0.005  # relative noise that is worth smoothing
 # Neighbours are chosen by their noise too, and those alike in it smooth less. Measured over even light, ramps, edges and ripples with
 # noise of 2 to 30 %: with this factor and the blur the stated error is 0.7 to 1.4 of the real one.
 _CHOSEN_BY_NOISE = 1.8
-# ... and a texel keeps more of its own noise than its share in the mean: by so much of it, measured on even light.
-_KEPT_BY_CHOICE = 0.0275
+# ... and a texel keeps more of its own noise than its share in the mean, by so much of it. Measured as what makes the blur of even light
+# nothing over twenty pages, to 0.0005; a test does so again. Another window, patch or strictness of denoise wants another number.
+_KEPT_BY_CHOICE = 0.026
 
 
 @dataclass(frozen=True)

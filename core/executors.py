@@ -14,6 +14,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from functools import partial
 from typing import Any
 
+from . import workers
 from .settings import Settings
 
 
@@ -181,9 +182,7 @@ def _settle(future: Future[Any], run: Callable[[], Any]) -> None:
 
 
 def _start_worker() -> None:
-    from . import rays, workers  # noqa: F401  loaded before there is work
-
-    rays.load_ahead()
+    workers.load_ahead()
     atexit.register(os._exit, 0)  # to take Python apart would take time from the others, and what is left is the system's to free
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the main process decides
     threading.Thread(target=_end_with_parent, daemon=True).start()

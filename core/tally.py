@@ -170,7 +170,7 @@ def accumulate(tree: Quadtree, tally: Tally) -> Totals:
 
 @dataclass(frozen=True)
 class Solution:
-    """Irradiance of every node.
+    """Irradiance of nodes; 0 of those that nobody asked solve_tallies for.
 
     coefficient   (2, 3, K, n) float64, W/m^2: per component and channel, of the monomials in node coordinates
     half          (2, 3, K, n) float64, W/m^2: both components, from each half alone

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from . import contact, direct, photons, sampling, shared_arrays
+from . import contact, direct, photons, rays, sampling, shared_arrays
 from .emitters import build_emitters
 from .geometry import UnitBox
 from .heap import keep_freed_memory
@@ -47,6 +47,11 @@ class Tracing:
     scene: photons.TraceScene
     texels: TexelMap
     warnings: tuple[tuple[str, str], ...]  # subject, sentence
+
+
+def load_ahead() -> None:
+    """Has all that shards need loaded, this module included, before there is one."""
+    rays.load_ahead()
 
 
 @lru_cache(maxsize=1)

@@ -54,6 +54,7 @@ class Furnace:
     texels          (seeds, 3, n) float64, W/m^2: light at the texels with its grain; texel_stderr its stated error
     smooth          (seeds, 3, n) float64, W/m^2: light at the texels as pages show it
     safe            (3,) bool: whether the channel may err less than it states
+    even            (3,) bool: whether it is of photons that nothing has reflected, on constant functions
     """
 
     truth: np.ndarray
@@ -64,6 +65,7 @@ class Furnace:
     texel_stderr: np.ndarray
     smooth: np.ndarray
     safe: np.ndarray
+    even: np.ndarray
 
     def sigmas(self, bias=1.0):
         """(seeds, 3, m): how many stated errors the leaves are off; where nothing is random, rounding is what is stated."""
@@ -98,7 +100,9 @@ def furnace(request, tmp_path_factory):
     # Without chance there is only rounding. The correction of the stated errors is one for all channels, and those with less bounced
     # light have more of the photons that are spread more evenly than chance would.
     safe = (rho < rho.max()) | ((rho == 0) & (direct == "rays"))
-    return Furnace(np.pi / (1 - rho), np.array(mean), np.array(stderr), area[0], *(np.array(values, float) for values in texels), safe)
+    even = (rho == 0) & (direct == "photons") & (basis == "constant")
+    values = (np.array(values, float) for values in texels)
+    return Furnace(np.pi / (1 - rho), np.array(mean), np.array(stderr), area[0], *values, safe, even)
 
 
 def solve_once(folder, scene, direct, photons, settings):
@@ -146,15 +150,17 @@ def test_a_planted_bias_is_rejected(furnace, hold):
 def test_stated_errors_of_texels_are_true(furnace, hold):
     """Also away from the middle of a leaf, where the higher functions have their say.
 
-    Photons that nothing has reflected keep the evenness of their net, by which the errors of blended neighbours cancel in part.
+    Photons that nothing has reflected keep the evenness of their net, by which the errors of blended neighbours cancel in part: seen
+    where functions are constant (0.76), not where they have slopes of their own (0.88 to 1.08).
     """
-    even = furnace.truth == np.pi
     real = np.sqrt(np.mean((furnace.texels - furnace.truth[:, None]) ** 2, axis=(0, 2)))
     stated = np.sqrt(np.mean(furnace.texel_stderr**2, axis=(0, 2)))
-    for ratio, safe in zip(real / np.maximum(stated, 1e-6 * furnace.truth), furnace.safe | even, strict=True):
+    for ratio, safe, even in zip(real / np.maximum(stated, 1e-6 * furnace.truth), furnace.safe, furnace.even, strict=True):
         name = "furnace: real over stated error at texels, root mean squares"
         if safe:
             hold(f"{name}, where it may be less", ratio, high=1.25)
+        elif even:
+            hold(f"{name}, of even photons on constant functions", ratio, low=0.7, high=1.25)
         else:
             hold(name, ratio, low=0.8, high=1.25)
 

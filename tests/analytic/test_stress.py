@@ -198,13 +198,16 @@ class TestLights:
     @pytest.mark.parametrize("direct", DIRECT_MODES)
     @pytest.mark.parametrize("gap_m", [0.0, 1e-4])
     def test_an_emitter_under_the_ceiling(self, tmp_path, direct, gap_m, bake_safely):
-        """All it emits, on both sides, is absorbed in the end; at most half of it by the emitter's own faces."""
+        """All it emits, on both sides, is absorbed in the end; in the ceiling's own plane, half of it comes into the room."""
         scene = furnished(moved(quad_mesh("Panel", 0.2, 0.2), (-0.1, -0.1, 0.5 - gap_m)), lights=())
         panel = scene.tri_object == 1
         scene = replace(scene, tri_material=panel.astype(np.int32), materials=(GREY, replace(GREY, emission_rgb=(5.0,) * 3)))
         baked, baked_area = bake_safely(tmp_path, scene, direct), 6.04
         expected = 2 * np.pi * 5.0 * 0.04 / baked_area / (1 - RHO)  # the mean is over the panel too, as dark behind as before it is bright
-        assert 0.5 * 0.99 < baked.mean[0] / expected < 1.05  # 20,000 photons are 0.3 % off
+        if gap_m:
+            assert 0.9 < baked.mean[0] / expected < 1.05
+        else:
+            baked.hold_mean(0.5 * expected, percent=5)  # 20,000 photons vary by 1 %
 
     @pytest.mark.parametrize("direct", DIRECT_MODES)
     def test_from_a_microwatt_to_a_megawatt(self, tmp_path, direct, bake_safely):

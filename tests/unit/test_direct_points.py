@@ -79,6 +79,12 @@ def test_smooth_triangles_have_interpolated_unit_normals():
     assert np.abs(receivers.normal - expected).max() < 1e-5
     assert np.abs(np.linalg.norm(receivers.side, axis=1) - 1).max() < 1e-5
     assert np.abs(receivers.side - receivers.normal).max() > 1e-3
+    some = receivers.rows(tri[::3])
+    for name in ("position", "normal", "side"):
+        np.testing.assert_array_equal(getattr(some, name), getattr(receivers, name)[::3])
+    behind = chunk_at(surfaces, tri, 1 / 3, 1 / 3, flip=True).receivers_at(tri, MIDDLE)
+    np.testing.assert_array_equal(behind.normal, -receivers.normal)
+    np.testing.assert_array_equal(behind.side, -receivers.side)
 
 
 def test_corner_normals_that_cancel_give_the_face_normal():

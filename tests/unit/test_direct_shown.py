@@ -52,18 +52,28 @@ def test_what_is_told_is_what_the_light_is_off(texels, light, sigma):
     truth = light(texels.texel_xy[:, :1]) * np.ones(3)
     noisy, _, shown = show(texels, truth, sigma)
     real, told = real_and_told(shown, truth)
-    assert 0.65 * real < told < 1.5 * real
-    smoothed = (shown.irradiance != noisy).any(axis=1)  # two percent are too little to care for where light is bright
-    assert smoothed.mean() > 0.4
-    assert np.sqrt(((shown.irradiance - truth)[smoothed] ** 2).mean()) < 0.6 * sigma
+    assert 0.7 * real < told < 1.4 * real
+    smoothed = (shown.irradiance != noisy).any(axis=1)
+    dim = truth[:, 0] < 1.3  # where light is bright, noise of 2 % is too little to care for
+    assert smoothed[dim if sigma == 0.02 else slice(None)].all()
+    assert np.sqrt(((shown.irradiance - truth)[smoothed] ** 2).mean()) < 0.4 * sigma
 
 
 def test_blur_is_seen_as_such(texels):
-    """Ripples below the noise are smoothed away with it; even light has none."""
-    sigma = 0.3
-    blurred, plain = (show(texels, light(texels.texel_xy[:, :1]) * np.ones(3), sigma)[2] for light in (ripple, even))
-    assert blurred.blur2.mean() > 0.5 * blurred.variance.mean() > 0
-    assert abs(plain.blur2.mean()) < 0.2 * plain.variance.mean()
+    """Ripples half as high as the noise are smoothed away with it, on average over pages."""
+    truth = ripple(texels.texel_xy[:, :1]) * np.ones(3)
+    pages = [show(texels, truth, 0.2, seed)[2] for seed in range(4)]
+    assert sum(shown.blur2.mean() for shown in pages) > sum(shown.variance.mean() for shown in pages) > 0
+
+
+def test_smoothing_even_light_is_no_blur(texels):
+    """What texels keep of their own noise is told apart from what was light, on average over pages."""
+    sigma, told = 0.1, []
+    for seed in range(20):
+        noisy, _, shown = show(texels, np.ones((SIDE * SIDE, 3)), sigma, seed)
+        by_chance = ((noisy - 1) ** 2).mean() - sigma**2  # how much more noise there is than is said
+        told.append((shown.blur2.mean() - by_chance) / sigma**2)
+    assert abs(np.mean(told)) < 0.003  # 0.001 by chance; a smoothed texel keeps 0.03 of its noise
 
 
 def test_light_is_smoothed_where_it_has_grain_and_told_as_it_is_elsewhere(texels):

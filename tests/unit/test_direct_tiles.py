@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import floor_looks, floor_tiles, lit_scene, morton_square, prepare, sigma_limit, to_grid
+from leaflight.core import direct
 from leaflight.core.direct import DirectLight, direct_irradiance
 from leaflight.core.direct_points import TexelChunk
 from leaflight.core.direct_sources import make_lamps
 from leaflight.core.direct_tiles import look_from_tiles
 from leaflight.core.geometry import UnitBox
 from leaflight.core.scene import Light, SceneSnapshot
-from leaflight.core.tiles import Tiles
+from leaflight.core.tiles import TILE_TEXELS, Tiles
 from scenes import box_mesh, moved, quad_mesh
 
 SIDE = 64
@@ -114,6 +115,20 @@ class TestShadows:
         noise = math.sqrt(shared.var() / len(shared) + alone.var() / len(alone))
         assert noise < 0.05 * alone.mean()
         assert abs(shared.mean() - alone.mean()) < sigma_limit(1) * noise
+
+    def test_a_tile_that_follows_its_first_texel_is_not_one_that_looks_by_itself(self, monkeypatch):
+        """All its texels have that one's share, which is no sign that light is gentle there: it goes on looking for the others."""
+        monkeypatch.setattr(direct, "random_shift", lambda rng, count: np.zeros((count, 2), np.uint32))  # the first is chosen everywhere
+        scene = prepare(lit_scene([box_mesh("Block", (0.5, 0.5, 0.02), (0.5, 0.5, 0.05))], [PANEL]))[0]
+        chunk = TexelChunk(floor_looks(SIDE)(np.arange(SIDE**2)), np.zeros((SIDE**2, 2), np.uint32), scene.surfaces, False)
+        counters = dict.fromkeys(("rays", "pairs", "out_of_reach", "settled", "shared"), 0)
+        _, _, (tally,) = direct._look_first(scene, chunk, floor_tiles(SIDE), True, np.random.default_rng(1), counters)
+        followers = tally.rows[~tally.leads]
+        followed = tally.rows[tally._leader[~tally.leads]]
+        assert (followed == followers // TILE_TEXELS * TILE_TEXELS).all()
+        assert len(followers)
+        assert len(tally._tiles)
+        assert tally.leads[tally._tiles].all()
 
 
 class TestGentleLight:

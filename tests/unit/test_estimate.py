@@ -147,6 +147,21 @@ def test_noise_of_direct_light_counts_and_is_told_apart():
     assert not without.texel_direct2.any()
 
 
+def test_blur_of_direct_light_counts_as_its_noise_does_but_never_below_nothing():
+    bake = throw(even, 50_000, 1, degree=0, level=3)
+    totals, solution = bake.totals(), bake.solution()
+    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.05, 16, 2))
+    zero = np.zeros((len(bake.keys), 3), np.float32)
+    found = []
+    for blur2 in (0.0, 0.03, -0.03):
+        shown = ShownDirect(zero, zero + np.float32(0.01), zero + np.float32(blur2))
+        found.append(estimate.state_error(bake.tree, totals, solution, comparison, current(bake), shown, blender_of(bake)))
+    plain, blurred, clear = found
+    assert blurred.direct**2 == pytest.approx(4 * plain.direct**2, rel=1e-3)
+    assert blurred.relative**2 - plain.relative**2 == pytest.approx(3 * plain.direct**2, rel=1e-3)
+    assert (clear.direct, clear.relative) == (plain.direct, plain.relative)
+
+
 @pytest.mark.parametrize(("share", "counted"), [(1 / 64, 1 / 64 - 0.01), (0.005, 0.0)])
 def test_the_worst_texels_are_left_out(share, counted):
     """Some texels are far off: of those, what is over 1 % of all counts."""
@@ -196,6 +211,44 @@ def test_nodes_of_few_photons_do_not_judge():
         told = state(bake, current(bake))
         ratios.append(told.chosen / noise_of(bake, current(bake)))
     assert max(ratios) < 1.27  # 1.32 to 1.44 with the deepest as judges
+
+
+def test_a_leaf_is_judged_by_its_children_even_if_they_are_not_stable():
+    """And one whose previews are stable by what lies deeper."""
+
+    def left(rng, n):
+        s, t = rng.random((2, n))
+        return np.where(np.arange(n) % 50 > 0, 0.5 * s, 0.5 + 0.5 * s), t
+
+    bake = throw(left, 2500, 3, degree=0, level=1, preview_depth=3)
+    tree, leaves = bake.tree, current(bake)
+    comparison = refine.Comparison.of(tree, bake.totals(), bake.solution(), refine.Rule("significance", 0.05, 16, 2))
+    leaf = quadtree.node_of_texel(tree, leaves, len(bake.keys))
+    judge = estimate._find_judges(tree, comparison, leaves, blender_of(bake))
+    right = bake.texels.texel_xy[:, 0] >= SIDE // 2
+    assert not comparison.stable[leaf[right]].any()
+    assert (tree.parent[judge[right]] == leaf[right]).all()
+    assert (tree.depth[judge[~right]] >= tree.depth[leaf[~right]] + 2).all()
+    assert set(judge) <= set(estimate.list_told(tree, comparison, leaves, blender_of(bake)))
+
+
+def test_the_doubt_of_a_bias_is_how_much_it_varies_over_bakes(monkeypatch):
+    """Of which half a standard error is held against whoever chooses; texels of one judge err together."""
+    biases, doubts = [], []
+    missing_from_blend = estimate._missing_from_blend
+
+    def watch(*args):
+        unbiased, seen = missing_from_blend(*args)
+        biases.append(unbiased.mean())
+        return unbiased, seen
+
+    monkeypatch.setattr(estimate, "_missing_from_blend", watch)
+    monkeypatch.setattr(estimate, "BEST_TEXELS", 1.0)
+    for seed in range(60):
+        bake = throw(even, 8000, seed, degree=0, level=2, preview_depth=1)
+        told = state(bake, current(bake))
+        doubts.append(told.chosen**2 - told.relative**2)
+    assert np.mean(doubts) == pytest.approx(0.5 * np.std(biases), rel=0.25)
 
 
 @pytest.mark.parametrize(("halves", "counted"), [((1.0, 1.0), 1.0), ((3.0, -1.0), -3.0), ((-1.0, -1.0), 0.0), ((1.0, -3.0), 0.0)])

@@ -154,7 +154,7 @@ def test_bands_of_rows_make_the_same_file(tmp_path: Path, kind: str, monkeypatch
     monkeypatch.setattr("leaflight.core.image_file._BAND_NUMBERS", 3 * 4 * 4)
     write_image(tmp_path / "bands", pixels, {}, kind)
     assert (tmp_path / "bands").read_bytes() == (tmp_path / "whole").read_bytes()
-    pixels[0, 0, 0] = pixels[7, 1, 2] = np.nan
+    pixels[2, 0, 0] = pixels[7, 1, 2] = np.nan
     with pytest.raises(ValueError, match="2 NaN"):
         write_image(tmp_path / "bands", pixels, {}, kind)
 

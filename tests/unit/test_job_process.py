@@ -45,16 +45,26 @@ def start(tmp_path: Path, open_image_io: None) -> Iterator[Callable[..., BakePro
 
 
 @pytest.fixture
-def dummy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., BakeProcess]:
-    """A child that runs these lines in place of a bake; `tell` sends a message of this kind and fields."""
+def replace_bake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Has children run these lines in place of a bake; `tell` sends a message of this kind and fields."""
 
-    def start_dummy(lines: str, **options: bool) -> BakeProcess:
+    def replace_by(lines: str) -> None:
         boot = tmp_path / "boot.py"
         head = (
             "import json, os, signal, sys, time\ndef tell(kind, **fields):\n    print(json.dumps({'kind': kind, **fields}), flush=True)\n"
         )
         boot.write_text(head + lines, encoding="utf-8")
         monkeypatch.setattr(job, "_BOOT", boot)
+
+    return replace_by
+
+
+@pytest.fixture
+def dummy(tmp_path: Path, replace_bake: Callable[[str], None]) -> Callable[..., BakeProcess]:
+    """A child that runs these lines in place of a bake."""
+
+    def start_dummy(lines: str, **options: bool) -> BakeProcess:
+        replace_bake(lines)
         return BakeProcess(tmp_path, **options)
 
     return start_dummy
@@ -285,6 +295,32 @@ def test_a_child_that_does_not_end_after_its_last_message_is_killed(dummy, monke
     run_to(process, Done)
     process.close()
     assert process._process.returncode == -signal.SIGKILL
+
+
+def test_who_has_the_result_lets_the_child_end_in_good_order(replace_bake, tmp_path):
+    """And who leaves before there is one does not wait for it."""
+    replace_bake(f"tell('DONE', result='', interrupted=False); time.sleep(0.3); open({str(tmp_path / 'put_away')!r}, 'w')")
+    with job.open_bake(()) as process:
+        run_to(process, Done)
+    assert process._process.returncode == 0
+    assert (tmp_path / "put_away").exists()
+    replace_bake("tell('STATUS', stage='a', text='b'); time.sleep(600)")
+    with job.open_bake(()) as process:
+        run_to(process, Status)
+    assert process._process.returncode == -signal.SIGKILL
+
+
+@needs_proc
+def test_what_the_child_has_started_is_killed_with_it(dummy):
+    """Even what does not look whether its parent is still there."""
+    process = dummy(
+        "import subprocess\nother = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(600)'])\n"
+        "tell('STATUS', stage='other', text=str(other.pid)); time.sleep(600)"
+    )
+    other = int(run_to(process, Status).text)
+    assert is_alive(other)
+    process.kill()
+    assert wait_for_end([other]) == []
 
 
 def test_a_line_that_is_no_message_is_told(dummy):

@@ -280,6 +280,25 @@ def test_photons_part_in_groups_as_they_are_told():
     assert per_group[4] / np.mean(per_group[:4]) == pytest.approx(4, rel=0.1)
 
 
+@pytest.mark.parametrize("n", [1, photons.SPLIT - 1, 3 * photons.SPLIT + 1])
+def test_few_photons_that_go_together_carry_all_the_light(n):
+    hits = _trace(_build(_snapshot(_cube()), _white_lamp()), n, skip_first=True)
+    assert hits.counters.photons == n
+    assert hits.audit.emitted == pytest.approx(12.0, rel=1e-6)
+    _assert_closes(hits.audit)
+
+
+def test_photons_that_part_go_apart(monkeypatch):
+    """Half of them are reflected, spread over the hemisphere: one in each of so many turns and of so many heights."""
+    asked, scatter = [], photons._scatter
+    monkeypatch.setattr(photons, "_scatter", lambda normal, numbers: asked.append(numbers) or scatter(normal, numbers))
+    half = _build(_snapshot(_cube(), (Material("Half", (0.5,) * 3),)), _white_lamp())
+    _trace(half, 4000, skip_first=True, max_depth=1)
+    (numbers,), left = asked, photons.SPLIT // 2
+    cells = np.sort((numbers.reshape(2, -1, left) * left).astype(int), axis=2)
+    np.testing.assert_array_equal(cells, np.broadcast_to(np.arange(left), cells.shape))
+
+
 def test_photons_that_part_take_no_light_with_them_and_leave_none():
     flux = np.repeat(np.float32([[1.0], [2.0], [4.0]]), 1000, axis=1)
     flux[:, 0] = 0

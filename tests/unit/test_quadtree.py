@@ -31,6 +31,19 @@ def test_a_child_lies_in_its_quadrant():
         assert (inside < bake.tree.side[node]).all()
 
 
+def test_nodes_tell_of_the_texels_in_them():
+    """Their means, and whether any has a flag."""
+    bake, rng = SquareBake(side=16, width=0.7, preview_depth=3), np.random.default_rng(2)
+    flag, values = rng.random(len(bake.keys)) < 0.05, rng.random((len(bake.keys), 3)).astype(np.float32)
+    texels = [slice(start, end) for start, end in zip(bake.tree.start, bake.tree.end, strict=True)]
+    found = quadtree.any_in_nodes(bake.tree, flag)
+    assert found.tolist() == [bool(flag[inside].any()) for inside in texels]
+    assert found.any() != found.all()
+    means = np.transpose([values[inside].mean(axis=0, dtype=np.float64) for inside in texels])
+    np.testing.assert_allclose(quadtree.mean_in_nodes(bake.tree, values), means, rtol=1e-9)
+    assert not quadtree.mean_in_nodes(bake.tree, np.zeros_like(values)).any()
+
+
 def test_the_flat_tree_has_a_node_per_texel():
     texels = make_square_map(8, 1)
     tree = quadtree.plant_trees(texels, 1, level=0, finest_texels=1, flat=True)

@@ -1,8 +1,12 @@
 """Leaves are joined where their step is noise, and only there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from boxes import lamp_scene, make_solver
 from leaflight.core import quadtree, reconstruct
+from leaflight.core.settings import Settings
 from trees import SquareBake
 
 
@@ -234,3 +238,30 @@ def test_small_leaves_are_blended_texel_by_texel():
     each, by_cells, variance, variance_by_cells = blend_both(quartered(even, side=16), [100])
     np.testing.assert_array_equal(by_cells, each)
     np.testing.assert_array_equal(variance_by_cells, variance)
+
+
+def glance_of_charts(folder, size):
+    """The first light of a block on a floor, which are seven charts close to each other; who blends it, and the leaf of each texel."""
+    solver = make_solver(folder, lamp_scene(), Settings(size=size, padding=1, max_photons=20_000, direct="photons", basis="constant"))
+    light = solver.glance()
+    return light, solver.blender, quadtree.node_of_texel(light.tree, light.leaves, len(solver.keys))
+
+
+def test_leaves_of_other_charts_have_no_say(tmp_path):
+    """Though windows reach them, and their light is about the same."""
+    light, blender, leaf = glance_of_charts(tmp_path, 32)
+    even = replace(light.solution, coefficient=np.ones_like(light.solution.coefficient))
+    chart_of_entry = light.tree.chart[leaf]
+    for chart in np.unique(chart_of_entry):
+        other = replace(even, coefficient=np.where(light.tree.chart == chart, even.coefficient, 1.001))
+        found = blender.blend(light.tree, other, leaf).irradiance
+        assert (found[..., chart_of_entry == chart] == 1).all()
+        np.testing.assert_allclose(found[..., chart_of_entry != chart], 1.001)
+
+
+def test_charts_of_one_texel_are_not_one_cell(tmp_path):
+    light, blender, leaf = glance_of_charts(tmp_path, 8)
+    assert (np.bincount(light.tree.chart[leaf]) == 1).sum() > 1
+    each, by_cells = blender.blend(light.tree, light.solution, leaf), blender.blend_range(light.tree, light.solution, leaf, 0, len(leaf))
+    np.testing.assert_array_equal(by_cells.irradiance, each.irradiance)
+    np.testing.assert_array_equal(by_cells.variance, each.variance)

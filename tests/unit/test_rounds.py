@@ -28,7 +28,7 @@ def test_the_first_round_is_always_the_same_but_for_bakes_of_fewer_photons():
 
 
 def test_a_round_triples_the_photons_while_nothing_tells_of_less():
-    for error, fixed in ((math.nan, 0.0), (1.0, 0.0), (0.06, 0.05), (0.06, 0.055)):
+    for error, fixed in ((math.nan, 0.0), (1.0, 0.0), (0.06, 0.05), (0.06, 0.055), (0.03, 0.03)):
         assert next_plain(1_000_000, PLENTY, 10, 0.05, error, fixed) == ROUND_GROWTH * 1_000_000
     assert next_plain(10 * ROUND_PHOTONS, PLENTY, 10, 0.05, 1.0, 0.0) == ROUND_PHOTONS
 
@@ -46,6 +46,7 @@ def test_a_round_is_worth_being_looked_at():
     assert next_plain(4_000_000, PLENTY, 100_000, 0.05, 0.0501, 0.0) == NODE_PHOTONS * 100_000
     assert next_plain(400_000, PLENTY, 100_000, 0.05, 0.0501, 0.0) == 400_000  # but never more than doubles them
     assert next_plain(4_000_000, PLENTY, 10, 0.05, 0.05, 0.0) == pytest.approx((SPARE - 1.0) * 4_000_000, abs=1)
+    assert next_plain(1_000_000, PLENTY, 10, 0.05, 0.05, 0.0) == FIRST_ROUND_PHOTONS
 
 
 def test_no_round_goes_beyond_the_photons_of_the_bake():
@@ -59,7 +60,7 @@ def test_photons_that_tell_more_are_fewer():
     assert next_photons(100_000, 1e5, 4.0, PLENTY, 10, 0.05, 0.055, 0.0) == FIRST_ROUND_PHOTONS // 4
 
 
-@pytest.mark.parametrize("photons", [2, 3, 1001, FIRST_ROUND_PHOTONS, 1_234_567, ROUND_PHOTONS])
+@pytest.mark.parametrize("photons", [2, 3, 1001, FIRST_ROUND_PHOTONS, 3 * SHARD_PHOTONS, 1_234_567, ROUND_PHOTONS])
 def test_shards_are_of_all_photons_and_both_halves_alike(photons):
     shares = share_photons(photons)
     assert sum(shares) == photons

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh, solve_scene
-from leaflight.core import direct_field, executors, quadtree, workers
+from leaflight.core import direct_field, executors, quadtree, refine, resolve, tally, workers
 from leaflight.core.direct_shown import ShownDirect
 from leaflight.core.messages import Progress
 from leaflight.core.scene import Light, Material
@@ -134,6 +134,27 @@ def test_progress_is_told_after_every_round(tmp_path):
     for message in told:  # time so far is photons over their pace; what is left takes as long for its share
         spent = message.photons / message.photons_per_s
         assert message.seconds_left == pytest.approx(spent * (1 / message.fraction - 1), rel=1e-6, abs=1e-9)
+
+
+def test_a_round_solves_all_that_is_asked_of_it(tmp_path):
+    """What is shown, what is stated and what is split are as if every node had been solved."""
+    solver = make_solver(tmp_path, lamp_scene(), replace(SETTINGS, direct="photons"))
+    solver.run(lambda message: None, lambda: False)
+    state = solver._read_tallies()
+    whole = replace(state, solution=tally.solve_tallies(solver.tree, state.totals))
+    assert not np.array_equal(state.solution.flux, whole.solution.flux)
+    stated, lights, marked = [], [], []
+    for one in (state, whole):
+        light, told = solver._light(one)
+        stated.append((told.relative, told.chosen, told.direct, told.correction))
+        lights.append(resolve.light_at_texels(light, solver.blender).indirect)
+        nothing = np.zeros(len(solver.tree), bool), np.zeros((3, len(solver.tree)))
+        rule = replace(solver.rule, oracle="paper")  # splits on noise too
+        marked.append(refine.mark(solver.tree, one.totals, one.solution, one.comparison, rule, *nothing))
+    assert stated[0] == stated[1]
+    np.testing.assert_array_equal(*lights)
+    np.testing.assert_array_equal(*marked)
+    assert len(marked[0])
 
 
 @pytest.mark.parametrize("tolerance", [0.2, 20.0])

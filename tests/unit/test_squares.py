@@ -153,13 +153,19 @@ def test_a_square_alone_has_no_say():
     assert not changed.any()
 
 
-def test_squares_of_another_chart_have_no_say(texels):
-    """Where only other charts' squares lie around."""
+@pytest.mark.parametrize("other_chart", [True, False])
+def test_squares_of_another_chart_have_no_say(texels, other_chart):
+    """Of two that lie as near to each other as charts do."""
     blender = LeafBlender.of(texels, texels.chart_page[texels.texel_chart])
-    first = [np.flatnonzero(texels.shown & (texels.texel_chart == chart))[0] for chart in np.unique(texels.texel_chart)]
-    entry = np.sort(first).astype(np.int32)
-    told = SquareLight(entry, np.full((2, 3, len(entry)), 9.0), np.full((3, len(entry)), 1e-3), np.full((3, len(entry)), 1e-3))
+    shown = np.flatnonzero(texels.shown)
+    apart = np.abs(texels.texel_xy[shown, None].astype(int) - texels.texel_xy[shown]).max(axis=2)
+    is_other = texels.texel_chart[shown, None] != texels.texel_chart[shown]
+    wanted = (is_other == other_chart) & (apart > 0)
+    one, another = np.argwhere(wanted & (apart == apart[is_other].min()))[0]
+    assert apart[one, another] <= squares._RADIUS
+    entry = np.sort(shown[[one, another]]).astype(np.int32)
+    told = SquareLight(entry, np.full((2, 3, 2), 9.0), np.full((3, 2), 1e-3), np.full((3, 2), 1e-3))
     n = len(texels.texel_area)
     light, variance = np.ones((2, 3, n), np.float32), np.full((3, n), 1e-3, np.float32)
-    assert not squares.mix(light, variance, told, texels, blender.entry_at).any()
-    assert (light == 1).all()
+    assert squares.mix(light, variance, told, texels, blender.entry_at).any() != other_chart
+    assert (light == 1).all() == other_chart

@@ -83,12 +83,62 @@ def test_components_and_halves_are_told_apart():
     np.testing.assert_allclose(solution.flux_half[:, :, 0], [[2.0] * 3, [1.0] * 3])
     np.testing.assert_allclose((solution.half[..., 0] * moment).sum(2), solution.flux_half[:, :, 0])
     np.testing.assert_allclose((solution.coefficient[..., 0] * moment).sum(2), [[0.6] * 3, [0.8] * 3])  # of 1000 photons in all
+    np.testing.assert_allclose(solution.flux[:, 0], 1.4)
     left, right = (bake.tree.origin[bake.tree.children[0, :], 0] == at for at in (0, 4))
     of_children = solution.coefficient[..., bake.tree.children[0]][:, 0, 0]
     assert of_children[0, left] == pytest.approx(1.2, rel=0.1)
     assert of_children[1, right] == pytest.approx(1.6, rel=0.15)
     assert not of_children[0, right].any()
     assert not of_children[1, left].any()
+
+
+def late_bake():
+    """Indirect light on three levels, made one after the other, of which the left half saw the last photons alone."""
+    rng = np.random.default_rng(6)
+    bake = SquareBake(side=16, degree=1, preview_depth=1)
+    for level, width in enumerate((1.0, 1.0, 0.5)):
+        s, t = rng.random((2, 1000)) * [[width], [1.0]]
+        bake.throw(s, t, half=level % 2, flux=rng.random((3, 1000)), is_first=False)
+        bake.tree = quadtree.split(bake.tree, np.flatnonzero(bake.tree.current & bake.tree.has_children))
+        bake.grow()
+    bake.tally.grow(len(bake.tree))
+    return bake
+
+
+def test_light_of_one_component_is_that_of_two_of_which_one_is_dark():
+    bake = late_bake()
+    both, sums = bake.solution(), bake.tally
+    alone = tally.Tally(sums.photons, sums.count, sums.weight2, sums.raw[:, 1:])
+    one = tally.solve_tallies(bake.tree, tally.accumulate(bake.tree, alone))
+    assert one.coefficient[1].any()
+    for name, values in vars(both).items():
+        np.testing.assert_array_equal(getattr(one, name), values, err_msg=name)
+
+
+def test_hits_of_indirect_light_alone_make_its_component_alone():
+    rng = np.random.default_rng(4)
+    node, (s, t), flux = rng.integers(0, 6, 300), rng.random((2, 300)), rng.random((3, 300))
+    alone, both = (tally.deposit(node, s, t, flux, is_first, 6, 1) for is_first in (None, np.zeros(300, bool)))
+    assert alone.raw.shape == (1, 3, 3, 6)
+    np.testing.assert_array_equal(alone.raw[0], both.raw[1])
+    np.testing.assert_array_equal(alone.weight2, both.weight2)
+    np.testing.assert_array_equal(alone.count, both.count)
+
+
+def test_nodes_that_are_asked_for_are_solved_as_all_are():
+    """They and what is above them; of the others nothing is told."""
+    bake = late_bake()
+    totals, whole = bake.totals(), bake.solution()
+    asked = bake.tree.levels[-1][[0, 7]]
+    told = np.zeros(len(bake.tree), bool)
+    for node in asked:
+        while node >= 0:
+            told[node] = True
+            node = bake.tree.parent[node]
+    assert len(asked) < told.sum() < len(bake.tree)
+    for name, values in vars(tally.solve_tallies(bake.tree, totals, asked)).items():
+        np.testing.assert_array_equal(values[..., told], getattr(whole, name)[..., told], err_msg=name)
+        assert not values[..., ~told].any()
 
 
 def test_children_without_photons_take_their_parents_function():

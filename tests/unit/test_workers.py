@@ -86,7 +86,9 @@ def test_skipping_first_hits_leaves_the_indirect_part(photon_shard):
     whole, rest = (workers.trace_photons(replace(photon_shard, photons=400_000, skip_first=skip)) for skip in (False, True))
     assert whole.tally.raw[0].any()
     assert len(rest.tally.raw) == 1  # the indirect component alone
-    assert rest.tally.raw[0, 0, 0].sum() == pytest.approx(whole.tally.raw[1, 0, 0].sum(), rel=0.1)  # few hit more than one surface
+    assert rest.tally.raw[0, 0, 0].sum() == pytest.approx(
+        whole.tally.raw[1, 0, 0].sum(), rel=0.1
+    )  # few hit more than one surface: 3 % by chance
 
 
 def test_a_direct_shard_is_a_pure_function_and_takes_its_texels_only(tmp_path):
