@@ -1,7 +1,8 @@
 """The stated error: how far the bake is likely to be from the converged light, told from the bake itself.
 
-Three parts: noise of each leaf from the squared powers of its photons, corrected by how the two halves of the bake differ;
-light that the leaves cannot hold, from the stable nodes below them; and the noise of direct light by shadow rays.
+Three parts: noise of each leaf from the squared powers of its photons, corrected by how the two halves of the bake differ, and on
+small leaves by what smoothing takes off; light that the leaves cannot hold, from their children; and the noise of direct light
+by shadow rays.
 The error of a bake is relative to local brightness, so that dark corners count as the eye counts them.
 """
 
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import refine
+from .denoise import GRAIN_LEFT, SMALL_LEAF
 from .direct_shown import ShownDirect
 from .quadtree import Quadtree, node_of_texel
 from .reconstruct import LeafBlender, PointLight, evaluate_leaf
@@ -84,8 +86,12 @@ def state_error(
     nodes: IntArray,
     shown_direct: ShownDirect,
     blender: LeafBlender,
+    smooth_grain: bool = True,
 ) -> StatedError:
-    """Error of the light on the `nodes`, which tile the charts, blended, and of direct light by rays, 0 without."""
+    """Error of the light on the `nodes`, which tile the charts, as it is shown, and of direct light by rays, 0 without.
+
+    smooth_grain   whether it is shown with its grain smoothed
+    """
     direct = shown_direct.irradiance
     correction = noise_correction(tree, solution, nodes)
     area = np.maximum(tree.area, _TINY)
@@ -103,32 +109,45 @@ def state_error(
     shown = blender.blend(tree, solution, leaf, sample, halves=True)
     weight = _weigh(node_light[leaf[sample]] + direct[sample], dark2)
     photons2 = (weight.T * shown.variance).mean(0) * correction
+    if smooth_grain:
+        photons2 *= np.where(tree.side[leaf[sample]] <= SMALL_LEAF, GRAIN_LEFT, 1.0)
     blind2 = weight.mean(1) * missing_light(tree, totals, solution, comparison, nodes)[leaf[sample]]
-    judge = _find_judges(tree, comparison, nodes, blender)
-    bias2, gap2 = _missing_from_blend(tree, solution, leaf, judge, sample, blender, shown, weight, blind2)
+    judge = _find_judges(tree, nodes, blender)
+    bias2, gap2, noise2 = _missing_from_blend(tree, solution, leaf, judge, sample, blender, shown, weight, blind2)
     likely = photons2 + direct2[sample] + gap2
     best = np.argpartition(likely, count - 1)[:count]
     blur2 = (weight * shown_direct.blur2[sample]).mean(1)
     parts = [float(part[best].mean(dtype=np.float64)) for part in (photons2, direct2[sample], bias2, blur2)]
     parts[1] += max(parts[3], 0.0)
-    # A bias is told only in sum, by nodes that err apart; below zero it is noise, which must not hide the noise that is there.
-    doubt2 = _BIAS_DOUBT * math.sqrt((np.bincount(judge[best], bias2[best]) ** 2).sum()) / count
-    square = parts[0] + parts[1] + max(parts[2], 0.0)
+    # A bias is told only in sum, by nodes that err apart. How far apart was seen says how much of it is sure; what may be missing
+    # is told by what could be expected, for few nodes may agree by chance.
+    seen4 = (np.bincount(judge[best], bias2[best]) ** 2).sum() / count**2
+    expected4 = correction**2 * (np.bincount(judge[best], noise2[best]) ** 2).sum() / count**2
+    square = parts[0] + parts[1] + _beyond_noise(parts[2], seen4)
+    doubt2 = _BIAS_DOUBT * math.sqrt(expected4)
     return StatedError(math.sqrt(square), math.sqrt(square + doubt2), math.sqrt(parts[1]), correction, direct2)
 
 
-def list_told(tree: Quadtree, comparison: refine.Comparison, nodes: IntArray, blender: LeafBlender) -> NDArray[np.int64]:
+def _beyond_noise(value: float, variance: float) -> float:
+    """What is sure of a number that cannot be negative: below zero it is noise, which must not hide other noise, and the more so above.
+
+    Source: James & Stein 1961, the positive part
+    """
+    return max(value - variance / value, 0.0) if value > 0.0 else 0.0
+
+
+def list_told(tree: Quadtree, nodes: IntArray, blender: LeafBlender) -> NDArray[np.int64]:
     """(m,) int64: the nodes whose functions state_error asks for, the leaves `nodes` among them."""
-    return np.concatenate([nodes, _find_judges(tree, comparison, nodes, blender)])
+    return np.concatenate([nodes, _find_judges(tree, nodes, blender)])
 
 
-def _find_judges(tree: Quadtree, comparison: refine.Comparison, nodes: IntArray, blender: LeafBlender) -> NDArray[np.int32]:
+def _find_judges(tree: Quadtree, nodes: IntArray, blender: LeafBlender) -> NDArray[np.int32]:
     """(m,) int32: the node that judges the light at each texel of the sample: a child of its leaf of `nodes`, where that has any.
 
-    Below stable nodes it is one deeper still; what the fewer photons of others tell would drown the sum in noise.
+    What the fewer photons of nodes deeper down tell drowns in noise, tens of times the variance of a leaf's own.
     """
-    opened = comparison.stable.copy()
-    opened[nodes] |= tree.has_children[nodes]
+    opened = np.zeros(len(tree), bool)
+    opened[nodes] = tree.has_children[nodes]
     judge: NDArray[np.int32] = node_of_texel(tree, refine.open_nodes(tree, nodes, opened), len(blender.page))
     return judge[_choose_sample(blender.texels)]
 
@@ -171,26 +190,32 @@ def _missing_from_blend(
     shown: PointLight,
     weight: NDArray[np.float32],
     blind2: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Squared relative difference between the blend and the nodes that judge it, at the texels `sample`, (m,) float64 twice.
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Squared relative difference between the blend and the nodes that judge it, at the texels `sample`, (m,) float64 thrice.
 
     judge    (m,) int32, of _find_judges
     weight   (m, 3), as is blind2
 
-    The first is a product of what each half says alone, whose noise is independent, and so right in sum. The second is the
-    difference that was seen, noise and all, and so tells where it is. Without nodes below, `blind2` (m,) stands for both.
+    The first is a product of what each half says alone, whose noise is independent, and so right in sum. The second is how far that
+    is from zero, noise and all: who leaves out the worst by it leaves out as much noise below zero as above. Without nodes below,
+    `blind2` (m,) stands for all. The third is a standard error of the first, before noise is corrected, by which all texels of a judge
+    are off together.
     """
     unbiased = blind2.copy()
     seen = np.maximum(unbiased, 0.0)
+    noise = np.abs(blind2)
     told = np.flatnonzero(judge != leaf[sample])
     entry = sample[told]
-    below = evaluate_leaf(tree, solution, judge[told], blender.x[entry], blender.y[entry], halves=True).irradiance
+    below = evaluate_leaf(tree, solution, judge[told], blender.x[entry], blender.y[entry], halves=True)
     halves = shown.irradiance[..., told]
-    gap = np.where(halves.sum(0) > 0.0, halves, 0.0) - below  # what dips below zero is shown as dark
+    gap = np.where(halves.sum(0) > 0.0, halves, 0.0) - below.irradiance  # what dips below zero is shown as dark
     unbiased[told] = (weight[told].T * gap[0] * gap[1]).mean(0)
     group, count = np.unique(judge[told], return_inverse=True, return_counts=True)[1:]
-    seen[told] = (np.bincount(group, unbiased[told]) / count)[group]
-    return unbiased, seen
+    seen[told] = np.abs(np.bincount(group, unbiased[told]) / count)[group]
+    # Either half has twice the variance of both; over a node a product has as many independent parts as the node has functions.
+    of_half = 2.0 * (weight[told].T * (shown.variance[:, told] + below.variance)).mean(0)
+    noise[told] = of_half / np.sqrt(np.maximum(tree.rank[judge[told]], 1))
+    return unbiased, seen, noise
 
 
 def missing_light(

@@ -152,7 +152,7 @@ class Solver:
         solution = tally.solve_tallies(tree, totals, compared)
         comparison = refine.Comparison.of(tree, totals, solution, rule)
         leaves = refine.choose_leaves(tree, comparison)
-        solution = tally.solve_tallies(tree, totals, np.concatenate([compared, estimate.list_told(tree, comparison, leaves, self.blender)]))
+        solution = tally.solve_tallies(tree, totals, np.concatenate([compared, estimate.list_told(tree, leaves, self.blender)]))
         return _State(totals, solution, comparison.join(tree, totals, solution, leaves, rule.stability), leaves)
 
     def _trace_round(self, stated: estimate.StatedError | None) -> None:
@@ -234,6 +234,7 @@ class Solver:
             state.leaves,
             self.direct.show(self.blender.texels, self.blender.page, self.settings.denoise, count_processors(self.settings.workers)),
             self.blender,
+            self.settings.denoise,
         )
         return self._make_light(state, stated.correction, stated.chosen), stated
 

@@ -15,7 +15,7 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -35,7 +35,9 @@ from tables import Table, put_tables
 
 SIZE = 256
 NEVER = 1e-4  # an error that no bake here comes to, so that the photons decide
-SEEDS_OF_COUNT = {1_000_000: 8, 4_000_000: 2, 16_000_000: 1}  # the fewer photons, the fewer leaves, and the more chance
+SEEDS_OF_COUNT = {1_000_000: 8, 4_000_000: 4, 16_000_000: 2}  # at least: the fewer photons, the fewer leaves, and the more chance
+MOST_SEEDS = 16  # where few leaves make bakes differ much
+SURE = 0.05  # standard error of stated / rel, at which seeds are enough
 FINEST = Settings(size=SIZE, share_meshes=False, passes=("lighting",), error=0.005, max_photons=128_000_000)
 MOST_BIAS, MOST_REL, STATED_WITHIN = 0.5, 2.0, 0.25  # %, %, 1
 
@@ -74,6 +76,14 @@ class Series:
     def ratio(self) -> float:
         """Stated error over measured one, root mean squares of each; infinite where none was measured."""
         return self._divide(root_mean_square([one.stated for one in self.bakes]), root_mean_square([one.rel for one in self.bakes]))
+
+    @property
+    def doubt(self) -> float:
+        """Standard error of the ratio, told by how single bakes' differ; infinite for one bake, 0 where nothing could be measured."""
+        single = [self._divide(one.stated, one.rel) for one in self.bakes]
+        if len(single) < 2:
+            return float("inf")
+        return float(np.std(single, ddof=1) / np.sqrt(len(single))) if np.isfinite(single).all() else 0.0
 
     @staticmethod
     def _divide(stated: float, rel: float) -> float:
@@ -134,9 +144,17 @@ def measure_sample(reference: Reference, folder: Path) -> Iterable[Series]:
         return Measured(reference.name, settings == FINEST, photons, errors, truth, stated, seconds, page)
 
     plain = Settings(size=SIZE, share_meshes=False, passes=("lighting",), error=NEVER)
-    for count, seeds in SEEDS_OF_COUNT.items():
-        yield Series(tuple(measure(replace(plain, max_photons=count, seed=1 + seed)) for seed in range(seeds)))
+    for count, least in SEEDS_OF_COUNT.items():
+        yield repeat(lambda seed, count=count: measure(replace(plain, max_photons=count, seed=seed)), least)
     yield Series((measure(FINEST),))
+
+
+def repeat(measure: Callable[[int], Measured], least: int) -> Series:
+    """Bakes of the seeds from 1: `least` of them, and more while chance could decide what their ratio is."""
+    series = Series(tuple(measure(seed) for seed in range(1, least + 1)))
+    while len(series.bakes) < MOST_SEEDS and series.doubt > SURE:
+        series = Series((*series.bakes, measure(len(series.bakes) + 1)))
+    return series
 
 
 def judge(measured: list[Series]) -> list[Claim]:

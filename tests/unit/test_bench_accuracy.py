@@ -86,6 +86,20 @@ def test_claims_hold_up_to_their_bounds():
     assert not bench_accuracy.judge([series(rel=0.0, finest=False)])[0].holds
 
 
+def test_seeds_are_added_while_chance_could_decide():
+    def bake(stated):
+        return lambda seed: measured(stated=stated(seed), rel=0.01, finest=False)
+
+    alike = bench_accuracy.repeat(bake(lambda seed: 0.01), 2)
+    apart = bench_accuracy.repeat(bake(lambda seed: 0.009 + 0.002 * (seed % 2)), 2)
+    assert len(alike.bakes) == 2
+    assert 2 < len(apart.bakes) < bench_accuracy.MOST_SEEDS
+    assert apart.doubt <= bench_accuracy.SURE
+    assert len(bench_accuracy.repeat(bake(lambda seed: 0.005 + 0.01 * (seed % 2)), 4).bakes) == bench_accuracy.MOST_SEEDS
+    assert len(bench_accuracy.repeat(lambda seed: measured(rel=0.0, finest=False), 2).bakes) == 2  # nothing to be measured
+    assert bench_accuracy.Series((measured(),)).doubt == float("inf")
+
+
 def test_stated_errors_are_held_against_the_mean_of_seeds_and_the_closed_form():
     two = series(measured(rel=0.03, stated=0.04, finest=False), measured(rel=0.04, stated=0.03, finest=False))
     assert two.ratio == pytest.approx(1.0)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core import estimate, quadtree, reconstruct, refine
+from leaflight.core import denoise, estimate, quadtree, reconstruct, refine
 from leaflight.core.direct_shown import ShownDirect
 from trees import SquareBake
 
@@ -38,12 +38,14 @@ def throw(sampler, photons, seed, **options):
     return bake
 
 
-def state(bake, nodes, direct_variance=0.0):
+def state(bake, nodes, direct_variance=0.0, smooth_grain=False):
     totals, solution = bake.totals(), bake.solution()
     comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.05, 16, 2))
     zero = np.zeros((len(bake.keys), 3), np.float32)
     variance = zero + np.float32(direct_variance)
-    return estimate.state_error(bake.tree, totals, solution, comparison, nodes, ShownDirect.plain(zero, variance), blender_of(bake))
+    return estimate.state_error(
+        bake.tree, totals, solution, comparison, nodes, ShownDirect.plain(zero, variance), blender_of(bake), smooth_grain
+    )
 
 
 def blender_of(bake):
@@ -261,8 +263,9 @@ def test_what_dips_below_zero_is_judged_as_it_is_shown(halves, counted):
     light = np.ones((2, 3, len(sample))) * np.reshape(halves, (2, 1, 1))
     shown = reconstruct.PointLight(light, np.zeros((3, len(sample))))
     weight, blind2 = np.ones((len(sample), 3), np.float32), np.full(len(sample), np.nan)
-    unbiased, _ = estimate._missing_from_blend(tree, bake.solution(), leaf, deepest, sample, blender_of(bake), shown, weight, blind2)
+    unbiased, seen, _ = estimate._missing_from_blend(tree, bake.solution(), leaf, deepest, sample, blender_of(bake), shown, weight, blind2)
     np.testing.assert_allclose(unbiased, counted, rtol=1e-6)
+    np.testing.assert_allclose(seen, abs(counted), rtol=1e-6)  # or the worst that are left out would all be those above zero
 
 
 def test_dark_leaves_without_previews_state_less_than_bright_ones():
@@ -279,3 +282,38 @@ def test_dark_leaves_without_previews_state_less_than_bright_ones():
     assert dark.sum() == 2
     assert (missing[dark] == 0).all()
     assert (missing[~dark] > 0).all()
+
+
+@pytest.mark.parametrize(("level", "left"), [(1, 1.0), (2, denoise.GRAIN_LEFT)])  # of 32 texels and of 16
+def test_noise_counts_as_it_is_smoothed(level, left):
+    bake = throw(even, 50_000, 1, degree=0, level=level, preview_depth=0)  # nobody judges: all that is stated is noise
+    plain, smoothed = (state(bake, current(bake), smooth_grain=smooth).relative for smooth in (False, True))
+    assert smoothed**2 == pytest.approx(left * plain**2, rel=1e-6)
+
+
+def test_leaves_are_judged_by_their_children():
+    bake = throw(even, 400_000, 1, level=1, preview_depth=3)
+    judge = estimate._find_judges(bake.tree, current(bake), blender_of(bake))
+    assert (bake.tree.side[judge] == SIDE // 4).all()
+
+
+def test_noise_of_what_judges_say_is_known_beforehand():
+    """Even light: what judges tell is noise, by node and by bake as large as it is said to be."""
+    told, expected = [], []
+    for seed in range(8):
+        bake = throw(even, 100_000, seed, degree=1, level=2, preview_depth=1)
+        tree, solution, nodes, sample = bake.tree, bake.solution(), current(bake), np.arange(len(bake.keys))
+        leaf, judge = (quadtree.node_of_texel(tree, ids, len(sample)) for ids in (nodes, np.flatnonzero(~tree.has_children)))
+        shown = blender_of(bake).blend(tree, solution, leaf, sample, halves=True)
+        weight, blind2 = np.ones((len(sample), 3), np.float32), np.zeros(len(sample))
+        parts = estimate._missing_from_blend(tree, solution, leaf, judge, sample, blender_of(bake), shown, weight, blind2)
+        for values, out in ((parts[0], told), (parts[2], expected)):
+            out.append((np.bincount(judge, values) ** 2).sum())
+    assert np.sum(told) == pytest.approx(np.sum(expected), rel=0.5)
+
+
+@pytest.mark.parametrize(
+    ("value", "variance", "sure"), [(2.0, 0.0, 2.0), (2.0, 1.0, 1.5), (1.0, 1.0, 0.0), (0.5, 1.0, 0.0), (-1.0, 1.0, 0.0), (0.0, 0.0, 0.0)]
+)
+def test_of_a_noisy_bias_what_is_beyond_noise_counts(value, variance, sure):
+    assert estimate._beyond_noise(value, variance) == sure

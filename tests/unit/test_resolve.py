@@ -182,7 +182,7 @@ def smooth_both(bake, direct):
     return grainy, shown
 
 
-@pytest.mark.parametrize(("level", "smooth"), [(3, False), (4, True)])  # leaves of 8 texels are seen as such, of 4 as grain
+@pytest.mark.parametrize(("level", "smooth"), [(1, False), (2, True)])  # leaves of 32 texels are seen as such, of 16 as grain
 def test_grain_of_photons_is_that_of_small_leaves(level, smooth):
     bake = SquareBake(side=64, degree=0, level=level)
     bake.throw(*np.random.default_rng(2).random((2, 10_000)))
