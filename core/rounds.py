@@ -8,14 +8,20 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
-FIRST_ROUND_PHOTONS = 1 << 17
+FIRST_ROUND_PHOTONS = 1 << 17  # at least
+# ... and so many for each node that the trees start with: fewer say little of where to split. But later photons are better sent, so that a
+# first round is never long, nor a great share of a bake.
+FIRST_NODE_PHOTONS = 160
+MOST_FIRST_PHOTONS = 3 << 17
+FIRST_SHARE = 0.125
 SHARD_PHOTONS = 1 << 18  # at most
 MANY_PAIRS = 3  # of shards, from which on a round ends with smaller ones
 # A round adds at most so many times all photons so far: late nodes lose what came before them, and to read a round takes time too.
 ROUND_GROWTH = 2.0
 ROUND_PHOTONS = 1 << 22  # at most, so that progress, cancelling and time limits are felt
-# ... and at least as many photons for each node: to look at what came of a round takes as long as tracing them does on two cores.
-NODE_PHOTONS = 8
+# ... and at least so many photons for each node: to look at what came of a round takes as long as tracing them does on two cores, and on
+# some samples several times as long.
+NODE_PHOTONS = 16
 SPARE = 1.1  # photons over those that the error asked for would need if it fell as noise does: finer leaves have more of it
 
 
@@ -32,13 +38,14 @@ def next_photons(
     fixed_error   relative, the part of it that no photon makes less
     """
     if not so_far:
-        return min(FIRST_ROUND_PHOTONS, most)
+        wanted = min(FIRST_NODE_PHOTONS * n_node, MOST_FIRST_PHOTONS, int(FIRST_SHARE * most))
+        return min(max(wanted, FIRST_ROUND_PHOTONS), most)
     growth = ROUND_GROWTH
     noise2, left2 = error**2 - fixed_error**2, wanted_error**2 - fixed_error**2
     if left2 > 0.0 and noise2 > 0.0:  # squared, noise falls as one over the photons
         growth = min(max(SPARE * noise2 / left2, SPARE) - 1.0, growth)
-    wanted = max(min(growth * told / weight, ROUND_PHOTONS), FIRST_ROUND_PHOTONS / weight, min(NODE_PHOTONS * n_node, so_far) / weight)
-    return int(min(wanted, most - so_far))
+    photons = max(min(growth * told / weight, ROUND_PHOTONS), FIRST_ROUND_PHOTONS / weight, min(NODE_PHOTONS * n_node, so_far) / weight)
+    return int(min(photons, most - so_far))
 
 
 def share_photons(photons: int) -> list[int]:

@@ -255,7 +255,8 @@ class Solver:
         )
 
     def _next_photons(self, stated: estimate.StatedError | None, weight: float) -> int:
-        error, fixed = (math.nan, 0.0) if stated is None else (stated.chosen, stated.direct)
+        # Trees as they were planted tell little of how much light finer ones need.
+        error, fixed = (math.nan, 0.0) if stated is None or self.round == 1 else (stated.chosen, stated.direct)
         ledger, settings = self.ledger, self.settings
         return rounds.next_photons(ledger.photons, ledger.told, weight, settings.max_photons, len(self.tree), settings.error, error, fixed)
 

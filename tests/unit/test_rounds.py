@@ -4,7 +4,10 @@ import math
 
 import pytest
 from leaflight.core.rounds import (
+    FIRST_NODE_PHOTONS,
     FIRST_ROUND_PHOTONS,
+    FIRST_SHARE,
+    MOST_FIRST_PHOTONS,
     NODE_PHOTONS,
     ROUND_GROWTH,
     ROUND_PHOTONS,
@@ -22,9 +25,21 @@ def next_plain(so_far, *others):
     return next_photons(so_far, float(so_far), 1.0, *others)
 
 
-def test_the_first_round_is_always_the_same_but_for_bakes_of_fewer_photons():
-    assert next_plain(0, PLENTY, 10**6, 0.05, math.nan, 0.0) == FIRST_ROUND_PHOTONS
-    assert next_plain(0, 1000, 10**6, 0.05, math.nan, 0.0) == 1000
+def first_round(most, n_node):
+    return next_plain(0, most, n_node, 0.05, math.nan, 0.0)
+
+
+def test_the_first_round_is_of_as_many_photons_as_tell_of_the_nodes_that_there_are():
+    assert first_round(PLENTY, 10) == FIRST_ROUND_PHOTONS
+    n_node = FIRST_ROUND_PHOTONS // FIRST_NODE_PHOTONS + 100
+    assert first_round(PLENTY, n_node) == FIRST_NODE_PHOTONS * n_node
+    assert first_round(PLENTY, 10**6) == MOST_FIRST_PHOTONS
+
+
+def test_the_first_round_leaves_most_of_a_bake_to_those_that_are_split_by_then():
+    assert first_round(6 * MOST_FIRST_PHOTONS, 10**6) == FIRST_SHARE * 6 * MOST_FIRST_PHOTONS
+    assert first_round(FIRST_ROUND_PHOTONS + 1, 10**6) == FIRST_ROUND_PHOTONS
+    assert first_round(1000, 10**6) == 1000
 
 
 def test_a_round_triples_the_photons_while_nothing_tells_of_less():
