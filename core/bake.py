@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import sys
 import tempfile
 import time
@@ -11,6 +12,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +52,8 @@ from .snapshot import load_snapshot
 from .told import group_warnings
 
 PREVIEW_FOLDER = "preview"
-CONTACT_TEXELS = 1 << 16  # of a shard
+CONTACT_TEXELS = 1 << 16  # of a shard, at most
+CONTACT_SHARDS = 4  # at least, so that no process waits long for another
 
 
 @dataclass
@@ -200,7 +203,9 @@ def _describe_no_charts(atlas: charts.ChartAtlas) -> str:
 
 def find_contacts(folder: Path, executor: Executor, n_texel: int) -> NDArray[np.bool_]:
     """(n_texel,) bool: where something touches the surface (see contact); folder of workers.open_tracing."""
-    shards = [workers.ContactShard(str(folder), start, min(start + CONTACT_TEXELS, n_texel)) for start in range(0, n_texel, CONTACT_TEXELS)]
+    count = max(math.ceil(n_texel / CONTACT_TEXELS), CONTACT_SHARDS)
+    ends = [n_texel * k // count for k in range(count + 1)]
+    shards = [workers.ContactShard(str(folder), start, end) for start, end in pairwise(ends)]
     return np.concatenate([np.zeros(0, bool), *executor.map(workers.find_contacts, shards)])
 
 

@@ -140,8 +140,10 @@ def test_contacts_are_found_alike_in_one_shard_and_in_many(tmp_path, monkeypatch
     )
     _, texels = prepare_folder(tmp_path, scene, SETTINGS)
     n = len(texels.texel_area)
+    monkeypatch.setattr(bake, "CONTACT_SHARDS", 1)
     whole = bake.find_contacts(tmp_path, executors.InlineExecutor(), n)
-    monkeypatch.setattr(bake, "CONTACT_TEXELS", 100)
-    np.testing.assert_array_equal(bake.find_contacts(tmp_path, executors.InlineExecutor(), n), whole)
+    for name, value in (("CONTACT_SHARDS", n + 3), ("CONTACT_TEXELS", 100)):  # more shards than texels, too: empty ones
+        monkeypatch.setattr(bake, name, value)
+        np.testing.assert_array_equal(bake.find_contacts(tmp_path, executors.InlineExecutor(), n), whole)
     assert whole.shape == (n,)
     assert 0 < whole.sum() < n / 2
