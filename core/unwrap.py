@@ -7,18 +7,15 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import orthonormal_basis, triangle_normals_areas
-from .layer_check import find_overlaps, join_sets, label_charts, pair_corners, signed_areas
+from .geometry import triangle_normals_areas
+from .layer_check import find_overlaps, label_charts, pair_corners, signed_areas
 from .scene import IntArray
-from .unfolding import unfold_meshes
-from .xatlas_process import Mesh
+from .unwrap_question import Question, project, sum_by
 
 Float64: TypeAlias = NDArray[np.float64]
 Int64: TypeAlias = NDArray[np.int64]
 Bool: TypeAlias = NDArray[np.bool_]
 
-_LARGEST_COORDINATE = 1e5  # float32 then still tells 1 % of a triangle of median size
-_FLATNESS = 1e-5  # of a chart's extent: nearer to its plane it is projected, in float64
 _LEAST_STRETCH = 1e-3  # a triangle whose UV area is less of its area in space is unfolded by itself
 
 
@@ -35,15 +32,15 @@ class Unwrapping:
         self._normal, self._area = triangle_normals_areas(tri_position)
         self._solid = np.flatnonzero(self._area > 0)
         self._position = tri_position[self._solid]
-        self._asked: _Asked | None = None
+        self._asked: Question | None = None
         if len(self._solid):
             self._position -= 0.5 * (self._position.min(axis=(0, 1)) + self._position.max(axis=(0, 1)))
-            self._asked = _Asked(self._position, tri_vertex[self._solid], self._area[self._solid])
+            self._asked = Question(self._position, self._normal[self._solid], self._area[self._solid], tri_vertex[self._solid])
 
     def cancel(self) -> None:
         """Nobody will ask for the charts any more."""
         if self._asked:
-            self._asked.answer.cancel()
+            self._asked.cancel()
 
     def finish(self) -> tuple[Int64, Float64, Bool]:
         """Charts without overlap, each with the area in UV that it has in space; corners that are one have one UV.
@@ -70,10 +67,8 @@ class Unwrapping:
 def _mend_charts(
     group: Int64, uv: Float64, position: Float64, normal: Float64, area: Float64, tri_polygon: IntArray, tri_corner: IntArray
 ) -> tuple[Int64, Float64]:
-    """Charts of xatlas, -1 where it left a triangle out, as they are to be, and a chart for what has none."""
+    """Charts as they are to be, and a chart for what has none, which is -1."""
     placed = group >= 0
-    uv[placed] = _restore_proportions(position[placed], uv[placed], area[placed], group[placed])
-    uv[placed] = _project_flat_charts(position[placed], normal[placed], area[placed], uv[placed], group[placed])
     polygon = np.unique(tri_polygon, return_inverse=True)[1].ravel()
     alone = np.zeros(polygon.max() + 1, bool)
     bad = ~placed | (signed_areas(uv) < _LEAST_STRETCH * area)
@@ -138,88 +133,6 @@ def _find_hinged(chart: Int64, uv: Float64, area: Float64) -> Bool:
     return hinged
 
 
-class _Asked:
-    """A question to xatlas, and how its answer is read."""
-
-    def __init__(self, position: Float64, tri_vertex: IntArray, area: Float64) -> None:
-        _, first, vertex = np.unique(tri_vertex, return_index=True, return_inverse=True)
-        vertex = vertex.reshape(-1, 3)
-        label = join_sets(len(first), vertex.ravel(), np.roll(vertex, -1, axis=1).ravel())[vertex[:, 0]]
-        order = np.argsort(label, kind="stable")
-        # Loose parts go in apart, each centred and scaled: a teaspoon in a hall would drown in float32.
-        self._parts = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
-        meshes: list[Mesh] = []
-        scaled_area = 0.0
-        for part in self._parts:
-            points = position[part]
-            points = points - 0.5 * (points.min(axis=(0, 1)) + points.max(axis=(0, 1)))
-            # xatlas leaves out triangles by an absolute area, so the usual one has area 1.
-            scale = min(float(np.median(area[part])) ** -0.5, _LARGEST_COORDINATE / float(np.abs(points).max()))
-            scaled_area += float(area[part].sum()) * scale**2
-            _, first, index = np.unique(vertex[part], return_index=True, return_inverse=True)
-            points = points.reshape(-1, 3)[first] * scale
-            meshes.append((np.ascontiguousarray(points, np.float32), np.ascontiguousarray(index.reshape(-1, 3), np.uint32)))
-        self.answer = unfold_meshes(meshes, scaled_area)
-        self._count = len(area)
-
-    def read(self) -> tuple[Int64, Float64]:
-        """Chart of each triangle, -1 where xatlas leaves it out, and UVs of any scale and proportion."""
-        group, uv = np.full(self._count, -1, np.int64), np.zeros((self._count, 3, 2))
-        for part, unfolded in zip(self._parts, self.answer.result(), strict=True):
-            group[part], uv[part] = unfolded
-        return group, uv
-
-
-def _restore_proportions(position: Float64, uv: Float64, area: Float64, group: Int64) -> Float64:
-    """Charts as they were before xatlas stretched them to whole texels: as conformal as a scale along u and v can make them, not
-    mirrored, and of their area in space."""
-    edge, uv_edge = position[:, 1:] - position[:, :1], uv[:, 1:] - uv[:, :1]
-    uv_area = signed_areas(uv)
-    steep = np.abs(uv_area) > 1e-9 * (uv_edge**2).sum(axis=(1, 2))  # others have no derivative
-    weight = np.where(steep, area / np.where(steep, uv_area**2, 1.0), 0.0)
-    along_u = ((edge[:, 0] * uv_edge[:, 1, 1:] - edge[:, 1] * uv_edge[:, 0, 1:]) ** 2).sum(axis=1)
-    along_v = ((edge[:, 1] * uv_edge[:, 0, :1] - edge[:, 0] * uv_edge[:, 1, :1]) ** 2).sum(axis=1)
-    n_chart = group.max() + 1
-    sums = [np.bincount(group, values, n_chart) for values in (weight * along_u, weight * along_v, area, uv_area)]
-    known = (sums[0] > 0) & (sums[1] > 0)
-    ratio = np.sqrt(np.where(known, sums[0], 1.0) / np.where(known, sums[1], 1.0)) ** 0.5
-    size = np.sqrt(sums[2] / np.where(sums[3] != 0, np.abs(sums[3]), 1.0))
-    scale = np.stack([np.where(sums[3] < 0, -1.0, 1.0) * size * ratio, size / ratio], axis=1)
-    restored: Float64 = uv * scale[group][:, None]
-    return restored
-
-
-def _project_flat_charts(position: Float64, normal: Float64, area: Float64, uv: Float64, group: Int64) -> Float64:
-    """Flat charts projected onto their planes, which is exact; the others as they are."""
-    n_chart = group.max() + 1
-    axis = _sum_by(group, normal * area[:, None], n_chart)
-    length = np.linalg.norm(axis, axis=1)
-    axis = axis / np.where(length > 0, length, 1.0)[:, None]
-    centre = _sum_by(group, position.mean(axis=1), n_chart) / np.maximum(np.bincount(group, minlength=n_chart), 1)[:, None]
-    offset = position - centre[group][:, None]
-    height, extent = np.zeros(n_chart), np.zeros(n_chart)
-    np.maximum.at(height, group, np.abs(_dot(offset, axis[group][:, None])).max(axis=1))
-    np.maximum.at(extent, group, np.abs(offset).max(axis=(1, 2)))
-    facing = (normal * axis[group]).sum(axis=1) > 0
-    is_flat: Bool = (height <= _FLATNESS * extent)[group] & (np.bincount(group, ~facing, n_chart) == 0)[group]
-    return np.where(is_flat[:, None, None], _project(offset, axis[group]), uv)
-
-
-def _project(position: Float64, axis: Float64) -> Float64:
-    tangent, bitangent = orthonormal_basis(axis)
-    return np.stack([_dot(position, tangent[:, None]), _dot(position, bitangent[:, None])], axis=2)
-
-
-def _dot(one: Float64, other: Float64) -> Float64:
-    """Products summed term by term: the same for the same vectors wherever they stand, which einsum does not promise."""
-    x, y, z = (one[..., k] * other[..., k] for k in range(3))
-    return np.asarray(x + y + z)
-
-
-def _sum_by(group: Int64, values: Float64, count: int) -> Float64:
-    return np.stack([np.bincount(group, values[:, k], count) for k in range(3)], axis=1)
-
-
 def _torn_corners(group: Int64, uv: Float64, tri_corner: IntArray) -> Int64:
     """Triangles with a corner that has another UV or chart in another triangle."""
     one, other = pair_corners(tri_corner, np.ones(len(tri_corner), bool))
@@ -237,10 +150,10 @@ def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon:
     """
     _, first, polygon, count = np.unique(polygon, return_index=True, return_inverse=True, return_counts=True)
     polygon = polygon.ravel()
-    axis = _sum_by(polygon, normal * area[:, None], len(first))
+    axis = sum_by(polygon, normal * area[:, None], len(first))
     length = np.linalg.norm(axis, axis=1)
     axis = np.where(length[:, None] > 0, axis / np.where(length > 0, length, 1.0)[:, None], normal[first])
-    uv = _project(position - position[first[polygon], :1], axis[polygon])
+    uv = project(position - position[first[polygon], :1], axis[polygon])
     folded = np.bincount(polygon, signed_areas(uv) < _LEAST_STRETCH * area) > 0
     folded |= tried[first] | (np.bincount(polygon, _corner_angles(uv, tri_corner).max(axis=1) > 2.0 * np.pi * (1.0 + 1e-9)) > 0)
     pair = first[count == 2]

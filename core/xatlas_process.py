@@ -1,5 +1,5 @@
-"""The process that xatlas runs in, as a main program; the only module that knows xatlas. A question is meshes and their area, an answer
-what became of them, or why xatlas cannot be loaded; each a pickle.
+"""The process that xatlas runs in, as a main program; the only module that knows xatlas. A question is meshes, their area and whether
+their charts are all that matters, an answer what became of them, or why xatlas cannot be loaded; each a pickle.
 
 When an atlas of xatlas is destroyed, it joins its threads. It tells them to wake up without holding the lock that they fall
 asleep under, so that the call is lost on one that is just doing so, and then the join never ends; there is no way to wait for their
@@ -24,6 +24,7 @@ Mesh: TypeAlias = tuple[NDArray[np.float32], NDArray[np.uint32]]
 Unfolded: TypeAlias = tuple[NDArray[np.int32], NDArray[np.float64]]
 
 _RASTER_TEXELS = 512  # xatlas packs what we only want unfolded; this many texels a side cost it little and keep its UVs exact to 1e-4
+_ROUGH_RASTER_TEXELS = 32  # the same where UVs do not matter: packing takes most of the time of meshes of few triangles
 _MAX_RASTER_TEXELS = 2048  # a long thin chart is drawn no longer than this, to bound memory
 
 
@@ -37,21 +38,22 @@ def _serve(questions: BinaryIO, answers: BinaryIO) -> None:
         xatlas = None
     while True:
         try:
-            meshes, area = pickle.load(questions)
+            meshes, area, roughly = pickle.load(questions)
         except EOFError:
             return
         if xatlas is not None:
             kept.append(xatlas.Atlas())
-            answer = _generate(kept[-1], xatlas.ChartOptions(), xatlas.PackOptions(), meshes, area)
+            density = (_ROUGH_RASTER_TEXELS if roughly else _RASTER_TEXELS) / area**0.5
+            answer = _generate(kept[-1], xatlas.ChartOptions(), xatlas.PackOptions(), meshes, density)
         pickle.dump(answer, answers, pickle.HIGHEST_PROTOCOL)
         answers.flush()
 
 
-def _generate(atlas: Any, charts: Any, packing: Any, meshes: list[Mesh], area: float) -> list[Unfolded]:
+def _generate(atlas: Any, charts: Any, packing: Any, meshes: list[Mesh], density: float) -> list[Unfolded]:
     for position, triangles in meshes:
         atlas.add_mesh(position, triangles)
     packing.bilinear, packing.create_image, packing.max_chart_size = False, False, _MAX_RASTER_TEXELS
-    packing.texels_per_unit = _RASTER_TEXELS / area**0.5
+    packing.texels_per_unit = density
     atlas.generate(charts, packing)
     if not atlas.chart_count:
         return [(np.full(len(triangles), -1, np.int32), np.zeros((len(triangles), 3, 2))) for _, triangles in meshes]

@@ -1,0 +1,62 @@
+"""What xatlas is asked, and that it does not matter to the charts how."""
+
+import numpy as np
+import pytest
+from leaflight.core import unwrap_question
+from leaflight.core.geometry import triangle_normals_areas
+from leaflight.core.unwrap_question import Question
+from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, quad_mesh, sphere_mesh
+
+PRISM = Mesh(  # of six sides: neighbours are 60 degrees apart, which xatlas may put into one chart
+    "Prism",
+    np.array([[np.cos(a), np.sin(a), z] for z in (0.0, 1.0) for a in np.arange(6) * np.pi / 3]),
+    [[k, (k + 1) % 6, 6 + (k + 1) % 6, 6 + k] for k in range(6)],
+)
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """How each question was put: True is roughly."""
+    real, written = unwrap_question.unfold_meshes, []
+    monkeypatch.setattr(
+        unwrap_question, "unfold_meshes", lambda meshes, area, roughly=False: written.append(roughly) or real(meshes, area, roughly)
+    )
+    return written
+
+
+def ask(*meshes):
+    scene = make_scene([Mesh("One", np.concatenate([mesh.vertex for mesh in meshes]), join_polygons(meshes))])
+    normal, area = triangle_normals_areas(scene.tri_position)
+    return Question(scene.tri_position, normal, area, scene.tri_vertex)
+
+
+def join_polygons(meshes):
+    first = np.cumsum([0, *(len(mesh.vertex) for mesh in meshes)])
+    return [[int(k + corner) for corner in polygon] for k, mesh in zip(first, meshes, strict=False) for polygon in mesh.polygons]
+
+
+@pytest.mark.parametrize(
+    ("meshes", "roughly"),
+    [
+        ([quad_mesh()], True),
+        ([box_mesh(), moved(box_mesh(), (5.0, 0.0, 0.0), scale=0.3)], True),
+        ([PRISM], False),
+        ([sphere_mesh()], False),
+        ([box_mesh(), moved(grid_mesh(noise=0.3), (5.0, 0.0, 0.0))], False),
+    ],
+)
+def test_what_falls_into_flat_charts_is_packed_roughly(asked, meshes, roughly):
+    ask(*meshes)
+    assert asked == [roughly]
+
+
+@pytest.mark.parametrize("mesh", [box_mesh(), PRISM, sphere_mesh(), grid_mesh(noise=0.6)], ids=["box", "prism", "sphere", "bent grid"])
+@pytest.mark.parametrize("seems_flat", [True, False])
+def test_the_charts_are_the_same_whatever_they_seemed_to_be(monkeypatch, asked, mesh, seems_flat):
+    group, uv = ask(mesh).read()
+    monkeypatch.setattr(unwrap_question, "_seems_flat", lambda *_: seems_flat)
+    other_group, other_uv = ask(mesh).read()
+    np.testing.assert_array_equal(other_group, group)
+    np.testing.assert_array_equal(other_uv, uv)
+    flat = mesh.name == "Box"
+    assert asked[1:] == ([True] if flat else [True, False]) if seems_flat else [False]
