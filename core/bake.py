@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -149,9 +150,8 @@ def run_bake(
                 light = solver.run(tell, should_stop)
         else:
             light = settle_direct(folder, blender, settings, executor, direct, tell, should_stop)
-        executors.send_home(executor)
         with stages.stage("write", "Writing images"):
-            files, seam_report = _write_pages(job, folder, snapshot, atlas, blender, light, surfaces)
+            files, seam_report = _write_pages(job, folder, snapshot, atlas, blender, light, surfaces, executor)
         if job.keep:
             with stages.stage("keep", "Keeping the state"):
                 _keep_state(job, solver if shot else None, light.error, tell)
@@ -228,9 +228,12 @@ def _write_pages(
     blender: LeafBlender,
     light: solve.LightField,
     surfaces: SurfaceMaterials,
+    executor: Executor,
 ) -> tuple[list[pages.PageFile], seams.SeamReport]:
     margin = job.settings.margin
-    at_texels = resolve.light_at_texels(light, blender, job.settings.denoise, executors.count_processors(job.settings.workers))
+    threads = executors.count_processors(job.settings.workers)
+    at_texels = resolve.light_at_texels(light, blender, job.settings.denoise, threads, partial(executors.spread, executor))
+    executors.send_home(executor)
     seam_report = seams.SeamReport(0, 0, 0.0, 0.0)
     if job.settings.seams and margin:  # without a margin filtering reads the empty page, and no texel helps
         points = seam_points.find_seams(snapshot, atlas.tri_chart, atlas.tri_uv, atlas.object_page[snapshot.tri_object])

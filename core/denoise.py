@@ -9,10 +9,11 @@ Source: Rousselle, Knaus & Zwicker 2012, "Adaptive rendering with non-local mean
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
-from itertools import product
+from itertools import product, starmap
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,8 @@ _DARKEST = 1e-30  # W/m^2
 _LEAST_WEIGHT = np.float32(1e-12)  # a covered texel weighs one itself
 
 _Image = NDArray[np.float32]
+# What gives a function's results for the arguments of each call, in their order, wherever it is run.
+Spread: TypeAlias = Callable[[Callable[..., Any], Iterable[tuple[Any, ...]]], Iterable[Any]]
 
 
 def denoise(
@@ -51,7 +54,7 @@ def denoise(
     grainy: NDArray[np.bool_],
     texels: TexelMap,
     page: NDArray[np.int32],
-    threads: int = 1,
+    spread: Spread = starmap,
     left: NDArray[np.float32] | None = None,
 ) -> NDArray[np.float32]:
     """The light with its grain smoothed, around grainy texels and nowhere else.
@@ -73,24 +76,25 @@ def denoise(
     brightness, noise = float(light.sum(axis=0).mean(dtype=np.float64)), float(np.sqrt(variance.mean(dtype=np.float64)))
     scale = np.float32(1 / max(brightness, noise, _DARKEST))
 
-    def smooth(strips: _Strips, some: NDArray[np.int64]) -> None:
-        entry, wanted = strips.stack(some)
-        covered, inner = entry >= 0, entry[_HALO:-_HALO, _HALO:-_HALO]
-        chart = np.where(covered, texels.texel_chart.take(entry, mode="wrap"), -1)
-        noise = np.where(covered, variance.take(entry, axis=1, mode="wrap") * scale * scale, 0)
-        lit = light.take(entry, axis=2, mode="wrap") * scale
-        smoothed, noise_left, own_share = _average_alike(lit, noise, chart, left is not None)
-        kept = inner[wanted]
+    asked: deque[tuple[NDArray[np.int32], NDArray[np.bool_]]] = deque()  # entries that each answer is of, and where in it they are
+
+    def ask() -> Iterator[tuple[_Image, _Image, NDArray[np.int32], bool]]:
+        for number in range(texels.page_count):
+            strips = _Strips.of(np.flatnonzero(texels.shown & (page == number)), grainy, texels)
+            for some in strips.groups():
+                entry, wanted = strips.stack(some)
+                asked.append((entry[_HALO:-_HALO, _HALO:-_HALO][wanted], wanted))
+                covered = entry >= 0
+                chart = np.where(covered, texels.texel_chart.take(entry, mode="wrap"), -1)
+                noise = np.where(covered, variance.take(entry, axis=1, mode="wrap") * scale * scale, 0)
+                yield light.take(entry, axis=2, mode="wrap") * scale, noise, chart, left is not None
+
+    for smoothed, noise_left, own_share in spread(_average_alike, ask()):
+        kept, wanted = asked.popleft()
         out[..., kept] = smoothed[..., wanted] / scale
         if left is not None:
             left[:3, kept] = noise_left[:, wanted] / scale**2
             left[3, kept] = own_share[wanted]
-
-    with ThreadPoolExecutor(threads) as pool:
-        for number in range(texels.page_count):
-            strips = _Strips.of(np.flatnonzero(texels.shown & (page == number)), grainy, texels)
-            for _ in pool.map(partial(smooth, strips), strips.groups()):
-                pass
     return out
 
 

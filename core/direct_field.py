@@ -6,12 +6,14 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
+from itertools import starmap
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import workers
+from .denoise import Spread
 from .direct import DirectLight
 from .direct_shown import ShownDirect
 from .messages import Message, Status
@@ -85,12 +87,12 @@ class DirectField:
     def none(cls, n_texel: int) -> DirectField:
         return cls(np.zeros((n_texel, 3), np.float32), np.zeros((n_texel, 3), np.float32), np.zeros(n_texel, np.int16))
 
-    def show(self, texels: TexelMap, page: NDArray[np.int32], smooth: bool, threads: int = 1) -> ShownDirect:
+    def show(self, texels: TexelMap, page: NDArray[np.int32], smooth: bool, spread: Spread = starmap) -> ShownDirect:
         """The light as it is shown, its grain smoothed or as it is; page (n,) int32, of each entry."""
         if not smooth:
             return ShownDirect.plain(self.irradiance, self.find_variance())
         if self._smoothed is None:
-            self._smoothed = ShownDirect.smoothed(self.irradiance, self.find_variance(), texels, page, threads)
+            self._smoothed = ShownDirect.smoothed(self.irradiance, self.find_variance(), texels, page, spread)
         return self._smoothed
 
     def find_variance(self) -> NDArray[np.float32]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from . import estimate, quadtree, refine, tally
 from .direct_field import MOST_PASSES, DirectField
-from .executors import count_processors
+from .executors import spread
 from .ledger import Ledger
 from .messages import Message
 from .reconstruct import LeafBlender
@@ -38,7 +39,7 @@ def settle_direct(
     comparison = refine.Comparison.of(tree, totals, solution, refine.Rule(settings.oracle, settings.threshold, settings.stability, 1))
     leaves = np.arange(len(tree))
     while True:
-        shown = direct.show(blender.texels, blender.page, settings.denoise, count_processors(settings.workers))
+        shown = direct.show(blender.texels, blender.page, settings.denoise, partial(spread, executor))
         stated = estimate.state_error(tree, totals, solution, comparison, leaves, shown, blender)
         worst = np.flatnonzero((stated.texel_direct2 > settings.error**2) & (direct.passes < MOST_PASSES))
         stopped_by = "error" if stated.direct <= settings.error else "" if len(worst) else "max_rays"

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import starmap
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .denoise import denoise
+from .denoise import Spread, denoise
 from .texel_map import TexelMap
 
 _GRAIN = 0.005  # relative noise that is worth smoothing
@@ -39,7 +40,12 @@ class ShownDirect:
 
     @classmethod
     def smoothed(
-        cls, irradiance: NDArray[np.float32], variance: NDArray[np.float32], texels: TexelMap, page: NDArray[np.int32], threads: int
+        cls,
+        irradiance: NDArray[np.float32],
+        variance: NDArray[np.float32],
+        texels: TexelMap,
+        page: NDArray[np.int32],
+        spread: Spread = starmap,
     ) -> ShownDirect:
         """Light without its grain.
 
@@ -50,7 +56,7 @@ class ShownDirect:
         if not grainy.any():
             return cls.plain(irradiance, variance)
         left = np.empty((4, len(irradiance)), np.float32)
-        smooth = denoise(irradiance.T[None], variance.T, grainy, texels, page, threads, left)[0]
+        smooth = denoise(irradiance.T[None], variance.T, grainy, texels, page, spread, left)[0]
         shown = cls(irradiance.copy(), variance.copy(), np.zeros_like(irradiance))
         rows = np.flatnonzero(left[3] < 1.0)
         noise, noise_left, own_share = variance[rows], left[:3, rows].T, left[3, rows, None]

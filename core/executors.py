@@ -9,17 +9,21 @@ import signal
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 from . import workers
 from .settings import Settings
 
+T = TypeVar("T")
+
 
 class InlineExecutor(Executor):
     """Runs each call at once, in this process: what one worker is."""
+
+    most_ahead = 0  # calls that are worth having before a result is asked for
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
@@ -81,6 +85,21 @@ def send_home(executor: Executor) -> None:
         executor.send_home()
 
 
+def spread(executor: Executor, fn: Callable[..., T], calls: Iterable[tuple[Any, ...]]) -> Iterator[T]:
+    """What `fn` gives for the arguments of each call, in their order; begun a few ahead, lest all of them lie in memory.
+
+    By processes of this machine, where the executor is such: numpy's threads stand in each other's way, as short arrays are soon done.
+    """
+    local = executor if isinstance(executor, LocalExecutor) else InlineExecutor()
+    ahead: deque[Future[T]] = deque()
+    for arguments in calls:
+        ahead.append(local.submit(fn, *arguments))
+        if len(ahead) > local.most_ahead:
+            yield ahead.popleft().result()
+    while ahead:
+        yield ahead.popleft().result()
+
+
 class _Call(Future[Any]):
     """A call that whoever asks for its result helps to come to."""
 
@@ -104,6 +123,7 @@ class LocalExecutor(Executor):
         # A fork would copy embree's threads in an unknown state; a spawned process starts clean on every platform.
         context = multiprocessing.get_context("spawn")
         self._others = count - 1
+        self.most_ahead = 2 * count
         self._pool = ProcessPoolExecutor(self._others, mp_context=context, initializer=_start_worker)
         self._waiting: deque[_Call] = deque()
         self._turn = threading.Lock()  # of _idle

@@ -10,6 +10,7 @@ import dataclasses
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import starmap
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +46,9 @@ class TexelLight:
     empty: seams.EmptyTexels | None = None
 
 
-def light_at_texels(field: LightField, blender: reconstruct.LeafBlender, smooth_grain: bool = True, threads: int = 1) -> TexelLight:
+def light_at_texels(
+    field: LightField, blender: reconstruct.LeafBlender, smooth_grain: bool = True, threads: int = 1, spread: denoise.Spread = starmap
+) -> TexelLight:
     """The leaves' functions at each texel's own point, or what squares say there, plus direct light by rays.
 
     stderr is that before grain is smoothed.
@@ -68,8 +71,8 @@ def light_at_texels(field: LightField, blender: reconstruct.LeafBlender, smooth_
         grain |= squares.mix(light, variance, field.squares, blender.texels, blender.entry_at)
     if smooth_grain:  # apart from that of rays: by the noise of all light, direct light, known far better, would be smeared
         by_photons = slice(1 if field.direct.passes.any() else 0, 2)
-        light[by_photons] = denoise.denoise(light[by_photons], variance, grain, blender.texels, blender.page, threads)
-    by_rays = field.direct.show(blender.texels, blender.page, smooth_grain, threads).irradiance
+        light[by_photons] = denoise.denoise(light[by_photons], variance, grain, blender.texels, blender.page, spread)
+    by_rays = field.direct.show(blender.texels, blender.page, smooth_grain, spread).irradiance
     return TexelLight(by_rays + light[0].T, light[1].T, np.sqrt(variance.T + field.direct.find_variance()), leaf)
 
 

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from . import basis, estimate, quadtree, refine, rounds, shared_arrays, tally, workers
 from .direct_field import MOST_PASSES, DirectField
-from .executors import count_processors
+from .executors import spread
 from .ledger import Ledger
 from .messages import Message, Progress
 from .quadtree import Quadtree
@@ -232,7 +233,7 @@ class Solver:
             state.solution,
             state.comparison,
             state.leaves,
-            self.direct.show(self.blender.texels, self.blender.page, self.settings.denoise, count_processors(self.settings.workers)),
+            self.direct.show(self.blender.texels, self.blender.page, self.settings.denoise, partial(spread, self.executor)),
             self.blender,
             self.settings.denoise,
         )

@@ -18,7 +18,7 @@ def show(texels, truth, sigma, seed=1):
     """Noisy light, its variance, and what is shown of it."""
     noisy = (truth + sigma * np.random.default_rng(seed).standard_normal(truth.shape)).astype(np.float32)
     variance = np.broadcast_to(np.float32(sigma**2), truth.shape).copy()
-    return noisy, variance, ShownDirect.smoothed(noisy, variance, texels, np.zeros(len(truth), np.int32), 1)
+    return noisy, variance, ShownDirect.smoothed(noisy, variance, texels, np.zeros(len(truth), np.int32))
 
 
 def real_and_told(shown, truth):
@@ -81,7 +81,7 @@ def test_light_is_smoothed_where_it_has_grain_and_told_as_it_is_elsewhere(texels
     x = texels.texel_xy[:, 0]
     noisy = (truth + np.where(x < 20, 0.1, 0.001)[:, None] * np.random.default_rng(1).standard_normal(truth.shape)).astype(np.float32)
     variance = np.where(x < 20, np.float32(0.01), np.float32(1e-6))[:, None].repeat(3, axis=1)
-    shown = ShownDirect.smoothed(noisy, variance, texels, np.zeros(len(truth), np.int32), 1)
+    shown = ShownDirect.smoothed(noisy, variance, texels, np.zeros(len(truth), np.int32))
     far = x > 22
     for found, given in ((shown.irradiance, noisy), (shown.variance, variance), (shown.blur2, np.zeros_like(noisy))):
         np.testing.assert_array_equal(found[far], given[far])

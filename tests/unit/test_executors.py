@@ -83,6 +83,17 @@ def test_processes_that_are_sent_home_end_while_this_one_goes_on():
     executors.send_home(executors.InlineExecutor())  # there is nobody to send
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_calls_are_spread_a_few_ahead_and_answered_in_order(count):
+    made = []
+    calls = ((made.append(k) or k,) for k in range(20))
+    with executors.make_executor(count) as executor:
+        found = executors.spread(executor, float, calls)
+        assert next(found) == 0.0
+        assert len(made) <= 2 * count + 1
+        assert list(found) == [float(k) for k in range(1, 20)]
+
+
 def test_an_abandoned_map_leaves_nothing_to_do():
     with executors.LocalExecutor(2) as executor:
         executor.submit(os.getpid).result()  # until it has started, this process does what is waiting

@@ -171,7 +171,7 @@ def test_what_is_shown_of_direct_light_is_of_its_last_shot(tmp_path):
     direct, where = solver.direct, (solver.blender.texels, solver.blender.page)
     before = direct.show(*where, smooth=True)
     direct.shoot(tmp_path, solver.settings, solver.executor, np.arange(len(direct.irradiance)))
-    shown, fresh = direct.show(*where, smooth=True), ShownDirect.smoothed(direct.irradiance, direct.find_variance(), *where, threads=1)
+    shown, fresh = direct.show(*where, smooth=True), ShownDirect.smoothed(direct.irradiance, direct.find_variance(), *where)
     np.testing.assert_array_equal(shown.irradiance, fresh.irradiance)
     assert (shown.irradiance != before.irradiance).any()
 
