@@ -215,8 +215,8 @@ def test_nodes_of_few_photons_do_not_judge():
     assert max(ratios) < 1.27  # 1.32 to 1.44 with the deepest as judges
 
 
-def test_a_leaf_is_judged_by_its_children_even_if_they_are_not_stable():
-    """And one whose previews are stable by what lies deeper."""
+def test_a_leaf_is_judged_by_its_children_whether_they_are_stable_or_not():
+    """By no deeper nodes, of which there are more."""
 
     def left(rng, n):
         s, t = rng.random((2, n))
@@ -226,23 +226,27 @@ def test_a_leaf_is_judged_by_its_children_even_if_they_are_not_stable():
     tree, leaves = bake.tree, current(bake)
     comparison = refine.Comparison.of(tree, bake.totals(), bake.solution(), refine.Rule("significance", 0.05, 16, 2))
     leaf = quadtree.node_of_texel(tree, leaves, len(bake.keys))
-    judge = estimate._find_judges(tree, comparison, leaves, blender_of(bake))
+    judge = estimate._find_judges(tree, leaves, blender_of(bake))
     right = bake.texels.texel_xy[:, 0] >= SIDE // 2
     assert not comparison.stable[leaf[right]].any()
-    assert (tree.parent[judge[right]] == leaf[right]).all()
-    assert (tree.depth[judge[~right]] >= tree.depth[leaf[~right]] + 2).all()
-    assert set(judge) <= set(estimate.list_told(tree, comparison, leaves, blender_of(bake)))
+    assert comparison.stable[leaf[~right]].all()
+    assert (tree.parent[judge] == leaf).all()
+    assert tree.has_children[judge].all()
+    assert set(judge) <= set(estimate.list_told(tree, leaves, blender_of(bake)))
 
 
 def test_the_doubt_of_a_bias_is_how_much_it_varies_over_bakes(monkeypatch):
-    """Of which half a standard error is held against whoever chooses; texels of one judge err together."""
+    """Of which half a standard error is held against whoever chooses; texels of one judge err together.
+
+    A little more of it: leaf and judge count as if they had no photon in common, though the judge's are the leaf's too.
+    """
     biases, doubts = [], []
     missing_from_blend = estimate._missing_from_blend
 
     def watch(*args):
-        unbiased, seen = missing_from_blend(*args)
+        unbiased, *others = missing_from_blend(*args)
         biases.append(unbiased.mean())
-        return unbiased, seen
+        return unbiased, *others
 
     monkeypatch.setattr(estimate, "_missing_from_blend", watch)
     monkeypatch.setattr(estimate, "BEST_TEXELS", 1.0)
@@ -250,7 +254,7 @@ def test_the_doubt_of_a_bias_is_how_much_it_varies_over_bakes(monkeypatch):
         bake = throw(even, 8000, seed, degree=0, level=2, preview_depth=1)
         told = state(bake, current(bake))
         doubts.append(told.chosen**2 - told.relative**2)
-    assert np.mean(doubts) == pytest.approx(0.5 * np.std(biases), rel=0.25)
+    assert 0.5 < np.mean(doubts) / np.std(biases) < 0.75  # 0.64; a judge's texels alone would make it a tenth of that
 
 
 @pytest.mark.parametrize(("halves", "counted"), [((1.0, 1.0), 1.0), ((3.0, -1.0), -3.0), ((-1.0, -1.0), 0.0), ((1.0, -3.0), 0.0)])
