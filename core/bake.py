@@ -225,12 +225,13 @@ def _write_pages(
     surfaces: SurfaceMaterials,
 ) -> tuple[list[pages.PageFile], seams.SeamReport]:
     margin = job.settings.margin
-    at_texels = resolve.light_at_texels(light, blender, job.settings.denoise, executors.count_processors(job.settings.workers))
+    threads = executors.count_processors(job.settings.workers)
+    at_texels = resolve.light_at_texels(light, blender, job.settings.denoise, threads)
     seam_report = seams.SeamReport(0, 0, 0.0, 0.0)
     if job.settings.seams and margin:  # without a margin filtering reads the empty page, and no texel helps
         points = seam_points.find_seams(snapshot, atlas.tri_chart, atlas.tri_uv, atlas.object_page[snapshot.tri_object])
         at_texels, seam_report = resolve.close_seams(at_texels, points, blender)
-    resolver = resolve.Resolver(at_texels, blender.texels, surfaces, blender.page, margin)
+    resolver = resolve.Resolver(at_texels, blender, surfaces, margin, threads)
     debug = debug_passes.DebugPages(light, blender.texels, blender.page, margin)
 
     def draw(name: str, page: int, look: bool) -> NDArray[np.float32]:
