@@ -27,7 +27,7 @@ from .geometry import UnitBox
 from .lights import Float64
 from .materials import SurfaceMaterials
 from .rays import RayScene
-from .scene import IntArray, SceneSnapshot
+from .scene import FloatArray, IntArray, SceneSnapshot
 from .texel_looks import TexelLooks
 from .tiles import Tiles
 
@@ -68,15 +68,15 @@ class DirectScene:
 class DirectLight:
     """Direct light of texels.
 
-    irradiance_rgb   (n, 3) float64, W/m^2   on the front, and the back too where the object is two-sided
-    variance_rgb     (n, 3) float64, (W/m^2)^2, of the estimates
+    irradiance_rgb   (n, 3) float64, as shards send it float32, W/m^2   on the front, and the back too where the object is two-sided
+    variance_rgb     the same, (W/m^2)^2, of the estimates
     counters         rays; pairs (texel, light) looked at, out_of_reach behind the horizon or beyond a cone, settled by the first rays,
                      shared with all of a tile;
                      sampled, pairs of lamps that gave little and were sampled together
     """
 
-    irradiance_rgb: Float64
-    variance_rgb: Float64
+    irradiance_rgb: FloatArray
+    variance_rgb: FloatArray
     counters: dict[str, int]
 
 
