@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .direct_crowd import LampCrowd
-from .direct_lights import Source, WorldSource
+from .direct_lights import Source
 from .direct_points import (
     GAUSS_POINTS,
     STAGES,
@@ -189,8 +189,7 @@ def _look_first(
         rows = np.flatnonzero(~(agreed | without))
         own = np.arange(len(chunk)) == look.leader
         looks_on = ~(agreed | without) & own
-        # Where the closed form is not known its four points are what is looked from, each time: only the sky has no edges that they miss.
-        alone = smoothed[(looks_on & (isinstance(source, WorldSource) | ~np.isnan(look.closed)))[smoothed].all(axis=1)]
+        alone = smoothed[looks_on[smoothed].all(axis=1)]
         leader, index = np.searchsorted(rows, look.leader[rows]), np.searchsorted(rows, alone)
         tallies.append(Tally(source, rows, None, random_shift(rng, len(rows)), np.stack([look.closed, look.off])[:, rows], index, leader))
         counters["rays"] += look.rays

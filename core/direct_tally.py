@@ -180,9 +180,13 @@ class Tally:
                 mean_error = np.bincount(block, error, minlength=n_block) / np.bincount(block, minlength=n_block)
                 doubt |= mean_error[block] > allowed**2
                 dark = ~self._lit & (self._rays == STAGES[1][1])
-            if len(self._tiles):
-                calm = find_calm(self.value()[self._tiles], allowed[self._tiles].mean(axis=1))
-                doubt[self._tiles[calm]] = False
+            tiles = self._tiles
+            if stage == STAGES[1]:
+                # Who finds the closed form looks from its four points each time: an edge of light that they miss is never seen.
+                tiles = tiles[self._known[tiles].all(axis=1)]
+            if len(tiles):
+                calm = find_calm(self.value()[tiles], allowed[tiles].mean(axis=1))
+                doubt[tiles[calm]] = False
             if not self.source.is_sharp:
                 doubt[self._lead(dark & matters & self.leads & ~doubt, stage)] = True
         return np.flatnonzero(doubt & self.in_reach & self.leads)
