@@ -238,7 +238,7 @@ def _write_pages(
     if job.settings.seams and margin:  # without a margin filtering reads the empty page, and no texel helps
         points = seam_points.find_seams(snapshot, atlas.tri_chart, atlas.tri_uv, atlas.object_page[snapshot.tri_object])
         at_texels, seam_report = resolve.close_seams(at_texels, points, blender)
-    resolver = resolve.Resolver(at_texels, blender.texels, surfaces, blender.page, margin)
+    resolver = resolve.Resolver(at_texels, blender, surfaces, margin, threads)
     debug = debug_passes.DebugPages(light, blender.texels, blender.page, margin)
 
     def draw(name: str, page: int, look: bool) -> NDArray[np.float32]:

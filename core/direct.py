@@ -27,7 +27,7 @@ from .geometry import UnitBox
 from .lights import Float64
 from .materials import SurfaceMaterials
 from .rays import RayScene
-from .scene import IntArray, SceneSnapshot
+from .scene import FloatArray, IntArray, SceneSnapshot
 from .texel_looks import TexelLooks
 from .tiles import Tiles
 
@@ -68,15 +68,15 @@ class DirectScene:
 class DirectLight:
     """Direct light of texels.
 
-    irradiance_rgb   (n, 3) float64, W/m^2   on the front, and the back too where the object is two-sided
-    variance_rgb     (n, 3) float64, (W/m^2)^2, of the estimates
+    irradiance_rgb   (n, 3) float64, as shards send it float32, W/m^2   on the front, and the back too where the object is two-sided
+    variance_rgb     the same, (W/m^2)^2, of the estimates
     counters         rays; pairs (texel, light) looked at, out_of_reach behind the horizon or beyond a cone, settled by the first rays,
                      shared with all of a tile;
                      sampled, pairs of lamps that gave little and were sampled together
     """
 
-    irradiance_rgb: Float64
-    variance_rgb: Float64
+    irradiance_rgb: FloatArray
+    variance_rgb: FloatArray
     counters: dict[str, int]
 
 
@@ -110,8 +110,8 @@ def direct_irradiance(
             own = two_sided if flip else np.arange(len(tri))
             part = start + own
             chunk = TexelChunk(look_at(texel[part]) if flip else looks, random_shift(rng, len(part)), scene.surfaces, flip)
-            whole = (tiles or Tiles.none()).within(part).on_one_triangle(tri[own])
-            value, error = _light_chunk(scene, chunk, whole, smoothed, rng, tolerance, max_rays, counters)
+            whole = (tiles or Tiles.none()).within(part)
+            value, error = _light_chunk(scene, chunk, whole, whole.on_one_triangle(tri[own]), smoothed, rng, tolerance, max_rays, counters)
             irradiance[part] += value
             variance[part] += error
     return DirectLight(irradiance, variance, counters)
@@ -121,14 +121,16 @@ def _light_chunk(
     scene: DirectScene,
     chunk: TexelChunk,
     tiles: Tiles,
+    flat: Tiles,
     smoothed: bool,
     rng: np.random.Generator,
     tolerance: float,
     max_rays: int,
     counters: dict[str, int],
 ) -> tuple[Float64, Float64]:
-    count = len(chunk)
-    shared, variance, tallies = _look_first(scene, chunk, tiles, smoothed, rng, counters)
+    """Irradiance (n, 3) of a chunk's texels, and its variance; flat are those of the tiles that lie on one triangle."""
+    count, calm = len(chunk), tiles.texels()[: len(tiles) * smoothed]
+    shared, variance, tallies = _look_first(scene, chunk, flat, calm, rng, counters)
     for tally in tallies:
         for piece in row_pieces(np.flatnonzero(tally.leads), STAGES[0][1]):
             counters["rays"] += tally.add(scene.rays, chunk, piece, STAGES[0], GAUSS_POINTS)
@@ -149,7 +151,7 @@ def _light_chunk(
     found = np.zeros((count, 3))
     for many in (rest, scene.pool):
         if many is not None:
-            by_many, error, traced = many.irradiance(scene.rays, chunk, light + found, tolerance, max_rays, rng)
+            by_many, error, traced = many.irradiance(scene.rays, chunk, flat.texels(), calm, light + found, tolerance, max_rays, rng)
             found += by_many
             variance += error
             counters["rays"] += traced
@@ -171,20 +173,23 @@ def _light_chunk(
 
 
 def _look_first(
-    scene: DirectScene, chunk: TexelChunk, tiles: Tiles, smoothed: bool, rng: np.random.Generator, counters: dict[str, int]
+    scene: DirectScene, chunk: TexelChunk, flat: Tiles, smoothed: IntArray, rng: np.random.Generator, counters: dict[str, int]
 ) -> tuple[Float64, Float64, list[Tally]]:
-    """Light (n, 3) that tiles are sure of, its variance, and for each source an empty tally of the texels that look at it themselves."""
-    (shared, variance), tallies, texels = np.zeros((2, len(chunk), 3)), [], tiles.texels()
+    """Light (n, 3) that flat tiles are sure of, its variance, and for each source an empty tally of the texels that look at it themselves.
+
+    smoothed   (k, 64) int: texels of tiles whose noise may be left to whoever smooths it
+    """
+    (shared, variance), tallies = np.zeros((2, len(chunk), 3)), []
     for source in scene.sources:
-        look = look_from_tiles(scene.rays, chunk, tiles, source, random_shift(rng, len(tiles)))
+        look = look_from_tiles(scene.rays, chunk, flat, source, random_shift(rng, len(flat)))
         shared[look.lit] += look.closed[look.lit, None] * source.rgb
         variance[look.lit] += (look.off[look.lit, None] * source.rgb) ** 2
         without = look.closed == 0
         agreed = look.lit | look.dark
         rows = np.flatnonzero(~(agreed | without))
         own = np.arange(len(chunk)) == look.leader
-        looks_on = ~(agreed | without) & own & ~np.isnan(look.closed)
-        alone = texels[looks_on[texels].all(axis=1)] if smoothed else texels[:0]
+        looks_on = ~(agreed | without) & own
+        alone = smoothed[looks_on[smoothed].all(axis=1)]
         leader, index = np.searchsorted(rows, look.leader[rows]), np.searchsorted(rows, alone)
         tallies.append(Tally(source, rows, None, random_shift(rng, len(rows)), np.stack([look.closed, look.off])[:, rows], index, leader))
         counters["rays"] += look.rays

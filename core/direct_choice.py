@@ -13,11 +13,15 @@ from .direct_points import row_pieces
 from .emitters import weigh_channels
 from .lights import Float32, Float64
 from .scene import FloatArray, IntArray
+from .tiles import TILE_TEXELS, find_calm
 
 BLOCK_TEXELS = 64  # neighbours in Morton order, 8 x 8 within a chart, that tell each other what lights them
 
 Int64: TypeAlias = NDArray[np.int64]
 Span: TypeAlias = tuple[int, int]  # rays first ... last - 1 of a texel
+
+_NO_TILES = np.zeros((0, TILE_TEXELS), np.int64)
+_NO_TILES.flags.writeable = False
 
 
 @dataclass(frozen=True)
@@ -123,19 +127,21 @@ def gather_until_sure(
     tolerance: float,
     spans: Sequence[Span],
     learn: Callable[[IntArray], None] = lambda rows: None,
+    smoothed: IntArray = _NO_TILES,
 ) -> tuple[Float64, Float64, int]:
     """Irradiance (n, 3) and its variance (n, 3), and the number of rays; 0 but at the rows.
 
     gather     gives, for some rows and a span of their rays, estimates (k, len(rows), 3) in the order of their strata, and rays traced
     base_rgb   (n, 3) float64: other light; more rays go where the error shows beside the sum
     learn      called after the first span, with the rows that go on
+    smoothed   (k, 64) int: rows of tiles whose noise may be left to whoever smooths it over neighbours
     """
     count, n_ray = len(base_rgb), 0
     total, squares = np.zeros((count, 3)), np.zeros((count, 3))
     if not len(rows):
         return total, squares, n_ray
-    taken = np.ones(count, np.int64)
-    taken[rows] = 0
+    taken, asked = np.ones(count, np.int64), np.zeros(count, bool)
+    taken[rows], asked[rows] = 0, True
     for first, last in spans:
         for piece in row_pieces(rows, last - first):
             value, traced = gather(piece, (first, last))
@@ -144,11 +150,18 @@ def gather_until_sure(
             # Neighbouring strata differ by what is random inside them. Source: Wolter 1984, successive differences.
             squares[piece] += ((value[0::2] - value[1::2]) ** 2).sum(axis=0)
             taken[piece] += last - first
-        error = weigh_channels(squares) / taken**2
-        allowed = (tolerance * weigh_channels(base_rgb + total / taken[:, None])) ** 2
+        if last == spans[-1][1]:
+            break
+        error, mean = weigh_channels(squares) / taken**2, total / taken[:, None]
+        limit = tolerance * weigh_channels(base_rgb + mean)
+        allowed = limit**2
         # A texel that stopped whenever its own rays agree would be too bright, or too dark, on average.
-        worse = np.add.reduceat(error - allowed, np.arange(0, count, BLOCK_TEXELS)) > 0
-        rows = rows[(error > allowed)[rows] | worse[rows // BLOCK_TEXELS]]
+        worse = np.add.reduceat((error - allowed) * asked, np.arange(0, count, BLOCK_TEXELS)) > 0
+        doubt = (error > allowed) | np.repeat(worse, BLOCK_TEXELS)[:count]
+        if len(smoothed):
+            calm = find_calm(weigh_channels(mean)[smoothed], limit[smoothed].mean(axis=1))
+            doubt[smoothed[calm]] = False
+        rows = rows[doubt[rows]]
         if first == 0:
             learn(rows)
     return total / taken[:, None], squares / taken[:, None] ** 2, n_ray

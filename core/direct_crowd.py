@@ -132,7 +132,15 @@ class RestOfCrowd:
         self._crowd, self._end, self.n_pair = crowd, end, n_pair
 
     def irradiance(
-        self, rays: RayScene, chunk: TexelChunk, base_rgb: Float64, tolerance: float, max_rays: int, rng: np.random.Generator
+        self,
+        rays: RayScene,
+        chunk: TexelChunk,
+        flat: Int64,
+        smoothed: Int64,
+        base_rgb: Float64,
+        tolerance: float,
+        max_rays: int,
+        rng: np.random.Generator,
     ) -> tuple[Float64, Float64, int]:
         """As EmitterPool.irradiance."""
         count = len(chunk)
@@ -160,7 +168,7 @@ class RestOfCrowd:
         spans = [span for span in STAGES if span[0] < max_rays]
         somebody = self._end[:, -1] > np.arange(len(self._end))
         rows = np.flatnonzero(np.repeat(somebody, _TOGETHER)[:count])
-        return gather_until_sure(gather, rows, base_rgb, tolerance, spans, learn)
+        return gather_until_sure(gather, rows, base_rgb, tolerance, spans, learn, smoothed)
 
     def _weigh(self, groups: Int64, share: Float32) -> None:
         """Lowers the chances of what is not lit by; share (n_block, n_cluster)."""

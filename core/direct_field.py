@@ -57,6 +57,11 @@ class Repeats:
         return factor.astype(np.float32)
 
 
+def _as_slice(rows: IntArray) -> IntArray | slice:
+    """Ascending rows, as a slice where they follow each other, which is read and written several times faster."""
+    return slice(rows[0], rows[-1] + 1) if len(rows) and rows[-1] - rows[0] == len(rows) - 1 else rows
+
+
 def _divide(seen: NDArray[np.float64], expected: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.divide(seen, expected, out=np.ones_like(seen), where=expected > 0.0)
 
@@ -129,18 +134,24 @@ class DirectField:
         for shard, light in zip(shards, executor.map(workers.light_texels, shards), strict=True):
             if should_stop():
                 return False
-            rows = shard.texels
-            before = self.passes[rows, None].astype(np.float32)
-            self._note_difference(rows, light, floor)
-            self.irradiance[rows] = (self.irradiance[rows] * before + light.irradiance_rgb) / (before + 1)
-            self.variance[rows] = (self.variance[rows] * before**2 + light.variance_rgb) / (before + 1) ** 2
-            self.passes[rows] += 1
+            self._note_difference(shard.texels, light, floor)
+            self._add(_as_slice(shard.texels), light)
             for name, count in light.counters.items():
                 self.counters[name] = self.counters.get(name, 0) + count
             if time.monotonic() - told > SECONDS_BETWEEN_WORDS:  # after it is added: whoever hears it may look
                 told = time.monotonic()
-                tell(Status("direct", f"Direct light, {(shard.start + len(rows)) / len(texels):.0%}"))
+                tell(Status("direct", f"Direct light, {(shard.start + len(shard.texels)) / len(texels):.0%}"))
         return True
+
+    def _add(self, rows: IntArray | slice, light: DirectLight) -> None:
+        """One more estimate of some texels."""
+        before = self.passes[rows, None].astype(np.float32)
+        if before.any():
+            self.irradiance[rows] = (self.irradiance[rows] * before + light.irradiance_rgb) / (before + 1)
+            self.variance[rows] = (self.variance[rows] * before**2 + light.variance_rgb) / (before + 1) ** 2
+        else:
+            self.irradiance[rows], self.variance[rows] = light.irradiance_rgb, light.variance_rgb
+        self.passes[rows] += 1
 
     def _note_difference(self, rows: IntArray, light: DirectLight, floor: float) -> None:
         """Compares new estimates of the texels `rows` with those before; floor: brightness below which a texel counts as if it had that."""

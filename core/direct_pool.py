@@ -20,6 +20,9 @@ from .materials import SurfaceMaterials
 from .rays import RayScene
 from .scene import FloatArray, IntArray
 
+_STAGES_ALONE = ((0, STAGES[1][1]), STAGES[2])  # of texels outside of tiles: of 4 rays hardly one may meet what lights a texel
+_TOGETHER = 16  # texels of a tile, a quarter of it, that choose alike
+_JUDGES = (0, 5, 10, 15)  # of these, its corners, by what clusters give there
 _PILOTS = 4  # receivers of a block that look at every cluster first
 _REGION_BLOCKS = 16  # blocks whose pilots tell together whether a cluster is seen from there at all
 _UNSEEN_LEAST, _UNSEEN_MOST = 0.05, 0.4  # share of a cluster that is kept for each pilot that did not see it
@@ -70,54 +73,77 @@ class EmitterPool:
         return cls(cells, constant[order], area, clusters, scene, surfaces)
 
     def irradiance(
-        self, rays: RayScene, chunk: TexelChunk, base_rgb: Float64, tolerance: float, max_rays: int, rng: np.random.Generator
+        self,
+        rays: RayScene,
+        chunk: TexelChunk,
+        flat: Int64,
+        smoothed: Int64,
+        base_rgb: Float64,
+        tolerance: float,
+        max_rays: int,
+        rng: np.random.Generator,
     ) -> tuple[Float64, Float64, int]:
         """Irradiance (n, 3) and its variance (n, 3) of the chunk's texels, and the number of rays.
 
+        flat       (k, 64) int64: texels of tiles that lie on one triangle
+        smoothed   (k, 64) int64: texels of tiles whose noise may be left to whoever smooths it
         base_rgb   (n, 3) float64: other light at the texels; more rays go where the error shows beside the sum
         """
-        end, n_ray = self._choose_clusters(rays, chunk, rng)
+        end, group, n_ray = self._choose_clusters(rays, chunk, flat, rng)
         shift, turn = random_shift(rng, len(chunk)), random_shift(rng, len(chunk))[:, 0]
 
         def gather(rows: IntArray, span: Span) -> tuple[Float64, int]:
-            return self._gather(rays, chunk, rows, end, (shift, turn), span, rng)
+            return self._gather(rays, chunk, rows, (end, group), (shift, turn), span, rng)
 
-        spans = [span for span in ((0, STAGES[1][1]), STAGES[2]) if span[0] < max_rays]
-        rows = np.arange(len(chunk))
-        total, variance, traced = gather_until_sure(gather, rows, base_rgb, tolerance, spans)
-        return total, variance, n_ray + traced
+        total, variance = np.zeros((2, len(chunk), 3))
+        alone = np.ones(len(chunk), bool)
+        alone[smoothed] = False
+        for rows, stages in ((np.flatnonzero(~alone), STAGES), (np.flatnonzero(alone), _STAGES_ALONE)):
+            spans = [span for span in stages if span[0] < max_rays]
+            found, error, traced = gather_until_sure(gather, rows, base_rgb, tolerance, spans, smoothed=smoothed)
+            total[rows], variance[rows], n_ray = found[rows], error[rows], n_ray + traced
+        return total, variance, n_ray
 
     def _gather(
         self,
         rays: RayScene,
         chunk: TexelChunk,
         rows: IntArray,
-        end: Float64,
+        chances: tuple[Float64, Int64],
         shifts: tuple[NDArray[np.uint32], NDArray[np.uint32]],
         span: Span,
         rng: np.random.Generator,
     ) -> tuple[Float64, int]:
         """(k, len(rows), 3) float64: estimates by one ray each, in the order of their strata of the choice."""
-        first, last = span
+        (first, last), (end, group) = span, chances
         receivers = chunk.receivers(rows, first, last)
-        step, cluster, chance, rest = choose_by_strata(end, rows, shifts[1][rows], last - first, rng)
+        step, cluster, chance, rest = choose_by_strata(end, group[rows], shifts[1][rows], last - first, rng)
         cell, cell_chance = self.clusters.choose(cluster, rest)
         aim, radiance = self._aim(receivers, cell, light_points(take_rows(shifts[0], rows), first, last))
         seen, traced = receivers.see(rays, aim)
         return in_order(step, radiance * np.where(seen, aim.weight / (chance * cell_chance), 0)[:, None]), traced
 
-    def _choose_clusters(self, rays: RayScene, chunk: TexelChunk, rng: np.random.Generator) -> tuple[Float64, int]:
-        """(n, n_cluster) float64: cumulative chances of the clusters at each texel, row r from r to r + 1; and rays spent."""
+    def _choose_clusters(self, rays: RayScene, chunk: TexelChunk, flat: Int64, rng: np.random.Generator) -> tuple[Float64, Int64, int]:
+        """(n_group, n_cluster) float64: cumulative chances of the clusters, row r from r to r + 1; (n,) int64, whose each texel
+        follows; and rays spent. Texels of a quarter of a flat tile follow the same.
+        """
         visibility, n_ray = self._look_around(rays, chunk, rng)
-        count = len(chunk)
         power = self.clusters.weight.astype(np.float32)
-        end = np.empty((count, len(power)))
-        for rows in row_pieces(np.arange(count), len(power)):
-            looking = chunk.receivers_at(rows, MIDDLE)
-            chance = self._judge(looking) * power
-            chance *= visibility[rows // BLOCK_TEXELS]
-            cumulate(chance, rows[0], end[rows[0] : rows[-1] + 1])
-        return end, n_ray
+        alone = np.ones(len(chunk), bool)
+        alone[flat] = False
+        quarters, single = flat.reshape(-1, _TOGETHER), np.flatnonzero(alone)
+        group = np.empty(len(chunk), np.int64)
+        group[quarters] = np.arange(len(quarters))[:, None]
+        group[single] = len(quarters) + np.arange(len(single))
+        end = np.empty((len(quarters) + len(single), len(power)))
+        for judges, first in ((quarters[:, _JUDGES], 0), (single[:, None], len(quarters))):
+            for piece in row_pieces(np.arange(len(judges)), len(power) * judges.shape[1]):
+                looking = chunk.receivers_at(judges[piece].ravel(), MIDDLE)
+                chance = self._judge(looking).reshape(len(piece), -1, len(power)).sum(axis=1) * power
+                chance *= visibility[judges[piece, 0] // BLOCK_TEXELS]
+                at = first + piece[0]
+                cumulate(chance, at, end[at : at + len(piece)])
+        return end, group, n_ray
 
     def _judge(self, receivers: Receivers) -> Float32:
         """(n, n_cluster): what the clusters would give per area and radiance, unoccluded and never 0."""

@@ -14,7 +14,7 @@ from .geometry import take_rows
 from .lights import Float64
 from .rays import RayScene
 from .scene import FloatArray, IntArray
-from .tiles import TILE_SURFACES, TILE_TEXELS
+from .tiles import TILE_TEXELS, find_calm
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
@@ -22,7 +22,6 @@ AGREE_TEXELS = 16  # neighbours in Morton order whose first rays must agree befo
 # Powers of the number of rays by which strata lower the variance; measured. A hard edge crosses few cells of a texel; a soft one ties
 # places in the texel to places on the light, which are stratified each by themselves.
 _SHARP_GAIN, _SOFT_GAIN = 0.9, 0.375
-_SMOOTHED = 4.0  # how many times smoothing over like neighbours, 81 at most, makes an error less, with much to spare; measured
 
 
 class Tally:
@@ -31,7 +30,7 @@ class Tally:
     rows    (n,) int64     texels of the chunk; neighbours in space should be neighbours here, of one light after the other
     lamp    (n,) int64     rows of the source; None where it has one
     known   (2, n) float64   closed form, nan where it is to be found, and how far it may be off; None is nan everywhere
-    tiles   (k, 64) int64  pairs of tiles whose closed form is known, if noise may be left to whoever smooths it over neighbours
+    tiles   (k, 64) int64  pairs of tiles, if noise may be left to whoever smooths it over neighbours
     leader  (n,) int64     pairs whose rays tell what share is seen, of closed forms that are known; None is each its own
     """
 
@@ -181,23 +180,16 @@ class Tally:
                 mean_error = np.bincount(block, error, minlength=n_block) / np.bincount(block, minlength=n_block)
                 doubt |= mean_error[block] > allowed**2
                 dark = ~self._lit & (self._rays == STAGES[1][1])
-            calm = self._tiles[self._find_calm(allowed)]
-            doubt[calm] = False
+            tiles = self._tiles
+            if stage == STAGES[1]:
+                # Who finds the closed form looks from its four points each time: an edge of light that they miss is never seen.
+                tiles = tiles[self._known[tiles].all(axis=1)]
+            if len(tiles):
+                calm = find_calm(self.value()[tiles], allowed[tiles].mean(axis=1))
+                doubt[tiles[calm]] = False
             if not self.source.is_sharp:
                 doubt[self._lead(dark & matters & self.leads & ~doubt, stage)] = True
         return np.flatnonzero(doubt & self.in_reach & self.leads)
-
-    def _find_calm(self, allowed: Float64) -> NDArray[np.bool_]:
-        """(k,) bool: tiles in which light changes so gently that smoothing will average the texels' noise; allowed (n,) of the pairs.
-
-        Decided for whole tiles, by how far their texels are off a quadratic surface, noise and all: a texel that stopped by what
-        its own few rays say would be too bright, or too dark, on average.
-        """
-        value = self.value()[self._tiles]
-        off2 = (value**2).sum(axis=1) - ((value @ TILE_SURFACES) ** 2).sum(axis=1)
-        off2 /= TILE_TEXELS - TILE_SURFACES.shape[1]
-        out: NDArray[np.bool_] = off2 <= (_SMOOTHED * allowed[self._tiles].mean(axis=1)) ** 2
-        return out
 
     def _lead(self, dark: NDArray[np.bool_], stage: tuple[int, int]) -> NDArray[np.int64]:
         """One of the dark texels (n,) of each block, by chance, to go on for all of them.

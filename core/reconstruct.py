@@ -126,11 +126,7 @@ class LeafBlender:
     @classmethod
     def of(cls, texels: TexelMap, page: NDArray[np.int32]) -> LeafBlender:
         """page   (n,) int32, the page of each entry"""
-        x, y = np.empty((2, len(page)))
-        for start in range(0, len(page), CHUNK):
-            part = slice(start, min(start + CHUNK, len(page)))
-            _, u, v = texels.bary_of(part.start, part.stop).T
-            x[part], y[part] = texels.hit_texel_xy(texels.texel_tri[part], u, v)
+        x, y = texels.own_points()
         entry_at = np.full((texels.page_count, texels.page_size, texels.page_size), -1, np.int32)
         shown = np.flatnonzero(texels.shown)
         entry_at[page[shown], texels.texel_xy[shown, 1], texels.texel_xy[shown, 0]] = shown

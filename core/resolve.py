@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import denoise, reconstruct, seams, squares
-from .margin import fill_margin
+from .margin import add_margin
 from .materials import SurfaceMaterials
 from .quadtree import node_of_texel
 from .scene import IntArray
 from .seam_points import SeamPoints
 from .solve import LightField
-from .texel_map import TexelMap, centred_strata
+from .texel_map import centred_strata
 
 _CHUNK = 1 << 18
 _LIGHT_PASSES = ("lighting", "direct", "indirect", "diffuse", "combined")
@@ -63,17 +63,31 @@ def light_at_texels(
         light[..., part] = np.maximum(traced.irradiance, 0.0)  # a fitted plane may dip below zero at the edge of a shadow
         variance[:, part] = traced.variance * field.correction
 
-    with ThreadPoolExecutor(threads) as pool:  # numpy lets go of the interpreter within a chunk
-        for _ in pool.map(fill, range(0, n_texel, reconstruct.CHUNK)):
-            pass
+    _run_chunks(fill, n_texel, threads)
     grain = field.tree.side[leaf] <= denoise.SMALL_LEAF
     if field.squares is not None:
         grain |= squares.mix(light, variance, field.squares, blender.texels, blender.entry_at)
     if smooth_grain:  # apart from that of rays: by the noise of all light, direct light, known far better, would be smeared
         by_photons = slice(1 if field.direct.passes.any() else 0, 2)
         light[by_photons] = denoise.denoise(light[by_photons], variance, grain, blender.texels, blender.page, spread)
-    by_rays = field.direct.show(blender.texels, blender.page, smooth_grain, spread).irradiance
-    return TexelLight(by_rays + light[0].T, light[1].T, np.sqrt(variance.T + field.direct.find_variance()), leaf)
+    by_rays, noise = field.direct.show(blender.texels, blender.page, smooth_grain, spread).irradiance, field.direct.find_variance()
+    direct, indirect, stderr = (np.empty((n_texel, 3), np.float32) for _ in range(3))
+
+    def finish(start: int) -> None:
+        part = slice(start, min(start + reconstruct.CHUNK, n_texel))
+        np.add(by_rays[part], light[0, :, part].T, out=direct[part])
+        indirect[part] = light[1, :, part].T
+        np.sqrt(variance[:, part].T + noise[part], out=stderr[part])
+
+    _run_chunks(finish, n_texel, threads)
+    return TexelLight(direct, indirect, stderr, leaf)
+
+
+def _run_chunks(work: Callable[[int], None], n_texel: int, threads: int) -> None:
+    """Does the work for each chunk's first texel; numpy lets go of the interpreter within a chunk."""
+    with ThreadPoolExecutor(threads) as pool:
+        for _ in pool.map(work, range(0, n_texel, reconstruct.CHUNK)):
+            pass
 
 
 def close_seams(light: TexelLight, points: SeamPoints, blender: reconstruct.LeafBlender) -> tuple[TexelLight, seams.SeamReport]:
@@ -99,26 +113,31 @@ def _shade(
 class Resolver:
     """Pages of any pass from one light field."""
 
-    def __init__(self, light: TexelLight, texels: TexelMap, surfaces: SurfaceMaterials, entry_page: NDArray[np.int32], margin: int):
-        """entry_page   (n,) int32: the page of each texel entry"""
-        self._light, self._texels, self._surfaces = light, texels, surfaces
-        self._entry_page, self._margin = entry_page, margin
+    def __init__(self, light: TexelLight, blender: reconstruct.LeafBlender, surfaces: SurfaceMaterials, margin: int, threads: int = 1):
+        self._light, self._texels, self._surfaces = light, blender.texels, surfaces
+        self._entry_at, self._margin, self._threads = blender.entry_at, margin, threads
 
     def page(self, name: str, page: int) -> NDArray[np.float32]:
         """One page (h, w, 4) of the pass `name`."""
-        texels, size = self._texels, self._texels.page_size
-        entry = np.flatnonzero(texels.shown & (self._entry_page == page))
-        column, row = texels.texel_xy.take(entry, axis=0).T
-        at = np.full((size, size), -1, np.int32)
-        at[row, column] = np.arange(len(entry), dtype=np.int32)
-        pixels = np.zeros((len(entry) + 1, 4), np.float32)  # the last is that of the empty page
-        pixels[:-1, :3], pixels[:-1, 3] = self._pass_values(name, entry), 1.0
-        image: NDArray[np.float32] = pixels.take(at, axis=0, mode="wrap")
+        size = self._texels.page_size
+        image = np.zeros((size, size, 4), np.float32)
+        step = max(_CHUNK // size, 1)
+
+        def fill(start: int) -> None:
+            rows = slice(start, start + step)
+            row, column = np.nonzero(self._entry_at[page, rows] >= 0)
+            entry = self._entry_at[page, rows][row, column]
+            image[rows][row, column, :3] = self._pass_values(name, entry)
+            image[rows][row, column, 3] = 1.0
+
+        with ThreadPoolExecutor(self._threads) as pool:
+            for _ in pool.map(fill, range(0, size, step)):
+                pass
         filled = image[..., 3] > 0.0
         if self._light.empty is not None and name in _LIGHT_PASSES:
             column, row, value = self._beside_charts(name, page, self._light.empty)
             image[row, column, :3], filled[row, column] = value, True
-        image[..., :3] = fill_margin(image[..., :3], filled, self._margin)
+        add_margin(image[..., :3], filled, self._margin)
         return image
 
     def _pass_values(self, name: str, entry: IntArray) -> NDArray[np.float32]:

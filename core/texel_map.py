@@ -64,27 +64,24 @@ class TexelMap:
 
     @property
     def texel_bary(self) -> NDArray[np.float32]:
-        """(n, 3) float32: corner weights of a point inside the covered part, on texel_tri; `bary_of` gives some of them."""
-        return self.bary_of(0, len(self.texel_tri))
-
-    def bary_of(self, start: int, end: int) -> NDArray[np.float32]:
-        """texel_bary of the entries start ... end - 1."""
-        first, last = np.searchsorted(self.part_entry, (start, end))
-        return self._own_bary(slice(start, end), self.part_entry[first:last] - start, slice(first, last))
+        """(n, 3) float32: corner weights of a point inside the covered part, on texel_tri; `bary_at` gives some of them."""
+        return self.bary_at(np.arange(len(self.texel_tri)))
 
     def bary_at(self, entry: IntArray) -> NDArray[np.float32]:
         """texel_bary of these entries, (m,) int."""
         is_part, part = self._find_parts(entry)
-        return self._own_bary(entry, np.flatnonzero(is_part), part[is_part])
-
-    def _own_bary(self, entry: IntArray | slice, row: Int64, part: Int64 | slice) -> NDArray[np.float32]:
-        """texel_bary of entries, those of `row` covered in part."""
         x, y = self.texel_xy[entry].T + 0.5
-        x[row] += self.part_point[part, 0]
-        y[row] += self.part_point[part, 1]
+        x[is_part] += self.part_point[part[is_part], 0]
+        y[is_part] += self.part_point[part[is_part], 1]
         u, v = self._corner_weights(self.texel_tri[entry], x, y)
         bary: NDArray[np.float32] = np.stack([np.maximum(1.0 - (u + v), 0.0), u, v], axis=1).astype(np.float32)
         return bary
+
+    def own_points(self) -> Float64:
+        """(2, n) float64, page texels: x and y of the points of texel_bary."""
+        point = np.add(self.texel_xy.T, 0.5, order="C")
+        point[:, self.part_entry] += self.part_point.T
+        return point
 
     def _find_parts(self, entry: IntArray) -> tuple[NDArray[np.bool_], Int64]:
         """(m,) bool whether an entry is covered in part, and (m,) its row of the part_ fields if it is."""

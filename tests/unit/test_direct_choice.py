@@ -97,6 +97,20 @@ class TestGathering:
         gather_until_sure(gather, np.arange(256), np.zeros((256, 3)), 0.01, STAGES)
         assert [(len(rows), span) for rows, span in asked] == [(256, (0, 4)), (64, (4, 16)), (64, (16, 64))]
 
+    def test_even_noise_of_a_tile_is_left_to_smoothing(self):
+        gather, asked = self.gather(np.full(256, 1.0), np.full(256, 0.1))
+        tiles = np.arange(64, 192).reshape(2, 64)
+        gather_until_sure(gather, np.arange(256), np.zeros((256, 3)), 0.025, STAGES[:2], smoothed=tiles)
+        assert [(len(rows), span) for rows, span in asked] == [(256, (0, 4)), (128, (4, 16))]
+
+    def test_rows_that_are_not_asked_do_not_calm_their_neighbours(self):
+        """One noisy row asked in each block: beside rows without light of this kind, whose error is 0."""
+        noise = np.zeros(256)
+        noise[::2] = 0.5
+        gather, asked = self.gather(np.ones(256), noise)
+        gather_until_sure(gather, np.arange(0, 256, 2), np.full((256, 3), 10.0), 0.018, STAGES[:2])
+        assert len(asked[1][0]) == 128
+
     def test_rows_with_nothing_to_gather_are_left_out(self):
         gather, _ = self.gather(np.ones(100), np.zeros(100))
         learned = []

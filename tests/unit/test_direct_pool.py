@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import chi_square_sigmas, floor_looks, lit_scene, prepare, sigma_limit, to_grid
+from floors import chi_square_sigmas, floor_looks, floor_tiles, lit_scene, prepare, sigma_limit, to_grid
 from leaflight.core import direct
 from leaflight.core.direct import DirectScene, direct_irradiance
 from leaflight.core.direct_sources import make_triangle_sources
@@ -158,3 +158,16 @@ def test_clusters_of_more_triangles_than_they_are():
         expected += math.pi * 0.01 / square * 0.6 / np.sqrt(square)
     assert np.sqrt(((found / expected - 1) ** 2).mean()) < 0.1
     assert found.mean() == pytest.approx(expected.mean(), rel=0.03)  # 12 rings are a little smaller than their sphere
+
+
+def test_tiles_take_few_rays_where_their_noise_is_smoothed():
+    """The same light on the mean, with an honest error, from fewer rays."""
+    scene, _, _ = prepare(lit_scene([box_mesh("Block", (0.3, 0.3, 0.3), (0.5, 0.5, 0.3))], emission=boxes(6)))
+    tiles = floor_tiles(SIDE)
+    plain = light_floor(scene, tolerance=0.04)
+    runs = [light_floor(scene, seed, tolerance=0.04, tiles=tiles, smoothed=True) for seed in range(12)]
+    assert runs[0].counters["rays"] < 0.8 * plain.counters["rays"]
+    values = np.stack([run.irradiance_rgb[:, 0] for run in runs])
+    assert values.mean() == pytest.approx(light_floor(scene, tolerance=0.0).irradiance_rgb[:, 0].mean(), rel=0.003)
+    stated = np.mean([run.variance_rgb[:, 0].mean() for run in runs])
+    assert 0.4 < values.var(axis=0, ddof=1).mean() / stated < 1.6

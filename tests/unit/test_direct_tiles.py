@@ -121,8 +121,8 @@ class TestShadows:
         monkeypatch.setattr(direct, "random_shift", lambda rng, count: np.zeros((count, 2), np.uint32))  # the first is chosen everywhere
         scene = prepare(lit_scene([box_mesh("Block", (0.5, 0.5, 0.02), (0.5, 0.5, 0.05))], [PANEL]))[0]
         chunk = TexelChunk(floor_looks(SIDE)(np.arange(SIDE**2)), np.zeros((SIDE**2, 2), np.uint32), scene.surfaces, False)
-        counters = dict.fromkeys(("rays", "pairs", "out_of_reach", "settled", "shared"), 0)
-        _, _, (tally,) = direct._look_first(scene, chunk, floor_tiles(SIDE), True, np.random.default_rng(1), counters)
+        counters, tiles = dict.fromkeys(("rays", "pairs", "out_of_reach", "settled", "shared"), 0), floor_tiles(SIDE)
+        _, _, (tally,) = direct._look_first(scene, chunk, tiles, tiles.texels(), np.random.default_rng(1), counters)
         followers = tally.rows[~tally.leads]
         followed = tally.rows[tally._leader[~tally.leads]]
         assert (followed == followers // TILE_TEXELS * TILE_TEXELS).all()

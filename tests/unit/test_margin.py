@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from leaflight.core.margin import fill_margin
+from leaflight.core.margin import add_margin, fill_margin
 
 
 def test_two_rings_on_an_asymmetric_page() -> None:
@@ -52,3 +52,12 @@ def test_a_colour_field_stays_smooth() -> None:
     covered[:, :3] = True
     page[:, :3, 0] = np.arange(9)[:, None]
     np.testing.assert_allclose(fill_margin(page, covered, 1)[1:-1, 3, 0], np.arange(1, 8), rtol=1e-6)
+
+
+def test_a_part_of_a_page_is_filled_in_place() -> None:
+    """Three of four channels: the fourth stays."""
+    page, covered = np.zeros((4, 6, 4), np.float32), np.zeros((4, 6), bool)
+    page[2, 3], covered[2, 3] = (1.0, 2.0, 3.0, 4.0), True
+    add_margin(page[..., :3], covered, 1)
+    np.testing.assert_array_equal(page[1:4, 2:5, :3], np.broadcast_to(np.float32([1.0, 2.0, 3.0]), (3, 3, 3)))
+    assert page.sum() == 9 * 6.0 + 4.0

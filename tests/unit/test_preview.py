@@ -49,9 +49,8 @@ def test_pages_are_those_of_the_bake_but_for_its_blending(tmp_path):
         light = make_solver(tmp_path / f"{name} solver", furnace_scene(0.5), settings).run(lambda message: None, lambda: False)
         (page,) = pages.draw(light)
         surfaces = workers.open_tracing(str(tmp_path / name)).scene.surfaces
-        final = resolve.Resolver(resolve.light_at_texels(light, LeafBlender.of(texels, entry_page)), texels, surfaces, entry_page, 2).page(
-            name, 0
-        )
+        blender = LeafBlender.of(texels, entry_page)
+        final = resolve.Resolver(resolve.light_at_texels(light, blender), blender, surfaces, 2).page(name, 0)
         np.testing.assert_array_equal(page[..., 3], final[..., 3])
         covered = final[..., 3] > 0
         assert page[covered][:, :3].astype(float).mean() == pytest.approx(final[covered][:, :3].mean(), rel=0.02), name

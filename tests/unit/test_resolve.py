@@ -31,13 +31,14 @@ def layered_scene(*rectangles, heights_m=(1.0, 1.0)):
 
 
 def make_resolver(scene, light, margin=0):
-    """A resolver of one page; light(x, y, chart) gives direct, indirect and stderr, W/m^2, for texels of charts."""
+    """A resolver of one page and an empty one; light(x, y, chart) gives direct, indirect and stderr, W/m^2, for texels of charts."""
     atlas = charts.make_charts(scene, Settings(size=PAGE))
-    texels = build_texel_map(scene, atlas, 2)
+    texels = replace(build_texel_map(scene, atlas, 2), page_count=2)
     values = light(*texels.texel_xy.T, texels.texel_chart)
     direct, indirect, stderr = (np.repeat(np.float32(value)[:, None], 3, axis=1) for value in values)
     at_texels = resolve.TexelLight(direct, indirect, stderr, np.zeros(len(direct), np.int32))
-    return resolve.Resolver(at_texels, texels, SurfaceMaterials(scene), atlas.chart_page[texels.texel_chart], margin)
+    blender = LeafBlender.of(texels, atlas.chart_page[texels.texel_chart])
+    return resolve.Resolver(at_texels, blender, SurfaceMaterials(scene), margin, threads=2)
 
 
 def slope(x, y, chart):

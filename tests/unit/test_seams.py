@@ -31,7 +31,7 @@ class Lit:
         return close_seams(self.light, self.points, self.blender)
 
     def pages(self, light, name="lighting", margin=4):
-        resolver = Resolver(light, self.blender.texels, SurfaceMaterials(self.scene), self.blender.page, margin)
+        resolver = Resolver(light, self.blender, SurfaceMaterials(self.scene), margin)
         return np.stack([resolver.page(name, page) for page in range(self.blender.texels.page_count)])
 
 

@@ -215,7 +215,9 @@ def test_representative_points_lie_inside(mirrored: bool) -> None:
     uv = fan(np.random.default_rng(5), 7, 12.0)
     texels = make_map(uv[:, ::-1] if mirrored else uv, size=12)
     bary = texels.texel_bary
-    np.testing.assert_array_equal(np.concatenate([texels.bary_of(0, 5), texels.bary_of(5, 18), texels.bary_of(18, len(bary))]), bary)
+    rows = np.arange(len(bary))
+    np.testing.assert_array_equal(np.concatenate([texels.bary_at(part) for part in (rows[:5], rows[5:18], rows[18:])]), bary)
+    np.testing.assert_allclose(texels.own_points(), texels.hit_texel_xy(texels.texel_tri, *bary[:, 1:].T), atol=1e-5)
     entry = np.random.default_rng(6).integers(len(bary), size=60)
     np.testing.assert_array_equal(texels.bary_at(entry), bary[entry])
     assert (bary >= 0).all()

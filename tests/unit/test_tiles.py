@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from floors import floor_looks, floor_tiles, morton_square
-from leaflight.core.tiles import NODE_WEIGHTS, TILE_CORNERS, TILE_NODES, TILE_SURFACES, TILE_TEXELS, Tiles
+from leaflight.core.tiles import NODE_WEIGHTS, TILE_CORNERS, TILE_NODES, TILE_SURFACES, TILE_TEXELS, Tiles, find_calm
 
 
 class TestTiles:
@@ -58,3 +58,14 @@ class TestSurfaces:
         x, y = morton_square(8)
         assert x[TILE_CORNERS].tolist() == [0, 7, 0]
         assert y[TILE_CORNERS].tolist() == [0, 0, 7]
+
+
+def test_gentle_light_is_calm_and_an_edge_is_not():
+    """A bent ramp, a ramp with noise, and a hard edge of the same height as the noise."""
+    x, y = morton_square(8)
+    ramp = 1.0 + 0.1 * x + 0.05 * y - 0.01 * x * y
+    noisy = ramp + np.random.default_rng(1).normal(scale=0.1, size=TILE_TEXELS)
+    edge = ramp + 1.0 * (x > 3)
+    value = np.stack([ramp, noisy, edge])
+    assert find_calm(value, np.full(3, 1e-5)).tolist() == [True, False, False]
+    assert find_calm(value, np.full(3, 0.03)).tolist() == [True, True, False]
