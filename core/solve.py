@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from . import basis, estimate, quadtree, refine, rounds, shared_arrays, tally, workers
+from . import basis, estimate, quadtree, refine, rounds, shared_arrays, shrinkage, tally, workers
 from .direct_field import MOST_PASSES, DirectField
 from .executors import spread
 from .ledger import Ledger
@@ -153,7 +153,9 @@ class Solver:
         solution = tally.solve_tallies(tree, totals, compared)
         comparison = refine.Comparison.of(tree, totals, solution, rule)
         leaves = refine.choose_leaves(tree, comparison)
-        solution = tally.solve_tallies(tree, totals, np.concatenate([compared, estimate.list_told(tree, leaves, self.blender)]))
+        told = np.concatenate([compared, estimate.list_told(tree, leaves, self.blender)])
+        shown = shrinkage.shrink_leaves(tree, totals, leaves) if self.settings.hierarchical else tree
+        solution = tally.solve_tallies(shown, totals, told)
         return _State(totals, solution, comparison.join(tree, totals, solution, leaves, rule.stability), leaves)
 
     def _trace_round(self, stated: estimate.StatedError | None) -> None:

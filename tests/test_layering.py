@@ -41,7 +41,7 @@ TRACE = {
     "core.contact",
 }
 # core.materials is on neither side: albedo and emission belong to the surface, photons and pages both ask for them.
-STATISTICS = {"core.tally", "core.refine", "core.quadtree", "core.basis", "core.estimate"}
+STATISTICS = {"core.tally", "core.refine", "core.quadtree", "core.basis", "core.estimate", "core.shrinkage"}
 # Where both sides meet: rounds of photons, shards that trace and sum them, and the whole bake.
 SEES_ALL = {"core.solve", "core.workers", "core.bake"}
 BPY_FREE_ADDON = {

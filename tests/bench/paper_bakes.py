@@ -64,6 +64,11 @@ class Reference:
         """(n, 3) (W/m^2)^2: what squared errors are relative to."""
         return self.mean**2 + (DARK_FLOOR * self.level) ** 2
 
+    def find_best(self, value: np.ndarray) -> np.ndarray:
+        """(n,) bool: all but the worst texels of light (n, 3) at texels."""
+        local = np.abs(value - self.mean).sum(1) / (self.mean.sum(1) + 3.0 * DARK_FLOOR * self.level)
+        return local <= np.quantile(local, BEST_TEXELS)
+
     def measure(self, value: np.ndarray, rows: np.ndarray | None = None) -> Errors:
         """Errors of light at texels.
 
@@ -72,8 +77,7 @@ class Reference:
         """
         rows = np.ones(len(value), bool) if rows is None else rows
         square = (value - self.first) * (value - self.second)
-        local = np.abs(value - self.mean).sum(1) / (self.mean.sum(1) + 3.0 * DARK_FLOOR * self.level)
-        best = rows & (local <= np.quantile(local, BEST_TEXELS))
+        best = rows & self.find_best(value)
         rel2 = (square[best] / self.local2[best]).mean()
         mean2 = np.average(square[rows].mean(1), weights=self.area[rows])
         return Errors(float(np.sqrt(max(rel2, 0.0))), float(np.sqrt(max(mean2, 0.0)) / self.level))
@@ -89,7 +93,7 @@ class Bake:
 
     @cached_property
     def solution(self) -> tally.Solution:
-        """Of all nodes, where the light field tells of its leaves alone."""
+        """Of all nodes, as their photons have it; the light field tells of its leaves alone, and those are shrunk."""
         return tally.solve_tallies(self.light.tree, tally.accumulate(self.light.tree, self.tally))
 
     @cached_property
@@ -106,10 +110,11 @@ class Bake:
 
         leaf   of leaf_of; None for the leaves of the bake
         """
+        solution = self.light.solution if leaf is None else self.solution
         leaf, tree, texels = self.leaf if leaf is None else leaf, self.light.tree, self.stage.texels
         half, entry = tree.side[leaf] / 2.0, np.arange(len(leaf))
         moments = texels.range_moments(entry, entry + 1, tree.origin[leaf] + half[:, None], half, 2 * tree.degree)
-        coefficient = self.solution.coefficient.sum(0)[..., leaf]
+        coefficient = solution.coefficient.sum(0)[..., leaf]
         total = np.einsum("ckn,nk->nc", coefficient, moments[:, : coefficient.shape[1]])
         return np.maximum(total / texels.texel_area[:, None], 0.0)
 

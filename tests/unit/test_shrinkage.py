@@ -1,0 +1,74 @@
+"""Shrunk functions of leaves: less noise where light is even, the whole slope where it is steep, and the same flux."""
+
+import numpy as np
+import pytest
+from leaflight.core import shrinkage, tally
+from trees import SquareBake
+
+ROOT = np.array([0])
+
+
+def shrunk_bake(sampler, photons, degree, seed=0, **kwargs):
+    """A bake, its solution as photons have it, and with the root shrunk."""
+    bake = SquareBake(side=16, degree=degree, preview_depth=1, **kwargs)
+    bake.throw(*sampler(np.random.default_rng(seed), photons))
+    totals = bake.totals()
+    shown = shrinkage.shrink_leaves(bake.tree, totals, ROOT)
+    return bake, shown, tally.solve_tallies(bake.tree, totals), tally.solve_tallies(shown, totals)
+
+
+def even(rng, n):
+    return rng.random((2, n))
+
+
+def ramp(rng, n):
+    return np.sqrt(rng.random(n)), rng.random(n)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_even_light_errs_less(degree):
+    """Of the noise of functions beyond the mean a fifth stays or so."""
+    before, after = np.zeros((2, 200))
+    for seed in range(200):
+        bake, _, plain, shrunk = shrunk_bake(even, 500, degree, seed)
+        place = np.random.default_rng(1).random((2, 300))
+        for errors, solution in ((before, plain), (after, shrunk)):
+            bake.solution = lambda solution=solution: solution
+            errors[seed] = (bake.values(ROOT, *place) - 1.0).var()
+    assert 0.1 < after.mean() / before.mean() < 0.6
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_slope_that_many_photons_tell_stays(degree):
+    _, _, plain, shrunk = shrunk_bake(ramp, 20_000, degree)
+    slope = (shrunk.coefficient[:, :, 1, 0].sum(0) / plain.coefficient[:, :, 1, 0].sum(0))[0]
+    assert 0.98 < slope < 1.02
+
+
+def test_each_degree_is_shrunk_for_itself():
+    """A ramp has nothing that only quadratic functions could hold."""
+    before, after = np.zeros((2, 40))
+    for seed in range(40):
+        _, _, plain, shrunk = shrunk_bake(ramp, 5_000, 2, seed)
+        before[seed], after[seed] = ((solution.coefficient[:, 0, 3:, 0].sum(0) ** 2).sum() for solution in (plain, shrunk))
+    assert after.mean() < 0.6 * before.mean()
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+@pytest.mark.parametrize("width", [1.0, 0.3])
+def test_flux_stays_and_so_do_other_nodes(degree, width):
+    def strip(rng, n):
+        s, t = rng.random((2, n))
+        return s * width, t
+
+    bake, shown, plain, shrunk = shrunk_bake(strip, 300, degree, width=width)
+    np.testing.assert_allclose(shrunk.flux, plain.flux, rtol=1e-9)
+    np.testing.assert_array_equal(shown.project[1:], bake.tree.project[1:])
+    if degree == 0:
+        np.testing.assert_allclose(shown.project, bake.tree.project)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_without_photons_nothing_is_shown(degree):
+    *_, shrunk = shrunk_bake(even, 0, degree)
+    assert (shrunk.coefficient == 0.0).all()
