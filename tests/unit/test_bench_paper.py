@@ -16,6 +16,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
 import bench_paper
 import paper_bakes
 import paper_claims
+import paper_split
 import paper_tables
 
 TOY = bench_paper.Effort(size=48, square_size=32, figure_2=2e4, figure_3=3e4, sweep=1e4)
@@ -37,7 +38,8 @@ def measured(tmp_path_factory):
 
 
 def test_every_table_is_filled(measured):
-    assert set(measured.tables) == {"figure 2", "figure 3", "leaves for the same error", "overhead", "hints", "knobs"}
+    curves = {"figure 3", "leaves for the same error", "where the error comes from"}
+    assert set(measured.tables) == {"figure 2", *curves, "overhead", "hints", "knobs"}
     for table in measured.tables.values():
         assert table.rows
         assert all(len(row) == len(table.head) for row in table.rows)
@@ -57,6 +59,21 @@ def test_the_hierarchy_errs_less_than_the_fixed_mesh(measured):
     flat, constant = (measured.curves[name][-1] for name in ("flat", "constant"))
     assert flat.leaves > 2 * constant.leaves
     assert constant.nrmse < 0.7 * flat.nrmse
+
+
+def test_the_error_is_split_into_what_leaves_cannot_hold_and_noise(measured):
+    """The fixed mesh holds all of the light; of the best leaves less is lost than of those that a bake chose."""
+    flat, *others = split = paper_split.measure_split(measured.room["flat"].stage, measured.reference, measured.reference, TOY.figure_3)
+    assert flat.missing == pytest.approx(0.0, abs=1e-6)
+    assert flat.noise == pytest.approx(flat.rel)
+    for one in others:
+        assert one.missing > 0.0
+        assert abs(one.missing - one.noise) < one.rel < one.missing + one.noise
+        assert one.rel < flat.rel
+    by_name = {one.name: one for one in split}
+    names = "and no node late", "and the best leaves", "each with or without its slope"
+    late, best, degree = (by_name[f"... {name}"].rel for name in names)
+    assert degree < best < late
 
 
 def test_the_paper_shows_stable_nodes_at_or_below_the_current_ones(measured):
