@@ -16,8 +16,10 @@ MOST_FIRST_PHOTONS = 3 << 17
 FIRST_SHARE = 0.125
 SHARD_PHOTONS = 1 << 18  # at most
 MANY_PAIRS = 3  # of shards, from which on a round ends with smaller ones
-# A round adds at most so many times all photons so far: late nodes lose what came before them, and to read a round takes time too.
-ROUND_GROWTH = 2.0
+# A round adds at most so many times all photons so far, for late nodes lose what came before them; while these are few, more: to read a
+# round takes time too, and most nodes are still to come.
+ROUND_GROWTH, EARLY_GROWTH = 1.0, 2.0
+EARLY_PHOTONS = 1 << 20
 ROUND_PHOTONS = 1 << 22  # at most, so that progress, cancelling and time limits are felt
 # ... and at least so many photons for each node: to look at what came of a round takes as long as tracing them does on two cores, and on
 # some samples several times as long.
@@ -40,7 +42,7 @@ def next_photons(
     if not so_far:
         wanted = min(FIRST_NODE_PHOTONS * n_node, MOST_FIRST_PHOTONS, int(FIRST_SHARE * most))
         return min(max(wanted, FIRST_ROUND_PHOTONS), most)
-    growth = ROUND_GROWTH
+    growth = EARLY_GROWTH if told < EARLY_PHOTONS else ROUND_GROWTH
     noise2, left2 = error**2 - fixed_error**2, wanted_error**2 - fixed_error**2
     if left2 > 0.0 and noise2 > 0.0:  # squared, noise falls as one over the photons
         growth = min(max(SPARE * noise2 / left2, SPARE) - 1.0, growth)

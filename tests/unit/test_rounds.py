@@ -4,6 +4,8 @@ import math
 
 import pytest
 from leaflight.core.rounds import (
+    EARLY_GROWTH,
+    EARLY_PHOTONS,
     FIRST_NODE_PHOTONS,
     FIRST_ROUND_PHOTONS,
     FIRST_SHARE,
@@ -42,9 +44,10 @@ def test_the_first_round_leaves_most_of_a_bake_to_those_that_are_split_by_then()
     assert first_round(1000, 10**6) == 1000
 
 
-def test_a_round_triples_the_photons_while_nothing_tells_of_less():
+@pytest.mark.parametrize(("so_far", "growth"), [(EARLY_PHOTONS - 1, EARLY_GROWTH), (EARLY_PHOTONS, ROUND_GROWTH)])
+def test_a_round_triples_the_photons_and_later_doubles_them_while_nothing_tells_of_less(so_far, growth):
     for error, fixed in ((math.nan, 0.0), (1.0, 0.0), (0.06, 0.05), (0.06, 0.055), (0.03, 0.03)):
-        assert next_plain(1_000_000, PLENTY, 10, 0.05, error, fixed) == ROUND_GROWTH * 1_000_000
+        assert next_plain(so_far, PLENTY, 10, 0.05, error, fixed) == growth * so_far
     assert next_plain(10 * ROUND_PHOTONS, PLENTY, 10, 0.05, 1.0, 0.0) == ROUND_PHOTONS
 
 
