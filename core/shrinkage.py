@@ -23,7 +23,8 @@ _TINY = np.finfo(float).tiny
 def shrink_leaves(tree: Quadtree, totals: Totals, leaves: NDArray[np.int64]) -> Quadtree:
     """The tree with projectors that shrink what the functions of `leaves` (m,) have beyond their mean, each degree for itself.
 
-    The mean stays, and so does all flux. It is for tally.solve_tallies: what square_norms makes of it is not how much the leaves err.
+    The mean stays, and so does all flux. It is for tally.solve_tallies alone. The stated error asks for the noise of functions that are not
+    shrunk: the share of it that is shown is read off one noisy slope, and stated too little where that came out small by chance.
     """
     raw = totals.raw[..., leaves].sum((0, 1))
     noise = totals.weight2[:, leaves].sum(0) / np.maximum(tree.area[leaves], _TINY)  # of one function
@@ -43,14 +44,3 @@ def shrink_leaves(tree: Quadtree, totals: Totals, leaves: NDArray[np.int64]) -> 
     project = tree.project.copy()
     project[leaves] = shrunk
     return replace(tree, project=project)
-
-
-def expect_noise(tree: Quadtree, shown: Quadtree) -> Quadtree:
-    """The tree with projectors of which square_norms makes about the squared error of shrunk functions, over that of a leaf's mean.
-
-    shown   of shrink_leaves
-
-    Were the share of each slope known, noise and what shrinking takes away would be that share of the noise together. It is read off
-    one noisy slope, and errs more for that: about halfway to the noise of functions that are not shrunk.
-    """
-    return replace(tree, project=(tree.project + shown.project) / 2.0)

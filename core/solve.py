@@ -61,12 +61,10 @@ class LightField:
 class _State:
     """What the tallies say after a round.
 
-    expected   the tree with functions of its leaves as noisy as what is shown of them
     leaves     (m,) int64: the nodes to show
     solution   of them, of what their stated error asks for, of nodes that are compared, and of all above
     """
 
-    expected: Quadtree
     totals: Totals
     solution: Solution
     comparison: refine.Comparison
@@ -159,7 +157,7 @@ class Solver:
         shown = shrinkage.shrink_leaves(tree, totals, leaves) if self.settings.hierarchical else tree
         solution = tally.solve_tallies(shown, totals, told)
         comparison = comparison.join(tree, totals, solution, leaves, rule.stability)
-        return _State(shrinkage.expect_noise(tree, shown), totals, solution, comparison, leaves)
+        return _State(totals, solution, comparison, leaves)
 
     def _trace_round(self, stated: estimate.StatedError | None) -> None:
         splitting, weight = self._split_photons()
@@ -233,7 +231,7 @@ class Solver:
     def _light(self, state: _State) -> tuple[LightField, estimate.StatedError]:
         """The light as it stands."""
         stated = estimate.state_error(
-            state.expected,
+            self.tree,
             state.totals,
             state.solution,
             state.comparison,
