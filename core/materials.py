@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .scene import MAX_ALBEDO, FloatArray, IntArray, Material, SceneSnapshot, TextureImage
+
+_PERIODS = {"REPEAT": 1.0, "MIRROR": 2.0}  # in UV, by extension
+_Wrapped: TypeAlias = tuple[IntArray, NDArray[np.bool_] | np.bool_]  # numbers of texels, and whether they are shown
 
 
 @dataclass(frozen=True)
@@ -31,11 +35,13 @@ class _Layer:
         if self.tri_image is not None:
             hit_image = self.tri_image.take(tri)
             for index in np.flatnonzero(np.bincount(hit_image + 1)[1:]):
-                rows = np.flatnonzero(hit_image == index)
-                corner, s, t = self.tri_uv.take(tri[rows], axis=2), u[rows], v[rows]
+                rows = (hit_image == index).nonzero()[0]
+                corner, s, t = self.tri_uv.take(tri.take(rows), axis=2), u.take(rows), v.take(rows)
                 uv = (corner[0] * (1 - s - t) + corner[1] * s + corner[2] * t).T
                 with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not finite, and so 0
-                    rgb[:, rows] = _clamp(rgb[:, rows] * sample_texture(self.images[index], uv).T, self.highest)
+                    product = _clamp(rgb.take(rows, axis=1) * sample_texture(self.images[index], uv).T, self.highest)
+                for channel, values in zip(rgb, product, strict=True):  # numpy is three times as quick row by row
+                    channel[rows] = values
         return rgb.T
 
 
@@ -86,45 +92,52 @@ def sample_texture(image: TextureImage, uv: FloatArray) -> NDArray[np.float32]:
     height, width = image.pixels.shape[:2]
     if not height * width:
         return np.zeros((len(uv), 3), np.float32)
-    turn = 2.0 if image.extension == "MIRROR" else 1.0
-    place = np.where(np.isfinite(uv), uv, 0).astype(np.float64)
-    periodic = image.extension in ("REPEAT", "MIRROR")
-    place = place - turn * np.floor(place / turn) if periodic else np.clip(place, -2, 3)  # keeps texel numbers within int64
-    place *= (width, height)
+    finite = np.isfinite(uv)
+    place = (uv if finite.all() else np.where(finite, uv, 0)).T.astype(np.float64)
+    if image.extension in _PERIODS:
+        place -= _PERIODS[image.extension] * np.floor(place / _PERIODS[image.extension])
+    else:
+        np.clip(place, -2, 3, out=place)  # keeps texel numbers within int64
+    place *= np.array([[width], [height]])
     if image.closest:
-        x, y = np.floor(place).astype(np.int64).T
-        return _weigh_texels(image, x, y, np.float32(1))
+        x, y = np.floor(place).astype(np.int64)
+        return _weigh_texels(image, _wrap(x, width, image.extension), _wrap(y, height, image.extension), np.float32(1))
     place -= 0.5
     low = np.floor(place)
-    (s, t), (x, y) = (place - low).astype(np.float32).T, low.astype(np.int64).T
-    out = _weigh_texels(image, x, y, (1 - s) * (1 - t))
-    out += _weigh_texels(image, x + 1, y, s * (1 - t))
-    out += _weigh_texels(image, x, y + 1, (1 - s) * t)
-    out += _weigh_texels(image, x + 1, y + 1, s * t)
+    place -= low
+    s, t = place.astype(np.float32)
+    x, y = low.astype(np.int64)
+    left, right = _wrap(x, width, image.extension), _wrap(x + 1, width, image.extension)
+    bottom, top = _wrap(y, height, image.extension), _wrap(y + 1, height, image.extension)
+    out = _weigh_texels(image, left, bottom, (1 - s) * (1 - t))
+    out += _weigh_texels(image, right, bottom, s * (1 - t))
+    out += _weigh_texels(image, left, top, (1 - s) * t)
+    out += _weigh_texels(image, right, top, s * t)
     return out
 
 
-def _weigh_texels(image: TextureImage, x: IntArray, y: IntArray, weight: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
-    """(n, 3) view of rows: texels (n,), also beyond the image, times their weights (n,)."""
-    height, width = image.pixels.shape[:2]
-    column, row = _wrap(x, width, image.extension), _wrap(y, height, image.extension)
-    rgb = np.ascontiguousarray(image.pixels.reshape(-1, 3).take(row * width + column, axis=0).T)
-    rgb *= weight * ((column == x) & (row == y)) if image.extension == "CLIP" else weight
+def _weigh_texels(image: TextureImage, column: _Wrapped, row: _Wrapped, weight: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
+    """(n, 3) view of rows: texels times their weights (n,)."""
+    (x, shown_x), (y, shown_y) = column, row
+    rgb = np.ascontiguousarray(image.pixels.reshape(-1, 3).take(y * image.pixels.shape[1] + x, axis=0).T)
+    rgb *= weight * (shown_x & shown_y)
     return rgb.T
 
 
-def _wrap(index: IntArray, size: int, extension: str) -> IntArray:
+def _wrap(index: IntArray, size: int, extension: str) -> _Wrapped:
+    """The texels that stand for some beyond the image."""
     if extension == "REPEAT":
-        return _remainder(index, size)
+        return _remainder(index, size), np.True_
     if extension == "MIRROR":
         folded = _remainder(index, 2 * size)
-        return np.minimum(folded, 2 * size - 1 - folded)
-    return np.clip(index, 0, size - 1)
+        return np.minimum(folded, 2 * size - 1 - folded), np.True_
+    inside = np.clip(index, 0, size - 1)
+    return inside, inside == index if extension == "CLIP" else np.True_
 
 
 def _remainder(index: IntArray, size: int) -> IntArray:
-    """index % size, for which numpy takes five times as long."""
-    out: IntArray = index - index // size * size
+    """index % size of an index in -size ... 2 * size - 1."""
+    out: IntArray = index + size * ((index < 0) - (index >= size).astype(np.int8))
     return out
 
 
@@ -173,4 +186,5 @@ def _layer(
 
 
 def _clamp(values: FloatArray, highest: float) -> FloatArray:
-    return np.where(np.isfinite(values), values, 0).clip(0, np.float32(highest))
+    finite = np.isfinite(values)
+    return (values if finite.all() else np.where(finite, values, 0)).clip(0, np.float32(highest))

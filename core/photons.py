@@ -132,21 +132,23 @@ def _bounce(
     log: PhotonLog,
 ) -> Photons | None:
     """The photons after as many surfaces; None when none is left."""
+    under_way = _total(photons.flux)
     for depth in depths:
         found = scene.rays.closest(photons.origin.T, photons.direction.T)
         tri, u, v = found.tri, found.u, found.v
-        group = photons.group
+        direction, flux, group = photons.direction, photons.flux, photons.group
         log.count_rays(len(tri), group)
         if depth == 0:
             soften(photons, found.distance)
-            log.emitted += _total(photons.flux)
-        direction, flux = photons.direction, photons.flux
-        hit = np.flatnonzero(tri >= 0)
+            under_way = _total(flux)
+            log.emitted += under_way
+        hit = (tri >= 0).nonzero()[0]
         if len(hit) < len(tri):
-            log.escaped += _total(flux.compress(tri < 0, axis=1))
             tri, u, v = tri.take(hit), u.take(hit), v.take(hit)
             direction, flux = direction.take(hit, axis=1), flux.take(hit, axis=1)
             group = None if group is None else group.take(hit)
+        landed = _total(flux)
+        log.escaped += under_way - landed
         if not len(hit):
             return None
         normal = scene.tri_normal.take(tri, axis=1)
@@ -154,21 +156,26 @@ def _bounce(
         if depth or not skip_first:
             _deposit(scene, tri, u, v, flux, direction, cosine, depth == 0, group, log)
         parts = skip_first and not depth
-        split = np.full(len(tri), SPLIT if parts else 1, np.float32)
+        split: _Rows | np.float32 = np.float32(SPLIT if parts else 1)
         if parts and split_at:
             place, factor = split_at(tri, u, v)
-            split *= factor
+            split = split * factor
             group = log.open_groups(place, factor)
-        alive, survivors = _play_roulette(flux, scene.surfaces.albedo_at(tri, u, v).T, split, rng)
-        log.absorbed += _total(flux) - _total(survivors)
-        if not len(alive):
-            return None
+        alive, count, flux = _play_roulette(flux, scene.surfaces.albedo_at(tri, u, v).T, split, rng)
         normal = normal.take(alive, axis=1)
         normal *= -np.copysign(np.float32(1), cosine.take(alive))  # the side that was hit
-        landed = locate_hits(scene.tri_frame, tri.take(alive), u.take(alive), v.take(alive))
-        numbers = grouped_points(alive, rng) if parts else rng.random((2, len(alive)), dtype=np.float32)
+        origin = offset_origin(locate_hits(scene.tri_frame, tri.take(alive), u.take(alive), v.take(alive)), normal)
         group = None if group is None else group.take(alive)
-        photons = Photons(offset_origin(landed, normal), _scatter(normal, numbers), survivors, group=group)
+        if parts:
+            copy = np.repeat(np.arange(len(alive)), count)
+            origin, normal, flux = (rows.take(copy, axis=1) for rows in (origin, normal, flux))
+            group = None if group is None else group.take(copy)
+        under_way = _total(flux)
+        log.absorbed += landed - under_way
+        if not len(alive):
+            return None
+        numbers = grouped_points(count, rng) if parts else rng.random((2, len(alive)), dtype=np.float32)
+        photons = Photons(origin, _scatter(normal, numbers), flux, group=group)
     return photons
 
 
@@ -221,13 +228,13 @@ def _deposit(
     group: _Ints | None,
     log: PhotonLog,
 ) -> None:
-    kept = np.flatnonzero(cosine < scene.tri_lit_below.take(tri))
+    kept = (cosine < scene.tri_lit_below.take(tri)).nonzero()[0]
     if len(kept) < len(tri):
         tri, u, v, flux = tri.take(kept), u.take(kept), v.take(kept), flux.take(kept, axis=1)
         group = None if group is None else group.take(kept)
     if scene.smooth_normal.size:
         column = scene.tri_smooth.take(tri)
-        smooth = np.flatnonzero(column >= 0)
+        smooth = (column >= 0).nonzero()[0]
         if len(smooth):
             corner = scene.smooth_normal.take(column.take(smooth), axis=2)
             s, t = u.take(smooth), v.take(smooth)
@@ -241,21 +248,26 @@ def _deposit(
     log.deposit(tri, u, v, flux, is_first, group)
 
 
-def _play_roulette(flux: _Rows, albedo: _Rows, split: _Rows, rng: np.random.Generator) -> tuple[NDArray[np.intp], _Rows]:
+def _play_roulette(
+    flux: _Rows, albedo: _Rows, split: _Rows | np.float32, rng: np.random.Generator
+) -> tuple[NDArray[np.intp], NDArray[np.intp], _Rows]:
     """Which photons are reflected, and their flux then: q = max(flux * albedo) / max(flux) keeps the greatest channel as it is.
 
-    split       (n,) float32: of each photon so many play, with a share of its flux each; split * q of them survive, to within one
-    alive       (k,) int, ascending: photons that survivors come from
-    survivors   (3, k) float32, W
+    split   (n,) float32 or a number: of each photon so many play, with a share of its flux each; split * q of them survive, to within one
+    alive   (k,) int, ascending: photons that survive
+    count   (k,) int: in how many parts
+    flux    (3, k) float32, W, of a part
     """
     reflected = flux * albedo
     greatest = np.maximum(np.maximum(reflected[0], reflected[1]), reflected[2])
     power = np.maximum(np.maximum(flux[0], flux[1]), flux[2])
-    share = np.divide(greatest, power, out=np.zeros_like(power), where=power > 0)
-    share *= split
-    share += rng.random(len(power), dtype=np.float32)
-    alive = np.repeat(np.arange(len(power)), share.astype(np.intp))  # what is cut off survives by chance
-    return alive, reflected.take(alive, axis=1) * (power.take(alive) / (split * greatest).take(alive))
+    survivors = np.divide(greatest, power, out=np.zeros_like(power), where=power > 0)
+    survivors *= split
+    survivors += rng.random(len(power), dtype=np.float32)
+    number = survivors.astype(np.intp)  # what is cut off survives by chance
+    alive = number.nonzero()[0]
+    greatest *= split
+    return alive, number.take(alive), reflected.take(alive, axis=1) * (power.take(alive) / greatest.take(alive))
 
 
 def _scatter(normal: _Rows, numbers: _Rows) -> _Rows:

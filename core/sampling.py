@@ -54,19 +54,17 @@ def low_discrepancy_points(shift: NDArray[np.uint32], start: int, count: int) ->
     return out.T
 
 
-def grouped_points(group: IntArray, rng: np.random.Generator) -> NDArray[np.float32]:
+def grouped_points(count: IntArray, rng: np.random.Generator) -> NDArray[np.float32]:
     """Points of the unit square, each uniform, those of a group spread over it.
 
-    group   (n,) int, ascending; no more than 2^17 of a group
-    out     (2, n) float32 in [0, 1)
+    count   (g,) int, of each group, at most 2^17
+    out     (2, n) float32 in [0, 1), group by group
     Source: as of low_discrepancy_points; each group has a digital shift of its own.
     """
-    is_first = np.ones(len(group), bool)
-    np.not_equal(group[1:], group[:-1], out=is_first[1:])
-    first, number = np.flatnonzero(is_first), np.cumsum(is_first) - 1
-    shift = rng.integers(0, 2**32, (2, len(first)), np.uint32)
-    bits = _scrambled_net()[:2].take(np.arange(len(group)) - first.take(number), axis=1)
-    bits ^= shift.take(number, axis=1)
+    end = np.cumsum(count)
+    group = np.repeat(np.arange(len(count)), count)
+    bits = _scrambled_net()[:2].take(np.arange(len(group)) - (end - count).take(group), axis=1)
+    bits ^= rng.integers(0, 2**32, (2, len(count)), np.uint32).take(group, axis=1)
     bits >>= np.uint32(8)
     out: NDArray[np.float32] = bits.astype(np.float32)
     out *= np.float32(2.0**-24)

@@ -216,8 +216,9 @@ def test_points_integrate_better_than_random_ones_and_without_bias():
 
 
 def test_points_of_a_group_are_spread_and_each_is_uniform():
-    group = np.repeat(np.arange(9000), 1 + np.arange(9000) % 9)
-    points = sampling.grouped_points(group, np.random.default_rng(4))
+    count = 1 + np.arange(9000) % 9
+    group = np.repeat(np.arange(9000), count)
+    points = sampling.grouped_points(count, np.random.default_rng(4))
     assert points.shape == (2, len(group))
     assert points.dtype == np.float32
     assert ((points >= 0) & (points < 1)).all()
