@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import locate_hits, offset_origin
+from .geometry import gather, locate_hits, offset_origin
 from .lights import Emitter
 from .rays import RayScene
 from .sampling import low_discrepancy_points
@@ -79,23 +79,23 @@ def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri
     tri_frame    (3, 3, n_tri) float32   as in photons.TraceScene
     """
     place = np.flatnonzero(shadowless)
-    origin, direction = photons.origin.take(place, axis=1), photons.direction.take(place, axis=1)
+    origin, direction = gather(photons.origin, place), gather(photons.direction, place)
     covered = np.zeros(len(place), np.float32)
     parts, traced = [photons], 0
     for number in range(_MOST_SURFACES):
         found = rays.closest(origin.T, direction.T)
         traced += len(place)
         hit = np.flatnonzero(found.tri >= 0)
-        place, origin, direction, covered = place[hit], origin.take(hit, axis=1), direction.take(hit, axis=1), covered[hit]
+        place, origin, direction, covered = place[hit], gather(origin, hit), gather(direction, hit), covered[hit]
         if number:
-            soft = None if photons.soft is None else photons.soft.take(place, axis=1)
+            soft = None if photons.soft is None else gather(photons.soft, place)
             if soft is not None:
                 soft[2] = covered
-            parts.append(Photons(origin, direction, photons.flux.take(place, axis=1), soft))
+            parts.append(Photons(origin, direction, gather(photons.flux, place), soft))
         if not len(hit):
             break
         tri = found.tri[hit]
-        normal = tri_normal.take(tri, axis=1)
+        normal = gather(tri_normal, tri)
         normal = normal * np.copysign(np.float32(1), (direction * normal).sum(axis=0))  # the side it leaves by
         origin = offset_origin(locate_hits(tri_frame, tri, found.u[hit], found.v[hit]), normal)
         covered = covered + found.distance[hit]

@@ -8,6 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .geometry import gather
 from .scene import MAX_ALBEDO, FloatArray, IntArray, Material, SceneSnapshot, TextureImage
 
 _PERIODS = {"REPEAT": 1.0, "MIRROR": 2.0}  # in UV, by extension
@@ -31,15 +32,15 @@ class _Layer:
     highest: float
 
     def at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
-        rgb = self.tri_rgb.take(tri, axis=1)
+        rgb = gather(self.tri_rgb, tri)
         if self.tri_image is not None:
-            hit_image = self.tri_image.take(tri)
+            hit_image = gather(self.tri_image, tri)
             for index in np.flatnonzero(np.bincount(hit_image + 1)[1:]):
                 rows = (hit_image == index).nonzero()[0]
-                corner, s, t = self.tri_uv.take(tri.take(rows), axis=2), u.take(rows), v.take(rows)
+                corner, s, t = gather(self.tri_uv, gather(tri, rows)), gather(u, rows), gather(v, rows)
                 uv = (corner[0] * (1 - s - t) + corner[1] * s + corner[2] * t).T
                 with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not finite, and so 0
-                    product = _clamp(rgb.take(rows, axis=1) * sample_texture(self.images[index], uv).T, self.highest)
+                    product = _clamp(gather(rgb, rows) * sample_texture(self.images[index], uv).T, self.highest)
                 for channel, values in zip(rgb, product, strict=True):  # numpy is three times as quick row by row
                     channel[rows] = values
         return rgb.T

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .births import BATCH, Photons, bear_photons, light_every_surface, soften
-from .geometry import UnitBox, locate_hits, offset_origin, triangle_frames, triangle_normals_areas
+from .geometry import UnitBox, gather, locate_hits, offset_origin, triangle_frames, triangle_normals_areas
 from .lights import Emitter
 from .materials import SurfaceMaterials
 from .photon_log import PhotonLog, ShardHits
@@ -144,14 +144,14 @@ def _bounce(
             log.emitted += under_way
         hit = (tri >= 0).nonzero()[0]
         if len(hit) < len(tri):
-            tri, u, v = tri.take(hit), u.take(hit), v.take(hit)
-            direction, flux = direction.take(hit, axis=1), flux.take(hit, axis=1)
-            group = None if group is None else group.take(hit)
+            tri, u, v = gather(tri, hit), gather(u, hit), gather(v, hit)
+            direction, flux = gather(direction, hit), gather(flux, hit)
+            group = None if group is None else gather(group, hit)
         landed = _total(flux)
         log.escaped += under_way - landed
         if not len(hit):
             return None
-        normal = scene.tri_normal.take(tri, axis=1)
+        normal = gather(scene.tri_normal, tri)
         cosine = _dot(direction, normal)  # < 0 on the front
         if depth or not skip_first:
             _deposit(scene, tri, u, v, flux, direction, cosine, depth == 0, group, log)
@@ -162,14 +162,14 @@ def _bounce(
             split = split * factor
             group = log.open_groups(place, factor)
         alive, count, flux = _play_roulette(flux, scene.surfaces.albedo_at(tri, u, v).T, split, rng)
-        normal = normal.take(alive, axis=1)
-        normal *= -np.copysign(np.float32(1), cosine.take(alive))  # the side that was hit
-        origin = offset_origin(locate_hits(scene.tri_frame, tri.take(alive), u.take(alive), v.take(alive)), normal)
-        group = None if group is None else group.take(alive)
+        normal = gather(normal, alive)
+        normal *= -np.copysign(np.float32(1), gather(cosine, alive))  # the side that was hit
+        origin = offset_origin(locate_hits(scene.tri_frame, gather(tri, alive), gather(u, alive), gather(v, alive)), normal)
+        group = None if group is None else gather(group, alive)
         if parts:
             copy = np.repeat(np.arange(len(alive)), count)
-            origin, normal, flux = (rows.take(copy, axis=1) for rows in (origin, normal, flux))
-            group = None if group is None else group.take(copy)
+            origin, normal, flux = (gather(rows, copy) for rows in (origin, normal, flux))
+            group = None if group is None else gather(group, copy)
         under_way = _total(flux)
         log.absorbed += landed - under_way
         if not len(alive):
@@ -228,18 +228,18 @@ def _deposit(
     group: _Ints | None,
     log: PhotonLog,
 ) -> None:
-    kept = (cosine < scene.tri_lit_below.take(tri)).nonzero()[0]
+    kept = (cosine < gather(scene.tri_lit_below, tri)).nonzero()[0]
     if len(kept) < len(tri):
-        tri, u, v, flux = tri.take(kept), u.take(kept), v.take(kept), flux.take(kept, axis=1)
-        group = None if group is None else group.take(kept)
+        tri, u, v, flux = gather(tri, kept), gather(u, kept), gather(v, kept), gather(flux, kept)
+        group = None if group is None else gather(group, kept)
     if scene.smooth_normal.size:
-        column = scene.tri_smooth.take(tri)
+        column = gather(scene.tri_smooth, tri)
         smooth = (column >= 0).nonzero()[0]
         if len(smooth):
-            corner = scene.smooth_normal.take(column.take(smooth), axis=2)
-            s, t = u.take(smooth), v.take(smooth)
+            corner = gather(scene.smooth_normal, gather(column, smooth))
+            s, t = gather(u, smooth), gather(v, smooth)
             shading = corner[0] * (1 - s - t) + corner[1] * s + corner[2] * t
-            incoming, face = direction.take(kept[smooth], axis=1), cosine.take(kept[smooth])
+            incoming, face = gather(direction, gather(kept, smooth)), gather(cosine, gather(kept, smooth))
             length = np.sqrt(_dot(shading, shading))
             facing = _dot(shading, incoming) * np.copysign(np.float32(1), face) / np.maximum(length, np.float32(1e-6))
             flux = flux.copy()
@@ -267,7 +267,7 @@ def _play_roulette(
     number = survivors.astype(np.intp)  # what is cut off survives by chance
     alive = number.nonzero()[0]
     greatest *= split
-    return alive, number.take(alive), reflected.take(alive, axis=1) * (power.take(alive) / greatest.take(alive))
+    return alive, gather(number, alive), gather(reflected, alive) * (gather(power, alive) / gather(greatest, alive))
 
 
 def _scatter(normal: _Rows, numbers: _Rows) -> _Rows:

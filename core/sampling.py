@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import select, stack_columns
+from .geometry import gather, select, stack_columns
 from .scene import FloatArray, IntArray
 
 
@@ -63,8 +63,8 @@ def grouped_points(count: IntArray, rng: np.random.Generator) -> NDArray[np.floa
     """
     end = np.cumsum(count)
     group = np.repeat(np.arange(len(count)), count)
-    bits = _scrambled_net()[:2].take(np.arange(len(group)) - (end - count).take(group), axis=1)
-    bits ^= rng.integers(0, 2**32, (2, len(count)), np.uint32).take(group, axis=1)
+    bits = gather(_scrambled_net()[:2], np.arange(len(group)) - gather(end - count, group))
+    bits ^= gather(rng.integers(0, 2**32, (2, len(count)), np.uint32), group)
     bits >>= np.uint32(8)
     out: NDArray[np.float32] = bits.astype(np.float32)
     out *= np.float32(2.0**-24)

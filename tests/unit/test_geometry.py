@@ -120,3 +120,9 @@ def test_select_is_where():
     chosen = geometry.select(flag, yes, no)
     np.testing.assert_array_equal(chosen, np.where(flag, yes, no))
     assert chosen.dtype == np.float32
+
+
+@pytest.mark.parametrize("shape", [(7,), (3, 7), (2, 3, 7)])
+def test_gather_takes_along_the_last_axis(shape):
+    values, index = np.random.default_rng(1).random(shape), np.int32([6, 0, 0, 3])
+    np.testing.assert_array_equal(geometry.gather(values, index), values[..., index])
