@@ -35,7 +35,7 @@ class _Layer:
         rgb = gather(self.tri_rgb, tri)
         if self.tri_image is not None:
             hit_image = gather(self.tri_image, tri)
-            for index in np.flatnonzero(np.bincount(hit_image + 1)[1:]):
+            for index in np.bincount(hit_image + 1)[1:].nonzero()[0]:
                 rows = (hit_image == index).nonzero()[0]
                 corner, s, t = gather(self.tri_uv, gather(tri, rows)), gather(u, rows), gather(v, rows)
                 uv = (corner[0] * (1 - s - t) + corner[1] * s + corner[2] * t).T

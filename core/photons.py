@@ -193,6 +193,8 @@ def _bear(
 
 def _join_waves(waves: list[Photons]) -> list[Photons]:
     """The same photons, all of which have met a surface, in as few waves as they fit in: numpy is slow on short arrays."""
+    if len(waves) < 2:
+        return waves
     ends = np.cumsum([photons.flux.shape[1] for photons in waves]) // BATCH
     groups = [[photons for photons, own in zip(waves, ends, strict=True) if own == end] for end in np.unique(ends)]
     return [_join(group) for group in groups]
