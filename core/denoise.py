@@ -9,7 +9,6 @@ Source: Rousselle, Knaus & Zwicker 2012, "Adaptive rendering with non-local mean
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import product, starmap
@@ -48,64 +47,71 @@ _Image = NDArray[np.float32]
 Spread: TypeAlias = Callable[[Callable[..., Any], Iterable[tuple[Any, ...]]], Iterable[Any]]
 
 
+@dataclass(frozen=True)
+class Smoothed:
+    """Light where its grain was smoothed.
+
+    entry       (m,) int32
+    light       (k, m, 3) float32, W/m^2
+    variance    (m, 3) float32, (W/m^2)^2   that is left where texels err independently
+    own_share   (m,) float32                of each texel in its mean
+    """
+
+    entry: NDArray[np.int32]
+    light: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    own_share: NDArray[np.float32]
+
+
 def denoise(
     light: NDArray[np.float32],
     variance: NDArray[np.float32],
     grainy: NDArray[np.bool_],
     texels: TexelMap,
-    page: NDArray[np.int32],
+    entry_at: NDArray[np.int32],
     spread: Spread = starmap,
-    left: NDArray[np.float32] | None = None,
-) -> NDArray[np.float32]:
-    """The light with its grain smoothed, around grainy texels and nowhere else.
+    tell: bool = False,
+) -> Smoothed:
+    """The light with its grain smoothed, of texels around grainy ones and no others.
 
-    light      (k, 3, n) float32: parts of the light at the texel entries; their sum decides who is alike
-    variance   (3, n) float32, of the sum
+    light      (k, n, 3) float32: parts of the light at the texel entries; their sum decides who is alike
+    variance   (n, 3) float32, of the sum
     grainy     (n,) bool: texels whose neighbours err by themselves
-    page       (n,) int32, of each entry
-    left       (4, n) float32: if given, gets the variance that is left where texels err independently, and each texel's share in its mean
-    out        (k, 3, n) float32
+    entry_at   (n_page, size, size) int32: the entry that a page shows at each texel, -1 for none
+    tell       the variance that is left is wanted too; else it is 0
     """
-    out = light.copy()
-    if left is not None:
-        left[:3], left[3] = variance, 1
-    if not grainy.any():
-        return out
-    light, variance = np.ascontiguousarray(light), np.ascontiguousarray(variance)
+    entries = np.flatnonzero(grainy)
     # Squares of tiny and huge light stay finite.
-    brightness, noise = float(light.sum(axis=0).mean(dtype=np.float64)), float(np.sqrt(variance.mean(dtype=np.float64)))
+    brightness, noise = sum(float(part.mean(dtype=np.float64)) for part in light), float(np.sqrt(variance.mean(dtype=np.float64)))
     scale = np.float32(1 / max(brightness, noise, _DARKEST))
+    asked: list[NDArray[np.int32]] = []  # entries that each answer is of
 
-    asked: deque[tuple[NDArray[np.int32], NDArray[np.bool_]]] = deque()  # entries that each answer is of, and where in it they are
-
-    def ask() -> Iterator[tuple[_Image, _Image, NDArray[np.int32], bool]]:
-        for number in range(texels.page_count):
-            strips = _Strips.of(np.flatnonzero(texels.shown & (page == number)), grainy, texels)
+    def ask() -> Iterator[tuple[Any, ...]]:
+        page = texels.chart_page[texels.texel_chart[entries]]
+        for number in range(texels.page_count if len(entries) else 0):
+            strips = _Strips.of(entries[page == number], entry_at[number], texels)
             for some in strips.groups():
                 entry, wanted = strips.stack(some)
-                asked.append((entry[_HALO:-_HALO, _HALO:-_HALO][wanted], wanted))
-                covered = entry >= 0
-                chart = np.where(covered, texels.texel_chart.take(entry, mode="wrap"), -1)
-                noise = np.where(covered, variance.take(entry, axis=1, mode="wrap") * scale * scale, 0)
-                yield light.take(entry, axis=2, mode="wrap") * scale, noise, chart, left is not None
+                asked.append(entry[_HALO:-_HALO, _HALO:-_HALO][wanted])
+                chart = np.where(entry >= 0, texels.texel_chart.take(entry, mode="wrap"), -1)
+                yield light.take(entry, axis=1, mode="wrap"), variance.take(entry, axis=0, mode="wrap"), chart, wanted, scale, tell
 
-    for smoothed, noise_left, own_share in spread(_average_alike, ask()):
-        kept, wanted = asked.popleft()
-        out[..., kept] = smoothed[..., wanted] / scale
-        if left is not None:
-            left[:3, kept] = noise_left[:, wanted] / scale**2
-            left[3, kept] = own_share[wanted]
-    return out
+    found = [
+        (np.zeros((len(light), 0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)),
+        *spread(_smooth_strips, ask()),
+    ]
+    smoothed, left, own_share = (np.concatenate(parts, axis=-1 if parts[0].ndim == 1 else -2) for parts in zip(*found, strict=True))
+    return Smoothed(np.concatenate([np.zeros(0, np.int32), *asked]), smoothed, left, own_share)
 
 
 @dataclass(frozen=True)
 class _Strips:
     """Strips of a page that hold all texels to smooth, each with a halo.
 
-    entry_at         (h, w) int32, -1 where no chart covers the texel; the page with a halo
-    wanted           (h, w) bool: what is smoothed
-    left, low        (m,) int64: the corner of each strip
-    height, width    (m,) int64, and of all
+    entry_at         (size, size) int32, -1 where no chart covers the texel
+    wanted           (size, w) bool: what is smoothed; w >= size is a multiple of a strip's width
+    left, low        (m,) int64: the corner of each strip within its halo
+    height           (m,) int64, of each strip, and width of all, with their halo
     """
 
     entry_at: NDArray[np.int32]
@@ -116,19 +122,19 @@ class _Strips:
     width: int
 
     @classmethod
-    def of(cls, entries: NDArray[np.int64], grainy: NDArray[np.bool_], texels: TexelMap) -> _Strips:
+    def of(cls, grainy: NDArray[np.int64], entry_at: NDArray[np.int32], texels: TexelMap) -> _Strips:
         """Those around texels near a grainy one, whose own variance may be small by chance.
 
-        entries   (m,) int64: those that the page shows
+        grainy   (m,) int64: entries of the page
         """
-        side = -(-texels.page_size // max(_WIDTHS)) * max(_WIDTHS)
-        place = tuple(texels.texel_xy[entries].T[::-1] + _HALO)
-        entry_at = np.full((side + 2 * _HALO, side + 2 * _HALO), -1, np.int32)
-        entry_at[place] = entries
-        wanted = np.zeros(entry_at.shape, bool)
-        wanted[place] = grainy[entries]
+        size = texels.page_size
+        x, y = texels.texel_xy[grainy].T
+        shown = entry_at[y, x] == grainy
+        wanted = np.zeros((size, -(-size // max(_WIDTHS)) * max(_WIDTHS)), bool)
+        wanted[y[shown], x[shown]] = True
         _widen(wanted, _VARIANCE_RADIUS)
-        wanted &= entry_at >= 0
+        wanted[:, :size] &= entry_at >= 0
+        wanted[:, size:] = False
         cuts = (cls(entry_at, wanted, *_find_strips(wanted, width), width + 2 * _HALO) for width in _WIDTHS)
         return min(cuts, key=lambda strips: strips.width * int(strips.height.sum()))
 
@@ -139,17 +145,23 @@ class _Strips:
 
     def stack(self, some: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
         """Entries of some strips above each other, and what of them is wanted, without a halo around all."""
+        size = len(self.entry_at)
         height = self.height[some]
         owner, step = expand_ranges(np.zeros_like(height), height)
-        cells = (self.low[some][owner] + step)[:, None], self.left[some][owner][:, None] + np.arange(self.width)
+        left = self.left[some][owner][:, None]
+        row, column = (self.low[some][owner] + step - _HALO)[:, None], left + np.arange(-_HALO, self.width - _HALO)
+        on_page = (row >= 0) & (row < size) & (column >= 0) & (column < size)
+        row = np.clip(row, 0, size - 1)
+        entry = np.where(on_page, self.entry_at[row, np.clip(column, 0, size - 1)], np.int32(-1))
         inner = (step >= _HALO) & (step < height[owner] - _HALO)
-        return self.entry_at[cells], (self.wanted[cells] & inner[:, None])[_HALO:-_HALO, _HALO:-_HALO]
+        wanted = self.wanted[row, left + np.arange(self.width - 2 * _HALO)] & inner[:, None]
+        return entry, wanted[_HALO:-_HALO]
 
 
 def _find_strips(wanted: NDArray[np.bool_], width: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Left and low ends of strips, and heights: all that is wanted (h, w) within a halo lies in one; ends and heights with a halo."""
-    side = len(wanted) - 2 * _HALO
-    strip, row = np.nonzero(wanted[_HALO:-_HALO, _HALO:-_HALO].reshape(side, -1, width).any(axis=2).T)
+    """Left and low ends of strips, and heights with a halo: all that is wanted (h, w) lies in one."""
+    eight = wanted.view(np.uint64) != 0  # eight texels at once
+    strip, row = np.nonzero(eight.reshape(len(wanted), -1, width // 8).any(axis=2).T)
     # Rows that are apart by less than two halos are cheaper in one strip.
     apart = (np.diff(strip) > 0) | (np.diff(row) > 2 * _HALO) | (np.diff(row // _HEIGHT) > 0)
     first = np.flatnonzero(np.append(True, apart)[: len(row)])
@@ -164,6 +176,20 @@ def _widen(image: NDArray[np.bool_], radius: int) -> None:
         for step in range(1, radius + 1):
             lines[step:] |= narrow[:-step]
             lines[:-step] |= narrow[step:]
+
+
+def _smooth_strips(
+    light: _Image, variance: _Image, chart: NDArray[np.int32], wanted: NDArray[np.bool_], scale: np.float32, tell: bool
+) -> tuple[_Image, _Image, _Image]:
+    """Light (k, m, 3), its variance (m, 3), 0 unless `tell`, and own shares (m,) of the texels `wanted`, smoothed.
+
+    light (k, h, w, 3), variance (h, w, 3), chart (h, w), -1 outside of charts; wanted (h, w) without the halo
+    """
+    planes = np.ascontiguousarray(light.transpose(0, 3, 1, 2)) * scale
+    noise = np.where(chart >= 0, np.ascontiguousarray(variance.transpose(2, 0, 1)) * scale * scale, 0)
+    mean, left, own_share = _average_alike(planes, noise, chart, tell)
+    smoothed = mean[..., wanted] / scale
+    return np.ascontiguousarray(smoothed.transpose(0, 2, 1)), np.ascontiguousarray((left[:, wanted] / scale**2).T), own_share[wanted]
 
 
 def _average_alike(light: _Image, noise: _Image, chart: NDArray[np.int32], tell: bool) -> tuple[_Image, _Image, _Image]:

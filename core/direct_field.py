@@ -92,12 +92,12 @@ class DirectField:
     def none(cls, n_texel: int) -> DirectField:
         return cls(np.zeros((n_texel, 3), np.float32), np.zeros((n_texel, 3), np.float32), np.zeros(n_texel, np.int16))
 
-    def show(self, texels: TexelMap, page: NDArray[np.int32], smooth: bool, spread: Spread = starmap) -> ShownDirect:
-        """The light as it is shown, its grain smoothed or as it is; page (n,) int32, of each entry."""
+    def show(self, texels: TexelMap, entry_at: NDArray[np.int32], smooth: bool, spread: Spread = starmap) -> ShownDirect:
+        """The light as it is shown, its grain smoothed or as it is; entry_at as for ShownDirect.smoothed."""
         if not smooth:
             return ShownDirect.plain(self.irradiance, self.find_variance())
         if self._smoothed is None:
-            self._smoothed = ShownDirect.smoothed(self.irradiance, self.find_variance(), texels, page, spread)
+            self._smoothed = ShownDirect.smoothed(self.irradiance, self.find_variance(), texels, entry_at, spread)
         return self._smoothed
 
     def find_variance(self) -> NDArray[np.float32]:

@@ -39,7 +39,7 @@ def settle_direct(
     comparison = refine.Comparison.of(tree, totals, solution, refine.Rule(settings.oracle, settings.threshold, settings.stability, 1))
     leaves = np.arange(len(tree))
     while True:
-        shown = direct.show(blender.texels, blender.page, settings.denoise, partial(spread, executor))
+        shown = direct.show(blender.texels, blender.entry_at, settings.denoise, partial(spread, executor))
         stated = estimate.state_error(tree, totals, solution, comparison, leaves, shown, blender)
         worst = np.flatnonzero((stated.texel_direct2 > settings.error**2) & (direct.passes < MOST_PASSES))
         stopped_by = "error" if stated.direct <= settings.error else "" if len(worst) else "max_rays"

@@ -18,6 +18,7 @@ _CHOSEN_BY_NOISE = 1.8
 # ... and a texel keeps more of its own noise than its share in the mean, by so much of it. Measured as what makes the blur of even light
 # nothing over twenty pages, to 0.0005; a test does so again. Another window, patch or strictness of denoise wants another number.
 _KEPT_BY_CHOICE = 0.026
+_CHUNK = 1 << 16  # texels at a time: what lies between stays in the cache
 
 
 @dataclass(frozen=True)
@@ -44,25 +45,28 @@ class ShownDirect:
         irradiance: NDArray[np.float32],
         variance: NDArray[np.float32],
         texels: TexelMap,
-        page: NDArray[np.int32],
+        entry_at: NDArray[np.int32],
         spread: Spread = starmap,
     ) -> ShownDirect:
         """Light without its grain.
 
-        page   (n,) int32, of each entry
+        entry_at   (n_page, size, size) int32: the entry that a page shows at each texel, -1 for none
         """
         level = irradiance.mean() + 1e-30
-        grainy = variance.sum(axis=1) > (_GRAIN * (irradiance.sum(axis=1) + level)) ** 2
+        grainy = np.empty(len(irradiance), bool)
+        for start in range(0, len(grainy), _CHUNK):
+            part = slice(start, start + _CHUNK)
+            grainy[part] = variance[part].sum(axis=1) > (_GRAIN * (irradiance[part].sum(axis=1) + level)) ** 2
         if not grainy.any():
             return cls.plain(irradiance, variance)
-        left = np.empty((4, len(irradiance)), np.float32)
-        smooth = denoise(irradiance.T[None], variance.T, grainy, texels, page, spread, left)[0]
-        shown = cls(irradiance.copy(), variance.copy(), np.zeros_like(irradiance))
-        rows = np.flatnonzero(left[3] < 1.0)
-        noise, noise_left, own_share = variance[rows], left[:3, rows].T, left[3, rows, None]
-        shown.irradiance[rows] = smooth[:, rows].T
+        found = denoise(irradiance[None], variance, grainy, texels, entry_at, spread, tell=True)
+        shown = cls(irradiance.copy(), variance.copy(), np.zeros(irradiance.shape, np.float32))
+        told = np.flatnonzero(found.own_share < 1.0)
+        rows, smooth = found.entry[told], found.light[0, told]
+        noise, noise_left, own_share = variance[rows], found.variance[told], found.own_share[told, None]
+        shown.irradiance[rows] = smooth
         kept = np.minimum(own_share + _KEPT_BY_CHOICE, 1.0)
         # Of the squared change, noise alone explains what the texel had and has now, less what it kept of its own.
-        shown.blur2[rows] = (shown.irradiance[rows] - irradiance[rows]) ** 2 - noise * (1.0 - 2.0 * kept) - noise_left
+        shown.blur2[rows] = (smooth - irradiance[rows]) ** 2 - noise * (1.0 - 2.0 * kept) - noise_left
         shown.variance[rows] = noise_left + (_CHOSEN_BY_NOISE - 1.0) * np.maximum(noise_left - own_share**2 * noise, 0.0)
         return shown

@@ -55,32 +55,33 @@ def light_at_texels(
     """
     n_texel = len(blender.page)
     leaf = node_of_texel(field.tree, field.leaves, n_texel)
-    light, variance = np.empty((2, 3, n_texel), np.float32), np.empty((3, n_texel), np.float32)
+    by_part, variance = np.empty((2, n_texel, 3), np.float32), np.empty((n_texel, 3), np.float32)
 
     def fill(start: int) -> None:
         part = slice(start, min(start + reconstruct.CHUNK, n_texel))
         traced = blender.blend_range(field.tree, field.solution, leaf, part.start, part.stop)
-        light[..., part] = np.maximum(traced.irradiance, 0.0)  # a fitted plane may dip below zero at the edge of a shadow
-        variance[:, part] = traced.variance * field.correction
+        # A fitted plane may dip below zero at the edge of a shadow.
+        np.maximum(traced.irradiance.transpose(0, 2, 1), 0.0, out=by_part[:, part], casting="same_kind")
+        np.multiply(traced.variance.T, field.correction, out=variance[part], casting="same_kind")
 
     _run_chunks(fill, n_texel, threads)
     grain = field.tree.side[leaf] <= denoise.SMALL_LEAF
     if field.squares is not None:
-        grain |= squares.mix(light, variance, field.squares, blender.texels, blender.entry_at)
+        grain |= squares.mix(by_part.transpose(0, 2, 1), variance.T, field.squares, blender.texels, blender.entry_at)
     if smooth_grain:  # apart from that of rays: by the noise of all light, direct light, known far better, would be smeared
-        by_photons = slice(1 if field.direct.passes.any() else 0, 2)
-        light[by_photons] = denoise.denoise(light[by_photons], variance, grain, blender.texels, blender.page, spread)
-    by_rays, noise = field.direct.show(blender.texels, blender.page, smooth_grain, spread).irradiance, field.direct.find_variance()
-    direct, indirect, stderr = (np.empty((n_texel, 3), np.float32) for _ in range(3))
+        grainy_parts = by_part[int(field.direct.passes.any()) :]
+        found = denoise.denoise(grainy_parts, variance, grain, blender.texels, blender.entry_at, spread)
+        grainy_parts[:, found.entry] = found.light
+    by_rays, noise = field.direct.show(blender.texels, blender.entry_at, smooth_grain, spread).irradiance, field.direct.find_variance()
 
     def finish(start: int) -> None:
         part = slice(start, min(start + reconstruct.CHUNK, n_texel))
-        np.add(by_rays[part], light[0, :, part].T, out=direct[part])
-        indirect[part] = light[1, :, part].T
-        np.sqrt(variance[:, part].T + noise[part], out=stderr[part])
+        by_part[0, part] += by_rays[part]
+        variance[part] += noise[part]
+        np.sqrt(variance[part], out=variance[part])
 
     _run_chunks(finish, n_texel, threads)
-    return TexelLight(direct, indirect, stderr, leaf)
+    return TexelLight(by_part[0], by_part[1], variance, leaf)
 
 
 def _run_chunks(work: Callable[[int], None], n_texel: int, threads: int) -> None:

@@ -236,7 +236,7 @@ class Solver:
             state.solution,
             state.comparison,
             state.leaves,
-            self.direct.show(self.blender.texels, self.blender.page, self.settings.denoise, partial(spread, self.executor)),
+            self.direct.show(self.blender.texels, self.blender.entry_at, self.settings.denoise, partial(spread, self.executor)),
             self.blender,
             self.settings.denoise,
         )

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 from leaflight.core import basis, quadtree, tally
+from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.scene import Material, SceneObject, SceneSnapshot
 from leaflight.core.texels import build_texel_map
 
@@ -38,6 +39,11 @@ def make_square_map(side, degree, width=1.0):
         warnings=(),
     )
     return build_texel_map(scene, atlas, 2 * degree)
+
+
+def entries_of_page(texels):
+    """(1, size, size) int32: what the only page shows at each texel."""
+    return LeafBlender.of(texels, np.zeros(len(texels.texel_area), np.int32)).entry_at
 
 
 class SquareBake:

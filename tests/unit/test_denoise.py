@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from leaflight.core import denoise
 from leaflight.core.executors import make_executor, spread
-from trees import make_square_map
+from trees import entries_of_page, make_square_map
 
 SIDE = 48
 SIGMA = 0.1
@@ -17,16 +17,22 @@ def texels():
     return make_square_map(SIDE, 1)
 
 
+def denoise_all(light, variance, grainy, texels):
+    """Light (k, n, 3) with what denoise smooths in place."""
+    found, out = denoise.denoise(light, variance, grainy, texels, entries_of_page(texels)), light.copy()
+    out[:, found.entry] = found.light
+    return out
+
+
 def smooth(texels, truth, sigma=SIGMA, grainy=True, seed=1, scale=1.0):
     """Images (h, w) of noisy light and of what denoise makes of it; truth is a function of the texel's x and y."""
     x, y = texels.texel_xy.T
-    noisy = truth(x, y) + sigma * np.random.default_rng(seed).standard_normal((3, len(x)))
+    noisy = truth(x, y)[:, None] + sigma * np.random.default_rng(seed).standard_normal((3, len(x))).T
     light = np.float32([0.75 * noisy, 0.25 * noisy]) * np.float32(scale)
-    variance = np.full((3, len(x)), (sigma * scale) ** 2, np.float32)
-    page = np.zeros(len(x), np.int32)
-    out = denoise.denoise(light, variance, np.full(len(x), grainy), texels, page)
+    variance = np.full((len(x), 3), (sigma * scale) ** 2, np.float32)
+    out = denoise_all(light, variance, np.full(len(x), grainy), texels)
     assert out[0] == pytest.approx(3 * out[1], rel=1e-4)  # parts are averaged alike
-    return tuple(image_of(texels, one.sum(0)[0] / scale) for one in (light, out))
+    return tuple(image_of(texels, one.sum(0)[:, 0] / scale) for one in (light, out))
 
 
 def image_of(texels, values):
@@ -74,8 +80,8 @@ def test_texels_that_no_photon_met_by_chance_count_as_the_others_do(texels):
     """They have no variance of their own; taken for exact they would pull the mean down."""
     n = len(texels.texel_xy)
     met = np.random.default_rng(1).random(n) < 0.3
-    light = np.broadcast_to(np.float32(met / 0.3), (1, 3, n))
-    found = denoise.denoise(light, light[0] ** 2, np.ones(n, bool), texels, np.zeros(n, np.int32))
+    light = np.broadcast_to(np.float32(met / 0.3)[:, None], (1, n, 3))
+    found = denoise_all(light, light[0] ** 2, np.ones(n, bool), texels)
     assert found.mean() == pytest.approx(light.mean(), rel=0.015)
 
 
@@ -124,7 +130,7 @@ def test_however_a_page_is_cut_it_is_smoothed_alike(texels, monkeypatch, widths)
 def test_dark_light_of_bright_noise_stays_dark(texels):
     """Of two kinds of light, of which one is smoothed, the noise may be all of the other's."""
     n = len(texels.texel_xy)
-    found = denoise.denoise(np.zeros((1, 3, n), np.float32), np.ones((3, n), np.float32), np.ones(n, bool), texels, np.zeros(n, np.int32))
+    found = denoise_all(np.zeros((1, n, 3), np.float32), np.ones((n, 3), np.float32), np.ones(n, bool), texels)
     assert not found.any()
 
 
@@ -150,8 +156,9 @@ def test_charts_do_not_mix(texels, monkeypatch):
     """Two halves of the page that are charts of their own, and differ by less than their noise."""
     x = texels.texel_xy[:, 0]
     monkeypatch.setitem(texels.__dict__, "texel_chart", (x >= SIDE // 2).astype(np.int32))
-    light = np.zeros((1, 3, len(x)), np.float32) + np.where(x < SIDE // 2, 1.0, 1.1).astype(np.float32)
-    found = denoise.denoise(light, np.ones((3, len(x)), np.float32), np.ones(len(x), bool), texels, np.zeros(len(x), np.int32))
+    monkeypatch.setitem(texels.__dict__, "chart_page", np.zeros(2, np.int32))
+    light = np.zeros((1, len(x), 3), np.float32) + np.where(x < SIDE // 2, 1.0, 1.1).astype(np.float32)[:, None]
+    found = denoise_all(light, np.ones((len(x), 3), np.float32), np.ones(len(x), bool), texels)
     np.testing.assert_allclose(found, light, rtol=1e-5)
 
 
@@ -173,15 +180,12 @@ def test_a_tile_within_one_chart_is_smoothed_like_any_other():
 def test_processes_change_no_byte():
     texels = make_square_map(96, 1)  # four tiles
     rng = np.random.default_rng(5)
-    light = 1 + SIGMA * rng.standard_normal((2, 3, len(texels.texel_area)), np.float32)
-    variance, grainy = np.full(light.shape[1:], SIGMA**2, np.float32), np.ones(light.shape[2], bool)
+    light = 1 + SIGMA * rng.standard_normal((2, len(texels.texel_area), 3), np.float32)
+    variance, grainy = np.full(light.shape[1:], SIGMA**2, np.float32), np.ones(light.shape[1], bool)
     found = []
     for workers in (1, 2):
-        left = np.empty((4, light.shape[2]), np.float32)
         with make_executor(workers) as executor:
-            found.append(
-                (denoise.denoise(light, variance, grainy, texels, np.zeros(len(grainy), np.int32), partial(spread, executor), left), left)
-            )
-    assert (found[0][0] != light).all()
-    for one, two in zip(*found, strict=True):
-        np.testing.assert_array_equal(one, two)
+            found.append(denoise.denoise(light, variance, grainy, texels, entries_of_page(texels), partial(spread, executor), tell=True))
+    assert len(found[0].entry) == len(grainy)
+    for name in ("entry", "light", "variance", "own_share"):
+        np.testing.assert_array_equal(*(getattr(one, name) for one in found))

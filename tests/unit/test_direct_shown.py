@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from leaflight.core.direct_field import DirectField
 from leaflight.core.direct_shown import ShownDirect
-from trees import make_square_map
+from trees import entries_of_page, make_square_map
 
 SIDE = 64
 
@@ -18,7 +18,7 @@ def show(texels, truth, sigma, seed=1):
     """Noisy light, its variance, and what is shown of it."""
     noisy = (truth + sigma * np.random.default_rng(seed).standard_normal(truth.shape)).astype(np.float32)
     variance = np.broadcast_to(np.float32(sigma**2), truth.shape).copy()
-    return noisy, variance, ShownDirect.smoothed(noisy, variance, texels, np.zeros(len(truth), np.int32))
+    return noisy, variance, ShownDirect.smoothed(noisy, variance, texels, entries_of_page(texels))
 
 
 def real_and_told(shown, truth):
@@ -81,7 +81,7 @@ def test_light_is_smoothed_where_it_has_grain_and_told_as_it_is_elsewhere(texels
     x = texels.texel_xy[:, 0]
     noisy = (truth + np.where(x < 20, 0.1, 0.001)[:, None] * np.random.default_rng(1).standard_normal(truth.shape)).astype(np.float32)
     variance = np.where(x < 20, np.float32(0.01), np.float32(1e-6))[:, None].repeat(3, axis=1)
-    shown = ShownDirect.smoothed(noisy, variance, texels, np.zeros(len(truth), np.int32))
+    shown = ShownDirect.smoothed(noisy, variance, texels, entries_of_page(texels))
     far = x > 22
     for found, given in ((shown.irradiance, noisy), (shown.variance, variance), (shown.blur2, np.zeros_like(noisy))):
         np.testing.assert_array_equal(found[far], given[far])
@@ -98,8 +98,8 @@ def test_light_with_little_noise_is_shown_as_it_is(texels):
 def test_a_field_smooths_once_for_each_shot(texels):
     noisy, variance, shown = show(texels, np.ones((SIDE * SIDE, 3)), 0.1)
     field = DirectField(noisy, variance, np.ones(len(noisy), np.int16))
-    page = np.zeros(len(noisy), np.int32)
-    first = field.show(texels, page, smooth=True)
-    assert field.show(texels, page, smooth=True) is first
+    entry_at = entries_of_page(texels)
+    first = field.show(texels, entry_at, smooth=True)
+    assert field.show(texels, entry_at, smooth=True) is first
     np.testing.assert_array_equal(first.irradiance, shown.irradiance)
-    assert field.show(texels, page, smooth=False).irradiance is noisy
+    assert field.show(texels, entry_at, smooth=False).irradiance is noisy

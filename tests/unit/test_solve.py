@@ -170,7 +170,7 @@ def test_rays_are_shot_again_where_they_err_most(tmp_path, monkeypatch, toleranc
 
 def test_what_is_shown_of_direct_light_is_of_its_last_shot(tmp_path):
     solver = make_solver(tmp_path, lamp_scene(), replace(QUICK, error=0.3))
-    direct, where = solver.direct, (solver.blender.texels, solver.blender.page)
+    direct, where = solver.direct, (solver.blender.texels, solver.blender.entry_at)
     before = direct.show(*where, smooth=True)
     direct.shoot(tmp_path, solver.settings, solver.executor, np.arange(len(direct.irradiance)))
     shown, fresh = direct.show(*where, smooth=True), ShownDirect.smoothed(direct.irradiance, direct.find_variance(), *where)
