@@ -206,7 +206,8 @@ def _missing_from_blend(
     noise = np.abs(blind2)
     told = np.flatnonzero(judge != leaf[sample])
     entry = sample[told]
-    below = evaluate_leaf(tree, solution, judge[told], blender.x[entry], blender.y[entry], halves=True)
+    x, y = blender.texels.own_points_at(entry)
+    below = evaluate_leaf(tree, solution, judge[told], x, y, halves=True)
     halves = shown.irradiance[..., told]
     gap = np.where(halves.sum(0) > 0.0, halves, 0.0) - below.irradiance  # what dips below zero is shown as dark
     unbiased[told] = (weight[told].T * gap[0] * gap[1]).mean(0)

@@ -21,6 +21,7 @@ from . import basis
 from .scene import FloatArray, IntArray
 from .texel_map import TexelMap
 
+_CHUNK = 1 << 16  # texel entries at a time
 _CHART_SHIFT = 30  # a Morton code of a 2^14 root has 28 bits
 
 
@@ -82,7 +83,10 @@ class Quadtree:
 
 def texel_keys(texels: TexelMap) -> NDArray[np.int64]:
     """(n,) int64, ascending: chart and Morton code of every texel entry."""
-    return (texels.texel_chart.astype(np.int64) << _CHART_SHIFT) | texels.texel_code
+    keys = texels.texel_chart.astype(np.int64)
+    keys <<= _CHART_SHIFT
+    keys |= texels.texel_code
+    return keys
 
 
 def plant_trees(texels: TexelMap, degree: int, level: int, finest_texels: int, flat: bool) -> Quadtree:
@@ -94,11 +98,8 @@ def plant_trees(texels: TexelMap, degree: int, level: int, finest_texels: int, f
     depth_limit = np.maximum(texels.chart_log2 - finest, 0)
     chart_level = depth_limit if flat else np.minimum(level, depth_limit)
     side_log2 = (texels.chart_log2 - chart_level).astype(np.int64)
-    keys = texel_keys(texels)
-    # Entries of one node share the key without the low bits of a node's side; entries are sorted, so runs are nodes.
-    node_key = keys >> (2 * side_log2[texels.texel_chart]) << (2 * side_log2[texels.texel_chart])
-    first = np.flatnonzero(np.concatenate(([True], node_key[1:] != node_key[:-1]))) if len(keys) else np.zeros(0, int)
-    end = np.append(first[1:], len(keys)) if len(first) else first
+    first = _find_nodes(texels, side_log2)
+    end = np.append(first[1:], len(texels.texel_code))[: len(first)]
     chart = texels.texel_chart[first]
     side = (1 << side_log2[chart]).astype(np.int32)
     relative = (texels.texel_xy[first] - texels.chart_origin[chart]) // side[:, None] * side[:, None]
@@ -108,7 +109,7 @@ def plant_trees(texels: TexelMap, degree: int, level: int, finest_texels: int, f
         chart=chart,
         side=side,
         origin=(texels.chart_origin[chart] + relative).astype(np.int32),
-        key=node_key[first],
+        key=(chart.astype(np.int64) << _CHART_SHIFT) | (texels.texel_code[first] >> 2 * side_log2[chart] << 2 * side_log2[chart]),
         parent=np.full(len(first), -1, np.int32),
         quadrant=np.zeros(len(first), np.int8),
         start=first,
@@ -116,6 +117,18 @@ def plant_trees(texels: TexelMap, degree: int, level: int, finest_texels: int, f
         depth=np.zeros(len(first), np.int16),
         current=np.ones(len(first), bool),
     )
+
+
+def _find_nodes(texels: TexelMap, side_log2: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(m,) int64: the first texel entry of every node, of side 2**side_log2 (n_chart,) texels in each chart."""
+    # Entries of one node share the code without the low bits of a node's side; entries are sorted, so runs are nodes.
+    is_first = np.zeros(len(texels.texel_code), bool)
+    is_first[texels.chart_start[:-1][np.diff(texels.chart_start) > 0]] = True
+    for start in range(0, len(is_first), _CHUNK):
+        part = slice(max(start - 1, 0), start + _CHUNK)
+        code = texels.texel_code[part] >> 2 * side_log2[texels.texel_chart[part]]
+        is_first[part.start + 1 : part.stop] |= code[1:] != code[:-1]
+    return np.flatnonzero(is_first)
 
 
 def _bare_tree(degree: int) -> Quadtree:
@@ -216,8 +229,8 @@ def node_of_texel(tree: Quadtree, nodes: IntArray, n_texel: int) -> NDArray[np.i
     nodes   indices of nodes that tile every chart: the current ones, or those without children
     out     (n_texel,) int32
     """
-    order = nodes[np.argsort(tree.start[nodes])]
-    owner = np.repeat(order, tree.end[order] - tree.start[order]).astype(np.int32)
+    order = nodes[np.argsort(tree.start[nodes])].astype(np.int32)
+    owner = np.repeat(order, tree.end[order] - tree.start[order])
     if len(owner) != n_texel:
         raise ValueError(f"nodes: expected to tile {n_texel} texels, got {len(owner)}")
     return owner
@@ -225,17 +238,21 @@ def node_of_texel(tree: Quadtree, nodes: IntArray, n_texel: int) -> NDArray[np.i
 
 def any_in_nodes(tree: Quadtree, flag: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(n,) bool: nodes that have a texel entry with the flag (n_texel,)."""
-    counts = np.concatenate([[0], np.cumsum(flag)])
-    return counts[tree.end] > counts[tree.start]
+    flagged = np.flatnonzero(flag)
+    out: NDArray[np.bool_] = np.searchsorted(flagged, tree.end) > np.searchsorted(flagged, tree.start)
+    return out
 
 
 def mean_in_nodes(tree: Quadtree, per_texel: NDArray[np.float32]) -> NDArray[np.float64]:
     """(3, n) float64: means over each node's texel entries of values (n_texel, 3)."""
+    ends, place = np.unique(np.concatenate([tree.start, tree.end]), return_inverse=True)
+    first, last = place[: len(tree)], place[len(tree) :]
     out = np.zeros((3, len(tree)))
-    if per_texel.any():
-        for channel in range(3):
-            sums = np.concatenate([[0.0], np.cumsum(per_texel[:, channel], dtype=np.float64)])
-            out[channel] = (sums[tree.end] - sums[tree.start]) / (tree.end - tree.start)
+    for channel, values in zip(out, per_texel.T, strict=True):
+        # What lies between the ends of nodes is summed once, however many levels there are.
+        sums = np.add.reduceat(values, ends[:-1], dtype=np.float64) if len(values) else np.zeros(0)
+        total = np.append(0.0, np.cumsum(sums))
+        channel[:] = (total[last] - total[first]) / (tree.end - tree.start)
     return out
 
 

@@ -112,25 +112,21 @@ class _Places:
 class LeafBlender:
     """Where texels lie and who is next to whom, for blending at any of them.
 
-    x, y       (n,) float64, page texels: each entry's own point
     page       (n,) int32, of each entry
     entry_at   (n_page, size, size) int32, -1 where no chart covers the texel; of several the one that is shown
     """
 
     texels: TexelMap
-    x: Float64
-    y: Float64
     page: NDArray[np.int32]
     entry_at: NDArray[np.int32]
 
     @classmethod
     def of(cls, texels: TexelMap, page: NDArray[np.int32]) -> LeafBlender:
         """page   (n,) int32, the page of each entry"""
-        x, y = texels.own_points()
         entry_at = np.full((texels.page_count, texels.page_size, texels.page_size), -1, np.int32)
         shown = np.flatnonzero(texels.shown)
         entry_at[page[shown], texels.texel_xy[shown, 1], texels.texel_xy[shown, 0]] = shown
-        return cls(texels, x, y, page, entry_at)
+        return cls(texels, page, entry_at)
 
     def blend(
         self, tree: Quadtree, solution: Solution, leaf: NDArray[np.int32], entry: NDArray[Any] | None = None, halves: bool = False
@@ -142,7 +138,7 @@ class LeafBlender:
         halves   what each half of the bake says, in place of the components
         """
         entry = np.arange(len(leaf)) if entry is None else entry
-        found = self._blend_at(tree, solution, leaf, _Places(leaf[entry], self.page[entry], self.x[entry], self.y[entry]), halves)
+        found = self._blend_at(tree, solution, leaf, _Places(leaf[entry], self.page[entry], *self.texels.own_points_at(entry)), halves)
         return PointLight(found.irradiance[:, :, 0], found.variance[:, 0])
 
     def blend_range(self, tree: Quadtree, solution: Solution, leaf: NDArray[np.int32], start: int, stop: int) -> PointLight:
@@ -152,7 +148,7 @@ class LeafBlender:
         over such a cell the blend is one function.
         """
         part = slice(start, stop)
-        own_leaf, x, y = leaf[part], self.x[part], self.y[part]
+        own_leaf, (x, y) = leaf[part], self.texels.own_points(start, stop)
         # Leaves and cells are ranges of entries, in Morton order.
         cell_bits = 2 * np.maximum(np.log2(tree.side).astype(np.int8) - _CELLS_LOG2, 0)
         place = self.texels.texel_code[part] >> cell_bits[own_leaf]

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .coverage import Float64, Int32, Int64, chunk_ranges, clip_to_texels, expand_ranges, monomial_exponents, powers
+from .coverage import Float64, Int32, Int64, clip_to_texels, expand_ranges
 from .scene import FloatArray, IntArray
 from .texel_grid import TexelGrid
 from .texel_looks import TexelLooks
+from .texel_moments import EvenSquares, PartMoments
 
 LOOK = 0.5  # side of the square around its centre that a texel looks at
 _ROUNDING = 1e-9  # weight of a corner below 0 that is still on the triangle
@@ -69,18 +69,22 @@ class TexelMap:
 
     def bary_at(self, entry: IntArray) -> NDArray[np.float32]:
         """texel_bary of these entries, (m,) int."""
-        is_part, part = self._find_parts(entry)
-        x, y = self.texel_xy[entry].T + 0.5
-        x[is_part] += self.part_point[part[is_part], 0]
-        y[is_part] += self.part_point[part[is_part], 1]
-        u, v = self._corner_weights(self.texel_tri[entry], x, y)
+        u, v = self._corner_weights(self.texel_tri[entry], *self.own_points_at(entry))
         bary: NDArray[np.float32] = np.stack([np.maximum(1.0 - (u + v), 0.0), u, v], axis=1).astype(np.float32)
         return bary
 
-    def own_points(self) -> Float64:
-        """(2, n) float64, page texels: x and y of the points of texel_bary."""
-        point = np.add(self.texel_xy.T, 0.5, order="C")
-        point[:, self.part_entry] += self.part_point.T
+    def own_points(self, start: int, stop: int) -> Float64:
+        """(2, stop - start) float64, page texels: x and y of the points of texel_bary of the entries start ... stop - 1."""
+        point = np.add(self.texel_xy[start:stop].T, 0.5, order="C")
+        parts = slice(*np.searchsorted(self.part_entry, (start, stop)))
+        point[:, self.part_entry[parts] - start] += self.part_point[parts].T
+        return point
+
+    def own_points_at(self, entry: IntArray) -> Float64:
+        """The same of these entries (m,): (2, m)."""
+        is_part, part = self._find_parts(entry)
+        point = np.add(self.texel_xy[entry].T, 0.5, order="C")
+        point[:, is_part] += self.part_point[part[is_part]].T
         return point
 
     def _find_parts(self, entry: IntArray) -> tuple[NDArray[np.bool_], Int64]:
@@ -158,46 +162,17 @@ class TexelMap:
         out         (k, M) float64, m^2, in the order 1, s, t, s^2, st, t^2, s^3, s^2 t, ...
         Raises ValueError when the degree is not 0, 2 or 4 or exceeds that of the map.
         """
-        exponents = monomial_exponents(degree)
         if degree > self.degree:
             raise ValueError(f"degree: expected at most {self.degree}, that of the texel map, got {degree}")
-        moments = np.zeros((len(exponents), len(start)))
-        for rows, first, last in chunk_ranges(start, end):
-            owner, entry = expand_ranges(first, last)
-            area, (s, t), h = self._offsets(entry, rows[owner], centre, half)
-            s_power, t_power = _texel_means(s, h, degree), _texel_means(t, h, degree)
-            begins = np.append(0, np.cumsum(last - first)[:-1])
-            for k, (of_s, of_t) in enumerate(exponents):
-                moments[k, rows] += np.add.reduceat(area * s_power[of_s] * t_power[of_t], begins)
+        moments = self._even_squares.range_moments(start, end, centre, half, degree)
         if degree:
-            self._add_part_moments(moments, start, end, centre, half, degree)
+            parts = PartMoments(self.part_entry, self.texel_xy, self.part_moments)
+            moments += parts.range_moments(start, end, centre, half, degree)
         return np.ascontiguousarray(moments.T)
 
-    def _add_part_moments(
-        self, moments: Float64, start: IntArray, end: IntArray, centre: FloatArray, half: FloatArray, degree: int
-    ) -> None:
-        exponents = monomial_exponents(degree)
-        part_start, part_end = np.searchsorted(self.part_entry, start), np.searchsorted(self.part_entry, end)
-        for rows, first, last in chunk_ranges(part_start, part_end):
-            owner, part = expand_ranges(first, last)
-            _, (s, t), h = self._offsets(self.part_entry[part], rows[owner], centre, half)
-            s_power, t_power, h_power = powers(s, degree), powers(t, degree), powers(h, degree)
-            excess = [self.part_moments[part, m] * h_power[i + j] for m, (i, j) in enumerate(exponents)]
-            begins = np.append(0, np.cumsum(last - first)[:-1])
-            for k, (a, b) in enumerate(exponents[1:], start=1):
-                total = np.zeros(len(part))
-                for m, (i, j) in enumerate(exponents[1:], start=1):
-                    if i <= a and j <= b:
-                        total += comb(a, i) * comb(b, j) * s_power[a - i] * t_power[b - j] * excess[m]
-                moments[k, rows] += np.add.reduceat(total, begins)
-
-    def _offsets(
-        self, entry: Int64, row: Int64, centre: FloatArray, half: FloatArray
-    ) -> tuple[Float64, tuple[FloatArray, FloatArray], FloatArray]:
-        """Areas of the entries, their texels' centres in units of s and t, and the size of a texel in s."""
-        size = 1.0 / half[row]
-        s, t = ((self.texel_xy[entry, axis] + 0.5 - centre[row, axis]) * size for axis in (0, 1))
-        return self.texel_area[entry], (s, t), size
+    @cached_property
+    def _even_squares(self) -> EvenSquares:
+        return EvenSquares.of(self.texel_chart, self.texel_code, self.texel_xy, self.texel_area, self.part_entry)
 
     def sub_points(self, entry: IntArray, point: FloatArray, look: float = LOOK) -> tuple[Int32, NDArray[np.float32]]:
         """Points of the unit square carried over to where texels look, see `look_at` and `TexelLooks.points`."""
@@ -282,15 +257,3 @@ def _repeated(number: Int64, count: int) -> Int64:
     last[number] = np.arange(len(number), dtype=np.int32)
     repeated: Int64 = np.flatnonzero(last[number] != np.arange(len(number), dtype=np.int32))
     return repeated
-
-
-def _texel_means(offset: FloatArray, size: FloatArray, degree: int) -> list[FloatArray]:
-    """Means of s^0 ... s^degree over a texel of side `size` about `offset`."""
-    power = powers(offset, degree)
-    square = size * size
-    if degree >= 2:
-        power[2] = power[2] + square / 12.0
-    if degree >= 4:
-        power[4] = power[4] + (offset * offset / 2.0 + square / 80.0) * square
-        power[3] = power[3] + offset * square / 4.0
-    return power

@@ -171,7 +171,7 @@ def test_a_blend_is_the_mean_over_the_points_of_each_window(degree):
     joined_any = refused_any = far_any = False
     blended = blender.blend(tree, solution, owner)
     for entry in rng.choice(n, 100, replace=False):
-        x, y, own = blender.x[entry : entry + 1], blender.y[entry : entry + 1], owner[entry]
+        (x, y), own = bake.texels.own_points(entry, entry + 1), owner[entry]
 
         def light_of(node, x=x, y=y):
             return reconstruct.evaluate_leaf(tree, solution, np.array([node]), x, y)

@@ -217,9 +217,12 @@ def test_representative_points_lie_inside(mirrored: bool) -> None:
     bary = texels.texel_bary
     rows = np.arange(len(bary))
     np.testing.assert_array_equal(np.concatenate([texels.bary_at(part) for part in (rows[:5], rows[5:18], rows[18:])]), bary)
-    np.testing.assert_allclose(texels.own_points(), texels.hit_texel_xy(texels.texel_tri, *bary[:, 1:].T), atol=1e-5)
+    points = texels.own_points(0, len(bary))
+    np.testing.assert_allclose(points, texels.hit_texel_xy(texels.texel_tri, *bary[:, 1:].T), atol=1e-5)
     entry = np.random.default_rng(6).integers(len(bary), size=60)
     np.testing.assert_array_equal(texels.bary_at(entry), bary[entry])
+    np.testing.assert_array_equal(texels.own_points_at(entry), points[:, entry])
+    np.testing.assert_array_equal(texels.own_points(5, 18), points[:, 5:18])
     assert (bary >= 0).all()
     np.testing.assert_allclose(bary.sum(axis=1), 1.0, atol=1e-6)
     x, y = texels.hit_texel_xy(texels.texel_tri, bary[:, 1].astype(float), bary[:, 2].astype(float))
