@@ -14,6 +14,7 @@ from .scene import FloatArray, IntArray
 _NEIGHBOURS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1))  # the nearest first
 _BORDER = 2  # texels around a chart whose hits still find it; rounding needs one
 _FAR = np.iinfo(np.int32).max
+_PLACE_BITS = 14  # of a place in a page
 
 
 @dataclass(frozen=True)
@@ -124,3 +125,12 @@ def _spread_bits(value: IntArray) -> NDArray[np.uint32]:
         spread |= spread << np.uint32(shift)
         spread &= np.uint32(mask)
     return spread
+
+
+def part_bits(code: Int64) -> tuple[Int64, Int64]:
+    """x and y of Morton codes (n,), of 14 bits each at most."""
+    x, y = np.zeros_like(code), np.zeros_like(code)
+    for bit in range(_PLACE_BITS):
+        x |= ((code >> 2 * bit) & 1) << bit
+        y |= ((code >> 2 * bit + 1) & 1) << bit
+    return x, y

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .coverage import (
     Float64,
@@ -20,7 +22,7 @@ from .coverage import (
 )
 from .row_spans import RowSpans, find_row_spans
 from .scene import SceneSnapshot
-from .texel_grid import TexelGrid, build_grid, fill_border, interleave_bits
+from .texel_grid import TexelGrid, build_grid, fill_border, part_bits
 from .texel_map import TexelMap, centred_strata
 
 if TYPE_CHECKING:
@@ -32,7 +34,8 @@ _SLIVER = 1e-11  # share of a texel, or of a smaller triangle, below which a cli
 _MIN_UV_AREA = 1e-18  # texels^2; below it a triangle has no texels
 _EDGE = 1e-6  # texels from a triangle's edge up to which a centre lies on it
 _ON_EDGE = 1e30  # makes a piece with the centre on its edge larger than any without, of several such the largest
-_MOST_SLOTS = 4  # for each key up to which a table sorts them: more would take more memory than sorting does
+_SQUARE_LOG2 = 5  # of the side, texels, of squares that are gone through together
+_SLOTS = 1 << 16  # texels at a time: what lies between stays in the cache
 _PAGE_TOLERANCE = 1e-3  # texels that rounding may carry a chart beyond its page
 
 
@@ -157,38 +160,79 @@ def _collect_entries(density: Float64, spans: RowSpans, grid: TexelGrid, pairs: 
     np.add.at(cell_area, pairs.cell, pairs.area * density[pairs.tri])
     cell_tri[pairs.cell[by_area]] = pairs.tri[by_area]
 
-    cell = np.flatnonzero(cell_tri >= 0)
-    row = np.repeat(np.arange(len(grid.row_y), dtype=np.int32), grid.cells_of_rows()[1])[cell]
-    chart = grid.row_chart[row]
-    xy = np.stack([(cell - grid.row_cell[row, 2]).astype(np.int32), grid.row_y[row]], axis=1)
-    chart_start = np.searchsorted(chart, np.arange(n_chart + 1, dtype=np.int32)).astype(np.int64)
-    origin, log2 = _find_roots(xy, chart_start)
-    code = interleave_bits(xy[:, 0] - origin[chart, 0], xy[:, 1] - origin[chart, 1])
-    root_texels = 1 << 2 * log2.astype(np.int64)
-    first = np.cumsum(root_texels) - root_texels
-    order = _find_order(first[chart] + code, int(root_texels.sum()))
-    cell = cell[order]
-    grid.cell_entry[cell] = np.arange(len(cell), dtype=np.int32)
+    low, high = _find_extents(spans, grid, pairs, n_chart)
+    log2 = np.zeros(n_chart, np.int32)
+    filled = high[:, 0] >= 0
+    log2[filled] = np.ceil(np.log2((high[filled] - low[filled]).max(axis=1) + 1))
+    low[~filled] = 0
+
+    first_row = np.minimum(np.searchsorted(grid.row_chart, np.arange(n_chart)), len(grid.row_chart) - 1)
+    row_of_zero = first_row - grid.row_y[first_row]
+    n_texel = sum(int(np.count_nonzero(cell_tri[start : start + _SLOTS] >= 0)) for start in range(0, len(cell_tri), _SLOTS))
+    texel_chart, texel_tri = np.empty((2, n_texel), np.int32)
+    texel_xy, texel_code, texel_area = np.empty((n_texel, 2), np.int32), np.empty(n_texel, np.int64), np.empty(n_texel)
+    end = 0
+    for chart, x, y, code in _walk_squares(low, high, log2, filled):
+        row = row_of_zero[chart] + y
+        inside = (x >= grid.row_cell[row, 0]) & (x <= grid.row_cell[row, 1])
+        cell = np.where(inside, grid.row_cell[row, 2] + x, 0)  # the cell of triangles without texels
+        tri = cell_tri[cell]
+        kept = np.flatnonzero(tri >= 0)
+        part = slice(end, end + len(kept))
+        cell, end = cell[kept], part.stop
+        texel_chart[part], texel_xy[part, 0], texel_xy[part, 1] = chart[kept], x[kept], y[kept]
+        texel_code[part], texel_area[part], texel_tri[part] = code[kept], cell_area[cell], tri[kept]
+        grid.cell_entry[cell] = np.arange(part.start, part.stop, dtype=np.int32)
     return {
-        "chart_origin": origin,
+        "chart_origin": low,
         "chart_log2": log2,
-        "chart_start": chart_start,
-        "texel_chart": chart,
-        "texel_xy": xy[order],
-        "texel_code": code[order],
-        "texel_area": cell_area[cell],
-        "texel_tri": cell_tri[cell],
+        "chart_start": np.searchsorted(texel_chart, np.arange(n_chart + 1, dtype=np.int32)).astype(np.int64),
+        "texel_chart": texel_chart,
+        "texel_xy": texel_xy,
+        "texel_code": texel_code,
+        "texel_area": texel_area,
+        "texel_tri": texel_tri,
     }
 
 
-def _find_order(key: Int64, count: int) -> Int64 | Int32:
-    """(n,) what sorts keys (n,), of which no two are alike, from 0 to below `count`."""
-    if count > _MOST_SLOTS * len(key):
-        return np.argsort(key)
-    place = np.full(count, -1, np.int32)
-    place[key] = np.arange(len(key), dtype=np.int32)
-    order: Int32 = place[place >= 0]
-    return order
+def _find_extents(spans: RowSpans, grid: TexelGrid, pairs: _Pairs, n_chart: int) -> tuple[Int32, Int32]:
+    """Least and greatest texel (n_chart, 2) that each chart covers; the greatest is -1 for a chart without texels."""
+    row_of_pair = np.searchsorted(grid.cells_of_rows()[0], pairs.cell, side="right") - 1
+    x_of_pair = pairs.cell - grid.row_cell[row_of_pair, 2]
+    whole = np.flatnonzero(spans.full_end > spans.full_start)
+    row_of_span = grid.tri_row[spans.tri[whole], 2] + spans.y[whole]
+    row = np.concatenate([row_of_pair, row_of_span])
+    chart, y = grid.row_chart[row], grid.row_y[row]
+    low, high = np.full((n_chart, 2), np.iinfo(np.int32).max, np.int32), np.full((n_chart, 2), -1, np.int32)
+    for axis, first, last in ((0, [x_of_pair, spans.full_start[whole]], [x_of_pair, spans.full_end[whole] - 1]), (1, [y], [y])):
+        np.minimum.at(low[:, axis], chart, np.concatenate(first).astype(np.int32))
+        np.maximum.at(high[:, axis], chart, np.concatenate(last).astype(np.int32))
+    return low, high
+
+
+def _walk_squares(low: Int32, high: Int32, log2: Int32, filled: NDArray[np.bool_]) -> Iterator[tuple[Int32, Int32, Int32, Int64]]:
+    """Charts, page texels x, y and Morton codes of all slots of the charts' roots where there may be texels, some at a time, in order.
+
+    low, high   (n_chart, 2) int32, of _find_extents
+    log2        (n_chart,) int32, of the roots' sides
+    """
+    side_log2 = np.minimum(log2, _SQUARE_LOG2)
+    count = np.where(filled, 1 << 2 * (log2 - side_log2).astype(np.int64), 0)
+    chart, square = expand_ranges(np.zeros_like(count), count)
+    x, y = (part << side_log2[chart] for part in part_bits(square))
+    reached = (x <= (high - low)[chart, 0]) & (y <= (high - low)[chart, 1])
+    chart, square, x, y = chart[reached].astype(np.int32), square[reached], x[reached].astype(np.int32), y[reached].astype(np.int32)
+    inner_x, inner_y = (part.astype(np.int32) for part in part_bits(np.arange(1 << 2 * _SQUARE_LOG2)))
+    slots = np.int64(1) << 2 * side_log2[chart].astype(np.int64)
+    for some, first, last in chunk_ranges(np.zeros_like(slots), slots, _SLOTS):
+        owner, inner = expand_ranges(first, last)
+        owner = some[owner]
+        own = chart[owner]
+        slot_x, slot_y = x[owner] + inner_x[inner], y[owner] + inner_y[inner]
+        on_chart = np.flatnonzero((slot_x <= (high - low)[own, 0]) & (slot_y <= (high - low)[own, 1]))
+        own, owner = own[on_chart], owner[on_chart]
+        code = square[owner] * slots[owner] + inner[on_chart]
+        yield own, slot_x[on_chart] + low[own, 0], slot_y[on_chart] + low[own, 1], code
 
 
 def _collect_parts(density: Float64, grid: TexelGrid, pairs: _Pairs, by_area: Int64) -> dict[str, Any]:
@@ -196,7 +240,8 @@ def _collect_parts(density: Float64, grid: TexelGrid, pairs: _Pairs, by_area: In
     entry = grid.cell_entry[pairs.cell]
     is_part = np.zeros(int(entry.max(initial=-1)) + 1, bool)
     is_part[entry] = True
-    part_entry, part = np.flatnonzero(is_part), (np.cumsum(is_part) - 1)[entry]
+    part_entry = np.flatnonzero(is_part)
+    part = np.searchsorted(part_entry, entry)
     point = np.zeros((len(part_entry), 2))
     point[part[by_area]] = pairs.best_point[:, by_area].T
     moments = np.empty((len(part_entry), len(pairs.excess)))
@@ -209,19 +254,6 @@ def _collect_parts(density: Float64, grid: TexelGrid, pairs: _Pairs, by_area: In
         "pair_start": np.append(0, np.cumsum(np.bincount(part, minlength=len(part_entry)))),
         "pair_tri": pairs.tri[np.argsort(part, kind="stable")],
     }
-
-
-def _find_roots(xy: Int32, chart_start: Int64) -> tuple[Int32, Int32]:
-    """Origin (n_chart, 2) and log2 of the side (n_chart,) of each chart's root; zeros for a chart without texels."""
-    n_chart = len(chart_start) - 1
-    origin, log2 = np.zeros((n_chart, 2), np.int32), np.zeros(n_chart, np.int32)
-    filled = np.flatnonzero(chart_start[1:] > chart_start[:-1])
-    if len(filled):
-        begins = chart_start[filled]
-        origin[filled] = np.minimum.reduceat(xy, begins, axis=0)
-        extent = np.maximum.reduceat(xy, begins, axis=0) - origin[filled] + 1
-        log2[filled] = np.ceil(np.log2(extent.max(axis=1)))
-    return origin, log2
 
 
 def _interval_mean(power: int) -> float:

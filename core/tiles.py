@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .coverage import Float64, Int64
 from .scene import IntArray
-from .texel_grid import interleave_bits
+from .texel_grid import interleave_bits, part_bits
 
 _SIDE_BITS = 3
 TILE_SIDE = 1 << _SIDE_BITS
@@ -40,7 +40,7 @@ class Tiles:
         first = np.flatnonzero(code[: max(len(code) - TILE_TEXELS + 1, 0)] % TILE_TEXELS == 0)
         last = first + TILE_TEXELS - 1
         first = first[(code[last] == code[first] + TILE_TEXELS - 1) & (chart[last] == chart[first])]
-        x, y = _part_bits(code[first] >> 2 * _SIDE_BITS)
+        x, y = part_bits(code[first] >> 2 * _SIDE_BITS)
         return cls(first, np.stack([chart[first].astype(np.int64), x, y], axis=1))
 
     def __len__(self) -> int:
@@ -89,18 +89,9 @@ def find_calm(value: Float64, allowed: Float64) -> NDArray[np.bool_]:
     return out
 
 
-def _part_bits(code: Int64) -> tuple[Int64, Int64]:
-    """x and y of Morton codes (n,)."""
-    x, y = np.zeros_like(code), np.zeros_like(code)
-    for bit in range(_PLACE_BITS):
-        x |= ((code >> 2 * bit) & 1) << bit
-        y |= ((code >> 2 * bit + 1) & 1) << bit
-    return x, y
-
-
 def _node_weights() -> Float64:
     """(64, 9) float64: what each of TILE_NODES adds to each texel of a tile, in Morton order. Source: Lagrange's polynomials."""
-    x, y = _part_bits(np.arange(TILE_TEXELS))
+    x, y = part_bits(np.arange(TILE_TEXELS))
     along = np.stack([np.prod([(np.arange(TILE_SIDE) - b) / (a - b) for b in TILE_LINES if b != a], axis=0) for a in TILE_LINES], axis=1)
     out: Float64 = (along[y][:, :, None] * along[x][:, None, :]).reshape(TILE_TEXELS, -1)
     out.flags.writeable = False
@@ -109,7 +100,7 @@ def _node_weights() -> Float64:
 
 def _surfaces() -> Float64:
     """(64, 6) float64: the polynomials of degree 2 at the texels of a tile, in Morton order; orthonormal."""
-    x, y = (place / (TILE_SIDE - 1) - 0.5 for place in _part_bits(np.arange(TILE_TEXELS)))
+    x, y = (place / (TILE_SIDE - 1) - 0.5 for place in part_bits(np.arange(TILE_TEXELS)))
     out: Float64 = np.linalg.qr(np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1))[0]
     out.flags.writeable = False
     return out

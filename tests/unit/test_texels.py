@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from leaflight.core import quadtree
+from leaflight.core import texels as module
 from leaflight.core.coverage import monomial_exponents
 from leaflight.core.scene import Material, SceneObject, SceneSnapshot
 from leaflight.core.texel_grid import interleave_bits
-from leaflight.core.texels import TexelMap, _find_order, build_texel_map, centred_strata
+from leaflight.core.texels import TexelMap, build_texel_map, centred_strata
 
 
 def make_map(uv: Any, chart: Any = None, position: Any = None, size: int = 8, degree: int = 4) -> TexelMap:
@@ -342,8 +344,20 @@ def test_a_centre_on_the_diagonal_of_a_square_is_where_its_texel_is_read() -> No
     np.testing.assert_allclose(np.einsum("nk,nkj->nj", texels.texel_bary, corner), texels.texel_xy + 0.5, atol=1e-6)
 
 
-@pytest.mark.parametrize("count", [50, 60, 50_000])  # dense, with gaps, too sparse for a table
-def test_keys_are_put_in_order(count: int) -> None:
-    key = np.random.default_rng(3).permutation(count)[:50]
-    assert key[_find_order(key, count)].tolist() == sorted(key)
-    assert len(_find_order(key[:0], 0)) == 0
+@pytest.mark.parametrize(("square_log2", "slots"), [(0, 7), (2, 10), (3, 1 << 16)])
+def test_in_whatever_parts_texels_are_gone_through_the_map_is_one(monkeypatch: pytest.MonkeyPatch, square_log2: int, slots: int) -> None:
+    """Of a chart that fills its root, one that does not, one of a texel and one without."""
+    uv = np.array([[[0, 0], [32, 0], [0, 32]], [[35, 3], [50, 3], [50, 25]], [[60, 60], [60.8, 60], [60.8, 60.8]], [[1, 1]] * 3], float)
+
+    def build() -> TexelMap:
+        return make_map(uv, chart=[0, 1, 3, 2], size=64)
+
+    whole = build()
+    assert np.diff(whole.chart_start).tolist()[2:] == [0, 1]
+    assert (np.diff(quadtree.texel_keys(whole)) > 0).all()
+    monkeypatch.setattr(module, "_SQUARE_LOG2", square_log2)
+    monkeypatch.setattr(module, "_SLOTS", slots)
+    parts = build()
+    for name in ("chart_origin", "chart_log2", "chart_start", "texel_chart", "texel_xy", "texel_code", "texel_area", "texel_tri"):
+        np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
+    np.testing.assert_array_equal(parts.grid.cell_entry, whole.grid.cell_entry)
