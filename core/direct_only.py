@@ -41,7 +41,7 @@ def settle_direct(
     while True:
         shown = direct.show(blender.texels, blender.entry_at, settings.denoise, partial(spread, executor))
         stated = estimate.state_error(tree, totals, solution, comparison, leaves, shown, blender)
-        worst = np.flatnonzero((stated.texel_direct2 > settings.error**2) & (direct.passes < MOST_PASSES))
+        worst = np.flatnonzero((stated.texel_direct2() > settings.error**2) & (direct.passes < MOST_PASSES))
         stopped_by = "error" if stated.direct <= settings.error else "" if len(worst) else "max_rays"
         if should_stop():
             stopped_by = "interrupted"

@@ -9,7 +9,7 @@ The error of a bake is relative to local brightness, so that dark corners count 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,14 +68,14 @@ class StatedError:
     chosen        the same for whoever stops at this round because it is small, which is to choose among rounds
     direct        the part of it that is noise of direct light by rays, which no photon makes less
     correction    of noise_correction
-    texel_direct2 (n,) float32: the squared part of direct light by rays at each texel
+    texel_direct2 gives (n,) float32: the squared part of direct light by rays at each texel
     """
 
     relative: float
     chosen: float
     direct: float
     correction: float
-    texel_direct2: NDArray[np.float32]
+    texel_direct2: Callable[[], NDArray[np.float32]]
 
 
 def state_error(
@@ -97,14 +97,20 @@ def state_error(
     area = np.maximum(tree.area, _TINY)
     leaf = node_of_texel(tree, nodes, len(direct))
     node_light = np.ascontiguousarray((solution.flux / area).astype(np.float32).T)
-    dark2 = _find_dark(node_light, leaf, direct)
-    direct2 = np.empty(len(leaf), np.float32)
-    for part in _parts(len(leaf)):
-        direct2[part] = (_weigh(node_light[leaf[part]] + direct[part], dark2) * shown_direct.variance[part]).mean(1)
+    dark2 = _find_dark(tree, nodes, node_light, direct)
+
+    def direct2_at(rows: slice | NDArray[np.int64]) -> NDArray[np.float32]:
+        found: NDArray[np.float32] = (_weigh(node_light[leaf[rows]] + direct[rows], dark2) * shown_direct.variance[rows]).mean(1)
+        return found
+
+    def texel_direct2() -> NDArray[np.float32]:
+        return np.concatenate([np.zeros(0, np.float32), *map(direct2_at, _parts(len(leaf)))])
+
     sample = _choose_sample(blender.texels)
     count = int(np.ceil(BEST_TEXELS * len(sample)))
+    direct2 = direct2_at(sample)
     if not totals.photons.sum() or not count:
-        return StatedError(math.nan, math.nan, math.sqrt(np.sort(direct2[sample])[:count].sum() / max(count, 1)), correction, direct2)
+        return StatedError(math.nan, math.nan, math.sqrt(np.sort(direct2)[:count].sum() / max(count, 1)), correction, texel_direct2)
     # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
     shown = blender.blend(tree, solution, leaf, sample, halves=True)
     weight = _weigh(node_light[leaf[sample]] + direct[sample], dark2)
@@ -114,10 +120,10 @@ def state_error(
     blind2 = weight.mean(1) * missing_light(tree, totals, solution, comparison, nodes)[leaf[sample]]
     judge = _find_judges(tree, nodes, blender)
     bias2, gap2, noise2 = _missing_from_blend(tree, solution, leaf, judge, sample, blender, shown, weight, blind2)
-    likely = photons2 + direct2[sample] + gap2
+    likely = photons2 + direct2 + gap2
     best = np.argpartition(likely, count - 1)[:count]
     blur2 = (weight * shown_direct.blur2[sample]).mean(1)
-    parts = [float(part[best].mean(dtype=np.float64)) for part in (photons2, direct2[sample], bias2, blur2)]
+    parts = [float(part[best].mean(dtype=np.float64)) for part in (photons2, direct2, bias2, blur2)]
     parts[1] += max(parts[3], 0.0)
     # A bias is told only in sum, by nodes that err apart. How far apart was seen says how much of it is sure; what may be missing
     # is told by what could be expected, for few nodes may agree by chance.
@@ -125,7 +131,7 @@ def state_error(
     expected4 = correction**2 * (np.bincount(judge[best], noise2[best]) ** 2).sum() / count**2
     square = parts[0] + parts[1] + _beyond_noise(parts[2], seen4)
     doubt2 = _BIAS_DOUBT * math.sqrt(expected4)
-    return StatedError(math.sqrt(square), math.sqrt(square + doubt2), math.sqrt(parts[1]), correction, direct2)
+    return StatedError(math.sqrt(square), math.sqrt(square + doubt2), math.sqrt(parts[1]), correction, texel_direct2)
 
 
 def _beyond_noise(value: float, variance: float) -> float:
@@ -148,18 +154,22 @@ def _find_judges(tree: Quadtree, nodes: IntArray, blender: LeafBlender) -> NDArr
     """
     opened = np.zeros(len(tree), bool)
     opened[nodes] = tree.has_children[nodes]
-    judge: NDArray[np.int32] = node_of_texel(tree, refine.open_nodes(tree, nodes, opened), len(blender.page))
-    return judge[_choose_sample(blender.texels)]
+    judges = refine.open_nodes(tree, nodes, opened)
+    judges = judges[np.argsort(tree.start[judges])]  # they tile the charts
+    place = np.searchsorted(tree.start[judges], _choose_sample(blender.texels), side="right") - 1
+    judge: NDArray[np.int32] = judges[place].astype(np.int32)
+    return judge
 
 
 def _parts(count: int) -> Iterator[slice]:
     return (slice(start, min(start + _CHUNK, count)) for start in range(0, count, _CHUNK))
 
 
-def _find_dark(node_light: NDArray[np.float32], leaf: NDArray[np.int32], direct: NDArray[np.float32]) -> np.float32:
+def _find_dark(tree: Quadtree, nodes: IntArray, node_light: NDArray[np.float32], direct: NDArray[np.float32]) -> np.float32:
     """Square of the brightness below which a texel is judged as if it had that; arguments as in state_error."""
-    sums = [np.maximum(node_light[leaf[part]] + direct[part], 0.0).sum(dtype=np.float64) for part in _parts(len(leaf))]
-    return np.float32(DARK_FLOOR * math.fsum(sums) / max(direct.size, 1)) ** 2
+    by_photons = (np.maximum(node_light[nodes], 0.0).sum(axis=1, dtype=np.float64) * (tree.end - tree.start)[nodes]).sum()
+    total = float(by_photons) + float(direct.sum(dtype=np.float64))
+    return np.float32(DARK_FLOOR * total / max(direct.size, 1)) ** 2
 
 
 def _weigh(light: NDArray[np.float32], dark2: np.float32) -> NDArray[np.float32]:
@@ -170,14 +180,21 @@ def _weigh(light: NDArray[np.float32], dark2: np.float32) -> NDArray[np.float32]
 
 def _choose_sample(texels: TexelMap) -> NDArray[np.int64]:
     """(m,) int64, ascending: shown texels with covered centres, or all if there are none; spread without a rhythm that rows could share."""
-    middle = np.flatnonzero(texels.shown & texels.is_central)
-    middle = middle if len(middle) else np.arange(len(texels.shown))
-    if len(middle) <= _SAMPLE:
-        return middle
-    stratum = len(middle) / _SAMPLE
-    place = (np.arange(_SAMPLE) + (np.arange(_SAMPLE) * _GOLDEN) % 1.0) * stratum
-    sample: NDArray[np.int64] = middle[place.astype(np.int64)]
-    return sample
+    middle = texels.shown & texels.is_central
+    parts = list(_parts(len(middle)))
+    count = np.array([np.count_nonzero(middle[part]) for part in parts], np.int64)
+    total = int(count.sum())
+    if not total:
+        return np.arange(len(middle))
+    if total <= _SAMPLE:
+        return np.flatnonzero(middle)
+    place = ((np.arange(_SAMPLE) + (np.arange(_SAMPLE) * _GOLDEN) % 1.0) * (total / _SAMPLE)).astype(np.int64)
+    ends = np.searchsorted(place, np.append(0, np.cumsum(count)))
+    found = [
+        part.start + np.flatnonzero(middle[part])[place[first:last] - place_before]
+        for part, first, last, place_before in zip(parts, ends[:-1], ends[1:], np.cumsum(count) - count, strict=True)
+    ]
+    return np.concatenate(found)
 
 
 def _missing_from_blend(

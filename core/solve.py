@@ -118,7 +118,7 @@ class Solver:
             state = self.state = self._read_tallies()
             light, stated = self._light(state)
             while self._direct_errs_most(stated) and not should_stop():
-                worst = (stated.texel_direct2 > (DIRECT_SHARE * self.settings.error) ** 2) & (self.direct.passes < MOST_PASSES)
+                worst = (stated.texel_direct2() > (DIRECT_SHARE * self.settings.error) ** 2) & (self.direct.passes < MOST_PASSES)
                 if not worst.any():
                     break
                 self.direct.shoot(self.folder, self.settings, self.executor, np.flatnonzero(worst))

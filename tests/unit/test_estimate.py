@@ -144,9 +144,9 @@ def test_noise_of_direct_light_counts_and_is_told_apart():
     expected = 0.2**2 / (1 + estimate.DARK_FLOOR**2)
     assert with_it.relative**2 - without.relative**2 == pytest.approx(expected, rel=0.1)
     assert with_it.direct**2 == pytest.approx(expected, rel=0.02)
-    assert with_it.texel_direct2 == pytest.approx(np.full(SIDE * SIDE, expected), rel=0.2)
+    assert with_it.texel_direct2() == pytest.approx(np.full(SIDE * SIDE, expected), rel=0.2)
     assert without.direct == 0
-    assert not without.texel_direct2.any()
+    assert not without.texel_direct2().any()
 
 
 def test_blur_of_direct_light_counts_as_its_noise_does_but_never_below_nothing():
@@ -201,8 +201,8 @@ def test_parts_of_a_page_state_the_same_error(monkeypatch):
     monkeypatch.setattr(estimate, "_CHUNK", 1000)
     parts = state(bake, nodes, direct_variance=1e-3)
     assert parts.relative == pytest.approx(whole.relative, rel=1e-6)
-    np.testing.assert_allclose(parts.texel_direct2, whole.texel_direct2, rtol=1e-5)
-    assert (whole.texel_direct2 > 0).all()
+    np.testing.assert_allclose(parts.texel_direct2(), whole.texel_direct2(), rtol=1e-5)
+    assert (whole.texel_direct2() > 0).all()
 
 
 def test_nodes_of_few_photons_do_not_judge():
