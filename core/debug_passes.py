@@ -6,6 +6,7 @@ Each has numbers, for files that hold numbers, and a look, for pictures.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,10 @@ class DebugPages:
     def __init__(self, light: LightField, texels: TexelMap, entry_page: NDArray[np.int32], margin: int) -> None:
         """entry_page   (n,) int32: the page of each texel entry"""
         self._light, self._texels, self._entry_page, self._margin = light, texels, entry_page, margin
-        self._leaf = node_of_texel(light.tree, light.leaves, len(texels.texel_area))
+
+    @cached_property
+    def _leaf(self) -> NDArray[np.int32]:
+        return node_of_texel(self._light.tree, self._light.leaves, len(self._texels.texel_area))
 
     def page(self, name: str, page: int) -> NDArray[np.float32]:
         """The numbers of a pass, alike in red, green and blue.

@@ -116,24 +116,23 @@ class Resolver:
 
     def __init__(self, light: TexelLight, blender: reconstruct.LeafBlender, surfaces: SurfaceMaterials, margin: int, threads: int = 1):
         self._light, self._texels, self._surfaces = light, blender.texels, surfaces
-        self._entry_at, self._margin, self._threads = blender.entry_at, margin, threads
+        self._page, self._entry_at, self._margin, self._threads = blender.page, blender.entry_at, margin, threads
 
     def page(self, name: str, page: int) -> NDArray[np.float32]:
         """One page (h, w, 4) of the pass `name`."""
         size = self._texels.page_size
         image = np.zeros((size, size, 4), np.float32)
-        step = max(_CHUNK // size, 1)
+        texel = image.reshape(-1, 4)
 
-        def fill(start: int) -> None:
-            rows = slice(start, start + step)
-            row, column = np.nonzero(self._entry_at[page, rows] >= 0)
-            entry = self._entry_at[page, rows][row, column]
-            image[rows][row, column, :3] = self._pass_values(name, entry)
-            image[rows][row, column, 3] = 1.0
+        def fill(start: int) -> None:  # in the order in which the light lies, several times faster than in rows of the page
+            entry = start + np.flatnonzero(self._page[start : start + reconstruct.CHUNK] == page)
+            x, y = self._texels.texel_xy[entry].T
+            shown = np.flatnonzero(self._entry_at[page, y, x] == entry)
+            value = np.ones((len(shown), 4), np.float32)
+            value[:, :3] = self._pass_values(name, entry[shown])
+            texel[y[shown].astype(np.int64) * size + x[shown]] = value
 
-        with ThreadPoolExecutor(self._threads) as pool:
-            for _ in pool.map(fill, range(0, size, step)):
-                pass
+        _run_chunks(fill, len(self._page), self._threads)
         filled = image[..., 3] > 0.0
         if self._light.empty is not None and name in _LIGHT_PASSES:
             column, row, value = self._beside_charts(name, page, self._light.empty)
