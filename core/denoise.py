@@ -171,11 +171,12 @@ def _find_strips(wanted: NDArray[np.bool_], width: int) -> tuple[NDArray[np.int6
 
 def _widen(image: NDArray[np.bool_], radius: int) -> None:
     """Sets what lies within a square of side 2 * radius + 1 about what is set."""
-    for lines in (image, image.T):
-        narrow = lines.copy()
+    for axis in (0, 1):
+        narrow = image.copy()  # of both in the order in which they lie: along columns that is twenty times as fast
         for step in range(1, radius + 1):
-            lines[step:] |= narrow[:-step]
-            lines[:-step] |= narrow[step:]
+            ahead, behind = ((slice(None),) * axis + (part,) for part in (slice(step, None), slice(None, -step)))
+            image[ahead] |= narrow[behind]
+            image[behind] |= narrow[ahead]
 
 
 def _smooth_strips(

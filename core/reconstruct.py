@@ -167,9 +167,14 @@ class LeafBlender:
             """Values at the texels; monomials around cells (..., 1, single) and (..., K, many)."""
             terms = np.zeros((*of_many.shape[:-1], len(first)))
             terms[..., :1, single], terms[..., many] = of_single, of_many
-            out: Float64 = terms[..., 0, :].take(cell, axis=-1)
-            for k in range(1, terms.shape[-2]):
-                out += terms[..., k, :].take(cell, axis=-1) * offset[k]
+            out = np.zeros((*of_many.shape[:-2], stop - start))
+            for row in np.ndindex(out.shape[:-1]):
+                if terms[row].any():  # all but light straight from lights where rays tell of that
+                    terms[row][0].take(cell, out=out[row], mode="clip")
+                    for term, by in zip(terms[row][1:], offset[1:], strict=False):
+                        at_texels = term.take(cell, mode="clip")
+                        at_texels *= by
+                        out[row] += at_texels
             return out
 
         irradiance, variance = spread(alone.irradiance, joint.irradiance), spread(alone.variance, joint.variance)
