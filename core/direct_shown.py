@@ -37,7 +37,7 @@ class ShownDirect:
     @classmethod
     def plain(cls, irradiance: NDArray[np.float32], variance: NDArray[np.float32]) -> ShownDirect:
         """Light as it was found; arguments as the fields."""
-        return cls(irradiance, variance, np.zeros((1, 3), np.float32).repeat(len(irradiance), axis=0))
+        return cls(irradiance, variance, np.zeros(irradiance.shape, np.float32))
 
     @classmethod
     def smoothed(
