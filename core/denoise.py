@@ -189,8 +189,9 @@ def _smooth_strips(
     planes = np.ascontiguousarray(light.transpose(0, 3, 1, 2)) * scale
     noise = np.where(chart >= 0, np.ascontiguousarray(variance.transpose(2, 0, 1)) * scale * scale, 0)
     mean, left, own_share = _average_alike(planes, noise, chart, tell)
-    smoothed = mean[..., wanted] / scale
-    return np.ascontiguousarray(smoothed.transpose(0, 2, 1)), np.ascontiguousarray((left[:, wanted] / scale**2).T), own_share[wanted]
+    smoothed = (mean[..., wanted] / scale).transpose(0, 2, 1)
+    kept = left[:, wanted].T / scale**2 if tell else np.zeros(smoothed.shape[1:], np.float32)
+    return np.ascontiguousarray(smoothed), np.ascontiguousarray(kept), own_share[wanted]
 
 
 def _average_alike(light: _Image, noise: _Image, chart: NDArray[np.int32], tell: bool) -> tuple[_Image, _Image, _Image]:
