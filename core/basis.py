@@ -115,46 +115,27 @@ def apply_matrices(matrix: NDArray[np.float64], vector: NDArray[np.float64]) -> 
     return out
 
 
-def move_origin(coefficient: FloatArray, s: FloatArray, t: FloatArray, degree: int, kept: int) -> NDArray[np.float64]:
-    """Coefficients of the same polynomials in monomials of s and t counted from a point, up to the degree `kept`.
+def evaluate(coefficient: FloatArray, s: FloatArray, t: FloatArray, degree: int) -> NDArray[np.float64]:
+    """Polynomials at points.
 
-    coefficient   (..., K, m) float, of polynomials up to `degree`
-    s, t          (m,) float: the points; the first of the new coefficients is the value there
-    out           (..., K', m) float64
+    coefficient   (..., K, m) float, of monomials up to `degree`
+    s, t          (m,) float
+    out           (..., m) float64
     """
-    used = EXPONENTS[: count_functions(degree)]
-    power = monomials(s, t, degree)
-    terms = EXPONENTS[: count_functions(min(kept, degree))]
-    out = np.empty((*coefficient.shape[:-2], len(terms), len(s)))
-    for row, (a, b) in enumerate(terms):
-        out[..., row, :] = coefficient[..., row, :]
-        for k, (i, j) in enumerate(used):
-            if k != row and i >= a and j >= b:
-                factor = power[EXPONENTS.index((i - a, j - b))]
-                out[..., row, :] += comb(i, a) * comb(j, b) * factor * coefficient[..., k, :]
+    out: NDArray[np.float64] = coefficient[..., 0, :].astype(np.float64)
+    for k, power in enumerate(monomials(s, t, degree)[1:], start=1):
+        out += coefficient[..., k, :] * power
     return out
 
 
-def square_norms(project: NDArray[np.float64], s: FloatArray, t: FloatArray, degree: int, kept: int) -> NDArray[np.float64]:
-    """Sums of the squared basis functions, as coefficients of monomials of s and t counted from a point, up to the degree `kept`.
+def square_norm(project: NDArray[np.float64], s: FloatArray, t: FloatArray, degree: int) -> NDArray[np.float64]:
+    """(m,) float64, 1/m^2: the sum of the squared basis functions at points.
 
     project   (m, K, K) float64, 1/m^2: see projector; of functions up to `degree`
-    s, t      (m,) float: the points; the first of the coefficients is the value there
-    out       (L, m) float64, 1/m^2
+    s, t      (m,) float
     """
-    if not kept:
-        power = np.array(monomials(s, t, degree))
-        value: NDArray[np.float64] = (power * apply_matrices(project, power)).sum(0)[None]
-        return value
-    rows = move_origin(project.transpose(1, 2, 0), s, t, degree, degree)
-    product = move_origin(rows.swapaxes(0, 1), s, t, degree, degree)
-    used = EXPONENTS[: count_functions(degree)]
-    out = np.zeros((count_functions(min(kept, 2 * degree)), len(s)))
-    for one, (a, b) in enumerate(used):
-        for other, (i, j) in enumerate(used):
-            place = EXPONENTS.index((a + i, b + j))
-            if place < len(out):
-                out[place] += product[one, other]
+    power = np.array(monomials(s, t, degree))
+    out: NDArray[np.float64] = (power * apply_matrices(project, power)).sum(0)
     return out
 
 

@@ -112,7 +112,7 @@ def state_error(
     if not totals.photons.sum() or not count:
         return StatedError(math.nan, math.nan, math.sqrt(np.sort(direct2)[:count].sum() / max(count, 1)), correction, texel_direct2)
     # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
-    shown = blender.blend(tree, solution, leaf, sample, halves=True)
+    shown = blender.join(tree, solution, leaf, halves=True).at(sample)
     weight = _weigh(node_light[leaf[sample]] + direct[sample], dark2)
     photons2 = (weight.T * shown.variance).mean(0) * correction
     if smooth_grain:

@@ -56,10 +56,11 @@ def light_at_texels(
     n_texel = len(blender.page)
     leaf = node_of_texel(field.tree, field.leaves, n_texel)
     by_part, variance = np.empty((2, n_texel, 3), np.float32), np.empty((n_texel, 3), np.float32)
+    joined = blender.join(field.tree, field.solution, leaf)
 
     def fill(start: int) -> None:
         part = slice(start, min(start + reconstruct.CHUNK, n_texel))
-        traced = blender.blend_range(field.tree, field.solution, leaf, part.start, part.stop)
+        traced = joined.range(part.start, part.stop)
         # A fitted plane may dip below zero at the edge of a shadow.
         np.maximum(traced.irradiance.transpose(0, 2, 1), 0.0, out=by_part[:, part], casting="same_kind")
         np.multiply(traced.variance.T, field.correction, out=variance[part], casting="same_kind")

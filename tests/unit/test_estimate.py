@@ -64,7 +64,7 @@ def real_error(bake, nodes, truth):
     """As estimate states it: of blended leaves at texels' middles, relative to local brightness, over the best of them."""
     s, t = (bake.texels.texel_xy.T + 0.5) / SIDE
     leaf = quadtree.node_of_texel(bake.tree, nodes, len(bake.keys))
-    shown = blender_of(bake).blend(bake.tree, bake.solution(), leaf).irradiance.sum(0)[0]
+    shown = blender_of(bake).join(bake.tree, bake.solution(), leaf).at(np.arange(len(leaf))).irradiance.sum(0)[0]
     squares = (shown - truth(s, t)) ** 2 / (truth(s, t) ** 2 + estimate.DARK_FLOOR**2)
     return np.sqrt(np.sort(squares)[: int(estimate.BEST_TEXELS * len(squares))].mean())
 
@@ -308,7 +308,7 @@ def test_noise_of_what_judges_say_is_known_beforehand():
         bake = throw(even, 100_000, seed, degree=1, level=2, preview_depth=1)
         tree, solution, nodes, sample = bake.tree, bake.solution(), current(bake), np.arange(len(bake.keys))
         leaf, judge = (quadtree.node_of_texel(tree, ids, len(sample)) for ids in (nodes, np.flatnonzero(~tree.has_children)))
-        shown = blender_of(bake).blend(tree, solution, leaf, sample, halves=True)
+        shown = blender_of(bake).join(tree, solution, leaf, halves=True).at(sample)
         weight, blind2 = np.ones((len(sample), 3), np.float32), np.zeros(len(sample))
         parts = estimate._missing_from_blend(tree, solution, leaf, judge, sample, blender_of(bake), shown, weight, blind2)
         for values, out in ((parts[0], told), (parts[2], expected)):

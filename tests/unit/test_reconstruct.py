@@ -17,11 +17,15 @@ def quartered(density, photons=20_000, side=32, degree=1):
     return bake
 
 
+def join(texels, tree, solution, owner, halves=False):
+    return reconstruct.LeafBlender.of(texels, np.zeros(len(owner), np.int32)).join(tree, solution, owner, halves)
+
+
 def blend(bake):
     n = len(bake.keys)
     leaves = np.flatnonzero(bake.tree.current)
     owner = quadtree.node_of_texel(bake.tree, leaves, n)
-    values = reconstruct.LeafBlender.of(bake.texels, np.zeros(n, np.int32)).blend(bake.tree, bake.solution(), owner)
+    values = join(bake.texels, bake.tree, bake.solution(), owner).at(np.arange(n))
     image = np.empty((bake.side, bake.side))
     image[bake.texels.texel_xy[:, 1], bake.texels.texel_xy[:, 0]] = values.irradiance.sum(0)[0]
     plain = np.empty_like(image)
@@ -88,19 +92,10 @@ def test_stated_variance_is_that_of_repeated_blends():
         rng = np.random.default_rng(seed)
         bake.throw(*rng.random((2, rng.poisson(2000))), emitted=2000)  # most of a bake's photons land elsewhere
         owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), 256)
-        light = reconstruct.LeafBlender.of(bake.texels, np.zeros(256, np.int32)).blend(bake.tree, bake.solution(), owner)
+        light = join(bake.texels, bake.tree, bake.solution(), owner).at(np.arange(256))
         values.append(light.irradiance.sum(0)[0])
         stated.append(light.variance[0])
     assert np.var(values, axis=0).mean() == pytest.approx(np.mean(stated), rel=0.3)
-
-
-def test_some_texels_blend_as_all_do():
-    bake = quartered(step)
-    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), len(bake.keys))
-    blender = reconstruct.LeafBlender.of(bake.texels, np.zeros(len(bake.keys), np.int32))
-    every, some = (blender.blend(bake.tree, bake.solution(), owner, entry) for entry in (None, np.arange(3, 900, 7)))
-    np.testing.assert_array_equal(some.irradiance, every.irradiance[..., 3:900:7])
-    np.testing.assert_array_equal(some.variance, every.variance[:, 3:900:7])
 
 
 def test_the_mean_of_the_halves_is_the_whole():
@@ -109,8 +104,8 @@ def test_the_mean_of_the_halves_is_the_whole():
     for half in (0, 1):
         bake.throw(*ramp(rng, 20_000), half)
     owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), len(bake.keys))
-    blender = reconstruct.LeafBlender.of(bake.texels, np.zeros(len(bake.keys), np.int32))
-    whole, halves = (blender.blend(bake.tree, bake.solution(), owner, halves=halves).irradiance for halves in (False, True))
+    entries = np.arange(len(owner))
+    whole, halves = (join(bake.texels, bake.tree, bake.solution(), owner, halves).at(entries).irradiance for halves in (False, True))
     np.testing.assert_allclose(halves.mean(0), whole.sum(0), rtol=1e-9)
     assert np.abs(halves[0] - halves[1]).max() > 0.01
 
@@ -122,7 +117,7 @@ def joined_leaves(degree):
     for mirrored in ((s, t), (1 - s, t), (s, 1 - t), (1 - s, 1 - t)):
         bake.throw(*mirrored)
     owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), len(bake.keys))
-    light = reconstruct.LeafBlender.of(bake.texels, np.zeros(len(owner), np.int32)).blend(bake.tree, bake.solution(), owner)
+    light = join(bake.texels, bake.tree, bake.solution(), owner).at(np.arange(len(owner)))
     return bake, light, owner
 
 
@@ -138,95 +133,110 @@ def test_light_that_is_its_own_mirror_is_blended_into_its_own_mirror(degree):
 
 
 @pytest.mark.parametrize(
-    ("place", "points"),
+    ("place", "shares"),
     [
-        ((15, 15), (5, 4, 4, 4)),  # 4 of 17 points lie on each of three other leaves
-        ((11, 8), (13, 4)),  # 3 texels from the middle of its leaf, whose side is that of the window
-        ((8, 8), (17,)),
-        ((1, 1), (5,)),  # most of its window lies outside of the chart
-        ((30, 1), (5,)),
+        ((15, 15), (17 * 17, 15 * 17, 17 * 15, 15 * 15)),  # of a window of 32 half texels: half a texel from where all four meet
+        ((11, 8), (25 * 31, 7 * 31, 25 * 1, 7 * 1)),
+        ((8, 8), (31 * 31, 31 * 1, 1 * 31, 1 * 1)),
+        ((1, 1), (1,)),  # most of its window lies outside of the chart
+        ((30, 1), (1,)),
     ],
 )
-def test_points_on_one_leaf_err_together_and_leaves_err_apart(place, points):
+def test_leaves_err_apart(place, shares):
     bake, light, owner = joined_leaves(0)
     entry = np.flatnonzero((bake.texels.texel_xy == place).all(axis=1))
-    expected = np.square(points).sum() / np.sum(points) ** 2
-    np.testing.assert_allclose(light.variance[:, entry], bake.solution().variance[:, owner[entry]] * expected, rtol=1e-9)
+    expected = np.square(shares).sum() / np.sum(shares) ** 2
+    np.testing.assert_allclose(light.variance[:, entry], bake.solution().variance[:, owner[entry]] * expected, rtol=1e-6)
 
 
-@pytest.mark.parametrize("degree", [0, 1])
-def test_a_blend_is_the_mean_over_the_points_of_each_window(degree):
-    """Against the definition, point by point: who speaks for a point, and whether a step to it is noise."""
+def leaves_of_two_sizes(density, degree):
+    """Under few photons: the tree, what is solved for, and the leaf of each texel."""
     bake = SquareBake(side=32, degree=degree, preview_depth=1, level=2)
     rng = np.random.default_rng(9)
     for half in (0, 1):
-        bake.throw(*step(rng, 3000), half)
-    tree = quadtree.split(bake.tree, np.flatnonzero(bake.tree.current)[::3])  # leaves of two sizes
-    solution, n = bake.solution(), len(bake.keys)
-    owner = quadtree.node_of_texel(tree, np.flatnonzero(tree.current), n)
-    blender = reconstruct.LeafBlender.of(bake.texels, np.zeros(n, np.int32))
+        bake.throw(*density(rng, 3000), half)
+    tree = quadtree.split(bake.tree, np.flatnonzero(bake.tree.current)[::3])
+    return bake, tree, bake.solution(), quadtree.node_of_texel(tree, np.flatnonzero(tree.current), len(bake.keys))
+
+
+@pytest.mark.parametrize("degree", [0, 1])
+def test_a_blend_is_the_mean_over_the_leaves_that_reach_a_place(degree):
+    """Against the definition, leaf by leaf: how far each reaches, whether a step to it is noise, and how sure it is."""
+    bake, tree, solution, owner = leaves_of_two_sizes(step, degree)
+    blender = reconstruct.LeafBlender.of(bake.texels, np.zeros(len(owner), np.int32))
+    blended = blender.join(tree, solution, owner).at(np.arange(len(owner)))
+    leaves, points = np.unique(owner), bake.texels.own_points(0, len(owner))
+    in_part = refused = 0
+    for entry in np.random.default_rng(1).choice(len(owner), 100, replace=False):
+        place, own = points[:, entry], owner[entry]
+
+        def light_of(node, place=place):
+            return reconstruct.evaluate_leaf(tree, solution, np.array([node]), *place[:, None])
+
+        mine = light_of(own)
+        left, weights, lights = 1.0, [], []
+        for other in leaves[leaves != own]:
+            window = min(tree.side[own], tree.side[other])
+            low = np.maximum(tree.origin[other], place - window / 2)
+            high = np.minimum(tree.origin[other] + tree.side[other], place + window / 2)
+            reach = np.prod(np.maximum(high - low, 0.0)) / window**2
+            if not reach:
+                continue
+            theirs = light_of(other)
+            sigmas = abs((theirs.irradiance - mine.irradiance).sum(0).mean()) / np.sqrt(theirs.variance.mean() + mine.variance.mean())
+            joined = np.clip((5.0 - sigmas) / 2.0, 0.0, 1.0)
+            in_part, refused = in_part + (0 < joined < 1), refused + (joined == 0)
+            left -= reach
+            weights.append(reach * joined * np.sqrt(mine.variance.mean() / theirs.variance.mean()))
+            lights.append(theirs)
+        weights, lights = np.array([left, *weights]), [mine, *lights]
+        weights /= weights.sum()
+        mean = sum(weight * light.irradiance for weight, light in zip(weights, lights, strict=True))
+        variance = sum(weight**2 * light.variance for weight, light in zip(weights, lights, strict=True))
+        np.testing.assert_allclose(blended.irradiance[..., entry], mean[..., 0], rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(blended.variance[:, entry], variance[:, 0], rtol=1e-9)
+    assert in_part or not degree  # constant leaves have one step for each pair, here all far from the limits
+    assert refused
+
+
+@pytest.mark.parametrize("degree", [0, 1])
+def test_light_goes_on_across_the_borders_of_leaves(degree):
+    """Of any two sizes: from either side it comes to the same, where more than two meet to little else."""
+    bake, tree, solution, owner = leaves_of_two_sizes(even, degree)
+    joined = join(bake.texels, tree, solution, owner)
     at = np.full((32, 32), -1)
     at[bake.texels.texel_xy[:, 1], bake.texels.texel_xy[:, 0]] = owner
-    line = (np.arange(4) + 0.5) / 4 - 0.5
-    joined_any = refused_any = far_any = False
-    blended = blender.blend(tree, solution, owner)
-    for entry in rng.choice(n, 100, replace=False):
-        (x, y), own = bake.texels.own_points(entry, entry + 1), owner[entry]
-
-        def light_of(node, x=x, y=y):
-            return reconstruct.evaluate_leaf(tree, solution, np.array([node]), x, y)
-
-        mine, points = light_of(own), [own]
-        for across, up in ((a, b) for a in line for b in line):
-            column, row = int(np.floor(x[0] + across * tree.side[own])), int(np.floor(y[0] + up * tree.side[own]))
-            if not (0 <= column < 32 and 0 <= row < 32):
-                continue
-            other, theirs = at[row, column], light_of(at[row, column])
-            far = np.abs(reconstruct.node_coordinates(tree, np.array([other]), x, y)).max() > reconstruct._FARTHEST
-            gap = (theirs.irradiance - mine.irradiance).sum(0).mean()
-            noise, own_noise = theirs.variance.mean(), mine.variance.mean()
-            alike = gap**2 <= reconstruct._STEP_SIGMAS**2 * (noise + own_noise) and noise <= reconstruct._NOISIER * own_noise
-            if other == own or (alike and not far):
-                points.append(other)
-            joined_any |= other != own and alike and not far
-            refused_any |= other != own and not alike
-            far_any |= alike and far
-        nodes, count = np.unique(points, return_counts=True)
-        parts = [light_of(node) for node in nodes]
-        mean = sum(k * part.irradiance for k, part in zip(count, parts, strict=True)) / len(points)
-        variance = sum(k**2 * part.variance for k, part in zip(count, parts, strict=True)) / len(points) ** 2
-        np.testing.assert_allclose(blended.irradiance[..., entry], mean[..., 0], rtol=1e-12)
-        np.testing.assert_allclose(blended.variance[:, entry], variance[:, 0], rtol=1e-12)
-    assert joined_any
-    assert refused_any
-    assert far_any == (degree == 0)  # the noise of a plane carried on so far rules it out before
+    row, column = (at[:, 1:] != at[:, :-1]).nonzero()
+    sides = [joined._blend(at[row, column + k], column + 1.0, row + 0.5) for k in (0, 1)]
+    plain, blended = (np.abs(one.irradiance - other.irradiance).sum((0, 1)) for one, other in zip(*sides, strict=True))
+    assert (tree.side[at[row, column]] != tree.side[at[row, column + 1]]).any()
+    assert blended.mean() < 0.1 * plain.mean()
 
 
 def blend_both(bake, pieces):
     """Blends (c, n) of all texels, one by one and by ranges that end at `pieces`, and the standard error (n,) of the first."""
     n = len(bake.keys)
     owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), n)
-    blender = reconstruct.LeafBlender.of(bake.texels, np.zeros(n, np.int32))
-    each = blender.blend(bake.tree, bake.solution(), owner)
+    joined = join(bake.texels, bake.tree, bake.solution(), owner)
+    each = joined.at(np.arange(n))
     ends = [0, *pieces, n]
-    parts = [blender.blend_range(bake.tree, bake.solution(), owner, *ends[i : i + 2]) for i in range(len(ends) - 1)]
+    parts = [joined.range(*ends[i : i + 2]) for i in range(len(ends) - 1)]
     light = [values.irradiance.reshape(6, -1) for values in (each, *parts)]
     variance = [values.variance for values in (each, *parts)]
     return light[0], np.hstack(light[1:]), variance[0], np.hstack(variance[1:])
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2])
-def test_cells_of_a_leaf_are_its_function(degree):
+def test_the_lattice_of_a_leaf_is_its_function(degree):
     bake = SquareBake(side=128, degree=degree)
     bake.throw(*ramp(np.random.default_rng(0), 20_000))
     each, by_cells, variance, variance_by_cells = blend_both(bake, [70, 128 * 64 + 1])
     np.testing.assert_allclose(by_cells, each, atol=1e-9 * each.max())
-    if degree < 2:  # else of degree four
-        np.testing.assert_allclose(variance_by_cells, variance, rtol=1e-9)
+    np.testing.assert_allclose(variance_by_cells, variance, rtol=1e-9)
 
 
-def test_cells_follow_a_ramp_between_leaves():
-    """Whose step is noise is asked once for a cell, not at each of its texels."""
+def test_a_lattice_follows_a_ramp_between_leaves():
+    """Whose step is noise is asked at the corners of a cell, not at each of its texels."""
     each, by_cells, variance, variance_by_cells = blend_both(quartered(even, side=256), [1000])
     off = (by_cells - each).sum(axis=0) / 3
     assert 0 < np.sqrt((off**2).mean()) < 0.2 * np.sqrt(variance.mean())
@@ -254,7 +264,7 @@ def test_leaves_of_other_charts_have_no_say(tmp_path):
     chart_of_entry = light.tree.chart[leaf]
     for chart in np.unique(chart_of_entry):
         other = replace(even, coefficient=np.where(light.tree.chart == chart, even.coefficient, 1.001))
-        found = blender.blend(light.tree, other, leaf).irradiance
+        found = blender.join(light.tree, other, leaf).at(np.arange(len(leaf))).irradiance
         assert (found[..., chart_of_entry == chart] == 1).all()
         np.testing.assert_allclose(found[..., chart_of_entry != chart], 1.001)
 
@@ -262,6 +272,7 @@ def test_leaves_of_other_charts_have_no_say(tmp_path):
 def test_charts_of_one_texel_are_not_one_cell(tmp_path):
     light, blender, leaf = glance_of_charts(tmp_path, 8)
     assert (np.bincount(light.tree.chart[leaf]) == 1).sum() > 1
-    each, by_cells = blender.blend(light.tree, light.solution, leaf), blender.blend_range(light.tree, light.solution, leaf, 0, len(leaf))
+    joined = blender.join(light.tree, light.solution, leaf)
+    each, by_cells = joined.at(np.arange(len(leaf))), joined.range(0, len(leaf))
     np.testing.assert_array_equal(by_cells.irradiance, each.irradiance)
     np.testing.assert_array_equal(by_cells.variance, each.variance)

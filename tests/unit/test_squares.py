@@ -90,9 +90,8 @@ def test_a_bake_counts_light_on_the_squares_at_contacts(tmp_path, texels):
         solver = make_solver(tmp_path / name, lamp_scene(), settings, forced=forced)
         light = solver.run(lambda message: None, lambda: False)
         assert np.array_equal(light.squares.entry, np.flatnonzero(forced & texels.is_central))
-    shown = solver.blender.blend(
-        light.tree, light.solution, node_of_texel(light.tree, light.leaves, len(texels.texel_area)), light.squares.entry
-    ).irradiance
+    leaf = node_of_texel(light.tree, light.leaves, len(texels.texel_area))
+    shown = solver.blender.join(light.tree, light.solution, leaf).at(light.squares.entry).irradiance
     area = solver.squares.area
     told, held = ((each.sum(axis=0) * area).sum(axis=-1) for each in (light.squares.irradiance, shown))
     noise = np.sqrt((light.squares.variance * area**2).sum(axis=-1))
