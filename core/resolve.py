@@ -7,7 +7,7 @@ colour has alpha 0 too). Passes and their units: docs/units.md.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import starmap
@@ -63,7 +63,7 @@ def light_at_texels(
         light[..., part] = np.maximum(traced.irradiance, 0.0)  # a fitted plane may dip below zero at the edge of a shadow
         variance[:, part] = traced.variance * field.correction
 
-    _run_chunks(fill, n_texel, threads)
+    _run_chunks(fill, range(0, n_texel, reconstruct.CHUNK), threads)
     grain = field.tree.side[leaf] <= denoise.SMALL_LEAF
     if field.squares is not None:
         grain |= squares.mix(light, variance, field.squares, blender.texels, blender.entry_at)
@@ -79,14 +79,14 @@ def light_at_texels(
         indirect[part] = light[1, :, part].T
         np.sqrt(variance[:, part].T + noise[part], out=stderr[part])
 
-    _run_chunks(finish, n_texel, threads)
+    _run_chunks(finish, range(0, n_texel, reconstruct.CHUNK), threads)
     return TexelLight(direct, indirect, stderr, leaf)
 
 
-def _run_chunks(work: Callable[[int], None], n_texel: int, threads: int) -> None:
-    """Does the work for each chunk's first texel; numpy lets go of the interpreter within a chunk."""
+def _run_chunks(work: Callable[[int], None], starts: Iterable[int], threads: int) -> None:
+    """Does the work of each chunk, by where that starts; numpy lets go of the interpreter within a chunk."""
     with ThreadPoolExecutor(threads) as pool:
-        for _ in pool.map(work, range(0, n_texel, reconstruct.CHUNK)):
+        for _ in pool.map(work, starts):
             pass
 
 
@@ -130,9 +130,7 @@ class Resolver:
             image[rows][row, column, :3] = self._pass_values(name, entry)
             image[rows][row, column, 3] = 1.0
 
-        with ThreadPoolExecutor(self._threads) as pool:
-            for _ in pool.map(fill, range(0, size, step)):
-                pass
+        _run_chunks(fill, range(0, size, step), self._threads)
         filled = image[..., 3] > 0.0
         if self._light.empty is not None and name in _LIGHT_PASSES:
             column, row, value = self._beside_charts(name, page, self._light.empty)
