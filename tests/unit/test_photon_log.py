@@ -40,6 +40,21 @@ def test_groups_are_numbered_on_and_own_rays_and_deposits():
     assert groups.owner.tolist() == [0, 1, 2, 3]
 
 
+def test_some_deposits_alone_keep_what_is_theirs():
+    log = PhotonLog()
+    group = log.open_groups(np.int32([4, 5]), np.ones(2, np.float32)).repeat(2)
+    log.count_rays(4, group)
+    deposit(log, [7, 8, 9, 6], group)
+    hits = log.hits()
+    some = hits.only(np.array([1, 2]))
+    assert some.tri.tolist() == [8, 9]
+    assert [some.u.tolist(), some.v.tolist()] == [hits.u[1:3].tolist(), hits.v[1:3].tolist()]
+    assert [some.flux_rgb.shape, some.is_first.shape] == [(3, 2), (2,)]
+    assert some.groups.owner.tolist() == [0, 1]
+    assert some.groups.rays.tolist() == [2, 2]
+    assert some.counters == hits.counters
+
+
 def test_a_shard_without_photons_has_all_fields():
     hits = PhotonLog().hits()
     assert [len(hits.tri), hits.flux_rgb.shape, hits.groups] == [0, (3, 0), None]

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, prepare_folder
 from leaflight.core import bake, executors, photons, quadtree, shared_arrays, workers
-from leaflight.core.scene import Light, SceneObject
+from leaflight.core.scene import Light, Material, SceneObject
 from leaflight.core.settings import Settings
 from leaflight.core.splitting import Splitting
-from scenes import box_mesh, make_scene, quad_mesh
+from scenes import Mesh, box_mesh, make_scene, moved, quad_mesh
 
 SETTINGS = Settings(size=32, padding=1)
 
@@ -82,6 +82,33 @@ def test_photons_part_as_their_view_says(photon_shard):
         assert result.splitting.place.min() >= n_object  # all that photons meet there has a lightmap
         assert result.splitting.rays.sum() * factor == pytest.approx(result.counters.rays - births)
         assert result.splitting.noise.sum() / factor == pytest.approx(result.tally.weight2.sum(), rel=1e-5)
+
+
+@pytest.mark.parametrize("guided", [False, True])
+def test_light_on_a_face_without_texels_is_no_other_texel_s(tmp_path, guided):
+    """Half of a sheet is folded to a line in its layer; what has the last texels lies in the dark."""
+    vertex = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0], [2, 1, 0]], float)
+    square, line = np.array([[0, 0], [0.9, 0], [0.9, 0.9], [0, 0.9]]), np.array([[0.1, 0.1], [0.2, 0.2], [0.3, 0.3], [0.4, 0.4]])
+    sheet = Mesh("Sheet", vertex, [[0, 1, 2, 3], [1, 4, 5, 2]], [square, line])
+    ceiling = replace(moved(quad_mesh("Ceiling", 2.0, 1.0), (0, 0, 1.0)), polygons=[[3, 2, 1, 0]], receives=False)
+    screen = replace(moved(quad_mesh("Screen", 9.0, 9.0), (-4.0, -4.0, -1.0)), receives=False)
+    scene = make_scene(
+        [sheet, ceiling, screen, moved(quad_mesh("Dark"), (0, 0, -2.0))],
+        [Light("POINT", "Lamp", (1.0, 0.5, 0.5), power_rgb=(1.0,) * 3)],
+        [Material("White", (0.9,) * 3)],
+    )
+    solver = make_solver(tmp_path, scene, replace(SETTINGS, direct="rays" if guided else "photons"))
+    view, n_node = tmp_path / "view", len(solver.tree)
+    shared_arrays.save_struct(view, quadtree.TreeView.of_tree(solver.tree, len(solver.keys), solver.squares.entry))
+    told = Splitting(np.ones(len(scene.objects) + n_node, np.float32), np.ones((3, n_node)))
+    shared_arrays.save_struct(view / workers.SPLITTING_FOLDER, told)
+    shard = workers.PhotonShard(str(tmp_path), str(view), 1, 0, 0, photons=5000, max_depth=9, degree=1, skip_first=guided, guided=guided)
+    result, texels = workers.trace_photons(shard), workers.open_tracing(str(tmp_path)).texels
+    lit = scene.tri_object[texels.texel_tri[solver.tree.start[result.tally.node]]]
+    assert set(lit) == {0}
+    assert 100 < result.tally.count.sum() < 0.8 * result.counters.deposits  # the others fell on the folded half
+    if guided:
+        assert result.splitting.noise.sum() == pytest.approx(result.tally.weight2.sum(), rel=1e-5)
 
 
 def test_skipping_first_hits_leaves_the_indirect_part(photon_shard):
