@@ -14,7 +14,11 @@ def deposit(log, tri, group=None):
 
 def test_pieces_follow_each_other():
     log = PhotonLog()
-    log.count_rays(5, None)
+    log.photons = 4
+    for watts, sums in enumerate((log.emitted, log.absorbed, log.escaped, log.remainder)):
+        sums += watts
+    log.count_rays(3, None)
+    log.count_rays(2, None)
     deposit(log, [3, 1])
     deposit(log, [2])
     hits = log.hits()
@@ -22,7 +26,8 @@ def test_pieces_follow_each_other():
     assert hits.u.tolist() == [0, 1, 0]
     assert hits.flux_rgb.shape == (3, 3)
     assert hits.is_first.all()
-    assert (hits.counters.rays, hits.counters.deposits) == (5, 3)
+    assert (hits.counters.photons, hits.counters.rays, hits.counters.deposits) == (4, 5, 3)
+    assert [watts[0] for watts in (hits.audit.emitted, hits.audit.absorbed, hits.audit.escaped, hits.audit.remainder)] == [0, 1, 2, 3]
     assert hits.groups is None
 
 
