@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh, solve_scene
-from leaflight.core import direct_field, executors, quadtree, refine, resolve, shrinkage, tally, workers
+from leaflight.core import direct_field, executors, quadtree, refine, resolve, rounds, shrinkage, splitting, tally, workers
 from leaflight.core.direct_shown import ShownDirect
 from leaflight.core.messages import Progress
 from leaflight.core.scene import Light, Material
@@ -94,14 +94,19 @@ def test_a_glance_is_what_a_bake_of_one_round_gives_but_for_its_error(tmp_path):
     assert glance.leaves.size
 
 
-def sunlit_court(tmp_path, name, seed, guided):
-    """Light that surfaces send to the walls of a small court on a wide plain under the sun, W/m^2, and the rays of photons it took."""
+def court_solver(folder, seed=1, executor=None, forced=False):
+    """A small court on a wide plain under the sun."""
     court = room_mesh("Court")
     court = moved(replace(court, polygons=[court.polygons[0], *court.polygons[2:]]), (0, 0, 0.5))
     plain = moved(quad_mesh("Plain", 9.0, 9.0), (-4.5, -4.5, -0.1))
     sun = Light("SUN", "Sun", (0.0, 0.0, 5.0), power_rgb=(1.0, 1.0, 1.0), angle_rad=0.01)
     scene = make_scene([court, plain], [sun], [Material("Grey", (0.7,) * 3)])
-    solver = make_solver(tmp_path / f"{name}{seed}", scene, replace(SETTINGS, size=64, seed=seed, error=1e-4, max_photons=1_000_000))
+    return make_solver(folder, scene, replace(SETTINGS, size=64, seed=seed, error=1e-4, max_photons=1_000_000), executor, forced)
+
+
+def light_of_court(tmp_path, name, seed, guided):
+    """Light that surfaces send to its walls, W/m^2, and the rays of photons it took."""
+    solver = court_solver(tmp_path / f"{name}{seed}", seed)
     if not guided:
         solver._split_photons = lambda: (None, 1.0)
     light = solver.run(lambda message: None, lambda: False)
@@ -113,7 +118,7 @@ def sunlit_court(tmp_path, name, seed, guided):
 
 def test_photons_that_are_sent_where_they_tell_most_bring_the_same_light_with_less_noise(tmp_path):
     plain, guided = (
-        np.array([sunlit_court(tmp_path, name, seed, name == "guided") for seed in range(8)]).T for name in ("plain", "guided")
+        np.array([light_of_court(tmp_path, name, seed, name == "guided") for seed in range(8)]).T for name in ("plain", "guided")
     )
     doubt = np.hypot(plain[0].std(ddof=1), guided[0].std(ddof=1)) / math.sqrt(8)
     assert abs(plain[0].mean() - guided[0].mean()) < 4 * doubt
@@ -121,6 +126,40 @@ def test_photons_that_are_sent_where_they_tell_most_bring_the_same_light_with_le
     assert guided[1].mean() < 0.7 * plain[1].mean()
     cost = [bakes[0].var(ddof=1) * bakes[1].mean() for bakes in (plain, guided)]  # of 24 seeds a third
     assert cost[1] < 0.6 * cost[0]
+
+
+def test_photons_are_sent_by_all_light_that_is_shown(tmp_path):
+    """That of the sun, too; and what is known of a node is mixed with what is known of its own object."""
+    solver, roots = court_solver(tmp_path), []
+    light = solver.run(lambda message: None, lambda: False)
+    tree, plan, texels = solver.tree, solver.guide.plan, solver.tracing.texels
+    solver.guide.plan = lambda tree, root_object: roots.append(root_object) or plan(tree, root_object)
+    told, _ = solver._split_photons()
+    shown = resolve.light_at_texels(light, solver.blender)
+    means = quadtree.mean_in_nodes(tree, shown.direct + shown.indirect)
+    expected = splitting.weigh_deposits(tree, light.leaves, means, light.ledger.deposits)[:, light.leaves]
+    ratio = told.worth[:, light.leaves] / expected
+    assert np.quantile(ratio, [0.05, 0.95]) == pytest.approx(1.0, abs=0.3)
+    at_texels = tree.levels[0][quadtree.node_of_texel(tree, tree.levels[0], len(solver.keys))]
+    np.testing.assert_array_equal(roots[0][at_texels], solver.tracing.snapshot.tri_object[texels.texel_tri])
+
+
+def test_rounds_grow_by_what_their_photons_tell(tmp_path):
+    recorder = Recorder()
+    solver = court_solver(tmp_path, executor=recorder, forced=True)
+    light = solver.run(lambda message: None, lambda: False)
+    shards = [shard for shard in recorder.shards if isinstance(shard, workers.PhotonShard)]
+    photons, weight = (np.array([getattr(shard, name) for shard in shards]) for name in ("photons", "weight"))
+    told = np.bincount([shard.round for shard in shards], photons * weight)
+    before = np.cumsum(told)[:-1]
+    assert weight.max() > 2
+    assert light.rounds > 3
+    growth = np.where(before < rounds.EARLY_PHOTONS, rounds.EARLY_GROWTH, rounds.ROUND_GROWTH)
+    np.testing.assert_allclose(told[1:-1] / before[:-1], growth[:-1], rtol=1e-3)
+    assert light.ledger.told == pytest.approx(told.sum())
+    for tallied in (solver.tally, solver.square_tally):
+        assert tallied.photons.sum() == pytest.approx(told.sum())
+    assert light.squares.entry.size
 
 
 def test_progress_is_told_after_every_round(tmp_path):
@@ -137,9 +176,10 @@ def test_progress_is_told_after_every_round(tmp_path):
         assert message.seconds_left == pytest.approx(spent * (1 / message.fraction - 1), rel=1e-6, abs=1e-9)
 
 
-def test_a_round_solves_all_that_is_asked_of_it(tmp_path):
+@pytest.mark.parametrize("knobs", [{}, {"oracle": "paper", "threshold": 0.02}])  # the other splits on noise, far below what is shown
+def test_a_round_solves_all_that_is_asked_of_it(tmp_path, knobs):
     """What is shown, what is stated and what is split are as if every node had been solved."""
-    solver = make_solver(tmp_path, lamp_scene(), replace(SETTINGS, direct="photons"))
+    solver = make_solver(tmp_path, lamp_scene(), replace(SETTINGS, direct="photons", **knobs))
     solver.run(lambda message: None, lambda: False)
     state = solver._read_tallies()
     shown = shrinkage.shrink_leaves(solver.tree, state.totals, state.leaves)
@@ -220,11 +260,14 @@ def test_leaves_tile_every_chart(tmp_path):
 
 @pytest.mark.parametrize("finest", [1, 4])
 def test_flat_mode_has_leaves_of_the_finest_size(tmp_path, finest):
-    light = solve_scene(tmp_path, lamp_scene(), replace(QUICK, hierarchical=False, finest_texels=finest))
+    solver = make_solver(tmp_path, lamp_scene(), replace(QUICK, hierarchical=False, finest_texels=finest))
+    light = solver.run(lambda message: None, lambda: False)
     assert (light.tree.side == np.minimum(finest, light.tree.side.max())).all()
     assert len(light.leaves) == len(light.tree)
     if finest == 1:
         assert len(light.leaves) == len(light.direct.irradiance)
+    plain = tally.solve_tallies(light.tree, tally.accumulate(light.tree, solver.tally))
+    np.testing.assert_array_equal(light.solution.coefficient, plain.coefficient)  # held against: as the photons say
 
 
 def test_no_leaf_is_smaller_than_the_finest(tmp_path):
