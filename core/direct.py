@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .direct_choice import Demand
 from .direct_crowd import LampCrowd
 from .direct_lights import Source
 from .direct_points import (
@@ -111,26 +112,20 @@ def direct_irradiance(
             part = start + own
             chunk = TexelChunk(look_at(texel[part]) if flip else looks, random_shift(rng, len(part)), scene.surfaces, flip)
             whole = (tiles or Tiles.none()).within(part)
-            value, error = _light_chunk(scene, chunk, whole, whole.on_one_triangle(tri[own]), smoothed, rng, tolerance, max_rays, counters)
+            calm = whole if smoothed else Tiles.none()
+            demand = Demand(tolerance, max_rays, whole.on_one_triangle(tri[own]), calm.texels())
+            value, error = _light_chunk(scene, chunk, demand, rng, counters)
             irradiance[part] += value
             variance[part] += error
     return DirectLight(irradiance, variance, counters)
 
 
 def _light_chunk(
-    scene: DirectScene,
-    chunk: TexelChunk,
-    tiles: Tiles,
-    flat: Tiles,
-    smoothed: bool,
-    rng: np.random.Generator,
-    tolerance: float,
-    max_rays: int,
-    counters: dict[str, int],
+    scene: DirectScene, chunk: TexelChunk, demand: Demand, rng: np.random.Generator, counters: dict[str, int]
 ) -> tuple[Float64, Float64]:
-    """Irradiance (n, 3) of a chunk's texels, and its variance; flat are those of the tiles that lie on one triangle."""
-    count, calm = len(chunk), tiles.texels()[: len(tiles) * smoothed]
-    shared, variance, tallies = _look_first(scene, chunk, flat, calm, rng, counters)
+    """Irradiance (n, 3) of a chunk's texels, and its variance."""
+    count = len(chunk)
+    shared, variance, tallies = _look_first(scene, chunk, demand, rng, counters)
     for tally in tallies:
         for piece in row_pieces(np.flatnonzero(tally.leads), STAGES[0][1]):
             counters["rays"] += tally.add(scene.rays, chunk, piece, STAGES[0], GAUSS_POINTS)
@@ -151,15 +146,13 @@ def _light_chunk(
     found = np.zeros((count, 3))
     for many in (rest, scene.pool):
         if many is not None:
-            by_many, error, traced = many.irradiance(scene.rays, chunk, flat.texels(), calm, light + found, tolerance, max_rays, rng)
+            by_many, error, traced = many.irradiance(scene.rays, chunk, demand, light + found, rng)
             found += by_many
             variance += error
             counters["rays"] += traced
     level = weigh_channels(light + found)
-    allowed = [tolerance * level[tally.rows] / weigh_channels(tally.rgb) for tally in tallies]
-    for stage in STAGES[1:]:
-        if stage[0] >= max_rays:
-            break
+    allowed = [demand.tolerance * level[tally.rows] / weigh_channels(tally.rgb) for tally in tallies]
+    for stage in demand.spans(STAGES[1:]):
         unsettled = [tally.unsettled(limit, stage) for tally, limit in zip(tallies, allowed, strict=True)]
         if stage == STAGES[1]:
             counters["settled"] += sum(int(tally.in_reach.sum()) - len(rows) for tally, rows in zip(tallies, unsettled, strict=True))
@@ -173,12 +166,10 @@ def _light_chunk(
 
 
 def _look_first(
-    scene: DirectScene, chunk: TexelChunk, flat: Tiles, smoothed: IntArray, rng: np.random.Generator, counters: dict[str, int]
+    scene: DirectScene, chunk: TexelChunk, demand: Demand, rng: np.random.Generator, counters: dict[str, int]
 ) -> tuple[Float64, Float64, list[Tally]]:
-    """Light (n, 3) that flat tiles are sure of, its variance, and for each source an empty tally of the texels that look at it themselves.
-
-    smoothed   (k, 64) int: texels of tiles whose noise may be left to whoever smooths it
-    """
+    """Light (n, 3) that flat tiles are sure of, its variance, and for each source an empty tally of texels that look at it themselves."""
+    flat, smoothed = demand.flat, demand.smoothed
     (shared, variance), tallies = np.zeros((2, len(chunk), 3)), []
     for source in scene.sources:
         look = look_from_tiles(scene.rays, chunk, flat, source, random_shift(rng, len(flat)))

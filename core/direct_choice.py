@@ -3,25 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .direct_points import row_pieces
+from .direct_points import STAGES, row_pieces
 from .emitters import weigh_channels
 from .lights import Float32, Float64
 from .scene import FloatArray, IntArray
-from .tiles import TILE_TEXELS, find_calm
+from .tiles import Tiles, find_calm
 
 BLOCK_TEXELS = 64  # neighbours in Morton order, 8 x 8 within a chart, that tell each other what lights them
 
 Int64: TypeAlias = NDArray[np.int64]
 Span: TypeAlias = tuple[int, int]  # rays first ... last - 1 of a texel
 
-_NO_TILES = np.zeros((0, TILE_TEXELS), np.int64)
-_NO_TILES.flags.writeable = False
+
+@dataclass(frozen=True)
+class Demand:
+    """How sure the light of a chunk's texels should be, and who of them may help each other.
+
+    tolerance   standard error, relative to a texel's direct light, at which a light gets no more rays
+    max_rays    per texel and light
+    flat        tiles that lie on one triangle, whose texels share first looks and choices
+    smoothed    (k, 64) int: texels of tiles whose noise may be left to whoever smooths it over neighbours
+    """
+
+    tolerance: float
+    max_rays: int = STAGES[-1][1]
+    flat: Tiles = field(default_factory=Tiles.none)
+    smoothed: IntArray = field(default_factory=lambda: Tiles.none().texels())
+
+    def spans(self, stages: Sequence[Span] = STAGES) -> list[Span]:
+        """Those of the stages that begin before the last ray."""
+        return [span for span in stages if span[0] < self.max_rays]
 
 
 @dataclass(frozen=True)
@@ -123,18 +140,16 @@ def in_order(step: Int64, values: FloatArray) -> Float64:
 def gather_until_sure(
     gather: Callable[[IntArray, Span], tuple[Float64, int]],
     rows: IntArray,
+    demand: Demand,
     base_rgb: Float64,
-    tolerance: float,
-    spans: Sequence[Span],
+    stages: Sequence[Span] = STAGES,
     learn: Callable[[IntArray], None] = lambda rows: None,
-    smoothed: IntArray = _NO_TILES,
 ) -> tuple[Float64, Float64, int]:
     """Irradiance (n, 3) and its variance (n, 3), and the number of rays; 0 but at the rows.
 
     gather     gives, for some rows and a span of their rays, estimates (k, len(rows), 3) in the order of their strata, and rays traced
-    base_rgb   (n, 3) float64: other light; more rays go where the error shows beside the sum
+    base_rgb   (n, 3) float64, W/m^2: other light; more rays go where the error shows beside the sum
     learn      called after the first span, with the rows that go on
-    smoothed   (k, 64) int: rows of tiles whose noise may be left to whoever smooths it over neighbours
     """
     count, n_ray = len(base_rgb), 0
     total, squares = np.zeros((count, 3)), np.zeros((count, 3))
@@ -142,6 +157,7 @@ def gather_until_sure(
         return total, squares, n_ray
     taken, asked = np.ones(count, np.int64), np.zeros(count, bool)
     taken[rows], asked[rows] = 0, True
+    spans, smoothed = demand.spans(stages), demand.smoothed
     for first, last in spans:
         for piece in row_pieces(rows, last - first):
             value, traced = gather(piece, (first, last))
@@ -153,7 +169,7 @@ def gather_until_sure(
         if last == spans[-1][1]:
             break
         error, mean = weigh_channels(squares) / taken**2, total / taken[:, None]
-        limit = tolerance * weigh_channels(base_rgb + mean)
+        limit = demand.tolerance * weigh_channels(base_rgb + mean)
         allowed = limit**2
         # A texel that stopped whenever its own rays agree would be too bright, or too dark, on average.
         worse = np.add.reduceat((error - allowed) * asked, np.arange(0, count, BLOCK_TEXELS)) > 0

@@ -9,9 +9,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .direct_choice import BLOCK_TEXELS, Clusters, Int64, Span, choose_by_strata, cumulate, gather_until_sure, in_order, sort_by_place
+from .direct_choice import (
+    BLOCK_TEXELS,
+    Clusters,
+    Demand,
+    Int64,
+    Span,
+    choose_by_strata,
+    cumulate,
+    gather_until_sure,
+    in_order,
+    sort_by_place,
+)
 from .direct_lights import AreaSource, PointSource, Source
-from .direct_points import MIDDLE, STAGES, Receivers, TexelChunk, light_points, random_shift, row_pieces
+from .direct_points import MIDDLE, Receivers, TexelChunk, light_points, random_shift, row_pieces
 from .direct_sources import join_sources
 from .emitters import weigh_channels
 from .geometry import take_rows
@@ -132,15 +143,7 @@ class RestOfCrowd:
         self._crowd, self._end, self.n_pair = crowd, end, n_pair
 
     def irradiance(
-        self,
-        rays: RayScene,
-        chunk: TexelChunk,
-        flat: Int64,
-        smoothed: Int64,
-        base_rgb: Float64,
-        tolerance: float,
-        max_rays: int,
-        rng: np.random.Generator,
+        self, rays: RayScene, chunk: TexelChunk, demand: Demand, base_rgb: Float64, rng: np.random.Generator
     ) -> tuple[Float64, Float64, int]:
         """As EmitterPool.irradiance."""
         count = len(chunk)
@@ -165,10 +168,9 @@ class RestOfCrowd:
         def learn(rows: IntArray) -> None:
             self._weigh(np.unique(rows // _TOGETHER), _lit_share(shot.reshape(-1, n_cluster), lit.reshape(-1, n_cluster)))
 
-        spans = [span for span in STAGES if span[0] < max_rays]
         somebody = self._end[:, -1] > np.arange(len(self._end))
         rows = np.flatnonzero(np.repeat(somebody, _TOGETHER)[:count])
-        return gather_until_sure(gather, rows, base_rgb, tolerance, spans, learn, smoothed)
+        return gather_until_sure(gather, rows, demand, base_rgb, learn=learn)
 
     def _weigh(self, groups: Int64, share: Float32) -> None:
         """Lowers the chances of what is not lit by; share (n_block, n_cluster)."""

@@ -9,7 +9,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from .direct_choice import BLOCK_TEXELS, Clusters, Int64, Span, choose_by_strata, cumulate, gather_until_sure, in_order, sort_by_place
+from .direct_choice import (
+    BLOCK_TEXELS,
+    Clusters,
+    Demand,
+    Int64,
+    Span,
+    choose_by_strata,
+    cumulate,
+    gather_until_sure,
+    in_order,
+    sort_by_place,
+)
 from .direct_lights import Aim
 from .direct_points import MIDDLE, STAGES, Receivers, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces
 from .emitters import EmittingCells
@@ -73,23 +84,13 @@ class EmitterPool:
         return cls(cells, constant[order], area, clusters, scene, surfaces)
 
     def irradiance(
-        self,
-        rays: RayScene,
-        chunk: TexelChunk,
-        flat: Int64,
-        smoothed: Int64,
-        base_rgb: Float64,
-        tolerance: float,
-        max_rays: int,
-        rng: np.random.Generator,
+        self, rays: RayScene, chunk: TexelChunk, demand: Demand, base_rgb: Float64, rng: np.random.Generator
     ) -> tuple[Float64, Float64, int]:
         """Irradiance (n, 3) and its variance (n, 3) of the chunk's texels, and the number of rays.
 
-        flat       (k, 64) int64: texels of tiles that lie on one triangle
-        smoothed   (k, 64) int64: texels of tiles whose noise may be left to whoever smooths it
-        base_rgb   (n, 3) float64: other light at the texels; more rays go where the error shows beside the sum
+        base_rgb   (n, 3) float64, W/m^2: other light at the texels; more rays go where the error shows beside the sum
         """
-        end, group, n_ray = self._choose_clusters(rays, chunk, flat, rng)
+        end, group, n_ray = self._choose_clusters(rays, chunk, demand.flat.texels(), rng)
         shift, turn = random_shift(rng, len(chunk)), random_shift(rng, len(chunk))[:, 0]
 
         def gather(rows: IntArray, span: Span) -> tuple[Float64, int]:
@@ -97,10 +98,9 @@ class EmitterPool:
 
         total, variance = np.zeros((2, len(chunk), 3))
         alone = np.ones(len(chunk), bool)
-        alone[smoothed] = False
+        alone[demand.smoothed] = False
         for rows, stages in ((np.flatnonzero(~alone), STAGES), (np.flatnonzero(alone), _STAGES_ALONE)):
-            spans = [span for span in stages if span[0] < max_rays]
-            found, error, traced = gather_until_sure(gather, rows, base_rgb, tolerance, spans, smoothed=smoothed)
+            found, error, traced = gather_until_sure(gather, rows, demand, base_rgb, stages)
             total[rows], variance[rows], n_ray = found[rows], error[rows], n_ray + traced
         return total, variance, n_ray
 

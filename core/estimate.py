@@ -33,7 +33,7 @@ BEST_TEXELS = 0.99
 BIAS_DECAY = 0.25
 # A bake that stops at the first round whose error is small enough picks one that came out small by chance: so many standard errors of
 # the bias are held against it. Measured over bakes of few leaves.
-_BIAS_DOUBT = 0.5
+_BIAS_DOUBT = 0.65
 _SAMPLE = 1 << 13  # texels that are asked
 _CHUNK = 1 << 16
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
@@ -231,7 +231,8 @@ def _missing_from_blend(
     group, count = np.unique(judge[told], return_inverse=True, return_counts=True)[1:]
     seen[told] = np.abs(np.bincount(group, unbiased[told]) / count)[group]
     # Either half has twice the variance of both; over a node a product has as many independent parts as the node has functions.
-    of_half = 2.0 * (weight[told].T * (shown.variance[:, told] + below.variance)).mean(0)
+    # A mean that weighs its parts well shares as much of each one's noise as it has itself, so that this is not seen between them.
+    of_half = 2.0 * (weight[told].T * np.maximum(below.variance - shown.variance[:, told], 0.0)).mean(0)
     noise[told] = of_half / np.sqrt(np.maximum(tree.rank[judge[told]], 1))
     return unbiased, seen, noise
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,18 @@ class ShardHits:
     audit: EnergyAudit
     counters: Counters
     groups: Groups | None
+
+    def only(self, rows: NDArray[np.intp]) -> ShardHits:
+        """The deposits `rows` (k,) alone; what was counted stays."""
+        return replace(
+            self,
+            tri=self.tri.take(rows),
+            u=self.u.take(rows),
+            v=self.v.take(rows),
+            flux_rgb=self.flux_rgb.take(rows, axis=1),
+            is_first=self.is_first.take(rows),
+            groups=replace(self.groups, owner=self.groups.owner.take(rows)) if self.groups else None,
+        )
 
 
 class PhotonLog:

@@ -281,7 +281,7 @@ class TreeView:
     def locate(self, entry: IntArray, x: FloatArray, y: FloatArray) -> tuple[NDArray[np.int32], FloatArray, FloatArray]:
         """The deepest node at each hit, and the hit in its coordinates s, t.
 
-        entry   (m,) int, texel entries;  x, y   (m,) float, page texels
+        entry   (m,) int, texel entries, none of them -1;  x, y   (m,) float, page texels
         """
         node = self.node.take(entry)
         inverse_half = self.inverse_half.take(node)

@@ -28,7 +28,6 @@ Float64 = NDArray[np.float64]
 
 # Of photons.SPLIT: one photon at least, so that what was not foreseen is still seen; and not so many that few places of birth tell all.
 LEAST_FACTOR, MOST_FACTOR = 1 / 8, 8.0
-MOST_WEIGHT = 16.0  # of a photon that is well sent against one of the first rounds
 _PRIOR_GROUPS = 16.0  # that what is known of the surroundings counts for
 _GRAIN = 4  # texels: noise of smaller nodes is averaged over so many a side, see denoise
 _DARK_FLOOR = 0.1  # of the mean light, as the stated error has it
@@ -135,7 +134,7 @@ class SplitGuide:
         scale = min(scale, MOST_FACTOR * float((number * noise).sum()) / max(float((number * noise * wanted[met]).sum()), _TINY))
         factor = np.clip(scale * wanted, LEAST_FACTOR, MOST_FACTOR)
         weight = float((number * noise).sum() / max(float((number * noise / factor[met]).sum()), _TINY))
-        return factor.astype(np.float32), min(max(weight, 1.0), MOST_WEIGHT)
+        return factor.astype(np.float32), max(weight, 1.0)
 
     def _know_rates(self, tree: Quadtree, root_object: IntArray) -> tuple[Float64, Float64]:
         """Rays and noise of a group at each place, (n_object + n_node,) each."""

@@ -133,6 +133,9 @@ def trace_photons(shard: PhotonShard) -> PhotonResult:
     hits = photons.trace_shard(tracing.scene, shard.photons, flux_share, rng, shard.max_depth, shard.skip_first, split_at)
     x, y = tracing.texels.hit_texel_xy(hits.tri, hits.u, hits.v)
     entry = tracing.texels.entry_of(hits.tri, x, y)
+    if entry.min(initial=0) < 0:  # a face may have no texels, as one that a layer folds to a line
+        placed = np.flatnonzero(entry >= 0)
+        hits, x, y, entry = hits.only(placed), x.take(placed), y.take(placed), entry.take(placed)
     node, s, t = view.locate(entry, x, y)
     is_first = None if shard.skip_first else hits.is_first
     sums = deposit(node, s, t, hits.flux_rgb, is_first, len(view.centre), shard.degree)
@@ -147,9 +150,8 @@ def _split_at(
     """photons.SplitAt."""
     x, y = tracing.texels.hit_texel_xy(tri, u, v)
     entry = tracing.texels.entry_of(tri, x, y)
-    is_mapped = entry >= 0
-    node = view.node.take(np.maximum(entry, 0)) if len(view.node) else entry
-    place = splitting.find_places(node, is_mapped, tracing.snapshot.tri_object.take(tri))
+    node = view.node.take(entry, mode="clip")
+    place = splitting.find_places(node, entry >= 0, tracing.snapshot.tri_object.take(tri))
     return place, splitting.factor.take(place)
 
 

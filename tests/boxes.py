@@ -59,7 +59,7 @@ def prepare_folder(folder: Path, scene: SceneSnapshot, settings: Settings) -> tu
 
 
 def make_solver(
-    folder: Path, scene: SceneSnapshot, settings: Settings, executor: Executor | None = None, forced: np.ndarray | None = None
+    folder: Path, scene: SceneSnapshot, settings: Settings, executor: Executor | None = None, forced: np.ndarray | bool = False
 ) -> solve.Solver:
     """A solver in an empty folder, direct light found already."""
     executor = executor or executors.InlineExecutor()
@@ -68,7 +68,7 @@ def make_solver(
     direct = DirectField.none(n_texel)
     if settings.direct == "rays":
         direct.shoot(folder, settings, executor, np.arange(n_texel))
-    forced = np.zeros(n_texel, bool) if forced is None else forced
+    forced = np.broadcast_to(forced, n_texel).copy()
     return solve.Solver(folder, settings, executor, direct, forced, LeafBlender.of(texel_map, texel_map.chart_page[texel_map.texel_chart]))
 
 

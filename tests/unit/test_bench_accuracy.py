@@ -58,11 +58,12 @@ def test_committed_references_have_little_noise_and_are_small(name, size):
 
 def test_windows_are_spread_over_a_large_page_and_are_all_of_a_small_one():
     assert spread_windows(256) == (256, [(0, 0)])
-    side, corners = spread_windows(1024)
-    assert side * side * len(corners) == 256 * 256
-    for ends in zip(*corners, strict=True):
-        assert sorted(ends) == list(range(0, 1024, 64))
-    assert spread_windows(4096)[0] == 64
+    for size in (1024, 4096):
+        side, corners = spread_windows(size)
+        assert side * side * len(corners) == 256 * 256
+        for ends in zip(*corners, strict=True):
+            assert sorted(ends) == list(range(0, size, size // 16))
+        assert len({(4 * x // size, 4 * y // size) for x, y in corners}) == 16  # one in each sixteenth of the page
     for size in (512, 1030):
         with pytest.raises(ValueError, match=f"{size}: a page that is baked in windows"):
             spread_windows(size)

@@ -183,6 +183,18 @@ def test_a_folder_that_is_used_again_is_read_again(farm, tmp_path):
     assert means[0] == pytest.approx(10 * means[1], rel=0.01)
 
 
+def test_a_later_bake_of_the_same_scene_is_told_anew_where_photons_part(farm, tmp_path):
+    """Its second round's view has the name of the first bake's last, and the third round is told what came of the second."""
+    for seed, most, rounds in ((1, 300_000, 2), (2, 600_000, 3)):
+        settings = replace(SETTINGS, max_photons=most, seed=seed)
+        with cluster.connect(farm.address) as executor:
+            light = solve_scene(tmp_path, lamp_scene(), settings, executor)
+        assert light.rounds == rounds
+        shared_arrays.remove_struct(tmp_path / workers.TEXELS_FOLDER)
+        workers.forget_folders()
+    assert to_bytes(light) == to_bytes(solve_scene(tmp_path / "alone", lamp_scene(), settings))
+
+
 def test_a_sentence_of_a_shard_comes_through(farm, tmp_path):
     prepare_folder(tmp_path, replace(lamp_scene(), lights=()), SETTINGS)
     shard = workers.DirectShard(str(tmp_path), seed=1, turn=0, start=0, texels=np.arange(9), tolerance=0.1, smoothed=False)

@@ -140,6 +140,22 @@ def test_tiny_and_huge_light_is_smoothed_alike(texels, scale):
     assert smooth(texels, edge, scale=scale)[1] == pytest.approx(smooth(texels, edge)[1], rel=1e-3)
 
 
+@pytest.mark.parametrize("brightness", [0.1, 30.0])
+def test_noise_that_is_left_is_told_in_the_units_of_the_light(texels, brightness):
+    """With how much of it a texel keeps of its own, whatever the light's scale."""
+    count, told = len(texels.texel_xy), []
+    noise = np.random.default_rng(1).standard_normal((3, count))
+    for scale in (1.0, brightness):
+        light, variance = np.float32([scale * (1.0 + SIGMA * noise)]), np.full((3, count), (scale * SIGMA) ** 2, np.float32)
+        left = np.empty((4, count), np.float32)
+        out = denoise.denoise(light, variance, np.ones(count, bool), texels, np.zeros(count, np.int32), left=left)
+        told.append(left)
+        real = ((out[0] / scale - 1.0) ** 2).mean()
+        assert left[:3].mean() / scale**2 == pytest.approx(real, rel=0.2)
+    np.testing.assert_allclose(told[1][:3] / brightness**2, told[0][:3], rtol=1e-3)
+    np.testing.assert_allclose(told[1][3], told[0][3], rtol=1e-3)
+
+
 def test_darkness_stays_dark(texels):
     assert not smooth(texels, lambda x, y: np.zeros(len(x)), sigma=0.0)[1].any()
 

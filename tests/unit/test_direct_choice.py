@@ -6,8 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from leaflight.core.direct_choice import Clusters, choose_by_strata, cumulate, gather_until_sure, in_order, sort_by_place
-from leaflight.core.direct_points import STAGES
+from leaflight.core.direct_choice import Clusters, Demand, choose_by_strata, cumulate, gather_until_sure, in_order, sort_by_place
 
 
 def random_clusters(count: int, most: int) -> Clusters:
@@ -79,7 +78,7 @@ class TestGathering:
     def test_rows_that_agree_stop_and_the_others_go_on(self):
         level, noise = np.full(256, 5.0), np.repeat([0.0, 1.0], 128)
         gather, _ = self.gather(level, noise)
-        value, variance, traced = gather_until_sure(gather, np.arange(256), np.zeros((256, 3)), 1e-3, STAGES)
+        value, variance, traced = gather_until_sure(gather, np.arange(256), Demand(1e-3), np.zeros((256, 3)))
         assert traced == 128 * 4 + 128 * 64
         assert (value[:128] == 5).all()
         assert not variance[:128].any()
@@ -88,36 +87,38 @@ class TestGathering:
 
     def test_what_other_light_outshines_may_be_noisy(self):
         gather, _ = self.gather(np.full(64, 1.0), np.full(64, 0.5))
-        assert gather_until_sure(gather, np.arange(64), np.full((64, 3), 1e4), 1e-3, STAGES)[2] == 4 * 64
+        assert gather_until_sure(gather, np.arange(64), Demand(1e-3), np.full((64, 3), 1e4))[2] == 4 * 64
 
     def test_neighbours_of_a_doubtful_row_go_on_with_it(self):
         noise = np.zeros(256)
         noise[10] = 10.0
         gather, asked = self.gather(np.ones(256), noise)
-        gather_until_sure(gather, np.arange(256), np.zeros((256, 3)), 0.01, STAGES)
+        gather_until_sure(gather, np.arange(256), Demand(0.01), np.zeros((256, 3)))
         assert [(len(rows), span) for rows, span in asked] == [(256, (0, 4)), (64, (4, 16)), (64, (16, 64))]
 
     def test_even_noise_of_a_tile_is_left_to_smoothing(self):
-        gather, asked = self.gather(np.full(256, 1.0), np.full(256, 0.1))
+        level = np.full(256, 1.0)
+        level[128:160] = 1.5  # an edge through the second tile
+        gather, asked = self.gather(level, np.full(256, 0.1))
         tiles = np.arange(64, 192).reshape(2, 64)
-        gather_until_sure(gather, np.arange(256), np.zeros((256, 3)), 0.025, STAGES[:2], smoothed=tiles)
-        assert [(len(rows), span) for rows, span in asked] == [(256, (0, 4)), (128, (4, 16))]
+        gather_until_sure(gather, np.arange(256), Demand(0.025, 16, smoothed=tiles), np.zeros((256, 3)))
+        assert [(len(rows), span) for rows, span in asked] == [(256, (0, 4)), (192, (4, 16))]
 
     def test_rows_that_are_not_asked_do_not_calm_their_neighbours(self):
         """One noisy row asked in each block: beside rows without light of this kind, whose error is 0."""
         noise = np.zeros(256)
         noise[::2] = 0.5
         gather, asked = self.gather(np.ones(256), noise)
-        gather_until_sure(gather, np.arange(0, 256, 2), np.full((256, 3), 10.0), 0.018, STAGES[:2])
+        gather_until_sure(gather, np.arange(0, 256, 2), Demand(0.018, 16), np.full((256, 3), 10.0))
         assert len(asked[1][0]) == 128
 
     def test_rows_with_nothing_to_gather_are_left_out(self):
         gather, _ = self.gather(np.ones(100), np.zeros(100))
         learned = []
-        value, _, _ = gather_until_sure(gather, np.arange(50, 60), np.zeros((100, 3)), 0.01, STAGES, learned.append)
+        value, _, _ = gather_until_sure(gather, np.arange(50, 60), Demand(0.01), np.zeros((100, 3)), learn=learned.append)
         assert value[:, 0].nonzero()[0].tolist() == list(range(50, 60))
         assert [rows.tolist() for rows in learned] == [[]]
-        assert gather_until_sure(gather, np.arange(0), np.zeros((100, 3)), 0.01, STAGES)[2] == 0
+        assert gather_until_sure(gather, np.arange(0), Demand(0.01), np.zeros((100, 3)))[2] == 0
 
 
 def test_emitters_are_sorted_by_facing_first():

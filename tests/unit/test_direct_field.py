@@ -5,7 +5,7 @@ from concurrent.futures import Future
 import numpy as np
 import pytest
 from boxes import lamp_scene, prepare_folder
-from leaflight.core import executors
+from leaflight.core import direct_field, executors
 from leaflight.core.direct import DirectLight
 from leaflight.core.direct_field import DirectField
 from leaflight.core.settings import Settings
@@ -43,6 +43,16 @@ def test_many_shots_come_to_the_light(shot):
     stated = np.sqrt(field.variance.mean())
     assert stated < 0.35 * np.sqrt(np.mean((once - field.irradiance) ** 2))
     assert field.counters["rays"] > 0
+
+
+def test_what_is_told_of_a_shot_is_the_share_that_is_done(shot, monkeypatch):
+    folder, field = shot
+    monkeypatch.setattr(direct_field, "SHARD_TEXELS", 100)
+    monkeypatch.setattr(direct_field, "SECONDS_BETWEEN_WORDS", -1.0)
+    told, count = [], len(field.passes)
+    field.shoot(folder, SETTINGS, executors.InlineExecutor(), np.arange(count), told.append)
+    done = [min(end / count, 1.0) for end in range(100, count + 100, 100)]
+    assert [message.text for message in told] == [f"Direct light, {share:.0%}" for share in done]
 
 
 def test_photons_alone_leave_nothing_here():

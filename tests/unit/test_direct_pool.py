@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import chi_square_sigmas, floor_looks, floor_tiles, lit_scene, prepare, sigma_limit, to_grid
-from leaflight.core import direct
+from floors import chi_square_sigmas, floor_looks, floor_tiles, lit_scene, morton_square, prepare, sigma_limit, to_grid
+from leaflight.core import direct, direct_pool
 from leaflight.core.direct import DirectScene, direct_irradiance
 from leaflight.core.direct_sources import make_triangle_sources
 from leaflight.core.emitters import find_emitting_cells
@@ -160,6 +160,22 @@ def test_clusters_of_more_triangles_than_they_are():
     assert found.mean() == pytest.approx(expected.mean(), rel=0.03)  # 12 rings are a little smaller than their sphere
 
 
+def test_tiles_choose_what_is_seen_from_them():
+    """Lamps on both sides of a wall: texels of tiles choose with no more noise than those that choose alone."""
+    wall = box_mesh("Wall", (2.0, 0.02, 3.0), (0.5, 0.5, 1.5))
+    lamps = [box_mesh(f"Lamp {i}", (0.1, 0.1, 0.05), (0.15 + 0.35 * (i % 3), 0.2 + 0.6 * (i // 3), 0.5)) for i in range(6)]
+    scene, _, _ = prepare(lit_scene([wall], emission=lamps))
+    alone, together = (light_floor(scene, tolerance=0.0, max_rays=16, **options) for options in ({}, {"tiles": floor_tiles(SIDE)}))
+    assert alone.irradiance_rgb.mean() == pytest.approx(together.irradiance_rgb.mean(), rel=0.01)
+    assert np.median(together.variance_rgb) < 1.3 * np.median(alone.variance_rgb)
+
+
+def test_a_quarter_of_a_tile_is_judged_from_its_corners():
+    x, y = morton_square(4)
+    assert sorted(zip(x[list(direct_pool._JUDGES)], y[list(direct_pool._JUDGES)], strict=True)) == [(0, 0), (0, 3), (3, 0), (3, 3)]
+    assert len(x) == direct_pool._TOGETHER
+
+
 def test_tiles_take_few_rays_where_their_noise_is_smoothed():
     """The same light on the mean, with an honest error, from fewer rays."""
     scene, _, _ = prepare(lit_scene([box_mesh("Block", (0.3, 0.3, 0.3), (0.5, 0.5, 0.3))], emission=boxes(6)))
@@ -167,6 +183,8 @@ def test_tiles_take_few_rays_where_their_noise_is_smoothed():
     plain = light_floor(scene, tolerance=0.04)
     runs = [light_floor(scene, seed, tolerance=0.04, tiles=tiles, smoothed=True) for seed in range(12)]
     assert runs[0].counters["rays"] < 0.8 * plain.counters["rays"]
+    first = [light_floor(scene, tolerance=10.0, **options).counters["rays"] for options in ({"tiles": tiles, "smoothed": True}, {})]
+    assert first[1] - first[0] > 0.7 * (16 - 4) * SIDE**2  # alone a texel begins with 16: of 4 hardly one may meet what lights it
     values = np.stack([run.irradiance_rgb[:, 0] for run in runs])
     assert values.mean() == pytest.approx(light_floor(scene, tolerance=0.0).irradiance_rgb[:, 0].mean(), rel=0.003)
     stated = np.mean([run.variance_rgb[:, 0].mean() for run in runs])

@@ -10,6 +10,7 @@ import pytest
 from floors import floor_looks, floor_tiles, lit_scene, morton_square, prepare, sigma_limit, to_grid
 from leaflight.core import direct
 from leaflight.core.direct import DirectLight, direct_irradiance
+from leaflight.core.direct_choice import Demand
 from leaflight.core.direct_points import TexelChunk
 from leaflight.core.direct_sources import make_lamps
 from leaflight.core.direct_tiles import look_from_tiles
@@ -121,8 +122,9 @@ class TestShadows:
         monkeypatch.setattr(direct, "random_shift", lambda rng, count: np.zeros((count, 2), np.uint32))  # the first is chosen everywhere
         scene = prepare(lit_scene([box_mesh("Block", (0.5, 0.5, 0.02), (0.5, 0.5, 0.05))], [PANEL]))[0]
         chunk = TexelChunk(floor_looks(SIDE)(np.arange(SIDE**2)), np.zeros((SIDE**2, 2), np.uint32), scene.surfaces, False)
-        counters, tiles = dict.fromkeys(("rays", "pairs", "out_of_reach", "settled", "shared"), 0), floor_tiles(SIDE)
-        _, _, (tally,) = direct._look_first(scene, chunk, tiles, tiles.texels(), np.random.default_rng(1), counters)
+        counters = dict.fromkeys(("rays", "pairs", "out_of_reach", "settled", "shared"), 0)
+        demand = Demand(0.01, flat=floor_tiles(SIDE), smoothed=floor_tiles(SIDE).texels())
+        _, _, (tally,) = direct._look_first(scene, chunk, demand, np.random.default_rng(1), counters)
         followers = tally.rows[~tally.leads]
         followed = tally.rows[tally._leader[~tally.leads]]
         assert (followed == followers // TILE_TEXELS * TILE_TEXELS).all()

@@ -236,10 +236,7 @@ def test_a_leaf_is_judged_by_its_children_whether_they_are_stable_or_not():
 
 
 def test_the_doubt_of_a_bias_is_how_much_it_varies_over_bakes(monkeypatch):
-    """Of which half a standard error is held against whoever chooses; texels of one judge err together.
-
-    A little more of it: leaf and judge count as if they had no photon in common, though the judge's are the leaf's too.
-    """
+    """Of which two thirds of a standard error are held against whoever chooses; texels of one judge err together."""
     biases, doubts = [], []
     missing_from_blend = estimate._missing_from_blend
 
@@ -313,7 +310,7 @@ def test_noise_of_what_judges_say_is_known_beforehand():
         parts = estimate._missing_from_blend(tree, solution, leaf, judge, sample, blender_of(bake), shown, weight, blind2)
         for values, out in ((parts[0], told), (parts[2], expected)):
             out.append((np.bincount(judge, values) ** 2).sum())
-    assert np.sum(told) == pytest.approx(np.sum(expected), rel=0.5)
+    assert np.sum(told) == pytest.approx(np.sum(expected), rel=0.25)
 
 
 @pytest.mark.parametrize(

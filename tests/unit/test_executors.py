@@ -95,6 +95,18 @@ def test_calls_are_spread_a_few_ahead_and_answered_in_order(count):
         assert list(found) == [float(k) for k in range(1, 20)]
 
 
+def test_calls_are_spread_over_processes_of_this_machine_alone():
+    with executors.LocalExecutor(2) as executor:
+        executor.submit(os.getpid).result()  # until it has started, this process does what is waiting
+        assert len(set(executors.spread(executor, tell_process, [(0.02,)] * 8))) == 2
+
+    class Elsewhere(executors.InlineExecutor):
+        def submit(self, fn, /, *args, **kwargs):
+            raise AssertionError("arrays would be sent over the network")
+
+    assert set(executors.spread(Elsewhere(), os.getpid, [()] * 3)) == {os.getpid()}
+
+
 def test_an_abandoned_map_leaves_nothing_to_do():
     with executors.LocalExecutor(2) as executor:
         executor.submit(os.getpid).result()  # until it has started, this process does what is waiting

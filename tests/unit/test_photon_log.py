@@ -14,7 +14,11 @@ def deposit(log, tri, group=None):
 
 def test_pieces_follow_each_other():
     log = PhotonLog()
-    log.count_rays(5, None)
+    log.photons = 4
+    for watts, sums in enumerate((log.emitted, log.absorbed, log.escaped, log.remainder)):
+        sums += watts
+    log.count_rays(3, None)
+    log.count_rays(2, None)
     deposit(log, [3, 1])
     deposit(log, [2])
     hits = log.hits()
@@ -22,7 +26,8 @@ def test_pieces_follow_each_other():
     assert hits.u.tolist() == [0, 1, 0]
     assert hits.flux_rgb.shape == (3, 3)
     assert hits.is_first.all()
-    assert (hits.counters.rays, hits.counters.deposits) == (5, 3)
+    assert (hits.counters.photons, hits.counters.rays, hits.counters.deposits) == (4, 5, 3)
+    assert [watts[0] for watts in (hits.audit.emitted, hits.audit.absorbed, hits.audit.escaped, hits.audit.remainder)] == [0, 1, 2, 3]
     assert hits.groups is None
 
 
@@ -38,6 +43,21 @@ def test_groups_are_numbered_on_and_own_rays_and_deposits():
     assert groups.split.tolist() == [0.5, 0.5, 2.0, 2.0]
     assert groups.rays.tolist() == [3, 3, 3, 3]
     assert groups.owner.tolist() == [0, 1, 2, 3]
+
+
+def test_some_deposits_alone_keep_what_is_theirs():
+    log = PhotonLog()
+    group = log.open_groups(np.int32([4, 5]), np.ones(2, np.float32)).repeat(2)
+    log.count_rays(4, group)
+    deposit(log, [7, 8, 9, 6], group)
+    hits = log.hits()
+    some = hits.only(np.array([1, 2]))
+    assert some.tri.tolist() == [8, 9]
+    assert [some.u.tolist(), some.v.tolist()] == [hits.u[1:3].tolist(), hits.v[1:3].tolist()]
+    assert [some.flux_rgb.shape, some.is_first.shape] == [(3, 2), (2,)]
+    assert some.groups.owner.tolist() == [0, 1]
+    assert some.groups.rays.tolist() == [2, 2]
+    assert some.counters == hits.counters
 
 
 def test_a_shard_without_photons_has_all_fields():

@@ -52,6 +52,14 @@ def three_by_five():
     return make_resolver(layered_scene((1, 2, 5, 3)), slope)
 
 
+@pytest.mark.parametrize("rows", [1, 3])
+def test_pages_drawn_in_bands_are_those_drawn_at_once(three_by_five, monkeypatch, rows):
+    whole = {name: three_by_five.page(name, 0) for name in ("direct", "combined", "albedo")}
+    monkeypatch.setattr(resolve, "_CHUNK", rows * PAGE)
+    for name, page in whole.items():
+        np.testing.assert_array_equal(three_by_five.page(name, 0), page)
+
+
 def test_rows_go_up_and_columns_go_right(three_by_five):
     page = three_by_five.page("direct", 0)
     assert page.shape == (PAGE, PAGE, 4)

@@ -75,6 +75,9 @@ def test_photons_that_tell_more_are_fewer():
     plain = next_plain(8_000_000, PLENTY, 10, 0.05, 0.055, 0.0)
     assert next_photons(3_000_000, 8e6, 4.0, PLENTY, 10, 0.05, 0.055, 0.0) == plain // 4
     assert next_photons(1_000_000, 1e6, 4.0, PLENTY, 10, 0.05, 1.0, 0.0) == 500_000  # what there was before is tripled, no more
+    assert (
+        next_photons(100_000, 2.0 * EARLY_PHOTONS, 1.0, PLENTY, 10, 0.05, 1.0, 0.0) == ROUND_GROWTH * 2 * EARLY_PHOTONS
+    )  # few that tell much
     assert next_photons(100_000, 1e5, 4.0, PLENTY, 10, 0.05, 0.055, 0.0) == FIRST_ROUND_PHOTONS // 4
 
 

@@ -38,6 +38,25 @@ def test_even_light_errs_less(degree):
     assert 0.1 < after.mean() / before.mean() < 0.6
 
 
+def test_a_slope_keeps_the_share_that_is_not_noise():
+    """Of photons of different powers, in both halves of the bake and both components, on a strip: told by orthonormal functions."""
+    rng, width = np.random.default_rng(3), 0.25
+    bake = SquareBake(side=16, width=width, preview_depth=1)
+    square = energy = 0.0
+    for half, is_first in ((0, True), (1, True), (1, False)):
+        x, y = rng.random((2, 400)) * [[width], [1.0]]
+        flux = rng.uniform(0.1, 2.0, (3, 400)) * (0.8 + 0.4 * y)
+        bake.throw(x, y, half, flux=flux, is_first=is_first)
+        along = np.sqrt(12.0 / width) * np.stack([x / width - 0.5, y - 0.5])
+        energy, square = energy + flux @ along.T, square + (flux**2).sum()
+    share = 1.0 - 2 * square / width / (energy**2).sum()
+    assert 0.2 < share < 0.9
+    plain, totals = tally.solve_tallies(bake.tree, bake.totals()), bake.totals()
+    shrunk = tally.solve_tallies(shrinkage.shrink_leaves(bake.tree, totals, ROOT), totals)
+    slopes = [solution.coefficient[..., 1:, 0] * [width, 1.0] for solution in (plain, shrunk)]
+    np.testing.assert_allclose(slopes[1], share * slopes[0], rtol=1e-5)
+
+
 @pytest.mark.parametrize("degree", [1, 2])
 def test_a_slope_that_many_photons_tell_stays(degree):
     _, _, plain, shrunk = shrunk_bake(ramp, 20_000, degree)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from leaflight.core.photon_log import Groups
-from leaflight.core.splitting import LEAST_FACTOR, MOST_FACTOR, MOST_WEIGHT, SplitGuide, SplitTally, Splitting, weigh_deposits
+from leaflight.core.splitting import LEAST_FACTOR, MOST_FACTOR, SplitGuide, SplitTally, Splitting, weigh_deposits
 from trees import SquareBake
 
 NO_ROOT = np.zeros(1, np.int64)  # the tree's one root is of object 0
@@ -45,7 +45,24 @@ def test_factors_and_weights_have_bounds():
         assert extreme in factor[lowest]
         assert factor.min() >= LEAST_FACTOR
         assert factor.max() <= MOST_FACTOR
-        assert 1.0 < weight <= MOST_WEIGHT
+        assert 1.0 < weight <= MOST_FACTOR
+    assert (factor[lowest[:3]] == LEAST_FACTOR).all()  # work that the useful place cannot take is not done elsewhere
+
+
+def test_a_plan_that_does_less_work_counts_for_no_less_than_none():
+    """Nearly all noise comes of a place whose groups take so many rays that they are cut; the rest is bounded."""
+    tree = make_tree()
+    guide, lowest = make_guide(tree, [(1e6, 3.0), (1e6, 3.0), (1e6, 3.0), (0.05, 1.0)], groups=1e12)
+    factor, weight = guide.plan(tree, NO_ROOT)
+    assert (factor[lowest[:3]] == LEAST_FACTOR).all()
+    assert weight == 1.0
+
+
+def test_places_with_hardly_a_ray_are_not_told_apart_by_them():
+    tree = make_tree()
+    guide, lowest = make_guide(tree, [(1e-4, 1.0), (1e-2, 1.0), (1.0, 1.0), (1.0, 1.0)], groups=1e9)
+    factor, _ = guide.plan(tree, NO_ROOT)
+    assert factor[lowest[0]] == factor[lowest[1]] > factor[lowest[2]]
 
 
 def test_nothing_known_changes_nothing():
@@ -89,14 +106,32 @@ def test_objects_without_a_lightmap_are_places_too():
     assert places.tolist() == [2 + 3, 1]
 
 
-def test_rounds_count_by_their_groups_whatever_their_light_is_worth():
+def test_what_nobody_met_is_expected_to_be_like_the_rest_of_its_object():
+    """Both ways: a chart like the object's faces without texels, and those like the chart."""
     tree = make_tree()
-    one, other = ([(1.0, 1.0), (1.0, 1.0), (1.0, 9.0), (1.0, 9.0)], [(1.0, 1e9), (1.0, 1e9), (1.0, 9e9), (1.0, 9e9)])
-    guide, lowest = make_guide(tree, one)
-    before = guide.plan(tree, NO_ROOT)[0]
-    more, _ = make_guide(tree, other)
-    guide.add_round([SplitTally(np.arange(len(more.groups)), more.groups, more.rays, 1e9 * more.noise)])
-    np.testing.assert_allclose(guide.plan(tree, NO_ROOT)[0][lowest], before[lowest], rtol=1e-3)
+    seen, of_second = np.array([0, 1]), np.ones(1, np.int64)
+    guide = SplitGuide.empty(2 + len(tree))
+    guide.add_round([SplitTally(seen, np.full(2, 1e6), np.full(2, 1e6), np.array([1e6, 9e6]))])
+    factor, _ = guide.plan(tree, of_second)
+    np.testing.assert_allclose(factor[2:], factor[1], rtol=1e-3)
+    assert factor[1] == pytest.approx(3 * factor[0], rel=0.01)
+    guide, lowest = SplitGuide.empty(2 + len(tree)), tree.levels[-1] + 2
+    many = np.full(4, 1e6)
+    guide.add_round([SplitTally(lowest, many, many, 9 * many), SplitTally(seen[:1], many[:1], many[:1], many[:1])])
+    factor, _ = guide.plan(tree, of_second)
+    np.testing.assert_allclose(factor[lowest], factor[1], rtol=1e-3)
+    assert factor[1] == pytest.approx(3 * factor[0], rel=0.01)
+
+
+def test_rounds_count_by_their_groups_whatever_their_light_is_worth():
+    tree, rays = make_tree(), np.ones(4)
+    first, second = np.array([1.0, 1.0, 9.0, 9.0]), np.array([9.0, 1.0, 1.0, 1.0])
+    mean = (first / first.mean() + 3 * second / second.mean()) / 4  # three times as many groups in the second round
+    for worth in (1.0, 1e9):
+        guide, lowest = make_guide(tree, np.stack([rays, first], axis=1))
+        guide.add_round([SplitTally(lowest, np.full(4, 3e5), 3e5 * rays, 3e5 * second * worth)])
+        factor, _ = guide.plan(tree, NO_ROOT)
+        np.testing.assert_allclose(factor[lowest] / factor[lowest[1]], np.sqrt(mean / mean[1]), rtol=1e-3)
 
 
 def test_groups_are_summed_as_if_nobody_had_been_told_anything():
@@ -111,6 +146,10 @@ def test_groups_are_summed_as_if_nobody_had_been_told_anything():
     assert tally.noise.tolist() == [9, 2 * (1 + (2 + 4)) + 2 * 8]
 
 
+def dark_of(light, leaves):
+    return 0.1 * np.maximum(light[:, leaves], 0.0).mean()
+
+
 def test_light_is_worth_most_on_dark_small_leaves():
     bake = SquareBake(side=64, preview_depth=1)
     tree = bake.tree
@@ -118,11 +157,20 @@ def test_light_is_worth_most_on_dark_small_leaves():
     light[:, leaves[0]] = 0.1
     worth = weigh_deposits(tree, leaves, light, 10**9)
     share = (tree.end - tree.start)[leaves[1]]
-    dark = 0.1 * np.mean([0.1, 1, 1, 1])
+    dark = dark_of(light, leaves)
     assert worth[0, leaves[1]] == pytest.approx(share / (1 + dark**2) / tree.area[leaves[1]] ** 2, rel=1e-6)
     assert worth[0, leaves[0]] / worth[0, leaves[1]] == pytest.approx((1 + dark**2) / (0.01 + dark**2), rel=1e-6)
     few = weigh_deposits(tree, leaves, light, 1)[:, leaves]
     assert (few < 0.1 * worth[:, leaves]).all()  # one photon for all of them: its leaf stays as uncertain as it was
+    light[1, leaves[0]] = -5.0  # a fitted plane may dip below zero
+    dipped = weigh_deposits(tree, leaves, light, 10**9)[1, leaves]
+    assert dipped[0] / dipped[1] == pytest.approx((1 + dark_of(light, leaves) ** 2) / dark_of(light, leaves) ** 2, rel=1e-6)
+
+
+def test_light_on_a_chart_smaller_than_grain_is_worth_something():
+    tree = SquareBake(side=2, preview_depth=1).tree
+    worth = weigh_deposits(tree, tree.levels[1], np.ones((3, len(tree))), 10**9)
+    assert worth == pytest.approx(np.full((3, len(tree)), 4 / 1.01 / tree.area[0] ** 2), rel=1e-6)
 
 
 def test_worth_goes_down_to_the_deepest_nodes_and_grain_counts_together():

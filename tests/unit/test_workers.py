@@ -8,21 +8,29 @@ import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, prepare_folder
 from leaflight.core import bake, executors, photons, quadtree, shared_arrays, workers
-from leaflight.core.scene import Light, SceneObject
+from leaflight.core.scene import Light, Material, SceneObject
 from leaflight.core.settings import Settings
 from leaflight.core.splitting import Splitting
-from scenes import box_mesh, make_scene, quad_mesh
+from scenes import Mesh, box_mesh, make_scene, moved, quad_mesh
 
 SETTINGS = Settings(size=32, padding=1)
+
+
+def make_shard(folder, scene, worth=None):
+    """A shard of 5000 photons, and its tree; with `worth` of so many nodes, (3, n_node), photons may be told to part as they would."""
+    solver = make_solver(folder, scene, replace(SETTINGS, direct="photons"))
+    tree, view = solver.tree, folder / "view"
+    shared_arrays.save_struct(view, quadtree.TreeView.of_tree(tree, len(solver.keys), solver.squares.entry))
+    if worth:
+        told = Splitting(np.ones(len(scene.objects) + len(tree), np.float32), worth(len(tree)))
+        shared_arrays.save_struct(view / workers.SPLITTING_FOLDER, told)
+    return workers.PhotonShard(str(folder), str(view), 1, 0, 0, photons=5000, max_depth=100, degree=1, skip_first=False), tree
 
 
 @pytest.fixture
 def photon_shard(tmp_path):
     """A shard of 5000 photons in the lamp scene."""
-    solver = make_solver(tmp_path, lamp_scene(), replace(SETTINGS, direct="photons"))
-    view = tmp_path / "view"
-    shared_arrays.save_struct(view, quadtree.TreeView.of_tree(solver.tree, len(solver.keys), solver.squares.entry))
-    return workers.PhotonShard(str(tmp_path), str(view), 1, 0, 0, photons=5000, max_depth=100, degree=1, skip_first=False)
+    return make_shard(tmp_path, lamp_scene())[0]
 
 
 def to_bytes(result):
@@ -84,6 +92,43 @@ def test_photons_part_as_their_view_says(photon_shard):
         assert result.splitting.noise.sum() / factor == pytest.approx(result.tally.weight2.sum(), rel=1e-5)
 
 
+def test_groups_are_told_of_where_they_parted(tmp_path):
+    """On the nodes of the floor, and on the block, which has no lightmap: in number and in what their light is worth."""
+    scene, n_birth = lamp_scene(), 4000
+    bare = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], receives=False)))
+    shard, _ = make_shard(tmp_path, bare, lambda n_node: np.random.default_rng(1).random((3, n_node)))
+    first = workers.trace_photons(replace(shard, photons=n_birth, max_depth=1))  # as many are born alike
+    parted = workers.trace_photons(replace(shard, photons=n_birth * photons.SPLIT, skip_first=True, guided=True))
+    worth, places = workers.open_splitting(shard.view).worth, parted.splitting
+    assert places.place.tolist() == [1, *(2 + first.tally.node)]
+    np.testing.assert_array_equal(places.groups[1:], first.tally.count)
+    met = n_birth * (1 - first.audit.escaped[0] / first.audit.emitted[0])
+    assert places.groups.sum() == pytest.approx(met, abs=0.5)
+    assert places.noise.sum() == pytest.approx((worth[:, parted.tally.node] * parted.tally.weight2).sum(), rel=1e-5)
+
+
+@pytest.mark.parametrize("guided", [False, True])
+def test_light_on_a_face_without_texels_is_no_other_texel_s(tmp_path, guided):
+    """Half of a sheet is folded to a line in its layer; what has the last texels lies in the dark."""
+    vertex = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0], [2, 1, 0]], float)
+    square, line = np.array([[0, 0], [0.9, 0], [0.9, 0.9], [0, 0.9]]), np.array([[0.1, 0.1], [0.2, 0.2], [0.3, 0.3], [0.4, 0.4]])
+    sheet = Mesh("Sheet", vertex, [[0, 1, 2, 3], [1, 4, 5, 2]], [square, line])
+    ceiling = replace(moved(quad_mesh("Ceiling", 2.0, 1.0), (0, 0, 1.0)), polygons=[[3, 2, 1, 0]], receives=False)
+    screen = replace(moved(quad_mesh("Screen", 9.0, 9.0), (-4.0, -4.0, -1.0)), receives=False)
+    scene = make_scene(
+        [sheet, ceiling, screen, moved(quad_mesh("Dark"), (0, 0, -2.0))],
+        [Light("POINT", "Lamp", (1.0, 0.5, 0.5), power_rgb=(1.0,) * 3)],
+        [Material("White", (0.9,) * 3)],
+    )
+    shard, tree = make_shard(tmp_path, scene, lambda n_node: np.ones((3, n_node)))
+    result = workers.trace_photons(replace(shard, skip_first=guided, guided=guided))
+    texels = workers.open_tracing(str(tmp_path)).texels
+    assert set(scene.tri_object[texels.texel_tri[tree.start[result.tally.node]]]) == {0}
+    assert 100 < result.tally.count.sum() < 0.8 * result.counters.deposits  # the others fell on the folded half
+    if guided:
+        assert result.splitting.noise.sum() == pytest.approx(result.tally.weight2.sum(), rel=1e-5)
+
+
 def test_skipping_first_hits_leaves_the_indirect_part(photon_shard):
     whole, rest = (workers.trace_photons(replace(photon_shard, photons=400_000, skip_first=skip)) for skip in (False, True))
     assert whole.tally.raw[0].any()
@@ -98,6 +143,8 @@ def test_a_direct_shard_is_a_pure_function_and_takes_its_texels_only(tmp_path):
     shard = workers.DirectShard(str(tmp_path), seed=1, turn=0, start=0, texels=np.arange(10, 60), tolerance=0.01, smoothed=False)
     light = workers.light_texels(shard)
     assert light.irradiance_rgb.shape == (50, 3)
+    assert light.irradiance_rgb.dtype == light.variance_rgb.dtype == np.float32
+    assert np.median(light.variance_rgb) < (0.1 * np.median(light.irradiance_rgb)) ** 2  # most texels see all of the lamp
     assert to_bytes(workers.light_texels(shard)) == to_bytes(light)
     everywhere = replace(shard, texels=np.arange(len(texel_map.texel_area)))
     whole = workers.light_texels(everywhere).irradiance_rgb
