@@ -42,6 +42,7 @@ from .direct_field import DirectField
 from .direct_only import settle_direct
 from .heap import keep_freed_memory
 from .job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
+from .light_field import LightField
 from .materials import SurfaceMaterials, clamp_warnings
 from .messages import Done, Message, Status, Warning_
 from .needs import Needs, count_skipped
@@ -164,8 +165,9 @@ def run_bake(
         "peak_memory_mb": peak_memory_mb(),
         "photons": light.photons,
         "rounds": light.rounds,
-        "rays": light.ledger.rays + direct.counters.get("rays", 0),
+        "rays": light.ledger.rays + direct.counters.get("rays", 0) + (light.gathered.counters["rays"] if light.gathered else 0),
         "direct": direct.counters,
+        "gathered": light.gathered.counters if light.gathered else {},
         "leaves": len(light.leaves),
         "nodes": len(light.tree),
         "estimated_error": light.error,
@@ -226,7 +228,7 @@ def _write_pages(
     snapshot: SceneSnapshot,
     atlas: charts.ChartAtlas,
     blender: LeafBlender,
-    light: solve.LightField,
+    light: LightField,
     surfaces: SurfaceMaterials,
     executor: Executor,
 ) -> tuple[list[pages.PageFile], seams.SeamReport]:

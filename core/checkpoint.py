@@ -29,7 +29,7 @@ from .splitting import SplitGuide
 from .tally import Tally
 
 FORMAT = "leaflight-state"
-FORMAT_VERSION = 5
+FORMAT_VERSION = 6
 INFO_FILE = "leaflight_state.json"  # marks a folder as ours
 _STRUCT_FOLDER = "state"
 # Of the groups of knobs that change nothing of what is traced, and knobs of other groups that do not either.
@@ -41,7 +41,8 @@ _FREE_KNOBS = ("workers", "margin")
 class Checkpoint:
     """The state of a bake between two rounds.
 
-    energy_w   (4, 3) float64: the ledger's sums, in the order of ledger.ENERGY_NAMES
+    energy_w        (4, 3) float64: the ledger's sums, in the order of ledger.ENERGY_NAMES
+    lit_elsewhere   (n_object,) bool: see gather.KnownLight
     """
 
     tree: Quadtree
@@ -50,6 +51,7 @@ class Checkpoint:
     guide: SplitGuide
     direct: DirectField
     energy_w: NDArray[np.float64]
+    lit_elsewhere: NDArray[np.bool_]
     photons: int
     told: float
     rays: int
@@ -61,12 +63,13 @@ class Checkpoint:
         ledger = solver.ledger
         energy_w = np.array([ledger.energy_w[name] for name in ENERGY_NAMES])
         counts = ledger.photons, ledger.told, ledger.rays, ledger.deposits, solver.round
-        return cls(solver.tree, solver.tally, solver.square_tally, solver.guide, solver.direct, energy_w, *counts)
+        return cls(solver.tree, solver.tally, solver.square_tally, solver.guide, solver.direct, energy_w, solver.lit_elsewhere, *counts)
 
     def give_to(self, solver: Solver) -> None:
         """Let a new solver of the same scene and method go on from here."""
         solver.tree, solver.tally, solver.square_tally = self.tree, self.tally, self.square_tally
         solver.guide, solver.direct, solver.round = self.guide, self.direct, self.round
+        solver.lit_elsewhere = self.lit_elsewhere
         ledger = solver.ledger
         ledger.energy_w = dict(zip(ENERGY_NAMES, self.energy_w, strict=True))
         ledger.photons, ledger.told = self.photons, self.told

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .image_file import srgb_to_linear
+from .light_field import LightField
 from .margin import fill_margin
 from .quadtree import node_of_texel
-from .solve import LightField
 from .texel_map import TexelMap
 
 # sRGB bytes at equal steps of viridis, from dark to bright. Source: S. van der Walt, N. Smith, matplotlib 1.5, CC0.

@@ -16,6 +16,7 @@ from .direct_points import (
     STAGES,
     ReceivingSurfaces,
     TexelChunk,
+    each_chunk,
     random_shift,
     row_pieces,
 )
@@ -32,7 +33,6 @@ from .scene import FloatArray, IntArray, SceneSnapshot
 from .texel_looks import TexelLooks
 from .tiles import Tiles
 
-_CHUNK_TEXELS = 2**14
 _MOST_TRIANGLE_SOURCES = 12  # emitting triangles that are looked at one by one
 _FEW_LAMPS = 16  # lamps that every texel looks at one by one
 
@@ -102,21 +102,13 @@ def direct_irradiance(
     """
     irradiance, variance = np.zeros((len(texel), 3)), np.zeros((len(texel), 3))
     counters = {"rays": 0, "pairs": 0, "out_of_reach": 0, "settled": 0, "shared": 0, "sampled": 0}
-    for start in range(0, len(texel), _CHUNK_TEXELS):
-        rows = slice(start, start + _CHUNK_TEXELS)
-        looks = look_at(texel[rows])
-        tri = looks.tri[: len(looks)]
-        two_sided = np.flatnonzero(scene.tri_two_sided[tri])
-        for flip in (False, True) if len(two_sided) else (False,):
-            own = two_sided if flip else np.arange(len(tri))
-            part = start + own
-            chunk = TexelChunk(look_at(texel[part]) if flip else looks, random_shift(rng, len(part)), scene.surfaces, flip)
-            whole = (tiles or Tiles.none()).within(part)
-            calm = whole if smoothed else Tiles.none()
-            demand = Demand(tolerance, max_rays, whole.on_one_triangle(tri[own]), calm.texels())
-            value, error = _light_chunk(scene, chunk, demand, rng, counters)
-            irradiance[part] += value
-            variance[part] += error
+    for part, chunk in each_chunk(scene.surfaces, look_at, texel, scene.tri_two_sided, rng):
+        whole = (tiles or Tiles.none()).within(part)
+        calm = whole if smoothed else Tiles.none()
+        demand = Demand(tolerance, max_rays, whole.on_one_triangle(chunk.tri), calm.texels())
+        value, error = _light_chunk(scene, chunk, demand, rng, counters)
+        irradiance[part] += value
+        variance[part] += error
     return DirectLight(irradiance, variance, counters)
 
 

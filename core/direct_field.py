@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from itertools import starmap
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,25 +124,32 @@ class DirectField:
         """One more estimate of the texels (m,), ascending; each becomes the mean of all it has had. False when it was stopped."""
         turn, self.turns = self.turns, self.turns + 1
         self._smoothed = None
-        tolerance, smoothed = TOLERANCE * settings.error, settings.denoise
         step = SHARD_TEXELS * min(max(len(texels) // (_SHARDS_ENOUGH * SHARD_TEXELS), 1), _LARGEST_SHARD)
-        shards = [
-            workers.DirectShard(str(folder), settings.seed, turn, start, texels[start : start + step], tolerance, smoothed)
-            for start in range(0, len(texels), step)
-        ]
         told = time.monotonic()
         floor = _DARK_FLOOR * float(self.irradiance.mean(dtype=np.float64)) + 1e-30
-        for shard, light in zip(shards, executor.map(workers.light_texels, shards), strict=True):
+        starts = range(0, len(texels), step)
+        for start, light in zip(starts, self._cast(folder, settings, executor, turn, starts, texels), strict=True):
             if should_stop():
                 return False
-            self._note_difference(shard.texels, light, floor)
-            self._add(_as_slice(shard.texels), light)
+            part = texels[start : start + step]
+            self._note_difference(part, light, floor)
+            self._add(_as_slice(part), light)
             for name, count in light.counters.items():
                 self.counters[name] = self.counters.get(name, 0) + count
             if time.monotonic() - told > SECONDS_BETWEEN_WORDS:  # after it is added: whoever hears it may look
                 told = time.monotonic()
-                tell(Status("direct", f"Direct light, {(shard.start + len(shard.texels)) / len(texels):.0%}"))
+                tell(Status("direct", f"Direct light, {(start + len(part)) / len(texels):.0%}"))
         return True
+
+    def _cast(self, folder: Path, settings: Settings, executor: Executor, turn: int, starts: range, texels: IntArray) -> Iterator[Any]:
+        """DirectLight, or what has its fields too, of the texels from each start on, in their order."""
+        shards = [
+            workers.DirectShard(
+                str(folder), settings.seed, turn, start, texels[start : start + starts.step], TOLERANCE * settings.error, settings.denoise
+            )
+            for start in starts
+        ]
+        return executor.map(workers.light_texels, shards)
 
     def _add(self, rows: IntArray | slice, light: DirectLight) -> None:
         """One more estimate of some texels."""

@@ -14,10 +14,10 @@ from . import estimate, quadtree, refine, tally
 from .direct_field import MOST_PASSES, DirectField
 from .executors import spread
 from .ledger import Ledger
+from .light_field import LightField
 from .messages import Message
 from .reconstruct import LeafBlender
 from .settings import Settings
-from .solve import LightField
 
 _DEGREE = 0  # of leaves in which nothing lands
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from random import Random
 
@@ -14,12 +15,14 @@ from .geometry import UnitBox, locate_hits, offset_origin, take_rows, triangle_f
 from .lights import Float32
 from .rays import RayScene
 from .scene import FloatArray, IntArray, SceneSnapshot
+from .texel_grid import interleave_bits
 from .texel_looks import TexelLooks
 
 # Source: Gauss-Legendre, two points a side; their mean is exact for cubic polynomials.
 GAUSS_POINTS = np.array([[[x, y]] for y in (-1, 1) for x in (-1, 1)]) * math.sqrt(1 / 12) + 0.5
 MIDDLE = np.full((1, 1, 2), 0.5)
 STAGES = ((0, 4), (4, 16), (16, 64))  # rays of a texel to a light; each is stratified together with those before it
+_CHUNK_TEXELS = 2**14
 _RAYS_AT_ONCE = 2**15  # what fits the cache
 _SMOOTH_DEVIATION = 1e-3  # corner normals nearer to the face's own than this are flat shading
 _SHORTEST_NORMAL = 1e-6
@@ -51,10 +54,24 @@ def _shuffle_stages(points: NDArray[np.uint32], seed: int) -> NDArray[np.uint32]
     return out
 
 
+def _order_strata(points: NDArray[np.uint32]) -> dict[tuple[int, int], NDArray[np.int64]]:
+    """The place of each stage's points in an order in which those that follow each other are near: the Morton order of their strata.
+
+    Digital shifts move whole strata, and points of the same one stay together.
+    """
+    out = {}
+    for first, last in STAGES:
+        order = np.argsort(interleave_bits(*(points[first:last].T >> np.uint32(16)).astype(np.int64)))
+        out[first, last] = np.argsort(order)
+        out[first, last].flags.writeable = False
+    return out
+
+
 GAUSS_POINTS.flags.writeable = MIDDLE.flags.writeable = False
 _TEXEL_POINTS = base_points(STAGES[-1][1])
 # Another order for the light, so that places in the texel and on the light are not tied; of 2,000 seeds this has the least correlation.
 _LIGHT_POINTS = _shuffle_stages(_TEXEL_POINTS, 804)
+LIGHT_PLACE = _order_strata(_LIGHT_POINTS)
 
 
 def shift_points(points: NDArray[np.uint32], shift: NDArray[np.uint32]) -> Float32:
@@ -211,6 +228,11 @@ class TexelChunk:
     def __len__(self) -> int:
         return len(self._looks)
 
+    @property
+    def tri(self) -> NDArray[np.int32]:
+        """(n,) int32: the triangle that each texel's representative point is on."""
+        return self._looks.tri[: len(self)]
+
     def receivers(self, rows: IntArray, first: int, last: int) -> Receivers:
         """Starts of rays first ... last - 1 of some of the texels, ray by ray: ((last - first) * len(rows), ...)."""
         return self.receivers_at(rows, shift_points(_TEXEL_POINTS[first:last], take_rows(self._shift, rows)))
@@ -231,6 +253,23 @@ class TexelChunk:
         sides = np.broadcast_to(side, shape).reshape(3, -1).T
         normals = sides if normal is side else np.broadcast_to(normal, shape).reshape(3, -1).T
         return Receivers(position.reshape(3, -1).T, normals, sides)
+
+
+def each_chunk(
+    surfaces: ReceivingSurfaces,
+    look_at: Callable[[IntArray], TexelLooks],
+    texel: IntArray,
+    tri_two_sided: NDArray[np.bool_],
+    rng: np.random.Generator,
+) -> Iterator[tuple[NDArray[np.int64], TexelChunk]]:
+    """Places (m,) int64 of some of the texels (n,), ascending, and the chunk of them; those of two-sided triangles (n_tri,) twice."""
+    for start in range(0, len(texel), _CHUNK_TEXELS):
+        looks = look_at(texel[start : start + _CHUNK_TEXELS])
+        part = start + np.arange(len(looks))
+        yield part, TexelChunk(looks, random_shift(rng, len(part)), surfaces, False)
+        backs = part[tri_two_sided[looks.tri[: len(looks)]]]
+        if len(backs):
+            yield backs, TexelChunk(look_at(texel[backs]), random_shift(rng, len(backs)), surfaces, True)
 
 
 def _replace_columns(values: Float32, shape: tuple[int, int, int], columns: IntArray, others: Float32) -> Float32:

@@ -1,4 +1,4 @@
-"""Direct light by shadow rays as it is shown: its grain smoothed, and how far it may then be off."""
+"""Light by rays from texels as it is shown: its grain smoothed, and how far it may then be off."""
 
 from __future__ import annotations
 
@@ -70,3 +70,17 @@ class ShownDirect:
         shown.blur2[rows] = (smooth - irradiance[rows]) ** 2 - noise * (1.0 - 2.0 * kept) - noise_left
         shown.variance[rows] = noise_left + (_CHOSEN_BY_NOISE - 1.0) * np.maximum(noise_left - own_share**2 * noise, 0.0)
         return shown
+
+
+@dataclass(frozen=True)
+class ShownGathered:
+    """Gathered light at the texel entries, as it is shown.
+
+    light     its irradiance and how far it may be off by the choice of rays
+    doubt2    (n,) float32, (W/m^2)^2: by the photons whose light was gathered
+    told      (n,) bool: where it is all indirect light
+    """
+
+    light: ShownDirect
+    doubt2: NDArray[np.float32]
+    told: NDArray[np.bool_]

@@ -11,13 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import refine
 from .denoise import GRAIN_LEFT, SMALL_LEAF
-from .direct_shown import ShownDirect
+from .direct_shown import ShownDirect, ShownGathered
 from .quadtree import Quadtree, node_of_texel
 from .reconstruct import LeafBlender, PointLight, evaluate_leaf
 from .scene import IntArray
@@ -69,6 +70,7 @@ class StatedError:
     direct        the part of it that is noise of direct light by rays, which no photon makes less
     correction    of noise_correction
     texel_direct2 gives (n,) float32: the squared part of direct light by rays at each texel
+    gathered, texel_gathered2   as direct and texel_direct2, of gathered light; None where there is none
     """
 
     relative: float
@@ -76,6 +78,8 @@ class StatedError:
     direct: float
     correction: float
     texel_direct2: Callable[[], NDArray[np.float32]]
+    gathered: float = 0.0
+    texel_gathered2: Callable[[], NDArray[np.float32]] | None = None
 
 
 def state_error(
@@ -87,10 +91,12 @@ def state_error(
     shown_direct: ShownDirect,
     blender: LeafBlender,
     smooth_grain: bool = True,
+    gathered: ShownGathered | None = None,
 ) -> StatedError:
     """Error of the light on the `nodes`, which tile the charts, as it is shown, and of direct light by rays, 0 without.
 
     smooth_grain   whether it is shown with its grain smoothed
+    gathered       light that is shown in place of the nodes'
     """
     direct = shown_direct.irradiance
     correction = noise_correction(tree, solution, nodes)
@@ -99,16 +105,17 @@ def state_error(
     node_light = np.ascontiguousarray((solution.flux / area).astype(np.float32).T)
     dark2 = _find_dark(tree, nodes, node_light, direct)
 
-    def direct2_at(rows: slice | NDArray[np.int64]) -> NDArray[np.float32]:
-        found: NDArray[np.float32] = (_weigh(node_light[leaf[rows]] + direct[rows], dark2) * shown_direct.variance[rows]).mean(1)
+    def relative2_at(variance: NDArray[np.float32], rows: slice | NDArray[np.int64]) -> NDArray[np.float32]:
+        found: NDArray[np.float32] = (_weigh(node_light[leaf[rows]] + direct[rows], dark2) * variance[rows]).mean(1)
         return found
 
-    def texel_direct2() -> NDArray[np.float32]:
-        return np.concatenate([np.zeros(0, np.float32), *map(direct2_at, _parts(len(leaf)))])
+    def of_texels(variance: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.concatenate([np.zeros(0, np.float32), *(relative2_at(variance, part) for part in _parts(len(leaf)))])
 
     sample = _choose_sample(blender.texels)
     count = int(np.ceil(BEST_TEXELS * len(sample)))
-    direct2 = direct2_at(sample)
+    direct2 = relative2_at(shown_direct.variance, sample)
+    texel_direct2 = partial(of_texels, shown_direct.variance)
     if not totals.photons.sum() or not count:
         return StatedError(math.nan, math.nan, math.sqrt(np.sort(direct2)[:count].sum() / max(count, 1)), correction, texel_direct2)
     # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
@@ -120,18 +127,30 @@ def state_error(
     blind2 = weight.mean(1) * missing_light(tree, totals, solution, comparison, nodes)[leaf[sample]]
     judge = _find_judges(tree, nodes, blender)
     bias2, gap2, noise2 = _missing_from_blend(tree, solution, leaf, judge, sample, blender, shown, weight, blind2)
-    likely = photons2 + direct2 + gap2
-    best = np.argpartition(likely, count - 1)[:count]
     blur2 = (weight * shown_direct.blur2[sample]).mean(1)
-    parts = [float(part[best].mean(dtype=np.float64)) for part in (photons2, direct2, bias2, blur2)]
+    gathered2, gathered_blur2 = np.zeros((2, len(sample)))
+    if gathered:
+        told = gathered.told[sample]
+        gathered2[told] = (weight * gathered.light.variance[sample]).mean(1)[told]
+        gathered_blur2[told] = (weight * gathered.light.blur2[sample]).mean(1)[told]
+        photons2[told] = (weight.mean(1) * gathered.doubt2[sample])[told]
+        for missing in (bias2, gap2, noise2):
+            missing[told] = 0.0
+    likely = photons2 + direct2 + gap2 + gathered2
+    best = np.argpartition(likely, count - 1)[:count]
+    every = (photons2, direct2, bias2, blur2, gathered2, gathered_blur2)
+    parts = [float(part[best].mean(dtype=np.float64)) for part in every]
     parts[1] += max(parts[3], 0.0)
+    parts[4] += max(parts[5], 0.0)
     # A bias is told only in sum, by nodes that err apart. How far apart was seen says how much of it is sure; what may be missing
     # is told by what could be expected, for few nodes may agree by chance.
     seen4 = (np.bincount(judge[best], bias2[best]) ** 2).sum() / count**2
     expected4 = correction**2 * (np.bincount(judge[best], noise2[best]) ** 2).sum() / count**2
-    square = parts[0] + parts[1] + _beyond_noise(parts[2], seen4)
+    square = parts[0] + parts[1] + parts[4] + _beyond_noise(parts[2], seen4)
     doubt2 = _BIAS_DOUBT * math.sqrt(expected4)
-    return StatedError(math.sqrt(square), math.sqrt(square + doubt2), math.sqrt(parts[1]), correction, texel_direct2)
+    chosen, by_rays, by_gathering = math.sqrt(square + doubt2), math.sqrt(parts[1]), math.sqrt(parts[4])
+    texel_gathered2 = partial(of_texels, gathered.light.variance * gathered.told[:, None]) if gathered else None
+    return StatedError(math.sqrt(square), chosen, by_rays, correction, texel_direct2, by_gathering, texel_gathered2)
 
 
 def _beyond_noise(value: float, variance: float) -> float:

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .charts import ChartAtlas
+from .light_field import LightField
 from .materials import SurfaceMaterials
 from .scene import SceneSnapshot
 from .settings import Settings
-from .solve import LightField
 
 SURFACE_PASSES = ("albedo", "emission")
 

@@ -57,6 +57,7 @@ class ShardHits:
     flux_rgb   (3, m) float32, W
     is_first   (m,) bool        straight from a light
     groups     None where nobody asked for them
+    elsewhere  (k,) int64, ascending: triangles that were lit on a side whose light no lightmap holds
     """
 
     tri: _Ints
@@ -67,6 +68,7 @@ class ShardHits:
     audit: EnergyAudit
     counters: Counters
     groups: Groups | None
+    elsewhere: NDArray[np.int64]
 
     def only(self, rows: NDArray[np.intp]) -> ShardHits:
         """The deposits `rows` (k,) alone; what was counted stays."""
@@ -92,6 +94,7 @@ class PhotonLog:
         self._split: list[_Rows] = []
         self._under_way: list[_Ints] = []  # the group of each ray
         self._owner: list[_Ints] = []
+        self._elsewhere: list[_Ints] = [np.zeros(0, np.int32)]
 
     def open_groups(self, place: _Ints, split: _Rows) -> _Ints:
         """The numbers (g,) of new groups; arguments as in Groups."""
@@ -112,6 +115,10 @@ class PhotonLog:
         if group is not None:
             self._owner.append(group)
 
+    def light_elsewhere(self, tri: _Ints) -> None:
+        """tri   (m,) int32: as in ShardHits, in any order and more than once"""
+        self._elsewhere.append(tri)
+
     def hits(self) -> ShardHits:
         nothing = np.zeros(0, np.float32)
         self._pieces.append((np.zeros(0, np.int32), nothing, nothing, np.zeros((3, 0), np.float32), False))
@@ -125,6 +132,7 @@ class PhotonLog:
             EnergyAudit(self.emitted, self.absorbed, self.escaped, self.remainder),
             Counters(self.photons, self.rays, sum(len(piece) for piece in tri)),
             self._groups() if self._place else None,
+            np.flatnonzero(np.bincount(np.concatenate(self._elsewhere))),
         )
 
     def _groups(self) -> Groups:

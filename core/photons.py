@@ -153,6 +153,7 @@ def _bounce(
             return None
         normal = gather(scene.tri_normal, tri)
         cosine = _dot(direction, normal)  # < 0 on the front
+        log.light_elsewhere(tri.compress(cosine >= scene.tri_lit_below.take(tri)))
         if depth or not skip_first:
             _deposit(scene, tri, u, v, flux, direction, cosine, depth == 0, group, log)
         parts = skip_first and not depth

@@ -19,13 +19,14 @@ from . import basis
 from .direct_field import DirectField
 from .executors import InlineExecutor
 from .image_file import HALF_MAX
+from .light_field import LightField
 from .margin import fill_margin
 from .materials import SurfaceMaterials
 from .messages import Message, Preview
 from .reconstruct import LeafBlender
 from .scene import IntArray
 from .settings import Settings
-from .solve import LightField, Solver
+from .solve import Solver
 from .texel_map import TexelMap
 
 FIRST_PHOTONS = 1 << 17  # of the first light, which is to be seen at once

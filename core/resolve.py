@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import denoise, reconstruct, seams, squares
+from .light_field import LightField
 from .margin import add_margin
 from .materials import SurfaceMaterials
 from .quadtree import node_of_texel
 from .scene import IntArray
 from .seam_points import SeamPoints
-from .solve import LightField
 from .texel_map import centred_strata
 
 _CHUNK = 1 << 18
@@ -69,6 +69,12 @@ def light_at_texels(
     grain = field.tree.side[leaf] <= denoise.SMALL_LEAF
     if field.squares is not None:
         grain |= squares.mix(by_part.transpose(0, 2, 1), variance.T, field.squares, blender.texels, blender.entry_at)
+    gathered = field.gathered and field.gathered.show_gathered(blender.texels, blender.entry_at, smooth_grain, spread)
+    if gathered and field.gathered:
+        told = np.flatnonzero(gathered.told)
+        grain[told] = False
+        by_part[1, told] = np.maximum(gathered.light.irradiance[told], 0.0)
+        variance[told] = field.gathered.find_variance()[told] + gathered.doubt2[told, None]
     if smooth_grain:  # apart from that of rays: by the noise of all light, direct light, known far better, would be smeared
         grainy_parts = by_part[int(field.direct.passes.any()) :]
         found = denoise.denoise(grainy_parts, variance, grain, blender.texels, blender.entry_at, spread)

@@ -131,6 +131,9 @@ class Settings:
         True, "finer leaves where other geometry touches the surface, and light told apart within texels", off_flag="--no-contact"
     )
     denoise: bool = _knob(True, "average grain over like neighbours within a chart", off_flag="--no-denoise")
+    gather: bool = _knob(
+        True, "indirect light by rays from each texel, where that takes fewer than more photons would", off_flag="--no-gather"
+    )
     seams: bool = _knob(True, "bring light together where a smooth surface is cut between charts", off_flag="--no-seams")
     finest_texels: int = _knob(1, "side of the smallest leaf", unit="texels", low=1, high=1024)
     max_depth: int = _knob(1000, "surfaces a photon may meet", unit="hits", low=1, high=100_000)

@@ -20,41 +20,19 @@ from numpy.typing import NDArray
 from . import basis, estimate, quadtree, refine, rounds, shared_arrays, shrinkage, tally, workers
 from .direct_field import MOST_PASSES, DirectField
 from .executors import spread
+from .gather import KnownLight
+from .gather_plan import GatherPlan, know_light
+from .gathered import GatheredField
 from .ledger import Ledger
+from .light_field import LightField
 from .messages import Message, Progress
-from .quadtree import Quadtree
 from .reconstruct import LeafBlender
 from .settings import Settings
 from .splitting import SplitGuide, Splitting, weigh_deposits
-from .squares import SquareLight, Squares
+from .squares import Squares
 from .tally import Solution, Tally, Totals
 
 DIRECT_SHARE = 0.5  # of the error asked for, that direct light by rays may have
-
-
-@dataclass(frozen=True)
-class LightField:
-    """The light of a bake, before it becomes pages.
-
-    solution       of the leaves and what is above them
-    leaves         (m,) int64: the nodes to show
-    correction     of the leaves' variance, see estimate
-    squares        what squares say where something touches the surface; None without photons
-    stopped_by     "error", "max_photons", "time_limit" or "interrupted"
-    """
-
-    tree: Quadtree
-    solution: Solution
-    leaves: NDArray[np.int64]
-    received: NDArray[np.int64]
-    correction: float
-    direct: DirectField
-    error: float
-    photons: int
-    rounds: int
-    stopped_by: str
-    ledger: Ledger
-    squares: SquareLight | None = None
 
 
 @dataclass(frozen=True)
@@ -98,6 +76,10 @@ class Solver:
         self.square_tally = Tally.empty(len(self.squares.entry), 0, components)
         self.guide = SplitGuide.empty(len(self.tracing.snapshot.objects) + len(self.tree))
         self.state: _State | None = None  # of the last round
+        self.gathered: GatheredField | None = None
+        self.gather_plan = GatherPlan.of(texels)
+        # Texels of two-sided things hold the sum of both sides.
+        self.lit_elsewhere = np.array([thing.two_sided for thing in self.tracing.snapshot.objects], bool)
         self.ledger = Ledger()
         self.rule = refine.Rule(settings.oracle, settings.threshold, settings.stability, settings.preview_depth)
         self.round = 0
@@ -117,11 +99,8 @@ class Solver:
             traced = False
             state = self.state = self._read_tallies()
             light, stated = self._light(state)
-            while self._direct_errs_most(stated) and not should_stop():
-                worst = (stated.texel_direct2() > (DIRECT_SHARE * self.settings.error) ** 2) & (self.direct.passes < MOST_PASSES)
-                if not worst.any():
-                    break
-                self.direct.shoot(self.folder, self.settings, self.executor, np.flatnonzero(worst))
+            while (look := self._choose_look(state, stated)) and not should_stop():
+                look()
                 light, stated = self._light(state)
             error = light.error
             stopped_by = self._stop_reason(error, should_stop)
@@ -139,12 +118,36 @@ class Solver:
             if not refined:
                 self._refine(state)
 
-    def _direct_errs_most(self, stated: estimate.StatedError) -> bool:
-        """Whether a shadow ray more helps more than a photon's ray more: squared errors fall as one over the number of rays."""
-        if self.settings.direct != "rays" or not stated.direct > DIRECT_SHARE * self.settings.error:
-            return False
-        gain = stated.direct**2 / max(self.direct.counters["rays"], 1)
-        return gain > (stated.relative**2 - stated.direct**2) / max(self.ledger.rays, 1)
+    def _choose_look(self, state: _State, stated: estimate.StatedError) -> Callable[[], None] | None:
+        """What sends more rays from texels, if one more helps more than a photon's: squared errors fall as one over the number of rays."""
+        settings, ledger = self.settings, self.ledger
+        if settings.direct != "rays" or (self.gathered and stated.chosen <= settings.error):
+            return None
+        if self.gathered and self.gather_plan.give_up(settings, stated, self.gathered.counters["rays"], DIRECT_SHARE):
+            return partial(setattr, self, "gathered", None)
+        if self.gathered is None and self.gather_plan.pays(settings, stated, ledger, self.round, DIRECT_SHARE):
+            return partial(self._gather, state, np.arange(len(self.blender.page)))
+        by_photons = (stated.relative**2 - stated.direct**2 - stated.gathered**2) / max(ledger.rays, 1)
+        most = (DIRECT_SHARE * settings.error) ** 2
+        kinds = [(stated.direct**2, self.direct, stated.texel_direct2)]
+        kinds += [(stated.gathered**2, self.gathered, stated.texel_gathered2)] if self.gathered and stated.texel_gathered2 else []
+        gains = [error2 / max(rays.counters["rays"], 1) if error2 > most else 0.0 for error2, rays, _ in kinds]
+        _, rays, texel2 = kinds[int(np.argmax(gains))]
+        if not max(gains) > by_photons:
+            return None
+        worst = np.flatnonzero((texel2() > most) & (rays.passes < MOST_PASSES))
+        if not len(worst):
+            return None
+        return partial(self._gather, state, worst) if rays is self.gathered else partial(self._shoot, worst)
+
+    def _shoot(self, texels: NDArray[np.int64]) -> None:
+        self.direct.shoot(self.folder, self.settings, self.executor, texels)
+
+    def _gather(self, state: _State, texels: NDArray[np.int64]) -> None:
+        into = self.gathered = self.gathered or GatheredField.none(len(self.blender.page))
+        direct, view = self.direct.irradiance, self.folder / f"known_{self.round}_{into.turns}"
+        light, doubt = know_light(self.tree, state.solution, state.leaves, self.blender, direct)
+        into.gather(self.folder, self.settings, self.executor, texels, KnownLight(light, direct, doubt, self.lit_elsewhere), view)
 
     def _read_tallies(self) -> _State:
         tree, rule = self.tree, self.rule
@@ -160,6 +163,7 @@ class Solver:
         return _State(totals, solution, comparison, leaves)
 
     def _trace_round(self, stated: estimate.StatedError | None) -> None:
+        self.gathered = None  # what these photons tell is worth more than what was gathered of those before
         splitting, weight = self._split_photons()
         view = self.folder / f"view_{self.round}"
         shared_arrays.save_struct(view, quadtree.TreeView.of_tree(self.tree, len(self.keys), self.squares.entry))
@@ -187,6 +191,7 @@ class Solver:
                 self.tally.add(shard.shard % 2, result.tally, shard.photons * weight)
                 self.square_tally.add(shard.shard % 2, result.squares, shard.photons * weight)
                 self.ledger.add(shard, result)
+                self.lit_elsewhere |= result.lit_elsewhere
                 parted += [result.splitting] if result.splitting else []
         finally:
             shared_arrays.remove_struct(view)
@@ -230,15 +235,17 @@ class Solver:
 
     def _light(self, state: _State) -> tuple[LightField, estimate.StatedError]:
         """The light as it stands."""
+        shown = self.blender.texels, self.blender.entry_at, self.settings.denoise, partial(spread, self.executor)
         stated = estimate.state_error(
             self.tree,
             state.totals,
             state.solution,
             state.comparison,
             state.leaves,
-            self.direct.show(self.blender.texels, self.blender.entry_at, self.settings.denoise, partial(spread, self.executor)),
+            self.direct.show(*shown),
             self.blender,
             self.settings.denoise,
+            self.gathered.show_gathered(*shown) if self.gathered else None,
         )
         return self._make_light(state, stated.correction, stated.chosen), stated
 
@@ -256,11 +263,12 @@ class Solver:
             stopped_by="",
             ledger=self.ledger,
             squares=self.squares.light(self.square_tally),
+            gathered=self.gathered,
         )
 
     def _next_photons(self, stated: estimate.StatedError | None, weight: float) -> int:
         # Trees as they were planted tell little of how much light finer ones need.
-        error, fixed = (math.nan, 0.0) if stated is None or self.round == 1 else (stated.chosen, stated.direct)
+        error, fixed = (math.nan, 0.0) if stated is None or self.round == 1 else (stated.chosen, math.hypot(stated.direct, stated.gathered))
         ledger, settings = self.ledger, self.settings
         return rounds.next_photons(ledger.photons, ledger.told, weight, settings.max_photons, len(self.tree), settings.error, error, fixed)
 

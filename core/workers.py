@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from . import contact, direct, photons, rays, sampling, shared_arrays
+from . import contact, direct, gather, photons, rays, sampling, shared_arrays
 from .emitters import build_emitters
 from .geometry import UnitBox
 from .heap import keep_freed_memory
@@ -36,6 +36,7 @@ SPLITTING_FOLDER = "splitting"  # in a view's
 # A shard's fields that name folders, and what of each folder the shard reads, () all of it.
 FOLDER_PARTS: dict[str, tuple[str, ...]] = {"tracing": (SNAPSHOT_FILE, TEXELS_FOLDER), "view": ()}
 DIRECT_ROUND = 2**31 - 1  # of the random numbers for shadow rays: no round of photons comes that far
+GATHER_ROUND = 2**30  # the same, of rays that gather
 
 
 @dataclass(frozen=True)
@@ -88,9 +89,15 @@ def open_splitting(folder: str) -> Splitting:
     return shared_arrays.load_struct(Path(folder) / SPLITTING_FOLDER, Splitting)
 
 
+@lru_cache(maxsize=1)
+def open_known_light(folder: str) -> gather.KnownLight:
+    """The light that was written to `folder`; the same."""
+    return shared_arrays.load_struct(Path(folder), gather.KnownLight)
+
+
 def forget_folders() -> None:
     """Close what this process keeps open, so that folders can be removed or written anew."""
-    for opened in (open_tracing, open_view, open_splitting, _open_direct_scene):
+    for opened in (open_tracing, open_view, open_splitting, open_known_light, _open_direct_scene, _open_gather_scene):
         opened.cache_clear()
 
 
@@ -120,6 +127,7 @@ class PhotonResult:
     audit: EnergyAudit
     counters: Counters
     splitting: SplitTally | None
+    lit_elsewhere: NDArray[np.bool_]  # see gather.KnownLight
 
 
 def trace_photons(shard: PhotonShard) -> PhotonResult:
@@ -141,7 +149,9 @@ def trace_photons(shard: PhotonShard) -> PhotonResult:
     sums = deposit(node, s, t, hits.flux_rgb, is_first, len(view.centre), shard.degree)
     on_squares = deposit_on_squares(tracing.texels, view.square_entry, entry, hits.tri, x, y, hits.flux_rgb, is_first)
     parted = SplitTally.of(hits.groups, splitting.worth, node, hits.flux_rgb) if splitting and hits.groups else None
-    return PhotonResult(sums, on_squares, hits.audit, hits.counters, parted)
+    lit_elsewhere = np.zeros(len(tracing.snapshot.objects), bool)
+    lit_elsewhere[tracing.snapshot.tri_object[hits.elsewhere]] = True
+    return PhotonResult(sums, on_squares, hits.audit, hits.counters, parted, lit_elsewhere)
 
 
 def _split_at(
@@ -178,6 +188,29 @@ def light_texels(shard: DirectShard) -> direct.DirectLight:
     )
     irradiance, variance = light.irradiance_rgb.astype(np.float32), light.variance_rgb.astype(np.float32)  # half as much to send
     return direct.DirectLight(irradiance, variance, light.counters)
+
+
+@dataclass(frozen=True)
+class GatherShard:
+    """Rays from some texel entries to the surfaces that they see; the view's folder holds gather.KnownLight."""
+
+    tracing: str  # folder
+    view: str  # folder
+    seed: int
+    turn: int  # of all light gathered so far
+    start: int  # position of the shard in its turn
+    texels: IntArray  # ascending
+    tolerance: float  # see gather.gather_light
+    smoothed: bool  # the same
+
+
+def gather_texels(shard: GatherShard) -> gather.GatheredLight:
+    """Light from surfaces at the texels of a shard."""
+    texels = open_tracing(shard.tracing).texels
+    tiles = Tiles.of(texels.texel_chart[shard.texels], texels.texel_code[shard.texels])
+    rng = sampling.shard_rng(shard.seed, GATHER_ROUND - shard.turn, shard.start)
+    scene, known = _open_gather_scene(shard.tracing), open_known_light(shard.view)
+    return gather.gather_light(scene, known, shard.texels, rng, shard.tolerance, tiles, shard.smoothed)
 
 
 @dataclass(frozen=True)
@@ -222,3 +255,18 @@ def _texel_places(tracing: Tracing, entry: IntArray) -> tuple[NDArray[np.float32
 def _open_direct_scene(folder: str) -> direct.DirectScene:
     tracing = open_tracing(folder)
     return direct.DirectScene.of(tracing.scene.rays, tracing.snapshot, tracing.unit_box, tracing.scene.surfaces)
+
+
+@lru_cache(maxsize=1)
+def _open_gather_scene(folder: str) -> gather.GatherScene:
+    tracing = open_tracing(folder)
+    scene, direct_scene = tracing.scene, _open_direct_scene(folder)
+    return gather.GatherScene(
+        rays=scene.rays,
+        receiving=direct_scene.surfaces,
+        surfaces=scene.surfaces,
+        texels=tracing.texels,
+        tri_object=tracing.snapshot.tri_object,
+        tri_two_sided=direct_scene.tri_two_sided,
+        tri_told=scene.tri_lit_below == 0,
+    )

@@ -39,6 +39,7 @@ TRACE = {
     "core.direct_tiles",
     "core.irradiance",
     "core.contact",
+    "core.gather",
 }
 # core.materials is on neither side: albedo and emission belong to the surface, photons and pages both ask for them.
 STATISTICS = {"core.tally", "core.refine", "core.quadtree", "core.basis", "core.estimate", "core.shrinkage"}
@@ -58,7 +59,11 @@ PANELS = {"addon.panels", "addon.panels_object", "addon.panel_parts"}
 NAMES_THE_PACKAGE = {"addon.boot"}
 
 # Core modules whose tests are not in tests/unit/test_<module>.py.
-TEST_HOME: dict[str, str] = {"core.texel_map": "tests/unit/test_texels.py", "core.xatlas_process": "tests/unit/test_unfolding.py"}
+TEST_HOME: dict[str, str] = {
+    "core.light_field": "tests/unit/test_solve.py",
+    "core.texel_map": "tests/unit/test_texels.py",
+    "core.xatlas_process": "tests/unit/test_unfolding.py",
+}
 
 # Modules by their name inside the package ("core.rays", "addon", "__main__"), with their source text.
 Sources = dict[str, str]

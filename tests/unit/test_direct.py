@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import floor_looks, lit_scene, morton_square, prepare, sigma_limit, to_grid
-from leaflight.core import direct, photons
+from leaflight.core import direct, direct_points, photons
 from leaflight.core.direct import DirectLight, direct_irradiance
 from leaflight.core.emitters import build_emitters
 from leaflight.core.irradiance import polygon_irradiance
@@ -255,7 +255,7 @@ def test_texels_may_be_any_of_them(monkeypatch):
     scene, _, _ = prepare(lit_scene(lights=[PANEL]))
     column, row = morton_square(SIDE)
     picked = np.flatnonzero((column + row) % 3 == 0)
-    monkeypatch.setattr(direct, "_CHUNK_TEXELS", 100)
+    monkeypatch.setattr(direct_points, "_CHUNK_TEXELS", 100)
     found = direct_irradiance(scene, floor_looks(SIDE), picked, np.random.default_rng(1))
     expected = from_panel(PLACE[column[picked]], PLACE[row[picked]])
     assert found.irradiance_rgb[:, 0] == pytest.approx(expected, rel=2e-3)

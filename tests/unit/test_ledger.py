@@ -10,7 +10,9 @@ def make_shard(photons, weight):
     """A shard whose photons bring 2 W each of red light to where nothing reflects, and what came of it."""
     shard = PhotonShard("", "", 1, 0, 0, photons, 10, 1, skip_first=True, weight=weight)
     watts = np.array([2.0, 0.0, 0.0]) * photons * weight
-    return shard, PhotonResult(None, None, EnergyAudit(watts, watts, 0 * watts, 0 * watts), Counters(photons, 3 * photons, photons), None)
+    return shard, PhotonResult(
+        None, None, EnergyAudit(watts, watts, 0 * watts, 0 * watts), Counters(photons, 3 * photons, photons), None, np.zeros(1, bool)
+    )
 
 
 def test_watts_do_not_depend_on_how_many_photons_there_were_nor_on_their_weights():

@@ -66,3 +66,11 @@ def test_a_shard_without_photons_has_all_fields():
     log = PhotonLog()
     log.open_groups(np.zeros(1, np.int32), np.ones(1, np.float32))  # whose photons were all absorbed
     assert log.hits().groups.rays.tolist() == [0]
+
+
+def test_triangles_lit_where_no_lightmap_tells_are_named_once():
+    log = PhotonLog()
+    assert log.hits().elsewhere.tolist() == []
+    for tri in ([5, 2, 5], [], [2]):
+        log.light_elsewhere(np.array(tri, np.int32))
+    assert log.hits().elsewhere.tolist() == [2, 5]

@@ -1,0 +1,83 @@
+"""When indirect light is gathered by rays from texels, and what is known of all light when it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .estimate import StatedError
+from .ledger import Ledger
+from .quadtree import Quadtree, node_of_texel
+from .reconstruct import CHUNK, LeafBlender, evaluate_leaf
+from .settings import Settings
+from .tally import Solution
+from .texel_map import TexelMap
+from .tiles import TILE_TEXELS, Tiles
+
+# Of texels that lie in tiles, below which it does not pay: where charts are small too few neighbours are there to average grain with.
+# Measured: with 0.49 a twentieth to a tenth more error for as many rays, with 0.71 half the rays for as little error.
+_LEAST_TILED = 0.6
+_RAYS_EACH = 12  # of a texel, that it is likely to take
+_LEAST_DEPTH = 100  # surfaces that photons may meet: what is gathered has met one more
+
+
+@dataclass
+class GatherPlan:
+    """Decides, for one bake, whether indirect light is gathered.
+
+    n_texel      of the bake
+    tiled        share of them that lie in tiles
+    given_up     it was tried, and would take more rays than photons do
+    """
+
+    n_texel: int
+    tiled: float
+    given_up: bool = False
+    _photons_rays: float = 0.0  # that photons would still need, when it was last asked whether it pays
+
+    @classmethod
+    def of(cls, texels: TexelMap) -> GatherPlan:
+        n_texel = len(texels.texel_chart)
+        return cls(n_texel, len(Tiles.of(texels.texel_chart, texels.texel_code)) * TILE_TEXELS / max(n_texel, 1))
+
+    def pays(self, settings: Settings, stated: StatedError, ledger: Ledger, round_: int, most_direct: float) -> bool:
+        """Whether to gather takes fewer rays than the photons that the error asked for would need.
+
+        round_        number of rounds so far: trees as they were planted know too little of what is to be gathered
+        most_direct   of the error asked for, the share that direct light by rays may have
+        """
+        if self.given_up or self.tiled < _LEAST_TILED or round_ < 2:
+            return False
+        if not settings.gather or settings.direct != "rays" or not settings.hierarchical or settings.max_depth < _LEAST_DEPTH:
+            return False
+        more = (stated.chosen**2 - stated.direct**2) / ((1.0 - most_direct**2) * settings.error**2) - 1.0
+        self._photons_rays = ledger.rays * more
+        # Where photons are counted, by who wants so many and no more, they tell all of it.
+        return self._photons_rays > _RAYS_EACH * self.n_texel and ledger.told * more <= settings.max_photons - ledger.photons
+
+    def give_up(self, settings: Settings, stated: StatedError, rays: int, most_direct: float) -> bool:
+        """Whether so many rays told so little that photons would have taken fewer; then nothing is gathered any more."""
+        more = stated.gathered**2 / ((1.0 - most_direct**2) * settings.error**2) - 1.0
+        self.given_up |= rays * more > self._photons_rays
+        return self.given_up
+
+
+def know_light(
+    tree: Quadtree,
+    solution: Solution,
+    leaves: NDArray[np.int64],
+    blender: LeafBlender,
+    direct: NDArray[np.float32],
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """gather.KnownLight.light and doubt: direct light (n, 3) float32, W/m^2, at all texel entries, and that of the leaves."""
+    n_texel = len(blender.page)
+    leaf = node_of_texel(tree, leaves, n_texel)
+    light, doubt = np.empty((3, n_texel), np.float32), np.empty(n_texel, np.float32)
+    for start in range(0, n_texel, CHUNK):
+        part = slice(start, min(start + CHUNK, n_texel))
+        x, y = blender.texels.own_points(part.start, part.stop)
+        halves = evaluate_leaf(tree, solution, leaf[part], x, y, halves=True).irradiance
+        light[:, part], doubt[part] = halves.mean(axis=0) + direct[part].T, (halves[0] - halves[1]).mean(axis=0) / 2.0
+    return light, doubt

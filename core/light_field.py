@@ -1,0 +1,42 @@
+"""The light of a bake, as solve or direct_only leave it to whoever makes pages of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .direct_field import DirectField
+from .gathered import GatheredField
+from .ledger import Ledger
+from .quadtree import Quadtree
+from .squares import SquareLight
+from .tally import Solution
+
+
+@dataclass(frozen=True)
+class LightField:
+    """The light of a bake, before it becomes pages.
+
+    solution       of the leaves and what is above them
+    leaves         (m,) int64: the nodes to show
+    correction     of the leaves' variance, see estimate
+    squares        what squares say where something touches the surface; None without photons
+    gathered       indirect light by rays from texels, where they saw all that sends it; None where leaves hold all of it
+    stopped_by     "error", "max_photons", "time_limit" or "interrupted"
+    """
+
+    tree: Quadtree
+    solution: Solution
+    leaves: NDArray[np.int64]
+    received: NDArray[np.int64]
+    correction: float
+    direct: DirectField
+    error: float
+    photons: int
+    rounds: int
+    stopped_by: str
+    ledger: Ledger
+    squares: SquareLight | None = None
+    gathered: GatheredField | None = None

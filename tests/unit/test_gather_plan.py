@@ -1,0 +1,69 @@
+"""When it pays to gather, and when that was a mistake; what is known of the light of leaves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from boxes import lamp_scene, make_solver
+from leaflight.core import estimate
+from leaflight.core.gather_plan import GatherPlan, know_light
+from leaflight.core.ledger import Ledger
+from leaflight.core.settings import Settings
+
+ASKED = Settings(error=0.02)
+SHARE = 0.5
+LEDGER = Ledger(photons=10**6, told=1e6, rays=500_000)
+NOISY = estimate.StatedError(0.1, 0.1, 0.0, 1.0, lambda: np.zeros(0, np.float32))
+
+
+def pays(settings=ASKED, stated=NOISY, ledger=LEDGER, round_=2, n_texel=40_000, tiled=1.0):
+    return GatherPlan(n_texel, tiled).pays(settings, stated, ledger, round_, SHARE)
+
+
+def test_gathering_pays_where_photons_are_far_from_the_error_asked_for():
+    assert pays()
+    assert not pays(n_texel=4_000_000)  # a page so large takes more rays than photons do
+    assert not pays(stated=replace(NOISY, chosen=0.021, relative=0.021))
+    assert not pays(stated=replace(NOISY, direct=0.0999))  # what errs is direct light
+
+
+@pytest.mark.parametrize(
+    "knobs", [{"gather": False}, {"direct": "photons"}, {"hierarchical": False}, {"max_depth": 3}, {"max_photons": 2 * 10**6}]
+)
+def test_settings_that_leave_all_to_photons(knobs):
+    assert not pays(replace(ASKED, **knobs))
+
+
+def test_it_wants_trees_that_have_been_refined_and_charts_with_room_for_tiles():
+    assert not pays(round_=1)
+    assert not pays(tiled=0.5)
+
+
+def test_it_is_given_up_where_photons_would_have_taken_fewer_rays():
+    plan = GatherPlan(40_000, 1.0)
+    assert plan.pays(ASKED, NOISY, LEDGER, 2, SHARE)
+    assert not plan.give_up(ASKED, replace(NOISY, gathered=0.03), 10**6, SHARE)
+    assert plan.give_up(ASKED, replace(NOISY, gathered=0.09), 10**6, SHARE)
+    assert not plan.pays(ASKED, NOISY, LEDGER, 3, SHARE)
+
+
+def test_what_is_known_is_direct_light_and_that_of_leaves(tmp_path):
+    """Integrated over the surfaces the leaves' functions hold their flux; and halves that differ are doubt."""
+    solver = make_solver(tmp_path, lamp_scene(), Settings(size=64, padding=1, max_photons=200_000, error=1e-4))
+    light = solver.run(lambda message: None, lambda: False)
+    direct = solver.direct.irradiance
+    known, doubt = know_light(light.tree, light.solution, light.leaves, solver.blender, direct)
+    area = solver.blender.texels.texel_area
+    flux = light.solution.flux[:, light.leaves].sum(axis=1)
+    assert ((known - direct.T) * area).sum(axis=1) == pytest.approx(flux, rel=0.02)
+    halves = light.solution.flux_half[:, :, light.leaves].sum(axis=2).mean(axis=1)
+    assert (doubt * area).sum() == pytest.approx((halves[0] - halves[1]) / 2, abs=0.02 * halves.mean())
+    assert np.abs(doubt).max() > 0
+
+
+def test_tiles_are_counted(tmp_path):
+    solver = make_solver(tmp_path, lamp_scene(), Settings(size=128, padding=1))
+    assert solver.gather_plan.n_texel == len(solver.blender.page)
+    assert 0.3 < solver.gather_plan.tiled < 1.0

@@ -1,0 +1,97 @@
+"""Gathered light in a bake: what it takes the place of, what it leaves to the leaves, and that workers change nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from boxes import lamp_scene, make_solver, room_mesh
+from leaflight.core import executors, resolve
+from leaflight.core.gathered import GatheredField
+from leaflight.core.scene import Light, Material
+from leaflight.core.settings import Settings
+from scenes import box_mesh, make_scene
+
+SETTINGS = Settings(size=128, padding=1, error=0.012)
+LAMP = Light("POINT", "Lamp", (0.2, 0.1, 0.3), power_rgb=(10.0, 5.0, 2.5), radius_m=0.05)
+SCENE = make_scene([room_mesh(), box_mesh("Block", (0.3, 0.2, 0.3))], [LAMP], [Material("Grey", (0.6,) * 3)])
+
+
+def bake(folder, settings=SETTINGS, executor=None, scene=SCENE, plan=None):
+    solver = make_solver(folder, scene, settings, executor)
+    if plan is not None:
+        solver.gather_plan.pays = plan
+    return solver.run(lambda message: None, lambda: False), solver
+
+
+@pytest.fixture(scope="module")
+def gathered(tmp_path_factory):
+    return bake(tmp_path_factory.mktemp("gathered"))
+
+
+def test_a_bake_gathers_where_photons_would_have_to_be_many_more(gathered, tmp_path):
+    light, solver = gathered
+    assert light.gathered is not None
+    assert light.stopped_by == "error"
+    alone, _ = bake(tmp_path, replace(SETTINGS, gather=False, max_photons=2_000_000))
+    assert alone.gathered is None
+    assert light.ledger.rays + light.gathered.counters["rays"] < alone.ledger.rays
+    assert light.error < 0.8 * alone.error
+    shown, of_leaves = (resolve.light_at_texels(one, solver.blender).indirect for one in (light, alone))
+    assert shown.mean() == pytest.approx(of_leaves.mean(), rel=0.01)
+    assert np.sqrt(((shown - of_leaves) ** 2).mean()) < 0.05 * of_leaves.mean()
+
+
+def test_two_workers_give_the_bytes_of_one(gathered, tmp_path):
+    light, _ = gathered
+    with executors.make_executor(2) as executor:
+        other, _ = bake(tmp_path, executor=executor)
+    for name in ("irradiance", "variance", "doubt", "blind", "passes"):
+        assert getattr(other.gathered, name).tobytes() == getattr(light.gathered, name).tobytes()
+
+
+def test_blocks_that_are_blind_keep_the_light_of_the_leaves(gathered):
+    light, solver = gathered
+    blind = light.gathered.blind.copy()
+    blind[70] = True
+    half_blind = GatheredField(
+        **{name: getattr(light.gathered, name) for name in ("irradiance", "variance", "passes", "doubt")}, blind=blind
+    )
+    told = half_blind.show_gathered(solver.blender.texels, solver.blender.entry_at, smooth=False).told
+    assert np.flatnonzero(~told).tolist() == list(range(64, 128))
+    whole, of_leaves, mixed = (
+        resolve.light_at_texels(replace(light, gathered=one), solver.blender, smooth_grain=False).indirect
+        for one in (light.gathered, None, half_blind)
+    )
+    assert np.array_equal(mixed[told], whole[told])
+    assert np.array_equal(mixed[~told], of_leaves[~told])
+    assert not np.array_equal(whole[~told], of_leaves[~told])
+
+
+def test_doubt_is_the_mean_of_a_block():
+    """Halves of the photons that differ all over a block are in doubt, those that differ by chance are not."""
+    field = GatheredField.none(128)
+    field.doubt[:64] = 0.5
+    field.doubt[64:] = np.tile([0.5, -0.5], 32)
+    shown = field.show_gathered(None, None, smooth=False)
+    assert shown.doubt2[:64] == pytest.approx(0.25)
+    assert shown.doubt2[64:] == pytest.approx(0.0)
+
+
+def test_what_a_thing_without_a_lightmap_sends_is_left_to_photons(tmp_path):
+    objects = tuple(replace(thing, receives=thing.name != "Block") for thing in SCENE.objects)
+    light, solver = bake(tmp_path, replace(SETTINGS, size=32, error=0.05), scene=replace(SCENE, objects=objects), plan=lambda *_: True)
+    assert solver.lit_elsewhere[[thing.name for thing in objects].index("Block")]
+    assert light.gathered.blind.mean() > 0.3
+
+
+def test_an_open_scene_is_as_bright_as_by_photons(tmp_path):
+    scene = lamp_scene()
+    light, solver = bake(tmp_path / "1", replace(SETTINGS, error=0.02), scene=scene, plan=lambda *_: True)
+    many, _ = bake(tmp_path / "2", replace(SETTINGS, gather=False, error=1e-4, max_photons=3_000_000), scene=scene)
+    assert light.gathered is not None
+    mine, theirs = (resolve.light_at_texels(each, solver.blender) for each in (light, many))
+    shown = solver.blender.texels.shown & solver.blender.texels.is_central
+    gap = np.abs(mine.indirect - theirs.indirect)[shown]
+    assert np.quantile(gap, 0.95) < 0.05 * (theirs.direct + theirs.indirect).mean()
