@@ -66,7 +66,7 @@ def test_an_interrupted_bake_goes_on_to_the_bytes_of_one_that_was_not(tmp_path, 
 def test_a_smaller_error_is_reached_with_the_photons_so_far(tmp_path):
     lamp = Light("POINT", "Lamp", (0.2, 0.1, 0.0), power_rgb=(10.0, 5.0, 2.5), radius_m=0.02)
     closed = make_scene([room_mesh()], [lamp], [Material("Grey", (0.5,) * 3)])  # where all light is known to 0.01 %
-    coarse = replace(SETTINGS, error=0.05, max_photons=10_000_000)
+    coarse = replace(SETTINGS, error=0.05, max_photons=10_000_000, gather=False)  # by photons, and no other way
     kept, first = keep(tmp_path, coarse, 10**9, closed)
     assert first.stopped_by == "error"
     finer = replace(coarse, error=0.95 * first.error)
