@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import basis, estimate, quadtree, refine, rounds, shared_arrays, shrinkage, tally, workers
+from .birth_guide import BirthGuide
 from .direct_field import MOST_PASSES, DirectField
 from .executors import spread
 from .ledger import Ledger
@@ -97,6 +98,7 @@ class Solver:
         self.squares = Squares.of(texels, self.forced_texels)
         self.square_tally = Tally.empty(len(self.squares.entry), 0, components)
         self.guide = SplitGuide.empty(len(self.tracing.snapshot.objects) + len(self.tree))
+        self.births = BirthGuide.of(self.tracing.scene.emitter_share)
         self.state: _State | None = None  # of the last round
         self.ledger = Ledger()
         self.rule = refine.Rule(settings.oracle, settings.threshold, settings.stability, settings.preview_depth)
@@ -160,12 +162,12 @@ class Solver:
         return _State(totals, solution, comparison, leaves)
 
     def _trace_round(self, stated: estimate.StatedError | None) -> None:
-        splitting, weight = self._split_photons()
+        splitting, weight = self._guide_photons()
         view = self.folder / f"view_{self.round}"
         shared_arrays.save_struct(view, quadtree.TreeView.of_tree(self.tree, len(self.keys), self.squares.entry))
         if splitting:
             shared_arrays.save_struct(view / workers.SPLITTING_FOLDER, splitting)
-        settings, parted = self.settings, []
+        settings, parted, born = self.settings, [], []
         shards = [
             workers.PhotonShard(
                 tracing=str(self.folder),
@@ -188,14 +190,16 @@ class Solver:
                 self.square_tally.add(shard.shard % 2, result.squares, shard.photons * weight)
                 self.ledger.add(shard, result)
                 parted += [result.splitting] if result.splitting else []
+                born += [result.births] if result.births else []
         finally:
             shared_arrays.remove_struct(view)
         self.guide.add_round(parted)
+        self.births.add_round(born)
         self.round += 1
 
-    def _split_photons(self) -> tuple[Splitting | None, float]:
-        """Where photons of the next round part, and how much one of them tells; nothing where no round was read or they go alone."""
-        if self.state is None or self.settings.direct != "rays":
+    def _guide_photons(self) -> tuple[Splitting | None, float]:
+        """Where photons of the next round are born and part, and how much one of them tells; nothing where no round was read."""
+        if self.state is None or not self.settings.guided:
             return None, 1.0
         tree, flux = self.tree, self.state.solution.flux
         before = flux.shape[1]
@@ -204,7 +208,8 @@ class Solver:
         snapshot, texels = self.tracing.snapshot, self.tracing.texels
         self.guide.grow(len(snapshot.objects) + len(tree))
         factor, weight = self.guide.plan(tree, snapshot.tri_object[texels.texel_tri[tree.start[tree.levels[0]]]])
-        return Splitting(factor, weigh_deposits(tree, self.state.leaves, light, self.ledger.deposits)), weight
+        worth = weigh_deposits(tree, self.state.leaves, light, self.ledger.deposits)
+        return Splitting(factor, worth, self.births.plan()), weight
 
     def _refine(self, state: _State) -> bool:
         """Splits what the oracle marks; whether there is more of the tree now."""
