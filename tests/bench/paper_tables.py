@@ -249,10 +249,10 @@ class Swept:
 
 
 def sweep(stage: Stage, reference: Reference, photons: float, choices: Sequence[Choice]) -> list[Swept]:
-    """One bake for each choice of knobs."""
+    """One bake for each choice of knobs, its photons sent evenly but where it says otherwise."""
     swept = []
     for choice in choices:
-        bake = stage.bake(photons, **choice.knobs)
+        bake = stage.bake(photons, **{"guided": False, **choice.knobs})
         leaf = bake.leaf_of(bake.show_stable(int(choice.knobs["stability"]))) if choice.printed else None
         values = bake.values(leaf)
         errors = [reference.measure(values, texels) for texels in (None, stage.contact)]
@@ -283,17 +283,14 @@ KNOBS = [
         {},
     ),
     Choice("the same, seed 2", {"seed": 2}),
-    Choice("photons sent evenly", {"guided": False}),
+    Choice("guided photons", {"guided": True}),
+    Choice("guided photons, stability 4", {"guided": True, "stability": 4}),
     *[Choice(f"threshold {value:g}", {"threshold": value}) for value in (0.0, 0.02, 0.1, 0.3, 1.0)],
     *[Choice(f"stability {value}", {"stability": value}) for value in (1, 2, 4, 8, 16, 64)],
     *[Choice(f"preview depth {value}", {"preview_depth": value}) for value in (1, 3)],
     *[Choice(f"oracle paper, stability {value}", {"oracle": "paper", "stability": value}) for value in (DEFAULTS.stability, 64)],
     *[
-        Choice(
-            f"as printed: {basis}, oracle paper, stability {value}, photons sent evenly",
-            {"basis": basis, "oracle": "paper", "stability": value, "guided": False},
-            True,
-        )
+        Choice(f"as printed: {basis}, oracle paper, stability {value}", {"basis": basis, "oracle": "paper", "stability": value}, True)
         for basis in ("constant", "linear")
         for value in (4, 8, 16, 64)
     ],
