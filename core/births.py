@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .birth_cells import BirthCells, find_bins
 from .geometry import gather, locate_hits, offset_origin
 from .lights import Emitter
 from .rays import RayScene
@@ -28,7 +29,7 @@ class Photons:
     """Photons under way, (3, n) float32 rows: an axis or a channel each.
 
     soft    (3, n) float32   unit box: soft_radius, soft_offset and the way covered so far; None after the first hit, or if none is soft
-    group   (n,) int32       see photon_log.Groups; None before the first hit, or if nobody asks
+    group   (n,) int32       newborn: the bin of BirthCells; later see photon_log.Groups; None if nobody asks
     """
 
     origin: _Rows
@@ -39,35 +40,48 @@ class Photons:
 
 
 def bear_photons(
-    emitters: Sequence[Emitter], shares: Float64, n_photons: int, total_flux_share: float, rng: np.random.Generator, batch: int = BATCH
+    emitters: Sequence[Emitter],
+    cells: BirthCells,
+    n_photons: int,
+    total_flux_share: float,
+    rng: np.random.Generator,
+    batch: int = BATCH,
+    told: bool = False,
 ) -> Iterator[tuple[Photons, Bools]]:
     """Batches of new photons, and which of them are a lamp's without shadow.
 
-    Emitter e gets its share of them to within one, by systematic sampling: E[count] = n * share exactly.
-
-    shares   (n_emitter,) float64   probability of each emitter
     batch    photons, at most
+    told     whether the photons know where they were born
     """
-    if n_photons <= 0 or not shares.any():
+    if n_photons <= 0 or not cells.share.any():
         return
-    shift = rng.integers(0, 2**32, (len(shares), 4), np.uint32)
-    end = np.ceil(np.cumsum(shares) * n_photons - rng.random()).astype(np.int64).clip(0, n_photons)
-    end[np.flatnonzero(shares)[-1] :] = n_photons  # a sum of shares may round to just below 1
-    start = np.concatenate([[0], end[:-1]])
+    shift = rng.integers(0, 2**32, (len(emitters), 4), np.uint32)
+    start = cells.count_births(n_photons, rng.random())
+    first_cell = np.searchsorted(cells.emitter, np.arange(len(emitters) + 1))
+    of_emitter = start[first_cell]
+    carried = np.divide(cells.natural, cells.share, out=np.zeros(len(cells)), where=cells.share > 0)  # over the mean photon of the scene
+    emitter_share = np.bincount(cells.emitter, cells.natural, len(emitters))
     for first in range(0, n_photons, batch):
         last = min(first + batch, n_photons)
         origin, direction, flux = np.empty((3, 3, last - first), np.float32)
         soft, shadowless = np.zeros((3, last - first), np.float32), np.zeros(last - first, bool)
-        for e in np.flatnonzero((start < last) & (end > first) & (end > start)):
-            low, high = max(first, start[e]), min(last, end[e])
-            births = emitters[e].emit(low_discrepancy_points(shift[e], int(low - start[e]), int(high - low)))
+        born = np.empty(last - first, np.int32)
+        for e in np.flatnonzero((of_emitter[:-1] < last) & (of_emitter[1:] > first) & (of_emitter[1:] > of_emitter[:-1])):
+            low, high = max(first, of_emitter[e]), min(last, of_emitter[e + 1])
             place = slice(low - first, high - first)
+            own = slice(first_cell[e], first_cell[e + 1])
+            cell = np.repeat(np.arange(own.start, own.stop), np.diff(start[own.start : own.stop + 1].clip(low, high)))
+            points = low_discrepancy_points(shift[e], int(low - of_emitter[e]), int(high - low))
+            births = emitters[e].emit(cells.place(cell, points) if len(cells) > len(emitters) else points)
+            if told:
+                born[place] = find_bins(cell, points)
             origin[:, place], direction[:, place] = births.origin.T, births.direction.T
             soft[0, place], soft[1, place] = births.soft_radius, births.soft_offset
             shadowless[place] = not emitters[e].casts_shadow
-            power = emitters[e].power_rgb * (total_flux_share / n_photons / shares[e])
-            flux[:, place] = power.astype(np.float32)[:, None] * births.relative_rgb.T
-        yield Photons(origin, direction, flux, soft if soft[0].any() else None), shadowless
+            power = emitters[e].power_rgb * (total_flux_share / n_photons / emitter_share[e])
+            np.multiply(power.astype(np.float32)[:, None], births.relative_rgb.T, out=flux[:, place])
+            flux[:, place] *= carried.astype(np.float32).take(cell)
+        yield Photons(origin, direction, flux, soft if soft[0].any() else None, born if told else None), shadowless
 
 
 def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri_normal: _Rows, tri_frame: _Rows) -> int:
@@ -91,7 +105,8 @@ def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri
             soft = None if photons.soft is None else gather(photons.soft, place)
             if soft is not None:
                 soft[2] = covered
-            parts.append(Photons(origin, direction, gather(photons.flux, place), soft))
+            group = None if photons.group is None else gather(photons.group, place)
+            parts.append(Photons(origin, direction, gather(photons.flux, place), soft, group))
         if not len(hit):
             break
         tri = found.tri[hit]
@@ -104,6 +119,8 @@ def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri
     )
     if photons.soft is not None:
         photons.soft = np.concatenate([part.soft for part in parts if part.soft is not None], axis=1)
+    if photons.group is not None:
+        photons.group = np.concatenate([part.group for part in parts if part.group is not None])
     return traced
 
 
@@ -117,3 +134,18 @@ def soften(photons: Photons, distance: _Rows) -> None:
         d2, r2 = np.minimum(distance + covered, _FARTHEST) ** 2 + offset**2, radius**2
         tiny = np.finfo(np.float32).tiny  # 1 is left of a light that is not soft, however near
         photons.flux *= np.maximum(np.maximum(d2, r2), tiny) / np.maximum(d2 + r2, tiny)
+
+
+def join_waves(waves: list[Photons]) -> list[Photons]:
+    """The same photons, all of which have met a surface, in as few waves as they fit in: numpy is slow on short arrays."""
+    if len(waves) < 2:
+        return waves
+    ends = np.cumsum([photons.flux.shape[1] for photons in waves]) // BATCH
+    groups = [[photons for photons, own in zip(waves, ends, strict=True) if own == end] for end in np.unique(ends)]
+    return [_join(group) for group in groups]
+
+
+def _join(waves: list[Photons]) -> Photons:
+    origin, direction, flux = (np.concatenate([getattr(one, name) for one in waves], axis=1) for name in ("origin", "direction", "flux"))
+    numbers = [one.group for one in waves if one.group is not None]
+    return Photons(origin, direction, flux, group=np.concatenate(numbers) if numbers else None)

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import shared_arrays
+from .birth_guide import BirthGuide
 from .direct_field import DirectField
 from .job import SNAPSHOT_FILE
 from .ledger import ENERGY_NAMES
@@ -49,6 +50,7 @@ class Checkpoint:
     tally: Tally
     square_tally: Tally
     guide: SplitGuide
+    births: BirthGuide
     direct: DirectField
     energy_w: NDArray[np.float64]
     lit_elsewhere: NDArray[np.bool_]
@@ -63,13 +65,14 @@ class Checkpoint:
         ledger = solver.ledger
         energy_w = np.array([ledger.energy_w[name] for name in ENERGY_NAMES])
         counts = ledger.photons, ledger.told, ledger.rays, ledger.deposits, solver.round
-        return cls(solver.tree, solver.tally, solver.square_tally, solver.guide, solver.direct, energy_w, solver.lit_elsewhere, *counts)
+        parts = solver.tree, solver.tally, solver.square_tally, solver.guide, solver.births, solver.direct
+        return cls(*parts, energy_w, solver.lit_elsewhere, *counts)
 
     def give_to(self, solver: Solver) -> None:
         """Let a new solver of the same scene and method go on from here."""
         solver.tree, solver.tally, solver.square_tally = self.tree, self.tally, self.square_tally
-        solver.guide, solver.direct, solver.round = self.guide, self.direct, self.round
-        solver.lit_elsewhere = self.lit_elsewhere
+        solver.guide, solver.births = self.guide, self.births
+        solver.direct, solver.round, solver.lit_elsewhere = self.direct, self.round, self.lit_elsewhere
         ledger = solver.ledger
         ledger.energy_w = dict(zip(ENERGY_NAMES, self.energy_w, strict=True))
         ledger.photons, ledger.told = self.photons, self.told

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .births import BATCH, Photons, bear_photons, light_every_surface, soften
+from .birth_cells import BirthCells
+from .births import BATCH, Photons, bear_photons, join_waves, light_every_surface, soften
 from .geometry import UnitBox, gather, locate_hits, offset_origin, triangle_frames, triangle_normals_areas
 from .lights import Emitter
 from .materials import SurfaceMaterials
@@ -102,19 +103,21 @@ def trace_shard(
     max_depth: int,
     skip_first: bool,
     split_at: SplitAt | None = None,
+    cells: BirthCells | None = None,
 ) -> ShardHits:
     """Trace photons until they escape, are absorbed or have met `max_depth` surfaces.
 
     total_flux_share   what these photons carry together, as a share of all the scene's power: n_photons / all photons of a bake
     skip_first         direct light is found elsewhere: first hits scatter but are not deposited; SPLIT photons go there together
     split_at           more or fewer of them where they part; then what becomes of them is told by groups
+    cells              where more or fewer of them are born, if they go alone; then groups have one photon, and its bin for a place
     """
     log = PhotonLog()
-    waves: Iterable[Photons] = _bear(scene, n_photons, total_flux_share, rng, SPLIT if skip_first else 1, log)
+    waves: Iterable[Photons] = _bear(scene, cells, n_photons, total_flux_share, rng, SPLIT if skip_first else 1, log)
     for depth in range(0, max_depth, _DEPTHS_TOGETHER):
         depths = range(depth, min(depth + _DEPTHS_TOGETHER, max_depth))
         left = [after for photons in waves if (after := _bounce(scene, photons, rng, depths, skip_first, split_at, log))]
-        waves = _join_waves(left)
+        waves = join_waves(left)
         if not left:
             break
     for photons in waves:
@@ -181,30 +184,25 @@ def _bounce(
 
 
 def _bear(
-    scene: TraceScene, n_photons: int, total_flux_share: float, rng: np.random.Generator, together: int, log: PhotonLog
+    scene: TraceScene,
+    cells: BirthCells | None,
+    n_photons: int,
+    total_flux_share: float,
+    rng: np.random.Generator,
+    together: int,
+    log: PhotonLog,
 ) -> Iterator[Photons]:
     """The photons as they are born, `together` in one."""
     log.photons += n_photons if scene.emitter_share.any() else 0
-    births = bear_photons(scene.emitters, scene.emitter_share, -(-n_photons // together), total_flux_share, rng, max(BATCH // together, 1))
-    for photons, shadowless in births:
+    told = cells is not None
+    planned = BirthCells.whole(scene.emitter_share) if cells is None else cells
+    count, batch = -(-n_photons // together), max(BATCH // together, 1)
+    for photons, shadowless in bear_photons(scene.emitters, planned, count, total_flux_share, rng, batch, told):
+        if photons.group is not None:
+            photons.group = log.open_groups(photons.group, np.ones(len(photons.group), np.float32))
         if shadowless.any():
             log.rays += light_every_surface(photons, shadowless, scene.rays, scene.tri_normal, scene.tri_frame)
         yield photons
-
-
-def _join_waves(waves: list[Photons]) -> list[Photons]:
-    """The same photons, all of which have met a surface, in as few waves as they fit in: numpy is slow on short arrays."""
-    if len(waves) < 2:
-        return waves
-    ends = np.cumsum([photons.flux.shape[1] for photons in waves]) // BATCH
-    groups = [[photons for photons, own in zip(waves, ends, strict=True) if own == end] for end in np.unique(ends)]
-    return [_join(group) for group in groups]
-
-
-def _join(waves: list[Photons]) -> Photons:
-    origin, direction, flux = (np.concatenate([getattr(one, name) for one in waves], axis=1) for name in ("origin", "direction", "flux"))
-    numbers = [one.group for one in waves if one.group is not None]
-    return Photons(origin, direction, flux, group=np.concatenate(numbers) if numbers else None)
 
 
 def _total(flux: _Rows) -> NDArray[np.float64]:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import basis, estimate, quadtree, refine, rounds, shared_arrays, shrinkage, tally, workers
+from .birth_guide import BirthGuide
 from .direct_field import MOST_PASSES, DirectField
 from .executors import spread
 from .gather import KnownLight
@@ -75,6 +76,7 @@ class Solver:
         self.squares = Squares.of(texels, self.forced_texels)
         self.square_tally = Tally.empty(len(self.squares.entry), 0, components)
         self.guide = SplitGuide.empty(len(self.tracing.snapshot.objects) + len(self.tree))
+        self.births = BirthGuide.of(self.tracing.scene.emitter_share)
         self.state: _State | None = None  # of the last round
         self.gathered: GatheredField | None = None
         self.gather_plan = GatherPlan.of(texels)
@@ -102,8 +104,7 @@ class Solver:
             while (look := self._choose_look(state, stated)) and not should_stop():
                 look()
                 light, stated = self._light(state)
-            error = light.error
-            stopped_by = self._stop_reason(error, should_stop)
+            stopped_by = self._stop_reason(light.error, should_stop)
             # In the first round the trees stand as they were planted: detail that their previews do not show is in no stated error.
             refined = stopped_by == "error" and self.round == 1 and self._refine(state)
             if refined:
@@ -118,7 +119,7 @@ class Solver:
             if not refined:
                 self._refine(state)
 
-    def _choose_look(self, state: _State, stated: estimate.StatedError) -> Callable[[], None] | None:
+    def _choose_look(self, state: _State, stated: estimate.StatedError) -> Callable[[], object] | None:
         """What sends more rays from texels, if one more helps more than a photon's: squared errors fall as one over the number of rays."""
         settings, ledger = self.settings, self.ledger
         if settings.direct != "rays" or (self.gathered and stated.chosen <= settings.error):
@@ -133,15 +134,11 @@ class Solver:
         kinds += [(stated.gathered**2, self.gathered, stated.texel_gathered2)] if self.gathered and stated.texel_gathered2 else []
         gains = [error2 / max(rays.counters["rays"], 1) if error2 > most else 0.0 for error2, rays, _ in kinds]
         _, rays, texel2 = kinds[int(np.argmax(gains))]
-        if not max(gains) > by_photons:
-            return None
-        worst = np.flatnonzero((texel2() > most) & (rays.passes < MOST_PASSES))
+        worst = np.flatnonzero((texel2() > most) & (rays.passes < MOST_PASSES)) if max(gains) > by_photons else np.zeros(0, np.intp)
         if not len(worst):
             return None
-        return partial(self._gather, state, worst) if rays is self.gathered else partial(self._shoot, worst)
-
-    def _shoot(self, texels: NDArray[np.int64]) -> None:
-        self.direct.shoot(self.folder, self.settings, self.executor, texels)
+        shoot = partial(self.direct.shoot, self.folder, settings, self.executor)
+        return partial(self._gather, state, worst) if rays is self.gathered else partial(shoot, worst)
 
     def _gather(self, state: _State, texels: NDArray[np.int64]) -> None:
         into = self.gathered = self.gathered or GatheredField.none(len(self.blender.page))
@@ -164,12 +161,12 @@ class Solver:
 
     def _trace_round(self, stated: estimate.StatedError | None) -> None:
         self.gathered = None  # what these photons tell is worth more than what was gathered of those before
-        splitting, weight = self._split_photons()
+        splitting, weight = self._guide_photons()
         view = self.folder / f"view_{self.round}"
         shared_arrays.save_struct(view, quadtree.TreeView.of_tree(self.tree, len(self.keys), self.squares.entry))
         if splitting:
             shared_arrays.save_struct(view / workers.SPLITTING_FOLDER, splitting)
-        settings, parted = self.settings, []
+        settings, parted, born = self.settings, [], []
         shards = [
             workers.PhotonShard(
                 tracing=str(self.folder),
@@ -193,14 +190,16 @@ class Solver:
                 self.ledger.add(shard, result)
                 self.lit_elsewhere |= result.lit_elsewhere
                 parted += [result.splitting] if result.splitting else []
+                born += [result.births] if result.births else []
         finally:
             shared_arrays.remove_struct(view)
         self.guide.add_round(parted)
+        self.births.add_round(born)
         self.round += 1
 
-    def _split_photons(self) -> tuple[Splitting | None, float]:
-        """Where photons of the next round part, and how much one of them tells; nothing where no round was read or they go alone."""
-        if self.state is None or self.settings.direct != "rays":
+    def _guide_photons(self) -> tuple[Splitting | None, float]:
+        """Where photons of the next round are born and part, and how much one of them tells; nothing where no round was read."""
+        if self.state is None or not self.settings.guided:
             return None, 1.0
         tree, flux = self.tree, self.state.solution.flux
         before = flux.shape[1]
@@ -209,7 +208,8 @@ class Solver:
         snapshot, texels = self.tracing.snapshot, self.tracing.texels
         self.guide.grow(len(snapshot.objects) + len(tree))
         factor, weight = self.guide.plan(tree, snapshot.tri_object[texels.texel_tri[tree.start[tree.levels[0]]]])
-        return Splitting(factor, weigh_deposits(tree, self.state.leaves, light, self.ledger.deposits)), weight
+        worth = weigh_deposits(tree, self.state.leaves, light, self.ledger.deposits)
+        return Splitting(factor, worth, self.births.plan()), weight
 
     def _refine(self, state: _State) -> bool:
         """Splits what the oracle marks; whether there is more of the tree now."""

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .birth_cells import BirthCells
 from .photon_log import Groups
 from .quadtree import Quadtree
 from .scene import FloatArray, IntArray
@@ -43,10 +44,12 @@ class Splitting:
     factor   (n_object + n_node,) float32: of photons.SPLIT, how many times as many part on objects without a lightmap, and in deepest nodes
     worth    (3, n_node) float64, 1/W^2: squared error of the bake, relative to local brightness, for each squared watt
              that a photon brings to a deepest node
+    cells    where photons are born that go alone
     """
 
     factor: NDArray[np.float32]
     worth: Float64
+    cells: BirthCells
 
     def find_places(self, node: IntArray, is_mapped: NDArray[np.bool_], thing: IntArray) -> NDArray[np.int32]:
         """(m,) int32, indices of `factor`: of hits in nodes (m,) where the surface is mapped, else on objects (m,)."""
@@ -70,15 +73,11 @@ class SplitTally:
     noise: Float64
 
     @classmethod
-    def of(cls, groups: Groups, worth: Float64, node: IntArray, flux: FloatArray) -> SplitTally:
-        """Of the deposits (m,) of groups: worth as in Splitting, node (m,) int, flux (3, m) float, W."""
-        each = np.zeros(len(node))
-        for of_channel, power in zip(worth, flux.astype(np.float64), strict=True):
-            each += power * power * of_channel.take(node)
-        noise = np.bincount(groups.owner, each, len(groups.place)) * groups.split
+    def of(cls, groups: Groups, noise: Float64) -> SplitTally:
+        """Of groups, and what each adds to the squared error, noise (g,)."""
         place, slot = np.unique(groups.place, return_inverse=True)
         sums = np.empty((3, len(place)))
-        for row, values in zip(sums, (None, groups.rays / groups.split, noise), strict=True):
+        for row, values in zip(sums, (None, groups.rays / groups.split, noise * groups.split), strict=True):
             row[:] = np.bincount(slot, values, len(place))
         return cls(place.astype(np.int64), *sums)
 
@@ -159,6 +158,17 @@ def _mix(sums: Float64, expected: Float64) -> Float64:
     """Rates (2, m) at places: sums (3, m) as in SplitGuide, expected (2, m) of what lies above."""
     mixed: Float64 = (sums[1:] + _PRIOR_GROUPS * expected) / (sums[0] + _PRIOR_GROUPS)
     return mixed
+
+
+def weigh_groups(groups: Groups, worth: Float64, node: IntArray, flux: FloatArray) -> Float64:
+    """(g,) float64: what groups add to the squared error by their deposits (m,).
+
+    worth as in Splitting, node (m,) int, flux (3, m) float, W
+    """
+    each = np.zeros(len(node))
+    for of_channel, power in zip(worth, flux.astype(np.float64), strict=True):
+        each += power * power * of_channel.take(node)
+    return np.bincount(groups.owner, each, len(groups.place)).astype(np.float64)
 
 
 def weigh_deposits(tree: Quadtree, leaves: IntArray, light: FloatArray, deposits: int) -> Float64:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import contact, direct, gather, photons, rays, sampling, shared_arrays
+from .birth_guide import BirthTally
 from .emitters import build_emitters
 from .geometry import UnitBox
 from .heap import keep_freed_memory
@@ -25,7 +26,7 @@ from .pruning import prune_scene
 from .quadtree import TreeView
 from .scene import FloatArray, IntArray, SceneSnapshot
 from .snapshot import load_snapshot
-from .splitting import SplitTally, Splitting
+from .splitting import SplitTally, Splitting, weigh_groups
 from .squares import deposit_on_squares
 from .tally import ShardTally, deposit
 from .texel_map import TexelMap
@@ -127,6 +128,7 @@ class PhotonResult:
     audit: EnergyAudit
     counters: Counters
     splitting: SplitTally | None
+    births: BirthTally | None
     lit_elsewhere: NDArray[np.bool_]  # see gather.KnownLight
 
 
@@ -135,10 +137,11 @@ def trace_photons(shard: PhotonShard) -> PhotonResult:
     tracing, view = open_tracing(shard.tracing), open_view(shard.view)
     rng = sampling.shard_rng(shard.seed, shard.round, shard.shard)
     splitting = open_splitting(shard.view) if shard.guided else None
-    split_at = partial(_split_at, tracing, view, splitting) if splitting else None
+    split_at = partial(_split_at, tracing, view, splitting) if splitting and shard.skip_first else None
     # How many photons the bake will have is not known yet: each carries all the light, and sums are divided when read.
     flux_share = shard.photons * shard.weight
-    hits = photons.trace_shard(tracing.scene, shard.photons, flux_share, rng, shard.max_depth, shard.skip_first, split_at)
+    cells = splitting.cells if splitting and not shard.skip_first else None
+    hits = photons.trace_shard(tracing.scene, shard.photons, flux_share, rng, shard.max_depth, shard.skip_first, split_at, cells)
     x, y = tracing.texels.hit_texel_xy(hits.tri, hits.u, hits.v)
     entry = tracing.texels.entry_of(hits.tri, x, y)
     if entry.min(initial=0) < 0:  # a face may have no texels, as one that a layer folds to a line
@@ -148,10 +151,13 @@ def trace_photons(shard: PhotonShard) -> PhotonResult:
     is_first = None if shard.skip_first else hits.is_first
     sums = deposit(node, s, t, hits.flux_rgb, is_first, len(view.centre), shard.degree)
     on_squares = deposit_on_squares(tracing.texels, view.square_entry, entry, hits.tri, x, y, hits.flux_rgb, is_first)
-    parted = SplitTally.of(hits.groups, splitting.worth, node, hits.flux_rgb) if splitting and hits.groups else None
+    parted = born = None
+    if splitting and hits.groups:
+        noise = weigh_groups(hits.groups, splitting.worth, node, hits.flux_rgb)
+        parted, born = (SplitTally.of(hits.groups, noise), None) if cells is None else (None, BirthTally.of(hits.groups, noise, len(cells)))
     lit_elsewhere = np.zeros(len(tracing.snapshot.objects), bool)
     lit_elsewhere[tracing.snapshot.tri_object[hits.elsewhere]] = True
-    return PhotonResult(sums, on_squares, hits.audit, hits.counters, parted, lit_elsewhere)
+    return PhotonResult(sums, on_squares, hits.audit, hits.counters, parted, born, lit_elsewhere)
 
 
 def _split_at(

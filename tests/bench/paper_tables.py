@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from leaflight.core.irradiance import polygon_irradiance
@@ -19,6 +20,9 @@ PHOTONS_IN_A_NODE = 16  # on the fixed mesh, for a variance to be worth comparin
 LAMP_W, LAMP_M, LAMP_HEIGHT_M, SHEET_EDGE_M = 40.0, 0.3, 2.0, 0.5  # of figure2_square.blend
 PAPER_OVERHEAD = 1 / (1 - 1 / 4)  # [Tobler97]: what late nodes may lose
 DEFAULTS = Settings()
+GUIDED, FLAT_GUIDED = f"{DEFAULTS.basis}, guided", "flat, guided"
+T = TypeVar("T")
+FIXED_MESH: dict[str, object] = {"hierarchical": False, "basis": "constant", "guided": False}
 
 
 def percent(value: float) -> str:
@@ -72,7 +76,7 @@ def bake_square(stage: Stage, arriving: float) -> tuple[list[SquareRow], dict[st
         for oracle, stability in (
             (("significance", DEFAULTS.stability), ("paper", 256)) if basis == "constant" else (("significance", DEFAULTS.stability),)
         ):
-            bake = stage.bake(photons, basis=basis, oracle=oracle, stability=stability)
+            bake = stage.bake(photons, basis=basis, oracle=oracle, stability=stability, guided=False)
             leaf = None if oracle == "significance" else bake.leaf_of(bake.show_stable(stability))
             off = bake.values(leaf)[:, 0] - truth
             rmse = float(np.sqrt((off**2).mean()) / truth.mean())
@@ -94,7 +98,7 @@ def make_reference(stage: Stage, photons: float, seed: int = REFERENCE_SEED, run
     """Runs of so many photons each, on the fixed mesh at the finest level: noisy, but without bias."""
     values, received = [], []
     for run in range(2 * runs):
-        bake = stage.bake(photons, hierarchical=False, basis="constant", seed=seed + run)
+        bake = stage.bake(photons, **FIXED_MESH, seed=seed + run)
         values.append(bake.values())
         received.append(bake.light.received[bake.leaf])
     halves = [np.mean(values[half::2], axis=0) for half in (0, 1)]
@@ -110,18 +114,26 @@ class Point:
     rel: float
     nrmse: float
     blended: Errors
+    rays: int
+
+
+def list_plain(curves: Mapping[str, T]) -> dict[str, T]:
+    """Those of the fixed mesh and of each basis, whose photons are sent evenly as in the paper."""
+    return {name: curves[name] for name in ("flat", *BASES)}
 
 
 def measure_bake(bake: Bake, reference: Reference) -> Point:
     plain, blended = reference.measure(bake.values()), reference.measure(bake.blended)
-    return Point(bake.light.photons, len(bake.light.leaves), plain.rel, plain.nrmse, blended)
+    return Point(bake.light.photons, len(bake.light.leaves), plain.rel, plain.nrmse, blended, bake.light.ledger.rays)
 
 
 def trace_curves(stage: Stage, reference: Reference, photons: Sequence[float]) -> tuple[dict[str, list[Point]], dict[str, Bake]]:
-    """Errors of the fixed mesh and of each basis over photons; and the bakes with the most of them."""
+    """Errors over photons of the fixed mesh and of each basis, and with guided photons of both; and the bakes with the most of them."""
     kinds: dict[str, dict[str, object]] = {
-        "flat": {"hierarchical": False, "basis": "constant"},
-        **{name: {"basis": name} for name in BASES},
+        "flat": FIXED_MESH,
+        **{name: {"basis": name, "guided": False} for name in BASES},
+        FLAT_GUIDED: {**FIXED_MESH, "guided": True},
+        GUIDED: {"basis": DEFAULTS.basis},
     }
     curves, last = {}, {}
     for name, knobs in kinds.items():
@@ -135,8 +147,9 @@ def table_curves(curves: dict[str, list[Point]]) -> Table:
     for name, points in curves.items():
         for flat, point in zip(curves["flat"], points, strict=True):
             ratio = "" if name == "flat" else f"{point.rel / flat.rel:.2f} / {point.nrmse / flat.nrmse:.2f}"
-            rows.append([name, millions(point.photons), f"{point.leaves:,}", _both(point), ratio, _both(point.blended)])
-    return Table(("basis", "photons", "leaves", "rel / nrmse", "of flat's", "blended"), rows)
+            rays = f"{point.rays / 1e6:.1f} M"
+            rows.append([name, millions(point.photons), rays, f"{point.leaves:,}", _both(point), ratio, _both(point.blended)])
+    return Table(("basis", "photons", "rays", "leaves", "rel / nrmse", "of flat's", "blended"), rows)
 
 
 @dataclass(frozen=True)
@@ -181,10 +194,10 @@ class Overhead:
 
 
 def measure_overhead(stage: Stage, reference: Reference, photons: float) -> Overhead:
-    """From bakes of several seeds."""
+    """From bakes of several seeds, whose photons are all alike."""
     value, received, shown = [], [], []
     for seed in range(1, SEEDS + 1):
-        bake = stage.bake(photons, basis="constant", seed=seed)
+        bake = stage.bake(photons, basis="constant", guided=False, seed=seed)
         tree = bake.light.tree
         node = bake.leaf_of(np.flatnonzero(~tree.has_children))
         finest = (tree.side[node] == stage.settings.finest_texels) & (tree.parent[node] >= 0)
@@ -236,10 +249,10 @@ class Swept:
 
 
 def sweep(stage: Stage, reference: Reference, photons: float, choices: Sequence[Choice]) -> list[Swept]:
-    """One bake for each choice of knobs."""
+    """One bake for each choice of knobs, its photons sent evenly but where it says otherwise."""
     swept = []
     for choice in choices:
-        bake = stage.bake(photons, **choice.knobs)
+        bake = stage.bake(photons, **{"guided": False, **choice.knobs})
         leaf = bake.leaf_of(bake.show_stable(int(choice.knobs["stability"]))) if choice.printed else None
         values = bake.values(leaf)
         errors = [reference.measure(values, texels) for texels in (None, stage.contact)]
@@ -270,6 +283,8 @@ KNOBS = [
         {},
     ),
     Choice("the same, seed 2", {"seed": 2}),
+    Choice("guided photons", {"guided": True}),
+    Choice("guided photons, stability 4", {"guided": True, "stability": 4}),
     *[Choice(f"threshold {value:g}", {"threshold": value}) for value in (0.0, 0.02, 0.1, 0.3, 1.0)],
     *[Choice(f"stability {value}", {"stability": value}) for value in (1, 2, 4, 8, 16, 64)],
     *[Choice(f"preview depth {value}", {"preview_depth": value}) for value in (1, 3)],

@@ -90,13 +90,13 @@ def test_the_paper_shows_stable_nodes_at_or_below_the_current_ones(measured):
 def test_every_measure_is_claimed(measured):
     """Not that each holds: at toy size some do not."""
     names = {claim.name for claim in measured.claims}
-    assert len(names) == 12
-    assert len(measured.claims) == 2 + 7 + 3 + 4 + 5
+    assert len(names) == 14
+    assert len(measured.claims) == 2 + 9 + 3 + 4 + 5
     assert sum(claim.measured > 0 for claim in measured.claims) >= len(measured.claims) - 2  # no finest node is compared at toy size
 
 
 def point(rel, leaves, photons):
-    return paper_tables.Point(photons, leaves, rel, rel, paper_bakes.Errors(rel, rel))
+    return paper_tables.Point(photons, leaves, rel, rel, paper_bakes.Errors(rel, rel), 1)
 
 
 def swept(rel, at_contacts, **knobs):
@@ -111,13 +111,15 @@ def test_claims_of_the_paper_fail_beyond_their_bounds():
     rows = [paper_tables.SquareRow(basis, "", leaves, rmse) for basis, leaves, rmse in (("constant", 10, 0.2), ("constant", 1, 0.1))]
     for leaves, rmse, told in ((5, 0.18, set()), (6, 0.18, {"leaves, linear over constant"}), (5, 0.19, {"error, linear over constant"})):
         assert failing(paper_claims.judge_square([*rows, paper_tables.SquareRow("linear", "", leaves, rmse)])) == told
-    curves = {name: [point(2.0, 10, 1e6), point(rel, 20, 4e6)] for name, rel in (("flat", 1.0), ("linear", 0.39))}
+    rels = {"flat": 1.0, "linear": 0.49, paper_tables.FLAT_GUIDED: 0.89, paper_tables.GUIDED: 0.39}
+    curves = {name: [point(2.0, 10, 1e6), point(rel, 20, 4e6)] for name, rel in rels.items()}
     needs = {name: paper_tables.Need(1.0, *need) for name, need in (("flat", (9, 9)), ("constant", (5, 4)), ("linear", (4, 4.5)))}
     good = {**needs, "quadratic": paper_tables.Need(1.0, 3, 3)}
     assert failing(paper_claims.judge_curves(curves, good)) == set()
     bad = {**needs, "quadratic": paper_tables.Need(1.0, 3.7, 4.6)}
-    curves["linear"].append(point(0.41, 30, 8e6))
-    assert len(failing(paper_claims.judge_curves(curves, bad))) == 3
+    for name, rel in (("linear", 0.51), (paper_tables.FLAT_GUIDED, 0.91), (paper_tables.GUIDED, 0.41)):
+        curves[name].append(point(rel, 30, 8e6))
+    assert len(failing(paper_claims.judge_curves(curves, bad))) == 5
     assert len(failing(paper_claims.judge_overhead(paper_tables.Overhead(9, 1.34, 1.34, 0.71)))) == 3
     assert failing(paper_claims.judge_overhead(paper_tables.Overhead(9, 1.33, 1.33, 0.70))) == set()
     assert len(failing(paper_claims.judge_overhead(paper_tables.Overhead(0, float("nan"), float("nan"), 0.70)))) == 2

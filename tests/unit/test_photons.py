@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from floors import chi_square_sigmas, sigma_limit
 from leaflight.core import births, geometry, photon_log, photons, sampling
+from leaflight.core.birth_cells import BINS, BirthCells
 from leaflight.core.lights import Births
 from leaflight.core.materials import SurfaceMaterials
 from leaflight.core.scene import Material, SceneObject, SceneSnapshot, TextureImage
@@ -301,6 +302,26 @@ def test_groups_own_what_comes_of_them_and_nothing_else(monkeypatch):
     np.testing.assert_array_equal(hits.groups.place[hits.groups.owner], hits.tri // n_tri)
     share = np.bincount(hits.groups.place, hits.groups.rays) / hits.groups.rays.sum()
     np.testing.assert_allclose(share, 0.5, atol=0.03)
+
+
+def test_photons_are_born_in_cells_as_they_are_told():
+    """Nine tenths of them fly up, of light that is even: the same light everywhere, by many photons above and few below."""
+    scene = _build(_snapshot(_cube()), _white_lamp())
+    up, down = [0, 0, 0, 0], [0.5, 0, 0, 0]  # a sphere's first number is from its top to its bottom
+    cells = BirthCells(
+        np.int32([0, 0]), np.float32([up, down]), np.float32([[0.5, 1, 1, 1]] * 2), np.array([0.5, 0.5]), np.array([0.9, 0.1])
+    )
+    hits = photons.trace_shard(scene, 4 * N, 1.0, sampling.shard_rng(7, 0, 0), 2, False, cells=cells)
+    _assert_closes(hits.audit)
+    assert hits.audit.emitted == pytest.approx(12.0, rel=1e-4)
+    groups, first = hits.groups, hits.is_first
+    is_up = groups.place < BINS
+    assert is_up.mean() == pytest.approx(0.9, abs=1e-3)
+    np.testing.assert_array_equal(groups.owner[first], np.arange(4 * N))  # in a closed room all meet a surface
+    np.testing.assert_array_equal(groups.rays, np.bincount(groups.owner, minlength=4 * N))
+    direct = hits.flux_rgb[0, first]
+    np.testing.assert_allclose([direct[is_up].sum(dtype=np.float64), direct[~is_up].sum(dtype=np.float64)], [6, 6], rtol=1e-4)
+    np.testing.assert_allclose(np.bincount(hits.tri[first], direct, 12), np.ones(12), rtol=0.05)
 
 
 @pytest.mark.parametrize("n", [1, photons.SPLIT - 1, 3 * photons.SPLIT + 1])

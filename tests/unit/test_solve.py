@@ -95,23 +95,22 @@ def test_a_glance_is_what_a_bake_of_one_round_gives_but_for_its_error(tmp_path):
     assert glance.leaves.size
 
 
-def court_solver(folder, seed=1, executor=None, forced=False):
-    """A small court on a wide plain under the sun."""
+def court_solver(folder, seed=1, executor=None, forced=False, bare=False, **knobs):
+    """A small court on a wide plain under the sun, which may be bare: without a lightmap."""
     court = room_mesh("Court")
     court = moved(replace(court, polygons=[court.polygons[0], *court.polygons[2:]]), (0, 0, 0.5))
-    plain = moved(quad_mesh("Plain", 9.0, 9.0), (-4.5, -4.5, -0.1))
+    plain = replace(moved(quad_mesh("Plain", 9.0, 9.0), (-4.5, -4.5, -0.1)), receives=not bare)
     sun = Light("SUN", "Sun", (0.0, 0.0, 5.0), power_rgb=(1.0, 1.0, 1.0), angle_rad=0.01)
     scene = make_scene([court, plain], [sun], [Material("Grey", (0.7,) * 3)])
-    return make_solver(folder, scene, replace(SETTINGS, size=64, seed=seed, error=1e-4, max_photons=1_000_000), executor, forced)
+    settings = replace(SETTINGS, size=64, seed=seed, error=1e-4, max_photons=1_000_000)
+    return make_solver(folder, scene, replace(settings, **knobs), executor, forced)
 
 
-def light_of_courts(folder, guided):
-    """Light that surfaces send to floor and walls in bakes of 8 seeds, (8, 5) W/m^2, and the rays of photons each took."""
-    light_w_m2, rays = np.empty((8, 5)), np.empty(8)
-    for seed in range(8):
-        solver = court_solver(folder / f"{guided}{seed}", seed)
-        if not guided:
-            solver._split_photons = lambda: (None, 1.0)
+def light_of_courts(folder, seeds, **knobs):
+    """Light that photons bring to floor and walls in bakes of some seeds, (seeds, 5) W/m^2, and the rays each took."""
+    light_w_m2, rays = np.empty((seeds, 5)), np.empty(seeds)
+    for seed in range(seeds):
+        solver = court_solver(folder / f"{knobs['guided']}{seed}", seed, **knobs)
         light = solver.run(lambda message: None, lambda: False)
         texels, tree, leaves = solver.tracing.texels, light.tree, light.leaves
         leaves = leaves[solver.tracing.snapshot.tri_object[texels.texel_tri[tree.start[leaves]]] == 0]
@@ -122,7 +121,7 @@ def light_of_courts(folder, guided):
 
 
 def test_photons_that_are_sent_where_they_tell_most_bring_the_same_light_with_less_noise(tmp_path):
-    (plain, plain_rays), (guided, guided_rays) = (light_of_courts(tmp_path, guided) for guided in (False, True))
+    (plain, plain_rays), (guided, guided_rays) = (light_of_courts(tmp_path, 8, guided=guided) for guided in (False, True))
     doubt = np.hypot(plain.mean(1).std(ddof=1), guided.mean(1).std(ddof=1)) / math.sqrt(8)
     assert abs(plain.mean() - guided.mean()) < 4 * doubt
     assert doubt < 0.02 * plain.mean()
@@ -132,13 +131,26 @@ def test_photons_that_are_sent_where_they_tell_most_bring_the_same_light_with_le
     assert cost[1] < 0.5 * cost[0]  # 0.09 to 0.3
 
 
+def test_photons_that_go_alone_are_born_where_they_tell_most(tmp_path):
+    """One in eighty comes to the court, which lies in the middle: they bring the same light, of which more is known."""
+    (plain, plain_rays), (guided, guided_rays) = (
+        light_of_courts(tmp_path, 5, guided=guided, direct="photons", bare=True) for guided in (False, True)
+    )
+    doubt = np.hypot(plain.mean(1).std(ddof=1), guided.mean(1).std(ddof=1)) / math.sqrt(5)
+    assert abs(plain.mean() - guided.mean()) < 4 * doubt
+    assert doubt < 0.02 * plain.mean()
+    assert guided_rays.mean() < 1.3 * plain_rays.mean()
+    cost = [light.var(axis=0, ddof=1).sum() * rays.mean() for light, rays in ((plain, plain_rays), (guided, guided_rays))]
+    assert cost[1] < 0.6 * cost[0]
+
+
 def test_photons_are_sent_by_all_light_that_is_shown(tmp_path):
     """That of the sun, too; and what is known of a node is mixed with what is known of its own object."""
     solver, roots = court_solver(tmp_path), []
     light = solver.run(lambda message: None, lambda: False)
     tree, plan, texels = solver.tree, solver.guide.plan, solver.tracing.texels
     solver.guide.plan = lambda tree, root_object: roots.append(root_object) or plan(tree, root_object)
-    told, _ = solver._split_photons()
+    told, _ = solver._guide_photons()
     shown = resolve.light_at_texels(light, solver.blender)
     means = quadtree.mean_in_nodes(tree, shown.direct + shown.indirect)
     expected = splitting.weigh_deposits(tree, light.leaves, means, light.ledger.deposits)[:, light.leaves]

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from leaflight.core.birth_cells import BirthCells
 from leaflight.core.photon_log import Groups
-from leaflight.core.splitting import LEAST_FACTOR, MOST_FACTOR, SplitGuide, SplitTally, Splitting, weigh_deposits
+from leaflight.core.splitting import LEAST_FACTOR, MOST_FACTOR, SplitGuide, SplitTally, Splitting, weigh_deposits, weigh_groups
 from trees import SquareBake
 
 NO_ROOT = np.zeros(1, np.int64)  # the tree's one root is of object 0
@@ -101,7 +102,7 @@ def test_objects_without_a_lightmap_are_places_too():
     )
     factor, _ = guide.plan(tree, NO_ROOT)
     assert factor[1] < 0.5 * factor[lowest].min()
-    told = Splitting(factor, np.zeros((3, len(tree))))
+    told = Splitting(factor, np.zeros((3, len(tree))), BirthCells.whole(np.ones(1)))
     places = told.find_places(np.array([3, 9]), np.array([True, False]), np.array([0, 1]))
     assert places.tolist() == [2 + 3, 1]
 
@@ -139,7 +140,9 @@ def test_groups_are_summed_as_if_nobody_had_been_told_anything():
     groups = Groups(np.int32([4, 2, 4]), np.float32([2, 1, 2]), np.array([20, 10, 24]), np.int32([0, 0, 1, 2]))
     worth = np.array([[1.0, 2.0], [0.0, 0.0], [0.0, 1.0]])
     flux = np.float32([[1, 1, 3, 2], [5, 5, 5, 5], [0, 2, 0, 0]])
-    tally = SplitTally.of(groups, worth, np.array([0, 1, 0, 1]), flux)
+    noise = weigh_groups(groups, worth, np.array([0, 1, 0, 1]), flux)
+    assert noise.tolist() == [1 + (2 + 4), 9, 8]
+    tally = SplitTally.of(groups, noise)
     assert tally.place.tolist() == [2, 4]
     assert tally.groups.tolist() == [1, 2]
     assert tally.rays.tolist() == [10, 22]

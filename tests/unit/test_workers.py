@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, prepare_folder
 from leaflight.core import bake, executors, photons, quadtree, shared_arrays, workers
+from leaflight.core.birth_cells import BirthCells
 from leaflight.core.scene import Light, Material, SceneObject
 from leaflight.core.settings import Settings
 from leaflight.core.splitting import Splitting
@@ -22,7 +23,7 @@ def make_shard(folder, scene, worth=None):
     tree, view = solver.tree, folder / "view"
     shared_arrays.save_struct(view, quadtree.TreeView.of_tree(tree, len(solver.keys), solver.squares.entry))
     if worth:
-        told = Splitting(np.ones(len(scene.objects) + len(tree), np.float32), worth(len(tree)))
+        told = Splitting(np.ones(len(scene.objects) + len(tree), np.float32), worth(len(tree)), BirthCells.whole(np.ones(1)))
         shared_arrays.save_struct(view / workers.SPLITTING_FOLDER, told)
     return workers.PhotonShard(str(folder), str(view), 1, 0, 0, photons=5000, max_depth=100, degree=1, skip_first=False), tree
 
@@ -72,9 +73,10 @@ def test_photons_part_as_their_view_says(photon_shard):
     """The same light comes of fewer rays where fewer photons part; the groups tell of all of them."""
     shard = replace(photon_shard, photons=1_000_000, skip_first=True, guided=True)
     n_object, n_node = len(workers.open_tracing(shard.tracing).snapshot.objects), len(workers.open_view(shard.view).centre)
+    cells = BirthCells.whole(workers.open_tracing(shard.tracing).scene.emitter_share)
     results = []
     for factor in (1.0, 0.25):
-        told = Splitting(np.full(n_object + n_node, factor, np.float32), np.ones((3, n_node)))
+        told = Splitting(np.full(n_object + n_node, factor, np.float32), np.ones((3, n_node)), cells)
         shared_arrays.save_struct(Path(shard.view) / workers.SPLITTING_FOLDER, told)
         results.append(workers.trace_photons(shard))
         shared_arrays.remove_struct(Path(shard.view) / workers.SPLITTING_FOLDER)
@@ -90,6 +92,24 @@ def test_photons_part_as_their_view_says(photon_shard):
         assert result.splitting.place.min() >= n_object  # all that photons meet there has a lightmap
         assert result.splitting.rays.sum() * factor == pytest.approx(result.counters.rays - births)
         assert result.splitting.noise.sum() / factor == pytest.approx(result.tally.weight2.sum(), rel=1e-5)
+        assert result.births is None
+
+
+def test_photons_that_go_alone_tell_of_their_births_too(photon_shard):
+    """... and as many arrive, wherever most are born."""
+    shard = replace(photon_shard, photons=100_000, guided=True)
+    n_object, n_node = len(workers.open_tracing(shard.tracing).snapshot.objects), len(workers.open_view(shard.view).centre)
+    low, side = np.zeros((2, 4), np.float32), np.ones((2, 4), np.float32)
+    low[1, 1], side[:, 1] = 0.5, 0.5
+    cells = BirthCells(np.zeros(2, np.int32), low, side, np.array([0.5, 0.5]), np.array([0.2, 0.8]))
+    told = Splitting(np.ones(n_object + n_node, np.float32), np.ones((3, n_node)), cells)
+    shared_arrays.save_struct(Path(shard.view) / workers.SPLITTING_FOLDER, told)
+    result, plain = workers.trace_photons(shard), workers.trace_photons(replace(shard, guided=False))
+    assert result.splitting is None
+    np.testing.assert_allclose(result.births.births[:, 0].sum(1), [0.2 * shard.photons, 0.8 * shard.photons], atol=1)
+    assert result.births.rays[:, 0].sum() == result.counters.rays
+    assert result.births.noise[:, 0].sum() == pytest.approx(result.tally.weight2.sum(), rel=1e-5)
+    np.testing.assert_allclose(result.tally.raw[0, :, 0].sum(-1), plain.tally.raw[0, :, 0].sum(-1), rtol=0.02)
 
 
 def test_groups_are_told_of_where_they_parted(tmp_path):

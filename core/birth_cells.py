@@ -1,0 +1,78 @@
+"""Parts of the numbers that photons are born from, each with a share of the photons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+
+DIMENSIONS = 4  # of the numbers that an emitter takes
+SLICE_BITS = 3
+SLICES = 1 << SLICE_BITS  # of a cell along each dimension: what is told of its births
+BINS = SLICES**DIMENSIONS
+_BELOW_ONE = np.float32(1 - 2.0**-24)  # where a sum of float32 would round to 1
+
+
+@dataclass(frozen=True)
+class BirthCells:
+    """Boxes that tile the numbers of every emitter, ascending by emitter; photons of a cell carry its light between them.
+
+    emitter   (c,) int32
+    low       (c, 4) float32   lower corner
+    side      (c, 4) float32
+    natural   (c,) float64     probability where all photons of the scene carry equal power
+    share     (c,) float64     probability, > 0 where natural is
+    """
+
+    emitter: NDArray[np.int32]
+    low: Float32
+    side: Float32
+    natural: Float64
+    share: Float64
+
+    @classmethod
+    def whole(cls, emitter_share: Float64) -> BirthCells:
+        """One cell for each emitter: emitter_share (n_emitter,) float64, probability of each."""
+        count = len(emitter_share)
+        low, side = np.zeros((count, DIMENSIONS), np.float32), np.ones((count, DIMENSIONS), np.float32)
+        return cls(np.arange(count, dtype=np.int32), low, side, emitter_share, emitter_share)
+
+    def __len__(self) -> int:
+        return len(self.emitter)
+
+    def count_births(self, number: int, shift: float) -> NDArray[np.int64]:
+        """(c + 1,) int64: where the photons of each cell begin among `number` in order, and the end of the last.
+
+        Each cell has its share of them to within one, by systematic sampling: over shifts, uniform in [0, 1), E[count] = number * share.
+        """
+        end = np.ceil(np.cumsum(self.share) * number - shift).astype(np.int64).clip(0, number)
+        end[np.flatnonzero(self.share)[-1] :] = number  # a sum of shares may round to just below 1
+        return np.concatenate([[0], end])
+
+    def place(self, cell: NDArray[np.int64], points: Float32) -> Float32:
+        """Numbers (n, 4) of births in cells (n,), from points (n, 4) uniform in [0, 1)."""
+        numbers = np.empty((DIMENSIONS, len(cell)), np.float32)
+        for axis, row in enumerate(numbers):
+            np.multiply(self.side[:, axis].take(cell), points[:, axis], out=row)
+            row += self.low[:, axis].take(cell)
+        np.minimum(numbers, _BELOW_ONE, out=numbers)
+        return numbers.T
+
+
+def find_bins(cell: NDArray[np.int64], points: Float32) -> NDArray[np.int32]:
+    """(n,) int32: bins of births in cells (n,) at points (n, 4) of them, as for BirthCells.place; cell c has bins c * BINS and on."""
+    bins = cell.astype(np.int32)
+    for axis in reversed(range(DIMENSIONS)):
+        bins <<= SLICE_BITS
+        bins |= (points[:, axis] * np.float32(SLICES)).astype(np.int32)
+    return bins
+
+
+def find_slice(bins: NDArray[np.int32], axis: int) -> NDArray[np.int32]:
+    """(n,) int32: which slice of its cell along an axis each bin (n,) lies in."""
+    slices: NDArray[np.int32] = bins >> SLICE_BITS * axis & SLICES - 1
+    return slices
