@@ -34,12 +34,14 @@ BIAS_DECAY = 0.25
 # A bake that stops at the first round whose error is small enough picks one that came out small by chance: so many standard errors of
 # the bias are held against it. Measured over bakes of few leaves.
 _BIAS_DOUBT = 0.65
+# ... and so many standard errors of what is left of noise that was shrunk.
+_SHRUNK_DOUBT = 2.0
 _SAMPLE = 1 << 13  # texels that are asked
 _CHUNK = 1 << 16
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 # The halves of few leaves say little about noise; the prior says "as independent photons" with this many values' weight.
 _PRIOR_VALUES = 64.0
-_TINY = np.finfo(float).tiny
+_TINY = float(np.finfo(float).tiny)
 
 
 def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> float:
@@ -87,10 +89,12 @@ def state_error(
     shown_direct: ShownDirect,
     blender: LeafBlender,
     smooth_grain: bool = True,
+    risk: NDArray[np.float64] | None = None,
 ) -> StatedError:
     """Error of the light on the `nodes`, which tile the charts, as it is shown, and of direct light by rays, 0 without.
 
     smooth_grain   whether it is shown with its grain smoothed
+    risk           (m,) float64 of each of `nodes`, of shrinkage.shrink_leaves; None where they are not shrunk
     """
     direct = shown_direct.irradiance
     correction = noise_correction(tree, solution, nodes)
@@ -115,8 +119,12 @@ def state_error(
     shown = blender.join(tree, solution, leaf, halves=True).at(sample)
     weight = _weigh(node_light[leaf[sample]] + direct[sample], dark2)
     photons2 = (weight.T * shown.variance).mean(0) * correction
+    shrunk2 = np.zeros(len(sample)) if risk is None else _find_shrunk(tree, solution, leaf[sample], photons2, sample, blender)
+    taken, taken_surely = (0.0, 0.0) if risk is None else _find_share_taken(leaf[sample], shrunk2, nodes, risk)
+    photons2 -= taken * shrunk2
     if smooth_grain:
-        photons2 *= np.where(tree.side[leaf[sample]] <= SMALL_LEAF, GRAIN_LEFT, 1.0)
+        left = np.where(tree.side[leaf[sample]] <= SMALL_LEAF, GRAIN_LEFT, 1.0)
+        photons2, shrunk2 = photons2 * left, shrunk2 * left
     blind2 = weight.mean(1) * missing_light(tree, totals, solution, comparison, nodes)[leaf[sample]]
     judge = _find_judges(tree, nodes, blender)
     bias2, gap2, noise2 = _missing_from_blend(tree, solution, leaf, judge, sample, blender, shown, weight, blind2)
@@ -130,8 +138,37 @@ def state_error(
     seen4 = (np.bincount(judge[best], bias2[best]) ** 2).sum() / count**2
     expected4 = correction**2 * (np.bincount(judge[best], noise2[best]) ** 2).sum() / count**2
     square = parts[0] + parts[1] + _beyond_noise(parts[2], seen4)
-    doubt2 = _BIAS_DOUBT * math.sqrt(expected4)
+    doubt2 = _BIAS_DOUBT * math.sqrt(expected4) + (taken - taken_surely) * float(shrunk2[best].mean())
     return StatedError(math.sqrt(square), math.sqrt(square + doubt2), math.sqrt(parts[1]), correction, texel_direct2)
+
+
+def _find_shrunk(
+    tree: Quadtree,
+    solution: Solution,
+    leaf: NDArray[np.int32],
+    noise2: NDArray[np.float64],
+    entry: NDArray[np.int64],
+    blender: LeafBlender,
+) -> NDArray[np.float64]:
+    """(m,) float64: the part of texels' squared noise `noise2` (m,) that is not that of their leaves' means; leaf and entry (m,)."""
+    variance = evaluate_leaf(tree, solution, leaf, *blender.texels.own_points_at(entry)).variance.sum(0)
+    of_mean = np.divide(solution.variance[:, leaf].sum(0), variance, out=np.ones(len(leaf)), where=variance > 0.0)
+    beyond: NDArray[np.float64] = np.maximum(1.0 - of_mean, 0.0) * noise2
+    return beyond
+
+
+def _find_share_taken(
+    leaf: NDArray[np.int32], shrunk2: NDArray[np.float64], nodes: IntArray, risk: NDArray[np.float64]
+) -> tuple[float, float]:
+    """The share that shrinking leaves takes of the noise `shrunk2` (m,) beyond their means, likely and surely; leaf (m,).
+
+    Single leaves know it too roughly. All together tell it, and by how they differ what of it is sure.
+    """
+    by_leaf = np.bincount(leaf, shrunk2, int(nodes.max()) + 1)[nodes]
+    total = max(float(by_leaf.sum()), _TINY)
+    left = float((by_leaf * risk).sum()) / total
+    doubt = float(np.sqrt((by_leaf**2 * (risk - left) ** 2).sum())) / total
+    return min(max(1.0 - left, 0.0), 1.0), min(max(1.0 - left - _SHRUNK_DOUBT * doubt, 0.0), 1.0)
 
 
 def _beyond_noise(value: float, variance: float) -> float:

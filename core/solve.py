@@ -63,12 +63,14 @@ class _State:
 
     leaves     (m,) int64: the nodes to show
     solution   of them, of what their stated error asks for, of nodes that are compared, and of all above
+    risk       (m,) float64 of each leaf, of shrinkage.shrink_leaves; None where they are not shrunk
     """
 
     totals: Totals
     solution: Solution
     comparison: refine.Comparison
     leaves: NDArray[np.int64]
+    risk: NDArray[np.float64] | None
 
 
 @dataclass
@@ -154,10 +156,10 @@ class Solver:
         comparison = refine.Comparison.of(tree, totals, solution, rule)
         leaves = refine.choose_leaves(tree, comparison)
         told = np.concatenate([compared, estimate.list_told(tree, leaves, self.blender)])
-        shown = shrinkage.shrink_leaves(tree, totals, leaves) if self.settings.hierarchical else tree
+        shown, risk = shrinkage.shrink_leaves(tree, totals, leaves) if self.settings.hierarchical else (tree, None)
         solution = tally.solve_tallies(shown, totals, told)
         comparison = comparison.join(tree, totals, solution, leaves, rule.stability)
-        return _State(totals, solution, comparison, leaves)
+        return _State(totals, solution, comparison, leaves, risk)
 
     def _trace_round(self, stated: estimate.StatedError | None) -> None:
         splitting, weight = self._split_photons()
@@ -239,6 +241,7 @@ class Solver:
             self.direct.show(self.blender.texels, self.blender.entry_at, self.settings.denoise, partial(spread, self.executor)),
             self.blender,
             self.settings.denoise,
+            state.risk,
         )
         return self._make_light(state, stated.correction, stated.chosen), stated
 
