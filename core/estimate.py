@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from . import refine
+from . import refine, shrinkage
 from .denoise import GRAIN_LEFT, SMALL_LEAF
 from .direct_shown import ShownDirect, ShownGathered
 from .quadtree import Quadtree, node_of_texel
@@ -40,7 +40,7 @@ _CHUNK = 1 << 16
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 # The halves of few leaves say little about noise; the prior says "as independent photons" with this many values' weight.
 _PRIOR_VALUES = 64.0
-_TINY = np.finfo(float).tiny
+_TINY = float(np.finfo(float).tiny)
 
 
 def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> float:
@@ -92,11 +92,13 @@ def state_error(
     blender: LeafBlender,
     smooth_grain: bool = True,
     gathered: ShownGathered | None = None,
+    risk: NDArray[np.float64] | None = None,
 ) -> StatedError:
     """Error of the light on the `nodes`, which tile the charts, as it is shown, and of direct light by rays, 0 without.
 
     smooth_grain   whether it is shown with its grain smoothed
     gathered       light that is shown in place of the nodes'
+    risk           (m,) float64 of each of `nodes`, of shrinkage.shrink_leaves; None where they are not shrunk
     """
     direct = shown_direct.irradiance
     correction = noise_correction(tree, solution, nodes)
@@ -122,8 +124,16 @@ def state_error(
     shown = blender.join(tree, solution, leaf, halves=True).at(sample)
     weight = _weigh(node_light[leaf[sample]] + direct[sample], dark2)
     photons2 = (weight.T * shown.variance).mean(0) * correction
+    shrunk2 = (
+        np.zeros(len(sample))
+        if risk is None
+        else shrinkage.find_shrunk_noise(tree, solution, leaf[sample], photons2, *blender.texels.own_points_at(sample))
+    )
+    taken, taken_surely = (0.0, 0.0) if risk is None else shrinkage.find_share_taken(leaf[sample], shrunk2, nodes, risk)
+    photons2 -= taken * shrunk2
     if smooth_grain:
-        photons2 *= np.where(tree.side[leaf[sample]] <= SMALL_LEAF, GRAIN_LEFT, 1.0)
+        left = np.where(tree.side[leaf[sample]] <= SMALL_LEAF, GRAIN_LEFT, 1.0)
+        photons2, shrunk2 = photons2 * left, shrunk2 * left
     blind2 = weight.mean(1) * missing_light(tree, totals, solution, comparison, nodes)[leaf[sample]]
     judge = _find_judges(tree, nodes, blender)
     bias2, gap2, noise2 = _missing_from_blend(tree, solution, leaf, judge, sample, blender, shown, weight, blind2)
@@ -134,7 +144,7 @@ def state_error(
         gathered2[told] = (weight * gathered.light.variance[sample]).mean(1)[told]
         gathered_blur2[told] = (weight * gathered.light.blur2[sample]).mean(1)[told]
         photons2[told] = (weight.mean(1) * gathered.doubt2[sample])[told]
-        for missing in (bias2, gap2, noise2):
+        for missing in (bias2, gap2, noise2, shrunk2):
             missing[told] = 0.0
     likely = photons2 + direct2 + gap2 + gathered2
     best = np.argpartition(likely, count - 1)[:count]
@@ -147,7 +157,7 @@ def state_error(
     seen4 = (np.bincount(judge[best], bias2[best]) ** 2).sum() / count**2
     expected4 = correction**2 * (np.bincount(judge[best], noise2[best]) ** 2).sum() / count**2
     square = parts[0] + parts[1] + parts[4] + _beyond_noise(parts[2], seen4)
-    doubt2 = _BIAS_DOUBT * math.sqrt(expected4)
+    doubt2 = _BIAS_DOUBT * math.sqrt(expected4) + (taken - taken_surely) * float(shrunk2[best].mean())
     chosen, by_rays, by_gathering = math.sqrt(square + doubt2), math.sqrt(parts[1]), math.sqrt(parts[4])
     texel_gathered2 = partial(of_texels, gathered.light.variance * gathered.told[:, None]) if gathered else None
     return StatedError(math.sqrt(square), chosen, by_rays, correction, texel_direct2, by_gathering, texel_gathered2)

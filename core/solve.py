@@ -42,12 +42,14 @@ class _State:
 
     leaves     (m,) int64: the nodes to show
     solution   of them, of what their stated error asks for, of nodes that are compared, and of all above
+    risk       (m,) float64 of each leaf, of shrinkage.shrink_leaves; None where they are not shrunk
     """
 
     totals: Totals
     solution: Solution
     comparison: refine.Comparison
     leaves: NDArray[np.int64]
+    risk: NDArray[np.float64] | None
 
 
 @dataclass
@@ -109,9 +111,8 @@ class Solver:
             refined = stopped_by == "error" and self.round == 1 and self._refine(state)
             if refined:
                 stopped_by = ""
-            if stopped_by not in ("", "error"):  # not chosen by its error, then
-                light = replace(light, error=stated.relative)
-            light = replace(light, stopped_by=stopped_by)
+            error = light.error if stopped_by in ("", "error") else stated.relative  # not chosen by its error, then
+            light = replace(light, error=error, stopped_by=stopped_by)
             tell(self._progress(light, before))
             if light.stopped_by:
                 return light
@@ -135,10 +136,9 @@ class Solver:
         gains = [error2 / max(rays.counters["rays"], 1) if error2 > most else 0.0 for error2, rays, _ in kinds]
         _, rays, texel2 = kinds[int(np.argmax(gains))]
         worst = np.flatnonzero((texel2() > most) & (rays.passes < MOST_PASSES)) if max(gains) > by_photons else np.zeros(0, np.intp)
-        if not len(worst):
-            return None
         shoot = partial(self.direct.shoot, self.folder, settings, self.executor)
-        return partial(self._gather, state, worst) if rays is self.gathered else partial(shoot, worst)
+        look: Callable[[], object] = partial(self._gather, state, worst) if rays is self.gathered else partial(shoot, worst)
+        return look if len(worst) else None
 
     def _gather(self, state: _State, texels: NDArray[np.int64]) -> None:
         into = self.gathered = self.gathered or GatheredField.none(len(self.blender.page))
@@ -154,10 +154,10 @@ class Solver:
         comparison = refine.Comparison.of(tree, totals, solution, rule)
         leaves = refine.choose_leaves(tree, comparison)
         told = np.concatenate([compared, estimate.list_told(tree, leaves, self.blender)])
-        shown = shrinkage.shrink_leaves(tree, totals, leaves) if self.settings.hierarchical else tree
+        shown, risk = shrinkage.shrink_leaves(tree, totals, leaves) if self.settings.hierarchical else (tree, None)
         solution = tally.solve_tallies(shown, totals, told)
         comparison = comparison.join(tree, totals, solution, leaves, rule.stability)
-        return _State(totals, solution, comparison, leaves)
+        return _State(totals, solution, comparison, leaves, risk)
 
     def _trace_round(self, stated: estimate.StatedError | None) -> None:
         self.gathered = None  # what these photons tell is worth more than what was gathered of those before
@@ -246,6 +246,7 @@ class Solver:
             self.blender,
             self.settings.denoise,
             self.gathered.show_gathered(*shown) if self.gathered else None,
+            state.risk,
         )
         return self._make_light(state, stated.correction, stated.chosen), stated
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core import denoise, estimate, quadtree, reconstruct, refine
+from leaflight.core import denoise, estimate, quadtree, reconstruct, refine, shrinkage, tally
 from leaflight.core.direct_shown import ShownDirect
 from trees import SquareBake
 
@@ -38,13 +38,13 @@ def throw(sampler, photons, seed, **options):
     return bake
 
 
-def state(bake, nodes, direct_variance=0.0, smooth_grain=False):
+def state(bake, nodes, direct_variance=0.0, smooth_grain=False, risk=None):
     totals, solution = bake.totals(), bake.solution()
     comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.05, 16, 2))
     zero = np.zeros((len(bake.keys), 3), np.float32)
     variance = zero + np.float32(direct_variance)
     return estimate.state_error(
-        bake.tree, totals, solution, comparison, nodes, ShownDirect.plain(zero, variance), blender_of(bake), smooth_grain
+        bake.tree, totals, solution, comparison, nodes, ShownDirect.plain(zero, variance), blender_of(bake), smooth_grain, risk
     )
 
 
@@ -97,6 +97,39 @@ def test_light_that_coarse_leaves_cannot_hold_is_stated_within_a_quarter(degree,
     bake = throw(hill, 1_000_000, 0, degree=degree, level=level)
     nodes = current(bake)
     assert state(bake, nodes).relative > 2 * noise_of(bake, nodes)  # or the test would be of noise again
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_noise_is_stated_as_shrinking_leaves_it(degree):
+    """Even light: with all noise of the functions that are shrunk it would be stated half too large."""
+    stated, real = [], []
+    for seed in range(12):
+        bake = throw(even, 50_000, seed, degree=degree, level=2, preview_depth=0)
+        nodes, tree = current(bake), bake.tree
+        shown, risk = shrinkage.shrink_leaves(tree, bake.totals(), nodes)
+        solution = tally.solve_tallies(shown, bake.totals())
+        bake.solution = lambda solution=solution: solution
+        stated.append(state(bake, nodes, risk=risk).relative)
+        real.append(real_error(bake, nodes, even_truth))
+    assert 0.8 < np.sqrt(np.mean(np.square(stated)) / np.mean(np.square(real))) < 1.25
+
+
+def test_steep_functions_state_all_their_noise():
+    bake = throw(even, 50_000, 1, degree=1, level=2, preview_depth=0)
+    nodes = current(bake)
+    all_of_it, none = (state(bake, nodes, risk=np.full(len(nodes), share)).relative for share in (3.0, -3.0))
+    assert all_of_it == state(bake, nodes).relative
+    assert none**2 == pytest.approx(all_of_it**2 / 2.5, rel=0.2)  # the mean's is a third of it, a little more where leaves are blended
+
+
+def test_whoever_stops_by_the_error_is_told_what_is_sure_of_shrinking():
+    bake = throw(even, 50_000, 1, degree=1, level=2, preview_depth=0)
+    nodes = current(bake)
+    differing = np.where(np.arange(len(nodes)) % 2, 1.0, -1.0)
+    all_of_it, agreed, unsure = (state(bake, nodes, risk=risk) for risk in (None, np.zeros(len(nodes)), differing))
+    assert agreed.chosen == pytest.approx(agreed.relative, rel=0.01)
+    assert unsure.relative == pytest.approx(agreed.relative, rel=0.05)
+    assert 1.1 * unsure.relative < unsure.chosen < all_of_it.chosen
 
 
 def test_correction_is_1_for_independent_photons():

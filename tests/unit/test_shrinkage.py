@@ -13,7 +13,7 @@ def shrunk_bake(sampler, photons, degree, seed=0, **kwargs):
     bake = SquareBake(side=16, degree=degree, preview_depth=1, **kwargs)
     bake.throw(*sampler(np.random.default_rng(seed), photons))
     totals = bake.totals()
-    shown = shrinkage.shrink_leaves(bake.tree, totals, ROOT)
+    shown, _ = shrinkage.shrink_leaves(bake.tree, totals, ROOT)
     return bake, shown, tally.solve_tallies(bake.tree, totals), tally.solve_tallies(shown, totals)
 
 
@@ -52,7 +52,7 @@ def test_a_slope_keeps_the_share_that_is_not_noise():
     share = 1.0 - 2 * square / width / (energy**2).sum()
     assert 0.2 < share < 0.9
     plain, totals = tally.solve_tallies(bake.tree, bake.totals()), bake.totals()
-    shrunk = tally.solve_tallies(shrinkage.shrink_leaves(bake.tree, totals, ROOT), totals)
+    shrunk = tally.solve_tallies(shrinkage.shrink_leaves(bake.tree, totals, ROOT)[0], totals)
     slopes = [solution.coefficient[..., 1:, 0] * [width, 1.0] for solution in (plain, shrunk)]
     np.testing.assert_allclose(slopes[1], share * slopes[0], rtol=1e-5)
 
@@ -91,3 +91,29 @@ def test_flux_stays_and_so_do_other_nodes(degree, width):
 def test_without_photons_nothing_is_shown(degree):
     *_, shrunk = shrunk_bake(even, 0, degree)
     assert (shrunk.coefficient == 0.0).all()
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("tilt", [0.0, 0.1, 1.0])
+def test_the_risk_is_what_shrinking_leaves_of_noise_beyond_the_mean(degree, tilt):
+    """Over bakes: of even light next to nothing, of a steep ramp all."""
+
+    def sampler(rng, n):
+        s, t, keep = rng.random((3, 4 * n))
+        return (axis[keep * (1 + tilt) < 1 + tilt * (2 * s - 1)][:n] for axis in (s, t))
+
+    told, real, noise = np.zeros((3, 200))
+    place = np.random.default_rng(1).random((2, 300))
+    truth = 1 + tilt * (2 * place[0] - 1)
+    for seed in range(200):
+        bake, _, plain, shrunk = shrunk_bake(sampler, 500, degree, seed)
+        told[seed] = shrinkage.shrink_leaves(bake.tree, bake.totals(), ROOT)[1][0]
+        for errors, solution in ((noise, plain), (real, shrunk)):
+            bake.solution = lambda solution=solution: solution
+            errors[seed] = (bake.values(ROOT, *place) - truth).var()
+    assert told.mean() == pytest.approx(real.mean() / noise.mean(), abs=0.2)
+
+
+def test_leaves_without_functions_beyond_the_mean_have_no_risk_to_tell():
+    bake = shrunk_bake(even, 300, 0)[0]
+    assert shrinkage.shrink_leaves(bake.tree, bake.totals(), ROOT)[1].tolist() == [1.0]

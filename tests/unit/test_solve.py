@@ -198,7 +198,7 @@ def test_a_round_solves_all_that_is_asked_of_it(tmp_path, knobs):
     solver = make_solver(tmp_path, lamp_scene(), replace(SETTINGS, direct="photons", **knobs))
     solver.run(lambda message: None, lambda: False)
     state = solver._read_tallies()
-    shown = shrinkage.shrink_leaves(solver.tree, state.totals, state.leaves)
+    shown, _ = shrinkage.shrink_leaves(solver.tree, state.totals, state.leaves)
     whole = replace(state, solution=tally.solve_tallies(shown, state.totals))
     assert not np.array_equal(state.solution.flux, whole.solution.flux)
     stated, lights, marked = [], [], []
