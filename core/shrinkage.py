@@ -80,7 +80,7 @@ def find_share_taken(
     Single leaves know it too roughly. All together tell it, and by how they differ what of it is sure.
     """
     by_leaf = np.bincount(leaf, shrunk2, int(nodes.max()) + 1)[nodes]
-    total = max(float(by_leaf.sum()), _TINY)
+    total: float = max(float(by_leaf.sum()), float(_TINY))
     left = float((by_leaf * risk).sum()) / total
     doubt = float(np.sqrt((by_leaf**2 * (risk - left) ** 2).sum())) / total
     return min(max(1.0 - left, 0.0), 1.0), min(max(1.0 - left - _SHRUNK_DOUBT * doubt, 0.0), 1.0)
