@@ -34,7 +34,7 @@ BEST_TEXELS = 0.99
 BIAS_DECAY = 0.25
 # A bake that stops at the first round whose error is small enough picks one that came out small by chance: so many standard errors of
 # the bias are held against it. Measured over bakes of few leaves.
-_BIAS_DOUBT = 0.65
+_BIAS_DOUBT = 0.58
 _SAMPLE = 1 << 13  # texels that are asked
 _CHUNK = 1 << 16
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0

@@ -144,16 +144,15 @@ def test_tiny_and_huge_light_is_smoothed_alike(texels, scale):
 def test_noise_that_is_left_is_told_in_the_units_of_the_light(texels, brightness):
     """With how much of it a texel keeps of its own, whatever the light's scale."""
     count, told = len(texels.texel_xy), []
-    noise = np.random.default_rng(1).standard_normal((3, count))
+    noise = np.random.default_rng(1).standard_normal((count, 3))
     for scale in (1.0, brightness):
-        light, variance = np.float32([scale * (1.0 + SIGMA * noise)]), np.full((3, count), (scale * SIGMA) ** 2, np.float32)
-        left = np.empty((4, count), np.float32)
-        out = denoise.denoise(light, variance, np.ones(count, bool), texels, np.zeros(count, np.int32), left=left)
-        told.append(left)
-        real = ((out[0] / scale - 1.0) ** 2).mean()
-        assert left[:3].mean() / scale**2 == pytest.approx(real, rel=0.2)
-    np.testing.assert_allclose(told[1][:3] / brightness**2, told[0][:3], rtol=1e-3)
-    np.testing.assert_allclose(told[1][3], told[0][3], rtol=1e-3)
+        light, variance = np.float32([scale * (1.0 + SIGMA * noise)]), np.full((count, 3), (scale * SIGMA) ** 2, np.float32)
+        smoothed = denoise.denoise(light, variance, np.ones(count, bool), texels, entries_of_page(texels), tell=True)
+        told.append(smoothed)
+        real = ((smoothed.light[0] / scale - 1.0) ** 2).mean()
+        assert smoothed.variance.mean() / scale**2 == pytest.approx(real, rel=0.2)
+    np.testing.assert_allclose(told[1].variance / brightness**2, told[0].variance, rtol=1e-3)
+    np.testing.assert_allclose(told[1].own_share, told[0].own_share, rtol=1e-3)
 
 
 def test_darkness_stays_dark(texels):

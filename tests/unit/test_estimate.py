@@ -44,7 +44,7 @@ def state(bake, nodes, direct_variance=0.0, smooth_grain=False, risk=None):
     zero = np.zeros((len(bake.keys), 3), np.float32)
     variance = zero + np.float32(direct_variance)
     return estimate.state_error(
-        bake.tree, totals, solution, comparison, nodes, ShownDirect.plain(zero, variance), blender_of(bake), smooth_grain, risk
+        bake.tree, totals, solution, comparison, nodes, ShownDirect.plain(zero, variance), blender_of(bake), smooth_grain, risk=risk
     )
 
 
@@ -269,7 +269,7 @@ def test_a_leaf_is_judged_by_its_children_whether_they_are_stable_or_not():
 
 
 def test_the_doubt_of_a_bias_is_how_much_it_varies_over_bakes(monkeypatch):
-    """Of which two thirds of a standard error are held against whoever chooses; texels of one judge err together."""
+    """Of which a little over half a standard error is held against whoever chooses; texels of one judge err together."""
     biases, doubts = [], []
     missing_from_blend = estimate._missing_from_blend
 

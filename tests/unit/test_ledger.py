@@ -11,7 +11,7 @@ def make_shard(photons, weight):
     shard = PhotonShard("", "", 1, 0, 0, photons, 10, 1, skip_first=True, weight=weight)
     watts = np.array([2.0, 0.0, 0.0]) * photons * weight
     return shard, PhotonResult(
-        None, None, EnergyAudit(watts, watts, 0 * watts, 0 * watts), Counters(photons, 3 * photons, photons), None, np.zeros(1, bool)
+        None, None, EnergyAudit(watts, watts, 0 * watts, 0 * watts), Counters(photons, 3 * photons, photons), None, None, np.zeros(1, bool)
     )
 
 
