@@ -156,9 +156,11 @@ def _bounce(
             return None
         normal = gather(scene.tri_normal, tri)
         cosine = _dot(direction, normal)  # < 0 on the front
-        log.light_elsewhere(tri.compress(cosine >= scene.tri_lit_below.take(tri)))
+        lit = cosine < gather(scene.tri_lit_below, tri)
+        if not lit.all():
+            log.light_elsewhere(tri.compress(~lit))
         if depth or not skip_first:
-            _deposit(scene, tri, u, v, flux, direction, cosine, depth == 0, group, log)
+            _deposit(scene, tri, u, v, flux, direction, cosine, lit, depth == 0, group, log)
         parts = skip_first and not depth
         split: _Rows | np.float32 = np.float32(SPLIT if parts else 1)
         if parts and split_at:
@@ -225,11 +227,12 @@ def _deposit(
     flux: _Rows,
     direction: _Rows,
     cosine: _Rows,
+    lit: NDArray[np.bool_],
     is_first: bool,
     group: _Ints | None,
     log: PhotonLog,
 ) -> None:
-    kept = (cosine < gather(scene.tri_lit_below, tri)).nonzero()[0]
+    kept = lit.nonzero()[0]
     if len(kept) < len(tri):
         tri, u, v, flux = gather(tri, kept), gather(u, kept), gather(v, kept), gather(flux, kept)
         group = None if group is None else gather(group, kept)
