@@ -80,7 +80,8 @@ def bear_photons(
             shadowless[place] = not emitters[e].casts_shadow
             power = emitters[e].power_rgb * (total_flux_share / n_photons / emitter_share[e])
             np.multiply(power.astype(np.float32)[:, None], births.relative_rgb.T, out=flux[:, place])
-            flux[:, place] *= carried.astype(np.float32).take(cell)
+            if len(cells) > len(emitters):
+                flux[:, place] *= carried.astype(np.float32).take(cell)
         yield Photons(origin, direction, flux, soft if soft[0].any() else None, born if told else None), shadowless
 
 
