@@ -19,7 +19,8 @@ from .tiles import TILE_TEXELS, Tiles
 # Of texels that lie in tiles, below which it does not pay: where charts are small too few neighbours are there to average grain with.
 # Measured: with 0.49 a twentieth to a tenth more error for as many rays, with 0.71 half the rays for as little error.
 _LEAST_TILED = 0.6
-_RAYS_EACH = 12  # of a texel, that it is likely to take
+_RAYS_EACH = 36  # of a texel, that it takes: 20 to 45 on the samples
+_LEAST_ROUNDS = 3  # what photons will need is told twice too large by fewer
 _LEAST_DEPTH = 100  # surfaces that photons may meet: what is gathered has met one more
 
 
@@ -45,10 +46,10 @@ class GatherPlan:
     def pays(self, settings: Settings, stated: StatedError, ledger: Ledger, round_: int, most_direct: float) -> bool:
         """Whether to gather takes fewer rays than the photons that the error asked for would need.
 
-        round_        number of rounds so far: trees as they were planted know too little of what is to be gathered
+        round_        number of rounds so far
         most_direct   of the error asked for, the share that direct light by rays may have
         """
-        if self.given_up or self.tiled < _LEAST_TILED or round_ < 2:
+        if self.given_up or self.tiled < _LEAST_TILED or round_ < _LEAST_ROUNDS:
             return False
         if not settings.gather or settings.direct != "rays" or not settings.hierarchical or settings.max_depth < _LEAST_DEPTH:
             return False

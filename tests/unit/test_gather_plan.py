@@ -9,6 +9,7 @@ import pytest
 from boxes import lamp_scene, make_solver
 from leaflight.core import estimate
 from leaflight.core.gather_plan import GatherPlan, know_light
+from leaflight.core.gathered import GatheredField
 from leaflight.core.ledger import Ledger
 from leaflight.core.settings import Settings
 
@@ -18,7 +19,7 @@ LEDGER = Ledger(photons=10**6, told=1e6, rays=500_000)
 NOISY = estimate.StatedError(0.1, 0.1, 0.0, 1.0, lambda: np.zeros(0, np.float32))
 
 
-def pays(settings=ASKED, stated=NOISY, ledger=LEDGER, round_=2, n_texel=40_000, tiled=1.0):
+def pays(settings=ASKED, stated=NOISY, ledger=LEDGER, round_=3, n_texel=40_000, tiled=1.0):
     return GatherPlan(n_texel, tiled).pays(settings, stated, ledger, round_, SHARE)
 
 
@@ -37,16 +38,26 @@ def test_settings_that_leave_all_to_photons(knobs):
 
 
 def test_it_wants_trees_that_have_been_refined_and_charts_with_room_for_tiles():
-    assert not pays(round_=1)
+    assert not pays(round_=2)
     assert not pays(tiled=0.5)
 
 
 def test_it_is_given_up_where_photons_would_have_taken_fewer_rays():
     plan = GatherPlan(40_000, 1.0)
-    assert plan.pays(ASKED, NOISY, LEDGER, 2, SHARE)
+    assert plan.pays(ASKED, NOISY, LEDGER, 3, SHARE)
     assert not plan.give_up(ASKED, replace(NOISY, gathered=0.03), 10**6, SHARE)
     assert plan.give_up(ASKED, replace(NOISY, gathered=0.09), 10**6, SHARE)
-    assert not plan.pays(ASKED, NOISY, LEDGER, 3, SHARE)
+    assert not plan.pays(ASKED, NOISY, LEDGER, 4, SHARE)
+
+
+def test_what_was_not_enough_is_not_tried_again(tmp_path):
+    solver = make_solver(tmp_path, lamp_scene(), Settings(size=32, padding=1, max_photons=20_000))
+    solver._trace_round(None)
+    assert not solver.gather_plan.given_up
+    solver.gathered = GatheredField.none(len(solver.blender.page))
+    solver._trace_round(None)
+    assert solver.gather_plan.given_up
+    assert solver.gathered is None
 
 
 def test_what_is_known_is_direct_light_and_that_of_leaves(tmp_path):
