@@ -138,7 +138,7 @@ def _wrap(index: IntArray, size: int, extension: str) -> _Wrapped:
 
 def _remainder(index: IntArray, size: int) -> IntArray:
     """index % size of an index in -size ... 2 * size - 1."""
-    out: IntArray = index + size * ((index < 0) - (index >= size).astype(np.int8))
+    out: IntArray = index + size * ((index < 0).astype(index.dtype) - (index >= size))
     return out
 
 

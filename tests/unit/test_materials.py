@@ -146,3 +146,10 @@ def test_a_white_surface_is_warned_of():
     ((name, sentence),) = materials.clamp_warnings(_scene(Material("Chalk", (1, 1, 1))))
     assert name == "Chalk"
     assert sentence == "Chalk: its albedo reaches from 1 to 1 and is clamped to 0 ... 0.999; choose values within."
+
+
+def test_images_of_many_texels_repeat_as_small_ones_do():
+    """Beyond what fits in the smallest integers."""
+    wide = TextureImage("Wide", np.random.default_rng(2).random((2, 300, 3)).astype(np.float32))
+    uv = np.array([[0.25, 0.25], [0.999, 0.25]])
+    np.testing.assert_allclose(materials.sample_texture(wide, uv + (3, -2)), materials.sample_texture(wide, uv), atol=1e-6)
