@@ -152,4 +152,4 @@ def test_images_of_many_texels_repeat_as_small_ones_do():
     """Beyond what fits in the smallest integers."""
     wide = TextureImage("Wide", np.random.default_rng(2).random((2, 300, 3)).astype(np.float32))
     uv = np.array([[0.25, 0.25], [0.999, 0.25]])
-    np.testing.assert_allclose(materials.sample_texture(wide, uv + (3, -2)), materials.sample_texture(wide, uv), atol=1e-6)
+    np.testing.assert_allclose(materials.sample_texture(wide, np.add(uv, (3, -2))), materials.sample_texture(wide, uv), atol=1e-6)
