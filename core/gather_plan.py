@@ -20,7 +20,7 @@ from .tiles import TILE_TEXELS, Tiles
 # Measured: with 0.49 a twentieth to a tenth more error for as many rays, with 0.71 half the rays for as little error.
 _LEAST_TILED = 0.6
 _RAYS_EACH = 36  # of a texel, that it takes: 20 to 45 on the samples
-_LEAST_ROUNDS = 3  # what photons will need is told twice too large by fewer
+_SURE_ROUNDS = 3  # fewer may tell what photons will need twice too large; a first one knows too little of what is to be gathered
 _LEAST_DEPTH = 100  # surfaces that photons may meet: what is gathered has met one more
 
 
@@ -49,14 +49,15 @@ class GatherPlan:
         round_        number of rounds so far
         most_direct   of the error asked for, the share that direct light by rays may have
         """
-        if self.given_up or self.tiled < _LEAST_TILED or round_ < _LEAST_ROUNDS:
+        if self.given_up or self.tiled < _LEAST_TILED or round_ < 2:
             return False
         if not settings.gather or settings.direct != "rays" or not settings.hierarchical or settings.max_depth < _LEAST_DEPTH:
             return False
         more = (stated.chosen**2 - stated.direct**2) / ((1.0 - most_direct**2) * settings.error**2) - 1.0
         self._photons_rays = ledger.rays * more
         # Where photons are counted, by who wants so many and no more, they tell all of it.
-        return self._photons_rays > _RAYS_EACH * self.n_texel and ledger.told * more <= settings.max_photons - ledger.photons
+        least = _RAYS_EACH * self.n_texel * (1 if round_ >= _SURE_ROUNDS else 2)
+        return self._photons_rays > least and ledger.told * more <= settings.max_photons - ledger.photons
 
     def give_up(self, settings: Settings, stated: StatedError, rays: int, most_direct: float) -> bool:
         """Whether so many rays told so little that photons would have taken fewer; then nothing is gathered any more."""

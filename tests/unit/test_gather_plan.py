@@ -38,7 +38,9 @@ def test_settings_that_leave_all_to_photons(knobs):
 
 
 def test_it_wants_trees_that_have_been_refined_and_charts_with_room_for_tiles():
-    assert not pays(round_=2)
+    assert not pays(round_=1)
+    assert pays(round_=3, n_texel=300_000)
+    assert not pays(round_=2, n_texel=300_000)  # what photons will need is not told as surely
     assert not pays(tiled=0.5)
 
 
