@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import sys
 import tempfile
 import time
@@ -13,7 +12,6 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +22,7 @@ from . import (
     basis,
     charts,
     checkpoint,
+    contact_map,
     creases,
     debug_passes,
     executors,
@@ -54,8 +53,6 @@ from .snapshot import load_snapshot
 from .told import group_warnings
 
 PREVIEW_FOLDER = "preview"
-CONTACT_TEXELS = 1 << 16  # of a shard, at most
-CONTACT_SHARDS = 4  # at least, so that no process waits long for another
 
 
 @dataclass
@@ -109,19 +106,25 @@ def run_bake(
             layout = {name: getattr(atlas, name) for name in ("tri_chart", "object_page", "object_block", "object_place")}
             np.savez(folder / LAYOUT_FILE, tri_uv=atlas.tri_uv / atlas.page_size, **layout)
         executors.wake(executor)  # not before: xatlas works beside this process
+        if needs.direct and isinstance(executor, executors.LocalExecutor):
+            executor.on_each(workers.open_ahead, str(folder))
         with stages.stage("texels", "Measuring texels"):
             facets = creases.cut_at_creases(snapshot, atlas)
             texel_map = texels.build_texel_map(snapshot, facets, 2 * basis.DEGREES[settings.basis])
-            shared_arrays.remove_struct(folder / workers.TEXELS_FOLDER)  # of an earlier bake in the same folder
-            shared_arrays.save_struct(folder / workers.TEXELS_FOLDER, texel_map)
         warnings += atlas.warnings
+        touched = np.zeros(len(texel_map.texel_area), bool)
         if needs.direct:
             with stages.stage("scene", "Building the ray tracer's tree"):
-                if isinstance(executor, executors.LocalExecutor):
-                    executor.on_each(workers.open_scene, str(folder))
-                tracing = workers.open_tracing(str(folder))
-                texel_map = tracing.texels  # the file that all processes share, in place of our own copy
-            warnings += tracing.warnings
+                opened = workers.open_scene(str(folder))
+            warnings += opened.warnings
+            if needs.photons and settings.contact:
+                with stages.stage("contacts", "Looking for contacts"):
+                    contacts = contact_map.find_contacts(opened, texel_map)
+                    texel_map, facets, touched = contact_map.cut_at_contacts(texel_map, facets, contacts)
+        shared_arrays.remove_struct(folder / workers.TEXELS_FOLDER)  # of an earlier bake in the same folder
+        shared_arrays.save_struct(folder / workers.TEXELS_FOLDER, texel_map)
+        if needs.direct:
+            texel_map = workers.open_tracing(str(folder)).texels  # the file that all processes share, in place of our own copy
         for subject, text in warnings:
             tell(Warning_(subject, text))
         n_texel = len(texel_map.texel_area)
@@ -142,8 +145,7 @@ def run_bake(
         solver = None
         if needs.photons or not shot:
             with stages.stage("photons", "Tracing photons"):
-                forced = find_contacts(folder, executor, n_texel) if settings.contact else np.zeros(n_texel, bool)
-                solver = solve.Solver(folder, settings, executor, direct, forced, blender)
+                solver = solve.Solver(folder, settings, executor, direct, touched, blender)
                 if kept:
                     kept.give_to(solver)
                 if live:
@@ -201,14 +203,6 @@ def _open_output(folder: Path) -> None:
 def _describe_no_charts(atlas: charts.ChartAtlas) -> str:
     told = "; ".join(told.text.removesuffix(".") for told in group_warnings(atlas.warnings))
     return f"nothing to bake: no object has a face that takes light ({told})."
-
-
-def find_contacts(folder: Path, executor: Executor, n_texel: int) -> NDArray[np.bool_]:
-    """(n_texel,) bool: where something touches the surface (see contact); folder of workers.open_tracing."""
-    count = max(math.ceil(n_texel / CONTACT_TEXELS), CONTACT_SHARDS)
-    ends = [n_texel * k // count for k in range(count + 1)]
-    shards = [workers.ContactShard(str(folder), start, end) for start, end in pairwise(ends)]
-    return np.concatenate([np.zeros(0, bool), *executor.map(workers.find_contacts, shards)])
 
 
 def _keep_state(job: Job, solver: solve.Solver | None, error: float, tell: Callable[[Message], None]) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .rays import RayScene
 from .scene import FloatArray
+from .texel_borders import WAYS
 from .tiles import TILE_SIDE
 
 _LIFT_TEXELS = 0.25  # height of the feelers above the surface
@@ -24,24 +25,29 @@ def find_contacts(
     normal: NDArray[np.float32],
     texel_size: FloatArray,
     axes: NDArray[np.float32] | None = None,
-) -> NDArray[np.bool_]:
-    """Whether something stands within a texel or so of each point, found by short rays along the surface.
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """What stands within a texel or so of each point, found by short rays along the surface.
 
     position     (n, 3) float32, unit box
     normal       (n, 3) float32, unit
     texel_size   (n,) float, unit box: side of a texel on the surface
     axes         (2, n, 3) float32, unit: directions that the rays go to and fro; any in the surface if None
+    out          (4, n) int32: the triangle met towards each of WAYS, in columns and rows along the axes; -1 for none;
+                 and (4, n) float32, texels: how far away, inf for none
     """
-    found = np.zeros(len(position), bool)
+    found = np.full((len(WAYS), len(position)), -1, np.int32)
+    texels = np.full(found.shape, np.inf, np.float32)
     for start in range(0, len(position), _CHUNK):
         part = slice(start, start + _CHUNK)
         size = texel_size[part, None].astype(np.float32)
         along, across = axes[:, part] if axes is not None else _any_axes(normal[part])
         origin = position[part] + normal[part] * (_LIFT_TEXELS * size)
         reach = _REACH_TEXELS * size[:, 0]
-        for direction in (along, across, -along, -across):
-            found[part] |= rays.occluded(origin, direction, reach)
-    return found
+        for k, direction in enumerate((along, across, -along, -across)):
+            stopped = np.flatnonzero(rays.occluded(origin, direction, reach))
+            met = rays.closest(origin[stopped], direction[stopped])
+            found[k, start + stopped], texels[k, start + stopped] = met.tri, met.distance / size[stopped, 0]
+    return found, texels
 
 
 def find_clear_tiles(rays: RayScene, corner: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray) -> NDArray[np.bool_]:
@@ -68,7 +74,7 @@ def find_clear_tiles(rays: RayScene, corner: NDArray[np.float32], normal: NDArra
 
 
 def texel_axes(corner: FloatArray, corner_xy: FloatArray, normal: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(2, n, 3) float32, unit: along the rows and columns of texels on triangles; any in the surface where that is not known.
+    """(2, n, 3) float32, unit: the ways of growing columns and rows of texels on triangles; any in the surface where that is not known.
 
     corner      (n, 3, 3) float
     corner_xy   (n, 3, 2) float, texels
@@ -78,11 +84,12 @@ def texel_axes(corner: FloatArray, corner_xy: FloatArray, normal: NDArray[np.flo
     (x_1, y_1), (x_2, y_2) = edge_xy[:, 0].T, edge_xy[:, 1].T
     along = edge[:, 0] * y_2[:, None] - edge[:, 1] * y_1[:, None]
     across = edge[:, 1] * x_1[:, None] - edge[:, 0] * x_2[:, None]
+    turn = np.copysign(1.0, x_1 * y_2 - x_2 * y_1)  # of mirrored layouts both come out the other way round
     out = np.stack(_any_axes(normal))
     for axis, found in zip(out, (along, across), strict=True):
         length = np.linalg.norm(found, axis=1)
         known = length > 0
-        axis[known] = found[known] / length[known, None]
+        axis[known] = found[known] / (length * turn)[known, None]
     return out
 
 

@@ -90,6 +90,7 @@ def direct_irradiance(
     max_rays: int = STAGES[-1][1],
     tiles: Tiles | None = None,
     smoothed: bool = False,
+    crossed: NDArray[np.bool_] | None = None,
 ) -> DirectLight:
     """Direct light at texels, averaged over the covered part of each.
 
@@ -99,16 +100,21 @@ def direct_irradiance(
     max_rays     per texel and light: 4, 16 or 64
     tiles        among the texels, which then share their first looks at lights
     smoothed     the light will be averaged over like neighbours: where it changes gently over a tile, more noise is left for that
+    crossed      (n,) bool: texels that see past the foot of what stands on them, which tells nothing of their neighbours
     """
     irradiance, variance = np.zeros((len(texel), 3)), np.zeros((len(texel), 3))
     counters = {"rays": 0, "pairs": 0, "out_of_reach": 0, "settled": 0, "shared": 0, "sampled": 0}
-    for part, chunk in each_chunk(scene.surfaces, look_at, texel, scene.tri_two_sided, rng):
-        whole = (tiles or Tiles.none()).within(part)
-        calm = whole if smoothed else Tiles.none()
-        demand = Demand(tolerance, max_rays, whole.on_one_triangle(chunk.tri), calm.texels())
-        value, error = _light_chunk(scene, chunk, demand, rng, counters)
-        irradiance[part] += value
-        variance[part] += error
+    alone = np.flatnonzero(crossed) if crossed is not None else np.zeros(0, np.intp)
+    others = np.delete(np.arange(len(texel)), alone)
+    for group in (others, alone):
+        for part, chunk in each_chunk(scene.surfaces, look_at, texel[group], scene.tri_two_sided, rng):
+            rows = group[part]
+            whole = (tiles or Tiles.none()).within(rows)
+            calm = whole if smoothed else Tiles.none()
+            demand = Demand(tolerance, max_rays, whole.on_one_triangle(chunk.tri), calm.texels())
+            value, error = _light_chunk(scene, chunk, demand, rng, counters)
+            irradiance[rows] += value
+            variance[rows] += error
     return DirectLight(irradiance, variance, counters)
 
 

@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 
 from . import basis
 from .scene import FloatArray, IntArray
-from .texel_map import TexelMap
+from .texel_map import CHART_SHIFT, TexelMap
 
 _CHUNK = 1 << 16  # texel entries at a time
-_CHART_SHIFT = 30  # a Morton code of a 2^14 root has 28 bits
 
 
 @dataclass(frozen=True)
@@ -81,14 +80,6 @@ class Quadtree:
         return [np.flatnonzero(self.depth == d) for d in range(int(self.depth.max(initial=-1)) + 1)]
 
 
-def texel_keys(texels: TexelMap) -> NDArray[np.int64]:
-    """(n,) int64, ascending: chart and Morton code of every texel entry."""
-    keys = texels.texel_chart.astype(np.int64)
-    keys <<= _CHART_SHIFT
-    keys |= texels.texel_code
-    return keys
-
-
 def plant_trees(texels: TexelMap, degree: int, level: int, finest_texels: int, flat: bool) -> Quadtree:
     """Trees whose current nodes lie `level` below each chart's root, or at the finest level when `flat`.
 
@@ -109,7 +100,7 @@ def plant_trees(texels: TexelMap, degree: int, level: int, finest_texels: int, f
         chart=chart,
         side=side,
         origin=(texels.chart_origin[chart] + relative).astype(np.int32),
-        key=(chart.astype(np.int64) << _CHART_SHIFT) | (texels.texel_code[first] >> 2 * side_log2[chart] << 2 * side_log2[chart]),
+        key=(chart.astype(np.int64) << CHART_SHIFT) | (texels.texel_code[first] >> 2 * side_log2[chart] << 2 * side_log2[chart]),
         parent=np.full(len(first), -1, np.int32),
         quadrant=np.zeros(len(first), np.int8),
         start=first,
@@ -175,7 +166,7 @@ def _append(tree: Quadtree, texels: TexelMap, **new: NDArray[Any]) -> Quadtree:
 def add_children(tree: Quadtree, nodes: IntArray, texels: TexelMap, keys: NDArray[np.int64]) -> Quadtree:
     """The tree with children below `nodes`, which must be larger than a texel and have none.
 
-    keys   of texel_keys(texels)
+    keys   of texels.list_keys()
     """
     if len(nodes) == 0:
         return tree
@@ -285,6 +276,7 @@ class TreeView:
         """
         node = self.node.take(entry)
         inverse_half = self.inverse_half.take(node)
-        # Rounding can put a hit a hair beyond its node, where a polynomial would run away.
-        s, t = (np.clip((at - self.centre[:, axis].take(node)) * inverse_half, -1.0, 1.0) for axis, at in enumerate((x, y)))
+        # A texel at the node's edge may go on to half of the next one, see texel_borders; farther off a polynomial would run away.
+        most = 1.0 + 0.5 * inverse_half
+        s, t = (np.clip((at - self.centre[:, axis].take(node)) * inverse_half, -most, most) for axis, at in enumerate((x, y)))
         return node, s, t

@@ -22,7 +22,7 @@ from .materials import SurfaceMaterials
 from .quadtree import node_of_texel
 from .scene import IntArray
 from .seam_points import SeamPoints
-from .texel_map import centred_strata
+from .texel_map import LOOK, centred_strata
 
 _CHUNK = 1 << 18
 _LIGHT_PASSES = ("lighting", "direct", "indirect", "diffuse", "combined")
@@ -66,6 +66,9 @@ def light_at_texels(
         np.multiply(traced.variance.T, field.correction, out=variance[part], casting="same_kind")
 
     _run_chunks(fill, n_texel, threads)
+    entry, beyond, share = blender.texels.borders.list_beyond(LOOK)
+    for light, moved in zip(by_part, share[:, None] * (by_part[:, beyond] - by_part[:, entry]), strict=True):
+        np.add.at(light, entry, moved)  # as shadow rays do, which start on all of the square
     grain = field.tree.side[leaf] <= denoise.SMALL_LEAF
     if field.squares is not None:
         grain |= squares.mix(by_part.transpose(0, 2, 1), variance.T, field.squares, blender.texels, blender.entry_at)

@@ -69,7 +69,7 @@ class Solver:
         self.tracing = workers.open_tracing(str(self.folder))
         texels, settings = self.tracing.texels, self.settings
         self.degree = basis.DEGREES[settings.basis]
-        self.keys = quadtree.texel_keys(texels)
+        self.keys = texels.list_keys()
         self.tree = quadtree.plant_trees(texels, self.degree, settings.min_level, settings.finest_texels, not settings.hierarchical)
         if settings.hierarchical:
             self._grow_previews()

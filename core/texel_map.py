@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from .coverage import Float64, Int32, Int64, clip_to_texels, expand_ranges
 from .scene import FloatArray, IntArray
+from .texel_borders import TexelBorders
 from .texel_grid import TexelGrid
 from .texel_looks import TexelLooks
 from .texel_moments import EvenSquares, PartMoments
 
+CHART_SHIFT = 30  # bits of a key below its chart: a Morton code of a 2^14 root has 28
 LOOK = 0.5  # side of the square around its centre that a texel looks at
 _ROUNDING = 1e-9  # weight of a corner below 0 that is still on the triangle
 
@@ -39,6 +41,7 @@ class TexelMap:
     part_moments   (n_part, M) float64, m^2 their moments about the texel's centre, in texels, less those of a full texel of equal area
     pair_start     (n_part + 1,) int64      pairs of part i are pair_start[i]:pair_start[i + 1]
     pair_tri       (n_pair,) int32          triangles with a share in the part
+    borders        of texels that something crosses
     """
 
     page_size: int
@@ -61,6 +64,7 @@ class TexelMap:
     part_moments: Float64
     pair_start: Int64
     pair_tri: Int32
+    borders: TexelBorders = field(default_factory=TexelBorders.none)
 
     @property
     def texel_bary(self) -> NDArray[np.float32]:
@@ -119,6 +123,13 @@ class TexelMap:
         shown[order[last]] = True
         return shown
 
+    def list_keys(self, entry: IntArray | slice = slice(None)) -> Int64:
+        """(m,) int64: chart and Morton code of entries, of all if none are named; they ascend as the entries do."""
+        keys = self.texel_chart[entry].astype(np.int64)
+        keys <<= CHART_SHIFT
+        keys |= self.texel_code[entry]
+        return keys
+
     @cached_property
     def _corner_rows(self) -> Float64:
         """(6, n_tri + 1) float64: tri_uv as rows, which a look-up by triangle reads faster."""
@@ -152,6 +163,16 @@ class TexelMap:
         out   (m,) int32
         """
         return self.grid.find(tri, x, y)
+
+    def owner_of(self, entry: Int32, x: FloatArray, y: FloatArray) -> Int32:
+        """The entries (m,) that hits in texel entries (m,), none of them -1, count for: beyond what crosses a texel the one there.
+
+        x, y   (m,) float, page texel coordinates
+        """
+        if not len(self.borders.entry):
+            return entry
+        column, row = self.texel_xy.take(entry, axis=0).T
+        return self.borders.find_owners(entry, x - column - 0.5, y - row - 0.5)
 
     def range_moments(self, start: IntArray, end: IntArray, centre: FloatArray, half: FloatArray, degree: int) -> Float64:
         """World-area integrals of the monomials in s = (x - centre) / half over ranges of entries.

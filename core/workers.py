@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from . import contact, direct, gather, photons, rays, sampling, shared_arrays
+from . import direct, gather, photons, rays, sampling, shared_arrays
 from .birth_guide import BirthTally
 from .emitters import build_emitters
 from .geometry import UnitBox
@@ -24,13 +24,13 @@ from .materials import SurfaceMaterials
 from .photon_log import Counters, EnergyAudit
 from .pruning import prune_scene
 from .quadtree import TreeView
-from .scene import FloatArray, IntArray, SceneSnapshot
+from .scene import IntArray, SceneSnapshot
 from .snapshot import load_snapshot
 from .splitting import SplitTally, Splitting, weigh_groups
 from .squares import deposit_on_squares
 from .tally import ShardTally, deposit
-from .texel_map import TexelMap
-from .tiles import TILE_CORNERS, TILE_TEXELS, Tiles
+from .texel_map import LOOK, TexelMap
+from .tiles import Tiles
 
 TEXELS_FOLDER = "texels"
 SPLITTING_FOLDER = "splitting"  # in a view's
@@ -41,14 +41,20 @@ GATHER_ROUND = 2**30  # the same, of rays that gather
 
 
 @dataclass(frozen=True)
-class Tracing:
-    """What a process needs to trace: the scene ready for rays, and where hits fall."""
+class TracedScene:
+    """A scene ready for rays."""
 
     snapshot: SceneSnapshot
     unit_box: UnitBox
     scene: photons.TraceScene
-    texels: TexelMap
     warnings: tuple[tuple[str, str], ...]  # subject, sentence
+
+
+@dataclass(frozen=True)
+class Tracing(TracedScene):
+    """What a process needs to trace: the scene, and where hits fall."""
+
+    texels: TexelMap
 
 
 def load_ahead() -> None:
@@ -57,8 +63,8 @@ def load_ahead() -> None:
 
 
 @lru_cache(maxsize=1)
-def open_tracing(folder: str) -> Tracing:
-    """The scene and texel map that were written to `folder`; a process keeps the last one open.
+def open_scene(folder: str) -> TracedScene:
+    """The scene that was written to `folder`; a process keeps the last one open.
 
     Raises ValueError with a sentence when the scene has no light.
     """
@@ -67,15 +73,21 @@ def open_tracing(folder: str) -> Tracing:
     unit_box = UnitBox.from_points(snapshot.vertex_position)
     surfaces = SurfaceMaterials(snapshot)
     emitters, warnings = build_emitters(snapshot, unit_box, surfaces)
+    return TracedScene(snapshot, unit_box, photons.build_trace_scene(snapshot, unit_box, surfaces, emitters), tuple(warnings))
+
+
+@lru_cache(maxsize=1)
+def open_tracing(folder: str) -> Tracing:
+    """The same with the texel map that was written there too."""
+    opened = open_scene(folder)
     texels = shared_arrays.load_struct(Path(folder) / TEXELS_FOLDER, TexelMap)
-    scene = photons.build_trace_scene(snapshot, unit_box, surfaces, emitters)
-    return Tracing(snapshot, unit_box, scene, texels, tuple(warnings))
+    return Tracing(opened.snapshot, opened.unit_box, opened.scene, opened.warnings, texels)
 
 
-def open_scene(folder: str) -> None:
-    """Open `folder` before there is work; what is wrong with it is told when there is."""
+def open_ahead(folder: str) -> None:
+    """Open the scene in `folder` before there is work; what is wrong with it is told when there is."""
     with contextlib.suppress(ValueError, OSError):
-        open_tracing(folder)
+        open_scene(folder)
 
 
 @lru_cache(maxsize=1)
@@ -98,7 +110,7 @@ def open_known_light(folder: str) -> gather.KnownLight:
 
 def forget_folders() -> None:
     """Close what this process keeps open, so that folders can be removed or written anew."""
-    for opened in (open_tracing, open_view, open_splitting, open_known_light, _open_direct_scene, _open_gather_scene):
+    for opened in (open_scene, open_tracing, open_view, open_splitting, open_known_light, _open_direct_scene, _open_gather_scene):
         opened.cache_clear()
 
 
@@ -147,7 +159,7 @@ def trace_photons(shard: PhotonShard) -> PhotonResult:
     if entry.min(initial=0) < 0:  # a face may have no texels, as one that a layer folds to a line
         placed = np.flatnonzero(entry >= 0)
         hits, x, y, entry = hits.only(placed), x.take(placed), y.take(placed), entry.take(placed)
-    node, s, t = view.locate(entry, x, y)
+    node, s, t = view.locate(tracing.texels.owner_of(entry, x, y), x, y)
     is_first = None if shard.skip_first else hits.is_first
     sums = deposit(node, s, t, hits.flux_rgb, is_first, len(view.centre), shard.degree)
     on_squares = deposit_on_squares(tracing.texels, view.square_entry, entry, hits.tri, x, y, hits.flux_rgb, is_first)
@@ -189,8 +201,10 @@ def light_texels(shard: DirectShard) -> direct.DirectLight:
     texels = open_tracing(shard.tracing).texels
     tiles = Tiles.of(texels.texel_chart[shard.texels], texels.texel_code[shard.texels])
     rng = sampling.shard_rng(shard.seed, DIRECT_ROUND - shard.turn, shard.start)
+    crossed = texels.borders.see_beyond(shard.texels, LOOK)
+    scene = _open_direct_scene(shard.tracing)
     light = direct.direct_irradiance(
-        _open_direct_scene(shard.tracing), texels.look_at, shard.texels, rng, shard.tolerance, tiles=tiles, smoothed=shard.smoothed
+        scene, texels.look_at, shard.texels, rng, shard.tolerance, tiles=tiles, smoothed=shard.smoothed, crossed=crossed
     )
     irradiance, variance = light.irradiance_rgb.astype(np.float32), light.variance_rgb.astype(np.float32)  # half as much to send
     return direct.DirectLight(irradiance, variance, light.counters)
@@ -217,44 +231,6 @@ def gather_texels(shard: GatherShard) -> gather.GatheredLight:
     rng = sampling.shard_rng(shard.seed, GATHER_ROUND - shard.turn, shard.start)
     scene, known = _open_gather_scene(shard.tracing), open_known_light(shard.view)
     return gather.gather_light(scene, known, shard.texels, rng, shard.tolerance, tiles, shard.smoothed)
-
-
-@dataclass(frozen=True)
-class ContactShard:
-    """Texel entries start ... end - 1 that are asked whether something touches the surface there."""
-
-    tracing: str  # folder
-    start: int
-    end: int
-
-
-def find_contacts(shard: ContactShard) -> NDArray[np.bool_]:
-    """(end - start,) bool, see contact."""
-    tracing = open_tracing(shard.tracing)
-    texels, rays, part = tracing.texels, tracing.scene.rays, slice(shard.start, shard.end)
-    tiles = Tiles.of(texels.texel_chart[part], texels.texel_code[part]).on_one_triangle(texels.texel_tri[part])
-    first = shard.start + tiles.start
-    whole = np.searchsorted(texels.part_entry, first) == np.searchsorted(texels.part_entry, first + TILE_TEXELS)
-    corner = first[whole] + TILE_CORNERS[:, None]
-    position, normal, size = _texel_places(tracing, corner.ravel())
-    n_tile = corner.shape[1]
-    clear = contact.find_clear_tiles(rays, position.reshape(3, n_tile, 3), normal[:n_tile], size[:n_tile])
-    asked = np.ones(shard.end - shard.start, bool)
-    asked[tiles.texels()[whole][clear]] = False
-    entry = shard.start + np.flatnonzero(asked)
-    tri = texels.texel_tri[entry]
-    position, normal, size = _texel_places(tracing, entry)
-    axes = contact.texel_axes(tracing.snapshot.tri_position[tri], texels.tri_uv[tri], normal)
-    asked[asked] = contact.find_contacts(rays, position, normal, size, axes)
-    return asked
-
-
-def _texel_places(tracing: Tracing, entry: IntArray) -> tuple[NDArray[np.float32], NDArray[np.float32], FloatArray]:
-    """Positions (n, 3), unit box, normals (n, 3) and sides (n,), unit box, of texel entries (n,)."""
-    tri = tracing.texels.texel_tri[entry]
-    position_m = np.einsum("nk,nkj->nj", tracing.texels.bary_at(entry), tracing.snapshot.tri_position[tri])
-    size = np.sqrt(tracing.texels.tri_density[tri]) * tracing.unit_box.scale
-    return tracing.unit_box.to_unit(position_m), tracing.scene.tri_normal[:, tri].T, size
 
 
 @lru_cache(maxsize=1)

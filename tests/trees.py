@@ -51,7 +51,7 @@ class SquareBake:
 
     def __init__(self, side=64, degree=1, width=1.0, level=0, preview_depth=2, flat=False):
         self.texels, self.degree, self.side = make_square_map(side, degree, width), degree, side
-        self.keys = quadtree.texel_keys(self.texels)
+        self.keys = self.texels.list_keys()
         self.preview_depth = preview_depth
         self.tree = quadtree.plant_trees(self.texels, degree, level, 1, flat)
         if not flat:

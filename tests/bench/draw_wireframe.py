@@ -17,7 +17,7 @@ import numpy as np
 from boxes import prepare_folder
 from draw_leaves import light_view, look_through, shade_view
 from export_samples import export_samples
-from leaflight.core import bake, executors, quadtree, resolve, solve, workers
+from leaflight.core import contact_map, executors, quadtree, resolve, solve, workers
 from leaflight.core.direct_field import DirectField
 from leaflight.core.image_file import write_image
 from leaflight.core.reconstruct import LeafBlender
@@ -58,7 +58,8 @@ def bake_light(folder: Path, snapshot: Path) -> tuple[SimpleNamespace, solve.Lig
         tracing = workers.open_tracing(str(folder))
         direct = DirectField.none(len(texels.texel_area))
         blender = LeafBlender.of(texels, atlas.chart_page[texels.texel_chart])
-        solver = solve.Solver(folder, SETTINGS, executor, direct, bake.find_contacts(folder, executor, len(texels.texel_area)), blender)
+        touched = contact_map.find_contacts(tracing, texels).touched
+        solver = solve.Solver(folder, SETTINGS, executor, direct, touched, blender)
         light = solver.run(lambda message: None, lambda: False)
     finally:
         executor.shutdown()

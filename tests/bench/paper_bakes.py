@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from boxes import prepare_folder
-from leaflight.core import bake, quadtree, resolve, solve, tally, workers
+from leaflight.core import contact_map, quadtree, resolve, solve, tally, workers
 from leaflight.core.job import SNAPSHOT_FILE
 from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.scene import SceneSnapshot
@@ -156,7 +156,7 @@ class Stage:
         # Moments of the greatest degree serve every basis.
         self.atlas, self.texels = prepare_folder(folder, scene, dataclasses.replace(settings, basis="quadratic"))
         self.tracing = workers.open_tracing(str(folder))
-        self.contact = bake.find_contacts(folder, executor, len(self.texels.texel_area))
+        self.contact = contact_map.find_contacts(self.tracing, self.texels).touched
         self._bakes = 0
         self.page = self.atlas.chart_page[self.texels.texel_chart]
         self.blender = LeafBlender.of(self.texels, self.page)

@@ -21,7 +21,7 @@ from scenes import make_scene, moved, quad_mesh, shade_smooth, sphere_mesh
 
 pytestmark = pytest.mark.usefixtures("open_image_io")
 QUICK = Settings(size=32, padding=1, workers=1, error=0.3, max_photons=20_000)
-STAGES = ["load", "charts", "texels", "scene", "direct", "photons", "write"]
+STAGES = ["load", "charts", "texels", "scene", "contacts", "direct", "photons", "write"]
 
 
 def bake_scene(folder, scene, settings=QUICK, output="", should_stop=lambda: False, **job):
@@ -83,7 +83,7 @@ def test_every_pass_and_kind_of_a_bake_can_be_read(tmp_path):
         assert np.isfinite(pixels).all()
         found[file["pass_name"], file["kind"]] = pixels
     covered = found["charts", "exr"][..., 3] > 0
-    assert np.unique(found["charts", "exr"][covered, 0]).tolist() == list(range(7))
+    assert np.unique(found["charts", "exr"][covered, 0]).tolist() == list(range(8))  # seven faces, and what the block stands on
     assert 0 < found["photons", "exr"][covered, 0].max() <= result["photons"]
     lighting = found["lighting", "exr"][..., :3]
     for kind in ENCODINGS:
@@ -254,7 +254,7 @@ def test_previews_come_first_and_change_no_byte(tmp_path, monkeypatch, direct):
         assert len(shown) == (result["rounds"] if with_preview else 0)  # the first light, and each round but the last
         if with_preview:
             stages = [message.stage for message in messages if isinstance(message, Status)]
-            assert stages == [*STAGES[:4], "preview", *STAGES[4:]]
+            assert stages == [*STAGES[:5], "preview", *STAGES[5:]]
             kinds = [type(message) for message in messages]
             assert kinds.index(Preview) < kinds.index(Progress)
     assert files[0] == files[1]

@@ -1,10 +1,13 @@
 """Contact: the floor knows where the leg of a table stands."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from leaflight.core.contact import find_clear_tiles, find_contacts, texel_axes
 from leaflight.core.geometry import UnitBox
 from leaflight.core.rays import RayScene
+from leaflight.core.texel_borders import WAYS
 from scenes import box_mesh, make_scene, quad_mesh
 
 SIDE = 64
@@ -19,7 +22,8 @@ def find_on_floor(meshes, texel_m=1 / SIDE, normal=(0.0, 0.0, 1.0)):
     x, y = (grid.ravel() for grid in np.meshgrid(line, line))
     position = unit_box.to_unit(np.stack([x, y, 0 * x], axis=1)).astype(np.float32)
     up = np.broadcast_to(np.float32(normal), position.shape)
-    found = find_contacts(RayScene(unit_box.to_unit(scene.tri_position)), position, up, np.full(len(x), texel_m * unit_box.scale))
+    met, _ = find_contacts(RayScene(unit_box.to_unit(scene.tri_position)), position, up, np.full(len(x), texel_m * unit_box.scale))
+    found = (met >= 0).any(axis=0)
     beyond = np.maximum(np.abs(np.stack([x - 0.3, y - 0.6])) - LEG_M / 2, 0)
     return found.reshape(SIDE, SIDE), np.hypot(*beyond).reshape(SIDE, SIDE)
 
@@ -65,6 +69,10 @@ def test_feelers_lie_in_the_surface_whatever_its_normal(normal):
             assert np.allclose(distance, 1.5 * 0.01)
             return np.zeros(len(origin), bool)
 
+        def closest(self, origin, direction):
+            assert not len(origin)
+            return SimpleNamespace(tri=np.zeros(0, np.int32), distance=np.zeros(0, np.float32))
+
     find_contacts(Recorder(), position, np.broadcast_to(np.float32(normal), (50, 3)), np.full(50, 0.01))
     assert len(directions) >= 4
     for direction in directions:
@@ -77,8 +85,8 @@ def test_a_surface_without_direction_is_quiet():
     scene = make_scene([quad_mesh("Floor")])
     rays = RayScene(scene.tri_position.astype(np.float32))
     nothing = np.zeros((3, 3), np.float32)
-    assert not find_contacts(rays, nothing + np.float32(0.5), nothing, np.full(3, 0.1)).any()
-    assert find_contacts(rays, nothing[:0], nothing[:0], np.zeros(0)).shape == (0,)
+    assert (find_contacts(rays, nothing + np.float32(0.5), nothing, np.full(3, 0.1))[0] == -1).all()
+    assert find_contacts(rays, nothing[:0], nothing[:0], np.zeros(0))[1].shape == (4, 0)
 
 
 @pytest.mark.parametrize("place", [(0.3, 0.6), (0.26, 0.5), (0.62, 0.124)])
@@ -93,7 +101,8 @@ def test_clear_tiles_are_those_where_no_texel_finds_anything(place):
         position = unit_box.to_unit(np.stack([x, y, 0 * x], axis=2).reshape(-1, 3)).astype(np.float32)
         up, size = np.broadcast_to(np.float32([0, 0, 1]), position.shape), np.full(len(position), unit_box.scale / SIDE)
         axes = np.broadcast_to(np.float32([[1, 0, 0], [0, 1, 0]])[:, None], (2, *position.shape))
-        tiles = find_contacts(rays, position, up, size, axes).reshape(8, 8, 8, 8).any(axis=(1, 3)).ravel()
+        met, _ = find_contacts(rays, position, up, size, axes)
+        tiles = (met >= 0).any(axis=0).reshape(8, 8, 8, 8).any(axis=(1, 3)).ravel()
         grid = position.reshape(8, 8, 8, 8, 3)
         corner = np.stack([grid[:, 0, :, 0], grid[:, 0, :, 7], grid[:, 7, :, 0]]).reshape(3, 64, 3)
         np.testing.assert_array_equal(find_clear_tiles(rays, corner, up[:64], size[:64]), ~tiles)
@@ -101,10 +110,23 @@ def test_clear_tiles_are_those_where_no_texel_finds_anything(place):
 
 
 def test_axes_are_those_of_the_page():
-    """A triangle whose page runs along z and, mirrored, along y; one that its page knows as a line lies anyhow in its surface."""
-    corner = np.array([[[0, 0, 0], [0, 0, 2.0], [0, -3.0, 0]]] * 2)
-    corner_xy = np.array([[[5, 5], [9, 5], [5, 8.0]], [[5, 5], [9, 5], [7, 5.0]]])
-    axes = texel_axes(corner, corner_xy, np.float32([[1, 0, 0]] * 2))
+    """A triangle whose page runs along z and against y, its mirror image, and one that its page knows as a line: in its surface anyhow."""
+    corner = np.array([[[0, 0, 0], [0, 0, 2.0], [0, -3.0, 0]]] * 3)
+    corner_xy = np.array([[[5, 5], [9, 5], [5, 8.0]], [[9, 5], [5, 5], [9, 8.0]], [[5, 5], [9, 5], [7, 5.0]]])
+    axes = texel_axes(corner, corner_xy, np.float32([[1, 0, 0]] * 3))
     assert axes[:, 0].tolist() == [[0, 0, 1], [0, -1, 0]]
-    assert np.abs(axes[:, 1, 0]).max() < 1e-6
+    assert axes[:, 1].tolist() == [[0, 0, -1], [0, -1, 0]]
+    assert np.abs(axes[:, 2, 0]).max() < 1e-6
     assert np.linalg.norm(axes, axis=2) == pytest.approx(1)
+
+
+def test_each_feeler_tells_what_it_meets():
+    """A post to the right of a point, another one below it: of either the side that faces the point."""
+    posts = [box_mesh("Right", (0.02, 0.02, 1.0), (0.52, 0.5, 0.5)), box_mesh("Below", (0.02, 0.02, 1.0), (0.5, 0.48, 0.5))]
+    scene = make_scene([quad_mesh("Floor"), *posts])
+    axes = np.float32([[[1, 0, 0]], [[0, 1, 0]]])
+    rays = RayScene(scene.tri_position.astype(np.float32))
+    met, texels = find_contacts(rays, np.float32([[0.5, 0.5, 0.0]]), np.float32([[0, 0, 1]]), np.full(1, 0.02), axes)
+    assert texels[:, 0] == pytest.approx([0.5, np.inf, np.inf, 0.5], rel=1e-4)
+    assert WAYS == ((1, 0), (0, 1), (-1, 0), (0, -1))
+    assert [scene.objects[scene.tri_object[tri]].name if tri >= 0 else "" for tri in met[:, 0]] == ["Right", "", "", "Below"]

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from leaflight.core import quadtree
 from leaflight.core import texels as module
 from leaflight.core.coverage import monomial_exponents
 from leaflight.core.scene import Material, SceneObject, SceneSnapshot
@@ -354,7 +353,7 @@ def test_in_whatever_parts_texels_are_gone_through_the_map_is_one(monkeypatch: p
 
     whole = build()
     assert np.diff(whole.chart_start).tolist()[2:] == [0, 1]
-    assert (np.diff(quadtree.texel_keys(whole)) > 0).all()
+    assert (np.diff(whole.list_keys()) > 0).all()
     monkeypatch.setattr(module, "_SQUARE_LOG2", square_log2)
     monkeypatch.setattr(module, "_SLOTS", slots)
     parts = build()

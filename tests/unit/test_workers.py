@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, prepare_folder
-from leaflight.core import bake, executors, photons, quadtree, shared_arrays, workers
+from leaflight.core import photons, quadtree, shared_arrays, workers
 from leaflight.core.birth_cells import BirthCells
 from leaflight.core.scene import Light, Material, SceneObject
 from leaflight.core.settings import Settings
 from leaflight.core.splitting import Splitting
-from scenes import Mesh, box_mesh, make_scene, moved, quad_mesh
+from scenes import Mesh, make_scene, moved, quad_mesh
 
 SETTINGS = Settings(size=32, padding=1)
 
@@ -196,23 +196,6 @@ def test_a_scene_without_light_is_a_sentence(tmp_path):
 
 
 def test_a_folder_that_cannot_be_opened_ahead_is_told_when_there_is_work(tmp_path):
-    workers.open_scene(str(tmp_path))
+    workers.open_ahead(str(tmp_path))
     with pytest.raises(FileNotFoundError):
         workers.open_tracing(str(tmp_path))
-
-
-def test_contacts_are_found_alike_in_one_shard_and_in_many(tmp_path, monkeypatch):
-    """A box on a floor: around its foot, and nowhere else."""
-    scene = make_scene(
-        [quad_mesh("Floor"), box_mesh("Box", (0.2, 0.2, 0.2), (0.4, 0.4, 0.1))],
-        [Light("POINT", "Lamp", (0.5, 0.5, 2.0), power_rgb=(1.0,) * 3)],
-    )
-    _, texels = prepare_folder(tmp_path, scene, SETTINGS)
-    n = len(texels.texel_area)
-    monkeypatch.setattr(bake, "CONTACT_SHARDS", 1)
-    whole = bake.find_contacts(tmp_path, executors.InlineExecutor(), n)
-    for name, value in (("CONTACT_SHARDS", n + 3), ("CONTACT_TEXELS", 100)):  # more shards than texels, too: empty ones
-        monkeypatch.setattr(bake, name, value)
-        np.testing.assert_array_equal(bake.find_contacts(tmp_path, executors.InlineExecutor(), n), whole)
-    assert whole.shape == (n,)
-    assert 0 < whole.sum() < n / 2

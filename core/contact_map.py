@@ -1,0 +1,240 @@
+"""Contacts on the texels of a scene, and charts cut along them.
+
+Where a wall or a cupboard stands on a floor, light jumps: there is another room behind the wall, and none below the cupboard. A leaf over
+both sides could hold neither, and what it says of one would leak to the other. So a piece of a chart that is parted from the rest by what
+stands on it becomes a chart of its own, as the sides of a crease do.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import contact
+from .charts import ChartAtlas
+from .coverage import expand_ranges
+from .layer_check import join_sets
+from .scene import FloatArray, IntArray
+from .texel_borders import OPPOSITE, WAYS, TexelBorders, whole_texel
+from .texel_grid import interleave_bits
+from .texel_map import TexelMap
+from .tiles import TILE_CORNERS, TILE_SIDE, TILE_TEXELS, Tiles
+from .workers import TracedScene
+
+_CHUNK = 1 << 16  # texel entries at a time
+_LEAST_PIECE = 4  # texels; smaller ones, between books or blades of grass, would catch too few photons each for itself
+
+_Int64 = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class ContactMap:
+    """Where other things meet the surface.
+
+    touched   (n,) bool: texel entries that something touches
+    patches   that tile all entries of charts that something parts
+    piece     (k,) int64: the first patch of the piece that each patch is of
+    borders   of texels that are covered wholly
+    """
+
+    touched: NDArray[np.bool_]
+    patches: _Patches
+    piece: _Int64
+    borders: TexelBorders
+
+
+@dataclass(frozen=True)
+class _Patches:
+    """Entries, and tiles that nothing touches.
+
+    start   (k,) int64, ascending: first entry of each
+    size    (k,) int64: 1 or TILE_TEXELS entries, in Morton order
+    key     (k,) int64, ascending, of TexelMap.list_keys
+    """
+
+    start: _Int64
+    size: _Int64
+    key: _Int64
+
+    def find_beside(self, texels: TexelMap, rows: _Int64, step: tuple[int, int]) -> tuple[_Int64, _Int64]:
+        """Those of the patches `rows` (m,) that have a texel of their chart so many columns and rows from their first; and its patch.
+
+        out   (j,) int64 twice
+        """
+        entry = self.start[rows]
+        chart = texels.texel_chart[entry]
+        x, y = (texels.texel_xy[entry] - texels.chart_origin[chart] + step).T
+        inside = np.flatnonzero((np.minimum(x, y) >= 0) & (np.maximum(x, y) < 1 << texels.chart_log2[chart]))
+        rows = rows[inside]
+        key = self.key[rows] - texels.texel_code[entry[inside]] + interleave_bits(x[inside], y[inside])
+        other = np.searchsorted(self.key, key, side="right") - 1
+        found = (other >= 0) & (key < self.key[other] + self.size[other])
+        return rows[found], other[found]
+
+
+def find_contacts(opened: TracedScene, texels: TexelMap) -> ContactMap:
+    """Contacts at all texel entries."""
+    n_texel = len(texels.texel_tri)
+    touched, distances = np.zeros(n_texel, bool), [np.zeros((len(WAYS), 0), np.float32)]
+    starts = [np.zeros((2, 0), np.int64)]
+    for start in range(0, n_texel, _CHUNK):
+        part = slice(start, min(start + _CHUNK, n_texel))
+        tiles = _find_clear_tiles(opened, texels, part)
+        asked = np.ones(part.stop - start, bool)
+        asked[tiles[:, None] - start + np.arange(TILE_TEXELS)] = False
+        entry = start + np.flatnonzero(asked)
+        tri = texels.texel_tri[entry]
+        position, normal, size = _find_places(opened, texels, entry)
+        axes = contact.texel_axes(opened.snapshot.tri_position[tri], texels.tri_uv[tri], normal)
+        met, distance = contact.find_contacts(opened.scene.rays, position, normal, size, axes)
+        touched[entry] = (met >= 0).any(axis=0)
+        tri_object = opened.snapshot.tri_object
+        distance[tri_object[met] == tri_object[tri]] = np.inf  # a rough or hollow thing stands in its own way
+        distance = np.append(distance, np.full((len(WAYS), len(tiles)), np.inf, np.float32), axis=1)
+        first = np.concatenate([entry, tiles])
+        order = np.argsort(first)
+        starts.append(np.stack([first, np.where(np.arange(len(first)) < len(entry), 1, TILE_TEXELS)])[:, order])
+        distances.append(distance[:, order])
+    start, size = np.concatenate(starts, axis=1)
+    return _join_patches(texels, touched, start, size, np.concatenate(distances, axis=1))
+
+
+def _find_places(opened: TracedScene, texels: TexelMap, entry: IntArray) -> tuple[NDArray[np.float32], NDArray[np.float32], FloatArray]:
+    """Positions (m, 3), unit box, normals (m, 3) and sides (m,), unit box, of texel entries (m,)."""
+    tri = texels.texel_tri[entry]
+    position_m = np.einsum("nk,nkj->nj", texels.bary_at(entry), opened.snapshot.tri_position[tri])
+    size = np.sqrt(texels.tri_density[tri]) * opened.unit_box.scale
+    return opened.unit_box.to_unit(position_m), opened.scene.tri_normal[:, tri].T, size
+
+
+def _find_clear_tiles(opened: TracedScene, texels: TexelMap, part: slice) -> _Int64:
+    """(m,) int64: first entries of the tiles within `part` that nothing touches."""
+    tiles = Tiles.of(texels.texel_chart[part], texels.texel_code[part]).on_one_triangle(texels.texel_tri[part])
+    first = part.start + tiles.start
+    first = first[np.searchsorted(texels.part_entry, first) == np.searchsorted(texels.part_entry, first + TILE_TEXELS)]
+    corner = first + TILE_CORNERS[:, None]
+    position, normal, size = _find_places(opened, texels, corner.ravel())
+    n_tile = len(first)
+    clear = contact.find_clear_tiles(opened.scene.rays, position.reshape(3, n_tile, 3), normal[:n_tile], size[:n_tile])
+    clear_tiles: _Int64 = first[clear]
+    return clear_tiles
+
+
+def _join_patches(texels: TexelMap, touched: NDArray[np.bool_], start: _Int64, size: _Int64, distance: NDArray[np.float32]) -> ContactMap:
+    """Texels are of one piece where one can go from one to the next and meet nothing.
+
+    start, size   (k,) int64, of patches that tile all entries
+    distance      (4, k) float32, texels: to another thing, towards each of WAYS
+    """
+    blocked = distance < 1.0
+    parted = np.zeros(len(texels.chart_page), bool)
+    parted[texels.texel_chart[start[blocked.any(axis=0)]]] = True
+    kept = parted[texels.texel_chart[start]]
+    start, size, blocked, distance = start[kept], size[kept], blocked[:, kept], distance[:, kept]
+    patches = _Patches(start, size, texels.list_keys(start))
+    whole = np.ones(len(touched), bool)
+    whole[texels.part_entry] = False
+    joined, parting = [np.zeros((2, 0), np.int64)], [np.zeros((3, 0), np.int64)]
+    for k, step in enumerate(WAYS):
+        here, other = pair = np.stack(patches.find_beside(texels, np.flatnonzero(size == 1), step))
+        # What stands between two texels is met from both, however far apart their points are.
+        between = blocked[k, here] & blocked[OPPOSITE[k], other]
+        joined.append(pair[:, ~between & ((k < 2) | (size[other] > 1))])  # two texels are seen from both
+        between &= whole[start[here]] & whole[start[other]]
+        parting.append(np.stack([np.full(between.sum(), k), *pair[:, between]]))
+    for step in ((TILE_SIDE, 0), (0, TILE_SIDE)):
+        joined.append(np.stack(patches.find_beside(texels, np.flatnonzero(size > 1), step)))
+    piece = join_sets(len(start), *np.concatenate(joined, axis=1))
+    way, here, other = np.concatenate(parting, axis=1)
+    borders = TexelBorders.of(len(touched), way, start[here], start[other], distance[way, here])
+    return ContactMap(touched, patches, piece, borders)
+
+
+def cut_at_contacts(texels: TexelMap, atlas: ChartAtlas, found: ContactMap) -> tuple[TexelMap, ChartAtlas, NDArray[np.bool_]]:
+    """The map and the atlas with all but the largest piece of a chart in charts of their own, after the others; and which entries of
+    that map are touched, (n,) bool. Nothing moves on the pages.
+
+    atlas   whose charts are the map's
+    """
+    patches = found.patches
+    size = np.bincount(found.piece, patches.size)  # at the first patch of each piece
+    first = np.flatnonzero(size)
+    chart = texels.texel_chart[patches.start]
+    by_size = first[np.lexsort((-size[first], chart[first]))]
+    is_largest = np.append(True, np.diff(chart[by_size]) != 0)[: len(by_size)]
+    own = by_size[~is_largest & (size[by_size] >= _LEAST_PIECE)]
+    texels = _share_texels(texels, found.borders)
+    if not len(own):
+        return texels, atlas, found.touched
+    whole = chart[own]
+    chart_of = np.full(len(patches.start), -1)
+    chart_of[own] = len(texels.chart_page) + np.arange(len(own))
+    moved = np.flatnonzero(chart_of[found.piece] >= 0)
+    moved = moved[np.argsort(chart_of[found.piece[moved]], kind="stable")]
+    owner, entry = expand_ranges(patches.start[moved], patches.start[moved] + patches.size[moved])
+    stays = np.ones(len(found.touched), bool)
+    stays[entry] = False
+    order = np.concatenate([np.flatnonzero(stays), entry])
+    chart = np.concatenate([texels.texel_chart[stays], chart_of[found.piece[moved[owner]]]]).astype(np.int32)
+    page, thing = (np.append(field, field[whole]) for field in (atlas.chart_page, atlas.chart_object))
+    cut = dataclasses.replace(
+        _put_in_order(texels, order),
+        chart_page=page,
+        chart_origin=np.concatenate([texels.chart_origin, texels.chart_origin[whole]]),
+        chart_log2=np.append(texels.chart_log2, texels.chart_log2[whole]),
+        chart_start=np.searchsorted(chart, np.arange(len(page) + 1, dtype=np.int32)).astype(np.int64),
+        texel_chart=chart,
+    )
+    return cut, dataclasses.replace(atlas, chart_page=page, chart_object=thing), found.touched[order]
+
+
+def _put_in_order(texels: TexelMap, order: _Int64) -> TexelMap:
+    """The map with its entries in another order, (n,) int64; the chart_ fields stay as they are."""
+    place = np.empty(len(order), np.int32)
+    place[order] = np.arange(len(order), dtype=np.int32)
+    part = np.argsort(place[texels.part_entry])
+    pair = expand_ranges(texels.pair_start[part], texels.pair_start[part + 1])[1]
+    cell = texels.grid.cell_entry
+    return dataclasses.replace(
+        texels,
+        texel_chart=texels.texel_chart[order],
+        texel_xy=texels.texel_xy[order],
+        texel_code=texels.texel_code[order],
+        texel_area=texels.texel_area[order],
+        texel_tri=texels.texel_tri[order],
+        grid=dataclasses.replace(texels.grid, cell_entry=np.where(cell >= 0, place[cell], np.int32(-1))),
+        part_entry=place[texels.part_entry[part]].astype(np.int64),
+        part_point=texels.part_point[part],
+        part_moments=texels.part_moments[part],
+        pair_start=np.append(0, np.cumsum(np.diff(texels.pair_start)[part])),
+        pair_tri=texels.pair_tri[pair],
+        borders=texels.borders.renumber(place),
+    )
+
+
+def _share_texels(texels: TexelMap, borders: TexelBorders) -> TexelMap:
+    """The map with borders, and areas and moments as they make them."""
+    entry = borders.entry
+    if not len(entry):
+        return texels
+    moments = borders.measure(texels.degree) * texels.texel_area[entry]
+    area = texels.texel_area.copy()
+    area[entry] = moments[0]
+    excess = moments - whole_texel(texels.degree) * moments[0]
+    every = np.concatenate([texels.part_entry, entry])
+    order = np.argsort(every)
+    start = np.concatenate([texels.pair_start, texels.pair_start[-1] + 1 + np.arange(len(entry))])
+    pair = expand_ranges(start[order], start[order + 1])[1]
+    return dataclasses.replace(
+        texels,
+        texel_area=area,
+        borders=borders,
+        part_entry=every[order],
+        part_point=np.concatenate([texels.part_point, np.zeros((len(entry), 2))])[order],
+        part_moments=np.concatenate([texels.part_moments, excess.T])[order],
+        pair_start=np.append(0, np.cumsum(np.diff(start)[order])),
+        pair_tri=np.concatenate([texels.pair_tri, texels.texel_tri[entry]])[pair],
+    )

@@ -1,0 +1,112 @@
+"""Texels that another thing crosses: what of a texel lies beyond it belongs to the next one.
+
+The foot of a wall seldom lies where two texels meet. Light that falls on the far side of it, within a texel, is that of the texel there;
+else it would leak to this side's leaf, which may be many texels wide.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .coverage import Float64, Int32, Int64, monomial_exponents
+from .scene import FloatArray, IntArray
+
+WAYS = ((1, 0), (0, 1), (-1, 0), (0, -1))  # columns and rows to the texels beside one
+OPPOSITE = (2, 3, 0, 1)  # of WAYS
+_HALF = 0.5  # texels, from the centre to the edge
+
+
+@dataclass(frozen=True)
+class TexelBorders:
+    """How far texels go that something crosses.
+
+    crossed   (n,) bool: which of all entries; empty if none is
+    entry     (b,) int64, ascending: these
+    reach     (4, b) float32, texels: from the centre, towards each of WAYS; inf where nothing is in the way
+    other     (4, b) int32: the entry beyond; -1 where nothing is in the way
+    """
+
+    crossed: NDArray[np.bool_]
+    entry: Int64
+    reach: NDArray[np.float32]
+    other: Int32
+
+    @classmethod
+    def none(cls) -> TexelBorders:
+        return cls(np.zeros(0, bool), np.zeros(0, np.int64), np.zeros((4, 0), np.float32), np.zeros((4, 0), np.int32))
+
+    @classmethod
+    def of(cls, n_texel: int, way: Int64, entry: Int64, beyond: Int64, reach: FloatArray) -> TexelBorders:
+        """From pairs (m,) of entries with another thing between their centres, each from either side; the other arguments as the fields."""
+        crossed = np.zeros(n_texel, bool)
+        crossed[entry] = True
+        every, own = np.unique(entry, return_inverse=True)
+        borders = cls(crossed, every, np.full((4, len(every)), np.inf, np.float32), np.full((4, len(every)), -1, np.int32))
+        borders.reach[way, own], borders.other[way, own] = reach, beyond
+        return borders
+
+    def renumber(self, place: Int32) -> TexelBorders:
+        """The same where entries have other numbers: place (n,) int32 of each."""
+        crossed = np.zeros(len(self.crossed), bool)
+        crossed[place[self.entry]] = True
+        rows = np.argsort(place[self.entry])
+        other = np.where(self.other >= 0, place[self.other], np.int32(-1))[:, rows]
+        return TexelBorders(crossed, place[self.entry[rows]].astype(np.int64), self.reach[:, rows], other)
+
+    def see_beyond(self, entry: IntArray, look: float) -> NDArray[np.bool_]:
+        """(m,) bool: of which of the entries (m,) the square of that side, texels, around the centre lies in part beyond."""
+        found = np.zeros(len(entry), bool)
+        if len(self.entry):
+            rows = np.flatnonzero(self.crossed[entry])
+            found[rows] = self.reach[:, np.searchsorted(self.entry, entry[rows])].min(axis=0) < 0.5 * look
+        return found
+
+    def find_owners(self, entry: Int32, right: FloatArray, up: FloatArray) -> Int32:
+        """(m,) int32: the entries that places belong to, which lie in texel entries (m,) so many texels from their centres, (m,) each."""
+        rows = np.flatnonzero(self.crossed.take(entry)) if len(self.entry) else np.zeros(0, np.intp)
+        if not len(rows):
+            return entry
+        own = np.searchsorted(self.entry, entry.take(rows))
+        right, up, owner = right.take(rows), up.take(rows), np.full(len(rows), -1, np.int32)
+        for k in (1, 3, 0, 2):  # who lies to the left or right takes all of a texel there, who lies above or below what is left of it
+            x, y = WAYS[k]
+            owner = np.where(x * right + y * up > self.reach[k].take(own), self.other[k].take(own), owner)
+        found = entry.copy()
+        found[rows] = np.where(owner >= 0, owner, entry.take(rows))
+        return found
+
+    def list_beyond(self, look: float) -> tuple[Int64, Int32, Float64]:
+        """Entries (m,) of which the square of that side, texels, around the centre lies in part beyond; the entry there, and that share."""
+        inside = np.maximum(0.5 * look - self.reach.astype(np.float64), 0.0)
+        way, row = np.nonzero(inside)
+        return self.entry[row], self.other[way, row], inside[way, row] / look
+
+    def measure(self, degree: int) -> Float64:
+        """(M, b) float64: moments about their centres of what the texels hold, texels, where a whole one has an area of 1."""
+        row = np.searchsorted(self.entry, self.other)
+        inner = np.minimum(self.reach.astype(np.float64), _HALF)
+        right, up, left, down = inner
+        pieces = [(-left, right, -down, up)]
+        for k, (x, y) in enumerate(WAYS):
+            beyond = np.where(self.other[k] >= 0, row[k], 0)
+            lost = np.where(self.other[k] >= 0, _HALF - inner[OPPOSITE[k], beyond], 0.0)
+            gained = np.clip(np.nan_to_num(self.reach[k].astype(np.float64), posinf=_HALF) - _HALF, 0.0, lost)
+            low, high = np.sort([np.full_like(gained, _HALF * (x + y)), (_HALF + gained) * (x + y)], axis=0)
+            pieces.append((low, high, -_HALF, _HALF) if x else (-left[beyond], right[beyond], low, high))
+        return np.stack(
+            [sum(_integrate(x_0, x_1, i) * _integrate(y_0, y_1, j) for x_0, x_1, y_0, y_1 in pieces) for i, j in monomial_exponents(degree)]
+        )
+
+
+def whole_texel(degree: int) -> Float64:
+    """(M, 1) float64: moments of a whole texel about its centre."""
+    return np.array([[_integrate(-_HALF, _HALF, i) * _integrate(-_HALF, _HALF, j)] for i, j in monomial_exponents(degree)])
+
+
+def _integrate(low: FloatArray | float, high: FloatArray | float, power: int) -> Float64:
+    """Integral of x^power from low to high."""
+    out: Float64 = np.asarray((high ** (power + 1) - low ** (power + 1)) / (power + 1))
+    return out

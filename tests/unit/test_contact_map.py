@@ -1,0 +1,210 @@
+"""A floor is cut where walls and boxes stand on it, and what lies on one side of them does not leak to the other."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from boxes import prepare_folder
+from leaflight.core import contact_map, executors, resolve, shared_arrays, solve, workers
+from leaflight.core.contact_map import cut_at_contacts, find_contacts
+from leaflight.core.direct_field import DirectField
+from leaflight.core.reconstruct import LeafBlender
+from leaflight.core.scene import Light
+from leaflight.core.settings import Settings
+from scenes import Mesh, box_mesh, make_scene, moved, quad_mesh
+
+SIDE = 64  # texels of the floor, a square metre
+SETTINGS = Settings(size=SIDE, margin=0, error=1e-4, denoise=False, direct="photons")
+LAMP = Light("POINT", "Lamp", (0.2, 0.5, 0.4), power_rgb=(1.0,) * 3)
+SUN = Light("SUN", "Sun", rotation=((0.5**0.5, 0, 0.5**0.5), (0, 1, 0), (-(0.5**0.5), 0, 0.5**0.5)), power_rgb=(1.0,) * 3)  # from the left
+SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
+# The same page seen from behind, turned, and both.
+LAYERS = {"plain": SQUARE, "mirrored": SQUARE * [-1, 1] + [1, 0], "turned": SQUARE[:, ::-1] * [1, -1] + [0, 1]}
+
+
+def wall(x_m=0.5, low_m=-0.1, high_m=1.1, thick_m=0.1):
+    """It stands on the floor from y = low_m to y = high_m."""
+    size = (thick_m, high_m - low_m, 0.5)
+    return replace(box_mesh("Wall", size, (x_m, (low_m + high_m) / 2, 0.25)), receives=False)
+
+
+def sheet(x_m=0.503):
+    """A wall without thickness."""
+    corners = np.array([[x_m, -0.1, 0], [x_m, 1.1, 0], [x_m, 1.1, 0.5], [x_m, -0.1, 0.5]])
+    return Mesh("Sheet", corners, [[0, 1, 2, 3]], receives=False)
+
+
+def cut_floor(folder, *meshes, layer="plain", floor=None, light=LAMP):
+    """The map of a floor with things on it before and after it was cut, what was found, and the scene."""
+    floor = floor or quad_mesh("Floor", uv=LAYERS[layer])
+    scene = make_scene([floor, *(replace(mesh, receives=False) for mesh in meshes)], [light])
+    atlas, texels = prepare_folder(folder, scene, SETTINGS)
+    found = find_contacts(workers.open_scene(str(folder)), texels)
+    cut, cut_atlas, touched = cut_at_contacts(texels, atlas, found)
+    assert len(cut_atlas.chart_page) == len(cut_atlas.chart_object) == len(cut.chart_page)
+    assert touched.sum() == found.touched.sum()
+    workers.forget_folders()
+    return texels, cut, cut_atlas, scene
+
+
+def draw_pieces(cut, scene):
+    """(SIDE, SIDE) int: the chart of each texel of the floor by its place in space, row 0 at y = 0, column 0 at x = 0."""
+    position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
+    column, row = (position[:, :2] * SIDE).astype(int).T
+    picture = np.full((SIDE, SIDE), -1)
+    picture[row, column] = cut.texel_chart
+    assert picture.min() == 0
+    return picture
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_a_wall_parts_a_floor_and_what_is_below_it_is_a_third_piece(tmp_path, layer):
+    _, cut, _, scene = cut_floor(tmp_path, wall(), layer=layer)
+    pieces = draw_pieces(cut, scene)
+    below = np.abs((np.arange(SIDE) + 0.5) / SIDE - 0.5) < 0.05
+    assert len(cut.chart_page) == 3
+    assert (pieces == pieces[0]).all()
+    assert [len(np.unique(pieces[0, columns])) for columns in (slice(0, 28), below, slice(36, None))] == [1, 1, 1]
+    assert len(np.unique(pieces[0])) == 3
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_a_wall_thinner_than_a_texel_parts_it_too(tmp_path, layer):
+    _, cut, _, scene = cut_floor(tmp_path, sheet(), layer=layer)
+    pieces = draw_pieces(cut, scene)
+    assert len(cut.chart_page) == 2
+    assert (pieces[:, :32] == pieces[0, 0]).all()
+    assert (pieces[:, 32:] == 1 - pieces[0, 0]).all()
+
+
+def test_rooms_that_a_door_joins_are_one_piece(tmp_path):
+    """So is a floor with a post on it, but for what the post stands on."""
+    _, cut, _, scene = cut_floor(tmp_path / "door", wall(high_m=0.7))
+    pieces = draw_pieces(cut, scene)
+    assert len(cut.chart_page) == 2
+    assert pieces[3, 3] == pieces[3, -3] == 0
+    _, cut, _, scene = cut_floor(tmp_path / "post", box_mesh("Post", (0.1, 0.1, 0.5), (0.52, 0.41, 0.25)))
+    pieces = draw_pieces(cut, scene)
+    middle = (np.arange(SIDE) + 0.5) / SIDE
+    np.testing.assert_array_equal(pieces == 1, (np.abs(middle - 0.41) < 0.05)[:, None] & (np.abs(middle - 0.52) < 0.05))
+
+
+def test_a_piece_of_fewer_than_four_texels_stays_with_its_chart(tmp_path):
+    def post(texels):
+        return box_mesh("Post", (texels / SIDE, 2 / SIDE, 0.5), (0.5 + texels / 2 / SIDE, 0.5 + 1 / SIDE, 0.25))
+
+    assert [len(cut_floor(tmp_path / str(n), post(n))[1].chart_page) for n in (1, 2)] == [1, 2]
+
+
+def test_a_thing_does_not_part_itself(tmp_path):
+    """A floor with a wall of its own: a rough or hollow surface is such a one."""
+    one, other = quad_mesh("Floor"), wall()
+    whole = Mesh("Floor", np.concatenate([one.vertex, other.vertex]), [*one.polygons, *([k + 4 for k in face] for face in other.polygons)])
+    layer = [LAYERS["plain"] * 0.5, *(LAYERS["plain"] * 0.1 + [0.6, 0.15 * k] for k in range(len(other.polygons)))]
+    texels, cut, _, _ = cut_floor(tmp_path, floor=replace(whole, uv=layer))
+    assert cut is texels
+
+
+def test_what_hangs_above_parts_nothing(tmp_path):
+    texels, cut, cut_atlas, _ = cut_floor(tmp_path, moved(wall(), (0, 0, 1 / SIDE)))
+    assert cut is texels
+    assert len(cut_atlas.chart_page) == 1
+
+
+def test_nothing_moves_on_the_page_and_no_area_is_lost(tmp_path):
+    """A floor that is turned on its page, so that texels at its border are covered in part."""
+    turn = np.array([[0.8, 0.6], [-0.6, 0.8]])
+    floor = quad_mesh("Floor", uv=(SQUARE - 0.5) @ turn * 0.7 + 0.5)
+    texels, cut, cut_atlas, scene = cut_floor(tmp_path, wall(), sheet(0.8), floor=floor)
+    assert len(cut.chart_page) == 4
+    assert (np.diff(cut.list_keys()) > 0).all()
+    assert cut.chart_start.tolist() == [*np.flatnonzero(np.diff(cut.texel_chart, prepend=-1)), len(cut.texel_chart)]
+    assert set(cut_atlas.chart_object) == set(cut_atlas.chart_page) == {0}
+
+    rng = np.random.default_rng(1)
+    tri = rng.integers(0, 2, 5000)
+    u, v = np.sort(rng.random((2, 5000)), axis=0)
+    u, v = u, v - u
+    x, y = texels.hit_texel_xy(tri, u, v)
+    before, after = texels.entry_of(tri, x, y), cut.entry_of(tri, x, y)
+    for name in ("texel_xy", "texel_code", "texel_tri", "texel_bary"):
+        np.testing.assert_array_equal(getattr(cut, name)[after], getattr(texels, name)[before])
+    np.testing.assert_array_equal(cut.is_central[after], texels.is_central[before])
+    point = rng.random((3, 1, 2))
+    for one, other in zip(texels.sub_points(before, point), cut.sub_points(after, point), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+    def moments(texel_map):
+        count = len(texel_map.chart_start) - 1
+        frame = np.full((count, 2), 32.0), np.full(count, 32.0)
+        return texel_map.range_moments(texel_map.chart_start[:-1], texel_map.chart_start[1:], *frame, 2).sum(axis=0)
+
+    assert (cut.texel_area[after] != texels.texel_area[before]).any()
+    np.testing.assert_allclose(moments(cut), moments(texels), rtol=1e-4, atol=1e-4)  # but for corners, and where the layer ends
+    assert scene.tri_object[cut.texel_tri].max() == 0
+
+
+def test_many_chunks_find_what_one_finds(tmp_path, monkeypatch):
+    _, whole, _, scene = cut_floor(tmp_path / "one", wall(), box_mesh("Post", (0.1, 0.1, 0.5), (0.2, 0.2, 0.25)))
+    monkeypatch.setattr(contact_map, "_CHUNK", 100)
+    _, cut, _, _ = cut_floor(tmp_path / "many", wall(), box_mesh("Post", (0.1, 0.1, 0.5), (0.2, 0.2, 0.25)))
+    np.testing.assert_array_equal(draw_pieces(cut, scene), draw_pieces(whole, scene))
+
+
+@pytest.mark.parametrize(("x_m", "most"), [(33 / SIDE, 0.0), (0.508, 0.02), (0.512, 0.02)])
+def test_light_does_not_leak_below_a_thin_wall(tmp_path, x_m, most):
+    """A lamp on one side, and so few photons that leaves are many texels wide; also where a texel lies on both sides."""
+    settings = replace(SETTINGS, max_photons=20_000)
+    _, cut, cut_atlas, scene = cut_floor(tmp_path, sheet(x_m))
+    dark = cut.texel_chart == draw_pieces(cut, scene)[0, -1]
+    _, whole = prepare_folder(tmp_path / "whole", scene, SETTINGS)
+    leaking = light_of(tmp_path / "whole", settings, whole, replace(cut_atlas, chart_page=whole.chart_page))
+    right = np.einsum("nk,nkj->nj", whole.texel_bary, scene.tri_position[whole.texel_tri])[:, 0] > x_m
+    assert leaking[right].sum() > 0.005 * leaking.sum()  # or the test could not fail
+    assert light_of(tmp_path, settings, cut, cut_atlas)[dark].sum() <= most * leaking[right].sum()
+
+
+def light_of(folder, settings, texels, atlas):
+    """(n,) brightness of the texels, of a bake with contacts."""
+    shared_arrays.remove_struct(folder / workers.TEXELS_FOLDER)
+    shared_arrays.save_struct(folder / workers.TEXELS_FOLDER, texels)
+    blender = LeafBlender.of(texels, atlas.chart_page[texels.texel_chart])
+    n_texel = len(texels.texel_chart)
+    executor, direct = executors.InlineExecutor(), DirectField.none(n_texel)
+    try:
+        light = solve.Solver(folder, settings, executor, direct, np.zeros(n_texel, bool), blender).run(lambda message: None, lambda: False)
+    finally:
+        workers.forget_folders()
+    at_texels = resolve.light_at_texels(light, blender, smooth_grain=False)
+    return (at_texels.direct + at_texels.indirect).sum(axis=1)
+
+
+def test_a_texel_shows_what_its_square_sees_on_both_sides(tmp_path):
+    """As its shadow rays do: where the wall runs 0.1 texels beside a column's centre, 0.3 of the squares lie on the dark side."""
+    settings = replace(SETTINGS, max_photons=400_000)
+    _, cut, cut_atlas, scene = cut_floor(tmp_path, sheet(32.6 / SIDE), light=SUN)
+    light = light_of(tmp_path, settings, cut, cut_atlas)
+    position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
+    column = (position[:, 0] * SIDE).astype(int)
+    beside, crossed, beyond = (light[column == k].mean() for k in (31, 32, 33))
+    assert beyond == 0.0
+    assert crossed == pytest.approx(0.7 * beside, rel=0.04)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_texel_that_sees_past_a_wall_tells_nothing_of_its_neighbours(tmp_path, seed):
+    """A wall's foot 0.1 texels left of a column's centre: 0.3 of the squares there see the lamp, those behind nothing of it."""
+    lamp = replace(LAMP, radius_m=0.05)
+    _, cut, _, scene = cut_floor(tmp_path, sheet(32.4 / SIDE), light=lamp)
+    shared_arrays.remove_struct(tmp_path / workers.TEXELS_FOLDER)
+    shared_arrays.save_struct(tmp_path / workers.TEXELS_FOLDER, cut)
+    every = np.arange(len(cut.texel_chart))
+    shard = workers.DirectShard(str(tmp_path), seed=seed, turn=0, start=0, texels=every, tolerance=0.02, smoothed=True)
+    light = workers.light_texels(shard).irradiance_rgb[:, 0]
+    workers.forget_folders()
+    position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
+    column, row = (position[:, :2] * SIDE).astype(int).T
+    beside, crossed, behind = (light[column == k][np.argsort(row[column == k])] for k in (31, 32, 33))
+    assert behind.max() == light[column > 32].max() == 0.0
+    assert np.mean(crossed / beside) == pytest.approx(0.3, abs=0.06)
+    assert (crossed > 0.05 * beside).mean() > 0.9
