@@ -36,8 +36,8 @@ from tables import Table, put_tables
 SIZE = 256
 NEVER = 1e-4  # an error that no bake here comes to, so that the photons decide
 SEEDS_OF_COUNT = {1_000_000: 8, 4_000_000: 4, 16_000_000: 2}  # at least: the fewer photons, the fewer leaves, and the more chance
-MOST_SEEDS = 16  # where few leaves make bakes differ much
-SURE = 0.05  # standard error of stated / rel, at which seeds are enough
+MOST_SEEDS = 32  # where few leaves make bakes differ much
+SURE = 0.03  # standard error of stated / rel, at which seeds are enough
 FINEST = Settings(size=SIZE, share_meshes=False, passes=("lighting",), error=0.005, max_photons=128_000_000)
 MOST_BIAS, MOST_REL, STATED_WITHIN = 0.5, 2.0, 0.25  # %, %, 1
 

@@ -19,7 +19,7 @@ from leaflight.addon.job import BakeProcess
 from leaflight.core import photons
 from leaflight.core.messages import Done
 
-STAGES = {"open", "export", "load", "charts", "texels", "scene", "direct", "photons", "write", "assign", "total"}
+STAGES = {"open", "export", "load", "charts", "texels", "scene", "contacts", "direct", "photons", "write", "assign", "total"}
 
 
 @pytest.fixture
