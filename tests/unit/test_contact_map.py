@@ -41,6 +41,7 @@ def cut_floor(folder, *meshes, layer="plain", floor=None, light=LAMP):
     atlas, texels = prepare_folder(folder, scene, SETTINGS)
     found = find_contacts(workers.open_scene(str(folder)), texels)
     cut, cut_atlas, touched = cut_at_contacts(texels, atlas, found)
+    assert {tuple(xy) for xy in cut.texel_xy[touched]} == {tuple(xy) for xy in texels.texel_xy[found.touched]}
     assert len(cut_atlas.chart_page) == len(cut_atlas.chart_object) == len(cut.chart_page)
     assert touched.sum() == found.touched.sum()
     workers.forget_folders()
@@ -84,6 +85,7 @@ def test_rooms_that_a_door_joins_are_one_piece(tmp_path):
     assert len(cut.chart_page) == 2
     assert pieces[3, 3] == pieces[3, -3] == 0
     _, cut, _, scene = cut_floor(tmp_path / "post", box_mesh("Post", (0.1, 0.1, 0.5), (0.52, 0.41, 0.25)))
+    assert len(cut.chart_page) == 2
     pieces = draw_pieces(cut, scene)
     middle = (np.arange(SIDE) + 0.5) / SIDE
     np.testing.assert_array_equal(pieces == 1, (np.abs(middle - 0.41) < 0.05)[:, None] & (np.abs(middle - 0.52) < 0.05))
@@ -91,9 +93,9 @@ def test_rooms_that_a_door_joins_are_one_piece(tmp_path):
 
 def test_a_piece_of_fewer_than_four_texels_stays_with_its_chart(tmp_path):
     def post(texels):
-        return box_mesh("Post", (texels / SIDE, 2 / SIDE, 0.5), (0.5 + texels / 2 / SIDE, 0.5 + 1 / SIDE, 0.25))
+        return box_mesh("Post", (texels / SIDE, 1.8 / SIDE, 0.5), (0.5 + np.ceil(texels) / 2 / SIDE, 0.5 + 1 / SIDE, 0.25))
 
-    assert [len(cut_floor(tmp_path / str(n), post(n))[1].chart_page) for n in (1, 2)] == [1, 2]
+    assert [len(cut_floor(tmp_path / str(n), post(n))[1].chart_page) for n in (0.9, 1.8)] == [1, 2]
 
 
 def test_a_thing_does_not_part_itself(tmp_path):
@@ -103,6 +105,33 @@ def test_a_thing_does_not_part_itself(tmp_path):
     layer = [LAYERS["plain"] * 0.5, *(LAYERS["plain"] * 0.1 + [0.6, 0.15 * k] for k in range(len(other.polygons)))]
     texels, cut, _, _ = cut_floor(tmp_path, floor=replace(whole, uv=layer))
     assert cut is texels
+
+
+def test_what_stands_beyond_the_last_texel_parts_nothing(tmp_path):
+    """Of the last column three tenths are covered, so that its points are nearer to the others' than a texel, and so is the wall there."""
+    floor = replace(quad_mesh("Floor", 63.3 / SIDE, uv=SQUARE * [63.3 / SIDE, 1]))
+    texels, cut, _, _ = cut_floor(tmp_path, wall(x_m=63.3 / SIDE + 0.05), floor=floor)
+    assert len(cut.chart_page) == len(texels.chart_page) == 1
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_clear_tiles_change_no_piece(tmp_path, monkeypatch, seed):
+    """Walls of all lengths at random places, with each texel asked for itself and without; the floor fills half of its page."""
+    rng = np.random.default_rng(seed)
+    things = []
+    for _ in range(10):
+        size, centre = rng.uniform(0.02, 0.5, 2), rng.random(2)
+        size[rng.integers(2)] = rng.choice([0.005, 0.03])
+        things.append(box_mesh("Wall", (*size, 0.5), (*centre, 0.25)))
+    floor = quad_mesh("Floor", uv=SQUARE * [1, 0.5] + [0, 0.5])
+    drawn = []
+    for name in ("tiles", "texels"):
+        _, cut, _, _ = cut_floor(tmp_path / name, *things, floor=floor)
+        picture = np.full((SIDE, SIDE), -1)
+        picture[cut.texel_xy[:, 1], cut.texel_xy[:, 0]] = cut.texel_chart
+        drawn.append(picture)
+        monkeypatch.setattr(contact_map, "_find_clear_tiles", lambda opened, texels, part: np.zeros(0, np.int64))
+    assert len(np.unique(drawn[0])) == len(np.unique(drawn[1])) == len(np.unique(np.stack(drawn, axis=2).reshape(-1, 2), axis=0))
 
 
 def test_what_hangs_above_parts_nothing(tmp_path):
@@ -122,8 +151,8 @@ def test_nothing_moves_on_the_page_and_no_area_is_lost(tmp_path):
     assert set(cut_atlas.chart_object) == set(cut_atlas.chart_page) == {0}
 
     rng = np.random.default_rng(1)
-    tri = rng.integers(0, 2, 5000)
-    u, v = np.sort(rng.random((2, 5000)), axis=0)
+    tri = rng.integers(0, 2, 50_000)
+    u, v = np.sort(rng.random((2, 50_000)), axis=0)
     u, v = u, v - u
     x, y = texels.hit_texel_xy(tri, u, v)
     before, after = texels.entry_of(tri, x, y), cut.entry_of(tri, x, y)
@@ -140,6 +169,12 @@ def test_nothing_moves_on_the_page_and_no_area_is_lost(tmp_path):
         return texel_map.range_moments(texel_map.chart_start[:-1], texel_map.chart_start[1:], *frame, 2).sum(axis=0)
 
     assert (cut.texel_area[after] != texels.texel_area[before]).any()
+    entry = cut.borders.entry
+    found = cut.range_moments(entry, entry + 1, cut.texel_xy[entry] + 0.5, np.ones(len(entry)), 2)
+    place = np.full(len(cut.texel_chart), -1)
+    place[after] = before
+    assert (place[entry] >= 0).all()
+    np.testing.assert_allclose(found.T, cut.borders.measure(2) * texels.texel_area[place[entry]], rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(moments(cut), moments(texels), rtol=1e-4, atol=1e-4)  # but for corners, and where the layer ends
     assert scene.tri_object[cut.texel_tri].max() == 0
 
@@ -151,7 +186,7 @@ def test_many_chunks_find_what_one_finds(tmp_path, monkeypatch):
     np.testing.assert_array_equal(draw_pieces(cut, scene), draw_pieces(whole, scene))
 
 
-@pytest.mark.parametrize(("x_m", "most"), [(33 / SIDE, 0.0), (0.508, 0.02), (0.512, 0.02)])
+@pytest.mark.parametrize(("x_m", "most"), [(33 / SIDE, 0.0), (0.512, 0.02), (0.518, 0.02)])
 def test_light_does_not_leak_below_a_thin_wall(tmp_path, x_m, most):
     """A lamp on one side, and so few photons that leaves are many texels wide; also where a texel lies on both sides."""
     settings = replace(SETTINGS, max_photons=20_000)
@@ -200,8 +235,10 @@ def test_a_texel_that_sees_past_a_wall_tells_nothing_of_its_neighbours(tmp_path,
     shared_arrays.save_struct(tmp_path / workers.TEXELS_FOLDER, cut)
     every = np.arange(len(cut.texel_chart))
     shard = workers.DirectShard(str(tmp_path), seed=seed, turn=0, start=0, texels=every, tolerance=0.02, smoothed=True)
-    light = workers.light_texels(shard).irradiance_rgb[:, 0]
+    found = workers.light_texels(shard)
+    light = found.irradiance_rgb[:, 0]
     workers.forget_folders()
+    assert found.counters["shared"] > 0.6 * len(every)  # by tiles that hold no such texel
     position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
     column, row = (position[:, :2] * SIDE).astype(int).T
     beside, crossed, behind = (light[column == k][np.argsort(row[column == k])] for k in (31, 32, 33))
