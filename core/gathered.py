@@ -59,7 +59,7 @@ class GatheredField(DirectField):
         tolerance, smoothed = _TOLERANCE * settings.error, settings.denoise
         parts = ((start, texels[start : start + starts.step]) for start in starts)
         shards = [
-            workers.GatherShard(str(folder), self._view, settings.seed, turn, start, part, tolerance, smoothed) for start, part in parts
+            workers.GatherShard(str(folder), settings.seed, turn, start, part, tolerance, smoothed, self._view) for start, part in parts
         ]
         return executor.map(workers.gather_texels, shards)
 

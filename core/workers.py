@@ -184,25 +184,36 @@ def _split_at(
 
 
 @dataclass(frozen=True)
-class DirectShard:
-    """Shadow rays for some texel entries."""
+class TexelShard:
+    """Rays from some texel entries."""
 
     tracing: str  # folder
     seed: int
-    turn: int  # how many times the texels have been looked at before
+    turn: int  # how many times such rays have been sent before in this bake
     start: int  # position of the shard in its turn
     texels: IntArray  # ascending
-    tolerance: float  # see direct.direct_irradiance
+    tolerance: float  # see direct.direct_irradiance and gather.gather_light
     smoothed: bool  # the same
+
+    def tiles(self) -> Tiles:
+        """Of its texels."""
+        texels = open_tracing(self.tracing).texels
+        return Tiles.of(texels.texel_chart[self.texels], texels.texel_code[self.texels])
+
+    def rng(self, round_: int) -> np.random.Generator:
+        """Its own random numbers; `round_` is that of the first turn, from which turns count down."""
+        return sampling.shard_rng(self.seed, round_ - self.turn, self.start)
+
+
+@dataclass(frozen=True)
+class DirectShard(TexelShard):
+    """Shadow rays."""
 
 
 def light_texels(shard: DirectShard) -> direct.DirectLight:
     """Direct light at the texels of a shard."""
-    texels = open_tracing(shard.tracing).texels
-    tiles = Tiles.of(texels.texel_chart[shard.texels], texels.texel_code[shard.texels])
-    rng = sampling.shard_rng(shard.seed, DIRECT_ROUND - shard.turn, shard.start)
-    crossed = texels.borders.see_beyond(shard.texels, LOOK)
-    scene = _open_direct_scene(shard.tracing)
+    texels, scene = open_tracing(shard.tracing).texels, _open_direct_scene(shard.tracing)
+    rng, tiles, crossed = shard.rng(DIRECT_ROUND), shard.tiles(), texels.borders.see_beyond(shard.texels, LOOK)
     light = direct.direct_irradiance(
         scene, texels.look_at, shard.texels, rng, shard.tolerance, tiles=tiles, smoothed=shard.smoothed, crossed=crossed
     )
@@ -211,26 +222,16 @@ def light_texels(shard: DirectShard) -> direct.DirectLight:
 
 
 @dataclass(frozen=True)
-class GatherShard:
-    """Rays from some texel entries to the surfaces that they see; the view's folder holds gather.KnownLight."""
+class GatherShard(TexelShard):
+    """Rays to the surfaces that the texels see; the view's folder holds gather.KnownLight."""
 
-    tracing: str  # folder
     view: str  # folder
-    seed: int
-    turn: int  # of all light gathered so far
-    start: int  # position of the shard in its turn
-    texels: IntArray  # ascending
-    tolerance: float  # see gather.gather_light
-    smoothed: bool  # the same
 
 
 def gather_texels(shard: GatherShard) -> gather.GatheredLight:
     """Light from surfaces at the texels of a shard."""
-    texels = open_tracing(shard.tracing).texels
-    tiles = Tiles.of(texels.texel_chart[shard.texels], texels.texel_code[shard.texels])
-    rng = sampling.shard_rng(shard.seed, GATHER_ROUND - shard.turn, shard.start)
     scene, known = _open_gather_scene(shard.tracing), open_known_light(shard.view)
-    return gather.gather_light(scene, known, shard.texels, rng, shard.tolerance, tiles, shard.smoothed)
+    return gather.gather_light(scene, known, shard.texels, shard.rng(GATHER_ROUND), shard.tolerance, shard.tiles(), shard.smoothed)
 
 
 @lru_cache(maxsize=1)
