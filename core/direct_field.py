@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import starmap
 from pathlib import Path
 from typing import Any
@@ -122,34 +122,37 @@ class DirectField:
         should_stop: Callable[[], bool] = lambda: False,
     ) -> bool:
         """One more estimate of the texels (m,), ascending; each becomes the mean of all it has had. False when it was stopped."""
-        turn, self.turns = self.turns, self.turns + 1
+        tolerance = TOLERANCE * settings.error
+        whole = workers.DirectShard(str(folder), settings.seed, self.turns, 0, texels, tolerance, settings.denoise)
+        return self._send_rays(executor, workers.light_texels, whole, tell, should_stop)
+
+    def _send_rays(
+        self,
+        executor: Executor,
+        find_light: Callable[[Any], Any],
+        whole: workers.TexelShard,
+        tell: Callable[[Message], None],
+        should_stop: Callable[[], bool],
+    ) -> bool:
+        """As shoot, by what `find_light` gives for parts of the shard `whole`: DirectLight, or what has its fields too."""
+        self.turns += 1
         self._smoothed = None
+        texels = whole.texels
         step = SHARD_TEXELS * min(max(len(texels) // (_SHARDS_ENOUGH * SHARD_TEXELS), 1), _LARGEST_SHARD)
+        shards = [replace(whole, start=start, texels=texels[start : start + step]) for start in range(0, len(texels), step)]
         told = time.monotonic()
         floor = _DARK_FLOOR * float(self.irradiance.mean(dtype=np.float64)) + 1e-30
-        starts = range(0, len(texels), step)
-        for start, light in zip(starts, self._cast(folder, settings, executor, turn, starts, texels), strict=True):
+        for shard, light in zip(shards, executor.map(find_light, shards), strict=True):
             if should_stop():
                 return False
-            part = texels[start : start + step]
-            self._note_difference(part, light, floor)
-            self._add(_as_slice(part), light)
+            self._note_difference(shard.texels, light, floor)
+            self._add(_as_slice(shard.texels), light)
             for name, count in light.counters.items():
                 self.counters[name] = self.counters.get(name, 0) + count
             if time.monotonic() - told > SECONDS_BETWEEN_WORDS:  # after it is added: whoever hears it may look
                 told = time.monotonic()
-                tell(Status("direct", f"Direct light, {(start + len(part)) / len(texels):.0%}"))
+                tell(Status("direct", f"Direct light, {(shard.start + len(shard.texels)) / len(texels):.0%}"))
         return True
-
-    def _cast(self, folder: Path, settings: Settings, executor: Executor, turn: int, starts: range, texels: IntArray) -> Iterator[Any]:
-        """DirectLight, or what has its fields too, of the texels from each start on, in their order."""
-        shards = [
-            workers.DirectShard(
-                str(folder), settings.seed, turn, start, texels[start : start + starts.step], TOLERANCE * settings.error, settings.denoise
-            )
-            for start in starts
-        ]
-        return executor.map(workers.light_texels, shards)
 
     def _add(self, rows: IntArray | slice, light: DirectLight) -> None:
         """One more estimate of some texels."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from itertools import starmap
@@ -48,20 +47,13 @@ class GatheredField(DirectField):
 
     def gather(self, folder: Path, settings: Settings, executor: Executor, texels: IntArray, known: KnownLight, view: Path) -> None:
         """One more estimate of the texels (m,), ascending; view is a folder that has never been."""
-        self._view = str(view)
+        tolerance = _TOLERANCE * settings.error
+        whole = workers.GatherShard(str(folder), settings.seed, self.turns, 0, texels, tolerance, settings.denoise, str(view))
         shared_arrays.save_struct(view, known)
         try:
-            self.shoot(folder, settings, executor, texels)
+            self._send_rays(executor, workers.gather_texels, whole, lambda message: None, lambda: False)
         finally:
             shared_arrays.remove_struct(view)
-
-    def _cast(self, folder: Path, settings: Settings, executor: Executor, turn: int, starts: range, texels: IntArray) -> Iterator[Any]:
-        tolerance, smoothed = _TOLERANCE * settings.error, settings.denoise
-        parts = ((start, texels[start : start + starts.step]) for start in starts)
-        shards = [
-            workers.GatherShard(str(folder), settings.seed, turn, start, part, tolerance, smoothed, self._view) for start, part in parts
-        ]
-        return executor.map(workers.gather_texels, shards)
 
     def _add(self, rows: IntArray | slice, light: Any) -> None:
         before = self.passes[rows].astype(np.float32)
