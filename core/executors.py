@@ -30,6 +30,10 @@ class InlineExecutor(Executor):
         _settle(future, partial(fn, *args, **kwargs))
         return future
 
+    def map(self, fn: Callable[..., T], *iterables: Iterable[Any], timeout: float | None = None, chunksize: int = 1) -> Iterator[T]:
+        """Runs each call when its result is asked for: who stops asking has stopped the work, and hears of what is done meanwhile."""
+        return (self.submit(fn, *arguments).result() for arguments in zip(*iterables, strict=False))
+
 
 def open_executor(settings: Settings) -> Executor:
     """The executor that the settings ask for; close it with shutdown().

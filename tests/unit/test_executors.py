@@ -25,6 +25,14 @@ def test_inline_executor_hands_errors_on_with_the_result():
         future.result()
 
 
+def test_inline_executor_does_no_more_than_is_asked_for():
+    begun = []
+    for done in executors.InlineExecutor().map(lambda number: begun.append(number) or number, range(5)):
+        if done == 1:
+            break
+    assert begun == [0, 1]
+
+
 def test_local_executor_hands_errors_on():
     with executors.make_executor(2) as executor, pytest.raises(ZeroDivisionError):
         list(executor.map(divmod, [1, 1], [1, 0]))
