@@ -30,13 +30,12 @@ class GatherPlan:
 
     n_texel      of the bake
     tiled        share of them that lie in tiles
-    given_up     it was tried, and would take more rays than photons do
+    given_up     it was tried, and was not enough
     """
 
     n_texel: int
     tiled: float
     given_up: bool = False
-    _photons_rays: float = 0.0  # that photons would still need, when it was last asked whether it pays
 
     @classmethod
     def of(cls, texels: TexelMap) -> GatherPlan:
@@ -54,16 +53,9 @@ class GatherPlan:
         if not settings.gather or settings.direct != "rays" or not settings.hierarchical or settings.max_depth < _LEAST_DEPTH:
             return False
         more = (stated.chosen**2 - stated.direct**2) / ((1.0 - most_direct**2) * settings.error**2) - 1.0
-        self._photons_rays = ledger.rays * more
         # Where photons are counted, by who wants so many and no more, they tell all of it.
         least = _RAYS_EACH * self.n_texel * (1 if round_ >= _SURE_ROUNDS else 2)
-        return self._photons_rays > least and ledger.told * more <= settings.max_photons - ledger.photons
-
-    def give_up(self, settings: Settings, stated: StatedError, rays: int, most_direct: float) -> bool:
-        """Whether so many rays told so little that photons would have taken fewer; then nothing is gathered any more."""
-        more = stated.gathered**2 / ((1.0 - most_direct**2) * settings.error**2) - 1.0
-        self.given_up |= rays * more > self._photons_rays
-        return self.given_up
+        return ledger.rays * more > least and ledger.told * more <= settings.max_photons - ledger.photons
 
 
 def know_light(

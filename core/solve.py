@@ -125,8 +125,6 @@ class Solver:
         settings, ledger = self.settings, self.ledger
         if settings.direct != "rays" or (self.gathered and stated.chosen <= settings.error):
             return None
-        if self.gathered and self.gather_plan.give_up(settings, stated, self.gathered.counters["rays"], DIRECT_SHARE):
-            return partial(setattr, self, "gathered", None)
         if self.gathered is None and self.gather_plan.pays(settings, stated, ledger, self.round, DIRECT_SHARE):
             return partial(self._gather, state, np.arange(len(self.blender.page)))
         by_photons = (stated.relative**2 - stated.direct**2 - stated.gathered**2) / max(ledger.rays, 1)

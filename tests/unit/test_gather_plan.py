@@ -1,4 +1,4 @@
-"""When it pays to gather, and when that was a mistake; what is known of the light of leaves."""
+"""When it pays to gather, and that it is tried once; what is known of the light of leaves."""
 
 from __future__ import annotations
 
@@ -44,14 +44,6 @@ def test_it_wants_trees_that_have_been_refined_and_charts_with_room_for_tiles():
     assert not pays(tiled=0.5)
 
 
-def test_it_is_given_up_where_photons_would_have_taken_fewer_rays():
-    plan = GatherPlan(40_000, 1.0)
-    assert plan.pays(ASKED, NOISY, LEDGER, 3, SHARE)
-    assert not plan.give_up(ASKED, replace(NOISY, gathered=0.03), 10**6, SHARE)
-    assert plan.give_up(ASKED, replace(NOISY, gathered=0.09), 10**6, SHARE)
-    assert not plan.pays(ASKED, NOISY, LEDGER, 4, SHARE)
-
-
 def test_what_was_not_enough_is_not_tried_again(tmp_path):
     solver = make_solver(tmp_path, lamp_scene(), Settings(size=32, padding=1, max_photons=20_000))
     solver._trace_round(None)
@@ -60,6 +52,7 @@ def test_what_was_not_enough_is_not_tried_again(tmp_path):
     solver._trace_round(None)
     assert solver.gather_plan.given_up
     assert solver.gathered is None
+    assert not GatherPlan(40_000, 1.0, given_up=True).pays(ASKED, NOISY, LEDGER, 3, SHARE)
 
 
 def test_what_is_known_is_direct_light_and_that_of_leaves(tmp_path):
