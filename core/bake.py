@@ -79,7 +79,7 @@ def run_bake(
     """Bake the job in `folder`; the last message is Done.
 
     tell            hears every message
-    should_stop     asked after every round; the best so far is then written
+    should_stop     asked after every round, and while rays are sent from texels; the best so far is then written
     open_executor   where the shards run; it is shut down at the end
     Raises ValueError or OSError with a sentence for the user; no image is then left half-written.
     """
@@ -144,7 +144,7 @@ def run_bake(
                     settings, direct = dataclasses.replace(settings, direct="photons"), DirectField.none(n_texel)
         solver = None
         if needs.photons or not shot:
-            with stages.stage("photons", "Tracing photons"):
+            with stages.stage(solve.TRACING.stage, solve.TRACING.text):
                 solver = solve.Solver(folder, settings, executor, direct, touched, blender)
                 if kept:
                     kept.give_to(solver)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from itertools import starmap
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +80,8 @@ class DirectField:
     repeats      of texels shot again, or None
     """
 
+    said: ClassVar = Status("direct", "Direct light")  # of what is found, while it takes its time
+
     irradiance: NDArray[np.float32]
     variance: NDArray[np.float32]
     passes: NDArray[np.int16]
@@ -121,10 +124,27 @@ class DirectField:
         tell: Callable[[Message], None] = lambda message: None,
         should_stop: Callable[[], bool] = lambda: False,
     ) -> bool:
-        """One more estimate of the texels (m,), ascending; each becomes the mean of all it has had. False when it was stopped."""
+        """One more estimate of the texels (m,), ascending; each becomes the mean of all it has had.
+
+        should_stop   asked after every shard
+        False when it was stopped: texels that had an estimate before are left with that, so that a bake goes on as if this had not been.
+        """
         tolerance = TOLERANCE * settings.error
         whole = workers.DirectShard(str(folder), settings.seed, self.turns, 0, texels, tolerance, settings.denoise)
-        return self._send_rays(executor, workers.light_texels, whole, tell, should_stop)
+        kept = self._keep(texels) if self.passes.any() else None
+        is_done = self._send_rays(executor, workers.light_texels, whole, tell, should_stop)
+        if kept and not is_done:
+            self._put_back(texels, kept)
+        return is_done
+
+    def _keep(self, texels: IntArray) -> DirectField:
+        """What there is of some texels, and of all in sum."""
+        own = self.irradiance[texels], self.variance[texels], self.passes[texels]
+        return DirectField(*own, dict(self.counters), self.turns, copy.deepcopy(self.repeats))
+
+    def _put_back(self, texels: IntArray, kept: DirectField) -> None:
+        self.irradiance[texels], self.variance[texels], self.passes[texels] = kept.irradiance, kept.variance, kept.passes
+        self.counters, self.turns, self.repeats = kept.counters, kept.turns, kept.repeats
 
     def _send_rays(
         self,
@@ -151,7 +171,7 @@ class DirectField:
                 self.counters[name] = self.counters.get(name, 0) + count
             if time.monotonic() - told > SECONDS_BETWEEN_WORDS:  # after it is added: whoever hears it may look
                 told = time.monotonic()
-                tell(Status("direct", f"Direct light, {(shard.start + len(shard.texels)) / len(texels):.0%}"))
+                tell(replace(self.said, text=f"{self.said.text}, {(shard.start + len(shard.texels)) / len(texels):.0%}"))
         return True
 
     def _add(self, rows: IntArray | slice, light: DirectLight) -> None:

@@ -18,6 +18,7 @@ from .light_field import LightField
 from .messages import Message
 from .reconstruct import LeafBlender
 from .settings import Settings
+from .stop_rules import StopRules
 
 _DEGREE = 0  # of leaves in which nothing lands
 
@@ -32,7 +33,7 @@ def settle_direct(
     should_stop: Callable[[], bool],
 ) -> LightField:
     """The light of a bake whose direct light has been shot once, or is not asked for; worse texels are shot again."""
-    started = time.monotonic()
+    rules = StopRules(settings, should_stop, time.monotonic())
     tree = quadtree.plant_trees(blender.texels, _DEGREE, 0, settings.finest_texels, flat=False)
     totals = tally.accumulate(tree, tally.Tally.empty(len(tree), _DEGREE))
     solution = tally.solve_tallies(tree, totals)
@@ -45,9 +46,9 @@ def settle_direct(
         stopped_by = "error" if stated.direct <= settings.error else "" if len(worst) else "max_rays"
         if should_stop():
             stopped_by = "interrupted"
-        elif not stopped_by and settings.time_limit and time.monotonic() - started >= settings.time_limit:
+        elif not stopped_by and rules.is_late():
             stopped_by = "time_limit"
         if stopped_by:
             break
-        direct.shoot(folder, settings, executor, worst, tell)
+        direct.shoot(folder, settings, executor, worst, tell, rules.break_off)
     return LightField(tree, solution, leaves, totals.received, 1.0, direct, stated.direct, 0, 0, stopped_by, Ledger())

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from itertools import starmap
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from .denoise import Spread
 from .direct_field import DirectField
 from .direct_shown import ShownGathered
 from .gather import KnownLight
+from .messages import Message, Status
 from .scene import IntArray
 from .settings import Settings
 from .texel_map import TexelMap
@@ -36,6 +38,8 @@ class GatheredField(DirectField):
     blind   (n,) bool
     """
 
+    said: ClassVar = Status("photons", "Indirect light")
+
     doubt: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
     blind: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
 
@@ -45,13 +49,23 @@ class GatheredField(DirectField):
         doubt, blind = np.zeros(n_texel, np.float32), np.zeros(n_texel, bool)
         return cls(irradiance, variance, np.zeros(n_texel, np.int16), doubt=doubt, blind=blind)
 
-    def gather(self, folder: Path, settings: Settings, executor: Executor, texels: IntArray, known: KnownLight, view: Path) -> None:
-        """One more estimate of the texels (m,), ascending; view is a folder that has never been."""
+    def gather(
+        self,
+        folder: Path,
+        settings: Settings,
+        executor: Executor,
+        texels: IntArray,
+        known: KnownLight,
+        view: Path,
+        tell: Callable[[Message], None] = lambda message: None,
+        should_stop: Callable[[], bool] = lambda: False,
+    ) -> bool:
+        """As shoot; view is a folder that has never been."""
         tolerance = _TOLERANCE * settings.error
         whole = workers.GatherShard(str(folder), settings.seed, self.turns, 0, texels, tolerance, settings.denoise, str(view))
         shared_arrays.save_struct(view, known)
         try:
-            self._send_rays(executor, workers.gather_texels, whole, lambda message: None, lambda: False)
+            return self._send_rays(executor, workers.gather_texels, whole, tell, should_stop)
         finally:
             shared_arrays.remove_struct(view)
 

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 @dataclass(frozen=True)
 class Status:
-    """A stage begins; `stage` is one of the names in the report's seconds."""
+    """A stage begins, or how far it is; `stage` is one of the names in the report's seconds."""
 
     stage: str
     text: str

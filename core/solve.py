@@ -13,6 +13,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,14 +27,18 @@ from .gather_plan import GatherPlan, know_light
 from .gathered import GatheredField
 from .ledger import Ledger
 from .light_field import LightField
-from .messages import Message, Progress
+from .messages import Message, Status
 from .reconstruct import LeafBlender
 from .settings import Settings
 from .splitting import SplitGuide, Splitting, weigh_deposits
 from .squares import Squares
+from .stop_rules import StopRules
 from .tally import Solution, Tally, Totals
 
+TRACING = Status("photons", "Tracing photons")
 DIRECT_SHARE = 0.5  # of the error asked for, that direct light by rays may have
+# Sends rays from texels; told who is to hear of it, and what asks it to stop.
+_Look: TypeAlias = Callable[[Callable[[Message], None], Callable[[], bool]], object]
 
 
 @dataclass(frozen=True)
@@ -97,30 +102,43 @@ class Solver:
         stated: estimate.StatedError | None = None
         before = self.ledger.photons
         traced = before > 0  # a bake that goes on: its last round has not been refined yet
+        rules = StopRules(self.settings, should_stop, self.started)
         while True:
             if not traced:
                 self._trace_round(stated)
             traced = False
             state = self.state = self._read_tallies()
             light, stated = self._light(state)
-            while (look := self._choose_look(state, stated)) and not should_stop():
-                look()
+            while (look := self._choose_look(state, stated)) and not rules.break_off():
+                self._look(look, tell, rules.break_off)
                 light, stated = self._light(state)
-            stopped_by = self._stop_reason(light.error, should_stop)
+            stopped_by = rules.find_reason(light.error, light.photons)
             # In the first round the trees stand as they were planted: detail that their previews do not show is in no stated error.
             refined = stopped_by == "error" and self.round == 1 and self._refine(state)
             if refined:
                 stopped_by = ""
             error = light.error if stopped_by in ("", "error") else stated.relative  # not chosen by its error, then
             light = replace(light, error=error, stopped_by=stopped_by)
-            tell(self._progress(light, before))
+            tell(rules.measure_progress(light, before))
             if light.stopped_by:
                 return light
             self.watch(light)
             if not refined:
                 self._refine(state)
 
-    def _choose_look(self, state: _State, stated: estimate.StatedError) -> Callable[[], object] | None:
+    def _look(self, look: _Look, tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> None:
+        """Has a look; who hears of it is told afterwards that photons are traced again."""
+        heard: list[Message] = []
+
+        def tell_of(message: Message) -> None:
+            heard.append(message)
+            tell(message)
+
+        look(tell_of, should_stop)
+        if heard:
+            tell(TRACING)
+
+    def _choose_look(self, state: _State, stated: estimate.StatedError) -> _Look | None:
         """What sends more rays from texels, if one more helps more than a photon's: squared errors fall as one over the number of rays."""
         settings, ledger = self.settings, self.ledger
         if settings.direct != "rays" or (self.gathered and stated.chosen <= settings.error):
@@ -134,15 +152,20 @@ class Solver:
         gains = [error2 / max(rays.counters["rays"], 1) if error2 > most else 0.0 for error2, rays, _ in kinds]
         _, rays, texel2 = kinds[int(np.argmax(gains))]
         worst = np.flatnonzero((texel2() > most) & (rays.passes < MOST_PASSES)) if max(gains) > by_photons else np.zeros(0, np.intp)
-        shoot = partial(self.direct.shoot, self.folder, settings, self.executor)
-        look: Callable[[], object] = partial(self._gather, state, worst) if rays is self.gathered else partial(shoot, worst)
-        return look if len(worst) else None
+        if not len(worst):
+            return None
+        if rays is self.gathered:
+            return partial(self._gather, state, worst)
+        return partial(self.direct.shoot, self.folder, settings, self.executor, worst)
 
-    def _gather(self, state: _State, texels: NDArray[np.int64]) -> None:
+    def _gather(self, state: _State, texels: NDArray[np.int64], tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> None:
         into = self.gathered = self.gathered or GatheredField.none(len(self.blender.page))
         direct, view = self.direct.irradiance, self.folder / f"known_{self.round}_{into.turns}"
         light, doubt = know_light(self.tree, state.solution, state.leaves, self.blender, direct)
-        into.gather(self.folder, self.settings, self.executor, texels, KnownLight(light, direct, doubt, self.lit_elsewhere), view)
+        known = KnownLight(light, direct, doubt, self.lit_elsewhere)
+        into.gather(self.folder, self.settings, self.executor, texels, known, view, tell, should_stop)
+        if not into.passes.all():  # stopped before all texels had a first estimate, beside which that of leaves would stand out
+            self.gathered = None
 
     def _read_tallies(self) -> _State:
         tree, rule = self.tree, self.rule
@@ -270,29 +293,3 @@ class Solver:
         error, fixed = (math.nan, 0.0) if stated is None or self.round == 1 else (stated.chosen, math.hypot(stated.direct, stated.gathered))
         ledger, settings = self.ledger, self.settings
         return rounds.next_photons(ledger.photons, ledger.told, weight, settings.max_photons, len(self.tree), settings.error, error, fixed)
-
-    def _stop_reason(self, error: float, should_stop: Callable[[], bool]) -> str:
-        settings = self.settings
-        if should_stop():
-            return "interrupted"
-        if error <= settings.error:
-            return "error"
-        if settings.max_photons - self.ledger.photons < 2:
-            return "max_photons"
-        if settings.time_limit and time.monotonic() - self.started >= settings.time_limit:
-            return "time_limit"
-        return ""
-
-    def _progress(self, light: LightField, before: int) -> Progress:
-        """`before` photons were traced by an earlier bake."""
-        seconds = max(time.monotonic() - self.started, 1e-6)
-        settings = self.settings
-        fractions = [light.photons / settings.max_photons]
-        if light.error > 0.0:
-            fractions.append(min((settings.error / light.error) ** 2, 1.0))
-        if settings.time_limit:
-            fractions.append(seconds / settings.time_limit)
-        fraction = 1.0 if light.stopped_by else min(max(fractions), 1.0)
-        done = fraction * (1.0 - before / max(light.photons, 1))  # of it, in this time
-        left = seconds * (1.0 - fraction) / done if done > 0.0 else math.nan
-        return Progress(fraction, light.photons, (light.photons - before) / seconds, light.error, left, len(light.leaves))

@@ -1,5 +1,6 @@
 """Shots add up to means, with the variance of means."""
 
+import copy
 from concurrent.futures import Future
 
 import numpy as np
@@ -53,6 +54,23 @@ def test_what_is_told_of_a_shot_is_the_share_that_is_done(shot, monkeypatch):
     field.shoot(folder, SETTINGS, executors.InlineExecutor(), np.arange(count), told.append)
     done = [min(end / count, 1.0) for end in range(100, count + 100, 100)]
     assert [message.text for message in told] == [f"Direct light, {share:.0%}" for share in done]
+
+
+def test_a_shot_that_is_stopped_leaves_what_there_was(shot, monkeypatch):
+    """And the next one is as if it had never been, as of a bake that goes on later."""
+    folder, field = shot
+    noisy = np.sort(np.argsort(field.variance[:, 0])[-200:])
+    field.shoot(folder, SETTINGS, executors.InlineExecutor(), noisy[::2])
+    other, asked = copy.deepcopy(field), []
+    monkeypatch.setattr(direct_field, "SHARD_TEXELS", 50)
+    assert not field.shoot(folder, SETTINGS, executors.InlineExecutor(), noisy, should_stop=lambda: asked.append(True) or len(asked) > 2)
+    assert len(asked) == 3
+    for _ in range(2):
+        for name in ("irradiance", "variance", "passes"):
+            np.testing.assert_array_equal(getattr(field, name), getattr(other, name))
+        np.testing.assert_array_equal(field.repeats.sums, other.repeats.sums)
+        assert (field.counters, field.turns) == (other.counters, other.turns)
+        assert all(one.shoot(folder, SETTINGS, executors.InlineExecutor(), noisy) for one in (field, other))
 
 
 def test_photons_alone_leave_nothing_here():

@@ -54,6 +54,16 @@ def test_it_can_be_stopped(tmp_path, monkeypatch, options, why):
     assert light.error > 1e-3
 
 
+def test_it_can_be_stopped_while_texels_are_shot_again(tmp_path, monkeypatch):
+    monkeypatch.setattr("leaflight.core.direct_field.TOLERANCE", 20.0)
+    monkeypatch.setattr("leaflight.core.direct_field.SHARD_TEXELS", 8)
+    asked = []
+    light = settle(tmp_path, error=1e-3, should_stop=lambda: asked.append(True) or len(asked) > 3)
+    assert light.stopped_by == "interrupted"
+    assert light.direct.passes.max() == 1
+    assert len(asked) == 5  # before the first shard, after three, and why the bake ends
+
+
 def test_texels_that_cannot_become_better_end_it(tmp_path, monkeypatch):
     monkeypatch.setattr("leaflight.core.direct_field.TOLERANCE", 20.0)
     monkeypatch.setattr("leaflight.core.direct_only.MOST_PASSES", 2)

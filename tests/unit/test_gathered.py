@@ -7,10 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh
-from leaflight.core import executors, resolve
+from leaflight.core import direct_field, executors, resolve, workers
 from leaflight.core.gathered import GatheredField
+from leaflight.core.messages import Progress, Status
 from leaflight.core.scene import Light, Material
 from leaflight.core.settings import Settings
+from leaflight.core.solve import TRACING
+from leaflight.core.stop_rules import StopRules
 from scenes import box_mesh, make_scene
 
 SETTINGS = Settings(size=128, padding=1, error=0.012)
@@ -49,6 +52,62 @@ def test_two_workers_give_the_bytes_of_one(gathered, tmp_path):
         other, _ = bake(tmp_path, executor=executor)
     for name in ("irradiance", "variance", "doubt", "blind", "passes"):
         assert getattr(other.gathered, name).tobytes() == getattr(light.gathered, name).tobytes()
+
+
+class Halted(executors.InlineExecutor):
+    """Wants all to stop once it has gathered for so many shards."""
+
+    def __init__(self, most):
+        self.left = self.most = most
+
+    def submit(self, fn, /, *args, **kwargs):
+        self.left -= fn is workers.gather_texels
+        return super().submit(fn, *args, **kwargs)
+
+    def is_done(self):
+        return self.left <= 0
+
+
+def halt(folder, monkeypatch, most, late=False, tell=lambda message: None, **knobs):
+    """A bake that is to stop after so many shards of what it gathers, at someone's wish or for the time."""
+    monkeypatch.setattr(direct_field, "SHARD_TEXELS", 512)
+    executor = Halted(most)
+    if late:
+        monkeypatch.setattr(StopRules, "is_late", lambda rules: executor.is_done())
+    solver = make_solver(folder, SCENE, replace(SETTINGS, **knobs), executor)
+    return solver.run(tell, (lambda: False) if late else executor.is_done), solver, executor
+
+
+@pytest.mark.parametrize(("late", "why"), [(False, "interrupted"), (True, "time_limit")])
+def test_a_bake_that_stops_amid_its_first_gathering_shows_leaves(gathered, tmp_path, monkeypatch, late, why):
+    light, solver, executor = halt(tmp_path / "1", monkeypatch, 3, late=late)
+    assert (light.stopped_by, light.gathered, executor.left) == (why, None, 0)
+    assert light.rounds == gathered[0].rounds
+    assert not list(solver.folder.glob("known_*"))
+    alone, _, _ = halt(tmp_path / "2", monkeypatch, 1, late, gather=False, max_photons=light.photons)
+    mine, theirs = (resolve.light_at_texels(one, solver.blender) for one in (light, alone))
+    for name in ("direct", "indirect", "stderr"):
+        np.testing.assert_array_equal(getattr(mine, name), getattr(theirs, name))
+    assert light.error == alone.error
+
+
+def test_what_more_rays_have_gathered_stays_where_they_are_stopped(tmp_path, monkeypatch):
+    shards = -(-len(make_solver(tmp_path / "1", SCENE, SETTINGS).blender.page) // 512)
+    light, solver, executor = halt(tmp_path / "2", monkeypatch, shards + 3, error=0.008)
+    assert (light.stopped_by, executor.left) == ("interrupted", 0)
+    assert np.bincount(light.gathered.passes)[1:].tolist() == [len(solver.blender.page) - 1024, 1024]
+    assert 0.008 < light.error < 0.02
+    assert np.isfinite(resolve.light_at_texels(light, solver.blender).indirect).all()
+
+
+def test_gathering_tells_how_far_it_is_and_then_that_photons_fly(tmp_path, monkeypatch):
+    monkeypatch.setattr(direct_field, "SECONDS_BETWEEN_WORDS", -1.0)
+    told = []
+    _, solver, _ = halt(tmp_path, monkeypatch, 10**6, tell=told.append)
+    count = len(solver.blender.page)
+    words = [Status("photons", f"Indirect light, {min(end / count, 1.0):.0%}") for end in range(512, count + 512, 512)]
+    kinds = [message if isinstance(message, Status) else type(message) for message in told]
+    assert kinds == [Progress, *words, TRACING, Progress]
 
 
 def test_blocks_that_are_blind_keep_the_light_of_the_leaves(gathered):

@@ -8,10 +8,11 @@ import pytest
 from boxes import lamp_scene, make_solver, room_mesh, solve_scene
 from leaflight.core import direct_field, executors, quadtree, refine, resolve, shrinkage, splitting, tally, workers
 from leaflight.core.direct_shown import ShownDirect
-from leaflight.core.messages import Progress
+from leaflight.core.messages import Progress, Status
 from leaflight.core.rounds import EARLY_GROWTH, EARLY_PHOTONS, FIRST_ROUND_PHOTONS, ROUND_GROWTH
 from leaflight.core.scene import Light, Material
 from leaflight.core.settings import Settings
+from leaflight.core.solve import TRACING
 from scenes import make_scene, moved, quad_mesh
 
 SETTINGS = Settings(size=32, padding=1, max_photons=600_000, error=1e-4)
@@ -222,6 +223,22 @@ def test_rays_are_shot_again_where_they_err_most(tmp_path, monkeypatch, toleranc
     light = solve_scene(tmp_path, lamp_scene(rho=0.05), replace(SETTINGS, error=0.03, denoise=False))
     assert light.direct.passes.min() == 1
     assert (light.direct.passes.max() > 1) == (tolerance > 1)
+
+
+def test_rays_that_are_shot_again_are_told_of_and_can_be_stopped(tmp_path, monkeypatch):
+    monkeypatch.setattr(direct_field, "TOLERANCE", 20.0)
+    monkeypatch.setattr(direct_field, "SHARD_TEXELS", 8)
+    monkeypatch.setattr(direct_field, "SECONDS_BETWEEN_WORDS", -1.0)
+    words = []
+
+    def tell(message):
+        words.extend([message.text] if isinstance(message, Status) else [])
+
+    solver = make_solver(tmp_path, lamp_scene(rho=0.05), replace(SETTINGS, error=0.01, denoise=False))
+    light = solver.run(tell, lambda: len(words) >= 3)
+    assert [text.partition(",")[0] for text in words] == ["Direct light"] * 3 + [TRACING.text]
+    assert light.stopped_by == "interrupted"
+    assert light.direct.passes.max() == 1
 
 
 def test_what_is_shown_of_direct_light_is_of_its_last_shot(tmp_path):
