@@ -59,29 +59,31 @@ def bear_photons(
     start = cells.count_births(n_photons, rng.random())
     first_cell = np.searchsorted(cells.emitter, np.arange(len(emitters) + 1))
     of_emitter = start[first_cell]
-    carried = np.divide(cells.natural, cells.share, out=np.zeros(len(cells)), where=cells.share > 0)  # over the mean photon of the scene
+    # By a photon of each cell, over one of its emitter that is born evenly.
+    carried = np.divide(cells.natural, cells.share, out=np.zeros(len(cells)), where=cells.share > 0).astype(np.float32)
     emitter_share = np.bincount(cells.emitter, cells.natural, len(emitters))
     for first in range(0, n_photons, batch):
         last = min(first + batch, n_photons)
         origin, direction, flux = np.empty((3, 3, last - first), np.float32)
         soft, shadowless = np.zeros((3, last - first), np.float32), np.zeros(last - first, bool)
-        born = np.empty(last - first, np.int32)
+        born = np.empty(last - first if told else 0, np.int32)
         for e in np.flatnonzero((of_emitter[:-1] < last) & (of_emitter[1:] > first) & (of_emitter[1:] > of_emitter[:-1])):
             low, high = max(first, of_emitter[e]), min(last, of_emitter[e + 1])
             place = slice(low - first, high - first)
             own = slice(first_cell[e], first_cell[e + 1])
+            is_whole = own.stop - own.start == 1
             cell = np.repeat(np.arange(own.start, own.stop), np.diff(start[own.start : own.stop + 1].clip(low, high)))
             points = low_discrepancy_points(shift[e], int(low - of_emitter[e]), int(high - low))
-            births = emitters[e].emit(cells.place(cell, points) if len(cells) > len(emitters) else points)
+            births = emitters[e].emit(points if is_whole else cells.place(cell, points))
             if told:
                 born[place] = find_bins(cell, points)
             origin[:, place], direction[:, place] = births.origin.T, births.direction.T
             soft[0, place], soft[1, place] = births.soft_radius, births.soft_offset
             shadowless[place] = not emitters[e].casts_shadow
-            power = emitters[e].power_rgb * (total_flux_share / n_photons / emitter_share[e])
+            power = emitters[e].power_rgb * (total_flux_share / n_photons / (cells.share[own.start] if is_whole else emitter_share[e]))
             np.multiply(power.astype(np.float32)[:, None], births.relative_rgb.T, out=flux[:, place])
-            if len(cells) > len(emitters):
-                flux[:, place] *= carried.astype(np.float32).take(cell)
+            if not is_whole:
+                flux[:, place] *= carried.take(cell)
         yield Photons(origin, direction, flux, soft if soft[0].any() else None, born if told else None), shadowless
 
 

@@ -81,6 +81,16 @@ def test_photons_of_cells_carry_their_light_between_them():
     np.testing.assert_array_equal(numbers[:, 3] // (1 / SLICES), find_slice(own, 3))
 
 
+@pytest.mark.parametrize("share", [[0.25, 0.75], [0.5, 0.5], [0.9, 0.1]])
+def test_lamps_that_are_not_cut_carry_their_light_however_many_photons_they_have(share):
+    """As of scenes of many lamps, each with too few photons to be cut."""
+    cells = replace(BirthCells.whole(np.array([0.25, 0.75])), share=np.array(share))
+    ((photons, shadowless),) = bear_photons(LAMPS, cells, 80_000, 1.0, np.random.default_rng(1))
+    assert shadowless.mean() == pytest.approx(share[1], abs=1e-4)
+    for lamp, own in zip(LAMPS, (~shadowless, shadowless), strict=True):
+        np.testing.assert_allclose(photons.flux[:, own].sum(axis=1, dtype=float), lamp.power_rgb, rtol=1e-3)
+
+
 def sheets(*heights):
     """Rays, normals and frames of sheets across the way down; every other one faces down."""
     corner = np.float32([[[-0.5, -0.5, z], [0.5, -0.5, z], [0.0, 0.5, z]] for z in heights])
