@@ -64,6 +64,30 @@ class TraceScene:
     smooth_normal: NDArray[np.float32]
 
 
+@dataclass(frozen=True)
+class _Arrivals:
+    """Photons at the surfaces that they have met, or at none.
+
+    tri, u, v                (n,), as of rays.Hits
+    direction, flux, group   as of Photons
+    """
+
+    tri: _Ints
+    u: _Rows
+    v: _Rows
+    direction: _Rows
+    flux: _Rows
+    group: _Ints | None
+
+    def only(self, rows: NDArray[np.intp]) -> _Arrivals:
+        """Those in some rows (k,), ascending."""
+        if len(rows) == len(self.tri):
+            return self
+        tri, u, v = gather(self.tri, rows), gather(self.u, rows), gather(self.v, rows)
+        group = None if self.group is None else gather(self.group, rows)
+        return _Arrivals(tri, u, v, gather(self.direction, rows), gather(self.flux, rows), group)
+
+
 def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, emitters: Sequence[Emitter]) -> TraceScene:
     """A snapshot made ready for photons; `unit_box` and `surfaces` are those the emitters were made with.
 
@@ -138,29 +162,25 @@ def _bounce(
     under_way = _total(photons.flux)
     for depth in depths:
         found = scene.rays.closest(photons.origin.T, photons.direction.T)
-        tri, u, v = found.tri, found.u, found.v
-        direction, flux, group = photons.direction, photons.flux, photons.group
-        log.count_rays(len(tri), group)
+        log.count_rays(len(found.tri), photons.group)
         if depth == 0:
             soften(photons, found.distance)
-            under_way = _total(flux)
+            under_way = _total(photons.flux)
             log.emitted += under_way
-        hit = (tri >= 0).nonzero()[0]
-        if len(hit) < len(tri):
-            tri, u, v = gather(tri, hit), gather(u, hit), gather(v, hit)
-            direction, flux = gather(direction, hit), gather(flux, hit)
-            group = None if group is None else gather(group, hit)
+        hit = (found.tri >= 0).nonzero()[0]
+        arrived = _Arrivals(found.tri, found.u, found.v, photons.direction, photons.flux, photons.group).only(hit)
+        tri, u, v, flux, group = arrived.tri, arrived.u, arrived.v, arrived.flux, arrived.group
         landed = _total(flux)
         log.escaped += under_way - landed
         if not len(hit):
             return None
         normal = gather(scene.tri_normal, tri)
-        cosine = _dot(direction, normal)  # < 0 on the front
+        cosine = _dot(arrived.direction, normal)  # < 0 on the front
         lit = cosine < gather(scene.tri_lit_below, tri)
         if not lit.all():
             log.light_elsewhere(tri.compress(~lit))
         if depth or not skip_first:
-            _deposit(scene, tri, u, v, flux, direction, cosine, lit, depth == 0, group, log)
+            _deposit(scene, arrived, cosine, lit, depth == 0, log)
         parts = skip_first and not depth
         split: _Rows | np.float32 = np.float32(SPLIT if parts else 1)
         if parts and split_at:
@@ -219,23 +239,11 @@ def _dot(a: _Rows, b: _Rows) -> NDArray[np.float32]:
     return product
 
 
-def _deposit(
-    scene: TraceScene,
-    tri: _Ints,
-    u: _Rows,
-    v: _Rows,
-    flux: _Rows,
-    direction: _Rows,
-    cosine: _Rows,
-    lit: NDArray[np.bool_],
-    is_first: bool,
-    group: _Ints | None,
-    log: PhotonLog,
-) -> None:
+def _deposit(scene: TraceScene, arrived: _Arrivals, cosine: _Rows, lit: NDArray[np.bool_], is_first: bool, log: PhotonLog) -> None:
+    """Logs those that are lit (n,) bool; cosine (n,) float32: of the way they came with the normal."""
     kept = lit.nonzero()[0]
-    if len(kept) < len(tri):
-        tri, u, v, flux = gather(tri, kept), gather(u, kept), gather(v, kept), gather(flux, kept)
-        group = None if group is None else gather(group, kept)
+    own = arrived.only(kept)
+    tri, u, v, flux = own.tri, own.u, own.v, own.flux
     if scene.smooth_normal.size:
         column = gather(scene.tri_smooth, tri)
         smooth = (column >= 0).nonzero()[0]
@@ -243,13 +251,13 @@ def _deposit(
             corner = gather(scene.smooth_normal, gather(column, smooth))
             s, t = gather(u, smooth), gather(v, smooth)
             shading = corner[0] * (1 - s - t) + corner[1] * s + corner[2] * t
-            incoming, face = gather(direction, gather(kept, smooth)), gather(cosine, gather(kept, smooth))
+            incoming, face = gather(own.direction, smooth), gather(cosine, gather(kept, smooth))
             length = np.sqrt(_dot(shading, shading))
             facing = _dot(shading, incoming) * np.copysign(np.float32(1), face) / np.maximum(length, np.float32(1e-6))
             flux = flux.copy()
             # Shading normals scale what particles bring: Veach 1997, section 5.3.
             flux[:, smooth] *= np.maximum(facing, 0) / np.maximum(np.abs(face), np.float32(_LEAST_COSINE))
-    log.deposit(tri, u, v, flux, is_first, group)
+    log.deposit(tri, u, v, flux, is_first, own.group)
 
 
 def _play_roulette(
