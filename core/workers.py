@@ -156,7 +156,10 @@ def trace_photons(shard: PhotonShard) -> PhotonResult:
     hits = photons.trace_shard(tracing.scene, shard.photons, flux_share, rng, shard.max_depth, shard.skip_first, split_at, cells)
     x, y = tracing.texels.hit_texel_xy(hits.tri, hits.u, hits.v)
     entry = tracing.texels.entry_of(hits.tri, x, y)
+    lit_elsewhere = np.zeros(len(tracing.snapshot.objects), bool)
+    lit_elsewhere[tracing.snapshot.tri_object[hits.elsewhere]] = True
     if entry.min(initial=0) < 0:  # a face may have no texels, as one that a layer folds to a line
+        lit_elsewhere[tracing.snapshot.tri_object[hits.tri[entry < 0]]] = True
         placed = np.flatnonzero(entry >= 0)
         hits, x, y, entry = hits.only(placed), x.take(placed), y.take(placed), entry.take(placed)
     node, s, t = view.locate(tracing.texels.owner_of(entry, x, y), x, y)
@@ -167,8 +170,6 @@ def trace_photons(shard: PhotonShard) -> PhotonResult:
     if splitting and hits.groups:
         noise = weigh_groups(hits.groups, splitting.worth, node, hits.flux_rgb)
         parted, born = (SplitTally.of(hits.groups, noise), None) if cells is None else (None, BirthTally.of(hits.groups, noise, len(cells)))
-    lit_elsewhere = np.zeros(len(tracing.snapshot.objects), bool)
-    lit_elsewhere[tracing.snapshot.tri_object[hits.elsewhere]] = True
     return PhotonResult(sums, on_squares, hits.audit, hits.counters, parted, born, lit_elsewhere)
 
 

@@ -8,29 +8,39 @@ import numpy as np
 import pytest
 from boxes import make_solver, room_mesh
 from floors import sigma_limit
-from leaflight.core import gather, workers
+from leaflight.core import direct_points, gather, workers
 from leaflight.core.scene import Light, Material
 from leaflight.core.settings import Settings
 from leaflight.core.tiles import Tiles
-from scenes import box_mesh, make_scene, moved, quad_mesh
+from scenes import Mesh, box_mesh, make_scene, moved, quad_mesh
 
 SETTINGS = Settings(size=64, padding=1, gather=True)
 LAMP = Light("POINT", "Lamp", (0.5, 0.5, 0.5), power_rgb=(1.0, 1.0, 1.0))
 ROOM = moved(room_mesh(), (0.5, 0.5, 0.5))
 
 
-def gather_all(folder, scene, light=2.0, lit_elsewhere=False, tolerance=0.01, seed=1):
-    """Light gathered at all texels of a scene whose surfaces all have the same light, and its texel map."""
+def gather_all(folder, scene, light=2.0, lit_elsewhere=False, **knobs):
+    """Light gathered at all texels of a scene whose surfaces all have the same light, and the solver."""
     solver = make_solver(folder, scene, SETTINGS)
-    texels = solver.tracing.texels
-    n_texel = len(texels.texel_chart)
+    n_texel = len(solver.blender.page)
     every = np.full((3, n_texel), light, np.float32)
-    known = gather.KnownLight(every, every.T, np.full(n_texel, 0.5, np.float32), np.full(len(scene.objects), lit_elsewhere))
-    tiles = Tiles.of(texels.texel_chart, texels.texel_code)
-    scene_of = workers._open_gather_scene(str(folder))
-    found = gather.gather_light(scene_of, known, np.arange(n_texel), np.random.default_rng(seed), tolerance, tiles, smoothed=True)
-    workers.forget_folders()
-    return found, solver
+    dark = np.broadcast_to(lit_elsewhere, len(scene.objects))
+    return gather_known(solver, gather.KnownLight(every, every.T, np.full(n_texel, 0.5, np.float32), dark), **knobs), solver
+
+
+def gather_known(solver, known, texel=None, tolerance=0.01, seed=1, smoothed=True):
+    texels = solver.tracing.texels
+    texel = np.arange(len(texels.texel_chart)) if texel is None else texel
+    tiles = Tiles.of(texels.texel_chart[texel], texels.texel_code[texel])
+    scene, rng = workers._open_gather_scene(str(solver.folder)), np.random.default_rng(seed)
+    return gather.gather_light(scene, known, texel, rng, tolerance, tiles, smoothed)
+
+
+def places_of(solver):
+    """(n, 3) m: of all texels."""
+    texels = solver.tracing.texels
+    entry = np.arange(len(texels.texel_tri))
+    return np.einsum("nk,nkj->nj", texels.bary_at(entry), solver.tracing.snapshot.tri_position[texels.texel_tri])
 
 
 def test_a_closed_room_sends_its_albedo_times_its_light(tmp_path):
@@ -67,14 +77,119 @@ def test_a_wall_sends_by_its_form_factor_and_the_error_is_honest(tmp_path):
 def test_sides_that_no_texel_tells_are_dark_or_told_apart(tmp_path, lit):
     """A box on the floor has its inside there, which is dark unless a photon came in."""
     box = moved(box_mesh("Box", (0.5, 0.5, 0.5)), (0.5, 0.5, 0.25))
-    found, solver = gather_all(tmp_path, make_scene([quad_mesh("Floor"), box], [LAMP]), lit_elsewhere=lit)
-    texels = solver.tracing.texels
-    x, y, _ = np.einsum("nk,nkj->jn", texels.bary_at(np.arange(len(found.blind))), solver.tracing.snapshot.tri_position[texels.texel_tri])
+    found, solver = gather_all(tmp_path, make_scene([quad_mesh("Floor"), box], [LAMP]), lit_elsewhere=[not lit, lit])
+    texels, (x, y, _) = solver.tracing.texels, places_of(solver).T
     inside = (texels.texel_tri < 2) & (np.abs(x - 0.5) < 0.2) & (np.abs(y - 0.5) < 0.2)
     assert inside.sum() > 30
     assert found.irradiance_rgb[inside].max() < 0.05
     assert found.blind[inside].all() == lit
     assert not found.blind[(texels.texel_tri < 2) & (np.abs(x - 0.5) > 0.3)].any()
+
+
+def coloured_room():
+    """A room with a block in it, each of a colour of its own."""
+    scene = make_scene([ROOM, moved(box_mesh("Block", (0.3, 0.2, 0.4)), (0.6, 0.5, 0.5))], [LAMP], [Material("A", (0.9, 0.6, 0.3))])
+    return replace(scene, materials=(*scene.materials, Material("B", (0.2, 0.5, 0.8))), tri_material=scene.tri_object.copy())
+
+
+def test_what_rays_meet_sends_its_own_light_of_each_channel_and_its_own_doubt(tmp_path, monkeypatch):
+    """Against a thousand rays that each texel sends by chance; doubt may be of either sign."""
+    monkeypatch.setattr(direct_points, "_CHUNK_TEXELS", 700)
+    solver = make_solver(tmp_path, coloured_room(), SETTINGS)
+    tracing, texels, (x, y, z) = solver.tracing, solver.tracing.texels, places_of(solver).T
+    light = np.float32([1 + x, 2 * y, 3 * z * x])
+    doubt = (x - 0.5).astype(np.float32)
+    known = gather.KnownLight(light, np.zeros((len(x), 3), np.float32), doubt, np.zeros(2, bool))
+    found = gather_known(solver, known, tolerance=0.005)
+    texel = np.flatnonzero(texels.is_central)[::40]
+    ray = np.repeat(texel, 1000)
+    normal = tracing.scene.tri_normal[:, texels.texel_tri[ray]].T
+    ball = np.random.default_rng(5).normal(size=normal.shape)
+    direction = normal + ball / np.linalg.norm(ball, axis=1, keepdims=True)
+    origin = tracing.unit_box.to_unit(places_of(solver)[ray]) + 1e-5 * normal
+    hit = tracing.scene.rays.closest(origin.astype(np.float32), direction.astype(np.float32))
+    entry = texels.entry_of(hit.tri, *texels.hit_texel_xy(hit.tri, hit.u, hit.v))
+    albedo = tracing.scene.surfaces.albedo_at(hit.tri, hit.u, hit.v)
+    sent = np.column_stack([albedo * light[:, entry].T, albedo.mean(axis=1) * doubt[entry]]).reshape(len(texel), -1, 4)
+    mean, chance = sent.mean(axis=1), sent.std(axis=1) / np.sqrt(1000)
+    mine = np.column_stack([found.irradiance_rgb, found.doubt])[texel]
+    assert (np.abs(mine - mean).mean(axis=0) < 2 * chance.mean(axis=0)).all()
+    assert found.counters["rays"] > 5 * len(x)  # more than one span of them
+
+
+def test_light_that_is_known_besides_makes_texels_content_with_fewer_rays(tmp_path):
+    solver = make_solver(tmp_path, coloured_room(), SETTINGS)
+    x, y, z = places_of(solver).T
+    upper = np.arange(len(x) // 2, len(x))
+
+    def count_rays(bright, smoothed=True, tolerance=0.01):
+        direct = np.zeros((len(x), 3), np.float32)
+        direct[bright] = 1e4
+        known = gather.KnownLight(np.float32([x, y, z]), direct, np.zeros(len(x), np.float32), np.zeros(2, bool))
+        return gather_known(solver, known, upper, tolerance, smoothed=smoothed).counters["rays"] / len(upper)
+
+    assert count_rays(upper) == 4
+    assert count_rays(slice(0, upper[0])) > 8
+    assert count_rays(slice(0, 0), smoothed=False, tolerance=0.05) > 1.2 * count_rays(slice(0, 0), tolerance=0.05)
+
+
+@pytest.mark.parametrize("above", [True, False])
+def test_texels_of_both_sides_gather_the_sum_of_both(tmp_path, above):
+    """A sheet across a room whose one half alone has light, or sends what no texel tells."""
+    sheet = moved(quad_mesh("Sheet"), (0.0, 0.0, 0.5))
+    scene = make_scene([ROOM, sheet], [LAMP], [Material("Grey", (0.5,) * 3)])
+    scene = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], two_sided=True)))
+    solver = make_solver(tmp_path, scene, SETTINGS)
+    x, _, z = places_of(solver).T
+    is_lit = (z > 0.5) if above else (z < 0.5)
+    light = np.float32(np.where(is_lit, 1 + x, 0.0) * np.ones((3, 1)))
+    known = gather.KnownLight(light, np.zeros((len(x), 3), np.float32), light[0], np.zeros(2, bool))
+    found = gather_known(solver, known)
+    on_sheet = scene.tri_object[solver.tracing.texels.texel_tri] == 1
+    assert found.irradiance_rgb[on_sheet] == pytest.approx(0.75, abs=0.25)
+    assert found.doubt[on_sheet] == pytest.approx(0.75, abs=0.25)
+    assert np.median(found.variance_rgb[on_sheet]) > 1e-6
+    assert found.counters["rays"] > 4 * (len(x) + 0.9 * on_sheet.sum())
+    # The sheet's own texels hold the light of both sides, so that nobody is told what one of them sends.
+    facing = ~on_sheet & (np.abs(z - (0.9 if above else 0.1)) < 0.05)
+    assert found.irradiance_rgb[facing].max() < 0.9
+    untold = replace(scene, objects=(replace(scene.objects[0], receives=False), scene.objects[1]))
+    beside = make_solver(tmp_path / "2", untold, SETTINGS)
+    count = len(beside.blender.page)
+    known = gather.KnownLight(
+        *np.zeros((1, 3, count), np.float32), np.zeros((count, 3), np.float32), np.zeros(count, np.float32), np.array([1, 0], bool)
+    )
+    assert gather_known(beside, known).blind.all()
+
+
+def test_rays_below_the_face_see_nothing(tmp_path):
+    """Of a floor whose normals lean by 60 degrees a quarter of the light is below it: (1 + cos 60) / 2 is left."""
+    scene = make_scene([ROOM], [LAMP], [Material("Grey", (0.5,) * 3)])
+    is_floor = (scene.tri_position[..., 2] == 0).all(axis=1)
+    normal = scene.tri_normal.copy()
+    normal[is_floor] = [np.sqrt(0.75), 0.0, 0.5]
+    found, solver = gather_all(tmp_path, replace(scene, tri_normal=normal), tolerance=1e-3)
+    on_floor = is_floor[solver.tracing.texels.texel_tri]
+    assert found.irradiance_rgb[on_floor].mean() == pytest.approx(0.75, rel=0.01)
+    assert found.irradiance_rgb[~on_floor] == pytest.approx(1.0, rel=1e-5)
+
+
+def test_a_face_without_texels_is_not_told(tmp_path):
+    """Half of a sheet is folded to a line in its layer; a ceiling lies close above."""
+    vertex = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0], [2, 1, 0]], float)
+    square, line = np.array([[0, 0], [0.9, 0], [0.9, 0.9], [0, 0.9]]), np.array([[0.1, 0.1], [0.2, 0.2], [0.3, 0.3], [0.4, 0.4]])
+    sheet = Mesh("Sheet", vertex, [[0, 1, 2, 3], [1, 4, 5, 2]], [square, line])
+    ceiling = replace(moved(quad_mesh("Ceiling", 2.0, 1.0), (0, 0, 0.02)), polygons=[[3, 2, 1, 0]])
+    lamp = replace(LAMP, position_m=(1.9, 0.5, 0.01))
+    scene = make_scene([sheet, ceiling], [lamp], [Material("White", (1.0,) * 3)])
+    found, solver = gather_all(tmp_path, scene, light=1.0, lit_elsewhere=[True, False])
+    (x, _, z), is_blind = places_of(solver).T, found.blind
+    inner = (z > 0.01) & (np.abs(x - 1.0) > 0.2)
+    assert found.irradiance_rgb[inner & (x < 1.0)].mean() > 0.9
+    assert found.irradiance_rgb[inner & (x > 1.0)].mean() < 0.02
+    assert is_blind[inner & (x > 1.0)].mean() > 0.9
+    solver._trace_round(None)
+    assert solver.lit_elsewhere[0]
 
 
 def test_photons_tell_which_things_are_lit_where_no_texel_is(tmp_path):
