@@ -142,10 +142,10 @@ def test_texels_of_both_sides_gather_the_sum_of_both(tmp_path, above):
     solver = make_solver(tmp_path, scene, SETTINGS)
     x, _, z = places_of(solver).T
     is_lit = (z > 0.5) if above else (z < 0.5)
-    light = np.float32(np.where(is_lit, 1 + x, 0.0) * np.ones((3, 1)))
+    on_sheet = scene.tri_object[solver.tracing.texels.texel_tri] == 1
+    light = np.float32(np.where(on_sheet, 9.0, np.where(is_lit, 1 + x, 0.0)) * np.ones((3, 1)))
     known = gather.KnownLight(light, np.zeros((len(x), 3), np.float32), light[0], np.zeros(2, bool))
     found = gather_known(solver, known)
-    on_sheet = scene.tri_object[solver.tracing.texels.texel_tri] == 1
     assert found.irradiance_rgb[on_sheet] == pytest.approx(0.75, abs=0.25)
     assert found.doubt[on_sheet] == pytest.approx(0.75, abs=0.25)
     assert np.median(found.variance_rgb[on_sheet]) > 1e-6
@@ -153,13 +153,19 @@ def test_texels_of_both_sides_gather_the_sum_of_both(tmp_path, above):
     # The sheet's own texels hold the light of both sides, so that nobody is told what one of them sends.
     facing = ~on_sheet & (np.abs(z - (0.9 if above else 0.1)) < 0.05)
     assert found.irradiance_rgb[facing].max() < 0.9
-    untold = replace(scene, objects=(replace(scene.objects[0], receives=False), scene.objects[1]))
-    beside = make_solver(tmp_path / "2", untold, SETTINGS)
-    count = len(beside.blender.page)
-    known = gather.KnownLight(
-        *np.zeros((1, 3, count), np.float32), np.zeros((count, 3), np.float32), np.zeros(count, np.float32), np.array([1, 0], bool)
-    )
-    assert gather_known(beside, known).blind.all()
+
+
+@pytest.mark.parametrize("height", [0.9, 0.1])
+def test_texels_of_both_sides_are_blind_where_either_is(tmp_path, height):
+    """A sheet, and a screen without a lightmap above it or below."""
+    sheet = moved(quad_mesh("Sheet"), (0.0, 0.0, 0.5))
+    screen = replace(moved(quad_mesh("Screen"), (0.0, 0.0, height)), receives=False)
+    scene = make_scene([ROOM, sheet, screen], [LAMP])
+    scene = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], two_sided=True), scene.objects[2]))
+    found, solver = gather_all(tmp_path, scene, lit_elsewhere=[False, False, True])
+    z = places_of(solver)[:, 2]
+    assert found.blind[z == 0.5].all()
+    assert not found.blind[np.abs(z - 1 + height) < 1e-6].any()
 
 
 def test_rays_below_the_face_see_nothing(tmp_path):

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver
-from leaflight.core import estimate
+from leaflight.core import estimate, gather_plan, quadtree, reconstruct
 from leaflight.core.gather_plan import GatherPlan, know_light
 from leaflight.core.gathered import GatheredField
 from leaflight.core.ledger import Ledger
 from leaflight.core.settings import Settings
+from leaflight.core.tiles import Tiles
 
 ASKED = Settings(error=0.02)
 SHARE = 0.5
@@ -28,6 +29,21 @@ def test_gathering_pays_where_photons_are_far_from_the_error_asked_for():
     assert not pays(n_texel=4_000_000)  # a page so large takes more rays than photons do
     assert not pays(stated=replace(NOISY, chosen=0.021, relative=0.021))
     assert not pays(stated=replace(NOISY, direct=0.0999))  # what errs is direct light
+
+
+def test_photons_are_held_to_need_what_their_share_of_the_error_says():
+    """Squared, it is to fall to 3 / 4 of 0.02^2 from 0.1^2: 32.3 times as many rays more, for 36 a texel, or 72 while little is sure."""
+    assert pays(n_texel=449_000)
+    assert not pays(n_texel=449_200)
+    assert pays(round_=2, n_texel=224_500)
+    assert not pays(round_=2, n_texel=224_600)
+
+
+def test_photons_that_are_not_allowed_are_not_weighed():
+    """Of a million, which need 32.3 million more; by what they tell where that is more than they are."""
+    assert pays(replace(ASKED, max_photons=33_340_000))
+    assert not pays(replace(ASKED, max_photons=33_330_000))
+    assert not pays(ledger=replace(LEDGER, told=2e6))
 
 
 @pytest.mark.parametrize(
@@ -55,8 +71,9 @@ def test_what_was_not_enough_is_not_tried_again(tmp_path):
     assert not GatherPlan(40_000, 1.0, given_up=True).pays(ASKED, NOISY, LEDGER, 3, SHARE)
 
 
-def test_what_is_known_is_direct_light_and_that_of_leaves(tmp_path):
+def test_what_is_known_is_direct_light_and_that_of_leaves(tmp_path, monkeypatch):
     """Integrated over the surfaces the leaves' functions hold their flux; and halves that differ are doubt."""
+    monkeypatch.setattr(gather_plan, "CHUNK", 100)
     solver = make_solver(tmp_path, lamp_scene(), Settings(size=64, padding=1, max_photons=200_000, error=1e-4))
     light = solver.run(lambda message: None, lambda: False)
     direct = solver.direct.irradiance
@@ -67,9 +84,16 @@ def test_what_is_known_is_direct_light_and_that_of_leaves(tmp_path):
     halves = light.solution.flux_half[:, :, light.leaves].sum(axis=2).mean(axis=1)
     assert (doubt * area).sum() == pytest.approx((halves[0] - halves[1]) / 2, abs=0.02 * halves.mean())
     assert np.abs(doubt).max() > 0
+    leaf = quadtree.node_of_texel(light.tree, light.leaves, len(area))
+    x, y = solver.blender.texels.own_points(0, len(area))
+    at_texels = reconstruct.evaluate_leaf(light.tree, light.solution, leaf, x, y).irradiance.sum(0)
+    np.testing.assert_allclose(known - direct.T, at_texels, rtol=1e-3, atol=1e-4 * at_texels.max())
 
 
 def test_tiles_are_counted(tmp_path):
     solver = make_solver(tmp_path, lamp_scene(), Settings(size=128, padding=1))
     assert solver.gather_plan.n_texel == len(solver.blender.page)
+    texels = solver.blender.texels
+    inside = np.unique(Tiles.of(texels.texel_chart, texels.texel_code).texels())
+    assert solver.gather_plan.tiled == pytest.approx(len(inside) / len(solver.blender.page))
     assert 0.3 < solver.gather_plan.tiled < 1.0

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh
 from leaflight.core import direct_field, executors, resolve, workers
+from leaflight.core.gather import GatheredLight, KnownLight
 from leaflight.core.gathered import GatheredField
 from leaflight.core.messages import Progress, Status
 from leaflight.core.scene import Light, Material
@@ -136,6 +137,38 @@ def test_doubt_is_the_mean_of_a_block():
     shown = field.show_gathered(None, None, smooth=False)
     assert shown.doubt2[:64] == pytest.approx(0.25)
     assert shown.doubt2[64:] == pytest.approx(0.0)
+
+
+class Teller(executors.InlineExecutor):
+    """Stands in for who gathers: `light` says of the texels of a shard and its turn."""
+
+    def __init__(self, light):
+        self.light = light
+
+    def submit(self, fn, /, *args, **kwargs):
+        return super().submit(lambda shard: self.light(shard.texels, shard.turn), *args)
+
+
+def test_estimates_are_averaged_and_what_was_blind_once_stays_so(tmp_path):
+    field, every = GatheredField.none(70), np.arange(70)
+    known = KnownLight(*np.zeros((1, 3, 70), np.float32), np.zeros((70, 3), np.float32), np.zeros(70, np.float32), np.zeros(1, bool))
+
+    def tell(texels, turn):
+        light = np.full((len(texels), 3), 1.0 + turn**2, np.float32)  # 1, 2, 5
+        return GatheredLight(light, light, -light[:, 0], texels == 64 + turn, {"rays": len(texels)})
+
+    for turn, texels in enumerate((every, every, every[60:])):
+        assert field.gather(tmp_path, SETTINGS, Teller(tell), texels, known, tmp_path / f"known_{turn}")
+    assert field.passes.tolist() == [2] * 60 + [3] * 10
+    mean = np.array([1.5] * 60 + [8 / 3] * 10)
+    np.testing.assert_allclose(field.irradiance, mean[:, None] * np.ones(3), rtol=1e-6)
+    np.testing.assert_allclose(field.variance[:, 0], [3 / 4] * 60 + [8 / 9] * 10, rtol=1e-6)
+    np.testing.assert_allclose(field.doubt, -mean, rtol=1e-6)
+    assert np.flatnonzero(field.blind).tolist() == [64, 65, 66]
+    assert field.counters == {"rays": 150}
+    shown = field.show_gathered(None, None, smooth=False)
+    assert shown.told.tolist() == [True] * 64 + [False] * 6
+    np.testing.assert_allclose(shown.doubt2[[0, 69]], [(mean[:64].mean()) ** 2, (8 / 3) ** 2], rtol=1e-5)
 
 
 def test_what_a_thing_without_a_lightmap_sends_is_left_to_photons(tmp_path):

@@ -20,15 +20,19 @@ def pairs_of(tree, leaf, page, entry_at):
 
 
 @pytest.mark.parametrize("width", [1.0, 0.7])
-def test_leaves_of_all_sizes_find_each_other(width):
+@pytest.mark.parametrize("splits", [3, 4])
+def test_leaves_of_all_sizes_find_each_other(width, splits):
     """Against all pairs of texels that touch."""
     bake = SquareBake(side=32, degree=0, preview_depth=1, level=1, width=width)
     tree = bake.tree
-    for _ in range(3):  # down to leaves of two texels beside ones of sixteen
+    for _ in range(splits):  # down to leaves of two texels in a corner, or of one there and all along one side of a leaf of sixteen
         split = np.flatnonzero(tree.current)[-2:]
+        if splits > 3:
+            beside = tree.current & (tree.side > 1) & (tree.origin[:, 0] == 16) & (tree.origin[:, 1] < 16)
+            split = np.union1d(split, np.flatnonzero(beside))
         tree = quadtree.grow_previews(quadtree.split(tree, split), bake.texels, bake.keys, 1, 1)
     leaf, page, entry_at = leaves_of(bake, tree)
-    assert len(np.unique(tree.side[leaf])) > 2
+    assert {16, 8, 4, 2, 16 >> splits} == set(tree.side[leaf].tolist())
     at = np.where(entry_at[0] >= 0, leaf[entry_at[0]], -1)
     expected = set()
     for column, row in ((1, 0), (0, 1), (1, 1)):

@@ -1,6 +1,7 @@
 """Leaves are joined where their step is noise, and only there."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -156,7 +157,10 @@ def leaves_of_two_sizes(density, degree):
     for half in (0, 1):
         bake.throw(*density(rng, 3000), half)
     tree = quadtree.split(bake.tree, np.flatnonzero(bake.tree.current)[::3])
-    return bake, tree, bake.solution(), quadtree.node_of_texel(tree, np.flatnonzero(tree.current), len(bake.keys))
+    colour, grey = np.array([1.0, 0.4, 2.0]), bake.solution()
+    coefficient, variance = grey.coefficient * colour[:, None, None], grey.variance * colour[:, None] ** 2
+    solution = replace(grey, coefficient=coefficient, variance=variance)
+    return bake, tree, solution, quadtree.node_of_texel(tree, np.flatnonzero(tree.current), len(bake.keys))
 
 
 @pytest.mark.parametrize("degree", [0, 1])
@@ -199,6 +203,42 @@ def test_a_blend_is_the_mean_over_the_leaves_that_reach_a_place(degree):
     assert refused
 
 
+@pytest.mark.parametrize(
+    ("own", "other", "light", "share"),
+    [
+        (0.0, 0.0, 1.0, 0.0),  # any step is light where nothing is noise
+        (0.0, 1.0, 1.0, 105 / 256),  # who has no noise to tell speaks no louder; 7 by 15 of 16 half texels of the window lie there
+        (1.0, 0.0, 1.0, 105 / 256),
+        (1.0, 1.0, 1.0, 105 / 256),
+        (0.5, 4.5, 1.0, 35 / (35 + 151)),  # a third as loud, of three times the standard error
+        (0.0, 0.0, 0.0, 105 / 256),  # of equal light on the whole, each channel goes over
+    ],
+)
+def test_leaves_without_noise_speak_as_loud_as_others(own, other, light, share):
+    """Of two leaves of 8 texels, half a texel from their border."""
+    bake = SquareBake(side=16, degree=0, preview_depth=1, level=1)
+    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), len(bake.keys))
+    entry, beside = (np.flatnonzero((bake.texels.texel_xy == place).all(axis=1)) for place in ((7, 3), (8, 3)))
+    solution = bake.solution()
+    coefficient, variance = np.zeros_like(solution.coefficient), np.zeros_like(solution.variance)
+    coefficient[1, :, 0, owner[beside]] = light + np.array([-0.1, 0.0, 0.1])
+    variance[:, owner[entry]], variance[:, owner[beside]] = own, other
+    found = join(bake.texels, bake.tree, replace(solution, coefficient=coefficient, variance=variance), owner).at(entry)
+    alone = reconstruct.evaluate_leaf(bake.tree, replace(solution, coefficient=coefficient), owner[beside], np.zeros(1), np.zeros(1))
+    np.testing.assert_allclose(found.irradiance, share * alone.irradiance, atol=1e-9)
+
+
+def test_who_blends_knows_the_entry_that_is_shown_at_each_place_of_each_page():
+    place = np.column_stack(np.divmod(np.arange(64), 8))
+    texels = SimpleNamespace(page_count=3, page_size=8, texel_xy=place, shown=np.arange(64) % 3 > 0)
+    page = (np.arange(64) % 5 // 2).astype(np.int32)
+    entry_at = reconstruct.LeafBlender.of(texels, page).entry_at
+    assert entry_at.shape == (3, 8, 8)
+    for entry, (x, y) in enumerate(place):
+        assert entry_at[page[entry], y, x] == (entry if texels.shown[entry] else -1)
+    assert (entry_at >= 0).sum() == texels.shown.sum()
+
+
 @pytest.mark.parametrize("degree", [0, 1])
 def test_light_goes_on_across_the_borders_of_leaves(degree):
     """Of any two sizes: from either side it comes to the same, where more than two meet to little else."""
@@ -237,11 +277,14 @@ def test_the_lattice_of_a_leaf_is_its_function(degree):
 
 def test_a_lattice_follows_a_ramp_between_leaves():
     """Whose step is noise is asked at the corners of a cell, not at each of its texels."""
-    each, by_cells, variance, variance_by_cells = blend_both(quartered(even, side=256), [1000])
-    off = (by_cells - each).sum(axis=0) / 3
-    assert 0 < np.sqrt((off**2).mean()) < 0.2 * np.sqrt(variance.mean())
+    bake = quartered(even, side=256)
+    each, by_cells, variance, variance_by_cells = blend_both(bake, [1000])
+    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), len(bake.keys))
+    alone = reconstruct.evaluate_leaf(bake.tree, bake.solution(), owner, *bake.texels.own_points(0, len(owner)))
+    off, change = (np.sqrt((light**2).mean()) for light in (by_cells - each, each - alone.irradiance.reshape(6, -1)))
+    assert 0 < off < 0.05 * change
     assert variance_by_cells.min() >= 0
-    assert variance_by_cells.mean() == pytest.approx(variance.mean(), rel=0.01)
+    assert np.sqrt(((variance_by_cells - variance) ** 2).mean()) < 0.01 * variance.mean()
 
 
 def test_small_leaves_are_blended_texel_by_texel():
