@@ -6,7 +6,7 @@ import dataclasses
 import json
 import shutil
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import numpy as np
 
@@ -14,7 +14,7 @@ T = TypeVar("T")
 
 
 def save_struct(folder: Path, struct: Any) -> None:
-    """Write a dataclass whose fields are arrays, plain numbers or such dataclasses; `folder` is made."""
+    """Write a dataclass whose fields are arrays, plain numbers or such dataclasses, or None; `folder` is made."""
     folder.mkdir(parents=True)
     plain: dict[str, Any] = {}
     for field in dataclasses.fields(struct):
@@ -40,7 +40,9 @@ def load_struct(folder: Path, cls: type[T]) -> T:
             array = np.load(file, mmap_mode="r" if file.stat().st_size > 4096 else None)
             values[field.name] = array.view(np.ndarray)  # np.memmap's own indexing is slow
         else:
-            values[field.name] = load_struct(folder / field.name, hints[field.name])
+            hint = hints[field.name]
+            inner: Any = next(filter(dataclasses.is_dataclass, get_args(hint)), hint)  # of one that may be None
+            values[field.name] = load_struct(folder / field.name, inner)
     return cls(**values)
 
 

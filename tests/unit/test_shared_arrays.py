@@ -30,6 +30,18 @@ def test_a_struct_comes_back_with_shapes_types_and_numbers(tmp_path):
     assert type(loaded.inner.values) is np.ndarray
 
 
+@dataclass(frozen=True)
+class Maybe:
+    inner: Inner | None
+
+
+def test_a_struct_that_may_be_none_comes_back_either_way(tmp_path):
+    shared_arrays.save_struct(tmp_path / "none", Maybe(None))
+    assert shared_arrays.load_struct(tmp_path / "none", Maybe).inner is None
+    shared_arrays.save_struct(tmp_path / "some", Maybe(Inner(np.arange(3))))
+    assert shared_arrays.load_struct(tmp_path / "some", Maybe).inner.values.tolist() == [0, 1, 2]
+
+
 def test_mapped_arrays_cannot_be_changed_by_accident(tmp_path):
     shared_arrays.save_struct(tmp_path / "s", Inner(np.zeros(5000)))
     with pytest.raises(ValueError, match="read-only"):
