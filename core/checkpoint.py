@@ -30,7 +30,7 @@ from .splitting import SplitGuide
 from .tally import Tally
 
 FORMAT = "leaflight-state"
-FORMAT_VERSION = 6
+FORMAT_VERSION = 7
 INFO_FILE = "leaflight_state.json"  # marks a folder as ours
 _STRUCT_FOLDER = "state"
 # Of the groups of knobs that change nothing of what is traced, and knobs of other groups that do not either.
@@ -44,6 +44,7 @@ class Checkpoint:
 
     energy_w        (4, 3) float64: the ledger's sums, in the order of ledger.ENERGY_NAMES
     lit_elsewhere   (n_object,) bool: see gather.KnownLight
+    given_up        of gather_plan.GatherPlan
     """
 
     tree: Quadtree
@@ -59,12 +60,13 @@ class Checkpoint:
     rays: int
     deposits: int
     round: int
+    given_up: float
 
     @classmethod
     def of(cls, solver: Solver) -> Checkpoint:
         ledger = solver.ledger
         energy_w = np.array([ledger.energy_w[name] for name in ENERGY_NAMES])
-        counts = ledger.photons, ledger.told, ledger.rays, ledger.deposits, solver.round
+        counts = ledger.photons, ledger.told, ledger.rays, ledger.deposits, solver.round, solver.gather_plan.given_up
         parts = solver.tree, solver.tally, solver.square_tally, solver.guide, solver.births, solver.direct
         return cls(*parts, energy_w, solver.lit_elsewhere, *counts)
 
@@ -73,6 +75,7 @@ class Checkpoint:
         solver.tree, solver.tally, solver.square_tally = self.tree, self.tally, self.square_tally
         solver.guide, solver.births = self.guide, self.births
         solver.direct, solver.round, solver.lit_elsewhere = self.direct, self.round, self.lit_elsewhere
+        solver.gather_plan.given_up = self.given_up
         ledger = solver.ledger
         ledger.energy_w = dict(zip(ENERGY_NAMES, self.energy_w, strict=True))
         ledger.photons, ledger.told = self.photons, self.told

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,12 +31,12 @@ class GatherPlan:
 
     n_texel      of the bake
     tiled        share of them that lie in tiles
-    given_up     it was tried, and was not enough
+    given_up     least error that it was tried for and was not enough; inf where it was not tried
     """
 
     n_texel: int
     tiled: float
-    given_up: bool = False
+    given_up: float = math.inf
 
     @classmethod
     def of(cls, texels: TexelMap) -> GatherPlan:
@@ -48,7 +49,7 @@ class GatherPlan:
         round_        number of rounds so far
         most_direct   of the error asked for, the share that direct light by rays may have
         """
-        if self.given_up or self.tiled < _LEAST_TILED or round_ < 2:
+        if settings.error >= self.given_up or self.tiled < _LEAST_TILED or round_ < 2:
             return False
         if not settings.gather or settings.direct != "rays" or not settings.hierarchical or settings.max_depth < _LEAST_DEPTH:
             return False

@@ -181,7 +181,8 @@ class Solver:
         return _State(totals, solution, comparison, leaves, risk)
 
     def _trace_round(self, stated: estimate.StatedError | None) -> None:
-        self.gather_plan.given_up |= self.gathered is not None  # it was not enough
+        if self.gathered:
+            self.gather_plan.given_up = self.settings.error
         self.gathered, (splitting, weight) = None, self._guide_photons()
         view = self.folder / f"view_{self.round}"
         shared_arrays.save_struct(view, quadtree.TreeView.of_tree(self.tree, len(self.keys), self.squares.entry))

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh
-from leaflight.core import checkpoint
+from leaflight.core import checkpoint, direct_field, gather_plan
 from leaflight.core.checkpoint import INFO_FILE, load_checkpoint, read_info, remove_checkpoint, save_checkpoint
+from leaflight.core.gathered import GatheredField
 from leaflight.core.scene import Light, Material
 from leaflight.core.settings import Settings
 from scenes import make_scene
@@ -61,6 +62,38 @@ def test_an_interrupted_bake_goes_on_to_the_bytes_of_one_that_was_not(tmp_path, 
     assert (rest.photons, rest.rounds, rest.error) == (whole.photons, whole.rounds, whole.error)
     assert rest.ledger.audit_w() == whole.ledger.audit_w()
     assert rest.ledger.rays == whole.ledger.rays
+
+
+def test_a_bake_whose_direct_light_was_shot_again_goes_on(tmp_path, monkeypatch):
+    monkeypatch.setattr(direct_field, "TOLERANCE", 20.0)  # so that the first turn is too coarse
+    settings = replace(SETTINGS, error=0.03, max_photons=1_200_000)
+    kept, part = keep(tmp_path, settings, 2)
+    assert part.direct.repeats is not None
+    rest = go_on(tmp_path, kept, settings)
+    assert light_bytes(rest) == light_bytes(run(make_solver(tmp_path / "whole", lamp_scene(), settings)))
+
+
+def test_light_that_was_gathered_in_vain_is_not_gathered_again_by_who_goes_on(tmp_path, monkeypatch):
+    monkeypatch.setattr(gather_plan, "_RAYS_EACH", 0)
+    monkeypatch.setattr(gather_plan, "_LEAST_TILED", 0.0)
+    gathered, gather = [], GatheredField.gather
+
+    def note(field, *args):
+        gathered.append(field.turns)
+        return gather(field, *args)
+
+    monkeypatch.setattr(GatheredField, "gather", note)
+    settings = replace(SETTINGS, error=0.003, max_photons=10**9)
+    whole = run(make_solver(tmp_path / "whole", lamp_scene(), settings), 6)
+    in_one, gathered[:] = list(gathered), []
+    kept, _ = keep(tmp_path, settings, 4)
+    solver = make_solver(tmp_path / "second", lamp_scene(), settings)
+    load_checkpoint(kept, tmp_path / "second", settings).give_to(solver)
+    rest = run(solver, 6)
+    assert gathered == in_one
+    assert in_one.count(0) == 1
+    assert light_bytes(rest) == light_bytes(whole)
+    assert rest.error == whole.error
 
 
 def test_a_smaller_error_is_reached_with_the_photons_so_far(tmp_path):

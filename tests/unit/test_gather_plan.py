@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -63,12 +64,14 @@ def test_it_wants_trees_that_have_been_refined_and_charts_with_room_for_tiles():
 def test_what_was_not_enough_is_not_tried_again(tmp_path):
     solver = make_solver(tmp_path, lamp_scene(), Settings(size=32, padding=1, max_photons=20_000))
     solver._trace_round(None)
-    assert not solver.gather_plan.given_up
+    assert solver.gather_plan.given_up == math.inf
     solver.gathered = GatheredField.none(len(solver.blender.page))
     solver._trace_round(None)
-    assert solver.gather_plan.given_up
+    assert solver.gather_plan.given_up == solver.settings.error
     assert solver.gathered is None
-    assert not GatherPlan(40_000, 1.0, given_up=True).pays(ASKED, NOISY, LEDGER, 3, SHARE)
+    tried = GatherPlan(40_000, 1.0, given_up=0.02)
+    assert not tried.pays(ASKED, NOISY, LEDGER, 3, SHARE)
+    assert tried.pays(replace(ASKED, error=0.019), NOISY, LEDGER, 3, SHARE)  # of a bake that goes on to a smaller one
 
 
 def test_what_is_known_is_direct_light_and_that_of_leaves(tmp_path, monkeypatch):
