@@ -167,7 +167,7 @@ def run_bake(
         "peak_memory_mb": peak_memory_mb(),
         "photons": light.photons,
         "rounds": light.rounds,
-        "rays": light.ledger.rays + direct.counters.get("rays", 0) + (light.gathered.counters["rays"] if light.gathered else 0),
+        "rays": light.ledger.rays + light.ledger.gathered + direct.counters.get("rays", 0),
         "direct": direct.counters,
         "gathered": light.gathered.counters if light.gathered else {},
         "leaves": len(light.leaves),

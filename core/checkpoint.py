@@ -59,6 +59,7 @@ class Checkpoint:
     told: float
     rays: int
     deposits: int
+    gathered: int
     round: int
     given_up: float
 
@@ -66,9 +67,9 @@ class Checkpoint:
     def of(cls, solver: Solver) -> Checkpoint:
         ledger = solver.ledger
         energy_w = np.array([ledger.energy_w[name] for name in ENERGY_NAMES])
-        counts = ledger.photons, ledger.told, ledger.rays, ledger.deposits, solver.round, solver.gather_plan.given_up
+        counts = ledger.photons, ledger.told, ledger.rays, ledger.deposits, ledger.gathered, solver.round
         parts = solver.tree, solver.tally, solver.square_tally, solver.guide, solver.births, solver.direct
-        return cls(*parts, energy_w, solver.lit_elsewhere, *counts)
+        return cls(*parts, energy_w, solver.lit_elsewhere, *counts, solver.gather_plan.given_up)
 
     def give_to(self, solver: Solver) -> None:
         """Let a new solver of the same scene and method go on from here."""
@@ -79,7 +80,7 @@ class Checkpoint:
         ledger = solver.ledger
         ledger.energy_w = dict(zip(ENERGY_NAMES, self.energy_w, strict=True))
         ledger.photons, ledger.told = self.photons, self.told
-        ledger.rays, ledger.deposits = self.rays, self.deposits
+        ledger.rays, ledger.deposits, ledger.gathered = self.rays, self.deposits, self.gathered
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,8 @@ class Ledger:
 
     energy_w   emitted, absorbed, escaped, remainder: (3,) float64 each
     told       photons, each counted by its weight
+    rays       of photons
+    gathered   rays that gathered light, whether it is shown or was dropped
     """
 
     energy_w: dict[str, NDArray[np.float64]] = field(default_factory=lambda: {name: np.zeros(3) for name in ENERGY_NAMES})
@@ -25,6 +27,7 @@ class Ledger:
     told: float = 0.0
     rays: int = 0
     deposits: int = 0
+    gathered: int = 0
 
     def add(self, shard: workers.PhotonShard, result: workers.PhotonResult) -> None:
         for name in ENERGY_NAMES:

@@ -163,7 +163,9 @@ class Solver:
         direct, view = self.direct.irradiance, self.folder / f"known_{self.round}_{into.turns}"
         light, doubt = know_light(self.tree, state.solution, state.leaves, self.blender, direct)
         known = KnownLight(light, direct, doubt, self.lit_elsewhere)
+        before = into.counters.get("rays", 0)
         into.gather(self.folder, self.settings, self.executor, texels, known, view, tell, should_stop)
+        self.ledger.gathered += into.counters.get("rays", 0) - before
         if not into.passes.all():  # stopped before all texels had a first estimate, beside which that of leaves would stand out
             self.gathered = None
 

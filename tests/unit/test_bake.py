@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from boxes import lamp_scene, room_mesh
 from leaflight.core import bake, preview
 from leaflight.core.checkpoint import read_info
 from leaflight.core.encodings import ENCODINGS
+from leaflight.core.gather_plan import GatherPlan
 from leaflight.core.image_file import read_image
 from leaflight.core.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.messages import Done, Preview, Progress, Status, Warning_
@@ -160,6 +162,17 @@ def test_interrupted_bake_is_written_and_says_so(tmp_path):
     assert result["stopped_by"] == "interrupted"
     assert result["rounds"] == 1
     assert list_files(tmp_path / "images") == ["room_0.combined.exr"]
+
+
+def test_rays_that_gathered_in_vain_are_counted(tmp_path, monkeypatch):
+    monkeypatch.setattr(GatherPlan, "pays", lambda plan, *_: plan.given_up == math.inf)
+    settings = replace(QUICK, error=1e-4, max_photons=600_000)
+    _, result = bake_scene(tmp_path / "1", lamp_scene(), settings)
+    monkeypatch.setattr(GatherPlan, "pays", lambda plan, *_: False)
+    _, alone = bake_scene(tmp_path / "2", lamp_scene(), settings)
+    assert (result["gathered"], result["photons"]) == ({}, alone["photons"])
+    indirect = [one["rays"] - one["direct"]["rays"] for one in (result, alone)]
+    assert indirect[0] > indirect[1] + 4 * result["objects"][0]["texels"]
 
 
 def test_what_was_changed_is_told(tmp_path):
