@@ -32,6 +32,7 @@ _LEAST_COSINE = 0.01
 # Measured on the samples: as little error as of photons that go alone, by a third to two thirds fewer rays; 16 gain hardly more.
 SPLIT = 8
 _DEPTHS_TOGETHER = 2  # surfaces between joins of what is left of the waves
+_TINY = np.finfo(np.float32).tiny
 _GREATEST_POWER_W = 1e30  # leaves float32 room for photons brighter than the mean
 
 _Rows = NDArray[np.float32]
@@ -49,8 +50,8 @@ class TraceScene:
     tri_frame       (3, 3, n_tri) float32    of triangle_frames, unit box
     tri_lit_below   (n_tri,) float32         light is deposited whose cosine with the normal is less: 0, or for light on the back inf,
                                              or without a lightmap -inf
-    tri_smooth      (n_tri,) int32           column of smooth_normal, -1 for flat shading
-    smooth_normal   (3, 3, n_smooth) float32 corner, axis: unit shading normals
+    tri_smooth      (n_tri,) int32           column of smooth_frame, -1 for flat shading
+    smooth_frame    (3, 3, n_smooth) float32 of triangle_frames, of the corners' unit shading normals
     """
 
     rays: RayScene
@@ -61,7 +62,7 @@ class TraceScene:
     tri_frame: NDArray[np.float32]
     tri_lit_below: NDArray[np.float32]
     tri_smooth: NDArray[np.int32]
-    smooth_normal: NDArray[np.float32]
+    smooth_frame: NDArray[np.float32]
 
 
 def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, emitters: Sequence[Emitter]) -> TraceScene:
@@ -91,7 +92,7 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
         tri_frame=triangle_frames(corners),
         tri_lit_below=lit_below[snapshot.tri_object],
         tri_smooth=tri_smooth,
-        smooth_normal=np.ascontiguousarray(snapshot.tri_normal[smooth].transpose(1, 2, 0), np.float32),
+        smooth_frame=triangle_frames(snapshot.tri_normal[smooth].astype(np.float32)),
     )
 
 
@@ -145,13 +146,14 @@ def _bounce(
             soften(photons, found.distance)
             under_way = _total(flux)
             log.emitted += under_way
+        landed = under_way
         hit = (tri >= 0).nonzero()[0]
         if len(hit) < len(tri):
             tri, u, v = gather(tri, hit), gather(u, hit), gather(v, hit)
             direction, flux = gather(direction, hit), gather(flux, hit)
             group = None if group is None else gather(group, hit)
-        landed = _total(flux)
-        log.escaped += under_way - landed
+            landed = _total(flux)
+            log.escaped += under_way - landed
         if not len(hit):
             return None
         normal = gather(scene.tri_normal, tri)
@@ -162,8 +164,8 @@ def _bounce(
         if depth or not skip_first:
             _deposit(scene, tri, u, v, flux, direction, cosine, lit, depth == 0, group, log)
         parts = skip_first and not depth
-        split: _Rows | np.float32 = np.float32(SPLIT if parts else 1)
-        if parts and split_at:
+        split: _Rows | np.float32 | None = np.float32(SPLIT) if parts else None
+        if split is not None and split_at:
             place, factor = split_at(tri, u, v)
             split = split * factor
             group = log.open_groups(place, factor)
@@ -172,15 +174,17 @@ def _bounce(
         normal *= -np.copysign(np.float32(1), gather(cosine, alive))  # the side that was hit
         origin = offset_origin(locate_hits(scene.tri_frame, gather(tri, alive), gather(u, alive), gather(v, alive)), normal)
         group = None if group is None else gather(group, alive)
-        if parts:
+        if count is not None:
             copy = np.repeat(np.arange(len(alive)), count)
             origin, normal, flux = (gather(rows, copy) for rows in (origin, normal, flux))
             group = None if group is None else gather(group, copy)
+            numbers = grouped_points(count, copy, rng)
+        else:
+            numbers = rng.random((2, len(alive)), dtype=np.float32)
         under_way = _total(flux)
         log.absorbed += landed - under_way
         if not len(alive):
             return None
-        numbers = grouped_points(count, rng) if parts else rng.random((2, len(alive)), dtype=np.float32)
         photons = Photons(origin, _scatter(normal, numbers), flux, group=group)
     return photons
 
@@ -236,56 +240,63 @@ def _deposit(
     if len(kept) < len(tri):
         tri, u, v, flux = gather(tri, kept), gather(u, kept), gather(v, kept), gather(flux, kept)
         group = None if group is None else gather(group, kept)
-    if scene.smooth_normal.size:
+    if scene.smooth_frame.size:
         column = gather(scene.tri_smooth, tri)
         smooth = (column >= 0).nonzero()[0]
         if len(smooth):
-            corner = gather(scene.smooth_normal, gather(column, smooth))
-            s, t = gather(u, smooth), gather(v, smooth)
-            shading = corner[0] * (1 - s - t) + corner[1] * s + corner[2] * t
+            shading = locate_hits(scene.smooth_frame, gather(column, smooth), gather(u, smooth), gather(v, smooth))
             incoming, face = gather(direction, gather(kept, smooth)), gather(cosine, gather(kept, smooth))
-            length = np.sqrt(_dot(shading, shading))
-            facing = _dot(shading, incoming) * np.copysign(np.float32(1), face) / np.maximum(length, np.float32(1e-6))
-            flux = flux.copy()
+            facing = _dot(shading, incoming)
+            facing /= np.maximum(np.sqrt(_dot(shading, shading)), np.float32(1e-6))
+            facing /= np.copysign(np.maximum(np.abs(face), np.float32(_LEAST_COSINE)), face)
             # Shading normals scale what particles bring: Veach 1997, section 5.3.
-            flux[:, smooth] *= np.maximum(facing, 0) / np.maximum(np.abs(face), np.float32(_LEAST_COSINE))
+            factor = np.ones(len(tri), np.float32)
+            factor[smooth] = np.maximum(facing, 0)
+            flux = flux * factor
     log.deposit(tri, u, v, flux, is_first, group)
 
 
 def _play_roulette(
-    flux: _Rows, albedo: _Rows, split: _Rows | np.float32, rng: np.random.Generator
-) -> tuple[NDArray[np.intp], NDArray[np.intp], _Rows]:
+    flux: _Rows, albedo: _Rows, split: _Rows | np.float32 | None, rng: np.random.Generator
+) -> tuple[NDArray[np.intp], NDArray[np.intp] | None, _Rows]:
     """Which photons are reflected, and their flux then: q = max(flux * albedo) / max(flux) keeps the greatest channel as it is.
 
-    split   (n,) float32 or a number: of each photon so many play, with a share of its flux each; split * q of them survive, to within one
+    split   (n,) float32 or a number: of each photon so many play, with a share of its flux each; split * q of them survive, to within
+            one. None is one
     alive   (k,) int, ascending: photons that survive
-    count   (k,) int: in how many parts
+    count   (k,) int: in how many parts; None without `split`
     flux    (3, k) float32, W, of a part
     """
     reflected = flux * albedo
-    greatest = np.maximum(np.maximum(reflected[0], reflected[1]), reflected[2])
-    power = np.maximum(np.maximum(flux[0], flux[1]), flux[2])
-    survivors = np.divide(greatest, power, out=np.zeros_like(power), where=power > 0)
-    survivors *= split
-    survivors += rng.random(len(power), dtype=np.float32)
-    number = survivors.astype(np.intp)  # what is cut off survives by chance
-    alive = number.nonzero()[0]
-    greatest *= split
-    return alive, gather(number, alive), gather(reflected, alive) * (gather(power, alive) / gather(greatest, alive))
+    survivors = np.maximum(np.maximum(reflected[0], reflected[1]), reflected[2])
+    survivors /= np.maximum(np.maximum(np.maximum(flux[0], flux[1]), flux[2]), _TINY)
+    if split is not None:
+        survivors *= split
+    expected = survivors.copy()
+    survivors += rng.random(len(survivors), dtype=np.float32)  # what is cut off survives by chance
+    alive = (survivors >= 1).nonzero()[0]
+    count = None if split is None else gather(survivors, alive).astype(np.intp)
+    left = gather(reflected, alive)
+    left /= gather(expected, alive)
+    return alive, count, left
 
 
 def _scatter(normal: _Rows, numbers: _Rows) -> _Rows:
     """Cosine-distributed unit directions around the normals: the normal plus a point of the unit sphere.
 
-    numbers   (2, n) float32, uniform in [0, 1)
+    normal    (3, n) float32; holds the directions in the end
+    numbers   (2, n) float32, uniform in [0, 1); used up
     """
     height, turn = numbers
-    radius = np.sqrt(height * (1 - height)) * np.float32(2)
-    turn = turn * np.float32(2 * np.pi)
+    radius = 1 - height
+    radius *= height
+    np.sqrt(radius, out=radius)
+    radius *= np.float32(2)
+    turn *= np.float32(2 * np.pi)
     # A hair longer than 1, so that rounding never points a grazing ray below its surface.
-    direction = normal * np.float32(1 + 1e-5)
-    direction[0] += radius * np.cos(turn)
-    direction[1] += radius * np.sin(turn)
-    direction[2] += 1 - 2 * height
-    direction /= np.sqrt(_dot(direction, direction))
-    return direction
+    normal *= np.float32(1 + 1e-5)
+    normal[0] += radius * np.cos(turn)
+    normal[1] += radius * np.sin(turn)
+    normal[2] += 1 - 2 * height
+    normal /= np.sqrt(_dot(normal, normal))
+    return normal
