@@ -246,8 +246,7 @@ def _deposit(
         if len(smooth):
             shading = locate_hits(scene.smooth_frame, gather(column, smooth), gather(u, smooth), gather(v, smooth))
             incoming, face = gather(direction, gather(kept, smooth)), gather(cosine, gather(kept, smooth))
-            facing = _dot(shading, incoming)
-            facing /= np.maximum(np.sqrt(_dot(shading, shading)), np.float32(1e-6))
+            facing = _dot(shading, incoming) / np.maximum(np.sqrt(_dot(shading, shading)), np.float32(1e-6))
             facing /= np.copysign(np.maximum(np.abs(face), np.float32(_LEAST_COSINE)), face)
             # Shading normals scale what particles bring: Veach 1997, section 5.3.
             factor = np.ones(len(tri), np.float32)
@@ -276,9 +275,7 @@ def _play_roulette(
     survivors += rng.random(len(survivors), dtype=np.float32)  # what is cut off survives by chance
     alive = (survivors >= 1).nonzero()[0]
     count = None if split is None else gather(survivors, alive).astype(np.intp)
-    left = gather(reflected, alive)
-    left /= gather(expected, alive)
-    return alive, count, left
+    return alive, count, gather(reflected, alive) / gather(expected, alive)
 
 
 def _scatter(normal: _Rows, numbers: _Rows) -> _Rows:
@@ -288,9 +285,7 @@ def _scatter(normal: _Rows, numbers: _Rows) -> _Rows:
     numbers   (2, n) float32, uniform in [0, 1); used up
     """
     height, turn = numbers
-    radius = 1 - height
-    radius *= height
-    np.sqrt(radius, out=radius)
+    radius = np.sqrt(height * (1 - height))
     radius *= np.float32(2)
     turn *= np.float32(2 * np.pi)
     # A hair longer than 1, so that rounding never points a grazing ray below its surface.
