@@ -159,8 +159,9 @@ def _bounce(
         normal = gather(scene.tri_normal, tri)
         cosine = _dot(direction, normal)  # < 0 on the front
         lit = cosine < gather(scene.tri_lit_below, tri)
-        if not lit.all():
-            log.light_elsewhere(tri.compress(~lit))
+        elsewhere = (~lit).nonzero()[0]
+        if len(elsewhere):
+            log.light_elsewhere(gather(tri, elsewhere))
         if depth or not skip_first:
             _deposit(scene, tri, u, v, flux, direction, cosine, lit, depth == 0, group, log)
         parts = skip_first and not depth
@@ -212,7 +213,7 @@ def _bear(
 
 
 def _total(flux: _Rows) -> NDArray[np.float64]:
-    total: NDArray[np.float64] = flux.sum(axis=1, dtype=np.float64)
+    total: NDArray[np.float64] = np.add.reduce(flux, 1, np.float64)
     return total
 
 
