@@ -218,9 +218,7 @@ def _total(flux: _Rows) -> NDArray[np.float64]:
 
 
 def _dot(a: _Rows, b: _Rows) -> NDArray[np.float32]:
-    product: NDArray[np.float32] = a[0] * b[0]
-    product += a[1] * b[1]
-    product += a[2] * b[2]
+    product: NDArray[np.float32] = np.einsum("kn,kn->n", a, b)
     return product
 
 
