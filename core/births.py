@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
@@ -30,6 +30,7 @@ class Photons:
 
     soft    (3, n) float32   unit box: soft_radius, soft_offset and the way covered so far; None after the first hit, or if none is soft
     group   (n,) int32       newborn: the bin of BirthCells; later see photon_log.Groups; None if nobody asks
+    power   (3,) float64, W  of all of them together, from their first hit on
     """
 
     origin: _Rows
@@ -37,6 +38,7 @@ class Photons:
     flux: _Rows
     soft: _Rows | None = None
     group: NDArray[np.int32] | None = None
+    power: Float64 = field(default_factory=lambda: np.zeros(3))
 
 
 def bear_photons(
@@ -149,4 +151,5 @@ def join_waves(waves: list[Photons]) -> list[Photons]:
 def _join(waves: list[Photons]) -> Photons:
     origin, direction, flux = (np.concatenate([getattr(one, name) for one in waves], axis=1) for name in ("origin", "direction", "flux"))
     numbers = [one.group for one in waves if one.group is not None]
-    return Photons(origin, direction, flux, group=np.concatenate(numbers) if numbers else None)
+    power = np.sum([one.power for one in waves], axis=0)
+    return Photons(origin, direction, flux, group=np.concatenate(numbers) if numbers else None, power=power)

@@ -122,7 +122,7 @@ def trace_shard(
         if not left:
             break
     for photons in waves:
-        log.remainder += _total(photons.flux)
+        log.remainder += photons.power
     return log.hits()
 
 
@@ -136,7 +136,6 @@ def _bounce(
     log: PhotonLog,
 ) -> Photons | None:
     """The photons after as many surfaces; None when none is left."""
-    under_way = _total(photons.flux)
     for depth in depths:
         found = scene.rays.closest(photons.origin.T, photons.direction.T)
         tri, u, v = found.tri, found.u, found.v
@@ -144,16 +143,16 @@ def _bounce(
         log.count_rays(len(tri), group)
         if depth == 0:
             soften(photons, found.distance)
-            under_way = _total(flux)
-            log.emitted += under_way
-        landed = under_way
+            photons.power = np.add.reduce(flux, 1, np.float64)
+            log.emitted += photons.power
+        landed = photons.power
         hit = (tri >= 0).nonzero()[0]
         if len(hit) < len(tri):
             tri, u, v = gather(tri, hit), gather(u, hit), gather(v, hit)
             direction, flux = gather(direction, hit), gather(flux, hit)
             group = None if group is None else gather(group, hit)
             landed = _total(flux)
-            log.escaped += under_way - landed
+            log.escaped += photons.power - landed
         if not len(hit):
             return None
         normal = gather(scene.tri_normal, tri)
@@ -182,11 +181,11 @@ def _bounce(
             numbers = grouped_points(count, copy, rng)
         else:
             numbers = rng.random((2, len(alive)), dtype=np.float32)
-        under_way = _total(flux)
-        log.absorbed += landed - under_way
+        power = _total(flux)
+        log.absorbed += landed - power
         if not len(alive):
             return None
-        photons = Photons(origin, _scatter(normal, numbers), flux, group=group)
+        photons = Photons(origin, _scatter(normal, numbers), flux, group=group, power=power)
     return photons
 
 
@@ -213,7 +212,7 @@ def _bear(
 
 
 def _total(flux: _Rows) -> NDArray[np.float64]:
-    total: NDArray[np.float64] = np.add.reduce(flux, 1, np.float64)
+    total: NDArray[np.float64] = np.add.reduce(flux, 1).astype(np.float64)  # by pairs: as exact as the flux is
     return total
 
 
