@@ -155,9 +155,10 @@ def _bounce(
             log.escaped += photons.power - landed
         if not len(hit):
             return None
-        normal = gather(scene.tri_normal, tri)
+        index = tri.astype(np.intp)  # once, in place of in every gather
+        normal = gather(scene.tri_normal, index)
         cosine = _dot(direction, normal)  # < 0 on the front
-        lit = cosine < gather(scene.tri_lit_below, tri)
+        lit = cosine < gather(scene.tri_lit_below, index)
         elsewhere = (~lit).nonzero()[0]
         if len(elsewhere):
             log.light_elsewhere(gather(tri, elsewhere))
@@ -169,10 +170,10 @@ def _bounce(
             place, factor = split_at(tri, u, v)
             split = split * factor
             group = log.open_groups(place, factor)
-        alive, count, flux = _play_roulette(flux, scene.surfaces.albedo_at(tri, u, v).T, split, rng)
+        alive, count, flux = _play_roulette(flux, scene.surfaces.albedo_at(index, u, v).T, split, rng)
         normal = gather(normal, alive)
         normal *= -np.copysign(np.float32(1), gather(cosine, alive))  # the side that was hit
-        origin = offset_origin(locate_hits(scene.tri_frame, gather(tri, alive), gather(u, alive), gather(v, alive)), normal)
+        origin = offset_origin(locate_hits(scene.tri_frame, gather(index, alive), gather(u, alive), gather(v, alive)), normal)
         group = None if group is None else gather(group, alive)
         if count is not None:
             copy = np.repeat(np.arange(len(alive)), count)
