@@ -10,6 +10,7 @@ import json
 import os
 import signal
 import sys
+import tempfile
 import threading
 import traceback
 from concurrent.futures import BrokenExecutor
@@ -29,6 +30,7 @@ def main(folder: Path) -> int:
     """Bake the job in `folder`; 0 done, 1 a sentence was told, 3 a fault of ours, its traceback on standard error."""
     # Blender's own options make Python ignore PYTHONPATH, so the folders of the packages come with the job.
     sys.path += json.loads((folder / "sys_path.json").read_text(encoding="utf-8"))
+    tempfile.tempdir = str(folder)  # what is left where this process is ended at once is taken away with the job
     begun, stop = threading.Event(), threading.Event()
     threading.Thread(target=_listen, args=(begun, stop), daemon=True).start()
     for number in (signal.SIGINT, signal.SIGTERM):

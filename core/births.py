@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
@@ -30,6 +30,7 @@ class Photons:
 
     soft    (3, n) float32   unit box: soft_radius, soft_offset and the way covered so far; None after the first hit, or if none is soft
     group   (n,) int32       newborn: the bin of BirthCells; later see photon_log.Groups; None if nobody asks
+    power   (3,) float64, W  of all of them together, from their first hit on
     """
 
     origin: _Rows
@@ -37,6 +38,31 @@ class Photons:
     flux: _Rows
     soft: _Rows | None = None
     group: NDArray[np.int32] | None = None
+    power: Float64 = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass(frozen=True)
+class Arrivals:
+    """Photons at the surfaces that they have met, or at none.
+
+    tri, u, v                (n,), as of rays.Hits
+    direction, flux, group   as of Photons
+    """
+
+    tri: NDArray[np.int32]
+    u: _Rows
+    v: _Rows
+    direction: _Rows
+    flux: _Rows
+    group: NDArray[np.int32] | None
+
+    def only(self, rows: NDArray[np.intp]) -> Arrivals:
+        """Those in some rows (k,), ascending."""
+        if len(rows) == len(self.tri):
+            return self
+        tri, u, v = gather(self.tri, rows), gather(self.u, rows), gather(self.v, rows)
+        group = None if self.group is None else gather(self.group, rows)
+        return Arrivals(tri, u, v, gather(self.direction, rows), gather(self.flux, rows), group)
 
 
 def bear_photons(
@@ -151,4 +177,5 @@ def join_waves(waves: list[Photons]) -> list[Photons]:
 def _join(waves: list[Photons]) -> Photons:
     origin, direction, flux = (np.concatenate([getattr(one, name) for one in waves], axis=1) for name in ("origin", "direction", "flux"))
     numbers = [one.group for one in waves if one.group is not None]
-    return Photons(origin, direction, flux, group=np.concatenate(numbers) if numbers else None)
+    power = np.sum([one.power for one in waves], axis=0)
+    return Photons(origin, direction, flux, group=np.concatenate(numbers) if numbers else None, power=power)

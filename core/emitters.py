@@ -13,7 +13,6 @@ from .geometry import (
     locate_hits,
     offset_origin,
     orthonormal_basis,
-    select,
     stack_columns,
     take_rows,
     triangle_frames,
@@ -117,11 +116,11 @@ class WorldEmitter:
     casts_shadow: bool = True
 
     def emit(self, u: Float32) -> Births:
-        axis, rest = self.cover.choose_axis(u[:, 0], self.cover.face_area[None])
-        at_low = u[:, 2] >= 0.5
+        across, rest = self.cover.choose_faces(u[:, 0], self.cover.face_area[None])
+        at_low = (u[:, 2] >= 0.5).astype(np.float32)
         local = square_to_cosine_hemisphere(stack_columns(2 * u[:, 2] - at_low, u[:, 3]))
-        inward = select(axis == np.arange(3)[:, None], 2 * at_low.astype(np.float32) - 1, np.zeros(1, np.float32)).T
-        return make_births(self.cover.place(axis, ~at_low, rest, u[:, 1]), rotate_to(local, inward))
+        inward = (2 * at_low * across - across).T
+        return make_births(self.cover.place(across, 1 - at_low, rest, u[:, 1]), rotate_to(local, inward))
 
 
 def rotate_to(local: FloatArray, normal: FloatArray) -> FloatArray:

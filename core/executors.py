@@ -5,19 +5,24 @@ from __future__ import annotations
 import atexit
 import multiprocessing
 import os
+import pickle
 import signal
 import sys
+import tempfile
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from functools import partial
+from pathlib import Path
 from typing import Any, TypeVar
 
 from . import workers
 from .settings import Settings
 
 T = TypeVar("T")
+
+_MUCH = 1 << 16  # bytes
 
 
 class InlineExecutor(Executor):
@@ -80,7 +85,7 @@ def make_executor(workers: int) -> Executor:
 def wake(executor: Executor) -> None:
     """Have processes of this machine start, which takes as long as reading a scene, before there is work for them."""
     if isinstance(executor, LocalExecutor):
-        executor.on_each(os.getpid)
+        executor.wake()
 
 
 def send_home(executor: Executor) -> None:
@@ -120,7 +125,7 @@ class _Call(Future[Any]):
 class LocalExecutor(Executor):
     """Processes of this machine, and this one as one more of them: while it waits for a result it works on what nobody has begun.
 
-    So little waits for processes that are still starting, and two workers are one process to start.
+    So nothing waits for processes that are still starting, and two workers are one process to start.
     """
 
     def __init__(self, count: int) -> None:
@@ -130,22 +135,42 @@ class LocalExecutor(Executor):
         self.most_ahead = 2 * count
         self._pool = ProcessPoolExecutor(self._others, mp_context=context, initializer=_start_worker)
         self._waiting: deque[_Call] = deque()
-        self._turn = threading.Lock()  # of _idle
-        self._idle = self._others
+        self._turn = threading.Lock()  # of _ready and _given
+        self._woken = self._closed = False
+        self._ready = 0  # of the other processes: they have started
+        self._given = 0  # calls, to the other processes, and not back yet
+        self._results = tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True)
         self._leaving: threading.Thread | None = None
+
+    def wake(self) -> None:
+        """Have the other processes start; calls are given to them from when they have."""
+        if not self._woken:
+            self._woken = True
+            for _ in range(self._others):
+                self._pool.submit(os.getpid).add_done_callback(self._greet)
+
+    def _greet(self, _: Future[int]) -> None:
+        with self._turn:
+            self._ready += 1
+        self._feed()
 
     def on_each(self, fn: Callable[..., Any], /, *args: Any) -> None:
         """Have each of the other processes run `fn` while this one goes on; what it gives is dropped."""
+        self.wake()
         for _ in range(self._others):
             self._pool.submit(fn, *args)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        if self._closed:
+            raise RuntimeError("a call was submitted after the executor's shutdown")
+        self.wake()
         call = _Call(self._help_out, partial(fn, *args, **kwargs))
         self._waiting.append(call)
         self._feed()
         return call
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        self._closed = True
         for call in list(self._waiting) if cancel_futures else ():
             call.cancel()
         while wait and self._help_out():
@@ -153,6 +178,7 @@ class LocalExecutor(Executor):
         if wait and self._leaving:
             self._leaving.join()
         self._pool.shutdown(wait, cancel_futures=cancel_futures)
+        self._results.cleanup()
 
     def send_home(self) -> None:
         """The other processes end while this one goes on; all that was asked of them must be done, and no more may be."""
@@ -177,25 +203,51 @@ class LocalExecutor(Executor):
         return call is not None
 
     def _feed(self) -> None:
-        """Give the other processes a call each: a second one in reserve would be missing here at the end."""
+        """Give the other processes a call each, and while many wait a second one in reserve: at the end that would be missing here."""
         while True:
             with self._turn:
-                call = self._take() if self._idle else None
+                most = self._ready * (2 if len(self._waiting) > self._others + 1 else 1)
+                call = self._take() if self._given < most else None
                 if call is None:
                     return
-                self._idle -= 1
+                self._given += 1
             try:
-                self._pool.submit(call.run).add_done_callback(partial(self._receive, call))
+                sent = self._pool.submit(_keep_result, call.run, self._results.name)
+                sent.add_done_callback(partial(self._receive, call))
             except RuntimeError as error:  # one of them was killed, or all were sent home
                 call.set_exception(error)
                 with self._turn:
-                    self._idle += 1
+                    self._given -= 1
 
-    def _receive(self, call: _Call, sent: Future[Any]) -> None:
+    def _receive(self, call: _Call, sent: Future[bytes | str]) -> None:
         with self._turn:
-            self._idle += 1
+            self._given -= 1
         self._feed()  # first: it works while the result is looked at
-        _settle(call, sent.result)
+        _settle(call, lambda: _fetch_result(sent.result()))
+
+
+def _keep_result(run: Callable[[], Any], folder: str) -> bytes | str:
+    """What `run` gives, pickled; if that is much, the name of a file that holds it: a pipe is full with 64 KB, and this process would
+    wait for the main one, which traces, to read it all."""
+    result = pickle.dumps(run(), pickle.HIGHEST_PROTOCOL)
+    if len(result) < _MUCH:
+        return result
+    try:
+        with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
+            file.write(result)
+    except OSError:  # no room there
+        return result
+    return file.name
+
+
+def _fetch_result(kept: bytes | str) -> Any:
+    """What _keep_result was given."""
+    if isinstance(kept, bytes):
+        return pickle.loads(kept)
+    file = Path(kept)
+    result = file.read_bytes()
+    file.unlink()
+    return pickle.loads(result)
 
 
 def _settle(future: Future[Any], run: Callable[[], Any]) -> None:

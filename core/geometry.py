@@ -113,11 +113,11 @@ def offset_origin(position: FloatArray, normal: FloatArray) -> FloatArray:
 
 
 def locate_hits(tri_frame: FloatArray, tri: IntArray, u: FloatArray, v: FloatArray) -> FloatArray:
-    """(3, n) float: places on triangles.
+    """(k, n) float: places on triangles.
 
     By the barycentrics they lie on the surface however grazing the ray; origin + distance * direction may be beyond a wall.
 
-    tri_frame   (3, 3, n_tri) float   of `triangle_frames`
+    tri_frame   (3, k, n_tri) float   of `triangle_frames`
     tri         (n,) int
     u, v        (n,) float            weights of corners 1 and 2
     """
@@ -131,7 +131,7 @@ def locate_hits(tri_frame: FloatArray, tri: IntArray, u: FloatArray, v: FloatArr
 
 
 def triangle_frames(corners: FloatArray) -> FloatArray:
-    """(3, 3, n) float: corner 0 and the edges to corners 1 and 2, then the axis, of triangles (n, 3, 3)."""
+    """(3, k, n) float: corner 0 and the edges to corners 1 and 2, then the axis, of triangles (n, 3, k)."""
     frame = np.stack([corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]])
     return np.ascontiguousarray(frame.transpose(0, 2, 1))
 

@@ -237,10 +237,11 @@ class SunEmitter:
 
     def emit(self, u: Float32) -> Births:
         direction = turn(square_to_uniform_cone(u[:, 2:4], self.half_angle_rad), self.axes)
-        axis, rest = self.cover.choose_axis(u[:, 0], np.abs(direction) * self.cover.face_area)
-        entering_high = ((axis == np.arange(3)[:, None]) & (direction.T < 0)).any(axis=0)
+        seen = np.abs(direction) * self.cover.face_area.astype(np.float32)
+        across, rest = self.cover.choose_faces(u[:, 0], seen)
+        entering_high = (across * direction.T).sum(axis=0) < 0
         relative = self.cover.outline_area(direction)[:, None] / self.mean_outline
-        return make_births(self.cover.place(axis, entering_high, rest, u[:, 1]), direction, relative)
+        return make_births(self.cover.place(across, entering_high, rest, u[:, 1]), direction, relative)
 
 
 def make_light_emitter(light: Light, power_rgb: Float64, unit_box: UnitBox, cover: SceneCover) -> Emitter:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import gather
+from .geometry import gather, locate_hits, triangle_frames
 from .scene import MAX_ALBEDO, FloatArray, IntArray, Material, SceneSnapshot, TextureImage
 
 _PERIODS = {"REPEAT": 1.0, "MIRROR": 2.0}  # in UV, by extension
-_Wrapped: TypeAlias = tuple[IntArray, NDArray[np.bool_] | np.bool_]  # numbers of texels, and whether they are shown
 
 
 @dataclass(frozen=True)
@@ -21,7 +20,7 @@ class _Layer:
 
     tri_rgb      (3, n_tri) float32, already clamped where there is no image
     tri_image    (n_tri,) int32, -1 none; None when no triangle has one
-    tri_uv       (3, 2, n_tri) float32: corner, axis; none without images
+    tri_uv       (3, 2, n_tri) float32: of triangle_frames; none without images
     highest      upper limit of the product
     """
 
@@ -37,9 +36,8 @@ class _Layer:
             hit_image = gather(self.tri_image, tri)
             for index in np.bincount(hit_image + 1)[1:].nonzero()[0]:
                 rows = (hit_image == index).nonzero()[0]
-                corner, s, t = gather(self.tri_uv, gather(tri, rows)), gather(u, rows), gather(v, rows)
-                uv = (corner[0] * (1 - s - t) + corner[1] * s + corner[2] * t).T
                 with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not finite, and so 0
+                    uv = locate_hits(self.tri_uv, gather(tri, rows), gather(u, rows), gather(v, rows)).T
                     product = _clamp(gather(rgb, rows) * sample_texture(self.images[index], uv).T, self.highest)
                 for channel, values in zip(rgb, product, strict=True):  # numpy is three times as quick row by row
                     channel[rows] = values
@@ -88,58 +86,55 @@ def sample_texture(image: TextureImage, uv: FloatArray) -> NDArray[np.float32]:
     """Colours of an image; texel (x, y) has its centre at ((x + 0.5) / width, (y + 0.5) / height), as in Blender.
 
     uv    (n, 2) float; not finite counts as 0. An image without texels is black
-    out   (n, 3) float32
+    out   (n, 3) float32; its transpose is contiguous
     """
     height, width = image.pixels.shape[:2]
     if not height * width:
         return np.zeros((len(uv), 3), np.float32)
     finite = np.isfinite(uv)
-    place = (uv if finite.all() else np.where(finite, uv, 0)).T.astype(np.float64)
+    place = (uv if finite.all() else np.where(finite, uv, 0)).T
+    size = np.array([[width], [height]], place.dtype)
     if image.extension in _PERIODS:
-        place -= _PERIODS[image.extension] * np.floor(place / _PERIODS[image.extension])
+        period = _PERIODS[image.extension]
+        place = size * (place - period * np.floor(place / period))
     else:
-        np.clip(place, -2, 3, out=place)  # keeps texel numbers within int64
-    place *= np.array([[width], [height]])
-    if image.closest:
-        x, y = np.floor(place).astype(np.int64)
-        return _weigh_texels(image, _wrap(x, width, image.extension), _wrap(y, height, image.extension), np.float32(1))
-    place -= 0.5
+        place = np.clip(size * place, -0.5, size + 0.5)
+    place += 1 if image.closest else 0.5  # _neighbours counts from the texel before the image
     low = np.floor(place)
+    x, y = low.astype(np.intp)
+    column, row = gather(_neighbours(width, image.extension), x), gather(_neighbours(height, image.extension), y)
     place -= low
-    s, t = place.astype(np.float32)
-    x, y = low.astype(np.int64)
-    left, right = _wrap(x, width, image.extension), _wrap(x + 1, width, image.extension)
-    bottom, top = _wrap(y, height, image.extension), _wrap(y + 1, height, image.extension)
-    out = _weigh_texels(image, left, bottom, (1 - s) * (1 - t))
-    out += _weigh_texels(image, right, bottom, s * (1 - t))
-    out += _weigh_texels(image, left, top, (1 - s) * t)
-    out += _weigh_texels(image, right, top, s * t)
-    return out
+    share = np.array([1 - place, place], np.float32)  # of both neighbours, by axis
+    if image.closest:
+        column, row, share = column[:1], row[:1], np.ones_like(share[:1])
+    if image.extension == "CLIP":
+        share *= np.stack([column, row], axis=1) >= 0
+    return _weigh_texels(image, row[:, None] * width + column, share[:, 1, None] * share[:, 0])
 
 
-def _weigh_texels(image: TextureImage, column: _Wrapped, row: _Wrapped, weight: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
-    """(n, 3) view of rows: texels times their weights (n,)."""
-    (x, shown_x), (y, shown_y) = column, row
-    rgb = np.ascontiguousarray(image.pixels.reshape(-1, 3).take(y * image.pixels.shape[1] + x, axis=0).T)
-    rgb *= weight * (shown_x & shown_y)
-    return rgb.T
+def _weigh_texels(image: TextureImage, texel: IntArray, weight: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(n, 3) view of rows: sums of texels (i, j, n) times their weights (i, j, n)."""
+    pixels, first = image.pixels.reshape(-1), texel * 3
+    rgb = np.empty((3, *texel.shape), np.float32)
+    for channel, row in enumerate(rgb):  # four times as quick as whole texels, of 12 bytes each
+        pixels[channel:].take(first, out=row, mode="wrap")
+    out: NDArray[np.float32] = np.einsum("cijn,ijn->cn", rgb, weight)
+    return out.T
 
 
-def _wrap(index: IntArray, size: int, extension: str) -> _Wrapped:
-    """The texels that stand for some beyond the image."""
+@lru_cache(maxsize=64)
+def _neighbours(size: int, extension: str) -> IntArray:
+    """(2, k) int: of a place along an image, k - 1 to k texels from its start, the texels before and after; -1 where none is shown."""
+    texel = np.arange(-1, (2 if extension == "MIRROR" else 1) * size + 2)
     if extension == "REPEAT":
-        return _remainder(index, size), np.True_
-    if extension == "MIRROR":
-        folded = _remainder(index, 2 * size)
-        return np.minimum(folded, 2 * size - 1 - folded), np.True_
-    inside = np.clip(index, 0, size - 1)
-    return inside, inside == index if extension == "CLIP" else np.True_
-
-
-def _remainder(index: IntArray, size: int) -> IntArray:
-    """index % size of an index in -size ... 2 * size - 1."""
-    out: IntArray = index + size * ((index < 0).astype(index.dtype) - (index >= size))
-    return out
+        texel %= size
+    elif extension == "MIRROR":
+        texel = np.minimum(texel % (2 * size), 2 * size - 1 - texel % (2 * size))
+    elif extension == "EXTEND":
+        texel = texel.clip(0, size - 1)
+    else:
+        texel[texel >= size] = -1
+    return np.stack([texel[:-1], texel[1:]])
 
 
 def clamp_warnings(scene: SceneSnapshot) -> list[tuple[str, str]]:
@@ -183,7 +178,8 @@ def _layer(
     tri_rgb = np.ascontiguousarray(material_rgb[scene.tri_material].T)
     if not (tri_image >= 0).any():
         return _Layer(tri_rgb, None, np.zeros((3, 2, 0), np.float32), scene.images, highest)
-    return _Layer(tri_rgb, tri_image, np.ascontiguousarray(tri_uv.transpose(1, 2, 0)), scene.images, highest)
+    with np.errstate(over="ignore", invalid="ignore"):  # as where they are used
+        return _Layer(tri_rgb, tri_image, triangle_frames(tri_uv), scene.images, highest)
 
 
 def _clamp(values: FloatArray, highest: float) -> FloatArray:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .birth_cells import BirthCells
-from .births import BATCH, Photons, bear_photons, join_waves, light_every_surface, soften
+from .births import BATCH, Arrivals, Photons, bear_photons, join_waves, light_every_surface, soften
 from .geometry import UnitBox, gather, locate_hits, offset_origin, triangle_frames, triangle_normals_areas
 from .lights import Emitter
 from .materials import SurfaceMaterials
@@ -32,6 +32,7 @@ _LEAST_COSINE = 0.01
 # Measured on the samples: as little error as of photons that go alone, by a third to two thirds fewer rays; 16 gain hardly more.
 SPLIT = 8
 _DEPTHS_TOGETHER = 2  # surfaces between joins of what is left of the waves
+_TINY = np.finfo(np.float32).tiny
 _GREATEST_POWER_W = 1e30  # leaves float32 room for photons brighter than the mean
 
 _Rows = NDArray[np.float32]
@@ -49,8 +50,8 @@ class TraceScene:
     tri_frame       (3, 3, n_tri) float32    of triangle_frames, unit box
     tri_lit_below   (n_tri,) float32         light is deposited whose cosine with the normal is less: 0, or for light on the back inf,
                                              or without a lightmap -inf
-    tri_smooth      (n_tri,) int32           column of smooth_normal, -1 for flat shading
-    smooth_normal   (3, 3, n_smooth) float32 corner, axis: unit shading normals
+    tri_smooth      (n_tri,) int32           column of smooth_frame, -1 for flat shading
+    smooth_frame    (3, 3, n_smooth) float32 of triangle_frames, of the corners' unit shading normals
     """
 
     rays: RayScene
@@ -61,31 +62,7 @@ class TraceScene:
     tri_frame: NDArray[np.float32]
     tri_lit_below: NDArray[np.float32]
     tri_smooth: NDArray[np.int32]
-    smooth_normal: NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class _Arrivals:
-    """Photons at the surfaces that they have met, or at none.
-
-    tri, u, v                (n,), as of rays.Hits
-    direction, flux, group   as of Photons
-    """
-
-    tri: _Ints
-    u: _Rows
-    v: _Rows
-    direction: _Rows
-    flux: _Rows
-    group: _Ints | None
-
-    def only(self, rows: NDArray[np.intp]) -> _Arrivals:
-        """Those in some rows (k,), ascending."""
-        if len(rows) == len(self.tri):
-            return self
-        tri, u, v = gather(self.tri, rows), gather(self.u, rows), gather(self.v, rows)
-        group = None if self.group is None else gather(self.group, rows)
-        return _Arrivals(tri, u, v, gather(self.direction, rows), gather(self.flux, rows), group)
+    smooth_frame: NDArray[np.float32]
 
 
 def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, emitters: Sequence[Emitter]) -> TraceScene:
@@ -115,7 +92,7 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
         tri_frame=triangle_frames(corners),
         tri_lit_below=lit_below[snapshot.tri_object],
         tri_smooth=tri_smooth,
-        smooth_normal=np.ascontiguousarray(snapshot.tri_normal[smooth].transpose(1, 2, 0), np.float32),
+        smooth_frame=triangle_frames(snapshot.tri_normal[smooth].astype(np.float32)),
     )
 
 
@@ -145,7 +122,7 @@ def trace_shard(
         if not left:
             break
     for photons in waves:
-        log.remainder += _total(photons.flux)
+        log.remainder += photons.power
     return log.hits()
 
 
@@ -159,49 +136,54 @@ def _bounce(
     log: PhotonLog,
 ) -> Photons | None:
     """The photons after as many surfaces; None when none is left."""
-    under_way = _total(photons.flux)
     for depth in depths:
         found = scene.rays.closest(photons.origin.T, photons.direction.T)
         log.count_rays(len(found.tri), photons.group)
         if depth == 0:
             soften(photons, found.distance)
-            under_way = _total(photons.flux)
-            log.emitted += under_way
+            photons.power = np.add.reduce(photons.flux, 1, np.float64)
+            log.emitted += photons.power
+        landed = photons.power
         hit = (found.tri >= 0).nonzero()[0]
-        arrived = _Arrivals(found.tri, found.u, found.v, photons.direction, photons.flux, photons.group).only(hit)
+        arrived = Arrivals(found.tri, found.u, found.v, photons.direction, photons.flux, photons.group).only(hit)
         tri, u, v, flux, group = arrived.tri, arrived.u, arrived.v, arrived.flux, arrived.group
-        landed = _total(flux)
-        log.escaped += under_way - landed
+        if len(hit) < len(found.tri):
+            landed = _total(flux)
+            log.escaped += photons.power - landed
         if not len(hit):
             return None
-        normal = gather(scene.tri_normal, tri)
+        index = tri.astype(np.intp)  # once, in place of in every gather
+        normal = gather(scene.tri_normal, index)
         cosine = _dot(arrived.direction, normal)  # < 0 on the front
-        lit = cosine < gather(scene.tri_lit_below, tri)
-        if not lit.all():
-            log.light_elsewhere(tri.compress(~lit))
+        lit = cosine < gather(scene.tri_lit_below, index)
+        elsewhere = (~lit).nonzero()[0]
+        if len(elsewhere):
+            log.light_elsewhere(gather(tri, elsewhere))
         if depth or not skip_first:
             _deposit(scene, arrived, cosine, lit, depth == 0, log)
         parts = skip_first and not depth
-        split: _Rows | np.float32 = np.float32(SPLIT if parts else 1)
-        if parts and split_at:
+        split: _Rows | np.float32 | None = np.float32(SPLIT) if parts else None
+        if split is not None and split_at:
             place, factor = split_at(tri, u, v)
             split = split * factor
             group = log.open_groups(place, factor)
-        alive, count, flux = _play_roulette(flux, scene.surfaces.albedo_at(tri, u, v).T, split, rng)
+        alive, count, flux = _play_roulette(flux, scene.surfaces.albedo_at(index, u, v).T, split, rng)
         normal = gather(normal, alive)
         normal *= -np.copysign(np.float32(1), gather(cosine, alive))  # the side that was hit
-        origin = offset_origin(locate_hits(scene.tri_frame, gather(tri, alive), gather(u, alive), gather(v, alive)), normal)
+        origin = offset_origin(locate_hits(scene.tri_frame, gather(index, alive), gather(u, alive), gather(v, alive)), normal)
         group = None if group is None else gather(group, alive)
-        if parts:
+        if count is not None:
             copy = np.repeat(np.arange(len(alive)), count)
             origin, normal, flux = (gather(rows, copy) for rows in (origin, normal, flux))
             group = None if group is None else gather(group, copy)
-        under_way = _total(flux)
-        log.absorbed += landed - under_way
+            numbers = grouped_points(count, copy, rng)
+        else:
+            numbers = rng.random((2, len(alive)), dtype=np.float32)
+        power = _total(flux)
+        log.absorbed += landed - power
         if not len(alive):
             return None
-        numbers = grouped_points(count, rng) if parts else rng.random((2, len(alive)), dtype=np.float32)
-        photons = Photons(origin, _scatter(normal, numbers), flux, group=group)
+        photons = Photons(origin, _scatter(normal, numbers), flux, group=group, power=power)
     return photons
 
 
@@ -228,72 +210,72 @@ def _bear(
 
 
 def _total(flux: _Rows) -> NDArray[np.float64]:
-    total: NDArray[np.float64] = flux.sum(axis=1, dtype=np.float64)
+    total: NDArray[np.float64] = np.add.reduce(flux, 1).astype(np.float64)  # by pairs: as exact as the flux is
     return total
 
 
 def _dot(a: _Rows, b: _Rows) -> NDArray[np.float32]:
-    product: NDArray[np.float32] = a[0] * b[0]
-    product += a[1] * b[1]
-    product += a[2] * b[2]
+    product: NDArray[np.float32] = np.einsum("kn,kn->n", a, b)
     return product
 
 
-def _deposit(scene: TraceScene, arrived: _Arrivals, cosine: _Rows, lit: NDArray[np.bool_], is_first: bool, log: PhotonLog) -> None:
+def _deposit(scene: TraceScene, arrived: Arrivals, cosine: _Rows, lit: NDArray[np.bool_], is_first: bool, log: PhotonLog) -> None:
     """Logs those that are lit (n,) bool; cosine (n,) float32: of the way they came with the normal."""
     kept = lit.nonzero()[0]
     own = arrived.only(kept)
-    tri, u, v, flux = own.tri, own.u, own.v, own.flux
-    if scene.smooth_normal.size:
-        column = gather(scene.tri_smooth, tri)
+    flux = own.flux
+    if scene.smooth_frame.size:
+        column = gather(scene.tri_smooth, own.tri)
         smooth = (column >= 0).nonzero()[0]
         if len(smooth):
-            corner = gather(scene.smooth_normal, gather(column, smooth))
-            s, t = gather(u, smooth), gather(v, smooth)
-            shading = corner[0] * (1 - s - t) + corner[1] * s + corner[2] * t
+            shading = locate_hits(scene.smooth_frame, gather(column, smooth), gather(own.u, smooth), gather(own.v, smooth))
             incoming, face = gather(own.direction, smooth), gather(cosine, gather(kept, smooth))
-            length = np.sqrt(_dot(shading, shading))
-            facing = _dot(shading, incoming) * np.copysign(np.float32(1), face) / np.maximum(length, np.float32(1e-6))
-            flux = flux.copy()
+            facing = _dot(shading, incoming) / np.maximum(np.sqrt(_dot(shading, shading)), np.float32(1e-6))
+            facing /= np.copysign(np.maximum(np.abs(face), np.float32(_LEAST_COSINE)), face)
             # Shading normals scale what particles bring: Veach 1997, section 5.3.
-            flux[:, smooth] *= np.maximum(facing, 0) / np.maximum(np.abs(face), np.float32(_LEAST_COSINE))
-    log.deposit(tri, u, v, flux, is_first, own.group)
+            factor = np.ones(len(own.tri), np.float32)
+            factor[smooth] = np.maximum(facing, 0)
+            flux = flux * factor
+    log.deposit(own.tri, own.u, own.v, flux, is_first, own.group)
 
 
 def _play_roulette(
-    flux: _Rows, albedo: _Rows, split: _Rows | np.float32, rng: np.random.Generator
-) -> tuple[NDArray[np.intp], NDArray[np.intp], _Rows]:
+    flux: _Rows, albedo: _Rows, split: _Rows | np.float32 | None, rng: np.random.Generator
+) -> tuple[NDArray[np.intp], NDArray[np.intp] | None, _Rows]:
     """Which photons are reflected, and their flux then: q = max(flux * albedo) / max(flux) keeps the greatest channel as it is.
 
-    split   (n,) float32 or a number: of each photon so many play, with a share of its flux each; split * q of them survive, to within one
+    split   (n,) float32 or a number: of each photon so many play, with a share of its flux each; split * q of them survive, to within
+            one. None is one
     alive   (k,) int, ascending: photons that survive
-    count   (k,) int: in how many parts
+    count   (k,) int: in how many parts; None without `split`
     flux    (3, k) float32, W, of a part
     """
     reflected = flux * albedo
-    greatest = np.maximum(np.maximum(reflected[0], reflected[1]), reflected[2])
-    power = np.maximum(np.maximum(flux[0], flux[1]), flux[2])
-    survivors = np.divide(greatest, power, out=np.zeros_like(power), where=power > 0)
-    survivors *= split
-    survivors += rng.random(len(power), dtype=np.float32)
-    number = survivors.astype(np.intp)  # what is cut off survives by chance
-    alive = number.nonzero()[0]
-    greatest *= split
-    return alive, gather(number, alive), gather(reflected, alive) * (gather(power, alive) / gather(greatest, alive))
+    survivors = np.maximum(np.maximum(reflected[0], reflected[1]), reflected[2])
+    survivors /= np.maximum(np.maximum(np.maximum(flux[0], flux[1]), flux[2]), _TINY)
+    if split is not None:
+        survivors *= split
+    expected = survivors.copy()
+    survivors += rng.random(len(survivors), dtype=np.float32)  # what is cut off survives by chance
+    alive = (survivors >= 1).nonzero()[0]
+    count = None if split is None else gather(survivors, alive).astype(np.intp)
+    return alive, count, gather(reflected, alive) / gather(expected, alive)
 
 
 def _scatter(normal: _Rows, numbers: _Rows) -> _Rows:
     """Cosine-distributed unit directions around the normals: the normal plus a point of the unit sphere.
 
-    numbers   (2, n) float32, uniform in [0, 1)
+    normal    (3, n) float32; holds the directions in the end
+    numbers   (2, n) float32, uniform in [0, 1); used up
     """
     height, turn = numbers
-    radius = np.sqrt(height * (1 - height)) * np.float32(2)
-    turn = turn * np.float32(2 * np.pi)
+    radius = np.sqrt(height * (1 - height))
+    radius *= np.float32(2)
+    turn *= np.float32(2 * np.pi)
     # A hair longer than 1, so that rounding never points a grazing ray below its surface.
-    direction = normal * np.float32(1 + 1e-5)
-    direction[0] += radius * np.cos(turn)
-    direction[1] += radius * np.sin(turn)
-    direction[2] += 1 - 2 * height
-    direction /= np.sqrt(_dot(direction, direction))
-    return direction
+    normal *= np.float32(1 + 1e-5)
+    normal[0] += radius * np.cos(turn)
+    normal[1] += radius * np.sin(turn)
+    normal[2] += 1 - 2 * height
+    normal /= np.sqrt(_dot(normal, normal))
+    return normal

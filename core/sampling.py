@@ -54,16 +54,16 @@ def low_discrepancy_points(shift: NDArray[np.uint32], start: int, count: int) ->
     return out.T
 
 
-def grouped_points(count: IntArray, rng: np.random.Generator) -> NDArray[np.float32]:
+def grouped_points(count: IntArray, group: IntArray, rng: np.random.Generator) -> NDArray[np.float32]:
     """Points of the unit square, each uniform, those of a group spread over it.
 
     count   (g,) int, of each group, at most 2^17
+    group   (n,) int, of each point: 0 as many times as count[0] says, and so on
     out     (2, n) float32 in [0, 1), group by group
     Source: as of low_discrepancy_points; each group has a digital shift of its own.
     """
-    end = np.cumsum(count)
-    group = np.repeat(np.arange(len(count)), count)
-    bits = gather(_scrambled_net()[:2], np.arange(len(group)) - gather(end - count, group))
+    start = np.cumsum(count) - count
+    bits = gather(_scrambled_net()[:2], np.arange(len(group)) - gather(start, group))
     bits ^= gather(rng.integers(0, 2**32, (2, len(count)), np.uint32), group)
     bits >>= np.uint32(8)
     out: NDArray[np.float32] = bits.astype(np.float32)
@@ -122,11 +122,13 @@ def square_to_uniform_disk(u: FloatArray) -> FloatArray:
     Source: Shirley & Chiu 1997, concentric map, in Cline's form.
     """
     a, b = 2 * u[:, 0] - 1, 2 * u[:, 1] - 1
-    wide = np.abs(a) > np.abs(b)
-    radius = select(wide, a, b)
-    phi = math.pi / 4 * select(wide, b, a) / (radius + (radius == 0))  # from the nearer axis
+    wide = (np.abs(a) > np.abs(b)).astype(a.dtype)
+    swap = wide * (a - b)
+    radius, other = b + swap, a - swap
+    phi = math.pi / 4 * other / (radius + (radius == 0))  # from the nearer axis
     along, across = radius * np.cos(phi), radius * np.sin(phi)
-    return stack_columns(select(wide, along, across), select(wide, across, along))
+    swap = wide * (along - across)
+    return stack_columns(across + swap, along - swap)
 
 
 def uniform_disk_pdf() -> float:

@@ -8,12 +8,13 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import select, stack_columns
+from .geometry import stack_columns
 from .scene import FloatArray
 
 Float32: TypeAlias = NDArray[np.float32]
 Float64: TypeAlias = NDArray[np.float64]
 
+_TINY = float(np.finfo(np.float32).tiny)
 _COVER_PADDING = 1e-3  # unit box; keeps rays from starting in the plane of an outermost surface
 
 
@@ -48,21 +49,23 @@ class SceneCover:
         out: Float64 = x * a + y * b + z * c  # many times faster than a product of matrices
         return out
 
-    def choose_axis(self, u: Float32, weight: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
-        """Face axes (n,) chosen by weights (n, 3) or (1, 3), and what is left of u (n,) float32, again in [0, 1]."""
-        x, y, z = weight.T.astype(np.float32)
-        total = x + y + z
-        first, second = x / total, (x + y) / total
-        beyond_first, beyond_second = u >= first, u >= second
-        axis = beyond_first.astype(np.int64) + beyond_second
-        low = np.maximum(beyond_first * first, beyond_second * second)
-        high = select(beyond_first, np.maximum(second, beyond_second), first)
-        return axis, np.clip((u - low) / np.maximum(high - low, 1e-12), 0, 1)
+    def choose_faces(self, u: Float32, weight: FloatArray) -> tuple[Float32, Float32]:
+        """Across which axis the faces lie, chosen by weights (n, 3) or (1, 3), and what is left of u (n,) float32, again in [0, 1].
 
-    def place(self, axis: NDArray[np.int64], at_high: NDArray[np.bool_], u: FloatArray, v: FloatArray) -> Float32:
-        """(n, 3) float32: points (u, v) of the faces across `axis`, on their high or low side."""
-        across = [axis == k for k in range(3)]
-        side, u, v = (number.astype(np.float32, copy=False) for number in (at_high, u, v))
-        share = stack_columns(*(across[k] * side + across[k - 1] * u + across[k - 2] * v for k in range(3)))
+        across   (3, n) float32: 1 for the axis, 0 for the others
+        """
+        x, y, z = weight.T.astype(np.float32)
+        place = u.astype(np.float32, copy=False) * (x + y + z)
+        beyond_first, beyond_second = (place >= x).astype(np.float32), (place >= x + y).astype(np.float32)
+        across = np.stack([1 - beyond_first, beyond_first - beyond_second, beyond_second])
+        place -= beyond_first * x
+        place -= beyond_second * y
+        place /= np.maximum(across[0] * x + across[1] * y + across[2] * z, np.float32(_TINY))
+        return across, place.clip(0, 1)
+
+    def place(self, across: Float32, at_high: FloatArray, u: FloatArray, v: FloatArray) -> Float32:
+        """(n, 3) float32: points (u, v) of the faces across an axis, on its high side where at_high (n,) is 1, or low where it is 0."""
+        at_high, u, v = (number.astype(np.float32, copy=False) for number in (at_high, u, v))
+        share = stack_columns(*(across[k] * at_high + across[k - 1] * u + across[k - 2] * v for k in range(3)))
         out: Float32 = self.low + share * (self.high - self.low)
         return out

@@ -3,6 +3,8 @@
 import os
 import time
 from concurrent.futures import BrokenExecutor
+from functools import partial
+from pathlib import Path
 
 import pytest
 from leaflight.core import executors
@@ -58,8 +60,54 @@ def test_this_process_works_while_it_waits_and_the_other_one_works_too():
         assert os.getpid() in by
 
 
+def test_nothing_waits_for_a_process_that_is_still_starting():
+    with executors.LocalExecutor(2) as executor:
+        assert executor.submit(os.getpid).result() == os.getpid()  # to start takes a tenth of a second at least
+        wait_until_ready(executor)
+        assert executor.submit(os.getpid).result() != os.getpid()
+
+
+def wait_until_ready(executor):
+    executors.wake(executor)
+    for _ in range(600):
+        if executor._ready == executor._others:
+            return
+        time.sleep(0.1)
+    raise AssertionError("the other processes never started")
+
+
+def test_the_other_process_has_a_call_in_reserve_while_many_wait():
+    with executors.LocalExecutor(2) as executor:
+        wait_until_ready(executor)
+        calls = [executor.submit(tell_process, 0.5) for _ in range(3)]
+        assert executor._given == 1
+        calls += [executor.submit(tell_process, 0.5)]
+        assert executor._given == 2
+        assert len(executor._waiting) == 2
+        assert [call.result() == os.getpid() for call in calls[:3]] == [False, False, True]
+
+
+def test_large_results_come_by_files_that_are_taken_away(tmp_path):
+    kept = executors._keep_result(partial(range, 10), str(tmp_path))
+    assert isinstance(kept, bytes)
+    assert executors._fetch_result(kept) == range(10)
+    much = executors._keep_result(partial(bytes, 1 << 20), str(tmp_path))
+    assert isinstance(much, str)
+    assert executors._fetch_result(much) == bytes(1 << 20)
+    assert not list(tmp_path.iterdir())
+    full = executors._keep_result(partial(bytes, 1 << 20), str(tmp_path / "nowhere"))  # as where there is no room
+    assert executors._fetch_result(full) == bytes(1 << 20)
+    with executors.LocalExecutor(2) as executor:
+        wait_until_ready(executor)
+        assert executor.submit(bytes, 1 << 20).result() == bytes(1 << 20)
+        folder = Path(executor._results.name)
+        assert folder.exists()
+    assert not folder.exists()
+
+
 def test_a_process_that_was_killed_is_told_from_then_on():
     with executors.LocalExecutor(2) as executor:
+        wait_until_ready(executor)
         assert executor.submit(os.getpid).result() != os.getpid()
         lost = executor.submit(os._exit, 1)
         with pytest.raises(BrokenExecutor):
@@ -80,6 +128,7 @@ def test_work_that_nobody_has_begun_is_cancelled():
 
 def test_processes_that_are_sent_home_end_while_this_one_goes_on():
     executor = executors.LocalExecutor(2)
+    wait_until_ready(executor)
     assert executor.submit(os.getpid).result() != os.getpid()
     (other,) = executor._pool._processes.values()
     executors.send_home(executor)
@@ -105,7 +154,7 @@ def test_calls_are_spread_a_few_ahead_and_answered_in_order(count):
 
 def test_calls_are_spread_over_processes_of_this_machine_alone():
     with executors.LocalExecutor(2) as executor:
-        executor.submit(os.getpid).result()  # until it has started, this process does what is waiting
+        wait_until_ready(executor)
         assert len(set(executors.spread(executor, tell_process, [(0.02,)] * 8))) == 2
 
     class Elsewhere(executors.InlineExecutor):
@@ -117,7 +166,7 @@ def test_calls_are_spread_over_processes_of_this_machine_alone():
 
 def test_an_abandoned_map_leaves_nothing_to_do():
     with executors.LocalExecutor(2) as executor:
-        executor.submit(os.getpid).result()  # until it has started, this process does what is waiting
+        wait_until_ready(executor)
         results = executor.map(tell_process, [0.01] * 500)
         next(results)
         assert executor._waiting

@@ -335,7 +335,7 @@ def test_few_photons_that_go_together_carry_all_the_light(n):
 def test_photons_that_part_go_apart(monkeypatch):
     """Half of them are reflected, spread over the hemisphere: one in each of so many turns and of so many heights."""
     asked, scatter = [], photons._scatter
-    monkeypatch.setattr(photons, "_scatter", lambda normal, numbers: asked.append(numbers) or scatter(normal, numbers))
+    monkeypatch.setattr(photons, "_scatter", lambda normal, numbers: asked.append(numbers.copy()) or scatter(normal, numbers))
     half = _build(_snapshot(_cube(), (Material("Half", (0.5,) * 3),)), _white_lamp())
     _trace(half, 4000, skip_first=True, max_depth=1)
     (numbers,), left = asked, photons.SPLIT // 2

@@ -218,7 +218,7 @@ def test_points_integrate_better_than_random_ones_and_without_bias():
 def test_points_of_a_group_are_spread_and_each_is_uniform():
     count = 1 + np.arange(9000) % 9
     group = np.repeat(np.arange(9000), count)
-    points = sampling.grouped_points(count, np.random.default_rng(4))
+    points = sampling.grouped_points(count, group, np.random.default_rng(4))
     assert points.shape == (2, len(group))
     assert points.dtype == np.float32
     assert ((points >= 0) & (points < 1)).all()
@@ -227,4 +227,4 @@ def test_points_of_a_group_are_spread_and_each_is_uniform():
         np.testing.assert_array_equal(np.sort((axis * 8).astype(int), axis=1), np.broadcast_to(np.arange(8), axis.shape))
     cells = np.bincount((points * 8).astype(int)[0] * 8 + (points * 8).astype(int)[1], minlength=64)
     assert np.abs(cells / len(group) * 64 - 1).max() < 0.2  # 702 in each
-    assert sampling.grouped_points(np.zeros(0, int), np.random.default_rng(4)).shape == (2, 0)
+    assert sampling.grouped_points(np.zeros(0, int), np.zeros(0, int), np.random.default_rng(4)).shape == (2, 0)
