@@ -175,3 +175,8 @@ def powers(value: FloatArray, degree: int) -> list[FloatArray]:
     for _ in range(degree):
         result.append(result[-1] * value)
     return result
+
+
+def as_slice(rows: IntArray) -> IntArray | slice:
+    """Ascending rows, as a slice where they follow each other, which is read and written several times faster."""
+    return slice(int(rows[0]), int(rows[-1]) + 1) if len(rows) and rows[-1] - rows[0] == len(rows) - 1 else rows

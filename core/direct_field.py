@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import workers
+from .coverage import as_slice
 from .denoise import Spread
 from .direct import DirectLight
 from .direct_shown import ShownDirect
@@ -57,11 +58,6 @@ class Repeats:
         common = (_divide(total[1:2], total[2:]) * total[0] + _PRIOR_VALUES) / (total[0] + _PRIOR_VALUES)
         factor: NDArray[np.float64] = (_divide(seen, expected) * count + _PRIOR_OF_BLOCK * common) / (count + _PRIOR_OF_BLOCK)
         return factor.astype(np.float32)
-
-
-def _as_slice(rows: IntArray) -> IntArray | slice:
-    """Ascending rows, as a slice where they follow each other, which is read and written several times faster."""
-    return slice(rows[0], rows[-1] + 1) if len(rows) and rows[-1] - rows[0] == len(rows) - 1 else rows
 
 
 def _divide(seen: NDArray[np.float64], expected: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -166,7 +162,7 @@ class DirectField:
             if should_stop():
                 return False
             self._note_difference(shard.texels, light, floor)
-            self._add(_as_slice(shard.texels), light)
+            self._add(as_slice(shard.texels), light)
             for name, count in light.counters.items():
                 self.counters[name] = self.counters.get(name, 0) + count
             if time.monotonic() - told > SECONDS_BETWEEN_WORDS:  # after it is added: whoever hears it may look

@@ -21,7 +21,9 @@ from . import basis
 from .neighbours import Neighbours
 from .quadtree import Quadtree
 from .tally import Solution
+from .texel_grid import part_bits
 from .texel_map import TexelMap
+from .tiles import NODE_WEIGHTS, TILE_NODES, TILE_SIDE, TILE_TEXELS, Tiles
 
 Float64: TypeAlias = NDArray[np.float64]
 
@@ -30,6 +32,7 @@ _NOISE_SIGMAS, _LIGHT_SIGMAS = 3.0, 5.0
 _CELLS = 8  # side by side in a large leaf: see Blend.range
 _LARGE_SIDE, _LARGE_TEXELS = 16, 128
 _BELOW_END = np.nextafter(float(_CELLS), 0.0)
+_TILES_TOGETHER = 1 << 8  # what lies between fits a core's cache, and one thread multiplies matrices
 _TOGETHER = 1 << 12  # places blended at once: what lies between fits a core's cache
 CHUNK = 1 << 16
 
@@ -109,17 +112,60 @@ class Blend:
         return self._blend(self.leaf[entry], *self.blender.texels.own_points_at(entry))[1]
 
     def range(self, start: int, stop: int) -> PointLight:
-        """Light at the entries start ... stop - 1; in large leaves, what blending changes is asked on a lattice and carried on linearly."""
-        leaf, (x, y) = self.leaf[start:stop], self.blender.texels.own_points(start, stop)
+        """Light at the entries start ... stop - 1; in large leaves, what blending changes is asked on a lattice and carried on linearly.
+
+        Over a tile of texels within a cell of that lattice light is of the second degree, and told by few of them.
+        """
+        count, first = stop - start, self._find_smooth_tiles(start, stop)
+        out = PointLight(np.zeros((2, 3, count)), np.zeros((3, count)))
+        alone = np.ones(count, bool)
+        for piece in np.split(first, np.arange(_TILES_TOGETHER, len(first), _TILES_TOGETHER)):
+            self._fill_tiles(piece - start, self.leaf[piece], self.blender.texels.texel_xy[piece], out, alone)
+        rows = np.flatnonzero(alone)
+        leaf, (x, y) = self.leaf[start + rows], self.blender.texels.own_points(start, stop)[:, rows]
         is_large = self._is_large[leaf]
         small, large = np.flatnonzero(~is_large), np.flatnonzero(is_large)
-        irradiance, variance = np.empty((2, 3, len(leaf))), np.empty((3, len(leaf)))
-        for rows, part in (
+        for some, part in (
             (small, self._blend(leaf[small], x[small], y[small])[1]),
             (large, self._on_lattice(leaf[large], x[large], y[large])),
         ):
-            irradiance[..., rows], variance[:, rows] = part.irradiance, part.variance
-        return PointLight(irradiance, variance)
+            out.irradiance[..., rows[some]], out.variance[:, rows[some]] = part.irradiance, part.variance
+        return out
+
+    def _find_smooth_tiles(self, start: int, stop: int) -> NDArray[np.int64]:
+        """(m,) int64: first entries of tiles that lie in one cell of a leaf's lattice, all those with a texel in the range."""
+        texels = self.blender.texels
+        if self.tree.degree > 1:  # whose variance is of the fourth degree
+            return np.zeros(0, np.int64)
+        low, high = max(start - TILE_TEXELS + 1, 0), min(stop + TILE_TEXELS - 1, len(self.leaf))
+        first = low + Tiles.of(texels.texel_chart[low:high], texels.texel_code[low:high]).start
+        first = first[self._is_large[self.leaf[first]] & (self.tree.side[self.leaf[first]] >= _CELLS * TILE_SIDE)]
+        begin, end = np.searchsorted(texels.off_centre, first), np.searchsorted(texels.off_centre, first + TILE_TEXELS)
+        whole: NDArray[np.int64] = first[begin == end]
+        return whole
+
+    def _fill_tiles(
+        self, row: NDArray[np.int64], leaf: NDArray[np.int32], xy: NDArray[np.int32], out: PointLight, alone: NDArray[np.bool_]
+    ) -> None:
+        """Light at tiles, of first rows (m,) of `out`, and leaves (m,) and places (m, 2) of their first texels.
+
+        alone   rows of `out` that no tile has filled
+        """
+        x, y = ((xy[:, axis, None] + (part_bits(TILE_NODES)[axis] + 0.5)).ravel() for axis in (0, 1))
+        nodes = self._on_lattice(np.repeat(leaf, len(TILE_NODES)), x, y)
+        ends = np.flatnonzero(np.diff(row) != TILE_TEXELS) + 1
+        runs = [(part[0], part[-1] + 1) for part in np.split(np.arange(len(row)), ends) if len(part)]
+        for values, of_nodes in ((out.irradiance, nodes.irradiance), (out.variance, nodes.variance)):
+            for term in np.ndindex(values.shape[:-1]):
+                if not of_nodes[term].any():
+                    continue
+                told = (of_nodes[term].reshape(-1, len(TILE_NODES)) @ NODE_WEIGHTS.T).ravel()
+                for begin, end in runs:
+                    before = max(-row[begin], 0)  # of the first tile, what is not in the range
+                    place = values[term][row[begin] + before : row[begin] + (end - begin) * TILE_TEXELS]
+                    place[:] = told[begin * TILE_TEXELS + before :][: len(place)]
+        for begin, end in runs:
+            alone[max(row[begin], 0) : row[begin] + (end - begin) * TILE_TEXELS] = False
 
     @cached_property
     def _is_large(self) -> NDArray[np.bool_]:

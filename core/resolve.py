@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import denoise, reconstruct, seams, squares
+from .coverage import as_slice
 from .light_field import LightField
 from .margin import add_margin
 from .materials import SurfaceMaterials
@@ -55,15 +56,18 @@ def light_at_texels(
     """
     n_texel = len(blender.page)
     leaf = node_of_texel(field.tree, field.leaves, n_texel)
-    by_part, variance = np.empty((2, n_texel, 3), np.float32), np.empty((n_texel, 3), np.float32)
+    # Where rays tell of light straight from lights, photons tell of none, and there is only one part.
+    first = 0 if _any_direct(field) else 1
+    by_part, variance = np.empty((2 - first, n_texel, 3), np.float32), np.empty((n_texel, 3), np.float32)
     joined = blender.join(field.tree, field.solution, leaf)
 
     def fill(start: int) -> None:
         part = slice(start, min(start + reconstruct.CHUNK, n_texel))
         traced = joined.range(part.start, part.stop)
-        # A fitted plane may dip below zero at the edge of a shadow.
-        np.maximum(traced.irradiance.transpose(0, 2, 1), 0.0, out=by_part[:, part], casting="same_kind")
-        np.multiply(traced.variance.T, field.correction, out=variance[part], casting="same_kind")
+        for channel in range(3):  # one by one several times faster than as turned arrays
+            for of_part, values in zip(by_part, traced.irradiance[first:, channel], strict=True):
+                of_part[part, channel] = np.maximum(values, 0.0)  # a fitted plane may dip below zero at the edge of a shadow
+            variance[part, channel] = traced.variance[channel] * field.correction
 
     _run_chunks(fill, n_texel, threads)
     entry, beyond, share = blender.texels.borders.list_beyond(LOOK)
@@ -76,22 +80,28 @@ def light_at_texels(
     if gathered and field.gathered:
         told = np.flatnonzero(gathered.told)
         grain[told] = False
-        by_part[1, told] = np.maximum(gathered.light.irradiance[told], 0.0)
+        by_part[-1, told] = np.maximum(gathered.light.irradiance[told], 0.0)
         variance[told] = field.gathered.find_variance()[told] + gathered.doubt2[told, None]
     if smooth_grain:  # apart from that of rays: by the noise of all light, direct light, known far better, would be smeared
-        grainy_parts = by_part[int(field.direct.passes.any()) :]
+        grainy_parts = by_part[-1:] if field.direct.passes.any() else by_part
         found = denoise.denoise(grainy_parts, variance, grain, blender.texels, blender.entry_at, spread)
         grainy_parts[:, found.entry] = found.light
     by_rays, noise = field.direct.show(blender.texels, blender.entry_at, smooth_grain, spread).irradiance, field.direct.find_variance()
 
     def finish(start: int) -> None:
         part = slice(start, min(start + reconstruct.CHUNK, n_texel))
-        by_part[0, part] += by_rays[part]
+        if not first:
+            by_part[0, part] += by_rays[part]
         variance[part] += noise[part]
         np.sqrt(variance[part], out=variance[part])
 
     _run_chunks(finish, n_texel, threads)
-    return TexelLight(by_part[0], by_part[1], variance, leaf)
+    return TexelLight(by_rays if first else by_part[0], by_part[-1], variance, leaf)
+
+
+def _any_direct(field: LightField) -> bool:
+    """Whether photons tell of light straight from lights."""
+    return bool(field.solution.coefficient[0].any() or (field.squares is not None and field.squares.irradiance[0].any()))
 
 
 def _run_chunks(work: Callable[[int], None], n_texel: int, threads: int) -> None:
@@ -126,7 +136,7 @@ class Resolver:
 
     def __init__(self, light: TexelLight, blender: reconstruct.LeafBlender, surfaces: SurfaceMaterials, margin: int, threads: int = 1):
         self._light, self._texels, self._surfaces = light, blender.texels, surfaces
-        self._page, self._entry_at, self._margin, self._threads = blender.page, blender.entry_at, margin, threads
+        self._page, self._margin, self._threads = blender.page, margin, threads
 
     def page(self, name: str, page: int) -> NDArray[np.float32]:
         """One page (h, w, 4) of the pass `name`."""
@@ -135,12 +145,12 @@ class Resolver:
         texel = image.reshape(-1, 4)
 
         def fill(start: int) -> None:  # in the order in which the light lies, several times faster than in rows of the page
-            entry = start + np.flatnonzero(self._page[start : start + reconstruct.CHUNK] == page)
-            x, y = self._texels.texel_xy[entry].T
-            shown = np.flatnonzero(self._entry_at[page, y, x] == entry)
-            value = np.ones((len(shown), 4), np.float32)
-            value[:, :3] = self._pass_values(name, entry[shown])
-            texel[y[shown].astype(np.int64) * size + x[shown]] = value
+            part = slice(start, start + reconstruct.CHUNK)
+            entry = start + np.flatnonzero((self._page[part] == page) & self._texels.shown[part])
+            x, y = self._texels.texel_xy[as_slice(entry)].T
+            value = np.ones((len(entry), 4), np.float32)
+            value[:, :3] = self._pass_values(name, entry)
+            texel[y.astype(np.int64) * size + x] = value
 
         _run_chunks(fill, len(self._page), self._threads)
         filled = image[..., 3] > 0.0
@@ -151,13 +161,11 @@ class Resolver:
         return image
 
     def _pass_values(self, name: str, entry: IntArray) -> NDArray[np.float32]:
-        light = self._light
+        light, rows = self._light, as_slice(entry)
         if name in _LIGHT_PASSES:
-            return _shade(
-                name, light.direct.take(entry, axis=0), light.indirect.take(entry, axis=0), lambda emission: self._surface(entry, emission)
-            )
+            return _shade(name, light.direct[rows], light.indirect[rows], lambda emission: self._surface(entry, emission))
         if name == "stderr":
-            return light.stderr.take(entry, axis=0) / np.float32(np.pi)
+            return light.stderr[rows] / np.float32(np.pi)
         if name in ("albedo", "emission"):
             return self._surface(entry, emission=name == "emission")
         raise ValueError(f"pass: {name!r} is not known")

@@ -116,7 +116,7 @@ def mix(
 ) -> NDArray[np.bool_]:
     """Bring the leaves' light to that of the squares, in place; which texels changed, (n,) bool.
 
-    light      (2, 3, n) float32, W/m^2: components at the texel entries
+    light      (2, 3, n) float32, W/m^2: components at the texel entries; (1, 3, n) without the first, where it is none
     variance   (3, n) float32, (W/m^2)^2, of their sum
     entry_at   (n_page, size, size) int32, the entry that a page shows at each texel, -1 for none
     """
@@ -125,7 +125,7 @@ def mix(
     if not len(entry):
         return changed
     traced = light[..., entry].astype(np.float64)
-    gap = squares.irradiance - traced
+    gap = squares.irradiance[-len(light) :] - traced
     # Where no photon fell by chance there is no variance to be seen: the leaves' light tells how many could have been expected.
     noise = np.maximum(squares.variance, squares.grain * traced.sum(axis=0))
     noise2, seen2 = noise.sum(axis=0), (gap.sum(axis=0) ** 2).sum(axis=0)

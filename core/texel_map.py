@@ -102,8 +102,14 @@ class TexelMap:
     def is_central(self) -> NDArray[np.bool_]:
         """(n,) bool: whether the chart covers the texel's centre."""
         central = np.ones(len(self.texel_area), bool)
-        central[self.part_entry] = ~self.part_point.any(axis=1)
+        central[self.off_centre] = False
         return central
+
+    @cached_property
+    def off_centre(self) -> Int64:
+        """(k,) int64, ascending: entries that are not central."""
+        off_centre: Int64 = self.part_entry[self.part_point.any(axis=1)]
+        return off_centre
 
     @cached_property
     def shown(self) -> NDArray[np.bool_]:

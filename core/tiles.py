@@ -37,7 +37,7 @@ class Tiles:
     @classmethod
     def of(cls, chart: IntArray, code: IntArray) -> Tiles:
         """Those among texels of charts (n,) with Morton codes (n,), both ascending."""
-        first = np.flatnonzero(code[: max(len(code) - TILE_TEXELS + 1, 0)] % TILE_TEXELS == 0)
+        first = np.flatnonzero(code[: max(len(code) - TILE_TEXELS + 1, 0)] & (TILE_TEXELS - 1) == 0)
         last = first + TILE_TEXELS - 1
         first = first[(code[last] == code[first] + TILE_TEXELS - 1) & (chart[last] == chart[first])]
         x, y = part_bits(code[first] >> 2 * _SIDE_BITS)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from leaflight.core.coverage import Pieces, chunk_ranges, clip_to_texels, expand_ranges, monomial_exponents, piece_moments
+from leaflight.core.coverage import Pieces, as_slice, chunk_ranges, clip_to_texels, expand_ranges, monomial_exponents, piece_moments
 
 RANGES = st.lists(st.tuples(st.integers(0, 50), st.integers(-3, 20)), max_size=12)
 
@@ -55,3 +55,10 @@ def test_corner_cut_off_a_texel(mirrored: bool) -> None:
     moments = piece_moments(pieces, 2).sum(axis=1)
     # About the corner (1/2, 1/6, 1/6, 1/12, 1/24, 1/12), moved to the centre.
     np.testing.assert_allclose(moments, [1 / 2, -1 / 12, -1 / 12, 1 / 24, 0, 1 / 24], atol=1e-15)
+
+
+@pytest.mark.parametrize(("rows", "is_slice"), [([3, 4, 5], True), ([7], True), ([3, 5, 6], False), ([], False)])
+def test_rows_that_follow_each_other_become_a_slice(rows: list[int], is_slice: bool) -> None:
+    told = as_slice(np.array(rows, np.int64))
+    assert isinstance(told, slice) == is_slice
+    np.testing.assert_array_equal(np.arange(10)[told], rows)

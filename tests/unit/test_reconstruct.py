@@ -287,6 +287,37 @@ def test_a_lattice_follows_a_ramp_between_leaves():
     assert np.sqrt(((variance_by_cells - variance) ** 2).mean()) < 0.01 * variance.mean()
 
 
+def join_wide(width):
+    """Leaves of 128 texels' side, joined, on a square of 256 that is covered up to `width`."""
+    bake = SquareBake(side=256, degree=1, width=width, preview_depth=1, level=1)
+    bake.throw(*(np.random.default_rng(8).random((2, 20_000)) * [[width], [1.0]]))
+    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), len(bake.keys))
+    return join(bake.texels, bake.tree, bake.solution(), owner)
+
+
+def test_tiles_hold_what_a_lattice_tells_of_their_texels(monkeypatch):
+    joined = join_wide(0.7165)  # 183.4 texels: the last of a row lies in a tile, and its centre is not covered
+    off_centre = joined.blender.texels.off_centre
+    by_tiles = joined.range(0, len(joined.leaf))
+    tiles = joined._find_smooth_tiles(0, len(joined.leaf))
+    assert len(tiles) == 22 * 32
+    assert len(off_centre) == 256
+    monkeypatch.setattr(reconstruct.Blend, "_find_smooth_tiles", lambda self, start, stop: np.zeros(0, np.int64))
+    by_lattice = joined.range(0, len(joined.leaf))
+    np.testing.assert_allclose(by_tiles.irradiance, by_lattice.irradiance, rtol=1e-9)
+    np.testing.assert_allclose(by_tiles.variance, by_lattice.variance, rtol=3e-3)
+    np.testing.assert_array_equal(by_tiles.irradiance[..., off_centre], by_lattice.irradiance[..., off_centre])
+
+
+@pytest.mark.parametrize("pieces", [[1, 64, 100, 30_000], [16_383, 16_385]])
+def test_ranges_that_cut_tiles_hold_what_the_whole_does(pieces):
+    joined = join_wide(1.0)
+    ends = [0, *pieces, len(joined.leaf)]
+    whole, parts = joined.range(0, len(joined.leaf)), [joined.range(*ends[i : i + 2]) for i in range(len(ends) - 1)]
+    for name in ("irradiance", "variance"):
+        np.testing.assert_allclose(np.concatenate([getattr(part, name) for part in parts], axis=-1), getattr(whole, name), rtol=1e-12)
+
+
 def test_small_leaves_are_blended_texel_by_texel():
     each, by_cells, variance, variance_by_cells = blend_both(quartered(even, side=16), [100])
     np.testing.assert_array_equal(by_cells, each)

@@ -100,8 +100,11 @@ def test_a_bake_counts_light_on_the_squares_at_contacts(tmp_path, texels):
     assert light.squares.irradiance[1].any()
 
 
-def mix_noise(truth, leaf_value, photons=4.0, side=64, seed=1, entry=None):
-    """What becomes of leaves' light `leaf_value` where squares tell of `truth` by a few photons each, per texel (side, side)."""
+def mix_noise(truth, leaf_value, photons=4.0, side=64, seed=1, entry=None, parts=2):
+    """What becomes of leaves' light `leaf_value` where squares tell of `truth` by a few photons each, per texel (side, side).
+
+    parts   2, or 1 without the first component, which is 0
+    """
     texels = make_square_map(side, 0)
     blender = LeafBlender.of(texels, np.zeros(side * side, np.int32))
     entry = np.arange(side * side) if entry is None else entry
@@ -111,13 +114,18 @@ def mix_noise(truth, leaf_value, photons=4.0, side=64, seed=1, entry=None):
     irradiance = np.zeros((2, 3, len(entry)))
     irradiance[1] = counted / photons
     told = SquareLight(entry.astype(np.int32), irradiance, np.tile(counted / photons**2, (3, 1)), np.full((3, len(entry)), 1 / photons))
-    light = np.zeros((2, 3, side * side), np.float32)
-    light[1] = leaf_value
+    light = np.zeros((parts, 3, side * side), np.float32)
+    light[-1] = leaf_value
     variance = np.full((3, side * side), 1e-6, np.float32)
     changed = squares.mix(light, variance, told, texels, blender.entry_at)
     image = np.zeros((side, side))
-    image[texels.texel_xy[:, 1], texels.texel_xy[:, 0]] = light[1, 0]
+    image[texels.texel_xy[:, 1], texels.texel_xy[:, 0]] = light[-1, 0]
     return image, changed, variance
+
+
+def test_a_component_that_is_0_may_be_left_out():
+    for one, both in zip(mix_noise(2.0, 1.0, parts=1), mix_noise(2.0, 1.0), strict=True):
+        np.testing.assert_array_equal(one, both)
 
 
 @pytest.mark.parametrize("photons", [0.003, 0.1, 1.0, 10.0])
