@@ -228,11 +228,14 @@ def _write_pages(
 ) -> tuple[list[pages.PageFile], seams.SeamReport]:
     margin = job.settings.margin
     threads = executors.count_processors(job.settings.workers)
-    at_texels = resolve.light_at_texels(light, blender, job.settings.denoise, threads, partial(executors.spread, executor))
-    executors.send_home(executor)
-    seam_report = seams.SeamReport(0, 0, 0.0, 0.0)
+    points = None
     if job.settings.seams and margin:  # without a margin filtering reads the empty page, and no texel helps
         points = seam_points.find_seams(snapshot, atlas.tri_chart, atlas.tri_uv, atlas.object_page[snapshot.tri_object])
+    doubt = "stderr" in job.settings.passes or (points is not None and points.place.size > 0)
+    at_texels = resolve.light_at_texels(light, blender, job.settings.denoise, threads, partial(executors.spread, executor), doubt)
+    executors.send_home(executor)
+    seam_report = seams.SeamReport(0, 0, 0.0, 0.0)
+    if points is not None:
         at_texels, seam_report = resolve.close_seams(at_texels, points, blender)
     resolver = resolve.Resolver(at_texels, blender, surfaces, margin, threads)
     debug = debug_passes.DebugPages(light, blender.texels, blender.page, margin)

@@ -100,6 +100,12 @@ class DirectField:
             self._smoothed = ShownDirect.smoothed(self.irradiance, self.find_variance(), texels, entry_at, spread)
         return self._smoothed
 
+    def take_shown(self, texels: TexelMap, entry_at: NDArray[np.int32], smooth: bool, spread: Spread = starmap) -> NDArray[np.float32]:
+        """ShownDirect.irradiance of `show`, for whoever asks last: what else was found with it is not kept any longer."""
+        irradiance = self.show(texels, entry_at, smooth, spread).irradiance
+        self._smoothed = None
+        return irradiance
+
     def find_variance(self) -> NDArray[np.float32]:
         """(n, 3) float32, (W/m^2)^2: where texels were shot again, corrected by how their estimates differ.
 

@@ -35,25 +35,31 @@ class TexelLight:
     """Light at the texel entries.
 
     direct, indirect   (n, 3) float32, W/m^2, never negative
-    stderr             (n, 3) float32, W/m^2, of their sum
+    stderr             (n, 3) float32, W/m^2, of their sum; None where nobody asked
     leaf               (n,) int32, node of the tree
     empty              light beside charts, direct and indirect, where seams need it
     """
 
     direct: NDArray[np.float32]
     indirect: NDArray[np.float32]
-    stderr: NDArray[np.float32]
+    stderr: NDArray[np.float32] | None
     leaf: NDArray[np.int32]
     empty: seams.EmptyTexels | None = None
 
 
 def light_at_texels(
-    field: LightField, blender: reconstruct.LeafBlender, smooth_grain: bool = True, threads: int = 1, spread: denoise.Spread = starmap
+    field: LightField,
+    blender: reconstruct.LeafBlender,
+    smooth_grain: bool = True,
+    threads: int = 1,
+    spread: denoise.Spread = starmap,
+    doubt: bool = True,
 ) -> TexelLight:
     """The leaves' functions at each texel's own point, or what squares say there, plus direct light by rays.
 
-    stderr is that before grain is smoothed.
+    stderr is that before grain is smoothed, and told where `doubt` asks for it.
     """
+    by_rays = field.direct.take_shown(blender.texels, blender.entry_at, smooth_grain, spread)
     n_texel = len(blender.page)
     leaf = node_of_texel(field.tree, field.leaves, n_texel)
     # Where rays tell of light straight from lights, photons tell of none, and there is only one part.
@@ -86,17 +92,18 @@ def light_at_texels(
         grainy_parts = by_part[-1:] if field.direct.passes.any() else by_part
         found = denoise.denoise(grainy_parts, variance, grain, blender.texels, blender.entry_at, spread)
         grainy_parts[:, found.entry] = found.light
-    by_rays, noise = field.direct.show(blender.texels, blender.entry_at, smooth_grain, spread).irradiance, field.direct.find_variance()
+    noise = field.direct.find_variance()
 
     def finish(start: int) -> None:
         part = slice(start, min(start + reconstruct.CHUNK, n_texel))
         if not first:
             by_part[0, part] += by_rays[part]
-        variance[part] += noise[part]
-        np.sqrt(variance[part], out=variance[part])
+        if doubt:
+            variance[part] += noise[part]
+            np.sqrt(variance[part], out=variance[part])
 
     _run_chunks(finish, n_texel, threads)
-    return TexelLight(by_rays if first else by_part[0], by_part[-1], variance, leaf)
+    return TexelLight(by_rays if first else by_part[0], by_part[-1], variance if doubt else None, leaf)
 
 
 def _any_direct(field: LightField) -> bool:
@@ -113,7 +120,7 @@ def _run_chunks(work: Callable[[int], None], n_texel: int, threads: int) -> None
 
 def close_seams(light: TexelLight, points: SeamPoints, blender: reconstruct.LeafBlender) -> tuple[TexelLight, seams.SeamReport]:
     """The light with its steps across seams closed; stderr is that before."""
-    if not points.place.size:
+    if not points.place.size or light.stderr is None:
         return light, seams.SeamReport(0, 0, 0.0, 0.0)
     parts = np.stack([light.direct, light.indirect])
     matched, empty, report = seams.match_seams(points, parts, light.stderr**2, blender.texels.is_central, blender.entry_at)
@@ -164,7 +171,7 @@ class Resolver:
         light, rows = self._light, as_slice(entry)
         if name in _LIGHT_PASSES:
             return _shade(name, light.direct[rows], light.indirect[rows], lambda emission: self._surface(entry, emission))
-        if name == "stderr":
+        if name == "stderr" and light.stderr is not None:
             return light.stderr[rows] / np.float32(np.pi)
         if name in ("albedo", "emission"):
             return self._surface(entry, emission=name == "emission")

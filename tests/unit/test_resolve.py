@@ -251,3 +251,14 @@ def test_whole_bakes_hold_no_negative_and_no_odd_numbers(tmp_path, direct, basis
         assert np.isfinite(values).all()
         assert values.min() >= 0
         assert values.max() > 0
+
+
+def test_doubt_that_nobody_asks_for_changes_no_light():
+    bake = SquareBake(side=32, degree=1, level=3)
+    bake.throw(*np.random.default_rng(2).random((2, 4000)))
+    field = light_field(bake, np.flatnonzero(bake.tree.current))
+    blender = LeafBlender.of(bake.texels, np.zeros(len(bake.keys), np.int32))
+    told, untold = (resolve.light_at_texels(field, blender, doubt=doubt) for doubt in (True, False))
+    assert untold.stderr is None
+    for name in ("direct", "indirect"):
+        np.testing.assert_array_equal(getattr(untold, name), getattr(told, name))
