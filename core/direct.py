@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .coverage import as_slice
 from .direct_choice import Demand
 from .direct_crowd import LampCrowd
 from .direct_lights import Source
@@ -113,8 +114,9 @@ def direct_irradiance(
             calm = whole if smoothed else Tiles.none()
             demand = Demand(tolerance, max_rays, whole.on_one_triangle(chunk.tri), calm.texels())
             value, error = _light_chunk(scene, chunk, demand, rng, counters)
-            irradiance[rows] += value
-            variance[rows] += error
+            into = as_slice(rows)
+            irradiance[into] += value
+            variance[into] += error
     return DirectLight(irradiance, variance, counters)
 
 

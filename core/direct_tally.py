@@ -185,7 +185,8 @@ class Tally:
                 # Who finds the closed form looks from its four points each time: an edge of light that they miss is never seen.
                 tiles = tiles[self._known[tiles].all(axis=1)]
             if len(tiles):
-                calm = find_calm(self.value()[tiles], allowed[tiles].mean(axis=1))
+                # Of the first few rays the noise itself is hardly known.
+                calm = find_calm(self.value()[tiles], allowed[tiles].mean(axis=1), by_slope=stage == STAGES[2])
                 doubt[tiles[calm]] = False
             if not self.source.is_sharp:
                 doubt[self._lead(dark & matters & self.leads & ~doubt, stage)] = True

@@ -17,6 +17,9 @@ TILE_TEXELS = TILE_SIDE**2
 TILE_LINES = (0, 3, 7)  # columns and rows of a tile whose crossings tell of all its texels
 _PLACE_BITS = 14  # of a tile's column or row in a page
 _SMOOTHED = 4.0  # how many times smoothing over like neighbours, 81 at most, makes an error less, with much to spare; measured
+# ... and how many times more where light is even but for its noise. Its variance over a tile may then be up to this share of the noise's:
+# in a plane a texel and the edge of the window around it then differ by no more than one of them errs.
+_GENTLE, _ALL_ALIKE = 2.0, 1.0 / 3.0
 
 
 @dataclass(frozen=True)
@@ -74,18 +77,25 @@ class Tiles:
         return out
 
 
-def find_calm(value: Float64, allowed: Float64) -> NDArray[np.bool_]:
+def find_calm(value: Float64, allowed: Float64, by_slope: bool = False) -> NDArray[np.bool_]:
     """(k,) bool: tiles in which light changes so gently that smoothing will average the texels' noise.
 
     Decided for whole tiles, by how far their texels are off a quadratic surface, noise and all: a texel that stopped by what
     its own few rays say would be too bright, or too dark, on average.
 
-    value     (k, 64) float64, W/m^2, of the tiles' texels in Morton order
-    allowed   (k,) float64, W/m^2: standard error of the light as it is shown
+    value      (k, 64) float64, W/m^2, of the tiles' texels in Morton order
+    allowed    (k,) float64, W/m^2: standard error of the light as it is shown
+    by_slope   more noise is left where light changes by less than that, as on large pages: there smoothing finds more that is alike
     """
-    off2 = (value**2).sum(axis=1) - ((value @ TILE_SURFACES) ** 2).sum(axis=1)
+    fitted = value @ TILE_SURFACES
+    off2 = (value**2).sum(axis=1) - (fitted**2).sum(axis=1)
     off2 /= TILE_TEXELS - TILE_SURFACES.shape[1]
-    out: NDArray[np.bool_] = off2 <= (_SMOOTHED * allowed) ** 2
+    smoothed2: Float64 | float = _SMOOTHED**2
+    if by_slope:
+        change2 = (fitted[:, 1:] ** 2).sum(axis=1) / TILE_TEXELS
+        alike2 = np.divide(_ALL_ALIKE * np.maximum(off2, 0.0), change2, out=np.full(len(off2), np.inf), where=change2 > 0.0)
+        smoothed2 = smoothed2 * np.clip(_GENTLE**2 * np.sqrt(alike2), 1.0, _GENTLE**2)
+    out: NDArray[np.bool_] = off2 <= smoothed2 * allowed**2
     return out
 
 

@@ -69,3 +69,29 @@ def test_gentle_light_is_calm_and_an_edge_is_not():
     value = np.stack([ramp, noisy, edge])
     assert find_calm(value, np.full(3, 1e-5)).tolist() == [True, False, False]
     assert find_calm(value, np.full(3, 0.03)).tolist() == [True, True, False]
+
+
+def test_noise_beyond_the_change_of_light_may_be_twice_as_large():
+    """Noise of 0.15, on even light and on ramps that rise across a tile by a tenth of it, as much, and ten times as much."""
+    x, _ = morton_square(8)
+    noise = np.random.default_rng(1).normal(scale=0.15, size=TILE_TEXELS)
+    value = np.stack([1.0 + rise * 0.15 * x / 7 + noise for rise in (0.0, 0.1, 1.0, 10.0)])
+    off2 = (value**2).sum(axis=1) - ((value @ TILE_SURFACES) ** 2).sum(axis=1)
+    assert off2 == pytest.approx(off2[0])
+    sigma = np.sqrt(off2[0] / (TILE_TEXELS - 6))
+
+    def most(by_slope):
+        """Of each tile: its noise over what is allowed, up to which it is calm."""
+        return [
+            max(times for times in np.arange(1.0, 10.0, 0.1) if find_calm(value, np.full(4, sigma / times), by_slope)[k]) for k in range(4)
+        ]
+
+    assert most(False) == pytest.approx([4.0] * 4, abs=0.11)
+    assert most(True) == pytest.approx([8.0, 8.0, 8.0, 4.0], abs=0.11)
+    steep = 1.0 + 3.0 * 0.15 * x / 7 + noise
+    between = [find_calm(steep[None], np.array([sigma / times]), True).item() for times in (4.5, 7.5)]
+    assert between == [True, False]
+
+
+def test_even_light_without_noise_is_calm():
+    assert find_calm(np.zeros((1, TILE_TEXELS)), np.zeros(1), True).all()
