@@ -15,7 +15,7 @@ from .reconstruct import CHUNK, LeafBlender, evaluate_leaf
 from .settings import Settings
 from .tally import Solution
 from .texel_map import TexelMap
-from .tiles import TILE_TEXELS, Tiles
+from .tiles import TILE_TEXELS, find_tiles
 
 # Of texels that lie in tiles, below which it does not pay: where charts are small too few neighbours are there to average grain with.
 # Measured: with 0.49 a twentieth to a tenth more error for as many rays, with 0.71 half the rays for as little error.
@@ -41,7 +41,7 @@ class GatherPlan:
     @classmethod
     def of(cls, texels: TexelMap) -> GatherPlan:
         n_texel = len(texels.texel_chart)
-        return cls(n_texel, len(Tiles.of(texels.texel_chart, texels.texel_code)) * TILE_TEXELS / max(n_texel, 1))
+        return cls(n_texel, len(find_tiles(texels.texel_chart, texels.texel_code)) * TILE_TEXELS / max(n_texel, 1))
 
     def pays(self, settings: Settings, stated: StatedError, ledger: Ledger, round_: int, most_direct: float) -> bool:
         """Whether to gather takes fewer rays than the photons that the error asked for would need.

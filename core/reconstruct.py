@@ -18,12 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import basis
+from .coverage import as_slice
 from .neighbours import Neighbours
 from .quadtree import Quadtree
 from .tally import Solution
 from .texel_grid import part_bits
 from .texel_map import TexelMap
-from .tiles import NODE_WEIGHTS, TILE_NODES, TILE_SIDE, TILE_TEXELS, Tiles
+from .tiles import NODE_WEIGHTS, TILE_NODES, TILE_SIDE, TILE_TEXELS, find_tiles
 
 Float64: TypeAlias = NDArray[np.float64]
 
@@ -32,7 +33,7 @@ _NOISE_SIGMAS, _LIGHT_SIGMAS = 3.0, 5.0
 _CELLS = 8  # side by side in a large leaf: see Blend.range
 _LARGE_SIDE, _LARGE_TEXELS = 16, 128
 _BELOW_END = np.nextafter(float(_CELLS), 0.0)
-_TILES_TOGETHER = 1 << 8  # what lies between fits a core's cache, and one thread multiplies matrices
+_TILES_TOGETHER = 1 << 8  # of more than that a BLAS would start threads
 _TOGETHER = 1 << 12  # places blended at once: what lies between fits a core's cache
 CHUNK = 1 << 16
 
@@ -84,8 +85,10 @@ class LeafBlender:
     def of(cls, texels: TexelMap, page: NDArray[np.int32]) -> LeafBlender:
         """page   (n,) int32, the page of each entry"""
         entry_at = np.full((texels.page_count, texels.page_size, texels.page_size), -1, np.int32)
-        shown = np.flatnonzero(texels.shown)
-        entry_at[page[shown], texels.texel_xy[shown, 1], texels.texel_xy[shown, 0]] = shown
+        for start in range(0, len(page), CHUNK):
+            shown = start + np.flatnonzero(texels.shown[start : start + CHUNK])
+            rows = as_slice(shown)
+            entry_at[page[rows], texels.texel_xy[rows, 1], texels.texel_xy[rows, 0]] = shown
         return cls(texels, page, entry_at)
 
     def join(self, tree: Quadtree, solution: Solution, leaf: NDArray[np.int32], halves: bool = False) -> Blend:
@@ -119,8 +122,7 @@ class Blend:
         count, first = stop - start, self._find_smooth_tiles(start, stop)
         out = PointLight(np.zeros((2, 3, count)), np.zeros((3, count)))
         alone = np.ones(count, bool)
-        for piece in np.split(first, np.arange(_TILES_TOGETHER, len(first), _TILES_TOGETHER)):
-            self._fill_tiles(piece - start, self.leaf[piece], self.blender.texels.texel_xy[piece], out, alone)
+        self._fill_tiles(first - start, self.leaf[first], self.blender.texels.texel_xy[first], out, alone)
         rows = np.flatnonzero(alone)
         leaf, (x, y) = self.leaf[start + rows], self.blender.texels.own_points(start, stop)[:, rows]
         is_large = self._is_large[leaf]
@@ -138,7 +140,7 @@ class Blend:
         if self.tree.degree > 1:  # whose variance is of the fourth degree
             return np.zeros(0, np.int64)
         low, high = max(start - TILE_TEXELS + 1, 0), min(stop + TILE_TEXELS - 1, len(self.leaf))
-        first = low + Tiles.of(texels.texel_chart[low:high], texels.texel_code[low:high]).start
+        first = low + find_tiles(texels.texel_chart[low:high], texels.texel_code[low:high])
         first = first[self._is_large[self.leaf[first]] & (self.tree.side[self.leaf[first]] >= _CELLS * TILE_SIDE)]
         begin, end = np.searchsorted(texels.off_centre, first), np.searchsorted(texels.off_centre, first + TILE_TEXELS)
         whole: NDArray[np.int64] = first[begin == end]
@@ -159,7 +161,7 @@ class Blend:
             for term in np.ndindex(values.shape[:-1]):
                 if not of_nodes[term].any():
                     continue
-                told = (of_nodes[term].reshape(-1, len(TILE_NODES)) @ NODE_WEIGHTS.T).ravel()
+                told = _at_texels(of_nodes[term]).ravel()
                 for begin, end in runs:
                     before = max(-row[begin], 0)  # of the first tile, what is not in the range
                     place = values[term][row[begin] + before : row[begin] + (end - begin) * TILE_TEXELS]
@@ -261,3 +263,13 @@ class Blend:
             reach *= np.clip(np.minimum(low + tree.side[other], window / 2.0) - np.maximum(low, -window / 2.0), 0.0, None) / window
         told = np.flatnonzero(reach)
         return row[told], other[told], reach[told]
+
+
+def _at_texels(nodes: Float64) -> Float64:
+    """(m, 64): values at the texels of tiles, of those at their nodes (m * 9,)."""
+    nodes = nodes.reshape(-1, len(TILE_NODES))
+    out = np.empty((len(nodes), TILE_TEXELS))
+    for start in range(0, len(nodes), _TILES_TOGETHER):
+        part = slice(start, start + _TILES_TOGETHER)
+        np.matmul(nodes[part], NODE_WEIGHTS.T, out=out[part])
+    return out

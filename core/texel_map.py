@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .coverage import Float64, Int32, Int64, clip_to_texels, expand_ranges
+from .coverage import CHUNK_SIZE, Float64, Int32, Int64, as_slice, clip_to_texels, expand_ranges
 from .scene import FloatArray, IntArray
 from .texel_borders import TexelBorders
 from .texel_grid import TexelGrid
@@ -123,16 +124,22 @@ class TexelMap:
 
         That is the one that holds the texel's centre, where whoever filters the image reads it; of several such, or of none, the largest.
         """
-        cell = (self.chart_page[self.texel_chart].astype(np.int64) * self.page_size + self.texel_xy[:, 1]) * self.page_size
-        cell += self.texel_xy[:, 0]
-        shared = np.zeros(self.page_count * self.page_size**2, bool)
-        shared[cell[_repeated(cell, len(shared))]] = True
-        rivals = np.flatnonzero(shared[cell])  # few: charts meet along creases, and where a layer overlaps itself
-        order = rivals[np.lexsort((self.texel_area[rivals], self.is_central[rivals], cell[rivals]))]
-        last = np.append(cell[order[:-1]] != cell[order[1:]], True)[: len(order)]
-        shown = np.ones(len(cell), bool)
+        shown = np.ones(len(self.texel_chart), bool)
+        last = np.empty(self.page_count * self.page_size**2, np.int32)
+        for entry in self._parts():
+            last[self._find_cells(entry)] = entry
+        hidden = np.concatenate([np.zeros(0, np.int64), *(entry[last[self._find_cells(entry)] != entry] for entry in self._parts())])
+        if not len(hidden):
+            return shown
+        shared = np.zeros(len(last), bool)
+        shared[self._find_cells(hidden)] = True
+        # Few: charts meet along creases, and where a layer overlaps itself.
+        rivals = np.concatenate([entry[shared[self._find_cells(entry)]] for entry in self._parts()])
+        cell = self._find_cells(rivals)
+        by_cell = np.lexsort((self.texel_area[rivals], self.is_central[rivals], cell))
+        order, cell = rivals[by_cell], cell[by_cell]
         shown[rivals] = False
-        shown[order[last]] = True
+        shown[order[np.append(cell[:-1] != cell[1:], True)]] = True
         return shown
 
     def list_keys(self, entry: IntArray | slice = slice(None)) -> Int64:
@@ -141,6 +148,18 @@ class TexelMap:
         keys <<= CHART_SHIFT
         keys |= self.texel_code[entry]
         return keys
+
+    def _parts(self) -> Iterator[Int64]:
+        """All entries, so many at a time that what is found of them stays in the cache."""
+        count = len(self.texel_chart)
+        return (np.arange(start, min(start + CHUNK_SIZE, count)) for start in range(0, count, CHUNK_SIZE))
+
+    def _find_cells(self, entry: Int64) -> Int64:
+        """(m,) int64: places of entries (m,) among the texels of all pages."""
+        rows = as_slice(entry)
+        x, y = self.texel_xy[rows].T
+        cell: Int64 = (self.chart_page[self.texel_chart[rows]].astype(np.int64) * self.page_size + y) * self.page_size + x
+        return cell
 
     @cached_property
     def _corner_rows(self) -> Float64:
@@ -282,11 +301,3 @@ def _are_inside(weight: Float64) -> NDArray[np.bool_]:
         u, v = weight[0] + a * weight[1] + b * weight[2]
         inside &= np.minimum(np.minimum(u, v), 1.0 - u - v) >= -_ROUNDING
     return inside
-
-
-def _repeated(number: Int64, count: int) -> Int64:
-    """All places of numbers below `count` that come again later."""
-    last = np.empty(count, np.int32)
-    last[number] = np.arange(len(number), dtype=np.int32)
-    repeated: Int64 = np.flatnonzero(last[number] != np.arange(len(number), dtype=np.int32))
-    return repeated

@@ -40,9 +40,7 @@ class Tiles:
     @classmethod
     def of(cls, chart: IntArray, code: IntArray) -> Tiles:
         """Those among texels of charts (n,) with Morton codes (n,), both ascending."""
-        first = np.flatnonzero(code[: max(len(code) - TILE_TEXELS + 1, 0)] & (TILE_TEXELS - 1) == 0)
-        last = first + TILE_TEXELS - 1
-        first = first[(code[last] == code[first] + TILE_TEXELS - 1) & (chart[last] == chart[first])]
+        first = find_tiles(chart, code)
         x, y = part_bits(code[first] >> 2 * _SIDE_BITS)
         return cls(first, np.stack([chart[first].astype(np.int64), x, y], axis=1))
 
@@ -75,6 +73,14 @@ class Tiles:
                     other = key + (dy << _PLACE_BITS) + dx
                     out |= wanted[np.minimum(np.searchsorted(wanted, other), len(wanted) - 1)] == other
         return out
+
+
+def find_tiles(chart: IntArray, code: IntArray) -> Int64:
+    """(m,) int64: Tiles.start of Tiles.of."""
+    first = np.flatnonzero(code[: max(len(code) - TILE_TEXELS + 1, 0)] & (TILE_TEXELS - 1) == 0)
+    last = first + TILE_TEXELS - 1
+    whole: Int64 = first[(code[last] == code[first] + TILE_TEXELS - 1) & (chart[last] == chart[first])]
+    return whole
 
 
 def find_calm(value: Float64, allowed: Float64, by_slope: bool = False) -> NDArray[np.bool_]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver
-from leaflight.core import charts, reconstruct, resolve, solve
+from leaflight.core import charts, reconstruct, resolve, solve, texel_map
 from leaflight.core.direct_field import DirectField
 from leaflight.core.materials import SurfaceMaterials
 from leaflight.core.reconstruct import LeafBlender
@@ -108,9 +108,11 @@ def test_a_page_without_charts_is_empty(three_by_five):
     assert not three_by_five.page("combined", 1).any()
 
 
+@pytest.mark.parametrize("chunk", [1 << 16, 3])
 @pytest.mark.parametrize(("border", "middle"), [(2.3, 4), (2.7, 1)])
-def test_a_texel_of_two_charts_shows_the_one_at_its_centre(border, middle):
+def test_a_texel_of_two_charts_shows_the_one_at_its_centre(border, middle, chunk, monkeypatch):
     """Charts that meet in column 2; the first stands for fifty times the area in the world."""
+    monkeypatch.setattr(texel_map, "CHUNK_SIZE", chunk)
     scene = layered_scene((0, 0, border, 2), (border, 0, 5 - border, 2), heights_m=(50.0, 1.0))
     page = make_resolver(scene, lambda x, y, chart: (1.0 + 3.0 * chart, 0.0 * x, 0.0 * x)).page("direct", 0)
     assert page[0, :5, 0] * np.pi == pytest.approx(np.array([1, 1, middle, 4, 4]), rel=1e-5)
