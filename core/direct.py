@@ -173,8 +173,10 @@ def _look_first(
     (shared, variance), tallies = np.zeros((2, len(chunk), 3)), []
     for source in scene.sources:
         look = look_from_tiles(scene.rays, chunk, flat, source, random_shift(rng, len(flat)))
-        shared[look.lit] += look.closed[look.lit, None] * source.rgb
-        variance[look.lit] += (look.off[look.lit, None] * source.rgb) ** 2
+        lit, off = (np.where(look.lit, values, 0.0) for values in (look.closed, look.off))
+        for channel, power in enumerate(source.rgb[0]):  # several times faster than rows of three
+            shared[:, channel] += lit * power
+            variance[:, channel] += (off * power) ** 2
         without = look.closed == 0
         agreed = look.lit | look.dark
         rows = np.flatnonzero(~(agreed | without))
@@ -182,7 +184,9 @@ def _look_first(
         looks_on = ~(agreed | without) & own
         alone = smoothed[looks_on[smoothed].all(axis=1)]
         leader, index = np.searchsorted(rows, look.leader[rows]), np.searchsorted(rows, alone)
-        tallies.append(Tally(source, rows, None, random_shift(rng, len(rows)), np.stack([look.closed, look.off])[:, rows], index, leader))
+        tallies.append(
+            Tally(source, rows, None, random_shift(rng, len(rows)), np.stack([look.closed[rows], look.off[rows]]), index, leader)
+        )
         counters["rays"] += look.rays
         counters["pairs"] += len(chunk) - len(rows)
         counters["out_of_reach"] += int(without.sum())

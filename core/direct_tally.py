@@ -7,6 +7,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from .coverage import as_slice
 from .direct_lights import Source
 from .direct_peaks import average_peaks, estimate_bend, find_peaks
 from .direct_points import GAUSS_POINTS, STAGES, Receivers, TexelChunk, light_points
@@ -141,18 +142,21 @@ class Tally:
 
     def light(self, count: int) -> Float64:
         """(count, 3) float64: irradiance of the chunk's texels by these lights."""
-        return self._sum_texels(self.value()[:, None] * self.rgb, count)
+        return self._sum_texels(self.value(), self.rgb, count)
 
     def variance(self, count: int) -> Float64:
         """(count, 3) float64: of light."""
-        return self._sum_texels(self._error_squared()[:, None] * self.rgb**2, count)
+        return self._sum_texels(self._error_squared(), self.rgb**2, count)
 
-    def _sum_texels(self, values: Float64, count: int) -> Float64:
-        if self._lamp is None:  # each texel is there once
-            out = np.zeros((count, 3))
-            out[self.rows] = values
-            return out
-        return np.stack([np.bincount(self.rows, channel, count) for channel in values.T], axis=1)
+    def _sum_texels(self, values: Float64, rgb: Float64, count: int) -> Float64:
+        """(count, 3): sums of values (n,) times rgb (n or 1, 3)."""
+        if self._lamp is not None:
+            return np.stack([np.bincount(self.rows, values * power, count) for power in rgb.T], axis=1)
+        single, out = np.zeros(count), np.empty((count, 3))
+        single[as_slice(self.rows)] = values  # each texel is there once
+        for channel, power in enumerate(rgb.T):  # several times faster than rows of three
+            np.multiply(single, power, out=out[:, channel])
+        return out
 
     def value(self) -> Float64:
         """(n,) float64: irradiance for rgb = 1."""
