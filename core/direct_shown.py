@@ -64,14 +64,16 @@ class ShownDirect:
             copies = pool.submit(lambda: (irradiance.copy(), variance.copy()))
             found = denoise(irradiance[None], variance, grainy, texels, entry_at, spread, tell=True)
             shown = cls(*copies.result(), np.zeros(irradiance.shape, np.float32))
-        told = np.flatnonzero(found.own_share < 1.0)
-        rows, smooth = found.entry[told], found.light[0, told]
-        noise, noise_left, own_share = variance[rows], found.variance[told], found.own_share[told, None]
-        shown.irradiance[rows] = smooth
-        kept = np.minimum(own_share + _KEPT_BY_CHOICE, 1.0)
-        # Of the squared change, noise alone explains what the texel had and has now, less what it kept of its own.
-        shown.blur2[rows] = (smooth - irradiance[rows]) ** 2 - noise * (1.0 - 2.0 * kept) - noise_left
-        shown.variance[rows] = noise_left + (_CHOSEN_BY_NOISE - 1.0) * np.maximum(noise_left - own_share**2 * noise, 0.0)
+        every = np.flatnonzero(found.own_share < 1.0)
+        for start in range(0, len(every), _CHUNK):
+            told = every[start : start + _CHUNK]
+            rows, smooth = found.entry[told], found.light[0, told]
+            noise, noise_left, own_share = variance[rows], found.variance[told], found.own_share[told, None]
+            shown.irradiance[rows] = smooth
+            kept = np.minimum(own_share + _KEPT_BY_CHOICE, 1.0)
+            # Of the squared change, noise alone explains what the texel had and has now, less what it kept of its own.
+            shown.blur2[rows] = (smooth - irradiance[rows]) ** 2 - noise * (1.0 - 2.0 * kept) - noise_left
+            shown.variance[rows] = noise_left + (_CHOSEN_BY_NOISE - 1.0) * np.maximum(noise_left - own_share**2 * noise, 0.0)
         return shown
 
 
