@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -239,10 +240,12 @@ def mean_in_nodes(tree: Quadtree, per_texel: NDArray[np.float32]) -> NDArray[np.
     ends, place = np.unique(np.concatenate([tree.start, tree.end]), return_inverse=True)
     first, last = place[: len(tree)], place[len(tree) :]
     out = np.zeros((3, len(tree)))
+    # What lies between the ends of nodes is summed once, however many levels there are; some at a time, for numpy copies what it sums.
+    cuts = np.flatnonzero(np.diff(ends[:-1] // _CHUNK, prepend=-1))
+    parts = [ends[begin : end + 1] for begin, end in pairwise([*cuts, len(ends) - 1])]
     for channel, values in zip(out, per_texel.T, strict=True):
-        # What lies between the ends of nodes is summed once, however many levels there are.
-        sums = np.add.reduceat(values, ends[:-1], dtype=np.float64) if len(values) else np.zeros(0)
-        total = np.append(0.0, np.cumsum(sums))
+        sums = [np.add.reduceat(values[part[0] : part[-1]], part[:-1] - part[0], dtype=np.float64) for part in parts]
+        total = np.append(0.0, np.cumsum(np.concatenate([np.zeros(0), *sums])))
         channel[:] = (total[last] - total[first]) / (tree.end - tree.start)
     return out
 

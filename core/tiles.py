@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .coverage import Float64, Int64
+from .coverage import CHUNK_SIZE, Float64, Int64
 from .scene import IntArray
 from .texel_grid import interleave_bits, part_bits
 
@@ -77,7 +77,11 @@ class Tiles:
 
 def find_tiles(chart: IntArray, code: IntArray) -> Int64:
     """(m,) int64: Tiles.start of Tiles.of."""
-    first = np.flatnonzero(code[: max(len(code) - TILE_TEXELS + 1, 0)] & (TILE_TEXELS - 1) == 0)
+    count = max(len(code) - TILE_TEXELS + 1, 0)
+    parts = [np.zeros(0, np.int64)]
+    for start in range(0, count, CHUNK_SIZE):
+        parts.append(start + np.flatnonzero(code[start : min(start + CHUNK_SIZE, count)] & (TILE_TEXELS - 1) == 0))
+    first = np.concatenate(parts)
     last = first + TILE_TEXELS - 1
     whole: Int64 = first[(code[last] == code[first] + TILE_TEXELS - 1) & (chart[last] == chart[first])]
     return whole

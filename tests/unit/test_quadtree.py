@@ -31,8 +31,10 @@ def test_a_child_lies_in_its_quadrant():
         assert (inside < bake.tree.side[node]).all()
 
 
-def test_nodes_tell_of_the_texels_in_them():
+@pytest.mark.parametrize("chunk", [1 << 16, 7])
+def test_nodes_tell_of_the_texels_in_them(monkeypatch, chunk):
     """Their means, and whether any has a flag."""
+    monkeypatch.setattr(quadtree, "_CHUNK", chunk)
     bake, rng = SquareBake(side=16, width=0.7, preview_depth=3), np.random.default_rng(2)
     flag, values = rng.random(len(bake.keys)) < 0.05, rng.random((len(bake.keys), 3)).astype(np.float32)
     texels = [slice(start, end) for start, end in zip(bake.tree.start, bake.tree.end, strict=True)]

@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from floors import floor_looks, floor_tiles, morton_square
+from leaflight.core import tiles as tiles_module
 from leaflight.core.tiles import NODE_WEIGHTS, TILE_CORNERS, TILE_NODES, TILE_SURFACES, TILE_TEXELS, Tiles, find_calm
 
 
 class TestTiles:
-    def test_whole_squares_are_found(self):
+    @pytest.mark.parametrize("chunk", [1 << 16, 50])
+    def test_whole_squares_are_found(self, monkeypatch, chunk):
+        monkeypatch.setattr(tiles_module, "CHUNK_SIZE", chunk)
         code = np.concatenate([np.arange(3, 200), np.arange(64)])
         chart = np.concatenate([np.zeros(197, np.int32), np.ones(64, np.int32)])
         tiles = Tiles.of(chart, code)
