@@ -14,6 +14,7 @@ from .coverage import (
     Float64,
     Int32,
     Int64,
+    as_slice,
     chunk_ranges,
     clip_to_texels,
     expand_ranges,
@@ -171,15 +172,17 @@ def _collect_entries(density: Float64, spans: RowSpans, grid: TexelGrid, pairs: 
     n_texel = sum(int(np.count_nonzero(cell_tri[start : start + _SLOTS] >= 0)) for start in range(0, len(cell_tri), _SLOTS))
     texel_chart, texel_tri = np.empty((2, n_texel), np.int32)
     texel_xy, texel_code, texel_area = np.empty((n_texel, 2), np.int32), np.empty(n_texel, np.int64), np.empty(n_texel)
+    row_first, row_last, row_zero = np.ascontiguousarray(grid.row_cell.T)
     end = 0
     for chart, x, y, code in _walk_squares(low, high, log2, filled):
         row = row_of_zero[chart] + y
-        inside = (x >= grid.row_cell[row, 0]) & (x <= grid.row_cell[row, 1])
-        cell = np.where(inside, grid.row_cell[row, 2] + x, 0)  # the cell of triangles without texels
+        inside = (x >= row_first[row]) & (x <= row_last[row])
+        cell = np.where(inside, row_zero[row] + x, 0)  # the cell of triangles without texels
         tri = cell_tri[cell]
-        kept = np.flatnonzero(tri >= 0)
-        part = slice(end, end + len(kept))
-        cell, end = cell[kept], part.stop
+        kept = as_slice(np.flatnonzero(tri >= 0))
+        cell = cell[kept]
+        part = slice(end, end + len(cell))
+        end = part.stop
         texel_chart[part], texel_xy[part, 0], texel_xy[part, 1] = chart[kept], x[kept], y[kept]
         texel_code[part], texel_area[part], texel_tri[part] = code[kept], cell_area[cell], tri[kept]
         grid.cell_entry[cell] = np.arange(part.start, part.stop, dtype=np.int32)
@@ -220,19 +223,21 @@ def _walk_squares(low: Int32, high: Int32, log2: Int32, filled: NDArray[np.bool_
     count = np.where(filled, 1 << 2 * (log2 - side_log2).astype(np.int64), 0)
     chart, square = expand_ranges(np.zeros_like(count), count)
     x, y = (part << side_log2[chart] for part in part_bits(square))
-    reached = (x <= (high - low)[chart, 0]) & (y <= (high - low)[chart, 1])
-    chart, square, x, y = chart[reached].astype(np.int32), square[reached], x[reached].astype(np.int32), y[reached].astype(np.int32)
+    room = (high - low).astype(np.int64)[chart] - np.stack([x, y], axis=1)  # texels from a square's first to the last that may be covered
+    reached = (room >= 0).all(axis=1)
+    chart, square, x, y, room = chart[reached].astype(np.int32), square[reached], x[reached], y[reached], room[reached]
+    is_whole = (room >= (1 << side_log2[chart])[:, None] - 1).all(axis=1)
+    first_x, first_y = x.astype(np.int32) + low[chart, 0], y.astype(np.int32) + low[chart, 1]
     inner_x, inner_y = (part.astype(np.int32) for part in part_bits(np.arange(1 << 2 * _SQUARE_LOG2)))
     slots = np.int64(1) << 2 * side_log2[chart].astype(np.int64)
+    first_code = square * slots
     for some, first, last in chunk_ranges(np.zeros_like(slots), slots, _SLOTS):
         owner, inner = expand_ranges(first, last)
         owner = some[owner]
-        own = chart[owner]
-        slot_x, slot_y = x[owner] + inner_x[inner], y[owner] + inner_y[inner]
-        on_chart = np.flatnonzero((slot_x <= (high - low)[own, 0]) & (slot_y <= (high - low)[own, 1]))
-        own, owner = own[on_chart], owner[on_chart]
-        code = square[owner] * slots[owner] + inner[on_chart]
-        yield own, slot_x[on_chart] + low[own, 0], slot_y[on_chart] + low[own, 1], code
+        if not is_whole[some].all():
+            on_chart = np.flatnonzero((inner_x[inner] <= room[owner, 0]) & (inner_y[inner] <= room[owner, 1]))
+            owner, inner = owner[on_chart], inner[on_chart]
+        yield chart[owner], first_x[owner] + inner_x[inner], first_y[owner] + inner_y[inner], first_code[owner] + inner
 
 
 def _collect_parts(density: Float64, grid: TexelGrid, pairs: _Pairs, by_area: Int64) -> dict[str, Any]:
