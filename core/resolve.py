@@ -122,9 +122,9 @@ def close_seams(light: TexelLight, points: SeamPoints, blender: reconstruct.Leaf
     """The light with its steps across seams closed; stderr is that before."""
     if not points.place.size or light.stderr is None:
         return light, seams.SeamReport(0, 0, 0.0, 0.0)
-    parts = np.stack([light.direct, light.indirect])
-    matched, empty, report = seams.match_seams(points, parts, light.stderr**2, blender.texels.is_central, blender.entry_at)
-    return dataclasses.replace(light, direct=matched[0], indirect=matched[1], empty=empty), report
+    parts = light.direct, light.indirect
+    (direct, indirect), empty, report = seams.match_seams(points, parts, light.stderr, blender.texels.is_central, blender.entry_at)
+    return dataclasses.replace(light, direct=direct, indirect=indirect, empty=empty), report
 
 
 def _shade(

@@ -10,6 +10,7 @@ Levy 2010, "Invisible seams".
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, TypeAlias
@@ -71,27 +72,28 @@ class SeamReport:
 
 
 def match_seams(
-    points: SeamPoints, light: Float32, variance: Float32, is_central: NDArray[np.bool_], entry_at: Int32
-) -> tuple[Float32, EmptyTexels, SeamReport]:
+    points: SeamPoints, light: Sequence[Float32], stderr: Float32, is_central: NDArray[np.bool_], entry_at: Int32
+) -> tuple[list[Float32], EmptyTexels, SeamReport]:
     """The light with seams closed, light for empty texels beside them, and how well that went; there is a point at least.
 
-    light        (k, n, 3) float32, W/m^2: parts of the light at the texel entries
-    variance     (n, 3) float32, (W/m^2)^2, of their sum
+    light        parts of the light at the texel entries, each (n, 3) float32, W/m^2
+    stderr       (n, 3) float32, W/m^2, of their sum
     is_central   (n,) bool: whether the texel's centre is covered
     entry_at     (n_page, size, size) int32: the entry that a texel shows, -1 where no chart covers it
     """
     parts = len(light)
     system, entry = _System.of(points, is_central, entry_at)
-    near = light.take(entry, axis=1)
-    keep, pull = system.weigh(near.sum(axis=0).mean(axis=1), np.sqrt(variance.take(entry, axis=0).mean(axis=1)))
+    near = np.stack([part.take(entry, axis=0) for part in light])
+    keep, pull = system.weigh(near.sum(axis=0).mean(axis=1), np.sqrt((stderr.take(entry, axis=0) ** 2).mean(axis=1)))
     before = system.gather(near.transpose(1, 0, 2).reshape(len(entry), -1))
     change = system.solve(before, keep, pull)
     shift = np.abs(change.reshape(-1, parts, 3).sum(axis=1).mean(axis=1))
     change *= np.minimum(_FARTHEST / np.sqrt(keep) / np.maximum(shift, _DARKEST), 1.0)[:, None]
     after = np.maximum(before + change, 0.0)
     shown = after.reshape(-1, parts, 3).transpose(1, 0, 2)
-    matched = light.copy()
-    matched[:, entry[system.near[system.covered, 0]]] = shown[:, system.covered]
+    matched = [part.copy() for part in light]
+    for part, values in zip(matched, shown, strict=True):
+        part[entry[system.near[system.covered, 0]]] = values[system.covered]
     report = SeamReport(points.n_edge, int(system.covered.sum()), system.step(before), system.step(after))
     return matched, system.empty(points, shown), report
 
