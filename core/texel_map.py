@@ -96,10 +96,9 @@ class TexelMap:
         """(m,) bool whether an entry is covered in part, and (m,) its row of the part_ fields if it is."""
         if len(entry) and entry[-1] - entry[0] == len(entry) - 1 and (np.diff(entry) == 1).all():  # as most are asked for
             first, last = np.searchsorted(self.part_entry, (entry[0], entry[-1] + 1))
-            is_part, part = np.zeros(len(entry), bool), np.zeros(len(entry), np.int64)
-            place = self.part_entry[first:last] - entry[0]
-            is_part[place], part[place] = True, np.arange(first, last)
-            return is_part, part
+            part, place = np.full(len(entry), -1), self.part_entry[first:last] - entry[0]
+            part[place] = np.arange(first, last)
+            return part >= 0, part
         part = np.searchsorted(self.part_entry, entry)
         if not len(self.part_entry):
             return part < 0, part
@@ -115,8 +114,7 @@ class TexelMap:
     @cached_property
     def off_centre(self) -> Int64:
         """(k,) int64, ascending: entries that are not central."""
-        off_centre: Int64 = self.part_entry[self.part_point.any(axis=1)]
-        return off_centre
+        return self.part_entry.compress(self.part_point.any(axis=1))
 
     @cached_property
     def shown(self) -> NDArray[np.bool_]:
@@ -129,11 +127,10 @@ class TexelMap:
         for entry in self._parts():
             last[self._find_cells(entry)] = entry
         hidden = np.concatenate([np.zeros(0, np.int64), *(entry[last[self._find_cells(entry)] != entry] for entry in self._parts())])
-        if not len(hidden):
+        if not len(hidden):  # as most often; else charts meet along a crease, or a layer overlaps itself
             return shown
         shared = np.zeros(len(last), bool)
         shared[self._find_cells(hidden)] = True
-        # Few: charts meet along creases, and where a layer overlaps itself.
         rivals = np.concatenate([entry[shared[self._find_cells(entry)]] for entry in self._parts()])
         cell = self._find_cells(rivals)
         by_cell = np.lexsort((self.texel_area[rivals], self.is_central[rivals], cell))
@@ -155,7 +152,7 @@ class TexelMap:
         return (np.arange(start, min(start + CHUNK_SIZE, count)) for start in range(0, count, CHUNK_SIZE))
 
     def _find_cells(self, entry: Int64) -> Int64:
-        """(m,) int64: places of entries (m,) among the texels of all pages."""
+        """(m,) int64: places of entries (m,), ascending, among the texels of all pages."""
         rows = as_slice(entry)
         x, y = self.texel_xy[rows].T
         cell: Int64 = (self.chart_page[self.texel_chart[rows]].astype(np.int64) * self.page_size + y) * self.page_size + x
