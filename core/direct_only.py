@@ -51,4 +51,4 @@ def settle_direct(
         if stopped_by:
             break
         direct.shoot(folder, settings, executor, worst, tell, rules.break_off)
-    return LightField(tree, solution, leaves, totals.received, 1.0, direct, stated.direct, 0, 0, stopped_by, Ledger())
+    return LightField(tree, solution, leaves, totals.received, np.ones(3), direct, stated.direct, 0, 0, stopped_by, Ledger())

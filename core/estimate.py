@@ -43,22 +43,26 @@ _PRIOR_VALUES = 64.0
 _TINY = float(np.finfo(float).tiny)
 
 
-def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> float:
-    """Variance seen between the halves of the bake over the variance that independent photons would have.
+def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> NDArray[np.float64]:
+    """Variance seen between the halves of the bake over the variance that independent photons would have, (3,) float64: of each channel.
+
+    Light that is reflected more often comes by photons that fall on a leaf more than once.
 
     nodes   (m,) int, nodes that tile the charts
     """
     area = np.maximum(tree.area[nodes], _TINY)
     seen = ((solution.flux_half[0] - solution.flux_half[1])[:, nodes] / (2.0 * area)) ** 2
     predicted = solution.variance[:, nodes]
-    told = predicted > 0.0
-    ratio = seen[told] / predicted[told]
+    ratio = np.divide(seen, predicted, out=np.zeros_like(seen), where=predicted > 0.0)
     # Photons of a leaf are few and their powers differ, so single ratios have long tails: weigh leaves by their light.
-    weight = np.sqrt(np.maximum(solution.flux[:, nodes], 0.0))[told]
-    if not weight.sum() > 0.0:
-        return 1.0
-    effective = weight.sum() ** 2 / (weight**2).sum()
-    return float(((ratio * weight).sum() / weight.sum() * effective + _PRIOR_VALUES) / (effective + _PRIOR_VALUES))
+    weight = np.sqrt(np.maximum(solution.flux[:, nodes], 0.0)) * (predicted > 0.0)
+    weight /= np.maximum(weight.max(axis=1, keepdims=True, initial=0.0), _TINY)
+    total, squares = weight.sum(axis=1), (weight**2).sum(axis=1)
+    effective = np.divide(total**2, squares, out=np.zeros(len(total)), where=squares > 0.0)
+    told = np.divide((ratio * weight).sum(axis=1), total, out=np.ones(len(total)), where=total > 0.0)
+    prior = _PRIOR_VALUES / len(told)
+    out: NDArray[np.float64] = (told * effective + prior) / (effective + prior)
+    return out
 
 
 @dataclass(frozen=True)
@@ -76,7 +80,7 @@ class StatedError:
     relative: float
     chosen: float
     direct: float
-    correction: float
+    correction: NDArray[np.float64]
     texel_direct2: Callable[[], NDArray[np.float32]]
     gathered: float = 0.0
     texel_gathered2: Callable[[], NDArray[np.float32]] | None = None
@@ -123,7 +127,7 @@ def state_error(
     # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
     shown = blender.join(tree, solution, leaf, halves=True).at(sample)
     weight = _weigh(node_light[leaf[sample]] + direct[sample], dark2)
-    photons2 = (weight.T * shown.variance).mean(0) * correction
+    photons2 = (weight.T * shown.variance * correction[:, None]).mean(0)
     shrunk2 = (
         np.zeros(len(sample))
         if risk is None
@@ -136,7 +140,7 @@ def state_error(
         photons2, shrunk2 = photons2 * left, shrunk2 * left
     blind2 = weight.mean(1) * missing_light(tree, totals, solution, comparison, nodes)[leaf[sample]]
     judge = _find_judges(tree, nodes, blender)
-    bias2, gap2, noise2 = _missing_from_blend(tree, solution, leaf, judge, sample, blender, shown, weight, blind2)
+    bias2, gap2, noise2 = _missing_from_blend(tree, solution, leaf, judge, sample, blender, shown, correction, weight, blind2)
     blur2 = (weight * shown_direct.blur2[sample]).mean(1)
     gathered2, gathered_blur2 = np.zeros((2, len(sample)))
     if gathered:
@@ -155,7 +159,7 @@ def state_error(
     # A bias is told only in sum, by nodes that err apart. How far apart was seen says how much of it is sure; what may be missing
     # is told by what could be expected, for few nodes may agree by chance.
     seen4 = (np.bincount(judge[best], bias2[best]) ** 2).sum() / count**2
-    expected4 = correction**2 * (np.bincount(judge[best], noise2[best]) ** 2).sum() / count**2
+    expected4 = (np.bincount(judge[best], noise2[best]) ** 2).sum() / count**2
     square = parts[0] + parts[1] + parts[4] + _beyond_noise(parts[2], seen4)
     doubt2 = _BIAS_DOUBT * math.sqrt(expected4) + (taken - taken_surely) * float(shrunk2[best].mean())
     chosen, by_rays, by_gathering = math.sqrt(square + doubt2), math.sqrt(parts[1]), math.sqrt(parts[4])
@@ -234,6 +238,7 @@ def _missing_from_blend(
     sample: NDArray[np.int64],
     blender: LeafBlender,
     shown: PointLight,
+    correction: NDArray[np.float64],
     weight: NDArray[np.float32],
     blind2: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -244,7 +249,7 @@ def _missing_from_blend(
 
     The first is a product of what each half says alone, whose noise is independent, and so right in sum. The second is how far that
     is from zero, noise and all: who leaves out the worst by it leaves out as much noise below zero as above. Without nodes below,
-    `blind2` (m,) stands for all. The third is a standard error of the first, before noise is corrected, by which all texels of a judge
+    `blind2` (m,) stands for all. The third is a standard error of the first, by which all texels of a judge
     are off together.
     """
     unbiased = blind2.copy()
@@ -261,7 +266,8 @@ def _missing_from_blend(
     seen[told] = np.abs(np.bincount(group, unbiased[told]) / count)[group]
     # Either half has twice the variance of both; over a node a product has as many independent parts as the node has functions.
     # A mean that weighs its parts well shares as much of each one's noise as it has itself, so that this is not seen between them.
-    of_half = 2.0 * (weight[told].T * np.maximum(below.variance - shown.variance[:, told], 0.0)).mean(0)
+    noise2 = np.maximum(below.variance - shown.variance[:, told], 0.0) * correction[:, None]
+    of_half = 2.0 * (weight[told].T * noise2).mean(0)
     noise[told] = of_half / np.sqrt(np.maximum(tree.rank[judge[told]], 1))
     return unbiased, seen, noise
 

@@ -12,7 +12,7 @@ import tempfile
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -141,6 +141,7 @@ class LocalExecutor(Executor):
         self._given = 0  # calls, to the other processes, and not back yet
         self._results = tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True)
         self._leaving: threading.Thread | None = None
+        self._lost: BaseException | None = None  # why no call can be run any more: a process was killed
 
     def wake(self) -> None:
         """Have the other processes start; calls are given to them from when they have."""
@@ -149,10 +150,17 @@ class LocalExecutor(Executor):
             for _ in range(self._others):
                 self._pool.submit(os.getpid).add_done_callback(self._greet)
 
-    def _greet(self, _: Future[int]) -> None:
+    def _greet(self, sent: Future[int]) -> None:
+        self._note_loss(sent)
         with self._turn:
             self._ready += 1
         self._feed()
+
+    def _note_loss(self, sent: Future[Any]) -> None:
+        """What cannot be run any more is not even tried: a pool that says so holds the lock that giving it a call would wait for."""
+        self._closed |= sent.cancelled()
+        if not sent.cancelled() and isinstance(sent.exception(), BrokenExecutor):
+            self._lost = sent.exception()
 
     def on_each(self, fn: Callable[..., Any], /, *args: Any) -> None:
         """Have each of the other processes run `fn` while this one goes on; what it gives is dropped."""
@@ -199,15 +207,19 @@ class LocalExecutor(Executor):
         """Run a call here; False when all have been begun."""
         call = self._take()
         if call is not None:
-            _settle(call, call.run)
+            _settle(call, self._refuse if self._lost else call.run)
         return call is not None
+
+    def _refuse(self) -> Any:
+        assert self._lost is not None
+        raise self._lost
 
     def _feed(self) -> None:
         """Give the other processes a call each, and while many wait a second one in reserve: at the end that would be missing here."""
         while True:
             with self._turn:
                 most = self._ready * (2 if len(self._waiting) > self._others + 1 else 1)
-                call = self._take() if self._given < most else None
+                call = self._take() if self._given < most and not (self._lost or self._closed) else None
                 if call is None:
                     return
                 self._given += 1
@@ -222,6 +234,7 @@ class LocalExecutor(Executor):
     def _receive(self, call: _Call, sent: Future[bytes | str]) -> None:
         with self._turn:
             self._given -= 1
+        self._note_loss(sent)
         self._feed()  # first: it works while the result is looked at
         _settle(call, lambda: _fetch_result(sent.result()))
 

@@ -21,7 +21,7 @@ class LightField:
 
     solution       of the leaves and what is above them
     leaves         (m,) int64: the nodes to show
-    correction     of the leaves' variance, see estimate
+    correction     (3,) float64, of the leaves' variance, see estimate
     squares        what squares say where something touches the surface; None without photons
     gathered       indirect light by rays from texels, where they saw all that sends it; None where leaves hold all of it
     stopped_by     "error", "max_photons", "time_limit" or "interrupted"
@@ -31,7 +31,7 @@ class LightField:
     solution: Solution
     leaves: NDArray[np.int64]
     received: NDArray[np.int64]
-    correction: float
+    correction: NDArray[np.float64]
     direct: DirectField
     error: float
     photons: int

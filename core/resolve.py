@@ -73,7 +73,7 @@ def light_at_texels(
         for channel in range(3):  # one by one several times faster than as turned arrays
             for of_part, values in zip(by_part, traced.irradiance[first:, channel], strict=True):
                 of_part[part, channel] = np.maximum(values, 0.0)  # a fitted plane may dip below zero at the edge of a shadow
-            variance[part, channel] = traced.variance[channel] * field.correction
+            variance[part, channel] = traced.variance[channel] * field.correction[channel]
 
     _run_chunks(fill, n_texel, threads)
     entry, beyond, share = blender.texels.borders.list_beyond(LOOK)

@@ -255,7 +255,7 @@ class Solver:
         """The light after one round, for the eye: nothing is known of its error."""
         self._trace_round(None)
         state = self._read_tallies()
-        return self._make_light(state, correction=1.0, error=math.nan)
+        return self._make_light(state, correction=np.ones(3), error=math.nan)
 
     def _light(self, state: _State) -> tuple[LightField, estimate.StatedError]:
         """The light as it stands."""
@@ -274,7 +274,7 @@ class Solver:
         )
         return self._make_light(state, stated.correction, stated.chosen), stated
 
-    def _make_light(self, state: _State, correction: float, error: float) -> LightField:
+    def _make_light(self, state: _State, correction: NDArray[np.float64], error: float) -> LightField:
         return LightField(
             tree=self.tree,
             solution=state.solution,

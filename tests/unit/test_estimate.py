@@ -56,7 +56,7 @@ def noise_of(bake, nodes):
     """What state_error says of photons' noise alone, relative; nodes of one size."""
     solution = bake.solution()
     brightness = solution.flux[0, nodes] / bake.tree.area[nodes]
-    variance = solution.variance[0, nodes] * bake.tree.rank[nodes] * state(bake, nodes).correction
+    variance = solution.variance[0, nodes] * bake.tree.rank[nodes] * state(bake, nodes).correction[0]
     return np.sqrt((variance / (brightness**2 + (estimate.DARK_FLOOR * brightness.mean()) ** 2)).mean())
 
 
@@ -137,7 +137,7 @@ def test_correction_is_1_for_independent_photons():
     found = []
     for seed in range(20):
         bake = throw(even, 20_000, seed, degree=0, level=3)
-        found.append(estimate.noise_correction(bake.tree, bake.solution(), current(bake)))
+        found.append(estimate.noise_correction(bake.tree, bake.solution(), current(bake)).mean())
     assert np.mean(found) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 1280))
 
 
@@ -148,7 +148,7 @@ def test_correction_sees_that_photons_come_in_clumps():
         return np.repeat(rng.random((2, n // 4)), 4, axis=1)
 
     bake = throw(clumps, 80_000, 1, degree=0, level=4)
-    assert 2.5 < estimate.noise_correction(bake.tree, bake.solution(), current(bake)) < 4.5
+    assert 2.5 < estimate.noise_correction(bake.tree, bake.solution(), current(bake)).mean() < 4.5
 
 
 def test_the_stated_error_takes_the_correction():
@@ -163,7 +163,7 @@ def test_the_stated_error_takes_the_correction():
 
 def test_correction_of_no_light_is_1():
     bake = SquareBake(side=8)
-    assert estimate.noise_correction(bake.tree, bake.solution(), current(bake)) == 1.0
+    assert estimate.noise_correction(bake.tree, bake.solution(), current(bake)).tolist() == [1.0, 1.0, 1.0]
 
 
 def test_no_photons_are_no_statement():
@@ -297,7 +297,9 @@ def test_what_dips_below_zero_is_judged_as_it_is_shown(halves, counted):
     light = np.ones((2, 3, len(sample))) * np.reshape(halves, (2, 1, 1))
     shown = reconstruct.PointLight(light, np.zeros((3, len(sample))))
     weight, blind2 = np.ones((len(sample), 3), np.float32), np.full(len(sample), np.nan)
-    unbiased, seen, _ = estimate._missing_from_blend(tree, bake.solution(), leaf, deepest, sample, blender_of(bake), shown, weight, blind2)
+    unbiased, seen, _ = estimate._missing_from_blend(
+        tree, bake.solution(), leaf, deepest, sample, blender_of(bake), shown, np.ones(3), weight, blind2
+    )
     np.testing.assert_allclose(unbiased, counted, rtol=1e-6)
     np.testing.assert_allclose(seen, abs(counted), rtol=1e-6)  # or the worst that are left out would all be those above zero
 
@@ -340,7 +342,7 @@ def test_noise_of_what_judges_say_is_known_beforehand():
         leaf, judge = (quadtree.node_of_texel(tree, ids, len(sample)) for ids in (nodes, np.flatnonzero(~tree.has_children)))
         shown = blender_of(bake).join(tree, solution, leaf, halves=True).at(sample)
         weight, blind2 = np.ones((len(sample), 3), np.float32), np.zeros(len(sample))
-        parts = estimate._missing_from_blend(tree, solution, leaf, judge, sample, blender_of(bake), shown, weight, blind2)
+        parts = estimate._missing_from_blend(tree, solution, leaf, judge, sample, blender_of(bake), shown, np.ones(3), weight, blind2)
         for values, out in ((parts[0], told), (parts[2], expected)):
             out.append((np.bincount(judge, values) ** 2).sum())
     assert np.sum(told) == pytest.approx(np.sum(expected), rel=0.25)

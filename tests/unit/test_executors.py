@@ -1,6 +1,7 @@
 """Executors: results in order, errors handed on, and this process one of the workers."""
 
 import os
+import signal
 import time
 from concurrent.futures import BrokenExecutor
 from functools import partial
@@ -190,3 +191,18 @@ def test_a_cluster_without_dask_is_a_sentence(monkeypatch):
     monkeypatch.delattr("leaflight.core.cluster", raising=False)
     with pytest.raises(ValueError, match=r"^--cluster farm:8786: dask\.distributed cannot be loaded .*extra `cluster`, .* -m pip install "):
         executors.open_executor(Settings(cluster="farm:8786"))
+
+
+def test_a_process_that_is_killed_while_it_starts_is_told_and_nothing_hangs():
+    executor = executors.LocalExecutor(2)
+    executor.wake()
+    for pid in list(executor._pool._processes):
+        os.kill(pid, signal.SIGKILL)
+
+    def work_on():
+        for _ in range(500):
+            executor.submit(time.sleep, 0.01).result(timeout=20)
+
+    with pytest.raises(BrokenExecutor):
+        work_on()
+    executor.shutdown()

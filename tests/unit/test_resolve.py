@@ -140,7 +140,9 @@ def light_field(bake, leaves, correction=1.0):
     rng = np.random.default_rng(5)
     direct = DirectField(rng.random((n, 3), np.float32), 0.01 * rng.random((n, 3), np.float32), np.ones(n, np.int16))
     received = bake.totals().received
-    return solve.LightField(bake.tree, bake.solution(), leaves, received, correction, direct, 0.0, 1, 1, "error", solve.Ledger())
+    return solve.LightField(
+        bake.tree, bake.solution(), leaves, received, np.full(3, correction), direct, 0.0, 1, 1, "error", solve.Ledger()
+    )
 
 
 def light_of(field, texels):

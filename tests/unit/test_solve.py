@@ -205,7 +205,7 @@ def test_a_round_solves_all_that_is_asked_of_it(tmp_path, knobs):
     stated, lights, marked = [], [], []
     for one in (state, whole):
         light, told = solver._light(one)
-        stated.append((told.relative, told.chosen, told.direct, told.correction))
+        stated.append((told.relative, told.chosen, told.direct, *told.correction))
         lights.append(resolve.light_at_texels(light, solver.blender).indirect)
         nothing = np.zeros(len(solver.tree), bool), np.zeros((3, len(solver.tree)))
         rule = replace(solver.rule, oracle="paper")  # splits on noise too
