@@ -158,7 +158,6 @@ class LocalExecutor(Executor):
 
     def _note_loss(self, sent: Future[Any]) -> None:
         """What cannot be run any more is not even tried: a pool that says so holds the lock that giving it a call would wait for."""
-        self._closed |= sent.cancelled()
         if not sent.cancelled() and isinstance(sent.exception(), BrokenExecutor):
             self._lost = sent.exception()
 
@@ -207,12 +206,11 @@ class LocalExecutor(Executor):
         """Run a call here; False when all have been begun."""
         call = self._take()
         if call is not None:
-            _settle(call, self._refuse if self._lost else call.run)
+            if self._lost:
+                call.set_exception(self._lost)
+            else:
+                _settle(call, call.run)
         return call is not None
-
-    def _refuse(self) -> Any:
-        assert self._lost is not None
-        raise self._lost
 
     def _feed(self) -> None:
         """Give the other processes a call each, and while many wait a second one in reserve: at the end that would be missing here."""

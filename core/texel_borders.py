@@ -86,14 +86,15 @@ class TexelBorders:
 
     def measure(self, degree: int) -> Float64:
         """(M, b) float64: moments about their centres of what the texels hold, texels, where a whole one has an area of 1."""
-        row = np.searchsorted(self.entry, self.other)
-        inner = np.minimum(self.reach.astype(np.float64), _HALF)
+        rows = np.searchsorted(self.entry, self.other)  # any one where nothing is in the way: nothing is gained there
+        reach = self.reach.astype(np.float64)
+        inner = np.minimum(reach, _HALF)
         right, up, left, down = inner
         pieces = [(-left, right, -down, up)]
         for k, (x, y) in enumerate(WAYS):
-            beyond = np.where(self.other[k] >= 0, row[k], 0)
+            beyond = rows[k]
             lost = np.where(self.other[k] >= 0, _HALF - inner[OPPOSITE[k], beyond], 0.0)
-            gained = np.clip(np.nan_to_num(self.reach[k].astype(np.float64), posinf=_HALF) - _HALF, 0.0, lost)
+            gained = np.clip(reach[k] - _HALF, 0.0, lost)
             low, high = np.sort([np.full_like(gained, _HALF * (x + y)), (_HALF + gained) * (x + y)], axis=0)
             pieces.append((low, high, -_HALF, _HALF) if x else (-left[beyond], right[beyond], low, high))
         return np.stack(
