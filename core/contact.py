@@ -50,6 +50,20 @@ def find_contacts(
     return found, texels
 
 
+def find_between(
+    rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray, pairs: NDArray[np.int64]
+) -> NDArray[np.int32]:
+    """(m,) int32: the triangle met first on the straight way from point to point, -1 for none.
+
+    position, normal, texel_size   as find_contacts has them
+    pairs                          (2, m) int64: the points
+    """
+    lifted = position + normal * (_LIFT_TEXELS * texel_size[:, None].astype(np.float32))
+    origin, end = lifted[pairs]
+    met = rays.closest(origin, end - origin)
+    return np.where(met.distance < 1.0, met.tri, np.int32(-1))
+
+
 def find_clear_tiles(rays: RayScene, corner: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray) -> NDArray[np.bool_]:
     """(m,) bool: square tiles of texels where no point's rays along the rows and columns would meet anything.
 

@@ -99,7 +99,7 @@ def find_contacts(opened: TracedScene, texels: TexelMap) -> ContactMap:
         starts.append(np.stack([first, np.where(np.arange(len(first)) < len(entry), 1, TILE_TEXELS)])[:, order])
         distances.append(distance[:, order])
     start, size = np.concatenate(starts, axis=1)
-    return _join_patches(texels, touched, start, size, np.concatenate(distances, axis=1))
+    return _join_patches(opened, texels, touched, start, size, np.concatenate(distances, axis=1))
 
 
 def _find_places(opened: TracedScene, texels: TexelMap, entry: IntArray) -> tuple[NDArray[np.float32], NDArray[np.float32], FloatArray]:
@@ -123,7 +123,18 @@ def _find_clear_tiles(opened: TracedScene, texels: TexelMap, part: slice) -> _In
     return clear_tiles
 
 
-def _join_patches(texels: TexelMap, touched: NDArray[np.bool_], start: _Int64, size: _Int64, distance: NDArray[np.float32]) -> ContactMap:
+def _are_parted(opened: TracedScene, texels: TexelMap, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
+    """(m,) bool: whether another thing stands between the points of texel entries (m,) and (m,)."""
+    entry, pairs = np.unique([one, other], return_inverse=True)
+    met = contact.find_between(opened.scene.rays, *_find_places(opened, texels, entry), pairs.reshape(2, -1))
+    tri_object = opened.snapshot.tri_object
+    parted: NDArray[np.bool_] = (met >= 0) & (tri_object[met] != tri_object[texels.texel_tri[one]])
+    return parted
+
+
+def _join_patches(
+    opened: TracedScene, texels: TexelMap, touched: NDArray[np.bool_], start: _Int64, size: _Int64, distance: NDArray[np.float32]
+) -> ContactMap:
     """Texels are of one piece where one can go from one to the next and meet nothing.
 
     start, size   (k,) int64, of patches that tile all entries
@@ -140,10 +151,12 @@ def _join_patches(texels: TexelMap, touched: NDArray[np.bool_], start: _Int64, s
     joined, parting = [np.zeros((2, 0), np.int64)], [np.zeros((3, 0), np.int64)]
     for k, step in enumerate(WAYS):
         here, other = pair = np.stack(patches.find_beside(texels, np.flatnonzero(size == 1), step))
-        # What stands between two texels is met from both, however far apart their points are.
-        between = blocked[k, here] & blocked[OPPOSITE[k], other]
+        both_whole = whole[start[here]] & whole[start[other]]
+        between = blocked[k, here] & blocked[OPPOSITE[k], other]  # what stands between two texels is met from both
+        aslant = np.flatnonzero(~both_whole)  # as points of parts are beside the middles of their texels
+        between[aslant] = _are_parted(opened, texels, start[here[aslant]], start[other[aslant]])
         joined.append(pair[:, ~between & ((k < 2) | (size[other] > 1))])  # two texels are seen from both
-        between &= whole[start[here]] & whole[start[other]]
+        between &= both_whole
         parting.append(np.stack([np.full(between.sum(), k), *pair[:, between]]))
     for step in ((TILE_SIDE, 0), (0, TILE_SIDE)):
         joined.append(np.stack(patches.find_beside(texels, np.flatnonzero(size > 1), step)))

@@ -78,6 +78,50 @@ def test_a_wall_thinner_than_a_texel_parts_it_too(tmp_path, layer):
     assert (pieces[:, 32:] == 1 - pieces[0, 0]).all()
 
 
+def turned(degrees, side):
+    """The layer of a quad that is turned on its page."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return (SQUARE - 0.5) @ np.array([[c, s], [-s, c]]) * side
+
+
+@pytest.mark.parametrize("x_m", [0.21, 0.36, 0.51, 0.66])
+@pytest.mark.parametrize("degrees", [20, 45, 110, 200, 290])
+def test_a_floor_that_is_turned_on_its_page_is_parted_too(tmp_path, x_m, degrees):
+    """Points of texels at its border lie beside their middles: rays along rows and columns do not go from one to the next."""
+    _, cut, _, scene = cut_floor(tmp_path, sheet(x_m), floor=quad_mesh("Floor", uv=turned(degrees, 0.7) + 0.5))
+    assert len(cut.chart_page) == 2
+    central = cut.is_central
+    position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])[central]
+    np.testing.assert_array_equal(cut.texel_chart[central] == cut.texel_chart[central][position[:, 0].argmin()], position[:, 0] < x_m)
+
+
+def test_a_strip_narrower_than_a_texel_is_parted_by_others_alone(tmp_path):
+    """All of its texels are covered in part; it has a fin of its own, and another thing stands on it."""
+    fin = sheet(0.31)
+    strip = Mesh("Floor", np.concatenate([SQUARE @ [[1, 0, 0], [0, 0.01, 0]], fin.vertex]), [[0, 1, 2, 3], [4, 5, 6, 7]])
+    strip = replace(strip, uv=[SQUARE * [1, 0.01] + [0, 0.503], SQUARE * [0.2, 0.2]])
+    texels, cut, _, scene = cut_floor(tmp_path, sheet(0.603), floor=strip)
+    assert len(texels.chart_page) == 2
+    of_strip = cut.texel_tri < 2
+    x_m = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])[of_strip, 0]
+    assert len(x_m) == SIDE
+    assert len(cut.chart_page) == 3
+    assert len(np.unique(np.stack([x_m < 0.603, cut.texel_chart[of_strip]]), axis=1).T) == 2
+
+
+def test_parts_of_two_charts_stay_apart(tmp_path):
+    """What lies left of a chart's first texel is nobody's."""
+    one, other = quad_mesh("Floor"), moved(quad_mesh("Floor"), (2, 0, 0))
+    floor = Mesh("Floor", np.concatenate([one.vertex, other.vertex]), [*one.polygons, *([k + 4 for k in face] for face in other.polygons)])
+    floor = replace(floor, uv=[turned(30, 0.36) + 0.25, LAYERS["mirrored"] * 0.5 + [0.5, 0.0]])  # whose last tile is of one triangle
+    texels, cut, _, scene = cut_floor(tmp_path, sheet(0.51), sheet(2.503), floor=floor)
+    assert len(texels.chart_page) == 2
+    x_m = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])[:, 0]
+    quarter = np.searchsorted([0.51, 1.5, 2.503], x_m)
+    inner = cut.is_central
+    assert len(np.unique(np.stack([quarter, cut.texel_chart])[:, inner], axis=1).T) == 4 == len(cut.chart_page)
+
+
 def test_rooms_that_a_door_joins_are_one_piece(tmp_path):
     """So is a floor with a post on it, but for what the post stands on."""
     _, cut, _, scene = cut_floor(tmp_path / "door", wall(high_m=0.7))
