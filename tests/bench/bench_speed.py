@@ -1,6 +1,7 @@
 """Seconds against error: Leaflight beside Cycles' bake, and Cycles with OIDN's filter, on the same UV layer and machine; see docs/speed.md.
 
 python tests/bench/bench_speed.py [--docs] [--quick] [--cache DIR]     hours, with nothing else running; needs the extra `bench`
+python tests/bench/bench_speed.py --probes     minutes: only the targets that are about Leaflight alone
 
 References that are not committed are made once and kept in the cache folder. --quick is for checking this script alone: its
 figures say nothing.
@@ -272,6 +273,7 @@ def main() -> int:
         "--docs", action="store_true", help="write tables and pictures into docs/speed.md and docs/speed, and add to the history"
     )
     parser.add_argument("--quick", action="store_true", help="check this script, with sizes that measure nothing")
+    parser.add_argument("--probes", action="store_true", help="no curves; nothing is written")
     parser.add_argument("--cache", type=Path, default=ROOT / "out" / "references", help="folder of references that are not committed")
     parser.add_argument("--scenes", nargs="+", help="only these, NAME:SIZE of that size only")
     parser.add_argument("--sizes", nargs="+", type=int, help="sides of pages, only these")
@@ -280,7 +282,7 @@ def main() -> int:
     effort = QUICK if arguments.quick else Effort()
     effort = dataclasses.replace(
         effort,
-        scenes=tuple(arguments.scenes or effort.scenes),
+        scenes=() if arguments.probes else tuple(arguments.scenes or effort.scenes),
         sizes=tuple(arguments.sizes or effort.sizes),
         budget_s=arguments.budget or effort.budget_s,
     )
@@ -296,12 +298,14 @@ def main() -> int:
                 curves[scene, size] = trace_curves(scene, size, reference, effort)
                 draw_curves(curves[scene, size], f"{scene}, {size}²", pictures / f"{scene}_{size}.png")
                 print(table_times({(scene, size): curves[scene, size]}), file=sys.stderr, flush=True)
-        targets = [*judge_curves(curves), *run_probes(folder, effort.probes)]
+        targets = [*(judge_curves(curves) if curves else ()), *run_probes(folder, effort.probes)]
     history = read_history(HISTORY)
     before = {text: figure for text, figure in (history[-1]["figures"] if history else {}).items() if figure is not None}
-    tables = {"targets": table_targets(targets, before), "times": table_times(curves), "bakes": table_points(curves)}
+    tables = {"targets": table_targets(targets, before)}
+    if curves:
+        tables |= {"times": table_times(curves), "bakes": table_points(curves)}
     print(*tables.values(), sep="\n\n")
-    if arguments.docs:
+    if arguments.docs and curves:
         page = DOCS / "speed.md"
         page.write_text(put_tables(page.read_text(encoding="utf-8"), tables), encoding="utf-8")
         append_history(HISTORY, targets)

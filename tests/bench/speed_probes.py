@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -43,6 +44,7 @@ class Sizes:
     repeats: int = 3
 
 
+_Bake = tuple[SceneSnapshot, Settings]
 QUICK = Sizes(1 << 13, 300_000, 100_000, (200, 5_000), (1, 20), (64, 128), 1)
 
 
@@ -59,6 +61,14 @@ def run_core(folder: Path, scene: SceneSnapshot, settings: Settings) -> dict[str
     result: dict[str, Any] = json.loads((folder / RESULT_FILE).read_text(encoding="utf-8"))
     result["seconds"]["all"] = seconds
     return result
+
+
+def compare_cores(folder: Path, first: _Bake, second: _Bake, stage: str, sizes: Sizes) -> tuple[float, dict[str, Any]]:
+    """Seconds of that stage of the second bake over those of the first, medians of bakes that take turns; and a result of the second."""
+    folder.mkdir()
+    results = [[run_core(folder / f"{turn}_{k}", *bake) for k, bake in enumerate((first, second))] for turn in range(sizes.repeats)]
+    one, other = (statistics.median(result["seconds"][stage] for result in of_bake) for of_bake in zip(*results, strict=True))
+    return other / one, results[0][1]
 
 
 # -- tracing --
@@ -108,12 +118,9 @@ def _least_seconds(call: Any, repeats: int) -> float:
 
 def worker_gain(folder: Path, snapshot: SceneSnapshot, sizes: Sizes) -> float:
     """Photons a second of two workers over those of one, refinement and all."""
-    folder.mkdir()
     settings = Settings(size=256, error=NEVER, max_photons=sizes.photons, direct="photons")
-    seconds = [
-        run_core(folder / str(count), snapshot, dataclasses.replace(settings, workers=count))["seconds"]["photons"] for count in (1, 2)
-    ]
-    return seconds[0] / seconds[1]
+    two, one = ((snapshot, dataclasses.replace(settings, workers=count)) for count in (2, 1))
+    return compare_cores(folder, two, one, "photons", sizes)[0]
 
 
 # -- how time grows --
@@ -121,25 +128,23 @@ def worker_gain(folder: Path, snapshot: SceneSnapshot, sizes: Sizes) -> float:
 
 def page_growth(folder: Path, snapshot: SceneSnapshot, sizes: Sizes) -> dict[str, float]:
     """Time to a stated error of 5 % at the larger page size over that at the smaller, and the larger's peak of memory, MB."""
-    folder.mkdir()
-    small, large = (run_core(folder / str(size), snapshot, Settings(size=size)) for size in sizes.pages)
-    return {"ratio": large["seconds"]["all"] / small["seconds"]["all"], "peak_mb": peak_mb(large)}
+    small, large = ((snapshot, Settings(size=size)) for size in sizes.pages)
+    ratio, result = compare_cores(folder, small, large, "all", sizes)
+    return {"ratio": ratio, "peak_mb": peak_mb(result)}
 
 
 def triangle_growth(folder: Path, sizes: Sizes) -> dict[str, float]:
     """Time of tracing over the larger number of triangles over that over the smaller, and the larger's peak of memory, MB."""
-    folder.mkdir()
     settings = Settings(size=1024, error=NEVER, max_photons=sizes.triangle_photons, direct="photons")
-    few, many = (run_core(folder / str(count), hills_scene(count), settings) for count in sizes.triangles)
-    ratio = many["seconds"]["photons"] / few["seconds"]["photons"]
-    return {"ratio": ratio, "peak_mb": peak_mb(many), "worker_mb": many["peak_memory_mb"].get("worker", float("nan"))}
+    few, many = ((hills_scene(count), settings) for count in sizes.triangles)
+    ratio, result = compare_cores(folder, few, many, "photons", sizes)
+    return {"ratio": ratio, "peak_mb": peak_mb(result), "worker_mb": result["peak_memory_mb"].get("worker", float("nan"))}
 
 
 def light_growth(folder: Path, sizes: Sizes) -> float:
     """Time to a stated error of 5 % of many lights over that of few, of the same power together."""
-    folder.mkdir()
-    few, many = (run_core(folder / str(count), lights_scene(count), Settings(size=256)) for count in sizes.lights)
-    return many["seconds"]["all"] / few["seconds"]["all"]
+    few, many = ((lights_scene(count), Settings(size=256)) for count in sizes.lights)
+    return compare_cores(folder, few, many, "all", sizes)[0]
 
 
 def peak_mb(result: dict[str, Any]) -> float:
