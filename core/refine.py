@@ -105,7 +105,10 @@ def indicator(tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArra
     mean_gap = np.abs((gap * tree.moment[previews, : gap.shape[1]].T).sum(1)).max(0) / tree.area[previews]
     greatest = np.zeros(m)
     np.maximum.at(greatest, ancestor, np.where(is_stable(totals.received[previews], stability), mean_gap, 0.0))
-    to_irradiance = (solution.scale[:, nodes] / max(float(totals.photons.sum()), 1.0)).mean(0)
+    # What previews saw since they exist stands for all that the node has received.
+    received, shot = totals.raw[:, :, :, 0].take(nodes, axis=-1).sum((0, 1, 2)), lifted[:, :, 0].sum((0, 1))
+    stands_for = np.divide(received, shot, out=np.ones(m), where=shot > 0.0)
+    to_irradiance = stands_for * (solution.scale[:, nodes] / max(float(totals.photons.sum()), 1.0)).mean(0)
     return Difference(
         excess=np.where(usable, excess / area * to_irradiance**2, 0.0),
         common=np.where(usable, common / area * to_irradiance**2, 0.0),

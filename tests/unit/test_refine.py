@@ -80,6 +80,26 @@ def test_a_difference_is_relative_whatever_the_size_of_the_node():
     assert [len(marks(bake, rule("paper", threshold))) for threshold in (0.15, 0.3)] == [64, 0]
 
 
+@pytest.mark.parametrize("depth", [1, 2])
+def test_late_previews_tell_the_same_difference(depth):
+    """A step of 20 % about the mean, of which the previews saw a third of the photons: it is as high as that which saw them all."""
+    bake = SquareBake(side=16, degree=0, preview_depth=0)
+    light = uneven(1, 300_000)
+    for part, is_late in ((slice(200_000), False), (slice(200_000, None), True)):
+        if is_late:
+            bake.preview_depth = depth
+            bake.grow()
+        for half in (0, 1):
+            bake.throw(*(at[part][half::2] for at in light), half=half)
+    found = refine.indicator(bake.tree, bake.totals(), bake.solution(), np.array([0]), depth, 16)
+    mean = bake.solution().flux[:, 0] / bake.tree.area[0]
+    of_step = ((0.2 * mean) ** 2).sum()
+    assert found.excess[0] == pytest.approx(of_step, rel=0.03)
+    assert found.common[0] == pytest.approx(of_step, rel=0.03)
+    assert found.greatest[0] == pytest.approx(0.2 * mean[0], rel=0.15)  # of up to 16 noisy ones
+    assert found.noise[0] == pytest.approx((4**depth - 1) * (mean**2).sum() / 100_000, rel=0.05)  # of a third of the photons
+
+
 def chi_squares(n_bake, depth, noise_share=1.0):
     """(n_bake,) sigmas of even light; the noise that is expected may be a share of the right one."""
     sigmas = []
