@@ -16,9 +16,9 @@ MOST_FIRST_PHOTONS = 3 << 17
 FIRST_SHARE = 0.125
 SHARD_PHOTONS = 1 << 18  # at most
 MANY_PAIRS = 3  # of shards, from which on a round ends with smaller ones
-# A round adds at most so many times all photons so far, for late nodes lose what came before them; while these are few, more: to read a
-# round takes time too, and most nodes are still to come.
-ROUND_GROWTH, EARLY_GROWTH = 1.0, 2.0
+# A round adds at most so many times all photons so far, for late nodes lose what came before them (docs/paper.md, "What the hierarchy
+# costs"); while these are few, more: to read a round takes time too, and most nodes are still to come.
+ROUND_GROWTH, EARLY_GROWTH = 0.7, 2.0
 EARLY_PHOTONS = 1 << 20
 ROUND_PHOTONS = 1 << 22  # at most, so that progress, cancelling and time limits are felt
 # ... and at least so many photons for each node: to look at what came of a round takes as long as tracing them does on two cores, and on
