@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,45 +187,74 @@ def cut_at_contacts(texels: TexelMap, atlas: ChartAtlas, found: ContactMap) -> t
     chart_of = np.full(len(patches.start), -1)
     chart_of[own] = len(texels.chart_page) + np.arange(len(own))
     moved = np.flatnonzero(chart_of[found.piece] >= 0)
+    low, high = _join_runs(patches.start[moved], patches.start[moved] + patches.size[moved])
+    between = np.append(0, high), np.append(low, len(found.touched))
     moved = moved[np.argsort(chart_of[found.piece[moved]], kind="stable")]
-    owner, entry = expand_ranges(patches.start[moved], patches.start[moved] + patches.size[moved])
-    stays = np.ones(len(found.touched), bool)
-    stays[entry] = False
-    order = np.concatenate([np.flatnonzero(stays), entry])
-    chart = np.concatenate([texels.texel_chart[stays], chart_of[found.piece[moved[owner]]]]).astype(np.int32)
+    first, last = patches.start[moved], patches.start[moved] + patches.size[moved]
+    runs = _Runs(np.append(between[0], first), np.append(between[1], last))
+    own_chart = np.repeat(chart_of[found.piece[moved]], patches.size[moved]).astype(np.int32)
+    chart = runs.take(texels.texel_chart)
+    chart[len(chart) - len(own_chart) :] = own_chart
     page, thing = (np.append(field, field[whole]) for field in (atlas.chart_page, atlas.chart_object))
     cut = dataclasses.replace(
-        _put_in_order(texels, order),
+        _put_in_order(texels, runs),
         chart_page=page,
         chart_origin=np.concatenate([texels.chart_origin, texels.chart_origin[whole]]),
         chart_log2=np.append(texels.chart_log2, texels.chart_log2[whole]),
         chart_start=np.searchsorted(chart, np.arange(len(page) + 1, dtype=np.int32)).astype(np.int64),
         texel_chart=chart,
     )
-    return cut, dataclasses.replace(atlas, chart_page=page, chart_object=thing), found.touched[order]
+    return cut, dataclasses.replace(atlas, chart_page=page, chart_object=thing), runs.take(found.touched)
 
 
-def _put_in_order(texels: TexelMap, order: _Int64) -> TexelMap:
-    """The map with its entries in another order, (n,) int64; the chart_ fields stay as they are."""
-    place = np.empty(len(order), np.int32)
-    place[order] = np.arange(len(order), dtype=np.int32)
+def _join_runs(low: _Int64, high: _Int64) -> tuple[_Int64, _Int64]:
+    """Ranges low ... high - 1 (k,), ascending, those that touch in one."""
+    apart = low[1:] != high[:-1]
+    return low[np.append(True, apart)], high[np.append(apart, True)]
+
+
+@dataclass(frozen=True)
+class _Runs:
+    """Another order of all entries: runs of them that stay together, most of them long; copying these is quicker than taking each.
+
+    low, high   (k,) int64: of entries low ... high - 1
+    """
+
+    low: _Int64
+    high: _Int64
+
+    def take(self, values: NDArray[Any]) -> NDArray[Any]:
+        return np.concatenate([values[low:high] for low, high in zip(self.low.tolist(), self.high.tolist(), strict=True)])
+
+    def place(self) -> NDArray[np.int32]:
+        """(n + 1,) int32: where each entry is then; -1, the last one, is nowhere."""
+        size = self.high - self.low
+        end = np.cumsum(size)
+        out = np.empty(int(end[-1]) + 1, np.int32)
+        out[-1] = -1
+        for low, high, begin, stop in zip(*(one.tolist() for one in (self.low, self.high, end - size, end)), strict=True):
+            out[low:high] = np.arange(begin, stop, dtype=np.int32)
+        return out
+
+
+def _put_in_order(texels: TexelMap, runs: _Runs) -> TexelMap:
+    """The map with its entries in another order; the chart_ fields stay as they are."""
+    place = runs.place()
     part = np.argsort(place[texels.part_entry])
     pair = expand_ranges(texels.pair_start[part], texels.pair_start[part + 1])[1]
-    cell = texels.grid.cell_entry
     return dataclasses.replace(
         texels,
-        texel_chart=texels.texel_chart[order],
-        texel_xy=texels.texel_xy[order],
-        texel_code=texels.texel_code[order],
-        texel_area=texels.texel_area[order],
-        texel_tri=texels.texel_tri[order],
-        grid=dataclasses.replace(texels.grid, cell_entry=np.where(cell >= 0, place[cell], np.int32(-1))),
+        texel_xy=runs.take(texels.texel_xy),
+        texel_code=runs.take(texels.texel_code),
+        texel_area=runs.take(texels.texel_area),
+        texel_tri=runs.take(texels.texel_tri),
+        grid=dataclasses.replace(texels.grid, cell_entry=place.take(texels.grid.cell_entry, mode="wrap")),
         part_entry=place[texels.part_entry[part]].astype(np.int64),
         part_point=texels.part_point[part],
         part_moments=texels.part_moments[part],
         pair_start=np.append(0, np.cumsum(np.diff(texels.pair_start)[part])),
         pair_tri=texels.pair_tri[pair],
-        borders=texels.borders.renumber(place),
+        borders=texels.borders.renumber(place[:-1]),
     )
 
 
