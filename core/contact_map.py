@@ -154,9 +154,11 @@ def _join_patches(
         here, other = pair = np.stack(patches.find_beside(texels, np.flatnonzero(size == 1), step))
         both_whole = whole[start[here]] & whole[start[other]]
         between = blocked[k, here] & blocked[OPPOSITE[k], other]  # what stands between two texels is met from both
-        aslant = np.flatnonzero(~both_whole)  # as points of parts are beside the middles of their texels
-        between[aslant] = _are_parted(opened, texels, start[here[aslant]], start[other[aslant]])
-        joined.append(pair[:, ~between & ((k < 2) | (size[other] > 1))])  # two texels are seen from both
+        to_tile = size[other] > 1
+        if k < 2:  # two texels are seen from both
+            aslant = np.flatnonzero(~both_whole & ~to_tile)  # as points of parts are beside the middles of their texels
+            between[aslant] = _are_parted(opened, texels, start[here[aslant]], start[other[aslant]])
+        joined.append(pair[:, ~between & (to_tile | (k < 2))])
         between &= both_whole
         parting.append(np.stack([np.full(between.sum(), k), *pair[:, between]]))
     for step in ((TILE_SIDE, 0), (0, TILE_SIDE)):
@@ -187,13 +189,10 @@ def cut_at_contacts(texels: TexelMap, atlas: ChartAtlas, found: ContactMap) -> t
     chart_of = np.full(len(patches.start), -1)
     chart_of[own] = len(texels.chart_page) + np.arange(len(own))
     moved = np.flatnonzero(chart_of[found.piece] >= 0)
-    low, high = _join_runs(patches.start[moved], patches.start[moved] + patches.size[moved])
-    between = np.append(0, high), np.append(low, len(found.touched))
-    moved = moved[np.argsort(chart_of[found.piece[moved]], kind="stable")]
-    first, last = patches.start[moved], patches.start[moved] + patches.size[moved]
-    runs = _Runs(np.append(between[0], first), np.append(between[1], last))
-    own_chart = np.repeat(chart_of[found.piece[moved]], patches.size[moved]).astype(np.int32)
+    own_chart = chart_of[found.piece[moved]]
+    runs = _Runs.of(patches.start[moved], patches.size[moved], np.argsort(own_chart, kind="stable"), len(found.touched))
     chart = runs.take(texels.texel_chart)
+    own_chart = np.sort(np.repeat(own_chart, patches.size[moved]))
     chart[len(chart) - len(own_chart) :] = own_chart
     page, thing = (np.append(field, field[whole]) for field in (atlas.chart_page, atlas.chart_object))
     cut = dataclasses.replace(
@@ -207,12 +206,6 @@ def cut_at_contacts(texels: TexelMap, atlas: ChartAtlas, found: ContactMap) -> t
     return cut, dataclasses.replace(atlas, chart_page=page, chart_object=thing), runs.take(found.touched)
 
 
-def _join_runs(low: _Int64, high: _Int64) -> tuple[_Int64, _Int64]:
-    """Ranges low ... high - 1 (k,), ascending, those that touch in one."""
-    apart = low[1:] != high[:-1]
-    return low[np.append(True, apart)], high[np.append(apart, True)]
-
-
 @dataclass(frozen=True)
 class _Runs:
     """Another order of all entries: runs of them that stay together, most of them long; copying these is quicker than taking each.
@@ -222,6 +215,14 @@ class _Runs:
 
     low: _Int64
     high: _Int64
+
+    @classmethod
+    def of(cls, start: _Int64, size: _Int64, order: _Int64, count: int) -> _Runs:
+        """All of `count` entries that stay, then the patches (k,) at start, ascending, in their order."""
+        end = start + size
+        low, high = np.append(0, end), np.append(start, count)  # between them
+        stays = low < high
+        return cls(np.append(low[stays], start[order]), np.append(high[stays], end[order]))
 
     def take(self, values: NDArray[Any]) -> NDArray[Any]:
         return np.concatenate([values[low:high] for low, high in zip(self.low.tolist(), self.high.tolist(), strict=True)])

@@ -200,6 +200,9 @@ def test_nothing_moves_on_the_page_and_no_area_is_lost(tmp_path):
     u, v = u, v - u
     x, y = texels.hit_texel_xy(tri, u, v)
     before, after = texels.entry_of(tri, x, y), cut.entry_of(tri, x, y)
+    nowhere = texels.grid.cell_entry < 0
+    assert nowhere.any()
+    np.testing.assert_array_equal(cut.grid.cell_entry < 0, nowhere)
     for name in ("texel_xy", "texel_code", "texel_tri", "texel_bary"):
         np.testing.assert_array_equal(getattr(cut, name)[after], getattr(texels, name)[before])
     np.testing.assert_array_equal(cut.is_central[after], texels.is_central[before])
