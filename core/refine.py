@@ -25,6 +25,9 @@ SIGNIFICANT_SIGMAS = 3.0
 # What a function more must win over the noise that it adds. 1 would be C_p, which picks up noise where it can choose
 # among thousands of nodes; not much more is needed, for the grain of small leaves is smoothed afterwards.
 NOISE_PRICE = 1.2
+# Of a node's photons: children that saw a smaller share have to win more by as much, for they put a few photons in the place of many. Among
+# thousands of nodes some always seem to differ from what a small last round brought them.
+FAIR_SHARE = 0.5
 FANOUT = 4
 _PART = 1 << 13  # previews that are compared at once: what lies between fits a core's cache
 
@@ -155,11 +158,13 @@ class Comparison:
     differences   of nodes that have shot enough photons to be compared: at depth 1 of all, so that leaves can be chosen among them,
                   deeper of those that may be split, the current ones and what may become current by their split
     stable        (n,) bool: nodes that have shot enough to be split
+    price         (n,) float64: times the noise that its children add a node's difference must be, for them to be shown in its place
     """
 
     rows: tuple[NDArray[np.int64], ...]
     differences: tuple[Difference, ...]
     stable: NDArray[np.bool_]
+    price: NDArray[np.float64]
 
     @classmethod
     def of(cls, tree: Quadtree, totals: Totals, solution: Solution, rule: Rule) -> Comparison:
@@ -171,7 +176,8 @@ class Comparison:
             may_split[children[children >= 0]] = True
         pairs = [_compare(tree, totals, solution, nodes, depth, rule.stability) for depth, nodes in enumerate(reversed(asked), start=1)]
         rows, differences = zip(*pairs, strict=True)
-        return cls(rows, differences, stable)
+        unfair = FAIR_SHARE * totals.received / np.maximum(totals.shot, 1)
+        return cls(rows, differences, stable, NOISE_PRICE * np.maximum(unfair, 1.0))
 
     def join(self, tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArray, stability: int) -> Comparison:
         """With the difference at depth 1 of those of the `nodes` (m,) that have shot photons, if only a few."""
@@ -213,16 +219,15 @@ def mark(
     """
     nodes: NDArray[np.int64] = np.flatnonzero(tree.current & find_comparable(tree, totals, rule.stability))
     area = np.where(tree.area[nodes] > 0.0, tree.area[nodes], 1.0)
-    light = solution.flux[:, nodes] / area + background[:, nodes]
+    level = (solution.flux[:, nodes] / area + background[:, nodes]).max(axis=0)
     marked = forced[nodes].copy()
     for all_rows, difference in zip(comparison.rows, comparison.differences, strict=True):
         asked = np.flatnonzero(all_rows[nodes] >= 0)  # the others have no previews so deep
-        rows, level = all_rows[nodes[asked]], light[:, asked]
+        rows = all_rows[nodes[asked]]
         if rule.oracle == "paper":
-            marked[asked] |= difference.greatest[rows] > rule.threshold * level.max(axis=0)
-        else:
-            above_noise = difference.sigmas[rows] > SIGNIFICANT_SIGMAS
-            marked[asked] |= above_noise & (difference.excess[rows] > rule.threshold**2 * (level**2).sum(axis=0))
+            marked[asked] |= difference.greatest[rows] > rule.threshold * level[asked]
+        else:  # however small the difference: which ones are worth showing is for choose_leaves to say
+            marked[asked] |= difference.sigmas[rows] > SIGNIFICANT_SIGMAS
     split: IntArray = nodes[marked]
     return split
 
@@ -241,7 +246,7 @@ def choose_leaves(tree: Quadtree, comparison: Comparison) -> NDArray[np.int64]:
         nodes = level[comparison.stable[level]]
         rows, children = comparison.rows[0][nodes], tree.children[nodes]
         below = np.where(children >= 0, gain[children], 0.0).sum(1)
-        worth = (difference.excess[rows] - NOISE_PRICE * difference.noise[rows]) * tree.area[nodes] + below
+        worth = (difference.excess[rows] - comparison.price[nodes] * difference.noise[rows]) * tree.area[nodes] + below
         gain[nodes] = np.maximum(worth, 0.0)
         opened[nodes] = worth > 0.0
     roots = np.flatnonzero(tree.parent < 0)

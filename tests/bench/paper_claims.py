@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from claims import Claim
 from leaflight.core.settings import BASES
@@ -66,10 +66,17 @@ def judge_knobs(swept: Sequence[Swept]) -> list[Claim]:
     """No value of a knob that was tried alone is much better than its default; a preview depth of 1 is worse."""
     default, tried = next(one for one in swept if not one.choice.knobs), [one for one in swept if not one.choice.printed]
     claims = []
-    for knob in ("threshold", "stability", "oracle", "preview_depth"):
+    for knob in ("stability", "oracle", "preview_depth"):
         others = [one for one in tried if knob in one.choice.knobs and set(one.choice.knobs) <= {knob, "stability"}]
-        ratio = default.errors.rel / min(one.errors.rel for one in others)
-        claims.append(Claim("defaults: rel over that of the best value tried", ratio, high=NEAR_BEST, case=knob.replace("_", " ")))
+        claims.append(_claim_near_best(knob, default, others))
+    # Of the rows as printed: no other rule has a threshold.
+    by_threshold = {one.choice.knobs["threshold"]: one for one in swept if "threshold" in one.choice.knobs}
+    claims.append(_claim_near_best("threshold", by_threshold[DEFAULTS.threshold], by_threshold.values()))
     shallow = next(one for one in swept if one.choice.knobs == {"preview_depth": 1})
     claims.append(Claim("defaults: rel, preview depth 2 over 1", default.errors.rel / shallow.errors.rel, high=LESS))
     return claims
+
+
+def _claim_near_best(knob: str, default: Swept, others: Iterable[Swept]) -> Claim:
+    ratio = default.errors.rel / min(one.errors.rel for one in others)
+    return Claim("defaults: rel over that of the best value tried", ratio, high=NEAR_BEST, case=knob.replace("_", " "))

@@ -278,14 +278,12 @@ HINTS = [
 
 KNOBS = [
     Choice(
-        f"**the defaults**: {DEFAULTS.basis}, threshold {DEFAULTS.threshold:g}, stability {DEFAULTS.stability}, "
-        f"{DEFAULTS.oracle}, preview depth {DEFAULTS.preview_depth}",
+        f"**the defaults**: {DEFAULTS.basis}, {DEFAULTS.oracle}, stability {DEFAULTS.stability}, preview depth {DEFAULTS.preview_depth}",
         {},
     ),
     Choice("the same, seed 2", {"seed": 2}),
     Choice("guided photons", {"guided": True}),
     Choice("guided photons, stability 4", {"guided": True, "stability": 4}),
-    *[Choice(f"threshold {value:g}", {"threshold": value}) for value in (0.0, 0.02, 0.1, 0.3, 1.0)],
     *[Choice(f"stability {value}", {"stability": value}) for value in (1, 2, 4, 8, 16, 64)],
     *[Choice(f"preview depth {value}", {"preview_depth": value}) for value in (1, 3)],
     *[Choice(f"oracle paper, stability {value}", {"oracle": "paper", "stability": value}) for value in (DEFAULTS.stability, 64)],
@@ -293,5 +291,13 @@ KNOBS = [
         Choice(f"as printed: {basis}, oracle paper, stability {value}", {"basis": basis, "oracle": "paper", "stability": value}, True)
         for basis in ("constant", "linear")
         for value in (4, 8, 16, 64)
+    ],
+    *[
+        Choice(
+            f"as printed: {DEFAULTS.basis}, oracle paper, stability {DEFAULTS.stability}, threshold {value:g}",
+            {"basis": DEFAULTS.basis, "oracle": "paper", "stability": DEFAULTS.stability, "threshold": value},
+            True,
+        )
+        for value in (0.0, 0.02, DEFAULTS.threshold, 0.1, 0.3, 1.0)
     ],
 ]

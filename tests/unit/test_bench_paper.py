@@ -134,12 +134,15 @@ def test_claims_of_hints_and_defaults_fail_beyond_their_bounds():
     assert failing(paper_claims.judge_hints(hints(0.91, 0.89))) == {"nrmse at contacts, contact subdivision over nonelinear"}
     assert failing(paper_claims.judge_hints(hints(0.89, 0.91))) == {"nrmse at contacts, minimum level 3 over 0linear"}
 
-    def knobs(rel, shallow):
-        others = [swept(rel, 1.0, threshold=0.1), swept(2.0, 1.0, stability=2), swept(2.0, 1.0, oracle="paper", stability=8)]
-        return [swept(1.0, 1.0), *others, swept(shallow, 1.0, preview_depth=1), swept(2.0, 1.0, preview_depth=3)]
+    def knobs(rel, shallow, of_threshold=3.0):
+        others = [swept(rel, 1.0, stability=2), swept(2.0, 1.0, oracle="paper", stability=8)]
+        printed = [swept(error, 1.0, oracle="paper", threshold=value) for value, error in ((0.05, 3.0), (0.1, of_threshold))]
+        return [swept(1.0, 1.0), *others, swept(shallow, 1.0, preview_depth=1), swept(2.0, 1.0, preview_depth=3), *printed]
 
-    assert failing(paper_claims.judge_knobs(knobs(0.96, 1.12))) == set()
-    assert failing(paper_claims.judge_knobs(knobs(0.94, 1.12))) == {"rel over that of the best value triedthreshold"}
+    best = "rel over that of the best value tried"
+    assert failing(paper_claims.judge_knobs(knobs(0.96, 1.12, 2.9))) == set()
+    assert failing(paper_claims.judge_knobs(knobs(0.94, 1.12))) == {f"{best}stability"}
+    assert failing(paper_claims.judge_knobs(knobs(0.96, 1.12, 2.8))) == {f"{best}threshold"}
     assert failing(paper_claims.judge_knobs(knobs(0.96, 1.1))) == {"rel, preview depth 2 over 1"}
 
 

@@ -40,7 +40,7 @@ def throw(sampler, photons, seed, **options):
 
 def state(bake, nodes, direct_variance=0.0, smooth_grain=False, risk=None):
     totals, solution = bake.totals(), bake.solution()
-    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.05, 16, 2))
+    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.0, 16, 2))
     zero = np.zeros((len(bake.keys), 3), np.float32)
     variance = zero + np.float32(direct_variance)
     return estimate.state_error(
@@ -185,7 +185,7 @@ def test_noise_of_direct_light_counts_and_is_told_apart():
 def test_blur_of_direct_light_counts_as_its_noise_does_but_never_below_nothing():
     bake = throw(even, 50_000, 1, degree=0, level=3)
     totals, solution = bake.totals(), bake.solution()
-    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.05, 16, 2))
+    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.0, 16, 2))
     zero = np.zeros((len(bake.keys), 3), np.float32)
     found = []
     for blur2 in (0.0, 0.03, -0.03):
@@ -257,7 +257,7 @@ def test_a_leaf_is_judged_by_its_children_whether_they_are_stable_or_not():
 
     bake = throw(left, 2500, 3, degree=0, level=1, preview_depth=3)
     tree, leaves = bake.tree, current(bake)
-    comparison = refine.Comparison.of(tree, bake.totals(), bake.solution(), refine.Rule("significance", 0.05, 16, 2))
+    comparison = refine.Comparison.of(tree, bake.totals(), bake.solution(), refine.Rule("significance", 0.0, 16, 2))
     leaf = quadtree.node_of_texel(tree, leaves, len(bake.keys))
     judge = estimate._find_judges(tree, leaves, blender_of(bake))
     right = bake.texels.texel_xy[:, 0] >= SIDE // 2

@@ -17,7 +17,7 @@ from leaflight.core.solve import TRACING
 from leaflight.core.stop_rules import StopRules
 from scenes import box_mesh, make_scene
 
-SETTINGS = Settings(size=128, padding=1, error=0.012)
+SETTINGS = Settings(size=128, padding=1, error=0.008)
 LAMP = Light("POINT", "Lamp", (0.2, 0.1, 0.3), power_rgb=(10.0, 5.0, 2.5), radius_m=0.05)
 SCENE = make_scene([room_mesh(), box_mesh("Block", (0.3, 0.2, 0.3))], [LAMP], [Material("Grey", (0.6,) * 3)])
 
@@ -105,7 +105,7 @@ def test_what_more_rays_have_gathered_stays_where_they_are_stopped(tmp_path, mon
 def test_gathering_tells_how_far_it_is_and_then_that_photons_fly(tmp_path, monkeypatch):
     monkeypatch.setattr(direct_field, "SECONDS_BETWEEN_WORDS", -1.0)
     told = []
-    _, solver, _ = halt(tmp_path, monkeypatch, 10**6, tell=told.append)
+    _, solver, _ = halt(tmp_path, monkeypatch, 10**6, tell=told.append, error=0.01)  # one pass
     count = len(solver.blender.page)
     words = [Status("photons", f"Indirect light, {min(end / count, 1.0):.0%}") for end in range(512, count + 512, 512)]
     kinds = [message if isinstance(message, Status) else type(message) for message in told]

@@ -125,6 +125,17 @@ def test_a_noise_of_3_percent_too_little_shows():
     assert abs(np.mean(right)) < 0.15 < np.mean(wrong)
 
 
+def test_a_step_is_split_however_low_it_is():
+    """Of 3 % about the mean, once photons tell it from noise."""
+    bake = SquareBake(side=16, degree=0, preview_depth=1)
+    low = np.random.default_rng(0).random((2, 200_000))
+    low[0] = np.where(np.random.default_rng(1).random(200_000) < 0.03, low[0] / 2, low[0])
+    bake.throw(*low[:, :2000])
+    assert len(marks(bake, rule())) == 0
+    bake.throw(*low[:, 2000:])
+    assert len(marks(bake, rule())) == 1
+
+
 @pytest.mark.parametrize("degree", [0, 1, 2])
 def test_the_edge_of_light_is_found(degree):
     bake = refined(200_000, half_lit, degree=degree, side=32)
@@ -195,6 +206,21 @@ def test_pruning_takes_back_a_split_that_only_noise_asked_for():
     bake.grow()
     bake.throw(*np.random.default_rng(1).random((2, 5000)))
     assert shown(bake).tolist() == [0]
+
+
+@pytest.mark.parametrize(("photons", "count"), [(100, 1), (1600, 4)])
+def test_children_that_saw_few_of_many_photons_must_differ_by_more(photons, count):
+    """A step of light in a node of even light, eight times the noise of 100 photons: the price is then 30."""
+    rng = np.random.default_rng(1)
+    bake = SquareBake(side=32, degree=1, preview_depth=0)
+    bake.throw(*rng.random((2, 5000)))
+    bake.preview_depth = 1
+    bake.grow()
+    bake.throw(*half_lit(rng, photons))
+    assert len(shown(bake)) == count
+    alone = SquareBake(side=32, degree=1, preview_depth=1)
+    alone.throw(*half_lit(rng, photons))
+    assert len(shown(alone)) == 4
 
 
 def test_a_comparison_tells_of_all_nodes_that_anybody_asks_for(monkeypatch):
