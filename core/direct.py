@@ -112,7 +112,7 @@ def direct_irradiance(
             rows = group[part]
             whole = (tiles or Tiles.none()).within(rows)
             calm = whole if smoothed else Tiles.none()
-            demand = Demand(tolerance, max_rays, whole.on_one_triangle(chunk.tri), calm.texels())
+            demand = Demand(tolerance, max_rays, whole.on_one_triangle(chunk.tri), calm.texels(), group is alone)
             value, error = _light_chunk(scene, chunk, demand, rng, counters)
             into = as_slice(rows)
             irradiance[into] += value
@@ -134,7 +134,7 @@ def _light_chunk(
         pairs, rest = scene.crowd.tell_apart(chunk, chunk.receivers_at(np.arange(count), GAUSS_POINTS))
         counters["sampled"] += rest.n_pair
         for source, rows, lamp in pairs:
-            tally = Tally(source, rows, lamp, random_shift(rng, len(rows)))
+            tally = Tally(source, rows, lamp, random_shift(rng, len(rows)), alone=demand.alone)
             for piece in row_pieces(np.arange(len(rows)), STAGES[0][1]):
                 counters["rays"] += tally.add(scene.rays, chunk, piece, STAGES[0])
             tallies.append(tally)
@@ -185,7 +185,7 @@ def _look_first(
         alone = smoothed[looks_on[smoothed].all(axis=1)]
         leader, index = np.searchsorted(rows, look.leader[rows]), np.searchsorted(rows, alone)
         tallies.append(
-            Tally(source, rows, None, random_shift(rng, len(rows)), np.stack([look.closed[rows], look.off[rows]]), index, leader)
+            Tally(source, rows, None, random_shift(rng, len(rows)), np.stack([look.closed[rows], look.off[rows]]), index, leader, demand.alone)
         )
         counters["rays"] += look.rays
         counters["pairs"] += len(chunk) - len(rows)

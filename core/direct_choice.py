@@ -29,12 +29,14 @@ class Demand:
     max_rays    per texel and light
     flat        tiles that lie on one triangle, whose texels share first looks and choices
     smoothed    (k, 64) int: texels of tiles whose noise may be left to whoever smooths it over neighbours
+    alone       texels tell nothing of those beside them
     """
 
     tolerance: float
     max_rays: int = STAGES[-1][1]
     flat: Tiles = field(default_factory=Tiles.none)
     smoothed: IntArray = field(default_factory=lambda: Tiles.none().texels())
+    alone: bool = False
 
     def spans(self, stages: Sequence[Span] = STAGES) -> list[Span]:
         """Those of the stages that begin before the last ray."""

@@ -33,6 +33,7 @@ class Tally:
     known   (2, n) float64   closed form, nan where it is to be found, and how far it may be off; None is nan everywhere
     tiles   (k, 64) int64  pairs of tiles, if noise may be left to whoever smooths it over neighbours
     leader  (n,) int64     pairs whose rays tell what share is seen, of closed forms that are known; None is each its own
+    alone                  no pair's rays tell of another's
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class Tally:
         known: Float64 | None = None,
         tiles: NDArray[np.int64] | None = None,
         leader: NDArray[np.int64] | None = None,
+        alone: bool = False,
     ) -> None:
         self.source, self.rows, self._lamp, self._shift = source, rows, lamp, shift
         self._tiles = np.zeros((0, TILE_TEXELS), np.int64) if tiles is None else tiles
@@ -61,6 +63,7 @@ class Tally:
         self._sums = np.zeros((5, len(rows)))
         self._lit, self._dark = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
         self._leader = np.arange(len(rows)) if leader is None else leader
+        self._together = 1 if alone else AGREE_TEXELS
 
     def add(self, rays: RayScene, chunk: TexelChunk, index: IntArray, stage: tuple[int, int], points: FloatArray | None = None) -> int:
         """Sends a stage's rays from some of the tally's texels (m,), ascending; gives how many were traced.
@@ -171,8 +174,8 @@ class Tally:
         error = self._error_squared()
         doubt = error > allowed**2
         if stage == STAGES[1] or not self.source.is_sharp:
-            n_block = -(-len(self.rows) // AGREE_TEXELS)
-            block = np.arange(len(self.rows)) // AGREE_TEXELS
+            n_block = -(-len(self.rows) // self._together)
+            block = np.arange(len(self.rows)) // self._together
             lit = np.bincount(block, self._lit, minlength=n_block) > 0
             mixed = np.pad(lit & (np.bincount(block, self._dark, minlength=n_block) > 0), 1)
             matters = 0.25 * self._closed() > allowed
@@ -202,7 +205,7 @@ class Tally:
         A block that stopped whenever all is dark would miss little light always; by chance it is right on average.
         """
         rows = np.flatnonzero(dark)
-        _, first, size = np.unique(rows // AGREE_TEXELS, return_index=True, return_counts=True)
+        _, first, size = np.unique(rows // self._together, return_index=True, return_counts=True)
         # Bits of the shift that places on lights do not use.
         chance = self._shift[rows[first], STAGES.index(stage) - 1] & np.uint32(255)
         leader: NDArray[np.int64] = rows[first + (chance * size >> 8)]

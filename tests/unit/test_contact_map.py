@@ -292,3 +292,20 @@ def test_a_texel_that_sees_past_a_wall_tells_nothing_of_its_neighbours(tmp_path,
     assert behind.max() == light[column > 32].max() == 0.0
     assert np.mean(crossed / beside) == pytest.approx(0.14, abs=0.04)
     assert (crossed > 0.02 * beside).mean() > 0.9
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_texels_at_both_feet_of_a_wall_tell_nothing_of_each_other(tmp_path, seed):
+    """Those at its foot towards the lamp see that with 0.14 of their squares; those at the other come next to them in their list."""
+    lamp = replace(LAMP, radius_m=0.05)
+    _, cut, _, scene = cut_floor(tmp_path, wall(36.5 / SIDE, thick_m=8.36 / SIDE), light=lamp)
+    shared_arrays.remove_struct(tmp_path / workers.TEXELS_FOLDER)
+    shared_arrays.save_struct(tmp_path / workers.TEXELS_FOLDER, cut)
+    every = np.arange(len(cut.texel_chart))
+    shard = workers.DirectShard(str(tmp_path), seed=seed, turn=0, start=0, texels=every, tolerance=0.02, smoothed=True)
+    light = workers.light_texels(shard).irradiance_rgb[:, 0]
+    workers.forget_folders()
+    position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
+    column = (position[:, 0] * SIDE).astype(int)
+    assert light[column > 32].max() == 0.0
+    assert (light[column == 32] > 0.0).mean() > 0.8
