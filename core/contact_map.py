@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from . import contact
 from .charts import ChartAtlas
+from .contact_parts import Ways, part_in_squares
 from .coverage import expand_ranges
-from .layer_check import join_sets
 from .scene import FloatArray, IntArray
 from .texel_borders import OPPOSITE, WAYS, TexelBorders, whole_texel
 from .texel_grid import interleave_bits
@@ -38,12 +38,14 @@ class ContactMap:
     touched   (n,) bool: texel entries that something touches
     patches   that tile all entries of charts that something parts
     piece     (k,) int64: the first patch of the piece that each patch is of
+    whole     (k,) int64: the same of what hangs together somehow, of which a piece may be a part
     borders   of texels that are covered wholly
     """
 
     touched: NDArray[np.bool_]
     patches: _Patches
     piece: _Int64
+    whole: _Int64
     borders: TexelBorders
 
 
@@ -147,26 +149,32 @@ def _join_patches(
     kept = parted[texels.texel_chart[start]]
     start, size, blocked, distance = start[kept], size[kept], blocked[:, kept], distance[:, kept]
     patches = _Patches(start, size, texels.list_keys(start))
-    whole = np.ones(len(touched), bool)
-    whole[texels.part_entry] = False
-    joined, parting = [np.zeros((2, 0), np.int64)], [np.zeros((3, 0), np.int64)]
+    is_whole = np.ones(len(touched), bool)
+    is_whole[texels.part_entry] = False
+    joined: list[_Int64] = []
+    closed: list[_Int64] = []
+    parting = [np.zeros((3, 0), np.int64)]
     for k, step in enumerate(WAYS):
         here, other = pair = np.stack(patches.find_beside(texels, np.flatnonzero(size == 1), step))
-        both_whole = whole[start[here]] & whole[start[other]]
+        along = np.stack([here, other, np.full_like(here, k % 2)])
+        both_whole = is_whole[start[here]] & is_whole[start[other]]
         between = blocked[k, here] & blocked[OPPOSITE[k], other]  # what stands between two texels is met from both
         to_tile = size[other] > 1
         if k < 2:  # two texels are seen from both
             aslant = np.flatnonzero(~both_whole & ~to_tile)  # as points of parts are beside the middles of their texels
             between[aslant] = _are_parted(opened, texels, start[here[aslant]], start[other[aslant]])
-        joined.append(pair[:, ~between & (to_tile | (k < 2))])
+            closed.append(along[:, between])
+        joined.append(along[:, ~between & (to_tile | (k < 2))])
         between &= both_whole
         parting.append(np.stack([np.full(between.sum(), k), *pair[:, between]]))
-    for step in ((TILE_SIDE, 0), (0, TILE_SIDE)):
-        joined.append(np.stack(patches.find_beside(texels, np.flatnonzero(size > 1), step)))
-    piece = join_sets(len(start), *np.concatenate(joined, axis=1))
+    for k, step in enumerate(((TILE_SIDE, 0), (0, TILE_SIDE))):
+        here, other = patches.find_beside(texels, np.flatnonzero(size > 1), step)
+        joined.append(np.stack([here, other, np.full_like(here, k)]))
+    log2 = int(texels.chart_log2.max(initial=0))
+    whole, piece = part_in_squares(patches.key, size, Ways.of(joined), Ways.of(closed), log2)
     way, here, other = np.concatenate(parting, axis=1)
     borders = TexelBorders.of(len(touched), way, start[here], start[other], distance[way, here])
-    return ContactMap(touched, patches, piece, borders)
+    return ContactMap(touched, patches, piece, whole, borders)
 
 
 def cut_at_contacts(texels: TexelMap, atlas: ChartAtlas, found: ContactMap) -> tuple[TexelMap, ChartAtlas, NDArray[np.bool_]]:
@@ -185,7 +193,9 @@ def cut_at_contacts(texels: TexelMap, atlas: ChartAtlas, found: ContactMap) -> t
     texels = _share_texels(texels, found.borders)
     if not len(own):
         return texels, atlas, found.touched
-    whole = chart[own]
+    whole, number = chart[own], np.full(len(patches.start), -1, np.int32)
+    number[found.whole[own]] = len(texels.chart_page) + np.arange(len(own))
+    number[found.whole[by_size[is_largest]]] = chart[by_size[is_largest]]
     chart_of = np.full(len(patches.start), -1)
     chart_of[own] = len(texels.chart_page) + np.arange(len(own))
     moved = np.flatnonzero(chart_of[found.piece] >= 0)
@@ -200,6 +210,7 @@ def cut_at_contacts(texels: TexelMap, atlas: ChartAtlas, found: ContactMap) -> t
         chart_page=page,
         chart_origin=np.concatenate([texels.chart_origin, texels.chart_origin[whole]]),
         chart_log2=np.append(texels.chart_log2, texels.chart_log2[whole]),
+        chart_piece=np.append(texels.chart_piece, number[found.whole[own]]),
         chart_start=np.searchsorted(chart, np.arange(len(page) + 1, dtype=np.int32)).astype(np.int64),
         texel_chart=chart,
     )

@@ -2,7 +2,7 @@
 
 Two texels are alike when the patches around them differ by no more than their noise. Along an edge of light the
 neighbours on the same side are alike, which no square leaf of the tree can say; a gradient's are, until they are not.
-Only texels of one chart are compared, and only where leaves are smaller than the window: within a leaf neighbours err together.
+Only texels of one piece of a chart are compared, and only where leaves are smaller than the window: within a leaf neighbours err together.
 
 Source: Rousselle, Knaus & Zwicker 2012, "Adaptive rendering with non-local means filtering", eq. 2-4.
 """
@@ -93,7 +93,7 @@ def denoise(
             for some in strips.groups():
                 entry, wanted = strips.stack(some)
                 asked.append(entry[_HALO:-_HALO, _HALO:-_HALO][wanted])
-                chart = np.where(entry >= 0, texels.texel_chart.take(entry, mode="wrap"), -1)
+                chart = np.where(entry >= 0, texels.chart_piece.take(texels.texel_chart.take(entry, mode="wrap")), -1)
                 yield light.take(entry, axis=1, mode="wrap"), variance.take(entry, axis=0, mode="wrap"), chart, wanted, scale, tell
 
     found = [

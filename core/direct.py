@@ -185,7 +185,9 @@ def _look_first(
         alone = smoothed[looks_on[smoothed].all(axis=1)]
         leader, index = np.searchsorted(rows, look.leader[rows]), np.searchsorted(rows, alone)
         tallies.append(
-            Tally(source, rows, None, random_shift(rng, len(rows)), np.stack([look.closed[rows], look.off[rows]]), index, leader, demand.alone)
+            Tally(
+                source, rows, None, random_shift(rng, len(rows)), np.stack([look.closed[rows], look.off[rows]]), index, leader, demand.alone
+            )
         )
         counters["rays"] += look.rays
         counters["pairs"] += len(chunk) - len(rows)

@@ -30,6 +30,7 @@ Float64: TypeAlias = NDArray[np.float64]
 
 # A step of so many standard errors is noise, and one of so many is light; between them it is so in part, lest the one end with an edge.
 _NOISE_SIGMAS, _LIGHT_SIGMAS = 3.0, 5.0
+_LEAST_REACH = 0.125  # of a leaf itself: less than at its corners, where four meet, and binds only where squares of leaves overlap
 _CELLS = 8  # side by side in a large leaf: see Blend.range
 _LARGE_SIDE, _LARGE_TEXELS = 16, 128
 _BELOW_END = np.nextafter(float(_CELLS), 0.0)
@@ -96,7 +97,7 @@ class LeafBlender:
 
         halves   what each half of the bake says, in place of the components
         """
-        return Blend(self, tree, solution, leaf, Neighbours.of(tree, leaf, self.page, self.entry_at), halves)
+        return Blend(self, tree, solution, leaf, Neighbours.of(tree, leaf, self.page, self.entry_at, self.texels), halves)
 
 
 @dataclass(frozen=True)
@@ -235,7 +236,7 @@ class Blend:
         own_variance, variance = own.variance.mean(0)[row], theirs.variance.mean(0)
         noise = np.sqrt(own_variance + variance)
         sigmas = np.divide(np.abs(step), noise, out=np.where(step == 0.0, 0.0, np.inf), where=noise > 0.0)
-        own_reach = np.maximum(1.0 - np.bincount(row, reach, len(leaf)), 0.0)
+        own_reach = np.maximum(1.0 - np.bincount(row, reach, len(leaf)), _LEAST_REACH)
         reach *= np.clip((_LIGHT_SIGMAS - sigmas) / (_LIGHT_SIGMAS - _NOISE_SIGMAS), 0.0, 1.0)
         # A leaf speaks by how sure it is. By the variance itself dark photons would speak loudest, whose leaves have the least of it.
         reach *= np.sqrt(np.divide(own_variance, variance, out=np.ones(len(row)), where=(own_variance > 0.0) & (variance > 0.0)))
@@ -255,14 +256,27 @@ class Blend:
     def _find_reach(self, leaf: NDArray[np.int32], x: Float64, y: Float64) -> tuple[NDArray[np.int64], NDArray[np.int32], Float64]:
         """Rows (k,) of places, other leaves (k,) that reach there, and how much (k,): the share of the window around the place."""
         tree = self.tree
-        row, other = self.neighbours.list_pairs(leaf)
+        row, pair = self.neighbours.list_pairs(leaf)
+        other = self.neighbours.other[pair]
         window = np.minimum(tree.side[leaf[row]], tree.side[other]).astype(np.float64)
         reach = np.ones(len(row))
         for at, axis in ((x, 0), (y, 1)):
             low = tree.origin[other, axis] - at[row]
             reach *= np.clip(np.minimum(low + tree.side[other], window / 2.0) - np.maximum(low, -window / 2.0), 0.0, None) / window
+        around = np.flatnonzero(self.neighbours.around[pair])
+        if len(around):  # it lies where neither the leaf nor another does
+            reach[around] = 0.0
+            left = 1.0 - np.bincount(row, reach, len(leaf)) - self._find_share(leaf, x, y)
+            reach[around] = np.maximum(left, 0.0)[row[around]] / np.bincount(row[around], minlength=len(leaf))[row[around]]
         told = np.flatnonzero(reach)
         return row[told], other[told], reach[told]
+
+    def _find_share(self, leaf: NDArray[np.int32], x: Float64, y: Float64) -> Float64:
+        """(m,): of windows as wide as the leaves the share within them."""
+        share = np.ones(len(leaf))
+        for at in node_coordinates(self.tree, leaf, x, y):
+            share *= np.clip(1.0 - np.abs(at) / 2.0, 0.0, 1.0)
+        return share
 
 
 def _at_texels(nodes: Float64) -> Float64:

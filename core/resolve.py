@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from . import denoise, reconstruct, seams, squares
 from .coverage import as_slice
+from .cuts import close_cuts
 from .light_field import LightField
 from .margin import add_margin
 from .materials import SurfaceMaterials
@@ -76,6 +77,7 @@ def light_at_texels(
             variance[part, channel] = traced.variance[channel] * field.correction[channel]
 
     _run_chunks(fill, n_texel, threads)
+    close_cuts(by_part, blender.texels, blender.entry_at, field.tree.side[leaf])
     entry, beyond, share = blender.texels.borders.list_beyond(LOOK)
     for light, moved in zip(by_part, share[:, None] * (by_part[:, beyond] - by_part[:, entry]), strict=True):
         np.add.at(light, entry, moved)  # as shadow rays do, which start on all of the square

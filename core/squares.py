@@ -144,12 +144,12 @@ def mix(
 
 
 def _average_around(value: Float64, entry: IntArray, texels: TexelMap, entry_at: NDArray[np.int32]) -> tuple[Float64, Float64]:
-    """Means of values (k, m) at texel entries (m,) over those of them that lie around each, on its chart; and how many these are, (m,).
+    """Means of values (k, m) at texel entries (m,) over those of them that lie around each, on its piece; and how many these are, (m,).
 
     None counts for itself: a weight that knows a photon of its own square would favour squares that few fell on.
     """
     chart = texels.texel_chart[entry]
-    page = texels.chart_page[chart].astype(np.int64)
+    page, piece = texels.chart_page[chart].astype(np.int64), texels.chart_piece[chart]
     column, row = texels.texel_xy[entry].T.astype(np.int64)
     shown = np.flatnonzero(entry_at[page, row, column] == entry)
     width = texels.page_size + 2 * _RADIUS  # a border saves every test for the page's edge
@@ -160,7 +160,7 @@ def _average_around(value: Float64, entry: IntArray, texels: TexelMap, entry_at:
     for dy, dx in product(range(-_RADIUS, _RADIUS + 1), repeat=2):
         if dx or dy:
             slot = slot_at.take(place + (dy * width + dx))
-            near = (slot >= 0) & (chart.take(slot, mode="wrap") == chart)
+            near = (slot >= 0) & (piece.take(slot, mode="wrap") == piece)
             for sums, values in zip(total, value, strict=True):
                 sums += values.take(slot, mode="wrap") * near
             count += near

@@ -64,6 +64,14 @@ class TexelBorders:
             found[rows] = self.reach[:, np.searchsorted(self.entry, entry[rows])].min(axis=0) < 0.5 * look
         return found
 
+    def are_between(self, way: int, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
+        """(m,) bool: whether something crosses the entries `one` (m,) towards `other` (m,), that way."""
+        between = np.zeros(len(one), bool)
+        if len(self.entry):
+            rows = np.flatnonzero(self.crossed[one])
+            between[rows] = self.other[way, np.searchsorted(self.entry, one[rows])] == other[rows]
+        return between
+
     def find_owners(self, entry: Int32, right: FloatArray, up: FloatArray) -> Int32:
         """(m,) int32: the entries that places belong to, which lie in texel entries (m,) so many texels from their centres, (m,) each."""
         rows = np.flatnonzero(self.crossed.take(entry)) if len(self.entry) else np.zeros(0, np.intp)

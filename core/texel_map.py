@@ -28,6 +28,7 @@ class TexelMap:
     chart_page     (n_chart,) int32
     chart_origin   (n_chart, 2) int32       page texel of the quadtree root's lower left corner
     chart_log2     (n_chart,) int32         the root's side is 2**k texels
+    chart_piece    (n_chart,) int32         charts that were one are of one piece: light goes over between them
     chart_start    (n_chart + 1,) int64     entries of chart c are chart_start[c]:chart_start[c + 1]
     texel_chart    (n,) int32
     texel_xy       (n, 2) int32             page texel
@@ -51,6 +52,7 @@ class TexelMap:
     chart_page: Int32
     chart_origin: Int32
     chart_log2: Int32
+    chart_piece: Int32
     chart_start: Int64
     texel_chart: Int32
     texel_xy: Int32
@@ -179,9 +181,7 @@ class TexelMap:
         """
         x_0, y_0, x_1, y_1, x_2, y_2 = self._corner_rows.take(tri, axis=1, mode="wrap")
         weight = 1.0 - u - v
-        x = weight * x_0 + u * x_1 + v * x_2
-        y = weight * y_0 + u * y_1 + v * y_2
-        return x, y
+        return weight * x_0 + u * x_1 + v * x_2, weight * y_0 + u * y_1 + v * y_2
 
     def entry_of(self, tri: IntArray, x: FloatArray, y: FloatArray) -> Int32:
         """Entries that hits belong to; -1 for a miss and where the triangle has no texels.

@@ -73,6 +73,7 @@ def build_texel_map(snapshot: SceneSnapshot, atlas: ChartAtlas, degree: int) -> 
         page_count=atlas.page_count,
         degree=degree,
         chart_page=atlas.chart_page,
+        chart_piece=np.arange(len(atlas.chart_page), dtype=np.int32),
         grid=grid,
         tri_uv=np.concatenate([uv, np.zeros((1, 3, 2))]),
         tri_density=density,

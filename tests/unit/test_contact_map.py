@@ -8,6 +8,7 @@ from boxes import prepare_folder
 from leaflight.core import contact_map, executors, resolve, shared_arrays, solve, workers
 from leaflight.core.contact_map import cut_at_contacts, find_contacts
 from leaflight.core.direct_field import DirectField
+from leaflight.core.layer_check import join_sets
 from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.scene import Light
 from leaflight.core.settings import Settings
@@ -123,11 +124,11 @@ def test_parts_of_two_charts_stay_apart(tmp_path):
 
 
 def test_rooms_that_a_door_joins_are_one_piece(tmp_path):
-    """So is a floor with a post on it, but for what the post stands on."""
+    """Light goes over between their charts; so is a floor with a post on it, but for what the post stands on."""
     _, cut, _, scene = cut_floor(tmp_path / "door", wall(high_m=0.7))
-    pieces = draw_pieces(cut, scene)
-    assert len(cut.chart_page) == 2
-    assert pieces[3, 3] == pieces[3, -3] == 0
+    chart = draw_pieces(cut, scene)
+    assert len(np.unique(cut.chart_piece)) == 2
+    assert len(np.unique(cut.chart_piece[[chart[3, 28], chart[3, 36], chart[-3, 28], chart[-3, 36]]])) == 1
     _, cut, _, scene = cut_floor(tmp_path / "post", box_mesh("Post", (0.1, 0.1, 0.5), (0.52, 0.41, 0.25)))
     assert len(cut.chart_page) == 2
     pieces = draw_pieces(cut, scene)
@@ -309,3 +310,24 @@ def test_texels_at_both_feet_of_a_wall_tell_nothing_of_each_other(tmp_path, seed
     column = (position[:, 0] * SIDE).astype(int)
     assert light[column > 32].max() == 0.0
     assert (light[column == 32] > 0.0).mean() > 0.8
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_light_does_not_leak_below_a_wall_with_a_door(tmp_path, monkeypatch, seed):
+    """Its foot in the dark is one column of texels in a square that holds the foot in the light too; and few photons make large leaves."""
+    settings = replace(SETTINGS, max_photons=20_000, seed=seed)
+    door = wall(29 / SIDE, high_m=0.8, thick_m=4 / SIDE - 1e-3)
+    light = {}
+    for name in ("cut", "whole"):
+        if name == "whole":
+            monkeypatch.setattr(
+                contact_map, "part_in_squares", lambda key, size, ways, closed, log2: (join_sets(len(key), *ways.pair),) * 2
+            )
+        _, cut, cut_atlas, scene = cut_floor(tmp_path / name, door)
+        position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
+        column, row = (position[:, :2] * SIDE).astype(int).T
+        page = np.zeros((SIDE, SIDE))
+        page[row, column] = light_of(tmp_path / name, settings, cut, cut_atlas)
+        light[name] = page[:40, 31].mean() / page[:40, :27].mean()
+    assert light["whole"] > 0.05  # or the test could not fail
+    assert light["cut"] < 0.02

@@ -173,6 +173,7 @@ def test_charts_do_not_mix(texels, monkeypatch):
     x = texels.texel_xy[:, 0]
     monkeypatch.setitem(texels.__dict__, "texel_chart", (x >= SIDE // 2).astype(np.int32))
     monkeypatch.setitem(texels.__dict__, "chart_page", np.zeros(2, np.int32))
+    monkeypatch.setitem(texels.__dict__, "chart_piece", np.arange(2, dtype=np.int32))
     light = np.zeros((1, len(x), 3), np.float32) + np.where(x < SIDE // 2, 1.0, 1.1).astype(np.float32)[:, None]
     found = denoise_all(light, np.ones((len(x), 3), np.float32), np.ones(len(x), bool), texels)
     np.testing.assert_allclose(found, light, rtol=1e-5)

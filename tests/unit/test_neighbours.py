@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from leaflight.core import quadtree
 from leaflight.core.neighbours import Neighbours
+from leaflight.core.texel_borders import TexelBorders
 from trees import SquareBake
 
 
@@ -14,9 +15,10 @@ def leaves_of(bake, tree):
     return leaf, np.zeros(len(leaf), np.int32), entry_at
 
 
-def pairs_of(tree, leaf, page, entry_at):
-    row, other = Neighbours.of(tree, leaf, page, entry_at).list_pairs(np.arange(len(tree)))
-    return set(zip(row.tolist(), other.tolist(), strict=True))
+def pairs_of(texels, tree, leaf, page, entry_at):
+    found = Neighbours.of(tree, leaf, page, entry_at, texels)
+    row, pair = found.list_pairs(np.arange(len(tree)))
+    return set(zip(row.tolist(), found.other[pair].tolist(), strict=True))
 
 
 @pytest.mark.parametrize("width", [1.0, 0.7])
@@ -39,20 +41,51 @@ def test_leaves_of_all_sizes_find_each_other(width, splits):
         for one, other in ((at[: 32 - row, : 32 - column], at[row:, column:]), (at[: 32 - row, column:], at[row:, : 32 - column])):
             touch = (one != other) & (one >= 0) & (other >= 0)
             expected |= set(zip(one[touch].tolist(), other[touch].tolist(), strict=True))
-    assert pairs_of(tree, leaf, page, entry_at) == expected | {(b, a) for a, b in expected}
+    assert pairs_of(bake.texels, tree, leaf, page, entry_at) == expected | {(b, a) for a, b in expected}
 
 
 def test_other_charts_and_other_pages_are_no_neighbours():
     bake = SquareBake(side=16, degree=0, preview_depth=1, level=1)
     leaf, page, entry_at = leaves_of(bake, bake.tree)
-    assert len(pairs_of(bake.tree, leaf, page, entry_at)) == 12  # four leaves that meet in one point
+    assert len(pairs_of(bake.texels, bake.tree, leaf, page, entry_at)) == 12  # four leaves that meet in one point
     apart = dataclasses.replace(bake.tree, chart=np.arange(len(bake.tree), dtype=np.int32))
-    assert not pairs_of(apart, leaf, page, entry_at)
+    texels = dataclasses.replace(bake.texels, chart_piece=np.arange(len(bake.tree), dtype=np.int32))
+    assert not pairs_of(texels, apart, leaf, page, entry_at)
     two_pages = np.concatenate([np.full_like(entry_at, -1), entry_at])
-    assert len(pairs_of(bake.tree, leaf, page + 1, two_pages)) == 12
-    assert not pairs_of(bake.tree, leaf, page, two_pages)
+    assert len(pairs_of(bake.texels, bake.tree, leaf, page + 1, two_pages)) == 12
+    assert not pairs_of(bake.texels, bake.tree, leaf, page, two_pages)
 
 
 def test_one_leaf_has_no_neighbour():
     bake = SquareBake(side=8, degree=0)
-    assert not pairs_of(bake.tree, *leaves_of(bake, bake.tree))
+    assert not pairs_of(bake.texels, bake.tree, *leaves_of(bake, bake.tree))
+
+
+def test_charts_that_were_one_are_neighbours_where_nothing_stands_between():
+    """Four leaves of four charts; then with a wall between the left and the right ones."""
+    bake = SquareBake(side=16, degree=0, preview_depth=1, level=1)
+    leaf, page, entry_at = leaves_of(bake, bake.tree)
+    parts = dataclasses.replace(bake.tree, chart=np.arange(len(bake.tree), dtype=np.int32))
+    texels = dataclasses.replace(bake.texels, chart_piece=np.zeros(len(bake.tree), np.int32))
+    assert len(pairs_of(texels, parts, leaf, page, entry_at)) == 12
+    pairs = [(entry_at[0, row, column], entry_at[0, row, column + 1]) for row in range(16) for column in [7]]
+    one, other = np.array(pairs, np.int64).T
+    way = np.repeat([0, 2], len(one))
+    reach = np.full(2 * len(one), 0.5)
+    borders = TexelBorders.of(len(leaf), way, np.concatenate([one, other]), np.concatenate([other, one]), reach)
+    walled = dataclasses.replace(texels, borders=borders)
+    x = bake.tree.origin[:, 0]
+    assert {(x[a], x[b]) for a, b in pairs_of(walled, parts, leaf, page, entry_at)} == {(0, 0), (8, 8)}
+
+
+def test_a_leaf_knows_whose_square_holds_its_own():
+    """A strip of one column belongs to a chart of its own, within the square of the leaf beside it."""
+    bake = SquareBake(side=16, degree=0, preview_depth=1)
+    leaf, page, entry_at = leaves_of(bake, bake.tree)
+    root, quarter = int(np.flatnonzero(bake.tree.current)[0]), int(bake.tree.children[np.flatnonzero(bake.tree.current)[0], 3])
+    leaf[bake.texels.texel_xy.min(axis=1) >= 8] = quarter
+    parts = dataclasses.replace(bake.tree, chart=np.where(np.arange(len(bake.tree)) == quarter, 1, 0).astype(np.int32))
+    texels = dataclasses.replace(bake.texels, chart_piece=np.zeros(2, np.int32))
+    found = Neighbours.of(parts, leaf, page, entry_at, texels)
+    row, pair = found.list_pairs(np.array([root, quarter]))
+    assert list(zip(row, found.other[pair], found.around[pair], strict=True)) == [(0, quarter, False), (1, root, True)]

@@ -1,0 +1,82 @@
+"""Light where a piece of a chart was cut and nothing stands between: without a step.
+
+Leaves on both sides of a cut are chosen apart, and where light changes within them their functions differ by more than noise. No edge
+of light is there, and so the step becomes a ramp.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .scene import IntArray
+from .texel_map import TexelMap
+
+_RAMP = 8  # texels on either side, or half of a leaf, or as many as the cut is long: past its ends light need not go
+
+_Float = NDArray[np.float32]
+
+
+def close_cuts(light: _Float, texels: TexelMap, entry_at: NDArray[np.int32], side: NDArray[np.int32]) -> None:
+    """Ramps in place of steps between texels side by side on charts of one piece, in place.
+
+    light      (k, n, 3) float32, of the texel entries
+    entry_at   (n_page, size, size) int32: the entry that a page shows at each texel, -1 for none
+    side       (n,) int32, texels, of the leaf at each entry
+    """
+    if len(np.unique(texels.chart_piece)) == len(texels.chart_piece):
+        return
+    change = []
+    for axis in (0, 1):
+        for page in entry_at if axis == 0 else entry_at.transpose(0, 2, 1):
+            row, column = _find_cuts(page, axis, texels)
+            sides = (page[row, column], -1), (page[row, column + 1], 1)
+            reach = np.minimum(_measure_runs(row, column), np.minimum(side[sides[0][0]], side[sides[1][0]]) // 2)
+            half = 0.5 * (light[:, sides[1][0]] - light[:, sides[0][0]])
+            for (entry, way), first in zip(sides, (column, column + 1), strict=True):
+                chart = texels.texel_chart[entry]
+                change += _ramps(page, row, first, way, texels.texel_chart, chart, -way * half, np.minimum(reach, _RAMP))
+    for entry, value in change:
+        light[:, entry] = np.maximum(light[:, entry] + value, 0.0)
+
+
+def _find_cuts(page: NDArray[np.int32], axis: int, texels: TexelMap) -> tuple[IntArray, IntArray]:
+    """Rows and columns (m,) of texels with another chart of their piece at the next column, and nothing between."""
+    chart = np.where(page >= 0, texels.texel_chart.take(page, mode="wrap"), -1)
+    piece = np.where(page >= 0, texels.chart_piece.take(chart, mode="wrap"), -1)
+    row, column = np.nonzero((chart[:, 1:] != chart[:, :-1]) & (piece[:, 1:] == piece[:, :-1]) & (piece[:, 1:] >= 0))
+    is_open = ~texels.borders.are_between(axis, page[row, column], page[row, column + 1])
+    return row[is_open], column[is_open]
+
+
+def _measure_runs(row: IntArray, column: IntArray) -> IntArray:
+    """(m,) int: how many of the places (m,) follow each other in the column of each."""
+    order = np.lexsort((row, column))
+    begins = np.append(True, (np.diff(column[order]) != 0) | (np.diff(row[order]) != 1))[: len(order)]
+    run = np.cumsum(begins) - 1
+    length = np.empty(len(row), np.int64)
+    length[order] = np.bincount(run)[run]
+    return length
+
+
+def _ramps(
+    page: NDArray[np.int32],
+    row: IntArray,
+    column: IntArray,
+    way: int,
+    texel_chart: NDArray[np.int32],
+    chart: IntArray,
+    step: _Float,
+    reach: IntArray,
+) -> list[tuple[IntArray, _Float]]:
+    """Entries on charts (m,) from places (m,) on, and what of steps (k, m, 3) is added to them, for each distance below reach (m,)."""
+    out, here = [], np.arange(len(row))
+    for distance in range(_RAMP):
+        at = column[here] + way * distance
+        inside = (at >= 0) & (at < page.shape[1]) & (distance < reach[here])
+        here, at = here[inside], at[inside]
+        entry = page[row[here], at]
+        same = (entry >= 0) & (texel_chart.take(entry, mode="wrap") == chart[here])
+        here, entry = here[same], entry[same]
+        out.append((entry, step[:, here] * (1.0 - (distance + 0.5) / reach[here])[:, None].astype(np.float32)))
+    return out
