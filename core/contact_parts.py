@@ -50,6 +50,13 @@ class Ways:
         inside: NDArray[np.bool_] = one == other
         return inside
 
+    def renumber(self, kept: _Int64, count: int) -> Ways:
+        """Those between patches `kept` (k,), ascending, of `count`, by their places in that list."""
+        place = np.full(count, -1)
+        place[kept] = np.arange(len(kept))
+        rows = (place[self.pair] >= 0).all(axis=0)
+        return Ways(place[self.pair[:, rows]], self.axis[rows])
+
     def list_lines(self, key: _Int64) -> _Int64:
         """(m,) int64: which line between columns or rows of which of the smallest squares each crosses; key (k,) of the patches."""
         x, y = part_bits(key[self.pair].max(axis=0) & ((1 << CHART_SHIFT) - 1))  # along an axis the farther one's key is the larger
@@ -68,14 +75,20 @@ def part_in_squares(key: _Int64, size: _Int64, ways: Ways, closed: Ways, log2: i
     log2     of the side of the largest root
     """
     whole = join_sets(len(key), *ways.pair)
-    label = whole
+    label = whole.copy()
     if len(closed.axis):
         for level in range(log2 - 1, _LEAST_LOG2 - 1, -1):
             founds = level > _LEAST_LOG2
             inner = ways if founds else _end_at_lines(key, ways, closed)
+            square = key >> 2 * level
+            looked = np.isin(square, square[closed.pair])  # elsewhere only the shape of the chart parts anything
+            beside = ways.pair[:, looked[ways.pair].any(axis=0)]
+            kept = np.flatnonzero(np.isin(square, square[beside]) | looked)
+            near, near_inner = (some.renumber(kept, len(key)) for some in (ways, inner))
             for _ in range(_MOST_PASSES):  # as a piece takes what lies beside it, it comes to lie beside more
-                before, label = label, _part_squares(key >> 2 * level, size, label, ways, inner, founds)
-                if (before == label).all():
+                before, fresh = label[kept], int(label.max()) + 1
+                label[kept] = _part_squares(square[kept], size[kept], before, near, near_inner, looked[kept], fresh if founds else 0)
+                if (before == label[kept]).all():
                     break
     _, first, number = np.unique(label, return_index=True, return_inverse=True)
     return whole, first[number].astype(np.int64)
@@ -88,13 +101,14 @@ def _end_at_lines(key: _Int64, ways: Ways, closed: Ways) -> Ways:
     return inner.take(~np.isin(inner.list_lines(key), lines))
 
 
-def _part_squares(square: _Int64, size: _Int64, label: _Int64, ways: Ways, inner: Ways, founds: bool) -> _Int64:
+def _part_squares(square: _Int64, size: _Int64, label: _Int64, ways: Ways, inner: Ways, looked: NDArray[np.bool_], fresh: int) -> _Int64:
     """(k,) int64: labels of pieces, where parts have left for others.
 
     square   (k,) int64: the square that each patch is in
     label    (k,) int64: the piece that it is of
     inner    those of the ways by which parts hang together, where both ends lie in one square
-    founds   parts that lie beside no other piece found one
+    looked   (k,) bool: those in squares whose parts may leave
+    fresh    label of the first piece that parts found which lie beside no other one; 0 if they stay
     """
     count = len(label)
     part = join_sets(count, *inner.take(inner.within(square) & inner.within(label)).pair)
@@ -103,6 +117,7 @@ def _part_squares(square: _Int64, size: _Int64, label: _Int64, ways: Ways, inner
     order = first[np.lexsort((-texels[first], label[first], square[first]))]
     is_less = np.zeros(count, bool)
     is_less[order[1:][(np.diff(square[order]) == 0) & (np.diff(label[order]) == 0)]] = True
+    is_less &= looked
     pair = np.concatenate([ways.pair, ways.pair[::-1]], axis=1)
     pair = pair[:, is_less[part[pair[0]]] & (square[pair[0]] != square[pair[1]])]
     length = np.where((size[pair] > 1).all(axis=0), TILE_SIDE, 1)
@@ -114,10 +129,9 @@ def _part_squares(square: _Int64, size: _Int64, label: _Int64, ways: Ways, inner
     small, beside, is_own = small[best], beside[best], is_own[best]
     into = np.full(count, -1)
     into[small[~is_own]] = label[beside[~is_own]]
-    if founds:
+    if fresh:
         alone = is_own & (texels[small] >= _LEAST_PART) & ~is_less[beside]
         number = np.unique(beside[alone], return_inverse=True)[1]
-        fresh = int(label.max(initial=0)) + 1 + number
-        into[beside[alone]] = into[small[alone]] = fresh
+        into[beside[alone]] = into[small[alone]] = fresh + number
     out: _Int64 = np.where(into[part] >= 0, into[part], label)
     return out

@@ -24,12 +24,17 @@ def close_cuts(light: _Float, texels: TexelMap, entry_at: NDArray[np.int32], sid
     entry_at   (n_page, size, size) int32: the entry that a page shows at each texel, -1 for none
     side       (n,) int32, texels, of the leaf at each entry
     """
-    if len(np.unique(texels.chart_piece)) == len(texels.chart_piece):
+    is_cut_off = np.bincount(texels.chart_piece)[texels.chart_piece] > 1
+    is_cut_off &= texels.chart_piece != np.arange(len(is_cut_off))  # on one side of every cut at least
+    if not is_cut_off.any():
         return
+    cut_off = np.flatnonzero(is_cut_off[texels.texel_chart])
+    on_page, xy = texels.chart_page[texels.texel_chart[cut_off]], texels.texel_xy[cut_off]
     change = []
     for axis in (0, 1):
-        for page in entry_at if axis == 0 else entry_at.transpose(0, 2, 1):
-            row, column = _find_cuts(page, axis, texels)
+        for number, page in enumerate(entry_at if axis == 0 else entry_at.transpose(0, 2, 1)):
+            across = xy[on_page == number]
+            row, column = _find_cuts(page, across[:, 1 - axis], across[:, axis], axis, texels)
             sides = (page[row, column], -1), (page[row, column + 1], 1)
             reach = np.minimum(_measure_runs(row, column), np.minimum(side[sides[0][0]], side[sides[1][0]]) // 2)
             half = 0.5 * (light[:, sides[1][0]] - light[:, sides[0][0]])
@@ -40,12 +45,21 @@ def close_cuts(light: _Float, texels: TexelMap, entry_at: NDArray[np.int32], sid
         light[:, entry] = np.maximum(light[:, entry] + value, 0.0)
 
 
-def _find_cuts(page: NDArray[np.int32], axis: int, texels: TexelMap) -> tuple[IntArray, IntArray]:
-    """Rows and columns (m,) of texels with another chart of their piece at the next column, and nothing between."""
-    chart = np.where(page >= 0, texels.texel_chart.take(page, mode="wrap"), -1)
-    piece = np.where(page >= 0, texels.chart_piece.take(chart, mode="wrap"), -1)
-    row, column = np.nonzero((chart[:, 1:] != chart[:, :-1]) & (piece[:, 1:] == piece[:, :-1]) & (piece[:, 1:] >= 0))
-    is_open = ~texels.borders.are_between(axis, page[row, column], page[row, column + 1])
+def _find_cuts(page: NDArray[np.int32], row: IntArray, column: IntArray, axis: int, texels: TexelMap) -> tuple[IntArray, IntArray]:
+    """Rows and columns (m,) of texels with another chart of their piece at the next column, and nothing between.
+
+    row, column   (k,) int: texels of which each pair has one
+    """
+    size = page.shape[1]
+    place = np.unique(np.concatenate([row * size + column, row * size + column - 1]).astype(np.int64))
+    place = place[(place >= 0) & (place % size < size - 1)]
+    row, column = np.divmod(place, size)
+    one, other = page[row, column], page[row, column + 1]
+    both = np.flatnonzero((one >= 0) & (other >= 0))
+    row, column, one, other = row[both], column[both], one[both], other[both]
+    chart, beyond = texels.texel_chart[one], texels.texel_chart[other]
+    is_open = (chart != beyond) & (texels.chart_piece[chart] == texels.chart_piece[beyond])
+    is_open &= ~texels.borders.are_between(axis, one, other)
     return row[is_open], column[is_open]
 
 

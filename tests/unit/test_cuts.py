@@ -14,7 +14,7 @@ def halves(pieces, borders=None):
     """A page of two charts side by side, of light 1 and 3, and what becomes of it: (SIDE, SIDE)."""
     texels = make_square_map(SIDE, 0)
     is_right = (texels.texel_xy[:, 0] >= SIDE // 2).astype(np.int32)
-    texels = dataclasses.replace(texels, texel_chart=is_right, chart_piece=np.array(pieces, np.int32))
+    texels = dataclasses.replace(texels, texel_chart=is_right, chart_page=np.zeros(2, np.int32), chart_piece=np.array(pieces, np.int32))
     entry_at = entries_of_page(make_square_map(SIDE, 0))
     if borders:
         one, other = entry_at[0, borders, 15].astype(np.int64), entry_at[0, borders, 16].astype(np.int64)
