@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from . import contact
 from .charts import ChartAtlas
-from .contact_parts import Ways, part_in_squares
+from .contact_parts import part_in_squares
 from .coverage import expand_ranges
 from .scene import FloatArray, IntArray
 from .texel_borders import OPPOSITE, WAYS, TexelBorders, whole_texel
@@ -156,22 +156,20 @@ def _join_patches(
     parting = [np.zeros((3, 0), np.int64)]
     for k, step in enumerate(WAYS):
         here, other = pair = np.stack(patches.find_beside(texels, np.flatnonzero(size == 1), step))
-        along = np.stack([here, other, np.full_like(here, k % 2)])
         both_whole = is_whole[start[here]] & is_whole[start[other]]
         between = blocked[k, here] & blocked[OPPOSITE[k], other]  # what stands between two texels is met from both
         to_tile = size[other] > 1
         if k < 2:  # two texels are seen from both
             aslant = np.flatnonzero(~both_whole & ~to_tile)  # as points of parts are beside the middles of their texels
             between[aslant] = _are_parted(opened, texels, start[here[aslant]], start[other[aslant]])
-            closed.append(along[:, between])
-        joined.append(along[:, ~between & (to_tile | (k < 2))])
+            closed.append(pair[:, between])
+        joined.append(pair[:, ~between & (to_tile | (k < 2))])
         between &= both_whole
         parting.append(np.stack([np.full(between.sum(), k), *pair[:, between]]))
-    for k, step in enumerate(((TILE_SIDE, 0), (0, TILE_SIDE))):
-        here, other = patches.find_beside(texels, np.flatnonzero(size > 1), step)
-        joined.append(np.stack([here, other, np.full_like(here, k)]))
-    log2 = int(texels.chart_log2.max(initial=0))
-    whole, piece = part_in_squares(patches.key, size, Ways.of(joined), Ways.of(closed), log2)
+    for step in ((TILE_SIDE, 0), (0, TILE_SIDE)):
+        joined.append(np.stack(patches.find_beside(texels, np.flatnonzero(size > 1), step)))
+    ways, between_texels = np.concatenate(joined, axis=1), np.concatenate(closed, axis=1)
+    whole, piece = part_in_squares(patches.key, size, ways, between_texels, int(texels.chart_log2.max(initial=0)))
     way, here, other = np.concatenate(parting, axis=1)
     borders = TexelBorders.of(len(touched), way, start[here], start[other], distance[way, here])
     return ContactMap(touched, patches, piece, whole, borders)
@@ -229,11 +227,13 @@ class _Runs:
 
     @classmethod
     def of(cls, start: _Int64, size: _Int64, order: _Int64, count: int) -> _Runs:
-        """All of `count` entries that stay, then the patches (k,) at start, ascending, in their order."""
+        """All of `count` entries that stay, then the patches (k,) at start, ascending, in their order; not empty."""
         end = start + size
         low, high = np.append(0, end), np.append(start, count)  # between them
         stays = low < high
-        return cls(np.append(low[stays], start[order]), np.append(high[stays], end[order]))
+        low, high = np.append(low[stays], start[order]), np.append(high[stays], end[order])
+        apart = low[1:] != high[:-1]
+        return cls(low[np.append(True, apart)], high[np.append(apart, True)])
 
     def take(self, values: NDArray[Any]) -> NDArray[Any]:
         return np.concatenate([values[low:high] for low, high in zip(self.low.tolist(), self.high.tolist(), strict=True)])

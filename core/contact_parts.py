@@ -22,116 +22,157 @@ _MOST_PASSES = 8  # over squares of one size
 _LEAST_PART = 8  # texels, of what is worth a piece of its own
 
 _Int64 = NDArray[np.int64]
+_Bool = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Ways:
-    """Pairs of patches that lie side by side.
+class _Net:
+    """Patches, or units of them that hang together within squares, and the ways between them.
 
-    pair   (2, m) int64
-    axis   (m,) int64: 0 for columns beside each other, 1 for rows
+    key      (k,) int64, ascending: of each one's first texel
+    size     (k,) int64, texels
+    pair     (2, m) int64: where one can go
+    length   (m,) int64, texels: how wide each way is
     """
 
+    key: _Int64
+    size: _Int64
     pair: _Int64
-    axis: _Int64
+    length: _Int64
 
-    @classmethod
-    def of(cls, parts: list[_Int64]) -> Ways:
-        """parts   (3, m) int64 each: pairs, and their axis"""
-        pairs = np.concatenate([np.zeros((3, 0), np.int64), *parts], axis=1)
-        return cls(pairs[:2], pairs[2])
+    def join(self, level: int) -> tuple[_Int64, _Net]:
+        """The net of units within squares of side 2**level, and in which of them each is (k,). No larger square can part them."""
+        square = self.key >> 2 * level
+        inside = square[self.pair[0]] == square[self.pair[1]]
+        part = join_sets(len(square), *self.pair[:, inside])
+        is_first = part == np.arange(len(part))
+        unit = (np.cumsum(is_first) - 1)[part]
+        number, length = _sum_alike(np.sort(unit[self.pair[:, ~inside]], axis=0), self.length[~inside], len(unit))
+        return unit, _Net(self.key[is_first], _sum_at(unit, self.size), number, length)
 
-    def take(self, rows: NDArray[np.bool_]) -> Ways:
-        return Ways(self.pair[:, rows], self.axis[rows])
-
-    def within(self, label: _Int64) -> NDArray[np.bool_]:
-        """(m,) bool: both have one label, of labels (k,)."""
-        one, other = label[self.pair]
-        inside: NDArray[np.bool_] = one == other
-        return inside
-
-    def renumber(self, kept: _Int64, count: int) -> Ways:
-        """Those between patches `kept` (k,), ascending, of `count`, by their places in that list."""
-        place = np.full(count, -1)
-        place[kept] = np.arange(len(kept))
-        rows = (place[self.pair] >= 0).all(axis=0)
-        return Ways(place[self.pair[:, rows]], self.axis[rows])
-
-    def list_lines(self, key: _Int64) -> _Int64:
-        """(m,) int64: which line between columns or rows of which of the smallest squares each crosses; key (k,) of the patches."""
-        x, y = part_bits(key[self.pair].max(axis=0) & ((1 << CHART_SHIFT) - 1))  # along an axis the farther one's key is the larger
-        square, step = key[self.pair[0]] >> 2 * _LEAST_LOG2, np.where(self.axis == 0, x, y) % TILE_SIDE
-        number: _Int64 = 2 * (square * TILE_SIDE + step) + self.axis
-        return number
+    def take(self, rows: _Int64) -> _Net:
+        """Those at rows (j,), ascending, and the ways between them."""
+        place = np.full(len(self.key), -1)
+        place[rows] = np.arange(len(rows))
+        pair = place[self.pair]
+        both = (pair >= 0).all(axis=0)
+        return _Net(self.key[rows], self.size[rows], pair[:, both], self.length[both])
 
 
-def part_in_squares(key: _Int64, size: _Int64, ways: Ways, closed: Ways, log2: int) -> tuple[_Int64, _Int64]:
+def part_in_squares(key: _Int64, size: _Int64, ways: _Int64, closed: _Int64, log2: int) -> tuple[_Int64, _Int64]:
     """The first patch of what each patch hangs together with somehow (k,), and of its piece of that (k,).
 
     key      (k,) int64, ascending: chart and Morton code of each patch's first texel
     size     (k,) int64, texels: 1, or all of a tile
-    ways     where one can go
-    closed   where something stands between two texels
+    ways     (2, m) int64: patches side by side where one can go
+    closed   (2, j) int64: those of single texels where something stands between them
     log2     of the side of the largest root
     """
-    whole = join_sets(len(key), *ways.pair)
-    label = whole.copy()
-    if len(closed.axis):
-        for level in range(log2 - 1, _LEAST_LOG2 - 1, -1):
-            founds = level > _LEAST_LOG2
-            inner = ways if founds else _end_at_lines(key, ways, closed)
-            square = key >> 2 * level
-            looked = np.isin(square, square[closed.pair])  # elsewhere only the shape of the chart parts anything
-            beside = ways.pair[:, looked[ways.pair].any(axis=0)]
-            kept = np.flatnonzero(np.isin(square, square[beside]) | looked)
-            near, near_inner = (some.renumber(kept, len(key)) for some in (ways, inner))
-            for _ in range(_MOST_PASSES):  # as a piece takes what lies beside it, it comes to lie beside more
-                before, fresh = label[kept], int(label.max()) + 1
-                label[kept] = _part_squares(square[kept], size[kept], before, near, near_inner, looked[kept], fresh if founds else 0)
-                if (before == label[kept]).all():
-                    break
-    _, first, number = np.unique(label, return_index=True, return_inverse=True)
-    return whole, first[number].astype(np.int64)
+    if not closed.size:
+        whole = join_sets(len(key), *ways)
+        return whole, whole
+    nets, units = [_Net(key, size, ways, np.where((size[ways] > 1).all(axis=0), TILE_SIDE, 1))], []
+    for level in range(_LEAST_LOG2, log2 - 1):
+        unit, net = nets[-1].join(level)
+        nets.append(net)
+        units.append(unit)
+    top = nets[-1]
+    whole = label = np.searchsorted(key, top.key)[join_sets(len(top.key), *top.pair)]
+    for k in range(len(nets) - 1, -1, -1):
+        label = _part_squares(nets[k], label, _LEAST_LOG2 + k, key[closed])
+        if k:
+            whole, label = whole[units[k - 1]], label[units[k - 1]]
+    first = np.empty(label.max() + 1, np.int64)
+    first[label[::-1]] = np.arange(len(label))[::-1]  # of several assignments to one place the last stays
+    return whole, first[label]
 
 
-def _end_at_lines(key: _Int64, ways: Ways, closed: Ways) -> Ways:
-    """The ways within the smallest squares, but for those across a line on which something stands: a wall's line goes on past its end."""
-    square = key >> 2 * _LEAST_LOG2
-    inner, lines = ways.take(ways.within(square)), closed.take(closed.within(square)).list_lines(key)
-    return inner.take(~np.isin(inner.list_lines(key), lines))
+def _part_squares(net: _Net, label: _Int64, level: int, closed_key: _Int64) -> _Int64:
+    """(k,) int64: labels of pieces, where parts have left squares of side 2**level.
+
+    label        (k,) int64: the piece that each is of
+    closed_key   (2, j) int64: keys of texels side by side that something stands between
+    """
+    square, founds = net.key >> 2 * level, level > _LEAST_LOG2
+    looked = _are_among(square, closed_key >> 2 * level)  # elsewhere only the shape of the chart parts anything
+    around = square[net.pair[:, looked[net.pair].any(axis=0)]]
+    kept = np.flatnonzero(looked | _are_among(square, around))
+    near, square, looked = net.take(kept), square[kept], looked[kept]
+    inner = square[near.pair[0]] == square[near.pair[1]]
+    if not founds:
+        inner[inner] = ~_cross_lines(near.key[near.pair[:, inner]], closed_key)
+    label = label.copy()
+    for _ in range(_MOST_PASSES):  # as a piece takes what lies beside it, it comes to lie beside more
+        before = label[kept]
+        label[kept] = _move_parts(near, before, square, inner, looked, int(label.max()) + 1 if founds else 0)
+        if (before == label[kept]).all():
+            break
+    return label
 
 
-def _part_squares(square: _Int64, size: _Int64, label: _Int64, ways: Ways, inner: Ways, looked: NDArray[np.bool_], fresh: int) -> _Int64:
+def _move_parts(net: _Net, label: _Int64, square: _Int64, inner: _Bool, looked: _Bool, fresh: int) -> _Int64:
     """(k,) int64: labels of pieces, where parts have left for others.
 
-    square   (k,) int64: the square that each patch is in
-    label    (k,) int64: the piece that it is of
-    inner    those of the ways by which parts hang together, where both ends lie in one square
+    label    (k,) int64: the piece that each is of
+    square   (k,) int64: the square that it is in
+    inner    (m,) bool: ways by which parts hang together, where both ends are of one piece
     looked   (k,) bool: those in squares whose parts may leave
     fresh    label of the first piece that parts found which lie beside no other one; 0 if they stay
     """
     count = len(label)
-    part = join_sets(count, *inner.take(inner.within(square) & inner.within(label)).pair)
-    texels = np.bincount(part, size, count).astype(np.int64)
-    first = np.flatnonzero(part == np.arange(count))
+    part = join_sets(count, *net.pair[:, inner & (label[net.pair[0]] == label[net.pair[1]])])
+    texels = _sum_at(part, net.size)
+    first = np.flatnonzero(looked & (part == np.arange(count)))
     order = first[np.lexsort((-texels[first], label[first], square[first]))]
     is_less = np.zeros(count, bool)
     is_less[order[1:][(np.diff(square[order]) == 0) & (np.diff(label[order]) == 0)]] = True
-    is_less &= looked
-    pair = np.concatenate([ways.pair, ways.pair[::-1]], axis=1)
-    pair = pair[:, is_less[part[pair[0]]] & (square[pair[0]] != square[pair[1]])]
-    length = np.where((size[pair] > 1).all(axis=0), TILE_SIDE, 1)
-    found, number = np.unique(part[pair[0]] * count + part[pair[1]], return_inverse=True)
-    small, beside = np.divmod(found, count)
+    pair, length = np.concatenate([net.pair, net.pair[::-1]], axis=1), np.tile(net.length, 2)
+    outward = is_less[part[pair[0]]] & (square[pair[0]] != square[pair[1]])
+    (small, beside), length = _sum_alike(part[pair[:, outward]], length[outward], count)
     is_own = label[beside] == label[small]
-    best = np.lexsort((-np.bincount(number, length, len(found)), is_own, small))
+    best = np.lexsort((-length, is_own, small))
     best = best[np.append(True, np.diff(small[best]) != 0)[: len(best)]]
     small, beside, is_own = small[best], beside[best], is_own[best]
     into = np.full(count, -1)
     into[small[~is_own]] = label[beside[~is_own]]
     if fresh:
         alone = is_own & (texels[small] >= _LEAST_PART) & ~is_less[beside]
-        number = np.unique(beside[alone], return_inverse=True)[1]
-        into[beside[alone]] = into[small[alone]] = fresh + number
+        into[beside[alone]] = into[small[alone]] = fresh + np.unique(beside[alone], return_inverse=True)[1]
     out: _Int64 = np.where(into[part] >= 0, into[part], label)
     return out
+
+
+def _cross_lines(key: _Int64, closed_key: _Int64) -> _Bool:
+    """(m,) bool: ways across a line, within one of the smallest squares, that something stands on: a wall's line goes on past its end.
+
+    key, closed_key   (2, m) and (2, j) int64: keys of texels side by side; those of a way lie in one square
+    """
+    square = closed_key >> 2 * _LEAST_LOG2
+    return _are_among(_number_lines(key), _number_lines(closed_key[:, square[0] == square[1]]))
+
+
+def _number_lines(key: _Int64) -> _Int64:
+    """(m,) int64: which line between columns or rows of which square is between texels of keys (2, m)."""
+    x, y = part_bits(key & ((1 << CHART_SHIFT) - 1))
+    is_row = x[0] == x[1]
+    step = np.where(is_row, y.max(axis=0), x.max(axis=0)) % TILE_SIDE
+    number: _Int64 = 2 * ((key[0] >> 2 * _LEAST_LOG2) * TILE_SIDE + step) + is_row
+    return number
+
+
+def _sum_alike(pair: _Int64, length: _Int64, count: int) -> tuple[_Int64, _Int64]:
+    """Pairs (2, m) of numbers below count, each once and in order, and the sums of their lengths (m,)."""
+    found, place = np.unique(pair[0] * count + pair[1], return_inverse=True)
+    return np.stack(np.divmod(found, count)), _sum_at(place, length)
+
+
+def _sum_at(place: _Int64, value: _Int64) -> _Int64:
+    """(max + 1,) int64: sums of values (m,) at places (m,)."""
+    return np.bincount(place, value).astype(np.int64)
+
+
+def _are_among(value: _Int64, wanted: _Int64) -> _Bool:
+    """(m,) bool: which of the values (m,) are wanted."""
+    every = np.unique(wanted)
+    found: _Bool = every[np.searchsorted(every[:-1], value)] == value if len(every) else np.zeros(len(value), bool)
+    return found

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core.contact_parts import Ways, part_in_squares
+from leaflight.core.contact_parts import part_in_squares
 from leaflight.core.texel_grid import interleave_bits
 
 SIDE = 32
@@ -16,11 +16,9 @@ def part_floor(is_wall, below=None):
     place = np.empty(SIDE * SIDE, np.int64)
     place[order] = np.arange(len(order))
     place = place.reshape(SIDE, SIDE)
-    beside, above = (place[:, :-1], place[:, 1:]), (place[:-1], place[1:])
-    ways = [np.stack([*(end[~is_wall] for end in beside), np.zeros((~is_wall).sum(), int)])]
-    ways.append(np.stack([*(end.ravel() for end in above), np.ones(above[0].size, int)]))
-    closed = [np.stack([*(end[is_wall] for end in beside), np.zeros(is_wall.sum(), int)])]
-    found = part_in_squares(key[order], np.ones(SIDE * SIDE, np.int64), Ways.of(ways), Ways.of(closed), 5)
+    beside, above = np.stack([place[:, :-1], place[:, 1:]]), np.stack([place[:-1].ravel(), place[1:].ravel()])
+    ways = np.concatenate([beside[:, ~is_wall], above], axis=1)
+    found = part_in_squares(key[order], np.ones(SIDE * SIDE, np.int64), ways, beside[:, is_wall], 5)
     return [labels[place] for labels in found]
 
 
