@@ -30,7 +30,7 @@ from .splitting import SplitGuide
 from .tally import Tally
 
 FORMAT = "leaflight-state"
-FORMAT_VERSION = 7
+FORMAT_VERSION = 8
 INFO_FILE = "leaflight_state.json"  # marks a folder as ours
 _STRUCT_FOLDER = "state"
 # Of the groups of knobs that change nothing of what is traced, and knobs of other groups that do not either.
