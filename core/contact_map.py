@@ -39,7 +39,7 @@ class ContactMap:
     patches   that tile all entries of charts that something parts
     piece     (k,) int64: the first patch of the piece that each patch is of
     whole     (k,) int64: the same of what hangs together somehow, of which a piece may be a part
-    borders   of texels that are covered wholly
+    borders   of texels with something between them and the next one
     """
 
     touched: NDArray[np.bool_]
@@ -153,25 +153,27 @@ def _join_patches(
     is_whole[texels.part_entry] = False
     joined: list[_Int64] = []
     closed: list[_Int64] = []
-    parting = [np.zeros((3, 0), np.int64)]
     for k, step in enumerate(WAYS):
-        here, other = pair = np.stack(patches.find_beside(texels, np.flatnonzero(size == 1), step))
-        both_whole = is_whole[start[here]] & is_whole[start[other]]
-        between = blocked[k, here] & blocked[OPPOSITE[k], other]  # what stands between two texels is met from both
-        to_tile = size[other] > 1
+        pair = np.stack(patches.find_beside(texels, np.flatnonzero(size == 1), step))
+        to_tile = size[pair[1]] > 1
+        joined.append(pair[:, to_tile])
         if k < 2:  # two texels are seen from both
-            aslant = np.flatnonzero(~both_whole & ~to_tile)  # as points of parts are beside the middles of their texels
+            here, other = pair = pair[:, ~to_tile]
+            both_whole = is_whole[start[here]] & is_whole[start[other]]
+            between = blocked[k, here] & blocked[OPPOSITE[k], other]  # what stands between two texels is met from both
+            aslant = np.flatnonzero(~both_whole)  # as points of parts are beside the middles of their texels
             between[aslant] = _are_parted(opened, texels, start[here[aslant]], start[other[aslant]])
-            closed.append(pair[:, between])
-        joined.append(pair[:, ~between & (to_tile | (k < 2))])
-        between &= both_whole
-        parting.append(np.stack([np.full(between.sum(), k), *pair[:, between]]))
+            joined.append(pair[:, ~between])
+            closed.append(np.stack([np.full_like(here, k), here, other])[:, between])
     for step in ((TILE_SIDE, 0), (0, TILE_SIDE)):
         joined.append(np.stack(patches.find_beside(texels, np.flatnonzero(size > 1), step)))
-    ways, between_texels = np.concatenate(joined, axis=1), np.concatenate(closed, axis=1)
-    whole, piece = part_in_squares(patches.key, size, ways, between_texels, int(texels.chart_log2.max(initial=0)))
-    way, here, other = np.concatenate(parting, axis=1)
-    borders = TexelBorders.of(len(touched), way, start[here], start[other], distance[way, here])
+    way, here, other = np.concatenate(closed, axis=1)
+    log2 = int(texels.chart_log2.max(initial=0))
+    whole, piece = part_in_squares(patches.key, size, np.concatenate(joined, axis=1), np.stack([here, other]), log2)
+    way, here, other = np.append(way, np.take(OPPOSITE, way)), np.append(here, other), np.append(other, here)
+    both_whole = is_whole[start[here]] & is_whole[start[other]]
+    reach = np.where(both_whole, distance[way, here], np.float32(np.inf))
+    borders = TexelBorders.of(len(touched), way, start[here], start[other], reach)
     return ContactMap(touched, patches, piece, whole, borders)
 
 
@@ -272,10 +274,11 @@ def _put_in_order(texels: TexelMap, runs: _Runs) -> TexelMap:
 
 def _share_texels(texels: TexelMap, borders: TexelBorders) -> TexelMap:
     """The map with borders, and areas and moments as they make them."""
-    entry = borders.entry
-    if not len(entry):
+    if not len(borders.entry):
         return texels
-    moments = borders.measure(texels.degree) * texels.texel_area[entry]
+    shares = np.isfinite(borders.reach).any(axis=0)
+    entry = borders.entry[shares]
+    moments = borders.measure(texels.degree)[:, shares] * texels.texel_area[entry]
     area = texels.texel_area.copy()
     area[entry] = moments[0]
     excess = moments - whole_texel(texels.degree) * moments[0]

@@ -21,11 +21,12 @@ _HALF = 0.5  # texels, from the centre to the edge
 
 @dataclass(frozen=True)
 class TexelBorders:
-    """How far texels go that something crosses.
+    """How far texels go that something parts from the next one.
 
     crossed   (n,) bool: which of all entries; empty if none is
     entry     (b,) int64, ascending: these
-    reach     (4, b) float32, texels: from the centre, towards each of WAYS; inf where nothing is in the way
+    reach     (4, b) float32, texels: from the centre, towards each of WAYS; inf where nothing is in the way, and where that is not
+              known, as of what is covered in part: it keeps all of its texel
     other     (4, b) int32: the entry beyond; -1 where nothing is in the way
     """
 
