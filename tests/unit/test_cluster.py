@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -19,7 +18,7 @@ import pytest
 
 pytest.importorskip("distributed")
 
-from boxes import lamp_scene, make_solver, prepare_folder, solve_scene
+from boxes import lamp_scene, prepare_folder, solve_scene
 from leaflight.core import bake, cluster, executors, shared_arrays, workers
 from leaflight.core.job import SNAPSHOT_FILE, Job
 from leaflight.core.settings import Settings
@@ -27,6 +26,7 @@ from leaflight.core.snapshot import save_snapshot
 from leaflight.core.solve import LightField
 
 PATIENCE_S = 60.0
+DEADLY_SHARD = 3  # so many are sent, some of them under way, when workers die
 SETTINGS = Settings(size=32, padding=1, error=1e-4, max_photons=600_000)
 
 
@@ -151,23 +151,26 @@ def test_folders_that_workers_do_not_see_are_sent(farm, local, tmp_path, monkeyp
 
 @pytest.mark.parametrize("everyone", [False, True])
 @pytest.mark.usefixtures("hidden")
-def test_killed_workers_cost_time_and_not_the_bake(farm, local, tmp_path, everyone):
+def test_killed_workers_cost_time_and_not_the_bake(farm, local, tmp_path, monkeypatch, everyone):
     """Nor do workers that come late, to whom nothing has been sent yet."""
+    doomed = [process for process in farm.processes[1:] if process.poll() is None][: 2 if everyone else 1]
+    shards = []
     with cluster.connect(farm.address) as executor:
-        solver = make_solver(tmp_path, lamp_scene(), SETTINGS, executor)
-        doomed = [process for process in farm.processes[1:] if process.poll() is None][: 2 if everyone else 1]
+        submit = executor.submit
 
-        def kill_and_replace():
-            for process in doomed:
-                process.kill()
-            farm.start_worker()
+        def submit_and_kill(fn, shard):
+            future = submit(fn, shard)
+            shards.append(shard)
+            if len(shards) == DEADLY_SHARD:
+                for process in doomed:
+                    process.kill()
+                farm.start_worker()
+            return future
 
-        timer = threading.Timer(0.1, kill_and_replace)
-        timer.start()
-        light = solver.run(lambda message: None, lambda: False)
-        timer.join()
-        assert to_bytes(light) == local
-        assert all(process.poll() == -signal.SIGKILL for process in doomed)
+        monkeypatch.setattr(executor, "submit", submit_and_kill)
+        assert to_bytes(solve_scene(tmp_path, lamp_scene(), SETTINGS, executor)) == local
+    assert len(shards) > DEADLY_SHARD
+    assert [process.wait(PATIENCE_S) for process in doomed] == [-signal.SIGKILL] * len(doomed)
 
 
 def test_a_folder_that_is_used_again_is_read_again(farm, tmp_path):
