@@ -28,6 +28,7 @@ from .gathered import GatheredField
 from .ledger import Ledger
 from .light_field import LightField
 from .messages import Message, Status
+from .photon_rounds import PhotonRounds
 from .reconstruct import LeafBlender
 from .settings import Settings
 from .splitting import SplitGuide, Splitting, weigh_deposits
@@ -89,7 +90,7 @@ class Solver:
         self.gather_plan = GatherPlan.of(texels)
         # Texels of two-sided things hold the sum of both sides.
         self.lit_elsewhere = np.array([thing.two_sided for thing in self.tracing.snapshot.objects], bool)
-        self.ledger = Ledger()
+        self.ledger, self.rounds = Ledger(), PhotonRounds(self.executor)
         self.rule = refine.Rule(settings.oracle, settings.threshold, settings.stability, settings.preview_depth)
         self.round = 0
 
@@ -121,6 +122,7 @@ class Solver:
             light = replace(light, error=error, stopped_by=stopped_by)
             tell(rules.measure_progress(light, before))
             if light.stopped_by:
+                self.rounds.drop()
                 return light
             self.watch(light)
             if not refined:
@@ -191,6 +193,7 @@ class Solver:
         if splitting:
             shared_arrays.save_struct(view / workers.SPLITTING_FOLDER, splitting)
         settings, parted, born = self.settings, [], []
+        photons, left = self._next_photons(stated, weight)
         shards = [
             workers.PhotonShard(
                 tracing=str(self.folder),
@@ -205,18 +208,16 @@ class Solver:
                 weight=weight,
                 guided=splitting is not None,
             )
-            for shard, share in enumerate(rounds.share_photons(self._next_photons(stated, weight)))
+            for shard, share in enumerate(rounds.share_photons(photons))
         ]
-        try:
-            for shard, result in zip(shards, self.executor.map(workers.trace_photons, shards), strict=True):
-                self.tally.add(shard.shard % 2, result.tally, shard.photons * weight)
-                self.square_tally.add(shard.shard % 2, result.squares, shard.photons * weight)
-                self.ledger.add(shard, result)
-                self.lit_elsewhere |= result.lit_elsewhere
+        for shard, result in self.rounds.trace(shards, rounds.count_late(len(shards), left)):
+            self.tally.add(shard.shard % 2, result.tally, shard.photons * shard.weight)
+            self.square_tally.add(shard.shard % 2, result.squares, shard.photons * shard.weight)
+            self.ledger.add(shard, result)
+            self.lit_elsewhere |= result.lit_elsewhere
+            if shard.round == self.round:  # late ones were sent otherwise, and what they would guide is planned already
                 parted += [result.splitting] if result.splitting else []
                 born += [result.births] if result.births else []
-        finally:
-            shared_arrays.remove_struct(view)
         self.guide.add_round(parted)
         self.births.add_round(born)
         self.round += 1
@@ -260,18 +261,9 @@ class Solver:
     def _light(self, state: _State) -> tuple[LightField, estimate.StatedError]:
         """The light as it stands."""
         shown = self.blender.texels, self.blender.entry_at, self.settings.denoise, partial(spread, self.executor)
-        stated = estimate.state_error(
-            self.tree,
-            state.totals,
-            state.solution,
-            state.comparison,
-            state.leaves,
-            self.direct.show(*shown),
-            self.blender,
-            self.settings.denoise,
-            self.gathered.show_gathered(*shown) if self.gathered else None,
-            state.risk,
-        )
+        direct, gathered = self.direct.show(*shown), self.gathered.show_gathered(*shown) if self.gathered else None
+        told = self.tree, state.totals, state.solution, state.comparison, state.leaves
+        stated = estimate.state_error(*told, direct, self.blender, self.settings.denoise, gathered, state.risk)
         return self._make_light(state, stated.correction, stated.chosen), stated
 
     def _make_light(self, state: _State, correction: NDArray[np.float64], error: float) -> LightField:
@@ -291,8 +283,11 @@ class Solver:
             gathered=self.gathered,
         )
 
-    def _next_photons(self, stated: estimate.StatedError | None, weight: float) -> int:
+    def _next_photons(self, stated: estimate.StatedError | None, weight: float) -> tuple[int, int]:
+        """Photons of the next round, and how many the bake may have after it."""
         # Trees as they were planted tell little of how much light finer ones need.
         error, fixed = (math.nan, 0.0) if stated is None or self.round == 1 else (stated.chosen, math.hypot(stated.direct, stated.gathered))
-        ledger, settings = self.ledger, self.settings
-        return rounds.next_photons(ledger.photons, ledger.told, weight, settings.max_photons, len(self.tree), settings.error, error, fixed)
+        ledger, settings, late = self.ledger, self.settings, self.rounds.count_late()
+        so_far, told = ledger.photons + late[0], ledger.told + late[1]
+        photons = rounds.next_photons(so_far, told, weight, settings.max_photons, len(self.tree), settings.error, error, fixed)
+        return photons, settings.max_photons - so_far - photons

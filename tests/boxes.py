@@ -11,6 +11,7 @@ import numpy as np
 from leaflight.core import basis, charts, creases, executors, shared_arrays, solve, texels, workers
 from leaflight.core.direct_field import DirectField
 from leaflight.core.job import SNAPSHOT_FILE
+from leaflight.core.light_field import LightField
 from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.scene import Light, Material, SceneSnapshot
 from leaflight.core.settings import Settings
@@ -81,3 +82,9 @@ def solve_scene(
 ) -> solve.LightField:
     """The light of a scene."""
     return make_solver(folder, scene, settings, executor).run(lambda message: None, should_stop)
+
+
+def solution_bytes(light: LightField) -> bytes:
+    """What two bakes that are the same have alike."""
+    arrays = [light.solution.coefficient, light.solution.variance, light.leaves, light.direct.irradiance, light.direct.variance]
+    return b"".join(array.tobytes() for array in arrays)

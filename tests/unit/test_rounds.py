@@ -15,6 +15,7 @@ from leaflight.core.rounds import (
     ROUND_PHOTONS,
     SHARD_PHOTONS,
     SPARE,
+    count_late,
     next_photons,
     share_photons,
 )
@@ -92,3 +93,9 @@ def test_shards_are_of_all_photons_and_both_halves_alike(photons):
     assert len(whole) >= 2
     assert all(abs(2 * small - large) <= 3 for small in last for large in whole)
     assert max(whole) - min(whole) <= 1
+
+
+@pytest.mark.parametrize(("n_shard", "late"), [(2, 0), (4, 0), (6, 2), (16, 2), (30, 2), (32, 4), (64, 8)])
+def test_of_a_round_of_many_shards_the_last_ones_are_not_waited_for(n_shard, late):
+    assert count_late(n_shard, 2) == late
+    assert count_late(n_shard, 1) == count_late(n_shard, 0) == 0  # no other round comes

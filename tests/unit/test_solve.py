@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import lamp_scene, make_solver, room_mesh, solve_scene
+from boxes import lamp_scene, make_solver, room_mesh, solution_bytes, solve_scene
 from leaflight.core import direct_field, executors, quadtree, refine, resolve, shrinkage, splitting, tally, workers
 from leaflight.core.direct_shown import ShownDirect
 from leaflight.core.messages import Progress, Status
@@ -17,11 +17,6 @@ from scenes import make_scene, moved, quad_mesh
 
 SETTINGS = Settings(size=32, padding=1, max_photons=600_000, error=1e-4)
 QUICK = replace(SETTINGS, max_photons=20_000)
-
-
-def solution_bytes(light):
-    arrays = [light.solution.coefficient, light.solution.variance, light.leaves, light.direct.irradiance, light.direct.variance]
-    return b"".join(array.tobytes() for array in arrays)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,56 @@
+"""Photons of a round, traced by workers: the last shards of a large one while it is looked at.
+
+To look at a round takes one process a while, and workers whose shard ends early wait for it. So of a round of many shards the last ones are
+left to be traced meanwhile; their sums come with the next round's. Which ones is settled by the round alone: the same seed gives the same
+bytes, however many workers there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from . import shared_arrays, workers
+from .workers import PhotonResult, PhotonShard
+
+
+@dataclass
+class PhotonRounds:
+    """Shards under way.
+
+    late   of the last round, with their results to be; all of one view
+    """
+
+    executor: Executor
+    late: list[tuple[PhotonShard, Future[PhotonResult]]] = field(default_factory=list)
+
+    def count_late(self) -> tuple[int, float]:
+        """Photons that are under way, and how many of a first round would tell as much."""
+        return sum(shard.photons for shard, _ in self.late), sum(shard.photons * shard.weight for shard, _ in self.late)
+
+    def trace(self, shards: Sequence[PhotonShard], n_late: int) -> Iterator[tuple[PhotonShard, PhotonResult]]:
+        """What came of the late shards of the round before, then of these but the last `n_late`; views are removed once they are read."""
+        first, last = shards[: len(shards) - n_late], shards[len(shards) - n_late :]
+        before = self.late
+        try:
+            results = self.executor.map(workers.trace_photons, first)
+            self.late = [(shard, self.executor.submit(workers.trace_photons, shard)) for shard in last]
+            for shard, late in before:
+                yield shard, late.result()
+            yield from zip(first, results, strict=True)
+        finally:
+            _remove_views([shard for shard, _ in before] + ([] if self.late else [*first]))
+
+    def drop(self) -> None:
+        """Forget what is under way, and do not wait for it: who works on it may find that its view is gone."""
+        for _, late in self.late:
+            late.cancel()
+        _remove_views([shard for shard, _ in self.late])
+        self.late = []
+
+
+def _remove_views(shards: Sequence[PhotonShard]) -> None:
+    for view in {shard.view for shard in shards}:
+        shared_arrays.remove_struct(Path(view))
