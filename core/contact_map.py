@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from . import contact
 from .charts import ChartAtlas
 from .contact_parts import part_in_squares
 from .coverage import expand_ranges
+from .entry_order import EntryOrder, put_in_order
 from .scene import FloatArray, IntArray
 from .texel_borders import OPPOSITE, WAYS, TexelBorders, whole_texel
 from .texel_grid import interleave_bits
@@ -179,7 +179,7 @@ def _join_patches(
 
 def cut_at_contacts(texels: TexelMap, atlas: ChartAtlas, found: ContactMap) -> tuple[TexelMap, ChartAtlas, NDArray[np.bool_]]:
     """The map and the atlas with all but the largest piece of a chart in charts of their own, after the others; and which entries of
-    that map are touched, (n,) bool. Nothing moves on the pages.
+    that map are touched, (n,) bool. Nothing moves on the pages. The map that was is used up: its arrays are filled anew.
 
     atlas   whose charts are the map's
     """
@@ -200,87 +200,32 @@ def cut_at_contacts(texels: TexelMap, atlas: ChartAtlas, found: ContactMap) -> t
     chart_of[own] = len(texels.chart_page) + np.arange(len(own))
     moved = np.flatnonzero(chart_of[found.piece] >= 0)
     own_chart = chart_of[found.piece[moved]]
-    runs = _Runs.of(patches.start[moved], patches.size[moved], np.argsort(own_chart, kind="stable"), len(found.touched))
-    chart = runs.take(texels.texel_chart)
+    order = EntryOrder.of(patches.start[moved], patches.size[moved], np.argsort(own_chart, kind="stable"), len(found.touched))
+    texels, touched = put_in_order(texels, order), found.touched.copy()
+    order.apply(touched)
     own_chart = np.sort(np.repeat(own_chart, patches.size[moved]))
+    chart = texels.texel_chart
     chart[len(chart) - len(own_chart) :] = own_chart
     page, thing = (np.append(field, field[whole]) for field in (atlas.chart_page, atlas.chart_object))
     cut = dataclasses.replace(
-        _put_in_order(texels, runs),
+        texels,
         chart_page=page,
         chart_origin=np.concatenate([texels.chart_origin, texels.chart_origin[whole]]),
         chart_log2=np.append(texels.chart_log2, texels.chart_log2[whole]),
         chart_piece=np.append(texels.chart_piece, number[found.whole[own]]),
         chart_start=np.searchsorted(chart, np.arange(len(page) + 1, dtype=np.int32)).astype(np.int64),
-        texel_chart=chart,
     )
-    return cut, dataclasses.replace(atlas, chart_page=page, chart_object=thing), runs.take(found.touched)
-
-
-@dataclass(frozen=True)
-class _Runs:
-    """Another order of all entries: runs of them that stay together, most of them long; copying these is quicker than taking each.
-
-    low, high   (k,) int64: of entries low ... high - 1
-    """
-
-    low: _Int64
-    high: _Int64
-
-    @classmethod
-    def of(cls, start: _Int64, size: _Int64, order: _Int64, count: int) -> _Runs:
-        """All of `count` entries that stay, then the patches (k,) at start, ascending, in their order; not empty."""
-        end = start + size
-        low, high = np.append(0, end), np.append(start, count)  # between them
-        stays = low < high
-        low, high = np.append(low[stays], start[order]), np.append(high[stays], end[order])
-        apart = low[1:] != high[:-1]
-        return cls(low[np.append(True, apart)], high[np.append(apart, True)])
-
-    def take(self, values: NDArray[Any]) -> NDArray[Any]:
-        return np.concatenate([values[low:high] for low, high in zip(self.low.tolist(), self.high.tolist(), strict=True)])
-
-    def place(self) -> NDArray[np.int32]:
-        """(n + 1,) int32: where each entry is then; -1, the last one, is nowhere."""
-        size = self.high - self.low
-        end = np.cumsum(size)
-        out = np.empty(int(end[-1]) + 1, np.int32)
-        out[-1] = -1
-        for low, high, begin, stop in zip(*(one.tolist() for one in (self.low, self.high, end - size, end)), strict=True):
-            out[low:high] = np.arange(begin, stop, dtype=np.int32)
-        return out
-
-
-def _put_in_order(texels: TexelMap, runs: _Runs) -> TexelMap:
-    """The map with its entries in another order; the chart_ fields stay as they are."""
-    place = runs.place()
-    part = np.argsort(place[texels.part_entry])
-    pair = expand_ranges(texels.pair_start[part], texels.pair_start[part + 1])[1]
-    return dataclasses.replace(
-        texels,
-        texel_xy=runs.take(texels.texel_xy),
-        texel_code=runs.take(texels.texel_code),
-        texel_area=runs.take(texels.texel_area),
-        texel_tri=runs.take(texels.texel_tri),
-        grid=dataclasses.replace(texels.grid, cell_entry=place.take(texels.grid.cell_entry, mode="wrap")),
-        part_entry=place[texels.part_entry[part]].astype(np.int64),
-        part_point=texels.part_point[part],
-        part_moments=texels.part_moments[part],
-        pair_start=np.append(0, np.cumsum(np.diff(texels.pair_start)[part])),
-        pair_tri=texels.pair_tri[pair],
-        borders=texels.borders.renumber(place[:-1]),
-    )
+    return cut, dataclasses.replace(atlas, chart_page=page, chart_object=thing), touched
 
 
 def _share_texels(texels: TexelMap, borders: TexelBorders) -> TexelMap:
-    """The map with borders, and areas and moments as they make them."""
+    """The map with borders, and areas and moments as they make them, the areas in place."""
     if not len(borders.entry):
         return texels
     shares = np.isfinite(borders.reach).any(axis=0)
     entry = borders.entry[shares]
     moments = borders.measure(texels.degree)[:, shares] * texels.texel_area[entry]
-    area = texels.texel_area.copy()
-    area[entry] = moments[0]
+    texels.texel_area[entry] = moments[0]
     excess = moments - whole_texel(texels.degree) * moments[0]
     every = np.concatenate([texels.part_entry, entry])
     order = np.argsort(every)
@@ -288,7 +233,6 @@ def _share_texels(texels: TexelMap, borders: TexelBorders) -> TexelMap:
     pair = expand_ranges(start[order], start[order + 1])[1]
     return dataclasses.replace(
         texels,
-        texel_area=area,
         borders=borders,
         part_entry=every[order],
         part_point=np.concatenate([texels.part_point, np.zeros((len(entry), 2))])[order],
