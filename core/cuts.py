@@ -52,7 +52,7 @@ def _find_cuts(page: NDArray[np.int32], row: IntArray, column: IntArray, axis: i
     """
     size = page.shape[1]
     place = np.unique(np.concatenate([row * size + column, row * size + column - 1]).astype(np.int64))
-    place = place[(place >= 0) & (place % size < size - 1)]
+    place = place[place % size < size - 1]
     row, column = np.divmod(place, size)
     one, other = page[row, column], page[row, column + 1]
     both = np.flatnonzero((one >= 0) & (other >= 0))
