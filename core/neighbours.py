@@ -79,9 +79,10 @@ def _is_open(own: IntArray, near: IntArray, far: IntArray, leaf: NDArray[np.int3
     if not len(borders.entry):
         return is_open
     rows = np.flatnonzero(is_open)
+    rows = rows[borders.crossed[near[rows]] | borders.crossed[far[rows]]]
+    aslant = (texels.texel_xy[far[rows]] != texels.texel_xy[near[rows]]).all(axis=1)
+    is_open[rows[aslant]] = False  # the corner of a room is crossed on one side only
+    rows = rows[~aslant]
     rows = rows[borders.crossed[near[rows]]]
-    step = texels.texel_xy[far[rows]] - texels.texel_xy[near[rows]]
-    beyond = borders.other[:, np.searchsorted(borders.entry, near[rows])]
-    aslant = (step != 0).all(axis=1)
-    is_open[rows] = ~aslant & ~(beyond == far[rows]).any(axis=0)
+    is_open[rows] = ~(borders.other[:, np.searchsorted(borders.entry, near[rows])] == far[rows]).any(axis=0)
     return is_open

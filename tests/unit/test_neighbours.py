@@ -78,6 +78,45 @@ def test_charts_that_were_one_are_neighbours_where_nothing_stands_between():
     assert {(x[a], x[b]) for a, b in pairs_of(walled, parts, leaf, page, entry_at)} == {(0, 0), (8, 8)}
 
 
+def walled_quarters(bake, entry_at, *walls):
+    """A map of four charts of one piece, and sheets that cross texels towards the next: page texels (m, 2), and one way in 0, 1."""
+    ways, ones, others = [], [], []
+    for texels, way in walls:
+        one = entry_at[0, [y for _, y in texels], [x for x, _ in texels]].astype(np.int64)
+        other = entry_at[0, [y + way for _, y in texels], [x + 1 - way for x, _ in texels]].astype(np.int64)
+        ways += [way] * len(one) + [way + 2] * len(one)
+        ones += [one, other]
+        others += [other, one]
+    one, other = np.concatenate(ones), np.concatenate(others)
+    borders = TexelBorders.of(len(bake.texels.texel_area), np.array(ways), one, other, np.full(len(ways), 0.5))
+    return dataclasses.replace(bake.texels, chart_piece=np.zeros(len(bake.tree), np.int32), borders=borders)
+
+
+@pytest.mark.parametrize("corner", [0, 1, 2, 3])
+def test_no_light_goes_through_the_corner_of_a_room(corner):
+    """Sheets stand between one quarter and both of its neighbours: no texel of the opposite one is crossed."""
+    bake = SquareBake(side=16, degree=0, preview_depth=1, level=1)
+    leaf, page, entry_at = leaves_of(bake, bake.tree)
+    parts = dataclasses.replace(bake.tree, chart=np.arange(len(bake.tree), dtype=np.int32))
+    right, up = corner % 2, corner // 2
+    upright = [(7, y) for y in range(8 * up, 8 * up + 8)]
+    level = [(x, 7) for x in range(8 * right, 8 * right + 8)]
+    found = pairs_of(walled_quarters(bake, entry_at, (upright, 0), (level, 1)), parts, leaf, page, entry_at)
+    inside = leaf[entry_at[0, 15 * up, 15 * right]]
+    assert len(found) == 4
+    assert not any(inside in pair for pair in found)
+
+
+def test_light_goes_over_beside_a_texel_with_a_wall_elsewhere():
+    """A sheet along the upper side of the texels below the middle parts nothing left and right of it."""
+    bake = SquareBake(side=16, degree=0, preview_depth=1, level=1)
+    leaf, page, entry_at = leaves_of(bake, bake.tree)
+    parts = dataclasses.replace(bake.tree, chart=np.arange(len(bake.tree), dtype=np.int32))
+    found = pairs_of(walled_quarters(bake, entry_at, ([(x, y) for x in range(16) for y in range(16 - 1)], 1)), parts, leaf, page, entry_at)
+    y = bake.tree.origin[:, 1]
+    assert {(int(y[a]), int(y[b])) for a, b in found} == {(0, 0), (8, 8)}
+
+
 def test_a_leaf_knows_whose_square_holds_its_own():
     """A strip of one column belongs to a chart of its own, within the square of the leaf beside it."""
     bake = SquareBake(side=16, degree=0, preview_depth=1)
