@@ -117,7 +117,7 @@ def run_bake(
             with stages.stage("scene", "Building the ray tracer's tree"):
                 opened = workers.open_scene(str(folder))
             warnings += opened.warnings
-            if needs.photons and settings.contact:
+            if settings.contact and (needs.photons or job.resume):  # a state's texels are those of cut charts
                 with stages.stage("contacts", "Looking for contacts"):
                     contacts = contact_map.find_contacts(opened, texel_map)
                     texel_map, facets, touched = contact_map.cut_at_contacts(texel_map, facets, contacts)
