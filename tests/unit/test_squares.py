@@ -1,5 +1,7 @@
 """Squares have the area of their part of the centre's triangle, count what falls there, and move light by what is no noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, prepare_folder
@@ -160,9 +162,11 @@ def test_a_square_alone_has_no_say():
     assert not changed.any()
 
 
-@pytest.mark.parametrize("other_chart", [True, False])
-def test_squares_of_another_chart_have_no_say(texels, other_chart):
-    """Of two that lie as near to each other as charts do."""
+@pytest.mark.parametrize(("other_chart", "one_piece"), [(True, False), (True, True), (False, False)])
+def test_squares_of_another_chart_have_no_say(texels, other_chart, one_piece):
+    """Of two that lie as near to each other as charts do, unless these were one."""
+    if one_piece:
+        texels = replace(texels, chart_piece=np.zeros_like(texels.chart_piece))
     blender = LeafBlender.of(texels, texels.chart_page[texels.texel_chart])
     shown = np.flatnonzero(texels.shown)
     apart = np.abs(texels.texel_xy[shown, None].astype(int) - texels.texel_xy[shown]).max(axis=2)
@@ -174,5 +178,6 @@ def test_squares_of_another_chart_have_no_say(texels, other_chart):
     told = SquareLight(entry, np.full((2, 3, 2), 9.0), np.full((3, 2), 1e-3), np.full((3, 2), 1e-3))
     n = len(texels.texel_area)
     light, variance = np.ones((2, 3, n), np.float32), np.full((3, n), 1e-3, np.float32)
-    assert squares.mix(light, variance, told, texels, blender.entry_at).any() != other_chart
-    assert (light == 1).all() == other_chart
+    is_apart = other_chart and not one_piece
+    assert squares.mix(light, variance, told, texels, blender.entry_at).any() != is_apart
+    assert (light == 1).all() == is_apart
