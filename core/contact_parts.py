@@ -47,7 +47,7 @@ class _Net:
         part = join_sets(len(square), *self.pair[:, inside])
         is_first = part == np.arange(len(part))
         unit = (np.cumsum(is_first) - 1)[part]
-        number, length = _sum_alike(np.sort(unit[self.pair[:, ~inside]], axis=0), self.length[~inside], len(unit))
+        number, length = _sum_alike(unit[self.pair[:, ~inside]], self.length[~inside], len(unit))
         return unit, _Net(self.key[is_first], _sum_at(unit, self.size), number, length)
 
     def take(self, rows: _Int64) -> _Net:
@@ -101,26 +101,26 @@ def _part_squares(net: _Net, label: _Int64, level: int, closed_key: _Int64) -> _
     inner = square[near.pair[0]] == square[near.pair[1]]
     if not founds:
         inner[inner] = ~_cross_lines(near.key[near.pair[:, inner]], closed_key)
+    part = join_sets(len(kept), *near.pair[:, inner])  # they move as wholes
     label = label.copy()
     for _ in range(_MOST_PASSES):  # as a piece takes what lies beside it, it comes to lie beside more
         before = label[kept]
-        label[kept] = _move_parts(near, before, square, inner, looked, int(label.max()) + 1 if founds else 0)
+        label[kept] = _move_parts(near, before, square, part, looked, int(label.max()) + 1 if founds else 0)
         if (before == label[kept]).all():
             break
     return label
 
 
-def _move_parts(net: _Net, label: _Int64, square: _Int64, inner: _Bool, looked: _Bool, fresh: int) -> _Int64:
+def _move_parts(net: _Net, label: _Int64, square: _Int64, part: _Int64, looked: _Bool, fresh: int) -> _Int64:
     """(k,) int64: labels of pieces, where parts have left for others.
 
     label    (k,) int64: the piece that each is of
     square   (k,) int64: the square that it is in
-    inner    (m,) bool: ways by which parts hang together, where both ends are of one piece
+    part     (k,) int64: the first one of its part, all of which is of one piece in one square
     looked   (k,) bool: those in squares whose parts may leave
     fresh    label of the first piece that parts found which lie beside no other one; 0 if they stay
     """
     count = len(label)
-    part = join_sets(count, *net.pair[:, inner & (label[net.pair[0]] == label[net.pair[1]])])
     texels = _sum_at(part, net.size)
     first = np.flatnonzero(looked & (part == np.arange(count)))
     order = first[np.lexsort((-texels[first], label[first], square[first]))]
@@ -147,12 +147,11 @@ def _cross_lines(key: _Int64, closed_key: _Int64) -> _Bool:
 
     key, closed_key   (2, m) and (2, j) int64: keys of texels side by side; those of a way lie in one square
     """
-    square = closed_key >> 2 * _LEAST_LOG2
-    return _are_among(_number_lines(key), _number_lines(closed_key[:, square[0] == square[1]]))
+    return _are_among(_number_lines(key), _number_lines(closed_key))
 
 
 def _number_lines(key: _Int64) -> _Int64:
-    """(m,) int64: which line between columns or rows of which square is between texels of keys (2, m)."""
+    """(m,) int64: which line between columns or rows of which square is between texels of keys (2, m); the first is a square's edge."""
     x, y = part_bits(key & ((1 << CHART_SHIFT) - 1))
     is_row = x[0] == x[1]
     step = np.where(is_row, y.max(axis=0), x.max(axis=0)) % TILE_SIDE
