@@ -13,7 +13,10 @@ from leaflight.core.layer_check import join_sets
 from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.scene import Light
 from leaflight.core.settings import Settings
+from leaflight.core.texel_borders import WAYS
+from leaflight.core.texel_grid import interleave_bits
 from scenes import Mesh, box_mesh, make_scene, moved, quad_mesh
+from trees import make_square_map
 
 SIDE = 64  # texels of the floor, a square metre
 SETTINGS = Settings(size=SIDE, margin=0, error=1e-4, denoise=False, direct="photons")
@@ -80,6 +83,26 @@ def test_a_wall_thinner_than_a_texel_parts_it_too(tmp_path, layer):
     assert (pieces[:, 32:] == 1 - pieces[0, 0]).all()
 
 
+def test_a_corridor_of_two_columns_is_one_piece(tmp_path):
+    """What is met beyond the next texel's point parts nothing from that."""
+    _, cut, _, scene = cut_floor(tmp_path, wall(31.3 / SIDE - 0.05), wall(32.7 / SIDE + 0.05))
+    pieces = draw_pieces(cut, scene)
+    assert (pieces[:, 31:33] == pieces[0, 31]).all()
+    assert len(cut.chart_page) == len(np.unique(pieces[0, [10, 28, 31, 36, 50]])) == 5
+
+
+def test_a_texel_is_beside_nobody_where_the_next_one_is_missing():
+    """Also where another comes right before that in Morton order."""
+    texels = make_square_map(16, 0)
+    start = np.flatnonzero(np.random.default_rng(1).random(256) < 0.6)
+    patches = contact_map._Patches(start, np.ones_like(start), texels.list_keys(start))
+    xy = [tuple(place) for place in texels.texel_xy[start].tolist()]
+    for x, y in WAYS:
+        expected = [(k, xy.index((i + x, j + y))) for k, (i, j) in enumerate(xy) if (i + x, j + y) in xy]
+        found = patches.find_beside(texels, np.arange(len(start)), (x, y))
+        assert list(zip(*(part.tolist() for part in found), strict=True)) == expected
+
+
 def turned(degrees, side):
     """The layer of a quad that is turned on its page."""
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
@@ -126,14 +149,17 @@ def test_parts_of_two_charts_stay_apart(tmp_path):
 
 def test_rooms_that_a_door_joins_are_one_piece(tmp_path):
     """Light goes over between their charts; so is a floor with a post on it, but for what the post stands on."""
-    _, cut, _, scene = cut_floor(tmp_path / "door", wall(high_m=0.7))
+    _, cut, _, scene = cut_floor(tmp_path / "door", wall(0.4, high_m=0.7))
     chart = draw_pieces(cut, scene)
+    assert len(cut.chart_page) > 2  # where squares of leaves would hold both rooms
+    assert len(np.unique(chart[3, [20, 30]])) == 2
+    middle = (np.arange(SIDE) + 0.5) / SIDE
+    below = (middle < 0.7)[:, None] & (np.abs(middle - 0.4) < 0.05)
+    assert [len(np.unique(cut.chart_piece[chart[where]])) for where in (below, ~below)] == [1, 1]
     assert len(np.unique(cut.chart_piece)) == 2
-    assert len(np.unique(cut.chart_piece[[chart[3, 28], chart[3, 36], chart[-3, 28], chart[-3, 36]]])) == 1
     _, cut, _, scene = cut_floor(tmp_path / "post", box_mesh("Post", (0.1, 0.1, 0.5), (0.52, 0.41, 0.25)))
     assert len(cut.chart_page) == 2
     pieces = draw_pieces(cut, scene)
-    middle = (np.arange(SIDE) + 0.5) / SIDE
     np.testing.assert_array_equal(pieces == 1, (np.abs(middle - 0.41) < 0.05)[:, None] & (np.abs(middle - 0.52) < 0.05))
 
 
@@ -227,9 +253,36 @@ def test_nothing_moves_on_the_page_and_no_area_is_lost(tmp_path):
     place = np.full(len(cut.texel_chart), -1)
     place[after] = before
     assert (place[entry] >= 0).all()
+    own_pair = cut.pair_start[np.searchsorted(cut.part_entry, entry)]
+    np.testing.assert_array_equal(cut.pair_tri[own_pair], cut.texel_tri[entry])
+    assert np.diff(cut.pair_start).min() == 1
     np.testing.assert_allclose(found.T, cut.borders.measure(2)[:, shares] * texels.texel_area[place[entry]], rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(moments(cut), moments(texels), rtol=1e-4, atol=1e-4)  # but for corners, and where the layer ends
     assert scene.tri_object[cut.texel_tri].max() == 0
+
+
+def test_floors_of_several_pages_and_sizes_are_cut_alike(tmp_path):
+    """A small one on a page of its own, in its middle, and a large one with a door."""
+    small = moved(quad_mesh("Small", uv=SQUARE * 0.2 + 0.3), (2, 0, 0))
+    scene = make_scene([small, quad_mesh("Floor", uv=LAYERS["plain"]), sheet(2.503), sheet(0.4, 0.7)], [LAMP])
+    atlas, texels = prepare_folder(tmp_path, scene, SETTINGS)
+    assert np.argmax(texels.chart_log2) == 1
+    assert texels.page_count == 2
+    found = find_contacts(workers.open_scene(str(tmp_path)), texels)
+    workers.forget_folders()
+    cut, cut_atlas, touched = cut_at_contacts(texels, atlas, found)
+    chart = cut.texel_chart
+    np.testing.assert_array_equal(cut_atlas.chart_object[chart], scene.tri_object[cut.texel_tri])
+    np.testing.assert_array_equal(cut.chart_page, cut_atlas.chart_page)
+    corner = cut.texel_xy - cut.chart_origin[chart]
+    np.testing.assert_array_equal(cut.texel_code, interleave_bits(*corner.T))
+    assert (corner < (1 << cut.chart_log2[chart])[:, None]).all()
+    x_m = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])[:, 0]
+    assert [len(np.unique(chart[x_m > 1])), len(np.unique(cut.chart_piece[chart[x_m > 1]]))] == [2, 2]
+    assert len(np.unique(chart[x_m < 1])) > 1 == len(np.unique(cut.chart_piece[chart[x_m < 1]]))
+    middle = (np.unique(cut.texel_xy[touched & (x_m < 1), 0]) + 0.5) / SIDE
+    assert np.abs(middle - 0.4).max() < 1.5 / SIDE
+    assert len(middle) == 3
 
 
 def test_many_chunks_find_what_one_finds(tmp_path, monkeypatch):
@@ -334,6 +387,22 @@ def test_light_does_not_leak_below_a_wall_with_a_door(tmp_path, monkeypatch, see
         light[name] = page[:40, 31].mean() / page[:40, :27].mean()
     assert light["whole"] > 0.05  # or the test could not fail
     assert light["cut"] < 0.02
+
+
+def test_between_charts_of_one_piece_light_makes_no_step(tmp_path, monkeypatch):
+    """Where leaves on both sides of a cut err apart."""
+    light = {}
+    for name in ("open", "closed"):
+        _, cut, cut_atlas, scene = cut_floor(tmp_path / name, wall(0.4, high_m=0.7))
+        position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
+        column, row = (position[:, :2] * SIDE).astype(int).T
+        page = np.zeros((SIDE, SIDE))
+        page[row, column] = light_of(tmp_path / name, replace(SETTINGS, max_photons=20_000), cut, cut_atlas)
+        page, chart = page[:, 32:], draw_pieces(cut, scene)[:, 32:]  # beyond the wall
+        steps = [np.abs(np.diff(page, axis=axis))[np.diff(chart, axis=axis) != 0] for axis in (0, 1)]
+        light[name] = np.concatenate(steps).mean() / page.mean()
+        monkeypatch.setattr(resolve, "close_cuts", lambda *_: None)
+    assert light["open"] < 0.5 * light["closed"]
 
 
 @pytest.mark.parametrize("foot", [33.0, 33.7])  # texels

@@ -223,6 +223,21 @@ def test_children_that_saw_few_of_many_photons_must_differ_by_more(photons, coun
     assert len(shown(alone)) == 4
 
 
+def test_the_price_of_children_that_saw_a_fair_share_is_that_of_noise():
+    """Half of a node's photons, or more; it grows with what is missing of that."""
+    prices = []
+    for early, late in ((0, 200), (200, 200), (600, 200), (9800, 200)):
+        bake = SquareBake(side=16, degree=1, preview_depth=0)
+        bake.throw(*np.random.default_rng(1).random((2, early)))
+        bake.preview_depth = 1
+        bake.grow()
+        bake.throw(*np.random.default_rng(2).random((2, late)))
+        price = refine.Comparison.of(bake.tree, bake.totals(), bake.solution(), rule(preview_depth=1)).price
+        assert np.isfinite(price).all()
+        prices.append(price[0])
+    assert prices == pytest.approx(refine.NOISE_PRICE * np.array([1.0, 1.0, 2.0, 25.0]))
+
+
 def test_a_comparison_tells_of_all_nodes_that_anybody_asks_for(monkeypatch):
     """Nodes that shot too few photons to be compared are left out, and deeper those that have been split; in parts the rest is the same."""
     monkeypatch.setattr(refine, "_PART", 1 << 5)

@@ -92,12 +92,24 @@ def test_what_a_square_around_the_centre_has_beyond():
     assert not TexelBorders.none().see_beyond(np.arange(9), 1.0).any()
 
 
+def test_what_is_between_is_told_of_one_way_and_one_other():
+    borders = borders_of((4, 0, 0.2, 0.8), (4, 1, 0.3, 0.7))
+    one, other = np.array([4, 4, 4, 5, 0]), np.array([5, 7, 3, 4, 1])
+    assert [borders.are_between(way, one, other).tolist() for way in (0, 1, 2)] == [
+        [True, False, False, False, False],
+        [False, True, False, False, False],
+        [False, False, False, True, False],
+    ]
+    assert not TexelBorders.none().are_between(0, one, other).any()
+
+
 def test_entries_can_have_other_numbers():
     borders = borders_of((4, 0, 0.2, 0.8), (4, 1, 0.3, 0.7))
     place = np.random.default_rng(1).permutation(9).astype(np.int32)
     moved = borders.renumber(place)
     assert (np.diff(moved.entry) > 0).all()
     assert moved.crossed.sum() == 3
+    np.testing.assert_array_equal(moved.other < 0, np.isinf(moved.reach))
     every = np.arange(9, dtype=np.int32)
     for right, up in ((0.4, 0.1), (0.1, 0.4), (-0.4, 0.0)):
         before = borders.find_owners(every, np.full(9, right), np.full(9, up))
