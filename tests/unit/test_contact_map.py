@@ -89,6 +89,8 @@ def test_a_corridor_of_two_columns_is_one_piece(tmp_path):
     pieces = draw_pieces(cut, scene)
     assert (pieces[:, 31:33] == pieces[0, 31]).all()
     assert len(cut.chart_page) == len(np.unique(pieces[0, [10, 28, 31, 36, 50]])) == 5
+    left, right = (np.flatnonzero(cut.texel_xy[:, 0] == column) for column in (31, 32))
+    assert not cut.borders.are_between(0, left, right).any()
 
 
 def test_a_texel_is_beside_nobody_where_the_next_one_is_missing():
