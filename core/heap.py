@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import ctypes
+import platform
+
 import numpy as np
 
 _LARGEST_MAPPED = 31 << 20  # bytes: glibc follows blocks of up to 32 MB
+_KEPT = 256 << 20  # bytes: what a shard takes for a while, several times over
+_M_TRIM_THRESHOLD = -1  # malloc.h
 
 
 def keep_freed_memory() -> None:
-    """Has glibc keep up to 64 MB that is freed, best before a process has allocated much; elsewhere nothing changes.
+    """Has glibc keep up to 256 MB that is freed, best before a process has allocated much; elsewhere nothing changes.
 
     Else the arrays of each step go back to the system, which clears every page of those of the next: 60,000 page faults in a small bake.
-    Source: mallopt(3), M_MMAP_THRESHOLD: both it and the trim threshold follow the largest mapped block that was freed.
+    Source: mallopt(3), M_MMAP_THRESHOLD: both it and the trim threshold follow the largest mapped block that was freed, the latter until
+    it is set.
     """
-    np.empty(_LARGEST_MAPPED, np.uint8)
+    if platform.libc_ver()[0] == "glibc":
+        np.empty(_LARGEST_MAPPED, np.uint8)
+        ctypes.CDLL(None).mallopt(_M_TRIM_THRESHOLD, _KEPT)

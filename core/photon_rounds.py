@@ -15,6 +15,8 @@ from pathlib import Path
 from . import shared_arrays, workers
 from .workers import PhotonResult, PhotonShard
 
+_NEARLY_DONE = 2  # shards whose results are missing when the late ones are given out
+
 
 @dataclass
 class PhotonRounds:
@@ -33,15 +35,19 @@ class PhotonRounds:
     def trace(self, shards: Sequence[PhotonShard], n_late: int) -> Iterator[tuple[PhotonShard, PhotonResult]]:
         """What came of the late shards of the round before, then of these but the last `n_late`; views are removed once they are read."""
         first, last = shards[: len(shards) - n_late], shards[len(shards) - n_late :]
-        before = self.late
+        before, self.late = self.late, []
+        results = self.executor.map(workers.trace_photons, first)
         try:
-            results = self.executor.map(workers.trace_photons, first)
-            self.late = [(shard, self.executor.submit(workers.trace_photons, shard)) for shard in last]
             for shard, late in before:
                 yield shard, late.result()
-            yield from zip(first, results, strict=True)
+            _remove_views([shard for shard, _ in before])
+            for left, shard in zip(range(len(first), 0, -1), first, strict=True):
+                if left == _NEARLY_DONE:  # not before, or this process would do them while it waits for the others
+                    self.late = [(other, self.executor.submit(workers.trace_photons, other)) for other in last]
+                yield shard, next(results)
         finally:
-            _remove_views([shard for shard, _ in before] + ([] if self.late else [*first]))
+            if not self.late:
+                _remove_views(shards)
 
     def drop(self) -> None:
         """Forget what is under way, and do not wait for it: who works on it may find that its view is gone."""

@@ -15,8 +15,8 @@ FIRST_NODE_PHOTONS = 160
 MOST_FIRST_PHOTONS = 3 << 17
 FIRST_SHARE = 0.125
 SHARD_PHOTONS = 1 << 18  # at most
-MANY_PAIRS = 3  # of shards, from which on a round ends with smaller ones, and is looked at before the last of them are done
-PAIRS_PER_LATE = 8  # one pair in so many: what they tell comes a round late
+MANY_PAIRS = 3  # of shards, from which on a round ends with smaller ones, and is looked at before these are done
+SMALL_PAIRS = 2
 # A round adds at most so many times all photons so far, for late nodes lose what came before them (docs/paper.md, "What the hierarchy
 # costs"); while these are few, more: to read a round takes time too, and most nodes are still to come.
 ROUND_GROWTH, EARLY_GROWTH = 0.7, 2.0
@@ -60,15 +60,14 @@ def share_photons(photons: int) -> list[int]:
     n_pair = max(1, math.ceil(photons / (2 * SHARD_PHOTONS)))
     ends = [2 * pair for pair in range(n_pair + 1)]  # of all pairs, in half shards
     if n_pair >= MANY_PAIRS:
-        ends.insert(n_pair, 2 * n_pair - 1)
+        ends.insert(n_pair, 2 * n_pair - 1)  # SMALL_PAIRS in place of one
     halves = (photons + 1) // 2, photons // 2
     return [half * end // ends[-1] - half * start // ends[-1] for start, end in pairwise(ends) for half in halves]
 
 
 def count_late(n_shard: int, left: int) -> int:
-    """How many shards, the last ones, need not be waited for, of a round with so many; see photon_rounds.
+    """How many shards of a round with so many, the small last ones, need not be waited for; see photon_rounds.
 
     left   photons that the bake may still have: if there is no other round, all are waited for
     """
-    n_pair = n_shard // 2
-    return 2 * max(n_pair // PAIRS_PER_LATE, 1) if n_pair >= MANY_PAIRS and left > 1 else 0
+    return 2 * SMALL_PAIRS if n_shard > 2 * MANY_PAIRS and left > 1 else 0

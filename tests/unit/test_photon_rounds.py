@@ -62,6 +62,14 @@ def test_late_shards_come_first_in_the_round_after_once_that_one_is_asked_for(sh
     assert not list(tmp_path.glob("view_*"))
 
 
+def test_late_shards_are_given_out_when_the_others_are_nearly_done(shards):
+    """Sooner, whoever waits for the others would do them meanwhile, and nothing would be left for the time after."""
+    executor = Patient()
+    results = PhotonRounds(executor).trace(shards(0, range(6)), 2)
+    asked = [len(executor.asked) for _ in results]
+    assert asked == [4, 4, 6, 6]
+
+
 def test_what_nobody_wants_any_more_is_not_begun(shards, tmp_path):
     executor = Patient()
     under_way = PhotonRounds(executor)
