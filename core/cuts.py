@@ -41,8 +41,10 @@ def close_cuts(light: _Float, texels: TexelMap, entry_at: NDArray[np.int32], sid
             for (entry, way), first in zip(sides, (column, column + 1), strict=True):
                 chart = texels.texel_chart[entry]
                 change += _ramps(page, row, first, way, texels.texel_chart, chart, -way * half, np.minimum(reach, _RAMP))
-    for entry, value in change:
-        light[:, entry] = np.maximum(light[:, entry] + value, 0.0)
+    for entry, value in change:  # each of them once
+        light[:, entry] += value
+    changed = np.concatenate([entry for entry, _ in change])
+    light[:, changed] = np.maximum(light[:, changed], 0.0)  # of all ramps together: in whatever order they come
 
 
 def _find_cuts(page: NDArray[np.int32], row: IntArray, column: IntArray, axis: int, texels: TexelMap) -> tuple[IntArray, IntArray]:
