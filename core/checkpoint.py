@@ -26,11 +26,12 @@ from .ledger import ENERGY_NAMES
 from .quadtree import Quadtree
 from .settings import Settings
 from .solve import Solver
-from .splitting import SplitGuide
+from .splitting import SplitGuide, Splitting
 from .tally import Tally
+from .workers import PhotonShard
 
 FORMAT = "leaflight-state"
-FORMAT_VERSION = 8
+FORMAT_VERSION = 9
 INFO_FILE = "leaflight_state.json"  # marks a folder as ours
 _STRUCT_FOLDER = "state"
 # Of the groups of knobs that change nothing of what is traced, and knobs of other groups that do not either.
@@ -45,6 +46,8 @@ class Checkpoint:
     energy_w        (4, 3) float64: the ledger's sums, in the order of ledger.ENERGY_NAMES
     lit_elsewhere   (n_object,) bool: see gather.KnownLight
     given_up        of gather_plan.GatherPlan
+    splitting       of the last round, if some of its shards were not read
+    late            these, of workers.PhotonShard but for their folders
     """
 
     tree: Quadtree
@@ -62,6 +65,8 @@ class Checkpoint:
     gathered: int
     round: int
     given_up: float
+    splitting: Splitting | None
+    late: list[dict[str, Any]]
 
     @classmethod
     def of(cls, solver: Solver) -> Checkpoint:
@@ -69,7 +74,9 @@ class Checkpoint:
         energy_w = np.array([ledger.energy_w[name] for name in ENERGY_NAMES])
         counts = ledger.photons, ledger.told, ledger.rays, ledger.deposits, ledger.gathered, solver.round
         parts = solver.tree, solver.tally, solver.square_tally, solver.guide, solver.births, solver.direct
-        return cls(*parts, energy_w, solver.lit_elsewhere, *counts, solver.gather_plan.given_up)
+        late = [dataclasses.asdict(dataclasses.replace(shard, tracing="", view="")) for shard in solver.rounds.dropped]
+        splitting = solver.splitting if late else None
+        return cls(*parts, energy_w, solver.lit_elsewhere, *counts, solver.gather_plan.given_up, splitting, late)
 
     def give_to(self, solver: Solver) -> None:
         """Let a new solver of the same scene and method go on from here."""
@@ -81,6 +88,7 @@ class Checkpoint:
         ledger.energy_w = dict(zip(ENERGY_NAMES, self.energy_w, strict=True))
         ledger.photons, ledger.told = self.photons, self.told
         ledger.rays, ledger.deposits, ledger.gathered = self.rays, self.deposits, self.gathered
+        solver.send_again([PhotonShard(**fields) for fields in self.late], self.splitting)
 
 
 @dataclass(frozen=True)

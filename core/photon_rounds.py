@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from . import shared_arrays, workers
+from .quadtree import TreeView
+from .splitting import Splitting
 from .workers import PhotonResult, PhotonShard
 
 _NEARLY_DONE = 2  # shards whose results are missing when the late ones are given out
@@ -22,11 +24,13 @@ _NEARLY_DONE = 2  # shards whose results are missing when the late ones are give
 class PhotonRounds:
     """Shards under way.
 
-    late   of the last round, with their results to be; all of one view
+    late      of the last round, with their results to be; all of one view
+    dropped   those that were late when the bake stopped: who goes on sends them again, to be the bake that did not stop
     """
 
     executor: Executor
     late: list[tuple[PhotonShard, Future[PhotonResult]]] = field(default_factory=list)
+    dropped: list[PhotonShard] = field(default_factory=list)
 
     def count_late(self) -> tuple[int, float]:
         """Photons that are under way, and how many of a first round would tell as much."""
@@ -43,18 +47,30 @@ class PhotonRounds:
             _remove_views([shard for shard, _ in before])
             for left, shard in zip(range(len(first), 0, -1), first, strict=True):
                 if left == _NEARLY_DONE:  # not before, or this process would do them while it waits for the others
-                    self.late = [(other, self.executor.submit(workers.trace_photons, other)) for other in last]
+                    self.send(last)
                 yield shard, next(results)
         finally:
             if not self.late:
                 _remove_views(shards)
 
+    def send(self, late: Sequence[PhotonShard]) -> None:
+        """Have these shards, of one view, traced by when the next round is."""
+        self.late = [(shard, self.executor.submit(workers.trace_photons, shard)) for shard in late]
+
     def drop(self) -> None:
-        """Forget what is under way, and do not wait for it: who works on it may find that its view is gone."""
+        """Do not wait for what is under way: who works on it may find that its view is gone."""
         for _, late in self.late:
             late.cancel()
-        _remove_views([shard for shard, _ in self.late])
-        self.late = []
+        self.dropped, self.late = [shard for shard, _ in self.late], []
+        _remove_views(self.dropped)
+
+
+def save_view(folder: Path, view: TreeView, splitting: Splitting | None) -> str:
+    """The folder, with what the shards of a round read there."""
+    shared_arrays.save_struct(folder, view)
+    if splitting:
+        shared_arrays.save_struct(folder / workers.SPLITTING_FOLDER, splitting)
+    return str(folder)
 
 
 def _remove_views(shards: Sequence[PhotonShard]) -> None:

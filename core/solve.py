@@ -18,7 +18,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from . import basis, estimate, quadtree, refine, rounds, shared_arrays, shrinkage, tally, workers
+from . import basis, estimate, quadtree, refine, rounds, shrinkage, tally, workers
 from .birth_guide import BirthGuide
 from .direct_field import MOST_PASSES, DirectField
 from .executors import spread
@@ -28,7 +28,7 @@ from .gathered import GatheredField
 from .ledger import Ledger
 from .light_field import LightField
 from .messages import Message, Status
-from .photon_rounds import PhotonRounds
+from .photon_rounds import PhotonRounds, save_view
 from .reconstruct import LeafBlender
 from .settings import Settings
 from .splitting import SplitGuide, Splitting, weigh_deposits
@@ -85,18 +85,18 @@ class Solver:
         self.square_tally = Tally.empty(len(self.squares.entry), 0, components)
         self.guide = SplitGuide.empty(len(self.tracing.snapshot.objects) + len(self.tree))
         self.births = BirthGuide.of(self.tracing.scene.emitter_share)
-        self.state: _State | None = None  # of the last round
+        self.state: _State | None = None  # of the last round, as is the next
+        self.splitting: Splitting | None = None
         self.gathered: GatheredField | None = None
         self.gather_plan = GatherPlan.of(texels)
         # Texels of two-sided things hold the sum of both sides.
         self.lit_elsewhere = np.array([thing.two_sided for thing in self.tracing.snapshot.objects], bool)
-        self.ledger, self.rounds = Ledger(), PhotonRounds(self.executor)
+        self.ledger, self.rounds, self.round = Ledger(), PhotonRounds(self.executor), 0
         self.rule = refine.Rule(settings.oracle, settings.threshold, settings.stability, settings.preview_depth)
-        self.round = 0
 
     def _grow_previews(self) -> None:
-        texels, settings = self.tracing.texels, self.settings
-        self.tree = quadtree.grow_previews(self.tree, texels, self.keys, settings.preview_depth, settings.finest_texels)
+        depth, finest = self.settings.preview_depth, self.settings.finest_texels
+        self.tree = quadtree.grow_previews(self.tree, self.tracing.texels, self.keys, depth, finest)
 
     def run(self, tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> LightField:
         """Rounds until one of the stop rules holds; `tell` hears of each."""
@@ -188,16 +188,13 @@ class Solver:
         if self.gathered:
             self.gather_plan.given_up = self.settings.error
         self.gathered, (splitting, weight) = None, self._guide_photons()
-        view = self.folder / f"view_{self.round}"
-        shared_arrays.save_struct(view, quadtree.TreeView.of_tree(self.tree, len(self.keys), self.squares.entry))
-        if splitting:
-            shared_arrays.save_struct(view / workers.SPLITTING_FOLDER, splitting)
+        view, self.splitting = self._save_view(self.round, splitting), splitting
         settings, parted, born = self.settings, [], []
         photons, left = self._next_photons(stated, weight)
         shards = [
             workers.PhotonShard(
                 tracing=str(self.folder),
-                view=str(view),
+                view=view,
                 seed=settings.seed,
                 round=self.round,
                 shard=shard,
@@ -221,6 +218,17 @@ class Solver:
         self.guide.add_round(parted)
         self.births.add_round(born)
         self.round += 1
+
+    def _save_view(self, number: int, splitting: Splitting | None) -> str:
+        view = quadtree.TreeView.of_tree(self.tree, len(self.keys), self.squares.entry)
+        return save_view(self.folder / f"view_{number}", view, splitting)
+
+    def send_again(self, late: list[workers.PhotonShard], splitting: Splitting | None) -> None:
+        """Shards of the last round that were under way when the bake stopped, if it may have so many photons and another round."""
+        self.splitting = splitting
+        if late and self.settings.max_photons - self.ledger.photons - sum(shard.photons for shard in late) > 1:
+            view = self._save_view(late[0].round, splitting)
+            self.rounds.send([replace(shard, tracing=str(self.folder), view=view) for shard in late])
 
     def _guide_photons(self) -> tuple[Splitting | None, float]:
         """Where photons of the next round are born and part, and how much one of them tells; nothing where no round was read."""
@@ -255,8 +263,7 @@ class Solver:
     def glance(self) -> LightField:
         """The light after one round, for the eye: nothing is known of its error."""
         self._trace_round(None)
-        state = self._read_tallies()
-        return self._make_light(state, correction=np.ones(3), error=math.nan)
+        return self._make_light(self._read_tallies(), correction=np.ones(3), error=math.nan)
 
     def _light(self, state: _State) -> tuple[LightField, estimate.StatedError]:
         """The light as it stands."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh
-from leaflight.core import checkpoint, direct_field, gather_plan
+from leaflight.core import checkpoint, direct_field, gather_plan, rounds
 from leaflight.core.checkpoint import INFO_FILE, load_checkpoint, read_info, remove_checkpoint, save_checkpoint
 from leaflight.core.gathered import GatheredField
 from leaflight.core.scene import Light, Material
@@ -62,6 +62,37 @@ def test_an_interrupted_bake_goes_on_to_the_bytes_of_one_that_was_not(tmp_path, 
     assert (rest.photons, rest.rounds, rest.error) == (whole.photons, whole.rounds, whole.error)
     assert rest.ledger.audit_w() == whole.ledger.audit_w()
     assert rest.ledger.rays == whole.ledger.rays
+
+
+@pytest.mark.parametrize("settings", [SETTINGS, replace(SETTINGS, direct="photons"), replace(SETTINGS, guided=False)])
+def test_shards_that_were_under_way_when_a_bake_stopped_are_not_missing_when_it_goes_on(tmp_path, monkeypatch, settings):
+    monkeypatch.setattr(rounds, "SHARD_PHOTONS", 1 << 13)  # so that there are many of a round
+    whole = run(make_solver(tmp_path / "whole", lamp_scene(), settings))
+    kept, _ = keep(tmp_path, settings, 2)
+    late = load_checkpoint(kept, tmp_path / "first", settings).late
+    assert len(late) == 2 * rounds.SMALL_PAIRS
+    rest = go_on(tmp_path, kept, settings)
+    assert light_bytes(rest) == light_bytes(whole)
+    assert (rest.photons, rest.rounds, rest.error) == (whole.photons, whole.rounds, whole.error)
+    assert rest.ledger.rays == whole.ledger.rays
+    assert not list((tmp_path / "second").glob("view_*"))
+
+    solver = make_solver(tmp_path / "third", lamp_scene(), settings)
+    load_checkpoint(kept, tmp_path / "third", settings).give_to(solver)
+    save_checkpoint(tmp_path / "again", solver, run(solver, 0).error)  # stopped before it got anywhere
+    (tmp_path / "more").mkdir()
+    assert light_bytes(go_on(tmp_path / "more", tmp_path / "again", settings)) == light_bytes(whole)
+
+
+def test_shards_that_were_under_way_are_left_out_where_a_bake_may_not_have_so_many(tmp_path, monkeypatch):
+    monkeypatch.setattr(rounds, "SHARD_PHOTONS", 1 << 13)
+    kept, part = keep(tmp_path, SETTINGS, 2)
+    late = load_checkpoint(kept, tmp_path / "first", SETTINGS).late
+    shared, share = [], rounds.share_photons
+    monkeypatch.setattr(rounds, "share_photons", lambda photons: shared.append(photons) or share(photons))
+    few = replace(SETTINGS, max_photons=part.photons + late[0]["photons"])
+    assert go_on(tmp_path, kept, few).photons == few.max_photons
+    assert shared == [late[0]["photons"]]
 
 
 def test_a_bake_whose_direct_light_was_shot_again_goes_on(tmp_path, monkeypatch):
