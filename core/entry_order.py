@@ -40,7 +40,9 @@ class EntryOrder:
         return cls(between[:, between[0] < between[1]], _join_runs(np.stack([start[order], end[order]])))
 
     def apply(self, values: NDArray[Any]) -> None:
-        """In place, along the first axis of values (n, ...), which are contiguous."""
+        """In place, along the first axis of values (n, ...). Raises ValueError where these are not one after the other in memory."""
+        if not values.flags.c_contiguous:
+            raise ValueError("values that do not lie one after the other in memory cannot be moved in place.")
         row = max(values[:1].size, 1)
         flat = values.reshape(-1)  # rows of their own would be copied before they move
         gone = [flat[low * row : high * row].copy() for low, high in self.go.T.tolist()]

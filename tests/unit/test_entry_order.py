@@ -29,7 +29,13 @@ def test_values_move_as_a_copy_would_have_them(seed):
     assert place[-1] == -1
 
 
-def test_what_lies_before_the_first_that_goes_is_not_written():
+def test_what_cannot_be_moved_in_place_is_refused():
+    order, source = draw_order(0)
+    with pytest.raises(ValueError, match="one after the other in memory"):
+        order.apply(np.zeros((len(source), 2)).T.copy().T)
+
+
+def test_what_lies_before_the_first_that_goes_stays():
     order = EntryOrder.of(np.array([6]), np.array([2]), np.array([0]), 12)
     assert order.stay.tolist() == [[0, 8], [6, 12]]
     values = np.arange(12)
