@@ -5,6 +5,7 @@ with the best so far, and the end of it, which comes when the parent is gone, en
 """
 
 import atexit
+import errno
 import importlib.util
 import json
 import os
@@ -57,12 +58,9 @@ def main(folder: Path) -> int:
     begun.wait()
     try:
         bake.run_bake(folder, tell, stop.is_set, open_executor)
-    except (ValueError, OSError) as reason:
+    except (ValueError, OSError, MemoryError) as reason:
         traceback.print_exc()  # kept with the job, for whoever has to find out more
         tell(messages.Error(_sentence(reason, folder)))
-        return 1
-    except MemoryError:
-        tell(messages.Error("The bake ran out of memory: choose a smaller page size or density, or fewer workers."))
         return 1
     except BrokenExecutor:
         traceback.print_exc()
@@ -76,7 +74,10 @@ def main(folder: Path) -> int:
     return 0
 
 
-def _sentence(reason: ValueError | OSError, folder: Path) -> str:
+def _sentence(reason: ValueError | OSError | MemoryError, folder: Path) -> str:
+    # Mapping a file into memory that there is not is an OSError.
+    if isinstance(reason, MemoryError) or (isinstance(reason, OSError) and reason.errno == errno.ENOMEM):
+        return "The bake ran out of memory: choose a smaller page size or density, or fewer workers."
     if isinstance(reason, OSError) and reason.strerror:  # the system's own words, not ours: of a file in the job's folder
         return f"{folder}: the bake's temporary files cannot be kept there ({reason.strerror}); make room, or set TMPDIR to another folder."
     return str(reason)

@@ -110,7 +110,9 @@ def run_bake(
             executor.on_each(workers.open_ahead, str(folder))
         with stages.stage("texels", "Measuring texels"):
             facets = creases.cut_at_creases(snapshot, atlas)
-            texel_map = texels.build_texel_map(snapshot, facets, 2 * basis.DEGREES[settings.basis])
+            place = folder / workers.TEXELS_FOLDER
+            shared_arrays.remove_struct(place)  # of an earlier bake in the same folder
+            texel_map = texels.build_texel_map(snapshot, facets, 2 * basis.DEGREES[settings.basis], shared_arrays.Room(place))
         warnings += atlas.warnings
         touched = np.zeros(len(texel_map.texel_area), bool)
         if needs.direct:
@@ -121,10 +123,9 @@ def run_bake(
                 with stages.stage("contacts", "Looking for contacts"):
                     contacts = contact_map.find_contacts(opened, texel_map)
                     texel_map, facets, touched = contact_map.cut_at_contacts(texel_map, facets, contacts)
-        shared_arrays.remove_struct(folder / workers.TEXELS_FOLDER)  # of an earlier bake in the same folder
-        shared_arrays.save_struct(folder / workers.TEXELS_FOLDER, texel_map)
+        shared_arrays.save_struct(place, texel_map)
         if needs.direct:
-            texel_map = workers.open_tracing(str(folder)).texels  # the file that all processes share, in place of our own copy
+            texel_map = workers.open_tracing(str(folder)).texels  # the file that all processes share, in place of our own
         for subject, text in warnings:
             tell(Warning_(subject, text))
         n_texel = len(texel_map.texel_area)

@@ -4,28 +4,81 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_type_hints
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 T = TypeVar("T")
 
+_LEAST_FILE = 1 << 20  # bytes from which on an array is worth a file before all of them are written; also how much of it is written at once
+
+
+@dataclass(frozen=True)
+class Room:
+    """Where large arrays that save_struct will write are filled: in its folder at once, or in memory where there is none.
+
+    New memory is cleared by the system page by page. Arrays that are filled there and then written take it twice.
+    """
+
+    folder: Path | None = None
+
+    def within(self, name: str) -> Room:
+        """For the fields of a field."""
+        return Room(self.folder / name) if self.folder else self
+
+    def empty(self, name: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+        """An array for the field `name`. Raises OSError where its file finds no place on the disk."""
+        size = math.prod(shape) * np.dtype(dtype).itemsize
+        if self.folder is None or size < _LEAST_FILE:
+            return np.empty(shape, dtype)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        with open(self.folder / f"{name}.npy", "w+b") as file:
+            told = {"descr": np.dtype(dtype).str, "fortran_order": False, "shape": shape}
+            np.lib.format.write_array_header_1_0(file, told)  # type: ignore[no-untyped-call]
+            offset = file.tell()
+            # Written before it is mapped: who fills a mapped file of which the disk has no place ends at once, and a system that is
+            # asked for a file's pages one by one takes longer.
+            for start in range(0, size, _LEAST_FILE):
+                file.write(bytes(min(_LEAST_FILE, size - start)))
+            file.flush()
+            mapped = np.memmap(file, dtype, "r+", offset, shape)
+        array: NDArray[Any] = mapped.view(np.ndarray)
+        return array
+
+
+IN_MEMORY = Room()
+
 
 def save_struct(folder: Path, struct: Any) -> None:
-    """Write a dataclass whose fields are arrays, plain numbers or such dataclasses, or None; `folder` is made."""
-    folder.mkdir(parents=True)
+    """Write a dataclass whose fields are arrays, plain numbers or such dataclasses, or None; `folder` is made.
+
+    Arrays of a Room of that folder are there already.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
     plain: dict[str, Any] = {}
     for field in dataclasses.fields(struct):
         value = getattr(struct, field.name)
         if isinstance(value, np.ndarray):
-            np.save(folder / f"{field.name}.npy", value)
+            file = folder / f"{field.name}.npy"
+            if not _is_of_file(value, file):
+                file.unlink(missing_ok=True)  # not emptied, for someone may have it mapped
+                np.save(file, value)
         elif dataclasses.is_dataclass(value):
             save_struct(folder / field.name, value)
         else:
             plain[field.name] = value
     (folder / "plain.json").write_text(json.dumps(plain), encoding="utf-8")
+
+
+def _is_of_file(array: NDArray[Any], file: Path) -> bool:
+    """Whether an array is all that is mapped of that file."""
+    mapped = array.base
+    return isinstance(mapped, np.memmap) and Path(str(mapped.filename)) == file and mapped.shape == array.shape
 
 
 def load_struct(folder: Path, cls: type[T]) -> T:

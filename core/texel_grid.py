@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from .coverage import Int32, Int64
 from .row_spans import RowSpans
 from .scene import FloatArray, IntArray
+from .shared_arrays import IN_MEMORY, Room
 
 _NEIGHBOURS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1))  # the nearest first
 _BORDER = 2  # texels around a chart whose hits still find it; rounding needs one
@@ -48,10 +49,11 @@ class TexelGrid:
         return self.row_cell[:, 2] + self.row_cell[:, 0], self.row_cell[:, 1] - self.row_cell[:, 0] + 1
 
 
-def build_grid(spans: RowSpans, tri_chart: Int32, n_chart: int) -> TexelGrid:
+def build_grid(spans: RowSpans, tri_chart: Int32, n_chart: int, room: Room = IN_MEMORY) -> TexelGrid:
     """An empty grid with cells for all texels in the spans and those next to them.
 
     tri_chart   (n_tri,) int32
+    room        for its cells
     """
     n_tri = len(tri_chart)
     tri_low, tri_high = np.full(n_tri, _FAR, np.int64), np.full(n_tri, -1, np.int64)
@@ -81,7 +83,9 @@ def build_grid(spans: RowSpans, tri_chart: Int32, n_chart: int) -> TexelGrid:
     first[empty], last[empty] = 0, 0
     width = last - first + 1
     row_cell = np.stack([first, last, np.cumsum(width) - width - first], axis=1)
-    return TexelGrid(tri_row, row_cell, row_chart, row_y.astype(np.int32), np.full(int(width.sum()), -1, np.int32))
+    cell_entry = room.empty("cell_entry", (int(width.sum()),), np.int32)
+    cell_entry.fill(-1)
+    return TexelGrid(tri_row, row_cell, row_chart, row_y.astype(np.int32), cell_entry)
 
 
 def _extend_to_neighbours(bound: Int64, row_chart: Int32, pick: np.ufunc) -> Int64:

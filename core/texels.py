@@ -23,6 +23,7 @@ from .coverage import (
 )
 from .row_spans import RowSpans, find_row_spans
 from .scene import SceneSnapshot
+from .shared_arrays import IN_MEMORY, Room
 from .texel_grid import TexelGrid, build_grid, fill_border, part_bits
 from .texel_map import TexelMap, centred_strata
 
@@ -40,9 +41,10 @@ _SLOTS = 1 << 16  # texels at a time: what lies between stays in the cache
 _PAGE_TOLERANCE = 1e-3  # texels that rounding may carry a chart beyond its page
 
 
-def build_texel_map(snapshot: SceneSnapshot, atlas: ChartAtlas, degree: int) -> TexelMap:
+def build_texel_map(snapshot: SceneSnapshot, atlas: ChartAtlas, degree: int, room: Room = IN_MEMORY) -> TexelMap:
     """Covered area and moments up to `degree` (0, 2 or 4) of every texel of every chart.
 
+    room   for its large arrays
     The areas of a triangle's texels sum to its world area to rounding. Triangles without area in UV have no texels.
     Raises ValueError for another degree and for charts outside their page.
     """
@@ -56,7 +58,7 @@ def build_texel_map(snapshot: SceneSnapshot, atlas: ChartAtlas, degree: int) -> 
     used = np.flatnonzero((atlas.tri_chart >= 0) & (_uv_areas(uv) > _MIN_UV_AREA) & (world_area > 0.0))
     spans = find_row_spans(uv[used])
     spans = dataclasses.replace(spans, tri=used[spans.tri].astype(np.int32))
-    grid = build_grid(spans, atlas.tri_chart, len(atlas.chart_page))
+    grid = build_grid(spans, atlas.tri_chart, len(atlas.chart_page), room.within("grid"))
 
     pairs = _measure_pairs(uv, spans, grid, degree)
     covered = np.zeros(len(uv))
@@ -65,7 +67,7 @@ def build_texel_map(snapshot: SceneSnapshot, atlas: ChartAtlas, degree: int) -> 
     # Not the world area over the area in UV: a needle's clipped parts are rounded more than its whole.
     density = np.divide(world_area, covered, out=np.zeros_like(covered), where=covered > 0.0)
     by_area = np.argsort(pairs.best_area * density[pairs.tri])  # of several assignments to one place the last, the largest, stays
-    entries = _collect_entries(density, spans, grid, pairs, by_area, len(atlas.chart_page))
+    entries = _collect_entries(density, spans, grid, pairs, by_area, len(atlas.chart_page), room)
     parts = _collect_parts(density, grid, pairs, by_area)
     fill_border(grid)
     return TexelMap(
@@ -149,7 +151,9 @@ def _centre_depth(uv: Float64, centre: Float64) -> Float64:
     return depth
 
 
-def _collect_entries(density: Float64, spans: RowSpans, grid: TexelGrid, pairs: _Pairs, by_area: Int64, n_chart: int) -> dict[str, Any]:
+def _collect_entries(
+    density: Float64, spans: RowSpans, grid: TexelGrid, pairs: _Pairs, by_area: Int64, n_chart: int, room: Room
+) -> dict[str, Any]:
     """The chart_ and texel_ fields of the map; fills grid.cell_entry."""
     cell_area = np.zeros(len(grid.cell_entry))
     cell_tri = np.full(len(grid.cell_entry), -1, np.int32)
@@ -171,8 +175,9 @@ def _collect_entries(density: Float64, spans: RowSpans, grid: TexelGrid, pairs: 
     first_row = np.minimum(np.searchsorted(grid.row_chart, np.arange(n_chart)), len(grid.row_chart) - 1)
     row_of_zero = first_row - grid.row_y[first_row]
     n_texel = sum(int(np.count_nonzero(cell_tri[start : start + _SLOTS] >= 0)) for start in range(0, len(cell_tri), _SLOTS))
-    texel_chart, texel_tri = np.empty((2, n_texel), np.int32)
-    texel_xy, texel_code, texel_area = np.empty((n_texel, 2), np.int32), np.empty(n_texel, np.int64), np.empty(n_texel)
+    texel_chart, texel_tri = (room.empty(name, (n_texel,), np.int32) for name in ("texel_chart", "texel_tri"))
+    texel_xy, texel_code = room.empty("texel_xy", (n_texel, 2), np.int32), room.empty("texel_code", (n_texel,), np.int64)
+    texel_area = room.empty("texel_area", (n_texel,), np.float64)
     row_first, row_last, row_zero = np.ascontiguousarray(grid.row_cell.T)
     end = 0
     for chart, x, y, code in _walk_squares(low, high, log2, filled):

@@ -1,5 +1,6 @@
 """What is written is what is mapped."""
 
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,3 +47,53 @@ def test_mapped_arrays_cannot_be_changed_by_accident(tmp_path):
     shared_arrays.save_struct(tmp_path / "s", Inner(np.zeros(5000)))
     with pytest.raises(ValueError, match="read-only"):
         shared_arrays.load_struct(tmp_path / "s", Inner).values[0] = 1.0
+
+
+def test_an_array_of_a_room_is_the_file_that_would_be_written(tmp_path):
+    room = shared_arrays.Room(tmp_path / "s")
+    inner = room.within("inner").empty("values", (1 << 17, 3), np.float32)
+    inner[:] = np.arange(inner.size).reshape(inner.shape)
+    shared_arrays.save_struct(tmp_path / "s", Outer(1, np.zeros(2), Inner(inner)))
+    inner[5] = -1.0  # what is mapped has no copy
+    loaded = shared_arrays.load_struct(tmp_path / "s", Outer)
+    np.testing.assert_array_equal(loaded.inner.values, inner)
+    np.testing.assert_array_equal(np.load(tmp_path / "s" / "inner" / "values.npy"), inner)
+    assert loaded.inner.values.dtype == np.float32
+
+
+def test_what_is_not_the_whole_file_is_written(tmp_path):
+    room = shared_arrays.Room(tmp_path / "s")
+    values = room.empty("values", (1 << 18,), np.int64)
+    values[:] = np.arange(len(values))
+    shared_arrays.save_struct(tmp_path / "s", Inner(values[10:] * 1))
+    assert shared_arrays.load_struct(tmp_path / "s", Inner).values[0] == 10
+    assert values[0] == 0  # whoever maps the file that was still has it
+
+
+def test_part_of_a_rooms_array_is_no_file_of_its_own(tmp_path):
+    values = shared_arrays.Room(tmp_path / "s").empty("values", (1 << 18,), np.int64)
+    values[:] = np.arange(len(values))
+    shared_arrays.save_struct(tmp_path / "other", Inner(values[10:]))
+    assert shared_arrays.load_struct(tmp_path / "other", Inner).values[0] == 10
+
+
+@pytest.mark.parametrize(("room", "count"), [(shared_arrays.IN_MEMORY, 1 << 20), ("folder", 10), ("folder", 0)])
+def test_small_arrays_and_those_without_a_folder_are_in_memory(room, count, tmp_path):
+    room = room if room is shared_arrays.IN_MEMORY else shared_arrays.Room(tmp_path / "s")
+    values = room.within("inner").empty("values", (count, 2), np.int64)
+    assert values.base is None
+    assert values.shape == (count, 2)
+    assert not (tmp_path / "s").exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no such limit")
+def test_a_room_whose_file_cannot_be_as_large_raises_before_it_is_mapped(tmp_path):
+    import resource
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, hard))
+    try:
+        with pytest.raises(OSError, match="too large"):
+            shared_arrays.Room(tmp_path / "s").empty("values", (1 << 20,), np.int64)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
