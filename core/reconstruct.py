@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import basis
-from .coverage import as_slice
 from .neighbours import Neighbours
 from .quadtree import Quadtree
 from .tally import Solution
@@ -85,12 +84,7 @@ class LeafBlender:
     @classmethod
     def of(cls, texels: TexelMap, page: NDArray[np.int32]) -> LeafBlender:
         """page   (n,) int32, the page of each entry"""
-        entry_at = np.full((texels.page_count, texels.page_size, texels.page_size), -1, np.int32)
-        for start in range(0, len(page), CHUNK):
-            shown = start + np.flatnonzero(texels.shown[start : start + CHUNK])
-            rows = as_slice(shown)
-            entry_at[page[rows], texels.texel_xy[rows, 1], texels.texel_xy[rows, 0]] = shown
-        return cls(texels, page, entry_at)
+        return cls(texels, page, texels.entry_at)
 
     def join(self, tree: Quadtree, solution: Solution, leaf: NDArray[np.int32], halves: bool = False) -> Blend:
         """The leaves (n,) int32 at all entries, ready to be blended.

@@ -119,27 +119,29 @@ class TexelMap:
         return self.part_entry.compress(self.part_point.any(axis=1))
 
     @cached_property
-    def shown(self) -> NDArray[np.bool_]:
-        """(n,) bool: of the entries at one texel of a page the one that the page shows there.
+    def entry_at(self) -> Int32:
+        """(page_count, size, size) int32: the entry that a page shows at each texel, -1 where no chart covers it.
 
         That is the one that holds the texel's centre, where whoever filters the image reads it; of several such, or of none, the largest.
         """
-        shown = np.ones(len(self.texel_chart), bool)
-        last = np.empty(self.page_count * self.page_size**2, np.int32)
+        entry_at = np.full(self.page_count * self.page_size**2, -1, np.int32)
         for entry in self._parts():
-            last[self._find_cells(entry)] = entry
-        hidden = np.concatenate([np.zeros(0, np.int64), *(entry[last[self._find_cells(entry)] != entry] for entry in self._parts())])
-        if not len(hidden):  # as most often; else charts meet along a crease, or a layer overlaps itself
-            return shown
-        shared = np.zeros(len(last), bool)
-        shared[self._find_cells(hidden)] = True
-        rivals = np.concatenate([entry[shared[self._find_cells(entry)]] for entry in self._parts()])
-        cell = self._find_cells(rivals)
-        by_cell = np.lexsort((self.texel_area[rivals], self.is_central[rivals], cell))
-        order, cell = rivals[by_cell], cell[by_cell]
-        shown[rivals] = False
-        shown[order[np.append(cell[:-1] != cell[1:], True)]] = True
-        return shown
+            entry_at[self._find_cells(entry)] = entry
+        hidden = [cell[entry_at[cell] != entry] for entry in self._parts() for cell in [self._find_cells(entry)]]
+        if any(map(len, hidden)):  # as is rare: charts meet along a crease, or a layer overlaps itself
+            shared = np.zeros(len(entry_at), bool)
+            shared[np.concatenate(hidden)] = True
+            rivals = np.concatenate([entry[shared[self._find_cells(entry)]] for entry in self._parts()])
+            cell = self._find_cells(rivals)
+            order = np.lexsort((self.texel_area[rivals], self.is_central[rivals], cell))
+            entry_at[cell[order]] = rivals[order]  # of several assignments to one place the last stays
+        return entry_at.reshape(self.page_count, self.page_size, self.page_size)
+
+    @cached_property
+    def shown(self) -> NDArray[np.bool_]:
+        """(n,) bool: of the entries at one texel of a page the one that the page shows there, see entry_at."""
+        parts = (self.entry_at.ravel()[self._find_cells(entry)] == entry for entry in self._parts())
+        return np.concatenate([np.zeros(0, bool), *parts])
 
     def list_keys(self, entry: IntArray | slice = slice(None)) -> Int64:
         """(m,) int64: chart and Morton code of entries, of all if none are named; they ascend as the entries do."""
@@ -150,8 +152,7 @@ class TexelMap:
 
     def _parts(self) -> Iterator[Int64]:
         """All entries, so many at a time that what is found of them stays in the cache."""
-        count = len(self.texel_chart)
-        return (np.arange(start, min(start + CHUNK_SIZE, count)) for start in range(0, count, CHUNK_SIZE))
+        return (np.arange(start, min(start + CHUNK_SIZE, len(self.texel_chart))) for start in range(0, len(self.texel_chart), CHUNK_SIZE))
 
     def _find_cells(self, entry: Int64) -> Int64:
         """(m,) int64: places of entries (m,), ascending, among the texels of all pages."""
@@ -215,8 +216,7 @@ class TexelMap:
             raise ValueError(f"degree: expected at most {self.degree}, that of the texel map, got {degree}")
         moments = self._even_squares.range_moments(start, end, centre, half, degree)
         if degree:
-            parts = PartMoments(self.part_entry, self.texel_xy, self.part_moments)
-            moments += parts.range_moments(start, end, centre, half, degree)
+            moments += PartMoments(self.part_entry, self.texel_xy, self.part_moments).range_moments(start, end, centre, half, degree)
         return np.ascontiguousarray(moments.T)
 
     @cached_property

@@ -1,7 +1,6 @@
 """Leaves are joined where their step is noise, and only there."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -226,17 +225,6 @@ def test_leaves_without_noise_speak_as_loud_as_others(own, other, light, share):
     found = join(bake.texels, bake.tree, replace(solution, coefficient=coefficient, variance=variance), owner).at(entry)
     alone = reconstruct.evaluate_leaf(bake.tree, replace(solution, coefficient=coefficient), owner[beside], np.zeros(1), np.zeros(1))
     np.testing.assert_allclose(found.irradiance, share * alone.irradiance, atol=1e-9)
-
-
-def test_who_blends_knows_the_entry_that_is_shown_at_each_place_of_each_page():
-    place = np.column_stack(np.divmod(np.arange(64), 8))
-    texels = SimpleNamespace(page_count=3, page_size=8, texel_xy=place, shown=np.arange(64) % 3 > 0)
-    page = (np.arange(64) % 5 // 2).astype(np.int32)
-    entry_at = reconstruct.LeafBlender.of(texels, page).entry_at
-    assert entry_at.shape == (3, 8, 8)
-    for entry, (x, y) in enumerate(place):
-        assert entry_at[page[entry], y, x] == (entry if texels.shown[entry] else -1)
-    assert (entry_at >= 0).sum() == texels.shown.sum()
 
 
 @pytest.mark.parametrize("degree", [0, 1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from types import SimpleNamespace
 from typing import Any
 
@@ -360,3 +361,20 @@ def test_in_whatever_parts_texels_are_gone_through_the_map_is_one(monkeypatch: p
     for name in ("chart_origin", "chart_log2", "chart_start", "texel_chart", "texel_xy", "texel_code", "texel_area", "texel_tri"):
         np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
     np.testing.assert_array_equal(parts.grid.cell_entry, whole.grid.cell_entry)
+
+
+def test_each_place_of_each_page_has_the_entry_that_is_shown_there():
+    quads = np.array([[[0, 0], [6, 0], [6, 6]], [[0, 0], [6, 6], [0, 6]]], float)
+    layers = np.concatenate([quads, quads + 1.7, quads + 2.0, quads])  # the first two share texels, of which each covers some centres alone
+    texels = dataclasses.replace(make_map(layers, np.repeat(np.arange(4), 2)), chart_page=np.array([0, 0, 1, 2], np.int32), page_count=3)
+    page, (x, y) = texels.chart_page[texels.texel_chart], texels.texel_xy.T
+    shown = np.zeros(len(page), bool)
+    for place in {*zip(page.tolist(), x.tolist(), y.tolist(), strict=True)}:
+        there = np.flatnonzero((np.column_stack([page, x, y]) == place).all(axis=1))
+        best = max(there, key=lambda entry: (texels.is_central[entry], texels.texel_area[entry], entry))
+        shown[best] = True
+        assert texels.entry_at[place[0], place[2], place[1]] == best
+    assert texels.shown.tolist() == shown.tolist()
+    assert 0 < (~shown).sum() < 30
+    assert texels.entry_at.shape == (3, 8, 8)
+    assert (texels.entry_at >= 0).sum() == shown.sum()
