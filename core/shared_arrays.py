@@ -76,9 +76,9 @@ def save_struct(folder: Path, struct: Any) -> None:
 
 
 def _is_of_file(array: NDArray[Any], file: Path) -> bool:
-    """Whether an array is all that is mapped of that file."""
+    """Whether an array is what Room.empty made of that file; numpy says of its parts that they are based on it, not on the file."""
     mapped = array.base
-    return isinstance(mapped, np.memmap) and Path(str(mapped.filename)) == file and mapped.shape == array.shape
+    return isinstance(mapped, np.memmap) and Path(str(mapped.filename)) == file
 
 
 def load_struct(folder: Path, cls: type[T]) -> T:
