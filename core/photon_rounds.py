@@ -12,8 +12,11 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from . import shared_arrays, workers
-from .quadtree import TreeView
+from .quadtree import Quadtree, TreeView
 from .splitting import Splitting
 from .workers import PhotonResult, PhotonShard
 
@@ -65,9 +68,9 @@ class PhotonRounds:
         _remove_views(self.dropped)
 
 
-def save_view(folder: Path, view: TreeView, splitting: Splitting | None) -> str:
-    """The folder, with what the shards of a round read there."""
-    shared_arrays.save_struct(folder, view)
+def save_view(folder: Path, tree: Quadtree, n_texel: int, square_entry: NDArray[np.int32], splitting: Splitting | None) -> str:
+    """The folder, with what the shards of a round read there; arguments as of TreeView.of_tree."""
+    shared_arrays.save_struct(folder, TreeView.of_tree(tree, n_texel, square_entry, shared_arrays.Room(folder)))
     if splitting:
         shared_arrays.save_struct(folder / workers.SPLITTING_FOLDER, splitting)
     return str(folder)

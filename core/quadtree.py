@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from . import basis
 from .scene import FloatArray, IntArray
+from .shared_arrays import IN_MEMORY, Room
 from .texel_map import CHART_SHIFT, TexelMap
 
 _CHUNK = 1 << 16  # texel entries at a time
@@ -215,16 +216,22 @@ def split(tree: Quadtree, marked: IntArray) -> Quadtree:
     return replace(tree, current=current)
 
 
-def node_of_texel(tree: Quadtree, nodes: IntArray, n_texel: int) -> NDArray[np.int32]:
+def node_of_texel(tree: Quadtree, nodes: IntArray, n_texel: int, room: Room = IN_MEMORY) -> NDArray[np.int32]:
     """The node at each texel entry.
 
     nodes   indices of nodes that tile every chart: the current ones, or those without children
+    room    for what is returned, as `node`
     out     (n_texel,) int32
     """
     order = nodes[np.argsort(tree.start[nodes])].astype(np.int32)
-    owner = np.repeat(order, tree.end[order] - tree.start[order])
-    if len(owner) != n_texel:
-        raise ValueError(f"nodes: expected to tile {n_texel} texels, got {len(owner)}")
+    count = tree.end[order] - tree.start[order]
+    if count.sum() != n_texel:
+        raise ValueError(f"nodes: expected to tile {n_texel} texels, got {count.sum()}")
+    owner = room.empty("node", (n_texel,), np.int32)
+    ends = np.cumsum(count)
+    cuts = np.searchsorted(ends, np.arange(_CHUNK, n_texel, _CHUNK)) + 1
+    for first, last in pairwise(np.unique([0, *cuts, len(order)])):  # some at a time, into what may be a file
+        owner[ends[first] - count[first] : ends[last - 1]] = np.repeat(order[first:last], count[first:last])
     return owner
 
 
@@ -266,11 +273,11 @@ class TreeView:
     square_entry: NDArray[np.int32]
 
     @classmethod
-    def of_tree(cls, tree: Quadtree, n_texel: int, square_entry: NDArray[np.int32]) -> TreeView:
+    def of_tree(cls, tree: Quadtree, n_texel: int, square_entry: NDArray[np.int32], room: Room = IN_MEMORY) -> TreeView:
         half = tree.side / 2.0
         deepest = np.flatnonzero(~tree.has_children)
         centre = (tree.origin + half[:, None]).astype(np.float32)
-        return cls(node_of_texel(tree, deepest, n_texel), centre, (1.0 / half).astype(np.float32), square_entry)
+        return cls(node_of_texel(tree, deepest, n_texel, room), centre, (1.0 / half).astype(np.float32), square_entry)
 
     def locate(self, entry: IntArray, x: FloatArray, y: FloatArray) -> tuple[NDArray[np.int32], FloatArray, FloatArray]:
         """The deepest node at each hit, and the hit in its coordinates s, t.

@@ -37,7 +37,9 @@ class Room:
         if self.folder is None or size < _LEAST_FILE:
             return np.empty(shape, dtype)
         self.folder.mkdir(parents=True, exist_ok=True)
-        with open(self.folder / f"{name}.npy", "w+b") as file:
+        path = self.folder / f"{name}.npy"
+        path.unlink(missing_ok=True)  # as in save_struct
+        with open(path, "w+b") as file:
             told = {"descr": np.dtype(dtype).str, "fortran_order": False, "shape": shape}
             np.lib.format.write_array_header_1_0(file, told)  # type: ignore[no-untyped-call]
             offset = file.tell()

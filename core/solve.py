@@ -220,8 +220,7 @@ class Solver:
         self.round += 1
 
     def _save_view(self, number: int, splitting: Splitting | None) -> str:
-        view = quadtree.TreeView.of_tree(self.tree, len(self.keys), self.squares.entry)
-        return save_view(self.folder / f"view_{number}", view, splitting)
+        return save_view(self.folder / f"view_{number}", self.tree, len(self.keys), self.squares.entry, splitting)
 
     def send_again(self, late: list[workers.PhotonShard], splitting: Splitting | None) -> None:
         """Shards of the last round that were under way when the bake stopped, if it may have so many photons and another round."""

@@ -1,8 +1,11 @@
 """Nodes tile their chart, areas add up, and children lie where their parents say."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from leaflight.core import quadtree
+from leaflight.core.shared_arrays import IN_MEMORY, Room
 from trees import SquareBake, make_square_map
 
 
@@ -92,3 +95,16 @@ def test_a_hit_may_lie_half_a_texel_beyond_its_node():
     assert tree.side[node].tolist() == [2, 2, 2]
     assert s == pytest.approx([0.5, 1.4, 1.5])
     assert t == pytest.approx([-0.5, -1.4, -1.5])
+
+
+@pytest.mark.parametrize("counts", [[], [200_000], [1] * 70_000, [1, 65_535, 65_536, 3, 140_000, 1]])
+def test_nodes_are_found_at_texels_however_many_they_have(counts, tmp_path):
+    count = np.array(counts, np.int64)
+    end = np.cumsum(count)
+    order = np.random.default_rng(1).permutation(len(count))  # the order of nodes is not that of their texels
+    tree = SimpleNamespace(start=np.empty(len(count), np.int64), end=np.empty(len(count), np.int64))
+    tree.start[order], tree.end[order] = end - count, end
+    for room in (IN_MEMORY, Room(tmp_path)):
+        found = quadtree.node_of_texel(tree, np.arange(len(count)), int(count.sum()), room)
+        np.testing.assert_array_equal(found, np.repeat(order, count))
+        assert found.dtype == np.int32
