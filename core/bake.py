@@ -125,11 +125,11 @@ def run_bake(
                     texel_map, facets, touched = contact_map.cut_at_contacts(texel_map, facets, contacts)
         shared_arrays.save_struct(place, texel_map)
         if needs.direct:
-            texel_map = workers.open_tracing(str(folder)).texels  # the file that all processes share, in place of our own
+            texel_map = workers.open_tracing(str(folder)).texels  # read-only from here on, as for all processes
         for subject, text in warnings:
             tell(Warning_(subject, text))
         n_texel = len(texel_map.texel_area)
-        blender = LeafBlender.of(texel_map, facets.chart_page[texel_map.texel_chart])
+        blender = LeafBlender.of(texel_map)
         kept = checkpoint.load_checkpoint(Path(job.resume), folder, settings) if job.resume else None
         direct, shot = kept.direct if kept else DirectField.none(n_texel), True
         live, tell_live = None, tell

@@ -82,9 +82,8 @@ class LeafBlender:
     entry_at: NDArray[np.int32]
 
     @classmethod
-    def of(cls, texels: TexelMap, page: NDArray[np.int32]) -> LeafBlender:
-        """page   (n,) int32, the page of each entry"""
-        return cls(texels, page, texels.entry_at)
+    def of(cls, texels: TexelMap) -> LeafBlender:
+        return cls(texels, texels.chart_page[texels.texel_chart], texels.entry_at)
 
     def join(self, tree: Quadtree, solution: Solution, leaf: NDArray[np.int32], halves: bool = False) -> Blend:
         """The leaves (n,) int32 at all entries, ready to be blended.

@@ -22,7 +22,8 @@ _LEAST_FILE = 1 << 20  # bytes from which on an array is worth a file before all
 class Room:
     """Where large arrays that save_struct will write are filled: in its folder at once, or in memory where there is none.
 
-    New memory is cleared by the system page by page. Arrays that are filled there and then written take it twice.
+    New memory is cleared by the system page by page. Arrays that are filled there and then written take it twice. Processes of this machine
+    see what is filled; others once it is synchronised, see cluster.stamp_folder.
     """
 
     folder: Path | None = None

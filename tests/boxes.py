@@ -70,7 +70,7 @@ def make_solver(
     if settings.direct == "rays":
         direct.shoot(folder, settings, executor, np.arange(n_texel))
     forced = np.broadcast_to(forced, n_texel).copy()
-    return solve.Solver(folder, settings, executor, direct, forced, LeafBlender.of(texel_map, texel_map.chart_page[texel_map.texel_chart]))
+    return solve.Solver(folder, settings, executor, direct, forced, LeafBlender.of(texel_map))
 
 
 def solve_scene(

@@ -80,7 +80,7 @@ class KnownLight:
 
     def at_texels(self) -> np.ndarray:
         """(n,) float64, W/m^2: what pages show, first channel."""
-        light = resolve.light_at_texels(self.light, LeafBlender.of(self.texels, np.zeros(len(self.truth), np.int32)))
+        light = resolve.light_at_texels(self.light, LeafBlender.of(self.texels))
         return np.asarray(light.direct + light.indirect, float)[:, 0]
 
     def real_error(self) -> float:

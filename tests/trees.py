@@ -43,7 +43,7 @@ def make_square_map(side, degree, width=1.0):
 
 def entries_of_page(texels):
     """(1, size, size) int32: what the only page shows at each texel."""
-    return LeafBlender.of(texels, np.zeros(len(texels.texel_area), np.int32)).entry_at
+    return LeafBlender.of(texels).entry_at
 
 
 class SquareBake:

@@ -52,12 +52,12 @@ def main() -> None:
 def bake_light(folder: Path, snapshot: Path) -> tuple[SimpleNamespace, solve.LightField]:
     """What core.bake does, without files; gives what draw_leaves wants to know of the scene, and the light."""
     scene = load_snapshot(snapshot)
-    atlas, texels = prepare_folder(folder, scene, SETTINGS)
+    _atlas, texels = prepare_folder(folder, scene, SETTINGS)
     executor = executors.make_executor(SETTINGS.workers)
     try:
         tracing = workers.open_tracing(str(folder))
         direct = DirectField.none(len(texels.texel_area))
-        blender = LeafBlender.of(texels, atlas.chart_page[texels.texel_chart])
+        blender = LeafBlender.of(texels)
         touched = contact_map.find_contacts(tracing, texels).touched
         solver = solve.Solver(folder, SETTINGS, executor, direct, touched, blender)
         light = solver.run(lambda message: None, lambda: False)

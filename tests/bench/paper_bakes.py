@@ -158,8 +158,7 @@ class Stage:
         self.tracing = workers.open_tracing(str(folder))
         self.contact = contact_map.find_contacts(self.tracing, self.texels).touched
         self._bakes = 0
-        self.page = self.atlas.chart_page[self.texels.texel_chart]
-        self.blender = LeafBlender.of(self.texels, self.page)
+        self.blender = LeafBlender.of(self.texels)
 
     def bake(self, photons: int, **knobs: object) -> Bake:
         """A bake with so many photons; `knobs` are fields of Settings."""

@@ -244,3 +244,20 @@ def test_a_cluster_that_loses_its_workers_or_its_scheduler_is_told(tmp_path, mon
                 waiting.result(PATIENCE_S)
     finally:
         short.stop()
+
+
+def test_a_digest_is_seen_only_where_what_it_is_of_is_seen(tmp_path, monkeypatch):
+    """A mapped array is not on a shared drive before it is synchronised."""
+    (tmp_path / "inner").mkdir()
+    for name in ("a.npy", "inner/b.npy"):
+        (tmp_path / name).write_bytes(b"123")
+    synced, fsync = [], os.fsync
+
+    def note(number):
+        assert not (tmp_path / cluster.STAMP_FILE).exists()
+        synced.append(os.fstat(number).st_ino)
+        fsync(number)
+
+    monkeypatch.setattr(cluster.os, "fsync", note)
+    cluster.stamp_folder(tmp_path, ())
+    assert synced == [(tmp_path / name).stat().st_ino for name in ("a.npy", "inner/b.npy")]

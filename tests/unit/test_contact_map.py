@@ -311,7 +311,7 @@ def light_of(folder, settings, texels, atlas):
     """(n,) brightness of the texels, of a bake with contacts."""
     shared_arrays.remove_struct(folder / workers.TEXELS_FOLDER)
     shared_arrays.save_struct(folder / workers.TEXELS_FOLDER, texels)
-    blender = LeafBlender.of(texels, atlas.chart_page[texels.texel_chart])
+    blender = LeafBlender.of(texels)
     n_texel = len(texels.texel_chart)
     executor, direct = executors.InlineExecutor(), DirectField.none(n_texel)
     try:

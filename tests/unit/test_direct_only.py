@@ -12,12 +12,12 @@ from leaflight.core.settings import Settings
 
 def settle(folder, shoot=True, should_stop=lambda: False, **knobs):
     settings = Settings(size=32, padding=1, **knobs)
-    atlas, texels = prepare_folder(folder, lamp_scene(), settings)
+    _atlas, texels = prepare_folder(folder, lamp_scene(), settings)
     executor, count = executors.InlineExecutor(), len(texels.texel_area)
     direct = DirectField.none(count)
     if shoot:
         direct.shoot(folder, settings, executor, np.arange(count))
-    blender = LeafBlender.of(texels, atlas.chart_page[texels.texel_chart])
+    blender = LeafBlender.of(texels)
     return settle_direct(folder, blender, settings, executor, direct, lambda message: None, should_stop)
 
 

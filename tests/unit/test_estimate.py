@@ -49,7 +49,7 @@ def state(bake, nodes, direct_variance=0.0, smooth_grain=False, risk=None):
 
 
 def blender_of(bake):
-    return reconstruct.LeafBlender.of(bake.texels, np.zeros(len(bake.keys), np.int32))
+    return reconstruct.LeafBlender.of(bake.texels)
 
 
 def noise_of(bake, nodes):

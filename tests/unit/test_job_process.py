@@ -232,6 +232,27 @@ def test_a_sentence_of_the_core_comes_as_error(start, tmp_path):
     assert process._process.returncode == 1
 
 
+@pytest.mark.parametrize(
+    ("reason", "sentence"),
+    [
+        ("MemoryError()", "The bake ran out of memory: "),
+        ("OSError(errno.ENOMEM, 'Cannot allocate memory')", "The bake ran out of memory: "),
+        ("OSError(errno.ENOSPC, 'No space left')", "temporary files cannot be kept there (No space left)"),
+    ],
+)
+def test_what_is_lacking_is_named(dummy, reason, sentence):
+    boot = Path(job.__file__).with_name("boot.py")
+    process = dummy(
+        f"import errno, pathlib, runpy\nmain = runpy.run_path({str(boot)!r}, run_name='boot')['main']\n"
+        "from leaflight.core import bake\n"
+        f"def fail(*_): raise {reason}\n"
+        "bake.run_bake = fail\nsys.exit(main(pathlib.Path(sys.argv[1])))\n"
+    )
+    *_, error = process.messages()
+    assert isinstance(error, Error)
+    assert sentence in error.text
+
+
 def test_the_systems_own_words_become_a_sentence(start, tmp_path):
     (tmp_path / "texels").write_text("in the way of a folder of temporary files")
     last = list(start(replace(ENDLESS, workers=1)).messages())[-1]

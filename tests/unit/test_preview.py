@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import furnace_scene, lamp_scene, make_solver, prepare_folder
-from leaflight.core import charts, preview, resolve, workers
+from leaflight.core import preview, resolve, workers
 from leaflight.core.direct_field import DirectField
 from leaflight.core.preview import PreviewPages, find_first_light
 from leaflight.core.reconstruct import LeafBlender
@@ -18,17 +18,16 @@ def make_pages(folder, scene, settings=SETTINGS, tell=lambda message: None):
     atlas, texels = prepare_folder(folder, scene, settings)
     surfaces = workers.open_tracing(str(folder)).scene.surfaces
     entry_page = atlas.chart_page[texels.texel_chart]
-    return PreviewPages(folder / "pages", texels, surfaces, entry_page, settings, tell), texels, entry_page
+    return PreviewPages(folder / "pages", texels, surfaces, entry_page, settings, tell), texels
 
 
 def first_light(folder, settings):
     tracing = workers.open_tracing(str(folder))
-    page = charts.make_charts(tracing.snapshot, settings).chart_page[tracing.texels.texel_chart]
-    return find_first_light(folder, settings, LeafBlender.of(tracing.texels, page))
+    return find_first_light(folder, settings, LeafBlender.of(tracing.texels))
 
 
 def test_first_light_is_all_of_the_light(tmp_path):
-    pages, _, _ = make_pages(tmp_path, furnace_scene(0.5))
+    pages, _ = make_pages(tmp_path, furnace_scene(0.5))
     (page,) = pages.draw(first_light(tmp_path, SETTINGS))
     lit = page[page[..., 3] > 0][:, :3].astype(float)
     assert lit.mean() == pytest.approx(2.0, rel=0.01)  # e / (1 - rho)
@@ -37,7 +36,7 @@ def test_first_light_is_all_of_the_light(tmp_path):
 
 @pytest.mark.parametrize("direct", ["rays", "photons"])
 def test_first_light_is_of_the_scene_whatever_finds_its_direct_light_later(tmp_path, direct):
-    pages, _, _ = make_pages(tmp_path, lamp_scene(), replace(SETTINGS, direct=direct, hierarchical=False))
+    pages, _ = make_pages(tmp_path, lamp_scene(), replace(SETTINGS, direct=direct, hierarchical=False))
     (page,) = pages.draw(first_light(tmp_path, replace(SETTINGS, direct=direct, hierarchical=False)))
     assert page[page[..., 3] > 0][:, 0].astype(float).mean() > 0.05
 
@@ -45,11 +44,11 @@ def test_first_light_is_of_the_scene_whatever_finds_its_direct_light_later(tmp_p
 def test_pages_are_those_of_the_bake_but_for_its_blending(tmp_path):
     for name in ("combined", "lighting", "direct", "indirect", "diffuse", "emission", "albedo"):
         settings = replace(SETTINGS, passes=(name,))
-        pages, texels, entry_page = make_pages(tmp_path / name, furnace_scene(0.5), settings)
+        pages, texels = make_pages(tmp_path / name, furnace_scene(0.5), settings)
         light = make_solver(tmp_path / f"{name} solver", furnace_scene(0.5), settings).run(lambda message: None, lambda: False)
         (page,) = pages.draw(light)
         surfaces = workers.open_tracing(str(tmp_path / name)).scene.surfaces
-        blender = LeafBlender.of(texels, entry_page)
+        blender = LeafBlender.of(texels)
         final = resolve.Resolver(resolve.light_at_texels(light, blender), blender, surfaces, 2).page(name, 0)
         np.testing.assert_array_equal(page[..., 3], final[..., 3])
         covered = final[..., 3] > 0
@@ -57,7 +56,7 @@ def test_pages_are_those_of_the_bake_but_for_its_blending(tmp_path):
 
 
 def test_shadow_rays_replace_photons_where_they_have_been_shot(tmp_path):
-    pages, texels, _ = make_pages(tmp_path, lamp_scene(), replace(SETTINGS, passes=("direct",)))
+    pages, texels = make_pages(tmp_path, lamp_scene(), replace(SETTINGS, passes=("direct",)))
     first = first_light(tmp_path, SETTINGS)
     field = DirectField.none(len(texels.texel_area))
     half = np.arange(len(field.passes)) % 2 == 0
@@ -69,11 +68,11 @@ def test_shadow_rays_replace_photons_where_they_have_been_shot(tmp_path):
 
 
 def test_large_pages_are_shown_smaller_and_as_bright(tmp_path, monkeypatch):
-    pages, _, _ = make_pages(tmp_path, furnace_scene(0.5))
+    pages, _ = make_pages(tmp_path, furnace_scene(0.5))
     first = first_light(tmp_path, SETTINGS)
     (whole,) = pages.draw(first)
     monkeypatch.setattr(preview, "MOST_TEXELS", 11 * 11)
-    pages, _, _ = make_pages(tmp_path / "small", furnace_scene(0.5))
+    pages, _ = make_pages(tmp_path / "small", furnace_scene(0.5))
     (small,) = pages.draw(first)
     assert small.shape == (11, 11, 4)
     means = [page[page[..., 3] > 0][:, 0].astype(float).mean() for page in (whole, small)]
@@ -81,7 +80,7 @@ def test_large_pages_are_shown_smaller_and_as_bright(tmp_path, monkeypatch):
 
 
 def test_colour_runs_on_beyond_the_charts(tmp_path):
-    pages, _, _ = make_pages(tmp_path, furnace_scene(0.5))
+    pages, _ = make_pages(tmp_path, furnace_scene(0.5))
     (page,) = pages.draw(first_light(tmp_path, SETTINGS))
     margin = (page[..., 3] == 0) & (page[..., 0] > 0)
     assert margin.any()
@@ -89,7 +88,7 @@ def test_colour_runs_on_beyond_the_charts(tmp_path):
 
 def test_pages_come_no_faster_than_they_may_cost(tmp_path, monkeypatch):
     told, clock = [], [0.0]
-    pages, _, _ = make_pages(tmp_path, furnace_scene(0.5), tell=told.append)
+    pages, _ = make_pages(tmp_path, furnace_scene(0.5), tell=told.append)
     first = first_light(tmp_path, SETTINGS)
     draw = pages.draw
 
@@ -112,7 +111,7 @@ def test_messages_are_passed_on_and_show_what_has_come(tmp_path, monkeypatch):
     monkeypatch.setattr(preview, "LEAST_PAUSE_S", 0.0)
     monkeypatch.setattr(preview, "PAUSE_OF_COST", 0.0)
     told = []
-    pages, texels, _ = make_pages(tmp_path, lamp_scene(), tell=told.append)
+    pages, texels = make_pages(tmp_path, lamp_scene(), tell=told.append)
     field = DirectField.none(len(texels.texel_area))
     tell = pages.join(first_light(tmp_path, SETTINGS), field)
     field.passes[:], field.irradiance[:] = 1, 50.0 * np.pi

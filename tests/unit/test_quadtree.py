@@ -108,3 +108,4 @@ def test_nodes_are_found_at_texels_however_many_they_have(counts, tmp_path):
         found = quadtree.node_of_texel(tree, np.arange(len(count)), int(count.sum()), room)
         np.testing.assert_array_equal(found, np.repeat(order, count))
         assert found.dtype == np.int32
+    assert (tmp_path / "node.npy").exists() == (sum(counts) * 4 >= 1 << 20)

@@ -18,7 +18,7 @@ def quartered(density, photons=20_000, side=32, degree=1):
 
 
 def join(texels, tree, solution, owner, halves=False):
-    return reconstruct.LeafBlender.of(texels, np.zeros(len(owner), np.int32)).join(tree, solution, owner, halves)
+    return reconstruct.LeafBlender.of(texels).join(tree, solution, owner, halves)
 
 
 def blend(bake):
@@ -166,7 +166,7 @@ def leaves_of_two_sizes(density, degree):
 def test_a_blend_is_the_mean_over_the_leaves_that_reach_a_place(degree):
     """Against the definition, leaf by leaf: how far each reaches, whether a step to it is noise, and how sure it is."""
     bake, tree, solution, owner = leaves_of_two_sizes(step, degree)
-    blender = reconstruct.LeafBlender.of(bake.texels, np.zeros(len(owner), np.int32))
+    blender = reconstruct.LeafBlender.of(bake.texels)
     blended = blender.join(tree, solution, owner).at(np.arange(len(owner)))
     leaves, points = np.unique(owner), bake.texels.own_points(0, len(owner))
     in_part = refused = 0

@@ -37,7 +37,7 @@ def make_resolver(scene, light, margin=0):
     values = light(*texels.texel_xy.T, texels.texel_chart)
     direct, indirect, stderr = (np.repeat(np.float32(value)[:, None], 3, axis=1) for value in values)
     at_texels = resolve.TexelLight(direct, indirect, stderr, np.zeros(len(direct), np.int32))
-    blender = LeafBlender.of(texels, atlas.chart_page[texels.texel_chart])
+    blender = LeafBlender.of(texels)
     return resolve.Resolver(at_texels, blender, SurfaceMaterials(scene), margin, threads=2)
 
 
@@ -147,7 +147,7 @@ def light_field(bake, leaves, correction=1.0):
 
 def light_of(field, texels):
     """Light at texels that are all on one page, grain and all."""
-    return resolve.light_at_texels(field, LeafBlender.of(texels, np.zeros(len(texels.texel_area), np.int32)), smooth_grain=False)
+    return resolve.light_at_texels(field, LeafBlender.of(texels), smooth_grain=False)
 
 
 @pytest.mark.parametrize("level", [0, 2])
@@ -189,7 +189,7 @@ def test_no_light_is_negative_where_a_fitted_plane_dips_below_zero():
 def smooth_both(bake, direct):
     """The light at texels without and with its grain smoothed."""
     field = replace(light_field(bake, np.flatnonzero(bake.tree.current)), direct=direct)
-    blender = LeafBlender.of(bake.texels, np.zeros(len(bake.keys), np.int32))
+    blender = LeafBlender.of(bake.texels)
     grainy, shown = (resolve.light_at_texels(field, blender, smooth_grain=smooth_grain) for smooth_grain in (False, True))
     np.testing.assert_array_equal(shown.stderr, grainy.stderr)
     return grainy, shown
@@ -212,7 +212,7 @@ def test_grain_that_squares_bring_is_smoothed():
     told[1] = 3 + 0.3 * np.random.default_rng(3).standard_normal(n)
     say = SquareLight(np.arange(n, dtype=np.int32), told, np.full((3, n), 0.09), np.full((3, n), 0.01))
     field = replace(light_field(bake, np.flatnonzero(bake.tree.current)), direct=DirectField.none(n), squares=say)
-    blender = LeafBlender.of(bake.texels, np.zeros(n, np.int32))
+    blender = LeafBlender.of(bake.texels)
     grainy, shown = (resolve.light_at_texels(field, blender, smooth_grain=smooth) for smooth in (False, True))
     assert grainy.indirect.mean() == pytest.approx(3, rel=0.1)
     assert shown.indirect.std() < 0.6 * grainy.indirect.std()
@@ -236,7 +236,7 @@ def test_threads_and_parts_change_no_byte(monkeypatch):
     bake = SquareBake(side=32, degree=1, level=2)
     bake.throw(*np.random.default_rng(2).random((2, 4000)))
     field = light_field(bake, np.flatnonzero(bake.tree.current))
-    blender = LeafBlender.of(bake.texels, np.zeros(len(bake.keys), np.int32))
+    blender = LeafBlender.of(bake.texels)
     whole = resolve.light_at_texels(field, blender)
     monkeypatch.setattr(reconstruct, "CHUNK", 100)
     parts = resolve.light_at_texels(field, blender, threads=2)
@@ -261,7 +261,7 @@ def test_doubt_that_nobody_asks_for_changes_no_light():
     bake = SquareBake(side=32, degree=1, level=3)
     bake.throw(*np.random.default_rng(2).random((2, 4000)))
     field = light_field(bake, np.flatnonzero(bake.tree.current))
-    blender = LeafBlender.of(bake.texels, np.zeros(len(bake.keys), np.int32))
+    blender = LeafBlender.of(bake.texels)
     told, untold = (resolve.light_at_texels(field, blender, doubt=doubt) for doubt in (True, False))
     assert untold.stderr is None
     for name in ("direct", "indirect"):

@@ -40,7 +40,7 @@ def light_scene(scene, irradiance, size=64, noise=0.0, stderr=0.0):
     scene = dataclasses.replace(scene, materials=(Material("Tinted", ALBEDO, emission_rgb=(0.0, 0.0, 2.0)),))
     atlas = make_charts(scene, Settings(size=size))
     texels = build_texel_map(scene, cut_at_creases(scene, atlas), 2)
-    blender = LeafBlender.of(texels, texels.chart_page[texels.texel_chart])
+    blender = LeafBlender.of(texels)
     weight, tri = texels.texel_bary[..., None], texels.texel_tri
     normal = (weight * scene.tri_normal[tri]).sum(axis=1)
     value = irradiance((weight * scene.tri_position[tri]).sum(axis=1), normal / np.linalg.norm(normal, axis=1, keepdims=True))

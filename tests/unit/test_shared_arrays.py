@@ -1,6 +1,6 @@
 """What is written is what is mapped."""
 
-import sys
+import os
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,6 +71,12 @@ def test_what_is_not_the_whole_file_is_written(part, tmp_path):
     assert values[0] == 0  # whoever maps the file that was still has it
 
 
+def test_who_has_an_earlier_array_of_a_room_keeps_it(tmp_path):
+    before, after = (shared_arrays.Room(tmp_path / "s").empty("values", (1 << 18,), np.int64) for _ in range(2))
+    after[:] = 7
+    assert not before.any()
+
+
 def test_part_of_a_rooms_array_is_no_file_of_its_own(tmp_path):
     values = shared_arrays.Room(tmp_path / "s").empty("values", (1 << 18,), np.int64)
     values[:] = np.arange(len(values))
@@ -87,7 +93,7 @@ def test_small_arrays_and_those_without_a_folder_are_in_memory(room, count, tmp_
     assert not (tmp_path / "s").exists()
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="has no such limit")
+@pytest.mark.skipif(os.name != "posix", reason="limits of a file's size, which stand for a full disk here, are POSIX's")
 def test_a_room_whose_file_cannot_be_as_large_raises_before_it_is_mapped(tmp_path):
     import resource
 

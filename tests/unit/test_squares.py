@@ -108,7 +108,7 @@ def mix_noise(truth, leaf_value, photons=4.0, side=64, seed=1, entry=None, parts
     parts   2, or 1 without the first component, which is 0
     """
     texels = make_square_map(side, 0)
-    blender = LeafBlender.of(texels, np.zeros(side * side, np.int32))
+    blender = LeafBlender.of(texels)
     entry = np.arange(side * side) if entry is None else entry
     x, y = texels.texel_xy[entry].T
     truth = np.broadcast_to(truth, (side, side))
@@ -167,7 +167,7 @@ def test_squares_of_another_chart_have_no_say(texels, other_chart, one_piece):
     """Of two that lie as near to each other as charts do, unless these were one."""
     if one_piece:
         texels = replace(texels, chart_piece=np.zeros_like(texels.chart_piece))
-    blender = LeafBlender.of(texels, texels.chart_page[texels.texel_chart])
+    blender = LeafBlender.of(texels)
     shown = np.flatnonzero(texels.shown)
     apart = np.abs(texels.texel_xy[shown, None].astype(int) - texels.texel_xy[shown]).max(axis=2)
     is_other = texels.texel_chart[shown, None] != texels.texel_chart[shown]
