@@ -229,7 +229,7 @@ def node_of_texel(tree: Quadtree, nodes: IntArray, n_texel: int, room: Room = IN
         raise ValueError(f"nodes: expected to tile {n_texel} texels, got {count.sum()}")
     owner = room.empty("node", (n_texel,), np.int32)
     ends = np.cumsum(count)
-    cuts = np.searchsorted(ends, np.arange(_CHUNK, n_texel, _CHUNK)) + 1
+    cuts = np.searchsorted(ends, np.arange(_CHUNK, n_texel, _CHUNK))
     for first, last in pairwise(np.unique([0, *cuts, len(order)])):  # some at a time, into what may be a file
         owner[ends[first] - count[first] : ends[last - 1]] = np.repeat(order[first:last], count[first:last])
     return owner

@@ -227,6 +227,13 @@ def test_leaves_without_noise_speak_as_loud_as_others(own, other, light, share):
     np.testing.assert_allclose(found.irradiance, share * alone.irradiance, atol=1e-9)
 
 
+def test_a_blender_knows_the_page_of_each_entry():
+    texels = replace(SquareBake(side=8, preview_depth=1).texels, chart_page=np.array([1], np.int32), page_count=2)
+    blender = reconstruct.LeafBlender.of(texels)
+    assert (blender.page == 1).all()
+    assert (blender.entry_at >= 0).sum((1, 2)).tolist() == [0, 64]
+
+
 @pytest.mark.parametrize("degree", [0, 1])
 def test_light_goes_on_across_the_borders_of_leaves(degree):
     """Of any two sizes: from either side it comes to the same, where more than two meet to little else."""

@@ -77,11 +77,26 @@ def test_who_has_an_earlier_array_of_a_room_keeps_it(tmp_path):
     assert not before.any()
 
 
-def test_part_of_a_rooms_array_is_no_file_of_its_own(tmp_path):
+@pytest.mark.parametrize("first", [0, 10])
+def test_a_rooms_array_is_written_for_another_folder(first, tmp_path):
     values = shared_arrays.Room(tmp_path / "s").empty("values", (1 << 18,), np.int64)
     values[:] = np.arange(len(values))
-    shared_arrays.save_struct(tmp_path / "other", Inner(values[10:]))
-    assert shared_arrays.load_struct(tmp_path / "other", Inner).values[0] == 10
+    shared_arrays.save_struct(tmp_path / "other", Inner(values if not first else values[first:]))
+    assert shared_arrays.load_struct(tmp_path / "other", Inner).values[0] == first
+
+
+def test_a_file_has_its_place_on_the_disk_before_it_is_mapped(tmp_path, monkeypatch):
+    sizes = []
+
+    class Watched(np.memmap):
+        def __new__(cls, file, *arguments):
+            sizes.append((tmp_path / "values.npy").stat().st_size)
+            return super().__new__(cls, file, *arguments)
+
+    monkeypatch.setattr(np, "memmap", Watched)
+    values = shared_arrays.Room(tmp_path).empty("values", (1 << 18,), np.int64)
+    assert sizes == [(tmp_path / "values.npy").stat().st_size]
+    assert sizes[0] > values.nbytes
 
 
 @pytest.mark.parametrize(("room", "count"), [(shared_arrays.IN_MEMORY, 1 << 20), ("folder", 10), ("folder", 0)])

@@ -365,8 +365,11 @@ def test_in_whatever_parts_texels_are_gone_through_the_map_is_one(monkeypatch: p
 
 def test_each_place_of_each_page_has_the_entry_that_is_shown_there():
     quads = np.array([[[0, 0], [6, 0], [6, 6]], [[0, 0], [6, 6], [0, 6]]], float)
-    layers = np.concatenate([quads, quads + 1.7, quads + 2.0, quads])  # the first two share texels, of which each covers some centres alone
-    texels = dataclasses.replace(make_map(layers, np.repeat(np.arange(4), 2)), chart_page=np.array([0, 0, 1, 2], np.int32), page_count=3)
+    # The first two share texels, of which each covers some centres alone; of the last two one covers less, but the centres.
+    wide, narrow = quads * (2.45 / 6, 1.0), quads * (0.4 / 6, 1.0) + (2.4, 0.0)
+    layers = np.concatenate([quads, quads + 1.7, quads + 2.0, wide, narrow])
+    pages = np.array([0, 0, 1, 2, 2], np.int32)
+    texels = dataclasses.replace(make_map(layers, np.repeat(np.arange(5), 2)), chart_page=pages, page_count=3)
     page, (x, y) = texels.chart_page[texels.texel_chart], texels.texel_xy.T
     shown = np.zeros(len(page), bool)
     for place in {*zip(page.tolist(), x.tolist(), y.tolist(), strict=True)}:
