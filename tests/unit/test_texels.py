@@ -378,6 +378,6 @@ def test_each_place_of_each_page_has_the_entry_that_is_shown_there():
         shown[best] = True
         assert texels.entry_at[place[0], place[2], place[1]] == best
     assert texels.shown.tolist() == shown.tolist()
-    assert 0 < (~shown).sum() < 30
+    assert not shown.all()
     assert texels.entry_at.shape == (3, 8, 8)
     assert (texels.entry_at >= 0).sum() == shown.sum()
