@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .layer_check import join_sets
 from .texel_grid import part_bits
 from .texel_map import CHART_SHIFT
 from .tiles import TILE_SIDE
+from .topology import join_sets
 
 _LEAST_LOG2 = TILE_SIDE.bit_length() - 1  # of the side of a square that is looked at: what nothing touches is known by tiles
 _MOST_PASSES = 8  # over squares of one size

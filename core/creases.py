@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .charts import ChartAtlas
-from .layer_check import join_sets, pair_sides, signed_areas
+from .layer_check import signed_areas
 from .scene import FloatArray, IntArray, SceneSnapshot
+from .topology import join_sets, pair_sides
 
 _CREASE_COSINE = math.cos(math.radians(20.0))  # between shading normals at an edge's end; 2 and 8 degrees bake no better, with more leaves
 # texels; narrower faces side by side are a rough surface, of which a texel shows the mean: each for itself would catch too few photons

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .coverage import expand_ranges
-from .layer_check import pair_sides
 from .scene import SceneSnapshot
+from .topology import pair_sides
 
 Float32: TypeAlias = NDArray[np.float32]
 Float64: TypeAlias = NDArray[np.float64]

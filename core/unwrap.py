@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry import triangle_normals_areas
-from .layer_check import find_overlaps, label_charts, pair_corners, signed_areas
+from .layer_check import find_overlaps, label_charts, signed_areas
 from .scene import IntArray
+from .topology import pair_corners
 from .unwrap_question import Question, project, sum_by
 
 Float64: TypeAlias = NDArray[np.float64]

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry import orthonormal_basis
-from .layer_check import join_sets, pair_sides, signed_areas
+from .layer_check import signed_areas
 from .scene import IntArray
+from .topology import join_sets, pair_sides
 from .unfolding import unfold_meshes
 from .xatlas_process import Mesh
 

@@ -9,12 +9,12 @@ from boxes import prepare_folder
 from leaflight.core import contact_map, executors, resolve, shared_arrays, solve, workers
 from leaflight.core.contact_map import cut_at_contacts, find_contacts
 from leaflight.core.direct_field import DirectField
-from leaflight.core.layer_check import join_sets
 from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.scene import Light
 from leaflight.core.settings import Settings
 from leaflight.core.texel_borders import WAYS
 from leaflight.core.texel_grid import interleave_bits
+from leaflight.core.topology import join_sets
 from scenes import Mesh, box_mesh, make_scene, moved, quad_mesh
 from trees import make_square_map
 

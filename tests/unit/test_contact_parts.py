@@ -5,8 +5,8 @@ from collections import Counter
 import numpy as np
 import pytest
 from leaflight.core.contact_parts import part_in_squares
-from leaflight.core.layer_check import join_sets
 from leaflight.core.texel_grid import interleave_bits
+from leaflight.core.topology import join_sets
 
 SIDE = 32
 LARGE = 64  # a side too

@@ -1,9 +1,7 @@
 import numpy as np
 import pytest
-from leaflight.core.layer_check import check_layer, find_overlaps, join_sets, label_charts, pair_sides, signed_areas
+from leaflight.core.layer_check import check_layer, find_overlaps, label_charts, signed_areas
 from scenes import grid_mesh, make_scene
-
-RNG = np.random.default_rng(7)
 
 
 def grid_layer(cells=8):
@@ -14,19 +12,6 @@ def grid_layer(cells=8):
 
 def check(uv, scene):
     return check_layer(uv, scene.tri_polygon, np.ones(len(uv), bool))
-
-
-def test_sets_are_joined_as_one_by_one():
-    one, other = RNG.integers(0, 300, (2, 200))
-    label = np.arange(300)
-    for a, b in zip(one, other, strict=True):
-        label[(label == label[a]) | (label == label[b])] = min(label[a], label[b])
-    np.testing.assert_array_equal(join_sets(300, one, other), label)
-
-
-def test_long_chain_is_one_set():
-    order = RNG.permutation(5000)
-    assert not join_sets(5000, order[:-1], order[1:]).any()
 
 
 def test_charts_end_where_uvs_part():
@@ -55,19 +40,6 @@ def test_groups_are_never_joined():
     group = np.array([0, 0, 1, 1, -1, -1, 0, 0])
     chart, _ = label_charts(scene.tri_vertex, scene.tri_corner, uv, group)
     assert chart.tolist() == [0, 0, 1, 1, -1, -1, 2, 2]
-
-
-def test_sides_are_paired_within_their_group():
-    scene, _ = grid_layer(cells=2)
-    group = np.array([0, 0, 1, 1, -1, -1, 0, 0])
-    ends, one, other = pair_sides(scene.tri_vertex, group)
-    vertex = scene.tri_vertex.ravel()
-    sides = [frozenset(pair) for pair in zip(vertex, np.roll(scene.tri_vertex, -1, axis=1).ravel(), strict=True)]
-    expected = {(a, b) for b in range(24) for a in range(b) if sides[a] == sides[b] and group[a // 3] == group[b // 3] >= 0}
-    assert {tuple(sorted(pair)) for pair in zip(one.tolist(), other.tolist(), strict=True)} == expected
-    assert len(expected) == len(one) == 3  # the diagonals
-    assert (vertex[ends[0]] < vertex[ends[1]]).all()
-    assert [frozenset(vertex[ends[:, side]]) for side in range(24)] == sides
 
 
 def test_sound_layer_has_no_findings():

@@ -1,0 +1,63 @@
+"""What of a mesh hangs together: corners, sides and sets of triangles."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .scene import IntArray
+
+Int64: TypeAlias = NDArray[np.int64]
+
+
+def pair_corners(tri_corner: IntArray, used: NDArray[np.bool_]) -> tuple[Int64, Int64]:
+    """Places, in the flattened array, of the same corner in two used triangles; enough of them to connect all of each corner.
+
+    tri_corner   (n, 3) int
+    used         (n,) bool
+    """
+    corner = tri_corner.ravel()
+    order = np.argsort(corner, kind="stable")
+    order = order[used[order // 3]]
+    here, after = order[:-1], order[1:]
+    same = corner[here] == corner[after]
+    return here[same], after[same]
+
+
+def pair_sides(tri_vertex: IntArray, tri_group: IntArray) -> tuple[Int64, Int64, Int64]:
+    """Sides that two triangles of one group share; of more than two at one edge, neighbours in their order.
+
+    tri_vertex   (n, 3) int
+    tri_group    (n,) int         -1 for triangles without a group
+    out          (2, 3 n) int64 ends of every side, as places in the flattened corners, that of the lower vertex first; (m,) int64 side of
+                 one triangle and (m,) int64 of the other; side k is from corner k on
+    """
+    start = np.arange(tri_vertex.size)
+    ends = np.stack([start, start - start % 3 + (start + 1) % 3])
+    vertex = tri_vertex.ravel()
+    ends = np.where(vertex[ends[0]] > vertex[ends[1]], ends[::-1], ends)
+    keys = np.stack([vertex[ends[1]], vertex[ends[0]], np.repeat(tri_group, 3)])
+    order = np.lexsort(keys)
+    order = order[keys[2, order] >= 0]
+    here, after = order[:-1], order[1:]
+    same = (keys[:, here] == keys[:, after]).all(axis=0)
+    return ends, here[same], after[same]
+
+
+def join_sets(count: int, one: Int64, other: Int64) -> Int64:
+    """(count,) int64: the least member of the set that each belongs to, when one[i] and other[i] are joined for all i.
+
+    Source: Shiloach & Vishkin 1982, "An O(log n) parallel connectivity algorithm".
+    """
+    label = np.arange(count)
+    while True:
+        root_one, root_other = label[one], label[other]
+        apart = root_one != root_other
+        if not apart.any():
+            return label
+        one, other, root_one, root_other = one[apart], other[apart], root_one[apart], root_other[apart]
+        np.minimum.at(label, np.maximum(root_one, root_other), np.minimum(root_one, root_other))
+        while (label != label[label]).any():
+            label = label[label]
