@@ -18,6 +18,7 @@ from .charts import ChartAtlas
 from .contact_parts import part_in_squares
 from .coverage import expand_ranges
 from .entry_order import EntryOrder, put_in_order
+from .loose_parts import LooseParts
 from .scene import FloatArray, IntArray
 from .texel_borders import OPPOSITE, WAYS, TexelBorders, whole_texel
 from .texel_grid import interleave_bits
@@ -83,6 +84,7 @@ def find_contacts(opened: TracedScene, texels: TexelMap) -> ContactMap:
     n_texel = len(texels.texel_tri)
     touched, distances = np.zeros(n_texel, bool), [np.zeros((len(WAYS), 0), np.float32)]
     starts = [np.zeros((2, 0), np.int64)]
+    things = LooseParts(opened.snapshot)
     for start in range(0, n_texel, _CHUNK):
         part = slice(start, min(start + _CHUNK, n_texel))
         tiles = _find_clear_tiles(opened, texels, part)
@@ -94,15 +96,16 @@ def find_contacts(opened: TracedScene, texels: TexelMap) -> ContactMap:
         axes = contact.texel_axes(opened.snapshot.tri_position[tri], texels.tri_uv[tri], normal)
         met, distance = contact.find_contacts(opened.scene.rays, position, normal, size, axes)
         touched[entry] = (met >= 0).any(axis=0)
-        tri_object = opened.snapshot.tri_object
-        distance[tri_object[met] == tri_object[tri]] = np.inf  # a rough or hollow thing stands in its own way
+        way, row = np.nonzero(met >= 0)
+        own = ~things.are_apart(met[way, row], tri[row])  # a rough or hollow thing stands in its own way
+        distance[way[own], row[own]] = np.inf
         distance = np.append(distance, np.full((len(WAYS), len(tiles)), np.inf, np.float32), axis=1)
         first = np.concatenate([entry, tiles])
         order = np.argsort(first)
         starts.append(np.stack([first, np.where(np.arange(len(first)) < len(entry), 1, TILE_TEXELS)])[:, order])
         distances.append(distance[:, order])
     start, size = np.concatenate(starts, axis=1)
-    return _join_patches(opened, texels, touched, start, size, np.concatenate(distances, axis=1))
+    return _join_patches(opened, things, texels, touched, start, size, np.concatenate(distances, axis=1))
 
 
 def _find_places(opened: TracedScene, texels: TexelMap, entry: IntArray) -> tuple[NDArray[np.float32], NDArray[np.float32], FloatArray]:
@@ -126,17 +129,23 @@ def _find_clear_tiles(opened: TracedScene, texels: TexelMap, part: slice) -> _In
     return clear_tiles
 
 
-def _are_parted(opened: TracedScene, texels: TexelMap, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
+def _are_parted(opened: TracedScene, things: LooseParts, texels: TexelMap, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
     """(m,) bool: whether another thing stands between the points of texel entries (m,) and (m,)."""
     entry, pairs = np.unique([one, other], return_inverse=True)
     met = contact.find_between(opened.scene.rays, *_find_places(opened, texels, entry), pairs.reshape(2, -1))
-    tri_object = opened.snapshot.tri_object
-    parted: NDArray[np.bool_] = (met >= 0) & (tri_object[met] != tri_object[texels.texel_tri[one]])
+    parted = met >= 0
+    parted[parted] = things.are_apart(met[parted], texels.texel_tri[one[parted]])
     return parted
 
 
 def _join_patches(
-    opened: TracedScene, texels: TexelMap, touched: NDArray[np.bool_], start: _Int64, size: _Int64, distance: NDArray[np.float32]
+    opened: TracedScene,
+    things: LooseParts,
+    texels: TexelMap,
+    touched: NDArray[np.bool_],
+    start: _Int64,
+    size: _Int64,
+    distance: NDArray[np.float32],
 ) -> ContactMap:
     """Texels are of one piece where one can go from one to the next and meet nothing.
 
@@ -162,7 +171,7 @@ def _join_patches(
             both_whole = is_whole[start[here]] & is_whole[start[other]]
             between = blocked[k, here] & blocked[OPPOSITE[k], other]  # what stands between two texels is met from both
             aslant = np.flatnonzero(~both_whole)  # as points of parts are beside the middles of their texels
-            between[aslant] = _are_parted(opened, texels, start[here[aslant]], start[other[aslant]])
+            between[aslant] = _are_parted(opened, things, texels, start[here[aslant]], start[other[aslant]])
             joined.append(pair[:, ~between])
             closed.append(np.stack([np.full_like(here, k), here, other])[:, between])
     for step in ((TILE_SIDE, 0), (0, TILE_SIDE)):

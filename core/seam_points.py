@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .coverage import expand_ranges
 from .scene import SceneSnapshot
-from .topology import pair_sides
+from .topology import find_ends, pair_sides
 
 Float32: TypeAlias = NDArray[np.float32]
 Float64: TypeAlias = NDArray[np.float64]
@@ -100,11 +100,7 @@ def _pair_sides(snapshot: SceneSnapshot, tri_chart: Int32, tri_uv: Float64) -> t
     lies_apart[one[together]] = lies_apart[other[together]] = False
     border = np.flatnonzero(lies_apart)
     vertex = snapshot.tri_vertex.ravel()
-    # Files often hold a vertex once for each normal or texture coordinate that it has: there the place tells.
-    ends = vertex[np.stack([border, _next_corner(border)])]
-    place, inverse = np.unique(ends, return_inverse=True)
-    _, same_place = np.unique(snapshot.vertex_position[place], axis=0, return_inverse=True)
-    low, high = np.sort(same_place.ravel()[inverse.reshape(ends.shape)], axis=0)
+    low, high = find_ends(snapshot.vertex_position, vertex[np.stack([border, _next_corner(border)])])
     order = np.lexsort((high, low))
     first = np.append(True, (low[order][1:] != low[order][:-1]) | (high[order][1:] != high[order][:-1]))
     begin = np.flatnonzero(first[: len(order)])

@@ -46,6 +46,19 @@ def pair_sides(tri_vertex: IntArray, tri_group: IntArray) -> tuple[Int64, Int64,
     return ends, here[same], after[same]
 
 
+def find_ends(vertex_position: NDArray[np.float64], ends: IntArray) -> Int64:
+    """(2, m) int64: numbers of the places where sides (2, m) of vertices end, the lower one first.
+
+    Files often hold a vertex once for each normal or texture coordinate that it has: there the place tells which sides are one edge.
+    """
+    vertex, row = np.unique(ends, return_inverse=True)
+    position = vertex_position[vertex]
+    order = np.lexsort(position.T[::-1])
+    number = np.zeros(len(vertex), np.int64)
+    number[order[1:]] = np.cumsum((np.diff(position[order], axis=0) != 0.0).any(axis=1))
+    return np.sort(number[row.reshape(np.shape(ends))], axis=0)
+
+
 def join_sets(count: int, one: Int64, other: Int64) -> Int64:
     """(count,) int64: the least member of the set that each belongs to, when one[i] and other[i] are joined for all i.
 

@@ -120,6 +120,21 @@ def moved(mesh: Mesh, offset_m: Sequence[float] = (0.0, 0.0, 0.0), scale: float 
     return dataclasses.replace(mesh, vertex=np.asarray(mesh.vertex, float) * scale + np.asarray(offset_m, float), name=name or mesh.name)
 
 
+def join_meshes(name: str, *meshes: Mesh) -> Mesh:
+    """One object of the polygons of several, as Blender's Join makes it; it has a layer if all of them have one."""
+    first = np.cumsum([0, *(len(mesh.vertex) for mesh in meshes)])
+    polygons = [[int(start) + k for k in face] for mesh, start in zip(meshes, first, strict=False) for face in mesh.polygons]
+    uv = [page for mesh in meshes for page in mesh.uv or ()]
+    return Mesh(name, np.concatenate([mesh.vertex for mesh in meshes]), polygons, uv if len(uv) == len(polygons) else None)
+
+
+def split_faces(mesh: Mesh) -> Mesh:
+    """The same with vertices of its own for each face, as many files hold it."""
+    ends = np.cumsum([0, *(len(face) for face in mesh.polygons)])
+    polygons = [list(range(end - len(face), end)) for end, face in zip(ends[1:].tolist(), mesh.polygons, strict=True)]
+    return dataclasses.replace(mesh, vertex=np.concatenate([np.asarray(mesh.vertex)[face] for face in mesh.polygons]), polygons=polygons)
+
+
 def shared_mesh(name: str, mesh: Mesh, scale_xyz: Sequence[float] = (1.0, 1.0, 1.0), offset_m: Sequence[float] = (0.0, 0.0, 0.0)) -> Mesh:
     """A linked duplicate, scaled along the axes; a negative scale mirrors it."""
     scale = np.asarray(scale_xyz, float)

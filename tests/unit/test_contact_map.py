@@ -15,7 +15,7 @@ from leaflight.core.settings import Settings
 from leaflight.core.texel_borders import WAYS
 from leaflight.core.texel_grid import interleave_bits
 from leaflight.core.topology import join_sets
-from scenes import Mesh, box_mesh, make_scene, moved, quad_mesh
+from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, quad_mesh, split_faces
 from trees import make_square_map
 
 SIDE = 64  # texels of the floor, a square metre
@@ -37,6 +37,14 @@ def sheet(x_m=0.503, high_m=1.1):
     """A wall without thickness."""
     corners = np.array([[x_m, -0.1, 0], [x_m, high_m, 0], [x_m, high_m, 0.5], [x_m, -0.1, 0.5]])
     return Mesh("Sheet", corners, [[0, 1, 2, 3]], receives=False)
+
+
+def with_fin(x_m, depth_m=1.0, y=0.0):
+    """A floor with a wall of its own, which shares an edge with both halves; its layer starts at y."""
+    rows = [[x, depth_m * y, 0] for y in (0, 1) for x in (0, x_m, 1)]
+    vertex = np.array([*rows, [x_m, 0, 0.5], [x_m, depth_m, 0.5]])
+    left, right = ([[low, y], [high, y], [high, y + 0.4 * depth_m], [low, y + 0.4 * depth_m]] for low, high in ((0, x_m), (x_m, 1)))
+    return Mesh("Floor", vertex, [[0, 1, 4, 3], [1, 2, 5, 4], [1, 4, 7, 6]], [np.array(left), np.array(right), SQUARE * 0.2 + [0, 0.7]])
 
 
 def cut_floor(folder, *meshes, layer="plain", floor=None, light=LAMP):
@@ -124,12 +132,10 @@ def test_a_floor_that_is_turned_on_its_page_is_parted_too(tmp_path, x_m, degrees
 
 def test_a_strip_narrower_than_a_texel_is_parted_by_others_alone(tmp_path):
     """All of its texels are covered in part; it has a fin of its own, and another thing stands on it."""
-    fin = sheet(0.31)
-    strip = Mesh("Floor", np.concatenate([SQUARE @ [[1, 0, 0], [0, 0.01, 0]], fin.vertex]), [[0, 1, 2, 3], [4, 5, 6, 7]])
-    strip = replace(strip, uv=[SQUARE * [1, 0.01] + [0, 0.503], SQUARE * [0.2, 0.2]])
+    strip = with_fin(0.31, depth_m=0.02, y=0.503)
     texels, cut, _, scene = cut_floor(tmp_path, sheet(0.603), floor=strip)
     assert len(texels.chart_page) == 2
-    of_strip = cut.texel_tri < 2
+    of_strip = cut.texel_tri < 4
     x_m = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])[of_strip, 0]
     assert len(x_m) == SIDE
     assert len(cut.chart_page) == 3
@@ -138,9 +144,9 @@ def test_a_strip_narrower_than_a_texel_is_parted_by_others_alone(tmp_path):
 
 def test_parts_of_two_charts_stay_apart(tmp_path):
     """What lies left of a chart's first texel is nobody's."""
-    one, other = quad_mesh("Floor"), moved(quad_mesh("Floor"), (2, 0, 0))
-    floor = Mesh("Floor", np.concatenate([one.vertex, other.vertex]), [*one.polygons, *([k + 4 for k in face] for face in other.polygons)])
-    floor = replace(floor, uv=[turned(30, 0.36) + 0.25, LAYERS["mirrored"] * 0.5 + [0.5, 0.0]])  # whose last tile is of one triangle
+    one = quad_mesh(uv=turned(30, 0.36) + 0.25)
+    other = quad_mesh(uv=LAYERS["mirrored"] * 0.5 + [0.5, 0.0])  # whose last tile is of one triangle
+    floor = join_meshes("Floor", one, moved(other, (2, 0, 0)))
     texels, cut, _, scene = cut_floor(tmp_path, sheet(0.51), sheet(2.503), floor=floor)
     assert len(texels.chart_page) == 2
     x_m = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])[:, 0]
@@ -173,13 +179,28 @@ def test_a_piece_of_fewer_than_four_texels_stays_with_its_chart(tmp_path):
 
 
 def test_a_thing_does_not_part_itself(tmp_path):
-    """A floor with a wall of its own: a rough or hollow surface is such a one."""
-    one, other = quad_mesh("Floor"), wall()
-    whole = Mesh("Floor", np.concatenate([one.vertex, other.vertex]), [*one.polygons, *([k + 4 for k in face] for face in other.polygons)])
-    layer = [LAYERS["plain"] * 0.5, *(LAYERS["plain"] * 0.1 + [0.6, 0.15 * k] for k in range(len(other.polygons)))]
-    texels, cut, _, _ = cut_floor(tmp_path, floor=replace(whole, uv=layer))
-    assert len(cut.chart_page) == len(texels.chart_page)
+    """A rough or hollow surface meets itself everywhere."""
+    texels, cut, _, _ = cut_floor(tmp_path, floor=with_fin(0.503))
+    assert len(cut.chart_page) == len(texels.chart_page) == 2
     assert len(cut.borders.entry) == 0
+
+
+@pytest.mark.parametrize("split", [False, True])
+def test_what_was_joined_parts_as_before(tmp_path, split):
+    """A wall that only stands on the floor is a thing of its own, also where each face has vertices for itself, as in many files."""
+    floor = quad_mesh("Floor", uv=SQUARE * [1, 0.5] + [0, 0.5])
+    box = replace(wall(), uv=[SQUARE * 0.1 + [0.15 * k, 0.1] for k in range(6)])
+    drawn = []
+    for name, whole, things in (
+        ("joined", join_meshes("House", floor, split_faces(box) if split else box), []),
+        ("apart", floor, [wall()]),
+    ):
+        _, cut, _, _ = cut_floor(tmp_path / name, *things, floor=whole)
+        picture = np.full((SIDE, SIDE), -1)
+        picture[cut.texel_xy[:, 1], cut.texel_xy[:, 0]] = cut.texel_chart
+        drawn.append(picture[SIDE // 2 :])
+    assert [len(np.unique(one)) for one in drawn] == [3, 3]
+    assert len(np.unique(np.stack(drawn, axis=2).reshape(-1, 2), axis=0)) == 3
 
 
 def test_what_stands_beyond_the_last_texel_parts_nothing(tmp_path):

@@ -1,7 +1,7 @@
 """Sides of triangles that are one edge, and sets that hang together."""
 
 import numpy as np
-from leaflight.core.topology import join_sets, pair_sides
+from leaflight.core.topology import find_ends, join_sets, pair_sides
 from scenes import grid_mesh, make_scene
 
 RNG = np.random.default_rng(7)
@@ -31,3 +31,16 @@ def test_sides_are_paired_within_their_group():
     assert len(expected) == len(one) == 3  # the diagonals
     assert (vertex[ends[0]] < vertex[ends[1]]).all()
     assert [frozenset(vertex[ends[:, side]]) for side in range(24)] == sides
+
+
+def test_ends_are_numbered_by_place():
+    """Zeros of both signs are one place."""
+    position = RNG.integers(-1, 2, (40, 3)) * RNG.choice([-1.0, 1.0], (40, 3))
+    ends = RNG.integers(0, 40, (2, 100))
+    low, high = find_ends(position, ends)
+    assert (low <= high).all()
+    places = [sorted((position[ends[:, k]] + 0.0).tolist()) for k in range(100)]
+    for a in range(100):
+        for b in range(a):
+            assert ((low[a], high[a]) == (low[b], high[b])) == (places[a] == places[b])
+    assert find_ends(position, np.zeros((2, 0), int)).shape == (2, 0)

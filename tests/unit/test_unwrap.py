@@ -3,7 +3,7 @@ import pytest
 from leaflight.core.geometry import triangle_normals_areas
 from leaflight.core.layer_check import find_overlaps, signed_areas
 from leaflight.core.unwrap import Unwrapping, _find_hinged, _find_overlaps_in_charts
-from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, quad_mesh, sphere_mesh
+from scenes import Mesh, box_mesh, grid_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh
 
 
 def unwrap(mesh):
@@ -131,8 +131,7 @@ def test_needles_have_charts():
 
 def test_detail_in_a_large_object_is_unwrapped_as_by_itself():
     spoon = moved(sphere_mesh(), (30.0, 20.0, 0.01), 0.01)
-    floor = quad_mesh(width_m=100, depth_m=100)
-    hall = Mesh("Hall", np.concatenate([floor.vertex, spoon.vertex]), [*floor.polygons, *([4 + k for k in p] for p in spoon.polygons)])
+    hall = join_meshes("Hall", quad_mesh(width_m=100, depth_m=100), spoon)
     _, alone, *_ = check_promises(spoon)
     _, together, *_ = check_promises(hall)
     assert together.max() == alone.max() + 1

@@ -1,0 +1,54 @@
+"""Loose parts of objects: what hangs together by edges, as Blender's Separate by Loose Parts knows it.
+
+Artists join objects that only stand on each other, and files often hold a whole house as one mesh. What a surface is parted by is
+another loose part, of whichever object.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .scene import IntArray, SceneSnapshot
+from .topology import find_ends, join_sets, pair_sides
+
+
+class LooseParts:
+    """Tells triangles of one loose part from others; parts are looked for in objects of which two triangles are asked for together."""
+
+    def __init__(self, snapshot: SceneSnapshot) -> None:
+        self._snapshot = snapshot
+        self._part = np.full(snapshot.n_tri, -1)
+
+    def are_apart(self, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
+        """(m,) bool: whether triangles (m,) and (m,) are of different objects or loose parts."""
+        thing = self._snapshot.tri_object
+        apart: NDArray[np.bool_] = thing[one] != thing[other]
+        rows = np.flatnonzero(~apart)
+        self._look_into(thing[one[rows][self._part[one[rows]] < 0]])
+        apart[rows] = self._part[one[rows]] != self._part[other[rows]]
+        return apart
+
+    def _look_into(self, things: IntArray) -> None:
+        if len(things):
+            asked = np.zeros(len(self._snapshot.objects), bool)
+            asked[things] = True
+            tri = np.flatnonzero(asked[self._snapshot.tri_object])
+            self._part[tri] = tri[find_loose_parts(self._snapshot, tri)]
+
+
+def find_loose_parts(snapshot: SceneSnapshot, tri: IntArray) -> NDArray[np.int64]:
+    """(m,) int64: the first, by its place among triangles (m,), of those of its object that each hangs together with.
+
+    Two triangles do if they share a side. Sides that have no other with the same vertices are shared if they lie at one place.
+    """
+    vertex, thing = snapshot.tri_vertex[tri], snapshot.tri_object[tri]
+    ends, one, other = pair_sides(vertex, thing)
+    is_alone = np.ones(ends.shape[1], bool)
+    is_alone[one] = is_alone[other] = False
+    side = np.flatnonzero(is_alone)
+    keys = np.stack([*find_ends(snapshot.vertex_position, vertex.ravel()[ends[:, side]]), thing[side // 3]])
+    order = np.lexsort(keys)
+    here, after = order[:-1], order[1:]
+    same = (keys[:, here] == keys[:, after]).all(axis=0)
+    return join_sets(len(tri), np.append(one, side[here[same]]) // 3, np.append(other, side[after[same]]) // 3)
