@@ -40,7 +40,9 @@ def main(folder: Path) -> int:
     from leaflight.core import unfolding
 
     unfolding.start_ahead()
-    from leaflight.core import bake, executors, image_file, messages, rays
+    from leaflight.core import bake, executors, heap, image_file, messages, rays
+
+    heap.keep_freed_memory(whole=True)
 
     # With nothing to wait for, other processes would only be in the way of the first light.
     open_executor = executors.open_executor if begun.is_set() else executors.start_ahead()

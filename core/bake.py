@@ -39,7 +39,6 @@ from . import (
 )
 from .direct_field import DirectField
 from .direct_only import settle_direct
-from .heap import keep_freed_memory
 from .job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
 from .light_field import LightField
 from .materials import SurfaceMaterials, clamp_warnings
@@ -83,7 +82,6 @@ def run_bake(
     open_executor   where the shards run; it is shut down at the end
     Raises ValueError or OSError with a sentence for the user; no image is then left half-written.
     """
-    keep_freed_memory()
     job = Job.load(folder)
     settings = job.settings
     stages = Stages(tell)
@@ -121,7 +119,7 @@ def run_bake(
             warnings += opened.warnings
             if settings.contact and (needs.photons or job.resume):  # a state's texels are those of cut charts
                 with stages.stage("contacts", "Looking for contacts"):
-                    contacts = contact_map.find_contacts(opened, texel_map)
+                    contacts = contact_map.find_contacts(opened, texel_map, executors.count_processors(settings.workers))
                     texel_map, facets, touched = contact_map.cut_at_contacts(texel_map, facets, contacts)
         shared_arrays.save_struct(place, texel_map)
         if needs.direct:

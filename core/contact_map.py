@@ -8,6 +8,7 @@ stands on it becomes a chart of its own, as the sides of a crease do.
 from __future__ import annotations
 
 import dataclasses
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,33 +80,42 @@ class _Patches:
         return rows[found], other[found]
 
 
-def find_contacts(opened: TracedScene, texels: TexelMap) -> ContactMap:
+def find_contacts(opened: TracedScene, texels: TexelMap, threads: int = 1) -> ContactMap:
     """Contacts at all texel entries."""
-    n_texel = len(texels.texel_tri)
-    touched, distances = np.zeros(n_texel, bool), [np.zeros((len(WAYS), 0), np.float32)]
-    starts = [np.zeros((2, 0), np.int64)]
-    things = LooseParts(opened.snapshot)
-    for start in range(0, n_texel, _CHUNK):
-        part = slice(start, min(start + _CHUNK, n_texel))
-        tiles = _find_clear_tiles(opened, texels, part)
-        asked = np.ones(part.stop - start, bool)
-        asked[tiles[:, None] - start + np.arange(TILE_TEXELS)] = False
-        entry = start + np.flatnonzero(asked)
-        tri = texels.texel_tri[entry]
-        position, normal, size = _find_places(opened, texels, entry)
-        axes = contact.texel_axes(opened.snapshot.tri_position[tri], texels.tri_uv[tri], normal)
-        met, distance = contact.find_contacts(opened.scene.rays, position, normal, size, axes)
-        touched[entry] = (met >= 0).any(axis=0)
-        way, row = np.nonzero(met >= 0)
-        own = ~things.are_apart(met[way, row], tri[row])  # a rough or hollow thing stands in its own way
-        distance[way[own], row[own]] = np.inf
-        distance = np.append(distance, np.full((len(WAYS), len(tiles)), np.inf, np.float32), axis=1)
-        first = np.concatenate([entry, tiles])
-        order = np.argsort(first)
-        starts.append(np.stack([first, np.where(np.arange(len(first)) < len(entry), 1, TILE_TEXELS)])[:, order])
-        distances.append(distance[:, order])
-    start, size = np.concatenate(starts, axis=1)
-    return _join_patches(opened, things, texels, touched, start, size, np.concatenate(distances, axis=1))
+    n_texel, things = len(texels.texel_tri), LooseParts(opened.snapshot)
+    parts = [slice(start, min(start + _CHUNK, n_texel)) for start in range(0, max(n_texel, 1), _CHUNK)]
+    with ThreadPoolExecutor(threads) as pool:  # numpy and embree let go of the interpreter within a chunk
+        touched, first, size, distance = zip(*pool.map(lambda part: _look_around(opened, things, texels, part), parts), strict=True)
+    start, size = np.concatenate(first), np.concatenate(size)
+    return _join_patches(opened, things, texels, np.concatenate(touched), start, size, np.concatenate(distance, axis=1))
+
+
+def _look_around(
+    opened: TracedScene, things: LooseParts, texels: TexelMap, part: slice
+) -> tuple[NDArray[np.bool_], _Int64, _Int64, NDArray[np.float32]]:
+    """What a chunk of entries meets.
+
+    out   (m,) bool whether something touches them; of patches that tile them (k,) first entries and (k,) sizes, and (4, k) how far it is
+          to another thing, as in _join_patches
+    """
+    tiles = _find_clear_tiles(opened, texels, part)
+    asked = np.ones(part.stop - part.start, bool)
+    asked[tiles[:, None] - part.start + np.arange(TILE_TEXELS)] = False
+    rows = np.flatnonzero(asked)
+    entry = part.start + rows
+    tri = texels.texel_tri[entry]
+    position, normal, size = _find_places(opened, texels, entry)
+    axes = contact.texel_axes(opened.snapshot.tri_position[tri], texels.tri_uv[tri], normal)
+    met, distance = contact.find_contacts(opened.scene.rays, position, normal, size, axes)
+    touched = np.zeros(len(asked), bool)
+    touched[rows] = (met >= 0).any(axis=0)
+    way, row = np.nonzero(met >= 0)
+    own = ~things.are_apart(met[way, row], tri[row])  # a rough or hollow thing stands in its own way
+    distance[way[own], row[own]] = np.inf
+    distance = np.append(distance, np.full((len(WAYS), len(tiles)), np.inf, np.float32), axis=1)
+    first = np.concatenate([entry, tiles])
+    order = np.argsort(first)
+    return touched, first[order], np.where(order < len(entry), 1, TILE_TEXELS), distance[:, order]
 
 
 def _find_places(opened: TracedScene, texels: TexelMap, entry: IntArray) -> tuple[NDArray[np.float32], NDArray[np.float32], FloatArray]:
