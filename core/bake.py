@@ -138,7 +138,7 @@ def run_bake(
                     tell_live = live.join(preview.find_first_light(folder, settings, blender), direct)
         if needs.direct and not kept:
             with stages.stage("direct", "Direct light"):
-                shot = settings.direct == "photons" or direct.shoot(folder, settings, executor, np.arange(n_texel), tell_live, should_stop)
+                shot = settings.direct == "photons" or direct.shoot(folder, settings, executor, range(n_texel), tell_live, should_stop)
                 if not shot:  # stopped before there was anything to show: one round of photons shows all of the light, coarsely
                     settings, direct = dataclasses.replace(settings, direct="photons"), DirectField.none(n_texel)
         solver = None

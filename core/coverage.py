@@ -177,6 +177,8 @@ def powers(value: FloatArray, degree: int) -> list[FloatArray]:
     return result
 
 
-def as_slice(rows: IntArray) -> IntArray | slice:
+def as_slice(rows: IntArray | range) -> IntArray | slice:
     """Ascending rows, as a slice where they follow each other, which is read and written several times faster."""
+    if isinstance(rows, range):
+        return slice(rows.start, rows.stop)
     return slice(int(rows[0]), int(rows[-1]) + 1) if len(rows) and rows[-1] - rows[0] == len(rows) - 1 else rows

@@ -122,7 +122,7 @@ class DirectField:
         folder: Path,
         settings: Settings,
         executor: Executor,
-        texels: IntArray,
+        texels: IntArray | range,
         tell: Callable[[Message], None] = lambda message: None,
         should_stop: Callable[[], bool] = lambda: False,
     ) -> bool:
@@ -133,19 +133,20 @@ class DirectField:
         """
         tolerance = TOLERANCE * settings.error
         whole = workers.DirectShard(str(folder), settings.seed, self.turns, 0, texels, tolerance, settings.denoise)
-        kept = self._keep(texels) if self.passes.any() else None
+        rows = as_slice(texels)
+        kept = self._keep(rows) if self.passes.any() else None
         is_done = self._send_rays(executor, workers.light_texels, whole, tell, should_stop)
         if kept and not is_done:
-            self._put_back(texels, kept)
+            self._put_back(rows, kept)
         return is_done
 
-    def _keep(self, texels: IntArray) -> DirectField:
+    def _keep(self, rows: IntArray | slice) -> DirectField:
         """What there is of some texels, and of all in sum."""
-        own = self.irradiance[texels], self.variance[texels], self.passes[texels]
+        own = self.irradiance[rows].copy(), self.variance[rows].copy(), self.passes[rows].copy()
         return DirectField(*own, dict(self.counters), self.turns, copy.deepcopy(self.repeats))
 
-    def _put_back(self, texels: IntArray, kept: DirectField) -> None:
-        self.irradiance[texels], self.variance[texels], self.passes[texels] = kept.irradiance, kept.variance, kept.passes
+    def _put_back(self, rows: IntArray | slice, kept: DirectField) -> None:
+        self.irradiance[rows], self.variance[rows], self.passes[rows] = kept.irradiance, kept.variance, kept.passes
         self.counters, self.turns, self.repeats = kept.counters, kept.turns, kept.repeats
 
     def _send_rays(
@@ -167,7 +168,7 @@ class DirectField:
         for shard, light in zip(shards, executor.map(find_light, shards), strict=True):
             if should_stop():
                 return False
-            self._note_difference(shard.texels, light, floor)
+            self._note_difference(shard.entries, light, floor)
             self._add(as_slice(shard.texels), light)
             for name, count in light.counters.items():
                 self.counters[name] = self.counters.get(name, 0) + count

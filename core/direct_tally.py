@@ -62,7 +62,9 @@ class Tally:
         # Sums of share, share^2, weight * seen, (weight * seen)^2, share * weight * seen.
         self._sums = np.zeros((5, len(rows)))
         self._lit, self._dark = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
-        self._leader = np.arange(len(rows)) if leader is None else leader
+        self._leader: NDArray[np.int64] | None = leader  # None while each pair leads itself, as most do
+        if leader is not None and (leader == np.arange(len(rows))).all():
+            self._leader = None
         self._together = 1 if alone else AGREE_TEXELS
 
     def add(self, rays: RayScene, chunk: TexelChunk, index: IntArray, stage: tuple[int, int], points: FloatArray | None = None) -> int:
@@ -209,16 +211,20 @@ class Tally:
         # Bits of the shift that places on lights do not use.
         chance = self._shift[rows[first], STAGES.index(stage) - 1] & np.uint32(255)
         leader: NDArray[np.int64] = rows[first + (chance * size >> 8)]
-        heir = np.arange(len(dark))
-        heir[rows] = np.repeat(leader, size)
-        self._leader = heir[self._leader]
+        if len(leader) < len(rows):
+            heir = np.arange(len(dark))
+            heir[rows] = np.repeat(leader, size)
+            self._leader = heir if self._leader is None else heir[self._leader]
         return leader
+
+    def _of_leaders(self, values: Float64) -> Float64:
+        """(..., n): what each pair's leader has."""
+        return values if self._leader is None else values.take(self._leader, axis=-1)
 
     @property
     def leads(self) -> NDArray[np.bool_]:
         """(n,) bool: own rays tell what share is seen."""
-        out: NDArray[np.bool_] = self._leader == np.arange(len(self._leader))
-        return out
+        return np.ones(len(self.rows), bool) if self._leader is None else self._leader == np.arange(len(self.rows))
 
     @property
     def in_reach(self) -> NDArray[np.bool_]:
@@ -230,11 +236,11 @@ class Tally:
         return np.where(self._peak, self._peak_mean, self._reach / np.maximum(self._starts, 1))
 
     def _ratio(self) -> Float64:
-        return _divide_seen(self._sums[:3].take(self._leader, axis=1))
+        return _divide_seen(self._of_leaders(self._sums[:3]))
 
     def _error_squared(self) -> Float64:
         """Of the ratio estimate. Source: Cochran 1977, "Sampling Techniques", 6.3, for random rays."""
-        sums = self._sums.take(self._leader, axis=1)
+        sums = self._of_leaders(self._sums)
         ratio = _divide_seen(sums)
         residual = np.maximum(sums[3] - 2 * ratio * sums[4] + ratio**2 * sums[1], 0)
         square = np.divide(residual, sums[0] ** 2, out=np.ones(len(ratio)), where=sums[0] > 0)
@@ -243,7 +249,7 @@ class Tally:
         spread = np.where(starts > len(GAUSS_POINTS), spread, self._bend**2)
         spread = np.where(self._peak, self._peak_variance, spread) * ratio**2
         # Of few lit rays, or few dark ones, hardly two are in strata that cover each other's noise.
-        rarer = 2 * self._rays[self._leader] * np.minimum(ratio, np.maximum(1 - ratio, 0))
+        rarer = 2 * self._of_leaders(self._rays) * np.minimum(ratio, np.maximum(1 - ratio, 0))
         gain = np.maximum(rarer, 1) ** (_SHARP_GAIN if self.source.is_sharp else _SOFT_GAIN)
         out: Float64 = spread + closed**2 * square / gain
         return out

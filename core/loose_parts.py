@@ -6,6 +6,8 @@ another loose part, of whichever object.
 
 from __future__ import annotations
 
+from threading import Lock
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,18 +16,22 @@ from .topology import find_ends, join_sets, pair_sides
 
 
 class LooseParts:
-    """Tells triangles of one loose part from others; parts are looked for in objects of which two triangles are asked for together."""
+    """Tells triangles of one loose part from others; parts are looked for in objects of which two triangles are asked for together.
+
+    Threads may ask at once.
+    """
 
     def __init__(self, snapshot: SceneSnapshot) -> None:
         self._snapshot = snapshot
-        self._part = np.full(snapshot.n_tri, -1)
+        self._part, self._lock = np.full(snapshot.n_tri, -1), Lock()
 
     def are_apart(self, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
         """(m,) bool: whether triangles (m,) and (m,) are of different objects or loose parts."""
         thing = self._snapshot.tri_object
         apart: NDArray[np.bool_] = thing[one] != thing[other]
         rows = np.flatnonzero(~apart)
-        self._look_into(thing[one[rows][self._part[one[rows]] < 0]])
+        with self._lock:  # an object is known when all of its triangles are
+            self._look_into(thing[one[rows][self._part[one[rows]] < 0]])
         apart[rows] = self._part[one[rows]] != self._part[other[rows]]
         return apart
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from . import direct, gather, photons, rays, sampling, shared_arrays
 from .birth_guide import BirthTally
+from .coverage import as_slice
 from .emitters import build_emitters
 from .geometry import UnitBox
 from .heap import keep_freed_memory
@@ -192,14 +193,19 @@ class TexelShard:
     seed: int
     turn: int  # how many times such rays have been sent before in this bake
     start: int  # position of the shard in its turn
-    texels: IntArray  # ascending
+    texels: IntArray | range  # ascending; a range is sooner sent
     tolerance: float  # see direct.direct_irradiance and gather.gather_light
     smoothed: bool  # the same
 
+    @property
+    def entries(self) -> IntArray:
+        """(m,) int: its texels."""
+        return np.arange(self.texels.start, self.texels.stop) if isinstance(self.texels, range) else self.texels
+
     def tiles(self) -> Tiles:
         """Of its texels."""
-        texels = open_tracing(self.tracing).texels
-        return Tiles.of(texels.texel_chart[self.texels], texels.texel_code[self.texels])
+        texels, rows = open_tracing(self.tracing).texels, as_slice(self.entries)
+        return Tiles.of(texels.texel_chart[rows], texels.texel_code[rows])
 
     def rng(self, round_: int) -> np.random.Generator:
         """Its own random numbers; `round_` is that of the first turn, from which turns count down."""
@@ -214,9 +220,10 @@ class DirectShard(TexelShard):
 def light_texels(shard: DirectShard) -> direct.DirectLight:
     """Direct light at the texels of a shard."""
     texels, scene = open_tracing(shard.tracing).texels, _open_direct_scene(shard.tracing)
-    rng, tiles, crossed = shard.rng(DIRECT_ROUND), shard.tiles(), texels.borders.see_beyond(shard.texels, LOOK)
+    entry, rng, tiles = shard.entries, shard.rng(DIRECT_ROUND), shard.tiles()
+    crossed = texels.borders.see_beyond(entry, LOOK)
     light = direct.direct_irradiance(
-        scene, texels.look_at, shard.texels, rng, shard.tolerance, tiles=tiles, smoothed=shard.smoothed, crossed=crossed
+        scene, texels.look_at, entry, rng, shard.tolerance, tiles=tiles, smoothed=shard.smoothed, crossed=crossed
     )
     irradiance, variance = light.irradiance_rgb.astype(np.float32), light.variance_rgb.astype(np.float32)  # half as much to send
     return direct.DirectLight(irradiance, variance, light.counters)
@@ -232,7 +239,7 @@ class GatherShard(TexelShard):
 def gather_texels(shard: GatherShard) -> gather.GatheredLight:
     """Light from surfaces at the texels of a shard."""
     scene, known = _open_gather_scene(shard.tracing), open_known_light(shard.view)
-    return gather.gather_light(scene, known, shard.texels, shard.rng(GATHER_ROUND), shard.tolerance, shard.tiles(), shard.smoothed)
+    return gather.gather_light(scene, known, shard.entries, shard.rng(GATHER_ROUND), shard.tolerance, shard.tiles(), shard.smoothed)
 
 
 @lru_cache(maxsize=1)

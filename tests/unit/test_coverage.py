@@ -62,3 +62,8 @@ def test_rows_that_follow_each_other_become_a_slice(rows: list[int], is_slice: b
     told = as_slice(np.array(rows, np.int64))
     assert isinstance(told, slice) == is_slice
     np.testing.assert_array_equal(np.arange(10)[told], rows)
+
+
+def test_a_range_is_a_slice():
+    assert as_slice(range(3, 7)) == slice(3, 7)
+    assert as_slice(range(0)) == slice(0, 0)

@@ -1,5 +1,8 @@
 """What hangs together by edges is one part, whatever vertices the file has, and objects are looked into when it matters alone."""
 
+import time
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from leaflight.core import loose_parts
@@ -71,3 +74,19 @@ def test_triangles_are_told_apart_and_each_object_is_looked_into_once(monkeypatc
     assert parts.are_apart(np.array([26, 3]), np.array([28, 4])).tolist() == [True, False]
     assert looked == [[0], [1, 2]]
     assert parts.are_apart(np.zeros(0, int), np.zeros(0, int)).tolist() == []
+
+
+def test_threads_that_ask_at_once_look_once(monkeypatch):
+    looked = []
+
+    def find(scene, tri):
+        looked.append(len(tri))
+        time.sleep(0.05)
+        return find_loose_parts(scene, tri)
+
+    monkeypatch.setattr(loose_parts, "find_loose_parts", find)
+    parts = LooseParts(make_scene([join_meshes("House", quad_mesh(), moved(box_mesh(), (0.5, 0.5, 0.5)))]))
+    with ThreadPoolExecutor(4) as pool:
+        told = list(pool.map(lambda _: parts.are_apart(np.array([0, 0]), np.array([1, 5])).tolist(), range(4)))
+    assert told == [[False, True]] * 4
+    assert looked == [14]
