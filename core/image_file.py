@@ -57,14 +57,15 @@ def write_image(
     full           EXR of 32 bits a number
     Raises ValueError for another kind or shape and for NaN, OSError when the file cannot be written; both name the path.
     """
-    data = _encode_or_error(pixels, kind, wanted_range, full)
-    if isinstance(data, str):
-        raise ValueError(f"{path}: {data}")
+    fault = _find_fault(pixels, kind)
+    if fault:
+        raise ValueError(f"{path}: {fault}")
+    greatest = range_of(pixels, kind, wanted_range)
     if kind in encodings.ENCODINGS:
-        metadata = {**metadata, _ENCODING: kind, _RANGE: str(range_of(pixels, kind, wanted_range))}
+        metadata = {**metadata, _ENCODING: kind, _RANGE: str(greatest)}
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        error = _write_file(temporary, data, metadata, kind)
+        error = _write_file(temporary, pixels, metadata, kind, greatest, full)
         if error:
             raise OSError(error)
         os.replace(temporary, path)
@@ -118,20 +119,15 @@ def _open_image_io() -> Any:
         ) from reason
 
 
-def _encode_or_error(pixels: FloatArray, kind: str, wanted_range: float, full: bool) -> NDArray[np.generic] | str:
-    """Rows from the top in the file's own numbers, or what is wrong."""
+def _find_fault(pixels: FloatArray, kind: str) -> str:
+    """Why pixels cannot be written, "" if they can."""
     if kind not in KINDS:
         return f"expected kind {', '.join(KINDS)}, got {kind!r}"
     if pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or not pixels.size:
         return f"expected pixels (h, w, 3) or (h, w, 4), got {pixels.shape}"
     if np.isnan(pixels.min()):  # one NaN is enough to make it one
         return f"expected numbers, got {sum(int(np.count_nonzero(np.isnan(pixels[band]))) for band in _bands(pixels))} NaN"
-    greatest = range_of(pixels, kind, wanted_range)
-    first = _encode_rows(pixels[:1], kind, greatest, full)
-    data = np.empty((len(pixels), *first.shape[1:]), first.dtype)
-    for band in _bands(pixels):
-        data[band] = _encode_rows(pixels[::-1][band], kind, greatest, full)
-    return data
+    return ""
 
 
 def _bands(pixels: FloatArray) -> list[slice]:
@@ -141,12 +137,12 @@ def _bands(pixels: FloatArray) -> list[slice]:
 
 
 def _encode_rows(rows: FloatArray, kind: str, greatest: float, full: bool) -> NDArray[np.generic]:
-    """Rows in the file's own numbers; greatest of range_of."""
+    """Rows in the file's own numbers, of EXR before they are half floats; greatest of range_of."""
     if kind in encodings.ENCODINGS:
         return encodings.encode(rows[..., :3], kind, greatest)
     if kind == "exr":
-        most, kept = (_FLOAT_MAX, np.float32) if full else (HALF_MAX, np.float16)
-        return np.asarray(np.clip(rows, -most, most), kept)
+        most = _FLOAT_MAX if full else HALF_MAX
+        return np.asarray(np.clip(rows, -most, most), np.float32)
     if kind == "hdr":
         return np.asarray(np.clip(rows[..., :3], 0.0, HALF_MAX), np.float32)
     unit = np.clip(rows, 0.0, 1.0).astype(np.float32)
@@ -155,11 +151,13 @@ def _encode_rows(rows: FloatArray, kind: str, greatest: float, full: bool) -> ND
     return encoded
 
 
-def _write_file(path: Path, data: NDArray[np.generic], metadata: Mapping[str, str | int | float], kind: str) -> str:
-    """Write the file and give what went wrong, "" if nothing."""
+def _write_file(path: Path, pixels: FloatArray, metadata: Mapping[str, str | int | float], kind: str, greatest: float, full: bool) -> str:
+    """Write the file, rows from the top, and give what went wrong, "" if nothing."""
     oiio = _open_image_io()
-    height, width, channels = data.shape
-    spec = oiio.ImageSpec(width, height, channels, {"float16": "half", "float32": "float"}.get(data.dtype.name, "uint8"))
+    height, width, _ = pixels.shape
+    example = _encode_rows(pixels[:1], kind, greatest, full)
+    numbers = "half" if kind == "exr" and not full else {"float32": "float"}.get(example.dtype.name, "uint8")
+    spec = oiio.ImageSpec(width, height, example.shape[2], numbers)
     for name, value in metadata.items():
         fits = isinstance(value, float | str) or abs(value) <= _INT_MAX
         spec.attribute(name, value if fits else str(value))
@@ -172,7 +170,10 @@ def _write_file(path: Path, data: NDArray[np.generic], metadata: Mapping[str, st
     output = oiio.ImageOutput.create(kind if kind in ("exr", "hdr") else "png")
     if output is None:
         return str(oiio.geterror())
-    done = output.open(str(path), spec) and output.write_image(data)
+    done = output.open(str(path), spec) and all(
+        output.write_scanlines(band.start, min(band.stop, height), 0, _encode_rows(pixels[::-1][band], kind, greatest, full))
+        for band in _bands(pixels)
+    )
     closed = output.close()
     if not (done and closed):
         return str(output.geterror()) or _INCOMPLETE

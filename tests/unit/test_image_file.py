@@ -44,6 +44,17 @@ def test_exr_keeps_halves_exactly(tmp_path: Path, channels: int) -> None:
     np.testing.assert_allclose(metadata["chromaticities"], [0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329], rtol=1e-6)
 
 
+def test_exr_rounds_to_the_nearest_half_as_numpy_does(tmp_path: Path) -> None:
+    """Also halfway between two, below the least normal one, and beyond the greatest."""
+    rng = np.random.default_rng(1)
+    halves = rng.integers(0, 0x7BFF, 3000).astype(np.uint16)
+    middle = (halves.view(np.float16).astype(np.float64) + (halves + np.uint16(1)).view(np.float16)) / 2
+    values = np.concatenate([middle, -middle, np.exp2(rng.uniform(-30, 17, 3000)), [np.inf, -np.inf, 0.0]]).astype(np.float32)
+    write_image(tmp_path / "a.exr", values.reshape(1, -1, 3), {}, "exr")
+    found, _ = read_image(tmp_path / "a.exr")
+    np.testing.assert_array_equal(found.ravel(), np.clip(values, -HALF_MAX, HALF_MAX).astype(np.float16))
+
+
 def test_hdr_keeps_colour_to_a_part_in_200(tmp_path: Path) -> None:
     write_image(tmp_path / "a.hdr", ramp() * 100, {}, "hdr")
     found, _ = read_image(tmp_path / "a.hdr")
