@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from . import denoise, reconstruct, seams, squares
 from .coverage import as_slice
 from .cuts import close_cuts
+from .flecks import clip_flecks, fill_rims
 from .light_field import LightField
 from .margin import add_margin
 from .materials import SurfaceMaterials
@@ -77,11 +78,14 @@ def light_at_texels(
             variance[part, channel] = traced.variance[channel] * field.correction[channel]
 
     _run_chunks(fill, n_texel, threads)
-    close_cuts(by_part, blender.texels, blender.entry_at, field.tree.side[leaf])
+    side = field.tree.side[leaf]
+    fill_rims(by_part, variance, side, blender.texels, blender.entry_at)
+    clip_flecks(by_part[-1], variance, leaf, side, blender.texels, blender.entry_at)
+    close_cuts(by_part, blender.texels, blender.entry_at, side)
     entry, beyond, share = blender.texels.borders.list_beyond(LOOK)
     for light, moved in zip(by_part, share[:, None] * (by_part[:, beyond] - by_part[:, entry]), strict=True):
         np.add.at(light, entry, moved)  # as shadow rays do, which start on all of the square
-    grain = field.tree.side[leaf] <= denoise.SMALL_LEAF
+    grain = side <= denoise.SMALL_LEAF
     if field.squares is not None:
         grain |= squares.mix(by_part.transpose(0, 2, 1), variance.T, field.squares, blender.texels, blender.entry_at)
     gathered = field.gathered and field.gathered.show_gathered(blender.texels, blender.entry_at, smooth_grain, spread)

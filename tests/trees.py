@@ -1,12 +1,41 @@
 """Texel maps and photons on simple charts, for tests of the quadtree and what is built on it."""
 
+from __future__ import annotations
+
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from leaflight.core import basis, quadtree, tally
 from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.scene import Material, SceneObject, SceneSnapshot
-from leaflight.core.texels import build_texel_map
+from leaflight.core.texels import TexelMap, build_texel_map
+
+
+def make_map(uv: Any, chart: Any = None, position: Any = None, size: int = 8, degree: int = 4) -> TexelMap:
+    """Texels of triangles `uv` (n, 3, 2); they lie in the plane z = 0 at their UV unless `position` (n, 3, 3) says otherwise."""
+    uv = np.asarray(uv, float)
+    n = len(uv)
+    chart = np.zeros(n, np.int32) if chart is None else np.asarray(chart, np.int32)
+    position = np.concatenate([uv, np.zeros((n, 3, 1))], axis=2) if position is None else np.asarray(position, float)
+    zero = np.zeros(n, np.int32)
+    snapshot = SceneSnapshot(
+        vertex_position=position.reshape(-1, 3),
+        tri_vertex=np.arange(3 * n, dtype=np.int32).reshape(n, 3),
+        tri_object=zero,
+        tri_material=zero,
+        tri_polygon=zero,
+        tri_corner=np.zeros((n, 3), np.int32),
+        tri_normal=np.zeros((n, 3, 3), np.float32),
+        tri_uv=np.zeros((n, 3, 2)),
+        tri_albedo_uv=np.zeros((n, 3, 2), np.float32),
+        tri_emission_uv=np.zeros((n, 3, 2), np.float32),
+        objects=(SceneObject("Plane"),),
+        materials=(Material("White"),),
+    )
+    n_chart = int(chart.max(initial=-1)) + 1
+    atlas: Any = SimpleNamespace(page_size=size, page_count=1, tri_chart=chart, tri_uv=uv, chart_page=np.zeros(n_chart, np.int32))
+    return build_texel_map(snapshot, atlas, degree)
 
 
 def make_square_map(side, degree, width=1.0):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,35 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from leaflight.core import texels as module
 from leaflight.core.coverage import monomial_exponents
-from leaflight.core.scene import Material, SceneObject, SceneSnapshot
 from leaflight.core.texel_grid import interleave_bits
-from leaflight.core.texels import TexelMap, build_texel_map, centred_strata
-
-
-def make_map(uv: Any, chart: Any = None, position: Any = None, size: int = 8, degree: int = 4) -> TexelMap:
-    """Texels of triangles `uv` (n, 3, 2); they lie in the plane z = 0 at their UV unless `position` (n, 3, 3) says otherwise."""
-    uv = np.asarray(uv, float)
-    n = len(uv)
-    chart = np.zeros(n, np.int32) if chart is None else np.asarray(chart, np.int32)
-    position = np.concatenate([uv, np.zeros((n, 3, 1))], axis=2) if position is None else np.asarray(position, float)
-    zero = np.zeros(n, np.int32)
-    snapshot = SceneSnapshot(
-        vertex_position=position.reshape(-1, 3),
-        tri_vertex=np.arange(3 * n, dtype=np.int32).reshape(n, 3),
-        tri_object=zero,
-        tri_material=zero,
-        tri_polygon=zero,
-        tri_corner=np.zeros((n, 3), np.int32),
-        tri_normal=np.zeros((n, 3, 3), np.float32),
-        tri_uv=np.zeros((n, 3, 2)),
-        tri_albedo_uv=np.zeros((n, 3, 2), np.float32),
-        tri_emission_uv=np.zeros((n, 3, 2), np.float32),
-        objects=(SceneObject("Plane"),),
-        materials=(Material("White"),),
-    )
-    n_chart = int(chart.max(initial=-1)) + 1
-    atlas: Any = SimpleNamespace(page_size=size, page_count=1, tri_chart=chart, tri_uv=uv, chart_page=np.zeros(n_chart, np.int32))
-    return build_texel_map(snapshot, atlas, degree)
+from leaflight.core.texels import TexelMap, centred_strata
+from trees import make_map
 
 
 def world_areas(position: np.ndarray) -> np.ndarray:
