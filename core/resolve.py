@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from . import denoise, reconstruct, seams, squares
 from .coverage import as_slice
 from .cuts import close_cuts
-from .flecks import clip_flecks, fill_rims
+from .flecks import clip_flecks
 from .light_field import LightField
 from .margin import add_margin
 from .materials import SurfaceMaterials
@@ -79,7 +79,6 @@ def light_at_texels(
 
     _run_chunks(fill, n_texel, threads)
     side = field.tree.side[leaf]
-    fill_rims(by_part, variance, side, blender.texels, blender.entry_at)
     clip_flecks(by_part[-1], variance, leaf, side, blender.texels, blender.entry_at)
     close_cuts(by_part, blender.texels, blender.entry_at, side)
     entry, beyond, share = blender.texels.borders.list_beyond(LOOK)
