@@ -81,7 +81,7 @@ class _Patches:
 
 
 def find_contacts(opened: TracedScene, texels: TexelMap, threads: int = 1) -> ContactMap:
-    """Contacts at all texel entries."""
+    """Contacts at all texel entries, looked for by so many threads."""
     n_texel, things = len(texels.texel_tri), LooseParts(opened.snapshot)
     parts = [slice(start, min(start + _CHUNK, n_texel)) for start in range(0, max(n_texel, 1), _CHUNK)]
     with ThreadPoolExecutor(threads) as pool:  # numpy and embree let go of the interpreter within a chunk

@@ -16,7 +16,7 @@ from leaflight.core.texel_borders import WAYS
 from leaflight.core.texel_grid import interleave_bits
 from leaflight.core.topology import join_sets
 from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, quad_mesh, split_faces
-from trees import make_square_map
+from trees import make_map, make_square_map
 
 SIDE = 64  # texels of the floor, a square metre
 SETTINGS = Settings(size=SIDE, margin=0, error=1e-4, denoise=False, direct="photons")
@@ -178,9 +178,10 @@ def test_a_piece_of_fewer_than_four_texels_stays_with_its_chart(tmp_path):
     assert [len(cut_floor(tmp_path / str(n), post(n))[1].chart_page) for n in (0.9, 1.8)] == [1, 2]
 
 
-def test_a_thing_does_not_part_itself(tmp_path):
+@pytest.mark.parametrize("x_m", [0.5, 0.503])  # between two texels, and within one
+def test_a_thing_does_not_part_itself(tmp_path, x_m):
     """A rough or hollow surface meets itself everywhere."""
-    texels, cut, _, _ = cut_floor(tmp_path, floor=with_fin(0.503))
+    texels, cut, _, _ = cut_floor(tmp_path, floor=with_fin(x_m))
     assert len(cut.chart_page) == len(texels.chart_page) == 2
     assert len(cut.borders.entry) == 0
 
@@ -228,6 +229,25 @@ def test_clear_tiles_change_no_piece(tmp_path, monkeypatch, seed):
         drawn.append(picture)
         monkeypatch.setattr(contact_map, "_find_clear_tiles", lambda opened, texels, part: np.zeros(0, np.int64))
     assert len(np.unique(drawn[0])) == len(np.unique(drawn[1])) == len(np.unique(np.stack(drawn, axis=2).reshape(-1, 2), axis=0))
+
+
+def test_threads_change_nothing(tmp_path, monkeypatch):
+    scene = make_scene([quad_mesh("Floor", uv=SQUARE), replace(wall(), receives=False)], [LAMP])
+    texels = prepare_folder(tmp_path, scene, SETTINGS)[1]
+    monkeypatch.setattr(contact_map, "_CHUNK", 500)
+    opened = workers.open_scene(str(tmp_path))
+    one, two = (find_contacts(opened, texels, threads) for threads in (1, 2))
+    workers.forget_folders()
+    for name in ("touched", "piece", "whole"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+    assert one.touched.any()
+
+
+def test_where_there_is_no_texel_nothing_is_found(tmp_path):
+    prepare_folder(tmp_path, make_scene([quad_mesh("Floor", uv=SQUARE)], [LAMP]), SETTINGS)
+    found = find_contacts(workers.open_scene(str(tmp_path)), make_map(np.zeros((0, 3, 2))))
+    workers.forget_folders()
+    assert len(found.touched) == len(found.piece) == len(found.borders.entry) == 0
 
 
 def test_what_hangs_above_parts_nothing(tmp_path):

@@ -73,6 +73,17 @@ def test_a_shot_that_is_stopped_leaves_what_there_was(shot, monkeypatch):
         assert all(one.shoot(folder, SETTINGS, executors.InlineExecutor(), noisy) for one in (field, other))
 
 
+def test_a_shot_of_all_texels_that_is_stopped_leaves_what_there_was(shot, monkeypatch):
+    folder, field = shot
+    before = copy.deepcopy(field)
+    monkeypatch.setattr(direct_field, "SHARD_TEXELS", 50)
+    asked = []
+    every = range(len(field.passes))
+    assert not field.shoot(folder, SETTINGS, executors.InlineExecutor(), every, should_stop=lambda: asked.append(True) or len(asked) > 2)
+    for name in ("irradiance", "variance", "passes"):
+        np.testing.assert_array_equal(getattr(field, name), getattr(before, name))
+
+
 def test_photons_alone_leave_nothing_here():
     field = DirectField.none(5)
     assert not field.irradiance.any()

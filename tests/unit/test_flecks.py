@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from leaflight.core.flecks import clip_flecks
-from trees import make_square_map
+from trees import make_map, make_square_map
 
 RNG = np.random.default_rng(3)
 
@@ -58,6 +58,17 @@ def test_what_is_better_known_counts_around():
     """A noisy leaf beside is no measure, unless there is nothing else."""
     clipped, _, colour = clip(4.0, neighbour=3.9)
     np.testing.assert_allclose(clipped, np.tile(colour, (4, 1)), rtol=1e-6)
+
+
+def test_other_charts_do_not_count():
+    """Two strips side by side, the right one bright: it is no measure of the left one's leaf."""
+    corners = [[[a, 0], [b, 0], [b, 8], [a, 8]] for a, b in ((0, 4), (4, 8))]
+    texels = make_map([[quad[i] for i in face] for quad in corners for face in ((0, 1, 2), (0, 2, 3))], np.repeat([0, 1], 2))
+    x, y = texels.texel_xy.T
+    own = (x // 2 == 1) & (y // 2 == 1)
+    light = np.where(own | (x >= 4), 4.0, 1.0).astype(np.float32)[:, None].repeat(3, axis=1)
+    clip_flecks(light, (0.2 * light) ** 2, own.astype(int), np.where(own, 2, 8).astype(np.int32), texels, texels.entry_at)
+    assert (light[own] == 1.0).all()
 
 
 def test_where_all_is_noisy_all_counts():

@@ -253,6 +253,20 @@ def test_what_is_lacking_is_named(dummy, reason, sentence):
     assert sentence in error.text
 
 
+def test_the_process_keeps_what_it_frees(dummy):
+    """Before anything is baked."""
+    boot = Path(job.__file__).with_name("boot.py")
+    process = dummy(
+        f"import pathlib, runpy\nmain = runpy.run_path({str(boot)!r}, run_name='boot')['main']\n"
+        "from leaflight.core import bake, heap\nasked = []\n"
+        "heap.keep_freed_memory = lambda **how: asked.append(how)\n"
+        "def fail(*_): raise ValueError(f'asked {asked}')\n"
+        "bake.run_bake = fail\nsys.exit(main(pathlib.Path(sys.argv[1])))\n"
+    )
+    *_, error = process.messages()
+    assert error.text == "asked [{'whole': True}]"
+
+
 def test_the_systems_own_words_become_a_sentence(start, tmp_path):
     (tmp_path / "texels").write_text("in the way of a folder of temporary files")
     last = list(start(replace(ENDLESS, workers=1)).messages())[-1]

@@ -44,6 +44,13 @@ def test_three_faces_at_an_edge_are_one_part():
     assert not parts_of(split_faces(Mesh("Fin", vertex, [[0, 1, 2], [1, 0, 3], [0, 1, 4]]))).any()
 
 
+def test_what_was_split_off_an_edge_within_a_surface_is_a_part():
+    """Its side lies where two others do that have each other."""
+    floor = grid_mesh(cells=2)
+    fin = Mesh("Fin", np.array([[1, 0, 0], [1, 1, 0], [1, 1, 1], [1, 0, 1]], float), [[0, 1, 2, 3]])
+    assert parts_of(join_meshes("Floor", floor, fin)).tolist() == [0] * 8 + [8] * 2
+
+
 def test_zeros_of_both_signs_are_one_place():
     one, other = quad_mesh(), moved(quad_mesh(), (-1, 0, 0))
     other.vertex[other.vertex == 0] = -0.0
@@ -55,6 +62,7 @@ def test_objects_at_one_place_are_apart_and_a_part_of_the_triangles_may_be_asked
     assert find_loose_parts(scene, np.arange(scene.n_tri)).tolist() == [0] * 12 + [12] * 12
     assert find_loose_parts(scene, np.arange(12, 24)).tolist() == [0] * 12
     assert find_loose_parts(scene, np.arange(0)).tolist() == []
+    assert parts_of(quad_mesh(), quad_mesh()).tolist() == [0, 0, 2, 2]  # whose sides no other face has
 
 
 def test_triangles_are_told_apart_and_each_object_is_looked_into_once(monkeypatch):

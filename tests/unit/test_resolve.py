@@ -186,6 +186,23 @@ def test_no_light_is_negative_where_a_fitted_plane_dips_below_zero():
     assert light.direct.max() > 1
 
 
+def test_a_fleck_of_indirect_light_is_taken_out_and_one_of_direct_light_is_not():
+    """Thirty photons in one leaf of four texels, each with the power of sixty of those all around."""
+    bake = SquareBake(side=16, degree=0, level=2)
+    s, t = np.random.default_rng(2).random((2, 6000))
+    around = (s // 0.25 != 1) | (t // 0.25 != 1)
+    spot = 0.25 + 0.25 * np.random.default_rng(3).random((2, 30))
+    for is_first in (True, False):
+        bake.throw(s[around], t[around], is_first=is_first)
+        bake.throw(*spot, emitted=0, flux=np.full((3, 30), 60.0), is_first=is_first)
+    field = replace(light_field(bake, np.flatnonzero(bake.tree.current)), direct=DirectField.none(len(bake.keys)))
+    light = light_of(field, bake.texels)
+    x, y = bake.texels.texel_xy.T
+    inside = (x // 4 == 1) & (y // 4 == 1)
+    assert light.indirect[inside].max() <= light.indirect[~inside].max()
+    assert light.direct[inside].max() > 1.2 * light.direct[~inside].max()
+
+
 def smooth_both(bake, direct):
     """The light at texels without and with its grain smoothed."""
     field = replace(light_field(bake, np.flatnonzero(bake.tree.current)), direct=direct)
