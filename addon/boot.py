@@ -45,7 +45,7 @@ def main(folder: Path) -> int:
     heap.keep_freed_memory(whole=True)
 
     # With nothing to wait for, other processes would only be in the way of the first light.
-    open_executor = executors.open_executor if begun.is_set() else executors.start_ahead()
+    ahead = None if begun.is_set() else executors.Ahead()
 
     if not begun.is_set():
         rays.load_ahead()
@@ -59,7 +59,7 @@ def main(folder: Path) -> int:
 
     begun.wait()
     try:
-        bake.run_bake(folder, tell, stop.is_set, open_executor)
+        bake.run_bake(folder, tell, stop.is_set, ahead.open if ahead else executors.open_executor)
     except (ValueError, OSError, MemoryError) as reason:
         traceback.print_exc()  # kept with the job, for whoever has to find out more
         tell(messages.Error(_sentence(reason, folder)))
@@ -73,6 +73,9 @@ def main(folder: Path) -> int:
     except Exception:  # the last line of defence of a process: a fault of ours is shown whole
         traceback.print_exc()
         return 3
+    finally:
+        if ahead:
+            ahead.close()
     return 0
 
 

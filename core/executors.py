@@ -57,18 +57,25 @@ def open_executor(settings: Settings) -> Executor:
     return cluster.connect(settings.cluster)
 
 
-def start_ahead() -> Callable[[Settings], Executor]:
-    """Starts processes before the settings are known; what then opens the executor that they ask for, of these processes if they can be."""
-    ahead = make_executor(0)
-    wake(ahead)
+class Ahead:
+    """Processes that are started before the settings are known. Close them whatever becomes of the bake: a pool that is dropped just as
+    one of its processes dies may wait for itself for ever (CPython 3.13.0, _ExecutorManagerThread.terminate_broken).
+    """
 
-    def open_wanted(settings: Settings) -> Executor:
+    def __init__(self) -> None:
+        self._executor = make_executor(0)
+        wake(self._executor)
+
+    def open(self, settings: Settings) -> Executor:
+        """The executor that the settings ask for, of these processes if they can be."""
         if not settings.cluster and count_processors(settings.workers) == count_processors(0):
-            return ahead
-        ahead.shutdown()
+            return self._executor
+        self.close()
         return open_executor(settings)
 
-    return open_wanted
+    def close(self) -> None:
+        """May be done twice, and after their own shutdown."""
+        self._executor.shutdown(cancel_futures=True)
 
 
 def count_processors(workers: int) -> int:

@@ -206,3 +206,16 @@ def test_a_process_that_is_killed_while_it_starts_is_told_and_nothing_hangs():
     with pytest.raises(BrokenExecutor):
         work_on()
     executor.shutdown()
+
+
+def test_processes_started_ahead_serve_whoever_asks_for_as_many(monkeypatch):
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    ahead = executors.Ahead()
+    with ahead.open(Settings(workers=2)) as executor:
+        assert list(executor.map(abs, [-1, -2, -3])) == [1, 2, 3]
+    ahead.close()  # after their own shutdown
+    other = executors.Ahead()
+    assert isinstance(other.open(Settings(workers=1)), executors.InlineExecutor)
+    with pytest.raises(RuntimeError, match="after the executor's shutdown"):
+        other.open(Settings(workers=0)).submit(abs, -1)
+    other.close()

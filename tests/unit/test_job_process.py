@@ -267,6 +267,28 @@ def test_the_process_keeps_what_it_frees(dummy):
     assert error.text == "asked [{'whole': True}]"
 
 
+def test_processes_that_were_started_ahead_are_closed_whatever_becomes_of_the_bake(dummy, tmp_path):
+    """Python 3.13.0 may else wait for itself, where one of them dies as they are dropped."""
+    boot = Path(job.__file__).with_name("boot.py")
+    process = dummy(
+        f"import pathlib, runpy\nmain = runpy.run_path({str(boot)!r}, run_name='boot')['main']\n"
+        "from leaflight.core import bake, executors\n"
+        "folder = pathlib.Path(sys.argv[1])\n"
+        "class Ahead(executors.Ahead):\n"
+        "    def __init__(self):\n        super().__init__()\n        (folder / 'ahead').touch()\n"
+        "    def close(self):\n        super().close()\n        (folder / 'ahead').rename(folder / 'closed')\n"
+        "def fail(*_): raise ValueError('no bake')\n"
+        "executors.Ahead, bake.run_bake = Ahead, fail\n"
+        "if __name__ == '__main__': sys.exit(main(folder))\n"
+    )
+    limit = time.monotonic() + PATIENCE_S
+    while not (tmp_path / "ahead").exists() and time.monotonic() < limit:
+        time.sleep(0.01)
+    *_, error = process.messages()
+    assert (error.text, process._process.returncode) == ("no bake", 1)
+    assert (tmp_path / "closed").exists()
+
+
 def test_the_systems_own_words_become_a_sentence(start, tmp_path):
     (tmp_path / "texels").write_text("in the way of a folder of temporary files")
     last = list(start(replace(ENDLESS, workers=1)).messages())[-1]
