@@ -31,7 +31,7 @@ from .tally import Tally
 from .workers import PhotonShard
 
 FORMAT = "leaflight-state"
-FORMAT_VERSION = 9
+FORMAT_VERSION = 10
 INFO_FILE = "leaflight_state.json"  # marks a folder as ours
 _STRUCT_FOLDER = "state"
 # Of the groups of knobs that change nothing of what is traced, and knobs of other groups that do not either.

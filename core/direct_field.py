@@ -100,11 +100,18 @@ class DirectField:
             self._smoothed = ShownDirect.smoothed(self.irradiance, self.find_variance(), texels, entry_at, spread)
         return self._smoothed
 
-    def take_shown(self, texels: TexelMap, entry_at: NDArray[np.int32], smooth: bool, spread: Spread = starmap) -> NDArray[np.float32]:
-        """ShownDirect.irradiance of `show`, for whoever asks last: what else was found with it is not kept any longer."""
-        irradiance = self.show(texels, entry_at, smooth, spread).irradiance
-        self._smoothed = None
-        return irradiance
+    def take_shown(
+        self, texels: TexelMap, entry_at: NDArray[np.int32], smooth: bool, spread: Spread = starmap, in_place: bool = False
+    ) -> NDArray[np.float32]:
+        """ShownDirect.irradiance of `show`, for whoever asks last: what else was found with it is not kept any longer.
+
+        in_place   it is this field's own, of which nobody wants to know how it was found any more
+        """
+        shown, self._smoothed = self.show(texels, entry_at, smooth, spread), None
+        if not in_place:
+            return shown.irradiance
+        self.irradiance[shown.entry] = shown.smooth
+        return self.irradiance
 
     def find_variance(self) -> NDArray[np.float32]:
         """(n, 3) float32, (W/m^2)^2: where texels were shot again, corrected by how their estimates differ.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import starmap
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .denoise import Spread, denoise
+from .scene import IntArray
 from .texel_map import TexelMap
 
 _GRAIN = 0.005  # relative noise that is worth smoothing
@@ -24,21 +24,27 @@ _CHUNK = 1 << 16  # texels at a time: what lies between stays in the cache
 
 @dataclass(frozen=True)
 class ShownDirect:
-    """Direct light at the texel entries.
+    """Direct light at the texel entries as it was found, and apart from that where its grain was smoothed: little of a large page.
 
-    irradiance   (n, 3) float32, W/m^2
-    variance     (n, 3) float32, (W/m^2)^2: noise that is left
-    blur2        (n, 3) float32, (W/m^2)^2: what smoothing changed beyond the noise that it took; counts in sum, where that is not negative
+    found       (n, 3) float32, W/m^2
+    noise       (n, 3) float32, (W/m^2)^2: its variance
+    entry       (m,) int32, ascending: where grain was smoothed
+    smooth      (m, 3) float32, W/m^2: the light there
+    left        (m, 3) float32, (W/m^2)^2: noise that is left there
+    blur2       (m, 3) float32, (W/m^2)^2: what smoothing changed beyond the noise that it took; counts in sum, where that is not negative
     """
 
-    irradiance: NDArray[np.float32]
-    variance: NDArray[np.float32]
+    found: NDArray[np.float32]
+    noise: NDArray[np.float32]
+    entry: NDArray[np.int32]
+    smooth: NDArray[np.float32]
+    left: NDArray[np.float32]
     blur2: NDArray[np.float32]
 
     @classmethod
     def plain(cls, irradiance: NDArray[np.float32], variance: NDArray[np.float32]) -> ShownDirect:
-        """Light as it was found; arguments as the fields."""
-        return cls(irradiance, variance, np.zeros(irradiance.shape, np.float32))
+        """Light as it was found; arguments as the first fields."""
+        return cls(irradiance, variance, np.zeros(0, np.int32), *np.zeros((3, 0, 3), np.float32))
 
     @classmethod
     def smoothed(
@@ -60,21 +66,57 @@ class ShownDirect:
             grainy[part] = _add_channels(variance[part]) > (_GRAIN * (_add_channels(irradiance[part]) + level)) ** 2
         if not grainy.any():
             return cls.plain(irradiance, variance)
-        with ThreadPoolExecutor(1) as pool:  # beside what is prepared for smoothing
-            copies = pool.submit(lambda: (irradiance.copy(), variance.copy()))
-            found = denoise(irradiance[None], variance, grainy, texels, entry_at, spread, tell=True)
-            shown = cls(*copies.result(), np.zeros(irradiance.shape, np.float32))
-        every = np.flatnonzero(found.own_share < 1.0)
-        for start in range(0, len(every), _CHUNK):
-            told = every[start : start + _CHUNK]
-            rows, smooth = found.entry[told], found.light[0, told]
-            noise, noise_left, own_share = variance[rows], found.variance[told], found.own_share[told, None]
-            shown.irradiance[rows] = smooth
+        found = denoise(irradiance[None], variance, grainy, texels, entry_at, spread, tell=True)
+        told = np.flatnonzero(found.own_share < 1.0)
+        told = told[np.argsort(found.entry[told])]
+        smooth, left, blur2 = np.empty((3, len(told), 3), np.float32)
+        for start in range(0, len(told), _CHUNK):
+            part = slice(start, start + _CHUNK)
+            rows = found.entry[told[part]]
+            noise, noise_left, own_share = variance[rows], found.variance[told[part]], found.own_share[told[part], None]
+            smooth[part] = found.light[0, told[part]]
             kept = np.minimum(own_share + _KEPT_BY_CHOICE, 1.0)
             # Of the squared change, noise alone explains what the texel had and has now, less what it kept of its own.
-            shown.blur2[rows] = (smooth - irradiance[rows]) ** 2 - noise * (1.0 - 2.0 * kept) - noise_left
-            shown.variance[rows] = noise_left + (_CHOSEN_BY_NOISE - 1.0) * np.maximum(noise_left - own_share**2 * noise, 0.0)
-        return shown
+            blur2[part] = (smooth[part] - irradiance[rows]) ** 2 - noise * (1.0 - 2.0 * kept) - noise_left
+            left[part] = noise_left + (_CHOSEN_BY_NOISE - 1.0) * np.maximum(noise_left - own_share**2 * noise, 0.0)
+        return cls(irradiance, variance, found.entry[told], smooth, left, blur2)
+
+    def __len__(self) -> int:
+        return len(self.found)
+
+    @property
+    def irradiance(self) -> NDArray[np.float32]:
+        """(n, 3) float32, W/m^2: of all entries."""
+        if not len(self.entry):
+            return self.found
+        out = self.found.copy()
+        out[self.entry] = self.smooth
+        return out
+
+    def sum_light(self) -> float:
+        """Of all entries and channels, W/m^2."""
+        change = self.smooth - self.found[self.entry]
+        return float(self.found.sum(dtype=np.float64)) + float(change.sum(dtype=np.float64))
+
+    def irradiance_at(self, rows: IntArray) -> NDArray[np.float32]:
+        """(k, 3) float32, W/m^2: at some entries (k,)."""
+        return self._take(self.found[rows], self.smooth, rows)
+
+    def variance_at(self, rows: IntArray) -> NDArray[np.float32]:
+        """(k, 3) float32, (W/m^2)^2: noise that is left there."""
+        return self._take(self.noise[rows], self.left, rows)
+
+    def blur2_at(self, rows: IntArray) -> NDArray[np.float32]:
+        """(k, 3) float32, (W/m^2)^2: the field blur2 there, and 0 elsewhere."""
+        return self._take(np.zeros((len(rows), 3), np.float32), self.blur2, rows)
+
+    def _take(self, plain: NDArray[np.float32], changed: NDArray[np.float32], rows: IntArray) -> NDArray[np.float32]:
+        """Values `plain` (k, 3) of entries `rows` with those of `changed` (m, 3) where grain was smoothed, in place."""
+        place = np.searchsorted(self.entry, rows)
+        place[place == len(self.entry)] = 0
+        smoothed = np.flatnonzero(self.entry.take(place, mode="clip") == rows) if len(self.entry) else place[:0]
+        plain[smoothed] = changed[place[smoothed]]
+        return plain
 
 
 def _add_channels(values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,8 @@ _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 # The halves of few leaves say little about noise; the prior says "as independent photons" with this many values' weight.
 _PRIOR_VALUES = 64.0
 _TINY = float(np.finfo(float).tiny)
+# Variances (k, 3) float32, (W/m^2)^2, of some texel entries (k,).
+_VarianceAt: TypeAlias = Callable[[NDArray[np.int64]], NDArray[np.float32]]
 
 
 def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> NDArray[np.float64]:
@@ -104,29 +107,30 @@ def state_error(
     gathered       light that is shown in place of the nodes'
     risk           (m,) float64 of each of `nodes`, of shrinkage.shrink_leaves; None where they are not shrunk
     """
-    direct = shown_direct.irradiance
     correction = noise_correction(tree, solution, nodes)
     area = np.maximum(tree.area, _TINY)
-    leaf = node_of_texel(tree, nodes, len(direct))
+    leaf = node_of_texel(tree, nodes, len(shown_direct))
     node_light = np.ascontiguousarray((solution.flux / area).astype(np.float32).T)
-    dark2 = _find_dark(tree, nodes, node_light, direct)
+    dark2 = _find_dark(tree, nodes, node_light, shown_direct)
 
-    def relative2_at(variance: NDArray[np.float32], rows: slice | NDArray[np.int64]) -> NDArray[np.float32]:
-        found: NDArray[np.float32] = (_weigh(node_light[leaf[rows]] + direct[rows], dark2) * variance[rows]).mean(1)
+    def relative2_at(variance_at: _VarianceAt, rows: NDArray[np.int64]) -> NDArray[np.float32]:
+        light = node_light[leaf[rows]] + shown_direct.irradiance_at(rows)
+        found: NDArray[np.float32] = (_weigh(light, dark2) * variance_at(rows)).mean(1)
         return found
 
-    def of_texels(variance: NDArray[np.float32]) -> NDArray[np.float32]:
-        return np.concatenate([np.zeros(0, np.float32), *(relative2_at(variance, part) for part in _parts(len(leaf)))])
+    def of_texels(variance_at: _VarianceAt) -> NDArray[np.float32]:
+        parts = (np.arange(part.start, part.stop) for part in _parts(len(leaf)))
+        return np.concatenate([np.zeros(0, np.float32), *(relative2_at(variance_at, part) for part in parts)])
 
     sample = _choose_sample(blender.texels)
     count = int(np.ceil(BEST_TEXELS * len(sample)))
-    direct2 = relative2_at(shown_direct.variance, sample)
-    texel_direct2 = partial(of_texels, shown_direct.variance)
+    direct2 = relative2_at(shown_direct.variance_at, sample)
+    texel_direct2 = partial(of_texels, shown_direct.variance_at)
     if not totals.photons.sum() or not count:
         return StatedError(math.nan, math.nan, math.sqrt(np.sort(direct2)[:count].sum() / max(count, 1)), correction, texel_direct2)
     # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
     shown = blender.join(tree, solution, leaf, halves=True).at(sample)
-    weight = _weigh(node_light[leaf[sample]] + direct[sample], dark2)
+    weight = _weigh(node_light[leaf[sample]] + shown_direct.irradiance_at(sample), dark2)
     photons2 = (weight.T * shown.variance * correction[:, None]).mean(0)
     shrunk2 = (
         np.zeros(len(sample))
@@ -141,12 +145,12 @@ def state_error(
     blind2 = weight.mean(1) * missing_light(tree, totals, solution, comparison, nodes)[leaf[sample]]
     judge = _find_judges(tree, nodes, blender)
     bias2, gap2, noise2 = _missing_from_blend(tree, solution, leaf, judge, sample, blender, shown, correction, weight, blind2)
-    blur2 = (weight * shown_direct.blur2[sample]).mean(1)
+    blur2 = (weight * shown_direct.blur2_at(sample)).mean(1)
     gathered2, gathered_blur2 = np.zeros((2, len(sample)))
     if gathered:
         told = gathered.told[sample]
-        gathered2[told] = (weight * gathered.light.variance[sample]).mean(1)[told]
-        gathered_blur2[told] = (weight * gathered.light.blur2[sample]).mean(1)[told]
+        gathered2[told] = (weight * gathered.light.variance_at(sample)).mean(1)[told]
+        gathered_blur2[told] = (weight * gathered.light.blur2_at(sample)).mean(1)[told]
         photons2[told] = (weight.mean(1) * gathered.doubt2[sample])[told]
         for missing in (bias2, gap2, noise2, shrunk2):
             missing[told] = 0.0
@@ -163,7 +167,10 @@ def state_error(
     square = parts[0] + parts[1] + parts[4] + _beyond_noise(parts[2], seen4)
     doubt2 = _BIAS_DOUBT * math.sqrt(expected4) + (taken - taken_surely) * float(shrunk2[best].mean())
     chosen, by_rays, by_gathering = math.sqrt(square + doubt2), math.sqrt(parts[1]), math.sqrt(parts[4])
-    texel_gathered2 = partial(of_texels, gathered.light.variance * gathered.told[:, None]) if gathered else None
+    texel_gathered2 = None
+    if gathered:
+        light, is_told = gathered.light, gathered.told
+        texel_gathered2 = partial(of_texels, lambda rows: light.variance_at(rows) * is_told[rows, None])
     return StatedError(math.sqrt(square), chosen, by_rays, correction, texel_direct2, by_gathering, texel_gathered2)
 
 
@@ -198,11 +205,10 @@ def _parts(count: int) -> Iterator[slice]:
     return (slice(start, min(start + _CHUNK, count)) for start in range(0, count, _CHUNK))
 
 
-def _find_dark(tree: Quadtree, nodes: IntArray, node_light: NDArray[np.float32], direct: NDArray[np.float32]) -> np.float32:
+def _find_dark(tree: Quadtree, nodes: IntArray, node_light: NDArray[np.float32], direct: ShownDirect) -> np.float32:
     """Square of the brightness below which a texel is judged as if it had that; arguments as in state_error."""
     by_photons = (np.maximum(node_light[nodes], 0.0).sum(axis=1, dtype=np.float64) * (tree.end - tree.start)[nodes]).sum()
-    total = float(by_photons) + float(direct.sum(dtype=np.float64))
-    return np.float32(DARK_FLOOR * total / max(direct.size, 1)) ** 2
+    return np.float32(DARK_FLOOR * (float(by_photons) + direct.sum_light()) / max(direct.found.size, 1)) ** 2
 
 
 def _weigh(light: NDArray[np.float32], dark2: np.float32) -> NDArray[np.float32]:

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import shared_arrays, workers
-from .quadtree import Quadtree, TreeView
+from .quadtree import Quadtree
 from .splitting import Splitting
+from .tree_view import TreeView
 from .workers import PhotonResult, PhotonShard
 
 _NEARLY_DONE = 2  # shards whose results are missing when the late ones are given out

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import basis
-from .scene import FloatArray, IntArray
+from .scene import IntArray
 from .shared_arrays import IN_MEMORY, Room
-from .texel_map import CHART_SHIFT, TexelMap
+from .texel_map import TexelMap
 
 _CHUNK = 1 << 16  # texel entries at a time
 
@@ -34,7 +34,7 @@ class Quadtree:
     chart       (n,) int32
     side        (n,) int32, texels
     origin      (n, 2) int32, page texel of the lower left corner
-    key         (n,) int64, chart and Morton code of the first texel: nodes of one level sort by it
+    code        (n,) int64, Morton code in the chart at which its square begins
     parent      (n,) int32, -1 for the nodes the tree started with
     quadrant    (n,) int8, which child of its parent
     children    (n, 4) int32, -1 where the chart does not enter or the node has none
@@ -50,7 +50,7 @@ class Quadtree:
     chart: NDArray[np.int32]
     side: NDArray[np.int32]
     origin: NDArray[np.int32]
-    key: NDArray[np.int64]
+    code: NDArray[np.int64]
     parent: NDArray[np.int32]
     quadrant: NDArray[np.int8]
     children: NDArray[np.int32]
@@ -102,7 +102,7 @@ def plant_trees(texels: TexelMap, degree: int, level: int, finest_texels: int, f
         chart=chart,
         side=side,
         origin=(texels.chart_origin[chart] + relative).astype(np.int32),
-        key=(chart.astype(np.int64) << CHART_SHIFT) | (texels.texel_code[first] >> 2 * side_log2[chart] << 2 * side_log2[chart]),
+        code=texels.texel_code[first] >> 2 * side_log2[chart] << 2 * side_log2[chart],
         parent=np.full(len(first), -1, np.int32),
         quadrant=np.zeros(len(first), np.int8),
         start=first,
@@ -132,7 +132,7 @@ def _bare_tree(degree: int) -> Quadtree:
         chart=small,
         side=small,
         origin=np.zeros((0, 2), np.int32),
-        key=whole,
+        code=whole,
         parent=small,
         quadrant=np.zeros(0, np.int8),
         children=np.zeros((0, 4), np.int32),
@@ -165,19 +165,21 @@ def _append(tree: Quadtree, texels: TexelMap, **new: NDArray[Any]) -> Quadtree:
     )
 
 
-def add_children(tree: Quadtree, nodes: IntArray, texels: TexelMap, keys: NDArray[np.int64]) -> Quadtree:
-    """The tree with children below `nodes`, which must be larger than a texel and have none.
-
-    keys   of texels.list_keys()
-    """
+def add_children(tree: Quadtree, nodes: IntArray, texels: TexelMap) -> Quadtree:
+    """The tree with children below `nodes`, which must be larger than a texel and have none."""
     if len(nodes) == 0:
         return tree
     side = np.repeat(tree.side[nodes] // 2, 4)
     quadrant = np.tile(np.arange(4, dtype=np.int8), len(nodes))
     parent = np.repeat(nodes, 4).astype(np.int32)
-    key = tree.key[parent] + quadrant * side.astype(np.int64) ** 2
-    start = np.searchsorted(keys, key)
-    end = np.searchsorted(keys, key + side.astype(np.int64) ** 2)
+    code = tree.code[parent] + quadrant * side.astype(np.int64) ** 2
+    cuts = np.empty((len(nodes), 5), np.int64)
+    cuts[:, 0], cuts[:, 4] = tree.start[nodes], tree.end[nodes]
+    begins = code.reshape(-1, 4)
+    for quarter in (2, 1, 3):  # the middle first: the others lie on either side of it
+        low, high = (cuts[:, 0], cuts[:, 4]) if quarter == 2 else (cuts[:, quarter - 1], cuts[:, quarter + 1])
+        cuts[:, quarter] = _find_codes(texels.texel_code, low, high, begins[:, quarter])
+    start, end = cuts[:, :-1].ravel(), cuts[:, 1:].ravel()
     covered = end > start
     offset = np.stack([quadrant & 1, quadrant >> 1], 1) * side[:, None]
     return _append(
@@ -186,7 +188,7 @@ def add_children(tree: Quadtree, nodes: IntArray, texels: TexelMap, keys: NDArra
         chart=tree.chart[parent][covered],
         side=side[covered],
         origin=(tree.origin[parent] + offset)[covered].astype(np.int32),
-        key=key[covered],
+        code=code[covered],
         parent=parent[covered],
         quadrant=quadrant[covered],
         start=start[covered],
@@ -196,12 +198,23 @@ def add_children(tree: Quadtree, nodes: IntArray, texels: TexelMap, keys: NDArra
     )
 
 
-def grow_previews(tree: Quadtree, texels: TexelMap, keys: NDArray[np.int64], preview_depth: int, finest_texels: int) -> Quadtree:
+def _find_codes(code: NDArray[np.int64], low: NDArray[np.int64], high: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(m,) int64: where in code[low:high], each ascending, the first lies that is not below `wanted`; all (m,). Found by halving."""
+    low, high = low.copy(), high.copy()
+    while (rows := np.flatnonzero(low < high)).size:
+        middle = (low[rows] + high[rows]) >> 1
+        is_below = code[middle] < wanted[rows]
+        low[rows[is_below]] = middle[is_below] + 1
+        high[rows[~is_below]] = middle[~is_below]
+    return low
+
+
+def grow_previews(tree: Quadtree, texels: TexelMap, preview_depth: int, finest_texels: int) -> Quadtree:
     """The tree with `preview_depth` levels of preview nodes below every current node, as far as texels allow."""
     below = np.flatnonzero(tree.current)
     for _ in range(preview_depth):
         bare = below[~tree.has_children[below] & (tree.side[below] > finest_texels)]
-        tree = add_children(tree, bare, texels, keys)
+        tree = add_children(tree, bare, texels)
         children = tree.children[below]
         below = children[children >= 0]
     return tree
@@ -255,38 +268,3 @@ def mean_in_nodes(tree: Quadtree, per_texel: NDArray[np.float32]) -> NDArray[np.
         total = np.append(0.0, np.cumsum(np.concatenate([np.zeros(0), *sums])))
         channel[:] = (total[last] - total[first]) / (tree.end - tree.start)
     return out
-
-
-@dataclass(frozen=True)
-class TreeView:
-    """Where photons are counted, as a process that traces needs it to place its hits: the deepest nodes of a tree, and squares.
-
-    node           (n_texel,) int32
-    centre         (n_node, 2) float32, page texels
-    inverse_half   (n_node,) float32, 1/texel
-    square_entry   (k,) int32, ascending: texel entries whose squares have counters too
-    """
-
-    node: NDArray[np.int32]
-    centre: NDArray[np.float32]
-    inverse_half: NDArray[np.float32]
-    square_entry: NDArray[np.int32]
-
-    @classmethod
-    def of_tree(cls, tree: Quadtree, n_texel: int, square_entry: NDArray[np.int32], room: Room = IN_MEMORY) -> TreeView:
-        half = tree.side / 2.0
-        deepest = np.flatnonzero(~tree.has_children)
-        centre = (tree.origin + half[:, None]).astype(np.float32)
-        return cls(node_of_texel(tree, deepest, n_texel, room), centre, (1.0 / half).astype(np.float32), square_entry)
-
-    def locate(self, entry: IntArray, x: FloatArray, y: FloatArray) -> tuple[NDArray[np.int32], FloatArray, FloatArray]:
-        """The deepest node at each hit, and the hit in its coordinates s, t.
-
-        entry   (m,) int, texel entries, none of them -1;  x, y   (m,) float, page texels
-        """
-        node = self.node.take(entry)
-        inverse_half = self.inverse_half.take(node)
-        # A texel at the node's edge may go on to half of the next one, see texel_borders; farther off a polynomial would run away.
-        most = 1.0 + 0.5 * inverse_half
-        s, t = (np.clip((at - self.centre[:, axis].take(node)) * inverse_half, -most, most) for axis, at in enumerate((x, y)))
-        return node, s, t

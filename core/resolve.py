@@ -56,17 +56,20 @@ def light_at_texels(
     threads: int = 1,
     spread: denoise.Spread = starmap,
     doubt: bool = True,
+    spend: bool = False,
 ) -> TexelLight:
     """The leaves' functions at each texel's own point, or what squares say there, plus direct light by rays.
 
     stderr is that before grain is smoothed, and told where `doubt` asks for it.
+    spend   nobody asks for the field's direct light afterwards, and what is found takes its place in memory
     """
-    by_rays = field.direct.take_shown(blender.texels, blender.entry_at, smooth_grain, spread)
+    by_rays = field.direct.take_shown(blender.texels, blender.entry_at, smooth_grain, spread, in_place=spend)
     n_texel = len(blender.page)
     leaf = node_of_texel(field.tree, field.leaves, n_texel)
     # Where rays tell of light straight from lights, photons tell of none, and there is only one part.
     first = 0 if _any_direct(field) else 1
-    by_part, variance = np.empty((2 - first, n_texel, 3), np.float32), np.empty((n_texel, 3), np.float32)
+    by_part = np.empty((2 - first, n_texel, 3), np.float32)
+    variance = field.direct.variance if spend and not doubt else np.empty((n_texel, 3), np.float32)
     joined = blender.join(field.tree, field.solution, leaf)
 
     def fill(start: int) -> None:
@@ -91,19 +94,19 @@ def light_at_texels(
     if gathered and field.gathered:
         told = np.flatnonzero(gathered.told)
         grain[told] = False
-        by_part[-1, told] = np.maximum(gathered.light.irradiance[told], 0.0)
+        by_part[-1, told] = np.maximum(gathered.light.irradiance_at(told), 0.0)
         variance[told] = field.gathered.find_variance()[told] + gathered.doubt2[told, None]
     if smooth_grain:  # apart from that of rays: by the noise of all light, direct light, known far better, would be smeared
         grainy_parts = by_part[-1:] if field.direct.passes.any() else by_part
         found = denoise.denoise(grainy_parts, variance, grain, blender.texels, blender.entry_at, spread)
         grainy_parts[:, found.entry] = found.light
-    noise = field.direct.find_variance()
+    noise = field.direct.find_variance() if doubt else None
 
     def finish(start: int) -> None:
         part = slice(start, min(start + reconstruct.CHUNK, n_texel))
         if not first:
             by_part[0, part] += by_rays[part]
-        if doubt:
+        if noise is not None:
             variance[part] += noise[part]
             np.sqrt(variance[part], out=variance[part])
 

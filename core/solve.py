@@ -75,7 +75,6 @@ class Solver:
         self.tracing = workers.open_tracing(str(self.folder))
         texels, settings = self.tracing.texels, self.settings
         self.degree = basis.DEGREES[settings.basis]
-        self.keys = texels.list_keys()
         self.tree = quadtree.plant_trees(texels, self.degree, settings.min_level, settings.finest_texels, not settings.hierarchical)
         if settings.hierarchical:
             self._grow_previews()
@@ -96,7 +95,7 @@ class Solver:
 
     def _grow_previews(self) -> None:
         depth, finest = self.settings.preview_depth, self.settings.finest_texels
-        self.tree = quadtree.grow_previews(self.tree, self.tracing.texels, self.keys, depth, finest)
+        self.tree = quadtree.grow_previews(self.tree, self.tracing.texels, depth, finest)
 
     def run(self, tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> LightField:
         """Rounds until one of the stop rules holds; `tell` hears of each."""
@@ -220,7 +219,7 @@ class Solver:
         self.round += 1
 
     def _save_view(self, number: int, splitting: Splitting | None) -> str:
-        return save_view(self.folder / f"view_{number}", self.tree, len(self.keys), self.squares.entry, splitting)
+        return save_view(self.folder / f"view_{number}", self.tree, len(self.tracing.texels.texel_code), self.squares.entry, splitting)
 
     def send_again(self, late: list[workers.PhotonShard], splitting: Splitting | None) -> None:
         """Shards of the last round that were under way when the bake stopped, if it may have so many photons and another round."""

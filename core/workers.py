@@ -24,7 +24,6 @@ from .job import SNAPSHOT_FILE
 from .materials import SurfaceMaterials
 from .photon_log import Counters, EnergyAudit
 from .pruning import prune_scene
-from .quadtree import TreeView
 from .scene import IntArray, SceneSnapshot
 from .snapshot import load_snapshot
 from .splitting import SplitTally, Splitting, weigh_groups
@@ -32,6 +31,7 @@ from .squares import deposit_on_squares
 from .tally import ShardTally, deposit
 from .texel_map import LOOK, TexelMap
 from .tiles import Tiles
+from .tree_view import TreeView
 
 TEXELS_FOLDER = "texels"
 SPLITTING_FOLDER = "splitting"  # in a view's

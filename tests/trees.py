@@ -10,6 +10,7 @@ from leaflight.core import basis, quadtree, tally
 from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.scene import Material, SceneObject, SceneSnapshot
 from leaflight.core.texels import TexelMap, build_texel_map
+from leaflight.core.tree_view import TreeView
 
 
 def make_map(uv: Any, chart: Any = None, position: Any = None, size: int = 8, degree: int = 4) -> TexelMap:
@@ -80,7 +81,7 @@ class SquareBake:
 
     def __init__(self, side=64, degree=1, width=1.0, level=0, preview_depth=2, flat=False):
         self.texels, self.degree, self.side = make_square_map(side, degree, width), degree, side
-        self.keys = self.texels.list_keys()
+        self.n_texel = len(self.texels.texel_code)
         self.preview_depth = preview_depth
         self.tree = quadtree.plant_trees(self.texels, degree, level, 1, flat)
         if not flat:
@@ -88,12 +89,12 @@ class SquareBake:
         self.tally = tally.Tally.empty(len(self.tree), degree)
 
     def grow(self):
-        self.tree = quadtree.grow_previews(self.tree, self.texels, self.keys, self.preview_depth, 1)
+        self.tree = quadtree.grow_previews(self.tree, self.texels, self.preview_depth, 1)
 
     def throw(self, s, t, half=0, emitted=None, flux=None, is_first=True):
         """Deposit photons at s, t in [0, 1) of the square; straight from a light if `is_first`."""
         self.tally.grow(len(self.tree))
-        view = quadtree.TreeView.of_tree(self.tree, len(self.keys), np.zeros(0, np.int32))
+        view = TreeView.of_tree(self.tree, self.n_texel, np.zeros(0, np.int32))
         x, y = s * self.side, t * self.side
         node, *local = view.locate(self.texels.entry_of(np.zeros(len(x), int), x, y), x, y)
         power = np.ones((3, len(x))) if flux is None else flux
@@ -108,7 +109,7 @@ class SquareBake:
 
     def values(self, nodes, s, t):
         """Irradiance of the first channel at s, t, on the node of `nodes` that holds each."""
-        owner = quadtree.node_of_texel(self.tree, nodes, len(self.keys))
+        owner = quadtree.node_of_texel(self.tree, nodes, self.n_texel)
         node = owner[self.texels.entry_of(np.zeros(len(s), int), s * self.side, t * self.side)]
         half = self.tree.side[node] / 2
         local = [(v * self.side - self.tree.origin[node, axis]) / half - 1 for axis, v in enumerate((s, t))]

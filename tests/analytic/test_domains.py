@@ -54,7 +54,7 @@ def polygon_tree(corner, degree):
     settings = Settings(size=SIZE_TEXELS)
     texels = build_texel_map(scene, charts.make_charts(scene, settings), 2 * degree)
     tree = quadtree.plant_trees(texels, degree, 0, 1, False)
-    return quadtree.grow_previews(tree, texels, texels.list_keys(), LEVELS, 1)
+    return quadtree.grow_previews(tree, texels, LEVELS, 1)
 
 
 @pytest.mark.parametrize("degree", [1, 2], ids=BASES[1:])

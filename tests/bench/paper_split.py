@@ -70,10 +70,10 @@ def split_error(name: str, reference: Reference, stage: Stage, tree: Quadtree, l
 
 def plant_whole(stage: Stage, degree: int) -> Quadtree:
     """Trees with all their nodes, down to texels."""
-    texels, keys = stage.texels, stage.texels.list_keys()
+    texels = stage.texels
     tree = quadtree.plant_trees(texels, degree, 0, 1, False)
     while len(bare := np.flatnonzero(~tree.has_children & (tree.side > 1))):
-        tree = quadtree.add_children(tree, bare, texels, keys)
+        tree = quadtree.add_children(tree, bare, texels)
     return tree
 
 

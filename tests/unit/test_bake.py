@@ -290,7 +290,7 @@ def test_a_stopped_bake_goes_on_to_the_bytes_of_a_whole_one(tmp_path):
     assert images[0] == images[2] != images[1]
     assert (rest["photons"], rest["rays"], rest["energy_audit_w"]) == (whole["photons"], whole["rays"], whole["energy_audit_w"])
     assert "direct" not in rest["seconds"]
-    assert [message.stage for message in messages if isinstance(message, Status)][-2:] == ["write", "keep"]
+    assert [message.stage for message in messages if isinstance(message, Status)][-2:] == ["keep", "write"]
     assert read_info(Path(kept)).photons == whole["photons"]
 
 

@@ -21,7 +21,7 @@ def make_pages(width=1.0, margin=0):
     bake.tree = quadtree.split(bake.tree, lower_left)
     bake.throw(*(0.5 * np.random.default_rng(1).random((2, 1000))))
     leaves = np.flatnonzero(bake.tree.current)
-    n = len(bake.keys)
+    n = bake.n_texel
     light = solve.LightField(
         bake.tree, bake.solution(), leaves, bake.totals().received, 1.0, DirectField.none(n), 0.0, 1000, 1, "error", solve.Ledger()
     )

@@ -23,7 +23,9 @@ def show(texels, truth, sigma, seed=1):
 
 def real_and_told(shown, truth):
     """How far the light is off, root mean square, and what is said of it."""
-    return np.sqrt(((shown.irradiance - truth) ** 2).mean()), np.sqrt(shown.variance.mean() + max(shown.blur2.mean(), 0))
+    every = np.arange(len(shown))
+    told = np.sqrt(shown.variance_at(every).mean() + max(shown.blur2_at(every).mean(), 0))
+    return np.sqrt(((shown.irradiance - truth) ** 2).mean()), told
 
 
 def even(x):
@@ -63,7 +65,8 @@ def test_blur_is_seen_as_such(texels):
     """Ripples half as high as the noise are smoothed away with it, on average over pages."""
     truth = ripple(texels.texel_xy[:, :1]) * np.ones(3)
     pages = [show(texels, truth, 0.2, seed)[2] for seed in range(4)]
-    assert sum(shown.blur2.mean() for shown in pages) > sum(shown.variance.mean() for shown in pages) > 0
+    every = np.arange(SIDE * SIDE)
+    assert sum(shown.blur2_at(every).mean() for shown in pages) > sum(shown.variance_at(every).mean() for shown in pages) > 0
 
 
 def test_smoothing_even_light_is_no_blur(texels):
@@ -72,7 +75,7 @@ def test_smoothing_even_light_is_no_blur(texels):
     for seed in range(20):
         noisy, _, shown = show(texels, np.ones((SIDE * SIDE, 3)), sigma, seed)
         by_chance = ((noisy - 1) ** 2).mean() - sigma**2  # how much more noise there is than is said
-        told.append((shown.blur2.mean() - by_chance) / sigma**2)
+        told.append((shown.blur2_at(np.arange(SIDE * SIDE)).mean() - by_chance) / sigma**2)
     assert abs(np.mean(told)) < 0.003  # 0.001 by chance; a smoothed texel keeps 0.03 of its noise
 
 
@@ -82,17 +85,43 @@ def test_light_is_smoothed_where_it_has_grain_and_told_as_it_is_elsewhere(texels
     noisy = (truth + np.where(x < 20, 0.1, 0.001)[:, None] * np.random.default_rng(1).standard_normal(truth.shape)).astype(np.float32)
     variance = np.where(x < 20, np.float32(0.01), np.float32(1e-6))[:, None].repeat(3, axis=1)
     shown = ShownDirect.smoothed(noisy, variance, texels, entries_of_page(texels))
-    far = x > 22
-    for found, given in ((shown.irradiance, noisy), (shown.variance, variance), (shown.blur2, np.zeros_like(noisy))):
+    far, every = x > 22, np.arange(SIDE * SIDE)
+    assert not np.isin(shown.entry, np.flatnonzero(far)).any()
+    for found, given in (
+        (shown.irradiance, noisy),
+        (shown.variance_at(every), variance),
+        (shown.blur2_at(every), np.zeros_like(noisy)),
+    ):
         np.testing.assert_array_equal(found[far], given[far])
         assert (found[x < 20] != given[x < 20]).mean() > 0.99
 
 
+def test_some_texels_are_told_as_all_of_them_are(texels):
+    """In any order, before the first that was smoothed and after the last; and what was found stays as it was."""
+    noisy, variance, _ = show(texels, np.ones((SIDE * SIDE, 3)), 0.1)
+    y = texels.texel_xy[:, 1]
+    variance[(y < 8) | (y >= 56)] = 1e-8
+    shown = ShownDirect.smoothed(noisy, variance, texels, entries_of_page(texels))
+    every, before = np.arange(SIDE * SIDE), noisy.copy()
+    assert 0 < shown.entry[0] < shown.entry[-1] < SIDE * SIDE - 1
+    assert (np.diff(shown.entry) > 0).all()
+    some = np.random.default_rng(1).permutation(every)[:500]
+    for at in (shown.irradiance_at, shown.variance_at, shown.blur2_at):
+        np.testing.assert_array_equal(at(some), at(every)[some])
+        assert at(some[:0]).shape == (0, 3)
+    np.testing.assert_array_equal(shown.irradiance_at(every), shown.irradiance)
+    np.testing.assert_array_equal(shown.irradiance[shown.entry], shown.smooth)
+    assert shown.sum_light() == pytest.approx(shown.irradiance.sum(dtype=float), rel=1e-12)
+    np.testing.assert_array_equal(noisy, before)
+
+
 def test_light_with_little_noise_is_shown_as_it_is(texels):
     noisy, variance, shown = show(texels, np.ones((SIDE * SIDE, 3)), 0.001)
+    every = np.arange(SIDE * SIDE)
     assert shown.irradiance is noisy
-    assert shown.variance is variance
-    assert not shown.blur2.any()
+    np.testing.assert_array_equal(shown.variance_at(every), variance)
+    assert not shown.blur2_at(every).any()
+    assert shown.sum_light() == noisy.sum(dtype=float)
 
 
 def test_a_field_smooths_once_for_each_shot(texels):
@@ -103,3 +132,15 @@ def test_a_field_smooths_once_for_each_shot(texels):
     assert field.show(texels, entry_at, smooth=True) is first
     np.testing.assert_array_equal(first.irradiance, shown.irradiance)
     assert field.show(texels, entry_at, smooth=False).irradiance is noisy
+
+
+def test_who_asks_last_may_have_the_fields_own_memory(texels):
+    noisy, variance, shown = show(texels, np.ones((SIDE * SIDE, 3)), 0.1)
+    field, before = DirectField(noisy, variance, np.ones(len(noisy), np.int16)), noisy.copy()
+    where = texels, entries_of_page(texels)
+    apart = field.take_shown(*where, smooth=True)
+    np.testing.assert_array_equal(noisy, before)
+    in_place = field.take_shown(*where, smooth=True, in_place=True)
+    assert in_place is noisy
+    for found in (apart, in_place):
+        np.testing.assert_array_equal(found, shown.irradiance)

@@ -41,7 +41,7 @@ def throw(sampler, photons, seed, **options):
 def state(bake, nodes, direct_variance=0.0, smooth_grain=False, risk=None):
     totals, solution = bake.totals(), bake.solution()
     comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.0, 16, 2))
-    zero = np.zeros((len(bake.keys), 3), np.float32)
+    zero = np.zeros((bake.n_texel, 3), np.float32)
     variance = zero + np.float32(direct_variance)
     return estimate.state_error(
         bake.tree, totals, solution, comparison, nodes, ShownDirect.plain(zero, variance), blender_of(bake), smooth_grain, risk=risk
@@ -63,7 +63,7 @@ def noise_of(bake, nodes):
 def real_error(bake, nodes, truth):
     """As estimate states it: of blended leaves at texels' middles, relative to local brightness, over the best of them."""
     s, t = (bake.texels.texel_xy.T + 0.5) / SIDE
-    leaf = quadtree.node_of_texel(bake.tree, nodes, len(bake.keys))
+    leaf = quadtree.node_of_texel(bake.tree, nodes, bake.n_texel)
     shown = blender_of(bake).join(bake.tree, bake.solution(), leaf).at(np.arange(len(leaf))).irradiance.sum(0)[0]
     squares = (shown - truth(s, t)) ** 2 / (truth(s, t) ** 2 + estimate.DARK_FLOOR**2)
     return np.sqrt(np.sort(squares)[: int(estimate.BEST_TEXELS * len(squares))].mean())
@@ -186,10 +186,11 @@ def test_blur_of_direct_light_counts_as_its_noise_does_but_never_below_nothing()
     bake = throw(even, 50_000, 1, degree=0, level=3)
     totals, solution = bake.totals(), bake.solution()
     comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.0, 16, 2))
-    zero = np.zeros((len(bake.keys), 3), np.float32)
+    zero = np.zeros((bake.n_texel, 3), np.float32)
     found = []
     for blur2 in (0.0, 0.03, -0.03):
-        shown = ShownDirect(zero, zero + np.float32(0.01), zero + np.float32(blur2))
+        every, noise = np.arange(bake.n_texel, dtype=np.int32), zero + np.float32(0.01)
+        shown = ShownDirect(zero, noise, every, zero, noise, zero + np.float32(blur2))
         found.append(estimate.state_error(bake.tree, totals, solution, comparison, current(bake), shown, blender_of(bake)))
     plain, blurred, clear = found
     assert blurred.direct**2 == pytest.approx(4 * plain.direct**2, rel=1e-3)
@@ -258,7 +259,7 @@ def test_a_leaf_is_judged_by_its_children_whether_they_are_stable_or_not():
     bake = throw(left, 2500, 3, degree=0, level=1, preview_depth=3)
     tree, leaves = bake.tree, current(bake)
     comparison = refine.Comparison.of(tree, bake.totals(), bake.solution(), refine.Rule("significance", 0.0, 16, 2))
-    leaf = quadtree.node_of_texel(tree, leaves, len(bake.keys))
+    leaf = quadtree.node_of_texel(tree, leaves, bake.n_texel)
     judge = estimate._find_judges(tree, leaves, blender_of(bake))
     right = bake.texels.texel_xy[:, 0] >= SIDE // 2
     assert not comparison.stable[leaf[right]].any()
@@ -291,7 +292,7 @@ def test_the_doubt_of_a_bias_is_how_much_it_varies_over_bakes(monkeypatch):
 def test_what_dips_below_zero_is_judged_as_it_is_shown(halves, counted):
     """As dark; of what is shown, a half may well be below zero."""
     bake = SquareBake(side=8, level=1)  # no photons: below all leaves it is dark
-    tree, sample = bake.tree, np.arange(len(bake.keys))
+    tree, sample = bake.tree, np.arange(bake.n_texel)
     leaf, deepest = (quadtree.node_of_texel(tree, nodes, len(sample)) for nodes in (current(bake), np.flatnonzero(~tree.has_children)))
     assert (leaf != deepest).all()
     light = np.ones((2, 3, len(sample))) * np.reshape(halves, (2, 1, 1))
@@ -338,7 +339,7 @@ def test_noise_of_what_judges_say_is_known_beforehand():
     told, expected = [], []
     for seed in range(8):
         bake = throw(even, 100_000, seed, degree=1, level=2, preview_depth=1)
-        tree, solution, nodes, sample = bake.tree, bake.solution(), current(bake), np.arange(len(bake.keys))
+        tree, solution, nodes, sample = bake.tree, bake.solution(), current(bake), np.arange(bake.n_texel)
         leaf, judge = (quadtree.node_of_texel(tree, ids, len(sample)) for ids in (nodes, np.flatnonzero(~tree.has_children)))
         shown = blender_of(bake).join(tree, solution, leaf, halves=True).at(sample)
         weight, blind2 = np.ones((len(sample), 3), np.float32), np.zeros(len(sample))

@@ -9,7 +9,7 @@ from trees import SquareBake
 
 
 def leaves_of(bake, tree):
-    leaf = quadtree.node_of_texel(tree, np.flatnonzero(tree.current), len(bake.keys))
+    leaf = quadtree.node_of_texel(tree, np.flatnonzero(tree.current), bake.n_texel)
     entry_at = np.full((1, bake.side, bake.side), -1, np.int32)
     entry_at[0, bake.texels.texel_xy[:, 1], bake.texels.texel_xy[:, 0]] = np.arange(len(leaf))
     return leaf, np.zeros(len(leaf), np.int32), entry_at
@@ -32,7 +32,7 @@ def test_leaves_of_all_sizes_find_each_other(width, splits):
         if splits > 3:
             beside = tree.current & (tree.side > 1) & (tree.origin[:, 0] == 16) & (tree.origin[:, 1] < 16)
             split = np.union1d(split, np.flatnonzero(beside))
-        tree = quadtree.grow_previews(quadtree.split(tree, split), bake.texels, bake.keys, 1, 1)
+        tree = quadtree.grow_previews(quadtree.split(tree, split), bake.texels, 1, 1)
     leaf, page, entry_at = leaves_of(bake, tree)
     assert {16, 8, 4, 2, 16 >> splits} == set(tree.side[leaf].tolist())
     at = np.where(entry_at[0] >= 0, leaf[entry_at[0]], -1)

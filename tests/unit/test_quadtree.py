@@ -39,7 +39,7 @@ def test_nodes_tell_of_the_texels_in_them(monkeypatch, chunk):
     """Their means, and whether any has a flag."""
     monkeypatch.setattr(quadtree, "_CHUNK", chunk)
     bake, rng = SquareBake(side=16, width=0.7, preview_depth=3), np.random.default_rng(2)
-    flag, values = rng.random(len(bake.keys)) < 0.05, rng.random((len(bake.keys), 3)).astype(np.float32)
+    flag, values = rng.random(bake.n_texel) < 0.05, rng.random((bake.n_texel, 3)).astype(np.float32)
     texels = [slice(start, end) for start, end in zip(bake.tree.start, bake.tree.end, strict=True)]
     found = quadtree.any_in_nodes(bake.tree, flag)
     assert found.tolist() == [bool(flag[inside].any()) for inside in texels]
@@ -47,6 +47,18 @@ def test_nodes_tell_of_the_texels_in_them(monkeypatch, chunk):
     means = np.transpose([values[inside].mean(axis=0, dtype=np.float64) for inside in texels])
     np.testing.assert_allclose(quadtree.mean_in_nodes(bake.tree, values), means, rtol=1e-9)
     assert not quadtree.mean_in_nodes(bake.tree, np.zeros_like(values)).any()
+
+
+def test_the_texels_of_children_are_found_by_halving():
+    """Ranges of any length, with what is looked for before, in and after them."""
+    rng = np.random.default_rng(1)
+    code = np.concatenate([np.sort(rng.choice(999, size)) for size in (1, 2, 300)])
+    low, high = np.array([0, 0, 1, 1, 3, 3, 3, 3, 3]), np.array([0, 1, 1, 3, 303, 303, 303, 303, 303])
+    wanted = np.array([5, 0, 7, code[2], -1, code[3], code[150], code[302], 9999])
+    found = quadtree._find_codes(code, low, high, wanted)
+    expected = [first + np.searchsorted(code[first:last], one) for first, last, one in zip(low, high, wanted, strict=True)]
+    assert found.tolist() == expected
+    assert quadtree._find_codes(code, low[:0], high[:0], wanted[:0]).tolist() == []
 
 
 def test_the_flat_tree_has_a_node_per_texel():
@@ -83,18 +95,6 @@ def test_nodes_that_do_not_tile_are_refused():
     bake = SquareBake(side=8, preview_depth=1)
     with pytest.raises(ValueError, match="expected to tile 64 texels"):
         quadtree.node_of_texel(bake.tree, bake.tree.children[0][:2], 64)
-
-
-def test_a_hit_may_lie_half_a_texel_beyond_its_node():
-    """As where a wall's foot runs through the next texel; what lies farther off is brought that near."""
-    texels = make_square_map(8, 1)
-    tree = quadtree.plant_trees(texels, 1, 2, 1, False)
-    view = quadtree.TreeView.of_tree(tree, len(texels.texel_chart), np.zeros(0, np.int32))
-    entry = np.flatnonzero((texels.texel_xy == [1, 0]).all(1)).repeat(3)
-    node, s, t = view.locate(entry, np.array([1.5, 2.4, 9.0]), np.array([0.5, -0.4, -9.0]))
-    assert tree.side[node].tolist() == [2, 2, 2]
-    assert s == pytest.approx([0.5, 1.4, 1.5])
-    assert t == pytest.approx([-0.5, -1.4, -1.5])
 
 
 @pytest.mark.parametrize("counts", [[], [200_000], [1] * 70_000, [1, 65_535, 65_536, 3, 140_000, 1]])

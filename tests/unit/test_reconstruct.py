@@ -22,7 +22,7 @@ def join(texels, tree, solution, owner, halves=False):
 
 
 def blend(bake):
-    n = len(bake.keys)
+    n = bake.n_texel
     leaves = np.flatnonzero(bake.tree.current)
     owner = quadtree.node_of_texel(bake.tree, leaves, n)
     values = join(bake.texels, bake.tree, bake.solution(), owner).at(np.arange(n))
@@ -103,7 +103,7 @@ def test_the_mean_of_the_halves_is_the_whole():
     rng = np.random.default_rng(2)
     for half in (0, 1):
         bake.throw(*ramp(rng, 20_000), half)
-    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), len(bake.keys))
+    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), bake.n_texel)
     entries = np.arange(len(owner))
     whole, halves = (join(bake.texels, bake.tree, bake.solution(), owner, halves).at(entries).irradiance for halves in (False, True))
     np.testing.assert_allclose(halves.mean(0), whole.sum(0), rtol=1e-9)
@@ -116,7 +116,7 @@ def joined_leaves(degree):
     s, t = np.random.default_rng(3).random((2, 500))
     for mirrored in ((s, t), (1 - s, t), (s, 1 - t), (1 - s, 1 - t)):
         bake.throw(*mirrored)
-    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), len(bake.keys))
+    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), bake.n_texel)
     light = join(bake.texels, bake.tree, bake.solution(), owner).at(np.arange(len(owner)))
     return bake, light, owner
 
@@ -159,7 +159,7 @@ def leaves_of_two_sizes(density, degree):
     colour, grey = np.array([1.0, 0.4, 2.0]), bake.solution()
     coefficient, variance = grey.coefficient * colour[:, None, None], grey.variance * colour[:, None] ** 2
     solution = replace(grey, coefficient=coefficient, variance=variance)
-    return bake, tree, solution, quadtree.node_of_texel(tree, np.flatnonzero(tree.current), len(bake.keys))
+    return bake, tree, solution, quadtree.node_of_texel(tree, np.flatnonzero(tree.current), bake.n_texel)
 
 
 @pytest.mark.parametrize("degree", [0, 1])
@@ -216,7 +216,7 @@ def test_a_blend_is_the_mean_over_the_leaves_that_reach_a_place(degree):
 def test_leaves_without_noise_speak_as_loud_as_others(own, other, light, share):
     """Of two leaves of 8 texels, half a texel from their border."""
     bake = SquareBake(side=16, degree=0, preview_depth=1, level=1)
-    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), len(bake.keys))
+    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), bake.n_texel)
     entry, beside = (np.flatnonzero((bake.texels.texel_xy == place).all(axis=1)) for place in ((7, 3), (8, 3)))
     solution = bake.solution()
     coefficient, variance = np.zeros_like(solution.coefficient), np.zeros_like(solution.variance)
@@ -250,7 +250,7 @@ def test_light_goes_on_across_the_borders_of_leaves(degree):
 
 def blend_both(bake, pieces):
     """Blends (c, n) of all texels, one by one and by ranges that end at `pieces`, and the standard error (n,) of the first."""
-    n = len(bake.keys)
+    n = bake.n_texel
     owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), n)
     joined = join(bake.texels, bake.tree, bake.solution(), owner)
     each = joined.at(np.arange(n))
@@ -274,7 +274,7 @@ def test_a_lattice_follows_a_ramp_between_leaves():
     """Whose step is noise is asked at the corners of a cell, not at each of its texels."""
     bake = quartered(even, side=256)
     each, by_cells, variance, variance_by_cells = blend_both(bake, [1000])
-    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), len(bake.keys))
+    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), bake.n_texel)
     alone = reconstruct.evaluate_leaf(bake.tree, bake.solution(), owner, *bake.texels.own_points(0, len(owner)))
     off, change = (np.sqrt((light**2).mean()) for light in (by_cells - each, each - alone.irradiance.reshape(6, -1)))
     assert 0 < off < 0.05 * change
@@ -286,7 +286,7 @@ def join_wide(width):
     """Leaves of 128 texels' side, joined, on a square of 256 that is covered up to `width`."""
     bake = SquareBake(side=256, degree=1, width=width, preview_depth=1, level=1)
     bake.throw(*(np.random.default_rng(8).random((2, 20_000)) * [[width], [1.0]]))
-    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), len(bake.keys))
+    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), bake.n_texel)
     return join(bake.texels, bake.tree, bake.solution(), owner)
 
 
@@ -323,7 +323,7 @@ def glance_of_charts(folder, size):
     """The first light of a block on a floor, which are seven charts close to each other; who blends it, and the leaf of each texel."""
     solver = make_solver(folder, lamp_scene(), Settings(size=size, padding=1, max_photons=20_000, direct="photons", basis="constant"))
     light = solver.glance()
-    return light, solver.blender, quadtree.node_of_texel(light.tree, light.leaves, len(solver.keys))
+    return light, solver.blender, quadtree.node_of_texel(light.tree, light.leaves, len(solver.blender.page))
 
 
 def test_leaves_of_other_charts_have_no_say(tmp_path):

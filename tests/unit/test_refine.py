@@ -195,7 +195,7 @@ def test_a_pattern_that_repeats_in_each_quadrant_is_seen_at_the_second_depth():
 def test_shown_leaves_tile_and_are_fewest_where_light_is_even():
     bake = refined(200_000, half_lit, degree=1, side=32)
     leaves = shown(bake)
-    quadtree.node_of_texel(bake.tree, leaves, len(bake.keys))
+    quadtree.node_of_texel(bake.tree, leaves, bake.n_texel)
     dark = bake.tree.origin[leaves, 0] >= 16
     assert (bake.tree.side[leaves[dark]] == 16).all()  # unlit half: as large as the root's split allows
 
@@ -284,5 +284,5 @@ def test_opened_nodes_give_way_to_their_children():
     opened[first[2]] = True
     found = refine.open_nodes(tree, roots, opened)
     assert sorted(found) == sorted([*first[[0, 1, 3]], *tree.children[first[2]]])
-    quadtree.node_of_texel(tree, found, len(bake.keys))  # they tile the square
+    quadtree.node_of_texel(tree, found, bake.n_texel)  # they tile the square
     assert refine.open_nodes(tree, roots, np.zeros(len(tree), bool)).tolist() == roots.tolist()

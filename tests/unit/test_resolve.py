@@ -136,7 +136,7 @@ def test_albedo_of_a_texel_is_the_mean_of_its_texture():
 
 
 def light_field(bake, leaves, correction=1.0):
-    n = len(bake.keys)
+    n = bake.n_texel
     rng = np.random.default_rng(5)
     direct = DirectField(rng.random((n, 3), np.float32), 0.01 * rng.random((n, 3), np.float32), np.ones(n, np.int16))
     received = bake.totals().received
@@ -180,7 +180,7 @@ def test_no_light_is_negative_where_a_fitted_plane_dips_below_zero():
     bake.throw(0.2 * rng.random(10_000), rng.random(10_000))
     nodes = np.flatnonzero(bake.tree.current)
     assert bake.values(nodes, np.array([0.95]), np.array([0.5]))[0] < -0.5
-    field = replace(light_field(bake, nodes), direct=DirectField.none(len(bake.keys)))
+    field = replace(light_field(bake, nodes), direct=DirectField.none(bake.n_texel))
     light = light_of(field, bake.texels)
     assert light.direct.min() == 0
     assert light.direct.max() > 1
@@ -195,7 +195,7 @@ def test_a_fleck_of_indirect_light_is_taken_out_and_one_of_direct_light_is_not()
     for is_first in (True, False):
         bake.throw(s[around], t[around], is_first=is_first)
         bake.throw(*spot, emitted=0, flux=np.full((3, 30), 60.0), is_first=is_first)
-    field = replace(light_field(bake, np.flatnonzero(bake.tree.current)), direct=DirectField.none(len(bake.keys)))
+    field = replace(light_field(bake, np.flatnonzero(bake.tree.current)), direct=DirectField.none(bake.n_texel))
     light = light_of(field, bake.texels)
     x, y = bake.texels.texel_xy.T
     inside = (x // 4 == 1) & (y // 4 == 1)
@@ -216,7 +216,7 @@ def smooth_both(bake, direct):
 def test_grain_of_photons_is_that_of_small_leaves(level, smooth):
     bake = SquareBake(side=64, degree=0, level=level)
     bake.throw(*np.random.default_rng(2).random((2, 10_000)))
-    grainy, shown = smooth_both(bake, DirectField.none(len(bake.keys)))
+    grainy, shown = smooth_both(bake, DirectField.none(bake.n_texel))
     assert (np.abs(shown.direct - grainy.direct).max() > 1e-5) == smooth
 
 
@@ -224,7 +224,7 @@ def test_grain_that_squares_bring_is_smoothed():
     """On leaves that are too large for grain of their own."""
     bake = SquareBake(side=64, degree=0, level=1)
     bake.throw(*np.random.default_rng(2).random((2, 10_000)))
-    n = len(bake.keys)
+    n = bake.n_texel
     told = np.zeros((2, 3, n))
     told[1] = 3 + 0.3 * np.random.default_rng(3).standard_normal(n)
     say = SquareLight(np.arange(n, dtype=np.int32), told, np.full((3, n), 0.09), np.full((3, n), 0.01))
@@ -240,7 +240,7 @@ def test_grain_of_rays_is_theirs_and_smears_nothing_else(noise, smooth):
     """Half a percent of the light is no noise to care for; leaves of 32 texels have no grain."""
     bake = SquareBake(side=64, degree=0, level=1)
     rng = np.random.default_rng(2)
-    light = (1 + noise * rng.normal(size=(len(bake.keys), 3))).astype(np.float32)
+    light = (1 + noise * rng.normal(size=(bake.n_texel, 3))).astype(np.float32)
     direct = DirectField(light, np.full_like(light, noise**2), np.ones(len(light), np.int16))
     bake.throw(*rng.random((2, 400_000)))
     grainy, shown = smooth_both(bake, direct)
@@ -283,3 +283,20 @@ def test_doubt_that_nobody_asks_for_changes_no_light():
     assert untold.stderr is None
     for name in ("direct", "indirect"):
         np.testing.assert_array_equal(getattr(untold, name), getattr(told, name))
+
+
+@pytest.mark.parametrize("doubt", [True, False])
+def test_who_asks_last_is_told_the_same(tmp_path, doubt):
+    """With what was found by rays written over, and left alone where it may be asked for again."""
+    solver = make_solver(tmp_path, lamp_scene(), Settings(size=32, padding=1, max_photons=20_000, error=1e-4))
+    light = solver.run(lambda message: None, lambda: False)
+    found = light.direct.irradiance.copy(), light.direct.variance.copy()
+    first = resolve.light_at_texels(light, solver.blender, doubt=doubt)
+    for values, before in zip((light.direct.irradiance, light.direct.variance), found, strict=True):
+        np.testing.assert_array_equal(values, before)
+    last = resolve.light_at_texels(light, solver.blender, doubt=doubt, spend=True)
+    for name in ("direct", "indirect", "stderr"):
+        np.testing.assert_array_equal(getattr(last, name), getattr(first, name))
+    assert np.shares_memory(last.direct, light.direct.irradiance)
+    assert (last.direct != found[0]).any()
+    assert (light.direct.variance == found[1]).all() == doubt

@@ -159,7 +159,7 @@ def test_photons_are_sent_by_all_light_that_is_shown(tmp_path):
     expected = splitting.weigh_deposits(tree, light.leaves, means, light.ledger.deposits)[:, light.leaves]
     ratio = told.worth[:, light.leaves] / expected
     assert np.quantile(ratio, [0.05, 0.95]) == pytest.approx(1.0, abs=0.3)
-    at_texels = tree.levels[0][quadtree.node_of_texel(tree, tree.levels[0], len(solver.keys))]
+    at_texels = tree.levels[0][quadtree.node_of_texel(tree, tree.levels[0], len(solver.blender.page))]
     np.testing.assert_array_equal(roots[0][at_texels], solver.tracing.snapshot.tri_object[texels.texel_tri])
 
 
@@ -330,7 +330,7 @@ def test_contact_splits_where_it_is_forced(tmp_path):
         solver.forced_texels[touched] = name == "forced"
         solver.run(lambda message: None, lambda: False)
         current = np.flatnonzero(solver.tree.current)
-        sides.append(solver.tree.side[quadtree.node_of_texel(solver.tree, current, len(solver.keys))])
+        sides.append(solver.tree.side[quadtree.node_of_texel(solver.tree, current, len(solver.blender.page))])
     assert (sides[1] <= sides[0]).all()
     assert sides[1][touched] <= 2 < sides[0][touched]
     elsewhere = solver.tracing.texels.texel_chart > 0

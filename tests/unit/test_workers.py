@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, prepare_folder
-from leaflight.core import photons, quadtree, shared_arrays, workers
+from leaflight.core import photons, shared_arrays, workers
 from leaflight.core.birth_cells import BirthCells
 from leaflight.core.scene import Light, Material, SceneObject
 from leaflight.core.settings import Settings
 from leaflight.core.splitting import Splitting
+from leaflight.core.tree_view import TreeView
 from scenes import Mesh, make_scene, moved, quad_mesh
 
 SETTINGS = Settings(size=32, padding=1)
@@ -21,7 +22,7 @@ def make_shard(folder, scene, worth=None):
     """A shard of 5000 photons, and its tree; with `worth` of so many nodes, (3, n_node), photons may be told to part as they would."""
     solver = make_solver(folder, scene, replace(SETTINGS, direct="photons"))
     tree, view = solver.tree, folder / "view"
-    shared_arrays.save_struct(view, quadtree.TreeView.of_tree(tree, len(solver.keys), solver.squares.entry))
+    shared_arrays.save_struct(view, TreeView.of_tree(tree, len(solver.blender.page), solver.squares.entry))
     if worth:
         told = Splitting(np.ones(len(scene.objects) + len(tree), np.float32), worth(len(tree)), BirthCells.whole(np.ones(1)))
         shared_arrays.save_struct(view / workers.SPLITTING_FOLDER, told)
