@@ -23,7 +23,7 @@ GIVE_UP_SECONDS = 120.0
 TICK_SECONDS = 0.05
 MID_BAKE_FRACTION = 0.3
 GROUPS = ("quality", "lightmap", "output", "advanced")
-WIDTH, COLORS = 700, 160  # of a picture: small files
+WIDTH, COLORS = 700, 256  # of a picture: small files; with fewer colours, or undithered, light that fades shows bands
 
 
 def window():
@@ -78,7 +78,8 @@ def take_picture(name: str, x: int, y: int, width: int, height: int, wide: int =
         "+repage",
         "-resize",
         f"{wide}x>",
-        "+dither",
+        "-dither",
+        "FloydSteinberg",
         "-colors",
         str(COLORS),
         f"PNG8:{path}",
@@ -165,9 +166,10 @@ def picture_bake() -> Iterator[float]:
     yield from wait(lambda: shows_bake() or not state().running)
     yield from settle(0.3)
     yield from picture_of_view("first_light")
-    shading.type = "MATERIAL"
     yield from wait(lambda: state().fraction >= MID_BAKE_FRACTION or not state().running)
+    yield from settle(0.3)
     yield from picture_of_view("baking")
+    shading.type = "MATERIAL"
     yield from wait(lambda: not state().running)
     print(f"BAKED {state().summarize()} {state().error!r} {state().warnings}", flush=True)
     yield from measured()
@@ -194,8 +196,9 @@ def picture_refine() -> Iterator[float]:
     yield from measured()
     yield from picture_of_panel("stopped")
     press("refine", "INVOKE_DEFAULT")
-    yield from wait(lambda: state().progress or not state().running)
-    yield from settle(0.5)
+    yield from settle(1.0)
+    yield from wait(lambda: state().fraction >= MID_BAKE_FRACTION or not state().running)
+    yield from settle(0.3)
     yield from picture_of_panel("refining", 270)
     yield from wait(lambda: not state().running)
     print(f"REFINED {state().summarize()}", flush=True)
