@@ -14,7 +14,8 @@ import sys
 import tempfile
 import threading
 import traceback
-from concurrent.futures import BrokenExecutor
+from collections.abc import Callable
+from concurrent.futures import BrokenExecutor, Executor
 from pathlib import Path
 
 # A worker process imports this file again as its main module, so the package is made known at import time.
@@ -40,16 +41,27 @@ def main(folder: Path) -> int:
     from leaflight.core import unfolding
 
     unfolding.start_ahead()
-    from leaflight.core import bake, executors, heap, image_file, messages, rays
+    from leaflight.core import bake, executors, heap, image_file, rays
 
     heap.keep_freed_memory(whole=True)
 
     # With nothing to wait for, other processes would only be in the way of the first light.
-    ahead = None if begun.is_set() else executors.Ahead()
-
-    if not begun.is_set():
+    if begun.is_set():
+        return _tell_of(bake.run_bake, folder, begun, stop, executors.open_executor)
+    ahead = executors.Ahead()
+    try:
         rays.load_ahead()
         image_file.load_ahead()
+        return _tell_of(bake.run_bake, folder, begun, stop, ahead.open)
+    finally:
+        ahead.close()
+
+
+def _tell_of(
+    run: Callable[..., None], folder: Path, begun: threading.Event, stop: threading.Event, open_executor: Callable[..., Executor]
+) -> int:
+    """Runs bake.run_bake once it has begun, its messages and errors to standard output; out as of main."""
+    from leaflight.core import messages
 
     out = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
     os.dup2(2, 1)  # what libraries print must not get between the messages
@@ -59,7 +71,7 @@ def main(folder: Path) -> int:
 
     begun.wait()
     try:
-        bake.run_bake(folder, tell, stop.is_set, ahead.open if ahead else executors.open_executor)
+        run(folder, tell, stop.is_set, open_executor)
     except (ValueError, OSError, MemoryError) as reason:
         traceback.print_exc()  # kept with the job, for whoever has to find out more
         tell(messages.Error(_sentence(reason, folder)))
@@ -73,9 +85,6 @@ def main(folder: Path) -> int:
     except Exception:  # the last line of defence of a process: a fault of ours is shown whole
         traceback.print_exc()
         return 3
-    finally:
-        if ahead:
-            ahead.close()
     return 0
 
 

@@ -152,11 +152,11 @@ def run_bake(
                 light = solver.run(tell, should_stop)
         else:
             light = settle_direct(folder, blender, settings, executor, direct, tell, should_stop)
-        if job.keep:  # first: what is found of the light as it is shown takes the place of what was found by rays
-            with stages.stage("keep", "Keeping the state"):
-                _keep_state(job, solver if shot else None, light.error, tell)
         with stages.stage("write", "Writing images"):
             files, seam_report = _write_pages(job, folder, snapshot, atlas, blender, light, surfaces, executor)
+        if job.keep:  # only now: a bake that is thrown away while it writes has changed nothing
+            with stages.stage("keep", "Keeping the state"):
+                _keep_state(job, solver if shot else None, light.error, tell)
     finally:
         executor.shutdown(cancel_futures=True)
         workers.forget_folders()  # the next bake may use the same folder
@@ -232,7 +232,7 @@ def _write_pages(
         points = seam_points.find_seams(snapshot, atlas.tri_chart, atlas.tri_uv, atlas.object_page[snapshot.tri_object])
     doubt = "stderr" in job.settings.passes or (points is not None and points.place.size > 0)
     at_texels = resolve.light_at_texels(
-        light, blender, job.settings.denoise, threads, partial(executors.spread, executor), doubt, spend=True
+        light, blender, job.settings.denoise, threads, partial(executors.spread, executor), doubt, spend=not job.keep
     )
     executors.send_home(executor)
     seam_report = seams.SeamReport(0, 0, 0.0, 0.0)

@@ -112,10 +112,10 @@ class ShownDirect:
 
     def _take(self, plain: NDArray[np.float32], changed: NDArray[np.float32], rows: IntArray) -> NDArray[np.float32]:
         """Values `plain` (k, 3) of entries `rows` with those of `changed` (m, 3) where grain was smoothed, in place."""
-        place = np.searchsorted(self.entry, rows)
-        place[place == len(self.entry)] = 0
-        smoothed = np.flatnonzero(self.entry.take(place, mode="clip") == rows) if len(self.entry) else place[:0]
-        plain[smoothed] = changed[place[smoothed]]
+        if len(self.entry):
+            place = np.searchsorted(self.entry, rows.astype(np.int32))  # of another type all entries would be converted each time
+            smoothed = np.flatnonzero(self.entry.take(place, mode="clip") == rows)
+            plain[smoothed] = changed[place[smoothed]]
         return plain
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boxes import lamp_scene, room_mesh
-from leaflight.core import bake, preview
+from leaflight.core import bake, preview, resolve
 from leaflight.core.checkpoint import read_info
 from leaflight.core.encodings import ENCODINGS
 from leaflight.core.gather_plan import GatherPlan
@@ -290,8 +290,21 @@ def test_a_stopped_bake_goes_on_to_the_bytes_of_a_whole_one(tmp_path):
     assert images[0] == images[2] != images[1]
     assert (rest["photons"], rest["rays"], rest["energy_audit_w"]) == (whole["photons"], whole["rays"], whole["energy_audit_w"])
     assert "direct" not in rest["seconds"]
-    assert [message.stage for message in messages if isinstance(message, Status)][-2:] == ["keep", "write"]
+    assert [message.stage for message in messages if isinstance(message, Status)][-2:] == ["write", "keep"]
     assert read_info(Path(kept)).photons == whole["photons"]
+
+
+@pytest.mark.parametrize("keep", [True, False])
+def test_what_was_found_by_rays_is_written_over_where_no_state_is_kept(tmp_path, monkeypatch, keep):
+    given, find = [], resolve.light_at_texels
+
+    def watch(*arguments, spend):
+        given.append(spend)
+        return find(*arguments, spend=spend)
+
+    monkeypatch.setattr(resolve, "light_at_texels", watch)
+    bake_scene(tmp_path, lamp_scene(), keep=str(tmp_path / "kept") if keep else "")
+    assert given == [not keep]
 
 
 def test_other_passes_that_need_no_photons_go_on_from_charts_that_were_cut(tmp_path):

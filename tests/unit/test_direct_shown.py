@@ -144,3 +144,5 @@ def test_who_asks_last_may_have_the_fields_own_memory(texels):
     assert in_place is noisy
     for found in (apart, in_place):
         np.testing.assert_array_equal(found, shown.irradiance)
+    assert field.show(*where, smooth=True).found is noisy  # what was smoothed before is not shown again
+    assert (field.show(*where, smooth=True).smooth != shown.smooth).any()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from leaflight.core import denoise, estimate, quadtree, reconstruct, refine, shrinkage, tally
-from leaflight.core.direct_shown import ShownDirect
+from leaflight.core.direct_shown import ShownDirect, ShownGathered
 from trees import SquareBake
 
 SIDE = 64
@@ -196,6 +196,48 @@ def test_blur_of_direct_light_counts_as_its_noise_does_but_never_below_nothing()
     assert blurred.direct**2 == pytest.approx(4 * plain.direct**2, rel=1e-3)
     assert blurred.relative**2 - plain.relative**2 == pytest.approx(3 * plain.direct**2, rel=1e-3)
     assert (clear.direct, clear.relative) == (plain.direct, plain.relative)
+
+
+def shown_of(bake, irradiance, variance, blur2=0.0):
+    """Direct light of which every texel was smoothed: by rays it was found dark, and as noisy again as it is shown."""
+    zero, every = np.zeros((bake.n_texel, 3), np.float32), np.arange(bake.n_texel, dtype=np.int32)
+    values = (zero + np.float32(value) for value in (irradiance, variance, blur2))
+    return ShownDirect(zero, zero + np.float32(2 * variance), every, *values)
+
+
+def test_direct_light_is_judged_as_it_is_shown():
+    """Beside the brightness and by the noise of what was smoothed, not of what was found."""
+    bake = throw(even, 50_000, 1, degree=0, level=3)
+    totals, solution, nodes = bake.totals(), bake.solution(), current(bake)
+    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.0, 16, 2))
+    told = bake.tree, totals, solution, comparison, nodes
+    stated = estimate.state_error(*told, shown_of(bake, 2.0, 0.09), blender_of(bake))
+    light = (solution.flux[:, nodes] / bake.tree.area[nodes])[:, quadtree.node_of_texel(bake.tree, nodes, bake.n_texel)] + 2.0
+    dark2 = (estimate.DARK_FLOOR * light.mean()) ** 2
+    expected = (0.09 / (light**2 + dark2)).mean(axis=0)
+    assert nodes.tolist() == sorted(nodes)
+    np.testing.assert_allclose(stated.texel_direct2(), expected, rtol=1e-4)
+    assert stated.direct**2 == pytest.approx(expected.mean(), rel=0.03)  # of the best texels
+    plain = estimate.state_error(*told, shown_of(bake, 0.0, 0.0), blender_of(bake))
+    brighter = light.mean() / (light.mean() - 2.0)  # as much brighter all light is, as much less is photons' noise
+    assert stated.relative**2 - stated.direct**2 == pytest.approx(plain.relative**2 / brighter**2, rel=0.1)
+
+
+def test_gathered_light_is_judged_as_it_is_shown_where_it_is_told():
+    bake = throw(even, 50_000, 1, degree=0, level=3)
+    totals, solution, nodes = bake.totals(), bake.solution(), current(bake)
+    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.0, 16, 2))
+    direct, told = ShownDirect.plain(*np.zeros((2, bake.n_texel, 3), np.float32)), np.arange(bake.n_texel) < bake.n_texel // 2
+    found = []
+    for blur2 in (0.0, 0.08):
+        gathered = ShownGathered(shown_of(bake, 1.0, 0.04, blur2), np.zeros(bake.n_texel, np.float32), told)
+        found.append(estimate.state_error(bake.tree, totals, solution, comparison, nodes, direct, blender_of(bake), gathered=gathered))
+    plain, blurred = found
+    light = (solution.flux[:, nodes] / bake.tree.area[nodes])[:, quadtree.node_of_texel(bake.tree, nodes, bake.n_texel)]
+    expected = (0.04 / (light**2 + (estimate.DARK_FLOOR * light.mean()) ** 2)).mean(axis=0) * told
+    np.testing.assert_allclose(plain.texel_gathered2(), expected, rtol=1e-4)
+    assert plain.gathered**2 == pytest.approx(expected.mean(), rel=0.03)
+    assert blurred.gathered**2 == pytest.approx(3 * plain.gathered**2, rel=0.03)
 
 
 @pytest.mark.parametrize(("share", "counted"), [(1 / 64, 1 / 64 - 0.01), (0.005, 0.0)])

@@ -218,4 +218,5 @@ def test_processes_started_ahead_serve_whoever_asks_for_as_many(monkeypatch):
     assert isinstance(other.open(Settings(workers=1)), executors.InlineExecutor)
     with pytest.raises(RuntimeError, match="after the executor's shutdown"):
         other.open(Settings(workers=0)).submit(abs, -1)
-    other.close()
+    monkeypatch.setattr(executors, "open_executor", lambda settings: settings.cluster)
+    assert executors.Ahead().open(Settings(cluster="tcp://elsewhere:1")) == "tcp://elsewhere:1"

@@ -277,7 +277,7 @@ def test_processes_that_were_started_ahead_are_closed_whatever_becomes_of_the_ba
         "class Ahead(executors.Ahead):\n"
         "    def __init__(self):\n        super().__init__()\n        (folder / 'ahead').touch()\n"
         "    def close(self):\n        super().close()\n        (folder / 'ahead').rename(folder / 'closed')\n"
-        "def fail(*_): raise ValueError('no bake')\n"
+        "def fail(*given): raise ValueError(f'no bake by {type(given[-1].__self__).__name__}')\n"
         "executors.Ahead, bake.run_bake = Ahead, fail\n"
         "if __name__ == '__main__': sys.exit(main(folder))\n"
     )
@@ -285,7 +285,7 @@ def test_processes_that_were_started_ahead_are_closed_whatever_becomes_of_the_ba
     while not (tmp_path / "ahead").exists() and time.monotonic() < limit:
         time.sleep(0.01)
     *_, error = process.messages()
-    assert (error.text, process._process.returncode) == ("no bake", 1)
+    assert (error.text, process._process.returncode) == ("no bake by Ahead", 1)
     assert (tmp_path / "closed").exists()
 
 

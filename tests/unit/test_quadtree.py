@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from leaflight.core import quadtree
 from leaflight.core.shared_arrays import IN_MEMORY, Room
-from trees import SquareBake, make_square_map
+from trees import SquareBake, make_map, make_square_map
 
 
 def test_children_share_out_the_area_of_their_parent():
@@ -32,6 +32,17 @@ def test_a_child_lies_in_its_quadrant():
         inside = bake.texels.texel_xy[bake.tree.start[node] : bake.tree.end[node]] - bake.tree.origin[node]
         assert (inside >= 0).all()
         assert (inside < bake.tree.side[node]).all()
+
+
+@pytest.mark.parametrize("level", [0, 1])
+def test_a_chart_may_leave_the_corners_of_its_square_empty(level):
+    """Every node holds the texels that lie on its square, and no others."""
+    texels = make_map([[[8, 1], [15, 8], [8, 15]], [[8, 15], [1, 8], [8, 1]]], size=16)
+    tree = quadtree.grow_previews(quadtree.plant_trees(texels, 1, level, 1, False), texels, 4, 1)
+    assert tree.side.min() == 1
+    for start, end, origin, side in zip(tree.start, tree.end, tree.origin, tree.side, strict=True):
+        inside = ((texels.texel_xy >= origin) & (texels.texel_xy < origin + side)).all(axis=1)
+        assert np.flatnonzero(inside).tolist() == list(range(start, end))
 
 
 @pytest.mark.parametrize("chunk", [1 << 16, 7])
