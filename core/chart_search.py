@@ -14,6 +14,7 @@ from .layer_check import check_layer, label_charts
 from .outlines import Outlines, measure_outlines, straighten_charts
 from .scene import SceneSnapshot
 from .sharing import Block, find_blocks, follow_charts
+from .topology import join_open_sides
 from .unfolding import UnfolderDied
 from .unwrap import Unwrapping
 
@@ -83,6 +84,7 @@ class _Search:
         self.chart = np.full(snapshot.n_tri, -1, np.int64)
         self.uv = np.zeros((snapshot.n_tri, 3, 2))
         self.shared = np.zeros((snapshot.n_tri, 3), bool)
+        self._vertex = join_open_sides(snapshot.vertex_position, snapshot.tri_vertex, snapshot.tri_object)
         self._start = np.searchsorted(snapshot.tri_object, np.arange(len(snapshot.objects) + 1))
         self._worn = {i: (block, float(size)) for block in blocks for i, size in zip(block.members, block.size, strict=True)}
         self._unwrapped: dict[int, tuple[Int64, Float64, Bool]] = {}  # by the object whose charts they are
@@ -115,7 +117,7 @@ class _Search:
         check = check_layer(scene.tri_uv[rows], scene.tri_polygon[rows], solid)
         self.findings += [(i, finding) for finding in check.findings]
         uv = np.where(check.usable[:, None, None], scene.tri_uv[rows], 0.0)
-        chart, shared = label_charts(scene.tri_vertex[rows], scene.tri_corner[rows], uv, np.where(check.usable, 0, -1))
+        chart, shared = label_charts(self._vertex[rows], scene.tri_corner[rows], uv, np.where(check.usable, 0, -1))
         return self._keep(i, chart, np.clip(uv, 0.0, 1.0), shared)
 
     def _rows(self, i: int) -> slice:
@@ -148,7 +150,7 @@ class _Search:
             i = self._to_begin.popleft()
             rows = self._rows(i)
             position = scene.vertex_position[scene.tri_vertex[rows]]
-            self._begun[i] = Unwrapping(position, scene.tri_vertex[rows], scene.tri_polygon[rows], scene.tri_corner[rows])
+            self._begun[i] = Unwrapping(position, self._vertex[rows], scene.tri_polygon[rows], scene.tri_corner[rows])
             self._ahead += rows.stop - rows.start
 
     def _keep(self, i: int, chart: Int64, uv: Float64, shared: Bool) -> int:

@@ -1,7 +1,8 @@
 """Charts cut along creases, so that no leaf holds the light of faces that look different ways.
 
 Across a crease light jumps, as it does between charts. A leaf over both sides could hold neither, and a texel that both share
-would show their mean, where whoever filters the image reads the light of the side that holds its centre.
+would show their mean, where whoever filters the image reads the light of the side that holds its centre. At the foot of a wall that
+shares an edge with the floor light jumps, too, though the floor goes on.
 """
 
 from __future__ import annotations
@@ -13,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .charts import ChartAtlas
+from .geometry import triangle_normals_areas
 from .layer_check import signed_areas
 from .scene import FloatArray, IntArray, SceneSnapshot
-from .topology import join_sets, pair_sides
+from .topology import find_ends, find_groups_with_twins, join_open_sides, join_sets, pair_sides
 
 _CREASE_COSINE = math.cos(math.radians(20.0))  # between shading normals at an edge's end; 2 and 8 degrees bake no better, with more leaves
 # texels; narrower faces side by side are a rough surface, of which a texel shows the mean: each for itself would catch too few photons
@@ -24,11 +26,14 @@ _LOST_WIDTH = 4.0  # texels; narrower faces that lie mostly among such faces are
 
 
 def cut_at_creases(snapshot: SceneSnapshot, atlas: ChartAtlas) -> ChartAtlas:
-    """The atlas with its charts cut where shading normals differ across an edge; nothing moves on the pages."""
+    """The atlas with its charts cut where shading normals differ across an edge, or a wall stands; nothing moves on the pages."""
     used = np.flatnonzero(atlas.tri_chart >= 0)
-    ends, one, other = pair_sides(snapshot.tri_vertex[used], atlas.tri_chart[used])
+    thing = snapshot.tri_object[used]
+    vertex = join_open_sides(snapshot.vertex_position, snapshot.tri_vertex[used], thing)
+    ends, one, other = pair_sides(vertex, atlas.tri_chart[used])
     normal = snapshot.tri_normal[used].reshape(-1, 3)[ends]
     smooth = ~_differ(normal[:, one], normal[:, other]).any(axis=0)
+    smooth &= ~_find_feet(snapshot.vertex_position, vertex, thing)[one]
     facet = join_sets(len(used), one[smooth] // 3, other[smooth] // 3)
     narrow = _find_narrow(atlas.tri_uv[used], facet, np.stack([one, other]), smooth)[facet]
     one, other = one // 3, other // 3
@@ -38,6 +43,29 @@ def cut_at_creases(snapshot: SceneSnapshot, atlas: ChartAtlas) -> ChartAtlas:
     tri_chart[used] = label.ravel()
     whole = atlas.tri_chart[used[first]]
     return dataclasses.replace(atlas, tri_chart=tri_chart, chart_page=atlas.chart_page[whole], chart_object=atlas.chart_object[whole])
+
+
+def _find_feet(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_object: IntArray) -> NDArray[np.bool_]:
+    """(3 n,) bool: sides of triangles where three faces of an object or more meet that do not lie in one plane."""
+    ends, one, other = pair_sides(tri_vertex, tri_object)
+    crowded = find_groups_with_twins(vertex_position, tri_vertex, tri_object)
+    leads = np.zeros(ends.shape[1], bool)
+    leads[one] = True
+    crowded[tri_object[other[leads[other]] // 3]] = True  # those between two others of their edge
+    side = np.flatnonzero(np.repeat(crowded[tri_object], 3))
+    keys = np.stack([*find_ends(vertex_position, tri_vertex.ravel()[ends[:, side]]), tri_object[side // 3]])
+    _, first, edge, count = np.unique(keys, axis=1, return_index=True, return_inverse=True, return_counts=True)
+    normal = triangle_normals_areas(vertex_position[tri_vertex[side // 3]])[0]
+    off = _are_off(normal, normal[first[edge.ravel()]])
+    foot = np.zeros(ends.shape[1], bool)
+    foot[side] = ((np.bincount(edge.ravel(), off, len(first)) > 0) & (count > 2))[edge.ravel()]
+    return foot
+
+
+def _are_off(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
+    """(m,) bool: whether planes of normals (m, 3) are at an angle; a face without a normal is at none."""
+    off: NDArray[np.bool_] = one.any(axis=1) & other.any(axis=1) & (np.abs((one * other).sum(axis=1)) < _CREASE_COSINE)
+    return off
 
 
 def _differ(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:

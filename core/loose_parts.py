@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .scene import IntArray, SceneSnapshot
-from .topology import find_ends, join_sets, pair_sides
+from .topology import join_open_sides, join_sets, pair_sides
 
 
 class LooseParts:
@@ -46,15 +46,8 @@ class LooseParts:
 def find_loose_parts(snapshot: SceneSnapshot, tri: IntArray) -> NDArray[np.int64]:
     """(m,) int64: the first, by its place among triangles (m,), of those of its object that each hangs together with.
 
-    Two triangles do if they share a side. Sides that have no other with the same vertices are shared if they lie at one place.
+    Two triangles do if they share a side, see topology.join_open_sides.
     """
-    vertex, thing = snapshot.tri_vertex[tri], snapshot.tri_object[tri]
-    ends, one, other = pair_sides(vertex, thing)
-    is_alone = np.ones(ends.shape[1], bool)
-    is_alone[one] = is_alone[other] = False
-    side = np.flatnonzero(is_alone)
-    keys = np.stack([*find_ends(snapshot.vertex_position, vertex.ravel()[ends[:, side]]), thing[side // 3]])
-    order = np.lexsort(keys)
-    here, after = order[:-1], order[1:]
-    same = (keys[:, here] == keys[:, after]).all(axis=0)
-    return join_sets(len(tri), np.append(one, side[here[same]]) // 3, np.append(other, side[after[same]]) // 3)
+    thing = snapshot.tri_object[tri]
+    _, one, other = pair_sides(join_open_sides(snapshot.vertex_position, snapshot.tri_vertex[tri], thing), thing)
+    return join_sets(len(tri), one // 3, other // 3)

@@ -11,6 +11,8 @@ from .scene import IntArray
 
 Int64: TypeAlias = NDArray[np.int64]
 
+_MIX = np.uint64(0x9E3779B97F4A7C15)  # odd, near 2^64 over the golden ratio. Source: Knuth 1998, 6.4 (Fibonacci hashing)
+
 
 def pair_corners(tri_corner: IntArray, used: NDArray[np.bool_]) -> tuple[Int64, Int64]:
     """Places, in the flattened array, of the same corner in two used triangles; enough of them to connect all of each corner.
@@ -57,6 +59,48 @@ def find_ends(vertex_position: NDArray[np.float64], ends: IntArray) -> Int64:
     number = np.zeros(len(vertex), np.int64)
     number[order[1:]] = np.cumsum((np.diff(position[order], axis=0) != 0.0).any(axis=1))
     return np.sort(number[row.reshape(np.shape(ends))], axis=0)
+
+
+def join_open_sides(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_group: IntArray) -> Int64:
+    """(n, 3) int64: tri_vertex, with vertices made one where sides that are alone lie at one place, so that the surface goes on there.
+
+    Files often hold a vertex once for each normal or texture coordinate that it has. Closed bodies that touch stay apart.
+
+    vertex_position   (n_vertex, 3) float64
+    tri_vertex        (n, 3) int
+    tri_group         (n,) int               sides of different groups stay apart
+    """
+    vertex = tri_vertex.astype(np.int64)
+    doubtful = np.flatnonzero(find_groups_with_twins(vertex_position, vertex, tri_group)[tri_group])
+    ends, one, other = pair_sides(vertex[doubtful], tri_group[doubtful])
+    is_alone = np.ones(ends.shape[1], bool)
+    is_alone[one] = is_alone[other] = False
+    alone = np.flatnonzero(is_alone)
+    side = vertex[doubtful].ravel()[ends[:, alone]]
+    keys = np.stack([*find_ends(vertex_position, side), tri_group[doubtful[alone // 3]]])
+    order = np.lexsort(keys)
+    here, after = order[:-1], order[1:]
+    same = (keys[:, here] == keys[:, after]).all(axis=0)
+    here, after = here[same], after[same]
+    turned = (vertex_position[side[0, here]] != vertex_position[side[0, after]]).any(axis=1)
+    met = np.where(turned, side[::-1, after], side[:, after])
+    joined: Int64 = join_sets(len(vertex_position), side[:, here].ravel(), met.ravel())[vertex]
+    return joined
+
+
+def find_groups_with_twins(vertex_position: NDArray[np.float64], tri_vertex: Int64, tri_group: IntArray) -> NDArray[np.bool_]:
+    """(n_group,) bool: groups of whose vertices two may lie at one place."""
+    group = np.zeros(len(vertex_position), np.int64)
+    group[tri_vertex] = tri_group[:, None]
+    used = np.unique(tri_vertex)
+    mixed = group[used].astype(np.uint64)
+    for column in vertex_position[used].T:  # one number for each place is sorted several times faster than three
+        mixed = (mixed ^ (column + 0.0).view(np.uint64)) * _MIX  # zeros of both signs are one place
+        mixed ^= mixed >> np.uint64(32)
+    order = np.argsort(mixed)
+    out = np.zeros(int(tri_group.max(initial=-1)) + 1, bool)
+    out[group[used[order[1:]]][mixed[order[1:]] == mixed[order[:-1]]]] = True
+    return out
 
 
 def join_sets(count: int, one: Int64, other: Int64) -> Int64:

@@ -1,5 +1,7 @@
 """The charts of all objects before they have a place."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from leaflight.core import chart_search
@@ -7,7 +9,7 @@ from leaflight.core.chart_search import find_charts
 from leaflight.core.geometry import triangle_normals_areas
 from leaflight.core.layer_check import signed_areas
 from leaflight.core.unfolding import UnfolderDied
-from scenes import box_mesh, grid_mesh, make_scene, quad_mesh, shared_mesh
+from scenes import box_mesh, grid_mesh, make_scene, quad_mesh, shared_mesh, split_faces
 
 CLOTH = grid_mesh("Cloth", cells=4, noise=0.8)
 
@@ -41,6 +43,14 @@ def test_shared_charts_are_found_once_and_worn_in_each_ones_metres(monkeypatch):
         assert np.abs(signed_areas(found.uv[rows[k]])).sum() == pytest.approx(area[rows[k]].sum())
     find_charts(scene, False)
     assert len(calls) == 4
+
+
+@pytest.mark.parametrize("layer", [False, True])
+def test_charts_go_on_where_a_file_holds_vertices_for_each_face(layer):
+    cloth = replace(CLOTH, uv=[(CLOTH.vertex[polygon, :2]) / 4.0 for polygon in CLOTH.polygons]) if layer else grid_mesh("Cloth", 4, 0.1)
+    whole, split = (find_charts(make_scene([mesh]), True) for mesh in (cloth, split_faces(cloth)))
+    assert whole.first_chart[1] == split.first_chart[1] == 1
+    assert not split.findings
 
 
 class FakeUnwrapping:

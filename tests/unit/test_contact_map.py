@@ -180,9 +180,9 @@ def test_a_piece_of_fewer_than_four_texels_stays_with_its_chart(tmp_path):
 
 @pytest.mark.parametrize("x_m", [0.5, 0.503])  # between two texels, and within one
 def test_a_thing_does_not_part_itself(tmp_path, x_m):
-    """A rough or hollow surface meets itself everywhere."""
+    """A rough or hollow surface meets itself everywhere. The foot of the fin, an edge, has parted the floor before this is asked."""
     texels, cut, _, _ = cut_floor(tmp_path, floor=with_fin(x_m))
-    assert len(cut.chart_page) == len(texels.chart_page) == 2
+    assert len(cut.chart_page) == len(texels.chart_page) == 3
     assert len(cut.borders.entry) == 0
 
 
@@ -263,7 +263,7 @@ def test_nothing_moves_on_the_page_and_no_area_is_lost(tmp_path):
     floor = quad_mesh("Floor", uv=(SQUARE - 0.5) @ turn * 0.7 + 0.5)
     texels, cut, cut_atlas, scene = cut_floor(tmp_path, wall(), sheet(0.8), floor=floor)
     assert len(cut.chart_page) == 4
-    assert (np.diff(cut.list_keys()) > 0).all()
+    assert (np.diff(cut.list_keys(slice(None))) > 0).all()
     assert cut.chart_start.tolist() == [*np.flatnonzero(np.diff(cut.texel_chart, prepend=-1)), len(cut.texel_chart)]
     assert set(cut_atlas.chart_object) == set(cut_atlas.chart_page) == {0}
 

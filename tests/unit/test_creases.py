@@ -1,5 +1,6 @@
 """Where charts are cut: along edges at which shading normals differ, and nowhere else."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from leaflight.core import creases
 from leaflight.core.charts import ChartAtlas
 from leaflight.core.texels import build_texel_map
+from scenes import Mesh, join_meshes, make_scene, moved, split_faces
 
 SIDE = 16.0  # texels, of each of the two faces of a strip
 
@@ -28,6 +30,8 @@ def strip(angle_deg, smooth=False, side=SIDE, faces=2):
             uv.append([[side * (k // 2), side * (k % 2)] for k in index])
     n = len(vertex)
     scene = SimpleNamespace(
+        vertex_position=position,
+        tri_object=np.ones(n, np.int32),
         tri_vertex=np.array(vertex, np.int32),
         tri_normal=np.array(normal, np.float32),
         tri_position=position[np.array(vertex)],
@@ -83,6 +87,63 @@ def test_only_faces_that_are_wide_in_texels_are_cut_apart(widths, charts):
     atlas.tri_uv[..., 0] = edges[atlas.tri_uv[..., 0].astype(int)]
     atlas.tri_uv[..., 1] *= 8.0
     assert creases.cut_at_creases(scene, atlas).tri_chart[::2].tolist() == charts
+
+
+FLOOR = np.array([[x, y, 0] for y in (0, 1) for x in (0, 1, 2)], float)
+TILES = [[0, 1, 4, 3], [1, 2, 5, 4]]
+WALL = np.array([[1, 0, 0], [1, 1, 0], [1, 1, 1], [1, 0, 1]], float)
+
+
+def chart_of_floor(mesh):
+    """Facets of the first four triangles, two tiles, which lie on one chart as the rest does; at 20 texels a metre."""
+    scene = make_scene([mesh])
+    n = scene.n_tri
+    side_on = scene.tri_position[..., [2, 1]] + [3.0, 0.0]
+    uv = 20.0 * np.where((scene.tri_position[..., 2] == 0).all(axis=1)[:, None, None], scene.tri_position[..., :2], side_on)
+    one, none = np.zeros(1, np.int32), np.full(1, -1, np.int32)
+    atlas = ChartAtlas(256, 1, np.zeros(n, np.int32), uv, one, one, one, none, np.array([[1.0, 1.0, 0.0, 0.0]]), ())
+    return creases.cut_at_creases(scene, atlas).tri_chart[:4].tolist()
+
+
+@pytest.mark.parametrize("split", [False, True])
+@pytest.mark.parametrize(
+    ("others", "is_cut"),
+    [
+        ([], False),
+        ([[1, 4, 6, 7]], True),
+        ([[1, 4, 6, 7], [4, 1, 7, 6]], True),  # a wall with a face on either side
+        ([[1, 4, 3, 0]], False),  # the back of a tile
+    ],
+)
+def test_a_floor_is_cut_where_a_wall_shares_an_edge_with_it(others, is_cut, split):
+    mesh = Mesh("House", np.concatenate([FLOOR, WALL[2:]]), [*TILES, *others])
+    if split:
+        floor, rest = Mesh("House", FLOOR, TILES), Mesh("Rest", mesh.vertex, others)
+        mesh = join_meshes("House", floor, split_faces(rest)) if others else split_faces(floor)
+    assert chart_of_floor(mesh) == ([0, 0, 1, 1] if is_cut else [0] * 4)
+
+
+def test_a_floor_is_whole_where_a_wall_ends_within_or_beside_an_edge_or_is_another_object():
+    floor, wall = Mesh("House", FLOOR, TILES), Mesh("Wall", WALL, [[0, 1, 2, 3]])
+    for moved_m, scale in (((1.0, 0.0, 0.0), 0.5), ((0.0, 0.1, 0.0), 1.0)):
+        assert chart_of_floor(join_meshes("House", floor, moved(wall, moved_m, scale))) == [0] * 4
+    scene, atlas = strip(0)
+    wall = np.array([[1, 0, 0], [1, 1, 0], [1, 1, 1]], float)
+    scene.vertex_position = np.concatenate([scene.vertex_position, wall])
+    scene.tri_vertex = np.concatenate([scene.tri_vertex, len(scene.vertex_position) - 3 + np.arange(3)[None]])
+    scene.tri_normal = np.concatenate([scene.tri_normal, np.tile(np.float32([1, 0, 0]), (1, 3, 1))])
+    scene.tri_object = np.append(scene.tri_object, 0)
+    atlas = replace(atlas, tri_chart=np.append(atlas.tri_chart, 0), tri_uv=np.concatenate([atlas.tri_uv, 40 + 16 * wall[None, :, 1:]]))
+    assert creases.cut_at_creases(scene, atlas).tri_chart.tolist() == [0, 0, 0, 0, 1]
+    scene.tri_object[:] = 1
+    assert creases.cut_at_creases(scene, atlas).tri_chart.tolist() == [0, 0, 1, 1, 2]
+
+
+def test_small_faces_stay_together_whatever_vertices_the_file_has():
+    scene, atlas = strip(60, side=1.5, faces=5)
+    scene.vertex_position = scene.vertex_position[scene.tri_vertex].reshape(-1, 3)
+    scene.tri_vertex = np.arange(scene.tri_vertex.size).reshape(-1, 3)
+    assert set(creases.cut_at_creases(scene, atlas).tri_chart.tolist()) == {0}
 
 
 def test_triangles_without_a_chart_stay_without():
