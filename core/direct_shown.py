@@ -113,7 +113,7 @@ class ShownDirect:
     def _take(self, plain: NDArray[np.float32], changed: NDArray[np.float32], rows: IntArray) -> NDArray[np.float32]:
         """Values `plain` (k, 3) of entries `rows` with those of `changed` (m, 3) where grain was smoothed, in place."""
         if len(self.entry):
-            place = np.searchsorted(self.entry, rows.astype(np.int32))  # of another type all entries would be converted each time
+            place = np.searchsorted(self.entry, rows.astype(np.int32, copy=False))  # else all entries would be converted
             smoothed = np.flatnonzero(self.entry.take(place, mode="clip") == rows)
             plain[smoothed] = changed[place[smoothed]]
         return plain

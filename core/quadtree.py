@@ -173,12 +173,10 @@ def add_children(tree: Quadtree, nodes: IntArray, texels: TexelMap) -> Quadtree:
     quadrant = np.tile(np.arange(4, dtype=np.int8), len(nodes))
     parent = np.repeat(nodes, 4).astype(np.int32)
     code = tree.code[parent] + quadrant * side.astype(np.int64) ** 2
-    cuts = np.empty((len(nodes), 5), np.int64)
-    cuts[:, 0], cuts[:, 4] = tree.start[nodes], tree.end[nodes]
-    begins = code.reshape(-1, 4)
-    for quarter in (2, 1, 3):  # the middle first: the others lie on either side of it
-        low, high = (cuts[:, 0], cuts[:, 4]) if quarter == 2 else (cuts[:, quarter - 1], cuts[:, quarter + 1])
-        cuts[:, quarter] = _find_codes(texels.texel_code, low, high, begins[:, quarter])
+    codes, begins, first, last = texels.texel_code, code.reshape(-1, 4).T, tree.start[nodes], tree.end[nodes]
+    middle = _find_codes(codes, first, last, begins[2])
+    one, three = _find_codes(codes, first, middle, begins[1]), _find_codes(codes, middle, last, begins[3])
+    cuts = np.stack([first, one, middle, three, last], axis=1)
     start, end = cuts[:, :-1].ravel(), cuts[:, 1:].ravel()
     covered = end > start
     offset = np.stack([quadrant & 1, quadrant >> 1], 1) * side[:, None]

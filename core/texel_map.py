@@ -143,8 +143,8 @@ class TexelMap:
         parts = (self.entry_at.ravel()[self._find_cells(entry)] == entry for entry in self._parts())
         return np.concatenate([np.zeros(0, bool), *parts])
 
-    def list_keys(self, entry: IntArray | slice = slice(None)) -> Int64:
-        """(m,) int64: chart and Morton code of entries, of all if none are named; they ascend as the entries do."""
+    def list_keys(self, entry: IntArray | slice) -> Int64:
+        """(m,) int64: chart and Morton code of entries (m,); they ascend as the entries do."""
         keys = self.texel_chart[entry].astype(np.int64)
         keys <<= CHART_SHIFT
         keys |= self.texel_code[entry]
