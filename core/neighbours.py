@@ -21,11 +21,13 @@ class Neighbours:
     start   (n_node + 1,) int64: other[start[k] : start[k + 1]] are those of node k
     other   (p,) int32
     around  (p,) bool: its square holds that of the node, as may be where a piece of a chart was cut
+    within  (p,) bool: its square lies in that of the node, and is smaller
     """
 
     start: NDArray[np.int64]
     other: NDArray[np.int32]
     around: NDArray[np.bool_]
+    within: NDArray[np.bool_]
 
     @classmethod
     def of(
@@ -60,9 +62,8 @@ class Neighbours:
                 touches[cut] = _is_open(own[cut], flat.take(at, mode="clip"), entry[cut], leaf, texels)
             pairs += [own[touches] * len(tree) + other[touches], other[touches].astype(np.int64) * len(tree) + own[touches]]
         nodes, others = np.divmod(np.unique(np.concatenate(pairs)), max(len(tree), 1))
-        from_corner = tree.origin[nodes] - tree.origin[others]
-        around = ((from_corner >= 0) & (from_corner + tree.side[nodes, None] <= tree.side[others, None])).all(axis=1)
-        return cls(np.searchsorted(nodes, np.arange(len(tree) + 1)), others.astype(np.int32), around)
+        around, inside = (_holds(tree, *pair) for pair in ((others, nodes), (nodes, others)))
+        return cls(np.searchsorted(nodes, np.arange(len(tree) + 1)), others.astype(np.int32), around, inside & ~around)
 
     def list_pairs(self, node: IntArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Rows (k,) of node (m,), ascending, and the places (k,) of the neighbours of each in the fields."""
@@ -70,6 +71,13 @@ class Neighbours:
         count = self.start[node + 1] - first
         row = np.repeat(np.arange(len(node)), count)
         return row, np.arange(len(row)) + (first - np.cumsum(count) + count)[row]
+
+
+def _holds(tree: Quadtree, outer: IntArray, inner: IntArray) -> NDArray[np.bool_]:
+    """(m,) bool: whether squares of nodes (m,) hold those of others (m,)."""
+    from_corner = tree.origin[inner] - tree.origin[outer]
+    held: NDArray[np.bool_] = ((from_corner >= 0) & (from_corner + tree.side[inner, None] <= tree.side[outer, None])).all(axis=1)
+    return held
 
 
 def _is_open(own: IntArray, near: IntArray, far: IntArray, leaf: NDArray[np.int32], texels: TexelMap) -> NDArray[np.bool_]:

@@ -1,8 +1,9 @@
 """Leaves' functions to light at texels, without visible edges between leaves.
 
-Between two leaves that touch, light goes over from the function of one to that of the other: over a band along their border as wide as the
-smaller of both, by the share of a window as wide that lies on either. So linear light stays linear, and a step between two leaves that is
-no larger than their noise becomes a ramp. A step that is larger is light, and stays. Nothing goes over a chart's border.
+Between leaves that touch, light goes over from the function of one to that of the other, by the share that each has of a window about as
+wide as the smaller of both. So linear light stays linear, and no border of leaves shows. Light that was reflected has no edges where
+nothing stands on a surface; light straight from lights has: there a step is a ramp only if it is no larger than noise, and stays if it is
+light. So it is where charts were cut, and between the smallest leaves. Nothing goes over a chart's border.
 
 Source: the weights are those of a partition of unity (Babuska & Melenk 1997); the test of a step is a z-test of the
 two leaves' values.
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import basis
+from .leaf_windows import find_shares
 from .neighbours import Neighbours
 from .quadtree import Quadtree
 from .tally import Solution
@@ -29,7 +31,7 @@ Float64: TypeAlias = NDArray[np.float64]
 
 # A step of so many standard errors is noise, and one of so many is light; between them it is so in part, lest the one end with an edge.
 _NOISE_SIGMAS, _LIGHT_SIGMAS = 3.0, 5.0
-_LEAST_REACH = 0.125  # of a leaf itself: less than at its corners, where four meet, and binds only where squares of leaves overlap
+_DETAIL_SIDE = 4  # texels: where leaves are so small light changes within them, as where things touch, and no border of them is seen
 _CELLS = 8  # side by side in a large leaf: see Blend.range
 _LARGE_SIDE, _LARGE_TEXELS = 16, 128
 _BELOW_END = np.nextafter(float(_CELLS), 0.0)
@@ -164,6 +166,11 @@ class Blend:
             alone[max(row[begin], 0) : row[begin] + (end - begin) * TILE_TEXELS] = False
 
     @cached_property
+    def _has_edges(self) -> bool:
+        """Whether photons bring light straight from lights."""
+        return bool(self.solution.coefficient[0].any())
+
+    @cached_property
     def _is_large(self) -> NDArray[np.bool_]:
         """(n_node,) bool: leaves of many more texels than a lattice has points."""
         return (self.tree.side >= _LARGE_SIDE) & (np.bincount(self.leaf, minlength=len(self.tree)) >= _LARGE_TEXELS)
@@ -222,15 +229,18 @@ class Blend:
 
     def _blend_part(self, leaf: NDArray[np.int32], x: Float64, y: Float64) -> tuple[PointLight, PointLight]:
         own = evaluate_leaf(self.tree, self.solution, leaf, x, y, self.halves)
-        row, other, reach = self._find_reach(leaf, x, y)
+        own_reach, row, other, reach = find_shares(self.tree, self.neighbours, leaf, x, y)
         theirs = evaluate_leaf(self.tree, self.solution, other, x[row], y[row], self.halves)
-        mean = 0.5 if self.halves else 1.0  # components add up to the light, halves each stand for it
-        step = mean * (theirs.irradiance.sum(0).mean(0) - own.irradiance.sum(0).mean(0)[row])
         own_variance, variance = own.variance.mean(0)[row], theirs.variance.mean(0)
-        noise = np.sqrt(own_variance + variance)
+        # Leaves of two charts that were one are beside each other where a door is, and along the wall too.
+        cut = self.tree.chart[leaf[row]] != self.tree.chart[other]
+        fine = np.minimum(self.tree.side[leaf[row]], self.tree.side[other]) <= _DETAIL_SIDE
+        doubtful = np.flatnonzero(self._has_edges | cut | fine)
+        mean = 0.5 if self.halves else 1.0  # components add up to the light, halves each stand for it
+        step = mean * (theirs.irradiance.sum(0).mean(0)[doubtful] - own.irradiance.sum(0).mean(0)[row[doubtful]])
+        noise = np.sqrt(own_variance[doubtful] + variance[doubtful])
         sigmas = np.divide(np.abs(step), noise, out=np.where(step == 0.0, 0.0, np.inf), where=noise > 0.0)
-        own_reach = np.maximum(1.0 - np.bincount(row, reach, len(leaf)), _LEAST_REACH)
-        reach *= np.clip((_LIGHT_SIGMAS - sigmas) / (_LIGHT_SIGMAS - _NOISE_SIGMAS), 0.0, 1.0)
+        reach[doubtful] *= np.clip((_LIGHT_SIGMAS - sigmas) / (_LIGHT_SIGMAS - _NOISE_SIGMAS), 0.0, 1.0)
         # A leaf speaks by how sure it is. By the variance itself dark photons would speak loudest, whose leaves have the least of it.
         reach *= np.sqrt(np.divide(own_variance, variance, out=np.ones(len(row)), where=(own_variance > 0.0) & (variance > 0.0)))
         whole = own_reach + np.bincount(row, reach, len(leaf))
@@ -245,31 +255,6 @@ class Blend:
 
         # Leaves err apart.
         return own, PointLight(join(own.irradiance, theirs.irradiance, 1), join(own.variance, theirs.variance, 2))
-
-    def _find_reach(self, leaf: NDArray[np.int32], x: Float64, y: Float64) -> tuple[NDArray[np.int64], NDArray[np.int32], Float64]:
-        """Rows (k,) of places, other leaves (k,) that reach there, and how much (k,): the share of the window around the place."""
-        tree = self.tree
-        row, pair = self.neighbours.list_pairs(leaf)
-        other = self.neighbours.other[pair]
-        window = np.minimum(tree.side[leaf[row]], tree.side[other]).astype(np.float64)
-        reach = np.ones(len(row))
-        for at, axis in ((x, 0), (y, 1)):
-            low = tree.origin[other, axis] - at[row]
-            reach *= np.clip(np.minimum(low + tree.side[other], window / 2.0) - np.maximum(low, -window / 2.0), 0.0, None) / window
-        around = np.flatnonzero(self.neighbours.around[pair])
-        if len(around):  # it lies where neither the leaf nor another does
-            reach[around] = 0.0
-            left = 1.0 - np.bincount(row, reach, len(leaf)) - self._find_share(leaf, x, y)
-            reach[around] = np.maximum(left, 0.0)[row[around]] / np.bincount(row[around], minlength=len(leaf))[row[around]]
-        told = np.flatnonzero(reach)
-        return row[told], other[told], reach[told]
-
-    def _find_share(self, leaf: NDArray[np.int32], x: Float64, y: Float64) -> Float64:
-        """(m,): of windows as wide as the leaves the share within them."""
-        share = np.ones(len(leaf))
-        for at in node_coordinates(self.tree, leaf, x, y):
-            share *= np.clip(1.0 - np.abs(at) / 2.0, 0.0, 1.0)
-        return share
 
 
 def _at_texels(nodes: Float64) -> Float64:

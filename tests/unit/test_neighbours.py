@@ -127,4 +127,5 @@ def test_a_leaf_knows_whose_square_holds_its_own():
     texels = dataclasses.replace(bake.texels, chart_piece=np.zeros(2, np.int32))
     found = Neighbours.of(parts, leaf, page, entry_at, texels)
     row, pair = found.list_pairs(np.array([root, quarter]))
-    assert list(zip(row, found.other[pair], found.around[pair], strict=True)) == [(0, quarter, False), (1, root, True)]
+    known = [found.other[pair], found.around[pair], found.within[pair]]
+    assert list(zip(row, *known, strict=True)) == [(0, quarter, False, True), (1, root, True, False)]

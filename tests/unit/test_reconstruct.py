@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver
 from leaflight.core import quadtree, reconstruct
+from leaflight.core.leaf_windows import find_shares
 from leaflight.core.settings import Settings
 from trees import SquareBake
 
@@ -162,14 +163,17 @@ def leaves_of_two_sizes(density, degree):
     return bake, tree, solution, quadtree.node_of_texel(tree, np.flatnonzero(tree.current), bake.n_texel)
 
 
+@pytest.mark.parametrize("straight", [True, False])
 @pytest.mark.parametrize("degree", [0, 1])
-def test_a_blend_is_the_mean_over_the_leaves_that_reach_a_place(degree):
-    """Against the definition, leaf by leaf: how far each reaches, whether a step to it is noise, and how sure it is."""
+def test_a_blend_is_the_mean_over_the_leaves_that_reach_a_place(degree, straight):
+    """Leaf by leaf: what it has of the window, whether a step to it is noise, which light straight from lights is asked and the smallest
+    leaves, and how sure it is."""
     bake, tree, solution, owner = leaves_of_two_sizes(step, degree)
-    blender = reconstruct.LeafBlender.of(bake.texels)
-    blended = blender.join(tree, solution, owner).at(np.arange(len(owner)))
-    leaves, points = np.unique(owner), bake.texels.own_points(0, len(owner))
-    in_part = refused = 0
+    if not straight:
+        solution = replace(solution, coefficient=solution.coefficient[::-1])
+    joined_leaves = join(bake.texels, tree, solution, owner)
+    blended, points = joined_leaves.at(np.arange(len(owner))), bake.texels.own_points(0, len(owner))
+    in_part = refused = ironed = 0
     for entry in np.random.default_rng(1).choice(len(owner), 100, replace=False):
         place, own = points[:, entry], owner[entry]
 
@@ -177,54 +181,68 @@ def test_a_blend_is_the_mean_over_the_leaves_that_reach_a_place(degree):
             return reconstruct.evaluate_leaf(tree, solution, np.array([node]), *place[:, None])
 
         mine = light_of(own)
-        left, weights, lights = 1.0, [], []
-        for other in leaves[leaves != own]:
-            window = min(tree.side[own], tree.side[other])
-            low = np.maximum(tree.origin[other], place - window / 2)
-            high = np.minimum(tree.origin[other] + tree.side[other], place + window / 2)
-            reach = np.prod(np.maximum(high - low, 0.0)) / window**2
-            if not reach:
-                continue
+        own_share, _, others, shares = find_shares(tree, joined_leaves.neighbours, own[None], *place[:, None])
+        weights, lights = [], []
+        for other, share in zip(others, shares, strict=True):
             theirs = light_of(other)
             sigmas = abs((theirs.irradiance - mine.irradiance).sum(0).mean()) / np.sqrt(theirs.variance.mean() + mine.variance.mean())
-            joined = np.clip((5.0 - sigmas) / 2.0, 0.0, 1.0)
+            is_asked = straight or min(tree.side[own], tree.side[other]) <= 4
+            joined = np.clip((5.0 - sigmas) / 2.0, 0.0, 1.0) if is_asked else 1.0
             in_part, refused = in_part + (0 < joined < 1), refused + (joined == 0)
-            left -= reach
-            weights.append(reach * joined * np.sqrt(mine.variance.mean() / theirs.variance.mean()))
+            ironed += sigmas > 5.0 and joined == 1.0
+            weights.append(share * joined * np.sqrt(mine.variance.mean() / theirs.variance.mean()))
             lights.append(theirs)
-        weights, lights = np.array([left, *weights]), [mine, *lights]
+        weights, lights = np.array([*own_share, *weights]), [mine, *lights]
         weights /= weights.sum()
         mean = sum(weight * light.irradiance for weight, light in zip(weights, lights, strict=True))
         variance = sum(weight**2 * light.variance for weight, light in zip(weights, lights, strict=True))
         np.testing.assert_allclose(blended.irradiance[..., entry], mean[..., 0], rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(blended.variance[:, entry], variance[:, 0], rtol=1e-9)
-    assert in_part or not degree  # constant leaves have one step for each pair, here all far from the limits
+    assert in_part or not degree or not straight  # constant leaves have one step for each pair, here all far from the limits
     assert refused
+    assert bool(ironed) != straight
 
 
 @pytest.mark.parametrize(
     ("own", "other", "light", "share"),
     [
         (0.0, 0.0, 1.0, 0.0),  # any step is light where nothing is noise
-        (0.0, 1.0, 1.0, 105 / 256),  # who has no noise to tell speaks no louder; 7 by 15 of 16 half texels of the window lie there
-        (1.0, 0.0, 1.0, 105 / 256),
-        (1.0, 1.0, 1.0, 105 / 256),
-        (0.5, 4.5, 1.0, 35 / (35 + 151)),  # a third as loud, of three times the standard error
-        (0.0, 0.0, 0.0, 105 / 256),  # of equal light on the whole, each channel goes over
+        (0.0, 1.0, 1.0, 7 / 16),  # who has no noise to tell speaks no louder; 7 of 16 half texels of the window lie there
+        (1.0, 0.0, 1.0, 7 / 16),
+        (1.0, 1.0, 1.0, 7 / 16),
+        (0.5, 4.5, 1.0, 7 / (7 + 3 * 9)),  # a third as loud, of three times the standard error
+        (0.0, 0.0, 0.0, 7 / 16),  # of equal light on the whole, each channel goes over
     ],
 )
-def test_leaves_without_noise_speak_as_loud_as_others(own, other, light, share):
-    """Of two leaves of 8 texels, half a texel from their border."""
+@pytest.mark.parametrize("straight", [True, False])
+def test_leaves_without_noise_speak_as_loud_as_others(own, other, light, share, straight):
+    """Of two leaves of 8 texels, half a texel from their border; light that was reflected goes over, however large the step."""
     bake = SquareBake(side=16, degree=0, preview_depth=1, level=1)
     owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), bake.n_texel)
     entry, beside = (np.flatnonzero((bake.texels.texel_xy == place).all(axis=1)) for place in ((7, 3), (8, 3)))
     solution = bake.solution()
     coefficient, variance = np.zeros_like(solution.coefficient), np.zeros_like(solution.variance)
-    coefficient[1, :, 0, owner[beside]] = light + np.array([-0.1, 0.0, 0.1])
+    coefficient[0 if straight else 1, :, 0, owner[beside]] = light + np.array([-0.1, 0.0, 0.1])
     variance[:, owner[entry]], variance[:, owner[beside]] = own, other
     found = join(bake.texels, bake.tree, replace(solution, coefficient=coefficient, variance=variance), owner).at(entry)
     alone = reconstruct.evaluate_leaf(bake.tree, replace(solution, coefficient=coefficient), owner[beside], np.zeros(1), np.zeros(1))
-    np.testing.assert_allclose(found.irradiance, share * alone.irradiance, atol=1e-9)
+    np.testing.assert_allclose(found.irradiance, (share if straight else share or 7 / 16) * alone.irradiance, atol=1e-9)
+
+
+def test_steps_of_reflected_light_stay_where_a_chart_was_cut():
+    """A wall may stand between leaves of what were one chart, though they touch by a door."""
+    bake = quartered(step)
+    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), bake.n_texel)
+    solution = bake.solution()
+    solution = replace(solution, coefficient=solution.coefficient[::-1])
+    whole = join(bake.texels, bake.tree, solution, owner)
+    is_right = (bake.tree.origin[:, 0] >= 16).astype(np.int32)
+    cut = replace(whole, tree=replace(bake.tree, chart=is_right))  # they still know of each other
+    images = np.empty((2, 32, 32))
+    for image, one in zip(images, (whole, cut), strict=True):
+        image[bake.texels.texel_xy[:, 1], bake.texels.texel_xy[:, 0]] = one.at(np.arange(bake.n_texel)).irradiance.sum(0)[0]
+    assert jump(images[0]) < 0.1
+    assert jump(images[1]) > 0.9
 
 
 def test_a_blender_knows_the_page_of_each_entry():
