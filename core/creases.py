@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .charts import ChartAtlas
-from .geometry import triangle_normals_areas
 from .layer_check import signed_areas
 from .scene import FloatArray, IntArray, SceneSnapshot
 from .topology import find_ends, find_groups_with_twins, join_open_sides, join_sets, pair_sides
@@ -46,26 +45,47 @@ def cut_at_creases(snapshot: SceneSnapshot, atlas: ChartAtlas) -> ChartAtlas:
 
 
 def _find_feet(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_object: IntArray) -> NDArray[np.bool_]:
-    """(3 n,) bool: sides of triangles where three faces of an object or more meet that do not lie in one plane."""
+    """(3 n,) bool: sides of triangles at edges from which surfaces of one object go off in three directions or more; no triangle is without
+    an area.
+
+    vertex_position   (n_vertex, 3) float64, m
+    tri_vertex        (n, 3) int            as topology.join_open_sides has them
+    tri_object        (n,) int
+    """
     ends, one, other = pair_sides(tri_vertex, tri_object)
     crowded = find_groups_with_twins(vertex_position, tri_vertex, tri_object)
     leads = np.zeros(ends.shape[1], bool)
     leads[one] = True
     crowded[tri_object[other[leads[other]] // 3]] = True  # those between two others of their edge
     side = np.flatnonzero(np.repeat(crowded[tri_object], 3))
-    keys = np.stack([*find_ends(vertex_position, tri_vertex.ravel()[ends[:, side]]), tri_object[side // 3]])
-    _, first, edge, count = np.unique(keys, axis=1, return_index=True, return_inverse=True, return_counts=True)
-    normal = triangle_normals_areas(vertex_position[tri_vertex[side // 3]])[0]
-    off = _are_off(normal, normal[first[edge.ravel()]])
     foot = np.zeros(ends.shape[1], bool)
-    foot[side] = ((np.bincount(edge.ravel(), off, len(first)) > 0) & (count > 2))[edge.ravel()]
+    if len(side):
+        keys = np.stack([*find_ends(vertex_position, tri_vertex.ravel()[ends[:, side]]), tri_object[side // 3]])
+        edge = np.unique(keys, axis=1, return_inverse=True)[1].ravel()
+        foot[side] = _fork(edge, _point_off(vertex_position[tri_vertex[side // 3]], side % 3))[edge]
     return foot
 
 
-def _are_off(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
-    """(m,) bool: whether planes of normals (m, 3) are at an angle; a face without a normal is at none."""
-    off: NDArray[np.bool_] = one.any(axis=1) & other.any(axis=1) & (np.abs((one * other).sum(axis=1)) < _CREASE_COSINE)
-    return off
+def _point_off(corner: NDArray[np.float64], side: IntArray) -> NDArray[np.float64]:
+    """(m, 3) float64, unit: where triangles with corners (m, 3, 3) go from their sides (m,), at a right angle to them."""
+    rows = np.arange(len(side))
+    start, end, far = (corner[rows, (side + k) % 3] for k in range(3))
+    along = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
+    off = far - start
+    off -= (off * along).sum(axis=1)[:, None] * along
+    unit: NDArray[np.float64] = off / np.linalg.norm(off, axis=1)[:, None]
+    return unit
+
+
+def _fork(edge: IntArray, direction: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n_edge,) bool: whether directions (m, 3) of sides differ thrice at edges (m,), numbers without a gap."""
+    count = np.bincount(edge)
+    first = np.unique(edge, return_index=True)[1]
+    cosine = (direction * direction[first[edge]]).sum(axis=1)
+    least = np.lexsort((cosine, edge))[np.cumsum(count) - count]  # what differs most from the first of its edge
+    differs = (cosine < _CREASE_COSINE) & ((direction * direction[least[edge]]).sum(axis=1) < _CREASE_COSINE)
+    fork: NDArray[np.bool_] = np.bincount(edge, differs, len(count)) > 0
+    return fork
 
 
 def _differ(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:

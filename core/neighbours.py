@@ -21,7 +21,7 @@ class Neighbours:
     start   (n_node + 1,) int64: other[start[k] : start[k + 1]] are those of node k
     other   (p,) int32
     around  (p,) bool: its square holds that of the node, as may be where a piece of a chart was cut
-    within  (p,) bool: its square lies in that of the node, and is smaller
+    within  (p,) bool: its square lies in that of the node
     """
 
     start: NDArray[np.int64]
@@ -62,8 +62,8 @@ class Neighbours:
                 touches[cut] = _is_open(own[cut], flat.take(at, mode="clip"), entry[cut], leaf, texels)
             pairs += [own[touches] * len(tree) + other[touches], other[touches].astype(np.int64) * len(tree) + own[touches]]
         nodes, others = np.divmod(np.unique(np.concatenate(pairs)), max(len(tree), 1))
-        around, inside = (_holds(tree, *pair) for pair in ((others, nodes), (nodes, others)))
-        return cls(np.searchsorted(nodes, np.arange(len(tree) + 1)), others.astype(np.int32), around, inside & ~around)
+        around, within = (_holds(tree, *pair) for pair in ((others, nodes), (nodes, others)))  # those of one square do not find each other
+        return cls(np.searchsorted(nodes, np.arange(len(tree) + 1)), others.astype(np.int32), around, within)
 
     def list_pairs(self, node: IntArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Rows (k,) of node (m,), ascending, and the places (k,) of the neighbours of each in the fields."""

@@ -1,9 +1,9 @@
 """Leaves' functions to light at texels, without visible edges between leaves.
 
 Between leaves that touch, light goes over from the function of one to that of the other, by the share that each has of a window about as
-wide as the smaller of both. So linear light stays linear, and no border of leaves shows. Light that was reflected has no edges where
-nothing stands on a surface; light straight from lights has: there a step is a ramp only if it is no larger than noise, and stays if it is
-light. So it is where charts were cut, and between the smallest leaves. Nothing goes over a chart's border.
+wide as the smaller of both. So linear light stays linear, and a step that is no larger than noise becomes a ramp. A step that is larger is
+light, and stays; but light that was reflected has few edges, so a step of it must be large to stay, where no chart was cut. Nothing goes
+over a chart's border.
 
 Source: the weights are those of a partition of unity (Babuska & Melenk 1997); the test of a step is a z-test of the
 two leaves' values.
@@ -31,7 +31,9 @@ Float64: TypeAlias = NDArray[np.float64]
 
 # A step of so many standard errors is noise, and one of so many is light; between them it is so in part, lest the one end with an edge.
 _NOISE_SIGMAS, _LIGHT_SIGMAS = 3.0, 5.0
-_DETAIL_SIDE = 4  # texels: where leaves are so small light changes within them, as where things touch, and no border of them is seen
+# Steps of reflected light, over the mean of both leaves: up to the one a curve that neither of them holds, from the other on light, as on
+# the two sides of a wall that no chart was cut for.
+_SMOOTH_STEP, _SHARP_STEP = 0.4, 0.8
 _CELLS = 8  # side by side in a large leaf: see Blend.range
 _LARGE_SIDE, _LARGE_TEXELS = 16, 128
 _BELOW_END = np.nextafter(float(_CELLS), 0.0)
@@ -167,7 +169,7 @@ class Blend:
 
     @cached_property
     def _has_edges(self) -> bool:
-        """Whether photons bring light straight from lights."""
+        """Whether photons bring light straight from lights, anywhere; asked of the components also where halves are blended."""
         return bool(self.solution.coefficient[0].any())
 
     @cached_property
@@ -232,15 +234,18 @@ class Blend:
         own_reach, row, other, reach = find_shares(self.tree, self.neighbours, leaf, x, y)
         theirs = evaluate_leaf(self.tree, self.solution, other, x[row], y[row], self.halves)
         own_variance, variance = own.variance.mean(0)[row], theirs.variance.mean(0)
-        # Leaves of two charts that were one are beside each other where a door is, and along the wall too.
-        cut = self.tree.chart[leaf[row]] != self.tree.chart[other]
-        fine = np.minimum(self.tree.side[leaf[row]], self.tree.side[other]) <= _DETAIL_SIDE
-        doubtful = np.flatnonzero(self._has_edges | cut | fine)
         mean = 0.5 if self.halves else 1.0  # components add up to the light, halves each stand for it
-        step = mean * (theirs.irradiance.sum(0).mean(0)[doubtful] - own.irradiance.sum(0).mean(0)[row[doubtful]])
-        noise = np.sqrt(own_variance[doubtful] + variance[doubtful])
-        sigmas = np.divide(np.abs(step), noise, out=np.where(step == 0.0, 0.0, np.inf), where=noise > 0.0)
-        reach[doubtful] *= np.clip((_LIGHT_SIGMAS - sigmas) / (_LIGHT_SIGMAS - _NOISE_SIGMAS), 0.0, 1.0)
+        mine, others = (mean * of.irradiance.sum(0).mean(0) for of in (own, theirs))
+        step, noise = np.abs(others - mine[row]), np.sqrt(own_variance + variance)
+        sigmas = np.divide(step, noise, out=np.where(step == 0.0, 0.0, np.inf), where=noise > 0.0)
+        goes_over = np.clip((_LIGHT_SIGMAS - sigmas) / (_LIGHT_SIGMAS - _NOISE_SIGMAS), 0.0, 1.0)
+        if not self._has_edges:
+            level = 0.5 * (np.abs(mine[row]) + np.abs(others))
+            relative = np.divide(step, level, out=np.zeros_like(step), where=level > 0.0)
+            smooth = np.clip((_SHARP_STEP - relative) / (_SHARP_STEP - _SMOOTH_STEP), 0.0, 1.0)
+            smooth[self.tree.chart[leaf[row]] != self.tree.chart[other]] = 0.0  # beside each other at a door, and along its wall too
+            goes_over = np.maximum(goes_over, smooth)
+        reach *= goes_over
         # A leaf speaks by how sure it is. By the variance itself dark photons would speak loudest, whose leaves have the least of it.
         reach *= np.sqrt(np.divide(own_variance, variance, out=np.ones(len(row)), where=(own_variance > 0.0) & (variance > 0.0)))
         whole = own_reach + np.bincount(row, reach, len(leaf))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .coverage import expand_ranges
 from .scene import SceneSnapshot
-from .topology import find_ends, pair_sides
+from .topology import find_ends, join_open_sides, pair_sides
 
 Float32: TypeAlias = NDArray[np.float32]
 Float64: TypeAlias = NDArray[np.float64]
@@ -93,7 +93,8 @@ def _pair_sides(snapshot: SceneSnapshot, tri_chart: Int32, tri_uv: Float64) -> t
 
     Edges that more than two sides share are left out.
     """
-    corners, one, other = pair_sides(snapshot.tri_vertex, tri_chart)
+    joined = join_open_sides(snapshot.vertex_position, snapshot.tri_vertex, snapshot.tri_object)
+    corners, one, other = pair_sides(joined, tri_chart)
     uv = tri_uv.reshape(-1, 2)[corners]
     together = (np.abs(uv[:, one] - uv[:, other]) < _SAME_PLACE).all(axis=(0, 2))
     lies_apart = np.repeat(tri_chart >= 0, 3)

@@ -64,11 +64,12 @@ def find_ends(vertex_position: NDArray[np.float64], ends: IntArray) -> Int64:
 def join_open_sides(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_group: IntArray) -> Int64:
     """(n, 3) int64: tri_vertex, with vertices made one where sides that are alone lie at one place, so that the surface goes on there.
 
-    Files often hold a vertex once for each normal or texture coordinate that it has. Closed bodies that touch stay apart.
+    Files often hold a vertex once for each normal or texture coordinate that it has. Bodies that touch stay apart if they are closed by
+    their vertices.
 
-    vertex_position   (n_vertex, 3) float64
+    vertex_position   (n_vertex, 3) float64, m
     tri_vertex        (n, 3) int
-    tri_group         (n,) int               sides of different groups stay apart
+    tri_group         (n,) int, not negative   sides of different groups stay apart
     """
     vertex = tri_vertex.astype(np.int64)
     doubtful = np.flatnonzero(find_groups_with_twins(vertex_position, vertex, tri_group)[tri_group])
@@ -88,8 +89,11 @@ def join_open_sides(vertex_position: NDArray[np.float64], tri_vertex: IntArray, 
     return joined
 
 
-def find_groups_with_twins(vertex_position: NDArray[np.float64], tri_vertex: Int64, tri_group: IntArray) -> NDArray[np.bool_]:
-    """(n_group,) bool: groups of whose vertices two may lie at one place."""
+def find_groups_with_twins(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_group: IntArray) -> NDArray[np.bool_]:
+    """(n_group,) bool: groups of whose vertices two lie at one place; by a chance of one in 10^7 another one.
+
+    Arguments as in join_open_sides.
+    """
     group = np.zeros(len(vertex_position), np.int64)
     group[tri_vertex] = tri_group[:, None]
     used = np.unique(tri_vertex)

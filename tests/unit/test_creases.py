@@ -8,7 +8,7 @@ import pytest
 from leaflight.core import creases
 from leaflight.core.charts import ChartAtlas
 from leaflight.core.texels import build_texel_map
-from scenes import Mesh, join_meshes, make_scene, moved, split_faces
+from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, split_faces
 
 SIDE = 16.0  # texels, of each of the two faces of a strip
 
@@ -112,11 +112,13 @@ def chart_of_floor(mesh):
         ([], False),
         ([[1, 4, 6, 7]], True),
         ([[1, 4, 6, 7], [4, 1, 7, 6]], True),  # a wall with a face on either side
-        ([[1, 4, 3, 0]], False),  # the back of a tile
+        ([[0, 3, 4, 1]], False),  # the back of a tile
+        ([[0, 1, 4, 3]], False),  # the same tile again
+        ([[1, 4, 8, 9]], True),  # a wall aslant, over the next tile
     ],
 )
 def test_a_floor_is_cut_where_a_wall_shares_an_edge_with_it(others, is_cut, split):
-    mesh = Mesh("House", np.concatenate([FLOOR, WALL[2:]]), [*TILES, *others])
+    mesh = Mesh("House", np.concatenate([FLOOR, WALL[2:], [[2, 1, 1], [2, 0, 1]]]), [*TILES, *others])
     if split:
         floor, rest = Mesh("House", FLOOR, TILES), Mesh("Rest", mesh.vertex, others)
         mesh = join_meshes("House", floor, split_faces(rest)) if others else split_faces(floor)
@@ -137,6 +139,41 @@ def test_a_floor_is_whole_where_a_wall_ends_within_or_beside_an_edge_or_is_anoth
     assert creases.cut_at_creases(scene, atlas).tri_chart.tolist() == [0, 0, 0, 0, 1]
     scene.tri_object[:] = 1
     assert creases.cut_at_creases(scene, atlas).tri_chart.tolist() == [0, 0, 1, 1, 2]
+
+
+def test_a_smooth_fold_is_no_foot_though_vertices_lie_at_one_place_elsewhere():
+    scene, atlas = strip(60, smooth=True)
+    n, corner = len(scene.vertex_position), scene.vertex_position[0]
+    scene.vertex_position = np.concatenate([scene.vertex_position, corner + np.array([[0, 0, 0], [-1, 0, 0], [0, -1, 0]])])
+    scene.tri_vertex = np.concatenate([scene.tri_vertex, n + np.arange(3)[None]])
+    scene.tri_normal = np.concatenate([scene.tri_normal, np.tile(np.float32([0, 0, 1]), (1, 3, 1))])
+    scene.tri_object = np.append(scene.tri_object, scene.tri_object[0])
+    uv = 60 + np.array([[[0, 0], [16, 0], [0, 16.0]]])
+    atlas = replace(atlas, tri_chart=np.append(atlas.tri_chart, 0), tri_uv=np.concatenate([atlas.tri_uv, uv]))
+    assert creases.cut_at_creases(scene, atlas).tri_chart.tolist() == [0, 0, 0, 0, 1]
+
+
+@pytest.mark.parametrize("own_vertices", [False, True])
+def test_a_smooth_surface_with_a_back_of_its_own_stays_whole(own_vertices):
+    """Four faces lie at each edge, but go off in two directions alone; each side has its chart."""
+    scene, atlas = strip(30, smooth=True, faces=5)
+    n, back = len(scene.vertex_position), scene.tri_vertex[:, [0, 2, 1]]
+    if own_vertices:
+        scene.vertex_position, back = np.tile(scene.vertex_position, (2, 1)), back + n
+    scene.tri_vertex = np.concatenate([scene.tri_vertex, back])
+    scene.tri_normal = np.concatenate([scene.tri_normal, -scene.tri_normal[:, [0, 2, 1]]])
+    scene.tri_object = np.tile(scene.tri_object, 2)
+    uv = np.concatenate([atlas.tri_uv, atlas.tri_uv[:, [0, 2, 1]] + [0.0, 20.0]])
+    atlas = replace(atlas, tri_chart=np.repeat([0, 1], 10).astype(np.int32), tri_uv=uv)
+    assert creases.cut_at_creases(scene, atlas).tri_chart.tolist() == [0] * 10 + [1] * 10
+
+
+def test_walls_of_other_objects_make_no_foot_where_both_have_vertices_at_one_place():
+    speck = moved(box_mesh(), (0, 0, -5))
+    crowd = join_meshes("Crowd", speck, moved(speck, (1, 0, 0)))  # boxes that touch
+    floor, wall = (join_meshes(m.name, m, crowd) for m in (Mesh("Floor", FLOOR, TILES), Mesh("Wall", WALL, [[0, 1, 2, 3]])))
+    scene = make_scene([floor, wall])
+    assert not creases._find_feet(scene.vertex_position, scene.tri_vertex, scene.tri_object)[:12].any()
 
 
 def test_small_faces_stay_together_whatever_vertices_the_file_has():

@@ -1,6 +1,7 @@
 """What leaves have of windows: the definition leaf by leaf, and that nothing changes with a step where leaves meet."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -120,3 +121,17 @@ def test_a_leaf_within_the_square_of_another_takes_its_place_from_it():
         own, _, other, share = find_shares(parts, neighbours, np.array([node], np.int32), np.array([x]), np.array([y]))
         found = {node: own[0], **dict(zip(other.tolist(), share.tolist(), strict=True))}
         assert (found.get(root, 0.0), found.get(quarter, 0.0)) == pytest.approx(say), (x, y, node)
+
+
+def test_leaves_around_another_have_what_is_left_in_equal_parts():
+    tree = SimpleNamespace(
+        origin=np.zeros((3, 2), np.int32), side=np.int32([8, 16, 16]), start=np.array([0, 64, 100]), end=np.array([64, 100, 136])
+    )
+    is_around = np.array([True, True, False, False])
+    neighbours = Neighbours(np.array([0, 2, 3, 4]), np.int32([1, 2, 0, 0]), is_around, ~is_around)
+    own, _, other, share = find_shares(tree, neighbours, np.zeros(1, np.int32), np.zeros(1), np.zeros(1))
+    assert own == pytest.approx([0.25])
+    assert dict(zip(other.tolist(), share.tolist(), strict=True)) == pytest.approx({1: 0.375, 2: 0.375})
+    own, _, _, share = find_shares(tree, neighbours, np.ones(1, np.int32), np.full(1, 4.0), np.full(1, 4.0))
+    assert own == pytest.approx([0.125])  # what lies within it has all of the window, and it still has a say
+    assert share == pytest.approx([1.0])

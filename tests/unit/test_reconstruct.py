@@ -46,6 +46,11 @@ def step(rng, n):
     return np.where(rng.random(n) < 0.75, s * 0.5, 0.5 + s * 0.5), t  # three times as much on the left
 
 
+def gentle_step(rng, n):
+    s, t = rng.random((2, n))
+    return np.where(rng.random(n) < 0.6, s * 0.5, 0.5 + s * 0.5), t  # half as much again on the left
+
+
 def ramp(rng, n):
     return np.sqrt(rng.random(n)), rng.random(n)
 
@@ -166,11 +171,10 @@ def leaves_of_two_sizes(density, degree):
 @pytest.mark.parametrize("straight", [True, False])
 @pytest.mark.parametrize("degree", [0, 1])
 def test_a_blend_is_the_mean_over_the_leaves_that_reach_a_place(degree, straight):
-    """Leaf by leaf: what it has of the window, whether a step to it is noise, which light straight from lights is asked and the smallest
-    leaves, and how sure it is."""
-    bake, tree, solution, owner = leaves_of_two_sizes(step, degree)
+    """Leaf by leaf: what it has of the window, whether a step to it is noise, or a curve of reflected light, and how sure it is."""
+    bake, tree, solution, owner = leaves_of_two_sizes(step if straight else gentle_step, degree)
     if not straight:
-        solution = replace(solution, coefficient=solution.coefficient[::-1])
+        solution = replace(solution, coefficient=solution.coefficient[::-1], variance=solution.variance / 9)
     joined_leaves = join(bake.texels, tree, solution, owner)
     blended, points = joined_leaves.at(np.arange(len(owner))), bake.texels.own_points(0, len(owner))
     in_part = refused = ironed = 0
@@ -186,10 +190,12 @@ def test_a_blend_is_the_mean_over_the_leaves_that_reach_a_place(degree, straight
         for other, share in zip(others, shares, strict=True):
             theirs = light_of(other)
             sigmas = abs((theirs.irradiance - mine.irradiance).sum(0).mean()) / np.sqrt(theirs.variance.mean() + mine.variance.mean())
-            is_asked = straight or min(tree.side[own], tree.side[other]) <= 4
-            joined = np.clip((5.0 - sigmas) / 2.0, 0.0, 1.0) if is_asked else 1.0
+            joined = np.clip((5.0 - sigmas) / 2.0, 0.0, 1.0)
+            if not straight:
+                values = [light.irradiance.sum(0).mean() for light in (mine, theirs)]
+                relative = abs(values[1] - values[0]) / np.mean(np.abs(values))
+                ironed += joined < (joined := max(joined, np.clip((0.8 - relative) / 0.4, 0.0, 1.0)))
             in_part, refused = in_part + (0 < joined < 1), refused + (joined == 0)
-            ironed += sigmas > 5.0 and joined == 1.0
             weights.append(share * joined * np.sqrt(mine.variance.mean() / theirs.variance.mean()))
             lights.append(theirs)
         weights, lights = np.array([*own_share, *weights]), [mine, *lights]
@@ -199,8 +205,7 @@ def test_a_blend_is_the_mean_over_the_leaves_that_reach_a_place(degree, straight
         np.testing.assert_allclose(blended.irradiance[..., entry], mean[..., 0], rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(blended.variance[:, entry], variance[:, 0], rtol=1e-9)
     assert in_part or not degree or not straight  # constant leaves have one step for each pair, here all far from the limits
-    assert refused
-    assert bool(ironed) != straight
+    assert refused if straight else ironed
 
 
 @pytest.mark.parametrize(
@@ -214,24 +219,54 @@ def test_a_blend_is_the_mean_over_the_leaves_that_reach_a_place(degree, straight
         (0.0, 0.0, 0.0, 7 / 16),  # of equal light on the whole, each channel goes over
     ],
 )
-@pytest.mark.parametrize("straight", [True, False])
-def test_leaves_without_noise_speak_as_loud_as_others(own, other, light, share, straight):
-    """Of two leaves of 8 texels, half a texel from their border; light that was reflected goes over, however large the step."""
+@pytest.mark.parametrize(("straight", "beside_it"), [(True, 0.0), (False, 0.0), (False, 0.7)])
+def test_leaves_without_noise_speak_as_loud_as_others(own, other, light, share, straight, beside_it):
+    """Of two leaves of 8 texels, half a texel from their border; light that was reflected goes over, if the step is not too large."""
     bake = SquareBake(side=16, degree=0, preview_depth=1, level=1)
     owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), bake.n_texel)
     entry, beside = (np.flatnonzero((bake.texels.texel_xy == place).all(axis=1)) for place in ((7, 3), (8, 3)))
     solution = bake.solution()
     coefficient, variance = np.zeros_like(solution.coefficient), np.zeros_like(solution.variance)
-    coefficient[0 if straight else 1, :, 0, owner[beside]] = light + np.array([-0.1, 0.0, 0.1])
+    kind = 0 if straight else 1
+    coefficient[kind, :, 0, owner[entry]] = beside_it * light
+    coefficient[kind, :, 0, owner[beside]] = light + np.array([-0.1, 0.0, 0.1])
     variance[:, owner[entry]], variance[:, owner[beside]] = own, other
     found = join(bake.texels, bake.tree, replace(solution, coefficient=coefficient, variance=variance), owner).at(entry)
-    alone = reconstruct.evaluate_leaf(bake.tree, replace(solution, coefficient=coefficient), owner[beside], np.zeros(1), np.zeros(1))
-    np.testing.assert_allclose(found.irradiance, (share if straight else share or 7 / 16) * alone.irradiance, atol=1e-9)
+    alone = [
+        reconstruct.evaluate_leaf(bake.tree, replace(solution, coefficient=coefficient), node, np.zeros(1), np.zeros(1)).irradiance
+        for node in (owner[entry], owner[beside])
+    ]
+    share = share or (7 / 16 if beside_it else 0.0)  # three tenths of light, more or less, is a curve
+    np.testing.assert_allclose(found.irradiance, alone[0] + share * (alone[1] - alone[0]), atol=1e-9)
+
+
+@pytest.mark.parametrize("step_share", [0.2, 0.4, 0.6, 0.79, 1.0])
+def test_steps_of_reflected_light_stay_the_more_the_larger_they_are(step_share):
+    bake = SquareBake(side=16, degree=0, preview_depth=1, level=1)
+    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), bake.n_texel)
+    entry = np.flatnonzero((bake.texels.texel_xy == (7, 3)).all(axis=1))
+    solution = bake.solution()
+    coefficient = np.zeros_like(solution.coefficient)
+    coefficient[1, :, 0] = np.where(bake.tree.origin[:, 0] < 8, 1.0 - step_share / 2, 1.0 + step_share / 2)
+    found = join(bake.texels, bake.tree, replace(solution, coefficient=coefficient), owner).at(entry).irradiance[1]
+    reach = 7 / 16 * np.clip((0.8 - step_share) / 0.4, 0.0, 1.0)
+    np.testing.assert_allclose(found, 1.0 - step_share / 2 + step_share * reach / (9 / 16 + reach))
+
+
+def test_steps_of_reflected_light_go_over_in_the_halves_as_in_the_whole():
+    bake, rng = SquareBake(side=32, degree=1, preview_depth=1, level=1), np.random.default_rng(8)
+    for half in (0, 1):
+        bake.throw(*gentle_step(rng, 20_000), half, is_first=False)
+    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), bake.n_texel)
+    solution, entries = bake.solution(), np.arange(bake.n_texel)
+    assert not solution.coefficient[0].any()
+    whole, halves = (join(bake.texels, bake.tree, solution, owner, halves).at(entries).irradiance for halves in (False, True))
+    np.testing.assert_allclose(halves.mean(0), whole.sum(0), rtol=1e-9)
 
 
 def test_steps_of_reflected_light_stay_where_a_chart_was_cut():
     """A wall may stand between leaves of what were one chart, though they touch by a door."""
-    bake = quartered(step)
+    bake = quartered(gentle_step)
     owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), bake.n_texel)
     solution = bake.solution()
     solution = replace(solution, coefficient=solution.coefficient[::-1])
@@ -242,7 +277,7 @@ def test_steps_of_reflected_light_stay_where_a_chart_was_cut():
     for image, one in zip(images, (whole, cut), strict=True):
         image[bake.texels.texel_xy[:, 1], bake.texels.texel_xy[:, 0]] = one.at(np.arange(bake.n_texel)).irradiance.sum(0)[0]
     assert jump(images[0]) < 0.1
-    assert jump(images[1]) > 0.9
+    assert jump(images[1]) > 0.3
 
 
 def test_a_blender_knows_the_page_of_each_entry():

@@ -5,7 +5,7 @@ import pytest
 from leaflight.core.charts import make_charts
 from leaflight.core.seam_points import find_seams
 from leaflight.core.settings import Settings
-from scenes import HINGE_LEFT, HINGE_RIGHT, Mesh, box_mesh, hinge_mesh, make_scene, moved, shade_smooth, sphere_mesh
+from scenes import HINGE_LEFT, HINGE_RIGHT, Mesh, box_mesh, grid_mesh, hinge_mesh, make_scene, moved, shade_smooth, sphere_mesh, split_faces
 
 
 def find(scene):
@@ -17,6 +17,12 @@ def positions_of(scene, points):
     """(2, m, 3): where the points are in space, by their triangles on either side."""
     u, v = points.weight[..., 0], points.weight[..., 1]
     return np.einsum("smk,smkj->smj", np.stack([1 - u - v, u, v], axis=2), scene.tri_position[points.tri])
+
+
+def test_no_seams_are_found_within_a_chart_whose_file_holds_vertices_for_each_face():
+    points, atlas = find(make_scene([split_faces(grid_mesh(cells=4))]))
+    assert len(atlas.chart_page) == 1
+    assert points.n_edge == 0
 
 
 def test_both_sides_of_a_point_are_one_place_in_space_and_their_own_on_the_page():
