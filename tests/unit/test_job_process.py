@@ -434,13 +434,19 @@ def test_workers_and_libraries_are_there_ahead_where_the_job_is_long_in_coming()
 
 @needs_proc
 def test_workers_keep_out_of_the_way_of_unwrapping_where_the_job_is_there(start):
-    process, workers = start(replace(ENDLESS, workers=2)), {}
-    for message in process.messages():
-        workers[type(message), getattr(message, "stage", "")] = [pid for pid in find_descendants(process._process.pid) if is_worker(pid)]
-        if isinstance(message, Progress):
-            break
-    assert workers[Status, "charts"] == []
-    assert len(workers[Progress, ""]) == 1
+    """Seen where this process hears of unwrapping while it goes on: on a busy machine it may be over by then."""
+    for _ in range(3):
+        process, workers = start(replace(ENDLESS, workers=2)), {}
+        for message in process.messages():
+            found = [pid for pid in find_descendants(process._process.pid) if is_worker(pid)]
+            workers[type(message), getattr(message, "stage", "")] = found
+            if isinstance(message, Progress):
+                break
+        assert len(workers[Progress, ""]) == 1
+        process.kill()
+        if not workers[Status, "charts"]:
+            return
+    pytest.fail("a worker was there whenever unwrapping was heard of")
 
 
 @needs_proc
