@@ -1,8 +1,7 @@
 """The stated error: how far the bake is likely to be from the converged light, told from the bake itself.
 
 Three parts: noise of each leaf from the squared powers of its photons, corrected by how the two halves of the bake differ, and on
-small leaves by what smoothing takes off; light that the leaves cannot hold, from their children; and the noise of direct light
-by shadow rays.
+small leaves by what smoothing takes off; light that the leaves cannot hold (missing_light); and the noise of direct light by shadow rays.
 The error of a bake is relative to local brightness, so that dark corners count as the eye counts them.
 """
 
@@ -17,11 +16,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from . import refine, shrinkage
+from . import missing_light, refine, shrinkage
 from .denoise import GRAIN_LEFT, SMALL_LEAF
 from .direct_shown import ShownDirect, ShownGathered
 from .quadtree import Quadtree, node_of_texel
-from .reconstruct import LeafBlender, PointLight, evaluate_leaf
+from .reconstruct import LeafBlender
 from .scene import IntArray
 from .tally import Solution, Totals
 from .texel_map import TexelMap
@@ -31,11 +30,6 @@ DARK_FLOOR = 0.1
 # Texels whose centre lies outside of the chart are left out too: little of them is seen, and no other baker has light there.
 # The worst texels are left out: on a hard edge of light, whether a texel is its centre or its mean decides its error.
 BEST_TEXELS = 0.99
-# Squared light that a node cannot hold, over what its parent could not: 1/2 along edges, 1/16 where light is smooth.
-BIAS_DECAY = 0.25
-# A bake that stops at the first round whose error is small enough picks one that came out small by chance: so many standard errors of
-# the bias are held against it. Measured over bakes of few leaves.
-_BIAS_DOUBT = 0.58
 _SAMPLE = 1 << 13  # texels that are asked
 _CHUNK = 1 << 16
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
@@ -73,7 +67,8 @@ class StatedError:
     """What the bake says of itself, relative to local brightness.
 
     relative      error of the whole: root mean square over the best texels and over channels; nan before any photon
-    chosen        the same for whoever stops at this round because it is small, which is to choose among rounds
+    chosen        the same for whoever stops at this round because it is small, and so picks one that came out small by chance: a standard
+                  error of what leaves miss is held against it
     direct        the part of it that is noise of direct light by rays, which no photon makes less
     correction    of noise_correction
     texel_direct2 gives (n,) float32: the squared part of direct light by rays at each texel
@@ -142,9 +137,8 @@ def state_error(
     if smooth_grain:
         left = np.where(tree.side[leaf[sample]] <= SMALL_LEAF, GRAIN_LEFT, 1.0)
         photons2, shrunk2 = photons2 * left, shrunk2 * left
-    blind2 = weight.mean(1) * missing_light(tree, totals, solution, comparison, nodes)[leaf[sample]]
-    judge = _find_judges(tree, nodes, blender)
-    bias2, gap2, noise2 = _missing_from_blend(tree, solution, leaf, judge, sample, blender, shown, correction, weight, blind2)
+    told_by = tree, totals, solution, comparison, nodes, leaf[sample], sample
+    bias = missing_light.find_bias(*told_by, blender, shown, correction, weight)
     blur2 = (weight * shown_direct.blur2_at(sample)).mean(1)
     gathered2, gathered_blur2 = np.zeros((2, len(sample)))
     if gathered:
@@ -152,21 +146,18 @@ def state_error(
         gathered2[told] = (weight * gathered.light.variance_at(sample)).mean(1)[told]
         gathered_blur2[told] = (weight * gathered.light.blur2_at(sample)).mean(1)[told]
         photons2[told] = (weight.mean(1) * gathered.doubt2[sample])[told]
-        for missing in (bias2, gap2, noise2, shrunk2):
-            missing[told] = 0.0
-    likely = photons2 + direct2 + gap2 + gathered2
+        shrunk2[told] = 0.0
+        bias = bias.without(told)
+    likely = photons2 + direct2 + bias.gap + gathered2
     best = np.argpartition(likely, count - 1)[:count]
-    every = (photons2, direct2, bias2, blur2, gathered2, gathered_blur2)
-    parts = [float(part[best].mean(dtype=np.float64)) for part in every]
-    parts[1] += max(parts[3], 0.0)
-    parts[4] += max(parts[5], 0.0)
-    # A bias is told only in sum, by nodes that err apart. How far apart was seen says how much of it is sure; what may be missing
-    # is told by what could be expected, for few nodes may agree by chance.
-    seen4 = (np.bincount(judge[best], bias2[best]) ** 2).sum() / count**2
-    expected4 = (np.bincount(judge[best], noise2[best]) ** 2).sum() / count**2
-    square = parts[0] + parts[1] + parts[4] + _beyond_noise(parts[2], seen4)
-    doubt2 = _BIAS_DOUBT * math.sqrt(expected4) + (taken - taken_surely) * float(shrunk2[best].mean())
-    chosen, by_rays, by_gathering = math.sqrt(square + doubt2), math.sqrt(parts[1]), math.sqrt(parts[4])
+    every = (photons2, direct2, blur2, gathered2, gathered_blur2)
+    by_photons2, by_rays2, blurred2, by_gathering2, gather_blurred2 = (float(part[best].mean(dtype=np.float64)) for part in every)
+    by_rays2 += max(blurred2, 0.0)
+    by_gathering2 += max(gather_blurred2, 0.0)
+    missing2, doubt2 = bias.sum_up(best)
+    square = by_photons2 + by_rays2 + by_gathering2 + missing2
+    doubt2 += (taken - taken_surely) * float(shrunk2[best].mean())
+    chosen, by_rays, by_gathering = math.sqrt(square + doubt2), math.sqrt(by_rays2), math.sqrt(by_gathering2)
     texel_gathered2 = None
     if gathered:
         light, is_told = gathered.light, gathered.told
@@ -174,31 +165,9 @@ def state_error(
     return StatedError(math.sqrt(square), chosen, by_rays, correction, texel_direct2, by_gathering, texel_gathered2)
 
 
-def _beyond_noise(value: float, variance: float) -> float:
-    """What is sure of a number that cannot be negative: below zero it is noise, which must not hide other noise, and the more so above.
-
-    Source: James & Stein 1961, the positive part
-    """
-    return max(value - variance / value, 0.0) if value > 0.0 else 0.0
-
-
 def list_told(tree: Quadtree, nodes: IntArray, blender: LeafBlender) -> NDArray[np.int64]:
     """(m,) int64: the nodes whose functions state_error asks for, the leaves `nodes` among them."""
-    return np.concatenate([nodes, _find_judges(tree, nodes, blender)])
-
-
-def _find_judges(tree: Quadtree, nodes: IntArray, blender: LeafBlender) -> NDArray[np.int32]:
-    """(m,) int32: the node that judges the light at each texel of the sample: a child of its leaf of `nodes`, where that has any.
-
-    What the fewer photons of nodes deeper down tell drowns in noise, tens of times the variance of a leaf's own.
-    """
-    opened = np.zeros(len(tree), bool)
-    opened[nodes] = tree.has_children[nodes]
-    judges = refine.open_nodes(tree, nodes, opened)
-    judges = judges[np.argsort(tree.start[judges])]  # they tile the charts
-    place = np.searchsorted(tree.start[judges], _choose_sample(blender.texels), side="right") - 1
-    judge: NDArray[np.int32] = judges[place].astype(np.int32)
-    return judge
+    return np.concatenate([nodes, missing_light.find_judges(tree, nodes, _choose_sample(blender.texels))])
 
 
 def _parts(count: int) -> Iterator[slice]:
@@ -234,63 +203,3 @@ def _choose_sample(texels: TexelMap) -> NDArray[np.int64]:
         for part, first, last, place_before in zip(parts, ends[:-1], ends[1:], np.cumsum(count) - count, strict=True)
     ]
     return np.concatenate(found)
-
-
-def _missing_from_blend(
-    tree: Quadtree,
-    solution: Solution,
-    leaf: NDArray[np.int32],
-    judge: NDArray[np.int32],
-    sample: NDArray[np.int64],
-    blender: LeafBlender,
-    shown: PointLight,
-    correction: NDArray[np.float64],
-    weight: NDArray[np.float32],
-    blind2: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Squared relative difference between the blend and the nodes that judge it, at the texels `sample`, (m,) float64 thrice.
-
-    judge    (m,) int32, of _find_judges
-    weight   (m, 3), as is blind2
-
-    The first is a product of what each half says alone, whose noise is independent, and so right in sum. The second is how far that
-    is from zero, noise and all: who leaves out the worst by it leaves out as much noise below zero as above. Without nodes below,
-    `blind2` (m,) stands for all. The third is a standard error of the first, by which all texels of a judge
-    are off together.
-    """
-    unbiased = blind2.copy()
-    seen = np.maximum(unbiased, 0.0)
-    noise = np.abs(blind2)
-    told = np.flatnonzero(judge != leaf[sample])
-    entry = sample[told]
-    x, y = blender.texels.own_points_at(entry)
-    below = evaluate_leaf(tree, solution, judge[told], x, y, halves=True)
-    halves = shown.irradiance[..., told]
-    gap = np.where(halves.sum(0) > 0.0, halves, 0.0) - below.irradiance  # what dips below zero is shown as dark
-    unbiased[told] = (weight[told].T * gap[0] * gap[1]).mean(0)
-    group, count = np.unique(judge[told], return_inverse=True, return_counts=True)[1:]
-    seen[told] = np.abs(np.bincount(group, unbiased[told]) / count)[group]
-    # Either half has twice the variance of both; over a node a product has as many independent parts as the node has functions.
-    # A mean that weighs its parts well shares as much of each one's noise as it has itself, so that this is not seen between them.
-    noise2 = np.maximum(below.variance - shown.variance[:, told], 0.0) * correction[:, None]
-    of_half = 2.0 * (weight[told].T * noise2).mean(0)
-    noise[told] = of_half / np.sqrt(np.maximum(tree.rank[judge[told]], 1))
-    return unbiased, seen, noise
-
-
-def missing_light(
-    tree: Quadtree, totals: Totals, solution: Solution, comparison: refine.Comparison, nodes: IntArray
-) -> NDArray[np.float64]:
-    """(n,) float64, (W/m^2)^2: mean square a channel of light that `nodes` cannot hold, 0 elsewhere; noise can make it negative."""
-    missing = np.zeros(len(tree))
-    # Photons spread more evenly than chance would spread them: less noise than their number tells, which would hide a bias.
-    common = comparison.differences[0].common / 3.0
-    parents = nodes[tree.has_children[nodes] & (totals.shot[nodes] > 0)]
-    missing[parents] = common[comparison.rows[0][parents]]
-    blind = nodes[~tree.has_children[nodes] & (tree.side[nodes] > 1) & (tree.parent[nodes] >= 0)]
-    # No previews yet: what their parents could not hold tells, and dark ones have less of it.
-    parent = tree.parent[blind]
-    light2, parent2 = (((solution.flux[:, ids] / np.maximum(tree.area[ids], _TINY)) ** 2).sum(0) for ids in (blind, parent))
-    share = np.divide(light2, parent2, out=np.zeros(len(blind)), where=parent2 > 0.0)
-    missing[blind] = BIAS_DECAY * np.minimum(share, 1.0) * np.maximum(common[comparison.rows[0][parent]], 0.0)
-    return missing

@@ -12,6 +12,8 @@ from leaflight.core.scene import Material, SceneObject, SceneSnapshot
 from leaflight.core.texels import TexelMap, build_texel_map
 from leaflight.core.tree_view import TreeView
 
+SIDE = 64  # texels, of the squares that `throw` lights
+
 
 def make_map(uv: Any, chart: Any = None, position: Any = None, size: int = 8, degree: int = 4) -> TexelMap:
     """Texels of triangles `uv` (n, 3, 2); they lie in the plane z = 0 at their UV unless `position` (n, 3, 3) says otherwise."""
@@ -115,3 +117,41 @@ class SquareBake:
         local = [(v * self.side - self.tree.origin[node, axis]) / half - 1 for axis, v in enumerate((s, t))]
         monomials = np.array(basis.monomials(*local, self.degree))
         return (self.solution().coefficient.sum(0)[0][:, node] * monomials).sum(0)
+
+
+def even(rng, n):
+    """Where photons of even light fall: (2, n), as samplers of `throw` do."""
+    return rng.random((2, n))
+
+
+def hill(rng, n):
+    """Density (1 + sin(2 pi s) sin(2 pi t) * 0.8): drawn by rejection."""
+    s, t, u = rng.random((3, 4 * n))
+    kept = np.flatnonzero(u * 1.8 < hill_truth(s, t))[:n]
+    return s[kept], t[kept]
+
+
+def even_truth(s, t):
+    return np.ones_like(s)
+
+
+def hill_truth(s, t):
+    return 1 + 0.8 * np.sin(2 * np.pi * s) * np.sin(2 * np.pi * t)
+
+
+def throw(sampler, photons, seed, **options):
+    """A bake of a watt over a square metre, in two halves."""
+    bake = SquareBake(side=SIDE, **options)
+    rng = np.random.default_rng(seed)
+    for half in (0, 1):
+        s, t = sampler(rng, photons // 2)
+        bake.throw(s, t, half, emitted=photons // 2)
+    return bake
+
+
+def blender_of(bake):
+    return LeafBlender.of(bake.texels)
+
+
+def current(bake):
+    return np.flatnonzero(bake.tree.current)

@@ -56,10 +56,7 @@ def errors(request, tmp_path_factory):
     return request.param, state_errors(tmp_path_factory.mktemp("adaptive"), panel_scene(), irradiance, request.param)
 
 
-def test_each_adaptive_bake_is_within_its_stated_error(errors, request, hold):
-    if errors[0] == "photons":
-        reason = "leaves stay whole while what they lack could be noise, and thirty tell it so roughly that bakes stop when it seems small"
-        request.applymarker(pytest.mark.xfail(reason=reason, strict=True))
+def test_each_adaptive_bake_is_within_its_stated_error(errors, hold):
     for stated, real in errors[1]:
         hold_stated_error(hold, "textured emitter", real, stated)
 

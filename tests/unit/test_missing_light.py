@@ -1,0 +1,213 @@
+"""Light that leaves cannot hold, on a square whose light is known: as judges tell it, and as the nodes above foretell it."""
+
+import numpy as np
+import pytest
+from leaflight.core import estimate, missing_light, quadtree, reconstruct, refine
+from trees import SIDE, SquareBake, blender_of, current, even, throw
+
+NONE = np.nan  # no such node above
+
+
+def bias_of(told, noise, parent, grandparent, judge=None):
+    """Of texels that judges of their own tell."""
+    told, noise, parent, grandparent = np.broadcast_arrays(*(np.array(part, float) for part in (told, noise, parent, grandparent)))
+    judge = np.arange(len(told)) if judge is None else np.array(judge)
+    return missing_light.Bias(judge.astype(np.int32), told, np.abs(told), noise, parent, grandparent)
+
+
+def sum_up(bias):
+    return bias.sum_up(np.arange(len(bias.told)))
+
+
+def glow(rng, n):
+    """As a small lamp does half a metre above a corner: the fourth power of the cosine, drawn by rejection."""
+    s, t, u = rng.random((3, 12 * n))
+    kept = np.flatnonzero(u < 1 / (1 + 4 * (s * s + t * t)) ** 2)[:n]
+    return s[kept], t[kept]
+
+
+def throw_on_split(photons, degree, choose):
+    """A glow on a square whose nodes were split beforehand: each of the functions `choose` picks who is, of the current nodes."""
+    bake = SquareBake(SIDE, degree, preview_depth=1)
+    for some in choose:
+        bake.tree = quadtree.split(bake.tree, some(current(bake)))
+        bake.grow()
+    rng = np.random.default_rng(2)
+    for half in (0, 1):
+        bake.throw(*glow(rng, photons // 2), half, emitted=photons // 2)
+    return bake
+
+
+def find_bias(bake, nodes):
+    """Of all texels, not relative to any light."""
+    totals, solution, texels = bake.totals(), bake.solution(), np.arange(bake.n_texel)
+    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.0, 16, 2))
+    leaf = quadtree.node_of_texel(bake.tree, nodes, bake.n_texel)
+    shown = blender_of(bake).join(bake.tree, solution, leaf, halves=True).at(texels)
+    weight = np.ones((len(texels), 3), np.float32)
+    told_by = bake.tree, totals, solution, comparison, nodes, leaf, texels
+    return missing_light.find_bias(*told_by, blender_of(bake), shown, np.ones(3), weight)
+
+
+def test_children_that_are_sure_are_believed():
+    assert sum_up(bias_of([0.1, 0.3], 0.0, 0.4, 4.0)) == (pytest.approx(0.2), pytest.approx(0.0))
+
+
+def test_of_children_that_say_nothing_counts_what_is_foretold():
+    """A tenth of it is left from level to level, and half as much again from the next."""
+    likely = missing_light.FALL_GOES_ON * 0.4 * 0.1
+    value, doubt = sum_up(bias_of([5.0, -5.0], 1e3, 0.4, 4.0))
+    assert value == pytest.approx(likely, rel=1e-3)
+    assert doubt == pytest.approx(missing_light.FALL_DOUBT * likely, rel=1e-3)
+
+
+@pytest.mark.parametrize(("told", "share"), [(0.03, 1 / 2), (0.01, 1 / (1 + missing_light.HIDDEN_DOUBT**2))])
+def test_both_count_by_how_sure_they_are(told, share):
+    """Children of whom the choice of leaves hides some are taken for less sure than they say."""
+    likely = 0.02
+    doubt = missing_light.FALL_DOUBT * likely
+    value, error = sum_up(bias_of([told] * 4, 2 * doubt, 0.4, 4.0))
+    assert value == pytest.approx(likely + share * (told - likely))
+    assert error == pytest.approx(doubt * np.sqrt(1 - share))
+
+
+def test_texels_of_one_judge_err_together():
+    apart, together = (sum_up(bias_of([0.02] * 4, 0.02, NONE, NONE, judge)) for judge in ([0, 1, 2, 3], [7, 7, 7, 7]))
+    assert together[1] == pytest.approx(2 * apart[1]) == pytest.approx(0.02)
+
+
+def test_leaves_that_are_not_deep_are_foretold_by_how_it_falls_elsewhere():
+    """A tenth is left, of what the shallow one's parent lacks too; what has no parent has only its children's word."""
+    value, _ = sum_up(bias_of([0.0, 0.0, 0.5, 0.5], [1e3, 1e3, 0.0, 0.0], [0.4, 0.8, NONE, NONE], [4.0, NONE, NONE, NONE]))
+    by_word = missing_light._beyond_noise(1.0 / 4, 2 * (0.5 / 4) ** 2)
+    assert value == pytest.approx(by_word + missing_light.FALL_GOES_ON * (0.4 + 0.8) * 0.1 / 4, rel=1e-3)
+
+
+@pytest.mark.parametrize(("parent", "grandparent"), [(NONE, NONE), (0.4, NONE), (0.0, 0.0), (-0.1, 0.3), (0.1, -0.3)])
+def test_where_nothing_is_foretold_the_children_have_the_word(parent, grandparent):
+    value, doubt = sum_up(bias_of([0.3, 0.1], 0.1, parent, grandparent))
+    assert value == pytest.approx(missing_light._beyond_noise(0.2, (0.3**2 + 0.1**2) / 4))
+    assert doubt == pytest.approx(np.sqrt(2) * 0.1 / 2)
+
+
+def test_nothing_is_missing_where_children_say_less_than_nothing():
+    for above in (0.4, NONE):
+        assert sum_up(bias_of([-0.2] * 4, 1e-6, above, 10 * above))[0] == 0
+
+
+def test_only_the_best_texels_count():
+    bias = bias_of([0.1, 9.0], 0.0, [0.4, 50.0], [4.0, 50.0])
+    assert bias.sum_up(np.array([0])) == sum_up(bias_of([0.1], 0.0, 0.4, 4.0))
+
+
+def test_where_other_light_is_shown_leaves_miss_nothing():
+    bias = bias_of([0.1, 0.3], [1e-3, 2e-3], [0.4, 8.0], [4.0, 9.0])
+    left = bias.without(np.array([False, True]))
+    value, doubt = (part / 2 for part in sum_up(bias_of([0.1], 1e-3, 0.4, 4.0)))
+    assert sum_up(left) == (pytest.approx(value), pytest.approx(doubt))
+    assert left.gap.tolist() == [0.1, 0.0]
+
+
+@pytest.mark.parametrize(("degree", "splits"), [(1, 2), (1, 3), (2, 2)])
+def test_smooth_light_falls_about_as_it_is_foretold(degree, splits):
+    """So many photons that the children know."""
+    bake = throw_on_split(2_000_000, degree, [lambda nodes: nodes] * splits)
+    bias = find_bias(bake, current(bake))
+    assert 0.4 < bias._foretell(np.arange(bake.n_texel)) / bias.told.mean() < 1.6
+
+
+def test_nodes_above_are_those_of_the_texels_leaf():
+    """Of a square of which one quarter was split again."""
+    bake = throw_on_split(200_000, 0, [lambda nodes: nodes, lambda nodes: nodes[:1]])
+    nodes = current(bake)
+    bias = find_bias(bake, nodes)
+    leaf = quadtree.node_of_texel(bake.tree, nodes, bake.n_texel)
+    comparison = refine.Comparison.of(bake.tree, bake.totals(), bake.solution(), refine.Rule("significance", 0.0, 16, 2))
+    common, rows = comparison.differences[0].common / 3, comparison.rows[0]
+    for found, up, unknown in ((bias.parent, 1, 0.0), (bias.grandparent, 2, 0.75)):
+        above = leaf
+        for _ in range(up):
+            above = bake.tree.parent[above]
+        assert np.isnan(found).mean() == (above < 0).mean() == unknown
+        np.testing.assert_allclose(found, np.where(above >= 0, common[rows[above]], np.nan))
+
+
+def test_a_leaf_is_judged_by_its_children_whether_they_are_stable_or_not():
+    """By no deeper nodes, of which there are more."""
+
+    def left(rng, n):
+        s, t = rng.random((2, n))
+        return np.where(np.arange(n) % 50 > 0, 0.5 * s, 0.5 + 0.5 * s), t
+
+    bake = throw(left, 2500, 3, degree=0, level=1, preview_depth=3)
+    tree, leaves = bake.tree, current(bake)
+    comparison = refine.Comparison.of(tree, bake.totals(), bake.solution(), refine.Rule("significance", 0.0, 16, 2))
+    leaf = quadtree.node_of_texel(tree, leaves, bake.n_texel)
+    judge = missing_light.find_judges(tree, leaves, np.arange(bake.n_texel))
+    right = bake.texels.texel_xy[:, 0] >= SIDE // 2
+    assert not comparison.stable[leaf[right]].any()
+    assert comparison.stable[leaf[~right]].all()
+    assert (tree.parent[judge] == leaf).all()
+    assert tree.has_children[judge].all()
+    assert set(judge) <= set(estimate.list_told(tree, leaves, blender_of(bake)))
+
+
+@pytest.mark.parametrize(("halves", "counted"), [((1.0, 1.0), 1.0), ((3.0, -1.0), -3.0), ((-1.0, -1.0), 0.0), ((1.0, -3.0), 0.0)])
+def test_what_dips_below_zero_is_judged_as_it_is_shown(halves, counted):
+    """As dark; of what is shown, a half may well be below zero."""
+    bake = SquareBake(side=8, level=1)  # no photons: below all leaves it is dark
+    tree, sample = bake.tree, np.arange(bake.n_texel)
+    leaf, deepest = (quadtree.node_of_texel(tree, nodes, len(sample)) for nodes in (current(bake), np.flatnonzero(~tree.has_children)))
+    assert (leaf != deepest).all()
+    light = np.ones((2, 3, len(sample))) * np.reshape(halves, (2, 1, 1))
+    shown = reconstruct.PointLight(light, np.zeros((3, len(sample))))
+    weight, blind2 = np.ones((len(sample), 3), np.float32), np.full(len(sample), np.nan)
+    unbiased, seen, _ = missing_light.compare_with_judges(
+        tree, bake.solution(), leaf, deepest, sample, blender_of(bake), shown, np.ones(3), weight, blind2
+    )
+    np.testing.assert_allclose(unbiased, counted, rtol=1e-6)
+    np.testing.assert_allclose(seen, abs(counted), rtol=1e-6)  # or the worst that are left out would all be those above zero
+
+
+def test_dark_leaves_without_previews_state_less_than_bright_ones():
+    def one_side(rng, n):
+        return 0.5 + 0.5 * rng.random(n) ** 2, rng.random(n)
+
+    bake = throw(one_side, 200_000, 1, degree=0, level=0, preview_depth=1)
+    bake.tree = quadtree.split(bake.tree, current(bake))
+    nodes = current(bake)
+    totals, solution = bake.totals(), bake.solution()
+    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.05, 16, 1))
+    missing = missing_light.find_missing(bake.tree, totals, solution, comparison, nodes)[nodes]
+    dark = solution.flux[0, nodes] == 0
+    assert dark.sum() == 2
+    assert (missing[dark] == 0).all()
+    assert (missing[~dark] > 0).all()
+
+
+def test_leaves_are_judged_by_their_children():
+    bake = throw(even, 400_000, 1, level=1, preview_depth=3)
+    judge = missing_light.find_judges(bake.tree, current(bake), np.arange(bake.n_texel))
+    assert (bake.tree.side[judge] == SIDE // 4).all()
+
+
+def test_noise_of_what_judges_say_is_known_beforehand():
+    """Even light: what judges tell is noise, by node and by bake as large as it is said to be."""
+    told, expected = [], []
+    for seed in range(8):
+        bake = throw(even, 100_000, seed, degree=1, level=2, preview_depth=1)
+        tree, solution, nodes, sample = bake.tree, bake.solution(), current(bake), np.arange(bake.n_texel)
+        leaf, judge = (quadtree.node_of_texel(tree, ids, len(sample)) for ids in (nodes, np.flatnonzero(~tree.has_children)))
+        shown = blender_of(bake).join(tree, solution, leaf, halves=True).at(sample)
+        weight, blind2 = np.ones((len(sample), 3), np.float32), np.zeros(len(sample))
+        parts = missing_light.compare_with_judges(tree, solution, leaf, judge, sample, blender_of(bake), shown, np.ones(3), weight, blind2)
+        for values, out in ((parts[0], told), (parts[2], expected)):
+            out.append((np.bincount(judge, values) ** 2).sum())
+    assert np.sum(told) == pytest.approx(np.sum(expected), rel=0.25)
+
+
+@pytest.mark.parametrize(
+    ("value", "variance", "sure"), [(2.0, 0.0, 2.0), (2.0, 1.0, 1.5), (1.0, 1.0, 0.0), (0.5, 1.0, 0.0), (-1.0, 1.0, 0.0), (0.0, 0.0, 0.0)]
+)
+def test_of_a_noisy_bias_what_is_beyond_noise_counts(value, variance, sure):
+    assert missing_light._beyond_noise(value, variance) == sure
