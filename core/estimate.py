@@ -137,8 +137,7 @@ def state_error(
     if smooth_grain:
         left = np.where(tree.side[leaf[sample]] <= SMALL_LEAF, GRAIN_LEFT, 1.0)
         photons2, shrunk2 = photons2 * left, shrunk2 * left
-    told_by = tree, totals, solution, comparison, nodes, leaf[sample], sample
-    bias = missing_light.find_bias(*told_by, blender, shown, correction, weight)
+    bias = missing_light.find_bias(tree, solution, comparison, nodes, leaf[sample], sample, blender, shown, correction, weight)
     blur2 = (weight * shown_direct.blur2_at(sample)).mean(1)
     gathered2, gathered_blur2 = np.zeros((2, len(sample)))
     if gathered:

@@ -1,12 +1,13 @@
 """Light that leaves cannot hold, squared and relative to local brightness: told by their children, foretold by the nodes above them.
 
 The children's word is right in sum, but few leaves tell it roughly, and the photons that tell it are those that chose the leaves: nodes
-whose children differed little by chance stayed whole. What nodes one and two levels up could not hold is sure, for they were opened
-because it stood out of noise; how it falls from level to level foretells the leaves' own. Each counts by how sure it is.
+whose children differed little by chance stayed whole. What nodes one and two levels up could not hold stands far out of noise, and how it
+falls from level to level foretells the leaves' own. Both words are sums over all leaves; each counts by how sure it is.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,11 +17,12 @@ from . import refine
 from .quadtree import Quadtree
 from .reconstruct import LeafBlender, PointLight, evaluate_leaf
 from .scene import IntArray
-from .tally import Solution, Totals
+from .tally import Solution
 
 # Squared light that a node cannot hold, over what its parent could not: 1/2 along edges, 1/16 where light is smooth.
 BIAS_DECAY = 0.25
-# From the level above the leaves it falls by more than up to there: by so many times as much in the closed forms, within a half either way.
+# What a leaf misses over what its parent does, in times the same share one level up: by so much more it falls in the closed forms; and how
+# far, relative, what that foretells is off there, in sum.
 FALL_GOES_ON, FALL_DOUBT = 0.5, 0.5
 # What children tell is taken for as much less sure where it is less than foretold, for the choice of leaves hides some of it.
 HIDDEN_DOUBT = 2.0
@@ -36,7 +38,7 @@ class Bias:
     gap           (m,): how far that is from zero, noise and all: who leaves out the worst by it leaves out as much noise below zero as
                   above
     noise         (m,): a standard error of `told`, by which all texels of a judge are off together
-    parent        (m,): what the parent of the texel's leaf could not hold; nan where there is none
+    parent        (m,): what the parent of the texel's leaf could not hold; nan where there is none, and of leaves of one texel
     grandparent   (m,): the same, one level up
     """
 
@@ -56,32 +58,33 @@ class Bias:
     def sum_up(self, best: NDArray[np.intp]) -> tuple[float, float]:
         """The mean over the texels `best` (k,), and its standard error."""
         likely = self._foretell(best)
-        foretold = ~np.isnan(self.parent[best]) & (likely > 0.0)
-        by_word, seen, doubt = self._tell(best, ~foretold)
-        value, variance = _beyond_noise(by_word, seen), doubt
-        if likely:
-            told, _, noise = self._tell(best, foretold)
-            noise *= HIDDEN_DOUBT**2 if told < likely else 1.0
-            sure = noise / (noise + (FALL_DOUBT * likely) ** 2)
-            value += max(told + sure * (likely - told), 0.0)
-            variance += sure * (FALL_DOUBT * likely) ** 2
-        return value, float(np.sqrt(variance))
+        foretold = ~np.isnan(likely)
+        if not likely[foretold].sum() > 0.0:
+            foretold[:] = False
+        told, seen2, doubt2 = self._tell(best[~foretold])
+        value, square = _beyond_noise(told, seen2), doubt2
+        if foretold.any():
+            told, _, doubt2 = self._tell(best[foretold])
+            found, found2 = _weigh(float(likely[foretold].sum()), told, doubt2)
+            value, square = value + found, square + found2
+        return value / len(best), math.sqrt(square) / len(best)
 
-    def _tell(self, best: NDArray[np.intp], which: NDArray[np.bool_]) -> tuple[float, float, float]:
-        """What the children say of `which` (k,) of the texels, the sum of what each judge says squared, and what noise makes of that."""
-        rows = best[which]
+    def _tell(self, rows: NDArray[np.intp]) -> tuple[float, float, float]:
+        """What the children say of the texels `rows`: its sum, the squared sums of each judge's word, and what noise makes of these."""
         # It is told only in sum, by judges that err apart. How far apart was seen says how much of it is sure; what may be missing
         # is told by what could be expected, for few may agree by chance.
-        seen, expected = ((np.bincount(self.judge[rows], part[rows]) ** 2).sum() / len(best) ** 2 for part in (self.told, self.noise))
-        return float(self.told[rows].sum()) / len(best), float(seen), float(expected)
+        seen2, doubt2 = ((np.bincount(self.judge[rows], part[rows]) ** 2).sum() for part in (self.told, self.noise))
+        return float(self.told[rows].sum()), float(seen2), float(doubt2)
 
-    def _foretell(self, best: NDArray[np.intp]) -> float:
-        """Mean over `best` of what leaves with a parent are likely to miss; 0 where no leaf is deep enough to tell how it falls."""
+    def _foretell(self, best: NDArray[np.intp]) -> NDArray[np.float64]:
+        """(k,): what is likely to be missing at the texels `best` (k,), right in sum; nan where nothing is foretold."""
         parent, grandparent = self.parent[best], self.grandparent[best]
-        deep = ~np.isnan(grandparent)
+        deep = ~np.isnan(parent + grandparent)
         above, below = float(grandparent[deep].sum()), float(parent[deep].sum())
-        likely = FALL_GOES_ON * float(np.nansum(parent)) / len(best)
-        return likely * below / above if min(likely, below, above) > 0.0 else 0.0
+        # Of leaves that are not so deep it is foretold too, by how it falls elsewhere.
+        fall = below / above if above > 0.0 and below > 0.0 else math.nan
+        likely: NDArray[np.float64] = FALL_GOES_ON * fall * parent
+        return likely
 
 
 def _beyond_noise(value: float, variance: float) -> float:
@@ -92,9 +95,19 @@ def _beyond_noise(value: float, variance: float) -> float:
     return max(value - variance / value, 0.0) if value > 0.0 else 0.0
 
 
+def _weigh(likely: float, told: float, doubt2: float) -> tuple[float, float]:
+    """What is foretold and told of the same, together, and the square of how far that may be off.
+
+    doubt2   squared standard error of `told`
+    """
+    is_less = told < likely
+    told2, foretold2 = doubt2 * (HIDDEN_DOUBT**2 if is_less else 1.0), (FALL_DOUBT * likely) ** 2
+    share = told2 / (told2 + foretold2) if told2 else 0.0  # of what is foretold; both could be too small to be squared
+    return max(told + share * (likely - told), 0.0), share * foretold2
+
+
 def find_bias(
     tree: Quadtree,
-    totals: Totals,
     solution: Solution,
     comparison: refine.Comparison,
     nodes: IntArray,
@@ -112,12 +125,12 @@ def find_bias(
     correction   (3,), of estimate.noise_correction
     weight       (m, 3): what makes squared light relative
     """
-    judge, every = find_judges(tree, nodes, sample), weight.mean(1)
-    blind2 = every * find_missing(tree, totals, solution, comparison, nodes)[leaf]
+    judge = find_judges(tree, nodes, sample)
+    blind2 = (weight * guess_blind(tree, solution, comparison, nodes)[leaf]).mean(1)
     told = compare_with_judges(tree, solution, leaf, judge, sample, blender, shown, correction, weight, blind2)
-    parent = tree.parent[leaf]
+    parent = np.where(tree.side[leaf] > 1, tree.parent[leaf], -1)  # a texel is all that a leaf could be asked to hold
     grandparent = np.where(parent >= 0, tree.parent[parent], -1)
-    above = (every * _find_missing_of(comparison, up) for up in (parent, grandparent))
+    above = ((weight * _find_missing_of(comparison, up)).mean(1) for up in (parent, grandparent))
     return Bias(judge, *told, *above)
 
 
@@ -172,24 +185,21 @@ def compare_with_judges(
     return unbiased, seen, noise
 
 
-def find_missing(tree: Quadtree, totals: Totals, solution: Solution, comparison: refine.Comparison, nodes: IntArray) -> NDArray[np.float64]:
-    """(n,) float64, (W/m^2)^2: mean square a channel of light that `nodes` cannot hold, 0 elsewhere; noise can make it negative."""
-    missing = np.zeros(len(tree))
-    parents = nodes[tree.has_children[nodes] & (totals.shot[nodes] > 0)]
-    missing[parents] = _find_missing_of(comparison, parents)
+def guess_blind(tree: Quadtree, solution: Solution, comparison: refine.Comparison, nodes: IntArray) -> NDArray[np.float64]:
+    """(n, 3) float64, (W/m^2)^2: mean square that those of the `nodes` (m,) cannot hold which have no previews yet; 0 of all others."""
+    missing = np.zeros((len(tree), 3))
     blind = nodes[~tree.has_children[nodes] & (tree.side[nodes] > 1) & (tree.parent[nodes] >= 0)]
-    # No previews yet: what their parents could not hold tells, and dark ones have less of it.
+    # What their parents could not hold tells, and dark ones have less of it.
     parent = tree.parent[blind]
     light2, parent2 = (((solution.flux[:, ids] / np.maximum(tree.area[ids], _TINY)) ** 2).sum(0) for ids in (blind, parent))
     share = np.divide(light2, parent2, out=np.zeros(len(blind)), where=parent2 > 0.0)
-    missing[blind] = BIAS_DECAY * np.minimum(share, 1.0) * np.nan_to_num(np.maximum(_find_missing_of(comparison, parent), 0.0))
+    missing[blind] = BIAS_DECAY * np.minimum(share, 1.0)[:, None] * np.nan_to_num(np.maximum(_find_missing_of(comparison, parent), 0.0))
     return missing
 
 
 def _find_missing_of(comparison: refine.Comparison, nodes: IntArray) -> NDArray[np.float64]:
-    """(m,) float64, (W/m^2)^2 a channel: what `nodes` (m,) cannot hold, by their children; nan where these tell nothing, and of node -1."""
+    """(m, 3) float64, (W/m^2)^2: what `nodes` (m,) cannot hold, as both halves see it; nan of -1 and of who was not compared."""
     row = np.where(nodes >= 0, comparison.rows[0][nodes], -1)
-    # Photons spread more evenly than chance would spread them: less noise than their number tells, which would hide a bias.
-    common = np.append(comparison.differences[0].common / 3.0, np.nan)
-    found: NDArray[np.float64] = common[row]
+    # Not the excess: photons spread more evenly than chance would spread them, and the noise that their number tells would hide a bias.
+    found: NDArray[np.float64] = np.vstack([comparison.differences[0].common, np.full(3, np.nan)])[row]
     return found

@@ -11,7 +11,7 @@ least-squares fits; photons' powers vary, so their sum of squares stands for the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,8 +48,8 @@ class Difference:
 
     excess       (m,) float64, (W/m^2)^2: mean square difference less what noise alone gives, summed over channels; noise
                  can make it negative
-    common       (m,) float64, (W/m^2)^2: the same, told by what both halves of the bake see alike: free of any model of
-                 noise, and noisier
+    common       (m, 3) float64, (W/m^2)^2: the same for each channel, told by what both halves of the bake see alike: free of
+                 any model of noise, and noisier
     noise        (m,) float64, (W/m^2)^2: what noise alone gives: by so much splitting raises the mean square error
     sigmas       (m,) float64: how far the squared difference lies above its expectation under noise
     greatest     (m,) float64, W/m^2: greatest difference of mean over the stable previews, over channels
@@ -94,7 +94,7 @@ def indicator(tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArra
 
     gap = fit - expected
     dual = basis.apply_matrices(basis.gram_matrix(tree.moment[previews], tree.degree), gap)
-    common = _sum_by(ancestor, 4.0 * (gap[0] * dual[1]).sum((0, 1)), m)
+    common = _sum_by(ancestor, 4.0 * (gap[0] * dual[1]).sum(1), m)
     gap = gap.sum(0)
     energy = _sum_by(ancestor, (gap * dual.sum(0)).sum((0, 1)), m)
     weight2 = _sum_by(ancestor, totals.weight2[:, previews].sum(0), m)
@@ -114,7 +114,7 @@ def indicator(tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArra
     to_irradiance = stands_for * (solution.scale[:, nodes] / max(float(totals.photons.sum()), 1.0)).mean(0)
     return Difference(
         excess=np.where(usable, excess / area * to_irradiance**2, 0.0),
-        common=np.where(usable, common / area * to_irradiance**2, 0.0),
+        common=np.where(usable, common / area * to_irradiance**2, 0.0).T,
         noise=np.where(usable, noise / area * to_irradiance**2, 0.0),
         sigmas=np.where(usable, excess / np.where(usable, spread, 1.0), 0.0),
         greatest=np.where(tiled, greatest * to_irradiance, 0.0),
@@ -178,14 +178,6 @@ class Comparison:
         rows, differences = zip(*pairs, strict=True)
         unfair = FAIR_SHARE * totals.received / np.maximum(totals.shot, 1)
         return cls(rows, differences, stable, NOISE_PRICE * np.maximum(unfair, 1.0))
-
-    def join(self, tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArray, stability: int) -> Comparison:
-        """With the difference at depth 1 of those of the `nodes` (m,) that have shot photons, if only a few."""
-        rows, known = self.rows[0].copy(), self.differences[0]
-        more = nodes[tree.has_children[nodes] & (totals.shot[nodes] > 0) & (rows[nodes] < 0)]
-        rows[more] = len(known.tiled) + np.arange(len(more))
-        found = _compare(tree, totals, solution, more, 1, stability)[1]
-        return replace(self, rows=(rows, *self.rows[1:]), differences=(_concatenate([known, found]), *self.differences[1:]))
 
 
 def _compare(

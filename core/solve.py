@@ -180,7 +180,6 @@ class Solver:
         told = np.concatenate([compared, estimate.list_told(tree, leaves, self.blender)])
         shown, risk = shrinkage.shrink_leaves(tree, totals, leaves) if self.settings.hierarchical else (tree, None)
         solution = tally.solve_tallies(shown, totals, told)
-        comparison = comparison.join(tree, totals, solution, leaves, rule.stability)
         return _State(totals, solution, comparison, leaves, risk)
 
     def _trace_round(self, stated: estimate.StatedError | None) -> None:

@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -116,11 +117,24 @@ def _least_seconds(call: Any, repeats: int) -> float:
     return min(seconds)
 
 
-def worker_gain(folder: Path, snapshot: SceneSnapshot, sizes: Sizes) -> float:
-    """Photons a second of two workers over those of one, refinement and all."""
+def worker_gain(folder: Path, snapshot: SceneSnapshot, sizes: Sizes) -> dict[str, float]:
+    """Photons a second, refinement and all, of two workers over those of one: medians of bakes that take turns.
+
+    As `machine`, of two bakes of one worker that share nothing over those of one: what the second core brings at the same hour.
+    """
+    folder.mkdir()
     settings = Settings(size=256, error=NEVER, max_photons=sizes.photons, direct="photons")
-    two, one = ((snapshot, dataclasses.replace(settings, workers=count)) for count in (2, 1))
-    return compare_cores(folder, two, one, "photons", sizes)[0]
+
+    def trace(name: str, count: int) -> float:
+        return float(run_core(folder / name, snapshot, dataclasses.replace(settings, workers=count))["seconds"]["photons"])
+
+    def trace_beside(turn: int) -> float:
+        with ThreadPoolExecutor(2) as pool:
+            return statistics.mean(pool.map(lambda k: trace(f"beside_{turn}_{k}", 1), range(2)))
+
+    turns = [(trace(f"two_{turn}", 2), trace(f"one_{turn}", 1), trace_beside(turn)) for turn in range(sizes.repeats)]
+    two, one, beside = (statistics.median(seconds) for seconds in zip(*turns, strict=True))
+    return {"gain": one / two, "machine": 2.0 * one / beside}
 
 
 # -- how time grows --

@@ -276,3 +276,49 @@ def test_noise_counts_as_it_is_smoothed(level, left):
     bake = throw(even, 50_000, 1, degree=0, level=level, preview_depth=0)  # nobody judges: all that is stated is noise
     plain, smoothed = (state(bake, current(bake), smooth_grain=smooth).relative for smooth in (False, True))
     assert smoothed**2 == pytest.approx(left * plain**2, rel=1e-6)
+
+
+def test_where_gathered_light_is_shown_nothing_is_missing():
+    """Nor is anything in doubt that shrinking took off."""
+    bake = throw(hill, 200_000, 1, degree=1, level=2)
+    totals, solution, nodes = bake.totals(), bake.solution(), current(bake)
+    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.0, 16, 2))
+    direct, doubt2 = ShownDirect.plain(*np.zeros((2, bake.n_texel, 3), np.float32)), np.zeros(bake.n_texel, np.float32)
+    told = bake.tree, totals, solution, comparison, nodes, direct, blender_of(bake)
+    differing = np.where(np.arange(len(nodes)) % 2, 1.0, -1.0)
+    assert estimate.state_error(*told).relative > 0.05
+    found = []
+    for blur2 in (0.0, -0.05):  # below nothing it is noise
+        gathered = ShownGathered(shown_of(bake, 1.0, 1e-4, blur2), doubt2, np.ones(bake.n_texel, bool))
+        found.append(estimate.state_error(*told, gathered=gathered, risk=differing))
+    for stated in found:
+        assert stated.relative == stated.chosen == pytest.approx(found[0].gathered)
+
+
+def test_the_worst_by_what_leaves_miss_are_left_out(monkeypatch):
+    bake, missing = throw(even, 50_000, 1, degree=0, level=3), np.zeros(SIDE * SIDE)
+    nodes = current(bake)
+    missing[: SIDE * SIDE // 64] = 100.0
+
+    def some(tree, solution, comparison, nodes, leaf, sample, *_):
+        none = np.full(len(sample), np.nan)
+        return missing_light.Bias(np.arange(len(sample), dtype=np.int32) % len(tree), missing, missing, 0 * missing, none, none)
+
+    monkeypatch.setattr(missing_light, "find_bias", some)
+    assert state(bake, nodes).relative ** 2 == pytest.approx((1 / 64 - 0.01) / 0.99 * 100, rel=0.05)
+
+
+def test_what_is_missing_is_asked_of_the_sampled_texels_leaves(monkeypatch):
+    bake, asked = throw(hill, 50_000, 1, degree=0, level=2), []
+    find = missing_light.find_bias
+
+    def watch(*args):
+        asked.append(args[4:6])
+        return find(*args)
+
+    monkeypatch.setattr(missing_light, "find_bias", watch)
+    monkeypatch.setattr(estimate, "_SAMPLE", 1000)
+    state(bake, current(bake))
+    [(leaf, sample)] = asked
+    assert len(sample) == 1000
+    assert ((bake.tree.start[leaf] <= sample) & (sample < bake.tree.end[leaf])).all()

@@ -95,7 +95,7 @@ def test_late_previews_tell_the_same_difference(depth):
     mean = bake.solution().flux[:, 0] / bake.tree.area[0]
     of_step = ((0.2 * mean) ** 2).sum()
     assert found.excess[0] == pytest.approx(of_step, rel=0.03)
-    assert found.common[0] == pytest.approx(of_step, rel=0.03)
+    assert found.common[0].sum() == pytest.approx(of_step, rel=0.03)
     assert found.greatest[0] == pytest.approx(0.2 * mean[0], rel=0.15)  # of up to 16 noisy ones
     assert found.noise[0] == pytest.approx((4**depth - 1) * (mean**2).sum() / 100_000, rel=0.05)  # of a third of the photons
 
@@ -253,11 +253,6 @@ def test_a_comparison_tells_of_all_nodes_that_anybody_asks_for(monkeypatch):
         assert ((row[nodes] >= 0) == asked).all()
         assert (row >= 0).sum() == asked.sum()
         same_as_at_once(bake, solution, some, nodes[asked], row[nodes[asked]], depth)
-    joined = comparison.join(bake.tree, totals, solution, nodes, 16)
-    assert joined.rows[1] is comparison.rows[1]
-    assert ((joined.rows[0][nodes] >= 0) == (totals.shot[nodes] > 0)).all()
-    told = nodes[totals.shot[nodes] > 0]
-    same_as_at_once(bake, solution, joined.differences[0], told, joined.rows[0][told], 1)
 
 
 def same_as_at_once(bake, solution, difference, nodes, rows, depth):
