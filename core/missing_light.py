@@ -26,6 +26,9 @@ BIAS_DECAY = 0.25
 FALL_GOES_ON, FALL_DOUBT = 0.5, 0.5
 # What children tell is taken for as much less sure where it is less than foretold, for the choice of leaves hides some of it.
 HIDDEN_DOUBT = 2.0
+# Standard deviations of noise by which children must differ to tell how it falls: where light is even, and nodes were split by chance, by
+# three to five.
+FAR_OUT = 10.0
 _TINY = float(np.finfo(float).tiny)
 
 
@@ -39,7 +42,7 @@ class Bias:
                   above
     noise         (m,): a standard error of `told`, by which all texels of a judge are off together
     parent        (m,): what the parent of the texel's leaf could not hold; nan where there is none, and of leaves of one texel
-    grandparent   (m,): the same, one level up
+    grandparent   (m,): the same, one level up; nan also where it hardly stands out of noise
     """
 
     judge: NDArray[np.int32]
@@ -130,6 +133,7 @@ def find_bias(
     told = compare_with_judges(tree, solution, leaf, judge, sample, blender, shown, correction, weight, blind2)
     parent = np.where(tree.side[leaf] > 1, tree.parent[leaf], -1)  # a texel is all that a leaf could be asked to hold
     grandparent = np.where(parent >= 0, tree.parent[parent], -1)
+    grandparent[~_stands_out(comparison, grandparent)] = -1  # how noise falls foretells nothing
     above = ((weight * _find_missing_of(comparison, up)).mean(1) for up in (parent, grandparent))
     return Bias(judge, *told, *above)
 
@@ -195,6 +199,13 @@ def guess_blind(tree: Quadtree, solution: Solution, comparison: refine.Compariso
     share = np.divide(light2, parent2, out=np.zeros(len(blind)), where=parent2 > 0.0)
     missing[blind] = BIAS_DECAY * np.minimum(share, 1.0)[:, None] * np.nan_to_num(np.maximum(_find_missing_of(comparison, parent), 0.0))
     return missing
+
+
+def _stands_out(comparison: refine.Comparison, nodes: IntArray) -> NDArray[np.bool_]:
+    """(m,) bool: nodes (m,) or -1 whose children differ by far more than noise, as those do not that were split for nothing."""
+    row = np.where(nodes >= 0, comparison.rows[0][nodes], -1)
+    out: NDArray[np.bool_] = np.append(comparison.differences[0].sigmas > FAR_OUT, False)[row]
+    return out
 
 
 def _find_missing_of(comparison: refine.Comparison, nodes: IntArray) -> NDArray[np.float64]:

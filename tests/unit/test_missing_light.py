@@ -30,15 +30,18 @@ def every(nodes):
     return nodes
 
 
-def throw_on_split(photons, degree, choose, side=SIDE, colour=(1.0, 1.0, 1.0)):
-    """A glow on a square whose nodes were split beforehand: each of the functions `choose` picks who is, of the current nodes."""
+def throw_on_split(photons, degree, choose, side=SIDE, colour=(1.0, 1.0, 1.0), sampler=glow):
+    """A glow, or what the sampler throws, on a square whose nodes were split beforehand.
+
+    choose   functions each of which picks who is split, of the current nodes
+    """
     bake = SquareBake(side, degree, preview_depth=1)
     for some in choose:
         bake.tree = quadtree.split(bake.tree, some(current(bake)))
         bake.grow()
     rng = np.random.default_rng(2)
     for half in (0, 1):
-        s, t = glow(rng, photons // 2)
+        s, t = sampler(rng, photons // 2)
         bake.throw(s, t, half, emitted=photons // 2, flux=np.array(colour)[:, None] * np.ones(len(s)))
     return bake
 
@@ -127,6 +130,16 @@ def test_smooth_light_falls_about_as_it_is_foretold(degree, splits):
     bake = throw_on_split(2_000_000, degree, [every] * splits)
     bias = find_bias(bake, current(bake))
     assert 0.4 < bias._foretell(np.arange(bake.n_texel)).mean() / bias.told.mean() < 1.6
+
+
+def test_how_noise_falls_foretells_nothing():
+    """Even light, and nodes that were split for nothing; a glow's stand out."""
+    for sampler, known in ((even, False), (glow, True)):
+        bake = throw_on_split(200_000, 1, [every, every], sampler=sampler)
+        bias = find_bias(bake, current(bake))
+        assert not np.isnan(bias.parent).any()
+        assert np.isnan(bias.grandparent).any() != known
+        assert np.isnan(bias._foretell(np.arange(bake.n_texel))).any() != known
 
 
 def test_nodes_above_are_those_of_the_texels_leaf():
