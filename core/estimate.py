@@ -126,18 +126,18 @@ def state_error(
     # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
     shown = blender.join(tree, solution, leaf, halves=True).at(sample)
     weight = _weigh(node_light[leaf[sample]] + shown_direct.irradiance_at(sample), dark2)
+    x, y = blender.texels.own_points_at(sample)
+    asked = missing_light.AskedLight(leaf[sample], x, y, shown, weight)
     photons2 = (weight.T * shown.variance * correction[:, None]).mean(0)
-    shrunk2 = (
-        np.zeros(len(sample))
-        if risk is None
-        else shrinkage.find_shrunk_noise(tree, solution, leaf[sample], photons2, *blender.texels.own_points_at(sample))
-    )
-    taken, taken_surely = (0.0, 0.0) if risk is None else shrinkage.find_share_taken(leaf[sample], shrunk2, nodes, risk)
+    shrunk2, taken, taken_surely = np.zeros(len(sample)), 0.0, 0.0
+    if risk is not None:
+        shrunk2 = shrinkage.find_shrunk_noise(tree, solution, asked.leaf, photons2, x, y)
+        taken, taken_surely = shrinkage.find_share_taken(asked.leaf, shrunk2, nodes, risk)
     photons2 -= taken * shrunk2
     if smooth_grain:
-        left = np.where(tree.side[leaf[sample]] <= SMALL_LEAF, GRAIN_LEFT, 1.0)
+        left = np.where(tree.side[asked.leaf] <= SMALL_LEAF, GRAIN_LEFT, 1.0)
         photons2, shrunk2 = photons2 * left, shrunk2 * left
-    bias = missing_light.find_bias(tree, solution, comparison, nodes, leaf[sample], sample, blender, shown, correction, weight)
+    bias = missing_light.find_bias(tree, solution, comparison, nodes, sample, asked, correction)
     blur2 = (weight * shown_direct.blur2_at(sample)).mean(1)
     gathered2, gathered_blur2 = np.zeros((2, len(sample)))
     if gathered:

@@ -15,21 +15,38 @@ from numpy.typing import NDArray
 
 from . import refine
 from .quadtree import Quadtree
-from .reconstruct import LeafBlender, PointLight, evaluate_leaf
+from .reconstruct import PointLight, evaluate_leaf
 from .scene import IntArray
 from .tally import Solution
 
 # Squared light that a node cannot hold, over what its parent could not: 1/2 along edges, 1/16 where light is smooth.
 BIAS_DECAY = 0.25
-# What a leaf misses over what its parent does, in times the same share one level up: by so much more it falls in the closed forms; and how
-# far, relative, what that foretells is off there, in sum.
+# A leaf misses so much of what its parent does, in times what the parent missed of its own parent's: in the closed forms, where light is
+# smooth and falls the faster the finer leaves are. And how far off, relative, is what that foretells in sum.
 FALL_GOES_ON, FALL_DOUBT = 0.5, 0.5
 # What children tell is taken for as much less sure where it is less than foretold, for the choice of leaves hides some of it.
 HIDDEN_DOUBT = 2.0
-# Standard deviations of noise by which children must differ to tell how it falls: where light is even, and nodes were split by chance, by
-# three to five.
+# Standard deviations of noise by which a grandparent's children must differ to tell how it falls: of even light that was split by chance
+# they differ by three to five.
 FAR_OUT = 10.0
 _TINY = float(np.finfo(float).tiny)
+
+
+@dataclass(frozen=True)
+class AskedLight:
+    """Light of leaves at some texels, blended, as it is asked for its error.
+
+    leaf     (m,) int32
+    x, y     (m,) float64, page texels
+    light    with its halves
+    weight   (m, 3) float32: what makes squared light relative
+    """
+
+    leaf: NDArray[np.int32]
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    light: PointLight
+    weight: NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -114,28 +131,22 @@ def find_bias(
     solution: Solution,
     comparison: refine.Comparison,
     nodes: IntArray,
-    leaf: NDArray[np.int32],
     sample: NDArray[np.int64],
-    blender: LeafBlender,
-    shown: PointLight,
+    asked: AskedLight,
     correction: NDArray[np.float64],
-    weight: NDArray[np.float32],
 ) -> Bias:
-    """What the blend of `nodes`, which tile the charts, misses at the texels `sample` (m,).
+    """What the blend of `nodes`, which tile the charts, misses at the texel entries `sample` (m,).
 
-    leaf         (m,) int32, of `nodes`, at the sample
-    shown        light there, with its halves
+    asked        what they show there
     correction   (3,), of estimate.noise_correction
-    weight       (m, 3): what makes squared light relative
     """
     judge = find_judges(tree, nodes, sample)
-    blind2 = (weight * guess_blind(tree, solution, comparison, nodes)[leaf]).mean(1)
-    told = compare_with_judges(tree, solution, leaf, judge, sample, blender, shown, correction, weight, blind2)
-    parent = np.where(tree.side[leaf] > 1, tree.parent[leaf], -1)  # a texel is all that a leaf could be asked to hold
+    blind2 = (asked.weight * guess_blind(tree, solution, comparison, nodes)[asked.leaf]).mean(1)
+    told = compare_with_judges(tree, solution, judge, asked, correction, blind2)
+    parent = np.where(tree.side[asked.leaf] > 1, tree.parent[asked.leaf], -1)  # a texel is all that a leaf could be asked to hold
     grandparent = np.where(parent >= 0, tree.parent[parent], -1)
-    grandparent[~_stands_out(comparison, grandparent)] = -1  # how noise falls foretells nothing
-    above = ((weight * _find_missing_of(comparison, up)).mean(1) for up in (parent, grandparent))
-    return Bias(judge, *told, *above)
+    missing = _find_missing_of(comparison, parent), _find_missing_of(comparison, grandparent, FAR_OUT)  # how noise falls foretells nothing
+    return Bias(judge, *told, *((asked.weight * of_nodes).mean(1) for of_nodes in missing))
 
 
 def find_judges(tree: Quadtree, nodes: IntArray, sample: NDArray[np.int64]) -> NDArray[np.int32]:
@@ -155,13 +166,9 @@ def find_judges(tree: Quadtree, nodes: IntArray, sample: NDArray[np.int64]) -> N
 def compare_with_judges(
     tree: Quadtree,
     solution: Solution,
-    leaf: NDArray[np.int32],
     judge: NDArray[np.int32],
-    sample: NDArray[np.int64],
-    blender: LeafBlender,
-    shown: PointLight,
+    asked: AskedLight,
     correction: NDArray[np.float64],
-    weight: NDArray[np.float32],
     blind2: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Squared relative difference between the blend and the nodes that judge it: `told`, `gap` and `noise` of a Bias.
@@ -172,19 +179,17 @@ def compare_with_judges(
     unbiased = blind2.copy()
     seen = np.maximum(unbiased, 0.0)
     noise = np.abs(blind2)
-    told = np.flatnonzero(judge != leaf)
-    entry = sample[told]
-    x, y = blender.texels.own_points_at(entry)
-    below = evaluate_leaf(tree, solution, judge[told], x, y, halves=True)
-    halves = shown.irradiance[..., told]
+    told = np.flatnonzero(judge != asked.leaf)
+    weight, halves = asked.weight[told].T, asked.light.irradiance[..., told]
+    below = evaluate_leaf(tree, solution, judge[told], asked.x[told], asked.y[told], halves=True)
     gap = np.where(halves.sum(0) > 0.0, halves, 0.0) - below.irradiance  # what dips below zero is shown as dark
-    unbiased[told] = (weight[told].T * gap[0] * gap[1]).mean(0)
+    unbiased[told] = (weight * gap[0] * gap[1]).mean(0)
     group, count = np.unique(judge[told], return_inverse=True, return_counts=True)[1:]
     seen[told] = np.abs(np.bincount(group, unbiased[told]) / count)[group]
     # Either half has twice the variance of both; over a node a product has as many independent parts as the node has functions.
     # A mean that weighs its parts well shares as much of each one's noise as it has itself, so that this is not seen between them.
-    noise2 = np.maximum(below.variance - shown.variance[:, told], 0.0) * correction[:, None]
-    of_half = 2.0 * (weight[told].T * noise2).mean(0)
+    noise2 = np.maximum(below.variance - asked.light.variance[:, told], 0.0) * correction[:, None]
+    of_half = 2.0 * (weight * noise2).mean(0)
     noise[told] = of_half / np.sqrt(np.maximum(tree.rank[judge[told]], 1))
     return unbiased, seen, noise
 
@@ -201,16 +206,15 @@ def guess_blind(tree: Quadtree, solution: Solution, comparison: refine.Compariso
     return missing
 
 
-def _stands_out(comparison: refine.Comparison, nodes: IntArray) -> NDArray[np.bool_]:
-    """(m,) bool: nodes (m,) or -1 whose children differ by far more than noise, as those do not that were split for nothing."""
-    row = np.where(nodes >= 0, comparison.rows[0][nodes], -1)
-    out: NDArray[np.bool_] = np.append(comparison.differences[0].sigmas > FAR_OUT, False)[row]
-    return out
+def _find_missing_of(comparison: refine.Comparison, nodes: IntArray, least_sigmas: float = -math.inf) -> NDArray[np.float64]:
+    """(m, 3) float64, (W/m^2)^2: what `nodes` (m,) cannot hold, as both halves see it.
 
-
-def _find_missing_of(comparison: refine.Comparison, nodes: IntArray) -> NDArray[np.float64]:
-    """(m, 3) float64, (W/m^2)^2: what `nodes` (m,) cannot hold, as both halves see it; nan of -1 and of who was not compared."""
-    row = np.where(nodes >= 0, comparison.rows[0][nodes], -1)
+    least_sigmas   nan of those that stand out of noise by less, of those that were not compared with their children, and of -1
+    """
+    row, difference = comparison.rows[0][nodes], comparison.differences[0]
+    known = np.flatnonzero((nodes >= 0) & (row >= 0))
+    known = known[difference.sigmas[row[known]] >= least_sigmas]
+    missing = np.full((len(nodes), 3), np.nan)
     # Not the excess: photons spread more evenly than chance would spread them, and the noise that their number tells would hide a bias.
-    found: NDArray[np.float64] = np.vstack([comparison.differences[0].common, np.full(3, np.nan)])[row]
-    return found
+    missing[known] = difference.common[row[known]]
+    return missing

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from leaflight.core import estimate, missing_light, quadtree, reconstruct, refine
-from trees import SIDE, SquareBake, blender_of, current, even, throw
+from trees import SIDE, SquareBake, blender_of, current, even, glow, throw
 
 NONE = np.nan  # no such node above
 
@@ -17,13 +17,6 @@ def bias_of(told, noise, parent, grandparent, judge=None):
 
 def sum_up(bias):
     return bias.sum_up(np.arange(len(bias.told)))
-
-
-def glow(rng, n):
-    """As a small lamp does half a metre above a corner: the fourth power of the cosine, drawn by rejection."""
-    s, t, u = rng.random((3, 12 * n))
-    kept = np.flatnonzero(u < 1 / (1 + 4 * (s * s + t * t)) ** 2)[:n]
-    return s[kept], t[kept]
 
 
 def every(nodes):
@@ -53,7 +46,8 @@ def find_bias(bake, nodes, weight=1.0):
     leaf = quadtree.node_of_texel(bake.tree, nodes, bake.n_texel)
     shown = blender_of(bake).join(bake.tree, solution, leaf, halves=True).at(texels)
     weight = np.ones((len(texels), 3), np.float32) * np.float32(weight)
-    return missing_light.find_bias(bake.tree, solution, comparison, nodes, leaf, texels, blender_of(bake), shown, np.ones(3), weight)
+    asked = missing_light.AskedLight(leaf, *bake.texels.own_points_at(texels), shown, weight)
+    return missing_light.find_bias(bake.tree, solution, comparison, nodes, texels, asked, np.ones(3))
 
 
 def test_children_that_are_sure_are_believed():
@@ -256,9 +250,8 @@ def test_what_dips_below_zero_is_judged_as_it_is_shown(halves, counted):
     light = np.ones((2, 3, len(sample))) * np.reshape(halves, (2, 1, 1))
     shown = reconstruct.PointLight(light, np.zeros((3, len(sample))))
     weight, blind2 = np.ones((len(sample), 3), np.float32), np.full(len(sample), np.nan)
-    unbiased, seen, _ = missing_light.compare_with_judges(
-        tree, bake.solution(), leaf, deepest, sample, blender_of(bake), shown, np.ones(3), weight, blind2
-    )
+    asked = missing_light.AskedLight(leaf, *bake.texels.own_points_at(sample), shown, weight)
+    unbiased, seen, _ = missing_light.compare_with_judges(tree, bake.solution(), deepest, asked, np.ones(3), blind2)
     np.testing.assert_allclose(unbiased, counted, rtol=1e-6)
     np.testing.assert_allclose(seen, abs(counted), rtol=1e-6)  # or the worst that are left out would all be those above zero
 
@@ -294,7 +287,8 @@ def test_noise_of_what_judges_say_is_known_beforehand():
         leaf, judge = (quadtree.node_of_texel(tree, ids, len(sample)) for ids in (nodes, np.flatnonzero(~tree.has_children)))
         shown = blender_of(bake).join(tree, solution, leaf, halves=True).at(sample)
         weight, blind2 = np.ones((len(sample), 3), np.float32), np.zeros(len(sample))
-        parts = missing_light.compare_with_judges(tree, solution, leaf, judge, sample, blender_of(bake), shown, np.ones(3), weight, blind2)
+        asked = missing_light.AskedLight(leaf, *bake.texels.own_points_at(sample), shown, weight)
+        parts = missing_light.compare_with_judges(tree, solution, judge, asked, np.ones(3), blind2)
         for values, out in ((parts[0], told), (parts[2], expected)):
             out.append((np.bincount(judge, values) ** 2).sum())
     assert np.sum(told) == pytest.approx(np.sum(expected), rel=0.25)

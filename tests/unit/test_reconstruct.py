@@ -8,7 +8,7 @@ from boxes import lamp_scene, make_solver
 from leaflight.core import quadtree, reconstruct
 from leaflight.core.leaf_windows import find_shares
 from leaflight.core.settings import Settings
-from trees import SquareBake
+from trees import SquareBake, even
 
 
 def quartered(density, photons=20_000, side=32, degree=1):
@@ -35,10 +35,6 @@ def blend(bake):
         bake.tree, bake.solution(), owner, x, y
     ).irradiance.sum(0)[0]
     return image, plain
-
-
-def even(rng, n):
-    return rng.random((2, n))
 
 
 def step(rng, n):

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from leaflight.core import quadtree, refine
-from trees import SquareBake
+from trees import SquareBake, even
 
 
 def rule(oracle="significance", threshold=0.05, stability=16, preview_depth=2):
@@ -36,10 +36,6 @@ def refined(photons, sampler, rounds=8, **kwargs):
         bake.grow()
     bake.tally.grow(len(bake.tree))
     return bake
-
-
-def even(rng, n):
-    return rng.random((2, n))
 
 
 def half_lit(rng, n):

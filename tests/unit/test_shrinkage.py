@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from leaflight.core import shrinkage, tally
-from trees import SquareBake
+from trees import SquareBake, even
 
 ROOT = np.array([0])
 
@@ -15,10 +15,6 @@ def shrunk_bake(sampler, photons, degree, seed=0, **kwargs):
     totals = bake.totals()
     shown, _ = shrinkage.shrink_leaves(bake.tree, totals, ROOT)
     return bake, shown, tally.solve_tallies(bake.tree, totals), tally.solve_tallies(shown, totals)
-
-
-def even(rng, n):
-    return rng.random((2, n))
 
 
 def ramp(rng, n):
