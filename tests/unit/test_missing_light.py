@@ -1,5 +1,7 @@
 """Light that leaves cannot hold, on a square whose light is known: as judges tell it, and as the nodes above foretell it."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from leaflight.core import estimate, missing_light, quadtree, reconstruct, refine
@@ -124,6 +126,33 @@ def test_smooth_light_falls_about_as_it_is_foretold(degree, splits):
     bake = throw_on_split(2_000_000, degree, [every] * splits)
     bias = find_bias(bake, current(bake))
     assert 0.4 < bias._foretell(np.arange(bake.n_texel)).mean() / bias.told.mean() < 1.6
+
+
+def test_there_is_nothing_to_find_of_no_node():
+    """Nor is it what the last node has."""
+    difference = refine.Difference(*np.zeros((6, 2)))
+    difference = dataclasses.replace(difference, common=np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]), sigmas=np.array([2.0, 9.0]))
+    comparison = refine.Comparison((np.array([0, -1, 1]),), (difference,), np.ones(3, bool), np.ones(3))
+    found = missing_light._find_missing_of(comparison, np.array([-1, 0, 1, 2]))
+    np.testing.assert_array_equal(found, [[NONE] * 3, [1.0, 2.0, 3.0], [NONE] * 3, [4.0, 5.0, 6.0]])
+    far_out = missing_light._find_missing_of(comparison, np.array([-1, 0, 1, 2]), 9.0)
+    np.testing.assert_array_equal(far_out, [[NONE] * 3, [NONE] * 3, [NONE] * 3, [4.0, 5.0, 6.0]])
+
+
+def test_what_judges_tell_beside_blind_leaves_is_what_they_tell_alone():
+    bake = throw(even, 20_000, 1, degree=0, level=2, preview_depth=1)
+    solution, texels = bake.solution(), np.arange(bake.n_texel)
+    leaf, child = (quadtree.node_of_texel(bake.tree, ids, len(texels)) for ids in (current(bake), np.flatnonzero(~bake.tree.has_children)))
+    shown = blender_of(bake).join(bake.tree, solution, leaf, halves=True).at(texels)
+    weight = (1 + texels[:, None]) * np.ones(3, np.float32)
+    asked = missing_light.AskedLight(leaf, *bake.texels.own_points_at(texels), shown, weight)
+    blind = texels < bake.n_texel // 4
+    every, some = (
+        missing_light.compare_with_judges(bake.tree, solution, judge, asked, np.ones(3), np.full(len(texels), 7.0))
+        for judge in (child, np.where(blind, leaf, child))
+    )
+    for of_every, of_some in zip(every, some, strict=True):
+        np.testing.assert_array_equal(of_some, np.where(blind, 7.0, of_every))
 
 
 def test_how_noise_falls_foretells_nothing():
