@@ -8,7 +8,6 @@ stands on it becomes a chart of its own, as the sides of a crease do.
 from __future__ import annotations
 
 import dataclasses
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,10 +23,10 @@ from .scene import FloatArray, IntArray
 from .texel_borders import OPPOSITE, WAYS, TexelBorders, whole_texel
 from .texel_grid import interleave_bits
 from .texel_map import TexelMap
+from .threads import run_on_threads
 from .tiles import TILE_CORNERS, TILE_SIDE, TILE_TEXELS, Tiles
 from .workers import TracedScene
 
-_CHUNK = 1 << 16  # texel entries at a time
 _LEAST_PIECE = 4  # texels; smaller ones, between books or blades of grass, would catch too few photons each for itself
 
 _Int64 = NDArray[np.int64]
@@ -83,9 +82,8 @@ class _Patches:
 def find_contacts(opened: TracedScene, texels: TexelMap, threads: int = 1) -> ContactMap:
     """Contacts at all texel entries, looked for by so many threads."""
     n_texel, things = len(texels.texel_tri), LooseParts(opened.snapshot)
-    parts = [slice(start, min(start + _CHUNK, n_texel)) for start in range(0, max(n_texel, 1), _CHUNK)]
-    with ThreadPoolExecutor(threads) as pool:  # numpy and embree let go of the interpreter within a chunk
-        touched, first, size, distance = zip(*pool.map(lambda part: _look_around(opened, things, texels, part), parts), strict=True)
+    found = run_on_threads(lambda part: _look_around(opened, things, texels, part), n_texel, threads)
+    touched, first, size, distance = zip(*found, strict=True)
     start, size = np.concatenate(first), np.concatenate(size)
     return _join_patches(opened, things, texels, np.concatenate(touched), start, size, np.concatenate(distance, axis=1))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import starmap
 
 import numpy as np
@@ -93,7 +94,8 @@ class ShownDirect:
         out[self.entry] = self.smooth
         return out
 
-    def sum_light(self) -> float:
+    @cached_property
+    def total_light(self) -> float:
         """Of all entries and channels, W/m^2."""
         change = self.smooth - self.found[self.entry]
         return float(self.found.sum(dtype=np.float64)) + float(change.sum(dtype=np.float64))

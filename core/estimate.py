@@ -176,7 +176,7 @@ def _parts(count: int) -> Iterator[slice]:
 def _find_dark(tree: Quadtree, nodes: IntArray, node_light: NDArray[np.float32], direct: ShownDirect) -> np.float32:
     """Square of the brightness below which a texel is judged as if it had that; arguments as in state_error."""
     by_photons = (np.maximum(node_light[nodes], 0.0).sum(axis=1, dtype=np.float64) * (tree.end - tree.start)[nodes]).sum()
-    return np.float32(DARK_FLOOR * (float(by_photons) + direct.sum_light()) / max(direct.found.size, 1)) ** 2
+    return np.float32(DARK_FLOOR * (float(by_photons) + direct.total_light) / max(direct.found.size, 1)) ** 2
 
 
 def _weigh(light: NDArray[np.float32], dark2: np.float32) -> NDArray[np.float32]:

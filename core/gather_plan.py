@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from .estimate import StatedError
 from .ledger import Ledger
 from .quadtree import Quadtree, node_of_texel
-from .reconstruct import CHUNK, LeafBlender, evaluate_leaf
+from .reconstruct import LeafBlender, evaluate_leaf
 from .settings import Settings
 from .tally import Solution
 from .texel_map import TexelMap
 from .tiles import TILE_TEXELS, find_tiles
 
+_CHUNK = 1 << 16
 # Of texels that lie in tiles, below which it does not pay: where charts are small too few neighbours are there to average grain with.
 # Measured: with 0.49 a twentieth to a tenth more error for as many rays, with 0.71 half the rays for as little error.
 _LEAST_TILED = 0.6
@@ -70,8 +71,8 @@ def know_light(
     n_texel = len(blender.page)
     leaf = node_of_texel(tree, leaves, n_texel)
     light, doubt = np.empty((3, n_texel), np.float32), np.empty(n_texel, np.float32)
-    for start in range(0, n_texel, CHUNK):
-        part = slice(start, min(start + CHUNK, n_texel))
+    for start in range(0, n_texel, _CHUNK):
+        part = slice(start, min(start + _CHUNK, n_texel))
         x, y = blender.texels.own_points(part.start, part.stop)
         halves = evaluate_leaf(tree, solution, leaf[part], x, y, halves=True).irradiance
         light[:, part], doubt[part] = halves.mean(axis=0) + direct[part].T, (halves[0] - halves[1]).mean(axis=0) / 2.0

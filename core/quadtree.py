@@ -238,12 +238,9 @@ def node_of_texel(tree: Quadtree, nodes: IntArray, n_texel: int, room: Room = IN
     count = tree.end[order] - tree.start[order]
     if count.sum() != n_texel:
         raise ValueError(f"nodes: expected to tile {n_texel} texels, got {count.sum()}")
-    owner = room.empty("node", (n_texel,), np.int32)
-    ends = np.cumsum(count)
-    cuts = np.searchsorted(ends, np.arange(_CHUNK, n_texel, _CHUNK))
-    for first, last in pairwise(np.unique([0, *cuts, len(order)])):  # some at a time, into what may be a file
-        owner[ends[first] - count[first] : ends[last - 1]] = np.repeat(order[first:last], count[first:last])
-    return owner
+    cuts = np.searchsorted(np.cumsum(count), np.arange(_CHUNK, n_texel, _CHUNK))
+    runs = pairwise(np.unique([0, *cuts, len(order)]))  # some at a time, into what may be a file
+    return room.collect("node", n_texel, np.int32, (np.repeat(order[first:last], count[first:last]) for first, last in runs))
 
 
 def any_in_nodes(tree: Quadtree, flag: NDArray[np.bool_]) -> NDArray[np.bool_]:

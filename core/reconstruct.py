@@ -39,7 +39,6 @@ _LARGE_SIDE, _LARGE_TEXELS = 16, 128
 _BELOW_END = np.nextafter(float(_CELLS), 0.0)
 _TILES_TOGETHER = 1 << 8  # of more than that a BLAS would start threads
 _TOGETHER = 1 << 12  # places blended at once: what lies between fits a core's cache
-CHUNK = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -175,7 +174,7 @@ class Blend:
     @cached_property
     def _is_large(self) -> NDArray[np.bool_]:
         """(n_node,) bool: leaves of many more texels than a lattice has points."""
-        return (self.tree.side >= _LARGE_SIDE) & (np.bincount(self.leaf, minlength=len(self.tree)) >= _LARGE_TEXELS)
+        return (self.tree.side >= _LARGE_SIDE) & (self.tree.end - self.tree.start >= _LARGE_TEXELS)
 
     def _on_lattice(self, leaf: NDArray[np.int32], x: Float64, y: Float64) -> PointLight:
         tree, points = self.tree, _CELLS + 1

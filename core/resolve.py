@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import starmap
 
@@ -25,9 +24,10 @@ from .materials import SurfaceMaterials
 from .quadtree import node_of_texel
 from .scene import IntArray
 from .seam_points import SeamPoints
-from .texel_map import LOOK, centred_strata
+from .texel_looks import centred_strata
+from .texel_map import LOOK
+from .threads import run_on_threads
 
-_CHUNK = 1 << 18
 _LIGHT_PASSES = ("lighting", "direct", "indirect", "diffuse", "combined")
 _ALBEDO_POINTS = 4  # a texel's albedo is a mean over so many points, for textures finer than the lightmap
 
@@ -72,15 +72,14 @@ def light_at_texels(
     variance = field.direct.variance if spend and not doubt else np.empty((n_texel, 3), np.float32)
     joined = blender.join(field.tree, field.solution, leaf)
 
-    def fill(start: int) -> None:
-        part = slice(start, min(start + reconstruct.CHUNK, n_texel))
+    def fill(part: slice) -> None:
         traced = joined.range(part.start, part.stop)
         for channel in range(3):  # one by one several times faster than as turned arrays
             for of_part, values in zip(by_part, traced.irradiance[first:, channel], strict=True):
                 of_part[part, channel] = np.maximum(values, 0.0)  # a fitted plane may dip below zero at the edge of a shadow
             variance[part, channel] = traced.variance[channel] * field.correction[channel]
 
-    _run_chunks(fill, n_texel, threads)
+    run_on_threads(fill, n_texel, threads)
     side = field.tree.side[leaf]
     clip_flecks(by_part[-1], variance, leaf, side, blender.texels, blender.entry_at)
     close_cuts(by_part, blender.texels, blender.entry_at, side)
@@ -102,28 +101,20 @@ def light_at_texels(
         grainy_parts[:, found.entry] = found.light
     noise = field.direct.find_variance() if doubt else None
 
-    def finish(start: int) -> None:
-        part = slice(start, min(start + reconstruct.CHUNK, n_texel))
+    def finish(part: slice) -> None:
         if not first:
             by_part[0, part] += by_rays[part]
         if noise is not None:
             variance[part] += noise[part]
             np.sqrt(variance[part], out=variance[part])
 
-    _run_chunks(finish, n_texel, threads)
+    run_on_threads(finish, n_texel, threads)
     return TexelLight(by_rays if first else by_part[0], by_part[-1], variance if doubt else None, leaf)
 
 
 def _any_direct(field: LightField) -> bool:
     """Whether photons tell of light straight from lights."""
     return bool(field.solution.coefficient[0].any() or (field.squares is not None and field.squares.irradiance[0].any()))
-
-
-def _run_chunks(work: Callable[[int], None], n_texel: int, threads: int) -> None:
-    """Does the work for each chunk's first texel; numpy lets go of the interpreter within a chunk."""
-    with ThreadPoolExecutor(threads) as pool:
-        for _ in pool.map(work, range(0, n_texel, reconstruct.CHUNK)):
-            pass
 
 
 def close_seams(light: TexelLight, points: SeamPoints, blender: reconstruct.LeafBlender) -> tuple[TexelLight, seams.SeamReport]:
@@ -159,15 +150,14 @@ class Resolver:
         image = np.zeros((size, size, 4), np.float32)
         texel = image.reshape(-1, 4)
 
-        def fill(start: int) -> None:  # in the order in which the light lies, several times faster than in rows of the page
-            part = slice(start, start + reconstruct.CHUNK)
-            entry = start + np.flatnonzero((self._page[part] == page) & self._texels.shown[part])
+        def fill(part: slice) -> None:  # in the order in which the light lies, several times faster than in rows of the page
+            entry = part.start + np.flatnonzero((self._page[part] == page) & self._texels.shown[part])
             x, y = self._texels.texel_xy[as_slice(entry)].T
             value = np.ones((len(entry), 4), np.float32)
             value[:, :3] = self._pass_values(name, entry)
             texel[y.astype(np.int64) * size + x] = value
 
-        _run_chunks(fill, len(self._page), self._threads)
+        run_on_threads(fill, len(self._page), self._threads)
         filled = image[..., 3] > 0.0
         if self._light.empty is not None and name in _LIGHT_PASSES:
             column, row, value = self._beside_charts(name, page, self._light.empty)
@@ -196,14 +186,10 @@ class Resolver:
     def _surface(self, entry: IntArray, emission: bool) -> NDArray[np.float32]:
         """Mean albedo or emitted radiance over each texel's covered part."""
         look_up = self._surfaces.emission_at if emission else self._surfaces.albedo_at
-        out = np.empty((len(entry), 3), np.float32)
-        for start in range(0, len(entry), _CHUNK):
-            part = entry[start : start + _CHUNK]
-            if not self._surfaces.has_images(emission):
-                flat = np.zeros(len(part), np.float32)
-                out[start : start + _CHUNK] = look_up(self._texels.texel_tri[part], flat, flat)
-                continue
-            tri, uv = self._texels.sub_points(part, centred_strata(_ALBEDO_POINTS))
-            values = look_up(tri.ravel(), uv[..., 0].ravel(), uv[..., 1].ravel())
-            out[start : start + _CHUNK] = values.reshape(_ALBEDO_POINTS, -1, 3).mean(0)
-        return out
+        if not self._surfaces.has_images(emission):
+            flat = np.zeros(len(entry), np.float32)
+            return look_up(self._texels.texel_tri[entry], flat, flat)
+        tri, uv = self._texels.sub_points(entry, centred_strata(_ALBEDO_POINTS))
+        values = look_up(tri.ravel(), uv[..., 0].ravel(), uv[..., 1].ravel())
+        mean: NDArray[np.float32] = values.reshape(_ALBEDO_POINTS, -1, 3).mean(0)
+        return mean

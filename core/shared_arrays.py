@@ -6,9 +6,10 @@ import dataclasses
 import json
 import math
 import shutil
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import Any, Literal, TypeVar, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -37,21 +38,42 @@ class Room:
         size = math.prod(shape) * np.dtype(dtype).itemsize
         if self.folder is None or size < _LEAST_FILE:
             return np.empty(shape, dtype)
-        self.folder.mkdir(parents=True, exist_ok=True)
-        path = self.folder / f"{name}.npy"
-        path.unlink(missing_ok=True)  # as in save_struct
-        with open(path, "w+b") as file:
-            told = {"descr": np.dtype(dtype).str, "fortran_order": False, "shape": shape}
-            np.lib.format.write_array_header_1_0(file, told)  # type: ignore[no-untyped-call]
-            offset = file.tell()
-            # Written before it is mapped: who fills a mapped file of which the disk has no place ends at once, and a system that is
-            # asked for a file's pages one by one takes longer.
-            for start in range(0, size, _LEAST_FILE):
-                file.write(bytes(min(_LEAST_FILE, size - start)))
-            file.flush()
-            mapped = np.memmap(file, dtype, "r+", offset, shape)
-        array: NDArray[Any] = mapped.view(np.ndarray)
-        return array
+        # Written before it is mapped: who fills a mapped file of which the disk has no place ends at once, and a system that is
+        # asked for a file's pages one by one takes longer.
+        nothing = (bytes(min(_LEAST_FILE, size - start)) for start in range(0, size, _LEAST_FILE))
+        return _write_and_map(self.folder, name, nothing, shape, dtype, "r+")
+
+    def collect(self, name: str, count: int, dtype: DTypeLike, parts: Iterable[NDArray[Any]]) -> NDArray[Any]:
+        """An array (count,) for the field `name` of parts that follow each other, which nobody changes any more; raises as `empty`.
+
+        It is written once, where what `empty` gives is cleared first.
+        """
+        if self.folder is None or count * np.dtype(dtype).itemsize < _LEAST_FILE:
+            out, end = np.empty(count, dtype), 0
+            for part in parts:
+                out[end : end + len(part)] = part
+                end += len(part)
+            return out
+        return _write_and_map(self.folder, name, (part.astype(dtype, copy=False).data for part in parts), (count,), dtype, "r")
+
+
+def _write_and_map(
+    folder: Path, name: str, contents: Iterable[bytes | memoryview], shape: tuple[int, ...], dtype: DTypeLike, mode: Literal["r", "r+"]
+) -> NDArray[Any]:
+    """The field's file, mapped; `contents` follow each other in it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{name}.npy"
+    path.unlink(missing_ok=True)  # as in save_struct
+    with open(path, "w+b") as file:
+        told = {"descr": np.dtype(dtype).str, "fortran_order": False, "shape": shape}
+        np.lib.format.write_array_header_1_0(file, told)  # type: ignore[no-untyped-call]
+        offset = file.tell()
+        for part in contents:
+            file.write(part)
+        file.flush()
+        mapped = np.memmap(file, dtype, mode, offset, shape)
+    array: NDArray[Any] = mapped.view(np.ndarray)
+    return array
 
 
 IN_MEMORY = Room()

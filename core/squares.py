@@ -154,12 +154,12 @@ def _average_around(value: Float64, entry: IntArray, texels: TexelMap, entry_at:
     shown = np.flatnonzero(entry_at[page, row, column] == entry)
     width = texels.page_size + 2 * _RADIUS  # a border saves every test for the page's edge
     place = (page * width + row + _RADIUS) * width + column + _RADIUS
-    slot_at = np.full(len(entry_at) * width * width, -1, np.int32)
-    slot_at[place[shown]] = shown
+    slot_after = np.zeros(len(entry_at) * width * width, np.int32)  # 0 is none: memory that nobody touches costs nothing
+    slot_after[place[shown]] = shown + 1
     total, count = np.zeros_like(value), np.zeros(len(entry))
     for dy, dx in product(range(-_RADIUS, _RADIUS + 1), repeat=2):
         if dx or dy:
-            slot = slot_at.take(place + (dy * width + dx))
+            slot = slot_after.take(place + (dy * width + dx)) - 1
             near = (slot >= 0) & (piece.take(slot, mode="wrap") == piece)
             for sums, values in zip(total, value, strict=True):
                 sums += values.take(slot, mode="wrap") * near

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from .coverage import Float64, Int32, Int64
 from .scene import FloatArray, IntArray
 
+_ROUNDING = 1e-9  # weight of a corner below 0 that is still on the triangle
+
 
 @dataclass(frozen=True)
 class TexelLooks:
@@ -88,3 +90,25 @@ class TexelLooks:
         origin, along_a, along_b = self.weight[:, :, element]
         out: NDArray[np.float32] = (origin + a * along_a + b * along_b).astype(np.float32)
         return out
+
+
+def centred_strata(count: int) -> Float64:
+    """Centres of count = n * n equal cells of the unit square, for `TexelLooks.points`.
+
+    out   (count, 1, 2) float64
+    """
+    side = round(count**0.5)
+    if side * side != count or not count:
+        raise ValueError(f"count: expected a square number, got {count}")
+    line = (np.arange(side) + 0.5) / side
+    strata: Float64 = np.stack(np.meshgrid(line, line), axis=-1).reshape(count, 1, 2)
+    return strata
+
+
+def are_inside(weight: Float64) -> NDArray[np.bool_]:
+    """(m,) bool: whether squares lie wholly on their triangles; weight (3, 2, m) as in TexelLooks."""
+    inside = np.ones(weight.shape[2], bool)
+    for a, b in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        u, v = weight[0] + a * weight[1] + b * weight[2]
+        inside &= np.minimum(np.minimum(u, v), 1.0 - u - v) >= -_ROUNDING
+    return inside

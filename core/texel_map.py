@@ -13,12 +13,11 @@ from .coverage import CHUNK_SIZE, Float64, Int32, Int64, as_slice, clip_to_texel
 from .scene import FloatArray, IntArray
 from .texel_borders import TexelBorders
 from .texel_grid import TexelGrid
-from .texel_looks import TexelLooks
+from .texel_looks import TexelLooks, are_inside
 from .texel_moments import EvenSquares, PartMoments
 
 CHART_SHIFT = 30  # bits of a key below its chart: a Morton code of a 2^14 root has 28
 LOOK = 0.5  # side of the square around its centre that a texel looks at
-_ROUNDING = 1e-9  # weight of a corner below 0 that is still on the triangle
 
 
 @dataclass(frozen=True)
@@ -127,8 +126,8 @@ class TexelMap:
         entry_at = np.full(self.page_count * self.page_size**2, -1, np.int32)
         for entry in self._parts():
             entry_at[self._find_cells(entry)] = entry
-        hidden = [cell[entry_at[cell] != entry] for entry in self._parts() for cell in [self._find_cells(entry)]]
-        if any(map(len, hidden)):  # as is rare: charts meet along a crease, or a layer overlaps itself
+        if not self._has_room_for_all(entry_at):  # as is rare: charts meet along a crease, or a layer overlaps itself
+            hidden = [cell[entry_at[cell] != entry] for entry in self._parts() for cell in [self._find_cells(entry)]]
             shared = np.zeros(len(entry_at), bool)
             shared[np.concatenate(hidden)] = True
             rivals = np.concatenate([entry[shared[self._find_cells(entry)]] for entry in self._parts()])
@@ -140,8 +139,14 @@ class TexelMap:
     @cached_property
     def shown(self) -> NDArray[np.bool_]:
         """(n,) bool: of the entries at one texel of a page the one that the page shows there, see entry_at."""
+        if self._has_room_for_all(self.entry_at):
+            return np.ones(len(self.texel_tri), bool)
         parts = (self.entry_at.ravel()[self._find_cells(entry)] == entry for entry in self._parts())
         return np.concatenate([np.zeros(0, bool), *parts])
+
+    def _has_room_for_all(self, entry_at: Int32) -> bool:
+        """Whether no two entries lie at one texel of a page."""
+        return np.count_nonzero(entry_at >= 0) == len(self.texel_tri)
 
     def list_keys(self, entry: IntArray | slice) -> Int64:
         """(m,) int64: chart and Morton code of entries (m,); they ascend as the entries do."""
@@ -158,7 +163,10 @@ class TexelMap:
         """(m,) int64: places of entries (m,), ascending, among the texels of all pages."""
         rows = as_slice(entry)
         x, y = self.texel_xy[rows].T
-        cell: Int64 = (self.chart_page[self.texel_chart[rows]].astype(np.int64) * self.page_size + y) * self.page_size + x
+        cell: Int64 = y * np.int64(self.page_size)
+        cell += x
+        if self.page_count > 1:
+            cell += self.chart_page[self.texel_chart[rows]] * np.int64(self.page_size**2)
         return cell
 
     @cached_property
@@ -249,7 +257,7 @@ class TexelMap:
         squares = TexelLooks.of_squares(tri, weight)
         is_part, part = self._find_parts(entry)
         rows = np.flatnonzero(is_part)
-        rows = rows[self.part_point[part[rows]].any(axis=1) | ~_are_inside(weight[:, :, rows])]
+        rows = rows[self.part_point[part[rows]].any(axis=1) | ~are_inside(weight[:, :, rows])]
         return self._clip_looks(squares, rows, part[rows], look) if len(rows) else squares
 
     def _clip_looks(self, squares: TexelLooks, rows: Int64, part: Int64, look: float) -> TexelLooks:
@@ -276,25 +284,3 @@ class TexelMap:
         v = np.clip((y * x_1 - x * y_1) / double_area, 0.0, 1.0)
         total = np.maximum(u + v, 1.0)
         return u / total, v / total
-
-
-def centred_strata(count: int) -> Float64:
-    """Centres of count = n * n equal cells of the unit square, for `TexelLooks.points`.
-
-    out   (count, 1, 2) float64
-    """
-    side = round(count**0.5)
-    if side * side != count or not count:
-        raise ValueError(f"count: expected a square number, got {count}")
-    line = (np.arange(side) + 0.5) / side
-    strata: Float64 = np.stack(np.meshgrid(line, line), axis=-1).reshape(count, 1, 2)
-    return strata
-
-
-def _are_inside(weight: Float64) -> NDArray[np.bool_]:
-    """(m,) bool: whether squares lie wholly on their triangles; weight (3, 2, m) as in TexelLooks."""
-    inside = np.ones(weight.shape[2], bool)
-    for a, b in ((0, 0), (1, 0), (0, 1), (1, 1)):
-        u, v = weight[0] + a * weight[1] + b * weight[2]
-        inside &= np.minimum(np.minimum(u, v), 1.0 - u - v) >= -_ROUNDING
-    return inside

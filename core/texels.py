@@ -25,12 +25,12 @@ from .row_spans import RowSpans, find_row_spans
 from .scene import SceneSnapshot
 from .shared_arrays import IN_MEMORY, Room
 from .texel_grid import TexelGrid, build_grid, fill_border, part_bits
-from .texel_map import TexelMap, centred_strata
+from .texel_map import TexelMap
 
 if TYPE_CHECKING:
     from .charts import ChartAtlas
 
-__all__ = ["TexelMap", "build_texel_map", "centred_strata"]
+__all__ = ["TexelMap", "build_texel_map"]
 
 _SLIVER = 1e-11  # share of a texel, or of a smaller triangle, below which a clipped part is rounding noise
 _MIN_UV_AREA = 1e-18  # texels^2; below it a triangle has no texels

@@ -56,6 +56,17 @@ def scene_name(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture
+def part_entries(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
+    """part_entries(count) gives threads so many texel entries at a time from then on."""
+
+    def part(count: int) -> None:
+        monkeypatch.setattr("leaflight.core.threads._LEAST", count)
+        monkeypatch.setattr("leaflight.core.threads._MOST", count)
+
+    return part
+
+
+@pytest.fixture
 def open_image_io(monkeypatch: pytest.MonkeyPatch) -> None:
     """OpenImageIO lies inside the bpy package; bpy itself is not imported."""
     if importlib.util.find_spec("OpenImageIO"):

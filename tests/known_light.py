@@ -15,7 +15,8 @@ from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.scene import Light, Material, SceneSnapshot
 from leaflight.core.settings import Settings
 from leaflight.core.solve import LightField
-from leaflight.core.texel_map import LOOK, TexelMap, centred_strata
+from leaflight.core.texel_looks import centred_strata
+from leaflight.core.texel_map import LOOK, TexelMap
 from scenes import Mesh, make_scene, quad_mesh
 from stats import Estimates
 

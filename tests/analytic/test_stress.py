@@ -19,7 +19,8 @@ from leaflight.core import workers
 from leaflight.core.materials import clamp_warnings
 from leaflight.core.scene import MAX_ALBEDO, Light, Material
 from leaflight.core.settings import BASES, DIRECT_MODES, Settings
-from leaflight.core.texel_map import LOOK, centred_strata
+from leaflight.core.texel_looks import centred_strata
+from leaflight.core.texel_map import LOOK
 from odd_meshes import COINCIDENT, FURNITURE
 from safe_bakes import Z_LIMIT
 from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, quad_mesh

@@ -231,10 +231,10 @@ def test_clear_tiles_change_no_piece(tmp_path, monkeypatch, seed):
     assert len(np.unique(drawn[0])) == len(np.unique(drawn[1])) == len(np.unique(np.stack(drawn, axis=2).reshape(-1, 2), axis=0))
 
 
-def test_threads_change_nothing(tmp_path, monkeypatch):
+def test_threads_change_nothing(tmp_path, part_entries):
     scene = make_scene([quad_mesh("Floor", uv=SQUARE), replace(wall(), receives=False)], [LAMP])
     texels = prepare_folder(tmp_path, scene, SETTINGS)[1]
-    monkeypatch.setattr(contact_map, "_CHUNK", 500)
+    part_entries(500)
     opened = workers.open_scene(str(tmp_path))
     one, two = (find_contacts(opened, texels, threads) for threads in (1, 2))
     workers.forget_folders()
@@ -328,9 +328,9 @@ def test_floors_of_several_pages_and_sizes_are_cut_alike(tmp_path):
     assert len(middle) == 3
 
 
-def test_many_chunks_find_what_one_finds(tmp_path, monkeypatch):
+def test_many_parts_find_what_one_finds(tmp_path, part_entries):
     _, whole, _, scene = cut_floor(tmp_path / "one", wall(), box_mesh("Post", (0.1, 0.1, 0.5), (0.2, 0.2, 0.25)))
-    monkeypatch.setattr(contact_map, "_CHUNK", 100)
+    part_entries(100)
     _, cut, _, _ = cut_floor(tmp_path / "many", wall(), box_mesh("Post", (0.1, 0.1, 0.5), (0.2, 0.2, 0.25)))
     np.testing.assert_array_equal(draw_pieces(cut, scene), draw_pieces(whole, scene))
 

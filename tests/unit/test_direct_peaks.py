@@ -13,7 +13,7 @@ from leaflight.core.direct_points import GAUSS_POINTS, Receivers, TexelChunk
 from leaflight.core.direct_sources import join_sources, make_lamps, make_suns
 from leaflight.core.geometry import ORIGIN_OFFSET, UnitBox
 from leaflight.core.scene import Light
-from leaflight.core.texel_map import centred_strata
+from leaflight.core.texel_looks import centred_strata
 
 SIDE = 8
 TEXELS = np.arange(SIDE * SIDE)

@@ -111,7 +111,7 @@ def test_some_texels_are_told_as_all_of_them_are(texels):
         assert at(some[:0]).shape == (0, 3)
     np.testing.assert_array_equal(shown.irradiance_at(every), shown.irradiance)
     np.testing.assert_array_equal(shown.irradiance[shown.entry], shown.smooth)
-    assert shown.sum_light() == pytest.approx(shown.irradiance.sum(dtype=float), rel=1e-12)
+    assert shown.total_light == pytest.approx(shown.irradiance.sum(dtype=float), rel=1e-12)
     np.testing.assert_array_equal(noisy, before)
 
 
@@ -121,7 +121,7 @@ def test_light_with_little_noise_is_shown_as_it_is(texels):
     assert shown.irradiance is noisy
     np.testing.assert_array_equal(shown.variance_at(every), variance)
     assert not shown.blur2_at(every).any()
-    assert shown.sum_light() == noisy.sum(dtype=float)
+    assert shown.total_light == noisy.sum(dtype=float)
 
 
 def test_a_field_smooths_once_for_each_shot(texels):

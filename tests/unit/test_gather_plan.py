@@ -76,7 +76,7 @@ def test_what_was_not_enough_is_not_tried_again(tmp_path):
 
 def test_what_is_known_is_direct_light_and_that_of_leaves(tmp_path, monkeypatch):
     """Integrated over the surfaces the leaves' functions hold their flux; and halves that differ are doubt."""
-    monkeypatch.setattr(gather_plan, "CHUNK", 100)
+    monkeypatch.setattr(gather_plan, "_CHUNK", 100)
     solver = make_solver(tmp_path, lamp_scene(), Settings(size=64, padding=1, max_photons=200_000, error=1e-4))
     light = solver.run(lambda message: None, lambda: False)
     direct = solver.direct.irradiance

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver
-from leaflight.core import charts, reconstruct, resolve, solve, texel_map
+from leaflight.core import charts, resolve, solve, texel_map
 from leaflight.core.direct_field import DirectField
 from leaflight.core.materials import SurfaceMaterials
 from leaflight.core.reconstruct import LeafBlender
@@ -52,10 +52,10 @@ def three_by_five():
     return make_resolver(layered_scene((1, 2, 5, 3)), slope)
 
 
-@pytest.mark.parametrize("rows", [1, 3])
-def test_pages_drawn_in_bands_are_those_drawn_at_once(three_by_five, monkeypatch, rows):
+@pytest.mark.parametrize("entries", [2, 7])
+def test_pages_drawn_in_parts_are_those_drawn_at_once(three_by_five, part_entries, entries):
     whole = {name: three_by_five.page(name, 0) for name in ("direct", "combined", "albedo")}
-    monkeypatch.setattr(resolve, "_CHUNK", rows * PAGE)
+    part_entries(entries)
     for name, page in whole.items():
         np.testing.assert_array_equal(three_by_five.page(name, 0), page)
 
@@ -249,13 +249,13 @@ def test_grain_of_rays_is_theirs_and_smears_nothing_else(noise, smooth):
     np.testing.assert_allclose(grainy.stderr**2 - smooth_both(bake, DirectField.none(len(light)))[0].stderr ** 2, noise**2, rtol=1e-3)
 
 
-def test_threads_and_parts_change_no_byte(monkeypatch):
+def test_threads_and_parts_change_no_byte(part_entries):
     bake = SquareBake(side=32, degree=1, level=2)
     bake.throw(*np.random.default_rng(2).random((2, 4000)))
     field = light_field(bake, np.flatnonzero(bake.tree.current))
     blender = LeafBlender.of(bake.texels)
     whole = resolve.light_at_texels(field, blender)
-    monkeypatch.setattr(reconstruct, "CHUNK", 100)
+    part_entries(100)
     parts = resolve.light_at_texels(field, blender, threads=2)
     for name in ("direct", "indirect", "stderr", "leaf"):
         np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))

@@ -61,6 +61,22 @@ def test_an_array_of_a_room_is_the_file_that_would_be_written(tmp_path):
     assert loaded.inner.values.dtype == np.float32
 
 
+@pytest.mark.parametrize("count", [3, 1 << 18])
+@pytest.mark.parametrize("in_folder", [True, False])
+def test_an_array_of_parts_is_the_file_that_would_be_written(count, in_folder, tmp_path):
+    room = shared_arrays.Room(tmp_path / "s") if in_folder else shared_arrays.IN_MEMORY
+    whole = np.arange(count) % 1000
+    values = room.collect("values", count, np.int32, (part[::-1][::-1] for part in np.split(whole, [1, 2, count - 1])))
+    assert values.dtype == np.int32
+    np.testing.assert_array_equal(values, whole)
+    written = tmp_path / "s" / "values.npy"
+    assert written.exists() == (in_folder and count > 3)
+    before = written.stat().st_ino if written.exists() else None
+    shared_arrays.save_struct(tmp_path / "s", Inner(values))
+    np.testing.assert_array_equal(np.load(written), whole)
+    assert before in (None, written.stat().st_ino)  # it was not written again
+
+
 @pytest.mark.parametrize("part", [lambda values: values[10:], lambda values: values[10:] * 1])
 def test_what_is_not_the_whole_file_is_written(part, tmp_path):
     room = shared_arrays.Room(tmp_path / "s")

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from leaflight.core.texel_looks import TexelLooks
-from leaflight.core.texel_map import centred_strata
+from leaflight.core.texel_looks import TexelLooks, centred_strata
 
 UNIT = np.array([[[0, 0]], [[1, 0]], [[0, 1]]], float).transpose(0, 2, 1)[:, :, [0] * 3]  # corner 0, edges to 1 and 2, of three texels
 
@@ -66,3 +65,8 @@ def test_two_texels_of_pieces_do_not_mix():
     assert (tri[:, 0] == 7).all()
     assert (tri[:, 1] == 5).all()
     assert np.bincount(tri[:, 2], minlength=10)[8:].tolist() == [4, 12]
+
+
+def test_centred_strata_refuses_what_is_not_a_square() -> None:
+    with pytest.raises(ValueError, match="count: expected a square number, got 3"):
+        centred_strata(3)

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from leaflight.core import texels as module
 from leaflight.core.coverage import monomial_exponents
 from leaflight.core.texel_grid import interleave_bits
-from leaflight.core.texels import TexelMap, centred_strata
+from leaflight.core.texel_looks import centred_strata
+from leaflight.core.texels import TexelMap
 from trees import make_map
 
 
@@ -300,11 +301,6 @@ def test_sub_points_of_any_entries() -> None:
     tri, weight = texels.sub_points(some, centred_strata(4))
     assert (tri == every[0][:, some]).all()
     np.testing.assert_allclose(weight, every[1][:, some], atol=1e-5)
-
-
-def test_centred_strata_refuses_what_is_not_a_square() -> None:
-    with pytest.raises(ValueError, match="count: expected a square number, got 3"):
-        centred_strata(3)
 
 
 def test_a_centre_on_the_diagonal_of_a_square_is_where_its_texel_is_read() -> None:

@@ -1,0 +1,26 @@
+"""Work on texel entries by threads of this process, side by side where numpy and embree let go of the interpreter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+T = TypeVar("T")
+
+# Entries at a time. Of fewer numpy's calls are soon done, and threads wait for each other to have the interpreter: with a quarter of the
+# most two of them were no quicker than one. A small page is shared all the same.
+_LEAST, _MOST = 1 << 16, 1 << 18
+_PARTS = 8
+
+
+def split_entries(count: int) -> list[slice]:
+    """Parts of so many entries, one at least, and the same for any number of threads."""
+    step = min(max(count // _PARTS, _LEAST), _MOST)
+    return [slice(start, min(start + step, count)) for start in range(0, max(count, 1), step)]
+
+
+def run_on_threads(work: Callable[[slice], T], count: int, threads: int) -> list[T]:
+    """What `work` gives for each part of so many entries, in their order; any error of it is raised."""
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(work, split_entries(count)))

@@ -1,0 +1,39 @@
+"""Parts of texel entries for threads: all of them once, in order, and the same whoever works."""
+
+import threading
+
+import pytest
+from leaflight.core.threads import run_on_threads, split_entries
+
+
+@pytest.mark.parametrize("count", [0, 1, 1 << 16, (1 << 16) + 1, 700_000, 1 << 21, 11_700_000])
+def test_parts_follow_each_other_to_the_end(count):
+    parts = split_entries(count)
+    assert [part.start for part in parts] == [0, *(part.stop for part in parts[:-1])]
+    assert parts[-1].stop == count
+    assert all(part.stop - part.start <= 1 << 18 for part in parts)
+    assert all(part.stop - part.start >= 1 << 16 for part in parts[:-1])
+
+
+def test_a_page_of_some_size_is_shared_by_eight():
+    assert len(split_entries(8 << 16)) == 8
+    assert len(split_entries(8 << 17)) == 8
+
+
+def test_what_is_found_comes_in_order_from_threads_side_by_side():
+    """Each waits for the other, which one thread alone would do for ever."""
+    both = threading.Barrier(2)
+
+    def work(part):
+        both.wait(timeout=30)
+        return part.start
+
+    assert run_on_threads(work, 2 << 16, 2) == [0, 1 << 16]
+
+
+def test_an_error_in_a_thread_is_raised():
+    def work(part):
+        raise ValueError(f"part {part.start}")
+
+    with pytest.raises(ValueError, match="part 0"):
+        run_on_threads(work, 10, 2)
