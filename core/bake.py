@@ -136,15 +136,22 @@ def run_bake(
                 live = preview.PreviewPages(folder / PREVIEW_FOLDER, texel_map, surfaces, blender.page, settings, tell)
                 if not kept:
                     tell_live = live.join(preview.find_first_light(folder, settings, blender), direct)
-        if needs.direct and not kept:
-            with stages.stage("direct", "Direct light"):
-                shot = settings.direct == "photons" or direct.shoot(folder, settings, executor, range(n_texel), tell_live, should_stop)
-                if not shot:  # stopped before there was anything to show: one round of photons shows all of the light, coarsely
-                    settings, direct = dataclasses.replace(settings, direct="photons"), DirectField.none(n_texel)
         solver = None
-        if needs.photons or not shot:
+        if needs.photons and not kept and settings.direct == "rays":
             with stages.stage(solve.TRACING.stage, solve.TRACING.text):
                 solver = solve.Solver(folder, settings, executor, direct, touched, blender)
+                solver.begin()
+        if needs.direct and not kept:
+            with stages.stage("direct", "Direct light"):
+                if solver:
+                    shot = solver.shoot_direct(tell_live, should_stop)
+                elif settings.direct == "rays":
+                    shot = direct.shoot(folder, settings, executor, range(n_texel), tell_live, should_stop)
+                if not shot:  # stopped before there was anything to show: one round of photons shows all of the light, coarsely
+                    settings, direct, solver = dataclasses.replace(settings, direct="photons"), DirectField.none(n_texel), None
+        if needs.photons or not shot:
+            with stages.stage(solve.TRACING.stage, solve.TRACING.text):
+                solver = solver or solve.Solver(folder, settings, executor, direct, touched, blender)
                 if kept:
                     kept.give_to(solver)
                 if live:

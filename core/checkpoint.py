@@ -34,7 +34,8 @@ FORMAT = "leaflight-state"
 FORMAT_VERSION = 10
 INFO_FILE = "leaflight_state.json"  # marks a folder as ours
 _STRUCT_FOLDER = "state"
-# Of the groups of knobs that change nothing of what is traced, and knobs of other groups that do not either.
+# Of the groups of knobs that another bake may have which goes on, and knobs of other groups that it may have too. Where `direct` comes to
+# the passes only then, what shadow rays found was as sure as it had to be beside other light.
 _FREE_GROUPS = ("Output", "Quality")
 _FREE_KNOBS = ("workers", "margin")
 
@@ -86,7 +87,7 @@ class Checkpoint:
         solver.gather_plan.given_up = self.given_up
         ledger = solver.ledger
         ledger.energy_w = dict(zip(ENERGY_NAMES, self.energy_w, strict=True))
-        ledger.photons, ledger.told = self.photons, self.told
+        ledger.photons, ledger.told = solver.photons_before, _ = self.photons, self.told
         ledger.rays, ledger.deposits, ledger.gathered = self.rays, self.deposits, self.gathered
         solver.send_again([PhotonShard(**fields) for fields in self.late], self.splitting)
 

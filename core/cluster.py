@@ -200,7 +200,7 @@ def describe_stranger(worker: str, found: object) -> str:
 
 
 def _folder_fields(shard: Any) -> list[str]:
-    return [name for name in workers.FOLDER_PARTS if hasattr(shard, name)]
+    return [name for name in workers.FOLDER_PARTS if getattr(shard, name, "")]
 
 
 # What follows runs on the workers.
@@ -280,8 +280,7 @@ def _turn_to_tracing(copy: FolderCopy) -> None:
 
 @lru_cache(maxsize=1)
 def _turn_to_view(copy: FolderCopy) -> None:
-    workers.open_view.cache_clear()
-    workers.open_splitting.cache_clear()
+    workers.forget_views()
 
 
 _OPENED = {"tracing": _turn_to_tracing, "view": _turn_to_view}

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .brightness import weigh_channels
 from .coverage import as_slice
 from .direct_choice import Demand
 from .direct_crowd import LampCrowd
@@ -25,7 +26,7 @@ from .direct_pool import EmitterPool
 from .direct_sources import make_lamps, make_suns, make_triangle_sources, make_world
 from .direct_tally import Tally
 from .direct_tiles import look_from_tiles
-from .emitters import find_emitting_cells, weigh_channels
+from .emitters import find_emitting_cells
 from .geometry import UnitBox
 from .lights import Float64
 from .materials import SurfaceMaterials
@@ -92,16 +93,18 @@ def direct_irradiance(
     tiles: Tiles | None = None,
     smoothed: bool = False,
     crossed: NDArray[np.bool_] | None = None,
+    beside: NDArray[np.float32] | None = None,
 ) -> DirectLight:
     """Direct light at texels, averaged over the covered part of each.
 
     look_at      TexelMap.look_at, or its like
     texel        (n,) int     as look_at knows them; neighbours in space should be neighbours here (Morton order)
-    tolerance    standard error, relative to the texel's direct light, at which a light gets no more rays
+    tolerance    standard error, relative to the texel's light, at which a light gets no more rays
     max_rays     per texel and light: 4, 16 or 64
     tiles        among the texels, which then share their first looks at lights
     smoothed     the light will be averaged over like neighbours: where it changes gently over a tile, more noise is left for that
     crossed      (n,) bool: texels that see past the foot of what stands on them, which tells nothing of their neighbours
+    beside       (n,) float32, W/m^2: other light of the texels, of OtherLight; None is none
     """
     irradiance, variance = np.zeros((len(texel), 3)), np.zeros((len(texel), 3))
     counters = {"rays": 0, "pairs": 0, "out_of_reach": 0, "settled": 0, "shared": 0, "sampled": 0}
@@ -113,7 +116,7 @@ def direct_irradiance(
             whole = (tiles or Tiles.none()).within(rows)
             calm = whole if smoothed else Tiles.none()
             demand = Demand(tolerance, max_rays, whole.on_one_triangle(chunk.tri), calm.texels(), group is alone)
-            value, error = _light_chunk(scene, chunk, demand, rng, counters)
+            value, error = _light_chunk(scene, chunk, demand, 0.0 if beside is None else beside[rows], rng, counters)
             into = as_slice(rows)
             irradiance[into] += value
             variance[into] += error
@@ -121,9 +124,14 @@ def direct_irradiance(
 
 
 def _light_chunk(
-    scene: DirectScene, chunk: TexelChunk, demand: Demand, rng: np.random.Generator, counters: dict[str, int]
+    scene: DirectScene,
+    chunk: TexelChunk,
+    demand: Demand,
+    beside: NDArray[np.float32] | float,
+    rng: np.random.Generator,
+    counters: dict[str, int],
 ) -> tuple[Float64, Float64]:
-    """Irradiance (n, 3) of a chunk's texels, and its variance."""
+    """Irradiance (n, 3) of a chunk's texels, and its variance; beside them is other light, (n,) W/m^2 or none."""
     count = len(chunk)
     shared, variance, tallies = _look_first(scene, chunk, demand, rng, counters)
     for tally in tallies:
@@ -143,14 +151,14 @@ def _light_chunk(
         counters["pairs"] += len(tally.rows)
         counters["out_of_reach"] += int((~tally.in_reach).sum())
         light += tally.light(count)
-    found = np.zeros((count, 3))
+    found, others = np.zeros((count, 3)), np.broadcast_to(beside, count)
     for many in (rest, scene.pool):
         if many is not None:
-            by_many, error, traced = many.irradiance(scene.rays, chunk, demand, light + found, rng)
+            by_many, error, traced = many.irradiance(scene.rays, chunk, demand, light + found + others[:, None], rng)
             found += by_many
             variance += error
             counters["rays"] += traced
-    level = weigh_channels(light + found)
+    level = weigh_channels(light + found) + others
     allowed = [demand.tolerance * level[tally.rows] / weigh_channels(tally.rgb) for tally in tallies]
     for stage in demand.spans(STAGES[1:]):
         unsettled = [tally.unsettled(limit, stage) for tally, limit in zip(tallies, allowed, strict=True)]

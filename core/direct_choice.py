@@ -9,8 +9,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .brightness import weigh_channels
 from .direct_points import STAGES, row_pieces
-from .emitters import weigh_channels
 from .lights import Float32, Float64
 from .scene import FloatArray, IntArray
 from .tiles import Tiles, find_calm
@@ -25,7 +25,7 @@ Span: TypeAlias = tuple[int, int]  # rays first ... last - 1 of a texel
 class Demand:
     """How sure the light of a chunk's texels should be, and who of them may help each other.
 
-    tolerance   standard error, relative to a texel's direct light, at which a light gets no more rays
+    tolerance   standard error, relative to a texel's light, at which a light gets no more rays
     max_rays    per texel and light
     flat        tiles that lie on one triangle, whose texels share first looks and choices
     smoothed    (k, 64) int: texels of tiles whose noise may be left to whoever smooths it over neighbours

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .brightness import weigh_channels
 from .direct_choice import (
     BLOCK_TEXELS,
     Clusters,
@@ -24,7 +25,6 @@ from .direct_choice import (
 from .direct_lights import AreaSource, PointSource, Source
 from .direct_points import MIDDLE, Receivers, TexelChunk, light_points, random_shift, row_pieces
 from .direct_sources import join_sources
-from .emitters import weigh_channels
 from .geometry import take_rows
 from .lights import Float32, Float64, spread_attenuation
 from .rays import RayScene

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import copy
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import starmap
 from pathlib import Path
@@ -14,12 +16,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from . import workers
+from . import shared_arrays, workers
 from .coverage import as_slice
 from .denoise import Spread
 from .direct import DirectLight
 from .direct_shown import ShownDirect
 from .messages import Message, Status
+from .other_light import OtherLight
 from .scene import IntArray
 from .settings import Settings
 from .texel_map import TexelMap
@@ -62,6 +65,17 @@ class Repeats:
 
 def _divide(seen: NDArray[np.float64], expected: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.divide(seen, expected, out=np.ones_like(seen), where=expected > 0.0)
+
+
+@contextmanager
+def _lay_out(folder: Path, other: OtherLight | None) -> Iterator[str]:
+    """A folder that has never been, with what DirectShard.view tells; "" where there is nothing to tell."""
+    if other is None:
+        yield ""
+        return
+    with tempfile.TemporaryDirectory(prefix="other_", dir=folder, ignore_cleanup_errors=True) as view:
+        shared_arrays.save_struct(Path(view), other)
+        yield view
 
 
 @dataclass
@@ -132,17 +146,20 @@ class DirectField:
         texels: IntArray | range,
         tell: Callable[[Message], None] = lambda message: None,
         should_stop: Callable[[], bool] = lambda: False,
+        other: OtherLight | None = None,
     ) -> bool:
         """One more estimate of the texels (m,), ascending; each becomes the mean of all it has had.
 
         should_stop   asked after every shard
+        other         light that is shown with it; None where there is none, or direct light is shown by itself
         False when it was stopped: texels that had an estimate before are left with that, so that a bake goes on as if this had not been.
         """
         tolerance = TOLERANCE * settings.error
         whole = workers.DirectShard(str(folder), settings.seed, self.turns, 0, texels, tolerance, settings.denoise)
         rows = as_slice(texels)
         kept = self._keep(rows) if self.passes.any() else None
-        is_done = self._send_rays(executor, workers.light_texels, whole, tell, should_stop)
+        with _lay_out(folder, other) as view:
+            is_done = self._send_rays(executor, workers.light_texels, replace(whole, view=view), tell, should_stop)
         if kept and not is_done:
             self._put_back(rows, kept)
         return is_done

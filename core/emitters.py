@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .brightness import weigh_channels
 from .geometry import (
     UnitBox,
     locate_hits,
@@ -24,7 +25,6 @@ from .sampling import AliasTable, square_to_cosine_hemisphere, square_to_uniform
 from .scene import FloatArray, IntArray, Light, SceneSnapshot
 from .scene_cover import SceneCover
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec.709
 NO_LIGHT = "the scene has no light: add a light, an emitting material or a world colour"
 _MAX_CELLS = 2**17
 _MAX_CELLS_PER_SIDE = 64
@@ -63,13 +63,6 @@ class EmittingCells:
         if not self.constant:
             radiance = radiance + _FLOOR * np.average(radiance, weights=self.area_m2)
         return self.area_m2 * radiance
-
-
-def weigh_channels(rgb: FloatArray) -> Float64:
-    """(n,) float64: one number for (n, 3), above 0 where any channel is; the eye's weights would starve a blue light."""
-    red, green, blue = np.asarray(rgb, np.float64).T * (0.5 * LUMINANCE + 0.5 / 3)[:, None]  # a product of matrices starts threads
-    out: Float64 = red + green + blue
-    return out
 
 
 @dataclass(frozen=True)

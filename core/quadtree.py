@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from .shared_arrays import IN_MEMORY, Room
 from .texel_map import TexelMap
 
 _CHUNK = 1 << 16  # texel entries at a time
+_Value = TypeVar("_Value", bound=np.generic)
 
 
 @dataclass(frozen=True)
@@ -228,19 +229,28 @@ def split(tree: Quadtree, marked: IntArray) -> Quadtree:
 
 
 def node_of_texel(tree: Quadtree, nodes: IntArray, n_texel: int, room: Room = IN_MEMORY) -> NDArray[np.int32]:
-    """The node at each texel entry.
+    """The node at each texel entry, (n_texel,) int32.
 
     nodes   indices of nodes that tile every chart: the current ones, or those without children
     room    for what is returned, as `node`
-    out     (n_texel,) int32
     """
-    order = nodes[np.argsort(tree.start[nodes])].astype(np.int32)
-    count = tree.end[order] - tree.start[order]
-    if count.sum() != n_texel:
-        raise ValueError(f"nodes: expected to tile {n_texel} texels, got {count.sum()}")
+    count = int((tree.end - tree.start)[nodes].sum())
+    if count != n_texel:
+        raise ValueError(f"nodes: expected to tile {n_texel} texels, got {count}")
+    return spread_over_texels(tree, nodes, nodes.astype(np.int32), "node", room)
+
+
+def spread_over_texels(tree: Quadtree, nodes: IntArray, values: NDArray[_Value], name: str, room: Room = IN_MEMORY) -> NDArray[_Value]:
+    """What each node of those that tile every chart has, (m,), at each of its texel entries, (n_texel,).
+
+    name, room   of what is returned
+    """
+    order = np.argsort(tree.start[nodes])
+    values, count = values[order], (tree.end - tree.start)[nodes[order]]
+    n_texel = int(count.sum())
     cuts = np.searchsorted(np.cumsum(count), np.arange(_CHUNK, n_texel, _CHUNK))
     runs = pairwise(np.unique([0, *cuts, len(order)]))  # some at a time, into what may be a file
-    return room.collect("node", n_texel, np.int32, (np.repeat(order[first:last], count[first:last]) for first, last in runs))
+    return room.collect(name, n_texel, values.dtype, (np.repeat(values[first:last], count[first:last]) for first, last in runs))
 
 
 def any_in_nodes(tree: Quadtree, flag: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -44,17 +44,15 @@ class Room:
         return _write_and_map(self.folder, name, nothing, shape, dtype, "r+")
 
     def collect(self, name: str, count: int, dtype: DTypeLike, parts: Iterable[NDArray[Any]]) -> NDArray[Any]:
-        """An array (count,) for the field `name` of parts that follow each other, which nobody changes any more; raises as `empty`.
+        """An array (count,) for the field `name` of parts (n,) that follow each other and fill it; nobody may change it any more.
 
-        It is written once, where what `empty` gives is cleared first.
+        It is written once, where what `empty` gives is cleared first. Raises OSError as `empty` does.
         """
         if self.folder is None or count * np.dtype(dtype).itemsize < _LEAST_FILE:
-            out, end = np.empty(count, dtype), 0
-            for part in parts:
-                out[end : end + len(part)] = part
-                end += len(part)
+            out = np.concatenate([np.empty(0, dtype), *parts], dtype=dtype, casting="unsafe")
+            out.flags.writeable = False
             return out
-        return _write_and_map(self.folder, name, (part.astype(dtype, copy=False).data for part in parts), (count,), dtype, "r")
+        return _write_and_map(self.folder, name, (np.ascontiguousarray(part, dtype).data for part in parts), (count,), dtype, "r")
 
 
 def _write_and_map(
@@ -101,7 +99,7 @@ def save_struct(folder: Path, struct: Any) -> None:
 
 
 def _is_of_file(array: NDArray[Any], file: Path) -> bool:
-    """Whether an array is what Room.empty made of that file; numpy says of its parts that they are based on it, not on the file."""
+    """Whether an array is what a Room made of that file; numpy says of its parts that they are based on it, not on the file."""
     mapped = array.base
     return isinstance(mapped, np.memmap) and Path(str(mapped.filename)) == file
 

@@ -13,14 +13,13 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import basis, estimate, quadtree, refine, rounds, shrinkage, tally, workers
 from .birth_guide import BirthGuide
-from .direct_field import MOST_PASSES, DirectField
+from .direct_field import DirectField
 from .executors import spread
 from .gather import KnownLight
 from .gather_plan import GatherPlan, know_light
@@ -28,6 +27,8 @@ from .gathered import GatheredField
 from .ledger import Ledger
 from .light_field import LightField
 from .messages import Message, Status
+from .next_rays import DIRECT_SHARE, Look, choose_texels, have_look
+from .other_light import OtherLight
 from .photon_rounds import PhotonRounds, save_view
 from .reconstruct import LeafBlender
 from .settings import Settings
@@ -37,9 +38,6 @@ from .stop_rules import StopRules
 from .tally import Solution, Tally, Totals
 
 TRACING = Status("photons", "Tracing photons")
-DIRECT_SHARE = 0.5  # of the error asked for, that direct light by rays may have
-# Sends rays from texels; told who is to hear of it, and what asks it to stop.
-_Look: TypeAlias = Callable[[Callable[[Message], None], Callable[[], bool]], object]
 
 
 @dataclass(frozen=True)
@@ -70,6 +68,7 @@ class Solver:
     blender: LeafBlender
     started: float = field(default_factory=time.monotonic)
     watch: Callable[[LightField], None] = lambda light: None  # sees the light after every round but the last
+    photons_before: int = 0  # of an earlier bake, which this goes on with
 
     def __post_init__(self) -> None:
         self.tracing = workers.open_tracing(str(self.folder))
@@ -97,11 +96,21 @@ class Solver:
         depth, finest = self.settings.preview_depth, self.settings.finest_texels
         self.tree = quadtree.grow_previews(self.tree, self.tracing.texels, depth, finest)
 
+    def begin(self) -> None:
+        """Traces the first round, before there is direct light by rays."""
+        self._trace_round(None)
+
+    def shoot_direct(self, tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> bool:
+        """Shadow rays from all texels of a bake that has begun, as sure as they must be beside its light; see DirectField.shoot."""
+        every, other = range(len(self.blender.page)), self._other_light(self._read_tallies())
+        is_done = self.direct.shoot(self.folder, self.settings, self.executor, every, tell, should_stop, other)
+        self.started = time.monotonic()  # a time limit, and what is foretold of the time left, are of what comes now
+        return is_done
+
     def run(self, tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> LightField:
         """Rounds until one of the stop rules holds; `tell` hears of each."""
         stated: estimate.StatedError | None = None
-        before = self.ledger.photons
-        traced = before > 0  # a bake that goes on: its last round has not been refined yet
+        traced = self.ledger.photons > 0  # begun, or a bake that goes on: its last round has not been refined yet
         rules = StopRules(self.settings, should_stop, self.started)
         while True:
             if not traced:
@@ -110,7 +119,7 @@ class Solver:
             state = self.state = self._read_tallies()
             light, stated = self._light(state)
             while (look := self._choose_look(state, stated)) and not rules.break_off():
-                self._look(look, tell, rules.break_off)
+                have_look(look, tell, rules.break_off, TRACING)
                 light, stated = self._light(state)
             stopped_by = rules.find_reason(light.error, light.photons)
             # In the first round the trees stand as they were planted: detail that their previews do not show is in no stated error.
@@ -119,7 +128,7 @@ class Solver:
                 stopped_by = ""
             error = light.error if stopped_by in ("", "error") else stated.relative  # not chosen by its error, then
             light = replace(light, error=error, stopped_by=stopped_by)
-            tell(rules.measure_progress(light, before))
+            tell(rules.measure_progress(light, self.photons_before))
             if light.stopped_by:
                 self.rounds.drop()
                 return light
@@ -127,37 +136,21 @@ class Solver:
             if not refined:
                 self._refine(state)
 
-    def _look(self, look: _Look, tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> None:
-        """Has a look; who hears of it is told afterwards that photons are traced again."""
-        heard: list[Message] = []
-
-        def tell_of(message: Message) -> None:
-            heard.append(message)
-            tell(message)
-
-        look(tell_of, should_stop)
-        if heard:
-            tell(TRACING)
-
-    def _choose_look(self, state: _State, stated: estimate.StatedError) -> _Look | None:
-        """What sends more rays from texels, if one more helps more than a photon's: squared errors fall as one over the number of rays."""
+    def _choose_look(self, state: _State, stated: estimate.StatedError) -> Look | None:
+        """What sends more rays from texels, if one more helps more than a photon's."""
         settings, ledger = self.settings, self.ledger
         if settings.direct != "rays" or (self.gathered and stated.chosen <= settings.error):
             return None
         if self.gathered is None and self.gather_plan.pays(settings, stated, ledger, self.round, DIRECT_SHARE):
             return partial(self._gather, state, np.arange(len(self.blender.page)))
-        by_photons = (stated.relative**2 - stated.direct**2 - stated.gathered**2) / max(ledger.rays, 1)
-        most = (DIRECT_SHARE * settings.error) ** 2
-        kinds = [(stated.direct**2, self.direct, stated.texel_direct2)]
-        kinds += [(stated.gathered**2, self.gathered, stated.texel_gathered2)] if self.gathered and stated.texel_gathered2 else []
-        gains = [error2 / max(rays.counters["rays"], 1) if error2 > most else 0.0 for error2, rays, _ in kinds]
-        _, rays, texel2 = kinds[int(np.argmax(gains))]
-        worst = np.flatnonzero((texel2() > most) & (rays.passes < MOST_PASSES)) if max(gains) > by_photons else np.zeros(0, np.intp)
-        if not len(worst):
-            return None
-        if rays is self.gathered:
-            return partial(self._gather, state, worst)
-        return partial(self.direct.shoot, self.folder, settings, self.executor, worst)
+        chosen = choose_texels(settings.error, stated, ledger.rays, self.direct, self.gathered)
+        if not chosen or chosen[0] is self.gathered:
+            return partial(self._gather, state, chosen[1]) if chosen else None
+        return partial(self.direct.shoot, self.folder, settings, self.executor, chosen[1], other=self._other_light(state))
+
+    def _other_light(self, state: _State) -> OtherLight | None:
+        """What is shown with direct light, as far as photons tell; None where direct light is shown by itself too."""
+        return None if "direct" in self.settings.passes else OtherLight.of_leaves(self.tree, state.solution, state.leaves)
 
     def _gather(self, state: _State, texels: NDArray[np.int64], tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> None:
         into = self.gathered = self.gathered or GatheredField.none(len(self.blender.page))
@@ -218,7 +211,8 @@ class Solver:
         self.round += 1
 
     def _save_view(self, number: int, splitting: Splitting | None) -> str:
-        return save_view(self.folder / f"view_{number}", self.tree, len(self.tracing.texels.texel_code), self.squares.entry, splitting)
+        place = self.folder / f"view_{self.settings.direct}_{number}"  # of a bake by rays that stopped at once photons alone may follow
+        return save_view(place, self.tree, len(self.tracing.texels.texel_code), self.squares.entry, splitting)
 
     def send_again(self, late: list[workers.PhotonShard], splitting: Splitting | None) -> None:
         """Shards of the last round that were under way when the bake stopped, if it may have so many photons and another round."""

@@ -163,10 +163,11 @@ class TexelMap:
         """(m,) int64: places of entries (m,), ascending, among the texels of all pages."""
         rows = as_slice(entry)
         x, y = self.texel_xy[rows].T
-        cell: Int64 = y * np.int64(self.page_size)
+        cell: Int64 = y.astype(np.int64)
+        cell *= self.page_size
         cell += x
         if self.page_count > 1:
-            cell += self.chart_page[self.texel_chart[rows]] * np.int64(self.page_size**2)
+            cell += self.chart_page[self.texel_chart[rows]].astype(np.int64) * self.page_size**2
         return cell
 
     @cached_property

@@ -22,6 +22,7 @@ from .geometry import UnitBox
 from .heap import keep_freed_memory
 from .job import SNAPSHOT_FILE
 from .materials import SurfaceMaterials
+from .other_light import OtherLight
 from .photon_log import Counters, EnergyAudit
 from .pruning import prune_scene
 from .scene import IntArray, SceneSnapshot
@@ -109,9 +110,22 @@ def open_known_light(folder: str) -> gather.KnownLight:
     return shared_arrays.load_struct(Path(folder), gather.KnownLight)
 
 
+@lru_cache(maxsize=1)
+def open_other_light(folder: str) -> OtherLight:
+    """The same."""
+    return shared_arrays.load_struct(Path(folder), OtherLight)
+
+
 def forget_folders() -> None:
     """Close what this process keeps open, so that folders can be removed or written anew."""
-    for opened in (open_scene, open_tracing, open_view, open_splitting, open_known_light, _open_direct_scene, _open_gather_scene):
+    forget_views()
+    for opened in (open_scene, open_tracing, _open_direct_scene, _open_gather_scene):
+        opened.cache_clear()
+
+
+def forget_views() -> None:
+    """The same of views alone."""
+    for opened in (open_view, open_splitting, open_known_light, open_other_light):
         opened.cache_clear()
 
 
@@ -214,7 +228,9 @@ class TexelShard:
 
 @dataclass(frozen=True)
 class DirectShard(TexelShard):
-    """Shadow rays."""
+    """Shadow rays; the view's folder holds other_light.OtherLight, "" where nothing is known of it."""
+
+    view: str = ""
 
 
 def light_texels(shard: DirectShard) -> direct.DirectLight:
@@ -222,8 +238,9 @@ def light_texels(shard: DirectShard) -> direct.DirectLight:
     texels, scene = open_tracing(shard.tracing).texels, _open_direct_scene(shard.tracing)
     entry, rng, tiles = shard.entries, shard.rng(DIRECT_ROUND), shard.tiles()
     crossed = texels.borders.see_beyond(entry, LOOK)
+    beside = open_other_light(shard.view).at(entry) if shard.view else None
     light = direct.direct_irradiance(
-        scene, texels.look_at, entry, rng, shard.tolerance, tiles=tiles, smoothed=shard.smoothed, crossed=crossed
+        scene, texels.look_at, entry, rng, shard.tolerance, tiles=tiles, smoothed=shard.smoothed, crossed=crossed, beside=beside
     )
     irradiance, variance = light.irradiance_rgb.astype(np.float32), light.variance_rgb.astype(np.float32)  # half as much to send
     return direct.DirectLight(irradiance, variance, light.counters)

@@ -60,17 +60,23 @@ def prepare_folder(folder: Path, scene: SceneSnapshot, settings: Settings) -> tu
 
 
 def make_solver(
-    folder: Path, scene: SceneSnapshot, settings: Settings, executor: Executor | None = None, forced: np.ndarray | bool = False
+    folder: Path,
+    scene: SceneSnapshot,
+    settings: Settings,
+    executor: Executor | None = None,
+    forced: np.ndarray | bool = False,
+    begun: bool = True,
 ) -> solve.Solver:
-    """A solver in an empty folder, direct light found already."""
+    """A solver in an empty folder; `begun` has found direct light by rays already."""
     executor = executor or executors.InlineExecutor()
     texel_map = prepare_folder(folder, scene, settings)[1]
     n_texel = len(texel_map.texel_area)
-    direct = DirectField.none(n_texel)
-    if settings.direct == "rays":
-        direct.shoot(folder, settings, executor, np.arange(n_texel))
     forced = np.broadcast_to(forced, n_texel).copy()
-    return solve.Solver(folder, settings, executor, direct, forced, LeafBlender.of(texel_map))
+    solver = solve.Solver(folder, settings, executor, DirectField.none(n_texel), forced, LeafBlender.of(texel_map))
+    if begun and settings.direct == "rays":
+        solver.begin()
+        solver.shoot_direct(lambda message: None, lambda: False)
+    return solver
 
 
 def solve_scene(

@@ -36,7 +36,7 @@ def keep(folder, settings=SETTINGS, stop_after=1, scene=None, forced=False):
 
 
 def go_on(folder, kept, settings=SETTINGS, scene=None, forced=False):
-    solver = make_solver(folder / "second", scene or lamp_scene(), settings, forced=forced)
+    solver = make_solver(folder / "second", scene or lamp_scene(), settings, forced=forced, begun=False)
     load_checkpoint(kept, folder / "second", settings).give_to(solver)
     return run(solver)
 
@@ -77,7 +77,7 @@ def test_shards_that_were_under_way_when_a_bake_stopped_are_not_missing_when_it_
     assert rest.ledger.rays == whole.ledger.rays
     assert not list((tmp_path / "second").glob("view_*"))
 
-    solver = make_solver(tmp_path / "third", lamp_scene(), settings)
+    solver = make_solver(tmp_path / "third", lamp_scene(), settings, begun=False)
     load_checkpoint(kept, tmp_path / "third", settings).give_to(solver)
     save_checkpoint(tmp_path / "again", solver, run(solver, 0).error)  # stopped before it got anywhere
     (tmp_path / "more").mkdir()
@@ -118,7 +118,7 @@ def test_light_that_was_gathered_in_vain_is_not_gathered_again_by_who_goes_on(tm
     whole = run(make_solver(tmp_path / "whole", lamp_scene(), settings), 6)
     in_one, gathered[:] = list(gathered), []
     kept, _ = keep(tmp_path, settings, 4)
-    solver = make_solver(tmp_path / "second", lamp_scene(), settings)
+    solver = make_solver(tmp_path / "second", lamp_scene(), settings, begun=False)
     load_checkpoint(kept, tmp_path / "second", settings).give_to(solver)
     rest = run(solver, 6)
     assert gathered == in_one
@@ -153,7 +153,7 @@ def test_an_error_reached_already_needs_no_photon(tmp_path):
 
 def test_a_state_may_be_kept_where_it_came_from(tmp_path):
     kept, _ = keep(tmp_path)
-    solver = make_solver(tmp_path / "second", lamp_scene(), SETTINGS)
+    solver = make_solver(tmp_path / "second", lamp_scene(), SETTINGS, begun=False)
     load_checkpoint(kept, tmp_path / "second", SETTINGS).give_to(solver)
     light = run(solver)
     save_checkpoint(kept, solver, light.error)
@@ -188,7 +188,7 @@ def test_a_state_too_large_is_not_kept_and_said(tmp_path):
     size = read_info(kept).bytes
     on_disk = sum(path.stat().st_size for path in kept.rglob("*.npy"))
     assert 0.8 * on_disk < size <= on_disk
-    solver = make_solver(tmp_path / "second", lamp_scene(), SETTINGS)
+    solver = make_solver(tmp_path / "second", lamp_scene(), SETTINGS, begun=False)
     run(solver, 1)
     with pytest.raises(ValueError, match="MB allowed; it is not kept"):
         save_checkpoint(kept, solver, 0.1, most_bytes=1000)
@@ -197,7 +197,7 @@ def test_a_state_too_large_is_not_kept_and_said(tmp_path):
 
 def test_a_full_disk_leaves_no_half_state(tmp_path, monkeypatch):
     kept, _ = keep(tmp_path)
-    solver = make_solver(tmp_path / "second", lamp_scene(), SETTINGS)
+    solver = make_solver(tmp_path / "second", lamp_scene(), SETTINGS, begun=False)
     run(solver, 1)
 
     def fail(*_):
@@ -220,7 +220,7 @@ def test_only_our_own_files_are_removed(tmp_path):
     assert [path.name for path in kept.iterdir()] == ["mine.txt"]
     remove_checkpoint(kept)
     (kept / "mine.txt").unlink()
-    save_checkpoint(kept, make_solver(tmp_path / "third", lamp_scene(), SETTINGS), 1.0)
+    save_checkpoint(kept, make_solver(tmp_path / "third", lamp_scene(), SETTINGS, begun=False), 1.0)
     assert checkpoint.read_info(kept).photons == 0
     remove_checkpoint(kept)
     assert not kept.exists()
@@ -228,7 +228,7 @@ def test_only_our_own_files_are_removed(tmp_path):
 
 def test_progress_tells_of_the_photons_of_this_time_only(tmp_path):
     kept, first = keep(tmp_path)
-    solver, told = make_solver(tmp_path / "second", lamp_scene(), SETTINGS), []
+    solver, told = make_solver(tmp_path / "second", lamp_scene(), SETTINGS, begun=False), []
     load_checkpoint(kept, tmp_path / "second", SETTINGS).give_to(solver)
     solver.started -= 100.0
     light = solver.run(told.append, lambda: False)

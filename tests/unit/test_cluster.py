@@ -261,3 +261,9 @@ def test_a_digest_is_seen_only_where_what_it_is_of_is_seen(tmp_path, monkeypatch
     monkeypatch.setattr(cluster.os, "fsync", note)
     cluster.stamp_folder(tmp_path, ())
     assert synced == [(tmp_path / name).stat().st_ino for name in ("a.npy", "inner/b.npy")]
+
+
+@pytest.mark.parametrize(("view", "fields"), [("", ["tracing"]), ("there", ["tracing", "view"])])
+def test_folders_are_sent_of_what_a_shard_names(view, fields):
+    shard = workers.DirectShard("here", seed=1, turn=0, start=0, texels=range(4), tolerance=0.1, smoothed=True, view=view)
+    assert cluster._folder_fields(shard) == fields

@@ -2,13 +2,15 @@
 
 import copy
 from concurrent.futures import Future
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from boxes import lamp_scene, prepare_folder
-from leaflight.core import direct_field, executors
+from leaflight.core import direct_field, executors, workers
 from leaflight.core.direct import DirectLight
 from leaflight.core.direct_field import DirectField
+from leaflight.core.other_light import OtherLight
 from leaflight.core.settings import Settings
 
 SETTINGS = Settings(size=24, padding=1, error=0.5)
@@ -131,3 +133,45 @@ def test_variances_of_texels_shot_again_are_corrected_by_how_their_estimates_dif
     np.testing.assert_allclose(told[:3] * 16, [0.1**2, 0.2**2, 0.4**2], rtol=0.25)
     assert told[3] == pytest.approx(0.2**2)
     assert field.variance.max() == pytest.approx(0.2**2)
+
+
+def test_rays_are_fewer_where_there_is_other_light_and_nothing_is_left_of_what_told_so(shot):
+    folder, alone = shot
+    every, before = range(len(alone.passes)), set(folder.iterdir())
+    beside = DirectField.none(len(alone.passes))
+    bright = OtherLight(np.full(len(alone.passes), 100.0, np.float32))
+    settings = replace(SETTINGS, error=0.02)
+    asked = [False, True]
+    assert beside.shoot(folder, settings, executors.InlineExecutor(), every, other=bright)
+    assert not alone.shoot(folder, settings, executors.InlineExecutor(), every, should_stop=asked.pop, other=bright)
+    assert set(folder.iterdir()) == before
+    whole = DirectField.none(len(alone.passes))
+    whole.shoot(folder, settings, executors.InlineExecutor(), every)
+    assert beside.counters["rays"] < 0.8 * whole.counters["rays"]
+
+
+def test_nothing_is_left_where_shards_fail(shot, monkeypatch):
+    folder, field = shot
+    before = set(folder.iterdir())
+    monkeypatch.setattr(workers, "light_texels", lambda shard: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        field.shoot(folder, SETTINGS, executors.InlineExecutor(), range(9), other=OtherLight(np.zeros(9, np.float32)))
+    assert set(folder.iterdir()) == before
+
+
+def test_texels_of_every_shard_have_their_own_other_light(shot, monkeypatch):
+    """And of every shot: what the one before was told is not read again."""
+    monkeypatch.setattr(direct_field, "SHARD_TEXELS", 64)
+    folder, field = shot
+    count = len(field.passes)
+    shadowed = np.sort(np.argsort(-field.variance[:, 0])[: count // 4])
+    settings, noise = replace(SETTINGS, error=0.002), []
+    for bright in (np.arange(count) >= 0, np.arange(count) >= count // 2, np.arange(count) < 0):
+        again = DirectField.none(count)
+        again.turns = 5
+        other = OtherLight(np.where(bright, 1e4, 0.0).astype(np.float32))
+        again.shoot(folder, settings, executors.InlineExecutor(), range(count), other=other)
+        noise.append([again.variance[rows].mean() for rows in (shadowed[shadowed < count // 2], shadowed[shadowed >= count // 2])])
+    (low, _), (half_low, half_high), (_, none_high) = noise
+    assert half_low < 0.7 * low
+    assert half_high > 1.4 * none_high

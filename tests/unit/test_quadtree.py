@@ -106,6 +106,16 @@ def test_nodes_that_do_not_tile_are_refused():
     bake = SquareBake(side=8, preview_depth=1)
     with pytest.raises(ValueError, match="expected to tile 64 texels"):
         quadtree.node_of_texel(bake.tree, bake.tree.children[0][:2], 64)
+    with pytest.raises(ValueError, match="expected to tile 64 texels, got 80"):
+        quadtree.node_of_texel(bake.tree, np.append(bake.tree.children[0], bake.tree.children[0][0]), 64)
+
+
+def test_what_nodes_have_is_spread_over_their_texels():
+    bake = SquareBake(side=8, preview_depth=1)
+    nodes = bake.tree.children[0][::-1]
+    spread = quadtree.spread_over_texels(bake.tree, nodes, np.float32([4, 3, 2, 1]), "level")
+    assert spread.dtype == np.float32
+    np.testing.assert_array_equal(spread, np.repeat([1, 2, 3, 4], 16))
 
 
 @pytest.mark.parametrize("counts", [[], [200_000], [1] * 70_000, [1, 65_535, 65_536, 3, 140_000, 1]])

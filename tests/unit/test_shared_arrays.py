@@ -68,6 +68,7 @@ def test_an_array_of_parts_is_the_file_that_would_be_written(count, in_folder, t
     whole = np.arange(count) % 1000
     values = room.collect("values", count, np.int32, (part[::-1][::-1] for part in np.split(whole, [1, 2, count - 1])))
     assert values.dtype == np.int32
+    assert not values.flags.writeable
     np.testing.assert_array_equal(values, whole)
     written = tmp_path / "s" / "values.npy"
     assert written.exists() == (in_folder and count > 3)

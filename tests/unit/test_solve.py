@@ -13,7 +13,7 @@ from leaflight.core.rounds import EARLY_GROWTH, EARLY_PHOTONS, FIRST_ROUND_PHOTO
 from leaflight.core.scene import Light, Material
 from leaflight.core.settings import Settings
 from leaflight.core.solve import TRACING
-from scenes import make_scene, moved, quad_mesh
+from scenes import box_mesh, make_scene, moved, quad_mesh
 
 SETTINGS = Settings(size=32, padding=1, max_photons=600_000, error=1e-4)
 QUICK = replace(SETTINGS, max_photons=20_000)
@@ -389,3 +389,29 @@ def test_stated_error_is_a_number_from_the_first_round_on(tmp_path):
     told = []
     make_solver(tmp_path, lamp_scene(), QUICK).run(told.append, lambda: False)
     assert all(math.isfinite(message.estimated_error) and message.estimated_error > 0 for message in told)
+
+
+def test_direct_light_takes_fewer_rays_unless_it_is_shown_by_itself(tmp_path):
+    """In a bright room: the first round, which tells of its light, is not traced again."""
+    lamp = Light("POINT", "Lamp", (-0.2, 0.1, 0.3), power_rgb=(10.0,) * 3, radius_m=0.15)
+    block = box_mesh("Block", (0.4, 0.4, 0.6), (0.2, 0.1, -0.2))
+    scene = make_scene([room_mesh(), block], [lamp], [Material("Bright", (0.8,) * 3)])
+    rays, lights = [], []
+    for name, passes in (("sum", ("combined",)), ("own", ("direct", "combined"))):
+        solver = make_solver(tmp_path / name, scene, replace(SETTINGS, size=64, error=0.02, passes=passes, name_pattern="{name}_{pass}"))
+        assert (solver.round, solver.direct.turns) == (1, 1)
+        rays.append(solver.direct.counters["rays"])
+        lights.append(solver.run(lambda message: None, lambda: True))
+    assert rays[0] < 0.9 * rays[1]
+    assert [(light.rounds, light.photons) for light in lights] == [(1, FIRST_ROUND_PHOTONS)] * 2
+    np.testing.assert_array_equal(lights[0].solution.flux, lights[1].solution.flux)
+
+
+def test_rays_that_are_shot_again_are_told_of_other_light_too(tmp_path, monkeypatch):
+    monkeypatch.setattr(direct_field, "TOLERANCE", 20.0)
+    solver, told = make_solver(tmp_path, lamp_scene(rho=0.05), replace(SETTINGS, error=0.03, denoise=False)), []
+    shoot = solver.direct.shoot
+    monkeypatch.setattr(solver.direct, "shoot", lambda *arguments, other: told.append(other) or shoot(*arguments, other=other))
+    solver.run(lambda message: None, lambda: False)
+    assert told
+    assert all(other.level.shape == solver.direct.passes.shape for other in told)

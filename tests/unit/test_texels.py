@@ -349,3 +349,13 @@ def test_each_place_of_each_page_has_the_entry_that_is_shown_there():
     assert not shown.all()
     assert texels.entry_at.shape == (3, 8, 8)
     assert (texels.entry_at >= 0).sum() == shown.sum()
+
+
+def test_places_on_many_large_pages_are_told_apart():
+    """Beyond what 32 bits hold."""
+    texels = make_map([[[0, 0], [8, 0], [8, 8]], [[0, 0], [8, 8], [0, 8]]])
+    x, y = texels.texel_xy.T.tolist()
+    for pages, page in ((1, 0), (2, 1), (40, 39)):
+        moved = dataclasses.replace(texels, page_size=16384, page_count=pages, chart_page=np.array([page], np.int32))
+        expected = [(page * 16384 + row) * 16384 + column for column, row in zip(x, y, strict=True)]
+        assert moved._find_cells(np.arange(64)).tolist() == expected

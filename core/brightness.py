@@ -1,0 +1,17 @@
+"""One number for the three channels of light, where amounts of it are compared."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .scene import FloatArray
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec.709. Source: ITU-R BT.709-6, 3.2.
+
+
+def weigh_channels(rgb: FloatArray) -> NDArray[np.float64]:
+    """(n,) float64: one number for (n, 3), above 0 where any channel is; the eye's weights would starve a blue light."""
+    red, green, blue = np.asarray(rgb, np.float64).T * (0.5 * LUMINANCE + 0.5 / 3)[:, None]  # a product of matrices starts threads
+    out: NDArray[np.float64] = red + green + blue
+    return out

@@ -1,0 +1,93 @@
+"""More rays go from texels where one of them takes more off the squared error than a photon's ray does."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from leaflight.core.direct_field import MOST_PASSES, DirectField
+from leaflight.core.gathered import GatheredField
+from leaflight.core.next_rays import DIRECT_SHARE, choose_texels, have_look
+
+ERROR = 0.1  # that is asked for
+LEAST = (DIRECT_SHARE * ERROR) ** 2  # below which rays are left as they are
+TEXEL2 = np.array([0.0, 0.9, 1.1, 50.0, 50.0]) * LEAST
+
+
+def field_of(kind, rays):
+    field = kind.none(len(TEXEL2))
+    field.counters["rays"] = rays
+    field.passes[:] = 1
+    return field
+
+
+def stated(relative, direct, gathered=0.0):
+    told = SimpleNamespace(relative=relative, direct=direct, gathered=gathered)
+    told.texel_direct2 = lambda: TEXEL2.astype(np.float32)
+    told.texel_gathered2 = (lambda: TEXEL2[::-1].astype(np.float32)) if gathered else None
+    return told
+
+
+def test_texels_that_err_too_much_are_chosen_where_shadow_rays_are_few():
+    direct = field_of(DirectField, 100)
+    rays, texels = choose_texels(ERROR, stated(0.15, 0.1), 1000, direct, None)
+    assert rays is direct
+    assert texels.tolist() == [2, 3, 4]
+
+
+def test_not_where_a_photon_helps_as_much():
+    by_direct = 0.1**2 / 100
+    for photons, chosen in ((0.9 * by_direct * 1000, True), (1.1 * by_direct * 1000, False)):
+        found = choose_texels(ERROR, stated(np.sqrt(photons + 0.1**2), 0.1), 1000, field_of(DirectField, 100), None)
+        assert (found is not None) == chosen
+
+
+@pytest.mark.parametrize(("direct", "chosen"), [(0.99 * np.sqrt(LEAST), False), (1.01 * np.sqrt(LEAST), True)])
+def test_not_where_direct_light_is_as_sure_as_it_has_to_be(direct, chosen):
+    assert (choose_texels(ERROR, stated(direct * 1.001, direct), 10**9, field_of(DirectField, 1000), None) is not None) == chosen
+
+
+def test_the_one_whose_rays_help_most():
+    direct, gathered = field_of(DirectField, 100), field_of(GatheredField, 10)
+    for errors, expected in (((0.1, 0.09), gathered), ((0.3, 0.06), direct)):
+        rays, texels = choose_texels(ERROR, stated(0.4, *errors), 10**9, direct, gathered)
+        assert rays is expected
+        assert texels.tolist() == ([0, 1, 2] if expected is gathered else [2, 3, 4])
+    assert choose_texels(ERROR, stated(0.4, 0.3), 10**9, direct, gathered)[0] is direct  # light that nothing was gathered of
+
+
+def test_texels_that_had_their_share_are_left():
+    direct = field_of(DirectField, 100)
+    direct.passes[[2, 4]] = MOST_PASSES
+    assert choose_texels(ERROR, stated(0.15, 0.1), 1000, direct, None)[1].tolist() == [3]
+    direct.passes[3] = MOST_PASSES
+    assert choose_texels(ERROR, stated(0.15, 0.1), 1000, direct, None) is None
+
+
+def test_so_are_those_of_the_field_that_is_chosen():
+    direct, gathered = field_of(DirectField, 100), field_of(GatheredField, 10)
+    direct.passes[:] = MOST_PASSES
+    assert choose_texels(ERROR, stated(0.4, 0.1, 0.09), 10**9, direct, gathered)[1].tolist() == [0, 1, 2]
+
+
+def test_what_photons_may_gain_is_neither_of_both_rays():
+    """Else an error that is all of shadow rays and gathering would be photons' too."""
+    direct, gathered = field_of(DirectField, 1000), field_of(GatheredField, 1000)
+    assert choose_texels(ERROR, stated(np.hypot(0.1, 0.09) * 1.001, 0.1, 0.09), 100, direct, gathered)[0] is direct
+
+
+@pytest.mark.parametrize("heard", [[], ["Direct light, 3%"]])
+def test_who_heard_of_a_look_is_told_what_follows(heard):
+    told = []
+
+    def stop():
+        return False
+
+    def look(tell, should_stop):
+        assert should_stop is stop
+        for word in heard:
+            tell(word)
+
+    have_look(look, told.append, stop, "Tracing photons")
+    assert told == [*heard, *(["Tracing photons"] if heard else [])]
