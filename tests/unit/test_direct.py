@@ -274,7 +274,7 @@ class TestBesideOtherLight:
     plate = moved(grid_mesh("Plate", 4), scale=0.12, offset_m=(0.25, 0.25, 0.9))  # more triangles than are looked at one by one
     scenes = (lit_scene([BLOCK], [PANEL]), lit_scene([BLOCK], lamps), lit_scene([BLOCK], emission=[plate]))
 
-    @pytest.mark.parametrize(("scene", "tolerance"), zip(scenes, (0.02, 0.08, 0.08), strict=True))
+    @pytest.mark.parametrize(("scene", "tolerance"), list(zip(scenes, (0.02, 0.08, 0.08), strict=True)))
     def test_fewer_rays_and_as_sure_as_the_sum_must_be(self, scene, tolerance):
         runs = [light_floor(scene, seed=seed, tolerance=1e-4) for seed in range(4)]
         truth = np.mean([red(run) for run in runs], axis=0)

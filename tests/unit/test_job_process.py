@@ -124,7 +124,7 @@ def run_to(process: BakeProcess, kind: type[Message]) -> Message:
 def test_finished_bake_tells_its_stages_and_leaves_its_result(start, tmp_path):
     messages = list(start(replace(ENDLESS, max_photons=2000, workers=1)).messages())
     assert [message.stage for message in messages if isinstance(message, Status)] == [
-        *("load", "charts", "texels", "scene", "contacts", "direct", "photons", "write")
+        *("load", "charts", "texels", "scene", "contacts", "photons", "direct", "photons", "write")
     ]
     assert messages[-1] == Done(str(tmp_path / RESULT_FILE), interrupted=False)
     result = json.loads((tmp_path / RESULT_FILE).read_text())

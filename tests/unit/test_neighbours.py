@@ -122,7 +122,7 @@ def test_a_leaf_knows_whose_square_holds_its_own():
     bake = SquareBake(side=16, degree=0, preview_depth=1)
     leaf, page, entry_at = leaves_of(bake, bake.tree)
     root, quarter = int(np.flatnonzero(bake.tree.current)[0]), int(bake.tree.children[np.flatnonzero(bake.tree.current)[0], 3])
-    leaf[bake.texels.texel_xy.min(axis=1) >= 8] = quarter
+    leaf = np.where(bake.texels.texel_xy.min(axis=1) >= 8, np.int32(quarter), leaf)
     parts = dataclasses.replace(bake.tree, chart=np.where(np.arange(len(bake.tree)) == quarter, 1, 0).astype(np.int32))
     texels = dataclasses.replace(bake.texels, chart_piece=np.zeros(2, np.int32))
     found = Neighbours.of(parts, leaf, page, entry_at, texels)
