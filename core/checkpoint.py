@@ -87,7 +87,7 @@ class Checkpoint:
         solver.gather_plan.given_up = self.given_up
         ledger = solver.ledger
         ledger.energy_w = dict(zip(ENERGY_NAMES, self.energy_w, strict=True))
-        ledger.photons, ledger.told = solver.photons_before, _ = self.photons, self.told
+        ledger.photons, ledger.told, solver.photons_before = self.photons, self.told, self.photons
         ledger.rays, ledger.deposits, ledger.gathered = self.rays, self.deposits, self.gathered
         solver.send_again([PhotonShard(**fields) for fields in self.late], self.splitting)
 

@@ -108,6 +108,7 @@ def direct_irradiance(
     """
     irradiance, variance = np.zeros((len(texel), 3)), np.zeros((len(texel), 3))
     counters = {"rays": 0, "pairs": 0, "out_of_reach": 0, "settled": 0, "shared": 0, "sampled": 0}
+    beside = np.zeros(len(texel), np.float32) if beside is None else beside
     alone = np.flatnonzero(crossed) if crossed is not None else np.zeros(0, np.intp)
     others = np.delete(np.arange(len(texel)), alone)
     for group in (others, alone):
@@ -116,7 +117,7 @@ def direct_irradiance(
             whole = (tiles or Tiles.none()).within(rows)
             calm = whole if smoothed else Tiles.none()
             demand = Demand(tolerance, max_rays, whole.on_one_triangle(chunk.tri), calm.texels(), group is alone)
-            value, error = _light_chunk(scene, chunk, demand, 0.0 if beside is None else beside[rows], rng, counters)
+            value, error = _light_chunk(scene, chunk, demand, beside[rows], rng, counters)
             into = as_slice(rows)
             irradiance[into] += value
             variance[into] += error
@@ -127,11 +128,11 @@ def _light_chunk(
     scene: DirectScene,
     chunk: TexelChunk,
     demand: Demand,
-    beside: NDArray[np.float32] | float,
+    beside: NDArray[np.float32],
     rng: np.random.Generator,
     counters: dict[str, int],
 ) -> tuple[Float64, Float64]:
-    """Irradiance (n, 3) of a chunk's texels, and its variance; beside them is other light, (n,) W/m^2 or none."""
+    """Irradiance (n, 3) of a chunk's texels, and its variance; beside them is other light, (n,) W/m^2."""
     count = len(chunk)
     shared, variance, tallies = _look_first(scene, chunk, demand, rng, counters)
     for tally in tallies:
@@ -151,14 +152,14 @@ def _light_chunk(
         counters["pairs"] += len(tally.rows)
         counters["out_of_reach"] += int((~tally.in_reach).sum())
         light += tally.light(count)
-    found, others = np.zeros((count, 3)), np.broadcast_to(beside, count)
+    found = np.zeros((count, 3))
     for many in (rest, scene.pool):
         if many is not None:
-            by_many, error, traced = many.irradiance(scene.rays, chunk, demand, light + found + others[:, None], rng)
+            by_many, error, traced = many.irradiance(scene.rays, chunk, demand, light + found + beside[:, None], rng)
             found += by_many
             variance += error
             counters["rays"] += traced
-    level = weigh_channels(light + found) + others
+    level = weigh_channels(light + found) + beside
     allowed = [demand.tolerance * level[tally.rows] / weigh_channels(tally.rgb) for tally in tallies]
     for stage in demand.spans(STAGES[1:]):
         unsettled = [tally.unsettled(limit, stage) for tally, limit in zip(tallies, allowed, strict=True)]

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import copy
-import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Executor
-from contextlib import contextmanager
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from itertools import starmap
 from pathlib import Path
@@ -65,17 +64,6 @@ class Repeats:
 
 def _divide(seen: NDArray[np.float64], expected: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.divide(seen, expected, out=np.ones_like(seen), where=expected > 0.0)
-
-
-@contextmanager
-def _lay_out(folder: Path, other: OtherLight | None) -> Iterator[str]:
-    """A folder that has never been, with what DirectShard.view tells; "" where there is nothing to tell."""
-    if other is None:
-        yield ""
-        return
-    with tempfile.TemporaryDirectory(prefix="other_", dir=folder, ignore_cleanup_errors=True) as view:
-        shared_arrays.save_struct(Path(view), other)
-        yield view
 
 
 @dataclass
@@ -158,7 +146,7 @@ class DirectField:
         whole = workers.DirectShard(str(folder), settings.seed, self.turns, 0, texels, tolerance, settings.denoise)
         rows = as_slice(texels)
         kept = self._keep(rows) if self.passes.any() else None
-        with _lay_out(folder, other) as view:
+        with shared_arrays.laid_out(folder, other) if other else nullcontext("") as view:
             is_done = self._send_rays(executor, workers.light_texels, replace(whole, view=view), tell, should_stop)
         if kept and not is_done:
             self._put_back(rows, kept)

@@ -56,18 +56,14 @@ class GatheredField(DirectField):
         executor: Executor,
         texels: IntArray,
         known: KnownLight,
-        view: Path,
         tell: Callable[[Message], None] = lambda message: None,
         should_stop: Callable[[], bool] = lambda: False,
     ) -> bool:
-        """As shoot; view is a folder that has never been."""
+        """As shoot."""
         tolerance = _TOLERANCE * settings.error
-        whole = workers.GatherShard(str(folder), settings.seed, self.turns, 0, texels, tolerance, settings.denoise, str(view))
-        shared_arrays.save_struct(view, known)
-        try:
+        with shared_arrays.laid_out(folder, known) as view:
+            whole = workers.GatherShard(str(folder), settings.seed, self.turns, 0, texels, tolerance, settings.denoise, view)
             return self._send_rays(executor, workers.gather_texels, whole, tell, should_stop)
-        finally:
-            shared_arrays.remove_struct(view)
 
     def _add(self, rows: IntArray | slice, light: Any) -> None:
         before = self.passes[rows].astype(np.float32)

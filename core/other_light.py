@@ -18,8 +18,8 @@ from .scene import IntArray
 from .tally import Solution
 
 _TINY = 1e-30  # m^2
-# Of what leaves hold: within one of a first round, a quarter of a chart wide, it is darker in a corner. Measured on the samples at 1024^2
-# and 5 %: rays from texels fall by 8 (instances) to 30 % (cornell_box), and errors stay.
+# Of what leaves hold: within one of a first round, which may be as wide as its chart, it is darker in a corner. Measured on the samples at
+# 1024^2 and 5 %: rays from texels fall by 8 (instances) to 30 % (cornell_box), and errors stay.
 _SURE_SHARE = 0.5
 
 

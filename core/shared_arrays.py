@@ -6,7 +6,9 @@ import dataclasses
 import json
 import math
 import shutil
-from collections.abc import Iterable
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_type_hints
@@ -96,6 +98,14 @@ def save_struct(folder: Path, struct: Any) -> None:
         else:
             plain[field.name] = value
     (folder / "plain.json").write_text(json.dumps(plain), encoding="utf-8")
+
+
+@contextmanager
+def laid_out(folder: Path, struct: Any) -> Iterator[str]:
+    """A folder within `folder` that has never been, with the struct in it until the work on it has ended, well or not."""
+    with tempfile.TemporaryDirectory(dir=folder, ignore_cleanup_errors=True) as place:
+        save_struct(Path(place), struct)
+        yield place
 
 
 def _is_of_file(array: NDArray[Any], file: Path) -> bool:

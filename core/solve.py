@@ -97,12 +97,13 @@ class Solver:
         self.tree = quadtree.grow_previews(self.tree, self.tracing.texels, depth, finest)
 
     def begin(self) -> None:
-        """Traces the first round, before there is direct light by rays."""
+        """Traces and reads the first round, before there is direct light by rays."""
         self._trace_round(None)
+        self.state = self._read_tallies()
 
     def shoot_direct(self, tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> bool:
         """Shadow rays from all texels of a bake that has begun, as sure as they must be beside its light; see DirectField.shoot."""
-        every, other = range(len(self.blender.page)), self._other_light(self._read_tallies())
+        every, other = range(len(self.blender.page)), self._other_light(self.state or self._read_tallies())
         is_done = self.direct.shoot(self.folder, self.settings, self.executor, every, tell, should_stop, other)
         self.started = time.monotonic()  # a time limit, and what is foretold of the time left, are of what comes now
         return is_done
@@ -111,12 +112,14 @@ class Solver:
         """Rounds until one of the stop rules holds; `tell` hears of each."""
         stated: estimate.StatedError | None = None
         traced = self.ledger.photons > 0  # begun, or a bake that goes on: its last round has not been refined yet
+        state = self.state
         rules = StopRules(self.settings, should_stop, self.started)
         while True:
             if not traced:
                 self._trace_round(stated)
+            if state is None or not traced:
+                state = self.state = self._read_tallies()
             traced = False
-            state = self.state = self._read_tallies()
             light, stated = self._light(state)
             while (look := self._choose_look(state, stated)) and not rules.break_off():
                 have_look(look, tell, rules.break_off, TRACING)
@@ -144,9 +147,12 @@ class Solver:
         if self.gathered is None and self.gather_plan.pays(settings, stated, ledger, self.round, DIRECT_SHARE):
             return partial(self._gather, state, np.arange(len(self.blender.page)))
         chosen = choose_texels(settings.error, stated, ledger.rays, self.direct, self.gathered)
-        if not chosen or chosen[0] is self.gathered:
-            return partial(self._gather, state, chosen[1]) if chosen else None
-        return partial(self.direct.shoot, self.folder, settings, self.executor, chosen[1], other=self._other_light(state))
+        if chosen is None:
+            return None
+        rays, worst = chosen
+        if rays is self.gathered:
+            return partial(self._gather, state, worst)
+        return partial(self.direct.shoot, self.folder, settings, self.executor, worst, other=self._other_light(state))
 
     def _other_light(self, state: _State) -> OtherLight | None:
         """What is shown with direct light, as far as photons tell; None where direct light is shown by itself too."""
@@ -154,11 +160,11 @@ class Solver:
 
     def _gather(self, state: _State, texels: NDArray[np.int64], tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> None:
         into = self.gathered = self.gathered or GatheredField.none(len(self.blender.page))
-        direct, view = self.direct.irradiance, self.folder / f"known_{self.round}_{into.turns}"
+        direct = self.direct.irradiance
         light, doubt = know_light(self.tree, state.solution, state.leaves, self.blender, direct)
         known = KnownLight(light, direct, doubt, self.lit_elsewhere)
         before = into.counters.get("rays", 0)
-        into.gather(self.folder, self.settings, self.executor, texels, known, view, tell, should_stop)
+        into.gather(self.folder, self.settings, self.executor, texels, known, tell, should_stop)
         self.ledger.gathered += into.counters.get("rays", 0) - before
         if not into.passes.all():  # stopped before all texels had a first estimate, beside which that of leaves would stand out
             self.gathered = None

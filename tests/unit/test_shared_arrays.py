@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -136,3 +137,19 @@ def test_a_room_whose_file_cannot_be_as_large_raises_before_it_is_mapped(tmp_pat
             shared_arrays.Room(tmp_path / "s").empty("values", (1 << 20,), np.int64)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_what_is_laid_out_is_there_while_it_is_worked_with(fails, tmp_path):
+    places = []
+    for value in (1.0, 2.0):
+        try:
+            with shared_arrays.laid_out(tmp_path, Inner(np.full(5000, value))) as place:
+                places.append(place)
+                assert shared_arrays.load_struct(Path(place), Inner).values[-1] == value
+                if fails:
+                    raise OSError
+        except OSError:
+            assert fails
+    assert places[0] != places[1]  # who keeps the first open by its name does not take it for the second
+    assert not list(tmp_path.iterdir())
