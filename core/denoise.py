@@ -29,6 +29,10 @@ SMALL_LEAF = 16
 GRAIN_LEFT = 0.89
 _PATCH = 2  # texels, radius of the patches compared
 _VARIANCE_RADIUS = 2  # texels; a texel that saw no photon by chance has no variance of its own
+# ... but one that saw darkness by chance among texels that saw none has nearly all of what there is: it counts for so much of its own at
+# least, or it stays as a dent. Measured on direct light of the samples: nrmse falls by 0 (cornell_box 256^2) to 14 % (1024^2); with the
+# whole of it edges are blurred, by 4 % of cornell_box' error at 256^2.
+_OWN_VARIANCE = np.float32(0.7)
 # Standard errors of a difference that count as alike. Measured with the radius of the patches: with 1 and 1.0 neighbours pass for like
 # whose noise is alike, and a textured emitter's light is off by twice what it is now and says; 3 leaves no less error on the samples.
 _STRICTNESS = 0.5
@@ -206,7 +210,8 @@ def _average_alike(light: _Image, noise: _Image, chart: NDArray[np.int32], tell:
     inside = (chart >= 0).astype(np.float32)
     around = [np.pad(image, _VARIANCE_RADIUS) for image in (noise.sum(axis=0) * inside, inside)]
     sums, counts = (_box_sum(image.ravel(), image.shape[1], _VARIANCE_RADIUS) for image in around)
-    variance = _unroll(sums / np.maximum(counts, 1), around[0].shape, _VARIANCE_RADIUS).ravel()
+    nearby = _unroll(sums / np.maximum(counts, 1), around[0].shape, _VARIANCE_RADIUS)
+    variance = np.maximum(nearby, _OWN_VARIANCE * noise.sum(axis=0)).ravel()
     light, noise = light.reshape(*light.shape[:2], -1), noise.reshape(len(noise), -1)
     total = np.minimum(light.sum(axis=0), _BRIGHTEST)
     twice = 2 * variance

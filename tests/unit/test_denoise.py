@@ -86,6 +86,16 @@ def test_texels_that_no_photon_met_by_chance_count_as_the_others_do(texels):
     assert found.mean() == pytest.approx(light.mean(), rel=0.015)
 
 
+def test_a_texel_that_was_dark_by_chance_leaves_no_dent(texels):
+    # Four rays each, of which one in a hundred meets something: most texels say they are sure of full light.
+    lit = (np.random.default_rng(5).random((4, len(texels.texel_xy))) < 0.99).mean(axis=0)
+    light = np.repeat(lit[:, None], 3, axis=1).astype(np.float32)
+    found = denoise_all(light[None], light * (1 - light) / 3, lit < 1.0, texels)[0]
+    assert light.min() <= 0.75
+    assert found.min() > 0.93
+    assert found.mean() == pytest.approx(light.mean(), rel=4e-3)
+
+
 def test_a_little_grain_is_enough(texels):
     x, y = texels.texel_xy.T
     noisy, found = smooth(texels, even, grainy=(x == 20) & (y > 10) & (y < 30))
