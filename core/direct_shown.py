@@ -69,7 +69,9 @@ class ShownDirect:
             return cls.plain(irradiance, variance)
         found = denoise(irradiance[None], variance, grainy, texels, entry_at, spread, tell=True)
         told = np.flatnonzero(found.own_share < 1.0)
-        told = told[np.argsort(found.entry[told])]
+        row = np.full(len(irradiance), -1, np.int32)
+        row[found.entry[told]] = told
+        told = row[row >= 0]  # by their entries, ten times sooner than sorted
         smooth, left, blur2 = np.empty((3, len(told), 3), np.float32)
         for start in range(0, len(told), _CHUNK):
             part = slice(start, start + _CHUNK)
