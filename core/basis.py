@@ -9,6 +9,7 @@ Source: Zatz 1993 (Galerkin radiosity); Feda 1996 and [Tobler97] eq. 9, with W =
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import comb
 
 import numpy as np
@@ -23,6 +24,7 @@ QUADRANTS = ((0, 0), (1, 0), (0, 1), (1, 1))  # Morton order: x is the low bit
 # A function whose norm outside the span of the others is below this share of its norm carries no information a sliver
 # of a domain could hold in float64; it is dropped.
 _DROP_BELOW = 1e-6
+_ROUNDING = 1e-13  # relative, of a whole square's moments
 
 
 def count_functions(degree: int) -> int:
@@ -62,9 +64,27 @@ def orthonormal_functions(gram: NDArray[np.float64]) -> NDArray[np.float64]:
     Source: Cholesky with pivoting by relative norm (Higham 2002, 10.3), the constant first; done twice, for which
             Giraud et al. 2005 show that orthogonality holds to rounding.
     """
+    whole, of_whole = _whole_square(gram.shape[1])
+    area = gram[:, 0, 0]
+    is_whole = (np.abs(gram - area[:, None, None] * whole) <= _ROUNDING * area[:, None, None]).all(axis=(1, 2)) & (area > 0.0)
+    out = np.empty_like(gram)
+    out[is_whole] = of_whole / np.sqrt(area[is_whole])[:, None, None]  # most of the nodes of a large page
+    out[~is_whole] = _orthonormalize(gram[~is_whole])
+    return out
+
+
+def _orthonormalize(gram: NDArray[np.float64]) -> NDArray[np.float64]:
     first = _pivoted_gram_schmidt(gram, _DROP_BELOW)
     kept_gram = first @ gram @ first.transpose(0, 2, 1)
     return _pivoted_gram_schmidt(kept_gram, 0.5) @ first
+
+
+@lru_cache
+def _whole_square(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gram matrix (size, size) of a whole square of area 1, and orthonormal functions on it, of orthonormal_functions."""
+    total = np.array(EXPONENTS[:size])[:, None] + np.array(EXPONENTS[:size])
+    gram = np.where(total % 2 == 0, 1.0 / (total + 1.0), 0.0).prod(axis=2)  # means of s^i t^j
+    return gram, _orthonormalize(gram[None])[0]
 
 
 def _pivoted_gram_schmidt(gram: NDArray[np.float64], drop_below: float) -> NDArray[np.float64]:

@@ -47,8 +47,13 @@ class EvenSquares:
         moments = np.zeros((len(monomial_exponents(degree)), len(start)))
         ends = np.append(self.first, len(self.texel_area))
         first, last = np.searchsorted(self.first, start), np.searchsorted(self.first, end)
+        whole = self._find_sides(start, end)
+        one = np.flatnonzero(whole)  # most of the nodes of a large page
+        terms = _square_moments(self.texel_xy[start[one]], whole[one], centre[one], 1.0 / half[one], degree)
+        for row, term in zip(moments, terms, strict=True):
+            row[one] = self.texel_area[start[one]] * whole[one] ** 2 * term
         told = (ends[first] == start) & (ends[last] == end)  # the others begin or end within a square
-        for rows, from_texels in ((np.flatnonzero(told), False), (np.flatnonzero(~told), True)):
+        for rows, from_texels in ((np.flatnonzero(told & (whole == 0)), False), (np.flatnonzero(~told & (whole == 0)), True)):
             lines = start[rows] if from_texels else first[rows], end[rows] if from_texels else last[rows]
             for some, begin, stop in chunk_ranges(*lines):
                 owner, square = expand_ranges(begin, stop)
@@ -60,6 +65,17 @@ class EvenSquares:
                 for row, term in zip(moments, terms, strict=True):
                     row[node] += np.add.reduceat(area * term, begins)
         return moments
+
+    def _find_sides(self, start: IntArray, end: IntArray) -> Int64:
+        """(k,) int64, texels: side of the square that a range of entries is, within one of these or all of it; 0 of other ranges."""
+        count = end - start
+        holder = np.searchsorted(self.first, start, side="right") - 1
+        offset = start - self.first[holder]
+        mantissa, exponent = np.frexp(count)
+        is_square = (mantissa == 0.5) & (exponent % 2 == 1)  # an even power of two
+        is_square &= (offset % np.maximum(count, 1) == 0) & (offset + count <= self.side[holder].astype(np.int64) ** 2)
+        sides: Int64 = np.where(is_square, np.int64(1) << exponent // 2, 0)
+        return sides
 
 
 def _find_even(chart: Int32, code: Int64, area: Float64, part_entry: Int64) -> Int64:
@@ -77,7 +93,7 @@ def _find_even(chart: Int32, code: Int64, area: Float64, part_entry: Int64) -> I
     return np.concatenate(found)
 
 
-def _square_moments(xy: Int32, side: Int32 | int, centre: FloatArray, size: FloatArray, degree: int) -> Iterator[FloatArray]:
+def _square_moments(xy: Int32, side: IntArray | int, centre: FloatArray, size: FloatArray, degree: int) -> Iterator[FloatArray]:
     """Means of the monomials in s = (x - centre) * size over squares (n,) of texels, in the order of monomial_exponents."""
     s, t = ((xy[:, axis] + 0.5 * side - centre[:, axis]) * size for axis in (0, 1))
     s_power, t_power = (_texel_means(along, size * side, degree) for along in (s, t))

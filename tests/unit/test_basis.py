@@ -36,6 +36,30 @@ def test_a_line_of_a_domain_drops_to_lower_order():
     assert np.isfinite(functions).all()
 
 
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_functions_are_orthonormal_on_whole_squares_and_on_nearly_whole_ones(degree, hold):
+    """Of any size, beside each other: most nodes are such, and are told apart from those that only seem so."""
+    place, weight = np.polynomial.legendre.leggauss(5)
+    s, t, weight = (np.ravel(values) for values in (*np.meshgrid(place, place), np.outer(weight, weight) / 4))
+    areas = np.array([1e-30, 1e-4, 1.0, 1.0, 1e12, 1.0, 1.0])
+    shares = np.array([np.where(s > 0.9, 1.0 - missing, 1.0) for missing in (0.0, 0.0, 0.0, 1e-3, 0.0, 1e-10, 0.5)])
+    values = np.array(basis.monomials(s, t, 2 * degree))
+    moment = (areas[:, None] * shares * weight) @ values.T
+    functions = basis.orthonormal_functions(basis.gram_matrix(moment, degree))
+    at_points = functions @ np.array(basis.monomials(s, t, degree))
+    inner = (at_points * (areas[:, None] * shares * weight)[:, None]) @ at_points.transpose(0, 2, 1)
+    hold("basis: inner products on whole squares off the identity", np.abs(inner - np.eye(inner.shape[1])).max(), high=1e-12)
+
+
+def test_whole_squares_are_not_worked_out_one_by_one(monkeypatch):
+    moment = np.array([1.0, 0.0, 0.0, 1 / 3, 0.0, 1 / 3]) * np.array([[1.0], [7e-5]])
+    basis.orthonormal_functions(basis.gram_matrix(moment, 1))
+    worked_out, orthonormalize = [], basis._orthonormalize
+    monkeypatch.setattr(basis, "_orthonormalize", lambda gram: worked_out.append(len(gram)) or orthonormalize(gram))
+    basis.orthonormal_functions(basis.gram_matrix(moment, 1))
+    assert sum(worked_out) == 0
+
+
 def test_an_empty_domain_keeps_no_function():
     assert not basis.orthonormal_functions(np.zeros((1, 3, 3))).any()
 

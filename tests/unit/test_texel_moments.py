@@ -29,6 +29,22 @@ def test_squares_have_the_moments_of_their_texels(degree):
     np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-13 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("degree", [0, 2, 4])
+def test_parts_of_squares_have_the_moments_of_their_texels(degree):
+    """Smaller squares within one, which count as one texel, and what only has as many texels as such."""
+    texels = make_square_map(SIDE, 2, width=0.7)
+    n, squares = len(texels.texel_area), squares_of(texels)
+    first = squares.first[squares.side == 16][1]
+    parts = np.array([(64, 128), (0, 64), (0, 5), (68, 72), (255, 256), (62, 66), (0, 2), (16, 48), (128, 384), (-1, 0), (-16, 48)])
+    start, end = (first + parts).T
+    centre, half = np.random.default_rng(1).uniform(0, SIDE, (len(parts), 2)), np.linspace(2.0, 9.0, len(parts))
+    by_itself = EvenSquares(texels.texel_xy, texels.texel_area, np.arange(n), np.ones(n, np.int32))
+    expected = by_itself.range_moments(start, end, centre, half, degree)
+    np.testing.assert_allclose(expected[0], [texels.texel_area[one:other].sum() for one, other in zip(start, end, strict=True)], rtol=1e-12)
+    found = squares.range_moments(start, end, centre, half, degree)
+    np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-13 * np.abs(expected).max())
+
+
 def test_squares_are_where_all_texels_are_alike():
     texels = make_square_map(SIDE, 1)
     squares = squares_of(texels)
