@@ -24,7 +24,7 @@ QUADRANTS = ((0, 0), (1, 0), (0, 1), (1, 1))  # Morton order: x is the low bit
 # A function whose norm outside the span of the others is below this share of its norm carries no information a sliver
 # of a domain could hold in float64; it is dropped.
 _DROP_BELOW = 1e-6
-_ROUNDING = 1e-13  # relative, of a whole square's moments
+_ROUNDING = 1e-13  # of a whole square's moments, over its area; one that is not known by it is only worked out like any other
 
 
 def count_functions(degree: int) -> int:
@@ -81,10 +81,12 @@ def _orthonormalize(gram: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @lru_cache
 def _whole_square(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Gram matrix (size, size) of a whole square of area 1, and orthonormal functions on it, of orthonormal_functions."""
+    """Gram matrix (size, size) of a whole square of area 1, and orthonormal functions on it, (size, size)."""
     total = np.array(EXPONENTS[:size])[:, None] + np.array(EXPONENTS[:size])
     gram = np.where(total % 2 == 0, 1.0 / (total + 1.0), 0.0).prod(axis=2)  # means of s^i t^j
-    return gram, _orthonormalize(gram[None])[0]
+    functions = _orthonormalize(gram[None])[0]
+    gram.flags.writeable = functions.flags.writeable = False
+    return gram, functions
 
 
 def _pivoted_gram_schmidt(gram: NDArray[np.float64], drop_below: float) -> NDArray[np.float64]:

@@ -29,10 +29,10 @@ SMALL_LEAF = 16
 GRAIN_LEFT = 0.89
 _PATCH = 2  # texels, radius of the patches compared
 _VARIANCE_RADIUS = 2  # texels; a texel that saw no photon by chance has no variance of its own
-# ... but one that saw darkness by chance among texels that saw none has nearly all of what there is: it counts for so much of its own at
-# least, or it stays as a dent. Measured on direct light of the samples: nrmse falls by 0 (cornell_box 256^2) to 14 % (1024^2); with the
-# whole of it edges are blurred, by 4 % of cornell_box' error at 256^2.
-_OWN_VARIANCE = np.float32(0.7)
+# ... but one that met darkness by chance, among texels that met none, holds nearly all the variance of its surroundings: the mean around it
+# is too small, and it would stay as a dent. So it counts for so much of its own at least. Measured on direct light of the samples: nrmse
+# falls by 0 to 10 %; with the whole of it edges are blurred.
+_OWN_VARIANCE = np.float32(0.5)
 # Standard errors of a difference that count as alike. Measured with the radius of the patches: with 1 and 1.0 neighbours pass for like
 # whose noise is alike, and a textured emitter's light is off by twice what it is now and says; 3 leaves no less error on the samples.
 _STRICTNESS = 0.5
@@ -127,7 +127,8 @@ class _Strips:
 
     @classmethod
     def of(cls, grainy: NDArray[np.int64], entry_at: NDArray[np.int32], texels: TexelMap) -> _Strips:
-        """Those around texels near a grainy one, whose own variance may be small by chance.
+        """Those around texels within a grainy one's window: their own variance may be small by chance, and as it takes from them they are
+        to take from it, so that no light is lost.
 
         grainy   (m,) int64: entries of the page
         """
@@ -136,7 +137,7 @@ class _Strips:
         shown = entry_at[y, x] == grainy
         wanted = np.zeros((size, -(-size // max(_WIDTHS)) * max(_WIDTHS)), bool)
         wanted[y[shown], x[shown]] = True
-        _widen(wanted, _VARIANCE_RADIUS)
+        _widen(wanted, RADIUS)
         wanted[:, :size] &= entry_at >= 0
         wanted[:, size:] = False
         cuts = (cls(entry_at, wanted, *_find_strips(wanted, width), width + 2 * _HALO) for width in _WIDTHS)
@@ -208,10 +209,11 @@ def _average_alike(light: _Image, noise: _Image, chart: NDArray[np.int32], tell:
     """
     height, width = chart.shape
     inside = (chart >= 0).astype(np.float32)
-    around = [np.pad(image, _VARIANCE_RADIUS) for image in (noise.sum(axis=0) * inside, inside)]
+    own = noise.sum(axis=0)
+    around = [np.pad(image, _VARIANCE_RADIUS) for image in (own, inside)]
     sums, counts = (_box_sum(image.ravel(), image.shape[1], _VARIANCE_RADIUS) for image in around)
     nearby = _unroll(sums / np.maximum(counts, 1), around[0].shape, _VARIANCE_RADIUS)
-    variance = np.maximum(nearby, _OWN_VARIANCE * noise.sum(axis=0)).ravel()
+    variance = np.maximum(nearby, _OWN_VARIANCE * own).ravel()
     light, noise = light.reshape(*light.shape[:2], -1), noise.reshape(len(noise), -1)
     total = np.minimum(light.sum(axis=0), _BRIGHTEST)
     twice = 2 * variance

@@ -22,7 +22,7 @@ from .texel_looks import TexelLooks
 GAUSS_POINTS = np.array([[[x, y]] for y in (-1, 1) for x in (-1, 1)]) * math.sqrt(1 / 12) + 0.5
 MIDDLE = np.full((1, 1, 2), 0.5)
 STAGES = ((0, 4), (4, 16), (16, 64))  # rays of a texel to a light; each is stratified together with those before it
-_CHUNK_TEXELS = 2**15
+_CHUNK_TEXELS = 2**14
 _RAYS_AT_ONCE = 2**15  # what fits the cache
 _SMOOTH_DEVIATION = 1e-3  # corner normals nearer to the face's own than this are flat shading
 _SHORTEST_NORMAL = 1e-6

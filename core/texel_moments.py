@@ -69,13 +69,13 @@ class EvenSquares:
     def _find_sides(self, start: IntArray, end: IntArray) -> Int64:
         """(k,) int64, texels: side of the square that a range of entries is, within one of these or all of it; 0 of other ranges."""
         count = end - start
+        side: Int64 = np.rint(np.sqrt(count)).astype(np.int64)
+        if not len(self.first):
+            return side
         holder = np.searchsorted(self.first, start, side="right") - 1
-        offset = start - self.first[holder]
-        mantissa, exponent = np.frexp(count)
-        is_square = (mantissa == 0.5) & (exponent % 2 == 1)  # an even power of two
-        is_square &= (offset % np.maximum(count, 1) == 0) & (offset + count <= self.side[holder].astype(np.int64) ** 2)
-        sides: Int64 = np.where(is_square, np.int64(1) << exponent // 2, 0)
-        return sides
+        is_square = (side * side == count) & (self.side[holder] % np.maximum(side, 1) == 0)
+        is_square &= (start - self.first[holder]) % np.maximum(count, 1) == 0  # in Morton order it begins at a multiple of its texels
+        return np.where(is_square, side, 0)
 
 
 def _find_even(chart: Int32, code: Int64, area: Float64, part_entry: Int64) -> Int64:

@@ -41,8 +41,8 @@ def test_functions_are_orthonormal_on_whole_squares_and_on_nearly_whole_ones(deg
     """Of any size, beside each other: most nodes are such, and are told apart from those that only seem so."""
     place, weight = np.polynomial.legendre.leggauss(5)
     s, t, weight = (np.ravel(values) for values in (*np.meshgrid(place, place), np.outer(weight, weight) / 4))
-    areas = np.array([1e-30, 1e-4, 1.0, 1.0, 1e12, 1.0, 1.0])
-    shares = np.array([np.where(s > 0.9, 1.0 - missing, 1.0) for missing in (0.0, 0.0, 0.0, 1e-3, 0.0, 1e-10, 0.5)])
+    areas = np.array([1e-30, 1e-4, 1.0, 1.0, 1e12, 1.0, 1.0, 1e-15])
+    shares = np.array([np.where(s > 0.9, 1.0 - missing, 1.0) for missing in (0.0, 0.0, 0.0, 1e-3, 0.0, 1e-10, 0.5, 0.5)])
     values = np.array(basis.monomials(s, t, 2 * degree))
     moment = (areas[:, None] * shares * weight) @ values.T
     functions = basis.orthonormal_functions(basis.gram_matrix(moment, degree))

@@ -85,7 +85,7 @@ def test_light_is_smoothed_where_it_has_grain_and_told_as_it_is_elsewhere(texels
     noisy = (truth + np.where(x < 20, 0.1, 0.001)[:, None] * np.random.default_rng(1).standard_normal(truth.shape)).astype(np.float32)
     variance = np.where(x < 20, np.float32(0.01), np.float32(1e-6))[:, None].repeat(3, axis=1)
     shown = ShownDirect.smoothed(noisy, variance, texels, entries_of_page(texels))
-    far, every = x > 22, np.arange(SIDE * SIDE)
+    far, every = x > 24, np.arange(SIDE * SIDE)
     assert not np.isin(shown.entry, np.flatnonzero(far)).any()
     for found, given in (
         (shown.irradiance, noisy),

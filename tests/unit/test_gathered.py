@@ -96,7 +96,7 @@ def test_a_bake_that_stops_amid_its_first_gathering_shows_leaves(gathered, tmp_p
 
 def test_what_more_rays_have_gathered_stays_where_they_are_stopped(tmp_path, monkeypatch):
     monkeypatch.setattr(direct_field, "SHARD_TEXELS", 512)
-    shards = len(direct_field.part_texels(len(make_solver(tmp_path / "1", SCENE, SETTINGS).blender.page))) - 1
+    shards = len(direct_field.cut_into_shards(len(make_solver(tmp_path / "1", SCENE, SETTINGS).blender.page))) - 1
     light, solver, executor = halt(tmp_path / "2", monkeypatch, shards + 3, error=0.008)
     assert (light.stopped_by, executor.left) == ("interrupted", 0)
     once, twice = np.bincount(light.gathered.passes)[1:]
@@ -111,7 +111,7 @@ def test_gathering_tells_how_far_it_is_and_then_that_photons_fly(tmp_path, monke
     told = []
     _, solver, _ = halt(tmp_path, monkeypatch, 10**6, tell=told.append, error=0.01)  # one pass
     count = len(solver.blender.page)
-    words = [Status("photons", f"Indirect light, {end / count:.0%}") for end in direct_field.part_texels(count)[1:]]
+    words = [Status("photons", f"Indirect light, {end / count:.0%}") for end in direct_field.cut_into_shards(count)[1:]]
     kinds = [message if isinstance(message, Status) else type(message) for message in told]
     assert kinds == [Progress, *words, TRACING, Progress]
 
