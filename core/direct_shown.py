@@ -15,7 +15,7 @@ from .texel_map import TexelMap
 
 _GRAIN = 0.005  # relative noise that is worth smoothing
 # Neighbours are chosen by their noise too, and those alike in it smooth less. Measured over even light, ramps, edges and ripples with
-# noise of 2 to 30 %: with this factor and the blur the stated error is 0.7 to 1.4 of the real one; 2.3 where few of the texels are noisy at all.
+# noise of 2 to 30 %: with this factor and the blur the stated error is 0.7 to 1.4 of the real one; 2.3 where few texels are noisy at all.
 _CHOSEN_BY_NOISE = 1.8
 # ... and a texel keeps more of its own noise than its share in the mean, by so much of it. Measured as what makes the blur of even light
 # nothing over twenty pages, to 0.0005; a test does so again. Another window, patch or strictness of denoise wants another number.

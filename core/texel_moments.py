@@ -68,7 +68,7 @@ class EvenSquares:
 
     def _find_sides(self, start: IntArray, end: IntArray) -> Int64:
         """(k,) int64, texels: side of the square that a range of entries is, within one of these or all of it; 0 of other ranges."""
-        count = end - start
+        count = np.maximum(end - start, 0)
         side: Int64 = np.rint(np.sqrt(count)).astype(np.int64)
         if not len(self.first):
             return side
