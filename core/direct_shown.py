@@ -15,11 +15,12 @@ from .texel_map import TexelMap
 
 _GRAIN = 0.005  # relative noise that is worth smoothing
 # Neighbours are chosen by their noise too, and those alike in it smooth less. Measured over even light, ramps, edges and ripples with
-# noise of 2 to 30 %: with this factor and the blur the stated error is 0.7 to 1.4 of the real one; 2.3 where few texels are noisy at all.
+# noise of 2 to 30 %, and where few texels are noisy at all: with this factor and the blur the stated error is 0.7 to 1.4 of the real one.
 _CHOSEN_BY_NOISE = 1.8
-# ... and a texel keeps more of its own noise than its share in the mean, by so much of it. Measured as what makes the blur of even light
-# nothing over twenty pages, to 0.0005; a test does so again. Another window, patch or strictness of denoise wants another number.
-_KEPT_BY_CHOICE = 0.026
+# ... and a texel keeps more of its own noise than its share in the mean, by so much of it, or of its neighbours' where they have less to
+# choose by. Measured as what makes the blur of even light nothing over twenty pages, to 0.0005; a test does so again. Another window,
+# patch or strictness of denoise wants another number.
+_KEPT_BY_CHOICE = 0.0296
 _CHUNK = 1 << 16  # texels at a time: what lies between stays in the cache
 
 
@@ -76,9 +77,10 @@ class ShownDirect:
             rows = found.entry[told[part]]
             noise, noise_left, own_share = variance[rows], found.variance[told[part]], found.own_share[told[part], None]
             smooth[part] = found.light[0, told[part]]
-            kept = np.minimum(own_share + _KEPT_BY_CHOICE, 1.0)
+            nearby = noise_left / own_share  # of the neighbours it was averaged with
+            kept = np.minimum(own_share * noise + _KEPT_BY_CHOICE * np.minimum(noise, nearby), noise)
             # Of the squared change, noise alone explains what the texel had and has now, less what it kept of its own.
-            blur2[part] = (smooth[part] - irradiance[rows]) ** 2 - noise * (1.0 - 2.0 * kept) - noise_left
+            blur2[part] = (smooth[part] - irradiance[rows]) ** 2 - (noise - 2.0 * kept) - noise_left
             left[part] = noise_left + (_CHOSEN_BY_NOISE - 1.0) * np.maximum(noise_left - own_share**2 * noise, 0.0)
         return cls(irradiance, variance, found.entry[told], smooth, left, blur2)
 

@@ -79,6 +79,17 @@ def test_smoothing_even_light_is_no_blur(texels):
     assert abs(np.mean(told)) < 0.003  # 0.001 by chance; a smoothed texel keeps 0.03 of its noise
 
 
+def test_few_dark_texels_among_lit_ones_are_told_roughly(texels):
+    """Where one ray in a hundred of a texel's four met something, nearly all texels say that they have no noise at all."""
+    real2, told2, every = [], [], np.arange(SIDE * SIDE)
+    for seed in range(8):
+        lit = (np.random.default_rng(seed).random((4, len(every), 1)) < 0.99).mean(axis=0).astype(np.float32).repeat(3, axis=1)
+        shown = ShownDirect.smoothed(lit, lit * (1 - lit) / 3, texels, entries_of_page(texels))
+        real2.append(((shown.irradiance - 0.99) ** 2).mean())
+        told2.append((shown.variance_at(every) + shown.blur2_at(every)).mean())
+    assert 0.7**2 < np.mean(told2) / np.mean(real2) < 1.5**2
+
+
 def test_light_is_smoothed_where_it_has_grain_and_told_as_it_is_elsewhere(texels):
     truth = np.ones((SIDE * SIDE, 3))
     x = texels.texel_xy[:, 0]
