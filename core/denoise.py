@@ -37,9 +37,11 @@ _OWN_VARIANCE = np.float32(0.5)
 # whose noise is alike, and a textured emitter's light is off by twice what it is now and says; 3 leaves no less error on the samples.
 _STRICTNESS = 0.5
 _HALO = RADIUS + _PATCH
-_WIDTHS = (16, 32, 64)  # texels, of the strips that a page may be cut into: narrow ones for contacts, wide ones for all of a page
+_WIDTHS = (16, 32, 64, 128, 256)  # texels, of the strips that a page may be cut into: narrow ones for contacts, wide ones for all of a page
 _HEIGHT = 128  # texels, of the largest
-_TOGETHER = 1 << 13  # texels of strips that are worked on at once: what lies between fits a core's cache
+# Texels of strips that are worked on at once. Of a quarter of them numpy's calls would take a third of the time; twice as many leave the
+# cache, and are too few parts for two cores.
+_TOGETHER = 1 << 15
 _LEAST_DOUBT2 = np.float32(1e-6)  # squared, relative to the texel and to the mean: keeps a quotient of exact values finite
 _UNLIKE = np.float32(1e4)  # a distance beyond any weight
 _BRIGHTEST = np.float32(1e12)  # over the mean: its square is still finite

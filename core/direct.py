@@ -15,6 +15,7 @@ from .direct_crowd import LampCrowd
 from .direct_lights import Source
 from .direct_points import (
     GAUSS_POINTS,
+    MOST_TEXELS,
     STAGES,
     ReceivingSurfaces,
     TexelChunk,
@@ -111,8 +112,10 @@ def direct_irradiance(
     beside = np.zeros(len(texel), np.float32) if beside is None else beside
     alone = np.flatnonzero(crossed) if crossed is not None else np.zeros(0, np.intp)
     others = np.delete(np.arange(len(texel)), alone)
+    # What is known of each texel and each of many lights takes memory.
+    most = MOST_TEXELS if scene.crowd is None and scene.pool is None else MOST_TEXELS // 2
     for group in (others, alone):
-        for part, chunk in each_chunk(scene.surfaces, look_at, texel[group], scene.tri_two_sided, rng):
+        for part, chunk in each_chunk(scene.surfaces, look_at, texel[group], scene.tri_two_sided, rng, most):
             rows = group[part]
             whole = (tiles or Tiles.none()).within(rows)
             calm = whole if smoothed else Tiles.none()

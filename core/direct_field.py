@@ -27,9 +27,9 @@ from .scene import IntArray
 from .settings import Settings
 from .texel_map import TexelMap
 
-# Texels of a shard on a small page, and on a large one. In shards of two thirds of the one numpy's calls take a seventh of the time more,
-# in those larger than the other hardly less.
-SHARD_TEXELS, _LARGEST_SHARD = 6 << 10, 1 << 14
+# Texels of a shard on a small page, and on a large one. In shards of two thirds of the one numpy's calls take a seventh of the time more;
+# more than the other are not lit together, see direct_points.
+SHARD_TEXELS, _LARGEST_SHARD = 6 << 10, 1 << 15
 _SHARDS_ENOUGH = 32  # that no worker waits long for another's last
 TOLERANCE = 0.5  # of the error asked for: its noise is averaged over neighbours, at less cost than more rays
 MOST_PASSES = 64

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .direct_choice import Demand, Span, gather_until_sure
-from .direct_points import LIGHT_PLACE, ReceivingSurfaces, TexelChunk, each_chunk, light_points, random_shift
+from .direct_points import LIGHT_PLACE, MOST_TEXELS, ReceivingSurfaces, TexelChunk, each_chunk, light_points, random_shift
 from .emitters import rotate_to
 from .geometry import take_rows
 from .lights import Float32, Float64
@@ -90,7 +90,7 @@ def gather_light(
     """Light from surfaces at texels (n,) int; the other arguments as of direct.direct_irradiance, the tolerance relative to all light."""
     irradiance, variance = np.zeros((2, len(texel), 3), np.float32)
     doubt, blind, n_ray = np.zeros(len(texel), np.float32), np.zeros(len(texel), bool), 0
-    for part, chunk in each_chunk(scene.receiving, scene.texels.look_at, texel, scene.tri_two_sided, rng):
+    for part, chunk in each_chunk(scene.receiving, scene.texels.look_at, texel, scene.tri_two_sided, rng, MOST_TEXELS // 2):
         own_tiles = tiles.within(part)
         demand = Demand(tolerance, smoothed=own_tiles.texels()[: len(own_tiles) * smoothed])
         gathering = _Gathering(scene, known, chunk, random_shift(rng, len(chunk)))

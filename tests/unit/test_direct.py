@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import floor_looks, lit_scene, morton_square, prepare, sigma_limit, to_grid
-from leaflight.core import direct, direct_points, photons
+from leaflight.core import direct, photons
 from leaflight.core.direct import DirectLight, direct_irradiance
 from leaflight.core.emitters import build_emitters
 from leaflight.core.irradiance import polygon_irradiance
@@ -255,10 +255,26 @@ def test_texels_may_be_any_of_them(monkeypatch):
     scene, _, _ = prepare(lit_scene(lights=[PANEL]))
     column, row = morton_square(SIDE)
     picked = np.flatnonzero((column + row) % 3 == 0)
-    monkeypatch.setattr(direct_points, "_CHUNK_TEXELS", 100)
+    monkeypatch.setattr(direct, "MOST_TEXELS", 100)
     found = direct_irradiance(scene, floor_looks(SIDE), picked, np.random.default_rng(1))
     expected = from_panel(PLACE[column[picked]], PLACE[row[picked]])
     assert found.irradiance_rgb[:, 0] == pytest.approx(expected, rel=2e-3)
+
+
+@pytest.mark.parametrize(("lights", "emission", "most"), [([PANEL], [], 100), (20 * [BULB], [], 50), ([], [grid_mesh("Plate", 4)], 50)])
+def test_of_many_lights_fewer_texels_are_lit_together(monkeypatch, lights, emission, most):
+    """What is kept of each texel and each of them takes memory."""
+    sizes, light_chunk = [], direct._light_chunk
+
+    def note(scene, chunk, *others):
+        sizes.append(len(chunk))
+        return light_chunk(scene, chunk, *others)
+
+    monkeypatch.setattr(direct, "_light_chunk", note)
+    monkeypatch.setattr(direct, "MOST_TEXELS", 100)
+    light_floor(lit_scene([], lights, emission=[moved(mesh, offset_m=(0.0, 0.0, 0.9)) for mesh in emission]))
+    assert max(sizes) == most
+    assert sum(sizes) == SIDE**2
 
 
 def test_no_texels_and_no_lights():
@@ -295,7 +311,7 @@ class TestBesideOtherLight:
     @pytest.mark.parametrize("options", [{}, {"crossed": np.arange(SIDE**2) % 2 == 1}])
     def test_each_texel_has_its_own(self, options, monkeypatch):
         """Half of the floor lies in other light; also where texels are looked at some at a time, and apart."""
-        monkeypatch.setattr(direct_points, "_CHUNK_TEXELS", 256)
+        monkeypatch.setattr(direct, "MOST_TEXELS", 256)
         column = morton_square(SIDE)[0]
         bright = np.where(column < SIDE // 2, 1e3, 0.0).astype(np.float32)
         runs = [light_floor(self.scenes[0], tolerance=1e-3, beside=other, **options) for other in (None, bright)]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from boxes import make_solver, room_mesh
 from floors import sigma_limit
-from leaflight.core import direct_points, gather, workers
+from leaflight.core import gather, workers
 from leaflight.core.scene import Light, Material
 from leaflight.core.settings import Settings
 from leaflight.core.tiles import Tiles
@@ -94,7 +94,7 @@ def coloured_room():
 
 def test_what_rays_meet_sends_its_own_light_of_each_channel_and_its_own_doubt(tmp_path, monkeypatch):
     """Against a thousand rays that each texel sends by chance; doubt may be of either sign."""
-    monkeypatch.setattr(direct_points, "_CHUNK_TEXELS", 700)
+    monkeypatch.setattr(gather, "MOST_TEXELS", 1400)
     solver = make_solver(tmp_path, coloured_room(), SETTINGS)
     tracing, texels, (x, y, z) = solver.tracing, solver.tracing.texels, places_of(solver).T
     light = np.float32([1 + x, 2 * y, 3 * z * x])
