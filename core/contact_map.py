@@ -21,12 +21,13 @@ from .entry_order import EntryOrder, put_in_order
 from .loose_parts import LooseParts
 from .scene import FloatArray, IntArray
 from .texel_borders import OPPOSITE, WAYS, TexelBorders, whole_texel
-from .texel_grid import interleave_bits
-from .texel_map import TexelMap
+from .texel_grid import interleave_bits, step_codes
+from .texel_map import CHART_SHIFT, TexelMap
 from .threads import run_on_threads
 from .tiles import TILE_CORNERS, TILE_SIDE, TILE_TEXELS, Tiles
 from .workers import TracedScene
 
+_IN_TILE = interleave_bits(np.array([TILE_SIDE - 1, 0]), np.array([0, TILE_SIDE - 1]))  # bits of a key: column and row within a tile
 _LEAST_PIECE = 4  # texels; smaller ones, between books or blades of grass, would catch too few photons each for itself
 
 _Int64 = NDArray[np.int64]
@@ -63,19 +64,16 @@ class _Patches:
     size: _Int64
     key: _Int64
 
-    def find_beside(self, texels: TexelMap, rows: _Int64, step: tuple[int, int]) -> tuple[_Int64, _Int64]:
+    def find_beside(self, rows: _Int64, step: tuple[int, int]) -> tuple[_Int64, _Int64]:
         """Those of the patches `rows` (m,) that have a texel of their chart so many columns and rows from their first; and its patch.
 
         out   (j,) int64 twice
         """
-        entry = self.start[rows]
-        chart = texels.texel_chart[entry]
-        x, y = (texels.texel_xy[entry] - texels.chart_origin[chart] + step).T
-        inside = np.flatnonzero((np.minimum(x, y) >= 0) & (np.maximum(x, y) < 1 << texels.chart_log2[chart]))
-        rows = rows[inside]
-        key = self.key[rows] - texels.texel_code[entry[inside]] + interleave_bits(x[inside], y[inside])
+        own, code = self.key[rows], (1 << CHART_SHIFT) - 1
+        key = own & ~code
+        key |= step_codes(own & code, *step)
         other = np.searchsorted(self.key, key, side="right") - 1
-        found = (other >= 0) & (key < self.key[other] + self.size[other])
+        found = np.flatnonzero((other >= 0) & (key < self.key[other] + self.size[other]))
         return rows[found], other[found]
 
 
@@ -170,8 +168,10 @@ def _join_patches(
     is_whole[texels.part_entry] = False
     joined: list[_Int64] = []
     closed: list[_Int64] = []
+    single = np.flatnonzero(size == 1)
     for k, step in enumerate(WAYS):
-        pair = np.stack(patches.find_beside(texels, np.flatnonzero(size == 1), step))
+        rows = single if k < 2 else single[patches.key[single] & _IN_TILE[k - 2] == 0]  # at the edge of where a tile would be
+        pair = np.stack(patches.find_beside(rows, step))
         to_tile = size[pair[1]] > 1
         joined.append(pair[:, to_tile])
         if k < 2:  # two texels are seen from both
@@ -183,7 +183,7 @@ def _join_patches(
             joined.append(pair[:, ~between])
             closed.append(np.stack([np.full_like(here, k), here, other])[:, between])
     for step in ((TILE_SIDE, 0), (0, TILE_SIDE)):
-        joined.append(np.stack(patches.find_beside(texels, np.flatnonzero(size > 1), step)))
+        joined.append(np.stack(patches.find_beside(np.flatnonzero(size > 1), step)))
     way, here, other = np.concatenate(closed, axis=1)
     log2 = int(texels.chart_log2.max(initial=0))
     whole, piece = part_in_squares(patches.key, size, np.concatenate(joined, axis=1), np.stack([here, other]), log2)

@@ -15,7 +15,7 @@ from .shared_arrays import IN_MEMORY, Room
 _NEIGHBOURS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1))  # the nearest first
 _BORDER = 2  # texels around a chart whose hits still find it; rounding needs one
 _FAR = np.iinfo(np.int32).max
-_PLACE_BITS = 14  # of a place in a page
+_EVEN_BITS = 0x15555555  # of x in a Morton code
 
 
 @dataclass(frozen=True)
@@ -132,9 +132,29 @@ def _spread_bits(value: IntArray) -> NDArray[np.uint32]:
 
 
 def part_bits(code: Int64) -> tuple[Int64, Int64]:
-    """x and y of Morton codes (n,), of 14 bits each at most."""
-    x, y = np.zeros_like(code), np.zeros_like(code)
-    for bit in range(_PLACE_BITS):
-        x |= ((code >> 2 * bit) & 1) << bit
-        y |= ((code >> 2 * bit + 1) & 1) << bit
+    """x and y of Morton codes (n,), of 16 bits each at most."""
+    x, y = (_join_bits(some) for some in (code, code >> 1))
     return x, y
+
+
+def _join_bits(spread: Int64) -> Int64:
+    joined = spread & 0x55555555
+    for shift, mask in ((1, 0x33333333), (2, 0x0F0F0F0F), (4, 0x00FF00FF), (8, 0x0000FFFF)):
+        joined |= joined >> shift
+        joined &= mask
+    return joined
+
+
+def step_codes(code: Int64, right: int, up: int) -> Int64:
+    """Morton codes (n,) of texels so many columns and rows from those of codes (n,), of 14 bits each.
+
+    Beyond the lower and left edge of a root they are codes that no texel has, beyond the others such of a larger root.
+    Source: Schrack 1992, "Finding neighbors of equal size in linear quadtrees and octrees in constant time".
+    """
+    out = np.zeros_like(code)
+    for bits, step in ((_EVEN_BITS, right), (_EVEN_BITS << 1, up)):
+        # A carry goes through set bits, a borrow through cleared ones.
+        between = code | ~bits if step > 0 else code & bits
+        size = int(interleave_bits(*np.array([[abs(step)]] * 2))[0]) & bits
+        out |= (between + (size if step > 0 else -size)) & bits
+    return out

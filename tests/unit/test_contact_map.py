@@ -109,7 +109,7 @@ def test_a_texel_is_beside_nobody_where_the_next_one_is_missing():
     xy = [tuple(place) for place in texels.texel_xy[start].tolist()]
     for x, y in WAYS:
         expected = [(k, xy.index((i + x, j + y))) for k, (i, j) in enumerate(xy) if (i + x, j + y) in xy]
-        found = patches.find_beside(texels, np.arange(len(start)), (x, y))
+        found = patches.find_beside(np.arange(len(start)), (x, y))
         assert list(zip(*(part.tolist() for part in found), strict=True)) == expected
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from leaflight.core.row_spans import RowSpans
-from leaflight.core.texel_grid import TexelGrid, build_grid, fill_border, interleave_bits
+from leaflight.core.texel_grid import TexelGrid, build_grid, fill_border, interleave_bits, part_bits, step_codes
 
 RING = [(2, 2, 7), (3, 2, 4), (3, 5, 7), (4, 2, 4), (4, 5, 7), (5, 2, 7)]  # y, first x, end x
 
@@ -63,3 +63,23 @@ def test_interleave_bits(points: list[tuple[int, int]]) -> None:
     x, y = np.array(points).T
     expected = [sum(((a >> i & 1) << 2 * i) | ((b >> i & 1) << 2 * i + 1) for i in range(16)) for a, b in points]
     assert interleave_bits(x, y).tolist() == expected
+
+
+@given(st.lists(st.tuples(st.integers(0, 65535), st.integers(0, 65535)), min_size=1))
+def test_parted_bits_are_those_that_were_interleaved(points: list[tuple[int, int]]) -> None:
+    x, y = np.array(points).T
+    np.testing.assert_array_equal(part_bits(interleave_bits(x, y)), [x, y])
+
+
+_PLACES = st.integers(0, 2**14 - 1)
+_STEPS = st.integers(-8, 8)
+
+
+@given(st.lists(st.tuples(_PLACES, _PLACES), min_size=1), _STEPS, _STEPS)
+def test_a_step_from_code_to_code_is_one_of_columns_and_rows(points: list[tuple[int, int]], right: int, up: int) -> None:
+    x, y = np.array(points).T
+    within = (x + right >= 0) & (y + up >= 0)
+    found = step_codes(interleave_bits(x, y), right, up)
+    np.testing.assert_array_equal(found[within], interleave_bits(x + right, y + up)[within])
+    assert (found[~within] >= 1 << 28).all()
+    assert (found < 1 << 30).all()
