@@ -110,20 +110,18 @@ def direct_irradiance(
     irradiance, variance = np.zeros((len(texel), 3)), np.zeros((len(texel), 3))
     counters = {"rays": 0, "pairs": 0, "out_of_reach": 0, "settled": 0, "shared": 0, "sampled": 0}
     beside = np.zeros(len(texel), np.float32) if beside is None else beside
-    alone = np.flatnonzero(crossed) if crossed is not None else np.zeros(0, np.intp)
-    others = np.delete(np.arange(len(texel)), alone)
+    crossed = np.zeros(len(texel), bool) if crossed is None else crossed
     # What is known of each texel and each of many lights takes memory.
     most = MOST_TEXELS if scene.crowd is None and scene.pool is None else MOST_TEXELS // 2
-    for group in (others, alone):
-        for part, chunk in each_chunk(scene.surfaces, look_at, texel[group], scene.tri_two_sided, rng, most):
-            rows = group[part]
-            whole = (tiles or Tiles.none()).within(rows)
-            calm = whole if smoothed else Tiles.none()
-            demand = Demand(tolerance, max_rays, whole.on_one_triangle(chunk.tri), calm.texels(), group is alone)
-            value, error = _light_chunk(scene, chunk, demand, beside[rows], rng, counters)
-            into = as_slice(rows)
-            irradiance[into] += value
-            variance[into] += error
+    for rows, chunk in each_chunk(scene.surfaces, look_at, texel, scene.tri_two_sided, rng, most):
+        alone = crossed[rows]
+        whole = (tiles or Tiles.none()).within(rows).without(alone)
+        calm = whole if smoothed else Tiles.none()
+        demand = Demand(tolerance, max_rays, whole.on_one_triangle(chunk.tri), calm.texels(), alone)
+        value, error = _light_chunk(scene, chunk, demand, beside[rows], rng, counters)
+        into = as_slice(rows)
+        irradiance[into] += value
+        variance[into] += error
     return DirectLight(irradiance, variance, counters)
 
 
@@ -146,7 +144,7 @@ def _light_chunk(
         pairs, rest = scene.crowd.tell_apart(chunk, chunk.receivers_at(np.arange(count), GAUSS_POINTS))
         counters["sampled"] += rest.n_pair
         for source, rows, lamp in pairs:
-            tally = Tally(source, rows, lamp, random_shift(rng, len(rows)), alone=demand.alone)
+            tally = Tally(source, rows, lamp, random_shift(rng, len(rows)), alone=demand.are_alone(rows))
             for piece in row_pieces(np.arange(len(rows)), STAGES[0][1]):
                 counters["rays"] += tally.add(scene.rays, chunk, piece, STAGES[0])
             tallies.append(tally)
@@ -196,11 +194,8 @@ def _look_first(
         looks_on = ~(agreed | without) & own
         alone = smoothed[looks_on[smoothed].all(axis=1)]
         leader, index = np.searchsorted(rows, look.leader[rows]), np.searchsorted(rows, alone)
-        tallies.append(
-            Tally(
-                source, rows, None, random_shift(rng, len(rows)), np.stack([look.closed[rows], look.off[rows]]), index, leader, demand.alone
-            )
-        )
+        known, shift = np.stack([look.closed[rows], look.off[rows]]), random_shift(rng, len(rows))
+        tallies.append(Tally(source, rows, None, shift, known, index, leader, demand.are_alone(rows)))
         counters["rays"] += look.rays
         counters["pairs"] += len(chunk) - len(rows)
         counters["out_of_reach"] += int(without.sum())

@@ -29,14 +29,18 @@ class Demand:
     max_rays    per texel and light
     flat        tiles that lie on one triangle, whose texels share first looks and choices
     smoothed    (k, 64) int: texels of tiles whose noise may be left to whoever smooths it over neighbours
-    alone       texels tell nothing of those beside them
+    alone       (n,) bool: texels that tell nothing of those beside them; None is none
     """
 
     tolerance: float
     max_rays: int = STAGES[-1][1]
     flat: Tiles = field(default_factory=Tiles.none)
     smoothed: IntArray = field(default_factory=lambda: Tiles.none().texels())
-    alone: bool = False
+    alone: NDArray[np.bool_] | None = None
+
+    def are_alone(self, rows: Int64) -> NDArray[np.bool_] | None:
+        """Which of the texels (m,) are."""
+        return None if self.alone is None else self.alone[rows]
 
     def spans(self, stages: Sequence[Span] = STAGES) -> list[Span]:
         """Those of the stages that begin before the last ray."""

@@ -33,7 +33,7 @@ class Tally:
     known   (2, n) float64   closed form, nan where it is to be found, and how far it may be off; None is nan everywhere
     tiles   (k, 64) int64  pairs of tiles, if noise may be left to whoever smooths it over neighbours
     leader  (n,) int64     pairs whose rays tell what share is seen, of closed forms that are known; None is each its own
-    alone                  no pair's rays tell of another's
+    alone   (n,) bool      pairs whose rays tell nothing of others', nor those of them; None is none
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Tally:
         known: Float64 | None = None,
         tiles: NDArray[np.int64] | None = None,
         leader: NDArray[np.int64] | None = None,
-        alone: bool = False,
+        alone: NDArray[np.bool_] | None = None,
     ) -> None:
         self.source, self.rows, self._lamp, self._shift = source, rows, lamp, shift
         self._tiles = np.zeros((0, TILE_TEXELS), np.int64) if tiles is None else tiles
@@ -65,7 +65,7 @@ class Tally:
         self._leader: NDArray[np.int64] | None = leader  # None while each pair leads itself, as most do
         if leader is not None and (leader == np.arange(len(rows))).all():
             self._leader = None
-        self._together = 1 if alone else AGREE_TEXELS
+        self._block = _number_blocks(alone) if alone is not None and alone.any() else np.arange(len(rows)) // AGREE_TEXELS
 
     def add(self, rays: RayScene, chunk: TexelChunk, index: IntArray, stage: tuple[int, int], points: FloatArray | None = None) -> int:
         """Sends a stage's rays from some of the tally's texels (m,), ascending; gives how many were traced.
@@ -176,8 +176,7 @@ class Tally:
         error = self._error_squared()
         doubt = error > allowed**2
         if stage == STAGES[1] or not self.source.is_sharp:
-            n_block = -(-len(self.rows) // self._together)
-            block = np.arange(len(self.rows)) // self._together
+            block, n_block = self._block, int(self._block.max(initial=-1)) + 1
             lit = np.bincount(block, self._lit, minlength=n_block) > 0
             mixed = np.pad(lit & (np.bincount(block, self._dark, minlength=n_block) > 0), 1)
             matters = 0.25 * self._closed() > allowed
@@ -186,7 +185,7 @@ class Tally:
                 doubt |= around[block] & matters
                 dark = ~lit[block]
             else:
-                mean_error = np.bincount(block, error, minlength=n_block) / np.bincount(block, minlength=n_block)
+                mean_error = np.bincount(block, error, minlength=n_block) / np.maximum(np.bincount(block, minlength=n_block), 1)
                 doubt |= mean_error[block] > allowed**2
                 dark = ~self._lit & (self._rays == STAGES[1][1])
             tiles = self._tiles
@@ -207,7 +206,8 @@ class Tally:
         A block that stopped whenever all is dark would miss little light always; by chance it is right on average.
         """
         rows = np.flatnonzero(dark)
-        _, first, size = np.unique(rows // self._together, return_index=True, return_counts=True)
+        rows = rows[np.argsort(self._block[rows], kind="stable")]
+        _, first, size = np.unique(self._block[rows], return_index=True, return_counts=True)
         # Bits of the shift that places on lights do not use.
         chance = self._shift[rows[first], STAGES.index(stage) - 1] & np.uint32(255)
         leader: NDArray[np.int64] = rows[first + (chance * size >> 8)]
@@ -259,3 +259,11 @@ def _divide_seen(sums: Float64) -> Float64:
     """(n,) float64: share of the light that is seen, by the sums of Tally (3 or more, n)."""
     out: Float64 = np.divide(sums[2], sums[0], out=np.zeros(sums.shape[1]), where=sums[0] > 0)
     return out
+
+
+def _number_blocks(alone: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(n,) int64: blocks of neighbours; who is alone is one by himself, with nobody in those before and after."""
+    block, others, single = np.empty(len(alone), np.int64), np.flatnonzero(~alone), np.flatnonzero(alone)
+    block[others] = np.arange(len(others)) // AGREE_TEXELS
+    block[single] = len(others) // AGREE_TEXELS + 2 + 2 * np.arange(len(single))
+    return block

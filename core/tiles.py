@@ -53,6 +53,11 @@ class Tiles:
         whole = end - at == TILE_TEXELS
         return Tiles(at[whole], self.place[whole])
 
+    def without(self, texels: NDArray[np.bool_]) -> Tiles:
+        """Those that have none of some texels; (n,) of all."""
+        free = ~texels[self.texels()].any(axis=1) if texels.any() else np.ones(len(self), bool)
+        return Tiles(self.start[free], self.place[free])
+
     def on_one_triangle(self, tri: IntArray) -> Tiles:
         """Those whose texels all have one triangle; tri (n,) of the texels."""
         same = (tri[self.texels()] == tri[self.start][:, None]).all(axis=1)

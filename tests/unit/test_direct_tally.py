@@ -61,3 +61,38 @@ def test_neighbours_of_a_shadow_edge_go_on_with_it(ready):
     more = tally.unsettled(np.full(len(TEXELS), 1e-4), STAGES[1])
     assert 0 < len(more) < len(TEXELS)
     assert (np.bincount(more // AGREE_TEXELS) % AGREE_TEXELS == 0).all(), "whole groups of neighbours, since all of them are in reach"
+
+
+ALLOWED = np.full(len(TEXELS), 0.02)
+
+
+def look_once(ready, radius_m, alone=None):
+    """A tally with its first rays, and who is dark by these."""
+    scene, chunk, _ = ready
+    lamp = make_lamps(replace(SCENE, lights=(replace(BULB, radius_m=radius_m),)), UnitBox.from_points(SCENE.vertex_position))[0]
+    tally = Tally(lamp, TEXELS, None, shifts(len(TEXELS)), alone=alone)
+    tally.add(scene.rays, chunk, TEXELS, STAGES[0])
+    return tally, ~tally.light(len(TEXELS)).any(axis=1)
+
+
+def test_who_is_alone_neither_goes_on_with_neighbours_nor_makes_them(ready):
+    """Where the lit and the dark are both among neighbours, all of them would go on."""
+    together, dark = look_once(ready, 0.0)
+    by_themselves = look_once(ready, 0.0, alone=np.ones(len(TEXELS), bool))[0].unsettled(ALLOWED, STAGES[1])
+    assert len(together.unsettled(ALLOWED, STAGES[1])) > 2 * len(by_themselves) > 0
+    alone = dark | np.isin(TEXELS, by_themselves)
+    assert look_once(ready, 0.0, alone)[0].unsettled(ALLOWED, STAGES[1]).tolist() == by_themselves.tolist()
+
+
+def test_who_is_alone_in_the_dark_goes_on_for_himself_only(ready):
+    """Of others one goes on for a block."""
+    dark = look_once(ready, 0.1)[1]
+    others = np.flatnonzero(dark & (TEXELS % 3 > 0))
+    alone = ~np.isin(TEXELS, others)
+    tally = look_once(ready, 0.1, alone)[0]
+    more = tally.unsettled(ALLOWED, STAGES[1])
+    assert np.isin(np.flatnonzero(dark & alone), more).all()
+    assert tally.leads[alone].all()
+    leaders = np.intersect1d(others, more)
+    assert len(leaders) == -(-len(others) // AGREE_TEXELS) > 2
+    np.testing.assert_array_equal(np.flatnonzero(tally.leads & ~alone), leaders)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from floors import floor_looks, floor_tiles, morton_square
 from leaflight.core import tiles as tiles_module
-from leaflight.core.tiles import NODE_WEIGHTS, TILE_CORNERS, TILE_NODES, TILE_SURFACES, TILE_TEXELS, Tiles, find_calm
+from leaflight.core.tiles import NODE_WEIGHTS, TILE_CORNERS, TILE_NODES, TILE_SIDE, TILE_SURFACES, TILE_TEXELS, Tiles, find_calm
 
 
 class TestTiles:
@@ -98,3 +98,15 @@ def test_noise_beyond_the_change_of_light_may_be_twice_as_large():
 
 def test_even_light_without_noise_is_calm():
     assert find_calm(np.zeros((1, TILE_TEXELS)), np.zeros(1), True).all()
+
+
+def test_tiles_without_some_texels_are_those_that_have_none_of_them():
+    column, row = morton_square(4 * TILE_SIDE)
+    tiles = Tiles.of(np.zeros(len(column), np.int64), np.arange(len(column)))
+    marked = (column == TILE_SIDE) & (row > 2 * TILE_SIDE)
+    found = tiles.without(marked)
+    assert len(found) == 16 - 2
+    assert not marked[found.texels()].any()
+    for kept, given in ((found.start, tiles.start), (found.place, tiles.place)):
+        np.testing.assert_array_equal(kept, given[~marked[tiles.texels()].any(axis=1)])
+    assert len(tiles.without(np.zeros(len(column), bool))) == 16
