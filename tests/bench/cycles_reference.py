@@ -1,6 +1,6 @@
 """References: the samples as Cycles bakes them, two seeds each, on the UV layer that Leaflight makes.
 
-python tests/bench/cycles_reference.py [NAME ...] [--size N] [--samples N] [--folder DIR]     about half an hour for each size on two cores
+python tests/bench/cycles_reference.py [NAME ...] [--size N] [--samples N] [--folder DIR]     an hour for each size on two cores
 
 DIFFUSE with Direct and Indirect, without Color; nothing is clamped, filtered or denoised, and no path is cut short. What a texel of Cycles
 is: see cycles_bake.py; Blender 5.2's is another one, so make them with 5.0. Of pages larger than 256 texels windows are baked, spread
@@ -36,10 +36,11 @@ SAMPLE_COUNTS = {
     "cornell_box": 4096,
     "figure2_square": 256,
     "furnace": 256,
-    "furnished_room": 12288,
+    "furnished_room": 24576,
     "instances": 256,
     "two_rooms": 2048,
 }
+WINDOW_SAMPLE_COUNTS = {**SAMPLE_COUNTS, "furnished_room": 12288}  # the same of larger pages
 # Samples whose references are committed, by the side of their page, texels.
 COMMITTED = {256: tuple(SAMPLE_COUNTS), 1024: ("cornell_box", "furnished_room", "instances", "two_rooms")}
 # What is baked of a sample, if not all of it: Cycles divides light by colour, so that black objects have none to be held against.
@@ -162,7 +163,8 @@ def main() -> None:
     arguments.folder.mkdir(parents=True, exist_ok=True)
     names = arguments.names or sorted(COMMITTED.get(arguments.size, SAMPLE_COUNTS))
     if len(names) == 1:
-        make_reference(names[0], arguments.size, arguments.samples or SAMPLE_COUNTS[names[0]], arguments.folder)
+        counts = SAMPLE_COUNTS if arguments.size <= WHOLE_SIZE else WINDOW_SAMPLE_COUNTS
+        make_reference(names[0], arguments.size, arguments.samples or counts[names[0]], arguments.folder)
         return
     for name in names:  # a process for each: Blender talks on standard output, and a crash takes one scene only
         options = ["--size", str(arguments.size), "--samples", str(arguments.samples), "--folder", str(arguments.folder)]
