@@ -40,7 +40,7 @@ SAMPLE_COUNTS = {
     "instances": 256,
     "two_rooms": 2048,
 }
-WINDOW_SAMPLE_COUNTS = {**SAMPLE_COUNTS, "furnished_room": 12288}  # the same of larger pages
+_WINDOW_SAMPLE_COUNTS = {**SAMPLE_COUNTS, "furnished_room": 12288}  # the same of larger pages
 # Samples whose references are committed, by the side of their page, texels.
 COMMITTED = {256: tuple(SAMPLE_COUNTS), 1024: ("cornell_box", "furnished_room", "instances", "two_rooms")}
 # What is baked of a sample, if not all of it: Cycles divides light by colour, so that black objects have none to be held against.
@@ -122,6 +122,11 @@ class Reference:
         return measure_errors(page[self.covered][:, :3], self.first, self.second)
 
 
+def count_samples(name: str, size: int) -> int:
+    """Samples of each seed of a committed reference."""
+    return (SAMPLE_COUNTS if size <= WHOLE_SIZE else _WINDOW_SAMPLE_COUNTS)[name]
+
+
 def spread_windows(size: int) -> tuple[int, list[tuple[int, int]]]:
     """Side of the windows of a page, texels, and the left and low end of each. Raises ValueError where they would not be whole."""
     if size <= WHOLE_SIZE:
@@ -163,8 +168,7 @@ def main() -> None:
     arguments.folder.mkdir(parents=True, exist_ok=True)
     names = arguments.names or sorted(COMMITTED.get(arguments.size, SAMPLE_COUNTS))
     if len(names) == 1:
-        counts = SAMPLE_COUNTS if arguments.size <= WHOLE_SIZE else WINDOW_SAMPLE_COUNTS
-        make_reference(names[0], arguments.size, arguments.samples or counts[names[0]], arguments.folder)
+        make_reference(names[0], arguments.size, arguments.samples or count_samples(names[0], arguments.size), arguments.folder)
         return
     for name in names:  # a process for each: Blender talks on standard output, and a crash takes one scene only
         options = ["--size", str(arguments.size), "--samples", str(arguments.samples), "--folder", str(arguments.folder)]
