@@ -111,17 +111,20 @@ def direct_irradiance(
     counters = {"rays": 0, "pairs": 0, "out_of_reach": 0, "settled": 0, "shared": 0, "sampled": 0}
     beside = np.zeros(len(texel), np.float32) if beside is None else beside
     crossed = np.zeros(len(texel), bool) if crossed is None else crossed
-    # What is known of each texel and each of many lights takes memory.
-    most = MOST_TEXELS if scene.crowd is None and scene.pool is None else MOST_TEXELS // 2
-    for rows, chunk in each_chunk(scene.surfaces, look_at, texel, scene.tri_two_sided, rng, most):
-        alone = crossed[rows]
-        whole = (tiles or Tiles.none()).within(rows).without(alone)
-        calm = whole if smoothed else Tiles.none()
-        demand = Demand(tolerance, max_rays, whole.on_one_triangle(chunk.tri), calm.texels(), alone)
-        value, error = _light_chunk(scene, chunk, demand, beside[rows], rng, counters)
-        into = as_slice(rows)
-        irradiance[into] += value
-        variance[into] += error
+    has_many, every = scene.crowd is not None or scene.pool is not None, np.arange(len(texel))
+    # What is known of each texel and each of many lights takes memory; and who chooses among them does so by what neighbours see.
+    most, apart = (MOST_TEXELS // 2, crossed) if has_many else (MOST_TEXELS, np.zeros_like(crossed))
+    for group in (every[~apart], every[apart]):
+        for part, chunk in each_chunk(scene.surfaces, look_at, texel[group], scene.tri_two_sided, rng, most):
+            rows = group[part]
+            alone = crossed[rows]
+            whole = (tiles or Tiles.none()).within(rows).without(alone)
+            calm = whole if smoothed else Tiles.none()
+            demand = Demand(tolerance, max_rays, whole.on_one_triangle(chunk.tri), calm.texels(), alone)
+            value, error = _light_chunk(scene, chunk, demand, beside[rows], rng, counters)
+            into = as_slice(rows)
+            irradiance[into] += value
+            variance[into] += error
     return DirectLight(irradiance, variance, counters)
 
 
