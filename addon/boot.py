@@ -34,16 +34,15 @@ def main(folder: Path) -> int:
     sys.path += json.loads((folder / "sys_path.json").read_text(encoding="utf-8"))
     tempfile.tempdir = str(folder)  # what is left where this process is ended at once is taken away with the job
     begun, stop = threading.Event(), threading.Event()
-    threading.Thread(target=_listen, args=(begun, stop), daemon=True).start()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     # While the parent reads the scene: what the bake will need, and first what loads beside this process.
-    from leaflight.core import unfolding
+    from leaflight.core import heap, unfolding
 
+    heap.keep_freed_memory(whole=True)  # before there are threads
+    threading.Thread(target=_listen, args=(begun, stop), daemon=True).start()
     unfolding.start_ahead()
-    from leaflight.core import bake, executors, heap, image_file, rays
-
-    heap.keep_freed_memory(whole=True)
+    from leaflight.core import bake, executors, image_file, rays
 
     # With nothing to wait for, other processes would only be in the way of the first light.
     if begun.is_set():
