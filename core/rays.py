@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import mmap
+import os
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry import triangle_normals_areas
+
+# Address space that embree 4.4 takes: its libraries; then what least limit it survived with one triangle, one and three million, on one
+# processor and on two (132 MB, 340 bytes a triangle, 8 MB a processor).
+_LIBRARY_BYTES = 64 << 20
+_SCENE_BYTES, _TRIANGLE_BYTES, _PROCESSOR_BYTES = 144 << 20, 352, 8 << 20
 
 
 @dataclass(frozen=True)
@@ -31,7 +39,7 @@ class RayScene:
     """The triangles in a bvh. Rays have no least distance: callers offset their origins (geometry.offset_origin).
 
     tri_position_unit   (n_tri, 3, 3) float32, unit box; triangles without area are never hit
-    Raises ValueError when embreex cannot be loaded.
+    Raises ValueError when embreex cannot be loaded, MemoryError where there is no room for the bvh.
     """
 
     def __init__(self, tri_position_unit: NDArray[np.float32]) -> None:
@@ -42,6 +50,7 @@ class RayScene:
         if not solid.all():
             self._tri_of_primitive = np.append(np.flatnonzero(solid), -1).astype(np.int32)  # primitive -1, a miss, finds the last
         embree_scene, triangle_mesh = _load_embree()
+        _ask_for(_SCENE_BYTES + _TRIANGLE_BYTES * len(tri_position_unit) + _PROCESSOR_BYTES * (os.cpu_count() or 1))
         self._embree = embree_scene(robust=True)  # without it 1 of 15 rays aimed at an edge slips through; costs nothing measurable
         if solid.any():
             triangle_mesh(self._embree, np.ascontiguousarray(tri_position_unit[solid], np.float32))
@@ -74,11 +83,13 @@ class RayScene:
 
 def load_ahead() -> None:
     """Loads embreex before there is a scene; where that fails, whoever has a scene is told."""
-    with contextlib.suppress(ValueError):
+    with contextlib.suppress(ValueError, MemoryError):
         _load_embree()
 
 
 def _load_embree() -> tuple[Any, Any]:
+    if "embreex" not in sys.modules:
+        _ask_for(_LIBRARY_BYTES)  # else it would be said that embreex cannot be loaded
     try:
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
@@ -88,3 +99,11 @@ def _load_embree() -> tuple[Any, Any]:
             "(Linux x64, Windows x64, or macOS 13 and later)."
         ) from reason
     return EmbreeScene, TriangleMesh
+
+
+def _ask_for(n_bytes: int) -> None:
+    """Raises MemoryError where this process may not have as much more: embree would end it there, without a word."""
+    try:
+        mmap.mmap(-1, n_bytes).close()  # none of it is touched, so this takes no memory, and microseconds
+    except OSError as reason:
+        raise MemoryError(f"{n_bytes >> 20} MB for the ray tracer") from reason

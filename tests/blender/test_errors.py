@@ -215,13 +215,14 @@ def test_killed_child(state):
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory can be limited on Linux")
-def test_child_out_of_memory(state, monkeypatch):
+@pytest.mark.parametrize("limit_mb", [500, 700, 1000, 1500])  # where embree is loaded, builds its tree, and long after
+def test_child_out_of_memory(state, monkeypatch, limit_mb):
     import resource
 
     popen = job.subprocess.Popen
 
     def start_limited(*arguments, **options):
-        limit = 1_000_000_000
+        limit = limit_mb * 1_000_000
         return popen(*arguments, **options, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)))
 
     monkeypatch.setattr(job.subprocess, "Popen", start_limited)

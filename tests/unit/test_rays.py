@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import pickle
+import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -97,6 +99,34 @@ def test_a_missing_embreex_is_told_with_what_to_do(monkeypatch):
     with pytest.raises(ValueError, match=r"embreex cannot be loaded .*; reinstall Leaflight"):
         rays.RayScene(TRIANGLE)
     rays.load_ahead()  # nobody has asked for rays yet
+
+
+_LITTLE_ROOM = """
+import resource
+from pathlib import Path
+import numpy as np
+from leaflight.core import rays
+if {loaded}:
+    rays.load_ahead()
+limit = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + {room}
+resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+rays.load_ahead()
+try:
+    rays.RayScene(np.float32([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]]).repeat({n_triangles}, axis=0))
+except MemoryError as reason:
+    print(reason)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory can be limited on Linux")
+@pytest.mark.parametrize(
+    ("loaded", "n_triangles", "room_mb"),
+    [(False, 1, 20), (False, 1, 100), (True, 1, 20), (True, 1, 100), (True, 1, 150), (True, 300_000, 200)],
+)
+def test_little_memory_is_told_where_embree_would_end_the_process(loaded, n_triangles, room_mb):
+    code = _LITTLE_ROOM.format(loaded=loaded, n_triangles=n_triangles, room=room_mb << 20)
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "MB for the ray tracer" in told.stdout
 
 
 def test_rays_aimed_at_edges_hardly_slip_between_triangles():
