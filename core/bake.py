@@ -45,10 +45,10 @@ from .materials import SurfaceMaterials, clamp_warnings
 from .messages import Done, Message, Status, Warning_
 from .needs import Needs, count_skipped
 from .pruning import prune_scene
-from .reconstruct import LeafBlender
 from .scene import SceneSnapshot
 from .settings import DEBUG_PASSES, Settings
 from .snapshot import load_snapshot
+from .texel_map import TexelMap
 from .told import group_warnings
 
 PREVIEW_FOLDER = "preview"
@@ -112,7 +112,7 @@ def run_bake(
             shared_arrays.remove_struct(place)  # of an earlier bake in the same folder
             texel_map = texels.build_texel_map(snapshot, facets, 2 * basis.DEGREES[settings.basis], shared_arrays.Room(place))
         warnings += atlas.warnings
-        touched = np.zeros(len(texel_map.texel_area), bool)
+        touched = np.zeros(len(texel_map), bool)
         if needs.direct:
             with stages.stage("scene", "Building the ray tracer's tree"):
                 opened = workers.open_scene(str(folder))
@@ -126,20 +126,19 @@ def run_bake(
             texel_map = workers.open_tracing(str(folder)).texels  # read-only from here on, as for all processes
         for subject, text in warnings:
             tell(Warning_(subject, text))
-        n_texel = len(texel_map.texel_area)
-        blender = LeafBlender.of(texel_map)
+        n_texel = len(texel_map)
         kept = checkpoint.load_checkpoint(Path(job.resume), folder, settings) if job.resume else None
         direct, shot = kept.direct if kept else DirectField.none(n_texel), True
         live, tell_live = None, tell
         if job.preview and needs.direct:
             with stages.stage("preview", "First light"):
-                live = preview.PreviewPages(folder / PREVIEW_FOLDER, texel_map, surfaces, blender.page, settings, tell)
+                live = preview.PreviewPages(folder / PREVIEW_FOLDER, texel_map, surfaces, settings, tell)
                 if not kept:
-                    tell_live = live.join(preview.find_first_light(folder, settings, blender), direct)
+                    tell_live = live.join(preview.find_first_light(folder, settings, texel_map), direct)
         solver = None
         if needs.photons and not kept and settings.direct == "rays":
             with stages.stage(solve.TRACING.stage, solve.TRACING.text):
-                solver = solve.Solver(folder, settings, executor, direct, touched, blender)
+                solver = solve.Solver(folder, settings, executor, direct, touched)
                 solver.begin()
         if needs.direct and not kept:
             with stages.stage("direct", "Direct light"):
@@ -151,16 +150,16 @@ def run_bake(
                     settings, direct, solver = dataclasses.replace(settings, direct="photons"), DirectField.none(n_texel), None
         if needs.photons or not shot:
             with stages.stage(solve.TRACING.stage, solve.TRACING.text):
-                solver = solver or solve.Solver(folder, settings, executor, direct, touched, blender)
+                solver = solver or solve.Solver(folder, settings, executor, direct, touched)
                 if kept:
                     kept.give_to(solver)
                 if live:
                     solver.watch = live.show
                 light = solver.run(tell, should_stop)
         else:
-            light = settle_direct(folder, blender, settings, executor, direct, tell, should_stop)
+            light = settle_direct(folder, texel_map, settings, executor, direct, tell, should_stop)
         with stages.stage("write", "Writing images"):
-            files, seam_report = _write_pages(job, folder, snapshot, atlas, blender, light, surfaces, executor)
+            files, seam_report = _write_pages(job, folder, snapshot, atlas, texel_map, light, surfaces, executor)
         if job.keep:  # only now: a bake that is thrown away while it writes has changed nothing
             with stages.stage("keep", "Keeping the state"):
                 _keep_state(job, solver if shot else None, light.error, tell)
@@ -227,7 +226,7 @@ def _write_pages(
     folder: Path,
     snapshot: SceneSnapshot,
     atlas: charts.ChartAtlas,
-    blender: LeafBlender,
+    texel_map: TexelMap,
     light: LightField,
     surfaces: SurfaceMaterials,
     executor: Executor,
@@ -239,14 +238,14 @@ def _write_pages(
         points = seam_points.find_seams(snapshot, atlas.tri_chart, atlas.tri_uv, atlas.object_page[snapshot.tri_object])
     doubt = "stderr" in job.settings.passes or (points is not None and points.place.size > 0)
     at_texels = resolve.light_at_texels(
-        light, blender, job.settings.denoise, threads, partial(executors.spread, executor), doubt, spend=not job.keep
+        light, texel_map, job.settings.denoise, threads, partial(executors.spread, executor), doubt, spend=not job.keep
     )
     executors.send_home(executor)
     seam_report = seams.SeamReport(0, 0, 0.0, 0.0)
     if points is not None:
-        at_texels, seam_report = resolve.close_seams(at_texels, points, blender)
-    resolver = resolve.Resolver(at_texels, blender, surfaces, margin, threads)
-    debug = debug_passes.DebugPages(light, blender.texels, blender.page, margin)
+        at_texels, seam_report = resolve.close_seams(at_texels, points, texel_map)
+    resolver = resolve.Resolver(at_texels, texel_map, surfaces, margin, threads)
+    debug = debug_passes.DebugPages(light, texel_map, margin)
 
     def draw(name: str, page: int, look: bool) -> NDArray[np.float32]:
         if name not in DEBUG_PASSES:

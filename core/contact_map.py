@@ -79,7 +79,7 @@ class _Patches:
 
 def find_contacts(opened: TracedScene, texels: TexelMap, threads: int = 1) -> ContactMap:
     """Contacts at all texel entries, looked for by so many threads."""
-    n_texel, things = len(texels.texel_tri), LooseParts(opened.snapshot)
+    n_texel, things = len(texels), LooseParts(opened.snapshot)
     found = run_on_threads(lambda part: _look_around(opened, things, texels, part), n_texel, threads)
     touched, first, size, distance = zip(*found, strict=True)
     start, size = np.concatenate(first), np.concatenate(size)

@@ -17,11 +17,10 @@ _RAMP = 8  # texels on either side, or half of a leaf, or as many as the cut is 
 _Float = NDArray[np.float32]
 
 
-def close_cuts(light: _Float, texels: TexelMap, entry_at: NDArray[np.int32], side: NDArray[np.int32]) -> None:
+def close_cuts(light: _Float, texels: TexelMap, side: NDArray[np.int32]) -> None:
     """Ramps in place of steps between texels side by side on charts of one piece, in place.
 
     light      (k, n, 3) float32, of the texel entries
-    entry_at   (n_page, size, size) int32: the entry that a page shows at each texel, -1 for none
     side       (n,) int32, texels, of the leaf at each entry
     """
     is_cut_off = np.bincount(texels.chart_piece)[texels.chart_piece] > 1
@@ -29,10 +28,10 @@ def close_cuts(light: _Float, texels: TexelMap, entry_at: NDArray[np.int32], sid
     if not is_cut_off.any():
         return
     cut_off = np.flatnonzero(is_cut_off[texels.texel_chart])
-    on_page, xy = texels.chart_page[texels.texel_chart[cut_off]], texels.texel_xy[cut_off]
+    on_page, xy = texels.page_of(cut_off), texels.texel_xy[cut_off]
     change = []
     for axis in (0, 1):
-        for number, page in enumerate(entry_at if axis == 0 else entry_at.transpose(0, 2, 1)):
+        for number, page in enumerate(texels.entry_at if axis == 0 else texels.entry_at.transpose(0, 2, 1)):
             across = xy[on_page == number]
             row, column = _find_cuts(page, across[:, 1 - axis], across[:, axis], axis, texels)
             sides = (page[row, column], -1), (page[row, column + 1], 1)

@@ -30,13 +30,12 @@ _BRIGHT = 0.18  # light above it is bright
 class DebugPages:
     """Pages (h, w, 4) float32 of debug passes, row 0 at the bottom; alpha is 1 where a chart covers the texel."""
 
-    def __init__(self, light: LightField, texels: TexelMap, entry_page: NDArray[np.int32], margin: int) -> None:
-        """entry_page   (n,) int32: the page of each texel entry"""
-        self._light, self._texels, self._entry_page, self._margin = light, texels, entry_page, margin
+    def __init__(self, light: LightField, texels: TexelMap, margin: int) -> None:
+        self._light, self._texels, self._margin = light, texels, margin
 
     @cached_property
     def _leaf(self) -> NDArray[np.int32]:
-        return node_of_texel(self._light.tree, self._light.leaves, len(self._texels.texel_area))
+        return node_of_texel(self._light.tree, self._light.leaves, len(self._texels))
 
     def page(self, name: str, page: int) -> NDArray[np.float32]:
         """The numbers of a pass, alike in red, green and blue.
@@ -71,7 +70,7 @@ class DebugPages:
     def _entries(self, page: int) -> NDArray[np.int64]:
         """(h, w) the texel entry that is shown, -1 where there is none."""
         size = self._texels.page_size
-        entry = np.flatnonzero(self._texels.shown & (self._entry_page == page))
+        entry = np.flatnonzero(self._texels.shown & (self._texels.page_of(slice(None)) == page))
         at = np.full((size, size), -1, np.int64)
         at[self._texels.texel_xy[entry, 1], self._texels.texel_xy[entry, 0]] = entry
         return at

@@ -74,7 +74,6 @@ def denoise(
     variance: NDArray[np.float32],
     grainy: NDArray[np.bool_],
     texels: TexelMap,
-    entry_at: NDArray[np.int32],
     spread: Spread = starmap,
     tell: bool = False,
 ) -> Smoothed:
@@ -83,7 +82,6 @@ def denoise(
     light      (k, n, 3) float32: parts of the light at the texel entries; their sum decides who is alike
     variance   (n, 3) float32, of the sum
     grainy     (n,) bool: texels whose neighbours err by themselves
-    entry_at   (n_page, size, size) int32: the entry that a page shows at each texel, -1 for none
     tell       the variance that is left is wanted too; else it is 0
     """
     entries = np.flatnonzero(grainy)
@@ -93,9 +91,9 @@ def denoise(
     asked: list[NDArray[np.int32]] = []  # entries that each answer is of
 
     def ask() -> Iterator[tuple[Any, ...]]:
-        page = texels.chart_page[texels.texel_chart[entries]]
+        page = texels.page_of(entries)
         for number in range(texels.page_count if len(entries) else 0):
-            strips = _Strips.of(entries[page == number], entry_at[number], texels)
+            strips = _Strips.of(entries[page == number], texels.entry_at[number], texels)
             for some in strips.groups():
                 entry, wanted = strips.stack(some)
                 asked.append(entry[_HALO:-_HALO, _HALO:-_HALO][wanted])

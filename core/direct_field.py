@@ -108,22 +108,20 @@ class DirectField:
     def none(cls, n_texel: int) -> DirectField:
         return cls(np.zeros((n_texel, 3), np.float32), np.zeros((n_texel, 3), np.float32), np.zeros(n_texel, np.int16))
 
-    def show(self, texels: TexelMap, entry_at: NDArray[np.int32], smooth: bool, spread: Spread = starmap) -> ShownDirect:
-        """The light as it is shown, its grain smoothed or as it is; entry_at as for ShownDirect.smoothed."""
+    def show(self, texels: TexelMap, smooth: bool, spread: Spread = starmap) -> ShownDirect:
+        """The light as it is shown, its grain smoothed or as it is."""
         if not smooth:
             return ShownDirect.plain(self.irradiance, self.find_variance())
         if self._smoothed is None:
-            self._smoothed = ShownDirect.smoothed(self.irradiance, self.find_variance(), texels, entry_at, spread)
+            self._smoothed = ShownDirect.smoothed(self.irradiance, self.find_variance(), texels, spread)
         return self._smoothed
 
-    def take_shown(
-        self, texels: TexelMap, entry_at: NDArray[np.int32], smooth: bool, spread: Spread = starmap, in_place: bool = False
-    ) -> NDArray[np.float32]:
+    def take_shown(self, texels: TexelMap, smooth: bool, spread: Spread = starmap, in_place: bool = False) -> NDArray[np.float32]:
         """ShownDirect.irradiance of `show`, for whoever asks last: what else was found with it is not kept any longer.
 
         in_place   it is this field's own, of which nobody wants to know how it was found any more
         """
-        shown, self._smoothed = self.show(texels, entry_at, smooth, spread), None
+        shown, self._smoothed = self.show(texels, smooth, spread), None
         if not in_place:
             return shown.irradiance
         self.irradiance[shown.entry] = shown.smooth

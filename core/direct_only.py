@@ -16,16 +16,16 @@ from .executors import spread
 from .ledger import Ledger
 from .light_field import LightField
 from .messages import Message
-from .reconstruct import LeafBlender
 from .settings import Settings
 from .stop_rules import StopRules
+from .texel_map import TexelMap
 
 _DEGREE = 0  # of leaves in which nothing lands
 
 
 def settle_direct(
     folder: Path,
-    blender: LeafBlender,
+    texels: TexelMap,
     settings: Settings,
     executor: Executor,
     direct: DirectField,
@@ -34,14 +34,14 @@ def settle_direct(
 ) -> LightField:
     """The light of a bake whose direct light has been shot once, or is not asked for; worse texels are shot again."""
     rules = StopRules(settings, should_stop, time.monotonic())
-    tree = quadtree.plant_trees(blender.texels, _DEGREE, 0, settings.finest_texels, flat=False)
+    tree = quadtree.plant_trees(texels, _DEGREE, 0, settings.finest_texels, flat=False)
     totals = tally.accumulate(tree, tally.Tally.empty(len(tree), _DEGREE))
     solution = tally.solve_tallies(tree, totals)
     comparison = refine.Comparison.of(tree, totals, solution, refine.Rule(settings.oracle, settings.threshold, settings.stability, 1))
     leaves = np.arange(len(tree))
     while True:
-        shown = direct.show(blender.texels, blender.entry_at, settings.denoise, partial(spread, executor))
-        stated = estimate.state_error(tree, totals, solution, comparison, leaves, shown, blender)
+        shown = direct.show(texels, settings.denoise, partial(spread, executor))
+        stated = estimate.state_error(tree, totals, solution, comparison, leaves, shown, texels)
         worst = np.flatnonzero((stated.texel_direct2() > settings.error**2) & (direct.passes < MOST_PASSES))
         stopped_by = "error" if stated.direct <= settings.error else "" if len(worst) else "max_rays"
         if should_stop():

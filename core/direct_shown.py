@@ -54,13 +54,9 @@ class ShownDirect:
         irradiance: NDArray[np.float32],
         variance: NDArray[np.float32],
         texels: TexelMap,
-        entry_at: NDArray[np.int32],
         spread: Spread = starmap,
     ) -> ShownDirect:
-        """Light without its grain.
-
-        entry_at   (n_page, size, size) int32: the entry that a page shows at each texel, -1 for none
-        """
+        """Light without its grain; arguments as the first fields."""
         level = irradiance.mean() + 1e-30
         grainy = np.empty(len(irradiance), bool)
         for start in range(0, len(grainy), _CHUNK):
@@ -68,7 +64,7 @@ class ShownDirect:
             grainy[part] = _add_channels(variance[part]) > (_GRAIN * (_add_channels(irradiance[part]) + level)) ** 2
         if not grainy.any():
             return cls.plain(irradiance, variance)
-        found = denoise(irradiance[None], variance, grainy, texels, entry_at, spread, tell=True)
+        found = denoise(irradiance[None], variance, grainy, texels, spread, tell=True)
         told = np.flatnonzero(found.own_share < 1.0)
         told = told[np.argsort(found.entry[told], kind="stable")]
         smooth, left, blur2 = np.empty((3, len(told), 3), np.float32)

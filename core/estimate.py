@@ -20,7 +20,7 @@ from . import missing_light, refine, shrinkage
 from .denoise import GRAIN_LEFT, SMALL_LEAF
 from .direct_shown import ShownDirect, ShownGathered
 from .quadtree import Quadtree, node_of_texel
-from .reconstruct import LeafBlender
+from .reconstruct import Blend
 from .scene import IntArray
 from .tally import Solution, Totals
 from .texel_map import TexelMap
@@ -91,7 +91,7 @@ def state_error(
     comparison: refine.Comparison,
     nodes: IntArray,
     shown_direct: ShownDirect,
-    blender: LeafBlender,
+    texels: TexelMap,
     smooth_grain: bool = True,
     gathered: ShownGathered | None = None,
     risk: NDArray[np.float64] | None = None,
@@ -117,16 +117,16 @@ def state_error(
         parts = (np.arange(part.start, part.stop) for part in _parts(len(leaf)))
         return np.concatenate([np.zeros(0, np.float32), *(relative2_at(variance_at, part) for part in parts)])
 
-    sample = _choose_sample(blender.texels)
+    sample = _choose_sample(texels)
     count = int(np.ceil(BEST_TEXELS * len(sample)))
     direct2 = relative2_at(shown_direct.variance_at, sample)
     texel_direct2 = partial(of_texels, shown_direct.variance_at)
     if not totals.photons.sum() or not count:
         return StatedError(math.nan, math.nan, math.sqrt(np.sort(direct2)[:count].sum() / max(count, 1)), correction, texel_direct2)
     # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
-    shown = blender.join(tree, solution, leaf, halves=True).at(sample)
+    shown = Blend.of(texels, tree, solution, leaf, halves=True).at(sample)
     weight = _weigh(node_light[leaf[sample]] + shown_direct.irradiance_at(sample), dark2)
-    x, y = blender.texels.own_points_at(sample)
+    x, y = texels.own_points_at(sample)
     asked = missing_light.AskedLight(leaf[sample], x, y, shown, weight)
     photons2 = (weight.T * shown.variance * correction[:, None]).mean(0)
     shrunk2, taken, taken_surely = np.zeros(len(sample)), 0.0, 0.0
@@ -164,9 +164,9 @@ def state_error(
     return StatedError(math.sqrt(square), chosen, by_rays, correction, texel_direct2, by_gathering, texel_gathered2)
 
 
-def list_told(tree: Quadtree, nodes: IntArray, blender: LeafBlender) -> NDArray[np.int64]:
+def list_told(tree: Quadtree, nodes: IntArray, texels: TexelMap) -> NDArray[np.int64]:
     """(m,) int64: the nodes whose functions state_error asks for, the leaves `nodes` among them."""
-    return np.concatenate([nodes, missing_light.find_judges(tree, nodes, _choose_sample(blender.texels))])
+    return np.concatenate([nodes, missing_light.find_judges(tree, nodes, _choose_sample(texels))])
 
 
 def _parts(count: int) -> Iterator[slice]:

@@ -27,13 +27,11 @@ def clip_flecks(
     leaf: IntArray,
     side: NDArray[np.int32],
     texels: TexelMap,
-    entry_at: NDArray[np.int32],
 ) -> None:
     """Takes texels of leaves of few photons that are far brighter than all around down to the brightest there, in place.
 
     light      (n, 3) float32, of the texel entries, as is variance
     leaf       (n,) int: which each is on, and side (n,) int32 that leaf's side, texels
-    entry_at   (n_page, size, size) int32: the entry that a page shows at each texel, -1 for none
 
     Around counts what is better known, where there is enough of it. With more photons a leaf is believed: in the end this changes nothing.
     """
@@ -49,7 +47,7 @@ def clip_flecks(
     for dy, dx in product(steps, steps):
         row, column = y + dy, x + dx
         near = np.flatnonzero((np.minimum(row, column) >= 0) & (np.maximum(row, column) < texels.page_size))
-        other = entry_at[page[near], row[near], column[near]]
+        other = texels.entry_at[page[near], row[near], column[near]]
         found = (other >= 0) & (texels.texel_chart.take(other, mode="wrap") == chart[near])
         found &= leaf.take(other, mode="wrap") != leaf[small[near]]
         near, other = near[found], other[found]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .estimate import StatedError
 from .ledger import Ledger
 from .quadtree import Quadtree, node_of_texel
-from .reconstruct import LeafBlender, evaluate_leaf
+from .reconstruct import evaluate_leaf
 from .settings import Settings
 from .tally import Solution
 from .texel_map import TexelMap
@@ -41,7 +41,7 @@ class GatherPlan:
 
     @classmethod
     def of(cls, texels: TexelMap) -> GatherPlan:
-        n_texel = len(texels.texel_chart)
+        n_texel = len(texels)
         return cls(n_texel, len(find_tiles(texels.texel_chart, texels.texel_code)) * TILE_TEXELS / max(n_texel, 1))
 
     def pays(self, settings: Settings, stated: StatedError, ledger: Ledger, round_: int, most_direct: float) -> bool:
@@ -64,16 +64,16 @@ def know_light(
     tree: Quadtree,
     solution: Solution,
     leaves: NDArray[np.int64],
-    blender: LeafBlender,
+    texels: TexelMap,
     direct: NDArray[np.float32],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """gather.KnownLight.light and doubt: direct light (n, 3) float32, W/m^2, at all texel entries, and that of the leaves."""
-    n_texel = len(blender.page)
+    n_texel = len(texels)
     leaf = node_of_texel(tree, leaves, n_texel)
     light, doubt = np.empty((3, n_texel), np.float32), np.empty(n_texel, np.float32)
     for start in range(0, n_texel, _CHUNK):
         part = slice(start, min(start + _CHUNK, n_texel))
-        x, y = blender.texels.own_points(part.start, part.stop)
+        x, y = texels.own_points(part.start, part.stop)
         halves = evaluate_leaf(tree, solution, leaf[part], x, y, halves=True).irradiance
         light[:, part], doubt[part] = halves.mean(axis=0) + direct[part].T, (halves[0] - halves[1]).mean(axis=0) / 2.0
     return light, doubt

@@ -71,10 +71,10 @@ class GatheredField(DirectField):
         self.blind[rows] |= light.blind
         super()._add(rows, light)
 
-    def show_gathered(self, texels: TexelMap, entry_at: NDArray[np.int32], smooth: bool, spread: Spread = starmap) -> ShownGathered:
+    def show_gathered(self, texels: TexelMap, smooth: bool, spread: Spread = starmap) -> ShownGathered:
         """Arguments as of show."""
         start = np.arange(0, len(self.blind), _BLOCK)
         size = np.diff(np.append(start, len(self.blind)))
         told = ~np.repeat(np.logical_or.reduceat(self.blind, start), size)
         mean = np.add.reduceat(self.doubt, start) / size
-        return ShownGathered(self.show(texels, entry_at, smooth, spread), np.repeat(mean * mean, size).astype(np.float32), told)
+        return ShownGathered(self.show(texels, smooth, spread), np.repeat(mean * mean, size).astype(np.float32), told)

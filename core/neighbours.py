@@ -30,21 +30,18 @@ class Neighbours:
     within: NDArray[np.bool_]
 
     @classmethod
-    def of(
-        cls, tree: Quadtree, leaf: NDArray[np.int32], page: NDArray[np.int32], entry_at: NDArray[np.int32], texels: TexelMap
-    ) -> Neighbours:
+    def of(cls, tree: Quadtree, leaf: NDArray[np.int32], texels: TexelMap) -> Neighbours:
         """Looked for right beside each leaf, which finds what is as large or larger; what is smaller finds it.
 
-        leaf, page   (n,) int32, of each texel entry
-        entry_at     (n_page, size, size) int32, -1 where there is none
+        leaf   (n,) int32, of each texel entry
         """
         is_leaf = np.zeros(len(tree), bool)
         is_leaf[leaf] = True
         own = np.flatnonzero(is_leaf)
         side, (x, y), chart = tree.side[own], tree.origin[own].T, tree.chart[own]
         piece = texels.chart_piece[tree.chart]
-        first_row = page[tree.start[own]].astype(np.int64) * entry_at.shape[1]
-        size, flat = entry_at.shape[1], entry_at.ravel()
+        size, flat = texels.page_size, texels.entry_at.ravel()
+        first_row = texels.page_of(tree.start[own]).astype(np.int64) * size
         before, along = np.full_like(side, -1), [((2 * k + 1) * side) // (2 * _ALONG) for k in range(_ALONG)]
         ends = (before, side)
         beside = [(a, b) for a in ends for b in (*along, *ends)] + [(b, a) for a in ends for b in along]

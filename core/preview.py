@@ -23,7 +23,6 @@ from .light_field import LightField
 from .margin import fill_margin
 from .materials import SurfaceMaterials
 from .messages import Message, Preview
-from .reconstruct import LeafBlender
 from .scene import IntArray
 from .settings import Settings
 from .solve import Solver
@@ -51,7 +50,7 @@ _PASSES = {
 _LIGHTING = (1.0, 1.0, False, "")  # what other passes show until they are done
 
 
-def find_first_light(folder: Path, settings: Settings, blender: LeafBlender) -> LightField:
+def find_first_light(folder: Path, settings: Settings, texels: TexelMap) -> LightField:
     """All light by a few photons, traced in this process before any worker is awake; no part of the bake's own result.
 
     folder   of workers.open_tracing
@@ -59,8 +58,8 @@ def find_first_light(folder: Path, settings: Settings, blender: LeafBlender) -> 
     level = max(settings.min_level, FIRST_LEVEL)
     # Planes through so few photons would dip to black.
     quick = replace(settings, direct="photons", basis="constant", max_photons=FIRST_PHOTONS, min_level=level, hierarchical=True)
-    n_texel = len(blender.page)
-    solver = Solver(folder, quick, InlineExecutor(), DirectField.none(n_texel), np.zeros(n_texel, bool), blender)
+    n_texel = len(texels)
+    solver = Solver(folder, quick, InlineExecutor(), DirectField.none(n_texel), np.zeros(n_texel, bool))
     solver.round = FIRST_ROUND
     return solver.glance()
 
@@ -73,18 +72,16 @@ class PreviewPages:
         folder: Path,
         texels: TexelMap,
         surfaces: SurfaceMaterials,
-        entry_page: NDArray[np.int32],
         settings: Settings,
         tell: Callable[[Message], None],
     ) -> None:
-        """entry_page   (n,) int32: the page of each texel entry"""
         folder.mkdir(exist_ok=True)
         self._folder, self._tell, self._turn = folder, tell, 0
         self._pages = texels.page_count
         self.side = min(texels.page_size, max(math.isqrt(MOST_TEXELS // self._pages), 1))
         self._margin = max(settings.margin * self.side // texels.page_size, 1)
         show_direct, show_indirect, coloured, added = _PASSES.get(settings.passes[0], _LIGHTING)
-        self._cell, self._entry = _choose_entries(texels, entry_page, self.side)
+        self._cell, self._entry = _choose_entries(texels, self.side)
         self._centre = texels.texel_xy[self._entry] + 0.5
         albedo = _surface_at(texels, surfaces.albedo_at, surfaces.has_images(False), self._entry)
         emission = _surface_at(texels, surfaces.emission_at, surfaces.has_images(True), self._entry)
@@ -151,10 +148,10 @@ class PreviewPages:
         return self._folder / f"page_{page}_{turn}.npy"
 
 
-def _choose_entries(texels: TexelMap, entry_page: NDArray[np.int32], side: int) -> tuple[IntArray, IntArray]:
+def _choose_entries(texels: TexelMap, side: int) -> tuple[IntArray, IntArray]:
     """Cells of all pages that a chart covers (m,), and a texel entry for each (m,)."""
     x, y = (texels.texel_xy.astype(np.int64) * side // texels.page_size).T
-    cell = (entry_page.astype(np.int64) * side + y) * side + x
+    cell = (texels.page_of(slice(None)).astype(np.int64) * side + y) * side + x
     first = np.full(texels.page_count * side * side, -1)
     first[cell[::-1]] = np.arange(len(cell))[::-1]
     covered = np.flatnonzero(first >= 0)

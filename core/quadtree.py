@@ -93,7 +93,7 @@ def plant_trees(texels: TexelMap, degree: int, level: int, finest_texels: int, f
     chart_level = depth_limit if flat else np.minimum(level, depth_limit)
     side_log2 = (texels.chart_log2 - chart_level).astype(np.int64)
     first = _find_nodes(texels, side_log2)
-    end = np.append(first[1:], len(texels.texel_code))[: len(first)]
+    end = np.append(first[1:], len(texels))[: len(first)]
     chart = texels.texel_chart[first]
     side = (1 << side_log2[chart]).astype(np.int32)
     relative = (texels.texel_xy[first] - texels.chart_origin[chart]) // side[:, None] * side[:, None]
@@ -116,7 +116,7 @@ def plant_trees(texels: TexelMap, degree: int, level: int, finest_texels: int, f
 def _find_nodes(texels: TexelMap, side_log2: NDArray[np.int64]) -> NDArray[np.int64]:
     """(m,) int64: the first texel entry of every node, of side 2**side_log2 (n_chart,) texels in each chart."""
     # Entries of one node share the code without the low bits of a node's side; entries are sorted, so runs are nodes.
-    is_first = np.zeros(len(texels.texel_code), bool)
+    is_first = np.zeros(len(texels), bool)
     is_first[texels.chart_start[:-1][np.diff(texels.chart_start) > 0]] = True
     for start in range(0, len(is_first), _CHUNK):
         part = slice(max(start - 1, 0), start + _CHUNK)

@@ -73,43 +73,27 @@ def node_coordinates(tree: Quadtree, node: NDArray[Any], x: Float64, y: Float64)
 
 
 @dataclass(frozen=True)
-class LeafBlender:
-    """Where texels lie, for blending at any of them.
+class Blend:
+    """Leaves (n,) int32 at all texel entries, ready to be blended: light goes over between neighbours.
 
-    page       (n,) int32, of each entry
-    entry_at   (n_page, size, size) int32, -1 where no chart covers the texel; of several the one that is shown
+    halves   what each half of the bake says, in place of the components
     """
 
     texels: TexelMap
-    page: NDArray[np.int32]
-    entry_at: NDArray[np.int32]
-
-    @classmethod
-    def of(cls, texels: TexelMap) -> LeafBlender:
-        return cls(texels, texels.chart_page[texels.texel_chart], texels.entry_at)
-
-    def join(self, tree: Quadtree, solution: Solution, leaf: NDArray[np.int32], halves: bool = False) -> Blend:
-        """The leaves (n,) int32 at all entries, ready to be blended.
-
-        halves   what each half of the bake says, in place of the components
-        """
-        return Blend(self, tree, solution, leaf, Neighbours.of(tree, leaf, self.page, self.entry_at, self.texels), halves)
-
-
-@dataclass(frozen=True)
-class Blend:
-    """Leaves that light goes over between; the fields as in LeafBlender.join."""
-
-    blender: LeafBlender
     tree: Quadtree
     solution: Solution
     leaf: NDArray[np.int32]
     neighbours: Neighbours
     halves: bool
 
+    @classmethod
+    def of(cls, texels: TexelMap, tree: Quadtree, solution: Solution, leaf: NDArray[np.int32], halves: bool = False) -> Blend:
+        """Arguments as the fields."""
+        return cls(texels, tree, solution, leaf, Neighbours.of(tree, leaf, texels), halves)
+
     def at(self, entry: NDArray[Any]) -> PointLight:
         """Light at texel entries (m,)."""
-        return self._blend(self.leaf[entry], *self.blender.texels.own_points_at(entry))[1]
+        return self._blend(self.leaf[entry], *self.texels.own_points_at(entry))[1]
 
     def range(self, start: int, stop: int) -> PointLight:
         """Light at the entries start ... stop - 1; in large leaves, what blending changes is asked on a lattice and carried on linearly.
@@ -119,9 +103,9 @@ class Blend:
         count, first = stop - start, self._find_smooth_tiles(start, stop)
         out = PointLight(np.zeros((2, 3, count)), np.zeros((3, count)))
         alone = np.ones(count, bool)
-        self._fill_tiles(first - start, self.leaf[first], self.blender.texels.texel_xy[first], out, alone)
+        self._fill_tiles(first - start, self.leaf[first], self.texels.texel_xy[first], out, alone)
         rows = np.flatnonzero(alone)
-        leaf, (x, y) = self.leaf[start + rows], self.blender.texels.own_points(start, stop)[:, rows]
+        leaf, (x, y) = self.leaf[start + rows], self.texels.own_points(start, stop)[:, rows]
         is_large = self._is_large[leaf]
         small, large = np.flatnonzero(~is_large), np.flatnonzero(is_large)
         for some, part in (
@@ -133,7 +117,7 @@ class Blend:
 
     def _find_smooth_tiles(self, start: int, stop: int) -> NDArray[np.int64]:
         """(m,) int64: first entries of tiles that lie in one cell of a leaf's lattice, all those with a texel in the range."""
-        texels = self.blender.texels
+        texels = self.texels
         if self.tree.degree > 1:  # whose variance is of the fourth degree
             return np.zeros(0, np.int64)
         low, high = max(start - TILE_TEXELS + 1, 0), min(stop + TILE_TEXELS - 1, len(self.leaf))

@@ -25,7 +25,7 @@ from .quadtree import node_of_texel
 from .scene import IntArray
 from .seam_points import SeamPoints
 from .texel_looks import centred_strata
-from .texel_map import LOOK
+from .texel_map import LOOK, TexelMap
 from .threads import run_on_threads
 
 _LIGHT_PASSES = ("lighting", "direct", "indirect", "diffuse", "combined")
@@ -51,7 +51,7 @@ class TexelLight:
 
 def light_at_texels(
     field: LightField,
-    blender: reconstruct.LeafBlender,
+    texels: TexelMap,
     smooth_grain: bool = True,
     threads: int = 1,
     spread: denoise.Spread = starmap,
@@ -63,14 +63,14 @@ def light_at_texels(
     stderr is that before grain is smoothed, and told where `doubt` asks for it.
     spend   nobody asks for the field's direct light afterwards, and what is found takes its place in memory
     """
-    by_rays = field.direct.take_shown(blender.texels, blender.entry_at, smooth_grain, spread, in_place=spend)
-    n_texel = len(blender.page)
+    by_rays = field.direct.take_shown(texels, smooth_grain, spread, in_place=spend)
+    n_texel = len(texels)
     leaf = node_of_texel(field.tree, field.leaves, n_texel)
     # Where rays tell of light straight from lights, photons tell of none, and there is only one part.
     first = 0 if _any_direct(field) else 1
     by_part = np.empty((2 - first, n_texel, 3), np.float32)
     variance = field.direct.variance if spend and not doubt else np.empty((n_texel, 3), np.float32)
-    joined = blender.join(field.tree, field.solution, leaf)
+    joined = reconstruct.Blend.of(texels, field.tree, field.solution, leaf)
 
     def fill(part: slice) -> None:
         traced = joined.range(part.start, part.stop)
@@ -81,15 +81,15 @@ def light_at_texels(
 
     run_on_threads(fill, n_texel, threads)
     side = field.tree.side[leaf]
-    clip_flecks(by_part[-1], variance, leaf, side, blender.texels, blender.entry_at)
-    close_cuts(by_part, blender.texels, blender.entry_at, side)
-    entry, beyond, share = blender.texels.borders.list_beyond(LOOK)
+    clip_flecks(by_part[-1], variance, leaf, side, texels)
+    close_cuts(by_part, texels, side)
+    entry, beyond, share = texels.borders.list_beyond(LOOK)
     for light, moved in zip(by_part, share[:, None] * (by_part[:, beyond] - by_part[:, entry]), strict=True):
         np.add.at(light, entry, moved)  # as shadow rays do, which start on all of the square
     grain = side <= denoise.SMALL_LEAF
     if field.squares is not None:
-        grain |= squares.mix(by_part.transpose(0, 2, 1), variance.T, field.squares, blender.texels, blender.entry_at)
-    gathered = field.gathered and field.gathered.show_gathered(blender.texels, blender.entry_at, smooth_grain, spread)
+        grain |= squares.mix(by_part.transpose(0, 2, 1), variance.T, field.squares, texels)
+    gathered = field.gathered and field.gathered.show_gathered(texels, smooth_grain, spread)
     if gathered and field.gathered:
         told = np.flatnonzero(gathered.told)
         grain[told] = False
@@ -97,7 +97,7 @@ def light_at_texels(
         variance[told] = field.gathered.find_variance()[told] + gathered.doubt2[told, None]
     if smooth_grain:  # apart from that of rays: by the noise of all light, direct light, known far better, would be smeared
         grainy_parts = by_part[-1:] if field.direct.passes.any() else by_part
-        found = denoise.denoise(grainy_parts, variance, grain, blender.texels, blender.entry_at, spread)
+        found = denoise.denoise(grainy_parts, variance, grain, texels, spread)
         grainy_parts[:, found.entry] = found.light
     noise = field.direct.find_variance() if doubt else None
 
@@ -117,12 +117,12 @@ def _any_direct(field: LightField) -> bool:
     return bool(field.solution.coefficient[0].any() or (field.squares is not None and field.squares.irradiance[0].any()))
 
 
-def close_seams(light: TexelLight, points: SeamPoints, blender: reconstruct.LeafBlender) -> tuple[TexelLight, seams.SeamReport]:
+def close_seams(light: TexelLight, points: SeamPoints, texels: TexelMap) -> tuple[TexelLight, seams.SeamReport]:
     """The light with its steps across seams closed; stderr is that before."""
     if not points.place.size or light.stderr is None:
         return light, seams.SeamReport(0, 0, 0.0, 0.0)
     parts = light.direct, light.indirect
-    (direct, indirect), empty, report = seams.match_seams(points, parts, light.stderr, blender.texels.is_central, blender.entry_at)
+    (direct, indirect), empty, report = seams.match_seams(points, parts, light.stderr, texels.is_central, texels.entry_at)
     return dataclasses.replace(light, direct=direct, indirect=indirect, empty=empty), report
 
 
@@ -140,9 +140,9 @@ def _shade(
 class Resolver:
     """Pages of any pass from one light field."""
 
-    def __init__(self, light: TexelLight, blender: reconstruct.LeafBlender, surfaces: SurfaceMaterials, margin: int, threads: int = 1):
-        self._light, self._texels, self._surfaces = light, blender.texels, surfaces
-        self._page, self._margin, self._threads = blender.page, margin, threads
+    def __init__(self, light: TexelLight, texels: TexelMap, surfaces: SurfaceMaterials, margin: int, threads: int = 1):
+        self._light, self._texels, self._surfaces = light, texels, surfaces
+        self._margin, self._threads = margin, threads
 
     def page(self, name: str, page: int) -> NDArray[np.float32]:
         """One page (h, w, 4) of the pass `name`."""
@@ -151,13 +151,13 @@ class Resolver:
         texel = image.reshape(-1, 4)
 
         def fill(part: slice) -> None:  # in the order in which the light lies, several times faster than in rows of the page
-            entry = part.start + np.flatnonzero((self._page[part] == page) & self._texels.shown[part])
+            entry = part.start + np.flatnonzero((self._texels.page_of(part) == page) & self._texels.shown[part])
             x, y = self._texels.texel_xy[as_slice(entry)].T
             value = np.ones((len(entry), 4), np.float32)
             value[:, :3] = self._pass_values(name, entry)
             texel[y.astype(np.int64) * size + x] = value
 
-        run_on_threads(fill, len(self._page), self._threads)
+        run_on_threads(fill, len(self._texels), self._threads)
         filled = image[..., 3] > 0.0
         if self._light.empty is not None and name in _LIGHT_PASSES:
             column, row, value = self._beside_charts(name, page, self._light.empty)

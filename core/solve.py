@@ -30,7 +30,6 @@ from .messages import Message, Status
 from .next_rays import DIRECT_SHARE, Look, choose_texels, have_look
 from .other_light import OtherLight
 from .photon_rounds import PhotonRounds, save_view
-from .reconstruct import LeafBlender
 from .settings import Settings
 from .splitting import SplitGuide, Splitting, weigh_deposits
 from .squares import Squares
@@ -65,7 +64,6 @@ class Solver:
     executor: Executor
     direct: DirectField
     forced_texels: NDArray[np.bool_]
-    blender: LeafBlender
     started: float = field(default_factory=time.monotonic)
     watch: Callable[[LightField], None] = lambda light: None  # sees the light after every round but the last
     photons_before: int = 0  # of an earlier bake, which this goes on with
@@ -103,7 +101,7 @@ class Solver:
 
     def shoot_direct(self, tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> bool:
         """Shadow rays from all texels of a bake that has begun, as sure as they must be beside its light; see DirectField.shoot."""
-        every, other = range(len(self.blender.page)), self._other_light(self.state or self._read_tallies())
+        every, other = range(len(self.tracing.texels)), self._other_light(self.state or self._read_tallies())
         is_done = self.direct.shoot(self.folder, self.settings, self.executor, every, tell, should_stop, other)
         self.started = time.monotonic()  # a time limit, and what is foretold of the time left, are of what comes now
         return is_done
@@ -145,7 +143,7 @@ class Solver:
         if settings.direct != "rays" or (self.gathered and stated.chosen <= settings.error):
             return None
         if self.gathered is None and self.gather_plan.pays(settings, stated, ledger, self.round, DIRECT_SHARE):
-            return partial(self._gather, state, np.arange(len(self.blender.page)))
+            return partial(self._gather, state, np.arange(len(self.tracing.texels)))
         chosen = choose_texels(settings.error, stated, ledger.rays, self.direct, self.gathered)
         if chosen is None:
             return None
@@ -159,9 +157,9 @@ class Solver:
         return None if "direct" in self.settings.passes else OtherLight.of_leaves(self.tree, state.solution, state.leaves)
 
     def _gather(self, state: _State, texels: NDArray[np.int64], tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> None:
-        into = self.gathered = self.gathered or GatheredField.none(len(self.blender.page))
+        into = self.gathered = self.gathered or GatheredField.none(len(self.tracing.texels))
         direct = self.direct.irradiance
-        light, doubt = know_light(self.tree, state.solution, state.leaves, self.blender, direct)
+        light, doubt = know_light(self.tree, state.solution, state.leaves, self.tracing.texels, direct)
         known = KnownLight(light, direct, doubt, self.lit_elsewhere)
         before = into.counters.get("rays", 0)
         into.gather(self.folder, self.settings, self.executor, texels, known, tell, should_stop)
@@ -176,7 +174,7 @@ class Solver:
         solution = tally.solve_tallies(tree, totals, compared)
         comparison = refine.Comparison.of(tree, totals, solution, rule)
         leaves = refine.choose_leaves(tree, comparison)
-        told = np.concatenate([compared, estimate.list_told(tree, leaves, self.blender)])
+        told = np.concatenate([compared, estimate.list_told(tree, leaves, self.tracing.texels)])
         shown, risk = shrinkage.shrink_leaves(tree, totals, leaves) if self.settings.hierarchical else (tree, None)
         solution = tally.solve_tallies(shown, totals, told)
         return _State(totals, solution, comparison, leaves, risk)
@@ -218,7 +216,7 @@ class Solver:
 
     def _save_view(self, number: int, splitting: Splitting | None) -> str:
         place = self.folder / f"view_{self.settings.direct}_{number}"  # of a bake by rays that stopped at once photons alone may follow
-        return save_view(place, self.tree, len(self.tracing.texels.texel_code), self.squares.entry, splitting)
+        return save_view(place, self.tree, len(self.tracing.texels), self.squares.entry, splitting)
 
     def send_again(self, late: list[workers.PhotonShard], splitting: Splitting | None) -> None:
         """Shards of the last round that were under way when the bake stopped, if it may have so many photons and another round."""
@@ -264,10 +262,11 @@ class Solver:
 
     def _light(self, state: _State) -> tuple[LightField, estimate.StatedError]:
         """The light as it stands."""
-        shown = self.blender.texels, self.blender.entry_at, self.settings.denoise, partial(spread, self.executor)
+        texels = self.tracing.texels
+        shown = texels, self.settings.denoise, partial(spread, self.executor)
         direct, gathered = self.direct.show(*shown), self.gathered.show_gathered(*shown) if self.gathered else None
         told = self.tree, state.totals, state.solution, state.comparison, state.leaves
-        stated = estimate.state_error(*told, direct, self.blender, self.settings.denoise, gathered, state.risk)
+        stated = estimate.state_error(*told, direct, texels, self.settings.denoise, gathered, state.risk)
         return self._make_light(state, stated.correction, stated.chosen), stated
 
     def _make_light(self, state: _State, correction: NDArray[np.float64], error: float) -> LightField:

@@ -95,7 +95,7 @@ def deposit_on_squares(
     flux           (3, m) float, W
     is_first       (m,) bool: straight from a light; None as for tally.deposit
     """
-    has_square = np.zeros(len(texels.texel_tri), bool)
+    has_square = np.zeros(len(texels), bool)
     has_square[square_entry] = True
     rows = np.flatnonzero(has_square.take(entry)) if len(square_entry) else np.zeros(0, np.intp)
     rows = rows[tri.take(rows) == texels.texel_tri.take(entry.take(rows))]
@@ -112,13 +112,11 @@ def mix(
     variance: NDArray[np.float32],
     squares: SquareLight,
     texels: TexelMap,
-    entry_at: NDArray[np.int32],
 ) -> NDArray[np.bool_]:
     """Bring the leaves' light to that of the squares, in place; which texels changed, (n,) bool.
 
     light      (2, 3, n) float32, W/m^2: components at the texel entries; (1, 3, n) without the first, where it is none
     variance   (3, n) float32, (W/m^2)^2, of their sum
-    entry_at   (n_page, size, size) int32, the entry that a page shows at each texel, -1 for none
     """
     entry = squares.entry
     changed = np.zeros(light.shape[-1], bool)
@@ -133,7 +131,7 @@ def mix(
     # Of neighbours the bright one must not outvote all others.
     scale = 1.0 / (level**2 + (_DARK_FLOOR * level.mean() + _LEAST_LIGHT) ** 2)
     told2 = (seen2 - noise2) * scale
-    (noise2, signal2, signal4), count = _average_around(np.stack([noise2 * scale, told2, told2**2]), entry, texels, entry_at)
+    (noise2, signal2, signal4), count = _average_around(np.stack([noise2 * scale, told2, told2**2]), entry, texels)
     signal2 -= _DOUBT * np.sqrt(np.maximum(signal4 - signal2**2, 0.0) / np.maximum(count - 1.0, 1.0))
     signal2 = np.maximum(signal2, 0.0)
     share = np.divide(signal2, signal2 + noise2, out=np.zeros_like(signal2), where=signal2 > 0.0)
@@ -143,7 +141,7 @@ def mix(
     return changed
 
 
-def _average_around(value: Float64, entry: IntArray, texels: TexelMap, entry_at: NDArray[np.int32]) -> tuple[Float64, Float64]:
+def _average_around(value: Float64, entry: IntArray, texels: TexelMap) -> tuple[Float64, Float64]:
     """Means of values (k, m) at texel entries (m,) over those of them that lie around each, on its piece; and how many these are, (m,).
 
     None counts for itself: a weight that knows a photon of its own square would favour squares that few fell on.
@@ -151,10 +149,10 @@ def _average_around(value: Float64, entry: IntArray, texels: TexelMap, entry_at:
     chart = texels.texel_chart[entry]
     page, piece = texels.chart_page[chart].astype(np.int64), texels.chart_piece[chart]
     column, row = texels.texel_xy[entry].T.astype(np.int64)
-    shown = np.flatnonzero(entry_at[page, row, column] == entry)
+    shown = np.flatnonzero(texels.entry_at[page, row, column] == entry)
     width = texels.page_size + 2 * _RADIUS  # a border saves every test for the page's edge
     place = (page * width + row + _RADIUS) * width + column + _RADIUS
-    slot_after = np.zeros(len(entry_at) * width * width, np.int32)  # 0 is none: memory that nobody touches costs nothing
+    slot_after = np.zeros(texels.page_count * width * width, np.int32)  # 0 is none: memory that nobody touches costs nothing
     slot_after[place[shown]] = shown + 1
     total, count = np.zeros_like(value), np.zeros(len(entry))
     for dy, dx in product(range(-_RADIUS, _RADIUS + 1), repeat=2):

@@ -68,10 +68,19 @@ class TexelMap:
     pair_tri: Int32
     borders: TexelBorders = field(default_factory=TexelBorders.none)
 
+    def __len__(self) -> int:
+        """How many entries there are."""
+        return len(self.texel_tri)
+
+    def page_of(self, entry: IntArray | slice) -> NDArray[np.int32]:
+        """(m,) int32: the pages of entries (m,)."""
+        page: NDArray[np.int32] = self.chart_page[self.texel_chart[entry]]
+        return page
+
     @property
     def texel_bary(self) -> NDArray[np.float32]:
         """(n, 3) float32: corner weights of a point inside the covered part, on texel_tri; `bary_at` gives some of them."""
-        return self.bary_at(np.arange(len(self.texel_tri)))
+        return self.bary_at(np.arange(len(self)))
 
     def bary_at(self, entry: IntArray) -> NDArray[np.float32]:
         """texel_bary of these entries, (m,) int."""
@@ -108,7 +117,7 @@ class TexelMap:
     @cached_property
     def is_central(self) -> NDArray[np.bool_]:
         """(n,) bool: whether the chart covers the texel's centre."""
-        central = np.ones(len(self.texel_area), bool)
+        central = np.ones(len(self), bool)
         central[self.off_centre] = False
         return central
 
@@ -140,13 +149,13 @@ class TexelMap:
     def shown(self) -> NDArray[np.bool_]:
         """(n,) bool: of the entries at one texel of a page the one that the page shows there, see entry_at."""
         if self._has_room_for_all(self.entry_at):
-            return np.ones(len(self.texel_tri), bool)
+            return np.ones(len(self), bool)
         parts = (self.entry_at.ravel()[self._find_cells(entry)] == entry for entry in self._parts())
         return np.concatenate([np.zeros(0, bool), *parts])
 
     def _has_room_for_all(self, entry_at: Int32) -> bool:
         """Whether no two entries lie at one texel of a page."""
-        return np.count_nonzero(entry_at >= 0) == len(self.texel_tri)
+        return np.count_nonzero(entry_at >= 0) == len(self)
 
     def list_keys(self, entry: IntArray | slice) -> Int64:
         """(m,) int64: chart and Morton code of entries (m,); they ascend as the entries do."""
@@ -157,7 +166,7 @@ class TexelMap:
 
     def _parts(self) -> Iterator[Int64]:
         """All entries, so many at a time that what is found of them stays in the cache."""
-        return (np.arange(start, min(start + CHUNK_SIZE, len(self.texel_chart))) for start in range(0, len(self.texel_chart), CHUNK_SIZE))
+        return (np.arange(start, min(start + CHUNK_SIZE, len(self))) for start in range(0, len(self), CHUNK_SIZE))
 
     def _find_cells(self, entry: Int64) -> Int64:
         """(m,) int64: places of entries (m,), ascending, among the texels of all pages."""
@@ -167,7 +176,7 @@ class TexelMap:
         cell *= self.page_size
         cell += x
         if self.page_count > 1:
-            cell += self.chart_page[self.texel_chart[rows]].astype(np.int64) * self.page_size**2
+            cell += self.page_of(rows).astype(np.int64) * self.page_size**2
         return cell
 
     @cached_property

@@ -12,7 +12,6 @@ from leaflight.core import basis, charts, creases, executors, shared_arrays, sol
 from leaflight.core.direct_field import DirectField
 from leaflight.core.job import SNAPSHOT_FILE
 from leaflight.core.light_field import LightField
-from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.scene import Light, Material, SceneSnapshot
 from leaflight.core.settings import Settings
 from leaflight.core.snapshot import save_snapshot
@@ -70,9 +69,9 @@ def make_solver(
     """A solver in an empty folder; `begun` has found direct light by rays already."""
     executor = executor or executors.InlineExecutor()
     texel_map = prepare_folder(folder, scene, settings)[1]
-    n_texel = len(texel_map.texel_area)
+    n_texel = len(texel_map)
     forced = np.broadcast_to(forced, n_texel).copy()
-    solver = solve.Solver(folder, settings, executor, DirectField.none(n_texel), forced, LeafBlender.of(texel_map))
+    solver = solve.Solver(folder, settings, executor, DirectField.none(n_texel), forced)
     if begun and settings.direct == "rays":
         solver.begin()
         solver.shoot_direct(lambda message: None, lambda: False)

@@ -11,7 +11,6 @@ from boxes import solve_scene
 from leaflight.core import resolve, workers
 from leaflight.core.estimate import BEST_TEXELS, DARK_FLOOR
 from leaflight.core.geometry import interpolate_corners
-from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.scene import Light, Material, SceneSnapshot
 from leaflight.core.settings import Settings
 from leaflight.core.solve import LightField
@@ -81,7 +80,7 @@ class KnownLight:
 
     def at_texels(self) -> np.ndarray:
         """(n,) float64, W/m^2: what pages show, first channel."""
-        light = resolve.light_at_texels(self.light, LeafBlender.of(self.texels))
+        light = resolve.light_at_texels(self.light, self.texels)
         return np.asarray(light.direct + light.indirect, float)[:, 0]
 
     def real_error(self) -> float:

@@ -65,10 +65,9 @@ def bake_safely(
     prepare(solver)
     light = solver.run(lambda message: None, lambda: False)
     atlas, texels = charts.make_charts(scene, chosen), solver.tracing.texels
-    entry_page = texels.chart_page[texels.texel_chart]
-    at_texels = resolve.light_at_texels(light, solver.blender)
-    resolver = resolve.Resolver(at_texels, solver.blender, solver.tracing.scene.surfaces, margin=4)
-    debug = DebugPages(light, texels, entry_page, margin=4)
+    at_texels = resolve.light_at_texels(light, texels)
+    resolver = resolve.Resolver(at_texels, texels, solver.tracing.scene.surfaces, margin=4)
+    debug = DebugPages(light, texels, margin=4)
     drawers = {name: debug if name in DEBUG_PASSES else resolver for name in PASSES}
     pages = {name: np.stack([drawers[name].page(name, page)[..., :3] for page in range(atlas.page_count)]) for name in PASSES}
     for name in DEBUG_PASSES:

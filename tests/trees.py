@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from leaflight.core import basis, quadtree, tally
-from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.scene import Material, SceneObject, SceneSnapshot
 from leaflight.core.texels import TexelMap, build_texel_map
 from leaflight.core.tree_view import TreeView
@@ -71,11 +70,6 @@ def make_square_map(side, degree, width=1.0):
         warnings=(),
     )
     return build_texel_map(scene, atlas, 2 * degree)
-
-
-def entries_of_page(texels):
-    """(1, size, size) int32: what the only page shows at each texel."""
-    return LeafBlender.of(texels).entry_at
 
 
 class SquareBake:
@@ -159,10 +153,6 @@ def throw(sampler, photons, seed, **options):
         s, t = sampler(rng, photons // 2)
         bake.throw(s, t, half, emitted=photons // 2)
     return bake
-
-
-def blender_of(bake):
-    return LeafBlender.of(bake.texels)
 
 
 def current(bake):

@@ -20,7 +20,6 @@ from export_samples import export_samples
 from leaflight.core import contact_map, executors, quadtree, resolve, solve, workers
 from leaflight.core.direct_field import DirectField
 from leaflight.core.image_file import write_image
-from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.settings import Settings
 from leaflight.core.snapshot import load_snapshot
 
@@ -57,18 +56,17 @@ def bake_light(folder: Path, snapshot: Path) -> tuple[SimpleNamespace, solve.Lig
     try:
         tracing = workers.open_tracing(str(folder))
         direct = DirectField.none(len(texels.texel_area))
-        blender = LeafBlender.of(texels)
         touched = contact_map.find_contacts(tracing, texels).touched
-        solver = solve.Solver(folder, SETTINGS, executor, direct, touched, blender)
+        solver = solve.Solver(folder, SETTINGS, executor, direct, touched)
         light = solver.run(lambda message: None, lambda: False)
     finally:
         executor.shutdown()
-    return SimpleNamespace(tracing=tracing, texels=texels, page=blender.page, blender=blender), light
+    return SimpleNamespace(tracing=tracing, texels=texels), light
 
 
 def draw_picture(stage: SimpleNamespace, light: solve.LightField, camera: dict) -> np.ndarray:
     """(HEIGHT, WIDTH, 3) linear, row 0 on top: light and colour on the left, light and leaves on the right."""
-    at_texels = resolve.light_at_texels(light, stage.blender)
+    at_texels = resolve.light_at_texels(light, stage.texels)
     irradiance = at_texels.direct + at_texels.indirect
     leaf = quadtree.node_of_texel(light.tree, light.leaves, len(stage.texels.texel_area))
     view = look_through(stage, np.array(camera["matrix"]), camera["angle_rad"], WIDTH * FINER, HEIGHT * FINER)

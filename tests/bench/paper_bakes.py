@@ -12,7 +12,6 @@ import numpy as np
 from boxes import prepare_folder
 from leaflight.core import contact_map, quadtree, resolve, solve, tally, workers
 from leaflight.core.job import SNAPSHOT_FILE
-from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.scene import SceneSnapshot
 from leaflight.core.settings import Settings
 
@@ -121,7 +120,7 @@ class Bake:
     @cached_property
     def blended(self) -> np.ndarray:
         """(n, 3) irradiance, W/m^2: as Leaflight writes it, without edges between leaves."""
-        at_texels = resolve.light_at_texels(self.light, self.stage.blender)
+        at_texels = resolve.light_at_texels(self.light, self.stage.texels)
         return np.asarray(at_texels.direct + at_texels.indirect, np.float64)
 
     def show_stable(self, stability: int) -> np.ndarray:
@@ -158,14 +157,13 @@ class Stage:
         self.tracing = workers.open_tracing(str(folder))
         self.contact = contact_map.find_contacts(self.tracing, self.texels).touched
         self._bakes = 0
-        self.blender = LeafBlender.of(self.texels)
 
     def bake(self, photons: int, **knobs: object) -> Bake:
         """A bake with so many photons; `knobs` are fields of Settings."""
         settings = dataclasses.replace(self.settings, max_photons=int(photons), **knobs)
         n_texel = len(self.texels.texel_area)
         forced = self.contact if settings.contact else np.zeros(n_texel, bool)
-        solver = solve.Solver(self._open_folder(), settings, self.executor, solve.DirectField.none(n_texel), forced, self.blender)
+        solver = solve.Solver(self._open_folder(), settings, self.executor, solve.DirectField.none(n_texel), forced)
         light = solver.run(lambda message: None, lambda: False)
         return Bake(self, light, solver.tally)
 

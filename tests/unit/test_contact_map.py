@@ -9,7 +9,6 @@ from boxes import prepare_folder
 from leaflight.core import contact_map, executors, resolve, shared_arrays, solve, workers
 from leaflight.core.contact_map import cut_at_contacts, find_contacts
 from leaflight.core.direct_field import DirectField
-from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.scene import Light
 from leaflight.core.settings import Settings
 from leaflight.core.texel_borders import WAYS
@@ -352,14 +351,13 @@ def light_of(folder, settings, texels, atlas):
     """(n,) brightness of the texels, of a bake with contacts."""
     shared_arrays.remove_struct(folder / workers.TEXELS_FOLDER)
     shared_arrays.save_struct(folder / workers.TEXELS_FOLDER, texels)
-    blender = LeafBlender.of(texels)
     n_texel = len(texels.texel_chart)
     executor, direct = executors.InlineExecutor(), DirectField.none(n_texel)
     try:
-        light = solve.Solver(folder, settings, executor, direct, np.zeros(n_texel, bool), blender).run(lambda message: None, lambda: False)
+        light = solve.Solver(folder, settings, executor, direct, np.zeros(n_texel, bool)).run(lambda message: None, lambda: False)
     finally:
         workers.forget_folders()
-    at_texels = resolve.light_at_texels(light, blender, smooth_grain=False)
+    at_texels = resolve.light_at_texels(light, texels, smooth_grain=False)
     return (at_texels.direct + at_texels.indirect).sum(axis=1)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from leaflight.core.cuts import close_cuts
 from leaflight.core.texel_borders import OPPOSITE, TexelBorders
-from trees import entries_of_page, make_square_map
+from trees import make_square_map
 
 SIDE = 32
 
@@ -17,14 +17,14 @@ def halves(pieces, borders=None):
     texels = make_square_map(SIDE, 0)
     is_right = (texels.texel_xy[:, 0] >= SIDE // 2).astype(np.int32)
     texels = dataclasses.replace(texels, texel_chart=is_right, chart_page=np.zeros(2, np.int32), chart_piece=np.array(pieces, np.int32))
-    entry_at = entries_of_page(make_square_map(SIDE, 0))
+    entry_at = texels.entry_at
     if borders:
         one, other = entry_at[0, borders, 15].astype(np.int64), entry_at[0, borders, 16].astype(np.int64)
         way, reach = np.repeat([0, 2], len(one)), np.full(2 * len(one), 0.5)
         both = np.concatenate([one, other]), np.concatenate([other, one])
         texels = dataclasses.replace(texels, borders=TexelBorders.of(SIDE * SIDE, way, *both, reach))
     light = np.broadcast_to(1.0 + 2.0 * is_right[:, None], (1, SIDE * SIDE, 3)).astype(np.float32)
-    close_cuts(light, texels, entry_at, np.full(SIDE * SIDE, 16, np.int32))
+    close_cuts(light, texels, np.full(SIDE * SIDE, 16, np.int32))
     assert (np.ptp(light[0], axis=1) == 0.0).all()
     return light[0, entry_at[0], 0]
 
@@ -67,18 +67,21 @@ def draw_charts(rng):
         others += [other[walled], one[walled]]
     way, one, other = (np.concatenate(part).astype(np.int64) for part in (ways, ones, others))
     texels = SimpleNamespace(
+        entry_at=entry_at,
+        page_of=lambda entry: chart[tuple(place.T)][entry] // 3,
         chart_page=np.repeat([0, 1], 3).astype(np.int32),
         chart_piece=np.array([1, 1, 2, 5, 5, 5], np.int32),
         texel_chart=chart[tuple(place.T)].astype(np.int32),
         texel_xy=place[:, :0:-1].astype(np.int32),
         borders=TexelBorders.of(count, way, one, other, np.full(len(way), 0.5)),
     )
-    return texels, entry_at, rng.choice([1, 2, 4, 8, 16, 32, 64], count).astype(np.int32)
+    return texels, rng.choice([1, 2, 4, 8, 16, 32, 64], count).astype(np.int32)
 
 
-def ramp_one_by_one(light, texels, entry_at, side):
+def ramp_one_by_one(light, texels, side):
     """What close_cuts does, one place after the other."""
-    out, size = light.copy(), entry_at.shape[1]
+    out, entry_at = light.copy(), texels.entry_at
+    size = entry_at.shape[1]
     piece = texels.chart_piece[texels.texel_chart]
     for axis in (0, 1):
         for page in entry_at if axis == 0 else entry_at.transpose(0, 2, 1):
@@ -105,19 +108,19 @@ def ramp_one_by_one(light, texels, entry_at, side):
 @pytest.mark.parametrize("seed", range(6))
 def test_cuts_of_all_kinds_are_closed_as_one_by_one(seed):
     rng = np.random.default_rng(seed)
-    texels, entry_at, side = draw_charts(rng)
+    texels, side = draw_charts(rng)
     light = rng.uniform(8.0, 9.0, (2, len(side), 3)).astype(np.float32)
-    expected = ramp_one_by_one(light, texels, entry_at, side)
+    expected = ramp_one_by_one(light, texels, side)
     assert np.abs(expected - light).max() > 0.3
-    close_cuts(light, texels, entry_at, side)
+    close_cuts(light, texels, side)
     np.testing.assert_allclose(light, expected, rtol=1e-5)
 
 
 def test_no_light_falls_below_none():
     """Bright at the cut alone, and dark behind it."""
-    texels, entry_at, side = draw_charts(np.random.default_rng(0))
+    texels, side = draw_charts(np.random.default_rng(0))
     light = (np.random.default_rng(2).random((1, len(side), 3)) < 0.3).astype(np.float32)
-    expected = ramp_one_by_one(light, texels, entry_at, side)
+    expected = ramp_one_by_one(light, texels, side)
     assert expected.min() < 0.0
-    close_cuts(light, texels, entry_at, side)
+    close_cuts(light, texels, side)
     np.testing.assert_allclose(light, np.maximum(expected, 0.0), rtol=1e-5, atol=1e-6)

@@ -25,7 +25,7 @@ def make_pages(width=1.0, margin=0):
     light = solve.LightField(
         bake.tree, bake.solution(), leaves, bake.totals().received, 1.0, DirectField.none(n), 0.0, 1000, 1, "error", solve.Ledger()
     )
-    return DebugPages(light, bake.texels, np.zeros(n, np.int32), margin)
+    return DebugPages(light, bake.texels, margin)
 
 
 def black():
@@ -60,8 +60,8 @@ def test_edges_are_one_texel_wide_and_lie_between_leaves():
 def test_a_charts_own_border_is_no_edge():
     """The page's lower left corner is given to another page: what is left begins in the middle of a leaf."""
     pages = make_pages()
-    xy = pages._texels.texel_xy
-    pages._entry_page = (xy < 6).any(1).astype(np.int32)
+    corner = (pages._texels.texel_xy < 6).any(1).astype(np.int32)
+    pages._texels = replace(pages._texels, page_count=2, chart_page=np.arange(2, dtype=np.int32), texel_chart=corner)
     edge = pages.page("leaf_edges", 0)[..., 0]
     assert not edge[6, 6:8].any()
     assert not edge[6:8, 6].any()
@@ -129,7 +129,6 @@ def test_a_texel_of_two_charts_at_its_centre_belongs_to_the_larger(share, owner)
         texel_tri=np.append(texels.texel_tri, texels.texel_tri[:1]),
         texel_area=np.append(texels.texel_area, share * texels.texel_area[0]),
     )
-    pages._entry_page = np.zeros(len(texels.texel_area) + 1, np.int32)
     x, y = texels.texel_xy[0]
     assert pages.page("charts", 0)[y, x, 0] == owner
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from leaflight.core import denoise
 from leaflight.core.executors import make_executor, spread
-from trees import entries_of_page, make_square_map
+from trees import make_square_map
 
 SIDE = 48
 SIGMA = 0.1
@@ -19,7 +19,7 @@ def texels():
 
 def denoise_all(light, variance, grainy, texels):
     """Light (k, n, 3) with what denoise smooths in place."""
-    found, out = denoise.denoise(light, variance, grainy, texels, entries_of_page(texels)), light.copy()
+    found, out = denoise.denoise(light, variance, grainy, texels), light.copy()
     assert not found.variance.any()  # nobody asked for it
     out[:, found.entry] = found.light
     return out
@@ -158,7 +158,7 @@ def test_noise_that_is_left_is_told_in_the_units_of_the_light(texels, brightness
     noise = np.random.default_rng(1).standard_normal((count, 3))
     for scale in (1.0, brightness):
         light, variance = np.float32([scale * (1.0 + SIGMA * noise)]), np.full((count, 3), (scale * SIGMA) ** 2, np.float32)
-        smoothed = denoise.denoise(light, variance, np.ones(count, bool), texels, entries_of_page(texels), tell=True)
+        smoothed = denoise.denoise(light, variance, np.ones(count, bool), texels, tell=True)
         told.append(smoothed)
         real = ((smoothed.light[0] / scale - 1.0) ** 2).mean()
         assert smoothed.variance.mean() / scale**2 == pytest.approx(real, rel=0.2)
@@ -214,7 +214,7 @@ def test_processes_change_no_byte():
     found = []
     for workers in (1, 2):
         with make_executor(workers) as executor:
-            found.append(denoise.denoise(light, variance, grainy, texels, entries_of_page(texels), partial(spread, executor), tell=True))
+            found.append(denoise.denoise(light, variance, grainy, texels, partial(spread, executor), tell=True))
     assert len(found[0].entry) == len(grainy)
     for name in ("entry", "light", "variance", "own_share"):
         np.testing.assert_array_equal(*(getattr(one, name) for one in found))

@@ -6,7 +6,6 @@ from boxes import lamp_scene, prepare_folder
 from leaflight.core import executors
 from leaflight.core.direct_field import DirectField
 from leaflight.core.direct_only import settle_direct
-from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.settings import Settings
 
 
@@ -17,8 +16,7 @@ def settle(folder, shoot=True, should_stop=lambda: False, **knobs):
     direct = DirectField.none(count)
     if shoot:
         direct.shoot(folder, settings, executor, np.arange(count))
-    blender = LeafBlender.of(texels)
-    return settle_direct(folder, blender, settings, executor, direct, lambda message: None, should_stop)
+    return settle_direct(folder, texels, settings, executor, direct, lambda message: None, should_stop)
 
 
 def test_noise_that_is_small_enough_ends_at_once(tmp_path):

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from leaflight.core import denoise, estimate, missing_light, quadtree, refine, shrinkage, tally
 from leaflight.core.direct_shown import ShownDirect, ShownGathered
-from trees import SIDE, SquareBake, blender_of, current, even, even_truth, glow, glow_truth, hill, hill_truth, throw
+from leaflight.core.reconstruct import Blend
+from trees import SIDE, SquareBake, current, even, even_truth, glow, glow_truth, hill, hill_truth, throw
 
 
 def state(bake, nodes, direct_variance=0.0, smooth_grain=False, risk=None):
@@ -13,7 +14,7 @@ def state(bake, nodes, direct_variance=0.0, smooth_grain=False, risk=None):
     zero = np.zeros((bake.n_texel, 3), np.float32)
     variance = zero + np.float32(direct_variance)
     return estimate.state_error(
-        bake.tree, totals, solution, comparison, nodes, ShownDirect.plain(zero, variance), blender_of(bake), smooth_grain, risk=risk
+        bake.tree, totals, solution, comparison, nodes, ShownDirect.plain(zero, variance), bake.texels, smooth_grain, risk=risk
     )
 
 
@@ -29,7 +30,7 @@ def real_error(bake, nodes, truth):
     """As estimate states it: of blended leaves at texels' middles, relative to local brightness, over the best of them."""
     s, t = (bake.texels.texel_xy.T + 0.5) / SIDE
     leaf = quadtree.node_of_texel(bake.tree, nodes, bake.n_texel)
-    shown = blender_of(bake).join(bake.tree, bake.solution(), leaf).at(np.arange(len(leaf))).irradiance.sum(0)[0]
+    shown = Blend.of(bake.texels, bake.tree, bake.solution(), leaf).at(np.arange(len(leaf))).irradiance.sum(0)[0]
     squares = (shown - truth(s, t)) ** 2 / (truth(s, t) ** 2 + estimate.DARK_FLOOR**2)
     return np.sqrt(np.sort(squares)[: int(estimate.BEST_TEXELS * len(squares))].mean())
 
@@ -152,7 +153,7 @@ def test_blur_of_direct_light_counts_as_its_noise_does_but_never_below_nothing()
     for blur2 in (0.0, 0.03, -0.03):
         every, noise = np.arange(bake.n_texel, dtype=np.int32), zero + np.float32(0.01)
         shown = ShownDirect(zero, noise, every, zero, noise, zero + np.float32(blur2))
-        found.append(estimate.state_error(bake.tree, totals, solution, comparison, current(bake), shown, blender_of(bake)))
+        found.append(estimate.state_error(bake.tree, totals, solution, comparison, current(bake), shown, bake.texels))
     plain, blurred, clear = found
     assert blurred.direct**2 == pytest.approx(4 * plain.direct**2, rel=1e-3)
     assert blurred.relative**2 - plain.relative**2 == pytest.approx(3 * plain.direct**2, rel=1e-3)
@@ -172,14 +173,14 @@ def test_direct_light_is_judged_as_it_is_shown():
     totals, solution, nodes = bake.totals(), bake.solution(), current(bake)
     comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.0, 16, 2))
     told = bake.tree, totals, solution, comparison, nodes
-    stated = estimate.state_error(*told, shown_of(bake, 2.0, 0.09), blender_of(bake))
+    stated = estimate.state_error(*told, shown_of(bake, 2.0, 0.09), bake.texels)
     light = (solution.flux[:, nodes] / bake.tree.area[nodes])[:, quadtree.node_of_texel(bake.tree, nodes, bake.n_texel)] + 2.0
     dark2 = (estimate.DARK_FLOOR * light.mean()) ** 2
     expected = (0.09 / (light**2 + dark2)).mean(axis=0)
     assert nodes.tolist() == sorted(nodes)
     np.testing.assert_allclose(stated.texel_direct2(), expected, rtol=1e-4)
     assert stated.direct**2 == pytest.approx(expected.mean(), rel=0.03)  # of the best texels
-    plain = estimate.state_error(*told, shown_of(bake, 0.0, 0.0), blender_of(bake))
+    plain = estimate.state_error(*told, shown_of(bake, 0.0, 0.0), bake.texels)
     brighter = light.mean() / (light.mean() - 2.0)  # as much brighter all light is, as much less is photons' noise
     assert stated.relative**2 - stated.direct**2 == pytest.approx(plain.relative**2 / brighter**2, rel=0.1)
 
@@ -192,7 +193,7 @@ def test_gathered_light_is_judged_as_it_is_shown_where_it_is_told():
     found = []
     for blur2 in (0.0, 0.08):
         gathered = ShownGathered(shown_of(bake, 1.0, 0.04, blur2), np.zeros(bake.n_texel, np.float32), told)
-        found.append(estimate.state_error(bake.tree, totals, solution, comparison, nodes, direct, blender_of(bake), gathered=gathered))
+        found.append(estimate.state_error(bake.tree, totals, solution, comparison, nodes, direct, bake.texels, gathered=gathered))
     plain, blurred = found
     light = (solution.flux[:, nodes] / bake.tree.area[nodes])[:, quadtree.node_of_texel(bake.tree, nodes, bake.n_texel)]
     expected = (0.04 / (light**2 + (estimate.DARK_FLOOR * light.mean()) ** 2)).mean(axis=0) * told
@@ -284,7 +285,7 @@ def test_where_gathered_light_is_shown_nothing_is_missing():
     totals, solution, nodes = bake.totals(), bake.solution(), current(bake)
     comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.0, 16, 2))
     direct, doubt2 = ShownDirect.plain(*np.zeros((2, bake.n_texel, 3), np.float32)), np.zeros(bake.n_texel, np.float32)
-    told = bake.tree, totals, solution, comparison, nodes, direct, blender_of(bake)
+    told = bake.tree, totals, solution, comparison, nodes, direct, bake.texels
     differing = np.where(np.arange(len(nodes)) % 2, 1.0, -1.0)
     assert estimate.state_error(*told).relative > 0.05
     found = []

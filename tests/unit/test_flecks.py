@@ -27,7 +27,7 @@ def clip(value, around=1.0, noise=0.2, side=2, width=12, neighbour=None):
         light[right], size[right] = neighbour, side
     light = (light[:, None] * colour).astype(np.float32)
     clipped = light.copy()
-    clip_flecks(clipped, (noise * light.mean(axis=1, keepdims=True) * np.ones(3)) ** 2, leaf, size, texels, texels.entry_at)
+    clip_flecks(clipped, (noise * light.mean(axis=1, keepdims=True) * np.ones(3)) ** 2, leaf, size, texels)
     np.testing.assert_array_equal(clipped[~own & ~right], light[~own & ~right])
     return clipped[own], light[own], colour
 
@@ -67,7 +67,7 @@ def test_other_charts_do_not_count():
     x, y = texels.texel_xy.T
     own = (x // 2 == 1) & (y // 2 == 1)
     light = np.where(own | (x >= 4), 4.0, 1.0).astype(np.float32)[:, None].repeat(3, axis=1)
-    clip_flecks(light, (0.2 * light) ** 2, own.astype(int), np.where(own, 2, 8).astype(np.int32), texels, texels.entry_at)
+    clip_flecks(light, (0.2 * light) ** 2, own.astype(int), np.where(own, 2, 8).astype(np.int32), texels)
     assert (light[own] == 1.0).all()
 
 
@@ -77,7 +77,7 @@ def test_where_all_is_noisy_all_counts():
     light = RNG.uniform(0.5, 1.0, (64, 3)).astype(np.float32)
     light[leaf == 3] = 4.0
     clipped = light.copy()
-    clip_flecks(clipped, (0.2 * light) ** 2, leaf, side, texels, texels.entry_at)
+    clip_flecks(clipped, (0.2 * light) ** 2, leaf, side, texels)
     np.testing.assert_array_equal(clipped[leaf != 3], light[leaf != 3])
     reach = np.abs(texels.texel_xy[:, None] - texels.texel_xy[leaf == 3]).max(axis=2) <= 4
     brightest = [light[reach[:, k] & (leaf != 3)].sum(axis=1).max() for k in range(4)]

@@ -22,7 +22,7 @@ ROOM = moved(room_mesh(), (0.5, 0.5, 0.5))
 def gather_all(folder, scene, light=2.0, lit_elsewhere=False, **knobs):
     """Light gathered at all texels of a scene whose surfaces all have the same light, and the solver."""
     solver = make_solver(folder, scene, SETTINGS)
-    n_texel = len(solver.blender.page)
+    n_texel = len(solver.tracing.texels)
     every = np.full((3, n_texel), light, np.float32)
     dark = np.broadcast_to(lit_elsewhere, len(scene.objects))
     return gather_known(solver, gather.KnownLight(every, every.T, np.full(n_texel, 0.5, np.float32), dark), **knobs), solver

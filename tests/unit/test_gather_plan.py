@@ -65,7 +65,7 @@ def test_what_was_not_enough_is_not_tried_again(tmp_path):
     solver = make_solver(tmp_path, lamp_scene(), Settings(size=32, padding=1, max_photons=20_000))
     solver._trace_round(None)
     assert solver.gather_plan.given_up == math.inf
-    solver.gathered = GatheredField.none(len(solver.blender.page))
+    solver.gathered = GatheredField.none(len(solver.tracing.texels))
     solver._trace_round(None)
     assert solver.gather_plan.given_up == solver.settings.error
     assert solver.gathered is None
@@ -80,23 +80,23 @@ def test_what_is_known_is_direct_light_and_that_of_leaves(tmp_path, monkeypatch)
     solver = make_solver(tmp_path, lamp_scene(), Settings(size=64, padding=1, max_photons=200_000, error=1e-4))
     light = solver.run(lambda message: None, lambda: False)
     direct = solver.direct.irradiance
-    known, doubt = know_light(light.tree, light.solution, light.leaves, solver.blender, direct)
-    area = solver.blender.texels.texel_area
+    known, doubt = know_light(light.tree, light.solution, light.leaves, solver.tracing.texels, direct)
+    area = solver.tracing.texels.texel_area
     flux = light.solution.flux[:, light.leaves].sum(axis=1)
     assert ((known - direct.T) * area).sum(axis=1) == pytest.approx(flux, rel=0.02)
     halves = light.solution.flux_half[:, :, light.leaves].sum(axis=2).mean(axis=1)
     assert (doubt * area).sum() == pytest.approx((halves[0] - halves[1]) / 2, abs=0.02 * halves.mean())
     assert np.abs(doubt).max() > 0
     leaf = quadtree.node_of_texel(light.tree, light.leaves, len(area))
-    x, y = solver.blender.texels.own_points(0, len(area))
+    x, y = solver.tracing.texels.own_points(0, len(area))
     at_texels = reconstruct.evaluate_leaf(light.tree, light.solution, leaf, x, y).irradiance.sum(0)
     np.testing.assert_allclose(known - direct.T, at_texels, rtol=1e-3, atol=1e-4 * at_texels.max())
 
 
 def test_tiles_are_counted(tmp_path):
     solver = make_solver(tmp_path, lamp_scene(), Settings(size=128, padding=1))
-    assert solver.gather_plan.n_texel == len(solver.blender.page)
-    texels = solver.blender.texels
+    assert solver.gather_plan.n_texel == len(solver.tracing.texels)
+    texels = solver.tracing.texels
     inside = np.unique(Tiles.of(texels.texel_chart, texels.texel_code).texels())
-    assert solver.gather_plan.tiled == pytest.approx(len(inside) / len(solver.blender.page))
+    assert solver.gather_plan.tiled == pytest.approx(len(inside) / len(solver.tracing.texels))
     assert 0.3 < solver.gather_plan.tiled < 1.0

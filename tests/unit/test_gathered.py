@@ -44,7 +44,7 @@ def test_a_bake_gathers_where_photons_would_have_to_be_many_more(gathered, tmp_p
     assert light.ledger.gathered == light.gathered.counters["rays"]
     assert light.ledger.rays + light.ledger.gathered < alone.ledger.rays
     assert light.error < 0.8 * alone.error  # 0.53 to 0.8 of it, twelve bakes
-    shown, of_leaves = (resolve.light_at_texels(one, solver.blender).indirect for one in (light, alone))
+    shown, of_leaves = (resolve.light_at_texels(one, solver.tracing.texels).indirect for one in (light, alone))
     assert shown.mean() == pytest.approx(of_leaves.mean(), rel=0.01)
     assert np.sqrt(((shown - of_leaves) ** 2).mean()) < 0.05 * of_leaves.mean()
 
@@ -88,7 +88,7 @@ def test_a_bake_that_stops_amid_its_first_gathering_shows_leaves(gathered, tmp_p
     assert light.rounds == gathered[0].rounds
     assert not list(solver.folder.glob("known_*"))
     alone, _, _ = halt(tmp_path / "2", monkeypatch, 1, late, gather=False, max_photons=light.photons)
-    mine, theirs = (resolve.light_at_texels(one, solver.blender) for one in (light, alone))
+    mine, theirs = (resolve.light_at_texels(one, solver.tracing.texels) for one in (light, alone))
     for name in ("direct", "indirect", "stderr"):
         np.testing.assert_array_equal(getattr(mine, name), getattr(theirs, name))
     assert light.error == alone.error
@@ -96,21 +96,21 @@ def test_a_bake_that_stops_amid_its_first_gathering_shows_leaves(gathered, tmp_p
 
 def test_what_more_rays_have_gathered_stays_where_they_are_stopped(tmp_path, monkeypatch):
     monkeypatch.setattr(direct_field, "SHARD_TEXELS", 512)
-    shards = len(direct_field.cut_into_shards(len(make_solver(tmp_path / "1", SCENE, SETTINGS).blender.page))) - 1
+    shards = len(direct_field.cut_into_shards(len(make_solver(tmp_path / "1", SCENE, SETTINGS).tracing.texels))) - 1
     light, solver, executor = halt(tmp_path / "2", monkeypatch, shards + 3, error=0.008)
     assert (light.stopped_by, executor.left) == ("interrupted", 0)
     once, twice = np.bincount(light.gathered.passes)[1:]
-    assert once + twice == len(solver.blender.page)
+    assert once + twice == len(solver.tracing.texels)
     assert twice == pytest.approx(2 * 512, rel=0.3)  # the third shard was not waited for
     assert 0.008 < light.error < 0.02
-    assert np.isfinite(resolve.light_at_texels(light, solver.blender).indirect).all()
+    assert np.isfinite(resolve.light_at_texels(light, solver.tracing.texels).indirect).all()
 
 
 def test_gathering_tells_how_far_it_is_and_then_that_photons_fly(tmp_path, monkeypatch):
     monkeypatch.setattr(direct_field, "SECONDS_BETWEEN_WORDS", -1.0)
     told = []
     _, solver, _ = halt(tmp_path, monkeypatch, 10**6, tell=told.append, error=0.01)  # one pass
-    count = len(solver.blender.page)
+    count = len(solver.tracing.texels)
     words = [Status("photons", f"Indirect light, {end / count:.0%}") for end in direct_field.cut_into_shards(count)[1:]]
     kinds = [message if isinstance(message, Status) else type(message) for message in told]
     assert kinds == [Progress, *words, TRACING, Progress]
@@ -123,10 +123,10 @@ def test_blocks_that_are_blind_keep_the_light_of_the_leaves(gathered):
     half_blind = GatheredField(
         **{name: getattr(light.gathered, name) for name in ("irradiance", "variance", "passes", "doubt")}, blind=blind
     )
-    told = half_blind.show_gathered(solver.blender.texels, solver.blender.entry_at, smooth=False).told
+    told = half_blind.show_gathered(solver.tracing.texels, smooth=False).told
     assert np.flatnonzero(~told).tolist() == list(range(64, 128))
     whole, of_leaves, mixed = (
-        resolve.light_at_texels(replace(light, gathered=one), solver.blender, smooth_grain=False).indirect
+        resolve.light_at_texels(replace(light, gathered=one), solver.tracing.texels, smooth_grain=False).indirect
         for one in (light.gathered, None, half_blind)
     )
     assert np.array_equal(mixed[told], whole[told])
@@ -139,7 +139,7 @@ def test_doubt_is_the_mean_of_a_block():
     field = GatheredField.none(128)
     field.doubt[:64] = 0.5
     field.doubt[64:] = np.tile([0.5, -0.5], 32)
-    shown = field.show_gathered(None, None, smooth=False)
+    shown = field.show_gathered(None, smooth=False)
     assert shown.doubt2[:64] == pytest.approx(0.25)
     assert shown.doubt2[64:] == pytest.approx(0.0)
 
@@ -171,7 +171,7 @@ def test_estimates_are_averaged_and_what_was_blind_once_stays_so(tmp_path):
     np.testing.assert_allclose(field.doubt, -mean, rtol=1e-6)
     assert np.flatnonzero(field.blind).tolist() == [64, 65, 66]
     assert field.counters == {"rays": 150}
-    shown = field.show_gathered(None, None, smooth=False)
+    shown = field.show_gathered(None, smooth=False)
     assert shown.told.tolist() == [True] * 64 + [False] * 6
     np.testing.assert_allclose(shown.doubt2[[0, 69]], [(mean[:64].mean()) ** 2, (8 / 3) ** 2], rtol=1e-5)
 
@@ -188,7 +188,7 @@ def test_an_open_scene_is_as_bright_as_by_photons(tmp_path):
     light, solver = bake(tmp_path / "1", replace(SETTINGS, error=0.02), scene=scene, plan=lambda *_: True)
     many, _ = bake(tmp_path / "2", replace(SETTINGS, gather=False, error=1e-4, max_photons=3_000_000), scene=scene)
     assert light.gathered is not None
-    mine, theirs = (resolve.light_at_texels(each, solver.blender) for each in (light, many))
-    shown = solver.blender.texels.shown & solver.blender.texels.is_central
+    mine, theirs = (resolve.light_at_texels(each, solver.tracing.texels) for each in (light, many))
+    shown = solver.tracing.texels.shown & solver.tracing.texels.is_central
     gap = np.abs(mine.indirect - theirs.indirect)[shown]
     assert np.quantile(gap, 0.95) < 0.05 * (theirs.direct + theirs.indirect).mean()

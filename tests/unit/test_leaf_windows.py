@@ -19,9 +19,7 @@ def split_leaves(side=32, width=1.0, splits=2, seed=3):
         current = np.flatnonzero(tree.current & (tree.side > 1))
         tree = quadtree.grow_previews(quadtree.split(tree, rng.choice(current, -(-len(current) // 4), replace=False)), bake.texels, 1, 1)
     leaf = quadtree.node_of_texel(tree, np.flatnonzero(tree.current), bake.n_texel)
-    entry_at = np.full((1, side, side), -1, np.int32)
-    entry_at[0, bake.texels.texel_xy[:, 1], bake.texels.texel_xy[:, 0]] = np.arange(len(leaf))
-    return bake, tree, Neighbours.of(tree, leaf, np.zeros(len(leaf), np.int32), entry_at, bake.texels), leaf
+    return bake, tree, Neighbours.of(tree, leaf, bake.texels), leaf
 
 
 def distance(tree, node, x, y):
@@ -106,11 +104,9 @@ def test_a_leaf_within_the_square_of_another_takes_its_place_from_it():
     quarter = int(bake.tree.children[root, 3])
     leaf = np.full(bake.n_texel, root, np.int32)
     leaf[bake.texels.texel_xy.min(axis=1) >= 8] = quarter
-    entry_at = np.full((1, 16, 16), -1, np.int32)
-    entry_at[0, bake.texels.texel_xy[:, 1], bake.texels.texel_xy[:, 0]] = np.arange(len(leaf))
     parts = dataclasses.replace(bake.tree, chart=np.where(np.arange(len(bake.tree)) == quarter, 1, 0).astype(np.int32))
     texels = dataclasses.replace(bake.texels, chart_piece=np.zeros(2, np.int32))
-    neighbours = Neighbours.of(parts, leaf, np.zeros(len(leaf), np.int32), entry_at, texels)
+    neighbours = Neighbours.of(parts, leaf, texels)
     for (x, y), node, say in (
         ((8.0, 8.0), root, (0.75, 0.25)),
         ((8.0, 8.0), quarter, (0.75, 0.25)),

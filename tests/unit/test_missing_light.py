@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from leaflight.core import estimate, missing_light, quadtree, reconstruct, refine
-from trees import SIDE, SquareBake, blender_of, current, even, glow, throw
+from trees import SIDE, SquareBake, current, even, glow, throw
 
 NONE = np.nan  # no such node above
 
@@ -46,7 +46,7 @@ def find_bias(bake, nodes, weight=1.0):
     solution, texels = bake.solution(), np.arange(bake.n_texel)
     comparison = refine.Comparison.of(bake.tree, bake.totals(), solution, refine.Rule("significance", 0.0, 16, 2))
     leaf = quadtree.node_of_texel(bake.tree, nodes, bake.n_texel)
-    shown = blender_of(bake).join(bake.tree, solution, leaf, halves=True).at(texels)
+    shown = reconstruct.Blend.of(bake.texels, bake.tree, solution, leaf, halves=True).at(texels)
     weight = np.ones((len(texels), 3), np.float32) * np.float32(weight)
     asked = missing_light.AskedLight(leaf, *bake.texels.own_points_at(texels), shown, weight)
     return missing_light.find_bias(bake.tree, solution, comparison, nodes, texels, asked, np.ones(3))
@@ -143,7 +143,7 @@ def test_what_judges_tell_beside_blind_leaves_is_what_they_tell_alone():
     bake = throw(even, 20_000, 1, degree=0, level=2, preview_depth=1)
     solution, texels = bake.solution(), np.arange(bake.n_texel)
     leaf, child = (quadtree.node_of_texel(bake.tree, ids, len(texels)) for ids in (current(bake), np.flatnonzero(~bake.tree.has_children)))
-    shown = blender_of(bake).join(bake.tree, solution, leaf, halves=True).at(texels)
+    shown = reconstruct.Blend.of(bake.texels, bake.tree, solution, leaf, halves=True).at(texels)
     weight = (1 + texels[:, None]) * np.ones(3, np.float32)
     asked = missing_light.AskedLight(leaf, *bake.texels.own_points_at(texels), shown, weight)
     blind = texels < bake.n_texel // 4
@@ -266,7 +266,7 @@ def test_a_leaf_is_judged_by_its_children_whether_they_are_stable_or_not():
     assert comparison.stable[leaf[~right]].all()
     assert (tree.parent[judge] == leaf).all()
     assert tree.has_children[judge].all()
-    assert set(judge) <= set(estimate.list_told(tree, leaves, blender_of(bake)))
+    assert set(judge) <= set(estimate.list_told(tree, leaves, bake.texels))
 
 
 @pytest.mark.parametrize(("halves", "counted"), [((1.0, 1.0), 1.0), ((3.0, -1.0), -3.0), ((-1.0, -1.0), 0.0), ((1.0, -3.0), 0.0)])
@@ -314,7 +314,7 @@ def test_noise_of_what_judges_say_is_known_beforehand():
         bake = throw(even, 100_000, seed, degree=1, level=2, preview_depth=1)
         tree, solution, nodes, sample = bake.tree, bake.solution(), current(bake), np.arange(bake.n_texel)
         leaf, judge = (quadtree.node_of_texel(tree, ids, len(sample)) for ids in (nodes, np.flatnonzero(~tree.has_children)))
-        shown = blender_of(bake).join(tree, solution, leaf, halves=True).at(sample)
+        shown = reconstruct.Blend.of(bake.texels, tree, solution, leaf, halves=True).at(sample)
         weight, blind2 = np.ones((len(sample), 3), np.float32), np.zeros(len(sample))
         asked = missing_light.AskedLight(leaf, *bake.texels.own_points_at(sample), shown, weight)
         parts = missing_light.compare_with_judges(tree, solution, judge, asked, np.ones(3), blind2)

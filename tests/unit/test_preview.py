@@ -8,22 +8,20 @@ from boxes import furnace_scene, lamp_scene, make_solver, prepare_folder
 from leaflight.core import preview, resolve, workers
 from leaflight.core.direct_field import DirectField
 from leaflight.core.preview import PreviewPages, find_first_light
-from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.settings import Settings
 
 SETTINGS = Settings(size=32, padding=1, direct="photons", error=1e-4, max_photons=300_000, passes=("lighting",))
 
 
 def make_pages(folder, scene, settings=SETTINGS, tell=lambda message: None):
-    atlas, texels = prepare_folder(folder, scene, settings)
+    texels = prepare_folder(folder, scene, settings)[1]
     surfaces = workers.open_tracing(str(folder)).scene.surfaces
-    entry_page = atlas.chart_page[texels.texel_chart]
-    return PreviewPages(folder / "pages", texels, surfaces, entry_page, settings, tell), texels
+    return PreviewPages(folder / "pages", texels, surfaces, settings, tell), texels
 
 
 def first_light(folder, settings):
     tracing = workers.open_tracing(str(folder))
-    return find_first_light(folder, settings, LeafBlender.of(tracing.texels))
+    return find_first_light(folder, settings, tracing.texels)
 
 
 def test_first_light_is_all_of_the_light(tmp_path):
@@ -48,8 +46,7 @@ def test_pages_are_those_of_the_bake_but_for_its_blending(tmp_path):
         light = make_solver(tmp_path / f"{name} solver", furnace_scene(0.5), settings).run(lambda message: None, lambda: False)
         (page,) = pages.draw(light)
         surfaces = workers.open_tracing(str(tmp_path / name)).scene.surfaces
-        blender = LeafBlender.of(texels)
-        final = resolve.Resolver(resolve.light_at_texels(light, blender), blender, surfaces, 2).page(name, 0)
+        final = resolve.Resolver(resolve.light_at_texels(light, texels), texels, surfaces, 2).page(name, 0)
         np.testing.assert_array_equal(page[..., 3], final[..., 3])
         covered = final[..., 3] > 0
         assert page[covered][:, :3].astype(float).mean() == pytest.approx(final[covered][:, :3].mean(), rel=0.02), name

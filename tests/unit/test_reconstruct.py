@@ -19,7 +19,7 @@ def quartered(density, photons=20_000, side=32, degree=1):
 
 
 def join(texels, tree, solution, owner, halves=False):
-    return reconstruct.LeafBlender.of(texels).join(tree, solution, owner, halves)
+    return reconstruct.Blend.of(texels, tree, solution, owner, halves)
 
 
 def blend(bake):
@@ -278,9 +278,8 @@ def test_steps_of_reflected_light_stay_where_a_chart_was_cut():
 
 def test_a_blender_knows_the_page_of_each_entry():
     texels = replace(SquareBake(side=8, preview_depth=1).texels, chart_page=np.array([1], np.int32), page_count=2)
-    blender = reconstruct.LeafBlender.of(texels)
-    assert (blender.page == 1).all()
-    assert (blender.entry_at >= 0).sum((1, 2)).tolist() == [0, 64]
+    assert (texels.page_of(slice(None)) == 1).all()
+    assert (texels.entry_at >= 0).sum((1, 2)).tolist() == [0, 64]
 
 
 @pytest.mark.parametrize("degree", [0, 1])
@@ -341,7 +340,7 @@ def join_wide(width):
 
 def test_tiles_hold_what_a_lattice_tells_of_their_texels(monkeypatch):
     joined = join_wide(0.7165)  # 183.4 texels: the last of a row lies in a tile, and its centre is not covered
-    off_centre = joined.blender.texels.off_centre
+    off_centre = joined.texels.off_centre
     by_tiles = joined.range(0, len(joined.leaf))
     tiles = joined._find_smooth_tiles(0, len(joined.leaf))
     assert len(tiles) == 22 * 32
@@ -372,25 +371,25 @@ def glance_of_charts(folder, size):
     """The first light of a block on a floor, which are seven charts close to each other; who blends it, and the leaf of each texel."""
     solver = make_solver(folder, lamp_scene(), Settings(size=size, padding=1, max_photons=20_000, direct="photons", basis="constant"))
     light = solver.glance()
-    return light, solver.blender, quadtree.node_of_texel(light.tree, light.leaves, len(solver.blender.page))
+    return light, solver.tracing.texels, quadtree.node_of_texel(light.tree, light.leaves, len(solver.tracing.texels))
 
 
 def test_leaves_of_other_charts_have_no_say(tmp_path):
     """Though windows reach them, and their light is about the same."""
-    light, blender, leaf = glance_of_charts(tmp_path, 32)
+    light, texels, leaf = glance_of_charts(tmp_path, 32)
     even = replace(light.solution, coefficient=np.ones_like(light.solution.coefficient))
     chart_of_entry = light.tree.chart[leaf]
     for chart in np.unique(chart_of_entry):
         other = replace(even, coefficient=np.where(light.tree.chart == chart, even.coefficient, 1.001))
-        found = blender.join(light.tree, other, leaf).at(np.arange(len(leaf))).irradiance
+        found = reconstruct.Blend.of(texels, light.tree, other, leaf).at(np.arange(len(leaf))).irradiance
         assert (found[..., chart_of_entry == chart] == 1).all()
         np.testing.assert_allclose(found[..., chart_of_entry != chart], 1.001)
 
 
 def test_charts_of_one_texel_are_not_one_cell(tmp_path):
-    light, blender, leaf = glance_of_charts(tmp_path, 8)
+    light, texels, leaf = glance_of_charts(tmp_path, 8)
     assert (np.bincount(light.tree.chart[leaf]) == 1).sum() > 1
-    joined = blender.join(light.tree, light.solution, leaf)
+    joined = reconstruct.Blend.of(texels, light.tree, light.solution, leaf)
     each, by_cells = joined.at(np.arange(len(leaf))), joined.range(0, len(leaf))
     np.testing.assert_array_equal(by_cells.irradiance, each.irradiance)
     np.testing.assert_array_equal(by_cells.variance, each.variance)

@@ -6,12 +6,11 @@ import pytest
 from leaflight.core.charts import make_charts
 from leaflight.core.creases import cut_at_creases
 from leaflight.core.materials import SurfaceMaterials
-from leaflight.core.reconstruct import LeafBlender
 from leaflight.core.resolve import Resolver, TexelLight, close_seams
 from leaflight.core.scene import Material
 from leaflight.core.seam_points import SeamPoints, find_seams
 from leaflight.core.settings import Settings
-from leaflight.core.texels import build_texel_map
+from leaflight.core.texels import TexelMap, build_texel_map
 from scenes import hinge_mesh, make_scene, shade_smooth, sphere_mesh
 from seam_steps import measure_step
 
@@ -24,15 +23,15 @@ class Lit:
 
     scene: object
     points: SeamPoints
-    blender: LeafBlender
+    texels: TexelMap
     light: TexelLight
 
     def closed(self):
-        return close_seams(self.light, self.points, self.blender)
+        return close_seams(self.light, self.points, self.texels)
 
     def pages(self, light, name="lighting", margin=4):
-        resolver = Resolver(light, self.blender, SurfaceMaterials(self.scene), margin)
-        return np.stack([resolver.page(name, page) for page in range(self.blender.texels.page_count)])
+        resolver = Resolver(light, self.texels, SurfaceMaterials(self.scene), margin)
+        return np.stack([resolver.page(name, page) for page in range(self.texels.page_count)])
 
 
 def light_scene(scene, irradiance, size=64, noise=0.0, stderr=0.0):
@@ -40,7 +39,6 @@ def light_scene(scene, irradiance, size=64, noise=0.0, stderr=0.0):
     scene = dataclasses.replace(scene, materials=(Material("Tinted", ALBEDO, emission_rgb=(0.0, 0.0, 2.0)),))
     atlas = make_charts(scene, Settings(size=size))
     texels = build_texel_map(scene, cut_at_creases(scene, atlas), 2)
-    blender = LeafBlender.of(texels)
     weight, tri = texels.texel_bary[..., None], texels.texel_tri
     normal = (weight * scene.tri_normal[tri]).sum(axis=1)
     value = irradiance((weight * scene.tri_position[tri]).sum(axis=1), normal / np.linalg.norm(normal, axis=1, keepdims=True))
@@ -49,7 +47,7 @@ def light_scene(scene, irradiance, size=64, noise=0.0, stderr=0.0):
     doubt = np.broadcast_to(np.asarray(stderr, np.float32)[..., None], rgb.shape) * rgb
     light = TexelLight(rgb * np.float32(0.3), rgb * np.float32(0.7), doubt, np.zeros(len(rgb), np.int32))
     points = find_seams(scene, atlas.tri_chart, atlas.tri_uv, atlas.object_page[scene.tri_object])
-    return Lit(scene, points, blender, light)
+    return Lit(scene, points, texels, light)
 
 
 def by_sun(position, normal):

@@ -154,12 +154,12 @@ def test_photons_are_sent_by_all_light_that_is_shown(tmp_path):
     tree, plan, texels = solver.tree, solver.guide.plan, solver.tracing.texels
     solver.guide.plan = lambda tree, root_object: roots.append(root_object) or plan(tree, root_object)
     told, _ = solver._guide_photons()
-    shown = resolve.light_at_texels(light, solver.blender)
+    shown = resolve.light_at_texels(light, solver.tracing.texels)
     means = quadtree.mean_in_nodes(tree, shown.direct + shown.indirect)
     expected = splitting.weigh_deposits(tree, light.leaves, means, light.ledger.deposits)[:, light.leaves]
     ratio = told.worth[:, light.leaves] / expected
     assert np.quantile(ratio, [0.05, 0.95]) == pytest.approx(1.0, abs=0.3)
-    at_texels = tree.levels[0][quadtree.node_of_texel(tree, tree.levels[0], len(solver.blender.page))]
+    at_texels = tree.levels[0][quadtree.node_of_texel(tree, tree.levels[0], len(solver.tracing.texels))]
     np.testing.assert_array_equal(roots[0][at_texels], solver.tracing.snapshot.tri_object[texels.texel_tri])
 
 
@@ -208,7 +208,7 @@ def test_a_round_solves_all_that_is_asked_of_it(tmp_path, knobs):
     for one in (state, whole):
         light, told = solver._light(one)
         stated.append((told.relative, told.chosen, told.direct, *told.correction))
-        lights.append(resolve.light_at_texels(light, solver.blender).indirect)
+        lights.append(resolve.light_at_texels(light, solver.tracing.texels).indirect)
         nothing = np.zeros(len(solver.tree), bool), np.zeros((3, len(solver.tree)))
         rule = replace(solver.rule, oracle="paper")  # splits on noise too
         marked.append(refine.mark(solver.tree, one.totals, one.solution, one.comparison, rule, *nothing))
@@ -245,10 +245,10 @@ def test_rays_that_are_shot_again_are_told_of_and_can_be_stopped(tmp_path, monke
 
 def test_what_is_shown_of_direct_light_is_of_its_last_shot(tmp_path):
     solver = make_solver(tmp_path, lamp_scene(), replace(QUICK, error=0.3))
-    direct, where = solver.direct, (solver.blender.texels, solver.blender.entry_at)
-    before = direct.show(*where, smooth=True)
+    direct, texels = solver.direct, solver.tracing.texels
+    before = direct.show(texels, smooth=True)
     direct.shoot(tmp_path, solver.settings, solver.executor, np.arange(len(direct.irradiance)))
-    shown, fresh = direct.show(*where, smooth=True), ShownDirect.smoothed(direct.irradiance, direct.find_variance(), *where)
+    shown, fresh = direct.show(texels, smooth=True), ShownDirect.smoothed(direct.irradiance, direct.find_variance(), texels)
     np.testing.assert_array_equal(shown.irradiance, fresh.irradiance)
     assert (shown.irradiance != before.irradiance).any()
 
@@ -330,7 +330,7 @@ def test_contact_splits_where_it_is_forced(tmp_path):
         solver.forced_texels[touched] = name == "forced"
         solver.run(lambda message: None, lambda: False)
         current = np.flatnonzero(solver.tree.current)
-        sides.append(solver.tree.side[quadtree.node_of_texel(solver.tree, current, len(solver.blender.page))])
+        sides.append(solver.tree.side[quadtree.node_of_texel(solver.tree, current, len(solver.tracing.texels))])
     assert (sides[1] <= sides[0]).all()
     assert sides[1][touched] <= 2 < sides[0][touched]
     elsewhere = solver.tracing.texels.texel_chart > 0

@@ -7,7 +7,7 @@ import pytest
 from boxes import lamp_scene, make_solver, prepare_folder
 from leaflight.core import squares
 from leaflight.core.quadtree import node_of_texel
-from leaflight.core.reconstruct import LeafBlender
+from leaflight.core.reconstruct import Blend
 from leaflight.core.settings import Settings
 from leaflight.core.squares import SquareLight, Squares, deposit_on_squares
 from leaflight.core.texel_map import LOOK
@@ -93,7 +93,7 @@ def test_a_bake_counts_light_on_the_squares_at_contacts(tmp_path, texels):
         light = solver.run(lambda message: None, lambda: False)
         assert np.array_equal(light.squares.entry, np.flatnonzero(forced & texels.is_central))
     leaf = node_of_texel(light.tree, light.leaves, len(texels.texel_area))
-    shown = solver.blender.join(light.tree, light.solution, leaf).at(light.squares.entry).irradiance
+    shown = Blend.of(solver.tracing.texels, light.tree, light.solution, leaf).at(light.squares.entry).irradiance
     area = solver.squares.area
     told, held = ((each.sum(axis=0) * area).sum(axis=-1) for each in (light.squares.irradiance, shown))
     noise = np.sqrt((light.squares.variance * area**2).sum(axis=-1))
@@ -108,7 +108,6 @@ def mix_noise(truth, leaf_value, photons=4.0, side=64, seed=1, entry=None, parts
     parts   2, or 1 without the first component, which is 0
     """
     texels = make_square_map(side, 0)
-    blender = LeafBlender.of(texels)
     entry = np.arange(side * side) if entry is None else entry
     x, y = texels.texel_xy[entry].T
     truth = np.broadcast_to(truth, (side, side))
@@ -119,7 +118,7 @@ def mix_noise(truth, leaf_value, photons=4.0, side=64, seed=1, entry=None, parts
     light = np.zeros((parts, 3, side * side), np.float32)
     light[-1] = leaf_value
     variance = np.full((3, side * side), 1e-6, np.float32)
-    changed = squares.mix(light, variance, told, texels, blender.entry_at)
+    changed = squares.mix(light, variance, told, texels)
     image = np.zeros((side, side))
     image[texels.texel_xy[:, 1], texels.texel_xy[:, 0]] = light[-1, 0]
     return image, changed, variance
@@ -167,7 +166,6 @@ def test_squares_of_another_chart_have_no_say(texels, other_chart, one_piece):
     """Of two that lie as near to each other as charts do, unless these were one."""
     if one_piece:
         texels = replace(texels, chart_piece=np.zeros_like(texels.chart_piece))
-    blender = LeafBlender.of(texels)
     shown = np.flatnonzero(texels.shown)
     apart = np.abs(texels.texel_xy[shown, None].astype(int) - texels.texel_xy[shown]).max(axis=2)
     is_other = texels.texel_chart[shown, None] != texels.texel_chart[shown]
@@ -179,5 +177,5 @@ def test_squares_of_another_chart_have_no_say(texels, other_chart, one_piece):
     n = len(texels.texel_area)
     light, variance = np.ones((2, 3, n), np.float32), np.full((3, n), 1e-3, np.float32)
     is_apart = other_chart and not one_piece
-    assert squares.mix(light, variance, told, texels, blender.entry_at).any() != is_apart
+    assert squares.mix(light, variance, told, texels).any() != is_apart
     assert (light == 1).all() == is_apart

@@ -22,7 +22,7 @@ def make_shard(folder, scene, worth=None):
     """A shard of 5000 photons, and its tree; with `worth` of so many nodes, (3, n_node), photons may be told to part as they would."""
     solver = make_solver(folder, scene, replace(SETTINGS, direct="photons"))
     tree, view = solver.tree, folder / "view"
-    shared_arrays.save_struct(view, TreeView.of_tree(tree, len(solver.blender.page), solver.squares.entry))
+    shared_arrays.save_struct(view, TreeView.of_tree(tree, len(solver.tracing.texels), solver.squares.entry))
     if worth:
         told = Splitting(np.ones(len(scene.objects) + len(tree), np.float32), worth(len(tree)), BirthCells.whole(np.ones(1)))
         shared_arrays.save_struct(view / workers.SPLITTING_FOLDER, told)
