@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-_EMPTY, _FILLED, _QUEUED, _OUTSIDE = range(4)
+_EMPTY, _FILLED, _QUEUED, _OUTSIDE = range(4)  # the first two as what is covered says it
+_BAND = 128  # rows that are looked at together: what lies between stays in the cache
 
 
 def fill_margin(page: NDArray[np.float32], covered: NDArray[np.bool_], texels: int) -> NDArray[np.float32]:
@@ -18,48 +19,47 @@ def fill_margin(page: NDArray[np.float32], covered: NDArray[np.bool_], texels: i
 def add_margin(page: NDArray[np.float32], covered: NDArray[np.bool_], texels: int) -> None:
     """Sets uncovered texels up to `texels` steps from a covered one to the mean of their neighbours nearer to it; others stay.
 
-    page      (h, w, c) float32
+    page      (h, w, c) float32, one row right after the other
     covered   (h, w) bool
     texels    rings to add; a step goes to any of the eight neighbours
     """
     height, width, channels = page.shape
     line = width + 2
     state = np.full((height + 2, line), _OUTSIDE, np.uint8)  # a border saves every test for the page's edge
-    state[1:-1, 1:-1] = np.where(covered, np.uint8(_FILLED), np.uint8(_EMPTY))
-    texel_state = state.ravel()
+    state[1:-1, 1:-1] = covered
+    texel_state, texel = state.ravel(), page.view()
+    texel.shape = height * width, channels  # fails where reshape would copy the page
     ring = _first_ring(state)
-    neighbours = [dy * line + dx for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
+    at = ring - 2 * (ring // line) + (1 - line)  # on the page, which has no border
+    neighbours = [(dy * line + dx, dy * width + dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
     for _ in range(texels):
         total, count = np.zeros((len(ring), channels)), np.zeros((len(ring), 1))
-        next_ring = []
+        next_ring, next_at = [], []
         texel_state[ring] = _QUEUED
-        for step in neighbours:
+        for step, step_at in neighbours:
             place = ring + step
             found = texel_state[place]
             known = np.flatnonzero(found == _FILLED)
-            total[known] += page[_on_page(place[known], line)]
+            total[known] += texel[at[known] + step_at]
             count[known] += 1.0
-            empty = place[found == _EMPTY]
-            texel_state[empty] = _QUEUED  # so that no other step finds it again
-            next_ring.append(empty)
-        page[_on_page(ring, line)] = total / count
+            empty = np.flatnonzero(found == _EMPTY)
+            next_ring.append(place[empty])
+            next_at.append(at[empty] + step_at)
+            texel_state[next_ring[-1]] = _QUEUED  # so that no other step finds it again
+        texel[at] = total / count
         texel_state[ring] = _FILLED
-        ring = np.concatenate(next_ring)
-
-
-def _on_page(place: NDArray[np.int64], line: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows and columns of places among states, which have a border."""
-    row, column = np.divmod(place, line)
-    return row - 1, column - 1
+        ring, at = np.concatenate(next_ring), np.concatenate(next_at)
 
 
 def _first_ring(state: NDArray[np.uint8]) -> NDArray[np.int64]:
     """Flat indices of empty texels next to a filled one."""
-    filled = state == _FILLED
-    wide = filled.copy()
-    wide[:, 1:] |= filled[:, :-1]
-    wide[:, :-1] |= filled[:, 1:]
-    near = wide.copy()
-    near[1:] |= wide[:-1]
-    near[:-1] |= wide[1:]
-    return np.flatnonzero(near & (state == _EMPTY))
+    found = []
+    for row in range(1, len(state) - 1, _BAND):
+        band = state[row - 1 : row + _BAND + 1]
+        filled = band == _FILLED
+        wide = filled.copy()
+        wide[:, 1:] |= filled[:, :-1]
+        wide[:, :-1] |= filled[:, 1:]
+        near = wide[:-2] | wide[1:-1] | wide[2:]
+        found.append(np.flatnonzero(near & (band[1:-1] == _EMPTY)) + row * state.shape[1])
+    return np.concatenate(found)

@@ -65,7 +65,7 @@ def write_pages(
         for (page, name), stem in zip(stems, unique, strict=True):
             owners = np.flatnonzero(atlas.object_page == page).tolist()
             pixels = draw(name, page, False)
-            maximum = float(pixels[..., :3].max(initial=0.0))
+            maximum = _find_maximum(pixels)
             for kind in settings.formats:
                 shown = draw(name, page, True) if kind == "png" and name in DEBUG_PASSES else pixels
                 path = Path(job.output) / f"{stem}{image_file.suffix_of(kind)}"
@@ -94,6 +94,12 @@ def _write_file(
         return "linear, float", _FLOAT_MAX, ""
     encoding = "a picture, sRGB" if debug and kind == "png" else _ENCODING.get(kind, kind)
     return encoding, image_file.range_of(pixels, kind, settings.value_range), ""
+
+
+def _find_maximum(pixels: Page) -> float:
+    # Channels side by side by columns first: three of four by themselves would be taken number by number.
+    by_column: Page = pixels.max(axis=0, initial=0.0)
+    return float(by_column[:, :3].max(initial=0.0))
 
 
 def name_pages(job: Job, snapshot: SceneSnapshot, atlas: ChartAtlas) -> list[str]:

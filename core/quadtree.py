@@ -197,7 +197,7 @@ def add_children(tree: Quadtree, nodes: IntArray, texels: TexelMap) -> Quadtree:
     )
 
 
-def _find_codes(code: NDArray[np.int64], low: NDArray[np.int64], high: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
+def _find_codes(code: NDArray[np.int32], low: NDArray[np.int64], high: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
     """(m,) int64: where in code[low:high], each ascending, the first lies that is not below `wanted`; all (m,). Found by halving."""
     low, high = low.copy(), high.copy()
     while (rows := np.flatnonzero(low < high)).size:

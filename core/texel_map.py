@@ -31,7 +31,7 @@ class TexelMap:
     chart_start    (n_chart + 1,) int64     entries of chart c are chart_start[c]:chart_start[c + 1]
     texel_chart    (n,) int32
     texel_xy       (n, 2) int32             page texel
-    texel_code     (n,) int64               Morton code of texel_xy - chart_origin
+    texel_code     (n,) int32               Morton code of texel_xy - chart_origin
     texel_area     (n,) float64, m^2        world area of the chart inside the texel
     texel_tri      (n,) int32               triangle of the representative point
     grid           lookup of entries by triangle and texel
@@ -55,7 +55,7 @@ class TexelMap:
     chart_start: Int64
     texel_chart: Int32
     texel_xy: Int32
-    texel_code: Int64
+    texel_code: Int32
     texel_area: Float64
     texel_tri: Int32
     grid: TexelGrid

@@ -31,7 +31,7 @@ class EvenSquares:
     side: Int32
 
     @classmethod
-    def of(cls, chart: Int32, code: Int64, xy: Int32, area: Float64, part_entry: Int64) -> EvenSquares:
+    def of(cls, chart: Int32, code: Int32, xy: Int32, area: Float64, part_entry: Int64) -> EvenSquares:
         """Arguments as the fields of TexelMap."""
         square = _find_even(chart, code, area, part_entry)
         leads = np.ones(len(code), bool)
@@ -78,7 +78,7 @@ class EvenSquares:
         return np.where(is_square, side, 0)
 
 
-def _find_even(chart: Int32, code: Int64, area: Float64, part_entry: Int64) -> Int64:
+def _find_even(chart: Int32, code: Int32, area: Float64, part_entry: Int64) -> Int64:
     """(m,) int64: first entries of the squares."""
     found = [np.zeros(0, np.int64)]
     for start in range(0, len(code), CHUNK_SIZE):

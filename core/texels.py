@@ -176,7 +176,7 @@ def _collect_entries(
     row_of_zero = first_row - grid.row_y[first_row]
     n_texel = sum(int(np.count_nonzero(cell_tri[start : start + _SLOTS] >= 0)) for start in range(0, len(cell_tri), _SLOTS))
     texel_chart, texel_tri = (room.empty(name, (n_texel,), np.int32) for name in ("texel_chart", "texel_tri"))
-    texel_xy, texel_code = room.empty("texel_xy", (n_texel, 2), np.int32), room.empty("texel_code", (n_texel,), np.int64)
+    texel_xy, texel_code = room.empty("texel_xy", (n_texel, 2), np.int32), room.empty("texel_code", (n_texel,), np.int32)
     texel_area = room.empty("texel_area", (n_texel,), np.float64)
     row_first, row_last, row_zero = np.ascontiguousarray(grid.row_cell.T)
     end = 0

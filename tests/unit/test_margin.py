@@ -24,12 +24,12 @@ def test_between_two_charts_is_their_mean() -> None:
     np.testing.assert_array_equal(fill_margin(page, covered, 4)[:, 1, 0], np.full(5, 3.0))
 
 
-@pytest.mark.parametrize("texels", [0, 1, 3, 8])
-def test_reach_is_the_number_of_steps(texels: int) -> None:
+@pytest.mark.parametrize(("texels", "height"), [(0, 17), (1, 17), (3, 17), (8, 17), (2, 400)])
+def test_reach_is_the_number_of_steps(texels: int, height: int) -> None:
     rng = np.random.default_rng(texels)
-    covered = rng.random((17, 23)) < 0.01
+    covered = rng.random((height, 23)) < 0.01
     covered[5, 6] = True
-    page = np.where(covered[..., None], rng.uniform(1.0, 2.0, (17, 23, 3)), -1.0).astype(np.float32)
+    page = np.where(covered[..., None], rng.uniform(1.0, 2.0, (height, 23, 3)), -1.0).astype(np.float32)
     filled = fill_margin(page, covered, texels)
     y, x = np.nonzero(covered)
     rows, columns = np.indices(covered.shape)

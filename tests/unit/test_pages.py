@@ -75,6 +75,13 @@ def test_a_range_that_is_wanted_is_taken_and_clips(tmp_path):
     assert read_image(Path(files[1].path))[0].max() == pytest.approx(2.0)
 
 
+def test_the_maximum_of_a_dim_page_is_of_its_light(tmp_path):
+    dim = PAGE.copy()
+    dim[..., :3] *= np.float32(0.1)
+    (file,) = write(tmp_path, PER_OBJECT, ["Floor"], lambda name, page, look: dim)
+    assert file.maximum == dim[..., :3].max() < dim[..., 3].max()
+
+
 def test_debug_passes_are_numbers_in_files_of_numbers_and_pictures_in_png(tmp_path):
     files = write(tmp_path, replace(PER_OBJECT, passes=("photons",), formats=("exr", "png"), view_transform="scene"), ["Floor"])
     exr, png = (read_image(Path(file.path))[0] for file in files)
