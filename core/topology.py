@@ -69,42 +69,60 @@ def join_open_sides(vertex_position: NDArray[np.float64], tri_vertex: IntArray, 
 
     vertex_position   (n_vertex, 3) float64, m
     tri_vertex        (n, 3) int
-    tri_group         (n,) int, not negative   sides of different groups stay apart
+    tri_group         (n,) int, not negative   sides of different groups, which have no vertices in common, stay apart
     """
     vertex = tri_vertex.astype(np.int64)
-    doubtful = np.flatnonzero(find_groups_with_twins(vertex_position, vertex, tri_group)[tri_group])
+    place = _number_places(vertex_position, vertex, tri_group)
+    doubtful = np.flatnonzero(_find_crowded(place, vertex, tri_group)[tri_group])
     ends, one, other = pair_sides(vertex[doubtful], tri_group[doubtful])
     is_alone = np.ones(ends.shape[1], bool)
     is_alone[one] = is_alone[other] = False
     alone = np.flatnonzero(is_alone)
     side = vertex[doubtful].ravel()[ends[:, alone]]
-    keys = np.stack([*find_ends(vertex_position, side), tri_group[doubtful[alone // 3]]])
-    order = np.lexsort(keys)
+    start, end = place[side]
+    edge = np.minimum(start, end) * len(vertex_position) + np.maximum(start, end)  # one number is sorted faster than two
+    group = tri_group[doubtful[alone // 3]]
+    order = np.lexsort((edge, group))
     here, after = order[:-1], order[1:]
-    same = (keys[:, here] == keys[:, after]).all(axis=0)
+    same = (edge[here] == edge[after]) & (group[here] == group[after])
     here, after = here[same], after[same]
-    turned = (vertex_position[side[0, here]] != vertex_position[side[0, after]]).any(axis=1)
-    met = np.where(turned, side[::-1, after], side[:, after])
+    met = np.where(start[here] != start[after], side[::-1, after], side[:, after])
     joined: Int64 = join_sets(len(vertex_position), side[:, here].ravel(), met.ravel())[vertex]
     return joined
 
 
 def find_groups_with_twins(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_group: IntArray) -> NDArray[np.bool_]:
-    """(n_group,) bool: groups of whose vertices two lie at one place; by a chance of one in 10^7 another one.
+    """(n_group,) bool: groups of whose vertices two lie at one place.
 
     Arguments as in join_open_sides.
     """
-    group = np.zeros(len(vertex_position), np.int64)
+    return _find_crowded(_number_places(vertex_position, tri_vertex, tri_group), tri_vertex, tri_group)
+
+
+def _find_crowded(place: Int64, tri_vertex: IntArray, tri_group: IntArray) -> NDArray[np.bool_]:
+    """(n_group,) bool: groups with vertices that share their place; place (n_vertex,) as _number_places has them."""
+    crowd = np.bincount(place[place >= 0]) > 1
+    out = np.zeros(int(tri_group.max(initial=-1)) + 1, bool)
+    out[tri_group[crowd[place[tri_vertex]].any(axis=1)]] = True
+    return out
+
+
+def _number_places(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_group: IntArray) -> Int64:
+    """(n_vertex,) int64, below n_vertex: numbers of vertices, alike for those of one group at one place; -1 for those of no triangle."""
+    group = np.full(len(vertex_position), -1)
     group[tri_vertex] = tri_group[:, None]
-    used = np.unique(tri_vertex)
+    used = np.flatnonzero(group >= 0)
     mixed = group[used].astype(np.uint64)
     for column in vertex_position[used].T:  # one number for each place is sorted several times faster than three
         mixed = (mixed ^ (column + 0.0).view(np.uint64)) * _MIX  # zeros of both signs are one place
         mixed ^= mixed >> np.uint64(32)
-    order = np.argsort(mixed)
-    out = np.zeros(int(tri_group.max(initial=-1)) + 1, bool)
-    out[group[used[order[1:]]][mixed[order[1:]] == mixed[order[:-1]]]] = True
-    return out
+    order = used[np.argsort(mixed)]
+    here, group_here = vertex_position[order], group[order]
+    differs = (here[1:] != here[:-1]).any(axis=1) | (group_here[1:] != group_here[:-1])
+    number = np.full(len(vertex_position), -1)
+    number[order[:1]] = 0
+    number[order[1:]] = np.cumsum(differs)
+    return number
 
 
 def join_sets(count: int, one: Int64, other: Int64) -> Int64:

@@ -36,7 +36,8 @@ class Unwrapping:
         self._asked: Question | None = None
         if len(self._solid):
             self._position -= 0.5 * (self._position.min(axis=(0, 1)) + self._position.max(axis=(0, 1)))
-            self._asked = Question(self._position, self._normal[self._solid], self._area[self._solid], tri_vertex[self._solid])
+            solid = self._solid
+            self._asked = Question(self._position, self._normal[solid], self._area[solid], tri_vertex[solid], tri_polygon[solid])
 
     def cancel(self) -> None:
         """Nobody will ask for the charts any more."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from .geometry import orthonormal_basis
 from .layer_check import signed_areas
+from .mesh_pieces import split_part
 from .scene import IntArray
 from .topology import join_sets, pair_sides
 from .unfolding import unfold_meshes
@@ -31,19 +32,25 @@ _COPLANAR, _CUT = 1.0 - 1e-7, 0.25
 class Question:
     """A question to xatlas, put when it is made."""
 
-    def __init__(self, position: Float64, normal: Float64, area: Float64, tri_vertex: IntArray) -> None:
-        """position     (n, 3, 3) float64, m
-        normal       (n, 3) float64
-        area         (n,) float64, m^2, above 0
-        tri_vertex   (n, 3) int
+    def __init__(self, position: Float64, normal: Float64, area: Float64, tri_vertex: IntArray, tri_polygon: IntArray) -> None:
+        """position      (n, 3, 3) float64, m
+        normal        (n, 3) float64
+        area          (n,) float64, m^2, above 0
+        tri_vertex    (n, 3) int
+        tri_polygon   (n,) int
         """
         self._position, self._normal, self._area = position, normal, area
         _, first, vertex = np.unique(tri_vertex, return_index=True, return_inverse=True)
         vertex = vertex.reshape(-1, 3)
         label = join_sets(len(first), vertex.ravel(), np.roll(vertex, -1, axis=1).ravel())[vertex[:, 0]]
         order = np.argsort(label, kind="stable")
+        _, one, other = pair_sides(vertex, np.zeros(len(vertex), np.int64))
+        one, other = one // 3, other // 3
+        cosine = _dot(normal[one], normal[other])
+        facet = join_sets(len(vertex), one[cosine > _COPLANAR], other[cosine > _COPLANAR])
         # Loose parts go in apart, each centred and scaled: a teaspoon in a hall would drown in float32.
-        self._parts = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+        loose = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+        self._parts = [part[rows] for part in loose for rows in split_part(facet[part], tri_polygon[part], position[part].mean(axis=1))]
         self._meshes: list[Mesh] = []
         self._scaled_area = 0.0
         for part in self._parts:
@@ -55,7 +62,7 @@ class Question:
             _, first, index = np.unique(vertex[part], return_index=True, return_inverse=True)
             points = points.reshape(-1, 3)[first] * scale
             self._meshes.append((np.ascontiguousarray(points, np.float32), np.ascontiguousarray(index.reshape(-1, 3), np.uint32)))
-        self._roughly = _seems_flat(normal, vertex)
+        self._roughly = _seems_flat(cosine)
         self._answer = unfold_meshes(self._meshes, self._scaled_area, self._roughly)
 
     def cancel(self) -> None:
@@ -84,10 +91,8 @@ class Question:
         return group, uv
 
 
-def _seems_flat(normal: Float64, vertex: Int64) -> bool:
-    """Whether no two triangles that share a side are bent as little as xatlas allows within a chart."""
-    _, one, other = pair_sides(vertex, np.zeros(len(vertex), np.int64))
-    cosine = _dot(normal[one // 3], normal[other // 3])
+def _seems_flat(cosine: Float64) -> bool:
+    """Whether no two triangles that share a side, with normals at that cosine (m,), are bent as little as xatlas allows within a chart."""
     return bool(((cosine > _COPLANAR) | (cosine < _CUT)).all())
 
 

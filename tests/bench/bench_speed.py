@@ -227,6 +227,10 @@ def run_probes(folder: Path, sizes: speed_probes.Sizes) -> list[Target]:
     few, many = sizes.triangles
     tell(Target.at_most(f"{few:,} -> {many:,} triangles, tracing, times", hills["ratio"], 4.0))
     tell(Target.at_most(f"{many:,} triangles, peak memory of a worker, GB", hills["worker_mb"] / 1e3, 4.0))
+    ground = speed_probes.unwrap_growth(sizes)
+    few, many = sizes.unwrapped
+    text = f"{few:,} -> {many:,} triangles of a bumpy ground, unwrapping, times ({ground['seconds']:.1f} s)"
+    tell(Target.at_most(text, ground["ratio"], 6.0))
     few, many = sizes.lights
     tell(Target.at_most(f"{few:,} -> {many:,} lights, the same 5 %, times", speed_probes.light_growth(folder / "lights", sizes), 3.0))
     tell(Target.at_most("start to first photon beyond importing bpy, s", speed_probes.start_seconds(sizes), 0.5))
@@ -246,7 +250,7 @@ def table_targets(targets: Sequence[Target], before: dict[str, float]) -> Table:
 
 def key_of(text: str) -> str:
     """A target's text without the figures that change from run to run."""
-    text = text.partition(" (two bakes")[0]
+    text = text.partition(" (")[0]
     return "".join(letter for letter in text if not letter.isdigit() and letter != ".") if text.startswith("wavefront") else text
 
 

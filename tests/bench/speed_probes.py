@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import statistics
 import subprocess
 import sys
@@ -19,13 +20,14 @@ import numpy as np
 from boxes import prepare_folder, room_mesh
 from cycles_reference import SAMPLES
 from leaflight.addon.job import BakeProcess
-from leaflight.core import photons, rounds, sampling, workers
+from leaflight.core import photons, rounds, sampling, unfolding, workers
 from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.messages import Error
 from leaflight.core.rays import Hits, RayScene
 from leaflight.core.scene import Light, Material, SceneSnapshot
 from leaflight.core.settings import Settings
 from leaflight.core.snapshot import save_snapshot
+from leaflight.core.unwrap import Unwrapping
 from scenes import grid_mesh, make_scene, moved
 
 NEVER = 1e-4  # an error that no bake here comes to, so that the photons decide
@@ -40,13 +42,14 @@ class Sizes:
     photons: int = 16_000_000
     triangle_photons: int = 4_000_000
     triangles: tuple[int, int] = (1_000, 1_000_000)
+    unwrapped: tuple[int, int] = (20_000, 80_000)
     lights: tuple[int, int] = (1, 1_000)
     pages: tuple[int, int] = (1024, 4096)
     repeats: int = 3
 
 
 _Bake = tuple[SceneSnapshot, Settings]
-QUICK = Sizes(1 << 13, 300_000, 100_000, (200, 5_000), (1, 20), (64, 128), 1)
+QUICK = Sizes(1 << 13, 300_000, 100_000, (200, 5_000), (200, 800), (1, 20), (64, 128), 1)
 
 
 def run_core(folder: Path, scene: SceneSnapshot, settings: Settings) -> dict[str, Any]:
@@ -153,6 +156,18 @@ def triangle_growth(folder: Path, sizes: Sizes) -> dict[str, float]:
     few, many = ((hills_scene(count), settings) for count in sizes.triangles)
     ratio, result = compare_cores(folder, few, many, "photons", sizes)
     return {"ratio": ratio, "peak_mb": peak_mb(result), "worker_mb": result["peak_memory_mb"].get("worker", float("nan"))}
+
+
+def unwrap_growth(sizes: Sizes) -> dict[str, float]:
+    """Seconds to unwrap a bumpy ground of the larger number of triangles, and their ratio to those of the smaller."""
+    few, many = (make_scene([grid_mesh("Ground", math.isqrt(count // 2), noise=0.05)]) for count in sizes.unwrapped)
+    unfolding.start_ahead()
+
+    def unwrap(ground: SceneSnapshot) -> None:
+        Unwrapping(ground.tri_position, ground.tri_vertex, ground.tri_polygon, ground.tri_corner).finish()
+
+    few_s, many_s = (_least_seconds(lambda ground=ground: unwrap(ground), sizes.repeats) for ground in (few, many))
+    return {"ratio": many_s / few_s, "seconds": many_s}
 
 
 def light_growth(folder: Path, sizes: Sizes) -> float:

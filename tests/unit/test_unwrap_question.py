@@ -27,7 +27,7 @@ def asked(monkeypatch):
 def ask(*meshes):
     scene = make_scene([Mesh("One", np.concatenate([mesh.vertex for mesh in meshes]), join_polygons(meshes))])
     normal, area = triangle_normals_areas(scene.tri_position)
-    return Question(scene.tri_position, normal, area, scene.tri_vertex)
+    return Question(scene.tri_position, normal, area, scene.tri_vertex, scene.tri_polygon)
 
 
 def join_polygons(meshes):
@@ -60,3 +60,12 @@ def test_the_charts_are_the_same_whatever_they_seemed_to_be(monkeypatch, asked, 
     np.testing.assert_array_equal(other_uv, uv)
     flat = mesh.name == "Box"
     assert asked[1:] == ([True] if flat else [True, False]) if seems_flat else [False]
+
+
+def test_a_dense_ground_is_unwrapped_by_pieces():
+    """Of 2,048 triangles at most, in time that grows with their number; one of as many in a plane is one chart still."""
+    group, _ = ask(grid_mesh(cells=70, noise=0.1)).read()
+    assert (group >= 0).all()
+    assert len(np.unique(group)) >= 5
+    assert np.bincount(group).max() <= 2048
+    assert np.unique(ask(grid_mesh(cells=70)).read()[0]).size == 1
