@@ -22,13 +22,15 @@ def add_margin(page: NDArray[np.float32], covered: NDArray[np.bool_], texels: in
     page      (h, w, c) float32, one row right after the other
     covered   (h, w) bool
     texels    rings to add; a step goes to any of the eight neighbours
+    Raises ValueError for a page of another order.
     """
     height, width, channels = page.shape
     line = width + 2
     state = np.full((height + 2, line), _OUTSIDE, np.uint8)  # a border saves every test for the page's edge
     state[1:-1, 1:-1] = covered
-    texel_state, texel = state.ravel(), page.view()
-    texel.shape = height * width, channels  # fails where reshape would copy the page
+    texel_state, texel = state.ravel(), page.reshape(height * width, channels)
+    if not np.may_share_memory(texel, page):
+        raise ValueError("a page whose rows do not follow each other in memory cannot be filled in place.")
     ring = _first_ring(state)
     at = ring - 2 * (ring // line) + (1 - line)  # on the page, which has no border
     neighbours = [(dy * line + dx, dy * width + dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]

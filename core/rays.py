@@ -50,7 +50,7 @@ class RayScene:
         if not solid.all():
             self._tri_of_primitive = np.append(np.flatnonzero(solid), -1).astype(np.int32)  # primitive -1, a miss, finds the last
         embree_scene, triangle_mesh = _load_embree()
-        _ask_for(_SCENE_BYTES + _TRIANGLE_BYTES * len(tri_position_unit) + _PROCESSOR_BYTES * (os.cpu_count() or 1))
+        _ask_for(_SCENE_BYTES + _TRIANGLE_BYTES * len(tri_position_unit) + _PROCESSOR_BYTES * _count_threads())
         self._embree = embree_scene(robust=True)  # without it 1 of 15 rays aimed at an edge slips through; costs nothing measurable
         if solid.any():
             triangle_mesh(self._embree, np.ascontiguousarray(tri_position_unit[solid], np.float32))
@@ -99,6 +99,11 @@ def _load_embree() -> tuple[Any, Any]:
             "(Linux x64, Windows x64, or macOS 13 and later)."
         ) from reason
     return EmbreeScene, TriangleMesh
+
+
+def _count_threads() -> int:
+    """How many embree builds with: one for each processor that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _ask_for(n_bytes: int) -> None:

@@ -54,6 +54,11 @@ def test_a_colour_field_stays_smooth() -> None:
     np.testing.assert_allclose(fill_margin(page, covered, 1)[1:-1, 3, 0], np.arange(1, 8), rtol=1e-6)
 
 
+def test_a_page_that_cannot_be_filled_in_place_is_told() -> None:
+    with pytest.raises(ValueError, match="rows do not follow each other"):
+        add_margin(np.zeros((4, 6, 3), np.float32).transpose(1, 0, 2), np.zeros((6, 4), bool), 1)
+
+
 def test_a_part_of_a_page_is_filled_in_place() -> None:
     """Three of four channels: the fourth stays."""
     page, covered = np.zeros((4, 6, 4), np.float32), np.zeros((4, 6), bool)

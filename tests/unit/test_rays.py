@@ -118,7 +118,7 @@ except MemoryError as reason:
 """
 
 
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory can be limited on Linux")
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the limit is set from the address space that Linux tells in /proc")
 @pytest.mark.parametrize(
     ("loaded", "n_triangles", "room_mb"),
     [(False, 1, 20), (False, 1, 100), (True, 1, 20), (True, 1, 100), (True, 1, 150), (True, 300_000, 200)],
