@@ -73,6 +73,7 @@ class StatedError:
     correction    of noise_correction
     texel_direct2 gives (n,) float32: the squared part of direct light by rays at each texel
     gathered, texel_gathered2   as direct and texel_direct2, of gathered light; None where there is none
+    indirect      mean share of a texel's light that photons bring
     """
 
     relative: float
@@ -82,6 +83,7 @@ class StatedError:
     texel_direct2: Callable[[], NDArray[np.float32]]
     gathered: float = 0.0
     texel_gathered2: Callable[[], NDArray[np.float32]] | None = None
+    indirect: float = 1.0
 
 
 def state_error(
@@ -161,7 +163,8 @@ def state_error(
     if gathered:
         light, is_told = gathered.light, gathered.told
         texel_gathered2 = partial(of_texels, lambda rows: light.variance_at(rows) * is_told[rows, None])
-    return StatedError(math.sqrt(square), chosen, by_rays, correction, texel_direct2, by_gathering, texel_gathered2)
+    indirect = float((np.maximum(node_light[leaf[sample]], 0.0) * np.sqrt(weight)).mean(dtype=np.float64))
+    return StatedError(math.sqrt(square), chosen, by_rays, correction, texel_direct2, by_gathering, texel_gathered2, indirect)
 
 
 def list_told(tree: Quadtree, nodes: IntArray, texels: TexelMap) -> NDArray[np.int64]:

@@ -24,12 +24,13 @@ def choose_texels(
 ) -> tuple[DirectField, NDArray[np.intp]] | None:
     """The field whose rays help most, and the texels (m,) that want more of them; None where a photon's help as much, or no texel does.
 
-    Squared errors fall as one over the number of rays.
+    Squared errors fall as one over the number of rays; and what is gathered has to be so again after more photons.
 
     error    relative, that is asked for
     traced   rays of photons
     """
-    by_photons = (stated.relative**2 - stated.direct**2 - stated.gathered**2) / max(traced, 1)
+    again = gathered.counters["rays"] if gathered else 0
+    by_photons = (stated.relative**2 - stated.direct**2 - stated.gathered**2) / max(traced + again, 1)
     most = (DIRECT_SHARE * error) ** 2
     kinds = [(stated.direct**2, direct, stated.texel_direct2)]
     kinds += [(stated.gathered**2, gathered, stated.texel_gathered2)] if gathered and stated.texel_gathered2 else []

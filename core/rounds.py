@@ -25,11 +25,32 @@ ROUND_PHOTONS = 1 << 22  # at most, so that progress, cancelling and time limits
 # ... and at least so many photons for each node: to look at what came of a round takes as long as tracing them does on two cores, and on
 # some samples several times as long.
 NODE_PHOTONS = 16
-SPARE = 1.1  # photons over those that the error asked for would need if it fell as noise does: finer leaves have more of it
+SPARE = 1.1  # how much less squared noise a round aims at than would be enough, for it may come out worse than foretold
+
+
+def grow_photons(noise2: float, wanted2: float, degree: int | None) -> float:
+    """How many times the photons so far are likely to take squared noise from noise2 >= 0 to wanted2 > 0.
+
+    Where trees are refined as photons come, fewer are left to each leaf: of N photons, with functions of order p = degree + 1 on surfaces,
+    the squared error falls as N^(-p / (p + 1)). Source: Stone 1982, "Optimal global rates of convergence for nonparametric regression".
+
+    degree   of the basis; None where trees stay as they are, and noise falls as 1 / N
+    """
+    power = 1.0 if degree is None else (degree + 2) / (degree + 1)
+    growth: float = (noise2 / wanted2) ** power
+    return growth
 
 
 def next_photons(
-    so_far: int, told: float, weight: float, most: int, n_node: int, wanted_error: float, error: float, fixed_error: float
+    so_far: int,
+    told: float,
+    weight: float,
+    most: int,
+    n_node: int,
+    wanted_error: float,
+    error: float,
+    fixed_error: float,
+    degree: int | None = None,
 ) -> int:
     """Photons of the next round: those that the error asked for is likely to need, if that is not too many for one round.
 
@@ -39,14 +60,15 @@ def next_photons(
     n_node        nodes of the trees
     error         relative, as it stands; nan where nothing is known
     fixed_error   relative, the part of it that no photon makes less
+    degree        of grow_photons
     """
     if not so_far:
         wanted = min(FIRST_NODE_PHOTONS * n_node, MOST_FIRST_PHOTONS, int(FIRST_SHARE * most))
         return min(max(wanted, FIRST_ROUND_PHOTONS), most)
     growth = EARLY_GROWTH if told < EARLY_PHOTONS else ROUND_GROWTH
     noise2, left2 = error**2 - fixed_error**2, wanted_error**2 - fixed_error**2
-    if left2 > 0.0 and noise2 > 0.0:  # squared, noise falls as one over the photons
-        growth = min(max(SPARE * noise2 / left2, SPARE) - 1.0, growth)
+    if left2 > 0.0 and noise2 > 0.0:
+        growth = min(max(grow_photons(SPARE * noise2, left2, degree), SPARE) - 1.0, growth)
     photons = max(min(growth * told / weight, ROUND_PHOTONS), FIRST_ROUND_PHOTONS / weight, min(NODE_PHOTONS * n_node, so_far) / weight)
     return int(min(photons, most - so_far))
 

@@ -292,5 +292,6 @@ class Solver:
         error, fixed = (math.nan, 0.0) if stated is None or self.round == 1 else (stated.chosen, math.hypot(stated.direct, stated.gathered))
         ledger, settings, late = self.ledger, self.settings, self.rounds.count_late()
         so_far, told = ledger.photons + late[0], ledger.told + late[1]
-        photons = rounds.next_photons(so_far, told, weight, settings.max_photons, len(self.tree), settings.error, error, fixed)
+        degree = self.degree if settings.hierarchical else None
+        photons = rounds.next_photons(so_far, told, weight, settings.max_photons, len(self.tree), settings.error, error, fixed, degree)
         return photons, settings.max_photons - so_far - photons

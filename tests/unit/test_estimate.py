@@ -180,7 +180,10 @@ def test_direct_light_is_judged_as_it_is_shown():
     assert nodes.tolist() == sorted(nodes)
     np.testing.assert_allclose(stated.texel_direct2(), expected, rtol=1e-4)
     assert stated.direct**2 == pytest.approx(expected.mean(), rel=0.03)  # of the best texels
+    floor = np.sqrt(1 + estimate.DARK_FLOOR**2)  # which brightness is held against, where light is even
+    assert stated.indirect == pytest.approx((light.mean() - 2.0) / light.mean() / floor, rel=0.01)
     plain = estimate.state_error(*told, shown_of(bake, 0.0, 0.0), bake.texels)
+    assert plain.indirect == pytest.approx(1.0 / floor, rel=0.01)
     brighter = light.mean() / (light.mean() - 2.0)  # as much brighter all light is, as much less is photons' noise
     assert stated.relative**2 - stated.direct**2 == pytest.approx(plain.relative**2 / brighter**2, rel=0.1)
 

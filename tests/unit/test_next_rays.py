@@ -77,6 +77,15 @@ def test_what_photons_may_gain_is_neither_of_both_rays():
     assert choose_texels(ERROR, stated(np.hypot(0.1, 0.09) * 1.001, 0.1, 0.09), 100, direct, gathered)[0] is direct
 
 
+def test_more_photons_want_all_that_was_gathered_again():
+    """The little that photons err by would fall quickly, were theirs the only rays."""
+    gathered = field_of(GatheredField, 1_000_000)
+    told = stated(np.hypot(0.09, 0.02), 0.0, 0.09)
+    assert choose_texels(ERROR, told, 10_000, field_of(DirectField, 100), gathered)[0] is gathered
+    told = stated(np.hypot(0.09, 0.2), 0.0, 0.09)  # there is no way round them
+    assert choose_texels(ERROR, told, 10_000, field_of(DirectField, 100), gathered) is None
+
+
 @pytest.mark.parametrize("heard", [[], ["Direct light, 3%"]])
 def test_who_heard_of_a_look_is_told_what_follows(heard):
     told = []

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from leaflight.core.rounds import (
     EARLY_GROWTH,
@@ -16,6 +17,7 @@ from leaflight.core.rounds import (
     SHARD_PHOTONS,
     SPARE,
     count_late,
+    grow_photons,
     next_photons,
     share_photons,
 )
@@ -52,13 +54,27 @@ def test_a_round_adds_at_most_a_share_of_all_photons_while_nothing_tells_of_less
     assert next_plain(10 * ROUND_PHOTONS, PLENTY, 10, 0.05, 1.0, 0.0) == ROUND_PHOTONS
 
 
+@pytest.mark.parametrize(("degree", "power"), [(None, 1.0), (0, 1 / 2), (1, 2 / 3), (2, 3 / 4)])
 @pytest.mark.parametrize("fixed", [0.0, 0.02, 0.04])
-def test_a_round_aims_at_the_error_asked_for(fixed):
-    """With the photons that it asks for, noise that falls as their root would come out a little below."""
-    noise2 = 1.3 * (0.05**2 - fixed**2)
-    photons = next_plain(3_000_000, PLENTY, 10, 0.05, math.sqrt(noise2 + fixed**2), fixed)
-    then2 = noise2 * 3_000_000 / (3_000_000 + photons) + fixed**2
+def test_a_round_aims_at_the_error_asked_for(fixed, degree, power):
+    """With the photons that it asks for, noise that falls as it does on such trees would come out a little below."""
+    noise2 = 1.15 * (0.05**2 - fixed**2)
+    photons = next_plain(3_000_000, PLENTY, 10, 0.05, math.sqrt(noise2 + fixed**2), fixed, degree)
+    then2 = noise2 * (3_000_000 / (3_000_000 + photons)) ** power + fixed**2
     assert (then2 - fixed**2) * SPARE == pytest.approx(0.05**2 - fixed**2, rel=1e-5)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_refined_leaves_balance_noise_and_what_they_cannot_hold(degree):
+    """Of leaves of side h squared noise is 1 / (N h^2), and what functions of that degree miss h^(2 degree + 2): the least sum of both."""
+    side = np.geomspace(1e-4, 1.0, 100_000)
+
+    def least(photons):
+        return (1.0 / (photons * side**2) + side ** (2 * degree + 2)).min()
+
+    assert grow_photons(least(1e4), least(1e6), degree) == pytest.approx(100.0, rel=1e-3)
+    assert grow_photons(4.0, 1.0, None) == 4.0
+    assert grow_photons(0.0, 1.0, degree) == 0.0
 
 
 def test_a_round_is_worth_being_looked_at():
