@@ -70,6 +70,7 @@ class StatedError:
     chosen        the same for whoever stops at this round because it is small, and so picks one that came out small by chance: a standard
                   error of what leaves miss is held against it
     direct        the part of it that is noise of direct light by rays, which no photon makes less
+    photons       the part of it that is photons' noise
     correction    of noise_correction
     texel_direct2 gives (n,) float32: the squared part of direct light by rays at each texel
     gathered, texel_gathered2   as direct and texel_direct2, of gathered light; None where there is none
@@ -79,6 +80,7 @@ class StatedError:
     relative: float
     chosen: float
     direct: float
+    photons: float
     correction: NDArray[np.float64]
     texel_direct2: Callable[[], NDArray[np.float32]]
     gathered: float = 0.0
@@ -124,7 +126,8 @@ def state_error(
     direct2 = relative2_at(shown_direct.variance_at, sample)
     texel_direct2 = partial(of_texels, shown_direct.variance_at)
     if not totals.photons.sum() or not count:
-        return StatedError(math.nan, math.nan, math.sqrt(np.sort(direct2)[:count].sum() / max(count, 1)), correction, texel_direct2)
+        by_rays = math.sqrt(np.sort(direct2)[:count].sum() / max(count, 1))
+        return StatedError(math.nan, math.nan, by_rays, math.nan, correction, texel_direct2)
     # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
     shown = Blend.of(texels, tree, solution, leaf, halves=True).at(sample)
     weight = _weigh(node_light[leaf[sample]] + shown_direct.irradiance_at(sample), dark2)
@@ -158,13 +161,14 @@ def state_error(
     missing2, doubt2 = bias.sum_up(best)
     square = by_photons2 + by_rays2 + by_gathering2 + missing2
     doubt2 += (taken - taken_surely) * float(shrunk2[best].mean())
-    chosen, by_rays, by_gathering = math.sqrt(square + doubt2), math.sqrt(by_rays2), math.sqrt(by_gathering2)
+    relative, chosen = math.sqrt(square), math.sqrt(square + doubt2)
+    by_rays, by_photons, by_gathering = math.sqrt(by_rays2), math.sqrt(max(by_photons2, 0.0)), math.sqrt(by_gathering2)
     texel_gathered2 = None
     if gathered:
         light, is_told = gathered.light, gathered.told
         texel_gathered2 = partial(of_texels, lambda rows: light.variance_at(rows) * is_told[rows, None])
     indirect = float((np.maximum(node_light[leaf[sample]], 0.0) * np.sqrt(weight)).mean(dtype=np.float64))
-    return StatedError(math.sqrt(square), chosen, by_rays, correction, texel_direct2, by_gathering, texel_gathered2, indirect)
+    return StatedError(relative, chosen, by_rays, by_photons, correction, texel_direct2, by_gathering, texel_gathered2, indirect)
 
 
 def list_told(tree: Quadtree, nodes: IntArray, texels: TexelMap) -> NDArray[np.int64]:

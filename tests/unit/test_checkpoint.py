@@ -105,7 +105,8 @@ def test_a_bake_whose_direct_light_was_shot_again_goes_on(tmp_path, monkeypatch)
 
 
 def test_light_that_was_gathered_in_vain_is_not_gathered_again_by_who_goes_on(tmp_path, monkeypatch):
-    monkeypatch.setattr(gather_plan, "_RAY_ERRORS", 0)
+    monkeypatch.setattr(gather_plan, "_RAYS_EACH", -1000.0)
+    monkeypatch.setattr(gather_plan, "_MOST_KNOWN", 1000.0)
     monkeypatch.setattr(gather_plan, "_LEAST_TILED", 0.0)
     gathered, gather = [], GatheredField.gather
 

@@ -184,6 +184,8 @@ def test_direct_light_is_judged_as_it_is_shown():
     assert stated.indirect == pytest.approx((light.mean() - 2.0) / light.mean() / floor, rel=0.01)
     plain = estimate.state_error(*told, shown_of(bake, 0.0, 0.0), bake.texels)
     assert plain.indirect == pytest.approx(1.0 / floor, rel=0.01)
+    assert plain.photons == pytest.approx(plain.relative, rel=0.02)  # even light is all of it noise
+    assert stated.photons**2 + stated.direct**2 == pytest.approx(stated.relative**2, rel=0.02)
     brighter = light.mean() / (light.mean() - 2.0)  # as much brighter all light is, as much less is photons' noise
     assert stated.relative**2 - stated.direct**2 == pytest.approx(plain.relative**2 / brighter**2, rel=0.1)
 
