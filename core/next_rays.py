@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .direct_field import MOST_PASSES, DirectField
-from .estimate import StatedError
+from .estimate import BEST_TEXELS, StatedError
 from .gathered import GatheredField
 from .messages import Message
+from .rounds import SPARE
 
 # Sends rays from texels; told who is to hear of it, and what asks it to stop.
 Look: TypeAlias = Callable[[Callable[[Message], None], Callable[[], bool]], object]
@@ -24,7 +25,8 @@ def choose_texels(
 ) -> tuple[DirectField, NDArray[np.intp]] | None:
     """The field whose rays help most, and the texels (m,) that want more of them; None where a photon's help as much, or no texel does.
 
-    Squared errors fall as one over the number of rays; and what is gathered has to be so again after more photons.
+    Squared errors fall as one over the number of rays; and what is gathered has to be so again after more photons. No more texels are
+    chosen than are likely to bring the error asked for.
 
     error    relative, that is asked for
     traced   rays of photons
@@ -37,9 +39,26 @@ def choose_texels(
     gains = [error2 / max(rays.counters["rays"], 1) if error2 > most else 0.0 for error2, rays, _ in kinds]
     if max(gains) <= by_photons:
         return None
-    _, rays, texel2 = kinds[int(np.argmax(gains))]
-    worst = np.flatnonzero((texel2() > most) & (rays.passes < MOST_PASSES))
+    own2, rays, texel2 = kinds[int(np.argmax(gains))]
+    error2 = texel2()
+    worst = np.flatnonzero((error2 > most) & (rays.passes < MOST_PASSES))
+    left2 = max((error**2 - (stated.chosen**2 - own2)) / SPARE, most)
+    if left2 < own2:
+        worst = _find_enough(error2, worst, rays.passes[worst], 1.0 - left2 / own2)
     return (rays, worst) if len(worst) else None
+
+
+def _find_enough(error2: NDArray[np.float32], worst: NDArray[np.intp], passes: NDArray[np.int16], share: float) -> NDArray[np.intp]:
+    """As many of the texels `worst` (m,), ascending, as take a share off the mean of squared errors, (n,) of all: those that err most.
+
+    passes   (m,): estimates that each is the mean of
+    """
+    counted = np.minimum(error2, np.quantile(error2, BEST_TEXELS))  # see StatedError: it leaves the worst out
+    gain = counted[worst] / (passes + 1)
+    order = np.argsort(-error2[worst], kind="stable")
+    wanted = share * counted.sum(dtype=np.float64)
+    count = int(np.searchsorted(np.cumsum(gain[order], dtype=np.float64), wanted)) + 1
+    return np.sort(worst[order[:count]])
 
 
 def have_look(look: Look, tell: Callable[[Message], None], should_stop: Callable[[], bool], following: Message) -> None:

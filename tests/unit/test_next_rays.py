@@ -9,6 +9,7 @@ import pytest
 from leaflight.core.direct_field import MOST_PASSES, DirectField
 from leaflight.core.gathered import GatheredField
 from leaflight.core.next_rays import DIRECT_SHARE, choose_texels, have_look
+from leaflight.core.rounds import SPARE
 
 ERROR = 0.1  # that is asked for
 LEAST = (DIRECT_SHARE * ERROR) ** 2  # below which rays are left as they are
@@ -23,7 +24,7 @@ def field_of(kind, rays):
 
 
 def stated(relative, direct, gathered=0.0):
-    told = SimpleNamespace(relative=relative, direct=direct, gathered=gathered)
+    told = SimpleNamespace(relative=relative, chosen=relative, direct=direct, gathered=gathered)
     told.texel_direct2 = lambda: TEXEL2.astype(np.float32)
     told.texel_gathered2 = (lambda: TEXEL2[::-1].astype(np.float32)) if gathered else None
     return told
@@ -63,6 +64,35 @@ def test_texels_that_had_their_share_are_left():
     assert choose_texels(ERROR, stated(0.15, 0.1), 1000, direct, None)[1].tolist() == [3]
     direct.passes[3] = MOST_PASSES
     assert choose_texels(ERROR, stated(0.15, 0.1), 1000, direct, None) is None
+
+
+@pytest.mark.parametrize(("passes", "share", "expected"), [(1, 0.09, 2), (1, 0.24, 5), (3, 0.09, 4), (1, 0.5, 10), (1, 0.9, 10)])
+def test_no_more_texels_than_are_enough(passes, share, expected):
+    """Of ten that err alike each takes half of a tenth off if it has had one estimate, and a quarter of that if it has had three."""
+    told = stated(0.0, 0.2)
+    told.texel_direct2 = lambda: np.full(10, 4 * ERROR**2, np.float32)
+    told.relative = told.chosen = np.sqrt(ERROR**2 - (1 - share) * SPARE * told.direct**2 + told.direct**2)
+    direct = DirectField.none(10)
+    direct.counters["rays"], direct.passes[:] = 1, passes
+    found = choose_texels(ERROR, told, 10**9, direct, None)[1]
+    assert found.tolist() == list(range(expected))
+
+
+def test_those_that_err_most_are_enough():
+    told = stated(0.0, 0.2)
+    error2 = np.full(1000, 4 * ERROR**2, np.float32)
+    error2[::10] *= 100
+    error2[[3, 4]] = 1e9  # are among the worst, which the stated error leaves out
+    told.texel_direct2 = lambda: error2
+    told.relative = told.chosen = np.sqrt(ERROR**2 - 0.7 * SPARE * told.direct**2 + told.direct**2)
+    direct = DirectField.none(1000)
+    direct.counters["rays"], direct.passes[:] = 1, 1
+    found = choose_texels(ERROR, told, 10**9, direct, None)[1]
+    assert found[:3].tolist() == [0, 3, 4]
+    rest = np.setdiff1d(found, [3, 4])
+    assert (rest % 10 == 0).all()
+    counted = np.minimum(error2, 100 * 4 * ERROR**2)
+    assert counted[found].sum() / 2 == pytest.approx(0.3 * counted.sum(), rel=0.02)
 
 
 def test_so_are_those_of_the_field_that_is_chosen():
