@@ -167,8 +167,17 @@ def state_error(
     if gathered:
         light, is_told = gathered.light, gathered.told
         texel_gathered2 = partial(of_texels, lambda rows: light.variance_at(rows) * is_told[rows, None])
-    indirect = float((np.maximum(node_light[leaf[sample]], 0.0) * np.sqrt(weight)).mean(dtype=np.float64))
-    return StatedError(relative, chosen, by_rays, by_photons, correction, texel_direct2, by_gathering, texel_gathered2, indirect)
+    return StatedError(
+        relative=relative,
+        chosen=chosen,
+        direct=by_rays,
+        photons=by_photons,
+        correction=correction,
+        texel_direct2=texel_direct2,
+        gathered=by_gathering,
+        texel_gathered2=texel_gathered2,
+        indirect=float((np.maximum(node_light[leaf[sample]], 0.0) * np.sqrt(weight)).mean(dtype=np.float64)),
+    )
 
 
 def list_told(tree: Quadtree, nodes: IntArray, texels: TexelMap) -> NDArray[np.int64]:

@@ -50,7 +50,7 @@ def next_photons(
     wanted_error: float,
     error: float,
     fixed_error: float,
-    degree: int | None = None,
+    degree: int | None,
 ) -> int:
     """Photons of the next round: those that the error asked for is likely to need, if that is not too many for one round.
 

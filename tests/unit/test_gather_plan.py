@@ -47,7 +47,7 @@ def test_less_indirect_light_is_gathered_by_fewer_rays():
 
 def test_light_that_is_gathered_is_known_well_enough():
     assert pays(replace(ASKED, error=0.0197))
-    assert not pays(replace(ASKED, error=0.0195))  # a 2.5th of what light by photons errs
+    assert not pays(replace(ASKED, error=0.0195))  # a 2.5th of what all light errs by so far
 
 
 def test_photons_that_are_not_allowed_are_not_weighed():

@@ -76,6 +76,8 @@ def test_no_more_texels_than_are_enough(passes, share, expected):
     direct.counters["rays"], direct.passes[:] = 1, passes
     found = choose_texels(ERROR, told, 10**9, direct, None)[1]
     assert found.tolist() == list(range(expected))
+    told.chosen *= 1.2  # the error that a bake stops by: what may be missing by chance is no ray's to take off
+    assert len(choose_texels(ERROR, told, 10**9, direct, None)[1]) > expected or expected == 10
 
 
 def test_those_that_err_most_are_enough():

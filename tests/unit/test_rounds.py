@@ -25,9 +25,9 @@ from leaflight.core.rounds import (
 PLENTY = 10**9
 
 
-def next_plain(so_far, *others):
+def next_plain(so_far, most, n_node, wanted_error, error, fixed_error, degree=None):
     """Where all photons told as much as those of a first round."""
-    return next_photons(so_far, float(so_far), 1.0, *others)
+    return next_photons(so_far, float(so_far), 1.0, most, n_node, wanted_error, error, fixed_error, degree)
 
 
 def first_round(most, n_node):
@@ -90,11 +90,11 @@ def test_no_round_goes_beyond_the_photons_of_the_bake():
 
 def test_photons_that_tell_more_are_fewer():
     plain = next_plain(8_000_000, PLENTY, 10, 0.05, 0.055, 0.0)
-    assert next_photons(3_000_000, 8e6, 4.0, PLENTY, 10, 0.05, 0.055, 0.0) == plain // 4
-    assert next_photons(1_000_000, 1e6, 4.0, PLENTY, 10, 0.05, 1.0, 0.0) == 500_000  # what there was before is tripled, no more
-    few_that_tell_much = next_photons(100_000, 2.0 * EARLY_PHOTONS, 1.0, PLENTY, 10, 0.05, 1.0, 0.0)
+    assert next_photons(3_000_000, 8e6, 4.0, PLENTY, 10, 0.05, 0.055, 0.0, None) == plain // 4
+    assert next_photons(1_000_000, 1e6, 4.0, PLENTY, 10, 0.05, 1.0, 0.0, None) == 500_000  # what there was before is tripled, no more
+    few_that_tell_much = next_photons(100_000, 2.0 * EARLY_PHOTONS, 1.0, PLENTY, 10, 0.05, 1.0, 0.0, None)
     assert few_that_tell_much == int(ROUND_GROWTH * 2 * EARLY_PHOTONS)
-    assert next_photons(100_000, 1e5, 4.0, PLENTY, 10, 0.05, 0.055, 0.0) == FIRST_ROUND_PHOTONS // 4
+    assert next_photons(100_000, 1e5, 4.0, PLENTY, 10, 0.05, 0.055, 0.0, None) == FIRST_ROUND_PHOTONS // 4
 
 
 @pytest.mark.parametrize("photons", [2, 3, 1001, FIRST_ROUND_PHOTONS, 3 * SHARD_PHOTONS, 1_234_567, ROUND_PHOTONS])

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh, solution_bytes, solve_scene
-from leaflight.core import direct_field, executors, quadtree, refine, resolve, shrinkage, splitting, tally, workers
+from leaflight.core import direct_field, executors, quadtree, refine, resolve, rounds, shrinkage, splitting, tally, workers
 from leaflight.core.direct_shown import ShownDirect
 from leaflight.core.messages import Progress, Status
 from leaflight.core.rounds import EARLY_GROWTH, EARLY_PHOTONS, FIRST_ROUND_PHOTONS, ROUND_GROWTH
@@ -179,6 +179,22 @@ def test_rounds_grow_by_what_their_photons_tell(tmp_path):
     for tallied in (solver.tally, solver.square_tally):
         assert tallied.photons.sum() == pytest.approx(told.sum())
     assert light.squares.entry.size
+
+
+@pytest.mark.parametrize(
+    ("knobs", "degree"), [({}, 1), ({"basis": "constant"}, 0), ({"basis": "quadratic"}, 2), ({"hierarchical": False}, None)]
+)
+def test_photons_are_foretold_as_they_fall_on_the_trees_that_there_are(tmp_path, monkeypatch, knobs, degree):
+    """Where trees are not refined noise falls as one over the photons, whatever the basis."""
+    asked = []
+
+    def note(noise2, wanted2, degree):
+        asked.append(degree)
+        return 2.0
+
+    monkeypatch.setattr(rounds, "grow_photons", note)
+    solve_scene(tmp_path, lamp_scene(), replace(SETTINGS, direct="photons", **knobs))
+    assert set(asked) == {degree}
 
 
 def test_progress_is_told_after_every_round(tmp_path):
