@@ -42,8 +42,8 @@ def choose_texels(
     own2, rays, texel2 = kinds[int(np.argmax(gains))]
     error2 = texel2()
     worst = np.flatnonzero((error2 > most) & (rays.passes < MOST_PASSES))
-    left2 = max((error**2 - (stated.chosen**2 - own2)) / SPARE, most)
-    if left2 < own2:
+    left2 = (error**2 - (stated.chosen**2 - own2)) / SPARE
+    if most < left2 < own2:  # else something else keeps the error up, and all of them are to be as sure as they have to be
         worst = _find_enough(error2, worst, rays.passes[worst], 1.0 - left2 / own2)
     return (rays, worst) if len(worst) else None
 

@@ -80,6 +80,14 @@ def test_no_more_texels_than_are_enough(passes, share, expected):
     assert len(choose_texels(ERROR, told, 10**9, direct, None)[1]) > expected or expected == 10
 
 
+def test_where_the_error_asked_for_is_far_all_are_sent_at_once():
+    """A few at a time, each with a look at the whole page, would take longer."""
+    direct = field_of(DirectField, 1)
+    for chosen in (0.2, 0.1):  # far from it; and near, with direct light that is almost as sure as it has to be
+        told = stated(chosen, 1.01 * np.sqrt(LEAST))
+        assert choose_texels(ERROR, told, 10**9, direct, None)[1].tolist() == [2, 3, 4]
+
+
 def test_those_that_err_most_are_enough():
     told = stated(0.0, 0.2)
     error2 = np.full(1000, 4 * ERROR**2, np.float32)
