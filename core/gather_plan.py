@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from .basis import DEGREES
 from .estimate import StatedError
 from .ledger import Ledger
+from .next_rays import DIRECT_SHARE
 from .quadtree import Quadtree, node_of_texel
 from .reconstruct import evaluate_leaf
 from .rounds import grow_photons
@@ -50,11 +52,11 @@ class GatherPlan:
         n_texel = len(texels)
         return cls(n_texel, len(find_tiles(texels.texel_chart, texels.texel_code)) * TILE_TEXELS / max(n_texel, 1))
 
-    def pays(self, settings: Settings, stated: StatedError, ledger: Ledger, round_: int, most_direct: float) -> bool:
+    def pays(self, settings: Settings, stated: StatedError, ledger: Ledger, round_: int, weigh: Callable[[], float]) -> bool:
         """Whether to gather takes less time than the photons that the error asked for would need.
 
-        round_        number of rounds so far
-        most_direct   of the error asked for, the share that direct light by rays may have
+        round_   number of rounds so far
+        weigh    gives how much a photon of the next round tells, over one of a first
         """
         if settings.error >= self.given_up or self.tiled < _LEAST_TILED or round_ < 2:  # a first one knows too little of what there is
             return False
@@ -64,14 +66,15 @@ class GatherPlan:
         # Where leaves are as large as they should be, what they miss is 1 / (degree + 1) of their noise (see grow_photons); early trees are
         # too coarse, and what these miss tells nothing of the photons to come.
         noise2 = stated.photons**2 * (degree + 2) / (degree + 1)
-        wanted2 = (1.0 - most_direct**2) * settings.error**2
+        wanted2 = (1.0 - DIRECT_SHARE**2) * settings.error**2
         if noise2 <= wanted2 or stated.relative > _MOST_KNOWN * settings.error:
             return False
         # Where photons are counted, by who wants so many and no more, and these are too few at best, they tell all of it.
         if ledger.told * (noise2 / wanted2 - 1.0) > settings.max_photons - ledger.photons:
             return False
         rays = (_RAYS_EACH + _RAYS_BY_ERROR / settings.error) * stated.indirect * self.n_texel
-        return ledger.rays * (grow_photons(noise2, wanted2, degree) - 1.0) > rays
+        photons = ledger.told * (grow_photons(noise2, wanted2, degree) - 1.0) / weigh()
+        return photons * ledger.rays / ledger.photons > rays
 
 
 def know_light(

@@ -27,7 +27,7 @@ from .gathered import GatheredField
 from .ledger import Ledger
 from .light_field import LightField
 from .messages import Message, Status
-from .next_rays import DIRECT_SHARE, Look, choose_texels, have_look
+from .next_rays import Look, choose_texels, have_look
 from .other_light import OtherLight
 from .photon_rounds import PhotonRounds, save_view
 from .settings import Settings
@@ -142,7 +142,7 @@ class Solver:
         settings, ledger = self.settings, self.ledger
         if settings.direct != "rays" or (self.gathered and stated.chosen <= settings.error):
             return None
-        if self.gathered is None and self.gather_plan.pays(settings, stated, ledger, self.round, DIRECT_SHARE):
+        if self.gathered is None and self.gather_plan.pays(settings, stated, ledger, self.round, lambda: self._guide_photons()[1]):
             return partial(self._gather, state, np.arange(len(self.tracing.texels)))
         chosen = choose_texels(settings.error, stated, ledger.rays, self.direct, self.gathered)
         if chosen is None:

@@ -16,13 +16,12 @@ from leaflight.core.settings import Settings
 from leaflight.core.tiles import Tiles
 
 ASKED = Settings(error=0.02)
-SHARE = 0.5
 LEDGER = Ledger(photons=10**6, told=1e6, rays=500_000)
 NOISY = estimate.StatedError(0.049, 0.05, 0.0, 0.04, 1.0, lambda: np.zeros(0, np.float32), indirect=1.0)
 
 
-def pays(settings=ASKED, stated=NOISY, ledger=LEDGER, round_=3, n_texel=40_000, tiled=1.0):
-    return GatherPlan(n_texel, tiled).pays(settings, stated, ledger, round_, SHARE)
+def pays(settings=ASKED, stated=NOISY, ledger=LEDGER, round_=3, n_texel=40_000, tiled=1.0, weight=1.0):
+    return GatherPlan(n_texel, tiled).pays(settings, stated, ledger, round_, lambda: weight)
 
 
 def test_gathering_pays_where_photons_are_far_from_the_error_asked_for():
@@ -37,6 +36,15 @@ def test_photons_are_held_to_need_what_their_share_of_the_error_says():
     assert pays(n_texel=313_400)
     assert not pays(n_texel=313_600)
     assert pays(replace(ASKED, basis="constant"), n_texel=1_600_000)
+
+
+def test_photons_that_are_guided_tell_more_each():
+    """A fifth of them is enough then; of those so far, which told as much as twice as many would, half were guided already."""
+    assert pays(weight=5.0, n_texel=313_400 // 5)
+    assert not pays(weight=5.0, n_texel=313_600 // 5 + 1)
+    told_more = replace(LEDGER, told=2e6)
+    assert pays(ledger=told_more, n_texel=2 * 313_400)
+    assert not pays(ledger=told_more, n_texel=2 * 313_600)
 
 
 def test_less_indirect_light_is_gathered_by_fewer_rays():
@@ -79,8 +87,8 @@ def test_what_was_not_enough_is_not_tried_again(tmp_path):
     assert solver.gather_plan.given_up == solver.settings.error
     assert solver.gathered is None
     tried = GatherPlan(40_000, 1.0, given_up=0.02)
-    assert not tried.pays(ASKED, NOISY, LEDGER, 3, SHARE)
-    assert tried.pays(replace(ASKED, error=0.0199), NOISY, LEDGER, 3, SHARE)  # of a bake that goes on to a smaller one
+    assert not tried.pays(ASKED, NOISY, LEDGER, 3, lambda: 1.0)
+    assert tried.pays(replace(ASKED, error=0.0199), NOISY, LEDGER, 3, lambda: 1.0)  # of a bake that goes on to a smaller one
 
 
 def test_what_is_known_is_direct_light_and_that_of_leaves(tmp_path, monkeypatch):
