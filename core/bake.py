@@ -39,6 +39,7 @@ from . import (
 )
 from .direct_field import DirectField
 from .direct_only import settle_direct
+from .first_photons import FirstPhotons
 from .job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
 from .light_field import LightField
 from .materials import SurfaceMaterials, clamp_warnings
@@ -97,6 +98,7 @@ def run_bake(
             settings = needs.trim(settings)
             if needs.direct or needs.photons:
                 executor = open_executor(settings)
+            first = FirstPhotons.send(folder, settings, executor) if needs.photons and not job.resume else FirstPhotons()
         with stages.stage("charts", "Unwrapping"):
             atlas = charts.make_charts(snapshot, settings)
             if not atlas.page_count:
@@ -138,7 +140,7 @@ def run_bake(
         solver = None
         if needs.photons and not kept and settings.direct == "rays":
             with stages.stage(solve.TRACING.stage, solve.TRACING.text):
-                solver = solve.Solver(folder, settings, executor, direct, touched)
+                solver = solve.Solver(folder, settings, executor, direct, touched, first=first)
                 solver.begin()
         if needs.direct and not kept:
             with stages.stage("direct", "Direct light"):
@@ -147,10 +149,11 @@ def run_bake(
                 elif settings.direct == "rays":
                     shot = direct.shoot(folder, settings, executor, range(n_texel), tell_live, should_stop)
                 if not shot:  # stopped before there was anything to show: one round of photons shows all of the light, coarsely
-                    settings, direct, solver = dataclasses.replace(settings, direct="photons"), DirectField.none(n_texel), None
+                    settings, direct = dataclasses.replace(settings, direct="photons"), DirectField.none(n_texel)
+                    solver, first = None, FirstPhotons()
         if needs.photons or not shot:
             with stages.stage(solve.TRACING.stage, solve.TRACING.text):
-                solver = solver or solve.Solver(folder, settings, executor, direct, touched)
+                solver = solver or solve.Solver(folder, settings, executor, direct, touched, first=first)
                 if kept:
                     kept.give_to(solver)
                 if live:

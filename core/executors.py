@@ -157,6 +157,11 @@ class LocalExecutor(Executor):
             for _ in range(self._others):
                 self._pool.submit(os.getpid).add_done_callback(self._greet)
 
+    @property
+    def is_awake(self) -> bool:
+        """Whether the other processes are starting, or have started."""
+        return self._woken
+
     def _greet(self, sent: Future[int]) -> None:
         self._note_loss(sent)
         with self._turn:

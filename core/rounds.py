@@ -73,12 +73,16 @@ def next_photons(
     return int(min(photons, most - so_far))
 
 
-def share_photons(photons: int) -> list[int]:
+def share_photons(photons: int, is_first: bool = False) -> list[int]:
     """Photons of each shard of a round, for the halves of the bake in turn: equal shards, of many the last ones half as large.
+
+    Those that each first round has, whatever its trees are, come first in shards of their own: first_photons sends them ahead.
 
     Who works on the last shard of all keeps the others waiting, and a small one not long; but small ones take longer by the photon, and
     their nets of directions are coarser.
     """
+    if is_first and photons > FIRST_ROUND_PHOTONS:
+        return share_photons(FIRST_ROUND_PHOTONS) + share_photons(photons - FIRST_ROUND_PHOTONS)
     n_pair = max(1, math.ceil(photons / (2 * SHARD_PHOTONS)))
     ends = [2 * pair for pair in range(n_pair + 1)]  # of all pairs, in half shards
     if n_pair >= MANY_PAIRS:

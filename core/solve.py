@@ -21,6 +21,7 @@ from . import basis, estimate, quadtree, refine, rounds, shrinkage, tally, worke
 from .birth_guide import BirthGuide
 from .direct_field import DirectField
 from .executors import spread
+from .first_photons import FirstPhotons
 from .gather import KnownLight
 from .gather_plan import GatherPlan, know_light
 from .gathered import GatheredField
@@ -67,6 +68,7 @@ class Solver:
     started: float = field(default_factory=time.monotonic)
     watch: Callable[[LightField], None] = lambda light: None  # sees the light after every round but the last
     photons_before: int = 0  # of an earlier bake, which this goes on with
+    first: FirstPhotons = field(default_factory=FirstPhotons)
 
     def __post_init__(self) -> None:
         self.tracing = workers.open_tracing(str(self.folder))
@@ -199,8 +201,9 @@ class Solver:
                 skip_first=settings.direct == "rays",
                 weight=weight,
                 guided=splitting is not None,
+                hits="" if self.round else self.first.take(shard),
             )
-            for shard, share in enumerate(rounds.share_photons(photons))
+            for shard, share in enumerate(rounds.share_photons(photons, is_first=not self.round))
         ]
         for shard, result in self.rounds.trace(shards, rounds.count_late(len(shards), left)):
             self.tally.add(shard.shard % 2, result.tally, shard.photons * shard.weight)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import direct, gather, photons, rays, sampling, shared_arrays
+from .birth_cells import BirthCells
 from .birth_guide import BirthTally
 from .coverage import as_slice
 from .emitters import build_emitters
@@ -23,7 +24,7 @@ from .heap import keep_freed_memory
 from .job import SNAPSHOT_FILE
 from .materials import SurfaceMaterials
 from .other_light import OtherLight
-from .photon_log import Counters, EnergyAudit
+from .photon_log import Counters, EnergyAudit, ShardHits
 from .pruning import prune_scene
 from .scene import IntArray, SceneSnapshot
 from .snapshot import load_snapshot
@@ -144,6 +145,7 @@ class PhotonShard:
     skip_first: bool  # direct light comes from shadow rays
     weight: float = 1.0  # how much a photon tells, see splitting
     guided: bool = False  # the view's folder tells where more or fewer photons should part
+    hits: str = ""  # folder on this machine: what was traced of it already, see first_photons
 
 
 @dataclass(frozen=True)
@@ -162,13 +164,10 @@ class PhotonResult:
 def trace_photons(shard: PhotonShard) -> PhotonResult:
     """Trace the photons of a shard and sum them over the nodes they meet."""
     tracing, view = open_tracing(shard.tracing), open_view(shard.view)
-    rng = sampling.shard_rng(shard.seed, shard.round, shard.shard)
     splitting = open_splitting(shard.view) if shard.guided else None
     split_at = partial(_split_at, tracing, view, splitting) if splitting and shard.skip_first else None
-    # How many photons the bake will have is not known yet: each carries all the light, and sums are divided when read.
-    flux_share = shard.photons * shard.weight
     cells = splitting.cells if splitting and not shard.skip_first else None
-    hits = photons.trace_shard(tracing.scene, shard.photons, flux_share, rng, shard.max_depth, shard.skip_first, split_at, cells)
+    hits = shared_arrays.load_struct(Path(shard.hits), ShardHits) if shard.hits else _trace_hits(tracing, shard, split_at, cells)
     x, y = tracing.texels.hit_texel_xy(hits.tri, hits.u, hits.v)
     entry = tracing.texels.entry_of(hits.tri, x, y)
     lit_elsewhere = np.zeros(len(tracing.snapshot.objects), bool)
@@ -186,6 +185,20 @@ def trace_photons(shard: PhotonShard) -> PhotonResult:
         noise = weigh_groups(hits.groups, splitting.worth, node, hits.flux_rgb)
         parted, born = (SplitTally.of(hits.groups, noise), None) if cells is None else (None, BirthTally.of(hits.groups, noise, len(cells)))
     return PhotonResult(sums, on_squares, hits.audit, hits.counters, parted, born, lit_elsewhere)
+
+
+def trace_ahead(shard: PhotonShard) -> None:
+    """Trace photons of a shard that nothing guides to the folder `hits`; texels and a view need not be there yet."""
+    shared_arrays.save_struct(Path(shard.hits), _trace_hits(open_scene(shard.tracing), shard))
+
+
+def _trace_hits(
+    opened: TracedScene, shard: PhotonShard, split_at: photons.SplitAt | None = None, cells: BirthCells | None = None
+) -> ShardHits:
+    rng = sampling.shard_rng(shard.seed, shard.round, shard.shard)
+    # How many photons the bake will have is not known yet: each carries all the light, and sums are divided when read.
+    flux_share = shard.photons * shard.weight
+    return photons.trace_shard(opened.scene, shard.photons, flux_share, rng, shard.max_depth, shard.skip_first, split_at, cells)
 
 
 def _split_at(

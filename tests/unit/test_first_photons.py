@@ -1,0 +1,85 @@
+"""Photons that are traced before there are texels are those that the first round would trace itself."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from boxes import lamp_scene, make_solver, prepare_folder
+from leaflight.core import bake, executors, rounds, workers
+from leaflight.core.first_photons import FirstPhotons
+from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.settings import Settings
+from leaflight.core.snapshot import save_snapshot
+
+SETTINGS = Settings(size=32, padding=1, max_photons=20_000)
+
+
+@pytest.fixture
+def awake():
+    """Two processes, of which one is there from the start."""
+    with executors.LocalExecutor(2) as executor:
+        executor.wake()
+        yield executor
+
+
+@pytest.mark.parametrize("direct", ["rays", "photons"])
+def test_a_round_of_them_is_the_round_without(tmp_path, awake, direct):
+    settings = Settings(size=32, padding=1, max_photons=20_000, direct=direct)
+    sums = []
+    for name, is_ahead in (("ahead", True), ("alone", False)):
+        folder = tmp_path / name
+        prepare_folder(folder, lamp_scene(), settings)
+        first = FirstPhotons.send(folder, settings, awake) if is_ahead else FirstPhotons()
+        assert len(first.hits) == 2 * is_ahead
+        solver = make_solver(folder, lamp_scene(), settings, awake, begun=False)
+        solver.first = first
+        solver.begin()
+        assert solver.ledger.photons == 20_000
+        sums.append(solver.state.solution.coefficient.tobytes() + solver.square_tally.raw.tobytes())
+        workers.forget_folders()
+    assert sums[0] == sums[1]
+
+
+def test_who_has_no_process_to_spare_traces_them_later(tmp_path):
+    assert not FirstPhotons.send(tmp_path, SETTINGS, executors.InlineExecutor()).hits
+    with executors.LocalExecutor(2) as asleep:
+        assert not FirstPhotons.send(tmp_path, SETTINGS, asleep).hits
+    assert FirstPhotons().take(0) == ""
+
+
+def test_what_trees_ask_for_beyond_them_is_traced_with_the_round():
+    photons = rounds.FIRST_ROUND_PHOTONS
+    ahead = rounds.share_photons(photons)
+    assert rounds.share_photons(photons, is_first=True) == ahead
+    shares = rounds.share_photons(2 * photons + 3, is_first=True)
+    assert shares[: len(ahead)] == ahead
+    assert sum(shares) == 2 * photons + 3
+    assert sum(shares[::2]) - sum(shares[1::2]) == 1
+
+
+def test_what_goes_wrong_there_is_told_where_they_are_taken(tmp_path, awake):
+    (tmp_path / SNAPSHOT_FILE).write_bytes(b"no snapshot")
+    first = FirstPhotons.send(tmp_path, SETTINGS, awake)
+    with pytest.raises(ValueError, match=r"snapshot\.npz"):
+        first.take(0)
+
+
+@pytest.mark.usefixtures("open_image_io")
+def test_a_bake_is_the_same_with_them(tmp_path, monkeypatch):
+    """Of processes that wait for their job, and of one that does all by itself."""
+    traced, files = [], []
+    take = FirstPhotons.take
+    monkeypatch.setattr(FirstPhotons, "take", lambda first, shard: traced.append(take(first, shard)) or traced[-1])
+    for name, opener in (("ahead", executors.Ahead().open), ("alone", executors.open_executor)):
+        folder = tmp_path / name
+        folder.mkdir()
+        save_snapshot(folder / SNAPSHOT_FILE, lamp_scene())
+        workers_asked = 0 if name == "ahead" else 1
+        Job(Settings(size=32, padding=1, max_photons=20_000, workers=workers_asked), str(folder / "out"), "box").save(folder)
+        bake.run_bake(folder, lambda message: None, lambda: False, opener)
+        result = json.loads((folder / RESULT_FILE).read_text(encoding="utf-8"))
+        files.append((np.fromfile(result["files"][0]["path"], np.uint8).tobytes(), result["photons"]))
+    assert any(traced) == (executors.count_processors(0) > 1)
+    assert files[0] == files[1]
