@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .geometry import take_rows
 from .rays import RayScene
 from .scene import FloatArray
 from .texel_borders import WAYS
@@ -45,7 +46,7 @@ def find_contacts(
         reach = _REACH_TEXELS * size[:, 0]
         for k, direction in enumerate((along, across, -along, -across)):
             stopped = np.flatnonzero(rays.occluded(origin, direction, reach))
-            met = rays.closest(origin[stopped], direction[stopped])
+            met = rays.closest(take_rows(origin, stopped), take_rows(direction, stopped))
             found[k, start + stopped], texels[k, start + stopped] = met.tri, met.distance / size[stopped, 0]
     return found, texels
 

@@ -19,8 +19,10 @@ from .contact_parts import part_in_squares
 from .coverage import expand_ranges
 from .entry_order import EntryOrder, put_in_order
 from .loose_parts import LooseParts
-from .scene import FloatArray, IntArray
+from .rays import RayScene
+from .scene import IntArray
 from .texel_borders import OPPOSITE, WAYS, TexelBorders, whole_texel
+from .texel_frames import TexelFrames
 from .texel_grid import interleave_bits, step_codes
 from .texel_map import CHART_SHIFT, TexelMap
 from .threads import run_on_threads
@@ -79,75 +81,68 @@ class _Patches:
 
 def find_contacts(opened: TracedScene, texels: TexelMap, threads: int = 1) -> ContactMap:
     """Contacts at all texel entries, looked for by so many threads."""
-    n_texel, things = len(texels), LooseParts(opened.snapshot)
-    found = run_on_threads(lambda part: _look_around(opened, things, texels, part), n_texel, threads)
+    frames, things = TexelFrames.of(opened, texels), LooseParts(opened.snapshot)
+    found = run_on_threads(lambda part: _look_around(opened.scene.rays, frames, things, part), len(texels), threads)
     touched, first, size, distance = zip(*found, strict=True)
     start, size = np.concatenate(first), np.concatenate(size)
-    return _join_patches(opened, things, texels, np.concatenate(touched), start, size, np.concatenate(distance, axis=1))
+    return _join_patches(opened.scene.rays, frames, things, np.concatenate(touched), start, size, np.concatenate(distance, axis=1))
 
 
 def _look_around(
-    opened: TracedScene, things: LooseParts, texels: TexelMap, part: slice
+    rays: RayScene, frames: TexelFrames, things: LooseParts, part: slice
 ) -> tuple[NDArray[np.bool_], _Int64, _Int64, NDArray[np.float32]]:
     """What a chunk of entries meets.
 
     out   (m,) bool whether something touches them; of patches that tile them (k,) first entries and (k,) sizes, and (4, k) how far it is
           to another thing, as in _join_patches
     """
-    tiles = _find_clear_tiles(opened, texels, part)
-    asked = np.ones(part.stop - part.start, bool)
-    asked[tiles[:, None] - part.start + np.arange(TILE_TEXELS)] = False
-    rows = np.flatnonzero(asked)
+    tiles = _find_clear_tiles(rays, frames, part) - part.start
+    leads = np.ones(part.stop - part.start, bool)
+    leads[tiles[:, None] + np.arange(1, TILE_TEXELS)] = False
+    start = np.flatnonzero(leads)
+    size = np.ones(len(start), np.int64)
+    size[np.searchsorted(start, tiles)] = TILE_TEXELS
+    single = np.flatnonzero(size == 1)
+    rows = start[single]
     entry = part.start + rows
-    tri = texels.texel_tri[entry]
-    position, normal, size = _find_places(opened, texels, entry)
-    axes = contact.texel_axes(opened.snapshot.tri_position[tri], texels.tri_uv[tri], normal)
-    met, distance = contact.find_contacts(opened.scene.rays, position, normal, size, axes)
-    touched = np.zeros(len(asked), bool)
+    met, single_distance = contact.find_contacts(rays, *frames.find_places(entry), frames.find_axes(entry))
+    touched = np.zeros(len(leads), bool)
     touched[rows] = (met >= 0).any(axis=0)
     way, row = np.nonzero(met >= 0)
-    own = ~things.are_apart(met[way, row], tri[row])  # a rough or hollow thing stands in its own way
-    distance[way[own], row[own]] = np.inf
-    distance = np.append(distance, np.full((len(WAYS), len(tiles)), np.inf, np.float32), axis=1)
-    first = np.concatenate([entry, tiles])
-    order = np.argsort(first)
-    return touched, first[order], np.where(order < len(entry), 1, TILE_TEXELS), distance[:, order]
+    own = ~things.are_apart(met[way, row], frames.texels.texel_tri[entry[row]])  # a rough or hollow thing stands in its own way
+    single_distance[way[own], row[own]] = np.inf
+    distance = np.full((len(WAYS), len(start)), np.inf, np.float32)
+    distance[:, single] = single_distance
+    return touched, part.start + start, size, distance
 
 
-def _find_places(opened: TracedScene, texels: TexelMap, entry: IntArray) -> tuple[NDArray[np.float32], NDArray[np.float32], FloatArray]:
-    """Positions (m, 3), unit box, normals (m, 3) and sides (m,), unit box, of texel entries (m,)."""
-    tri = texels.texel_tri[entry]
-    position_m = np.einsum("nk,nkj->nj", texels.bary_at(entry), opened.snapshot.tri_position[tri])
-    size = np.sqrt(texels.tri_density[tri]) * opened.unit_box.scale
-    return opened.unit_box.to_unit(position_m), opened.scene.tri_normal[:, tri].T, size
-
-
-def _find_clear_tiles(opened: TracedScene, texels: TexelMap, part: slice) -> _Int64:
+def _find_clear_tiles(rays: RayScene, frames: TexelFrames, part: slice) -> _Int64:
     """(m,) int64: first entries of the tiles within `part` that nothing touches."""
+    texels = frames.texels
     tiles = Tiles.of(texels.texel_chart[part], texels.texel_code[part]).on_one_triangle(texels.texel_tri[part])
     first = part.start + tiles.start
     first = first[np.searchsorted(texels.part_entry, first) == np.searchsorted(texels.part_entry, first + TILE_TEXELS)]
     corner = first + TILE_CORNERS[:, None]
-    position, normal, size = _find_places(opened, texels, corner.ravel())
+    position, normal, size = frames.find_places(corner.ravel())
     n_tile = len(first)
-    clear = contact.find_clear_tiles(opened.scene.rays, position.reshape(3, n_tile, 3), normal[:n_tile], size[:n_tile])
+    clear = contact.find_clear_tiles(rays, position.reshape(3, n_tile, 3), normal[:n_tile], size[:n_tile])
     clear_tiles: _Int64 = first[clear]
     return clear_tiles
 
 
-def _are_parted(opened: TracedScene, things: LooseParts, texels: TexelMap, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
+def _are_parted(rays: RayScene, frames: TexelFrames, things: LooseParts, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
     """(m,) bool: whether another thing stands between the points of texel entries (m,) and (m,)."""
     entry, pairs = np.unique([one, other], return_inverse=True)
-    met = contact.find_between(opened.scene.rays, *_find_places(opened, texels, entry), pairs.reshape(2, -1))
+    met = contact.find_between(rays, *frames.find_places(entry), pairs.reshape(2, -1))
     parted = met >= 0
-    parted[parted] = things.are_apart(met[parted], texels.texel_tri[one[parted]])
+    parted[parted] = things.are_apart(met[parted], frames.texels.texel_tri[one[parted]])
     return parted
 
 
 def _join_patches(
-    opened: TracedScene,
+    rays: RayScene,
+    frames: TexelFrames,
     things: LooseParts,
-    texels: TexelMap,
     touched: NDArray[np.bool_],
     start: _Int64,
     size: _Int64,
@@ -158,7 +153,7 @@ def _join_patches(
     start, size   (k,) int64, of patches that tile all entries
     distance      (4, k) float32, texels: to another thing, towards each of WAYS
     """
-    blocked = distance < 1.0
+    texels, blocked = frames.texels, distance < 1.0
     parted = np.zeros(len(texels.chart_page), bool)
     parted[texels.texel_chart[start[blocked.any(axis=0)]]] = True
     kept = parted[texels.texel_chart[start]]
@@ -179,7 +174,7 @@ def _join_patches(
             both_whole = is_whole[start[here]] & is_whole[start[other]]
             between = blocked[k, here] & blocked[OPPOSITE[k], other]  # what stands between two texels is met from both
             aslant = np.flatnonzero(~both_whole)  # as points of parts are beside the middles of their texels
-            between[aslant] = _are_parted(opened, things, texels, start[here[aslant]], start[other[aslant]])
+            between[aslant] = _are_parted(rays, frames, things, start[here[aslant]], start[other[aslant]])
             joined.append(pair[:, ~between])
             closed.append(np.stack([np.full_like(here, k), here, other])[:, between])
     for step in ((TILE_SIDE, 0), (0, TILE_SIDE)):

@@ -83,9 +83,9 @@ class TexelMap:
         return self.bary_at(np.arange(len(self)))
 
     def bary_at(self, entry: IntArray) -> NDArray[np.float32]:
-        """texel_bary of these entries, (m,) int."""
+        """texel_bary of these entries, (m,) int; a view of (3, m) rows."""
         u, v = self._corner_weights(self.texel_tri[entry], *self.own_points_at(entry))
-        bary: NDArray[np.float32] = np.stack([np.maximum(1.0 - (u + v), 0.0), u, v], axis=1).astype(np.float32)
+        bary: NDArray[np.float32] = np.stack([np.maximum(1.0 - (u + v), 0.0), u, v]).astype(np.float32).T
         return bary
 
     def own_points(self, start: int, stop: int) -> Float64:

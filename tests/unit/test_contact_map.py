@@ -226,7 +226,7 @@ def test_clear_tiles_change_no_piece(tmp_path, monkeypatch, seed):
         picture = np.full((SIDE, SIDE), -1)
         picture[cut.texel_xy[:, 1], cut.texel_xy[:, 0]] = cut.texel_chart
         drawn.append(picture)
-        monkeypatch.setattr(contact_map, "_find_clear_tiles", lambda opened, texels, part: np.zeros(0, np.int64))
+        monkeypatch.setattr(contact_map, "_find_clear_tiles", lambda rays, frames, part: np.zeros(0, np.int64))
     assert len(np.unique(drawn[0])) == len(np.unique(drawn[1])) == len(np.unique(np.stack(drawn, axis=2).reshape(-1, 2), axis=0))
 
 
