@@ -61,8 +61,12 @@ def find_between(
     """
     lifted = position + normal * (_LIFT_TEXELS * texel_size[:, None].astype(np.float32))
     origin, end = lifted[pairs]
+    found = np.full(len(origin), -1, np.int32)
+    stopped = np.flatnonzero(rays.occluded(origin, end - origin, np.ones(len(origin), np.float32)))
+    origin, end = origin[stopped], end[stopped]
     met = rays.closest(origin, end - origin)
-    return np.where(met.distance < 1.0, met.tri, np.int32(-1))
+    found[stopped] = np.where(met.distance < 1.0, met.tri, np.int32(-1))
+    return found
 
 
 def find_clear_tiles(rays: RayScene, corner: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray) -> NDArray[np.bool_]:

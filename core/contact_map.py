@@ -132,8 +132,12 @@ def _find_clear_tiles(rays: RayScene, frames: TexelFrames, part: slice) -> _Int6
 
 def _are_parted(rays: RayScene, frames: TexelFrames, things: LooseParts, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
     """(m,) bool: whether another thing stands between the points of texel entries (m,) and (m,)."""
-    entry, pairs = np.unique([one, other], return_inverse=True)
-    met = contact.find_between(rays, *frames.find_places(entry), pairs.reshape(2, -1))
+    pairs = np.stack([one, other])
+    is_asked, place = np.zeros(len(frames.texels), bool), np.empty(len(frames.texels), np.int64)
+    is_asked[pairs] = True
+    entry = np.flatnonzero(is_asked)
+    place[entry] = np.arange(len(entry))
+    met = contact.find_between(rays, *frames.find_places(entry), place[pairs])
     parted = met >= 0
     parted[parted] = things.are_apart(met[parted], frames.texels.texel_tri[one[parted]])
     return parted
@@ -156,35 +160,36 @@ def _join_patches(
     texels, blocked = frames.texels, distance < 1.0
     parted = np.zeros(len(texels.chart_page), bool)
     parted[texels.texel_chart[start[blocked.any(axis=0)]]] = True
-    kept = parted[texels.texel_chart[start]]
-    start, size, blocked, distance = start[kept], size[kept], blocked[:, kept], distance[:, kept]
+    kept = np.flatnonzero(parted[texels.texel_chart[start]])
+    start, size = start[kept], size[kept]
     patches = _Patches(start, size, texels.list_keys(start))
-    is_whole = np.ones(len(touched), bool)
-    is_whole[texels.part_entry] = False
     joined: list[_Int64] = []
-    closed: list[_Int64] = []
+    beside: list[_Int64] = []  # single texels
     single = np.flatnonzero(size == 1)
     for k, step in enumerate(WAYS):
         rows = single if k < 2 else single[patches.key[single] & _IN_TILE[k - 2] == 0]  # at the edge of where a tile would be
         pair = np.stack(patches.find_beside(rows, step))
         to_tile = size[pair[1]] > 1
-        joined.append(pair[:, to_tile])
+        joined.append(pair.compress(to_tile, axis=1))
         if k < 2:  # two texels are seen from both
-            here, other = pair = pair[:, ~to_tile]
-            both_whole = is_whole[start[here]] & is_whole[start[other]]
-            between = blocked[k, here] & blocked[OPPOSITE[k], other]  # what stands between two texels is met from both
-            aslant = np.flatnonzero(~both_whole)  # as points of parts are beside the middles of their texels
-            between[aslant] = _are_parted(rays, frames, things, start[here[aslant]], start[other[aslant]])
-            joined.append(pair[:, ~between])
-            closed.append(np.stack([np.full_like(here, k), here, other])[:, between])
+            beside.append(pair.compress(~to_tile, axis=1))
+    here, other = np.concatenate(beside, axis=1)
+    way = np.repeat([0, 1], [pair.shape[1] for pair in beside])
+    between = blocked[way, kept[here]]
+    between[between] = blocked[np.take(OPPOSITE, way[between]), kept[other[between]]]  # what stands between two texels is met from both
+    is_whole = np.ones(len(touched), bool)
+    is_whole[texels.part_entry] = False
+    is_whole = is_whole[start]
+    aslant = np.flatnonzero(~(is_whole[here] & is_whole[other]))  # as points of parts are beside the middles of their texels
+    between[aslant] = _are_parted(rays, frames, things, start[here[aslant]], start[other[aslant]])
+    joined.append(np.stack([here, other]).compress(~between, axis=1))
+    way, here, other = way[between], here[between], other[between]
     for step in ((TILE_SIDE, 0), (0, TILE_SIDE)):
         joined.append(np.stack(patches.find_beside(np.flatnonzero(size > 1), step)))
-    way, here, other = np.concatenate(closed, axis=1)
     log2 = int(texels.chart_log2.max(initial=0))
     whole, piece = part_in_squares(patches.key, size, np.concatenate(joined, axis=1), np.stack([here, other]), log2)
     way, here, other = np.append(way, np.take(OPPOSITE, way)), np.append(here, other), np.append(other, here)
-    both_whole = is_whole[start[here]] & is_whole[start[other]]
-    reach = np.where(both_whole, distance[way, here], np.float32(np.inf))
+    reach = np.where(is_whole[here] & is_whole[other], distance[way, kept[here]], np.float32(np.inf))
     borders = TexelBorders.of(len(touched), way, start[here], start[other], reach)
     return ContactMap(touched, patches, piece, whole, borders)
 

@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .geometry import gather
 from .texel_grid import part_bits
-from .texel_map import CHART_SHIFT
-from .tiles import TILE_SIDE
+from .tiles import TILE_SIDE, TILE_TEXELS
 from .topology import join_sets
 
 _LEAST_LOG2 = TILE_SIDE.bit_length() - 1  # of the side of a square that is looked at: what nothing touches is known by tiles
 _MOST_PASSES = 8  # over squares of one size
+_COLUMN, _ROW = part_bits(np.arange(TILE_TEXELS))  # of texels in a square of the smallest size, in Morton order
 _LEAST_PART = 8  # texels, of what is worth a piece of its own
 
 _Int64 = NDArray[np.int64]
@@ -44,10 +45,11 @@ class _Net:
         """The net of units within squares of side 2**level, and in which of them each is (k,). No larger square can part them."""
         square = self.key >> 2 * level
         inside = square[self.pair[0]] == square[self.pair[1]]
-        part = join_sets(len(square), *self.pair[:, inside])
+        part = join_sets(len(square), *self.pair.compress(inside, axis=1))
         is_first = part == np.arange(len(part))
         unit = (np.cumsum(is_first) - 1)[part]
-        number, length = _sum_alike(unit[self.pair[:, ~inside]], self.length[~inside], len(unit))
+        outside = np.flatnonzero(~inside)
+        number, length = _sum_alike(unit[gather(self.pair, outside)], self.length[outside], len(unit))
         return unit, _Net(self.key[is_first], _sum_at(unit, self.size), number, length)
 
     def take(self, rows: _Int64) -> _Net:
@@ -55,8 +57,8 @@ class _Net:
         place = np.full(len(self.key), -1)
         place[rows] = np.arange(len(rows))
         pair = place[self.pair]
-        both = (pair >= 0).all(axis=0)
-        return _Net(self.key[rows], self.size[rows], pair[:, both], self.length[both])
+        both = np.flatnonzero((pair[0] >= 0) & (pair[1] >= 0))
+        return _Net(self.key[rows], self.size[rows], gather(pair, both), self.length[both])
 
 
 def part_in_squares(key: _Int64, size: _Int64, ways: _Int64, closed: _Int64, log2: int) -> tuple[_Int64, _Int64]:
@@ -93,19 +95,26 @@ def _part_squares(net: _Net, label: _Int64, level: int, closed_key: _Int64) -> _
     label        (k,) int64: the piece that each is of
     closed_key   (2, j) int64: keys of texels side by side that something stands between
     """
-    square, founds = net.key >> 2 * level, level > _LEAST_LOG2
-    looked = _are_among(square, closed_key >> 2 * level)  # elsewhere only the shape of the chart parts anything
-    around = square[net.pair[:, looked[net.pair].any(axis=0)]]
-    kept = np.flatnonzero(looked | _are_among(square, around))
+    key, founds = net.key >> 2 * level, level > _LEAST_LOG2
+    square = np.cumsum(np.diff(key, prepend=-1) != 0) - 1
+    closed_square = square[np.searchsorted(key, closed_key >> 2 * level)]
+    is_near = np.zeros(len(square), bool)  # by square
+    is_near[closed_square] = True
+    looked = is_near[square]  # elsewhere only the shape of the chart parts anything
+    is_near[square[net.pair.compress(looked[net.pair[0]] | looked[net.pair[1]], axis=1)]] = True
+    kept = np.flatnonzero(is_near[square])
     near, square, looked = net.take(kept), square[kept], looked[kept]
     inner = square[near.pair[0]] == square[near.pair[1]]
+    within, outer = near.pair.compress(inner, axis=1), near.pair.compress(~inner, axis=1)
     if not founds:
-        inner[inner] = ~_cross_lines(near.key[near.pair[:, inner]], closed_key)
-    part = join_sets(len(kept), *near.pair[:, inner])  # they move as wholes
+        open_ways = ~_cross_lines(near.key[within], square[within[0]], closed_key, closed_square)
+        within = within.compress(open_ways, axis=1)
+    part = join_sets(len(kept), *within)  # they move as wholes
+    across = _Net(near.key, near.size, np.concatenate([outer, outer[::-1]], axis=1), np.tile(near.length.compress(~inner), 2))
     label = label.copy()
     for _ in range(_MOST_PASSES):  # as a piece takes what lies beside it, it comes to lie beside more
         before = label[kept]
-        label[kept] = _move_parts(near, before, square, part, looked, int(label.max()) + 1 if founds else 0)
+        label[kept] = _move_parts(across, before, square, part, looked, int(label.max()) + 1 if founds else 0)
         if (before == label[kept]).all():
             break
     return label
@@ -114,6 +123,7 @@ def _part_squares(net: _Net, label: _Int64, level: int, closed_key: _Int64) -> _
 def _move_parts(net: _Net, label: _Int64, square: _Int64, part: _Int64, looked: _Bool, fresh: int) -> _Int64:
     """(k,) int64: labels of pieces, where parts have left for others.
 
+    net      whose ways go from square to square, and are told in both directions
     label    (k,) int64: the piece that each is of
     square   (k,) int64: the square that it is in
     part     (k,) int64: the first one of its part, all of which is of one piece in one square
@@ -126,9 +136,8 @@ def _move_parts(net: _Net, label: _Int64, square: _Int64, part: _Int64, looked: 
     order = first[np.lexsort((-texels[first], label[first], square[first]))]
     is_less = np.zeros(count, bool)
     is_less[order[1:][(np.diff(square[order]) == 0) & (np.diff(label[order]) == 0)]] = True
-    pair, length = np.concatenate([net.pair, net.pair[::-1]], axis=1), np.tile(net.length, 2)
-    outward = is_less[part[pair[0]]] & (square[pair[0]] != square[pair[1]])
-    (small, beside), length = _sum_alike(part[pair[:, outward]], length[outward], count)
+    outward = np.flatnonzero(is_less[part[net.pair[0]]])
+    (small, beside), length = _sum_alike(part[gather(net.pair, outward)], net.length[outward], count)
     is_own = label[beside] == label[small]
     best = np.lexsort((-length, is_own, small))
     best = best[np.append(True, np.diff(small[best]) != 0)[: len(best)]]
@@ -142,20 +151,25 @@ def _move_parts(net: _Net, label: _Int64, square: _Int64, part: _Int64, looked: 
     return out
 
 
-def _cross_lines(key: _Int64, closed_key: _Int64) -> _Bool:
+def _cross_lines(key: _Int64, square: _Int64, closed_key: _Int64, closed_square: _Int64) -> _Bool:
     """(m,) bool: ways across a line, within one of the smallest squares, that something stands on: a wall's line goes on past its end.
 
-    key, closed_key   (2, m) and (2, j) int64: keys of texels side by side; those of a way lie in one square
+    key, closed_key         (2, m) and (2, j) int64: keys of texels side by side
+    square, closed_square   (m,) and (2, j) int64: numbers of their squares; those of a way lie in one
     """
-    return _are_among(_number_lines(key), _number_lines(closed_key))
+    inside = closed_square[0] == closed_square[1]
+    closed = _number_lines(closed_key[:, inside], closed_square[0, inside])
+    line = _number_lines(key, square)
+    crossed = np.zeros(max(closed.max(initial=-1), line.max(initial=-1)) + 1, bool)
+    crossed[closed] = True
+    return crossed[line]
 
 
-def _number_lines(key: _Int64) -> _Int64:
-    """(m,) int64: which line between columns or rows of which square is between texels of keys (2, m); the first is a square's edge."""
-    x, y = part_bits(key & ((1 << CHART_SHIFT) - 1))
+def _number_lines(key: _Int64, square: _Int64) -> _Int64:
+    """(m,) int64: which line between columns or rows of squares (m,) is between texels of keys (2, m), both of them there."""
+    x, y = (place[key & (TILE_TEXELS - 1)] for place in (_COLUMN, _ROW))
     is_row = x[0] == x[1]
-    step = np.where(is_row, y.max(axis=0), x.max(axis=0)) % TILE_SIDE
-    number: _Int64 = 2 * ((key[0] >> 2 * _LEAST_LOG2) * TILE_SIDE + step) + is_row
+    number: _Int64 = 2 * (square * TILE_SIDE + np.where(is_row, np.maximum(*y), np.maximum(*x))) + is_row
     return number
 
 
@@ -168,10 +182,3 @@ def _sum_alike(pair: _Int64, length: _Int64, count: int) -> tuple[_Int64, _Int64
 def _sum_at(place: _Int64, value: _Int64) -> _Int64:
     """(max + 1,) int64: sums of values (m,) at places (m,)."""
     return np.bincount(place, value).astype(np.int64)
-
-
-def _are_among(value: _Int64, wanted: _Int64) -> _Bool:
-    """(m,) bool: which of the values (m,) are wanted."""
-    every = np.unique(wanted)
-    found: _Bool = every[np.searchsorted(every[:-1], value)] == value if len(every) else np.zeros(len(value), bool)
-    return found

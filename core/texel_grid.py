@@ -153,6 +153,9 @@ def step_codes(code: Int64, right: int, up: int) -> Int64:
     """
     out = np.zeros_like(code)
     for bits, step in ((_EVEN_BITS, right), (_EVEN_BITS << 1, up)):
+        if not step:
+            out |= code & bits
+            continue
         # A carry goes through set bits, a borrow through cleared ones.
         between = code | ~bits if step > 0 else code & bits
         size = int(interleave_bits(*np.array([[abs(step)]] * 2))[0]) & bits

@@ -134,11 +134,11 @@ def join_sets(count: int, one: Int64, other: Int64) -> Int64:
     """
     label = np.arange(count)
     while True:
-        root_one, root_other = label[one], label[other]
-        apart = root_one != root_other
-        if not apart.any():
+        apart = np.flatnonzero(one != other)
+        if not len(apart):
             return label
-        one, other, root_one, root_other = one[apart], other[apart], root_one[apart], root_other[apart]
-        np.minimum.at(label, np.maximum(root_one, root_other), np.minimum(root_one, root_other))
-        while (label != label[label]).any():
-            label = label[label]
+        one, other = one[apart], other[apart]
+        np.minimum.at(label, np.maximum(one, other), np.minimum(one, other))
+        while not np.array_equal(above := label[label], label):
+            label = above
+        one, other = label[one], label[other]  # whoever is joined to their sets is joined to them
