@@ -97,22 +97,22 @@ class TexelMap:
 
     def own_points_at(self, entry: IntArray) -> Float64:
         """The same of these entries (m,): (2, m)."""
-        is_part, part = self._find_parts(entry)
+        rows, part = self._find_parts(entry)
         point = np.add(self.texel_xy[entry].T, 0.5, order="C")
-        point[:, is_part] += self.part_point[part[is_part]].T
+        point[:, rows] += self.part_point[part].T
         return point
 
-    def _find_parts(self, entry: IntArray) -> tuple[NDArray[np.bool_], Int64]:
-        """(m,) bool whether an entry is covered in part, and (m,) its row of the part_ fields if it is."""
-        if len(entry) and entry[-1] - entry[0] == len(entry) - 1 and (np.diff(entry) == 1).all():  # as most are asked for
-            first, last = np.searchsorted(self.part_entry, (entry[0], entry[-1] + 1))
-            part, place = np.full(len(entry), -1), self.part_entry[first:last] - entry[0]
-            part[place] = np.arange(first, last)
-            return part >= 0, part
-        part = np.searchsorted(self.part_entry, entry)
-        if not len(self.part_entry):
-            return part < 0, part
-        return self.part_entry[np.minimum(part, len(self.part_entry) - 1)] == entry, part
+    def _find_parts(self, entry: IntArray) -> tuple[Int64, Int64]:
+        """Rows (k,) of those of entries (m,) that are covered in part, and their rows (k,) of the part_ fields."""
+        rows = np.flatnonzero(self._is_part.take(entry))
+        return rows, np.searchsorted(self.part_entry, entry[rows])
+
+    @cached_property
+    def _is_part(self) -> NDArray[np.bool_]:
+        """(n,) bool: whether an entry is covered in part."""
+        is_part = np.zeros(len(self), bool)
+        is_part[self.part_entry] = True
+        return is_part
 
     @cached_property
     def is_central(self) -> NDArray[np.bool_]:
@@ -265,10 +265,9 @@ class TexelMap:
         weight[2] = -look * x_2, look * x_1
         weight /= double_area
         squares = TexelLooks.of_squares(tri, weight)
-        is_part, part = self._find_parts(entry)
-        rows = np.flatnonzero(is_part)
-        rows = rows[self.part_point[part[rows]].any(axis=1) | ~are_inside(weight[:, :, rows])]
-        return self._clip_looks(squares, rows, part[rows], look) if len(rows) else squares
+        rows, part = self._find_parts(entry)
+        clipped = self.part_point[part].any(axis=1) | ~are_inside(weight[:, :, rows])
+        return self._clip_looks(squares, rows[clipped], part[clipped], look) if clipped.any() else squares
 
     def _clip_looks(self, squares: TexelLooks, rows: Int64, part: Int64, look: float) -> TexelLooks:
         """The looks of texels, in which `rows` (p,), of these parts (p,), have the pieces of what is covered instead of their squares."""

@@ -60,7 +60,8 @@ class Tiles:
 
     def on_one_triangle(self, tri: IntArray) -> Tiles:
         """Those whose texels all have one triangle; tri (n,) of the texels."""
-        same = (tri[self.texels()] == tri[self.start][:, None]).all(axis=1)
+        changes = np.flatnonzero(tri[1:] != tri[:-1]) + 1
+        same = np.searchsorted(changes, self.start, side="right") == np.searchsorted(changes, self.start + TILE_TEXELS)
         return Tiles(self.start[same], self.place[same])
 
     def texels(self) -> Int64:
