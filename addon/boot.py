@@ -42,7 +42,7 @@ def main(folder: Path) -> int:
     heap.keep_freed_memory(whole=True)  # before there are threads
     threading.Thread(target=_listen, args=(begun, stop), daemon=True).start()
     unfolding.start_ahead()
-    from leaflight.core import bake, executors, image_file, rays
+    from leaflight.core import bake, executors, identity, image_file, rays
 
     # With nothing to wait for, other processes would only be in the way of the first light.
     if begun.is_set():
@@ -51,6 +51,7 @@ def main(folder: Path) -> int:
     try:
         rays.load_ahead()
         image_file.load_ahead()
+        identity.hash_code()
         return _tell_of(bake.run_bake, folder, begun, stop, ahead.open)
     finally:
         ahead.close()

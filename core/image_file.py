@@ -21,6 +21,8 @@ _INT_MAX = 2**31 - 1  # of an image file's integer attributes
 # Rec.709's red, green, blue and white x, y: what the numbers mean for readers that know no names of colour spaces.
 _REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 _PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
+_EXR_BLOCK_ROWS = 16  # of its compression "zip"
+_EXR_MOST_HEADER = 1 << 16  # bytes, far more than ours
 _INCOMPLETE = "the file could not be completed"
 KINDS = ("exr", "hdr", "png", *encodings.ENCODINGS)
 _ENCODING, _RANGE = "leaflight:encoding", "leaflight:range"
@@ -177,12 +179,14 @@ def _write_file(path: Path, pixels: FloatArray, metadata: Mapping[str, str | int
     closed = output.close()
     if not (done and closed):
         return str(output.geterror()) or _INCOMPLETE
-    return "" if _is_complete(path, kind) else _INCOMPLETE
+    return "" if _is_complete(path, kind, height) else _INCOMPLETE
 
 
-def _is_complete(path: Path, kind: str) -> bool:
-    """Whether a new file has its end: of a disk that fills up with its last buffer OpenImageIO says nothing."""
-    if kind not in ("exr", "hdr"):
+def _is_complete(path: Path, kind: str, height: int) -> bool:
+    """Whether a new file of so many rows has its end: of a disk that fills up with its last buffer OpenImageIO says nothing."""
+    if kind == "exr":
+        return is_complete_exr(path, height)
+    if kind != "hdr":
         with open(path, "rb") as file:
             file.seek(max(path.stat().st_size - len(_PNG_END), 0))
             return file.read() == _PNG_END
@@ -193,6 +197,25 @@ def _is_complete(path: Path, kind: str) -> bool:
     complete = source.read_scanlines(spec.height - 1, spec.height, 0, 0, spec.nchannels, "half") is not None  # rows are in order
     source.close()
     return complete
+
+
+def is_complete_exr(path: Path, height: int) -> bool:
+    """Whether the last block of rows ends where the file does; OpenImageIO's reader would first set up all of its colour spaces.
+
+    Source: "OpenEXR File Layout", openexr.com: after the header, of attributes that end with an empty name, stand the places of all blocks,
+    which are written last; a block begins with its first row and its size.
+    """
+    size, blocks = path.stat().st_size, -(-height // _EXR_BLOCK_ROWS)
+    with open(path, "rb") as file:
+        head = file.read(_EXR_MOST_HEADER + 8 * blocks)
+        at = 8
+        while head[at : at + 1] not in (b"", b"\0"):
+            value = head.find(b"\0", head.find(b"\0", at) + 1) + 1  # behind name and type, which end with it
+            at = value + 4 + int.from_bytes(head[value : value + 4], "little")
+        last = int.from_bytes(head[at + 1 + 8 * (blocks - 1) : at + 1 + 8 * blocks], "little")
+        file.seek(last)
+        begins = file.read(8)
+    return at < last and last + 8 + int.from_bytes(begins[4:], "little") == size
 
 
 def linear_to_srgb(value: NDArray[np.float32]) -> NDArray[np.float32]:

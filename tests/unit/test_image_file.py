@@ -12,6 +12,7 @@ from leaflight.core import encodings
 from leaflight.core.image_file import (
     HALF_MAX,
     KINDS,
+    is_complete_exr,
     linear_to_srgb,
     load_ahead,
     range_of,
@@ -213,6 +214,18 @@ def test_full_disk_keeps_the_old_file(tmp_path: Path, kind: str, missing: int, l
     limit_files(size)
     write_image(path, noise, {}, kind)
     assert path.stat().st_size == size
+
+
+@pytest.mark.parametrize("full", [False, True])
+@pytest.mark.parametrize("height", [1, 16, 33])
+def test_an_exr_cut_anywhere_is_not_complete(tmp_path: Path, height: int, full: bool) -> None:
+    path = tmp_path / "a.exr"
+    write_image(path, np.random.default_rng(1).random((height, 3, 4)), {"leaflight:pass": "x"}, "exr", full=full)
+    contents = path.read_bytes()
+    assert is_complete_exr(path, height)
+    for size in range(len(contents)):
+        path.write_bytes(contents[:size])
+        assert not is_complete_exr(path, height)
 
 
 def test_a_missing_library_is_told_when_there_is_an_image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
