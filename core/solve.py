@@ -120,15 +120,17 @@ class Solver:
             if state is None or not traced:
                 state = self.state = self._read_tallies()
             traced = False
+            if self.round == 1 and not rules.find_reason(math.nan, self.ledger.photons) and self._refine(state):
+                # What it would say of its error takes time, and ends no bake: of detail that trees as planted do not show it says nothing.
+                light, stated = self._make_light(state), None
+                tell(rules.measure_progress(light, self.photons_before))
+                self.watch(light)
+                continue
             light, stated = self._light(state)
             while (look := self._choose_look(state, stated)) and not rules.break_off():
                 have_look(look, tell, rules.break_off, TRACING)
                 light, stated = self._light(state)
             stopped_by = rules.find_reason(light.error, light.photons)
-            # In the first round the trees stand as they were planted: detail that their previews do not show is in no stated error.
-            refined = stopped_by == "error" and self.round == 1 and self._refine(state)
-            if refined:
-                stopped_by = ""
             error = light.error if stopped_by in ("", "error") else stated.relative  # not chosen by its error, then
             light = replace(light, error=error, stopped_by=stopped_by)
             tell(rules.measure_progress(light, self.photons_before))
@@ -136,8 +138,7 @@ class Solver:
                 self.rounds.drop()
                 return light
             self.watch(light)
-            if not refined:
-                self._refine(state)
+            self._refine(state)
 
     def _choose_look(self, state: _State, stated: estimate.StatedError) -> Look | None:
         """What sends more rays from texels, if one more helps more than a photon's."""
@@ -261,7 +262,7 @@ class Solver:
     def glance(self) -> LightField:
         """The light after one round, for the eye: nothing is known of its error."""
         self._trace_round(None)
-        return self._make_light(self._read_tallies(), correction=np.ones(3), error=math.nan)
+        return self._make_light(self._read_tallies())
 
     def _light(self, state: _State) -> tuple[LightField, estimate.StatedError]:
         """The light as it stands."""
@@ -270,17 +271,17 @@ class Solver:
         direct, gathered = self.direct.show(*shown), self.gathered.show_gathered(*shown) if self.gathered else None
         told = self.tree, state.totals, state.solution, state.comparison, state.leaves
         stated = estimate.state_error(*told, direct, texels, self.settings.denoise, gathered, state.risk)
-        return self._make_light(state, stated.correction, stated.chosen), stated
+        return self._make_light(state, stated), stated
 
-    def _make_light(self, state: _State, correction: NDArray[np.float64], error: float) -> LightField:
+    def _make_light(self, state: _State, stated: estimate.StatedError | None = None) -> LightField:
         return LightField(
             tree=self.tree,
             solution=state.solution,
             leaves=state.leaves,
             received=state.totals.received,
-            correction=correction,
+            correction=stated.correction if stated else np.ones(3),
             direct=self.direct,
-            error=error,
+            error=stated.chosen if stated else math.nan,
             photons=self.ledger.photons,
             rounds=self.round,
             stopped_by="",
@@ -291,8 +292,7 @@ class Solver:
 
     def _next_photons(self, stated: estimate.StatedError | None, weight: float) -> tuple[int, int]:
         """Photons of the next round, and how many the bake may have after it."""
-        # Trees as they were planted tell little of how much light finer ones need.
-        error, fixed = (math.nan, 0.0) if stated is None or self.round == 1 else (stated.chosen, math.hypot(stated.direct, stated.gathered))
+        error, fixed = (math.nan, 0.0) if stated is None else (stated.chosen, math.hypot(stated.direct, stated.gathered))
         ledger, settings, late = self.ledger, self.settings, self.rounds.count_late()
         so_far, told = ledger.photons + late[0], ledger.told + late[1]
         degree = self.degree if settings.hierarchical else None
