@@ -66,7 +66,9 @@ def orthonormal_functions(gram: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     whole, of_whole = _whole_square(gram.shape[1])
     area = gram[:, 0, 0]
-    is_whole = (np.abs(gram - area[:, None, None] * whole) <= _ROUNDING * area[:, None, None]).all(axis=(1, 2)) & (area > 0.0)
+    is_whole, least = area > 0.0, _ROUNDING * area
+    for i, j in zip(*np.triu_indices(len(whole)), strict=True):
+        is_whole &= np.abs(gram[:, i, j] - area * whole[i, j]) <= least
     out = np.empty_like(gram)
     out[is_whole] = of_whole / np.sqrt(area[is_whole])[:, None, None]  # most of the nodes of a large page
     out[~is_whole] = _orthonormalize(gram[~is_whole])
@@ -91,25 +93,28 @@ def _whole_square(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 def _pivoted_gram_schmidt(gram: NDArray[np.float64], drop_below: float) -> NDArray[np.float64]:
     n, size, _ = gram.shape
-    rows = np.arange(n)
-    scale = np.einsum("nii->ni", gram).copy()
+    rows, each = np.arange(n), np.arange(size)
+    residual = gram.transpose(1, 2, 0).copy()  # (size, size, n): numpy works on long rows many times faster
+    scale = residual[each, each]
     scale[scale <= 0.0] = np.inf  # an empty domain keeps no function
-    residual = gram.copy()
-    function = np.broadcast_to(np.eye(size), gram.shape).copy()  # what is left of each monomial, in monomials
-    unused = np.ones((n, size), bool)
-    out = np.zeros_like(gram)
+    function = np.zeros_like(residual)  # what is left of each monomial, in monomials
+    function[each, each] = 1.0
+    unused = np.ones((size, n), bool)
+    out = np.zeros_like(residual)
     for step in range(size):
-        relative = np.where(unused, np.einsum("nii->ni", residual) / scale, -1.0)
-        pivot = np.zeros(n, int) if step == 0 else relative.argmax(1)
-        keep = relative[rows, pivot] > drop_below
-        norm = np.sqrt(np.where(keep, residual[rows, pivot, pivot], 1.0))
-        unit = np.where(keep[:, None], function[rows, pivot] / norm[:, None], 0.0)
-        inner = np.where(keep[:, None], residual[rows, pivot] / norm[:, None], 0.0)
-        out[:, step] = unit
-        function -= inner[:, :, None] * unit[:, None, :]
-        residual -= inner[:, :, None] * inner[:, None, :]
-        unused[rows, pivot] = False
-    return out
+        relative = np.where(unused, residual[each, each] / scale, -1.0)
+        pivot = np.zeros(n, int) if step == 0 else relative.argmax(axis=0)
+        keep = relative[pivot, rows] > drop_below
+        at = (pivot * size + each[:, None]) * n + rows
+        left = residual.take(at)
+        norm = np.sqrt(np.where(keep, left[pivot, rows], 1.0))
+        unit = np.where(keep, function.take(at) / norm, 0.0)
+        inner = np.where(keep, left / norm, 0.0)
+        out[step] = unit
+        function -= inner[:, None] * unit
+        residual -= inner[:, None] * inner
+        unused[pivot, rows] = False
+    return np.ascontiguousarray(out.transpose(2, 0, 1))
 
 
 def projector(functions: NDArray[np.float64]) -> NDArray[np.float64]:
