@@ -142,7 +142,8 @@ def _clip_half_plane(along: Float64, across: Float64, polygon: Int64, sign: floa
     to = following[cut]
     place = np.cumsum(emitted)[cut] - 1
     new_along[place] = 0.5 * sign
-    new_across[place] = across[cut] + depth[cut] / (depth[cut] - depth[to]) * (across[to] - across[cut])
+    depth_here, here = depth[cut], across[cut]
+    new_across[place] = here + depth_here / (depth_here - depth[to]) * (across[to] - here)
     return new_along, new_across, polygon[source]
 
 

@@ -21,6 +21,7 @@ from .coverage import (
     monomial_exponents,
     piece_moments,
 )
+from .geometry import gather
 from .row_spans import RowSpans, find_row_spans
 from .scene import SceneSnapshot
 from .shared_arrays import IN_MEMORY, Room
@@ -114,7 +115,7 @@ def _measure_pairs(uv: Float64, spans: RowSpans, grid: TexelGrid, degree: int) -
     # Left and right of the wholly covered texels of each row; one span where there are none.
     start = np.stack([spans.touched_start, spans.full_end], axis=1).ravel()
     end = np.stack([spans.full_start, spans.touched_end], axis=1).ravel()
-    least_area = _SLIVER * np.minimum(1.0, _uv_areas(uv))
+    least_area, sides = _SLIVER * np.minimum(1.0, _uv_areas(uv)), _list_sides(uv)
     full = np.array([[_interval_mean(i) * _interval_mean(j)] for i, j in monomial_exponents(degree)])
     parts = [_Pairs(np.empty(0, np.int32), np.empty(0, np.int64), np.empty(0), full[:, :0], np.empty(0), np.empty((2, 0)))]
     for index, first, last in chunk_ranges(start, end):
@@ -132,7 +133,7 @@ def _measure_pairs(uv: Float64, spans: RowSpans, grid: TexelGrid, degree: int) -
         cell = grid.row_cell[grid.tri_row[tri, 2] + y[kept], 2] + x[kept]
         centroid = np.stack([pieces.x[:, best].mean(axis=0), pieces.y[:, best].mean(axis=0)])
         best_area = pieces.area[best]
-        depth = _centre_depth(uv[tri], np.stack([x, y], axis=1)[kept] + 0.5)
+        depth = _centre_depth(sides, tri, x[kept] + 0.5, y[kept] + 0.5)
         best_area[np.abs(depth) <= _EDGE] *= _ON_EDGE
         best_area[depth > _EDGE] = np.inf
         centroid[:, depth >= -_EDGE] = 0.0
@@ -141,13 +142,20 @@ def _measure_pairs(uv: Float64, spans: RowSpans, grid: TexelGrid, degree: int) -
     return _Pairs(*(np.concatenate([getattr(part, field.name) for part in parts], axis=-1) for field in dataclasses.fields(_Pairs)))
 
 
-def _centre_depth(uv: Float64, centre: Float64) -> Float64:
-    """(n,) float64, texels: how far inside a triangle (n, 3, 2) the centre (n, 2) of a texel lies; below 0 outside."""
+def _list_sides(uv: Float64) -> Float64:
+    """(3, 5, n_tri) float64: for each side of triangles (n_tri, 3, 2) x and y where it starts, how far it goes along both, its length."""
     edge = np.roll(uv, -1, axis=1) - uv
-    to_centre = centre[:, None] - uv
-    side = edge[..., 0] * to_centre[..., 1] - edge[..., 1] * to_centre[..., 0]
-    side /= np.maximum(np.linalg.norm(edge, axis=2), _MIN_UV_AREA)  # distance from each edge's line, signed by orientation
-    depth: Float64 = np.maximum(side.min(axis=1), -side.max(axis=1))
+    length = np.maximum(np.linalg.norm(edge, axis=2), _MIN_UV_AREA)
+    return np.ascontiguousarray(np.concatenate([uv, edge, length[..., None]], axis=2).transpose(1, 2, 0))
+
+
+def _centre_depth(sides: Float64, tri: Int32, x: Float64, y: Float64) -> Float64:
+    """(n,) float64, texels: how far inside triangles (n,) of these sides the centres x, y (n,) of texels lie; below 0 outside."""
+    least, greatest = np.full(len(tri), np.inf), np.full(len(tri), -np.inf)
+    for start_x, start_y, edge_x, edge_y, length in gather(sides, tri):
+        distance = (edge_x * (y - start_y) - edge_y * (x - start_x)) / length  # from the side's line, signed by orientation
+        least, greatest = np.minimum(least, distance), np.maximum(greatest, distance)
+    depth: Float64 = np.maximum(least, -greatest)
     return depth
 
 
