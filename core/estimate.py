@@ -129,14 +129,14 @@ def state_error(
         by_rays = math.sqrt(np.sort(direct2)[:count].sum() / max(count, 1))
         return StatedError(math.nan, math.nan, by_rays, math.nan, correction, texel_direct2)
     # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
-    shown = Blend.of(texels, tree, solution, leaf, halves=True).at(sample)
+    alone, shown = Blend.of(texels, tree, solution, leaf, halves=True).compare_at(sample)
     weight = _weigh(node_light[leaf[sample]] + shown_direct.irradiance_at(sample), dark2)
     x, y = texels.own_points_at(sample)
     asked = missing_light.AskedLight(leaf[sample], x, y, shown, weight)
     photons2 = (weight.T * shown.variance * correction[:, None]).mean(0)
     shrunk2, taken, taken_surely = np.zeros(len(sample)), 0.0, 0.0
     if risk is not None:
-        shrunk2 = shrinkage.find_shrunk_noise(tree, solution, asked.leaf, photons2, x, y)
+        shrunk2 = shrinkage.find_shrunk_noise(solution, asked.leaf, alone.variance, photons2)
         taken, taken_surely = shrinkage.find_share_taken(asked.leaf, shrunk2, nodes, risk)
     photons2 -= taken * shrunk2
     if smooth_grain:

@@ -184,8 +184,8 @@ def compare_with_judges(
     below = evaluate_leaf(tree, solution, judge[told], asked.x[told], asked.y[told], halves=True)
     gap = np.where(halves.sum(0) > 0.0, halves, 0.0) - below.irradiance  # what dips below zero is shown as dark
     unbiased[told] = (weight * gap[0] * gap[1]).mean(0)
-    group, count = np.unique(judge[told], return_inverse=True, return_counts=True)[1:]
-    seen[told] = np.abs(np.bincount(group, unbiased[told]) / count)[group]
+    group = judge[told]
+    seen[told] = np.abs(np.bincount(group, unbiased[told]))[group] / np.bincount(group)[group]
     # Either half has twice the variance of both; over a node a product has as many independent parts as the node has functions.
     # A mean that weighs its parts well shares as much of each one's noise as it has itself, so that this is not seen between them.
     noise2 = np.maximum(below.variance - asked.light.variance[:, told], 0.0) * correction[:, None]

@@ -22,7 +22,7 @@ from . import basis
 from .leaf_windows import find_shares
 from .neighbours import Neighbours
 from .quadtree import Quadtree
-from .tally import Solution
+from .tally import Solution, with_direct
 from .texel_grid import part_bits
 from .texel_map import TexelMap
 from .tiles import NODE_WEIGHTS, TILE_NODES, TILE_SIDE, TILE_TEXELS, find_tiles
@@ -45,7 +45,8 @@ _TOGETHER = 1 << 12  # places blended at once: what lies between fits a core's c
 class PointLight:
     """Light at points.
 
-    irradiance   (2, 3, m) float64, W/m^2: per component (or half) and channel; may dip below zero at the edge of a shadow
+    irradiance   (2, 3, m) float64, W/m^2: per component (or half) and channel; may dip below zero at the edge of a shadow. While leaves
+                 are blended (1, 3, m) where there is none straight from lights
     variance     (3, m) float64, (W/m^2)^2, of both components together
     """
 
@@ -59,7 +60,10 @@ def evaluate_leaf(tree: Quadtree, solution: Solution, node: NDArray[Any], x: Flo
     node     (m,) int;  x, y   (m,) float64, page texels
     halves   what each half of the bake says, in place of the components
     """
-    coefficient = solution.half if halves else solution.coefficient
+    return _evaluate(tree, solution, solution.half if halves else solution.coefficient, node, x, y)
+
+
+def _evaluate(tree: Quadtree, solution: Solution, coefficient: Float64, node: NDArray[Any], x: Float64, y: Float64) -> PointLight:
     s, t = node_coordinates(tree, node, x, y)
     irradiance = basis.evaluate(coefficient.take(node, axis=-1, mode="wrap"), s, t, tree.degree)
     norm = basis.square_norm(tree.project[node], s, t, tree.degree) * tree.area[node]
@@ -93,7 +97,12 @@ class Blend:
 
     def at(self, entry: NDArray[Any]) -> PointLight:
         """Light at texel entries (m,)."""
-        return self._blend(self.leaf[entry], *self.texels.own_points_at(entry))[1]
+        return self.compare_at(entry)[1]
+
+    def compare_at(self, entry: NDArray[Any]) -> tuple[PointLight, PointLight]:
+        """Light at texel entries (m,): that of the leaf alone, and blended."""
+        alone, blended = self._blend(self.leaf[entry], *self.texels.own_points_at(entry))
+        return PointLight(with_direct(alone.irradiance), alone.variance), PointLight(with_direct(blended.irradiance), blended.variance)
 
     def range(self, start: int, stop: int) -> PointLight:
         """Light at the entries start ... stop - 1; in large leaves, what blending changes is asked on a lattice and carried on linearly.
@@ -112,7 +121,10 @@ class Blend:
             (small, self._blend(leaf[small], x[small], y[small])[1]),
             (large, self._on_lattice(leaf[large], x[large], y[large])),
         ):
-            out.irradiance[..., rows[some]], out.variance[:, rows[some]] = part.irradiance, part.variance
+            place = rows[some]
+            for values, of_part in ((out.irradiance[-len(part.irradiance) :], part.irradiance), (out.variance, part.variance)):
+                for term in np.ndindex(of_part.shape[:-1]):  # one by one several times faster
+                    values[term][place] = of_part[term]
         return out
 
     def _find_smooth_tiles(self, start: int, stop: int) -> NDArray[np.int64]:
@@ -138,10 +150,8 @@ class Blend:
         nodes = self._on_lattice(np.repeat(leaf, len(TILE_NODES)), x, y)
         ends = np.flatnonzero(np.diff(row) != TILE_TEXELS) + 1
         runs = [(part[0], part[-1] + 1) for part in np.split(np.arange(len(row)), ends) if len(part)]
-        for values, of_nodes in ((out.irradiance, nodes.irradiance), (out.variance, nodes.variance)):
+        for values, of_nodes in ((out.irradiance[-len(nodes.irradiance) :], nodes.irradiance), (out.variance, nodes.variance)):
             for term in np.ndindex(values.shape[:-1]):
-                if not of_nodes[term].any():
-                    continue
                 told = _at_texels(of_nodes[term]).ravel()
                 for begin, end in runs:
                     before = max(-row[begin], 0)  # of the first tile, what is not in the range
@@ -154,6 +164,13 @@ class Blend:
     def _has_edges(self) -> bool:
         """Whether photons bring light straight from lights, anywhere; asked of the components also where halves are blended."""
         return bool(self.solution.coefficient[0].any())
+
+    @cached_property
+    def _coefficients(self) -> Float64:
+        """(C, 3, K, n_node) float64: of the components or halves that tell of any light."""
+        if self.halves:
+            return self.solution.half
+        return self.solution.coefficient[0 if self._has_edges else 1 :]
 
     @cached_property
     def _is_large(self) -> NDArray[np.bool_]:
@@ -192,10 +209,9 @@ class Blend:
 
         change = blended.irradiance - alone.irradiance
         left = np.divide(blended.variance, alone.variance, out=np.ones_like(alone.variance), where=alone.variance > 0.0)
-        light = evaluate_leaf(tree, self.solution, leaf, x, y, self.halves)
+        light = self._evaluate_leaf(leaf, x, y)
         for term in np.ndindex(change.shape[:-1]):
-            if change[term].any():  # there is none of light straight from lights where rays tell of that
-                light.irradiance[term] += interpolate(change[term])
+            light.irradiance[term] += interpolate(change[term])
         for channel, values in enumerate(left):
             light.variance[channel] *= interpolate(values)
         return light
@@ -212,10 +228,13 @@ class Blend:
         )
         return alone, blended
 
+    def _evaluate_leaf(self, leaf: NDArray[np.int32], x: Float64, y: Float64) -> PointLight:
+        return _evaluate(self.tree, self.solution, self._coefficients, leaf, x, y)
+
     def _blend_part(self, leaf: NDArray[np.int32], x: Float64, y: Float64) -> tuple[PointLight, PointLight]:
-        own = evaluate_leaf(self.tree, self.solution, leaf, x, y, self.halves)
+        own = self._evaluate_leaf(leaf, x, y)
         own_reach, row, other, reach = find_shares(self.tree, self.neighbours, leaf, x, y)
-        theirs = evaluate_leaf(self.tree, self.solution, other, x[row], y[row], self.halves)
+        theirs = self._evaluate_leaf(other, x[row], y[row])
         own_variance, variance = own.variance.mean(0)[row], theirs.variance.mean(0)
         mean = 0.5 if self.halves else 1.0  # components add up to the light, halves each stand for it
         mine, others = (mean * of.irradiance.sum(0).mean(0) for of in (own, theirs))

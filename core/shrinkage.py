@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from . import basis
 from .quadtree import Quadtree
-from .reconstruct import evaluate_leaf
 from .scene import IntArray
 from .tally import Solution, Totals
 
@@ -58,15 +57,14 @@ def shrink_leaves(tree: Quadtree, totals: Totals, leaves: NDArray[np.int64]) -> 
 
 
 def find_shrunk_noise(
-    tree: Quadtree,
-    solution: Solution,
-    leaf: NDArray[np.int32],
-    noise2: NDArray[np.float64],
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
+    solution: Solution, leaf: NDArray[np.int32], leaf_variance: NDArray[np.float64], noise2: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(m,) float64: the part of texels' squared noise `noise2` (m,) that is not that of their leaves' means; leaf (m,) at x, y (m,)."""
-    variance = evaluate_leaf(tree, solution, leaf, x, y).variance.sum(0)
+    """(m,) float64: the part of texels' squared noise `noise2` (m,) that is not that of their leaves' means.
+
+    leaf            (m,) int32
+    leaf_variance   (3, m) float64, (W/m^2)^2: of each alone at the texel, see reconstruct.PointLight
+    """
+    variance = leaf_variance.sum(0)
     of_mean = np.divide(solution.variance[:, leaf].sum(0), variance, out=np.ones(len(leaf)), where=variance > 0.0)
     beyond: NDArray[np.float64] = np.maximum(1.0 - of_mean, 0.0) * noise2
     return beyond
