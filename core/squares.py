@@ -154,12 +154,14 @@ def _average_around(value: Float64, entry: IntArray, texels: TexelMap) -> tuple[
     place = (page * width + row + _RADIUS) * width + column + _RADIUS
     slot_after = np.zeros(texels.page_count * width * width, np.int32)  # 0 is none: memory that nobody touches costs nothing
     slot_after[place[shown]] = shown + 1
+    piece_after, value_after = np.append(np.int32(-1), piece), np.pad(value, ((0, 0), (1, 0)))
     total, count = np.zeros_like(value), np.zeros(len(entry))
     for dy, dx in product(range(-_RADIUS, _RADIUS + 1), repeat=2):
         if dx or dy:
-            slot = slot_after.take(place + (dy * width + dx)) - 1
-            near = (slot >= 0) & (piece.take(slot, mode="wrap") == piece)
-            for sums, values in zip(total, value, strict=True):
-                sums += values.take(slot, mode="wrap") * near
+            slot = slot_after.take(place + (dy * width + dx)).astype(np.intp)
+            near = piece_after.take(slot, mode="clip") == piece
+            slot *= near
+            for sums, values in zip(total, value_after, strict=True):
+                sums += values.take(slot, mode="clip")
             count += near
     return total / np.maximum(count, 1.0), count
