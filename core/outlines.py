@@ -66,13 +66,11 @@ def straighten_charts(uv: Float64, chart: Int64, shared: NDArray[np.bool_], n_ch
     angles = np.zeros((_TURNS + 1, n_chart))
     angles[0, edge_chart[first]] = -np.arctan2(vector[first, 1], vector[first, 0])
     angles[1:] = (np.arange(_TURNS) * (np.pi / 2 / _TURNS))[:, None]
-    best = np.full(n_chart, np.inf)
-    cosine, sine = np.ones(n_chart), np.zeros(n_chart)
+    best, chosen = np.full(n_chart, np.inf), np.zeros(n_chart)
     for angle, box in zip(angles, _box_areas(edge, edge_chart, angles), strict=True):
         better = box < best * _CLEARLY_SMALLER
-        best = np.where(better, box, best)
-        cosine, sine = np.where(better, np.cos(angle), cosine), np.where(better, np.sin(angle), sine)
-    turned = _turn(uv, cosine[chart], sine[chart])
+        best, chosen = np.where(better, box, best), np.where(better, angle, chosen)
+    turned = _turn(uv, np.cos(chosen)[chart], np.sin(chosen)[chart])
     low, _ = _bounds(turned, chart, n_chart)
     moved: Float64 = turned - low[chart][:, None]
     return moved

@@ -149,9 +149,9 @@ def _measure_profiles(edge: Float64, chart: Int64, side: Int64, page: Page) -> _
     floor = np.where(empty, far, np.floor(np.where(empty, 0.0, low) + _ROUNDING)).astype(np.int32)
     roof = np.where(empty, -far, np.ceil(np.where(empty, 0.0, high) - _ROUNDING)).astype(np.int32)
     roof = np.where(empty, -far, np.maximum(roof, floor + 1))
-    window = 2 * reach + 1
-    outer_low = sliding_window_view(np.pad(floor, reach, constant_values=far), window).min(axis=1)
-    outer_high = sliding_window_view(np.pad(roof, reach, constant_values=-far), window).max(axis=1)
+    # A row for each shift within the reach: numpy is fast at long ones.
+    outer_low = sliding_window_view(np.pad(floor, reach, constant_values=far), len(floor)).min(axis=0)
+    outer_high = sliding_window_view(np.pad(roof, reach, constant_values=-far), len(roof)).max(axis=0)
     return _Profiles(outer_low - page.padding, outer_high + page.padding, roof, floor, start)
 
 
