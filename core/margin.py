@@ -35,20 +35,22 @@ def add_margin(page: NDArray[np.float32], covered: NDArray[np.bool_], texels: in
     at = ring - 2 * (ring // line) + (1 - line)  # on the page, which has no border
     neighbours = [(dy * line + dx, dy * width + dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
     for _ in range(texels):
-        total, count = np.zeros((len(ring), channels)), np.zeros((len(ring), 1))
-        next_ring, next_at = [], []
+        row, beside, next_ring, next_at = [], [], [], []
         texel_state[ring] = _QUEUED
         for step, step_at in neighbours:
             place = ring + step
             found = texel_state[place]
             known = np.flatnonzero(found == _FILLED)
-            total[known] += texel[at[known] + step_at]
-            count[known] += 1.0
+            row.append(known)
+            beside.append(at[known] + step_at)
             empty = np.flatnonzero(found == _EMPTY)
             next_ring.append(place[empty])
             next_at.append(at[empty] + step_at)
             texel_state[next_ring[-1]] = _QUEUED  # so that no other step finds it again
-        texel[at] = total / count
+        rows, places = np.concatenate(row), np.concatenate(beside)
+        count = np.bincount(rows, minlength=len(ring))
+        for channel in range(channels):
+            texel[at, channel] = np.bincount(rows, texel[places, channel], len(ring)) / count
         texel_state[ring] = _FILLED
         ring, at = np.concatenate(next_ring), np.concatenate(next_at)
 
