@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from math import comb
 
@@ -49,20 +49,20 @@ class EvenSquares:
         first, last = np.searchsorted(self.first, start), np.searchsorted(self.first, end)
         whole = self._find_sides(start, end)
         one = np.flatnonzero(whole)  # most of the nodes of a large page
-        terms = _square_moments(self.texel_xy[start[one]], whole[one], centre[one].T, 1.0 / half[one], degree)
+        terms = _square_moments(self.texel_xy[start[one]].T, whole[one], centre[one].T, 1.0 / half[one], degree)
         for row, term in zip(moments, terms, strict=True):
             row[one] = self.texel_area[start[one]] * whole[one] ** 2 * term
         told = (ends[first] == start) & (ends[last] == end)  # the others begin or end within a square
         for rows, from_texels in ((np.flatnonzero(told & (whole == 0)), False), (np.flatnonzero(~told & (whole == 0)), True)):
             lines = start[rows] if from_texels else first[rows], end[rows] if from_texels else last[rows]
             for some, begin, stop in chunk_ranges(*lines):
-                square, count = expand_ranges(begin, stop)[1], stop - begin
+                square = expand_ranges(begin, stop)[1]
                 node = rows[some]
                 entry, side = (square, 1) if from_texels else (self.first[square], self.side[square])
-                middle = np.repeat(centre[node].T, count, axis=1)
-                terms = _square_moments(self.texel_xy[entry], side, middle, np.repeat(1.0 / half[node], count), degree)
+                size, *middle = (along.repeat(stop - begin) for along in (1.0 / half[node], *centre[node].T))
+                terms = _square_moments(self.texel_xy[entry].T, side, middle, size, degree)
                 area = self.texel_area[entry] * (side * side)
-                begins = np.append(0, np.cumsum(count)[:-1])
+                begins = np.append(0, np.cumsum(stop - begin)[:-1])
                 for row, term in zip(moments, terms, strict=True):
                     row[node] += np.add.reduceat(area * term, begins)
         return moments
@@ -94,11 +94,11 @@ def _find_even(chart: Int32, code: Int32, area: Float64, part_entry: Int64) -> I
     return np.concatenate(found)
 
 
-def _square_moments(xy: Int32, side: IntArray | int, centre: FloatArray, size: FloatArray, degree: int) -> Iterator[FloatArray]:
-    """Means of the monomials in s = (x - centre) * size over squares (n,) of texels, centre (2, n), in the order of monomial_exponents."""
-    s, t = ((xy[:, axis] + 0.5 * side - centre[axis]) * size for axis in (0, 1))
+def _square_moments(xy: Int32, side: IntArray | int, centre: Iterable[FloatArray], size: FloatArray, degree: int) -> Iterator[FloatArray]:
+    """Means of the monomials in s = (x - centre) * size over squares (n,) of texels at xy (2, n), in the order of monomial_exponents."""
+    s, t = ((corner + 0.5 * side - middle) * size for corner, middle in zip(xy, centre, strict=True))
     s_power, t_power = (_texel_means(along, size * side, degree) for along in (s, t))
-    return (s_power[of_s] * t_power[of_t] for of_s, of_t in monomial_exponents(degree))
+    return ((s_power[i] * t_power[j] if i else t_power[j]) if j else s_power[i] for i, j in monomial_exponents(degree))
 
 
 @dataclass(frozen=True)
@@ -115,12 +115,12 @@ class PartMoments:
         moments = np.zeros((len(exponents), len(start)))
         part_start, part_end = np.searchsorted(self.part_entry, start), np.searchsorted(self.part_entry, end)
         for rows, first, last in chunk_ranges(part_start, part_end):
-            part, count = expand_ranges(first, last)[1], last - first
-            h = np.repeat(1.0 / half[rows], count)
-            s, t = ((self.texel_xy[self.part_entry[part], axis] + 0.5 - np.repeat(centre[rows, axis], count)) * h for axis in (0, 1))
+            owner, part = expand_ranges(first, last)
+            h = 1.0 / half[rows][owner]
+            s, t = ((self.texel_xy[self.part_entry[part], axis] + 0.5 - centre[rows, axis][owner]) * h for axis in (0, 1))
             s_power, t_power, h_power = powers(s, degree), powers(t, degree), powers(h, degree)
             excess = [self.part_moments[part, m] * h_power[i + j] for m, (i, j) in enumerate(exponents)]
-            begins = np.append(0, np.cumsum(count)[:-1])
+            begins = np.append(0, np.cumsum(last - first)[:-1])
             for k, (a, b) in enumerate(exponents[1:], start=1):
                 total = np.zeros(len(part))
                 for m, (i, j) in enumerate(exponents[1:], start=1):
