@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from . import missing_light, refine, shrinkage
 from .denoise import GRAIN_LEFT, SMALL_LEAF
 from .direct_shown import ShownDirect, ShownGathered
+from .neighbours import Neighbours
 from .quadtree import Quadtree, node_of_texel
 from .reconstruct import Blend
 from .scene import IntArray
@@ -75,6 +76,7 @@ class StatedError:
     texel_direct2 gives (n,) float32: the squared part of direct light by rays at each texel
     gathered, texel_gathered2   as direct and texel_direct2, of gathered light; None where there is none
     indirect      mean share of a texel's light that photons bring
+    neighbours    of the nodes, for who shows them; None before any photon
     """
 
     relative: float
@@ -86,6 +88,7 @@ class StatedError:
     gathered: float = 0.0
     texel_gathered2: Callable[[], NDArray[np.float32]] | None = None
     indirect: float = 1.0
+    neighbours: Neighbours | None = None
 
 
 def state_error(
@@ -129,7 +132,8 @@ def state_error(
         by_rays = math.sqrt(np.sort(direct2)[:count].sum() / max(count, 1))
         return StatedError(math.nan, math.nan, by_rays, math.nan, correction, texel_direct2)
     # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
-    alone, shown = Blend.of(texels, tree, solution, leaf, halves=True).compare_at(sample)
+    blend = Blend.of(texels, tree, solution, leaf, halves=True)
+    alone, shown = blend.compare_at(sample)
     weight = _weigh(node_light[leaf[sample]] + shown_direct.irradiance_at(sample), dark2)
     x, y = texels.own_points_at(sample)
     asked = missing_light.AskedLight(leaf[sample], x, y, shown, weight)
@@ -177,6 +181,7 @@ def state_error(
         gathered=by_gathering,
         texel_gathered2=texel_gathered2,
         indirect=float((np.maximum(node_light[leaf[sample]], 0.0) * np.sqrt(weight)).mean(dtype=np.float64)),
+        neighbours=blend.neighbours,
     )
 
 

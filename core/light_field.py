@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from .direct_field import DirectField
 from .gathered import GatheredField
 from .ledger import Ledger
+from .neighbours import Neighbours
 from .quadtree import Quadtree
 from .squares import SquareLight
 from .tally import Solution
@@ -23,6 +24,7 @@ class LightField:
     leaves         (m,) int64: the nodes to show
     correction     (3,) float64, of the leaves' variance, see estimate
     squares        what squares say where something touches the surface; None without photons
+    neighbours     of the leaves, where they have been looked for
     gathered       indirect light by rays from texels, where they saw all that sends it; None where leaves hold all of it
     stopped_by     "error", "max_photons", "time_limit" or "interrupted"
     """
@@ -40,3 +42,4 @@ class LightField:
     ledger: Ledger
     squares: SquareLight | None = None
     gathered: GatheredField | None = None
+    neighbours: Neighbours | None = None

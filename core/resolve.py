@@ -21,6 +21,7 @@ from .flecks import clip_flecks
 from .light_field import LightField
 from .margin import add_margin
 from .materials import SurfaceMaterials
+from .neighbours import Neighbours
 from .quadtree import node_of_texel
 from .scene import IntArray
 from .seam_points import SeamPoints
@@ -70,7 +71,8 @@ def light_at_texels(
     first = 0 if _any_direct(field) else 1
     by_part = np.empty((2 - first, n_texel, 3), np.float32)
     variance = field.direct.variance if spend and not doubt else np.empty((n_texel, 3), np.float32)
-    joined = reconstruct.Blend.of(texels, field.tree, field.solution, leaf)
+    neighbours = field.neighbours or Neighbours.of(field.tree, leaf, texels)
+    joined = reconstruct.Blend(texels, field.tree, field.solution, leaf, neighbours, halves=False)
 
     def fill(part: slice) -> None:
         traced = joined.range(part.start, part.stop)

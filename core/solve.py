@@ -187,8 +187,7 @@ class Solver:
             self.gather_plan.given_up = self.settings.error
         self.gathered, (splitting, weight) = None, self._guide_photons()
         view, self.splitting = self._save_view(self.round, splitting), splitting
-        settings, parted, born = self.settings, [], []
-        photons, left = self._next_photons(stated, weight)
+        settings, parted, born, (photons, left) = self.settings, [], [], self._next_photons(stated, weight)
         shards = [
             workers.PhotonShard(
                 tracing=str(self.folder),
@@ -288,6 +287,7 @@ class Solver:
             ledger=self.ledger,
             squares=self.squares.light(self.square_tally),
             gathered=self.gathered,
+            neighbours=stated.neighbours if stated else None,
         )
 
     def _next_photons(self, stated: estimate.StatedError | None, weight: float) -> tuple[int, int]:
