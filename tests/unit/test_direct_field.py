@@ -13,7 +13,7 @@ from leaflight.core.direct_field import DirectField
 from leaflight.core.other_light import OtherLight
 from leaflight.core.settings import Settings
 
-SETTINGS = Settings(size=24, padding=1, error=0.25)
+SETTINGS = Settings(size=24, padding=1, error=0.5)
 
 
 @pytest.fixture

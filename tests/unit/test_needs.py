@@ -72,7 +72,7 @@ def test_indirect_light_leaves_direct_light_as_sharp_as_it_is_alone(tmp_path):
     truth = fine["direct"][covered][:, :3]
     errors = []
     for name, passes in (("alone", ("direct",)), ("both", ("direct", "indirect"))):
-        found = bake_scene(tmp_path / name, GREY, passes=passes, error=0.025)[2]["direct"][covered][:, :3]
+        found = bake_scene(tmp_path / name, GREY, passes=passes, error=0.05)[2]["direct"][covered][:, :3]
         squares = (found - truth) ** 2 / (truth**2 + (DARK_FLOOR * truth.mean()) ** 2)
         errors.append(np.sqrt(np.sort(squares, axis=None)[: int(BEST_TEXELS * squares.size)].mean()))
     assert errors[1] < 1.2 * errors[0]
