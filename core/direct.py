@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .brightness import weigh_channels
 from .coverage import as_slice
-from .direct_choice import Demand, Int64
+from .direct_choice import Demand
 from .direct_crowd import LampCrowd
 from .direct_lights import Source
 from .direct_points import (
@@ -26,7 +26,7 @@ from .direct_points import (
 from .direct_pool import EmitterPool
 from .direct_sources import make_lamps, make_suns, make_triangle_sources, make_world
 from .direct_tally import Tally
-from .direct_tiles import FirstLook, look_from_tiles
+from .direct_tiles import look_from_tiles
 from .emitters import find_emitting_cells
 from .geometry import UnitBox
 from .lights import Float64
@@ -34,11 +34,10 @@ from .materials import SurfaceMaterials
 from .rays import RayScene
 from .scene import FloatArray, IntArray, SceneSnapshot
 from .texel_looks import TexelLooks
-from .tiles import TileFit, Tiles
+from .tiles import Tiles
 
 _MOST_TRIANGLE_SOURCES = 12  # emitting triangles that are looked at one by one
 _FEW_LAMPS = 16  # lamps that every texel looks at one by one
-_TINY = 1e-30  # of a light's power
 
 
 @dataclass(frozen=True)
@@ -139,7 +138,7 @@ def _light_chunk(
 ) -> tuple[Float64, Float64]:
     """Irradiance (n, 3) of a chunk's texels, and its variance; beside them is other light, (n,) W/m^2."""
     count = len(chunk)
-    shared, variance, tallies = _look_first(scene, chunk, demand, beside, rng, counters)
+    shared, variance, tallies = _look_first(scene, chunk, demand, rng, counters)
     for tally in tallies:
         for piece in row_pieces(np.flatnonzero(tally.leads), STAGES[0][1]):
             counters["rays"] += tally.add(scene.rays, chunk, piece, STAGES[0], GAUSS_POINTS)
@@ -180,31 +179,19 @@ def _light_chunk(
 
 
 def _look_first(
-    scene: DirectScene,
-    chunk: TexelChunk,
-    demand: Demand,
-    beside: NDArray[np.float32],
-    rng: np.random.Generator,
-    counters: dict[str, int],
+    scene: DirectScene, chunk: TexelChunk, demand: Demand, rng: np.random.Generator, counters: dict[str, int]
 ) -> tuple[Float64, Float64, list[Tally]]:
     """Light (n, 3) that flat tiles are sure of, its variance, and for each source an empty tally of texels that look at it themselves."""
     flat, smoothed = demand.flat, demand.smoothed
     (shared, variance), tallies = np.zeros((2, len(chunk), 3)), []
-    looks = [look_from_tiles(scene.rays, chunk, flat, source, random_shift(rng, len(flat))) for source in scene.sources]
-    for look, source in zip(looks, scene.sources, strict=True):
+    for source in scene.sources:
+        look = look_from_tiles(scene.rays, chunk, flat, source, random_shift(rng, len(flat)))
         lit, off = (np.where(look.lit, values, 0.0) for values in (look.closed, look.off))
-        _add_light(shared, lit, source)
-        _add_light(variance, off * off, source, squared=True)
-    calm = _find_calm_tiles(scene, looks, demand, shared, beside)
-    for look, source, (of_calm, off2) in zip(looks, scene.sources, calm, strict=True):
-        texels = flat.texels()[of_calm]
-        told, noise2 = np.zeros((2, len(chunk)))
-        told[texels], noise2[texels] = look.value[of_calm], off2[:, None]
-        _add_light(shared, told, source)
-        _add_light(variance, noise2, source, squared=True)
+        for channel, power in enumerate(source.rgb[0]):  # several times faster than rows of three
+            shared[:, channel] += lit * power
+            variance[:, channel] += (off * power) ** 2
         without = look.closed == 0
         agreed = look.lit | look.dark
-        agreed[texels] = True
         rows = np.flatnonzero(~(agreed | without))
         own = np.arange(len(chunk)) == look.leader
         looks_on = ~(agreed | without) & own
@@ -218,32 +205,3 @@ def _look_first(
         counters["settled"] += int(agreed.sum())
         counters["shared"] += int(agreed.sum()) + int((~own).sum())
     return shared, variance, tallies
-
-
-def _find_calm_tiles(
-    scene: DirectScene, looks: list[FirstLook], demand: Demand, sure: Float64, beside: NDArray[np.float32]
-) -> list[tuple[Int64, Float64]]:
-    """Of each source, tiles (k,) whose one ray of each texel is enough, and the variance (k,) of these, for rgb = 1.
-
-    sure     (n, 3) float64, W/m^2: light that is known
-    beside   (n,) float32, W/m^2: of _light_chunk
-    """
-    texels = demand.flat.texels()
-    level = (weigh_channels(sure) + beside)[texels].mean(axis=1)
-    smoothed = np.isin(texels[:, 0], demand.smoothed[:, 0])
-    power = [max(float(weigh_channels(source.rgb)[0]), _TINY) for source in scene.sources]
-    for look, of_source in zip(looks, power, strict=True):
-        level += look.value.mean(axis=1) * of_source
-    out = []
-    for look, of_source in zip(looks, power, strict=True):
-        asked = np.flatnonzero(look.mixed & smoothed)
-        fit = TileFit.of(look.value[asked])
-        calm = fit.is_calm(demand.tolerance * level[asked] / of_source)
-        out.append((asked[calm], fit.off2[calm]))
-    return out
-
-
-def _add_light(into: Float64, values: Float64, source: Source, squared: bool = False) -> None:
-    """Adds values (n,) for rgb = 1 to light (n, 3), or to its variance."""
-    for channel, power in enumerate(source.rgb[0]):  # several times faster than rows of three
-        into[:, channel] += values * (power**2 if squared else power)

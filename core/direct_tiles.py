@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .direct_lights import Source
 from .direct_points import MIDDLE, Receivers, TexelChunk, base_points, row_pieces, shift_points
-from .lights import Float32, Float64
+from .lights import Float64
 from .rays import RayScene
 from .texel_grid import interleave_bits
 from .tiles import NODE_WEIGHTS, TILE_LINES, TILE_NODES, TILE_SIDE, TILE_TEXELS, Tiles
@@ -36,8 +36,6 @@ class FirstLook:
     lit      (n,) bool      all of the light is seen
     leader   (n,) int64     texel whose rays tell of this one too, where a tile saw nothing of a light with an extent; else its own row
     dark     (n,) bool      none of a light without extent is seen
-    mixed    (m,) bool      tiles that saw some of the light, and not all of it
-    value    (m, 64) float64   of those, irradiance for rgb = 1 by the one ray of each texel; 0 elsewhere
     rays     traced
     """
 
@@ -46,8 +44,6 @@ class FirstLook:
     lit: Bools
     dark: Bools
     leader: NDArray[np.int64]
-    mixed: Bools
-    value: Float64
     rays: int
 
 
@@ -64,11 +60,11 @@ def look_from_tiles(rays: RayScene, chunk: TexelChunk, tiles: Tiles, source: Sou
     closed[texels[told]], off[texels[told]] = values, gap[:, None]
     reached = np.flatnonzero(told)[values.any(axis=1)]
     full, none = np.zeros((2, len(tiles)), bool)
-    value, traced = np.zeros((len(tiles), TILE_TEXELS)), 0
+    traced = 0
     for piece in row_pieces(reached, TILE_TEXELS):
         rows = texels[piece].ravel()
-        full[piece], none[piece], by_ray, n_ray = _see(rays, chunk.receivers(rows, 0, 1), source, shift[piece])
-        value[piece] = _take_ratio(by_ray, closed[texels[piece]])
+        seen_all, seen_none, n_ray = _see(rays, chunk.receivers(rows, 0, 1), source, shift[piece])
+        full[piece], none[piece] = seen_all, seen_none
         traced += n_ray
     asked, whole = np.zeros((2, len(tiles)), bool)
     asked[reached], whole[told] = True, values.all(axis=1)
@@ -80,15 +76,11 @@ def look_from_tiles(rays: RayScene, chunk: TexelChunk, tiles: Tiles, source: Sou
     else:  # by bits of the shift that places on lights do not use
         chosen = tiles.start + (shift[:, 0] % np.uint32(TILE_TEXELS)).astype(np.int64)
         leader[texels[unlit & whole]] = chosen[unlit & whole, None]
-    mixed = asked & ~(full | none)
-    value[~mixed] = 0.0
-    return FirstLook(closed, off, lit, dark, leader, mixed, value, traced)
+    return FirstLook(closed, off, lit, dark, leader, traced)
 
 
-def _see(rays: RayScene, receivers: Receivers, source: Source, shift: NDArray[np.uint32]) -> tuple[Bools, Bools, Float32, int]:
-    """(m,) bool whether all of a light is seen from a tile's receivers (m * 64), whether none is; (2, m, 64) float32 what each one's ray
-    tells of the light that comes, and that would if nothing stood between; and rays traced.
-    """
+def _see(rays: RayScene, receivers: Receivers, source: Source, shift: NDArray[np.uint32]) -> tuple[Bools, Bools, int]:
+    """(m,) bool whether all of a light is seen from a tile's receivers (m * 64), whether none is, and rays traced."""
     points = shift_points(_TILE_POINTS, shift).transpose(1, 0, 2).reshape(-1, 2)
     aim = source.aim(receivers.position, receivers.normal, points)
     traced = 0
@@ -98,17 +90,7 @@ def _see(rays: RayScene, receivers: Receivers, source: Source, shift: NDArray[np
     # A cone's edge, a horizon that cuts the light, and a face seen from behind are for the texels themselves.
     full = seen & (aim.share > 0) & (aim.weight >= aim.share)
     none = ~(seen & (aim.weight > 0))
-    by_ray = np.stack([aim.weight * seen, aim.share]).reshape(2, -1, TILE_TEXELS)
-    return full.reshape(-1, TILE_TEXELS).all(axis=1), none.reshape(-1, TILE_TEXELS).all(axis=1), by_ray, traced
-
-
-def _take_ratio(by_ray: Float32, closed: Float64) -> Float64:
-    """(m, 64) float64: irradiance by a ray each, whose part in the closed form (m, 64) is shared by those of its strata."""
-    share = np.divide(by_ray, closed, out=np.zeros(by_ray.shape), where=closed > 0.0).reshape(2, -1, _STRATA)
-    whole = share[1].mean(axis=1, keepdims=True)
-    share = np.divide(share[0], whole, out=np.zeros_like(share[0]), where=whole > 0.0)
-    out: Float64 = share.reshape(closed.shape) * closed
-    return out
+    return full.reshape(-1, TILE_TEXELS).all(axis=1), none.reshape(-1, TILE_TEXELS).all(axis=1), traced
 
 
 def _closed_at_tiles(chunk: TexelChunk, tiles: Tiles, source: Source) -> tuple[Bools, Float64, Float64]:

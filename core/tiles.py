@@ -93,35 +93,6 @@ def find_tiles(chart: IntArray, code: IntArray) -> Int64:
     return whole
 
 
-@dataclass(frozen=True)
-class TileFit:
-    """How light of tiles differs from quadratic surfaces, noise and all.
-
-    off2      (k,) float64, (W/m^2)^2: variance of a texel about the surface
-    change2   (k,) float64, (W/m^2)^2: mean squared change of the surface over the tile
-    """
-
-    off2: Float64
-    change2: Float64
-
-    @classmethod
-    def of(cls, value: Float64) -> TileFit:
-        """Of light (k, 64) float64, W/m^2, at the tiles' texels in Morton order."""
-        fitted = value @ TILE_SURFACES
-        off2 = (value**2).sum(axis=1) - (fitted**2).sum(axis=1)
-        off2 /= TILE_TEXELS - TILE_SURFACES.shape[1]
-        return cls(np.maximum(off2, 0.0), (fitted[:, 1:] ** 2).sum(axis=1) / TILE_TEXELS)
-
-    def is_calm(self, allowed: Float64, by_slope: bool = False) -> NDArray[np.bool_]:
-        """(k,) bool: see find_calm."""
-        smoothed2: Float64 | float = _SMOOTHED**2
-        if by_slope:
-            alike2 = np.divide(_ALL_ALIKE * self.off2, self.change2, out=np.full(len(self.off2), np.inf), where=self.change2 > 0.0)
-            smoothed2 = smoothed2 * np.clip(_GENTLE**2 * np.sqrt(alike2), 1.0, _GENTLE**2)
-        out: NDArray[np.bool_] = self.off2 <= smoothed2 * allowed**2
-        return out
-
-
 def find_calm(value: Float64, allowed: Float64, by_slope: bool = False) -> NDArray[np.bool_]:
     """(k,) bool: tiles in which light changes so gently that smoothing will average the texels' noise.
 
@@ -132,7 +103,16 @@ def find_calm(value: Float64, allowed: Float64, by_slope: bool = False) -> NDArr
     allowed    (k,) float64, W/m^2: standard error of the light as it is shown
     by_slope   more noise is left where light changes by less than that, as on large pages: there smoothing finds more that is alike
     """
-    return TileFit.of(value).is_calm(allowed, by_slope)
+    fitted = value @ TILE_SURFACES
+    off2 = (value**2).sum(axis=1) - (fitted**2).sum(axis=1)
+    off2 /= TILE_TEXELS - TILE_SURFACES.shape[1]
+    smoothed2: Float64 | float = _SMOOTHED**2
+    if by_slope:
+        change2 = (fitted[:, 1:] ** 2).sum(axis=1) / TILE_TEXELS
+        alike2 = np.divide(_ALL_ALIKE * np.maximum(off2, 0.0), change2, out=np.full(len(off2), np.inf), where=change2 > 0.0)
+        smoothed2 = smoothed2 * np.clip(_GENTLE**2 * np.sqrt(alike2), 1.0, _GENTLE**2)
+    out: NDArray[np.bool_] = off2 <= smoothed2 * allowed**2
+    return out
 
 
 def _node_weights() -> Float64:

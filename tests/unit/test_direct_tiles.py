@@ -73,41 +73,6 @@ class TestClosedForms:
         assert found.counters["out_of_reach"] == found.counters["pairs"] == SIDE**2
 
 
-class TestOneRayEach:
-    """Where noise is left to whoever smooths it, the rays of a tile's first look may be all that it needs."""
-
-    LOOSE = 0.2
-
-    def test_they_are_right_on_average_and_err_by_what_they_say(self):
-        truth = light_floor(PENUMBRA, tolerance=1e-4).irradiance_rgb
-        beside = np.full(SIDE**2, truth.max(), np.float32)
-        found = [light_floor(PENUMBRA, smoothed=True, tolerance=self.LOOSE, beside=beside, seed=seed) for seed in range(4)]
-        diagonal = SIDE * 8  # texels of tiles that both triangles share
-        assert found[0].counters["rays"] <= SIDE**2 + 15 * diagonal  # of them each looks for itself
-        flat = floor_tiles(SIDE).on_one_triangle(floor_looks(SIDE)(np.arange(SIDE**2)).tri).texels().ravel()
-        gap = np.stack([light.irradiance_rgb[flat] for light in found]) - truth[flat]
-        assert np.abs(gap.mean(axis=(0, 1))).max() < 0.01 * truth[flat].max()
-        said = np.stack([light.variance_rgb[flat] for light in found])
-        assert said[..., 0].min() > 0
-        assert 0.9 < (gap[..., 0] ** 2).mean() / said[..., 0].mean() < 1.1
-        assert said[..., 1] == pytest.approx(said[..., 0] / 4)  # half as much light of that channel
-
-    @pytest.mark.parametrize("options", [{"smoothed": False, "tolerance": LOOSE}, {"smoothed": True, "tolerance": 0.01}])
-    def test_who_must_be_surer_looks_again(self, options):
-        assert light_floor(PENUMBRA, **options).counters["rays"] > 4 * SIDE**2
-
-    def test_what_comes_beside_them_makes_them_enough(self):
-        brighter = np.full(SIDE**2, 100.0, np.float32)
-        rays = [light_floor(PENUMBRA, smoothed=True, tolerance=0.01, beside=beside).counters["rays"] for beside in (None, brighter)]
-        assert rays[1] < 2 * SIDE**2 < rays[0]
-
-    def test_an_edge_of_light_is_looked_at_again(self):
-        """A hard edge through tiles is no noise that smoothing could take, whichever light it is of."""
-        scene = lit_scene([box_mesh("Block", (0.5, 4.0, 0.1), (-0.1, 0.5, 1.0))], [replace(BULB, radius_m=0.0)])
-        loose, sure = (light_floor(scene, smoothed=smoothed, tolerance=0.05).irradiance_rgb for smoothed in (True, False))
-        assert loose == pytest.approx(sure)
-
-
 class TestShadows:
     @pytest.mark.parametrize("angle_rad", [0.0, 0.1, 0.7854, 1.2])
     @pytest.mark.parametrize("shift", [0.0, 0.25, 0.5])
@@ -159,7 +124,7 @@ class TestShadows:
         chunk = TexelChunk(floor_looks(SIDE)(np.arange(SIDE**2)), np.zeros((SIDE**2, 2), np.uint32), scene.surfaces, False)
         counters = dict.fromkeys(("rays", "pairs", "out_of_reach", "settled", "shared"), 0)
         demand = Demand(0.01, flat=floor_tiles(SIDE), smoothed=floor_tiles(SIDE).texels())
-        _, _, (tally,) = direct._look_first(scene, chunk, demand, np.zeros(SIDE**2, np.float32), np.random.default_rng(1), counters)
+        _, _, (tally,) = direct._look_first(scene, chunk, demand, np.random.default_rng(1), counters)
         followers = tally.rows[~tally.leads]
         followed = tally.rows[tally._leader[~tally.leads]]
         assert (followed == followers // TILE_TEXELS * TILE_TEXELS).all()
