@@ -431,3 +431,16 @@ def test_rays_that_are_shot_again_are_told_of_other_light_too(tmp_path, monkeypa
     solver.run(lambda message: None, lambda: False)
     assert told
     assert all(other.level.shape == solver.direct.passes.shape for other in told)
+
+
+def test_a_first_round_that_trees_are_refined_after_states_no_error(tmp_path):
+    """What it would say ends no bake; a bake of one round says what it knows all the same."""
+    errors = []
+    for name, most in (("many", 400_000), ("one", 20_000)):
+        told = []
+        solver = make_solver(tmp_path / name, lamp_scene(), Settings(size=32, padding=1, error=1e-4, max_photons=most))
+        light = solver.run(told.append, lambda: False)
+        errors.append([message.estimated_error for message in told if isinstance(message, Progress)])
+        assert errors[-1][-1] == light.error > 0.0
+    assert [math.isnan(error) for error in errors[0]] == [True] + [False] * (len(errors[0]) - 1)
+    assert len(errors[0]) > 1 == len(errors[1])
