@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .birth_cells import BirthCells, find_bins
 from .geometry import gather, locate_hits, offset_origin
-from .lights import Emitter
+from .joined_emitters import JoinedEmitters
 from .rays import RayScene
 from .sampling import low_discrepancy_points
 
@@ -66,7 +66,7 @@ class Arrivals:
 
 
 def bear_photons(
-    emitters: Sequence[Emitter],
+    emitters: JoinedEmitters,
     cells: BirthCells,
     n_photons: int,
     total_flux_share: float,
@@ -87,30 +87,31 @@ def bear_photons(
     of_emitter = start[first_cell]
     # By a photon of each cell, over one of its emitter that is born evenly.
     carried = np.divide(cells.natural, cells.share, out=np.zeros(len(cells)), where=cells.share > 0).astype(np.float32)
+    whole = np.flatnonzero(np.diff(first_cell) == 1)
+    carried[first_cell[whole]] = 1  # its photons carry what the emitter does, however many there are
     emitter_share = np.bincount(cells.emitter, cells.natural, len(emitters))
+    emitter_share[whole] = cells.share[first_cell[whole]]
+    per_power = np.divide(total_flux_share / n_photons, emitter_share, out=np.zeros(len(emitters)), where=emitter_share > 0)
+    power = (emitters.power_rgb * per_power[:, None]).T.astype(np.float32)
     for first in range(0, n_photons, batch):
         last = min(first + batch, n_photons)
-        origin, direction, flux = np.empty((3, 3, last - first), np.float32)
-        soft, shadowless = np.zeros((3, last - first), np.float32), np.zeros(last - first, bool)
-        born = np.empty(last - first if told else 0, np.int32)
-        for e in np.flatnonzero((of_emitter[:-1] < last) & (of_emitter[1:] > first) & (of_emitter[1:] > of_emitter[:-1])):
-            low, high = max(first, of_emitter[e]), min(last, of_emitter[e + 1])
-            place = slice(low - first, high - first)
-            own = slice(first_cell[e], first_cell[e + 1])
-            is_whole = own.stop - own.start == 1
-            cell = np.repeat(np.arange(own.start, own.stop), np.diff(start[own.start : own.stop + 1].clip(low, high)))
-            points = low_discrepancy_points(shift[e], int(low - of_emitter[e]), int(high - low))
-            births = emitters[e].emit(points if is_whole else cells.place(cell, points))
-            if told:
-                born[place] = find_bins(cell, points)
-            origin[:, place], direction[:, place] = births.origin.T, births.direction.T
-            soft[0, place], soft[1, place] = births.soft_radius, births.soft_offset
-            shadowless[place] = not emitters[e].casts_shadow
-            power = emitters[e].power_rgb * (total_flux_share / n_photons / (cells.share[own.start] if is_whole else emitter_share[e]))
-            np.multiply(power.astype(np.float32)[:, None], births.relative_rgb.T, out=flux[:, place])
-            if not is_whole:
-                flux[:, place] *= carried.take(cell)
-        yield Photons(origin, direction, flux, soft if soft[0].any() else None, born if told else None), shadowless
+        cell = np.repeat(np.arange(len(cells)), np.diff(start.clip(first, last)))
+        within = of_emitter.clip(first, last)
+        bearing = np.flatnonzero(np.diff(within))
+        count = np.diff(within)[bearing]
+        emitter = np.repeat(bearing, count)
+        points = low_discrepancy_points(shift[bearing], within[bearing] - of_emitter[bearing], count)
+        births = emitters.emit(emitter, points if len(cells) == len(emitters) else cells.place(cell, points))
+        flux = gather(power, emitter)
+        flux *= births.relative_rgb.T
+        if len(cells) > len(emitters):
+            flux *= carried.take(cell)
+        soft = None
+        if births.soft_radius.any():
+            soft = np.stack([births.soft_radius, births.soft_offset, np.zeros(last - first, np.float32)])
+        born = find_bins(cell, points) if told else None
+        origin, direction = (np.ascontiguousarray(vectors.T) for vectors in (births.origin, births.direction))
+        yield Photons(origin, direction, flux, soft, born), ~emitters.casts_shadow.take(emitter)
 
 
 def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri_normal: _Rows, tri_frame: _Rows) -> int:

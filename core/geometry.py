@@ -142,10 +142,14 @@ def stack_columns(*columns: FloatArray) -> FloatArray:
 
 
 def combine_vectors(weight: FloatArray, vectors: FloatArray) -> FloatArray:
-    """weight (n, k) @ vectors (k, 3), as a view of (3, n) rows; a BLAS would start threads for so little, beside the other workers."""
-    out: FloatArray = weight[:, 0] * vectors[0][:, None]
-    for k in range(1, len(vectors)):
-        out += weight[:, k] * vectors[k][:, None]
+    """weight (n, k) @ vectors (k, 3), as a view of (3, n) rows; a BLAS would start threads for so little, beside the other workers.
+
+    vectors   (k, 3) float, or those of each row of weights (k, 3, n)
+    """
+    columns = vectors.reshape(*vectors.shape[:2], -1)
+    out: FloatArray = weight[:, 0] * columns[0]
+    for k in range(1, len(columns)):
+        out += weight[:, k] * columns[k]
     return out.T
 
 

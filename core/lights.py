@@ -71,8 +71,8 @@ def make_births(origin: FloatArray, direction: FloatArray, relative: FloatArray 
 
 
 def turn(local: FloatArray, axes: FloatArray) -> Float32:
-    """Local directions (n, 3) in world space; +Z goes to -axes[2], where a Blender light shines. axes (3, 3)."""
-    shining = np.asarray(axes, np.float32) * np.array([[1], [1], [-1]], np.float32)
+    """Local directions (n, 3) in world space; +Z goes to -axes[2], where a Blender light shines. axes (3, 3, 1) or (3, 3, n)."""
+    shining = axes * np.array([1, 1, -1], np.float32)[:, None, None]
     turned: Float32 = combine_vectors(np.asarray(local, np.float32), shining)
     return turned
 
@@ -82,6 +82,26 @@ def spot_attenuation(cosine: FloatArray, drop: FloatArray | float, blend: FloatA
     t = np.clip((drop - (1 - cosine)) / np.maximum(blend * drop, _SHARPEST_RIM), 0, 1)
     out: FloatArray = t * t * (3 - 2 * t)
     return out
+
+
+def sample_spot_drop(u: FloatArray, drop: Float64 | float, blend: Float64 | float) -> FloatArray:
+    """1 - cosine with density proportional to a SpotCone's attenuation.
+
+    u             (n,) float, uniform in [0, 1)
+    drop, blend   numbers, (1,) or (n,) float64
+    """
+    mass: FloatArray = u * np.asarray(drop * (1 - blend / 2), np.float32)
+    if not np.any(blend):
+        return mass
+    rim = np.maximum(drop * blend, _SHARPEST_RIM)
+    full, inner, width = (np.asarray(value, u.dtype) for value in (drop, drop - rim, rim))
+    beyond = (mass - inner) / (width / 2)  # share of the rim's flux that lies further in
+    target = np.clip(1 - beyond, 0, 1)
+    # 2 t^3 - t^4 is convex, so Newton's iteration falls on its root from the cube root, which lies above.
+    t = np.cbrt(target)
+    for _ in range(5):
+        t -= (2 * t - t * t - target / np.maximum(t * t, 1e-30)) / (6 - 4 * t)
+    return np.where(beyond <= 0, mass, full - width * t)
 
 
 @dataclass(frozen=True)
@@ -112,25 +132,15 @@ class SpotCone:
         """At the cosine between a direction and the axis."""
         return spot_attenuation(cosine, self.drop, self.blend)
 
-    def sample_drop(self, u: FloatArray) -> FloatArray:
-        """1 - cosine with density proportional to the attenuation; u (n,) uniform in [0, 1)."""
-        mass = u * np.float32(self.mean_drop)
-        if self.blend == 0:
-            return mass
-        width = self.drop * self.blend
-        beyond = (mass - (self.drop - width)) / (width / 2)  # share of the rim's flux that lies further in
-        target = np.clip(1 - beyond, 0, 1)
-        # 2 t^3 - t^4 is convex, so Newton's iteration falls on its root from the cube root, which lies above.
-        t = np.cbrt(target)
-        for _ in range(5):
-            t -= (2 * t - t * t - target / np.maximum(t * t, 1e-30)) / (6 - 4 * t)
-        return np.where(beyond <= 0, mass, self.drop - width * t)
-
 
 @dataclass(frozen=True)
 class PointEmitter:
-    """A point or spot light; with a radius a disk across each photon's path (soft), or a sphere.
+    """A point or spot light; with a radius a disk across each photon's path (soft), or a sphere. Joined as of joined_emitters.
 
+    centre        (3, 1) float32, unit box
+    axes          (3, 3, 1) float32            the light's x, y and z
+    drop, blend   (1,) float64                 of its SpotCone
+    radius        (1,) float32, unit box
     A line of uniform direction at a uniform place of the disk across it is exactly the field of a uniform sphere.
     Source: Cycles, kernel/light/point.h and spot.h; radiance power / (4 pi^2 r^2).
     """
@@ -139,36 +149,38 @@ class PointEmitter:
     power_rgb: Float64
     centre: Float32
     axes: Float32
-    cone: SpotCone
-    radius: float
+    drop: Float64
+    blend: Float64
+    radius: Float32
     soft: bool
     casts_shadow: bool
 
     def emit(self, u: Float32) -> Births:
-        drop = self.cone.sample_drop(u[:, 0])
+        drop = sample_spot_drop(u[:, 0], self.drop, self.blend)
         across = np.sqrt(np.maximum(drop * (2 - drop), 0))
         phi = np.float32(2 * math.pi) * u[:, 1]
         direction = turn(stack_columns(across * np.cos(phi), across * np.sin(phi), 1 - drop), self.axes)
-        births = make_births(np.broadcast_to(self.centre, direction.shape), direction)
-        if self.radius == 0:
+        births = make_births(np.broadcast_to(self.centre.T, direction.shape), direction)
+        if not self.radius.any():
             return births
-        disk = square_to_uniform_disk(u[:, 2:4]) * np.float32(self.radius)
+        disk = square_to_uniform_disk(u[:, 2:4]) * self.radius[:, None]
         tangent, bitangent = orthonormal_basis(direction)
-        origin = self.centre + disk[:, :1] * tangent + disk[:, 1:] * bitangent
+        origin = self.centre.T + disk[:, :1] * tangent + disk[:, 1:] * bitangent
         offset_squared = disk[:, 0] ** 2 + disk[:, 1] ** 2
         if not self.soft:
-            rise = np.sqrt(np.maximum(np.float32(self.radius) ** 2 - offset_squared, 0))
+            rise = np.sqrt(np.maximum(self.radius**2 - offset_squared, 0))
             return make_births(origin + rise[:, None] * direction, direction)
-        radius = np.full(len(u), self.radius, np.float32)
+        radius = np.broadcast_to(self.radius, len(u))
         return Births(origin.astype(np.float32, copy=False), direction, births.relative_rgb, radius, np.sqrt(offset_squared))
 
 
 @dataclass(frozen=True)
 class AreaEmitter:
-    """A one-sided rectangle or ellipse.
+    """A one-sided rectangle or ellipse. Joined as of joined_emitters.
 
-    axes          (3, 3) float32            the light's x, y and z
-    half_size     (2,) float32, unit box    half extents along x and y
+    centre        (3, 1) float32, unit box
+    axes          (3, 3, 1) float32            the light's x, y and z
+    half_size     (2, 1) float32, unit box     half extents along x and y
     spread_rad    pi is Lambertian
     Source: Cycles, kernel/light/area.h; radiance power / (pi area), area_light_spread_attenuation.
     """
@@ -183,8 +195,8 @@ class AreaEmitter:
     casts_shadow: bool
 
     def emit(self, u: Float32) -> Births:
-        place = (square_to_uniform_disk(u[:, :2]) if self.ellipse else 2 * u[:, :2] - 1) * self.half_size
-        origin = self.centre + combine_vectors(place, self.axes[:2])
+        place = (square_to_uniform_disk(u[:, :2]) if self.ellipse else 2 * u[:, :2] - 1) * self.half_size.T
+        origin = self.centre.T + combine_vectors(place, self.axes[:2])
         if self.spread_rad > LAMBERTIAN_SPREAD_RAD:
             return make_births(origin, turn(square_to_cosine_hemisphere(u[:, 2:4]), self.axes))
         theta = sample_spread_angle(u[:, 2], self.spread_rad)
@@ -224,6 +236,7 @@ def sample_spread_angle(u: FloatArray, spread_rad: float) -> FloatArray:
 class SunEmitter:
     """Parallel light, or light from a disk of directions, entering by the faces of the scene's box.
 
+    axes           (3, 3, 1) float32   the light's x, y and z
     mean_outline   unit box squared: the box's outline, averaged over the disk
     """
 
@@ -246,8 +259,8 @@ class SunEmitter:
 
 def make_light_emitter(light: Light, power_rgb: Float64, unit_box: UnitBox, cover: SceneCover) -> Emitter:
     """The emitter of one of Blender's lights; power_rgb is its power_rgb with only finite numbers >= 0."""
-    axes = np.array(light.rotation, np.float32)
-    centre = unit_box.to_unit(np.array(light.position_m))
+    axes = np.array(light.rotation, np.float32)[..., None]
+    centre = unit_box.to_unit(np.array(light.position_m))[:, None]
     if light.kind == "SUN":
         half = min(max(light.angle_rad, 0.0), math.pi) / 2
         grid = (np.arange(_CONE_STEPS) + 0.5) / _CONE_STEPS
@@ -257,10 +270,11 @@ def make_light_emitter(light: Light, power_rgb: Float64, unit_box: UnitBox, cove
         power = power_rgb * (2 / (1 + math.cos(half))) * outline / unit_box.scale**2
         return SunEmitter(light.name, power, axes, half, cover, outline, light.casts_shadow)
     if light.kind == "AREA":
-        half_size = (np.maximum(np.array(light.size_m) * unit_box.scale, SMALLEST_SIDE) / 2).astype(np.float32)
+        half_size = (np.maximum(np.array(light.size_m) * unit_box.scale, SMALLEST_SIDE) / 2).astype(np.float32)[:, None]
         ellipse = light.shape == "ELLIPSE"
         return AreaEmitter(light.name, power_rgb, centre, axes, half_size, ellipse, light.spread_rad, light.casts_shadow)
     cone = SpotCone.of(light)
-    radius = unit_box.to_unit_length(light.radius_m)
+    radius = np.array([unit_box.to_unit_length(light.radius_m)], np.float32)
     power = power_rgb * (cone.mean_drop / 2)
-    return PointEmitter(light.name, power, centre, axes, cone, radius, light.soft_falloff, light.casts_shadow)
+    drop, blend = np.array([cone.drop], np.float64), np.array([cone.blend], np.float64)
+    return PointEmitter(light.name, power, centre, axes, drop, blend, radius, light.soft_falloff, light.casts_shadow)

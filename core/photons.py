@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from .birth_cells import BirthCells
 from .births import BATCH, Arrivals, Photons, bear_photons, join_waves, light_every_surface, soften
 from .geometry import UnitBox, gather, locate_hits, offset_origin, triangle_frames, triangle_normals_areas
+from .joined_emitters import JoinedEmitters
 from .lights import Emitter
 from .materials import SurfaceMaterials
 from .photon_log import PhotonLog, ShardHits
@@ -55,7 +56,7 @@ class TraceScene:
     """
 
     rays: RayScene
-    emitters: Sequence[Emitter]
+    emitters: JoinedEmitters
     emitter_share: NDArray[np.float64]
     surfaces: SurfaceMaterials
     tri_normal: NDArray[np.float32]
@@ -85,7 +86,7 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
     casts_shadow = np.array([thing.casts_shadow for thing in snapshot.objects], bool)[snapshot.tri_object]
     return TraceScene(
         rays=RayScene(np.where(casts_shadow[:, None, None], corners, corners[:, :1])),  # without area it lets light through
-        emitters=emitters,
+        emitters=JoinedEmitters.of(emitters),
         emitter_share=power / total if total > 0 else np.zeros(len(power)),
         surfaces=surfaces,
         tri_normal=np.ascontiguousarray(normal.T),

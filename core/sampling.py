@@ -30,27 +30,32 @@ _SOBOL_BITS = 17  # of a shard's photons; more start again, shifted otherwise
 _SCRAMBLES = (0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35, 0x27D4EB2F)  # one a dimension
 
 
-def low_discrepancy_points(shift: NDArray[np.uint32], start: int, count: int) -> NDArray[np.float32]:
-    """Points start ... start + count - 1 of a shifted low-discrepancy sequence; over random shifts each is uniform.
+def low_discrepancy_points(shift: NDArray[np.uint32], start: IntArray, count: IntArray) -> NDArray[np.float32]:
+    """Points start ... start + count - 1 of each of some low-discrepancy sequences; over random shifts each is uniform.
 
     A lattice is as even, but where it lines up with the texels as seen from a lamp its noise stands in stripes. The noise of a scrambled
     net is spread over more frequencies.
 
-    shift   (4,) uint32, uniform: a digital shift
-    out     (count, 4) float32 in [0, 1), a view of rows
+    shift          (k, 4) uint32, uniform: a digital shift of each sequence
+    start, count   (k,) int
+    out            (sum of count, 4) float32 in [0, 1), a view of rows: sequence by sequence
     Source: Sobol' 1967; Owen 1995, "Randomly permuted (t,m,s)-nets and (t,s)-sequences".
     """
-    base, period = _scrambled_net(), 1 << _SOBOL_BITS
-    out = np.empty((4, count), np.float32)
-    done = 0
-    while done < count:
-        turn, first = divmod(start + done, period)
-        some = min(count - done, period - first)
-        moved = shift if not turn else np.random.SeedSequence((*shift.tolist(), turn)).generate_state(4)
-        bits = base[:, first : first + some] ^ moved[:, None]
-        bits >>= np.uint32(8)
-        np.multiply(bits, np.float32(2.0**-24), out=out[:, done : done + some], dtype=np.float32, casting="unsafe")
-        done += some
+    first_turn = start >> _SOBOL_BITS
+    turns = (start + count - 1 >> _SOBOL_BITS) + 1 - first_turn
+    of = np.repeat(np.arange(len(start)), turns)  # of each run of points of one turn, its sequence
+    turn = np.arange(len(of)) - np.repeat(np.cumsum(turns) - turns - first_turn, turns)
+    first = np.maximum(start[of], turn << _SOBOL_BITS)
+    length = np.minimum((start + count)[of], turn + 1 << _SOBOL_BITS) - first
+    moved = shift[of]
+    for run in np.flatnonzero(turn):
+        moved[run] = np.random.SeedSequence((*shift[of[run]].tolist(), int(turn[run]))).generate_state(4)
+    place = np.arange(length.sum()) + np.repeat(first - (turn << _SOBOL_BITS) - (np.cumsum(length) - length), length)
+    bits = gather(_scrambled_net(), place)
+    bits ^= np.repeat(moved.T, length, axis=1)
+    bits >>= np.uint32(8)
+    out: NDArray[np.float32] = bits.astype(np.float32)
+    out *= np.float32(2.0**-24)
     return out.T
 
 

@@ -5,10 +5,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from leaflight.core import births
-from leaflight.core.birth_cells import BINS, SLICES, BirthCells, find_slice
+from leaflight.core.birth_cells import BINS, SLICES, BirthCells, find_bins, find_slice
 from leaflight.core.births import BATCH, Photons, bear_photons, light_every_surface, soften
-from leaflight.core.lights import make_births
+from leaflight.core.geometry import UnitBox
+from leaflight.core.joined_emitters import JoinedEmitters
+from leaflight.core.lights import make_births, make_light_emitter
 from leaflight.core.rays import RayScene
+from leaflight.core.sampling import low_discrepancy_points
+from leaflight.core.scene import Light
+from leaflight.core.scene_cover import SceneCover
 
 
 @dataclass(frozen=True)
@@ -28,7 +33,7 @@ LAMPS = Down(np.array([1.0, 2.0, 3.0])), Down(np.full(3, 6.0), casts_shadow=Fals
 
 def bear(n, share=1.0, lamps=LAMPS):
     shares = np.array([lamp.power_rgb.mean() for lamp in lamps])
-    return list(bear_photons(lamps, BirthCells.whole(shares / shares.sum()), n, share, np.random.default_rng(1)))
+    return list(bear_photons(JoinedEmitters.of(lamps), BirthCells.whole(shares / shares.sum()), n, share, np.random.default_rng(1)))
 
 
 def test_photons_come_in_batches_and_carry_the_power_between_them():
@@ -47,7 +52,7 @@ def test_each_lamp_has_its_share_and_its_mark():
 
 def test_no_photons_of_no_light():
     assert bear(0) == []
-    assert list(bear_photons(LAMPS, BirthCells.whole(np.zeros(2)), 10, 1.0, np.random.default_rng(1))) == []
+    assert list(bear_photons(JoinedEmitters.of(LAMPS), BirthCells.whole(np.zeros(2)), 10, 1.0, np.random.default_rng(1))) == []
 
 
 def test_photons_of_cells_carry_their_light_between_them():
@@ -67,7 +72,7 @@ def test_photons_of_cells_carry_their_light_between_them():
             return super().emit(u)
 
     lamps = Asked(LAMPS[0].power_rgb), LAMPS[1]
-    batches = list(bear_photons(lamps, cells, BATCH + 8000, 1.0, np.random.default_rng(1), told=True))
+    batches = list(bear_photons(JoinedEmitters.of(lamps), cells, BATCH + 8000, 1.0, np.random.default_rng(1), told=True))
     group = np.concatenate([photons.group for photons, _ in batches])
     flux = np.concatenate([photons.flux for photons, _ in batches], axis=1).astype(float)
     cell = group // BINS
@@ -85,10 +90,59 @@ def test_photons_of_cells_carry_their_light_between_them():
 def test_lamps_that_are_not_cut_carry_their_light_however_many_photons_they_have(share):
     """As of scenes of many lamps, each with too few photons to be cut."""
     cells = replace(BirthCells.whole(np.array([0.25, 0.75])), share=np.array(share))
-    ((photons, shadowless),) = bear_photons(LAMPS, cells, 80_000, 1.0, np.random.default_rng(1))
+    ((photons, shadowless),) = bear_photons(JoinedEmitters.of(LAMPS), cells, 80_000, 1.0, np.random.default_rng(1))
     assert shadowless.mean() == pytest.approx(share[1], abs=1e-4)
     for lamp, own in zip(LAMPS, (~shadowless, shadowless), strict=True):
         np.testing.assert_allclose(photons.flux[:, own].sum(axis=1, dtype=float), lamp.power_rgb, rtol=1e-3)
+
+
+def bear_one_by_one(emitters, cells, n, rng):
+    """Origins, directions and fluxes (9, n) of all photons and bins (n,), emitter by emitter."""
+    shift = rng.integers(0, 2**32, (len(emitters), 4), np.uint32)
+    start = cells.count_births(n, rng.random())
+    parts, bins = [], []
+    for number, emitter in enumerate(emitters):
+        own = np.flatnonzero(cells.emitter == number)
+        cell = np.repeat(own, np.diff(start)[own])
+        points = low_discrepancy_points(shift[number : number + 1], np.zeros(1, int), np.array([len(cell)]))
+        if not len(cell):
+            continue
+        births = emitter.emit(cells.place(cell, points) if len(own) > 1 else points)
+        share = cells.natural[own].sum() if len(own) > 1 else cells.share[own[0]]
+        flux = (emitter.power_rgb * (1.0 / n / share)).astype(np.float32)[:, None] * births.relative_rgb.T
+        if len(own) > 1:
+            flux = flux * (cells.natural / cells.share).astype(np.float32)[cell]
+        parts.append(np.concatenate([births.origin.T, births.direction.T, flux]))
+        bins.append(find_bins(cell, points))
+    return np.concatenate(parts, axis=1), np.concatenate(bins)
+
+
+@pytest.mark.parametrize("is_cut", [False, True])
+def test_photons_of_many_lamps_are_those_of_each_alone(is_cut):
+    """To the bit, also where a batch ends among a lamp's."""
+    rng = np.random.default_rng(5)
+    box = UnitBox(np.zeros(3), 0.5)
+    cover = SceneCover.around(np.array([[-0.5] * 3, [0.5] * 3]))
+    kinds = [Light("POINT", "P", radius_m=0.1), Light("AREA", "A", size_m=(0.3, 0.2)), Light("SUN", "S", angle_rad=0.2)]
+    lights = [replace(kinds[k % 2], position_m=tuple(rng.uniform(-0.5, 0.5, 3))) for k in range(40)] + [kinds[2]]
+    emitters = [make_light_emitter(light, rng.uniform(1.0, 2.0, 3), box, cover) for light in lights]
+    power = np.array([emitter.power_rgb.mean() for emitter in emitters])
+    cells = BirthCells.whole(power / power.sum())
+    if is_cut:
+        twice = np.repeat(np.arange(41), np.where(np.arange(41) % 3, 1, 2))
+        upper = np.append(False, twice[1:] == twice[:-1])
+        halved = np.isin(twice, twice[upper])
+        low, side = cells.low[twice], cells.side[twice]
+        low[upper, 1], side[halved, 1] = 0.5, 0.5
+        natural = cells.natural[twice] * np.where(halved, 0.5, 1.0)
+        share = natural * rng.uniform(0.5, 1.5, len(twice))
+        cells = BirthCells(twice.astype(np.int32), low, side, natural, share / share.sum())
+    n = 5000
+    batches = list(bear_photons(JoinedEmitters.of(emitters), cells, n, 1.0, np.random.default_rng(1), batch=777, told=True))
+    rows = np.concatenate([np.concatenate([photons.origin, photons.direction, photons.flux]) for photons, _ in batches], axis=1)
+    expected, bins = bear_one_by_one(emitters, cells, n, np.random.default_rng(1))
+    np.testing.assert_array_equal(rows, expected)
+    np.testing.assert_array_equal(np.concatenate([photons.group for photons, _ in batches]), bins)
 
 
 def sheets(*heights):

@@ -106,6 +106,8 @@ def test_vectors_are_combined_as_by_a_product_of_matrices_in_the_fast_layout():
     np.testing.assert_allclose(combined, weight @ vectors, rtol=1e-6)
     assert combined.dtype == np.float32
     assert combined.T.flags.c_contiguous
+    of_each = rng.random((2, 3, 50), np.float32)
+    np.testing.assert_allclose(geometry.combine_vectors(weight, of_each), np.einsum("nk,kxn->nx", weight, of_each), rtol=1e-6)
 
 
 def test_columns_are_stacked_in_the_fast_layout():

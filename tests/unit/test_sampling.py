@@ -167,22 +167,37 @@ def test_streams_are_the_same_for_the_same_shard_only():
     assert draws == [sampling.shard_rng(*key).random() for key in keys]
 
 
+def points_of(shift, start, count):
+    """Those of one sequence."""
+    return sampling.low_discrepancy_points(shift[None], np.array([start]), np.array([count]))
+
+
 def test_points_go_on_where_they_stopped():
     shift = np.array([1, 2**31, 2**32 - 1, 12345], np.uint32)
-    points = sampling.low_discrepancy_points(shift, 0, 100)
+    points = points_of(shift, 0, 100)
     assert points.dtype == np.float32
-    np.testing.assert_array_equal(sampling.low_discrepancy_points(shift, 60, 40), points[60:])
-    across = sampling.low_discrepancy_points(shift, 2**17 - 50, 100)
-    np.testing.assert_array_equal(sampling.low_discrepancy_points(shift, 2**17, 50), across[50:])
+    np.testing.assert_array_equal(points_of(shift, 60, 40), points[60:])
+    across = points_of(shift, 2**17 - 50, 100)
+    np.testing.assert_array_equal(points_of(shift, 2**17, 50), across[50:])
     assert (across[50:] != points[:50]).all()  # beyond a shard's photons it is another shift
-    far = sampling.low_discrepancy_points(shift, 2**40, 1000)
+    far = points_of(shift, 2**40, 1000)
     assert far.min() >= 0
     assert far.max() < 1
 
 
+def test_points_of_some_sequences_are_those_of_each():
+    shift = np.random.default_rng(2).integers(0, 2**32, (5, 4), np.uint32)
+    start, count = np.array([0, 2**17 - 3, 5, 3 * 2**17, 2**17 - 1]), np.array([4, 10, 1, 2**18 + 5, 1])
+    points = sampling.low_discrepancy_points(shift, start, count)
+    assert points.T.flags.c_contiguous
+    end = np.cumsum(count)
+    for row in range(5):
+        np.testing.assert_array_equal(points[end[row] - count[row] : end[row]], points_of(shift[row], start[row], count[row]))
+
+
 @pytest.mark.parametrize(("first", "second"), list(itertools.combinations(range(4), 2)))
 def test_points_fall_one_each_into_the_cells_of_a_net(first, second):
-    points = sampling.low_discrepancy_points(np.array([5, 6, 7, 8], np.uint32), 0, 4096)
+    points = points_of(np.array([5, 6, 7, 8], np.uint32), 0, 4096)
     cells = np.floor(points[:, [first, second]] * 64)
     assert len(np.unique(cells, axis=0)) == 4096
     assert len(np.unique(np.floor(points[:, first] * 4096))) == 4096
@@ -191,7 +206,7 @@ def test_points_fall_one_each_into_the_cells_of_a_net(first, second):
 def test_no_frequency_carries_much_more_noise_than_of_random_points():
     """A lattice has waves that all of its points lie on: over random points its noise there is thousandfold, and seen as stripes."""
     count, cells = 1 << 12, 16
-    points = sampling.low_discrepancy_points(np.array([5, 6, 7, 8], np.uint32), 0, count)
+    points = points_of(np.array([5, 6, 7, 8], np.uint32), 0, count)
     lattice = np.arange(count)[:, None] * 1.1673039782614187 ** -np.arange(1.0, 5.0) % 1.0
 
     def most_power(points):
@@ -209,7 +224,7 @@ def test_points_integrate_better_than_random_ones_and_without_bias():
         ).mean()
 
     rng = np.random.default_rng(9)
-    regular = np.array([integrate(sampling.low_discrepancy_points(rng.integers(0, 2**32, 4, np.uint32), 0, 4096)) for _ in range(60)])
+    regular = np.array([integrate(points_of(rng.integers(0, 2**32, 4, np.uint32), 0, 4096)) for _ in range(60)])
     plain = np.array([integrate(rng.random((4096, 4))) for _ in range(60)])
     assert regular.std() < 0.2 * plain.std()
     assert abs(regular.mean() - 1) < 4 * regular.std() / math.sqrt(60)
