@@ -13,7 +13,7 @@ from .scene import IntArray
 _FAR = 14.0  # spans in radii of four points, from which on their mean serves: with light of inverse squares they then differ by half of it
 _GENTLE = 0.5  # range of a closed form inside a texel, of its mean, up to which four points give its mean
 _MOST_HALVINGS, _JUMP_HALVINGS = 12, 5  # of a side; the places of float32 are not much finer
-_POINTS_EACH = 512  # about how many a pair takes; those that hold the peak take ten times as many
+_SQUARES_AT_ONCE = 2**13  # about; what fits the cache
 
 
 def find_peaks(source: Source, receivers: Receivers, n_point: int) -> NDArray[np.bool_]:
@@ -57,26 +57,33 @@ def average_peaks(source: Source, lamp: IntArray | None, chunk: TexelChunk, texe
     texels   (n,) int: of the chunk
     """
     mean, variance = np.zeros((2, len(texels)))
-    for piece in row_pieces(np.arange(len(texels)), _POINTS_EACH):
-        own, low, side, before = piece, np.zeros((len(piece), 2)), 1.0, np.full(len(piece), np.inf, np.float32)
-        for halvings in range(_MOST_HALVINGS + 1):
-            points = low + side * GAUSS_POINTS
-            receivers = chunk.receivers_at(texels[own], points)
-            lights = source if lamp is None else source.rows(np.tile(lamp[own], len(points)))
-            closed = lights.irradiance(receivers.position, receivers.normal).reshape(len(points), -1)
-            middle, radius_squared = _enclose(receivers, len(points))
-            flat = _span_squared(source if lamp is None else source.rows(lamp[own]), middle) >= _FAR**2 * radius_squared
-            # Squares that hold parts of two triangles that lie apart never become small.
-            flat |= (halvings >= _JUMP_HALVINGS) & (radius_squared > before / 2)
-            flat |= halvings == _MOST_HALVINGS
-            mean += np.bincount(own[flat], closed[:, flat].mean(axis=0) * side**2, len(mean))
-            variance += np.bincount(own[flat], (estimate_bend(closed[:, flat]) * side**2) ** 2, len(mean))
-            side /= 2
-            own, before = np.repeat(own[~flat], 4), np.repeat(radius_squared[~flat], 4)
-            low = (low[~flat][:, None] + side * np.array([[0, 0], [1, 0], [0, 1], [1, 1]])).reshape(-1, 2)
-            if not len(own):
-                break
+    pieces = row_pieces(np.arange(len(texels)), len(GAUSS_POINTS))
+    waiting = [(piece, np.zeros((len(piece), 2)), np.full(len(piece), np.inf, np.float32), 0) for piece in pieces]
+    while waiting:
+        own, low, before, halvings = waiting.pop()
+        side = 0.5**halvings
+        points = low + side * GAUSS_POINTS
+        receivers = chunk.receivers_at(texels[own], points)
+        lights = source if lamp is None else source.rows(np.tile(lamp[own], len(points)))
+        closed = lights.irradiance(receivers.position, receivers.normal).reshape(len(points), -1)
+        middle, radius_squared = _enclose(receivers, len(points))
+        flat = _span_squared(source if lamp is None else source.rows(lamp[own]), middle) >= _FAR**2 * radius_squared
+        # Squares that hold parts of two triangles that lie apart never become small.
+        flat |= (halvings >= _JUMP_HALVINGS) & (radius_squared > before / 2)
+        flat |= halvings == _MOST_HALVINGS
+        mean += np.bincount(own[flat], closed[:, flat].mean(axis=0) * side**2, len(mean))
+        variance += np.bincount(own[flat], (estimate_bend(closed[:, flat]) * side**2) ** 2, len(mean))
+        quarters = low[~flat][:, None] + side / 2 * np.array([[0, 0], [1, 0], [0, 1], [1, 1]])
+        left = np.repeat(own[~flat], 4), quarters.reshape(-1, 2), np.repeat(radius_squared[~flat], 4)
+        cuts = _cut_between_pairs(left[0])
+        waiting += [(*part, halvings + 1) for part in zip(*(np.split(values, cuts) for values in left), strict=True) if len(part[0])]
     return mean, variance
+
+
+def _cut_between_pairs(pair: IntArray) -> IntArray:
+    """Where to cut squares of pairs (n,), ascending, into pieces small enough to be looked at at once; those of a pair stay together."""
+    end = np.flatnonzero(np.diff(pair)) + 1
+    return end[np.diff((end - 1) // _SQUARES_AT_ONCE, append=(len(pair) - 1) // _SQUARES_AT_ONCE) > 0]
 
 
 def estimate_bend(closed: Float64) -> Float64:

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import floor_looks, lit_scene, morton_square, prepare
+from leaflight.core import direct_peaks
 from leaflight.core.direct_lights import Source
 from leaflight.core.direct_peaks import average_peaks, estimate_bend, find_peaks
 from leaflight.core.direct_points import GAUSS_POINTS, Receivers, TexelChunk
 from leaflight.core.direct_sources import join_sources, make_lamps, make_suns
 from leaflight.core.geometry import ORIGIN_OFFSET, UnitBox
 from leaflight.core.scene import Light
-from leaflight.core.texel_looks import centred_strata
+from leaflight.core.texel_looks import TexelLooks, centred_strata
 
 SIDE = 8
 TEXELS = np.arange(SIDE * SIDE)
@@ -82,6 +83,32 @@ def test_each_of_several_lamps_has_its_own(chunk):
     assert found == pytest.approx(np.concatenate([average_peaks(source_of(one), None, chunk, TEXELS)[0] for one in (other, LAMP)]))
 
 
+class CountingChunk(TexelChunk):
+    """Keeps which texels it was asked for, and for how many points of each."""
+
+    def __init__(self, looks: TexelLooks) -> None:
+        super().__init__(looks, np.zeros((len(looks), 2), np.uint32), prepare(lit_scene())[0].surfaces, False)
+        self.asked: list[tuple[np.ndarray, int]] = []
+
+    def receivers_at(self, rows: np.ndarray, points: np.ndarray) -> Receivers:
+        self.asked.append((rows, len(points)))
+        return super().receivers_at(rows, points)
+
+
+def test_pairs_are_looked_at_together_as_far_as_they_fit_and_come_to_the_same(monkeypatch):
+    lamps = [replace(LAMP, position_m=(0.1 + 0.05 * k, 0.5, 0.01)) for k in range(16)]
+    pairs = source_of(*lamps), np.repeat(np.arange(16), len(TEXELS))
+    together, apart = (CountingChunk(floor_looks(SIDE)(TEXELS)) for _ in range(2))
+    expected = average_peaks(*pairs, together, np.tile(TEXELS, 16))
+    assert len(together.asked) <= 2 * (direct_peaks._MOST_HALVINGS + 1)
+    monkeypatch.setattr(direct_peaks, "_SQUARES_AT_ONCE", 100)
+    found = average_peaks(*pairs, apart, np.tile(TEXELS, 16))
+    np.testing.assert_array_equal(found, expected)  # to the bit: squares of a pair stay together
+    of_a_pair = max(np.bincount(rows).max() for rows, _ in apart.asked[1:])
+    assert max(len(rows) for rows, _ in apart.asked[1:]) <= 100 + of_a_pair
+    assert len(apart.asked) > 2 * len(together.asked)
+
+
 def test_only_texels_near_a_lamp_hold_a_peak(chunk):
     receivers = chunk.receivers_at(TEXELS, GAUSS_POINTS)
     near = find_peaks(source_of(LAMP), receivers, 4)
@@ -96,19 +123,13 @@ def test_only_texels_near_a_lamp_hold_a_peak(chunk):
 
 def test_a_texel_of_parts_that_lie_apart_takes_few_points():
     """Squares over the step from one part to the other are never small."""
-    here, there, taken = floor_looks(SIDE)(TEXELS[20:21]), floor_looks(SIDE)(TEXELS[:1]), []
+    here, there = floor_looks(SIDE)(TEXELS[20:21]), floor_looks(SIDE)(TEXELS[:1])
     halves = np.concatenate([here.weight, there.weight], axis=2)  # the triangle at a square's origin is half of it
     tri = np.array([here.tri[0], there.tri[0]])
     parts = here.with_pieces(np.array([0]), np.zeros(2, int), tri, halves, np.array([1.0, 2.0]))
-
-    class CountingChunk(TexelChunk):
-        def receivers_at(self, rows: np.ndarray, points: np.ndarray) -> Receivers:
-            taken.append(len(points) * len(rows))
-            return super().receivers_at(rows, points)
-
-    source, torn = source_of(LAMP), CountingChunk(parts, np.zeros((1, 2), np.uint32), prepare(lit_scene())[0].surfaces, False)
+    source, torn = source_of(LAMP), CountingChunk(parts)
     mean, variance = average_peaks(source, None, torn, np.array([0]))
     receivers = torn.receivers_at(np.array([0]), centred_strata(200**2))
     truth = source.irradiance(receivers.position, receivers.normal).mean()
     assert np.abs(mean - truth) < 2 * np.sqrt(variance) + 2e-3 * truth
-    assert sum(taken[:-1]) < 8_000
+    assert sum(count * len(rows) for rows, count in torn.asked[:-1]) < 8_000
