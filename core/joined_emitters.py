@@ -65,7 +65,7 @@ class JoinedEmitters:
         kind, light = np.empty((2, len(emitters)), np.int64)
         for k, numbers in enumerate(groups.values()):
             kind[numbers], light[numbers] = k, np.arange(len(numbers))
-        power = np.array([emitter.power_rgb for emitter in emitters], np.float64)
+        power = np.array([emitter.power_rgb for emitter in emitters], np.float64).reshape(-1, 3)
         casts_shadow = np.array([emitter.casts_shadow for emitter in emitters], bool)
         return cls(power, casts_shadow, tuple(_Kind.of([emitters[i] for i in numbers]) for numbers in groups.values()), kind, light)
 

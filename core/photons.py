@@ -76,17 +76,19 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
     deviation = np.abs(snapshot.tri_normal - normal[:, None]).max(axis=(1, 2), initial=0)
     smooth = np.isfinite(deviation) & (deviation > _SMOOTH_DEVIATION) & normal.any(axis=1)
     tri_smooth = np.where(smooth, np.cumsum(smooth) - 1, -1).astype(np.int32)
-    power = np.array([np.mean(emitter.power_rgb) for emitter in emitters], np.float64)
-    for emitter in emitters:
-        if not (np.min(emitter.power_rgb) >= 0 and np.max(emitter.power_rgb) <= _GREATEST_POWER_W):
-            raise ValueError(f"{emitter.name}: its power is {emitter.power_rgb} W; choose one between 0 and {_GREATEST_POWER_W:g} W.")
+    joined = JoinedEmitters.of(emitters)
+    traceable = ((joined.power_rgb >= 0) & (joined.power_rgb <= _GREATEST_POWER_W)).all(axis=1)
+    if not traceable.all():
+        bad = emitters[int(traceable.argmin())]
+        raise ValueError(f"{bad.name}: its power is {bad.power_rgb} W; choose one between 0 and {_GREATEST_POWER_W:g} W.")
+    power = joined.power_rgb.mean(axis=1)
     total = power.sum()
     corners = unit_box.to_unit(corners_m)
     lit_below = np.array([(math.inf if thing.two_sided else 0) if thing.receives else -math.inf for thing in snapshot.objects], np.float32)
     casts_shadow = np.array([thing.casts_shadow for thing in snapshot.objects], bool)[snapshot.tri_object]
     return TraceScene(
         rays=RayScene(np.where(casts_shadow[:, None, None], corners, corners[:, :1])),  # without area it lets light through
-        emitters=JoinedEmitters.of(emitters),
+        emitters=joined,
         emitter_share=power / total if total > 0 else np.zeros(len(power)),
         surfaces=surfaces,
         tri_normal=np.ascontiguousarray(normal.T),

@@ -113,3 +113,9 @@ def test_a_spot_as_wide_as_all_directions_may_be_joined_with_points():
     """Of lights without a rim beside some with one, angles are as they were."""
     lights = [POINT, SPOT, replace(SPOT, cone_angle_rad=2 * math.pi, blend=0.0)]
     hold_births_of_each_alone(make(lights), [200, 300, 200])
+
+
+def test_no_emitters_are_none():
+    joined = JoinedEmitters.of([])
+    assert len(joined) == 0
+    assert joined.power_rgb.shape == (0, 3)
