@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any, cast
 
@@ -19,17 +19,19 @@ from .scene import Light, SceneSnapshot
 
 def make_lamps(snapshot: SceneSnapshot, unit_box: UnitBox) -> list[Source]:
     """Sources of one point, spot or area light each, of those with power."""
-    return [_make_lamp(light, power, unit_box) for light, power in _usable_lights(snapshot) if light.kind != "SUN"]
+    return [
+        _make_lamp(light, power, unit_box) for light, power in _usable_lights(light for light in snapshot.lights if light.kind != "SUN")
+    ]
 
 
 def make_suns(snapshot: SceneSnapshot) -> list[Source]:
     """Sources of one sun each, of those with power."""
-    return [_make_sun(light, power) for light, power in _usable_lights(snapshot) if light.kind == "SUN"]
+    return [_make_sun(light, power) for light, power in _usable_lights(light for light in snapshot.lights if light.kind == "SUN")]
 
 
-def _usable_lights(snapshot: SceneSnapshot) -> list[tuple[Light, Float64]]:
-    lights = [(light, usable_power(light)[0]) for light in snapshot.lights]
-    return [(light, power) for light, power in lights if power.any()]
+def _usable_lights(lights: Iterable[Light]) -> list[tuple[Light, Float64]]:
+    powers = [(light, usable_power(light)[0]) for light in lights]
+    return [(light, power) for light, power in powers if power.any()]
 
 
 def make_world(snapshot: SceneSnapshot) -> list[Source]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,13 +158,13 @@ def build_emitters(
 def usable_power(light: Light) -> tuple[Float64, str]:
     """The light's power with only finite numbers >= 0, all 0 where it is left out; and a sentence if that changed it."""
     power = np.array(light.power_rgb, np.float64)
-    placement = (*light.position_m, *np.ravel(light.rotation), *light.size_m)
+    placement = (*light.position_m, *chain(*light.rotation), *light.size_m)
     numbers = (light.radius_m, light.cone_angle_rad, light.blend, light.angle_rad, light.spread_rad)
-    if not np.isfinite(power).all():
+    if not all(map(math.isfinite, light.power_rgb)):
         return np.zeros(3), f"{light.name}: its power is not a finite number, so the light is left out; correct its strength or colour."
-    if not np.isfinite((*placement, *numbers)).all():
+    if not all(map(math.isfinite, (*placement, *numbers))):
         return np.zeros(3), f"{light.name}: its position or size is not a finite number, so the light is left out; correct its transform."
-    if (power < 0).any():
+    if min(light.power_rgb) < 0:
         what = "the light is left out" if (power <= 0).all() else "its negative channels count as 0"
         return np.maximum(power, 0), f"{light.name}: its power is negative, so {what}; make its strength and colour positive."
     return power, ""

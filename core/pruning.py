@@ -34,10 +34,12 @@ def prune_scene(snapshot: SceneSnapshot) -> tuple[SceneSnapshot, dict[str, int]]
 
 def can_reach(light: Light, points_m: NDArray[np.float64]) -> bool:
     """Whether a light may shine at any of these points (n, 3); where in doubt, it may."""
+    if not len(points_m) or light.kind not in ("AREA", "SPOT"):
+        return True
     axis = -np.array(light.rotation, np.float64)[2]
     position = np.array(light.position_m, np.float64)
     numbers = (*axis, *position, light.radius_m, light.cone_angle_rad)
-    if not len(points_m) or not np.isfinite(numbers).all() or light.kind not in ("AREA", "SPOT"):
+    if not np.isfinite(numbers).all():
         return True
     if light.kind == "AREA":
         return bool(((points_m - position) @ axis > 0).any())

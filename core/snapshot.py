@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -47,9 +46,9 @@ def describe_snapshot(snapshot: SceneSnapshot) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "version": FORMAT_VERSION,
-        "objects": [asdict(item) for item in snapshot.objects],
-        "materials": [asdict(item) for item in snapshot.materials],
-        "lights": [asdict(item) for item in snapshot.lights],
+        "objects": [dict(vars(item)) for item in snapshot.objects],
+        "materials": [dict(vars(item)) for item in snapshot.materials],
+        "lights": [dict(vars(item)) for item in snapshot.lights],
         "images": [{"name": image.name, "extension": image.extension, "closest": image.closest} for image in snapshot.images],
         "world_rgb": snapshot.world_rgb,
     }
