@@ -81,11 +81,11 @@ class JoinedEmitters:
         origin, direction, relative = np.empty((3, 3, len(emitter)), np.float32)
         soft_radius, soft_offset = np.empty((2, len(emitter)), np.float32)
         cuts = np.flatnonzero(kind[1:] != kind[:-1]) + 1
-        # Photons of a kind mostly follow each other, and numpy reads and writes a range sooner than rows of it.
-        are_ranges = len(cuts) < len(found)
+        own: slice | IntArray
         for k in found:
-            of_kind = np.flatnonzero(kind == k)
-            own = slice(int(of_kind[0]), int(of_kind[-1]) + 1) if are_ranges else of_kind
+            own = np.flatnonzero(kind == k)
+            if len(cuts) < len(found):  # those of a kind follow each other: a range is sooner read and written than rows
+                own = slice(int(own[0]), int(own[-1]) + 1)
             births = self.kinds[k].emit(light[own], u[own] if isinstance(own, slice) else take_rows(u, own))
             origin[:, own], direction[:, own], relative[:, own] = births.origin.T, births.direction.T, births.relative_rgb.T
             soft_radius[own], soft_offset[own] = births.soft_radius, births.soft_offset

@@ -96,6 +96,11 @@ def test_all_kinds_together_and_in_turn():
     hold_births_of_each_alone(emitters, 1 + np.arange(len(emitters)) * 11 % 40)
 
 
+def test_all_kinds_one_after_the_other():
+    lights = [light for kind in (SPOT, AREA, replace(AREA, shape="ELLIPSE"), SUN) for light in vary(kind, 3)]
+    hold_births_of_each_alone(make(lights), 1 + np.arange(len(lights)) * 7 % 30)
+
+
 def test_lights_that_differ_by_more_than_numbers_of_each_are_apart():
     lights = [AREA, replace(AREA, spread_rad=1.2), replace(AREA, spread_rad=1.3), replace(AREA, shape="ELLIPSE"), POINT, SUN, SUN]
     assert JoinedEmitters.of(make(lights)).kind.tolist() == [0, 1, 2, 3, 4, 5, 6]
