@@ -21,6 +21,9 @@ SMALL_PAIRS = 2
 # costs"); while these are few, more: to read a round takes time too, and most nodes are still to come.
 ROUND_GROWTH, EARLY_GROWTH = 0.7, 2.0
 EARLY_PHOTONS = 1 << 20
+# Of a bake whose error is to be come to with fewer than so many times its photons: as many as that needs, or so many times all so far. Few
+# nodes are still to come then, and each round less saves its reading; what late nodes lose shows in a bake of many more photons only.
+NEAR_TIMES, NEAR_GROWTH = 36.0, 5.0
 ROUND_PHOTONS = 1 << 22  # at most, so that progress, cancelling and time limits are felt
 # ... and at least so many photons for each node: to look at what came of a round takes as long as tracing them does on two cores, and on
 # some samples several times as long.
@@ -68,7 +71,8 @@ def next_photons(
     growth = EARLY_GROWTH if told < EARLY_PHOTONS else ROUND_GROWTH
     noise2, left2 = error**2 - fixed_error**2, wanted_error**2 - fixed_error**2
     if left2 > 0.0 and noise2 > 0.0:
-        growth = min(max(grow_photons(SPARE * noise2, left2, degree), SPARE) - 1.0, growth)
+        times = max(grow_photons(SPARE * noise2, left2, degree), SPARE)
+        growth = min(times - 1.0, NEAR_GROWTH if times < NEAR_TIMES else growth)
     photons = max(min(growth * told / weight, ROUND_PHOTONS), FIRST_ROUND_PHOTONS / weight, min(NODE_PHOTONS * n_node, so_far) / weight)
     return int(min(photons, most - so_far))
 

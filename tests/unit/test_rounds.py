@@ -11,6 +11,8 @@ from leaflight.core.rounds import (
     FIRST_ROUND_PHOTONS,
     FIRST_SHARE,
     MOST_FIRST_PHOTONS,
+    NEAR_GROWTH,
+    NEAR_TIMES,
     NODE_PHOTONS,
     ROUND_GROWTH,
     ROUND_PHOTONS,
@@ -49,9 +51,22 @@ def test_the_first_round_leaves_most_of_a_bake_to_those_that_are_split_by_then()
 
 @pytest.mark.parametrize(("so_far", "growth"), [(EARLY_PHOTONS - 1, EARLY_GROWTH), (EARLY_PHOTONS, ROUND_GROWTH)])
 def test_a_round_adds_at_most_a_share_of_all_photons_while_nothing_tells_of_less(so_far, growth):
-    for error, fixed in ((math.nan, 0.0), (1.0, 0.0), (0.06, 0.05), (0.06, 0.055), (0.03, 0.03)):
+    for error, fixed in ((math.nan, 0.0), (1.0, 0.0), (0.06, 0.05), (0.06, 0.055), (0.03, 0.03)):  # far, or not of photons
         assert next_plain(so_far, PLENTY, 10, 0.05, error, fixed) == int(growth * so_far)
     assert next_plain(10 * ROUND_PHOTONS, PLENTY, 10, 0.05, 1.0, 0.0) == ROUND_PHOTONS
+
+
+@pytest.mark.parametrize(("so_far", "far"), [(EARLY_PHOTONS // 2, EARLY_GROWTH), (EARLY_PHOTONS, ROUND_GROWTH)])
+def test_a_bake_whose_end_is_in_sight_comes_to_it_in_few_rounds(so_far, far):
+    def grow(times):
+        """Of a bake that needs so many times its photons."""
+        return next_plain(so_far, PLENTY, 10, 0.05, 0.05 * math.sqrt(times / SPARE), 0.0) / so_far
+
+    near = min(NEAR_GROWTH, ROUND_PHOTONS / so_far)
+    assert grow(1.0 + near / 2.0) == pytest.approx(near / 2.0, rel=1e-3)  # no other round after it
+    assert grow(1.01 + near) == pytest.approx(near, rel=1e-3)
+    assert grow(0.99 * NEAR_TIMES) == pytest.approx(near, rel=1e-3)
+    assert grow(1.01 * NEAR_TIMES) == pytest.approx(far, rel=1e-3)
 
 
 @pytest.mark.parametrize(("degree", "power"), [(None, 1.0), (0, 1 / 2), (1, 2 / 3), (2, 3 / 4)])
