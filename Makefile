@@ -32,8 +32,9 @@ bake: $(VENV)/.ready
 
 test: lint pytest
 
+# Two at a time, whatever the machine: many tests bake, which takes two processes again.
 pytest: $(VENV)/.ready
-	$(RUN) -m pytest -m "not slow"
+	$(RUN) -m pytest -m "not slow" --numprocesses 2 --dist loadfile
 
 bench: $(VENV)/.ready-bench
 	rm -rf out/claims
