@@ -54,8 +54,9 @@ def next_photons(
     error: float,
     fixed_error: float,
     degree: int | None,
-) -> int:
-    """Photons of the next round: those that the error asked for is likely to need, if that is not too many for one round.
+) -> tuple[int, bool]:
+    """Photons of the next round: those that the error asked for is likely to need, if that is not too many for one round. And whether so
+    many are likely to be enough, so that no other round follows.
 
     so_far        photons, of a bake that may have `most`
     told          photons of a first round that would tell as much
@@ -67,14 +68,16 @@ def next_photons(
     """
     if not so_far:
         wanted = min(FIRST_NODE_PHOTONS * n_node, MOST_FIRST_PHOTONS, int(FIRST_SHARE * most))
-        return min(max(wanted, FIRST_ROUND_PHOTONS), most)
+        return min(max(wanted, FIRST_ROUND_PHOTONS), most), False
+    enough = math.inf
     growth = EARLY_GROWTH if told < EARLY_PHOTONS else ROUND_GROWTH
     noise2, left2 = error**2 - fixed_error**2, wanted_error**2 - fixed_error**2
     if left2 > 0.0 and noise2 > 0.0:
         times = max(grow_photons(SPARE * noise2, left2, degree), SPARE)
+        enough = (times - 1.0) * told / weight
         growth = min(times - 1.0, NEAR_GROWTH if times < NEAR_TIMES else growth)
     photons = max(min(growth * told / weight, ROUND_PHOTONS), FIRST_ROUND_PHOTONS / weight, min(NODE_PHOTONS * n_node, so_far) / weight)
-    return int(min(photons, most - so_far))
+    return int(min(photons, most - so_far)), photons >= enough
 
 
 def share_photons(photons: int, is_first: bool = False) -> list[int]:
@@ -98,6 +101,6 @@ def share_photons(photons: int, is_first: bool = False) -> list[int]:
 def count_late(n_shard: int, left: int) -> int:
     """How many shards of a round with so many, the small last ones, need not be waited for; see photon_rounds.
 
-    left   photons that the bake may still have: if there is no other round, all are waited for
+    left   photons that the bake may still have, 0 where it is likely to need none: if there is no other round, all are waited for
     """
     return 2 * SMALL_PAIRS if n_shard > 2 * MANY_PAIRS and left > 1 else 0

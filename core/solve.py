@@ -291,10 +291,10 @@ class Solver:
         )
 
     def _next_photons(self, stated: estimate.StatedError | None, weight: float) -> tuple[int, int]:
-        """Photons of the next round, and how many the bake may have after it."""
-        error, fixed = (math.nan, 0.0) if stated is None else (stated.chosen, math.hypot(stated.direct, stated.gathered))
-        ledger, settings, late = self.ledger, self.settings, self.rounds.count_late()
-        so_far, told = ledger.photons + late[0], ledger.told + late[1]
+        """Photons of the next round, and how many the bake may have after it, 0 where it is likely to need none."""
+        errors = (math.nan, 0.0) if stated is None else (stated.chosen, math.hypot(stated.direct, stated.gathered))
+        settings, most, late = self.settings, self.settings.max_photons, self.rounds.count_late()
+        so_far, told = self.ledger.photons + late[0], self.ledger.told + late[1]
         degree = self.degree if settings.hierarchical else None
-        photons = rounds.next_photons(so_far, told, weight, settings.max_photons, len(self.tree), settings.error, error, fixed, degree)
-        return photons, settings.max_photons - so_far - photons
+        photons, is_last = rounds.next_photons(so_far, told, weight, most, len(self.tree), settings.error, *errors, degree)
+        return photons, 0 if is_last else most - so_far - photons

@@ -119,6 +119,17 @@ def test_photons_under_way_when_a_bake_stops_are_told_by_nothing(small_shards, t
     assert not list(tmp_path.glob("view_*"))
 
 
+def test_no_photon_is_traced_in_vain_where_the_round_was_likely_to_be_the_last(small_shards, tmp_path):
+    counter = Counter()
+    solver = make_solver(tmp_path, lamp_scene(), replace(SETTINGS, error=0.07, max_photons=10**7, direct="photons"), counter)
+    late = []
+    solver.watch = lambda light: late.append(solver.rounds.count_late()[0])
+    light = solver.run(lambda message: None, lambda: False)
+    assert light.stopped_by == "error"
+    assert max(late) > 0
+    assert light.photons == counter.photons
+
+
 @pytest.mark.parametrize("direct", ["photons", "rays"])
 def test_two_workers_give_the_bytes_of_one(small_shards, tmp_path, direct):
     settings = replace(SETTINGS, direct=direct)

@@ -29,7 +29,7 @@ PLENTY = 10**9
 
 def next_plain(so_far, most, n_node, wanted_error, error, fixed_error, degree=None):
     """Where all photons told as much as those of a first round."""
-    return next_photons(so_far, float(so_far), 1.0, most, n_node, wanted_error, error, fixed_error, degree)
+    return next_photons(so_far, float(so_far), 1.0, most, n_node, wanted_error, error, fixed_error, degree)[0]
 
 
 def first_round(most, n_node):
@@ -99,17 +99,23 @@ def test_a_round_is_worth_being_looked_at():
     assert next_plain(1_000_000, PLENTY, 10, 0.05, 0.05, 0.0) == FIRST_ROUND_PHOTONS
 
 
+@pytest.mark.parametrize(("error", "is_last"), [(math.nan, False), (1.0, False), (0.09, False), (0.07, True), (0.0501, True)])
+def test_a_round_that_is_likely_to_be_enough_is_told(error, is_last):
+    """Not where nothing is known, the error is far, or a round may not have so many."""
+    assert next_photons(2_000_000, 2e6, 1.0, PLENTY, 10, 0.05, error, 0.0, None)[1] == is_last
+
+
 def test_no_round_goes_beyond_the_photons_of_the_bake():
     assert next_plain(900, 1000, 10, 0.05, 1.0, 0.0) == 100
 
 
 def test_photons_that_tell_more_are_fewer():
     plain = next_plain(8_000_000, PLENTY, 10, 0.05, 0.055, 0.0)
-    assert next_photons(3_000_000, 8e6, 4.0, PLENTY, 10, 0.05, 0.055, 0.0, None) == plain // 4
-    assert next_photons(1_000_000, 1e6, 4.0, PLENTY, 10, 0.05, 1.0, 0.0, None) == 500_000  # what there was before is tripled, no more
-    few_that_tell_much = next_photons(100_000, 2.0 * EARLY_PHOTONS, 1.0, PLENTY, 10, 0.05, 1.0, 0.0, None)
+    assert next_photons(3_000_000, 8e6, 4.0, PLENTY, 10, 0.05, 0.055, 0.0, None)[0] == plain // 4
+    assert next_photons(1_000_000, 1e6, 4.0, PLENTY, 10, 0.05, 1.0, 0.0, None)[0] == 500_000  # what there was before is tripled, no more
+    few_that_tell_much, _ = next_photons(100_000, 2.0 * EARLY_PHOTONS, 1.0, PLENTY, 10, 0.05, 1.0, 0.0, None)
     assert few_that_tell_much == int(ROUND_GROWTH * 2 * EARLY_PHOTONS)
-    assert next_photons(100_000, 1e5, 4.0, PLENTY, 10, 0.05, 0.055, 0.0, None) == FIRST_ROUND_PHOTONS // 4
+    assert next_photons(100_000, 1e5, 4.0, PLENTY, 10, 0.05, 0.055, 0.0, None)[0] == FIRST_ROUND_PHOTONS // 4
 
 
 @pytest.mark.parametrize("photons", [2, 3, 1001, FIRST_ROUND_PHOTONS, 3 * SHARD_PHOTONS, 1_234_567, ROUND_PHOTONS])
