@@ -95,12 +95,22 @@ def tabulate_claims(claims: Iterable[Claim]) -> Table:
 def save_claims(claims: Sequence[Claim], path: Path) -> None:
     """Write claims for `load_claims`."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps([asdict(claim) for claim in claims], indent=1), encoding="utf-8")
+    path.write_text(write_claims(claims), encoding="utf-8")
 
 
 def load_claims(path: Path) -> list[Claim]:
     """What `save_claims` wrote."""
-    rows = json.loads(path.read_text(encoding="utf-8"))
+    return read_claims(path.read_text(encoding="utf-8"))
+
+
+def write_claims(claims: Sequence[Claim]) -> str:
+    """Claims as text, for `read_claims`."""
+    return json.dumps([asdict(claim) for claim in claims], indent=1)
+
+
+def read_claims(text: str) -> list[Claim]:
+    """What `write_claims` wrote."""
+    rows = json.loads(text)
     return [Claim(**{**row, "points": tuple(map(tuple, row["points"]))}) for row in rows]
 
 

@@ -6,12 +6,13 @@ import importlib.util
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
-from claims import Claim, hold_claim, save_claims
+from claims import Claim, hold_claim, read_claims, save_claims, write_claims
 from image_io_path import find_image_io
 
-HELD = pytest.StashKey[list[Claim]]()
+HELD = pytest.StashKey[dict[int, list[Claim]]]()  # by the place of the test among all
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -21,7 +22,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    config.stash[HELD] = []
+    config.stash[HELD] = {}
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Function]) -> None:
@@ -32,19 +33,29 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Func
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    path = session.config.getoption("claims")
-    if path:
+    path, held = session.config.getoption("claims"), session.config.stash[HELD]
+    if hasattr(session.config, "workeroutput"):  # one of pytest-xdist's processes: it hands them to the one that writes
+        session.config.workeroutput["held"] = {place: write_claims(claims) for place, claims in held.items()}
+    elif path:
         failed = Claim("tests: those of these claims, and slow ones, that fail", session.testsfailed, high=0)
-        save_claims([*session.config.stash[HELD], failed], path)
+        save_claims([*(claim for place in sorted(held) for claim in held[place]), failed], path)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """Takes over what a process of pytest-xdist held, if it came to its end."""
+    held = getattr(node, "workeroutput", {}).get("held", {})
+    node.config.stash[HELD].update({place: read_claims(text) for place, text in held.items()})
 
 
 @pytest.fixture(name="hold")
 def fixture_hold(request: pytest.FixtureRequest) -> Callable[..., None]:
     """hold(name, measured, low=, high=, unit=, points=) asserts a Claim, whose case is the test's parameters."""
     case = request.node.callspec.id if hasattr(request.node, "callspec") else ""
+    held = request.config.stash[HELD].setdefault(request.session.items.index(request.node), [])
 
     def hold(name: str, measured: float, **bounds: object) -> None:
-        hold_claim(request.config.stash[HELD], Claim(name, float(measured), **{"case": case, **bounds}))
+        hold_claim(held, Claim(name, float(measured), **{"case": case, **bounds}))
 
     return hold
 

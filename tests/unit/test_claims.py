@@ -1,6 +1,7 @@
 """Claims hold within their bounds only, are told by their worst case, and survive the way to a file."""
 
 import math
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -93,12 +94,26 @@ def test_a_claim_that_fails_is_kept_and_raised():
     assert [claim.holds for claim in kept] == [False]
 
 
-def test_pytest_writes_the_claims_of_its_tests(tmp_path):
-    """Of those that hold some, and tells how many tests failed."""
-    test = Path(__file__).with_name("test_basis.py")
-    run = subprocess.run([sys.executable, "-m", "pytest", test, "--claims", tmp_path / "claims.json"], capture_output=True, text=True)
-    assert run.returncode == 0, run.stdout
-    claims = load_claims(tmp_path / "claims.json")
-    assert len({claim.name for claim in claims}) == 2
-    assert claims[-1].name.startswith("tests: ")
-    assert tell_failures(claims) == 0
+@pytest.mark.parametrize("together", [[], ["--numprocesses", "2", "--dist", "load"]], ids=["alone", "together"])
+def test_pytest_writes_the_claims_of_its_tests(tmp_path, together):
+    """Of those that hold some, in their order, and tells how many tests failed."""
+    test = tmp_path / "test_some.py"
+    test.write_text(
+        "import pytest\n"
+        "@pytest.mark.parametrize('case', range(6))\n"
+        "def test_held(hold, case): hold('sun: error', case, high=4)\n"
+        "def test_that_holds_nothing(): assert False\n",
+        encoding="utf-8",
+    )
+    conftest = Path(__file__).parents[1] / "conftest.py"
+    command = [sys.executable, "-m", "pytest", "-p", "conftest", "-c", conftest.parents[1] / "pyproject.toml", "--rootdir", tmp_path, test]
+    run = subprocess.run(
+        [*command, *together, "--claims", tmp_path / "claims.json"],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(conftest.parent)},
+    )
+    assert run.returncode == 1, run.stdout + run.stderr
+    *held, failed = load_claims(tmp_path / "claims.json")
+    assert [(claim.name, claim.measured, claim.case) for claim in held] == [("sun: error", case, str(case)) for case in range(6)]
+    assert failed == Claim("tests: those of these claims, and slow ones, that fail", 1, high=0)
