@@ -120,6 +120,7 @@ def test_photons_under_way_when_a_bake_stops_are_told_by_nothing(small_shards, t
 
 
 def test_no_photon_is_traced_in_vain_where_the_round_was_likely_to_be_the_last(small_shards, tmp_path):
+    """To an error that is come to in a round that was to be enough: others end by luck, with shards under way."""
     counter = Counter()
     solver = make_solver(tmp_path, lamp_scene(), replace(SETTINGS, error=0.07, max_photons=10**7, direct="photons"), counter)
     late = []
