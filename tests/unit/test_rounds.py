@@ -105,6 +105,11 @@ def test_a_round_that_is_likely_to_be_enough_is_told(error, is_last):
     assert next_photons(2_000_000, 2e6, 1.0, PLENTY, 10, 0.05, error, 0.0, None)[1] == is_last
 
 
+def test_photons_that_tell_more_are_enough_sooner():
+    one, four = (next_photons(2_000_000, 2e6, weight, PLENTY, 10, 0.05, 0.09, 0.0, None)[1] for weight in (1.0, 4.0))
+    assert (one, four) == (False, True)
+
+
 def test_no_round_goes_beyond_the_photons_of_the_bake():
     assert next_plain(900, 1000, 10, 0.05, 1.0, 0.0) == 100
 
