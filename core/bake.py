@@ -151,6 +151,8 @@ def run_bake(
                 if not shot:  # stopped before there was anything to show: one round of photons shows all of the light, coarsely
                     settings, direct = dataclasses.replace(settings, direct="photons"), DirectField.none(n_texel)
                     solver, first = None, FirstPhotons()
+                elif solver:  # processes that wait for its next photons have that to do
+                    direct.begin_show(texel_map, settings.denoise, partial(executors.spread, executor))
         if needs.photons or not shot:
             with stages.stage(solve.TRACING.stage, solve.TRACING.text):
                 solver = solver or solve.Solver(folder, settings, executor, direct, touched, first=first)

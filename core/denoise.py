@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import product, starmap
+from itertools import chain, product, starmap
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .coverage import expand_ranges
+from .strips import Strips
 from .texel_map import TexelMap
 
 RADIUS = 4  # texels, of the window
@@ -37,11 +37,6 @@ _OWN_VARIANCE = np.float32(0.5)
 # whose noise is alike, and a textured emitter's light is off by twice what it is now and says; 3 leaves no less error on the samples.
 _STRICTNESS = 0.5
 _HALO = RADIUS + _PATCH
-_WIDTHS = (16, 32, 64, 128, 256)  # texels, of the strips that a page may be cut into: narrow ones for contacts, wide ones for all of a page
-_HEIGHT = 128  # texels, of the largest
-# Texels of strips that are worked on at once. Of a quarter of them numpy's calls would take a third of the time; twice as many leave the
-# cache, and are too few parts for two cores.
-_TOGETHER = 1 << 15
 _LEAST_DOUBT2 = np.float32(1e-6)  # squared, relative to the texel and to the mean: keeps a quotient of exact values finite
 _UNLIKE = np.float32(1e4)  # a distance beyond any weight
 _BRIGHTEST = np.float32(1e12)  # over the mean: its square is still finite
@@ -69,6 +64,25 @@ class Smoothed:
     own_share: NDArray[np.float32]
 
 
+@dataclass(frozen=True)
+class Smoothing:
+    """Grain that is being smoothed.
+
+    asked   what entries each answer is of, for all that have been asked for
+    found   the answers, in their order
+    """
+
+    asked: list[NDArray[np.int32]]
+    found: Iterable[tuple[_Image, _Image, _Image]]
+
+    def finish(self) -> Smoothed:
+        """Once for all: what is not done yet is waited for."""
+        smoothed, left, own_share = (
+            np.concatenate(parts, axis=-1 if parts[0].ndim == 1 else -2) for parts in zip(*self.found, strict=True)
+        )
+        return Smoothed(np.concatenate(self.asked), smoothed, left, own_share)
+
+
 def denoise(
     light: NDArray[np.float32],
     variance: NDArray[np.float32],
@@ -77,7 +91,19 @@ def denoise(
     spread: Spread = starmap,
     tell: bool = False,
 ) -> Smoothed:
-    """The light with its grain smoothed, of texels around grainy ones and no others.
+    """The light with its grain smoothed; arguments as of begin_denoising."""
+    return begin_denoising(light, variance, grainy, texels, spread, tell).finish()
+
+
+def begin_denoising(
+    light: NDArray[np.float32],
+    variance: NDArray[np.float32],
+    grainy: NDArray[np.bool_],
+    texels: TexelMap,
+    spread: Spread,
+    tell: bool,
+) -> Smoothing:
+    """Has grain smoothed, of texels around grainy ones and no others; the arrays must not change until it is finished.
 
     light      (k, n, 3) float32: parts of the light at the texel entries; their sum decides who is alike
     variance   (n, 3) float32, of the sum
@@ -88,100 +114,20 @@ def denoise(
     # Squares of tiny and huge light stay finite.
     brightness, noise = sum(float(part.mean(dtype=np.float64)) for part in light), float(np.sqrt(variance.mean(dtype=np.float64)))
     scale = np.float32(1 / max(brightness, noise, _DARKEST))
-    asked: list[NDArray[np.int32]] = []  # entries that each answer is of
+    asked = [np.zeros(0, np.int32)]
 
     def ask() -> Iterator[tuple[Any, ...]]:
         page = texels.page_of(entries)
         for number in range(texels.page_count if len(entries) else 0):
-            strips = _Strips.of(entries[page == number], texels.entry_at[number], texels)
+            strips = Strips.of(entries[page == number], texels.entry_at[number], texels, RADIUS, _HALO)
             for some in strips.groups():
                 entry, wanted = strips.stack(some)
                 asked.append(entry[_HALO:-_HALO, _HALO:-_HALO][wanted])
                 chart = np.where(entry >= 0, texels.chart_piece.take(texels.texel_chart.take(entry, mode="wrap")), -1)
                 yield light.take(entry, axis=1, mode="wrap"), variance.take(entry, axis=0, mode="wrap"), chart, wanted, scale, tell
 
-    found = [
-        (np.zeros((len(light), 0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)),
-        *spread(_smooth_strips, ask()),
-    ]
-    smoothed, left, own_share = (np.concatenate(parts, axis=-1 if parts[0].ndim == 1 else -2) for parts in zip(*found, strict=True))
-    return Smoothed(np.concatenate([np.zeros(0, np.int32), *asked]), smoothed, left, own_share)
-
-
-@dataclass(frozen=True)
-class _Strips:
-    """Strips of a page that hold all texels to smooth, each with a halo.
-
-    entry_at         (size, size) int32, -1 where no chart covers the texel
-    wanted           (size, w) bool: what is smoothed; w >= size is a multiple of a strip's width
-    left, low        (m,) int64: the corner of each strip within its halo
-    height           (m,) int64, of each strip, and width of all, with their halo
-    """
-
-    entry_at: NDArray[np.int32]
-    wanted: NDArray[np.bool_]
-    left: NDArray[np.int64]
-    low: NDArray[np.int64]
-    height: NDArray[np.int64]
-    width: int
-
-    @classmethod
-    def of(cls, grainy: NDArray[np.int64], entry_at: NDArray[np.int32], texels: TexelMap) -> _Strips:
-        """Those around texels within a grainy one's window: their own variance may be small by chance, and as it takes from them they are
-        to take from it, so that no light is lost.
-
-        grainy   (m,) int64: entries of the page
-        """
-        size = texels.page_size
-        x, y = texels.texel_xy[grainy].T
-        shown = entry_at[y, x] == grainy
-        wanted = np.zeros((size, -(-size // max(_WIDTHS)) * max(_WIDTHS)), bool)
-        wanted[y[shown], x[shown]] = True
-        _widen(wanted, RADIUS)
-        wanted[:, :size] &= entry_at >= 0
-        wanted[:, size:] = False
-        cuts = (cls(entry_at, wanted, *_find_strips(wanted, width), width + 2 * _HALO) for width in _WIDTHS)
-        return min(cuts, key=lambda strips: strips.width * int(strips.height.sum()))
-
-    def groups(self) -> list[NDArray[np.int64]]:
-        """Strips that are worked on together."""
-        together = np.cumsum(self.height) * self.width // _TOGETHER
-        return np.split(np.arange(len(self.height)), np.flatnonzero(np.diff(together)) + 1) if len(together) else []
-
-    def stack(self, some: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-        """Entries of some strips above each other, and what of them is wanted, without a halo around all."""
-        size = len(self.entry_at)
-        height = self.height[some]
-        owner, step = expand_ranges(np.zeros_like(height), height)
-        left = self.left[some][owner][:, None]
-        row, column = (self.low[some][owner] + step - _HALO)[:, None], left + np.arange(-_HALO, self.width - _HALO)
-        on_page = (row >= 0) & (row < size) & (column >= 0) & (column < size)
-        row = np.clip(row, 0, size - 1)
-        entry = np.where(on_page, self.entry_at[row, np.clip(column, 0, size - 1)], np.int32(-1))
-        inner = (step >= _HALO) & (step < height[owner] - _HALO)
-        wanted = self.wanted[row, left + np.arange(self.width - 2 * _HALO)] & inner[:, None]
-        return entry, wanted[_HALO:-_HALO]
-
-
-def _find_strips(wanted: NDArray[np.bool_], width: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Left and low ends of strips, and heights with a halo: all that is wanted (h, w) lies in one."""
-    eight = wanted.view(np.uint64) != 0  # eight texels at once
-    strip, row = np.nonzero(eight.reshape(len(wanted), -1, width // 8).any(axis=2).T)
-    # Rows that are apart by less than two halos are cheaper in one strip.
-    apart = (np.diff(strip) > 0) | (np.diff(row) > 2 * _HALO) | (np.diff(row // _HEIGHT) > 0)
-    first = np.flatnonzero(np.append(True, apart)[: len(row)])
-    last = np.append(first[1:], len(row))[: len(first)] - 1
-    return strip[first] * width, row[first], row[last] - row[first] + 1 + 2 * _HALO
-
-
-def _widen(image: NDArray[np.bool_], radius: int) -> None:
-    """Sets what lies within a square of side 2 * radius + 1 about what is set."""
-    for axis in (0, 1):
-        narrow = image.copy()  # of both in the order in which they lie: along columns that is twenty times as fast
-        for step in range(1, radius + 1):
-            ahead, behind = ((slice(None),) * axis + (part,) for part in (slice(step, None), slice(None, -step)))
-            image[ahead] |= narrow[behind]
-            image[behind] |= narrow[ahead]
+    nothing = np.zeros((len(light), 0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
+    return Smoothing(asked, chain([nothing], spread(_smooth_strips, ask())))
 
 
 def _smooth_strips(

@@ -105,6 +105,7 @@ class DirectField:
 
     def __post_init__(self) -> None:
         self._smoothed: ShownDirect | None = None  # of the last shot; made when it is asked for
+        self._smoothing: Callable[[], ShownDirect] | None = None  # the same, while it is on its way
 
     @classmethod
     def none(cls, n_texel: int) -> DirectField:
@@ -115,8 +116,14 @@ class DirectField:
         if not smooth:
             return ShownDirect.plain(self.irradiance, self.find_variance())
         if self._smoothed is None:
-            self._smoothed = ShownDirect.smoothed(self.irradiance, self.find_variance(), texels, spread)
+            self.begin_show(texels, smooth, spread)
+            self._smoothed, self._smoothing = self._smoothing(), None
         return self._smoothed
+
+    def begin_show(self, texels: TexelMap, smooth: bool, spread: Spread) -> None:
+        """Have done what `show` will need, by whoever has nothing else to do; its arguments are the same."""
+        if smooth and self._smoothed is None and self._smoothing is None:
+            self._smoothing = ShownDirect.begin_smoothing(self.irradiance, self.find_variance(), texels, spread)
 
     def take_shown(self, texels: TexelMap, smooth: bool, spread: Spread = starmap, in_place: bool = False) -> NDArray[np.float32]:
         """ShownDirect.irradiance of `show`, for whoever asks last: what else was found with it is not kept any longer.
@@ -185,7 +192,7 @@ class DirectField:
     ) -> bool:
         """As shoot, by what `find_light` gives for parts of the shard `whole`: DirectLight, or what has its fields too."""
         self.turns += 1
-        self._smoothed = None
+        self._smoothed = self._smoothing = None
         texels = whole.texels
         cuts = cut_into_shards(len(texels))
         shards = [replace(whole, start=start, texels=texels[start:end]) for start, end in pairwise(cuts)]

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import starmap
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .denoise import Spread, denoise
+from .denoise import Smoothed, Spread, begin_denoising
 from .scene import IntArray
 from .texel_map import TexelMap
 
@@ -57,14 +58,29 @@ class ShownDirect:
         spread: Spread = starmap,
     ) -> ShownDirect:
         """Light without its grain; arguments as the first fields."""
+        return cls.begin_smoothing(irradiance, variance, texels, spread)()
+
+    @classmethod
+    def begin_smoothing(
+        cls,
+        irradiance: NDArray[np.float32],
+        variance: NDArray[np.float32],
+        texels: TexelMap,
+        spread: Spread,
+    ) -> Callable[[], ShownDirect]:
+        """As smoothed, but only begun: a function, to be called once, gives the light. Until then the arrays must not change."""
         level = irradiance.mean() + 1e-30
         grainy = np.empty(len(irradiance), bool)
         for start in range(0, len(grainy), _CHUNK):
             part = slice(start, start + _CHUNK)
             grainy[part] = _add_channels(variance[part]) > (_GRAIN * (_add_channels(irradiance[part]) + level)) ** 2
         if not grainy.any():
-            return cls.plain(irradiance, variance)
-        found = denoise(irradiance[None], variance, grainy, texels, spread, tell=True)
+            return partial(cls.plain, irradiance, variance)
+        smoothing = begin_denoising(irradiance[None], variance, grainy, texels, spread, tell=True)
+        return lambda: cls._find_left(irradiance, variance, smoothing.finish())
+
+    @classmethod
+    def _find_left(cls, irradiance: NDArray[np.float32], variance: NDArray[np.float32], found: Smoothed) -> ShownDirect:
         told = np.flatnonzero(found.own_share < 1.0)
         told = told[np.argsort(found.entry[told], kind="stable")]
         smooth, left, blur2 = np.empty((3, len(told), 3), np.float32)

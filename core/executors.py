@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -102,18 +103,21 @@ def send_home(executor: Executor) -> None:
 
 
 def spread(executor: Executor, fn: Callable[..., T], calls: Iterable[tuple[Any, ...]]) -> Iterator[T]:
-    """What `fn` gives for the arguments of each call, in their order; begun a few ahead, lest all of them lie in memory.
+    """What `fn` gives for the arguments of each call, in their order; the first few are begun now, and more as results are asked for,
+    lest all of them lie in memory.
 
     By processes of this machine, where the executor is such: numpy's threads stand in each other's way, as short arrays are soon done.
     """
     local = executor if isinstance(executor, LocalExecutor) else InlineExecutor()
-    ahead: deque[Future[T]] = deque()
-    for arguments in calls:
-        ahead.append(local.submit(fn, *arguments))
-        if len(ahead) > local.most_ahead:
+    begun = (local.submit(fn, *arguments) for arguments in calls)
+    ahead = deque(islice(begun, max(local.most_ahead, 1)))
+
+    def answer() -> Iterator[T]:
+        while ahead:
+            ahead.extend(islice(begun, 1))
             yield ahead.popleft().result()
-    while ahead:
-        yield ahead.popleft().result()
+
+    return answer()
 
 
 class _Call(Future[Any]):

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boxes import lamp_scene, room_mesh
-from leaflight.core import bake, preview, resolve
+from leaflight.core import bake, preview, resolve, solve
 from leaflight.core.checkpoint import read_info
+from leaflight.core.direct_field import DirectField
 from leaflight.core.encodings import ENCODINGS
 from leaflight.core.gather_plan import GatherPlan
 from leaflight.core.image_file import read_image
@@ -40,6 +41,19 @@ def bake_scene(folder, scene, settings=QUICK, output="", should_stop=lambda: Fal
 def list_files(folder):
     """All but the note of kept_bake."""
     return sorted(path.name for path in Path(folder).rglob("*") if not path.name.startswith(".leaflight_"))
+
+
+def test_grain_of_direct_light_is_smoothed_before_the_next_photons_are_asked_for(tmp_path, monkeypatch):
+    """And not where no solver follows, or direct light is no light of rays."""
+    done = []
+    for thing, name in ((DirectField, "begin_show"), (solve.Solver, "run")):
+        before = getattr(thing, name)
+        monkeypatch.setattr(thing, name, lambda self, *args, name=name, before=before: done.append(name) or before(self, *args))
+    bake_scene(tmp_path / "both", lamp_scene())
+    assert done[:2] == ["begin_show", "run"]
+    done.clear()
+    bake_scene(tmp_path / "photons", lamp_scene(), replace(QUICK, direct="photons"))
+    assert done[0] == "run"
 
 
 def test_files_and_result_say_the_same(tmp_path):

@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from leaflight.core import denoise
+from leaflight.core import denoise, strips
 from leaflight.core.executors import make_executor, spread
 from trees import make_square_map
 
@@ -133,9 +133,9 @@ def test_however_a_page_is_cut_it_is_smoothed_alike(texels, monkeypatch, widths)
     x, y = texels.texel_xy.T
     grainy = ((x < 3) & (y % 17 < 2)) | ((x - 30) ** 2 + (y - 12) ** 2 < 50) | (y == SIDE - 1)
     expected = smooth(texels, ramp, grainy=grainy)[1]
-    monkeypatch.setattr(denoise, "_WIDTHS", widths)
-    monkeypatch.setattr(denoise, "_HEIGHT", 8)
-    monkeypatch.setattr(denoise, "_TOGETHER", 1000)
+    monkeypatch.setattr(strips, "_WIDTHS", widths)
+    monkeypatch.setattr(strips, "_HEIGHT", 8)
+    monkeypatch.setattr(strips, "_TOGETHER", 1000)
     np.testing.assert_allclose(smooth(texels, ramp, grainy=grainy)[1], expected, rtol=1e-6)
 
 

@@ -3,6 +3,7 @@
 import copy
 from concurrent.futures import Future
 from dataclasses import replace
+from itertools import starmap
 
 import numpy as np
 import pytest
@@ -191,3 +192,29 @@ def test_texels_of_every_shard_have_their_own_other_light(shot, monkeypatch):
     (low, _), (half_low, half_high), (_, none_high) = noise
     assert half_low < 0.7 * low
     assert half_high > 1.4 * none_high
+
+
+def test_light_that_is_begun_to_be_shown_is_what_is_shown(shot):
+    """Done once, by whoever was given it; and again after another shot."""
+    folder, field = shot
+    texels, asked = workers.open_tracing(str(folder)).texels, []
+
+    def spread(fn, calls):
+        asked.append(fn)
+        return starmap(fn, calls)
+
+    expected = field.show(texels, True).irradiance.copy()
+    assert (expected != field.irradiance).any()  # some grain is smoothed
+    afresh = DirectField(field.irradiance, field.variance, field.passes)
+    afresh.begin_show(texels, True, spread)
+    afresh.begin_show(texels, True, spread)
+    np.testing.assert_array_equal(afresh.show(texels, True).irradiance, expected)
+    assert len(asked) == 1
+    afresh.shoot(folder, SETTINGS, executors.InlineExecutor(), np.arange(len(field.passes)))
+    afresh.begin_show(texels, True, spread)
+    afresh.shoot(folder, SETTINGS, executors.InlineExecutor(), np.arange(len(field.passes)))
+    other = DirectField(afresh.irradiance, afresh.variance, afresh.passes, repeats=afresh.repeats).show(texels, True).irradiance
+    np.testing.assert_array_equal(afresh.show(texels, True).irradiance, other)
+    assert (other != expected).any()
+    afresh.begin_show(texels, False, spread)
+    assert len(asked) == 2  # grain that is to stay is nobody's work

@@ -153,6 +153,17 @@ def test_calls_are_spread_a_few_ahead_and_answered_in_order(count):
         assert list(found) == [float(k) for k in range(1, 20)]
 
 
+def test_what_is_spread_is_begun_before_anybody_asks(tmp_path):
+    with executors.LocalExecutor(2) as executor:
+        wait_until_ready(executor)
+        found = executors.spread(executor, Path.touch, [(tmp_path / str(k),) for k in range(20)])
+        until = time.monotonic() + 10
+        while not any(tmp_path.iterdir()) and time.monotonic() < until:
+            time.sleep(0.01)
+        assert 1 <= len(list(tmp_path.iterdir())) <= executor.most_ahead  # by the other process alone
+        assert len(list(found)) == len(list(tmp_path.iterdir())) == 20
+
+
 def test_calls_are_spread_over_processes_of_this_machine_alone():
     with executors.LocalExecutor(2) as executor:
         wait_until_ready(executor)
