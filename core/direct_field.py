@@ -116,14 +116,17 @@ class DirectField:
         if not smooth:
             return ShownDirect.plain(self.irradiance, self.find_variance())
         if self._smoothed is None:
-            self.begin_show(texels, smooth, spread)
-            self._smoothed, self._smoothing = self._smoothing(), None
+            finish = self._smoothing or self._begin_smoothing(texels, spread)
+            self._smoothed, self._smoothing = finish(), None
         return self._smoothed
 
     def begin_show(self, texels: TexelMap, smooth: bool, spread: Spread) -> None:
         """Have done what `show` will need, by whoever has nothing else to do; its arguments are the same."""
         if smooth and self._smoothed is None and self._smoothing is None:
-            self._smoothing = ShownDirect.begin_smoothing(self.irradiance, self.find_variance(), texels, spread)
+            self._smoothing = self._begin_smoothing(texels, spread)
+
+    def _begin_smoothing(self, texels: TexelMap, spread: Spread) -> Callable[[], ShownDirect]:
+        return ShownDirect.begin_smoothing(self.irradiance, self.find_variance(), texels, spread)
 
     def take_shown(self, texels: TexelMap, smooth: bool, spread: Spread = starmap, in_place: bool = False) -> NDArray[np.float32]:
         """ShownDirect.irradiance of `show`, for whoever asks last: what else was found with it is not kept any longer.
