@@ -50,25 +50,14 @@ class ShownDirect:
         return cls(irradiance, variance, np.zeros(0, np.int32), *np.zeros((3, 0, 3), np.float32))
 
     @classmethod
-    def smoothed(
-        cls,
-        irradiance: NDArray[np.float32],
-        variance: NDArray[np.float32],
-        texels: TexelMap,
-        spread: Spread = starmap,
-    ) -> ShownDirect:
-        """Light without its grain; arguments as the first fields."""
-        return cls.begin_smoothing(irradiance, variance, texels, spread)()
-
-    @classmethod
     def begin_smoothing(
         cls,
         irradiance: NDArray[np.float32],
         variance: NDArray[np.float32],
         texels: TexelMap,
-        spread: Spread,
+        spread: Spread = starmap,
     ) -> Callable[[], ShownDirect]:
-        """As smoothed, but only begun: a function, to be called once, gives the light. Until then the arrays must not change."""
+        """What gives light without its grain, called once; until then the arrays must not change. Arguments as the first fields."""
         level = irradiance.mean() + 1e-30
         grainy = np.empty(len(irradiance), bool)
         for start in range(0, len(grainy), _CHUNK):

@@ -103,19 +103,20 @@ def send_home(executor: Executor) -> None:
 
 
 def spread(executor: Executor, fn: Callable[..., T], calls: Iterable[tuple[Any, ...]]) -> Iterator[T]:
-    """What `fn` gives for the arguments of each call, in their order; the first few are begun now, and more as results are asked for,
-    lest all of them lie in memory.
+    """What `fn` gives for the arguments of each call, in their order; a few are begun now where others can work on them, and more as they
+    are asked for, lest all of them lie in memory.
 
     By processes of this machine, where the executor is such: numpy's threads stand in each other's way, as short arrays are soon done.
     """
     local = executor if isinstance(executor, LocalExecutor) else InlineExecutor()
     begun = (local.submit(fn, *arguments) for arguments in calls)
-    ahead = deque(islice(begun, max(local.most_ahead, 1)))
+    ahead = deque(islice(begun, local.most_ahead))
 
     def answer() -> Iterator[T]:
+        ahead.extend(islice(begun, 1))
         while ahead:
-            ahead.extend(islice(begun, 1))
             yield ahead.popleft().result()
+            ahead.extend(islice(begun, 1))
 
     return answer()
 

@@ -44,7 +44,7 @@ def list_files(folder):
 
 
 def test_grain_of_direct_light_is_smoothed_before_the_next_photons_are_asked_for(tmp_path, monkeypatch):
-    """And not where no solver follows, or direct light is no light of rays."""
+    """And is not begun where no photons follow, or direct light is not of rays."""
     done = []
     for thing, name in ((DirectField, "begin_show"), (solve.Solver, "run")):
         before = getattr(thing, name)
@@ -53,7 +53,8 @@ def test_grain_of_direct_light_is_smoothed_before_the_next_photons_are_asked_for
     assert done[:2] == ["begin_show", "run"]
     done.clear()
     bake_scene(tmp_path / "photons", lamp_scene(), replace(QUICK, direct="photons"))
-    assert done[0] == "run"
+    bake_scene(tmp_path / "direct", lamp_scene(), replace(QUICK, passes=("direct",)))
+    assert done == ["run"]
 
 
 def test_files_and_result_say_the_same(tmp_path):

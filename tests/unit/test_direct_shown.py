@@ -18,7 +18,7 @@ def show(texels, truth, sigma, seed=1):
     """Noisy light, its variance, and what is shown of it."""
     noisy = (truth + sigma * np.random.default_rng(seed).standard_normal(truth.shape)).astype(np.float32)
     variance = np.broadcast_to(np.float32(sigma**2), truth.shape).copy()
-    return noisy, variance, ShownDirect.smoothed(noisy, variance, texels)
+    return noisy, variance, ShownDirect.begin_smoothing(noisy, variance, texels)()
 
 
 def real_and_told(shown, truth):
@@ -84,7 +84,7 @@ def test_few_dark_texels_among_lit_ones_are_told_roughly(texels):
     real2, told2, every = [], [], np.arange(SIDE * SIDE)
     for seed in range(8):
         lit = (np.random.default_rng(seed).random((4, len(every), 1)) < 0.99).mean(axis=0).astype(np.float32).repeat(3, axis=1)
-        shown = ShownDirect.smoothed(lit, lit * (1 - lit) / 3, texels)
+        shown = ShownDirect.begin_smoothing(lit, lit * (1 - lit) / 3, texels)()
         real2.append(((shown.irradiance - 0.99) ** 2).mean())
         told2.append((shown.variance_at(every) + shown.blur2_at(every)).mean())
     assert 0.7**2 < np.mean(told2) / np.mean(real2) < 1.5**2
@@ -95,7 +95,7 @@ def test_light_is_smoothed_where_it_has_grain_and_told_as_it_is_elsewhere(texels
     x = texels.texel_xy[:, 0]
     noisy = (truth + np.where(x < 20, 0.1, 0.001)[:, None] * np.random.default_rng(1).standard_normal(truth.shape)).astype(np.float32)
     variance = np.where(x < 20, np.float32(0.01), np.float32(1e-6))[:, None].repeat(3, axis=1)
-    shown = ShownDirect.smoothed(noisy, variance, texels)
+    shown = ShownDirect.begin_smoothing(noisy, variance, texels)()
     far, every = x > 24, np.arange(SIDE * SIDE)
     assert not np.isin(shown.entry, np.flatnonzero(far)).any()
     for found, given in (
@@ -112,7 +112,7 @@ def test_some_texels_are_told_as_all_of_them_are(texels):
     noisy, variance, _ = show(texels, np.ones((SIDE * SIDE, 3)), 0.1)
     y = texels.texel_xy[:, 1]
     variance[(y < 8) | (y >= 56)] = 1e-8
-    shown = ShownDirect.smoothed(noisy, variance, texels)
+    shown = ShownDirect.begin_smoothing(noisy, variance, texels)()
     every, before = np.arange(SIDE * SIDE), noisy.copy()
     assert 0 < shown.entry[0] < shown.entry[-1] < SIDE * SIDE - 1
     assert (np.diff(shown.entry) > 0).all()

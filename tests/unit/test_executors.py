@@ -164,6 +164,14 @@ def test_what_is_spread_is_begun_before_anybody_asks(tmp_path):
         assert len(list(found)) == len(list(tmp_path.iterdir())) == 20
 
 
+def test_one_process_begins_nothing_before_anybody_asks():
+    done = []
+    found = executors.spread(executors.InlineExecutor(), done.append, [(1,), (2,), (3,)])
+    assert done == []
+    next(found)
+    assert done == [1]
+
+
 def test_calls_are_spread_over_processes_of_this_machine_alone():
     with executors.LocalExecutor(2) as executor:
         wait_until_ready(executor)
