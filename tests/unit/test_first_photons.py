@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from boxes import lamp_scene, make_solver, prepare_folder
+from boxes import lamp_scene, make_solver
 from leaflight.core import bake, executors, rounds, workers
 from leaflight.core.first_photons import FirstPhotons
 from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
@@ -30,11 +30,10 @@ def test_a_round_of_them_is_the_round_without(tmp_path, awake, direct):
     sums = []
     for name, is_ahead in (("ahead", True), ("alone", False)):
         folder = tmp_path / name
-        prepare_folder(folder, lamp_scene(), settings)
-        first = FirstPhotons.send(folder, settings, awake) if is_ahead else FirstPhotons()
-        assert len(first.hits) == 2 * is_ahead
         solver = make_solver(folder, lamp_scene(), settings, awake, begun=False)
-        solver.first = first
+        # Not before: it writes the scene that they are traced in, and who reads it meanwhile finds half of it.
+        solver.first = FirstPhotons.send(folder, settings, awake) if is_ahead else FirstPhotons()
+        assert len(solver.first.hits) == 2 * is_ahead
         solver.begin()
         assert solver.ledger.photons == 20_000
         sums.append(solver.state.solution.coefficient.tobytes() + solver.square_tally.raw.tobytes())
