@@ -17,6 +17,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .lattices import list_lattices
+from .quads import QUAD_TEXELS
 from .strips import Strips
 from .texel_map import TexelMap
 
@@ -68,19 +70,33 @@ class Smoothed:
 class Smoothing:
     """Grain that is being smoothed.
 
-    asked   what entries each answer is of, for all that have been asked for
+    light   (k, n, 3) float32, W/m^2: as it was
+    asked   what entries each answer is of, and whether each stands for its quad, for all that have been asked for
     found   the answers, in their order
     """
 
-    asked: list[NDArray[np.int32]]
+    light: NDArray[np.float32]
+    asked: list[tuple[NDArray[np.int32], bool]]
     found: Iterable[tuple[_Image, _Image, _Image]]
 
     def finish(self) -> Smoothed:
         """Once for all: what is not done yet is waited for."""
-        smoothed, left, own_share = (
-            np.concatenate(parts, axis=-1 if parts[0].ndim == 1 else -2) for parts in zip(*self.found, strict=True)
-        )
-        return Smoothed(np.concatenate(self.asked), smoothed, left, own_share)
+        found = list(self.found)
+        parts = [
+            (entry, *values) if not of_quads else self._spread(entry, *values)
+            for (entry, of_quads), values in zip(self.asked, found, strict=True)
+        ]
+        entry, smoothed, left, own_share = (np.concatenate(of, axis=-1 if of[0].ndim == 1 else -2) for of in zip(*parts, strict=True))
+        return Smoothed(entry, smoothed, left, own_share)
+
+    def _spread(
+        self, first: NDArray[np.int32], smoothed: _Image, left: _Image, own_share: _Image
+    ) -> tuple[NDArray[np.int32], _Image, _Image, _Image]:
+        """What was found at the first texels of quads, for all of theirs: by so much all of them change."""
+        entry = (first[:, None] + np.arange(QUAD_TEXELS, dtype=np.int32)).ravel()
+        change = np.repeat(smoothed - self.light[:, first], QUAD_TEXELS, axis=1)
+        change += self.light[:, entry]
+        return entry, change, np.repeat(left, QUAD_TEXELS, axis=0), np.repeat(own_share, QUAD_TEXELS)
 
 
 def denoise(
@@ -90,9 +106,10 @@ def denoise(
     texels: TexelMap,
     spread: Spread = starmap,
     tell: bool = False,
+    by_quads: NDArray[np.bool_] | None = None,
 ) -> Smoothed:
     """The light with its grain smoothed; arguments as of begin_denoising."""
-    return begin_denoising(light, variance, grainy, texels, spread, tell).finish()
+    return begin_denoising(light, variance, grainy, texels, spread, tell, by_quads).finish()
 
 
 def begin_denoising(
@@ -102,6 +119,7 @@ def begin_denoising(
     texels: TexelMap,
     spread: Spread,
     tell: bool,
+    by_quads: NDArray[np.bool_] | None = None,
 ) -> Smoothing:
     """Has grain smoothed, of texels around grainy ones and no others; the arrays must not change until it is finished.
 
@@ -109,25 +127,24 @@ def begin_denoising(
     variance   (n, 3) float32, of the sum
     grainy     (n,) bool: texels whose neighbours err by themselves
     tell       the variance that is left is wanted too; else it is 0
+    by_quads   (n,) bool: texels of a quad err as one; None where none do
     """
-    entries = np.flatnonzero(grainy)
     # Squares of tiny and huge light stay finite.
     brightness, noise = sum(float(part.mean(dtype=np.float64)) for part in light), float(np.sqrt(variance.mean(dtype=np.float64)))
     scale = np.float32(1 / max(brightness, noise, _DARKEST))
-    asked = [np.zeros(0, np.int32)]
+    nothing = np.zeros((len(light), 0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
+    asked = [(np.zeros(0, np.int32), False)]
 
     def ask() -> Iterator[tuple[Any, ...]]:
-        page = texels.page_of(entries)
-        for number in range(texels.page_count if len(entries) else 0):
-            strips = Strips.of(entries[page == number], texels.entry_at[number], texels, RADIUS, _HALO)
+        for lattice in list_lattices(grainy, texels, by_quads):
+            strips = Strips.of(lattice.grainy, lattice.xy, lattice.entry_at, RADIUS, _HALO, lattice.may)
             for some in strips.groups():
                 entry, wanted = strips.stack(some)
-                asked.append(entry[_HALO:-_HALO, _HALO:-_HALO][wanted])
+                asked.append((entry[_HALO:-_HALO, _HALO:-_HALO][wanted], lattice.of_quads))
                 chart = np.where(entry >= 0, texels.chart_piece.take(texels.texel_chart.take(entry, mode="wrap")), -1)
                 yield light.take(entry, axis=1, mode="wrap"), variance.take(entry, axis=0, mode="wrap"), chart, wanted, scale, tell
 
-    nothing = np.zeros((len(light), 0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
-    return Smoothing(asked, chain([nothing], spread(_smooth_strips, ask())))
+    return Smoothing(light, asked, chain([nothing], spread(_smooth_strips, ask())))
 
 
 def _smooth_strips(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,11 +77,18 @@ class DirectLight:
     counters         rays; pairs (texel, light) looked at, out_of_reach behind the horizon or beyond a cone, settled by the first rays,
                      shared with all of a tile;
                      sampled, pairs of lamps that gave little and were sampled together
+    by_quads         (n,) bool, texels that were told by one of quads; () where none is
     """
 
     irradiance_rgb: FloatArray
     variance_rgb: FloatArray
     counters: dict[str, int]
+    by_quads: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((), bool))
+
+    def count(self, counters: dict[str, int], **others: int) -> None:
+        """Adds up what was counted in parts."""
+        for name, count in (counters | others).items():
+            self.counters[name] = self.counters.get(name, 0) + count
 
 
 def direct_irradiance(

@@ -92,6 +92,7 @@ class DirectField:
     counters     of direct.direct_irradiance, summed; empty when photons carry it
     turns        shots so far, each with random numbers of its own
     repeats      of texels shot again, or None
+    by_quads     (n,) bool: told by one of quads alone, whose texels err as one
     """
 
     said: ClassVar = Status("direct", "Direct light")  # of what is found, while it takes its time
@@ -102,8 +103,11 @@ class DirectField:
     counters: dict[str, int] = field(default_factory=dict)
     turns: int = 0
     repeats: Repeats | None = None
+    by_quads: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
 
     def __post_init__(self) -> None:
+        if not len(self.by_quads):
+            self.by_quads = np.zeros(len(self.passes), bool)
         self._smoothed: ShownDirect | None = None  # of the last shot; made when it is asked for
         self._smoothing: Callable[[], ShownDirect] | None = None  # the same, while it is on its way
 
@@ -126,7 +130,8 @@ class DirectField:
             self._smoothing = self._begin_smoothing(texels, spread)
 
     def _begin_smoothing(self, texels: TexelMap, spread: Spread) -> Callable[[], ShownDirect]:
-        return ShownDirect.begin_smoothing(self.irradiance, self.find_variance(), texels, spread)
+        by_quads = self.by_quads if self.by_quads.any() else None
+        return ShownDirect.begin_smoothing(self.irradiance, self.find_variance(), texels, spread, by_quads)
 
     def take_shown(self, texels: TexelMap, smooth: bool, spread: Spread = starmap, in_place: bool = False) -> NDArray[np.float32]:
         """ShownDirect.irradiance of `show`, for whoever asks last: what else was found with it is not kept any longer.
@@ -179,11 +184,11 @@ class DirectField:
     def _keep(self, rows: IntArray | slice) -> DirectField:
         """What there is of some texels, and of all in sum."""
         own = self.irradiance[rows].copy(), self.variance[rows].copy(), self.passes[rows].copy()
-        return DirectField(*own, dict(self.counters), self.turns, copy.deepcopy(self.repeats))
+        return DirectField(*own, dict(self.counters), self.turns, copy.deepcopy(self.repeats), self.by_quads[rows].copy())
 
     def _put_back(self, rows: IntArray | slice, kept: DirectField) -> None:
         self.irradiance[rows], self.variance[rows], self.passes[rows] = kept.irradiance, kept.variance, kept.passes
-        self.counters, self.turns, self.repeats = kept.counters, kept.turns, kept.repeats
+        self.counters, self.turns, self.repeats, self.by_quads[rows] = kept.counters, kept.turns, kept.repeats, kept.by_quads
 
     def _send_rays(
         self,
@@ -222,6 +227,7 @@ class DirectField:
         else:
             self.irradiance[rows], self.variance[rows] = light.irradiance_rgb, light.variance_rgb
         self.passes[rows] += 1
+        self.by_quads[rows] = light.by_quads
 
     def _note_difference(self, rows: IntArray, light: DirectLight, floor: float) -> None:
         """Compares new estimates of the texels `rows` with those before; floor: brightness below which a texel counts as if it had that."""

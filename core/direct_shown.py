@@ -56,8 +56,12 @@ class ShownDirect:
         variance: NDArray[np.float32],
         texels: TexelMap,
         spread: Spread = starmap,
+        by_quads: NDArray[np.bool_] | None = None,
     ) -> Callable[[], ShownDirect]:
-        """What gives light without its grain, called once; until then the arrays must not change. Arguments as the first fields."""
+        """What gives light without its grain, called once; until then the arrays must not change. Arguments as the first fields.
+
+        by_quads   (n,) bool: texels that were told by one of quads; None is none
+        """
         level = irradiance.mean() + 1e-30
         grainy = np.empty(len(irradiance), bool)
         for start in range(0, len(grainy), _CHUNK):
@@ -65,7 +69,7 @@ class ShownDirect:
             grainy[part] = _add_channels(variance[part]) > (_GRAIN * (_add_channels(irradiance[part]) + level)) ** 2
         if not grainy.any():
             return partial(cls.plain, irradiance, variance)
-        smoothing = begin_denoising(irradiance[None], variance, grainy, texels, spread, tell=True)
+        smoothing = begin_denoising(irradiance[None], variance, grainy, texels, spread, True, by_quads)
         return lambda: cls._find_left(irradiance, variance, smoothing.finish())
 
     @classmethod

@@ -69,6 +69,7 @@ class GatheredLight:
     variance_rgb     (n, 3) float32, (W/m^2)^2, of the choice of rays
     doubt            (n,) float32, W/m^2: what comes of KnownLight.doubt
     blind            (n,) bool: a ray met a side that may send light and is not told
+    by_quads         each texel looks for itself
     """
 
     irradiance_rgb: Float32
@@ -76,6 +77,7 @@ class GatheredLight:
     doubt: Float32
     blind: NDArray[np.bool_]
     counters: dict[str, int]
+    by_quads: bool = False
 
 
 def gather_light(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .coverage import expand_ranges
-from .texel_map import TexelMap
+from .scene import IntArray
 
 _WIDTHS = (16, 32, 64, 128, 256)  # texels, of the strips that a page may be cut into: narrow ones for contacts, wide ones for all of a page
 _HEIGHT = 128  # texels, of the largest
@@ -21,9 +21,9 @@ _TOGETHER = 1 << 15
 class Strips:
     """Strips of a page that hold all texels to work on, each with a halo.
 
-    entry_at         (size, size) int32, -1 where no chart covers the texel
+    entry_at         (h, w) int32, -1 where no chart covers the texel
     halo             texels
-    wanted           (size, w) bool: what is worked on; w >= size is a multiple of a strip's width
+    wanted           (h, w2) bool: what is worked on; w2 >= w is a multiple of a strip's width
     left, low        (m,) int64: the corner of each strip within its halo
     height           (m,) int64, of each strip, and width of all, with their halo
     """
@@ -37,22 +37,34 @@ class Strips:
     width: int
 
     @classmethod
-    def of(cls, grainy: NDArray[np.int64], entry_at: NDArray[np.int32], texels: TexelMap, radius: int, halo: int) -> Strips:
+    def of(
+        cls,
+        grainy: NDArray[np.int64],
+        xy: IntArray,
+        entry_at: NDArray[np.int32],
+        radius: int,
+        halo: int,
+        may: NDArray[np.bool_] | None = None,
+    ) -> Strips:
         """Those around texels within a grainy one's window: their own variance may be small by chance, and as it takes from them they are
         to take from it, so that no light is lost.
 
         grainy   (m,) int64: entries of the page
+        xy       (m, 2) int: their columns and rows in entry_at
         radius   texels, of a window
         halo     texels around a strip that those within it are told by
+        may      (n,) bool: entries that are worked on if they are near; None is all
         """
-        size = texels.page_size
-        x, y = texels.texel_xy[grainy].T
+        (x, y), (height, width) = xy.T, entry_at.shape
         shown = entry_at[y, x] == grainy
-        wanted = np.zeros((size, -(-size // max(_WIDTHS)) * max(_WIDTHS)), bool)
+        wanted = np.zeros((height, -(-width // max(_WIDTHS)) * max(_WIDTHS)), bool)
         wanted[y[shown], x[shown]] = True
         _widen(wanted, radius)
-        wanted[:, :size] &= entry_at >= 0
-        wanted[:, size:] = False
+        wanted[:, width:] = False
+        near = wanted[:, :width]
+        near &= entry_at >= 0
+        if may is not None:
+            near[near] = may[entry_at[near]]
         cuts = (cls(entry_at, halo, wanted, *_find_strips(wanted, width, halo), width + 2 * halo) for width in _WIDTHS)
         return min(cuts, key=lambda strips: strips.width * int(strips.height.sum()))
 
@@ -63,14 +75,14 @@ class Strips:
 
     def stack(self, some: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
         """Entries of some strips above each other, and what of them is wanted, without a halo around all."""
-        size, halo = len(self.entry_at), self.halo
+        (rows, columns), halo = self.entry_at.shape, self.halo
         height = self.height[some]
         owner, step = expand_ranges(np.zeros_like(height), height)
         left = self.left[some][owner][:, None]
         row, column = (self.low[some][owner] + step - halo)[:, None], left + np.arange(-halo, self.width - halo)
-        on_page = (row >= 0) & (row < size) & (column >= 0) & (column < size)
-        row = np.clip(row, 0, size - 1)
-        entry = np.where(on_page, self.entry_at[row, np.clip(column, 0, size - 1)], np.int32(-1))
+        on_page = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        row = np.clip(row, 0, rows - 1)
+        entry = np.where(on_page, self.entry_at[row, np.clip(column, 0, columns - 1)], np.int32(-1))
         inner = (step >= halo) & (step < height[owner] - halo)
         wanted = self.wanted[row, left + np.arange(self.width - 2 * halo)] & inner[:, None]
         return entry, wanted[halo:-halo]

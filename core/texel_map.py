@@ -104,11 +104,11 @@ class TexelMap:
 
     def _find_parts(self, entry: IntArray) -> tuple[Int64, Int64]:
         """Rows (k,) of those of entries (m,) that are covered in part, and their rows (k,) of the part_ fields."""
-        rows = np.flatnonzero(self._is_part.take(entry))
+        rows = np.flatnonzero(self.is_part.take(entry))
         return rows, np.searchsorted(self.part_entry, entry[rows])
 
     @cached_property
-    def _is_part(self) -> NDArray[np.bool_]:
+    def is_part(self) -> NDArray[np.bool_]:
         """(n,) bool: whether an entry is covered in part."""
         is_part = np.zeros(len(self), bool)
         is_part[self.part_entry] = True
@@ -245,18 +245,19 @@ class TexelMap:
         """Points of the unit square carried over to where texels look, see `look_at` and `TexelLooks.points`."""
         return self.look_at(entry, look).points(point)
 
-    def look_at(self, entry: IntArray, look: float = LOOK) -> TexelLooks:
+    def look_at(self, entry: IntArray, look: float = LOOK, middle: float = 0.5) -> TexelLooks:
         """Where texels look, every place there counting by its world area.
 
         A texel is read at its centre by whoever filters the image, and looks at the square of half its side around it, on the
         triangle there, as Cycles' bake does in Blender 5.0 (measured); a texel whose centre no triangle covers looks at what is covered.
 
-        entry   (m,) int
-        look    side of that square, texels; 1 for all that is covered
+        entry    (m,) int
+        look     side of that square, texels; 1 for all that is covered
+        middle   of the square, texels from the texel's lower left corner: 0.5 but for texels that are not covered in part
         """
         tri = self.texel_tri[entry]
         x_0, y_0, x_1, y_1, x_2, y_2, double_area = self._corner_frames.take(tri, axis=1)
-        x, y = self.texel_xy[entry].T + (0.5 - 0.5 * look)
+        x, y = self.texel_xy[entry].T + (middle - 0.5 * look)
         x -= x_0
         y -= y_0
         weight = np.empty((3, 2, len(tri)))

@@ -103,9 +103,7 @@ def find_calm(value: Float64, allowed: Float64, by_slope: bool = False) -> NDArr
     allowed    (k,) float64, W/m^2: standard error of the light as it is shown
     by_slope   more noise is left where light changes by less than that, as on large pages: there smoothing finds more that is alike
     """
-    fitted = value @ TILE_SURFACES
-    off2 = (value**2).sum(axis=1) - (fitted**2).sum(axis=1)
-    off2 /= TILE_TEXELS - TILE_SURFACES.shape[1]
+    fitted, off2 = fit_surfaces(value)
     smoothed2: Float64 | float = _SMOOTHED**2
     if by_slope:
         change2 = (fitted[:, 1:] ** 2).sum(axis=1) / TILE_TEXELS
@@ -113,6 +111,17 @@ def find_calm(value: Float64, allowed: Float64, by_slope: bool = False) -> NDArr
         smoothed2 = smoothed2 * np.clip(_GENTLE**2 * np.sqrt(alike2), 1.0, _GENTLE**2)
     out: NDArray[np.bool_] = off2 <= smoothed2 * allowed**2
     return out
+
+
+def fit_surfaces(value: Float64) -> tuple[Float64, Float64]:
+    """Quadratic surfaces nearest to values (k, 64) of tiles' texels in Morton order.
+
+    out   (k, 6) float64, of TILE_SURFACES, the mean first; and (k,) float64, what a texel is off on average, squared
+    """
+    fitted = value @ TILE_SURFACES
+    off2: Float64 = (value**2).sum(axis=1) - (fitted**2).sum(axis=1)
+    off2 /= TILE_TEXELS - TILE_SURFACES.shape[1]
+    return fitted, off2
 
 
 def _node_weights() -> Float64:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from . import direct, gather, photons, rays, sampling, shared_arrays
+from . import direct, direct_quads, gather, photons, rays, sampling, shared_arrays
 from .birth_cells import BirthCells
 from .birth_guide import BirthTally
 from .coverage import as_slice
@@ -26,6 +26,7 @@ from .materials import SurfaceMaterials
 from .other_light import OtherLight
 from .photon_log import Counters, EnergyAudit, ShardHits
 from .pruning import prune_scene
+from .quads import Quads
 from .scene import IntArray, SceneSnapshot
 from .snapshot import load_snapshot
 from .splitting import SplitTally, Splitting, weigh_groups
@@ -251,12 +252,11 @@ def light_texels(shard: DirectShard) -> direct.DirectLight:
     texels, scene = open_tracing(shard.tracing).texels, _open_direct_scene(shard.tracing)
     entry, rng, tiles = shard.entries, shard.rng(DIRECT_ROUND), shard.tiles()
     crossed = texels.borders.see_beyond(entry, LOOK)
-    beside = open_other_light(shard.view).at(entry) if shard.view else None
-    light = direct.direct_irradiance(
-        scene, texels.look_at, entry, rng, shard.tolerance, tiles=tiles, smoothed=shard.smoothed, crossed=crossed, beside=beside
-    )
-    irradiance, variance = light.irradiance_rgb.astype(np.float32), light.variance_rgb.astype(np.float32)  # half as much to send
-    return direct.DirectLight(irradiance, variance, light.counters)
+    beside = open_other_light(shard.view).at(entry) if shard.view else np.zeros(len(entry), np.float32)
+    light = partial(direct.direct_irradiance, scene, rng=rng, tolerance=shard.tolerance, smoothed=shard.smoothed)
+    # Who is asked again was not sure enough.
+    quads = Quads.none() if shard.turn else direct_quads.find_quads(texels, entry, tiles, crossed)
+    return direct_quads.light_by_quads(light, texels, entry, shard.tolerance, tiles, crossed, beside, quads)
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ TRACE = {
     "core.direct_peaks",
     "core.direct_points",
     "core.direct_pool",
+    "core.direct_quads",
     "core.direct_sources",
     "core.direct_tally",
     "core.direct_tiles",

@@ -206,6 +206,28 @@ def test_a_tile_within_one_chart_is_smoothed_like_any_other():
     assert (alone[..., 0, 0] != beside[..., 0, 0]).any()
 
 
+def test_quads_are_smoothed_as_one(texels):
+    """As well as texels that err apart, and told so; how their texels differ stays."""
+    x = texels.texel_xy[:, 0]
+    rng, sigma = np.random.default_rng(3), np.float32(SIGMA)
+    by_quads = x < 32
+    error = sigma * rng.standard_normal((len(x), 3), np.float32)
+    first = np.flatnonzero(texels.texel_code & 3 == 0)
+    whole = np.where(by_quads[:, None], error[np.repeat(first, 4)], error)
+    gentle = 1 + 0.002 * (x - SIDE / 2)[:, None].astype(np.float32) * np.ones(3, np.float32)
+    light, variance = (gentle + whole)[None], np.full((len(x), 3), sigma**2)
+    found = denoise.denoise(light, variance, np.ones(len(x), bool), texels, tell=True, by_quads=by_quads)
+    assert np.array_equal(np.sort(found.entry), np.arange(len(x)))
+    out, left = light.copy(), np.empty_like(variance)
+    out[:, found.entry], left[found.entry] = found.light, found.variance
+    for some in (by_quads, ~by_quads):
+        real2 = ((out[0] - gentle)[some] ** 2).mean()
+        assert real2 < (sigma / 3.5) ** 2
+        assert 0.5 < left[some].mean() / real2 < 1.5
+    change = (out[0] - light[0])[by_quads].reshape(-1, 4, 3)
+    np.testing.assert_allclose(change, change[:, :1].repeat(4, axis=1), atol=1e-6)
+
+
 def test_processes_change_no_byte():
     texels = make_square_map(96, 1)  # four tiles
     rng = np.random.default_rng(5)

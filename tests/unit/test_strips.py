@@ -14,8 +14,8 @@ def texels():
     return make_square_map(SIDE, 1)
 
 
-def cut(texels, chosen):
-    return Strips.of(np.flatnonzero(chosen), texels.entry_at[0], texels, RADIUS, HALO)
+def cut(texels, chosen, may=None):
+    return Strips.of(np.flatnonzero(chosen), texels.texel_xy[chosen], texels.entry_at[0], RADIUS, HALO, may)
 
 
 def near(texels, chosen):
@@ -61,3 +61,28 @@ def test_a_group_is_no_larger_than_it_should_be(texels, monkeypatch):
 
 def test_nothing_wanted_is_no_strip(texels):
     assert cut(texels, np.zeros(len(texels), bool)).groups() == []
+
+
+def test_who_may_not_be_worked_on_is_not_but_tells_of_others(texels):
+    x, _ = texels.texel_xy.T
+    chosen, may = (x > 10) & (x < 20), x % 3 > 0
+    found, around = [], []
+    of_page = cut(texels, chosen, may)
+    for some in of_page.groups():
+        entry, wanted = of_page.stack(some)
+        found.append(entry[HALO:-HALO, HALO:-HALO][wanted])
+        around.append(entry[entry >= 0])
+    np.testing.assert_array_equal(np.sort(np.concatenate(found)), np.intersect1d(near(texels, chosen), np.flatnonzero(may)))
+    assert not may[np.concatenate(around)].all()
+
+
+def test_a_page_need_not_be_a_square(texels):
+    """As one of every second texel of an odd one."""
+    entry_at = texels.entry_at[0][:40, :20]
+    x, y = texels.texel_xy.T
+    chosen = (x < 20) & (y < 40)
+    of_page, found = Strips.of(np.flatnonzero(chosen), texels.texel_xy[chosen], entry_at, RADIUS, HALO), []
+    for some in of_page.groups():
+        entry, wanted = of_page.stack(some)
+        found.append(entry[HALO:-HALO, HALO:-HALO][wanted])
+    np.testing.assert_array_equal(np.sort(np.concatenate(found)), np.flatnonzero(chosen))
