@@ -21,7 +21,8 @@ _CHOSEN_BY_NOISE = 1.8
 # ... and a texel keeps more of its own noise than its share in the mean, by so much of it, or of its neighbours' where they have less to
 # choose by. Measured as what makes the blur of even light nothing over twenty pages, to 0.0005; a test does so again. Another window,
 # patch or strictness of denoise wants another number.
-_KEPT_BY_CHOICE = 0.0296
+_KEPT_BY_CHOICE = 0.0303
+_LEAST_NOISE_SHARE = 0.25  # measured: 0.4 to 0.7 of gathered light's on the samples; less would be texels that err alike
 _CHUNK = 1 << 16  # texels at a time: what lies between stays in the cache
 
 
@@ -119,8 +120,24 @@ class ShownDirect:
         """(k, 3) float32, (W/m^2)^2: the field blur2 there, and 0 elsewhere."""
         return self._take(np.zeros((len(rows), 3), np.float32), self.blur2, rows)
 
+    def find_noise_share(self, rows: IntArray, weight: NDArray[np.float32]) -> float:
+        """How much of the noise that is stated there was, squared: what smoothing changed tells. 1 at most, for more of it is blur.
+
+        By how few rays of a texel differ more noise is stated than strata leave.
+
+        weight   (k, 3) float32 of entries `rows` (k,)
+        """
+        change = self.irradiance_at(rows) - self.found[rows]
+        changed2 = float((weight * change**2).sum(dtype=np.float64))
+        expected2 = changed2 - float((weight * self.blur2_at(rows)).sum(dtype=np.float64))
+        return min(max(changed2 / expected2, _LEAST_NOISE_SHARE), 1.0) if expected2 > 0.0 else 1.0
+
+    def is_smoothed(self, rows: IntArray) -> NDArray[np.bool_]:
+        """(k,) bool: whether grain was smoothed at entries (k,)."""
+        return self._take(np.zeros((len(rows), 1), np.float32), np.ones((len(self.entry), 1), np.float32), rows)[:, 0] > 0
+
     def _take(self, plain: NDArray[np.float32], changed: NDArray[np.float32], rows: IntArray) -> NDArray[np.float32]:
-        """Values `plain` (k, 3) of entries `rows` with those of `changed` (m, 3) where grain was smoothed, in place."""
+        """Values `plain` (k, c) of entries `rows` with those of `changed` (m, c) where grain was smoothed, in place."""
         if len(self.entry):
             place = np.searchsorted(self.entry, rows.astype(np.int32, copy=False))  # else all entries would be converted
             smoothed = np.flatnonzero(self.entry.take(place, mode="clip") == rows)

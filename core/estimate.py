@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,6 +158,9 @@ def state_error(
         bias = bias.without(told)
     likely = photons2 + direct2 + bias.gap + gathered2
     best = np.argpartition(likely, count - 1)[:count]
+    _leave_noise(shown_direct, sample, best, weight, direct2)
+    if gathered:
+        _leave_noise(gathered.light, sample, best[told[best]], weight, gathered2)
     every = (photons2, direct2, blur2, gathered2, gathered_blur2)
     by_photons2, by_rays2, blurred2, by_gathering2, gather_blurred2 = (float(part[best].mean(dtype=np.float64)) for part in every)
     by_rays2 += max(blurred2, 0.0)
@@ -183,6 +186,17 @@ def state_error(
         indirect=float((np.maximum(node_light[leaf[sample]], 0.0) * np.sqrt(weight)).mean(dtype=np.float64)),
         neighbours=blend.neighbours,
     )
+
+
+def _leave_noise(
+    shown: ShownDirect, sample: NDArray[np.int64], best: NDArray[np.int64], weight: NDArray[np.float32], noise2: NDArray[Any]
+) -> None:
+    """Takes off the relative noise (m,) of texels `sample` (m,) what smoothing found not to be there, in place.
+
+    best     (k,): which of the sample are asked
+    weight   (m, 3) of _weigh
+    """
+    noise2[shown.is_smoothed(sample)] *= shown.find_noise_share(sample[best], weight[best])
 
 
 def list_told(tree: Quadtree, nodes: IntArray, texels: TexelMap) -> NDArray[np.int64]:

@@ -191,21 +191,6 @@ def test_charts_do_not_mix_unless_they_were_one(texels, monkeypatch, piece):
     assert np.allclose(found, light, rtol=1e-5) == (piece == 1)
 
 
-def test_a_tile_within_one_chart_is_smoothed_like_any_other():
-    """The same numbers with and without another chart in the corner of the halo, where no kept texel's neighbours reach."""
-    rng = np.random.default_rng(4)
-    side = 32 + 2 * denoise._HALO
-    light = 1 + SIGMA * rng.standard_normal((2, 3, side, side), np.float32)
-    variance = np.full((3, side, side), 2 * SIGMA**2, np.float32) * (np.float32(0.5) + rng.random((side, side), np.float32))
-    chart = np.zeros((side, side), np.int32)
-    alone = denoise._average_alike(light, variance, chart, tell=False)[0]
-    chart[:4, :4] = 1
-    beside = denoise._average_alike(light, variance, chart, tell=False)[0]
-    assert alone.shape == (2, 3, 32, 32)
-    np.testing.assert_array_equal(alone[..., 4:, 4:], beside[..., 4:, 4:])
-    assert (alone[..., 0, 0] != beside[..., 0, 0]).any()
-
-
 def test_quads_are_smoothed_as_one(texels):
     """As well as texels that err apart, and told so; how their texels differ stays."""
     x = texels.texel_xy[:, 0]

@@ -66,7 +66,7 @@ def test_blur_is_seen_as_such(texels):
     truth = ripple(texels.texel_xy[:, :1]) * np.ones(3)
     pages = [show(texels, truth, 0.2, seed)[2] for seed in range(4)]
     every = np.arange(SIDE * SIDE)
-    assert sum(shown.blur2_at(every).mean() for shown in pages) > sum(shown.variance_at(every).mean() for shown in pages) > 0
+    assert sum(shown.blur2_at(every).mean() for shown in pages) > 0.8 * sum(shown.variance_at(every).mean() for shown in pages) > 0
 
 
 def test_smoothing_even_light_is_no_blur(texels):
@@ -77,6 +77,26 @@ def test_smoothing_even_light_is_no_blur(texels):
         by_chance = ((noisy - 1) ** 2).mean() - sigma**2  # how much more noise there is than is said
         told.append((shown.blur2_at(np.arange(SIDE * SIDE)).mean() - by_chance) / sigma**2)
     assert abs(np.mean(told)) < 0.003  # 0.001 by chance; a smoothed texel keeps 0.03 of its noise
+
+
+@pytest.mark.parametrize(("times", "share"), [(1.0, 1.0), (0.7, 0.49), (0.1, 0.25), (1.5, 1.0)])
+def test_noise_that_smoothing_does_not_find_is_no_noise(texels, times, share):
+    """It may be stated too large, of which a quarter is believed; what is more than stated is blur."""
+    every, sigma, found = np.arange(SIDE * SIDE), 0.1, []
+    for seed in range(6):
+        noisy = (1 + times * sigma * np.random.default_rng(seed).standard_normal((SIDE * SIDE, 3))).astype(np.float32)
+        shown = ShownDirect.begin_smoothing(noisy, np.full_like(noisy, sigma**2), texels)()
+        found.append(shown.find_noise_share(every, np.ones_like(noisy)))
+        assert shown.is_smoothed(every).all()
+    assert np.mean(found) == pytest.approx(share, rel=0.08)
+
+
+def test_of_light_that_is_as_it_was_found_all_noise_is_believed(texels):
+    noisy = np.ones((SIDE * SIDE, 3), np.float32)
+    shown = ShownDirect.plain(noisy, 0.01 * noisy)
+    some = np.arange(10)
+    assert shown.find_noise_share(some, noisy[:10]) == 1.0
+    assert not shown.is_smoothed(some).any()
 
 
 def test_few_dark_texels_among_lit_ones_are_told_roughly(texels):
