@@ -40,7 +40,10 @@ def find_quads(texels: TexelMap, entry: IntArray, tiles: Tiles, crossed: NDArray
     if texels.page_size < _LEAST_PAGE:
         return Quads.none()
     rows = as_slice(entry)
-    return Quads.of(tiles, texels.texel_tri[rows], crossed | texels.is_part[rows])
+    alone = crossed | texels.is_part[rows]
+    if len(texels.borders.crossed):  # a quad looks at all of its texels, and so past the foot of what stands near their middles
+        alone |= texels.borders.crossed[rows]
+    return Quads.of(tiles, texels.texel_tri[rows], alone)
 
 
 def light_by_quads(

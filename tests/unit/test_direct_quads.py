@@ -10,6 +10,7 @@ from leaflight.core.direct_field import DirectField
 from leaflight.core.direct_quads import find_quads, light_by_quads
 from leaflight.core.scene import Light
 from leaflight.core.settings import Settings
+from leaflight.core.texel_borders import TexelBorders
 from leaflight.core.texel_looks import centred_strata
 from leaflight.core.tiles import Tiles
 from scenes import box_mesh, make_scene, moved, quad_mesh
@@ -118,6 +119,16 @@ def test_texels_that_see_past_others_look_for_themselves(texels):
     np.testing.assert_array_equal(found.by_quads, (x // 16 != y // 16) & ~((x // 16 == 2) & (y // 16 == 0)))
     texel, _, _, crossed, _ = lamp.asked[1]
     assert texel[crossed].tolist() == chosen.tolist()
+
+
+def test_nor_is_a_quad_made_of_one_at_the_foot_of_something(texels, monkeypatch):
+    """Which its own square does not reach, but a quad's does."""
+    one, other = (np.flatnonzero((texels.texel_xy == place).all(axis=1)) for place in ((40, 3), (41, 3)))
+    borders = TexelBorders.of(len(texels), np.zeros(1, np.int64), one, other, np.full(1, 0.4))
+    monkeypatch.setitem(texels.__dict__, "borders", borders)
+    found = light(texels, Lamp(lambda x, y: np.ones_like(x)))
+    x, y = texels.texel_xy.T
+    np.testing.assert_array_equal(found.by_quads, (x // 16 != y // 16) & ~((x // 16 == 2) & (y // 16 == 0)))
 
 
 def test_some_texels_are_told_in_their_order(texels):
