@@ -155,11 +155,13 @@ def _add_channels(values: NDArray[np.float32]) -> NDArray[np.float32]:
 class ShownGathered:
     """Gathered light at the texel entries, as it is shown.
 
-    light     its irradiance and how far it may be off by the choice of rays
-    doubt2    (n,) float32, (W/m^2)^2: by the photons whose light was gathered
-    told      (n,) bool: where it is all indirect light
+    light      its irradiance and how far it may be off by the choice of rays
+    doubt2     (n,) float32, (W/m^2)^2: by the photons whose light was gathered
+    told       (n,) bool: where it is all indirect light
+    carried2   relative, squared: by what the leaves whose light was gathered do not hold
     """
 
     light: ShownDirect
     doubt2: NDArray[np.float32]
     told: NDArray[np.bool_]
+    carried2: float = 0.0

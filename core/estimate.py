@@ -153,7 +153,7 @@ def state_error(
         told = gathered.told[sample]
         gathered2[told] = (weight * gathered.light.variance_at(sample)).mean(1)[told]
         gathered_blur2[told] = (weight * gathered.light.blur2_at(sample)).mean(1)[told]
-        photons2[told] = (weight.mean(1) * gathered.doubt2[sample])[told]
+        photons2[told] = (weight.mean(1) * gathered.doubt2[sample])[told] + gathered.carried2
         shrunk2[told] = 0.0
         bias = bias.without(told)
     likely = photons2 + direct2 + bias.gap + gathered2

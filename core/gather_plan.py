@@ -28,8 +28,7 @@ _LEAST_TILED = 0.6
 # Rays of a texel if all of its light is indirect, and more over the error asked for. Measured on the samples: 24 and 0.9, and each takes
 # half as long as a photon's.
 _RAYS_EACH, _RAYS_BY_ERROR = 12.0, 0.45
-# Times the error asked for, that all light may err by before it is gathered. What leaves cannot hold goes on in what is gathered, where it
-# is not stated: measured, a fifth of that error.
+# Times the error asked for, that all light may err by before it is gathered: what goes on of it, see gathered, is half of that at most.
 _MOST_KNOWN = 2.5
 _LEAST_DEPTH = 100  # surfaces that photons may meet: what is gathered has met one more
 

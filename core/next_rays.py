@@ -14,8 +14,10 @@ from .gathered import GatheredField
 from .messages import Message
 from .rounds import SPARE
 
+Tell: TypeAlias = Callable[[Message], None]
+Stop: TypeAlias = Callable[[], bool]
 # Sends rays from texels; told who is to hear of it, and what asks it to stop.
-Look: TypeAlias = Callable[[Callable[[Message], None], Callable[[], bool]], object]
+Look: TypeAlias = Callable[[Tell, Stop], object]
 
 DIRECT_SHARE = 0.5  # of the error asked for, that direct light by rays may have
 
@@ -61,7 +63,7 @@ def _find_enough(error2: NDArray[np.float32], worst: NDArray[np.intp], passes: N
     return np.sort(worst[order[:count]])
 
 
-def have_look(look: Look, tell: Callable[[Message], None], should_stop: Callable[[], bool], following: Message) -> None:
+def have_look(look: Look, tell: Tell, should_stop: Stop, following: Message) -> None:
     """Has a look; whoever heard of it is told afterwards what follows."""
     heard: list[Message] = []
 

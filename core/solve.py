@@ -27,8 +27,8 @@ from .gather_plan import GatherPlan, know_light
 from .gathered import GatheredField
 from .ledger import Ledger
 from .light_field import LightField
-from .messages import Message, Status
-from .next_rays import Look, choose_texels, have_look
+from .messages import Status
+from .next_rays import Look, Stop, Tell, choose_texels, have_look
 from .other_light import OtherLight
 from .photon_rounds import PhotonRounds, save_view
 from .settings import Settings
@@ -101,14 +101,14 @@ class Solver:
         self._trace_round(None)
         self.state = self._read_tallies()
 
-    def shoot_direct(self, tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> bool:
+    def shoot_direct(self, tell: Tell, should_stop: Stop) -> bool:
         """Shadow rays from all texels of a bake that has begun, as sure as they must be beside its light; see DirectField.shoot."""
         every, other = range(len(self.tracing.texels)), self._other_light(self.state or self._read_tallies())
         is_done = self.direct.shoot(self.folder, self.settings, self.executor, every, tell, should_stop, other)
         self.started = time.monotonic()  # a time limit, and what is foretold of the time left, are of what comes now
         return is_done
 
-    def run(self, tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> LightField:
+    def run(self, tell: Tell, should_stop: Stop) -> LightField:
         """Rounds until one of the stop rules holds; `tell` hears of each."""
         stated: estimate.StatedError | None = None
         traced = self.ledger.photons > 0  # begun, or a bake that goes on: its last round has not been refined yet
@@ -146,21 +146,21 @@ class Solver:
         if settings.direct != "rays" or (self.gathered and stated.chosen <= settings.error):
             return None
         if self.gathered is None and self.gather_plan.pays(settings, stated, ledger, self.round, lambda: self._guide_photons()[1]):
-            return partial(self._gather, state, np.arange(len(self.tracing.texels)))
+            return partial(self._gather, state, stated.relative, np.arange(len(self.tracing.texels)))
         chosen = choose_texels(settings.error, stated, ledger.rays, self.direct, self.gathered)
         if chosen is None:
             return None
         rays, worst = chosen
         if rays is self.gathered:
-            return partial(self._gather, state, worst)
+            return partial(self._gather, state, stated.relative, worst)
         return partial(self.direct.shoot, self.folder, settings, self.executor, worst, other=self._other_light(state))
 
     def _other_light(self, state: _State) -> OtherLight | None:
         """What is shown with direct light, as far as photons tell; None where direct light is shown by itself too."""
         return None if "direct" in self.settings.passes else OtherLight.of_leaves(self.tree, state.solution, state.leaves)
 
-    def _gather(self, state: _State, texels: NDArray[np.int64], tell: Callable[[Message], None], should_stop: Callable[[], bool]) -> None:
-        into = self.gathered = self.gathered or GatheredField.none(len(self.tracing.texels))
+    def _gather(self, state: _State, error: float, texels: NDArray[np.int64], tell: Tell, should_stop: Stop) -> None:
+        into = self.gathered = self.gathered or GatheredField.none(len(self.tracing.texels), error)
         direct = self.direct.irradiance
         light, doubt = know_light(self.tree, state.solution, state.leaves, self.tracing.texels, direct)
         known = KnownLight(light, direct, doubt, self.lit_elsewhere)

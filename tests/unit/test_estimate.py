@@ -302,6 +302,23 @@ def test_where_gathered_light_is_shown_nothing_is_missing():
     assert 0.9 * found[0].gathered < found[1].gathered < found[0].gathered  # of 0.0502 stated 0.05 was not there
 
 
+def test_what_goes_on_in_gathered_light_is_stated_with_the_photons_where_it_is_told():
+    bake = throw(hill, 200_000, 1, degree=1, level=2)
+    totals, solution, nodes = bake.totals(), bake.solution(), current(bake)
+    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.0, 16, 2))
+    direct, doubt2 = ShownDirect.plain(*np.zeros((2, bake.n_texel, 3), np.float32)), np.zeros(bake.n_texel, np.float32)
+    told = bake.tree, totals, solution, comparison, nodes, direct, bake.texels
+    every, carried2 = np.ones(bake.n_texel, bool), 1e-4
+    plain, carried, none = (
+        estimate.state_error(*told, gathered=ShownGathered(shown_of(bake, 1.0, 1e-4), doubt2, where, of))
+        for where, of in ((every, 0.0), (every, carried2), (~every, carried2))
+    )
+    assert carried.relative**2 - plain.relative**2 == pytest.approx(carried2, rel=1e-3)
+    assert carried.photons**2 - plain.photons**2 == pytest.approx(carried2, rel=1e-3)
+    assert carried.gathered == plain.gathered
+    assert none.relative == estimate.state_error(*told).relative
+
+
 def test_the_worst_by_what_leaves_miss_are_left_out(monkeypatch):
     bake, missing = throw(even, 50_000, 1, degree=0, level=3), np.zeros(SIDE * SIDE)
     nodes = current(bake)

@@ -106,6 +106,15 @@ def test_what_more_rays_have_gathered_stays_where_they_are_stopped(tmp_path, mon
     assert np.isfinite(resolve.light_at_texels(light, solver.tracing.texels).indirect).all()
 
 
+def test_it_is_known_how_far_what_was_gathered_was_off(tmp_path, monkeypatch):
+    """A fifth of that goes on; rays that are sent again change nothing of it."""
+    light, solver, _ = halt(tmp_path, monkeypatch, 10**6, error=0.01)
+    assert 0.01 < light.gathered.known_error <= 0.025
+    shown = light.gathered.show_gathered(solver.tracing.texels, True)
+    assert shown.carried2 == pytest.approx((light.gathered.known_error / 5) ** 2)
+    assert light.error**2 > shown.carried2
+
+
 def test_gathering_tells_how_far_it_is_and_then_that_photons_fly(tmp_path, monkeypatch):
     monkeypatch.setattr(direct_field, "SECONDS_BETWEEN_WORDS", -1.0)
     told = []
