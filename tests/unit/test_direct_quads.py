@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 from boxes import prepare_folder
+from floors import morton_square
 from leaflight.core import direct_quads, executors
+from leaflight.core.brightness import weigh_channels
 from leaflight.core.coverage import as_slice
 from leaflight.core.direct import DirectLight
 from leaflight.core.direct_field import DirectField
 from leaflight.core.direct_quads import find_quads, light_by_quads
+from leaflight.core.quads import find_misfit
 from leaflight.core.scene import Light
 from leaflight.core.settings import Settings
 from leaflight.core.texel_borders import TexelBorders
@@ -98,6 +101,22 @@ def test_a_step_that_nobody_sees_beside_other_light_is_not(texels):
     real2 = (found.irradiance_rgb[stepped, 0] - np.where(x[stepped] < 21, 1.0, 1.1)) ** 2
     assert found.variance_rgb[stepped, 0].mean() > 0.5 * real2.mean() > 0
     assert found.variance_rgb[~stepped].max() < 1e-9
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_quads_suffice_up_to_the_error_that_is_asked_for(texels, share):
+    """Of all light that is there: with a tenth less of it their misfit is seen, with a tenth more it is not."""
+    column = np.arange(8)[np.newaxis] + np.zeros((8, 1), int)
+    quads = np.where(column < 2, 1.0, np.where(column == 2, 1.05, 1.1))[morton_square(8)[::-1]]  # a step at 21 in the columns from 16 on
+    by_channel = np.array([[1.0, 2.0, 0.0]])
+    misfit = np.sqrt(find_misfit(quads, np.zeros(64))[0] * weigh_channels(by_channel**2)[0])
+    beside = share * misfit / TOLERANCE - quads.mean() * weigh_channels(by_channel)[0]
+    found = light(texels, Lamp(lambda x, y: np.where(x < 21, 1.0, 1.1)), beside=beside)
+    x, y = texels.texel_xy.T
+    stepped = (x // 16 == 1) & (y // 16 != 1)
+    assert beside > 0
+    assert found.by_quads[stepped].all() == (share > 1)
+    assert found.by_quads[stepped].any() == (share > 1)
 
 
 def test_noise_is_told_and_no_misfit(texels):
