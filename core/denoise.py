@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .lattices import list_lattices
 from .nonlocal_means import HALO, RADIUS, smooth_alike
-from .quads import QUAD_TEXELS
+from .quads import QUAD_TEXELS, list_texels
 from .strips import Strips
 from .texel_map import TexelMap
 
@@ -74,7 +74,7 @@ class Smoothing:
         self, first: NDArray[np.int32], smoothed: _Image, left: _Image, own_share: _Image
     ) -> tuple[NDArray[np.int32], _Image, _Image, _Image]:
         """What was found at the first texels of quads, for all of theirs: by so much all of them change."""
-        entry = (first[:, None] + np.arange(QUAD_TEXELS, dtype=np.int32)).ravel()
+        entry = list_texels(first)
         change = np.repeat(smoothed - self.light[:, first], QUAD_TEXELS, axis=1)
         change += self.light[:, entry]
         return entry, change, np.repeat(left, QUAD_TEXELS, axis=0), np.repeat(own_share, QUAD_TEXELS)

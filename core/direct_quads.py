@@ -27,7 +27,7 @@ _SIDE = 2.0  # texels: a quad looks at all of itself, lest a row of them passes 
 LookAt: TypeAlias = Callable[[IntArray], TexelLooks]
 
 
-class Light(Protocol):
+class FindLight(Protocol):
     """direct.direct_irradiance with all that is the same for a shard's texels and for its quads."""
 
     def __call__(
@@ -47,7 +47,7 @@ def find_quads(texels: TexelMap, entry: IntArray, tiles: Tiles, crossed: NDArray
 
 
 def light_by_quads(
-    light: Light,
+    find_light: FindLight,
     texels: TexelMap,
     entry: IntArray,
     tolerance: float,
@@ -63,7 +63,7 @@ def light_by_quads(
     if len(quads):
         first = quads.first
         looks = partial(texels.look_at, look=_SIDE, middle=0.5 * _SIDE)
-        found = light(looks, entry[first], tiles=quads.tiles(), crossed=None, beside=beside[first])
+        found = find_light(looks, entry[first], tiles=quads.tiles(), crossed=None, beside=beside[first])
         value, noise = found.irradiance_rgb.astype(np.float64), found.variance_rgb.astype(np.float64)
         misfit = np.stack([find_misfit(*of) for of in zip(value.T, noise.T, strict=True)], axis=1)
         level = (weigh_channels(value) + beside[first]).reshape(len(quads), -1).mean(axis=1)
@@ -74,7 +74,7 @@ def light_by_quads(
         out.by_quads[rows], left[rows] = True, False
         out.count(found.counters, by_quads=len(rows))
     rows = np.flatnonzero(left)
-    found = light(texels.look_at, entry[rows], tiles=tiles.within(rows), crossed=crossed[rows], beside=beside[rows])
+    found = find_light(texels.look_at, entry[rows], tiles=tiles.within(rows), crossed=crossed[rows], beside=beside[rows])
     irradiance[rows], variance[rows] = found.irradiance_rgb, found.variance_rgb
     out.count(found.counters)
     return out

@@ -28,7 +28,8 @@ _BLOCK = 64
 # As direct_field.TOLERANCE. Measured on three samples, squared error times rays: with half as much the same, with twice as much 1.1 to 1.8
 # times.
 _TOLERANCE = 1.0
-# Of the error of all light that was gathered: what leaves cannot hold goes on in it. Measured on samples and boxes.
+# Of the error of all light that was gathered: what leaves cannot hold goes on in it. Measured on three samples and a box, 0.5 to 2 % asked:
+# with this 0.77 to 1.1 of the real error are stated, without it 0.7 to 1.
 _CARRIED = 0.2
 
 

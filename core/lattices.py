@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from .quads import find_whole_quads
+from .quads import find_whole_quads, list_texels
 from .scene import IntArray
 from .texel_map import TexelMap
 
@@ -38,17 +38,18 @@ def list_lattices(grainy: NDArray[np.bool_], texels: TexelMap, by_quads: NDArray
     Charts begin anywhere, so that the quads of a page may be on any of four lattices; each also meets every other quad once. So light goes
     over between quads and texels beside them, which are smoothed by all texels.
     """
-    first = np.zeros(0, np.int64) if by_quads is None else find_whole_quads(by_quads, texels.texel_code)
-    is_first, is_single = (np.zeros(len(texels), bool), np.ones(len(texels), bool)) if len(first) else (None, None)
-    if is_first is not None and is_single is not None:
-        is_first[first] = True
-        is_single[(first[:, None] + np.arange(4)).ravel()] = False
-        first = first[grainy[first]]
-    entries = np.flatnonzero(grainy)
+    entries, first = np.flatnonzero(grainy), np.zeros(0, np.int64)
+    is_first = is_single = None
+    if by_quads is not None:
+        whole = find_whole_quads(by_quads, texels.texel_code)
+        is_first, is_single = np.zeros(len(texels), bool), np.ones(len(texels), bool)
+        is_first[whole], is_single[list_texels(whole)] = True, False
+        first = whole[grainy[whole]]
+    page, page_of_first = texels.page_of(entries), texels.page_of(first)
     for number, entry_at in enumerate(texels.entry_at if len(entries) else ()):
-        some = entries[texels.page_of(entries) == number]
+        some = entries[page == number]
         yield Lattice(some, texels.texel_xy[some], entry_at, is_single, False)
-        some = first[texels.page_of(first) == number]
+        some = first[page_of_first == number]
         xy = texels.texel_xy[some]
         for column, row in product((0, 1), (0, 1)):
             rows = np.flatnonzero((xy & 1 == (column, row)).all(axis=1))

@@ -7,6 +7,7 @@ degree, as it changes from texel to texel, and by what quads differ from it. Whe
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from .coverage import Float64, Int64
 from .scene import FloatArray, IntArray
 from .texel_grid import part_bits
 from .tiles import TILE_TEXELS, Tiles, fit_surfaces
+
+_Index = TypeVar("_Index", bound=np.integer[Any])
 
 QUAD_TEXELS = 4
 _LARGE_TEXELS = QUAD_TEXELS * TILE_TEXELS
@@ -71,6 +74,13 @@ class Quads:
         return (self.start[some, None] + np.arange(_LARGE_TEXELS)).ravel()
 
 
+def list_texels(first: NDArray[_Index]) -> NDArray[_Index]:
+    """(k * 4,): the texels of quads whose first ones are (k,) int."""
+    out = np.repeat(first, QUAD_TEXELS)
+    out += np.tile(np.arange(QUAD_TEXELS, dtype=first.dtype), len(first))
+    return out
+
+
 def find_whole_quads(by_quads: NDArray[np.bool_], code: IntArray) -> Int64:
     """(k,) int64, ascending: first entries of the quads of which all texels are marked.
 
@@ -78,7 +88,7 @@ def find_whole_quads(by_quads: NDArray[np.bool_], code: IntArray) -> Int64:
     code       (n,) int: Morton codes of them
     """
     first = np.flatnonzero(by_quads & (code & (QUAD_TEXELS - 1) == 0))
-    whole: Int64 = first[by_quads[first[:, None] + np.arange(1, QUAD_TEXELS)].all(axis=1)]
+    whole: Int64 = first[by_quads[list_texels(first)].reshape(-1, QUAD_TEXELS).all(axis=1)]
     return whole
 
 

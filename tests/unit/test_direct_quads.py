@@ -152,7 +152,10 @@ def test_nor_is_a_quad_made_of_one_at_the_foot_of_something(texels, monkeypatch)
 
 def test_some_texels_are_told_in_their_order(texels):
     """A large tile of which some are missing is told by texels; each has its own other light."""
-    truth = lambda x, y: 1 + x / SIDE  # noqa: E731
+
+    def truth(x, y):
+        return 1 + x / SIDE
+
     entry = np.arange(100, len(texels) - 70)
     found = light(texels, Lamp(truth), entry=entry)
     np.testing.assert_allclose(found.irradiance_rgb[:, 0], truth(texels.texel_xy[entry, 0] + 0.5, 0), rtol=2e-3)

@@ -49,3 +49,29 @@ def test_they_do_so_wherever_their_chart_begins(column, row):
     assert len(quads) == 1
     np.testing.assert_array_equal(quads[0].grainy, first)
     np.testing.assert_array_equal(quads[0].entry_at[quads[0].xy[:, 1], quads[0].xy[:, 0]], first)
+
+
+def test_every_page_has_its_own(texels):
+    """The square twice, on pages of their own."""
+    n = len(texels)
+
+    class Pages:
+        texel_xy, texel_code = np.tile(texels.texel_xy, (2, 1)), np.tile(texels.texel_code, 2)
+        entry_at = np.stack([texels.entry_at[0], texels.entry_at[0] + n])
+
+        def __len__(self):
+            return 2 * n
+
+        def page_of(self, entry):
+            return entry // n
+
+    x, y = Pages.texel_xy.T
+    grainy, by_quads = (np.arange(2 * n) >= n) | (y < 5), x < 16
+    found = list(list_lattices(grainy, Pages(), by_quads))
+    assert [lattice.of_quads for lattice in found] == [False, True, False, True]
+    for page, (plain, quads) in enumerate((found[:2], found[2:])):
+        for lattice in (plain, quads):
+            assert (lattice.grainy // n == page).all()
+            np.testing.assert_array_equal(lattice.entry_at[lattice.xy[:, 1], lattice.xy[:, 0]], lattice.grainy)
+        assert len(plain.grainy) == (grainy.reshape(2, n)[page]).sum()
+        assert len(quads.grainy) == (grainy & quads.may).reshape(2, n)[page].sum() > 0
