@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import take_rows
+from .geometry import offset_origin, take_rows
 from .rays import RayScene
 from .scene import FloatArray
 from .texel_borders import WAYS
@@ -17,6 +17,8 @@ from .tiles import TILE_SIDE
 
 _LIFT_TEXELS = 0.25  # height of the feelers above the surface
 _REACH_TEXELS = 1.5  # and their length
+_COVER_STEPS = 5  # halvings of the way between two texels, to where what covers one of them ends
+_TILE_LOOKS = 3  # places a side where it is asked what covers a tile
 _CHUNK = 1 << 18
 
 
@@ -69,8 +71,33 @@ def find_between(
     return found
 
 
+def find_covers(rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray) -> NDArray[np.int32]:
+    """(n,) int32: what lies on the surface, lower than find_contacts' rays, which pass above it: the triangle met first, -1 for none.
+
+    Arguments as there. A rug is often much thinner than a texel is wide, and as dark below as a cupboard is.
+    """
+    found = np.full(len(position), -1, np.int32)
+    origin, reach = offset_origin(position, normal), (_LIFT_TEXELS * texel_size).astype(np.float32)
+    covered = np.flatnonzero(rays.occluded(origin, normal, reach))
+    found[covered] = rays.closest(take_rows(origin, covered), take_rows(normal, covered)).tri
+    return found
+
+
+def find_cover_edges(
+    rays: RayScene, covered: NDArray[np.float32], bare: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray
+) -> NDArray[np.float32]:
+    """(m,) float32, 0 to 1: how far on the way from points (m, 3) below a cover to bare ones that ends. Other arguments as find_covers."""
+    low, step = np.zeros((len(covered), 1), np.float32), np.float32(0.5)
+    reach = (_LIFT_TEXELS * texel_size).astype(np.float32)
+    for _ in range(_COVER_STEPS):
+        place = covered + (low + step) * (bare - covered)
+        low += step * rays.occluded(offset_origin(place, normal), normal, reach)[:, None]
+        step *= np.float32(0.5)
+    return low[:, 0] + step
+
+
 def find_clear_tiles(rays: RayScene, corner: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray) -> NDArray[np.bool_]:
-    """(m,) bool: square tiles of texels where no point's rays along the rows and columns would meet anything.
+    """(m,) bool: square tiles of texels where no point's rays along the rows and columns would meet anything, and no cover ends.
 
     Those of a row lie on one line, so that one ray stands for them all.
 
@@ -89,7 +116,27 @@ def find_clear_tiles(rays: RayScene, corner: NDArray[np.float32], normal: NDArra
         for line in range(TILE_SIDE):
             step = np.float32(line / (TILE_SIDE - 1)) * (other - first)
             clear &= ~rays.occluded(origin + step, direction, whole)
+    clear[clear] = _are_covered_alike(rays, corner[:, clear], normal[clear], texel_size[clear])
     return clear
+
+
+def _are_covered_alike(
+    rays: RayScene, corner: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray
+) -> NDArray[np.bool_]:
+    """(m,) bool: tiles that lie below something with all of their texels or with none, unless it is narrower than 5 of them.
+
+    Arguments as find_clear_tiles.
+    """
+    first, *ends = corner
+    across = [end - first for end in ends]
+    margin = _REACH_TEXELS / (TILE_SIDE - 1)
+    looks = [
+        find_covers(rays, first + x * across[0] + y * across[1], normal, texel_size) >= 0
+        for x in np.linspace(-margin, 1 + margin, _TILE_LOOKS, dtype=np.float32)
+        for y in np.linspace(-margin, 1 + margin, _TILE_LOOKS, dtype=np.float32)
+    ]
+    alike: NDArray[np.bool_] = np.all(looks, axis=0) | ~np.any(looks, axis=0)
+    return alike
 
 
 def texel_axes(corner: FloatArray, corner_xy: FloatArray, normal: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -83,18 +83,17 @@ def find_contacts(opened: TracedScene, texels: TexelMap, threads: int = 1) -> Co
     """Contacts at all texel entries, looked for by so many threads."""
     frames, things = TexelFrames.of(opened, texels), LooseParts(opened.snapshot)
     found = run_on_threads(lambda part: _look_around(opened.scene.rays, frames, things, part), len(texels), threads)
-    touched, first, size, distance = zip(*found, strict=True)
-    start, size = np.concatenate(first), np.concatenate(size)
-    return _join_patches(opened.scene.rays, frames, things, np.concatenate(touched), start, size, np.concatenate(distance, axis=1))
+    touched, covered, first, size, distance = (np.concatenate(part, axis=-1) for part in zip(*found, strict=True))
+    return _join_patches(opened.scene.rays, frames, things, touched, covered, first, size, distance)
 
 
 def _look_around(
     rays: RayScene, frames: TexelFrames, things: LooseParts, part: slice
-) -> tuple[NDArray[np.bool_], _Int64, _Int64, NDArray[np.float32]]:
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], _Int64, _Int64, NDArray[np.float32]]:
     """What a chunk of entries meets.
 
-    out   (m,) bool whether something touches them; of patches that tile them (k,) first entries and (k,) sizes, and (4, k) how far it is
-          to another thing, as in _join_patches
+    out   (m,) bool whether something touches them; of patches that tile them (k,) whether another thing lies on them, (k,) first entries
+          and (k,) sizes, and (4, k) how far it is to another thing, as in _join_patches
     """
     tiles = _find_clear_tiles(rays, frames, part) - part.start
     leads = np.ones(part.stop - part.start, bool)
@@ -105,15 +104,20 @@ def _look_around(
     single = np.flatnonzero(size == 1)
     rows = start[single]
     entry = part.start + rows
-    met, single_distance = contact.find_contacts(rays, *frames.find_places(entry), frames.find_axes(entry))
+    places, tri = frames.find_places(entry), frames.texels.texel_tri[entry]
+    met, single_distance = contact.find_contacts(rays, *places, frames.find_axes(entry))
     touched = np.zeros(len(leads), bool)
     touched[rows] = (met >= 0).any(axis=0)
     way, row = np.nonzero(met >= 0)
-    own = ~things.are_apart(met[way, row], frames.texels.texel_tri[entry[row]])  # a rough or hollow thing stands in its own way
+    own = ~things.are_apart(met[way, row], tri[row])  # a rough or hollow thing stands in its own way
     single_distance[way[own], row[own]] = np.inf
     distance = np.full((len(WAYS), len(start)), np.inf, np.float32)
     distance[:, single] = single_distance
-    return touched, part.start + start, size, distance
+    cover = contact.find_covers(rays, *places)
+    row = np.flatnonzero(cover >= 0)
+    covered = np.zeros(len(start), bool)
+    covered[single[row]] = things.are_apart(cover[row], tri[row])
+    return touched, covered, part.start + start, size, distance
 
 
 def _find_clear_tiles(rays: RayScene, frames: TexelFrames, part: slice) -> _Int64:
@@ -143,25 +147,38 @@ def _are_parted(rays: RayScene, frames: TexelFrames, things: LooseParts, one: In
     return parted
 
 
+def _find_ends(
+    rays: RayScene, frames: TexelFrames, is_below: NDArray[np.bool_], one: IntArray, other: IntArray
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """(m,) twice, texels: from the points of entries (m,) and (m,) to the edge of what lies on the first, where is_below (m,), else on the
+    other."""
+    (position, normal, size), (beside, _, _) = frames.find_places(one), frames.find_places(other)
+    low, high = (np.where(is_below[:, None], *ends) for ends in ((position, beside), (beside, position)))
+    share = contact.find_cover_edges(rays, low, high, normal, size)
+    return np.where(is_below, share, 1 - share), np.where(is_below, 1 - share, share)
+
+
 def _join_patches(
     rays: RayScene,
     frames: TexelFrames,
     things: LooseParts,
     touched: NDArray[np.bool_],
+    covered: NDArray[np.bool_],
     start: _Int64,
     size: _Int64,
     distance: NDArray[np.float32],
 ) -> ContactMap:
-    """Texels are of one piece where one can go from one to the next and meet nothing.
+    """Texels are of one piece where one can go from one to the next and meet nothing, nor get below something.
 
+    covered       (k,) bool: patches of one texel that something lies on
     start, size   (k,) int64, of patches that tile all entries
     distance      (4, k) float32, texels: to another thing, towards each of WAYS
     """
     texels, blocked = frames.texels, distance < 1.0
     parted = np.zeros(len(texels.chart_page), bool)
-    parted[texels.texel_chart[start[blocked.any(axis=0)]]] = True
+    parted[texels.texel_chart[start[blocked.any(axis=0) | covered]]] = True
     kept = np.flatnonzero(parted[texels.texel_chart[start]])
-    start, size = start[kept], size[kept]
+    start, size, covered, distance, blocked = start[kept], size[kept], covered[kept], distance[:, kept], blocked[:, kept]
     patches = _Patches(start, size, texels.list_keys(start))
     joined: list[_Int64] = []
     beside: list[_Int64] = []  # single texels
@@ -175,13 +192,18 @@ def _join_patches(
             beside.append(pair.compress(~to_tile, axis=1))
     here, other = np.concatenate(beside, axis=1)
     way = np.repeat([0, 1], [pair.shape[1] for pair in beside])
-    between = blocked[way, kept[here]]
-    between[between] = blocked[np.take(OPPOSITE, way[between]), kept[other[between]]]  # what stands between two texels is met from both
+    between = blocked[way, here]
+    between[between] = blocked[np.take(OPPOSITE, way[between]), other[between]]  # what stands between two texels is met from both
     is_whole = np.ones(len(touched), bool)
     is_whole[texels.part_entry] = False
     is_whole = is_whole[start]
     aslant = np.flatnonzero(~(is_whole[here] & is_whole[other]))  # as points of parts are beside the middles of their texels
     between[aslant] = _are_parted(rays, frames, things, start[here[aslant]], start[other[aslant]])
+    ends = np.flatnonzero(~between & (covered[here] != covered[other]))
+    between[ends] = touched[start[here[ends]]] = touched[start[other[ends]]] = True
+    distance[way[ends], here[ends]], distance[np.take(OPPOSITE, way[ends]), other[ends]] = _find_ends(
+        rays, frames, covered[here[ends]], start[here[ends]], start[other[ends]]
+    )
     joined.append(np.stack([here, other]).compress(~between, axis=1))
     way, here, other = way[between], here[between], other[between]
     for step in ((TILE_SIDE, 0), (0, TILE_SIDE)):
@@ -189,7 +211,7 @@ def _join_patches(
     log2 = int(texels.chart_log2.max(initial=0))
     whole, piece = part_in_squares(patches.key, size, np.concatenate(joined, axis=1), np.stack([here, other]), log2)
     way, here, other = np.append(way, np.take(OPPOSITE, way)), np.append(here, other), np.append(other, here)
-    reach = np.where(is_whole[here] & is_whole[other], distance[way, kept[here]], np.float32(np.inf))
+    reach = np.where(is_whole[here] & is_whole[other], distance[way, here], np.float32(np.inf))
     borders = TexelBorders.of(len(touched), way, start[here], start[other], reach)
     return ContactMap(touched, patches, piece, whole, borders)
 

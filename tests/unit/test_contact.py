@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from leaflight.core.contact import find_clear_tiles, find_contacts, texel_axes
+from leaflight.core.contact import find_clear_tiles, find_contacts, find_cover_edges, find_covers, texel_axes
 from leaflight.core.geometry import UnitBox
 from leaflight.core.rays import RayScene
 from leaflight.core.texel_borders import WAYS
@@ -107,6 +107,50 @@ def test_clear_tiles_are_those_where_no_texel_finds_anything(place):
         corner = np.stack([grid[:, 0, :, 0], grid[:, 0, :, 7], grid[:, 7, :, 0]]).reshape(3, 64, 3)
         np.testing.assert_array_equal(find_clear_tiles(rays, corner, up[:64], size[:64]), ~tiles)
         assert 0 < tiles.sum() < 10
+
+
+def rug_scene(low_m, high_m, x_m=(0.25, 0.6)):
+    """Ray tracer, unit box, and what find_covers asks for at a floor's texels (SIDE * SIDE), with a rug from x to x on it."""
+    rug = box_mesh("Rug", (x_m[1] - x_m[0], 2.0, high_m - low_m), (sum(x_m) / 2, 0.5, (low_m + high_m) / 2))
+    scene = make_scene([quad_mesh("Floor"), rug])
+    unit_box = UnitBox.from_points(scene.vertex_position)
+    line = (np.arange(SIDE) + 0.5) / SIDE
+    x, y = (grid.ravel() for grid in np.meshgrid(line, line))
+    position = unit_box.to_unit(np.stack([x, y, 0 * x], axis=1)).astype(np.float32)
+    up = np.broadcast_to(np.float32([0, 0, 1]), position.shape)
+    return RayScene(unit_box.to_unit(scene.tri_position)), position, up, np.full(len(x), unit_box.scale / SIDE), x
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, 0.02), (0.0, 0.2), (0.1, 0.2), (0.0, 9.0)])
+def test_what_lies_on_the_surface_covers_it(low, high):
+    """A rug much lower than the feelers, also one a little above the floor, and a box; texels' thickness each."""
+    rays, position, up, size, x = rug_scene(low / SIDE, high / SIDE)
+    met = find_covers(rays, position, up, size)
+    np.testing.assert_array_equal(met >= 0, ((x > 0.25) & (x < 0.6)) & (high < 0.25 or low > 0))
+
+
+def test_what_hangs_above_covers_nothing():
+    rays, position, up, size, _ = rug_scene(0.3 / SIDE, 0.5 / SIDE)
+    assert (find_covers(rays, position, up, size) == -1).all()
+
+
+@pytest.mark.parametrize("x_m", [0.5931, 0.6, 0.6015])
+def test_where_a_cover_ends_is_known_to_a_thirtieth_of_a_texel(x_m):
+    rays, position, up, size, x = rug_scene(0.0, 0.02 / SIDE, (0.25, x_m))
+    last = np.flatnonzero((x < x_m) & (x > x_m - 1 / SIDE))
+    share = find_cover_edges(rays, position[last], position[last + 1], up[last], size[last])
+    assert share == pytest.approx((x_m - x[last]) * SIDE, abs=1 / 32)
+
+
+@pytest.mark.parametrize("edge", [0.3, 1.7, 4.0, 6.8, 7.2])
+def test_a_tile_is_clear_below_a_rug_and_beside_it_and_not_where_that_ends(edge):
+    """Texels from the start of the fourth tile to the rug's right edge; feelers pass above the rug."""
+    rays, position, up, size, _ = rug_scene(0.0, 0.02 / SIDE, (-0.5, (24 + edge) / SIDE))
+    grid = position.reshape(8, 8, 8, 8, 3)
+    corner = np.stack([grid[:, 0, :, 0], grid[:, 0, :, 7], grid[:, 7, :, 0]]).reshape(3, 64, 3)
+    clear = find_clear_tiles(rays, corner, up[:64], size[:64]).reshape(8, 8)[1:-1, 1:-1]
+    near = {0.3: [2, 3], 7.2: [3, 4]}.get(edge, [3])  # a texel and a half from its first or last point, or less
+    np.testing.assert_array_equal(clear, np.broadcast_to(~np.isin(np.arange(1, 7), near), clear.shape))
 
 
 def test_axes_are_those_of_the_page():

@@ -90,6 +90,38 @@ def test_a_wall_thinner_than_a_texel_parts_it_too(tmp_path, layer):
     assert (pieces[:, 32:] == 1 - pieces[0, 0]).all()
 
 
+def rug(x_m, high_m, low_m=0.0):
+    """It lies on the floor from x = x_m on, lower than a quarter of a texel."""
+    return box_mesh("Rug", (2.0, 4.0, high_m - low_m), (x_m + 1.0, 0.5, (low_m + high_m) / 2))
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+@pytest.mark.parametrize(("low", "high"), [(0.0, 0.02), (0.05, 0.1)])
+def test_a_rug_much_thinner_than_a_texel_parts_the_floor(tmp_path, layer, low, high):
+    """Rays along the floor pass above it."""
+    x_m = 32.3 / SIDE
+    _, cut, _, scene = cut_floor(tmp_path, rug(x_m, high / SIDE, low / SIDE), layer=layer)
+    pieces = draw_pieces(cut, scene)
+    assert len(cut.chart_page) == 2
+    assert (pieces[:, :32] == pieces[0, 0]).all()
+    assert (pieces[:, 32:] == pieces[0, -1]).all()
+    position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
+    assert len(cut.borders.entry) == 2 * SIDE
+    reach = cut.borders.reach.min(axis=0)
+    is_known = np.isfinite(reach)  # not where the layer's edge cuts texels by a hair
+    assert is_known.mean() > 0.9
+    expected = np.abs(x_m - position[cut.borders.entry, 0]) * SIDE
+    np.testing.assert_allclose(reach[is_known], expected[is_known], atol=1 / 16)
+
+
+def test_a_thing_covers_no_part_of_itself(tmp_path):
+    """A floor with a lip of its own just above it."""
+    vertex = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0, 0.1 / SIDE], [0.5, 1, 0.1 / SIDE]])
+    lip = Mesh("Floor", vertex, [[0, 1, 2, 3], [1, 4, 5, 2]], [SQUARE, np.array([[2, 0], [2.5, 0], [2.5, 1], [2, 1.0]])])
+    _, cut, _, _ = cut_floor(tmp_path, floor=lip)
+    assert len(cut.borders.entry) == 0
+
+
 def test_a_corridor_of_two_columns_is_one_piece(tmp_path):
     """What is met beyond the next texel's point parts nothing from that."""
     _, cut, _, scene = cut_floor(tmp_path, wall(31.3 / SIDE - 0.05), wall(32.7 / SIDE + 0.05))
@@ -345,6 +377,18 @@ def test_light_does_not_leak_below_a_thin_wall(tmp_path, x_m, most):
     right = np.einsum("nk,nkj->nj", whole.texel_bary, scene.tri_position[whole.texel_tri])[:, 0] > x_m
     assert leaking[right].sum() > 0.005 * leaking.sum()  # or the test could not fail
     assert light_of(tmp_path, settings, cut, cut_atlas)[dark].sum() <= most * leaking[right].sum()
+
+
+def test_a_texel_that_a_rug_ends_in_is_as_bright_as_the_floor_beside_it(tmp_path):
+    """The rug covers 0.2 of the texels of its edge, which lay in a dark rim: photons fall on what is left of them."""
+    settings = replace(SETTINGS, max_photons=400_000)
+    above = replace(SUN, rotation=((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+    _, cut, cut_atlas, scene = cut_floor(tmp_path, rug(32.8 / SIDE, 0.02 / SIDE), light=above)
+    position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
+    column = (position[:, 0] * SIDE).astype(int)
+    light = light_of(tmp_path, settings, cut, cut_atlas)
+    assert light[column == 32].mean() == pytest.approx(light[column < 32].mean(), rel=0.04)
+    assert light[column > 32].max() < 0.001 * light[column < 32].mean()  # its edge is known to a thirtieth of a texel
 
 
 def light_of(folder, settings, texels, atlas):
