@@ -7,6 +7,7 @@ The error of a bake is relative to local brightness, so that dark corners count 
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from .neighbours import Neighbours
 from .quadtree import Quadtree, node_of_texel
 from .reconstruct import Blend
 from .scene import IntArray
+from .squares import SquareLight, ToldBySquares
 from .tally import Solution, Totals
 from .texel_map import TexelMap
 
@@ -102,12 +104,14 @@ def state_error(
     smooth_grain: bool = True,
     gathered: ShownGathered | None = None,
     risk: NDArray[np.float64] | None = None,
+    squares: SquareLight | None = None,
 ) -> StatedError:
     """Error of the light on the `nodes`, which tile the charts, as it is shown, and of direct light by rays, 0 without.
 
     smooth_grain   whether it is shown with its grain smoothed
     gathered       light that is shown in place of the nodes'
     risk           (m,) float64 of each of `nodes`, of shrinkage.shrink_leaves; None where they are not shrunk
+    squares        that the nodes' light is shown mixed with; None for none
     """
     correction = noise_correction(tree, solution, nodes)
     area = np.maximum(tree.area, _TINY)
@@ -146,6 +150,10 @@ def state_error(
     if smooth_grain:
         left = np.where(tree.side[asked.leaf] <= SMALL_LEAF, GRAIN_LEFT, 1.0)
         photons2, shrunk2 = photons2 * left, shrunk2 * left
+    if squares and squares.tell_much():
+        mixed, kept2, added = _mix_squares(blend, squares, texels, sample)
+        photons2[mixed] = kept2 * photons2[mixed] + (weight[mixed].T * added).mean(0)
+        shrunk2[mixed] *= kept2
     bias = missing_light.find_bias(tree, solution, comparison, nodes, sample, asked, correction)
     blur2 = (weight * shown_direct.blur2_at(sample)).mean(1)
     gathered2, gathered_blur2 = np.zeros((2, len(sample)))
@@ -186,6 +194,20 @@ def state_error(
         indirect=float((np.maximum(node_light[leaf[sample]], 0.0) * np.sqrt(weight)).mean(dtype=np.float64)),
         neighbours=blend.neighbours,
     )
+
+
+def _mix_squares(
+    blend: Blend, squares: SquareLight, texels: TexelMap, sample: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Which of the texels `sample` are shown mixed with squares, (k,); the share of their squared noise that is left, (k,), and what is
+    added, (3, k), (W/m^2)^2.
+    """
+    shown = dataclasses.replace(blend, halves=False).at(squares.entry).irradiance
+    told = ToldBySquares.of(np.maximum(shown, 0.0), squares, texels)
+    row = np.minimum(np.searchsorted(squares.entry, sample), len(squares.entry) - 1)
+    mixed = np.flatnonzero((squares.entry[row] == sample) & (told.share[row] > 0.0))
+    row = row[mixed]
+    return mixed, (1.0 - told.share[row]) ** 2, told.find_error(row)
 
 
 def _leave_noise(

@@ -17,6 +17,7 @@ from . import refine
 from .quadtree import Quadtree
 from .reconstruct import PointLight, evaluate_leaf
 from .scene import IntArray
+from .shrinkage import beyond_noise
 from .tally import Solution
 
 # Squared light that a node cannot hold, over what its parent could not: 1/2 along edges, 1/16 where light is smooth.
@@ -82,7 +83,7 @@ class Bias:
         if not likely[foretold].sum() > 0.0:
             foretold[:] = False
         told, seen2, doubt2 = self._tell(best[~foretold])
-        value, square = _beyond_noise(told, seen2), doubt2
+        value, square = beyond_noise(told, seen2), doubt2
         if foretold.any():
             told, _, doubt2 = self._tell(best[foretold])
             found, found2 = _weigh(float(likely[foretold].sum()), told, doubt2)
@@ -105,14 +106,6 @@ class Bias:
         fall = below / above if above > 0.0 and below > 0.0 else math.nan
         likely: NDArray[np.float64] = FALL_GOES_ON * fall * parent
         return likely
-
-
-def _beyond_noise(value: float, variance: float) -> float:
-    """What is sure of a number that cannot be negative: below zero it is noise, which must not hide other noise, and the more so above.
-
-    Source: James & Stein 1961, the positive part
-    """
-    return max(value - variance / value, 0.0) if value > 0.0 else 0.0
 
 
 def _weigh(likely: float, told: float, doubt2: float) -> tuple[float, float]:

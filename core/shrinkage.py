@@ -56,6 +56,14 @@ def shrink_leaves(tree: Quadtree, totals: Totals, leaves: NDArray[np.int64]) -> 
     return replace(tree, project=project), np.divide(risk, beyond, out=np.ones(len(leaves)), where=beyond > 0.0)
 
 
+def beyond_noise(value: float, variance: float) -> float:
+    """What is sure of a number that cannot be negative: below zero it is noise, which must not hide other noise, and the more so above.
+
+    Source: James & Stein 1961, the positive part
+    """
+    return max(value - variance / value, 0.0) if value > 0.0 else 0.0
+
+
 def find_shrunk_noise(
     solution: Solution, leaf: NDArray[np.int32], leaf_variance: NDArray[np.float64], noise2: NDArray[np.float64]
 ) -> NDArray[np.float64]:

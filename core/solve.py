@@ -33,7 +33,7 @@ from .other_light import OtherLight
 from .photon_rounds import PhotonRounds, save_view
 from .settings import Settings
 from .splitting import SplitGuide, Splitting, weigh_deposits
-from .squares import Squares
+from .squares import SquareLight, Squares
 from .stop_rules import StopRules
 from .tally import Solution, Tally, Totals
 
@@ -54,6 +54,7 @@ class _State:
     comparison: refine.Comparison
     leaves: NDArray[np.int64]
     risk: NDArray[np.float64] | None
+    squares: SquareLight
 
 
 @dataclass
@@ -161,9 +162,8 @@ class Solver:
 
     def _gather(self, state: _State, error: float, texels: NDArray[np.int64], tell: Tell, should_stop: Stop) -> None:
         into = self.gathered = self.gathered or GatheredField.none(len(self.tracing.texels), error)
-        direct = self.direct.irradiance
-        light, doubt = know_light(self.tree, state.solution, state.leaves, self.tracing.texels, direct)
-        known = KnownLight(light, direct, doubt, self.lit_elsewhere)
+        light, doubt = know_light(self.tree, state.solution, state.leaves, self.tracing.texels, self.direct.irradiance)
+        known = KnownLight(light, self.direct.irradiance, doubt, self.lit_elsewhere)
         before = into.counters.get("rays", 0)
         into.gather(self.folder, self.settings, self.executor, texels, known, tell, should_stop)
         self.ledger.gathered += into.counters.get("rays", 0) - before
@@ -180,7 +180,7 @@ class Solver:
         told = np.concatenate([compared, estimate.list_told(tree, leaves, self.tracing.texels)])
         shown, risk = shrinkage.shrink_leaves(tree, totals, leaves) if self.settings.hierarchical else (tree, None)
         solution = tally.solve_tallies(shown, totals, told)
-        return _State(totals, solution, comparison, leaves, risk)
+        return _State(totals, solution, comparison, leaves, risk, self.squares.light(self.square_tally))
 
     def _trace_round(self, stated: estimate.StatedError | None) -> None:
         if self.gathered:
@@ -269,7 +269,7 @@ class Solver:
         shown = texels, self.settings.denoise, partial(spread, self.executor)
         direct, gathered = self.direct.show(*shown), self.gathered.show_gathered(*shown) if self.gathered else None
         told = self.tree, state.totals, state.solution, state.comparison, state.leaves
-        stated = estimate.state_error(*told, direct, texels, self.settings.denoise, gathered, state.risk)
+        stated = estimate.state_error(*told, direct, texels, self.settings.denoise, gathered, state.risk, state.squares)
         return self._make_light(state, stated), stated
 
     def _make_light(self, state: _State, stated: estimate.StatedError | None = None) -> LightField:
@@ -285,7 +285,7 @@ class Solver:
             rounds=self.round,
             stopped_by="",
             ledger=self.ledger,
-            squares=self.squares.light(self.square_tally),
+            squares=state.squares,
             gathered=self.gathered,
             neighbours=stated.neighbours if stated else None,
         )

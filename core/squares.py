@@ -11,12 +11,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .coverage import Float64, clip_to_texels
 from .scene import FloatArray, IntArray
+from .shrinkage import beyond_noise
 from .tally import ShardTally, Tally, deposit, with_direct
 from .texel_map import LOOK, TexelMap
 
@@ -24,6 +26,8 @@ _LEAST_SHARE = 0.02  # of a square: less than that on the centre's triangle is m
 _RADIUS = 4  # texels, of the neighbours that tell how far leaves and squares differ
 _DARK_FLOOR = 0.1  # light below this share of the mean is judged against that share
 _LEAST_LIGHT = 1e-30  # W/m^2
+_TINY = float(np.finfo(float).tiny)
+_MUCH = 8.0  # photons a square; of fewer hardly one says more than the leaves around it
 _DOUBT = 1.0  # standard errors of how far leaves and squares differ that are held against it: else chance moves every third of good leaves
 
 
@@ -41,6 +45,11 @@ class SquareLight:
     irradiance: Float64
     variance: Float64
     grain: Float64
+
+    def tell_much(self) -> bool:
+        """Whether so many photons fell on them that they make a difference to the light that is shown."""
+        light, grain = self.irradiance.sum(axis=0), self.grain
+        return bool(len(self.entry)) and float(light.sum()) > _MUCH * float(grain.sum())
 
 
 @dataclass(frozen=True)
@@ -107,12 +116,50 @@ def deposit_on_squares(
     return deposit(slot, nowhere, nowhere, flux.take(rows, axis=1), first, len(square_entry), degree=0)
 
 
-def mix(
-    light: NDArray[np.float32],
-    variance: NDArray[np.float32],
-    squares: SquareLight,
-    texels: TexelMap,
-) -> NDArray[np.bool_]:
+@dataclass(frozen=True)
+class ToldBySquares:
+    """What squares (m,) say of other light on them.
+
+    gap       (c, 3, m) float64, W/m^2: what they have more, in as many components as it
+    noise     (3, m) float64, (W/m^2)^2: of their own
+    share     (m,): of the gap, by which that light errs least
+    missing   (m,), (W/m^2)^2: how far that light is from the truth, likely, square mean over channels; nothing where no more than chance
+              makes it differ from all squares
+    """
+
+    gap: Float64
+    noise: Float64
+    share: Float64
+    missing: Float64
+
+    @classmethod
+    def of(cls, light: NDArray[Any], squares: SquareLight, texels: TexelMap) -> ToldBySquares:
+        """Of the leaves' light on all of the squares, (c, 3, m) float, W/m^2; without its first component where that is none."""
+        traced = light.astype(np.float64)
+        gap = squares.irradiance[-len(light) :] - traced
+        # Where no photon fell by chance there is no variance to be seen: the leaves' light tells how many could have been expected.
+        noise = np.maximum(squares.variance, squares.grain * traced.sum(axis=0))
+        noise2, seen2 = noise.sum(axis=0), (gap.sum(axis=0) ** 2).sum(axis=0)
+        level = traced.sum(axis=(0, 1))
+        # Of neighbours the bright one must not outvote all others.
+        scale = 1.0 / (level**2 + (_DARK_FLOOR * level.mean() + _LEAST_LIGHT) ** 2)
+        told2 = (seen2 - noise2) * scale
+        total = float(told2.sum())
+        sure = beyond_noise(total, float((told2**2).sum())) / max(total, _TINY)
+        (noise2, signal2, signal4), count = _average_around(np.stack([noise2 * scale, told2, told2**2]), squares.entry, texels)
+        signal2 -= _DOUBT * np.sqrt(np.maximum(signal4 - signal2**2, 0.0) / np.maximum(count - 1.0, 1.0))
+        signal2 = np.maximum(signal2, 0.0)
+        share: Float64 = np.divide(signal2, signal2 + noise2, out=np.zeros_like(signal2), where=signal2 > 0.0)
+        return cls(gap, noise, share, sure * signal2 / scale / 3.0)
+
+    def find_error(self, rows: IntArray) -> Float64:
+        """(3, k) float64, (W/m^2)^2: what light that is mixed with squares `rows` (k,) errs by beyond its own noise."""
+        share = self.share[rows]
+        error: Float64 = np.square(share) * self.noise[:, rows] + np.square(1.0 - share) * self.missing[rows]
+        return error
+
+
+def mix(light: NDArray[np.float32], variance: NDArray[np.float32], squares: SquareLight, texels: TexelMap) -> NDArray[np.bool_]:
     """Bring the leaves' light to that of the squares, in place; which texels changed, (n,) bool.
 
     light      (2, 3, n) float32, W/m^2: components at the texel entries; (1, 3, n) without the first, where it is none
@@ -122,22 +169,10 @@ def mix(
     changed = np.zeros(light.shape[-1], bool)
     if not len(entry):
         return changed
-    traced = light[..., entry].astype(np.float64)
-    gap = squares.irradiance[-len(light) :] - traced
-    # Where no photon fell by chance there is no variance to be seen: the leaves' light tells how many could have been expected.
-    noise = np.maximum(squares.variance, squares.grain * traced.sum(axis=0))
-    noise2, seen2 = noise.sum(axis=0), (gap.sum(axis=0) ** 2).sum(axis=0)
-    level = traced.sum(axis=(0, 1))
-    # Of neighbours the bright one must not outvote all others.
-    scale = 1.0 / (level**2 + (_DARK_FLOOR * level.mean() + _LEAST_LIGHT) ** 2)
-    told2 = (seen2 - noise2) * scale
-    (noise2, signal2, signal4), count = _average_around(np.stack([noise2 * scale, told2, told2**2]), entry, texels)
-    signal2 -= _DOUBT * np.sqrt(np.maximum(signal4 - signal2**2, 0.0) / np.maximum(count - 1.0, 1.0))
-    signal2 = np.maximum(signal2, 0.0)
-    share = np.divide(signal2, signal2 + noise2, out=np.zeros_like(signal2), where=signal2 > 0.0)
-    light[..., entry] += (share * gap).astype(np.float32)
-    variance[:, entry] = (1.0 - share) ** 2 * variance[:, entry] + share**2 * noise
-    changed[entry] = share > 0.0
+    told = ToldBySquares.of(light[..., entry], squares, texels)
+    light[..., entry] += (told.share * told.gap).astype(np.float32)
+    variance[:, entry] = (1.0 - told.share) ** 2 * variance[:, entry] + told.share**2 * told.noise
+    changed[entry] = told.share > 0.0
     return changed
 
 

@@ -5,16 +5,26 @@ import pytest
 from leaflight.core import denoise, estimate, missing_light, quadtree, refine, shrinkage, tally
 from leaflight.core.direct_shown import ShownDirect, ShownGathered
 from leaflight.core.reconstruct import Blend
+from leaflight.core.squares import SquareLight, mix
 from trees import SIDE, SquareBake, current, even, even_truth, glow, glow_truth, hill, hill_truth, throw
 
 
-def state(bake, nodes, direct_variance=0.0, smooth_grain=False, risk=None):
+def state(bake, nodes, direct_variance=0.0, smooth_grain=False, risk=None, squares=None):
     totals, solution = bake.totals(), bake.solution()
     comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.0, 16, 2))
     zero = np.zeros((bake.n_texel, 3), np.float32)
     variance = zero + np.float32(direct_variance)
     return estimate.state_error(
-        bake.tree, totals, solution, comparison, nodes, ShownDirect.plain(zero, variance), bake.texels, smooth_grain, risk=risk
+        bake.tree,
+        totals,
+        solution,
+        comparison,
+        nodes,
+        ShownDirect.plain(zero, variance),
+        bake.texels,
+        smooth_grain,
+        risk=risk,
+        squares=squares,
     )
 
 
@@ -283,6 +293,40 @@ def test_noise_counts_as_it_is_smoothed(level, left):
     bake = throw(even, 50_000, 1, degree=0, level=level, preview_depth=0)  # nobody judges: all that is stated is noise
     plain, smoothed = (state(bake, current(bake), smooth_grain=smooth).relative for smooth in (False, True))
     assert smoothed**2 == pytest.approx(left * plain**2, rel=1e-6)
+
+
+def ripple_squares(bake, rows, height, photons, seed):
+    """Squares of the texels `rows`, on which photons tell of ripples that leaves do not hold; and that light, (n,)."""
+    truth = np.ones(bake.n_texel)
+    truth[rows] += height * np.where(bake.texels.texel_xy[rows, 0] % 2, 1, -1)
+    irradiance = np.zeros((2, 3, len(rows)))
+    irradiance[1] = np.random.default_rng(seed).poisson(photons * truth[rows]) / photons
+    return SquareLight(rows.astype(np.int32), irradiance, irradiance[1] / photons, np.full((3, len(rows)), 1 / photons)), truth
+
+
+@pytest.mark.parametrize(("height", "photons"), [(0.3, 40.0), (0.3, 400.0), (0.1, 1000.0)])
+def test_what_squares_add_and_leave_is_stated(height, photons):
+    real2, stated2, unaware2 = [], [], []
+    for seed in range(4):
+        bake = throw(even, 100_000, seed, degree=0, level=3)
+        rows = np.arange(0, bake.n_texel, 2)
+        squares, truth = ripple_squares(bake, rows, height, photons, seed)
+        leaf = quadtree.node_of_texel(bake.tree, current(bake), bake.n_texel)
+        light = Blend.of(bake.texels, bake.tree, bake.solution(), leaf).at(np.arange(bake.n_texel)).irradiance.astype(np.float32)
+        mix(light, np.zeros(light.shape[1:], np.float32), squares, bake.texels)
+        errors2 = (((light.sum(0) - truth) / np.hypot(truth, estimate.DARK_FLOOR)) ** 2).mean(0)
+        real2.append(np.sort(errors2)[: int(estimate.BEST_TEXELS * len(errors2))].mean())
+        stated2.append(state(bake, current(bake), squares=squares).relative ** 2)
+        unaware2.append(state(bake, current(bake)).relative ** 2)
+    assert np.sqrt(np.mean(stated2) / np.mean(real2)) == pytest.approx(1, abs=0.25)
+    assert np.mean(unaware2) < 0.5 * np.mean(real2)  # or the test could not fail
+
+
+def test_squares_that_few_photons_met_are_not_asked():
+    bake = throw(even, 100_000, 1, degree=0, level=3)
+    few, _ = ripple_squares(bake, np.arange(bake.n_texel), 0.9, 5.0, 1)
+    assert not few.tell_much()
+    assert state(bake, current(bake), squares=few).relative == state(bake, current(bake)).relative
 
 
 def test_where_gathered_light_is_shown_nothing_is_missing():

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from leaflight.core import estimate, missing_light, quadtree, reconstruct, refine
+from leaflight.core import estimate, missing_light, quadtree, reconstruct, refine, shrinkage
 from trees import SIDE, SquareBake, current, even, glow, throw
 
 NONE = np.nan  # no such node above
@@ -86,7 +86,7 @@ def test_texels_of_one_judge_err_together():
 def test_leaves_that_are_not_deep_are_foretold_by_how_it_falls_elsewhere():
     """A tenth is left, of what the shallow one's parent lacks too; what has no parent has only its children's word."""
     value, doubt = sum_up(bias_of([0.0, 0.0, 0.5, 0.5], [1e3, 1e3, 0.0, 0.0], [0.4, 0.8, NONE, NONE], [4.0, NONE, NONE, NONE]))
-    by_word = missing_light._beyond_noise(1.0 / 4, 2 * (0.5 / 4) ** 2)
+    by_word = shrinkage.beyond_noise(1.0 / 4, 2 * (0.5 / 4) ** 2)
     assert value == pytest.approx(by_word + missing_light.FALL_GOES_ON * (0.4 + 0.8) * 0.1 / 4, rel=1e-3)
     assert doubt == pytest.approx(missing_light.FALL_DOUBT * missing_light.FALL_GOES_ON * (0.4 + 0.8) * 0.1 / 4, rel=1e-3)
 
@@ -94,7 +94,7 @@ def test_leaves_that_are_not_deep_are_foretold_by_how_it_falls_elsewhere():
 @pytest.mark.parametrize(("parent", "grandparent"), [(NONE, NONE), (0.4, NONE), (0.0, 0.0), (0.4, 0.0), (-0.1, 0.3), (0.1, -0.3)])
 def test_where_nothing_is_foretold_the_children_have_the_word(parent, grandparent):
     value, doubt = sum_up(bias_of([0.3, 0.1], 0.1, parent, grandparent))
-    assert value == pytest.approx(missing_light._beyond_noise(0.2, (0.3**2 + 0.1**2) / 4))
+    assert value == pytest.approx(shrinkage.beyond_noise(0.2, (0.3**2 + 0.1**2) / 4))
     assert doubt == pytest.approx(np.sqrt(2) * 0.1 / 2)
 
 
@@ -321,10 +321,3 @@ def test_noise_of_what_judges_say_is_known_beforehand():
         for values, out in ((parts[0], told), (parts[2], expected)):
             out.append((np.bincount(judge, values) ** 2).sum())
     assert np.sum(told) == pytest.approx(np.sum(expected), rel=0.25)
-
-
-@pytest.mark.parametrize(
-    ("value", "variance", "sure"), [(2.0, 0.0, 2.0), (2.0, 1.0, 1.5), (1.0, 1.0, 0.0), (0.5, 1.0, 0.0), (-1.0, 1.0, 0.0), (0.0, 0.0, 0.0)]
-)
-def test_of_a_noisy_bias_what_is_beyond_noise_counts(value, variance, sure):
-    assert missing_light._beyond_noise(value, variance) == sure

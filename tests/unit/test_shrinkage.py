@@ -113,3 +113,10 @@ def test_the_risk_is_what_shrinking_leaves_of_noise_beyond_the_mean(degree, tilt
 def test_leaves_without_functions_beyond_the_mean_have_no_risk_to_tell():
     bake = shrunk_bake(even, 300, 0)[0]
     assert shrinkage.shrink_leaves(bake.tree, bake.totals(), ROOT)[1].tolist() == [1.0]
+
+
+@pytest.mark.parametrize(
+    ("value", "variance", "sure"), [(2.0, 0.0, 2.0), (2.0, 1.0, 1.5), (1.0, 1.0, 0.0), (0.5, 1.0, 0.0), (-1.0, 1.0, 0.0), (0.0, 0.0, 0.0)]
+)
+def test_of_a_noisy_number_what_is_beyond_noise_counts(value, variance, sure):
+    assert shrinkage.beyond_noise(value, variance) == sure

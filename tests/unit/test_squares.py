@@ -9,7 +9,7 @@ from leaflight.core import squares
 from leaflight.core.quadtree import node_of_texel
 from leaflight.core.reconstruct import Blend
 from leaflight.core.settings import Settings
-from leaflight.core.squares import SquareLight, Squares, deposit_on_squares
+from leaflight.core.squares import SquareLight, Squares, ToldBySquares, deposit_on_squares
 from leaflight.core.texel_map import LOOK
 from stats import sigma_limit
 from trees import make_square_map
@@ -102,11 +102,8 @@ def test_a_bake_counts_light_on_the_squares_at_contacts(tmp_path, texels):
     assert light.squares.irradiance[1].any()
 
 
-def mix_noise(truth, leaf_value, photons=4.0, side=64, seed=1, entry=None, parts=2):
-    """What becomes of leaves' light `leaf_value` where squares tell of `truth` by a few photons each, per texel (side, side).
-
-    parts   2, or 1 without the first component, which is 0
-    """
+def make_told(truth, photons, side, seed, entry=None):
+    """The map of a square, and squares on which a few photons each tell of `truth`, per texel (side, side)."""
     texels = make_square_map(side, 0)
     entry = np.arange(side * side) if entry is None else entry
     x, y = texels.texel_xy[entry].T
@@ -114,7 +111,16 @@ def mix_noise(truth, leaf_value, photons=4.0, side=64, seed=1, entry=None, parts
     counted = np.random.default_rng(seed).poisson(photons * truth[y, x])
     irradiance = np.zeros((2, 3, len(entry)))
     irradiance[1] = counted / photons
-    told = SquareLight(entry.astype(np.int32), irradiance, np.tile(counted / photons**2, (3, 1)), np.full((3, len(entry)), 1 / photons))
+    grain = np.full((3, len(entry)), 1 / photons)
+    return texels, SquareLight(entry.astype(np.int32), irradiance, np.tile(counted / photons**2, (3, 1)), grain)
+
+
+def mix_noise(truth, leaf_value, photons=4.0, side=64, seed=1, entry=None, parts=2):
+    """What becomes of leaves' light `leaf_value` where squares tell of `truth` by a few photons each, per texel (side, side).
+
+    parts   2, or 1 without the first component, which is 0
+    """
+    texels, told = make_told(truth, photons, side, seed, entry)
     light = np.zeros((parts, 3, side * side), np.float32)
     light[-1] = leaf_value
     variance = np.full((3, side * side), 1e-6, np.float32)
@@ -122,6 +128,32 @@ def mix_noise(truth, leaf_value, photons=4.0, side=64, seed=1, entry=None, parts
     image = np.zeros((side, side))
     image[texels.texel_xy[:, 1], texels.texel_xy[:, 0]] = light[-1, 0]
     return image, changed, variance
+
+
+@pytest.mark.parametrize("photons", [30.0, 100.0, 1000.0])
+@pytest.mark.parametrize("contrast", [0.0, 0.2, 0.4, 0.8])
+def test_what_mixed_light_errs_by_is_told(photons, contrast):
+    """Leaves that hold no ripples: what squares leave of these, and what their own noise adds."""
+    truth = 1.0 + contrast * np.cos(np.arange(64) * 2.0)[:, None] * np.ones(64)
+    real2, told2 = [], []
+    for seed in range(4):
+        image, changed, _ = mix_noise(truth, 1.0, photons, seed=seed)
+        told = told_by_noise(truth, 1.0, photons, seed=seed)
+        rows = np.arange(len(told.share))
+        assert np.array_equal(changed, told.share > 0)
+        assert (told.find_error(rows)[:, told.share == 0] == 0).all() or contrast
+        real2.append(((image - truth) ** 2).mean())
+        told2.append(told.find_error(rows)[0].mean())
+    ripples = contrast**2 / 2
+    if ripples > 3.0 / photons:  # they stand out of noise
+        assert np.mean(told2) == pytest.approx(np.mean(real2), rel=0.25)
+    assert np.mean(told2) < 1.25 * np.mean(real2) + 1e-5
+
+
+def told_by_noise(truth, leaf_value, photons, side=64, seed=1):
+    """ToldBySquares of the same squares as in mix_noise."""
+    texels, told = make_told(truth, photons, side, seed)
+    return ToldBySquares.of(np.full((1, 3, side * side), leaf_value, np.float32), told, texels)
 
 
 def test_a_component_that_is_0_may_be_left_out():
