@@ -150,6 +150,8 @@ def state_error(
     if smooth_grain:
         left = np.where(tree.side[asked.leaf] <= SMALL_LEAF, GRAIN_LEFT, 1.0)
         photons2, shrunk2 = photons2 * left, shrunk2 * left
+    if squares and len(texels.borders.entry):  # over which light is brought before it is mixed: here it is not, and would seem to be wrong
+        squares = squares.only(np.flatnonzero(~texels.borders.crossed[squares.entry]))
     if squares and squares.tell_much():
         mixed, kept2, added = _mix_squares(blend, squares, texels, sample)
         photons2[mixed] = kept2 * photons2[mixed] + (weight[mixed].T * added).mean(0)

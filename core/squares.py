@@ -46,6 +46,10 @@ class SquareLight:
     variance: Float64
     grain: Float64
 
+    def only(self, rows: IntArray) -> SquareLight:
+        """Some of the squares (k,), ascending."""
+        return SquareLight(self.entry[rows], self.irradiance[..., rows], self.variance[:, rows], self.grain[:, rows])
+
     def tell_much(self) -> bool:
         """Whether so many photons fell on them that they make a difference to the light that is shown."""
         light, grain = self.irradiance.sum(axis=0), self.grain

@@ -1,11 +1,14 @@
 """The stated error against the real one, on a square whose light is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from leaflight.core import denoise, estimate, missing_light, quadtree, refine, shrinkage, tally
 from leaflight.core.direct_shown import ShownDirect, ShownGathered
 from leaflight.core.reconstruct import Blend
 from leaflight.core.squares import SquareLight, mix
+from leaflight.core.texel_borders import TexelBorders
 from trees import SIDE, SquareBake, current, even, even_truth, glow, glow_truth, hill, hill_truth, throw
 
 
@@ -320,6 +323,22 @@ def test_what_squares_add_and_leave_is_stated(height, photons):
         unaware2.append(state(bake, current(bake)).relative ** 2)
     assert np.sqrt(np.mean(stated2) / np.mean(real2)) == pytest.approx(1, abs=0.25)
     assert np.mean(unaware2) < 0.5 * np.mean(real2)  # or the test could not fail
+
+
+def test_squares_of_texels_that_something_crosses_are_not_asked():
+    """What is shown there is in part the light beyond, before it is mixed."""
+    bake = throw(even, 100_000, 1, degree=0, level=3)
+    rows = np.arange(0, bake.n_texel, 2)
+    squares, _ = ripple_squares(bake, rows, 0.3, 400.0, 1)
+    plain = state(bake, current(bake)).relative
+    stated = []
+    for crossed in (rows, rows[::8]):
+        pair = np.append(crossed, crossed ^ 1), np.append(crossed ^ 1, crossed)  # beside it in Morton order
+        way = np.repeat([0, 2], len(crossed))
+        bake.texels = replace(bake.texels, borders=TexelBorders.of(bake.n_texel, way, *pair, np.full(len(way), 0.4)))
+        stated.append(state(bake, current(bake), squares=squares).relative)
+    assert stated[0] == plain
+    assert stated[1] > 1.5 * plain
 
 
 def test_squares_that_few_photons_met_are_not_asked():
