@@ -18,7 +18,11 @@ _SIDE = 4  # texels, of the largest leaf that may be a fleck, and how far is loo
 # that are darker than all around lifted too, bent_quads' error grew by a tenth.
 _BRIGHTER = 1.5
 _NOISY = 0.15  # standard error over light: of some 40 photons
+# Of more photons, down to that, a leaf must be brighter yet, as the root of how much surer it is: of those that part together, hundreds may
+# be few. What is surer still is believed.
+_SURE = 0.03
 _ENOUGH = 16  # texels around
+_AROUND = ((_SIDE, 0), (-_SIDE, 0), (0, _SIDE), (0, -_SIDE))  # where it is looked first
 
 
 def clip_flecks(
@@ -37,25 +41,40 @@ def clip_flecks(
     """
     small = np.flatnonzero(side <= _SIDE)
     own = light[small].sum(axis=1)
-    noisy = (variance[small].sum(axis=1) > (_NOISY * own) ** 2 / 3) & (own > 0.0)
-    small, own = small[noisy], own[noisy]
+    doubt = np.sqrt(3.0 * variance[small].sum(axis=1))
     is_noisy = np.zeros(len(side), bool)
-    is_noisy[small] = True
+    is_noisy[small[(doubt > _NOISY * own) & (own > 0.0)]] = True
+    unsure = np.flatnonzero((doubt > _SURE * own) & (own > 0.0))
+    brighter = _BRIGHTER * np.sqrt(np.maximum(_NOISY * own[unsure] / doubt[unsure], 1.0))
+    small, own = small[unsure], own[unsure]
+    seen = np.zeros(len(small), np.float32)
+    for step in _AROUND:
+        near, other = _find_beside(small, step, leaf, texels)
+        seen[near] = np.maximum(seen[near], light[other].sum(axis=1) * ~is_noisy[other])
+    likely = np.flatnonzero(own > brighter * seen)  # few are: all others are left before they are looked at closely
+    small, own, brighter = small[likely], own[likely], brighter[likely]
     brightest, count = np.zeros((2, len(small)), np.float32), np.zeros((2, len(small)), np.int64)  # of all, and of what is not noisy
-    chart, (x, y) = texels.texel_chart[small], texels.texel_xy[small].T
-    page, steps = texels.chart_page[chart], range(-_SIDE, _SIDE + 1)
+    steps = range(-_SIDE, _SIDE + 1)
     for dy, dx in product(steps, steps):
-        row, column = y + dy, x + dx
-        near = np.flatnonzero((np.minimum(row, column) >= 0) & (np.maximum(row, column) < texels.page_size))
-        other = texels.entry_at[page[near], row[near], column[near]]
-        found = (other >= 0) & (texels.texel_chart.take(other, mode="wrap") == chart[near])
-        found &= leaf.take(other, mode="wrap") != leaf[small[near]]
-        near, other = near[found], other[found]
+        near, other = _find_beside(small, (dy, dx), leaf, texels)
         value, known = light[other].sum(axis=1), ~is_noisy[other]
         for kind, (some, seen) in enumerate(((near, value), (near[known], value[known]))):
             brightest[kind, some] = np.maximum(brightest[kind, some], seen)
             count[kind, some] += 1
     is_known = count[1] >= _ENOUGH
     most = np.where(is_known, brightest[1], brightest[0])
-    fleck = np.flatnonzero((own > _BRIGHTER * most) & (most > 0.0) & (count[0] >= _ENOUGH))  # in the dark, light is light
+    fleck = np.flatnonzero((own > brighter * most) & (most > 0.0) & (count[0] >= _ENOUGH))  # in the dark, light is light
     light[small[fleck]] *= (most[fleck] / own[fleck])[:, None]
+
+
+def _find_beside(
+    entry: NDArray[np.intp], step: tuple[int, int], leaf: IntArray, texels: TexelMap
+) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
+    """Which of the entries (m,) have another leaf of their chart so many rows and columns away, (k,), and the entry there (k,)."""
+    chart = texels.texel_chart[entry]
+    column, row = (texels.texel_xy[entry] + np.array(step[::-1], np.int32)).T
+    near = np.flatnonzero((np.minimum(row, column) >= 0) & (np.maximum(row, column) < texels.page_size))
+    other = texels.entry_at[texels.chart_page[chart[near]], row[near], column[near]]
+    found = (other >= 0) & (texels.texel_chart.take(other, mode="wrap") == chart[near])
+    found &= leaf.take(other, mode="wrap") != leaf[entry[near]]
+    return near[found], other[found]

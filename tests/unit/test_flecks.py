@@ -41,7 +41,8 @@ def test_a_leaf_of_few_photons_is_no_brighter_than_all_around(side):
 @pytest.mark.parametrize(
     "case",
     [
-        {"value": 4.0, "noise": 0.1},  # many photons
+        {"value": 2.0, "noise": 0.06},  # many photons
+        {"value": 4.0, "noise": 0.015},  # very many
         {"value": 1.4},  # little brighter
         {"value": 0.1},  # a dark one
         {"value": 4.0, "side": 8, "width": 24},  # a large leaf
@@ -52,6 +53,12 @@ def test_a_leaf_of_few_photons_is_no_brighter_than_all_around(side):
 def test_other_leaves_are_left(case):
     clipped, before, _ = clip(**case)
     np.testing.assert_array_equal(clipped, before)
+
+
+@pytest.mark.parametrize("noise", [0.06, 0.1])
+def test_many_photons_that_may_have_parted_together_are_believed_less_the_brighter_they_are(noise):
+    clipped, _, colour = clip(4.0, noise=noise)
+    np.testing.assert_allclose(clipped, np.tile(colour, (4, 1)), rtol=1e-6)
 
 
 def test_what_is_better_known_counts_around():
