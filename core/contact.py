@@ -77,9 +77,9 @@ def find_covers(rays: RayScene, position: NDArray[np.float32], normal: NDArray[n
     Arguments as there. A rug is often much thinner than a texel is wide, and as dark below as a cupboard is.
     """
     found = np.full(len(position), -1, np.int32)
-    origin, reach = offset_origin(position, normal), (_LIFT_TEXELS * texel_size).astype(np.float32)
-    covered = np.flatnonzero(rays.occluded(origin, normal, reach))
-    found[covered] = rays.closest(take_rows(origin, covered), take_rows(normal, covered)).tri
+    covered = np.flatnonzero(_are_covered(rays, position, normal, texel_size))
+    normal = take_rows(normal, covered)
+    found[covered] = rays.closest(offset_origin(take_rows(position, covered), normal), normal).tri
     return found
 
 
@@ -88,12 +88,16 @@ def find_cover_edges(
 ) -> NDArray[np.float32]:
     """(m,) float32, 0 to 1: how far on the way from points (m, 3) below a cover to bare ones that ends. Other arguments as find_covers."""
     low, step = np.zeros((len(covered), 1), np.float32), np.float32(0.5)
-    reach = (_LIFT_TEXELS * texel_size).astype(np.float32)
     for _ in range(_COVER_STEPS):
         place = covered + (low + step) * (bare - covered)
-        low += step * rays.occluded(offset_origin(place, normal), normal, reach)[:, None]
+        low += step * _are_covered(rays, place, normal, texel_size)[:, None]
         step *= np.float32(0.5)
     return low[:, 0] + step
+
+
+def _are_covered(rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray) -> NDArray[np.bool_]:
+    """(n,) bool: whether anything is met that near above; arguments as find_covers."""
+    return rays.occluded(offset_origin(position, normal), normal, (_LIFT_TEXELS * texel_size).astype(np.float32))
 
 
 def find_clear_tiles(rays: RayScene, corner: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray) -> NDArray[np.bool_]:
@@ -131,7 +135,7 @@ def _are_covered_alike(
     across = [end - first for end in ends]
     margin = _REACH_TEXELS / (TILE_SIDE - 1)
     looks = [
-        find_covers(rays, first + x * across[0] + y * across[1], normal, texel_size) >= 0
+        _are_covered(rays, first + x * across[0] + y * across[1], normal, texel_size)
         for x in np.linspace(-margin, 1 + margin, _TILE_LOOKS, dtype=np.float32)
         for y in np.linspace(-margin, 1 + margin, _TILE_LOOKS, dtype=np.float32)
     ]

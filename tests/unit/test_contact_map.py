@@ -114,6 +114,16 @@ def test_a_rug_much_thinner_than_a_texel_parts_the_floor(tmp_path, layer, low, h
     np.testing.assert_allclose(reach[is_known], expected[is_known], atol=1 / 16)
 
 
+def test_texels_on_both_sides_of_a_rugs_edge_are_touched(tmp_path):
+    """They are refined, and have squares, as those at a wall's foot."""
+    scene = make_scene([quad_mesh("Floor", uv=SQUARE), replace(rug(32.3 / SIDE, 0.02 / SIDE), receives=False)], [LAMP])
+    texels = prepare_folder(tmp_path, scene, SETTINGS)[1]
+    found = find_contacts(workers.open_scene(str(tmp_path)), texels)
+    workers.forget_folders()
+    assert np.unique(texels.texel_xy[found.touched, 0]).tolist() == [31, 32]
+    assert found.touched.sum() == 2 * SIDE
+
+
 def test_a_thing_covers_no_part_of_itself(tmp_path):
     """A floor with a lip of its own just above it."""
     vertex = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0, 0.1 / SIDE], [0.5, 1, 0.1 / SIDE]])

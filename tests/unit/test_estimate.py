@@ -13,22 +13,16 @@ from trees import SIDE, SquareBake, current, even, even_truth, glow, glow_truth,
 
 
 def state(bake, nodes, direct_variance=0.0, smooth_grain=False, risk=None, squares=None):
+    return estimate.state_error(*asked_of(bake, nodes, direct_variance), smooth_grain, risk=risk, squares=squares)
+
+
+def asked_of(bake, nodes=None, direct_variance=0.0):
+    """The first arguments of state_error: the bake's current nodes if none are named, and dark direct light."""
     totals, solution = bake.totals(), bake.solution()
     comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.0, 16, 2))
-    zero = np.zeros((bake.n_texel, 3), np.float32)
-    variance = zero + np.float32(direct_variance)
-    return estimate.state_error(
-        bake.tree,
-        totals,
-        solution,
-        comparison,
-        nodes,
-        ShownDirect.plain(zero, variance),
-        bake.texels,
-        smooth_grain,
-        risk=risk,
-        squares=squares,
-    )
+    dark = np.zeros((bake.n_texel, 3), np.float32)
+    nodes = current(bake) if nodes is None else nodes
+    return bake.tree, totals, solution, comparison, nodes, ShownDirect.plain(dark, dark + np.float32(direct_variance)), bake.texels
 
 
 def noise_of(bake, nodes):
@@ -325,6 +319,14 @@ def test_what_squares_add_and_leave_is_stated(height, photons):
     assert np.mean(unaware2) < 0.5 * np.mean(real2)  # or the test could not fail
 
 
+def test_where_squares_are_shown_little_of_what_shrinking_took_is_in_doubt():
+    bake = throw(even, 50_000, 1, degree=1, level=2, preview_depth=0)
+    squares, _ = ripple_squares(bake, np.arange(bake.n_texel), 0.3, 4000.0, 1)
+    differing = np.where(np.arange(len(current(bake))) % 2, 1.0, -1.0)
+    plain, mixed = (state(bake, current(bake), risk=differing, squares=shown) for shown in (None, squares))
+    assert 0 < mixed.chosen**2 - mixed.relative**2 < 0.1 * (plain.chosen**2 - plain.relative**2)
+
+
 def test_squares_of_texels_that_something_crosses_are_not_asked():
     """What is shown there is in part the light beyond, before it is mixed."""
     bake = throw(even, 100_000, 1, degree=0, level=3)
@@ -351,11 +353,8 @@ def test_squares_that_few_photons_met_are_not_asked():
 def test_where_gathered_light_is_shown_nothing_is_missing():
     """Nor is anything in doubt that shrinking took off."""
     bake = throw(hill, 200_000, 1, degree=1, level=2)
-    totals, solution, nodes = bake.totals(), bake.solution(), current(bake)
-    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.0, 16, 2))
-    direct, doubt2 = ShownDirect.plain(*np.zeros((2, bake.n_texel, 3), np.float32)), np.zeros(bake.n_texel, np.float32)
-    told = bake.tree, totals, solution, comparison, nodes, direct, bake.texels
-    differing = np.where(np.arange(len(nodes)) % 2, 1.0, -1.0)
+    told, doubt2 = asked_of(bake), np.zeros(bake.n_texel, np.float32)
+    differing = np.where(np.arange(len(current(bake))) % 2, 1.0, -1.0)
     assert estimate.state_error(*told).relative > 0.05
     found = []
     for blur2 in (0.0, -0.05):  # below nothing it is noise
@@ -368,10 +367,7 @@ def test_where_gathered_light_is_shown_nothing_is_missing():
 
 def test_what_goes_on_in_gathered_light_is_stated_with_the_photons_where_it_is_told():
     bake = throw(hill, 200_000, 1, degree=1, level=2)
-    totals, solution, nodes = bake.totals(), bake.solution(), current(bake)
-    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.0, 16, 2))
-    direct, doubt2 = ShownDirect.plain(*np.zeros((2, bake.n_texel, 3), np.float32)), np.zeros(bake.n_texel, np.float32)
-    told = bake.tree, totals, solution, comparison, nodes, direct, bake.texels
+    told, doubt2 = asked_of(bake), np.zeros(bake.n_texel, np.float32)
     every, carried2 = np.ones(bake.n_texel, bool), 1e-4
     plain, carried, none = (
         estimate.state_error(*told, gathered=ShownGathered(shown_of(bake, 1.0, 1e-4), doubt2, where, of))

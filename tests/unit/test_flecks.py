@@ -41,8 +41,9 @@ def test_a_leaf_of_few_photons_is_no_brighter_than_all_around(side):
 @pytest.mark.parametrize(
     "case",
     [
-        {"value": 2.0, "noise": 0.06},  # many photons
-        {"value": 4.0, "noise": 0.015},  # very many
+        {"value": 4.0, "noise": 0.1},  # many photons
+        {"value": 2.0, "noise": 0.13},  # not so many, and not so bright
+        {"value": 9.0, "noise": 0.05},  # very many
         {"value": 1.4},  # little brighter
         {"value": 0.1},  # a dark one
         {"value": 4.0, "side": 8, "width": 24},  # a large leaf
@@ -55,16 +56,17 @@ def test_other_leaves_are_left(case):
     np.testing.assert_array_equal(clipped, before)
 
 
-@pytest.mark.parametrize("noise", [0.06, 0.1])
-def test_many_photons_that_may_have_parted_together_are_believed_less_the_brighter_they_are(noise):
-    clipped, _, colour = clip(4.0, noise=noise)
+@pytest.mark.parametrize(("value", "noise"), [(3.0, 0.13), (9.0, 0.1)])
+def test_more_photons_that_may_have_parted_together_are_not_believed_where_they_are_far_brighter(value, noise):
+    clipped, _, colour = clip(value, noise=noise)
     np.testing.assert_allclose(clipped, np.tile(colour, (4, 1)), rtol=1e-6)
 
 
-def test_what_is_better_known_counts_around():
+@pytest.mark.parametrize("side", [2, 4])
+def test_what_is_better_known_counts_around(side):
     """A noisy leaf beside is no measure, unless there is nothing else."""
-    clipped, _, colour = clip(4.0, neighbour=3.9)
-    np.testing.assert_allclose(clipped, np.tile(colour, (4, 1)), rtol=1e-6)
+    clipped, _, colour = clip(4.0, side=side, neighbour=3.9)
+    np.testing.assert_allclose(clipped, np.tile(colour, (side * side, 1)), rtol=1e-6)
 
 
 def test_other_charts_do_not_count():
