@@ -17,10 +17,11 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from . import missing_light, refine, shrinkage
+from . import missing_light, photon_noise, refine
 from .denoise import GRAIN_LEFT, SMALL_LEAF
 from .direct_shown import ShownDirect, ShownGathered
 from .neighbours import Neighbours
+from .photon_noise import PhotonNoise
 from .quadtree import Quadtree, node_of_texel
 from .reconstruct import Blend
 from .scene import IntArray
@@ -36,33 +37,9 @@ BEST_TEXELS = 0.99
 _SAMPLE = 1 << 13  # texels that are asked
 _CHUNK = 1 << 16
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
-# The halves of few leaves say little about noise; the prior says "as independent photons" with this many values' weight.
-_PRIOR_VALUES = 64.0
 _TINY = float(np.finfo(float).tiny)
 # Variances (k, 3) float32, (W/m^2)^2, of some texel entries (k,).
 _VarianceAt: TypeAlias = Callable[[NDArray[np.int64]], NDArray[np.float32]]
-
-
-def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> NDArray[np.float64]:
-    """Variance seen between the halves of the bake over the variance that independent photons would have, (3,) float64: of each channel.
-
-    Light that is reflected more often comes by photons that fall on a leaf more than once.
-
-    nodes   (m,) int, nodes that tile the charts
-    """
-    area = np.maximum(tree.area[nodes], _TINY)
-    seen = ((solution.flux_half[0] - solution.flux_half[1])[:, nodes] / (2.0 * area)) ** 2
-    predicted = solution.variance[:, nodes]
-    ratio = np.divide(seen, predicted, out=np.zeros_like(seen), where=predicted > 0.0)
-    # Photons of a leaf are few and their powers differ, so single ratios have long tails: weigh leaves by their light.
-    weight = np.sqrt(np.maximum(solution.flux[:, nodes], 0.0)) * (predicted > 0.0)
-    weight /= np.maximum(weight.max(axis=1, keepdims=True, initial=0.0), _TINY)
-    total, squares = weight.sum(axis=1), (weight**2).sum(axis=1)
-    effective = np.divide(total**2, squares, out=np.zeros(len(total)), where=squares > 0.0)
-    told = np.divide((ratio * weight).sum(axis=1), total, out=np.ones(len(total)), where=total > 0.0)
-    prior = _PRIOR_VALUES / len(told)
-    out: NDArray[np.float64] = (told * effective + prior) / (effective + prior)
-    return out
 
 
 @dataclass(frozen=True)
@@ -74,7 +51,7 @@ class StatedError:
                   error of what leaves miss is held against it
     direct        the part of it that is noise of direct light by rays, which no photon makes less
     photons       the part of it that is photons' noise
-    correction    of noise_correction
+    correction    of photon_noise.noise_correction
     texel_direct2 gives (n,) float32: the squared part of direct light by rays at each texel
     gathered, texel_gathered2   as direct and texel_direct2, of gathered light; None where there is none
     indirect      mean share of a texel's light that photons bring
@@ -113,89 +90,123 @@ def state_error(
     risk           (m,) float64 of each of `nodes`, of shrinkage.shrink_leaves; None where they are not shrunk
     squares        that the nodes' light is shown mixed with; None for none
     """
-    correction = noise_correction(tree, solution, nodes)
-    area = np.maximum(tree.area, _TINY)
-    leaf = node_of_texel(tree, nodes, len(shown_direct))
-    node_light = np.ascontiguousarray((solution.flux / area).astype(np.float32).T)
-    dark2 = _find_dark(tree, nodes, node_light, shown_direct)
-
-    def relative2_at(variance_at: _VarianceAt, rows: NDArray[np.int64]) -> NDArray[np.float32]:
-        light = node_light[leaf[rows]] + shown_direct.irradiance_at(rows)
-        found: NDArray[np.float32] = (_weigh(light, dark2) * variance_at(rows)).mean(1)
-        return found
-
-    def of_texels(variance_at: _VarianceAt) -> NDArray[np.float32]:
-        parts = (np.arange(part.start, part.stop) for part in _parts(len(leaf)))
-        return np.concatenate([np.zeros(0, np.float32), *(relative2_at(variance_at, part) for part in parts)])
-
+    correction = photon_noise.noise_correction(tree, solution, nodes)
+    all_light = _AllLight.of(tree, solution, nodes, shown_direct)
     sample = _choose_sample(texels)
     count = int(np.ceil(BEST_TEXELS * len(sample)))
-    direct2 = relative2_at(shown_direct.variance_at, sample)
-    texel_direct2 = partial(of_texels, shown_direct.variance_at)
+    texel_direct2 = partial(all_light.relate_all, shown_direct.variance_at)
+    direct2 = all_light.relate(shown_direct.variance_at, sample)
     if not totals.photons.sum() or not count:
         by_rays = math.sqrt(np.sort(direct2)[:count].sum() / max(count, 1))
         return StatedError(math.nan, math.nan, by_rays, math.nan, correction, texel_direct2)
     # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
-    blend = Blend.of(texels, tree, solution, leaf, halves=True)
+    blend = Blend.of(texels, tree, solution, all_light.leaf, halves=True)
     alone, shown = blend.compare_at(sample)
-    weight = _weigh(node_light[leaf[sample]] + shown_direct.irradiance_at(sample), dark2)
+    weight = all_light.weigh(sample)
     x, y = texels.own_points_at(sample)
-    asked = missing_light.AskedLight(leaf[sample], x, y, shown, weight)
-    photons2 = (weight.T * shown.variance * correction[:, None]).mean(0)
-    shrunk2, taken, taken_surely = np.zeros(len(sample)), 0.0, 0.0
-    if risk is not None:
-        shrunk2 = shrinkage.find_shrunk_noise(solution, asked.leaf, alone.variance, photons2)
-        taken, taken_surely = shrinkage.find_share_taken(asked.leaf, shrunk2, nodes, risk)
-    photons2 -= taken * shrunk2
+    asked = missing_light.AskedLight(all_light.leaf[sample], x, y, shown, weight)
+    noise = PhotonNoise.of(solution, asked, alone.variance, correction, nodes, risk)
     if smooth_grain:
-        left = np.where(tree.side[asked.leaf] <= SMALL_LEAF, GRAIN_LEFT, 1.0)
-        photons2, shrunk2 = photons2 * left, shrunk2 * left
+        noise.keep(GRAIN_LEFT, np.flatnonzero(tree.side[asked.leaf] <= SMALL_LEAF))
     if squares and len(texels.borders.entry):  # over which light is brought before it is mixed: here it is not, and would seem to be wrong
         squares = squares.only(np.flatnonzero(~texels.borders.crossed[squares.entry]))
     if squares and squares.tell_much():
         mixed, kept2, added = _mix_squares(blend, squares, texels, sample)
-        photons2[mixed] = kept2 * photons2[mixed] + (weight[mixed].T * added).mean(0)
-        shrunk2[mixed] *= kept2
+        noise.keep(kept2, mixed)
+        noise.photons2[mixed] += (weight[mixed].T * added).mean(0)
     bias = missing_light.find_bias(tree, solution, comparison, nodes, sample, asked, correction)
-    blur2 = (weight * shown_direct.blur2_at(sample)).mean(1)
-    gathered2, gathered_blur2 = np.zeros((2, len(sample)))
+    gathered2, told = np.zeros(len(sample)), np.zeros(len(sample), bool)
     if gathered:
         told = gathered.told[sample]
         gathered2[told] = (weight * gathered.light.variance_at(sample)).mean(1)[told]
-        gathered_blur2[told] = (weight * gathered.light.blur2_at(sample)).mean(1)[told]
-        photons2[told] = (weight.mean(1) * gathered.doubt2[sample])[told] + gathered.carried2
-        shrunk2[told] = 0.0
+        noise.replace((weight.mean(1) * gathered.doubt2[sample])[told] + gathered.carried2, told)
         bias = bias.without(told)
-    likely = photons2 + direct2 + bias.gap + gathered2
+    likely = noise.photons2 + direct2 + bias.gap + gathered2
     best = np.argpartition(likely, count - 1)[:count]
-    _leave_noise(shown_direct, sample, best, weight, direct2)
-    if gathered:
-        _leave_noise(gathered.light, sample, best[told[best]], weight, gathered2)
-    every = (photons2, direct2, blur2, gathered2, gathered_blur2)
-    by_photons2, by_rays2, blurred2, by_gathering2, gather_blurred2 = (float(part[best].mean(dtype=np.float64)) for part in every)
-    by_rays2 += max(blurred2, 0.0)
-    by_gathering2 += max(gather_blurred2, 0.0)
-    missing2, doubt2 = bias.sum_up(best)
+    by_rays2 = _sum_up_rays(shown_direct, sample, best, np.ones(len(sample), bool), weight, direct2)
+    by_gathering2 = _sum_up_rays(gathered.light, sample, best, told, weight, gathered2) if gathered else 0.0
+    by_photons2, missing2, missing_doubt2 = _mean(noise.photons2[best]), *bias.sum_up(best)
     square = by_photons2 + by_rays2 + by_gathering2 + missing2
-    doubt2 += (taken - taken_surely) * float(shrunk2[best].mean())
-    relative, chosen = math.sqrt(square), math.sqrt(square + doubt2)
-    by_rays, by_photons, by_gathering = math.sqrt(by_rays2), math.sqrt(max(by_photons2, 0.0)), math.sqrt(by_gathering2)
     texel_gathered2 = None
     if gathered:
         light, is_told = gathered.light, gathered.told
-        texel_gathered2 = partial(of_texels, lambda rows: light.variance_at(rows) * is_told[rows, None])
+        texel_gathered2 = partial(all_light.relate_all, lambda rows: light.variance_at(rows) * is_told[rows, None])
     return StatedError(
-        relative=relative,
-        chosen=chosen,
-        direct=by_rays,
-        photons=by_photons,
+        relative=math.sqrt(square),
+        chosen=math.sqrt(square + missing_doubt2 + noise.find_doubt2(best)),
+        direct=math.sqrt(by_rays2),
+        photons=math.sqrt(max(by_photons2, 0.0)),
         correction=correction,
         texel_direct2=texel_direct2,
-        gathered=by_gathering,
+        gathered=math.sqrt(by_gathering2),
         texel_gathered2=texel_gathered2,
-        indirect=float((np.maximum(node_light[leaf[sample]], 0.0) * np.sqrt(weight)).mean(dtype=np.float64)),
+        indirect=_mean(np.maximum(all_light.node_light[asked.leaf], 0.0) * np.sqrt(weight)),
         neighbours=blend.neighbours,
     )
+
+
+@dataclass(frozen=True)
+class _AllLight:
+    """All light that texels are shown with, by which errors are made relative.
+
+    leaf         (n,) int32: the node of each texel entry
+    node_light   (n_node, 3) float32, W/m^2
+    direct       by rays
+    dark2        square of the brightness below which a texel is judged as if it had that
+    """
+
+    leaf: NDArray[np.int32]
+    node_light: NDArray[np.float32]
+    direct: ShownDirect
+    dark2: np.float32
+
+    @classmethod
+    def of(cls, tree: Quadtree, solution: Solution, nodes: IntArray, direct: ShownDirect) -> _AllLight:
+        node_light = np.ascontiguousarray((solution.flux / np.maximum(tree.area, _TINY)).astype(np.float32).T)
+        by_photons = (np.maximum(node_light[nodes], 0.0).sum(axis=1, dtype=np.float64) * (tree.end - tree.start)[nodes]).sum()
+        dark2 = np.float32(DARK_FLOOR * (float(by_photons) + direct.total_light) / max(direct.found.size, 1)) ** 2
+        return cls(node_of_texel(tree, nodes, len(direct)), node_light, direct, dark2)
+
+    def weigh(self, rows: NDArray[np.int64]) -> NDArray[np.float32]:
+        """(k, 3) float32: what makes squared errors at texel entries (k,) relative."""
+        light = self.node_light[self.leaf[rows]] + self.direct.irradiance_at(rows)
+        scale2 = np.maximum(light, 0.0) ** 2 + self.dark2
+        weight: NDArray[np.float32] = np.divide(np.float32(1.0), scale2, out=np.zeros_like(scale2), where=scale2 > 0.0)
+        return weight
+
+    def relate(self, variance_at: _VarianceAt, rows: NDArray[np.int64]) -> NDArray[np.float32]:
+        """(k,) float32: variances at texel entries (k,), relative to the light there; mean of channels."""
+        found: NDArray[np.float32] = (self.weigh(rows) * variance_at(rows)).mean(1)
+        return found
+
+    def relate_all(self, variance_at: _VarianceAt) -> NDArray[np.float32]:
+        """The same at all texel entries."""
+        parts = (np.arange(part.start, part.stop) for part in _parts(len(self.leaf)))
+        return np.concatenate([np.zeros(0, np.float32), *(self.relate(variance_at, part) for part in parts)])
+
+
+def _sum_up_rays(
+    shown: ShownDirect,
+    sample: NDArray[np.int64],
+    best: NDArray[np.int64],
+    told: NDArray[np.bool_],
+    weight: NDArray[np.float32],
+    noise2: NDArray[np.floating[Any]],
+) -> float:
+    """Mean, over the texels `best` of `sample` (m,), of what rays err by, relative and squared: their noise, and what smoothing blurs.
+
+    told     (m,) bool: where the light is theirs
+    weight   (m, 3) of _AllLight.weigh
+    noise2   (m,): as rays tell it; what smoothing found not to be there is taken off, in place
+    """
+    asked = best[told[best]]
+    noise2[shown.is_smoothed(sample)] *= shown.find_noise_share(sample[asked], weight[asked])
+    blur2 = np.where(told, (weight * shown.blur2_at(sample)).mean(1), 0.0)
+    return _mean(noise2[best]) + max(_mean(blur2[best]), 0.0)
+
+
+def _mean(values: NDArray[np.floating[Any]]) -> float:
+    return float(values.mean(dtype=np.float64))
 
 
 def _mix_squares(
@@ -212,17 +223,6 @@ def _mix_squares(
     return mixed, (1.0 - told.share[row]) ** 2, told.find_error(row)
 
 
-def _leave_noise(
-    shown: ShownDirect, sample: NDArray[np.int64], best: NDArray[np.int64], weight: NDArray[np.float32], noise2: NDArray[Any]
-) -> None:
-    """Takes off the relative noise (m,) of texels `sample` (m,) what smoothing found not to be there, in place.
-
-    best     (k,): which of the sample are asked
-    weight   (m, 3) of _weigh
-    """
-    noise2[shown.is_smoothed(sample)] *= shown.find_noise_share(sample[best], weight[best])
-
-
 def list_told(tree: Quadtree, nodes: IntArray, texels: TexelMap) -> NDArray[np.int64]:
     """(m,) int64: the nodes whose functions state_error asks for, the leaves `nodes` among them."""
     return np.concatenate([nodes, missing_light.find_judges(tree, nodes, _choose_sample(texels))])
@@ -230,18 +230,6 @@ def list_told(tree: Quadtree, nodes: IntArray, texels: TexelMap) -> NDArray[np.i
 
 def _parts(count: int) -> Iterator[slice]:
     return (slice(start, min(start + _CHUNK, count)) for start in range(0, count, _CHUNK))
-
-
-def _find_dark(tree: Quadtree, nodes: IntArray, node_light: NDArray[np.float32], direct: ShownDirect) -> np.float32:
-    """Square of the brightness below which a texel is judged as if it had that; arguments as in state_error."""
-    by_photons = (np.maximum(node_light[nodes], 0.0).sum(axis=1, dtype=np.float64) * (tree.end - tree.start)[nodes]).sum()
-    return np.float32(DARK_FLOOR * (float(by_photons) + direct.total_light) / max(direct.found.size, 1)) ** 2
-
-
-def _weigh(light: NDArray[np.float32], dark2: np.float32) -> NDArray[np.float32]:
-    """What makes a squared error relative: light (m, 3) W/m^2, out (m, 3)."""
-    scale2 = np.maximum(light, 0.0) ** 2 + dark2
-    return np.divide(np.float32(1.0), scale2, out=np.zeros_like(scale2), where=scale2 > 0.0)
 
 
 def _choose_sample(texels: TexelMap) -> NDArray[np.int64]:

@@ -131,7 +131,7 @@ def find_bias(
     """What the blend of `nodes`, which tile the charts, misses at the texel entries `sample` (m,).
 
     asked        what they show there
-    correction   (3,), of estimate.noise_correction
+    correction   (3,), of photon_noise.noise_correction
     """
     judge = find_judges(tree, nodes, sample)
     blind2 = (asked.weight * guess_blind(tree, solution, comparison, nodes)[asked.leaf]).mean(1)

@@ -44,7 +44,16 @@ TRACE = {
     "core.gather",
 }
 # core.materials is on neither side: albedo and emission belong to the surface, photons and pages both ask for them.
-STATISTICS = {"core.tally", "core.refine", "core.quadtree", "core.basis", "core.estimate", "core.missing_light", "core.shrinkage"}
+STATISTICS = {
+    "core.tally",
+    "core.refine",
+    "core.quadtree",
+    "core.basis",
+    "core.estimate",
+    "core.missing_light",
+    "core.photon_noise",
+    "core.shrinkage",
+}
 # Where both sides meet: rounds of photons, shards that trace and sum them, and the whole bake.
 SEES_ALL = {"core.solve", "core.workers", "core.bake"}
 BPY_FREE_ADDON = {

@@ -101,25 +101,6 @@ def test_whoever_stops_by_the_error_is_told_what_is_sure_of_shrinking():
     assert 1.1 * unsure.relative < unsure.chosen < all_of_it.chosen
 
 
-def test_correction_is_1_for_independent_photons():
-    """Over 20 bakes of 64 leaves, each of three like channels: the mean of 1280 squares, less its prior."""
-    found = []
-    for seed in range(20):
-        bake = throw(even, 20_000, seed, degree=0, level=3)
-        found.append(estimate.noise_correction(bake.tree, bake.solution(), current(bake)).mean())
-    assert np.mean(found) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 1280))
-
-
-def test_correction_sees_that_photons_come_in_clumps():
-    """Four photons at each place of a quarter as many: their variance is four times what single photons would have."""
-
-    def clumps(rng, n):
-        return np.repeat(rng.random((2, n // 4)), 4, axis=1)
-
-    bake = throw(clumps, 80_000, 1, degree=0, level=4)
-    assert 2.5 < estimate.noise_correction(bake.tree, bake.solution(), current(bake)).mean() < 4.5
-
-
 def test_the_stated_error_takes_the_correction():
     """Four photons at each place err as a quarter as many, as few leaves state without seeing it."""
     clumped, single = [], []
@@ -128,11 +109,6 @@ def test_the_stated_error_takes_the_correction():
             bake = throw(lambda rng, n, k=copies: np.repeat(rng.random((2, n // k)), k, axis=1), 80_000, seed, degree=0, level=4)
             stated.append(state(bake, current(bake)).relative)
     assert np.mean(clumped) == pytest.approx(2 * np.mean(single), rel=0.2)
-
-
-def test_correction_of_no_light_is_1():
-    bake = SquareBake(side=8)
-    assert estimate.noise_correction(bake.tree, bake.solution(), current(bake)).tolist() == [1.0, 1.0, 1.0]
 
 
 def test_no_photons_are_no_statement():
