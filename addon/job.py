@@ -19,7 +19,7 @@ from ..core.messages import Done, Error, Message, decode_message
 _BOOT = Path(__file__).with_name("boot.py")
 _LOG_FILE = "core.log"
 _PATIENCE_S = 10.0  # for a child that has told its last message and has only to let go of what it holds
-_NICE = 10  # of a bake behind a window: it takes what drawing leaves
+_NICE, _NICEST = 10, 19  # of a bake behind a window: it takes what drawing leaves; and the most that systems know
 
 
 @contextmanager
@@ -113,7 +113,8 @@ class BakeProcess:
 def _step_back(pid: int) -> None:
     """Give the processors to others first; before the process starts workers, which inherit it."""
     with contextlib.suppress(OSError):  # it has ended already, and messages tells of it; or the system forbids it
-        os.setpriority(os.PRIO_PROCESS, pid, _NICE)
+        # More than it has: whoever runs Blender itself with little priority is not overtaken.
+        os.setpriority(os.PRIO_PROCESS, pid, min(os.getpriority(os.PRIO_PROCESS, pid) + _NICE, _NICEST))
         # A Linux desktop shares time out between sessions first, and heeds priorities only within each.
         Path(f"/proc/{pid}/autogroup").write_text(str(_NICE), encoding="ascii")
 
