@@ -84,6 +84,7 @@ class Checkpoint:
         solver.tree, solver.tally, solver.square_tally = self.tree, self.tally, self.square_tally
         solver.guide, solver.births = self.guide, self.births
         solver.direct, solver.round, solver.lit_elsewhere = self.direct, self.round, self.lit_elsewhere
+        solver.direct.ask_for(solver.settings.error)
         solver.gather_plan.given_up = self.given_up
         ledger = solver.ledger
         ledger.energy_w = dict(zip(ENERGY_NAMES, self.energy_w, strict=True))

@@ -20,7 +20,7 @@ from . import shared_arrays, workers
 from .coverage import as_slice
 from .denoise import Spread
 from .direct import DirectLight
-from .direct_shown import ShownDirect
+from .direct_shown import GRAIN, ShownDirect, find_grain
 from .messages import Message, Status
 from .other_light import OtherLight
 from .scene import IntArray
@@ -34,7 +34,7 @@ _SHARDS_ENOUGH = 32  # that no worker waits long for another's last
 # Of the error asked for: its noise is averaged over neighbours, at less cost than more rays. Twice as much where that error is loose, 5 %,
 # takes 5 to 10 % less time at 1024^2, but what it blurs among many lamps is not all stated: 4.4 for a real 5.0 % (furnished_room).
 TOLERANCE = 0.5
-MOST_PASSES = 64
+MOST_PASSES = 256
 SECONDS_BETWEEN_WORDS = 1.0
 _DARK_FLOOR = 0.1  # of the mean, against which darker texels are weighed
 _BLOCK = 64  # texels in a row, neighbours, whose variances are corrected together
@@ -108,12 +108,17 @@ class DirectField:
     def __post_init__(self) -> None:
         if not len(self.by_quads):
             self.by_quads = np.zeros(len(self.passes), bool)
+        self._grain = GRAIN  # least that is smoothed
         self._smoothed: ShownDirect | None = None  # of the last shot; made when it is asked for
         self._smoothing: Callable[[], ShownDirect] | None = None  # the same, while it is on its way
 
     @classmethod
     def none(cls, n_texel: int) -> DirectField:
         return cls(np.zeros((n_texel, 3), np.float32), np.zeros((n_texel, 3), np.float32), np.zeros(n_texel, np.int16))
+
+    def ask_for(self, error: float) -> None:
+        """Show it as fits a bake of which this relative error is asked for."""
+        self._grain = find_grain(error)
 
     def show(self, texels: TexelMap, smooth: bool, spread: Spread = starmap) -> ShownDirect:
         """The light as it is shown, its grain smoothed or as it is."""
@@ -131,7 +136,7 @@ class DirectField:
 
     def _begin_smoothing(self, texels: TexelMap, spread: Spread) -> Callable[[], ShownDirect]:
         by_quads = self.by_quads if self.by_quads.any() else None
-        return ShownDirect.begin_smoothing(self.irradiance, self.find_variance(), texels, spread, by_quads)
+        return ShownDirect.begin_smoothing(self.irradiance, self.find_variance(), texels, spread, by_quads, self._grain)
 
     def take_shown(self, texels: TexelMap, smooth: bool, spread: Spread = starmap, in_place: bool = False) -> NDArray[np.float32]:
         """ShownDirect.irradiance of `show`, for whoever asks last: what else was found with it is not kept any longer.
@@ -171,6 +176,7 @@ class DirectField:
         other         light that is shown with it; None where there is none, or direct light is shown by itself
         False when it was stopped: texels that had an estimate before are left with that, so that a bake goes on as if this had not been.
         """
+        self.ask_for(settings.error)
         tolerance = TOLERANCE * settings.error
         whole = workers.DirectShard(str(folder), settings.seed, self.turns, 0, texels, tolerance, settings.denoise)
         rows = as_slice(texels)

@@ -65,6 +65,7 @@ class GatheredField(DirectField):
         should_stop: Callable[[], bool] = lambda: False,
     ) -> bool:
         """As shoot."""
+        self.ask_for(settings.error)
         tolerance = _TOLERANCE * settings.error
         with shared_arrays.laid_out(folder, known) as view:
             whole = workers.GatherShard(str(folder), settings.seed, self.turns, 0, texels, tolerance, settings.denoise, view)

@@ -89,7 +89,7 @@ def test_shards_that_were_under_way_are_left_out_where_a_bake_may_not_have_so_ma
     kept, part = keep(tmp_path, SETTINGS, 2)
     late = load_checkpoint(kept, tmp_path / "first", SETTINGS).late
     shared, share = [], rounds.share_photons
-    monkeypatch.setattr(rounds, "share_photons", lambda photons, is_first=False: shared.append(photons) or share(photons, is_first))
+    monkeypatch.setattr(rounds, "share_photons", lambda photons, round_: shared.append(photons) or share(photons, round_))
     few = replace(SETTINGS, max_photons=part.photons + late[0]["photons"])
     assert go_on(tmp_path, kept, few).photons == few.max_photons
     assert shared == [late[0]["photons"]]
@@ -150,6 +150,16 @@ def test_an_error_reached_already_needs_no_photon(tmp_path):
     kept, first = keep(tmp_path, replace(SETTINGS, error=0.3), stop_after=2)
     again = go_on(tmp_path, kept, replace(SETTINGS, error=0.9))
     assert (again.photons, again.stopped_by) == (first.photons, "error")
+
+
+def test_direct_light_is_shown_as_fits_the_error_that_is_asked_for_now(tmp_path):
+    kept, _ = keep(tmp_path, replace(SETTINGS, error=0.3), stop_after=2)
+    smoothed = []
+    for error in (0.3, 1e-4):
+        solver = make_solver(tmp_path / f"to {error}", lamp_scene(), replace(SETTINGS, error=error), begun=False)
+        load_checkpoint(kept, tmp_path / f"to {error}", SETTINGS).give_to(solver)
+        smoothed.append(len(solver.direct.show(solver.tracing.texels, smooth=True).entry))
+    assert smoothed[0] < smoothed[1]
 
 
 def test_a_state_may_be_kept_where_it_came_from(tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from leaflight.core.direct_field import DirectField
-from leaflight.core.direct_shown import ShownDirect
+from leaflight.core.direct_shown import GRAIN, ShownDirect, find_grain
 from leaflight.core.nonlocal_means import RADIUS
 from trees import make_square_map
 
@@ -154,6 +154,17 @@ def test_light_with_little_noise_is_shown_as_it_is(texels):
     np.testing.assert_array_equal(shown.variance_at(every), variance)
     assert not shown.blur2_at(every).any()
     assert shown.total_light == noisy.sum(dtype=float)
+
+
+def test_the_less_error_is_asked_for_the_less_noise_is_left_as_it_is(texels):
+    noisy, variance, _ = show(texels, np.ones((SIDE * SIDE, 3)), 0.01)
+    smoothed = []
+    for error in (0.05, 0.02, 0.01, 0.004):
+        field = DirectField(noisy, variance, np.ones(len(noisy), np.int16))
+        field.ask_for(error)
+        smoothed.append(len(field.show(texels, smooth=True).entry))
+    assert smoothed == [0, 0, SIDE * SIDE, SIDE * SIDE]
+    assert find_grain(1.0) == find_grain(0.02) == 4 * find_grain(0.005) == GRAIN
 
 
 def test_a_field_smooths_once_for_each_shot(texels):
