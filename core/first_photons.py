@@ -1,11 +1,12 @@
-"""Photons of a first round, traced while charts and texels are still made: until it is asked where on a page they fall, they need only
-the scene. Processes that would have nothing to do by then trace them, and the same bytes come of it as without them.
+"""Photons of the first rounds, traced while charts and texels are still made: until it is asked where on a page they fall, they need only
+the scene, and before a round of theirs has been read nothing guides them. Processes that would have nothing to do by then trace them, and
+the same bytes come of it as without them.
 """
 
 from __future__ import annotations
 
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from . import rounds
@@ -13,44 +14,50 @@ from .executors import LocalExecutor
 from .settings import Settings
 from .workers import PhotonShard, trace_ahead
 
-_HITS_FOLDER = "hits"  # and the shard's number
+_HITS_FOLDER = "hits"  # and the numbers of the round and the shard
 
 
 @dataclass(frozen=True)
 class FirstPhotons:
-    """hits   folders of the first shards' hits, and what is done when they are there"""
+    """sent   shards that are traced ahead by round and number, and what is done when their hits are there"""
 
-    hits: list[tuple[str, Future[None]]] = field(default_factory=list)
+    sent: dict[tuple[int, int], tuple[PhotonShard, Future[None]]] = field(default_factory=dict)
 
     @classmethod
     def send(cls, folder: Path, settings: Settings, executor: Executor) -> FirstPhotons:
-        """Has those traced that every first round has; none where this process would do it by itself, or other machines do it.
+        """Has those traced that the first rounds have in any case; none where this process would do it by itself, or other machines do it.
 
         folder   of workers.open_scene
         """
         if not isinstance(executor, LocalExecutor) or not executor.is_awake:  # to start them now would keep charts waiting
             return cls()
+        by_rays = settings.direct == "rays"
+        photons = [min(rounds.AHEAD_PHOTONS[0], settings.max_photons)]
+        if by_rays and settings.max_photons >= rounds.MOST_FIRST_PHOTONS + rounds.AHEAD_PHOTONS[1]:
+            photons.append(rounds.AHEAD_PHOTONS[1])
         shards = [
             PhotonShard(
                 tracing=str(folder),
                 view="",
                 seed=settings.seed,
-                round=0,
+                round=round_,
                 shard=number,
-                photons=photons,
+                photons=share,
                 max_depth=settings.max_depth,
                 degree=0,
-                skip_first=settings.direct == "rays",
-                hits=str(folder / f"{_HITS_FOLDER}_{number}"),
+                skip_first=by_rays,
+                guided=round_ > 0 and settings.guided,
+                hits=str(folder / f"{_HITS_FOLDER}_{round_}_{number}"),
             )
-            for number, photons in enumerate(rounds.share_photons(min(rounds.FIRST_ROUND_PHOTONS, settings.max_photons)))
+            for round_, of_round in enumerate(photons)
+            for number, share in enumerate(rounds.share_photons(of_round))
         ]
-        return cls([(shard.hits, executor.submit(trace_ahead, shard)) for shard in shards])
+        return cls({(shard.round, shard.shard): (shard, executor.submit(trace_ahead, shard)) for shard in shards})
 
-    def take(self, shard: int) -> str:
-        """The folder of that shard's hits, once they are there; "" where they were not traced ahead."""
-        if shard >= len(self.hits):
-            return ""
-        place, traced = self.hits[shard]
+    def take(self, shard: PhotonShard) -> PhotonShard:
+        """The shard with the folder of its hits, once they are there; as it is where those were not traced ahead."""
+        ahead, traced = self.sent.get((shard.round, shard.shard), (None, None))
+        if ahead is None or traced is None or (shard.photons, shard.weight) != (ahead.photons, ahead.weight):
+            return shard
         traced.result()
-        return place
+        return replace(shard, hits=ahead.hits)

@@ -21,6 +21,9 @@ SMALL_PAIRS = 2
 # costs"); while these are few, more: to read a round takes time too, and most nodes are still to come.
 ROUND_GROWTH, EARLY_GROWTH = 0.7, 2.0
 EARLY_PHOTONS = 1 << 20
+# Photons that the first and the second round have whatever their trees are, if the bake may have so many: as nothing guides them, they can
+# be traced before there are trees, by first_photons.
+AHEAD_PHOTONS = FIRST_ROUND_PHOTONS, int(EARLY_GROWTH * FIRST_ROUND_PHOTONS)
 # Of a bake whose error is to be come to with fewer than so many times its photons: as many as that needs, or so many times all so far. Few
 # nodes are still to come then, and each round less saves its reading; what late nodes lose shows in a bake of many more photons only.
 NEAR_TIMES, NEAR_GROWTH = 36.0, 5.0
@@ -80,16 +83,17 @@ def next_photons(
     return int(min(photons, most - so_far)), photons >= enough
 
 
-def share_photons(photons: int, is_first: bool = False) -> list[int]:
+def share_photons(photons: int, round_: int = len(AHEAD_PHOTONS)) -> list[int]:
     """Photons of each shard of a round, for the halves of the bake in turn: equal shards, of many the last ones half as large.
 
-    Those that each first round has, whatever its trees are, come first in shards of their own: first_photons sends them ahead.
+    Those of AHEAD_PHOTONS come first in shards of their own.
 
     Who works on the last shard of all keeps the others waiting, and a small one not long; but small ones take longer by the photon, and
     their nets of directions are coarser.
     """
-    if is_first and photons > FIRST_ROUND_PHOTONS:
-        return share_photons(FIRST_ROUND_PHOTONS) + share_photons(photons - FIRST_ROUND_PHOTONS)
+    for ahead in AHEAD_PHOTONS[round_ : round_ + 1]:
+        if photons > ahead:
+            return share_photons(ahead) + share_photons(photons - ahead)
     n_pair = max(1, math.ceil(photons / (2 * SHARD_PHOTONS)))
     ends = [2 * pair for pair in range(n_pair + 1)]  # of all pairs, in half shards
     if n_pair >= MANY_PAIRS:

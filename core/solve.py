@@ -201,10 +201,10 @@ class Solver:
                 skip_first=settings.direct == "rays",
                 weight=weight,
                 guided=splitting is not None,
-                hits="" if self.round else self.first.take(shard),
             )
-            for shard, share in enumerate(rounds.share_photons(photons, is_first=not self.round))
+            for shard, share in enumerate(rounds.share_photons(photons, self.round))
         ]
+        shards = [self.first.take(shard) for shard in shards]
         for shard, result in self.rounds.trace(shards, rounds.count_late(len(shards), left)):
             self.tally.add(shard.shard % 2, result.tally, shard.photons * shard.weight)
             self.square_tally.add(shard.shard % 2, result.squares, shard.photons * shard.weight)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from . import direct, direct_quads, gather, photons, rays, sampling, shared_arrays
+from . import direct, direct_quads, gather, photons, photons_ahead, rays, sampling, shared_arrays
 from .birth_cells import BirthCells
 from .birth_guide import BirthTally
 from .coverage import as_slice
@@ -168,7 +168,7 @@ def trace_photons(shard: PhotonShard) -> PhotonResult:
     splitting = open_splitting(shard.view) if shard.guided else None
     split_at = partial(_split_at, tracing, view, splitting) if splitting and shard.skip_first else None
     cells = splitting.cells if splitting and not shard.skip_first else None
-    hits = shared_arrays.load_struct(Path(shard.hits), ShardHits) if shard.hits else _trace_hits(tracing, shard, split_at, cells)
+    hits = photons_ahead.fetch_hits(Path(shard.hits), split_at) if shard.hits else _trace_hits(tracing, shard, split_at, cells)
     x, y = tracing.texels.hit_texel_xy(hits.tri, hits.u, hits.v)
     entry = tracing.texels.entry_of(hits.tri, x, y)
     lit_elsewhere = np.zeros(len(tracing.snapshot.objects), bool)
@@ -189,8 +189,9 @@ def trace_photons(shard: PhotonShard) -> PhotonResult:
 
 
 def trace_ahead(shard: PhotonShard) -> None:
-    """Trace photons of a shard that nothing guides to the folder `hits`; texels and a view need not be there yet."""
-    shared_arrays.save_struct(Path(shard.hits), _trace_hits(open_scene(shard.tracing), shard))
+    """Trace photons of a shard to the folder `hits`, before there is anything that guides them; texels and a view need not be there yet."""
+    noted = photons_ahead.NotedPartings() if shard.guided else None
+    photons_ahead.keep_hits(Path(shard.hits), _trace_hits(open_scene(shard.tracing), shard, noted), noted)
 
 
 def _trace_hits(

@@ -21,6 +21,7 @@ LIBRARY_HOME = {"embreex": "core.rays", "xatlas": "core.xatlas_process", "OpenIm
 TRACE = {
     "core.photons",
     "core.births",
+    "core.photons_ahead",
     "core.joined_emitters",
     "core.scene_cover",
     "core.rays",

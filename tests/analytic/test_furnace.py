@@ -22,7 +22,8 @@ NEVER = 1e-4
 # Where rho is 0.95, the mean of 400,000 photons varies by 0.16 % alone.
 PHOTONS = {"0": 500_000, "0.5": 500_000, "0.9": 250_000, "0.95": 600_000, "coloured": 1_200_000}
 PHOTONS_OF_SLOW = {"0.9": 1_000_000, "0.95": 2_400_000, "coloured": 2_400_000}
-FEW_SEEDS, SEEDS = (3,), (3, 4, 5)
+# By one seed alone the mean of the sphere's light varies by 0.1 %, half of what is claimed.
+FEW_SEEDS, SEEDS = {"box": (3,), "sphere": (3, 4)}, (3, 4, 5)
 QUICK_CASES = [
     ("box", "0", "photons", "linear"),
     ("box", "0.5", "rays", "linear"),
@@ -39,7 +40,7 @@ ALL_CASES = [
     for basis in BASES
     if shape == "box" or basis == "linear"
 ]
-PARAMS = [pytest.param((*case, FEW_SEEDS), id="-".join(case)) for case in QUICK_CASES]
+PARAMS = [pytest.param((*case, FEW_SEEDS[case[0]]), id="-".join(case)) for case in QUICK_CASES]
 PARAMS += [pytest.param((*case, SEEDS), id="-".join([*case, "seeds"]), marks=pytest.mark.slow) for case in ALL_CASES]
 N_TEST = 2 * 3 * len(PARAMS) + 1  # two statistical tests a case and channel, and one of few rays
 

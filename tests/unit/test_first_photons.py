@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import Future
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ def test_a_round_of_them_is_the_round_without(tmp_path, awake, direct):
         solver = make_solver(folder, lamp_scene(), settings, awake, begun=False)
         # Not before: it writes the scene that they are traced in, and who reads it meanwhile finds half of it.
         solver.first = FirstPhotons.send(folder, settings, awake) if is_ahead else FirstPhotons()
-        assert len(solver.first.hits) == 2 * is_ahead
+        assert len(solver.first.sent) == 2 * is_ahead
         solver.begin()
         assert solver.ledger.photons == 20_000
         sums.append(solver.state.solution.coefficient.tobytes() + solver.square_tally.raw.tobytes())
@@ -42,27 +43,82 @@ def test_a_round_of_them_is_the_round_without(tmp_path, awake, direct):
 
 
 def test_who_has_no_process_to_spare_traces_them_later(tmp_path):
-    assert not FirstPhotons.send(tmp_path, SETTINGS, executors.InlineExecutor()).hits
+    assert not FirstPhotons.send(tmp_path, SETTINGS, executors.InlineExecutor()).sent
     with executors.LocalExecutor(2) as asleep:
-        assert not FirstPhotons.send(tmp_path, SETTINGS, asleep).hits
-    assert FirstPhotons().take(0) == ""
+        assert not FirstPhotons.send(tmp_path, SETTINGS, asleep).sent
+    assert FirstPhotons().take(shard_of(0, 0, 10)) == shard_of(0, 0, 10)
 
 
-def test_what_trees_ask_for_beyond_them_is_traced_with_the_round():
-    photons = rounds.FIRST_ROUND_PHOTONS
+def shard_of(round_, number, photons, **others):
+    return workers.PhotonShard(
+        tracing="", view="", seed=0, round=round_, shard=number, photons=photons, max_depth=9, degree=1, skip_first=True, **others
+    )
+
+
+def test_the_second_round_is_the_same_and_tells_the_third_the_same(tmp_path, awake, monkeypatch):
+    """Where photons parted is told once there are trees."""
+    monkeypatch.setattr(rounds, "AHEAD_PHOTONS", (10_000, 20_000))
+    monkeypatch.setattr(rounds, "FIRST_ROUND_PHOTONS", 10_000)
+    monkeypatch.setattr(rounds, "MOST_FIRST_PHOTONS", 15_000)
+    settings, told = Settings(size=32, padding=1, max_photons=100_000, error=1e-3, gather=False), []
+    for name, is_ahead in (("ahead", True), ("alone", False)):
+        folder = tmp_path / name
+        solver = make_solver(folder, lamp_scene(), settings, awake, begun=False)
+        solver.first = FirstPhotons.send(folder, settings, awake) if is_ahead else FirstPhotons()
+        assert len(solver.first.sent) == 4 * is_ahead
+        solver.begin()
+        solver._refine(solver.state)
+        solver._trace_round(None)
+        assert solver.ledger.photons >= 30_000
+        assert not list(folder.glob("hits_*"))  # read once
+        solver.state = solver._read_tallies()
+        splitting, weight = solver._guide_photons()
+        assert weight > 1.0
+        told.append((solver.state.solution.coefficient.tobytes(), splitting.factor.tobytes(), weight, solver.ledger.rays))
+        workers.forget_folders()
+    assert told[0] == told[1]
+
+
+def test_it_is_not_sent_ahead_where_it_may_turn_out_smaller(tmp_path, awake):
+    def count(**others):
+        sent = FirstPhotons.send(tmp_path, Settings(size=32, **others), awake).sent.values()
+        for _, traced in sent:
+            traced.cancel()
+        return sum(shard.photons for shard, _ in sent)
+
+    first, second = rounds.AHEAD_PHOTONS
+    enough = rounds.MOST_FIRST_PHOTONS + second
+    assert count(max_photons=enough) == first + second
+    assert count(max_photons=enough - 1) == first
+    assert count(max_photons=enough, direct="photons") == first
+
+
+def test_shards_that_turn_out_otherwise_are_traced_when_they_are_known():
+    done = Future()
+    done.set_result(None)
+    first = FirstPhotons({(1, 0): (shard_of(1, 0, 100, hits="there"), done)})
+    assert first.take(shard_of(1, 0, 100)).hits == "there"
+    for other in (shard_of(1, 0, 101), shard_of(1, 1, 100), shard_of(0, 0, 100), shard_of(1, 0, 100, weight=1.5)):
+        assert first.take(other) == other
+
+
+@pytest.mark.parametrize("round_", [0, 1])
+def test_what_trees_ask_for_beyond_them_is_traced_with_the_round(round_):
+    photons = rounds.AHEAD_PHOTONS[round_]
     ahead = rounds.share_photons(photons)
-    assert rounds.share_photons(photons, is_first=True) == ahead
-    shares = rounds.share_photons(2 * photons + 3, is_first=True)
+    assert rounds.share_photons(photons, round_) == ahead
+    shares = rounds.share_photons(2 * photons + 3, round_)
     assert shares[: len(ahead)] == ahead
     assert sum(shares) == 2 * photons + 3
     assert sum(shares[::2]) - sum(shares[1::2]) == 1
+    assert rounds.share_photons(2 * photons + 3, 2) != shares
 
 
 def test_what_goes_wrong_there_is_told_where_they_are_taken(tmp_path, awake):
     (tmp_path / SNAPSHOT_FILE).write_bytes(b"no snapshot")
     first = FirstPhotons.send(tmp_path, SETTINGS, awake)
     with pytest.raises(ValueError, match=r"snapshot\.npz"):
-        first.take(0)
+        first.take(shard_of(0, 0, 10_000))
 
 
 @pytest.mark.usefixtures("open_image_io")
@@ -80,5 +136,5 @@ def test_a_bake_is_the_same_with_them(tmp_path, monkeypatch):
         bake.run_bake(folder, lambda message: None, lambda: False, opener)
         result = json.loads((folder / RESULT_FILE).read_text(encoding="utf-8"))
         files.append((np.fromfile(result["files"][0]["path"], np.uint8).tobytes(), result["photons"]))
-    assert any(traced) == (executors.count_processors(0) > 1)
+    assert any(shard.hits for shard in traced) == (executors.count_processors(0) > 1)
     assert files[0] == files[1]
