@@ -42,6 +42,7 @@ from .direct_only import settle_direct
 from .first_photons import FirstPhotons
 from .job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
 from .light_field import LightField
+from .lost_light import state_lost
 from .materials import SurfaceMaterials, clamp_warnings
 from .messages import Done, Message, Status, Warning_
 from .needs import Needs, count_skipped
@@ -163,6 +164,10 @@ def run_bake(
                 light = solver.run(tell, should_stop)
         else:
             light = settle_direct(folder, texel_map, settings, executor, direct, tell, should_stop)
+        light, lost = state_lost(light, settings)
+        for subject, text in lost:
+            tell(Warning_(subject, text))
+        warnings += lost
         with stages.stage("write", "Writing images"):
             files, seam_report = _write_pages(job, folder, snapshot, atlas, texel_map, light, surfaces, executor)
         if job.keep:  # only now: a bake that is thrown away while it writes has changed nothing

@@ -23,12 +23,12 @@ from .birth_guide import BirthGuide
 from .direct_field import DirectField
 from .job import SNAPSHOT_FILE
 from .ledger import ENERGY_NAMES
+from .photon_shards import PhotonShard
 from .quadtree import Quadtree
 from .settings import Settings
 from .solve import Solver
 from .splitting import SplitGuide, Splitting
 from .tally import Tally
-from .workers import PhotonShard
 
 FORMAT = "leaflight-state"
 FORMAT_VERSION = 11
@@ -48,7 +48,7 @@ class Checkpoint:
     lit_elsewhere   (n_object,) bool: see gather.KnownLight
     given_up        of gather_plan.GatherPlan
     splitting       of the last round, if some of its shards were not read
-    late            these, of workers.PhotonShard but for their folders
+    late            these, of photon_shards.PhotonShard but for their folders
     """
 
     tree: Quadtree

@@ -11,17 +11,17 @@ from pathlib import Path
 
 from . import rounds
 from .executors import LocalExecutor
+from .photon_shards import PhotonShard, trace_ahead
 from .settings import Settings
-from .workers import PhotonShard, trace_ahead
 
 _HITS_FOLDER = "hits"  # and the numbers of the round and the shard
 
 
 @dataclass(frozen=True)
 class FirstPhotons:
-    """sent   shards that are traced ahead by round and number, and what is done when their hits are there"""
+    """sent   shards that are traced ahead by round and number, and what tells, once it is done, whether their hits are there"""
 
-    sent: dict[tuple[int, int], tuple[PhotonShard, Future[None]]] = field(default_factory=dict)
+    sent: dict[tuple[int, int], tuple[PhotonShard, Future[bool]]] = field(default_factory=dict)
 
     @classmethod
     def send(cls, folder: Path, settings: Settings, executor: Executor) -> FirstPhotons:
@@ -31,26 +31,15 @@ class FirstPhotons:
         """
         if not isinstance(executor, LocalExecutor) or not executor.is_awake:  # to start them now would keep charts waiting
             return cls()
-        by_rays = settings.direct == "rays"
         photons = [min(rounds.AHEAD_PHOTONS[0], settings.max_photons)]
-        if by_rays and settings.max_photons >= rounds.MOST_FIRST_PHOTONS + rounds.AHEAD_PHOTONS[1]:
+        if settings.direct == "rays" and settings.max_photons >= rounds.MOST_FIRST_PHOTONS + rounds.AHEAD_PHOTONS[1]:
             photons.append(rounds.AHEAD_PHOTONS[1])
         shards = [
-            PhotonShard(
-                tracing=str(folder),
-                view="",
-                seed=settings.seed,
-                round=round_,
-                shard=number,
-                photons=share,
-                max_depth=settings.max_depth,
-                degree=0,
-                skip_first=by_rays,
-                guided=round_ > 0 and settings.guided,
-                hits=str(folder / f"{_HITS_FOLDER}_{round_}_{number}"),
-            )
+            replace(shard, hits=str(folder / f"{_HITS_FOLDER}_{round_}_{shard.shard}"))
             for round_, of_round in enumerate(photons)
-            for number, share in enumerate(rounds.share_photons(of_round))
+            for shard in PhotonShard.of_round(
+                folder, settings, round_, rounds.share_photons(of_round), view="", degree=0, guided=round_ > 0 and settings.guided
+            )
         ]
         return cls({(shard.round, shard.shard): (shard, executor.submit(trace_ahead, shard)) for shard in shards})
 
@@ -59,5 +48,4 @@ class FirstPhotons:
         ahead, traced = self.sent.get((shard.round, shard.shard), (None, None))
         if ahead is None or traced is None or (shard.photons, shard.weight) != (ahead.photons, ahead.weight):
             return shard
-        traced.result()
-        return replace(shard, hits=ahead.hits)
+        return replace(shard, hits=ahead.hits) if traced.result() else shard

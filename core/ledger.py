@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from . import workers
+from .photon_shards import PhotonResult, PhotonShard
 
 ENERGY_NAMES = ("emitted", "absorbed", "escaped", "remainder")
 
@@ -29,13 +29,18 @@ class Ledger:
     deposits: int = 0
     gathered: int = 0
 
-    def add(self, shard: workers.PhotonShard, result: workers.PhotonResult) -> None:
+    def add(self, shard: PhotonShard, result: PhotonResult) -> None:
         for name in ENERGY_NAMES:
             self.energy_w[name] += getattr(result.audit, name)
         self.photons += shard.photons
         self.told += shard.photons * shard.weight
         self.rays += result.counters.rays
         self.deposits += result.counters.deposits
+
+    def find_lost(self) -> float:
+        """Share of the light that was under way still when photons had met as many surfaces as they may; the largest of channels."""
+        emitted, left = self.energy_w["emitted"], self.energy_w["remainder"]
+        return float(np.divide(left, emitted, out=np.zeros(len(left)), where=emitted > 0.0).max())
 
     def audit_w(self) -> dict[str, list[float]]:
         """The energy audit, W: emitted = absorbed + escaped + remainder."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,12 +25,23 @@ class EnergyAudit:
     escaped: NDArray[np.float64]
     remainder: NDArray[np.float64]
 
+    @classmethod
+    def join(cls, parts: Sequence[EnergyAudit]) -> EnergyAudit:
+        """The sums of all."""
+        names = ("emitted", "absorbed", "escaped", "remainder")
+        return cls(*(np.sum([getattr(part, name) for part in parts], axis=0) for name in names))
+
 
 @dataclass(frozen=True)
 class Counters:
     photons: int
     rays: int
     deposits: int
+
+    @classmethod
+    def join(cls, parts: Sequence[Counters]) -> Counters:
+        """The sums of all."""
+        return cls(*(sum(getattr(part, name) for part in parts) for name in ("photons", "rays", "deposits")))
 
 
 @dataclass(frozen=True)
@@ -84,11 +96,18 @@ class ShardHits:
 
 
 class PhotonLog:
-    """Collects what a shard reports; the sums are added to from outside."""
+    """Collects what a shard reports; the sums are added to from outside.
+
+    n_hit   deposits that have not been taken yet
+    """
 
     def __init__(self) -> None:
+        self._n_group, self._is_told = 0, True
+        self._forget()
+
+    def _forget(self) -> None:
         self.emitted, self.absorbed, self.escaped, self.remainder = np.zeros((4, 3))
-        self.photons = self.rays = self._n_group = 0
+        self.photons = self.rays = self.n_hit = 0
         self._pieces: list[tuple[_Ints, _Rows, _Rows, _Rows, bool]] = []  # tri, u, v, flux, is_first
         self._place: list[_Ints] = []
         self._split: list[_Rows] = []
@@ -98,42 +117,48 @@ class PhotonLog:
 
     def open_groups(self, place: _Ints, split: _Rows) -> _Ints:
         """The numbers (g,) of new groups; arguments as in Groups."""
-        self._place.append(place)
-        self._split.append(split)
+        if self._is_told:
+            self._place.append(place)
+            self._split.append(split)
         first, self._n_group = self._n_group, self._n_group + len(place)
         return np.arange(first, self._n_group, dtype=np.int32)
 
     def count_rays(self, count: int, group: _Ints | None) -> None:
         """group   (count,) int32: whose they are, None before groups are opened and where there are none"""
         self.rays += count
-        if group is not None:
+        if group is not None and self._is_told:
             self._under_way.append(group)
 
     def deposit(self, tri: _Ints, u: _Rows, v: _Rows, flux: _Rows, is_first: bool, group: _Ints | None) -> None:
         """Arguments as in ShardHits; group (m,) int32, None where there are none."""
         self._pieces.append((tri, u, v, flux, is_first))
-        if group is not None:
+        self.n_hit += len(tri)
+        if group is not None and self._is_told:
             self._owner.append(group)
 
     def light_elsewhere(self, tri: _Ints) -> None:
         """tri   (m,) int32: as in ShardHits, in any order and more than once"""
         self._elsewhere.append(tri)
 
-    def hits(self) -> ShardHits:
+    def take(self) -> ShardHits:
+        """All since the last time; groups are told once, of what has become of them by then."""
         nothing = np.zeros(0, np.float32)
         self._pieces.append((np.zeros(0, np.int32), nothing, nothing, np.zeros((3, 0), np.float32), False))
         tri, u, v, flux, is_first = zip(*self._pieces, strict=True)
-        return ShardHits(
+        hits = ShardHits(
             np.concatenate(tri),
             np.concatenate(u),
             np.concatenate(v),
             np.concatenate(flux, axis=1),
             np.repeat(np.array(is_first), [len(piece) for piece in tri]),
             EnergyAudit(self.emitted, self.absorbed, self.escaped, self.remainder),
-            Counters(self.photons, self.rays, sum(len(piece) for piece in tri)),
+            Counters(self.photons, self.rays, self.n_hit),
             self._groups() if self._place else None,
             np.flatnonzero(np.bincount(np.concatenate(self._elsewhere))),
         )
+        self._is_told = False
+        self._forget()
+        return hits
 
     def _groups(self) -> Groups:
         none = [np.zeros(0, np.int32)]

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from . import shared_arrays, workers
+from . import photon_shards, shared_arrays, workers
+from .photon_shards import PhotonResult, PhotonShard
 from .quadtree import Quadtree
 from .splitting import Splitting
 from .tree_view import TreeView
-from .workers import PhotonResult, PhotonShard
 
 _NEARLY_DONE = 2  # shards whose results are missing when the late ones are given out
 
@@ -44,7 +44,7 @@ class PhotonRounds:
         """What came of the late shards of the round before, then of these but the last `n_late`; views are removed once they are read."""
         first, last = shards[: len(shards) - n_late], shards[len(shards) - n_late :]
         before, self.late = self.late, []
-        results = self.executor.map(workers.trace_photons, first)
+        results = self.executor.map(photon_shards.trace_photons, first)
         try:
             for shard, late in before:
                 yield shard, late.result()
@@ -59,7 +59,7 @@ class PhotonRounds:
 
     def send(self, late: Sequence[PhotonShard]) -> None:
         """Have these shards, of one view, traced by when the next round is."""
-        self.late = [(shard, self.executor.submit(workers.trace_photons, shard)) for shard in late]
+        self.late = [(shard, self.executor.submit(photon_shards.trace_photons, shard)) for shard in late]
 
     def drop(self) -> None:
         """Do not wait for what is under way: who works on it may find that its view is gone."""

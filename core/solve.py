@@ -31,6 +31,7 @@ from .messages import Status
 from .next_rays import Look, Stop, Tell, choose_texels, have_look
 from .other_light import OtherLight
 from .photon_rounds import PhotonRounds, save_view
+from .photon_shards import PhotonShard
 from .settings import Settings
 from .splitting import SplitGuide, Splitting, weigh_deposits
 from .squares import SquareLight, Squares
@@ -188,22 +189,8 @@ class Solver:
         self.gathered, (splitting, weight) = None, self._guide_photons()
         view, self.splitting = self._save_view(self.round, splitting), splitting
         settings, parted, born, (photons, left) = self.settings, [], [], self._next_photons(stated, weight)
-        shards = [
-            workers.PhotonShard(
-                tracing=str(self.folder),
-                view=view,
-                seed=settings.seed,
-                round=self.round,
-                shard=shard,
-                photons=share,
-                max_depth=settings.max_depth,
-                degree=self.degree,
-                skip_first=settings.direct == "rays",
-                weight=weight,
-                guided=splitting is not None,
-            )
-            for shard, share in enumerate(rounds.share_photons(photons, self.round))
-        ]
+        shares, guided = rounds.share_photons(photons, self.round), splitting is not None
+        shards = PhotonShard.of_round(self.folder, settings, self.round, shares, view, self.degree, weight, guided)
         shards = [self.first.take(shard) for shard in shards]
         for shard, result in self.rounds.trace(shards, rounds.count_late(len(shards), left)):
             self.tally.add(shard.shard % 2, result.tally, shard.photons * shard.weight)
@@ -221,7 +208,7 @@ class Solver:
         place = self.folder / f"view_{self.settings.direct}_{number}"  # of a bake by rays that stopped at once photons alone may follow
         return save_view(place, self.tree, len(self.tracing.texels), self.squares.entry, splitting)
 
-    def send_again(self, late: list[workers.PhotonShard], splitting: Splitting | None) -> None:
+    def send_again(self, late: list[PhotonShard], splitting: Splitting | None) -> None:
         """Shards of the last round that were under way when the bake stopped, if it may have so many photons and another round."""
         self.splitting = splitting
         if late and self.settings.max_photons - self.ledger.photons - sum(shard.photons for shard in late) > 1:

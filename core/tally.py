@@ -12,7 +12,7 @@ Source: [Tobler97] 3.1 (counters), eq. 9 (coefficients), eq. 10 (nodes that were
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +42,19 @@ class ShardTally:
     count: NDArray[np.int64]
     weight2: NDArray[np.float64]
     raw: NDArray[np.float64]
+
+    @classmethod
+    def join(cls, parts: Sequence[ShardTally]) -> ShardTally:
+        """The sums of all."""
+        node = np.unique(np.concatenate([part.node for part in parts]))
+        shape, m = parts[0].raw.shape[:-1], len(node)
+        out = cls(node, np.zeros(m, np.int64), np.zeros((CHANNELS, m)), np.zeros((*shape, m)))
+        for part in parts:
+            rows = np.searchsorted(node, part.node)
+            out.count[rows] += part.count
+            out.weight2[:, rows] += part.weight2
+            out.raw[..., rows] += part.raw
+        return out
 
 
 def deposit(

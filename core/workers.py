@@ -12,11 +12,8 @@ from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from . import direct, direct_quads, gather, photons, photons_ahead, rays, sampling, shared_arrays
-from .birth_cells import BirthCells
-from .birth_guide import BirthTally
+from . import direct, direct_quads, gather, photons, rays, sampling, shared_arrays
 from .coverage import as_slice
 from .emitters import build_emitters
 from .geometry import UnitBox
@@ -24,14 +21,11 @@ from .heap import keep_freed_memory
 from .job import SNAPSHOT_FILE
 from .materials import SurfaceMaterials
 from .other_light import OtherLight
-from .photon_log import Counters, EnergyAudit, ShardHits
 from .pruning import prune_scene
 from .quads import Quads
 from .scene import IntArray, SceneSnapshot
 from .snapshot import load_snapshot
-from .splitting import SplitTally, Splitting, weigh_groups
-from .squares import deposit_on_squares
-from .tally import ShardTally, deposit
+from .splitting import Splitting
 from .texel_map import LOOK, TexelMap
 from .tiles import Tiles
 from .tree_view import TreeView
@@ -129,89 +123,6 @@ def forget_views() -> None:
     """The same of views alone."""
     for opened in (open_view, open_splitting, open_known_light, open_other_light):
         opened.cache_clear()
-
-
-@dataclass(frozen=True)
-class PhotonShard:
-    """One shard of one round."""
-
-    tracing: str  # folder
-    view: str  # folder
-    seed: int
-    round: int
-    shard: int
-    photons: int
-    max_depth: int
-    degree: int
-    skip_first: bool  # direct light comes from shadow rays
-    weight: float = 1.0  # how much a photon tells, see splitting
-    guided: bool = False  # the view's folder tells where more or fewer photons should part
-    hits: str = ""  # folder on this machine: what was traced of it already, see first_photons
-
-
-@dataclass(frozen=True)
-class PhotonResult:
-    """Sums and counts of one shard; sums over nodes and squares of photons that carry the light of a bake with one, times their weight."""
-
-    tally: ShardTally
-    squares: ShardTally
-    audit: EnergyAudit
-    counters: Counters
-    splitting: SplitTally | None
-    births: BirthTally | None
-    lit_elsewhere: NDArray[np.bool_]  # see gather.KnownLight
-
-
-def trace_photons(shard: PhotonShard) -> PhotonResult:
-    """Trace the photons of a shard and sum them over the nodes they meet."""
-    tracing, view = open_tracing(shard.tracing), open_view(shard.view)
-    splitting = open_splitting(shard.view) if shard.guided else None
-    split_at = partial(_split_at, tracing, view, splitting) if splitting and shard.skip_first else None
-    cells = splitting.cells if splitting and not shard.skip_first else None
-    hits = photons_ahead.fetch_hits(Path(shard.hits), split_at) if shard.hits else _trace_hits(tracing, shard, split_at, cells)
-    x, y = tracing.texels.hit_texel_xy(hits.tri, hits.u, hits.v)
-    entry = tracing.texels.entry_of(hits.tri, x, y)
-    lit_elsewhere = np.zeros(len(tracing.snapshot.objects), bool)
-    lit_elsewhere[tracing.snapshot.tri_object[hits.elsewhere]] = True
-    if entry.min(initial=0) < 0:  # a face may have no texels, as one that a layer folds to a line
-        lit_elsewhere[tracing.snapshot.tri_object[hits.tri[entry < 0]]] = True
-        placed = np.flatnonzero(entry >= 0)
-        hits, x, y, entry = hits.only(placed), x.take(placed), y.take(placed), entry.take(placed)
-    node, s, t = view.locate(tracing.texels.owner_of(entry, x, y), x, y)
-    is_first = None if shard.skip_first else hits.is_first
-    sums = deposit(node, s, t, hits.flux_rgb, is_first, len(view.centre), shard.degree)
-    on_squares = deposit_on_squares(tracing.texels, view.square_entry, entry, hits.tri, x, y, hits.flux_rgb, is_first)
-    parted = born = None
-    if splitting and hits.groups:
-        noise = weigh_groups(hits.groups, splitting.worth, node, hits.flux_rgb)
-        parted, born = (SplitTally.of(hits.groups, noise), None) if cells is None else (None, BirthTally.of(hits.groups, noise, len(cells)))
-    return PhotonResult(sums, on_squares, hits.audit, hits.counters, parted, born, lit_elsewhere)
-
-
-def trace_ahead(shard: PhotonShard) -> None:
-    """Trace photons of a shard to the folder `hits`, before there is anything that guides them; texels and a view need not be there yet."""
-    noted = photons_ahead.NotedPartings() if shard.guided else None
-    photons_ahead.keep_hits(Path(shard.hits), _trace_hits(open_scene(shard.tracing), shard, noted), noted)
-
-
-def _trace_hits(
-    opened: TracedScene, shard: PhotonShard, split_at: photons.SplitAt | None = None, cells: BirthCells | None = None
-) -> ShardHits:
-    rng = sampling.shard_rng(shard.seed, shard.round, shard.shard)
-    # How many photons the bake will have is not known yet: each carries all the light, and sums are divided when read.
-    flux_share = shard.photons * shard.weight
-    return photons.trace_shard(opened.scene, shard.photons, flux_share, rng, shard.max_depth, shard.skip_first, split_at, cells)
-
-
-def _split_at(
-    tracing: Tracing, view: TreeView, splitting: Splitting, tri: NDArray[np.int32], u: NDArray[np.float32], v: NDArray[np.float32]
-) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """photons.SplitAt."""
-    x, y = tracing.texels.hit_texel_xy(tri, u, v)
-    entry = tracing.texels.entry_of(tri, x, y)
-    node = view.node.take(entry, mode="clip")
-    place = splitting.find_places(node, entry >= 0, tracing.snapshot.tri_object.take(tri))
-    return place, splitting.factor.take(place)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -93,3 +93,12 @@ def solution_bytes(light: LightField) -> bytes:
     """What two bakes that are the same have alike."""
     arrays = [light.solution.coefficient, light.solution.variance, light.leaves, light.direct.irradiance, light.direct.variance]
     return b"".join(array.tobytes() for array in arrays)
+
+
+def to_bytes(result):
+    """All numbers of a result of dataclasses of arrays."""
+    if isinstance(result, np.ndarray):
+        return result.tobytes()
+    if isinstance(result, dict | int | None):
+        return repr(result).encode()
+    return b"".join(to_bytes(getattr(result, field.name)) for field in fields(result))

@@ -56,7 +56,7 @@ STATISTICS = {
     "core.shrinkage",
 }
 # Where both sides meet: rounds of photons, shards that trace and sum them, and the whole bake.
-SEES_ALL = {"core.solve", "core.workers", "core.bake"}
+SEES_ALL = {"core.solve", "core.workers", "core.photon_shards", "core.bake"}
 BPY_FREE_ADDON = {
     "addon.arguments",
     "addon.bake_state",

@@ -98,7 +98,8 @@ def wavefront_share(folder: Path, snapshot: SceneSnapshot, sizes: Sizes) -> dict
     recording = dataclasses.replace(scene, rays=recorder)
 
     def trace(scene: photons.TraceScene) -> int:
-        return photons.trace_shard(scene, sizes.shard_photons, 1.0, sampling.shard_rng(1, 0, 0), 1000, True).counters.rays
+        pieces = photons.trace_shard(scene, sizes.shard_photons, 1.0, sampling.shard_rng(1, 0, 0), 1000, True)
+        return sum(hits.counters.rays for hits in pieces)
 
     count = trace(recording)
 

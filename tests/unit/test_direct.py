@@ -197,7 +197,7 @@ def test_photons_say_the_same(name):
     _, box, surfaces = prepare(scene)
     emitters, _ = build_emitters(scene, box, surfaces)
     trace = photons.build_trace_scene(scene, box, surfaces, emitters)
-    hits = photons.trace_shard(trace, n_photon, 1.0, np.random.default_rng(5), max_depth=1, skip_first=False)
+    (hits,) = photons.trace_shard(trace, n_photon, 1.0, np.random.default_rng(5), max_depth=1, skip_first=False)
     on_floor = hits.tri < 2
     corner = scene.tri_position[hits.tri[on_floor]]
     u, v = hits.u[on_floor, None], hits.v[on_floor, None]

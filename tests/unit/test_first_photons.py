@@ -11,6 +11,7 @@ from boxes import lamp_scene, make_solver
 from leaflight.core import bake, executors, rounds, workers
 from leaflight.core.first_photons import FirstPhotons
 from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.photon_shards import PhotonShard
 from leaflight.core.settings import Settings
 from leaflight.core.snapshot import save_snapshot
 
@@ -50,7 +51,7 @@ def test_who_has_no_process_to_spare_traces_them_later(tmp_path):
 
 
 def shard_of(round_, number, photons, **others):
-    return workers.PhotonShard(
+    return PhotonShard(
         tracing="", view="", seed=0, round=round_, shard=number, photons=photons, max_depth=9, degree=1, skip_first=True, **others
     )
 
@@ -95,7 +96,7 @@ def test_it_is_not_sent_ahead_where_it_may_turn_out_smaller(tmp_path, awake):
 
 def test_shards_that_turn_out_otherwise_are_traced_when_they_are_known():
     done = Future()
-    done.set_result(None)
+    done.set_result(True)
     first = FirstPhotons({(1, 0): (shard_of(1, 0, 100, hits="there"), done)})
     assert first.take(shard_of(1, 0, 100)).hits == "there"
     for other in (shard_of(1, 0, 101), shard_of(1, 1, 100), shard_of(0, 0, 100), shard_of(1, 0, 100, weight=1.5)):

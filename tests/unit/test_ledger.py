@@ -3,7 +3,7 @@
 import numpy as np
 from leaflight.core.ledger import ENERGY_NAMES, Ledger
 from leaflight.core.photon_log import Counters, EnergyAudit
-from leaflight.core.workers import PhotonResult, PhotonShard
+from leaflight.core.photon_shards import PhotonResult, PhotonShard
 
 
 def make_shard(photons, weight):

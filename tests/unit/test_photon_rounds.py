@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 from boxes import lamp_scene, make_solver, solution_bytes, solve_scene
-from leaflight.core import executors, rounds, workers
+from leaflight.core import executors, photon_shards, rounds
 from leaflight.core.photon_rounds import PhotonRounds
 from leaflight.core.settings import Settings
 
@@ -36,7 +36,7 @@ class Patient(Executor):
 @pytest.fixture
 def shards(tmp_path, monkeypatch):
     """Gives shards of a round with a view of its own; what comes of each is its number."""
-    monkeypatch.setattr(workers, "trace_photons", lambda shard: shard.shard)
+    monkeypatch.setattr(photon_shards, "trace_photons", lambda shard: shard.shard)
 
     def make(round_, numbers):
         view = tmp_path / f"view_{round_}"

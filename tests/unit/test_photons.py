@@ -81,8 +81,13 @@ def _build(snapshot, *lamps) -> photons.TraceScene:
     return photons.build_trace_scene(snapshot, box, SurfaceMaterials(snapshot), lamps)
 
 
+def _trace_whole(*arguments, **options) -> photon_log.ShardHits:
+    (hits,) = photons.trace_shard(*arguments, **options)
+    return hits
+
+
 def _trace(scene, n=N, shard=0, max_depth=1000, skip_first=False, share=1.0) -> photon_log.ShardHits:
-    return photons.trace_shard(scene, n, share, sampling.shard_rng(7, 0, shard), max_depth, skip_first)
+    return _trace_whole(scene, n, share, sampling.shard_rng(7, 0, shard), max_depth, skip_first)
 
 
 def _assert_closes(audit: photon_log.EnergyAudit) -> None:
@@ -264,7 +269,7 @@ def test_photons_part_in_groups_as_they_are_told():
         return tri // 2, np.where(tri // 2 == 4, np.float32(2), np.float32(0.5))
 
     rng = sampling.shard_rng(7, 0, 0)
-    hits, plain = photons.trace_shard(scene, N, 1.0, rng, 1000, True, split_at), _trace(scene, skip_first=True)
+    hits, plain = _trace_whole(scene, N, 1.0, rng, 1000, True, split_at), _trace(scene, skip_first=True)
     _assert_closes(hits.audit)
     sent = [each.flux_rgb.sum(axis=1, dtype=np.float64) for each in (hits, plain)]
     np.testing.assert_allclose(sent[0], sent[1], rtol=0.05)
@@ -297,7 +302,7 @@ def test_groups_own_what_comes_of_them_and_nothing_else(monkeypatch):
     def split_at(tri, u, v):
         return tri // n_tri, np.ones(len(tri), np.float32)
 
-    hits = photons.trace_shard(scene, N, 1.0, sampling.shard_rng(7, 0, 0), 1000, True, split_at)
+    hits = _trace_whole(scene, N, 1.0, sampling.shard_rng(7, 0, 0), 1000, True, split_at)
     assert 0 < hits.counters.deposits < hits.groups.rays.sum()
     np.testing.assert_array_equal(hits.groups.place[hits.groups.owner], hits.tri // n_tri)
     share = np.bincount(hits.groups.place, hits.groups.rays) / hits.groups.rays.sum()
@@ -311,7 +316,7 @@ def test_photons_are_born_in_cells_as_they_are_told():
     cells = BirthCells(
         np.int32([0, 0]), np.float32([up, down]), np.float32([[0.5, 1, 1, 1]] * 2), np.array([0.5, 0.5]), np.array([0.9, 0.1])
     )
-    hits = photons.trace_shard(scene, 4 * N, 1.0, sampling.shard_rng(7, 0, 0), 2, False, cells=cells)
+    hits = _trace_whole(scene, 4 * N, 1.0, sampling.shard_rng(7, 0, 0), 2, False, cells=cells)
     _assert_closes(hits.audit)
     assert hits.audit.emitted == pytest.approx(12.0, rel=1e-4)
     groups, first = hits.groups, hits.is_first

@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh, solution_bytes, solve_scene
-from leaflight.core import direct_field, executors, quadtree, refine, resolve, rounds, shrinkage, splitting, tally, workers
+from leaflight.core import direct_field, executors, photon_shards, quadtree, refine, resolve, rounds, shrinkage, splitting, tally
 from leaflight.core.direct_shown import ShownDirect
 from leaflight.core.messages import Progress, Status
+from leaflight.core.photon_shards import PhotonShard
 from leaflight.core.rounds import EARLY_GROWTH, EARLY_PHOTONS, FIRST_ROUND_PHOTONS, ROUND_GROWTH
 from leaflight.core.scene import Light, Material
 from leaflight.core.settings import Settings
@@ -167,7 +168,7 @@ def test_rounds_grow_by_what_their_photons_tell(tmp_path):
     recorder = Recorder()
     solver = court_solver(tmp_path, executor=recorder, forced=True)
     light = solver.run(lambda message: None, lambda: False)
-    shards = [shard for shard in recorder.shards if isinstance(shard, workers.PhotonShard)]
+    shards = [shard for shard in recorder.shards if isinstance(shard, PhotonShard)]
     photons, weight = (np.array([getattr(shard, name) for shard in shards]) for name in ("photons", "weight"))
     told = np.bincount([shard.round for shard in shards], photons * weight)
     before = np.cumsum(told)[:-1]
@@ -395,7 +396,7 @@ def test_an_error_in_a_shard_ends_the_bake_and_leaves_no_view(tmp_path, monkeypa
     def fail(shard):
         raise ValueError(f"shard {shard.shard}")
 
-    monkeypatch.setattr(workers, "trace_photons", fail)
+    monkeypatch.setattr(photon_shards, "trace_photons", fail)
     with pytest.raises(ValueError, match="shard 0"):
         solve_scene(tmp_path, lamp_scene(), QUICK)
     assert not list(tmp_path.glob("view_*"))

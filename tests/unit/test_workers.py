@@ -1,162 +1,15 @@
-"""Shards of work: pure functions, whoever runs them; executors hand errors on."""
+"""What a process keeps open, and shards of texels: pure functions, whoever runs them."""
 
-import pickle
-from dataclasses import fields, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import lamp_scene, make_solver, prepare_folder
-from leaflight.core import photons, shared_arrays, workers
-from leaflight.core.birth_cells import BirthCells
-from leaflight.core.scene import Light, Material, SceneObject
+from boxes import lamp_scene, prepare_folder, to_bytes
+from leaflight.core import shared_arrays, workers
+from leaflight.core.scene import SceneObject
 from leaflight.core.settings import Settings
-from leaflight.core.splitting import Splitting
-from leaflight.core.tree_view import TreeView
-from scenes import Mesh, make_scene, moved, quad_mesh
 
 SETTINGS = Settings(size=32, padding=1)
-
-
-def make_shard(folder, scene, worth=None):
-    """A shard of 5000 photons, and its tree; with `worth` of so many nodes, (3, n_node), photons may be told to part as they would."""
-    solver = make_solver(folder, scene, replace(SETTINGS, direct="photons"))
-    tree, view = solver.tree, folder / "view"
-    shared_arrays.save_struct(view, TreeView.of_tree(tree, len(solver.tracing.texels), solver.squares.entry))
-    if worth:
-        told = Splitting(np.ones(len(scene.objects) + len(tree), np.float32), worth(len(tree)), BirthCells.whole(np.ones(1)))
-        shared_arrays.save_struct(view / workers.SPLITTING_FOLDER, told)
-    return workers.PhotonShard(str(folder), str(view), 1, 0, 0, photons=5000, max_depth=100, degree=1, skip_first=False), tree
-
-
-@pytest.fixture
-def photon_shard(tmp_path):
-    """A shard of 5000 photons in the lamp scene."""
-    return make_shard(tmp_path, lamp_scene())[0]
-
-
-def to_bytes(result):
-    """All numbers of a result of dataclasses of arrays."""
-    if isinstance(result, np.ndarray):
-        return result.tobytes()
-    if isinstance(result, dict | int | None):
-        return repr(result).encode()
-    return b"".join(to_bytes(getattr(result, field.name)) for field in fields(result))
-
-
-def test_a_photon_shard_is_a_pure_function(photon_shard):
-    first = workers.trace_photons(photon_shard)
-    workers.trace_photons(replace(photon_shard, shard=1))
-    assert to_bytes(workers.trace_photons(photon_shard)) == to_bytes(first)
-
-
-@pytest.mark.parametrize("change", [{"seed": 2}, {"round": 1}, {"shard": 1}])
-def test_seed_round_and_shard_each_give_other_photons(photon_shard, change):
-    assert to_bytes(workers.trace_photons(replace(photon_shard, **change))) != to_bytes(workers.trace_photons(photon_shard))
-
-
-def test_each_photon_carries_all_the_light(photon_shard):
-    """Sums are divided by the photons of the whole bake when they are read."""
-    few, many = (workers.trace_photons(replace(photon_shard, photons=n)) for n in (5000, 10_000))
-    assert many.audit.emitted == pytest.approx(2 * few.audit.emitted, rel=1e-6)
-    assert few.counters.photons == 5000
-    assert few.tally.raw[:, 0, 0].sum() == pytest.approx(many.tally.raw[:, 0, 0].sum() / 2, rel=0.1)
-
-
-def test_photons_of_more_weight_carry_more(photon_shard):
-    one, three = (workers.trace_photons(replace(photon_shard, weight=weight)) for weight in (1.0, 3.0))
-    assert three.audit.emitted == pytest.approx(3 * one.audit.emitted, rel=1e-6)
-    np.testing.assert_allclose(three.tally.raw, 3 * one.tally.raw, rtol=1e-5, atol=1e-5 * one.tally.raw.max())
-    assert three.counters == one.counters
-
-
-def test_photons_part_as_their_view_says(photon_shard):
-    """The same light comes of fewer rays where fewer photons part; the groups tell of all of them."""
-    shard = replace(photon_shard, photons=1_000_000, skip_first=True, guided=True)
-    n_object, n_node = len(workers.open_tracing(shard.tracing).snapshot.objects), len(workers.open_view(shard.view).centre)
-    cells = BirthCells.whole(workers.open_tracing(shard.tracing).scene.emitter_share)
-    results = []
-    for factor in (1.0, 0.25):
-        told = Splitting(np.full(n_object + n_node, factor, np.float32), np.ones((3, n_node)), cells)
-        shared_arrays.save_struct(Path(shard.view) / workers.SPLITTING_FOLDER, told)
-        results.append(workers.trace_photons(shard))
-        shared_arrays.remove_struct(Path(shard.view) / workers.SPLITTING_FOLDER)
-        workers.forget_folders()
-    many, few = results
-    births = -(-shard.photons // photons.SPLIT)
-    assert few.counters.rays - births == pytest.approx((many.counters.rays - births) / 4, rel=0.02)
-    light = [result.tally.raw[:, 0, 0].sum() for result in results]
-    deviation = [np.sqrt(result.tally.count.sum()) / result.tally.count.sum() for result in results]  # deposits weigh the same here
-    assert light[1] == pytest.approx(light[0], rel=4 * np.hypot(*deviation))
-    for result, factor in ((many, 1.0), (few, 0.25)):
-        assert result.splitting.groups.sum() <= births
-        assert result.splitting.place.min() >= n_object  # all that photons meet there has a lightmap
-        assert result.splitting.rays.sum() * factor == pytest.approx(result.counters.rays - births)
-        assert result.splitting.noise.sum() / factor == pytest.approx(result.tally.weight2.sum(), rel=1e-5)
-        assert result.births is None
-
-
-def test_photons_that_go_alone_tell_of_their_births_too(photon_shard):
-    """... and as many arrive, wherever most are born."""
-    shard = replace(photon_shard, photons=100_000, guided=True)
-    n_object, n_node = len(workers.open_tracing(shard.tracing).snapshot.objects), len(workers.open_view(shard.view).centre)
-    low, side = np.zeros((2, 4), np.float32), np.ones((2, 4), np.float32)
-    low[1, 1], side[:, 1] = 0.5, 0.5
-    cells = BirthCells(np.zeros(2, np.int32), low, side, np.array([0.5, 0.5]), np.array([0.2, 0.8]))
-    told = Splitting(np.ones(n_object + n_node, np.float32), np.ones((3, n_node)), cells)
-    shared_arrays.save_struct(Path(shard.view) / workers.SPLITTING_FOLDER, told)
-    result, plain = workers.trace_photons(shard), workers.trace_photons(replace(shard, guided=False))
-    assert result.splitting is None
-    np.testing.assert_allclose(result.births.births[:, 0].sum(1), [0.2 * shard.photons, 0.8 * shard.photons], atol=1)
-    assert result.births.rays[:, 0].sum() == result.counters.rays
-    assert result.births.noise[:, 0].sum() == pytest.approx(result.tally.weight2.sum(), rel=1e-5)
-    np.testing.assert_allclose(result.tally.raw[0, :, 0].sum(-1), plain.tally.raw[0, :, 0].sum(-1), rtol=0.02)
-
-
-def test_groups_are_told_of_where_they_parted(tmp_path):
-    """On the nodes of the floor, and on the block, which has no lightmap: in number and in what their light is worth."""
-    scene, n_birth = lamp_scene(), 4000
-    bare = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], receives=False)))
-    shard, _ = make_shard(tmp_path, bare, lambda n_node: np.random.default_rng(1).random((3, n_node)))
-    first = workers.trace_photons(replace(shard, photons=n_birth, max_depth=1))  # as many are born alike
-    parted = workers.trace_photons(replace(shard, photons=n_birth * photons.SPLIT, skip_first=True, guided=True))
-    worth, places = workers.open_splitting(shard.view).worth, parted.splitting
-    assert places.place.tolist() == [1, *(2 + first.tally.node)]
-    np.testing.assert_array_equal(places.groups[1:], first.tally.count)
-    met = n_birth * (1 - first.audit.escaped[0] / first.audit.emitted[0])
-    assert places.groups.sum() == pytest.approx(met, abs=0.5)
-    assert places.noise.sum() == pytest.approx((worth[:, parted.tally.node] * parted.tally.weight2).sum(), rel=1e-5)
-
-
-@pytest.mark.parametrize("guided", [False, True])
-def test_light_on_a_face_without_texels_is_no_other_texel_s(tmp_path, guided):
-    """Half of a sheet is folded to a line in its layer; what has the last texels lies in the dark."""
-    vertex = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0], [2, 1, 0]], float)
-    square, line = np.array([[0, 0], [0.9, 0], [0.9, 0.9], [0, 0.9]]), np.array([[0.1, 0.1], [0.2, 0.2], [0.3, 0.3], [0.4, 0.4]])
-    sheet = Mesh("Sheet", vertex, [[0, 1, 2, 3], [1, 4, 5, 2]], [square, line])
-    ceiling = replace(moved(quad_mesh("Ceiling", 2.0, 1.0), (0, 0, 1.0)), polygons=[[3, 2, 1, 0]], receives=False)
-    screen = replace(moved(quad_mesh("Screen", 9.0, 9.0), (-4.0, -4.0, -1.0)), receives=False)
-    scene = make_scene(
-        [sheet, ceiling, screen, moved(quad_mesh("Dark"), (0, 0, -2.0))],
-        [Light("POINT", "Lamp", (1.0, 0.5, 0.5), power_rgb=(1.0,) * 3)],
-        [Material("White", (0.9,) * 3)],
-    )
-    shard, tree = make_shard(tmp_path, scene, lambda n_node: np.ones((3, n_node)))
-    result = workers.trace_photons(replace(shard, skip_first=guided, guided=guided))
-    texels = workers.open_tracing(str(tmp_path)).texels
-    assert set(scene.tri_object[texels.texel_tri[tree.start[result.tally.node]]]) == {0}
-    assert 100 < result.tally.count.sum() < 0.8 * result.counters.deposits  # the others fell on the folded half
-    if guided:
-        assert result.splitting.noise.sum() == pytest.approx(result.tally.weight2.sum(), rel=1e-5)
-
-
-def test_skipping_first_hits_leaves_the_indirect_part(photon_shard):
-    whole, rest = (workers.trace_photons(replace(photon_shard, photons=400_000, skip_first=skip)) for skip in (False, True))
-    assert whole.tally.raw[0].any()
-    assert len(rest.tally.raw) == 1  # the indirect component alone
-    assert rest.tally.raw[0, 0, 0].sum() == pytest.approx(
-        whole.tally.raw[1, 0, 0].sum(), rel=0.1
-    )  # few hit more than one surface: 3 % by chance
 
 
 def test_a_direct_shard_is_a_pure_function_and_takes_its_texels_only(tmp_path):
@@ -172,12 +25,6 @@ def test_a_direct_shard_is_a_pure_function_and_takes_its_texels_only(tmp_path):
     whole = workers.light_texels(everywhere).irradiance_rgb
     assert (workers.light_texels(replace(everywhere, turn=1)).irradiance_rgb != whole).any()  # in half shadow other rays see other light
     assert np.median(np.abs(light.irradiance_rgb - whole[10:60]) / np.maximum(whole[10:60], 1e-3)) < 0.02
-
-
-def test_shards_and_results_can_be_sent(photon_shard):
-    result = workers.trace_photons(photon_shard)
-    assert pickle.loads(pickle.dumps(photon_shard)) == photon_shard
-    assert to_bytes(pickle.loads(pickle.dumps(result))) == to_bytes(result)
 
 
 def test_a_folder_is_opened_once_until_it_is_forgotten(tmp_path):
