@@ -68,9 +68,8 @@ class GatherPlan:
         wanted2 = (1.0 - DIRECT_SHARE**2) * settings.error**2
         if noise2 <= wanted2 or stated.relative > _MOST_KNOWN * settings.error:
             return False
-        # Where photons are counted, by who wants so many and no more, and these are too few at best, they tell all of it.
-        if ledger.told * (noise2 / wanted2 - 1.0) > settings.max_photons - ledger.photons:
-            return False
+        if ledger.told * (noise2 / wanted2 - 1.0) > settings.max_photons - ledger.photons:  # at best: the bake may not have so many
+            return True
         rays = (_RAYS_EACH + _RAYS_BY_ERROR / settings.error) * stated.indirect * self.n_texel
         photons = ledger.told * (grow_photons(noise2, wanted2, degree) - 1.0) / weigh()
         return photons * ledger.rays / ledger.photons > rays
