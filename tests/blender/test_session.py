@@ -55,7 +55,7 @@ def bake(request, folder, between=lambda: None):
 def shown_images(name):
     """Names of the images in an object's materials."""
     trees = [slot.material.node_tree for slot in bpy.data.objects[name].material_slots if slot.material]
-    return {node.image.name for tree in trees for node in tree.nodes if node.type == "TEX_IMAGE"}
+    return {node.image.name for tree in trees for node in tree.nodes if node.type == "TEX_IMAGE" and node.image}
 
 
 def test_job_says_what_was_asked(request_, folder, tmp_path):
