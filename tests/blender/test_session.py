@@ -146,6 +146,15 @@ def test_who_is_too_unlike_the_others_wears_a_copy_of_the_mesh_and_is_told(reque
     assert {bpy.data.objects[name].data for name in names} == {bpy.data.meshes["Cube"]}
 
 
+@pytest.mark.parametrize(("scale", "options"), [((20, 1, 1), {}), ((1, 1, 1), {"share_meshes": False})])
+def test_copies_of_meshes_are_no_change_of_the_scene(request_, folder, scale, options):
+    names = add_twins((1, 1, 1), scale)
+    request = replace(request_, settings=replace(SETTINGS, size=64, **options))
+    bake(request, folder)
+    assert len({bpy.data.objects[name].data for name in names}) > 1
+    assert prepare(request, folder).kept
+
+
 def test_own_meshes_are_given_where_they_are_asked_for(request_, folder):
     names = add_twins((1, 1, 1))
     assert bake(replace(request_, settings=replace(SETTINGS, share_meshes=False)), folder) == []
