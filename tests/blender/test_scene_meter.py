@@ -114,6 +114,34 @@ def test_an_instance_has_the_area_of_what_it_shows(meter):
     assert measure(meter).area_m2 == pytest.approx(16.0 + 4 * 6.0)
 
 
+def edit(name):
+    bpy.context.view_layer.objects.active = bpy.data.objects[name]
+    bpy.ops.object.mode_set(mode="EDIT")
+
+
+def test_an_object_in_edit_mode_is_measured_as_it_is_edited(meter):
+    twin = bpy.data.objects["Cube"].copy()
+    twin.scale = (2.0, 2.0, 2.0)
+    bpy.context.scene.collection.objects.link(twin)
+    before, arrays = measure(meter), make_checker(10.0)
+    edit("Cube")
+    assert measure(meter) == before
+    np.testing.assert_array_equal(np.sort(make_checker(10.0).position, axis=0), np.sort(arrays.position, axis=0))
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.transform.resize(value=(2.0, 2.0, 2.0))
+    assert measure(meter).area_m2 == pytest.approx(16.0 + 4 * 6.0 + 16 * 6.0)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert measure(meter).area_m2 == pytest.approx(16.0 + 4 * 6.0 + 16 * 6.0)
+
+
+def test_checker_shows_the_layer_in_edit_mode():
+    bpy.context.scene.leaflight.uv_layer = "UVMap"
+    before = make_checker(32.0)
+    edit("Floor")
+    np.testing.assert_array_equal(make_checker(32.0).ratio, before.ratio)
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
 def test_another_file_is_measured_anew(meter):
     measure(meter)
     bpy.ops.wm.read_homefile(use_empty=True)
