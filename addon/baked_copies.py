@@ -90,6 +90,14 @@ def _copy_mesh(shared: bpy.types.Mesh) -> bpy.types.Mesh:
     return mesh
 
 
+def find_users_mesh(obj: bpy.types.Object) -> bpy.types.Mesh:
+    """The mesh that the user gave an object: the shared one while a copy of ours stands for it and both are alike, else its own."""
+    own, shared = obj.data, obj.get(SHARED_MESH)
+    if shared is None or not is_made(own):
+        return own
+    return shared if own.get(SHAPE) == _shape_digest(own) == _shape_digest(shared) else own
+
+
 def restore_shared_mesh(obj: bpy.types.Object) -> None:
     """Gives the shared mesh back, unless the user edited the copy since: then the copy is theirs."""
     if SHARED_MESH not in obj:

@@ -45,6 +45,7 @@ class Estimate:
     density    texels/m of an object whose density factor is 1
     seconds    least and most; equal after a bake of the scene
     too_large  names of objects that do not fit a page at the wanted density
+    fitting    of each of these, the share of the wanted density at which it fits, about
     """
 
     objects: int
@@ -56,6 +57,7 @@ class Estimate:
     memory_mb: float
     seconds: tuple[float, float]
     too_large: tuple[str, ...] = ()
+    fitting: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -100,10 +102,11 @@ def estimate_bake(
         return None
     inside = max(settings.size - 2 * settings.padding, 1)
     page_texels = inside**2 * _FILL / (1.0 + _GAP * settings.padding / settings.size) ** 2
-    density, too_large = settings.density, []
+    density, too_large = settings.density, {}
     if density > 0.0:
         texels_of = [min(area * density**2, page_texels) for area in weighted_m2]
-        too_large = [one.name for one, area in zip(objects, weighted_m2, strict=True) if area * density**2 > inside**2]
+        wanted = [(one.name, area * density**2) for one, area in zip(objects, weighted_m2, strict=True)]
+        too_large = {name: math.sqrt(page_texels / texels) for name, texels in wanted if texels > inside**2}
         pages = len(objects) if not settings.atlas else math.ceil(sum(texels_of) / page_texels)
         texels = sum(texels_of)
     else:
@@ -122,6 +125,7 @@ def estimate_bake(
         memory_mb=_CORE_MB + workers * _WORKER_MB + texels * (_CORE_MB_PER_TEXEL + workers * _WORKER_MB_PER_TEXEL),
         seconds=_estimate_seconds(texels, sum(one.n_triangle for one in objects), settings, min(workers, cores), pace),
         too_large=tuple(too_large),
+        fitting=tuple(too_large.values()),
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import bpy
 
 from ..core.scene import Light, SceneObject, SceneSnapshot
+from .baked_copies import find_users_mesh
 from .export_arrays import PieceArrays, join_arrays, read_piece
 from .export_mesh import LocalMesh, count_duplicates, read_mesh
 from .export_pieces import COLLECTION, CURVE, OWN, Piece, PieceKey, walk_pieces
@@ -179,7 +180,7 @@ class _Export:
             two_sided=choice.two_sided,
             density_factor=choice.density_factor,
         )
-        mesh_uid = source.data.session_uid if own_mesh else 0
+        mesh_uid = find_users_mesh(source).session_uid if own_mesh else 0
         self._found.append((exported, scene_object, arrays, mesh_uid))
 
     def _read_local(self, evaluated: Any) -> LocalMesh:

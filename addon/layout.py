@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from ..core.job import LAYOUT_FILE
 from .export_scene import ExportedObject
 
-LAYOUT = "leaflight_layout"  # on a scene that wears a bake: digest of its layout, and its images by page
+LAYOUT = "leaflight_layout"  # on a scene that wears a bake: digest of its layout, its images by page, and what was told of putting it on
 
 
 @dataclass(frozen=True)
@@ -54,9 +55,12 @@ def read_layout(folder: Path, objects: Sequence[ExportedObject], shown_as: str) 
     return Layout(tri_uv, tri_chart, object_page, block, place, f"{digest:08x}")
 
 
-def mark_layout(scene: bpy.types.Scene, layout: Layout, page_image: dict[int, bpy.types.Image]) -> None:
-    """Remember what the scene wears."""
-    scene[LAYOUT] = {"digest": layout.digest, "images": {str(page): image for page, image in page_image.items()}}
+def mark_layout(
+    scene: bpy.types.Scene, layout: Layout, page_image: dict[int, bpy.types.Image], warnings: Sequence[tuple[str, str]]
+) -> None:
+    """Remember what the scene wears, and the sentences about it: (subject, text)."""
+    shown = {str(page): image for page, image in page_image.items()}
+    scene[LAYOUT] = {"digest": layout.digest, "images": shown, "warnings": json.dumps(warnings)}
 
 
 def worn_digest(scene: bpy.types.Scene) -> str:
@@ -68,3 +72,9 @@ def worn_images(scene: bpy.types.Scene) -> dict[int, bpy.types.Image]:
     """Images by page that the scene wears; one that was deleted is left out."""
     found = scene[LAYOUT]["images"].to_dict() if LAYOUT in scene else {}
     return {int(page): image for page, image in found.items() if image is not None}
+
+
+def worn_warnings(scene: bpy.types.Scene) -> list[tuple[str, str]]:
+    """What was told as the scene put on the layout that it wears."""
+    told = scene[LAYOUT].get("warnings", "[]") if LAYOUT in scene else "[]"  # files that an earlier version saved have none
+    return [(subject, text) for subject, text in json.loads(told)]

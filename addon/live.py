@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from . import images, materials_write, restore, session
 from .kept_state import mark_state
-from .layout import Layout, worn_digest, worn_images
+from .layout import Layout, worn_digest, worn_images, worn_warnings
 from .tags import is_made, local_objects
 
 LIVE = "leaflight_live"  # on an image: its page of the bake that runs
@@ -29,6 +29,7 @@ class LiveView:
         self._pages: dict[int, NDArray[np.float16]] = {}
         self._layout: Layout | None = None
         self._was_hidden = False
+        self._warnings: session.Warnings = []  # of putting the light on the objects
 
     def show(self, context: bpy.types.Context, paths: dict[int, str]) -> None:
         """Bring the objects of the scene that is baked up to date; `paths` are those of core.messages.Preview."""
@@ -46,8 +47,9 @@ class LiveView:
         if len(self._pages) < layout.page_count:
             return
         if not restore.has_bake(scene):
-            session.show_pages(context, self._work, layout, self._make_images())
+            self._warnings = session.show_pages(context, self._work, layout, self._make_images())
         elif worn_digest(scene) == layout.digest:
+            self._warnings = worn_warnings(scene)
             self._was_hidden = not restore.is_preview_on(scene)
             _stand_in(scene, self._make_images())
             if self._was_hidden:
@@ -64,7 +66,7 @@ class LiveView:
             image.user_remap(found[page])
         _remove_images()
         mark_state(scene, self._work.request)
-        return []
+        return self._warnings
 
     def take_off(self) -> None:
         """Everything as it was before the first light."""

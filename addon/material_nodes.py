@@ -27,8 +27,8 @@ def write_nodes(material: bpy.types.Material, image: bpy.types.Image, uv_layer: 
     uv = _place_uv(place, uv_layer, place_name)
     texture = place.node("ShaderNodeTexImage", 1)
     texture.image, texture.interpolation, texture.extension = image, "Linear", "EXTEND"
-    if not place_name:  # the Solid view shows the active image, by the mesh's own UVs
-        tree.nodes.active = texture
+    # The Solid view shows the active image by the mesh's own UVs, and where none is active any that it finds: an empty one keeps it plain.
+    tree.nodes.active = place.node("ShaderNodeTexImage", 1) if place_name else texture
     tree.links.new(texture.inputs["Vector"], uv)
     if mode == "nodes":
         return ""

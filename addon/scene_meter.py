@@ -108,13 +108,18 @@ def measure_object(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tup
 
 
 def walk_meshes(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Iterator[tuple[bpy.types.Mesh, NDArray[np.float64]]]:
-    """The evaluated meshes behind an object, with their (4, 4) matrices to the world."""
+    """The evaluated meshes behind an object, with their (4, 4) matrices to the world; each is gone when the next is asked for."""
     if obj.type == "MESH":
-        yield obj.evaluated_get(depsgraph).data, np.array(obj.matrix_world, np.float64)
-        return
-    for part in obj.instance_collection.all_objects:
-        if part.type == "MESH" and not part.hide_render:
-            yield part.evaluated_get(depsgraph).data, np.array(obj.matrix_world @ part.matrix_world, np.float64)
+        parts = [(obj, obj.matrix_world)]
+    else:
+        shown = [part for part in obj.instance_collection.all_objects if part.type == "MESH" and not part.hide_render]
+        parts = [(part, obj.matrix_world @ part.matrix_world) for part in shown]
+    for part, matrix in parts:
+        evaluated = part.evaluated_get(depsgraph)
+        edited = evaluated.data.is_editmode  # its mesh has no faces then: they are in Edit Mode's own mesh
+        yield evaluated.to_mesh() if edited else evaluated.data, np.array(matrix, np.float64)
+        if edited:
+            evaluated.to_mesh_clear()
 
 
 def read_corners(mesh: bpy.types.Mesh, matrix: NDArray[np.float64]) -> NDArray[np.float64]:

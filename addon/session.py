@@ -152,8 +152,9 @@ def show_pages(context: bpy.types.Context, session: Session, layout: Layout, pag
     warnings += told
     mode = _pick_mode(session.request)
     warnings += materials_write.assign(ours, mode)
-    mark_layout(context.scene, layout, page_image)
-    return warnings + materials_write.assign(theirs, mode, session.request.uv_layer)
+    warnings += materials_write.assign(theirs, mode, session.request.uv_layer)
+    mark_layout(context.scene, layout, page_image, warnings)
+    return warnings
 
 
 def get_layout(session: Session) -> Layout:

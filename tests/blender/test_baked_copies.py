@@ -217,6 +217,20 @@ def test_linked_duplicates_get_meshes_of_their_own_and_share_again():
     assert block_names() == before
 
 
+@pytest.mark.parametrize("edited", ["", "copy", "shared", "gone"])
+def test_the_users_mesh_is_the_shared_one_while_the_copy_is_like_it(edited):
+    shared = make_mesh("Chair")
+    objects = [add_object(name, shared) for name in ("A", "B")]
+    own = baked_copies.give_own_mesh(objects[0])
+    if edited == "gone":
+        bpy.data.meshes.remove(shared)
+    elif edited:
+        (own if edited == "copy" else shared).vertices[0].co.z = 1.0
+    assert baked_copies.find_users_mesh(objects[0]) == (own if edited else shared)
+    if edited != "gone":
+        assert baked_copies.find_users_mesh(objects[1]) == shared
+
+
 def test_own_mesh_that_the_user_edited_becomes_theirs():
     mesh = make_mesh("Chair")
     objects = [add_object(name, mesh) for name in ("A", "B")]

@@ -186,6 +186,23 @@ def test_an_object_edited_meanwhile_is_told(start):
     assert not any(map(live.is_live_image, bpy.data.images))
 
 
+@pytest.mark.parametrize("again", [False, True])
+def test_who_wears_a_copy_of_its_mesh_is_told(start, again):
+    twin = bpy.data.objects["Cube"].copy()
+    twin.name, twin.location.x, twin.scale = "Twin", 3.0, (20.0, 1.0, 1.0)
+    bpy.context.scene.collection.objects.link(twin)
+    if again:
+        whole_bake(start)
+    work, paths = start()
+    view = live.LiveView(work)
+    view.show(bpy.context, paths[0])
+    assert live.is_live(bpy.context.scene)
+    view.show(bpy.context, paths[-1])
+    ((subject, text),) = finish(view, work)
+    assert subject in ("Cube", "Twin")
+    assert "a copy of the mesh" in text
+
+
 def test_nothing_is_shown_before_every_page_is_there(start):
     bpy.ops.mesh.primitive_plane_add(size=1.0, location=(3.0, 0.0, 0.0))
     work, paths = start(replace(SETTINGS, atlas=False))

@@ -82,6 +82,21 @@ def test_linked_duplicates_show_their_own_parts_of_a_page(plane, tmp_path):
     np.testing.assert_allclose(render(tmp_path), 0.5 * PAGE, rtol=0.03)
 
 
+@pytest.mark.parametrize("mode", materials_write.MODES)
+def test_solid_view_shows_no_page_that_objects_share(plane, mode):
+    """It knows no place on the page, and without an active image it shows any that the tree has."""
+    plane.data.materials.append(make_material("Any"))
+    uv_layer.write_place(plane, np.array([0.5, 1 / 3, 0.0, 0.0]))
+    materials_write.assign([(plane, page_image())], mode)
+    tree = plane.material_slots[0].material.node_tree
+    shown = [node for node in tree.nodes if node.show_texture]
+    assert [(node.type, node.image, node.outputs["Color"].is_linked) for node in shown] == [("TEX_IMAGE", None, False)]
+    assert tree.nodes.active == shown[0]
+    assert "leaflight_made" in shown[0]
+    materials_write.uncover(plane)
+    assert [node.type for node in plane.material_slots[0].material.node_tree.nodes if node.type == "TEX_IMAGE"] == []
+
+
 def principled(material):
     node = material.node_tree.nodes["Principled BSDF"]
     node.inputs["Base Color"].default_value = (0.5, 0.25, 0.125, 1)

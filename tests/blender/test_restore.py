@@ -138,7 +138,8 @@ def test_second_bake_replaces_the_first_and_restores_the_original(names, tmp_pat
     bake(names[1:], tmp_path, "b", "lighting")
     bake(names, tmp_path, "c", "lighting")
     copies = [material for material in bpy.data.materials if "leaflight_made" in material]
-    assert {node.image.name for m in copies for node in m.node_tree.nodes if node.type == "TEX_IMAGE" and node.label} == {"page_c"}
+    textures = [node for m in copies for node in m.node_tree.nodes if node.type == "TEX_IMAGE" and node.label]
+    assert {node.image.name for node in textures if node.image} == {"page_c"}
     # Red, Textured, Blue and the empty slots, with a place on the page and without: shared by objects that show the same image
     assert len(copies) == 5
     restore.remove_bake(bpy.context.scene)

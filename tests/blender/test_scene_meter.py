@@ -23,8 +23,8 @@ def meter():
     return bpy.context.window_manager.leaflight_meter
 
 
-def make_checker(density):
-    return checker_arrays.CheckerMaker(density).work(bpy.context)
+def make_checker(density, fitting=None):
+    return checker_arrays.CheckerMaker(density, fitting or {}).work(bpy.context)
 
 
 def measure(meter):
@@ -114,6 +114,34 @@ def test_an_instance_has_the_area_of_what_it_shows(meter):
     assert measure(meter).area_m2 == pytest.approx(16.0 + 4 * 6.0)
 
 
+def edit(name):
+    bpy.context.view_layer.objects.active = bpy.data.objects[name]
+    bpy.ops.object.mode_set(mode="EDIT")
+
+
+def test_an_object_in_edit_mode_is_measured_as_it_is_edited(meter):
+    twin = bpy.data.objects["Cube"].copy()
+    twin.scale = (2.0, 2.0, 2.0)
+    bpy.context.scene.collection.objects.link(twin)
+    before, arrays = measure(meter), make_checker(10.0)
+    edit("Cube")
+    assert measure(meter) == before
+    np.testing.assert_array_equal(np.sort(make_checker(10.0).position, axis=0), np.sort(arrays.position, axis=0))
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.transform.resize(value=(2.0, 2.0, 2.0))
+    assert measure(meter).area_m2 == pytest.approx(16.0 + 4 * 6.0 + 16 * 6.0)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert measure(meter).area_m2 == pytest.approx(16.0 + 4 * 6.0 + 16 * 6.0)
+
+
+def test_checker_shows_the_layer_in_edit_mode():
+    bpy.context.scene.leaflight.uv_layer = "UVMap"
+    before = make_checker(32.0)
+    edit("Floor")
+    np.testing.assert_array_equal(make_checker(32.0).ratio, before.ratio)
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
 def test_another_file_is_measured_anew(meter):
     measure(meter)
     bpy.ops.wm.read_homefile(use_empty=True)
@@ -184,8 +212,21 @@ def test_checker_has_texels_of_the_wanted_size_before_there_are_charts():
     assert (finer.sum(), (~finer).sum()) == (12, 2)
 
 
+def test_checker_is_as_coarse_as_what_does_not_fit_a_page_will_be(meter, tmp_path):
+    chosen = bpy.context.scene.leaflight
+    chosen.size, chosen.density, chosen.error, chosen.workers, chosen.output = 512, 150.0, 0.5, 1, str(tmp_path)
+    estimate = measure(meter)
+    assert estimate.too_large == ("Floor",)
+    told = make_checker(estimate.density, dict(zip(estimate.too_large, estimate.fitting, strict=True)))
+    ratio = told.ratio[::3]
+    np.testing.assert_allclose(ratio[ratio > 0.9], 1.0, rtol=1e-5)
+    assert ((ratio > 0.9).sum(), (ratio < 0.75).sum()) == (12, 2)
+    assert bpy.ops.leaflight.bake() == {"FINISHED"}
+    np.testing.assert_allclose(ratio, make_checker(150.0).ratio[::3], rtol=0.2)
+
+
 def test_checker_is_made_in_steps():
-    maker = checker_arrays.CheckerMaker(10.0)
+    maker = checker_arrays.CheckerMaker(10.0, {})
     assert maker.work(bpy.context, seconds=-1.0) is None
     whole = maker.work(bpy.context)
     np.testing.assert_array_equal(whole.texel, make_checker(10.0).texel)

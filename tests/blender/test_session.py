@@ -55,7 +55,7 @@ def bake(request, folder, between=lambda: None):
 def shown_images(name):
     """Names of the images in an object's materials."""
     trees = [slot.material.node_tree for slot in bpy.data.objects[name].material_slots if slot.material]
-    return {node.image.name for tree in trees for node in tree.nodes if node.type == "TEX_IMAGE"}
+    return {node.image.name for tree in trees for node in tree.nodes if node.type == "TEX_IMAGE" and node.image}
 
 
 def test_job_says_what_was_asked(request_, folder, tmp_path):
@@ -144,6 +144,15 @@ def test_who_is_too_unlike_the_others_wears_a_copy_of_the_mesh_and_is_told(reque
     assert data[2] == data[3] != data[0]
     restore.remove_bake(bpy.context.scene)
     assert {bpy.data.objects[name].data for name in names} == {bpy.data.meshes["Cube"]}
+
+
+@pytest.mark.parametrize(("scale", "options"), [((20, 1, 1), {}), ((1, 1, 1), {"share_meshes": False})])
+def test_copies_of_meshes_are_no_change_of_the_scene(request_, folder, scale, options):
+    names = add_twins((1, 1, 1), scale)
+    request = replace(request_, settings=replace(SETTINGS, size=64, **options))
+    bake(request, folder)
+    assert len({bpy.data.objects[name].data for name in names}) > 1
+    assert prepare(request, folder).kept
 
 
 def test_own_meshes_are_given_where_they_are_asked_for(request_, folder):

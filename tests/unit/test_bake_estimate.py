@@ -31,6 +31,12 @@ def test_density_decides_texels_and_pages():
     assert estimate(density=100.0).too_large == ("Walls",)
 
 
+@pytest.mark.parametrize(("density", "padding"), [(100.0, 4), (400.0, 4), (100.0, 16)])
+def test_what_does_not_fit_is_as_coarse_as_it_fills_a_page_alone(density, padding):
+    found, alone = estimate(density=density, padding=padding), estimate(ROOM[1:2], padding=padding)
+    assert density * dict(zip(found.too_large, found.fitting, strict=True))["Walls"] == pytest.approx(alone.density)
+
+
 def test_each_object_may_be_finer_or_have_its_own_page():
     finer = [Measured("Floor", 20.0, 2, 2.0), *ROOM[1:]]
     assert estimate(finer, density=40.0).texels == pytest.approx((81.0 + 3 * 20.0) * 40.0**2, rel=1e-6)
