@@ -300,7 +300,17 @@ def test_what_cannot_be_exported_is_a_sentence_and_changes_nothing(room, tmp_pat
 
 def test_command_line_exports_and_saves_what_was_asked(room, tmp_path):
     scene = save_scene(tmp_path / "room.blend")
-    words = ("--gltf", str(tmp_path / "out" / "room.glb"), "--save", str(tmp_path / "saved.blend"), "--no-assign", "--pass", "lighting")
+    words = (
+        "--gltf",
+        str(tmp_path / "out" / "room.glb"),
+        "--save",
+        str(tmp_path / "saved.blend"),
+        "--no-assign",
+        "--pass",
+        "lighting",
+        "--error",
+        "0.5",
+    )
     assert bake(scene, *words) == 0
     assert list_files(tmp_path / "out") == ["room.glb", "room.lightmap.json"]
     assert {warning["subject"] for warning in read_report(scene)["warnings"]} == {"Ball"}
