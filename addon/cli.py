@@ -16,7 +16,7 @@ import bpy
 from ..core.messages import Done, Error, Message, Warning_
 from . import session
 from .arguments import BakeRequest, parse_arguments
-from .console import print_message
+from .console import describe_miss, print_message
 from .export_gltf import export_gltf
 from .images import check_shown
 from .job import BakeProcess, open_bake
@@ -67,6 +67,10 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
         if error:
             raise ValueError(error)
         result = session.read_result(work)
+        missed = "" if interrupted else describe_miss(result["stopped_by"], result["estimated_error"], request.settings.error)
+        if missed:
+            told.append(("", missed))
+            print_message(Warning_("", missed), request.quiet)
         start = time.perf_counter()
         session.finish_files(bpy.context.scene, result)
         late = session.assign(bpy.context, work, result) if request.assign and request.save else []

@@ -8,23 +8,29 @@ from typing import Any
 
 import numpy as np
 
-from .images_read import ImageTable
-from .node_colors import GREY, WHITE, Color, Rgb, add_rgb, find_brightness, multiply_rgb, to_rgb
+from .color_attributes import ColorLayer, ColorTable, Faces
+from .images_read import ImageTable, find_sphere_mean
+from .node_colors import BLACK, GREY, WHITE, Color, Rgb, add_rgb, find_brightness, multiply_rgb, to_rgb
 from .node_ports import Port
 from .texture_mapping import read_mapping
 
 TEXTURE_COLOR: Rgb = (0.5, 0.5, 0.5)  # mean of a procedural texture, roughly
+REPLACED_BY_GREY = "is replaced by a grey of 0.5"
 RAMP_SAMPLES = 64
 
 
 class ColorReader:
     """Reads the colours and numbers of one material, light or world.
 
-    `replaced` collects what could not be taken as it is, for one warning.
+    faces      that wear the material; None of a light or world
+    colors     where their colour attributes go
+    replaced   what could not be taken as it is, for one warning
+    by_faces   whether what was read depends on the faces
     """
 
-    def __init__(self, images: ImageTable) -> None:
-        self.images = images
+    def __init__(self, images: ImageTable, faces: Faces | None = None, colors: ColorTable | None = None) -> None:
+        self.images, self.faces, self.colors = images, faces, colors
+        self.by_faces = False
         self.replaced: list[str] = []
         self.missing_rgb = GREY  # what stands for a missing image; Blender's magenta would tint the room
 
@@ -88,7 +94,7 @@ def _read_image(reader: ColorReader, port: Port) -> Color:
     mean = pixels.mean[:3]
     if node.type == "TEX_ENVIRONMENT":
         reader.note(f"image {node.image.name} is replaced by its mean over the sphere")
-        return Color(_sphere_mean(pixels.pixels))
+        return Color(to_rgb(find_sphere_mean(pixels.pixels)))
     vector = port.sibling("Vector")
     mapping = None if node.projection != "FLAT" else read_mapping(vector)
     if mapping is None:
@@ -111,8 +117,11 @@ def _read_mix(reader: ColorReader, port: Port) -> Color:
     if node.blend_type != "MULTIPLY":
         reader.note(f"blend mode {node.blend_type.replace('_', ' ').lower()} of {_describe(node)} is left out")
         return first if fraction < 1.0 or first.image >= 0 else second
+    if second.image >= 0 and isinstance(first.mapping, ColorLayer) and fraction >= 1.0:
+        first, second = second, first  # a texture tells more
     if second.image >= 0 and (first.image >= 0 or fraction < 1.0):
-        reader.note("a product of textures takes one by its mean")
+        vertex = isinstance(second.mapping, ColorLayer)
+        reader.note("its vertex colours are baked as their mean" if vertex else "a product of textures takes one by its mean")
         second = Color(second.mean)
     if second.image >= 0:
         return second.times(first.rgb)
@@ -130,15 +139,40 @@ def _read_ramp(reader: ColorReader, port: Port) -> Color:
 
 def _read_other_color(reader: ColorReader, port: Port) -> Color:
     """A node unknown to us: the mean of its colour inputs, or the one textured input."""
-    reader.note(f"{_describe(port.node)} is approximated")
-    if port.node.type in ("VERTEX_COLOR", "ATTRIBUTE"):
-        return Color(WHITE)  # mostly a factor
     found = [port.sibling(socket.identifier) for socket in port.node.inputs if socket.type == "RGBA" and socket.enabled]
     colors = [reader.read_color(source) for source in found]
+    if not colors:
+        reader.note(f"{_describe(port.node)} {REPLACED_BY_GREY}")
+        return Color(TEXTURE_COLOR)
+    reader.note(f"{_describe(port.node)} is approximated")
     textured = next((color for color in colors if color.image >= 0), None)
-    if textured or not colors:
-        return textured or Color(TEXTURE_COLOR)
+    if textured:
+        return textured
     return Color(to_rgb(np.mean([color.mean for color in colors], axis=0)))
+
+
+def _read_attribute(reader: ColorReader, port: Port) -> Color:
+    """A colour attribute of the mesh; black where it has none, as in Cycles."""
+    node = port.node
+    name = node.layer_name if node.type == "VERTEX_COLOR" else node.attribute_name
+    reader.by_faces = True
+    if reader.faces is None or reader.colors is None or (node.type == "ATTRIBUTE" and node.attribute_type != "GEOMETRY"):
+        reader.note(f"{_describe(node)} {REPLACED_BY_GREY}")
+        return Color(TEXTURE_COLOR)
+    layer = ColorLayer(name, port.socket.identifier if port.socket.identifier in ("Fac", "Alpha") else "Color")
+    found = reader.faces.find_range(layer) if name or node.type == "VERTEX_COLOR" else None
+    if found is None and name in reader.faces.local.attributes:
+        reader.note(f"{_describe(node)} {REPLACED_BY_GREY}, for attribute {name} holds no colours of faces or vertices")
+        return Color(TEXTURE_COLOR)
+    if found is None:
+        reader.note(
+            f"{reader.faces.name} has no {f'colour attribute {name}' if name else 'colour attribute'}, so it is black there, as in Blender"
+        )
+        return Color(BLACK)
+    low, mean, high = found
+    if (low == high).all():
+        return Color(to_rgb(low))
+    return Color(WHITE, reader.colors.index(), layer, to_rgb(mean))
 
 
 def _read_output_value(reader: ColorReader, port: Port) -> Color:
@@ -173,13 +207,6 @@ def _read_channel(reader: ColorReader, port: Port) -> float:
     return color.mean[{"Red": 0, "R": 0, "Green": 1, "G": 1}.get(port.socket.name, 2)]
 
 
-def _sphere_mean(pixels: Any) -> Rgb:
-    """Mean radiance of an equirectangular picture, rows weighted by solid angle."""
-    height = len(pixels)
-    weight = np.cos((np.arange(height) + 0.5) / height * np.pi - np.pi / 2)
-    return to_rgb(weight @ pixels.mean(axis=1, dtype=np.float64) / weight.sum())
-
-
 def _value_rgb(socket: Any, default: Rgb) -> Rgb:
     value = getattr(socket, "default_value", default)
     return to_rgb(value) if hasattr(value, "__len__") else (float(value),) * 3
@@ -203,6 +230,8 @@ _COLOR_READERS: dict[str, Callable[[ColorReader, Port], Color]] = {
     "MIX": _read_mix,
     "MIX_RGB": _read_mix,
     "VALTORGB": _read_ramp,
+    "VERTEX_COLOR": _read_attribute,
+    "ATTRIBUTE": _read_attribute,
     "RGB": _read_output_value,
     "VALUE": _read_output_value,
 }

@@ -7,6 +7,12 @@ import sys
 
 from ..core.messages import Done, Error, Message, Preview, Progress, Status, Warning_
 
+_ENDS = {  # LightField.stopped_by -> where it ended, and what to raise
+    "max_photons": ("--max-photons", "--max-photons or --error"),
+    "time_limit": ("--time-limit", "--time-limit or --error"),
+    "max_rays": ("the most shadow rays that a texel takes", "--error"),
+}
+
 
 def print_message(message: Message, quiet: bool) -> None:
     """One line for a person; with `quiet` only warnings and errors."""
@@ -27,6 +33,18 @@ def _line(message: Message, quiet: bool) -> str:
             return describe_progress(message)
         case Status() | Progress() | Preview() | Done():
             return ""
+
+
+def describe_miss(stopped_by: str, error: float, asked: float) -> str:
+    """A sentence about a bake that ended before it had the relative error asked for; "" where it has."""
+    if stopped_by not in _ENDS or error <= asked:
+        return ""
+    end, remedy = _ENDS[stopped_by]
+    percent = (100.0 * error, 100.0 * asked)
+    digits = next((n for n in range(2, 9) if f"{percent[0]:.{n}g}" != f"{percent[1]:.{n}g}"), 9)
+    reached, wanted = (f"{value:.{digits}g} %" for value in percent)
+    found = f"with an error of {reached}" if math.isfinite(error) else "before its error could be told"
+    return f"stopped at {end} {found}, where {wanted} was asked for; raise {remedy}"
 
 
 def describe_progress(progress: Progress) -> str:

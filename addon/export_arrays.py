@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import IntArray
+from .color_attributes import ColorLayer, Faces
 from .export_mesh import LocalMesh, WorldMesh, place_mesh
 from .export_pieces import Piece
 from .materials_read import MaterialTable
@@ -41,7 +42,7 @@ def read_piece(piece: Piece, local: LocalMesh, materials: MaterialTable, uv_laye
     slot = np.clip(world.tri_slot, 0, len(slots) - 1)  # as Cycles does
     used = np.unique(slot)
     slot_material = np.zeros(len(slots), np.int32)
-    slot_material[used] = [materials.index(slots[index]) for index in used]
+    slot_material[used] = [materials.index(slots[index], Faces(piece.source.name, local, world, slot == index)) for index in used]
     tri_material = slot_material[slot]
     tri_albedo_uv, tri_emission_uv = np.zeros((2, n_tri, 3, 2), np.float32)
     passing = []
@@ -51,9 +52,9 @@ def read_piece(piece: Piece, local: LocalMesh, materials: MaterialTable, uv_laye
         here = tri_material == index
         corner = world.tri_corner[here]
         if reading.material.albedo_image >= 0:
-            tri_albedo_uv[here] = _texture_uv(piece, local, corner, reading.albedo_mapping, warnings)
+            tri_albedo_uv[here] = _texture_uv(piece, local, corner, reading.albedo_mapping, materials, warnings)
         if reading.material.emission_image >= 0:
-            tri_emission_uv[here] = _texture_uv(piece, local, corner, reading.emission_mapping, warnings)
+            tri_emission_uv[here] = _texture_uv(piece, local, corner, reading.emission_mapping, materials, warnings)
     tri_uv = np.zeros((n_tri, 3, 2)) if uv_layer is None else np.nan_to_num(local.layers[uv_layer][world.tri_corner])
     return PieceArrays(world, tri_material, tri_uv, tri_albedo_uv, tri_emission_uv, bool(passing) and all(passing))
 
@@ -86,8 +87,12 @@ def join_arrays(pieces: Sequence[PieceArrays]) -> dict[str, NDArray[Any]]:
     }
 
 
-def _texture_uv(piece: Piece, local: LocalMesh, corner: IntArray, mapping: UvMapping, warnings: Warnings) -> NDArray[np.float32]:
+def _texture_uv(
+    piece: Piece, local: LocalMesh, corner: IntArray, mapping: UvMapping | ColorLayer, materials: MaterialTable, warnings: Warnings
+) -> NDArray[np.float32]:
     """Texture coordinates of triangles' corners; without the layer the texture's origin, as in Cycles."""
+    if isinstance(mapping, ColorLayer):
+        return materials.colors.place(local, mapping, corner)
     layer = local.layers.get(mapping.layer or local.render_layer)
     if layer is None:
         what = f"UV layer {mapping.layer}" if mapping.layer else "UV layer"

@@ -75,10 +75,17 @@ def _run_exporter(path: Path) -> None:
         )
     except RuntimeError as reason:
         raise ValueError(
-            f"Blender's glTF exporter failed ({str(reason).strip()}); export the scene without Leaflight to see why."
+            f"Blender's glTF exporter failed ({_find_last_line(str(reason))}): export the scene without Leaflight to see why; "
+            "Blender's console tells more."
         ) from reason
     finally:
         logging.disable(before)
+
+
+def _find_last_line(report: str) -> str:
+    """What a report of Blender's ends with; a traceback's other lines stand in the console, where Blender has written them."""
+    lines = [line.strip() for line in report.splitlines() if line.strip() and not line.startswith("Location: ")]
+    return lines[-1].removeprefix("Error: ").rstrip(".") if lines else "without a word"
 
 
 def _write_file(path: Path, content: bytes) -> None:

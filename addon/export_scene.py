@@ -130,11 +130,12 @@ class _Export:
             if uid and users[uid] > 1:
                 number.setdefault(uid, len(number))
         scene_objects = tuple(replace(item, mesh=number.get(uid, -1)) for _, item, _, uid in self._found)
-        readings = self._materials.readings
+        arrays = join_arrays([arrays for _, _, arrays, _ in self._found])
+        self._materials.finish(arrays)
         snapshot = SceneSnapshot(
-            **join_arrays([arrays for _, _, arrays, _ in self._found]),
+            **arrays,
             objects=scene_objects,
-            materials=tuple(reading.material for reading in readings),
+            materials=tuple(reading.material for reading in self._materials.readings),
             images=tuple(self._materials.images.images),
             lights=tuple(sorted(self._lights, key=lambda light: (light.name, light.position_m))),
             world_rgb=world_rgb,

@@ -43,6 +43,11 @@ class ImageTable:
             self._pixels[image.session_uid] = read_pixels(image)
         return self._pixels[image.session_uid]
 
+    def add(self, image: TextureImage) -> int:
+        """Where an image that is not one of Blender's is in `images`."""
+        self.images.append(image)
+        return len(self.images) - 1
+
     def index(self, image: Any, extension: str, closest: bool) -> int:
         """Where the image is in `images`; it must have been read."""
         extension = extension if extension in _EXTENSIONS else "REPEAT"
@@ -81,6 +86,14 @@ def read_pixels(image: Any) -> ImagePixels | None:
         note = f"colour space {space} of image {image.name} is read as sRGB"
     red, green, blue = (float(x) for x in color.mean(axis=(0, 1), dtype=np.float64))
     return ImagePixels(_reduce(color), (red, green, blue, float(alpha.mean(dtype=np.float64))), note)
+
+
+def find_sphere_mean(pixels: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(3,) mean radiance of an equirectangular picture, rows weighted by solid angle."""
+    height = len(pixels)
+    weight = np.cos((np.arange(height) + 0.5) / height * np.pi - np.pi / 2)
+    mean: NDArray[np.float64] = weight @ pixels.mean(axis=1, dtype=np.float64) / weight.sum()
+    return mean
 
 
 def _reduce(color: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..core.scene import Material
+from .color_attributes import ColorLayer, ColorTable, Faces
 from .colors_read import ColorReader
 from .images_read import ImageTable
 from .node_colors import BLACK, GREY, WHITE, Color, Rgb, to_rgb
@@ -36,32 +37,47 @@ class MaterialReading:
     """A material of the snapshot, the mappings of its images, and whether it is glass or gap rather than wall."""
 
     material: Material
-    albedo_mapping: UvMapping = UNMAPPED
-    emission_mapping: UvMapping = UNMAPPED
+    albedo_mapping: UvMapping | ColorLayer = UNMAPPED
+    emission_mapping: UvMapping | ColorLayer = UNMAPPED
     passes_light: bool = False
 
 
 class MaterialTable:
-    """The materials of a snapshot, each read once."""
+    """The materials of a snapshot, each read once; those that show colour attributes once for each mesh."""
 
     def __init__(self, warnings: Warnings) -> None:
         self.images = ImageTable()
+        self.colors = ColorTable(self.images)
         self.readings: list[MaterialReading] = []
         self._warnings = warnings
-        self._index: dict[int, int] = {}
+        self._index: dict[tuple[int, int], int] = {}  # by material and mesh, 0 any
+        self._known: dict[tuple[int, MaterialReading], int] = {}
+        self._by_mesh: set[int] = set()
 
-    def index(self, material: Any) -> int:
-        """Where a material (or None, an empty slot) is in `readings`."""
+    def index(self, material: Any, faces: Faces | None = None) -> int:
+        """Where a material (or None, an empty slot) is in `readings`, as these faces wear it."""
         uid = material.session_uid if material else 0
-        if uid not in self._index:
-            self._index[uid] = len(self.readings)
-            self.readings.append(self._read(material))
-        return self._index[uid]
+        mesh = id(faces.local) if faces else 0
+        key = (uid, mesh if uid in self._by_mesh else 0)
+        if key not in self._index:
+            reader = ColorReader(self.images, faces, self.colors)
+            reading = self._read(reader, material)
+            if reader.by_faces:
+                self._by_mesh.add(uid)
+                key = (uid, mesh)
+            self._index[key] = self._known.setdefault((uid, reading), len(self.readings))
+            self.readings += [reading] if self._index[key] == len(self.readings) else []
+        return self._index[key]
 
-    def _read(self, material: Any) -> MaterialReading:
+    def finish(self, arrays: dict[str, Any]) -> None:
+        """Complete a snapshot's arrays once all of its materials are read."""
+        materials = [reading.material for reading in self.readings]
+        images = {"tri_albedo_uv": [one.albedo_image for one in materials], "tri_emission_uv": [one.emission_image for one in materials]}
+        self.colors.finish(images, arrays)
+
+    def _read(self, reader: ColorReader, material: Any) -> MaterialReading:
         if material is None:
             return MaterialReading(Material("", GREY))
-        reader = ColorReader(self.images)
         surface = read_material(reader, material)
         if reader.replaced:
             self._warnings.append((material.name, f"the material is simplified: {'; '.join(reader.replaced)}"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
+from .color_attributes import ColorLayer
 from .texture_mapping import UNMAPPED, UvMapping
 
 Rgb: TypeAlias = tuple[float, float, float]
@@ -20,7 +21,7 @@ class Color:
 
     rgb: Rgb
     image: int = -1
-    mapping: UvMapping = UNMAPPED
+    mapping: UvMapping | ColorLayer = UNMAPPED
     mean_rgb: Rgb | None = None
 
     @property

@@ -22,6 +22,8 @@ Float64: TypeAlias = NDArray[np.float64]
 Int64: TypeAlias = NDArray[np.int64]
 Bool: TypeAlias = NDArray[np.bool_]
 
+_NO_FACES = "no face can be baked, so it gets no lightmap; give it faces with an area, or leave it out of the bake"
+_NO_LAYER = "no face can be baked as the UV layer has it, so it gets no lightmap; mend the layer, or have it unwrapped instead"
 _MOST_AHEAD = 1 << 18  # triangles that xatlas is given before the charts of those it had are mended, which bounds memory
 
 
@@ -61,9 +63,7 @@ def find_charts(snapshot: SceneSnapshot, share_meshes: bool) -> FoundCharts:
                 continue
             count[i + 1] = search.read_layer(i) if one.has_layer else search.unwrap(i)
             if not count[i + 1]:
-                search.findings.append(
-                    (i, "no face can be baked, so it gets no lightmap; give it faces with an area, or leave it out of the bake")
-                )
+                search.findings.append((i, _NO_LAYER if one.has_layer and search.find_solid(i).any() else _NO_FACES))
             elif one.has_layer:
                 layered.append(i)
     finally:
@@ -113,12 +113,15 @@ class _Search:
     def read_layer(self, i: int) -> int:
         """Charts of an object's existing layer; gives their number."""
         scene, rows = self.snapshot, self._rows(i)
-        solid = triangle_normals_areas(scene.vertex_position[scene.tri_vertex[rows]])[1] > 0
-        check = check_layer(scene.tri_uv[rows], scene.tri_polygon[rows], solid)
+        check = check_layer(scene.tri_uv[rows], scene.tri_polygon[rows], self.find_solid(i))
         self.findings += [(i, finding) for finding in check.findings]
         uv = np.where(check.usable[:, None, None], scene.tri_uv[rows], 0.0)
         chart, shared = label_charts(self._vertex[rows], scene.tri_corner[rows], uv, np.where(check.usable, 0, -1))
         return self._keep(i, chart, np.clip(uv, 0.0, 1.0), shared)
+
+    def find_solid(self, i: int) -> Bool:
+        """(n,) bool: which of an object's triangles have an area in space."""
+        return triangle_normals_areas(self.snapshot.vertex_position[self.snapshot.tri_vertex[self._rows(i)]])[1] > 0
 
     def _rows(self, i: int) -> slice:
         return slice(int(self._start[i]), int(self._start[i + 1]))

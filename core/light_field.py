@@ -26,7 +26,7 @@ class LightField:
     squares        what squares say where something touches the surface; None without photons
     neighbours     of the leaves, where they have been looked for
     gathered       indirect light by rays from texels, where they saw all that sends it; None where leaves hold all of it
-    stopped_by     "error", "max_photons", "time_limit" or "interrupted"
+    stopped_by     "error", "max_photons", "max_rays", "time_limit" or "interrupted"
     """
 
     tree: Quadtree

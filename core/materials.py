@@ -139,23 +139,25 @@ def _neighbours(size: int, extension: str) -> IntArray:
 
 def clamp_warnings(scene: SceneSnapshot) -> list[tuple[str, str]]:
     """What albedo_at and emission_at had to change: (material name, sentence)."""
-    return [(material.name, sentence) for material in scene.materials for sentence in _material_warnings(material, scene.images)]
+    return [(material.name, text) for index, material in enumerate(scene.materials) for text in _material_warnings(scene, index, material)]
 
 
-def _material_warnings(material: Material, images: tuple[TextureImage, ...]) -> list[str]:
+def _material_warnings(scene: SceneSnapshot, index: int, material: Material) -> list[str]:
     sentences = []
-    for quantity, rgb, image, highest in (
-        ("albedo", material.albedo_rgb, material.albedo_image, MAX_ALBEDO),
-        ("emission", material.emission_rgb, material.emission_image, float(np.finfo(np.float32).max)),
+    for quantity, rgb, image, tri_uv, highest in (
+        ("albedo", material.albedo_rgb, material.albedo_image, scene.tri_albedo_uv, MAX_ALBEDO),
+        ("emission", material.emission_rgb, material.emission_image, scene.tri_emission_uv, float(np.finfo(np.float32).max)),
     ):
         low, high = (np.array(rgb, np.float64),) * 2
         where = ""
         if image >= 0:
-            pixels = images[image].pixels.reshape(-1, 3)
+            picture = scene.images[image]
+            shown = sample_texture(picture, tri_uv[scene.tri_material == index].reshape(-1, 2)) if picture.per_triangle else picture.pixels
+            pixels = shown.reshape(-1, 3)
             with np.errstate(invalid="ignore"):  # 0 times infinity is reported as not finite
                 ends = [low * end.astype(np.float64) for end in (pixels.min(axis=0), pixels.max(axis=0))] if len(pixels) else [low * 0]
             low, high = np.min(ends, axis=0), np.max(ends, axis=0)
-            where = f" with image {images[image].name}"
+            where = f" with {'' if picture.per_triangle else 'image '}{picture.name}"
         if not (np.isfinite(low).all() and np.isfinite(high).all()):
             sentences.append(f"{material.name}: its {quantity}{where} is not a finite number and counts as 0; correct the value.")
         elif low.min() < 0 or high.max() > highest:

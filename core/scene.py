@@ -53,6 +53,7 @@ class TextureImage:
     pixels: NDArray[np.float32]
     extension: str = "REPEAT"  # REPEAT, EXTEND, CLIP or MIRROR, as in Blender
     closest: bool = False  # no interpolation
+    per_triangle: bool = False  # 2 x 2 texels for each triangle: its corners, and what makes the colour linear between them
 
 
 @dataclass(frozen=True)

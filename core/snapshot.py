@@ -49,7 +49,7 @@ def describe_snapshot(snapshot: SceneSnapshot) -> dict[str, Any]:
         "objects": [dict(vars(item)) for item in snapshot.objects],
         "materials": [dict(vars(item)) for item in snapshot.materials],
         "lights": [dict(vars(item)) for item in snapshot.lights],
-        "images": [{"name": image.name, "extension": image.extension, "closest": image.closest} for image in snapshot.images],
+        "images": [{name: value for name, value in vars(image).items() if name != "pixels"} for image in snapshot.images],
         "world_rgb": snapshot.world_rgb,
     }
 

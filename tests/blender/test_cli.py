@@ -47,7 +47,12 @@ def test_bake_gives_an_image_and_a_report_and_leaves_the_scene_alone(room, capsy
     report = read_report(room)
     assert set(report["seconds"]) == STAGES
     assert report["seconds"]["total"] >= report["seconds"]["photons"] > 0
-    assert (report["photons"], report["stopped_by"], report["interrupted"], report["warnings"]) == (20000, "max_photons", False, [])
+    assert (report["photons"], report["stopped_by"], report["interrupted"]) == (20000, "max_photons", False)
+    (missed,) = report["warnings"]
+    assert missed["subject"] == ""
+    assert re.fullmatch(
+        r"stopped at --max-photons with an error of [\d.]+ %, where 5 % was asked for; raise --max-photons or --error", missed["text"]
+    )
     assert (report["scene"], report["blender"]) == (str(room), bpy.app.version_string)
     assert report["rays"] > 20000 / photons.SPLIT  # so many go to the first surface as one
     assert report["leaves"] > 0
@@ -65,8 +70,23 @@ def test_bake_gives_an_image_and_a_report_and_leaves_the_scene_alone(room, capsy
 
 
 def test_quiet_says_nothing_of_a_bake_that_goes_well(room, capsys):
-    assert bake(room, "--quiet") == 0
+    assert bake(room, "--quiet", "--error", "0.5") == 0
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("again", [(), ("--force",)])
+def test_a_bake_that_misses_its_error_says_so(room, capsys, again):
+    """Also where it is kept, and quiet."""
+    bake(room, "--quiet", "--error", "0.01")
+    capsys.readouterr()
+    assert bake(room, "--quiet", "--error", "0.01", *again) == 0
+    told = capsys.readouterr().err
+    assert re.fullmatch(
+        r"leaflight: warning: stopped at --max-photons with an error of [\d.]+ %, where 1 % was asked for; raise .*\n", told
+    )
+    report = read_report(room)
+    assert report["skipped"]["bake"] == (not again)
+    assert [warning["text"] for warning in report["warnings"]] == [told.removeprefix("leaflight: warning: ").rstrip()]
 
 
 def test_per_object_passes_and_formats(room):
@@ -155,6 +175,7 @@ def test_time_limit_ends_a_bake(room):
     assert bake(room, "--time-limit", "0.2", "--error", "0.0001", "--max-photons", "100000000000") == 0
     report = read_report(room)
     assert report["stopped_by"] == "time_limit"
+    assert report["warnings"][0]["text"].startswith("stopped at --time-limit ")
     assert report["seconds"]["photons"] < 20
 
 
@@ -176,7 +197,7 @@ def test_open_scene_is_baked_where_blender_runs_the_command(room, capsys):
 
 def test_exit_codes_of_a_process(room):
     for words, code, sentence in (
-        (("--quiet", "--max-photons", "20000", "--workers", "1"), 0, r"^$"),
+        (("--quiet", "--max-photons", "20000", "--workers", "1", "--error", "0.5"), 0, r"^$"),
         (("--size", "0"), 1, r"^leaflight: error: --size: expected 4 to 16384 texels, got 0;"),
         (("--sighs", "5"), 2, r"usage: python -m leaflight"),
     ):
@@ -193,7 +214,7 @@ def test_a_signal_ends_with_the_best_so_far(room, number):
     process.communicate(timeout=60)
     assert process.returncode == 130
     report = read_report(room)
-    assert (report["interrupted"], report["stopped_by"]) == (True, "interrupted")
+    assert (report["interrupted"], report["stopped_by"], report["warnings"]) == (True, "interrupted", [])
     assert list_files(room.parent / "bake") == ["room_0.combined.exr"]
     assert (room.parent / "baked.blend").is_file()
 

@@ -298,9 +298,38 @@ def test_what_cannot_be_exported_is_a_sentence_and_changes_nothing(room, tmp_pat
     assert list_files(tmp_path) == ["job", "maps"]
 
 
+def test_blenders_traceback_stays_in_the_console(room, tmp_path, monkeypatch, capfd):
+    bake_room(tmp_path, "combined")
+    before = snapshot()
+
+    def fail(*_):
+        raise AssertionError("a picture has no pixels.")
+
+    monkeypatch.setattr("io_scene_gltf2.ExportGLTF2.execute", fail)
+    with pytest.raises(ValueError, match="glTF exporter failed") as caught:
+        export_gltf(bpy.context, tmp_path / "room.glb")
+    assert str(caught.value) == (
+        "Blender's glTF exporter failed (AssertionError: a picture has no pixels): export the scene without Leaflight to see why; "
+        "Blender's console tells more."
+    )
+    sys.stderr.flush()
+    assert "Traceback" in "".join(capfd.readouterr())
+    assert snapshot() == before
+
+
 def test_command_line_exports_and_saves_what_was_asked(room, tmp_path):
     scene = save_scene(tmp_path / "room.blend")
-    words = ("--gltf", str(tmp_path / "out" / "room.glb"), "--save", str(tmp_path / "saved.blend"), "--no-assign", "--pass", "lighting")
+    words = (
+        "--gltf",
+        str(tmp_path / "out" / "room.glb"),
+        "--save",
+        str(tmp_path / "saved.blend"),
+        "--no-assign",
+        "--pass",
+        "lighting",
+        "--error",
+        "0.5",
+    )
     assert bake(scene, *words) == 0
     assert list_files(tmp_path / "out") == ["room.glb", "room.lightmap.json"]
     assert {warning["subject"] for warning in read_report(scene)["warnings"]} == {"Ball"}

@@ -6,6 +6,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from leaflight.addon.export_scene import export_scene, find_objects
+from leaflight.core.materials import SurfaceMaterials
 
 
 @pytest.fixture(autouse=True)
@@ -173,6 +174,153 @@ def test_texture_coordinates_come_from_their_own_layer():
     assert not part(result, "Lost", "tri_albedo_uv").any()
     assert "UV layer Third" in dict(result.warnings)["Lost"]
     assert len(result.snapshot.images) == 1
+
+
+def make_colored(name, layer="Col", kind="FLOAT_COLOR", domain="CORNER"):
+    """A mesh with random colours, and these by corner, linear."""
+    mesh = make_mesh(name)
+    attribute = mesh.attributes.new(layer, kind, domain)
+    stored = np.random.default_rng(len(name)).random((len(attribute.data), 4)).astype(np.float32)
+    attribute.data.foreach_set("color", stored.ravel())
+    attribute.data.foreach_get("color", stored.reshape(-1))  # bytes hold less
+    corners = {
+        "CORNER": np.arange(len(mesh.loops)),
+        "POINT": [loop.vertex_index for loop in mesh.loops],
+        "FACE": np.repeat(np.arange(len(mesh.polygons)), 4),
+    }
+    return mesh, stored[corners[domain], :3]
+
+
+def make_painted(name, kind="VertexColor", layer="", target="Base Color", output=0):
+    """A material whose colour is an attribute."""
+    material = make_material(name)
+    nodes = material.node_tree.nodes
+    node = nodes.new(f"ShaderNode{kind}")
+    if kind == "VertexColor":
+        node.layer_name = layer
+    else:
+        node.attribute_name = layer
+    material.node_tree.links.new(node.outputs[output], nodes["Principled BSDF"].inputs[target])
+    return material, node
+
+
+def shown(result, name, quantity="albedo_at", u=1 / 3, v=1 / 3):
+    """What surfaces of an object show within their triangles."""
+    tri = np.flatnonzero(result.snapshot.tri_object == [item.name for item in result.snapshot.objects].index(name))
+    return getattr(SurfaceMaterials(result.snapshot), quantity)(tri, np.full(len(tri), u, np.float32), np.full(len(tri), v, np.float32))
+
+
+def within(result, name, color, u=1 / 3, v=1 / 3):
+    """The same of colours by corner."""
+    return np.array([1 - u - v, u, v]) @ color[part(result, name, "tri_corner")]
+
+
+@pytest.mark.parametrize("node", [("VertexColor", ""), ("VertexColor", "Col"), ("Attribute", "Col")], ids=str)
+@pytest.mark.parametrize("kind", ["FLOAT_COLOR", "BYTE_COLOR"])
+@pytest.mark.parametrize("domain", ["CORNER", "POINT"])
+def test_vertex_colours_are_those_of_cycles(node, kind, domain):
+    mesh, color = make_colored("Plain", kind=kind, domain=domain)
+    mesh.attributes.new("Other", "FLOAT_COLOR", "CORNER")
+    mesh.color_attributes.render_color_index = [one.name for one in mesh.color_attributes].index("Col")
+    other, other_color = make_colored("Of other colours", kind=kind, domain=domain)
+    material, _ = make_painted("Paint", *node)
+    for data in (mesh, other):
+        data.materials.append(material)
+    add_object("Plain", mesh)
+    add_object("Mirrored", mesh, scale=(-1, 1, 1))
+    add_object("Other", other)
+    result = export()
+    assert result.warnings == ()
+    for name, expected in (("Plain", color), ("Mirrored", color), ("Other", other_color)):
+        for u, v in ((0.0, 0.0), (0.2, 0.7)):
+            assert shown(result, name, u=u, v=v) == pytest.approx(within(result, name, expected, u, v), abs=2e-6)
+    assert (len(result.snapshot.images), len(result.snapshot.materials)) == (1, 1)
+
+
+@pytest.mark.parametrize("node", [("VertexColor", ""), ("Attribute", "Col")], ids=str)
+def test_vertex_colours_of_faces_and_of_lamps(node):
+    mesh, color = make_colored("Faces", domain="FACE")
+    mesh.materials.append(make_painted("Paint", *node)[0])
+    add_object("Faces", mesh)
+    lamp, lamp_color = make_colored("Lamp")
+    material, _ = make_painted("Glow", target="Emission Color")
+    material.node_tree.nodes["Principled BSDF"].inputs["Emission Strength"].default_value = 5.0
+    lamp.materials.append(material)
+    add_object("Lamp", lamp)
+    result = export()
+    assert shown(result, "Faces") == pytest.approx(within(result, "Faces", color), abs=2e-6)
+    assert shown(result, "Lamp", "emission_at") == pytest.approx(5 * within(result, "Lamp", lamp_color), abs=2e-5)
+
+
+def test_an_attribute_as_a_number_is_the_average_of_its_channels():
+    mesh, color = make_colored("Grey")
+    mesh.materials.append(make_painted("Paint", "Attribute", "Col", output=2)[0])
+    add_object("Grey", mesh)
+    grey = np.repeat(color.mean(axis=1, keepdims=True), 3, axis=1)
+    assert shown(export(), "Grey") == pytest.approx(within(export(), "Grey", grey), abs=2e-6)
+
+
+def test_vertex_colours_of_one_value_need_no_texture():
+    mesh, _ = make_colored("Even")
+    mesh.attributes["Col"].data.foreach_set("color", np.tile(np.float32([0.5, 0.4, 0.3, 0.5]), len(mesh.loops)))
+    mesh.materials.append(make_painted("Paint")[0])
+    add_object("Even", mesh)
+    result = export()
+    assert shown(result, "Even") == pytest.approx(np.tile([0.5, 0.4, 0.3], (4, 1)))
+    assert (result.warnings, result.snapshot.images) == ((), ())
+
+
+def test_where_vertex_colours_are_missing_it_is_black():
+    material, _ = make_painted("Paint", layer="Col")
+    painted, color = make_colored("Painted")
+    bare, plain = make_mesh("Bare"), make_mesh("Plain")
+    plain.attributes.new("Col", "FLOAT", "POINT")
+    for data in (painted, bare, plain):
+        data.materials.append(material)
+        add_object(data.name, data)
+    result = export()
+    assert shown(result, "Painted") == pytest.approx(within(result, "Painted", color), abs=2e-6)
+    assert not shown(result, "Bare").any()
+    assert shown(result, "Plain") == pytest.approx(0.5)
+    sentences = [text for subject, text in result.warnings if subject == "Paint"]
+    assert any("Bare has no colour attribute Col, so it is black there" in text for text in sentences)
+    assert any("replaced by a grey of 0.5" in text for text in sentences)
+    assert len(sentences) == 2
+
+
+def test_an_attribute_that_is_none_of_the_mesh_is_grey():
+    material, node = make_painted("Paint", "Attribute", "color")
+    node.attribute_type = "OBJECT"
+    mesh = make_mesh()
+    mesh.materials.append(material)
+    add_object("Box", mesh)
+    result = export()
+    assert shown(result, "Box") == pytest.approx(0.5)
+    assert "replaced by a grey of 0.5" in dict(result.warnings)["Paint"]
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_vertex_colours_times_a_texture_are_their_mean(first):
+    mesh, color = make_colored("Floor")
+    mesh.vertices[4].co.x = mesh.vertices[5].co.x = 4.0  # the second quad has three quarters of the area
+    material, node = make_painted("Paint")
+    tree = material.node_tree
+    mix, texture = tree.nodes.new("ShaderNodeMix"), tree.nodes.new("ShaderNodeTexImage")
+    mix.data_type, mix.blend_type = "RGBA", "MULTIPLY"
+    mix.inputs["Factor"].default_value = 1.0
+    texture.image = bpy.data.images.new("Karo", 4, 4)
+    sockets = [socket for socket in mix.inputs if socket.type == "RGBA"]
+    for socket, source in zip(sockets if first else sockets[::-1], (node, texture), strict=True):
+        tree.links.new(source.outputs[0], socket)
+    tree.links.new(next(s for s in mix.outputs if s.type == "RGBA"), tree.nodes["Principled BSDF"].inputs["Base Color"])
+    mesh.materials.append(material)
+    add_object("Floor", mesh)
+    result = export()
+    (paint,) = result.snapshot.materials
+    assert result.snapshot.images[paint.albedo_image].name == "Karo"
+    tri_mean = color[part(result, "Floor", "tri_corner")].mean(axis=1)
+    assert paint.albedo_rgb == pytest.approx((tri_mean[:2].mean(axis=0) + 3 * tri_mean[2:].mean(axis=0)) / 4, abs=1e-6)
+    assert "its vertex colours are baked as their mean" in dict(result.warnings)["Paint"]
 
 
 def test_mirrored_object_keeps_corner_and_texture_together():

@@ -53,6 +53,17 @@ def test_charts_go_on_where_a_file_holds_vertices_for_each_face(layer):
     assert not split.findings
 
 
+@pytest.mark.parametrize(("height", "advice"), [(1.0, "mend the layer"), (0.0, "give it faces with an area")])
+def test_what_is_to_be_mended_is_the_layer_or_the_faces(height, advice):
+    outside = quad_mesh("Over", uv=[[1.5, 0], [2.5, 0], [2.5, 1], [1.5, 1]])
+    found = find_charts(make_scene([replace(outside, vertex=outside.vertex * [1.0, height, height])]), True)
+    sentences = [sentence for _, sentence in found.findings]
+    assert sentences[0].startswith("1 face outside the page") == (height > 0)
+    assert sentences[-1].startswith("no face can be baked")
+    assert advice in sentences[-1]
+    assert len(found.findings) == (2 if height > 0 else 1)
+
+
 class FakeUnwrapping:
     """Writes down what is done with it; the one of `fails` triangles crashes."""
 

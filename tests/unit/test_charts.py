@@ -159,7 +159,7 @@ def test_layer_that_cannot_be_used_at_all_leaves_the_object_out():
     assert atlas.object_page.tolist() == [-1]
     assert [sentence.split(" an area")[0] for _, sentence in atlas.warnings] == [
         "Unwrapped: 1 face without",
-        "Unwrapped: no face can be baked, so it gets no lightmap; give it faces with",
+        "Unwrapped: no face can be baked as the UV layer has it, so it gets no lightmap; mend the layer, or have it unwrapped instead.",
     ]
 
 

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from leaflight.addon.console import describe_progress, print_message
+from leaflight.addon.console import describe_miss, describe_progress, print_message
 from leaflight.core.messages import Done, Error, Preview, Progress, Status, Warning_
 
 PROGRESS = Progress(fraction=0.25, photons=1_500_000, photons_per_s=2.5e6, estimated_error=0.043, seconds_left=12.4, leaves=900)
@@ -32,3 +32,39 @@ def test_each_message_has_its_line_on_standard_error(message, line, quiet_line, 
 def test_what_cannot_be_told_yet_is_left_out():
     unknown = Progress(0.0, 0, 0.0, estimated_error=math.nan, seconds_left=math.nan, leaves=0)
     assert describe_progress(unknown) == "  0%  0.00 M photons  0.00 M/s"
+
+
+@pytest.mark.parametrize(
+    ("stopped_by", "error", "asked", "sentence"),
+    [
+        ("error", 0.008, 0.008, ""),
+        ("interrupted", 0.5, 0.008, ""),
+        ("max_photons", 0.007, 0.008, ""),
+        (
+            "max_photons",
+            0.0131,
+            0.008,
+            "stopped at --max-photons with an error of 1.3 %, where 0.8 % was asked for; raise --max-photons or --error",
+        ),
+        (
+            "time_limit",
+            0.05001,
+            0.05,
+            "stopped at --time-limit with an error of 5.001 %, where 5 % was asked for; raise --time-limit or --error",
+        ),
+        (
+            "time_limit",
+            math.nan,
+            0.05,
+            "stopped at --time-limit before its error could be told, where 5 % was asked for; raise --time-limit or --error",
+        ),
+        (
+            "max_rays",
+            0.02,
+            0.01,
+            "stopped at the most shadow rays that a texel takes with an error of 2 %, where 1 % was asked for; raise --error",
+        ),
+    ],
+)
+def test_a_bake_that_missed_its_error_says_so(stopped_by, error, asked, sentence):
+    assert describe_miss(stopped_by, error, asked) == sentence

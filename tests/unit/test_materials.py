@@ -142,6 +142,19 @@ def test_no_warning_within_range():
     assert materials.clamp_warnings(scene) == []
 
 
+def test_colours_of_corners_are_linear_between_and_warned_of_for_themselves_alone():
+    corner = np.float32([[0.9, 0.0, 0.0], [0.0, 0.9, 0.0], [0.2, 0.0, 0.9]])
+    texel = np.stack([corner[0], corner[1], corner[2], corner[1] + corner[2] - corner[0]]).reshape(2, 2, 3)
+    assert texel.min() < 0
+    image = TextureImage("vertex colours", texel, "EXTEND", per_triangle=True)
+    uv = ((0.25, 0.25), (0.75, 0.25), (0.25, 0.75))
+    scene = _scene(Material("A", (1, 1, 1), 0), Material("B", (2, 1, 1), 0), images=(image,), uv=uv)
+    np.testing.assert_allclose(_at(scene, "albedo_at", 0)[0], [0.5, 0.2, 0.3] @ corner, atol=1e-6)
+    ((name, sentence),) = materials.clamp_warnings(scene)
+    assert name == "B"
+    assert sentence == "B: its albedo with vertex colours reaches from 0 to 1.8 and is clamped to 0 ... 0.999; choose values within."
+
+
 def test_a_white_surface_is_warned_of():
     ((name, sentence),) = materials.clamp_warnings(_scene(Material("Chalk", (1, 1, 1))))
     assert name == "Chalk"

@@ -24,7 +24,7 @@ def make_snapshot():
         tri_emission_uv=rng.random((2, 3, 2)).astype(np.float32),
         objects=(SceneObject("Wand", mesh=2), SceneObject("Möbel", receives=False, casts_shadow=False)),
         materials=(Material("Putz", (0.1, 0.2, 0.3), 0), Material("Lampe", emission_rgb=(1.0, 2.0, 3.0))),
-        images=(TextureImage("Karo", rng.random((3, 5, 3)).astype(np.float32), "CLIP", True),),
+        images=(TextureImage("Karo", rng.random((3, 5, 3)).astype(np.float32), "CLIP", True, True),),
         lights=(Light("AREA", "Fenster", (1.0, 2.0, 3.0), power_rgb=(4.0, 5.0, 6.0), size_m=(2.0, 0.5), casts_shadow=False),),
         world_rgb=(0.1, 0.2, 0.3),
     )
@@ -53,6 +53,7 @@ def test_round_trip(tmp_path):
         elif name != "images":
             assert found == expected, name
     assert (after.images[0].name, after.images[0].extension, after.images[0].closest) == ("Karo", "CLIP", True)
+    assert after.images[0].per_triangle
     assert np.array_equal(after.images[0].pixels, before.images[0].pixels)
 
 
