@@ -1,5 +1,6 @@
 """Refine: a bake goes on from what was kept of it, in Blender and on the command line."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -86,9 +87,30 @@ def test_remove_deletes_the_state(room, kept):
     assert not bpy.ops.leaflight.refine.poll()
 
 
+@pytest.mark.parametrize("how", ["remove", "delete"])
+def test_an_unchanged_bake_whose_state_is_gone_is_baked_again(room, state, kept, how):
+    """Else Refine would be grey for ever. After an undo of Remove, too, the bake is there and its state is not."""
+    if how == "remove":
+        bpy.ops.leaflight.remove()
+    else:
+        shutil.rmtree(kept)
+    bpy.ops.leaflight.bake()
+    assert state.summarize()[0].startswith("Baked in ")
+    assert bpy.ops.leaflight.refine() == {"FINISHED"}
+    assert state.result["photons"] > 20_000
+
+
+def test_an_unchanged_bake_that_never_had_a_state_is_kept(room, state, kept):
+    room.leaflight.main_pass = "direct"
+    bpy.ops.leaflight.bake()
+    assert not kept.exists()
+    bpy.ops.leaflight.bake()
+    assert state.summarize()[0].startswith("Unchanged since the last bake")
+
+
 def test_a_state_that_is_gone_is_a_sentence(room, kept):
     next(kept.glob("*.json")).unlink()
-    with pytest.raises(RuntimeError, match="Nothing is kept of this bake to go on from"):  # what the grey button says
+    with pytest.raises(RuntimeError, match=r"Nothing is kept of this bake to go on from: .* or was removed"):  # what the grey button says
         bpy.ops.leaflight.refine()
     with pytest.raises(ValueError, match="bake it again"):
         kept_state.refine_request(room, BakeRequest(Settings()))
