@@ -68,3 +68,12 @@ def worn_images(scene: bpy.types.Scene) -> dict[int, bpy.types.Image]:
     """Images by page that the scene wears; one that was deleted is left out."""
     found = scene[LAYOUT]["images"].to_dict() if LAYOUT in scene else {}
     return {int(page): image for page, image in found.items() if image is not None}
+
+
+def worn_folder(scene: bpy.types.Scene) -> Path | None:
+    """Folder of the images that the scene wears; None where it wears none, or one of a bake that runs.
+
+    Blender keeps their paths right when the .blend is saved elsewhere, and ours in custom properties not.
+    """
+    path = next((image.filepath for _, image in sorted(worn_images(scene).items())), "")
+    return Path(bpy.path.abspath(path)).resolve().parent if path else None
