@@ -108,7 +108,9 @@ class LEAFLIGHT_OT_remove(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         remove_state(context.scene)
         restore.remove_bake(context.scene)
-        get_state(context).clear()
+        state = get_state(context)
+        if state.scene == context.scene.session_uid:  # of another scene's bake the panel goes on telling
+            state.forget()
         return {"FINISHED"}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
@@ -42,10 +43,12 @@ class LEAFLIGHT_PT_main(_Sidebar, bpy.types.Panel):
             _draw_bake(layout, context, now)
         if state.error and state.error != now:
             draw_told(layout.box(), context, split_error(state.error, is_known), "ERROR")
-        if not state.running and restore.has_bake(context.scene):
-            _draw_result(layout, context, state)
-        if state.warnings:
-            _draw_warnings(layout, context, group_warnings(state.warnings))
+        scene, has_bake = context.scene.session_uid, restore.has_bake(context.scene)
+        if not state.running and has_bake:
+            _draw_result(layout, context, state.describe_worn(scene))
+        warnings = state.list_warnings(scene, has_bake)
+        if warnings:
+            _draw_warnings(layout, context, group_warnings(warnings))
 
 
 def _draw_plan(layout: Any, context: bpy.types.Context) -> None:
@@ -105,10 +108,10 @@ def _draw_progress(layout: Any, context: bpy.types.Context, state: BakeState) ->
     row.operator("leaflight.stop", text="Discard" if state.stopping or state.notice else "Stop")
 
 
-def _draw_result(layout: Any, context: bpy.types.Context, state: BakeState) -> None:
+def _draw_result(layout: Any, context: bpy.types.Context, lines: Sequence[str]) -> None:
     box = layout.box()
     column = box.column(align=True)
-    for i, line in enumerate(state.summarize()):
+    for i, line in enumerate(lines):
         draw_sentence(column, context, line, "CHECKMARK" if i == 0 else "BLANK1")
     row = box.row(align=True)
     shown = restore.is_preview_on(context.scene)
