@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -11,6 +12,7 @@ from ..core.told import Told, group_warnings, split_error
 from . import restore
 from .bake_state import BakeState
 from .checker import is_checker_on
+from .layout import worn_folder
 from .panel_parts import describe_estimate, draw_sentence, draw_told, prepare
 from .properties import list_groups, list_knobs
 from .request import find_mode_error, find_output_error
@@ -118,8 +120,10 @@ def _draw_result(layout: Any, context: bpy.types.Context, lines: Sequence[str]) 
     row.operator("leaflight.toggle_preview", icon="HIDE_OFF" if shown else "HIDE_ON", depress=shown)
     row.operator("leaflight.remove", icon="TRASH")
     row.operator("leaflight.export_gltf", text="", icon="EXPORT")
-    folder = bpy.path.abspath(context.scene.leaflight.output)
-    row.operator("wm.path_open", text="", icon="FILE_FOLDER").filepath = folder
+    folder = worn_folder(context.scene) or Path(bpy.path.abspath(context.scene.leaflight.output))
+    opener = row.row(align=True)
+    opener.enabled = folder.is_dir()
+    opener.operator("wm.path_open", text="", icon="FILE_FOLDER").filepath = str(folder)
     box.operator("leaflight.refine", icon="ADD")
 
 

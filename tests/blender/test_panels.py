@@ -99,6 +99,14 @@ def test_another_scene_is_told_nothing():
     assert not tells("1 page of 32 x 32")
 
 
+def test_the_folder_that_is_opened_is_that_of_the_bake(tmp_path):
+    """Not the one that the next bake will make."""
+    bpy.ops.leaflight.bake()
+    bpy.context.scene.leaflight.output = str(tmp_path / "not there yet")
+    opened = [one.filepath for name, one in draw()[1] if name == "wm.path_open"]
+    assert opened == [str(tmp_path / "maps")]
+
+
 def test_a_bake_that_failed_takes_no_numbers_from_the_one_before(state):
     bpy.ops.leaflight.bake()
     bpy.data.lights[0].energy = 0.0
