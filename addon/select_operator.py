@@ -5,7 +5,7 @@ No `from __future__ import annotations` here: Blender reads properties out of an
 
 import bpy
 
-from ..core.told import match_name
+from ..core.told import match_name, tell
 
 
 class LEAFLIGHT_OT_select(bpy.types.Operator):
@@ -29,7 +29,7 @@ class LEAFLIGHT_OT_select(bpy.types.Operator):
         names = self.names.splitlines()
         meant = find_objects(context, names)
         if not meant:
-            self.report({"WARNING"}, f"{', '.join(names)}: is not in this view layer any more.")
+            self.report({"WARNING"}, tell(names, "is not in this view layer any more.").text)
             return {"CANCELLED"}
         for obj in context.view_layer.objects:
             obj.select_set(False)
@@ -41,7 +41,7 @@ class LEAFLIGHT_OT_select(bpy.types.Operator):
                 hidden.append(obj.name)
         context.view_layer.objects.active = meant[0]
         if hidden:
-            self.report({"INFO"}, f"{', '.join(hidden)}: is in a hidden collection, or hidden in viewports; show it to see it.")
+            self.report({"INFO"}, tell(hidden, "is in a hidden collection, or hidden in viewports; show it to see it.").text)
         return {"FINISHED"}
 
 
