@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,7 @@ class LEAFLIGHT_PT_main(_Sidebar, bpy.types.Panel):
             _draw_plan(layout, context)
             _draw_bake(layout, context, now)
         if state.error and state.error != now:
-            draw_told(layout.box(), context, split_error(state.error, is_known), "ERROR")
+            draw_told(layout.box(), context, split_error(state.error, partial(is_known, context)), "ERROR")
         scene, has_bake = context.scene.session_uid, restore.has_bake(context.scene)
         if not state.running and has_bake:
             _draw_result(layout, context, state.describe_worn(scene))
