@@ -21,10 +21,20 @@ class Process(Protocol):
     def kill(self) -> None: ...
 
 
+@dataclass(frozen=True)
+class Worn:
+    """What is told of the bake that a scene wears: lines of its result, and its warnings (subject, sentence)."""
+
+    lines: tuple[str, ...] = ()
+    warnings: tuple[tuple[str, str], ...] = ()
+
+
 @dataclass
 class BakeState:
     """One bake: begin, then drain or wait until it gives how the bake ended, then end.
 
+    scene       session_uid of the scene that is baked, here and in `worn`
+    worn        the last bake of each scene that came to a result: those that fail or are thrown away change nothing
     stopping    the best so far was asked for
     discarded   the child was killed at the user's wish: that is no error
     notice      what the user has to do before the result can be shown, "" nothing
@@ -32,6 +42,8 @@ class BakeState:
     result      the core's result file, once it is on the objects; `seconds` is then the whole bake's
     """
 
+    scene: int = 0
+    worn: dict[int, Worn] = field(default_factory=dict)
     stage: str = ""
     progress: Progress | None = None
     fraction: float = 0.0
@@ -59,29 +71,34 @@ class BakeState:
         return time.monotonic() - self._began
 
     def clear(self) -> None:
-        """Forget the last bake; one that runs is killed."""
-        self.discard()
-        self.__init__()  # type: ignore[misc]  # the panel and the operators hold this very object
+        """Forget all bakes; one that runs is killed."""
+        self.worn = {}
+        self.forget()
 
-    def begin(self, process: Process, began: float, warnings: list[tuple[str, str]], target: float = 0.0) -> None:
+    def forget(self, scene: int = 0) -> None:
+        """Forget the last bake, but for what scenes wear; one that runs is killed. The next one is of `scene`."""
+        self.discard()
+        self.__init__(scene, self.worn)  # type: ignore[misc]  # the panel and the operators hold this very object
+
+    def begin(self, process: Process, began: float, warnings: list[tuple[str, str]], target: float = 0.0, scene: int = 0) -> None:
         """Listen to a process that has just been started; `began` is a time.monotonic(), `target` the error asked for."""
-        self.clear()
+        self.forget(scene)
         self.target = target
         self.stage, self._began, self._process = "Starting", began, process
         self.warnings = list(warnings)
         threading.Thread(target=_listen, args=(process, self._queue), daemon=True).start()
 
-    def begin_kept(self, messages: list[Message], began: float, warnings: list[tuple[str, str]]) -> Done | Error | None:
+    def begin_kept(self, messages: list[Message], began: float, warnings: list[tuple[str, str]], scene: int = 0) -> Done | Error | None:
         """A bake that need not be done; gives its last message."""
-        self.clear()
+        self.forget(scene)
         self._began, self.warnings = began, list(warnings)
         for message in messages:
             self._queue.put(message)
         return self.drain()
 
-    def fail(self, error: str) -> None:
+    def fail(self, error: str, scene: int = 0) -> None:
         """A bake that could not even begin."""
-        self.clear()
+        self.forget(scene)
         self.error = error
 
     def drain(self) -> Done | Error | None:
@@ -120,6 +137,8 @@ class BakeState:
         """The bake is over; its folder is no longer needed."""
         self.error, self.result, self.seconds = error, result, self.elapsed
         self.notice, self._process = "", None
+        if result is not None:
+            self.worn[self.scene] = Worn(tuple(self.summarize()), tuple(self.warnings))
 
     def _hear(self, message: Message) -> Done | Error | None:
         match message:
@@ -157,6 +176,16 @@ class BakeState:
             return ""
         pace = f"{describe_count(round(self.progress.photons_per_s))} photons/s"
         return f"{pace}, to an error of {self.target:.1%}" if self.target else pace
+
+    def describe_worn(self, scene: int) -> tuple[str, ...]:
+        """Lines about the bake that a scene wears; empty where nothing is known of it, as of a file that was opened."""
+        return self.worn.get(scene, Worn()).lines
+
+    def list_warnings(self, scene: int, has_bake: bool) -> list[tuple[str, str]]:
+        """What is to be told beside a scene: of its bake that runs or has failed, else of the one that it wears."""
+        if scene == self.scene and (self.running or (self.error and self.warnings)):
+            return self.warnings
+        return list(self.worn.get(scene, Worn()).warnings) if has_bake else []
 
     def summarize(self) -> list[str]:
         """Lines about the last result; empty without one."""

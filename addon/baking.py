@@ -102,7 +102,7 @@ class Baking:
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Blender quits, opens a file, or closes the window; only then does it come to the timer, for data is not to be changed now."""
-        get_state(context).clear()
+        get_state(context).forget()
         self._clean_up(context)
         bpy.app.timers.register(self._live.take_off, first_interval=0.0)
 
@@ -117,6 +117,8 @@ class Baking:
         state, began = get_state(context), time.monotonic()
         self._ended: Done | Error | None = None
         self._folder = tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True)
+        # Undo and opening a file make references invalid: only names and numbers are kept.
+        self._scene_uid, self._view_layer = context.scene.session_uid, context.view_layer.name
         process = None
         try:
             request = replace(self._make_request(context), preview=preview)
@@ -126,19 +128,17 @@ class Baking:
         except (ValueError, OSError) as reason:
             if process is not None:
                 process.kill()
-            state.fail(str(reason))
+            state.fail(str(reason), self._scene_uid)
             self.report({"ERROR"}, str(reason))
             self._clean_up(context)
             return False
-        # Undo and opening a file make references invalid: only names and numbers are kept.
         self._live = live.LiveView(self._session)
-        self._scene_uid, self._view_layer = context.scene.session_uid, context.view_layer.name
         warnings = list(self._session.export.warnings)
         if self._session.kept:
             process.kill()
-            self._ended = state.begin_kept(session.tell_kept(self._session), began, warnings)
+            self._ended = state.begin_kept(session.tell_kept(self._session), began, warnings, self._scene_uid)
         else:
-            state.begin(process, began, warnings, self._session.request.settings.error)
+            state.begin(process, began, warnings, self._session.request.settings.error, self._scene_uid)
         return True
 
     def _finish(self, context: bpy.types.Context, ended: Done | Error) -> set[str]:

@@ -165,8 +165,7 @@ class _Export:
         if receives and not has_layer and not has_room(piece.source.data if piece.kind == OWN else piece.evaluated.data):
             receives, reason = False, ""
             self._warnings.append((piece.source.name, NO_ROOM))
-        name = self._unique_name(piece)
-        source = piece.source
+        name, source = self._unique_name(piece), piece.source
         library = source.library.filepath if source.library else ""
         own_mesh = piece.kind == OWN and not reason
         size = (len(source.data.loops), len(source.data.polygons)) if own_mesh else (local.n_corner, local.n_polygon)

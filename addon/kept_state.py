@@ -10,27 +10,35 @@ import bpy
 
 from ..core.checkpoint import INFO_FILE, read_info, remove_checkpoint
 from .arguments import BakeRequest
+from .layout import worn_folder
 from .tags import remove_mark
 
-STATE = "leaflight_state"  # on a scene: the folder
+STATE = "leaflight_state"  # on a scene: the folder, relative to that of the images, which Blender finds again wherever the .blend is saved
 MOST_MB = 1000  # a larger state is not kept beside an artist's images
 REFINED = 0.5  # of the error so far, where the panel does not ask for less
 
 
 def mark_state(scene: bpy.types.Scene, request: BakeRequest) -> None:
-    """Remember where the state of the scene's bake is, if it was kept: relative to the .blend that there is or will be."""
+    """Remember where the state of the bake that the scene wears is, if it was kept."""
     remove_mark(scene, STATE)
     if request.keep is None or not (request.keep / INFO_FILE).is_file():
         return
-    folder = str(request.keep.resolve())
-    blend = str(request.save.resolve()) if request.save else bpy.data.filepath
-    beside = blend and os.path.splitdrive(blend)[0].lower() == os.path.splitdrive(folder)[0].lower()
-    scene[STATE] = bpy.path.relpath(folder, start=os.path.dirname(blend)) if beside else folder
+    folder, images = request.keep.resolve(), worn_folder(scene)
+    beside = images is not None and images.drive.lower() == folder.drive.lower()
+    scene[STATE] = Path(os.path.relpath(folder, images)).as_posix() if beside else str(folder)
+
+
+def find_state(scene: bpy.types.Scene) -> Path | None:
+    """Folder of the state that the scene's bake can be gone on from; None where nothing is kept."""
+    if STATE not in scene:
+        return None
+    folder = (worn_folder(scene) or Path()) / scene[STATE]
+    return folder.resolve() if folder.is_absolute() and (folder / INFO_FILE).is_file() else None
 
 
 def has_state(scene: bpy.types.Scene) -> bool:
     """Whether the scene's bake can be gone on with."""
-    return (_folder(scene) / INFO_FILE).is_file() if STATE in scene else False
+    return find_state(scene) is not None
 
 
 def refine_request(scene: bpy.types.Scene, request: BakeRequest) -> BakeRequest:
@@ -38,21 +46,19 @@ def refine_request(scene: bpy.types.Scene, request: BakeRequest) -> BakeRequest:
 
     Raises ValueError with a sentence where there is no state.
     """
-    info = read_info(_folder(scene)) if has_state(scene) else None
+    folder = find_state(scene)
+    info = read_info(folder) if folder else None
     if info is None:
         raise ValueError("nothing is kept of this bake that could be gone on with: bake it again.")
     asked = request.settings
     error = asked.error if asked.error < info.error else max(REFINED * info.error, 1e-4)
     settings = replace(asked, error=error, max_photons=asked.max_photons + info.photons)
-    return replace(request, settings=settings, resume=_folder(scene))
+    return replace(request, settings=settings, resume=folder)
 
 
 def remove_state(scene: bpy.types.Scene) -> None:
     """Delete the state of the scene's bake from disk."""
-    if STATE in scene:
-        remove_checkpoint(_folder(scene))
-        remove_mark(scene, STATE)
-
-
-def _folder(scene: bpy.types.Scene) -> Path:
-    return Path(bpy.path.abspath(scene[STATE]))
+    folder = find_state(scene)
+    if folder:
+        remove_checkpoint(folder)
+    remove_mark(scene, STATE)

@@ -78,3 +78,12 @@ def worn_warnings(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     """What was told as the scene put on the layout that it wears."""
     told = scene[LAYOUT].get("warnings", "[]") if LAYOUT in scene else "[]"  # files that an earlier version saved have none
     return [(subject, text) for subject, text in json.loads(told)]
+
+
+def worn_folder(scene: bpy.types.Scene) -> Path | None:
+    """Folder of the images that the scene wears; None where it wears none, or one of a bake that runs.
+
+    Blender keeps their paths right when the .blend is saved elsewhere, and ours in custom properties not.
+    """
+    path = next((image.filepath for _, image in sorted(worn_images(scene).items())), "")
+    return Path(bpy.path.abspath(path)).resolve().parent if path else None

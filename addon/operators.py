@@ -49,7 +49,10 @@ class LEAFLIGHT_OT_refine(Baking, bpy.types.Operator):
         if not super().poll(context) or not restore.has_bake(context.scene):
             return False
         if not has_state(context.scene):
-            cls.poll_message_set("Nothing is kept of this bake to go on from: it was stopped too early, or is too large; bake it again")
+            cls.poll_message_set(
+                "Nothing is kept of this bake to go on from: it was stopped too early or was removed, so bake it again; "
+                "or it is too large, or of direct light alone, so bake to a smaller error"
+            )
             return False
         return True
 
@@ -105,7 +108,9 @@ class LEAFLIGHT_OT_remove(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         remove_state(context.scene)
         restore.remove_bake(context.scene)
-        get_state(context).clear()
+        state = get_state(context)
+        if state.scene == context.scene.session_uid:  # of another scene's bake the panel goes on telling
+            state.forget()
         return {"FINISHED"}
 
 

@@ -26,7 +26,7 @@ def draw_sentence(layout: Any, context: bpy.types.Context, text: str, icon: str,
 
 def draw_told(layout: Any, context: bpy.types.Context, told: Told, icon: str) -> None:
     """A sentence with a button that selects what it is about."""
-    selects = any(is_known(name) for name in told.names)
+    selects = any(is_known(context, name) for name in told.names)
     row = layout.row()
     draw_sentence(row, context, told.text, icon, _BUTTON_CHARACTERS if selects else 0)
     if selects:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -10,6 +13,7 @@ from ..core.told import Told, group_warnings, split_error
 from . import restore
 from .bake_state import BakeState
 from .checker import is_checker_on
+from .layout import worn_folder
 from .panel_parts import describe_estimate, draw_sentence, draw_told, prepare
 from .properties import list_groups, list_knobs
 from .request import find_mode_error, find_output_error
@@ -41,11 +45,13 @@ class LEAFLIGHT_PT_main(_Sidebar, bpy.types.Panel):
             _draw_plan(layout, context)
             _draw_bake(layout, context, now)
         if state.error and state.error != now:
-            draw_told(layout.box(), context, split_error(state.error, is_known), "ERROR")
-        if not state.running and restore.has_bake(context.scene):
-            _draw_result(layout, context, state)
-        if state.warnings:
-            _draw_warnings(layout, context, group_warnings(state.warnings))
+            draw_told(layout.box(), context, split_error(state.error, partial(is_known, context)), "ERROR")
+        scene, has_bake = context.scene.session_uid, restore.has_bake(context.scene)
+        if not state.running and has_bake:
+            _draw_result(layout, context, state.describe_worn(scene))
+        warnings = state.list_warnings(scene, has_bake)
+        if warnings:
+            _draw_warnings(layout, context, group_warnings(warnings))
 
 
 def _draw_plan(layout: Any, context: bpy.types.Context) -> None:
@@ -105,18 +111,20 @@ def _draw_progress(layout: Any, context: bpy.types.Context, state: BakeState) ->
     row.operator("leaflight.stop", text="Discard" if state.stopping or state.notice else "Stop")
 
 
-def _draw_result(layout: Any, context: bpy.types.Context, state: BakeState) -> None:
+def _draw_result(layout: Any, context: bpy.types.Context, lines: Sequence[str]) -> None:
     box = layout.box()
     column = box.column(align=True)
-    for i, line in enumerate(state.summarize()):
+    for i, line in enumerate(lines):
         draw_sentence(column, context, line, "CHECKMARK" if i == 0 else "BLANK1")
     row = box.row(align=True)
     shown = restore.is_preview_on(context.scene)
     row.operator("leaflight.toggle_preview", icon="HIDE_OFF" if shown else "HIDE_ON", depress=shown)
     row.operator("leaflight.remove", icon="TRASH")
     row.operator("leaflight.export_gltf", text="", icon="EXPORT")
-    folder = bpy.path.abspath(context.scene.leaflight.output)
-    row.operator("wm.path_open", text="", icon="FILE_FOLDER").filepath = folder
+    folder = worn_folder(context.scene) or Path(bpy.path.abspath(context.scene.leaflight.output))
+    opener = row.row(align=True)
+    opener.enabled = folder.is_dir()
+    opener.operator("wm.path_open", text="", icon="FILE_FOLDER").filepath = str(folder)
     box.operator("leaflight.refine", icon="ADD")
 
 

@@ -5,7 +5,8 @@ No `from __future__ import annotations` here: Blender reads properties out of an
 
 import bpy
 
-from ..core.told import match_name
+from ..core.told import match_name, tell
+from .materials_write import find_original
 
 
 class LEAFLIGHT_OT_select(bpy.types.Operator):
@@ -29,7 +30,7 @@ class LEAFLIGHT_OT_select(bpy.types.Operator):
         names = self.names.splitlines()
         meant = find_objects(context, names)
         if not meant:
-            self.report({"WARNING"}, f"{', '.join(names)}: is not in this view layer any more.")
+            self.report({"WARNING"}, tell(names, "is not in this view layer any more.").text)
             return {"CANCELLED"}
         for obj in context.view_layer.objects:
             obj.select_set(False)
@@ -41,7 +42,7 @@ class LEAFLIGHT_OT_select(bpy.types.Operator):
                 hidden.append(obj.name)
         context.view_layer.objects.active = meant[0]
         if hidden:
-            self.report({"INFO"}, f"{', '.join(hidden)}: is in a hidden collection, or hidden in viewports; show it to see it.")
+            self.report({"INFO"}, tell(hidden, "is in a hidden collection, or hidden in viewports; show it to see it.").text)
         return {"FINISHED"}
 
 
@@ -53,15 +54,26 @@ def find_objects(context: bpy.types.Context, names: list[str]) -> list[bpy.types
         return [objects[name] for name in dict.fromkeys(known) if name]
     wanted = set(names)
     return [
-        obj
-        for obj in objects
-        if (obj.data and obj.data.name in wanted) or any(s.material and s.material.name in wanted for s in obj.material_slots)
+        obj for obj in objects if (obj.data and obj.data.name in wanted) or any(_has_material(slot, wanted) for slot in obj.material_slots)
     ]
 
 
-def is_known(name: str) -> bool:
-    """Whether the file has something of this name that can be selected, or an object that wears it."""
-    return any(match_name(name, blocks) for blocks in (bpy.data.objects, bpy.data.materials, bpy.data.meshes, bpy.data.lights))
+def is_known(context: bpy.types.Context, name: str) -> bool:
+    """Whether the view layer has an object of this name, or the file something of this name that an object may wear.
+
+    For each drawing of the panel: to look through all objects' materials takes too long. The mesh of an object that was deleted stays
+    in the file, mostly under the object's name, and so does the object where something points to it.
+    """
+    if match_name(name, bpy.data.objects):
+        return bool(match_name(name, context.view_layer.objects))
+    found = [blocks.get(name) for blocks in (bpy.data.materials, bpy.data.meshes, bpy.data.lights)]
+    return any(block and block.users > block.use_fake_user for block in found)
+
+
+def _has_material(slot: bpy.types.MaterialSlot, wanted: set[str]) -> bool:
+    """Whether a slot shows a material of one of these names, or the copy of one that wears its bake."""
+    material = find_original(slot.material)
+    return material is not None and material.name in wanted
 
 
 CLASSES = (LEAFLIGHT_OT_select,)

@@ -62,9 +62,9 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
     name = request.name or Path(bpy.data.filepath).stem or (request.scene.stem if request.scene else "lightmap")
     resume, keep = (str(path.resolve()) if path else "" for path in (request.resume, request.keep))
     job = Job(request.settings, str(request.output.resolve()), name, request.preview, resume, keep, request.keep_mb)
-    stateless = keep and not request.keep_mb and not Path(keep, INFO_FILE).exists()  # the panel keeps a state only if it is small
-    again = request.settings.force or resume or stateless
-    kept = None if again else find_kept_bake(export.snapshot, job)
+    kept = None if request.settings.force or resume else find_kept_bake(export.snapshot, job)
+    if kept and _lacks_state(job, kept):
+        kept = None
     try:
         if kept is None:
             save_snapshot(folder / SNAPSHOT_FILE, export.snapshot)
@@ -76,6 +76,13 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
             f"{folder}: the scene cannot be kept there ({reason.strerror}); make room, or set TMPDIR to another folder."
         ) from reason
     return Session(folder, request, export, kept)
+
+
+def _lacks_state(job: Job, kept: KeptBake) -> bool:
+    """Whether a state is asked for that is not there any more, or never was, and that the bake would give."""
+    if not job.keep or Path(job.keep, INFO_FILE).exists():
+        return False
+    return not (job.keep_mb and kept.stateless)  # the panel keeps a state only if it is small
 
 
 def check_folder(folder: Path) -> None:

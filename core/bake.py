@@ -89,6 +89,7 @@ def run_bake(
     stages = Stages(tell)
     _open_output(Path(job.output))
     executor: Executor = executors.InlineExecutor()
+    stateless = False
     try:
         with stages.stage("load", "Reading the scene"):
             snapshot = load_snapshot(folder / SNAPSHOT_FILE)
@@ -172,7 +173,7 @@ def run_bake(
             files, seam_report = _write_pages(job, folder, snapshot, atlas, texel_map, light, surfaces, executor)
         if job.keep:  # only now: a bake that is thrown away while it writes has changed nothing
             with stages.stage("keep", "Keeping the state"):
-                _keep_state(job, solver if shot else None, light.error, tell)
+                stateless = _keep_state(job, solver if shot else None, light.error, tell)
     finally:
         executor.shutdown(cancel_futures=True)
         workers.forget_folders()  # the next bake may use the same folder
@@ -199,7 +200,7 @@ def run_bake(
     # What Blender is to make by the scene's view transform is not there yet, and its settings are no part of the job.
     if light.stopped_by != "interrupted" and not any(file.linear for file in files):
         try:
-            kept_bake.note_bake(folder, snapshot, job, result, warnings)
+            kept_bake.note_bake(folder, snapshot, job, result, warnings, stateless)
         except OSError as reason:
             tell(Warning_("", f"this bake cannot be noted in {job.output} ({reason}), so the same bake will be done again"))
     (folder / RESULT_FILE).write_text(json.dumps(result), encoding="utf-8")
@@ -220,15 +221,20 @@ def _describe_no_charts(atlas: charts.ChartAtlas) -> str:
     return f"nothing to bake: no object has a face that takes light ({told})."
 
 
-def _keep_state(job: Job, solver: solve.Solver | None, error: float, tell: Callable[[Message], None]) -> None:
-    """None is a bake that was stopped before it had a state; an earlier one's fits the images no longer."""
+def _keep_state(job: Job, solver: solve.Solver | None, error: float, tell: Callable[[Message], None]) -> bool:
+    """Whether the bake has no state to keep, as it would have none the next time; a full disk is another matter.
+
+    None is a bake that was stopped before it had a state, or needs none; an earlier one's fits the images no longer.
+    """
     try:
         if solver is None:
             checkpoint.remove_checkpoint(Path(job.keep))
         else:
             checkpoint.save_checkpoint(Path(job.keep), solver, error, job.keep_mb * 10**6)
+        return solver is None
     except (ValueError, OSError) as reason:  # the images are there all the same
         tell(Warning_("", str(reason)))
+        return isinstance(reason, ValueError)
 
 
 def _write_pages(

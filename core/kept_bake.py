@@ -32,11 +32,13 @@ class KeptBake:
     result     of the bake, the files where they are now
     warnings   (subject, sentence): what the core told
     layout     arrays of the layout file
+    stateless  a state was asked for, and the bake has none to keep: it would have none the next time either
     """
 
     result: dict[str, Any]
     warnings: tuple[tuple[str, str], ...]
     layout: dict[str, NDArray[Any]]
+    stateless: bool = False
 
     def restore(self, folder: Path) -> None:
         """Write into a job's folder what the bake would leave there.
@@ -52,9 +54,12 @@ def find_note(job: Job) -> Path:
     return Path(job.output) / f".leaflight_{clean_name(job.atlas_name)}.npz"
 
 
-def note_bake(folder: Path, snapshot: SceneSnapshot, job: Job, result: dict[str, Any], warnings: Sequence[tuple[str, str]]) -> None:
+def note_bake(
+    folder: Path, snapshot: SceneSnapshot, job: Job, result: dict[str, Any], warnings: Sequence[tuple[str, str]], stateless: bool = False
+) -> None:
     """Note a bake whose files are written and whose layout is in `folder`.
 
+    stateless   see KeptBake
     Raises OSError where that cannot be written.
     """
     files = [{**file, "path": Path(file["path"]).relative_to(job.output).as_posix()} for file in result["files"]]
@@ -64,6 +69,7 @@ def note_bake(folder: Path, snapshot: SceneSnapshot, job: Job, result: dict[str,
         "contents": [hash_file(Path(file["path"])) for file in result["files"]],
         "result": {**result, "files": files},
         "warnings": list(warnings),
+        "stateless": stateless,
     }
     with np.load(folder / LAYOUT_FILE) as layout:
         arrays = {name: layout[name] for name in layout.files}
@@ -94,6 +100,7 @@ def find_kept_bake(snapshot: SceneSnapshot, job: Job) -> KeptBake | None:
         seconds = dict.fromkeys(result["seconds"], 0.0)
         skipped = {**result["skipped"], "bake": 1}
         warnings = tuple((subject, text) for subject, text in header["warnings"])
+        stateless = bool(header["stateless"])
     except (OSError, zipfile.BadZipFile, ValueError, EOFError, KeyError, TypeError, AttributeError):
         return None  # no note, or a damaged one: then the bake is done, which is what it would have saved
-    return KeptBake({**result, "seconds": seconds, "skipped": skipped}, warnings, layout)
+    return KeptBake({**result, "seconds": seconds, "skipped": skipped}, warnings, layout, stateless)

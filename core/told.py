@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
 
 _NAMED = 3  # names in one sentence: a panel is narrow
+_VERBS = frozenset(("is", "has", "was", "does", "casts"))  # that sentences about one thing begin with
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,17 @@ def group_warnings(warnings: Iterable[tuple[str, str]]) -> list[Told]:
     subjects: dict[str, list[str]] = {}
     for subject, text in warnings:
         subjects.setdefault(_strip_subject(text, subject), []).append(subject)
-    return [_tell(names, sentence) for sentence, names in subjects.items()]
+    return [tell(names, sentence) for sentence, names in subjects.items()]
+
+
+def tell(subjects: Iterable[str], sentence: str) -> Told:
+    """A sentence that is right about any one of the subjects, about all of them."""
+    names = tuple(dict.fromkeys(name for name in subjects if name))
+    if not names:
+        return Told((), sentence)
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    said = sentence if len(names) == 1 else _say_of_each(sentence)
+    return Told(names, f"{', '.join(names[:_NAMED])}{more}: {said}")
 
 
 def split_error(error: str, is_known: Callable[[str], bool]) -> Told:
@@ -43,9 +55,7 @@ def _strip_subject(text: str, subject: str) -> str:
     return text.removeprefix(f"{subject}: ") if subject else text
 
 
-def _tell(subjects: list[str], sentence: str) -> Told:
-    names = tuple(dict.fromkeys(name for name in subjects if name))
-    if not names:
-        return Told((), sentence)
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return Told(names, f"{', '.join(names[:_NAMED])}{more}: {sentence}")
+def _say_of_each(sentence: str) -> str:
+    if sentence.partition(" ")[0] in _VERBS:
+        return f"each {sentence}"
+    return re.sub(r"\bits\b", "each one's", sentence, count=1)

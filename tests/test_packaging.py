@@ -114,6 +114,29 @@ def test_stray_file_in_a_zip_is_refused(tmp_path):
         build_zip.check_contents(zip_path)
 
 
+@pytest.mark.parametrize("stray", ["w314/embreex-4-cp314-cp314-linux_x86_64.whl", ""])
+def test_no_zip_is_left_where_one_holds_a_stray_file(tmp_path, monkeypatch, stray):
+    """Blender's builder packs a folder of wheels that lies in the checkout; validation itself is not run here."""
+
+    def build(command, *arguments):
+        names = ["__init__.py", *filter(None, [stray])]
+        for platform in ("linux_x64", "windows_x64") if command == "build" else ():
+            with zipfile.ZipFile(tmp_path / f"leaflight-1.0.0-{platform}.zip", "w") as archive:
+                for name in names if platform == "windows_x64" else names[:1]:
+                    archive.writestr(name, "")
+
+    monkeypatch.setattr(build_zip, "run_blender_ext", build)
+    (tmp_path / "leaflight-0.9.0.zip").touch()  # of an earlier build
+    (tmp_path / "notes.zip").touch()
+    if not stray:
+        build_zip.build_zips(tmp_path, tmp_path, None)
+        assert len(list(tmp_path.glob("leaflight-1.0.0-*.zip"))) == 2
+        return
+    with pytest.raises(ValueError, match=r"w314/embreex.* would be shipped"):
+        build_zip.build_zips(tmp_path, tmp_path, None)
+    assert [path.name for path in tmp_path.glob("*.zip")] == ["notes.zip"]
+
+
 def test_blender_builds_the_extension_and_only_that(tmp_path):
     """Blender's builder on a copy with every kind of thing a working folder has, and one wheel that needs no download."""
     source = tmp_path / "source"

@@ -81,10 +81,15 @@ def finish_zip(zip_path: Path) -> None:
     print(f"{zip_path}  {zip_path.stat().st_size / 1e6:.1f} MB")
 
 
-def build_platform_zips(source: Path, output: Path) -> list[Path]:
-    """One zip per platform, with that platform's wheels."""
+def remove_zips(output: Path) -> None:
+    """Deletes the zips of an earlier build."""
     for old_zip in output.glob("leaflight-*.zip"):
         old_zip.unlink()
+
+
+def build_platform_zips(source: Path, output: Path) -> list[Path]:
+    """One zip per platform, with that platform's wheels."""
+    remove_zips(output)
     run_blender_ext("build", "--source-dir", str(source), "--output-dir", str(output), "--split-platforms")
     return sorted(output.glob("leaflight-*.zip"))
 
@@ -121,6 +126,19 @@ def build_local_zip(source: Path, platform_zip: Path, wheels_folder: Path) -> Pa
     return zip_path
 
 
+def build_zips(source: Path, output: Path, wheels_folder: Path | None) -> None:
+    """All zips, each validated; where one is not as it has to be none stays, for it looks like one to hand out."""
+    try:
+        zip_paths = build_platform_zips(source, output)
+        if wheels_folder:
+            zip_paths.append(build_local_zip(source, zip_paths[0], wheels_folder))
+        for zip_path in zip_paths:
+            finish_zip(zip_path)
+    except (OSError, ValueError, subprocess.CalledProcessError):
+        remove_zips(output)
+        raise
+
+
 def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--output", type=Path, default=Path("dist"), help="folder of the zips")
@@ -131,11 +149,7 @@ def main(arguments: list[str]) -> int:
     output.mkdir(parents=True, exist_ok=True)
     try:
         fetch_wheels(source)
-        zip_paths = build_platform_zips(source, output)
-        if options.wheels_dir:
-            zip_paths.append(build_local_zip(source, zip_paths[0], options.wheels_dir))
-        for zip_path in zip_paths:
-            finish_zip(zip_path)
+        build_zips(source, output, options.wheels_dir)
     except (OSError, ValueError) as reason:
         print(reason, file=sys.stderr)
         return 1

@@ -246,5 +246,5 @@ def test_many_meshes_of_one_fault_make_one_short_sentence(state):
     for obj in (obj for obj in bpy.context.scene.objects if obj.type == "MESH"):
         while len(obj.data.uv_layers) < 8:
             obj.data.uv_layers.new()
-    room = "has 8 UV layers, as many as Blender allows; remove one to give it a lightmap"
+    room = "each has 8 UV layers, as many as Blender allows; remove one to give it a lightmap"
     assert bake_error(state) == f"nothing to bake: Floor, Cube, A and 4 more: {room}."

@@ -2,7 +2,6 @@
 
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ bpy = pytest.importorskip("bpy")
 
 from blend_dump import differences, dump
 from blend_rooms import open_room
-from leaflight.addon import live, restore, session
+from leaflight.addon import kept_state, live, restore, session
 from leaflight.addon.arguments import BakeRequest
 from leaflight.addon.job import library_paths
 from leaflight.core import preview
@@ -221,4 +220,4 @@ def test_the_state_of_the_bake_is_remembered(start, tmp_path):
     view = live.LiveView(work)
     view.show(bpy.context, paths[0])
     finish(view, work)
-    assert Path(bpy.context.scene["leaflight_state"]) == tmp_path / "kept"
+    assert kept_state.find_state(bpy.context.scene) == tmp_path / "kept"

@@ -351,7 +351,8 @@ def test_a_failed_registration_is_taken_back(monkeypatch):
 
 
 def test_an_unchanged_scene_keeps_its_bake_until_it_is_forced(scene, state, monkeypatch):
-    """Nor does the bake that it wears change it, or that it was removed meanwhile."""
+    """Nor does the bake that it wears change it, or that it was removed meanwhile, where no state went with it (see test_refine)."""
+    scene.leaflight.main_pass = "direct"
     assert bpy.ops.leaflight.bake() == {"FINISHED"}
     began = []
     messages = baking.BakeProcess.messages

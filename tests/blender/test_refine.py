@@ -1,7 +1,7 @@
 """Refine: a bake goes on from what was kept of it, in Blender and on the command line."""
 
+import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -9,7 +9,7 @@ bpy = pytest.importorskip("bpy")
 
 import leaflight
 from blend_rooms import bake, open_room, read_report, save_scene
-from leaflight.addon import kept_state, restore
+from leaflight.addon import kept_state, layout, restore
 from leaflight.addon.arguments import BakeRequest
 from leaflight.core.checkpoint import read_info
 from leaflight.core.settings import Settings
@@ -44,7 +44,7 @@ def kept(tmp_path):
 def test_refine_goes_on_to_half_the_error_or_to_the_panels(room, state, kept):
     first = state.result
     assert read_info(kept).photons == first["photons"] == 20_000
-    assert room["leaflight_state"] == "//maps/room.refine"
+    assert kept_state.find_state(room) == kept
     bpy.ops.leaflight.refine()
     second = state.result
     assert first["photons"] < second["photons"] <= 40_000  # as many again as the panel allows
@@ -63,6 +63,35 @@ def test_refine_works_on_a_file_that_was_closed(room, state, kept, tmp_path):
     assert bpy.ops.leaflight.refine.poll()
     bpy.ops.leaflight.refine()
     assert state.result["photons"] > 20_000
+
+
+@pytest.mark.parametrize("pack", [False, True])
+def test_refine_works_on_a_file_that_was_saved_elsewhere(room, state, kept, tmp_path, pack):
+    """Blender rewrites paths of images then, and no paths in custom properties."""
+    if pack:
+        room.leaflight.pack = True
+        bpy.ops.leaflight.bake()
+    (tmp_path / "deep" / "deeper").mkdir(parents=True)
+    save_scene(tmp_path / "deep" / "deeper" / "other.blend")
+    assert kept_state.find_state(room) == kept
+    bpy.ops.leaflight.refine()
+    assert state.result["photons"] > 20_000
+
+
+def test_refine_works_where_the_folder_was_moved(room, tmp_path):
+    save_scene(tmp_path / "room.blend")
+    moved = tmp_path.with_name(f"{tmp_path.name}_moved")
+    tmp_path.rename(moved)
+    bpy.ops.wm.open_mainfile(filepath=str(moved / "room.blend"))
+    assert kept_state.find_state(bpy.context.scene) == moved / "maps" / "room.refine"
+
+
+def test_images_that_are_gone_leave_no_state_to_find(room):
+    assert kept_state.has_state(room)
+    for image in layout.worn_images(room).values():
+        bpy.data.images.remove(image)
+    assert not kept_state.has_state(room)
+    bpy.ops.leaflight.remove()
 
 
 def test_a_changed_scene_or_method_is_refused_and_the_bake_stays(room, state):
@@ -86,9 +115,30 @@ def test_remove_deletes_the_state(room, kept):
     assert not bpy.ops.leaflight.refine.poll()
 
 
+@pytest.mark.parametrize("how", ["remove", "delete"])
+def test_an_unchanged_bake_whose_state_is_gone_is_baked_again(room, state, kept, how):
+    """Else Refine would be grey for ever. After an undo of Remove, too, the bake is there and its state is not."""
+    if how == "remove":
+        bpy.ops.leaflight.remove()
+    else:
+        shutil.rmtree(kept)
+    bpy.ops.leaflight.bake()
+    assert state.summarize()[0].startswith("Baked in ")
+    assert bpy.ops.leaflight.refine() == {"FINISHED"}
+    assert state.result["photons"] > 20_000
+
+
+def test_an_unchanged_bake_that_never_had_a_state_is_kept(room, state, kept):
+    room.leaflight.main_pass = "direct"
+    bpy.ops.leaflight.bake()
+    assert not kept.exists()
+    bpy.ops.leaflight.bake()
+    assert state.summarize()[0].startswith("Unchanged since the last bake")
+
+
 def test_a_state_that_is_gone_is_a_sentence(room, kept):
     next(kept.glob("*.json")).unlink()
-    with pytest.raises(RuntimeError, match="Nothing is kept of this bake to go on from"):  # what the grey button says
+    with pytest.raises(RuntimeError, match=r"Nothing is kept of this bake to go on from: .* or was removed"):  # what the grey button says
         bpy.ops.leaflight.refine()
     with pytest.raises(ValueError, match="bake it again"):
         kept_state.refine_request(room, BakeRequest(Settings()))
@@ -123,5 +173,4 @@ def test_a_saved_scene_of_the_command_line_can_be_refined_in_blender(tmp_path):
     scene, saved = save_scene(tmp_path / "room.blend"), tmp_path / "elsewhere" / "baked.blend"
     assert bake(scene, "--keep", str(tmp_path / "kept"), "--save", str(saved)) == 0
     bpy.ops.wm.open_mainfile(filepath=str(saved))
-    assert kept_state.has_state(bpy.context.scene)
-    assert Path(bpy.path.abspath(bpy.context.scene["leaflight_state"])).resolve() == tmp_path / "kept"
+    assert kept_state.find_state(bpy.context.scene) == tmp_path / "kept"

@@ -8,6 +8,7 @@ bpy = pytest.importorskip("bpy")
 import leaflight
 from blend_rooms import add_mesh, open_room
 from leaflight.addon import checker_arrays, panel_parts
+from leaflight.addon.select_operator import is_known
 
 
 @pytest.fixture(autouse=True)
@@ -270,6 +271,31 @@ def test_button_selects_what_a_warning_is_about(names, selected):
     assert bpy.ops.leaflight.select(names=names) == {"FINISHED"}
     assert sorted(obj.name for obj in bpy.context.selected_objects) == selected
     assert bpy.context.view_layer.objects.active.name in selected
+
+
+def test_button_selects_what_wears_the_bake_of_a_material(tmp_path):
+    bpy.data.objects["Floor"].data.materials.append(bpy.data.materials.new("Grey"))
+    chosen = bpy.context.scene.leaflight
+    chosen.size, chosen.error, chosen.workers, chosen.output = 32, 0.5, 1, str(tmp_path)
+    bpy.ops.leaflight.bake()
+    assert bpy.ops.leaflight.select(names="Grey") == {"FINISHED"}
+    assert [obj.name for obj in bpy.context.selected_objects] == ["Floor"]
+
+
+def test_there_is_a_button_only_beside_what_is_there():
+    """A deleted object leaves its mesh, of the same name, for the file to forget; and one that something points to stays itself."""
+    bpy.data.objects["Floor"].data.materials.append(bpy.data.materials.new("Grey"))
+    for name in ("Floor", "Floor.piece.003", "Grey", "Cube"):
+        assert is_known(bpy.context, name)
+    bpy.context.scene["keeps"] = bpy.data.objects["Cube"]
+    for name in ("Floor", "Cube"):
+        bpy.context.view_layer.objects.active = bpy.data.objects[name]
+        bpy.ops.object.select_all(action="DESELECT")
+        bpy.data.objects[name].select_set(True)
+        bpy.ops.object.delete()
+    assert ("Floor" in bpy.data.objects, "Floor" in bpy.data.meshes, "Cube" in bpy.data.objects) == (False, True, True)
+    for name in ("Floor", "Floor.piece.003", "Cube"):
+        assert not is_known(bpy.context, name)
 
 
 def test_button_tells_what_it_cannot_select():

@@ -59,6 +59,23 @@ def test_a_bake_of_one_scene_leaves_the_other_s_as_it_is(tmp_path):
     assert sorted(files) == ["lightmap_B_c_0.combined.exr", "lightmap_Scene_0.combined.exr"]
 
 
+def test_the_panel_tells_of_the_bake_of_its_own_scene():
+    state, uid = bpy.context.window_manager.leaflight_state, {scene.name: scene.session_uid for scene in bpy.data.scenes}
+    run("Scene", "bake")
+    first = state.summarize()
+    bpy.data.scenes["B/c"].leaflight.size = 48
+    run("B/c", "bake")
+    second = state.summarize()
+    assert first[-1] != second[-1]
+    assert (list(state.describe_worn(uid["Scene"])), list(state.describe_worn(uid["B/c"]))) == (first, second)
+    assert [subject for subject, _ in state.list_warnings(uid["B/c"], has_bake=True)] == ["Twin"]
+    assert state.list_warnings(uid["Scene"], has_bake=True) == []
+    run("Scene", "remove")
+    assert state.summarize() == second
+    run("B/c", "remove")
+    assert state.summarize() == []
+
+
 def test_removing_the_first_leaves_the_second():
     run("Scene", "bake")
     run("B/c", "bake")

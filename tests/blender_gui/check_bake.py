@@ -74,6 +74,14 @@ def running_id() -> int:
     return state()._process._process.pid
 
 
+def worn_lines() -> tuple[str, ...]:
+    return state().describe_worn(bpy.context.scene.session_uid)
+
+
+def worn_warnings() -> list[tuple[str, str]]:
+    return state().list_warnings(bpy.context.scene.session_uid, has_bake(bpy.context.scene))
+
+
 def live_images() -> list[str]:
     return [image.name for image in bpy.data.images if "leaflight_live" in image]
 
@@ -122,7 +130,8 @@ def check_refine() -> Iterator[float]:
     after = state().result  # gathering may come to the smaller error without more photons
     goes_on = after and after["photons"] >= before["photons"] and after["estimated_error"] < before["estimated_error"]
     check("and goes on from there", goes_on and "direct" not in after["seconds"])
-    shown = {image.name for image in bpy.data.images if image.users}
+    shown, lines = {image.name for image in bpy.data.images if image.users}, worn_lines()
+    check("its numbers are told", lines and list(lines) == state().summarize())
     press_bake(error=1e-4)
     yield from wait(lambda: is_live() or not state().running)
     check("a new bake of the same layout is shown over it", is_live())
@@ -130,7 +139,30 @@ def check_refine() -> Iterator[float]:
     bpy.ops.leaflight.stop()
     yield from wait(lambda: not state().running)
     check("thrown away, the earlier comes back", has_bake(bpy.context.scene) and shown == {i.name for i in bpy.data.images if i.users})
+    check("with its numbers", worn_lines() == lines)
     remove_bake()
+
+
+def check_removed_state() -> Iterator[float]:
+    """Remove deletes the state for good; an undo of it brings only the bake back."""
+    bpy.data.objects["Tall block"].visible_shadow = False  # which is warned of
+    press_bake()
+    yield from wait(lambda: not state().running)
+    lines = worn_lines()
+    check("a bake can be refined, and its warning is told", bpy.ops.leaflight.refine.poll() and worn_warnings())
+    remove_bake()
+    check("removed, its warning is told no more", not worn_warnings())
+    with in_view():
+        bpy.ops.ed.undo_push(message="Remove")  # Blender makes no steps of what scripts press
+        bpy.ops.ed.undo()
+    check("an undo brings it back with its numbers, not its state", has_bake(bpy.context.scene) and worn_lines() == lines)
+    check("so it cannot be refined", worn_warnings() and not bpy.ops.leaflight.refine.poll())
+    with in_view():
+        bpy.ops.leaflight.bake("INVOKE_DEFAULT")
+    yield from wait(lambda: not state().running)
+    check("until it is baked again", state().summarize()[0].startswith("Baked in") and bpy.ops.leaflight.refine.poll())
+    remove_bake()
+    bpy.data.objects["Tall block"].visible_shadow = True
 
 
 def check_escape() -> Iterator[float]:
@@ -273,6 +305,7 @@ def check_end() -> Iterator[float]:
 CHECKS = (
     check_live,
     check_refine,
+    check_removed_state,
     check_escape,
     check_discard,
     check_edit_mode,

@@ -195,7 +195,7 @@ def no_uv_at_all() -> Iterator[float]:
     for obj in meshes():
         while len(obj.data.uv_layers) < 8:
             obj.data.uv_layers.new()
-    yield from check_error("no_uv_at_all", "and 4 more: has 8 UV layers, as many as Blender allows; remove one")
+    yield from check_error("no_uv_at_all", "and 4 more: each has 8 UV layers, as many as Blender allows; remove one")
 
 
 def linked_mesh() -> Iterator[float]:

@@ -116,6 +116,51 @@ def test_warnings_are_kept_in_their_order():
     assert state.warnings == [("A", "has no faces"), ("A", "A: is too small.")]
 
 
+def finish(state, scene, pages, warnings=()):
+    """A bake of that scene that comes to its end; the lines that it is told with."""
+    state.begin(Talker([Done("", False)]), 0.0, list(warnings), scene=scene)
+    state.wait()
+    state.end(result=RESULT | {"pages": pages})
+    return tuple(state.summarize())
+
+
+def test_each_scene_is_told_of_its_own_bake():
+    state = BakeState()
+    first, second = finish(state, 1, 2, [("A", "is too small")]), finish(state, 2, 3)
+    assert first != second
+    assert (state.describe_worn(1), state.describe_worn(2), state.describe_worn(3)) == (first, second, ())
+    assert state.list_warnings(1, has_bake=True) == [("A", "is too small")]
+    assert state.list_warnings(1, has_bake=False) == []  # it was undone
+    assert state.list_warnings(2, has_bake=True) == []
+    state.clear()
+    assert state.describe_worn(1) == ()
+
+
+def test_a_bake_that_is_thrown_away_leaves_what_was_told_before():
+    state = BakeState()
+    before = finish(state, 1, 2, [("A", "is too small")])
+    process = Talker([], lasting=True)
+    state.begin(process, 0.0, [("B", "has no faces")], scene=1)
+    assert state.list_warnings(1, has_bake=True) == [("B", "has no faces")]  # while it runs
+    assert state.list_warnings(2, has_bake=True) == []
+    state.discard()
+    state.wait()
+    state.end()
+    assert state.describe_worn(1) == before
+    assert state.list_warnings(1, has_bake=True) == [("A", "is too small")]
+
+
+def test_a_bake_that_fails_tells_its_own_warnings_beside_its_error():
+    state = BakeState()
+    before = finish(state, 1, 2, [("A", "is too small")])
+    state.begin(Talker([Error("All is dark.")]), 0.0, [("B", "has no faces")], scene=1)
+    state.end(state.wait().text)
+    assert state.describe_worn(1) == before
+    assert state.list_warnings(1, has_bake=False) == [("B", "has no faces")]
+    state.fail("no mesh is selected", scene=1)
+    assert state.list_warnings(1, has_bake=True) == [("A", "is too small")]
+
+
 def test_result_tells_why_it_stopped():
     state = BakeState()
     state.end(result=RESULT | {"stopped_by": "max_photons"})

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from boxes import lamp_scene
 from leaflight.core import bake, kept_bake
+from leaflight.core.checkpoint import INFO_FILE
 from leaflight.core.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.messages import Warning_
 from leaflight.core.scene import Material
@@ -19,11 +20,11 @@ SCENE = replace(lamp_scene(), materials=(Material("Snow", (2.0, 2.0, 2.0)),))  #
 QUICK = Settings(size=16, padding=1, workers=1, error=0.9, max_photons=2000, passes=("combined", "albedo"))
 
 
-def bake_job(folder, settings=QUICK, should_stop=lambda: False):
-    """A bake in `folder` with its images in `folder`/images; its job, messages and result."""
+def bake_job(folder, settings=QUICK, should_stop=lambda: False, **more):
+    """A bake in `folder` with its images in `folder`/images and `more` in its job; its job, messages and result."""
     folder.mkdir(exist_ok=True)
     save_snapshot(folder / SNAPSHOT_FILE, SCENE)
-    job = Job(settings, str(folder / "images"), "room: 1")
+    job = Job(settings, str(folder / "images"), "room: 1", **more)
     job.save(folder)
     messages = []
     bake.run_bake(folder, messages.append, should_stop)
@@ -128,6 +129,20 @@ def test_a_bake_that_was_stopped_is_not_kept(tmp_path):
     job, messages, _ = bake_job(tmp_path, replace(QUICK, error=1e-4, max_photons=10**9), should_stop=lambda: True)
     assert messages[-1].interrupted
     assert kept_bake.find_kept_bake(SCENE, job) is None
+
+
+@pytest.mark.parametrize(("how", "stateless"), [("small", False), ("large", True), ("direct", True), ("disk", False)])
+def test_it_is_noted_where_a_bake_has_no_state_to_keep(tmp_path, monkeypatch, how, stateless):
+    """One that could not be written is no such bake: the next time there may be room."""
+    place = tmp_path / "kept"
+    if how == "large":
+        monkeypatch.setattr("leaflight.core.checkpoint._count_bytes", lambda _: 3 * 10**6)
+    if how == "disk":
+        place.write_text("a file, where the folder should be")
+    passes = ("direct",) if how == "direct" else QUICK.passes
+    job, _, _ = bake_job(tmp_path / "job", replace(QUICK, passes=passes), keep=str(place), keep_mb=2)
+    assert kept_bake.find_kept_bake(SCENE, job).stateless is stateless
+    assert (place / INFO_FILE).is_file() is (how == "small")
 
 
 def test_a_note_that_cannot_be_written_costs_a_warning_only(tmp_path, monkeypatch):

@@ -21,7 +21,7 @@ def test_pieces_follow_each_other():
     log.count_rays(2, None)
     deposit(log, [3, 1])
     deposit(log, [2])
-    hits = log.hits()
+    hits = log.take()
     assert hits.tri.tolist() == [3, 1, 2]
     assert hits.u.tolist() == [0, 1, 0]
     assert hits.flux_rgb.shape == (3, 3)
@@ -38,7 +38,7 @@ def test_groups_are_numbered_on_and_own_rays_and_deposits():
         several = own.repeat(3)
         log.count_rays(6, several)
         deposit(log, [0, 0], several[2:4])
-    groups = log.hits().groups
+    groups = log.take().groups
     assert groups.place.tolist() == [7, 7, 9, 9]
     assert groups.split.tolist() == [0.5, 0.5, 2.0, 2.0]
     assert groups.rays.tolist() == [3, 3, 3, 3]
@@ -50,7 +50,7 @@ def test_some_deposits_alone_keep_what_is_theirs():
     group = log.open_groups(np.int32([4, 5]), np.ones(2, np.float32)).repeat(2)
     log.count_rays(4, group)
     deposit(log, [7, 8, 9, 6], group)
-    hits = log.hits()
+    hits = log.take()
     some = hits.only(np.array([1, 2]))
     assert some.tri.tolist() == [8, 9]
     assert [some.u.tolist(), some.v.tolist()] == [hits.u[1:3].tolist(), hits.v[1:3].tolist()]
@@ -61,16 +61,33 @@ def test_some_deposits_alone_keep_what_is_theirs():
 
 
 def test_a_shard_without_photons_has_all_fields():
-    hits = PhotonLog().hits()
+    hits = PhotonLog().take()
     assert [len(hits.tri), hits.flux_rgb.shape, hits.groups] == [0, (3, 0), None]
     log = PhotonLog()
     log.open_groups(np.zeros(1, np.int32), np.ones(1, np.float32))  # whose photons were all absorbed
-    assert log.hits().groups.rays.tolist() == [0]
+    assert log.take().groups.rays.tolist() == [0]
 
 
 def test_triangles_lit_where_no_lightmap_tells_are_named_once():
     log = PhotonLog()
-    assert log.hits().elsewhere.tolist() == []
+    assert log.take().elsewhere.tolist() == []
     for tri in ([5, 2, 5], [], [2]):
         log.light_elsewhere(np.array(tri, np.int32))
-    assert log.hits().elsewhere.tolist() == [2, 5]
+    assert log.take().elsewhere.tolist() == [2, 5]
+
+
+def test_what_is_taken_before_the_end_is_not_told_again():
+    """Groups are told with it once: what becomes of them later is a piece without."""
+    log = PhotonLog()
+    group = log.open_groups(np.int32([4, 5]), np.ones(2, np.float32))
+    for tri, under_way in (([7, 8], group), ([9], group[1:])):
+        log.photons += len(under_way)
+        log.count_rays(len(under_way), under_way)
+        log.emitted += 1.0
+        deposit(log, tri, under_way)
+        assert log.n_hit == len(tri)
+        hits = log.take()
+        assert (hits.tri.tolist(), hits.audit.emitted.tolist()) == (tri, [1.0] * 3)
+        assert (hits.counters.photons, hits.counters.rays, hits.counters.deposits) == (len(tri),) * 3
+        assert (hits.groups is None) == (tri == [9])
+    assert log.n_hit == 0

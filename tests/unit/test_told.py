@@ -1,16 +1,33 @@
 """Sentences of the panel and what each is about."""
 
 import pytest
-from leaflight.core.told import Told, group_warnings, match_name, split_error
+from leaflight.core.told import Told, group_warnings, match_name, split_error, tell
 
 
 def test_warnings_about_many_objects_are_one_sentence():
     told = [("A", "has no faces"), *((name, f"{name}: is too small.") for name in "ABCDEA"), ("", "the sky is dark.")]
     assert group_warnings(told) == [
         Told(("A",), "A: has no faces"),
-        Told(("A", "B", "C", "D", "E"), "A, B, C and 2 more: is too small."),
+        Told(("A", "B", "C", "D", "E"), "A, B, C and 2 more: each is too small."),
         Told((), "the sky is dark."),
     ]
+
+
+@pytest.mark.parametrize(
+    ("one", "many"),
+    [
+        ("has 8 UV layers; remove one to give it a lightmap", "each has 8 UV layers; remove one to give it a lightmap"),
+        ("was deleted during the bake", "each was deleted during the bake"),
+        ("casts no shadow", "each casts no shadow"),
+        ("does not fit a page", "each does not fit a page"),
+        ("its mesh is linked, so it shows its copy", "each one's mesh is linked, so it shows its copy"),
+        ("half of its charts are smaller than a texel", "half of each one's charts are smaller than a texel"),
+        ("no face is within limits", "no face is within limits"),
+    ],
+)
+def test_a_sentence_is_right_about_one_and_about_many(one, many):
+    assert tell(["A", "A"], one).text == f"A: {one}"
+    assert tell(["A", "B"], one).text == f"A, B: {many}"
 
 
 def test_an_error_names_its_subject_before_the_colon():

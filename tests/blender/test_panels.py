@@ -1,0 +1,116 @@
+"""What the panel draws, on a layout that only takes notes."""
+
+from types import SimpleNamespace
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+import leaflight
+from blend_rooms import open_room
+from leaflight.addon import panels
+
+
+class Layout:
+    """Notes labels and operators of itself and of all its parts; an operator is (name, its properties)."""
+
+    def __init__(self, labels, operators):
+        self.labels, self.operators = labels, operators
+
+    def label(self, text="", icon="NONE"):
+        self.labels.append(text)
+
+    def operator(self, name, **_):
+        self.operators.append((name, SimpleNamespace()))
+        return self.operators[-1][1]
+
+    def panel(self, _):
+        return self, self
+
+    def prop(self, *_, **__):
+        pass
+
+    def progress(self, **_):
+        pass
+
+    def row(self, **_):
+        return Layout(self.labels, self.operators)
+
+    column = box = split = row
+
+
+class Context:
+    """Blender's, with a region and its scale, which it has with a window only."""
+
+    region = SimpleNamespace(width=10_000)
+    preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
+
+    def __getattr__(self, name):
+        return getattr(bpy.context, name)
+
+
+@pytest.fixture(autouse=True)
+def _room(tmp_path):
+    """A small quick bake that has a warning: the cube casts no shadow."""
+    leaflight.register()
+    open_room()
+    bpy.data.objects["Cube"].visible_shadow = False
+    chosen = bpy.context.scene.leaflight
+    chosen.size, chosen.error, chosen.workers, chosen.output = 32, 0.5, 1, str(tmp_path / "maps")
+    yield
+    leaflight.unregister()
+
+
+@pytest.fixture
+def state():
+    return bpy.context.window_manager.leaflight_state
+
+
+def draw():
+    """Labels and operators of the panel, in their order."""
+    layout = Layout([], [])
+    panels.LEAFLIGHT_PT_main.draw(SimpleNamespace(layout=layout), Context())
+    return layout.labels, layout.operators
+
+
+def tells(words):
+    return any(words in label for label in draw()[0])
+
+
+def test_warnings_go_with_the_bake_that_they_are_of():
+    assert not tells("casts no shadow")
+    bpy.ops.leaflight.bake()
+    assert tells("casts no shadow")
+    assert tells("1 page of 32 x 32")
+    for obj in bpy.data.objects:
+        obj.pop("leaflight_bake", None)  # as an undo step leaves it
+    assert not tells("casts no shadow")
+    assert not tells("1 page of 32 x 32")
+
+
+def test_another_scene_is_told_nothing():
+    bpy.ops.leaflight.bake()
+    other = bpy.data.scenes.new("Other")
+    obj = bpy.data.objects["Floor"].copy()
+    other.collection.objects.link(obj)
+    bpy.context.window.scene = other
+    assert "leaflight_bake" in obj
+    assert not tells("casts no shadow")
+    assert not tells("1 page of 32 x 32")
+
+
+def test_the_folder_that_is_opened_is_that_of_the_bake(tmp_path):
+    """Not the one that the next bake will make."""
+    bpy.ops.leaflight.bake()
+    bpy.context.scene.leaflight.output = str(tmp_path / "not there yet")
+    opened = [one.filepath for name, one in draw()[1] if name == "wm.path_open"]
+    assert opened == [str(tmp_path / "maps")]
+
+
+def test_a_bake_that_failed_takes_no_numbers_from_the_one_before(state):
+    bpy.ops.leaflight.bake()
+    bpy.data.lights[0].energy = 0.0
+    with pytest.raises(RuntimeError, match="light"):
+        bpy.ops.leaflight.bake()
+    assert tells(state.error.split(": ")[0])
+    assert tells("1 page of 32 x 32")
