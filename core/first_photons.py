@@ -31,9 +31,10 @@ class FirstPhotons:
         """
         if not isinstance(executor, LocalExecutor) or not executor.is_awake:  # to start them now would keep charts waiting
             return cls()
-        photons = [min(rounds.AHEAD_PHOTONS[0], settings.max_photons)]
-        if settings.direct == "rays" and settings.max_photons >= rounds.MOST_FIRST_PHOTONS + rounds.AHEAD_PHOTONS[1]:
-            photons.append(rounds.AHEAD_PHOTONS[1])
+        first, second = (rounds.count_ahead(round_, settings.direct == "rays") for round_ in (0, 1))
+        photons = [min(first, settings.max_photons)]
+        if second and settings.max_photons >= rounds.MOST_FIRST_PHOTONS + second:
+            photons.append(second)
         shards = [
             replace(shard, hits=str(folder / f"{_HITS_FOLDER}_{round_}_{shard.shard}"))
             for round_, of_round in enumerate(photons)

@@ -83,17 +83,21 @@ def next_photons(
     return int(min(photons, most - so_far)), photons >= enough
 
 
-def share_photons(photons: int, round_: int = len(AHEAD_PHOTONS)) -> list[int]:
+def count_ahead(round_: int, by_rays: bool) -> int:
+    """Of AHEAD_PHOTONS, those of a round; in the second of photons alone births are grouped by where they were, which takes a guide."""
+    return AHEAD_PHOTONS[round_] if round_ < (len(AHEAD_PHOTONS) if by_rays else 1) else 0
+
+
+def share_photons(photons: int, ahead: int = 0) -> list[int]:
     """Photons of each shard of a round, for the halves of the bake in turn: equal shards, of many the last ones half as large.
 
-    Those of AHEAD_PHOTONS come first in shards of their own.
+    ahead   so many of them, of count_ahead, come first in shards of their own
 
     Who works on the last shard of all keeps the others waiting, and a small one not long; but small ones take longer by the photon, and
     their nets of directions are coarser.
     """
-    for ahead in AHEAD_PHOTONS[round_ : round_ + 1]:
-        if photons > ahead:
-            return share_photons(ahead) + share_photons(photons - ahead)
+    if 0 < ahead < photons:
+        return share_photons(ahead) + share_photons(photons - ahead)
     n_pair = max(1, math.ceil(photons / (2 * SHARD_PHOTONS)))
     ends = [2 * pair for pair in range(n_pair + 1)]  # of all pairs, in half shards
     if n_pair >= MANY_PAIRS:

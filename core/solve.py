@@ -189,7 +189,8 @@ class Solver:
         self.gathered, (splitting, weight) = None, self._guide_photons()
         view, self.splitting = self._save_view(self.round, splitting), splitting
         settings, parted, born, (photons, left) = self.settings, [], [], self._next_photons(stated, weight)
-        shares, guided = rounds.share_photons(photons, self.round), splitting is not None
+        ahead, guided = rounds.count_ahead(self.round, settings.direct == "rays"), splitting is not None
+        shares = rounds.share_photons(photons, ahead)
         shards = PhotonShard.of_round(self.folder, settings, self.round, shares, view, self.degree, weight, guided)
         shards = [self.first.take(shard) for shard in shards]
         for shard, result in self.rounds.trace(shards, rounds.count_late(len(shards), left)):

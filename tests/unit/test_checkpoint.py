@@ -89,7 +89,7 @@ def test_shards_that_were_under_way_are_left_out_where_a_bake_may_not_have_so_ma
     kept, part = keep(tmp_path, SETTINGS, 2)
     late = load_checkpoint(kept, tmp_path / "first", SETTINGS).late
     shared, share = [], rounds.share_photons
-    monkeypatch.setattr(rounds, "share_photons", lambda photons, round_: shared.append(photons) or share(photons, round_))
+    monkeypatch.setattr(rounds, "share_photons", lambda photons, ahead: shared.append(photons) or share(photons, ahead))
     few = replace(SETTINGS, max_photons=part.photons + late[0]["photons"])
     assert go_on(tmp_path, kept, few).photons == few.max_photons
     assert shared == [late[0]["photons"]]

@@ -105,14 +105,20 @@ def test_shards_that_turn_out_otherwise_are_traced_when_they_are_known():
 
 @pytest.mark.parametrize("round_", [0, 1])
 def test_what_trees_ask_for_beyond_them_is_traced_with_the_round(round_):
-    photons = rounds.AHEAD_PHOTONS[round_]
+    photons = rounds.count_ahead(round_, by_rays=True)
     ahead = rounds.share_photons(photons)
-    assert rounds.share_photons(photons, round_) == ahead
-    shares = rounds.share_photons(2 * photons + 3, round_)
+    assert rounds.share_photons(photons, photons) == ahead
+    shares = rounds.share_photons(2 * photons + 3, photons)
     assert shares[: len(ahead)] == ahead
     assert sum(shares) == 2 * photons + 3
     assert sum(shares[::2]) - sum(shares[1::2]) == 1
-    assert rounds.share_photons(2 * photons + 3, 2) != shares
+    assert rounds.share_photons(2 * photons + 3) != shares
+
+
+def test_photons_alone_have_the_first_round_ahead_only():
+    counts = [[rounds.count_ahead(round_, by_rays) for round_ in range(4)] for by_rays in (True, False)]
+    first, second = rounds.AHEAD_PHOTONS
+    assert counts == [[first, second, 0, 0], [first, 0, 0, 0]]
 
 
 def test_what_goes_wrong_there_is_told_where_they_are_taken(tmp_path, awake):
