@@ -34,7 +34,6 @@ _SHARDS_ENOUGH = 32  # that no worker waits long for another's last
 # Of the error asked for: its noise is averaged over neighbours, at less cost than more rays. Twice as much where that error is loose, 5 %,
 # takes 5 to 10 % less time at 1024^2, but what it blurs among many lamps is not all stated: 4.4 for a real 5.0 % (furnished_room).
 TOLERANCE = 0.5
-MOST_PASSES = 256
 SECONDS_BETWEEN_WORDS = 1.0
 _DARK_FLOOR = 0.1  # of the mean, against which darker texels are weighed
 _BLOCK = 64  # texels in a row, neighbours, whose variances are corrected together
@@ -96,6 +95,7 @@ class DirectField:
     """
 
     said: ClassVar = Status("direct", "Direct light")  # of what is found, while it takes its time
+    most_passes: ClassVar = 64  # of a texel
 
     irradiance: NDArray[np.float32]
     variance: NDArray[np.float32]

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from . import estimate, quadtree, refine, tally
-from .direct_field import MOST_PASSES, DirectField
+from .direct_field import DirectField
 from .executors import spread
 from .ledger import Ledger
 from .light_field import LightField
@@ -42,7 +42,7 @@ def settle_direct(
     while True:
         shown = direct.show(texels, settings.denoise, partial(spread, executor))
         stated = estimate.state_error(tree, totals, solution, comparison, leaves, shown, texels)
-        worst = np.flatnonzero((stated.texel_direct2() > settings.error**2) & (direct.passes < MOST_PASSES))
+        worst = np.flatnonzero((stated.texel_direct2() > settings.error**2) & (direct.passes < direct.most_passes))
         stopped_by = "error" if stated.direct <= settings.error else "" if len(worst) else "max_rays"
         if should_stop():
             stopped_by = "interrupted"

@@ -43,6 +43,7 @@ class GatheredField(DirectField):
     """
 
     said: ClassVar = Status("photons", "Indirect light")
+    most_passes: ClassVar = 256  # of hardly more rays than a texel takes at once; with 64 small errors are missed
 
     doubt: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
     blind: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))

@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .direct_field import MOST_PASSES, DirectField
+from .direct_field import DirectField
 from .estimate import BEST_TEXELS, StatedError
 from .gathered import GatheredField
 from .messages import Message
@@ -43,7 +43,7 @@ def choose_texels(
         return None
     own2, rays, texel2 = kinds[int(np.argmax(gains))]
     error2 = texel2()
-    worst = np.flatnonzero((error2 > most) & (rays.passes < MOST_PASSES))
+    worst = np.flatnonzero((error2 > most) & (rays.passes < rays.most_passes))
     left2 = (error**2 - (stated.chosen**2 - own2)) / SPARE
     if most < left2 < own2:  # else something else keeps the error up, and all of them are to be as sure as they have to be
         worst = _find_enough(error2, worst, rays.passes[worst], 1.0 - left2 / own2)

@@ -64,5 +64,5 @@ def test_it_can_be_stopped_while_texels_are_shot_again(tmp_path, monkeypatch):
 
 def test_texels_that_cannot_become_better_end_it(tmp_path, monkeypatch):
     monkeypatch.setattr("leaflight.core.direct_field.TOLERANCE", 20.0)
-    monkeypatch.setattr("leaflight.core.direct_only.MOST_PASSES", 2)
+    monkeypatch.setattr("leaflight.core.direct_field.DirectField.most_passes", 2)
     assert settle(tmp_path, error=1e-4).stopped_by == "max_rays"

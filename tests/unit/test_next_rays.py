@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from leaflight.core.direct_field import MOST_PASSES, DirectField
+from leaflight.core.direct_field import DirectField
 from leaflight.core.gathered import GatheredField
 from leaflight.core.next_rays import DIRECT_SHARE, choose_texels, have_look
 from leaflight.core.rounds import SPARE
@@ -60,9 +60,9 @@ def test_the_one_whose_rays_help_most():
 
 def test_texels_that_had_their_share_are_left():
     direct = field_of(DirectField, 100)
-    direct.passes[[2, 4]] = MOST_PASSES
+    direct.passes[[2, 4]] = DirectField.most_passes
     assert choose_texels(ERROR, stated(0.15, 0.1), 1000, direct, None)[1].tolist() == [3]
-    direct.passes[3] = MOST_PASSES
+    direct.passes[3] = DirectField.most_passes
     assert choose_texels(ERROR, stated(0.15, 0.1), 1000, direct, None) is None
 
 
@@ -105,9 +105,18 @@ def test_those_that_err_most_are_enough():
     assert counted[found].sum() / 2 == pytest.approx(0.3 * counted.sum(), rel=0.02)
 
 
+def test_light_is_gathered_more_often_than_shadow_rays_are_sent():
+    """By hardly more rays than a texel takes at once, so that with as few looks small errors are missed."""
+    gathered = field_of(GatheredField, 10)
+    told = stated(0.4, 0.0, 0.3)
+    for passes, left in ((DirectField.most_passes, [0, 1, 2]), (GatheredField.most_passes, [1, 2])):
+        gathered.passes[0] = passes
+        assert choose_texels(ERROR, told, 10**9, field_of(DirectField, 100), gathered)[1].tolist() == left
+
+
 def test_so_are_those_of_the_field_that_is_chosen():
     direct, gathered = field_of(DirectField, 100), field_of(GatheredField, 10)
-    direct.passes[:] = MOST_PASSES
+    direct.passes[:] = DirectField.most_passes
     assert choose_texels(ERROR, stated(0.4, 0.1, 0.09), 10**9, direct, gathered)[1].tolist() == [0, 1, 2]
 
 
