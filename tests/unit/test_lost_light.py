@@ -1,7 +1,7 @@
 """Light that photons had not lost yet when they had met as many surfaces as they may."""
 
 import math
-from dataclasses import replace
+from dataclasses import fields
 
 import pytest
 from boxes import make_solver, room_mesh
@@ -45,4 +45,4 @@ def test_a_little_of_it_is_stated_without_a_word(tmp_path):
     assert 0.0 < light.ledger.find_lost() < 0.01
     assert stated.error > light.error
     assert not warnings
-    assert replace(stated, error=light.error) == light
+    assert all(getattr(stated, field.name) is getattr(light, field.name) for field in fields(light) if field.name != "error")
