@@ -197,7 +197,8 @@ class BakeState:
         if result["skipped"]["bake"]:
             lines = [self.stage]
         lines.append(f"Error {result['estimated_error']:.1%}" + _REASONS.get(why, ""))
-        lines.append(f"{result['leaves']:,} leaves, {describe_count(result['photons'])} photons")
+        leaves = result["leaves"]
+        lines.append(f"{leaves:,} {'leaf' if leaves == 1 else 'leaves'}, {describe_count(result['photons'])} photons")
         pages, size = result["pages"], result["page_size"]
         lines.append(f"{pages} page{'s' if pages > 1 else ''} of {size} x {size} texels")
         return lines

@@ -62,6 +62,8 @@ def test_messages_reach_the_panel():
     state.end(result=RESULT)
     assert not state.running
     assert state.summarize()[1:] == ["Error 4.8%", "1,234 leaves, 2.50 M photons", "2 pages of 512 x 512 texels"]
+    state.end(result=RESULT | {"leaves": 1, "pages": 1})
+    assert state.summarize()[2:] == ["1 leaf, 2.50 M photons", "1 page of 512 x 512 texels"]
 
 
 def test_unknown_error_and_time_are_not_shown():
