@@ -15,7 +15,7 @@ from .scene import IntArray
 from .texel_map import TexelMap
 
 # Relative noise that is worth smoothing, and that of it which is more than a share of the error asked for. Measured at 0.6 %, gathered
-# light of three samples: by the first alone bakes take 1.1 to 2.6 times as long, for errors of 0.96 to 1.04 times.
+# light of three samples: by the first alone bakes take 1.1 to 2.6 times as long, for errors of 0.95 to 1.04 times.
 GRAIN, _GRAIN_SHARE = 0.005, 0.25
 # Neighbours are chosen by their noise too, and those alike in it smooth less. Measured over even light, ramps, edges and ripples with
 # noise of 2 to 30 %, and where few texels are noisy at all: with this factor and the blur the stated error is 0.7 to 1.4 of the real one.

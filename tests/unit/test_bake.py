@@ -57,6 +57,17 @@ def test_grain_of_direct_light_is_smoothed_before_the_next_photons_are_asked_for
     assert done == ["run"]
 
 
+def test_light_that_photons_had_not_lost_is_told_and_stated(tmp_path):
+    lamp = Light("POINT", "Lamp", (0.2, 0.1, 0.0), power_rgb=(10.0, 10.0, 10.0), radius_m=0.02)
+    scene = make_scene([room_mesh()], [lamp], [Material("White", (0.99,) * 3)])
+    messages, result = bake_scene(tmp_path, scene, replace(QUICK, max_photons=2000, max_depth=150))
+    told = [message.text for message in messages if isinstance(message, Warning_)]
+    assert len(told) == 1
+    lost = result["energy_audit_w"]["remainder"][0] / result["energy_audit_w"]["emitted"][0]
+    assert told[0].startswith(f"{lost:.0%} of the light was still under way after 150 surfaces")
+    assert 0.1 < lost < result["estimated_error"]
+
+
 def test_files_and_result_say_the_same(tmp_path):
     settings = replace(QUICK, passes=("combined", "indirect"), formats=("exr", "png"))
     messages, result = bake_scene(tmp_path, lamp_scene(), settings)
