@@ -102,7 +102,7 @@ class PhotonLog:
     """
 
     def __init__(self) -> None:
-        self._n_group, self._is_told = 0, True
+        self._n_group = 0
         self._forget()
 
     def _forget(self) -> None:
@@ -117,23 +117,22 @@ class PhotonLog:
 
     def open_groups(self, place: _Ints, split: _Rows) -> _Ints:
         """The numbers (g,) of new groups; arguments as in Groups."""
-        if self._is_told:
-            self._place.append(place)
-            self._split.append(split)
+        self._place.append(place)
+        self._split.append(split)
         first, self._n_group = self._n_group, self._n_group + len(place)
         return np.arange(first, self._n_group, dtype=np.int32)
 
     def count_rays(self, count: int, group: _Ints | None) -> None:
         """group   (count,) int32: whose they are, None before groups are opened and where there are none"""
         self.rays += count
-        if group is not None and self._is_told:
+        if group is not None:
             self._under_way.append(group)
 
     def deposit(self, tri: _Ints, u: _Rows, v: _Rows, flux: _Rows, is_first: bool, group: _Ints | None) -> None:
         """Arguments as in ShardHits; group (m,) int32, None where there are none."""
         self._pieces.append((tri, u, v, flux, is_first))
         self.n_hit += len(tri)
-        if group is not None and self._is_told:
+        if group is not None:
             self._owner.append(group)
 
     def light_elsewhere(self, tri: _Ints) -> None:
@@ -156,7 +155,6 @@ class PhotonLog:
             self._groups() if self._place else None,
             np.flatnonzero(np.bincount(np.concatenate(self._elsewhere))),
         )
-        self._is_told = False
         self._forget()
         return hits
 

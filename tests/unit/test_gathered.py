@@ -115,6 +115,13 @@ def test_it_is_known_how_far_what_was_gathered_was_off(tmp_path, monkeypatch):
     assert light.error**2 > shown.carried2
 
 
+def test_gathered_light_is_smoothed_as_fits_the_error_asked_for(tmp_path, monkeypatch):
+    light, solver, _ = halt(tmp_path, monkeypatch, 10**6, error=0.004)
+    texels, found = solver.tracing.texels, light.gathered
+    plain = GatheredField(found.irradiance, found.variance, found.passes, doubt=found.doubt, blind=found.blind, repeats=found.repeats)
+    assert len(found.show(texels, True).entry) > len(plain.show(texels, True).entry)
+
+
 def test_gathering_tells_how_far_it_is_and_then_that_photons_fly(tmp_path, monkeypatch):
     monkeypatch.setattr(direct_field, "SECONDS_BETWEEN_WORDS", -1.0)
     told = []

@@ -19,11 +19,16 @@ from scenes import Mesh, make_scene, moved, quad_mesh
 SETTINGS = Settings(size=32, padding=1)
 
 
-def make_shard(folder, scene, worth=None):
-    """A shard of 5000 photons, and its tree; with `worth` of so many nodes, (3, n_node), photons may be told to part as they would."""
+def make_shard(folder, scene, worth=None, everywhere=False):
+    """A shard of 5000 photons, and its tree; with `worth` of so many nodes, (3, n_node), photons may be told to part as they would.
+
+    everywhere   squares count photons of all texels, not of those that something touches
+    """
     solver = make_solver(folder, scene, replace(SETTINGS, direct="photons"))
     tree, view = solver.tree, folder / "view"
-    shared_arrays.save_struct(view, TreeView.of_tree(tree, len(solver.tracing.texels), solver.squares.entry))
+    n_texel = len(solver.tracing.texels)
+    squares = np.arange(n_texel, dtype=np.int32) if everywhere else solver.squares.entry
+    shared_arrays.save_struct(view, TreeView.of_tree(tree, n_texel, squares))
     if worth:
         told = Splitting(np.ones(len(scene.objects) + len(tree), np.float32), worth(len(tree)), BirthCells.whole(np.ones(1)))
         shared_arrays.save_struct(view / workers.SPLITTING_FOLDER, told)
@@ -161,7 +166,7 @@ def test_much_that_becomes_of_photons_is_summed_by_pieces(tmp_path, monkeypatch)
     """What becomes of groups is told by the first piece, of most of their deposits."""
     lamp = Light("POINT", "Lamp", (0.2, 0.1, 0.0), power_rgb=(10.0, 5.0, 2.5), radius_m=0.02)
     scene = make_scene([room_mesh()], [lamp], [Material("Grey", (0.8, 0.5, 0.8))])
-    closed, _ = make_shard(tmp_path, scene, lambda n_node: np.ones((3, n_node)))
+    closed, _ = make_shard(tmp_path, scene, lambda n_node: np.ones((3, n_node)), everywhere=True)
     for shard in (closed, replace(closed, guided=True), replace(closed, skip_first=True, guided=True)):
         whole, join, count = trace_photons(shard), PhotonResult.join, []
         monkeypatch.setattr(PhotonResult, "join", lambda pieces, join=join, count=count: count.append(len(pieces)) or join(pieces))
@@ -171,6 +176,7 @@ def test_much_that_becomes_of_photons_is_summed_by_pieces(tmp_path, monkeypatch)
         monkeypatch.undo()
         assert (pieces.splitting is None, pieces.births is None) == (whole.splitting is None, whole.births is None)
         assert (pieces.counters, pieces.tally.node.tolist()) == (whole.counters, whole.tally.node.tolist())
+        assert whole.squares.count.any()
         for sums, of_all in ((pieces.tally, whole.tally), (pieces.squares, whole.squares)):
             np.testing.assert_array_equal(sums.count, of_all.count)
             np.testing.assert_allclose(sums.raw, of_all.raw, rtol=1e-9, atol=1e-12)
