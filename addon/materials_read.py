@@ -52,22 +52,19 @@ class MaterialTable:
         self._warnings = warnings
         self._index: dict[tuple[int, int], int] = {}  # by material and mesh, 0 any
         self._known: dict[tuple[int, MaterialReading], int] = {}
-        self._by_mesh: set[int] = set()
 
     def index(self, material: Any, faces: Faces | None = None) -> int:
         """Where a material (or None, an empty slot) is in `readings`, as these faces wear it."""
         uid = material.session_uid if material else 0
-        mesh = id(faces.local) if faces else 0
-        key = (uid, mesh if uid in self._by_mesh else 0)
-        if key not in self._index:
+        of_any, of_mesh = (uid, 0), (uid, id(faces.local) if faces else 0)
+        if of_any not in self._index and of_mesh not in self._index:
             reader = ColorReader(self.images, faces, self.colors)
             reading = self._read(reader, material)
-            if reader.by_faces:
-                self._by_mesh.add(uid)
-                key = (uid, mesh)
-            self._index[key] = self._known.setdefault((uid, reading), len(self.readings))
-            self.readings += [reading] if self._index[key] == len(self.readings) else []
-        return self._index[key]
+            if (uid, reading) not in self._known:
+                self._known[uid, reading] = len(self.readings)
+                self.readings.append(reading)
+            self._index[of_mesh if reader.by_faces else of_any] = self._known[uid, reading]
+        return self._index[of_any if of_any in self._index else of_mesh]
 
     def finish(self, arrays: dict[str, Any]) -> None:
         """Complete a snapshot's arrays once all of its materials are read."""

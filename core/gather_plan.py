@@ -30,7 +30,6 @@ _LEAST_TILED = 0.6
 _RAYS_EACH, _RAYS_BY_ERROR = 12.0, 0.45
 # Times the error asked for, that all light may err by before it is gathered: what goes on of it, see gathered, is half of that at most.
 _MOST_KNOWN = 2.5
-_LEAST_DEPTH = 100  # surfaces that photons may meet: what is gathered has met one more
 
 
 @dataclass
@@ -59,7 +58,9 @@ class GatherPlan:
         """
         if settings.error >= self.given_up or self.tiled < _LEAST_TILED or round_ < 2:  # a first one knows too little of what there is
             return False
-        if not settings.gather or settings.direct != "rays" or not settings.hierarchical or settings.max_depth < _LEAST_DEPTH:
+        if not settings.gather or settings.direct != "rays" or not settings.hierarchical:
+            return False
+        if not settings.wants_all_light:  # what is gathered has met one surface more
             return False
         degree = DEGREES[settings.basis]
         # Where leaves are as large as they should be, what they miss is 1 / (degree + 1) of their noise (see grow_photons); early trees are

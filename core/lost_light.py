@@ -11,7 +11,6 @@ from dataclasses import replace
 from .light_field import LightField
 from .settings import Settings
 
-_MEANT_DEPTH = 100  # who lets photons meet fewer surfaces wants no more of the light
 _WORTH_A_WORD = 0.01
 
 
@@ -20,7 +19,7 @@ def state_lost(light: LightField, settings: Settings) -> tuple[LightField, list[
 
     No photon makes it less, so that no bake goes on for it.
     """
-    lost = light.ledger.find_lost() if settings.max_depth >= _MEANT_DEPTH else 0.0
+    lost = light.ledger.find_lost() if settings.wants_all_light else 0.0
     if not lost:
         return light, []
     told = (

@@ -58,6 +58,9 @@ def _knob(
     return field(default=default, metadata=metadata)
 
 
+_ALL_LIGHT_DEPTH = 100  # surfaces
+
+
 @dataclass(frozen=True)
 class Settings:
     """What a user can choose about one bake; frozen, validated when made.
@@ -143,6 +146,11 @@ class Settings:
     cluster: str = _knob(
         "", "trace on the workers of the dask scheduler at this address, host:port", metavar="ADDRESS", decides_images=False
     )
+
+    @property
+    def wants_all_light(self) -> bool:
+        """Whether photons may meet so many surfaces that all light is meant: who lets them meet fewer wants no more of it."""
+        return self.max_depth >= _ALL_LIGHT_DEPTH
 
     def __post_init__(self) -> None:
         for knob in dataclasses.fields(self):

@@ -28,6 +28,12 @@ def open_room(lamp_w: float = 100.0) -> None:
     bpy.context.object.data.energy = lamp_w
 
 
+def ask_quick_bake(folder: Path, scene: Any = None) -> None:
+    """Sets a scene, the open one if none is named, for a quick small bake whose images go to `folder`."""
+    chosen = (scene or bpy.context.scene).leaflight
+    chosen.size, chosen.error, chosen.workers, chosen.output = 32, 0.5, 1, str(folder)
+
+
 def add_mesh(name: str, vertices: Sequence[Sequence[float]], faces: Sequence[Sequence[int]]) -> Any:
     """A mesh object in the open scene."""
     mesh = bpy.data.meshes.new(name)

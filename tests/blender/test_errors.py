@@ -11,7 +11,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 import leaflight
-from blend_rooms import add_mesh, open_room
+from blend_rooms import add_mesh, ask_quick_bake, open_room
 from leaflight.addon import export_receivers, job, request, restore
 
 
@@ -19,8 +19,7 @@ from leaflight.addon import export_receivers, job, request, restore
 def _room(tmp_path):
     leaflight.register()
     open_room()
-    chosen = bpy.context.scene.leaflight
-    chosen.size, chosen.error, chosen.workers, chosen.output = 32, 0.5, 1, str(tmp_path / "maps")
+    ask_quick_bake(tmp_path / "maps")
     yield
     leaflight.unregister()
 

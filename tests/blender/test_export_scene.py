@@ -6,6 +6,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from leaflight.addon.export_scene import export_scene, find_objects
+from leaflight.addon.materials_read import MaterialTable
 from leaflight.core.materials import SurfaceMaterials
 
 
@@ -235,6 +236,19 @@ def test_vertex_colours_are_those_of_cycles(node, kind, domain):
         for u, v in ((0.0, 0.0), (0.2, 0.7)):
             assert shown(result, name, u=u, v=v) == pytest.approx(within(result, name, expected, u, v), abs=2e-6)
     assert (len(result.snapshot.images), len(result.snapshot.materials)) == (1, 1)
+
+
+def test_a_material_of_vertex_colours_is_read_once_for_each_mesh(monkeypatch):
+    read, meshes = MaterialTable._read, []
+    monkeypatch.setattr(MaterialTable, "_read", lambda table, reader, one: meshes.append(reader.faces.local) or read(table, reader, one))
+    material, _ = make_painted("Paint")
+    for name in ("One", "Other"):
+        mesh, _ = make_colored(name)
+        mesh.materials.append(material)
+        for copy in ("", " copy"):
+            add_object(name + copy, mesh)
+    export()
+    assert len(meshes) == len(set(map(id, meshes))) == 2
 
 
 @pytest.mark.parametrize("node", [("VertexColor", ""), ("Attribute", "Col")], ids=str)

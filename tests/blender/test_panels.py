@@ -7,7 +7,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 import leaflight
-from blend_rooms import open_room
+from blend_rooms import ask_quick_bake, open_room
 from leaflight.addon import panels
 
 
@@ -55,8 +55,7 @@ def _room(tmp_path):
     leaflight.register()
     open_room()
     bpy.data.objects["Cube"].visible_shadow = False
-    chosen = bpy.context.scene.leaflight
-    chosen.size, chosen.error, chosen.workers, chosen.output = 32, 0.5, 1, str(tmp_path / "maps")
+    ask_quick_bake(tmp_path / "maps")
     yield
     leaflight.unregister()
 

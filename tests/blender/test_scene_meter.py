@@ -6,7 +6,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 import leaflight
-from blend_rooms import add_mesh, open_room
+from blend_rooms import add_mesh, ask_quick_bake, open_room
 from leaflight.addon import checker_arrays, panel_parts
 from leaflight.addon.select_operator import is_known
 
@@ -275,8 +275,7 @@ def test_button_selects_what_a_warning_is_about(names, selected):
 
 def test_button_selects_what_wears_the_bake_of_a_material(tmp_path):
     bpy.data.objects["Floor"].data.materials.append(bpy.data.materials.new("Grey"))
-    chosen = bpy.context.scene.leaflight
-    chosen.size, chosen.error, chosen.workers, chosen.output = 32, 0.5, 1, str(tmp_path)
+    ask_quick_bake(tmp_path)
     bpy.ops.leaflight.bake()
     assert bpy.ops.leaflight.select(names="Grey") == {"FINISHED"}
     assert [obj.name for obj in bpy.context.selected_objects] == ["Floor"]

@@ -7,7 +7,7 @@ bpy = pytest.importorskip("bpy")
 
 import leaflight
 from blend_dump import differences, dump
-from blend_rooms import open_room
+from blend_rooms import ask_quick_bake, open_room
 from leaflight.addon import materials_write, restore
 
 
@@ -21,8 +21,7 @@ def _scenes(tmp_path):
     for obj in (twin, bpy.data.objects["Lamp"]):
         other.collection.objects.link(obj)
     for scene in bpy.data.scenes:
-        chosen = scene.leaflight
-        chosen.size, chosen.error, chosen.workers, chosen.output = 32, 0.5, 1, str(tmp_path / "maps")
+        ask_quick_bake(tmp_path / "maps", scene)
     yield
     leaflight.unregister()
 

@@ -26,17 +26,22 @@ def awake():
         yield executor
 
 
+def begin(folder, settings, executor, n_sent):
+    """A bake of the lamp scene that has traced its first round, with so many shards sent ahead, 0 none."""
+    solver = make_solver(folder, lamp_scene(), settings, executor, begun=False)
+    # Not before: it writes the scene that they are traced in, and who reads it meanwhile finds half of it.
+    solver.first = FirstPhotons.send(folder, settings, executor) if n_sent else FirstPhotons()
+    assert len(solver.first.sent) == n_sent
+    solver.begin()
+    return solver
+
+
 @pytest.mark.parametrize("direct", ["rays", "photons"])
 def test_a_round_of_them_is_the_round_without(tmp_path, awake, direct):
     settings = Settings(size=32, padding=1, max_photons=20_000, direct=direct)
     sums = []
     for name, is_ahead in (("ahead", True), ("alone", False)):
-        folder = tmp_path / name
-        solver = make_solver(folder, lamp_scene(), settings, awake, begun=False)
-        # Not before: it writes the scene that they are traced in, and who reads it meanwhile finds half of it.
-        solver.first = FirstPhotons.send(folder, settings, awake) if is_ahead else FirstPhotons()
-        assert len(solver.first.sent) == 2 * is_ahead
-        solver.begin()
+        solver = begin(tmp_path / name, settings, awake, 2 * is_ahead)
         assert solver.ledger.photons == 20_000
         sums.append(solver.state.solution.coefficient.tobytes() + solver.square_tally.raw.tobytes())
         workers.forget_folders()
@@ -63,15 +68,11 @@ def test_the_second_round_is_the_same_and_tells_the_third_the_same(tmp_path, awa
     monkeypatch.setattr(rounds, "MOST_FIRST_PHOTONS", 15_000)
     settings, told = Settings(size=32, padding=1, max_photons=100_000, error=1e-3, gather=False), []
     for name, is_ahead in (("ahead", True), ("alone", False)):
-        folder = tmp_path / name
-        solver = make_solver(folder, lamp_scene(), settings, awake, begun=False)
-        solver.first = FirstPhotons.send(folder, settings, awake) if is_ahead else FirstPhotons()
-        assert len(solver.first.sent) == 4 * is_ahead
-        solver.begin()
+        solver = begin(tmp_path / name, settings, awake, 4 * is_ahead)
         solver._refine(solver.state)
         solver._trace_round(None)
         assert solver.ledger.photons >= 30_000
-        assert not list(folder.glob("hits_*"))  # read once
+        assert not list((tmp_path / name).glob("hits_*"))  # read once
         solver.state = solver._read_tallies()
         splitting, weight = solver._guide_photons()
         assert weight > 1.0
