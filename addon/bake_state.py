@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from ..core.messages import Done, Error, Message, Preview, Progress, Status, Warning_
+from .console import describe_error
 
 
 class Process(Protocol):
@@ -196,7 +197,8 @@ class BakeState:
         lines = [("Stopped after " if why == "interrupted" else "Baked in ") + describe_seconds(self.seconds)]
         if result["skipped"]["bake"]:
             lines = [self.stage]
-        lines.append(f"Error {result['estimated_error']:.1%}" + _REASONS.get(why, ""))
+        error, *more = describe_error(result)
+        lines += [error + _REASONS.get(why, ""), *more]
         leaves = result["leaves"]
         lines.append(f"{leaves:,} {'leaf' if leaves == 1 else 'leaves'}, {describe_count(result['photons'])} photons")
         pages, size = result["pages"], result["page_size"]

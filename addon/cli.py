@@ -13,10 +13,10 @@ from typing import Any
 
 import bpy
 
-from ..core.messages import Done, Error, Message, Warning_
+from ..core.messages import Done, Error, Message, Status, Warning_
 from . import session
 from .arguments import BakeRequest, parse_arguments
-from .console import describe_miss, print_message
+from .console import describe_error, describe_miss, print_message
 from .export_gltf import export_gltf
 from .images import check_shown
 from .job import BakeProcess, open_bake
@@ -71,6 +71,8 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
         if missed:
             told.append(("", missed))
             print_message(Warning_("", missed), request.quiet)
+        elif math.isfinite(result["estimated_error"]):
+            print_message(Status("done", "; ".join(describe_error(result))), request.quiet)
         start = time.perf_counter()
         session.finish_files(bpy.context.scene, result)
         late = session.assign(bpy.context, work, result) if request.assign and request.save else []

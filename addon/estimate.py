@@ -23,6 +23,8 @@ _LEAST_PHOTONS = 2.6e5  # two first rounds: in the second leaves are what they s
 _PHOTONS_AT = (6.4e4, 0.57)  # of one triangle to this error on so many texels, and the power with which more triangles need more
 _USUAL_ERROR, _USUAL_TEXELS = 0.05, 1.7e5
 _UNCERTAIN = 2.0  # times sooner or later, as scenes and machines differ
+# Times the photons, and times as uncertain, where each object is to come to the error: 4 (cornell_box) to 45 (instances) on the samples.
+_EACH_OBJECT, _EACH_UNCERTAIN = 15.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,7 @@ class Pace:
     texels: int
     photons: int
     error: float
+    error_of: str
     photon_s: float
     other_s: float
 
@@ -84,7 +87,7 @@ class Pace:
         texels = sum(row["texels"] for row in result["objects"])
         photon_s = result["seconds"].get("photons", 0.0)
         other_s = sum(result["seconds"].values()) - photon_s
-        return cls(texels, result["photons"], result["estimated_error"], photon_s, other_s) if texels else None
+        return cls(texels, result["photons"], result["estimated_error"], result["error_of"], photon_s, other_s) if texels else None
 
 
 def estimate_bake(
@@ -130,7 +133,7 @@ def estimate_bake(
 
 
 def _estimate_seconds(texels: float, n_triangle: int, settings: Settings, cores: int, pace: Pace | None) -> tuple[float, float]:
-    if pace is not None:
+    if pace is not None and pace.error_of == settings.error_of:
         other_s = pace.other_s * max(texels / pace.texels, 0.1)
         photons = pace.photons * _scale_photons(texels, settings.error, pace.error, pace.texels)
         s_per_photon, spread = pace.photon_s / max(pace.photons, 1), 1.0
@@ -139,6 +142,8 @@ def _estimate_seconds(texels: float, n_triangle: int, settings: Settings, cores:
         other_s = _START_S + texels * _CORE_S_PER_TEXEL / cores
         photons = of_one * n_triangle**power * _scale_photons(texels, settings.error, _USUAL_ERROR, _USUAL_TEXELS)
         s_per_photon, spread = _CORE_S_PER_PHOTON / cores, _UNCERTAIN
+        if settings.error_of == "objects":
+            photons, spread = photons * _EACH_OBJECT, spread * _EACH_UNCERTAIN
     usual_s = other_s + min(max(photons, _LEAST_PHOTONS), settings.max_photons) * s_per_photon
     least, most = usual_s / spread, usual_s * spread
     if settings.time_limit > 0.0:

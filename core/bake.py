@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -13,7 +12,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +27,7 @@ from . import (
     kept_bake,
     pages,
     preview,
+    report,
     resolve,
     seam_points,
     seams,
@@ -164,7 +163,7 @@ def run_bake(
                     solver.watch = live.show
                 light = solver.run(tell, should_stop)
         else:
-            light = settle_direct(folder, texel_map, settings, executor, direct, tell, should_stop)
+            light = settle_direct(folder, texel_map, snapshot.tri_object, settings, executor, direct, tell, should_stop)
         light, lost = state_lost(light, settings)
         for subject, text in lost:
             tell(Warning_(subject, text))
@@ -180,7 +179,7 @@ def run_bake(
     result = {
         "files": [dataclasses.asdict(file) for file in files],
         "seconds": stages.seconds,
-        "peak_memory_mb": peak_memory_mb(),
+        "peak_memory_mb": report.measure_memory_mb(),
         "photons": light.photons,
         "rounds": light.rounds,
         "rays": light.ledger.rays + light.ledger.gathered + direct.counters.get("rays", 0),
@@ -189,11 +188,12 @@ def run_bake(
         "leaves": len(light.leaves),
         "nodes": len(light.tree),
         "estimated_error": light.error,
+        "error_of": settings.error_of,
         "stopped_by": light.stopped_by,
         "energy_audit_w": light.ledger.audit_w(),
         "page_size": atlas.page_size,
         "pages": atlas.page_count,
-        "objects": _object_rows(snapshot, atlas, facets.chart_object[texel_map.texel_chart]),
+        "objects": report.list_objects(snapshot, atlas, facets.chart_object[texel_map.texel_chart], light.object_error),
         "seams": dataclasses.asdict(seam_report),
         "skipped": count_skipped(needs, left_out, snapshot, facets, light, settings),
     }
@@ -270,24 +270,3 @@ def _write_pages(
 
     metadata: dict[str, str | int | float] = {"leaflight:photons": light.photons, "leaflight:estimated_error": light.error}
     return pages.write_pages(job, folder, snapshot, atlas, metadata, draw), seam_report
-
-
-def _object_rows(snapshot: SceneSnapshot, atlas: charts.ChartAtlas, entry_object: NDArray[np.int32]) -> list[dict[str, Any]]:
-    texel_count = np.bincount(entry_object, minlength=len(snapshot.objects))
-    chart_count = np.bincount(atlas.chart_object, minlength=len(snapshot.objects))
-    return [
-        {"name": one.name, "page": int(atlas.object_page[i]), "texels": int(texel_count[i]), "charts": int(chart_count[i])}
-        for i, one in enumerate(snapshot.objects)
-        if one.receives
-    ]
-
-
-def peak_memory_mb() -> dict[str, float]:
-    """Peak resident memory of this process and of its largest worker, MB; empty where the system does not tell."""
-    if sys.platform == "win32":
-        return {}
-    import resource  # not on Windows
-
-    unit = 1e6 if sys.platform == "darwin" else 1e3  # macOS counts bytes, Linux kilobytes
-    who = {"core": resource.RUSAGE_SELF, "worker": resource.RUSAGE_CHILDREN}
-    return {name: round(resource.getrusage(usage).ru_maxrss / unit, 1) for name, usage in who.items()}

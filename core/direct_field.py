@@ -21,6 +21,7 @@ from .coverage import as_slice
 from .denoise import Spread
 from .direct import DirectLight
 from .direct_shown import GRAIN, ShownDirect, find_grain
+from .judged import DARK_FLOOR
 from .messages import Message, Status
 from .other_light import OtherLight
 from .scene import IntArray
@@ -35,7 +36,6 @@ _SHARDS_ENOUGH = 32  # that no worker waits long for another's last
 # takes 5 to 10 % less time at 1024^2, but what it blurs among many lamps is not all stated: 4.4 for a real 5.0 % (furnished_room).
 TOLERANCE = 0.5
 SECONDS_BETWEEN_WORDS = 1.0
-_DARK_FLOOR = 0.1  # of the mean, against which darker texels are weighed
 _BLOCK = 64  # texels in a row, neighbours, whose variances are corrected together
 # Weights in texels shot again: of variances as they were told in all texels' correction, and of that in a block's.
 _PRIOR_VALUES, _PRIOR_OF_BLOCK = 64.0, 16.0
@@ -211,7 +211,7 @@ class DirectField:
         cuts = cut_into_shards(len(texels))
         shards = [replace(whole, start=start, texels=texels[start:end]) for start, end in pairwise(cuts)]
         told = time.monotonic()
-        floor = _DARK_FLOOR * float(self.irradiance.mean(dtype=np.float64)) + 1e-30
+        floor = DARK_FLOOR * float(self.irradiance.mean(dtype=np.float64)) + 1e-30
         for shard, light in zip(shards, executor.map(find_light, shards), strict=True):
             if should_stop():
                 return False

@@ -13,9 +13,11 @@ import numpy as np
 from . import estimate, quadtree, refine, tally
 from .direct_field import DirectField
 from .executors import spread
+from .judged import Judged
 from .ledger import Ledger
 from .light_field import LightField
 from .messages import Message
+from .scene import IntArray
 from .settings import Settings
 from .stop_rules import StopRules
 from .texel_map import TexelMap
@@ -26,13 +28,18 @@ _DEGREE = 0  # of leaves in which nothing lands
 def settle_direct(
     folder: Path,
     texels: TexelMap,
+    tri_object: IntArray,
     settings: Settings,
     executor: Executor,
     direct: DirectField,
     tell: Callable[[Message], None],
     should_stop: Callable[[], bool],
 ) -> LightField:
-    """The light of a bake whose direct light has been shot once, or is not asked for; worse texels are shot again."""
+    """The light of a bake whose direct light has been shot once, or is not asked for; worse texels are shot again.
+
+    tri_object   (n_tri,) int: the object of each triangle
+    """
+    judged = Judged.of(settings.error_of, texels, tri_object)
     rules = StopRules(settings, should_stop, time.monotonic())
     tree = quadtree.plant_trees(texels, _DEGREE, 0, settings.finest_texels, flat=False)
     totals = tally.accumulate(tree, tally.Tally.empty(len(tree), _DEGREE))
@@ -41,7 +48,7 @@ def settle_direct(
     leaves = np.arange(len(tree))
     while True:
         shown = direct.show(texels, settings.denoise, partial(spread, executor))
-        stated = estimate.state_error(tree, totals, solution, comparison, leaves, shown, texels)
+        stated = estimate.state_error(tree, totals, solution, comparison, leaves, shown, texels, judged=judged)
         worst = np.flatnonzero((stated.texel_direct2() > settings.error**2) & (direct.passes < direct.most_passes))
         stopped_by = "error" if stated.direct <= settings.error else "" if len(worst) else "max_rays"
         if should_stop():
@@ -51,4 +58,17 @@ def settle_direct(
         if stopped_by:
             break
         direct.shoot(folder, settings, executor, worst, tell, rules.break_off)
-    return LightField(tree, solution, leaves, totals.received, np.ones(3), direct, stated.direct, 0, 0, stopped_by, Ledger())
+    return LightField(
+        tree=tree,
+        solution=solution,
+        leaves=leaves,
+        received=totals.received,
+        correction=np.ones(3),
+        direct=direct,
+        error=stated.direct,
+        photons=0,
+        rounds=0,
+        stopped_by=stopped_by,
+        ledger=Ledger(),
+        object_error=stated.of_objects(),
+    )

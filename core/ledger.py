@@ -42,6 +42,11 @@ class Ledger:
         emitted, left = self.energy_w["emitted"], self.energy_w["remainder"]
         return float(np.divide(left, emitted, out=np.zeros(len(left)), where=emitted > 0.0).max())
 
+    def photon_w(self) -> NDArray[np.float64]:
+        """(3,), W: what one photon carries when it leaves its light, of as many as tell as much as these."""
+        photon_w: NDArray[np.float64] = self.energy_w["emitted"] / max(self.told, 1.0) ** 2
+        return photon_w
+
     def audit_w(self) -> dict[str, list[float]]:
         """The energy audit, W: emitted = absorbed + escaped + remainder."""
         return {name: (total / max(self.told, 1.0)).tolist() for name, total in self.energy_w.items()}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ class LightField:
     squares        what squares say where something touches the surface; None without photons
     neighbours     of the leaves, where they have been looked for
     gathered       indirect light by rays from texels, where they saw all that sends it; None where leaves hold all of it
+    object_error   relative, of each object by its index, beside its own brightness; without those of which too few texels were asked
     stopped_by     "error", "max_photons", "max_rays", "time_limit" or "interrupted"
     """
 
@@ -43,3 +44,4 @@ class LightField:
     squares: SquareLight | None = None
     gathered: GatheredField | None = None
     neighbours: Neighbours | None = None
+    object_error: dict[int, float] = field(default_factory=dict)

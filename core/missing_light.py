@@ -76,6 +76,11 @@ class Bias:
         parent, grandparent = (np.where(texels, np.nan, part) for part in (self.parent, self.grandparent))
         return replace(self, told=told, gap=gap, noise=noise, parent=parent, grandparent=grandparent)
 
+    def take(self, rows: NDArray[np.int64], factor: NDArray[np.float64]) -> Bias:
+        """That at some of the texels, (k,), relative to what gives these squared errors a factor, (k,)."""
+        values = (factor * part[rows] for part in (self.told, self.gap, self.noise, self.parent, self.grandparent))
+        return Bias(self.judge[rows], *values)
+
     def sum_up(self, best: NDArray[np.intp]) -> tuple[float, float]:
         """The mean over the texels `best` (k,), and its standard error."""
         likely = self._foretell(best)

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .direct_field import DirectField
-from .estimate import BEST_TEXELS, StatedError
+from .estimate import StatedError
 from .gathered import GatheredField
+from .judged import BEST_TEXELS
 from .messages import Message
 from .rounds import SPARE
 
@@ -38,11 +39,17 @@ def choose_texels(
     most = (DIRECT_SHARE * error) ** 2
     kinds = [(stated.direct**2, direct, stated.texel_direct2)]
     kinds += [(stated.gathered**2, gathered, stated.texel_gathered2)] if gathered and stated.texel_gathered2 else []
-    gains = [error2 / max(rays.counters["rays"], 1) if error2 > most else 0.0 for error2, rays, _ in kinds]
+    is_open = None  # texels of parts that have not come to it yet; of one part all are
+    if stated.parts.of_entry is not None:
+        is_open = stated.parts.spread(stated.of_parts > error, slice(None), False)
+    share = 1.0 if is_open is None else float(is_open.mean())  # of rays, that more of them for these texels would take
+    gains = [error2 / max(share * rays.counters["rays"], 1.0) if error2 > most else 0.0 for error2, rays, _ in kinds]
     if max(gains) <= by_photons:
         return None
     own2, rays, texel2 = kinds[int(np.argmax(gains))]
     error2 = texel2()
+    if is_open is not None:
+        error2[~is_open] = 0.0
     worst = np.flatnonzero((error2 > most) & (rays.passes < rays.most_passes))
     left2 = (error**2 - (stated.chosen**2 - own2)) / SPARE
     if most < left2 < own2:  # else something else keeps the error up, and all of them are to be as sure as they have to be

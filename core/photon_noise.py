@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import shrinkage
+from .judged import Judged
 from .missing_light import AskedLight
 from .quadtree import Quadtree
 from .scene import IntArray
@@ -39,6 +40,22 @@ def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> NDA
     prior = _PRIOR_VALUES / len(told)
     out: NDArray[np.float64] = (told * effective + prior) / (effective + prior)
     return out
+
+
+def find_unseen(judged: Judged, weight: NDArray[np.float32], photon_w: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(m,) float64, relative and squared: noise of what came to none of the texels of an object that are asked, but could have.
+
+    Where no photon fell there is no variance to be seen. One more could have come to each object, as likely as not: where many did it is
+    next to nothing beside their noise, and in a small house on a wide plain it is what keeps a bake going.
+
+    weight     (m, 3) of AllLight.weigh
+    photon_w   (3,), W: that one carries
+    """
+    unseen2 = np.zeros(len(weight))
+    for rows in [*judged.objects.values(), *judged.groups[len(judged.objects) :]]:
+        of_one = photon_w / max(float(judged.area_m2[rows].sum()), _TINY)
+        unseen2[rows] = (weight[rows] * of_one**2).mean(1)
+    return unseen2
 
 
 @dataclass
@@ -87,6 +104,10 @@ class PhotonNoise:
     def replace(self, photons2: NDArray[np.floating[Any]], told: NDArray[np.bool_]) -> None:
         """There is something else in its place at some of the texels, told (m,)."""
         self.photons2[told], self.shrunk2[told] = photons2, 0.0
+
+    def take(self, rows: NDArray[np.int64], factor: NDArray[np.float64]) -> PhotonNoise:
+        """That at some of the texels, (k,), relative to what gives these squared errors a factor, (k,)."""
+        return PhotonNoise(self.photons2[rows] * factor, self.shrunk2[rows] * factor, self.taken, self.taken_surely)
 
     def find_doubt2(self, best: NDArray[np.int64]) -> float:
         """Mean, over the texels `best`, of what shrinking may not have taken."""

@@ -20,6 +20,7 @@ IMAGE_FORMATS = ("exr", "hdr", "png", *ENCODINGS)
 VIEW_TRANSFORMS = ("standard", "scene")
 BASES = ("constant", "linear", "quadratic")
 ORACLES = ("significance", "paper")
+ERROR_OF = ("bake", "objects")
 DIRECT_MODES = ("rays", "photons")
 
 MAX_PAGE_SIZE_TEXELS = 16384
@@ -117,6 +118,12 @@ class Settings:
     force: bool = _knob(False, "bake even if nothing has changed since the last bake", group="Output", decides_images=False)
     # Quality
     error: float = _knob(0.05, "relative error at which the bake stops", low=1e-4, high=1.0, group="Quality", label="Target Error")
+    error_of: str = _knob(
+        "bake",
+        "whose error: of the bake as a whole, or of each object by its own brightness, for dim rooms and small things",
+        choices=ERROR_OF,
+        group="Quality",
+    )
     max_photons: int = _knob(64_000_000, "photons after which the bake stops", unit="photons", low=1000, high=10**12, group="Quality")
     time_limit: float = _knob(0.0, "seconds after which the bake stops; 0 is no limit", unit="s", low=0.0, high=1e7, group="Quality")
     # Method

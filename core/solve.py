@@ -25,6 +25,7 @@ from .first_photons import FirstPhotons
 from .gather import KnownLight
 from .gather_plan import GatherPlan, know_light
 from .gathered import GatheredField
+from .judged import Judged, Parts
 from .ledger import Ledger
 from .light_field import LightField
 from .messages import Status
@@ -85,10 +86,12 @@ class Solver:
         self.square_tally = Tally.empty(len(self.squares.entry), 0, components)
         self.guide = SplitGuide.empty(len(self.tracing.snapshot.objects) + len(self.tree))
         self.births = BirthGuide.of(self.tracing.scene.emitter_share)
-        self.state: _State | None = None  # of the last round, as is the next
+        self.state: _State | None = None  # of the last round, as are the next two
+        self.parts: tuple[Parts, NDArray[np.float64]] | None = None  # that were judged, and Parts.weigh of them
         self.splitting: Splitting | None = None
         self.gathered: GatheredField | None = None
         self.gather_plan = GatherPlan.of(texels)
+        self.judged = Judged.of(settings.error_of, texels, self.tracing.snapshot.tri_object)
         # Texels of two-sided things hold the sum of both sides.
         self.lit_elsewhere = np.array([thing.two_sided for thing in self.tracing.snapshot.objects], bool)
         self.ledger, self.rounds, self.round = Ledger(), PhotonRounds(self.executor), 0
@@ -138,7 +141,7 @@ class Solver:
             tell(rules.measure_progress(light, self.photons_before))
             if light.stopped_by:
                 self.rounds.drop()
-                return light
+                return replace(light, object_error=stated.of_objects())
             self.watch(light)
             self._refine(state)
 
@@ -178,7 +181,7 @@ class Solver:
         solution = tally.solve_tallies(tree, totals, compared)
         comparison = refine.Comparison.of(tree, totals, solution, rule)
         leaves = refine.choose_leaves(tree, comparison)
-        told = np.concatenate([compared, estimate.list_told(tree, leaves, self.tracing.texels)])
+        told = np.concatenate([compared, estimate.list_told(tree, leaves, self.judged)])
         shown, risk = shrinkage.shrink_leaves(tree, totals, leaves) if self.settings.hierarchical else (tree, None)
         solution = tally.solve_tallies(shown, totals, told)
         return _State(totals, solution, comparison, leaves, risk, self.squares.light(self.square_tally))
@@ -227,7 +230,7 @@ class Solver:
         snapshot, texels = self.tracing.snapshot, self.tracing.texels
         self.guide.grow(len(snapshot.objects) + len(tree))
         factor, weight = self.guide.plan(tree, snapshot.tri_object[texels.texel_tri[tree.start[tree.levels[0]]]])
-        worth = weigh_deposits(tree, self.state.leaves, light, self.ledger.deposits)
+        worth = weigh_deposits(tree, self.state.leaves, light, self.ledger.deposits, self.parts)
         return Splitting(factor, worth, self.births.plan()), weight
 
     def _refine(self, state: _State) -> bool:
@@ -256,8 +259,10 @@ class Solver:
         texels = self.tracing.texels
         shown = texels, self.settings.denoise, partial(spread, self.executor)
         direct, gathered = self.direct.show(*shown), self.gathered.show_gathered(*shown) if self.gathered else None
-        told = self.tree, state.totals, state.solution, state.comparison, state.leaves
-        stated = estimate.state_error(*told, direct, texels, self.settings.denoise, gathered, state.risk, state.squares)
+        told = self.tree, state.totals, state.solution, state.comparison, state.leaves, direct, texels, self.settings.denoise
+        asked = self.judged, self.ledger.photon_w()
+        stated = estimate.state_error(*told, gathered, state.risk, state.squares, *asked)
+        self.parts = stated.parts, stated.parts.weigh(stated.of_parts, self.settings.error)
         return self._make_light(state, stated), stated
 
     def _make_light(self, state: _State, stated: estimate.StatedError | None = None) -> LightField:

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .birth_cells import BirthCells
+from .judged import DARK_FLOOR, Parts
 from .photon_log import Groups
 from .quadtree import Quadtree
 from .scene import FloatArray, IntArray
@@ -31,7 +32,6 @@ Float64 = NDArray[np.float64]
 LEAST_FACTOR, MOST_FACTOR = 1 / 8, 8.0
 _PRIOR_GROUPS = 16.0  # that what is known of the surroundings counts for
 _GRAIN = 4  # texels: noise of smaller nodes is averaged over so many a side, see denoise
-_DARK_FLOOR = 0.1  # of the mean light, as the stated error has it
 _STEPS = 8  # of a search whose result need not be exact
 _LEAST_WORK = 0.05  # rays of a group
 _TINY = float(np.finfo(float).tiny)
@@ -171,12 +171,15 @@ def weigh_groups(groups: Groups, worth: Float64, node: IntArray, flux: FloatArra
     return np.bincount(groups.owner, each, len(groups.place)).astype(np.float64)
 
 
-def weigh_deposits(tree: Quadtree, leaves: IntArray, light: FloatArray, deposits: int) -> Float64:
+def weigh_deposits(
+    tree: Quadtree, leaves: IntArray, light: FloatArray, deposits: int, weighed: tuple[Parts, Float64] | None = None
+) -> Float64:
     """Worth (3, n) of light that photons bring to the nodes at and below the leaves, as in Splitting but for a factor.
 
     leaves     (m,) int: nodes that tile the charts
     light      (3, n') float, W/m^2: all light at the leaves and at what is above them, of the first n' nodes
     deposits   so far: where not one is to be expected, more photons would not do either
+    weighed    what is judged as one, and (p,) what each part counts for; None is the whole
     """
     area = tree.area
     cut = np.array(leaves)
@@ -185,10 +188,14 @@ def weigh_deposits(tree: Quadtree, leaves: IntArray, light: FloatArray, deposits
     cut = np.unique(cut)
     count = tree.end[cut] - tree.start[cut]
     shown = np.maximum(light[:, cut], 0.0)
-    dark = _DARK_FLOOR * float((shown * count).sum()) / max(3 * int(count.sum()), 1)
+    dark2: FloatArray | float = (DARK_FLOOR * float((shown * count).sum()) / max(3 * int(count.sum()), 1)) ** 2
+    worth_of_each: Float64 | float = 1.0
+    if weighed and weighed[0].of_entry is not None:
+        (parts, part_weight), first = weighed, tree.start[cut]
+        dark2, worth_of_each = parts.find_dark2(first)[:, 0], parts.spread(part_weight, first, 0.0)
     least_area = float(area[cut].sum()) / max(deposits, 1)
     worth = np.zeros((3, len(tree)))
-    worth[:, cut] = count / (np.maximum(shown**2 + dark**2, _TINY) * (area[cut] ** 2 + least_area**2))
+    worth[:, cut] = worth_of_each * count / (np.maximum(shown**2 + dark2, _TINY) * (area[cut] ** 2 + least_area**2))
     is_set = np.zeros(len(tree), bool)
     is_set[cut] = True
     for level in tree.levels[1:]:

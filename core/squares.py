@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .coverage import Float64, clip_to_texels
+from .judged import DARK_FLOOR
 from .scene import FloatArray, IntArray
 from .shrinkage import beyond_noise
 from .tally import ShardTally, Tally, deposit, with_direct
@@ -24,7 +25,6 @@ from .texel_map import LOOK, TexelMap
 
 _LEAST_SHARE = 0.02  # of a square: less than that on the centre's triangle is met by too few photons to tell anything
 _RADIUS = 4  # texels, of the neighbours that tell how far leaves and squares differ
-_DARK_FLOOR = 0.1  # light below this share of the mean is judged against that share
 _LEAST_LIGHT = 1e-30  # W/m^2
 _TINY = float(np.finfo(float).tiny)
 _MUCH = 8.0  # photons a square; of fewer hardly one says more than the leaves around it
@@ -146,7 +146,7 @@ class ToldBySquares:
         noise2, seen2 = noise.sum(axis=0), (gap.sum(axis=0) ** 2).sum(axis=0)
         level = traced.sum(axis=(0, 1))
         # Of neighbours the bright one must not outvote all others.
-        scale = 1.0 / (level**2 + (_DARK_FLOOR * level.mean() + _LEAST_LIGHT) ** 2)
+        scale = 1.0 / (level**2 + (DARK_FLOOR * level.mean() + _LEAST_LIGHT) ** 2)
         told2 = (seen2 - noise2) * scale
         total = float(told2.sum())
         sure = beyond_noise(total, float((told2**2).sum())) / max(total, _TINY)

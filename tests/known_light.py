@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from boxes import solve_scene
 from leaflight.core import resolve, workers
-from leaflight.core.estimate import BEST_TEXELS, DARK_FLOOR
 from leaflight.core.geometry import interpolate_corners
+from leaflight.core.judged import BEST_TEXELS, DARK_FLOOR
 from leaflight.core.scene import Light, Material, SceneSnapshot
 from leaflight.core.settings import Settings
 from leaflight.core.solve import LightField

@@ -270,11 +270,6 @@ def test_a_closed_dark_room_ends(tmp_path):
     assert dataclasses.asdict(QUICK)["max_photons"] >= result["photons"]
 
 
-def test_peak_memory_is_in_megabytes():
-    found = bake.peak_memory_mb()
-    assert not found or 20 < found["core"] < 100_000
-
-
 def test_stopped_before_direct_light_is_done_a_bake_still_shows_all_light(tmp_path):
     """One round of photons then carries what the shadow rays had not finished."""
     said, result = bake_scene(tmp_path, lamp_scene(), replace(QUICK, direct="rays"), should_stop=lambda: True)

@@ -4,7 +4,15 @@ import pytest
 from leaflight.addon.estimate import Measured, Pace, estimate_bake
 from leaflight.core.settings import Settings
 
-RESULT = {"estimated_error": 0.1, "photons": 1, "objects": [{"texels": 9}], "seconds": {}, "resumed": False, "skipped": {"bake": 0}}
+RESULT = {
+    "estimated_error": 0.1,
+    "error_of": "bake",
+    "photons": 1,
+    "objects": [{"texels": 9}],
+    "seconds": {},
+    "resumed": False,
+    "skipped": {"bake": 0},
+}
 ROOM = [Measured("Floor", 20.0, 2, 1.0), Measured("Walls", 60.0, 12, 1.0), Measured("Lamp", 1.0, 60, 1.0)]
 
 
@@ -66,6 +74,13 @@ def test_the_last_bake_tells_the_pace_of_the_next():
     pace = Pace.of_result(result)
     assert estimate(error=0.1, pace=pace).seconds == (pytest.approx(10.0, rel=1e-4),) * 2
     assert estimate(error=0.05, pace=pace).seconds[0] == pytest.approx(7.0 + 4 * 3.0, rel=1e-4)
+
+
+def test_where_each_object_is_to_be_right_it_takes_more_and_no_other_bake_tells_how_much():
+    assert estimate(error_of="objects").seconds[1] > 2 * estimate().seconds[1]
+    pace = Pace.of_result(RESULT | {"objects": [{"texels": estimate().texels}], "seconds": {"photons": 3.0}})
+    assert estimate(pace=pace).seconds != estimate().seconds
+    assert estimate(pace=pace, error_of="objects").seconds == estimate(error_of="objects").seconds
 
 
 @pytest.mark.parametrize(

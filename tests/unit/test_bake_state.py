@@ -11,6 +11,8 @@ from leaflight.core.messages import Done, Error, Preview, Progress, Status, Warn
 RESULT = {
     "stopped_by": "error",
     "estimated_error": 0.048,
+    "error_of": "bake",
+    "objects": [{"name": "Floor", "estimated_error": 0.04}],
     "leaves": 1234,
     "photons": 2_500_000,
     "pages": 2,

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from leaflight.addon.console import describe_miss, describe_progress, print_message
+from leaflight.addon.console import describe_error, describe_miss, describe_progress, print_message
 from leaflight.core.messages import Done, Error, Preview, Progress, Status, Warning_
 
 PROGRESS = Progress(fraction=0.25, photons=1_500_000, photons_per_s=2.5e6, estimated_error=0.043, seconds_left=12.4, leaves=900)
@@ -68,3 +68,19 @@ def test_what_cannot_be_told_yet_is_left_out():
 )
 def test_a_bake_that_missed_its_error_says_so(stopped_by, error, asked, sentence):
     assert describe_miss(stopped_by, error, asked) == sentence
+
+
+ROWS = [{"name": "Hall", "estimated_error": 0.01}, {"name": "Den", "estimated_error": 0.344}, {"name": "Pin", "estimated_error": None}]
+
+
+@pytest.mark.parametrize(
+    ("error", "error_of", "rows", "lines"),
+    [
+        (0.021, "bake", ROWS, ["Error 2.1% of the whole", "Most by itself: Den, 34%"]),
+        (0.35, "bake", ROWS, ["Error 35.0%"]),
+        (0.021, "bake", ROWS[2:], ["Error 2.1%"]),
+        (0.021, "objects", ROWS, ["Error 2.1% of the worst object"]),
+    ],
+)
+def test_the_object_that_errs_most_is_named_where_it_errs_more_than_the_whole(error, error_of, rows, lines):
+    assert describe_error({"estimated_error": error, "error_of": error_of, "objects": rows}) == lines

@@ -16,7 +16,7 @@ def settle(folder, shoot=True, should_stop=lambda: False, **knobs):
     direct = DirectField.none(count)
     if shoot:
         direct.shoot(folder, settings, executor, np.arange(count))
-    return settle_direct(folder, texels, settings, executor, direct, lambda message: None, should_stop)
+    return settle_direct(folder, texels, lamp_scene().tri_object, settings, executor, direct, lambda message: None, should_stop)
 
 
 def test_noise_that_is_small_enough_ends_at_once(tmp_path):
@@ -33,6 +33,18 @@ def test_worse_texels_are_shot_again(tmp_path, monkeypatch):
     assert light.stopped_by == "error"
     assert light.error <= first.error / 3
     assert light.direct.passes.min() == 1 < light.direct.passes.max()
+
+
+def test_of_objects_the_one_that_errs_most_is_to_come_to_the_error(tmp_path, monkeypatch):
+    monkeypatch.setattr("leaflight.core.direct_field.TOLERANCE", 20.0)
+    whole = settle(tmp_path / "a", error=1.0)
+    assert sorted(whole.object_error) == [0, 1]
+    worst = max(whole.object_error.values())
+    assert worst > whole.error > 0.0
+    light = settle(tmp_path / "b", error=0.5 * worst, error_of="objects")
+    assert light.stopped_by == "error"
+    assert max(light.object_error.values()) == pytest.approx(light.error, rel=1e-3)
+    assert light.error <= 0.5 * worst
 
 
 def test_light_that_nobody_asks_for_has_no_error(tmp_path):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from leaflight.core import denoise, estimate, missing_light, quadtree, refine, shrinkage, tally
+from leaflight.core import denoise, error_terms, estimate, judged, missing_light, quadtree, refine, shrinkage, tally
 from leaflight.core.direct_shown import ShownDirect, ShownGathered
 from leaflight.core.reconstruct import Blend
 from leaflight.core.squares import SquareLight, mix
@@ -30,7 +30,7 @@ def noise_of(bake, nodes):
     solution = bake.solution()
     brightness = solution.flux[0, nodes] / bake.tree.area[nodes]
     variance = solution.variance[0, nodes] * bake.tree.rank[nodes] * state(bake, nodes).correction[0]
-    return np.sqrt((variance / (brightness**2 + (estimate.DARK_FLOOR * brightness.mean()) ** 2)).mean())
+    return np.sqrt((variance / (brightness**2 + (judged.DARK_FLOOR * brightness.mean()) ** 2)).mean())
 
 
 def real_error(bake, nodes, truth):
@@ -38,8 +38,8 @@ def real_error(bake, nodes, truth):
     s, t = (bake.texels.texel_xy.T + 0.5) / SIDE
     leaf = quadtree.node_of_texel(bake.tree, nodes, bake.n_texel)
     shown = Blend.of(bake.texels, bake.tree, bake.solution(), leaf).at(np.arange(len(leaf))).irradiance.sum(0)[0]
-    squares = (shown - truth(s, t)) ** 2 / (truth(s, t) ** 2 + estimate.DARK_FLOOR**2)
-    return np.sqrt(np.sort(squares)[: int(estimate.BEST_TEXELS * len(squares))].mean())
+    squares = (shown - truth(s, t)) ** 2 / (truth(s, t) ** 2 + judged.DARK_FLOOR**2)
+    return np.sqrt(np.sort(squares)[: int(judged.BEST_TEXELS * len(squares))].mean())
 
 
 def ratio_of_errors(make, truth, n_bake):
@@ -119,7 +119,7 @@ def test_no_photons_are_no_statement():
 def test_noise_of_direct_light_counts_and_is_told_apart():
     bake = throw(even, 50_000, 1, degree=0, level=3)
     without, with_it = state(bake, current(bake)), state(bake, current(bake), direct_variance=0.2**2)
-    expected = 0.2**2 / (1 + estimate.DARK_FLOOR**2)
+    expected = 0.2**2 / (1 + judged.DARK_FLOOR**2)
     assert with_it.relative**2 - without.relative**2 == pytest.approx(expected, rel=0.1)
     assert with_it.direct**2 == pytest.approx(expected, rel=0.02)
     assert with_it.texel_direct2() == pytest.approx(np.full(SIDE * SIDE, expected), rel=0.2)
@@ -159,12 +159,12 @@ def test_direct_light_is_judged_as_it_is_shown():
     told = bake.tree, totals, solution, comparison, nodes
     stated = estimate.state_error(*told, shown_of(bake, 2.0, 0.09), bake.texels)
     light = (solution.flux[:, nodes] / bake.tree.area[nodes])[:, quadtree.node_of_texel(bake.tree, nodes, bake.n_texel)] + 2.0
-    dark2 = (estimate.DARK_FLOOR * light.mean()) ** 2
+    dark2 = (judged.DARK_FLOOR * light.mean()) ** 2
     expected = (0.09 / (light**2 + dark2)).mean(axis=0)
     assert nodes.tolist() == sorted(nodes)
     np.testing.assert_allclose(stated.texel_direct2(), expected, rtol=1e-4)
     assert stated.direct**2 == pytest.approx(expected.mean(), rel=0.03)  # of the best texels
-    floor = np.sqrt(1 + estimate.DARK_FLOOR**2)  # which brightness is held against, where light is even
+    floor = np.sqrt(1 + judged.DARK_FLOOR**2)  # which brightness is held against, where light is even
     assert stated.indirect == pytest.approx((light.mean() - 2.0) / light.mean() / floor, rel=0.01)
     plain = estimate.state_error(*told, shown_of(bake, 0.0, 0.0), bake.texels)
     assert plain.indirect == pytest.approx(1.0 / floor, rel=0.01)
@@ -185,7 +185,7 @@ def test_gathered_light_is_judged_as_it_is_shown_where_it_is_told():
         found.append(estimate.state_error(bake.tree, totals, solution, comparison, nodes, direct, bake.texels, gathered=gathered))
     plain, blurred = found
     light = (solution.flux[:, nodes] / bake.tree.area[nodes])[:, quadtree.node_of_texel(bake.tree, nodes, bake.n_texel)]
-    expected = (0.04 / (light**2 + (estimate.DARK_FLOOR * light.mean()) ** 2)).mean(axis=0) * told
+    expected = (0.04 / (light**2 + (judged.DARK_FLOOR * light.mean()) ** 2)).mean(axis=0) * told
     np.testing.assert_allclose(plain.texel_gathered2(), expected, rtol=1e-4)
     assert plain.gathered**2 == pytest.approx(expected.mean(), rel=0.03)
     assert blurred.gathered**2 == pytest.approx(3 * plain.gathered**2, rel=0.03)
@@ -198,9 +198,9 @@ def test_the_worst_texels_are_left_out(share, counted):
     variance = np.zeros((SIDE * SIDE, 1))
     variance[: round(share * SIDE * SIDE)] = 100.0
     variance *= 1 + 1e-3 * np.random.default_rng(1).random(variance.shape)  # no two alike, so that their order is told
-    brightness2 = 1 + estimate.DARK_FLOOR**2
+    brightness2 = 1 + judged.DARK_FLOOR**2
     found = state(bake, current(bake), direct_variance=variance).direct
-    assert found**2 == pytest.approx(counted / estimate.BEST_TEXELS * 100.0 / brightness2, rel=0.15, abs=1e-9)
+    assert found**2 == pytest.approx(counted / judged.BEST_TEXELS * 100.0 / brightness2, rel=0.15, abs=1e-9)
 
 
 def test_more_photons_state_less():
@@ -225,7 +225,7 @@ def test_parts_of_a_page_state_the_same_error(monkeypatch):
     bake = throw(hill, 4000, seed=3, level=2)
     nodes = np.flatnonzero(bake.tree.current)
     whole = state(bake, nodes, direct_variance=1e-3)
-    monkeypatch.setattr(estimate, "_CHUNK", 1000)
+    monkeypatch.setattr(judged, "_CHUNK", 1000)
     parts = state(bake, nodes, direct_variance=1e-3)
     assert parts.relative == pytest.approx(whole.relative, rel=1e-6)
     np.testing.assert_allclose(parts.texel_direct2(), whole.texel_direct2(), rtol=1e-5)
@@ -253,7 +253,7 @@ def test_the_doubt_of_a_bias_is_how_much_it_varies_over_bakes(monkeypatch):
         return bias
 
     monkeypatch.setattr(missing_light, "find_bias", watch)
-    monkeypatch.setattr(estimate, "BEST_TEXELS", 1.0)
+    monkeypatch.setattr(error_terms, "BEST_TEXELS", 1.0)
     for seed in range(60):
         bake = throw(even, 8000, seed, degree=0, level=2, preview_depth=1)
         told = state(bake, current(bake))
@@ -287,8 +287,8 @@ def test_what_squares_add_and_leave_is_stated(height, photons):
         leaf = quadtree.node_of_texel(bake.tree, current(bake), bake.n_texel)
         light = Blend.of(bake.texels, bake.tree, bake.solution(), leaf).at(np.arange(bake.n_texel)).irradiance.astype(np.float32)
         mix(light, np.zeros(light.shape[1:], np.float32), squares, bake.texels)
-        errors2 = (((light.sum(0) - truth) / np.hypot(truth, estimate.DARK_FLOOR)) ** 2).mean(0)
-        real2.append(np.sort(errors2)[: int(estimate.BEST_TEXELS * len(errors2))].mean())
+        errors2 = (((light.sum(0) - truth) / np.hypot(truth, judged.DARK_FLOOR)) ** 2).mean(0)
+        real2.append(np.sort(errors2)[: int(judged.BEST_TEXELS * len(errors2))].mean())
         stated2.append(state(bake, current(bake), squares=squares).relative ** 2)
         unaware2.append(state(bake, current(bake)).relative ** 2)
     assert np.sqrt(np.mean(stated2) / np.mean(real2)) == pytest.approx(1, abs=0.25)
@@ -377,7 +377,7 @@ def test_what_is_missing_is_asked_of_the_sampled_texels_leaves(monkeypatch):
         return find(*args)
 
     monkeypatch.setattr(missing_light, "find_bias", watch)
-    monkeypatch.setattr(estimate, "_SAMPLE", 1000)
+    monkeypatch.setattr(judged, "_SAMPLE", 1000)
     state(bake, current(bake))
     [(sample, light)] = asked
     assert len(sample) == 1000

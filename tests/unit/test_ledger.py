@@ -1,6 +1,7 @@
 """Sums of shards of any weight."""
 
 import numpy as np
+import pytest
 from leaflight.core.ledger import ENERGY_NAMES, Ledger
 from leaflight.core.photon_log import Counters, EnergyAudit
 from leaflight.core.photon_shards import PhotonResult, PhotonShard
@@ -21,4 +22,5 @@ def test_watts_do_not_depend_on_how_many_photons_there_were_nor_on_their_weights
     for photons, weight in ((100, 1.0), (50, 4.0)):
         ledger.add(*make_shard(photons, weight))
     assert ledger.audit_w() == {"emitted": [2.0, 0.0, 0.0], "absorbed": [2.0, 0.0, 0.0], "escaped": [0.0] * 3, "remainder": [0.0] * 3}
+    assert ledger.photon_w() == pytest.approx([2.0 / 300.0, 0.0, 0.0])
     assert (ledger.photons, ledger.told, ledger.rays, ledger.deposits) == (150, 300.0, 450, 150)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from boxes import lamp_scene
 from leaflight.core import bake, direct_quads
-from leaflight.core.estimate import BEST_TEXELS, DARK_FLOOR
 from leaflight.core.image_file import read_image
 from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.judged import BEST_TEXELS, DARK_FLOOR
 from leaflight.core.materials import SurfaceMaterials
 from leaflight.core.messages import Status
 from leaflight.core.needs import Needs

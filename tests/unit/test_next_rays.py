@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from leaflight.core.direct_field import DirectField
 from leaflight.core.gathered import GatheredField
+from leaflight.core.judged import Parts
 from leaflight.core.next_rays import DIRECT_SHARE, choose_texels, have_look
 from leaflight.core.rounds import SPARE
 
@@ -24,7 +25,7 @@ def field_of(kind, rays):
 
 
 def stated(relative, direct, gathered=0.0):
-    told = SimpleNamespace(relative=relative, chosen=relative, direct=direct, gathered=gathered)
+    told = SimpleNamespace(relative=relative, chosen=relative, direct=direct, gathered=gathered, parts=Parts.whole(5, 1.0))
     told.texel_direct2 = lambda: TEXEL2.astype(np.float32)
     told.texel_gathered2 = (lambda: TEXEL2[::-1].astype(np.float32)) if gathered else None
     return told
@@ -149,3 +150,24 @@ def test_who_heard_of_a_look_is_told_what_follows(heard):
 
     have_look(look, told.append, stop, "Tracing photons")
     assert told == [*heard, *(["Tracing photons"] if heard else [])]
+
+
+def open_to(*errors):
+    """What is stated of texels in two parts, those of an even index in the first."""
+    told = stated(0.15, 0.1)
+    told.parts, told.of_parts = Parts([np.arange(1)] * 2, np.ones(2, np.float32), np.array([0, 1, 0, 1, 0], np.int32)), np.array(errors)
+    return told
+
+
+def test_of_several_parts_those_that_have_come_to_the_error_get_no_more_rays():
+    direct = field_of(DirectField, 100)
+    assert choose_texels(ERROR, open_to(0.15, 0.05), 1000, direct, None)[1].tolist() == [2, 4]
+    assert choose_texels(ERROR, open_to(0.05, 0.15), 1000, direct, None)[1].tolist() == [3]
+
+
+def test_rays_of_one_part_cost_less_than_those_of_all():
+    """So that they are sent sooner: by so much as it is smaller."""
+    direct = field_of(DirectField, 1000)
+    traced = 0.75 * 1000 * (0.15**2 - 0.1**2) / 0.1**2  # photons that take as much off for three quarters of the rays
+    assert choose_texels(ERROR, stated(0.15, 0.1), traced, direct, None) is None
+    assert choose_texels(ERROR, open_to(0.15, 0.05), traced, direct, None)[1].tolist() == [2, 4]

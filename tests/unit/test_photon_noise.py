@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from leaflight.core import photon_noise
+from leaflight.core.judged import Judged
 from leaflight.core.missing_light import AskedLight
 from leaflight.core.photon_noise import PhotonNoise, noise_correction
 from leaflight.core.reconstruct import Blend
@@ -77,3 +79,12 @@ def test_what_is_left_of_it_is_left_of_what_is_shrunk_too(bake):
     share[:10], share[10], share[12] = 0.5, 0.1, 0.2
     np.testing.assert_allclose(noise.shrunk2, np.where(told, 0.0, share * shrunk2))
     np.testing.assert_allclose(noise.photons2, np.where(told, 7.0, share * photons2))
+
+
+def test_one_photon_more_could_have_come_to_each_object():
+    """Relative to its own light, and the more the smaller it is; what is judged of none is told nothing."""
+    rows = [np.array([0, 1]), np.array([2])]
+    judged = Judged(np.arange(4), np.array([1.0, 3.0, 0.5, 1.0]), dict(enumerate(rows)), [np.arange(4)])
+    weight = np.repeat(np.array([1.0, 0.25, 1.0, 1.0], np.float32)[:, None], 3, axis=1)
+    unseen2 = photon_noise.find_unseen(judged, weight, np.array([2.0, 2.0, 2.0]))
+    assert unseen2 == pytest.approx([0.25, 0.25 / 4, 16.0, 0.0])

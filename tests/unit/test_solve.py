@@ -445,3 +445,32 @@ def test_a_first_round_that_trees_are_refined_after_states_no_error(tmp_path):
         assert errors[-1][-1] == light.error > 0.0
     assert [math.isnan(error) for error in errors[0]] == [True] + [False] * (len(errors[0]) - 1)
     assert len(errors[0]) > 1 == len(errors[1])
+
+
+def hall_and_den():
+    """A bright room, and a dim one elsewhere; and the settings by which the bright one is right long before the dim one is."""
+    rooms = [room_mesh("Hall"), moved(room_mesh("Den", (0.5, 0.5, 0.5)), (5.0, 0.0, 0.0))]
+    lamps = [Light("POINT", "Lamp", (x, 0.1, 0.1), power_rgb=(watts,) * 3) for x, watts in ((0.2, 1000.0), (5.1, 3.0))]
+    return make_scene(rooms, lamps, [Material("Grey", (0.5,) * 3)]), replace(SETTINGS, error=0.03, max_photons=10**8)
+
+
+def test_a_dim_room_is_told_to_err_more_than_the_whole_and_comes_to_the_error_where_each_object_has_to(tmp_path):
+    scene, settings = hall_and_den()
+    whole = solve_scene(tmp_path / "whole", scene, settings)
+    assert whole.stopped_by == "error"
+    assert whole.object_error[1] > 1.5 * settings.error > whole.object_error[0]
+    each = solve_scene(tmp_path / "each", scene, replace(settings, error_of="objects"))
+    assert each.stopped_by == "error"
+    assert max(each.object_error.values()) == pytest.approx(each.error, rel=0.01)
+    assert each.error <= settings.error
+
+
+def test_a_small_house_on_a_wide_plain_is_not_done_before_a_photon_has_met_it(tmp_path):
+    """Where none fell, no variance is seen: the first round would end the bake."""
+    plain = moved(quad_mesh("Plain", 2000.0, 2000.0), (-1000.0, -1000.0, 0.0))
+    sun = Light("SUN", "Sun", power_rgb=(3.0,) * 3)
+    house = moved(box_mesh("House", (60.0, 60.0, 60.0)), (0.0, 0.0, 30.1))
+    scene = make_scene([plain, house], [sun], [Material("Grey", (0.5,) * 3)])
+    settings = replace(SETTINGS, size=128, error=0.05, max_photons=10**7, error_of="objects")
+    light = solve_scene(tmp_path, scene, settings)
+    assert light.rounds > 1

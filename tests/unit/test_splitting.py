@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from leaflight.core.birth_cells import BirthCells
+from leaflight.core.judged import Parts
 from leaflight.core.photon_log import Groups
 from leaflight.core.splitting import LEAST_FACTOR, MOST_FACTOR, SplitGuide, SplitTally, Splitting, weigh_deposits, weigh_groups
 from trees import SquareBake
@@ -168,6 +169,17 @@ def test_light_is_worth_most_on_dark_small_leaves():
     light[1, leaves[0]] = -5.0  # a fitted plane may dip below zero
     dipped = weigh_deposits(tree, leaves, light, 10**9)[1, leaves]
     assert dipped[0] / dipped[1] == pytest.approx((1 + dark_of(light, leaves) ** 2) / dark_of(light, leaves) ** 2, rel=1e-6)
+
+
+def test_of_parts_that_are_judged_each_counts_by_its_weight_and_its_own_dark():
+    tree = SquareBake(side=16, preview_depth=1).tree
+    leaves, light = tree.levels[1], np.ones((3, len(tree)))
+    of_entry = np.full(256, -1, np.int32)
+    for part, leaf in enumerate(leaves[:3]):
+        of_entry[tree.start[leaf] : tree.end[leaf]] = part
+    parts = Parts([np.arange(1)] * 3, np.array([0.0, 1.0, 8.0], np.float32), of_entry)
+    worth = weigh_deposits(tree, leaves, light, 10**9, (parts, np.array([2.0, 2.0, 9.0])))[0, leaves]
+    assert worth / worth[0] == pytest.approx([1.0, 1 / 2, 1 / 2, 0.0], rel=1e-6)  # what is not judged is worth nothing
 
 
 def test_light_on_a_chart_smaller_than_grain_is_worth_something():

@@ -1,0 +1,147 @@
+"""What the texels that are asked err by, squared and relative to local brightness, by where it comes from; and sums over some of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .all_light import AllLight
+from .direct_shown import ShownDirect
+from .judged import BEST_TEXELS, find_dark2
+from .missing_light import Bias
+from .photon_noise import PhotonNoise
+
+
+@dataclass(frozen=True)
+class Sum:
+    """Means over texels of what they err by, relative and squared.
+
+    doubt2     what may be missing beyond what is told, and what shrinking may not have taken
+    indirect   share of the light that photons bring
+    """
+
+    photons2: float
+    direct2: float
+    gathered2: float
+    missing2: float
+    doubt2: tuple[float, float]
+    indirect: float
+
+    @property
+    def relative(self) -> float:
+        return math.sqrt(self._square)
+
+    @property
+    def chosen(self) -> float:
+        return math.sqrt(self._square + self.doubt2[0] + self.doubt2[1])
+
+    @property
+    def _square(self) -> float:
+        return self.photons2 + self.direct2 + self.gathered2 + self.missing2
+
+
+@dataclass(frozen=True)
+class RayNoise:
+    """Of light by rays at the texels of a sample (m,): where it is shown, told (m,) bool; its noise (m,), relative and squared."""
+
+    shown: ShownDirect
+    told: NDArray[np.bool_]
+    noise2: NDArray[np.floating[Any]]
+
+    def take(self, rows: NDArray[np.int64], factor: NDArray[np.float64]) -> RayNoise:
+        """Of some of them, (k,), relative to what gives these squared errors a factor, (k,)."""
+        return RayNoise(self.shown, self.told[rows], self.noise2[rows] * factor)
+
+    def sum_up(self, sample: NDArray[np.int64], weight: NDArray[np.float32], best: NDArray[np.int64]) -> float:
+        """Mean over texels `best` of the sample: of that noise but for what smoothing found not to be there, and of what it blurs.
+
+        weight   (m, 3) of AllLight.weigh
+        """
+        asked, rows, noise2 = best[self.told[best]], sample[best], self.noise2[best]
+        noise2[self.shown.is_smoothed(rows)] *= self.shown.find_noise_share(sample[asked], weight[asked])
+        blur2 = np.where(self.told[best], (weight[best] * self.shown.blur2_at(rows)).mean(1), 0.0)
+        return _mean(noise2) + max(_mean(blur2), 0.0)
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What the texels of a sample (m,) err by, relative and squared.
+
+    light      (m, 3) of AllLight.at
+    dark       of AllLight
+    weight     (m, 3) of AllLight.weigh
+    unseen2    (m,) of photon_noise.find_unseen
+    gathered   None where no light is
+    indirect   (m, 3): share of its light that photons bring
+    """
+
+    sample: NDArray[np.int64]
+    light: NDArray[np.float32]
+    dark: float
+    weight: NDArray[np.float32]
+    noise: PhotonNoise
+    unseen2: NDArray[np.float64]
+    bias: Bias
+    direct: RayNoise
+    gathered: RayNoise | None
+    indirect: NDArray[np.float32]
+
+    def sum_up(self, rows: NDArray[np.int64], unseen: bool = False) -> Sum:
+        """Of the texels `rows` (k,), but for the worst of them; with what is unseen of an object, which a whole is not asked for."""
+        likely = self.noise.photons2 + self.direct.noise2 + self.bias.gap
+        if self.gathered:
+            likely = likely + self.gathered.noise2
+        count = math.ceil(BEST_TEXELS * len(rows))
+        best = rows[np.argpartition(likely[rows], count - 1)[:count]]
+        missing2, missing_doubt2 = self.bias.sum_up(best)
+        return Sum(
+            photons2=_mean(self.noise.photons2[best]) + (_mean(self.unseen2[best]) if unseen else 0.0),
+            direct2=self.direct.sum_up(self.sample, self.weight, best),
+            gathered2=self.gathered.sum_up(self.sample, self.weight, best) if self.gathered else 0.0,
+            missing2=missing2,
+            doubt2=(missing_doubt2, self.noise.find_doubt2(best)),
+            indirect=_mean(self.indirect[rows]),
+        )
+
+    def judge_alone(self, rows: NDArray[np.int64]) -> float:
+        """What the texels `rows` (k,) err by, relative, as if there were no others; roughly, for channels weigh as they did."""
+        light = self.light[rows]
+        own, factor = _weigh_alone(light, self.dark, self.weight[rows])
+        direct, gathered = (each and each.take(rows, factor) for each in (self.direct, self.gathered))
+        assert direct
+        noise, bias = self.noise.take(rows, factor), self.bias.take(rows, factor)
+        alone = Terms(
+            self.sample[rows], light, self.dark, own, noise, self.unseen2[rows] * factor, bias, direct, gathered, self.indirect[rows]
+        )
+        return alone.sum_up(np.arange(len(rows)), unseen=True).relative
+
+
+def _weigh_alone(light: NDArray[np.float32], dark: float, weight: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """(k, 3): AllLight.weigh of texels as if there were no others, light (k, 3), W/m^2; (k,): that over a weight (k, 3), in the mean.
+
+    dark   of AllLight
+    """
+    dark2 = find_dark2(light, dark)
+    own = np.divide(np.float32(1.0), light**2 + dark2, out=np.zeros_like(light), where=light + dark2 > 0.0)
+    return own, np.divide(own.mean(1), weight.mean(1), out=np.zeros(len(light)), where=weight.any(1))
+
+
+def judge_rays_alone(
+    light: NDArray[np.float32], all_light: AllLight, direct2: NDArray[np.float32], sample: NDArray[np.int64], rows: NDArray[np.int64]
+) -> float:
+    """As Terms.judge_alone, where there are no photons; direct2 (m,): noise of direct light, relative and squared."""
+    return find_root(direct2[rows] * _weigh_alone(light[rows], all_light.dark, all_light.weigh(sample[rows]))[1])
+
+
+def find_root(noise2: NDArray[np.floating[Any]]) -> float:
+    """Root mean of squares (k,), but for the worst of them."""
+    count = math.ceil(BEST_TEXELS * len(noise2))
+    return math.sqrt(np.sort(noise2)[:count].sum() / max(count, 1))
+
+
+def _mean(values: NDArray[np.floating[Any]]) -> float:
+    return float(values.mean(dtype=np.float64))

@@ -1,0 +1,46 @@
+"""What a bake tells of its objects, and of the memory it took."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .charts import ChartAtlas
+from .scene import SceneSnapshot
+
+
+def list_objects(
+    snapshot: SceneSnapshot, atlas: ChartAtlas, entry_object: NDArray[np.int32], error: dict[int, float]
+) -> list[dict[str, Any]]:
+    """What is told of each object that takes light.
+
+    entry_object   (n,) int32: the object of each texel entry
+    error          relative, of each object by its index, of LightField.object_error
+    """
+    texel_count = np.bincount(entry_object, minlength=len(snapshot.objects))
+    chart_count = np.bincount(atlas.chart_object, minlength=len(snapshot.objects))
+    return [
+        {
+            "name": one.name,
+            "page": int(atlas.object_page[i]),
+            "texels": int(texel_count[i]),
+            "charts": int(chart_count[i]),
+            "estimated_error": error.get(i),
+        }
+        for i, one in enumerate(snapshot.objects)
+        if one.receives
+    ]
+
+
+def measure_memory_mb() -> dict[str, float]:
+    """Peak resident memory of this process and of its largest worker, MB; empty where the system does not tell."""
+    if sys.platform == "win32":
+        return {}
+    import resource  # not on Windows
+
+    unit = 1e6 if sys.platform == "darwin" else 1e3  # macOS counts bytes, Linux kilobytes
+    who = {"core": resource.RUSAGE_SELF, "worker": resource.RUSAGE_CHILDREN}
+    return {name: round(resource.getrusage(usage).ru_maxrss / unit, 1) for name, usage in who.items()}

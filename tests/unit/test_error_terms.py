@@ -1,0 +1,94 @@
+"""What texels err by, by where it comes from, and sums over some of them."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from leaflight.core import error_terms
+from leaflight.core.direct_shown import ShownDirect
+from leaflight.core.error_terms import RayNoise, Terms, find_root, judge_rays_alone
+from leaflight.core.judged import BEST_TEXELS, DARK_FLOOR
+from leaflight.core.missing_light import Bias
+from leaflight.core.photon_noise import PhotonNoise
+
+COUNT = 1000
+
+
+def terms_of(light, photons, direct, missing=0.0, dark=1.0):
+    """Noise in W/m^2 of photons and of rays, and what is missing, on texels that are judged as one with this floor; each (n,)."""
+    light = np.repeat(np.asarray(light, np.float32)[:, None], 3, axis=1)
+    scale2 = light**2 + np.float32(dark) ** 2
+    weight = np.divide(1.0, scale2, out=np.zeros_like(scale2), where=scale2 > 0.0)
+    zero, n = np.zeros(len(light)), len(light)
+    missing2 = weight[:, 0] * np.broadcast_to(missing, n) ** 2
+    told = Bias(np.arange(n, dtype=np.int32), missing2, missing2, zero, zero + np.nan, zero + np.nan)
+    photons2 = weight[:, 0] * np.broadcast_to(photons, n) ** 2.0
+    shown = ShownDirect.plain(light, np.repeat(np.broadcast_to(np.float32(direct), n)[:, None] ** 2, 3, axis=1))
+    rays = RayNoise(shown, np.ones(n, bool), weight[:, 0] * shown.noise[:, 0])
+    return Terms(np.arange(n), light, dark, weight, PhotonNoise(photons2, zero, 0.0, 0.0), zero, told, rays, None, weight * 0.0 + 0.5)
+
+
+def test_squares_of_all_that_texels_err_by_are_added():
+    told = terms_of(np.full(COUNT, 10.0), photons=0.3, direct=0.4, missing=1.2, dark=0.0).sum_up(np.arange(COUNT))
+    assert told.photons2 == pytest.approx(0.03**2)
+    assert told.direct2 == pytest.approx(0.04**2, rel=1e-5)
+    assert told.missing2 == pytest.approx(0.12**2, rel=2e-3)  # a thousandth of it could be chance
+    assert told.relative**2 == pytest.approx(told.photons2 + told.direct2 + told.missing2)
+    assert told.indirect == pytest.approx(0.5)
+    assert told.chosen >= told.relative
+
+
+def test_the_worst_texels_are_left_out():
+    noise = np.where(np.arange(COUNT) < (1.0 - BEST_TEXELS) * COUNT - 0.5, 1e6, 0.1)
+    assert terms_of(np.ones(COUNT), noise, 0.0, dark=0.0).sum_up(np.arange(COUNT)).relative == pytest.approx(0.1, rel=1e-5)
+    noise[0:11] = 1e6  # one more than that
+    assert terms_of(np.ones(COUNT), noise, 0.0, dark=0.0).sum_up(np.arange(COUNT)).relative > 1e3
+
+
+def test_only_texels_that_are_asked_count():
+    noise = np.where(np.arange(COUNT) < 500, 0.1, 0.7)
+    terms = terms_of(np.ones(COUNT), noise, 0.0, dark=0.0)
+    assert terms.sum_up(np.arange(500)).relative == pytest.approx(0.1, rel=1e-5)
+    assert terms.sum_up(np.arange(500, 1000)).relative == pytest.approx(0.7, rel=1e-5)
+
+
+@pytest.mark.parametrize("dark_of_all", [5.0, 0.02])
+def test_an_object_alone_is_judged_beside_its_own_brightness(dark_of_all):
+    """As if it had been all there is: what is told of it is the same, whatever floor it was judged with among others."""
+    light = np.where(np.arange(COUNT) % 2, 0.1, 0.5)
+    given = {"photons": 0.02, "direct": 0.01, "missing": 0.015}
+    own_floor = DARK_FLOOR * max(0.3, dark_of_all)
+    alone = terms_of(light, **given, dark=own_floor).sum_up(np.arange(COUNT)).relative
+    among = dataclasses.replace(terms_of(light, **given, dark=dark_of_all), dark=dark_of_all)
+    assert among.judge_alone(np.arange(COUNT)) == pytest.approx(alone, rel=1e-4)
+
+
+def test_what_is_unseen_is_asked_of_an_object_and_of_no_whole():
+    terms = dataclasses.replace(terms_of(np.ones(COUNT), 0.3, 0.0, dark=0.0), unseen2=np.full(COUNT, 0.16))
+    assert terms.sum_up(np.arange(COUNT)).relative == pytest.approx(0.3)
+    assert terms.sum_up(np.arange(COUNT), unseen=True).relative == pytest.approx(0.5)
+    assert terms.judge_alone(np.arange(COUNT)) == pytest.approx(0.5 / np.hypot(1.0, DARK_FLOOR), rel=1e-4)
+
+
+def test_where_there_is_no_light_an_object_errs_by_nothing():
+    assert terms_of(np.zeros(50), 0.0, 0.0, dark=0.0).judge_alone(np.arange(50)) == 0.0
+
+
+def test_rays_alone_are_judged_likewise():
+    terms = terms_of(np.full(COUNT, 0.2), 0.0, 0.03, dark=4.0)
+
+    class Among:
+        dark = 4.0
+
+        def weigh(self, rows):
+            return terms.weight[rows]
+
+    told = judge_rays_alone(terms.light, Among(), terms.direct.noise2, np.arange(COUNT), np.arange(COUNT))
+    assert told == pytest.approx(terms.judge_alone(np.arange(COUNT)), rel=1e-4)
+    assert told == pytest.approx(0.03 / np.hypot(0.2, DARK_FLOOR * 4.0), rel=1e-4)
+
+
+def test_root_mean_squares_leave_out_the_worst(monkeypatch):
+    monkeypatch.setattr(error_terms, "BEST_TEXELS", 0.5)
+    assert find_root(np.array([4.0, 100.0])) == 2.0
+    assert find_root(np.zeros(0)) == 0.0

@@ -1,0 +1,103 @@
+"""Whose error is asked for: the whole's, or that of each object beside its own brightness."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from leaflight.core import judged
+from leaflight.core.judged import DARK_FLOOR, Judged, Parts
+from trees import make_map
+
+SIDE = 64  # texels
+
+
+def strips_map(*columns):
+    """A page of upright strips, each a chart and an object of so many columns; and the object of each triangle."""
+    edge = np.cumsum([0, *columns])
+    uv = [[[a, 0], [b, 0], [b, SIDE]] for a, b in pairwise(edge)] + [[[a, 0], [b, SIDE], [a, SIDE]] for a, b in pairwise(edge)]
+    thing = np.tile(np.arange(len(columns)), 2)
+    return make_map(uv, chart=thing, size=SIDE), thing
+
+
+def test_the_whole_is_asked_all_over_and_its_objects_are_told_apart():
+    texels, tri_object = strips_map(48, 16)
+    whole = Judged.of("bake", texels, tri_object)
+    assert whole.entry.tolist() == judged.choose_sample(texels).tolist()
+    assert [rows.tolist() for rows in whole.groups] == [list(range(len(whole.entry)))]
+    assert {thing: len(rows) for thing, rows in whole.objects.items()} == {0: 48 * SIDE, 1: 16 * SIDE}
+    for thing, rows in whole.objects.items():
+        assert (tri_object[texels.texel_tri[whole.entry[rows]]] == thing).all()
+
+
+def test_each_object_is_asked_as_much_as_another(monkeypatch):
+    monkeypatch.setattr(judged, "_MOST_OF_EACH", 100)
+    texels, tri_object = strips_map(60, 4)
+    each = Judged.of("objects", texels, tri_object)
+    assert [len(rows) for rows in each.groups] == [100, 100]
+    assert (np.diff(each.entry) > 0).all()
+    for thing, rows in each.objects.items():
+        assert rows.tolist() == each.groups[thing].tolist()
+        assert (each.entry_group[each.entry[rows]] == thing).all()
+
+
+def test_of_many_objects_fewer_texels_are_asked_of_each(monkeypatch):
+    monkeypatch.setattr(judged, "_MOST_OF_ALL", 200)
+    texels, tri_object = strips_map(32, 16, 8, 8)
+    assert [len(rows) for rows in Judged.of("objects", texels, tri_object).groups] == [50] * 4
+
+
+@pytest.mark.parametrize(("least", "groups"), [(SIDE, [0, 1, 2]), (SIDE + 1, [0, 1, 1]), (2 * SIDE + 1, [0, -1, -1])])
+def test_objects_with_few_texels_are_judged_together_or_not_at_all(monkeypatch, least, groups):
+    monkeypatch.setattr(judged, "_LEAST_OF_EACH", least)
+    texels, tri_object = strips_map(62, 1, 1)
+    each = Judged.of("objects", texels, tri_object)
+    thing = tri_object[texels.texel_tri]
+    assert [sorted(set(each.entry_group[thing == one])) for one in range(3)] == [[group] for group in groups]
+    assert len(each.groups) == max(groups) + 1
+    assert sorted(each.objects) == [one for one, group in enumerate(groups) if groups.count(group) == 1]
+
+
+def test_where_no_object_has_enough_texels_it_is_the_whole(monkeypatch):
+    monkeypatch.setattr(judged, "_LEAST_OF_EACH", SIDE**2 + 1)
+    texels, tri_object = strips_map(32, 32)
+    each = Judged.of("objects", texels, tri_object)
+    assert each.entry_group is None
+    assert len(each.groups[0]) == SIDE**2
+    assert each.objects == {}
+
+
+def test_each_object_is_judged_beside_its_own_brightness():
+    """But not next to black: below a tenth of what is dark on the whole."""
+    texels, tri_object = strips_map(32, 16, 16)
+    each = Judged.of("objects", texels, tri_object)
+    level = np.array([10.0, 0.5, 1e-6], np.float32)
+    light = np.repeat(level[tri_object[texels.texel_tri[each.entry]]][:, None], 3, axis=1)
+    parts = each.part(light, dark=0.2)
+    assert parts.dark2 == pytest.approx((DARK_FLOOR * np.array([10.0, 0.5, 0.2])) ** 2, rel=1e-5)
+    entries = np.array([np.flatnonzero(tri_object[texels.texel_tri] == one)[0] for one in range(3)])
+    assert parts.find_dark2(entries)[:, 0] == pytest.approx(parts.dark2)
+    whole = Judged.of("bake", texels, tri_object).part(light, dark=0.2)
+    assert whole.find_dark2(entries) == pytest.approx([0.2**2])
+
+
+def test_what_is_not_judged_counts_nothing():
+    parts = Parts([np.arange(2)], np.array([4.0], np.float32), np.array([0, -1, 0], np.int32))
+    assert parts.find_dark2(np.arange(3))[:, 0].tolist() == [4.0, np.inf, 4.0]
+    assert parts.size.tolist() == [2]
+    assert parts.spread(np.array([True]), slice(None), False).tolist() == [True, False, True]
+
+
+def test_parts_that_err_more_weigh_more_and_large_ones_no_more_than_small_ones():
+    """So much more that what errs half as much hardly counts; and within bounds."""
+    sizes = [1, 4, 1, 1]
+    parts = Parts([np.arange(1)] * 4, np.ones(4, np.float32), np.repeat(np.arange(4), sizes).astype(np.int32))
+    weight = parts.weigh(np.array([0.1, 0.1, 0.05, 10.0]), wanted=0.1) * np.array(sizes)
+    assert weight == pytest.approx([1.0, 1.0, 1 / 16, 1e4])
+    assert parts.weigh(np.array([0.1, 0.1, 1e-9, np.nan]), wanted=0.1)[2:] == pytest.approx([1e-4, 1e-4])
+    assert Parts.whole(3, 1.0).weigh(np.array([0.3]), wanted=0.1).tolist() == [1.0]
+
+
+def test_what_is_said_of_objects_is_asked_of_their_texels():
+    texels, tri_object = strips_map(40, 24)
+    whole = Judged.of("bake", texels, tri_object)
+    assert whole.judge_objects(lambda rows: float(len(rows))) == {0: 40.0 * SIDE, 1: 24.0 * SIDE}
