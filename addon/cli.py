@@ -72,7 +72,8 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
             told.append(("", missed))
             print_message(Warning_("", missed), request.quiet)
         elif math.isfinite(result["estimated_error"]):
-            print_message(Status("done", "; ".join(describe_error(result))), request.quiet)
+            first, *more = describe_error(result)
+            print_message(Status("done", "; ".join([first, *(line[0].lower() + line[1:] for line in more)])), request.quiet)
         start = time.perf_counter()
         session.finish_files(bpy.context.scene, result)
         late = session.assign(bpy.context, work, result) if request.assign and request.save else []

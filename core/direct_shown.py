@@ -129,21 +129,10 @@ class ShownDirect:
         """(k, 3) float32, (W/m^2)^2: the field blur2 there, and 0 elsewhere."""
         return self._take(np.zeros((len(rows), 3), np.float32), self.blur2, rows)
 
-    def find_noise_share(self, rows: IntArray, weight: NDArray[np.float32]) -> float:
-        """How much of the noise that is stated there was, squared: what smoothing changed tells. 1 at most, for more of it is blur.
-
-        By how few rays of a texel differ more noise is stated than strata leave.
-
-        weight   (k, 3) float32 of entries `rows` (k,)
-        """
-        change = self.irradiance_at(rows) - self.found[rows]
-        changed2 = float((weight * change**2).sum(dtype=np.float64))
-        expected2 = changed2 - float((weight * self.blur2_at(rows)).sum(dtype=np.float64))
-        return min(max(changed2 / expected2, _LEAST_NOISE_SHARE), 1.0) if expected2 > 0.0 else 1.0
-
-    def is_smoothed(self, rows: IntArray) -> NDArray[np.bool_]:
-        """(k,) bool: whether grain was smoothed at entries (k,)."""
-        return self._take(np.zeros((len(rows), 1), np.float32), np.ones((len(self.entry), 1), np.float32), rows)[:, 0] > 0
+    def tell_smoothing(self, rows: IntArray) -> SmoothedAt:
+        """At some entries (k,)."""
+        told = self._take(np.zeros((len(rows), 1), np.float32), np.ones((len(self.entry), 1), np.float32), rows)[:, 0] > 0
+        return SmoothedAt(self.irradiance_at(rows) - self.found[rows], self.blur2_at(rows), told)
 
     def _take(self, plain: NDArray[np.float32], changed: NDArray[np.float32], rows: IntArray) -> NDArray[np.float32]:
         """Values `plain` (k, c) of entries `rows` with those of `changed` (m, c) where grain was smoothed, in place."""
@@ -152,6 +141,35 @@ class ShownDirect:
             smoothed = np.flatnonzero(self.entry.take(place, mode="clip") == rows)
             plain[smoothed] = changed[place[smoothed]]
         return plain
+
+
+@dataclass(frozen=True)
+class SmoothedAt:
+    """What smoothing did at some texels (k,).
+
+    change        (k, 3) float32, W/m^2
+    blur2         (k, 3) float32, (W/m^2)^2: of ShownDirect
+    is_smoothed   (k,) bool
+    """
+
+    change: NDArray[np.float32]
+    blur2: NDArray[np.float32]
+    is_smoothed: NDArray[np.bool_]
+
+    def take(self, rows: IntArray) -> SmoothedAt:
+        """At some of them."""
+        return SmoothedAt(self.change[rows], self.blur2[rows], self.is_smoothed[rows])
+
+    def find_noise_share(self, weight: NDArray[np.float32]) -> float:
+        """How much of the noise that is stated there was, squared: what smoothing changed tells. 1 at most, for more of it is blur.
+
+        By how few rays of a texel differ more noise is stated than strata leave.
+
+        weight   (k, 3) float32, of squares
+        """
+        changed2 = float((weight * self.change**2).sum(dtype=np.float64))
+        expected2 = changed2 - float((weight * self.blur2).sum(dtype=np.float64))
+        return min(max(changed2 / expected2, _LEAST_NOISE_SHARE), 1.0) if expected2 > 0.0 else 1.0
 
 
 def _add_channels(values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .all_light import AllLight
-from .direct_shown import ShownDirect
+from .direct_shown import SmoothedAt
 from .judged import BEST_TEXELS, find_dark2
 from .missing_light import Bias
 from .photon_noise import PhotonNoise
@@ -46,24 +46,29 @@ class Sum:
 
 @dataclass(frozen=True)
 class RayNoise:
-    """Of light by rays at the texels of a sample (m,): where it is shown, told (m,) bool; its noise (m,), relative and squared."""
+    """Of light by rays at the texels of a sample (m,).
 
-    shown: ShownDirect
+    smoothing   what it did there
+    told        (m,) bool: where the light is shown
+    noise2      (m,): its noise, relative and squared
+    """
+
+    smoothing: SmoothedAt
     told: NDArray[np.bool_]
     noise2: NDArray[np.floating[Any]]
 
     def take(self, rows: NDArray[np.int64], factor: NDArray[np.float64]) -> RayNoise:
         """Of some of them, (k,), relative to what gives these squared errors a factor, (k,)."""
-        return RayNoise(self.shown, self.told[rows], self.noise2[rows] * factor)
+        return RayNoise(self.smoothing.take(rows), self.told[rows], self.noise2[rows] * factor)
 
-    def sum_up(self, sample: NDArray[np.int64], weight: NDArray[np.float32], best: NDArray[np.int64]) -> float:
+    def sum_up(self, weight: NDArray[np.float32], best: NDArray[np.int64]) -> float:
         """Mean over texels `best` of the sample: of that noise but for what smoothing found not to be there, and of what it blurs.
 
         weight   (m, 3) of AllLight.weigh
         """
-        asked, rows, noise2 = best[self.told[best]], sample[best], self.noise2[best]
-        noise2[self.shown.is_smoothed(rows)] *= self.shown.find_noise_share(sample[asked], weight[asked])
-        blur2 = np.where(self.told[best], (weight[best] * self.shown.blur2_at(rows)).mean(1), 0.0)
+        asked, noise2, at_best = best[self.told[best]], self.noise2[best], self.smoothing.take(best)
+        noise2[at_best.is_smoothed] *= self.smoothing.take(asked).find_noise_share(weight[asked])
+        blur2 = np.where(self.told[best], (weight[best] * at_best.blur2).mean(1), 0.0)
         return _mean(noise2) + max(_mean(blur2), 0.0)
 
 
@@ -79,7 +84,6 @@ class Terms:
     indirect   (m, 3): share of its light that photons bring
     """
 
-    sample: NDArray[np.int64]
     light: NDArray[np.float32]
     dark: float
     weight: NDArray[np.float32]
@@ -100,8 +104,8 @@ class Terms:
         missing2, missing_doubt2 = self.bias.sum_up(best)
         return Sum(
             photons2=_mean(self.noise.photons2[best]) + (_mean(self.unseen2[best]) if unseen else 0.0),
-            direct2=self.direct.sum_up(self.sample, self.weight, best),
-            gathered2=self.gathered.sum_up(self.sample, self.weight, best) if self.gathered else 0.0,
+            direct2=self.direct.sum_up(self.weight, best),
+            gathered2=self.gathered.sum_up(self.weight, best) if self.gathered else 0.0,
             missing2=missing2,
             doubt2=(missing_doubt2, self.noise.find_doubt2(best)),
             indirect=_mean(self.indirect[rows]),
@@ -111,12 +115,9 @@ class Terms:
         """What the texels `rows` (k,) err by, relative, as if there were no others; roughly, for channels weigh as they did."""
         light = self.light[rows]
         own, factor = _weigh_alone(light, self.dark, self.weight[rows])
-        direct, gathered = (each and each.take(rows, factor) for each in (self.direct, self.gathered))
-        assert direct
+        direct, gathered = self.direct.take(rows, factor), self.gathered and self.gathered.take(rows, factor)
         noise, bias = self.noise.take(rows, factor), self.bias.take(rows, factor)
-        alone = Terms(
-            self.sample[rows], light, self.dark, own, noise, self.unseen2[rows] * factor, bias, direct, gathered, self.indirect[rows]
-        )
+        alone = Terms(light, self.dark, own, noise, self.unseen2[rows] * factor, bias, direct, gathered, self.indirect[rows])
         return alone.sum_up(np.arange(len(rows)), unseen=True).relative
 
 

@@ -127,17 +127,17 @@ def state_error(
         noise.keep(kept2, mixed)
         noise.photons2[mixed] += (weight[mixed].T * added).mean(0)
     bias = missing_light.find_bias(tree, solution, comparison, nodes, sample, asked, correction)
-    direct = RayNoise(shown_direct, np.ones(len(sample), bool), direct2)
+    direct = RayNoise(shown_direct.tell_smoothing(sample), np.ones(len(sample), bool), direct2)
     by_gathering, texel_gathered2 = None, None
     if gathered:
         shown_gathered, is_told, told = gathered.light, gathered.told, gathered.told[sample]
         noise2 = (weight * shown_gathered.variance_at(sample)).mean(1)
-        by_gathering = RayNoise(shown_gathered, told, np.where(told, noise2, np.float64(0.0)))
+        by_gathering = RayNoise(shown_gathered.tell_smoothing(sample), told, np.where(told, noise2, np.float64(0.0)))
         noise.replace((weight.mean(1) * gathered.doubt2[sample])[told] + gathered.carried2, told)
         bias, unseen2[told] = bias.without(told), 0.0
         texel_gathered2 = partial(all_light.relate_all, lambda rows: shown_gathered.variance_at(rows) * is_told[rows, None])
     indirect = np.maximum(all_light.node_light[asked.leaf], 0.0) * np.sqrt(weight)
-    terms = Terms(sample, light, all_light.dark, weight, noise, unseen2, bias, direct, by_gathering, indirect)
+    terms = Terms(light, all_light.dark, weight, noise, unseen2, bias, direct, by_gathering, indirect)
     sums = [terms.sum_up(rows, unseen=parts.of_entry is not None) for rows in parts.rows]
     worst = max(sums, key=lambda one: one.chosen)
     return StatedError(

@@ -87,17 +87,18 @@ def test_noise_that_smoothing_does_not_find_is_no_noise(texels, times, share):
     for seed in range(6):
         noisy = (1 + times * sigma * np.random.default_rng(seed).standard_normal((SIDE * SIDE, 3))).astype(np.float32)
         shown = ShownDirect.begin_smoothing(noisy, np.full_like(noisy, sigma**2), texels)()
-        found.append(shown.find_noise_share(every, np.ones_like(noisy)))
-        assert shown.is_smoothed(every).all()
+        told = shown.tell_smoothing(every)
+        found.append(told.find_noise_share(np.ones_like(noisy)))
+        assert told.is_smoothed.all()
     assert np.mean(found) == pytest.approx(share, rel=0.08)
 
 
 def test_of_light_that_is_as_it_was_found_all_noise_is_believed(texels):
     noisy = np.ones((SIDE * SIDE, 3), np.float32)
     shown = ShownDirect.plain(noisy, 0.01 * noisy)
-    some = np.arange(10)
-    assert shown.find_noise_share(some, noisy[:10]) == 1.0
-    assert not shown.is_smoothed(some).any()
+    told = shown.tell_smoothing(np.arange(10))
+    assert told.find_noise_share(noisy[:10]) == 1.0
+    assert not told.is_smoothed.any()
 
 
 def test_few_dark_texels_among_lit_ones_are_told_roughly(texels):

@@ -24,8 +24,8 @@ def terms_of(light, photons, direct, missing=0.0, dark=1.0):
     told = Bias(np.arange(n, dtype=np.int32), missing2, missing2, zero, zero + np.nan, zero + np.nan)
     photons2 = weight[:, 0] * np.broadcast_to(photons, n) ** 2.0
     shown = ShownDirect.plain(light, np.repeat(np.broadcast_to(np.float32(direct), n)[:, None] ** 2, 3, axis=1))
-    rays = RayNoise(shown, np.ones(n, bool), weight[:, 0] * shown.noise[:, 0])
-    return Terms(np.arange(n), light, dark, weight, PhotonNoise(photons2, zero, 0.0, 0.0), zero, told, rays, None, weight * 0.0 + 0.5)
+    rays = RayNoise(shown.tell_smoothing(np.arange(n)), np.ones(n, bool), weight[:, 0] * shown.noise[:, 0])
+    return Terms(light, dark, weight, PhotonNoise(photons2, zero, 0.0, 0.0), zero, told, rays, None, weight * 0.0 + 0.5)
 
 
 def test_squares_of_all_that_texels_err_by_are_added():

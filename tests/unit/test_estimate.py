@@ -140,7 +140,7 @@ def test_blur_of_direct_light_counts_as_its_noise_does_but_never_below_nothing()
     plain, blurred, clear = found
     assert blurred.direct**2 == pytest.approx(4 * plain.direct**2, rel=1e-3)
     assert blurred.relative**2 - plain.relative**2 == pytest.approx(3 * plain.direct**2, rel=1e-3)
-    assert clear.direct**2 == pytest.approx(0.25 * plain.direct**2, rel=1e-3)  # see ShownDirect.find_noise_share
+    assert clear.direct**2 == pytest.approx(0.25 * plain.direct**2, rel=1e-3)  # see SmoothedAt.find_noise_share
     assert plain.relative**2 - clear.relative**2 == pytest.approx(0.75 * plain.direct**2, rel=1e-3)
 
 
