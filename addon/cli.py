@@ -66,6 +66,8 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
         error, interrupted, told = _follow(session.tell_kept(work) if work.kept else process.messages(), request.quiet)
         if error:
             raise ValueError(error)
+        if interrupted and not session.has_result(work):
+            _stop_here()
         result = session.read_result(work)
         missed = "" if interrupted else describe_miss(result["stopped_by"], result["estimated_error"], request.settings.error)
         if missed:
