@@ -98,6 +98,18 @@ def test_another_scene_is_told_nothing():
     assert not tells("1 page of 32 x 32")
 
 
+def test_an_error_stands_where_it_came_from():
+    first, other = bpy.context.scene, bpy.data.scenes.new("Other")
+    bpy.data.objects["Lamp"].hide_render = True
+    with pytest.raises(RuntimeError, match="the scene has no light"):
+        bpy.ops.leaflight.bake()
+    assert tells("the scene has no light")
+    bpy.context.window.scene = other
+    assert not tells("the scene has no light")
+    bpy.data.scenes.remove(first)
+    assert tells("the scene has no light"), "else nobody would tell of it"
+
+
 def test_the_folder_that_is_opened_is_that_of_the_bake(tmp_path):
     """Not the one that the next bake will make."""
     bpy.ops.leaflight.bake()
