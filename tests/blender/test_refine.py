@@ -111,8 +111,47 @@ def test_remove_deletes_the_state(room, kept):
     assert kept.is_dir()
     bpy.ops.leaflight.remove()
     assert not kept.exists()
-    assert "leaflight_state" not in room
+    assert not [name for name, _ in room.items() if name.startswith("leaflight_")]
     assert not bpy.ops.leaflight.refine.poll()
+
+
+def list_state(kept):
+    return {path.relative_to(kept): path.read_bytes() for path in kept.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("folder", [".", "deep"])
+def test_a_file_saved_under_another_name_leaves_the_first_one_s_state_alone(room, state, kept, tmp_path, folder):
+    """It goes on from it, keeps its own, and takes away no other."""
+    bpy.ops.wm.save_mainfile()
+    first = list_state(kept)
+    (tmp_path / folder).mkdir(exist_ok=True)
+    save_scene(tmp_path / folder / "other.blend")
+    bpy.ops.leaflight.refine()
+    own = tmp_path / folder / "maps" / "other.refine"
+    assert kept_state.find_state(room) == own
+    assert list_state(kept) == first
+    bpy.ops.leaflight.remove()
+    assert not own.exists()
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "room.blend"))
+    assert kept_state.find_state(bpy.context.scene) == kept
+    save_scene(tmp_path / folder / "third.blend")
+    bpy.ops.leaflight.remove()
+    assert list_state(kept) == first
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "room.blend"))
+    assert bpy.ops.leaflight.refine() == {"FINISHED"}
+    assert state.result["photons"] > 20_000
+
+
+def test_a_copy_of_a_scene_leaves_the_first_one_s_state_alone(room, kept):
+    bpy.ops.scene.new(type="FULL_COPY")
+    copy = bpy.context.scene
+    assert copy != room
+    assert kept_state.find_state(copy) == kept
+    bpy.ops.leaflight.remove()
+    assert kept_state.find_state(room) == kept
+    bpy.context.window.scene = room
+    bpy.ops.leaflight.remove()
+    assert not kept.exists(), "the last one takes it away"
 
 
 @pytest.mark.parametrize("how", ["remove", "delete"])
