@@ -74,11 +74,11 @@ def _run_exporter(path: Path, stage: Stage) -> None:
             export_image_format="AUTO",
         )
     except RuntimeError as reason:
-        raise ValueError(
-            _find_fileless_tile(stage)
-            or f"Blender's glTF exporter failed ({_find_last_line(str(reason))}): export the scene without Leaflight to see why; "
+        told = (
+            f"Blender's glTF exporter failed ({_find_last_line(str(reason))}): export the scene without Leaflight to see why; "
             "Blender's console tells more."
-        ) from reason
+        )
+        raise ValueError(_find_fileless_tile(stage) or told) from reason
     finally:
         logging.disable(before)
 
@@ -86,16 +86,16 @@ def _run_exporter(path: Path, stage: Stage) -> None:
 def _find_fileless_tile(stage: Stage) -> str:
     """A sentence about a UDIM image, which Blender's exporter reads from files and nowhere else; "" where all have theirs."""
     materials = {slot.material for obj in stage.scene.objects for slot in obj.material_slots if slot.material and slot.material.node_tree}
-    names = stage.names["materials"]
     for material in sorted(materials, key=lambda material: material.name):
         for image in _list_images(material.node_tree):
             if image.source != "TILED":
                 continue
             path = bpy.path.abspath(image.filepath, library=image.library)
             if not all(os.path.isfile(path.replace("<UDIM>", str(tile.number))) for tile in image.tiles):
+                name = stage.names["materials"].get(material.name, material.name)
                 return (
                     f"{image.name}: has a UDIM tile without a file, which Blender's glTF exporter cannot read; "
-                    f"save the image (Image > Save As in the Image Editor), or take it out of the material {names.get(material.name, material.name)}."
+                    f"save the image (Image > Save As in the Image Editor), or take it out of the material {name}."
                 )
     return ""
 
