@@ -78,9 +78,12 @@ def _draw_plan(layout: Any, context: bpy.types.Context) -> None:
             lines.label(text=line, icon="TEXTURE" if i == 0 else "BLANK1")
         if meter.stale:
             column.label(text="The scene changed: measuring...", icon="SORTTIME")
-        if meter.estimate.too_large:
-            told = "larger than a page at this density: baked less finely"
-            draw_told(column, context, group_warnings((name, told) for name in meter.estimate.too_large)[0], "ERROR")
+        for names, told in (
+            (meter.estimate.too_large, "larger than a page at this density: baked less finely"),
+            (meter.estimate.nearly, "about as large as a page at this density: may be baked less finely"),
+        ):
+            if names:
+                draw_told(column, context, group_warnings((name, told) for name in names)[0], "ERROR")
 
 
 def _draw_bake(layout: Any, context: bpy.types.Context, output_error: str) -> None:

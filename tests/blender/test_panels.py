@@ -110,6 +110,20 @@ def test_an_error_stands_where_it_came_from():
     assert tells("the scene has no light"), "else nobody would tell of it"
 
 
+def test_what_may_not_fit_a_page_is_told_before_the_bake():
+    chosen, meter = bpy.context.scene.leaflight, bpy.context.window_manager.leaflight_meter
+    told = []
+    for density in (1.0, 15.0, 150.0):
+        chosen.size, chosen.padding, chosen.density = 64, 1, density
+        meter.measure(bpy.context)
+        told.append([label for label in draw()[0] if "baked less finely" in label])
+    assert told == [
+        [],
+        ["Floor: about as large as a page at this density: may be baked less finely"],
+        ["Cube, Floor: larger than a page at this density: baked less finely"],
+    ]
+
+
 def test_the_folder_that_is_opened_is_that_of_the_bake(tmp_path):
     """Not the one that the next bake will make."""
     bpy.ops.leaflight.bake()
