@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Sequence
+from pathlib import Path
 
 from ..core.messages import Done, Error, Message, Preview, Progress, Status, Warning_
 
+_NAMED = 3  # files in one line
 _ENDS = {  # LightField.stopped_by -> where it ended, and what to raise
     "max_photons": ("--max-photons", "--max-photons or --error"),
     "time_limit": ("--time-limit", "--time-limit or --error"),
@@ -45,6 +48,13 @@ def describe_miss(stopped_by: str, error: float, asked: float) -> str:
     reached, wanted = (f"{value:.{digits}g} %" for value in percent)
     found = f"with an error of {reached}" if math.isfinite(error) else "before its error could be told"
     return f"stopped at {end} {found}, where {wanted} was asked for; raise {remedy}"
+
+
+def describe_files(paths: Sequence[str]) -> str:
+    """Where the images of a bake are, all in one folder."""
+    names = [Path(path).name for path in paths]
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return f"{len(names)} image{'' if len(names) == 1 else 's'} in {Path(paths[0]).parent}: {', '.join(names[:_NAMED])}{more}"
 
 
 def describe_progress(progress: Progress) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import TypeAlias
@@ -143,7 +144,8 @@ class _Search:
         return self._worn[i][0].members[0] if i in self._worn else i
 
     def _unfold(self, i: int) -> tuple[Int64, Float64, Bool]:
-        self._begin_more()
+        for _ in self._begin_more():
+            self.watch(i)
         unwrapping, rows = self._begun[i], self._rows(i)
         try:
             chart, uv, shared = unwrapping.finish(partial(self.watch, i))
@@ -159,8 +161,8 @@ class _Search:
         uv[used] = straighten_charts(uv[used], chart[used], shared[used], int(chart.max(initial=-1)) + 1)
         return chart, uv, shared
 
-    def _begin_more(self) -> None:
-        """xatlas unwraps what comes next while charts that it has made are mended and turned."""
+    def _begin_more(self) -> Iterator[None]:
+        """xatlas unwraps what comes next while charts that it has made are mended and turned; gives nothing after each."""
         scene = self.snapshot
         while self._to_begin and self._ahead < _MOST_AHEAD:
             i = self._to_begin.popleft()
@@ -168,6 +170,7 @@ class _Search:
             position = scene.vertex_position[scene.tri_vertex[rows]]
             self._begun[i] = Unwrapping(position, self._vertex[rows], scene.tri_polygon[rows], scene.tri_corner[rows])
             self._ahead += rows.stop - rows.start
+            yield
 
     def _keep(self, i: int, chart: Int64, uv: Float64, shared: Bool) -> int:
         rows = self._rows(i)

@@ -9,7 +9,7 @@ bpy = pytest.importorskip("bpy")
 
 import leaflight
 from blend_rooms import bake, open_room, read_report, save_scene
-from leaflight.addon import kept_state, layout, restore
+from leaflight.addon import kept_state, layout, restore, session
 from leaflight.addon.arguments import BakeRequest
 from leaflight.core.checkpoint import read_info
 from leaflight.core.settings import Settings
@@ -203,8 +203,15 @@ def test_the_command_line_keeps_and_goes_on(tmp_path):
     assert report["photons"] == 50_000
     assert report["rounds"] == 2
     assert read_info(kept).photons == 20_000  # --keep was not said again
-    assert bake(scene, "--resume", str(tmp_path / "nowhere")) == 1
     assert bake(scene, "--keep", str(scene)) == 1
+
+
+def test_a_state_that_is_not_there_is_told_before_the_bake(tmp_path, monkeypatch, capsys):
+    open_room()
+    scene = save_scene(tmp_path / "room.blend")
+    monkeypatch.setattr(session, "prepare", lambda *_: pytest.fail("the scene was exported"))
+    assert bake(scene, "--resume", str(tmp_path / "nowhere")) == 1
+    assert "nowhere: holds no state of a bake that can be gone on with; bake again." in capsys.readouterr().err
 
 
 def test_a_saved_scene_of_the_command_line_can_be_refined_in_blender(tmp_path):
