@@ -304,7 +304,7 @@ def test_where_vertex_colours_are_missing_it_is_black():
 
 def test_an_attribute_that_is_none_of_the_mesh_is_grey():
     material, node = make_painted("Paint", "Attribute", "color")
-    node.attribute_type = "OBJECT"
+    node.attribute_type = "VIEW_LAYER"
     mesh = make_mesh()
     mesh.materials.append(material)
     add_object("Box", mesh)
