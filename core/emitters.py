@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
 
@@ -187,9 +188,7 @@ def _mesh_emitters(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surface
     corner_unit = unit_box.to_unit(snapshot.tri_position)
     frame = triangle_frames(corner_unit)
     normal = np.ascontiguousarray(triangle_normals_areas(corner_unit)[0].T, np.float32)
-    shines = np.zeros(snapshot.n_tri, bool)
-    shines[np.concatenate([cells.tri for _, cells in cells_of])] = True
-    sides_of = np.where(find_sealed(snapshot, shines), 1, 2).astype(np.int8)
+    sides_of = np.where(find_sealed_emitters(snapshot, [cells for _, cells in cells_of]), 1, 2).astype(np.int8)
     emitters = []
     for index, cells in cells_of:
         sides = sides_of[cells.tri]
@@ -213,6 +212,14 @@ def find_emitting_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials) -> 
             if cells.mean_rgb.any():
                 found.append((index, cells))
     return found
+
+
+def find_sealed_emitters(snapshot: SceneSnapshot, groups: Sequence[EmittingCells]) -> NDArray[np.bool_]:
+    """(n_tri,) bool: emitting triangles of solids into which nobody sees."""
+    shines = np.zeros(snapshot.n_tri, bool)
+    for cells in groups:
+        shines[cells.tri] = True
+    return find_sealed(snapshot, shines)
 
 
 def _cut_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials, material: int, tri: NDArray[np.int64], area: Float64) -> EmittingCells:

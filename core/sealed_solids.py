@@ -37,12 +37,13 @@ def find_sealed(snapshot: SceneSnapshot, tri_wanted: NDArray[np.bool_]) -> NDArr
         return sealed
     vertex = join_open_sides(snapshot.vertex_position, snapshot.tri_vertex[tri], snapshot.tri_object[tri])
     part = find_loose_parts(snapshot, tri)
-    search = _Search(snapshot, tri, part)
+    search: _Search | None = None
     order = np.argsort(part, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
-        if search.is_over:
+        if search and search.is_over:
             break
         if tri_wanted[tri[rows]].any() and _is_closed(vertex[rows]):
+            search = search or _Search(snapshot, tri, part)
             sealed[tri[rows]] = search.is_convex_and_empty(tri[rows])
     return sealed
 
