@@ -85,8 +85,8 @@ def test_named_objects_receive_and_others_cast():
 @pytest.mark.parametrize(
     ("names", "text"),
     [
-        (["Flor"], r"Flor: no such object; the scene has: Floor"),
-        (["Zzz"], r"Zzz: no such object; the scene has: Ceiling, Floor, Hidden, Shut"),
+        (["Flor"], r"Flor: no such object; the scene has: Floor, \.\.\.$"),
+        (["Zzz"], r"Zzz: no such object; the scene has: Ceiling, Floor, Hidden, Shut$"),
         (["Hidden"], "Hidden: is hidden in render"),
         (["Shut"], "Shut: is hidden in render"),
         (["Floor", "Sun"], "Sun: is a light, not a mesh"),
