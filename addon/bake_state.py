@@ -57,6 +57,8 @@ class BakeState:
     seconds: float = 0.0
     target: float = 0.0
     previews: dict[int, str] = field(default_factory=dict)
+    _share: float = 0.0  # of the light that is gathered, which the error that photons had says nothing of
+    _before: float = 0.0  # fraction, when that began
     _began: float = 0.0
     _process: Process | None = None
     _queue: queue.SimpleQueue[Message] = field(default_factory=queue.SimpleQueue)
@@ -143,11 +145,19 @@ class BakeState:
 
     def _hear(self, message: Message) -> Done | Error | None:
         match message:
-            case Status(text=text):
+            case Status(stage, text, share):
                 self.stage = text
+                if self.progress and stage == "photons":  # else what follows is not known yet
+                    if share < self._share:  # another look at the texels
+                        self._before = self.fraction
+                    self._share = share
+                    self.fraction = max(self.fraction, self._before + _GATHERED * share * (1.0 - self._before))
             case Progress():
                 self.progress = message
-                self.fraction = max(self.fraction, message.fraction)  # a new stage of refinement may know better and fall back
+                self._share = 0.0
+                self._before = self.fraction = max(
+                    self.fraction, message.fraction
+                )  # a new stage of refinement may know better and fall back
             case Preview(page, path):
                 self.previews[page] = path
             case Warning_(subject, text):
@@ -166,7 +176,7 @@ class BakeState:
         bar = f"{self.fraction:.0%}"
         if self.stopping:
             return bar, stage
-        if math.isfinite(progress.seconds_left) and self.fraction < 1.0:
+        if math.isfinite(progress.seconds_left) and self.fraction < 1.0 and not self._share:
             bar += f", {describe_seconds(progress.seconds_left)} left"
         line = f"{stage}: {describe_count(progress.photons)}"
         return bar, line + (f", error {progress.estimated_error:.1%}" if math.isfinite(progress.estimated_error) else "")
@@ -206,6 +216,7 @@ class BakeState:
         return lines
 
 
+_GATHERED = 0.8  # of the way to the error asked for, that light which is gathered once goes: some texels' has to be so again
 _REASONS = {"max_photons": ", stopped at Max Photons", "time_limit": ", stopped at Time Limit"}
 
 

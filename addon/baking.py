@@ -79,7 +79,7 @@ class Baking:
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
         self._ended = self._ended or state.drain()
-        if isinstance(self._ended, Done) and context.mode.startswith("EDIT") and not state.discarded:
+        if isinstance(self._ended, Done) and session.has_result(self._session) and context.mode.startswith("EDIT") and not state.discarded:
             state.notice = "Leave Edit Mode to see the bake"
         elif self._ended:
             return self._finish(context, self._ended)
@@ -145,7 +145,7 @@ class Baking:
         state = get_state(context)
         error, result = _FAULT, None
         try:
-            if isinstance(ended, Error) or state.discarded:
+            if isinstance(ended, Error) or state.discarded or not session.has_result(self._session):
                 error = ended.text if isinstance(ended, Error) and not state.discarded else ""
             else:
                 found = session.read_result(self._session) | {"resumed": self._session.request.resume is not None}
@@ -162,6 +162,8 @@ class Baking:
         if error:
             self.report({"ERROR"}, error)
         if result is None:
+            if not error and not state.discarded:
+                self.report({"INFO"}, "Stopped before there was any light")
             return {"CANCELLED"}
         lines, count = state.summarize(), len(group_warnings(state.warnings))
         told = f"; {count} warning{'s' if count > 1 else ''} in the panel" if count else ""

@@ -13,10 +13,11 @@ from typing import Any
 
 import bpy
 
+from ..core.checkpoint import no_state_error, read_info
 from ..core.messages import Done, Error, Message, Status, Warning_
 from . import session
 from .arguments import BakeRequest, parse_arguments
-from .console import describe_error, describe_miss, print_message
+from .console import describe_error, describe_files, describe_miss, print_message
 from .export_gltf import export_gltf
 from .images import check_shown
 from .job import BakeProcess, open_bake
@@ -66,6 +67,8 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
         error, interrupted, told = _follow(session.tell_kept(work) if work.kept else process.messages(), request.quiet)
         if error:
             raise ValueError(error)
+        if interrupted and not session.has_result(work):
+            _stop_here()
         result = session.read_result(work)
         missed = "" if interrupted else describe_miss(result["stopped_by"], result["estimated_error"], request.settings.error)
         if missed:
@@ -88,6 +91,7 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
         seconds["total"] = time.perf_counter() - begin
         result["seconds"] = {name: round(value, 4) for name, value in seconds.items()}
         _report(request, {"scene": scene, **result, "interrupted": interrupted}, [*warnings, *work.export.warnings, *told, *late])
+        print_message(Status("done", describe_files([file["path"] for file in result["files"]])), request.quiet)
         process.close()
     return EXIT_INTERRUPTED if interrupted else EXIT_DONE
 
@@ -99,6 +103,8 @@ def _check(request: BakeRequest) -> None:
             session.check_file(file)
     if request.keep is not None:
         session.check_folder(request.keep)
+    if request.resume is not None and read_info(request.resume) is None:
+        raise ValueError(no_state_error(request.resume))
     if request.gltf is not None or (request.save is not None and request.assign):
         check_shown(request.settings)
 

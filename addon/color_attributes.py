@@ -37,14 +37,19 @@ class ColorLayer:
 class Faces:
     """The triangles of an object that wear a material.
 
-    name     the object's
-    tri      (n_tri,) bool, which of the world mesh's
+    name         the object's
+    tri          (n_tri,) bool, which of the world mesh's
+    source       the object, or the one that makes an instance of what is shown
+    shown        evaluated object
     """
 
     name: str
     local: LocalMesh
     world: WorldMesh
     tri: NDArray[np.bool_]
+    source: Any
+    shown: Any
+    is_instance: bool
 
     def find_range(self, layer: ColorLayer) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         """The least, mean by area, and greatest of a layer's colours, (3,) each; None where the mesh has no such colours."""

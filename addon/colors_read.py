@@ -10,8 +10,9 @@ import numpy as np
 
 from .color_attributes import ColorLayer, ColorTable, Faces
 from .images_read import ImageTable, find_sphere_mean
-from .node_colors import BLACK, GREY, WHITE, Color, Rgb, add_rgb, find_brightness, multiply_rgb, to_rgb
+from .node_colors import BLACK, GREY, MATH, WHITE, Color, Rgb, add_rgb, find_brightness, multiply_rgb, to_rgb
 from .node_ports import Port
+from .object_attributes import NOTHING, find_shown, pick_output, shows_object
 from .texture_mapping import read_mapping
 
 TEXTURE_COLOR: Rgb = (0.5, 0.5, 0.5)  # mean of a procedural texture, roughly
@@ -25,12 +26,13 @@ class ColorReader:
     faces      that wear the material; None of a light or world
     colors     where their colour attributes go
     replaced   what could not be taken as it is, for one warning
-    by_faces   whether what was read depends on the faces
+    by_faces   whether what was read depends on the faces, or
+    by_object  on the object that they are of
     """
 
     def __init__(self, images: ImageTable, faces: Faces | None = None, colors: ColorTable | None = None) -> None:
         self.images, self.faces, self.colors = images, faces, colors
-        self.by_faces = False
+        self.by_faces = self.by_object = False
         self.replaced: list[str] = []
         self.missing_rgb = GREY  # what stands for a missing image; Blender's magenta would tint the room
 
@@ -44,6 +46,8 @@ class ColorReader:
             return Color(default)
         if port.is_value:
             return Color(_value_rgb(port.socket, default))
+        if self.faces is not None and shows_object(port):
+            return _read_object(self, self.faces, port)
         reader = _COLOR_READERS.get(port.node.type, _read_other_color)
         return reader(self, port)
 
@@ -175,13 +179,22 @@ def _read_attribute(reader: ColorReader, port: Port) -> Color:
     return Color(WHITE, reader.colors.index(), layer, to_rgb(mean))
 
 
+def _read_object(reader: ColorReader, faces: Faces, port: Port) -> Color:
+    """A property of the object; black where it has none, as in Cycles."""
+    reader.by_object = True
+    rgba = find_shown(faces, port)
+    if rgba is None:
+        reader.note(f"{faces.name} has no property {port.node.attribute_name} of numbers, so it is black there, as in Blender")
+    return Color(pick_output(rgba or NOTHING, port.socket.name))
+
+
 def _read_output_value(reader: ColorReader, port: Port) -> Color:
     return Color(_value_rgb(port.socket, WHITE))
 
 
 def _read_math(reader: ColorReader, port: Port) -> float:
     values = [reader.read_number(port.sibling(socket.identifier), 0.0) for socket in port.node.inputs[:2]]
-    operation = _MATH.get(port.node.operation)
+    operation = MATH.get(port.node.operation)
     if operation is None:
         reader.note(f"{_describe(port.node)} is left out")
         return values[0]
@@ -216,14 +229,6 @@ def _describe(node: Any) -> str:
     return f"node {node.label or node.name}"
 
 
-_MATH: dict[str, Callable[[float, float], float]] = {
-    "ADD": lambda a, b: a + b,
-    "SUBTRACT": lambda a, b: a - b,
-    "MULTIPLY": lambda a, b: a * b,
-    "DIVIDE": lambda a, b: a / b if b else 0.0,
-    "MINIMUM": min,
-    "MAXIMUM": max,
-}
 _COLOR_READERS: dict[str, Callable[[ColorReader, Port], Color]] = {
     "TEX_IMAGE": _read_image,
     "TEX_ENVIRONMENT": _read_image,

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from ..core.messages import Done, Error, Message, Preview, Progress, Status, Warning_
 
+_NAMED = 3  # files in one line
 _ENDS = {  # LightField.stopped_by -> where it ended, and what to raise
     "max_photons": ("--max-photons", "--max-photons or --error"),
     "time_limit": ("--time-limit", "--time-limit or --error"),
@@ -57,6 +60,13 @@ def describe_error(result: dict[str, Any]) -> list[str]:
     if worst is None or not worst["estimated_error"] > error:
         return [f"Error {error:.1%}"]
     return [f"Error {error:.1%} of the whole", f"Most by itself: {worst['name']}, {worst['estimated_error']:.0%}"]
+
+
+def describe_files(paths: Sequence[str]) -> str:
+    """Where the images of a bake are, all in one folder."""
+    names = [Path(path).name for path in paths]
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return f"{len(names)} image{'' if len(names) == 1 else 's'} in {Path(paths[0]).parent}: {', '.join(names[:_NAMED])}{more}"
 
 
 def describe_progress(progress: Progress) -> str:

@@ -32,12 +32,14 @@ class Measured:
     """One object before a bake, as it is shown.
 
     n_triangle   a scene of more has more edges of light
+    longest_m    longest edge, which no chart cuts
     """
 
     name: str
     area_m2: float
     n_triangle: int
     density_factor: float
+    longest_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,7 @@ class Estimate:
     seconds    least and most; equal after a bake of the scene
     too_large  names of objects that do not fit a page at the wanted density
     fitting    of each of these, the share of the wanted density at which it fits, about
+    nearly     names of objects that may not fit a page either: they are about as large as one
     """
 
     objects: int
@@ -60,6 +63,7 @@ class Estimate:
     seconds: tuple[float, float]
     too_large: tuple[str, ...] = ()
     fitting: tuple[float, ...] = ()
+    nearly: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -105,11 +109,17 @@ def estimate_bake(
         return None
     inside = max(settings.size - 2 * settings.padding, 1)
     page_texels = inside**2 * _FILL / (1.0 + _GAP * settings.padding / settings.size) ** 2
-    density, too_large = settings.density, {}
+    density, too_large, nearly = settings.density, {}, []
     if density > 0.0:
         texels_of = [min(area * density**2, page_texels) for area in weighted_m2]
         wanted = [(one.name, area * density**2) for one, area in zip(objects, weighted_m2, strict=True)]
-        too_large = {name: math.sqrt(page_texels / texels) for name, texels in wanted if texels > inside**2}
+        along = [one.longest_m * density * one.density_factor for one in objects]
+        for (name, texels), longest in zip(wanted, along, strict=True):
+            room = math.sqrt(2.0) * inside / max(longest, 1.0)  # for it across the page, from corner to corner
+            if texels > inside**2 or room < 1.0:
+                too_large[name] = min(math.sqrt(page_texels / texels), room)
+            elif texels > page_texels:
+                nearly.append(name)
         pages = len(objects) if not settings.atlas else math.ceil(sum(texels_of) / page_texels)
         texels = sum(texels_of)
     else:
@@ -129,6 +139,7 @@ def estimate_bake(
         seconds=_estimate_seconds(texels, sum(one.n_triangle for one in objects), settings, min(workers, cores), pace),
         too_large=tuple(too_large),
         fitting=tuple(too_large.values()),
+        nearly=tuple(nearly),
     )
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..core.scene import IntArray
 from .color_attributes import ColorLayer, Faces
 from .export_mesh import LocalMesh, WorldMesh, place_mesh
-from .export_pieces import Piece
+from .export_pieces import CURVE, OWN, Piece
 from .materials_read import MaterialTable
 from .render_levels import Warnings
 from .texture_mapping import UvMapping
@@ -42,7 +42,8 @@ def read_piece(piece: Piece, local: LocalMesh, materials: MaterialTable, uv_laye
     slot = np.clip(world.tri_slot, 0, len(slots) - 1)  # as Cycles does
     used = np.unique(slot)
     slot_material = np.zeros(len(slots), np.int32)
-    slot_material[used] = [materials.index(slots[index], Faces(piece.source.name, local, world, slot == index)) for index in used]
+    worn = piece.source, piece.evaluated, piece.kind not in (OWN, CURVE)
+    slot_material[used] = [materials.index(slots[index], Faces(piece.source.name, local, world, slot == index, *worn)) for index in used]
     tri_material = slot_material[slot]
     tri_albedo_uv, tri_emission_uv = np.zeros((2, n_tri, 3, 2), np.float32)
     passing = []

@@ -15,7 +15,7 @@ from bpy_extras.io_utils import ExportHelper
 
 from . import restore
 from .gltf_file import make_manifest, read_document, rename, replace_document
-from .gltf_stage import open_stage
+from .gltf_stage import Stage, open_stage
 from .materials_write import Sentences
 
 _EXPORTER = "io_scene_gltf2"
@@ -40,7 +40,7 @@ def export_gltf(context: bpy.types.Context, path: Path, view_transform: str = "s
     try:
         with tempfile.TemporaryDirectory(prefix="leaflight_") as folder, open_stage(context, Path(folder), view_transform) as stage:
             exported = Path(folder) / "scene.glb"
-            _run_exporter(exported)
+            _run_exporter(exported, stage)
             glb = exported.read_bytes()
             document = read_document(glb)
             materials = enumerate(document.get("materials", ()))
@@ -61,7 +61,7 @@ def manifest_path(path: Path) -> Path:
     return path.with_suffix(".lightmap.json")
 
 
-def _run_exporter(path: Path) -> None:
+def _run_exporter(path: Path, stage: Stage) -> None:
     before = logging.root.manager.disable
     logging.disable(logging.INFO)  # its steps are of no interest here, and it has no switch that works
     try:
@@ -74,12 +74,36 @@ def _run_exporter(path: Path) -> None:
             export_image_format="AUTO",
         )
     except RuntimeError as reason:
-        raise ValueError(
+        told = (
             f"Blender's glTF exporter failed ({_find_last_line(str(reason))}): export the scene without Leaflight to see why; "
             "Blender's console tells more."
-        ) from reason
+        )
+        raise ValueError(_find_fileless_tile(stage) or told) from reason
     finally:
         logging.disable(before)
+
+
+def _find_fileless_tile(stage: Stage) -> str:
+    """A sentence about a UDIM image, which Blender's exporter reads from files and nowhere else; "" where all have theirs."""
+    materials = {slot.material for obj in stage.scene.objects for slot in obj.material_slots if slot.material and slot.material.node_tree}
+    for material in sorted(materials, key=lambda material: material.name):
+        for image in _list_images(material.node_tree):
+            if image.source != "TILED":
+                continue
+            path = bpy.path.abspath(image.filepath, library=image.library)
+            if not all(os.path.isfile(path.replace("<UDIM>", str(tile.number))) for tile in image.tiles):
+                name = stage.names["materials"].get(material.name, material.name)
+                return (
+                    f"{image.name}: has a UDIM tile without a file, which Blender's glTF exporter cannot read; "
+                    f"save the image (Image > Save As in the Image Editor), or take it out of the material {name}."
+                )
+    return ""
+
+
+def _list_images(tree: bpy.types.NodeTree) -> list[bpy.types.Image]:
+    """Images of a node tree and of the groups in it."""
+    found = [node.image for node in tree.nodes if node.type == "TEX_IMAGE" and node.image]
+    return found + [image for node in tree.nodes if node.type == "GROUP" and node.node_tree for image in _list_images(node.node_tree)]
 
 
 def _find_last_line(report: str) -> str:

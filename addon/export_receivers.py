@@ -49,12 +49,10 @@ def describe_nothing(warnings: Warnings, only_casting: bool) -> str:
 
 def _list_objects(scene: Any, name: str) -> str:
     meshes = sorted(obj.name for obj in scene.objects if obj.type == "MESH")
-    close = difflib.get_close_matches(name, meshes, n=5, cutoff=0.5)
-    if close:
-        return f"the scene has: {', '.join(close)}"
     if not meshes:
         return "the scene has no mesh object"
-    return f"the scene has: {', '.join(meshes[:8])}{', ...' if len(meshes) > 8 else ''}"
+    told = difflib.get_close_matches(name, meshes, n=5, cutoff=0.5) or meshes[:8]
+    return f"the scene has: {', '.join(told)}{', ...' if len(meshes) > len(told) else ''}"
 
 
 def _makes_instances(obj: Any) -> bool:

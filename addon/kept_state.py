@@ -14,18 +14,20 @@ from .layout import worn_folder
 from .tags import remove_mark
 
 STATE = "leaflight_state"  # on a scene: the folder, relative to that of the images, which Blender finds again wherever the .blend is saved
+STATE_OF = "leaflight_state_of"  # on a scene: name of the .blend that the state was kept by, "" where it had none yet
 MOST_MB = 1000  # a larger state is not kept beside an artist's images
 REFINED = 0.5  # of the error so far, where the panel does not ask for less
 
 
 def mark_state(scene: bpy.types.Scene, request: BakeRequest) -> None:
     """Remember where the state of the bake that the scene wears is, if it was kept."""
-    remove_mark(scene, STATE)
+    remove_marks(scene)
     if request.keep is None or not (request.keep / INFO_FILE).is_file():
         return
     folder, images = request.keep.resolve(), worn_folder(scene)
     beside = images is not None and images.drive.lower() == folder.drive.lower()
     scene[STATE] = Path(os.path.relpath(folder, images)).as_posix() if beside else str(folder)
+    scene[STATE_OF] = Path(bpy.data.filepath).stem
 
 
 def find_state(scene: bpy.types.Scene) -> Path | None:
@@ -57,8 +59,20 @@ def refine_request(scene: bpy.types.Scene, request: BakeRequest) -> BakeRequest:
 
 
 def remove_state(scene: bpy.types.Scene) -> None:
-    """Delete the state of the scene's bake from disk."""
+    """Delete the state of the scene's bake from disk, if no other .blend or scene may want to go on from it, and forget it."""
     folder = find_state(scene)
-    if folder:
+    if folder and not _is_shared(scene, folder):
         remove_checkpoint(folder)
-    remove_mark(scene, STATE)
+    remove_marks(scene)
+
+
+def remove_marks(scene: bpy.types.Scene) -> None:
+    """Forget the state of the scene's bake."""
+    for mark in (STATE, STATE_OF):
+        remove_mark(scene, mark)
+
+
+def _is_shared(scene: bpy.types.Scene, folder: Path) -> bool:
+    """Whether it is the state of the .blend that this one was saved from under another name, or of a scene that this is a copy of."""
+    kept_by = scene.get(STATE_OF, "")
+    return kept_by not in ("", Path(bpy.data.filepath).stem) or any(find_state(one) == folder for one in bpy.data.scenes if one != scene)

@@ -43,28 +43,30 @@ class MaterialReading:
 
 
 class MaterialTable:
-    """The materials of a snapshot, each read once; those that show colour attributes once for each mesh."""
+    """The materials of a snapshot, each read once; those that show colour attributes once for each mesh, or properties for each object."""
 
     def __init__(self, warnings: Warnings) -> None:
         self.images = ImageTable()
         self.colors = ColorTable(self.images)
         self.readings: list[MaterialReading] = []
         self._warnings = warnings
-        self._index: dict[tuple[int, int], int] = {}  # by material and mesh, 0 any
+        self._index: dict[tuple[int, ...], int] = {}  # by material and mesh, 0 any; or material, object and what it makes an instance of
         self._known: dict[tuple[int, MaterialReading], int] = {}
 
     def index(self, material: Any, faces: Faces | None = None) -> int:
         """Where a material (or None, an empty slot) is in `readings`, as these faces wear it."""
         uid = material.session_uid if material else 0
-        of_any, of_mesh = (uid, 0), (uid, id(faces.local) if faces else 0)
-        if of_any not in self._index and of_mesh not in self._index:
+        of_any, of_mesh, of_object = (uid, 0), (uid, id(faces.local) if faces else 0), (uid, *_identify(faces))
+        known = next((place for place in (of_any, of_mesh, of_object) if place in self._index), None)
+        if known is None:
             reader = ColorReader(self.images, faces, self.colors)
             reading = self._read(reader, material)
             if (uid, reading) not in self._known:
                 self._known[uid, reading] = len(self.readings)
                 self.readings.append(reading)
-            self._index[of_mesh if reader.by_faces else of_any] = self._known[uid, reading]
-        return self._index[of_any if of_any in self._index else of_mesh]
+            known = of_object if reader.by_object else of_mesh if reader.by_faces else of_any
+            self._index[known] = self._known[uid, reading]
+        return self._index[known]
 
     def finish(self, arrays: dict[str, Any]) -> None:
         """Complete a snapshot's arrays once all of its materials are read."""
@@ -90,6 +92,10 @@ class MaterialTable:
             surface.emission.mapping,
             surface.passing > PASSING_FRACTION,
         )
+
+
+def _identify(faces: Faces | None) -> tuple[int, ...]:
+    return (faces.source.session_uid, faces.shown.original.session_uid) if faces else ()
 
 
 def read_material(reader: ColorReader, material: Any) -> Surface:

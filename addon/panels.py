@@ -44,14 +44,21 @@ class LEAFLIGHT_PT_main(_Sidebar, bpy.types.Panel):
         else:
             _draw_plan(layout, context)
             _draw_bake(layout, context, now)
-        if state.error and state.error != now:
-            draw_told(layout.box(), context, split_error(state.error, partial(is_known, context)), "ERROR")
+        error = _find_error(context, state)
+        if error and error != now:
+            draw_told(layout.box(), context, split_error(error, partial(is_known, context)), "ERROR")
         scene, has_bake = context.scene.session_uid, restore.has_bake(context.scene)
         if not state.running and has_bake:
             _draw_result(layout, context, state.describe_worn(scene))
         warnings = state.list_warnings(scene, has_bake)
         if warnings:
             _draw_warnings(layout, context, group_warnings(warnings))
+
+
+def _find_error(context: bpy.types.Context, state: BakeState) -> str:
+    """The error of the last bake, if it is this scene's, or that of one that was deleted; else ""."""
+    owner = next((scene for scene in bpy.data.scenes if scene.session_uid == state.scene), context.scene)
+    return state.error if owner == context.scene else ""
 
 
 def _draw_plan(layout: Any, context: bpy.types.Context) -> None:
@@ -71,9 +78,12 @@ def _draw_plan(layout: Any, context: bpy.types.Context) -> None:
             lines.label(text=line, icon="TEXTURE" if i == 0 else "BLANK1")
         if meter.stale:
             column.label(text="The scene changed: measuring...", icon="SORTTIME")
-        if meter.estimate.too_large:
-            told = "larger than a page at this density: baked less finely"
-            draw_told(column, context, group_warnings((name, told) for name in meter.estimate.too_large)[0], "ERROR")
+        for names, told in (
+            (meter.estimate.too_large, "larger than a page at this density: baked less finely"),
+            (meter.estimate.nearly, "about as large as a page at this density: may be baked less finely"),
+        ):
+            if names:
+                draw_told(column, context, group_warnings((name, told) for name in names)[0], "ERROR")
 
 
 def _draw_bake(layout: Any, context: bpy.types.Context, output_error: str) -> None:

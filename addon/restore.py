@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from . import baked_copies, images, materials_write, uv_layer
-from .kept_state import STATE
+from .kept_state import remove_marks
 from .layout import LAYOUT
 from .tags import MADE, is_made, local_objects, remove_mark
 
@@ -30,7 +30,7 @@ def remove_bake(scene: bpy.types.Scene | None = None) -> None:
             uv_layer.remove_layer(mesh)
     for one in [scene] if scene else bpy.data.scenes:
         remove_mark(one, LAYOUT)
-        remove_mark(one, STATE)
+        remove_marks(one)
     for obj in objects:
         baked_copies.restore_shared_mesh(obj)
         for mark in OBJECT_MARKS:

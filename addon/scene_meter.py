@@ -45,7 +45,7 @@ class SceneMeter:
         self.estimate: Estimate | None = None
         self.problem = ""
         self.stale = True
-        self._size: dict[int, tuple[float, int]] = {}  # area in m2 and triangles, by the object's session_uid
+        self._size: dict[int, tuple[float, int, float]] = {}  # of measure_object, by the object's session_uid
         self._key: tuple[Any, ...] = ()
         self._rows: list[Measured] = []
         self._measured = False
@@ -80,7 +80,7 @@ class SceneMeter:
                     return False
                 self._size[obj.session_uid] = measure_object(obj, depsgraph)
                 self._measured = True
-        rows = [Measured(obj.name, *self._size[obj.session_uid], read_choice(obj).density_factor) for obj in objects]
+        rows = [_make_row(obj, *self._size[obj.session_uid]) for obj in objects]
         self.version += self._measured or key != self._key or rows != self._rows
         self.stale, self._measured, self._key, self._rows = False, False, key, rows
         self.estimate, self.problem = None, ""
@@ -97,14 +97,20 @@ class SceneMeter:
         return True
 
 
-def measure_object(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[float, int]:
-    """Area in m2 and number of the triangles that an object shows, or that the collection shows which it is an instance of."""
-    area_m2, count = 0.0, 0
+def measure_object(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[float, int, float]:
+    """Area in m2, number, and longest edge in m of the triangles that an object shows, or the collection that it is an instance of."""
+    area_m2, count, longest_m = 0.0, 0, 0.0
     for mesh, matrix in walk_meshes(obj, depsgraph):
         corner = read_corners(mesh, matrix)
-        area_m2 += _measure_corners(corner)
+        area, edge = _measure_corners(corner)
+        area_m2 += area
         count += len(corner)
-    return area_m2, count
+        longest_m = max(longest_m, edge)
+    return area_m2, count, longest_m
+
+
+def _make_row(obj: bpy.types.Object, area_m2: float, count: int, longest_m: float) -> Measured:
+    return Measured(obj.name, area_m2, count, read_choice(obj).density_factor, longest_m)
 
 
 def walk_meshes(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Iterator[tuple[bpy.types.Mesh, NDArray[np.float64]]]:
@@ -133,11 +139,13 @@ def read_corners(mesh: bpy.types.Mesh, matrix: NDArray[np.float64]) -> NDArray[n
     return world[vertex]
 
 
-def _measure_corners(corner: NDArray[np.float64]) -> float:
+def _measure_corners(corner: NDArray[np.float64]) -> tuple[float, float]:
+    """Area and longest edge; a triangle without area, or of no numbers, has none that counts."""
     with np.errstate(invalid="ignore", over="ignore"):
-        cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-        area = np.linalg.norm(cross, axis=1) / 2.0
-    return float(area[np.isfinite(area)].sum())
+        edge = np.roll(corner, -1, axis=1) - corner
+        area = np.linalg.norm(np.cross(edge[:, 0], edge[:, 1]), axis=1) / 2.0
+        length2 = (edge**2).sum(axis=2).max(axis=1, initial=0.0)
+    return float(area[np.isfinite(area)].sum()), float(np.sqrt(length2[np.isfinite(area) & (area > 0.0)].max(initial=0.0)))
 
 
 def _read_key(context: bpy.types.Context) -> tuple[Any, ...]:

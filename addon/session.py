@@ -119,6 +119,11 @@ def tell_kept(session: Session) -> list[Message]:
     return [said, *(Warning_(*warning) for warning in session.kept.warnings), Done(str(session.folder / RESULT_FILE), False)]
 
 
+def has_result(session: Session) -> bool:
+    """Whether the core left one: a bake that was stopped before there was any light has none."""
+    return (session.folder / RESULT_FILE).exists()
+
+
 def read_result(session: Session) -> dict[str, Any]:
     """The result that the core left."""
     result: dict[str, Any] = json.loads((session.folder / RESULT_FILE).read_text(encoding="utf-8"))

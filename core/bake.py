@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from . import (
     basis,
+    chart_search,
     charts,
     checkpoint,
     contact_map,
@@ -51,6 +52,7 @@ from .settings import DEBUG_PASSES, Settings
 from .snapshot import load_snapshot
 from .texel_map import TexelMap
 from .told import group_warnings
+from .words import Interrupted, Words
 
 PREVIEW_FOLDER = "preview"
 
@@ -79,7 +81,8 @@ def run_bake(
     """Bake the job in `folder`; the last message is Done.
 
     tell            hears every message
-    should_stop     asked after every round, and while rays are sent from texels; the best so far is then written
+    should_stop     asked after every round, and while rays are sent from texels: the best so far is then written; and
+                    while an unwrapping takes long, which is before there is any light: then nothing is
     open_executor   where the shards run; it is shut down at the end
     Raises ValueError or OSError with a sentence for the user; no image is then left half-written.
     """
@@ -100,8 +103,8 @@ def run_bake(
             if needs.direct or needs.photons:
                 executor = open_executor(settings)
             first = FirstPhotons.send(folder, settings, executor) if needs.photons and not job.resume else FirstPhotons()
-        with stages.stage("charts", "Unwrapping"):
-            atlas = charts.make_charts(snapshot, settings)
+        with stages.stage(chart_search.UNWRAPPING.stage, chart_search.UNWRAPPING.text):
+            atlas = charts.make_charts(snapshot, settings, Words(tell, should_stop).say)
             if not atlas.page_count:
                 raise ValueError(_describe_no_charts(atlas))
             layout = {name: getattr(atlas, name) for name in ("tri_chart", "object_page", "object_block", "object_place")}
@@ -173,6 +176,9 @@ def run_bake(
         if job.keep:  # only now: a bake that is thrown away while it writes has changed nothing
             with stages.stage("keep", "Keeping the state"):
                 stateless = _keep_state(job, solver if shot else None, light.error, tell)
+    except Interrupted:
+        tell(Done("", True))
+        return
     finally:
         executor.shutdown(cancel_futures=True)
         workers.forget_folders()  # the next bake may use the same folder

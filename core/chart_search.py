@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -11,12 +13,14 @@ from numpy.typing import NDArray
 
 from .geometry import triangle_normals_areas
 from .layer_check import check_layer, label_charts
+from .messages import Status
 from .outlines import Outlines, measure_outlines, straighten_charts
 from .scene import SceneSnapshot
 from .sharing import Block, find_blocks, follow_charts
 from .topology import join_open_sides
 from .unfolding import UnfolderDied
 from .unwrap import Unwrapping
+from .words import Watch, unwatched
 
 Float64: TypeAlias = NDArray[np.float64]
 Int64: TypeAlias = NDArray[np.int64]
@@ -24,6 +28,7 @@ Bool: TypeAlias = NDArray[np.bool_]
 
 _NO_FACES = "no face can be baked, so it gets no lightmap; give it faces with an area, or leave it out of the bake"
 _NO_LAYER = "no face can be baked as the UV layer has it, so it gets no lightmap; mend the layer, or have it unwrapped instead"
+UNWRAPPING = Status("charts", "Unwrapping")
 _MOST_AHEAD = 1 << 18  # triangles that xatlas is given before the charts of those it had are mended, which bounds memory
 
 
@@ -49,18 +54,20 @@ class FoundCharts:
     findings: tuple[tuple[int, str], ...]
 
 
-def find_charts(snapshot: SceneSnapshot, share_meshes: bool) -> FoundCharts:
+def find_charts(snapshot: SceneSnapshot, share_meshes: bool, watch: Watch = unwatched) -> FoundCharts:
     """The charts; with `share_meshes` objects that share a mesh share them, too, where they can.
 
+    watch   is told UNWRAPPING, which share of the triangles is done, and at which object it is; it may raise
     Raises ValueError when xatlas is needed and cannot be loaded, or crashes.
     """
-    search = _Search(snapshot, find_blocks(snapshot) if share_meshes else [])
+    search = _Search(snapshot, find_blocks(snapshot) if share_meshes else [], watch)
     count = np.zeros(len(snapshot.objects) + 1, np.int64)
     layered = []
     try:
         for i, one in enumerate(snapshot.objects):
             if not one.receives:
                 continue
+            search.watch(i)
             count[i + 1] = search.read_layer(i) if one.has_layer else search.unwrap(i)
             if not count[i + 1]:
                 search.findings.append((i, _NO_LAYER if one.has_layer and search.find_solid(i).any() else _NO_FACES))
@@ -78,8 +85,8 @@ def find_charts(snapshot: SceneSnapshot, share_meshes: bool) -> FoundCharts:
 class _Search:
     """The arrays that fill up, object by object; `chart` counts from 0 in each."""
 
-    def __init__(self, snapshot: SceneSnapshot, blocks: list[Block]) -> None:
-        self.snapshot, self.blocks = snapshot, blocks
+    def __init__(self, snapshot: SceneSnapshot, blocks: list[Block], watch: Watch) -> None:
+        self.snapshot, self.blocks, self._watch = snapshot, blocks, watch
         self.findings: list[tuple[int, str]] = []
         self.chart = np.full(snapshot.n_tri, -1, np.int64)
         self.uv = np.zeros((snapshot.n_tri, 3, 2))
@@ -91,7 +98,13 @@ class _Search:
         owners = [self._owner(i) for i, one in enumerate(snapshot.objects) if one.receives and not one.has_layer]
         self._to_begin = deque(dict.fromkeys(owners))
         self._begun: dict[int, Unwrapping] = {}  # in the order of their ends
+        receiving = np.array([one.receives for one in snapshot.objects], bool)
+        self._done = np.concatenate([[0], np.cumsum(np.diff(self._start) * receiving)])  # triangles, before each object and after the last
         self._ahead = 0  # triangles of those
+
+    def watch(self, i: int) -> None:
+        """Tell that an object's turn has come, and not gone."""
+        self._watch(UNWRAPPING, float(self._done[i] / max(self._done[-1], 1)), self.snapshot.objects[i].name)
 
     def unwrap(self, i: int) -> int:
         """Charts of an object, upright; gives their number."""
@@ -131,23 +144,25 @@ class _Search:
         return self._worn[i][0].members[0] if i in self._worn else i
 
     def _unfold(self, i: int) -> tuple[Int64, Float64, Bool]:
-        self._begin_more()
-        unwrapping, rows = self._begun.pop(i), self._rows(i)
+        for _ in self._begin_more():
+            self.watch(i)
+        unwrapping, rows = self._begun[i], self._rows(i)
         try:
-            chart, uv, shared = unwrapping.finish()
+            chart, uv, shared = unwrapping.finish(partial(self.watch, i))
         except UnfolderDied as code:
             raise ValueError(
                 f"{self.snapshot.objects[i].name}: the unwrapper xatlas ended unexpectedly on it (code {code}); give it a UV layer of "
                 "its own and choose that, make its mesh simpler, or leave it out of the bake."
             ) from code
+        del self._begun[i]
         self._ahead -= rows.stop - rows.start
         uv *= self.snapshot.objects[i].density_factor
         used = chart >= 0
         uv[used] = straighten_charts(uv[used], chart[used], shared[used], int(chart.max(initial=-1)) + 1)
         return chart, uv, shared
 
-    def _begin_more(self) -> None:
-        """xatlas unwraps what comes next while charts that it has made are mended and turned."""
+    def _begin_more(self) -> Iterator[None]:
+        """xatlas unwraps what comes next while charts that it has made are mended and turned; gives nothing after each."""
         scene = self.snapshot
         while self._to_begin and self._ahead < _MOST_AHEAD:
             i = self._to_begin.popleft()
@@ -155,6 +170,7 @@ class _Search:
             position = scene.vertex_position[scene.tri_vertex[rows]]
             self._begun[i] = Unwrapping(position, self._vertex[rows], scene.tri_polygon[rows], scene.tri_corner[rows])
             self._ahead += rows.stop - rows.start
+            yield
 
     def _keep(self, i: int, chart: Int64, uv: Float64, shared: Bool) -> int:
         rows = self._rows(i)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -13,15 +13,18 @@ from numpy.typing import NDArray
 
 from .blocks import BlockLayout, join_outlines, lay_block, outline_block
 from .chart_search import find_charts
+from .messages import Status
 from .outlines import Outlines
 from .packing import Page, Placement, Shapes, find_greatest_density, fits_alone, place_charts, place_uv, shape_charts
 from .scene import SceneSnapshot
 from .settings import Settings
+from .words import Watch, unwatched
 
 Float64: TypeAlias = NDArray[np.float64]
 Int32: TypeAlias = NDArray[np.int32]
 Int64: TypeAlias = NDArray[np.int64]
 
+PACKING = Status("charts", "Packing charts")
 _FEWEST_TEXELS = 1.0  # a chart of less area than this is hardly a lightmap
 
 
@@ -52,12 +55,13 @@ class ChartAtlas:
     warnings: tuple[tuple[str, str], ...]
 
 
-def make_charts(snapshot: SceneSnapshot, settings: Settings) -> ChartAtlas:
+def make_charts(snapshot: SceneSnapshot, settings: Settings, watch: Watch = unwatched) -> ChartAtlas:
     """Charts of all receiving objects, of one density in texels/m; layers that exist are kept and get pages of their own.
 
+    watch   is told UNWRAPPING, PACKING, and which share of each is done; it may raise
     Raises ValueError when charts do not fit a page at any density, or when xatlas is needed and cannot be loaded, or crashes.
     """
-    return _AtlasMaker(snapshot, settings).make()
+    return _AtlasMaker(snapshot, settings, watch).make()
 
 
 @dataclass(frozen=True)
@@ -84,11 +88,11 @@ class _Worn:
 class _AtlasMaker:
     """The state while an atlas is made: pages fill up, warnings are collected."""
 
-    def __init__(self, snapshot: SceneSnapshot, settings: Settings) -> None:
-        self.snapshot, self.settings = snapshot, settings
+    def __init__(self, snapshot: SceneSnapshot, settings: Settings, watch: Watch) -> None:
+        self.snapshot, self.settings, self._watch = snapshot, settings, watch
         self.page = Page(settings.size, settings.padding)
         self.page_count = 0
-        self.found = find_charts(snapshot, settings.share_meshes)
+        self.found = find_charts(snapshot, settings.share_meshes, watch)
         self.warnings: list[tuple[str, str]] = []
         count = len(snapshot.objects)
         self.start = np.searchsorted(snapshot.tri_object, np.arange(count + 1))
@@ -114,7 +118,7 @@ class _AtlasMaker:
         if self.settings.density > 0:
             self._make_blocks_fit()
         if not self.settings.atlas:
-            for i in unwrapped:
+            for i in self._each(unwrapped):
                 self._pack_alone(i)
         elif self.settings.density > 0:
             self._pack_first_fit(unwrapped)
@@ -136,6 +140,12 @@ class _AtlasMaker:
             self.object_place,
             tuple(self.warnings),
         )
+
+    def _each(self, objects: list[int]) -> Iterator[int]:
+        """The objects, one by one, as they are packed."""
+        for done, i in enumerate(objects):
+            self._watch(PACKING, done / len(objects), self.snapshot.objects[i].name)
+            yield i
 
     def _rows(self, i: int) -> slice:
         return slice(int(self.start[i]), int(self.start[i + 1]))
@@ -194,7 +204,8 @@ class _AtlasMaker:
     def _make_blocks_fit(self) -> None:
         """Lowers the density of all that wear a block that is too large for a page on the largest of them."""
         for worn, block in zip(self.worn, self.found.blocks, strict=True):
-            if self._place(worn.largest, self.page.empty_horizon()) is None:
+            shapes = self._shape(worn.largest)
+            if shapes is None or place_charts(shapes, self.page.empty_horizon()) is None:
                 self.density[list(block.members)] = self._fit([worn.largest], -1).density
                 for i in block.members:
                     self._warn_less_dense(i, float(self.density[i]))
@@ -208,7 +219,8 @@ class _AtlasMaker:
         )
 
     def _pack_alone(self, i: int) -> None:
-        if self.settings.density > 0 and self._try_on(i, self.page_count, self.page.empty_horizon()):
+        shapes = self._shape(i) if self.settings.density > 0 else None
+        if shapes and self._try_on(i, shapes, self.page_count, self.page.empty_horizon()):
             self._new_page()
         elif self.object_block[i] < 0:
             self._pack_less_dense(i)
@@ -223,33 +235,33 @@ class _AtlasMaker:
             self._warn_less_dense(i, packed.density)
         self._apply(packed)
 
-    def _try_on(self, i: int, page: int, horizon: Int32) -> bool:
-        """Places an object at the wanted density above the horizon, which is raised, if it fits."""
-        found = self._place(i, horizon)
-        if found is not None:
-            self._apply(_Packed([i], page, float(self.density[i]), *found))
-        return found is not None
-
-    def _place(self, i: int, horizon: Int32) -> tuple[Shapes, Placement] | None:
+    def _shape(self, i: int) -> Shapes | None:
+        """An object at the wanted density; None where it fits no page."""
         density = float(self.density[i])
         outlines = self._lay_out([i], density)
         if outlines is None or not fits_alone(outlines, density, self.page):
             return None
-        shapes = shape_charts(outlines, density, self.page)
+        return shape_charts(outlines, density, self.page)
+
+    def _try_on(self, i: int, shapes: Shapes, page: int, horizon: Int32) -> bool:
+        """Places an object at the wanted density above the horizon, which is raised, if it fits."""
         placement = place_charts(shapes, horizon)
-        return None if placement is None else (shapes, placement)
+        if placement is not None:
+            self._apply(_Packed([i], page, float(self.density[i]), shapes, placement))
+        return placement is not None
 
     def _pack_first_fit(self, objects: list[int]) -> None:
         """Whole objects, the largest first, each on the first page that has room for it."""
         area = {i: float(self._select([i]).area.sum()) for i in objects}
         horizons: list[tuple[int, Int32]] = []
-        for i in sorted(objects, key=lambda i: (-area[i], i)):
+        for i in self._each(sorted(objects, key=lambda i: (-area[i], i))):
+            shapes = self._shape(i)
             needed = area[i] * float(self.density[i]) ** 2
             roomy = (page for page in horizons if self._room_above(page[1]) >= needed)
-            if any(self._try_on(i, page, horizon) for page, horizon in roomy):
+            if shapes and any(self._try_on(i, shapes, page, horizon) for page, horizon in roomy):
                 continue
             horizon = self.page.empty_horizon()
-            if self._try_on(i, self.page_count, horizon):
+            if shapes and self._try_on(i, shapes, self.page_count, horizon):
                 horizons.append((self._new_page(), horizon))
             else:
                 self._pack_less_dense(i)

@@ -135,6 +135,11 @@ def read_info(folder: Path) -> Info | None:
         return None
 
 
+def no_state_error(folder: Path) -> str:
+    """The sentence for a folder of which read_info tells nothing."""
+    return f"{folder}: holds no state of a bake that can be gone on with; bake again."
+
+
 def load_checkpoint(folder: Path, job_folder: Path, settings: Settings) -> Checkpoint:
     """The state kept in `folder`, for the job in another.
 
@@ -142,7 +147,7 @@ def load_checkpoint(folder: Path, job_folder: Path, settings: Settings) -> Check
     """
     info = read_info(folder)
     if info is None:
-        raise ValueError(f"{folder}: holds no state of a bake that can be gone on with; bake again.")
+        raise ValueError(no_state_error(folder))
     identity = _identify(job_folder, settings)
     differing = [name for name in identity if info.identity.get(name) != identity[name]]
     if differing:

@@ -27,7 +27,7 @@ from .direct_pool import EmitterPool
 from .direct_sources import make_lamps, make_suns, make_triangle_sources, make_world
 from .direct_tally import Tally
 from .direct_tiles import look_from_tiles
-from .emitters import find_emitting_cells
+from .emitters import find_emitting_cells, find_sealed_emitters
 from .geometry import UnitBox
 from .lights import Float64
 from .materials import SurfaceMaterials
@@ -60,8 +60,9 @@ class DirectScene:
         groups = [cells for _, cells in find_emitting_cells(snapshot, surfaces)]
         pool = None
         if sum(len(cells.tri) for cells in groups) <= _MOST_TRIANGLE_SOURCES and all(cells.constant for cells in groups):
+            sealed = find_sealed_emitters(snapshot, groups)
             for cells in groups:
-                sources += make_triangle_sources(cells, receiving.corner_unit, receiving.normal)
+                sources += make_triangle_sources(cells, receiving.corner_unit, receiving.normal, sealed)
         else:
             pool = EmitterPool.of(groups, receiving, unit_box.scale, surfaces)
         two_sided = np.array([scene_object.two_sided for scene_object in snapshot.objects], bool)

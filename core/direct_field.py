@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import math
-import time
 from collections.abc import Callable
 from concurrent.futures import Executor
 from contextlib import nullcontext
@@ -27,6 +26,7 @@ from .other_light import OtherLight
 from .scene import IntArray
 from .settings import Settings
 from .texel_map import TexelMap
+from .words import Words
 
 # Texels of a shard on a small page, and on a large one. In shards of two thirds of the one numpy's calls take a seventh of the time more;
 # more than the other are not lit together, see direct_points.
@@ -35,7 +35,6 @@ _SHARDS_ENOUGH = 32  # that no worker waits long for another's last
 # Of the error asked for: its noise is averaged over neighbours, at less cost than more rays. Twice as much where that error is loose, 5 %,
 # takes 5 to 10 % less time at 1024^2, but what it blurs among many lamps is not all stated: 4.4 for a real 5.0 % (furnished_room).
 TOLERANCE = 0.5
-SECONDS_BETWEEN_WORDS = 1.0
 _BLOCK = 64  # texels in a row, neighbours, whose variances are corrected together
 # Weights in texels shot again: of variances as they were told in all texels' correction, and of that in a block's.
 _PRIOR_VALUES, _PRIOR_OF_BLOCK = 64.0, 16.0
@@ -210,7 +209,7 @@ class DirectField:
         texels = whole.texels
         cuts = cut_into_shards(len(texels))
         shards = [replace(whole, start=start, texels=texels[start:end]) for start, end in pairwise(cuts)]
-        told = time.monotonic()
+        words = Words(tell)
         floor = DARK_FLOOR * float(self.irradiance.mean(dtype=np.float64)) + 1e-30
         for shard, light in zip(shards, executor.map(find_light, shards), strict=True):
             if should_stop():
@@ -219,9 +218,7 @@ class DirectField:
             self._add(as_slice(shard.texels), light)
             for name, count in light.counters.items():
                 self.counters[name] = self.counters.get(name, 0) + count
-            if time.monotonic() - told > SECONDS_BETWEEN_WORDS:  # after it is added: whoever hears it may look
-                told = time.monotonic()
-                tell(replace(self.said, text=f"{self.said.text}, {(shard.start + len(shard.texels)) / len(texels):.0%}"))
+            words.say(self.said, (shard.start + len(shard.texels)) / len(texels))  # after it is added: whoever hears it may look
         return True
 
     def _add(self, rows: IntArray | slice, light: DirectLight) -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .emitters import rotate_to
 from .geometry import ORIGIN_OFFSET, take_rows
@@ -248,11 +249,10 @@ class SunSource:
 
 @dataclass(frozen=True)
 class TriangleSource:
-    """A triangle of constant radiance rgb, two-sided.
+    """A triangle of constant radiance rgb, two-sided unless its back is never seen from outside: front_only (m,) bool.
 
-    corners   (m, 3, 3) float32, unit box
+    corners   (m, 3, 3) float32, unit box; area (m,) float32, that squared
     normal    (m, 3) float32, unit
-    area      (m,) float32, unit box squared
     """
 
     rgb: Float64
@@ -260,6 +260,7 @@ class TriangleSource:
     corners: Float32
     normal: Float32
     area: Float32
+    front_only: NDArray[np.bool_]
     is_sharp: bool = False
 
     def rows(self, index: IntArray) -> TriangleSource:
@@ -267,7 +268,8 @@ class TriangleSource:
         return out
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
-        return np.abs(polygon_irradiance(self.corners, position, normal))
+        behind = self.front_only & (_dot(position - self.corners[:, 0], self.normal) < 0)
+        return np.where(behind, 0.0, np.abs(polygon_irradiance(self.corners, position, normal)))
 
     def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
         weight = square_to_uniform_triangle(u)

@@ -98,10 +98,16 @@ def _one(value: float) -> Float32:
     return np.array([value], np.float32)
 
 
-def make_triangle_sources(cells: EmittingCells, corner_unit: Float32, normal: Float32) -> list[Source]:
-    """Sources of one cell each, that are whole triangles of constant radiance."""
+def make_triangle_sources(
+    cells: EmittingCells, corner_unit: Float32, normal: Float32, tri_sealed: NDArray[np.bool_] | None = None
+) -> list[Source]:
+    """Sources of one cell each, that are whole triangles of constant radiance.
+
+    tri_sealed   (n_tri,) bool: see emitters.find_sealed_emitters; none if None
+    """
     area = triangle_normals_areas(corner_unit[cells.tri])[1].astype(np.float32)
+    sealed = np.zeros(len(area), bool) if tri_sealed is None else tri_sealed[cells.tri]
     return [
-        TriangleSource(cells.mean_rgb[i : i + 1], True, corner_unit[tri][None], normal[tri][None], area[i : i + 1])
+        TriangleSource(cells.mean_rgb[i : i + 1], True, corner_unit[tri][None], normal[tri][None], area[i : i + 1], sealed[i : i + 1])
         for i, tri in enumerate(cells.tri)
     ]

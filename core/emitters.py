@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
 
@@ -25,6 +26,7 @@ from .materials import SurfaceMaterials
 from .sampling import AliasTable, square_to_cosine_hemisphere, square_to_uniform_triangle
 from .scene import FloatArray, IntArray, Light, SceneSnapshot
 from .scene_cover import SceneCover
+from .sealed_solids import find_sealed
 
 NO_LIGHT = "the scene has no light: add a light, an emitting material or a world colour"
 _MAX_CELLS = 2**17
@@ -70,6 +72,7 @@ class EmittingCells:
 class MeshEmitter:
     """All emitting triangles of one material, both sides.
 
+    sides        (n_cell,) int8                    1 where light from its back would never be seen, see sealed_solids; else 2
     tri_frame    (3, 3, n_tri) float32, unit box   of the whole scene, see triangle_frames
     tri_normal   (3, n_tri) float32, unit
     """
@@ -77,6 +80,7 @@ class MeshEmitter:
     name: str
     power_rgb: Float64
     cells: EmittingCells
+    sides: NDArray[np.int8]
     table: AliasTable
     tri_frame: Float32
     tri_normal: Float32
@@ -86,8 +90,9 @@ class MeshEmitter:
     def emit(self, u: Float32) -> Births:
         cell, rest = self.table.sample(u[:, 0])
         tri, barycentric = self.cells.place(cell, stack_columns(rest, u[:, 1]))
-        back = u[:, 2] >= 0.5
-        local = square_to_cosine_hemisphere(stack_columns(2 * u[:, 2] - back, u[:, 3]))
+        sides = self.sides.take(cell)
+        back = (u[:, 2] >= 0.5) & (sides == 2)
+        local = square_to_cosine_hemisphere(stack_columns(sides * u[:, 2] - back, u[:, 3]))
         normal = self.tri_normal.take(tri, axis=1)
         normal *= 1 - 2 * back.astype(np.float32)
         origin = offset_origin(locate_hits(self.tri_frame, tri, *barycentric.T), normal).T
@@ -95,7 +100,7 @@ class MeshEmitter:
         if self.cells.constant:
             return make_births(origin, direction)
         radiance = self.surfaces.emission_at(tri, barycentric[:, 0], barycentric[:, 1])
-        per_radiance = 2 * math.pi * self.cells.area_m2[cell] / self.table.probability[cell]
+        per_radiance = math.pi * sides * self.cells.area_m2[cell] / self.table.probability[cell]
         share = np.divide(1, self.power_rgb, out=np.zeros(3), where=self.power_rgb > 0)
         return make_births(origin, direction, radiance * per_radiance[:, None] * share)
 
@@ -183,11 +188,13 @@ def _mesh_emitters(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surface
     corner_unit = unit_box.to_unit(snapshot.tri_position)
     frame = triangle_frames(corner_unit)
     normal = np.ascontiguousarray(triangle_normals_areas(corner_unit)[0].T, np.float32)
+    sides_of = np.where(find_sealed_emitters(snapshot, [cells for _, cells in cells_of]), 1, 2).astype(np.int8)
     emitters = []
     for index, cells in cells_of:
-        power = 2 * math.pi * (cells.area_m2[:, None] * cells.mean_rgb).sum(axis=0)
-        table = AliasTable(cells.importance)
-        emitters.append(MeshEmitter(snapshot.materials[index].name, power, cells, table, frame, normal, surfaces))
+        sides = sides_of[cells.tri]
+        power = math.pi * ((sides * cells.area_m2)[:, None] * cells.mean_rgb).sum(axis=0)
+        table = AliasTable(cells.importance * sides)
+        emitters.append(MeshEmitter(snapshot.materials[index].name, power, cells, sides, table, frame, normal, surfaces))
     return emitters
 
 
@@ -205,6 +212,14 @@ def find_emitting_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials) -> 
             if cells.mean_rgb.any():
                 found.append((index, cells))
     return found
+
+
+def find_sealed_emitters(snapshot: SceneSnapshot, groups: Sequence[EmittingCells]) -> NDArray[np.bool_]:
+    """(n_tri,) bool: emitting triangles of solids into which nobody sees."""
+    shines = np.zeros(snapshot.n_tri, bool)
+    for cells in groups:
+        shines[cells.tri] = True
+    return find_sealed(snapshot, shines)
 
 
 def _cut_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials, material: int, tri: NDArray[np.int64], area: Float64) -> EmittingCells:

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from .geometry import gather, locate_hits, triangle_frames
 from .scene import MAX_ALBEDO, FloatArray, IntArray, Material, SceneSnapshot, TextureImage
 
+_MAX_EMISSION = float(np.finfo(np.float32).max)
+_LEAST_TOLD = {"albedo": 2.0 - MAX_ALBEDO}  # white is 1, and what that loses nobody sees
 _PERIODS = {"REPEAT": 1.0, "MIRROR": 2.0}  # in UV, by extension
 
 
@@ -146,7 +148,7 @@ def _material_warnings(scene: SceneSnapshot, index: int, material: Material) -> 
     sentences = []
     for quantity, rgb, image, tri_uv, highest in (
         ("albedo", material.albedo_rgb, material.albedo_image, scene.tri_albedo_uv, MAX_ALBEDO),
-        ("emission", material.emission_rgb, material.emission_image, scene.tri_emission_uv, float(np.finfo(np.float32).max)),
+        ("emission", material.emission_rgb, material.emission_image, scene.tri_emission_uv, _MAX_EMISSION),
     ):
         low, high = (np.array(rgb, np.float64),) * 2
         where = ""
@@ -160,7 +162,7 @@ def _material_warnings(scene: SceneSnapshot, index: int, material: Material) -> 
             where = f" with {'' if picture.per_triangle else 'image '}{picture.name}"
         if not (np.isfinite(low).all() and np.isfinite(high).all()):
             sentences.append(f"{material.name}: its {quantity}{where} is not a finite number and counts as 0; correct the value.")
-        elif low.min() < 0 or high.max() > highest:
+        elif low.min() < 0 or high.max() > _LEAST_TOLD.get(quantity, highest):
             sentences.append(
                 f"{material.name}: its {quantity}{where} reaches from {low.min():.4g} to {high.max():.4g} and is clamped to "
                 f"0 ... {highest:.4g}; choose values within."

@@ -9,10 +9,14 @@ from typing import Any, TypeAlias
 
 @dataclass(frozen=True)
 class Status:
-    """A stage begins, or how far it is; `stage` is one of the names in the report's seconds."""
+    """A stage begins, or how far it is; `stage` is one of the names in the report's seconds.
+
+    share   of it that is done, as the text says; 0 where it only begins
+    """
 
     stage: str
     text: str
+    share: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,10 @@ class Error:
 
 @dataclass(frozen=True)
 class Done:
-    """The last message; `result` is the path of the result file, `interrupted` tells a cancelled bake."""
+    """The last message; `result` is the path of the result file, `interrupted` tells a cancelled bake.
+
+    Without a result it was cancelled before there was any light.
+    """
 
     result: str
     interrupted: bool

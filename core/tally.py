@@ -234,9 +234,9 @@ def solve_tallies(tree: Quadtree, totals: Totals, nodes: NDArray[np.int64] | Non
             arrived = raw[:n_component, :, 0].sum(0) / photons[0]
             light = whole[:n_component].sum(0)
             factor = np.where(arrived > 0.0, np.abs(light) / np.where(arrived > 0.0, arrived, 1.0), 0.0)
-            area = np.maximum(tree.area[part], np.finfo(float).tiny)
+            area2 = np.maximum(tree.area[part] ** 2, np.finfo(float).tiny)  # of the square: that of the smallest number is 0
             flux_half[..., part], flux[:, part], scale[:, part] = whole[n_component:], light, factor
-            variance[:, part] = totals.weight2[:, part] * factor**2 / photons[0] ** 2 / area**2
+            variance[:, part] = totals.weight2[:, part] * factor**2 / photons[0] ** 2 / area2
     return Solution(functions[:COMPONENTS], functions[COMPONENTS:], flux_half, flux, variance, scale)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import pickle
 import queue
@@ -11,7 +10,7 @@ import sys
 import threading
 import weakref
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,6 +23,7 @@ _PROGRAM = Path(__file__).with_name("xatlas_process.py")
 _BOOT = "import runpy, sys; sys.path[:] = sys.argv[2:]; runpy.run_path(sys.argv[1], run_name='__main__')"
 _MOST_ATLASES = 64  # that a child keeps, each with a thread per core
 _MOST_TRIANGLES = 100_000  # that a child keeps, about 1 kB each
+_WATCH_S = 0.2  # between two looks at whether somebody has lost patience
 _TRIES = 3  # of a question that children die of: most do so by bad luck
 
 
@@ -48,6 +48,19 @@ def start_ahead() -> None:
     _own_unfolder(os.getpid()).start()
 
 
+def wait_for(answer: Future[list[Unfolded]], watch: Callable[[], None]) -> list[Unfolded]:
+    """The result of unfold_meshes; `watch` is called now and then until it is there, and may raise."""
+    while not wait((answer,), _WATCH_S).done:
+        watch()
+    return answer.result()
+
+
+def give_up(answer: Future[list[Unfolded]]) -> None:
+    """Nobody wants the result of unfold_meshes any more."""
+    if not answer.cancel() and not answer.done():
+        _own_unfolder(os.getpid()).give_up()
+
+
 @lru_cache(maxsize=1)
 def _own_unfolder(process_id: int) -> Unfolder:
     """A process keeps one; not that of the process it was forked from."""
@@ -62,6 +75,7 @@ class Unfolder:
         self._child: subprocess.Popen[bytes] | None = None
         self._kill: Callable[[], object] = lambda: None
         self._atlases = self._triangles = 0
+        self._given_up = False  # nobody wants the answer that is on its way
         self._questions: queue.SimpleQueue[tuple[Future[list[Unfolded]], list[Mesh], float, bool]] = queue.SimpleQueue()
         threading.Thread(target=self._answer_all, daemon=True).start()
 
@@ -75,6 +89,12 @@ class Unfolder:
         answer: Future[list[Unfolded]] = Future()
         self._questions.put((answer, meshes, area, roughly))
         return answer
+
+    def give_up(self) -> None:
+        """Nobody wants the answer that the child is working on, which nothing but its end stops."""
+        self._given_up, child = True, self._child
+        if child:
+            child.kill()
 
     def _answer_all(self) -> None:
         while True:
@@ -92,9 +112,13 @@ class Unfolder:
         Raises ValueError when xatlas cannot be loaded, UnfolderDied when it crashes.
         """
         with self._lock:
+            self._given_up = False
             for _ in range(_TRIES - 1):
-                with contextlib.suppress(UnfolderDied):
+                try:
                     return self._unfold(meshes, area, roughly)
+                except UnfolderDied:
+                    if self._given_up:
+                        raise
             return self._unfold(meshes, area, roughly)
 
     def _unfold(self, meshes: list[Mesh], area: float, roughly: bool) -> list[Unfolded]:

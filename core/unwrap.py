@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
@@ -44,16 +45,17 @@ class Unwrapping:
         if self._asked:
             self._asked.cancel()
 
-    def finish(self) -> tuple[Int64, Float64, Bool]:
+    def finish(self, watch: Callable[[], None] = lambda: None) -> tuple[Int64, Float64, Bool]:
         """Charts without overlap, each with the area in UV that it has in space; corners that are one have one UV.
 
+        watch   called now and then while xatlas is at work; it may raise
         (n,) int64 chart, -1 without area; (n, 3, 2) float64 UV, m; (n, 3) bool whether side k is shared within its chart
         Raises ValueError when xatlas cannot be loaded, UnfolderDied when it crashes.
         """
         area, solid = self._area, self._solid
         group, uv = np.full(len(area), -1, np.int64), np.zeros((len(area), 3, 2))
         if self._asked:
-            found = self._asked.read()
+            found = self._asked.read(watch)
             group[solid], uv[solid] = _mend_charts(
                 *found, self._position, self._normal[solid], area[solid], self._polygon[solid], self._corner[solid]
             )

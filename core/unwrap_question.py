@@ -6,6 +6,7 @@ that seems to fall into such is packed roughly, and anew only where a chart is n
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
@@ -16,7 +17,7 @@ from .layer_check import signed_areas
 from .mesh_pieces import split_part
 from .scene import IntArray
 from .topology import join_sets, pair_sides
-from .unfolding import unfold_meshes
+from .unfolding import give_up, unfold_meshes, wait_for
 from .xatlas_process import Mesh
 
 Float64: TypeAlias = NDArray[np.float64]
@@ -67,16 +68,17 @@ class Question:
 
     def cancel(self) -> None:
         """Nobody will read the answer."""
-        self._answer.cancel()
+        give_up(self._answer)
 
-    def read(self) -> tuple[Int64, Float64]:
+    def read(self, watch: Callable[[], None] = lambda: None) -> tuple[Int64, Float64]:
         """(n,) int64 chart, -1 where xatlas leaves a triangle out; (n, 3, 2) float64 UV, m, each chart of its area in space.
 
+        watch   called now and then while xatlas is at work; it may raise
         Raises ValueError when xatlas cannot be loaded, UnfolderDied when it crashes.
         """
         while True:
             group, uv = np.full(len(self._area), -1, np.int64), np.zeros((len(self._area), 3, 2))
-            for part, unfolded in zip(self._parts, self._answer.result(), strict=True):
+            for part, unfolded in zip(self._parts, wait_for(self._answer, watch), strict=True):
                 group[part], uv[part] = unfolded
             placed = group >= 0
             position, area, chart = self._position[placed], self._area[placed], group[placed]

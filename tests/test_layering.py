@@ -24,6 +24,7 @@ TRACE = {
     "core.photons_ahead",
     "core.joined_emitters",
     "core.scene_cover",
+    "core.sealed_solids",
     "core.rays",
     "core.lights",
     "core.emitters",

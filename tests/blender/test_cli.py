@@ -229,6 +229,15 @@ def test_a_signal_before_there_is_light_ends_without_files(room, number, monkeyp
     assert [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)] == before
 
 
+def test_a_bake_that_stopped_before_there_was_light_ends_without_files(room, monkeypatch, capsys):
+    """As one whose unwrapping was not waited for."""
+    monkeypatch.setattr(BakeProcess, "messages", lambda self: iter([Done("", interrupted=True)]))
+    assert bake(room, "--save", str(room.parent / "baked.blend")) == 130
+    assert "interrupted before there was any light; nothing was written" in capsys.readouterr().err
+    assert list_files(room.parent) == ["maps", "room.blend"]
+    assert list_files(room.parent / "maps") == []
+
+
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="whether a process blocks signals is seen in /proc")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_while_blender_starts_is_kept(room, number):
@@ -261,7 +270,9 @@ def test_a_bake_of_an_unchanged_scene_is_kept(room, capsys, monkeypatch):
     capsys.readouterr()
     monkeypatch.setattr(BakeProcess, "messages", None)  # no child is told to begin
     assert bake(saved, "--pass", "combined", "albedo", "--save", str(room.parent / "again.blend")) == 0
-    assert "leaflight: Unchanged since the last bake: 2 files kept\n" in capsys.readouterr().err
+    told = capsys.readouterr().err.splitlines()
+    assert "leaflight: Unchanged since the last bake: 2 files kept" in told
+    assert told[-1] == f"leaflight: 2 images in {room.parent / 'maps'}: room_0.combined.exr, room_0.albedo.exr"
     assert {path: path.stat().st_mtime_ns for path in (room.parent / "maps").iterdir()} == written
     report = read_report(room)
     assert report.keys() == first.keys()

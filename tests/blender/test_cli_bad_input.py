@@ -231,7 +231,7 @@ def test_missing_image_file(tmp_path):
         (("--size", "100000"), "--size: expected 4 to 16384 texels, got 100000; choose a value in this range."),
         (("--size", "4"), "The 7 charts of 2 objects do not fit a page of 4 texels: choose a greater page size or less padding."),
         (("--uv-layer", "Nope"), "no object has a UV layer named Nope that can be used: the layers there are: UVMap."),
-        (("--objects", "Cubus"), "Cubus: no such object; the scene has: Cube"),
+        (("--objects", "Cubus"), "Cubus: no such object; the scene has: Cube, ..."),
         (("--objects", "Lamp"), "Lamp: is a light, not a mesh; convert it to a mesh, or leave it out of the bake."),
     ],
 )

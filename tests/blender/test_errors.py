@@ -11,8 +11,10 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 import leaflight
+from blend_dump import differences, dump
 from blend_rooms import add_mesh, ask_quick_bake, open_room
 from leaflight.addon import export_receivers, job, request, restore
+from leaflight.core.messages import Done
 
 
 @pytest.fixture(autouse=True)
@@ -44,6 +46,19 @@ def bake_warnings(state):
     assert bpy.ops.leaflight.bake() == {"FINISHED"}
     assert not state.error
     return dict(state.warnings)
+
+
+def test_stopped_before_there_was_light_is_no_error_and_changes_nothing(state, monkeypatch):
+    """As when an unwrapping was not waited for."""
+    assert bpy.ops.leaflight.bake() == {"FINISHED"}
+    before, told = dump(), state.describe_worn(bpy.context.scene.session_uid)
+    monkeypatch.setattr(job.BakeProcess, "messages", lambda self: iter([Done("", interrupted=True)]))
+    bpy.context.scene.leaflight.seed = 2  # else the bake is kept
+    assert bpy.ops.leaflight.bake() == {"CANCELLED"}
+    assert (state.running, state.error) == (False, "")
+    bpy.context.scene.leaflight.seed = 1
+    assert differences(before, dump()) == []
+    assert state.describe_worn(bpy.context.scene.session_uid) == told
 
 
 def test_unsaved_file(state):

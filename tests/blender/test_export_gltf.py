@@ -317,6 +317,33 @@ def test_blenders_traceback_stays_in_the_console(room, tmp_path, monkeypatch, ca
     assert snapshot() == before
 
 
+@pytest.mark.parametrize("how", ["empty", "packed"])
+def test_a_udim_image_that_is_in_no_file_is_named(room, tmp_path, how):
+    """Blender's exporter tells an AssertionError without a word."""
+    tiled = bpy.data.images.new("Wood", 8, 8, tiled=True)
+    if how == "packed":
+        tiled.filepath_raw, tiled.file_format = str(tmp_path / "Wood.<UDIM>.png"), "PNG"
+        tiled.save()
+        tiled.pack()
+        (tmp_path / "Wood.1001.png").unlink()
+    material = bpy.data.materials.new("Planks")
+    if material.node_tree is None:  # Blender 4.5
+        material.use_nodes = True
+    group = bpy.data.node_groups.new("Look", "ShaderNodeTree")
+    group.interface.new_socket("Color", in_out="OUTPUT", socket_type="NodeSocketColor")
+    picture, end = group.nodes.new("ShaderNodeTexImage"), group.nodes.new("NodeGroupOutput")
+    picture.image = tiled
+    group.links.new(picture.outputs[0], end.inputs[0])
+    tree = material.node_tree
+    within = tree.nodes.new("ShaderNodeGroup")
+    within.node_tree = group
+    tree.links.new(within.outputs[0], tree.nodes["Principled BSDF"].inputs["Base Color"])
+    bpy.data.objects["Floor"].data.materials.append(material)
+    bake_room(tmp_path, "lighting")
+    with pytest.raises(ValueError, match=r"^Wood: has a UDIM tile without a file, .*; save the image .* of the material Planks\.$"):
+        export_gltf(bpy.context, tmp_path / "room.glb")
+
+
 def test_command_line_exports_and_saves_what_was_asked(room, tmp_path):
     scene = save_scene(tmp_path / "room.blend")
     words = (

@@ -85,8 +85,8 @@ def test_named_objects_receive_and_others_cast():
 @pytest.mark.parametrize(
     ("names", "text"),
     [
-        (["Flor"], r"Flor: no such object; the scene has: Floor"),
-        (["Zzz"], r"Zzz: no such object; the scene has: Ceiling, Floor, Hidden, Shut"),
+        (["Flor"], r"Flor: no such object; the scene has: Floor, \.\.\.$"),
+        (["Zzz"], r"Zzz: no such object; the scene has: Ceiling, Floor, Hidden, Shut$"),
         (["Hidden"], "Hidden: is hidden in render"),
         (["Shut"], "Shut: is hidden in render"),
         (["Floor", "Sun"], "Sun: is a light, not a mesh"),
@@ -304,7 +304,7 @@ def test_where_vertex_colours_are_missing_it_is_black():
 
 def test_an_attribute_that_is_none_of_the_mesh_is_grey():
     material, node = make_painted("Paint", "Attribute", "color")
-    node.attribute_type = "OBJECT"
+    node.attribute_type = "VIEW_LAYER"
     mesh = make_mesh()
     mesh.materials.append(material)
     add_object("Box", mesh)

@@ -98,6 +98,32 @@ def test_another_scene_is_told_nothing():
     assert not tells("1 page of 32 x 32")
 
 
+def test_an_error_stands_where_it_came_from():
+    first, other = bpy.context.scene, bpy.data.scenes.new("Other")
+    bpy.data.objects["Lamp"].hide_render = True
+    with pytest.raises(RuntimeError, match="the scene has no light"):
+        bpy.ops.leaflight.bake()
+    assert tells("the scene has no light")
+    bpy.context.window.scene = other
+    assert not tells("the scene has no light")
+    bpy.data.scenes.remove(first)
+    assert tells("the scene has no light"), "else nobody would tell of it"
+
+
+def test_what_may_not_fit_a_page_is_told_before_the_bake():
+    chosen, meter = bpy.context.scene.leaflight, bpy.context.window_manager.leaflight_meter
+    told = []
+    for density in (1.0, 15.0, 150.0):
+        chosen.size, chosen.padding, chosen.density = 64, 1, density
+        meter.measure(bpy.context)
+        told.append([label for label in draw()[0] if "baked less finely" in label])
+    assert told == [
+        [],
+        ["Floor: about as large as a page at this density: may be baked less finely"],
+        ["Cube, Floor: larger than a page at this density: baked less finely"],
+    ]
+
+
 def test_the_folder_that_is_opened_is_that_of_the_bake(tmp_path):
     """Not the one that the next bake will make."""
     bpy.ops.leaflight.bake()

@@ -9,7 +9,7 @@ bpy = pytest.importorskip("bpy")
 
 import leaflight
 from blend_rooms import bake, open_room, read_report, save_scene
-from leaflight.addon import kept_state, layout, restore
+from leaflight.addon import kept_state, layout, restore, session
 from leaflight.addon.arguments import BakeRequest
 from leaflight.core.checkpoint import read_info
 from leaflight.core.settings import Settings
@@ -111,8 +111,47 @@ def test_remove_deletes_the_state(room, kept):
     assert kept.is_dir()
     bpy.ops.leaflight.remove()
     assert not kept.exists()
-    assert "leaflight_state" not in room
+    assert not [name for name, _ in room.items() if name.startswith("leaflight_")]
     assert not bpy.ops.leaflight.refine.poll()
+
+
+def list_state(kept):
+    return {path.relative_to(kept): path.read_bytes() for path in kept.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("folder", [".", "deep"])
+def test_a_file_saved_under_another_name_leaves_the_first_one_s_state_alone(room, state, kept, tmp_path, folder):
+    """It goes on from it, keeps its own, and takes away no other."""
+    bpy.ops.wm.save_mainfile()
+    first = list_state(kept)
+    (tmp_path / folder).mkdir(exist_ok=True)
+    save_scene(tmp_path / folder / "other.blend")
+    bpy.ops.leaflight.refine()
+    own = tmp_path / folder / "maps" / "other.refine"
+    assert kept_state.find_state(room) == own
+    assert list_state(kept) == first
+    bpy.ops.leaflight.remove()
+    assert not own.exists()
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "room.blend"))
+    assert kept_state.find_state(bpy.context.scene) == kept
+    save_scene(tmp_path / folder / "third.blend")
+    bpy.ops.leaflight.remove()
+    assert list_state(kept) == first
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "room.blend"))
+    assert bpy.ops.leaflight.refine() == {"FINISHED"}
+    assert state.result["photons"] > 20_000
+
+
+def test_a_copy_of_a_scene_leaves_the_first_one_s_state_alone(room, kept):
+    bpy.ops.scene.new(type="FULL_COPY")
+    copy = bpy.context.scene
+    assert copy != room
+    assert kept_state.find_state(copy) == kept
+    bpy.ops.leaflight.remove()
+    assert kept_state.find_state(room) == kept
+    bpy.context.window.scene = room
+    bpy.ops.leaflight.remove()
+    assert not kept.exists(), "the last one takes it away"
 
 
 @pytest.mark.parametrize("how", ["remove", "delete"])
@@ -164,8 +203,15 @@ def test_the_command_line_keeps_and_goes_on(tmp_path):
     assert report["photons"] == 50_000
     assert report["rounds"] == 2
     assert read_info(kept).photons == 20_000  # --keep was not said again
-    assert bake(scene, "--resume", str(tmp_path / "nowhere")) == 1
     assert bake(scene, "--keep", str(scene)) == 1
+
+
+def test_a_state_that_is_not_there_is_told_before_the_bake(tmp_path, monkeypatch, capsys):
+    open_room()
+    scene = save_scene(tmp_path / "room.blend")
+    monkeypatch.setattr(session, "prepare", lambda *_: pytest.fail("the scene was exported"))
+    assert bake(scene, "--resume", str(tmp_path / "nowhere")) == 1
+    assert "nowhere: holds no state of a bake that can be gone on with; bake again." in capsys.readouterr().err
 
 
 def test_a_saved_scene_of_the_command_line_can_be_refined_in_blender(tmp_path):

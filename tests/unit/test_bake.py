@@ -192,6 +192,25 @@ def test_interrupted_bake_is_written_and_says_so(tmp_path):
     assert list_files(tmp_path / "images") == ["room_0.combined.exr"]
 
 
+def test_a_bake_that_is_stopped_while_its_unwrapping_takes_long_has_nothing_to_show(tmp_path, monkeypatch):
+    monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
+    with pytest.raises(FileNotFoundError):  # no result file
+        bake_scene(tmp_path, lamp_scene(), should_stop=lambda: True)
+    assert list_files(tmp_path / "images") == []
+    messages = []
+    bake.run_bake(tmp_path, messages.append, lambda: True)
+    assert messages[-1] == Done("", True)
+    assert messages[-2].stage == "charts"
+
+
+def test_how_far_the_unwrapping_has_come_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
+    sun = Light("SUN", "Sun", power_rgb=(1.0, 1.0, 1.0))
+    messages, _ = bake_scene(tmp_path, make_scene([quad_mesh("One"), moved(quad_mesh("Two"), (2.0, 0.0, 0.0))], [sun]))
+    told = [message.text for message in messages if isinstance(message, Status) and message.stage == "charts"]
+    assert told == ["Unwrapping", "Unwrapping, 0%: One", "Unwrapping, 50%: Two"]
+
+
 def test_rays_that_gathered_in_vain_are_counted(tmp_path, monkeypatch):
     monkeypatch.setattr(GatherPlan, "pays", lambda plan, *_: plan.given_up == math.inf)
     settings = replace(QUICK, error=1e-4, max_photons=600_000)

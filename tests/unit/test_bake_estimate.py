@@ -39,6 +39,20 @@ def test_density_decides_texels_and_pages():
     assert estimate(density=100.0).too_large == ("Walls",)
 
 
+def test_what_is_about_as_large_as_a_page_may_not_fit_it():
+    """The walls' 504 x 504 texels at most, where charts usually leave a third of a page free."""
+    found = [estimate(density=density) for density in (50.0, 60.0, 64.0, 70.0)]
+    assert [one.nearly for one in found] == [(), ("Walls",), ("Walls",), ()]
+    assert [one.too_large for one in found] == [(), (), (), ("Walls",)]
+
+
+def test_what_is_longer_than_a_page_does_not_fit_it():
+    rail = Measured("Rail", 1.0, 12, 2.0, 20.0)
+    found = [estimate([*ROOM, rail], density=density) for density in (17.5, 20.0)]
+    assert [one.too_large for one in found] == [(), ("Rail",)]
+    assert found[1].fitting == pytest.approx((2**0.5 * 504 / (20.0 * 2.0 * 20.0),))
+
+
 @pytest.mark.parametrize(("density", "padding"), [(100.0, 4), (400.0, 4), (100.0, 16)])
 def test_what_does_not_fit_is_as_coarse_as_it_fills_a_page_alone(density, padding):
     found, alone = estimate(density=density, padding=padding), estimate(ROOM[1:2], padding=padding)

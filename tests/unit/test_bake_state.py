@@ -68,6 +68,23 @@ def test_messages_reach_the_panel():
     assert state.summarize()[2:] == ["1 leaf, 2.50 M photons", "1 page of 512 x 512 texels"]
 
 
+def test_the_bar_goes_on_while_light_is_gathered():
+    """Towards the error asked for, but not so far as it would be if no texel had to be gathered again; nothing is foretold meanwhile."""
+    look, tracing = (lambda share: Status("photons", "Indirect light", share)), Status("photons", "Tracing photons")
+    state, bars = BakeState(), []
+    for message in (progress(0.2), look(0.5), look(1.0), tracing, look(0.25), progress(0.1)):
+        state._hear(message)
+        bars.append(state.describe()[0])
+    assert bars == ["20%, 12 s left", "52%", "84%", "84%, 12 s left", "87%", "87%, 12 s left"]
+
+
+def test_shadow_rays_that_are_shot_again_say_nothing_of_the_whole():
+    state = BakeState()
+    for message in (progress(0.2), Status("direct", "Direct light", 0.9)):
+        state._hear(message)
+    assert state.fraction == 0.2
+
+
 def test_unknown_error_and_time_are_not_shown():
     state, _ = begin(Status("photons", "Tracing photons"), progress(0.4, math.nan, math.nan), Done("", False))
     state.wait()

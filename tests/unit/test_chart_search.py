@@ -9,6 +9,7 @@ from leaflight.core.chart_search import find_charts
 from leaflight.core.geometry import triangle_normals_areas
 from leaflight.core.layer_check import signed_areas
 from leaflight.core.unfolding import UnfolderDied
+from leaflight.core.words import Interrupted
 from scenes import box_mesh, grid_mesh, make_scene, quad_mesh, shared_mesh, split_faces
 
 CLOTH = grid_mesh("Cloth", cells=4, noise=0.8)
@@ -71,7 +72,8 @@ class FakeUnwrapping:
         self.diary, self.fails, self.count = diary, fails, len(tri_position)
         diary.append(("begin", self.count))
 
-    def finish(self):
+    def finish(self, watch):
+        watch()
         if self.count == self.fails:
             raise UnfolderDied(-11)
         self.diary.append(("finish", self.count))
@@ -106,6 +108,30 @@ def test_so_many_triangles_and_no_more_are_unwrapped_ahead(diary, monkeypatch):
     find_charts(make_scene(GRIDS), False)
     expected = [("begin", 2), ("begin", 8), ("begin", 18), ("finish", 2), ("finish", 8), ("begin", 32), ("finish", 18), ("finish", 32)]
     assert written == expected
+
+
+def test_share_of_the_triangles_that_is_done_is_told_with_the_object_that_is_next(diary):
+    diary()
+    told = []
+    bystander = replace(grid_mesh("Lamp", cells=9), receives=False)
+    find_charts(make_scene([*GRIDS, bystander]), False, lambda *words: told.append(words))
+    names, done = ["Grid 1", "Grid 2", "Grid 3", "Grid 4"], [0 / 60, 2 / 60, 10 / 60, 28 / 60]
+    assert list(dict.fromkeys(told)) == [(chart_search.UNWRAPPING, share, name) for share, name in zip(done, names, strict=True)]
+    counts = [[name for _, _, name in told].count(name) for name in names]
+    assert counts == [2 + 4, 2, 2, 2], "as its turn comes, after each that is begun, and again while xatlas is at work on it"
+
+
+def test_whoever_wants_no_charts_any_more_has_the_others_cancelled(diary):
+    written, told = diary(), []
+
+    def stop(said, share, about):
+        told.append(about)
+        if told.count("Grid 2") == 2:  # xatlas is at work on it
+            raise Interrupted
+
+    with pytest.raises(Interrupted):
+        find_charts(make_scene(GRIDS), False, stop)
+    assert written[4:] == [("finish", 2), ("cancel", 8), ("cancel", 18), ("cancel", 32)]
 
 
 def test_crash_of_xatlas_names_the_object_and_the_others_are_not_unwrapped(diary):

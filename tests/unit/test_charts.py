@@ -3,9 +3,11 @@ import time
 
 import numpy as np
 import pytest
-from leaflight.core.charts import make_charts
+from leaflight.core import charts
+from leaflight.core.charts import PACKING, make_charts
 from leaflight.core.geometry import triangle_normals_areas
 from leaflight.core.layer_check import signed_areas
+from leaflight.core.packing import shape_charts
 from leaflight.core.settings import Settings
 from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, quad_mesh, shared_mesh, sphere_mesh
 from texel_gaps import check_gaps
@@ -111,6 +113,25 @@ def test_density_factor_is_relative_to_the_others(options):
     assert fine == pytest.approx(2.0 * plain)
     if options:
         assert plain == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize("options", [{"density": 20.0}, {"atlas": False}])
+def test_objects_are_told_as_they_are_packed(options):
+    told = []
+    scene = make_scene([moved(box_mesh(), (3.0 * i, 0.0, 0.0), scale=i + 1.0, name=f"Box {i}") for i in range(4)])
+    make_charts(scene, Settings(size=256, **options), lambda *words: told.append(words))
+    packed = [(share, about) for said, share, about in told if said is PACKING]
+    assert [share for share, _ in packed] == [0.0, 0.25, 0.5, 0.75]
+    assert {about for _, about in packed} == {f"Box {i}" for i in range(4)}
+    assert [said for said, _, _ in told].index(PACKING) > 0, "they are unwrapped before"
+
+
+def test_charts_are_shaped_once_however_many_pages_they_are_tried_on(monkeypatch):
+    shaped = []
+    monkeypatch.setattr(charts, "shape_charts", lambda *args: shaped.append(1) or shape_charts(*args))
+    scene = make_scene([moved(box_mesh(), (3.0 * i, 0.0, 0.0), name=f"Box {i}") for i in range(9)])
+    assert make_charts(scene, Settings(size=128, density=25.0)).page_count > 2
+    assert len(shaped) == 9
 
 
 def test_huge_density_is_no_trouble():

@@ -1,9 +1,10 @@
 """What a person at the terminal sees."""
 
 import math
+from pathlib import Path
 
 import pytest
-from leaflight.addon.console import describe_error, describe_miss, describe_progress, print_message
+from leaflight.addon.console import describe_error, describe_files, describe_miss, describe_progress, print_message
 from leaflight.core.messages import Done, Error, Preview, Progress, Status, Warning_
 
 PROGRESS = Progress(fraction=0.25, photons=1_500_000, photons_per_s=2.5e6, estimated_error=0.043, seconds_left=12.4, leaves=900)
@@ -27,6 +28,14 @@ def test_each_message_has_its_line_on_standard_error(message, line, quiet_line, 
     assert capsys.readouterr() == ("", line)
     print_message(message, quiet=True)
     assert capsys.readouterr() == ("", quiet_line)
+
+
+def test_images_are_counted_named_and_placed():
+    paths = [str(Path("maps", "baked") / f"room_{page}.exr") for page in range(5)]
+    folder = Path("maps", "baked")
+    assert describe_files(paths[:1]) == f"1 image in {folder}: room_0.exr"
+    assert describe_files(paths[:3]) == f"3 images in {folder}: room_0.exr, room_1.exr, room_2.exr"
+    assert describe_files(paths) == f"5 images in {folder}: room_0.exr, room_1.exr, room_2.exr and 2 more"
 
 
 def test_what_cannot_be_told_yet_is_left_out():

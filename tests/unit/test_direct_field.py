@@ -52,7 +52,7 @@ def test_many_shots_come_to_the_light(shot):
 def test_what_is_told_of_a_shot_is_the_share_that_is_done(shot, monkeypatch):
     folder, field = shot
     monkeypatch.setattr(direct_field, "SHARD_TEXELS", 100)
-    monkeypatch.setattr(direct_field, "SECONDS_BETWEEN_WORDS", -1.0)
+    monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
     told, count = [], len(field.passes)
     field.shoot(folder, SETTINGS, executors.InlineExecutor(), np.arange(count), told.append)
     done = [end / count for end in direct_field.cut_into_shards(count)[1:]]

@@ -103,9 +103,21 @@ def test_inside_a_sphere_light_it_comes_from_all_around():
     assert np.linalg.norm(position + aim.direction * aim.distance[:, None], axis=1) == pytest.approx(0.125, rel=1e-4)
 
 
+def make_triangle(front_only):
+    corners, up = np.array([[[0, 0, 0], [0.2, 0, 0], [0, 0.2, 0]]], np.float32), np.array([[0, 0, 1]], np.float32)
+    return TriangleSource(np.ones((1, 3)), True, corners, up, np.array([0.02], np.float32), np.array([front_only]))
+
+
+def test_triangles_whose_backs_nobody_sees_shine_to_the_front():
+    both, one = make_triangle(False), make_triangle(True)
+    for height in (0.3, -0.3):
+        place = np.array([[0.05, 0.05, height]], np.float32), np.array([[0, 0, -np.sign(height)]], np.float32)
+        assert one.irradiance(*place) == (both.irradiance(*place) if height > 0 else 0.0)
+        assert both.irradiance(*place) > 0.1
+
+
 def test_triangles_shine_both_ways():
-    corners = np.array([[0, 0, 0], [0.2, 0, 0], [0, 0.2, 0]], np.float32)
-    source = TriangleSource(np.ones((1, 3)), True, corners[None], np.array([[0, 0, 1]], np.float32), np.array([0.02], np.float32))
+    source = make_triangle(False)
     for height in (0.3, -0.3):
         position, normal = np.array([[0.05, 0.05, height]], np.float32), np.array([[0, 0, -np.sign(height)]], np.float32)
         assert source.irradiance(position, normal)[0] == pytest.approx(0.02 / 0.3**2, rel=0.1)

@@ -108,7 +108,14 @@ class TestQuadLamp(EmitterContract):
 
 class TestBoxLamp(EmitterContract):
     scene = lit_scene(emission=[box_mesh("Lamp", (0.2, 0.4, 0.1), (0.5, 0.5, 0.5))], rgb=LAMP_RGB)
-    power_w = tuple(2 * math.pi * 2 * (0.08 + 0.02 + 0.04) * value for value in LAMP_RGB)
+    power_w = tuple(math.pi * 2 * (0.08 + 0.02 + 0.04) * value for value in LAMP_RGB)  # of what leaves it: nobody sees its inside
+
+    def test_no_light_goes_inwards(self):
+        births = self.emitter().emit(numbers())
+        box = UnitBox.from_points(self.scene.vertex_position)
+        offset = (births.origin / box.scale + box.centre_m - 0.5) / [0.1, 0.2, 0.05]  # of the faces, of which one coordinate is 1
+        axis = np.abs(offset).argmax(axis=1)[:, None]
+        assert (np.take_along_axis(offset * births.direction, axis, axis=1) > 0).all()
 
     def test_faces_get_photons_by_area(self):
         origin = self.emitter().emit(numbers()).origin

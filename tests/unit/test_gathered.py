@@ -123,11 +123,12 @@ def test_gathered_light_is_smoothed_as_fits_the_error_asked_for(tmp_path, monkey
 
 
 def test_gathering_tells_how_far_it_is_and_then_that_photons_fly(tmp_path, monkeypatch):
-    monkeypatch.setattr(direct_field, "SECONDS_BETWEEN_WORDS", -1.0)
+    monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
     told = []
     _, solver, _ = halt(tmp_path, monkeypatch, 10**6, tell=told.append, error=0.01)  # one pass
     count = len(solver.tracing.texels)
-    words = [Status("photons", f"Indirect light, {end / count:.0%}") for end in direct_field.cut_into_shards(count)[1:]]
+    shares = [end / count for end in direct_field.cut_into_shards(count)[1:]]
+    words = [Status("photons", f"Indirect light, {share:.0%}", share) for share in shares]
     kinds = [message if isinstance(message, Status) else type(message) for message in told]
     assert kinds == [Progress, *words, TRACING, Progress]
 

@@ -155,10 +155,14 @@ def test_colours_of_corners_are_linear_between_and_warned_of_for_themselves_alon
     assert sentence == "B: its albedo with vertex colours reaches from 0 to 1.8 and is clamped to 0 ... 0.999; choose values within."
 
 
-def test_a_white_surface_is_warned_of():
-    ((name, sentence),) = materials.clamp_warnings(_scene(Material("Chalk", (1, 1, 1))))
-    assert name == "Chalk"
-    assert sentence == "Chalk: its albedo reaches from 1 to 1 and is clamped to 0 ... 0.999; choose values within."
+def test_a_white_surface_is_no_matter_and_a_whiter_one_is_told():
+    """Vertex colours, for one, are white until they are painted."""
+    white = TextureImage("vertex colours", np.ones((2, 2, 3), np.float32), "EXTEND", per_triangle=True)
+    scene = _scene(Material("Chalk", (1, 1, 1)), Material("Paint", (1, 1, 1), 0), Material("Glow", (1.01, 1, 1)), images=(white,))
+    np.testing.assert_allclose([_at(scene, "albedo_at", 0)[0]], MAX_ALBEDO, rtol=1e-6)
+    ((name, sentence),) = materials.clamp_warnings(scene)
+    assert name == "Glow"
+    assert sentence == "Glow: its albedo reaches from 1 to 1.01 and is clamped to 0 ... 0.999; choose values within."
 
 
 def test_images_of_many_texels_repeat_as_small_ones_do():

@@ -6,7 +6,7 @@ import pytest
 from leaflight.core.messages import Done, Error, Preview, Progress, Status, Warning_, decode_message, encode_message
 
 MESSAGES = {
-    "STATUS": Status("charts", "Unwrapping"),
+    "STATUS": Status("charts", "Unwrapping, 37%: Floor", 0.37),
     "PROGRESS": Progress(0.25, 65_536, 1e6, 0.071, 12.5, 300),
     "PREVIEW": Preview(2, "/a folder/page 2.npy"),
     "WARNING": Warning_("Lampe \u00e4\u4e2d", 'two lines\nand "quotes"'),

@@ -247,7 +247,7 @@ def test_rays_are_shot_again_where_they_err_most(tmp_path, monkeypatch, toleranc
 def test_rays_that_are_shot_again_are_told_of_and_can_be_stopped(tmp_path, monkeypatch):
     monkeypatch.setattr(direct_field, "TOLERANCE", 20.0)
     monkeypatch.setattr(direct_field, "SHARD_TEXELS", 8)
-    monkeypatch.setattr(direct_field, "SECONDS_BETWEEN_WORDS", -1.0)
+    monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
     words = []
 
     def tell(message):

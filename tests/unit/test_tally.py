@@ -19,6 +19,18 @@ def test_even_light_is_even_also_at_a_clipped_border(degree, width):
     np.testing.assert_allclose(bake.values(deepest, at_s, at_t), 1.0 / width, rtol=0.03)
 
 
+def test_a_node_without_area_tells_no_light_and_no_noise():
+    """As a sliver that is cut off by what stands on a chart may have none."""
+    bake = SquareBake(side=8, degree=1)
+    bake.throw(*np.random.default_rng(4).random((2, 2000)))
+    node = np.flatnonzero(~bake.tree.has_children)[3]
+    bake.tree.moment[node] = 0.0
+    solution = bake.solution()
+    assert solution.scale[:, node].tolist() == [0.0, 0.0, 0.0]
+    assert solution.variance[:, node].tolist() == [0.0, 0.0, 0.0]
+    assert np.isfinite(solution.variance).all()
+
+
 def test_linear_light_is_exact_for_a_linear_basis():
     bake = SquareBake(side=8, degree=1)
     rng = np.random.default_rng(2)

@@ -125,6 +125,48 @@ def test_a_failure_goes_to_the_one_who_asked(unfolder, monkeypatch):
     assert good.result(60) == [1.0]
 
 
+def test_whoever_waits_is_called_until_the_answer_is_there(unfolder, monkeypatch):
+    may_answer, calls = threading.Event(), []
+    monkeypatch.setattr(unfolder, "unfold", lambda meshes, area, roughly: may_answer.wait(60) and [area])
+    monkeypatch.setattr(unfolding, "_WATCH_S", 0.01)
+
+    def watch():
+        calls.append(1)
+        if len(calls) == 3:
+            may_answer.set()
+
+    assert unfolding.wait_for(unfolder.ask([SQUARE], 1.0), watch) == [1.0]
+    assert len(calls) >= 3
+
+
+def test_an_answer_that_nobody_wants_ends_with_its_child_and_is_not_tried_again(unfolder, tmp_path, monkeypatch):
+    """The next question is answered."""
+    monkeypatch.setattr(unfolding, "_own_unfolder", lambda process_id: unfolder)
+    with monkeypatch.context() as patch:
+        (tmp_path / "xatlas.py").write_text(f"import pathlib, time\npathlib.Path({str(tmp_path / 'begun')!r}).touch()\ntime.sleep(600)\n")
+        patch.syspath_prepend(str(tmp_path))
+        unwanted, later = unfold_meshes([SQUARE], 1.0), unfold_meshes([SQUARE], 2.0)
+        limit = time.monotonic() + 60
+        while not (tmp_path / "begun").exists() and time.monotonic() < limit:
+            time.sleep(0.01)
+    child = unfolder._child
+    unfolding.give_up(later)
+    unfolding.give_up(unwanted)
+    assert isinstance(unwanted.exception(60), UnfolderDied)
+    assert later.cancelled()
+    assert child.wait(60) != 0
+    assert unfolder._child is child, "no other was started to try again"
+    assert len(unfold_meshes([SQUARE], 1.0).result(60)) == 1
+
+
+def test_to_give_up_an_answer_that_is_there_harms_no_child(unfolder, monkeypatch):
+    monkeypatch.setattr(unfolding, "_own_unfolder", lambda process_id: unfolder)
+    answer = unfold_meshes([SQUARE], 1.0)
+    answer.result(60)
+    unfolding.give_up(answer)
+    assert unfolder._child.poll() is None
+
+
 def test_missing_xatlas_says_what_to_do(tmp_path, monkeypatch, unfolder):
     (tmp_path / "xatlas.py").write_text("raise ImportError('planted')\n")
     monkeypatch.syspath_prepend(str(tmp_path))

@@ -1,0 +1,76 @@
+"""Properties of objects that shaders show: of Attribute nodes of the kinds Object and Instancer, and an Object Info node's colour.
+
+Measured with Cycles of Blender 5.0: which data-blocks are asked in which order, and what numbers of other shapes become.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import Any, TypeAlias
+
+from .color_attributes import Faces
+from .node_colors import Rgb
+from .node_ports import Port
+
+Rgba: TypeAlias = tuple[float, float, float, float]
+
+NOTHING: Rgba = (0.0, 0.0, 0.0, 0.0)
+_MOST_NUMBERS = 4
+_ELEMENT = re.compile(r"\[\d+\]$")  # of an array: Blender's own paths know it, Cycles does not
+
+
+def shows_object(port: Port) -> bool:
+    """Whether a node gives a property of the object that it is on."""
+    node = port.node
+    if node.type == "ATTRIBUTE":
+        return node.attribute_type in ("OBJECT", "INSTANCER")
+    return node.type == "OBJECT_INFO" and port.socket.name in ("Color", "Alpha")
+
+
+def find_shown(faces: Faces, port: Port) -> Rgba | None:
+    """What such a node gives on the faces of an object; None where nothing has the property: NOTHING is shown there."""
+    node, blocks = port.node, [faces.shown, getattr(faces.shown, "data", None)]
+    if node.type == "OBJECT_INFO":
+        red, green, blue, alpha = (faces.source if faces.is_instance else faces.shown).color
+        return red, green, blue, alpha
+    if node.attribute_type == "INSTANCER" and faces.is_instance:
+        blocks.insert(0, faces.source)
+    return find_rgba(blocks, node.attribute_name)
+
+
+def pick_output(rgba: Rgba, output: str) -> Rgb:
+    """What an output of such a node gives of it."""
+    red, green, blue, alpha = rgba
+    mean = (red + green + blue) / 3.0
+    return {"Alpha": (alpha,) * 3, "Fac": (mean,) * 3, "Factor": (mean,) * 3}.get(output, (red, green, blue))
+
+
+def find_rgba(blocks: Iterable[Any], path: str) -> Rgba | None:
+    """A property of the first of these data-blocks that has it: a custom one of that name, or one of Blender's own by its path."""
+    found = (_to_rgba(_find_value(block, path)) for block in blocks if block is not None)
+    return next((rgba for rgba in found if rgba), None)
+
+
+def _find_value(block: Any, path: str) -> Any:
+    value = block.get(path)
+    if value is not None or not path or _ELEMENT.search(path):
+        return value
+    try:
+        return block.path_resolve(path)
+    except ValueError:
+        return None
+
+
+def _to_rgba(value: Any) -> Rgba | None:
+    """Numbers as a colour; None of what is none, as a word or a data-block."""
+    if isinstance(value, int | float):
+        return float(value), float(value), float(value), 1.0
+    try:
+        numbers = [float(one) for one in value]
+    except (TypeError, ValueError):
+        return None
+    if isinstance(value, str) or not 1 < len(numbers) <= _MOST_NUMBERS:
+        return None
+    red, green, blue, alpha = (*numbers, *NOTHING[len(numbers) : 3], 1.0)[:_MOST_NUMBERS]
+    return red, green, blue, alpha

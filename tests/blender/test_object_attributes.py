@@ -1,0 +1,160 @@
+"""Properties of objects that materials show: as a render with Cycles shows them."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from leaflight.addon.export_scene import export_scene
+from leaflight.core.materials import SurfaceMaterials
+
+
+@pytest.fixture(autouse=True)
+def _empty_file():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+def make_tree(owner):
+    if owner.node_tree is None:  # Blender 4.5
+        owner.use_nodes = True
+    return owner.node_tree
+
+
+def add_glow(kind="OBJECT", name="x", output="Color", node_type="ShaderNodeAttribute"):
+    """A square that shines with what the node gives."""
+    mesh = bpy.data.meshes.new("Square")
+    mesh.from_pydata([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [], [(0, 1, 2, 3)])
+    obj = bpy.data.objects.new("Square", mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    material = bpy.data.materials.new("Glow")
+    tree = make_tree(material)
+    tree.nodes.clear()
+    end, glow, node = (tree.nodes.new(name) for name in ("ShaderNodeOutputMaterial", "ShaderNodeEmission", node_type))
+    if node_type == "ShaderNodeAttribute":
+        node.attribute_type, node.attribute_name = kind, name
+    source = node.outputs[2] if output == "Fac" else node.outputs[output]  # its name differs between versions
+    tree.links.new(source, glow.inputs["Color"])
+    tree.links.new(glow.outputs[0], end.inputs["Surface"])
+    mesh.materials.append(material)
+    return obj
+
+
+def instance(obj):
+    """Only an instance of the object is left in the scene; gives what makes it."""
+    parts, holder = bpy.data.collections.new("Parts"), bpy.data.objects.new("Holder", None)
+    bpy.context.scene.collection.objects.unlink(obj)
+    parts.objects.link(obj)
+    holder.instance_type, holder.instance_collection = "COLLECTION", parts
+    bpy.context.scene.collection.objects.link(holder)
+    return holder
+
+
+def read_glow():
+    """By object: what it shines with; and what is told of the material."""
+    result = export_scene(bpy.context)
+    snapshot = result.snapshot
+    tri = np.array([np.flatnonzero(snapshot.tri_object == i)[0] for i in range(len(snapshot.objects))])
+    glow = SurfaceMaterials(snapshot).emission_at(tri, np.full(len(tri), 0.3, np.float32), np.full(len(tri), 0.3, np.float32))
+    return dict(zip([one.name for one in snapshot.objects], glow.tolist(), strict=True)), dict(result.warnings).get("Glow", "")
+
+
+def render_glow(folder):
+    """What Cycles shows."""
+    scene = bpy.context.scene
+    scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 1, False
+    scene.render.resolution_x = scene.render.resolution_y = 4
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    camera.location = (0.0, 0.0, 0.5)
+    scene.collection.objects.link(camera)
+    scene.camera, scene.view_settings.view_transform = camera, "Raw"
+    scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
+    scene.render.filepath = str(folder / "render.exr")
+    bpy.ops.render.render(write_still=True)
+    return bpy.data.images.load(scene.render.filepath).pixels[:3]
+
+
+BLUE = (0.2, 0.5, 0.8, 0.25)
+
+
+@pytest.mark.parametrize(
+    ("value", "output", "expected"),
+    [
+        (0.3, "Color", (0.3, 0.3, 0.3)),
+        (2, "Color", (2.0, 2.0, 2.0)),
+        (True, "Color", (1.0, 1.0, 1.0)),
+        (BLUE[:3], "Color", BLUE[:3]),
+        (BLUE[:2], "Color", (0.2, 0.5, 0.0)),
+        (BLUE, "Vector", BLUE[:3]),
+        (BLUE, "Alpha", (0.25, 0.25, 0.25)),
+        (BLUE, "Fac", (0.5, 0.5, 0.5)),
+        (0.3, "Alpha", (1.0, 1.0, 1.0)),
+    ],
+)
+def test_numbers_are_shown_as_cycles_shows_them(value, output, expected, tmp_path):
+    add_glow(output=output)["x"] = value
+    glow, told = read_glow()
+    assert glow["Square"] == pytest.approx(expected, rel=1e-6)
+    assert told == ""
+    assert render_glow(tmp_path) == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize("name", ["x", "y", "nothing", "location[1]"])
+def test_where_there_is_no_number_it_is_black(name, tmp_path):
+    obj = add_glow(name=name)
+    obj["x"], obj["y"], obj.location = "a word", (0.1, 0.2, 0.3, 0.4, 0.5), (0.0, 0.1, 0.0)
+    glow, told = read_glow()
+    assert glow["Square"] == [0.0, 0.0, 0.0]
+    assert f"Square has no property {name} of numbers, so it is black there, as in Blender" in told
+    assert not any(render_glow(tmp_path))
+
+
+@pytest.mark.parametrize(("name", "expected"), [("color", BLUE[:3]), ('["x"]', (0.3,) * 3), ("pass_index", (3.0,) * 3), ("y", (0.4,) * 3)])
+def test_blenders_own_properties_are_found_by_their_path_and_the_meshs_too(name, expected, tmp_path):
+    obj = add_glow(name=name)
+    obj.color, obj["x"], obj.pass_index, obj.data["y"], obj.data["x"] = BLUE, 0.3, 3, 0.4, 0.9
+    assert read_glow()[0]["Square"] == pytest.approx(expected, rel=1e-6)
+    assert render_glow(tmp_path) == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("kind", "own", "holders", "expected"),
+    [("OBJECT", 0.3, 0.7, 0.3), ("OBJECT", None, 0.7, 0.0), ("INSTANCER", 0.3, 0.7, 0.7), ("INSTANCER", 0.3, None, 0.3)],
+)
+def test_an_instance_may_ask_what_makes_it(kind, own, holders, expected, tmp_path):
+    obj = add_glow(kind)
+    holder = instance(obj)
+    for block, value in ((obj, own), (holder, holders)):
+        if value is not None:
+            block["x"] = value
+    assert read_glow()[0]["Holder.Square"] == pytest.approx([expected] * 3, rel=1e-6)
+    assert render_glow(tmp_path) == pytest.approx([expected] * 3, rel=1e-5)
+
+
+@pytest.mark.parametrize(("is_instance", "expected"), [(False, BLUE[:3]), (True, (0.9, 0.1, 0.1))])
+def test_the_colour_of_object_info_is_the_viewports(is_instance, expected, tmp_path):
+    obj = add_glow(node_type="ShaderNodeObjectInfo")
+    obj.color = BLUE
+    if is_instance:
+        instance(obj).color = (0.9, 0.1, 0.1, 1.0)
+    (glow,) = read_glow()[0].values()
+    assert glow == pytest.approx(expected, rel=1e-6)
+    assert render_glow(tmp_path) == pytest.approx(expected, rel=1e-5)
+
+
+def test_objects_of_one_mesh_and_material_differ():
+    obj = add_glow()
+    obj["x"] = 0.3
+    for number in (1, 2):
+        twin = obj.copy()
+        twin.name, twin["x"] = f"Twin {number}", 0.6
+        bpy.context.scene.collection.objects.link(twin)
+    assert read_glow()[0] == {name: pytest.approx([value] * 3) for name, value in (("Square", 0.3), ("Twin 1", 0.6), ("Twin 2", 0.6))}
+    snapshot = export_scene(bpy.context).snapshot
+    assert len(snapshot.materials) == 2, "those that look alike are one"
+
+
+def test_what_else_object_info_tells_is_replaced_by_a_grey():
+    add_glow(node_type="ShaderNodeObjectInfo", output="Random")
+    glow, told = read_glow()
+    assert glow["Square"] == [0.5, 0.5, 0.5]
+    assert "replaced by a grey of 0.5" in told
