@@ -91,14 +91,14 @@ def test_a_wall_thinner_than_a_texel_parts_it_too(tmp_path, layer):
 
 
 def rug(x_m, high_m, low_m=0.0):
-    """It lies on the floor from x = x_m on, lower than a quarter of a texel."""
+    """It lies on the floor, or hangs above it, from x = x_m on."""
     return box_mesh("Rug", (2.0, 4.0, high_m - low_m), (x_m + 1.0, 0.5, (low_m + high_m) / 2))
 
 
 @pytest.mark.parametrize("layer", LAYERS)
-@pytest.mark.parametrize(("low", "high"), [(0.0, 0.02), (0.05, 0.1)])
+@pytest.mark.parametrize(("low", "high"), [(0.0, 0.02), (0.05, 0.1), (1.0, 1.02), (2.8, 9.0)])
 def test_a_rug_much_thinner_than_a_texel_parts_the_floor(tmp_path, layer, low, high):
-    """Rays along the floor pass above it."""
+    """Rays along the floor pass above it, or below: a board that hangs close above the floor parts it as well."""
     x_m = 32.3 / SIDE
     _, cut, _, scene = cut_floor(tmp_path, rug(x_m, high / SIDE, low / SIDE), layer=layer)
     pieces = draw_pieces(cut, scene)
@@ -292,10 +292,21 @@ def test_where_there_is_no_texel_nothing_is_found(tmp_path):
 
 
 def test_what_hangs_above_parts_nothing(tmp_path):
-    texels, cut, cut_atlas, _ = cut_floor(tmp_path, moved(wall(), (0, 0, 1 / SIDE)))
+    texels, cut, cut_atlas, _ = cut_floor(tmp_path, moved(wall(), (0, 0, 3.2 / SIDE)))
     assert len(cut.chart_page) == len(texels.chart_page)
     assert len(cut.borders.entry) == 0
     assert len(cut_atlas.chart_page) == 1
+
+
+def test_what_rises_from_the_floor_parts_nothing(tmp_path):
+    """A board that leaves the floor at forty-five degrees, where it lies on it and where it is high above: no light jumps below it."""
+    x_m = np.array([0.4, 1.2])
+    corners = np.array([[x_m[i], y, x_m[i] - 0.4 + 0.3 / SIDE] for i, y in ((0, -0.1), (1, -0.1), (1, 1.1), (0, 1.1))])
+    _, cut, cut_atlas, scene = cut_floor(tmp_path, Mesh("Board", corners, [[0, 1, 2, 3]], receives=False))
+    pieces = draw_pieces(cut, scene)
+    assert len(cut_atlas.chart_page) == 2  # parted where it begins
+    assert (pieces == pieces[0]).all()
+    assert np.flatnonzero(np.diff(pieces[0])).tolist() == [int(0.4 * SIDE + 0.5) - 1]
 
 
 def test_nothing_moves_on_the_page_and_no_area_is_lost(tmp_path):
@@ -399,6 +410,23 @@ def test_a_texel_that_a_rug_ends_in_is_as_bright_as_the_floor_beside_it(tmp_path
     light = light_of(tmp_path, settings, cut, cut_atlas)
     assert light[column == 32].mean() == pytest.approx(light[column < 32].mean(), rel=0.04)
     assert light[column > 32].max() < 0.001 * light[column < 32].mean()  # its edge is known to a thirtieth of a texel
+
+
+def test_light_does_not_leak_below_what_hangs_close_above(tmp_path):
+    """A shelf two texels above the floor, a sun straight above, and so few photons that leaves are many texels wide."""
+    settings = replace(SETTINGS, max_photons=20_000)
+    above = replace(SUN, rotation=((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+    _, cut, cut_atlas, scene = cut_floor(tmp_path / "cut", rug(35 / SIDE, 2.2 / SIDE, 2.0 / SIDE), light=above)
+    _, whole = prepare_folder(tmp_path / "whole", scene, SETTINGS)
+    beside, below = {}, {}
+    for name, texels in (("cut", cut), ("whole", whole)):
+        column = (np.einsum("nk,nkj->nj", texels.texel_bary, scene.tri_position[texels.texel_tri])[:, 0] * SIDE).astype(int)
+        light = light_of(tmp_path / name, settings, texels, replace(cut_atlas, chart_page=texels.chart_page))
+        beside[name], below[name] = (light[(column >= k) & (column < k + 4)].mean() / light[column < 28].mean() for k in (31, 35))
+    assert below["whole"] > 0.3  # or the test could not fail
+    assert beside["whole"] < 0.9
+    assert below["cut"] < 0.1
+    assert beside["cut"] == pytest.approx(1.0, abs=0.02)
 
 
 def light_of(folder, settings, texels, atlas):
