@@ -254,13 +254,15 @@ def test_what_stands_beyond_the_last_texel_parts_nothing(tmp_path):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_clear_tiles_change_no_piece(tmp_path, monkeypatch, seed):
-    """Walls of all lengths at random places, with each texel asked for itself and without; the floor fills half of its page."""
+    """Walls and boards above the floor at random places, with each texel asked for itself and without; the floor fills half of its page."""
     rng = np.random.default_rng(seed)
     things = []
     for _ in range(10):
         size, centre = rng.uniform(0.02, 0.5, 2), rng.random(2)
         size[rng.integers(2)] = rng.choice([0.005, 0.03])
         things.append(box_mesh("Wall", (*size, 0.5), (*centre, 0.25)))
+    for low in (0.1, 1.0, 2.5, 2.9, 4.0):
+        things.append(box_mesh("Board", (*rng.uniform(0.1, 0.5, 2), 0.01), (*rng.random(2), low / SIDE + 0.005)))
     floor = quad_mesh("Floor", uv=SQUARE * [1, 0.5] + [0, 0.5])
     drawn = []
     for name in ("tiles", "texels"):
