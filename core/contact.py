@@ -102,6 +102,12 @@ def ends_between(one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArra
     return ends
 
 
+def rises_between(one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(m,) bool: whether what is above rises there to where it covers no more, or ends; arguments as ends_between."""
+    rises: NDArray[np.bool_] = are_close(one) != are_close(other)
+    return rises
+
+
 def find_cover_edges(
     rays: RayScene, covered: NDArray[np.float32], bare: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray
 ) -> NDArray[np.float32]:

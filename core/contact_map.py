@@ -41,6 +41,7 @@ class ContactMap:
     """Where other things meet the surface.
 
     touched   (n,) bool: texel entries that something touches
+    rising    (n,) bool: those above which something close goes on and rises, as a ball on the floor does: light falls towards it
     patches   that tile all entries of charts that something parts
     piece     (k,) int64: the first patch of the piece that each patch is of
     whole     (k,) int64: the same of what hangs together somehow, of which a piece may be a part
@@ -48,6 +49,7 @@ class ContactMap:
     """
 
     touched: NDArray[np.bool_]
+    rising: NDArray[np.bool_]
     patches: _Patches
     piece: _Int64
     whole: _Int64
@@ -206,6 +208,9 @@ def _join_patches(
     distance[way[ends], here[ends]], distance[np.take(OPPOSITE, way[ends]), other[ends]] = _find_ends(
         rays, frames, height[here[ends]] < height[other[ends]], start[here[ends]], start[other[ends]]
     )
+    rises = np.flatnonzero(~between & contact.rises_between(height[here], height[other]))
+    rising = np.zeros(len(touched), bool)
+    rising[start[here[rises]]] = rising[start[other[rises]]] = True
     joined.append(np.stack([here, other]).compress(~between, axis=1))
     way, here, other = way[between], here[between], other[between]
     for step in ((TILE_SIDE, 0), (0, TILE_SIDE)):
@@ -215,12 +220,14 @@ def _join_patches(
     way, here, other = np.append(way, np.take(OPPOSITE, way)), np.append(here, other), np.append(other, here)
     reach = np.where(is_whole[here] & is_whole[other], distance[way, here], np.float32(np.inf))
     borders = TexelBorders.of(len(touched), way, start[here], start[other], reach)
-    return ContactMap(touched, patches, piece, whole, borders)
+    return ContactMap(touched, rising, patches, piece, whole, borders)
 
 
-def cut_at_contacts(texels: TexelMap, atlas: ChartAtlas, found: ContactMap) -> tuple[TexelMap, ChartAtlas, NDArray[np.bool_]]:
+def cut_at_contacts(
+    texels: TexelMap, atlas: ChartAtlas, found: ContactMap
+) -> tuple[TexelMap, ChartAtlas, NDArray[np.bool_], NDArray[np.bool_]]:
     """The map and the atlas with all but the largest piece of a chart in charts of their own, after the others; and which entries of
-    that map are touched, (n,) bool. Nothing moves on the pages. The map that was is used up: its arrays are filled anew.
+    that map are `touched` and `rising`. Nothing moves on the pages. The map that was is used up: its arrays are filled anew.
 
     atlas   whose charts are the map's
     """
@@ -233,7 +240,7 @@ def cut_at_contacts(texels: TexelMap, atlas: ChartAtlas, found: ContactMap) -> t
     own = by_size[~is_largest & (size[by_size] >= _LEAST_PIECE)]
     texels = _share_texels(texels, found.borders)
     if not len(own):
-        return texels, atlas, found.touched
+        return texels, atlas, found.touched, found.rising
     whole, number = chart[own], np.full(len(patches.start), -1, np.int32)
     number[found.whole[own]] = len(texels.chart_page) + np.arange(len(own))
     number[found.whole[by_size[is_largest]]] = chart[by_size[is_largest]]
@@ -242,8 +249,9 @@ def cut_at_contacts(texels: TexelMap, atlas: ChartAtlas, found: ContactMap) -> t
     moved = np.flatnonzero(chart_of[found.piece] >= 0)
     own_chart = chart_of[found.piece[moved]]
     order = EntryOrder.of(patches.start[moved], patches.size[moved], np.argsort(own_chart, kind="stable"), len(found.touched))
-    texels, touched = put_in_order(texels, order), found.touched.copy()
+    texels, touched, rising = put_in_order(texels, order), found.touched.copy(), found.rising.copy()
     order.apply(touched)
+    order.apply(rising)
     own_chart = np.sort(np.repeat(own_chart, patches.size[moved]))
     chart = texels.texel_chart
     chart[len(chart) - len(own_chart) :] = own_chart
@@ -256,7 +264,7 @@ def cut_at_contacts(texels: TexelMap, atlas: ChartAtlas, found: ContactMap) -> t
         chart_piece=np.append(texels.chart_piece, number[found.whole[own]]),
         chart_start=np.searchsorted(chart, np.arange(len(page) + 1, dtype=np.int32)).astype(np.int64),
     )
-    return cut, dataclasses.replace(atlas, chart_page=page, chart_object=thing), touched
+    return cut, dataclasses.replace(atlas, chart_page=page, chart_object=thing), touched, rising
 
 
 def _share_texels(texels: TexelMap, borders: TexelBorders) -> TexelMap:

@@ -4,7 +4,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from leaflight.core.contact import are_close, ends_between, find_clear_tiles, find_contacts, find_cover_edges, find_covers, texel_axes
+from leaflight.core.contact import (
+    are_close,
+    ends_between,
+    find_clear_tiles,
+    find_contacts,
+    find_cover_edges,
+    find_covers,
+    rises_between,
+    texel_axes,
+)
 from leaflight.core.geometry import UnitBox
 from leaflight.core.rays import RayScene
 from leaflight.core.texel_borders import WAYS
@@ -142,11 +151,12 @@ def test_what_hangs_above_covers_nothing():
     np.testing.assert_array_equal(np.isfinite(height), (x > 0.25) & (x < 0.6))  # as a thing that rises from a cover would be
 
 
-def test_a_cover_ends_where_the_next_texel_has_nothing_near():
+def test_a_cover_ends_where_the_next_texel_has_nothing_near_and_rises_where_it_is_not_far():
     one = np.float32([0.1, 2.9, np.inf, 2.9, 2.9, 0.1, np.inf, 3.1])
     other = np.float32([np.inf, np.inf, 0.1, 5.1, 4.9, 2.9, np.inf, np.inf])
     assert ends_between(one, other).tolist() == [True, True, True, True, False, False, False, False]
     assert ends_between(other, one).tolist() == ends_between(one, other).tolist()
+    assert rises_between(one, other).tolist() == [True, True, True, True, True, False, False, False]
 
 
 @pytest.mark.parametrize("low", [0.0, 2.5])

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import prepare_folder
-from leaflight.core import contact_map, executors, resolve, shared_arrays, solve, workers
+from leaflight.core import contact_map, executors, quadtree, resolve, shared_arrays, solve, workers
 from leaflight.core.contact_map import cut_at_contacts, find_contacts
 from leaflight.core.direct_field import DirectField
 from leaflight.core.scene import Light
@@ -14,7 +14,7 @@ from leaflight.core.settings import Settings
 from leaflight.core.texel_borders import WAYS
 from leaflight.core.texel_grid import interleave_bits
 from leaflight.core.topology import join_sets
-from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, quad_mesh, split_faces
+from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh, split_faces
 from trees import make_map, make_square_map
 
 SIDE = 64  # texels of the floor, a square metre
@@ -52,7 +52,8 @@ def cut_floor(folder, *meshes, layer="plain", floor=None, light=LAMP):
     scene = make_scene([floor, *(replace(mesh, receives=False) for mesh in meshes)], [light])
     atlas, texels = prepare_folder(folder, scene, SETTINGS)
     found = find_contacts(workers.open_scene(str(folder)), texels)
-    cut, cut_atlas, touched = cut_at_contacts(deepcopy(texels), atlas, found)
+    cut, cut_atlas, touched, rising = cut_at_contacts(deepcopy(texels), atlas, found)
+    assert {tuple(xy) for xy in cut.texel_xy[rising]} == {tuple(xy) for xy in texels.texel_xy[found.rising]}
     assert {tuple(xy) for xy in cut.texel_xy[touched]} == {tuple(xy) for xy in texels.texel_xy[found.touched]}
     assert len(cut_atlas.chart_page) == len(cut_atlas.chart_object) == len(cut.chart_page)
     assert touched.sum() == found.touched.sum()
@@ -122,6 +123,7 @@ def test_texels_on_both_sides_of_a_rugs_edge_are_touched(tmp_path):
     workers.forget_folders()
     assert np.unique(texels.texel_xy[found.touched, 0]).tolist() == [31, 32]
     assert found.touched.sum() == 2 * SIDE
+    assert not found.rising.any()
 
 
 def test_a_thing_covers_no_part_of_itself(tmp_path):
@@ -309,6 +311,11 @@ def test_what_rises_from_the_floor_parts_nothing(tmp_path):
     assert len(cut_atlas.chart_page) == 2  # parted where it begins
     assert (pieces == pieces[0]).all()
     assert np.flatnonzero(np.diff(pieces[0])).tolist() == [int(0.4 * SIDE + 0.5) - 1]
+    _, texels = prepare_folder(tmp_path / "again", scene, SETTINGS)
+    rising = find_contacts(workers.open_scene(str(tmp_path / "again")), texels).rising
+    workers.forget_folders()
+    assert np.unique(texels.texel_xy[rising, 0]).tolist() == [27, 28]  # on both sides of where it is three texels high
+    assert rising.sum() == 2 * SIDE
 
 
 def test_nothing_moves_on_the_page_and_no_area_is_lost(tmp_path):
@@ -367,7 +374,7 @@ def test_floors_of_several_pages_and_sizes_are_cut_alike(tmp_path):
     assert texels.page_count == 2
     found = find_contacts(workers.open_scene(str(tmp_path)), texels)
     workers.forget_folders()
-    cut, cut_atlas, touched = cut_at_contacts(texels, atlas, found)
+    cut, cut_atlas, touched, _ = cut_at_contacts(texels, atlas, found)
     chart = cut.texel_chart
     np.testing.assert_array_equal(cut_atlas.chart_object[chart], scene.tri_object[cut.texel_tri])
     np.testing.assert_array_equal(cut.chart_page, cut_atlas.chart_page)
@@ -429,6 +436,29 @@ def test_light_does_not_leak_below_what_hangs_close_above(tmp_path):
     assert beside["whole"] < 0.9
     assert below["cut"] < 0.1
     assert beside["cut"] == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_first_leaves_below_a_ball_know_how_light_falls_towards_where_it_stands(tmp_path):
+    """One round of photons from the sky, on trees that begin finer there and on such as do not, against many rounds."""
+    ball = moved(sphere_mesh(radius_m=0.2), (0.5, 0.5, 0.2))
+    scene = replace(make_scene([quad_mesh("Floor", uv=SQUARE), replace(ball, receives=False)]), world_rgb=(1.0,) * 3)
+    _, texels = prepare_folder(tmp_path / "first", scene, SETTINGS)
+    found = find_contacts(workers.open_scene(str(tmp_path / "first")), texels)
+    far = np.hypot(*(texels.texel_xy + 0.5 - SIDE / 2).T)
+    assert 0 < far[found.rising].min() < far[found.rising].max() < 0.25 * SIDE
+    light = {}
+    for name, rising, photons in (("fine", found.rising, 1 << 17), ("coarse", None, 1 << 17), ("many", None, 1 << 22)):
+        prepare_folder(tmp_path / name, scene, SETTINGS)
+        none, job = np.zeros(len(texels), bool), (tmp_path / name, replace(SETTINGS, max_photons=photons), executors.InlineExecutor())
+        solver = solve.Solver(*job, DirectField.none(len(texels)), none, rising_texels=rising)
+        shown = resolve.light_at_texels(solver.run(lambda message: None, lambda: False), texels, smooth_grain=False)
+        light[name] = (shown.direct + shown.indirect).sum(axis=1)
+        if name != "many":
+            side = solver.tree.side[quadtree.node_of_texel(solver.tree, np.flatnonzero(~solver.tree.has_children), len(texels))]
+            assert (side[found.rising].max() <= 8) == (name == "fine")
+    workers.forget_folders()
+    error = {name: np.sqrt(np.mean((light[name] - light["many"])[far < 5] ** 2)) for name in ("fine", "coarse")}
+    assert error["fine"] < 0.75 * error["coarse"]
 
 
 def light_of(folder, settings, texels, atlas):
