@@ -118,7 +118,7 @@ def run_bake(
             shared_arrays.remove_struct(place)  # of an earlier bake in the same folder
             texel_map = texels.build_texel_map(snapshot, facets, 2 * basis.DEGREES[settings.basis], shared_arrays.Room(place))
         warnings += atlas.warnings
-        touched = np.zeros(len(texel_map), bool)
+        touched = rising = np.zeros(len(texel_map), bool)
         if needs.direct:
             with stages.stage("scene", "Building the ray tracer's tree"):
                 opened = workers.open_scene(str(folder))
@@ -126,7 +126,7 @@ def run_bake(
             if settings.contact and (needs.photons or job.resume):  # a state's texels are those of cut charts
                 with stages.stage("contacts", "Looking for contacts"):
                     contacts = contact_map.find_contacts(opened, texel_map, executors.count_processors(settings.workers))
-                    texel_map, facets, touched = contact_map.cut_at_contacts(texel_map, facets, contacts)
+                    texel_map, facets, touched, rising = contact_map.cut_at_contacts(texel_map, facets, contacts)
         shared_arrays.save_struct(place, texel_map)
         if needs.direct:
             texel_map = workers.open_tracing(str(folder)).texels  # read-only from here on, as for all processes
@@ -144,7 +144,7 @@ def run_bake(
         solver = None
         if needs.photons and not kept and settings.direct == "rays":
             with stages.stage(solve.TRACING.stage, solve.TRACING.text):
-                solver = solve.Solver(folder, settings, executor, direct, touched, first=first)
+                solver = solve.Solver(folder, settings, executor, direct, touched, first=first, rising_texels=rising)
                 solver.begin()
         if needs.direct and not kept:
             with stages.stage("direct", "Direct light"):
@@ -159,7 +159,7 @@ def run_bake(
                     direct.begin_show(texel_map, settings.denoise, partial(executors.spread, executor))
         if needs.photons or not shot:
             with stages.stage(solve.TRACING.stage, solve.TRACING.text):
-                solver = solver or solve.Solver(folder, settings, executor, direct, touched, first=first)
+                solver = solver or solve.Solver(folder, settings, executor, direct, touched, first=first, rising_texels=rising)
                 if kept:
                     kept.give_to(solver)
                 if live:

@@ -1,4 +1,4 @@
-"""Texels where other geometry touches or nearly touches the surface: the foot of a table's leg, a shelf on a wall.
+"""Texels where other geometry touches or nearly touches the surface: the foot of a table's leg, a shelf on a wall, a curtain before it.
 
 The preview of a large node averages over such small shadows and so misses them, which is the shadow leak that [Tobler97]
 describes in section 4; its remedy, forced subdivision where geometry tells (3.7), needs to know where.
@@ -17,6 +17,10 @@ from .tiles import TILE_SIDE
 
 _LIFT_TEXELS = 0.25  # height of the feelers above the surface
 _REACH_TEXELS = 1.5  # and their length
+# Height up to which a thing covers the surface below it. Where it ends, light changes over about as many texels as it is high: over
+# more than four a leaf goes on better than it ends.
+_COVER_TEXELS = 3.0
+_SHEER_TEXELS = 2.0  # it ends where it is so much higher above the next texel; where it rises by less, as a ball does, light has no edge
 _COVER_STEPS = 5  # halvings of the way between two texels, to where what covers one of them ends
 _TILE_LOOKS = 3  # places a side where it is asked what covers a tile
 _CHUNK = 1 << 18
@@ -71,16 +75,37 @@ def find_between(
     return found
 
 
-def find_covers(rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray) -> NDArray[np.int32]:
-    """(n,) int32: what lies on the surface, lower than find_contacts' rays, which pass above it: the triangle met first, -1 for none.
+def find_covers(
+    rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """What lies on the surface or hangs close above it, where find_contacts' rays pass between them or above both.
 
-    Arguments as there. A rug is often much thinner than a texel is wide, and as dark below as a cupboard is.
+    Arguments as there. A rug is often much thinner than a texel is wide, and as dark below as a cupboard is; so is a wall behind a curtain.
+    out   (n,) int32: the triangle met first, -1 for none; and (n,) float32, texels: how high that is, inf for none
     """
-    found = np.full(len(position), -1, np.int32)
-    covered = np.flatnonzero(_are_covered(rays, position, normal, texel_size))
-    normal = take_rows(normal, covered)
-    found[covered] = rays.closest(offset_origin(take_rows(position, covered), normal), normal).tri
-    return found
+    found, texels = np.full(len(position), -1, np.int32), np.full(len(position), np.inf, np.float32)
+    origin, size = offset_origin(position, normal), texel_size.astype(np.float32)
+    above = np.flatnonzero(rays.occluded(origin, normal, (_COVER_TEXELS + _SHEER_TEXELS) * size))
+    met = rays.closest(take_rows(origin, above), take_rows(normal, above))
+    found[above], texels[above] = met.tri, met.distance / size[above]
+    return found, texels
+
+
+def are_close(height: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(m,) bool: whether what is so high above points, texels (m,), covers them."""
+    return height < _COVER_TEXELS
+
+
+def ends_between(one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(m,) bool: whether a cover ends between points that something is so high above, texels, (m,) and (m,)."""
+    ends: NDArray[np.bool_] = are_close(np.minimum(one, other)) & (np.maximum(one, other) >= _COVER_TEXELS + _SHEER_TEXELS)
+    return ends
+
+
+def rises_between(one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(m,) bool: whether what is above rises there to where it covers no more, or ends; arguments as ends_between."""
+    rises: NDArray[np.bool_] = are_close(one) != are_close(other)
+    return rises
 
 
 def find_cover_edges(
@@ -97,7 +122,7 @@ def find_cover_edges(
 
 def _are_covered(rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray) -> NDArray[np.bool_]:
     """(n,) bool: whether anything is met that near above; arguments as find_covers."""
-    return rays.occluded(offset_origin(position, normal), normal, (_LIFT_TEXELS * texel_size).astype(np.float32))
+    return rays.occluded(offset_origin(position, normal), normal, (_COVER_TEXELS * texel_size).astype(np.float32))
 
 
 def find_clear_tiles(rays: RayScene, corner: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray) -> NDArray[np.bool_]:

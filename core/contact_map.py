@@ -2,7 +2,8 @@
 
 Where a wall or a cupboard stands on a floor, light jumps: there is another room behind the wall, and none below the cupboard. A leaf over
 both sides could hold neither, and what it says of one would leak to the other. So a piece of a chart that is parted from the rest by what
-stands on it becomes a chart of its own, as the sides of a crease do.
+stands on it becomes a chart of its own, as the sides of a crease do. So does what lies below a rug, or behind a curtain that hangs close to
+a wall and touches it nowhere.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ class ContactMap:
     """Where other things meet the surface.
 
     touched   (n,) bool: texel entries that something touches
+    rising    (n,) bool: those above which something close goes on and rises, as a ball on the floor does: light falls towards it
     patches   that tile all entries of charts that something parts
     piece     (k,) int64: the first patch of the piece that each patch is of
     whole     (k,) int64: the same of what hangs together somehow, of which a piece may be a part
@@ -47,6 +49,7 @@ class ContactMap:
     """
 
     touched: NDArray[np.bool_]
+    rising: NDArray[np.bool_]
     patches: _Patches
     piece: _Int64
     whole: _Int64
@@ -83,16 +86,16 @@ def find_contacts(opened: TracedScene, texels: TexelMap, threads: int = 1) -> Co
     """Contacts at all texel entries, looked for by so many threads."""
     frames, things = TexelFrames.of(opened, texels), LooseParts(opened.snapshot)
     found = run_on_threads(lambda part: _look_around(opened.scene.rays, frames, things, part), len(texels), threads)
-    touched, covered, first, size, distance = (np.concatenate(part, axis=-1) for part in zip(*found, strict=True))
-    return _join_patches(opened.scene.rays, frames, things, touched, covered, first, size, distance)
+    touched, height, first, size, distance = (np.concatenate(part, axis=-1) for part in zip(*found, strict=True))
+    return _join_patches(opened.scene.rays, frames, things, touched, height, first, size, distance)
 
 
 def _look_around(
     rays: RayScene, frames: TexelFrames, things: LooseParts, part: slice
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_], _Int64, _Int64, NDArray[np.float32]]:
+) -> tuple[NDArray[np.bool_], NDArray[np.float32], _Int64, _Int64, NDArray[np.float32]]:
     """What a chunk of entries meets.
 
-    out   (m,) bool whether something touches them; of patches that tile them (k,) whether another thing lies on them, (k,) first entries
+    out   (m,) bool whether something touches them; of patches that tile them (k,) how high another thing is above them, (k,) first entries
           and (k,) sizes, and (4, k) how far it is to another thing, as in _join_patches
     """
     tiles = _find_clear_tiles(rays, frames, part) - part.start
@@ -113,11 +116,12 @@ def _look_around(
     single_distance[way[own], row[own]] = np.inf
     distance = np.full((len(WAYS), len(start)), np.inf, np.float32)
     distance[:, single] = single_distance
-    cover = contact.find_covers(rays, *places)
+    cover, above = contact.find_covers(rays, *places)
     row = np.flatnonzero(cover >= 0)
-    covered = np.zeros(len(start), bool)
-    covered[single[row]] = things.are_apart(cover[row], tri[row])
-    return touched, covered, part.start + start, size, distance
+    row = row[things.are_apart(cover[row], tri[row])]
+    height = np.full(len(start), np.inf, np.float32)
+    height[single[row]] = above[row]
+    return touched, height, part.start + start, size, distance
 
 
 def _find_clear_tiles(rays: RayScene, frames: TexelFrames, part: slice) -> _Int64:
@@ -163,22 +167,22 @@ def _join_patches(
     frames: TexelFrames,
     things: LooseParts,
     touched: NDArray[np.bool_],
-    covered: NDArray[np.bool_],
+    height: NDArray[np.float32],
     start: _Int64,
     size: _Int64,
     distance: NDArray[np.float32],
 ) -> ContactMap:
     """Texels are of one piece where one can go from one to the next and meet nothing, nor get below something.
 
-    covered       (k,) bool: patches of one texel that something lies on
+    height        (k,) float32, texels: of another thing above patches of one texel; inf of tiles, within which none ends
     start, size   (k,) int64, of patches that tile all entries
     distance      (4, k) float32, texels: to another thing, towards each of WAYS
     """
     texels, blocked = frames.texels, distance < 1.0
     parted = np.zeros(len(texels.chart_page), bool)
-    parted[texels.texel_chart[start[blocked.any(axis=0) | covered]]] = True
+    parted[texels.texel_chart[start[blocked.any(axis=0) | contact.are_close(height)]]] = True
     kept = np.flatnonzero(parted[texels.texel_chart[start]])
-    start, size, covered, distance, blocked = start[kept], size[kept], covered[kept], distance[:, kept], blocked[:, kept]
+    start, size, height, distance, blocked = start[kept], size[kept], height[kept], distance[:, kept], blocked[:, kept]
     patches = _Patches(start, size, texels.list_keys(start))
     joined: list[_Int64] = []
     beside: list[_Int64] = []  # single texels
@@ -199,11 +203,14 @@ def _join_patches(
     is_whole = is_whole[start]
     aslant = np.flatnonzero(~(is_whole[here] & is_whole[other]))  # as points of parts are beside the middles of their texels
     between[aslant] = _are_parted(rays, frames, things, start[here[aslant]], start[other[aslant]])
-    ends = np.flatnonzero(~between & (covered[here] != covered[other]))
+    ends = np.flatnonzero(~between & contact.ends_between(height[here], height[other]))
     between[ends] = touched[start[here[ends]]] = touched[start[other[ends]]] = True
     distance[way[ends], here[ends]], distance[np.take(OPPOSITE, way[ends]), other[ends]] = _find_ends(
-        rays, frames, covered[here[ends]], start[here[ends]], start[other[ends]]
+        rays, frames, height[here[ends]] < height[other[ends]], start[here[ends]], start[other[ends]]
     )
+    rises = np.flatnonzero(~between & contact.rises_between(height[here], height[other]))
+    rising = np.zeros(len(touched), bool)
+    rising[start[here[rises]]] = rising[start[other[rises]]] = True
     joined.append(np.stack([here, other]).compress(~between, axis=1))
     way, here, other = way[between], here[between], other[between]
     for step in ((TILE_SIDE, 0), (0, TILE_SIDE)):
@@ -213,12 +220,14 @@ def _join_patches(
     way, here, other = np.append(way, np.take(OPPOSITE, way)), np.append(here, other), np.append(other, here)
     reach = np.where(is_whole[here] & is_whole[other], distance[way, here], np.float32(np.inf))
     borders = TexelBorders.of(len(touched), way, start[here], start[other], reach)
-    return ContactMap(touched, patches, piece, whole, borders)
+    return ContactMap(touched, rising, patches, piece, whole, borders)
 
 
-def cut_at_contacts(texels: TexelMap, atlas: ChartAtlas, found: ContactMap) -> tuple[TexelMap, ChartAtlas, NDArray[np.bool_]]:
+def cut_at_contacts(
+    texels: TexelMap, atlas: ChartAtlas, found: ContactMap
+) -> tuple[TexelMap, ChartAtlas, NDArray[np.bool_], NDArray[np.bool_]]:
     """The map and the atlas with all but the largest piece of a chart in charts of their own, after the others; and which entries of
-    that map are touched, (n,) bool. Nothing moves on the pages. The map that was is used up: its arrays are filled anew.
+    that map are `touched` and `rising`. Nothing moves on the pages. The map that was is used up: its arrays are filled anew.
 
     atlas   whose charts are the map's
     """
@@ -231,7 +240,7 @@ def cut_at_contacts(texels: TexelMap, atlas: ChartAtlas, found: ContactMap) -> t
     own = by_size[~is_largest & (size[by_size] >= _LEAST_PIECE)]
     texels = _share_texels(texels, found.borders)
     if not len(own):
-        return texels, atlas, found.touched
+        return texels, atlas, found.touched, found.rising
     whole, number = chart[own], np.full(len(patches.start), -1, np.int32)
     number[found.whole[own]] = len(texels.chart_page) + np.arange(len(own))
     number[found.whole[by_size[is_largest]]] = chart[by_size[is_largest]]
@@ -240,8 +249,9 @@ def cut_at_contacts(texels: TexelMap, atlas: ChartAtlas, found: ContactMap) -> t
     moved = np.flatnonzero(chart_of[found.piece] >= 0)
     own_chart = chart_of[found.piece[moved]]
     order = EntryOrder.of(patches.start[moved], patches.size[moved], np.argsort(own_chart, kind="stable"), len(found.touched))
-    texels, touched = put_in_order(texels, order), found.touched.copy()
+    texels, touched, rising = put_in_order(texels, order), found.touched.copy(), found.rising.copy()
     order.apply(touched)
+    order.apply(rising)
     own_chart = np.sort(np.repeat(own_chart, patches.size[moved]))
     chart = texels.texel_chart
     chart[len(chart) - len(own_chart) :] = own_chart
@@ -254,7 +264,7 @@ def cut_at_contacts(texels: TexelMap, atlas: ChartAtlas, found: ContactMap) -> t
         chart_piece=np.append(texels.chart_piece, number[found.whole[own]]),
         chart_start=np.searchsorted(chart, np.arange(len(page) + 1, dtype=np.int32)).astype(np.int64),
     )
-    return cut, dataclasses.replace(atlas, chart_page=page, chart_object=thing), touched
+    return cut, dataclasses.replace(atlas, chart_page=page, chart_object=thing), touched, rising
 
 
 def _share_texels(texels: TexelMap, borders: TexelBorders) -> TexelMap:

@@ -139,7 +139,9 @@ class Settings:
     preview_depth: int = _knob(2, "levels between the current and the preview nodes", unit="levels", low=1, high=3)
     min_level: int = _knob(0, "level every quadtree starts with; 0 is the chart's root", unit="levels", low=0, high=14)
     contact: bool = _knob(
-        True, "where other geometry touches the surface: cut charts, finer leaves, light told apart within texels", off_flag="--no-contact"
+        True,
+        "where other geometry touches the surface, or nearly: cut charts, finer leaves, light told apart within texels",
+        off_flag="--no-contact",
     )
     denoise: bool = _knob(True, "average grain over like neighbours within a chart", off_flag="--no-denoise")
     gather: bool = _knob(

@@ -39,6 +39,8 @@ from .squares import SquareLight, Squares
 from .stop_rules import StopRules
 from .tally import Solution, Tally, Totals
 
+# Of nodes below what rises from a surface, from the first round on: a default bake may have no more than two, too few to come so far.
+_RISING_SIDE = 8  # texels
 TRACING = Status("photons", "Tracing photons")
 
 
@@ -72,6 +74,7 @@ class Solver:
     watch: Callable[[LightField], None] = lambda light: None  # sees the light after every round but the last
     photons_before: int = 0  # of an earlier bake, which this goes on with
     first: FirstPhotons = field(default_factory=FirstPhotons)
+    rising_texels: NDArray[np.bool_] | None = None  # (n,) of ContactMap; None for none
 
     def __post_init__(self) -> None:
         self.tracing = workers.open_tracing(str(self.folder))
@@ -80,6 +83,8 @@ class Solver:
         self.tree = quadtree.plant_trees(texels, self.degree, settings.min_level, settings.finest_texels, not settings.hierarchical)
         if settings.hierarchical:
             self._grow_previews()
+            if self.rising_texels is not None:
+                self.tree = quadtree.grow_to(self.tree, texels, max(_RISING_SIDE, settings.finest_texels), self.rising_texels)
         components = 1 if settings.direct == "rays" else tally.COMPONENTS
         self.tally = Tally.empty(len(self.tree), self.degree, components)
         self.squares = Squares.of(texels, self.forced_texels)

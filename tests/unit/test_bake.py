@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boxes import lamp_scene, room_mesh
-from leaflight.core import bake, preview, resolve, solve
+from leaflight.core import bake, preview, quadtree, resolve, solve
 from leaflight.core.checkpoint import read_info
 from leaflight.core.direct_field import DirectField
 from leaflight.core.encodings import ENCODINGS
@@ -55,6 +55,21 @@ def test_grain_of_direct_light_is_smoothed_before_the_next_photons_are_asked_for
     bake_scene(tmp_path / "photons", lamp_scene(), replace(QUICK, direct="photons"))
     bake_scene(tmp_path / "direct", lamp_scene(), replace(QUICK, passes=("direct",)))
     assert done == ["run"]
+
+
+def test_trees_begin_finer_below_a_ball(tmp_path, monkeypatch):
+    trees = []
+    run = solve.Solver.run
+    monkeypatch.setattr(solve.Solver, "run", lambda self, *args: trees.append((self.tree, self.rising_texels)) or run(self, *args))
+    ball = replace(moved(sphere_mesh(radius_m=0.2), (0.5, 0.5, 0.2)), receives=False)
+    scene = make_scene([quad_mesh("Floor"), ball], [Light("POINT", "Lamp", (0.5, 0.5, 2.0), power_rgb=(9.0,) * 3)])
+    for name, contact in (("on", True), ("off", False)):
+        bake_scene(tmp_path / name, scene, replace(QUICK, size=128, contact=contact))
+    (fine, rising), (coarse, nothing) = trees
+    assert rising.any()
+    assert not nothing.any()
+    assert fine.side[quadtree.any_in_nodes(fine, rising) & ~fine.has_children].max() == 8
+    assert coarse.side.min() > 8
 
 
 def test_light_that_photons_had_not_lost_is_told_and_stated(tmp_path):

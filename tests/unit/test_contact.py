@@ -4,7 +4,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from leaflight.core.contact import find_clear_tiles, find_contacts, find_cover_edges, find_covers, texel_axes
+from leaflight.core.contact import (
+    are_close,
+    ends_between,
+    find_clear_tiles,
+    find_contacts,
+    find_cover_edges,
+    find_covers,
+    rises_between,
+    texel_axes,
+)
 from leaflight.core.geometry import UnitBox
 from leaflight.core.rays import RayScene
 from leaflight.core.texel_borders import WAYS
@@ -121,31 +130,49 @@ def rug_scene(low_m, high_m, x_m=(0.25, 0.6)):
     return RayScene(unit_box.to_unit(scene.tri_position)), position, up, np.full(len(x), unit_box.scale / SIDE), x
 
 
-@pytest.mark.parametrize(("low", "high"), [(0.0, 0.02), (0.0, 0.2), (0.1, 0.2), (0.0, 9.0)])
-def test_what_lies_on_the_surface_covers_it(low, high):
-    """A rug much lower than the feelers, also one a little above the floor, and a box; texels' thickness each."""
+@pytest.mark.parametrize(("low", "high"), [(0.0, 0.02), (0.0, 0.2), (0.1, 0.2), (2.7, 9.0), (0.0, 9.0)])
+def test_what_lies_on_the_surface_or_hangs_close_above_covers_it(low, high):
+    """A rug much lower than the feelers, one a little above the floor, a cupboard on legs, a box on the floor; in texels."""
     rays, position, up, size, x = rug_scene(low / SIDE, high / SIDE)
-    met = find_covers(rays, position, up, size)
-    np.testing.assert_array_equal(met >= 0, ((x > 0.25) & (x < 0.6)) & (high < 0.25 or low > 0))
+    met, height = find_covers(rays, position, up, size)
+    inside = (x > 0.25) & (x < 0.6) & (high < 9.0 or low > 0)
+    np.testing.assert_array_equal(met >= 0, inside)
+    np.testing.assert_array_equal(are_close(height), inside)
+    assert height[inside] == pytest.approx(low or high, abs=0.01)
+    assert np.isinf(height[~inside]).all()
 
 
 def test_what_hangs_above_covers_nothing():
-    rays, position, up, size, _ = rug_scene(0.3 / SIDE, 0.5 / SIDE)
-    assert (find_covers(rays, position, up, size) == -1).all()
+    rays, position, up, size, x = rug_scene(5.1 / SIDE, 5.3 / SIDE)
+    assert (find_covers(rays, position, up, size)[0] == -1).all()
+    rays, position, up, size, x = rug_scene(3.1 / SIDE, 5.3 / SIDE)
+    height = find_covers(rays, position, up, size)[1]
+    assert not are_close(height).any()
+    np.testing.assert_array_equal(np.isfinite(height), (x > 0.25) & (x < 0.6))  # as a thing that rises from a cover would be
 
 
+def test_a_cover_ends_where_the_next_texel_has_nothing_near_and_rises_where_it_is_not_far():
+    one = np.float32([0.1, 2.9, np.inf, 2.9, 2.9, 0.1, np.inf, 3.1])
+    other = np.float32([np.inf, np.inf, 0.1, 5.1, 4.9, 2.9, np.inf, np.inf])
+    assert ends_between(one, other).tolist() == [True, True, True, True, False, False, False, False]
+    assert ends_between(other, one).tolist() == ends_between(one, other).tolist()
+    assert rises_between(one, other).tolist() == [True, True, True, True, True, False, False, False]
+
+
+@pytest.mark.parametrize("low", [0.0, 2.5])
 @pytest.mark.parametrize("x_m", [0.5931, 0.6, 0.6015])
-def test_where_a_cover_ends_is_known_to_a_thirtieth_of_a_texel(x_m):
-    rays, position, up, size, x = rug_scene(0.0, 0.02 / SIDE, (0.25, x_m))
+def test_where_a_cover_ends_is_known_to_a_thirtieth_of_a_texel(x_m, low):
+    rays, position, up, size, x = rug_scene(low / SIDE, (low + 0.02) / SIDE, (0.25, x_m))
     last = np.flatnonzero((x < x_m) & (x > x_m - 1 / SIDE))
     share = find_cover_edges(rays, position[last], position[last + 1], up[last], size[last])
     assert share == pytest.approx((x_m - x[last]) * SIDE, abs=1 / 32)
 
 
+@pytest.mark.parametrize("low", [0.0, 2.5])
 @pytest.mark.parametrize("edge", [0.3, 1.7, 4.0, 6.8, 7.2])
-def test_a_tile_is_clear_below_a_rug_and_beside_it_and_not_where_that_ends(edge):
-    """Texels from the start of the fourth tile to the rug's right edge; feelers pass above the rug."""
-    rays, position, up, size, _ = rug_scene(0.0, 0.02 / SIDE, (-0.5, (24 + edge) / SIDE))
+def test_a_tile_is_clear_below_a_rug_and_beside_it_and_not_where_that_ends(edge, low):
+    """Texels from the start of the fourth tile to the rug's right edge; feelers pass above the rug, or below."""
+    rays, position, up, size, _ = rug_scene(low / SIDE, (low + 0.02) / SIDE, (-0.5, (24 + edge) / SIDE))
     grid = position.reshape(8, 8, 8, 8, 3)
     corner = np.stack([grid[:, 0, :, 0], grid[:, 0, :, 7], grid[:, 7, :, 0]]).reshape(3, 64, 3)
     clear = find_clear_tiles(rays, corner, up[:64], size[:64]).reshape(8, 8)[1:-1, 1:-1]

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import prepare_folder
-from leaflight.core import contact_map, executors, resolve, shared_arrays, solve, workers
+from leaflight.core import contact_map, executors, quadtree, resolve, shared_arrays, solve, workers
 from leaflight.core.contact_map import cut_at_contacts, find_contacts
 from leaflight.core.direct_field import DirectField
 from leaflight.core.scene import Light
@@ -14,7 +14,7 @@ from leaflight.core.settings import Settings
 from leaflight.core.texel_borders import WAYS
 from leaflight.core.texel_grid import interleave_bits
 from leaflight.core.topology import join_sets
-from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, quad_mesh, split_faces
+from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh, split_faces
 from trees import make_map, make_square_map
 
 SIDE = 64  # texels of the floor, a square metre
@@ -52,7 +52,8 @@ def cut_floor(folder, *meshes, layer="plain", floor=None, light=LAMP):
     scene = make_scene([floor, *(replace(mesh, receives=False) for mesh in meshes)], [light])
     atlas, texels = prepare_folder(folder, scene, SETTINGS)
     found = find_contacts(workers.open_scene(str(folder)), texels)
-    cut, cut_atlas, touched = cut_at_contacts(deepcopy(texels), atlas, found)
+    cut, cut_atlas, touched, rising = cut_at_contacts(deepcopy(texels), atlas, found)
+    assert {tuple(xy) for xy in cut.texel_xy[rising]} == {tuple(xy) for xy in texels.texel_xy[found.rising]}
     assert {tuple(xy) for xy in cut.texel_xy[touched]} == {tuple(xy) for xy in texels.texel_xy[found.touched]}
     assert len(cut_atlas.chart_page) == len(cut_atlas.chart_object) == len(cut.chart_page)
     assert touched.sum() == found.touched.sum()
@@ -91,14 +92,14 @@ def test_a_wall_thinner_than_a_texel_parts_it_too(tmp_path, layer):
 
 
 def rug(x_m, high_m, low_m=0.0):
-    """It lies on the floor from x = x_m on, lower than a quarter of a texel."""
+    """It lies on the floor, or hangs above it, from x = x_m on."""
     return box_mesh("Rug", (2.0, 4.0, high_m - low_m), (x_m + 1.0, 0.5, (low_m + high_m) / 2))
 
 
 @pytest.mark.parametrize("layer", LAYERS)
-@pytest.mark.parametrize(("low", "high"), [(0.0, 0.02), (0.05, 0.1)])
+@pytest.mark.parametrize(("low", "high"), [(0.0, 0.02), (0.05, 0.1), (1.0, 1.02), (2.8, 9.0)])
 def test_a_rug_much_thinner_than_a_texel_parts_the_floor(tmp_path, layer, low, high):
-    """Rays along the floor pass above it."""
+    """Rays along the floor pass above it, or below: a board that hangs close above the floor parts it as well."""
     x_m = 32.3 / SIDE
     _, cut, _, scene = cut_floor(tmp_path, rug(x_m, high / SIDE, low / SIDE), layer=layer)
     pieces = draw_pieces(cut, scene)
@@ -122,6 +123,7 @@ def test_texels_on_both_sides_of_a_rugs_edge_are_touched(tmp_path):
     workers.forget_folders()
     assert np.unique(texels.texel_xy[found.touched, 0]).tolist() == [31, 32]
     assert found.touched.sum() == 2 * SIDE
+    assert not found.rising.any()
 
 
 def test_a_thing_covers_no_part_of_itself(tmp_path):
@@ -254,13 +256,15 @@ def test_what_stands_beyond_the_last_texel_parts_nothing(tmp_path):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_clear_tiles_change_no_piece(tmp_path, monkeypatch, seed):
-    """Walls of all lengths at random places, with each texel asked for itself and without; the floor fills half of its page."""
+    """Walls and boards above the floor at random places, with each texel asked for itself and without; the floor fills half of its page."""
     rng = np.random.default_rng(seed)
     things = []
     for _ in range(10):
         size, centre = rng.uniform(0.02, 0.5, 2), rng.random(2)
         size[rng.integers(2)] = rng.choice([0.005, 0.03])
         things.append(box_mesh("Wall", (*size, 0.5), (*centre, 0.25)))
+    for low in (0.1, 1.0, 2.5, 2.9, 4.0):
+        things.append(box_mesh("Board", (*rng.uniform(0.1, 0.5, 2), 0.01), (*rng.random(2), low / SIDE + 0.005)))
     floor = quad_mesh("Floor", uv=SQUARE * [1, 0.5] + [0, 0.5])
     drawn = []
     for name in ("tiles", "texels"):
@@ -292,10 +296,26 @@ def test_where_there_is_no_texel_nothing_is_found(tmp_path):
 
 
 def test_what_hangs_above_parts_nothing(tmp_path):
-    texels, cut, cut_atlas, _ = cut_floor(tmp_path, moved(wall(), (0, 0, 1 / SIDE)))
+    texels, cut, cut_atlas, _ = cut_floor(tmp_path, moved(wall(), (0, 0, 3.2 / SIDE)))
     assert len(cut.chart_page) == len(texels.chart_page)
     assert len(cut.borders.entry) == 0
     assert len(cut_atlas.chart_page) == 1
+
+
+def test_what_rises_from_the_floor_parts_nothing(tmp_path):
+    """A board that leaves the floor at forty-five degrees, where it lies on it and where it is high above: no light jumps below it."""
+    x_m = np.array([0.4, 1.2])
+    corners = np.array([[x_m[i], y, x_m[i] - 0.4 + 0.3 / SIDE] for i, y in ((0, -0.1), (1, -0.1), (1, 1.1), (0, 1.1))])
+    _, cut, cut_atlas, scene = cut_floor(tmp_path, Mesh("Board", corners, [[0, 1, 2, 3]], receives=False))
+    pieces = draw_pieces(cut, scene)
+    assert len(cut_atlas.chart_page) == 2  # parted where it begins
+    assert (pieces == pieces[0]).all()
+    assert np.flatnonzero(np.diff(pieces[0])).tolist() == [int(0.4 * SIDE + 0.5) - 1]
+    _, texels = prepare_folder(tmp_path / "again", scene, SETTINGS)
+    rising = find_contacts(workers.open_scene(str(tmp_path / "again")), texels).rising
+    workers.forget_folders()
+    assert np.unique(texels.texel_xy[rising, 0]).tolist() == [27, 28]  # on both sides of where it is three texels high
+    assert rising.sum() == 2 * SIDE
 
 
 def test_nothing_moves_on_the_page_and_no_area_is_lost(tmp_path):
@@ -354,7 +374,7 @@ def test_floors_of_several_pages_and_sizes_are_cut_alike(tmp_path):
     assert texels.page_count == 2
     found = find_contacts(workers.open_scene(str(tmp_path)), texels)
     workers.forget_folders()
-    cut, cut_atlas, touched = cut_at_contacts(texels, atlas, found)
+    cut, cut_atlas, touched, _ = cut_at_contacts(texels, atlas, found)
     chart = cut.texel_chart
     np.testing.assert_array_equal(cut_atlas.chart_object[chart], scene.tri_object[cut.texel_tri])
     np.testing.assert_array_equal(cut.chart_page, cut_atlas.chart_page)
@@ -399,6 +419,46 @@ def test_a_texel_that_a_rug_ends_in_is_as_bright_as_the_floor_beside_it(tmp_path
     light = light_of(tmp_path, settings, cut, cut_atlas)
     assert light[column == 32].mean() == pytest.approx(light[column < 32].mean(), rel=0.04)
     assert light[column > 32].max() < 0.001 * light[column < 32].mean()  # its edge is known to a thirtieth of a texel
+
+
+def test_light_does_not_leak_below_what_hangs_close_above(tmp_path):
+    """A shelf two texels above the floor, a sun straight above, and so few photons that leaves are many texels wide."""
+    settings = replace(SETTINGS, max_photons=20_000)
+    above = replace(SUN, rotation=((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+    _, cut, cut_atlas, scene = cut_floor(tmp_path / "cut", rug(35 / SIDE, 2.2 / SIDE, 2.0 / SIDE), light=above)
+    _, whole = prepare_folder(tmp_path / "whole", scene, SETTINGS)
+    beside, below = {}, {}
+    for name, texels in (("cut", cut), ("whole", whole)):
+        column = (np.einsum("nk,nkj->nj", texels.texel_bary, scene.tri_position[texels.texel_tri])[:, 0] * SIDE).astype(int)
+        light = light_of(tmp_path / name, settings, texels, replace(cut_atlas, chart_page=texels.chart_page))
+        beside[name], below[name] = (light[(column >= k) & (column < k + 4)].mean() / light[column < 28].mean() for k in (31, 35))
+    assert below["whole"] > 0.3  # or the test could not fail
+    assert beside["whole"] < 0.9
+    assert below["cut"] < 0.1
+    assert beside["cut"] == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_first_leaves_below_a_ball_know_how_light_falls_towards_where_it_stands(tmp_path):
+    """One round of photons from the sky, on trees that begin finer there and on such as do not, against many rounds."""
+    ball = moved(sphere_mesh(radius_m=0.2), (0.5, 0.5, 0.2))
+    scene = replace(make_scene([quad_mesh("Floor", uv=SQUARE), replace(ball, receives=False)]), world_rgb=(1.0,) * 3)
+    _, texels = prepare_folder(tmp_path / "first", scene, SETTINGS)
+    found = find_contacts(workers.open_scene(str(tmp_path / "first")), texels)
+    far = np.hypot(*(texels.texel_xy + 0.5 - SIDE / 2).T)
+    assert 0 < far[found.rising].min() < far[found.rising].max() < 0.25 * SIDE
+    light = {}
+    for name, rising, photons in (("fine", found.rising, 1 << 17), ("coarse", None, 1 << 17), ("many", None, 1 << 22)):
+        prepare_folder(tmp_path / name, scene, SETTINGS)
+        none, job = np.zeros(len(texels), bool), (tmp_path / name, replace(SETTINGS, max_photons=photons), executors.InlineExecutor())
+        solver = solve.Solver(*job, DirectField.none(len(texels)), none, rising_texels=rising)
+        shown = resolve.light_at_texels(solver.run(lambda message: None, lambda: False), texels, smooth_grain=False)
+        light[name] = (shown.direct + shown.indirect).sum(axis=1)
+        if name != "many":
+            side = solver.tree.side[quadtree.node_of_texel(solver.tree, np.flatnonzero(~solver.tree.has_children), len(texels))]
+            assert (side[found.rising].max() <= 8) == (name == "fine")
+    workers.forget_folders()
+    error = {name: np.sqrt(np.mean((light[name] - light["many"])[far < 5] ** 2)) for name in ("fine", "coarse")}
+    assert error["fine"] < 0.75 * error["coarse"]
 
 
 def light_of(folder, settings, texels, atlas):
