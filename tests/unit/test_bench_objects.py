@@ -39,10 +39,10 @@ def test_what_is_next_to_black_is_measured_as_dark_and_what_the_reference_left_b
     assert told == pytest.approx(0.1 / (DARK_FLOOR**2 * mean), rel=0.01)
 
 
-def measured(rel, stated, error_of="objects"):
+def measured(rel, stated, error_of="objects", finest=0.0):
     rel, stated = (np.array(values, float)[None] for values in (rel, stated))
     names = tuple("ABCDEF"[: rel.shape[1]])
-    return bench_objects.Measured("toy", error_of, [1.0], [10**6], [0.02], names, rel, stated)
+    return bench_objects.Measured("toy", error_of, [1.0], [10**6], [0.02], names, rel, stated, np.full(rel.shape[1], finest))
 
 
 def test_objects_are_judged_by_the_median_the_worst_and_what_they_state():
@@ -54,3 +54,10 @@ def test_objects_are_judged_by_the_median_the_worst_and_what_they_state():
     assert [claim.holds for claim in bench_objects.judge(whole, far)] == [False, False, False]
     assert len(good.row()) == len(bench_objects.HEAD)
     assert "A, 5.0%" in good.row()
+
+
+def test_what_a_finest_bake_differs_by_too_is_no_error_of_the_bake():
+    one = measured([0.05, 0.0301], [0.04, 0.01], finest=0.03)
+    assert one.beyond == pytest.approx([0.04, np.sqrt(0.0301**2 - 0.03**2)])
+    assert one.ratios == pytest.approx([1.0, 0.01 / one.beyond[1]])
+    assert measured([0.03], [0.01], finest=0.03).ratios.tolist() == []  # nothing can be told
