@@ -96,11 +96,11 @@ class Terms:
 
     def sum_up(self, rows: NDArray[np.int64], unseen: bool = False) -> Sum:
         """Of the texels `rows` (k,), but for the worst of them; with what is unseen of an object, which a whole is not asked for."""
-        likely = self.noise.photons2 + self.direct.noise2 + self.bias.gap
+        likely = self.noise.photons2[rows] + self.direct.noise2[rows] + self.bias.gap[rows]
         if self.gathered:
-            likely = likely + self.gathered.noise2
+            likely += self.gathered.noise2[rows]
         count = math.ceil(BEST_TEXELS * len(rows))
-        best = rows[np.argpartition(likely[rows], count - 1)[:count]]
+        best = rows[np.argpartition(likely, count - 1)[:count]]
         missing2, missing_doubt2 = self.bias.sum_up(best)
         return Sum(
             photons2=_mean(self.noise.photons2[best]) + (_mean(self.unseen2[best]) if unseen else 0.0),

@@ -52,7 +52,7 @@ def find_unseen(judged: Judged, weight: NDArray[np.float32], photon_w: NDArray[n
     photon_w   (3,), W: that one carries
     """
     unseen2 = np.zeros(len(weight))
-    for rows in [*judged.objects.values(), *judged.groups[len(judged.objects) :]]:
+    for rows in judged.objects.values() if judged.entry_group is None else judged.groups:
         of_one = photon_w / max(float(judged.area_m2[rows].sum()), _TINY)
         unseen2[rows] = (weight[rows] * of_one**2).mean(1)
     return unseen2

@@ -465,12 +465,30 @@ def test_a_dim_room_is_told_to_err_more_than_the_whole_and_comes_to_the_error_wh
     assert each.error <= settings.error
 
 
+def test_photons_of_later_rounds_are_worth_most_where_an_object_errs_most(tmp_path):
+    scene, settings = hall_and_den()
+    solver = make_solver(tmp_path, scene, replace(settings, error_of="objects", max_photons=200_000))  # ends after a round that is judged
+    solver.run(lambda message: None, lambda: False)
+    deepest = np.flatnonzero(~solver.tree.has_children)
+    thing = scene.tri_object[solver.tracing.texels.texel_tri[solver.tree.start[deepest]]]
+
+    def compare_rooms(*weight):
+        solver.parts = (solver.parts[0], np.array(weight))
+        worth = solver._guide_photons()[0].worth[:, deepest].mean(axis=0)
+        return worth[thing == 1].mean() / worth[thing == 0].mean()
+
+    hall, den = solver.parts[1]
+    assert den > hall
+    assert compare_rooms(hall, den) == pytest.approx(den / hall * compare_rooms(1.0, 1.0), rel=1e-6)
+
+
 def test_a_small_house_on_a_wide_plain_is_not_done_before_a_photon_has_met_it(tmp_path):
-    """Where none fell, no variance is seen: the first round would end the bake."""
+    """Where none fell, no variance is seen: the first photons, of which hardly one does, would end the bake."""
     plain = moved(quad_mesh("Plain", 2000.0, 2000.0), (-1000.0, -1000.0, 0.0))
-    sun = Light("SUN", "Sun", power_rgb=(3.0,) * 3)
-    house = moved(box_mesh("House", (60.0, 60.0, 60.0)), (0.0, 0.0, 30.1))
-    scene = make_scene([plain, house], [sun], [Material("Grey", (0.5,) * 3)])
-    settings = replace(SETTINGS, size=128, error=0.05, max_photons=10**7, error_of="objects")
+    house = moved(box_mesh("House", (2.0, 2.0, 2.0)), (0.0, 0.0, 1.1))
+    scene = make_scene([plain, house], [Light("SUN", "Sun", power_rgb=(3.0,) * 3)], [Material("Grey", (0.5,) * 3)])
+    scene = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], density_factor=40.0)))
+    settings = replace(SETTINGS, size=128, error=0.05, max_photons=500_000, error_of="objects", gather=False)
     light = solve_scene(tmp_path, scene, settings)
-    assert light.rounds > 1
+    assert light.stopped_by == "max_photons"
+    assert light.object_error[1] > 1.0
