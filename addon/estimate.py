@@ -23,8 +23,8 @@ _LEAST_PHOTONS = 2.6e5  # two first rounds: in the second leaves are what they s
 _PHOTONS_AT = (6.4e4, 0.57)  # of one triangle to this error on so many texels, and the power with which more triangles need more
 _USUAL_ERROR, _USUAL_TEXELS = 0.05, 1.7e5
 _UNCERTAIN = 2.0  # times sooner or later, as scenes and machines differ
-# Times the photons, and times as uncertain, where each object is to come to the error: 4 (cornell_box) to 45 (instances) on the samples.
-_EACH_OBJECT, _EACH_UNCERTAIN = 15.0, 2.0
+# Times the photons, and times as uncertain, where each object has to come to it: 2 (bent_quads) to 39 (two_rooms) in docs/cycles.md.
+_EACH_OBJECT, _EACH_UNCERTAIN = 8.0, 2.0
 
 
 @dataclass(frozen=True)

@@ -304,6 +304,14 @@ def test_a_closed_dark_room_ends(tmp_path):
     assert dataclasses.asdict(QUICK)["max_photons"] >= result["photons"]
 
 
+def test_the_result_tells_the_error_of_each_object_and_whose_error_ended_the_bake(tmp_path):
+    _, result = bake_scene(tmp_path, lamp_scene(), replace(QUICK, error=0.2, max_photons=10**6, error_of="objects"))
+    errors = [row["estimated_error"] for row in result["objects"]]
+    assert result["error_of"] == "objects"
+    assert min(errors) > 0.0
+    assert result["estimated_error"] == pytest.approx(max(errors), rel=0.5)  # which holds against it by how much it may be off
+
+
 def test_stopped_before_direct_light_is_done_a_bake_still_shows_all_light(tmp_path):
     """One round of photons then carries what the shadow rays had not finished."""
     said, result = bake_scene(tmp_path, lamp_scene(), replace(QUICK, direct="rays"), should_stop=lambda: True)
