@@ -298,6 +298,6 @@ KNOBS = [
             {"basis": DEFAULTS.basis, "oracle": "paper", "stability": DEFAULTS.stability, "threshold": value},
             True,
         )
-        for value in (0.0, 0.02, DEFAULTS.threshold, 0.1, 0.3, 1.0)
+        for value in sorted({0.0, 0.02, 0.05, 0.1, 0.3, 1.0, DEFAULTS.threshold})
     ],
 ]

@@ -136,7 +136,8 @@ def test_claims_of_hints_and_defaults_fail_beyond_their_bounds():
 
     def knobs(rel, shallow, of_threshold=3.0):
         others = [swept(rel, 1.0, stability=2), swept(2.0, 1.0, oracle="paper", stability=8)]
-        printed = [swept(error, 1.0, oracle="paper", threshold=value) for value, error in ((0.05, 3.0), (0.1, of_threshold))]
+        default = paper_tables.DEFAULTS.threshold
+        printed = [swept(error, 1.0, oracle="paper", threshold=value) for value, error in ((default, 3.0), (2 * default, of_threshold))]
         return [swept(1.0, 1.0), *others, swept(shallow, 1.0, preview_depth=1), swept(2.0, 1.0, preview_depth=3), *printed]
 
     best = "rel over that of the best value tried"
