@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -15,7 +14,7 @@ from .geometry import triangle_normals_areas
 from .layer_check import check_layer, label_charts
 from .messages import Status
 from .outlines import Outlines, measure_outlines, straighten_charts
-from .scene import SceneSnapshot
+from .scene import IntArray, SceneSnapshot
 from .sharing import Block, find_blocks, follow_charts
 from .topology import join_open_sides
 from .unfolding import UnfolderDied
@@ -29,6 +28,7 @@ Bool: TypeAlias = NDArray[np.bool_]
 _NO_FACES = "no face can be baked, so it gets no lightmap; give it faces with an area, or leave it out of the bake"
 _NO_LAYER = "no face can be baked as the UV layer has it, so it gets no lightmap; mend the layer, or have it unwrapped instead"
 UNWRAPPING = Status("charts", "Unwrapping")
+_AT_ONCE = 1 << 10  # triangles from which on objects are no longer mended together, while xatlas has others: few make much work for numpy
 _MOST_AHEAD = 1 << 18  # triangles that xatlas is given before the charts of those it had are mended, which bounds memory
 
 
@@ -97,7 +97,7 @@ class _Search:
         self._unwrapped: dict[int, tuple[Int64, Float64, Bool]] = {}  # by the object whose charts they are
         owners = [self._owner(i) for i, one in enumerate(snapshot.objects) if one.receives and not one.has_layer]
         self._to_begin = deque(dict.fromkeys(owners))
-        self._begun: dict[int, Unwrapping] = {}  # in the order of their ends
+        self._begun: deque[tuple[list[int], Unwrapping]] = deque()  # with the objects of each
         receiving = np.array([one.receives for one in snapshot.objects], bool)
         self._done = np.concatenate([[0], np.cumsum(np.diff(self._start) * receiving)])  # triangles, before each object and after the last
         self._ahead = 0  # triangles of those
@@ -109,18 +109,18 @@ class _Search:
     def unwrap(self, i: int) -> int:
         """Charts of an object, upright; gives their number."""
         owner = self._owner(i)
-        if i not in self._worn:
-            return self._keep(i, *self._unfold(i))
-        if owner not in self._unwrapped:
-            self._unwrapped[owner] = self._unfold(owner)
+        while owner not in self._unwrapped:
+            self._unfold_more(i)
         chart, uv, shared = self._unwrapped[owner]
+        if i not in self._worn:
+            return self._keep(i, *self._unwrapped.pop(i))
         corner = self.snapshot.tri_corner
         uv, shared = follow_charts(corner[self._rows(i)], corner[self._rows(owner)], uv, shared)
         return self._keep(i, chart, uv * self._worn[i][1], shared)
 
     def cancel(self) -> None:
         """No object's charts are asked for any more."""
-        for unwrapping in self._begun.values():
+        for _, unwrapping in self._begun:
             unwrapping.cancel()
 
     def read_layer(self, i: int) -> int:
@@ -139,40 +139,65 @@ class _Search:
     def _rows(self, i: int) -> slice:
         return slice(int(self._start[i]), int(self._start[i + 1]))
 
+    def _rows_of(self, objects: list[int]) -> Int64:
+        return np.concatenate([np.arange(self._start[i], self._start[i + 1]) for i in objects])
+
+    def _count(self, i: int) -> int:
+        return int(self._start[i + 1] - self._start[i])
+
     def _owner(self, i: int) -> int:
         """The object whose charts an object wears."""
         return self._worn[i][0].members[0] if i in self._worn else i
 
-    def _unfold(self, i: int) -> tuple[Int64, Float64, Bool]:
+    def _unfold_more(self, waiting: int) -> None:
+        """Takes the charts of the objects that were begun first; one is waiting for some."""
         for _ in self._begin_more():
-            self.watch(i)
-        unwrapping, rows = self._begun[i], self._rows(i)
+            self.watch(waiting)
+        objects, unwrapping = self._begun[0]
+        rows = self._rows_of(objects)
         try:
-            chart, uv, shared = unwrapping.finish(partial(self.watch, i))
-        except UnfolderDied as code:
+            chart, uv, shared = unwrapping.finish(self.watch)
+        except UnfolderDied as died:
+            code, i = died.args
             raise ValueError(
                 f"{self.snapshot.objects[i].name}: the unwrapper xatlas ended unexpectedly on it (code {code}); give it a UV layer of "
                 "its own and choose that, make its mesh simpler, or leave it out of the bake."
-            ) from code
-        del self._begun[i]
-        self._ahead -= rows.stop - rows.start
-        uv *= self.snapshot.objects[i].density_factor
+            ) from died
+        self._begun.popleft()
+        self._ahead -= len(rows)
+        owner = self.snapshot.tri_object[rows]
+        uv *= np.array([one.density_factor for one in self.snapshot.objects])[owner][:, None, None]
         used = chart >= 0
         uv[used] = straighten_charts(uv[used], chart[used], shared[used], int(chart.max(initial=-1)) + 1)
-        return chart, uv, shared
+        begin = done = 0
+        for i in objects:
+            own = slice(begin, begin := begin + self._count(i))
+            self._unwrapped[i] = np.where(chart[own] >= 0, chart[own] - done, -1), uv[own], shared[own]
+            done = max(done, int(chart[own].max(initial=-1)) + 1)
 
     def _begin_more(self) -> Iterator[None]:
-        """xatlas unwraps what comes next while charts that it has made are mended and turned; gives nothing after each."""
+        """xatlas unwraps what comes next while charts that it has made are mended and turned; gives nothing after each beginning."""
         scene = self.snapshot
         while self._to_begin and self._ahead < _MOST_AHEAD:
-            i = self._to_begin.popleft()
-            rows = self._rows(i)
+            objects = [self._to_begin.popleft()]
+            while self._to_begin and sum(map(self._count, objects)) + self._count(self._to_begin[0]) <= _AT_ONCE:
+                objects.append(self._to_begin.popleft())
+            objects.sort()
+            rows = self._rows_of(objects)
+            owner = scene.tri_object[rows]
             position = scene.vertex_position[scene.tri_vertex[rows]]
-            self._begun[i] = Unwrapping(position, self._vertex[rows], scene.tri_polygon[rows], scene.tri_corner[rows])
-            self._ahead += rows.stop - rows.start
+            polygon, corner = _tell_apart(scene.tri_polygon[rows], owner), _tell_apart(scene.tri_corner[rows], owner[:, None])
+            self._begun.append((objects, Unwrapping(position, self._vertex[rows], polygon, corner, owner)))
+            self._ahead += len(rows)
             yield
 
     def _keep(self, i: int, chart: Int64, uv: Float64, shared: Bool) -> int:
         rows = self._rows(i)
         self.chart[rows], self.uv[rows], self.shared[rows] = chart, uv, shared
         return int(chart.max(initial=-1)) + 1
+
+
+def _tell_apart(number: IntArray, owner: IntArray) -> Int64:
+    """Numbers of objects' own counting, such that no two objects have one in common."""
+    apart: Int64 = owner.astype(np.int64) * (int(number.max(initial=0)) + 1) + number
+    return apart

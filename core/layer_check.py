@@ -38,7 +38,7 @@ class LayerCheck:
 
 
 def label_charts(
-    tri_vertex: IntArray, tri_corner: IntArray, tri_uv: Float64, tri_group: IntArray, same_uv: float = _SAME_UV
+    tri_vertex: IntArray, tri_corner: IntArray, tri_uv: Float64, tri_group: IntArray, same_uv: float | Float64 = _SAME_UV
 ) -> tuple[Int64, Bool]:
     """Charts: triangles of one group that share a corner, or an edge with the same UVs at both its ends.
 
@@ -46,6 +46,7 @@ def label_charts(
     tri_corner   (n, 3) int       a corner has one UV, so the triangles of a polygon stay together
     tri_uv       (n, 3, 2) float64
     tri_group    (n,) int         -1 for triangles without a chart
+    same_uv      how far UVs of one point may lie apart, of all triangles or (n,) of each
     out          (n,) int64 chart, 0, 1, ... in order of its first triangle, or -1; (n, 3) bool whether side k, from corner k on, is
                  shared within its chart
     """
@@ -58,7 +59,8 @@ def label_charts(
     order = np.lexsort((end_uv[:, 1], end_uv[:, 0], keys[2], keys[1], keys[0]))
     order = order[keys[0, order] >= 0]
     here, after = order[:-1], order[1:]
-    same = (keys[:, here] == keys[:, after]).all(axis=0) & (np.abs(end_uv[here] - end_uv[after]) <= same_uv).all(axis=1)
+    near = np.repeat(np.broadcast_to(same_uv, n_tri), 3)[:, None]
+    same = (keys[:, here] == keys[:, after]).all(axis=0) & (np.abs(end_uv[here] - end_uv[after]) <= near[here]).all(axis=1)
     shared = np.zeros(3 * n_tri, bool)
     shared[here[same]] = shared[after[same]] = True
     one, other = pair_corners(tri_corner, tri_group >= 0)
@@ -109,27 +111,25 @@ def check_layer(tri_uv: Float64, tri_polygon: IntArray, solid: Bool) -> LayerChe
     return LayerCheck(usable, tuple(findings))
 
 
-def find_overlaps(tri_uv: Float64, apart: Bool | None = None) -> Bool:
+def find_overlaps(tri_uv: Float64) -> Bool:
     """Triangles that lie over others: one covers a texel of a raster wholly that the other touches.
 
     tri_uv   (n, 3, 2) float64, pages, within 0 to 1; no triangle without area
-    apart    (n,) bool: known to lie over no other, and so not drawn; None knows of none
     out      (n,) bool
     """
     overlapping = np.zeros(len(tri_uv), bool)
-    drawn = np.arange(len(tri_uv)) if apart is None else np.flatnonzero(~apart)
-    if not len(drawn):
+    if not len(tri_uv):
         return overlapping
     area = float(np.abs(signed_areas(tri_uv)).sum())
     size = np.sqrt(min(_TEXELS_PER_TRIANGLE * len(tri_uv), _MAX_RASTER_TEXELS) / max(area, 1e-30))
     size = int(np.clip(size, _RASTER_MIN, _RASTER_MAX))
-    spans = find_row_spans(_inset(tri_uv[drawn] * size))
+    spans = find_row_spans(_inset(tri_uv * size))
     row = np.clip(spans.y, 0, size - 1).astype(np.int64) * size
     full = _count_texels(row + spans.full_start, row + spans.full_end, size)
     start, end = row + np.clip(spans.touched_start, 0, size), row + np.clip(spans.touched_end, 0, size)
     touched = _count_texels(start, end, size)
     shared_before = np.concatenate([[0], np.cumsum((full > 0) & (touched > 1))])
-    overlapping[drawn[spans.tri[shared_before[np.maximum(end, start)] > shared_before[start]]]] = True
+    overlapping[spans.tri[shared_before[np.maximum(end, start)] > shared_before[start]]] = True
     return overlapping
 
 

@@ -23,12 +23,13 @@ _PROGRAM = Path(__file__).with_name("xatlas_process.py")
 _BOOT = "import runpy, sys; sys.path[:] = sys.argv[2:]; runpy.run_path(sys.argv[1], run_name='__main__')"
 _MOST_ATLASES = 64  # that a child keeps, each with a thread per core
 _MOST_TRIANGLES = 100_000  # that a child keeps, about 1 kB each
+_SPARE_FROM = 0.5  # share of these from which on the next child is there, to have loaded by the time that it is needed
 _WATCH_S = 0.2  # between two looks at whether somebody has lost patience
 _TRIES = 3  # of a question that children die of: most do so by bad luck
 
 
 class UnfolderDied(RuntimeError):
-    """The child ended without an answer; its return code."""
+    """The child ended without an answer; its return code, and where it is known the object it was asked of."""
 
 
 def unfold_meshes(meshes: list[Mesh], area: float, roughly: bool = False) -> Future[list[Unfolded]]:
@@ -68,12 +69,14 @@ def _own_unfolder(process_id: int) -> Unfolder:
 
 
 class Unfolder:
-    """The child, started when there is a mesh for it, and anew when it has kept enough; it ends with this process at the latest."""
+    """The child, started when there is a mesh for it, and followed by another when it has kept enough; all end with this process at the
+    latest."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._child: subprocess.Popen[bytes] | None = None
         self._kill: Callable[[], object] = lambda: None
+        self._spare: tuple[subprocess.Popen[bytes], Callable[[], object]] | None = None  # the next child, and how it is killed
         self._atlases = self._triangles = 0
         self._given_up = False  # nobody wants the answer that is on its way
         self._questions: queue.SimpleQueue[tuple[Future[list[Unfolded]], list[Mesh], float, bool]] = queue.SimpleQueue()
@@ -142,25 +145,29 @@ class Unfolder:
             )
         self._atlases += 1
         self._triangles += sum(len(triangles) for _, triangles in meshes)
-        if self._atlases >= _MOST_ATLASES or self._triangles >= _MOST_TRIANGLES:
+        kept = max(self._atlases / _MOST_ATLASES, self._triangles / _MOST_TRIANGLES)
+        if kept >= 1.0:
             self._kill()
+        elif kept >= _SPARE_FROM and not self._spare:
+            self._spare = self._start()
         return answer
 
     def _find_child(self) -> subprocess.Popen[bytes]:
-        return self._child if self._child and self._child.poll() is None else self._start()
+        while not self._child or self._child.poll() is not None:
+            (self._child, self._kill), self._spare = self._spare or self._start(), None
+            self._atlases = self._triangles = 0
+        return self._child
 
-    def _start(self) -> subprocess.Popen[bytes]:
+    def _start(self) -> tuple[subprocess.Popen[bytes], Callable[[], object]]:
         flags = ["-S", "-P", *(["-E"] if sys.flags.ignore_environment else [])]
         paths = [os.path.abspath(path) for path in sys.path]
-        self._child = subprocess.Popen(
+        child = subprocess.Popen(
             [sys.executable, *flags, "-c", _BOOT, str(_PROGRAM), *paths],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),  # on Windows no console flashes up
         )
-        self._kill = weakref.finalize(self, _kill, self._child)  # runs once; at the latest when this process ends
-        self._atlases = self._triangles = 0
-        return self._child
+        return child, weakref.finalize(self, _kill, child)  # runs once; at the latest when this process ends
 
 
 def _kill(child: subprocess.Popen[bytes]) -> None:

@@ -1,4 +1,4 @@
-"""Charts for the triangles of one object, in metres: xatlas's, and what it leaves out or gets wrong polygon by polygon."""
+"""Charts for the triangles of objects, in metres: xatlas's, and what it leaves out or gets wrong polygon by polygon."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .chart_borders import find_plain_charts
 from .geometry import triangle_normals_areas
 from .layer_check import find_overlaps, label_charts, signed_areas
 from .scene import IntArray
@@ -22,74 +23,94 @@ _LEAST_STRETCH = 1e-3  # a triangle whose UV area is less of its area in space i
 
 
 class Unwrapping:
-    """Charts of one object's triangles: xatlas begins with them when it is made, and `finish` takes them from it."""
+    """Charts of the triangles of some objects: xatlas begins with them when it is made, and `finish` takes them from it."""
 
-    def __init__(self, tri_position: Float64, tri_vertex: IntArray, tri_polygon: IntArray, tri_corner: IntArray) -> None:
+    def __init__(
+        self, tri_position: Float64, tri_vertex: IntArray, tri_polygon: IntArray, tri_corner: IntArray, tri_object: IntArray
+    ) -> None:
         """tri_position   (n, 3, 3) float64, m
-        tri_vertex     (n, 3) int
+        tri_vertex     (n, 3) int    objects have none in common, nor polygons, nor corners
         tri_polygon    (n,) int
         tri_corner     (n, 3) int
+        tri_object     (n,) int, ascending
         """
-        self._vertex, self._polygon, self._corner = tri_vertex, tri_polygon, tri_corner
+        self._vertex, self._corner = tri_vertex, tri_corner
+        self._polygon, self._object = (np.unique(label, return_inverse=True)[1].ravel() for label in (tri_polygon, tri_object))
         self._normal, self._area = triangle_normals_areas(tri_position)
-        self._solid = np.flatnonzero(self._area > 0)
-        self._position = tri_position[self._solid]
-        self._asked: Question | None = None
-        if len(self._solid):
-            self._position -= 0.5 * (self._position.min(axis=(0, 1)) + self._position.max(axis=(0, 1)))
-            solid = self._solid
-            self._asked = Question(self._position, self._normal[solid], self._area[solid], tri_vertex[solid], tri_polygon[solid])
+        self._solid = solid = np.flatnonzero(self._area > 0)
+        self._position = _centre(tri_position, self._object, solid)
+        self._asked = Question(
+            self._position[solid], self._normal[solid], self._area[solid], tri_vertex[solid], tri_polygon[solid], tri_object[solid]
+        )
 
     def cancel(self) -> None:
         """Nobody will ask for the charts any more."""
-        if self._asked:
-            self._asked.cancel()
+        self._asked.cancel()
 
-    def finish(self, watch: Callable[[], None] = lambda: None) -> tuple[Int64, Float64, Bool]:
+    def finish(self, watch: Callable[[int], None] = lambda _: None) -> tuple[Int64, Float64, Bool]:
         """Charts without overlap, each with the area in UV that it has in space; corners that are one have one UV.
 
-        watch   called now and then while xatlas is at work; it may raise
-        (n,) int64 chart, -1 without area; (n, 3, 2) float64 UV, m; (n, 3) bool whether side k is shared within its chart
-        Raises ValueError when xatlas cannot be loaded, UnfolderDied when it crashes.
+        watch   called now and then while xatlas is at work, with the object it is at work on; it may raise
+        (n,) int64 chart, ascending with the objects, -1 without area; (n, 3, 2) float64 UV, m; (n, 3) bool whether side k is shared
+        within its chart
+        Raises ValueError when xatlas cannot be loaded, UnfolderDied with the code and the object when it crashes.
         """
         area, solid = self._area, self._solid
         group, uv = np.full(len(area), -1, np.int64), np.zeros((len(area), 3, 2))
-        if self._asked:
-            found = self._asked.read(watch)
-            group[solid], uv[solid] = _mend_charts(
-                *found, self._position, self._normal[solid], area[solid], self._polygon[solid], self._corner[solid]
-            )
-        extent = float(np.abs(uv).max(initial=0.0))
-        chart, shared = label_charts(self._vertex, self._corner, uv, group, same_uv=1e-12 * extent)
+        group[solid], uv[solid] = self._asked.read(watch)
+        bad = (area > 0) & ((group < 0) | (signed_areas(uv) < _LEAST_STRETCH * area))
+        bad[_torn_corners(group, uv, self._corner, area > 0)] = True
+        chart, shared = self._label(group, uv)
+        new, alone = solid, np.zeros(len(area), bool)
+        for _ in range(3):  # out of its chart, then out of its plane; by then nothing can overlap
+            bad[new] |= self._find_overlaps(group, uv, chart, shared)[new]
+            if not bad.any():
+                break
+            new = self._take_out(bad, alone, group, uv)
+            bad[:] = False
+            chart, shared = self._label(group, uv)
         used = chart >= 0
         # What was taken out of a chart was not stretched as the rest is.
         sums = [np.bincount(chart[used], values[used]) for values in (area, np.abs(signed_areas(uv)))]
         uv[used] *= np.sqrt(sums[0] / sums[1])[chart[used], None, None]
         return chart, uv, shared
 
+    def _label(self, group: Int64, uv: Float64) -> tuple[Int64, Bool]:
+        extent = np.zeros(self._object.max(initial=-1) + 1)
+        np.maximum.at(extent, self._object, np.abs(uv).max(axis=(1, 2)))
+        return label_charts(self._vertex, self._corner, uv, group, same_uv=1e-12 * extent[self._object])
 
-def _mend_charts(
-    group: Int64, uv: Float64, position: Float64, normal: Float64, area: Float64, tri_polygon: IntArray, tri_corner: IntArray
-) -> tuple[Int64, Float64]:
-    """Charts as they are to be, and a chart for what has none, which is -1."""
-    placed = group >= 0
-    polygon = np.unique(tri_polygon, return_inverse=True)[1].ravel()
-    alone = np.zeros(polygon.max() + 1, bool)
-    bad = ~placed | (signed_areas(uv) < _LEAST_STRETCH * area)
-    bad[_torn_corners(group, uv, tri_corner)] = True
-    bad[placed] |= _find_overlaps_in_charts(group[placed], uv[placed])
-    for _ in range(3):  # out of its chart, then out of its plane; by then nothing can overlap
-        if not bad.any():
-            break
-        broken = np.zeros(len(alone), bool)
-        broken[polygon[bad]] = True
-        again = np.flatnonzero(broken[polygon])
-        tried = alone[polygon[again]]
-        uv[again] = _unfold_polygons(position[again], normal[again], area[again], polygon[again], tri_corner[again], tried)
-        group[again] = len(group) + polygon[again]
-        alone |= broken
-        bad = _find_overlaps_in_charts(group, uv)
-    return group, uv
+    def _find_overlaps(self, group: Int64, uv: Float64, chart: Int64, shared: Bool) -> Bool:
+        """(n,) bool: triangles that lie over others of their chart, as far as a raster tells; what certainly does not is not drawn."""
+        used = np.flatnonzero(chart >= 0)
+        doubtful = used[~find_plain_charts(self._vertex, uv, chart, shared)[chart[used]]]
+        found = np.zeros(len(chart), bool)
+        for rows in np.split(doubtful, np.flatnonzero(np.diff(self._object[doubtful])) + 1) if len(doubtful) else []:
+            found[rows] = _find_overlaps_in_charts(group[rows], uv[rows])
+        return found
+
+    def _take_out(self, bad: Bool, alone: Bool, group: Int64, uv: Float64) -> Int64:
+        """A chart for each polygon with a bad triangle; gives the triangles of them, which are `alone` from here on."""
+        broken = np.zeros(self._polygon.max(initial=-1) + 1, bool)
+        broken[self._polygon[bad]] = True
+        again = np.flatnonzero(broken[self._polygon] & (self._area > 0))
+        polygon = self._polygon[again]
+        uv[again] = _unfold_polygons(
+            self._position[again], self._normal[again], self._area[again], polygon, self._corner[again], alone[again]
+        )
+        group[again] = len(group) + polygon
+        alone[again] = True
+        return again
+
+
+def _centre(tri_position: Float64, tri_object: Int64, solid: Int64) -> Float64:
+    """Each object about the middle of its triangles that have an area."""
+    low, high = np.full((tri_object.max(initial=-1) + 1, 3), np.inf), np.full((tri_object.max(initial=-1) + 1, 3), -np.inf)
+    np.minimum.at(low, tri_object[solid], tri_position[solid].min(axis=1))
+    np.maximum.at(high, tri_object[solid], tri_position[solid].max(axis=1))
+    low, high = (np.where(np.isfinite(end), end, 0.0) for end in (low, high))  # of an object without any
+    centred: Float64 = tri_position - 0.5 * (low + high)[tri_object][:, None]
+    return centred
 
 
 def _find_overlaps_in_charts(group: Int64, uv: Float64) -> Bool:
@@ -97,8 +118,7 @@ def _find_overlaps_in_charts(group: Int64, uv: Float64) -> Bool:
     chart = np.unique(group, return_inverse=True)[1].ravel()
     area = signed_areas(uv)
     overlapping: Bool = area == 0
-    apart = _find_hinged(chart, uv, area)
-    if (overlapping | apart).all():
+    if overlapping.all():
         return overlapping
     low, high = np.full((chart.max() + 1, 2), np.inf), np.full((chart.max() + 1, 2), -np.inf)
     for axis in range(2):
@@ -114,32 +134,13 @@ def _find_overlaps_in_charts(group: Int64, uv: Float64) -> Bool:
     origin[order] = np.stack([along - along[first][shelf], (np.cumsum(height) - height)[shelf]], axis=1)
     spread = uv + (origin - low)[chart][:, None]
     drawn = ~overlapping
-    overlapping[drawn] = find_overlaps(spread[drawn] / float(spread.max()), apart[drawn])
+    overlapping[drawn] = find_overlaps(spread[drawn] / float(spread.max()))
     return overlapping
 
 
-def _find_hinged(chart: Int64, uv: Float64, area: Float64) -> Bool:
-    """(n,) bool: triangles of charts of one or two, the two on different sides of a side that they share; most charts are such, and the
-    triangles of none lie over each other."""
-    order = np.argsort(chart, kind="stable")
-    first = np.flatnonzero(np.diff(chart[order], prepend=-1))
-    count = np.diff(first, append=len(chart))
-    hinged = np.zeros(len(chart), bool)
-    hinged[order[first[count == 1]]] = True
-    one, other = order[first[count == 2]], order[first[count == 2] + 1]
-    start, end = uv[one], np.roll(uv[one], -1, axis=1)
-    meets = np.zeros(len(one), bool)
-    for turn in range(3):  # side k of the one is a side of the other, walked the other way
-        other_end, other_start = np.roll(uv[other], turn, axis=1), np.roll(uv[other], turn - 1, axis=1)
-        meets |= ((start == other_start) & (end == other_end)).all(axis=2).any(axis=1)
-    meets &= (area[one] > 0) & (area[other] > 0)
-    hinged[one[meets]] = hinged[other[meets]] = True
-    return hinged
-
-
-def _torn_corners(group: Int64, uv: Float64, tri_corner: IntArray) -> Int64:
-    """Triangles with a corner that has another UV or chart in another triangle."""
-    one, other = pair_corners(tri_corner, np.ones(len(tri_corner), bool))
+def _torn_corners(group: Int64, uv: Float64, tri_corner: IntArray, used: Bool) -> Int64:
+    """Triangles with a corner that has another UV or chart in another triangle, of those used."""
+    one, other = pair_corners(tri_corner, used)
     flat_uv = uv.reshape(-1, 2)
     torn = (group[one // 3] != group[other // 3]) | (flat_uv[one] != flat_uv[other]).any(axis=1)
     torn_tri: Int64 = np.concatenate([one[torn], other[torn]]) // 3

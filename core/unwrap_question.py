@@ -1,4 +1,4 @@
-"""What xatlas is asked of one object, and how its answer is read.
+"""What xatlas is asked of objects, and how its answers are read.
 
 Packing, which only tells UVs, takes most of its time with meshes of few triangles. UVs of flat charts come from their planes; so an object
 that seems to fall into such is packed roughly, and anew only where a chart is not flat after all. xatlas finds the same charts either way.
@@ -6,7 +6,11 @@ that seems to fall into such is packed roughly, and anew only where a chart is n
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -17,8 +21,8 @@ from .layer_check import signed_areas
 from .mesh_pieces import split_part
 from .scene import IntArray
 from .topology import join_sets, pair_sides
-from .unfolding import give_up, unfold_meshes, wait_for
-from .xatlas_process import Mesh
+from .unfolding import UnfolderDied, give_up, unfold_meshes, wait_for
+from .xatlas_process import Mesh, Unfolded
 
 Float64: TypeAlias = NDArray[np.float64]
 Int64: TypeAlias = NDArray[np.int64]
@@ -30,72 +34,137 @@ _FLATNESS = 1e-5  # of a chart's extent: nearer to its plane it is projected, in
 _COPLANAR, _CUT = 1.0 - 1e-7, 0.25
 
 
-class Question:
-    """A question to xatlas, put when it is made."""
+@dataclass(frozen=True)
+class _Ask:
+    """Some objects, their pieces, and the answer that will come."""
 
-    def __init__(self, position: Float64, normal: Float64, area: Float64, tri_vertex: IntArray, tri_polygon: IntArray) -> None:
+    objects: list[int]
+    pieces: list[int]
+    answer: Future[list[Unfolded]]
+
+
+class Question:
+    """A question to xatlas about each of some objects, put when it is made."""
+
+    def __init__(
+        self, position: Float64, normal: Float64, area: Float64, tri_vertex: IntArray, tri_polygon: IntArray, tri_object: IntArray
+    ) -> None:
         """position      (n, 3, 3) float64, m
         normal        (n, 3) float64
         area          (n,) float64, m^2, above 0
-        tri_vertex    (n, 3) int
+        tri_vertex    (n, 3) int   objects have none in common, nor polygons
         tri_polygon   (n,) int
+        tri_object    (n,) int, ascending
         """
-        self._position, self._normal, self._area = position, normal, area
-        _, first, vertex = np.unique(tri_vertex, return_index=True, return_inverse=True)
-        vertex = vertex.reshape(-1, 3)
-        label = join_sets(len(first), vertex.ravel(), np.roll(vertex, -1, axis=1).ravel())[vertex[:, 0]]
-        order = np.argsort(label, kind="stable")
+        self._position, self._normal, self._area, self._object = position, normal, area, tri_object
+        vertex = np.unique(tri_vertex, return_inverse=True)[1].reshape(-1, 3)
+        loose = join_sets(vertex.max(initial=-1) + 1, vertex.ravel(), np.roll(vertex, -1, axis=1).ravel())[vertex[:, 0]]
         _, one, other = pair_sides(vertex, np.zeros(len(vertex), np.int64))
         one, other = one // 3, other // 3
         cosine = _dot(normal[one], normal[other])
         facet = join_sets(len(vertex), one[cosine > _COPLANAR], other[cosine > _COPLANAR])
+        bent = np.unique(tri_object[one[_is_bent(cosine)]])
+        centre = position.mean(axis=1)
         # Loose parts go in apart, each centred and scaled: a teaspoon in a hall would drown in float32.
-        loose = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
-        self._parts = [part[rows] for part in loose for rows in split_part(facet[part], tri_polygon[part], position[part].mean(axis=1))]
-        self._meshes: list[Mesh] = []
-        self._scaled_area = 0.0
-        for part in self._parts:
-            points = position[part]
-            points = points - 0.5 * (points.min(axis=(0, 1)) + points.max(axis=(0, 1)))
-            # xatlas leaves out triangles by an absolute area, so the usual one has area 1.
-            scale = min(float(np.median(area[part])) ** -0.5, _LARGEST_COORDINATE / float(np.abs(points).max()))
-            self._scaled_area += float(area[part].sum()) * scale**2
-            _, first, index = np.unique(vertex[part], return_index=True, return_inverse=True)
-            points = points.reshape(-1, 3)[first] * scale
-            self._meshes.append((np.ascontiguousarray(points, np.float32), np.ascontiguousarray(index.reshape(-1, 3), np.uint32)))
-        self._roughly = _seems_flat(cosine)
-        self._answer = unfold_meshes(self._meshes, self._scaled_area, self._roughly)
+        self._pieces = [
+            part[rows] for part in _split(loose, tri_object) for rows in split_part(facet[part], tri_polygon[part], centre[part])
+        ]
+        self._meshes, self._scaled_area = _make_meshes(self._pieces, position, area, vertex)
+        self._of_piece = np.array([tri_object[rows[0]] for rows in self._pieces], np.int64)
+        self._asks: deque[_Ask] = deque()
+        seem_flat = np.setdiff1d(self._of_piece, bent).tolist()
+        self._roughly = set(seem_flat)
+        if seem_flat:
+            self._put(seem_flat)  # together, for to make an atlas takes longer than to unfold a box
+        for one in bent.tolist():
+            self._put([one])  # alone, for the raster of an atlas is for all that is in it
+
+    def _put(self, objects: list[int]) -> None:
+        pieces = np.flatnonzero(np.isin(self._of_piece, objects)).tolist()
+        meshes, area = [self._meshes[k] for k in pieces], float(self._scaled_area[pieces].sum())
+        self._asks.append(_Ask(objects, pieces, unfold_meshes(meshes, area, objects[0] in self._roughly)))
 
     def cancel(self) -> None:
-        """Nobody will read the answer."""
-        give_up(self._answer)
+        """Nobody will read the answers."""
+        for ask in self._asks:
+            give_up(ask.answer)
 
-    def read(self, watch: Callable[[], None] = lambda: None) -> tuple[Int64, Float64]:
+    def read(self, watch: Callable[[int], None] = lambda _: None) -> tuple[Int64, Float64]:
         """(n,) int64 chart, -1 where xatlas leaves a triangle out; (n, 3, 2) float64 UV, m, each chart of its area in space.
 
-        watch   called now and then while xatlas is at work; it may raise
-        Raises ValueError when xatlas cannot be loaded, UnfolderDied when it crashes.
+        watch   called now and then while xatlas is at work, with the object it is at work on; it may raise
+        Raises ValueError when xatlas cannot be loaded, UnfolderDied with the code and the object when it crashes.
         """
+        group, uv = np.full(len(self._area), -1, np.int64), np.zeros((len(self._area), 3, 2))
         while True:
-            group, uv = np.full(len(self._area), -1, np.int64), np.zeros((len(self._area), 3, 2))
-            for part, unfolded in zip(self._parts, wait_for(self._answer, watch), strict=True):
-                group[part], uv[part] = unfolded
+            self._read_answers(watch, group, uv)
             placed = group >= 0
-            position, area, chart = self._position[placed], self._area[placed], group[placed]
+            position, area = self._position[placed], self._area[placed]
+            chart = np.unique(group[placed], return_inverse=True)[1].ravel()
             is_flat, projected = _project_flat_charts(position, self._normal[placed], area, chart)
-            if is_flat.all() or not self._roughly:
+            curved = self._roughly.intersection(self._object[placed][~is_flat].tolist())
+            if not curved:
                 break
-            self._roughly = False
-            self._answer = unfold_meshes(self._meshes, self._scaled_area)
+            self._roughly -= curved
+            for one in sorted(curved):
+                self._put([one])
         if not is_flat.all():
             projected = np.where(is_flat[:, None, None], projected, _restore_proportions(position, uv[placed], area, chart))
-        uv[placed] = projected
+        group[placed], uv[placed] = chart, projected
         return group, uv
 
+    def _read_answers(self, watch: Callable[[int], None], group: Int64, uv: Float64) -> None:
+        """Writes charts that differ from object to object, and UVs; what is still asked stays in the queue, to be cancelled."""
+        while self._asks:
+            ask = self._asks[0]
+            try:
+                answer = wait_for(ask.answer, partial(watch, ask.objects[0]))
+            except UnfolderDied as died:
+                if len(ask.objects) == 1:
+                    raise UnfolderDied(died.args[0], ask.objects[0]) from died
+                for one in ask.objects:  # one of them it is
+                    self._put([one])
+            else:
+                for k, (chart, piece_uv) in zip(ask.pieces, answer, strict=True):
+                    rows = self._pieces[k]
+                    group[rows], uv[rows] = np.where(chart >= 0, chart + k * len(group), -1), piece_uv
+            self._asks.popleft()
 
-def _seems_flat(cosine: Float64) -> bool:
-    """Whether no two triangles that share a side, with normals at that cosine (m,), are bent as little as xatlas allows within a chart."""
-    return bool(((cosine > _COPLANAR) | (cosine < _CUT)).all())
+
+def _split(loose: Int64, tri_object: IntArray) -> list[Int64]:
+    """Rows of the triangles of each loose part, object by object."""
+    order = np.lexsort((loose, tri_object))
+    return np.split(order, np.flatnonzero(np.diff(loose[order])) + 1) if len(order) else []
+
+
+def _make_meshes(pieces: list[Int64], position: Float64, area: Float64, vertex: Int64) -> tuple[list[Mesh], Float64]:
+    """Each piece as xatlas takes it, centred and scaled, and its area then."""
+    if not pieces:
+        return [], np.zeros(0)
+    rows, count = np.concatenate(pieces), np.array([len(piece) for piece in pieces])
+    owner = np.repeat(np.arange(len(pieces)), count)
+    first = np.cumsum(count) - count
+    points = position[rows]
+    centre = 0.5 * (np.minimum.reduceat(points.min(axis=1), first) + np.maximum.reduceat(points.max(axis=1), first))
+    points -= centre[owner][:, None]
+    # xatlas leaves out triangles by an absolute area, so the usual one has area 1.
+    by_area = area[rows[np.lexsort((area[rows], owner))]]
+    median = 0.5 * (by_area[first + (count - 1) // 2] + by_area[first + count // 2])
+    scale = np.minimum(median**-0.5, _LARGEST_COORDINATE / np.maximum.reduceat(np.abs(points).max(axis=(1, 2)), first))
+    points *= scale[owner][:, None, None]
+    n_vertex = int(vertex.max()) + 1
+    known, place, index = np.unique(owner[:, None] * n_vertex + vertex[rows], return_index=True, return_inverse=True)
+    corner = np.ascontiguousarray(points.reshape(-1, 3)[place], np.float32)
+    begin = np.searchsorted(known, np.arange(len(pieces) + 1) * n_vertex)
+    triangle = (index.reshape(-1, 3) - begin[owner][:, None]).astype(np.uint32)
+    meshes = [(corner[begin[k] : begin[k + 1]], triangle[first[k] : first[k] + count[k]]) for k in range(len(pieces))]
+    return meshes, np.bincount(owner, area[rows]) * scale**2
+
+
+def _is_bent(cosine: Float64) -> Bool:
+    """Whether two triangles that share a side, with normals at that cosine, are bent as little as xatlas allows within a chart."""
+    bent: Bool = (cosine <= _COPLANAR) & (cosine >= _CUT)
+    return bent
 
 
 def _restore_proportions(position: Float64, uv: Float64, area: Float64, group: Int64) -> Float64:

@@ -165,7 +165,7 @@ def unwrap_growth(sizes: Sizes) -> dict[str, float]:
     unfolding.start_ahead()
 
     def unwrap(ground: SceneSnapshot) -> None:
-        Unwrapping(ground.tri_position, ground.tri_vertex, ground.tri_polygon, ground.tri_corner).finish()
+        Unwrapping(ground.tri_position, ground.tri_vertex, ground.tri_polygon, ground.tri_corner, ground.tri_object).finish()
 
     few_s, many_s = (_least_seconds(lambda ground=ground: unwrap(ground), sizes.repeats) for ground in (few, many))
     return {"ratio": many_s / few_s, "seconds": many_s}

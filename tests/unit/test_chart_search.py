@@ -31,9 +31,9 @@ def test_shared_charts_are_found_once_and_worn_in_each_ones_metres(monkeypatch):
     scene = make_scene([shared_mesh("A", CLOTH), shared_mesh("B", CLOTH, (-2.0, 2.0, 2.0)), shared_mesh("C", CLOTH, (1.0, 1.2, 1.0))])
     calls = []
     real = chart_search.Unwrapping
-    monkeypatch.setattr(chart_search, "Unwrapping", lambda *arrays: calls.append(1) or real(*arrays))
+    monkeypatch.setattr(chart_search, "Unwrapping", lambda *arrays: calls.append(len(arrays[0])) or real(*arrays))
     found = find_charts(scene, True)
-    assert len(calls) == 1
+    assert sum(calls) == scene.n_tri / 3
     assert len(found.blocks) == 1
     count = int(found.first_chart[1])
     rows = np.arange(scene.n_tri).reshape(3, -1)
@@ -43,7 +43,7 @@ def test_shared_charts_are_found_once_and_worn_in_each_ones_metres(monkeypatch):
     for k in range(3):
         assert np.abs(signed_areas(found.uv[rows[k]])).sum() == pytest.approx(area[rows[k]].sum())
     find_charts(scene, False)
-    assert len(calls) == 4
+    assert sum(calls) == scene.n_tri * 4 / 3
 
 
 @pytest.mark.parametrize("layer", [False, True])
@@ -68,14 +68,15 @@ def test_what_is_to_be_mended_is_the_layer_or_the_faces(height, advice):
 class FakeUnwrapping:
     """Writes down what is done with it; the one of `fails` triangles crashes."""
 
-    def __init__(self, diary, fails, tri_position, *_):
-        self.diary, self.fails, self.count = diary, fails, len(tri_position)
+    def __init__(self, diary, fails, tri_position, *_, tri_object):
+        self.diary, self.fails, self.count, self.objects = diary, fails, len(tri_position), np.unique(tri_object).tolist()
         diary.append(("begin", self.count))
 
     def finish(self, watch):
-        watch()
+        for i in self.objects:
+            watch(i)
         if self.count == self.fails:
-            raise UnfolderDied(-11)
+            raise UnfolderDied(-11, self.objects[0])
         self.diary.append(("finish", self.count))
         return np.full(self.count, -1), np.zeros((self.count, 3, 2)), np.zeros((self.count, 3), bool)
 
@@ -90,7 +91,8 @@ GRIDS = [grid_mesh(f"Grid {cells}", cells=cells) for cells in (1, 2, 3, 4)]  # o
 def diary(monkeypatch):
     def watch(fails=-1):
         written = []
-        monkeypatch.setattr(chart_search, "Unwrapping", lambda *arrays: FakeUnwrapping(written, fails, *arrays))
+        monkeypatch.setattr(chart_search, "Unwrapping", lambda *arrays: FakeUnwrapping(written, fails, *arrays[:-1], tri_object=arrays[-1]))
+        monkeypatch.setattr(chart_search, "_AT_ONCE", 0)
         return written
 
     return watch
@@ -100,6 +102,13 @@ def test_xatlas_has_more_to_do_while_charts_are_mended(diary):
     written = diary()
     find_charts(make_scene(GRIDS), False)
     assert written == [("begin", 2), ("begin", 8), ("begin", 18), ("begin", 32), *(("finish", count) for count in (2, 8, 18, 32))]
+
+
+def test_small_objects_are_mended_together(diary, monkeypatch):
+    written = diary()
+    monkeypatch.setattr(chart_search, "_AT_ONCE", 28)
+    find_charts(make_scene(GRIDS), False)
+    assert written == [("begin", 28), ("begin", 32), ("finish", 28), ("finish", 32)]
 
 
 def test_so_many_triangles_and_no_more_are_unwrapped_ahead(diary, monkeypatch):

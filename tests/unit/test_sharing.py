@@ -72,7 +72,9 @@ def test_a_follower_has_the_leaders_uv_at_every_corner(scale):
     cloth = grid_mesh("Cloth", cells=5, noise=0.8)
     scene = make_scene([shared_mesh("A", cloth), shared_mesh("B", cloth, scale)])
     rows = np.split(np.arange(scene.n_tri), 2)
-    _, uv, shared = Unwrapping(*(a[rows[0]] for a in (scene.tri_position, scene.tri_vertex, scene.tri_polygon, scene.tri_corner))).finish()
+    _, uv, shared = Unwrapping(
+        *(a[rows[0]] for a in (scene.tri_position, scene.tri_vertex, scene.tri_polygon, scene.tri_corner, scene.tri_object))
+    ).finish()
     own, leaders = scene.tri_corner[rows[1]], scene.tri_corner[rows[0]]
     found, sides = follow_charts(own, leaders, uv, shared)
     of_corner = dict(zip(leaders.ravel().tolist(), uv.reshape(-1, 2).tolist(), strict=True))

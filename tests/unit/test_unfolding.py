@@ -68,6 +68,25 @@ def test_child_that_keeps_much_is_replaced_and_the_answers_stay_the_same(unfolde
         np.testing.assert_array_equal(uv, answers[0][1])
 
 
+@pytest.mark.parametrize("dies", [False, True])
+def test_the_next_child_is_there_before_it_is_needed(unfolder, monkeypatch, dies):
+    monkeypatch.setattr(unfolding, "_MOST_ATLASES", 4)
+    unfolder.unfold([SQUARE], 1.0)
+    assert unfolder._spare is None
+    unfolder.unfold([SQUARE], 1.0)
+    spare = unfolder._spare[0]
+    unfolder.unfold([SQUARE], 1.0)
+    assert unfolder._spare[0] is spare
+    unfolder.unfold([SQUARE], 1.0)
+    if dies:
+        spare.kill()
+        spare.wait()
+    unfolder.unfold([SQUARE], 1.0)
+    assert (unfolder._child is spare) != dies
+    assert unfolder._spare is None
+    assert unfolder._atlases == 1
+
+
 def test_child_that_was_killed_between_two_questions_is_replaced(unfolder):
     first = unfolder.unfold([SQUARE], 1.0)
     unfolder._child.kill()

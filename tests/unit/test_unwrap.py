@@ -1,14 +1,15 @@
 import numpy as np
 import pytest
+from leaflight.core import unwrap as unwrap_module
 from leaflight.core.geometry import triangle_normals_areas
 from leaflight.core.layer_check import find_overlaps, signed_areas
-from leaflight.core.unwrap import Unwrapping, _find_hinged, _find_overlaps_in_charts
+from leaflight.core.unwrap import Unwrapping
 from scenes import Mesh, box_mesh, grid_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh
 
 
 def unwrap(mesh):
     scene = make_scene([mesh])
-    return scene, *Unwrapping(scene.tri_position, scene.tri_vertex, scene.tri_polygon, scene.tri_corner).finish()
+    return scene, *Unwrapping(scene.tri_position, scene.tri_vertex, scene.tri_polygon, scene.tri_corner, scene.tri_object).finish()
 
 
 def overlaps_within_charts(chart, uv):
@@ -139,28 +140,32 @@ def test_detail_in_a_large_object_is_unwrapped_as_by_itself():
 
 def test_nothing_is_unwrapped_to_nothing():
     empty = np.zeros((0, 3), int)
-    chart, uv, shared = Unwrapping(np.zeros((0, 3, 3)), empty, np.zeros(0, int), empty).finish()
+    chart, uv, shared = Unwrapping(np.zeros((0, 3, 3)), empty, np.zeros(0, int), empty, np.zeros(0, int)).finish()
     assert (chart.shape, uv.shape, shared.shape) == ((0,), (0, 3, 2), (0, 3))
 
 
-def test_charts_of_two_triangles_are_judged_as_the_raster_judges_them(monkeypatch):
-    """Two on a common side, in all turns of their corners; folded over it; without one; turned over; and one by itself."""
-    rng = np.random.default_rng(7)
-    pairs = []
-    for kind in range(400):
-        one = rng.random((3, 2))
-        one = one if signed_areas(one[None])[0] > 0 else one[::-1]
-        across = one[0] + one[1] - one[2] if kind % 4 != 1 else 0.5 * one.mean(axis=0) + 0.5 * one[2]
-        other = np.stack([one[1], one[0], across])
-        other = other + (1e-9 if kind % 4 == 2 else 0.0)
-        pairs.append(np.stack([np.roll(one, kind, axis=0), np.roll(other, kind // 3, axis=0)])[:, :: 1 if kind % 4 != 3 else -1])
-    uv = np.concatenate([*pairs, pairs[0][:1]])
-    chart = np.append(np.repeat(np.arange(len(pairs)), 2), len(pairs))
-    shuffled = rng.permutation(len(chart))
-    known = _find_hinged(chart[shuffled], uv[shuffled], signed_areas(uv)[shuffled])
-    sure = (chart % 4 == 0) | (chart == len(pairs))
-    assert (known == sure[shuffled]).all()
-    found = _find_overlaps_in_charts(chart[shuffled], uv[shuffled])
-    assert found.any()
-    monkeypatch.setattr("leaflight.core.unwrap._find_hinged", lambda chart, uv, area: np.zeros(len(chart), bool))
-    assert (_find_overlaps_in_charts(chart[shuffled], uv[shuffled]) == found).all()
+TOGETHER = ["box", "sphere", "both sides", "bent grid 1.5", "one triangle", "two of every face"]
+
+
+def test_objects_that_are_unwrapped_together_have_the_charts_that_each_has_by_itself():
+    meshes = [moved(SOUND[name], (7.0 * k, 0.0, 0.0), 10.0 ** (k - 3)) for k, name in enumerate(TOGETHER)]
+    scene = make_scene(meshes)
+    apart = [np.concatenate([[0], np.cumsum(np.bincount(scene.tri_object))])[k] for k in range(len(meshes) + 1)]
+    numbers = [scene.tri_object * 10_000 + values for values in (scene.tri_polygon, scene.tri_corner.T)]
+    chart, uv, shared = Unwrapping(scene.tri_position, scene.tri_vertex, numbers[0], numbers[1].T, scene.tri_object).finish()
+    done = 0
+    for k, mesh in enumerate(meshes):
+        own = slice(apart[k], apart[k + 1])
+        _, alone, alone_uv, alone_shared = unwrap(mesh)
+        np.testing.assert_array_equal(chart[own], alone + done)
+        np.testing.assert_allclose(uv[own], alone_uv, rtol=1e-9, atol=1e-9 * np.abs(alone_uv).max())
+        np.testing.assert_array_equal(shared[own], alone_shared)
+        done += alone.max() + 1
+
+
+@pytest.mark.parametrize(("name", "drawn"), [("box", False), ("sphere", False), ("bent grid 1.5", False), ("both sides", True)])
+def test_only_charts_that_may_lie_over_themselves_are_drawn(monkeypatch, name, drawn):
+    real, asked = unwrap_module.find_overlaps, []
+    monkeypatch.setattr(unwrap_module, "find_overlaps", lambda uv: asked.append(len(uv)) or real(uv))
+    unwrap(SOUND[name])
+    assert bool(asked) == drawn
