@@ -37,7 +37,7 @@ def find_plain_charts(tri_vertex: IntArray, tri_uv: Float64, tri_chart: Int64, s
     used = tri_chart >= 0
     one, other = tri_uv[:, 1] - tri_uv[:, 0], tri_uv[:, 2] - tri_uv[:, 0]
     plain[tri_chart[used & (_cross(one, other) <= 0.0)]] = False
-    plain[tri_chart[_find_odd_sides(tri_vertex, shared)]] = False
+    plain[tri_chart[_find_odd_sides(tri_vertex, tri_chart, shared)]] = False
     tri, side = np.nonzero(~shared & used[:, None])
     chart = tri_chart[tri]
     order = np.argsort(chart, kind="stable")
@@ -56,15 +56,15 @@ def _cross(one: Float64, other: Float64) -> Float64:
     return cross
 
 
-def _find_odd_sides(tri_vertex: IntArray, shared: Bool) -> Int64:
-    """Triangles with a side that is shared, but not by two that walk it either way."""
+def _find_odd_sides(tri_vertex: IntArray, tri_chart: Int64, shared: Bool) -> Int64:
+    """Triangles with a side that is shared, but not walked as often one way as the other by those of their chart."""
     tri, side = np.nonzero(shared)
-    start, end = tri_vertex[tri, side].astype(np.int64), tri_vertex[tri, (side + 1) % 3].astype(np.int64)
-    key = np.minimum(start, end) * (int(tri_vertex.max(initial=0)) + 1) + np.maximum(start, end)
-    _, edge, count = np.unique(key, return_inverse=True, return_counts=True)
-    edge = edge.ravel()
-    odd = (count != 2) | (np.bincount(edge, np.where(start < end, 1.0, -1.0), len(count)) != 0.0)
-    return np.asarray(tri[odd[edge]])
+    start, end = tri_vertex[tri, side], tri_vertex[tri, (side + 1) % 3]
+    keys = np.stack([np.minimum(start, end), np.maximum(start, end), tri_chart[tri]])
+    order = np.lexsort(keys)
+    edge = np.cumsum((np.diff(keys[:, order], prepend=-1) != 0).any(axis=0)) - 1
+    odd = np.bincount(edge, np.where(start < end, 1.0, -1.0)[order]) != 0.0
+    return np.asarray(tri[order][odd[edge]])
 
 
 def _number_places(chart: Int64, start: Float64, end: Float64) -> tuple[Int64, Int64]:
@@ -79,10 +79,8 @@ def _number_places(chart: Int64, start: Float64, end: Float64) -> tuple[Int64, I
 
 
 def _winds_once(chart: Int64, start: Float64, end: Float64, place_start: Int64, place_end: Int64, n_chart: int) -> Bool:
-    """(n_chart,) bool: charts whose border is loops that meet in no point, one of them walked counterclockwise."""
+    """(n_chart,) bool: charts of whose loops one is walked counterclockwise; where loops meet, which count as one, they cross."""
     n_place = 1 + max(int(place_start.max(initial=-1)), int(place_end.max(initial=-1)))
-    meets_once = (np.bincount(place_start, minlength=n_place) == 1) & (np.bincount(place_end, minlength=n_place) == 1)
-    winds = np.bincount(chart[~meets_once[place_start] | ~meets_once[place_end]], minlength=n_chart) == 0
     loop = join_sets(n_place, place_start, place_end)[place_start]
     first = np.searchsorted(chart, np.arange(n_chart)).clip(max=max(len(chart) - 1, 0))
     origin = start[first][chart]  # near the loop, so that its area does not drown
@@ -90,12 +88,13 @@ def _winds_once(chart: Int64, start: Float64, end: Float64, place_start: Int64, 
     loop_chart = np.full(n_place, -1)
     loop_chart[loop] = chart
     counterclockwise = np.bincount(loop_chart[(loop_chart >= 0) & (area > 0.0)], minlength=n_chart)
-    once: Bool = winds & (counterclockwise == 1)
+    once: Bool = counterclockwise == 1
     return once
 
 
 def _find_crossed(chart: Int64, start: Float64, end: Float64, place_start: Int64, place_end: Int64) -> Int64:
-    """Charts of which two sides have a point in common, other than that in which one ends and the next starts.
+    """Charts of which two sides have a point in common that do not follow each other; if the second of two that do runs back over the
+    first, it has a point in common with the one before, or the next with the first.
 
     chart   (n,) int64, ascending
     """
@@ -117,6 +116,5 @@ def _find_crossed(chart: Int64, start: Float64, end: Float64, place_start: Int64
         sides += [np.sign(_cross(across, point[one] - start[other])) for point in (start, end)]
         meets = (sides[0] * sides[1] <= 0.0) & (sides[2] * sides[3] <= 0.0)
         follows = (place_end[one] == place_start[other]) | (place_end[other] == place_start[one])
-        runs_back = (_cross(along, across) == 0.0) & ((along * across).sum(axis=1) < 0.0)
-        crossed.append(chart[one[np.where(follows, runs_back, meets)]])
+        crossed.append(chart[one[meets & ~follows]])
     return np.concatenate(crossed)

@@ -15,7 +15,7 @@ from .layer_check import check_layer, label_charts
 from .messages import Status
 from .outlines import Outlines, measure_outlines, straighten_charts
 from .scene import IntArray, SceneSnapshot
-from .sharing import Block, find_blocks, follow_charts
+from .sharing import Block, find_blocks, find_copies, follow_charts
 from .topology import join_open_sides
 from .unfolding import UnfolderDied
 from .unwrap import Unwrapping
@@ -93,22 +93,22 @@ class _Search:
         self.shared = np.zeros((snapshot.n_tri, 3), bool)
         self._vertex = join_open_sides(snapshot.vertex_position, snapshot.tri_vertex, snapshot.tri_object)
         self._start = np.searchsorted(snapshot.tri_object, np.arange(len(snapshot.objects) + 1))
-        self._worn = {i: (block, float(size)) for block in blocks for i, size in zip(block.members, block.size, strict=True)}
+        self._worn = self._find_worn()
         self._unwrapped: dict[int, tuple[Int64, Float64, Bool]] = {}  # by the object whose charts they are
-        owners = [self._owner(i) for i, one in enumerate(snapshot.objects) if one.receives and not one.has_layer]
+        owners = [self._worn.get(i, (i, 1.0))[0] for i in self._unlayered()]
         self._to_begin = deque(dict.fromkeys(owners))
         self._begun: deque[tuple[list[int], Unwrapping]] = deque()  # with the objects of each
         receiving = np.array([one.receives for one in snapshot.objects], bool)
         self._done = np.concatenate([[0], np.cumsum(np.diff(self._start) * receiving)])  # triangles, before each object and after the last
         self._ahead = 0  # triangles of those
 
-    def watch(self, i: int) -> None:
-        """Tell that an object's turn has come, and not gone."""
-        self._watch(UNWRAPPING, float(self._done[i] / max(self._done[-1], 1)), self.snapshot.objects[i].name)
+    def watch(self, i: int, done: int = 0) -> None:
+        """Tell that an object's turn has come, and not gone; so many of its triangles are done."""
+        self._watch(UNWRAPPING, float((self._done[i] + done) / max(self._done[-1], 1)), self.snapshot.objects[i].name)
 
     def unwrap(self, i: int) -> int:
         """Charts of an object, upright; gives their number."""
-        owner = self._owner(i)
+        owner, size = self._worn.get(i, (i, 1.0))
         while owner not in self._unwrapped:
             self._unfold_more(i)
         chart, uv, shared = self._unwrapped[owner]
@@ -116,7 +116,7 @@ class _Search:
             return self._keep(i, *self._unwrapped.pop(i))
         corner = self.snapshot.tri_corner
         uv, shared = follow_charts(corner[self._rows(i)], corner[self._rows(owner)], uv, shared)
-        return self._keep(i, chart, uv * self._worn[i][1], shared)
+        return self._keep(i, chart, uv * size, shared)
 
     def cancel(self) -> None:
         """No object's charts are asked for any more."""
@@ -145,9 +145,18 @@ class _Search:
     def _count(self, i: int) -> int:
         return int(self._start[i + 1] - self._start[i])
 
-    def _owner(self, i: int) -> int:
-        """The object whose charts an object wears."""
-        return self._worn[i][0].members[0] if i in self._worn else i
+    def _unlayered(self) -> list[int]:
+        return [i for i, one in enumerate(self.snapshot.objects) if one.receives and not one.has_layer]
+
+    def _find_worn(self) -> dict[int, tuple[int, float]]:
+        """Objects whose charts are another's, or another has theirs: with that other, and how many times as large as it they are."""
+        led = {i: (block.members[0], float(size)) for block in self.blocks for i, size in zip(block.members, block.size, strict=True)}
+        copies = find_copies(self.snapshot, self._vertex, [i for i in self._unlayered() if led.get(i, (i,))[0] == i])
+        worn = {leader: (leader, 1.0) for leader, _ in copies.values()}
+        for i, (leader, size) in [*copies.items(), *led.items()]:
+            owner, of_leader = copies.get(leader, (leader, 1.0))
+            worn[i] = owner, size * of_leader
+        return worn
 
     def _unfold_more(self, waiting: int) -> None:
         """Takes the charts of the objects that were begun first; one is waiting for some."""
@@ -182,7 +191,6 @@ class _Search:
             objects = [self._to_begin.popleft()]
             while self._to_begin and sum(map(self._count, objects)) + self._count(self._to_begin[0]) <= _AT_ONCE:
                 objects.append(self._to_begin.popleft())
-            objects.sort()
             rows = self._rows_of(objects)
             owner = scene.tri_object[rows]
             position = scene.vertex_position[scene.tri_vertex[rows]]

@@ -16,6 +16,7 @@ Int64: TypeAlias = NDArray[np.int64]
 
 _TURNS = 24  # angles tried in a quarter turn, to find the smallest box
 _POINTS_AT_ONCE = 1 << 16  # of all turns together, to bound memory
+_AS_LONG = 1.0 - 1e-4  # of the longest edge
 _CLEARLY_SMALLER = 0.999  # the longest edge keeps its direction unless another turn saves this much
 
 
@@ -61,7 +62,11 @@ def straighten_charts(uv: Float64, chart: Int64, shared: NDArray[np.bool_], n_ch
     """
     edge, edge_chart = _border(uv, chart, shared)
     vector = edge[:, 1] - edge[:, 0]
-    order = np.lexsort((np.arange(len(edge)), -(vector**2).sum(axis=1), edge_chart))
+    length = np.hypot(vector[:, 0], vector[:, 1])
+    longest = np.zeros(n_chart)
+    np.maximum.at(longest, edge_chart, length)
+    is_longest = length > _AS_LONG * longest[edge_chart]  # the first of equals, whatever the rounding
+    order = np.lexsort((np.arange(len(edge)), ~is_longest, edge_chart))
     first = order[np.unique(edge_chart[order], return_index=True)[1]]
     angles = np.zeros((_TURNS + 1, n_chart))
     angles[0, edge_chart[first]] = -np.arctan2(vector[first, 1], vector[first, 0])

@@ -1,9 +1,11 @@
-"""Which objects wear one set of charts: those that share a mesh, as long as its shape and size are about the same on all of them."""
+"""Which objects have one set of charts: those that share a mesh wear it, as long as its shape and size are about the same on all of
+them; and copies of a mesh, which are unwrapped alike, need not be unwrapped again."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from hashlib import blake2b
 from typing import TypeAlias
 
 import numpy as np
@@ -16,6 +18,7 @@ Float64: TypeAlias = NDArray[np.float64]
 
 MAX_STRETCH = 2.0  # longest over shortest scale of an object's edges, as seen from its charts'; beyond it texels are needles
 MAX_SIZE_RATIO = 4.0  # to the object whose charts they are, either way; gaps are as wide as the smallest needs them
+_SAME_SHAPE = 1e-4  # of an object's size: copies' corners lie as near as that, as float32 leaves them far from their mesh's origin
 _SAMPLED_TRIANGLES = 1024
 _SHORTEST = 1e-6  # of an object's longest edge; what is shorter counts as this long
 
@@ -55,6 +58,43 @@ def find_blocks(snapshot: SceneSnapshot) -> list[Block]:
             if len(group) > 1:
                 blocks.append(Block(tuple(members[k] for k in chosen), np.sqrt(area[chosen] / area[chosen[0]])))
     return blocks
+
+
+def find_copies(snapshot: SceneSnapshot, tri_vertex: IntArray, objects: list[int]) -> dict[int, tuple[int, float]]:
+    """Those of some objects that are copies of one before them, whatever their place, turn and size: each with that one, and how many
+    times as large as it it is, times what their densities differ by. None is mirrored.
+
+    tri_vertex   (n_tri, 3) int   vertices, of which objects have none in common
+    """
+    start = np.searchsorted(snapshot.tri_object, np.arange(len(snapshot.objects) + 1))
+    alike: dict[bytes, list[int]] = {}
+    for i in (i for i in objects if start[i] < start[i + 1]):
+        rows = slice(int(start[i]), int(start[i + 1]))
+        vertex = tri_vertex[rows] - tri_vertex[rows].min()
+        parts = (snapshot.tri_corner[rows], vertex)  # corners tell polygons, too
+        alike.setdefault(blake2b(b"".join(part.astype(np.int64).tobytes() for part in parts)).digest(), []).append(i)
+    copies: dict[int, tuple[int, float]] = {}
+    for group in alike.values():
+        first: list[tuple[int, Float64, float]] = []  # of each shape
+        for i in group if len(group) > 1 else []:
+            shape, size = _measure_shape(snapshot.vertex_position[snapshot.tri_vertex[start[i] : start[i + 1]]])
+            size *= snapshot.objects[i].density_factor
+            same = (one for one in first if np.abs(shape - one[1]).max() <= _SAME_SHAPE)
+            leader = next(same, None)
+            if size > 0 and leader:
+                copies[i] = leader[0], size / leader[2]
+            elif size > 0:
+                first.append((i, shape, size))
+    return copies
+
+
+def _measure_shape(tri_position: FloatArray) -> tuple[Float64, float]:
+    """(n, 6) float64: lengths of the triangles' sides, and of their corners' ways to the middle of all, over the object's size; and
+    that: the root of its surface, m."""
+    size = float(triangle_normals_areas(tri_position)[1].sum()) ** 0.5
+    sides = np.linalg.norm(tri_position - np.roll(tri_position, 1, axis=1), axis=2)
+    ways = np.linalg.norm(tri_position - tri_position.mean(axis=(0, 1)), axis=2)
+    return np.concatenate([sides, ways], axis=1) / (size or 1.0), size
 
 
 def group_alike(log_length: Float64) -> list[list[int]]:

@@ -32,7 +32,7 @@ class Unwrapping:
         tri_vertex     (n, 3) int    objects have none in common, nor polygons, nor corners
         tri_polygon    (n,) int
         tri_corner     (n, 3) int
-        tri_object     (n,) int, ascending
+        tri_object     (n,) int, triangles of an object are consecutive
         """
         self._vertex, self._corner = tri_vertex, tri_corner
         self._polygon, self._object = (np.unique(label, return_inverse=True)[1].ravel() for label in (tri_polygon, tri_object))
@@ -47,11 +47,12 @@ class Unwrapping:
         """Nobody will ask for the charts any more."""
         self._asked.cancel()
 
-    def finish(self, watch: Callable[[int], None] = lambda _: None) -> tuple[Int64, Float64, Bool]:
+    def finish(self, watch: Callable[[int, int], None] = lambda *_: None) -> tuple[Int64, Float64, Bool]:
         """Charts without overlap, each with the area in UV that it has in space; corners that are one have one UV.
 
-        watch   called now and then while xatlas is at work, with the object it is at work on; it may raise
-        (n,) int64 chart, ascending with the objects, -1 without area; (n, 3, 2) float64 UV, m; (n, 3) bool whether side k is shared
+        watch   called now and then while xatlas is at work, with the object it is at work on, and how many of its triangles are done;
+                it may raise
+        (n,) int64 chart, in the order of the objects, -1 without area; (n, 3, 2) float64 UV, m; (n, 3) bool whether side k is shared
         within its chart
         Raises ValueError when xatlas cannot be loaded, UnfolderDied with the code and the object when it crashes.
         """

@@ -1,12 +1,8 @@
-"""What xatlas is asked of objects, and how its answers are read.
-
-Packing, which only tells UVs, takes most of its time with meshes of few triangles. UVs of flat charts come from their planes; so an object
-that seems to fall into such is packed roughly, and anew only where a chart is not flat after all. xatlas finds the same charts either way.
-"""
+"""What xatlas is asked of objects, and how its answers are read."""
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -29,9 +25,9 @@ Int64: TypeAlias = NDArray[np.int64]
 Bool: TypeAlias = NDArray[np.bool_]
 
 _LARGEST_COORDINATE = 1e5  # float32 then still tells 1 % of a triangle of median size
+_AT_ONCE = 1 << 14  # triangles of one answer, a tenth of a second's to a few seconds' work
 _FLATNESS = 1e-5  # of a chart's extent: nearer to its plane it is projected, in float64
-# Cosines between triangles that share a side: above the one they lie in one plane, below the other xatlas cuts between them.
-_COPLANAR, _CUT = 1.0 - 1e-7, 0.25
+_COPLANAR = 1.0 - 1e-7  # cosine between triangles above which they lie in one plane
 
 
 @dataclass(frozen=True)
@@ -54,16 +50,15 @@ class Question:
         area          (n,) float64, m^2, above 0
         tri_vertex    (n, 3) int   objects have none in common, nor polygons
         tri_polygon   (n,) int
-        tri_object    (n,) int, ascending
+        tri_object    (n,) int, triangles of an object are consecutive
         """
-        self._position, self._normal, self._area, self._object = position, normal, area, tri_object
+        self._position, self._normal, self._area = position, normal, area
         vertex = np.unique(tri_vertex, return_inverse=True)[1].reshape(-1, 3)
         loose = join_sets(vertex.max(initial=-1) + 1, vertex.ravel(), np.roll(vertex, -1, axis=1).ravel())[vertex[:, 0]]
         _, one, other = pair_sides(vertex, np.zeros(len(vertex), np.int64))
         one, other = one // 3, other // 3
         cosine = _dot(normal[one], normal[other])
         facet = join_sets(len(vertex), one[cosine > _COPLANAR], other[cosine > _COPLANAR])
-        bent = np.unique(tri_object[one[_is_bent(cosine)]])
         centre = position.mean(axis=1)
         # Loose parts go in apart, each centred and scaled: a teaspoon in a hall would drown in float32.
         self._pieces = [
@@ -72,53 +67,35 @@ class Question:
         self._meshes, self._scaled_area = _make_meshes(self._pieces, position, area, vertex)
         self._of_piece = np.array([tri_object[rows[0]] for rows in self._pieces], np.int64)
         self._asks: deque[_Ask] = deque()
-        seem_flat = np.setdiff1d(self._of_piece, bent).tolist()
-        self._roughly = set(seem_flat)
-        if seem_flat:
-            self._put(seem_flat)  # together, for to make an atlas takes longer than to unfold a box
-        for one in bent.tolist():
-            self._put([one])  # alone, for the raster of an atlas is for all that is in it
+        if self._pieces:
+            self._put(np.unique(tri_object).tolist())
 
     def _put(self, objects: list[int]) -> None:
-        pieces = np.flatnonzero(np.isin(self._of_piece, objects)).tolist()
-        meshes, area = [self._meshes[k] for k in pieces], float(self._scaled_area[pieces].sum())
-        self._asks.append(_Ask(objects, pieces, unfold_meshes(meshes, area, objects[0] in self._roughly)))
+        """Ask of objects together, for an atlas takes longer to make than a box to unfold; in parts, lest the first answer come late."""
+        pieces = np.flatnonzero(np.isin(self._of_piece, objects))
+        part = np.cumsum([len(self._pieces[k]) for k in pieces]) // _AT_ONCE
+        for own in np.split(pieces, np.flatnonzero(np.diff(part)) + 1):
+            answer = unfold_meshes([self._meshes[k] for k in own], float(self._scaled_area[own].sum()))
+            self._asks.append(_Ask(np.unique(self._of_piece[own]).tolist(), own.tolist(), answer))
 
     def cancel(self) -> None:
         """Nobody will read the answers."""
         for ask in self._asks:
             give_up(ask.answer)
 
-    def read(self, watch: Callable[[int], None] = lambda _: None) -> tuple[Int64, Float64]:
+    def read(self, watch: Callable[[int, int], None] = lambda *_: None) -> tuple[Int64, Float64]:
         """(n,) int64 chart, -1 where xatlas leaves a triangle out; (n, 3, 2) float64 UV, m, each chart of its area in space.
 
-        watch   called now and then while xatlas is at work, with the object it is at work on; it may raise
+        watch   called now and then while xatlas is at work, with the object it is at work on, and how many of its triangles are done;
+                it may raise
         Raises ValueError when xatlas cannot be loaded, UnfolderDied with the code and the object when it crashes.
         """
         group, uv = np.full(len(self._area), -1, np.int64), np.zeros((len(self._area), 3, 2))
-        while True:
-            self._read_answers(watch, group, uv)
-            placed = group >= 0
-            position, area = self._position[placed], self._area[placed]
-            chart = np.unique(group[placed], return_inverse=True)[1].ravel()
-            is_flat, projected = _project_flat_charts(position, self._normal[placed], area, chart)
-            curved = self._roughly.intersection(self._object[placed][~is_flat].tolist())
-            if not curved:
-                break
-            self._roughly -= curved
-            for one in sorted(curved):
-                self._put([one])
-        if not is_flat.all():
-            projected = np.where(is_flat[:, None, None], projected, _restore_proportions(position, uv[placed], area, chart))
-        group[placed], uv[placed] = chart, projected
-        return group, uv
-
-    def _read_answers(self, watch: Callable[[int], None], group: Int64, uv: Float64) -> None:
-        """Writes charts that differ from object to object, and UVs; what is still asked stays in the queue, to be cancelled."""
-        while self._asks:
+        done: Counter[int] = Counter()
+        while self._asks:  # what is still there is cancelled if this is left
             ask = self._asks[0]
             try:
-                answer = wait_for(ask.answer, partial(watch, ask.objects[0]))
+                answer = wait_for(ask.answer, partial(watch, ask.objects[0], done[ask.objects[0]]))
             except UnfolderDied as died:
                 if len(ask.objects) == 1:
                     raise UnfolderDied(died.args[0], ask.objects[0]) from died
@@ -128,7 +105,16 @@ class Question:
                 for k, (chart, piece_uv) in zip(ask.pieces, answer, strict=True):
                     rows = self._pieces[k]
                     group[rows], uv[rows] = np.where(chart >= 0, chart + k * len(group), -1), piece_uv
+                    done[int(self._of_piece[k])] += len(rows)
             self._asks.popleft()
+        placed = group >= 0
+        position, area = self._position[placed], self._area[placed]
+        chart = np.unique(group[placed], return_inverse=True)[1].ravel()
+        is_flat, projected = _project_flat_charts(position, self._normal[placed], area, chart)
+        if not is_flat.all():
+            projected = np.where(is_flat[:, None, None], projected, _restore_proportions(position, uv[placed], area, chart))
+        group[placed], uv[placed] = chart, projected
+        return group, uv
 
 
 def _split(loose: Int64, tri_object: IntArray) -> list[Int64]:
@@ -159,12 +145,6 @@ def _make_meshes(pieces: list[Int64], position: Float64, area: Float64, vertex: 
     triangle = (index.reshape(-1, 3) - begin[owner][:, None]).astype(np.uint32)
     meshes = [(corner[begin[k] : begin[k + 1]], triangle[first[k] : first[k] + count[k]]) for k in range(len(pieces))]
     return meshes, np.bincount(owner, area[rows]) * scale**2
-
-
-def _is_bent(cosine: Float64) -> Bool:
-    """Whether two triangles that share a side, with normals at that cosine, are bent as little as xatlas allows within a chart."""
-    bent: Bool = (cosine <= _COPLANAR) & (cosine >= _CUT)
-    return bent
 
 
 def _restore_proportions(position: Float64, uv: Float64, area: Float64, group: Int64) -> Float64:

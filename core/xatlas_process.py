@@ -1,5 +1,5 @@
-"""The process that xatlas runs in, as a main program; the only module that knows xatlas. A question is meshes, their area and whether
-their charts are all that matters, an answer what became of them, or why xatlas cannot be loaded; each a pickle.
+"""The process that xatlas runs in, as a main program; the only module that knows xatlas. A question is meshes and their area, an answer
+what became of them, or why xatlas cannot be loaded; each a pickle.
 
 When an atlas of xatlas is destroyed, it joins its threads. It tells them to wake up without holding the lock that they fall
 asleep under, so that the call is lost on one that is just doing so, and then the join never ends; there is no way to wait for their
@@ -23,8 +23,10 @@ from numpy.typing import NDArray
 Mesh: TypeAlias = tuple[NDArray[np.float32], NDArray[np.uint32]]
 Unfolded: TypeAlias = tuple[NDArray[np.int32], NDArray[np.float64]]
 
-_RASTER_TEXELS = 512  # xatlas packs what we only want unfolded; this many texels a side cost it little and keep its UVs exact to 1e-4
-_ROUGH_RASTER_TEXELS = 32  # the same where UVs do not matter: packing takes most of the time of meshes of few triangles
+# xatlas packs what we only want unfolded, and stretches charts to whole texels, which is undone: with 512 texels a side, sides are as long
+# as with 32 but for the rounding of float32, and packing takes longer than to find the charts.
+_TEXELS_PER_UNIT = 0.5  # a usual triangle's area is 1
+_RASTER_TEXELS = 512  # a side, where others are much larger
 _MAX_RASTER_TEXELS = 2048  # a long thin chart is drawn no longer than this, to bound memory
 
 
@@ -38,12 +40,12 @@ def _serve(questions: BinaryIO, answers: BinaryIO) -> None:
         xatlas = None
     while True:
         try:
-            meshes, area, roughly = pickle.load(questions)
+            meshes, area = pickle.load(questions)
         except EOFError:
             return
         if xatlas is not None:
             kept.append(xatlas.Atlas())
-            density = (_ROUGH_RASTER_TEXELS if roughly else _RASTER_TEXELS) / area**0.5
+            density = min(_TEXELS_PER_UNIT, _RASTER_TEXELS / area**0.5)
             answer = _generate(kept[-1], xatlas.ChartOptions(), xatlas.PackOptions(), meshes, density)
         pickle.dump(answer, answers, pickle.HIGHEST_PROTOCOL)
         answers.flush()
@@ -54,6 +56,7 @@ def _generate(atlas: Any, charts: Any, packing: Any, meshes: list[Mesh], density
         atlas.add_mesh(position, triangles)
     packing.bilinear, packing.create_image, packing.max_chart_size = False, False, _MAX_RASTER_TEXELS
     packing.texels_per_unit = density
+    packing.rotate_charts = False  # as would fit beside others, so that a chart's way up would hang on what is asked with it
     atlas.generate(charts, packing)
     if not atlas.chart_count:
         return [(np.full(len(triangles), -1, np.int32), np.zeros((len(triangles), 3, 2))) for _, triangles in meshes]

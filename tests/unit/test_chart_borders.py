@@ -78,22 +78,71 @@ def test_three_triangles_on_one_side_make_their_chart_doubtful():
     assert judge(uv, [[0, 1, 2], [1, 0, 3], [0, 1, 4]]) == [False]
 
 
+def test_a_disc_that_hangs_on_a_ring_within_another_makes_its_chart_doubtful():
+    """On every side of the ring there are three triangles, so that none of them is a border."""
+    uv, tri = fan(1, 6)
+    outer = np.array([[1 + k, 8 + k, 8 + (k + 1) % 6] for k in range(6)] + [[1 + k, 8 + (k + 1) % 6, 1 + (k + 1) % 6] for k in range(6)])
+    points = np.concatenate([uv, [[0.1, 0.0]], 2.0 * uv[1:], [[0.0, 0.1]]])
+    disc = np.concatenate([tri, outer])
+    hanging = np.where(tri == 0, len(points) - 1, tri)
+    assert judge(points, disc) == [True]
+    assert judge(points, np.concatenate([disc, hanging])) == [False]
+
+
+def test_two_discs_on_one_rim_make_their_chart_doubtful():
+    """Sides that both walk the same way; they hang on a plain triangle by one corner only, as triangles of a polygon may. Another chart of
+    the same vertices walks them the other way."""
+    uv, tri = fan(1, 6)
+    uv = np.concatenate([uv, [[0.1, 0.0]], [[1, 0], [3, 0], [3, 1]]])
+    one = np.concatenate([tri, np.where(tri == 0, 7, tri), [[8, 9, 10]]])
+    vertex = np.concatenate([one, one[:, ::-1]])
+    tri_uv = np.concatenate([uv[one], uv[one[:, ::-1]] * (-1, 1)])
+    corner = np.arange(vertex.size).reshape(-1, 3)
+    corner[12, 0], corner[25, 2] = corner[0, 1], corner[13, 1]  # in the same places
+    chart, shared = label_charts(vertex, corner, tri_uv, np.repeat([0, 1], 13), 1e-12)
+    assert chart.max() == 1
+    assert find_plain_charts(vertex, tri_uv, chart, shared).tolist() == [False, False]
+
+
+@pytest.mark.parametrize(("inner", "plain"), [("hole", True), ("second sheet", False)])
+def test_a_border_has_one_loop_that_is_walked_counterclockwise(inner, plain):
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+    within = 0.3 + 0.4 * square[:: -1 if inner == "hole" else 1]
+    start = np.concatenate([square, within])
+    end = np.concatenate([np.roll(square, -1, axis=0), np.roll(within, -1, axis=0)])
+    chart = np.zeros(8, np.int64)
+    places = chart_borders._number_places(chart, start, end)
+    assert chart_borders._winds_once(chart, start, end, *places, 1).tolist() == [plain]
+
+
 def test_loops_that_meet_in_a_point_are_doubtful():
-    uv = [[0, 0], [1, 0], [1, 1], [0, 1], [2, 1], [2, 2], [1, 2], [2, 0], [0, 2]]
-    assert judge(uv, [[0, 1, 2], [0, 2, 3], [2, 4, 5], [2, 5, 6], [1, 7, 4], [1, 4, 2]]) == [True]
-    ring = [[0, 1, 2], [1, 7, 4], [4, 5, 6], [6, 8, 3], [1, 4, 2], [2, 4, 6], [2, 6, 3], [0, 2, 3]]
-    assert judge(uv, ring) == [True]
-    without = [[0, 1, 2], [0, 2, 3], [2, 4, 5], [2, 5, 6]]  # two squares that have one vertex in common, which are two charts
-    assert judge(uv, without) == [True, True]
+    """A square with a hole whose corner is the square's."""
+    uv = [[0, 0], [3, 0], [3, 3], [0, 3], [2, 1], [1, 2]]
+    assert judge(uv, [[0, 1, 4], [1, 2, 4], [4, 2, 5], [2, 3, 5], [3, 0, 5]]) == [False]
+    assert judge(uv, [[0, 1, 4], [1, 2, 4], [4, 2, 5], [2, 3, 5], [3, 0, 5], [0, 4, 5]]) == [True]
 
 
 def test_a_border_that_runs_back_over_itself_is_doubtful():
-    """A slit whose sides lie in one place: nothing lies over anything, which a raster has to see."""
+    """A disc with a slit, one of whose sides is half as long: nothing lies over anything, which a raster has to see."""
     uv, tri = fan(1, 8)
-    uv = np.concatenate([uv, uv[1:2]])
+    uv = np.concatenate([uv, [[0.5, 0.0]]])
     tri = tri.copy()
-    tri[-1, 2] = len(uv) - 1  # the last triangle's end is another vertex at the first one's place
+    tri[-1, 2] = len(uv) - 1
     assert judge(uv, tri) == [False]
+
+
+def test_sides_that_only_touch_are_doubtful_and_those_in_one_line_are_not():
+    def crossed(*points):
+        start, end = np.array(points, float).transpose(1, 0, 2)
+        chart = np.zeros(len(start), np.int64)
+        return len(chart_borders._find_crossed(chart, start, end, *chart_borders._number_places(chart, start, end))) > 0
+
+    assert crossed([[0, 0], [2, 0]], [[1, -1], [1, 1]])
+    assert crossed([[0, 0], [2, 0]], [[1, 0], [1, 1]])
+    assert crossed([[0, 0], [2, 1]], [[1, 0.5], [3, 1.5]])
+    assert not crossed([[0, 0], [2, 1]], [[4, 2], [6, 3]])
+    assert not crossed([[0, 0], [2, 0]], [[2, 0], [3, 0]])
+    assert not crossed([[0, 0], [2, 0]], [[1, 0.1], [1, 1]])
 
 
 def test_long_borders_are_left_to_the_raster(monkeypatch):

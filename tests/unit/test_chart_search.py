@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from leaflight.core import chart_search
+from leaflight.core import chart_search, unwrap_question
 from leaflight.core.chart_search import find_charts
 from leaflight.core.geometry import triangle_normals_areas
 from leaflight.core.layer_check import signed_areas
 from leaflight.core.unfolding import UnfolderDied
 from leaflight.core.words import Interrupted
-from scenes import box_mesh, grid_mesh, make_scene, quad_mesh, shared_mesh, split_faces
+from scenes import box_mesh, grid_mesh, make_scene, moved, quad_mesh, shared_mesh, sphere_mesh, split_faces
 
 CLOTH = grid_mesh("Cloth", cells=4, noise=0.8)
 
@@ -46,6 +46,41 @@ def test_shared_charts_are_found_once_and_worn_in_each_ones_metres(monkeypatch):
     assert sum(calls) == scene.n_tri * 4 / 3
 
 
+@pytest.mark.parametrize("at_once", [0, 400, 1 << 30])
+def test_an_objects_charts_lie_the_same_way_whatever_is_unwrapped_with_it(monkeypatch, at_once):
+    """Though xatlas packs them together, and turns them as they fit if it may."""
+    meshes = [sphere_mesh(), box_mesh(), grid_mesh(noise=0.6), sphere_mesh(rings=5, segments=7), grid_mesh(cells=3, noise=0.3)]
+    monkeypatch.setattr(chart_search, "_AT_ONCE", at_once)
+    together = find_charts(make_scene(meshes), False)
+    begin = 0
+    for k, mesh in enumerate(meshes):
+        alone = find_charts(make_scene([mesh]), False)
+        own = slice(begin, begin := begin + len(alone.chart))
+        np.testing.assert_array_equal(together.chart[own], alone.chart + together.first_chart[k])
+        np.testing.assert_allclose(together.uv[own], alone.uv, atol=1e-4 * np.abs(alone.uv).max())
+
+
+def test_copies_are_unwrapped_once_and_have_the_charts_that_they_would_have(monkeypatch):
+    bent = grid_mesh("Bent", cells=6, noise=0.6)
+    linked = [shared_mesh("A", bent, (2.0, 2.0, 2.0), (9.0, 0.0, 0.0)), shared_mesh("B", bent, (-2.0, 2.0, 2.0))]
+    scene = make_scene([grid_mesh("Other"), bent, *linked, replace(moved(bent, (5.0, 0.0, 0.0), 3.0), name="Copy")])
+    scene = replace(scene, objects=(*scene.objects[:4], replace(scene.objects[4], density_factor=2.0)))
+    calls = []
+    real = chart_search.Unwrapping
+    monkeypatch.setattr(chart_search, "Unwrapping", lambda *arrays: calls.append(len(arrays[0])) or real(*arrays))
+    found = find_charts(scene, True)
+    assert sum(calls) == np.isin(scene.tri_object, [0, 1]).sum()
+    own = [found.uv[scene.tri_object == i] for i in range(5)]
+    np.testing.assert_allclose(own[2], 2.0 * own[1], rtol=1e-9)
+    np.testing.assert_allclose(own[4], 6.0 * own[1], rtol=1e-9)
+    monkeypatch.setattr(chart_search, "find_copies", lambda *_: {})
+    apart = find_charts(scene, True)
+    np.testing.assert_array_equal(found.first_chart, apart.first_chart)
+    np.testing.assert_array_equal(found.chart, apart.chart)
+    np.testing.assert_allclose(found.uv, apart.uv, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(found.outlines.area, apart.outlines.area, rtol=1e-4)
+
+
 @pytest.mark.parametrize("layer", [False, True])
 def test_charts_go_on_where_a_file_holds_vertices_for_each_face(layer):
     cloth = replace(CLOTH, uv=[(CLOTH.vertex[polygon, :2]) / 4.0 for polygon in CLOTH.polygons]) if layer else grid_mesh("Cloth", 4, 0.1)
@@ -74,7 +109,7 @@ class FakeUnwrapping:
 
     def finish(self, watch):
         for i in self.objects:
-            watch(i)
+            watch(i, 0)
         if self.count == self.fails:
             raise UnfolderDied(-11, self.objects[0])
         self.diary.append(("finish", self.count))
@@ -111,6 +146,17 @@ def test_small_objects_are_mended_together(diary, monkeypatch):
     assert written == [("begin", 28), ("begin", 32), ("finish", 28), ("finish", 32)]
 
 
+def test_whoever_wears_a_later_ones_charts_may_be_unwrapped_with_one_in_between(monkeypatch):
+    cloth = [shared_mesh(name, CLOTH, (1.0, width, 1.0)) for name, width in (("Narrow", 0.7), ("Middle", 1.0), ("Wide", 1.4))]
+    scene = make_scene([cloth[0], grid_mesh("Other", cells=5, noise=0.8), cloth[1], cloth[2]])
+    together = find_charts(scene, True)
+    assert together.blocks[0].members[0] == 2
+    monkeypatch.setattr(chart_search, "_AT_ONCE", 0)
+    apart = find_charts(scene, True)
+    np.testing.assert_array_equal(together.chart, apart.chart)
+    np.testing.assert_allclose(together.uv, apart.uv, atol=1e-4)
+
+
 def test_so_many_triangles_and_no_more_are_unwrapped_ahead(diary, monkeypatch):
     monkeypatch.setattr(chart_search, "_MOST_AHEAD", 20)
     written = diary()
@@ -128,6 +174,25 @@ def test_share_of_the_triangles_that_is_done_is_told_with_the_object_that_is_nex
     assert list(dict.fromkeys(told)) == [(chart_search.UNWRAPPING, share, name) for share, name in zip(done, names, strict=True)]
     counts = [[name for _, _, name in told].count(name) for name in names]
     assert counts == [2 + 4, 2, 2, 2], "as its turn comes, after each that is begun, and again while xatlas is at work on it"
+
+
+def test_share_of_a_dense_object_grows_while_xatlas_is_at_work_on_it(monkeypatch):
+    monkeypatch.setattr(unwrap_question, "_AT_ONCE", 4096)
+    told = []
+
+    def wait(answer, watch):
+        watch()
+        return answer.result()
+
+    monkeypatch.setattr(unwrap_question, "wait_for", wait)
+    find_charts(
+        make_scene([grid_mesh(), grid_mesh("Ground", cells=70, noise=0.05)]), False, lambda said, share, name: told.append((name, share))
+    )
+    shares = [share for name, share in dict.fromkeys(told) if name == "Ground"]
+    assert len(shares) >= 3
+    assert shares == sorted(shares)
+    assert shares[0] == pytest.approx(512 / (512 + 9800))
+    assert 0.6 < shares[-1] < 1.0
 
 
 def test_whoever_wants_no_charts_any_more_has_the_others_cancelled(diary):

@@ -5,10 +5,10 @@ from leaflight.core.outlines import measure_outlines, straighten_charts
 from scenes import grid_mesh, make_scene
 
 
-def turned_grids(angles):
-    """Flat 6 x 3 grids, one chart each, turned and moved."""
+def turned_grids(angles, depth=3.0):
+    """Flat grids of 6 by `depth` metres, one chart each, turned and moved."""
     scene = make_scene([grid_mesh(str(k), cells=6) for k in range(len(angles))])
-    uv = scene.tri_position[..., :2] * (1.0, 0.5)
+    uv = scene.tri_position[..., :2] * (1.0, depth / 6.0)
     c, s = np.cos(angles)[scene.tri_object, None], np.sin(angles)[scene.tri_object, None]
     uv = np.stack([c * uv[..., 0] - s * uv[..., 1] + 5, s * uv[..., 0] + c * uv[..., 1] - 9], axis=2)
     corner = scene.tri_corner + 1000 * scene.tri_object[:, None]
@@ -68,3 +68,14 @@ def test_selection_keeps_the_order_asked_for():
 def test_no_charts():
     none = measure_outlines(np.zeros((0, 3, 2)), np.zeros(0, int), np.zeros((0, 3), bool), 0)
     assert len(none.edge) == len(none.extent) == 0
+
+
+def test_rounding_does_not_choose_between_edges_that_are_as_long():
+    """All border edges of a grid of squares are."""
+    uv, chart, shared = turned_grids(np.array([0.0, 0.4, 1.1, 2.7]), depth=6.0)
+    upright = straighten_charts(uv, chart, shared, 4)
+    rng = np.random.default_rng(1)
+    place = np.unique(uv.reshape(-1, 2).round(6), axis=0, return_inverse=True)[1].reshape(chart.size, 3)
+    for _ in range(10):
+        moved = uv + rng.uniform(-1e-6, 1e-6, (place.max() + 1, 2))[place]
+        np.testing.assert_allclose(straighten_charts(moved, chart, shared, 4), upright, atol=1e-4)

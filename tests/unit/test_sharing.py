@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from leaflight.core.sharing import find_blocks, follow_charts, group_alike
+from leaflight.core.sharing import find_blocks, find_copies, follow_charts, group_alike
 from leaflight.core.unwrap import Unwrapping
-from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, shared_mesh
+from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, shared_mesh, split_faces
 
 BOX = box_mesh("Box", (1.0, 0.7, 0.4))
 
@@ -83,3 +83,54 @@ def test_a_follower_has_the_leaders_uv_at_every_corner(scale):
     own_ends = {(t, *sorted((a, b))) for t, k in zip(*np.nonzero(sides), strict=True) for a, b in [(own[t, k], own[t, (k + 1) % 3])]}
     assert ends == own_ends
     assert 0 < len(ends) < shared.size
+
+
+CLOTH = grid_mesh("Cloth", cells=5, noise=0.8)
+
+
+def copies_of(*meshes):
+    scene = make_scene(meshes)
+    return find_copies(scene, scene.tri_vertex, list(range(len(meshes))))
+
+
+def turned(mesh, seed=3):
+    turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+    return dataclasses.replace(mesh, vertex=mesh.vertex @ (turn * np.linalg.det(turn)).T)
+
+
+def test_a_copy_is_known_wherever_it_stands_and_whatever_its_size():
+    far = moved(turned(CLOTH), (300.0, -200.0, 1.0), 5.0)
+    rounded = dataclasses.replace(far, vertex=far.vertex.astype(np.float32))
+    copies = copies_of(BOX, CLOTH, moved(BOX, scale=0.5), rounded, moved(CLOTH, (1.0, 0.0, 0.0)))
+    assert {i: leader for i, (leader, _) in copies.items()} == {2: 0, 3: 1, 4: 1}
+    np.testing.assert_allclose([copies[i][1] for i in (2, 3, 4)], [0.5, 5.0, 1.0], rtol=1e-5)
+
+
+def test_a_copy_of_another_density_is_as_large_as_its_texels():
+    scene = make_scene([BOX, BOX])
+    scene = dataclasses.replace(scene, objects=(scene.objects[0], dataclasses.replace(scene.objects[1], density_factor=3.0)))
+    assert find_copies(scene, scene.tri_vertex, [0, 1]) == {1: (0, pytest.approx(3.0))}
+
+
+def test_what_is_bent_stretched_mirrored_cut_or_nothing_is_no_copy():
+    moved_corner = dataclasses.replace(CLOTH, vertex=CLOTH.vertex + np.eye(len(CLOTH.vertex), 3) * 0.01)
+    stretched = dataclasses.replace(CLOTH, vertex=CLOTH.vertex * [1.0, 1.01, 1.0])
+    fewer = dataclasses.replace(CLOTH, polygons=CLOTH.polygons[:-1])
+    triangles = dataclasses.replace(CLOTH, polygons=[part for a, b, c, d in CLOTH.polygons for part in ([a, b, c], [a, c, d])])
+    nothing = [dataclasses.replace(BOX, vertex=BOX.vertex * 0) for _ in range(2)]
+    nothing += [dataclasses.replace(BOX, polygons=[]) for _ in range(2)]
+    assert (
+        copies_of(
+            CLOTH, moved_corner, stretched, shared_mesh("Mirrored", CLOTH, (-1, 1, 1)), fewer, triangles, split_faces(CLOTH), *nothing
+        )
+        == {}
+    )
+
+
+def test_a_cloth_that_is_folded_the_other_way_is_no_copy():
+    """Its triangles' sides are as long."""
+    vertex = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [-1, 0, 1], [-1, 1, 1], [-2, 0, 0], [-2, 1, 0.0]])
+    polygons = [[0, 1, 2, 3], [4, 0, 3, 5], [6, 4, 5, 7]]
+    other = vertex * 1.0
+    other[6:, 2] = 2.0
+    assert copies_of(Mesh("Fold", vertex, polygons), Mesh("Fold", other, polygons)) == {}

@@ -39,14 +39,6 @@ def test_meshes_of_one_question_lie_side_by_side():
     assert (uv.max(axis=(0, 1)) < other_uv.min(axis=(0, 1))).any() or (other_uv.max(axis=(0, 1)) < uv.min(axis=(0, 1))).any()
 
 
-def test_charts_are_the_same_where_they_are_packed_roughly(unfolder):
-    bent = SQUARE[0] + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.2], [0, 0, 0.5]], np.float32)
-    folded = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32), np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
-    for meshes in ([SQUARE, folded], [(bent, SQUARE[1])], [NOTHING]):
-        charts = [[chart.tolist() for chart, _ in unfolder.unfold(meshes, 1.5, roughly)] for roughly in (False, True)]
-        assert charts[0] == charts[1]
-
-
 def test_what_has_no_area_is_left_out():
     ((chart, uv),) = unfold_meshes([NOTHING], 1.0).result()
     assert chart.tolist() == [-1]
@@ -129,7 +121,7 @@ def test_crash_is_told_and_the_next_question_answered(unfolder, tmp_path, monkey
 
 def test_questions_are_answered_in_their_order_and_cancelled_ones_never(unfolder, monkeypatch):
     asked, may_answer = [], threading.Event()
-    monkeypatch.setattr(unfolder, "unfold", lambda meshes, area, roughly: (may_answer.wait(60) and asked.append(area)) or [area])
+    monkeypatch.setattr(unfolder, "unfold", lambda meshes, area: (may_answer.wait(60) and asked.append(area)) or [area])
     answers = [unfolder.ask([SQUARE], area) for area in (1.0, 2.0, 3.0)]
     assert answers[1].cancel()
     may_answer.set()
@@ -138,7 +130,7 @@ def test_questions_are_answered_in_their_order_and_cancelled_ones_never(unfolder
 
 
 def test_a_failure_goes_to_the_one_who_asked(unfolder, monkeypatch):
-    monkeypatch.setattr(unfolder, "unfold", lambda meshes, area, roughly: [1 / area])
+    monkeypatch.setattr(unfolder, "unfold", lambda meshes, area: [1 / area])
     failing, good = unfolder.ask([SQUARE], 0.0), unfolder.ask([SQUARE], 1.0)
     assert isinstance(failing.exception(60), ZeroDivisionError)
     assert good.result(60) == [1.0]
@@ -146,7 +138,7 @@ def test_a_failure_goes_to_the_one_who_asked(unfolder, monkeypatch):
 
 def test_whoever_waits_is_called_until_the_answer_is_there(unfolder, monkeypatch):
     may_answer, calls = threading.Event(), []
-    monkeypatch.setattr(unfolder, "unfold", lambda meshes, area, roughly: may_answer.wait(60) and [area])
+    monkeypatch.setattr(unfolder, "unfold", lambda meshes, area: may_answer.wait(60) and [area])
     monkeypatch.setattr(unfolding, "_WATCH_S", 0.01)
 
     def watch():

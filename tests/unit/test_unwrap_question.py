@@ -1,14 +1,15 @@
 """What xatlas is asked, and that it does not matter to the charts how."""
 
 from concurrent.futures import Future
+from pathlib import Path
 
 import numpy as np
 import pytest
-from leaflight.core import unwrap_question
+from leaflight.core import unfolding, unwrap_question, xatlas_process
 from leaflight.core.geometry import triangle_normals_areas
-from leaflight.core.unfolding import UnfolderDied
+from leaflight.core.unfolding import Unfolder, UnfolderDied
 from leaflight.core.unwrap_question import Question
-from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, quad_mesh, sphere_mesh
+from scenes import Mesh, box_mesh, grid_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh
 
 PRISM = Mesh(  # of six sides: neighbours are 60 degrees apart, which xatlas may put into one chart
     "Prism",
@@ -19,11 +20,9 @@ PRISM = Mesh(  # of six sides: neighbours are 60 degrees apart, which xatlas may
 
 @pytest.fixture
 def asked(monkeypatch):
-    """How each question was put: True is roughly."""
+    """Of how many pieces each question was."""
     real, written = unwrap_question.unfold_meshes, []
-    monkeypatch.setattr(
-        unwrap_question, "unfold_meshes", lambda meshes, area, roughly=False: written.append(roughly) or real(meshes, area, roughly)
-    )
+    monkeypatch.setattr(unwrap_question, "unfold_meshes", lambda meshes, area: written.append(len(meshes)) or real(meshes, area))
     return written
 
 
@@ -39,30 +38,23 @@ def join_polygons(meshes):
 
 
 @pytest.mark.parametrize(
-    ("meshes", "roughly"),
-    [
-        ([quad_mesh()], True),
-        ([box_mesh(), moved(box_mesh(), (5.0, 0.0, 0.0), scale=0.3)], True),
-        ([PRISM], False),
-        ([sphere_mesh()], False),
-        ([box_mesh(), moved(grid_mesh(noise=0.3), (5.0, 0.0, 0.0))], False),
-    ],
+    "mesh", [PRISM, sphere_mesh(), grid_mesh(noise=0.6), sphere_mesh(3, 4)], ids=["prism", "sphere", "bent grid", "octahedron"]
 )
-def test_what_falls_into_flat_charts_is_packed_roughly(asked, meshes, roughly):
-    ask(*meshes)
-    assert asked == [roughly]
-
-
-@pytest.mark.parametrize("mesh", [box_mesh(), PRISM, sphere_mesh(), grid_mesh(noise=0.6)], ids=["box", "prism", "sphere", "bent grid"])
-@pytest.mark.parametrize("seems_flat", [True, False])
-def test_the_charts_are_the_same_whatever_they_seemed_to_be(monkeypatch, asked, mesh, seems_flat):
+@pytest.mark.parametrize("texels", [0.1, 20.0])
+def test_sides_are_as_long_whatever_the_raster_that_charts_are_packed_on(monkeypatch, tmp_path, mesh, texels):
+    """xatlas stretches charts to whole texels; what is one chart stays one."""
     group, uv = ask(mesh).read()
-    monkeypatch.setattr(unwrap_question, "_is_bent", lambda cosine: np.full(len(cosine), not seems_flat))
+    other = tmp_path / "xatlas_process.py"
+    source = Path(xatlas_process.__file__).read_text()
+    assert "_TEXELS_PER_UNIT = 0.5 " in source
+    other.write_text(source.replace("_TEXELS_PER_UNIT = 0.5 ", f"_TEXELS_PER_UNIT = {texels} "))
+    monkeypatch.setattr(unfolding, "_PROGRAM", other)
+    own = Unfolder()
+    monkeypatch.setattr(unfolding, "_own_unfolder", lambda process_id: own)
     other_group, other_uv = ask(mesh).read()
     np.testing.assert_array_equal(other_group, group)
-    np.testing.assert_array_equal(other_uv, uv)
-    flat = mesh.name == "Box"
-    assert asked[1:] == ([True] if flat else [True, False]) if seems_flat else [False]
+    length, other_length = (np.linalg.norm(of - np.roll(of, 1, axis=1), axis=2) for of in (uv, other_uv))
+    np.testing.assert_allclose(other_length, length, rtol=2e-4)
 
 
 def test_a_dense_ground_is_unwrapped_by_pieces():
@@ -81,21 +73,15 @@ def ask_apart(*meshes):
     return Question(scene.tri_position, normal, area, scene.tri_vertex, polygon, scene.tri_object)
 
 
-def test_objects_that_seem_flat_are_asked_of_together_and_the_others_one_by_one(asked):
-    meshes = [sphere_mesh(), box_mesh(), PRISM, quad_mesh()]
+def test_objects_are_asked_of_together_and_have_the_charts_that_each_has_by_itself(asked):
+    meshes = [sphere_mesh(), box_mesh(), PRISM, quad_mesh(), join_meshes("Two", box_mesh(), moved(quad_mesh(), (5.0, 0.0, 0.0)))]
     group, uv = ask_apart(*meshes).read()
-    assert asked == [True, False, False]
+    assert asked == [6]
     apart = [ask(mesh).read() for mesh in meshes]
-    np.testing.assert_allclose(uv, np.concatenate([uv for _, uv in apart]), rtol=1e-9, atol=1e-9)
-    of_object = np.repeat(range(4), [len(group) for group, _ in apart])
+    length, apart_length = (np.linalg.norm(of - np.roll(of, 1, axis=1), axis=2) for of in (uv, np.concatenate([uv for _, uv in apart])))
+    np.testing.assert_allclose(length, apart_length, rtol=2e-4)
     own = np.concatenate([group + 1000 * k for k, (group, _) in enumerate(apart)])
-    assert len(np.unique(group)) == len(np.unique(own)) == len(np.unique(np.stack([group, own, of_object]), axis=1).T)
-
-
-def test_only_what_was_not_flat_after_all_is_asked_anew(monkeypatch, asked):
-    monkeypatch.setattr(unwrap_question, "_is_bent", lambda cosine: np.zeros(len(cosine), bool))
-    ask_apart(box_mesh(), sphere_mesh(), PRISM).read()
-    assert asked == [True, False, False]
+    assert len(np.unique(group)) == len(np.unique(own)) == len(np.unique(np.stack([group, own]), axis=1).T)
 
 
 @pytest.mark.parametrize("cursed", [1, None])
@@ -103,10 +89,10 @@ def test_of_objects_that_xatlas_crashes_on_together_the_one_is_told(monkeypatch,
     """The second has two triangles fewer than the others."""
     real = unwrap_question.unfold_meshes
 
-    def unfold(meshes, area, roughly=False):
+    def unfold(meshes, area):
         crashes = len(meshes) > 1 or (cursed and len(meshes[0][1]) == 10)
         if not crashes:
-            return real(meshes, area, roughly)
+            return real(meshes, area)
         answer = Future()
         answer.set_exception(UnfolderDied(-11))
         return answer
