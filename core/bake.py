@@ -81,8 +81,8 @@ def run_bake(
     """Bake the job in `folder`; the last message is Done.
 
     tell            hears every message
-    should_stop     asked after every round, and while rays are sent from texels: the best so far is then written; and
-                    while an unwrapping takes long, which is before there is any light: then nothing is
+    should_stop     asked after every round, and while rays are sent from texels: the best so far is then written; and while an unwrapping,
+                    the measuring of texels or the search for contacts takes long, which is before there is any light: then nothing is
     open_executor   where the shards run; it is shut down at the end
     Raises ValueError or OSError with a sentence for the user; no image is then left half-written.
     """
@@ -112,11 +112,12 @@ def run_bake(
         executors.wake(executor)  # not before: xatlas works beside this process
         if needs.direct and isinstance(executor, executors.LocalExecutor):
             executor.on_each(workers.open_ahead, str(folder))
-        with stages.stage("texels", "Measuring texels"):
+        with stages.stage(texels.MEASURING.stage, texels.MEASURING.text):
             facets = creases.cut_at_creases(snapshot, atlas)
             place = folder / workers.TEXELS_FOLDER
             shared_arrays.remove_struct(place)  # of an earlier bake in the same folder
-            texel_map = texels.build_texel_map(snapshot, facets, 2 * basis.DEGREES[settings.basis], shared_arrays.Room(place))
+            degree, room, watch = 2 * basis.DEGREES[settings.basis], shared_arrays.Room(place), Words(tell, should_stop).say
+            texel_map = texels.build_texel_map(snapshot, facets, degree, room, watch)
         warnings += atlas.warnings
         touched = rising = np.zeros(len(texel_map), bool)
         if needs.direct:
@@ -124,9 +125,10 @@ def run_bake(
                 opened = workers.open_scene(str(folder))
             warnings += opened.warnings
             if settings.contact and (needs.photons or job.resume):  # a state's texels are those of cut charts
-                with stages.stage("contacts", "Looking for contacts"):
-                    contacts = contact_map.find_contacts(opened, texel_map, executors.count_processors(settings.workers))
-                    texel_map, facets, touched, rising = contact_map.cut_at_contacts(texel_map, facets, contacts)
+                with stages.stage(contact_map.LOOKING.stage, contact_map.LOOKING.text):
+                    threads, watch = executors.count_processors(settings.workers), Words(tell, should_stop).say
+                    contacts = contact_map.find_contacts(opened, texel_map, threads, watch)
+                    texel_map, facets, touched, rising = contact_map.cut_at_contacts(texel_map, facets, contacts, watch)
         shared_arrays.save_struct(place, texel_map)
         if needs.direct:
             texel_map = workers.open_tracing(str(folder)).texels  # read-only from here on, as for all processes
