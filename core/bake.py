@@ -24,6 +24,7 @@ from . import (
     contact_map,
     creases,
     debug_passes,
+    earlier_bakes,
     executors,
     kept_bake,
     pages,
@@ -109,6 +110,8 @@ def run_bake(
                 raise ValueError(_describe_no_charts(atlas))
             layout = {name: getattr(atlas, name) for name in ("tri_chart", "object_page", "object_block", "object_place")}
             np.savez(folder / LAYOUT_FILE, tri_uv=atlas.tri_uv / atlas.page_size, **layout)
+            for text in earlier_bakes.describe_others(job, pages.list_names(job, snapshot, atlas)):
+                tell(Warning_("", text))  # now, for there is time to stop; and not in the note, for a bake that is kept writes over nothing
         executors.wake(executor)  # not before: xatlas works beside this process
         if needs.direct and isinstance(executor, executors.LocalExecutor):
             executor.on_each(workers.open_ahead, str(folder))
@@ -205,12 +208,14 @@ def run_bake(
         "seams": dataclasses.asdict(seam_report),
         "skipped": count_skipped(needs, left_out, snapshot, facets, light, settings),
     }
+    left_over = earlier_bakes.find_left_over(job, files, atlas.page_count)
     # What Blender is to make by the scene's view transform is not there yet, and its settings are no part of the job.
     if light.stopped_by != "interrupted" and not any(file.linear for file in files):
         try:
             kept_bake.note_bake(folder, snapshot, job, result, warnings, stateless)
         except OSError as reason:
             tell(Warning_("", f"this bake cannot be noted in {job.output} ({reason}), so the same bake will be done again"))
+    result["left_over"] = dataclasses.asdict(left_over)
     (folder / RESULT_FILE).write_text(json.dumps(result), encoding="utf-8")
     tell(Done(str(folder / RESULT_FILE), light.stopped_by == "interrupted"))
 
