@@ -116,11 +116,11 @@ def run_bake(
         if needs.direct and isinstance(executor, executors.LocalExecutor):
             executor.on_each(workers.open_ahead, str(folder))
         with stages.stage(texels.MEASURING.stage, texels.MEASURING.text):
+            watch = Words(tell, should_stop).say
             facets = creases.cut_at_creases(snapshot, atlas)
             place = folder / workers.TEXELS_FOLDER
             shared_arrays.remove_struct(place)  # of an earlier bake in the same folder
-            degree, room, watch = 2 * basis.DEGREES[settings.basis], shared_arrays.Room(place), Words(tell, should_stop).say
-            texel_map = texels.build_texel_map(snapshot, facets, degree, room, watch)
+            texel_map = texels.build_texel_map(snapshot, facets, 2 * basis.DEGREES[settings.basis], shared_arrays.Room(place), watch)
         warnings += atlas.warnings
         touched = rising = np.zeros(len(texel_map), bool)
         if needs.direct:
