@@ -30,7 +30,9 @@ class ColorLayer:
         rgba = local.colors.get(self.name)
         if rgba is None or self.output not in ("Fac", "Alpha"):
             return None if rgba is None else rgba[:, :3]
-        return np.repeat(rgba[:, 3:] if self.output == "Alpha" else rgba[:, :3].mean(axis=1, keepdims=True), 3, axis=1)
+        if self.output == "Alpha":
+            return np.repeat(rgba[:, 3:], 3, axis=1)
+        return np.repeat(rgba[:, :1] if self.name in local.short else rgba[:, :3].mean(axis=1, keepdims=True), 3, axis=1)
 
 
 @dataclass(frozen=True)

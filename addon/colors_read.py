@@ -12,7 +12,7 @@ from .color_attributes import ColorLayer, ColorTable, Faces
 from .images_read import ImageTable, find_sphere_mean
 from .node_colors import BLACK, GREY, MATH, WHITE, Color, Rgb, add_rgb, find_brightness, multiply_rgb, to_rgb
 from .node_ports import Port
-from .object_attributes import NOTHING, find_shown, pick_output, shows_object
+from .object_attributes import NOTHING, find_shown, pick_output, shows_object, shows_view_layer
 from .texture_mapping import read_mapping
 
 TEXTURE_COLOR: Rgb = (0.5, 0.5, 0.5)  # mean of a procedural texture, roughly
@@ -46,10 +46,9 @@ class ColorReader:
             return Color(default)
         if port.is_value:
             return Color(_value_rgb(port.socket, default))
-        if self.faces is not None and shows_object(port):
-            return _read_object(self, self.faces, port)
-        reader = _COLOR_READERS.get(port.node.type, _read_other_color)
-        return reader(self, port)
+        if shows_view_layer(port) or (self.faces is not None and shows_object(port)):
+            return _read_property(self, port)
+        return _COLOR_READERS.get(port.node.type, _read_other_color)(self, port)
 
     def read_number(self, port: Port | None, default: float) -> float:
         """The number that a source port gives, or its mean over an image."""
@@ -143,8 +142,7 @@ def _read_ramp(reader: ColorReader, port: Port) -> Color:
 
 def _read_other_color(reader: ColorReader, port: Port) -> Color:
     """A node unknown to us: the mean of its colour inputs, or the one textured input."""
-    found = [port.sibling(socket.identifier) for socket in port.node.inputs if socket.type == "RGBA" and socket.enabled]
-    colors = [reader.read_color(source) for source in found]
+    colors = [reader.read_color(port.sibling(one.identifier)) for one in port.node.inputs if one.type == "RGBA" and one.enabled]
     if not colors:
         reader.note(f"{_describe(port.node)} {REPLACED_BY_GREY}")
         return Color(TEXTURE_COLOR)
@@ -156,7 +154,7 @@ def _read_other_color(reader: ColorReader, port: Port) -> Color:
 
 
 def _read_attribute(reader: ColorReader, port: Port) -> Color:
-    """A colour attribute of the mesh; black where it has none, as in Cycles."""
+    """An attribute of the mesh; black where it has none, as in Cycles."""
     node = port.node
     name = node.layer_name if node.type == "VERTEX_COLOR" else node.attribute_name
     reader.by_faces = True
@@ -166,7 +164,7 @@ def _read_attribute(reader: ColorReader, port: Port) -> Color:
     layer = ColorLayer(name, port.socket.identifier if port.socket.identifier in ("Fac", "Alpha") else "Color")
     found = reader.faces.find_range(layer) if name or node.type == "VERTEX_COLOR" else None
     if found is None and name in reader.faces.local.attributes:
-        reader.note(f"{_describe(node)} {REPLACED_BY_GREY}, for attribute {name} holds no colours of faces or vertices")
+        reader.note(f"{_describe(node)} {REPLACED_BY_GREY}, for attribute {name} is of a kind that is not read")
         return Color(TEXTURE_COLOR)
     if found is None:
         reader.note(
@@ -179,12 +177,14 @@ def _read_attribute(reader: ColorReader, port: Port) -> Color:
     return Color(WHITE, reader.colors.index(), layer, to_rgb(mean))
 
 
-def _read_object(reader: ColorReader, faces: Faces, port: Port) -> Color:
-    """A property of the object; black where it has none, as in Cycles."""
-    reader.by_object = True
-    rgba = find_shown(faces, port)
-    if rgba is None:
-        reader.note(f"{faces.name} has no property {port.node.attribute_name} of numbers, so it is black there, as in Blender")
+def _read_property(reader: ColorReader, port: Port) -> Color:
+    """A property of the object, or of the view layer; black where it has none, as in Cycles."""
+    owner = None if shows_view_layer(port) else reader.faces
+    reader.by_object = reader.by_object or owner is not None
+    rgba = find_shown(owner, port)
+    if not rgba:
+        name, path = owner.name if owner else "the view layer", port.node.attribute_name
+        reader.note(f"{name} has no property {path} of numbers, so it is black there, as in Blender")
     return Color(pick_output(rgba or NOTHING, port.socket.name))
 
 

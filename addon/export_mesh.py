@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import FloatArray, IntArray
+from .mesh_attributes import read_attributes
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class LocalMesh:
     tri_polygon     (n_tri,) int32
     layers          UV layers by name, (n_corner, 2) float64 each
     render_layer    name of the layer that textures use by default, "" none
-    colors          colour attributes by name, (n_corner, 4) float32 each, linear; "" is the one that nodes use by default
+    colors, short   see read_attributes
     attributes      names of all attributes
     """
 
@@ -38,6 +39,7 @@ class LocalMesh:
     layers: dict[str, NDArray[np.float64]]
     render_layer: str
     colors: dict[str, NDArray[np.float32]]
+    short: frozenset[str]
     attributes: frozenset[str]
 
     @property
@@ -69,10 +71,11 @@ class WorldMesh:
     left_out: int
 
 
-def read_mesh(mesh: Any) -> LocalMesh:
-    """The arrays of a Blender mesh."""
+def read_mesh(mesh: Any, asked: frozenset[str] = frozenset()) -> LocalMesh:
+    """The arrays of a Blender mesh; `asked` are names of attributes that are shown, if they are no colours of faces or vertices."""
     mesh.calc_loop_triangles()
     n_corner, n_polygon, n_tri = len(mesh.loops), len(mesh.polygons), len(mesh.loop_triangles)
+    colors, short = read_attributes(mesh, asked)
     render_layer = next((layer.name for layer in mesh.uv_layers if layer.active_render), "")
     return LocalMesh(
         position=_get(mesh.vertices, "co", (len(mesh.vertices), 3), np.float32).astype(np.float64),
@@ -84,24 +87,10 @@ def read_mesh(mesh: Any) -> LocalMesh:
         tri_polygon=_get(mesh.loop_triangles, "polygon_index", (n_tri,), np.int32),
         layers={layer.name: _get(layer.uv, "vector", (n_corner, 2), np.float32).astype(np.float64) for layer in mesh.uv_layers},
         render_layer=render_layer,
-        colors=_read_colors(mesh),
+        colors=colors,
+        short=short,
         attributes=frozenset(attribute.name for attribute in mesh.attributes),
     )
-
-
-def _read_colors(mesh: Any) -> dict[str, NDArray[np.float32]]:
-    found = {}
-    for attribute in mesh.attributes:
-        if attribute.data_type not in ("FLOAT_COLOR", "BYTE_COLOR") or attribute.domain not in ("CORNER", "POINT", "FACE"):
-            continue
-        rgba = np.nan_to_num(_get(attribute.data, "color", (len(attribute.data), 4), np.float32), posinf=0.0, neginf=0.0)
-        if attribute.domain == "POINT":
-            rgba = rgba[_get(mesh.loops, "vertex_index", (len(mesh.loops),), np.int32)]
-        elif attribute.domain == "FACE":
-            rgba = np.repeat(rgba, _get(mesh.polygons, "loop_total", (len(mesh.polygons),), np.int32), axis=0)
-        found[attribute.name] = rgba
-    default = mesh.attributes.default_color_name  # of faces too, which render_color_index does not count
-    return found | ({"": found[default]} if default in found else {})
 
 
 def _read_corner_normals(mesh: Any, n_corner: int, n_polygon: int) -> NDArray[np.float64]:

@@ -188,7 +188,7 @@ class _Export:
         data = evaluated.data
         key = (data.as_pointer(), len(data.vertices), len(data.loops), len(data.polygons))
         if key not in self._local:
-            self._local[key] = read_mesh(evaluated.to_mesh())
+            self._local[key] = read_mesh(evaluated.to_mesh(), self._materials.asked)
             evaluated.to_mesh_clear()
         return self._local[key]
 

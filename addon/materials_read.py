@@ -10,6 +10,7 @@ from ..core.scene import Material
 from .color_attributes import ColorLayer, ColorTable, Faces
 from .colors_read import ColorReader
 from .images_read import ImageTable
+from .mesh_attributes import list_asked
 from .node_colors import BLACK, GREY, WHITE, Color, Rgb, to_rgb
 from .node_ports import Port, find_source, find_surface, uses_nodes
 from .render_levels import Warnings
@@ -49,6 +50,7 @@ class MaterialTable:
         self.images = ImageTable()
         self.colors = ColorTable(self.images)
         self.readings: list[MaterialReading] = []
+        self.asked = list_asked()
         self._warnings = warnings
         self._index: dict[tuple[int, ...], int] = {}  # by material and mesh, 0 any; or material, object and what it makes an instance of
         self._known: dict[tuple[int, MaterialReading], int] = {}

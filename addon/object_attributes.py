@@ -1,4 +1,4 @@
-"""Properties of objects that shaders show: of Attribute nodes of the kinds Object and Instancer, and an Object Info node's colour.
+"""Properties that shaders show: of Attribute nodes of the kinds Object, Instancer and View Layer, and an Object Info node's colour.
 
 Measured with Cycles of Blender 5.0: which data-blocks are asked in which order, and what numbers of other shapes become.
 """
@@ -8,6 +8,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from typing import Any, TypeAlias
+
+import bpy
 
 from .color_attributes import Faces
 from .node_colors import Rgb
@@ -28,8 +30,16 @@ def shows_object(port: Port) -> bool:
     return node.type == "OBJECT_INFO" and port.socket.name in ("Color", "Alpha")
 
 
-def find_shown(faces: Faces, port: Port) -> Rgba | None:
-    """What such a node gives on the faces of an object; None where nothing has the property: NOTHING is shown there."""
+def shows_view_layer(port: Port) -> bool:
+    """Whether a node gives a property of the view layer, of its scene or that scene's world."""
+    return port.node.type == "ATTRIBUTE" and port.node.attribute_type == "VIEW_LAYER"
+
+
+def find_shown(faces: Faces | None, port: Port) -> Rgba | None:
+    """What such a node gives on the faces of an object, or, without any, of the view layer; None if nothing has it: NOTHING is shown."""
+    if faces is None:
+        scene = bpy.context.scene
+        return find_rgba((bpy.context.view_layer, scene, scene.world), port.node.attribute_name)
     node, blocks = port.node, [faces.shown, getattr(faces.shown, "data", None)]
     if node.type == "OBJECT_INFO":
         red, green, blue, alpha = (faces.source if faces.is_instance else faces.shown).color

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import bpy
@@ -16,7 +15,7 @@ from .checker import is_checker_on
 from .layout import worn_folder
 from .panel_parts import describe_estimate, draw_sentence, draw_told, prepare
 from .properties import list_groups, list_knobs
-from .request import find_mode_error, find_output_error
+from .request import find_mode_error, find_output, find_output_error
 from .scene_meter import SceneMeter
 from .select_operator import is_known
 
@@ -131,7 +130,7 @@ def _draw_result(layout: Any, context: bpy.types.Context, lines: Sequence[str]) 
     row.operator("leaflight.toggle_preview", icon="HIDE_OFF" if shown else "HIDE_ON", depress=shown)
     row.operator("leaflight.remove", icon="TRASH")
     row.operator("leaflight.export_gltf", text="", icon="EXPORT")
-    folder = worn_folder(context.scene) or Path(bpy.path.abspath(context.scene.leaflight.output))
+    folder = worn_folder(context.scene) or find_output(context.scene)
     opener = row.row(align=True)
     opener.enabled = folder.is_dir()
     opener.operator("wm.path_open", text="", icon="FILE_FOLDER").filepath = str(folder)

@@ -167,8 +167,8 @@ _BLENDER_ONLY = {
     ),
     "output": bpy.props.StringProperty(
         name="Output",
-        description="Folder of the images; // is the folder of the .blend",
-        default="//lightmaps",
+        description="Folder of the images; // is the folder of the .blend, {blend_name} its name",
+        default="//lightmaps/{blend_name}",
         subtype="DIR_PATH",
         options={"PATH_SUPPORTS_BLEND_RELATIVE"},
     ),

@@ -30,7 +30,7 @@ def make_request(context: bpy.types.Context) -> BakeRequest:
     names = [obj.name for obj in list_objects(context)]
     if chosen and not names:
         raise ValueError("no mesh is selected that is to be baked: select some, or choose All in the panel.")
-    output = Path(bpy.path.abspath(properties.output))
+    output = find_output(context.scene)
     settings, name = make_settings(properties), _name_pages(context.scene)
     check_shown(settings)
     return BakeRequest(
@@ -43,6 +43,12 @@ def make_request(context: bpy.types.Context) -> BakeRequest:
         keep=output / f"{clean_name(name)}.refine",
         keep_mb=MOST_MB,
     )
+
+
+def find_output(scene: bpy.types.Scene) -> Path:
+    """The folder of the panel. By its default a copy of the .blend, saved under another name, has one of its own."""
+    name = Path(bpy.data.filepath).stem or "lightmap"
+    return Path(bpy.path.abspath(scene.leaflight.output.replace("{blend_name}", name)))  # as Blender's own path templates have it
 
 
 def _name_pages(scene: bpy.types.Scene) -> str:

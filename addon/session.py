@@ -61,7 +61,8 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
             restore.toggle_preview(scene, True)
     name = request.name or Path(bpy.data.filepath).stem or (request.scene.stem if request.scene else "lightmap")
     resume, keep = (str(path.resolve()) if path else "" for path in (request.resume, request.keep))
-    job = Job(request.settings, str(request.output.resolve()), name, request.preview, resume, keep, request.keep_mb)
+    blend = bpy.data.filepath or str(request.scene.resolve() if request.scene else "")
+    job = Job(request.settings, str(request.output.resolve()), name, request.preview, resume, keep, request.keep_mb, blend)
     kept = None if request.settings.force or resume else find_kept_bake(export.snapshot, job)
     if kept and _lacks_state(job, kept):
         kept = None

@@ -24,6 +24,7 @@ from . import (
     contact_map,
     creases,
     debug_passes,
+    earlier_bakes,
     executors,
     kept_bake,
     pages,
@@ -81,8 +82,8 @@ def run_bake(
     """Bake the job in `folder`; the last message is Done.
 
     tell            hears every message
-    should_stop     asked after every round, and while rays are sent from texels: the best so far is then written; and
-                    while an unwrapping takes long, which is before there is any light: then nothing is
+    should_stop     asked after every round, and while rays are sent from texels: the best so far is then written; and while an unwrapping,
+                    the measuring of texels or the search for contacts takes long, which is before there is any light: then nothing is
     open_executor   where the shards run; it is shut down at the end
     Raises ValueError or OSError with a sentence for the user; no image is then left half-written.
     """
@@ -109,14 +110,17 @@ def run_bake(
                 raise ValueError(_describe_no_charts(atlas))
             layout = {name: getattr(atlas, name) for name in ("tri_chart", "object_page", "object_block", "object_place")}
             np.savez(folder / LAYOUT_FILE, tri_uv=atlas.tri_uv / atlas.page_size, **layout)
+            for text in earlier_bakes.describe_others(job, pages.list_names(job, snapshot, atlas)):
+                tell(Warning_("", text))  # now, for there is time to stop; and not in the note, for a bake that is kept writes over nothing
         executors.wake(executor)  # not before: xatlas works beside this process
         if needs.direct and isinstance(executor, executors.LocalExecutor):
             executor.on_each(workers.open_ahead, str(folder))
-        with stages.stage("texels", "Measuring texels"):
+        with stages.stage(texels.MEASURING.stage, texels.MEASURING.text):
+            watch = Words(tell, should_stop).say
             facets = creases.cut_at_creases(snapshot, atlas)
             place = folder / workers.TEXELS_FOLDER
             shared_arrays.remove_struct(place)  # of an earlier bake in the same folder
-            texel_map = texels.build_texel_map(snapshot, facets, 2 * basis.DEGREES[settings.basis], shared_arrays.Room(place))
+            texel_map = texels.build_texel_map(snapshot, facets, 2 * basis.DEGREES[settings.basis], shared_arrays.Room(place), watch)
         warnings += atlas.warnings
         touched = rising = np.zeros(len(texel_map), bool)
         if needs.direct:
@@ -124,9 +128,10 @@ def run_bake(
                 opened = workers.open_scene(str(folder))
             warnings += opened.warnings
             if settings.contact and (needs.photons or job.resume):  # a state's texels are those of cut charts
-                with stages.stage("contacts", "Looking for contacts"):
-                    contacts = contact_map.find_contacts(opened, texel_map, executors.count_processors(settings.workers))
-                    texel_map, facets, touched, rising = contact_map.cut_at_contacts(texel_map, facets, contacts)
+                with stages.stage(contact_map.LOOKING.stage, contact_map.LOOKING.text):
+                    threads, watch = executors.count_processors(settings.workers), Words(tell, should_stop).say
+                    contacts = contact_map.find_contacts(opened, texel_map, threads, watch)
+                    texel_map, facets, touched, rising = contact_map.cut_at_contacts(texel_map, facets, contacts, watch)
         shared_arrays.save_struct(place, texel_map)
         if needs.direct:
             texel_map = workers.open_tracing(str(folder)).texels  # read-only from here on, as for all processes
@@ -203,12 +208,14 @@ def run_bake(
         "seams": dataclasses.asdict(seam_report),
         "skipped": count_skipped(needs, left_out, snapshot, facets, light, settings),
     }
+    left_over = earlier_bakes.find_left_over(job, files, atlas.page_count)
     # What Blender is to make by the scene's view transform is not there yet, and its settings are no part of the job.
     if light.stopped_by != "interrupted" and not any(file.linear for file in files):
         try:
             kept_bake.note_bake(folder, snapshot, job, result, warnings, stateless)
         except OSError as reason:
             tell(Warning_("", f"this bake cannot be noted in {job.output} ({reason}), so the same bake will be done again"))
+    result["left_over"] = dataclasses.asdict(left_over)
     (folder / RESULT_FILE).write_text(json.dumps(result), encoding="utf-8")
     tell(Done(str(folder / RESULT_FILE), light.stopped_by == "interrupted"))
 

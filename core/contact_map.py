@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +18,21 @@ from numpy.typing import NDArray
 from . import contact
 from .charts import ChartAtlas
 from .contact_parts import part_in_squares
-from .coverage import expand_ranges
 from .entry_order import EntryOrder, put_in_order
 from .loose_parts import LooseParts
+from .messages import Status
 from .rays import RayScene
 from .scene import IntArray
-from .texel_borders import OPPOSITE, WAYS, TexelBorders, whole_texel
+from .texel_borders import OPPOSITE, WAYS, TexelBorders, share_texels
 from .texel_frames import TexelFrames
 from .texel_grid import interleave_bits, step_codes
 from .texel_map import CHART_SHIFT, TexelMap
 from .threads import run_on_threads
 from .tiles import TILE_CORNERS, TILE_SIDE, TILE_TEXELS, Tiles
+from .words import Say, Watch, stretch, unwatched
 from .workers import TracedScene
 
+LOOKING = Status("contacts", "Looking for contacts")
 _IN_TILE = interleave_bits(np.array([TILE_SIDE - 1, 0]), np.array([0, TILE_SIDE - 1]))  # bits of a key: column and row within a tile
 _LEAST_PIECE = 4  # texels; smaller ones, between books or blades of grass, would catch too few photons each for itself
 
@@ -82,12 +85,21 @@ class _Patches:
         return rows[found], other[found]
 
 
-def find_contacts(opened: TracedScene, texels: TexelMap, threads: int = 1) -> ContactMap:
-    """Contacts at all texel entries, looked for by so many threads."""
+def find_contacts(opened: TracedScene, texels: TexelMap, threads: int = 1, watch: Watch = unwatched) -> ContactMap:
+    """Contacts at all texel entries, looked for by so many threads.
+
+    watch   is told LOOKING and which share is done of that and of what cut_at_contacts does; it may raise
+    """
     frames, things = TexelFrames.of(opened, texels), LooseParts(opened.snapshot)
-    found = run_on_threads(lambda part: _look_around(opened.scene.rays, frames, things, part), len(texels), threads)
-    touched, height, first, size, distance = (np.concatenate(part, axis=-1) for part in zip(*found, strict=True))
-    return _join_patches(opened.scene.rays, frames, things, touched, height, first, size, distance)
+    say = stretch(watch, LOOKING, 0.0, 0.6)
+    found = run_on_threads(lambda part: _look_around(opened.scene.rays, frames, things, part), len(texels), threads, say)
+    say = stretch(watch, LOOKING, 0.6, 0.7)
+    joined: list[NDArray[Any]] = []
+    for part in zip(*found, strict=True):
+        say(0.02 * len(joined))
+        joined.append(np.concatenate(part, axis=-1))
+    touched, height, first, size, distance = joined
+    return _join_patches(opened.scene.rays, frames, things, touched, height, first, size, distance, say)
 
 
 def _look_around(
@@ -171,13 +183,16 @@ def _join_patches(
     start: _Int64,
     size: _Int64,
     distance: NDArray[np.float32],
+    say: Say,
 ) -> ContactMap:
     """Texels are of one piece where one can go from one to the next and meet nothing, nor get below something.
 
     height        (k,) float32, texels: of another thing above patches of one texel; inf of tiles, within which none ends
     start, size   (k,) int64, of patches that tile all entries
     distance      (4, k) float32, texels: to another thing, towards each of WAYS
+    say           is told the share of the work that is done
     """
+    say(0.1)
     texels, blocked = frames.texels, distance < 1.0
     parted = np.zeros(len(texels.chart_page), bool)
     parted[texels.texel_chart[start[blocked.any(axis=0) | contact.are_close(height)]]] = True
@@ -188,6 +203,7 @@ def _join_patches(
     beside: list[_Int64] = []  # single texels
     single = np.flatnonzero(size == 1)
     for k, step in enumerate(WAYS):
+        say(0.2 + 0.1 * k)
         rows = single if k < 2 else single[patches.key[single] & _IN_TILE[k - 2] == 0]  # at the edge of where a tile would be
         pair = np.stack(patches.find_beside(rows, step))
         to_tile = size[pair[1]] > 1
@@ -198,6 +214,7 @@ def _join_patches(
     way = np.repeat([0, 1], [pair.shape[1] for pair in beside])
     between = blocked[way, here]
     between[between] = blocked[np.take(OPPOSITE, way[between]), other[between]]  # what stands between two texels is met from both
+    say(0.6)
     is_whole = np.ones(len(touched), bool)
     is_whole[texels.part_entry] = False
     is_whole = is_whole[start]
@@ -215,6 +232,7 @@ def _join_patches(
     way, here, other = way[between], here[between], other[between]
     for step in ((TILE_SIDE, 0), (0, TILE_SIDE)):
         joined.append(np.stack(patches.find_beside(np.flatnonzero(size > 1), step)))
+    say(0.8)
     log2 = int(texels.chart_log2.max(initial=0))
     whole, piece = part_in_squares(patches.key, size, np.concatenate(joined, axis=1), np.stack([here, other]), log2)
     way, here, other = np.append(way, np.take(OPPOSITE, way)), np.append(here, other), np.append(other, here)
@@ -224,12 +242,13 @@ def _join_patches(
 
 
 def cut_at_contacts(
-    texels: TexelMap, atlas: ChartAtlas, found: ContactMap
+    texels: TexelMap, atlas: ChartAtlas, found: ContactMap, watch: Watch = unwatched
 ) -> tuple[TexelMap, ChartAtlas, NDArray[np.bool_], NDArray[np.bool_]]:
     """The map and the atlas with all but the largest piece of a chart in charts of their own, after the others; and which entries of
     that map are `touched` and `rising`. Nothing moves on the pages. The map that was is used up: its arrays are filled anew.
 
     atlas   whose charts are the map's
+    watch   as find_contacts has it
     """
     patches = found.patches
     size = np.bincount(found.piece, patches.size)  # at the first patch of each piece
@@ -238,7 +257,7 @@ def cut_at_contacts(
     by_size = first[np.lexsort((-size[first], chart[first]))]
     is_largest = np.append(True, np.diff(chart[by_size]) != 0)[: len(by_size)]
     own = by_size[~is_largest & (size[by_size] >= _LEAST_PIECE)]
-    texels = _share_texels(texels, found.borders)
+    texels = share_texels(texels, found.borders, stretch(watch, LOOKING, 0.7, 0.85))
     if not len(own):
         return texels, atlas, found.touched, found.rising
     whole, number = chart[own], np.full(len(patches.start), -1, np.int32)
@@ -249,9 +268,11 @@ def cut_at_contacts(
     moved = np.flatnonzero(chart_of[found.piece] >= 0)
     own_chart = chart_of[found.piece[moved]]
     order = EntryOrder.of(patches.start[moved], patches.size[moved], np.argsort(own_chart, kind="stable"), len(found.touched))
-    texels, touched, rising = put_in_order(texels, order), found.touched.copy(), found.rising.copy()
+    say = stretch(watch, LOOKING, 0.85, 1.0)
+    texels, touched, rising = put_in_order(texels, order, say), found.touched.copy(), found.rising.copy()
     order.apply(touched)
     order.apply(rising)
+    say(0.9)
     own_chart = np.sort(np.repeat(own_chart, patches.size[moved]))
     chart = texels.texel_chart
     chart[len(chart) - len(own_chart) :] = own_chart
@@ -265,27 +286,3 @@ def cut_at_contacts(
         chart_start=np.searchsorted(chart, np.arange(len(page) + 1, dtype=np.int32)).astype(np.int64),
     )
     return cut, dataclasses.replace(atlas, chart_page=page, chart_object=thing), touched, rising
-
-
-def _share_texels(texels: TexelMap, borders: TexelBorders) -> TexelMap:
-    """The map with borders, and areas and moments as they make them, the areas in place."""
-    if not len(borders.entry):
-        return texels
-    shares = np.isfinite(borders.reach).any(axis=0)
-    entry = borders.entry[shares]
-    moments = borders.measure(texels.degree)[:, shares] * texels.texel_area[entry]
-    texels.texel_area[entry] = moments[0]
-    excess = moments - whole_texel(texels.degree) * moments[0]
-    every = np.concatenate([texels.part_entry, entry])
-    order = np.argsort(every)
-    start = np.concatenate([texels.pair_start, texels.pair_start[-1] + 1 + np.arange(len(entry))])
-    pair = expand_ranges(start[order], start[order + 1])[1]
-    return dataclasses.replace(
-        texels,
-        borders=borders,
-        part_entry=every[order],
-        part_point=np.concatenate([texels.part_point, np.zeros((len(entry), 2))])[order],
-        part_moments=np.concatenate([texels.part_moments, excess.T])[order],
-        pair_start=np.append(0, np.cumsum(np.diff(start)[order])),
-        pair_tri=np.concatenate([texels.pair_tri, texels.texel_tri[entry]])[pair],
-    )

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from .coverage import expand_ranges
 from .texel_map import TexelMap
+from .words import Say
 
 _CHUNK = 1 << 18  # cells at a time
 
@@ -70,21 +71,31 @@ def _join_runs(runs: _Int64) -> _Int64:
     return np.stack([runs[0, np.append(True, apart)[: runs.shape[1]]], runs[1, np.append(apart, True)[: runs.shape[1]]]])
 
 
-def put_in_order(texels: TexelMap, order: EntryOrder) -> TexelMap:
-    """The map with its entries in that order, the chart_ fields as they are. The map that was is used up: this one has its arrays."""
+def put_in_order(texels: TexelMap, order: EntryOrder, say: Say = lambda share: None) -> TexelMap:
+    """The map with its entries in that order, the chart_ fields as they are. The map that was is used up: this one has its arrays.
+
+    say   is told the share of it that is done
+    """
     place = order.place()
-    for values in (texels.texel_xy, texels.texel_code, texels.texel_area, texels.texel_tri, texels.texel_chart):
+    fields: list[NDArray[Any]] = [texels.texel_xy, texels.texel_code, texels.texel_area, texels.texel_tri, texels.texel_chart]
+    for k, values in enumerate(fields):
+        say(0.1 * k)
         order.apply(values)
     cell_entry = texels.grid.cell_entry
     for start in range(0, len(cell_entry), _CHUNK):
         cell_entry[start : start + _CHUNK] = place.take(cell_entry[start : start + _CHUNK], mode="wrap")
+    say(0.5)
     part = np.argsort(place[texels.part_entry])
+    say(0.6)
     pair = expand_ranges(texels.pair_start[part], texels.pair_start[part + 1])[1]
+    say(0.7)
+    moments = texels.part_moments[part]
+    say(0.8)
     return dataclasses.replace(
         texels,
         part_entry=place[texels.part_entry[part]].astype(np.int64),
         part_point=texels.part_point[part],
-        part_moments=texels.part_moments[part],
+        part_moments=moments,
         pair_start=np.append(0, np.cumsum(np.diff(texels.pair_start)[part])),
         pair_tri=texels.pair_tri[pair],
         borders=texels.borders.renumber(place[:-1]),

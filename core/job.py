@@ -30,6 +30,7 @@ class Job:
     resume       folder of the state of an earlier bake to go on from, "" none; see checkpoint
     keep         folder to keep the state in at the end, "" none
     keep_mb      size beyond which it is not kept, 0 for any
+    blend        path of the .blend that is baked, "" where it has none; see earlier_bakes
     """
 
     settings: Settings
@@ -39,6 +40,7 @@ class Job:
     resume: str = ""
     keep: str = ""
     keep_mb: int = 0
+    blend: str = ""
 
     def save(self, folder: Path) -> None:
         (folder / JOB_FILE).write_text(json.dumps(dataclasses.asdict(self)), encoding="utf-8")

@@ -70,6 +70,8 @@ def note_bake(
         "result": {**result, "files": files},
         "warnings": list(warnings),
         "stateless": stateless,
+        "blend": _find_blend(job),
+        "pages": job.settings.atlas,
     }
     with np.load(folder / LAYOUT_FILE) as layout:
         arrays = {name: layout[name] for name in layout.files}
@@ -82,6 +84,27 @@ def note_bake(
         os.replace(unfinished, note)
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+def _find_blend(job: Job) -> str:
+    """The .blend as seen from its images, so that both may be moved together; "" where there is none."""
+    if not job.blend:
+        return ""
+    blend = Path(job.blend).resolve()
+    try:
+        return Path(os.path.relpath(blend, Path(job.output).resolve())).as_posix()
+    except ValueError:  # another drive
+        return str(blend)
+
+
+def read_header(note: Path) -> dict[str, Any] | None:
+    """What a note says besides arrays; None where it is missing or damaged."""
+    try:
+        with np.load(note, allow_pickle=False) as stored:
+            header = json.loads(stored[_HEADER].tobytes())
+        return header if header["format"] == FORMAT else None
+    except (OSError, zipfile.BadZipFile, ValueError, EOFError, KeyError, TypeError, AttributeError):
+        return None
 
 
 def find_kept_bake(snapshot: SceneSnapshot, job: Job) -> KeptBake | None:
@@ -103,4 +126,5 @@ def find_kept_bake(snapshot: SceneSnapshot, job: Job) -> KeptBake | None:
         stateless = bool(header["stateless"])
     except (OSError, zipfile.BadZipFile, ValueError, EOFError, KeyError, TypeError, AttributeError):
         return None  # no note, or a damaged one: then the bake is done, which is what it would have saved
-    return KeptBake({**result, "seconds": seconds, "skipped": skipped}, warnings, layout, stateless)
+    left_over: dict[str, list[str]] = {"own": [], "doubtful": []}  # nothing is written, and the last bake has told
+    return KeptBake({**result, "seconds": seconds, "skipped": skipped, "left_over": left_over}, warnings, layout, stateless)

@@ -57,12 +57,10 @@ def write_pages(
     folder   of the job, for what Blender is to finish
     draw     gives the page of a pass, and, where the third argument is true, its look
     """
-    settings, names = job.settings, name_pages(job, snapshot, atlas)
-    stems = [(page, name) for page in range(atlas.page_count) for name in settings.passes]
-    unique = make_unique(fill_pattern(settings.name_pattern, names[page], name, page) for page, name in stems)
+    settings = job.settings
     files: list[PageFile] = []
     try:
-        for (page, name), stem in zip(stems, unique, strict=True):
+        for page, name, stem in _list_stems(job, snapshot, atlas):
             owners = np.flatnonzero(atlas.object_page == page).tolist()
             pixels = draw(name, page, False)
             maximum = _find_maximum(pixels)
@@ -76,6 +74,20 @@ def write_pages(
             Path(file.path).unlink(missing_ok=True)
         raise
     return files
+
+
+def list_names(job: Job, snapshot: SceneSnapshot, atlas: ChartAtlas) -> list[str]:
+    """What the files of a bake will be called."""
+    stems = _list_stems(job, snapshot, atlas)
+    return [f"{stem}{image_file.suffix_of(kind)}" for _, _, stem in stems for kind in job.settings.formats]
+
+
+def _list_stems(job: Job, snapshot: SceneSnapshot, atlas: ChartAtlas) -> list[tuple[int, str, str]]:
+    """Page, pass and name without its ending of every image."""
+    names = name_pages(job, snapshot, atlas)
+    images = [(page, name) for page in range(atlas.page_count) for name in job.settings.passes]
+    unique = make_unique(fill_pattern(job.settings.name_pattern, names[page], name, page) for page, name in images)
+    return [(page, name, stem) for (page, name), stem in zip(images, unique, strict=True)]
 
 
 def _write_file(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .coverage import Float64, Int32, Int64, chunk_ranges, expand_ranges
+from .words import Say
 
 
 @dataclass(frozen=True)
@@ -30,15 +31,17 @@ class RowSpans:
     full_end: Int32
 
 
-def find_row_spans(uv: Float64) -> RowSpans:
+def find_row_spans(uv: Float64, say: Say = lambda share: None) -> RowSpans:
     """Spans of texels under triangles.
 
-    uv   (n_tri, 3, 2) float64, texels
+    uv    (n_tri, 3, 2) float64, texels
+    say   is told the share of the triangles that is done
     """
     first_row = np.floor(uv[:, :, 1].min(axis=1)).astype(np.int64)
     end_row = np.ceil(uv[:, :, 1].max(axis=1)).astype(np.int64)
     parts = [np.empty((6, 0), np.int32)]
     for tri, start, end in chunk_ranges(first_row, end_row):
+        say(int(tri[0]) / len(uv))
         owner, y = expand_ranges(start, end)
         parts.append(_spans_of_rows(uv, tri[owner], y))
     tri, y, *spans = np.concatenate(parts, axis=1)

@@ -6,13 +6,19 @@ else it would leak to this side's leaf, which may be many texels wide.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .coverage import Float64, Int32, Int64, monomial_exponents
+from .coverage import Float64, Int32, Int64, expand_ranges, monomial_exponents
 from .scene import FloatArray, IntArray
+from .words import Say
+
+if TYPE_CHECKING:
+    from .texel_map import TexelMap
 
 WAYS = ((1, 0), (0, 1), (-1, 0), (0, -1))  # columns and rows to the texels beside one
 OPPOSITE = (2, 3, 0, 1)  # of WAYS
@@ -120,3 +126,34 @@ def _integrate(low: FloatArray | float, high: FloatArray | float, power: int) ->
     """Integral of x^power from low to high."""
     out: Float64 = np.asarray((high ** (power + 1) - low ** (power + 1)) / (power + 1))
     return out
+
+
+def share_texels(texels: TexelMap, borders: TexelBorders, say: Say = lambda share: None) -> TexelMap:
+    """The map with borders, and areas and moments as they make them, the areas in place; tells which share of that is done."""
+    if not len(borders.entry):
+        return texels
+    shares = np.isfinite(borders.reach).any(axis=0)
+    entry = borders.entry[shares]
+    moments = borders.measure(texels.degree)[:, shares] * texels.texel_area[entry]
+    say(0.1)
+    texels.texel_area[entry] = moments[0]
+    excess = moments - whole_texel(texels.degree) * moments[0]
+    every = np.concatenate([texels.part_entry, entry])
+    order = np.argsort(every)
+    say(0.2)
+    start = np.concatenate([texels.pair_start, texels.pair_start[-1] + 1 + np.arange(len(entry))])
+    pair = expand_ranges(start[order], start[order + 1])[1]
+    say(0.4)
+    point = np.concatenate([texels.part_point, np.zeros((len(entry), 2))])[order]
+    say(0.6)
+    moments = np.concatenate([texels.part_moments, excess.T])[order]
+    say(0.9)
+    return dataclasses.replace(
+        texels,
+        borders=borders,
+        part_entry=every[order],
+        part_point=point,
+        part_moments=moments,
+        pair_start=np.append(0, np.cumsum(np.diff(start)[order])),
+        pair_tri=np.concatenate([texels.pair_tri, texels.texel_tri[entry]])[pair],
+    )

@@ -11,6 +11,7 @@ from .coverage import Int32, Int64
 from .row_spans import RowSpans
 from .scene import FloatArray, IntArray
 from .shared_arrays import IN_MEMORY, Room
+from .words import Say
 
 _NEIGHBOURS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1))  # the nearest first
 _BORDER = 2  # texels around a chart whose hits still find it; rounding needs one
@@ -49,16 +50,19 @@ class TexelGrid:
         return self.row_cell[:, 2] + self.row_cell[:, 0], self.row_cell[:, 1] - self.row_cell[:, 0] + 1
 
 
-def build_grid(spans: RowSpans, tri_chart: Int32, n_chart: int, room: Room = IN_MEMORY) -> TexelGrid:
+def build_grid(spans: RowSpans, tri_chart: Int32, n_chart: int, room: Room = IN_MEMORY, say: Say = lambda share: None) -> TexelGrid:
     """An empty grid with cells for all texels in the spans and those next to them.
 
     tri_chart   (n_tri,) int32
     room        for its cells
+    say         is told the share of the work that is done
     """
+    say(0.0)
     n_tri = len(tri_chart)
     tri_low, tri_high = np.full(n_tri, _FAR, np.int64), np.full(n_tri, -1, np.int64)
     np.minimum.at(tri_low, spans.tri, spans.y)
     np.maximum.at(tri_high, spans.tri, spans.y)
+    say(0.3)
     used = np.flatnonzero(tri_high >= 0)
     chart_low, chart_high = np.full(n_chart, _FAR, np.int64), np.full(n_chart, -1, np.int64)
     np.minimum.at(chart_low, tri_chart[used], tri_low[used])
@@ -74,13 +78,16 @@ def build_grid(spans: RowSpans, tri_chart: Int32, n_chart: int, room: Room = IN_
     tri_row[:-1][used, 0] = tri_row[used, 2] + tri_low[used]
     tri_row[:-1][used, 1] = tri_row[used, 2] + tri_high[used]
 
+    say(0.5)
     first, last = np.full(len(row_chart), _FAR, np.int64), np.full(len(row_chart), -1, np.int64)
     row = tri_row[spans.tri, 2] + spans.y
+    say(0.7)
     np.minimum.at(first, row, spans.touched_start)
     np.maximum.at(last, row, spans.touched_end.astype(np.int64) - 1)
     first, last = _extend_to_neighbours(first, row_chart, np.minimum) - 1, _extend_to_neighbours(last, row_chart, np.maximum) + 1
     empty = first > last
     first[empty], last[empty] = 0, 0
+    say(0.9)
     width = last - first + 1
     row_cell = np.stack([first, last, np.cumsum(width) - width - first], axis=1)
     cell_entry = room.empty("cell_entry", (int(width.sum()),), np.int32)
@@ -96,15 +103,16 @@ def _extend_to_neighbours(bound: Int64, row_chart: Int32, pick: np.ufunc) -> Int
     return extended
 
 
-def fill_border(grid: TexelGrid) -> None:
-    """Gives empty cells next to filled ones the entry of the nearest, ring by ring, in place."""
+def fill_border(grid: TexelGrid, say: Say = lambda share: None) -> None:
+    """Gives empty cells next to filled ones the entry of the nearest, ring by ring, in place; tells which share of that is done."""
     start, width = grid.cells_of_rows()
-    for _ in range(_BORDER):
+    for ring in range(_BORDER):
         cell = np.flatnonzero(grid.cell_entry < 0)
         row = np.searchsorted(start, cell, side="right") - 1
         x = cell - grid.row_cell[row, 2]
         found = np.full(len(cell), -1, np.int32)
-        for step_x, step_y in _NEIGHBOURS:
+        for k, (step_x, step_y) in enumerate(_NEIGHBOURS):
+            say((ring + k / len(_NEIGHBOURS)) / _BORDER)
             other = np.clip(row + step_y, 0, len(start) - 1)
             place = x + step_x - grid.row_cell[other, 0]
             valid = (found < 0) & (place >= 0) & (place < width[other]) & (grid.row_chart[other] == grid.row_chart[row])

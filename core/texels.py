@@ -22,17 +22,21 @@ from .coverage import (
     piece_moments,
 )
 from .geometry import gather
+from .layer_check import signed_areas
+from .messages import Status
 from .row_spans import RowSpans, find_row_spans
 from .scene import SceneSnapshot
 from .shared_arrays import IN_MEMORY, Room
 from .texel_grid import TexelGrid, build_grid, fill_border, part_bits
 from .texel_map import TexelMap
+from .words import Say, Watch, stretch, unwatched
 
 if TYPE_CHECKING:
     from .charts import ChartAtlas
 
 __all__ = ["TexelMap", "build_texel_map"]
 
+MEASURING = Status("texels", "Measuring texels")
 _SLIVER = 1e-11  # share of a texel, or of a smaller triangle, below which a clipped part is rounding noise
 _MIN_UV_AREA = 1e-18  # texels^2; below it a triangle has no texels
 _EDGE = 1e-6  # texels from a triangle's edge up to which a centre lies on it
@@ -42,10 +46,11 @@ _SLOTS = 1 << 16  # texels at a time: what lies between stays in the cache
 _PAGE_TOLERANCE = 1e-3  # texels that rounding may carry a chart beyond its page
 
 
-def build_texel_map(snapshot: SceneSnapshot, atlas: ChartAtlas, degree: int, room: Room = IN_MEMORY) -> TexelMap:
+def build_texel_map(snapshot: SceneSnapshot, atlas: ChartAtlas, degree: int, room: Room = IN_MEMORY, watch: Watch = unwatched) -> TexelMap:
     """Covered area and moments up to `degree` (0, 2 or 4) of every texel of every chart.
 
-    room   for its large arrays
+    room    for its large arrays
+    watch   is told MEASURING and which share of the work is done; it may raise
     The areas of a triangle's texels sum to its world area to rounding. Triangles without area in UV have no texels.
     Raises ValueError for another degree and for charts outside their page.
     """
@@ -56,21 +61,21 @@ def build_texel_map(snapshot: SceneSnapshot, atlas: ChartAtlas, degree: int, roo
         raise ValueError(f"tri_uv: expected texels 0 to {size}, got {atlas.tri_uv.min():g} to {atlas.tri_uv.max():g}")
     corner = snapshot.tri_position
     world_area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-    used = np.flatnonzero((atlas.tri_chart >= 0) & (_uv_areas(uv) > _MIN_UV_AREA) & (world_area > 0.0))
-    spans = find_row_spans(uv[used])
+    used = np.flatnonzero((atlas.tri_chart >= 0) & (np.abs(signed_areas(uv)) > _MIN_UV_AREA) & (world_area > 0.0))
+    spans = find_row_spans(uv[used], stretch(watch, MEASURING, 0.0, 0.05))
     spans = dataclasses.replace(spans, tri=used[spans.tri].astype(np.int32))
-    grid = build_grid(spans, atlas.tri_chart, len(atlas.chart_page), room.within("grid"))
+    grid = build_grid(spans, atlas.tri_chart, len(atlas.chart_page), room.within("grid"), stretch(watch, MEASURING, 0.05, 0.1))
 
-    pairs = _measure_pairs(uv, spans, grid, degree)
+    pairs = _measure_pairs(uv, spans, grid, degree, stretch(watch, MEASURING, 0.1, 0.7))
     covered = np.zeros(len(uv))
     covered += np.bincount(spans.tri, spans.full_end - spans.full_start, minlength=len(uv))
     covered += np.bincount(pairs.tri, pairs.area, minlength=len(uv))
     # Not the world area over the area in UV: a needle's clipped parts are rounded more than its whole.
     density = np.divide(world_area, covered, out=np.zeros_like(covered), where=covered > 0.0)
     by_area = np.argsort(pairs.best_area * density[pairs.tri])  # of several assignments to one place the last, the largest, stays
-    entries = _collect_entries(density, spans, grid, pairs, by_area, len(atlas.chart_page), room)
-    parts = _collect_parts(density, grid, pairs, by_area)
-    fill_border(grid)
+    entries = _collect_entries(density, spans, grid, pairs, by_area, len(atlas.chart_page), room, stretch(watch, MEASURING, 0.7, 0.8))
+    parts = _collect_parts(density, grid, pairs, by_area, stretch(watch, MEASURING, 0.8, 0.95))
+    fill_border(grid, stretch(watch, MEASURING, 0.95, 1.0))
     return TexelMap(
         page_size=size,
         page_count=atlas.page_count,
@@ -83,12 +88,6 @@ def build_texel_map(snapshot: SceneSnapshot, atlas: ChartAtlas, degree: int, roo
         **entries,
         **parts,
     )
-
-
-def _uv_areas(uv: Float64) -> Float64:
-    (x_1, y_1), (x_2, y_2) = (uv[:, 1] - uv[:, 0]).T, (uv[:, 2] - uv[:, 0]).T
-    areas: Float64 = 0.5 * np.abs(x_1 * y_2 - y_1 * x_2)
-    return areas
 
 
 @dataclass(frozen=True)
@@ -111,14 +110,15 @@ class _Pairs:
     best_point: Float64
 
 
-def _measure_pairs(uv: Float64, spans: RowSpans, grid: TexelGrid, degree: int) -> _Pairs:
+def _measure_pairs(uv: Float64, spans: RowSpans, grid: TexelGrid, degree: int, say: Say) -> _Pairs:
     # Left and right of the wholly covered texels of each row; one span where there are none.
     start = np.stack([spans.touched_start, spans.full_end], axis=1).ravel()
     end = np.stack([spans.full_start, spans.touched_end], axis=1).ravel()
-    least_area, sides = _SLIVER * np.minimum(1.0, _uv_areas(uv)), _list_sides(uv)
+    least_area, sides = _SLIVER * np.minimum(1.0, np.abs(signed_areas(uv))), _list_sides(uv)
     full = np.array([[_interval_mean(i) * _interval_mean(j)] for i, j in monomial_exponents(degree)])
     parts = [_Pairs(np.empty(0, np.int32), np.empty(0, np.int64), np.empty(0), full[:, :0], np.empty(0), np.empty((2, 0)))]
     for index, first, last in chunk_ranges(start, end):
+        say(0.85 * int(index[0]) / len(start))
         owner, x = expand_ranges(first, last)
         span = index[owner] // 2
         tri, y = spans.tri[span], spans.y[span]
@@ -139,7 +139,20 @@ def _measure_pairs(uv: Float64, spans: RowSpans, grid: TexelGrid, degree: int) -
         centroid[:, depth >= -_EDGE] = 0.0
         excess = np.stack([row[kept] for row in moments]) - full * area
         parts.append(_Pairs(tri, cell, area, excess, best_area, centroid))
-    return _Pairs(*(np.concatenate([getattr(part, field.name) for part in parts], axis=-1) for field in dataclasses.fields(_Pairs)))
+    return _join_pairs(parts, lambda share: say(0.85 + 0.15 * share))
+
+
+def _join_pairs(parts: list[_Pairs], say: Say) -> _Pairs:
+    names, count = [field.name for field in dataclasses.fields(_Pairs)], sum(len(part.tri) for part in parts)
+    joined: list[NDArray[Any]] = []
+    for name in names:
+        rows = [getattr(part, name) for part in parts]
+        out = np.empty((*rows[0].shape[:-1], count), rows[0].dtype)
+        for k in np.ndindex(out.shape[:-1]):  # one at a time, for there is much to do between two words
+            say(len(joined) / len(names))
+            np.concatenate([row[k] for row in rows], out=out[k])
+        joined.append(out)
+    return _Pairs(*joined)
 
 
 def _list_sides(uv: Float64) -> Float64:
@@ -160,13 +173,14 @@ def _centre_depth(sides: Float64, tri: Int32, x: Float64, y: Float64) -> Float64
 
 
 def _collect_entries(
-    density: Float64, spans: RowSpans, grid: TexelGrid, pairs: _Pairs, by_area: Int64, n_chart: int, room: Room
+    density: Float64, spans: RowSpans, grid: TexelGrid, pairs: _Pairs, by_area: Int64, n_chart: int, room: Room, say: Say
 ) -> dict[str, Any]:
     """The chart_ and texel_ fields of the map; fills grid.cell_entry."""
     cell_area = np.zeros(len(grid.cell_entry))
     cell_tri = np.full(len(grid.cell_entry), -1, np.int32)
     to_cell = grid.row_cell[grid.tri_row[spans.tri, 2] + spans.y, 2]
     for span, first, last in chunk_ranges(spans.full_start + to_cell, spans.full_end + to_cell):
+        say(0.2 * int(span[0]) / len(spans.tri))
         owner, cell = expand_ranges(first, last)
         tri = spans.tri[span[owner]]
         np.add.at(cell_area, cell, density[tri])
@@ -174,7 +188,9 @@ def _collect_entries(
     np.add.at(cell_area, pairs.cell, pairs.area * density[pairs.tri])
     cell_tri[pairs.cell[by_area]] = pairs.tri[by_area]
 
-    low, high = _find_extents(spans, grid, pairs, n_chart)
+    say(0.2)
+    low, high = _find_extents(spans, grid, pairs, n_chart, say)
+    say(0.5)
     log2 = np.zeros(n_chart, np.int32)
     filled = high[:, 0] >= 0
     log2[filled] = np.ceil(np.log2((high[filled] - low[filled]).max(axis=1) + 1))
@@ -189,6 +205,7 @@ def _collect_entries(
     row_first, row_last, row_zero = np.ascontiguousarray(grid.row_cell.T)
     end = 0
     for chart, x, y, code in _walk_squares(low, high, log2, filled):
+        say(0.5 + 0.5 * end / n_texel)
         row = row_of_zero[chart] + y
         inside = (x >= row_first[row]) & (x <= row_last[row])
         cell = np.where(inside, row_zero[row] + x, 0)  # the cell of triangles without texels
@@ -212,7 +229,7 @@ def _collect_entries(
     }
 
 
-def _find_extents(spans: RowSpans, grid: TexelGrid, pairs: _Pairs, n_chart: int) -> tuple[Int32, Int32]:
+def _find_extents(spans: RowSpans, grid: TexelGrid, pairs: _Pairs, n_chart: int, say: Say) -> tuple[Int32, Int32]:
     """Least and greatest texel (n_chart, 2) that each chart covers; the greatest is -1 for a chart without texels."""
     row_of_pair = np.searchsorted(grid.cells_of_rows()[0], pairs.cell, side="right") - 1
     x_of_pair = pairs.cell - grid.row_cell[row_of_pair, 2]
@@ -222,6 +239,7 @@ def _find_extents(spans: RowSpans, grid: TexelGrid, pairs: _Pairs, n_chart: int)
     chart, y = grid.row_chart[row], grid.row_y[row]
     low, high = np.full((n_chart, 2), np.iinfo(np.int32).max, np.int32), np.full((n_chart, 2), -1, np.int32)
     for axis, first, last in ((0, [x_of_pair, spans.full_start[whole]], [x_of_pair, spans.full_end[whole] - 1]), (1, [y], [y])):
+        say(0.3 + 0.1 * axis)
         np.minimum.at(low[:, axis], chart, np.concatenate(first).astype(np.int32))
         np.maximum.at(high[:, axis], chart, np.concatenate(last).astype(np.int32))
     return low, high
@@ -254,7 +272,7 @@ def _walk_squares(low: Int32, high: Int32, log2: Int32, filled: NDArray[np.bool_
         yield chart[owner], first_x[owner] + inner_x[inner], first_y[owner] + inner_y[inner], first_code[owner] + inner
 
 
-def _collect_parts(density: Float64, grid: TexelGrid, pairs: _Pairs, by_area: Int64) -> dict[str, Any]:
+def _collect_parts(density: Float64, grid: TexelGrid, pairs: _Pairs, by_area: Int64, say: Say) -> dict[str, Any]:
     """The part_ and pair_ fields of the map."""
     entry = grid.cell_entry[pairs.cell]
     is_part = np.zeros(int(entry.max(initial=-1)) + 1, bool)
@@ -262,9 +280,11 @@ def _collect_parts(density: Float64, grid: TexelGrid, pairs: _Pairs, by_area: In
     part_entry = np.flatnonzero(is_part)
     part = np.searchsorted(part_entry, entry)
     point = np.zeros((len(part_entry), 2))
+    say(0.25)
     point[part[by_area]] = pairs.best_point[:, by_area].T
     moments = np.empty((len(part_entry), len(pairs.excess)))
     for k, row in enumerate(pairs.excess):
+        say(0.5 + 0.3 * k / len(pairs.excess))
         moments[:, k] = np.bincount(part, row * density[pairs.tri], minlength=len(part_entry))
     return {
         "part_entry": part_entry.astype(np.int64),

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+from .words import Say
+
 T = TypeVar("T")
 
 # Entries at a time. Of fewer numpy's calls are soon done, and threads wait for each other to have the interpreter: with a quarter of the
@@ -20,7 +22,17 @@ def split_entries(count: int) -> list[slice]:
     return [slice(start, min(start + step, count)) for start in range(0, max(count, 1), step)]
 
 
-def run_on_threads(work: Callable[[slice], T], count: int, threads: int) -> list[T]:
-    """What `work` gives for each part of so many entries, in their order; any error of it is raised."""
-    with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(work, split_entries(count)))
+def run_on_threads(work: Callable[[slice], T], count: int, threads: int, say: Say = lambda share: None) -> list[T]:
+    """What `work` gives for each part of so many entries, in their order; any error of it is raised.
+
+    say   is told the share of the parts that are done; where it raises, no further one is begun
+    """
+    parts, found = split_entries(count), list[T]()
+    pool = ThreadPoolExecutor(threads)
+    try:
+        for one in pool.map(work, parts):
+            found.append(one)
+            say(len(found) / len(parts))
+    finally:
+        pool.shutdown(cancel_futures=True)
+    return found

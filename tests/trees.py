@@ -10,11 +10,12 @@ from leaflight.core import basis, quadtree, tally
 from leaflight.core.scene import Material, SceneObject, SceneSnapshot
 from leaflight.core.texels import TexelMap, build_texel_map
 from leaflight.core.tree_view import TreeView
+from leaflight.core.words import Watch, unwatched
 
 SIDE = 64  # texels, of the squares that `throw` lights
 
 
-def make_map(uv: Any, chart: Any = None, position: Any = None, size: int = 8, degree: int = 4) -> TexelMap:
+def make_map(uv: Any, chart: Any = None, position: Any = None, size: int = 8, degree: int = 4, watch: Watch = unwatched) -> TexelMap:
     """Texels of triangles `uv` (n, 3, 2); they lie in the plane z = 0 at their UV unless `position` (n, 3, 3) says otherwise."""
     uv = np.asarray(uv, float)
     n = len(uv)
@@ -37,7 +38,7 @@ def make_map(uv: Any, chart: Any = None, position: Any = None, size: int = 8, de
     )
     n_chart = int(chart.max(initial=-1)) + 1
     atlas: Any = SimpleNamespace(page_size=size, page_count=1, tri_chart=chart, tri_uv=uv, chart_page=np.zeros(n_chart, np.int32))
-    return build_texel_map(snapshot, atlas, degree)
+    return build_texel_map(snapshot, atlas, degree, watch=watch)
 
 
 def make_square_map(side, degree, width=1.0):

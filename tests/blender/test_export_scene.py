@@ -288,7 +288,7 @@ def test_where_vertex_colours_are_missing_it_is_black():
     material, _ = make_painted("Paint", layer="Col")
     painted, color = make_colored("Painted")
     bare, plain = make_mesh("Bare"), make_mesh("Plain")
-    plain.attributes.new("Col", "FLOAT", "POINT")
+    plain.attributes.new("Col", "QUATERNION", "POINT")
     for data in (painted, bare, plain):
         data.materials.append(material)
         add_object(data.name, data)
@@ -300,17 +300,6 @@ def test_where_vertex_colours_are_missing_it_is_black():
     assert any("Bare has no colour attribute Col, so it is black there" in text for text in sentences)
     assert any("replaced by a grey of 0.5" in text for text in sentences)
     assert len(sentences) == 2
-
-
-def test_an_attribute_that_is_none_of_the_mesh_is_grey():
-    material, node = make_painted("Paint", "Attribute", "color")
-    node.attribute_type = "VIEW_LAYER"
-    mesh = make_mesh()
-    mesh.materials.append(material)
-    add_object("Box", mesh)
-    result = export()
-    assert shown(result, "Box") == pytest.approx(0.5)
-    assert "replaced by a grey of 0.5" in dict(result.warnings)["Paint"]
 
 
 @pytest.mark.parametrize("first", [True, False])

@@ -158,3 +158,55 @@ def test_what_else_object_info_tells_is_replaced_by_a_grey():
     glow, told = read_glow()
     assert glow["Square"] == [0.5, 0.5, 0.5]
     assert "replaced by a grey of 0.5" in told
+
+
+def test_a_property_may_be_the_view_layers(tmp_path):
+    add_glow("VIEW_LAYER")
+    bpy.context.view_layer["x"] = BLUE
+    glow, told = read_glow()
+    assert (glow["Square"], told) == (pytest.approx(BLUE[:3], rel=1e-6), "")
+    assert render_glow(tmp_path) == pytest.approx(BLUE[:3], rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("layer", "scene", "world", "expected"), [(0.3, 0.4, 0.5, 0.3), (None, 0.4, 0.5, 0.4), (None, None, 0.5, 0.5), (None, None, None, 0.0)]
+)
+def test_the_view_layer_is_asked_first_then_the_scene_then_its_world(layer, scene, world, expected, tmp_path):
+    obj = add_glow("VIEW_LAYER")
+    obj["x"] = 0.9
+    bpy.context.scene.world = bpy.data.worlds.new("World")
+    for block, value in ((bpy.context.view_layer, layer), (bpy.context.scene, scene), (bpy.context.scene.world, world)):
+        if value is not None:
+            block["x"] = value
+    glow, told = read_glow()
+    assert glow["Square"] == pytest.approx([expected] * 3, rel=1e-6)
+    assert ("the view layer has no property x of numbers, so it is black there, as in Blender" in told) == (expected == 0.0)
+    assert render_glow(tmp_path) == pytest.approx([expected] * 3, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"), [("frame_current", (7.0,) * 3), ("world.color", BLUE[:3]), ("camera.location", (0.0, 0.0, 0.5))]
+)
+def test_the_scenes_own_properties_are_found_by_their_path(name, expected, tmp_path):
+    add_glow("VIEW_LAYER", name)
+    scene = bpy.context.scene
+    scene.frame_current, scene.world = 7, bpy.data.worlds.new("World")
+    scene.world.color = BLUE[:3]
+    assert render_glow(tmp_path) == pytest.approx(expected, rel=1e-5)  # first, for it makes the camera
+    assert read_glow()[0]["Square"] == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_worlds_nodes_may_ask_the_view_layer(tmp_path):
+    scene = bpy.context.scene
+    scene.world, scene["x"] = bpy.data.worlds.new("World"), BLUE
+    tree = make_tree(scene.world)
+    tree.nodes.clear()
+    end, glow, node = (tree.nodes.new(name) for name in ("ShaderNodeOutputWorld", "ShaderNodeBackground", "ShaderNodeAttribute"))
+    node.attribute_type, node.attribute_name = "VIEW_LAYER", "x"
+    tree.links.new(node.outputs["Color"], glow.inputs["Color"])
+    tree.links.new(glow.outputs[0], end.inputs["Surface"])
+    add_glow().location.z = -5.0
+    snapshot = export_scene(bpy.context).snapshot
+    assert snapshot.world_rgb == pytest.approx(BLUE[:3], rel=1e-6)
+    bpy.data.objects["Square"].hide_render = True
+    assert render_glow(tmp_path) == pytest.approx(BLUE[:3], rel=1e-5)

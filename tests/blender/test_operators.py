@@ -124,6 +124,29 @@ def test_folder_beside_an_unsaved_file_is_refused(scene, state, tmp_path):
     assert list((tmp_path / "maps").iterdir())
 
 
+def test_each_blend_bakes_into_a_folder_of_its_own(scene, tmp_path):
+    """With an image for each object those of a copy have the same names."""
+    scene.leaflight.property_unset("output")
+    scene.leaflight.atlas = False
+    written = {}
+    for name in ("Küche 2", "Copy"):
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / f"{name}.blend"))
+        folder = tmp_path / "lightmaps" / name
+        assert request.make_request(bpy.context).output == request.find_output(scene) == folder
+        assert bpy.ops.leaflight.bake() == {"FINISHED"}
+        image = folder / "Floor.combined.exr"
+        written[image] = image.stat().st_mtime_ns
+    assert {image: image.stat().st_mtime_ns for image in written} == written
+    assert bpy.data.images["Floor.combined"].filepath == "//lightmaps/Copy/Floor.combined.exr"
+
+
+def test_a_folder_that_is_chosen_is_taken_as_it_is(scene, tmp_path):
+    scene.leaflight.output = str(tmp_path / "{not_ours}")
+    assert request.make_request(bpy.context).output == tmp_path / "{not_ours}"
+    scene.leaflight.output = str(tmp_path / "{blend_name} maps")
+    assert request.make_request(bpy.context).output == tmp_path / "lightmap maps", "not saved yet"
+
+
 def test_baked_scene_is_exported(scene, tmp_path):
     assert not bpy.ops.leaflight.export_gltf.poll()
     bpy.ops.leaflight.bake()

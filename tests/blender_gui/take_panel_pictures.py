@@ -225,7 +225,7 @@ def picture_other_ends() -> Iterator[float]:
 def picture_groups() -> Iterator[float]:
     """Output and Advanced without the others, so that they are seen whole."""
     groups = [getattr(bpy.types, f"LEAFLIGHT_PT_{name}") for name in GROUPS]
-    output, chosen().output = chosen().output, "//lightmaps"
+    output, chosen().output = chosen().output, "//lightmaps/{blend_name}"
     for name, group in zip(GROUPS[2:], groups[2:], strict=True):
         for panel in groups:
             bpy.utils.unregister_class(panel)

@@ -28,6 +28,12 @@ FIRST_STAGES = ["load", "charts", "texels", "scene", "contacts"]
 LIGHT_STAGES = {"rays": ["photons", "direct", "photons", "write"], "photons": ["direct", "photons", "write"]}
 
 
+@pytest.fixture
+def patient(monkeypatch):
+    """However slow the machine is, nobody is asked before there is light."""
+    monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", math.inf)
+
+
 def bake_scene(folder, scene, settings=QUICK, output="", should_stop=lambda: False, **job):
     """Messages and result of a bake in `folder`."""
     folder.mkdir(exist_ok=True)
@@ -199,7 +205,7 @@ def test_file_names_of_objects_are_unique_and_allowed(tmp_path, names, files):
     assert [file["objects"] for file in result["files"]] == [[0], [1]]
 
 
-def test_interrupted_bake_is_written_and_says_so(tmp_path):
+def test_interrupted_bake_is_written_and_says_so(tmp_path, patient):
     messages, result = bake_scene(tmp_path, lamp_scene(), replace(QUICK, error=1e-4, max_photons=10**9), should_stop=lambda: True)
     assert messages[-1].interrupted
     assert result["stopped_by"] == "interrupted"
@@ -216,6 +222,28 @@ def test_a_bake_that_is_stopped_while_its_unwrapping_takes_long_has_nothing_to_s
     bake.run_bake(tmp_path, messages.append, lambda: True)
     assert messages[-1] == Done("", True)
     assert messages[-2].stage == "charts"
+
+
+@pytest.mark.parametrize("stage", ["texels", "contacts"])
+def test_a_bake_that_is_stopped_later_but_before_there_is_light_has_nothing_to_show_either(tmp_path, monkeypatch, stage):
+    monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
+    save_snapshot(tmp_path / SNAPSHOT_FILE, lamp_scene())
+    Job(QUICK, str(tmp_path / "images"), "room").save(tmp_path)
+    messages = []
+    bake.run_bake(tmp_path, messages.append, lambda: messages[-1].stage == stage)
+    assert messages[-1] == Done("", True)
+    assert [message.stage for message in messages[:-1]][-1] == stage
+    assert list_files(tmp_path / "images") == []
+
+
+def test_how_far_texels_and_contacts_have_come_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
+    messages, _ = bake_scene(tmp_path, lamp_scene())
+    for stage, text in (("texels", "Measuring texels"), ("contacts", "Looking for contacts")):
+        said = [message for message in messages if isinstance(message, Status) and message.stage == stage]
+        assert said[0].text == text
+        assert [message.text for message in said[1:]] == [f"{text}, {message.share:.0%}" for message in said[1:]]
+        assert len(said) > 10
 
 
 def test_how_far_the_unwrapping_has_come_is_told(tmp_path, monkeypatch):
@@ -312,7 +340,7 @@ def test_the_result_tells_the_error_of_each_object_and_whose_error_ended_the_bak
     assert result["estimated_error"] == pytest.approx(max(errors), rel=0.5)  # which holds against it by how much it may be off
 
 
-def test_stopped_before_direct_light_is_done_a_bake_still_shows_all_light(tmp_path):
+def test_stopped_before_direct_light_is_done_a_bake_still_shows_all_light(tmp_path, patient):
     """One round of photons then carries what the shadow rays had not finished."""
     said, result = bake_scene(tmp_path, lamp_scene(), replace(QUICK, direct="rays"), should_stop=lambda: True)
     pixels, _ = read_image(result["files"][0]["path"])
@@ -338,7 +366,7 @@ def test_previews_come_first_and_change_no_byte(tmp_path, monkeypatch, direct):
     assert files[0] == files[1]
 
 
-def test_a_stopped_bake_goes_on_to_the_bytes_of_a_whole_one(tmp_path):
+def test_a_stopped_bake_goes_on_to_the_bytes_of_a_whole_one(tmp_path, patient):
     settings, kept = replace(QUICK, error=1e-4, max_photons=600_000), str(tmp_path / "kept")
     _, whole = bake_scene(tmp_path / "whole", lamp_scene(), settings)
     asked = []
@@ -382,7 +410,7 @@ def test_other_passes_that_need_no_photons_go_on_from_charts_that_were_cut(tmp_p
     np.testing.assert_array_equal(one, other)
 
 
-def test_stopped_before_direct_light_is_done_there_is_nothing_to_go_on_from(tmp_path):
+def test_stopped_before_direct_light_is_done_there_is_nothing_to_go_on_from(tmp_path, patient):
     kept = tmp_path / "kept"
     bake_scene(tmp_path, lamp_scene(), keep=str(kept))
     assert read_info(kept)

@@ -13,7 +13,9 @@ from leaflight.core.scene import Light
 from leaflight.core.settings import Settings
 from leaflight.core.texel_borders import WAYS
 from leaflight.core.texel_grid import interleave_bits
+from leaflight.core.threads import split_entries
 from leaflight.core.topology import join_sets
+from leaflight.core.words import Interrupted
 from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh, split_faces
 from trees import make_map, make_square_map
 
@@ -286,6 +288,46 @@ def test_threads_change_nothing(tmp_path, part_entries):
     for name in ("touched", "piece", "whole"):
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
     assert one.touched.any()
+
+
+def test_how_far_the_search_is_is_told_again_and_again(tmp_path, part_entries):
+    scene = make_scene([quad_mesh("Floor", uv=SQUARE), replace(wall(), receives=False)], [LAMP])
+    atlas, texels = prepare_folder(tmp_path, scene, SETTINGS)
+    part_entries(500)
+    told = []
+    found = find_contacts(workers.open_scene(str(tmp_path)), texels, 2, lambda *word: told.append(word))
+    workers.forget_folders()
+    parts = len(split_entries(len(texels)))
+    assert [share for _, share, _ in told[:parts]] == pytest.approx(0.6 * np.arange(1, parts + 1) / parts)
+    cut_at_contacts(texels, atlas, found, lambda *word: told.append(word))
+    assert {(said, about) for said, _, about in told} == {(contact_map.LOOKING, "")}
+    step = np.diff([0.0, *(share for _, share, _ in told), 1.0])
+    assert step.min() >= 0.0
+    assert step.max() < 0.1
+
+
+def test_whoever_wants_no_contacts_any_more_is_heard_at_every_word(tmp_path):
+    scene = make_scene([quad_mesh("Floor", uv=SQUARE), replace(wall(), receives=False)], [LAMP])
+    atlas, texels = prepare_folder(tmp_path, scene, SETTINGS)
+    opened, count = workers.open_scene(str(tmp_path)), []
+
+    def look(watch):
+        fresh = deepcopy(texels)
+        cut_at_contacts(fresh, atlas, find_contacts(opened, fresh, 1, watch), watch)
+
+    look(lambda *word: count.append(word))
+    for patience in range(len(count)):
+        told = []
+
+        def stop(*word, told=told, patience=patience):
+            told.append(word)
+            if len(told) > patience:
+                raise Interrupted
+
+        with pytest.raises(Interrupted):
+            look(stop)
+        assert len(told) == patience + 1
+    workers.forget_folders()
 
 
 def test_where_there_is_no_texel_nothing_is_found(tmp_path):

@@ -13,6 +13,7 @@ from leaflight.core.coverage import monomial_exponents
 from leaflight.core.texel_grid import interleave_bits
 from leaflight.core.texel_looks import centred_strata
 from leaflight.core.texels import TexelMap
+from leaflight.core.words import Interrupted
 from trees import make_map
 
 
@@ -359,3 +360,44 @@ def test_places_on_many_large_pages_are_told_apart():
         moved = dataclasses.replace(texels, page_size=16384, page_count=pages, chart_page=np.array([page], np.int32))
         expected = [(page * 16384 + row) * 16384 + column for column, row in zip(x, y, strict=True)]
         assert moved._find_cells(np.arange(64)).tolist() == expected
+
+
+def cells(count: int, size: float) -> np.ndarray:
+    """Triangles of so many squares a side."""
+    corner = np.stack(np.meshgrid(np.arange(count), np.arange(count)), axis=-1).reshape(-1, 1, 2)
+    halves = [corner + np.array(half) for half in ([[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]])]
+    return np.concatenate(halves) * size / count
+
+
+def test_how_far_the_measuring_is_is_told_again_and_again():
+    """Of small triangles, which texels cover in part, and of one that holds many texels."""
+    for uv, size in ((cells(200, 256), 256), (cells(1, 1024), 1024)):
+        told = []
+        make_map(uv, size=size, watch=lambda *word, told=told: told.append(word))
+        said, share, about = zip(*told, strict=True)
+        assert (set(said), set(about)) == ({module.MEASURING}, {""})
+        assert share[0] == 0.0
+        assert (np.diff([*share, 1.0]) >= 0.0).all()
+    assert np.diff([*share, 1.0]).max() < 0.6, "one triangle has no parts to go through"
+
+
+def test_small_triangles_are_gone_through_in_small_steps():
+    share = []
+    make_map(cells(200, 256), size=256, watch=lambda said, done, about: share.append(done))
+    assert np.diff([*share, 1.0]).max() < 0.2
+
+
+def test_whoever_wants_no_texels_any_more_is_heard_at_every_word():
+    uv, count = cells(4, 16), []
+    make_map(uv, size=16, watch=lambda *word: count.append(word))
+    for patience in range(len(count)):
+        told = []
+
+        def stop(*word, told=told, patience=patience):
+            told.append(word)
+            if len(told) > patience:
+                raise Interrupted
+
+        with pytest.raises(Interrupted):
+            make_map(uv, size=16, watch=stop)
+        assert len(told) == patience + 1

@@ -4,6 +4,7 @@ import threading
 
 import pytest
 from leaflight.core.threads import run_on_threads, split_entries
+from leaflight.core.words import Interrupted
 
 
 @pytest.mark.parametrize("count", [0, 1, 1 << 16, (1 << 16) + 1, 700_000, 1 << 21, 11_700_000])
@@ -37,3 +38,27 @@ def test_an_error_in_a_thread_is_raised():
 
     with pytest.raises(ValueError, match="part 0"):
         run_on_threads(work, 10, 2)
+
+
+def test_share_of_the_parts_that_are_done_is_told():
+    told = []
+    run_on_threads(lambda part: part, 4 << 16, 2, told.append)
+    assert told == [0.25, 0.5, 0.75, 1.0]
+
+
+def test_whoever_wants_no_more_has_no_further_part_begun():
+    """The one thread has a part in hand when it is told, and six are left."""
+    begun, go_on = [], threading.Event()
+
+    def work(part):
+        begun.append(part.start)
+        if len(begun) > 1:
+            go_on.wait(30)
+
+    def stop(share):
+        threading.Timer(0.2, go_on.set).start()
+        raise Interrupted
+
+    with pytest.raises(Interrupted):
+        run_on_threads(work, 8 << 16, 1, stop)
+    assert len(begun) <= 2

@@ -1,7 +1,7 @@
 import pytest
 from leaflight.core import words
 from leaflight.core.messages import Status
-from leaflight.core.words import Interrupted, Words
+from leaflight.core.words import Interrupted, Words, stretch, unwatched
 
 SAID = Status("charts", "Unwrapping")
 
@@ -44,3 +44,30 @@ def test_whoever_has_lost_patience_is_heard_when_there_may_be_a_word(clock):
     clock[0] += 1.1
     with pytest.raises(Interrupted):
         speaker.say(SAID, 0.5)
+
+
+def test_after_half_a_second_the_impatient_are_heard_whenever_anything_is_said(clock):
+    told, stop = [], []
+    speaker = Words(told.append, lambda: bool(stop))
+    clock[0] += 1.1
+    speaker.say(SAID, 0.5)
+    stop.append(True)
+    clock[0] += 0.01
+    with pytest.raises(Interrupted):
+        speaker.say(SAID, 0.6)
+    assert len(told) == 1
+    speaker = Words(pytest.fail, lambda: True)
+    clock[0] += 0.45
+    speaker.say(SAID, 0.5)
+    clock[0] += 0.1
+    with pytest.raises(Interrupted):
+        speaker.say(SAID, 0.5)
+
+
+def test_shares_of_a_part_of_a_stage_are_told_as_shares_of_the_stage():
+    told = []
+    say = stretch(lambda *word: told.append(word), SAID, 0.25, 0.75)
+    for share in (0.0, 0.5, 1.0):
+        say(share)
+    assert told == [(SAID, 0.25, ""), (SAID, 0.5, ""), (SAID, 0.75, "")]
+    stretch(unwatched, SAID)(0.5)
