@@ -19,7 +19,6 @@ from . import live, session
 from .arguments import BakeRequest
 from .bake_state import BakeState
 from .job import BakeProcess
-from .left_over import remove_left_over
 from .redraw import redraw
 from .request import find_mode_error, make_request
 
@@ -153,7 +152,6 @@ class Baking:
                 with self._bake_scene(context):
                     session.finish_files(bpy.context.scene, found)
                     state.warnings += self._live.finish(bpy.context, found)
-                state.warnings += remove_left_over(found)
                 error, result = "", found
         except (ValueError, OSError) as reason:
             error = str(reason)

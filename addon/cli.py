@@ -21,7 +21,6 @@ from .console import describe_error, describe_files, describe_miss, print_messag
 from .export_gltf import export_gltf
 from .images import check_shown
 from .job import BakeProcess, open_bake
-from .left_over import tell_left_over
 from .request import resolve_paths
 from .scene_file import open_scene
 
@@ -86,7 +85,6 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
         if request.gltf is not None:  # after saving: what is only for the export is not for the .blend
             late += session.assign(bpy.context, work, result) if not (request.assign and request.save) else []
             late += export_gltf(bpy.context, request.gltf, request.settings.view_transform)
-        late += tell_left_over(result)
         for subject, text in late:
             print_message(Warning_(subject, text), request.quiet)
         seconds |= {**result["seconds"], "assign": time.perf_counter() - start}

@@ -208,14 +208,14 @@ def run_bake(
         "seams": dataclasses.asdict(seam_report),
         "skipped": count_skipped(needs, left_out, snapshot, facets, light, settings),
     }
-    left_over = earlier_bakes.find_left_over(job, files, atlas.page_count)
+    for text in earlier_bakes.describe_left_over(job, files, atlas.page_count):
+        tell(Warning_("", text))  # not in the note, for they may be gone when a bake is kept
     # What Blender is to make by the scene's view transform is not there yet, and its settings are no part of the job.
     if light.stopped_by != "interrupted" and not any(file.linear for file in files):
         try:
             kept_bake.note_bake(folder, snapshot, job, result, warnings, stateless)
         except OSError as reason:
             tell(Warning_("", f"this bake cannot be noted in {job.output} ({reason}), so the same bake will be done again"))
-    result["left_over"] = dataclasses.asdict(left_over)
     (folder / RESULT_FILE).write_text(json.dumps(result), encoding="utf-8")
     tell(Done(str(folder / RESULT_FILE), light.stopped_by == "interrupted"))
 

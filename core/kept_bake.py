@@ -71,7 +71,6 @@ def note_bake(
         "warnings": list(warnings),
         "stateless": stateless,
         "blend": _find_blend(job),
-        "pages": job.settings.atlas,
     }
     with np.load(folder / LAYOUT_FILE) as layout:
         arrays = {name: layout[name] for name in layout.files}
@@ -126,5 +125,4 @@ def find_kept_bake(snapshot: SceneSnapshot, job: Job) -> KeptBake | None:
         stateless = bool(header["stateless"])
     except (OSError, zipfile.BadZipFile, ValueError, EOFError, KeyError, TypeError, AttributeError):
         return None  # no note, or a damaged one: then the bake is done, which is what it would have saved
-    left_over: dict[str, list[str]] = {"own": [], "doubtful": []}  # nothing is written, and the last bake has told
-    return KeptBake({**result, "seconds": seconds, "skipped": skipped, "left_over": left_over}, warnings, layout, stateless)
+    return KeptBake({**result, "seconds": seconds, "skipped": skipped}, warnings, layout, stateless)

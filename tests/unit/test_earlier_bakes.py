@@ -1,14 +1,13 @@
-"""Whose images a bake writes over, and which pages of an earlier one it leaves over; what is not certain is never called our own."""
+"""Whose images a bake writes over, and which pages of an earlier one it leaves over."""
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from leaflight.core import bake, earlier_bakes, kept_bake
 from leaflight.core.earlier_bakes import find_others, read_notes
-from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.job import SNAPSHOT_FILE, Job
 from leaflight.core.messages import Status, Warning_
 from leaflight.core.scene import Light
 from leaflight.core.settings import Settings
@@ -25,7 +24,7 @@ PAGES = ["room_0.combined.exr", "room_1.combined.exr", "room_2.combined.exr"]
 
 @pytest.fixture
 def run(tmp_path):
-    """Bakes into one folder; gives what is left over, as names, and the messages."""
+    """Bakes into one folder; gives what is told of files that are left over, and the messages."""
     (tmp_path / "room.blend").touch()
     images = tmp_path / "images"
 
@@ -34,9 +33,7 @@ def run(tmp_path):
         Job(settings, str(images), name, blend=str(tmp_path / blend) if blend else "").save(tmp_path)
         messages = []
         bake.run_bake(tmp_path, messages.append, should_stop)
-        left = json.loads((tmp_path / RESULT_FILE).read_text())["left_over"]
-        assert all(Path(path).parent == images for path in left["own"] + left["doubtful"])
-        return {key: [Path(path).name for path in paths] for key, paths in left.items()}, messages
+        return [text for text in list_warnings(messages) if "no page of this bake" in text], messages
 
     return run
 
@@ -45,85 +42,69 @@ def list_warnings(messages):
     return [message.text for message in messages if isinstance(message, Warning_)]
 
 
-def test_pages_that_a_smaller_bake_has_no_more_are_left_over(run, tmp_path):
-    assert run(LARGE)[0] == {"own": [], "doubtful": []}
+def left_over(tmp_path, *names):
+    return f"{', '.join(names)} in {tmp_path / 'images'}: no page of this bake, but called like one; if nothing else uses it, delete it"
+
+
+def test_pages_that_a_smaller_bake_has_no_more_are_told_and_stay(run, tmp_path):
+    assert run(LARGE)[0] == []
     assert sorted(path.name for path in (tmp_path / "images").glob("*.exr")) == PAGES
-    assert run()[0] == {"own": PAGES[1:], "doubtful": []}
-    assert (tmp_path / "images" / PAGES[2]).is_file(), "nobody but Blender knows whether they are still used"
+    assert run()[0] == [left_over(tmp_path, *PAGES[1:])]
+    assert run(replace(QUICK, seed=2))[0] == [left_over(tmp_path, *PAGES[1:])], "as long as they are there"
+    (tmp_path / "images" / PAGES[2]).unlink()
+    assert run(replace(QUICK, seed=3))[0] == [left_over(tmp_path, PAGES[1])]
+    assert (tmp_path / "images" / PAGES[1]).is_file()
 
 
-def test_what_is_left_over_once_is_doubtful_later(run):
-    run(LARGE)
-    run()
-    assert run(replace(QUICK, seed=2))[0] == {"own": [], "doubtful": PAGES[1:]}, "the last note does not have it"
-
-
-def test_a_bake_that_is_stopped_leaves_over_what_a_whole_one_would(run):
+def test_a_bake_that_is_stopped_leaves_over_what_a_whole_one_would(run, tmp_path):
     run(LARGE)
     left, messages = run(replace(QUICK, error=1e-4, max_photons=10**9), should_stop=lambda: True)
     assert messages[-1].interrupted
-    assert left["own"] == PAGES[1:]
+    assert left == [left_over(tmp_path, *PAGES[1:])]
 
 
-def test_a_bake_that_is_kept_leaves_nothing_over(run, tmp_path):
+def test_a_bake_that_is_kept_tells_nothing_of_files_that_may_be_gone(run, tmp_path):
     run(LARGE)
     run()
     kept = kept_bake.find_kept_bake(SCENE, Job.load(tmp_path))
-    assert kept.result["left_over"] == {"own": [], "doubtful": []}
+    assert kept is not None
+    assert not any("no page of this bake" in text for _, text in kept.warnings)
 
 
-def test_images_of_other_passes_formats_and_names_are_nobodys_further_pages(run):
+def test_images_of_other_passes_formats_and_names_are_nobodys_further_pages(run, tmp_path):
     run(replace(LARGE, passes=("combined", "albedo"), formats=("exr", "hdr")))
     run(LARGE, "other")
-    assert run()[0] == {"own": PAGES[1:], "doubtful": []}
+    assert run()[0] == [left_over(tmp_path, *PAGES[1:])]
 
 
 @pytest.mark.parametrize(("first", "then"), [(replace(LARGE, atlas=False), QUICK), (LARGE, replace(QUICK, atlas=False))])
 def test_images_of_single_objects_are_nobodys_further_pages(run, first, then):
     run(first)
-    assert run(then)[0] == {"own": [], "doubtful": []}
+    assert run(then)[0] == []
 
 
-def test_single_objects_that_are_called_like_pages_are_doubtful(run, monkeypatch):
-    names = [replace(one, name=name) for one, name in zip(SCENE.objects, ("room_0", "room_1", "room_2"), strict=True)]
-    monkeypatch.setitem(globals(), "SCENE", replace(SCENE, objects=tuple(names)))
-    run(replace(LARGE, atlas=False))
-    assert run()[0] == {"own": [], "doubtful": PAGES[1:]}
-
-
-def _change(images, blend):
-    with open(images / PAGES[1], "ab") as file:
+def test_what_another_bake_has_noted_is_not_left_over_until_it_is_changed(run, tmp_path):
+    run(LARGE)
+    note = kept_bake.find_note(Job(QUICK, str(tmp_path / "images"), "room"))
+    note.with_name(".leaflight_other.npz").write_bytes(note.read_bytes())
+    with open(tmp_path / "images" / PAGES[1], "ab") as file:
         file.write(b"painted on")
+    assert run()[0] == [left_over(tmp_path, PAGES[1])]
 
 
-def _replace_by_link(images, blend):
-    (images / PAGES[1]).rename(images / "kept elsewhere.exr")
-    (images / PAGES[1]).symlink_to(images / "kept elsewhere.exr")
+def _lose_note(note):
+    note.unlink()
 
 
-def _lose_note(images, blend):
-    kept_bake.find_note(Job(QUICK, str(images), "room")).unlink()
+def _damage_note(note):
+    note.write_bytes(b"no archive")
 
 
-def _damage_note(images, blend):
-    kept_bake.find_note(Job(QUICK, str(images), "room")).write_bytes(b"no archive")
+def _lose_contents(note):
+    _rewrite(note, lambda header: header.update(contents=[]))
 
 
-def _forget_blend(images, blend):
-    _rewrite(images, lambda header: header.pop("blend"))
-
-
-def _lose_contents(images, blend):
-    _rewrite(images, lambda header: header.update(contents=[]))
-
-
-def _note_elsewhere(images, blend):
-    note = kept_bake.find_note(Job(QUICK, str(images), "room"))
-    note.with_name(".leaflight_copy.npz").write_bytes(note.read_bytes())
-
-
-def _rewrite(images, change):
-    note = kept_bake.find_note(Job(QUICK, str(images), "room"))
+def _rewrite(note, change):
     with np.load(note) as stored:
         arrays = dict(stored)
     header = json.loads(arrays["header"].tobytes())
@@ -131,38 +112,18 @@ def _rewrite(images, change):
     np.savez(note, **{**arrays, "header": np.frombuffer(json.dumps(header).encode(), np.uint8)})
 
 
-@pytest.mark.parametrize(
-    ("doubt", "is_own"),
-    [
-        (_change, [False, True]),
-        (_replace_by_link, [False, True]),
-        (_lose_note, [False, False]),
-        (_damage_note, [False, False]),
-        (_forget_blend, [False, False]),
-        (_lose_contents, [False, False]),
-        (_note_elsewhere, [False, False]),
-    ],
-)
-def test_what_is_not_certainly_our_own_is_doubtful(run, tmp_path, doubt, is_own):
+@pytest.mark.parametrize("harm", [_lose_note, _damage_note, _lose_contents])
+def test_what_is_left_over_is_told_without_a_note(run, tmp_path, harm):
     run(LARGE)
-    doubt(tmp_path / "images", tmp_path / "room.blend")
-    left = run()[0]
-    assert [name in left["own"] for name in PAGES[1:]] == is_own
-    assert [name in left["doubtful"] for name in PAGES[1:]] == [not one for one in is_own]
-
-
-@pytest.mark.parametrize("blends", [("room.blend", "copy.blend"), ("room.blend", ""), ("", "room.blend"), ("", "")])
-def test_pages_of_another_blend_or_of_none_are_doubtful(run, blends):
-    run(LARGE, blend=blends[0])
-    assert run(blend=blends[1])[0] == {"own": [], "doubtful": PAGES[1:]}
+    harm(kept_bake.find_note(Job(QUICK, str(tmp_path / "images"), "room")))
+    assert run()[0] == [left_over(tmp_path, *PAGES[1:])]
 
 
 def test_a_note_that_names_files_elsewhere_is_not_followed(run, tmp_path):
     run(LARGE)
-    (tmp_path / "mine.exr").write_bytes((tmp_path / "images" / PAGES[2]).read_bytes())
-    _rewrite(tmp_path / "images", lambda header: header["result"]["files"][2].update(path="../mine.exr"))
-    assert run()[0] == {"own": PAGES[1:2], "doubtful": PAGES[2:]}
-    assert [list(bake.files) for bake in read_notes(tmp_path / "images")] == [PAGES[:1]]
+    note = kept_bake.find_note(Job(QUICK, str(tmp_path / "images"), "room"))
+    _rewrite(note, lambda header: header["result"]["files"][2].update(path="../mine.exr"))
+    assert [list(bake.files) for bake in read_notes(tmp_path / "images")] == [PAGES[:2]]
 
 
 def test_images_of_another_blend_that_are_written_over_are_told_before_there_is_light(run, tmp_path):
@@ -206,7 +167,6 @@ def test_a_folder_that_is_moved_with_its_blend_is_the_same(run, tmp_path):
     (tmp_path / "room.blend").rename(moved / "room.blend")
     job = Job(QUICK, str(moved / "images"), "room", blend=str(moved / "room.blend"))
     assert find_others(job, PAGES) == {}
-    assert earlier_bakes.find_left_over(job, [], 1).own == []
     other = replace(job, blend=str(tmp_path / "room.blend"))
     assert find_others(other, PAGES) == {moved / "room.blend": PAGES}
 
