@@ -4,8 +4,11 @@ them; and copies of a mesh, which are unwrapped alike, need not be unwrapped aga
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, insort
+from collections.abc import Iterator
 from dataclasses import dataclass
 from hashlib import blake2b
+from operator import itemgetter
 from typing import TypeAlias
 
 import numpy as np
@@ -20,6 +23,7 @@ MAX_STRETCH = 2.0  # longest over shortest scale of an object's edges, as seen f
 MAX_SIZE_RATIO = 4.0  # to the object whose charts they are, either way; gaps are as wide as the smallest needs them
 _SAME_SHAPE = 1e-4  # of an object's size: copies' corners lie as near as that, as float32 leaves them far from their mesh's origin
 _SAMPLED_TRIANGLES = 1024
+_TRIANGLES_AT_ONCE = 1 << 14
 _SHORTEST = 1e-6  # of an object's longest edge; what is shorter counts as this long
 
 
@@ -75,26 +79,34 @@ def find_copies(snapshot: SceneSnapshot, tri_vertex: IntArray, objects: list[int
         alike.setdefault(blake2b(b"".join(part.astype(np.int64).tobytes() for part in parts)).digest(), []).append(i)
     copies: dict[int, tuple[int, float]] = {}
     for group in alike.values():
-        first: list[tuple[int, Float64, float]] = []  # of each shape
-        for i in group if len(group) > 1 else []:
-            shape, size = _measure_shape(snapshot.vertex_position[snapshot.tri_vertex[start[i] : start[i + 1]]])
-            size *= snapshot.objects[i].density_factor
-            same = (one for one in first if np.abs(shape - one[1]).max() <= _SAME_SHAPE)
-            leader = next(same, None)
-            if size > 0 and leader:
-                copies[i] = leader[0], size / leader[2]
+        first: list[tuple[float, int, Float64, float]] = []  # of each shape, in the order of the shapes' means, which are alike if they are
+        for i, shape, size in _measure_shapes(snapshot, start, group) if len(group) > 1 else []:
+            mean = float(shape.mean())
+            near = slice(*(bisect_left(first, mean + side, key=itemgetter(0)) for side in (-_SAME_SHAPE, _SAME_SHAPE)))
+            leaders = [one for one in first[near] if np.abs(shape - one[2]).max() <= _SAME_SHAPE]
+            if size > 0 and leaders:
+                _, leader, _, of_leader = min(leaders, key=itemgetter(1))
+                copies[i] = leader, size / of_leader
             elif size > 0:
-                first.append((i, shape, size))
+                insort(first, (mean, i, shape, size), key=itemgetter(0))
     return copies
 
 
-def _measure_shape(tri_position: FloatArray) -> tuple[Float64, float]:
-    """(n, 6) float64: lengths of the triangles' sides, and of their corners' ways to the middle of all, over the object's size; and
-    that: the root of its surface, m."""
-    size = float(triangle_normals_areas(tri_position)[1].sum()) ** 0.5
-    sides = np.linalg.norm(tri_position - np.roll(tri_position, 1, axis=1), axis=2)
-    ways = np.linalg.norm(tri_position - tri_position.mean(axis=(0, 1)), axis=2)
-    return np.concatenate([sides, ways], axis=1) / (size or 1.0), size
+def _measure_shapes(snapshot: SceneSnapshot, start: IntArray, group: list[int]) -> Iterator[tuple[int, Float64, float]]:
+    """Objects of as many triangles, each with (n, 6) float64: lengths of the triangles' sides, and of their corners' ways to the middle of
+    all, over the object's size; and that: the root of its surface, m, as texels count it."""
+    n_tri = int(start[group[0] + 1] - start[group[0]])
+    at_once = max(_TRIANGLES_AT_ONCE // n_tri, 1)
+    for first in range(0, len(group), at_once):
+        some = np.array(group[first : first + at_once])
+        position = snapshot.vertex_position[snapshot.tri_vertex[start[some][:, None] + np.arange(n_tri)]]
+        area = triangle_normals_areas(position.reshape(-1, 3, 3))[1].reshape(len(some), n_tri).sum(axis=1)
+        sides = np.linalg.norm(position - np.roll(position, 1, axis=2), axis=3)
+        ways = np.linalg.norm(position - position.mean(axis=(1, 2))[:, None, None], axis=3)
+        size = np.sqrt(area)
+        shape = np.concatenate([sides, ways], axis=2) / np.where(size > 0, size, 1.0)[:, None, None]
+        for k, i in enumerate(some.tolist()):
+            yield i, shape[k], float(size[k]) * snapshot.objects[i].density_factor
 
 
 def group_alike(log_length: Float64) -> list[list[int]]:

@@ -231,6 +231,7 @@ def run_probes(folder: Path, sizes: speed_probes.Sizes) -> list[Target]:
     few, many = sizes.unwrapped
     text = f"{few:,} -> {many:,} triangles of a bumpy ground, unwrapping, times ({ground['seconds']:.1f} s)"
     tell(Target.at_most(text, ground["ratio"], 6.0))
+    tell(Target.at_most(f"{sizes.objects:,} boxes, no two alike, unwrapping, s", speed_probes.unwrap_objects(sizes), 1.0))
     few, many = sizes.lights
     tell(Target.at_most(f"{few:,} -> {many:,} lights, the same 5 %, times", speed_probes.light_growth(folder / "lights", sizes), 3.0))
     tell(Target.at_most("start to first photon beyond importing bpy, s", speed_probes.start_seconds(sizes), 0.5))

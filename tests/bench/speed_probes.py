@@ -21,6 +21,7 @@ from boxes import prepare_folder, room_mesh
 from cycles_reference import SAMPLES
 from leaflight.addon.job import BakeProcess
 from leaflight.core import photons, rounds, sampling, unfolding, workers
+from leaflight.core.chart_search import find_charts
 from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.messages import Error
 from leaflight.core.rays import Hits, RayScene
@@ -28,7 +29,7 @@ from leaflight.core.scene import Light, Material, SceneSnapshot
 from leaflight.core.settings import Settings
 from leaflight.core.snapshot import save_snapshot
 from leaflight.core.unwrap import Unwrapping
-from scenes import grid_mesh, make_scene, moved
+from scenes import box_mesh, grid_mesh, make_scene, moved
 
 NEVER = 1e-4  # an error that no bake here comes to, so that the photons decide
 FIRST_PHOTON = "Tracing photons"  # what the command line says then
@@ -46,10 +47,11 @@ class Sizes:
     lights: tuple[int, int] = (1, 1_000)
     pages: tuple[int, int] = (1024, 4096)
     repeats: int = 3
+    objects: int = 1_000
 
 
 _Bake = tuple[SceneSnapshot, Settings]
-QUICK = Sizes(1 << 13, 300_000, 100_000, (200, 5_000), (200, 800), (1, 20), (64, 128), 1)
+QUICK = Sizes(1 << 13, 300_000, 100_000, (200, 5_000), (200, 800), (1, 20), (64, 128), 1, 20)
 
 
 def run_core(folder: Path, scene: SceneSnapshot, settings: Settings) -> dict[str, Any]:
@@ -169,6 +171,14 @@ def unwrap_growth(sizes: Sizes) -> dict[str, float]:
 
     few_s, many_s = (_least_seconds(lambda ground=ground: unwrap(ground), sizes.repeats) for ground in (few, many))
     return {"ratio": many_s / few_s, "seconds": many_s}
+
+
+def unwrap_objects(sizes: Sizes) -> float:
+    """Seconds to unwrap so many boxes, of which no two are alike."""
+    sides = np.random.default_rng(1).uniform(0.5, 2.0, (sizes.objects, 3))
+    scene = make_scene([moved(box_mesh(f"Box {k}", tuple(side)), (3.0 * k, 0.0, 0.0)) for k, side in enumerate(sides.tolist())])
+    unfolding.start_ahead()
+    return _least_seconds(lambda: find_charts(scene, True), sizes.repeats)
 
 
 def light_growth(folder: Path, sizes: Sizes) -> float:
