@@ -136,11 +136,14 @@ def _read_image(reader: ColorReader, port: Port) -> Color:
     if node.type == "TEX_ENVIRONMENT":
         reader.note(f"image {node.image.name} is replaced by its mean over the sphere")
         return Color(to_rgb(find_sphere_mean(pixels.pixels)))
-    vector = port.sibling("Vector")
-    mapping = None if node.projection != "FLAT" else read_mapping(vector)
+    mapping = read_mapping(port.sibling("Vector")) if node.projection in ("FLAT", "BOX") else None
     if mapping is None:
-        reader.note(f"image {node.image.name} is replaced by its mean, for no UV layer maps it")
+        reader.note(f"image {node.image.name} is replaced by its mean, for neither a UV layer nor positions map it")
         return Color(mean)
+    if node.projection == "BOX":
+        mapping = replace(mapping, box=True)
+        if node.projection_blend > 0.0:
+            reader.note(f"the sides of the box projection of image {node.image.name} are not blended")
     return Color(WHITE, reader.images.index(node.image, node.extension, node.interpolation == "Closest", alpha), mapping, mean)
 
 

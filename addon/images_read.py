@@ -104,6 +104,8 @@ def read_pixels(image: Any) -> ImagePixels | None:
         note = f"only the first tile of image {image.name} is used"
     elif encoded and space != "sRGB":
         note = f"colour space {space} of image {image.name} is read as sRGB"
+    elif not encoded and not image.is_float and not image.colorspace_settings.is_data and space != "Linear Rec.709":
+        note = f"colour space {space} of image {image.name} is read as Linear Rec.709"
     red, green, blue = (float(x) for x in color.mean(axis=(0, 1), dtype=np.float64))
     mean_alpha = 1.0 if alpha is None else float(alpha.mean(dtype=np.float64))
     return ImagePixels(_reduce(color), None if alpha is None else _reduce(alpha[..., None])[..., 0], (red, green, blue, mean_alpha), note)
