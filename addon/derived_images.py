@@ -18,7 +18,7 @@ Formula: TypeAlias = Callable[..., Array]
 
 MIXED = "textures that are mapped in different ways meet, so one of them counts by its mean"
 PAINTED = "what nodes make of its vertex colours is told by their mean"
-_BLOCK_TEXELS = 1 << 18  # at once, to bound memory
+_BLOCK_TEXELS = 1 << 16  # at once, to bound memory
 
 
 def derive(images: ImageTable, key: Hashable, formula: Formula, colors: Sequence[Color], name: str) -> tuple[Color, str]:
