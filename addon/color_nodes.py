@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .ies_profile import UNKNOWN, find_mean
 from .mix_nodes import read_mix
 from .node_colors import WHITE, Color, to_rgb
 from .node_formulas import MATH, Array, find_blackbody, from_hsv, lerp, shift_hsv, to_grey, to_hsv
@@ -185,6 +186,14 @@ def _read_falloff(reader: ColorReader, port: Port) -> Color:
     return _number(reader, port, "Strength")
 
 
+def _read_ies(reader: ColorReader, port: Port) -> Color:
+    """As much light as the profile has, in all directions alike."""
+    mean = find_mean(port.node)
+    told = "is taken as even in all directions" if mean is not None else "has no IES file of type C that can be read"
+    reader.note(f"{describe(port.node)} {told}")
+    return _number(reader, port, "Strength").times(UNKNOWN if mean is None else mean)
+
+
 _FUNCTIONS: dict[str, Callable[[ColorReader, Port], Color]] = {
     "HUE_SAT": _read_hue,
     "GAMMA": _read_gamma,
@@ -204,4 +213,5 @@ _FUNCTIONS: dict[str, Callable[[ColorReader, Port], Color]] = {
     "CLAMP": _read_clamp,
     "BLACKBODY": _read_blackbody,
     "LIGHT_FALLOFF": _read_falloff,
+    "TEX_IES": _read_ies,
 }
