@@ -147,6 +147,13 @@ def _read_image(reader: ColorReader, port: Port) -> Color:
     return Color(WHITE, reader.images.index(node.image, node.extension, node.interpolation == "Closest", alpha), mapping, mean)
 
 
+def _read_sky(reader: ColorReader, port: Port) -> Color:
+    reader.note(
+        f"{describe(port.node)} {REPLACED_BY_GREY}, and a clear sky may be 20 times as bright; take a colour and a sun lamp in its place"
+    )
+    return Color(TEXTURE_COLOR)
+
+
 def _read_attribute(reader: ColorReader, port: Port) -> Color:
     """A colour attribute of the mesh; black where it has none, as in Cycles."""
     node = port.node
@@ -203,6 +210,7 @@ def _value_rgb(socket: Any, default: Rgb) -> Rgb:
 _COLOR_READERS: dict[str, Callable[[ColorReader, Port], Color]] = {
     "TEX_IMAGE": _read_image,
     "TEX_ENVIRONMENT": _read_image,
+    "TEX_SKY": _read_sky,
     "VERTEX_COLOR": _read_attribute,
     "ATTRIBUTE": _read_attribute,
     "RGB": _read_output_value,
