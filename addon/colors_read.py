@@ -10,7 +10,7 @@ import numpy as np
 
 from .color_attributes import ColorLayer, ColorTable, Faces
 from .color_nodes import read_function
-from .derived_images import Formula, derive, lie_alike
+from .derived_images import AT_CORNERS, Formula, derive, derive_painted, lie_alike
 from .images_read import ImageTable, find_sphere_mean
 from .node_colors import BLACK, GREY, WHITE, Color, Rgb, add_rgb, find_brightness, to_rgb
 from .node_formulas import lerp, to_grey
@@ -86,6 +86,11 @@ class ColorReader:
     def derive(self, port: Port, formula: Formula, colors: Sequence[Color], what: str = "") -> Color:
         """What a formula makes of colours on the node of a port; `what` tells several formulas of one node."""
         key = (port.node.as_pointer(), port.socket.identifier, what)
+        layer = derive_painted(key, formula, colors)
+        found = self.faces.find_range(layer) if layer and self.faces is not None else None
+        if layer and found and self.colors:
+            self.note(AT_CORNERS)
+            return Color(WHITE, self.colors.index(), layer, to_rgb(found[1]))
         color, replaced = derive(self.images, key, formula, colors, port.node.label or port.node.name)
         if replaced:
             self.note(replaced)

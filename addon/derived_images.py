@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Hashable, Sequence
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -17,6 +18,7 @@ from .node_formulas import Array
 Formula: TypeAlias = Callable[..., Array]
 
 MIXED = "textures that are mapped in different ways meet, so one of them counts by its mean"
+AT_CORNERS = "what nodes make of its vertex colours is told at the corners of its faces"
 PAINTED = "what nodes make of its vertex colours is told by their mean"
 _BLOCK_TEXELS = 1 << 16  # at once, to bound memory
 
@@ -46,12 +48,26 @@ def derive(images: ImageTable, key: Hashable, formula: Formula, colors: Sequence
     return Color((1.0, 1.0, 1.0), known, place[0], to_rgb(mean)), note
 
 
+def derive_painted(key: Hashable, formula: Formula, colors: Sequence[Color]) -> ColorLayer | None:
+    """The layer of what a formula makes of vertex colours and constants; None where something else is among them."""
+    layers = {color.mapping for color in colors if color.image >= 0}
+    layer = next(iter(layers), None)
+    if len(layers) != 1 or not isinstance(layer, ColorLayer):
+        return None
+
+    def made(rgb: Array) -> Array:
+        painted = rgb if layer.formula is None else layer.formula(rgb)
+        return formula(*(np.asarray(color.rgb) * (painted if color.image >= 0 else 1.0) for color in colors))
+
+    return replace(layer, key=(layer.key, key, tuple(colors)), formula=made)
+
+
 def lie_alike(images: ImageTable, first: Color, second: Color) -> bool:
     """Whether the texels of two colours lie on each other, as those of a constant do on any texture."""
     textured = [color for color in (first, second) if color.image >= 0]
-    return (
-        not any(isinstance(color.mapping, ColorLayer) for color in textured) and len({_find_place(images, color) for color in textured}) < 2
-    )
+    if any(isinstance(color.mapping, ColorLayer) for color in textured):
+        return len({color.mapping for color in textured}) == 1
+    return len({_find_place(images, color) for color in textured}) < 2
 
 
 def _evaluate_constants(formula: Formula, values: Sequence[tuple[float, float, float]]) -> tuple[float, float, float]:

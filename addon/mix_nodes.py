@@ -25,7 +25,10 @@ def read_mix(reader: ColorReader, port: Port) -> Color:
     fraction = reader.read_factor(port.sibling(names[0]), 0.5)
     first, second = read(port.sibling(names[1]), WHITE), read(port.sibling(names[2]), WHITE)
     blend_type, clamps, clamps_result = _read_options(node)
-    if any(isinstance(color.mapping, ColorLayer) for color in (first, second, fraction) if color.image >= 0):
+    layers = {color.mapping for color in (first, second, fraction) if color.image >= 0}
+    if len(layers) > 1 and any(isinstance(layer, ColorLayer) for layer in layers):
+        if fraction.image >= 0:
+            reader.note(f"the factor of {describe(node)} is replaced by its mean")
         return _mix_painted(reader, port, first, second, min(max(fraction.mean[0], 0.0), 1.0))
     if fraction.image < 0 and not clamps_result and blend_type in ("MIX", "MULTIPLY"):
         part = min(max(fraction.rgb[0], 0.0), 1.0) if clamps else fraction.rgb[0]

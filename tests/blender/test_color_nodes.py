@@ -6,7 +6,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from leaflight.addon import derived_images
-from leaflight.addon.derived_images import MIXED, PAINTED
+from leaflight.addon.derived_images import AT_CORNERS, MIXED
 from leaflight.addon.export_scene import export_scene
 from leaflight.addon.materials_read import MaterialTable
 from leaflight.addon.node_colors import Color
@@ -252,17 +252,50 @@ def test_a_large_image_is_made_in_blocks(monkeypatch):
     assert expected[0] == pytest.approx(1.0 - table.images[picture.image].pixels)
 
 
-def test_vertex_colors_are_scaled_to_the_mean_of_what_nodes_make_of_them():
-    paint = Paint()
+def paint_corners(paint):
+    """(4, 3) random colours at the corners of the square."""
     layer = paint.obj.data.color_attributes.new("Col", "FLOAT_COLOR", "CORNER")
     layer.data.foreach_set("color", np.random.default_rng(3).random(16).astype(np.float32))
-    gamma = paint.add("Gamma")
-    paint.feed(paint.emission, Color=paint.feed(gamma, Color=paint.add("VertexColor", layer_name="Col").outputs[0], Gamma=2.0))
-    result = export_scene(bpy.context)
     rgba = np.empty((4, 4), np.float32)
     layer.data.foreach_get("color", rgba.ravel())
-    mean = rgba[[0, 1, 2, 0, 2, 3], :3].mean(axis=0)  # of its two triangles, of the same area
+    return rgba[:, :3]
+
+
+def test_nodes_of_vertex_colors_are_told_at_the_corners():
+    paint = Paint()
+    rgb = paint_corners(paint)
+    inverted = paint.feed(paint.add("Invert"), Color=paint.add("VertexColor", layer_name="Col").outputs[0], Fac=1.0)
+    paint.feed(paint.emission, Color=paint.feed(paint.add("Gamma"), Color=inverted, Gamma=2.0), Strength=3.0)
+    result = export_scene(bpy.context)
+    scene, material = result.snapshot, result.snapshot.materials[0]
+    assert any(AT_CORNERS in text for _, text in result.warnings)
+    pixels = scene.images[material.emission_image].pixels
+    place = (scene.tri_emission_uv * (pixels.shape[1], pixels.shape[0]) - 0.5).round().astype(int)
+    shown = pixels[place[..., 1], place[..., 0]] * np.array(material.emission_rgb)
+    assert shown == pytest.approx(3.0 * (1.0 - rgb[scene.tri_corner]) ** 2, abs=1e-3)
+
+
+def test_a_painted_factor_mixes_two_colors_at_the_corners():
+    paint = Paint()
+    rgb = paint_corners(paint)
+    mix = paint.add("Mix", data_type="RGBA", blend_type="MIX")
+    painted = paint.add("VertexColor", layer_name="Col").outputs[0]
+    paint.feed(paint.emission, Color=paint.feed(mix, Factor=painted, A=(1.0, 0.5, 0.0), B=(0.0, 0.25, 1.0)))
+    scene = export_scene(bpy.context).snapshot
+    pixels = scene.images[scene.materials[0].emission_image].pixels
+    place = (scene.tri_emission_uv * (pixels.shape[1], pixels.shape[0]) - 0.5).round().astype(int)
+    part = (rgb[scene.tri_corner] @ (0.2126, 0.7152, 0.0722))[..., None]
+    assert pixels[place[..., 1], place[..., 0]] == pytest.approx((1 - part) * (1.0, 0.5, 0.0) + part * (0.0, 0.25, 1.0), abs=1e-3)
+
+
+def test_vertex_colors_that_meet_an_image_are_scaled_to_a_mean():
+    paint = Paint()
+    rgb = paint_corners(paint)
+    colors = [paint.add("VertexColor", layer_name="Col").outputs[0], paint.image()]
+    mix = paint.add("Mix", data_type="RGBA", blend_type="MIX")
+    paint.feed(paint.emission, Color=paint.feed(mix, Factor=colors[0], A=colors[1].outputs[0], B=(0.0, 0.0, 0.0)))
+    result = export_scene(bpy.context)
     material = result.snapshot.materials[0]
-    assert any(PAINTED in text for _, text in result.warnings)
-    assert material.emission_image >= 0
-    assert material.emission_rgb == pytest.approx(tuple(mean), rel=1e-4)  # mean ** 2 / mean
+    mean = rgb[[0, 1, 2, 0, 2, 3]].mean(axis=0) @ (0.2126, 0.7152, 0.0722)
+    assert any("factor of node Mix is replaced by its mean" in text for _, text in result.warnings)
+    assert material.emission_rgb == pytest.approx((1.0 - mean,) * 3, rel=0.03)  # the image keeps its detail
