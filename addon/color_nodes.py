@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .colors_read import ColorReader
 
 TABLE_SIZE = 257  # of ramps and curves, as in Cycles
+_BY_COMPONENT = ("ADD", "SUBTRACT", "MULTIPLY", "DIVIDE", "MULTIPLY_ADD", "MINIMUM", "MAXIMUM", "FLOOR", "CEIL", "MODULO", "ABSOLUTE")
 _CHANNELS = {"Green": 1, "G": 1, "Blue": 2, "B": 2}  # by an output's identifier; red is 0
 
 
@@ -87,6 +88,18 @@ def _read_curves(reader: ColorReader, port: Port) -> Color:
     return reader.derive(port, formula, [_color(reader, port, "Color"), _fraction(reader, port)])
 
 
+def _read_float_curve(reader: ColorReader, port: Port) -> Color:
+    mapping = port.node.mapping
+    mapping.initialize()
+    place = np.linspace(0.0, 1.0, TABLE_SIZE)
+    table = np.array([mapping.evaluate(mapping.curves[0], x) for x in place])
+
+    def formula(value: Array, fraction: Array) -> Array:
+        return lerp(value, np.interp(value, place, table), fraction)
+
+    return reader.derive(port, formula, [_number(reader, port, "Value"), _number(reader, port, "Factor")])
+
+
 def _read_ramp(reader: ColorReader, port: Port) -> Color:
     """A ramp over what is known; of a procedural texture the mean of the ramp."""
     ramp, source = port.node.color_ramp, port.sibling("Fac")
@@ -146,6 +159,17 @@ def _read_math(reader: ColorReader, port: Port) -> Color:
     return reader.derive(port, formula, values)
 
 
+def _read_vector_math(reader: ColorReader, port: Port) -> Color:
+    """Of operations that work component by component."""
+    node = port.node
+    if node.operation == "SCALE":
+        return reader.derive(port, np.multiply, [_color(reader, port, "Vector"), _number(reader, port, "Scale")])
+    operation = MATH.get(node.operation) if node.operation in _BY_COMPONENT else None
+    if operation is None:
+        return reader.read_unknown(port)
+    return reader.derive(port, operation, [reader.read_color(port.sibling(one.identifier), WHITE) for one in node.inputs if one.enabled])
+
+
 def _read_range(reader: ColorReader, port: Port) -> Color:
     node = port.node
     if node.data_type != "FLOAT":
@@ -201,12 +225,14 @@ _FUNCTIONS: dict[str, Callable[[ColorReader, Port], Color]] = {
     "BRIGHTCONTRAST": _read_contrast,
     "RGBTOBW": _read_grey,
     "CURVE_RGB": _read_curves,
+    "CURVE_FLOAT": _read_float_curve,
     "VALTORGB": _read_ramp,
     "SEPARATE_COLOR": _read_separate,
     "SEPRGB": _read_separate,
     "COMBINE_COLOR": _read_combine,
     "COMBRGB": _read_combine,
     "MATH": _read_math,
+    "VECT_MATH": _read_vector_math,
     "MIX": read_mix,
     "MIX_RGB": read_mix,
     "MAP_RANGE": _read_range,

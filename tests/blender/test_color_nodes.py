@@ -174,6 +174,29 @@ def test_math(operation):
     paint.check(node.outputs[0])
 
 
+@pytest.mark.parametrize(
+    "operation", ["SCALE", "ADD", "SUBTRACT", "MULTIPLY", "DIVIDE", "MULTIPLY_ADD", "MINIMUM", "MODULO", "ABSOLUTE", "FLOOR"]
+)
+def test_vector_math(operation):
+    paint = Paint()
+    node = paint.add("VectorMath", operation=operation)
+    used = [socket for socket in node.inputs if socket.enabled]
+    paint.tree.links.new(paint.image().outputs[0], used[0])
+    for socket in used[1:]:
+        socket.default_value = (0.7, 0.4, 0.2) if socket.type == "VECTOR" else 0.3
+    paint.check(node.outputs["Vector"])
+
+
+def test_float_curve():
+    paint = Paint()
+    node = paint.add("FloatCurve")
+    node.mapping.curves[0].points[1].location = (1.0, 0.4)
+    node.mapping.update()
+    node.inputs[0].default_value = 0.8
+    paint.tree.links.new(paint.image().outputs[0], node.inputs[1])
+    paint.check(node.outputs[0])
+
+
 def test_numbers_of_an_image_mapped_clamped_mixed_parted_and_joined():
     paint = Paint()
     parted = paint.add("SeparateColor")
