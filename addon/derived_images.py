@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core.scene import TextureImage
 from .color_attributes import ColorLayer
-from .images_read import ImageTable
+from .images_read import MAX_TEXTURE_SIDE_TEXELS, ImageTable
 from .node_colors import Color, to_rgb
 from .node_formulas import Array
 
@@ -20,7 +20,10 @@ Formula: TypeAlias = Callable[..., Array]
 MIXED = "textures that are mapped in different ways meet, so one of them counts by its mean"
 AT_CORNERS = "what nodes make of its vertex colours is told at the corners of its faces"
 PAINTED = "what nodes make of its vertex colours is told by their mean"
+COARSE = "nodes make so many textures that some of them are coarser"
 _BLOCK_TEXELS = 1 << 16  # at once, to bound memory
+_MOST_TEXELS = 1 << 27  # of all such images, 1.6 GB; one for each object, as an object's colour makes them, would know no bounds
+_COARSE_SIDE = 256  # of those beyond
 
 
 def derive(images: ImageTable, key: Hashable, formula: Formula, colors: Sequence[Color], name: str) -> tuple[Color, str]:
@@ -41,10 +44,14 @@ def derive(images: ImageTable, key: Hashable, formula: Formula, colors: Sequence
     note = MIXED if sum(here) < len(textured) else ""
     kept = tuple(color if ours else Color(color.mean) for color, ours in zip(colors, here, strict=True))
     known = images.find_derived((key, kept))
+    sources = [images.images[color.image] if color.image >= 0 else None for color in kept]
     if known is None:
-        sources = [images.images[color.image] if color.image >= 0 else None for color in kept]
-        known = images.add_derived((key, kept), _make_image(formula, kept, sources, name))
-    mean = images.images[known].pixels.mean(axis=(0, 1), dtype=np.float64)
+        most = _COARSE_SIDE if images.derived_texels > _MOST_TEXELS else MAX_TEXTURE_SIDE_TEXELS
+        known = images.add_derived((key, kept), _make_image(formula, kept, sources, name, most))
+    pixels = images.images[known].pixels
+    if any(source is not None and source.pixels.size > pixels.size for source in sources):
+        note = note or COARSE
+    mean = pixels.mean(axis=(0, 1), dtype=np.float64)
     return Color((1.0, 1.0, 1.0), known, place[0], to_rgb(mean)), note
 
 
@@ -88,10 +95,10 @@ def _scale_painted(formula: Formula, colors: Sequence[Color], painted: Color) ->
     return painted.times((factors[0], factors[1], factors[2]))
 
 
-def _make_image(formula: Formula, colors: Sequence[Color], sources: Sequence[TextureImage | None], name: str) -> TextureImage:
-    """The formula at each texel, of as many rows and columns as the largest source has."""
+def _make_image(formula: Formula, colors: Sequence[Color], sources: Sequence[TextureImage | None], name: str, most: int) -> TextureImage:
+    """The formula at each texel, of as many rows and columns as the largest source has, but no more than `most`."""
     found = [source for source in sources if source is not None]
-    height, width = (max(source.pixels.shape[axis] for source in found) for axis in (0, 1))
+    height, width = (min(max(source.pixels.shape[axis] for source in found), most) for axis in (0, 1))
     pixels = np.empty((height, width, 3), np.float32)
     step = max(_BLOCK_TEXELS // width, 1)
     for low in range(0, height, step):
@@ -108,7 +115,7 @@ def _make_image(formula: Formula, colors: Sequence[Color], sources: Sequence[Tex
 
 
 def _sample(source: TextureImage, rows: Array, height: int, width: int) -> Array:
-    """(n_row, width, 3) of a source at these rows of a finer grid, bilinear."""
+    """(n_row, width, 3) of a source at these rows of another grid, bilinear."""
     pixels = source.pixels
     if pixels.shape[:2] == (height, width):
         return pixels[rows]

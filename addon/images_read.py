@@ -39,6 +39,7 @@ class ImageTable:
         self.images: list[TextureImage] = []
         self._index: dict[tuple[int, str, bool, bool], int] = {}
         self._derived: dict[Hashable, int] = {}
+        self.derived_texels = 0
         self._pixels: dict[int, ImagePixels | None] = {}
 
     def read(self, image: Any) -> ImagePixels | None:
@@ -59,6 +60,7 @@ class ImageTable:
     def add_derived(self, key: Hashable, image: TextureImage) -> int:
         """Where an image made of others is in `images` from now on."""
         self._derived[key] = self.add(image)
+        self.derived_texels += image.pixels.shape[0] * image.pixels.shape[1]
         return self._derived[key]
 
     def keep(self, used: Iterable[int]) -> dict[int, int]:

@@ -275,6 +275,19 @@ def test_a_large_image_is_made_in_blocks(monkeypatch):
     assert expected[0] == pytest.approx(1.0 - table.images[picture.image].pixels)
 
 
+def test_very_many_textures_made_by_nodes_are_coarser(monkeypatch):
+    """As an object's colour makes one for each object."""
+    monkeypatch.setattr(derived_images, "_MOST_TEXELS", 100)
+    monkeypatch.setattr(derived_images, "_COARSE_SIDE", 4)
+    table = derived_images.ImageTable()
+    pixels = np.linspace(0.0, 1.0, 12 * 8 * 3, dtype=np.float32).reshape(12, 8, 3)
+    picture = Color((1.0, 1.0, 1.0), table.add(TextureImage("a", pixels)))
+    made = [derived_images.derive(table, number, lambda color: 1.0 - color, [picture], "inverted") for number in range(3)]
+    assert [table.images[color.image].pixels.shape[:2] for color, _ in made] == [(12, 8), (12, 8), (4, 4)]
+    assert [told for _, told in made] == ["", "", derived_images.COARSE]
+    assert made[2][0].mean == pytest.approx(made[0][0].mean, rel=0.02)
+
+
 def paint_corners(paint):
     """(4, 3) random colours at the corners of the square."""
     layer = paint.obj.data.color_attributes.new("Col", "FLOAT_COLOR", "CORNER")
