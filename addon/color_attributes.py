@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -20,19 +21,30 @@ _CORNER_TEXEL = np.array([(0.5, 0.5), (1.5, 0.5), (0.5, 1.5)])  # where a block 
 
 @dataclass(frozen=True)
 class ColorLayer:
-    """A colour attribute ("" the one active for render), and what a node gives of it: Color, Fac or Alpha."""
+    """A colour attribute ("" the one active for render), and what a node gives of it: Color, Fac or Alpha.
+
+    formula   what other nodes make of that, (..., 3) to (..., 3); key tells it from others
+    """
 
     name: str
     output: str = "Color"
+    key: Hashable = None
+    formula: Callable[[FloatArray], FloatArray] | None = field(default=None, compare=False)
 
     def find(self, local: LocalMesh) -> NDArray[np.float32] | None:
         """(n_corner, 3) float32, linear; None where the mesh has no such colours."""
         rgba = local.colors.get(self.name)
-        if rgba is None or self.output not in ("Fac", "Alpha"):
-            return None if rgba is None else rgba[:, :3]
+        if rgba is None:
+            return None
+        rgb = rgba[:, :3]
         if self.output == "Alpha":
-            return np.repeat(rgba[:, 3:], 3, axis=1)
-        return np.repeat(rgba[:, :1] if self.name in local.short else rgba[:, :3].mean(axis=1, keepdims=True), 3, axis=1)
+            rgb = np.repeat(rgba[:, 3:], 3, axis=1)
+        elif self.output == "Fac":
+            rgb = np.repeat(rgba[:, :1] if self.name in local.short else rgb.mean(axis=1, keepdims=True), 3, axis=1)
+        if self.formula is None:
+            return rgb
+        with np.errstate(all="ignore"):
+            return np.nan_to_num(self.formula(rgb), posinf=0.0, neginf=0.0).astype(np.float32)
 
 
 @dataclass(frozen=True)

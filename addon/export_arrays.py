@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.scene import IntArray
+from ..core.scene import FloatArray, IntArray
 from .color_attributes import ColorLayer, Faces
 from .export_mesh import LocalMesh, WorldMesh, place_mesh
 from .export_pieces import CURVE, OWN, Piece
 from .materials_read import MaterialTable
 from .render_levels import Warnings
-from .texture_mapping import UvMapping
+from .texture_mapping import OBJECT, UV, WORLD, UvMapping
 
 
 @dataclass(frozen=True)
@@ -94,11 +94,35 @@ def _texture_uv(
     """Texture coordinates of triangles' corners; without the layer the texture's origin, as in Cycles."""
     if isinstance(mapping, ColorLayer):
         return materials.colors.place(local, mapping, corner)
-    layer = local.layers.get(mapping.layer or local.render_layer)
-    if layer is None:
+    if mapping.space != UV:
+        coordinates = _find_positions(piece, local, mapping.space)[local.corner_vertex[corner]]
+    elif (layer := local.layers.get(mapping.layer or local.render_layer)) is not None:
+        coordinates = layer[corner]
+    else:
         what = f"UV layer {mapping.layer}" if mapping.layer else "UV layer"
         warnings.append((piece.source.name, f"has no {what}, so its texture shows one colour everywhere"))
-        uv = np.zeros((*corner.shape, 2))
-    else:
-        uv = layer[corner]
-    return np.nan_to_num(mapping.apply(uv)).astype(np.float32)
+        coordinates = np.zeros((*corner.shape, 2))
+    normal = _find_normals(local, corner, piece.matrix) if mapping.box else None
+    return np.nan_to_num(mapping.apply(coordinates, normal)).astype(np.float32)
+
+
+def _find_positions(piece: Piece, local: LocalMesh, space: str) -> FloatArray:
+    """(n_vertex, 3) float64: what a texture's mapping counts as the place of each vertex."""
+    if space == OBJECT:
+        return local.position
+    if space == WORLD:
+        return local.position @ piece.matrix[:3, :3].T + piece.matrix[:3, 3]
+    mesh, own = piece.evaluated.data, piece.evaluated.original.data
+    if hasattr(own, "vertices") and len(own.vertices) == len(local.position):
+        mesh = own  # as it is before modifiers move it
+    place = np.empty(local.position.shape, np.float32)
+    mesh.vertices.foreach_get("undeformed_co", place.reshape(-1))
+    low = np.array(mesh.texspace_location) - np.array(mesh.texspace_size)
+    size = 2.0 * np.array(mesh.texspace_size)
+    return np.where(size > 0.0, (place - low) / np.where(size > 0.0, size, 1.0), 0.5)
+
+
+def _find_normals(local: LocalMesh, corner: IntArray, matrix: FloatArray) -> FloatArray:
+    """(n, 3) float64: of triangles in the object's space, not unit; a mirroring matrix has turned the order of their corners."""
+    one, two, three = np.moveaxis(local.position[local.corner_vertex[corner]], 1, 0)
+    return np.cross(two - one, three - one) * (-1.0 if np.linalg.det(matrix[:3, :3]) < 0.0 else 1.0)

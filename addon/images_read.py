@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,11 +21,13 @@ class ImagePixels:
     """An image as the renderer sees it.
 
     pixels   (height, width, 3) float32, linear Rec.709, row 0 at the bottom
+    alpha    (height, width) float32, None where it is 1 everywhere
     mean     RGBA over the image
     note     what of it was replaced, "" nothing
     """
 
     pixels: NDArray[np.float32]
+    alpha: NDArray[np.float32] | None
     mean: tuple[float, float, float, float]
     note: str
 
@@ -34,7 +37,9 @@ class ImageTable:
 
     def __init__(self) -> None:
         self.images: list[TextureImage] = []
-        self._index: dict[tuple[int, str, bool], int] = {}
+        self._index: dict[tuple[int, str, bool, bool], int] = {}
+        self._derived: dict[Hashable, int] = {}
+        self.derived_texels = 0
         self._pixels: dict[int, ImagePixels | None] = {}
 
     def read(self, image: Any) -> ImagePixels | None:
@@ -48,15 +53,32 @@ class ImageTable:
         self.images.append(image)
         return len(self.images) - 1
 
-    def index(self, image: Any, extension: str, closest: bool) -> int:
-        """Where the image is in `images`; it must have been read."""
+    def find_derived(self, key: Hashable) -> int | None:
+        """Where an image that was made of others is in `images`."""
+        return self._derived.get(key)
+
+    def add_derived(self, key: Hashable, image: TextureImage) -> int:
+        """Where an image made of others is in `images` from now on."""
+        self._derived[key] = self.add(image)
+        self.derived_texels += image.pixels.shape[0] * image.pixels.shape[1]
+        return self._derived[key]
+
+    def keep(self, used: Iterable[int]) -> dict[int, int]:
+        """Leave out the images that no material shows, such as those between two nodes; gives where the others are now."""
+        place = {index: number for number, index in enumerate(sorted(set(used)))}
+        self.images = [self.images[index] for index in place]
+        return place
+
+    def index(self, image: Any, extension: str, closest: bool, alpha: bool = False) -> int:
+        """Where the image, or its alpha as a grey one, is in `images`; it must have been read."""
         extension = extension if extension in _EXTENSIONS else "REPEAT"
-        key = (image.session_uid, extension, closest)
+        key = (image.session_uid, extension, closest, alpha)
         if key not in self._index:
             pixels = self._pixels[image.session_uid]
             assert pixels is not None
             self._index[key] = len(self.images)
-            self.images.append(TextureImage(image.name, pixels.pixels, extension, closest))
+            shown = pixels.pixels if not alpha or pixels.alpha is None else np.repeat(pixels.alpha[..., None], 3, axis=2)
+            self.images.append(TextureImage(image.name, shown, extension, closest))
         return self._index[key]
 
 
@@ -71,7 +93,7 @@ def read_pixels(image: Any) -> ImagePixels | None:
     if not was_loaded and not image.is_dirty and image.source == "FILE":
         image.buffers_free()  # memory as it was
     stored = flat.reshape(height, width, image.channels)
-    alpha = stored[..., 3] if image.channels == 4 else np.ones((1, 1), np.float32)
+    alpha = np.nan_to_num(stored[..., 3]) if image.channels == 4 and stored[..., 3].min() < 1.0 else None
     color = stored[..., :3] if image.channels >= 3 else np.repeat(stored[..., :1], 3, axis=2)
     color = np.nan_to_num(color, nan=0.0, posinf=0.0, neginf=0.0)
     space = image.colorspace_settings.name
@@ -84,8 +106,11 @@ def read_pixels(image: Any) -> ImagePixels | None:
         note = f"only the first tile of image {image.name} is used"
     elif encoded and space != "sRGB":
         note = f"colour space {space} of image {image.name} is read as sRGB"
+    elif not encoded and not image.is_float and not image.colorspace_settings.is_data and space != "Linear Rec.709":
+        note = f"colour space {space} of image {image.name} is read as Linear Rec.709"
     red, green, blue = (float(x) for x in color.mean(axis=(0, 1), dtype=np.float64))
-    return ImagePixels(_reduce(color), (red, green, blue, float(alpha.mean(dtype=np.float64))), note)
+    mean_alpha = 1.0 if alpha is None else float(alpha.mean(dtype=np.float64))
+    return ImagePixels(_reduce(color), None if alpha is None else _reduce(alpha[..., None])[..., 0], (red, green, blue, mean_alpha), note)
 
 
 def find_sphere_mean(pixels: NDArray[np.float32]) -> NDArray[np.float64]:

@@ -14,10 +14,10 @@ import numpy as np
 from ..core.scene import FloatArray, Light
 from .colors_read import ColorReader
 from .images_read import ImageTable
-from .materials_read import read_shader
 from .node_colors import BLACK, Rgb, multiply_rgb, to_rgb
 from .node_ports import find_surface, uses_nodes
 from .render_levels import Warnings
+from .shaders_read import read_shader
 
 _ELLIPSES = ("DISK", "ELLIPSE")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -14,15 +13,6 @@ Rgb: TypeAlias = tuple[float, float, float]
 WHITE: Rgb = (1.0, 1.0, 1.0)
 BLACK: Rgb = (0.0, 0.0, 0.0)
 GREY: Rgb = (0.8, 0.8, 0.8)  # of a surface without a material, and of a new one
-
-MATH: dict[str, Callable[[float, float], float]] = {  # by the operation of a Math node
-    "ADD": lambda a, b: a + b,
-    "SUBTRACT": lambda a, b: a - b,
-    "MULTIPLY": lambda a, b: a * b,
-    "DIVIDE": lambda a, b: a / b if b else 0.0,
-    "MINIMUM": min,
-    "MAXIMUM": max,
-}
 
 
 @dataclass(frozen=True)

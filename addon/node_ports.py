@@ -62,6 +62,10 @@ def _find_identifier(sockets: Any, wanted: Any) -> Any:
     return next((socket for socket in sockets if socket.identifier == wanted.identifier), None)
 
 
+def describe(node: Any) -> str:
+    return f"node {node.label or node.name}"
+
+
 def uses_nodes(owner: Any) -> bool:
     """Whether a material, light or world is described by its nodes."""
     with warnings.catch_warnings():

@@ -212,8 +212,19 @@ class EmitterPool:
         near = np.flatnonzero(self.constant[cell] & ((middle * middle).sum(axis=1) < _NEAR * self.area[cell]))
         looking, corners = receivers.rows(near), self.scene.corner_unit[self.cells.tri[cell[near]]]
         height = ((corners - looking.position[:, None]) * looking.normal[:, None]).sum(axis=2)
-        # A triangle that the horizon cuts keeps the weight of its point: the closed form leaves out what points below it would carry.
+        # A triangle that the horizon cuts sends as much from its part above, and less often: its points below carry nothing.
         # Corners that it shares with the receiver's own face lie on the horizon, to rounding.
         whole = (height > -_ON_HORIZON * np.sqrt(self.area[cell[near]])[:, None]).all(axis=1)
-        near, looking = near[whole], looking.rows(np.flatnonzero(whole))
-        weight[near] = np.abs(polygon_irradiance(corners[whole], looking.position, looking.normal))
+        share = np.where(whole, 1.0, _share_above(height))
+        told = whole | ((weight[near] > 0) & (share > 0))
+        near, looking = near[told], looking.rows(np.flatnonzero(told))
+        weight[near] = np.abs(polygon_irradiance(corners[told], looking.position, looking.normal)) / share[told]
+
+
+def _share_above(height: FloatArray) -> Float64:
+    """(n,) float64: share of triangles' area above the horizon, by the heights of their corners (n, 3)."""
+    low, middle, high = np.sort(height.astype(np.float64), axis=1).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        below = np.where(middle > 0, low**2 / ((low - middle) * (low - high)), 1 - high**2 / ((high - middle) * (high - low)))
+    share: Float64 = np.where(low >= 0, 1.0, np.where(high <= 0, 0.0, 1 - below))
+    return share

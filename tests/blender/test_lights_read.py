@@ -175,6 +175,15 @@ def test_world_is_colour_times_strength():
     assert read_world(bpy.context.scene, []) == (0.0, 0.0, 0.0)
 
 
+def test_a_sky_texture_is_told_to_be_no_sky():
+    _, tree, background = make_world()
+    tree.links.new(tree.nodes.new("ShaderNodeTexSky").outputs["Color"], background.inputs["Color"])
+    warnings = []
+    assert read_world(bpy.context.scene, warnings) == pytest.approx((0.5, 0.5, 0.5))
+    assert len(warnings) == 1
+    assert "sun lamp" in warnings[0][1]
+
+
 def test_environment_texture_is_averaged_over_the_sphere():
     _, tree, background = make_world()
     height = 64

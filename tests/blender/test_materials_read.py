@@ -119,6 +119,15 @@ def test_linear_pixels_are_taken_as_they_are(floating, space):
     assert read_pixels(image).pixels == pytest.approx(0.5, abs=3e-3)
 
 
+@pytest.mark.parametrize(
+    ("space", "told"), [("sRGB", ""), ("Linear Rec.709", ""), ("Non-Color", ""), ("Linear Rec.2020", "Linear Rec.709")]
+)
+def test_a_colour_space_that_is_read_as_another_is_told(space, told):
+    image = bpy.data.images.new("Wide", 2, 2)
+    image.colorspace_settings.name = space
+    assert read_pixels(image).note == (told and f"colour space {space} of image Wide is read as {told}")
+
+
 def test_very_large_image_is_averaged(monkeypatch):
     monkeypatch.setattr("leaflight.addon.images_read.MAX_TEXTURE_SIDE_TEXELS", 4)
     image, stored = make_image(width=7, height=3, floating=True)
@@ -169,9 +178,9 @@ def test_mapping_node(vector_type, expected):
     assert reading.albedo_mapping.apply(uv) == pytest.approx(uv @ expected[:, :2].T + expected[:, 2], abs=1e-6)
 
 
-def test_texture_coordinate_uv_is_exact_and_generated_is_replaced_by_the_mean():
+def test_texture_coordinates_of_the_mesh_are_exact_and_those_of_the_window_are_replaced_by_the_mean():
     image, _ = make_image(floating=True, value=(0.25, 0.5, 0.75))
-    for output, exact in (("UV", True), ("Generated", False)):
+    for output, exact in (("UV", True), ("Generated", True), ("Object", True), ("Window", False)):
         tree = Tree()
         coordinate = tree.add("TexCoord")
         shader = tree.add("BsdfDiffuse", Color=add_image(tree, image, coordinate.outputs[output]).outputs[0])

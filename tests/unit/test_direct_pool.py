@@ -60,6 +60,25 @@ def test_triangles_that_share_an_edge_with_the_floor():
     assert found[:, 0].mean() == pytest.approx(expected[:, 0].mean(), rel=0.02)
 
 
+def test_lamps_that_reach_down_through_the_floor():
+    """16 boxes with their feet in it: the triangles of their sides are cut by the horizon, inside and out."""
+    places = [(0.125 + 0.25 * (i % 4), 0.125 + 0.25 * (i // 4), 0.035) for i in range(16)]
+    scene = lit_scene(emission=[box_mesh(f"Lamp {i}", (0.15, 0.15, 0.08), place) for i, place in enumerate(places)])
+    pooled, alone = prepare(scene)[0], as_sources(scene)
+    assert pooled.pool is not None
+    found = np.mean([light_floor(pooled, seed).irradiance_rgb[:, 0] for seed in range(4)], axis=0)
+    expected = light_floor(alone).irradiance_rgb[:, 0]
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
+
+
+@pytest.mark.parametrize("height", [(1, 2, 3), (-1, 2, 3), (-1, -2, 3), (-1, -2, -3), (0, 0, 1), (0, -1, 1), (0, 0, 0), (-1, 0, 0)])
+def test_share_of_a_triangle_above_the_horizon(height):
+    weight = np.random.default_rng(1).dirichlet((1, 1, 1), 100_000)
+    for turned in (height, height[::-1], (height[1], height[2], height[0])):
+        above = (weight @ turned > 0).mean() if any(turned) else 1.0
+        assert direct_pool._share_above(np.array([turned], np.float32))[0] == pytest.approx(above, abs=0.006)
+
+
 def test_cells_of_a_cluster_are_chosen_by_their_power(hold):
     """Textured cells, each as bright as chance would have it."""
     pixels = np.random.default_rng(3).uniform(0.2, 1.0, (8, 8, 3)).astype(np.float32)
