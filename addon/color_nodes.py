@@ -153,9 +153,12 @@ def _read_math(reader: ColorReader, port: Port) -> Color:
     if operation is None:
         reader.note(f"{describe(node)} is left out")
         return values[0]
-    formula = operation
-    if node.use_clamp:
-        formula = lambda *numbers: np.clip(operation(*numbers), 0.0, 1.0)  # noqa: E731
+    clamps = node.use_clamp
+
+    def formula(*numbers: Array) -> Array:
+        made = operation(*numbers)
+        return np.clip(made, 0.0, 1.0) if clamps else made
+
     return reader.derive(port, formula, values)
 
 

@@ -153,9 +153,7 @@ def _read_image(reader: ColorReader, port: Port) -> Color:
 
 
 def _read_sky(reader: ColorReader, port: Port) -> Color:
-    reader.note(
-        f"{describe(port.node)} {REPLACED_BY_GREY}, and a clear sky may be 20 times as bright; take a colour and a sun lamp in its place"
-    )
+    reader.note(f"{describe(port.node)} {REPLACED_BY_GREY}, far from a clear sky's light; take a colour and a sun lamp in its place")
     return Color(TEXTURE_COLOR)
 
 

@@ -12,6 +12,8 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.image_file import srgb_to_linear
+
 Float32: TypeAlias = NDArray[np.float32]
 
 COLORS = ("FLOAT_COLOR", "BYTE_COLOR")
@@ -116,6 +118,6 @@ def _make_rgba(values: Float32) -> Float32:
 def _decode_bytes(rgba: Float32) -> Float32:
     """(n, 4): linear, of sRGB bytes."""
     encoded = rgba / np.float32(255.0)
-    linear = np.where(encoded < 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    linear = srgb_to_linear(encoded)
     linear[:, 3] = encoded[:, 3]
     return linear

@@ -11,9 +11,10 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.brightness import LUMINANCE
+
 Array: TypeAlias = NDArray[Any]
 
-LUMINANCE = (0.2126, 0.7152, 0.0722)  # Rec.709
 
 _FIRST_NM, _STEP_NM = 380.0, 10.0
 # Response of the standard observer to light of 380, 390, ... 830 nm: CIE 1931, ISO/CIE 11664-1, every second row.
@@ -47,7 +48,7 @@ def find_blackbody(kelvin: float) -> tuple[float, float, float]:
 
 def to_grey(color: Array) -> Array:
     """Luminance in all channels."""
-    return np.repeat((color @ np.array(LUMINANCE, color.dtype))[..., None], 3, axis=-1)
+    return np.repeat((color @ LUMINANCE.astype(color.dtype))[..., None], 3, axis=-1)
 
 
 def to_hsv(color: Array) -> Array:

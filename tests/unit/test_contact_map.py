@@ -15,9 +15,9 @@ from leaflight.core.texel_borders import WAYS
 from leaflight.core.texel_grid import interleave_bits
 from leaflight.core.threads import split_entries
 from leaflight.core.topology import join_sets
-from leaflight.core.words import Interrupted
 from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh, split_faces
 from trees import make_map, make_square_map
+from words_heard import check_every_word_is_heard
 
 SIDE = 64  # texels of the floor, a square metre
 SETTINGS = Settings(size=SIDE, margin=0, error=1e-4, denoise=False, direct="photons")
@@ -309,24 +309,13 @@ def test_how_far_the_search_is_is_told_again_and_again(tmp_path, part_entries):
 def test_whoever_wants_no_contacts_any_more_is_heard_at_every_word(tmp_path):
     scene = make_scene([quad_mesh("Floor", uv=SQUARE), replace(wall(), receives=False)], [LAMP])
     atlas, texels = prepare_folder(tmp_path, scene, SETTINGS)
-    opened, count = workers.open_scene(str(tmp_path)), []
+    opened = workers.open_scene(str(tmp_path))
 
     def look(watch):
         fresh = deepcopy(texels)
         cut_at_contacts(fresh, atlas, find_contacts(opened, fresh, 1, watch), watch)
 
-    look(lambda *word: count.append(word))
-    for patience in range(len(count)):
-        told = []
-
-        def stop(*word, told=told, patience=patience):
-            told.append(word)
-            if len(told) > patience:
-                raise Interrupted
-
-        with pytest.raises(Interrupted):
-            look(stop)
-        assert len(told) == patience + 1
+    check_every_word_is_heard(look)
     workers.forget_folders()
 
 
