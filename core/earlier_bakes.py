@@ -32,10 +32,10 @@ class NotedBake:
     files: dict[str, str]
 
     def holds(self, name: str) -> bool:
-        """Whether a file is still as it was written. Nothing is said of a link, which stands for a file elsewhere."""
+        """Whether a file is still as it was written."""
         path = self.note.parent / name
         try:
-            return name in self.files and not path.is_symlink() and path.is_file() and hash_file(path) == self.files[name]
+            return name in self.files and path.is_file() and hash_file(path) == self.files[name]
         except OSError:
             return False
 

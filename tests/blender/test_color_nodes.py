@@ -211,6 +211,18 @@ def test_numbers_of_an_image_mapped_clamped_mixed_parted_and_joined():
     paint.check(joined.outputs[0])
 
 
+def test_a_math_node_that_clamps():
+    paint = Paint()
+    grey = paint.feed(paint.add("RGBToBW"), Color=paint.image().outputs[0])
+    node = paint.add("Math", operation="MULTIPLY_ADD", use_clamp=True)
+    for socket, value in zip(node.inputs, (grey, 3.0, -0.8), strict=True):
+        if isinstance(value, float):
+            socket.default_value = value
+        else:
+            paint.tree.links.new(value, socket)
+    paint.check(node.outputs[0])
+
+
 @pytest.mark.parametrize("kelvin", [500.0, 900.0, 1300.0, 2700.0, 5000.0, 9000.0, 20000.0])
 def test_blackbody(kelvin):
     paint = Paint()

@@ -20,7 +20,7 @@ def write_ies(vertical, horizontal, candela, tilt="NONE", factor=1.0, ballast=1.
 
 
 EVEN = write_ies((0, 90, 180), (0,), [(100, 100, 100)])
-DOWN = write_ies((0, 30, 60, 90), (0,), [(400, 300, 100, 0)], factor=1.5, ballast=0.8)
+DOWN = write_ies((0, 30, 60, 90), (0,), [(400, 300, 100, 0)], factor=1.5, ballast=0.8, lamp=0.9)
 STEPS = np.arange(0, 181, 15)
 SIDED = write_ies(STEPS, STEPS, (100 + 90 * np.sin(np.radians(STEPS)) * np.cos(np.radians(STEPS))[:, None] + STEPS[:, None] / 2).round(2))
 TILTED = write_ies((0, 90, 180), (0,), [(100, 100, 100)], tilt="INCLUDE\n1\n2\n0 90\n1 0.5")
@@ -94,3 +94,9 @@ def test_an_external_file(tmp_path):
     (tmp_path / "lamp.ies").write_text(EVEN)
     profile.mode, profile.filepath = "EXTERNAL", str(tmp_path / "lamp.ies")
     assert find_mean(profile) == pytest.approx(parse_mean(EVEN))
+
+
+def test_nothing_is_sent_beyond_the_angles_of_a_file():
+    """Straight down to 60 degrees, as bright at all of them: a quarter of the sphere."""
+    narrow = parse_mean(write_ies((0, 60), (0,), [(100, 100)]))
+    assert narrow == pytest.approx(0.25 * parse_mean(EVEN), rel=1e-2)

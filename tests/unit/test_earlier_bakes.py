@@ -83,6 +83,13 @@ def test_images_of_single_objects_are_nobodys_further_pages(run, first, then):
     assert run(then)[0] == []
 
 
+def test_a_file_called_like_a_page_is_none_of_a_bake_of_single_objects(run, tmp_path):
+    (tmp_path / "images").mkdir()
+    (tmp_path / "images" / "room_3.combined.exr").touch()
+    assert run(replace(LARGE, atlas=False))[0] == []
+    assert run(LARGE)[0] == [left_over(tmp_path, "room_3.combined.exr")]
+
+
 def test_what_another_bake_has_noted_is_not_left_over_until_it_is_changed(run, tmp_path):
     run(LARGE)
     note = kept_bake.find_note(Job(QUICK, str(tmp_path / "images"), "room"))
