@@ -58,13 +58,12 @@ class DirectScene:
         crowd = LampCrowd.of(lamps) if len(lamps) > _FEW_LAMPS else None
         sources = [*(lamps if crowd is None else []), *suns, *world]
         groups = [cells for _, cells in find_emitting_cells(snapshot, surfaces)]
-        pool = None
+        pool, sealed = None, find_sealed_emitters(snapshot, groups)
         if sum(len(cells.tri) for cells in groups) <= _MOST_TRIANGLE_SOURCES and all(cells.constant for cells in groups):
-            sealed = find_sealed_emitters(snapshot, groups)
             for cells in groups:
                 sources += make_triangle_sources(cells, receiving.corner_unit, receiving.normal, sealed)
         else:
-            pool = EmitterPool.of(groups, receiving, unit_box.scale, surfaces)
+            pool = EmitterPool.of(groups, receiving, unit_box.scale, surfaces, sealed)
         two_sided = np.array([scene_object.two_sided for scene_object in snapshot.objects], bool)
         return cls(rays, receiving, tuple(sources), crowd, pool, two_sided[snapshot.tri_object])
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -65,14 +67,10 @@ class Clusters:
     square: Float32
 
     @classmethod
-    def of(cls, weight: Float64, centre: FloatArray, normal: FloatArray, own_square: FloatArray, most: int) -> Clusters:
-        """At most so many clusters of emitters in their order; own_square (n,) is their squared size."""
+    def of(cls, weight: Float64, centre: FloatArray, normal: FloatArray, own_square: FloatArray, start: Int64) -> Clusters:
+        """Clusters of emitters in their order, of which each begins at one of start; own_square (n,) is their squared size."""
         every = np.arange(len(weight))
         weight_end = np.concatenate([[0.0], np.cumsum(weight)])
-        start = every
-        if len(every) > most:
-            start = np.searchsorted(weight_end, weight_end[-1] * np.arange(most) / most, side="right") - 1
-        start = np.unique(np.clip(start, 0, len(every) - 1))
         total = np.maximum(np.add.reduceat(weight, start), 1e-300)
         mean_centre = np.add.reduceat(centre * weight[:, None], start, axis=0) / total[:, None]
         mean_normal = np.add.reduceat(normal * weight[:, None], start, axis=0) / total[:, None]
@@ -90,19 +88,51 @@ class Clusters:
     def __len__(self) -> int:
         return len(self.start) - 1
 
-    @property
+    @cached_property
     def weight(self) -> Float64:
         """(n_cluster,) float64."""
         return np.diff(self.weight_end[self.start])
+
+    @cached_property
+    def count(self) -> Int64:
+        """(n_cluster,) int64: emitters of each."""
+        out: Int64 = np.diff(self.start)
+        return out
+
+    @cached_property
+    def spread(self) -> Float32:
+        """(n_cluster,) float32: 0 where all look the same way, up to 1."""
+        out: Float32 = np.sqrt(np.maximum(1 - (self.normal**2).sum(axis=1), 0))
+        return out
 
     def choose(self, cluster: Int64, u: FloatArray) -> tuple[Int64, Float64]:
         """Emitters of clusters (n,) by importance, and their chances within the cluster."""
         if len(self) == len(self.weight_end) - 1:  # each is its own cluster
             return cluster, np.ones(len(cluster))
-        start, end = self.start[cluster], self.start[cluster + 1]
-        low, width = self.weight_end[start], self.weight_end[end] - self.weight_end[start]
-        chosen = np.clip(np.searchsorted(self.weight_end, low + u * width, side="right") - 1, start, end - 1)
+        return self.choose_among(self.start[cluster], self.start[cluster + 1], u)
+
+    def choose_among(self, first: Int64, last: Int64, u: FloatArray) -> tuple[Int64, Float64]:
+        """The same among emitters first ... last - 1, (n,)."""
+        low, width = self.weight_end[first], self.weight_end[last] - self.weight_end[first]
+        chosen = np.clip(np.searchsorted(self.weight_end, low + u * width, side="right") - 1, first, last - 1)
         return chosen, np.maximum(self.weight_end[chosen + 1] - self.weight_end[chosen], 1e-300) / width
+
+
+def cut_evenly(weight: Float64, most: int) -> Int64:
+    """First entries of at most so many runs of about the same weight (n,)."""
+    if len(weight) <= most:
+        return np.arange(len(weight))
+    end = np.append(0.0, np.cumsum(weight))
+    start = np.searchsorted(end, end[-1] * np.arange(most) / most, side="right") - 1
+    out: Int64 = np.unique(np.clip(start, 0, len(weight) - 1))
+    return out
+
+
+def find_reach(starts: FloatArray, count: int) -> Float32:
+    """(count,) float32: about half the diagonal of each texel; starts (k * count, 3), of k points of each."""
+    place = starts.reshape(-1, count, 3)
+    out: Float32 = np.sqrt(((place - place.mean(axis=0)) ** 2).sum(axis=2).max(axis=0)) * np.float32(math.sqrt(3))
+    return out
 
 
 def cumulate(chances: FloatArray, first: int, out: Float64) -> None:

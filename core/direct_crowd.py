@@ -18,6 +18,8 @@ from .direct_choice import (
     Span,
     choose_by_strata,
     cumulate,
+    cut_evenly,
+    find_reach,
     gather_until_sure,
     in_order,
     sort_by_place,
@@ -25,7 +27,7 @@ from .direct_choice import (
 from .direct_lights import AreaSource, PointSource, Source
 from .direct_points import MIDDLE, Receivers, TexelChunk, light_points, random_shift, row_pieces
 from .direct_sources import join_sources
-from .geometry import take_rows
+from .geometry import dot_rows, take_rows
 from .lights import Float32, Float64, spread_attenuation
 from .rays import RayScene
 from .scene import IntArray
@@ -68,7 +70,7 @@ class LampCrowd:
         centre, axis, weight, square, low, flat = (np.concatenate(parts) for parts in zip(*outlines, strict=True))
         order = sort_by_place(centre, axis)
         centre, axis, weight, square, low, flat = (values[order] for values in (centre, axis, weight, square, low, flat))
-        clusters = Clusters.of(weight, centre, axis, square, _MAX_CLUSTERS)
+        clusters = Clusters.of(weight, centre, axis, square, cut_evenly(weight, _MAX_CLUSTERS))
         alone = np.diff(clusters.start) == 1
         first = clusters.start[:-1]
         clusters.normal[~alone] = 0  # lamps that shine elsewhere may be among them
@@ -81,7 +83,7 @@ class LampCrowd:
         starts   of rays from the chunk's texels, any number of each
         """
         count, n_cluster = len(chunk), len(self.clusters)
-        reach = _reach_of_texels(chunk, starts)
+        reach = find_reach(starts.position, count)
         end = np.empty((-(-count // _TOGETHER), n_cluster))
         alone = np.diff(self.clusters.start) == 1
         groups, chosen = [], []
@@ -111,10 +113,10 @@ class LampCrowd:
     def judge(self, receivers: Receivers, reach: Float32) -> Float32:
         """(n, n_cluster): about what the clusters give, unoccluded, and never 0; reach (n,), unit box, is half a texel's diagonal."""
         centre, normal, axis = self.clusters.centre, receivers.normal, self.clusters.normal
-        square = _dot(receivers.position, receivers.position)[:, None] + _dot(centre, centre) - 2 * receivers.position @ centre.T
+        square = dot_rows(receivers.position, receivers.position)[:, None] + dot_rows(centre, centre) - 2 * receivers.position @ centre.T
         np.maximum(square, np.float32(1e-9), out=square)
         distance = np.sqrt(square)
-        out: Float32 = normal @ centre.T - _dot(normal, receivers.position)[:, None]
+        out: Float32 = normal @ centre.T - dot_rows(normal, receivers.position)[:, None]
         extent = np.sqrt(self.clusters.square)
         least = np.where(out > -(extent + reach[:, None]), _GRAZING, _BEHIND)
         least *= distance
@@ -126,7 +128,7 @@ class LampCrowd:
         out *= self.clusters.weight.astype(np.float32)
         aimed = np.flatnonzero(axis.any(axis=1))
         if len(aimed):
-            cosine = (receivers.position @ axis[aimed].T - _dot(centre, axis)[aimed]) / distance[:, aimed]
+            cosine = (receivers.position @ axis[aimed].T - dot_rows(centre, axis)[aimed]) / distance[:, aimed]
             shine = np.where(self.flat[aimed], np.maximum(cosine, _GRAZING), np.float32(1))
             out[:, aimed] *= np.where(cosine >= self.low_cosine[aimed], shine, _BEHIND)
         return out
@@ -208,13 +210,6 @@ def _lit_share(shot: Float64, lit: Float64) -> Float32:
     return out
 
 
-def _reach_of_texels(chunk: TexelChunk, starts: Receivers) -> Float32:
-    """(n,) float32, unit box: about half the diagonal of each texel."""
-    place = starts.position.reshape(-1, len(chunk), 3)
-    out: Float32 = np.sqrt(((place - place.mean(axis=0)) ** 2).sum(axis=2).max(axis=0)) * np.float32(math.sqrt(3))
-    return out
-
-
 def _outline(source: Source) -> tuple[Float32, Float32, Float64, Float32, Float32, NDArray[np.bool_]]:
     """Centre (n, 3), where it shines (n, 3), intensity (n,), squared size (n,), cosine of the cone (n,), and whether it is flat (n,)."""
     weight = weigh_channels(source.rgb)
@@ -224,7 +219,7 @@ def _outline(source: Source) -> tuple[Float32, Float32, Float64, Float32, Float3
             return source.centre, np.zeros_like(source.centre), weight, source.radius**2, anywhere, no
         return source.centre, source.axis, weight, source.radius**2, _widen(np.arccos(1 - source.drop)), no
     if isinstance(source, AreaSource):
-        square = _dot(source.x_axis, source.x_axis) + _dot(source.y_axis, source.y_axis)
+        square = dot_rows(source.x_axis, source.x_axis) + dot_rows(source.y_axis, source.y_axis)
         boost = spread_attenuation(np.ones(len(weight)), source.spread_rad)
         low = np.full_like(anywhere, -_GRAZING) if source.is_lambertian else _widen(source.spread_rad / 2)
         return source.centre, -source.z_axis, weight * source.area * boost, square, low, ~no
@@ -234,9 +229,4 @@ def _outline(source: Source) -> tuple[Float32, Float32, Float64, Float32, Float3
 def _widen(half_angle_rad: Float32) -> Float32:
     """Cosines of cones that are surely as wide, as seen from a texel's middle."""
     out: Float32 = np.cos(np.minimum(half_angle_rad + _CONE_SLACK_RAD, np.float32(math.pi)))
-    return out
-
-
-def _dot(a: Float32, b: Float32) -> Float32:
-    out: Float32 = np.asarray((a * b).sum(axis=1))
     return out

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .emitters import rotate_to
-from .geometry import ORIGIN_OFFSET, take_rows
+from .geometry import ORIGIN_OFFSET, dot_rows, take_rows
 from .irradiance import ellipse_irradiance, point_irradiance, polygon_irradiance, sun_irradiance
 from .lights import Float32, Float64, spot_attenuation, spread_attenuation
 from .sampling import square_to_cosine_hemisphere, square_to_uniform_disk, square_to_uniform_triangle
@@ -76,17 +76,11 @@ def _take_lights(source: Any, index: IntArray) -> Any:
     return replace(source, **{name: take_rows(one, index) if one.ndim == 2 else one[index] for name, one in arrays.items()})
 
 
-def _dot(a: Float32, b: Float32) -> Float32:
-    """(n,): of rows (n, 3) and (n or 1, 3)."""
-    out: Float32 = (a * b).sum(axis=1)
-    return out
-
-
 def _aim_at(target: FloatArray, position: Float32, normal: Float32, light_normal: FloatArray, area: Float32 | float) -> Aim:
     """Rays to points of a surface chosen uniformly by area, seen from its front."""
     direction: Float32 = np.subtract(target, position, dtype=np.float32)
-    square = np.maximum(_dot(direction, direction), np.float32(1e-20))
-    cosines = np.maximum(_dot(direction, normal), 0) * np.maximum(-_dot(direction, light_normal), 0)
+    square = np.maximum(dot_rows(direction, direction), np.float32(1e-20))
+    cosines = np.maximum(dot_rows(direction, normal), 0) * np.maximum(-dot_rows(direction, light_normal), 0)
     share = cosines / (square * square) * area
     return Aim(direction, np.ones(len(square), np.float32), share, share)
 
@@ -134,11 +128,11 @@ class PointSource:
 
     def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
         to_centre = self.centre - position
-        square = np.maximum(_dot(to_centre, to_centre), np.float32(1e-20))
+        square = np.maximum(dot_rows(to_centre, to_centre), np.float32(1e-20))
         length = np.sqrt(square)
         axis = to_centre / length[:, None]
         if self.is_sharp:
-            share = np.maximum(_dot(axis, normal), 0) / square
+            share = np.maximum(dot_rows(axis, normal), 0) / square
             aim = Aim(to_centre, np.ones(len(length), np.float32), share, share)
         elif self.soft:
             disk = square_to_uniform_disk(u) * self.radius[:, None]
@@ -148,8 +142,8 @@ class PointSource:
             aim = self._aim_at_sphere(axis, length, normal, u)
         if not self.is_spot:
             return aim
-        direction = aim.direction / np.sqrt(_dot(aim.direction, aim.direction))[:, None]
-        weight = aim.share * spot_attenuation(-_dot(direction, self.axis), self.drop, self.blend)
+        direction = aim.direction / np.sqrt(dot_rows(aim.direction, aim.direction))[:, None]
+        weight = aim.share * spot_attenuation(-dot_rows(direction, self.axis), self.drop, self.blend)
         return Aim(aim.direction, aim.distance, aim.share, weight.astype(np.float32))
 
     def _aim_at_sphere(self, axis: Float32, length: Float32, normal: Float32, u: Float32) -> Aim:
@@ -160,10 +154,10 @@ class PointSource:
         direction = rotate_to(_uniform_cone(u, drop), axis)
         inside = length <= self.radius
         direction = np.where(inside[:, None], rotate_to(square_to_cosine_hemisphere(u), normal), direction)
-        along = _dot(direction, axis) * length
+        along = dot_rows(direction, axis) * length
         half_chord = np.sqrt(np.maximum(radius_squared - length**2 + along**2, 0))
         # A solid angle, or pi where the cosine is in the directions, of radiance 1 / (pi r^2).
-        share = np.where(inside, 0.5, drop * np.maximum(_dot(direction, normal), 0)) * (2 / radius_squared)
+        share = np.where(inside, 0.5, drop * np.maximum(dot_rows(direction, normal), 0)) * (2 / radius_squared)
         share = share.astype(np.float32)
         return Aim(direction, np.where(inside, along + half_chord, along - half_chord), share, share)
 
@@ -211,8 +205,8 @@ class AreaSource:
         aim = _aim_at(target, position, normal, -self.z_axis, self.area)
         if self.is_lambertian:
             return aim
-        length = np.sqrt(_dot(aim.direction, aim.direction))
-        cosine = _dot(aim.direction, self.z_axis) / np.maximum(length, np.float32(1e-20))
+        length = np.sqrt(dot_rows(aim.direction, aim.direction))
+        cosine = dot_rows(aim.direction, self.z_axis) / np.maximum(length, np.float32(1e-20))
         return Aim(aim.direction, aim.distance, aim.share, (aim.share * spread_attenuation(cosine, self.spread_rad)).astype(np.float32))
 
 
@@ -237,13 +231,13 @@ class SunSource:
         return out
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
-        return sun_irradiance(_dot(normal, self.z_axis), self.half_angle_rad)
+        return sun_irradiance(dot_rows(normal, self.z_axis), self.half_angle_rad)
 
     def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
         local = _uniform_cone(u, 2 * np.sin(self.half_angle_rad / 2) ** 2)
         direction = local[:, 2:] * self.z_axis - local[:, :1] * self.x_axis - local[:, 1:2] * self.y_axis
         # A disk of radiance 1 / (pi sin^2) over 2 pi (1 - cos) steradians.
-        share = np.maximum(_dot(direction, normal), 0) * (2 / (1 + np.cos(self.half_angle_rad)))
+        share = np.maximum(dot_rows(direction, normal), 0) * (2 / (1 + np.cos(self.half_angle_rad)))
         return Aim(direction, np.full(len(u), _INFINITE), share, share)
 
 
@@ -268,13 +262,13 @@ class TriangleSource:
         return out
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
-        behind = self.front_only & (_dot(position - self.corners[:, 0], self.normal) < 0)
+        behind = self.front_only & (dot_rows(position - self.corners[:, 0], self.normal) < 0)
         return np.where(behind, 0.0, np.abs(polygon_irradiance(self.corners, position, normal)))
 
     def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
         weight = square_to_uniform_triangle(u)
         first, second, third = self.corners[:, 0], self.corners[:, 1], self.corners[:, 2]
-        side = np.where(_dot(position - first, self.normal) >= 0, 1, -1).astype(np.float32)[:, None] * self.normal
+        side = np.where(dot_rows(position - first, self.normal) >= 0, 1, -1).astype(np.float32)[:, None] * self.normal
         target = _combine(weight, second - first, third - first) + first + np.float32(ORIGIN_OFFSET) * side
         return _aim_at(target, position, normal, side, self.area)
 

@@ -3,28 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .direct_choice import (
-    BLOCK_TEXELS,
-    Clusters,
-    Demand,
-    Int64,
-    Span,
-    choose_by_strata,
-    cumulate,
-    gather_until_sure,
-    in_order,
-    sort_by_place,
-)
+from .direct_choice import BLOCK_TEXELS, Demand, Int64, Span, choose_by_strata, cumulate, find_reach, gather_until_sure, in_order
 from .direct_lights import Aim
-from .direct_points import MIDDLE, STAGES, Receivers, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces
+from .direct_points import GAUSS_POINTS, MIDDLE, STAGES, Receivers, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces
+from .emitter_clusters import EmitterClusters, order_cells
 from .emitters import EmittingCells
-from .geometry import ORIGIN_OFFSET, take_rows
+from .geometry import ORIGIN_OFFSET, dot_rows, take_rows
 from .irradiance import polygon_irradiance
 from .lights import Float32, Float64
 from .materials import SurfaceMaterials
@@ -33,12 +23,11 @@ from .scene import FloatArray, IntArray
 
 _STAGES_ALONE = ((0, STAGES[1][1]), STAGES[2])  # of texels outside of tiles: of 4 rays hardly one may meet what lights a texel
 _TOGETHER = 16  # texels of a tile, a quarter of it, that choose alike
+_DIAGONAL = GAUSS_POINTS[[0, 3]]  # of a texel
 _JUDGES = (0, 5, 10, 15)  # of these, its corners, by what clusters give there
 _PILOTS = 4  # receivers of a block that look at every cluster first
 _REGION_BLOCKS = 16  # blocks whose pilots tell together whether a cluster is seen from there at all
 _UNSEEN_LEAST, _UNSEEN_MOST = 0.05, 0.4  # share of a cluster that is kept for each pilot that did not see it
-_MAX_CLUSTERS = 256
-_GRAZING = np.float32(0.1)  # least cosine a cluster is judged by
 _ON_HORIZON = 1e-3  # roots of a triangle's area below the horizon that count as on it
 _NEAR = 4.0  # distance squared in areas of a triangle, below which its closed form is taken
 
@@ -49,12 +38,14 @@ class EmitterPool:
 
     constant         (n,) bool                          the cell is a whole triangle of one radiance
     area             (n,) float64, unit box squared
+    sealed           (n,) bool                          the cell's back is seen by nobody
     """
 
     cells: EmittingCells
     constant: NDArray[np.bool_]
     area: Float64
-    clusters: Clusters
+    sealed: NDArray[np.bool_]
+    clusters: EmitterClusters
     scene: ReceivingSurfaces
     surfaces: SurfaceMaterials
 
@@ -65,8 +56,15 @@ class EmitterPool:
         return out
 
     @classmethod
-    def of(cls, groups: list[EmittingCells], scene: ReceivingSurfaces, scale: float, surfaces: SurfaceMaterials) -> EmitterPool:
-        """A pool of the cells of several materials; scale is the unit box's."""
+    def of(
+        cls,
+        groups: list[EmittingCells],
+        scene: ReceivingSurfaces,
+        scale: float,
+        surfaces: SurfaceMaterials,
+        tri_sealed: NDArray[np.bool_],
+    ) -> EmitterPool:
+        """A pool of the cells of several materials; scale is the unit box's, tri_sealed (n_tri,) that of find_sealed_emitters."""
         importance = np.concatenate([group.importance for group in groups])
         constant = np.concatenate([np.full(len(group.tri), group.constant) for group in groups])
         tri = np.concatenate([group.tri for group in groups])
@@ -77,11 +75,12 @@ class EmitterPool:
         cells = EmittingCells(tri, corner, side, area_m2, mean_rgb, constant=False)
         _, barycentric = cells.place(every, np.full((len(tri), 2), 0.5))
         centre, normal = scene.place(tri, barycentric[:, 0], barycentric[:, 1]), scene.normal[tri]
-        order = sort_by_place(centre, normal)
+        order = order_cells(centre, normal, tri_sealed[tri])
         cells = EmittingCells(tri[order], corner[order], side[order], area_m2[order], mean_rgb[order], constant=False)
         area, weight, centre, normal = area_m2[order] * scale**2, importance[order], centre[order], normal[order]
-        clusters = Clusters.of(weight, centre, normal, area / math.pi, _MAX_CLUSTERS)
-        return cls(cells, constant[order], area, clusters, scene, surfaces)
+        sealed = tri_sealed[cells.tri]
+        clusters = EmitterClusters.of(weight, centre, normal, area / math.pi, sealed)
+        return cls(cells, constant[order], area, sealed, clusters, scene, surfaces)
 
     def irradiance(
         self, rays: RayScene, chunk: TexelChunk, demand: Demand, base_rgb: Float64, rng: np.random.Generator
@@ -118,7 +117,7 @@ class EmitterPool:
         (first, last), (end, group) = span, chances
         receivers = chunk.receivers(rows, first, last)
         step, cluster, chance, rest = choose_by_strata(end, group[rows], shifts[1][rows], last - first, rng)
-        cell, cell_chance = self.clusters.choose(cluster, rest)
+        cell, cell_chance = self.clusters.choose(receivers, cluster, rest)
         aim, radiance = self._aim(receivers, cell, light_points(take_rows(shifts[0], rows), first, last))
         seen, traced = receivers.see(rays, aim)
         return in_order(step, radiance * np.where(seen, aim.weight / (chance * cell_chance), 0)[:, None]), traced
@@ -128,39 +127,24 @@ class EmitterPool:
         follows; and rays spent. Texels of a quarter of a flat tile follow the same.
         """
         visibility, n_ray = self._look_around(rays, chunk, rng)
-        power = self.clusters.weight.astype(np.float32)
+        n_cluster = len(self.clusters)
         alone = np.ones(len(chunk), bool)
         alone[flat] = False
         quarters, single = flat.reshape(-1, _TOGETHER), np.flatnonzero(alone)
         group = np.empty(len(chunk), np.int64)
         group[quarters] = np.arange(len(quarters))[:, None]
         group[single] = len(quarters) + np.arange(len(single))
-        end = np.empty((len(quarters) + len(single), len(power)))
+        end = np.empty((len(quarters) + len(single), n_cluster))
         for judges, first in ((quarters[:, _JUDGES], 0), (single[:, None], len(quarters))):
-            for piece in row_pieces(np.arange(len(judges)), len(power) * judges.shape[1]):
-                looking = chunk.receivers_at(judges[piece].ravel(), MIDDLE)
-                chance = self._judge(looking).reshape(len(piece), -1, len(power)).sum(axis=1) * power
+            for piece in row_pieces(np.arange(len(judges)), n_cluster * judges.shape[1]):
+                ends = chunk.receivers_at(judges[piece].ravel(), _DIAGONAL)
+                count = len(ends.position) // len(_DIAGONAL)
+                middle = replace(ends.rows(np.arange(count)), position=ends.position.reshape(-1, count, 3).mean(axis=0))
+                chance = self.clusters.judge(middle, find_reach(ends.position, count)).reshape(len(piece), -1, n_cluster).sum(axis=1)
                 chance *= visibility[judges[piece, 0] // BLOCK_TEXELS]
                 at = first + piece[0]
                 cumulate(chance, at, end[at : at + len(piece)])
         return end, group, n_ray
-
-    def _judge(self, receivers: Receivers) -> Float32:
-        """(n, n_cluster): what the clusters would give per area and radiance, unoccluded and never 0."""
-        centre, normal = self.clusters.centre, self.clusters.normal
-        square = (receivers.position**2).sum(axis=1)[:, None] + (centre**2).sum(axis=1) - 2 * receivers.position @ centre.T
-        np.maximum(square, np.float32(1e-9), out=square)
-        distance = np.sqrt(square)
-        least = _GRAZING * distance
-        out: Float32 = receivers.normal @ centre.T - (receivers.normal * receivers.position).sum(axis=1)[:, None]
-        np.maximum(out, least, out=out)
-        from_light = receivers.position @ normal.T - (centre * normal).sum(axis=1)
-        np.abs(from_light, out=from_light)
-        # A mean normal is short where its cells look in many directions.
-        distance *= np.maximum(np.sqrt(np.maximum(1 - (normal**2).sum(axis=1), 0)), _GRAZING)
-        out *= np.maximum(from_light, distance, out=from_light)
-        out /= square * (square + self.clusters.square)
-        return out
 
     def _look_around(self, rays: RayScene, chunk: TexelChunk, rng: np.random.Generator) -> tuple[Float32, int]:
         """(n_block, n_cluster): share of each cluster that pilots of the block, and of the blocks around it, saw; and rays spent."""
@@ -171,8 +155,8 @@ class EmitterPool:
         seen, n_ray = np.empty((n_block * _PILOTS, n_cluster), np.float32), 0
         for piece in row_pieces(np.arange(n_block * _PILOTS), n_cluster):
             cluster = np.tile(np.arange(n_cluster), len(piece))
-            cell, _ = self.clusters.choose(cluster, rng.random(len(cluster)))
             looking = receivers.rows(np.repeat(piece, n_cluster))
+            cell, _ = self.clusters.choose(looking, cluster, rng.random(len(cluster)))
             aim, _ = self._aim(looking, cell, rng.random((len(cell), 2), np.float32))
             visible, traced = looking.see(rays, aim)
             n_ray += traced
@@ -190,13 +174,15 @@ class EmitterPool:
         target = self.scene.place(tri, barycentric[:, 0], barycentric[:, 1])
         normal = take_rows(self.scene.normal, tri)
         direction = target - receivers.position
-        toward = np.where((direction * normal).sum(axis=1) <= 0, np.float32(1), np.float32(-1))
+        in_front = dot_rows(direction, normal) <= 0
+        toward = np.where(in_front, np.float32(1), np.float32(-1))
         direction += np.float32(ORIGIN_OFFSET) * toward[:, None] * normal
-        square = np.maximum((direction * direction).sum(axis=1), np.float32(1e-20))
+        square = np.maximum(dot_rows(direction, direction), np.float32(1e-20))
         area = self.area[cell]
-        cosines = np.maximum((direction * receivers.normal).sum(axis=1), 0) * np.abs((direction * normal).sum(axis=1)) / square
+        cosines = np.maximum(dot_rows(direction, receivers.normal), 0) * np.abs(dot_rows(direction, normal)) / square
         # Exact, but for points nearer than the radius of a disk of the cell's area: few of them would be far too bright.
         weight = cosines * (area / np.maximum(square, area / math.pi))
+        weight[self.sealed[cell] & ~in_front] = 0
         self._sharpen(weight, receivers, cell)
         radiance = self.cells.mean_rgb[cell]
         textured = np.flatnonzero(~self.constant[cell])
@@ -209,14 +195,14 @@ class EmitterPool:
         """Takes the closed form near triangles of constant radiance."""
         # By the middle of the triangle: were it by the ray's end, near ends would bring the mean of all, and far ones their own less.
         middle = take_rows(self.middle, cell) - receivers.position
-        near = np.flatnonzero(self.constant[cell] & ((middle * middle).sum(axis=1) < _NEAR * self.area[cell]))
+        near = np.flatnonzero(self.constant[cell] & (weight > 0) & (dot_rows(middle, middle) < _NEAR * self.area[cell]))
         looking, corners = receivers.rows(near), self.scene.corner_unit[self.cells.tri[cell[near]]]
         height = ((corners - looking.position[:, None]) * looking.normal[:, None]).sum(axis=2)
         # A triangle that the horizon cuts sends as much from its part above, and less often: its points below carry nothing.
         # Corners that it shares with the receiver's own face lie on the horizon, to rounding.
         whole = (height > -_ON_HORIZON * np.sqrt(self.area[cell[near]])[:, None]).all(axis=1)
         share = np.where(whole, 1.0, _share_above(height))
-        told = whole | ((weight[near] > 0) & (share > 0))
+        told = whole | (share > 0)
         near, looking = near[told], looking.rows(np.flatnonzero(told))
         weight[near] = np.abs(polygon_irradiance(corners[told], looking.position, looking.normal)) / share[told]
 

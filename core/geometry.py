@@ -159,6 +159,12 @@ def select(flag: NDArray[np.bool_], yes: FloatArray, no: FloatArray) -> FloatArr
     return out
 
 
+def dot_rows(a: NDArray[_Scalar], b: NDArray[_Scalar]) -> NDArray[_Scalar]:
+    """(n,): of rows (n, 3) and (n or 1, 3)."""
+    out: NDArray[_Scalar] = np.multiply(a, b).sum(axis=1)
+    return out
+
+
 def gather(values: NDArray[_Scalar], index: IntArray) -> NDArray[_Scalar]:
     """values[..., index]. Indices are trusted: numpy takes up to twice as long where it checks each."""
     return values.take(index, axis=-1, mode="wrap")

@@ -234,6 +234,9 @@ def run_probes(folder: Path, sizes: speed_probes.Sizes) -> list[Target]:
     tell(Target.at_most(f"{sizes.objects:,} boxes, no two alike, unwrapping, s", speed_probes.unwrap_objects(sizes), 1.0))
     few, many = sizes.lights
     tell(Target.at_most(f"{few:,} -> {many:,} lights, the same 5 %, times", speed_probes.light_growth(folder / "lights", sizes), 3.0))
+    few, many = sizes.glowing
+    glowing = speed_probes.glow_growth(folder / "glowing", sizes)
+    tell(Target.at_most(f"{few:,} -> {many:,} glowing boxes, the same 5 %, times", glowing, 12.0))
     tell(Target.at_most("start to first photon beyond importing bpy, s", speed_probes.start_seconds(sizes), 0.5))
     tell(Target.at_most("re-bake of an unchanged scene after load, s", speed_probes.rebake_seconds(), 0.3))
     return targets

@@ -29,7 +29,7 @@ from leaflight.core.scene import Light, Material, SceneSnapshot
 from leaflight.core.settings import Settings
 from leaflight.core.snapshot import save_snapshot
 from leaflight.core.unwrap import Unwrapping
-from scenes import box_mesh, grid_mesh, make_scene, moved
+from scenes import box_mesh, grid_mesh, make_scene, moved, quad_mesh
 
 NEVER = 1e-4  # an error that no bake here comes to, so that the photons decide
 FIRST_PHOTON = "Tracing photons"  # what the command line says then
@@ -45,13 +45,14 @@ class Sizes:
     triangles: tuple[int, int] = (1_000, 1_000_000)
     unwrapped: tuple[int, int] = (20_000, 80_000)
     lights: tuple[int, int] = (1, 1_000)
+    glowing: tuple[int, int] = (1, 225)
     pages: tuple[int, int] = (1024, 4096)
     repeats: int = 3
     objects: int = 1_000
 
 
 _Bake = tuple[SceneSnapshot, Settings]
-QUICK = Sizes(1 << 13, 300_000, 100_000, (200, 5_000), (200, 800), (1, 20), (64, 128), 1, 20)
+QUICK = Sizes(1 << 13, 300_000, 100_000, (200, 5_000), (200, 800), (1, 20), (1, 16), (64, 128), 1, 20)
 
 
 def run_core(folder: Path, scene: SceneSnapshot, settings: Settings) -> dict[str, Any]:
@@ -187,6 +188,12 @@ def light_growth(folder: Path, sizes: Sizes) -> float:
     return compare_cores(folder, few, many, "all", sizes)[0]
 
 
+def glow_growth(folder: Path, sizes: Sizes) -> float:
+    """The same of glowing boxes."""
+    few, many = ((glowing_scene(count), Settings(size=256)) for count in sizes.glowing)
+    return compare_cores(folder, few, many, "all", sizes)[0]
+
+
 def peak_mb(result: dict[str, Any]) -> float:
     """Of the core or of its largest worker."""
     return max(result["peak_memory_mb"].values(), default=float("nan"))
@@ -209,6 +216,17 @@ def lights_scene(count: int) -> SceneSnapshot:
     place = np.column_stack([rng.uniform(-9.0, 9.0, (count, 2)), rng.uniform(1.5, 1.9, count)])
     lamps = [Light("POINT", f"Lamp {i}", tuple(place[i]), power_rgb=(1000.0 / count,) * 3, radius_m=0.02) for i in range(count)]
     return make_scene([room_mesh("Hall", (20.0, 20.0, 4.0))], lamps, [Material("Grey", (0.5,) * 3)])
+
+
+def glowing_scene(count: int) -> SceneSnapshot:
+    """A floor of 4 x 4 m with so many glowing boxes on it, of 1 m2 of faces together, in rows and a little above it."""
+    side = int(np.sqrt(count))
+    edge_m = float(np.sqrt(1.0 / 6.0 / count))
+    place = [((i % side + 0.5) / side * 3.6 - 1.8, (i // side + 0.5) / side * 3.6 - 1.8, 0.6 * edge_m) for i in range(side * side)]
+    boxes = [dataclasses.replace(box_mesh(f"Box {i}", (edge_m,) * 3, at), receives=False) for i, at in enumerate(place)]
+    scene = make_scene([moved(quad_mesh("Floor", 4.0, 4.0), (-2.0, -2.0, 0.0)), *boxes])
+    materials = (Material("Grey", (0.4,) * 3), Material("Glow", (0.8,) * 3, emission_rgb=(2.0,) * 3))
+    return dataclasses.replace(scene, materials=materials, tri_material=(scene.tri_object > 0).astype(np.int32))
 
 
 # -- the command line --

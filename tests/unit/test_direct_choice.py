@@ -6,12 +6,23 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from leaflight.core.direct_choice import Clusters, Demand, choose_by_strata, cumulate, gather_until_sure, in_order, sort_by_place
+from leaflight.core.direct_choice import (
+    Clusters,
+    Demand,
+    choose_by_strata,
+    cumulate,
+    cut_evenly,
+    find_reach,
+    gather_until_sure,
+    in_order,
+    sort_by_place,
+)
 
 
 def random_clusters(count: int, most: int) -> Clusters:
     rng = np.random.default_rng(count)
-    return Clusters.of(rng.uniform(0.1, 1.0, count), rng.random((count, 3)), np.zeros((count, 3)), np.full(count, 0.25), most)
+    weight = rng.uniform(0.1, 1.0, count)
+    return Clusters.of(weight, rng.random((count, 3)), np.zeros((count, 3)), np.full(count, 0.25), cut_evenly(weight, most))
 
 
 def test_clusters_are_runs_of_all_emitters():
@@ -41,6 +52,14 @@ def test_emitters_are_chosen_within_their_cluster_by_weight():
     weight = np.diff(clusters.weight_end)
     assert chance == pytest.approx(weight[chosen] / clusters.weight[cluster])
     assert np.bincount(chosen) / 1000 == pytest.approx(weight / np.repeat(clusters.weight, np.diff(clusters.start)), abs=2e-3)
+
+
+def test_reach_is_half_the_diagonal_of_a_texel():
+    around = np.array([[x, y, 0] for y in (-1, 1) for x in (-1, 1)]) / np.sqrt(12)  # of a unit square: its Gauss points
+    starts = (np.array([[5.0, 0, 0], [0, 7, 0]]) + np.array([[3.0], [0.5]])[:, :, None] * around[:, None, None]).reshape(4, 2, 2, 3)
+    for points in (starts, starts[[0, 3]]):
+        assert find_reach(points[:, 0].reshape(-1, 3), 2) == pytest.approx([3 / np.sqrt(2)] * 2)
+        assert find_reach(points[:, 1].reshape(-1, 3), 2) == pytest.approx([0.5 / np.sqrt(2)] * 2)
 
 
 def test_strata_give_each_cluster_its_part_of_the_choices():
