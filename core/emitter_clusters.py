@@ -58,6 +58,7 @@ class EmitterClusters:
     @classmethod
     def of(cls, weight: Float64, centre: FloatArray, normal: FloatArray, square: FloatArray, sealed: NDArray[np.bool_]) -> EmitterClusters:
         """Of cells (n,) in the order of `order_cells`; centre, normal (n, 3) and square (n,), their squared size, unit box."""
+        weight = weight / max(float(weight.max()), 1e-300)
         starts = [cut_by_spread(weight, np.concatenate([centre / _AT_RIGHT_ANGLES, normal], axis=1), _MAX_CLUSTERS, _EVEN)]
         while len(starts[-1]) < len(weight):
             starts.append(_cut_all(starts[-1], len(weight)))
@@ -71,7 +72,7 @@ class EmitterClusters:
         hidden = np.concatenate([np.logical_and.reduceat(sealed, start) for start in starts])
         each = [np.concatenate([getattr(level, name) for level in levels]) for name in ("weight", "centre", "normal", "square", "spread")]
         short = [np.ascontiguousarray(values.T, np.float32).T for values in each]
-        short[0] = np.maximum(short[0], np.float32(1e-9) * short[0].max())  # what gives nothing is to be somewhere
+        short[0] = np.maximum(short[0], np.float32(1e-9))  # what gives nothing is to be somewhere
         return cls(levels[0], first, last, below, np.where(last - first > 1, count, 0), hidden, *short)
 
     def __len__(self) -> int:
