@@ -68,7 +68,20 @@ def bake_mean(ball):
     return float(height @ pixels[..., 0].mean(axis=1) / height.sum())
 
 
-@pytest.mark.parametrize("text", [EVEN, DOWN, SIDED, TILTED, ""], ids=["even", "down", "sided", "tilted", "none"])
+# Where a file has no angle beyond, Cycles before 5.0 goes on with 0: between few angles its cubic is up to a tenth too bright.
+few_angles = pytest.mark.skipif(bpy.app.version < (5, 0), reason="this Cycles makes more light of files with few angles than they tell of")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        pytest.param(EVEN, marks=few_angles, id="even"),
+        pytest.param(DOWN, marks=few_angles, id="down"),
+        pytest.param(SIDED, id="sided"),
+        pytest.param(TILTED, marks=few_angles, id="tilted"),
+        pytest.param("", id="none"),
+    ],
+)
 def test_a_lamp_gives_as_much_light_as_in_cycles(text):
     ball, lamp, _ = make_lamp(text)
     warnings = []
