@@ -64,7 +64,7 @@ class EmitterPool:
         surfaces: SurfaceMaterials,
         tri_sealed: NDArray[np.bool_],
     ) -> EmitterPool:
-        """A pool of the cells of several materials; scale is the unit box's, tri_sealed (n_tri,) that of find_sealed_emitters."""
+        """A pool of the cells of several materials; scale is the unit box's, tri_sealed (n_tri,) that of EmittingMeshes."""
         importance = np.concatenate([group.importance for group in groups])
         constant = np.concatenate([np.full(len(group.tri), group.constant) for group in groups])
         tri = np.concatenate([group.tri for group in groups])

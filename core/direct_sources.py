@@ -103,7 +103,7 @@ def make_triangle_sources(
 ) -> list[Source]:
     """Sources of one cell each, that are whole triangles of constant radiance.
 
-    tri_sealed   (n_tri,) bool: see emitters.find_sealed_emitters; none if None
+    tri_sealed   (n_tri,) bool: of emitters.EmittingMeshes; none if None
     """
     area = triangle_normals_areas(corner_unit[cells.tri])[1].astype(np.float32)
     sealed = np.zeros(len(area), bool) if tri_sealed is None else tri_sealed[cells.tri]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
 
@@ -66,6 +65,26 @@ class EmittingCells:
         if not self.constant:
             radiance = radiance + _FLOOR * np.average(radiance, weights=self.area_m2)
         return self.area_m2 * radiance
+
+
+@dataclass(frozen=True)
+class EmittingMeshes:
+    """All emitting triangles of a scene; they are looked for once, for photons and for shadow rays.
+
+    by_material   (material, its cells) for every material that emits from a triangle with area
+    tri_sealed    (n_tri,) bool: triangles of solids into which nobody sees, see sealed_solids
+    """
+
+    by_material: tuple[tuple[int, EmittingCells], ...]
+    tri_sealed: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, snapshot: SceneSnapshot, surfaces: SurfaceMaterials) -> EmittingMeshes:
+        by_material = tuple(find_emitting_cells(snapshot, surfaces))
+        shines = np.zeros(snapshot.n_tri, bool)
+        for _, cells in by_material:
+            shines[cells.tri] = True
+        return cls(by_material, find_sealed(snapshot, shines))
 
 
 @dataclass(frozen=True)
@@ -132,9 +151,9 @@ def rotate_to(local: FloatArray, normal: FloatArray) -> FloatArray:
 
 
 def build_emitters(
-    snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials
+    snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, meshes: EmittingMeshes
 ) -> tuple[tuple[Emitter, ...], list[tuple[str, str]]]:
-    """Everything that emits, and (name, sentence) for every light that had to be changed or left out.
+    """Everything that emits, and (name, sentence) for every light that had to be changed or left out; meshes of the same snapshot.
 
     Raises ValueError when nothing emits.
     """
@@ -147,7 +166,7 @@ def build_emitters(
             warnings.append((light.name, sentence))
         if power.any():
             emitters.append(make_light_emitter(light, power, unit_box, cover))
-    emitters += _mesh_emitters(snapshot, unit_box, surfaces)
+    emitters += _mesh_emitters(snapshot, unit_box, surfaces, meshes)
     world = usable_world(snapshot)
     if not np.array_equal(world, snapshot.world_rgb):
         warnings.append(("World", "World: its colour is negative or not a finite number and counts as 0 there; correct it."))
@@ -181,16 +200,15 @@ def usable_world(snapshot: SceneSnapshot) -> Float64:
     return np.where(np.isfinite(world) & (world > 0), world, 0.0)
 
 
-def _mesh_emitters(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials) -> list[MeshEmitter]:
-    cells_of = find_emitting_cells(snapshot, surfaces)
-    if not cells_of:
+def _mesh_emitters(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, meshes: EmittingMeshes) -> list[MeshEmitter]:
+    if not meshes.by_material:
         return []
     corner_unit = unit_box.to_unit(snapshot.tri_position)
     frame = triangle_frames(corner_unit)
     normal = np.ascontiguousarray(triangle_normals_areas(corner_unit)[0].T, np.float32)
-    sides_of = np.where(find_sealed_emitters(snapshot, [cells for _, cells in cells_of]), 1, 2).astype(np.int8)
+    sides_of = np.where(meshes.tri_sealed, 1, 2).astype(np.int8)
     emitters = []
-    for index, cells in cells_of:
+    for index, cells in meshes.by_material:
         sides = sides_of[cells.tri]
         power = math.pi * ((sides * cells.area_m2)[:, None] * cells.mean_rgb).sum(axis=0)
         table = AliasTable(cells.importance * sides)
@@ -212,14 +230,6 @@ def find_emitting_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials) -> 
             if cells.mean_rgb.any():
                 found.append((index, cells))
     return found
-
-
-def find_sealed_emitters(snapshot: SceneSnapshot, groups: Sequence[EmittingCells]) -> NDArray[np.bool_]:
-    """(n_tri,) bool: emitting triangles of solids into which nobody sees."""
-    shines = np.zeros(snapshot.n_tri, bool)
-    for cells in groups:
-        shines[cells.tri] = True
-    return find_sealed(snapshot, shines)
 
 
 def _cut_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials, material: int, tri: NDArray[np.int64], area: Float64) -> EmittingCells:
