@@ -13,7 +13,7 @@ from .direct_choice import BLOCK_TEXELS, Demand, Int64, Span, choose_by_strata, 
 from .direct_lights import Aim
 from .direct_points import GAUSS_POINTS, MIDDLE, STAGES, Receivers, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces
 from .emitter_clusters import EmitterClusters, order_cells
-from .emitters import EmittingCells
+from .emitting_cells import EmittingCells
 from .geometry import ORIGIN_OFFSET, dot_rows, take_rows
 from .irradiance import polygon_irradiance
 from .lights import Float32, Float64

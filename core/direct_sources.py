@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .direct_lights import AreaSource, PointSource, Source, SunSource, TriangleSource, WorldSource, source_values
-from .emitters import EmittingCells, usable_power, usable_world
+from .emitters import usable_power, usable_world
+from .emitting_cells import EmittingCells
 from .geometry import UnitBox, triangle_normals_areas
 from .lights import LAMBERTIAN_SPREAD_RAD, SMALLEST_SIDE, Float32, Float64, SpotCone
 from .scene import Light, SceneSnapshot

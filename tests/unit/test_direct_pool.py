@@ -11,7 +11,7 @@ from floors import chi_square_sigmas, floor_looks, floor_tiles, lit_scene, morto
 from leaflight.core import direct, direct_pool
 from leaflight.core.direct import DirectScene, direct_irradiance
 from leaflight.core.direct_sources import make_triangle_sources
-from leaflight.core.emitters import find_emitting_cells
+from leaflight.core.emitting_cells import find_emitting_cells
 from leaflight.core.scene import Material, SceneSnapshot, TextureImage
 from scenes import box_mesh, grid_mesh, moved, quad_mesh, sphere_mesh
 
