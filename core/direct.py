@@ -27,7 +27,7 @@ from .direct_pool import EmitterPool
 from .direct_sources import make_lamps, make_suns, make_triangle_sources, make_world
 from .direct_tally import Tally
 from .direct_tiles import look_from_tiles
-from .emitters import find_emitting_cells, find_sealed_emitters
+from .emitters import EmittingMeshes
 from .geometry import UnitBox
 from .lights import Float64
 from .materials import SurfaceMaterials
@@ -52,13 +52,15 @@ class DirectScene:
     tri_two_sided: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, rays: RayScene, snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials) -> DirectScene:
+    def of(
+        cls, rays: RayScene, snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, meshes: EmittingMeshes
+    ) -> DirectScene:
         receiving = ReceivingSurfaces.of(snapshot, unit_box)
         lamps, suns, world = make_lamps(snapshot, unit_box), make_suns(snapshot), make_world(snapshot)
         crowd = LampCrowd.of(lamps) if len(lamps) > _FEW_LAMPS else None
         sources = [*(lamps if crowd is None else []), *suns, *world]
-        groups = [cells for _, cells in find_emitting_cells(snapshot, surfaces)]
-        pool, sealed = None, find_sealed_emitters(snapshot, groups)
+        groups = [cells for _, cells in meshes.by_material]
+        pool, sealed = None, meshes.tri_sealed
         if sum(len(cells.tri) for cells in groups) <= _MOST_TRIANGLE_SOURCES and all(cells.constant for cells in groups):
             for cells in groups:
                 sources += make_triangle_sources(cells, receiving.corner_unit, receiving.normal, sealed)

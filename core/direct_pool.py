@@ -13,7 +13,7 @@ from .direct_choice import BLOCK_TEXELS, Demand, Int64, Span, choose_by_strata, 
 from .direct_lights import Aim
 from .direct_points import GAUSS_POINTS, MIDDLE, STAGES, Receivers, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces
 from .emitter_clusters import EmitterClusters, order_cells
-from .emitters import EmittingCells
+from .emitting_cells import EmittingCells
 from .geometry import ORIGIN_OFFSET, dot_rows, take_rows
 from .irradiance import polygon_irradiance
 from .lights import Float32, Float64
@@ -29,6 +29,7 @@ _PILOTS = 4  # receivers of a block that look at every cluster first
 _REGION_BLOCKS = 16  # blocks whose pilots tell together whether a cluster is seen from there at all
 _UNSEEN_LEAST, _UNSEEN_MOST = 0.05, 0.4  # share of a cluster that is kept for each pilot that did not see it
 _ON_HORIZON = 1e-3  # roots of a triangle's area below the horizon that count as on it
+_CORNERS_WORK = 16  # of the closed form of a triangle, beside looking at a cluster
 _NEAR = 4.0  # distance squared in areas of a triangle, below which its closed form is taken
 
 
@@ -55,6 +56,12 @@ class EmitterPool:
         out: Float32 = self.scene.corner_unit[self.cells.tri].mean(axis=1)
         return out
 
+    @cached_property
+    def _alone(self) -> Int64:
+        """(m,) int64: runs of one cell that is a triangle of constant radiance."""
+        out: Int64 = np.flatnonzero((self.clusters.runs.count == 1) & self.constant[self.clusters.first[: len(self.clusters)]])
+        return out
+
     @classmethod
     def of(
         cls,
@@ -64,7 +71,7 @@ class EmitterPool:
         surfaces: SurfaceMaterials,
         tri_sealed: NDArray[np.bool_],
     ) -> EmitterPool:
-        """A pool of the cells of several materials; scale is the unit box's, tri_sealed (n_tri,) that of find_sealed_emitters."""
+        """A pool of the cells of several materials; scale is the unit box's, tri_sealed (n_tri,) that of EmittingMeshes."""
         importance = np.concatenate([group.importance for group in groups])
         constant = np.concatenate([np.full(len(group.tri), group.constant) for group in groups])
         tri = np.concatenate([group.tri for group in groups])
@@ -140,11 +147,27 @@ class EmitterPool:
                 ends = chunk.receivers_at(judges[piece].ravel(), _DIAGONAL)
                 count = len(ends.position) // len(_DIAGONAL)
                 middle = replace(ends.rows(np.arange(count)), position=ends.position.reshape(-1, count, 3).mean(axis=0))
-                chance = self.clusters.judge(middle, find_reach(ends.position, count)).reshape(len(piece), -1, n_cluster).sum(axis=1)
+                chance = self._judge(middle, find_reach(ends.position, count)).reshape(len(piece), -1, n_cluster).sum(axis=1)
                 chance *= visibility[judges[piece, 0] // BLOCK_TEXELS]
                 at = first + piece[0]
                 cumulate(chance, at, end[at : at + len(piece)])
         return end, group, n_ray
+
+    def _judge(self, receivers: Receivers, reach: Float32) -> Float32:
+        """As EmitterClusters.judge, but large triangles that are near by what they give: their middles tell little of that."""
+        judged = self.clusters.judge(receivers, reach)
+        run, place = self._alone, receivers.position
+        cell = self.clusters.first[run]
+        middle, area = take_rows(self.middle, cell), self.area[cell]
+        away2 = dot_rows(place, place)[:, None] + dot_rows(middle, middle) - 2 * place @ middle.T
+        row, which = np.nonzero(away2 < _NEAR * area)
+        for piece in row_pieces(np.arange(len(row)), _CORNERS_WORK):
+            rows, runs, cells = row[piece], run[which[piece]], cell[which[piece]]
+            looking, normal = receivers.rows(rows), take_rows(self.scene.normal, self.cells.tri[cells])
+            given = np.abs(polygon_irradiance(self.scene.corner_unit[self.cells.tri[cells]], looking.position, looking.normal))
+            given[self.sealed[cells] & (dot_rows(looking.position - take_rows(self.middle, cells), normal) < 0)] = 0
+            judged[rows, runs] = np.maximum(judged[rows, runs], given / self.area[cells] * self.clusters.weight[runs])
+        return judged
 
     def _look_around(self, rays: RayScene, chunk: TexelChunk, rng: np.random.Generator) -> tuple[Float32, int]:
         """(n_block, n_cluster): share of each cluster that pilots of the block, and of the blocks around it, saw; and rays spent."""

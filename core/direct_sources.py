@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .direct_lights import AreaSource, PointSource, Source, SunSource, TriangleSource, WorldSource, source_values
-from .emitters import EmittingCells, usable_power, usable_world
+from .emitters import usable_power, usable_world
+from .emitting_cells import EmittingCells
 from .geometry import UnitBox, triangle_normals_areas
 from .lights import LAMBERTIAN_SPREAD_RAD, SMALLEST_SIDE, Float32, Float64, SpotCone
 from .scene import Light, SceneSnapshot
@@ -103,7 +104,7 @@ def make_triangle_sources(
 ) -> list[Source]:
     """Sources of one cell each, that are whole triangles of constant radiance.
 
-    tri_sealed   (n_tri,) bool: see emitters.find_sealed_emitters; none if None
+    tri_sealed   (n_tri,) bool: of emitters.EmittingMeshes; none if None
     """
     area = triangle_normals_areas(corner_unit[cells.tri])[1].astype(np.float32)
     sealed = np.zeros(len(area), bool) if tri_sealed is None else tri_sealed[cells.tri]

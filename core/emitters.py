@@ -3,69 +3,50 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .brightness import weigh_channels
+from .emitting_cells import EmittingCells, find_emitting_cells
 from .geometry import (
     UnitBox,
     locate_hits,
     offset_origin,
     orthonormal_basis,
     stack_columns,
-    take_rows,
     triangle_frames,
     triangle_normals_areas,
 )
 from .lights import Births, Emitter, Float32, Float64, make_births, make_light_emitter
 from .materials import SurfaceMaterials
-from .sampling import AliasTable, square_to_cosine_hemisphere, square_to_uniform_triangle
-from .scene import FloatArray, IntArray, Light, SceneSnapshot
+from .sampling import AliasTable, square_to_cosine_hemisphere
+from .scene import FloatArray, Light, SceneSnapshot
 from .scene_cover import SceneCover
 from .sealed_solids import find_sealed
 
 NO_LIGHT = "the scene has no light: add a light, an emitting material or a world colour"
-_MAX_CELLS = 2**17
-_MAX_CELLS_PER_SIDE = 64
-_CELL_SAMPLES = 4  # per side
-_FLOOR = 0.05  # of the mean radiance, so that light the cell's samples missed is still found
 
 
 @dataclass(frozen=True)
-class EmittingCells:
-    """Emitting triangles, cut into cells where a texture lights them; a cell is a square of square_to_uniform_triangle's domain.
+class EmittingMeshes:
+    """All emitting triangles of a scene; they are looked for once, for photons and for shadow rays.
 
-    tri          (n,) int64
-    corner       (n, 2) float32     lower left corner of the square
-    side         (n,) float32       1 where the whole triangle is the cell
-    area_m2      (n,) float64
-    mean_rgb     (n, 3) float64     W/m^2/sr, mean of the samples
-    constant     whether the radiance is mean_rgb everywhere
+    by_material   (material, its cells) for every material that emits from a triangle with area
+    tri_sealed    (n_tri,) bool: triangles of solids into which nobody sees, see sealed_solids
     """
 
-    tri: NDArray[np.int64]
-    corner: Float32
-    side: Float32
-    area_m2: Float64
-    mean_rgb: Float64
-    constant: bool
+    by_material: tuple[tuple[int, EmittingCells], ...]
+    tri_sealed: NDArray[np.bool_]
 
-    def place(self, cell: IntArray, u: FloatArray) -> tuple[NDArray[np.int64], Float32]:
-        """Triangles (n,) and weights (n, 2) of their corners 1 and 2 at points u (n, 2) of cells (n,)."""
-        corner, side = take_rows(self.corner, cell), self.side.take(cell)[:, None]
-        return self.tri.take(cell), square_to_uniform_triangle(corner + side * u.astype(np.float32, copy=False))
-
-    @property
-    def importance(self) -> Float64:
-        """(n,) float64: area times radiance, with a floor under textured ones."""
-        radiance = weigh_channels(self.mean_rgb)
-        if not self.constant:
-            radiance = radiance + _FLOOR * np.average(radiance, weights=self.area_m2)
-        return self.area_m2 * radiance
+    @classmethod
+    def of(cls, snapshot: SceneSnapshot, surfaces: SurfaceMaterials) -> EmittingMeshes:
+        by_material = tuple(find_emitting_cells(snapshot, surfaces))
+        shines = np.zeros(snapshot.n_tri, bool)
+        for _, cells in by_material:
+            shines[cells.tri] = True
+        return cls(by_material, find_sealed(snapshot, shines))
 
 
 @dataclass(frozen=True)
@@ -132,9 +113,9 @@ def rotate_to(local: FloatArray, normal: FloatArray) -> FloatArray:
 
 
 def build_emitters(
-    snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials
+    snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, meshes: EmittingMeshes
 ) -> tuple[tuple[Emitter, ...], list[tuple[str, str]]]:
-    """Everything that emits, and (name, sentence) for every light that had to be changed or left out.
+    """Everything that emits, and (name, sentence) for every light that had to be changed or left out; meshes of the same snapshot.
 
     Raises ValueError when nothing emits.
     """
@@ -147,7 +128,7 @@ def build_emitters(
             warnings.append((light.name, sentence))
         if power.any():
             emitters.append(make_light_emitter(light, power, unit_box, cover))
-    emitters += _mesh_emitters(snapshot, unit_box, surfaces)
+    emitters += _mesh_emitters(snapshot, unit_box, surfaces, meshes)
     world = usable_world(snapshot)
     if not np.array_equal(world, snapshot.world_rgb):
         warnings.append(("World", "World: its colour is negative or not a finite number and counts as 0 there; correct it."))
@@ -181,70 +162,17 @@ def usable_world(snapshot: SceneSnapshot) -> Float64:
     return np.where(np.isfinite(world) & (world > 0), world, 0.0)
 
 
-def _mesh_emitters(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials) -> list[MeshEmitter]:
-    cells_of = find_emitting_cells(snapshot, surfaces)
-    if not cells_of:
+def _mesh_emitters(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, meshes: EmittingMeshes) -> list[MeshEmitter]:
+    if not meshes.by_material:
         return []
     corner_unit = unit_box.to_unit(snapshot.tri_position)
     frame = triangle_frames(corner_unit)
     normal = np.ascontiguousarray(triangle_normals_areas(corner_unit)[0].T, np.float32)
-    sides_of = np.where(find_sealed_emitters(snapshot, [cells for _, cells in cells_of]), 1, 2).astype(np.int8)
+    sides_of = np.where(meshes.tri_sealed, 1, 2).astype(np.int8)
     emitters = []
-    for index, cells in cells_of:
+    for index, cells in meshes.by_material:
         sides = sides_of[cells.tri]
         power = math.pi * ((sides * cells.area_m2)[:, None] * cells.mean_rgb).sum(axis=0)
         table = AliasTable(cells.importance * sides)
         emitters.append(MeshEmitter(snapshot.materials[index].name, power, cells, sides, table, frame, normal, surfaces))
     return emitters
-
-
-def find_emitting_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials) -> list[tuple[int, EmittingCells]]:
-    """(material, its cells) for every material that emits from a triangle with area."""
-    emitting = [i for i, material in enumerate(snapshot.materials) if any(material.emission_rgb)]
-    if not emitting:
-        return []
-    area = triangle_normals_areas(snapshot.tri_position)[1]
-    found = []
-    for index in emitting:
-        tri = np.flatnonzero((snapshot.tri_material == index) & (area > 0))
-        if len(tri):
-            cells = _cut_cells(snapshot, surfaces, index, tri, area)
-            if cells.mean_rgb.any():
-                found.append((index, cells))
-    return found
-
-
-def find_sealed_emitters(snapshot: SceneSnapshot, groups: Sequence[EmittingCells]) -> NDArray[np.bool_]:
-    """(n_tri,) bool: emitting triangles of solids into which nobody sees."""
-    shines = np.zeros(snapshot.n_tri, bool)
-    for cells in groups:
-        shines[cells.tri] = True
-    return find_sealed(snapshot, shines)
-
-
-def _cut_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials, material: int, tri: NDArray[np.int64], area: Float64) -> EmittingCells:
-    image = snapshot.materials[material].emission_image
-    if image < 0:
-        rgb = surfaces.emission_at(tri, np.zeros(len(tri)), np.zeros(len(tri))).astype(np.float64)
-        return EmittingCells(tri, np.zeros((len(tri), 2), np.float32), np.ones(len(tri), np.float32), area[tri], rgb, True)
-    height, width = snapshot.images[image].pixels.shape[:2]
-    uv = np.nan_to_num(snapshot.tri_emission_uv[tri].astype(np.float64), posinf=0, neginf=0) * (width, height)
-    longest_texels = np.abs(uv - np.roll(uv, 1, axis=1)).max(axis=(1, 2))
-    finest = min(_MAX_CELLS_PER_SIDE, max(1, math.isqrt(_MAX_CELLS // len(tri))))
-    per_side = np.clip(np.ceil(longest_texels), 1, finest).astype(np.int64)
-    count = per_side**2
-    owner = np.repeat(np.arange(len(tri)), count)
-    within = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
-    side = 1 / per_side[owner]
-    corner = np.stack([within % per_side[owner], within // per_side[owner]], axis=1) * side[:, None]
-    cells = EmittingCells(
-        tri[owner], corner.astype(np.float32), side.astype(np.float32), area[tri[owner]] * side**2, np.zeros((len(owner), 3)), False
-    )
-    total = np.zeros((len(owner), 3))
-    every = np.arange(len(owner))
-    for x in range(_CELL_SAMPLES):
-        for y in range(_CELL_SAMPLES):
-            point = np.broadcast_to((np.array([x, y]) + 0.5) / _CELL_SAMPLES, (len(owner), 2))
-            at_tri, barycentric = cells.place(every, point)
-            total += surfaces.emission_at(at_tri, barycentric[:, 0], barycentric[:, 1])
-    return EmittingCells(cells.tri, cells.corner, cells.side, cells.area_m2, total / _CELL_SAMPLES**2, False)

@@ -40,7 +40,7 @@ class _Layer:
                 rows = (hit_image == index).nonzero()[0]
                 with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not finite, and so 0
                     uv = locate_hits(self.tri_uv, gather(tri, rows), gather(u, rows), gather(v, rows)).T
-                    product = _clamp(gather(rgb, rows) * sample_texture(self.images[index], uv).T, self.highest)
+                    product = clamp_colours(gather(rgb, rows) * sample_texture(self.images[index], uv).T, self.highest)
                 for channel, values in zip(rgb, product, strict=True):  # numpy is three times as quick row by row
                     channel[rows] = values
         return rgb.T
@@ -177,7 +177,7 @@ def _layer(
         material_rgb = np.array(rgb, np.float64).reshape(-1, 3).astype(np.float32)
     material_image = np.array(image, np.int32)
     plain = material_image < 0
-    material_rgb[plain] = _clamp(material_rgb[plain], highest)
+    material_rgb[plain] = clamp_colours(material_rgb[plain], highest)
     tri_image = material_image[scene.tri_material]
     tri_rgb = np.ascontiguousarray(material_rgb[scene.tri_material].T)
     if not (tri_image >= 0).any():
@@ -186,6 +186,7 @@ def _layer(
         return _Layer(tri_rgb, tri_image, triangle_frames(tri_uv), scene.images, highest)
 
 
-def _clamp(values: FloatArray, highest: float) -> FloatArray:
+def clamp_colours(values: FloatArray, highest: float) -> FloatArray:
+    """What surfaces show of colours: within 0 ... highest, and 0 where they are not finite."""
     finite = np.isfinite(values)
     return (values if finite.all() else np.where(finite, values, 0)).clip(0, np.float32(highest))

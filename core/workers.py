@@ -15,7 +15,7 @@ import numpy as np
 
 from . import direct, direct_quads, gather, photons, rays, sampling, shared_arrays
 from .coverage import as_slice
-from .emitters import build_emitters
+from .emitters import EmittingMeshes, build_emitters
 from .geometry import UnitBox
 from .heap import keep_freed_memory
 from .job import SNAPSHOT_FILE
@@ -45,6 +45,7 @@ class TracedScene:
     snapshot: SceneSnapshot
     unit_box: UnitBox
     scene: photons.TraceScene
+    meshes: EmittingMeshes
     warnings: tuple[tuple[str, str], ...]  # subject, sentence
 
 
@@ -70,8 +71,10 @@ def open_scene(folder: str) -> TracedScene:
     snapshot, _ = prune_scene(load_snapshot(Path(folder) / SNAPSHOT_FILE))
     unit_box = UnitBox.from_points(snapshot.vertex_position)
     surfaces = SurfaceMaterials(snapshot)
-    emitters, warnings = build_emitters(snapshot, unit_box, surfaces)
-    return TracedScene(snapshot, unit_box, photons.build_trace_scene(snapshot, unit_box, surfaces, emitters), tuple(warnings))
+    meshes = EmittingMeshes.of(snapshot, surfaces)
+    emitters, warnings = build_emitters(snapshot, unit_box, surfaces, meshes)
+    scene = photons.build_trace_scene(snapshot, unit_box, surfaces, emitters)
+    return TracedScene(snapshot, unit_box, scene, meshes, tuple(warnings))
 
 
 @lru_cache(maxsize=1)
@@ -79,7 +82,7 @@ def open_tracing(folder: str) -> Tracing:
     """The same with the texel map that was written there too."""
     opened = open_scene(folder)
     texels = shared_arrays.load_struct(Path(folder) / TEXELS_FOLDER, TexelMap)
-    return Tracing(opened.snapshot, opened.unit_box, opened.scene, opened.warnings, texels)
+    return Tracing(opened.snapshot, opened.unit_box, opened.scene, opened.meshes, opened.warnings, texels)
 
 
 def open_ahead(folder: str) -> None:
@@ -187,7 +190,7 @@ def gather_texels(shard: GatherShard) -> gather.GatheredLight:
 @lru_cache(maxsize=1)
 def _open_direct_scene(folder: str) -> direct.DirectScene:
     tracing = open_tracing(folder)
-    return direct.DirectScene.of(tracing.scene.rays, tracing.snapshot, tracing.unit_box, tracing.scene.surfaces)
+    return direct.DirectScene.of(tracing.scene.rays, tracing.snapshot, tracing.unit_box, tracing.scene.surfaces, tracing.meshes)
 
 
 @lru_cache(maxsize=1)

@@ -8,6 +8,7 @@ from statistics import NormalDist
 
 import numpy as np
 from leaflight.core.direct import DirectScene
+from leaflight.core.emitters import EmittingMeshes
 from leaflight.core.geometry import UnitBox, orthonormal_basis
 from leaflight.core.lights import Emitter
 from leaflight.core.materials import SurfaceMaterials
@@ -124,4 +125,4 @@ def lit_scene(
 def prepare(scene: SceneSnapshot) -> tuple[DirectScene, UnitBox, SurfaceMaterials]:
     unit_box, surfaces = UnitBox.from_points(scene.vertex_position), SurfaceMaterials(scene)
     rays = RayScene(unit_box.to_unit(scene.tri_position))
-    return DirectScene.of(rays, scene, unit_box, surfaces), unit_box, surfaces
+    return DirectScene.of(rays, scene, unit_box, surfaces, EmittingMeshes.of(scene, surfaces)), unit_box, surfaces

@@ -10,7 +10,7 @@ import pytest
 from floors import floor_looks, lit_scene, morton_square, prepare, sigma_limit, to_grid
 from leaflight.core import direct, photons
 from leaflight.core.direct import DirectLight, direct_irradiance
-from leaflight.core.emitters import build_emitters
+from leaflight.core.emitters import EmittingMeshes, build_emitters
 from leaflight.core.irradiance import polygon_irradiance
 from leaflight.core.scene import Light, SceneSnapshot
 from scenes import box_mesh, grid_mesh, moved, quad_mesh
@@ -195,7 +195,7 @@ def test_photons_say_the_same(name):
     """Over the 8 x 8 parts of the floor, within the photons' Poisson noise and 2 % of our own."""
     scene, n_photon = SECOND_OPINIONS[name], 300_000
     _, box, surfaces = prepare(scene)
-    emitters, _ = build_emitters(scene, box, surfaces)
+    emitters, _ = build_emitters(scene, box, surfaces, EmittingMeshes.of(scene, surfaces))
     trace = photons.build_trace_scene(scene, box, surfaces, emitters)
     (hits,) = photons.trace_shard(trace, n_photon, 1.0, np.random.default_rng(5), max_depth=1, skip_first=False)
     on_floor = hits.tri < 2

@@ -10,8 +10,10 @@ import pytest
 from floors import chi_square_sigmas, floor_looks, floor_tiles, lit_scene, morton_square, prepare, sigma_limit, to_grid
 from leaflight.core import direct, direct_pool
 from leaflight.core.direct import DirectScene, direct_irradiance
+from leaflight.core.direct_points import Receivers
 from leaflight.core.direct_sources import make_triangle_sources
-from leaflight.core.emitters import find_emitting_cells
+from leaflight.core.emitting_cells import find_emitting_cells
+from leaflight.core.geometry import UnitBox
 from leaflight.core.scene import Material, SceneSnapshot, TextureImage
 from scenes import box_mesh, grid_mesh, moved, quad_mesh, sphere_mesh
 
@@ -45,6 +47,36 @@ def test_the_same_light_as_from_each_triangle_by_itself():
     assert error.mean(axis=0) == pytest.approx(0, abs=0.01 * expected.mean())
     assert np.sqrt((error**2).mean()) < 0.1 * expected.mean()
     assert found.irradiance_rgb[:, 0] == pytest.approx(3 * found.irradiance_rgb[:, 2])
+
+
+def test_a_large_triangle_close_by_is_chosen_though_its_middle_is_far_and_low():
+    """A glowing panel over the floor, 5 mm above it, and lamps further off: nearly all comes from the panel."""
+    panel = moved(quad_mesh("Panel", 0.8, 0.8), (0.1, 0.1, 0.005))
+    scene = lit_scene(emission=[panel, *boxes(9)], rgb=(3.0, 2.0, 1.0))
+    pooled = prepare(scene)[0]
+    found, expected = light_floor(pooled, max_rays=16, tolerance=0.0), light_floor(as_sources(scene), tolerance=0.0).irradiance_rgb[:, 0]
+    under = expected > 0.8 * 3 * math.pi
+    assert 0.4 < under.mean() < 0.8
+    error = found.irradiance_rgb[under, 0] / expected[under] - 1
+    assert np.sqrt((error**2).mean()) < 0.1
+
+
+def test_the_far_side_of_a_solid_close_by_is_not_chosen_for_what_it_would_give():
+    """Were it not for the solid, which nobody sees through: the large triangles of its far side are as near as those of its near one."""
+    scene = lit_scene(emission=[box_mesh("Lamp", (0.4, 0.4, 0.4), (0.5, 0.5, 0.5)), *boxes(4)])
+    pool = prepare(scene)[0].pool
+    place, _ = UnitBox.from_points(scene.vertex_position).to_unit(np.array([[0.29, 0.5, 0.5], [0.5, 0.5, 0.5]]))
+    toward = np.array([[1.0, 0.0, 0.0]], np.float32)
+    looking = Receivers(place[None].astype(np.float32), toward, toward)
+    judged, by_middle = pool._judge(looking, np.zeros(1, np.float32))[0], pool.clusters.judge(looking, np.zeros(1, np.float32))[0]
+    cell = pool.clusters.first[pool._alone]
+    normal = pool.scene.normal[pool.cells.tri[cell]]
+    large = pool.area[cell] > 0.5 * pool.area.max()
+    near, far = (pool._alone[large & (normal[:, 0] * side > 0.9)] for side in (-1, 1))
+    assert len(near) == len(far) == 2
+    assert (judged[near] > by_middle[near]).all()
+    assert np.array_equal(judged[far], by_middle[far])
+    assert judged[far].sum() < 0.01 * judged[near].sum()
 
 
 def test_triangles_that_share_an_edge_with_the_floor():

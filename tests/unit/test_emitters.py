@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import Patch, chi_square_sigmas, lit_scene, sigma_limit
-from leaflight.core.emitters import NO_LIGHT, MeshEmitter, WorldEmitter, build_emitters, find_emitting_cells, usable_power
+from leaflight.core.emitters import NO_LIGHT, EmittingMeshes, MeshEmitter, WorldEmitter, build_emitters, usable_power
+from leaflight.core.emitting_cells import find_emitting_cells
 from leaflight.core.geometry import UnitBox
 from leaflight.core.irradiance import polygon_irradiance
 from leaflight.core.materials import SurfaceMaterials
@@ -23,7 +24,8 @@ LAMP_RGB = (5.0, 2.0, 0.0)
 
 def build(scene: SceneSnapshot):
     box = UnitBox.from_points(scene.vertex_position)
-    return build_emitters(scene, box, SurfaceMaterials(scene)), box
+    surfaces = SurfaceMaterials(scene)
+    return build_emitters(scene, box, surfaces, EmittingMeshes.of(scene, surfaces)), box
 
 
 def numbers(count: int = N_PHOTON, seed: int = 1) -> np.ndarray:

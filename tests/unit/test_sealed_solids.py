@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import room_mesh, solve_scene
-from leaflight.core import direct, emitters, sealed_solids
+from leaflight.core import emitters, sealed_solids
 from leaflight.core.scene import Material
 from leaflight.core.sealed_solids import find_sealed
 from leaflight.core.settings import Settings
@@ -140,7 +140,7 @@ def test_direct_light_is_the_same_with_fewer_shadow_rays(tmp_path, monkeypatch):
     scene = replace(scene, tri_material=scene.tri_object)
     settings = Settings(size=128, padding=1, workers=1, error=0.02, denoise=False)
     sealed = solve_scene(tmp_path / "sealed", scene, settings)
-    monkeypatch.setattr(direct, "find_sealed_emitters", lambda snapshot, groups: np.zeros(snapshot.n_tri, bool))
+    monkeypatch.setattr(emitters, "find_sealed", lambda snapshot, shines: np.zeros(snapshot.n_tri, bool))
     plain = solve_scene(tmp_path / "plain", scene, settings)
     np.testing.assert_allclose(sealed.direct.irradiance.mean(axis=0), plain.direct.irradiance.mean(axis=0), rtol=2e-3)
     assert sealed.direct.counters["rays"] < 0.6 * plain.direct.counters["rays"]

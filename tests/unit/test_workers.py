@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, prepare_folder, to_bytes
-from leaflight.core import shared_arrays, workers
+from leaflight.core import emitters, shared_arrays, workers
 from leaflight.core.scene import SceneObject
 from leaflight.core.settings import Settings
 
@@ -48,3 +48,15 @@ def test_a_folder_that_cannot_be_opened_ahead_is_told_when_there_is_work(tmp_pat
     workers.open_ahead(str(tmp_path))
     with pytest.raises(FileNotFoundError):
         workers.open_tracing(str(tmp_path))
+
+
+def test_solids_that_shine_are_looked_for_once(tmp_path, monkeypatch):
+    """For photons and for shadow rays: of a ball of many triangles that takes seconds."""
+    scene = lamp_scene()
+    shining = tuple(replace(material, emission_rgb=(1.0, 1.0, 1.0)) for material in scene.materials)
+    prepare_folder(tmp_path, replace(scene, materials=shining), SETTINGS)
+    times = []
+    monkeypatch.setattr(emitters, "find_sealed", lambda snapshot, shines: times.append(shines.any()) or np.zeros(snapshot.n_tri, bool))
+    workers.forget_folders()
+    workers.light_texels(workers.DirectShard(str(tmp_path), seed=1, turn=0, start=0, texels=np.arange(5), tolerance=0.01, smoothed=False))
+    assert times == [True]

@@ -1,0 +1,112 @@
+"""Cells of textured emitters: small where the texture is uneven."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from leaflight.core import emitting_cells
+from leaflight.core.brightness import weigh_channels
+from leaflight.core.emitting_cells import EmittingCells, find_emitting_cells
+from leaflight.core.materials import SurfaceMaterials
+from leaflight.core.scene import Material, SceneSnapshot, TextureImage
+from scenes import make_scene, quad_mesh
+
+
+def screen(pixels: np.ndarray, tiles: float = 1.0, closest: bool = False) -> SceneSnapshot:
+    """A quad of 2 x 1 m that emits an image, its UV square so many times along each side."""
+    scene = make_scene([quad_mesh("Screen", 2.0, 1.0)])
+    uv = tiles * np.array([[[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]]], np.float32)
+    material = Material("Screen", emission_rgb=(2.0, 2.0, 2.0), emission_image=0)
+    return replace(scene, materials=(material,), images=(TextureImage("Picture", pixels, closest=closest),), tri_emission_uv=uv)
+
+
+def cells_of(scene: SceneSnapshot) -> EmittingCells:
+    ((_, cells),) = find_emitting_cells(scene, SurfaceMaterials(scene))
+    return cells
+
+
+def spread_of_estimates(scene: SceneSnapshot, count: int = 100_000) -> tuple[float, float]:
+    """Power per steradian as rays to points of cells find it, mean and standard deviation of one."""
+    cells, rng = cells_of(scene), np.random.default_rng(1)
+    chance = cells.importance / cells.importance.sum()
+    cell = rng.choice(len(chance), count, p=chance)
+    tri, barycentric = cells.place(cell, rng.random((count, 2)))
+    radiance = weigh_channels(SurfaceMaterials(scene).emission_at(tri, barycentric[:, 0], barycentric[:, 1]))
+    found = radiance * cells.area_m2[cell] / chance[cell]
+    return float(found.mean()), float(found.std())
+
+
+def stars(size: int = 1024, closest: bool = False) -> SceneSnapshot:
+    """Single bright texels, one of 20,000, on a dim ground."""
+    pixels = np.full((size, size, 3), 0.01, np.float32)
+    row, column = np.random.default_rng(2).integers(0, size, (2, size * size // 20_000))
+    pixels[row, column] = 1000
+    return screen(pixels, closest=closest)
+
+
+@pytest.mark.parametrize("closest", [False, True])
+def test_every_star_has_its_cell(closest):
+    """Cells that are looked at in points pass most of them by: estimates differ by ten times their mean and more."""
+    scene = stars(closest=closest)
+    mean, deviation = spread_of_estimates(scene)
+    assert mean == pytest.approx(4 * scene.images[0].pixels.mean(dtype=np.float64), rel=0.03)
+    assert deviation < mean
+    assert len(cells_of(scene).tri) < 40_000
+
+
+def test_no_cell_that_shines_counts_as_black(monkeypatch):
+    """Of a line beyond its border half a texel shines into a cell that is black else, and that there is no room to cut."""
+    pixels = np.zeros((1024, 1024, 3), np.float32)
+    pixels[::64] = pixels[:, ::64] = 1
+    monkeypatch.setattr(emitting_cells, "_MAX_CELLS", 2 * 64**2)
+    scene = screen(pixels)
+    cells, rng = cells_of(scene), np.random.default_rng(4)
+    cell = rng.integers(0, len(cells.tri), 100_000)
+    tri, barycentric = cells.place(cell, rng.random((len(cell), 2)))
+    shines = SurfaceMaterials(scene).emission_at(tri, barycentric[:, 0], barycentric[:, 1])[:, 0] > 0
+    assert 0.02 < shines.mean() < 0.2
+    assert (cells.mean_rgb[cell[shines]] > 0).all()
+
+
+def test_cells_tile_their_triangles():
+    cells = cells_of(stars(256))
+    assert np.bincount(cells.tri, cells.area_m2) == pytest.approx([1, 1], rel=1e-6)
+    assert np.bincount(cells.tri, cells.side.astype(np.float64) ** 2) == pytest.approx([1, 1], rel=1e-6)
+    point = np.random.default_rng(3).random((200, 2)).astype(np.float32)
+    low = cells.corner[:, None] <= point
+    high = point < cells.corner[:, None] + cells.side[:, None, None]
+    for tri in (0, 1):
+        assert ((low & high).all(axis=2)[cells.tri == tri].sum(axis=0) == 1).all()
+
+
+def test_an_even_texture_is_cut_no_further_than_for_who_is_near():
+    cells = cells_of(screen(np.full((2048, 2048, 3), 0.5, np.float32)))
+    assert len(np.unique(cells.side)) == 1
+    assert len(cells.tri) == 2 * 64**2
+    assert cells.mean_rgb == pytest.approx(1.0, rel=1e-5)
+
+
+def test_cells_are_not_smaller_than_texels_nor_more_than_there_may_be(monkeypatch):
+    checks = np.indices((16, 16)).sum(axis=0) % 2
+    pixels = np.repeat(checks[..., None], 3, axis=2).astype(np.float32)
+    assert cells_of(screen(pixels, closest=True)).side.min() == pytest.approx(1 / 16)
+    monkeypatch.setattr(emitting_cells, "_MAX_CELLS", 9000)
+    many = cells_of(screen(pixels, tiles=50, closest=True))
+    assert 2 * 64**2 <= len(many.tri) <= 9000
+
+
+def test_black_and_empty_textures_give_no_light():
+    for pixels in (np.zeros((8, 8, 3), np.float32), np.zeros((0, 0, 3), np.float32)):
+        scene = screen(pixels)
+        assert find_emitting_cells(scene, SurfaceMaterials(scene)) == []
+
+
+def test_places_that_are_no_numbers_do_no_harm():
+    scene = screen(np.ones((8, 8, 3), np.float32))
+    uv = scene.tri_emission_uv.copy()
+    uv[0, 0], uv[1, 1] = np.nan, 1e30
+    cells = cells_of(replace(scene, tri_emission_uv=uv))
+    assert np.isfinite(cells.mean_rgb).all()
+    assert np.bincount(cells.tri, cells.area_m2) == pytest.approx([1, 1], rel=1e-6)
