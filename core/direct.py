@@ -12,7 +12,8 @@ from .brightness import weigh_channels
 from .coverage import as_slice
 from .direct_choice import Demand
 from .direct_crowd import LampCrowd
-from .direct_lights import Source
+from .direct_lights import Source, WorldSource
+from .direct_openings import Openings
 from .direct_points import (
     GAUSS_POINTS,
     MOST_TEXELS,
@@ -147,7 +148,7 @@ def _light_chunk(
 ) -> tuple[Float64, Float64]:
     """Irradiance (n, 3) of a chunk's texels, and its variance; beside them is other light, (n,) W/m^2."""
     count = len(chunk)
-    shared, variance, tallies = _look_first(scene, chunk, demand, rng, counters)
+    shared, variance, tallies, openings = _look_first(scene, chunk, demand, beside, rng, counters)
     for tally in tallies:
         for piece in row_pieces(np.flatnonzero(tally.leads), STAGES[0][1]):
             counters["rays"] += tally.add(scene.rays, chunk, piece, STAGES[0], GAUSS_POINTS)
@@ -166,7 +167,7 @@ def _light_chunk(
         counters["out_of_reach"] += int((~tally.in_reach).sum())
         light += tally.light(count)
     found = np.zeros((count, 3))
-    for many in (rest, scene.pool):
+    for many in (rest, scene.pool, *openings):
         if many is not None:
             by_many, error, traced = many.irradiance(scene.rays, chunk, demand, light + found + beside[:, None], rng)
             found += by_many
@@ -188,11 +189,17 @@ def _light_chunk(
 
 
 def _look_first(
-    scene: DirectScene, chunk: TexelChunk, demand: Demand, rng: np.random.Generator, counters: dict[str, int]
-) -> tuple[Float64, Float64, list[Tally]]:
-    """Light (n, 3) that flat tiles are sure of, its variance, and for each source an empty tally of texels that look at it themselves."""
+    scene: DirectScene,
+    chunk: TexelChunk,
+    demand: Demand,
+    beside: NDArray[np.float32],
+    rng: np.random.Generator,
+    counters: dict[str, int],
+) -> tuple[Float64, Float64, list[Tally], list[Openings]]:
+    """Light (n, 3) that flat tiles are sure of, its variance, for each source an empty tally of texels that look at it themselves, and
+    openings by which others see it."""
     flat, smoothed = demand.flat, demand.smoothed
-    (shared, variance), tallies = np.zeros((2, len(chunk), 3)), []
+    (shared, variance), tallies, openings = np.zeros((2, len(chunk), 3)), [], []
     for source in scene.sources:
         look = look_from_tiles(scene.rays, chunk, flat, source, random_shift(rng, len(flat)))
         lit, off = (np.where(look.lit, values, 0.0) for values in (look.closed, look.off))
@@ -200,12 +207,19 @@ def _look_first(
             shared[:, channel] += lit * power
             variance[:, channel] += (off * power) ** 2
         without = look.closed == 0
-        agreed = look.lit | look.dark
-        rows = np.flatnonzero(~(agreed | without))
-        own = np.arange(len(chunk)) == look.leader
-        looks_on = ~(agreed | without) & own
+        agreed, given, every = look.lit | look.dark, np.zeros(len(chunk), bool), np.arange(len(chunk))
+        if isinstance(source, WorldSource):
+            allowed = demand.tolerance * (weigh_channels(shared) + beside)
+            few = Openings.find(scene.rays, chunk, source, np.flatnonzero(~agreed), look.looks, allowed, rng)
+            openings.append(few)
+            counters["rays"] += few.rays
+            given[few.rows] = True
+        rows = np.flatnonzero(~(agreed | without | given))
+        leads = np.where(given[look.leader], every, look.leader)
+        own = every == leads
+        looks_on = ~(agreed | without | given) & own
         alone = smoothed[looks_on[smoothed].all(axis=1)]
-        leader, index = np.searchsorted(rows, look.leader[rows]), np.searchsorted(rows, alone)
+        leader, index = np.searchsorted(rows, leads[rows]), np.searchsorted(rows, alone)
         known, shift = np.stack([look.closed[rows], look.off[rows]]), random_shift(rng, len(rows))
         tallies.append(Tally(source, rows, None, shift, known, index, leader, demand.are_alone(rows)))
         counters["rays"] += look.rays
@@ -213,4 +227,4 @@ def _look_first(
         counters["out_of_reach"] += int(without.sum())
         counters["settled"] += int(agreed.sum())
         counters["shared"] += int(agreed.sum()) + int((~own).sum())
-    return shared, variance, tallies
+    return shared, variance, tallies, openings

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .direct_lights import Source
+from .direct_openings import Looks
 from .direct_points import MIDDLE, Receivers, TexelChunk, base_points, row_pieces, shift_points
-from .lights import Float64
+from .lights import Float32, Float64
 from .rays import RayScene
 from .texel_grid import interleave_bits
 from .tiles import NODE_WEIGHTS, TILE_LINES, TILE_NODES, TILE_SIDE, TILE_TEXELS, Tiles
@@ -37,6 +38,7 @@ class FirstLook:
     leader   (n,) int64     texel whose rays tell of this one too, where a tile saw nothing of a light with an extent; else its own row
     dark     (n,) bool      none of a light without extent is seen
     rays     traced
+    looks    those rays
     """
 
     closed: Float64
@@ -45,6 +47,7 @@ class FirstLook:
     dark: Bools
     leader: NDArray[np.int64]
     rays: int
+    looks: Looks
 
 
 def look_from_tiles(rays: RayScene, chunk: TexelChunk, tiles: Tiles, source: Source, shift: NDArray[np.uint32]) -> FirstLook:
@@ -61,10 +64,12 @@ def look_from_tiles(rays: RayScene, chunk: TexelChunk, tiles: Tiles, source: Sou
     reached = np.flatnonzero(told)[values.any(axis=1)]
     full, none = np.zeros((2, len(tiles)), bool)
     traced = 0
+    looks = [(np.zeros(0, np.int64), np.zeros((0, 2), np.float32), np.zeros(0, bool))]
     for piece in row_pieces(reached, TILE_TEXELS):
         rows = texels[piece].ravel()
-        seen_all, seen_none, n_ray = _see(rays, chunk.receivers(rows, 0, 1), source, shift[piece])
-        full[piece], none[piece] = seen_all, seen_none
+        to = shift_points(_TILE_POINTS, shift[piece]).transpose(1, 0, 2).reshape(-1, 2)
+        full[piece], none[piece], seen, n_ray = _see(rays, chunk.receivers(rows, 0, 1), source, to)
+        looks.append((rows, to, seen))
         traced += n_ray
     asked, whole = np.zeros((2, len(tiles)), bool)
     asked[reached], whole[told] = True, values.all(axis=1)
@@ -76,12 +81,11 @@ def look_from_tiles(rays: RayScene, chunk: TexelChunk, tiles: Tiles, source: Sou
     else:  # by bits of the shift that places on lights do not use
         chosen = tiles.start + (shift[:, 0] % np.uint32(TILE_TEXELS)).astype(np.int64)
         leader[texels[unlit & whole]] = chosen[unlit & whole, None]
-    return FirstLook(closed, off, lit, dark, leader, traced)
+    return FirstLook(closed, off, lit, dark, leader, traced, Looks(*(np.concatenate(part) for part in zip(*looks, strict=True))))
 
 
-def _see(rays: RayScene, receivers: Receivers, source: Source, shift: NDArray[np.uint32]) -> tuple[Bools, Bools, int]:
-    """(m,) bool whether all of a light is seen from a tile's receivers (m * 64), whether none is, and rays traced."""
-    points = shift_points(_TILE_POINTS, shift).transpose(1, 0, 2).reshape(-1, 2)
+def _see(rays: RayScene, receivers: Receivers, source: Source, points: Float32) -> tuple[Bools, Bools, Bools, int]:
+    """(m,) bool whether all of a light is seen from a tile's receivers (m * 64), and whether none is; which see it, and rays traced."""
     aim = source.aim(receivers.position, receivers.normal, points)
     traced = 0
     seen = np.ones(len(points), bool)
@@ -90,7 +94,7 @@ def _see(rays: RayScene, receivers: Receivers, source: Source, shift: NDArray[np
     # A cone's edge, a horizon that cuts the light, and a face seen from behind are for the texels themselves.
     full = seen & (aim.share > 0) & (aim.weight >= aim.share)
     none = ~(seen & (aim.weight > 0))
-    return full.reshape(-1, TILE_TEXELS).all(axis=1), none.reshape(-1, TILE_TEXELS).all(axis=1), traced
+    return full.reshape(-1, TILE_TEXELS).all(axis=1), none.reshape(-1, TILE_TEXELS).all(axis=1), seen, traced
 
 
 def _closed_at_tiles(chunk: TexelChunk, tiles: Tiles, source: Source) -> tuple[Bools, Float64, Float64]:

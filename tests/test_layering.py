@@ -34,6 +34,7 @@ TRACE = {
     "core.direct_choice",
     "core.direct_crowd",
     "core.direct_lights",
+    "core.direct_openings",
     "core.direct_peaks",
     "core.direct_points",
     "core.direct_pool",

@@ -124,7 +124,7 @@ class TestShadows:
         chunk = TexelChunk(floor_looks(SIDE)(np.arange(SIDE**2)), np.zeros((SIDE**2, 2), np.uint32), scene.surfaces, False)
         counters = dict.fromkeys(("rays", "pairs", "out_of_reach", "settled", "shared"), 0)
         demand = Demand(0.01, flat=floor_tiles(SIDE), smoothed=floor_tiles(SIDE).texels())
-        _, _, (tally,) = direct._look_first(scene, chunk, demand, np.random.default_rng(1), counters)
+        _, _, (tally,), _ = direct._look_first(scene, chunk, demand, np.zeros(SIDE**2, np.float32), np.random.default_rng(1), counters)
         followers = tally.rows[~tally.leads]
         followed = tally.rows[tally._leader[~tally.leads]]
         assert (followed == followers // TILE_TEXELS * TILE_TEXELS).all()

@@ -1,0 +1,170 @@
+"""The sky through openings: right on average, of less noise than plain rays, and left alone where these will do."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from closed_forms import from_polygon
+from floors import floor_looks, floor_tiles, lit_scene, prepare, sigma_limit
+from leaflight.core import direct, direct_openings
+from leaflight.core.direct import DirectLight, direct_irradiance
+from leaflight.core.direct_openings import Openings, _blur, _cell_at, _Known
+from leaflight.core.scene import SceneSnapshot
+from leaflight.core.texel_grid import part_bits
+from leaflight.core.tiles import Tiles
+from scenes import moved, quad_mesh
+
+SIDE, FAR, HEIGHT = 64, 60.0, 1.0
+HATCH = (0.3, 0.7, 0.35, 0.5)  # x, x, y, y, metres: an opening of the roof
+CELLS = 256
+
+
+def roofed(hatch: tuple[float, float, float, float]) -> SceneSnapshot:
+    """A floor of a square metre below a roof without end, under a white sky; no more light than through the hatch."""
+    x0, x1, y0, y1 = hatch
+    parts = ((-FAR, x0, -FAR, FAR), (x1, FAR, -FAR, FAR), (x0, x1, -FAR, y0), (x0, x1, y1, FAR))
+    roof = [moved(quad_mesh(f"Roof {i}", b - a, d - c), (a, c, HEIGHT)) for i, (a, b, c, d) in enumerate(parts)]
+    return replace(lit_scene(roof), world_rgb=(1.0, 1.0, 1.0))
+
+
+def light_floor(scene: SceneSnapshot, seed: int = 1, tiles: Tiles | None = None, **options: object) -> DirectLight:
+    tiles = floor_tiles(SIDE) if tiles is None else tiles
+    return direct_irradiance(prepare(scene)[0], floor_looks(SIDE), np.arange(SIDE**2), np.random.default_rng(seed), tiles=tiles, **options)
+
+
+def through(hatch: tuple[float, float, float, float]) -> np.ndarray:
+    """(SIDE**2,) irradiance at the middles of the floor's texels; a little comes from beyond the roof's edge."""
+    x0, x1, y0, y1 = hatch
+    column, row = middles()
+    position = np.column_stack([column, row, np.zeros(SIDE**2)])
+    up = np.tile([0.0, 0.0, 1.0], (SIDE**2, 1))
+    hole = np.array([[x0, y0, HEIGHT], [x1, y0, HEIGHT], [x1, y1, HEIGHT], [x0, y1, HEIGHT]])
+    whole = np.array([[-FAR, -FAR, HEIGHT], [FAR, -FAR, HEIGHT], [FAR, FAR, HEIGHT], [-FAR, FAR, HEIGHT]])
+    return np.abs(from_polygon(hole, position, up)) + math.pi - np.abs(from_polygon(whole, position, up))
+
+
+def middles() -> tuple[np.ndarray, np.ndarray]:
+    x, y = part_bits(np.arange(SIDE**2))
+    return (x + 0.5) / SIDE, (y + 0.5) / SIDE
+
+
+def error_of(found: DirectLight, truth: np.ndarray) -> float:
+    return float(np.sqrt(((found.irradiance_rgb[:, 0] / truth - 1) ** 2).mean()))
+
+
+@pytest.fixture
+def plain(monkeypatch):
+    """Gives light by plain rays alone."""
+
+    def light(*args: object, **options: object) -> DirectLight:
+        with monkeypatch.context() as patch:
+            patch.setattr(direct_openings, "_MOST_SEEN", 0.0)
+            return light_floor(*args, **options)
+
+    return light
+
+
+class TestLight:
+    @pytest.mark.parametrize("tiles", [None, Tiles.none()])
+    def test_of_a_small_hatch_is_right_with_half_the_noise_of_plain_rays(self, plain, tiles):
+        scene, truth = roofed(HATCH), through(HATCH)
+        assert 0.01 < truth.mean() / math.pi < 0.02
+        found, by_plain = ([light(scene, seed, tiles) for seed in range(4)] for light in (light_floor, plain))
+        for lights in (found, by_plain):
+            assert np.mean([one.irradiance_rgb for one in lights]) == pytest.approx(truth.mean(), rel=0.025)
+        error, plain_error = (np.mean([error_of(one, truth) for one in lights]) for lights in (found, by_plain))
+        assert error < 0.45
+        assert plain_error > 1.6 * error
+        stated = np.mean([np.sqrt((one.variance_rgb[:, 0] / truth**2).mean()) for one in found])
+        assert 0.9 < stated / error < 1.2
+
+    def test_is_right_on_average_where_hardly_a_ray_finds_it(self):
+        hatch = (0.5, 0.6, 0.5, 0.55)
+        scene, truth = roofed(hatch), through(hatch)
+        assert truth.mean() / math.pi < 2e-3
+        found = np.array([light_floor(scene, seed, tolerance=0.025).irradiance_rgb[:, 0].mean() for seed in range(40)])
+        noise = found.std() / math.sqrt(len(found))
+        assert noise < 0.05 * truth.mean()
+        assert abs(found.mean() - truth.mean()) < sigma_limit(1) * noise
+
+    def test_each_channel_has_its_sky(self):
+        scene = replace(roofed(HATCH), world_rgb=(2.0, 1.0, 0.0))
+        red, green, blue = light_floor(scene).irradiance_rgb.T
+        assert red == pytest.approx(2 * green, rel=1e-6)
+        assert not blue.any()
+
+
+class TestWho:
+    def asked(self, scene: SceneSnapshot, monkeypatch, **options: object) -> int:
+        """How many texels' rays are aimed."""
+        counts, find = [], Openings.find.__func__
+
+        def counting(cls, *args):
+            out = find(cls, *args)
+            counts.append(len(out.rows))
+            return out
+
+        monkeypatch.setattr(Openings, "find", classmethod(counting))
+        light_floor(scene, **options)
+        return sum(counts)
+
+    def test_all_texels_below_a_small_hatch(self, monkeypatch):
+        assert self.asked(roofed(HATCH), monkeypatch) == SIDE**2
+
+    def test_none_below_an_open_roof(self, monkeypatch):
+        assert self.asked(roofed((-2.0, 3.0, -2.0, 3.0)), monkeypatch) == 0
+
+    def test_none_in_the_dark(self, monkeypatch):
+        assert self.asked(replace(roofed(HATCH), world_rgb=(0.0, 0.0, 0.0)), monkeypatch) == 0
+
+    def test_none_where_other_light_drowns_it(self, monkeypatch):
+        assert self.asked(roofed(HATCH), monkeypatch, tolerance=0.02, beside=np.full(SIDE**2, 10.0, np.float32)) == 0
+
+    def test_a_texel_whose_leader_is_one_looks_by_itself(self, monkeypatch):
+        """Openings begin and end where regions do, and tiles may lie across that."""
+        rows = np.r_[0:30, 62 : SIDE**2]  # so that no region begins with a tile
+        tiles, leaders = floor_tiles(SIDE).within(rows), []
+
+        def listening(source, own, lamp, shift, known, alone, leader, apart):
+            leaders.append((own, own[leader]))
+            return tally(source, own, lamp, shift, known, alone, leader, apart)
+
+        tally, scene = direct.Tally, prepare(roofed((0.5, 0.53, 0.5, 0.53)))[0]
+        monkeypatch.setattr(direct, "Tally", listening)
+        for seed in range(20):
+            direct_irradiance(scene, floor_looks(SIDE), rows, np.random.default_rng(seed), tiles=tiles)
+        assert any(len(own) < len(rows) for own, _ in leaders)
+        for own, leader in leaders:
+            assert (np.searchsorted(tiles.start, own, side="right") == np.searchsorted(tiles.start, leader, side="right")).all()
+
+
+class TestCells:
+    def test_are_numbered_along_a_morton_curve(self):
+        x, y = part_bits(np.arange(CELLS))
+        to = (np.stack([x, y], axis=1) + 0.5).astype(np.float32) / 16
+        assert (_cell_at(to) == np.arange(CELLS)).all()
+        assert _cell_at(np.ones((1, 2), np.float32)) == CELLS - 1
+
+    def test_are_blurred_without_loss_but_at_the_edge(self):
+        x, y = part_bits(np.arange(CELLS))
+        one = np.zeros((1, CELLS))
+        one[0, (x == 5) & (y == 9)] = 16.0
+        out = _blur(one)[0]
+        assert out.sum() == pytest.approx(16.0)
+        assert out[(x == 5) & (y == 9)] == pytest.approx(4.0)
+        assert out[(x == 6) & (y == 9)] == pytest.approx(2.0)
+        assert out[(x == 6) & (y == 10)] == pytest.approx(1.0)
+
+    def test_an_open_one_gets_most_rays_and_none_is_left_out(self):
+        known = _Known.none(64)
+        known.shot[:] = 4.0
+        known.lit[0, 17] = 4.0
+        end, mean, square = known.share_out()
+        chance = np.diff(end[0], prepend=0.0)
+        assert chance.sum() == pytest.approx(1.0)
+        assert chance.argmax() == 17
+        assert chance.min() >= 0.3 / CELLS - 1e-12
+        assert mean[0] ** 2 < square[0]
