@@ -10,12 +10,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .lights import Float64
 from .materials import clamp_colours, sample_texture
 from .scene import FloatArray, IntArray, TextureImage
 
 _ROWS = 256  # of a level that are made at once: the squares of a whole image would take much memory
-_MOST = float(np.finfo(np.float32).max)
+_MOST = np.finfo(np.float32).max
 
 
 class Mipmap:
@@ -40,15 +39,16 @@ class Mipmap:
         for first in range(0, len(edge) - 1, _ROWS):
             rows = edge[first : first + _ROWS + 1]
             with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not finite, and so 0
-                shown = clamp_colours(pixels[rows[0] : rows[-1]] * rgb, np.inf).astype(np.float64)
-            parts.append([_average(values, rows - rows[0]) for values in (shown, shown**2)])
+                shown = clamp_colours(pixels[rows[0] : rows[-1]] * rgb, np.inf)
+                squares = np.minimum(shown * shown, _MOST)
+            parts.append([_average(values, rows - rows[0]) for values in (shown, squares)])
         mean, square = (np.concatenate(part) for part in zip(*parts, strict=True))
         return mean, square
 
 
-def halve(pixels: FloatArray) -> NDArray[np.float32]:
+def halve(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
     """((height + 1) // 2, (width + 1) // 2, 3) float32: means of four texels, at places of odd sizes of two or one; (height, width, 3)."""
-    return _average(pixels.astype(np.float64), _find_edges(len(pixels)))
+    return _average(pixels, _find_edges(len(pixels)))
 
 
 def _find_edges(size: int) -> IntArray:
@@ -57,8 +57,11 @@ def _find_edges(size: int) -> IntArray:
     return np.arange(count + 1) * size // count
 
 
-def _average(pixels: Float64, rows: IntArray) -> NDArray[np.float32]:
+def _average(pixels: NDArray[np.float32], rows: IntArray) -> NDArray[np.float32]:
     """Over blocks of rows that begin there, and of columns."""
     for axis, edge in enumerate((rows, _find_edges(pixels.shape[1]))):
-        pixels = np.add.reduceat(pixels, edge[:-1], axis=axis) / np.expand_dims(np.diff(edge), (1, 2) if axis == 0 else (0, 2))
-    return np.minimum(pixels, _MOST).astype(np.float32)
+        half = pixels.take(edge[:-1], axis)  # the first and the last of a block, which may be the same
+        half *= np.float32(0.5)
+        half += np.float32(0.5) * pixels.take(edge[1:] - 1, axis)
+        pixels = half
+    return pixels
