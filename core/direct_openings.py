@@ -28,6 +28,9 @@ _REGIONS_BLOCKS = (16, 4, 1)  # blocks of texels that tell together which cells 
 _AROUND_RAYS = 4.0  # what those farther around tell counts, in rays to a cell
 _MOST_SEEN = 1 / 16  # share of the sky; where more is seen plain rays do as well beside other light
 _ANYWHERE = 0.3  # share of the rays that go to all cells alike: no ray brings more than one to an open sky divided by that
+# Of that of a block's texels: else who saw nothing by chance would be sure of it, and the only one that is not shot again. Measured: all of
+# it takes twice the rays, none leaves a fourth of the light of dim walls out.
+_LEAST_VARIANCE = 1 / 8
 _SMOOTHED = 10.0  # how many times too much all plain rays of a texel may err, which smoothing takes
 _LOOKS = 4  # rays of a texel that tell where to look, and no more
 # Of four rays so few see the sky that who stopped by them would be too dark; they do where it is known beforehand that they are enough.
@@ -127,6 +130,9 @@ class Openings:
             total += by_some
             variance += error
             n_ray += traced
+        for channel in variance.T:
+            of_block = np.bincount(own, channel[self.rows]) / np.bincount(own)
+            channel[self.rows] = np.maximum(channel[self.rows], _LEAST_VARIANCE * of_block[own])
         return total, variance, n_ray
 
 

@@ -90,6 +90,13 @@ class TestLight:
         assert noise < 0.05 * truth.mean()
         assert abs(found.mean() - truth.mean()) < sigma_limit(1) * noise
 
+    def test_who_saw_nothing_by_chance_is_not_sure_of_it(self):
+        found = light_floor(roofed((0.5, 0.6, 0.5, 0.55)), seed=3)
+        dark, variance = found.irradiance_rgb[:, 0] == 0, found.variance_rgb[:, 0].reshape(-1, 64)
+        assert dark.any()
+        beside = np.repeat(variance.mean(axis=1), 64)
+        assert (found.variance_rgb[dark & (beside > 0), 0] >= beside[dark & (beside > 0)] / 16).all()
+
     def test_each_channel_has_its_sky(self):
         scene = replace(roofed(HATCH), world_rgb=(2.0, 1.0, 0.0))
         red, green, blue = light_floor(scene).irradiance_rgb.T
