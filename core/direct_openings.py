@@ -86,14 +86,16 @@ class Openings:
         told = place[looks.texel] >= 0
         known.add(place[looks.texel[told]], _cell_at(looks.to[told]), looks.seen[told])
         place[looks.texel[told]] = -1
-        n_ray = 0
-        for piece in row_pieces(rows[place[rows] >= 0], 1):
+        sky = math.pi * float(weigh_channels(source.rgb)[0])
+        limit = _means(allowed[rows], BLOCK_TEXELS * _REGIONS_BLOCKS[0]) / sky
+        n_ray, asked = 0, place[rows] >= 0
+        asked &= np.repeat(known.may_see_little(limit), BLOCK_TEXELS)[: len(rows)]
+        for piece in row_pieces(rows[asked], 1):
             to = rng.random((len(piece), 2), np.float32)
             seen, _, traced = _look(rays, chunk, source, piece, to, (0, 1))
             known.add(place[piece], _cell_at(to), seen)
             n_ray += traced
-        sky = math.pi * float(weigh_channels(source.rgb)[0])
-        few = known.see_little(_means(allowed[rows], BLOCK_TEXELS * _REGIONS_BLOCKS[0]) / sky)
+        few = known.see_little(limit)
         rows, known = rows[np.repeat(few, BLOCK_TEXELS)[: len(rows)]], known.of(few)
         for _ in range(_LOOKS):
             end = known.share_out()[0]
@@ -165,10 +167,21 @@ class _Known:
 
         allowed   (n_region,) float64: standard error, of an open sky
         """
-        first, size = _cut(len(self.shot), _REGIONS_BLOCKS[0])
-        shot, lit = (np.add.reduceat(counts.sum(axis=1), first) for counts in (self.shot, self.lit))
+        shot, lit, size = self._of_regions()
         noisy = lit > _SMOOTHED**2 * STAGES[-1][1] * allowed**2 * shot
         return np.repeat((lit > 0) & (lit < _MOST_SEEN * shot) & noisy, size)
+
+    def may_see_little(self, allowed: Float64) -> NDArray[np.bool_]:
+        """(n_block,) bool: what is known so far does not tell that they will not see_little."""
+        shot, lit, size = self._of_regions()
+        open_ = (shot >= BLOCK_TEXELS) & (lit >= _MOST_SEEN * shot)
+        return np.repeat(~open_ & (_SMOOTHED**2 * STAGES[-1][1] * allowed**2 < _MOST_SEEN), size)
+
+    def _of_regions(self) -> tuple[Float64, Float64, Int64]:
+        """Rays of each region that were sent, and that met nothing; and its blocks."""
+        first, size = _cut(len(self.shot), _REGIONS_BLOCKS[0])
+        shot, lit = (np.add.reduceat(counts.sum(axis=1), first) for counts in (self.shot, self.lit))
+        return shot, lit, size
 
     def share_out(self) -> tuple[Float64, Float64, Float64]:
         """Where rays should go, (n_block, n_cell), of direct_choice.cumulate; then (n_block,) what such a ray brings of an open sky,

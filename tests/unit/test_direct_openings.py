@@ -130,6 +130,16 @@ class TestWho:
     def test_none_where_other_light_drowns_it(self, monkeypatch):
         assert self.asked(roofed(HATCH), monkeypatch, tolerance=0.02, beside=np.full(SIDE**2, 10.0, np.float32)) == 0
 
+    @pytest.mark.parametrize(("lit", "allowed", "may"), [(0.0, 0.0, True), (0.25, 0.0, False), (0.0, 0.1, False)])
+    def test_no_more_is_asked_where_it_is_known_to_be_open_or_drowned(self, lit, allowed, may):
+        """Of an empty region and one of which each texel has sent a ray."""
+        known = _Known.none(17 * 64)
+        known.shot[:16] = 64 / CELLS
+        known.lit[:16] = lit * known.shot[:16]
+        found = known.may_see_little(np.array([allowed, 0.0]))
+        assert (found[:16] == may).all()
+        assert found[16]
+
     def test_a_texel_whose_leader_is_one_looks_by_itself(self, monkeypatch):
         """Openings begin and end where regions do, and tiles may lie across that."""
         rows = np.r_[0:30, 62 : SIDE**2]  # so that no region begins with a tile
