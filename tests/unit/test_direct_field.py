@@ -55,7 +55,7 @@ def test_what_is_told_of_a_shot_is_the_share_that_is_done(shot, monkeypatch):
     monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
     told, count = [], len(field.passes)
     field.shoot(folder, SETTINGS, executors.InlineExecutor(), np.arange(count), told.append)
-    done = [end / count for end in direct_field.cut_into_shards(count)[1:]]
+    done = [1 - start / count for start in direct_field.cut_into_shards(count)[-2::-1]]
     assert len(done) > 2
     assert [message.text for message in told] == [f"Direct light, {share:.0%}" for share in done]
 

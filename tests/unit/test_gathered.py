@@ -127,7 +127,7 @@ def test_gathering_tells_how_far_it_is_and_then_that_photons_fly(tmp_path, monke
     told = []
     _, solver, _ = halt(tmp_path, monkeypatch, 10**6, tell=told.append, error=0.01)  # one pass
     count = len(solver.tracing.texels)
-    shares = [end / count for end in direct_field.cut_into_shards(count)[1:]]
+    shares = [1 - start / count for start in direct_field.cut_into_shards(count)[-2::-1]]
     words = [Status("photons", f"Indirect light, {share:.0%}", share) for share in shares]
     kinds = [message if isinstance(message, Status) else type(message) for message in told]
     assert kinds == [Progress, *words, TRACING, Progress]
