@@ -190,6 +190,19 @@ def test_a_bed_of_glowing_boxes_takes_few_rays(hold):
     hold("bed of glowing boxes: noise of 16 rays", noise, high=0.2)
 
 
+def test_no_ray_goes_to_the_backs_of_solids():
+    scene, box, _ = prepare(lit_scene(emission=boxes(4)))
+    pool = scene.pool
+    floor = box.to_unit(np.tile([0.5, 0.5, 0.01], (len(pool.cells.tri), 1)))
+    up = np.tile(np.array([0, 0, 1], np.float32), (len(floor), 1))
+    aim, _ = pool._aim(Receivers(floor, up, up), np.arange(len(floor)), np.full((len(floor), 2), 0.5, np.float32))
+    back = ((pool.middle - floor) * scene.surfaces.normal[pool.cells.tri]).sum(axis=1) > 0
+    assert pool.sealed.all()
+    assert back.any()
+    assert not aim.weight[back].any()
+    assert (aim.weight[~back] > 0).all()
+
+
 def test_textures_shine_where_they_are_bright():
     scene = lit_scene(emission=[moved(quad_mesh("Screen"), (0, 0, 0.3))])
     uv = scene.tri_emission_uv.copy()

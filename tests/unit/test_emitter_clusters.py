@@ -85,6 +85,12 @@ def test_what_is_below_the_horizon_or_looks_away_is_hardly_chosen_but_can_be():
     assert row_of(1, 0.4, UP, sealed=True).judge(receivers_at((-0.45, 0, 0)), wide)[0, 0] > 10 * found
 
 
+def test_what_is_below_the_horizon_of_a_middle_counts_where_others_may_see_it():
+    lamp, looking = row_of(1, -0.1, UP), receivers_at((-0.45, 0, 0))
+    near, wide = (lamp.judge(looking, np.array([reach], np.float32))[0, 0] for reach in (0.0, 0.3))
+    assert wide > 20 * near
+
+
 def cells_of(clusters: EmitterClusters) -> np.ndarray:
     """Nodes of single cells, in the cells' order."""
     single = np.flatnonzero(clusters.last - clusters.first == 1)
