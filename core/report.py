@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .charts import ChartAtlas
+from .light_field import LightField
 from .scene import SceneSnapshot
 
 
@@ -33,6 +34,23 @@ def list_objects(
         for i, one in enumerate(snapshot.objects)
         if one.receives
     ]
+
+
+def describe_light(light: LightField) -> dict[str, Any]:
+    """What it took to find the light, and how sure it is."""
+    direct, ledger = light.direct.counters, light.ledger
+    return {
+        "photons": light.photons,
+        "rounds": light.rounds,
+        "rays": ledger.rays + ledger.gathered + direct.get("rays", 0),
+        "direct": direct,
+        "gathered": light.gathered.counters if light.gathered else {},
+        "leaves": len(light.leaves),
+        "nodes": len(light.tree),
+        "estimated_error": light.error,
+        "stopped_by": light.stopped_by,
+        "energy_audit_w": ledger.audit_w(),
+    }
 
 
 def measure_memory_mb() -> dict[str, float]:

@@ -1,0 +1,112 @@
+"""The order in which light is sought, and what is left when that is stopped or has nothing to seek."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from boxes import lamp_scene
+from leaflight.core import checkpoint, executors, workers
+from leaflight.core.first_photons import FirstPhotons
+from leaflight.core.job import SNAPSHOT_FILE, Job
+from leaflight.core.light_search import PREVIEW_FOLDER, LightSearch
+from leaflight.core.materials import SurfaceMaterials
+from leaflight.core.messages import Preview, Status
+from leaflight.core.needs import Needs
+from leaflight.core.receivers import find_receivers, lay_out
+from leaflight.core.settings import Settings
+from leaflight.core.snapshot import save_snapshot
+from leaflight.core.stages import Run
+
+QUICK = Settings(size=32, padding=1, workers=1, error=0.3, max_photons=20_000)
+
+
+@pytest.fixture
+def seek(tmp_path):
+    """Finds the light of a lamp over a block: run, light and solver."""
+
+    def find(settings=QUICK, should_stop=lambda: False, scene=None, **job):
+        scene, told = scene or lamp_scene(), []
+        folder = tmp_path / f"job_{len(list(tmp_path.glob('job_*')))}"
+        folder.mkdir()
+        save_snapshot(folder / SNAPSHOT_FILE, scene)
+        run = Run(folder, Job(settings, str(tmp_path / "images"), "room", **job), told.append, should_stop)
+        run.told = told
+        surfaces = SurfaceMaterials(scene)
+        needs = Needs.of(settings, surfaces)
+        settings = needs.trim(settings)
+        receivers = find_receivers(run, scene, settings, lay_out(run, scene, settings), needs.direct, needs.photons)
+        told.clear()
+        search = LightSearch(run, settings, needs, receivers, executors.InlineExecutor(), FirstPhotons(), surfaces, scene.tri_object)
+        return run, *search.find()
+
+    yield find
+    workers.forget_folders()
+
+
+def list_stages(run):
+    return [message.stage for message in run.told if isinstance(message, Status)]
+
+
+def test_photons_tell_shadow_rays_how_sure_they_must_be(seek):
+    run, light, solver = seek()
+    assert list_stages(run) == ["photons", "direct", "photons"]
+    assert (light.direct.passes > 0).all()
+    assert light.photons == solver.ledger.photons > 0
+    assert light.stopped_by == "error"
+
+
+def test_photons_alone_bring_all_light(seek):
+    run, light, solver = seek(replace(QUICK, direct="photons"))
+    assert not light.direct.passes.any()
+    assert light.solution.coefficient[0].any()
+    assert solver is not None
+    assert list_stages(run) == ["direct", "photons"]
+
+
+def test_light_straight_from_lamps_takes_no_solver(seek):
+    _, light, solver = seek(replace(QUICK, passes=("direct",)))
+    assert solver is None
+    assert light.photons == 0
+    assert light.direct.irradiance.any()
+
+
+def test_surfaces_alone_take_no_light(seek):
+    run, light, solver = seek(replace(QUICK, passes=("albedo",)))
+    assert list_stages(run) == []
+    assert solver is None
+    assert not light.direct.irradiance.any()
+
+
+def test_who_stops_before_the_rays_are_done_sees_all_light_by_a_few_photons_and_keeps_no_state(seek):
+    stopped = []
+    run, light, solver = seek(should_stop=lambda: stopped.append(1) or True)
+    assert solver is None
+    assert stopped
+    assert light.stopped_by == "interrupted"
+    assert not light.direct.passes.any()
+    assert light.solution.coefficient[0].any()  # light straight from lamps too
+    assert list_stages(run)[-1] == "photons"
+
+
+def test_a_viewport_sees_light_before_all_else(seek):
+    run, light, _ = seek(preview=True)
+    first = next(i for i, message in enumerate(run.told) if isinstance(message, Preview))
+    assert [message.stage for message in run.told[:first]] == ["preview"]
+    assert (run.folder / PREVIEW_FOLDER).is_dir()
+    _, alone, _ = seek()
+    assert np.array_equal(light.solution.coefficient, alone.solution.coefficient)  # and is the same as if nobody had
+
+
+def test_a_bake_goes_on_from_a_kept_state(seek, tmp_path):
+    _, light, solver = seek()
+    checkpoint.save_checkpoint(tmp_path / "state", solver, light.error)
+    again, better, _ = seek(replace(QUICK, max_photons=40_000, error=1e-3), resume=str(tmp_path / "state"))
+    assert list_stages(again) == ["photons"]  # what shadow rays found is there
+    assert better.photons == 40_000
+    assert better.rounds > light.rounds
+
+
+def test_light_that_was_lost_is_warned_of(seek, monkeypatch):
+    monkeypatch.setattr("leaflight.core.light_search.state_lost", lambda light, settings: (light, [("Room", "is dark")]))
+    run, *_ = seek()
+    assert run.warnings == [("Room", "is dark")]

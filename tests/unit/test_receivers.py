@@ -1,0 +1,112 @@
+"""Charts and texels of what takes light, before there is any."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from boxes import lamp_scene
+from leaflight.core import creases, workers
+from leaflight.core.job import LAYOUT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.messages import Status, Warning_
+from leaflight.core.receivers import find_receivers, lay_out
+from leaflight.core.settings import Settings
+from leaflight.core.snapshot import save_snapshot
+from leaflight.core.stages import Run
+from scenes import make_scene, quad_mesh
+
+SMALL = Settings(size=64, padding=1, workers=1)
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A bake that tells all into `run.told`."""
+    told = []
+    found = Run(tmp_path, Job(SMALL, str(tmp_path / "images"), "room"), told.append, lambda: False)
+    found.told = told
+    return found
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """A block on a floor, in the folder of `run`."""
+    found = lamp_scene()
+    save_snapshot(tmp_path / SNAPSHOT_FILE, found)
+    return found
+
+
+def find(run, scene, settings=SMALL, lit=True, by_photons=True):
+    atlas = lay_out(run, scene, settings)
+    return atlas, find_receivers(run, scene, settings, atlas, lit, by_photons)
+
+
+def list_stages(run):
+    return [message.stage for message in run.told if isinstance(message, Status)]
+
+
+def test_the_layout_file_tells_where_charts_lie(run, scene):
+    atlas = lay_out(run, scene, SMALL)
+    with np.load(run.folder / LAYOUT_FILE) as layout:
+        assert np.array_equal(layout["tri_uv"], atlas.tri_uv / atlas.page_size)
+        assert np.array_equal(layout["object_page"], atlas.object_page)
+        assert 0.0 <= layout["tri_uv"].min() < layout["tri_uv"].max() <= 1.0
+
+
+def test_nothing_to_unwrap_is_a_sentence_with_the_reason(run):
+    hidden = make_scene([quad_mesh("Floor")])
+    hidden = replace(hidden, objects=tuple(replace(one, receives=False) for one in hidden.objects))
+    with pytest.raises(ValueError, match=r"^nothing to bake: no object has a face that takes light \(.*\)\.$"):
+        lay_out(run, hidden, SMALL)
+    assert not (run.folder / LAYOUT_FILE).exists()
+
+
+def test_images_of_another_bake_are_told_of_but_not_noted(run, scene, monkeypatch):
+    monkeypatch.setattr("leaflight.core.earlier_bakes.describe_others", lambda job, names: ["these are another scene's"])
+    lay_out(run, scene, SMALL)
+    assert Warning_("", "these are another scene's") in run.told
+    assert run.warnings == []
+
+
+def test_leaves_are_cut_where_the_block_stands_on_the_floor(run, scene):
+    atlas, found = find(run, scene)
+    assert list_stages(run) == list(run.seconds) == ["charts", "texels", "scene", "contacts"]
+    at_foot = scene.tri_object[found.texels.texel_tri[found.touched]]
+    assert set(at_foot) == {0, 1}
+    assert len(found.facets.chart_page) > len(creases.cut_at_creases(scene, atlas).chart_page)  # what lies below the block
+
+
+@pytest.mark.parametrize(
+    ("settings", "lit", "by_photons", "stages"),
+    [
+        (SMALL, False, False, ["charts", "texels"]),
+        (SMALL, True, False, ["charts", "texels", "scene"]),
+        (replace(SMALL, contact=False), True, True, ["charts", "texels", "scene"]),
+    ],
+)
+def test_nobody_looks_for_what_is_not_needed(run, scene, settings, lit, by_photons, stages):
+    atlas, found = find(run, scene, settings, lit, by_photons)
+    assert list_stages(run) == stages
+    assert not found.touched.any()
+    assert not found.rising.any()
+    assert len(found.facets.chart_page) == len(creases.cut_at_creases(scene, atlas).chart_page)
+
+
+def test_texels_are_those_that_all_processes_will_open(run, scene):
+    _, found = find(run, scene)
+    try:
+        opened = workers.open_tracing(str(run.folder)).texels
+        assert np.array_equal(opened.texel_tri, found.texels.texel_tri)
+        assert len(found.touched) == len(found.rising) == len(opened)
+        with pytest.raises(ValueError, match="read-only"):
+            found.texels.texel_tri[0] = 1
+    finally:
+        workers.forget_folders()
+
+
+def test_texels_of_an_earlier_bake_in_the_folder_are_gone(run, scene):
+    find(run, scene)
+    workers.forget_folders()
+    _, found = find(run, scene, replace(SMALL, size=32))
+    try:
+        assert len(workers.open_tracing(str(run.folder)).texels) == len(found.texels) < 32 * 32
+    finally:
+        workers.forget_folders()
