@@ -17,6 +17,7 @@ from .judged import Judged
 from .ledger import Ledger
 from .light_field import LightField
 from .messages import Message
+from .reading import Reading
 from .scene import IntArray
 from .settings import Settings
 from .stop_rules import StopRules
@@ -45,10 +46,10 @@ def settle_direct(
     totals = tally.accumulate(tree, tally.Tally.empty(len(tree), _DEGREE))
     solution = tally.solve_tallies(tree, totals)
     comparison = refine.Comparison.of(tree, totals, solution, refine.Rule(settings.oracle, settings.threshold, settings.stability, 1))
-    leaves = np.arange(len(tree))
+    reading = Reading(tree, totals, solution, comparison, np.arange(len(tree)))
     while True:
         shown = direct.show(texels, settings.denoise, partial(spread, executor))
-        stated = estimate.state_error(tree, totals, solution, comparison, leaves, shown, texels, judged=judged)
+        stated = estimate.state_error(reading, shown, texels, judged=judged)
         worst = np.flatnonzero((stated.texel_direct2() > settings.error**2) & (direct.passes < direct.most_passes))
         stopped_by = "error" if stated.direct <= settings.error else "" if len(worst) else "max_rays"
         if should_stop():
@@ -61,7 +62,7 @@ def settle_direct(
     return LightField(
         tree=tree,
         solution=solution,
-        leaves=leaves,
+        leaves=reading.leaves,
         received=totals.received,
         correction=np.ones(3),
         direct=direct,

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .all_light import AllLight
-from .direct_shown import SmoothedAt
+from .direct_shown import ShownGathered, SmoothedAt
 from .judged import BEST_TEXELS, find_dark2
 from .missing_light import Bias
 from .photon_noise import PhotonNoise
@@ -93,6 +93,17 @@ class Terms:
     direct: RayNoise
     gathered: RayNoise | None
     indirect: NDArray[np.float32]
+
+    def with_gathered(self, gathered: ShownGathered, sample: NDArray[np.int64]) -> Terms:
+        """Where light was gathered it is shown in place of the leaves'; photons' noise is changed in place.
+
+        sample   (m,) int64: the texel entries
+        """
+        shown, told = gathered.light, gathered.told[sample]
+        noise2 = np.where(told, (self.weight * shown.variance_at(sample)).mean(1), np.float64(0.0))
+        self.noise.replace((self.weight.mean(1) * gathered.doubt2[sample])[told] + gathered.carried2, told)
+        by_rays = RayNoise(shown.tell_smoothing(sample), told, noise2)
+        return replace(self, unseen2=np.where(told, 0.0, self.unseen2), bias=self.bias.without(told), gathered=by_rays)
 
     def sum_up(self, rows: NDArray[np.int64], unseen: bool = False) -> Sum:
         """Of the texels `rows` (k,), but for the worst of them; with what is unseen of an object, which a whole is not asked for."""

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from . import missing_light, photon_noise, refine
+from . import missing_light, photon_noise
 from .all_light import AllLight
 from .denoise import GRAIN_LEFT, SMALL_LEAF
 from .direct_shown import ShownDirect, ShownGathered
@@ -24,11 +24,9 @@ from .error_terms import RayNoise, Terms, find_root, judge_rays_alone
 from .judged import Judged, Parts
 from .neighbours import Neighbours
 from .photon_noise import PhotonNoise
-from .quadtree import Quadtree
+from .reading import Reading
 from .reconstruct import Blend
-from .scene import IntArray
 from .squares import SquareLight, ToldBySquares
-from .tally import Solution, Totals
 from .texel_map import TexelMap
 
 
@@ -67,77 +65,55 @@ class StatedError:
 
 
 def state_error(
-    tree: Quadtree,
-    totals: Totals,
-    solution: Solution,
-    comparison: refine.Comparison,
-    nodes: IntArray,
+    reading: Reading,
     shown_direct: ShownDirect,
     texels: TexelMap,
     smooth_grain: bool = True,
     gathered: ShownGathered | None = None,
-    risk: NDArray[np.float64] | None = None,
-    squares: SquareLight | None = None,
     judged: Judged | None = None,
     photon_w: NDArray[np.float64] | None = None,
 ) -> StatedError:
-    """Error of the light on the `nodes`, which tile the charts, as it is shown, and of direct light by rays, 0 without.
+    """Error of the light on the leaves of a reading, as it is shown, and of direct light by rays, 0 without.
 
     smooth_grain   whether it is shown with its grain smoothed
-    gathered       light that is shown in place of the nodes'
-    risk           (m,) float64 of each of `nodes`, of shrinkage.shrink_leaves; None where they are not shrunk
-    squares        that the nodes' light is shown mixed with; None for none
+    gathered       light that is shown in place of the leaves'
     judged         what is asked; None is the whole
     photon_w       (3,), W, that a photon carries: where none fell it is told by that of objects what may be missing; None is nothing
     """
     judged = judged or Judged.whole(texels)
-    correction = photon_noise.noise_correction(tree, solution, nodes)
-    all_light = AllLight.of(tree, solution, nodes, shown_direct, judged)
-    parts, sample, light = all_light.parts, judged.entry, all_light.at(judged.entry)
-    texel_direct2 = partial(all_light.relate_all, shown_direct.variance_at)
+    tree, solution, leaves, sample = reading.tree, reading.solution, reading.leaves, judged.entry
+    correction = photon_noise.noise_correction(tree, solution, leaves)
+    all_light = AllLight.of(tree, solution, leaves, shown_direct, judged)
     direct2 = all_light.relate(shown_direct.variance_at, sample)
-    if not totals.photons.sum() or not len(sample):
-        of_parts = np.array([find_root(direct2[rows]) for rows in parts.rows])
-        of_objects = partial(judged.judge_objects, partial(judge_rays_alone, light, all_light, direct2, sample))
-        return StatedError(
-            math.nan,
-            math.nan,
-            float(of_parts.max()),
-            math.nan,
-            correction,
-            texel_direct2,
-            parts=parts,
-            of_parts=of_parts,
-            of_objects=of_objects,
-        )
+    texel_direct2 = partial(all_light.relate_all, shown_direct.variance_at)
+    if not reading.totals.photons.sum() or not len(sample):
+        return _state_rays_alone(all_light, judged, direct2, correction, texel_direct2)
     # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
     blend = Blend.of(texels, tree, solution, all_light.leaf, halves=True)
     alone, shown = blend.compare_at(sample)
-    weight = all_light.weigh(sample)
     x, y = texels.own_points_at(sample)
-    asked = missing_light.AskedLight(all_light.leaf[sample], x, y, shown, weight)
-    noise = PhotonNoise.of(solution, asked, alone.variance, correction, nodes, risk)
-    unseen2 = photon_noise.find_unseen(judged, weight, np.zeros(3) if photon_w is None else photon_w)
+    asked = missing_light.AskedLight(all_light.leaf[sample], x, y, shown, all_light.weigh(sample))
+    noise = PhotonNoise.of(solution, asked, alone.variance, correction, leaves, reading.risk)
     if smooth_grain:
         noise.keep(GRAIN_LEFT, np.flatnonzero(tree.side[asked.leaf] <= SMALL_LEAF))
-    if squares and len(texels.borders.entry):  # over which light is brought before it is mixed: here it is not, and would seem to be wrong
-        squares = squares.only(np.flatnonzero(~texels.borders.crossed[squares.entry]))
-    if squares and squares.tell_much():
-        mixed, kept2, added = _mix_squares(blend, squares, texels, sample)
-        noise.keep(kept2, mixed)
-        noise.photons2[mixed] += (weight[mixed].T * added).mean(0)
-    bias = missing_light.find_bias(tree, solution, comparison, nodes, sample, asked, correction)
-    direct = RayNoise(shown_direct.tell_smoothing(sample), np.ones(len(sample), bool), direct2)
-    by_gathering, texel_gathered2 = None, None
+    if reading.squares:
+        _mix_squares(noise, blend, reading.squares, texels, sample, asked.weight)
+    terms = Terms(
+        light=all_light.at(sample),
+        dark=all_light.dark,
+        weight=asked.weight,
+        noise=noise,
+        unseen2=photon_noise.find_unseen(judged, asked.weight, np.zeros(3) if photon_w is None else photon_w),
+        bias=missing_light.find_bias(tree, solution, reading.comparison, leaves, sample, asked, correction),
+        direct=RayNoise(shown_direct.tell_smoothing(sample), np.ones(len(sample), bool), direct2),
+        gathered=None,
+        indirect=np.maximum(all_light.node_light[asked.leaf], 0.0) * np.sqrt(asked.weight),
+    )
+    texel_gathered2 = None
     if gathered:
-        shown_gathered, is_told, told = gathered.light, gathered.told, gathered.told[sample]
-        noise2 = (weight * shown_gathered.variance_at(sample)).mean(1)
-        by_gathering = RayNoise(shown_gathered.tell_smoothing(sample), told, np.where(told, noise2, np.float64(0.0)))
-        noise.replace((weight.mean(1) * gathered.doubt2[sample])[told] + gathered.carried2, told)
-        bias, unseen2[told] = bias.without(told), 0.0
-        texel_gathered2 = partial(all_light.relate_all, lambda rows: shown_gathered.variance_at(rows) * is_told[rows, None])
-    indirect = np.maximum(all_light.node_light[asked.leaf], 0.0) * np.sqrt(weight)
-    terms = Terms(light, all_light.dark, weight, noise, unseen2, bias, direct, by_gathering, indirect)
+        terms = terms.with_gathered(gathered, sample)
+        texel_gathered2 = partial(all_light.relate_all, partial(_find_told_variance, gathered))
+    parts = all_light.parts
     sums = [terms.sum_up(rows, unseen=parts.of_entry is not None) for rows in parts.rows]
     worst = max(sums, key=lambda one: one.chosen)
     return StatedError(
@@ -157,20 +133,50 @@ def state_error(
     )
 
 
-def _mix_squares(
-    blend: Blend, squares: SquareLight, texels: TexelMap, sample: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Which of the texels `sample` are shown mixed with squares, (k,); the share of their squared noise that is left, (k,), and what is
-    added, (3, k), (W/m^2)^2.
+def _state_rays_alone(
+    all_light: AllLight,
+    judged: Judged,
+    direct2: NDArray[np.float32],
+    correction: NDArray[np.float64],
+    texel_direct2: Callable[[], NDArray[np.float32]],
+) -> StatedError:
+    """As state_error, where there are no photons.
+
+    direct2   (m,) float32: noise of direct light at the texels that are asked, relative and squared
     """
+    parts, sample = all_light.parts, judged.entry
+    of_parts = np.array([find_root(direct2[rows]) for rows in parts.rows])
+    return StatedError(
+        relative=math.nan,
+        chosen=math.nan,
+        direct=float(of_parts.max()),
+        photons=math.nan,
+        correction=correction,
+        texel_direct2=texel_direct2,
+        parts=parts,
+        of_parts=of_parts,
+        of_objects=partial(judged.judge_objects, partial(judge_rays_alone, all_light.at(sample), all_light, direct2, sample)),
+    )
+
+
+def _find_told_variance(gathered: ShownGathered, rows: NDArray[np.int64]) -> NDArray[np.float32]:
+    """(k, 3) float32, (W/m^2)^2: at texel entries (k,), 0 where leaves are shown."""
+    found: NDArray[np.float32] = gathered.light.variance_at(rows) * gathered.told[rows, None]
+    return found
+
+
+def _mix_squares(
+    noise: PhotonNoise, blend: Blend, squares: SquareLight, texels: TexelMap, sample: NDArray[np.int64], weight: NDArray[np.float32]
+) -> None:
+    """What becomes of the noise at the texels `sample` (m,) as they are shown mixed with squares; weight (m, 3) of AllLight.weigh."""
+    if len(texels.borders.entry):  # over which light is brought before it is mixed: here it is not, and would seem to be wrong
+        squares = squares.only(np.flatnonzero(~texels.borders.crossed[squares.entry]))
+    if not squares.tell_much():
+        return
     shown = dataclasses.replace(blend, halves=False).at(squares.entry).irradiance
     told = ToldBySquares.of(np.maximum(shown, 0.0), squares, texels)
     row = np.minimum(np.searchsorted(squares.entry, sample), len(squares.entry) - 1)
     mixed = np.flatnonzero((squares.entry[row] == sample) & (told.share[row] > 0.0))
     row = row[mixed]
-    return mixed, (1.0 - told.share[row]) ** 2, told.find_error(row)
-
-
-def list_told(tree: Quadtree, nodes: IntArray, judged: Judged) -> NDArray[np.int64]:
-    """(m,) int64: the nodes whose functions state_error asks for, the leaves `nodes` among them."""
-    return np.concatenate([nodes, missing_light.find_judges(tree, nodes, judged.entry)])
+    noise.keep((1.0 - told.share[row]) ** 2, mixed)
+    noise.photons2[mixed] += (weight[mixed].T * told.find_error(row)).mean(0)

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from . import basis, estimate, quadtree, refine, rounds, shrinkage, tally, workers
+from . import basis, estimate, quadtree, refine, rounds, tally, workers
 from .birth_guide import BirthGuide
 from .direct_field import DirectField
 from .executors import spread
@@ -33,32 +33,16 @@ from .next_rays import Look, Stop, Tell, choose_texels, have_look
 from .other_light import OtherLight
 from .photon_rounds import PhotonRounds, save_view
 from .photon_shards import PhotonShard
+from .reading import Reading
 from .settings import Settings
 from .splitting import SplitGuide, Splitting, weigh_deposits
-from .squares import SquareLight, Squares
+from .squares import Squares
 from .stop_rules import StopRules
-from .tally import Solution, Tally, Totals
+from .tally import Tally
 
 # Of nodes below what rises from a surface, from the first round on: a default bake may have no more than two, too few to come so far.
 _RISING_SIDE = 8  # texels
 TRACING = Status("photons", "Tracing photons")
-
-
-@dataclass(frozen=True)
-class _State:
-    """What the tallies say after a round.
-
-    leaves     (m,) int64: the nodes to show
-    solution   of them, of what their stated error asks for, of nodes that are compared, and of all above
-    risk       (m,) float64 of each leaf, of shrinkage.shrink_leaves; None where they are not shrunk
-    """
-
-    totals: Totals
-    solution: Solution
-    comparison: refine.Comparison
-    leaves: NDArray[np.int64]
-    risk: NDArray[np.float64] | None
-    squares: SquareLight
 
 
 @dataclass
@@ -91,7 +75,7 @@ class Solver:
         self.square_tally = Tally.empty(len(self.squares.entry), 0, components)
         self.guide = SplitGuide.empty(len(self.tracing.snapshot.objects) + len(self.tree))
         self.births = BirthGuide.of(self.tracing.scene.emitter_share)
-        self.state: _State | None = None  # of the last round, as are the next two
+        self.reading: Reading | None = None  # of the last round, as are the next two
         self.parts: tuple[Parts, NDArray[np.float64]] | None = None  # that were judged, and Parts.weigh of them
         self.splitting: Splitting | None = None
         self.gathered: GatheredField | None = None
@@ -109,11 +93,11 @@ class Solver:
     def begin(self) -> None:
         """Traces and reads the first round, before there is direct light by rays."""
         self._trace_round(None)
-        self.state = self._read_tallies()
+        self.reading = self._read_tallies()
 
     def shoot_direct(self, tell: Tell, should_stop: Stop) -> bool:
         """Shadow rays from all texels of a bake that has begun, as sure as they must be beside its light; see DirectField.shoot."""
-        every, other = range(len(self.tracing.texels)), self._other_light(self.state or self._read_tallies())
+        every, other = range(len(self.tracing.texels)), self._other_light(self.reading or self._read_tallies())
         is_done = self.direct.shoot(self.folder, self.settings, self.executor, every, tell, should_stop, other)
         self.started = time.monotonic()  # a time limit, and what is foretold of the time left, are of what comes now
         return is_done
@@ -122,24 +106,24 @@ class Solver:
         """Rounds until one of the stop rules holds; `tell` hears of each."""
         stated: estimate.StatedError | None = None
         traced = self.ledger.photons > 0  # begun, or a bake that goes on: its last round has not been refined yet
-        state = self.state
+        reading = self.reading
         rules = StopRules(self.settings, should_stop, self.started)
         while True:
             if not traced:
                 self._trace_round(stated)
-            if state is None or not traced:
-                state = self.state = self._read_tallies()
+            if reading is None or not traced:
+                reading = self.reading = self._read_tallies()
             traced = False
-            if self.round == 1 and not rules.find_reason(math.nan, self.ledger.photons) and self._refine(state):
+            if self.round == 1 and not rules.find_reason(math.nan, self.ledger.photons) and self._refine(reading):
                 # What it would say of its error takes time, and ends no bake: of detail that trees as planted do not show it says nothing.
-                light, stated = self._make_light(state), None
+                light, stated = self._make_light(reading), None
                 tell(rules.measure_progress(light, self.photons_before))
                 self.watch(light)
                 continue
-            light, stated = self._light(state)
-            while (look := self._choose_look(state, stated)) and not rules.break_off():
+            light, stated = self._light(reading)
+            while (look := self._choose_look(reading, stated)) and not rules.break_off():
                 have_look(look, tell, rules.break_off, TRACING)
-                light, stated = self._light(state)
+                light, stated = self._light(reading)
             stopped_by = rules.find_reason(light.error, light.photons)
             error = light.error if stopped_by in ("", "error") else stated.relative  # not chosen by its error, then
             light = replace(light, error=error, stopped_by=stopped_by)
@@ -148,30 +132,30 @@ class Solver:
                 self.rounds.drop()
                 return replace(light, object_error=stated.of_objects())
             self.watch(light)
-            self._refine(state)
+            self._refine(reading)
 
-    def _choose_look(self, state: _State, stated: estimate.StatedError) -> Look | None:
+    def _choose_look(self, reading: Reading, stated: estimate.StatedError) -> Look | None:
         """What sends more rays from texels, if one more helps more than a photon's."""
         settings, ledger = self.settings, self.ledger
         if settings.direct != "rays" or (self.gathered and stated.chosen <= settings.error):
             return None
         if self.gathered is None and self.gather_plan.pays(settings, stated, ledger, self.round, lambda: self._guide_photons()[1]):
-            return partial(self._gather, state, stated.relative, np.arange(len(self.tracing.texels)))
+            return partial(self._gather, reading, stated.relative, np.arange(len(self.tracing.texels)))
         chosen = choose_texels(settings.error, stated, ledger.rays, self.direct, self.gathered)
         if chosen is None:
             return None
         rays, worst = chosen
         if rays is self.gathered:
-            return partial(self._gather, state, stated.relative, worst)
-        return partial(self.direct.shoot, self.folder, settings, self.executor, worst, other=self._other_light(state))
+            return partial(self._gather, reading, stated.relative, worst)
+        return partial(self.direct.shoot, self.folder, settings, self.executor, worst, other=self._other_light(reading))
 
-    def _other_light(self, state: _State) -> OtherLight | None:
+    def _other_light(self, reading: Reading) -> OtherLight | None:
         """What is shown with direct light, as far as photons tell; None where direct light is shown by itself too."""
-        return None if "direct" in self.settings.passes else OtherLight.of_leaves(self.tree, state.solution, state.leaves)
+        return None if "direct" in self.settings.passes else OtherLight.of_leaves(self.tree, reading.solution, reading.leaves)
 
-    def _gather(self, state: _State, error: float, texels: NDArray[np.int64], tell: Tell, should_stop: Stop) -> None:
+    def _gather(self, reading: Reading, error: float, texels: NDArray[np.int64], tell: Tell, should_stop: Stop) -> None:
         into = self.gathered = self.gathered or GatheredField.none(len(self.tracing.texels), error)
-        light, doubt = know_light(self.tree, state.solution, state.leaves, self.tracing.texels, self.direct.irradiance)
+        light, doubt = know_light(self.tree, reading.solution, reading.leaves, self.tracing.texels, self.direct.irradiance)
         known = KnownLight(light, self.direct.irradiance, doubt, self.lit_elsewhere)
         before = into.counters.get("rays", 0)
         into.gather(self.folder, self.settings, self.executor, texels, known, tell, should_stop)
@@ -179,17 +163,9 @@ class Solver:
         if not into.passes.all():  # stopped before all texels had a first estimate, beside which that of leaves would stand out
             self.gathered = None
 
-    def _read_tallies(self) -> _State:
-        tree, rule = self.tree, self.rule
-        totals = tally.accumulate(tree, self.tally)
-        compared = np.flatnonzero(refine.find_comparable(tree, totals, rule.stability))
-        solution = tally.solve_tallies(tree, totals, compared)
-        comparison = refine.Comparison.of(tree, totals, solution, rule)
-        leaves = refine.choose_leaves(tree, comparison)
-        told = np.concatenate([compared, estimate.list_told(tree, leaves, self.judged)])
-        shown, risk = shrinkage.shrink_leaves(tree, totals, leaves) if self.settings.hierarchical else (tree, None)
-        solution = tally.solve_tallies(shown, totals, told)
-        return _State(totals, solution, comparison, leaves, risk, self.squares.light(self.square_tally))
+    def _read_tallies(self) -> Reading:
+        squares = self.squares.light(self.square_tally)
+        return Reading.of(self.tree, self.tally, self.rule, self.judged, self.settings.hierarchical, squares)
 
     def _trace_round(self, stated: estimate.StatedError | None) -> None:
         if self.gathered:
@@ -226,19 +202,19 @@ class Solver:
 
     def _guide_photons(self) -> tuple[Splitting | None, float]:
         """Where photons of the next round are born and part, and how much one of them tells; nothing where no round was read."""
-        if self.state is None or not self.settings.guided:
+        if self.reading is None or not self.settings.guided:
             return None, 1.0
-        tree, flux = self.tree, self.state.solution.flux
+        tree, flux = self.tree, self.reading.solution.flux
         before = flux.shape[1]
         light = flux / np.maximum(tree.area[:before], np.finfo(float).tiny)
         light += quadtree.mean_in_nodes(tree, self.direct.irradiance)[:, :before]
         snapshot, texels = self.tracing.snapshot, self.tracing.texels
         self.guide.grow(len(snapshot.objects) + len(tree))
         factor, weight = self.guide.plan(tree, snapshot.tri_object[texels.texel_tri[tree.start[tree.levels[0]]]])
-        worth = weigh_deposits(tree, self.state.leaves, light, self.ledger.deposits, self.parts)
+        worth = weigh_deposits(tree, self.reading.leaves, light, self.ledger.deposits, self.parts)
         return Splitting(factor, worth, self.births.plan()), weight
 
-    def _refine(self, state: _State) -> bool:
+    def _refine(self, reading: Reading) -> bool:
         """Splits what the oracle marks; whether there is more of the tree now."""
         if not self.settings.hierarchical:
             return False
@@ -246,7 +222,7 @@ class Solver:
         forced = quadtree.any_in_nodes(self.tree, self.forced_texels) & (self.tree.side > self.settings.finest_texels)
         background = quadtree.mean_in_nodes(self.tree, self.direct.irradiance)
         while True:  # a split node's children may have previews of their own that tell enough already
-            marked = refine.mark(self.tree, state.totals, state.solution, state.comparison, self.rule, forced, background)
+            marked = refine.mark(self.tree, reading.totals, reading.solution, reading.comparison, self.rule, forced, background)
             if not len(marked):
                 break
             self.tree = quadtree.split(self.tree, marked)
@@ -259,23 +235,22 @@ class Solver:
         self._trace_round(None)
         return self._make_light(self._read_tallies())
 
-    def _light(self, state: _State) -> tuple[LightField, estimate.StatedError]:
+    def _light(self, reading: Reading) -> tuple[LightField, estimate.StatedError]:
         """The light as it stands."""
         texels = self.tracing.texels
         shown = texels, self.settings.denoise, partial(spread, self.executor)
         direct, gathered = self.direct.show(*shown), self.gathered.show_gathered(*shown) if self.gathered else None
-        told = self.tree, state.totals, state.solution, state.comparison, state.leaves, direct, texels, self.settings.denoise
-        asked = self.judged, self.ledger.photon_w()
-        stated = estimate.state_error(*told, gathered, state.risk, state.squares, *asked)
+        photon_w = self.ledger.photon_w()
+        stated = estimate.state_error(reading, direct, texels, self.settings.denoise, gathered, self.judged, photon_w)
         self.parts = stated.parts, stated.parts.weigh(stated.of_parts, self.settings.error)
-        return self._make_light(state, stated), stated
+        return self._make_light(reading, stated), stated
 
-    def _make_light(self, state: _State, stated: estimate.StatedError | None = None) -> LightField:
+    def _make_light(self, reading: Reading, stated: estimate.StatedError | None = None) -> LightField:
         return LightField(
             tree=self.tree,
-            solution=state.solution,
-            leaves=state.leaves,
-            received=state.totals.received,
+            solution=reading.solution,
+            leaves=reading.leaves,
+            received=reading.totals.received,
             correction=stated.correction if stated else np.ones(3),
             direct=self.direct,
             error=stated.chosen if stated else math.nan,
@@ -283,7 +258,7 @@ class Solver:
             rounds=self.round,
             stopped_by="",
             ledger=self.ledger,
-            squares=state.squares,
+            squares=reading.squares,
             gathered=self.gathered,
             neighbours=stated.neighbours if stated else None,
         )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from leaflight.core import denoise, error_terms, estimate, judged, missing_light, quadtree, refine, shrinkage, tally
 from leaflight.core.direct_shown import ShownDirect, ShownGathered
+from leaflight.core.reading import Reading
 from leaflight.core.reconstruct import Blend
 from leaflight.core.squares import SquareLight, mix
 from leaflight.core.texel_borders import TexelBorders
@@ -13,16 +14,21 @@ from trees import SIDE, SquareBake, current, even, even_truth, glow, glow_truth,
 
 
 def state(bake, nodes, direct_variance=0.0, smooth_grain=False, risk=None, squares=None):
-    return estimate.state_error(*asked_of(bake, nodes, direct_variance), smooth_grain, risk=risk, squares=squares)
+    dark = np.zeros((bake.n_texel, 3), np.float32)
+    direct = ShownDirect.plain(dark, dark + np.float32(direct_variance))
+    return estimate.state_error(read(bake, nodes, risk=risk, squares=squares), direct, bake.texels, smooth_grain)
 
 
-def asked_of(bake, nodes=None, direct_variance=0.0):
-    """The first arguments of state_error: the bake's current nodes if none are named, and dark direct light."""
+def read(bake, nodes=None, **more):
+    """What state_error asks: of the bake's current nodes if none are named."""
     totals, solution = bake.totals(), bake.solution()
     comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.0, 16, 2))
-    dark = np.zeros((bake.n_texel, 3), np.float32)
-    nodes = current(bake) if nodes is None else nodes
-    return bake.tree, totals, solution, comparison, nodes, ShownDirect.plain(dark, dark + np.float32(direct_variance)), bake.texels
+    return Reading(bake.tree, totals, solution, comparison, current(bake) if nodes is None else nodes, **more)
+
+
+def dark_of(bake):
+    """No direct light."""
+    return ShownDirect.plain(*np.zeros((2, bake.n_texel, 3), np.float32))
 
 
 def noise_of(bake, nodes):
@@ -129,14 +135,12 @@ def test_noise_of_direct_light_counts_and_is_told_apart():
 
 def test_blur_of_direct_light_counts_as_its_noise_does_but_never_below_nothing():
     bake = throw(even, 50_000, 1, degree=0, level=3)
-    totals, solution = bake.totals(), bake.solution()
-    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.0, 16, 2))
     zero = np.zeros((bake.n_texel, 3), np.float32)
     found = []
     for blur2 in (0.0, 0.03, -0.03):
         every, noise = np.arange(bake.n_texel, dtype=np.int32), zero + np.float32(0.01)
         shown = ShownDirect(zero, noise, every, zero, noise, zero + np.float32(blur2))
-        found.append(estimate.state_error(bake.tree, totals, solution, comparison, current(bake), shown, bake.texels))
+        found.append(estimate.state_error(read(bake), shown, bake.texels))
     plain, blurred, clear = found
     assert blurred.direct**2 == pytest.approx(4 * plain.direct**2, rel=1e-3)
     assert blurred.relative**2 - plain.relative**2 == pytest.approx(3 * plain.direct**2, rel=1e-3)
@@ -154,10 +158,8 @@ def shown_of(bake, irradiance, variance, blur2=0.0):
 def test_direct_light_is_judged_as_it_is_shown():
     """Beside the brightness and by the noise of what was smoothed, not of what was found."""
     bake = throw(even, 50_000, 1, degree=0, level=3)
-    totals, solution, nodes = bake.totals(), bake.solution(), current(bake)
-    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.0, 16, 2))
-    told = bake.tree, totals, solution, comparison, nodes
-    stated = estimate.state_error(*told, shown_of(bake, 2.0, 0.09), bake.texels)
+    solution, nodes = bake.solution(), current(bake)
+    stated = estimate.state_error(read(bake), shown_of(bake, 2.0, 0.09), bake.texels)
     light = (solution.flux[:, nodes] / bake.tree.area[nodes])[:, quadtree.node_of_texel(bake.tree, nodes, bake.n_texel)] + 2.0
     dark2 = (judged.DARK_FLOOR * light.mean()) ** 2
     expected = (0.09 / (light**2 + dark2)).mean(axis=0)
@@ -166,7 +168,7 @@ def test_direct_light_is_judged_as_it_is_shown():
     assert stated.direct**2 == pytest.approx(expected.mean(), rel=0.03)  # of the best texels
     floor = np.sqrt(1 + judged.DARK_FLOOR**2)  # which brightness is held against, where light is even
     assert stated.indirect == pytest.approx((light.mean() - 2.0) / light.mean() / floor, rel=0.01)
-    plain = estimate.state_error(*told, shown_of(bake, 0.0, 0.0), bake.texels)
+    plain = estimate.state_error(read(bake), shown_of(bake, 0.0, 0.0), bake.texels)
     assert plain.indirect == pytest.approx(1.0 / floor, rel=0.01)
     assert plain.photons == pytest.approx(plain.relative, rel=0.02)  # even light is all of it noise
     assert stated.photons**2 + stated.direct**2 == pytest.approx(stated.relative**2, rel=0.02)
@@ -176,13 +178,12 @@ def test_direct_light_is_judged_as_it_is_shown():
 
 def test_gathered_light_is_judged_as_it_is_shown_where_it_is_told():
     bake = throw(even, 50_000, 1, degree=0, level=3)
-    totals, solution, nodes = bake.totals(), bake.solution(), current(bake)
-    comparison = refine.Comparison.of(bake.tree, totals, solution, refine.Rule("significance", 0.0, 16, 2))
-    direct, told = ShownDirect.plain(*np.zeros((2, bake.n_texel, 3), np.float32)), np.arange(bake.n_texel) < bake.n_texel // 2
+    solution, nodes = bake.solution(), current(bake)
+    told = np.arange(bake.n_texel) < bake.n_texel // 2
     found = []
     for blur2 in (0.0, 0.08):
         gathered = ShownGathered(shown_of(bake, 1.0, 0.04, blur2), np.zeros(bake.n_texel, np.float32), told)
-        found.append(estimate.state_error(bake.tree, totals, solution, comparison, nodes, direct, bake.texels, gathered=gathered))
+        found.append(estimate.state_error(read(bake), dark_of(bake), bake.texels, gathered=gathered))
     plain, blurred = found
     light = (solution.flux[:, nodes] / bake.tree.area[nodes])[:, quadtree.node_of_texel(bake.tree, nodes, bake.n_texel)]
     expected = (0.04 / (light**2 + (judged.DARK_FLOOR * light.mean()) ** 2)).mean(axis=0) * told
@@ -329,13 +330,13 @@ def test_squares_that_few_photons_met_are_not_asked():
 def test_where_gathered_light_is_shown_nothing_is_missing():
     """Nor is anything in doubt that shrinking took off."""
     bake = throw(hill, 200_000, 1, degree=1, level=2)
-    told, doubt2 = asked_of(bake), np.zeros(bake.n_texel, np.float32)
+    dark, doubt2 = dark_of(bake), np.zeros(bake.n_texel, np.float32)
     differing = np.where(np.arange(len(current(bake))) % 2, 1.0, -1.0)
-    assert estimate.state_error(*told).relative > 0.05
+    assert estimate.state_error(read(bake), dark, bake.texels).relative > 0.05
     found = []
     for blur2 in (0.0, -0.05):  # below nothing it is noise
         gathered = ShownGathered(shown_of(bake, 1.0, 1e-4, blur2), doubt2, np.ones(bake.n_texel, bool))
-        found.append(estimate.state_error(*told, gathered=gathered, risk=differing))
+        found.append(estimate.state_error(read(bake, risk=differing), dark, bake.texels, gathered=gathered))
     for stated in found:
         assert stated.relative == stated.chosen == pytest.approx(stated.gathered)
     assert 0.9 * found[0].gathered < found[1].gathered < found[0].gathered  # of 0.0502 stated 0.05 was not there
@@ -343,16 +344,16 @@ def test_where_gathered_light_is_shown_nothing_is_missing():
 
 def test_what_goes_on_in_gathered_light_is_stated_with_the_photons_where_it_is_told():
     bake = throw(hill, 200_000, 1, degree=1, level=2)
-    told, doubt2 = asked_of(bake), np.zeros(bake.n_texel, np.float32)
+    dark, doubt2 = dark_of(bake), np.zeros(bake.n_texel, np.float32)
     every, carried2 = np.ones(bake.n_texel, bool), 1e-4
     plain, carried, none = (
-        estimate.state_error(*told, gathered=ShownGathered(shown_of(bake, 1.0, 1e-4), doubt2, where, of))
+        estimate.state_error(read(bake), dark, bake.texels, gathered=ShownGathered(shown_of(bake, 1.0, 1e-4), doubt2, where, of))
         for where, of in ((every, 0.0), (every, carried2), (~every, carried2))
     )
     assert carried.relative**2 - plain.relative**2 == pytest.approx(carried2, rel=1e-3)
     assert carried.photons**2 - plain.photons**2 == pytest.approx(carried2, rel=1e-3)
     assert carried.gathered == plain.gathered
-    assert none.relative == estimate.state_error(*told).relative
+    assert none.relative == estimate.state_error(read(bake), dark, bake.texels).relative
 
 
 def test_the_worst_by_what_leaves_miss_are_left_out(monkeypatch):

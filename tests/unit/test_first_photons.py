@@ -43,7 +43,7 @@ def test_a_round_of_them_is_the_round_without(tmp_path, awake, direct):
     for name, is_ahead in (("ahead", True), ("alone", False)):
         solver = begin(tmp_path / name, settings, awake, 2 * is_ahead)
         assert solver.ledger.photons == 20_000
-        sums.append(solver.state.solution.coefficient.tobytes() + solver.square_tally.raw.tobytes())
+        sums.append(solver.reading.solution.coefficient.tobytes() + solver.square_tally.raw.tobytes())
         workers.forget_folders()
     assert sums[0] == sums[1]
 
@@ -69,14 +69,14 @@ def test_the_second_round_is_the_same_and_tells_the_third_the_same(tmp_path, awa
     settings, told = Settings(size=32, padding=1, max_photons=100_000, error=1e-3, gather=False), []
     for name, is_ahead in (("ahead", True), ("alone", False)):
         solver = begin(tmp_path / name, settings, awake, 4 * is_ahead)
-        solver._refine(solver.state)
+        solver._refine(solver.reading)
         solver._trace_round(None)
         assert solver.ledger.photons >= 30_000
         assert not list((tmp_path / name).glob("hits_*"))  # read once
-        solver.state = solver._read_tallies()
+        solver.reading = solver._read_tallies()
         splitting, weight = solver._guide_photons()
         assert weight > 1.0
-        told.append((solver.state.solution.coefficient.tobytes(), splitting.factor.tobytes(), weight, solver.ledger.rays))
+        told.append((solver.reading.solution.coefficient.tobytes(), splitting.factor.tobytes(), weight, solver.ledger.rays))
         workers.forget_folders()
     assert told[0] == told[1]
 

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from leaflight.core import estimate, missing_light, quadtree, reconstruct, refine, shrinkage
+from leaflight.core import missing_light, quadtree, reading, reconstruct, refine, shrinkage
 from leaflight.core.judged import Judged
 from trees import SIDE, SquareBake, current, even, glow, throw
 
@@ -267,7 +267,7 @@ def test_a_leaf_is_judged_by_its_children_whether_they_are_stable_or_not():
     assert comparison.stable[leaf[~right]].all()
     assert (tree.parent[judge] == leaf).all()
     assert tree.has_children[judge].all()
-    assert set(judge) <= set(estimate.list_told(tree, leaves, Judged.whole(bake.texels)))
+    assert set(judge) <= set(reading.list_told(tree, leaves, Judged.whole(bake.texels)))
 
 
 @pytest.mark.parametrize(("halves", "counted"), [((1.0, 1.0), 1.0), ((3.0, -1.0), -3.0), ((-1.0, -1.0), 0.0), ((1.0, -3.0), 0.0)])

@@ -85,7 +85,7 @@ def test_no_squares_count_nothing(texels):
 
 def test_a_bake_states_its_error_with_its_squares(tmp_path, texels, monkeypatch):
     asked, state_error = [], estimate.state_error
-    monkeypatch.setattr(estimate, "state_error", lambda *told: asked.append(told[10]) or state_error(*told))
+    monkeypatch.setattr(estimate, "state_error", lambda *told: asked.append(told[0].squares) or state_error(*told))
     forced = np.ones(len(texels.texel_area), bool)
     light = make_solver(tmp_path / "all", lamp_scene(), replace(SETTINGS, max_photons=50_000), forced=forced).run(
         lambda _: None, lambda: False
