@@ -17,18 +17,15 @@ from numpy.typing import NDArray
 
 from . import contact
 from .charts import ChartAtlas
+from .contact_looks import Looks, Surroundings
 from .contact_parts import part_in_squares
 from .entry_order import EntryOrder, put_in_order
-from .loose_parts import LooseParts
 from .messages import Status
-from .rays import RayScene
-from .scene import IntArray
 from .texel_borders import OPPOSITE, WAYS, TexelBorders, share_texels
-from .texel_frames import TexelFrames
 from .texel_grid import interleave_bits, step_codes
 from .texel_map import CHART_SHIFT, TexelMap
 from .threads import run_on_threads
-from .tiles import TILE_CORNERS, TILE_SIDE, TILE_TEXELS, Tiles
+from .tiles import TILE_SIDE
 from .words import Say, Watch, stretch, unwatched
 from .workers import TracedScene
 
@@ -90,155 +87,107 @@ def find_contacts(opened: TracedScene, texels: TexelMap, threads: int = 1, watch
 
     watch   is told LOOKING and which share is done of that and of what cut_at_contacts does; it may raise
     """
-    frames, things = TexelFrames.of(opened, texels), LooseParts(opened.snapshot)
-    say = stretch(watch, LOOKING, 0.0, 0.6)
-    found = run_on_threads(lambda part: _look_around(opened.scene.rays, frames, things, part), len(texels), threads, say)
-    say = stretch(watch, LOOKING, 0.6, 0.7)
-    joined: list[NDArray[Any]] = []
-    for part in zip(*found, strict=True):
-        say(0.02 * len(joined))
-        joined.append(np.concatenate(part, axis=-1))
-    touched, height, first, size, distance = joined
-    return _join_patches(opened.scene.rays, frames, things, touched, height, first, size, distance, say)
+    around = Surroundings.of(opened, texels)
+    looks = Looks.join(
+        run_on_threads(around.look, len(texels), threads, stretch(watch, LOOKING, 0.0, 0.6)), stretch(watch, LOOKING, 0.6, 0.61)
+    )
+    return _join_patches(around, looks, stretch(watch, LOOKING, 0.61, 0.7))
 
 
-def _look_around(
-    rays: RayScene, frames: TexelFrames, things: LooseParts, part: slice
-) -> tuple[NDArray[np.bool_], NDArray[np.float32], _Int64, _Int64, NDArray[np.float32]]:
-    """What a chunk of entries meets.
+@dataclass(frozen=True)
+class _Beside:
+    """Patches of one texel each, and those next to them, both told once.
 
-    out   (m,) bool whether something touches them; of patches that tile them (k,) how high another thing is above them, (k,) first entries
-          and (k,) sizes, and (4, k) how far it is to another thing, as in _join_patches
+    way     (m,) int64: 0 or 1 of WAYS, from the one to the other
+    here    (m,) int64: rows of the patches
+    other   (m,) int64: likewise
     """
-    tiles = _find_clear_tiles(rays, frames, part) - part.start
-    leads = np.ones(part.stop - part.start, bool)
-    leads[tiles[:, None] + np.arange(1, TILE_TEXELS)] = False
-    start = np.flatnonzero(leads)
-    size = np.ones(len(start), np.int64)
-    size[np.searchsorted(start, tiles)] = TILE_TEXELS
-    single = np.flatnonzero(size == 1)
-    rows = start[single]
-    entry = part.start + rows
-    places, tri = frames.find_places(entry), frames.texels.texel_tri[entry]
-    met, single_distance = contact.find_contacts(rays, *places, frames.find_axes(entry))
-    touched = np.zeros(len(leads), bool)
-    touched[rows] = (met >= 0).any(axis=0)
-    way, row = np.nonzero(met >= 0)
-    own = ~things.are_apart(met[way, row], tri[row])  # a rough or hollow thing stands in its own way
-    single_distance[way[own], row[own]] = np.inf
-    distance = np.full((len(WAYS), len(start)), np.inf, np.float32)
-    distance[:, single] = single_distance
-    cover, above = contact.find_covers(rays, *places)
-    row = np.flatnonzero(cover >= 0)
-    row = row[things.are_apart(cover[row], tri[row])]
-    height = np.full(len(start), np.inf, np.float32)
-    height[single[row]] = above[row]
-    return touched, height, part.start + start, size, distance
+
+    way: _Int64
+    here: _Int64
+    other: _Int64
+
+    @property
+    def back(self) -> _Int64:
+        """(m,) int64: the way from the other to the one."""
+        return np.take(OPPOSITE, self.way)
+
+    def take(self, rows: NDArray[Any]) -> _Beside:
+        """Some of them."""
+        return _Beside(self.way[rows], self.here[rows], self.other[rows])
+
+    def both_ways(self) -> _Beside:
+        """Each told from either side."""
+        return _Beside(np.append(self.way, self.back), np.append(self.here, self.other), np.append(self.other, self.here))
 
 
-def _find_clear_tiles(rays: RayScene, frames: TexelFrames, part: slice) -> _Int64:
-    """(m,) int64: first entries of the tiles within `part` that nothing touches."""
-    texels = frames.texels
-    tiles = Tiles.of(texels.texel_chart[part], texels.texel_code[part]).on_one_triangle(texels.texel_tri[part])
-    first = part.start + tiles.start
-    first = first[np.searchsorted(texels.part_entry, first) == np.searchsorted(texels.part_entry, first + TILE_TEXELS)]
-    corner = first + TILE_CORNERS[:, None]
-    position, normal, size = frames.find_places(corner.ravel())
-    n_tile = len(first)
-    clear = contact.find_clear_tiles(rays, position.reshape(3, n_tile, 3), normal[:n_tile], size[:n_tile])
-    clear_tiles: _Int64 = first[clear]
-    return clear_tiles
-
-
-def _are_parted(rays: RayScene, frames: TexelFrames, things: LooseParts, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
-    """(m,) bool: whether another thing stands between the points of texel entries (m,) and (m,)."""
-    pairs = np.stack([one, other])
-    is_asked, place = np.zeros(len(frames.texels), bool), np.empty(len(frames.texels), np.int64)
-    is_asked[pairs] = True
-    entry = np.flatnonzero(is_asked)
-    place[entry] = np.arange(len(entry))
-    met = contact.find_between(rays, *frames.find_places(entry), place[pairs])
-    parted = met >= 0
-    parted[parted] = things.are_apart(met[parted], frames.texels.texel_tri[one[parted]])
-    return parted
-
-
-def _find_ends(
-    rays: RayScene, frames: TexelFrames, is_below: NDArray[np.bool_], one: IntArray, other: IntArray
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(m,) twice, texels: from the points of entries (m,) and (m,) to the edge of what lies on the first, where is_below (m,), else on the
-    other."""
-    (position, normal, size), (beside, _, _) = frames.find_places(one), frames.find_places(other)
-    low, high = (np.where(is_below[:, None], *ends) for ends in ((position, beside), (beside, position)))
-    share = contact.find_cover_edges(rays, low, high, normal, size)
-    return np.where(is_below, share, 1 - share), np.where(is_below, 1 - share, share)
-
-
-def _join_patches(
-    rays: RayScene,
-    frames: TexelFrames,
-    things: LooseParts,
-    touched: NDArray[np.bool_],
-    height: NDArray[np.float32],
-    start: _Int64,
-    size: _Int64,
-    distance: NDArray[np.float32],
-    say: Say,
-) -> ContactMap:
+def _join_patches(around: Surroundings, looks: Looks, say: Say) -> ContactMap:
     """Texels are of one piece where one can go from one to the next and meet nothing, nor get below something.
 
-    height        (k,) float32, texels: of another thing above patches of one texel; inf of tiles, within which none ends
-    start, size   (k,) int64, of patches that tile all entries
-    distance      (4, k) float32, texels: to another thing, towards each of WAYS
-    say           is told the share of the work that is done
+    say   is told the share of the work that is done
     """
-    say(0.1)
-    texels, blocked = frames.texels, distance < 1.0
+    say(0.0)
+    texels = around.frames.texels
+    is_met = (looks.distance < 1.0).any(axis=0) | contact.are_close(looks.height)
     parted = np.zeros(len(texels.chart_page), bool)
-    parted[texels.texel_chart[start[blocked.any(axis=0) | contact.are_close(height)]]] = True
-    kept = np.flatnonzero(parted[texels.texel_chart[start]])
-    start, size, height, distance, blocked = start[kept], size[kept], height[kept], distance[:, kept], blocked[:, kept]
-    patches = _Patches(start, size, texels.list_keys(start))
-    joined: list[_Int64] = []
-    beside: list[_Int64] = []  # single texels
-    single = np.flatnonzero(size == 1)
+    parted[texels.texel_chart[looks.start[is_met]]] = True
+    looks = looks.of_patches(np.flatnonzero(parted[texels.texel_chart[looks.start]]))
+    patches = _Patches(looks.start, looks.size, texels.list_keys(looks.start))
+    joined, singles = _pair_up(patches, lambda share: say(0.1 + 0.5 * share))
+    say(0.6)
+    is_whole = np.ones(len(looks.touched), bool)
+    is_whole[texels.part_entry] = False
+    is_whole = is_whole[looks.start]
+    between, rising = _find_between(around, looks, singles, is_whole)
+    open_ways, closed = singles.take(~between), singles.take(between)
+    say(0.8)
+    pair = np.concatenate([*joined, np.stack([open_ways.here, open_ways.other])], axis=1)
+    log2 = int(texels.chart_log2.max(initial=0))
+    whole, piece = part_in_squares(patches.key, patches.size, pair, np.stack([closed.here, closed.other]), log2)
+    closed = closed.both_ways()
+    reach = np.where(is_whole[closed.here] & is_whole[closed.other], looks.distance[closed.way, closed.here], np.float32(np.inf))
+    borders = TexelBorders.of(len(looks.touched), closed.way, looks.start[closed.here], looks.start[closed.other], reach)
+    return ContactMap(looks.touched, rising, patches, piece, whole, borders)
+
+
+def _pair_up(patches: _Patches, say: Say) -> tuple[list[_Int64], _Beside]:
+    """Pairs (2, m) of patches side by side of which one is a tile, between which nothing stands; and those of two texels."""
+    tiles, singles = np.flatnonzero(patches.size > 1), np.flatnonzero(patches.size == 1)
+    joined, beside = [], list[_Int64]()
     for k, step in enumerate(WAYS):
-        say(0.2 + 0.1 * k)
-        rows = single if k < 2 else single[patches.key[single] & _IN_TILE[k - 2] == 0]  # at the edge of where a tile would be
+        say(k / len(WAYS))
+        rows = singles if k < 2 else singles[patches.key[singles] & _IN_TILE[k - 2] == 0]  # at the edge of where a tile would be
         pair = np.stack(patches.find_beside(rows, step))
-        to_tile = size[pair[1]] > 1
+        to_tile = patches.size[pair[1]] > 1
         joined.append(pair.compress(to_tile, axis=1))
         if k < 2:  # two texels are seen from both
             beside.append(pair.compress(~to_tile, axis=1))
-    here, other = np.concatenate(beside, axis=1)
-    way = np.repeat([0, 1], [pair.shape[1] for pair in beside])
-    between = blocked[way, here]
-    between[between] = blocked[np.take(OPPOSITE, way[between]), other[between]]  # what stands between two texels is met from both
-    say(0.6)
-    is_whole = np.ones(len(touched), bool)
-    is_whole[texels.part_entry] = False
-    is_whole = is_whole[start]
+    joined += [np.stack(patches.find_beside(tiles, step)) for step in ((TILE_SIDE, 0), (0, TILE_SIDE))]
+    return joined, _Beside(np.repeat([0, 1], [pair.shape[1] for pair in beside]), *np.concatenate(beside, axis=1))
+
+
+def _find_between(
+    around: Surroundings, looks: Looks, pairs: _Beside, is_whole: NDArray[np.bool_]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Between which texels (m,) bool something stands, or a cover ends; and ContactMap.rising.
+
+    looks      at the patches; what is touched, and how far that is, is told anew where a cover ends
+    is_whole   (k,) bool: patches whose texels their chart covers in full
+    """
+    start, height, distance = looks.start, looks.height, looks.distance
+    blocked, way, back, here, other = distance < 1.0, pairs.way, pairs.back, pairs.here, pairs.other
+    between = blocked[way, here] & blocked[back, other]  # what stands between two texels is met from both
     aslant = np.flatnonzero(~(is_whole[here] & is_whole[other]))  # as points of parts are beside the middles of their texels
-    between[aslant] = _are_parted(rays, frames, things, start[here[aslant]], start[other[aslant]])
+    between[aslant] = around.are_parted(start[here[aslant]], start[other[aslant]])
     ends = np.flatnonzero(~between & contact.ends_between(height[here], height[other]))
-    between[ends] = touched[start[here[ends]]] = touched[start[other[ends]]] = True
-    distance[way[ends], here[ends]], distance[np.take(OPPOSITE, way[ends]), other[ends]] = _find_ends(
-        rays, frames, height[here[ends]] < height[other[ends]], start[here[ends]], start[other[ends]]
+    between[ends] = looks.touched[start[here[ends]]] = looks.touched[start[other[ends]]] = True
+    distance[way[ends], here[ends]], distance[back[ends], other[ends]] = around.find_ends(
+        height[here[ends]] < height[other[ends]], start[here[ends]], start[other[ends]]
     )
     rises = np.flatnonzero(~between & contact.rises_between(height[here], height[other]))
-    rising = np.zeros(len(touched), bool)
+    rising = np.zeros(len(looks.touched), bool)
     rising[start[here[rises]]] = rising[start[other[rises]]] = True
-    joined.append(np.stack([here, other]).compress(~between, axis=1))
-    way, here, other = way[between], here[between], other[between]
-    for step in ((TILE_SIDE, 0), (0, TILE_SIDE)):
-        joined.append(np.stack(patches.find_beside(np.flatnonzero(size > 1), step)))
-    say(0.8)
-    log2 = int(texels.chart_log2.max(initial=0))
-    whole, piece = part_in_squares(patches.key, size, np.concatenate(joined, axis=1), np.stack([here, other]), log2)
-    way, here, other = np.append(way, np.take(OPPOSITE, way)), np.append(here, other), np.append(other, here)
-    reach = np.where(is_whole[here] & is_whole[other], distance[way, here], np.float32(np.inf))
-    borders = TexelBorders.of(len(touched), way, start[here], start[other], reach)
-    return ContactMap(touched, rising, patches, piece, whole, borders)
+    return between, rising
 
 
 def cut_at_contacts(

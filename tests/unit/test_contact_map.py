@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from boxes import prepare_folder
 from leaflight.core import contact_map, executors, quadtree, resolve, shared_arrays, solve, workers
+from leaflight.core.contact_looks import Surroundings
 from leaflight.core.contact_map import cut_at_contacts, find_contacts
 from leaflight.core.direct_field import DirectField
 from leaflight.core.scene import Light
@@ -274,7 +275,7 @@ def test_clear_tiles_change_no_piece(tmp_path, monkeypatch, seed):
         picture = np.full((SIDE, SIDE), -1)
         picture[cut.texel_xy[:, 1], cut.texel_xy[:, 0]] = cut.texel_chart
         drawn.append(picture)
-        monkeypatch.setattr(contact_map, "_find_clear_tiles", lambda rays, frames, part: np.zeros(0, np.int64))
+        monkeypatch.setattr(Surroundings, "_find_clear_tiles", lambda around, part: np.zeros(0, np.int64))
     assert len(np.unique(drawn[0])) == len(np.unique(drawn[1])) == len(np.unique(np.stack(drawn, axis=2).reshape(-1, 2), axis=0))
 
 
