@@ -3,16 +3,18 @@
 import dataclasses
 import json
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from boxes import lamp_scene, room_mesh
-from leaflight.core import bake, preview, quadtree, resolve, solve
+from leaflight.core import bake, executors, preview, quadtree, resolve, solve, workers
 from leaflight.core.checkpoint import read_info
 from leaflight.core.direct_field import DirectField
 from leaflight.core.encodings import ENCODINGS
+from leaflight.core.first_photons import FirstPhotons
 from leaflight.core.gather_plan import GatherPlan
 from leaflight.core.image_file import read_image
 from leaflight.core.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
@@ -271,6 +273,45 @@ def test_what_was_changed_is_told(tmp_path):
     told = [message for message in messages if isinstance(message, Warning_)]
     assert [message.subject for message in told] == ["Snow"]
     assert "is clamped" in told[0].text
+
+
+@pytest.mark.parametrize(("end", "raises"), [("whole", None), ("stopped", None), ("failed", OSError)])
+def test_whoever_traces_is_sent_home_however_the_bake_ends(tmp_path, monkeypatch, end, raises):
+    ended = []
+
+    class Traced(executors.InlineExecutor):
+        def shutdown(self, wait=True, *, cancel_futures=False):
+            ended.append(cancel_futures)
+
+    if end == "stopped":
+        monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
+    if end == "failed":
+        monkeypatch.setattr(resolve.Resolver, "page", lambda *_: (_ for _ in ()).throw(OSError("the disk is full")))
+    save_snapshot(tmp_path / SNAPSHOT_FILE, lamp_scene())
+    Job(QUICK, str(tmp_path / "images"), "room").save(tmp_path)
+    with pytest.raises(raises) if raises else nullcontext():
+        bake.run_bake(tmp_path, lambda message: None, lambda: end == "stopped", lambda settings: Traced())
+    assert ended == [True]
+
+
+def test_processes_start_once_there_are_charts_and_read_the_scene_while_texels_are_made(tmp_path, monkeypatch):
+    """xatlas has the machine before."""
+    called, messages = [], []
+    waiting = executors.LocalExecutor(2)
+    for name in ("wake", "on_each"):
+        monkeypatch.setattr(executors.LocalExecutor, name, lambda self, *given, name=name: called.append((name, messages[-1].stage, given)))
+    monkeypatch.setattr(FirstPhotons, "send", lambda *_: FirstPhotons())
+    save_snapshot(tmp_path / SNAPSHOT_FILE, lamp_scene())
+    Job(QUICK, str(tmp_path / "images"), "room").save(tmp_path)
+    bake.run_bake(tmp_path, messages.append, lambda: False, lambda settings: waiting)
+    assert called[:2] == [("wake", "charts", ()), ("on_each", "charts", (workers.open_ahead, str(tmp_path)))]
+
+
+def test_a_bake_that_goes_on_traces_no_first_photons(tmp_path, monkeypatch):
+    state, folder = str(tmp_path / "state"), tmp_path / "scene"
+    bake_scene(folder, lamp_scene(), keep=state)
+    monkeypatch.setattr(FirstPhotons, "send", lambda *_: pytest.fail("they are there"))
+    bake_scene(folder, lamp_scene(), replace(QUICK, max_photons=40_000), resume=state)
 
 
 def test_a_scene_without_light_is_a_sentence(tmp_path):

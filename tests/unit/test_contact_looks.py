@@ -11,7 +11,7 @@ from leaflight.core.contact_looks import Looks, Surroundings
 from leaflight.core.scene import Light
 from leaflight.core.settings import Settings
 from leaflight.core.tiles import TILE_TEXELS
-from scenes import box_mesh, make_scene, quad_mesh
+from scenes import Mesh, box_mesh, make_scene, quad_mesh
 
 SIDE = 64  # texels of the floor, a square metre
 TEXEL_M = 1.0 / SIDE
@@ -28,8 +28,8 @@ def thing(size, centre):
 def around(tmp_path):
     """The floor among things."""
 
-    def open_floor(*things):
-        scene = make_scene([quad_mesh("Floor", uv=SQUARE), *things], [LAMP])
+    def open_floor(*things, floor=None):
+        scene = make_scene([floor or quad_mesh("Floor", uv=SQUARE), *things], [LAMP])
         texels = prepare_folder(tmp_path, scene, Settings(size=SIDE, margin=0))[1]
         return Surroundings.of(workers.open_scene(str(tmp_path)), texels)
 
@@ -81,6 +81,17 @@ def test_a_board_is_as_high_above_as_it_hangs(around):
     beside = (looks.size == 1) & ((x < 9) | (x > 30) | (y < 9) | (y > 30))
     assert np.isinf(looks.height[beside]).all()
     assert not looks.touched.any()
+
+
+def test_a_fin_of_the_floor_itself_is_no_other_thing(around):
+    """It touches, for no leaf goes over its foot; but it stands in nobody's way."""
+    rows = [[x, y, 0] for y in (0, 1) for x in (0, 0.5, 1)]
+    halves = [np.array([[low, 0], [high, 0], [high, 0.4], [low, 0.4]]) for low, high in ((0, 0.5), (0.5, 1))]
+    faces = [[0, 1, 4, 3], [1, 2, 5, 4], [1, 4, 7, 6]]
+    fin = Mesh("Floor", np.array([*rows, [0.5, 0, 0.5], [0.5, 1, 0.5]]), faces, [*halves, SQUARE * 0.2 + [0, 0.7]])
+    looks = look_everywhere(around(floor=fin))
+    assert looks.touched.any()
+    assert np.isinf(looks.distance).all()
 
 
 def test_what_stands_between_two_texels_and_where_a_board_ends(around):

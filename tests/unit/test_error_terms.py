@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from leaflight.core import error_terms
-from leaflight.core.direct_shown import ShownDirect
+from leaflight.core.direct_shown import ShownDirect, ShownGathered
 from leaflight.core.error_terms import RayNoise, Terms, find_root, judge_rays_alone
 from leaflight.core.judged import BEST_TEXELS, DARK_FLOOR
 from leaflight.core.missing_light import Bias
@@ -68,6 +68,17 @@ def test_what_is_unseen_is_asked_of_an_object_and_of_no_whole():
     assert terms.sum_up(np.arange(COUNT)).relative == pytest.approx(0.3)
     assert terms.sum_up(np.arange(COUNT), unseen=True).relative == pytest.approx(0.5)
     assert terms.judge_alone(np.arange(COUNT)) == pytest.approx(0.5 / np.hypot(1.0, DARK_FLOOR), rel=1e-4)
+
+
+def test_gathered_light_takes_the_place_of_all_that_leaves_err_by():
+    """And of nothing else, where it is told."""
+    terms = dataclasses.replace(terms_of(np.ones(COUNT), 0.3, 0.2, missing=0.1, dark=0.0), unseen2=np.full(COUNT, 0.16))
+    told = np.arange(COUNT) < COUNT // 2
+    noise = np.full((COUNT, 3), 0.05**2, np.float32)
+    shown = ShownGathered(ShownDirect.plain(np.ones((COUNT, 3), np.float32), noise), np.full(COUNT, 0.01, np.float32), told, 0.02)
+    with_it = terms.with_gathered(shown, np.arange(COUNT))
+    for rows, expected2 in ((told, 0.01 + 0.02 + 0.2**2 + 0.05**2), (~told, 0.3**2 + 0.2**2 + 0.1**2 + 0.16)):
+        assert with_it.sum_up(np.flatnonzero(rows), unseen=True).relative ** 2 == pytest.approx(expected2, rel=2e-3)
 
 
 def test_where_there_is_no_light_an_object_errs_by_nothing():

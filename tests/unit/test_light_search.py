@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene
-from leaflight.core import checkpoint, executors, workers
+from leaflight.core import checkpoint, direct_field, executors, workers
+from leaflight.core.direct_field import DirectField
 from leaflight.core.first_photons import FirstPhotons
 from leaflight.core.job import SNAPSHOT_FILE, Job
 from leaflight.core.light_search import PREVIEW_FOLDER, LightSearch
@@ -24,8 +25,8 @@ QUICK = Settings(size=32, padding=1, workers=1, error=0.3, max_photons=20_000)
 def seek(tmp_path):
     """Finds the light of a lamp over a block: run, light and solver."""
 
-    def find(settings=QUICK, should_stop=lambda: False, scene=None, **job):
-        scene, told = scene or lamp_scene(), []
+    def find(settings=QUICK, should_stop=lambda: False, first=None, **job):
+        scene, told = lamp_scene(), []
         folder = tmp_path / f"job_{len(list(tmp_path.glob('job_*')))}"
         folder.mkdir()
         save_snapshot(folder / SNAPSHOT_FILE, scene)
@@ -36,7 +37,8 @@ def seek(tmp_path):
         settings = needs.trim(settings)
         receivers = find_receivers(run, scene, settings, lay_out(run, scene, settings), needs.direct, needs.photons)
         told.clear()
-        search = LightSearch(run, settings, needs, receivers, executors.InlineExecutor(), FirstPhotons(), surfaces, scene.tri_object)
+        first = first(run) if first else FirstPhotons()
+        search = LightSearch(run, settings, needs, receivers, executors.InlineExecutor(), first, surfaces, scene.tri_object)
         return run, *search.find()
 
     yield find
@@ -77,15 +79,31 @@ def test_surfaces_alone_take_no_light(seek):
     assert not light.direct.irradiance.any()
 
 
-def test_who_stops_before_the_rays_are_done_sees_all_light_by_a_few_photons_and_keeps_no_state(seek):
-    stopped = []
-    run, light, solver = seek(should_stop=lambda: stopped.append(1) or True)
+def test_who_stops_before_the_rays_are_done_sees_all_light_by_a_few_photons_and_keeps_no_state(seek, monkeypatch):
+    """And nothing of what was begun: some texels would have light of rays, and others the same of photons."""
+    monkeypatch.setattr(direct_field, "SHARD_TEXELS", 100)
+    monkeypatch.setattr(DirectField, "begin_show", lambda *_: pytest.fail("smoothed for nobody"))
+    asked = []
+    run, light, solver = seek(should_stop=lambda: asked.append(1) or len(asked) > 2)
     assert solver is None
-    assert stopped
     assert light.stopped_by == "interrupted"
     assert not light.direct.passes.any()
+    assert not light.direct.irradiance.any()
     assert light.solution.coefficient[0].any()  # light straight from lamps too
     assert list_stages(run)[-1] == "photons"
+
+
+def test_photons_that_were_traced_ahead_for_rays_are_not_taken_for_photons_alone(seek):
+    """Which bring light straight from lamps too."""
+    taken = []
+
+    class Told(FirstPhotons):
+        def take(self, shard):
+            taken.append(len(list_stages(self.sent)))
+            return shard
+
+    seek(should_stop=lambda: True, first=Told)
+    assert set(taken) == {1}  # before there was direct light
 
 
 def test_a_viewport_sees_light_before_all_else(seek):
@@ -97,11 +115,13 @@ def test_a_viewport_sees_light_before_all_else(seek):
     assert np.array_equal(light.solution.coefficient, alone.solution.coefficient)  # and is the same as if nobody had
 
 
-def test_a_bake_goes_on_from_a_kept_state(seek, tmp_path):
+def test_a_bake_goes_on_from_a_kept_state(seek, tmp_path, monkeypatch):
     _, light, solver = seek()
     checkpoint.save_checkpoint(tmp_path / "state", solver, light.error)
-    again, better, _ = seek(replace(QUICK, max_photons=40_000, error=1e-3), resume=str(tmp_path / "state"))
-    assert list_stages(again) == ["photons"]  # what shadow rays found is there
+    monkeypatch.setattr("leaflight.core.preview.find_first_light", lambda *_: pytest.fail("there is light already"))
+    more = replace(QUICK, max_photons=40_000, error=1e-3)
+    again, better, _ = seek(more, resume=str(tmp_path / "state"), preview=True)
+    assert list_stages(again) == ["preview", "photons"]  # what shadow rays found is there
     assert better.photons == 40_000
     assert better.rounds > light.rounds
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene
-from leaflight.core import creases, workers
+from leaflight.core import creases, receivers, workers
 from leaflight.core.job import LAYOUT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.messages import Status, Warning_
 from leaflight.core.receivers import find_receivers, lay_out
@@ -105,8 +105,25 @@ def test_texels_are_those_that_all_processes_will_open(run, scene):
 def test_texels_of_an_earlier_bake_in_the_folder_are_gone(run, scene):
     find(run, scene)
     workers.forget_folders()
+    of_earlier = run.folder / workers.TEXELS_FOLDER / "grid" / "of_a_larger_bake.npy"
+    of_earlier.write_bytes(b"1")
     _, found = find(run, scene, replace(SMALL, size=32))
     try:
         assert len(workers.open_tracing(str(run.folder)).texels) == len(found.texels) < 32 * 32
+        assert not of_earlier.exists()
     finally:
         workers.forget_folders()
+
+
+def test_what_charts_and_the_tree_warn_of_is_told_and_noted(run, scene, monkeypatch):
+    for name, warning in (("receivers.make_charts", ("Floor", "overlaps")), ("workers.open_scene", ("Lamp", "is left out"))):
+        module, function = name.split(".")
+        before = getattr({"receivers": receivers, "workers": workers}[module], function)
+
+        def warned(*given, before=before, warning=warning):
+            return replace(before(*given), warnings=(warning,))
+
+        monkeypatch.setattr(f"leaflight.core.{name}", warned)
+    find(run, scene, by_photons=False)
+    assert run.warnings == [("Floor", "overlaps"), ("Lamp", "is left out")]
+    assert [message for message in run.told if isinstance(message, Warning_)] == [Warning_(*one) for one in run.warnings]
