@@ -15,7 +15,7 @@ from .squares import SquareLight
 from .tally import Solution, Tally, Totals
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # each is one by itself, whatever it says
 class Reading:
     """Of nodes of a tree, which may have grown since.
 

@@ -78,6 +78,7 @@ class Solver:
         self.reading: Reading | None = None  # of the last round, as are the next two
         self.parts: tuple[Parts, NDArray[np.float64]] | None = None  # that were judged, and Parts.weigh of them
         self.splitting: Splitting | None = None
+        self._mean_direct: tuple[tuple[Reading, int], NDArray[np.float64]] | None = None  # of _find_mean_direct, for whom it was
         self.gathered: GatheredField | None = None
         self.gather_plan = GatherPlan.of(texels)
         self.judged = Judged.of(settings.error_of, texels, self.tracing.snapshot.tri_object)
@@ -205,14 +206,20 @@ class Solver:
         if self.reading is None or not self.settings.guided:
             return None, 1.0
         tree, flux = self.tree, self.reading.solution.flux
-        before = flux.shape[1]
-        light = flux / np.maximum(tree.area[:before], np.finfo(float).tiny)
-        light += quadtree.mean_in_nodes(tree, self.direct.irradiance)[:, :before]
+        light = flux / np.maximum(tree.area[: flux.shape[1]], np.finfo(float).tiny)
+        light += self._find_mean_direct(self.reading)
         snapshot, texels = self.tracing.snapshot, self.tracing.texels
         self.guide.grow(len(snapshot.objects) + len(tree))
         factor, weight = self.guide.plan(tree, snapshot.tri_object[texels.texel_tri[tree.start[tree.levels[0]]]])
         worth = weigh_deposits(tree, self.reading.leaves, light, self.ledger.deposits, self.parts)
         return Splitting(factor, worth, self.births.plan()), weight
+
+    def _find_mean_direct(self, reading: Reading) -> NDArray[np.float64]:
+        """(3, n_node) float64, W/m^2: direct light by rays on the nodes of a reading; asked for twice a round, and found once."""
+        asked = reading, self.direct.turns
+        if self._mean_direct is None or self._mean_direct[0] != asked:
+            self._mean_direct = asked, quadtree.mean_in_nodes(reading.tree, self.direct.irradiance)
+        return self._mean_direct[1]
 
     def _refine(self, reading: Reading) -> bool:
         """Splits what the oracle marks; whether there is more of the tree now."""
@@ -220,7 +227,7 @@ class Solver:
             return False
         before = len(self.tree)
         forced = quadtree.any_in_nodes(self.tree, self.forced_texels) & (self.tree.side > self.settings.finest_texels)
-        background = quadtree.mean_in_nodes(self.tree, self.direct.irradiance)
+        background = self._find_mean_direct(reading)
         while True:  # a split node's children may have previews of their own that tell enough already
             marked = refine.mark(self.tree, reading.totals, reading.solution, reading.comparison, self.rule, forced, background)
             if not len(marked):

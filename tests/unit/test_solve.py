@@ -235,6 +235,26 @@ def test_a_round_solves_all_that_is_asked_of_it(tmp_path, knobs):
     assert len(marked[0])
 
 
+def test_direct_light_on_nodes_is_summed_once_for_each_reading_and_shot(tmp_path, monkeypatch):
+    solver, summed = make_solver(tmp_path, lamp_scene(), SETTINGS), []
+    before = quadtree.mean_in_nodes
+    monkeypatch.setattr(quadtree, "mean_in_nodes", lambda tree, values: summed.append(len(tree)) or before(tree, values))
+    first = solver.reading
+    found = [solver._find_mean_direct(first) for _ in range(3)]
+    assert summed == [len(first.tree)]
+    np.testing.assert_array_equal(found[2], before(first.tree, solver.direct.irradiance))
+    solver.direct.shoot(tmp_path, solver.settings, solver.executor, range(len(solver.tracing.texels)))
+    again = solver._find_mean_direct(first)
+    np.testing.assert_array_equal(again, before(first.tree, solver.direct.irradiance))
+    assert not np.array_equal(again, found[0])
+    solver._refine(first)
+    solver._trace_round(None)
+    assert len(summed) == 2  # one for what marks nodes and for what guides photons
+    second = solver._read_tallies()
+    assert solver._find_mean_direct(second).shape == (3, len(second.tree))
+    assert len(summed) == 3
+
+
 @pytest.mark.parametrize("tolerance", [0.2, 20.0])
 def test_rays_are_shot_again_where_they_err_most(tmp_path, monkeypatch, tolerance):
     """And only there, and only where the first turn left more noise than half of the error asked for, smoothed or not."""
