@@ -117,6 +117,15 @@ class TestLight:
         beside = np.repeat(variance.mean(axis=1), 64)
         assert (found.variance_rgb[dark & (beside > 0), 0] >= beside[dark & (beside > 0)] / 16).all()
 
+    def test_blocks_of_which_no_ray_found_it_are_not_sure_either(self):
+        found = light_floor(replace(roofed((0.5, 0.53, 0.5, 0.53)), world_rgb=(1.0, 2.0, 0.0)), seed=1)
+        unlit = found.by_openings & np.repeat(~found.irradiance_rgb.reshape(-1, 64 * 3).any(axis=1), 64)
+        assert unlit.any()
+        red, green, blue = found.variance_rgb[unlit].T
+        assert (red > 0).all()
+        assert green == pytest.approx(4 * red)
+        assert not blue.any()
+
     def test_each_channel_has_its_sky(self):
         scene = replace(roofed(HATCH), world_rgb=(2.0, 1.0, 0.0))
         red, green, blue = light_floor(scene).irradiance_rgb.T
@@ -159,6 +168,22 @@ class TestWho:
         assert self.asked(roofed(HATCH), monkeypatch, tolerance=0.05, beside=beside) == SIDE**2
         beside[: SIDE**2 // 2] = 100.0
         assert self.asked(roofed(HATCH), monkeypatch, tolerance=0.05, beside=beside) == 0
+
+    def test_they_need_be_no_surer_than_is_seen_in_the_dark(self, monkeypatch):
+        """A tenth of the mean, that of the sky too; here what is dark is made what half of them have by other light."""
+        dark, init = [], Openings.__init__
+
+        def keeping(few, source, rows, known, own, rays):
+            dark.append(own)
+            init(few, source, rows, known, made or own, rays)
+
+        monkeypatch.setattr(Openings, "__init__", keeping)
+        made, beside = 0.0, np.repeat(np.float32([0.0, 0.4]), SIDE**2 // 2)
+        scene = roofed(HATCH)
+        as_it_is = light_floor(scene, beside=beside, tolerance=0.02)
+        assert dark[0] == pytest.approx(0.1 * (0.2 + through(HATCH).mean()), rel=0.1)
+        made = 10.0
+        assert light_floor(scene, beside=beside, tolerance=0.02).counters["rays"] < 0.7 * as_it_is.counters["rays"]
 
     def test_light_tells_who_they_are(self):
         scene = replace(roofed(HATCH), world_rgb=(1.0, 1.0, 1.0))
