@@ -123,7 +123,7 @@ class DirectField:
         """Squared errors (n,) float32 of all texel entries by which they are chosen to be shot again: means of neighbours below openings.
 
         There rays seldom find much, and of texels that are alike those which it came to err most. Were each shot until its own error
-        is small, it would be left when it has come out dark by chance: by 1 % through a skylight, by 40 % on dim walls.
+        is small, it would be left when it has come out dark by chance: measured, 1 % of the light below a skylight.
         """
         rows = np.flatnonzero(self.by_openings)
         if not len(rows):

@@ -34,8 +34,8 @@ _ANYWHERE = 0.3  # share of the rays that go to all cells alike: no ray brings m
 _LEAST_VARIANCE, _LEAST_FORESEEN = 1 / 8, 1 / 64
 _SMOOTHED = 10.0  # how many times too much all plain rays of a texel may err, which smoothing takes
 _LOOKS = 4  # rays of a texel that tell where to look, and no more
-# Each learns where to look by those before. Longer first ones, or more looks in place of them, leave up to a third more noise for the same
-# time; more rays than these bring no more than another pass would.
+# Each learns where to look by those before. Longer first ones, or more looks in place of them, leave up to two fifths more squared noise
+# for the same time; more rays than these bring no more than another pass would.
 _STAGES = (0, 8), (8, 16), (16, 48)
 _NOISIER = 2.5  # than that of lamps: it is alike in neighbours and without specks, so that smoothing takes it
 
