@@ -81,12 +81,14 @@ class DirectLight:
                      shared with all of a tile;
                      sampled, pairs of lamps that gave little and were sampled together
     by_quads         (n,) bool, texels that were told by one of quads; () where none is
+    by_openings      (n,) bool, texels whose sky was looked for through openings; () where none is
     """
 
     irradiance_rgb: FloatArray
     variance_rgb: FloatArray
     counters: dict[str, int]
     by_quads: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((), bool))
+    by_openings: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((), bool))
 
     def count(self, counters: dict[str, int], **others: int) -> None:
         """Adds up what was counted in parts."""
@@ -117,7 +119,7 @@ def direct_irradiance(
     crossed      (n,) bool: texels that see past the foot of what stands on them, which tells nothing of their neighbours
     beside       (n,) float32, W/m^2: other light of the texels, of OtherLight; None is none
     """
-    irradiance, variance = np.zeros((len(texel), 3)), np.zeros((len(texel), 3))
+    irradiance, variance, by_openings = np.zeros((len(texel), 3)), np.zeros((len(texel), 3)), np.zeros(len(texel), bool)
     counters = {"rays": 0, "pairs": 0, "out_of_reach": 0, "settled": 0, "shared": 0, "sampled": 0}
     beside = np.zeros(len(texel), np.float32) if beside is None else beside
     crossed = np.zeros(len(texel), bool) if crossed is None else crossed
@@ -131,11 +133,13 @@ def direct_irradiance(
             whole = (tiles or Tiles.none()).within(rows).without(alone)
             calm = whole if smoothed else Tiles.none()
             demand = Demand(tolerance, max_rays, whole.on_one_triangle(chunk.tri), calm.texels(), alone)
-            value, error = _light_chunk(scene, chunk, demand, beside[rows], rng, counters)
+            value, error, openings = _light_chunk(scene, chunk, demand, beside[rows], rng, counters)
             into = as_slice(rows)
             irradiance[into] += value
             variance[into] += error
-    return DirectLight(irradiance, variance, counters)
+            for few in openings:
+                by_openings[rows[few.rows]] = True
+    return DirectLight(irradiance, variance, counters, by_openings=by_openings)
 
 
 def _light_chunk(
@@ -145,8 +149,8 @@ def _light_chunk(
     beside: NDArray[np.float32],
     rng: np.random.Generator,
     counters: dict[str, int],
-) -> tuple[Float64, Float64]:
-    """Irradiance (n, 3) of a chunk's texels, and its variance; beside them is other light, (n,) W/m^2."""
+) -> tuple[Float64, Float64, list[Openings]]:
+    """Irradiance (n, 3) of a chunk's texels, its variance, and who saw the sky through openings; beside them is other light, (n,) W/m^2."""
     count = len(chunk)
     shared, variance, tallies, openings = _look_first(scene, chunk, demand, beside, rng, counters)
     for tally in tallies:
@@ -185,7 +189,7 @@ def _light_chunk(
     for tally in tallies:
         found += tally.light(count)
         variance += tally.variance(count)
-    return found + shared, variance
+    return found + shared, variance, openings
 
 
 def _look_first(
@@ -209,8 +213,8 @@ def _look_first(
         without = look.closed == 0
         agreed, given, every = look.lit | look.dark, np.zeros(len(chunk), bool), np.arange(len(chunk))
         if isinstance(source, WorldSource):
-            allowed = demand.tolerance * (weigh_channels(shared) + beside)
-            few = Openings.find(scene.rays, chunk, source, np.flatnonzero(~agreed), look.looks, allowed, rng)
+            level = weigh_channels(shared) + beside
+            few = Openings.find(scene.rays, chunk, source, np.flatnonzero(~agreed), look.looks, level, demand.tolerance, rng)
             openings.append(few)
             counters["rays"] += few.rays
             given[few.rows] = True

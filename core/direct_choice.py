@@ -180,12 +180,15 @@ def gather_until_sure(
     base_rgb: Float64,
     stages: Sequence[Span] = STAGES,
     learn: Callable[[IntArray], None] = lambda rows: None,
+    foreseen: tuple[Float64, Float64] | None = None,
 ) -> tuple[Float64, Float64, int]:
     """Irradiance (n, 3) and its variance (n, 3), and the number of rays; 0 but at the rows.
 
     gather     gives, for some rows and a span of their rays, estimates (k, len(rows), 3) in the order of their strata, and rays traced
     base_rgb   (n, 3) float64, W/m^2: other light; more rays go where the error shows beside the sum
     learn      called after the first span, with the rows that go on
+    foreseen   two (n,) float64, told by rays that count for nothing else: what a ray brings in the mean, and its variance. Who then stops
+               does so by that and by what all of the block found: of rays that seldom find much, those of a texel that found nothing agree
     """
     count, n_ray = len(base_rgb), 0
     total, squares = np.zeros((count, 3)), np.zeros((count, 3))
@@ -209,9 +212,16 @@ def gather_until_sure(
         allowed = limit**2
         # A texel that stopped whenever its own rays agree would be too bright, or too dark, on average.
         worse = np.add.reduceat((error - allowed) * asked, np.arange(0, count, BLOCK_TEXELS)) > 0
-        doubt = (error > allowed) | np.repeat(worse, BLOCK_TEXELS)[:count]
+        doubt = np.repeat(worse, BLOCK_TEXELS)[:count]
+        least = np.zeros(count)
+        if foreseen is None:
+            doubt |= error > allowed
+        else:
+            least = foreseen[1] / taken
+            limit = demand.tolerance * (weigh_channels(base_rgb) + foreseen[0])
+            doubt |= least > limit**2
         if len(smoothed):
-            calm = find_calm(weigh_channels(mean)[smoothed], limit[smoothed].mean(axis=1))
+            calm = find_calm(weigh_channels(mean)[smoothed], limit[smoothed].mean(axis=1), least=least[smoothed].mean(axis=1))
             doubt[smoothed[calm]] = False
         rows = rows[doubt[rows]]
         if first == 0:

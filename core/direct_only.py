@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import estimate, quadtree, refine, tally
 from .direct_field import DirectField
@@ -50,7 +51,7 @@ def settle_direct(
     while True:
         shown = direct.show(texels, settings.denoise, partial(spread, executor))
         stated = estimate.state_error(reading, shown, texels, judged=judged)
-        worst = np.flatnonzero((stated.texel_direct2() > settings.error**2) & (direct.passes < direct.most_passes))
+        worst = _find_worst(direct, stated.texel_direct2(), settings.error)
         stopped_by = "error" if stated.direct <= settings.error else "" if len(worst) else "max_rays"
         if should_stop():
             stopped_by = "interrupted"
@@ -73,3 +74,15 @@ def settle_direct(
         ledger=Ledger(),
         object_error=stated.of_objects(),
     )
+
+
+def _find_worst(direct: DirectField, error2: NDArray[np.float32], error: float) -> NDArray[np.intp]:
+    """Texels (m,), ascending, to be shot again: neighbours below openings as one, or if none of these errs too much, each by itself.
+
+    error2   (n,): relative, squared
+    """
+    for told in (direct.share_error(error2), error2):
+        worst = np.flatnonzero((told > error**2) & (direct.passes < direct.most_passes))
+        if len(worst):
+            break
+    return worst

@@ -17,6 +17,7 @@ from .direct_choice import BLOCK_TEXELS, Demand, Int64, Span, choose_by_strata, 
 from .direct_lights import WorldSource
 from .direct_points import STAGES, TexelChunk, light_points, random_shift, row_pieces
 from .geometry import take_rows
+from .judged import DARK_FLOOR
 from .lights import Float32, Float64
 from .rays import RayScene
 from .scene import IntArray
@@ -28,14 +29,15 @@ _REGIONS_BLOCKS = (16, 4, 1)  # blocks of texels that tell together which cells 
 _AROUND_RAYS = 4.0  # what those farther around tell counts, in rays to a cell
 _MOST_SEEN = 1 / 16  # share of the sky; where more is seen plain rays do as well beside other light
 _ANYWHERE = 0.3  # share of the rays that go to all cells alike: no ray brings more than one to an open sky divided by that
-# Of that of a block's texels: else who saw nothing by chance would be sure of it, and the only one that is not shot again. Measured: all of
-# it takes twice the rays, none leaves a fourth of the light of dim walls out.
-_LEAST_VARIANCE = 1 / 8
+# Of that of a block's texels, and of what is foreseen: else who saw nothing by chance would be sure of it, and the only one who is not
+# shot again. Measured: all of a block's takes twice the rays, none leaves a fourth of the light of dim walls out.
+_LEAST_VARIANCE, _LEAST_FORESEEN = 1 / 8, 1 / 64
 _SMOOTHED = 10.0  # how many times too much all plain rays of a texel may err, which smoothing takes
 _LOOKS = 4  # rays of a texel that tell where to look, and no more
-# Of four rays so few see the sky that who stopped by them would be too dark; they do where it is known beforehand that they are enough.
-_STAGES = (0, 16), (16, 32), (32, 64)
-_NOISIER = 2.0  # than that of lamps: it is alike in neighbours and without specks, so that smoothing takes it
+# Each learns where to look by those before. Longer first ones, or more looks in place of them, leave up to two fifths more squared noise
+# for the same time; more rays than these bring no more than another pass would.
+_STAGES = (0, 8), (8, 16), (16, 48)
+_NOISIER = 2.5  # than that of lamps: it is alike in neighbours and without specks, so that smoothing takes it
 
 
 @dataclass(frozen=True)
@@ -57,11 +59,12 @@ class Openings:
 
     rows       (n,) int64, ascending   each BLOCK_TEXELS of them are a block
     known      of the blocks
+    dark       W/m^2: as sure as light of that has to be that of texels with less
     rays       that were sent to find that
     """
 
-    def __init__(self, source: WorldSource, rows: Int64, known: _Known, rays: int) -> None:
-        self._source, self.rows, self._known, self.rays = source, rows, known, rays
+    def __init__(self, source: WorldSource, rows: Int64, known: _Known, dark: float, rays: int) -> None:
+        self._source, self.rows, self._known, self._dark, self.rays = source, rows, known, dark, rays
 
     @classmethod
     def find(
@@ -71,15 +74,16 @@ class Openings:
         source: WorldSource,
         rows: Int64,
         looks: Looks,
-        allowed: Float64,
+        beside: Float64,
+        tolerance: float,
         rng: np.random.Generator,
     ) -> Openings:
         """Those among the texels `rows` (n,), ascending, that err too much by plain rays; a ray goes from each of which there are no looks.
 
-        allowed   (n_texel,) W/m^2: standard error beside other light
+        beside      (n_texel,) W/m^2: other light
+        tolerance   standard error, relative to all light
 
-        Whether a texel is one, and where its rays go, is told by rays that count for nothing else, which biases no light. Where rays stop
-        does, a little: who missed the opening by chance is sooner sure of that, see _LEAST_VARIANCE.
+        Whether a texel is one, and where its rays go, is told by rays that count for nothing else, which biases no light.
         """
         place = np.full(len(chunk), -1)
         place[rows] = np.arange(len(rows))
@@ -88,7 +92,8 @@ class Openings:
         known.add(place[looks.texel[told]], _cell_at(looks.to[told]), looks.seen[told])
         place[looks.texel[told]] = -1
         sky = math.pi * float(weigh_channels(source.rgb)[0])
-        limit = _means(allowed[rows], BLOCK_TEXELS * _REGIONS_BLOCKS[0]) / sky
+        level, dark = _means(beside[rows], BLOCK_TEXELS * _REGIONS_BLOCKS[0]), DARK_FLOOR * float(beside.mean())
+        limit = tolerance * np.maximum(level, dark) / sky
         n_ray, asked = 0, place[rows] >= 0
         asked &= np.repeat(known.may_see_little(limit), BLOCK_TEXELS)[: len(rows)]
         for piece in row_pieces(rows[asked], 1):
@@ -96,7 +101,9 @@ class Openings:
             seen, _, traced = _look(rays, chunk, source, piece, to, (0, 1))
             known.add(place[piece], _cell_at(to), seen)
             n_ray += traced
-        few = known.see_little(limit)
+        known = known.tell_share()
+        dark += DARK_FLOOR * sky * known.share * len(rows) / max(len(chunk), 1)
+        few = known.see_little(tolerance * np.maximum(level, dark) / sky)
         rows, known = rows[np.repeat(few, BLOCK_TEXELS)[: len(rows)]], known.of(few)
         for _ in range(_LOOKS):
             end = known.share_out()[0]
@@ -105,7 +112,7 @@ class Openings:
                 seen, _, traced = _look(rays, chunk, source, rows[piece], to, (0, 1))
                 known.add(piece, cell, seen)
                 n_ray += traced
-        return cls(source, rows, known, n_ray)
+        return cls(source, rows, known, dark, n_ray)
 
     def irradiance(
         self, rays: RayScene, chunk: TexelChunk, demand: Demand, base_rgb: Float64, rng: np.random.Generator
@@ -116,26 +123,35 @@ class Openings:
             return total, variance, n_ray
         demand = replace(demand, tolerance=_NOISIER * demand.tolerance)
         shift = random_shift(rng, len(chunk))
-        block = np.zeros(len(chunk), np.int64)
-        block[self.rows] = np.arange(len(self.rows)) // BLOCK_TEXELS
-        end, mean, square = self._known.share_out()
+        place = np.zeros(len(chunk), np.int64)
+        place[self.rows] = np.arange(len(self.rows))
+        own, known, learned = place[self.rows] // BLOCK_TEXELS, self._known.copy(), 0
+        end, mean, square = known.share_out()
 
         def gather(rows: IntArray, span: Span) -> tuple[Float64, int]:
-            _, to, chance, step = _choose(end, block[rows], take_rows(shift, rows), rng, span)
+            nonlocal end, learned
+            if span[0] != learned:  # rays that come later may go to where earlier ones saw the sky: all are right on average
+                end, learned = known.share_out()[0], span[0]
+            cell, to, chance, step = _choose(end, place[rows] // BLOCK_TEXELS, take_rows(shift, rows), rng, span)
             seen, share, traced = _look(rays, chunk, self._source, rows, to, span)
+            known.add(np.tile(place[rows], span[1] - span[0]), cell, seen)
             return in_order(step, (share * seen / (chance * _CELLS))[:, None] * self._source.rgb), traced
 
-        sky, own = math.pi * float(weigh_channels(self._source.rgb)[0]), block[self.rows]
-        allowed = demand.tolerance * (weigh_channels(base_rgb)[self.rows] + sky * mean[own])
+        sky = math.pi * float(weigh_channels(self._source.rgb)[0])
+        foreseen = np.zeros((2, len(chunk)))
+        foreseen[:, self.rows] = sky * mean[own], sky**2 * (square - mean**2)[own]
+        base_rgb = base_rgb + np.maximum(self._dark - weigh_channels(base_rgb) - foreseen[0], 0.0)[:, None]
+        allowed = demand.tolerance * (weigh_channels(base_rgb) + foreseen[0])[self.rows]
         sure = sky**2 * square[own] <= STAGES[0][1] * allowed**2
         for rows, stages in ((self.rows[sure], STAGES), (self.rows[~sure], _STAGES)):
-            by_some, error, traced = gather_until_sure(gather, rows, demand, base_rgb, stages)
+            by_some, error, traced = gather_until_sure(gather, rows, demand, base_rgb, stages, foreseen=(foreseen[0], foreseen[1]))
             total += by_some
             variance += error
             n_ray += traced
-        for channel in variance.T:
-            of_block = np.bincount(own, channel[self.rows]) / np.bincount(own)
-            channel[self.rows] = np.maximum(channel[self.rows], _LEAST_VARIANCE * of_block[own])
+        for channel, radiance in zip(variance.T, self._source.rgb[0], strict=True):
+            of_block = _LEAST_VARIANCE * np.bincount(own, channel[self.rows]) / np.bincount(own)
+            of_ray = _LEAST_FORESEEN * (math.pi * radiance) ** 2 * (square - mean**2)
+            channel[self.rows] = np.maximum(channel[self.rows], np.maximum(of_block, of_ray / STAGES[-1][1])[own])
         return total, variance, n_ray
 
 
@@ -144,10 +160,12 @@ class _Known:
     """What blocks of texels know of their cells.
 
     shot, lit   (n_block, n_cell) float64   rays that were sent to each, and those that met nothing
+    share       of the rays of all texels around that met nothing before any was aimed
     """
 
     shot: Float64
     lit: Float64
+    share: float = 0.0
 
     @classmethod
     def none(cls, n_texel: int) -> _Known:
@@ -161,16 +179,24 @@ class _Known:
 
     def of(self, blocks: NDArray[np.bool_]) -> _Known:
         """What some of the blocks know."""
-        return _Known(self.shot[blocks], self.lit[blocks])
+        return _Known(self.shot[blocks], self.lit[blocks], self.share)
+
+    def copy(self) -> _Known:
+        """The same, to learn more."""
+        return _Known(self.shot.copy(), self.lit.copy(), self.share)
+
+    def tell_share(self) -> _Known:
+        """The same, with its share."""
+        return _Known(self.shot, self.lit, float(self.lit.sum() / max(self.shot.sum(), 1.0)))
 
     def see_little(self, allowed: Float64) -> NDArray[np.bool_]:
-        """(n_block,) bool: of the region around some rays saw the sky, all of them before any was aimed, but few.
+        """(n_block,) bool: of the region around few rays saw the sky, all of them before any was aimed; or none, but some elsewhere.
 
         allowed   (n_region,) float64: standard error, of an open sky
         """
         shot, lit, size = self._of_regions()
-        noisy = lit > _SMOOTHED**2 * STAGES[-1][1] * allowed**2 * shot
-        return np.repeat((lit > 0) & (lit < _MOST_SEEN * shot) & noisy, size)
+        noisy = (lit + self.share) > _SMOOTHED**2 * STAGES[-1][1] * allowed**2 * (shot + 1)
+        return np.repeat((lit + self.share > 0) & (lit < _MOST_SEEN * shot) & noisy, size)
 
     def may_see_little(self, allowed: Float64) -> NDArray[np.bool_]:
         """(n_block,) bool: what is known so far does not tell that they will not see_little."""
@@ -194,12 +220,12 @@ class _Known:
             first, size = _cut(len(self.shot), n_block)
             shot, lit = (np.add.reduceat(counts, first, axis=0) for counts in (self.shot, self.lit))
             if n_block == _REGIONS_BLOCKS[0]:
-                rate = _blur(lit) / (_blur(shot) + 1)  # an opening moves over the cells as one moves
+                rate = (_blur(lit) + self.share) / (_blur(shot) + 1)  # an opening moves over the cells as one moves
             else:
                 rate = (lit + _AROUND_RAYS * rate[first]) / (shot + _AROUND_RAYS)
             rate = np.repeat(rate, size, axis=0)
         chance = np.sqrt(rate)  # which makes the variance least
-        chance *= (1 - _ANYWHERE) / chance.sum(axis=1, keepdims=True)
+        chance *= (1 - _ANYWHERE) / np.maximum(chance.sum(axis=1, keepdims=True), 1e-300)
         chance += _ANYWHERE / _CELLS
         end = np.empty_like(chance)
         cumulate(chance, 0, end)

@@ -58,7 +58,7 @@ def light_by_quads(
 ) -> DirectLight:
     """Direct light at texel entries (n,), in float32: by quads where they suffice. The other arguments as of direct.direct_irradiance."""
     irradiance, variance = np.empty((2, len(entry), 3), np.float32)
-    out = DirectLight(irradiance, variance, {}, np.zeros(len(entry), bool))
+    out = DirectLight(irradiance, variance, {}, *np.zeros((2, len(entry)), bool))
     left = np.ones(len(entry), bool)
     if len(quads):
         first = quads.first
@@ -75,6 +75,6 @@ def light_by_quads(
         out.count(found.counters, by_quads=len(rows))
     rows = np.flatnonzero(left)
     found = find_light(texels.look_at, entry[rows], tiles=tiles.within(rows), crossed=crossed[rows], beside=beside[rows])
-    irradiance[rows], variance[rows] = found.irradiance_rgb, found.variance_rgb
+    irradiance[rows], variance[rows], out.by_openings[rows] = found.irradiance_rgb, found.variance_rgb, found.by_openings
     out.count(found.counters)
     return out

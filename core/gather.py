@@ -69,7 +69,7 @@ class GatheredLight:
     variance_rgb     (n, 3) float32, (W/m^2)^2, of the choice of rays
     doubt            (n,) float32, W/m^2: what comes of KnownLight.doubt
     blind            (n,) bool: a ray met a side that may send light and is not told
-    by_quads         each texel looks for itself
+    by_quads, by_openings   each texel looks for itself, at surfaces
     """
 
     irradiance_rgb: Float32
@@ -78,6 +78,7 @@ class GatheredLight:
     blind: NDArray[np.bool_]
     counters: dict[str, int]
     by_quads: bool = False
+    by_openings: bool = False
 
 
 def gather_light(

@@ -47,7 +47,7 @@ def choose_texels(
     if max(gains) <= by_photons:
         return None
     own2, rays, texel2 = kinds[int(np.argmax(gains))]
-    error2 = texel2()
+    error2 = rays.share_error(texel2())
     if is_open is not None:
         error2[~is_open] = 0.0
     worst = np.flatnonzero((error2 > most) & (rays.passes < rays.most_passes))

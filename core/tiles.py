@@ -93,7 +93,7 @@ def find_tiles(chart: IntArray, code: IntArray) -> Int64:
     return whole
 
 
-def find_calm(value: Float64, allowed: Float64, by_slope: bool = False) -> NDArray[np.bool_]:
+def find_calm(value: Float64, allowed: Float64, by_slope: bool = False, least: Float64 | float = 0.0) -> NDArray[np.bool_]:
     """(k,) bool: tiles in which light changes so gently that smoothing will average the texels' noise.
 
     Decided for whole tiles, by how far their texels are off a quadratic surface, noise and all: a texel that stopped by what
@@ -102,6 +102,7 @@ def find_calm(value: Float64, allowed: Float64, by_slope: bool = False) -> NDArr
     value      (k, 64) float64, W/m^2, of the tiles' texels in Morton order
     allowed    (k,) float64, W/m^2: standard error of the light as it is shown
     by_slope   more noise is left where light changes by less than that, as on large pages: there smoothing finds more that is alike
+    least      (k,) float64, (W/m^2)^2: what a texel is off at least, squared
     """
     fitted, off2 = fit_surfaces(value)
     smoothed2: Float64 | float = _SMOOTHED**2
@@ -109,7 +110,7 @@ def find_calm(value: Float64, allowed: Float64, by_slope: bool = False) -> NDArr
         change2 = (fitted[:, 1:] ** 2).sum(axis=1) / TILE_TEXELS
         alike2 = np.divide(_ALL_ALIKE * np.maximum(off2, 0.0), change2, out=np.full(len(off2), np.inf), where=change2 > 0.0)
         smoothed2 = smoothed2 * np.clip(_GENTLE**2 * np.sqrt(alike2), 1.0, _GENTLE**2)
-    out: NDArray[np.bool_] = off2 <= smoothed2 * allowed**2
+    out: NDArray[np.bool_] = np.maximum(off2, least) <= smoothed2 * allowed**2
     return out
 
 

@@ -123,6 +123,33 @@ class TestGathering:
         gather_until_sure(gather, np.arange(256), Demand(0.025, 16, smoothed=tiles), np.zeros((256, 3)))
         assert [(len(rows), span) for rows, span in asked] == [(256, (0, 4)), (192, (4, 16))]
 
+    def test_rows_that_found_nothing_by_chance_go_on_where_more_is_foreseen(self):
+        """One ray in 500 finds all of the light: alone, and in tiles that are left to smoothing."""
+        rng, chance, rows = np.random.default_rng(3), 2e-3, np.arange(64 * 64)
+
+        def gather(rows, span):
+            value = (rng.random((span[1] - span[0], len(rows))) < chance) / chance
+            return np.repeat(value[..., None], 3, axis=2), value.size
+
+        foreseen = np.ones(len(rows)), np.full(len(rows), 1 / chance)
+        for smoothed in (np.zeros((0, 64), np.int64), rows.reshape(-1, 64)):
+            demand, base, told, alone = Demand(0.05, smoothed=smoothed), np.zeros((len(rows), 3)), [], []
+            for _ in range(16):
+                value, _, traced = gather_until_sure(gather, rows, demand, base, foreseen=foreseen)
+                assert traced == 64 * len(rows)
+                told.append(value.mean())
+                alone.append(gather_until_sure(gather, rows, demand, base)[0].mean())
+            noise = np.sqrt(1 / chance / 64 / len(rows) / 16)
+            assert np.mean(told) == pytest.approx(1.0, abs=3 * noise)
+            assert np.mean(alone) < 1.0 - 5 * noise  # which is what it is for
+
+    def test_where_little_noise_is_foreseen_nobody_goes_on_by_own_rays_alone(self):
+        noise = np.zeros(256)
+        noise[10] = 0.05
+        gather, asked = self.gather(np.ones(256), noise)
+        gather_until_sure(gather, np.arange(256), Demand(0.01), np.zeros((256, 3)), foreseen=(np.ones(256), np.zeros(256)))
+        assert len(asked) == 1
+
     def test_rows_that_are_not_asked_do_not_calm_their_neighbours(self):
         """One noisy row asked in each block: beside rows without light of this kind, whose error is 0."""
         noise = np.zeros(256)

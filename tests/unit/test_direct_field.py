@@ -152,6 +152,53 @@ def test_variances_of_texels_shot_again_are_corrected_by_how_their_estimates_dif
     assert field.variance.max() == pytest.approx(0.2**2)
 
 
+def test_texels_below_openings_are_chosen_with_their_neighbours():
+    field = DirectField.none(200)
+    error2 = np.random.default_rng(1).random(200).astype(np.float32)
+    assert field.share_error(error2) is error2
+    field.by_openings[[3, 4, 60, 70, 199]] = True
+    shared = field.share_error(error2)
+    assert shared[[3, 4, 60]] == pytest.approx(error2[[3, 4, 60]].mean())
+    assert shared[[70, 199]] == pytest.approx(error2[[70, 199]])
+    rest = ~field.by_openings
+    np.testing.assert_array_equal(shared[rest], error2[rest])
+
+
+def test_rare_light_is_right_on_average_however_often_texels_are_shot_again():
+    """Each estimate counts rays that found it, three in the mean, and a texel is shot again while it errs too much."""
+
+    def settle(choose):
+        rng, field = np.random.default_rng(2), DirectField.none(1 << 14)
+        field.by_openings[:] = True
+        texels = np.arange(len(field.passes))
+        while len(texels):
+            found = rng.poisson(3.0, len(texels))[:, None] / np.full(3, 3.0)
+            variance = np.maximum(found / 3, 1 / 24)
+            field._add(
+                texels, DirectLight(found.astype(np.float32), variance.astype(np.float32), {}, by_openings=np.ones(len(texels), bool))
+            )
+            error2 = (field.variance / (field.irradiance**2 + 0.01)).mean(axis=1)
+            texels = np.flatnonzero((choose(field, error2) > 0.2**2) & (field.passes < 64))
+        return field.irradiance[:, 0].mean(), np.sqrt(1 / 3 / len(field.passes) / field.passes.mean()), field.passes.mean()
+
+    mean, noise, passes = settle(DirectField.share_error)
+    assert passes > 4
+    assert mean == pytest.approx(1.0, abs=4 * noise)
+    assert abs(settle(lambda field, error2: error2)[0] - 1.0) > 10 * noise  # were each chosen by its own
+
+
+def test_who_saw_the_sky_through_openings_is_kept_and_put_back(tmp_path):
+    field = DirectField.none(4)
+    rows, flags = np.arange(4), np.array([True, False, True, False])
+    for told in (flags, np.zeros(4, bool)):
+        field._add(rows, DirectLight(np.ones((4, 3), np.float32), np.ones((4, 3), np.float32), {}, by_openings=told))
+    assert field.by_openings.tolist() == flags.tolist()
+    kept = field._keep(rows)
+    field.by_openings[:] = True
+    field._put_back(rows, kept)
+    assert field.by_openings.tolist() == flags.tolist()
+
+
 def test_rays_are_fewer_where_there_is_other_light_and_nothing_is_left_of_what_told_so(shot):
     folder, alone = shot
     every, before = range(len(alone.passes)), set(folder.iterdir())

@@ -90,12 +90,41 @@ class TestLight:
         assert noise < 0.05 * truth.mean()
         assert abs(found.mean() - truth.mean()) < sigma_limit(1) * noise
 
+    def test_whole_tiles_that_saw_little_by_chance_do_not_stop_by_that(self):
+        """Many saw nothing at all, and seem to be even."""
+        hatch = (0.1, 0.3, 0.9, 1.0)
+        scene, truth = roofed(hatch), through(hatch)
+        dim = truth < np.quantile(truth, 0.25)
+        found = np.array([light_floor(scene, seed, tolerance=0.025, smoothed=True).irradiance_rgb[:, 0] for seed in range(32)])
+        for part, most in ((np.ones(SIDE**2, bool), 0.004), (dim, 0.015)):
+            mean = found[:, part].mean(axis=1) / truth[part].mean()
+            noise = mean.std() / math.sqrt(len(mean))
+            assert noise < most
+            assert abs(mean.mean() - 1) < sigma_limit(2) * noise
+
+    def test_rays_learn_from_those_before(self, monkeypatch):
+        """One long stage is as many rays, of which none knows more than another; here none has looks to go by."""
+        monkeypatch.setattr(direct_openings, "_LOOKS", 0)
+        scene, truth = roofed((0.1, 0.3, 0.9, 1.0)), through((0.1, 0.3, 0.9, 1.0))
+        learning = np.mean([error_of(light_floor(scene, seed), truth) for seed in range(4)])
+        monkeypatch.setattr(direct_openings, "_STAGES", ((0, 48),))
+        assert learning < 0.85 * np.mean([error_of(light_floor(scene, seed), truth) for seed in range(4)])
+
     def test_who_saw_nothing_by_chance_is_not_sure_of_it(self):
         found = light_floor(roofed((0.5, 0.6, 0.5, 0.55)), seed=3)
         dark, variance = found.irradiance_rgb[:, 0] == 0, found.variance_rgb[:, 0].reshape(-1, 64)
         assert dark.any()
         beside = np.repeat(variance.mean(axis=1), 64)
         assert (found.variance_rgb[dark & (beside > 0), 0] >= beside[dark & (beside > 0)] / 16).all()
+
+    def test_blocks_of_which_no_ray_found_it_are_not_sure_either(self):
+        found = light_floor(replace(roofed((0.5, 0.53, 0.5, 0.53)), world_rgb=(1.0, 2.0, 0.0)), seed=1)
+        unlit = found.by_openings & np.repeat(~found.irradiance_rgb.reshape(-1, 64 * 3).any(axis=1), 64)
+        assert unlit.any()
+        red, green, blue = found.variance_rgb[unlit].T
+        assert (red > 0).all()
+        assert green == pytest.approx(4 * red)
+        assert not blue.any()
 
     def test_each_channel_has_its_sky(self):
         scene = replace(roofed(HATCH), world_rgb=(2.0, 1.0, 0.0))
@@ -120,6 +149,46 @@ class TestWho:
 
     def test_all_texels_below_a_small_hatch(self, monkeypatch):
         assert self.asked(roofed(HATCH), monkeypatch) == SIDE**2
+
+    def test_those_around_whom_no_ray_found_it_where_others_did(self):
+        """Blocks of two regions, of which one ray in a hundred found it in the one."""
+        known = _Known.none(32 * 64)
+        known.shot[:] = 64 / CELLS
+        known.lit[:16] = known.shot[:16] / 100
+        assert not known.see_little(np.zeros(2))[16:].any()
+        known = known.tell_share()
+        assert known.see_little(np.zeros(2)).all()
+        assert not known.see_little(np.array([0.0, 0.01]))[16:].any()
+        end, mean, _ = known.of(np.arange(32) >= 16).share_out()
+        assert np.diff(end[0], prepend=0.0) == pytest.approx(1 / CELLS, rel=0.2)
+        assert 0 < mean[0] < 0.01 / 4
+
+    def test_none_in_what_is_dark_beside_the_others(self, monkeypatch):
+        beside = np.zeros(SIDE**2, np.float32)
+        assert self.asked(roofed(HATCH), monkeypatch, tolerance=0.05, beside=beside) == SIDE**2
+        beside[: SIDE**2 // 2] = 100.0
+        assert self.asked(roofed(HATCH), monkeypatch, tolerance=0.05, beside=beside) == 0
+
+    def test_they_need_be_no_surer_than_is_seen_in_the_dark(self, monkeypatch):
+        """A tenth of the mean, that of the sky too; here what is dark is made what half of them have by other light."""
+        dark, init = [], Openings.__init__
+
+        def keeping(few, source, rows, known, own, rays):
+            dark.append(own)
+            init(few, source, rows, known, made or own, rays)
+
+        monkeypatch.setattr(Openings, "__init__", keeping)
+        made, beside = 0.0, np.repeat(np.float32([0.0, 0.4]), SIDE**2 // 2)
+        scene = roofed(HATCH)
+        as_it_is = light_floor(scene, beside=beside, tolerance=0.02)
+        assert dark[0] == pytest.approx(0.1 * (0.2 + through(HATCH).mean()), rel=0.1)
+        made = 10.0
+        assert light_floor(scene, beside=beside, tolerance=0.02).counters["rays"] < 0.7 * as_it_is.counters["rays"]
+
+    def test_light_tells_who_they_are(self):
+        scene = replace(roofed(HATCH), world_rgb=(1.0, 1.0, 1.0))
+        assert light_floor(scene).by_openings.all()
+        assert not light_floor(roofed((-2.0, 3.0, -2.0, 3.0))).by_openings.any()
 
     def test_none_below_an_open_roof(self, monkeypatch):
         assert self.asked(roofed((-2.0, 3.0, -2.0, 3.0)), monkeypatch) == 0

@@ -47,7 +47,8 @@ class Lamp:
         place = corner[..., 0, :] + (weight[..., None] * (corner[..., 1:, :] - corner[..., :1, :])).sum(axis=-2)
         value = self._truth(*np.moveaxis(place, -1, 0)).mean(axis=0)
         self.asked.append((texel, place, tiles, crossed, beside))
-        return DirectLight(value[:, None] * [1.0, 2.0, 0.0], np.full((len(value), 1), self._noise2) * [1.0, 4.0, 0.0], {"rays": len(value)})
+        variance = np.full((len(value), 1), self._noise2) * [1.0, 4.0, 0.0]
+        return DirectLight(value[:, None] * [1.0, 2.0, 0.0], variance, {"rays": len(value)}, by_openings=texel % 2 == 0)
 
 
 def light(texels, lamp, beside=0.0, crossed=(), entry=None):
@@ -89,6 +90,7 @@ def test_a_step_is_told_by_texels(texels):
     stepped = x // 16 == 1
     np.testing.assert_array_equal(found.by_quads, ~stepped & (x // 16 != y // 16))
     np.testing.assert_allclose(found.irradiance_rgb[:, 0], np.where(x < 21, 1.0, 2.0), rtol=1e-6)
+    np.testing.assert_array_equal(found.by_openings, ~found.by_quads & (np.arange(len(texels)) % 2 == 0))
 
 
 def test_a_step_that_nobody_sees_beside_other_light_is_not(texels):

@@ -38,6 +38,14 @@ def test_texels_that_err_too_much_are_chosen_where_shadow_rays_are_few():
     assert texels.tolist() == [2, 3, 4]
 
 
+def test_below_openings_neighbours_are_chosen_as_one():
+    direct = field_of(DirectField, 100)
+    direct.by_openings[:3] = True
+    assert choose_texels(ERROR, stated(0.15, 0.1), 1000, direct, None)[1].tolist() == [3, 4]
+    direct.by_openings[3] = True
+    assert choose_texels(ERROR, stated(0.15, 0.1), 1000, direct, None)[1].tolist() == [0, 1, 2, 3, 4]
+
+
 def test_not_where_a_photon_helps_as_much():
     by_direct = 0.1**2 / 100
     for photons, chosen in ((0.9 * by_direct * 1000, True), (1.1 * by_direct * 1000, False)):

@@ -96,6 +96,11 @@ def test_noise_beyond_the_change_of_light_may_be_twice_as_large():
     assert between == [True, False]
 
 
+def test_tiles_that_are_off_by_more_than_they_show_are_not_calm():
+    value, allowed = np.ones((3, TILE_TEXELS)), np.full(3, 0.1)
+    assert find_calm(value, allowed, least=np.array([0.0, 0.39, 0.41]) ** 2).tolist() == [True, True, False]
+
+
 def test_even_light_without_noise_is_calm():
     assert find_calm(np.zeros((1, TILE_TEXELS)), np.zeros(1), True).all()
 
