@@ -62,7 +62,7 @@ class DirectScene:
         sources = [*(lamps if crowd is None else []), *suns, *world]
         groups = [cells for _, cells in meshes.by_material]
         pool, sealed = None, meshes.tri_sealed
-        if sum(len(cells.tri) for cells in groups) <= _MOST_TRIANGLE_SOURCES and all(cells.constant for cells in groups):
+        if sum(len(np.unique(cells.tri)) for cells in groups) <= _MOST_TRIANGLE_SOURCES and all(cells.constant for cells in groups):
             for cells in groups:
                 sources += make_triangle_sources(cells, receiving.corner_unit, receiving.normal, sealed)
         else:

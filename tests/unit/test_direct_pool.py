@@ -61,6 +61,25 @@ def test_a_large_triangle_close_by_is_chosen_though_its_middle_is_far_and_low():
     assert np.sqrt((error**2).mean()) < 0.1
 
 
+def test_long_strips_close_by_give_all_of_their_light():
+    """Strips of 20 m, 1 cm wide and 5 cm above the floor: by points all along them nearly nothing comes from where they are near."""
+    strips = [moved(quad_mesh(f"Strip {i}", 20.0, 0.01), (-9.5, 0.1 + 0.1 * i, 0.05)) for i in range(8)]
+    scene = lit_scene(emission=strips)
+    pooled = prepare(scene)[0]
+    assert pooled.pool is not None
+    expected = light_floor(as_sources(scene), tolerance=0.0).irradiance_rgb
+    found = light_floor(pooled, max_rays=64, tolerance=0.0).irradiance_rgb
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
+    assert np.sqrt((((found - expected) / expected) ** 2).mean()) < 0.2
+
+
+def test_few_slender_triangles_are_sources_one_by_one():
+    scene = lit_scene(emission=[moved(quad_mesh("Strip", 20.0, 0.01), (-9.5, 0.5, 0.5))])
+    pooled = prepare(scene)[0]
+    assert pooled.pool is None
+    assert len(pooled.sources) == 2
+
+
 def test_the_far_side_of_a_solid_close_by_is_not_chosen_for_what_it_would_give():
     """Were it not for the solid, which nobody sees through: the large triangles of its far side are as near as those of its near one."""
     scene = lit_scene(emission=[box_mesh("Lamp", (0.4, 0.4, 0.4), (0.5, 0.5, 0.5)), *boxes(4)])

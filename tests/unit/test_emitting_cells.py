@@ -110,3 +110,22 @@ def test_places_that_are_no_numbers_do_no_harm():
     cells = cells_of(replace(scene, tri_emission_uv=uv))
     assert np.isfinite(cells.mean_rgb).all()
     assert np.bincount(cells.tri, cells.area_m2) == pytest.approx([1, 1], rel=1e-6)
+
+
+def test_the_parts_of_a_slender_textured_strip_show_what_is_there():
+    """A strip of 50 m by 2 cm, dark but for one end: cells of it are short, and know which of them shine."""
+    pixels = np.zeros((2, 64, 3), np.float32)
+    pixels[:, :16] = 1
+    scene = screen(pixels, closest=True)
+    scene = replace(scene, vertex_position=scene.vertex_position * np.array([25.0, 0.02, 1.0]))
+    cells, rng = cells_of(scene), np.random.default_rng(5)
+    assert cells.area_m2.sum() == pytest.approx(1.0)
+    cell = np.repeat(rng.choice(len(cells.tri), 400, replace=False), 50)
+    tri, barycentric = cells.place(cell, rng.random((len(cell), 2)))
+    corner = scene.tri_position[tri, :, 0]
+    x = corner[:, 0] + (barycentric * (corner[:, 1:] - corner[:, :1])).sum(axis=1)
+    assert np.ptp(x.reshape(400, 50), axis=1).max() < 0.3
+    shines = SurfaceMaterials(scene).emission_at(tri, *barycentric.T)[:, 0] > 0
+    assert (shines == (x < 12.5)).mean() > 0.999
+    assert (cells.mean_rgb[cell, 0] > 0)[x < 12].all()
+    assert not (cells.mean_rgb[cell, 0] > 0)[x > 13.5].any()
