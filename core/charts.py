@@ -18,7 +18,6 @@ from .outlines import Outlines
 from .packing import Page, Placement, Shapes, find_greatest_density, fits_alone, place_charts, place_uv, shape_charts
 from .scene import SceneSnapshot
 from .settings import Settings
-from .small_charts import describe_small_charts, takes_padding_most
 from .words import Watch, unwatched
 
 Float64: TypeAlias = NDArray[np.float64]
@@ -26,6 +25,7 @@ Int32: TypeAlias = NDArray[np.int32]
 Int64: TypeAlias = NDArray[np.int64]
 
 PACKING = Status("charts", "Packing charts")
+_FEWEST_TEXELS = 1.0  # a chart of less area than this is hardly a lightmap
 
 
 @dataclass(frozen=True)
@@ -194,11 +194,11 @@ class _AtlasMaker:
                 f"The {len(outlines.extent):,} charts of {names} do not fit a page of {self.page.size} texels: "
                 "choose a greater page size or less padding."
             )
-        crowded = takes_padding_most(outlines, found[0], self.page)
+        first_chart = self.found.first_chart
         for i in objects:
-            sentence = describe_small_charts(self._select([i]), found[0], self.page, crowded=crowded)
-            if sentence:
-                self._warn(i, sentence)
+            area = self.found.outlines.area[first_chart[i] : first_chart[i + 1]]
+            if float(np.median(area)) * found[0] ** 2 < _FEWEST_TEXELS:
+                self._warn(i, "half of its charts are smaller than a texel; choose a greater page size or density, or merge small faces")
         return _Packed(objects, page, *found)
 
     def _make_blocks_fit(self) -> None:
