@@ -64,7 +64,7 @@ def test_parts_are_short_but_at_tips():
     pieces = corners_of(corner, owner, part)
     edge = np.sqrt(((np.roll(pieces, -1, axis=1) - pieces) ** 2).sum(axis=2).max(axis=1))
     height = 2 * area / np.sqrt(((np.roll(corner, -1, axis=1) - corner) ** 2).sum(axis=2).max(axis=1))
-    assert (edge < 8.2 * height[owner]).all()
+    assert (edge < 4.2 * height[owner]).all()
     assert part_area[slenderness(pieces) > 20].sum() < 0.25 * part_area.sum()
 
 
