@@ -25,6 +25,7 @@ _FLOOR = 0.05  # of the mean radiance, so that light the cell's samples missed i
 # Variance of the radiance within cells, over the mean radiance squared, at which none is cut any more: what else shadow rays differ by is
 # more.
 _EVEN = 0.05
+_ALIKE = 1e-6  # variance over the mean squared, up to which a radiance is the same everywhere: half floats' rounding
 _LEAST_CUT = 1 / 64  # share of the cells for which there must be room to cut them
 
 
@@ -37,7 +38,7 @@ class EmittingCells:
     side         (n,) float32       1 where the whole triangle, or part of it, is the cell
     area_m2      (n,) float64
     mean_rgb     (n, 3) float64     W/m^2/sr, mean of the samples
-    constant     whether the radiance is mean_rgb everywhere
+    constant     whether the radiance of each is its mean_rgb everywhere
     part         (n, 3, 2) float32  weights of the triangle's corners 1 and 2 at the corners of the part of it whose domain that is, see
                                     slender_triangles; None where no triangle is cut so
     """
@@ -66,7 +67,7 @@ class EmittingCells:
 
 
 def find_emitting_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials) -> list[tuple[int, EmittingCells]]:
-    """(material, its cells) for every material that emits from a triangle with area."""
+    """(material, its cells) for every material that emits from a triangle with area; those that a texture lights evenly by themselves."""
     emitting = [i for i, material in enumerate(snapshot.materials) if any(material.emission_rgb)]
     if not emitting:
         return []
@@ -77,31 +78,38 @@ def find_emitting_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials) -> 
         tri = np.flatnonzero((snapshot.tri_material == index) & (area > 0))
         if len(tri):
             owner, part, part_area = cut_slender(position[tri], area[tri])
-            cells = _cut_cells(snapshot, surfaces, index, tri[owner], part if len(owner) > len(tri) else None, part_area)
-            if cells.mean_rgb.any():
-                found.append((index, cells))
+            every = _cut_cells(snapshot, surfaces, index, tri[owner], part if len(owner) > len(tri) else None, part_area)
+            found += [(index, cells) for cells in every if cells.mean_rgb.any()]
     return found
 
 
 def _cut_cells(
     snapshot: SceneSnapshot, surfaces: SurfaceMaterials, material: int, tri: NDArray[np.int64], part: Float32 | None, area_m2: Float64
-) -> EmittingCells:
+) -> list[EmittingCells]:
     """Cells of parts (n,) of triangles; part as in EmittingCells."""
     count = len(tri)
     corner, side = np.zeros((count, 2), np.float32), np.ones(count, np.float32)
     if snapshot.materials[material].emission_image < 0:
         rgb = surfaces.emission_at(tri, np.zeros(count), np.zeros(count)).astype(np.float64)
-        return EmittingCells(tri, corner, side, area_m2, rgb, True, part)
+        return [EmittingCells(tri, corner, side, area_m2, rgb, True, part)]
     texture = _Texture.of(snapshot, surfaces, material, tri, part)
-    every = np.arange(count)
-    finest = min(_FIRST_CELLS[1], max(1, math.isqrt(_FIRST_CELLS[0] // count)))
-    per_side = np.clip(np.ceil(texture.measure(every, side)), 1, finest).astype(np.int64)
-    cells = texture.look_at(*_cut_squares(per_side, every, corner, side, area_m2))
+    whole = texture.look_at(np.arange(count), corner, side, area_m2)
+    even, rest = np.flatnonzero(whole.is_even()), np.flatnonzero(~whole.is_even())
+    found = []
+    if len(even):  # closed forms tell their light close by
+        own = None if part is None else part[even]
+        found.append(EmittingCells(tri[even], corner[even], side[even], area_m2[even], whole.mean_rgb[even], True, own))
+    if not len(rest):
+        return found
+    finest = min(_FIRST_CELLS[1], max(1, math.isqrt(_FIRST_CELLS[0] // len(rest))))
+    per_side = np.clip(np.ceil(whole.texels[rest]), 1, finest).astype(np.int64)
+    cells = texture.look_at(*_cut_squares(per_side, rest, corner[rest], side[rest], area_m2[rest]))
     while len(rows := cells.find_uneven()):
         parts = _cut_squares(np.full(len(rows), 2), cells.whose[rows], cells.corner[rows], cells.side[rows], cells.area_m2[rows])
         cells = cells.replace_rows(rows, texture.look_at(*parts))
     own = None if part is None else part[cells.whose]
-    return EmittingCells(tri[cells.whose], cells.corner, cells.side, cells.area_m2, cells.mean_rgb, False, own)
+    found.append(EmittingCells(tri[cells.whose], cells.corner, cells.side, cells.area_m2, cells.mean_rgb, False, own))
+    return found
 
 
 def _cut_squares(
@@ -132,6 +140,12 @@ class _TexturedCells:
     mean_rgb: Float64
     variance: Float64
     texels: Float64
+
+    def is_even(self) -> NDArray[np.bool_]:
+        """(n,) bool: those that shine, and alike everywhere. Black ones might be lit at their borders, between the samples."""
+        radiance = weigh_channels(self.mean_rgb)
+        out: NDArray[np.bool_] = (radiance > 0) & (self.variance <= _ALIKE * radiance**2)
+        return out
 
     def find_uneven(self) -> NDArray[np.int64]:
         """Those that had best be cut, as many as there is room for; none where all are even enough."""

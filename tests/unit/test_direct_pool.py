@@ -287,3 +287,14 @@ def test_tiles_take_few_rays_where_their_noise_is_smoothed():
     assert values.mean() == pytest.approx(light_floor(scene, tolerance=0.0).irradiance_rgb[:, 0].mean(), rel=0.003)
     stated = np.mean([run.variance_rgb[:, 0].mean() for run in runs])
     assert 0.4 < values.var(axis=0, ddof=1).mean() / stated < 1.6
+
+
+def test_a_swatch_of_a_palette_close_to_a_floor_gives_what_a_colour_does():
+    """Lamps 2 mm over the floor whose one radiance comes from a texture: its points would be cut off there, the closed form is not."""
+    lamps = [moved(quad_mesh(f"Lamp {i}", 0.2, 0.2), (0.1 + 0.3 * (i % 3), 0.1 + 0.3 * (i // 3), 0.002)) for i in range(9)]
+    plain = lit_scene(emission=lamps, rgb=(3.0, 2.0, 1.0))
+    image = TextureImage("Palette", np.ones((4, 4, 3), np.float32), closest=True)
+    materials = (plain.materials[0], replace(plain.materials[1], emission_image=0))
+    textured = replace(plain, materials=materials, images=(image,), tri_emission_uv=np.full((plain.n_tri, 3, 2), 0.3, np.float32))
+    found, expected = (light_floor(prepare(scene)[0], tolerance=0.0).irradiance_rgb for scene in (textured, plain))
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
