@@ -84,6 +84,12 @@ class Receivers:
             return False
         return True
 
+    def tell_no_faces(self, piece: Piece) -> None:
+        """Tells that a piece is left out, unless all that its object is there for is instances."""
+        instanced = any(source == piece.source and kind != OWN for source, kind in self._count)
+        if piece.kind == OWN and not instanced:
+            self._warnings.append((piece.source.name, "has no faces and is left out"))
+
     def find_copy_reason(self, piece: Piece, local: LocalMesh, uv_layer: str | None) -> str:
         """Why the piece must be baked as a copy, as a sentence, "" when its own mesh carries the lightmap."""
         obj = piece.source

@@ -149,8 +149,8 @@ class _Export:
         receives = choice.role == BAKE and self._receivers.receives(piece)
         unseen = not piece.evaluated.visible_shadow and not piece.evaluated.visible_diffuse
         if not local.n_polygon or (unseen and not receives):
-            if receives and piece.kind == OWN:
-                self._warnings.append((piece.source.name, "has no faces and is left out"))
+            if receives:
+                self._receivers.tell_no_faces(piece)
             return
         has_layer = receives and self._has_layer(piece, local)
         arrays = read_piece(piece, local, self._materials, self._uv_layer if has_layer else None, self._warnings)

@@ -62,7 +62,8 @@ class DirectScene:
         sources = [*(lamps if crowd is None else []), *suns, *world]
         groups = [cells for _, cells in meshes.by_material]
         pool, sealed = None, meshes.tri_sealed
-        if sum(len(cells.tri) for cells in groups) <= _MOST_TRIANGLE_SOURCES and all(cells.constant for cells in groups):
+        textured = any(snapshot.materials[index].emission_image >= 0 for index, _ in meshes.by_material)
+        if sum(len(np.unique(cells.tri)) for cells in groups) <= _MOST_TRIANGLE_SOURCES and not textured:
             for cells in groups:
                 sources += make_triangle_sources(cells, receiving.corner_unit, receiving.normal, sealed)
         else:

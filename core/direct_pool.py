@@ -20,6 +20,7 @@ from .lights import Float32, Float64
 from .materials import SurfaceMaterials
 from .rays import RayScene
 from .scene import FloatArray, IntArray
+from .slender_triangles import whole_parts
 
 _STAGES_ALONE = ((0, STAGES[1][1]), STAGES[2])  # of texels outside of tiles: of 4 rays hardly one may meet what lights a texel
 _TOGETHER = 16  # texels of a tile, a quarter of it, that choose alike
@@ -37,7 +38,7 @@ _NEAR = 4.0  # distance squared in areas of a triangle, below which its closed f
 class EmitterPool:
     """Emitting cells, sorted so that clusters of consecutive ones are close and look the same way.
 
-    constant         (n,) bool                          the cell is a whole triangle of one radiance
+    constant         (n,) bool                          the cell is a triangle, or part of one, of one radiance
     area             (n,) float64, unit box squared
     sealed           (n,) bool                          the cell's back is seen by nobody
     """
@@ -51,9 +52,20 @@ class EmitterPool:
     surfaces: SurfaceMaterials
 
     @cached_property
+    def corners(self) -> Float32:
+        """(n, 3, 3) float32, unit box: of the cells' triangles, or of the parts of them that cells are."""
+        own = self.scene.corner_unit[self.cells.tri]
+        if self.cells.part is None:
+            return own
+        weight = self.cells.part
+        first = own[:, None, 0]
+        out: Float32 = first + weight[..., :1] * (own[:, None, 1] - first) + weight[..., 1:] * (own[:, None, 2] - first)
+        return out
+
+    @cached_property
     def middle(self) -> Float32:
-        """(n, 3) float32, unit box: of the cells' triangles."""
-        out: Float32 = self.scene.corner_unit[self.cells.tri].mean(axis=1)
+        """(n, 3) float32, unit box: of the cells' triangles, or parts of such."""
+        out: Float32 = self.corners.mean(axis=1)
         return out
 
     @cached_property
@@ -78,12 +90,16 @@ class EmitterPool:
         corner, side, area_m2, mean_rgb = (
             np.concatenate([getattr(group, name) for group in groups]) for name in ("corner", "side", "area_m2", "mean_rgb")
         )
+        part = None
+        if any(group.part is not None for group in groups):
+            part = np.concatenate([whole_parts(len(group.tri)) if group.part is None else group.part for group in groups])
         every = np.arange(len(tri))
-        cells = EmittingCells(tri, corner, side, area_m2, mean_rgb, constant=False)
+        cells = EmittingCells(tri, corner, side, area_m2, mean_rgb, False, part)
         _, barycentric = cells.place(every, np.full((len(tri), 2), 0.5))
         centre, normal = scene.place(tri, barycentric[:, 0], barycentric[:, 1]), scene.normal[tri]
         order = order_cells(centre, normal, tri_sealed[tri])
-        cells = EmittingCells(tri[order], corner[order], side[order], area_m2[order], mean_rgb[order], constant=False)
+        part = None if part is None else part[order]
+        cells = EmittingCells(tri[order], corner[order], side[order], area_m2[order], mean_rgb[order], False, part)
         area, weight, centre, normal = area_m2[order] * scale**2, importance[order], centre[order], normal[order]
         sealed = tri_sealed[cells.tri]
         clusters = EmitterClusters.of(weight, centre, normal, area / math.pi, sealed)
@@ -164,7 +180,7 @@ class EmitterPool:
         for piece in row_pieces(np.arange(len(row)), _CORNERS_WORK):
             rows, runs, cells = row[piece], run[which[piece]], cell[which[piece]]
             looking, normal = receivers.rows(rows), take_rows(self.scene.normal, self.cells.tri[cells])
-            given = np.abs(polygon_irradiance(self.scene.corner_unit[self.cells.tri[cells]], looking.position, looking.normal))
+            given = np.abs(polygon_irradiance(self.corners[cells], looking.position, looking.normal))
             given[self.sealed[cells] & (dot_rows(looking.position - take_rows(self.middle, cells), normal) < 0)] = 0
             judged[rows, runs] = np.maximum(judged[rows, runs], given / self.area[cells] * self.clusters.weight[runs])
         return judged
@@ -219,7 +235,7 @@ class EmitterPool:
         # By the middle of the triangle: were it by the ray's end, near ends would bring the mean of all, and far ones their own less.
         middle = take_rows(self.middle, cell) - receivers.position
         near = np.flatnonzero(self.constant[cell] & (weight > 0) & (dot_rows(middle, middle) < _NEAR * self.area[cell]))
-        looking, corners = receivers.rows(near), self.scene.corner_unit[self.cells.tri[cell[near]]]
+        looking, corners = receivers.rows(near), self.corners[cell[near]]
         height = ((corners - looking.position[:, None]) * looking.normal[:, None]).sum(axis=2)
         # A triangle that the horizon cuts sends as much from its part above, and less often: its points below carry nothing.
         # Corners that it shares with the receiver's own face lie on the horizon, to rounding.

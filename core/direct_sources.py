@@ -102,13 +102,14 @@ def _one(value: float) -> Float32:
 def make_triangle_sources(
     cells: EmittingCells, corner_unit: Float32, normal: Float32, tri_sealed: NDArray[np.bool_] | None = None
 ) -> list[Source]:
-    """Sources of one cell each, that are whole triangles of constant radiance.
+    """Sources of one triangle each, of the triangles that cells of constant radiance are, or are parts of.
 
     tri_sealed   (n_tri,) bool: of emitters.EmittingMeshes; none if None
     """
-    area = triangle_normals_areas(corner_unit[cells.tri])[1].astype(np.float32)
-    sealed = np.zeros(len(area), bool) if tri_sealed is None else tri_sealed[cells.tri]
+    own, first = np.unique(cells.tri, return_index=True)
+    rgb, area = cells.mean_rgb[first], triangle_normals_areas(corner_unit[own])[1].astype(np.float32)
+    sealed = np.zeros(len(area), bool) if tri_sealed is None else tri_sealed[own]
     return [
-        TriangleSource(cells.mean_rgb[i : i + 1], True, corner_unit[tri][None], normal[tri][None], area[i : i + 1], sealed[i : i + 1])
-        for i, tri in enumerate(cells.tri)
+        TriangleSource(rgb[i : i + 1], True, corner_unit[tri][None], normal[tri][None], area[i : i + 1], sealed[i : i + 1])
+        for i, tri in enumerate(own)
     ]

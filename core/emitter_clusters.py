@@ -20,6 +20,7 @@ from .scene import FloatArray, IntArray
 
 _MAX_CLUSTERS = 256
 _NEAR = np.float32(16)  # squared distance in mean squares of a cluster, below which its parts are judged
+_AMONG = np.float32(4)  # the same, below which their parts are too: of 2 and of 9, light by strips 5 mm from a wall takes as long
 _GRAZING = np.float32(0.02)  # least cosine that is judged: who looks has another normal, or another place, than who is judged for it
 _BEHIND = np.float32(0.002)  # instead of a cosine, of what is surely below the horizon, or looks away
 _AT_RIGHT_ANGLES = 0.25  # unit box: places so far from their mean are to a run as normals at right angles to theirs
@@ -115,8 +116,12 @@ class EmitterClusters:
         chance[far] *= within
         return cell, chance
 
-    def _judge_parts(self, receivers: Receivers, reach: Float32, node: Int64) -> tuple[Float32, Int64, Int64]:
-        """As `judge`, of all parts of nodes (n,), one after the other (m,); where those of each begin (n,), and what they are (m,)."""
+    def _judge_parts(self, receivers: Receivers, reach: Float32, node: Int64, *, ahead: bool = True) -> tuple[Float32, Int64, Int64]:
+        """As `judge`, of all parts of nodes (n,), one after the other (m,); where those of each begin (n,), and what they are (m,).
+
+        ahead   parts among whose cells a receiver may be are judged by their own parts: the middle of several strips tells nothing of
+                one that it all but touches
+        """
         count = self.count[node]
         start = np.cumsum(count) - count
         owner = np.repeat(np.arange(len(node)), count)
@@ -125,7 +130,14 @@ class EmitterClusters:
         away = take_rows(self.centre, part) - looking.position
         square, height, facing = dot_rows(away, away), dot_rows(away, looking.normal), -dot_rows(away, normal)
         judged = _judge(square, height, facing, reach[owner], self.square[part], self.spread[part], self.sealed[part])
-        return judged * self.weight[part], start, part
+        judged *= self.weight[part]
+        if ahead:
+            rows = np.flatnonzero((square < _AMONG * self.square[part]) & (self.count[part] > 0))
+            for piece in row_pieces(rows, _FEW):
+                whose = owner[piece]
+                below, begin, _ = self._judge_parts(receivers.rows(whose), reach[whose], part[piece], ahead=False)
+                judged[piece] = np.add.reduceat(below, begin)
+        return judged, start, part
 
 
 def _pick(judged: Float32, start: Int64, u: Float64) -> tuple[Int64, Float64, Float64]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import chain
 
 import numpy as np
@@ -51,7 +52,7 @@ class EmittingMeshes:
 
 @dataclass(frozen=True)
 class MeshEmitter:
-    """All emitting triangles of one material, both sides.
+    """All emitting triangles of one material, or those that its texture lights evenly, both sides.
 
     sides        (n_cell,) int8                    1 where light from its back would never be seen, see sealed_solids; else 2
     tri_frame    (3, 3, n_tri) float32, unit box   of the whole scene, see triangle_frames
@@ -68,6 +69,12 @@ class MeshEmitter:
     surfaces: SurfaceMaterials
     casts_shadow: bool = True
 
+    @cached_property
+    def _is_uniform(self) -> bool:
+        """Whether all shine alike."""
+        rgb = self.cells.mean_rgb
+        return self.cells.constant and bool((rgb == rgb[:1]).all())
+
     def emit(self, u: Float32) -> Births:
         cell, rest = self.table.sample(u[:, 0])
         tri, barycentric = self.cells.place(cell, stack_columns(rest, u[:, 1]))
@@ -78,9 +85,12 @@ class MeshEmitter:
         normal *= 1 - 2 * back.astype(np.float32)
         origin = offset_origin(locate_hits(self.tri_frame, tri, *barycentric.T), normal).T
         direction = rotate_to(local, normal.T)
-        if self.cells.constant:
+        if self._is_uniform:
             return make_births(origin, direction)
-        radiance = self.surfaces.emission_at(tri, barycentric[:, 0], barycentric[:, 1])
+        if self.cells.constant:
+            radiance = self.cells.mean_rgb[cell].astype(np.float32)
+        else:
+            radiance = self.surfaces.emission_at(tri, barycentric[:, 0], barycentric[:, 1])
         per_radiance = math.pi * sides * self.cells.area_m2[cell] / self.table.probability[cell]
         share = np.divide(1, self.power_rgb, out=np.zeros(3), where=self.power_rgb > 0)
         return make_births(origin, direction, radiance * per_radiance[:, None] * share)

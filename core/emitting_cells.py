@@ -1,4 +1,4 @@
-"""Emitting triangles, cut into cells where a texture lights them: small ones where it is uneven."""
+"""Emitting triangles, cut into cells where they are slender or a texture lights them: small ones where it is uneven."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from .materials import SurfaceMaterials
 from .mipmap import Mipmap
 from .sampling import square_to_uniform_triangle
 from .scene import FloatArray, IntArray, SceneSnapshot
+from .slender_triangles import cut_slender
 
 _MAX_CELLS = 2**17
 _FIRST_CELLS = 2**16, 64  # at most, and per side of a triangle: who is near sees them at unlike distances
@@ -24,6 +25,7 @@ _FLOOR = 0.05  # of the mean radiance, so that light the cell's samples missed i
 # Variance of the radiance within cells, over the mean radiance squared, at which none is cut any more: what else shadow rays differ by is
 # more.
 _EVEN = 0.05
+_ALIKE = 1e-6  # variance over the mean squared, up to which a radiance is the same everywhere: half floats' rounding
 _LEAST_CUT = 1 / 64  # share of the cells for which there must be room to cut them
 
 
@@ -33,10 +35,12 @@ class EmittingCells:
 
     tri          (n,) int64
     corner       (n, 2) float32     lower left corner of the square
-    side         (n,) float32       1 where the whole triangle is the cell
+    side         (n,) float32       1 where the whole triangle, or part of it, is the cell
     area_m2      (n,) float64
     mean_rgb     (n, 3) float64     W/m^2/sr, mean of the samples
-    constant     whether the radiance is mean_rgb everywhere
+    constant     whether the radiance of each is its mean_rgb everywhere
+    part         (n, 3, 2) float32  weights of the triangle's corners 1 and 2 at the corners of the part of it whose domain that is, see
+                                    slender_triangles; None where no triangle is cut so
     """
 
     tri: NDArray[np.int64]
@@ -45,11 +49,13 @@ class EmittingCells:
     area_m2: Float64
     mean_rgb: Float64
     constant: bool
+    part: Float32 | None = None
 
     def place(self, cell: IntArray, u: FloatArray) -> tuple[NDArray[np.int64], Float32]:
         """Triangles (n,) and weights (n, 2) of their corners 1 and 2 at points u (n, 2) of cells (n,)."""
         corner, side = take_rows(self.corner, cell), self.side.take(cell)[:, None]
-        return self.tri.take(cell), square_to_uniform_triangle(corner + side * u.astype(np.float32, copy=False))
+        within = square_to_uniform_triangle(corner + side * u.astype(np.float32, copy=False))
+        return self.tri.take(cell), within if self.part is None else _between(self.part[cell], within)
 
     @property
     def importance(self) -> Float64:
@@ -61,60 +67,73 @@ class EmittingCells:
 
 
 def find_emitting_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials) -> list[tuple[int, EmittingCells]]:
-    """(material, its cells) for every material that emits from a triangle with area."""
+    """(material, its cells) for every material that emits from a triangle with area; those that a texture lights evenly by themselves."""
     emitting = [i for i, material in enumerate(snapshot.materials) if any(material.emission_rgb)]
     if not emitting:
         return []
-    area = triangle_normals_areas(snapshot.tri_position)[1]
+    position = snapshot.tri_position
+    area = triangle_normals_areas(position)[1]
     found = []
     for index in emitting:
         tri = np.flatnonzero((snapshot.tri_material == index) & (area > 0))
         if len(tri):
-            cells = _cut_cells(snapshot, surfaces, index, tri, area[tri])
-            if cells.mean_rgb.any():
-                found.append((index, cells))
+            owner, part, part_area = cut_slender(position[tri], area[tri])
+            every = _cut_cells(snapshot, surfaces, index, tri[owner], part if len(owner) > len(tri) else None, part_area)
+            found += [(index, cells) for cells in every if cells.mean_rgb.any()]
     return found
 
 
 def _cut_cells(
-    snapshot: SceneSnapshot, surfaces: SurfaceMaterials, material: int, tri: NDArray[np.int64], area_m2: Float64
-) -> EmittingCells:
+    snapshot: SceneSnapshot, surfaces: SurfaceMaterials, material: int, tri: NDArray[np.int64], part: Float32 | None, area_m2: Float64
+) -> list[EmittingCells]:
+    """Cells of parts (n,) of triangles; part as in EmittingCells."""
     count = len(tri)
     corner, side = np.zeros((count, 2), np.float32), np.ones(count, np.float32)
     if snapshot.materials[material].emission_image < 0:
         rgb = surfaces.emission_at(tri, np.zeros(count), np.zeros(count)).astype(np.float64)
-        return EmittingCells(tri, corner, side, area_m2, rgb, True)
-    texture = _Texture.of(snapshot, surfaces, material)
-    finest = min(_FIRST_CELLS[1], max(1, math.isqrt(_FIRST_CELLS[0] // count)))
-    per_side = np.clip(np.ceil(texture.measure(tri, side)), 1, finest).astype(np.int64)
-    cells = texture.look_at(*_cut_squares(per_side, tri, corner, side, area_m2))
+        return [EmittingCells(tri, corner, side, area_m2, rgb, True, part)]
+    texture = _Texture.of(snapshot, surfaces, material, tri, part)
+    whole = texture.look_at(np.arange(count), corner, side, area_m2)
+    even, rest = np.flatnonzero(whole.is_even()), np.flatnonzero(~whole.is_even())
+    found = []
+    if len(even):  # closed forms tell their light close by
+        own = None if part is None else part[even]
+        found.append(EmittingCells(tri[even], corner[even], side[even], area_m2[even], whole.mean_rgb[even], True, own))
+    if not len(rest):
+        return found
+    finest = min(_FIRST_CELLS[1], max(1, math.isqrt(_FIRST_CELLS[0] // len(rest))))
+    per_side = np.clip(np.ceil(whole.texels[rest]), 1, finest).astype(np.int64)
+    cells = texture.look_at(*_cut_squares(per_side, rest, corner[rest], side[rest], area_m2[rest]))
     while len(rows := cells.find_uneven()):
-        parts = _cut_squares(np.full(len(rows), 2), cells.tri[rows], cells.corner[rows], cells.side[rows], cells.area_m2[rows])
+        parts = _cut_squares(np.full(len(rows), 2), cells.whose[rows], cells.corner[rows], cells.side[rows], cells.area_m2[rows])
         cells = cells.replace_rows(rows, texture.look_at(*parts))
-    return EmittingCells(cells.tri, cells.corner, cells.side, cells.area_m2, cells.mean_rgb, False)
+    own = None if part is None else part[cells.whose]
+    found.append(EmittingCells(tri[cells.whose], cells.corner, cells.side, cells.area_m2, cells.mean_rgb, False, own))
+    return found
 
 
 def _cut_squares(
-    per_side: NDArray[np.int64], tri: NDArray[np.int64], corner: Float32, side: Float32, area_m2: Float64
+    per_side: NDArray[np.int64], whose: NDArray[np.int64], corner: Float32, side: Float32, area_m2: Float64
 ) -> tuple[NDArray[np.int64], Float32, Float32, Float64]:
     """Cells (n,), each cut into per_side ** 2 squares."""
     count = per_side**2
-    owner = np.repeat(np.arange(len(tri)), count)
+    owner = np.repeat(np.arange(len(whose)), count)
     within, across = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count), per_side[owner]
     short = (side[owner] / across).astype(np.float32)
     at = corner[owner] + np.stack([within % across, within // across], axis=1) * short[:, None]
-    return tri[owner], at.astype(np.float32), short, area_m2[owner] / across**2
+    return whose[owner], at.astype(np.float32), short, area_m2[owner] / across**2
 
 
 @dataclass(frozen=True)
 class _TexturedCells:
     """As EmittingCells.
 
+    whose      (n,) int64     part of a triangle, of those that _Texture knows
     variance   (n,) float64   of the radiance over each
     texels     (n,) float64   the longest side of each
     """
 
-    tri: NDArray[np.int64]
+    whose: NDArray[np.int64]
     corner: Float32
     side: Float32
     area_m2: Float64
@@ -122,9 +141,15 @@ class _TexturedCells:
     variance: Float64
     texels: Float64
 
+    def is_even(self) -> NDArray[np.bool_]:
+        """(n,) bool: those that shine, and alike everywhere. Black ones might be lit at their borders, between the samples."""
+        radiance = weigh_channels(self.mean_rgb)
+        out: NDArray[np.bool_] = (radiance > 0) & (self.variance <= _ALIKE * radiance**2)
+        return out
+
     def find_uneven(self) -> NDArray[np.int64]:
         """Those that had best be cut, as many as there is room for; none where all are even enough."""
-        radiance, count = weigh_channels(self.mean_rgb), len(self.tri)
+        radiance, count = weigh_channels(self.mean_rgb), len(self.whose)
         power = self.area_m2 * radiance
         least = _FLOOR * power.sum() / self.area_m2.sum() + 1e-300
         # What a ray to a point of a cell that was chosen by its power adds to the variance of an estimate.
@@ -143,50 +168,68 @@ class _TexturedCells:
 
 @dataclass(frozen=True)
 class _Texture:
-    """What lights the triangles of a material."""
+    """What lights triangles, or parts of them, of a material.
+
+    tri    (n,) int64; part (n, 3, 2) or None, as in EmittingCells
+    uv     (n, 3, 2) float32
+    size   width and height
+    """
 
     surfaces: SurfaceMaterials
-    tri_uv: Float32  # (n_tri, 3, 2)
-    size: tuple[int, int]  # width and height
+    tri: NDArray[np.int64]
+    part: Float32 | None
+    uv: Float32
+    size: tuple[int, int]
     mipmap: Mipmap
 
     @classmethod
-    def of(cls, snapshot: SceneSnapshot, surfaces: SurfaceMaterials, material: int) -> _Texture:
+    def of(
+        cls, snapshot: SceneSnapshot, surfaces: SurfaceMaterials, material: int, tri: NDArray[np.int64], part: Float32 | None
+    ) -> _Texture:
         emission = snapshot.materials[material]
         image = snapshot.images[emission.emission_image]
         height, width = image.pixels.shape[:2]
-        uv = np.nan_to_num(snapshot.tri_emission_uv, posinf=0, neginf=0)
-        return cls(surfaces, uv, (width, height), Mipmap(image, emission.emission_rgb))
+        uv = np.nan_to_num(snapshot.tri_emission_uv[tri], posinf=0, neginf=0)
+        if part is not None:
+            uv = np.stack([_between(uv, part[:, i]) for i in range(3)], axis=1)
+        return cls(surfaces, tri, part, uv, (width, height), Mipmap(image, emission.emission_rgb))
 
-    def measure(self, tri: NDArray[np.int64], side: Float32) -> Float64:
+    def measure(self, whose: NDArray[np.int64], side: Float32) -> Float64:
         """(n,) float64, texels: the longest side of cells."""
-        uv = self.tri_uv[tri].astype(np.float64) * self.size
+        uv = self.uv[whose].astype(np.float64) * self.size
         longest: Float64 = np.abs(uv - np.roll(uv, 1, axis=1)).max(axis=(1, 2)) * side
         return longest
 
-    def look_at(self, tri: NDArray[np.int64], corner: Float32, side: Float32, area_m2: Float64) -> _TexturedCells:
+    def look_at(self, whose: NDArray[np.int64], corner: Float32, side: Float32, area_m2: Float64) -> _TexturedCells:
         """Cells (n,) with what they show."""
-        texels = self.measure(tri, side)
+        texels = self.measure(whose, side)
         # Means over more than lies between samples: what shines beyond the border does so half a texel into the cell.
         level = np.ceil(np.log2(np.clip(texels / (_CELL_SAMPLES - 1), 1, max(*self.size, 1)))).astype(np.int64)
-        mean, square = np.zeros((2, len(tri), 3))
+        mean, square = np.zeros((2, len(whose), 3))
         for one in np.unique(level):
             rows = np.flatnonzero(level == one)
             for point in product(range(_CELL_SAMPLES), repeat=2):
                 within = side[rows, None] * (np.array(point, np.float32) + np.float32(0.5)) / _CELL_SAMPLES
-                rgb, squared = self._show(int(one), tri[rows], square_to_uniform_triangle(corner[rows] + within))
+                rgb, squared = self._show(int(one), whose[rows], square_to_uniform_triangle(corner[rows] + within))
                 mean[rows] += rgb
                 square[rows] += squared
         mean, square = mean / _CELL_SAMPLES**2, square / _CELL_SAMPLES**2
         variance = weigh_channels(np.maximum(square - mean**2, 0))
-        return _TexturedCells(tri, corner, side, area_m2, mean, variance, texels)
+        return _TexturedCells(whose, corner, side, area_m2, mean, variance, texels)
 
-    def _show(self, level: int, tri: NDArray[np.int64], barycentric: Float32) -> tuple[Float64, Float64]:
-        """Radiance and its square, (n, 3) each, about points of triangles."""
-        u, v = barycentric.T
+    def _show(self, level: int, whose: NDArray[np.int64], barycentric: Float32) -> tuple[Float64, Float64]:
+        """Radiance and its square, (n, 3) each, about points of parts."""
         if level:
-            first, second, third = self.tri_uv[tri].transpose(1, 0, 2)
-            mean, square = self.mipmap.at(level, first + u[:, None] * (second - first) + v[:, None] * (third - first))
+            mean, square = self.mipmap.at(level, _between(self.uv[whose], barycentric))
             return mean.astype(np.float64), square.astype(np.float64)
-        rgb = self.surfaces.emission_at(tri, u, v).astype(np.float64)
+        if self.part is not None:
+            barycentric = _between(self.part[whose], barycentric)
+        rgb = self.surfaces.emission_at(self.tri[whose], *barycentric.T).astype(np.float64)
         return rgb, rgb**2
+
+
+def _between(corner: Float32, weight: Float32) -> Float32:
+    """(n, 2): what triangles (n, 3, 2) have at points of which the weights of corners 1 and 2 are given (n, 2)."""
+    first, second, third = corner.transpose(1, 0, 2)
+    out: Float32 = first + weight[:, :1] * (second - first) + weight[:, 1:] * (third - first)
+    return out

@@ -76,6 +76,14 @@ def corners(result, name):
     return result.snapshot.tri_corner[result.snapshot.tri_object == index]
 
 
+def test_an_object_that_is_there_for_its_instances_is_not_told_to_have_no_faces():
+    """Its nodes put out instances alone: they get the light, and nothing is left out."""
+    add_modifier(add_plane("Points"), "NODES", node_group=make_points_group(keep=False))
+    result = export()
+    assert sum(exported.source == "Points" for exported in result.objects) == 4
+    assert not [text for _, text in result.warnings if "no faces" in text]
+
+
 @pytest.mark.parametrize(
     ("kind", "properties"), [("SIMPLE_DEFORM", {"angle": 0.5}), ("DISPLACE", {}), ("CAST", {}), ("WEIGHTED_NORMAL", {})]
 )

@@ -61,6 +61,25 @@ def test_a_large_triangle_close_by_is_chosen_though_its_middle_is_far_and_low():
     assert np.sqrt((error**2).mean()) < 0.1
 
 
+def test_long_strips_close_by_give_all_of_their_light():
+    """Strips of 20 m, 1 cm wide and 5 cm above the floor: by points all along them nearly nothing comes from where they are near."""
+    strips = [moved(quad_mesh(f"Strip {i}", 20.0, 0.01), (-9.5, 0.1 + 0.1 * i, 0.05)) for i in range(8)]
+    scene = lit_scene(emission=strips)
+    pooled = prepare(scene)[0]
+    assert pooled.pool is not None
+    expected = light_floor(as_sources(scene), tolerance=0.0).irradiance_rgb
+    found = light_floor(pooled, max_rays=64, tolerance=0.0).irradiance_rgb
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
+    assert np.sqrt((((found - expected) / expected) ** 2).mean()) < 0.2
+
+
+def test_few_slender_triangles_are_sources_one_by_one():
+    scene = lit_scene(emission=[moved(quad_mesh("Strip", 20.0, 0.01), (-9.5, 0.5, 0.5))])
+    pooled = prepare(scene)[0]
+    assert pooled.pool is None
+    assert len(pooled.sources) == 2
+
+
 def test_the_far_side_of_a_solid_close_by_is_not_chosen_for_what_it_would_give():
     """Were it not for the solid, which nobody sees through: the large triangles of its far side are as near as those of its near one."""
     scene = lit_scene(emission=[box_mesh("Lamp", (0.4, 0.4, 0.4), (0.5, 0.5, 0.5)), *boxes(4)])
@@ -268,3 +287,14 @@ def test_tiles_take_few_rays_where_their_noise_is_smoothed():
     assert values.mean() == pytest.approx(light_floor(scene, tolerance=0.0).irradiance_rgb[:, 0].mean(), rel=0.003)
     stated = np.mean([run.variance_rgb[:, 0].mean() for run in runs])
     assert 0.4 < values.var(axis=0, ddof=1).mean() / stated < 1.6
+
+
+def test_a_swatch_of_a_palette_close_to_a_floor_gives_what_a_colour_does():
+    """Lamps 2 mm over the floor whose one radiance comes from a texture: its points would be cut off there, the closed form is not."""
+    lamps = [moved(quad_mesh(f"Lamp {i}", 0.2, 0.2), (0.1 + 0.3 * (i % 3), 0.1 + 0.3 * (i // 3), 0.002)) for i in range(9)]
+    plain = lit_scene(emission=lamps, rgb=(3.0, 2.0, 1.0))
+    image = TextureImage("Palette", np.ones((4, 4, 3), np.float32), closest=True)
+    materials = (plain.materials[0], replace(plain.materials[1], emission_image=0))
+    textured = replace(plain, materials=materials, images=(image,), tri_emission_uv=np.full((plain.n_tri, 3, 2), 0.3, np.float32))
+    found, expected = (light_floor(prepare(scene)[0], tolerance=0.0).irradiance_rgb for scene in (textured, plain))
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.01)

@@ -161,3 +161,23 @@ def test_nothing_to_choose_among():
     row = row_of(3, 0.1)
     cell, chance = row.choose(receivers_at((0, 0, 0)), np.array([2]), np.array([0.5]))
     assert (cell.tolist(), chance.tolist()) == ([2], [1.0])
+
+
+def test_a_strip_close_by_is_found_among_others_in_the_same_run(monkeypatch):
+    """Twelve strips 4 cm apart, and places 1 mm off cells of one of them: what rays bring that choose by this differs little."""
+    monkeypatch.setattr(emitter_clusters, "_MAX_CLUSTERS", 2)
+    x, y = np.meshgrid(np.linspace(-0.4, 0.4, 80), np.linspace(-0.22, 0.22, 12))
+    centre = np.column_stack([x.ravel(), y.ravel(), np.full(960, 0.001)])
+    centre = centre[order_cells(centre, np.tile(DOWN, (960, 1)), np.zeros(960, bool))]
+    clusters = clusters_of(centre, np.tile(DOWN, (960, 1)), size=2e-3)
+    rng = np.random.default_rng(4)
+    spreads = []
+    for cell in rng.integers(0, 960, 40):
+        place = centre[cell] * [1, 1, 0]
+        looking = receivers_at(*[place] * 2000)
+        run = np.full(2000, np.searchsorted(clusters.runs.start, cell, side="right") - 1)
+        chosen, chance = clusters.choose(looking, run, rng.random(2000))
+        away = centre[chosen] - place
+        brought = (away[:, 2] / ((away**2).sum(axis=1) + 2e-3**2)) ** 2 / chance
+        spreads.append(brought.std() / brought.mean())
+    assert np.median(spreads) < 1

@@ -125,6 +125,24 @@ class TestBoxLamp(EmitterContract):
         assert abs(top.mean() - 0.08 / 0.28) < LIMIT * 0.5 / math.sqrt(N_PHOTON)
 
 
+class TestPalette(EmitterContract):
+    """Two triangles of one radiance each, which a texture gives them."""
+
+    pixels = np.array([[[3, 1, 0], [0, 1, 6]]], np.float32)
+    scene = replace(textured_scene(pixels), tri_emission_uv=np.array([[[0.25, 0.5]] * 3, [[0.75, 0.5]] * 3], np.float32))
+    power_w = tuple(2 * math.pi * 2 * 2 * value for value in (1.5, 1, 3))
+
+    def test_light_has_the_colour_of_its_triangle(self):
+        emitter = self.emitter()
+        births = emitter.emit(numbers())
+        flux = np.broadcast_to(births.relative_rgb, (N_PHOTON, 3)) * emitter.power_rgb
+        red = (flux[:, 2] == 0).astype(int)
+        assert flux[red == 1] == pytest.approx(np.tile(flux[red == 1][0], (red.sum(), 1)))
+        assert flux[red == 1][0, 0] / flux[red == 1][0, 1] == pytest.approx(3)
+        assert (flux[red == 0][:, 0] == 0).all()
+        assert flux.mean(axis=0) == pytest.approx(self.power_w, rel=0.02)
+
+
 class TestTexturedScreen(EmitterContract):
     """Bright, red and black squares: the light is where the picture has it."""
 

@@ -82,7 +82,9 @@ def test_cells_tile_their_triangles():
 
 
 def test_an_even_texture_is_cut_no_further_than_for_who_is_near():
-    cells = cells_of(screen(np.full((2048, 2048, 3), 0.5, np.float32)))
+    checks = np.indices((2048, 2048)).sum(axis=0) % 2  # as good as even: what is so exactly is not cut at all
+    cells = cells_of(screen(np.repeat((0.495 + 0.01 * checks)[..., None], 3, axis=2).astype(np.float32)))
+    assert not cells.constant
     assert len(np.unique(cells.side)) == 1
     assert len(cells.tri) == 2 * 64**2
     assert cells.mean_rgb == pytest.approx(1.0, rel=1e-5)
@@ -110,3 +112,48 @@ def test_places_that_are_no_numbers_do_no_harm():
     cells = cells_of(replace(scene, tri_emission_uv=uv))
     assert np.isfinite(cells.mean_rgb).all()
     assert np.bincount(cells.tri, cells.area_m2) == pytest.approx([1, 1], rel=1e-6)
+
+
+def test_the_parts_of_a_slender_textured_strip_show_what_is_there():
+    """A strip of 50 m by 2 cm, dark but for one end: cells of it are short, and know which of them shine."""
+    pixels = np.zeros((2, 64, 3), np.float32)
+    pixels[:, :16] = 1
+    scene = screen(pixels, closest=True)
+    scene = replace(scene, vertex_position=scene.vertex_position * np.array([25.0, 0.02, 1.0]))
+    (_, even), (_, cells) = find_emitting_cells(scene, SurfaceMaterials(scene))
+    rng = np.random.default_rng(5)
+    assert even.constant
+    assert even.mean_rgb == pytest.approx(2.0)
+    assert even.area_m2.sum() + cells.area_m2.sum() == pytest.approx(1.0)
+    assert even.area_m2.sum() > 0.2
+    cell = np.repeat(rng.choice(len(cells.tri), 400, replace=False), 50)
+    tri, barycentric = cells.place(cell, rng.random((len(cell), 2)))
+    corner = scene.tri_position[tri, :, 0]
+    x = corner[:, 0] + (barycentric * (corner[:, 1:] - corner[:, :1])).sum(axis=1)
+    assert np.ptp(x.reshape(400, 50), axis=1).max() < 0.3
+    shines = SurfaceMaterials(scene).emission_at(tri, *barycentric.T)[:, 0] > 0
+    assert (shines == (x < 12.5)).mean() > 0.999
+    assert not (cells.mean_rgb[cell, 0] > 0)[x > 13.5].any()
+
+
+def palette(part: float) -> SceneSnapshot:
+    """Four quads of 1 x 1 m, each of one swatch of an image of 4 x 4, of which its UVs take up so much."""
+    scene = make_scene([quad_mesh(f"Quad {i}") for i in range(4)])
+    swatch = np.array([[0, 0], [1, 0], [2, 3], [3, 3]])[np.arange(8) // 2] + 0.5
+    corner = part * (np.array([[[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]]]) - 0.5)[np.arange(8) % 2]
+    uv = ((swatch[:, None] + corner) / 4).astype(np.float32)
+    pixels = np.random.default_rng(6).random((4, 4, 3)).astype(np.float32)
+    material = Material("Palette", emission_rgb=(2.0, 2.0, 2.0), emission_image=0)
+    return replace(scene, materials=(material,), images=(TextureImage("Picture", pixels, closest=True),), tri_emission_uv=uv)
+
+
+def test_triangles_of_one_swatch_of_a_palette_are_whole_and_of_one_radiance_each():
+    scene = palette(0.5)
+    cells = cells_of(scene)
+    assert cells.constant
+    assert cells.tri.tolist() == list(range(8))
+    pixels = 2 * scene.images[0].pixels
+    expected = pixels[[0, 0, 3, 3], [0, 1, 2, 3]][np.arange(8) // 2]
+    assert cells.mean_rgb == pytest.approx(expected, rel=1e-5)
+    crossing = find_emitting_cells(palette(3.0), SurfaceMaterials(palette(3.0)))
+    assert not any(some.constant for _, some in crossing)
