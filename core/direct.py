@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from .brightness import weigh_channels
 from .coverage import as_slice
-from .direct_choice import Demand
-from .direct_crowd import LampCrowd
+from .direct_choice import Demand, Span
+from .direct_crowd import LampCrowd, RestOfCrowd
 from .direct_lights import Source, WorldSource
 from .direct_openings import Openings
 from .direct_points import (
@@ -39,6 +39,7 @@ from .tiles import Tiles
 
 _MOST_TRIANGLE_SOURCES = 12  # emitting triangles that are looked at one by one
 _FEW_LAMPS = 16  # lamps that every texel looks at one by one
+_COUNTERS = ("rays", "pairs", "out_of_reach", "settled", "shared", "sampled")  # of DirectLight
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,7 @@ def direct_irradiance(
     beside       (n,) float32, W/m^2: other light of the texels, of OtherLight; None is none
     """
     irradiance, variance, by_openings = np.zeros((len(texel), 3)), np.zeros((len(texel), 3)), np.zeros(len(texel), bool)
-    counters = {"rays": 0, "pairs": 0, "out_of_reach": 0, "settled": 0, "shared": 0, "sampled": 0}
+    out = DirectLight(irradiance, variance, dict.fromkeys(_COUNTERS, 0), by_openings=by_openings)
     beside = np.zeros(len(texel), np.float32) if beside is None else beside
     crossed = np.zeros(len(texel), bool) if crossed is None else crossed
     has_many, every = scene.crowd is not None or scene.pool is not None, np.arange(len(texel))
@@ -134,102 +135,114 @@ def direct_irradiance(
             whole = (tiles or Tiles.none()).within(rows).without(alone)
             calm = whole if smoothed else Tiles.none()
             demand = Demand(tolerance, max_rays, whole.on_one_triangle(chunk.tri), calm.texels(), alone)
-            value, error, openings = _light_chunk(scene, chunk, demand, beside[rows], rng, counters)
+            looking = _LookingChunk(scene, chunk, demand, beside[rows], rng)
+            value, error = looking.find_light()
             into = as_slice(rows)
             irradiance[into] += value
             variance[into] += error
-            for few in openings:
+            for few in looking.openings:
                 by_openings[rows[few.rows]] = True
-    return DirectLight(irradiance, variance, counters, by_openings=by_openings)
+            out.count(looking.counters)
+    return out
 
 
-def _light_chunk(
-    scene: DirectScene,
-    chunk: TexelChunk,
-    demand: Demand,
-    beside: NDArray[np.float32],
-    rng: np.random.Generator,
-    counters: dict[str, int],
-) -> tuple[Float64, Float64, list[Openings]]:
-    """Irradiance (n, 3) of a chunk's texels, its variance, and who saw the sky through openings; beside them is other light, (n,) W/m^2."""
-    count = len(chunk)
-    shared, variance, tallies, openings = _look_first(scene, chunk, demand, beside, rng, counters)
-    for tally in tallies:
-        for piece in row_pieces(np.flatnonzero(tally.leads), STAGES[0][1]):
-            counters["rays"] += tally.add(scene.rays, chunk, piece, STAGES[0], GAUSS_POINTS)
-    rest = None
-    if scene.crowd is not None:
-        pairs, rest = scene.crowd.tell_apart(chunk, chunk.receivers_at(np.arange(count), GAUSS_POINTS))
-        counters["sampled"] += rest.n_pair
-        for source, rows, lamp in pairs:
-            tally = Tally(source, rows, lamp, random_shift(rng, len(rows)), alone=demand.are_alone(rows))
-            for piece in row_pieces(np.arange(len(rows)), STAGES[0][1]):
-                counters["rays"] += tally.add(scene.rays, chunk, piece, STAGES[0])
-            tallies.append(tally)
-    light = shared.copy()
-    for tally in tallies:
-        counters["pairs"] += len(tally.rows)
-        counters["out_of_reach"] += int((~tally.in_reach).sum())
-        light += tally.light(count)
-    found = np.zeros((count, 3))
-    for many in (rest, scene.pool, *openings):
-        if many is not None:
-            by_many, error, traced = many.irradiance(scene.rays, chunk, demand, light + found + beside[:, None], rng)
-            found += by_many
-            variance += error
-            counters["rays"] += traced
-    level = weigh_channels(light + found) + beside
-    allowed = [demand.tolerance * level[tally.rows] / weigh_channels(tally.rgb) for tally in tallies]
-    for stage in demand.spans(STAGES[1:]):
-        unsettled = [tally.unsettled(limit, stage) for tally, limit in zip(tallies, allowed, strict=True)]
-        if stage == STAGES[1]:
-            counters["settled"] += sum(int(tally.in_reach.sum()) - len(rows) for tally, rows in zip(tallies, unsettled, strict=True))
-        for tally, rows in zip(tallies, unsettled, strict=True):
-            for piece in row_pieces(rows, stage[1] - stage[0]):
-                counters["rays"] += tally.add(scene.rays, chunk, piece, stage)
-    for tally in tallies:
-        found += tally.light(count)
-        variance += tally.variance(count)
-    return found + shared, variance, openings
+class _LookingChunk:
+    """A chunk of texels that looks at the lights of a scene.
 
+    beside     (n,) float32, W/m^2: other light of its texels
+    counters   of DirectLight
+    openings   by which some of them see the sky
+    """
 
-def _look_first(
-    scene: DirectScene,
-    chunk: TexelChunk,
-    demand: Demand,
-    beside: NDArray[np.float32],
-    rng: np.random.Generator,
-    counters: dict[str, int],
-) -> tuple[Float64, Float64, list[Tally], list[Openings]]:
-    """Light (n, 3) that flat tiles are sure of, its variance, for each source an empty tally of texels that look at it themselves, and
-    openings by which others see it."""
-    flat, smoothed = demand.flat, demand.smoothed
-    (shared, variance), tallies, openings = np.zeros((2, len(chunk), 3)), [], []
-    for source in scene.sources:
-        look = look_from_tiles(scene.rays, chunk, flat, source, random_shift(rng, len(flat)))
+    def __init__(
+        self, scene: DirectScene, chunk: TexelChunk, demand: Demand, beside: NDArray[np.float32], rng: np.random.Generator
+    ) -> None:
+        self._scene, self._chunk, self._demand, self._beside, self._rng = scene, chunk, demand, beside, rng
+        self._shared, self._variance = np.zeros((2, len(chunk), 3))  # of light that flat tiles are sure of, and then of all
+        self._tallies: list[Tally] = []
+        self.openings: list[Openings] = []
+        self.counters = dict.fromkeys(_COUNTERS, 0)
+
+    def find_light(self) -> tuple[Float64, Float64]:
+        """Irradiance (n, 3), W/m^2, and its variance; once."""
+        for source in self._scene.sources:
+            self._look_first(source)
+        for tally in self._tallies:
+            self._send(tally, np.flatnonzero(tally.leads), STAGES[0], GAUSS_POINTS)
+        rest = self._tell_lamps_apart()
+        light = self._shared.copy()
+        for tally in self._tallies:
+            self.counters["pairs"] += len(tally.rows)
+            self.counters["out_of_reach"] += int((~tally.in_reach).sum())
+            light += tally.light(len(self._chunk))
+        found = np.zeros_like(light)
+        for many in (rest, self._scene.pool, *self.openings):
+            if many is not None:
+                base = light + found + self._beside[:, None]
+                by_many, error, traced = many.irradiance(self._scene.rays, self._chunk, self._demand, base, self._rng)
+                found += by_many
+                self._variance += error
+                self.counters["rays"] += traced
+        self._settle(weigh_channels(light + found) + self._beside)
+        for tally in self._tallies:
+            found += tally.light(len(self._chunk))
+            self._variance += tally.variance(len(self._chunk))
+        return found + self._shared, self._variance
+
+    def _look_first(self, source: Source) -> None:
+        """Light that flat tiles are sure of, and an empty tally, or openings, of texels that look at the source themselves."""
+        chunk, demand, rng = self._chunk, self._demand, self._rng
+        look = look_from_tiles(self._scene.rays, chunk, demand.flat, source, random_shift(rng, len(demand.flat)))
         lit, off = (np.where(look.lit, values, 0.0) for values in (look.closed, look.off))
         for channel, power in enumerate(source.rgb[0]):  # several times faster than rows of three
-            shared[:, channel] += lit * power
-            variance[:, channel] += (off * power) ** 2
+            self._shared[:, channel] += lit * power
+            self._variance[:, channel] += (off * power) ** 2
         without = look.closed == 0
         agreed, given, every = look.lit | look.dark, np.zeros(len(chunk), bool), np.arange(len(chunk))
         if isinstance(source, WorldSource):
-            level = weigh_channels(shared) + beside
-            few = Openings.find(scene.rays, chunk, source, np.flatnonzero(~agreed), look.looks, level, demand.tolerance, rng)
-            openings.append(few)
-            counters["rays"] += few.rays
+            level = weigh_channels(self._shared) + self._beside
+            few = Openings.find(self._scene.rays, chunk, source, np.flatnonzero(~agreed), look.looks, level, demand.tolerance, rng)
+            self.openings.append(few)
+            self.counters["rays"] += few.rays
             given[few.rows] = True
         rows = np.flatnonzero(~(agreed | without | given))
         leads = np.where(given[look.leader], every, look.leader)
         own = every == leads
         looks_on = ~(agreed | without | given) & own
-        alone = smoothed[looks_on[smoothed].all(axis=1)]
+        alone = demand.smoothed[looks_on[demand.smoothed].all(axis=1)]
         leader, index = np.searchsorted(rows, leads[rows]), np.searchsorted(rows, alone)
         known, shift = np.stack([look.closed[rows], look.off[rows]]), random_shift(rng, len(rows))
-        tallies.append(Tally(source, rows, None, shift, known, index, leader, demand.are_alone(rows)))
-        counters["rays"] += look.rays
-        counters["pairs"] += len(chunk) - len(rows)
-        counters["out_of_reach"] += int(without.sum())
-        counters["settled"] += int(agreed.sum())
-        counters["shared"] += int(agreed.sum()) + int((~own).sum())
-    return shared, variance, tallies, openings
+        self._tallies.append(Tally(source, rows, None, shift, known, index, leader, demand.are_alone(rows)))
+        self.counters["rays"] += look.rays
+        self.counters["pairs"] += len(chunk) - len(rows)
+        self.counters["out_of_reach"] += int(without.sum())
+        self.counters["settled"] += int(agreed.sum())
+        self.counters["shared"] += int(agreed.sum()) + int((~own).sum())
+
+    def _tell_lamps_apart(self) -> RestOfCrowd | None:
+        """Tallies of lamps of a crowd that give much; the others, to be sampled."""
+        if self._scene.crowd is None:
+            return None
+        chunk = self._chunk
+        pairs, rest = self._scene.crowd.tell_apart(chunk, chunk.receivers_at(np.arange(len(chunk)), GAUSS_POINTS))
+        self.counters["sampled"] += rest.n_pair
+        for source, rows, lamp in pairs:
+            tally = Tally(source, rows, lamp, random_shift(self._rng, len(rows)), alone=self._demand.are_alone(rows))
+            self._send(tally, np.arange(len(rows)), STAGES[0])
+            self._tallies.append(tally)
+        return rest
+
+    def _settle(self, level: Float64) -> None:
+        """More rays where the tallies are less sure than they must be beside light of a level (n,), W/m^2."""
+        allowed = [self._demand.tolerance * level[tally.rows] / weigh_channels(tally.rgb) for tally in self._tallies]
+        for stage in self._demand.spans(STAGES[1:]):
+            unsettled = [tally.unsettled(limit, stage) for tally, limit in zip(self._tallies, allowed, strict=True)]
+            for tally, rows in zip(self._tallies, unsettled, strict=True):
+                if stage == STAGES[1]:
+                    self.counters["settled"] += int(tally.in_reach.sum()) - len(rows)
+                self._send(tally, rows, stage)
+
+    def _send(self, tally: Tally, rows: NDArray[np.int64], stage: Span, points: FloatArray | None = None) -> None:
+        """A stage's rays from some of a tally's texels (m,), ascending; points as Tally.add has them."""
+        for piece in row_pieces(rows, stage[1] - stage[0]):
+            self.counters["rays"] += tally.add(self._scene.rays, self._chunk, piece, stage, points)

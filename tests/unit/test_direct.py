@@ -266,13 +266,13 @@ _FEW_AND_MANY = [([PANEL], [], False), (20 * [BULB], [], True), ([], [moved(grid
 
 def note_chunks(monkeypatch, lights, emission, **options):
     """Whether texels are alone, of all chunks in which a floor is lit, of 100 texels at most; those that see past a foot are."""
-    alone, light_chunk = [], direct._light_chunk
+    alone, looking_chunk = [], direct._LookingChunk
 
     def note(scene, chunk, demand, *others):
         alone.append(demand.alone)
-        return light_chunk(scene, chunk, demand, *others)
+        return looking_chunk(scene, chunk, demand, *others)
 
-    monkeypatch.setattr(direct, "_light_chunk", note)
+    monkeypatch.setattr(direct, "_LookingChunk", note)
     monkeypatch.setattr(direct, "MOST_TEXELS", 100)
     light_floor(lit_scene([], lights, emission=emission), **options)
     return alone

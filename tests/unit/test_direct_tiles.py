@@ -122,9 +122,10 @@ class TestShadows:
         monkeypatch.setattr(direct, "random_shift", lambda rng, count: np.zeros((count, 2), np.uint32))  # the first is chosen everywhere
         scene = prepare(lit_scene([box_mesh("Block", (0.5, 0.5, 0.02), (0.5, 0.5, 0.05))], [PANEL]))[0]
         chunk = TexelChunk(floor_looks(SIDE)(np.arange(SIDE**2)), np.zeros((SIDE**2, 2), np.uint32), scene.surfaces, False)
-        counters = dict.fromkeys(("rays", "pairs", "out_of_reach", "settled", "shared"), 0)
         demand = Demand(0.01, flat=floor_tiles(SIDE), smoothed=floor_tiles(SIDE).texels())
-        _, _, (tally,), _ = direct._look_first(scene, chunk, demand, np.zeros(SIDE**2, np.float32), np.random.default_rng(1), counters)
+        looking = direct._LookingChunk(scene, chunk, demand, np.zeros(SIDE**2, np.float32), np.random.default_rng(1))
+        looking._look_first(scene.sources[0])
+        (tally,) = looking._tallies
         followers = tally.rows[~tally.leads]
         followed = tally.rows[tally._leader[~tally.leads]]
         assert (followed == followers // TILE_TEXELS * TILE_TEXELS).all()
