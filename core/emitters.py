@@ -180,7 +180,8 @@ def _mesh_emitters(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surface
     normal = np.ascontiguousarray(triangle_normals_areas(corner_unit)[0].T, np.float32)
     sides_of = np.where(meshes.tri_sealed, 1, 2).astype(np.int8)
     emitters = []
-    for index, cells in meshes.by_material:
+    for index, parts in meshes.by_material:
+        cells = parts.join_parts()
         sides = sides_of[cells.tri]
         power = math.pi * ((sides * cells.area_m2)[:, None] * cells.mean_rgb).sum(axis=0)
         table = AliasTable(cells.importance * sides)

@@ -57,6 +57,16 @@ class EmittingCells:
         within = square_to_uniform_triangle(corner + side * u.astype(np.float32, copy=False))
         return self.tri.take(cell), within if self.part is None else _between(self.part[cell], within)
 
+    def join_parts(self) -> EmittingCells:
+        """The same light from whole triangles, where parts of each are of one radiance: photons leave all of a triangle alike."""
+        if self.part is None or not self.constant:
+            return self
+        tri, first, whose = np.unique(self.tri, return_index=True, return_inverse=True)
+        if not np.array_equal(self.mean_rgb, self.mean_rgb[first][whose]):
+            return self
+        area: Float64 = np.bincount(whose, self.area_m2).astype(np.float64)
+        return EmittingCells(tri, self.corner[first], self.side[first], area, self.mean_rgb[first], True)
+
     @property
     def importance(self) -> Float64:
         """(n,) float64: area times radiance, with a floor under textured ones."""
