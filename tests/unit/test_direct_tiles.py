@@ -53,6 +53,23 @@ class TestClosedForms:
         assert found.counters["shared"] == found.counters["pairs"] - diagonal
         assert found.counters["rays"] == SIDE**2 + 3 * diagonal
 
+    def test_what_they_may_be_off_by_is_told(self):
+        """Where all of the light is seen, and no ray tells of any noise."""
+        scene = lit_scene(lights=[replace(PANEL, position_m=(0.5, 0.5, 0.5))])
+        found, exact = light_floor(scene), light_floor(scene, tiles=Tiles.none()).irradiance_rgb
+        told = found.variance_rgb[:, 0] > 0
+        assert told[floor_tiles(SIDE).texels()].mean() > 0.8
+        off = (found.irradiance_rgb - exact)[told, 0]
+        assert 0.2 < np.sqrt((off**2).mean() / found.variance_rgb[told, 0].mean()) < 2.0
+
+    def test_what_chunks_count_is_added_up(self, monkeypatch):
+        scene = lit_scene([box_mesh("Block", (0.5, 0.5, 0.02), (0.5, 0.5, 0.3))], [PANEL])
+        whole = light_floor(scene, tolerance=0.01)
+        monkeypatch.setattr(direct, "MOST_TEXELS", SIDE**2 // 4)
+        found = light_floor(scene, tolerance=0.01)
+        assert found.counters["pairs"] == whole.counters["pairs"] == SIDE**2
+        assert 0 < whole.counters["settled"] <= SIDE**2 - whole.counters["out_of_reach"]
+
     def test_near_a_light_they_tell_nothing(self):
         near = replace(BULB, position_m=(0.3, 0.4, 0.02))
         scene, box = lit_scene(lights=[near]), UnitBox.from_points(lit_scene().vertex_position)
@@ -132,6 +149,11 @@ class TestShadows:
         assert len(followers)
         assert len(tally._tiles)
         assert tally.leads[tally._tiles].all()
+        sent, add = [], direct.Tally.add
+        monkeypatch.setattr(direct.Tally, "add", lambda self, *given: sent.append(self.leads[given[2]]) or add(self, *given))
+        direct._LookingChunk(scene, chunk, demand, np.zeros(SIDE**2, np.float32), np.random.default_rng(1)).find_light()
+        assert sent
+        assert all(leads.all() for leads in sent), "nobody sends rays whose share another one tells"
 
 
 class TestGentleLight:
