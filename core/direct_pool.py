@@ -20,7 +20,7 @@ from .lights import Float32, Float64
 from .materials import SurfaceMaterials
 from .rays import RayScene
 from .scene import FloatArray, IntArray
-from .slender_triangles import whole_parts
+from .slender_triangles import find_corners, whole_parts
 
 _STAGES_ALONE = ((0, STAGES[1][1]), STAGES[2])  # of texels outside of tiles: of 4 rays hardly one may meet what lights a texel
 _TOGETHER = 16  # texels of a tile, a quarter of it, that choose alike
@@ -55,12 +55,7 @@ class EmitterPool:
     def corners(self) -> Float32:
         """(n, 3, 3) float32, unit box: of the cells' triangles, or of the parts of them that cells are."""
         own = self.scene.corner_unit[self.cells.tri]
-        if self.cells.part is None:
-            return own
-        weight = self.cells.part
-        first = own[:, None, 0]
-        out: Float32 = first + weight[..., :1] * (own[:, None, 1] - first) + weight[..., 1:] * (own[:, None, 2] - first)
-        return out
+        return own if self.cells.part is None else find_corners(own, self.cells.part)
 
     @cached_property
     def middle(self) -> Float32:

@@ -16,7 +16,7 @@ from .materials import SurfaceMaterials
 from .mipmap import Mipmap
 from .sampling import square_to_uniform_triangle
 from .scene import FloatArray, IntArray, SceneSnapshot
-from .slender_triangles import cut_slender
+from .slender_triangles import cut_slender, find_between, find_corners
 
 _MAX_CELLS = 2**17
 _FIRST_CELLS = 2**16, 64  # at most, and per side of a triangle: who is near sees them at unlike distances
@@ -55,7 +55,7 @@ class EmittingCells:
         """Triangles (n,) and weights (n, 2) of their corners 1 and 2 at points u (n, 2) of cells (n,)."""
         corner, side = take_rows(self.corner, cell), self.side.take(cell)[:, None]
         within = square_to_uniform_triangle(corner + side * u.astype(np.float32, copy=False))
-        return self.tri.take(cell), within if self.part is None else _between(self.part[cell], within)
+        return self.tri.take(cell), within if self.part is None else find_between(self.part[cell], within)
 
     def join_parts(self) -> EmittingCells:
         """The same light from whole triangles, where parts of each are of one radiance: photons leave all of a triangle alike."""
@@ -201,7 +201,7 @@ class _Texture:
         height, width = image.pixels.shape[:2]
         uv = np.nan_to_num(snapshot.tri_emission_uv[tri], posinf=0, neginf=0)
         if part is not None:
-            uv = np.stack([_between(uv, part[:, i]) for i in range(3)], axis=1)
+            uv = find_corners(uv, part)
         return cls(surfaces, tri, part, uv, (width, height), Mipmap(image, emission.emission_rgb))
 
     def measure(self, whose: NDArray[np.int64], side: Float32) -> Float64:
@@ -230,16 +230,9 @@ class _Texture:
     def _show(self, level: int, whose: NDArray[np.int64], barycentric: Float32) -> tuple[Float64, Float64]:
         """Radiance and its square, (n, 3) each, about points of parts."""
         if level:
-            mean, square = self.mipmap.at(level, _between(self.uv[whose], barycentric))
+            mean, square = self.mipmap.at(level, find_between(self.uv[whose], barycentric))
             return mean.astype(np.float64), square.astype(np.float64)
         if self.part is not None:
-            barycentric = _between(self.part[whose], barycentric)
+            barycentric = find_between(self.part[whose], barycentric)
         rgb = self.surfaces.emission_at(self.tri[whose], *barycentric.T).astype(np.float64)
         return rgb, rgb**2
-
-
-def _between(corner: Float32, weight: Float32) -> Float32:
-    """(n, 2): what triangles (n, 3, 2) have at points of which the weights of corners 1 and 2 are given (n, 2)."""
-    first, second, third = corner.transpose(1, 0, 2)
-    out: Float32 = first + weight[:, :1] * (second - first) + weight[:, 1:] * (third - first)
-    return out

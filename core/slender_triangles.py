@@ -57,3 +57,15 @@ def cut_slender(corner: Float64, area: Float64) -> tuple[NDArray[np.int64], Floa
 def whole_parts(count: int) -> Float32:
     """(n, 3, 2): of triangles that are not cut."""
     return np.tile(_WHOLE, (count, 1, 1))
+
+
+def find_between(corner: Float32, weight: Float32) -> Float32:
+    """(n, k): what triangles (n, 3, k) have at points of which the weights of corners 1 and 2 are given (n, 2)."""
+    first, second, third = corner.transpose(1, 0, 2)
+    out: Float32 = first + weight[:, :1] * (second - first) + weight[:, 1:] * (third - first)
+    return out
+
+
+def find_corners(corner: Float32, part: Float32) -> Float32:
+    """(n, 3, k): the same at the corners of parts (n, 3, 2) of them, of cut_slender."""
+    return np.stack([find_between(corner, part[:, i]) for i in range(3)], axis=1)
