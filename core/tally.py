@@ -25,6 +25,7 @@ from .scene import FloatArray, IntArray
 COMPONENTS = 2
 HALVES = 2
 CHANNELS = 3
+_SQUARED_W = 1e-15, 1e18  # greatest power of a shard's photons, whose squares, and those of much fainter ones, float32 has room for
 _PART = 1 << 11  # nodes whose sums are worked on at once: what lies between fits a core's cache
 
 
@@ -85,11 +86,19 @@ def deposit(
     raw = np.empty((components, CHANNELS, len(moments), m))
     weight2 = np.empty((CHANNELS, m))
     for channel in range(CHANNELS):
-        weight2[channel] = np.bincount(slot, flux[channel] * flux[channel], m)
+        weight2[channel] = np.bincount(slot, _square(flux[channel]), m)
         for k, moment in enumerate(moments):
             sums = np.bincount(placed, flux[channel] * moment if k else flux[channel], components * m)
             raw[:, channel, k] = sums.reshape(components, m)
     return ShardTally(touched.astype(np.int64), count[touched], weight2, raw)
+
+
+def _square(power: FloatArray) -> FloatArray:
+    """(m,), W^2: of a shard's photons, (m,) W; in their own precision unless that has no room for it."""
+    greatest = float(power.max(initial=0.0))
+    plain = greatest == 0.0 or _SQUARED_W[0] < greatest < _SQUARED_W[1]
+    squares: FloatArray = np.square(power, dtype=None if plain else np.float64)
+    return squares
 
 
 @dataclass

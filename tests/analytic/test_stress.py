@@ -69,6 +69,15 @@ def test_a_planted_bias_is_rejected(tmp_path, bake_safely):
 
 class TestSizeAndPlace:
     @pytest.mark.parametrize("direct", DIRECT_MODES)
+    @pytest.mark.parametrize("scale", [1e-12, 1e12])
+    def test_a_scene_of_atoms_and_one_of_planets(self, tmp_path, direct, scale, bake_safely):
+        """Light as in a room takes 10^-23 and 10^25 W there, whose squares float32 has no room for."""
+        baked = bake_safely(tmp_path, rescaled(closed_room(), scale, 0.0), direct)
+        baked.hold_mean(TRUTH)
+        usual = bake_safely(tmp_path / "usual", closed_room(), direct)
+        np.testing.assert_allclose(baked.light.error, usual.light.error, rtol=0.1)
+
+    @pytest.mark.parametrize("direct", DIRECT_MODES)
     @FEW_EXAMPLES
     @given(exponent=st.floats(-4, 5), offset_m=st.sampled_from([0.0, 1e6, -1e6]))
     def test_any_size_anywhere(self, tmp_path_factory, direct, exponent, offset_m, bake_safely):

@@ -227,3 +227,17 @@ def test_sums_and_light_are_the_same_in_parts_as_at_once(monkeypatch):
 def test_parts_hold_every_node_once():
     assert [part.tolist() for part in tally.parts_of(np.arange(9), 4)] == [[0, 1, 2, 3], [4, 5, 6, 7], [8]]
     assert list(tally.parts_of(np.arange(0))) == []
+
+
+@pytest.mark.parametrize("watts", [1e-30, 1e-17, 1.0, 1e17, 1e25, 1e30])
+def test_squares_of_any_power_are_summed(watts):
+    """Photons carry all of a scene's light: those of planets that a sun shines on have more watts than float32 can square."""
+    flux = np.float32(watts) * np.float32([[1.0, 2.0, 3.0], [0.0, 0.0, 0.0], [0.5, 0.5, 0.5]])
+    sums = tally.deposit(np.array([0, 1, 1]), *np.zeros((2, 3)), flux, None, 2, 0)
+    np.testing.assert_allclose(sums.weight2 / float(np.float32(watts)) ** 2, [[1.0, 13.0], [0.0, 0.0], [0.25, 0.5]], rtol=1e-6)
+
+
+def test_squares_of_usual_powers_keep_their_bytes():
+    flux = np.random.default_rng(1).random((3, 50), np.float32)
+    sums = tally.deposit(np.zeros(50, int), *np.zeros((2, 50)), flux, None, 1, 0)
+    assert sums.weight2[:, 0].tolist() == (flux * flux).sum(axis=1, dtype=np.float64).tolist()
