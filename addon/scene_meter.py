@@ -6,7 +6,6 @@ a little at a time, and measures again only the objects that changed.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -15,6 +14,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.threads import count_usable
 from .estimate import Estimate, Measured, Pace, estimate_bake
 from .images import check_shown
 from .object_settings import read_choice
@@ -93,7 +93,7 @@ class SceneMeter:
         layer = context.scene.leaflight.uv_layer
         own_layers = sum(obj.type == "MESH" and layer in obj.data.uv_layers for obj in objects) if layer else 0
         pace = Pace.of_result(context.window_manager.leaflight_state.result)
-        self.estimate = estimate_bake(rows, settings, own_layers, os.cpu_count() or 1, pace)
+        self.estimate = estimate_bake(rows, settings, own_layers, count_usable(), pace)
         return True
 
 

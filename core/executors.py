@@ -20,10 +20,12 @@ from typing import Any, TypeVar
 
 from . import workers
 from .settings import Settings
+from .threads import count_usable
 
 T = TypeVar("T")
 
 _MUCH = 1 << 16  # bytes
+_MOST_ON_WINDOWS = 61  # processes of a pool there, which waits for all of them at once. Source: WaitForMultipleObjects, less two for itself
 
 
 class InlineExecutor(Executor):
@@ -80,8 +82,8 @@ class Ahead:
 
 
 def count_processors(workers: int) -> int:
-    """How many may be used at once, 0 for one per core."""
-    return workers or os.cpu_count() or 1
+    """How many may be used at once, 0 for one per core that this process may use."""
+    return workers or count_usable()
 
 
 def make_executor(workers: int) -> Executor:
@@ -143,12 +145,12 @@ class LocalExecutor(Executor):
     def __init__(self, count: int) -> None:
         # A fork would copy embree's threads in an unknown state; a spawned process starts clean on every platform.
         context = multiprocessing.get_context("spawn")
-        self._others = count - 1
-        self.most_ahead = 2 * count
+        self._others = min(count - 1, _MOST_ON_WINDOWS) if sys.platform == "win32" else count - 1
+        self.most_ahead = 2 * (self._others + 1)
         self._pool = ProcessPoolExecutor(self._others, mp_context=context, initializer=_start_worker)
         self._waiting: deque[_Call] = deque()
         self._turn = threading.Lock()  # of _ready and _given
-        self._woken = self._closed = False
+        self.is_awake = self._closed = False  # the other processes are starting, or have started
         self._ready = 0  # of the other processes: they have started
         self._given = 0  # calls, to the other processes, and not back yet
         self._results = tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True)
@@ -157,15 +159,10 @@ class LocalExecutor(Executor):
 
     def wake(self) -> None:
         """Have the other processes start; calls are given to them from when they have."""
-        if not self._woken:
-            self._woken = True
+        if not self.is_awake:
+            self.is_awake = True
             for _ in range(self._others):
                 self._pool.submit(os.getpid).add_done_callback(self._greet)
-
-    @property
-    def is_awake(self) -> bool:
-        """Whether the other processes are starting, or have started."""
-        return self._woken
 
     def _greet(self, sent: Future[int]) -> None:
         self._note_loss(sent)

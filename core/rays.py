@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import mmap
-import os
 import sys
 from dataclasses import dataclass
 from typing import Any
@@ -13,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry import triangle_normals_areas
+from .threads import count_usable
 
 # Address space that embree 4.4 takes: its libraries; then what least limit it survived with one triangle, one and three million, on one
-# processor and on two (132 MB, 340 bytes a triangle, 8 MB a processor).
+# processor and on two (132 MB, 340 bytes a triangle, 8 MB a processor that this process may use).
 _LIBRARY_BYTES = 64 << 20
 _SCENE_BYTES, _TRIANGLE_BYTES, _PROCESSOR_BYTES = 144 << 20, 352, 8 << 20
 
@@ -50,7 +50,7 @@ class RayScene:
         if not solid.all():
             self._tri_of_primitive = np.append(np.flatnonzero(solid), -1).astype(np.int32)  # primitive -1, a miss, finds the last
         embree_scene, triangle_mesh = _load_embree()
-        _ask_for(_SCENE_BYTES + _TRIANGLE_BYTES * len(tri_position_unit) + _PROCESSOR_BYTES * _count_threads())
+        _ask_for(_SCENE_BYTES + _TRIANGLE_BYTES * len(tri_position_unit) + _PROCESSOR_BYTES * count_usable())
         self._embree = embree_scene(robust=True)  # without it 1 of 15 rays aimed at an edge slips through; costs nothing measurable
         if solid.any():
             triangle_mesh(self._embree, np.ascontiguousarray(tri_position_unit[solid], np.float32))
@@ -99,11 +99,6 @@ def _load_embree() -> tuple[Any, Any]:
             "(Linux x64, Windows x64, or macOS 13 and later)."
         ) from reason
     return EmbreeScene, TriangleMesh
-
-
-def _count_threads() -> int:
-    """How many embree builds with: one for each processor that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _ask_for(n_bytes: int) -> None:

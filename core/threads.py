@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
@@ -14,6 +15,11 @@ T = TypeVar("T")
 # most two of them were no quicker than one. A small page is shared all the same.
 _LEAST, _MOST = 1 << 16, 1 << 18
 _PARTS = 8
+
+
+def count_usable() -> int:
+    """Processors that this process may use, as where a batch system or a container gives it some of a machine's."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def split_entries(count: int) -> list[slice]:

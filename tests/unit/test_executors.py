@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 import time
 from concurrent.futures import BrokenExecutor
 from functools import partial
@@ -198,10 +199,21 @@ def test_an_abandoned_map_leaves_nothing_to_do():
     ("asked", "cores", "kind"), [(1, 8, executors.InlineExecutor), (0, 1, executors.InlineExecutor), (3, 1, executors.LocalExecutor)]
 )
 def test_one_worker_is_this_process(monkeypatch, asked, cores, kind):
-    monkeypatch.setattr(executors.os, "cpu_count", lambda: cores)
+    monkeypatch.setattr(executors, "count_usable", lambda: cores)
     executor = executors.make_executor(asked)
     assert isinstance(executor, kind)
     executor.shutdown()
+
+
+@pytest.mark.parametrize(("system", "others"), [("win32", 61), ("linux", 127)])
+def test_machines_of_many_cores_are_used_as_far_as_the_system_goes(monkeypatch, system, others):
+    """On Windows a pool of more is an error."""
+    monkeypatch.setattr(sys, "platform", system)
+    monkeypatch.setattr(executors, "count_usable", lambda: 128)
+    with executors.make_executor(0) as executor:
+        assert executor._pool._max_workers == others
+        assert executor.most_ahead == 2 * (others + 1)
+    assert executors.count_processors(0) == 128  # threads are not bounded so
 
 
 def test_a_cluster_without_dask_is_a_sentence(monkeypatch):
@@ -228,7 +240,7 @@ def test_a_process_that_is_killed_while_it_starts_is_told_and_nothing_hangs():
 
 
 def test_processes_started_ahead_serve_whoever_asks_for_as_many(monkeypatch):
-    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(executors, "count_usable", lambda: 2)
     ahead = executors.Ahead()
     with ahead.open(Settings(workers=2)) as executor:
         assert list(executor.map(abs, [-1, -2, -3])) == [1, 2, 3]

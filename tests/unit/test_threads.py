@@ -1,9 +1,10 @@
 """Parts of texel entries for threads: all of them once, in order, and the same whoever works."""
 
+import os
 import threading
 
 import pytest
-from leaflight.core.threads import run_on_threads, split_entries
+from leaflight.core.threads import count_usable, run_on_threads, split_entries
 from leaflight.core.words import Interrupted
 
 
@@ -62,3 +63,17 @@ def test_whoever_wants_no_more_has_no_further_part_begun():
     with pytest.raises(Interrupted):
         run_on_threads(work, 8 << 16, 1, stop)
     assert len(begun) <= 2
+
+
+@pytest.mark.parametrize("usable", [{0}, {2, 3, 5}])
+def test_processors_that_a_batch_system_gives_to_others_are_not_counted(monkeypatch, usable):
+    monkeypatch.setattr(os, "cpu_count", lambda: 64)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: usable, raising=False)
+    assert count_usable() == len(usable)
+
+
+def test_all_processors_are_usable_where_the_system_does_not_tell(monkeypatch):
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    for told, count in ((64, 64), (None, 1)):
+        monkeypatch.setattr(os, "cpu_count", lambda told=told: told)
+        assert count_usable() == count
