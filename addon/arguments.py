@@ -31,6 +31,10 @@ class BakeRequest:
     resume: Path | None = None  # folder of the state of an earlier bake to go on from
     keep: Path | None = None  # folder to keep the state in
     keep_mb: int = 0  # size beyond which it is not kept; 0: any
+    beside: frozenset[str] = frozenset()  # names of the paths that begin in the folder of the .blend, see request.resolve_paths
+
+
+_PATHS = ("output", "report", "save", "gltf", "keep", "resume")  # that may
 
 
 def parse_arguments(argv: list[str], prog: str, with_scene: bool) -> BakeRequest:
@@ -43,12 +47,22 @@ def parse_arguments(argv: list[str], prog: str, with_scene: bool) -> BakeRequest
     del arguments["command"]
     knobs = {knob.name: arguments.pop(knob.name) for knob in dataclasses.fields(Settings)}
     knobs = {name: tuple(value) if isinstance(value, list) else value for name, value in knobs.items()}
+    beside = _read_paths(arguments)
     save = arguments["save"]
     if save is not None and save.suffix.lower() != ".blend":
         raise ValueError(f"--save {save}: Blender opens only names that end in .blend; add the ending.")
     if arguments["gltf"] is not None and arguments["gltf"].suffix.lower() != ".glb":
         raise ValueError(f"--gltf {arguments['gltf']}: is written as one binary file; give it a name that ends in .glb.")
-    return BakeRequest(settings=_make_settings(knobs), **{**arguments, "objects": tuple(arguments["objects"])})
+    return BakeRequest(settings=_make_settings(knobs), beside=beside, **{**arguments, "objects": tuple(arguments["objects"])})
+
+
+def _read_paths(arguments: dict[str, Any]) -> frozenset[str]:
+    """Words to paths, in place; gives the names of those that began with //. On Windows a path knows no more of that, and has it that of
+    another machine begins so."""
+    words = {name: arguments[name] for name in _PATHS if arguments[name] is not None}
+    beside = frozenset(name for name, word in words.items() if word.startswith("//"))
+    arguments.update((name, Path(word.lstrip("/") if name in beside else word)) for name, word in words.items())
+    return beside
 
 
 def _make_settings(knobs: dict[str, Any]) -> Settings:
@@ -79,14 +93,14 @@ def _make_parser(prog: str, with_scene: bool) -> argparse.ArgumentParser:
     scene.add_argument("--objects", nargs="+", default=[], metavar="NAME", help="what gets a lightmap; without it every visible mesh")
     scene.add_argument("--uv-layer", default="", metavar="NAME", help="use this UV layer as it is; without it xatlas unwraps")
     output = bake.add_argument_group("output")
-    output.add_argument("--output", type=Path, default=Path("bake"), metavar="DIR", help="folder of the images; // is that of the .blend")
-    output.add_argument("--report", type=Path, metavar="FILE", help="write a JSON report")
-    output.add_argument("--save", type=Path, metavar="FILE", help="save the .blend with the bake in its materials")
-    output.add_argument("--gltf", type=Path, metavar="FILE", help="export a .glb that shows the first pass, combined or lighting")
+    output.add_argument("--output", default="bake", metavar="DIR", help="folder of the images; // is that of the .blend")
+    output.add_argument("--report", metavar="FILE", help="write a JSON report")
+    output.add_argument("--save", metavar="FILE", help="save the .blend with the bake in its materials")
+    output.add_argument("--gltf", metavar="FILE", help="export a .glb that shows the first pass, combined or lighting")
     output.add_argument("--no-assign", dest="assign", action="store_false", help="leave materials as they are")
     output.add_argument("--quiet", action="store_true", help="no progress, only warnings and errors")
-    output.add_argument("--keep", type=Path, metavar="DIR", help="keep the state of the bake there, to go on from")
-    output.add_argument("--resume", type=Path, metavar="DIR", help="go on from the state that a bake of the same scene kept there")
+    output.add_argument("--keep", metavar="DIR", help="keep the state of the bake there, to go on from")
+    output.add_argument("--resume", metavar="DIR", help="go on from the state that a bake of the same scene kept there")
     groups = {"Output": output}
     for knob in dataclasses.fields(Settings):
         name = knob.metadata["group"]

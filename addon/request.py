@@ -58,20 +58,18 @@ def _name_pages(scene: bpy.types.Scene) -> str:
 
 
 def resolve_paths(request: BakeRequest) -> BakeRequest:
-    """The request with the folder of the open .blend in place of a path's leading //.
+    """The request with whole paths in place of those that begin in the folder of the open .blend.
 
     Raises ValueError with a sentence where no .blend is open.
     """
     found: dict[str, Path] = {}
-    for name in ("output", "report", "save", "gltf", "keep", "resume"):
-        path = getattr(request, name)
-        if path is None or not path.as_posix().startswith("//"):
-            continue
-        error = find_output_error(path.as_posix())
+    for name in sorted(request.beside):
+        path = f"//{getattr(request, name).as_posix()}"
+        error = find_output_error(path)
         if error:
             raise ValueError(error)
-        found[name] = Path(bpy.path.abspath(path.as_posix()))
-    return dataclasses.replace(request, **found)
+        found[name] = Path(bpy.path.abspath(path))
+    return dataclasses.replace(request, beside=frozenset(), **found)
 
 
 def list_objects(context: bpy.types.Context) -> list[bpy.types.Object]:

@@ -1,9 +1,10 @@
 """The command line's words: what they mean, and what is said of those that cannot be."""
 
 import dataclasses
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 import pytest
+from leaflight.addon import arguments
 from leaflight.addon.arguments import BakeRequest, parse_arguments
 from leaflight.core.settings import Settings
 
@@ -64,6 +65,17 @@ def test_scene_and_output_options():
         quiet=True,
     )
     assert parse(*words.split()) == expected
+
+
+def test_paths_beside_the_blend_are_told_from_those_of_other_machines(monkeypatch):
+    """Also on Windows, where a path cannot tell them apart."""
+    found = parse("--output", "//maps", "--save", "//out/room.blend", "--report", "/tmp/r.json")
+    assert (found.output, found.save, found.report) == (Path("maps"), Path("out/room.blend"), Path("/tmp/r.json"))
+    assert found.beside == {"output", "save"}
+    monkeypatch.setattr(arguments, "Path", PureWindowsPath)
+    found = parse("--output", "//maps", "--keep", r"\\farm\share\kept", "--gltf", r"C:\out\room.glb")
+    assert found.beside == {"output"}
+    assert [str(path) for path in (found.output, found.keep, found.gltf)] == ["maps", r"\\farm\share\kept", r"C:\out\room.glb"]
 
 
 @pytest.mark.parametrize(
