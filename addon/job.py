@@ -80,7 +80,7 @@ class BakeProcess:
 
     def _say(self, word: str) -> None:
         if self._process.poll() is None and self._process.stdin is not None:
-            with contextlib.suppress(BrokenPipeError):  # it has just ended by itself
+            with contextlib.suppress(OSError):  # it has just ended by itself: a broken pipe, on Windows an invalid argument
                 self._process.stdin.write(f"{word}\n")
                 self._process.stdin.flush()
 

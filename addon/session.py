@@ -95,7 +95,7 @@ def check_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe.touch()
-        probe.unlink()
+        probe.unlink(missing_ok=True)  # another bake that begins here may have taken it away
     except OSError as reason:
         raise OSError(f"{folder}: is no folder that can be written ({reason.strerror}); choose another one.") from reason
 

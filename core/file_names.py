@@ -46,13 +46,13 @@ def fill_pattern(pattern: str, name: str, pass_name: str, page: int) -> str:
 
 def make_unique(names: Iterable[str]) -> list[str]:
     """The names with underscores after those that are there already; letters count alike in both cases, as on some disks."""
-    out: list[str] = []
+    out: dict[str, str] = {}  # by what they are in lower case
     for name in names:
         unique = name
-        while unique.lower() in (other.lower() for other in out):
+        while unique.lower() in out:
             unique += "_"
-        out.append(unique)
-    return out
+        out[unique.lower()] = unique
+    return list(out.values())
 
 
 def clean_name(name: str) -> str:

@@ -4,6 +4,7 @@ import errno
 import json
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -216,6 +217,13 @@ def test_check_folder_makes_it_and_leaves_nothing(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match=r"file/c: is no folder that can be written \(Not a directory\); choose another one\.$"):
         session.check_folder(tmp_path / "file" / "c")
+
+
+def test_bakes_that_begin_together_do_not_stand_in_each_others_way(tmp_path, monkeypatch):
+    """The other one has taken the probe away that both made."""
+    touch = Path.touch
+    monkeypatch.setattr(Path, "touch", lambda path: touch(path) or path.unlink())
+    session.check_folder(tmp_path)
 
 
 def test_check_file(tmp_path, monkeypatch):

@@ -68,6 +68,12 @@ def test_equal_names_get_underscores():
     assert file_names.make_unique(["a", "A", "b", "a"]) == ["a", "A_", "b", "a__"]
 
 
+def test_names_of_many_objects_take_no_time():
+    """Fifty thousand, which would take minutes if each were compared with each."""
+    names = [f"Cube.{number:05d}.{name}" for number in range(10_000) for name in ("combined", "direct", "indirect", "albedo", "stderr")]
+    assert file_names.make_unique(names) == names
+
+
 def test_only_patterns_with_a_pass_tell_passes_apart():
     assert file_names.has_pass("{name}.{pass}")
     assert not file_names.has_pass("{name}.pass")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -455,3 +456,20 @@ def test_a_bake_that_never_begins_leaves_nothing():
         raise KeyboardInterrupt
     assert not is_alive(process._process.pid)
     assert not process.folder.exists()
+
+
+@pytest.mark.parametrize("number", [errno.EPIPE, errno.EINVAL])
+def test_asking_a_child_that_has_just_ended_is_no_error(
+    replace_bake: Callable[[str], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    """Windows has an invalid argument for a broken pipe."""
+
+    class Gone:
+        def write(self, _: str) -> None:
+            raise OSError(number, os.strerror(number))
+
+    replace_bake("time.sleep(60)")
+    process = BakeProcess(tmp_path)
+    monkeypatch.setattr(process._process, "stdin", Gone())
+    process.cancel()
+    process.kill()
