@@ -12,6 +12,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+from mathutils import Matrix
 from numpy.typing import NDArray
 
 from ..core.threads import count_usable
@@ -119,7 +120,8 @@ def walk_meshes(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Iterat
         parts = [(obj, obj.matrix_world)]
     else:
         shown = [part for part in obj.instance_collection.all_objects if part.type == "MESH" and not part.hide_render]
-        parts = [(part, obj.matrix_world @ part.matrix_world) for part in shown]
+        place = obj.matrix_world @ Matrix.Translation(-obj.instance_collection.instance_offset)
+        parts = [(part, place @ part.matrix_world) for part in shown]
     for part, matrix in parts:
         evaluated = part.evaluated_get(depsgraph)
         edited = evaluated.data.is_editmode  # its mesh has no faces then: they are in Edit Mode's own mesh

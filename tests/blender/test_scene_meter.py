@@ -115,6 +115,22 @@ def test_an_instance_has_the_area_of_what_it_shows(meter):
     assert measure(meter).area_m2 == pytest.approx(16.0 + 4 * 6.0)
 
 
+def test_checker_lies_on_instances_of_a_collection_with_an_offset(meter):
+    shown = bpy.data.collections.new("Shown")
+    cube = bpy.data.objects["Cube"]
+    shown.objects.link(cube)
+    shown.instance_offset = (1.0, 2.0, 3.0)
+    empty = bpy.data.objects.new("Two", None)
+    empty.instance_type, empty.instance_collection, empty.location = "COLLECTION", shown, (0.0, 0.0, 9.0)
+    bpy.context.scene.collection.objects.link(empty)
+    bpy.context.view_layer.update()
+    drawn = make_checker(10.0).position
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    [matrix] = [instance.matrix_world.copy() for instance in depsgraph.object_instances if instance.is_instance]
+    for corner in np.array([matrix @ vertex.co for vertex in cube.data.vertices], np.float32):
+        assert np.abs(drawn - corner).max(axis=1).min() < 1e-5
+
+
 def edit(name):
     bpy.context.view_layer.objects.active = bpy.data.objects[name]
     bpy.ops.object.mode_set(mode="EDIT")
