@@ -6,6 +6,7 @@ shot at a texel already, its direct light is theirs; until then it is that of th
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Callable
@@ -98,7 +99,8 @@ class PreviewPages:
         for page, pixels in enumerate(self.draw(light)):
             path = self._path(page, self._turn)
             np.save(path, pixels)
-            self._path(page, self._turn - _KEPT_TURNS).unlink(missing_ok=True)
+            with contextlib.suppress(OSError):  # Windows refuses while Blender reads it; it goes with the job's folder
+                self._path(page, self._turn - _KEPT_TURNS).unlink(missing_ok=True)
             self._tell(Preview(page, str(path)))
         self._turn += 1
         self._next_s = time.monotonic() + max(LEAST_PAUSE_S, PAUSE_OF_COST * (time.thread_time() - begin))

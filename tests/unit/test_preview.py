@@ -116,3 +116,21 @@ def test_messages_are_passed_on_and_show_what_has_come(tmp_path, monkeypatch):
     assert told[1] == "a message"
     before, after = (np.load(told[i].path)[..., 0].max() for i in (0, 2))
     assert before < 50.0 <= after
+
+
+def test_a_page_that_blender_is_reading_stays(tmp_path, monkeypatch):
+    """As on Windows, where a file that is open cannot be removed: the bake goes on."""
+    monkeypatch.setattr(preview, "LEAST_PAUSE_S", 0.0)
+    monkeypatch.setattr(preview, "PAUSE_OF_COST", 0.0)
+    told = []
+    pages, _ = make_pages(tmp_path, furnace_scene(0.5), tell=told.append)
+    first = first_light(tmp_path, SETTINGS)
+
+    def refuse(path, missing_ok=False):
+        raise PermissionError(13, "The process cannot access the file because it is being used by another process", str(path))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(preview.Path, "unlink", refuse)
+        for _ in range(preview._KEPT_TURNS + 1):
+            pages.show(first)
+    assert len(told) == preview._KEPT_TURNS + 1
