@@ -57,6 +57,16 @@ def test_corner_cut_off_a_texel(mirrored: bool) -> None:
     np.testing.assert_allclose(moments, [1 / 2, -1 / 12, -1 / 12, 1 / 24, 0, 1 / 24], atol=1e-15)
 
 
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_squares_smaller_than_a_texel(mirrored: bool) -> None:
+    """x < 1.4 in the middle half of texel (1, 1), and all of the middle tenth of texel (0, 0); pieces are in texels all the same."""
+    uv = np.tile([[1.4, -20.0], [1.4, 20.0], [-30.0, 0.0]], (2, 1, 1))
+    pieces = clip_to_texels(uv[:, ::-1] if mirrored else uv, np.array([[1, 1], [0, 0]]), np.array([0.5, 0.1]))
+    np.testing.assert_allclose(np.bincount(pieces.pair, pieces.area), [0.15 * 0.5, 0.01], rtol=1e-12)
+    first = pieces.x[:, pieces.pair == 0]
+    np.testing.assert_allclose([first.min(), first.max()], [-0.25, -0.1], rtol=1e-12)
+
+
 @pytest.mark.parametrize(("rows", "is_slice"), [([3, 4, 5], True), ([7], True), ([3, 5, 6], False), ([], False)])
 def test_rows_that_follow_each_other_become_a_slice(rows: list[int], is_slice: bool) -> None:
     told = as_slice(np.array(rows, np.int64))

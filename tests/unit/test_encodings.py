@@ -74,6 +74,12 @@ def test_black_stays_black_and_what_is_beyond_the_range_stays_at_it(encoding):
         assert out[2, 1:].max() < 0.05 * out[2, 0]
 
 
+def test_logluv_holds_its_greatest_luminance_and_no_more():
+    out = round_trip(np.array([np.full(3, 1e30), np.full(3, 0.9 * encodings.LOGLUV_MAX)]), "logluv", 1.0)
+    np.testing.assert_allclose(out[0], encodings.LOGLUV_MAX, rtol=LOGLUV_ERROR)
+    np.testing.assert_allclose(out[1], 0.9 * encodings.LOGLUV_MAX, rtol=LOGLUV_ERROR)
+
+
 @pytest.mark.parametrize("encoding", encodings.ENCODINGS)
 def test_any_bytes_decode_to_numbers(encoding):
     stored = np.random.default_rng(4).integers(0, 256, (100_000, 4)).astype(np.uint8)

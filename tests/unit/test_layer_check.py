@@ -75,6 +75,14 @@ def test_small_overlap_on_a_large_face_is_found():
     assert find_overlaps(np.stack([large, small + 0.5])).tolist() == [False, False]
 
 
+def test_overlap_near_a_corner_of_a_large_face_is_found():
+    """A face loses a little of each side before faces are compared, and no more."""
+    large = np.array([[0.05, 0.05], [0.95, 0.05], [0.05, 0.95]])
+    small = np.array([[0.06, 0.06], [0.10, 0.06], [0.06, 0.10]])
+    assert find_overlaps(np.stack([large, small])).tolist() == [True, True]
+    assert find_overlaps(np.stack([large, small + np.array([0.78, 0.0])])).tolist() == [True, True]
+
+
 def test_each_fault_is_found_and_counted():
     scene, uv = grid_layer()
     uv[0, 1] = np.nan

@@ -138,6 +138,12 @@ def test_charts_that_no_photon_reaches_are_counted(tmp_path):
     assert result["leaves"] > 7
 
 
+def test_photons_that_the_time_limit_cost_are_not_counted_as_spared(tmp_path):
+    result, _, _ = bake_scene(tmp_path / "a", GREY, max_photons=10**9, error=1e-4, time_limit=0.001)
+    assert result["stopped_by"] == "time_limit"
+    assert (result["photons"] < 10**9, result["skipped"]["photons"]) == (True, 0)
+
+
 def test_rays_that_are_spared_are_counted(tmp_path):
     result, _, _ = bake_scene(tmp_path / "a", GREY)
     assert result["skipped"]["pairs_out_of_reach"] == result["direct"]["out_of_reach"] > 0

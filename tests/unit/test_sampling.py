@@ -243,3 +243,12 @@ def test_points_of_a_group_are_spread_and_each_is_uniform():
     cells = np.bincount((points * 8).astype(int)[0] * 8 + (points * 8).astype(int)[1], minlength=64)
     assert np.abs(cells / len(group) * 64 - 1).max() < 0.2  # 702 in each
     assert sampling.grouped_points(np.zeros(0, int), np.zeros(0, int), np.random.default_rng(4)).shape == (2, 0)
+
+
+def test_points_of_a_group_lie_apart_whatever_their_number():
+    """12 of 16 strips of either axis have one point of a group of 12, and 24 of 32 one of 24: they are one run of the net."""
+    count = np.array([3, 12, 5, 24])
+    points = sampling.grouped_points(count, np.repeat(np.arange(4), count), np.random.default_rng(4))
+    for first, n, strips in ((3, 12, 16), (20, 24, 32)):
+        for axis in (points[:, first : first + n] * strips).astype(int):
+            assert len(set(axis)) == n
