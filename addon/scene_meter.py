@@ -21,7 +21,8 @@ from .images import check_shown
 from .object_settings import read_choice
 from .properties import make_settings
 from .redraw import redraw
-from .request import list_objects
+from .render_levels import find_hidden_instances
+from .request import can_be_baked, list_objects
 
 _CALM_S = 0.3  # without a change, before measuring
 _STEP_S = 0.03  # of measuring at a time: Blender must stay smooth
@@ -119,15 +120,25 @@ def walk_meshes(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Iterat
     if obj.type == "MESH":
         parts = [(obj, obj.matrix_world)]
     else:
-        shown = [part for part in obj.instance_collection.all_objects if part.type == "MESH" and not part.hide_render]
-        place = obj.matrix_world @ Matrix.Translation(-obj.instance_collection.instance_offset)
-        parts = [(part, place @ part.matrix_world) for part in shown]
+        parts = list(_walk_instance(obj, obj.matrix_world, find_hidden_instances(obj.instance_collection)))
     for part, matrix in parts:
         evaluated = part.evaluated_get(depsgraph)
         edited = evaluated.data.is_editmode  # its mesh has no faces then: they are in Edit Mode's own mesh
         yield evaluated.to_mesh() if edited else evaluated.data, np.array(matrix, np.float64)
         if edited:
             evaluated.to_mesh_clear()
+
+
+def _walk_instance(obj: bpy.types.Object, matrix: Matrix, hidden: set[bpy.types.Object]) -> Iterator[tuple[bpy.types.Object, Matrix]]:
+    """The mesh objects that an instance of a collection at `matrix` shows, of instances within it too, where they are shown."""
+    place = matrix @ Matrix.Translation(-obj.instance_collection.instance_offset)
+    for part in obj.instance_collection.all_objects:
+        if part in hidden:
+            continue
+        if part.type == "MESH":
+            yield part, place @ part.matrix_world
+        elif can_be_baked(part):
+            yield from _walk_instance(part, place @ part.matrix_world, hidden)
 
 
 def read_corners(mesh: bpy.types.Mesh, matrix: NDArray[np.float64]) -> NDArray[np.float64]:

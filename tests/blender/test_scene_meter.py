@@ -131,6 +131,27 @@ def test_checker_lies_on_instances_of_a_collection_with_an_offset(meter):
         assert np.abs(drawn - corner).max(axis=1).min() < 1e-5
 
 
+def test_instances_within_instances_are_measured_and_drawn_where_a_render_shows_them(meter):
+    collections = [bpy.data.collections.new(name) for name in ("Cubes", "Pairs", "Hidden")]
+    cubes, pairs, hidden = collections
+    bpy.context.scene.collection.objects.unlink(bpy.data.objects["Cube"])
+    cubes.objects.link(bpy.data.objects["Cube"])
+    pairs.children.link(hidden)
+    hidden.hide_render = True
+    pairs.instance_offset = (0.0, 0.0, 5.0)
+    places = {"Left": (pairs, cubes, -4.0), "Right": (pairs, cubes, 4.0), "Unseen": (hidden, cubes, 9.0), "All": (None, pairs, 100.0)}
+    for name, (holder, shown, x) in places.items():
+        empty = bpy.data.objects.new(name, None)
+        empty.instance_type, empty.instance_collection, empty.location = "COLLECTION", shown, (x, 0.0, 0.0)
+        (holder or bpy.context.scene.collection).objects.link(empty)
+    bpy.context.view_layer.update()
+    assert measure(meter).area_m2 == pytest.approx(16.0 + 2 * 6.0)
+    drawn = make_checker(10.0).position
+    far = drawn[drawn[:, 0] > 50.0]
+    corners = {(x, z) for x, _, z in (far * 2.0).round().astype(int).tolist()}
+    assert corners == {(x, z) for x in (191, 193, 207, 209) for z in (-10, -8)}  # halves of a metre
+
+
 def edit(name):
     bpy.context.view_layer.objects.active = bpy.data.objects[name]
     bpy.ops.object.mode_set(mode="EDIT")

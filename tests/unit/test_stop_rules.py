@@ -56,6 +56,7 @@ def test_progress_is_that_of_the_rule_that_is_nearest():
     assert progress(age_s=18.0, time_limit=20.0).fraction == pytest.approx(0.9, rel=1e-3)
     assert progress(age_s=10.0, stopped_by="interrupted").fraction == 1.0
     assert progress(error=math.nan, age_s=10.0).fraction == pytest.approx(0.5)
+    assert progress(age_s=30.0, time_limit=20.0).fraction == 1.0
 
 
 def test_time_left_is_by_what_this_bake_has_done_of_it():
