@@ -212,6 +212,9 @@ def test_instances_on_faces_only_cast():
     add_plane("Floor")
     parent.show_instancer_for_render = False
     assert "Parent" not in by_name(export())
+    parent.show_instancer_for_render, parent.show_instancer_for_viewport = True, False
+    assert by_name(export())["Parent"][0].receives
+    assert not parent.show_instancer_for_viewport
 
 
 def test_curves_and_texts_only_cast_with_one_warning():
