@@ -137,8 +137,8 @@ def _weigh_alone(light: NDArray[np.float32], dark: float, weight: NDArray[np.flo
 
     dark   of AllLight
     """
-    dark2 = find_dark2(light, dark)
-    own = np.divide(np.float32(1.0), light**2 + dark2, out=np.zeros_like(light), where=light + dark2 > 0.0)
+    scale2 = light**2 + find_dark2(light, dark)
+    own = np.divide(np.float32(1.0), scale2, out=np.zeros_like(light), where=scale2 > 0.0)
     return own, np.divide(own.mean(1), weight.mean(1), out=np.zeros(len(light)), where=weight.any(1))
 
 

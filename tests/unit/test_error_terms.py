@@ -81,8 +81,10 @@ def test_gathered_light_takes_the_place_of_all_that_leaves_err_by():
         assert with_it.sum_up(np.flatnonzero(rows), unseen=True).relative ** 2 == pytest.approx(expected2, rel=2e-3)
 
 
-def test_where_there_is_no_light_an_object_errs_by_nothing():
-    assert terms_of(np.zeros(50), 0.0, 0.0, dark=0.0).judge_alone(np.arange(50)) == 0.0
+@pytest.mark.parametrize("light", [0.0, 1e-25])
+def test_where_there_is_no_light_an_object_errs_by_nothing(light):
+    """Or so little that its square is none in float32, as of a lamp beside a face as large as a galaxy."""
+    assert terms_of(np.full(50, light), 0.0, 0.0, dark=0.0).judge_alone(np.arange(50)) == 0.0
 
 
 def test_rays_alone_are_judged_likewise():
