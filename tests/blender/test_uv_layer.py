@@ -87,7 +87,17 @@ def test_full_mesh_and_wrong_shape_are_refused_with_a_sentence(mesh):
         mesh.uv_layers.new()
     with pytest.raises(ValueError, match=r"Plate: has 8 UV layers.*remove one"):
         uv_layer.write_layer(mesh, CORNER_UV)
+    assert not uv_layer.has_room(mesh)
     assert list(mesh.keys()) == []
+
+
+def test_a_mesh_that_ours_filled_takes_it_again(mesh):
+    uv_layer.write_layer(mesh, CORNER_UV)
+    while len(mesh.uv_layers) < uv_layer.MAX_LAYERS:
+        mesh.uv_layers.new()
+    assert uv_layer.has_room(mesh)
+    uv_layer.write_layer(mesh, CORNER_UV / 2)
+    assert len(mesh.uv_layers) == uv_layer.MAX_LAYERS
 
 
 def test_a_copy_of_the_mesh_keeps_its_uvs(mesh):
