@@ -45,6 +45,13 @@ def test_the_worst_texels_are_left_out():
     assert terms_of(np.ones(COUNT), noise, 0.0, dark=0.0).sum_up(np.arange(COUNT)).relative > 1e3
 
 
+@pytest.mark.parametrize("kind", ["photons", "direct", "missing"])
+def test_the_worst_are_so_whatever_they_err_by(kind):
+    noise = np.where(np.arange(COUNT) < (1.0 - BEST_TEXELS) * COUNT - 0.5, 100.0, 0.1)
+    terms = terms_of(np.ones(COUNT), **{"photons": 0.01, "direct": 0.01, "missing": 0.0, kind: noise}, dark=0.0)
+    assert terms.sum_up(np.arange(COUNT)).relative < 0.2
+
+
 def test_only_texels_that_are_asked_count():
     noise = np.where(np.arange(COUNT) < 500, 0.1, 0.7)
     terms = terms_of(np.ones(COUNT), noise, 0.0, dark=0.0)
