@@ -1,6 +1,7 @@
 """Whose error is asked for: the whole's, or that of each object beside its own brightness."""
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -101,3 +102,20 @@ def test_what_is_said_of_objects_is_asked_of_their_texels():
     texels, tri_object = strips_map(40, 24)
     whole = Judged.of("bake", texels, tri_object)
     assert whole.judge_objects(lambda rows: float(len(rows))) == {0: 40.0 * SIDE, 1: 24.0 * SIDE}
+
+
+def test_texels_asked_are_shown_ones_whose_centres_are_covered_if_there_are_any(monkeypatch):
+    rng = np.random.default_rng(3)
+    texels = SimpleNamespace(shown=rng.random(5000) < 0.8, is_central=rng.random(5000) < 0.7)
+    fit = np.flatnonzero(texels.shown & texels.is_central)
+    assert judged.choose_sample(texels).tolist() == fit.tolist()
+    monkeypatch.setattr(judged, "_SAMPLE", 600)
+    asked = judged.choose_sample(texels)
+    monkeypatch.setattr(judged, "_CHUNK", 700)
+    assert judged.choose_sample(texels).tolist() == asked.tolist()  # whatever the pieces
+    place = np.searchsorted(fit, asked)
+    assert (fit[place] == asked).all()
+    assert len(asked) == 600
+    assert 0 < np.diff(place).min() < np.diff(place).max() < 3 * len(fit) / 600
+    texels.shown[:] = False
+    assert judged.choose_sample(texels).tolist() == list(range(5000))
