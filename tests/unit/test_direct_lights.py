@@ -77,7 +77,9 @@ def test_rays_end_at_the_light(kind):
     end = position + aim.direction * aim.distance[:, None]
     assert np.linalg.norm(end, axis=1).max() < 0.5 * UNIT_BOX.scale + 1e-6
     if kind == "sphere":
-        assert np.linalg.norm(end, axis=1) == pytest.approx(0.5 * UNIT_BOX.scale, rel=1e-4)
+        radius = 0.5 * UNIT_BOX.scale
+        assert np.linalg.norm(end, axis=1) == pytest.approx(radius, rel=1e-4)
+        assert aim.distance.max() < math.sqrt(0.3**2 - radius**2) + 1e-5  # where they meet it, not where they would leave it
 
 
 @pytest.mark.parametrize("kind", LIGHTS)
