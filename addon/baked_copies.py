@@ -20,6 +20,7 @@ SOURCE = "leaflight_source"  # on a copy: the object it stands for
 HIDDEN = "leaflight_hidden"  # on a source: its two visibility flags before we hid it
 SHARED_MESH = "leaflight_shared_mesh"  # on an object with a mesh of its own from us: the mesh it shared
 SHAPE = "leaflight_shape"  # on that mesh: digest of its shape when we made it
+MOST_ROUNDING = 1e-4  # of an object's size; more is skew
 LOOK_FLAGS = ("visible_camera", "visible_diffuse", "visible_glossy", "visible_transmission", "visible_volume_scatter", "visible_shadow")
 
 
@@ -41,12 +42,26 @@ def make_copy(scene: bpy.types.Scene, source: bpy.types.Object, evaluated: bpy.t
     mark_made(mesh)
     mark_made(copy)
     copy[SOURCE] = source
-    copy.matrix_world = matrix
+    place_copy(copy, matrix)
     for flag in LOOK_FLAGS:
         setattr(copy, flag, getattr(evaluated, flag))
     copy.color, copy.pass_index = evaluated.color, evaluated.pass_index
     _register_copy(_our_collection(scene), copy)
     return copy
+
+
+def place_copy(copy: bpy.types.Object, matrix: Matrix) -> None:
+    """Puts a copy with a mesh of its own where `matrix` says; what place, rotation and scale cannot hold goes into the mesh.
+
+    Such a matrix is skewed, as that of a child which is turned below a parent of unlike scales.
+    """
+    copy.matrix_world = matrix
+    held = copy.matrix_basis
+    if not held.determinant():
+        return
+    rest = held.inverted() @ matrix
+    if max((rest.col[k] - Matrix.Identity(4).col[k]).length for k in range(3)) > MOST_ROUNDING:
+        copy.data.transform(rest)
 
 
 def part_meshes(wearers: Sequence[tuple[bpy.types.Object, Hashable]], taken: Container[bpy.types.Mesh]) -> list[bpy.types.Object]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..core.file_names import clean_name, make_unique
 from . import gltf_materials, gltf_textures
-from .baked_copies import SOURCE
+from .baked_copies import SOURCE, place_copy
 from .export_pieces import Piece, walk_pieces
 from .materials_write import BAKE, Sentences, find_original
 from .render_levels import evaluate_for_render
@@ -46,7 +46,7 @@ class Stage:
         original, mesh = piece.evaluated.original, bpy.data.meshes.new_from_object(piece.evaluated)
         obj = bpy.data.objects.new(NAME, mesh)
         self._made += [mesh, obj]
-        obj.matrix_world = Matrix(piece.matrix.tolist())
+        place_copy(obj, Matrix(piece.matrix.tolist()))
         self.scene.collection.objects.link(obj)
         names = [original.name, original.data.name]
         if SOURCE in original:

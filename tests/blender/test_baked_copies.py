@@ -46,6 +46,11 @@ def copy_evaluated(obj):
     return copy
 
 
+def world_corners(obj):
+    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    return np.array([evaluated.matrix_world @ evaluated.data.vertices[loop.vertex_index].co for loop in evaluated.data.loops])
+
+
 def show_bake(obj):
     uv_layer.write_layer(obj.data, np.zeros((len(obj.data.loops), 2)))
     return materials_write.assign([(obj, images.preview_image("page", 2, 2))])
@@ -81,6 +86,20 @@ def test_object_level_materials_and_flags_are_the_copys():
     copy = copy_evaluated(source)
     assert copy.material_slots[0].material == paint
     assert not copy.visible_camera
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_skewed_object_is_copied_as_it_stands(mirrored):
+    parent, source = add_object("Stretched", None), add_object("Fence", make_mesh("Fence"))
+    parent.scale = (-3.0 if mirrored else 3.0, 1.0, 0.5)
+    source.parent, source.rotation_euler, source.location = parent, (0.4, 0.3, 0.7), (1.0, 2.0, 3.0)
+    source.modifiers.new("Array", "ARRAY").count = 2
+    bpy.context.view_layer.update()
+    before = world_corners(source)
+    copy = copy_evaluated(source)
+    bpy.context.view_layer.update()
+    np.testing.assert_allclose(world_corners(copy), before, atol=1e-5)
+    assert source.data.vertices[2].co.to_tuple() == (1.0, 1.0, 0.0)
 
 
 def test_each_instance_of_a_collection_gets_a_copy():

@@ -78,6 +78,11 @@ def uv_of(obj, layer):
     return np.unique(np.round(uv.reshape(-1, 2), 5), axis=0)
 
 
+def corners_of(obj):
+    """The cube's eight corners in the world, each once."""
+    return np.unique([(obj.matrix_world @ vertex.co).to_tuple(4) for vertex in obj.data.vertices], axis=0)
+
+
 def snapshot():
     """What the file holds: data-blocks with their users, what objects wear, layers, visibility, and what is shown."""
     blocks = {}
@@ -203,6 +208,20 @@ def test_results_of_modifiers_and_instances_are_in_the_file_once(room, tmp_path)
     assert sorted(node["name"] for node in document["nodes"]) == ["Ball", "Cube", "Floor"]
     count = document["accessors"][primitive_of(document, "Cube")["attributes"]["POSITION"]]["count"]
     assert count >= 2 * 24
+
+
+def test_a_skewed_object_is_in_the_file_as_it_stands(room, tmp_path):
+    parent, cube = bpy.data.objects.new("Stretched", None), bpy.data.objects["Cube"]
+    room.collection.objects.link(parent)
+    parent.scale = (3.0, 1.0, 0.5)
+    cube.parent, cube.rotation_euler = parent, (0.4, 0.3, 0.7)
+    bpy.context.view_layer.update()
+    before = corners_of(cube)
+    bake_room(tmp_path, "combined")
+    export(tmp_path)
+    import_again(tmp_path / "room.glb")
+    bpy.context.view_layer.update()
+    np.testing.assert_allclose(corners_of(bpy.data.objects["Cube"]), before, atol=1e-4)
 
 
 @pytest.mark.parametrize("light", ["combined", "lighting"])
