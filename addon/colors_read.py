@@ -6,11 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
+import bpy
 import numpy as np
 
 from .color_attributes import ColorLayer, ColorTable, Faces
 from .color_nodes import read_function
 from .derived_images import AT_CORNERS, Formula, derive, derive_painted, lie_alike
+from .image_parts import find_frame
 from .images_read import ImageTable, find_sphere_mean
 from .node_colors import BLACK, GREY, WHITE, Color, Rgb, add_rgb, find_brightness, to_rgb
 from .node_formulas import lerp, to_grey
@@ -128,9 +130,11 @@ class ColorReader:
 
 def _read_image(reader: ColorReader, port: Port) -> Color:
     node = port.node
-    pixels = reader.images.read(node.image) if node.image else None
+    sequence = node.image is not None and node.image.source == "SEQUENCE"
+    frame = find_frame(node.image_user, bpy.context.scene.frame_current) if sequence else 0
+    pixels = reader.images.read(node.image, frame) if node.image else None
     if pixels is None:
-        reader.note(f"image {node.image.name} is missing, a constant is used" if node.image else "an image texture has no image")
+        reader.note(_describe_missing(node.image, frame))
         return Color(reader.missing_rgb)
     if pixels.note:
         reader.note(pixels.note)
@@ -145,11 +149,25 @@ def _read_image(reader: ColorReader, port: Port) -> Color:
     if mapping is None:
         reader.note(f"image {node.image.name} is replaced by its mean, for neither a UV layer nor positions map it")
         return Color(mean)
+    if pixels.grid != (0, 0, 1, 1):
+        if node.projection == "BOX":
+            reader.note(f"image {node.image.name} is replaced by its mean, for a box shows no tiles")
+            return Color(mean)
+        mapping = mapping.into_grid(pixels.grid)
     if node.projection == "BOX":
         mapping = replace(mapping, box=True)
         if node.projection_blend > 0.0:
             reader.note(f"the sides of the box projection of image {node.image.name} are not blended")
-    return Color(WHITE, reader.images.index(node.image, node.extension, node.interpolation == "Closest", alpha), mapping, mean)
+    return Color(WHITE, reader.images.index(node.image, frame, node.extension, node.interpolation == "Closest", alpha), mapping, mean)
+
+
+def _describe_missing(image: Any, frame: int) -> str:
+    if image is None:
+        return "an image texture has no image"
+    if image.source == "MOVIE":
+        return f"image {image.name} is a movie, a constant is used; choose a sequence of images in its place"
+    which = f"frame {frame} of image {image.name}" if image.source == "SEQUENCE" else f"image {image.name}"
+    return f"{which} is missing, a constant is used"
 
 
 def _read_sky(reader: ColorReader, port: Port) -> Color:

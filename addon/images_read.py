@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Iterable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..core.image_file import srgb_to_linear
 from ..core.scene import TextureImage
+from .image_parts import find_cell, open_frame, open_tile
 
 MAX_TEXTURE_SIDE_TEXELS = 4096
 _EXTENSIONS = ("REPEAT", "EXTEND", "CLIP", "MIRROR")
@@ -24,12 +27,14 @@ class ImagePixels:
     alpha    (height, width) float32, None where it is 1 everywhere
     mean     RGBA over the image
     note     what of it was replaced, "" nothing
+    grid     the UDIM tiles that lie in it: the first one's column and row, then how many columns and rows
     """
 
     pixels: NDArray[np.float32]
     alpha: NDArray[np.float32] | None
     mean: tuple[float, float, float, float]
     note: str
+    grid: tuple[int, int, int, int] = (0, 0, 1, 1)
 
 
 class ImageTable:
@@ -37,16 +42,17 @@ class ImageTable:
 
     def __init__(self) -> None:
         self.images: list[TextureImage] = []
-        self._index: dict[tuple[int, str, bool, bool], int] = {}
+        self._index: dict[tuple[int, int, str, bool, bool], int] = {}
         self._derived: dict[Hashable, int] = {}
         self.derived_texels = 0
-        self._pixels: dict[int, ImagePixels | None] = {}
+        self._pixels: dict[tuple[int, int], ImagePixels | None] = {}
 
-    def read(self, image: Any) -> ImagePixels | None:
-        """The image's pixels, None where its file is missing or it has none."""
-        if image.session_uid not in self._pixels:
-            self._pixels[image.session_uid] = read_pixels(image)
-        return self._pixels[image.session_uid]
+    def read(self, image: Any, frame: int) -> ImagePixels | None:
+        """The image's pixels, of a sequence those of a frame; None where its file is missing or it has none."""
+        key = (image.session_uid, frame)
+        if key not in self._pixels:
+            self._pixels[key] = _read_whole(image, frame)
+        return self._pixels[key]
 
     def add(self, image: TextureImage) -> int:
         """Where an image that is not one of Blender's is in `images`."""
@@ -69,12 +75,12 @@ class ImageTable:
         self.images = [self.images[index] for index in place]
         return place
 
-    def index(self, image: Any, extension: str, closest: bool, alpha: bool = False) -> int:
+    def index(self, image: Any, frame: int, extension: str, closest: bool, alpha: bool = False) -> int:
         """Where the image, or its alpha as a grey one, is in `images`; it must have been read."""
         extension = extension if extension in _EXTENSIONS else "REPEAT"
-        key = (image.session_uid, extension, closest, alpha)
+        key = (image.session_uid, frame, extension, closest, alpha)
         if key not in self._index:
-            pixels = self._pixels[image.session_uid]
+            pixels = self._pixels[image.session_uid, frame]
             assert pixels is not None
             self._index[key] = len(self.images)
             shown = pixels.pixels if not alpha or pixels.alpha is None else np.repeat(pixels.alpha[..., None], 3, axis=2)
@@ -82,8 +88,12 @@ class ImageTable:
         return self._index[key]
 
 
-def read_pixels(image: Any) -> ImagePixels | None:
-    """Pixels of a Blender image, reduced where it is very large; None when there are none to be had."""
+def read_pixels(image: Any, most_texels: int = 0) -> ImagePixels | None:
+    """Pixels of a Blender image of one file, None when there are none to be had.
+
+    most_texels   on a side, it is reduced to; 0: as many as any texture may have
+    """
+    most_texels = most_texels or MAX_TEXTURE_SIDE_TEXELS
     was_loaded = image.has_data
     width, height = image.size
     if not width or not height or len(image.pixels) != width * height * image.channels:
@@ -102,15 +112,55 @@ def read_pixels(image: Any) -> ImagePixels | None:
     if encoded:
         color = srgb_to_linear(color)
     note = ""
-    if image.source == "TILED":
-        note = f"only the first tile of image {image.name} is used"
-    elif encoded and space != "sRGB":
+    if encoded and space != "sRGB":
         note = f"colour space {space} of image {image.name} is read as sRGB"
     elif not encoded and not image.is_float and not image.colorspace_settings.is_data and space != "Linear Rec.709":
         note = f"colour space {space} of image {image.name} is read as Linear Rec.709"
     red, green, blue = (float(x) for x in color.mean(axis=(0, 1), dtype=np.float64))
     mean_alpha = 1.0 if alpha is None else float(alpha.mean(dtype=np.float64))
-    return ImagePixels(_reduce(color), None if alpha is None else _reduce(alpha[..., None])[..., 0], (red, green, blue, mean_alpha), note)
+    coverage = None if alpha is None else _reduce(alpha[..., None], most_texels)[..., 0]
+    return ImagePixels(_reduce(color, most_texels), coverage, (red, green, blue, mean_alpha), note)
+
+
+def _read_whole(image: Any, frame: int) -> ImagePixels | None:
+    """Pixels of an image, all of its tiles, or a frame of it."""
+    if image.source == "SEQUENCE":
+        with open_frame(image, frame) as one:
+            return read_pixels(one)
+    return _read_tiles(image) if image.source == "TILED" and len(image.tiles) > 1 else read_pixels(image)
+
+
+def _read_tiles(image: Any) -> ImagePixels | None:
+    """UDIM tiles side by side as one image, in the size of the largest; the mean where there is none."""
+    cells, found, lost = [find_cell(tile.number) for tile in image.tiles], {}, ""
+    low, high = np.min(cells, axis=0), np.max(cells, axis=0)
+    columns, rows = (int(n) for n in high - low + 1)
+    most_texels = max(int(MAX_TEXTURE_SIDE_TEXELS / math.sqrt(columns * rows)), 1)  # all of them are as large as one image
+    for number, (tile, cell) in enumerate(zip(image.tiles, cells, strict=True)):
+        with (
+            nullcontext(image) if number == 0 else open_tile(image, tile.number) as one
+        ):  # the first one's are handed out as they are painted
+            pixels = read_pixels(one, most_texels)
+        if pixels is None:
+            lost = lost or f"tile {tile.number} of image {image.name} is missing, the mean of the others is used"
+        else:
+            found[cell] = pixels
+    if not found:
+        return None
+    mean = np.mean([one.mean for one in found.values()], axis=0)
+    height, width = np.max([one.pixels.shape[:2] for one in found.values()], axis=0)
+    stored = np.tile(mean.astype(np.float32), (rows * height, columns * width, 1))
+    for (column, row), one in found.items():
+        place = stored[(row - low[1]) * height :, (column - low[0]) * width :][:height, :width]
+        up, aside = (np.arange(n) * have // n for n, have in zip((height, width), one.pixels.shape[:2], strict=True))
+        place[..., :3] = one.pixels[up][:, aside]
+        place[..., 3] = 1.0 if one.alpha is None else one.alpha[up][:, aside]
+    alpha = stored[..., 3].copy() if stored[..., 3].min() < 1.0 else None
+    unsaved = f"what was painted on tiles of image {image.name} counts from when it is saved" if image.is_dirty else ""
+    note = lost or unsaved or next((one.note for one in found.values() if one.note), "")
+    red, green, blue, opaque = (float(x) for x in mean)
+    grid = (int(low[0]), int(low[1]), columns, rows)
+    return ImagePixels(np.ascontiguousarray(stored[..., :3]), alpha, (red, green, blue, opaque), note, grid)
 
 
 def find_sphere_mean(pixels: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -121,11 +171,11 @@ def find_sphere_mean(pixels: NDArray[np.float32]) -> NDArray[np.float64]:
     return mean
 
 
-def _reduce(color: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Averages of whole blocks, so that no side is above MAX_TEXTURE_SIDE_TEXELS; an incomplete last block is averaged too."""
+def _reduce(color: NDArray[np.float32], most_texels: int) -> NDArray[np.float32]:
+    """Averages of whole blocks, so that no side is above most_texels; an incomplete last block is averaged too."""
     for axis in (0, 1):
         side = color.shape[axis]
-        block = -(-side // MAX_TEXTURE_SIDE_TEXELS)
+        block = -(-side // most_texels)
         if block > 1:
             start = np.arange(0, side, block)
             count = np.minimum(start + block, side) - start

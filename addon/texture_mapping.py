@@ -30,6 +30,13 @@ class UvMapping:
     space: str = UV
     box: bool = False
 
+    def into_grid(self, grid: tuple[int, int, int, int]) -> UvMapping:
+        """The same place in an image of several UDIM tiles (see images_read.ImagePixels)."""
+        column, row, columns, rows = grid
+        into = np.diag([1.0 / columns, 1.0 / rows, 1.0, 1.0])
+        into[:2, 3] = -column / columns, -row / rows
+        return replace(self, affine=_to_rows(into @ np.array(self.affine)))
+
     def apply(self, coordinates: FloatArray, normal: FloatArray | None = None) -> NDArray[np.float64]:
         """Texture coordinates.
 

@@ -150,6 +150,97 @@ def test_missing_image_takes_the_value_behind_the_link():
     assert "image wood is missing" in warning
 
 
+def make_files(folder, colors):
+    """PNG files of one colour each, by the end of their names."""
+    for end, rgb in colors.items():
+        image = bpy.data.images.new("part", 2, 2)
+        image.pixels.foreach_set(np.tile(np.array([*rgb, 1.0], np.float32), 4))
+        image.filepath_raw, image.file_format = str(folder / f"part{end}.png"), "PNG"
+        image.save()
+        bpy.data.images.remove(image)
+
+
+@pytest.fixture
+def udim(tmp_path):
+    """Red, and green on its right, and blue two rows above."""
+    make_files(tmp_path, {".1002": (1, 0, 0), ".1003": (0, 1, 0), ".1022": (0, 0, 1)})
+    image = bpy.data.images.load(str(tmp_path / "part.1002.png"))
+    image.source = "TILED"
+    image.filepath = str(tmp_path / "part.<UDIM>.png")
+    image.tiles[0].number = 1002
+    image.tiles.new(1003)
+    image.tiles.new(1022)
+    return image
+
+
+def shown(image, uv, **node_properties):
+    """Material's reading, its warning and the texture's colour at each place of the UV layer."""
+    tree = Tree()
+    shader = tree.add("BsdfDiffuse", Color=add_image(tree, image, **node_properties).outputs[0])
+    reading, table, warning = tree.show(shader).read()
+    pixels = table.images.images[reading.material.albedo_image].pixels
+    height, width = pixels.shape[:2]
+    place = reading.albedo_mapping.apply(np.array(uv, np.float64)) * (width, height)
+    return warning, [pixels[int(y), int(x)].tolist() for x, y in place]
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_each_udim_tile_shows_its_own_file(udim, tmp_path, packed):
+    if packed:
+        udim.pack()
+        for file in tmp_path.iterdir():
+            file.unlink()
+    before = len(bpy.data.images)
+    warning, colors = shown(udim, [(1.5, 0.5), (2.1, 0.9), (1.9, 2.1)])
+    assert (warning, colors) == ("", [[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    assert len(bpy.data.images) == before
+    assert [tile.number for tile in udim.tiles] == [1002, 1003, 1022]
+
+
+def test_a_udim_tile_without_a_file_is_named_and_has_the_others_mean(udim, tmp_path):
+    (tmp_path / "part.1003.png").unlink()
+    warning, colors = shown(udim, [(1.5, 0.5), (2.5, 0.5)])
+    assert "tile 1003 of image part.1002.png is missing" in warning
+    assert colors == [[1, 0, 0], [0.5, 0, 0.5]]
+
+
+@pytest.mark.parametrize(
+    ("scene_frame", "user", "expected"),
+    [
+        (2, {}, 1),
+        (1, {"frame_offset": 1}, 1),
+        (9, {}, 2),
+        (12, {"frame_start": 11}, 1),
+        (5, {"use_cyclic": True}, 1),
+        (6, {"use_cyclic": True}, 2),
+    ],
+)
+def test_a_sequence_shows_the_scenes_frame(tmp_path, scene_frame, user, expected):
+    rgb = [(1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    make_files(tmp_path, {f"_{n + 1:04d}": rgb[n] for n in range(3)})
+    image = bpy.data.images.load(str(tmp_path / "part_0001.png"))
+    image.source = "SEQUENCE"
+    bpy.context.scene.frame_set(scene_frame)
+    tree = Tree()
+    texture = add_image(tree, image)
+    for name, value in {"frame_duration": 3, **user}.items():
+        setattr(texture.image_user, name, value)
+    reading, table, warning = tree.show(tree.add("BsdfDiffuse", Color=texture.outputs[0])).read()
+    assert warning == ""
+    assert table.images.images[reading.material.albedo_image].pixels[0, 0].tolist() == list(rgb[expected])
+
+
+def test_a_frame_that_is_no_file_is_named(tmp_path):
+    make_files(tmp_path, {"_1": (1, 0, 0)})
+    image = bpy.data.images.load(str(tmp_path / "part_1.png"))
+    image.source = "SEQUENCE"
+    tree = Tree()
+    texture = add_image(tree, image)
+    texture.image_user.frame_duration, texture.image_user.frame_offset = 3, 6
+    _, _, warning = tree.show(tree.add("BsdfDiffuse", Color=texture.outputs[0])).read()
+    assert "frame 7 of image part_1.png is missing" in warning
+
+
 @pytest.mark.parametrize(
     ("vector_type", "expected"),
     [
