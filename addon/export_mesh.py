@@ -71,12 +71,17 @@ class WorldMesh:
     left_out: int
 
 
-def read_mesh(mesh: Any, asked: frozenset[str] = frozenset()) -> LocalMesh:
-    """The arrays of a Blender mesh; `asked` are names of attributes that are shown, if they are no colours of faces or vertices."""
+def read_mesh(mesh: Any, asked: frozenset[str] = frozenset(), left_out: str = "") -> LocalMesh:
+    """The arrays of a Blender mesh.
+
+    asked      names of attributes that are shown, if they are no colours of faces or vertices
+    left_out   name of a UV layer that is none of the user's
+    """
     mesh.calc_loop_triangles()
     n_corner, n_polygon, n_tri = len(mesh.loops), len(mesh.polygons), len(mesh.loop_triangles)
     colors, short = read_attributes(mesh, asked)
-    render_layer = next((layer.name for layer in mesh.uv_layers if layer.active_render), "")
+    uv_layers = [layer for layer in mesh.uv_layers if layer.name != left_out]
+    render_layer = next((layer.name for layer in uv_layers if layer.active_render), "")
     return LocalMesh(
         position=_get(mesh.vertices, "co", (len(mesh.vertices), 3), np.float32).astype(np.float64),
         corner_vertex=_get(mesh.loops, "vertex_index", (n_corner,), np.int32),
@@ -85,7 +90,7 @@ def read_mesh(mesh: Any, asked: frozenset[str] = frozenset()) -> LocalMesh:
         corner_normal=_read_corner_normals(mesh, n_corner, n_polygon),
         tri_corner=_get(mesh.loop_triangles, "loops", (n_tri, 3), np.int32),
         tri_polygon=_get(mesh.loop_triangles, "polygon_index", (n_tri,), np.int32),
-        layers={layer.name: _get(layer.uv, "vector", (n_corner, 2), np.float32).astype(np.float64) for layer in mesh.uv_layers},
+        layers={layer.name: _get(layer.uv, "vector", (n_corner, 2), np.float32).astype(np.float64) for layer in uv_layers},
         render_layer=render_layer,
         colors=colors,
         short=short,

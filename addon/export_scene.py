@@ -19,7 +19,7 @@ from .lights_read import read_light, read_world
 from .materials_read import MaterialTable
 from .object_settings import BAKE, IGNORE, ObjectChoice, read_choice, registered
 from .render_levels import Warnings, evaluate_for_render
-from .uv_layer import has_room
+from .uv_layer import has_room, name_ours
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ class _Export:
         data = evaluated.data
         key = (data.as_pointer(), len(data.vertices), len(data.loops), len(data.polygons))
         if key not in self._local:
-            self._local[key] = read_mesh(evaluated.to_mesh(), self._materials.asked)
+            self._local[key] = read_mesh(evaluated.to_mesh(), self._materials.asked, name_ours(evaluated, self._uv_layer))
             evaluated.to_mesh_clear()
         return self._local[key]
 

@@ -73,6 +73,12 @@ def layer_name(mesh: bpy.types.Mesh) -> str:
     return layer.name if layer else ""
 
 
+def name_ours(evaluated: bpy.types.Object, asked: str | None) -> str:
+    """Name of our layer on an evaluated object's own mesh, which is no layer of its textures; "" without one, or where it is asked for."""
+    name = layer_name(evaluated.original.data)
+    return "" if name == asked else name
+
+
 def activate_layer(mesh: bpy.types.Mesh, name: str) -> None:
     """Makes the bake's layer the active one, through which the Solid view shows images, and remembers the user's."""
     before = mesh[ACTIVE]["before"] if ACTIVE in mesh else _active_names(mesh)[0]

@@ -7,6 +7,7 @@ bpy = pytest.importorskip("bpy")
 
 from leaflight.addon.export_scene import export_scene, find_objects
 from leaflight.addon.materials_read import MaterialTable
+from leaflight.addon.uv_layer import write_layer
 from leaflight.core.materials import SurfaceMaterials
 
 
@@ -73,6 +74,19 @@ def test_default_receivers_and_shared_meshes():
     assert not any(exported.needs_copy for exported in result.objects)
     assert find_objects(result.objects[:1]) == [bpy.data.objects["A"]]
     assert result.warnings == ()
+
+
+def test_the_layer_of_an_earlier_bake_is_none_of_a_textures():
+    image = bpy.data.images.new("Wood", 4, 4)
+    image.pixels.foreach_set(np.linspace(0.1, 0.9, 64, dtype=np.float32))
+    mesh = add_object("Plank", make_mesh("Plank", layers=())).data
+    mesh.materials.append(make_material("Wood", image))
+    before = export()
+    write_layer(mesh, np.random.default_rng(0).random((len(mesh.loops), 2)))
+    again = export()
+    assert again.warnings == before.warnings == (("Plank", "has no UV layer, so its texture shows one colour everywhere"),)
+    assert not part(again, "Plank", "tri_albedo_uv").any()
+    assert export(uv_layer=mesh.uv_layers[0].name).snapshot.objects[0].has_layer
 
 
 def test_named_objects_receive_and_others_cast():
