@@ -62,11 +62,12 @@ def _makes_instances(obj: Any) -> bool:
 class Receivers:
     """The rule for one export: what is named receives light, else every mesh."""
 
-    def __init__(self, names: Sequence[str] | None, keys: Sequence[tuple[Any, str]], warnings: Warnings) -> None:
-        """keys: source and kind of every mesh piece of the scene."""
+    def __init__(self, names: Sequence[str] | None, keys: Sequence[tuple[Any, str, Any]], warnings: Warnings) -> None:
+        """keys: source and kind of every mesh piece of the scene, and the object whose mesh it is."""
         self._names = None if names is None else set(names)
         self._warnings = warnings
-        self._count = Counter((source, kind) for source, kind in keys)
+        self._count = Counter((source, kind) for source, kind, _ in keys)
+        self._makers = {own: source for source, kind, own in keys if kind != OWN and own != source and self._only_casts(source, kind)}
         self._warned: set[Any] = set()
 
     def receives(self, piece: Piece) -> bool:
@@ -75,14 +76,24 @@ class Receivers:
             return False
         if piece.kind == CURVE:
             return False
+        maker = self._makers.get(piece.source) if piece.kind == OWN else None
+        if maker is not None:  # its instances wear its bake, or are hidden with it behind a copy
+            found = f"{maker.name} makes instances of it that get no lightmap"
+            told = "are shown with its light, or not at all" if self._names else "would be shown with its light, so it gets none either"
+            self._warn_once(piece.source, f"{found} and {told}; hide it in render, or bake a copy of it")
+            return bool(self._names)
         if piece.kind == SCATTER:
             self._warn_once(piece.source, "particles and instances on its vertices or faces cast light but get no lightmap")
             return False
-        count = self._count[piece.source, piece.kind]
-        if piece.kind != OWN and count > MAX_INSTANCES:
+        if piece.kind != OWN and self._only_casts(piece.source, piece.kind):
+            count = self._count[piece.source, piece.kind]
             self._warn_once(piece.source, f"its {count} instances cast light but get no lightmap; realize them to bake them")
             return False
         return True
+
+    def _only_casts(self, source: Any, kind: str) -> bool:
+        """Whether what an object makes of this kind is without lightmaps."""
+        return kind == SCATTER or self._count[source, kind] > MAX_INSTANCES
 
     def tell_no_faces(self, piece: Piece) -> None:
         """Tells that a piece is left out, unless all that its object is there for is instances."""

@@ -15,6 +15,7 @@ from .export_arrays import PieceArrays, join_arrays, read_piece
 from .export_mesh import LocalMesh, count_duplicates, read_mesh
 from .export_pieces import COLLECTION, CURVE, OWN, Piece, PieceKey, walk_pieces
 from .export_receivers import NO_ROOM, Receivers, check_names, describe_nothing, repeats_layer
+from .left_out import warn_left_out
 from .lights_read import read_light, read_world
 from .materials_read import MaterialTable
 from .object_settings import BAKE, IGNORE, ObjectChoice, read_choice, registered
@@ -76,7 +77,7 @@ def export_scene(
     view_layer = view_layer or _find_view_layer(context_or_scene, scene)
     warnings: Warnings = []
     view_layer.update()  # that of a new scene is empty until then
-    _warn_working_space(warnings)
+    warn_left_out(view_layer, warnings)
     with registered():
         check_names(scene, view_layer, objects)
         with evaluate_for_render(scene, view_layer, warnings) as depsgraph:
@@ -102,7 +103,7 @@ class _Export:
         self._names: set[str] = set()
         self._found: list[tuple[ExportedObject, SceneObject, PieceArrays, int]] = []
         self._lights: list[Light] = []
-        keys = [(piece.source, piece.kind) for piece in walk_pieces(view_layer, depsgraph) if piece.evaluated.type == "MESH"]
+        keys = [(p.source, p.kind, p.evaluated.original) for p in walk_pieces(view_layer, depsgraph) if p.evaluated.type == "MESH"]
         self._receivers = Receivers(names, keys, warnings)
         curves: list[str] = []
         for piece in walk_pieces(view_layer, depsgraph):
@@ -241,10 +242,3 @@ def _find_view_layer(context_or_scene: Any, scene: Any) -> Any:
     if bpy.context.scene == scene:
         return bpy.context.view_layer
     return next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
-
-
-def _warn_working_space(warnings: Warnings) -> None:
-    colorspace = getattr(bpy.data, "colorspace", None)  # from Blender 5.0 on
-    space = getattr(colorspace, "working_space", "Linear Rec.709")
-    if space != "Linear Rec.709":
-        warnings.append(("", f"the file's working space {space} is treated as Linear Rec.709"))

@@ -200,6 +200,32 @@ def test_too_many_instances_only_cast(monkeypatch):
     assert "4 instances" in dict(result.warnings)["Points"]
 
 
+def test_what_instances_without_a_lightmap_are_made_of_has_none_either(monkeypatch):
+    monkeypatch.setattr("leaflight.addon.export_receivers.MAX_INSTANCES", 3)
+    leaf = add_plane("Leaf")
+    add_modifier(add_plane("Points"), "NODES", node_group=make_points_group(instanced=leaf))
+    result = export()
+    assert {name for name, (o, _) in by_name(result).items() if o.receives} == {"Points"}
+    assert "Points makes instances of it that get no lightmap" in dict(result.warnings)["Leaf"]
+    asked = export(objects=["Leaf"])
+    assert {name for name, (o, _) in by_name(asked).items() if o.receives} == {"Leaf"}
+    assert "are shown with its light" in dict(asked.warnings)["Leaf"]
+    monkeypatch.setattr("leaflight.addon.export_receivers.MAX_INSTANCES", 4)
+    assert all(o.receives for o, _ in by_name(export()).values())
+
+
+def test_what_particles_are_made_of_has_no_lightmap():
+    emitter, leaf = add_plane("Emitter"), add_plane("Leaf")
+    emitter.modifiers.new("Leaves", "PARTICLE_SYSTEM")
+    settings = emitter.particle_systems[0].settings
+    settings.type, settings.count, settings.render_type, settings.instance_object = "HAIR", 4, "OBJECT", leaf
+    result = export()
+    assert len(result.objects) == 6
+    assert {name for name, (o, _) in by_name(result).items() if o.receives} == {"Emitter"}
+    leaf.hide_render = True
+    assert [subject for subject, _ in export().warnings] == ["Emitter"]
+
+
 def test_instances_on_faces_only_cast():
     parent = add_plane("Parent", instance_type="VERTS")
     child = add_plane("Child")
