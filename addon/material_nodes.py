@@ -35,7 +35,8 @@ def write_nodes(material: bpy.types.Material, image: bpy.types.Image, uv_layer: 
     error, shader = "", _show(place, texture.outputs["Color"])
     if mode == "lighting":
         error, shader = _lit_base(place, texture.outputs["Color"], shader, surface, constant_base)
-    for output in outputs or [place.node("ShaderNodeOutputMaterial", 4)]:
+    shader = _cut_out(place, shader, surface) if surface else shader
+    for output in outputs or [place.node("ShaderNodeOutputMaterial", 5)]:
         tree.links.new(output.inputs["Surface"], shader)
     return error
 
@@ -132,6 +133,42 @@ def _lit_base(
     place.tree.links.new(add.inputs[0], shader)
     place.tree.links.new(add.inputs[1], glow.outputs["Emission"])
     return error, add.outputs["Shader"]
+
+
+def _cut_out(place: _Placer, shader: bpy.types.NodeSocket, surface: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+    """The shader with the gaps that an alpha texture cuts into leaves and fences; a constant alpha is in the bake already."""
+    node = _find_feeding(surface)
+    if node is None:
+        return shader
+    if node.type == "BSDF_PRINCIPLED" and node.inputs["Alpha"].is_linked:
+        return _mix_gaps(place, shader, node.inputs["Alpha"].links[0].from_socket, 0)
+    if node.type != "MIX_SHADER" or not node.inputs[0].is_linked:
+        return shader
+    gaps = [number for number in (0, 1) if (part := _find_feeding(node.inputs[1 + number])) and part.type == "BSDF_TRANSPARENT"]
+    if len(gaps) != 1:
+        return shader
+    solid = _cut_out(place, shader, node.inputs[2 - gaps[0]])
+    return _mix_gaps(place, solid, node.inputs[0].links[0].from_socket, gaps[0])
+
+
+def _mix_gaps(place: _Placer, shader: bpy.types.NodeSocket, fraction: bpy.types.NodeSocket, number_of_gaps: int) -> bpy.types.NodeSocket:
+    """(1 - fraction) of the first and fraction of the second: of the shader, and of what lets all light through."""
+    mix, gap = place.node("ShaderNodeMixShader", 4), place.node("ShaderNodeBsdfTransparent", 3)
+    sockets = [shader, shader]
+    sockets[number_of_gaps] = gap.outputs[0]
+    for socket, source in zip(mix.inputs, (fraction, *sockets), strict=True):
+        place.tree.links.new(socket, source)
+    return mix.outputs[0]
+
+
+def _find_feeding(socket: bpy.types.NodeSocket) -> bpy.types.Node | None:
+    """The node that feeds a socket, past reroutes; None where nothing does."""
+    while socket.is_linked:
+        node = socket.links[0].from_node
+        if node.type != "REROUTE":
+            return node
+        socket = node.inputs[0]
+    return None
 
 
 def _shader_nodes(socket: bpy.types.NodeSocket) -> Iterator[bpy.types.Node]:

@@ -150,6 +150,59 @@ def test_lighting_shows_light_times_base_color_plus_emission(plane, tmp_path, bu
     np.testing.assert_allclose(render(tmp_path), expected, rtol=0.03)
 
 
+MASK = np.array([1.0, 0.0, 1.0, 1.0, 0.0], np.float32)  # of columns
+
+
+def add_mask(tree):
+    """A socket of MASK over the user's own layer."""
+    image = bpy.data.images.new("mask", 5, 1, float_buffer=True)
+    image.colorspace_settings.name = "Non-Color"
+    image.pixels.foreach_set(np.repeat(MASK, 4))
+    node = tree.nodes.new("ShaderNodeTexImage")
+    node.image, node.interpolation = image, "Closest"
+    return node.outputs[0]
+
+
+def alpha_of_principled(tree, surface):
+    tree.links.new(tree.nodes["Principled BSDF"].inputs["Alpha"], add_mask(tree))
+
+
+def mix_with_gaps(tree, surface, first=False):
+    mix, gap, bend = (tree.nodes.new(kind) for kind in ("ShaderNodeMixShader", "ShaderNodeBsdfTransparent", "NodeReroute"))
+    inside = [gap.outputs[0], tree.nodes["Principled BSDF"].outputs[0]]
+    if first:
+        invert = tree.nodes.new("ShaderNodeInvert")
+        tree.links.new(invert.inputs["Color"], add_mask(tree))
+        inside.reverse()
+    tree.links.new(mix.inputs[0], invert.outputs[0] if first else add_mask(tree))
+    for number, source in enumerate(inside):
+        tree.links.new(mix.inputs[1 + number], source)
+    tree.links.new(bend.inputs[0], mix.outputs[0])
+    tree.links.new(surface, bend.outputs[0])
+
+
+def mix_with_gaps_turned(tree, surface):
+    mix_with_gaps(tree, surface, first=True)
+
+
+def constant_alpha(tree, surface):
+    tree.nodes["Principled BSDF"].inputs["Alpha"].default_value = 0.7  # what is baked is already less for it
+
+
+@pytest.mark.parametrize("mode", ["combined", "lighting"])
+@pytest.mark.parametrize("build", [alpha_of_principled, mix_with_gaps, mix_with_gaps_turned, constant_alpha])
+def test_gaps_of_leaves_stay_gaps(plane, tmp_path, build, mode):
+    plane.data.uv_layers["UVMap"].uv.foreach_set("vector", np.array([0, 0, 1, 0, 1, 1, 0, 1], np.float32))
+    material = make_material("Leaf")
+    tree = material.node_tree
+    tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    build(tree, tree.get_output_node("CYCLES").inputs["Surface"])
+    plane.data.materials.append(material)
+    assert materials_write.assign([(plane, page_image())], mode) == []
+    mask = np.ones_like(MASK) if build is constant_alpha else MASK
+    np.testing.assert_allclose(render(tmp_path), PAGE * mask[None, :, None], rtol=0.03)
+
+
 def test_lighting_without_a_material_is_on_blenders_default_grey(plane, tmp_path):
     assert materials_write.assign([(plane, page_image())], "lighting") == []
     np.testing.assert_allclose(render(tmp_path), 0.8 * PAGE, rtol=0.03)
