@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .render_levels import find_hidden_instances, find_render_objects
+from .render_levels import find_hidden_instances, find_render_objects, find_set_objects
 
 PieceKey = tuple[int, ...]  # source uid, evaluated object's uid, then the instance's persistent id
 
@@ -40,7 +40,7 @@ class Piece:
 
 def walk_pieces(view_layer: Any, depsgraph: Any) -> Iterator[Piece]:
     """Meshes and lights that a render of the view layer shows; `depsgraph` comes from `evaluate_for_render`."""
-    rendered = find_render_objects(view_layer)
+    rendered = find_render_objects(view_layer) | find_set_objects(view_layer)
     hidden: dict[Any, set[Any]] = {}
     for instance in depsgraph.object_instances:
         evaluated = instance.object

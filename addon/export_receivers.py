@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import Any
 
 from ..core.told import group_warnings
@@ -62,10 +62,16 @@ def _makes_instances(obj: Any) -> bool:
 class Receivers:
     """The rule for one export: what is named receives light, else every mesh."""
 
-    def __init__(self, names: Sequence[str] | None, keys: Sequence[tuple[Any, str, Any]], warnings: Warnings) -> None:
-        """keys: source and kind of every mesh piece of the scene, and the object whose mesh it is."""
+    def __init__(
+        self, names: Sequence[str] | None, keys: Sequence[tuple[Any, str, Any]], of_set: Container[Any], warnings: Warnings
+    ) -> None:
+        """The rule for a scene.
+
+        keys     source and kind of every mesh piece, and the object whose mesh it is
+        of_set   sources that are of the Background Scene
+        """
         self._names = None if names is None else set(names)
-        self._warnings = warnings
+        self._of_set, self._warnings = of_set, warnings
         self._count = Counter((source, kind) for source, kind, _ in keys)
         self._makers = {own: source for source, kind, own in keys if kind != OWN and own != source and self._only_casts(source, kind)}
         self._warned: set[Any] = set()
@@ -75,6 +81,11 @@ class Receivers:
         if self._names is not None and piece.source.name not in self._names:
             return False
         if piece.kind == CURVE:
+            return False
+        if piece.source in self._of_set:
+            self._warn_once(
+                piece.source, "is of the Background Scene: it casts light but gets no lightmap; link it into this one to bake it"
+            )
             return False
         maker = self._makers.get(piece.source) if piece.kind == OWN else None
         if maker is not None:  # its instances wear its bake, or are hidden with it behind a copy

@@ -19,7 +19,7 @@ from .left_out import warn_left_out
 from .lights_read import read_light, read_world
 from .materials_read import MaterialTable
 from .object_settings import BAKE, IGNORE, ObjectChoice, read_choice, registered
-from .render_levels import Warnings, evaluate_for_render
+from .render_levels import Warnings, evaluate_for_render, find_set_objects
 from .uv_layer import has_room, name_ours
 
 
@@ -104,7 +104,7 @@ class _Export:
         self._found: list[tuple[ExportedObject, SceneObject, PieceArrays, int]] = []
         self._lights: list[Light] = []
         keys = [(p.source, p.kind, p.evaluated.original) for p in walk_pieces(view_layer, depsgraph) if p.evaluated.type == "MESH"]
-        self._receivers = Receivers(names, keys, warnings)
+        self._receivers = Receivers(names, keys, find_set_objects(view_layer), warnings)
         curves: list[str] = []
         for piece in walk_pieces(view_layer, depsgraph):
             choice = read_choice(piece.source, piece.evaluated.original)

@@ -58,6 +58,18 @@ def find_render_objects(view_layer: Any) -> set[Any]:
     return found
 
 
+def find_set_objects(view_layer: Any) -> set[Any]:
+    """The objects of the scene's Background Scene, and of that one's own, which are rendered beside those of the view layer."""
+    found: set[Any] = set()
+    seen = {view_layer.id_data}
+    behind = view_layer.id_data.background_set
+    while behind is not None and behind not in seen:
+        seen.add(behind)
+        found |= find_render_objects(next((layer for layer in behind.view_layers if layer.use), behind.view_layers[0]))
+        behind = behind.background_set
+    return found
+
+
 def find_hidden_instances(collection: Any) -> set[Any]:
     """The objects below an instanced collection that a render does not show there."""
     shown: set[Any] = set()

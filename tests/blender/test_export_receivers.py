@@ -226,6 +226,20 @@ def test_what_particles_are_made_of_has_no_lightmap():
     assert [subject for subject, _ in export().warnings] == ["Emitter"]
 
 
+def test_objects_of_the_background_scene_only_cast():
+    add_plane("Floor")
+    behind, deeper = bpy.data.scenes.new("Set"), bpy.data.scenes.new("Deeper")
+    add_plane("Wall", behind.collection)
+    add_plane("Hidden", behind.collection, hide_render=True)
+    add_plane("Hill", deeper.collection)
+    behind.background_set = deeper
+    assert set(by_name(export())) == {"Floor"}
+    bpy.context.scene.background_set = behind
+    result = export()
+    assert {name: o.receives for name, (o, _) in by_name(result).items()} == {"Floor": True, "Hill": False, "Wall": False}
+    assert sorted(subject for subject, text in result.warnings if "Background Scene" in text) == ["Hill", "Wall"]
+
+
 def test_instances_on_faces_only_cast():
     parent = add_plane("Parent", instance_type="VERTS")
     child = add_plane("Child")
