@@ -167,7 +167,7 @@ def _describe_missing(image: Any, frame: int) -> str:
     if image.source == "MOVIE":
         return f"image {image.name} is a movie, a constant is used; choose a sequence of images in its place"
     which = f"frame {frame} of image {image.name}" if image.source == "SEQUENCE" else f"image {image.name}"
-    return f"{which} is missing, a constant is used"
+    return f"{which} is missing (File > External Data finds it), a constant is used"
 
 
 def _read_sky(reader: ColorReader, port: Port) -> Color:

@@ -100,7 +100,12 @@ def _texture_uv(
         coordinates = layer[corner]
     else:
         what = f"UV layer {mapping.layer}" if mapping.layer else "UV layer"
-        warnings.append((piece.source.name, f"has no {what}, so its texture shows one colour everywhere"))
+        warnings.append(
+            (
+                piece.source.name,
+                f"has no {what}, so its texture shows one colour everywhere; unwrap it, or choose another layer in the material",
+            )
+        )
         coordinates = np.zeros((*corner.shape, 2))
     normal = _find_normals(local, corner, piece.matrix) if mapping.box else None
     return np.nan_to_num(mapping.apply(coordinates, normal)).astype(np.float32)

@@ -216,7 +216,9 @@ class _Export:
         count = arrays.world.left_out
         if count:
             what = "every face is" if not arrays.n_tri else "1 face is" if count == 1 else f"{count} faces are"
-            self._warnings.append((piece.source.name, f"{what} left out, for a coordinate is not a finite number"))
+            self._warnings.append(
+                (piece.source.name, f"{what} left out, for a coordinate is not a finite number; delete or mend what has it")
+            )
         duplicates = count_duplicates(arrays.world) if receives else 0
         if duplicates:
             what = "1 triangle lies exactly on another" if duplicates == 1 else f"{duplicates} triangles lie exactly on others"

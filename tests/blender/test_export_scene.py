@@ -84,7 +84,11 @@ def test_the_layer_of_an_earlier_bake_is_none_of_a_textures():
     before = export()
     write_layer(mesh, np.random.default_rng(0).random((len(mesh.loops), 2)))
     again = export()
-    assert again.warnings == before.warnings == (("Plank", "has no UV layer, so its texture shows one colour everywhere"),)
+    assert (
+        again.warnings
+        == before.warnings
+        == (("Plank", "has no UV layer, so its texture shows one colour everywhere; unwrap it, or choose another layer in the material"),)
+    )
     assert not part(again, "Plank", "tri_albedo_uv").any()
     assert export(uv_layer=mesh.uv_layers[0].name).snapshot.objects[0].has_layer
 

@@ -238,7 +238,7 @@ def test_a_frame_that_is_no_file_is_named(tmp_path):
     texture = add_image(tree, image)
     texture.image_user.frame_duration, texture.image_user.frame_offset = 3, 6
     _, _, warning = tree.show(tree.add("BsdfDiffuse", Color=texture.outputs[0])).read()
-    assert "frame 7 of image part_1.png is missing" in warning
+    assert "frame 7 of image part_1.png is missing (File > External Data finds it)" in warning
 
 
 @pytest.mark.parametrize(
