@@ -23,7 +23,7 @@ from .direct_shown import GRAIN, ShownDirect, find_grain
 from .judged import DARK_FLOOR
 from .messages import Message, Status
 from .other_light import OtherLight
-from .scene import IntArray
+from .scene import FloatArray, IntArray
 from .settings import Settings
 from .texel_map import TexelMap
 from .words import Words
@@ -74,6 +74,13 @@ def cut_into_shards(count: int) -> list[int]:
     size = min(max(count // _SHARDS_ENOUGH, SHARD_TEXELS), _LARGEST_SHARD)
     n_shard = max(2 * round(count / (2 * size)), math.ceil(count / _LARGEST_SHARD))
     return [count * i // n_shard for i in range(n_shard + 1)]
+
+
+def _average_in_blocks(rows: IntArray, values: FloatArray) -> NDArray[np.float64]:
+    """(m,): of each of some texel entries (m,) the mean of those values that are in its block."""
+    block = rows // _BLOCK
+    out: NDArray[np.float64] = (np.bincount(block, values) / np.maximum(np.bincount(block), 1))[block]
+    return out
 
 
 def _divide(seen: NDArray[np.float64], expected: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -128,8 +135,8 @@ class DirectField:
         rows = np.flatnonzero(self.by_openings)
         if not len(rows):
             return error2
-        block, out = rows // _BLOCK, error2.copy()
-        out[rows] = (np.bincount(block, error2[rows]) / np.maximum(np.bincount(block), 1))[block]
+        out = error2.copy()
+        out[rows] = _average_in_blocks(rows, error2[rows])
         return out
 
     def ask_for(self, error: float) -> None:
@@ -262,6 +269,9 @@ class DirectField:
         rows = rows[again]
         gap = light.irradiance_rgb[again] - self.irradiance[rows]
         joint = self.irradiance[rows] + gap / (self.passes[rows, None] + 1)  # which a texel's own noise moves independently of the gap
+        few = np.flatnonzero(self.by_openings[rows])
+        if len(few):  # where that is not so: one ray that found much makes a texel bright, and its gap seem small beside that
+            joint[few] = np.stack([_average_in_blocks(rows[few], channel) for channel in joint[few].T], axis=1)
         weight = 1.0 / (joint + floor) ** 2
         seen = (weight * gap**2).sum(axis=1)
         expected = (weight * (light.variance_rgb[again] + self.variance[rows])).sum(axis=1)

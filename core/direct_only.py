@@ -79,10 +79,16 @@ def settle_direct(
 def _find_worst(direct: DirectField, error2: NDArray[np.float32], error: float) -> NDArray[np.intp]:
     """Texels (m,), ascending, to be shot again: neighbours below openings as one, or if none of these errs too much, each by itself.
 
+    Where nobody does either, smoothing blurs too much, which it does the less the less noise there is: then those that have most of it.
+
     error2   (n,): relative, squared
     """
-    for told in (direct.share_error(error2), error2):
-        worst = np.flatnonzero((told > error**2) & (direct.passes < direct.most_passes))
+    shared = direct.share_error(error2)
+    asked = [told > error**2 for told in (shared, error2)]
+    if not any(of.any() for of in asked):
+        asked = [shared > shared.mean(dtype=np.float64)]
+    for of in asked:
+        worst = np.flatnonzero(of & (direct.passes < direct.most_passes))
         if len(worst):
             break
     return worst

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .all_light import AllLight
 from .direct_shown import ShownGathered, SmoothedAt
 from .judged import BEST_TEXELS, find_dark2
 from .missing_light import Bias
@@ -66,10 +65,24 @@ class RayNoise:
 
         weight   (m, 3) of AllLight.weigh
         """
-        asked, noise2, at_best = best[self.told[best]], self.noise2[best], self.smoothing.take(best)
-        noise2[at_best.is_smoothed] *= self.smoothing.take(asked).find_noise_share(weight[asked])
-        blur2 = np.where(self.told[best], (weight[best] * at_best.blur2).mean(1), 0.0)
-        return _mean(noise2) + max(_mean(blur2), 0.0)
+        asked, noise2 = best[self.told[best]], self.noise2[best]
+        noise2[self.smoothing.is_smoothed[best]] *= self.smoothing.take(asked).find_noise_share(weight[asked])
+        return _mean(noise2) + self._sum_up_blur(weight, best)
+
+    def find_error(self, weight: NDArray[np.float32], rows: NDArray[np.int64]) -> float:
+        """Root of that over texels `rows` (k,) of the sample but for the worst of them, where there is no other light.
+
+        All noise is believed: measured, two_rooms would else state 0.75 of its error.
+        """
+        if not len(rows):
+            return 0.0
+        noise2 = self.noise2[rows]
+        best = rows[np.argsort(noise2, kind="stable")[: math.ceil(BEST_TEXELS * len(rows))]]
+        return math.sqrt(_mean(self.noise2[best]) + self._sum_up_blur(weight, best))
+
+    def _sum_up_blur(self, weight: NDArray[np.float32], best: NDArray[np.int64]) -> float:
+        blur2 = np.where(self.told[best], (weight[best] * self.smoothing.blur2[best]).mean(1), 0.0)
+        return max(_mean(blur2), 0.0)
 
 
 @dataclass(frozen=True)
@@ -143,16 +156,11 @@ def _weigh_alone(light: NDArray[np.float32], dark: float, weight: NDArray[np.flo
 
 
 def judge_rays_alone(
-    light: NDArray[np.float32], all_light: AllLight, direct2: NDArray[np.float32], sample: NDArray[np.int64], rows: NDArray[np.int64]
+    light: NDArray[np.float32], dark: float, weight: NDArray[np.float32], rays: RayNoise, rows: NDArray[np.int64]
 ) -> float:
-    """As Terms.judge_alone, where there are no photons; direct2 (m,): noise of direct light, relative and squared."""
-    return find_root(direct2[rows] * _weigh_alone(light[rows], all_light.dark, all_light.weigh(sample[rows]))[1])
-
-
-def find_root(noise2: NDArray[np.floating[Any]]) -> float:
-    """Root mean of squares (k,), but for the worst of them."""
-    count = math.ceil(BEST_TEXELS * len(noise2))
-    return math.sqrt(np.sort(noise2)[:count].sum() / max(count, 1))
+    """As Terms.judge_alone, where there are no photons; arguments as the fields of Terms, rays of direct light."""
+    own, factor = _weigh_alone(light[rows], dark, weight[rows])
+    return rays.take(rows, factor).find_error(own, np.arange(len(rows)))
 
 
 def _mean(values: NDArray[np.floating[Any]]) -> float:

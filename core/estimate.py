@@ -20,7 +20,7 @@ from . import missing_light, photon_noise
 from .all_light import AllLight
 from .denoise import GRAIN_LEFT, SMALL_LEAF
 from .direct_shown import ShownDirect, ShownGathered
-from .error_terms import RayNoise, Terms, find_root, judge_rays_alone
+from .error_terms import RayNoise, Terms, judge_rays_alone
 from .judged import Judged, Parts
 from .neighbours import Neighbours
 from .photon_noise import PhotonNoise
@@ -86,8 +86,9 @@ def state_error(
     all_light = AllLight.of(tree, solution, leaves, shown_direct, judged)
     direct2 = all_light.relate(shown_direct.variance_at, sample)
     texel_direct2 = partial(all_light.relate_all, shown_direct.variance_at)
+    rays = RayNoise(shown_direct.tell_smoothing(sample), np.ones(len(sample), bool), direct2)
     if not reading.totals.photons.sum() or not len(sample):
-        return _state_rays_alone(all_light, judged, direct2, correction, texel_direct2)
+        return _state_rays_alone(all_light, judged, rays, correction, texel_direct2)
     # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
     blend = Blend.of(texels, tree, solution, all_light.leaf, halves=True)
     alone, shown = blend.compare_at(sample)
@@ -105,7 +106,7 @@ def state_error(
         noise=noise,
         unseen2=photon_noise.find_unseen(judged, asked.weight, np.zeros(3) if photon_w is None else photon_w),
         bias=missing_light.find_bias(tree, solution, reading.comparison, leaves, sample, asked, correction),
-        direct=RayNoise(shown_direct.tell_smoothing(sample), np.ones(len(sample), bool), direct2),
+        direct=rays,
         gathered=None,
         indirect=np.maximum(all_light.node_light[asked.leaf], 0.0) * np.sqrt(asked.weight),
     )
@@ -136,16 +137,13 @@ def state_error(
 def _state_rays_alone(
     all_light: AllLight,
     judged: Judged,
-    direct2: NDArray[np.float32],
+    rays: RayNoise,
     correction: NDArray[np.float64],
     texel_direct2: Callable[[], NDArray[np.float32]],
 ) -> StatedError:
-    """As state_error, where there are no photons.
-
-    direct2   (m,) float32: noise of direct light at the texels that are asked, relative and squared
-    """
-    parts, sample = all_light.parts, judged.entry
-    of_parts = np.array([find_root(direct2[rows]) for rows in parts.rows])
+    """As state_error, where there are no photons; rays of direct light at the texels that are asked."""
+    parts, light, weight = all_light.parts, all_light.at(judged.entry), all_light.weigh(judged.entry)
+    of_parts = np.array([rays.find_error(weight, rows) for rows in parts.rows])
     return StatedError(
         relative=math.nan,
         chosen=math.nan,
@@ -155,7 +153,7 @@ def _state_rays_alone(
         texel_direct2=texel_direct2,
         parts=parts,
         of_parts=of_parts,
-        of_objects=partial(judged.judge_objects, partial(judge_rays_alone, all_light.at(sample), all_light, direct2, sample)),
+        of_objects=partial(judged.judge_objects, partial(judge_rays_alone, light, all_light.dark, weight, rays)),
     )
 
 

@@ -187,6 +187,32 @@ def test_rare_light_is_right_on_average_however_often_texels_are_shot_again():
     assert abs(settle(lambda field, error2: error2)[0] - 1.0) > 10 * noise  # were each chosen by its own
 
 
+def find_rarely(field, rng):
+    """One more estimate of all texels: half as bright as each other, of rays of which one finds light in three estimates."""
+    level = np.repeat([1.0, 2.0], len(field.passes) // 2)[:, None]
+    found = 3.0 * rng.poisson(1 / 3, len(field.passes))[:, None] * level
+    variance = np.maximum(3.0 * found, 1.0) * level  # who found nothing is not sure of it, see direct_openings
+    light = DirectLight(np.repeat(found, 3, axis=1), np.repeat(variance, 3, axis=1), {})
+    field._note_difference(np.arange(len(field.passes)), light, 0.1)
+    field._add(slice(None), light)
+
+
+def test_of_rare_light_variances_are_corrected_by_how_estimates_differ_whatever_they_found():
+    """Beside what it found itself, a texel that found much by chance seems to be off by little."""
+    told = []
+    for few in (True, False):
+        field, rng = DirectField.none(1 << 12), np.random.default_rng(3)
+        field.by_openings[:] = few
+        for _ in range(4):
+            find_rarely(field, rng)
+            field.by_openings[:] = few
+        found = field.find_variance().reshape(2, -1).mean(axis=1)
+        real = ((field.irradiance.reshape(2, -1) - [[1.0], [2.0]]) ** 2).mean(axis=1)
+        told.append(found / real)
+    assert told[0] == pytest.approx(1.0, abs=0.15)
+    assert np.max(told[1]) < 0.7  # as it was judged before
+
+
 def test_who_saw_the_sky_through_openings_is_kept_and_put_back(tmp_path):
     field = DirectField.none(4)
     rows, flags = np.arange(4), np.array([True, False, True, False])

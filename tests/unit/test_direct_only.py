@@ -1,12 +1,17 @@
 """Bakes without photons: direct light until its own noise is small enough, stopped by the same rules."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from boxes import lamp_scene, prepare_folder
+from closed_forms import from_polygon
 from leaflight.core import executors
 from leaflight.core.direct_field import DirectField
 from leaflight.core.direct_only import _find_worst, settle_direct
+from leaflight.core.judged import BEST_TEXELS, DARK_FLOOR
 from leaflight.core.settings import Settings
+from scenes import make_scene, moved, quad_mesh
 
 
 def settle(folder, shoot=True, should_stop=lambda: False, **knobs):
@@ -56,6 +61,16 @@ def test_where_no_neighbours_err_too_much_as_one_each_counts_by_itself():
     assert not len(_find_worst(direct, error2, 1.0))
 
 
+def test_where_noise_is_little_enough_and_blur_is_not_the_noisiest_are_shot_again():
+    direct, error2 = DirectField.none(128), np.zeros(128, np.float32)
+    assert not len(_find_worst(direct, error2, 1.0))
+    error2[[7, 100]] = 0.5
+    assert _find_worst(direct, error2, 1.0).tolist() == [7, 100]
+    direct.by_openings[:64] = True
+    error2[[8, 9]] = 0.5
+    assert _find_worst(direct, error2, 1.0).tolist() == [*range(64), 100]
+
+
 def test_of_objects_the_one_that_errs_most_is_to_come_to_the_error(tmp_path, monkeypatch):
     monkeypatch.setattr("leaflight.core.direct_field.TOLERANCE", 20.0)
     whole = settle(tmp_path / "a", error=1.0)
@@ -66,6 +81,45 @@ def test_of_objects_the_one_that_errs_most_is_to_come_to_the_error(tmp_path, mon
     assert light.stopped_by == "error"
     assert max(light.object_error.values()) == pytest.approx(light.error, rel=1e-3)
     assert light.error <= 0.5 * worst
+
+
+@pytest.fixture
+def below_hatch(tmp_path):
+    """A floor of a square metre below a roof with a small opening, under a white sky: what settles it, its texels, and their light."""
+    x0, x1, y0, y1, far = 0.5, 0.6, 0.5, 0.55, 60.0
+    parts = ((-far, x0, -far, far), (x1, far, -far, far), (x0, x1, -far, y0), (x0, x1, y1, far))
+    roof = [replace(moved(quad_mesh(f"Roof {i}", b - a, d - c), (a, c, 1.0)), receives=False) for i, (a, b, c, d) in enumerate(parts)]
+    scene = replace(make_scene([quad_mesh("Floor"), *roof]), world_rgb=(1.0, 1.0, 1.0))
+    _atlas, texels = prepare_folder(tmp_path, scene, Settings(size=64, padding=1))
+    tri, weight = (of[0] for of in texels.look_at(np.arange(len(texels))).points(np.full((1, 1, 2), 0.5)))
+    corner = scene.tri_position[tri]
+    position = corner[:, 0] + (weight[..., None] * (corner[:, 1:] - corner[:, :1])).sum(axis=1)
+    hole, edge = (
+        np.array([[a, c, 1.0], [b, c, 1.0], [b, d, 1.0], [a, d, 1.0]]) for a, b, c, d in ((x0, x1, y0, y1), (-far, far, -far, far))
+    )
+    up = np.tile([0.0, 0.0, 1.0], (len(texels), 1))
+    truth = np.abs(from_polygon(hole, position, up)) + np.pi - np.abs(from_polygon(edge, position, up))
+
+    def settle_floor(**knobs):
+        settings, executor, direct = Settings(size=64, padding=1, **knobs), executors.InlineExecutor(), DirectField.none(len(texels))
+        direct.shoot(tmp_path, settings, executor, np.arange(len(texels)))
+        light = settle_direct(tmp_path, texels, scene.tri_object, settings, executor, direct, lambda message: None, lambda: False)
+        return light.error, direct.show(texels, True).irradiance[:, 0]
+
+    return settle_floor, texels.shown & texels.is_central, truth
+
+
+def test_what_is_stated_below_an_opening_is_what_the_light_is_off(below_hatch):
+    """Texels there are shot again, and what their estimates differ by tells how sure they are."""
+    settle_floor, judged, truth = below_hatch
+    stated, real = [], []
+    for seed in range(3):
+        error, found = settle_floor(seed=seed, error=0.2)
+        off2 = (found - truth)[judged] ** 2 / (truth[judged] ** 2 + (DARK_FLOOR * truth[judged].mean()) ** 2)
+        stated.append(error)
+        real.append(np.sqrt(np.sort(off2)[: int(BEST_TEXELS * len(off2))].mean()))
+    assert np.max(stated) <= 0.2
+    assert 0.8 < np.sqrt(np.mean(np.square(stated)) / np.mean(np.square(real))) < 1.3
 
 
 def test_light_that_nobody_asks_for_has_no_error(tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from leaflight.core import error_terms
 from leaflight.core.direct_shown import ShownDirect, ShownGathered
-from leaflight.core.error_terms import RayNoise, Terms, find_root, judge_rays_alone
+from leaflight.core.error_terms import RayNoise, Terms, judge_rays_alone
 from leaflight.core.judged import BEST_TEXELS, DARK_FLOOR
 from leaflight.core.missing_light import Bias
 from leaflight.core.photon_noise import PhotonNoise
@@ -94,21 +94,32 @@ def test_where_there_is_no_light_an_object_errs_by_nothing(light):
     assert terms_of(np.full(50, light), 0.0, 0.0, dark=0.0).judge_alone(np.arange(50)) == 0.0
 
 
+def alone(light, direct, dark=0.0):
+    """Arguments of judge_rays_alone but for the rows."""
+    terms = terms_of(light, 0.0, direct, dark=dark)
+    return terms.light, terms.dark, terms.weight, terms.direct
+
+
 def test_rays_alone_are_judged_likewise():
     terms = terms_of(np.full(COUNT, 0.2), 0.0, 0.03, dark=4.0)
-
-    class Among:
-        dark = 4.0
-
-        def weigh(self, rows):
-            return terms.weight[rows]
-
-    told = judge_rays_alone(terms.light, Among(), terms.direct.noise2, np.arange(COUNT), np.arange(COUNT))
+    told = judge_rays_alone(*alone(np.full(COUNT, 0.2), 0.03, dark=4.0), np.arange(COUNT))
     assert told == pytest.approx(terms.judge_alone(np.arange(COUNT)), rel=1e-4)
     assert told == pytest.approx(0.03 / np.hypot(0.2, DARK_FLOOR * 4.0), rel=1e-4)
 
 
-def test_root_mean_squares_leave_out_the_worst(monkeypatch):
+def test_root_mean_squares_of_rays_leave_out_the_worst(monkeypatch):
     monkeypatch.setattr(error_terms, "BEST_TEXELS", 0.5)
-    assert find_root(np.array([4.0, 100.0])) == 2.0
-    assert find_root(np.zeros(0)) == 0.0
+    _, _, weight, rays = alone(np.ones(3), np.array([2.0, 10.0, 1.0]))
+    assert rays.find_error(weight, np.arange(2)) == 2.0
+    assert rays.find_error(weight, np.zeros(0, np.int64)) == 0.0
+
+
+@pytest.mark.parametrize(("blur2", "counted"), [(0.03, 0.03), (0.0, 0.0), (-0.03, 0.0)])
+def test_of_rays_alone_blur_counts_but_never_below_nothing(blur2, counted):
+    """Nor is noise that smoothing did not find taken for none."""
+    _, _, weight, rays = alone(np.ones(COUNT), 0.1)
+    smoothing = dataclasses.replace(rays.smoothing, blur2=np.full((COUNT, 3), np.float32(blur2)), is_smoothed=np.ones(COUNT, bool))
+    blurred = dataclasses.replace(rays, smoothing=smoothing)
+    assert blurred.find_error(weight, np.arange(COUNT)) ** 2 == pytest.approx(0.01 + counted, rel=1e-5)
+    blurred.smoothing.blur2[:-10] = 0.0  # and there is none among the others
+    assert blurred.find_error(weight, np.arange(500)) ** 2 == pytest.approx(0.01, rel=1e-5)
