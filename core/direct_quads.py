@@ -67,7 +67,8 @@ def light_by_quads(
         value, noise = found.irradiance_rgb.astype(np.float64), found.variance_rgb.astype(np.float64)
         misfit = np.stack([find_misfit(*of) for of in zip(value.T, noise.T, strict=True)], axis=1)
         level = (weigh_channels(value) + beside[first]).reshape(len(quads), -1).mean(axis=1)
-        enough = weigh_channels(misfit) <= (tolerance * level) ** 2
+        # Of light through openings most is noise, in which no misfit is seen; and of four times as many looks smoothing leaves less.
+        enough = (weigh_channels(misfit) <= (tolerance * level) ** 2) & ~found.by_openings.reshape(-1, TILE_TEXELS).any(axis=1)
         told, rows = np.repeat(enough, TILE_TEXELS), quads.texels(enough)
         irradiance[rows] = np.maximum(spread_over_texels(value[told]), 0.0)
         variance[rows] = np.repeat(noise[told] + np.repeat(misfit[enough], TILE_TEXELS, axis=0), QUAD_TEXELS, axis=0)
