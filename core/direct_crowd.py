@@ -30,11 +30,14 @@ from .direct_sources import join_sources
 from .geometry import dot_rows, take_rows
 from .lights import Float32, Float64, spread_attenuation
 from .rays import RayScene
-from .scene import IntArray
+from .scene import FloatArray, IntArray
 
 _MAX_CLUSTERS = 4096  # 32 KB each of a chunk of 2^14 texels
 _MATTERS = 1 / 16  # share of what a texel may get, from which on a lamp is looked at by itself
-_TOGETHER = 4  # neighbouring texels, 2 x 2 within a chart, that choose alike
+_TOGETHER = 4  # neighbouring texels within a chart that choose alike
+# Of these, if lamps are judged once for all: least length of the mean of their normals, and how far from their middle they are at most, in
+# halves of their diagonals. That is 1 in a square of four, and 5 where three of four texels are left to smoothing.
+_ALIKE, _BESIDE = 0.98, 6.0
 _REGION_BLOCKS = 16  # blocks of texels that are asked together which lamps light them
 _AROUND_RAYS = 4  # what their answer counts, in rays of a block's own
 _LEAST_LIT = 0.1
@@ -83,21 +86,21 @@ class LampCrowd:
         starts   of rays from the chunk's texels, any number of each
         """
         count, n_cluster = len(chunk), len(self.clusters)
-        reach = find_reach(starts.position, count)
         end = np.empty((-(-count // _TOGETHER), n_cluster))
         alone = np.diff(self.clusters.start) == 1
         groups, chosen = [], []
-        for piece in row_pieces(np.arange(len(end)), n_cluster):
-            rows = np.minimum(piece[:, None] * _TOGETHER + np.arange(_TOGETHER), count - 1).ravel()
-            share = self.judge(chunk.receivers_at(rows, MIDDLE), reach[rows])
-            share /= share.sum(axis=1, keepdims=True)
-            share = share.reshape(len(piece), _TOGETHER, n_cluster)
-            row, cluster = np.nonzero((share.max(axis=1) > np.float32(_MATTERS)) & alone)
-            together = share.sum(axis=1)
-            together[row, cluster] = 0
-            cumulate(together, piece[0], end[piece[0] : piece[-1] + 1])
-            groups.append(piece[row])
-            chosen.append(cluster)
+        for judges in _find_judges(chunk, find_reach(starts.position, count)):
+            for piece in row_pieces(np.arange(len(judges.group)), n_cluster * judges.each):
+                rows = (piece[:, None] * judges.each + np.arange(judges.each)).ravel()
+                share = self.judge(judges.receivers.rows(rows), judges.reach[rows])
+                share /= share.sum(axis=1, keepdims=True)
+                share = share.reshape(len(piece), judges.each, n_cluster)
+                row, cluster = np.nonzero((share.max(axis=1) > np.float32(_MATTERS)) & alone)
+                together = share.sum(axis=1)
+                together[row, cluster] = 0
+                _cumulate_rows(together, judges.group[piece], end)
+                groups.append(judges.group[piece[row]])
+                chosen.append(cluster)
         lamp = np.repeat(self.clusters.start[np.concatenate(chosen)], _TOGETHER)
         texel = (np.concatenate(groups)[:, None] * _TOGETHER + np.arange(_TOGETHER)).ravel()
         order = np.argsort(lamp, kind="stable")
@@ -111,7 +114,7 @@ class LampCrowd:
         return pairs, RestOfCrowd(self, end, count * len(self.kind) - len(texel))
 
     def judge(self, receivers: Receivers, reach: Float32) -> Float32:
-        """(n, n_cluster): about what the clusters give, unoccluded, and never 0; reach (n,), unit box, is half a texel's diagonal."""
+        """(n, n_cluster): about what the clusters give, unoccluded, and never 0; reach (n,), unit box, is how far around it counts."""
         centre, normal, axis = self.clusters.centre, receivers.normal, self.clusters.normal
         square = dot_rows(receivers.position, receivers.position)[:, None] + dot_rows(centre, centre) - 2 * receivers.position @ centre.T
         np.maximum(square, np.float32(1e-9), out=square)
@@ -128,7 +131,9 @@ class LampCrowd:
         out *= self.clusters.weight.astype(np.float32)
         aimed = np.flatnonzero(axis.any(axis=1))
         if len(aimed):
-            cosine = (receivers.position @ axis[aimed].T - dot_rows(centre, axis)[aimed]) / distance[:, aimed]
+            # As at what is nearest to the axis within reach.
+            cosine = receivers.position @ axis[aimed].T - dot_rows(centre, axis)[aimed] + reach[:, None]
+            cosine /= distance[:, aimed]
             shine = np.where(self.flat[aimed], np.maximum(cosine, _GRAZING), np.float32(1))
             out[:, aimed] *= np.where(cosine >= self.low_cosine[aimed], shine, _BEHIND)
         return out
@@ -180,9 +185,7 @@ class RestOfCrowd:
             chances = np.diff(self._end[piece], axis=1, prepend=piece[:, None].astype(float))
             np.maximum(chances, 0, out=chances)
             chances *= share[piece * _TOGETHER // BLOCK_TEXELS]
-            end = np.empty_like(chances)
-            cumulate(chances, 0, end)
-            self._end[piece] = end + (piece - np.arange(len(piece)))[:, None]
+            _cumulate_rows(chances, piece, self._end)
 
     def _look(self, rays: RayScene, receivers: Receivers, lamp: Int64, u: Float32) -> tuple[Float64, int]:
         """(n, 3) float64: irradiance by one ray from each receiver to its lamp; and rays traced."""
@@ -198,6 +201,51 @@ class RestOfCrowd:
                 weight, traced = weight * seen, traced + n_ray
             value[own] = weight[:, None] * lamps.rgb
         return value, traced
+
+
+@dataclass(frozen=True)
+class _Judges:
+    """Places that lamps are judged at.
+
+    group   (n_group,) int64                          of texels
+    each    places of each group, one after the other
+    reach   (n_group * each,) float32, unit box       half the diagonal of what each place stands for
+    """
+
+    group: Int64
+    each: int
+    receivers: Receivers
+    reach: Float32
+
+
+def _find_judges(chunk: TexelChunk, reach: Float32) -> tuple[_Judges, _Judges]:
+    """One place for all of a flat group, and of others one for each texel.
+
+    reach   (n,) float32, unit box: half a texel's diagonal
+    """
+    count = len(chunk)
+    n_group = -(-count // _TOGETHER)
+    texel = np.minimum(np.arange(n_group * _TOGETHER), count - 1)
+    every = chunk.receivers_at(texel, MIDDLE)
+    place, normal = (values.reshape(n_group, _TOGETHER, 3) for values in (every.position, every.normal))
+    middle, facing = place.mean(axis=1), normal.mean(axis=1)
+    length = np.sqrt(dot_rows(facing, facing))
+    away = np.sqrt(((place - middle[:, None]) ** 2).sum(axis=2).max(axis=1))
+    widest = reach[texel].reshape(n_group, _TOGETHER).max(axis=1)
+    is_flat = (length > _ALIKE) & (away < _BESIDE * widest)
+    flat, uneven = np.flatnonzero(is_flat), np.flatnonzero(~is_flat)
+    facing = (facing[flat] / length[flat, None]).astype(np.float32)
+    alike = _Judges(flat, 1, Receivers(middle[flat].astype(np.float32), facing, facing), (away + widest)[flat])
+    rows = (uneven[:, None] * _TOGETHER + np.arange(_TOGETHER)).ravel()
+    return alike, _Judges(uneven, _TOGETHER, every.rows(rows), reach[texel[rows]])
+
+
+def _cumulate_rows(chances: FloatArray, rows: Int64, end: Float64) -> None:
+    """Rows of direct_choice.cumulate, anywhere in `end`."""
+    own = np.empty(chances.shape)
+    cumulate(chances, 0, own)
+    own += (rows - np.arange(len(rows)))[:, None]
+    end[rows] = own
 
 
 def _lit_share(shot: Float64, lit: Float64) -> Float32:

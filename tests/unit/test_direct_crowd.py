@@ -10,7 +10,8 @@ import pytest
 from floors import floor_looks, lit_scene, prepare, sigma_limit
 from leaflight.core import direct, direct_crowd
 from leaflight.core.direct import DirectScene, direct_irradiance
-from leaflight.core.direct_points import MIDDLE, Receivers, TexelChunk
+from leaflight.core.direct_choice import find_reach
+from leaflight.core.direct_points import GAUSS_POINTS, MIDDLE, Receivers, TexelChunk
 from leaflight.core.scene import Light
 from scenes import box_mesh, moved, quad_mesh
 
@@ -138,6 +139,37 @@ class TestJudging:
         judged = scene.crowd.judge(chunk.receivers_at(TEXELS, MIDDLE), np.full(len(TEXELS), 0.01, np.float32))
         best = judged.max(axis=1)
         assert ((judged < 0.12 * best[:, None]).sum(axis=1) == 2).all()
+
+    def test_a_cone_that_what_is_around_may_be_in_is_not_judged_low(self):
+        """A spot 0.2 over the floor, of 0.5 rad to each side, and a place beyond its rim, with and without 0.1 around it."""
+        down = Light("SPOT", "Down", (0.5, 0.5, 0.2), power_rgb=(1.0,) * 3, cone_angle_rad=1.0, rotation=DOWN)
+        crowd = prepare(lit_scene(lights=[down, *[replace(down, name=str(k), position_m=(9.0, k, 0.2)) for k in range(20)]]))[0].crowd
+        under = crowd.clusters.centre[np.abs(crowd.clusters.centre).max(axis=1).argmin()]
+        scale = np.abs(np.diff(np.sort(crowd.clusters.centre[:, 1]))).max()  # of a metre
+        place = (under + scale * np.array([[0.17, 0, -0.2], [0.17, 0, -0.2]])).astype(np.float32)
+        up = np.tile(np.array([0.0, 0.0, 1.0], np.float32), (2, 1))
+        judged = crowd.judge(Receivers(place, up, up), (scale * np.array([1e-3, 0.1])).astype(np.float32)).max(axis=1)
+        assert judged[1] > 10 * judged[0]
+
+    def test_neighbours_in_a_plane_are_judged_at_once_and_others_one_by_one(self):
+        """A floor whose texels come in squares of four; then few of them, far apart; and a chunk whose last group is not full."""
+        surfaces = prepare(lit_scene([BLOCK], make_lamps(60)))[0].surfaces
+
+        def judges_of(texels: np.ndarray) -> list[direct_crowd._Judges]:
+            chunk = TexelChunk(floor_looks(SIDE)(texels), np.zeros((len(texels), 2), np.uint32), surfaces, False)
+            return list(
+                direct_crowd._find_judges(chunk, find_reach(chunk.receivers_at(np.arange(len(texels)), GAUSS_POINTS).position, len(texels)))
+            )
+
+        at_once, others = judges_of(TEXELS)
+        assert at_once.group.tolist() == list(range(len(TEXELS) // 4))
+        assert len(others.group) == len(others.receivers.position) == 0
+        assert (at_once.receivers.normal == [0, 0, 1]).all()
+        far, apart = judges_of(np.arange(0, len(TEXELS), 64))
+        assert at_once.reach == pytest.approx(2 * apart.reach[0], rel=1e-3)  # a square of four is twice as wide
+        assert (len(far.group), apart.group.tolist(), len(apart.receivers.position)) == (0, [0], 4)
+        ended, _ = judges_of(TEXELS[:6])
+        assert ended.group.tolist() == [0, 1]
 
 
 def test_chances_turn_to_the_lamps_that_are_seen():
