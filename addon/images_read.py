@@ -137,9 +137,8 @@ def _read_tiles(image: Any) -> ImagePixels | None:
     columns, rows = (int(n) for n in high - low + 1)
     most_texels = max(int(MAX_TEXTURE_SIDE_TEXELS / math.sqrt(columns * rows)), 1)  # all of them are as large as one image
     for number, (tile, cell) in enumerate(zip(image.tiles, cells, strict=True)):
-        with (
-            nullcontext(image) if number == 0 else open_tile(image, tile.number) as one
-        ):  # the first one's are handed out as they are painted
+        opened = open_tile(image, tile.number) if number else nullcontext(image)  # the first one's are handed out as they are painted
+        with opened as one:
             pixels = read_pixels(one, most_texels)
         if pixels is None:
             lost = lost or f"tile {tile.number} of image {image.name} is missing, the mean of the others is used"

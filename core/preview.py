@@ -99,7 +99,7 @@ class PreviewPages:
         for page, pixels in enumerate(self.draw(light)):
             path = self._path(page, self._turn)
             np.save(path, pixels)
-            with contextlib.suppress(OSError):  # Windows refuses while Blender reads it; it goes with the job's folder
+            with contextlib.suppress(PermissionError):  # Windows refuses while Blender reads it; it goes with the job's folder
                 self._path(page, self._turn - _KEPT_TURNS).unlink(missing_ok=True)
             self._tell(Preview(page, str(path)))
         self._turn += 1

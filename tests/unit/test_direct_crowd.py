@@ -172,6 +172,35 @@ class TestJudging:
         assert ended.group.tolist() == [0, 1]
 
 
+def test_texels_around_an_edge_are_judged_one_by_one():
+    """Of every other group one texel faces aside, as where a chart goes around an edge."""
+    scene = prepare(lit_scene([BLOCK], make_lamps(60)))[0]
+    chunk = TexelChunk(floor_looks(SIDE)(TEXELS), np.zeros((len(TEXELS), 2), np.uint32), scene.surfaces, False)
+    every = chunk.receivers_at(TEXELS, MIDDLE)
+    tilted = np.where((TEXELS % 8 == 0)[:, None], [1.0, 0, 0], every.normal).astype(np.float32)
+
+    class Folded:
+        def __len__(self) -> int:
+            return len(TEXELS)
+
+        def receivers_at(self, rows: np.ndarray, points: np.ndarray) -> Receivers:
+            return replace(every, normal=tilted).rows(rows)
+
+    at_once, others = direct_crowd._find_judges(Folded(), np.full(len(TEXELS), 1.0, np.float32))
+    assert at_once.group.tolist() == list(range(1, len(TEXELS) // 4, 2))
+    assert others.group.tolist() == list(range(0, len(TEXELS) // 4, 2))
+    assert np.array_equal(others.receivers.normal, tilted.reshape(-1, 4, 3)[::2].reshape(-1, 3))
+
+
+def test_rows_that_are_cumulated_anywhere_are_found_by_one_search():
+    chances = np.random.default_rng(6).random((3, 5))
+    end = np.tile(np.arange(8.0)[:, None], (1, 5))
+    direct_crowd._cumulate_rows(chances, np.array([1, 4, 6]), end)
+    share = np.diff(end[[1, 4, 6]], axis=1, prepend=np.array([[1.0], [4], [6]]))
+    assert share == pytest.approx(chances / chances.sum(axis=1, keepdims=True))
+    assert (np.diff(end.ravel()) >= 0).all()
+
+
 def test_chances_turn_to_the_lamps_that_are_seen():
     """20 lamps over the floor, 60 more and brighter behind a roof: without learning the error is 0.49."""
     roof = moved(quad_mesh("Roof", 20, 20), (-9.5, -9.5, 0.4))
