@@ -31,6 +31,7 @@ from . import (
 from .charts import ChartAtlas
 from .first_photons import FirstPhotons
 from .job import RESULT_FILE, SNAPSHOT_FILE, Job
+from .kept_charts import KeptCharts, find_charts_file
 from .light_field import LightField
 from .light_search import LightSearch
 from .materials import SurfaceMaterials, clamp_warnings
@@ -84,6 +85,7 @@ class _Loaded:
 
     surfaces   of what has an effect
     left_out   of pruning.prune_scene
+    charts     of the last bake there
     settings   of the job, without what nobody will see
     """
 
@@ -91,6 +93,7 @@ class _Loaded:
     surfaces: SurfaceMaterials
     left_out: Mapping[str, int]
     needs: Needs
+    charts: KeptCharts
     settings: Settings
 
     @classmethod
@@ -100,7 +103,8 @@ class _Loaded:
         pruned, left_out = prune_scene(snapshot)
         surfaces = SurfaceMaterials(pruned)
         needs = Needs.of(run.job.settings, surfaces)
-        return cls(snapshot, surfaces, left_out, needs, needs.trim(run.job.settings))
+        charts = KeptCharts() if run.job.settings.force else KeptCharts.load(find_charts_file(run.job))
+        return cls(snapshot, surfaces, left_out, needs, charts, needs.trim(run.job.settings))
 
 
 def _bake(run: Run, loaded: _Loaded, executor: Executor) -> LightField:
@@ -110,7 +114,7 @@ def _bake(run: Run, loaded: _Loaded, executor: Executor) -> LightField:
     """
     job, folder, snapshot, needs, settings = run.job, run.folder, loaded.snapshot, loaded.needs, loaded.settings
     first = FirstPhotons.send(folder, settings, executor) if needs.photons and not job.resume else FirstPhotons()
-    atlas = lay_out(run, snapshot, settings)
+    atlas = lay_out(run, snapshot, settings, loaded.charts)
     executors.wake(executor)  # not before: xatlas works beside this process
     if needs.direct and isinstance(executor, executors.LocalExecutor):
         executor.on_each(workers.open_ahead, str(folder))
@@ -133,7 +137,7 @@ def _bake(run: Run, loaded: _Loaded, executor: Executor) -> LightField:
         "pages": atlas.page_count,
         "objects": report.list_objects(snapshot, atlas, receivers.facets.chart_object[receivers.texels.texel_chart], light.object_error),
         "seams": dataclasses.asdict(seam_report),
-        "skipped": count_skipped(needs, loaded.left_out, snapshot, receivers.facets, light, settings),
+        "skipped": count_skipped(needs, loaded.left_out, snapshot, receivers.facets, light, settings, loaded.charts.known),
     }
     for text in earlier_bakes.describe_left_over(job, files, atlas.page_count):
         run.tell(Warning_("", text))  # not in the note, for they may be gone when a bake is kept

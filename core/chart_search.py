@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry import triangle_normals_areas
+from .kept_charts import KeptCharts, Unfolding
 from .layer_check import check_layer, label_charts
 from .messages import Status
 from .outlines import Outlines, measure_outlines, straighten_charts
@@ -18,7 +19,6 @@ from .scene import IntArray, SceneSnapshot
 from .sharing import Block, find_blocks, find_copies, follow_charts
 from .topology import join_open_sides
 from .unfolding import UnfolderDied
-from .unwrap import Unwrapping
 from .words import Watch, unwatched
 
 Float64: TypeAlias = NDArray[np.float64]
@@ -54,13 +54,14 @@ class FoundCharts:
     findings: tuple[tuple[int, str], ...]
 
 
-def find_charts(snapshot: SceneSnapshot, share_meshes: bool, watch: Watch = unwatched) -> FoundCharts:
+def find_charts(snapshot: SceneSnapshot, share_meshes: bool, watch: Watch = unwatched, kept: KeptCharts | None = None) -> FoundCharts:
     """The charts; with `share_meshes` objects that share a mesh share them, too, where they can.
 
+    kept    those of an earlier bake; has those of this one from here on
     watch   is told UNWRAPPING, which share of the triangles is done, and at which object it is; it may raise
     Raises ValueError when xatlas is needed and cannot be loaded, or crashes.
     """
-    search = _Search(snapshot, find_blocks(snapshot) if share_meshes else [], watch)
+    search = _Search(snapshot, find_blocks(snapshot) if share_meshes else [], watch, kept or KeptCharts())
     count = np.zeros(len(snapshot.objects) + 1, np.int64)
     layered = []
     try:
@@ -85,8 +86,8 @@ def find_charts(snapshot: SceneSnapshot, share_meshes: bool, watch: Watch = unwa
 class _Search:
     """The arrays that fill up, object by object; `chart` counts from 0 in each."""
 
-    def __init__(self, snapshot: SceneSnapshot, blocks: list[Block], watch: Watch) -> None:
-        self.snapshot, self.blocks, self._watch = snapshot, blocks, watch
+    def __init__(self, snapshot: SceneSnapshot, blocks: list[Block], watch: Watch, kept: KeptCharts) -> None:
+        self.snapshot, self.blocks, self._watch, self._kept = snapshot, blocks, watch, kept
         self.findings: list[tuple[int, str]] = []
         self.chart = np.full(snapshot.n_tri, -1, np.int64)
         self.uv = np.zeros((snapshot.n_tri, 3, 2))
@@ -97,7 +98,7 @@ class _Search:
         self._unwrapped: dict[int, tuple[Int64, Float64, Bool]] = {}  # by the object whose charts they are
         owners = [self._worn.get(i, (i, 1.0))[0] for i in self._unlayered()]
         self._to_begin = deque(dict.fromkeys(owners))
-        self._begun: deque[tuple[list[int], Unwrapping]] = deque()  # with the objects of each
+        self._begun: deque[tuple[list[int], Unfolding]] = deque()  # with the objects of each
         receiving = np.array([one.receives for one in snapshot.objects], bool)
         self._done = np.concatenate([[0], np.cumsum(np.diff(self._start) * receiving)])  # triangles, before each object and after the last
         self._ahead = 0  # triangles of those
@@ -195,7 +196,7 @@ class _Search:
             owner = scene.tri_object[rows]
             position = scene.vertex_position[scene.tri_vertex[rows]]
             polygon, corner = _tell_apart(scene.tri_polygon[rows], owner), _tell_apart(scene.tri_corner[rows], owner[:, None])
-            self._begun.append((objects, Unwrapping(position, self._vertex[rows], polygon, corner, owner)))
+            self._begun.append((objects, self._kept.begin(position, self._vertex[rows], polygon, corner, owner)))
             self._ahead += len(rows)
             yield
 

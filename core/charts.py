@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from .blocks import BlockLayout, join_outlines, lay_block, outline_block
 from .chart_search import find_charts
+from .kept_charts import KeptCharts
 from .messages import Status
 from .outlines import Outlines
 from .packing import Page, Placement, Shapes, find_greatest_density, fits_alone, place_charts, place_uv, shape_charts
@@ -55,13 +56,14 @@ class ChartAtlas:
     warnings: tuple[tuple[str, str], ...]
 
 
-def make_charts(snapshot: SceneSnapshot, settings: Settings, watch: Watch = unwatched) -> ChartAtlas:
+def make_charts(snapshot: SceneSnapshot, settings: Settings, watch: Watch = unwatched, kept: KeptCharts | None = None) -> ChartAtlas:
     """Charts of all receiving objects, of one density in texels/m; layers that exist are kept and get pages of their own.
 
+    kept    of an earlier bake, see find_charts
     watch   is told UNWRAPPING, PACKING, and which share of each is done; it may raise
     Raises ValueError when charts do not fit a page at any density, or when xatlas is needed and cannot be loaded, or crashes.
     """
-    return _AtlasMaker(snapshot, settings, watch).make()
+    return _AtlasMaker(snapshot, settings, watch, kept).make()
 
 
 @dataclass(frozen=True)
@@ -88,11 +90,11 @@ class _Worn:
 class _AtlasMaker:
     """The state while an atlas is made: pages fill up, warnings are collected."""
 
-    def __init__(self, snapshot: SceneSnapshot, settings: Settings, watch: Watch) -> None:
+    def __init__(self, snapshot: SceneSnapshot, settings: Settings, watch: Watch, kept: KeptCharts | None) -> None:
         self.snapshot, self.settings, self._watch = snapshot, settings, watch
         self.page = Page(settings.size, settings.padding)
         self.page_count = 0
-        self.found = find_charts(snapshot, settings.share_meshes, watch)
+        self.found = find_charts(snapshot, settings.share_meshes, watch, kept)
         self.warnings: list[tuple[str, str]] = []
         count = len(snapshot.objects)
         self.start = np.searchsorted(snapshot.tri_object, np.arange(count + 1))

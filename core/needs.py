@@ -36,11 +36,18 @@ class Needs:
 
 
 def count_skipped(
-    needs: Needs, pruned: Mapping[str, int], snapshot: SceneSnapshot, atlas: ChartAtlas, light: LightField, settings: Settings
+    needs: Needs,
+    pruned: Mapping[str, int],
+    snapshot: SceneSnapshot,
+    atlas: ChartAtlas,
+    light: LightField,
+    settings: Settings,
+    known_charts: int,
 ) -> dict[str, int]:
     """The report's "skipped".
 
-    pruned   of pruning.prune_scene
+    pruned         of pruning.prune_scene
+    known_charts   of kept_charts.KeptCharts
     """
     counters, objects = light.direct.counters, snapshot.objects
     emits = np.array([any(material.emission_rgb) for material in snapshot.materials], bool)[snapshot.tri_material]
@@ -52,6 +59,7 @@ def count_skipped(
         **pruned,
         "objects_without_effect": sum(not (one.receives or one.casts_shadow or shows[i]) for i, one in enumerate(objects)),
         "objects_not_unwrapped": sum(one.has_layer for one, page in zip(objects, atlas.object_page, strict=True) if page >= 0),
+        "objects_unwrapped_before": known_charts,
         "direct_light": int(not needs.direct),
         "indirect_light": int(not needs.indirect),
         "photons": settings.max_photons - light.photons if light.stopped_by == "error" else 0,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from . import basis, chart_search, contact_map, creases, earlier_bakes, executors, pages, shared_arrays, texels, workers
 from .charts import ChartAtlas, make_charts
 from .job import LAYOUT_FILE
+from .kept_charts import KeptCharts, find_charts_file
 from .messages import Status, Warning_
 from .scene import SceneSnapshot
 from .settings import Settings
@@ -36,19 +37,24 @@ class Receivers:
     rising: NDArray[np.bool_]
 
 
-def lay_out(run: Run, snapshot: SceneSnapshot, settings: Settings) -> ChartAtlas:
+def lay_out(run: Run, snapshot: SceneSnapshot, settings: Settings, kept: KeptCharts) -> ChartAtlas:
     """The charts of all objects that take light; the layout file tells Blender where they lie.
 
+    kept   of an earlier bake; what it then has is kept for the next one, also where this one is stopped later
     Raises ValueError with a sentence where there are none, or they do not fit.
     """
     with run.stage(chart_search.UNWRAPPING):
-        atlas = make_charts(snapshot, settings, run.watch())
+        atlas = make_charts(snapshot, settings, run.watch(), kept)
         if not atlas.page_count:
             told = "; ".join(told.text.removesuffix(".") for told in group_warnings(atlas.warnings))
             raise ValueError(f"nothing to bake: no object has a face that takes light ({told}).")
         layout = {name: getattr(atlas, name) for name in ("tri_chart", "object_page", "object_block", "object_place")}
         np.savez(run.folder / LAYOUT_FILE, tri_uv=atlas.tri_uv / atlas.page_size, **layout)
         run.warn(atlas.warnings)
+        try:
+            kept.save(find_charts_file(run.job))
+        except OSError as reason:
+            run.tell(Warning_("", f"the charts cannot be kept in {run.job.output} ({reason}), so the next bake unwraps all meshes again"))
         for text in earlier_bakes.describe_others(run.job, pages.list_names(run.job, snapshot, atlas)):
             run.tell(Warning_("", text))  # now, for there is time to stop; and not in the note, for a bake that is kept writes over nothing
     return atlas

@@ -10,6 +10,7 @@ from boxes import lamp_scene
 from leaflight.core import bake, kept_bake
 from leaflight.core.checkpoint import INFO_FILE
 from leaflight.core.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.kept_charts import find_charts_file
 from leaflight.core.messages import Warning_
 from leaflight.core.scene import Material
 from leaflight.core.settings import Settings
@@ -149,4 +150,4 @@ def test_a_note_that_cannot_be_written_costs_a_warning_only(tmp_path, monkeypatc
     monkeypatch.setattr(kept_bake, "find_note", lambda job: tmp_path / "no folder" / "note.npz")
     job, messages, _ = bake_job(tmp_path)
     assert [message.text for message in messages if isinstance(message, Warning_)][-1].startswith("this bake cannot be noted in ")
-    assert not list(Path(job.output).glob(".leaflight*"))
+    assert list(Path(job.output).glob(".leaflight*")) == [find_charts_file(job)]

@@ -9,6 +9,7 @@ from leaflight.core import checkpoint, direct_field, executors, workers
 from leaflight.core.direct_field import DirectField
 from leaflight.core.first_photons import FirstPhotons
 from leaflight.core.job import SNAPSHOT_FILE, Job
+from leaflight.core.kept_charts import KeptCharts
 from leaflight.core.light_search import PREVIEW_FOLDER, LightSearch
 from leaflight.core.materials import SurfaceMaterials
 from leaflight.core.messages import Preview, Status
@@ -35,7 +36,7 @@ def seek(tmp_path):
         surfaces = SurfaceMaterials(scene)
         needs = Needs.of(settings, surfaces)
         settings = needs.trim(settings)
-        receivers = find_receivers(run, scene, settings, lay_out(run, scene, settings), needs.direct, needs.photons)
+        receivers = find_receivers(run, scene, settings, lay_out(run, scene, settings, KeptCharts()), needs.direct, needs.photons)
         told.clear()
         first = first(run) if first else FirstPhotons()
         search = LightSearch(run, settings, needs, receivers, executors.InlineExecutor(), first, surfaces, scene.tri_object)

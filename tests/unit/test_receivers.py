@@ -7,6 +7,7 @@ import pytest
 from boxes import lamp_scene
 from leaflight.core import creases, receivers, workers
 from leaflight.core.job import LAYOUT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.kept_charts import KeptCharts
 from leaflight.core.messages import Status, Warning_
 from leaflight.core.receivers import find_receivers, lay_out
 from leaflight.core.settings import Settings
@@ -21,6 +22,7 @@ SMALL = Settings(size=64, padding=1, workers=1)
 def run(tmp_path):
     """A bake that tells all into `run.told`."""
     told = []
+    (tmp_path / "images").mkdir()
     found = Run(tmp_path, Job(SMALL, str(tmp_path / "images"), "room"), told.append, lambda: False)
     found.told = told
     return found
@@ -35,7 +37,7 @@ def scene(tmp_path):
 
 
 def find(run, scene, settings=SMALL, lit=True, by_photons=True):
-    atlas = lay_out(run, scene, settings)
+    atlas = lay_out(run, scene, settings, KeptCharts())
     return atlas, find_receivers(run, scene, settings, atlas, lit, by_photons)
 
 
@@ -44,7 +46,7 @@ def list_stages(run):
 
 
 def test_the_layout_file_tells_where_charts_lie(run, scene):
-    atlas = lay_out(run, scene, SMALL)
+    atlas = lay_out(run, scene, SMALL, KeptCharts())
     with np.load(run.folder / LAYOUT_FILE) as layout:
         assert np.array_equal(layout["tri_uv"], atlas.tri_uv / atlas.page_size)
         assert np.array_equal(layout["object_page"], atlas.object_page)
@@ -55,13 +57,13 @@ def test_nothing_to_unwrap_is_a_sentence_with_the_reason(run):
     hidden = make_scene([quad_mesh("Floor")])
     hidden = replace(hidden, objects=tuple(replace(one, receives=False) for one in hidden.objects))
     with pytest.raises(ValueError, match=r"^nothing to bake: no object has a face that takes light \(.*\)\.$"):
-        lay_out(run, hidden, SMALL)
+        lay_out(run, hidden, SMALL, KeptCharts())
     assert not (run.folder / LAYOUT_FILE).exists()
 
 
 def test_images_of_another_bake_are_told_of_but_not_noted(run, scene, monkeypatch):
     monkeypatch.setattr("leaflight.core.earlier_bakes.describe_others", lambda job, names: ["these are another scene's"])
-    lay_out(run, scene, SMALL)
+    lay_out(run, scene, SMALL, KeptCharts())
     assert Warning_("", "these are another scene's") in run.told
     assert run.warnings == []
 
