@@ -42,9 +42,12 @@ class AllLight:
         """Of the light on the `nodes` (m,), which tile the charts, and of direct light by rays."""
         node_light = np.ascontiguousarray((solution.flux / np.maximum(tree.area, _TINY)).astype(np.float32).T)
         by_photons = (np.maximum(node_light[nodes], 0.0).sum(axis=1, dtype=np.float64) * (tree.end - tree.start)[nodes]).sum()
-        dark = DARK_FLOOR * (float(by_photons) + direct.total_light) / max(direct.found.size, 1)
-        found = cls(node_of_texel(tree, nodes, len(direct)), node_light, direct, dark, Parts.whole(len(judged.entry), dark))
-        return found if judged.entry_group is None else replace(found, parts=judged.part(found.at(judged.entry), dark))
+        mean = (float(by_photons) + direct.total_light) / max(direct.found.size, 1)
+        found = cls(node_of_texel(tree, nodes, len(direct)), node_light, direct, 0.0, Parts.whole(len(judged.entry), 0.0))
+        light = found.at(judged.entry)
+        dark = DARK_FLOOR * mean / judged.find_share(light.any(axis=1))
+        parts = Parts.whole(len(light), dark) if judged.entry_group is None else judged.part(light, dark)
+        return replace(found, dark=dark, parts=parts)
 
     def at(self, rows: NDArray[np.int64]) -> NDArray[np.float32]:
         """(k, 3) float32, W/m^2: at texel entries (k,)."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .direct_shown import ShownGathered, SmoothedAt
-from .judged import BEST_TEXELS, find_dark2
+from .judged import BEST_TEXELS, choose_lit, find_dark2
 from .missing_light import Bias
 from .photon_noise import PhotonNoise
 
@@ -119,7 +119,9 @@ class Terms:
         return replace(self, unseen2=np.where(told, 0.0, self.unseen2), bias=self.bias.without(told), gathered=by_rays)
 
     def sum_up(self, rows: NDArray[np.int64], unseen: bool = False) -> Sum:
-        """Of the texels `rows` (k,), but for the worst of them; with what is unseen of an object, which a whole is not asked for."""
+        """Of those of the texels `rows` (k,) that are lit, but for the worst of them; with what is unseen of an object, which a whole is
+        not asked for."""
+        rows = choose_lit(rows, self.light.any(axis=1) | (unseen & (self.unseen2 > 0.0)))
         likely = self.noise.photons2[rows] + self.direct.noise2[rows] + self.bias.gap[rows]
         if self.gathered:
             likely += self.gathered.noise2[rows]
@@ -160,7 +162,7 @@ def judge_rays_alone(
 ) -> float:
     """As Terms.judge_alone, where there are no photons; arguments as the fields of Terms, rays of direct light."""
     own, factor = _weigh_alone(light[rows], dark, weight[rows])
-    return rays.take(rows, factor).find_error(own, np.arange(len(rows)))
+    return rays.take(rows, factor).find_error(own, choose_lit(np.arange(len(rows)), light[rows].any(axis=1)))
 
 
 def _mean(values: NDArray[np.floating[Any]]) -> float:

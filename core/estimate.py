@@ -21,7 +21,7 @@ from .all_light import AllLight
 from .denoise import GRAIN_LEFT, SMALL_LEAF
 from .direct_shown import ShownDirect, ShownGathered
 from .error_terms import RayNoise, Terms, judge_rays_alone
-from .judged import Judged, Parts
+from .judged import Judged, Parts, choose_lit
 from .neighbours import Neighbours
 from .photon_noise import PhotonNoise
 from .reading import Reading
@@ -143,7 +143,7 @@ def _state_rays_alone(
 ) -> StatedError:
     """As state_error, where there are no photons; rays of direct light at the texels that are asked."""
     parts, light, weight = all_light.parts, all_light.at(judged.entry), all_light.weigh(judged.entry)
-    of_parts = np.array([rays.find_error(weight, rows) for rows in parts.rows])
+    of_parts = np.array([rays.find_error(weight, choose_lit(rows, light.any(axis=1))) for rows in parts.rows])
     return StatedError(
         relative=math.nan,
         chosen=math.nan,

@@ -96,6 +96,11 @@ class Judged:
             area_m2[rows] *= len(all_of[one]) / len(rows)
         return cls(entry, area_m2, large, groups, group_of[thing])
 
+    def find_share(self, chosen: NDArray[np.bool_]) -> float:
+        """How much of the surface those that are `chosen` (m,) of the texels that are asked stand for; 1 where none is."""
+        area = float(self.area_m2[chosen].sum())
+        return area / float(self.area_m2.sum()) if area else 1.0
+
     def judge_objects(self, judge_alone: Callable[[NDArray[np.int64]], float]) -> dict[int, float]:
         """What is said of rows (k,) int64, of each object by its index."""
         return {thing: judge_alone(rows) for thing, rows in self.objects.items()}
@@ -153,9 +158,19 @@ class Parts:
         return weight
 
 
+def choose_lit(rows: NDArray[np.int64], lit: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Those of the texels `rows` (k,) that are lit (n,), or all where none is.
+
+    What no light reaches, as the outer side of a thick wall, is right, and would only make what the others err by look smaller.
+    """
+    found = rows[lit[rows]]
+    return found if len(found) else rows
+
+
 def find_dark2(light: FloatArray, dark: float) -> np.float32:
     """Of Parts.dark2, for texels with this light (k, 3), W/m^2, that are judged as one; dark of the whole."""
-    mean = float(light.mean(dtype=np.float64)) if len(light) else 0.0
+    lit = choose_lit(np.arange(len(light)), light.any(axis=1))
+    mean = float(light[lit].mean(dtype=np.float64)) if len(lit) else 0.0
     return np.float32(DARK_FLOOR * max(mean, dark)) ** 2
 
 

@@ -1,5 +1,7 @@
 """All light of texels, by which errors are made relative."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from leaflight.core.all_light import AllLight
@@ -40,6 +42,16 @@ def test_errors_are_relative_to_the_light_and_to_a_share_of_the_mean(bake):
     variance = np.full((bake.n_texel, 3), 0.5, np.float32)
     assert light.relate(lambda asked: variance[asked], rows[:9]) == pytest.approx((light.weigh(rows[:9]) * 0.5).mean(1))
     assert light.relate_all(lambda asked: variance[asked]) == pytest.approx((light.weigh(rows) * 0.5).mean(1))
+
+
+def test_the_mean_is_that_of_lit_texels(bake):
+    lit = bake.texels.texel_xy[:, 0] < bake.texels.page_size // 4
+    irradiance = np.where(lit, 4.0, 0.0)[:, None].repeat(3, axis=1).astype(np.float32)
+    nothing = replace(bake.solution(), flux=0.0 * bake.solution().flux)
+    shown = ShownDirect.plain(irradiance, 0.0 * irradiance)
+    assert AllLight.of(bake.tree, nothing, current(bake), shown, Judged.whole(bake.texels)).dark == pytest.approx(
+        4.0 * DARK_FLOOR, rel=0.02
+    )
 
 
 def test_of_objects_the_share_is_of_their_own_mean(bake):

@@ -45,6 +45,14 @@ def test_the_worst_texels_are_left_out():
     assert terms_of(np.ones(COUNT), noise, 0.0, dark=0.0).sum_up(np.arange(COUNT)).relative > 1e3
 
 
+def test_texels_that_no_light_reaches_do_not_make_the_others_look_better():
+    noise, light = np.where(np.arange(COUNT) < 500, 0.1, 0.0), np.where(np.arange(COUNT) < 500, 1.0, 0.0)
+    told = terms_of(light, noise, 2.0 * noise, dark=0.0).sum_up(np.arange(COUNT))
+    assert (told.photons2, told.direct2) == pytest.approx((0.1**2, 0.2**2), rel=1e-4)
+    told_alone = judge_rays_alone(*alone(light, noise), np.arange(COUNT))
+    assert told_alone == pytest.approx(0.1 / np.hypot(1.0, DARK_FLOOR), rel=1e-4)
+
+
 @pytest.mark.parametrize("kind", ["photons", "direct", "missing"])
 def test_the_worst_are_so_whatever_they_err_by(kind):
     noise = np.where(np.arange(COUNT) < (1.0 - BEST_TEXELS) * COUNT - 0.5, 100.0, 0.1)
@@ -75,6 +83,13 @@ def test_what_is_unseen_is_asked_of_an_object_and_of_no_whole():
     assert terms.sum_up(np.arange(COUNT)).relative == pytest.approx(0.3)
     assert terms.sum_up(np.arange(COUNT), unseen=True).relative == pytest.approx(0.5)
     assert terms.judge_alone(np.arange(COUNT)) == pytest.approx(0.5 / np.hypot(1.0, DARK_FLOOR), rel=1e-4)
+
+
+def test_what_is_unseen_of_an_object_counts_where_no_light_is_known_yet():
+    terms = terms_of(np.where(np.arange(COUNT) < 500, 1.0, 0.0), 0.0, 0.0)
+    terms = dataclasses.replace(terms, unseen2=np.where(np.arange(COUNT) < 500, 0.0, 0.04))
+    assert terms.sum_up(np.arange(COUNT), unseen=True).photons2 == pytest.approx(0.02, rel=0.02)
+    assert terms.sum_up(np.arange(COUNT)).photons2 == 0.0
 
 
 def test_gathered_light_takes_the_place_of_all_that_leaves_err_by():

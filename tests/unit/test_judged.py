@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from leaflight.core import judged
-from leaflight.core.judged import DARK_FLOOR, Judged, Parts
+from leaflight.core.judged import DARK_FLOOR, Judged, Parts, choose_lit, find_dark2
 from trees import make_map
 
 SIDE = 64  # texels
@@ -119,3 +119,12 @@ def test_texels_asked_are_shown_ones_whose_centres_are_covered_if_there_are_any(
     assert 0 < np.diff(place).min() < np.diff(place).max() < 3 * len(fit) / 600
     texels.shown[:] = False
     assert judged.choose_sample(texels).tolist() == list(range(5000))
+
+
+def test_lit_texels_are_chosen_and_all_where_none_is():
+    rows, lit = np.array([1, 2, 4]), np.array([True, False, True, True, True])
+    assert choose_lit(rows, lit).tolist() == [2, 4]
+    assert choose_lit(rows, np.zeros(5, bool)).tolist() == [1, 2, 4]
+    light = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    assert find_dark2(light, 0.0) == np.float32(DARK_FLOOR) ** 2
+    assert find_dark2(light, 2.0) == np.float32(2.0 * DARK_FLOOR) ** 2
