@@ -21,6 +21,9 @@ from .scene import FloatArray, IntArray
 _MAX_CLUSTERS = 256
 _NEAR = np.float32(16)  # squared distance in mean squares of a cluster, below which its parts are judged
 _AMONG = np.float32(4)  # the same, below which their parts are too: of 2 and of 9, light by strips 5 mm from a wall takes as long
+# Squared distance over that of the farthest cell, from which on none is near. Measured on a street by night with 500 small windows: by mean
+# squares alone direct light has four times the noise.
+_OUTSIDE = np.float32(1.2)
 _GRAZING = np.float32(0.02)  # least cosine that is judged: who looks has another normal, or another place, than who is judged for it
 _BEHIND = np.float32(0.002)  # instead of a cosine, of what is surely below the horizon, or looks away
 _AT_RIGHT_ANGLES = 0.25  # unit box: places so far from their mean are to a run as normals at right angles to theirs
@@ -42,6 +45,7 @@ class EmitterClusters:
     weight          (n_node,) float32   as in Clusters, as are the others
     centre, normal  (n_node, 3) float32
     square, spread  (n_node,) float32
+    extent          (n_node,) float32, unit box squared: how far the farthest of its cells is from the centre
     """
 
     runs: Clusters
@@ -55,6 +59,7 @@ class EmitterClusters:
     normal: Float32
     square: Float32
     spread: Float32
+    extent: Float32
 
     @classmethod
     def of(cls, weight: Float64, centre: FloatArray, normal: FloatArray, square: FloatArray, sealed: NDArray[np.bool_]) -> EmitterClusters:
@@ -74,6 +79,7 @@ class EmitterClusters:
         each = [np.concatenate([getattr(level, name) for level in levels]) for name in ("weight", "centre", "normal", "square", "spread")]
         short = [np.ascontiguousarray(values.T, np.float32).T for values in each]
         short[0] = np.maximum(short[0], np.float32(1e-9))  # what gives nothing is to be somewhere
+        short.append(np.concatenate([_find_extent(centre, level) for level in levels]).astype(np.float32))
         return cls(levels[0], first, last, below, np.where(last - first > 1, count, 0), hidden, *short)
 
     def __len__(self) -> int:
@@ -89,7 +95,7 @@ class EmitterClusters:
         height = receivers.normal @ centre.T - dot_rows(receivers.normal, place)[:, None]
         facing = place @ normal.T - dot_rows(centre, normal)
         out: Float32 = _judge(away2, height, facing, reach[:, None], square, spread, sealed) * weight
-        row, run = np.nonzero((away2 < _NEAR * square) & (self.count[: len(self)] > 0))
+        row, run = np.nonzero((away2 < self._reach_of(np.arange(len(self)), _NEAR)) & (self.count[: len(self)] > 0))
         for piece in row_pieces(np.arange(len(row)), _FEW):
             rows, runs = row[piece], run[piece]
             judged, start, _ = self._judge_parts(receivers.rows(rows), reach[rows], runs)
@@ -103,7 +109,7 @@ class EmitterClusters:
         nobody = np.zeros(len(run), np.float32)
         while len(several):
             away = take_rows(receivers.position, several) - take_rows(self.centre, node[several])
-            near = several[dot_rows(away, away) < _NEAR * self.square[node[several]]]
+            near = several[dot_rows(away, away) < self._reach_of(node[several], _NEAR)]
             for rows in row_pieces(near, _FEW):
                 judged, start, parts = self._judge_parts(receivers.rows(rows), nobody[rows], node[rows])
                 picked, chosen, left[rows] = _pick(judged, start, left[rows])
@@ -116,11 +122,18 @@ class EmitterClusters:
         chance[far] *= within
         return cell, chance
 
-    def _judge_parts(self, receivers: Receivers, reach: Float32, node: Int64, *, ahead: bool = True) -> tuple[Float32, Int64, Int64]:
+    def _reach_of(self, node: Int64, squares: np.float32) -> Float32:
+        """(n,) float32: squared distance from nodes (n,) below which their parts are judged: in so many of their mean squares, but nowhere
+        that one of their cells may be near: among hundreds of them, which are elsewhere, its light would be looked for by hardly a ray.
+        """
+        out: Float32 = np.maximum(squares * self.square[node], _OUTSIDE * self.extent[node])
+        return out
+
+    def _judge_parts(self, receivers: Receivers, reach: Float32, node: Int64) -> tuple[Float32, Int64, Int64]:
         """As `judge`, of all parts of nodes (n,), one after the other (m,); where those of each begin (n,), and what they are (m,).
 
-        ahead   parts among whose cells a receiver may be are judged by their own parts: the middle of several strips tells nothing of
-                one that it all but touches
+        Parts among whose cells a receiver may be are judged by their own parts, and so on: the middle of several strips tells nothing of
+        one that it all but touches.
         """
         count = self.count[node]
         start = np.cumsum(count) - count
@@ -131,13 +144,19 @@ class EmitterClusters:
         square, height, facing = dot_rows(away, away), dot_rows(away, looking.normal), -dot_rows(away, normal)
         judged = _judge(square, height, facing, reach[owner], self.square[part], self.spread[part], self.sealed[part])
         judged *= self.weight[part]
-        if ahead:
-            rows = np.flatnonzero((square < _AMONG * self.square[part]) & (self.count[part] > 0))
-            for piece in row_pieces(rows, _FEW):
-                whose = owner[piece]
-                below, begin, _ = self._judge_parts(receivers.rows(whose), reach[whose], part[piece], ahead=False)
-                judged[piece] = np.add.reduceat(below, begin)
+        rows = np.flatnonzero((square < self._reach_of(part, _AMONG)) & (self.count[part] > 0))
+        for piece in row_pieces(rows, _FEW):
+            whose = owner[piece]
+            below, begin, _ = self._judge_parts(receivers.rows(whose), reach[whose], part[piece])
+            judged[piece] = np.add.reduceat(below, begin)
         return judged, start, part
+
+
+def _find_extent(centre: FloatArray, level: Clusters) -> Float64:
+    """(n_cluster,) float64: of EmitterClusters; centre (n, 3) of all cells."""
+    away: Float64 = centre - np.repeat(level.centre, level.count, axis=0)
+    out: Float64 = np.maximum.reduceat(dot_rows(away, away), level.start[:-1])
+    return out
 
 
 def _pick(judged: Float32, start: Int64, u: Float64) -> tuple[Int64, Float64, Float64]:

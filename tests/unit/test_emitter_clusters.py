@@ -181,3 +181,17 @@ def test_a_strip_close_by_is_found_among_others_in_the_same_run(monkeypatch):
         brought = (away[:, 2] / ((away**2).sum(axis=1) + 2e-3**2)) ** 2 / chance
         spreads.append(brought.std() / brought.mean())
     assert np.median(spreads) < 1
+
+
+def test_a_cell_that_lies_far_from_the_others_of_its_run_is_found_where_it_is_near(monkeypatch):
+    """Many at one place, and one elsewhere: by their mean square the middle is far from both."""
+    monkeypatch.setattr(emitter_clusters, "_MAX_CLUSTERS", 1)
+    centre = np.tile([0.0, 0.0, 0.1], (300, 1))
+    centre[-1] = 0.4, 0.0, 0.1
+    clusters = clusters_of(centre, np.tile(DOWN, (300, 1)))
+    beside = receivers_at((0.4, 0.0, 0.099))
+    assert clusters.judge(beside, np.zeros(1, np.float32))[0, 0] > 1e4
+    every = receivers_at(*[(0.4, 0.0, 0.099)] * 100)
+    cell, chance = clusters.choose(every, np.zeros(100, np.int64), np.linspace(0.005, 0.995, 100))
+    assert (cell == 299).mean() > 0.98
+    assert chance[cell == 299].min() > 0.95
