@@ -56,7 +56,7 @@ class KeptCharts:
         """Those that a bake saved there; none of a file that is missing or damaged, for xatlas is there all the same."""
         try:
             with np.load(file, allow_pickle=False) as stored:
-                return cls({key: stored[key] for key in stored.files if stored[key].dtype == _ROW})
+                return cls({key: rows for key, rows in stored.items() if rows.dtype == _ROW})
         except (OSError, zipfile.BadZipFile, ValueError, EOFError, AttributeError):
             return cls()
 
