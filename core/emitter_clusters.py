@@ -123,8 +123,8 @@ class EmitterClusters:
         return cell, chance
 
     def _reach_of(self, node: Int64, squares: np.float32) -> Float32:
-        """(n,) float32: squared distance from nodes (n,) below which their parts are judged: in so many of their mean squares, but nowhere
-        that one of their cells may be near: among hundreds of them, which are elsewhere, its light would be looked for by hardly a ray.
+        """(n,) float32, unit box squared: how near to nodes (n,) their parts are judged: within so many of their mean squares, and wherever
+        one of their cells may be. A cell far from hundreds of others would else be looked for by hardly a ray.
         """
         out: Float32 = np.maximum(squares * self.square[node], _OUTSIDE * self.extent[node])
         return out

@@ -97,9 +97,12 @@ class Judged:
         return cls(entry, area_m2, large, groups, group_of[thing])
 
     def find_share(self, chosen: NDArray[np.bool_]) -> float:
-        """How much of the surface those that are `chosen` (m,) of the texels that are asked stand for; 1 where none is."""
-        area = float(self.area_m2[chosen].sum())
-        return area / float(self.area_m2.sum()) if area else 1.0
+        """Of how many texels, of all, those that are `chosen` (m,) of the texels that are asked tell; 1 where none is.
+
+        Of the whole all tell of as many; of objects, of which as many are asked each, the surface that they stand for is near enough.
+        """
+        share = float(np.average(chosen, weights=self.area_m2 if self.entry_group is not None else None)) if chosen.any() else 0.0
+        return share or 1.0
 
     def judge_objects(self, judge_alone: Callable[[NDArray[np.int64]], float]) -> dict[int, float]:
         """What is said of rows (k,) int64, of each object by its index."""

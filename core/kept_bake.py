@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -75,12 +75,19 @@ def note_bake(
     with np.load(folder / LAYOUT_FILE) as layout:
         arrays = {name: layout[name] for name in layout.files}
     arrays[_HEADER] = np.frombuffer(json.dumps(header).encode(), np.uint8)
-    note = find_note(job)
-    unfinished = note.with_suffix(".part")
+    save_whole(find_note(job), arrays)
+
+
+def save_whole(file: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write an .npz that takes the place of another only when it is whole.
+
+    Raises OSError where that cannot be written.
+    """
+    unfinished = file.with_name(f"{file.name}.part")
     try:
-        with open(unfinished, "wb") as file:
-            np.savez(file, **arrays)
-        os.replace(unfinished, note)
+        with open(unfinished, "wb") as out:
+            np.savez(out, **arrays)
+        os.replace(unfinished, file)
     finally:
         unfinished.unlink(missing_ok=True)
 

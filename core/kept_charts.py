@@ -5,7 +5,6 @@ They are known by all that decides them, the code included. A file holds those o
 
 from __future__ import annotations
 
-import os
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from .file_names import clean_name
 from .identity import hash_code, hash_pieces
 from .job import Job
+from .kept_bake import save_whole
 from .scene import IntArray
 from .unwrap import Unwrapping
 
@@ -69,26 +69,20 @@ class KeptCharts:
         arrays = [np.ascontiguousarray(tri_position), *(np.ascontiguousarray(label, np.int64) for label in labels)]
         key = hash_pieces([hash_code().encode(), *(array.reshape(-1).view(np.uint8).data for array in arrays)])
         rows = self._earlier.get(key)
-        if rows is None or len(rows) != len(tri_position):
+        if rows is None:
             return _Asked(Unwrapping(tri_position, tri_vertex, tri_polygon, tri_corner, tri_object), self._own, key)
         self._own[key] = rows
         self.known += len(np.unique(tri_object))
         return _Known(rows)
 
-    def save(self, file: Path) -> None:
-        """Keep those of the bake under way, and no others.
+    def save(self, file: Path, is_whole: bool = True) -> None:
+        """Keep those of the bake under way; the earlier one's too where this one has not come to all of its objects.
 
         Raises OSError where they cannot be written.
         """
-        if self._own.keys() == self._earlier.keys():
-            return
-        unfinished = file.with_suffix(".charts_part")
-        try:
-            with open(unfinished, "wb") as out:
-                np.savez(out, **self._own)
-            os.replace(unfinished, file)
-        finally:
-            unfinished.unlink(missing_ok=True)
+        kept = self._own if is_whole else self._earlier | self._own
+        if kept.keys() != self._earlier.keys():
+            save_whole(file, kept)
 
 
 class _Known:

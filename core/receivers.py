@@ -40,24 +40,32 @@ class Receivers:
 def lay_out(run: Run, snapshot: SceneSnapshot, settings: Settings, kept: KeptCharts) -> ChartAtlas:
     """The charts of all objects that take light; the layout file tells Blender where they lie.
 
-    kept   of an earlier bake; what it then has is kept for the next one, also where this one is stopped later
+    kept   of an earlier bake; what it then has is kept for the next one, also where this one is stopped
     Raises ValueError with a sentence where there are none, or they do not fit.
     """
     with run.stage(chart_search.UNWRAPPING):
-        atlas = make_charts(snapshot, settings, run.watch(), kept)
+        is_whole = False
+        try:
+            atlas = make_charts(snapshot, settings, run.watch(), kept)
+            is_whole = True
+        finally:  # also where it is stopped, or charts do not fit: who bakes again has waited for them once
+            _keep_charts(run, kept, is_whole)
         if not atlas.page_count:
             told = "; ".join(told.text.removesuffix(".") for told in group_warnings(atlas.warnings))
             raise ValueError(f"nothing to bake: no object has a face that takes light ({told}).")
         layout = {name: getattr(atlas, name) for name in ("tri_chart", "object_page", "object_block", "object_place")}
         np.savez(run.folder / LAYOUT_FILE, tri_uv=atlas.tri_uv / atlas.page_size, **layout)
         run.warn(atlas.warnings)
-        try:
-            kept.save(find_charts_file(run.job))
-        except OSError as reason:
-            run.tell(Warning_("", f"the charts cannot be kept in {run.job.output} ({reason}), so the next bake unwraps all meshes again"))
         for text in earlier_bakes.describe_others(run.job, pages.list_names(run.job, snapshot, atlas)):
             run.tell(Warning_("", text))  # now, for there is time to stop; and not in the note, for a bake that is kept writes over nothing
     return atlas
+
+
+def _keep_charts(run: Run, kept: KeptCharts, is_whole: bool) -> None:
+    try:
+        kept.save(find_charts_file(run.job), is_whole)
+    except OSError as reason:
+        run.tell(Warning_("", f"the charts cannot be kept in {run.job.output} ({reason}), so the next bake unwraps all meshes again"))
 
 
 def find_receivers(run: Run, snapshot: SceneSnapshot, settings: Settings, atlas: ChartAtlas, lit: bool, by_photons: bool) -> Receivers:

@@ -128,3 +128,9 @@ def test_lit_texels_are_chosen_and_all_where_none_is():
     light = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     assert find_dark2(light, 0.0) == np.float32(DARK_FLOOR) ** 2
     assert find_dark2(light, 2.0) == np.float32(2.0 * DARK_FLOOR) ** 2
+
+
+def test_a_share_of_the_whole_is_one_of_its_texels_however_large_they_are():
+    whole = Judged(np.arange(4), np.array([9.0, 1.0, 1.0, 1.0]), {}, [np.arange(4)])
+    assert whole.find_share(np.array([True, False, False, False])) == 0.25
+    assert whole.find_share(np.zeros(4, bool)) == 1.0

@@ -160,7 +160,7 @@ def test_a_forced_bake_takes_nothing_from_an_earlier_one(bake_lamp):
 
 
 def test_charts_that_cannot_be_kept_are_told_and_the_bake_goes_on(bake_lamp, tmp_path, monkeypatch):
-    def fill_disk(self, file):
+    def fill_disk(self, file, is_whole):
         raise OSError("no space left")
 
     monkeypatch.setattr(KeptCharts, "save", fill_disk)
@@ -175,6 +175,30 @@ def test_a_bake_that_is_stopped_before_there_is_light_keeps_them(bake_lamp, monk
         patch.setattr("leaflight.core.bake.find_receivers", stop_here)
         with pytest.raises(KeyboardInterrupt):
             bake_lamp()
+    assert bake_lamp()[0]["skipped"]["objects_unwrapped_before"] == 2
+
+
+def test_charts_of_a_bake_that_does_not_come_to_all_are_kept_beside_earlier_ones(tmp_path, asked):
+    """As of one that is stopped while it unwraps."""
+    file = tmp_path / "charts"
+    save_charts(make_scene([BALL]), file)
+    kept = KeptCharts.load(file)
+
+    def stop(*_):
+        if N_CLOTH in asked:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        find_charts(make_scene([CLOTH, moved(BALL, (0.0, 0.0, 1.0)), BALL]), True, stop, kept)
+    kept.save(file, is_whole=False)
+    again = KeptCharts.load(file)
+    find_charts(make_scene([BALL]), True, kept=again)
+    assert again.known == 1
+
+
+def test_charts_that_do_not_fit_a_page_are_kept_for_a_larger_one(bake_lamp):
+    with pytest.raises(ValueError, match="do not fit a page"):
+        bake_lamp(size=16, padding=8)
     assert bake_lamp()[0]["skipped"]["objects_unwrapped_before"] == 2
 
 
