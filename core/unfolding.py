@@ -32,15 +32,16 @@ class UnfolderDied(RuntimeError):
     """The child ended without an answer; its return code, and where it is known the object it was asked of."""
 
 
-def unfold_meshes(meshes: list[Mesh], area: float) -> Future[list[Unfolded]]:
+def unfold_meshes(meshes: list[Mesh], area: float, dense: bool = False) -> Future[list[Unfolded]]:
     """Charts and UVs of meshes, by xatlas, as soon as it has come to them; the charts of all of them lie side by side.
 
     meshes    each (n_vertex, 3) float32 and (n, 3) uint32, whose usual triangle has an area of about 1
     area      of all of them
+    dense     they have so many triangles each that it takes long to grow large charts
     out       for each (n,) int32 chart, -1 where it is left out, and (n, 3, 2) float64 UV, of any scale and proportion
     Its result raises ValueError when xatlas cannot be loaded, UnfolderDied when it crashes.
     """
-    return _own_unfolder(os.getpid()).ask(meshes, area)
+    return _own_unfolder(os.getpid()).ask(meshes, area, dense)
 
 
 def start_ahead() -> None:
@@ -78,7 +79,7 @@ class Unfolder:
         self._spare: tuple[subprocess.Popen[bytes], Callable[[], object]] | None = None  # the next child, and how it is killed
         self._atlases = self._triangles = 0
         self._given_up = False  # nobody wants the answer that is on its way
-        self._questions: queue.SimpleQueue[tuple[Future[list[Unfolded]], list[Mesh], float]] = queue.SimpleQueue()
+        self._questions: queue.SimpleQueue[tuple[Future[list[Unfolded]], list[Mesh], float, bool]] = queue.SimpleQueue()
         threading.Thread(target=self._answer_all, daemon=True).start()
 
     def start(self) -> None:
@@ -86,10 +87,10 @@ class Unfolder:
         with self._lock:
             self._find_child()
 
-    def ask(self, meshes: list[Mesh], area: float) -> Future[list[Unfolded]]:
+    def ask(self, meshes: list[Mesh], area: float, dense: bool = False) -> Future[list[Unfolded]]:
         """See unfold_meshes; questions are answered in their order, those that were cancelled left out."""
         answer: Future[list[Unfolded]] = Future()
-        self._questions.put((answer, meshes, area))
+        self._questions.put((answer, meshes, area, dense))
         return answer
 
     def give_up(self) -> None:
@@ -100,15 +101,15 @@ class Unfolder:
 
     def _answer_all(self) -> None:
         while True:
-            answer, meshes, area = self._questions.get()
+            answer, meshes, area, dense = self._questions.get()
             if not answer.set_running_or_notify_cancel():
                 continue
             try:
-                answer.set_result(self.unfold(meshes, area))
+                answer.set_result(self.unfold(meshes, area, dense))
             except Exception as reason:  # goes to the one who asks for the result
                 answer.set_exception(reason)
 
-    def unfold(self, meshes: list[Mesh], area: float) -> list[Unfolded]:
+    def unfold(self, meshes: list[Mesh], area: float, dense: bool = False) -> list[Unfolded]:
         """See unfold_meshes; waits for the answer.
 
         Raises ValueError when xatlas cannot be loaded, UnfolderDied when it crashes.
@@ -117,18 +118,18 @@ class Unfolder:
             self._given_up = False
             for _ in range(_TRIES - 1):
                 try:
-                    return self._unfold(meshes, area)
+                    return self._unfold(meshes, area, dense)
                 except UnfolderDied:
                     if self._given_up:
                         raise
-            return self._unfold(meshes, area)
+            return self._unfold(meshes, area, dense)
 
-    def _unfold(self, meshes: list[Mesh], area: float) -> list[Unfolded]:
+    def _unfold(self, meshes: list[Mesh], area: float, dense: bool) -> list[Unfolded]:
         child = self._find_child()
         assert child.stdin is not None
         assert child.stdout is not None
         try:
-            pickle.dump((meshes, area), child.stdin, pickle.HIGHEST_PROTOCOL)
+            pickle.dump((meshes, area, dense), child.stdin, pickle.HIGHEST_PROTOCOL)
             child.stdin.flush()
             answer: list[Unfolded] | str = pickle.load(child.stdout)
         except (EOFError, OSError, pickle.UnpicklingError) as reason:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .geometry import orthonormal_basis
 from .layer_check import signed_areas
-from .mesh_pieces import split_part
+from .mesh_pieces import is_dense, split_part
 from .scene import IntArray
 from .topology import join_sets, pair_sides
 from .unfolding import UnfolderDied, give_up, unfold_meshes, wait_for
@@ -65,6 +65,7 @@ class Question:
             part[rows] for part in _split(loose, tri_object) for rows in split_part(facet[part], tri_polygon[part], centre[part])
         ]
         self._meshes, self._scaled_area = _make_meshes(self._pieces, position, area, vertex)
+        self._dense = np.array([is_dense(facet[rows]) for rows in self._pieces], bool)
         self._of_piece = np.array([tri_object[rows[0]] for rows in self._pieces], np.int64)
         self._asks: deque[_Ask] = deque()
         if self._pieces:
@@ -72,11 +73,13 @@ class Question:
 
     def _put(self, objects: list[int]) -> None:
         """Ask of objects together, for an atlas takes longer to make than a box to unfold; in parts, lest the first answer come late."""
-        pieces = np.flatnonzero(np.isin(self._of_piece, objects))
-        part = np.cumsum([len(self._pieces[k]) for k in pieces]) // _AT_ONCE
-        for own in np.split(pieces, np.flatnonzero(np.diff(part)) + 1):
-            answer = unfold_meshes([self._meshes[k] for k in own], float(self._scaled_area[own].sum()))
-            self._asks.append(_Ask(np.unique(self._of_piece[own]).tolist(), own.tolist(), answer))
+        wanted = np.isin(self._of_piece, objects)
+        for dense in (False, True):
+            pieces = np.flatnonzero(wanted & (self._dense == dense))
+            part = np.cumsum([len(self._pieces[k]) for k in pieces]) // _AT_ONCE
+            for own in np.split(pieces, np.flatnonzero(np.diff(part)) + 1) if len(pieces) else []:
+                answer = unfold_meshes([self._meshes[k] for k in own], float(self._scaled_area[own].sum()), dense)
+                self._asks.append(_Ask(np.unique(self._of_piece[own]).tolist(), own.tolist(), answer))
 
     def cancel(self) -> None:
         """Nobody will read the answers."""

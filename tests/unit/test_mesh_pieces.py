@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from leaflight.core import mesh_pieces
-from leaflight.core.mesh_pieces import split_part
+from leaflight.core.mesh_pieces import is_dense, split_part
 
 rng = np.random.default_rng(5)
 
@@ -11,6 +11,7 @@ rng = np.random.default_rng(5)
 @pytest.fixture(autouse=True)
 def _small(monkeypatch):
     monkeypatch.setattr(mesh_pieces, "_MOST_FACETS", 16)
+    monkeypatch.setattr(mesh_pieces, "_DENSE_FACETS", 8)
 
 
 def test_what_is_not_dense_is_one_piece():
@@ -47,3 +48,9 @@ def test_polygons_are_never_cut():
     assert len(np.unique(np.concatenate([np.unique(polygon[rows]) for rows in pieces]))) == 51
     assert sum(len(np.unique(polygon[rows])) for rows in pieces) == 51
     assert sorted(len(rows) for rows in pieces)[:-1] <= [16] * len(pieces)
+
+
+def test_dense_is_what_has_many_facets_however_many_triangles():
+    assert is_dense(np.arange(9) * 5)
+    assert not is_dense(np.arange(8))
+    assert not is_dense(np.arange(100) % 8)

@@ -39,6 +39,19 @@ def test_meshes_of_one_question_lie_side_by_side():
     assert (uv.max(axis=(0, 1)) < other_uv.min(axis=(0, 1))).any() or (other_uv.max(axis=(0, 1)) < uv.min(axis=(0, 1))).any()
 
 
+def test_charts_of_dense_meshes_are_grown_otherwise():
+    """Of a wavy sheet of 2,048 triangles, which is cut where it is steep, or is one chart that is joined of small ones."""
+    x, y = np.meshgrid(np.linspace(0.0, 1.0, 33), np.linspace(0.0, 1.0, 33), indexing="ij")
+    wave = np.sin(2 * np.pi * x + y) / 6
+    position = np.stack([x, y, wave], axis=-1).reshape(-1, 3).astype(np.float32) * 30.0
+    corner = (np.arange(32)[:, None] * 33 + np.arange(32)).ravel()
+    triangles = np.concatenate([np.stack([corner, corner + 33, corner + 34], 1), np.stack([corner, corner + 34, corner + 1], 1)])
+    mesh = position, triangles.astype(np.uint32)
+    (chart, _), (dense, _) = unfold_meshes([mesh], 1000.0).result()[0], unfold_meshes([mesh], 1000.0, dense=True).result()[0]
+    assert chart.min() == dense.min() == 0, "nothing is left out"
+    assert (chart != dense).mean() > 0.2
+
+
 def test_what_has_no_area_is_left_out():
     ((chart, uv),) = unfold_meshes([NOTHING], 1.0).result()
     assert chart.tolist() == [-1]
@@ -121,7 +134,7 @@ def test_crash_is_told_and_the_next_question_answered(unfolder, tmp_path, monkey
 
 def test_questions_are_answered_in_their_order_and_cancelled_ones_never(unfolder, monkeypatch):
     asked, may_answer = [], threading.Event()
-    monkeypatch.setattr(unfolder, "unfold", lambda meshes, area: (may_answer.wait(60) and asked.append(area)) or [area])
+    monkeypatch.setattr(unfolder, "unfold", lambda meshes, area, dense: (may_answer.wait(60) and asked.append(area)) or [area])
     answers = [unfolder.ask([SQUARE], area) for area in (1.0, 2.0, 3.0)]
     assert answers[1].cancel()
     may_answer.set()
@@ -130,7 +143,7 @@ def test_questions_are_answered_in_their_order_and_cancelled_ones_never(unfolder
 
 
 def test_a_failure_goes_to_the_one_who_asked(unfolder, monkeypatch):
-    monkeypatch.setattr(unfolder, "unfold", lambda meshes, area: [1 / area])
+    monkeypatch.setattr(unfolder, "unfold", lambda meshes, area, dense: [1 / area])
     failing, good = unfolder.ask([SQUARE], 0.0), unfolder.ask([SQUARE], 1.0)
     assert isinstance(failing.exception(60), ZeroDivisionError)
     assert good.result(60) == [1.0]
@@ -138,7 +151,7 @@ def test_a_failure_goes_to_the_one_who_asked(unfolder, monkeypatch):
 
 def test_whoever_waits_is_called_until_the_answer_is_there(unfolder, monkeypatch):
     may_answer, calls = threading.Event(), []
-    monkeypatch.setattr(unfolder, "unfold", lambda meshes, area: may_answer.wait(60) and [area])
+    monkeypatch.setattr(unfolder, "unfold", lambda meshes, area, dense: may_answer.wait(60) and [area])
     monkeypatch.setattr(unfolding, "_WATCH_S", 0.01)
 
     def watch():

@@ -20,9 +20,14 @@ PRISM = Mesh(  # of six sides: neighbours are 60 degrees apart, which xatlas may
 
 @pytest.fixture
 def asked(monkeypatch):
-    """Of how many pieces each question was."""
+    """Of how many pieces each question was, and whether they are dense."""
     real, written = unwrap_question.unfold_meshes, []
-    monkeypatch.setattr(unwrap_question, "unfold_meshes", lambda meshes, area: written.append(len(meshes)) or real(meshes, area))
+
+    def unfold(meshes, area, dense):
+        written.append((len(meshes), dense))
+        return real(meshes, area, dense)
+
+    monkeypatch.setattr(unwrap_question, "unfold_meshes", unfold)
     return written
 
 
@@ -58,12 +63,28 @@ def test_sides_are_as_long_whatever_the_raster_that_charts_are_packed_on(monkeyp
 
 
 def test_a_dense_ground_is_unwrapped_by_pieces():
-    """Of 2,048 triangles at most, so that time grows with their number; no quad is cut, and as many in a plane are one chart still."""
-    group, _ = ask(grid_mesh(cells=70, noise=0.05)).read()
+    """Of 3,072 triangles at most, so that time grows with their number; no quad is cut, and as many in a plane are one chart still."""
+    group, _ = ask(grid_mesh(cells=90, noise=0.05)).read()
     assert len(np.unique(group)) == 8
-    assert np.bincount(group).max() <= 2048
+    assert np.bincount(group).max() <= 3072
     np.testing.assert_array_equal(group[::2], group[1::2])
-    assert np.unique(ask(grid_mesh(cells=70)).read()[0]).size == 1
+    assert np.unique(ask(grid_mesh(cells=90)).read()[0]).size == 1
+
+
+def test_dense_pieces_are_asked_of_apart_and_have_the_charts_that_they_have_by_themselves(asked):
+    bumpy, even = grid_mesh(cells=30, noise=0.2), grid_mesh(cells=30)
+    group, uv = ask_apart(box_mesh(), bumpy, sphere_mesh(), even).read()
+    assert asked == [(3, False), (1, True)]
+    apart = [ask(mesh).read() for mesh in (box_mesh(), bumpy, sphere_mesh(), even)]
+    assert [len(np.unique(own)) for own, _ in apart] == [len(np.unique(group[rows])) for rows in rows_of(apart)]
+    for (_, own), rows in zip(apart, rows_of(apart), strict=True):
+        length, own_length = (np.linalg.norm(of - np.roll(of, 1, axis=1), axis=2) for of in (uv[rows], own))
+        np.testing.assert_allclose(length, own_length, rtol=2e-4)
+
+
+def rows_of(answers):
+    end = np.cumsum([len(group) for group, _ in answers])
+    return [slice(last - len(group), last) for last, (group, _) in zip(end, answers, strict=True)]
 
 
 def ask_apart(*meshes):
@@ -76,7 +97,7 @@ def ask_apart(*meshes):
 def test_objects_are_asked_of_together_and_have_the_charts_that_each_has_by_itself(asked):
     meshes = [sphere_mesh(), box_mesh(), PRISM, quad_mesh(), join_meshes("Two", box_mesh(), moved(quad_mesh(), (5.0, 0.0, 0.0)))]
     group, uv = ask_apart(*meshes).read()
-    assert asked == [6]
+    assert asked == [(6, False)]
     apart = [ask(mesh).read() for mesh in meshes]
     length, apart_length = (np.linalg.norm(of - np.roll(of, 1, axis=1), axis=2) for of in (uv, np.concatenate([uv for _, uv in apart])))
     np.testing.assert_allclose(length, apart_length, rtol=2e-4)
@@ -89,10 +110,10 @@ def test_of_objects_that_xatlas_crashes_on_together_the_one_is_told(monkeypatch,
     """The second has two triangles fewer than the others."""
     real = unwrap_question.unfold_meshes
 
-    def unfold(meshes, area):
+    def unfold(meshes, area, dense):
         crashes = len(meshes) > 1 or (cursed and len(meshes[0][1]) == 10)
         if not crashes:
-            return real(meshes, area)
+            return real(meshes, area, dense)
         answer = Future()
         answer.set_exception(UnfolderDied(-11))
         return answer
