@@ -73,13 +73,14 @@ class Question:
 
     def _put(self, objects: list[int]) -> None:
         """Ask of objects together, for an atlas takes longer to make than a box to unfold; in parts, lest the first answer come late."""
-        wanted = np.isin(self._of_piece, objects)
+        wanted, asked = np.isin(self._of_piece, objects), []
         for dense in (False, True):
             pieces = np.flatnonzero(wanted & (self._dense == dense))
             part = np.cumsum([len(self._pieces[k]) for k in pieces]) // _AT_ONCE
-            for own in np.split(pieces, np.flatnonzero(np.diff(part)) + 1) if len(pieces) else []:
-                answer = unfold_meshes([self._meshes[k] for k in own], float(self._scaled_area[own].sum()), dense)
-                self._asks.append(_Ask(np.unique(self._of_piece[own]).tolist(), own.tolist(), answer))
+            asked += np.split(pieces, np.flatnonzero(np.diff(part)) + 1) if len(pieces) else []
+        for own in sorted(asked, key=lambda pieces: int(pieces[0])):  # in the order of the objects, as progress is told
+            answer = unfold_meshes([self._meshes[k] for k in own], float(self._scaled_area[own].sum()), bool(self._dense[own[0]]))
+            self._asks.append(_Ask(np.unique(self._of_piece[own]).tolist(), own.tolist(), answer))
 
     def cancel(self) -> None:
         """Nobody will read the answers."""

@@ -82,6 +82,11 @@ def test_dense_pieces_are_asked_of_apart_and_have_the_charts_that_they_have_by_t
         np.testing.assert_allclose(length, own_length, rtol=2e-4)
 
 
+def test_dense_pieces_are_asked_of_when_their_object_has_its_turn(asked):
+    ask_apart(grid_mesh(cells=30, noise=0.2), box_mesh()).read()
+    assert asked == [(1, True), (1, False)]
+
+
 def rows_of(answers):
     end = np.cumsum([len(group) for group, _ in answers])
     return [slice(last - len(group), last) for last, (group, _) in zip(end, answers, strict=True)]
