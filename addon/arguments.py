@@ -83,6 +83,18 @@ class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
         return super()._get_help_string(action) if shown else action.help
 
 
+class _Extend(argparse.Action):
+    """All words behind a flag, which may be there several times, each word once and in place of the default.
+
+    argparse's own would take the last flag alone, or add to the default.
+    """
+
+    def __call__(self, parser: Any, namespace: argparse.Namespace, values: Any, option_string: str | None = None) -> None:
+        so_far = getattr(namespace, self.dest)
+        told = [*values] if so_far is self.default else [*so_far, *values]
+        setattr(namespace, self.dest, list(dict.fromkeys(told)))
+
+
 def _make_parser(prog: str, with_scene: bool) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog=prog, description="Bakes diffuse global illumination to textures.", allow_abbrev=False)
     commands = parser.add_subparsers(dest="command", required=True)
@@ -90,7 +102,9 @@ def _make_parser(prog: str, with_scene: bool) -> argparse.ArgumentParser:
     if with_scene:
         bake.add_argument("scene", type=Path, help=".blend, .glb, .gltf, .obj, .fbx or .usd")
     scene = bake.add_argument_group("scene")
-    scene.add_argument("--objects", nargs="+", default=[], metavar="NAME", help="what gets a lightmap; without it every visible mesh")
+    scene.add_argument(
+        "--objects", nargs="+", action=_Extend, default=[], metavar="NAME", help="what gets a lightmap; without it every visible mesh"
+    )
     scene.add_argument("--uv-layer", default="", metavar="NAME", help="use this UV layer as it is; without it xatlas unwraps")
     output = bake.add_argument_group("output")
     output.add_argument("--output", default="bake", metavar="DIR", help="folder of the images; // is that of the .blend")
@@ -121,7 +135,8 @@ def _add_knob(group: Any, knob: dataclasses.Field[Any]) -> None:
             )
         group.add_argument(flag, dest=knob.name, action="store_true", default=knob.default, help=text)
     elif isinstance(knob.default, tuple):
-        group.add_argument(flag, dest=knob.name, nargs="+", choices=about["choices"], default=list(knob.default), help=text)
+        default = list(knob.default)
+        group.add_argument(flag, dest=knob.name, nargs="+", action=_Extend, choices=about["choices"], default=default, help=text)
     elif about["choices"]:
         group.add_argument(flag, dest=knob.name, choices=about["choices"], default=knob.default, help=text)
     else:

@@ -28,6 +28,9 @@ def test_without_options_everything_has_its_default():
         ("--atlas", "atlas", True),
         ("--own-meshes", "share_meshes", False),
         ("--pass lighting direct", "passes", ("lighting", "direct")),
+        ("--pass lighting --pass direct stderr", "passes", ("lighting", "direct", "stderr")),
+        ("--format exr --format png", "formats", ("exr", "png")),
+        ("--pass direct direct --pass lighting --pass direct", "passes", ("direct", "lighting")),
         ("--format png exr", "formats", ("png", "exr")),
         ("--format rgbm logluv", "formats", ("rgbm", "logluv")),
         ("--range 6", "value_range", 6.0),
@@ -52,7 +55,7 @@ def test_flag_sets_its_knob_and_no_other(words, knob, value):
 
 
 def test_scene_and_output_options():
-    words = "--objects Floor Wall --uv-layer Light --output a/b --report r.json --save s.blend --no-assign --quiet"
+    words = "--objects Floor --objects Wall --uv-layer Light --output a/b --report r.json --save s.blend --no-assign --quiet"
     expected = BakeRequest(
         Settings(),
         scene=Path("room.blend"),
