@@ -19,7 +19,6 @@ Float64: TypeAlias = NDArray[np.float64]
 Int64: TypeAlias = NDArray[np.int64]
 
 _MOST_FACETS = 1 << 11  # with half as many more, xatlas takes half as long again on rough grounds, and few more texels find room on a page
-
 _DENSE_FACETS = 1 << 10  # with fewer, large charts take little time to grow
 
 
