@@ -109,6 +109,7 @@ def direct_irradiance(
     smoothed: bool = False,
     crossed: NDArray[np.bool_] | None = None,
     beside: NDArray[np.float32] | None = None,
+    dark: float = 0.0,
 ) -> DirectLight:
     """Direct light at texels, averaged over the covered part of each.
 
@@ -120,6 +121,7 @@ def direct_irradiance(
     smoothed     the light will be averaged over like neighbours: where it changes gently over a tile, more noise is left for that
     crossed      (n,) bool: texels that see past the foot of what stands on them, which tells nothing of their neighbours
     beside       (n,) float32, W/m^2: other light of the texels, of OtherLight; None is none
+    dark         W/m^2: of Demand
     """
     irradiance, variance, by_openings = np.zeros((len(texel), 3)), np.zeros((len(texel), 3)), np.zeros(len(texel), bool)
     out = DirectLight(irradiance, variance, dict.fromkeys(_COUNTERS, 0), by_openings=by_openings)
@@ -134,7 +136,7 @@ def direct_irradiance(
             alone = crossed[rows]
             whole = (tiles or Tiles.none()).within(rows).without(alone)
             calm = whole if smoothed else Tiles.none()
-            demand = Demand(tolerance, max_rays, whole.on_one_triangle(chunk.tri), calm.texels(), alone)
+            demand = Demand(tolerance, max_rays, whole.on_one_triangle(chunk.tri), calm.texels(), alone, dark)
             looking = _LookingChunk(scene, chunk, demand, beside[rows], rng)
             value, error = looking.find_light()
             into = as_slice(rows)
@@ -201,7 +203,7 @@ class _LookingChunk:
         agreed, given, every = look.lit | look.dark, np.zeros(len(chunk), bool), np.arange(len(chunk))
         if isinstance(source, WorldSource):
             level = weigh_channels(self._shared) + self._beside
-            few = Openings.find(self._scene.rays, chunk, source, np.flatnonzero(~agreed), look.looks, level, demand.tolerance, rng)
+            few = Openings.find(self._scene.rays, chunk, source, np.flatnonzero(~agreed), look.looks, level, demand, rng)
             self.openings.append(few)
             self.counters["rays"] += few.rays
             given[few.rows] = True

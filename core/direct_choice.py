@@ -32,6 +32,7 @@ class Demand:
     flat        tiles that lie on one triangle, whose texels share first looks and choices
     smoothed    (k, 64) int: texels of tiles whose noise may be left to whoever smooths it over neighbours
     alone       (n,) bool: texels that tell nothing of those beside them; None is none
+    dark        W/m^2: light through openings has to be as sure as if there were so much of it, where there is less
     """
 
     tolerance: float
@@ -39,6 +40,7 @@ class Demand:
     flat: Tiles = field(default_factory=Tiles.none)
     smoothed: IntArray = field(default_factory=lambda: Tiles.none().texels())
     alone: NDArray[np.bool_] | None = None
+    dark: float = 0.0
 
     def are_alone(self, rows: Int64) -> NDArray[np.bool_] | None:
         """Which of the texels (m,) are."""

@@ -20,7 +20,8 @@ from .coverage import as_slice
 from .denoise import Spread
 from .direct import DirectLight
 from .direct_shown import GRAIN, ShownDirect, find_grain
-from .judged import DARK_FLOOR
+from .emitters import usable_world
+from .judged import DARK_FLOOR, choose_sample
 from .messages import Message, Status
 from .other_light import OtherLight
 from .scene import FloatArray, IntArray
@@ -35,6 +36,7 @@ _SHARDS_ENOUGH = 32  # that no worker waits long for another's last
 # Of the error asked for: its noise is averaged over neighbours, at less cost than more rays. Twice as much where that error is loose, 5 %,
 # takes 5 to 10 % less time at 1024^2, but what it blurs among many lamps is not all stated: 4.4 for a real 5.0 % (furnished_room).
 TOLERANCE = 0.5
+_GLANCE_TEXELS, _GLANCE_TOLERANCE = 256, 1.0  # that tell how bright all will be, before there is any light, and how sure each is
 _BLOCK = 64  # texels in a row, neighbours, whose variances are corrected together
 # Weights in texels shot again: of variances as they were told in all texels' correction, and of that in a block's.
 _PRIOR_VALUES, _PRIOR_OF_BLOCK = 64.0, 16.0
@@ -201,14 +203,28 @@ class DirectField:
         """
         self.ask_for(settings.error)
         tolerance = TOLERANCE * settings.error
-        whole = workers.DirectShard(str(folder), settings.seed, self.turns, 0, texels, tolerance, settings.denoise)
+        shard = workers.DirectShard(str(folder), settings.seed, self.turns, 0, texels, tolerance, settings.denoise)
         rows = as_slice(texels)
         kept = self._keep(rows) if self.passes.any() else None
         with shared_arrays.laid_out(folder, other) if other else nullcontext("") as view:
-            is_done = self._send_rays(executor, workers.light_texels, replace(whole, view=view), tell, should_stop)
+            shard = replace(shard, view=view)
+            dark = self._find_brightness(shard, other) * (DARK_FLOOR**2 if settings.error_of == "objects" else DARK_FLOOR)
+            is_done = self._send_rays(executor, workers.light_texels, replace(shard, dark=dark), tell, should_stop)
         if kept and not is_done:
             self._put_back(rows, kept)
         return is_done
+
+    def _find_brightness(self, shard: workers.DirectShard, other: OtherLight | None) -> float:
+        """W/m^2, of all texels in the mean; 0 where nobody asks for it, below no sky."""
+        tracing, found = workers.open_tracing(shard.tracing), self.irradiance
+        if not usable_world(tracing.snapshot).any():
+            return 0.0
+        if not self.passes.any():
+            some = choose_sample(tracing.texels)
+            few = some[:: max(len(some) // _GLANCE_TEXELS, 1)]
+            glance = replace(shard, start=len(found), texels=few, tolerance=_GLANCE_TOLERANCE)
+            found = workers.light_texels(glance).irradiance_rgb
+        return float(found.mean(dtype=np.float64)) + (float(other.level.mean(dtype=np.float64)) if other else 0.0)
 
     def _keep(self, rows: IntArray | slice) -> DirectField:
         """What there is of some texels, and of all in sum."""

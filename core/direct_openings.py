@@ -17,7 +17,6 @@ from .direct_choice import BLOCK_TEXELS, Demand, Int64, Span, choose_by_strata, 
 from .direct_lights import WorldSource
 from .direct_points import STAGES, TexelChunk, light_points, random_shift, row_pieces
 from .geometry import take_rows
-from .judged import DARK_FLOOR
 from .lights import Float32, Float64
 from .rays import RayScene
 from .scene import IntArray
@@ -32,7 +31,9 @@ _ANYWHERE = 0.3  # share of the rays that go to all cells alike: no ray brings m
 # Of that of a block's texels, and of what is foreseen: else who saw nothing by chance would be sure of it, and the only one who is not
 # shot again. Measured: all of a block's takes twice the rays, none leaves a fourth of the light of dim walls out.
 _LEAST_VARIANCE, _LEAST_FORESEEN = 1 / 8, 1 / 64
-_SMOOTHED = 10.0  # how many times too much all plain rays of a texel may err, which smoothing takes
+_SMOOTHED = (
+    4.0  # how many times too much all plain rays of a texel may err, which smoothing takes; with 10 a wall far from a window had blots
+)
 _LOOKS = 4  # rays of a texel that tell where to look, and no more
 # Each learns where to look by those before. Longer first ones, or more looks in place of them, leave up to two fifths more squared noise
 # for the same time; more rays than these bring no more than another pass would.
@@ -59,12 +60,11 @@ class Openings:
 
     rows       (n,) int64, ascending   each BLOCK_TEXELS of them are a block
     known      of the blocks
-    dark       W/m^2: as sure as light of that has to be that of texels with less
     rays       that were sent to find that
     """
 
-    def __init__(self, source: WorldSource, rows: Int64, known: _Known, dark: float, rays: int) -> None:
-        self._source, self.rows, self._known, self._dark, self.rays = source, rows, known, dark, rays
+    def __init__(self, source: WorldSource, rows: Int64, known: _Known, rays: int) -> None:
+        self._source, self.rows, self._known, self.rays = source, rows, known, rays
 
     @classmethod
     def find(
@@ -75,13 +75,12 @@ class Openings:
         rows: Int64,
         looks: Looks,
         beside: Float64,
-        tolerance: float,
+        demand: Demand,
         rng: np.random.Generator,
     ) -> Openings:
         """Those among the texels `rows` (n,), ascending, that err too much by plain rays; a ray goes from each of which there are no looks.
 
-        beside      (n_texel,) W/m^2: other light
-        tolerance   standard error, relative to all light
+        beside   (n_texel,) W/m^2: other light
 
         Whether a texel is one, and where its rays go, is told by rays that count for nothing else, which biases no light.
         """
@@ -92,8 +91,8 @@ class Openings:
         known.add(place[looks.texel[told]], _cell_at(looks.to[told]), looks.seen[told])
         place[looks.texel[told]] = -1
         sky = math.pi * float(weigh_channels(source.rgb)[0])
-        level, dark = _means(beside[rows], BLOCK_TEXELS * _REGIONS_BLOCKS[0]), DARK_FLOOR * float(beside.mean())
-        limit = tolerance * np.maximum(level, dark) / sky
+        level = _means(beside[rows], BLOCK_TEXELS * _REGIONS_BLOCKS[0])
+        limit = demand.tolerance * np.maximum(level, demand.dark) / sky
         n_ray, asked = 0, place[rows] >= 0
         asked &= np.repeat(known.may_see_little(limit), BLOCK_TEXELS)[: len(rows)]
         for piece in row_pieces(rows[asked], 1):
@@ -102,8 +101,7 @@ class Openings:
             known.add(place[piece], _cell_at(to), seen)
             n_ray += traced
         known = known.tell_share()
-        dark += DARK_FLOOR * sky * known.share * len(rows) / max(len(chunk), 1)
-        few = known.see_little(tolerance * np.maximum(level, dark) / sky)
+        few = known.see_little(limit)
         rows, known = rows[np.repeat(few, BLOCK_TEXELS)[: len(rows)]], known.of(few)
         for _ in range(_LOOKS):
             end = known.share_out()[0]
@@ -112,7 +110,7 @@ class Openings:
                 seen, _, traced = _look(rays, chunk, source, rows[piece], to, (0, 1))
                 known.add(piece, cell, seen)
                 n_ray += traced
-        return cls(source, rows, known, dark, n_ray)
+        return cls(source, rows, known, n_ray)
 
     def irradiance(
         self, rays: RayScene, chunk: TexelChunk, demand: Demand, base_rgb: Float64, rng: np.random.Generator
@@ -140,7 +138,7 @@ class Openings:
         sky = math.pi * float(weigh_channels(self._source.rgb)[0])
         foreseen = np.zeros((2, len(chunk)))
         foreseen[:, self.rows] = sky * mean[own], sky**2 * (square - mean**2)[own]
-        base_rgb = base_rgb + np.maximum(self._dark - weigh_channels(base_rgb) - foreseen[0], 0.0)[:, None]
+        base_rgb = base_rgb + np.maximum(demand.dark - weigh_channels(base_rgb) - foreseen[0], 0.0)[:, None]
         allowed = demand.tolerance * (weigh_channels(base_rgb) + foreseen[0])[self.rows]
         sure = sky**2 * square[own] <= STAGES[0][1] * allowed**2
         for rows, stages in ((self.rows[sure], STAGES), (self.rows[~sure], _STAGES)):

@@ -157,9 +157,10 @@ class TexelShard:
 
 @dataclass(frozen=True)
 class DirectShard(TexelShard):
-    """Shadow rays; the view's folder holds other_light.OtherLight, "" where nothing is known of it."""
+    """Shadow rays; the view's folder holds other_light.OtherLight, "" where nothing is known of it; dark of direct_choice.Demand."""
 
     view: str = ""
+    dark: float = 0.0
 
 
 def light_texels(shard: DirectShard) -> direct.DirectLight:
@@ -168,7 +169,7 @@ def light_texels(shard: DirectShard) -> direct.DirectLight:
     entry, rng, tiles = shard.entries, shard.rng(DIRECT_ROUND), shard.tiles()
     crossed = texels.borders.see_beyond(entry, LOOK)
     beside = open_other_light(shard.view).at(entry) if shard.view else np.zeros(len(entry), np.float32)
-    light = partial(direct.direct_irradiance, scene, rng=rng, tolerance=shard.tolerance, smoothed=shard.smoothed)
+    light = partial(direct.direct_irradiance, scene, rng=rng, tolerance=shard.tolerance, smoothed=shard.smoothed, dark=shard.dark)
     # Who is asked again was not sure enough.
     quads = Quads.none() if shard.turn else direct_quads.find_quads(texels, entry, tiles, crossed)
     return direct_quads.light_by_quads(light, texels, entry, shard.tolerance, tiles, crossed, beside, quads)

@@ -129,9 +129,10 @@ class Dice(executors.InlineExecutor):
 
     def __init__(self, sigma):
         super().__init__()
-        self._sigma, self._rng = sigma[:, None], np.random.default_rng(1)
+        self._sigma, self._rng, self.shards = sigma[:, None], np.random.default_rng(1), []
 
     def submit(self, fn, shard):
+        self.shards.append(shard)
         future = Future()
         sigma = self._sigma[shard.texels]
         future.set_result(DirectLight(1 + sigma * self._rng.standard_normal((len(sigma), 3)), np.full((len(sigma), 3), 0.2**2), {}))
@@ -140,6 +141,7 @@ class Dice(executors.InlineExecutor):
 
 def test_variances_of_texels_shot_again_are_corrected_by_how_their_estimates_differ(tmp_path):
     """By those of neighbours; what was shot once keeps its own."""
+    prepare_folder(tmp_path, lamp_scene(), SETTINGS)
     sigma = np.repeat([0.1, 0.2, 0.4, 0.1], 640)
     field, dice, again = DirectField.none(len(sigma)), Dice(sigma), np.arange(3 * 640)
     field.shoot(tmp_path, SETTINGS, dice, np.arange(len(sigma)))
@@ -150,6 +152,30 @@ def test_variances_of_texels_shot_again_are_corrected_by_how_their_estimates_dif
     np.testing.assert_allclose(told[:3] * 16, [0.1**2, 0.2**2, 0.4**2], rtol=0.25)
     assert told[3] == pytest.approx(0.2**2)
     assert field.variance.max() == pytest.approx(0.2**2)
+
+
+@pytest.mark.parametrize(("error_of", "share"), [("bake", 0.1), ("objects", 0.01)])
+def test_it_is_told_what_is_dark_beside_the_mean_of_all_texels(tmp_path, error_of, share):
+    """A glance tells it at first, and then what has been found; other light counts too."""
+    settings = replace(SETTINGS, error_of=error_of)
+    scene = replace(lamp_scene(), world_rgb=(2.0, 2.0, 2.0))
+    n_texel = len(prepare_folder(tmp_path, scene, settings)[1].texel_area)
+    field, dice, other = DirectField.none(n_texel), Dice(np.full(n_texel, 0.1)), OtherLight(np.full(n_texel, 3.0, np.float32))
+    light = DirectField.none(n_texel)
+    light.shoot(tmp_path, replace(settings, error=0.05), executors.InlineExecutor(), range(n_texel))
+    field.shoot(tmp_path, settings, dice, range(n_texel), other=other)
+    assert [shard.dark for shard in dice.shards] == pytest.approx([share * (light.irradiance.mean() + 3.0)] * len(dice.shards), rel=0.1)
+    dice.shards.clear()
+    found = field.irradiance.mean()
+    field.shoot(tmp_path, settings, dice, range(n_texel))
+    assert [shard.dark for shard in dice.shards] == pytest.approx([share * found] * len(dice.shards))
+
+
+def test_nobody_is_told_of_the_dark_where_no_sky_could_be_seen(tmp_path):
+    n_texel = len(prepare_folder(tmp_path, lamp_scene(), SETTINGS)[1].texel_area)
+    dice = Dice(np.full(n_texel, 0.1))
+    DirectField.none(n_texel).shoot(tmp_path, SETTINGS, dice, range(n_texel))
+    assert {shard.dark for shard in dice.shards} == {0.0}
 
 
 def test_texels_below_openings_are_chosen_with_their_neighbours():
