@@ -258,6 +258,19 @@ def test_threads_and_parts_change_no_byte(part_entries):
 
 
 @pytest.mark.parametrize("direct", ["photons", "rays"])
+def test_leaves_of_few_photons_lean_on_what_is_around_unless_those_come_straight_from_lamps(tmp_path, direct):
+    solver = make_solver(tmp_path, lamp_scene(), Settings(size=24, padding=1, error=0.5, direct=direct))
+    light, texels = solver.glance(), solver.tracing.texels
+    few = light.received < np.sort(light.received[light.leaves])[len(light.leaves) // 2]
+    light = replace(light, received=np.where(few, 1, 100))
+    alone, leaning = (resolve.light_at_texels(light, texels, False, scene=scene) for scene in (None, solver.tracing.snapshot))
+    changed = (leaning.indirect != alone.indirect).any(axis=1)
+    np.testing.assert_array_equal(leaning.direct, alone.direct)
+    assert changed.any() == (direct == "rays")
+    assert not changed[~few[alone.leaf]].any()
+
+
+@pytest.mark.parametrize("direct", ["photons", "rays"])
 @pytest.mark.parametrize("basis", ["linear", "quadratic"])
 def test_whole_bakes_hold_no_negative_and_no_odd_numbers(tmp_path, direct, basis):
     settings = Settings(size=32, padding=1, direct=direct, basis=basis, max_photons=20_000, error=1e-4)
