@@ -87,7 +87,7 @@ class _Around:
         larger = self.take(first)
         mean, share = larger.lean(surface, _OF_CELL)
         own = total / np.maximum(surface, _TINY)
-        one = len(total) * larger.photon  # more than there were, lest a single one tells what all are like
+        one = len(total) * larger.photon  # as if one more had come, lest a single one tells what all of them carry
         photon = (np.bincount(cell, power2) + one * larger.photon) / np.maximum(total.sum(axis=0) + one, _TINY)
         return _Around((own + share * (mean - own))[:, cell], photon[cell])
 
@@ -102,7 +102,7 @@ class _Around:
 
 def _find_cells(scene: SceneSnapshot, tri: IntArray) -> list[IntArray]:
     """Of each of _LEVELS a key (m,) int to the cell that each of the triangles (m,) lies in."""
-    corner = scene.tri_position[tri]
+    corner = scene.vertex_position[scene.tri_vertex[tri]].astype(np.float64)
     bits = max(_LEVELS)
     middle = UnitBox.from_points(scene.vertex_position).to_unit(corner.mean(axis=1)) + 0.5
     x, y, z = np.clip(middle * (1 << bits), 0, (1 << bits) - 1).astype(np.int64).T

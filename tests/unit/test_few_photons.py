@@ -41,7 +41,7 @@ class Leaves:
         tree = Nodes(self.area, every)
         solution = SimpleNamespace(flux=flux, variance=COLOUR[:, None] ** 2 * self.count * PHOTON_W**2 / self.area**2)
         field = SimpleNamespace(leaves=every, received=self.count, photons=1, tree=tree, solution=solution, correction=np.ones(3))
-        scene = SimpleNamespace(vertex_position=corner.reshape(-1, 3), tri_position=corner)
+        scene = SimpleNamespace(vertex_position=corner.reshape(-1, 3), tri_vertex=np.arange(3 * len(self)).reshape(-1, 3))
         light = self.own.copy()
         lean_on_surroundings(light, every.astype(np.int32), field, SimpleNamespace(texel_tri=every), scene)
         return light
