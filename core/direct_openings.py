@@ -31,9 +31,8 @@ _ANYWHERE = 0.3  # share of the rays that go to all cells alike: no ray brings m
 # Of that of a block's texels, and of what is foreseen: else who saw nothing by chance would be sure of it, and the only one who is not
 # shot again. Measured: all of a block's takes twice the rays, none leaves a fourth of the light of dim walls out.
 _LEAST_VARIANCE, _LEAST_FORESEEN = 1 / 8, 1 / 64
-_SMOOTHED = (
-    4.0  # how many times too much all plain rays of a texel may err, which smoothing takes; with 10 a wall far from a window had blots
-)
+# How many times too much all plain rays of a texel may err, which smoothing takes. With 10 walls far from a window had blots.
+_SMOOTHED = 4.0
 _LOOKS = 4  # rays of a texel that tell where to look, and no more
 # Each learns where to look by those before. Longer first ones, or more looks in place of them, leave up to two fifths more squared noise
 # for the same time; more rays than these bring no more than another pass would.
