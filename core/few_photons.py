@@ -49,10 +49,10 @@ def lean_on_surroundings(
     around = _Around.of_all(flux, area, power2)
     for key in _find_cells(scene, texels.texel_tri[field.tree.start[leaves]]):
         around = around.within(key, flux, area, power2)
-    own, (mean, share) = flux[:, few] / np.maximum(area[few], _TINY), around.take(few).lean(area[few], _OF_LEAF)
+    own, around = flux[:, few] / np.maximum(area[few], _TINY), around.take(few)
     keeps, adds = np.ones((3, len(field.tree))), np.zeros((3, len(field.tree)))
-    share = np.where(own < mean, _LIFTED * share, share)
-    nodes, shown = leaves[few], own + share * (mean - own)
+    share = around.find_share(area[few], _OF_LEAF) * np.where(own < around.mean, _LIFTED, 1.0)
+    nodes, shown = leaves[few], own + share * (around.mean - own)
     keeps[:, nodes] = np.divide(shown, own, out=np.zeros_like(own), where=own > 0.0)
     adds[:, nodes] = np.where(own > 0.0, 0.0, shown)
     is_few = np.zeros(len(field.tree), bool)
@@ -84,20 +84,20 @@ class _Around:
         """In cells, of those leaves that have the same key (m,), held against this, of which all leaves of a cell have the same."""
         _, first, cell = np.unique(key, return_index=True, return_inverse=True)
         total, surface = np.stack([np.bincount(cell, row) for row in flux]), np.bincount(cell, area).astype(np.float64)
-        larger = self.take(first)
-        mean, share = larger.lean(surface, _OF_CELL)
-        own = total / np.maximum(surface, _TINY)
+        larger, own = self.take(first), total / np.maximum(surface, _TINY)
+        mean = own + larger.find_share(surface, _OF_CELL) * (larger.mean - own)
         one = len(total) * larger.photon  # as if one more had come, lest a single one tells what all of them carry
         photon = (np.bincount(cell, power2) + one * larger.photon) / np.maximum(total.sum(axis=0) + one, _TINY)
-        return _Around((own + share * (mean - own))[:, cell], photon[cell])
+        return _Around(mean[:, cell], photon[cell])
 
     def take(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> _Around:
         return _Around(self.mean[:, rows], self.photon[rows])
 
-    def lean(self, area: Float64, prior: float) -> tuple[Float64, Float64]:
-        """Means (3, m) and by how much surfaces of area (m,), m^2, lean on them: the more, the fewer photons were to be expected."""
+    def find_share(self, area: Float64, prior: float) -> Float64:
+        """(m,): how far surfaces of area (m,), m^2, lean on the mean: the more, the fewer photons were to be expected; at a prior, half."""
         expected = self.mean.mean(axis=0) * area / np.maximum(self.photon, _TINY)
-        return self.mean, prior / (expected + prior)
+        share: Float64 = prior / (expected + prior)
+        return share
 
 
 def _find_cells(scene: SceneSnapshot, tri: IntArray) -> list[IntArray]:

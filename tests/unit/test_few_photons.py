@@ -95,6 +95,19 @@ def test_one_that_many_were_expected_on_stays_dark():
     assert Leaves(area, place, normal, light).show()[:5].max() < 0.02 * 2.0
 
 
+def test_what_is_around_counts_as_one_photon():
+    """Beside a wall that many fell on; on the first facet one was to be expected and three fell, on the second four and one."""
+    area = np.array([1.0, PHOTON_W / 2.0, 4 * PHOTON_W / 2.0])
+    leaves = Leaves(area, np.zeros((3, 3)), np.tile([0.0, 0.0, 1.0], (3, 1)), np.full(3, 2.0))
+    leaves.count[:] = 20_000, 3, 1
+    _, brighter, darker = leaves.show()
+    # The colours that photons have make one count for a little less: by mean squared over squared mean power.
+    expected = np.mean(COLOUR) * COLOUR.sum() / np.square(COLOUR).sum() * np.array([1.0, 4.0])
+    lean = 1 / (expected + 1)
+    np.testing.assert_allclose(brighter, (6.0 + lean[0] * (2.0 - 6.0)) * COLOUR, rtol=1e-2)
+    np.testing.assert_allclose(darker, (0.5 + 0.5 * lean[1] * (2.0 - 0.5)) * COLOUR, rtol=1e-2)
+
+
 def test_what_is_far_away_counts_for_nothing():
     leaves = join(cluster(light=0.2), cluster(light=20.0, centre=(50.0, 0.0, 0.0), seed=2))
     shown, tiny = 2 * leaves.show()[:, 0], (leaves.area < 1e-7) & (leaves.count == 0)

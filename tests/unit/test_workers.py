@@ -12,6 +12,15 @@ from leaflight.core.settings import Settings
 SETTINGS = Settings(size=32, padding=1)
 
 
+def test_what_is_dark_goes_with_a_direct_shard(tmp_path, monkeypatch):
+    prepare_folder(tmp_path, lamp_scene(), SETTINGS)
+    asked = []
+    monkeypatch.setattr(workers.direct, "direct_irradiance", lambda *_, dark, **__: asked.append(dark))
+    monkeypatch.setattr(workers.direct_quads, "light_by_quads", lambda find_light, *_: find_light())
+    workers.light_texels(workers.DirectShard(str(tmp_path), 1, 0, 0, np.arange(5), tolerance=0.01, smoothed=False, dark=3.0))
+    assert asked == [3.0]
+
+
 def test_a_direct_shard_is_a_pure_function_and_takes_its_texels_only(tmp_path):
     _, texel_map = prepare_folder(tmp_path, lamp_scene(), SETTINGS)
     shard = workers.DirectShard(str(tmp_path), seed=1, turn=0, start=0, texels=np.arange(10, 60), tolerance=0.01, smoothed=False)
