@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .direct_shown import ShownDirect
+from .few_photons import FewPhotons
 from .judged import DARK_FLOOR, Judged, Parts, cut_entries
 from .quadtree import Quadtree, node_of_texel
 from .scene import IntArray
@@ -38,9 +39,17 @@ class AllLight:
     parts: Parts
 
     @classmethod
-    def of(cls, tree: Quadtree, solution: Solution, nodes: IntArray, direct: ShownDirect, judged: Judged) -> AllLight:
-        """Of the light on the `nodes` (m,), which tile the charts, and of direct light by rays."""
+    def of(
+        cls, tree: Quadtree, solution: Solution, nodes: IntArray, direct: ShownDirect, judged: Judged, few: FewPhotons | None = None
+    ) -> AllLight:
+        """Of the light on the `nodes` (m,), which tile the charts, and of direct light by rays.
+
+        few   nodes that are shown with what is around them too
+        """
         node_light = np.ascontiguousarray((solution.flux / np.maximum(tree.area, _TINY)).astype(np.float32).T)
+        if few:
+            node, row = few.find(np.arange(len(node_light)))
+            node_light[node] = few.shown[:, row].T
         by_photons = (np.maximum(node_light[nodes], 0.0).sum(axis=1, dtype=np.float64) * (tree.end - tree.start)[nodes]).sum()
         mean = (float(by_photons) + direct.total_light) / max(direct.found.size, 1)
         found = cls(node_of_texel(tree, nodes, len(direct)), node_light, direct, 0.0, Parts.whole(len(judged.entry), 0.0))

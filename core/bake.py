@@ -192,7 +192,7 @@ def _write_pages(
         points = seam_points.find_seams(snapshot, atlas.tri_chart, atlas.tri_uv, atlas.object_page[snapshot.tri_object])
     doubt = "stderr" in job.settings.passes or (points is not None and points.place.size > 0)
     at_texels = resolve.light_at_texels(
-        light, texel_map, job.settings.denoise, threads, partial(executors.spread, executor), doubt, spend=not job.keep, scene=snapshot
+        light, texel_map, job.settings.denoise, threads, partial(executors.spread, executor), doubt, spend=not job.keep
     )
     executors.send_home(executor)
     seam_report = seams.SeamReport(0, 0, 0.0, 0.0)

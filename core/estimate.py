@@ -21,6 +21,7 @@ from .all_light import AllLight
 from .denoise import GRAIN_LEFT, SMALL_LEAF
 from .direct_shown import ShownDirect, ShownGathered
 from .error_terms import RayNoise, Terms, judge_rays_alone
+from .few_photons import FewPhotons
 from .judged import Judged, Parts, choose_lit
 from .neighbours import Neighbours
 from .photon_noise import PhotonNoise
@@ -72,6 +73,7 @@ def state_error(
     gathered: ShownGathered | None = None,
     judged: Judged | None = None,
     photon_w: NDArray[np.float64] | None = None,
+    few: FewPhotons | None = None,
 ) -> StatedError:
     """Error of the light on the leaves of a reading, as it is shown, and of direct light by rays, 0 without.
 
@@ -79,11 +81,12 @@ def state_error(
     gathered       light that is shown in place of the leaves'
     judged         what is asked; None is the whole
     photon_w       (3,), W, that a photon carries: where none fell it is told by that of objects what may be missing; None is nothing
+    few            leaves of the reading that are shown with what is around them too
     """
     judged = judged or Judged.whole(texels)
     tree, solution, leaves, sample = reading.tree, reading.solution, reading.leaves, judged.entry
-    correction = photon_noise.noise_correction(tree, solution, leaves)
-    all_light = AllLight.of(tree, solution, leaves, shown_direct, judged)
+    correction = reading.correction
+    all_light = AllLight.of(tree, solution, leaves, shown_direct, judged, few)
     direct2 = all_light.relate(shown_direct.variance_at, sample)
     texel_direct2 = partial(all_light.relate_all, shown_direct.variance_at)
     rays = RayNoise(shown_direct.tell_smoothing(sample), np.ones(len(sample), bool), direct2)
@@ -95,6 +98,11 @@ def state_error(
     x, y = texels.own_points_at(sample)
     asked = missing_light.AskedLight(all_light.leaf[sample], x, y, shown, all_light.weigh(sample))
     noise = PhotonNoise.of(solution, asked, alone.variance, correction, leaves, reading.risk)
+    bias = missing_light.find_bias(tree, solution, reading.comparison, leaves, sample, asked, correction)
+    if few:
+        told, row = few.find(asked.leaf)
+        noise.replace((asked.weight[told].T * few.variance[:, row]).mean(0), told)
+        bias = bias.without(told)
     if smooth_grain:
         noise.keep(GRAIN_LEFT, np.flatnonzero(tree.side[asked.leaf] <= SMALL_LEAF))
     if reading.squares:
@@ -105,7 +113,7 @@ def state_error(
         weight=asked.weight,
         noise=noise,
         unseen2=photon_noise.find_unseen(judged, asked.weight, np.zeros(3) if photon_w is None else photon_w),
-        bias=missing_light.find_bias(tree, solution, reading.comparison, leaves, sample, asked, correction),
+        bias=bias,
         direct=rays,
         gathered=None,
         indirect=np.maximum(all_light.node_light[asked.leaf], 0.0) * np.sqrt(asked.weight),

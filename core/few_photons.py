@@ -5,7 +5,7 @@ would light it hundreds of times too much, so that it shines out of the dark. Wh
 than what fell around: in cells of space from the whole scene down to about the thing itself, each held against the next larger one.
 
 Source: Marshall 1991, "Mapping disease and mortality rates using empirical Bayes estimators", local estimates; a Poisson count whose mean
-has a gamma prior of one photon, with the prior's mean from the next larger cell.
+has a gamma prior of one photon, with the prior's mean from the next larger cell. What is shown errs by the variance of its posterior.
 """
 
 from __future__ import annotations
@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .coverage import Float64
-from .geometry import UnitBox, triangle_normals_areas
-from .light_field import LightField
-from .scene import IntArray, SceneSnapshot
-from .texel_map import TexelMap
+from .quadtree import Quadtree
+from .scene import IntArray
+from .tally import Solution
 
 _FEW = 16  # photons; more of them say more than any surroundings
 # Photons that what is around counts for: for a leaf, and for a cell, whose own ones the leaf's are among and must not count each time.
@@ -27,91 +26,133 @@ _OF_LEAF, _OF_CELL = 1.0, 4.0
 # Of what is darker than around: it may be turned away from what lights that, and to shine out of the dark is worse. Measured on a room of
 # furniture and on people with faces inside: with all of it up to half more squared relative error, with none 1.7 times as many dark specks.
 _LIFTED = 0.5
-_LEVELS = (0, 3, 5, 7)  # halvings of the scene's box; in all of them what faces different ways is told apart
-_FACINGS = 6
+_BLACK = 1e-3  # of the mean: what would be lifted to less stays black, as the inside of what is closed is
+CELL_BITS = 7
+_LEVELS = (0, 3, 5, CELL_BITS)  # halvings of the scene's box; in all of them what faces different ways is told apart
 _TINY = float(np.finfo(float).tiny)
 
 
-def lean_on_surroundings(
-    light: NDArray[np.float32], leaf: NDArray[np.int32], field: LightField, texels: TexelMap, scene: SceneSnapshot
-) -> None:
-    """Brings the light of leaves that few photons fell on towards that of what is around, in place.
+@dataclass(frozen=True)
+class FewPhotons:
+    """Leaves that few photons fell on, k of them, and what they are shown with: light of photons that came by way of a surface.
 
-    light   (n, 3) float32, W/m^2, of the texel entries: of photons that came by way of a surface
-    leaf    (n,) int32: which each is on
+    row_of     (n_node,) int32: of each node of the tree, -1 of all others
+    own        (3, k) float64, W/m^2: what they have
+    shown      (3, k) float64, W/m^2: brought towards that of what is around
+    variance   (3, k) float64, (W/m^2)^2: of that
     """
-    leaves = field.leaves
-    few = field.received[leaves] < _FEW
-    if not few.any() or not field.photons:
-        return
-    area, flux = field.tree.area[leaves], np.maximum(field.solution.flux[:, leaves], 0.0)
-    power2 = (field.solution.variance[:, leaves] * field.correction[:, None]).sum(axis=0) * area**2
-    around = _Around.of_all(flux, area, power2)
-    for key in _find_cells(scene, texels.texel_tri[field.tree.start[leaves]]):
-        around = around.within(key, flux, area, power2)
-    own, around = flux[:, few] / np.maximum(area[few], _TINY), around.take(few)
-    keeps, adds = np.ones((3, len(field.tree))), np.zeros((3, len(field.tree)))
-    share = around.find_share(area[few], _OF_LEAF) * np.where(own < around.mean, _LIFTED, 1.0)
-    nodes, shown = leaves[few], own + share * (around.mean - own)
-    keeps[:, nodes] = np.divide(shown, own, out=np.zeros_like(own), where=own > 0.0)
-    adds[:, nodes] = np.where(own > 0.0, 0.0, shown)
-    is_few = np.zeros(len(field.tree), bool)
-    is_few[nodes] = True
-    rows = np.flatnonzero(is_few[leaf])
-    for channel in range(3):
-        light[rows, channel] = light[rows, channel] * keeps[channel, leaf[rows]] + adds[channel, leaf[rows]]
+
+    row_of: NDArray[np.int32]
+    own: Float64
+    shown: Float64
+    variance: Float64
+
+    @classmethod
+    def of(
+        cls,
+        tree: Quadtree,
+        solution: Solution,
+        leaves: NDArray[np.int64],
+        received: NDArray[np.int64],
+        correction: Float64,
+        cell: IntArray,
+    ) -> FewPhotons:
+        """Of the leaves (m,), which tile the charts, of a tree.
+
+        received     (n_node,): photons that came to each node
+        correction   (3,), of photon_noise.noise_correction
+        cell         (m,) int, of space_cells.code_cells with CELL_BITS: where each of the leaves begins
+        """
+        row_of = np.full(len(tree), -1, np.int32)
+        is_few = received[leaves] < _FEW
+        flux, area = np.maximum(solution.flux[:, leaves], 0.0), tree.area[leaves]
+        if not is_few.any() or not flux.any():
+            return cls(row_of, *np.zeros((3, 3, 0)))
+        power2 = (solution.variance[:, leaves] * correction[:, None]).sum(axis=0) * area**2
+        around = _look_around(cell, np.stack([*flux, area, power2]))
+        share = around.find_share(area, _OF_LEAF)
+        is_few |= share > 0.5  # where not one was to be expected, many that came may have parted from one
+        few, least = np.flatnonzero(is_few), _BLACK * flux.sum(axis=1, keepdims=True) / max(float(area.sum()), _TINY)
+        row_of[leaves[few]] = np.arange(len(few))
+        around, share, area = around.take(few), share[few], area[few]
+        own = flux[:, few] / np.maximum(area, _TINY)
+        shown = own + share * np.where(own < around.mean, _LIFTED, 1.0) * (around.mean - own)
+        black = (own == 0.0) & (shown < least)
+        shown[black] = 0.0
+        # Where none fell the light was found to be about as likely above what is shown as below, down to none.
+        count = own.mean(axis=0) * area / np.maximum(around.photon, _TINY)
+        told = count + np.where(count > 0.0, _OF_LEAF, _LIFTED**2 * _OF_LEAF)
+        variance = np.where(black, 0.0, told * (share / _OF_LEAF * around.mean) ** 2)
+        return cls(row_of, own, shown, variance)
+
+    def find(self, leaf: IntArray) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:
+        """Which of some texels are on such a leaf, (m,), and the rows of those, (j,); leaf (m,), the node of each."""
+        row = self.row_of[leaf]
+        chosen = row >= 0
+        return chosen, row[chosen]
+
+    def show(self, light: NDArray[np.float32], variance: NDArray[np.float32], leaf: NDArray[np.int32]) -> None:
+        """Brings the light of such leaves towards that of what is around, and states its variance; in place.
+
+        light, variance   (n, 3) float32, W/m^2 and its square, of the texel entries
+        leaf              (n,) int32: which each is on
+        """
+        chosen, row = self.find(leaf)
+        texel = np.flatnonzero(chosen)
+        lit = self.own > 0.0
+        keeps = np.divide(self.shown, self.own, out=np.zeros_like(self.own), where=lit)
+        adds = np.where(lit, 0.0, self.shown)
+        for channel in range(3):
+            light[texel, channel] = light[texel, channel] * keeps[channel, row] + adds[channel, row]
+            variance[texel, channel] = self.variance[channel, row]
 
 
 @dataclass(frozen=True)
 class _Around:
-    """What is known around each of m leaves.
+    """What is known of each of c cells.
 
-    mean     (3, m) float64, W/m^2
-    photon   (m,) float64, W: the power of one photon there, of a channel
+    mean     (3, c) float64, W/m^2
+    photon   (c,) float64, W: the power of one photon there, of a channel
     """
 
     mean: Float64
     photon: Float64
 
-    @classmethod
-    def of_all(cls, flux: Float64, area: Float64, power2: Float64) -> _Around:
-        """The same for each: flux (3, m) W, area (m,) m^2, and the sum of its photons' squared powers (m,) W^2, of leaves."""
-        count, total = len(area), flux.sum(axis=1)
-        mean, photon = total / max(float(area.sum()), _TINY), float(power2.sum()) / max(float(total.sum()), _TINY)
-        return cls(np.repeat(mean[:, None], count, axis=1), np.full(count, photon))
+    def within(self, total: Float64) -> _Around:
+        """In as many smaller cells, held against these; total (5, c) of each, as of _look_around."""
+        flux, area, power2 = total[:3], total[3], total[4]
+        own = flux / np.maximum(area, _TINY)
+        mean = own + self.find_share(area, _OF_CELL) * (self.mean - own)
+        one = len(flux) * self.photon  # as if one more had come, lest a single one tells what all of them carry
+        return _Around(mean, (power2 + one * self.photon) / np.maximum(flux.sum(axis=0) + one, _TINY))
 
-    def within(self, key: IntArray, flux: Float64, area: Float64, power2: Float64) -> _Around:
-        """In cells, of those leaves that have the same key (m,), held against this, of which all leaves of a cell have the same."""
-        _, first, cell = np.unique(key, return_index=True, return_inverse=True)
-        total, surface = np.stack([np.bincount(cell, row) for row in flux]), np.bincount(cell, area).astype(np.float64)
-        larger, own = self.take(first), total / np.maximum(surface, _TINY)
-        mean = own + larger.find_share(surface, _OF_CELL) * (larger.mean - own)
-        one = len(total) * larger.photon  # as if one more had come, lest a single one tells what all of them carry
-        photon = (np.bincount(cell, power2) + one * larger.photon) / np.maximum(total.sum(axis=0) + one, _TINY)
-        return _Around(mean[:, cell], photon[cell])
-
-    def take(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> _Around:
+    def take(self, rows: IntArray) -> _Around:
         return _Around(self.mean[:, rows], self.photon[rows])
 
     def find_share(self, area: Float64, prior: float) -> Float64:
-        """(m,): how far surfaces of area (m,), m^2, lean on the mean: the more, the fewer photons were to be expected; at a prior, half."""
+        """(c,): how far surfaces of area (c,), m^2, lean on the mean: the more, the fewer photons were to be expected; at a prior, half."""
         expected = self.mean.mean(axis=0) * area / np.maximum(self.photon, _TINY)
         share: Float64 = prior / (expected + prior)
         return share
 
 
-def _find_cells(scene: SceneSnapshot, tri: IntArray) -> list[IntArray]:
-    """Of each of _LEVELS a key (m,) int to the cell that each of the triangles (m,) lies in."""
-    corner = scene.vertex_position[scene.tri_vertex[tri]].astype(np.float64)
-    bits = max(_LEVELS)
-    middle = UnitBox.from_points(scene.vertex_position).to_unit(corner.mean(axis=1)) + 0.5
-    x, y, z = np.clip(middle * (1 << bits), 0, (1 << bits) - 1).astype(np.int64).T
-    normal = triangle_normals_areas(corner)[0]
-    axis = np.abs(normal).argmax(axis=1)
-    facing = 2 * axis + (normal[np.arange(len(tri)), axis] < 0)
-    out = []
+def _look_around(cell: IntArray, parts: Float64) -> _Around:
+    """What is around each of m leaves, by the `cell` (m,) of FewPhotons.of.
+
+    parts   (5, m) float64: the leaves' flux, W, of each channel, their area, m^2, and the sum of their photons' squared powers, W^2
+    """
+    order = np.argsort(cell, kind="stable")
+    parts, cell = parts[:, order], cell[order]
+    total = parts.sum(axis=1)[:, None]
+    flux = total[:3].sum()
+    around = _Around(total[:3] / np.maximum(total[3], _TINY), total[4] / np.maximum(flux, _TINY))
+    larger = np.zeros(len(cell), np.int64)  # the cell of each leaf
     for level in _LEVELS:
-        drop = bits - level
-        place = ((x >> drop) << level | y >> drop) << level | z >> drop
-        out.append(_FACINGS * place + facing)
-    return out
+        code = cell >> 3 * (CELL_BITS - level)
+        begins = np.append(True, code[1:] != code[:-1])
+        first = np.flatnonzero(begins)
+        around = around.take(larger[first]).within(np.add.reduceat(parts, first, axis=1))
+        larger = np.cumsum(begins) - 1
+    back = np.empty(len(order), np.int64)
+    back[order] = larger
+    return around.take(back)

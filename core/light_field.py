@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .direct_field import DirectField
+from .few_photons import FewPhotons
 from .gathered import GatheredField
 from .ledger import Ledger
 from .neighbours import Neighbours
@@ -25,6 +26,7 @@ class LightField:
     correction     (3,) float64, of the leaves' variance, see estimate
     squares        what squares say where something touches the surface; None without photons
     neighbours     of the leaves, where they have been looked for
+    few            leaves that are shown with what is around them too; None where they are shown with what they have
     gathered       indirect light by rays from texels, where they saw all that sends it; None where leaves hold all of it
     object_error   relative, of each object by its index, beside its own brightness; without those of which too few texels were asked
     stopped_by     "error", "max_photons", "max_rays", "time_limit" or "interrupted"
@@ -44,4 +46,5 @@ class LightField:
     squares: SquareLight | None = None
     gathered: GatheredField | None = None
     neighbours: Neighbours | None = None
+    few: FewPhotons | None = None
     object_error: dict[int, float] = field(default_factory=dict)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import missing_light, refine, shrinkage, tally
+from . import missing_light, photon_noise, refine, shrinkage, tally
 from .judged import Judged
 from .quadtree import Quadtree
 from .scene import IntArray
@@ -50,6 +51,11 @@ class Reading:
         shown, risk = shrinkage.shrink_leaves(tree, totals, leaves) if shrink else (tree, None)
         told = np.concatenate([compared, list_told(tree, leaves, judged)])
         return cls(tree, totals, tally.solve_tallies(shown, totals, told), comparison, leaves, risk, squares)
+
+    @cached_property
+    def correction(self) -> NDArray[np.float64]:
+        """(3,), of photon_noise.noise_correction, of the leaves."""
+        return photon_noise.noise_correction(self.tree, self.solution, self.leaves)
 
 
 def list_told(tree: Quadtree, nodes: IntArray, judged: Judged) -> NDArray[np.int64]:

@@ -17,14 +17,13 @@ from numpy.typing import NDArray
 from . import denoise, reconstruct, seams, squares
 from .coverage import as_slice
 from .cuts import close_cuts
-from .few_photons import lean_on_surroundings
 from .flecks import clip_flecks
 from .light_field import LightField
 from .margin import add_margin
 from .materials import SurfaceMaterials
 from .neighbours import Neighbours
 from .quadtree import node_of_texel
-from .scene import IntArray, SceneSnapshot
+from .scene import IntArray
 from .seam_points import SeamPoints
 from .texel_looks import centred_strata
 from .texel_map import LOOK, TexelMap
@@ -59,12 +58,10 @@ def light_at_texels(
     spread: denoise.Spread = starmap,
     doubt: bool = True,
     spend: bool = False,
-    scene: SceneSnapshot | None = None,
 ) -> TexelLight:
     """The leaves' functions at each texel's own point, or what squares say there, plus direct light by rays.
 
     stderr is that before grain is smoothed, and told where `doubt` asks for it.
-    scene   tells what is around leaves of few photons; without it they show what they have
     spend   nobody asks for the field's direct light afterwards, and what is found takes its place in memory
     """
     by_rays = field.direct.take_shown(texels, smooth_grain, spread, in_place=spend)
@@ -85,8 +82,8 @@ def light_at_texels(
             variance[part, channel] = traced.variance[channel] * field.correction[channel]
 
     run_on_threads(fill, n_texel, threads)
-    if scene is not None and first:  # light straight from lamps has edges, on whose two sides it is as bright as it is
-        lean_on_surroundings(by_part[-1], leaf, field, texels, scene)
+    if field.few:
+        field.few.show(by_part[-1], variance, leaf)
     side = field.tree.side[leaf]
     clip_flecks(by_part[-1], variance, leaf, side, texels)
     close_cuts(by_part, texels, side)

@@ -21,6 +21,7 @@ from . import basis, estimate, quadtree, refine, rounds, tally, workers
 from .birth_guide import BirthGuide
 from .direct_field import DirectField
 from .executors import spread
+from .few_photons import CELL_BITS, FewPhotons
 from .first_photons import FirstPhotons
 from .gather import KnownLight
 from .gather_plan import GatherPlan, know_light
@@ -35,6 +36,7 @@ from .photon_rounds import PhotonRounds, save_view
 from .photon_shards import PhotonShard
 from .reading import Reading
 from .settings import Settings
+from .space_cells import code_cells
 from .splitting import SplitGuide, Splitting, weigh_deposits
 from .squares import Squares
 from .stop_rules import StopRules
@@ -79,6 +81,7 @@ class Solver:
         self.parts: tuple[Parts, NDArray[np.float64]] | None = None  # that were judged, and Parts.weigh of them
         self.splitting: Splitting | None = None
         self._mean_direct: tuple[tuple[Reading, int], NDArray[np.float64]] | None = None  # of _find_mean_direct, for whom it was
+        self._few: tuple[Reading, FewPhotons] | None = None  # of _find_few, for whom it was
         self.gathered: GatheredField | None = None
         self.gather_plan = GatherPlan.of(texels)
         self.judged = Judged.of(settings.error_of, texels, self.tracing.snapshot.tri_object)
@@ -247,10 +250,24 @@ class Solver:
         texels = self.tracing.texels
         shown = texels, self.settings.denoise, partial(spread, self.executor)
         direct, gathered = self.direct.show(*shown), self.gathered.show_gathered(*shown) if self.gathered else None
-        photon_w = self.ledger.photon_w()
-        stated = estimate.state_error(reading, direct, texels, self.settings.denoise, gathered, self.judged, photon_w)
+        photon_w, few = self.ledger.photon_w(), self._find_few(reading)
+        stated = estimate.state_error(reading, direct, texels, self.settings.denoise, gathered, self.judged, photon_w, few)
         self.parts = stated.parts, stated.parts.weigh(stated.of_parts, self.settings.error)
         return self._make_light(reading, stated), stated
+
+    def _find_few(self, reading: Reading) -> FewPhotons | None:
+        """Leaves that few photons fell on, found once; None where photons bring light straight from lamps.
+
+        That has edges, on whose two sides it is as bright as it is.
+        """
+        if self.settings.direct != "rays":
+            return None
+        if self._few is None or self._few[0] != reading:
+            nodes = reading.tree, reading.solution, reading.leaves, reading.totals.received
+            tri = self.tracing.texels.texel_tri[reading.tree.start[reading.leaves]]
+            cell = code_cells(self.tracing.snapshot, tri, CELL_BITS)
+            self._few = reading, FewPhotons.of(*nodes, reading.correction, cell)
+        return self._few[1]
 
     def _make_light(self, reading: Reading, stated: estimate.StatedError | None = None) -> LightField:
         return LightField(
@@ -268,6 +285,7 @@ class Solver:
             squares=reading.squares,
             gathered=self.gathered,
             neighbours=stated.neighbours if stated else None,
+            few=self._find_few(reading) if stated else None,
         )
 
     def _next_photons(self, stated: estimate.StatedError | None, weight: float) -> tuple[int, int]:

@@ -65,7 +65,7 @@ def bake_safely(
     prepare(solver)
     light = solver.run(lambda message: None, lambda: False)
     atlas, texels = charts.make_charts(scene, chosen), solver.tracing.texels
-    at_texels = resolve.light_at_texels(light, texels, scene=scene)
+    at_texels = resolve.light_at_texels(light, texels)
     resolver = resolve.Resolver(at_texels, texels, solver.tracing.scene.surfaces, margin=4)
     debug = DebugPages(light, texels, margin=4)
     drawers = {name: debug if name in DEBUG_PASSES else resolver for name in PASSES}

@@ -119,7 +119,7 @@ def solve_once(folder, scene, direct, photons, settings):
     )
     mean = (light.solution.flux[:, leaves] + rays) / area
     stderr = np.sqrt(light.solution.variance[:, leaves] * light.correction[:, None] + rays_variance / area**2)
-    grainy, smooth = (resolve.light_at_texels(light, solver.tracing.texels, smooth_grain=smooth, scene=scene) for smooth in (False, True))
+    grainy, smooth = (resolve.light_at_texels(light, solver.tracing.texels, smooth_grain=smooth) for smooth in (False, True))
     return mean, stderr, area, (grainy.direct + grainy.indirect).T, grainy.stderr.T, (smooth.direct + smooth.indirect).T
 
 

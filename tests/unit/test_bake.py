@@ -432,9 +432,9 @@ def test_a_stopped_bake_goes_on_to_the_bytes_of_a_whole_one(tmp_path, patient):
 def test_what_was_found_by_rays_is_written_over_where_no_state_is_kept(tmp_path, monkeypatch, keep):
     given, find = [], resolve.light_at_texels
 
-    def watch(*arguments, spend, scene):
+    def watch(*arguments, spend):
         given.append(spend)
-        return find(*arguments, spend=spend, scene=scene)
+        return find(*arguments, spend=spend)
 
     monkeypatch.setattr(resolve, "light_at_texels", watch)
     bake_scene(tmp_path, lamp_scene(), keep=str(tmp_path / "kept") if keep else "")

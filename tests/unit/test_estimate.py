@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from leaflight.core import denoise, error_terms, estimate, judged, missing_light, quadtree, refine, shrinkage, tally
 from leaflight.core.direct_shown import ShownDirect, ShownGathered
+from leaflight.core.few_photons import FewPhotons
 from leaflight.core.reading import Reading
 from leaflight.core.reconstruct import Blend
 from leaflight.core.squares import SquareLight, mix
@@ -231,6 +232,30 @@ def test_parts_of_a_page_state_the_same_error(monkeypatch):
     assert parts.relative == pytest.approx(whole.relative, rel=1e-6)
     np.testing.assert_allclose(parts.texel_direct2(), whole.texel_direct2(), rtol=1e-5)
     assert (whole.texel_direct2() > 0).all()
+
+
+def test_leaves_that_are_shown_with_what_is_around_err_by_what_they_state():
+    """Half of them, three times as bright as they are; the others as without."""
+    bake = throw(even, 4000, seed=3, level=2)
+    nodes = np.flatnonzero(bake.tree.current)
+    row_of = np.full(len(bake.tree), -1, np.int32)
+    row_of[nodes[::2]] = np.arange(len(nodes[::2]))
+    own = bake.solution().flux[:, nodes[::2]] / bake.tree.area[nodes[::2]]
+    few = FewPhotons(row_of, own, 3.0 * own, np.full_like(own, 0.25))
+    alone, stated = (estimate.state_error(read(bake), dark_of(bake), bake.texels, False, few=one) for one in (None, few))
+    assert stated.photons**2 == pytest.approx((0.25 / (9.0 + 4 * judged.DARK_FLOOR**2) + alone.photons**2) / 2, rel=0.1)
+    surer = replace(few, variance=0.0 * few.variance)
+    assert estimate.state_error(read(bake), dark_of(bake), bake.texels, False, few=surer).relative < 0.8 * alone.relative
+
+
+def test_those_that_are_shown_black_are_not_asked():
+    bake = throw(even, 4000, seed=3, level=2)
+    nodes = np.flatnonzero(bake.tree.current)
+    row_of = np.full(len(bake.tree), -1, np.int32)
+    row_of[nodes[::2]] = np.arange(len(nodes[::2]))
+    few = FewPhotons(row_of, *np.zeros((3, 3, len(nodes[::2]))))
+    alone, stated = (estimate.state_error(read(bake), dark_of(bake), bake.texels, False, few=one) for one in (None, few))
+    assert stated.relative == pytest.approx(alone.relative, rel=0.2)  # of the other half
 
 
 def test_nodes_of_few_photons_do_not_judge():

@@ -1,11 +1,12 @@
-"""Leaves of few photons show about what is around them, and others what they have."""
+"""Leaves of few photons show about what is around them, and others what they have; what they are said to err by is what they err by."""
 
 from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from leaflight.core.few_photons import lean_on_surroundings
+from leaflight.core.few_photons import CELL_BITS, FewPhotons
+from leaflight.core.space_cells import code_cells
 
 PHOTON_W = 1e-4  # of each channel
 COLOUR = np.array([1.0, 0.5, 0.25])
@@ -31,20 +32,25 @@ class Leaves:
     def own(self):
         return (COLOUR[:, None] * self.count * PHOTON_W / self.area).T.astype(np.float32)
 
-    def show(self):
-        """(n, 3): what is shown of each."""
+    def find(self):
         side = np.cross(self.normal, np.roll(self.normal, 1, axis=1))
         corner = np.stack([np.zeros_like(side), side, np.cross(self.normal, side)], axis=1)
-        corner = self.place[:, None] + 1e-4 * (corner - corner.mean(axis=1, keepdims=True))
+        corner = (self.place[:, None] + 1e-4 * (corner - corner.mean(axis=1, keepdims=True))).reshape(-1, 3)
         every = np.arange(len(self))
         flux = COLOUR[:, None] * self.count * PHOTON_W
         tree = Nodes(self.area, every)
         solution = SimpleNamespace(flux=flux, variance=COLOUR[:, None] ** 2 * self.count * PHOTON_W**2 / self.area**2)
-        field = SimpleNamespace(leaves=every, received=self.count, photons=1, tree=tree, solution=solution, correction=np.ones(3))
-        scene = SimpleNamespace(vertex_position=corner.reshape(-1, 3), tri_vertex=np.arange(3 * len(self)).reshape(-1, 3))
-        light = self.own.copy()
-        lean_on_surroundings(light, every.astype(np.int32), field, SimpleNamespace(texel_tri=every), scene)
-        return light
+        scene = SimpleNamespace(vertex_position=corner, tri_vertex=np.arange(len(corner)).reshape(-1, 3))
+        return FewPhotons.of(tree, solution, every, self.count, np.ones(3), code_cells(scene, every, CELL_BITS))
+
+    def state(self):
+        """(n, 3) each: what is shown of each, and its variance, nan where it is not told here."""
+        light, variance = self.own.copy(), np.full((len(self), 3), np.nan, np.float32)
+        self.find().show(light, variance, np.arange(len(self), dtype=np.int32))
+        return light, variance
+
+    def show(self):
+        return self.state()[0]
 
 
 @dataclass
@@ -137,6 +143,52 @@ def test_a_single_photon_in_the_dark_does_not_shine():
 def test_no_light_at_all_stays_none():
     leaves = Leaves(*cluster(light=0.0))
     assert not leaves.show().any()
+
+
+def test_what_no_light_comes_to_stays_black_and_sure():
+    """As the inside of what is closed, beside what is lit: not a thousandth of the mean would be shown."""
+    leaves = join(cluster(), cluster(light=0.0, normal=(0.0, 0.0, -1.0), centre=(0.0, 0.0, 1.0), seed=2))
+    shown, variance = leaves.state()
+    dark = leaves.light == 0.0
+    assert not shown[dark].any()
+    assert not variance[dark].any()
+    assert (shown[~dark] > 0).all()
+
+
+def test_many_photons_where_not_one_was_to_be_expected_may_have_parted_from_one():
+    leaves = join(cluster(), cluster(centre=(200.0, 0.0, 0.0)))  # cells of more than a metre
+    leaves.area[:2], leaves.count[:2] = (1e-9, 4 * PHOTON_W), 20
+    assert leaves.own[0].max() > 1e5
+    assert leaves.show()[0].max() < 2.0 * 22
+    np.testing.assert_array_equal(leaves.show()[1], leaves.own[1])  # eight were expected
+
+
+def test_those_that_photons_fell_on_err_by_what_is_stated():
+    """Where light differs from leaf to leaf as much as is taken for likely."""
+    rng = np.random.default_rng(3)
+    area, place, normal, light = cluster(count=40_000)
+    leaves = Leaves(area, place, normal, rng.exponential(light))
+    shown, variance = leaves.state()
+    some = (leaves.count > 0) & (leaves.count < 16)
+    error2 = (shown[some] - leaves.light[some, None] * COLOUR) ** 2
+    assert 0.8 < error2.mean() / variance[some].mean() < 1.25
+
+
+def test_those_that_none_fell_on_err_by_what_they_are_lifted():
+    leaves = Leaves(*cluster())
+    shown, variance = leaves.state()
+    empty = leaves.count == 0
+    np.testing.assert_allclose(variance[empty], shown[empty] ** 2, rtol=1e-5)
+
+
+def test_nothing_is_said_of_others():
+    leaves = Leaves(*cluster())
+    few = leaves.find()
+    many = leaves.count >= 16
+    assert np.isnan(leaves.state()[1][many]).all()
+    told, row = few.find(np.array([np.flatnonzero(many)[0], np.flatnonzero(~many)[0]]))
+    np.testing.assert_array_equal(told, [False, True])
+    np.testing.assert_array_equal(few.own[:, row].T, leaves.own[~many][:1].astype(few.own.dtype))
 
 
 def test_channels_keep_their_colour():

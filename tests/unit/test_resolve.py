@@ -259,15 +259,18 @@ def test_threads_and_parts_change_no_byte(part_entries):
 
 @pytest.mark.parametrize("direct", ["photons", "rays"])
 def test_leaves_of_few_photons_lean_on_what_is_around_unless_those_come_straight_from_lamps(tmp_path, direct):
-    solver = make_solver(tmp_path, lamp_scene(), Settings(size=24, padding=1, error=0.5, direct=direct))
-    light, texels = solver.glance(), solver.tracing.texels
-    few = light.received < np.sort(light.received[light.leaves])[len(light.leaves) // 2]
-    light = replace(light, received=np.where(few, 1, 100))
-    alone, leaning = (resolve.light_at_texels(light, texels, False, scene=scene) for scene in (None, solver.tracing.snapshot))
-    changed = (leaning.indirect != alone.indirect).any(axis=1)
+    settings = Settings(size=24, padding=1, error=0.01, direct=direct, max_photons=2000, hierarchical=False, finest_texels=4)
+    solver = make_solver(tmp_path, lamp_scene(), settings)
+    light, texels = solver.run(lambda message: None, lambda: False), solver.tracing.texels
+    assert (light.few is not None) == (direct == "rays")
+    alone, leaning = (resolve.light_at_texels(one, texels, False) for one in (replace(light, few=None), light))
     np.testing.assert_array_equal(leaning.direct, alone.direct)
-    assert changed.any() == (direct == "rays")
-    assert not changed[~few[alone.leaf]].any()
+    told = np.zeros(len(texels), bool) if light.few is None else light.few.find(alone.leaf)[0]
+    assert told.any() == (direct == "rays")
+    for name in ("indirect", "stderr"):
+        changed = (getattr(leaning, name) != getattr(alone, name)).any(axis=1)
+        assert changed.any() == told.any(), name
+        assert not changed[~told].any(), name
 
 
 @pytest.mark.parametrize("direct", ["photons", "rays"])
