@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -104,14 +105,25 @@ def list_imports(module: str, sources: Sources, *, top_level_only: bool = False)
     `top_level_only` leaves out what functions import when they are called.
     """
     found: set[str] = set()
-    for node in _walk(ast.parse(sources[module]), top_level_only):
+    for node in _find_imports(sources[module], top_level_only):
         if isinstance(node, ast.Import):
             found |= {alias.name.split(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             found |= _imported_names(module, node, sources)
-        elif isinstance(node, ast.Call) and _called_name(node) in ("import_module", "__import__"):
+        else:
             found |= {str(argument.value).split(".")[0] for argument in node.args[:1] if isinstance(argument, ast.Constant)}
     return found
+
+
+@cache  # the rules ask of each module again and again
+def _find_imports(source: str, top_level_only: bool) -> list[ast.Import | ast.ImportFrom | ast.Call]:
+    """Statements that import, and calls that do."""
+    return [
+        node
+        for node in _walk(ast.parse(source), top_level_only)
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        or (isinstance(node, ast.Call) and _called_name(node) in ("import_module", "__import__"))
+    ]
 
 
 def _walk(tree: ast.AST, top_level_only: bool) -> list[ast.AST]:

@@ -73,7 +73,7 @@ PHOTON_SCENES = {
 }
 
 
-@pytest.mark.parametrize("rho", PHOTON_SCENES)
+@pytest.mark.parametrize("rho", [0, pytest.param(0.7, marks=pytest.mark.slow)])
 def test_error_falls_at_least_as_the_root_of_the_photons(tmp_path, rho, hold):
     """Points of a net do better than chance where nothing scatters; a bias would stay."""
 

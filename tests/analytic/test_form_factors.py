@@ -100,7 +100,7 @@ def test_a_planted_bias_is_rejected(known, hold):
     hold_bias_is_seen(hold, "form factors", known.on_leaves(), len(CASES))
 
 
-@pytest.fixture(scope="module", params=DIRECT_MODES)
+@pytest.fixture(scope="module", params=["rays", pytest.param("photons", marks=pytest.mark.slow)])
 def errors(request, tmp_path_factory):
     scene, irradiance, _ = SCENES["perpendicular mesh"]
     return request.param, state_errors(tmp_path_factory.mktemp("adaptive"), scene, irradiance, request.param)

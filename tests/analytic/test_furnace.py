@@ -29,7 +29,6 @@ QUICK_CASES = [
     ("box", "0.5", "rays", "linear"),
     ("box", "0.5", "photons", "constant"),
     ("box", "0.9", "photons", "quadratic"),
-    ("box", "coloured", "photons", "linear"),
     ("sphere", "0.5", "rays", "linear"),
 ]
 ALL_CASES = [

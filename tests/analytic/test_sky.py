@@ -53,7 +53,7 @@ def test_a_planted_bias_is_rejected(known, hold):
     hold_bias_is_seen(hold, "sky", known.on_leaves(), len(CASES))
 
 
-@pytest.fixture(scope="module", params=DIRECT_MODES)
+@pytest.fixture(scope="module", params=[pytest.param(direct, marks=pytest.mark.slow) for direct in DIRECT_MODES])
 def errors(request, tmp_path_factory):
     return request.param, state_errors(tmp_path_factory.mktemp("adaptive"), *SCENES["wall"], request.param)
 

@@ -181,7 +181,7 @@ class TestLights:
         baked = bake_safely(tmp_path, closed_room([replace(LAMP, position_m=(0.5 - gap_m, 0.1, 0.0))]), direct)
         baked.hold_mean(TRUTH, percent=20)
 
-    @pytest.mark.parametrize("gap_m", [0.004, 0.008, 0.016, 0.06])
+    @pytest.mark.parametrize("gap_m", [0.004, *(pytest.param(gap_m, marks=pytest.mark.slow) for gap_m in (0.008, 0.016)), 0.06])
     def test_close_to_a_wall_rays_find_what_falls_where_they_look(self, tmp_path, gap_m, hold):
         """From a thirtieth of a texel on: within the stated error of all texels together, and not only because that is large."""
         place = (0.5 - gap_m, 0.113, 0.021)
@@ -313,6 +313,7 @@ class TestPages:
         scene = make_scene([islands(317)], [SUN], [GREY])
         bake_safely(tmp_path, scene, direct, size=317, max_photons=200_000).hold_mean(2.0)
 
+    @pytest.mark.slow
     def test_a_page_of_16k_with_its_chart_in_the_far_corner(self, tmp_path, hold):
         """All but the images, which would take gigabytes each."""
         uv = 1 - np.array([[8, 8], [0, 8], [0, 0], [8, 0]]) / 2**14

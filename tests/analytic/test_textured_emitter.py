@@ -51,7 +51,7 @@ def test_a_planted_bias_is_rejected(known, hold):
     hold_bias_is_seen(hold, "textured emitter", known.on_leaves(), len(DIRECT_MODES))
 
 
-@pytest.fixture(scope="module", params=[pytest.param("rays", marks=pytest.mark.slow), "photons"])
+@pytest.fixture(scope="module", params=[pytest.param(direct, marks=pytest.mark.slow) for direct in DIRECT_MODES])
 def errors(request, tmp_path_factory):
     return request.param, state_errors(tmp_path_factory.mktemp("adaptive"), panel_scene(), irradiance, request.param)
 

@@ -230,7 +230,8 @@ def test_killed_child(state):
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory can be limited on Linux")
-@pytest.mark.parametrize("limit_mb", [500, 700, 1000, 1500])  # where embree is loaded, builds its tree, and long after
+# Where embree is loaded, builds its tree, and long after.
+@pytest.mark.parametrize("limit_mb", [700, 1500, *(pytest.param(limit_mb, marks=pytest.mark.slow) for limit_mb in (500, 1000))])
 def test_child_out_of_memory(state, monkeypatch, limit_mb):
     import resource
 

@@ -157,7 +157,8 @@ def join_tiles(key, ways, closed):
     return start, np.diff(start, append=len(key)), ways[:, ways[0] != ways[1]], patch[closed], patch
 
 
-@pytest.mark.parametrize("seed", range(27, 51))  # of the first ones some tell widths of ways apart
+# Of the first ones some tell widths of ways apart.
+@pytest.mark.parametrize("seed", [*range(27, 39), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(39, 51))])
 def test_pieces_are_those_of_parting_one_by_one(seed):
     """Whether or not texels that nothing stands on are taken together."""
     key, ways, closed = draw_walls(np.random.default_rng(seed))

@@ -115,6 +115,7 @@ def test_it_is_known_how_far_what_was_gathered_was_off(tmp_path, monkeypatch):
     assert light.error**2 > shown.carried2
 
 
+@pytest.mark.slow
 def test_gathered_light_is_smoothed_as_fits_the_error_asked_for(tmp_path, monkeypatch):
     light, solver, _ = halt(tmp_path, monkeypatch, 10**6, error=0.004)
     texels, found = solver.tracing.texels, light.gathered

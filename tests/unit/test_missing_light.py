@@ -121,7 +121,7 @@ def test_where_other_light_is_shown_leaves_miss_nothing():
     assert bias.told.tolist() == [0.1, 0.3]
 
 
-@pytest.mark.parametrize(("degree", "splits"), [(1, 2), (1, 3), (2, 2)])
+@pytest.mark.parametrize(("degree", "splits"), [(1, 2), (1, 3), pytest.param(2, 2, marks=pytest.mark.slow)])
 def test_smooth_light_falls_about_as_it_is_foretold(degree, splits):
     """So many photons that the children know."""
     bake = throw_on_split(2_000_000, degree, [every] * splits)

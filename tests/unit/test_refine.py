@@ -115,6 +115,7 @@ def test_the_chi_square_of_even_light_has_its_mean_and_spread():
     assert np.std(sigmas) == pytest.approx(1.0, abs=0.15)
 
 
+@pytest.mark.slow
 def test_a_noise_of_3_percent_too_little_shows():
     """Of 64 previews' functions; in 200 bakes the mean is known to 0.07."""
     right, wrong = chi_squares(200, 3), chi_squares(200, 3, 0.97)

@@ -21,7 +21,7 @@ def ramp(rng, n):
     return np.sqrt(rng.random(n)), rng.random(n)
 
 
-@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("degree", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_even_light_errs_less(degree):
     """Of the noise of functions beyond the mean a fifth stays or so."""
     before, after = np.zeros((2, 200))
@@ -89,8 +89,10 @@ def test_without_photons_nothing_is_shown(degree):
     assert (shrunk.coefficient == 0.0).all()
 
 
-@pytest.mark.parametrize("degree", [1, 2])
-@pytest.mark.parametrize("tilt", [0.0, 0.1, 1.0])
+@pytest.mark.parametrize(
+    ("degree", "tilt"),
+    [(1, 0.0), (1, 1.0), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((1, 0.1), (2, 0.0), (2, 0.1), (2, 1.0)))],
+)
 def test_the_risk_is_what_shrinking_leaves_of_noise_beyond_the_mean(degree, tilt):
     """Over bakes: of even light next to nothing, of a steep ramp all."""
 

@@ -124,6 +124,7 @@ def light_of_courts(folder, seeds, **knobs):
     return light_w_m2, rays
 
 
+@pytest.mark.slow
 def test_photons_that_are_sent_where_they_tell_most_bring_the_same_light_with_less_noise(tmp_path):
     (plain, plain_rays), (guided, guided_rays) = (light_of_courts(tmp_path, 8, guided=guided) for guided in (False, True))
     doubt = np.hypot(plain.mean(1).std(ddof=1), guided.mean(1).std(ddof=1)) / math.sqrt(8)
@@ -135,6 +136,7 @@ def test_photons_that_are_sent_where_they_tell_most_bring_the_same_light_with_le
     assert cost[1] < 0.5 * cost[0]  # 0.09 to 0.3
 
 
+@pytest.mark.slow
 def test_photons_that_go_alone_are_born_where_they_tell_most(tmp_path):
     """One in eighty comes to the court, which lies in the middle: they bring the same light, of which more is known."""
     (plain, plain_rays), (guided, guided_rays) = (
