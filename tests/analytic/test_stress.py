@@ -29,6 +29,8 @@ from stats import PLANTED_BIAS
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
 RHO, POWER_W = 0.5, 12.0
 GREY = Material("Grey", (RHO,) * 3)
+# Light that photons alone bring goes a part of the way that it goes anyway.
+MODES = [pytest.param(direct, marks=[pytest.mark.slow] if direct == "photons" else []) for direct in DIRECT_MODES]
 TRUTH = POWER_W / 6 / (1 - RHO)  # in a cube of 1 m
 LAMP = Light("POINT", "Lamp", (0.1, 0.05, 0.2), power_rgb=(POWER_W,) * 3)
 FEW_EXAMPLES = settings(
@@ -68,7 +70,7 @@ def test_a_planted_bias_is_rejected(tmp_path, bake_safely):
 
 
 class TestSizeAndPlace:
-    @pytest.mark.parametrize("direct", DIRECT_MODES)
+    @pytest.mark.parametrize("direct", MODES)
     @pytest.mark.parametrize("scale", [1e-12, 1e12])
     def test_a_scene_of_atoms_and_one_of_planets(self, tmp_path, direct, scale, bake_safely):
         """Light as in a room takes 10^-23 and 10^25 W there, whose squares float32 has no room for."""
@@ -77,7 +79,7 @@ class TestSizeAndPlace:
         usual = bake_safely(tmp_path / "usual", closed_room(), direct)
         np.testing.assert_allclose(baked.light.error, usual.light.error, rtol=0.1)
 
-    @pytest.mark.parametrize("direct", DIRECT_MODES)
+    @pytest.mark.parametrize("direct", MODES)
     @FEW_EXAMPLES
     @given(exponent=st.floats(-4, 5), offset_m=st.sampled_from([0.0, 1e6, -1e6]))
     def test_any_size_anywhere(self, tmp_path_factory, direct, exponent, offset_m, bake_safely):
@@ -85,7 +87,7 @@ class TestSizeAndPlace:
         scene = rescaled(closed_room(), 10.0**exponent, np.full(3, offset_m))
         bake_safely(tmp_path_factory.mktemp("moved"), scene, direct).hold_mean(TRUTH)
 
-    @pytest.mark.parametrize("direct", DIRECT_MODES)
+    @pytest.mark.parametrize("direct", MODES)
     @pytest.mark.parametrize("scale", [1e-4, 1e5])
     def test_the_ends_of_both(self, tmp_path, direct, scale, bake_safely):
         """Which chance need not find."""
@@ -99,7 +101,7 @@ class TestSizeAndPlace:
 
 
 class TestMeshes:
-    @pytest.mark.parametrize("direct", DIRECT_MODES)
+    @pytest.mark.parametrize("direct", MODES)
     @pytest.mark.parametrize("name", FURNITURE)
     def test_odd_furniture(self, tmp_path, name, direct, bake_safely):
         baked = bake_safely(tmp_path, furnished(*FURNITURE[name]), direct)
@@ -120,7 +122,7 @@ class TestMeshes:
         soup = Mesh("Soup", np.array(corner) * 0.2, np.arange(3 * count).reshape(-1, 3).tolist())
         bake_safely(tmp_path_factory.mktemp("soup"), furnished(soup), basis=basis, max_photons=5_000, size=64)
 
-    @pytest.mark.parametrize("direct", DIRECT_MODES)
+    @pytest.mark.parametrize("direct", MODES)
     def test_a_room_turned_inside_out_is_dark(self, tmp_path, direct, bake_safely):
         baked = bake_safely(tmp_path, make_scene([box_mesh("Room")], [LAMP], [GREY]), direct)
         assert not baked.pages["lighting"].any()
@@ -138,7 +140,7 @@ class TestMeshes:
         assert baked.mean == pytest.approx(alone.mean, rel=1e-3)
         assert 0.5 * TRUTH < baked.mean[0] < 1.5 * TRUTH
 
-    @pytest.mark.parametrize("direct", DIRECT_MODES)
+    @pytest.mark.parametrize("direct", MODES)
     def test_faces_that_look_either_way(self, tmp_path, direct, bake_safely):
         """Every other face of a sheet is turned over; light bounces off both sides alike, so the audit does not see it."""
         sheet = moved(grid_mesh("Sheet", 6, noise=0.2), (-0.3, -0.3, -0.2), 0.1)
@@ -147,7 +149,7 @@ class TestMeshes:
         assert one.light.ledger.audit_w()["absorbed"] == pytest.approx([POWER_W] * 3)
         assert other.light.ledger.audit_w()["absorbed"] == pytest.approx([POWER_W] * 3)
 
-    @pytest.mark.parametrize("direct", DIRECT_MODES)
+    @pytest.mark.parametrize("direct", MODES)
     @FEW_EXAMPLES
     @given(seed=st.integers(0, 2**32 - 1), share=st.floats(0, 1))
     def test_normals_that_have_nothing_to_do_with_their_faces(self, tmp_path_factory, direct, seed, share, bake_safely):
@@ -168,7 +170,7 @@ class TestMeshes:
 
 
 class TestLights:
-    @pytest.mark.parametrize("direct", DIRECT_MODES)
+    @pytest.mark.parametrize("direct", MODES)
     @pytest.mark.parametrize("gap_m", [0.0, 1e-7, 1e-3])
     @pytest.mark.parametrize("radius_m", [0.0, 0.05])
     def test_touching_a_wall(self, tmp_path, direct, gap_m, radius_m, bake_safely):
@@ -198,14 +200,14 @@ class TestLights:
         hold("odd scenes: rays off what falls where they look", abs(off) / noise, high=Z_LIMIT, unit="stated errors")
         hold("odd scenes: rays off what falls where they look, up to 20 %", 100 * abs(off) / (truth @ area), high=20, unit="%")
 
-    @pytest.mark.parametrize("direct", DIRECT_MODES)
+    @pytest.mark.parametrize("direct", MODES)
     def test_inside_a_mesh_nothing_comes_out(self, tmp_path, direct, bake_safely):
         baked = bake_safely(
             tmp_path, furnished(box_mesh("Block", (0.3, 0.3, 0.3)), lights=[replace(LAMP, position_m=(0.02, 0, 0))]), direct
         )
         assert not baked.pages["lighting"].any()
 
-    @pytest.mark.parametrize("direct", DIRECT_MODES)
+    @pytest.mark.parametrize("direct", MODES)
     @pytest.mark.parametrize("gap_m", [0.0, 1e-4])
     def test_an_emitter_under_the_ceiling(self, tmp_path, direct, gap_m, bake_safely):
         """All it emits, on both sides, is absorbed in the end; in the ceiling's own plane, half of it comes into the room."""
@@ -219,7 +221,7 @@ class TestLights:
         else:
             baked.hold_mean(0.5 * expected, percent=5)  # 20,000 photons vary by 1 %
 
-    @pytest.mark.parametrize("direct", DIRECT_MODES)
+    @pytest.mark.parametrize("direct", MODES)
     def test_from_a_microwatt_to_a_megawatt(self, tmp_path, direct, bake_safely):
         powers = 10.0 ** np.arange(-6, 7)
         place = np.random.default_rng(3).uniform(-0.4, 0.4, (len(powers), 3))
@@ -238,7 +240,7 @@ class TestLights:
         off = np.abs(found / (watts / 6) - 1).max()
         hold("odd scenes: direct light of a microwatt next door to a megawatt off", 100 * off, high=0.5, unit="%")
 
-    @pytest.mark.parametrize("direct", DIRECT_MODES)
+    @pytest.mark.parametrize("direct", MODES)
     def test_a_closed_room_in_the_light_outside_is_dark(self, tmp_path, direct, bake_safely):
         lights = [Light("SUN", "Sun", power_rgb=(9.0,) * 3), replace(LAMP, position_m=(0.0, 0.7, 0.0))]
         scene = replace(closed_room(lights), world_rgb=(3.0, 2.0, 1.0))
@@ -247,7 +249,7 @@ class TestLights:
         for name in ("direct", "indirect"):
             assert not baked.pages[name].any()
 
-    @pytest.mark.parametrize("direct", DIRECT_MODES)
+    @pytest.mark.parametrize("direct", MODES)
     def test_red_light_on_green_walls(self, tmp_path, direct, bake_safely):
         red = replace(LAMP, power_rgb=(POWER_W, 0.0, 0.0))
         baked = bake_safely(tmp_path, closed_room([red], Material("Green", (0.0, 0.9, 0.0))), direct)
@@ -257,7 +259,7 @@ class TestLights:
 
 
 class TestSurfaces:
-    @pytest.mark.parametrize("direct", DIRECT_MODES)
+    @pytest.mark.parametrize("direct", MODES)
     def test_black(self, tmp_path, direct, bake_safely):
         baked = bake_safely(tmp_path, closed_room(material=Material("Black", (0.0,) * 3)), direct)
         baked.hold_mean(POWER_W / 6)
@@ -292,14 +294,14 @@ SUN = Light("SUN", "Sun", power_rgb=(2.0,) * 3)
 
 
 class TestPages:
-    @pytest.mark.parametrize("direct", DIRECT_MODES)
+    @pytest.mark.parametrize("direct", MODES)
     @pytest.mark.parametrize("per_side", [8, 16, 40])
     def test_charts_of_a_texel_and_less(self, tmp_path, per_side, direct, bake_safely):
         """A layer of islands on a page of 16 x 16 texels: 4 texels, 1 texel, or 6 islands in a texel."""
         scene = make_scene([islands(per_side)], [SUN], [GREY])
         bake_safely(tmp_path, scene, direct, size=16, max_photons=60_000).hold_mean(2.0)
 
-    @pytest.mark.parametrize("direct", DIRECT_MODES)
+    @pytest.mark.parametrize("direct", MODES)
     @pytest.mark.parametrize("size", [4, 5, 7])
     def test_the_smallest_pages(self, tmp_path, size, direct, bake_safely):
         """Whose sides are no powers of two; one chart of 3 by 5, texels where the page has 7."""
@@ -308,7 +310,7 @@ class TestPages:
         bake_safely(tmp_path, scene, direct, size=size, max_photons=60_000).hold_mean(2.0)
 
     @pytest.mark.slow
-    @pytest.mark.parametrize("direct", DIRECT_MODES)
+    @pytest.mark.parametrize("direct", MODES)
     def test_a_hundred_thousand_charts_of_one_texel(self, tmp_path, direct, bake_safely):
         scene = make_scene([islands(317)], [SUN], [GREY])
         bake_safely(tmp_path, scene, direct, size=317, max_photons=200_000).hold_mean(2.0)
@@ -325,7 +327,7 @@ class TestPages:
         hold("odd scenes: light of a chart in the corner of a 16k page off", np.abs(light.direct.irradiance / 2.0 - 1).max(), high=1e-5)
 
 
-@pytest.mark.parametrize("direct", DIRECT_MODES)
+@pytest.mark.parametrize("direct", MODES)
 @pytest.mark.parametrize("photons", [10**9, 10**11])
 def test_counters_of_very_many_photons(tmp_path, direct, photons, bake_safely):
     """As if the first round had been traced again and again."""

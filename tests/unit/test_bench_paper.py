@@ -37,6 +37,7 @@ def measured(tmp_path_factory):
     workers.forget_folders()
 
 
+@pytest.mark.slow
 def test_every_table_is_filled(measured):
     curves = {"figure 3", "leaves for the same error", "where the error comes from"}
     assert set(measured.tables) == {"figure 2", *curves, "overhead", "hints", "knobs"}
@@ -46,6 +47,7 @@ def test_every_table_is_filled(measured):
         assert "nan" not in str(table)
 
 
+@pytest.mark.slow
 def test_the_square_is_that_of_the_closed_form(measured):
     bake = measured.square["linear"]
     truth = paper_tables.square_irradiance(paper_tables.texel_positions(bake.stage))
@@ -55,12 +57,14 @@ def test_the_square_is_that_of_the_closed_form(measured):
     assert len(bake.light.leaves) < len(measured.square["constant"].light.leaves)
 
 
+@pytest.mark.slow
 def test_the_hierarchy_errs_less_than_the_fixed_mesh(measured):
     flat, constant = (measured.curves[name][-1] for name in ("flat", "constant"))
     assert flat.leaves > 2 * constant.leaves
     assert constant.nrmse < 0.7 * flat.nrmse
 
 
+@pytest.mark.slow
 def test_the_error_is_split_into_what_leaves_cannot_hold_and_noise(measured):
     """The fixed mesh holds all of the light; of the best leaves less is lost than of those that a bake chose."""
     flat, *others = split = paper_split.measure_split(measured.room["flat"].stage, measured.reference, measured.reference, TOY.figure_3)
@@ -76,6 +80,7 @@ def test_the_error_is_split_into_what_leaves_cannot_hold_and_noise(measured):
     assert degree < best < late
 
 
+@pytest.mark.slow
 def test_the_paper_shows_stable_nodes_at_or_below_the_current_ones(measured):
     bake = measured.room["constant"].stage.bake(400_000)  # two rounds, so that there are split nodes
     current = np.flatnonzero(bake.light.tree.current)
@@ -87,6 +92,7 @@ def test_the_paper_shows_stable_nodes_at_or_below_the_current_ones(measured):
     assert (bake.light.received[shown[below]] >= 8).all()
 
 
+@pytest.mark.slow
 def test_every_measure_is_claimed(measured):
     """Not that each holds: at toy size some do not."""
     names = {claim.name for claim in measured.claims}
@@ -163,6 +169,7 @@ def test_tables_go_between_their_marks():
     assert new == "a\n<!-- table: one -->\n\n| x |\n| --- |\n| 1 |\n\n<!-- end -->\nb\n<!-- table: two -->\nkept\n<!-- end -->\n"
 
 
+@pytest.mark.slow
 def test_pictures_are_drawn_and_small(measured, tmp_path):
     pytest.importorskip("matplotlib")  # of the bench extra, not of the tests'
     bench_paper.draw_paper(measured, CAMERA, tmp_path)

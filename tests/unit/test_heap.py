@@ -26,7 +26,7 @@ MB = 1 << 18  # float32
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other allocators are left as they are")
-@pytest.mark.parametrize(("size", "count"), [(0.75, 8), (0.75, 200), (100, 1), (300, 2)])
+@pytest.mark.parametrize(("size", "count"), [(0.75, 8), (0.75, 200), (100, 1), pytest.param(300, 2, marks=pytest.mark.slow)])
 def test_arrays_that_were_freed_are_used_again(size, count):
     """Large ones, and as many as a large page takes, in a process that keeps all alone."""
     default, kept, all_kept = (
