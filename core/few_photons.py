@@ -91,11 +91,11 @@ class FewPhotons:
         chosen = row >= 0
         return chosen, row[chosen]
 
-    def show(self, light: NDArray[np.float32], variance: NDArray[np.float32], leaf: NDArray[np.int32]) -> None:
-        """Brings the light of such leaves towards that of what is around, and states its variance; in place.
+    def show(self, light: NDArray[np.float32], variance: NDArray[np.float32] | None, leaf: IntArray) -> None:
+        """Brings the light of such leaves towards that of what is around, and states its variance where that is asked for; in place.
 
-        light, variance   (n, 3) float32, W/m^2 and its square, of the texel entries
-        leaf              (n,) int32: which each is on
+        light, variance   (n, 3) float32, W/m^2 and its square, of some texels
+        leaf              (n,) int: which each is on
         """
         chosen, row = self.find(leaf)
         texel = np.flatnonzero(chosen)
@@ -104,7 +104,8 @@ class FewPhotons:
         adds = np.where(lit, 0.0, self.shown)
         for channel in range(3):
             light[texel, channel] = light[texel, channel] * keeps[channel, row] + adds[channel, row]
-            variance[texel, channel] = self.variance[channel, row]
+            if variance is not None:
+                variance[texel, channel] = self.variance[channel, row]
 
 
 @dataclass(frozen=True)

@@ -144,6 +144,8 @@ class PreviewPages:
         for k, monomial in enumerate(basis.monomials(s, t, tree.degree)):
             out += light.solution.coefficient[:, :, k, node] * monomial
         lit: NDArray[np.float32] = np.maximum(out, 0.0).transpose(0, 2, 1).astype(np.float32)
+        if light.few:
+            light.few.show(lit[1], None, node)
         return lit
 
     def _path(self, page: int, turn: int) -> Path:

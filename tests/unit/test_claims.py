@@ -94,7 +94,10 @@ def test_a_claim_that_fails_is_kept_and_raised():
     assert [claim.holds for claim in kept] == [False]
 
 
-@pytest.mark.parametrize("together", [[], ["--numprocesses", "2", "--dist", "load"]], ids=["alone", "together"])
+@pytest.mark.parametrize(
+    "together",
+    [pytest.param([], id="alone"), pytest.param(["--numprocesses", "2", "--dist", "load"], id="together", marks=pytest.mark.slow)],
+)
 def test_pytest_writes_the_claims_of_its_tests(tmp_path, together):
     """Of those that hold some, in their order, and tells how many tests failed."""
     test = tmp_path / "test_some.py"

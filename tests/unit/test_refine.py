@@ -108,6 +108,7 @@ def chi_squares(n_bake, depth, noise_share=1.0):
     return np.array(sigmas)
 
 
+@pytest.mark.slow
 def test_the_chi_square_of_even_light_has_its_mean_and_spread():
     """Over many bakes sigmas has mean 0 and deviation 1: neither asleep nor nervous."""
     sigmas = chi_squares(300, 1)
