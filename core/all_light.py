@@ -49,7 +49,7 @@ class AllLight:
         node_light = np.ascontiguousarray((solution.flux / np.maximum(tree.area, _TINY)).astype(np.float32).T)
         if few:
             node, row = few.find(np.arange(len(node_light)))
-            node_light[node] = few.shown[:, row].T
+            node_light[node] = few.mean[:, row].T
         by_photons = (np.maximum(node_light[nodes], 0.0).sum(axis=1, dtype=np.float64) * (tree.end - tree.start)[nodes]).sum()
         mean = (float(by_photons) + direct.total_light) / max(direct.found.size, 1)
         found = cls(node_of_texel(tree, nodes, len(direct)), node_light, direct, 0.0, Parts.whole(len(judged.entry), 0.0))

@@ -11,6 +11,7 @@ has a gamma prior of one photon, with the prior's mean from the next larger cell
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,14 +38,16 @@ class FewPhotons:
     """Leaves that few photons fell on, k of them, and what they are shown with: light of photons that came by way of a surface.
 
     row_of     (n_node,) int32: of each node of the tree, -1 of all others
-    own        (3, k) float64, W/m^2: what they have
-    shown      (3, k) float64, W/m^2: brought towards that of what is around
+    around     (3, k) float64, W/m^2: that of what is around them
+    share      (k,) float64: how far they lean on it
+    mean       (3, k) float64, W/m^2: what they have, brought towards it
     variance   (3, k) float64, (W/m^2)^2: of that
     """
 
     row_of: NDArray[np.int32]
-    own: Float64
-    shown: Float64
+    around: Float64
+    share: Float64
+    mean: Float64
     variance: Float64
 
     @classmethod
@@ -67,7 +70,7 @@ class FewPhotons:
         is_few = received[leaves] < _FEW
         flux, area = np.maximum(solution.flux[:, leaves], 0.0), tree.area[leaves]
         if not is_few.any() or not flux.any():
-            return cls(row_of, *np.zeros((3, 3, 0)))
+            return cls(row_of, np.zeros((3, 0)), np.zeros(0), *np.zeros((2, 3, 0)))
         power2 = (solution.variance[:, leaves] * correction[:, None]).sum(axis=0) * area**2
         around = _look_around(cell, np.stack([*flux, area, power2]))
         share = around.find_share(area, _OF_LEAF)
@@ -76,14 +79,14 @@ class FewPhotons:
         row_of[leaves[few]] = np.arange(len(few))
         around, share, area = around.take(few), share[few], area[few]
         own = flux[:, few] / np.maximum(area, _TINY)
-        shown = own + share * np.where(own < around.mean, _LIFTED, 1.0) * (around.mean - own)
-        black = (own == 0.0) & (shown < least)
-        shown[black] = 0.0
+        mean = _lean(own, around.mean, share)
+        black = (own == 0.0) & (mean < least)
+        mean[black] = 0.0
         # Where none fell the light was found to be about as likely above what is shown as below, down to none.
         count = own.mean(axis=0) * area / np.maximum(around.photon, _TINY)
         told = count + np.where(count > 0.0, _OF_LEAF, _LIFTED**2 * _OF_LEAF)
         variance = np.where(black, 0.0, told * (share / _OF_LEAF * around.mean) ** 2)
-        return cls(row_of, own, shown, variance)
+        return cls(row_of, np.where(black, 0.0, around.mean), share, mean, variance)
 
     def find(self, leaf: IntArray) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:
         """Which of some texels are on such a leaf, (m,), and the rows of those, (j,); leaf (m,), the node of each."""
@@ -99,11 +102,8 @@ class FewPhotons:
         """
         chosen, row = self.find(leaf)
         texel = np.flatnonzero(chosen)
-        lit = self.own > 0.0
-        keeps = np.divide(self.shown, self.own, out=np.zeros_like(self.own), where=lit)
-        adds = np.where(lit, 0.0, self.shown)
         for channel in range(3):
-            light[texel, channel] = light[texel, channel] * keeps[channel, row] + adds[channel, row]
+            light[texel, channel] = _lean(light[texel, channel], self.around[channel, row], self.share[row])
             if variance is not None:
                 variance[texel, channel] = self.variance[channel, row]
 
@@ -135,6 +135,12 @@ class _Around:
         expected = self.mean.mean(axis=0) * area / np.maximum(self.photon, _TINY)
         share: Float64 = prior / (expected + prior)
         return share
+
+
+def _lean(light: NDArray[Any], around: Float64, share: Float64) -> Float64:
+    """Light brought so far towards that of what is around."""
+    leaning: Float64 = light + share * np.where(light < around, _LIFTED, 1.0) * (around - light)
+    return leaning
 
 
 def _look_around(cell: IntArray, parts: Float64) -> _Around:

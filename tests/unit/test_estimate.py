@@ -241,7 +241,7 @@ def test_leaves_that_are_shown_with_what_is_around_err_by_what_they_state():
     row_of = np.full(len(bake.tree), -1, np.int32)
     row_of[nodes[::2]] = np.arange(len(nodes[::2]))
     own = bake.solution().flux[:, nodes[::2]] / bake.tree.area[nodes[::2]]
-    few = FewPhotons(row_of, own, 3.0 * own, np.full_like(own, 0.25))
+    few = FewPhotons(row_of, own, np.ones(len(own[0])), 3.0 * own, np.full_like(own, 0.25))
     alone, stated = (estimate.state_error(read(bake), dark_of(bake), bake.texels, False, few=one) for one in (None, few))
     assert stated.photons**2 == pytest.approx((0.25 / (9.0 + 4 * judged.DARK_FLOOR**2) + alone.photons**2) / 2, rel=0.1)
     surer = replace(few, variance=0.0 * few.variance)
@@ -253,7 +253,8 @@ def test_those_that_are_shown_black_are_not_asked():
     nodes = np.flatnonzero(bake.tree.current)
     row_of = np.full(len(bake.tree), -1, np.int32)
     row_of[nodes[::2]] = np.arange(len(nodes[::2]))
-    few = FewPhotons(row_of, *np.zeros((3, 3, len(nodes[::2]))))
+    dark = np.zeros((3, len(nodes[::2])))
+    few = FewPhotons(row_of, dark, dark[0], dark, dark)
     alone, stated = (estimate.state_error(read(bake), dark_of(bake), bake.texels, False, few=one) for one in (None, few))
     assert stated.relative == pytest.approx(alone.relative, rel=0.2)  # of the other half
 

@@ -188,7 +188,16 @@ def test_nothing_is_said_of_others():
     assert np.isnan(leaves.state()[1][many]).all()
     told, row = few.find(np.array([np.flatnonzero(many)[0], np.flatnonzero(~many)[0]]))
     np.testing.assert_array_equal(told, [False, True])
-    np.testing.assert_array_equal(few.own[:, row].T, leaves.own[~many][:1].astype(few.own.dtype))
+    np.testing.assert_allclose(few.mean[:, row].T, leaves.show()[~many][:1], rtol=1e-6)
+
+
+def test_light_that_is_blended_from_neighbours_leans_as_it_is():
+    """A nearly dark leaf beside a bright one: what came over from there is not made many times as bright."""
+    few = FewPhotons(np.array([-1, 0]), np.full((3, 1), 2.0), np.full(1, 0.5), np.full((3, 1), 1e-6), np.full((3, 1), 0.25))
+    light, variance = np.float32([[1.0] * 3, [1.0] * 3, [3.0] * 3]), np.zeros((3, 3), np.float32)
+    few.show(light, variance, np.array([0, 1, 1]))
+    np.testing.assert_allclose(light[:, 0], [1.0, 1.25, 2.5])
+    np.testing.assert_allclose(variance[:, 0], [0.0, 0.25, 0.25])
 
 
 def test_channels_keep_their_colour():
