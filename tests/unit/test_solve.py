@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh, solution_bytes, solve_scene
-from leaflight.core import direct_field, executors, photon_shards, quadtree, refine, resolve, rounds, shrinkage, splitting, tally
+from leaflight.core import direct_field, estimate, executors, photon_shards, quadtree, refine, resolve, rounds, shrinkage, splitting, tally
 from leaflight.core.direct_shown import ShownDirect
 from leaflight.core.messages import Progress, Status
 from leaflight.core.photon_shards import PhotonShard
@@ -474,6 +474,16 @@ def hall_and_den():
     rooms = [room_mesh("Hall"), moved(room_mesh("Den", (0.5, 0.5, 0.5)), (5.0, 0.0, 0.0))]
     lamps = [Light("POINT", "Lamp", (x, 0.1, 0.1), power_rgb=(watts,) * 3) for x, watts in ((0.2, 1000.0), (5.1, 3.0))]
     return make_scene(rooms, lamps, [Material("Grey", (0.5,) * 3)]), replace(SETTINGS, error=0.03, max_photons=10**8)
+
+
+def test_the_error_is_stated_of_leaves_as_they_are_shown(tmp_path, monkeypatch):
+    given, state = [], estimate.state_error
+    monkeypatch.setattr(estimate, "state_error", lambda *arguments: given.append(arguments[-1]) or state(*arguments))
+    solver = make_solver(tmp_path, lamp_scene(), Settings(size=24, padding=1, error=1e-3, max_photons=1_500_000))
+    light = solver.run(lambda message: None, lambda: False)
+    assert light.few is not None
+    assert given[-1] is light.few
+    assert len(given) > 1
 
 
 def test_a_dim_room_is_told_to_err_more_than_the_whole_and_comes_to_the_error_where_each_object_has_to(tmp_path):
