@@ -248,6 +248,19 @@ def test_leaves_that_are_shown_with_what_is_around_err_by_what_they_state():
     assert estimate.state_error(read(bake), dark_of(bake), bake.texels, False, few=surer).relative < 0.8 * alone.relative
 
 
+def test_what_those_miss_is_in_their_variance():
+    """It is not what their own functions cannot hold, for they do not show these."""
+    bake = throw(hill, 100_000, seed=3, level=1)
+    nodes = np.flatnonzero(bake.tree.current)
+    row_of = np.full(len(bake.tree), -1, np.int32)
+    row_of[nodes] = np.arange(len(nodes))
+    own = bake.solution().flux[:, nodes] / bake.tree.area[nodes]
+    few = FewPhotons(row_of, own, np.ones(len(nodes)), own, 0.0 * own)
+    alone, stated = (estimate.state_error(read(bake), dark_of(bake), bake.texels, False, few=one) for one in (None, few))
+    assert alone.relative > 0.05
+    assert stated.relative == 0.0
+
+
 def test_those_that_are_shown_black_are_not_asked():
     bake = throw(even, 4000, seed=3, level=2)
     nodes = np.flatnonzero(bake.tree.current)
