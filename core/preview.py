@@ -1,7 +1,8 @@
 """The light while it is being found, as small pages for a viewport: quick to make, left out when that would slow the bake.
 
-A page shows each leaf's own function, unblended, so that coarse leaves are seen to become fine. Where shadow rays have been
-shot at a texel already, its direct light is theirs; until then it is that of the photons.
+A page shows each leaf's own function, unblended, so that coarse leaves are seen to become fine; leaves of few photons lean on what
+is around them, as in the bake. Where shadow rays have been shot at a texel already, its direct light is theirs; until then it is that of
+the photons.
 """
 
 from __future__ import annotations

@@ -262,7 +262,7 @@ class Solver:
         """
         if self.settings.direct != "rays":
             return None
-        if self._few is None or self._few[0] != reading:
+        if self._few is None or self._few[0] is not reading:
             nodes = reading.tree, reading.solution, reading.leaves, reading.totals.received
             tri = self.tracing.texels.texel_tri[reading.tree.start[reading.leaves]]
             cell = code_cells(self.tracing.snapshot, tri, CELL_BITS)

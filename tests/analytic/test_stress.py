@@ -29,7 +29,7 @@ from stats import PLANTED_BIAS
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
 RHO, POWER_W = 0.5, 12.0
 GREY = Material("Grey", (RHO,) * 3)
-# Light that photons alone bring goes a part of the way that it goes anyway.
+# Photons bring what is reflected in either mode; that they bring all of it is left to the slow tests.
 MODES = [pytest.param(direct, marks=[pytest.mark.slow] if direct == "photons" else []) for direct in DIRECT_MODES]
 TRUTH = POWER_W / 6 / (1 - RHO)  # in a cube of 1 m
 LAMP = Light("POINT", "Lamp", (0.1, 0.05, 0.2), power_rgb=(POWER_W,) * 3)

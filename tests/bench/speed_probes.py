@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import os
 import statistics
 import subprocess
 import sys
@@ -249,7 +250,8 @@ def _seconds_to_line(arguments: Sequence[str], text: str) -> float:
     with tempfile.TemporaryDirectory() as output:
         begin = time.perf_counter()
         command = [sys.executable, *arguments, "--output", output]
-        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, encoding="utf-8") as process:
+        env = {**os.environ, "PYTHONDONTWRITEBYTECODE": ""}  # else each start would compile what any but a user's first finds compiled
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, encoding="utf-8", env=env) as process:
             assert process.stderr is not None
             found = None
             for line in process.stderr:

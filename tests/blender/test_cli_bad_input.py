@@ -173,7 +173,7 @@ def test_object_without_faces(tmp_path, capsys):
     assert {subject for subject, text in bake_with_warnings(scene) if "no faces" in text} == {"Empty", "Wire"}
 
 
-@pytest.mark.parametrize("value", [math.nan, -math.inf])
+@pytest.mark.parametrize("value", [math.nan, -math.inf, pytest.param(math.inf, marks=pytest.mark.slow)])
 def test_vertices_that_are_not_numbers(tmp_path, capsys, value):
     open_room()
     add_mesh("Broken", [*TRIANGLE, (0.0, 0.0, value)], [(0, 1, 2), (0, 2, 3)])
