@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from .blocks import BlockLayout, join_outlines, lay_block, outline_block
 from .chart_search import find_charts
+from .density_search import find_greatest_density
 from .kept_charts import KeptCharts
 from .messages import Status
 from .outlines import Outlines
-from .packing import Page, Placement, Shapes, find_greatest_density, fits_alone, place_charts, place_uv, shape_charts
+from .packing import Page, Placement, Shapes, fits_alone, place_charts, place_uv, shape_charts
 from .scene import SceneSnapshot
 from .settings import Settings
 from .words import Watch, unwatched

@@ -7,8 +7,6 @@ Measured against xatlas's own packer (100 and 1,000 rectangles, 1,024 texels, pa
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -25,11 +23,8 @@ Int64: TypeAlias = NDArray[np.int64]
 
 _ROUNDING = 1e-6  # texels by which a chart may reach over the edge of a texel unseen
 _MAX_COLUMNS = 1024  # a wider page is searched in steps of several texels
-_PRECISION = 1.01  # ratio of densities at which the search stops
-_STEP_UP = 1.08
 _BOXY = 0.995  # share of its box that a chart fills when turning it upside down is in vain
 _SMALL = 16  # texels; turning a smaller chart upside down saves nothing that can be measured
-_LEAST_SHARE = 1e-8  # of the greatest density that a page could hold; below it charts are points
 
 
 @dataclass(frozen=True)
@@ -65,10 +60,12 @@ class Placement:
 
     turn     (n,) int64      quarter turns, counterclockwise
     offset   (n, 2) int64    texels: page texel of the turned chart's lower left corner
+    top      texels of the page's inside up to which they come
     """
 
     turn: Int64
     offset: Int64
+    top: int
 
 
 @dataclass(frozen=True)
@@ -183,10 +180,14 @@ class _Sides:
         return upper if turn in (0, 3) else upper[::-1]
 
 
-def place_charts(shapes: Shapes, horizon: Int32) -> Placement | None:
-    """The charts above the horizon, which is raised; None, and the horizon as it was, where the page is full."""
+def place_charts(shapes: Shapes, horizon: Int32, ceiling: int | None = None) -> Placement | None:
+    """The charts above the horizon, which is raised; None, and the horizon as it was, where the page is full.
+
+    ceiling   texels to which they may come, if not the page's inside
+    """
     page, sides = shapes.page, _Sides(shapes)
-    inside, padding, step, reach = page.inside, page.padding, page.step, page.reach
+    padding, step, reach = page.padding, page.step, page.reach
+    most, top = page.inside if ceiling is None else ceiling, 0
     turn = np.zeros(len(shapes.side), np.int64)
     offset = np.zeros((len(shapes.side), 2), np.int64)
     columns = len(horizon)
@@ -206,8 +207,9 @@ def place_charts(shapes: Shapes, horizon: Int32) -> Placement | None:
             bottom = int(height[column])
             key = (bottom + sides.across(chart, candidate), candidate, column, bottom)
             best = key if best is None or key < best else best
-        if best is None or best[0] > inside:
+        if best is None or best[0] > most:
             return None
+        top = max(top, best[0])
         _, candidate, column, bottom = best
         upper = sides.upper(chart, candidate)
         below = taken[column + reach : column + reach + len(upper)]
@@ -215,7 +217,7 @@ def place_charts(shapes: Shapes, horizon: Int32) -> Placement | None:
         turn[chart] = candidate
         offset[chart] = (padding + column * step, padding + bottom)
     horizon[:] = taken[:columns]
-    return Placement(turn, offset)
+    return Placement(turn, offset, top)
 
 
 def place_uv(uv: Float64, chart: Int64, density: float, shapes: Shapes, placement: Placement) -> Float64:
@@ -235,55 +237,3 @@ def place_uv(uv: Float64, chart: Int64, density: float, shapes: Shapes, placemen
     new_y = np.choose(turn, [y, x, height - y, width - x])
     placed: Float64 = np.stack([new_x, new_y], axis=2) + placement.offset[chart][:, None]
     return placed
-
-
-def find_greatest_density(
-    outlines: Outlines, page: Page, lay_out: Callable[[float], Outlines | None] | None = None
-) -> tuple[float, Shapes, Placement] | None:
-    """The greatest density, in texels/m, at which all charts fit one page, found to 1 %; None where none does.
-
-    lay_out   what has to be placed at a density, where that is not the charts themselves; None where it fits no page
-    """
-    if not page.inside:
-        return None
-    lay_out = lay_out or (lambda density: outlines)
-    limit = _density_limit(outlines, page)
-    guess = min(_guess_density(outlines, page) or limit * _LEAST_SHARE, limit)
-    found = _try_density(lay_out(guess), guess, page)
-    share = 0.92
-    too_great = limit * _PRECISION
-    while found is None:
-        too_great, guess = guess, guess * share
-        if guess < limit * _LEAST_SHARE:
-            return None
-        found, share = _try_density(lay_out(guess), guess, page), share * share
-    while too_great / found[0] > _PRECISION and found[0] < limit:
-        middle = (too_great * found[0]) ** 0.5
-        density = min(found[0] * _STEP_UP, middle if too_great <= limit else limit)
-        better = _try_density(lay_out(density), density, page)
-        found, too_great = (better, too_great) if better else (found, density)
-    return found
-
-
-def _try_density(outlines: Outlines | None, density: float, page: Page) -> tuple[float, Shapes, Placement] | None:
-    if outlines is None or not fits_alone(outlines, density, page):
-        return None
-    shapes = shape_charts(outlines, density, page)
-    placement = place_charts(shapes, page.empty_horizon())
-    return None if placement is None else (density, shapes, placement)
-
-
-def _density_limit(outlines: Outlines, page: Page) -> float:
-    return page.inside / max(float(outlines.extent.max()), math.sqrt(float(outlines.area.sum())))
-
-
-def _guess_density(outlines: Outlines, page: Page) -> float:
-    """Density at which the charts' boxes with their padding fill nine tenths of the page; 0 where the padding alone does."""
-    gap = page.padding + 0.5
-    square = float(outlines.extent.prod(axis=1).sum())
-    linear = gap * float(outlines.extent.sum())
-    constant = len(outlines.extent) * gap**2 - 0.9 * (page.inside + page.padding) ** 2
-    if constant >= 0:
-        return 0.0
-    # The stable root: the square term vanishes for lines of charts.
-    return float(-2.0 * constant / (linear + (linear**2 - 4.0 * square * constant) ** 0.5))

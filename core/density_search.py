@@ -1,0 +1,123 @@
+"""The greatest density at which charts fit one page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from .outlines import Outlines
+from .packing import Page, Placement, Shapes, fits_alone, place_charts, shape_charts
+
+_PRECISION = 1.01  # ratio of densities at which the search stops
+_STEP_UP, _STEP_DOWN = 1.08, 0.92  # where no try tells of the next one
+_GUESSED_SHARE = 0.9  # of a page, which boxes of charts fill
+_WANTED_HEIGHT = 0.995  # of a page: heights come out a little more or less than what is foreseen, and what is too high is of no use
+_TOLD, _MANY = 4, 1000  # tries that tell of a next one, of so many charts: of few heights jump, and to try them takes milliseconds
+_POWERS = (0.5, 2.0)  # of the density by which heights grow; measured 0.2 where padding is most of it, and 2 where it is nothing
+_TOO_HIGH = 1.5  # of a page's inside; charts that come higher are placed no further
+_LEAST_SHARE = 1e-8  # of the greatest density that a page could hold; below it charts are points
+
+
+@dataclass(frozen=True)
+class _Try:
+    """Charts at a density, as high as they come."""
+
+    density: float
+    shapes: Shapes
+    placement: Placement
+
+    @property
+    def fits(self) -> bool:
+        return self.placement.top <= self.shapes.page.inside
+
+    @property
+    def height(self) -> float:
+        """Share of the page that is taken."""
+        page = self.shapes.page
+        return (self.placement.top + page.padding) / (page.inside + page.padding)
+
+
+def find_greatest_density(
+    outlines: Outlines, page: Page, lay_out: Callable[[float], Outlines | None] | None = None
+) -> tuple[float, Shapes, Placement] | None:
+    """The greatest density, in texels/m, at which all charts fit one page, found to 1 %; None where none does.
+
+    How high many charts come at one density tells at which they would fill the page.
+
+    lay_out   what has to be placed at a density, where that is not the charts themselves; None where it fits no page
+    """
+    if not page.inside:
+        return None
+    lay_out = lay_out or (lambda density: outlines)
+    limit = _density_limit(outlines, page)
+    density = min(_guess_density(outlines, page, _GUESSED_SHARE) or limit * _LEAST_SHARE, limit)
+    found, too_great, step = None, limit * _PRECISION, _STEP_DOWN
+    told: list[_Try] = []
+    while found is None or (too_great / found.density > _PRECISION and found.density < limit):
+        if density < limit * _LEAST_SHARE:
+            return None
+        tried = _try_density(lay_out(density), density, page)
+        full = wanted = 0.0
+        if tried and len(told) < _TOLD and len(outlines.extent) >= _MANY:
+            told.append(tried)
+            full, wanted = (_foresee(outlines, told, height) for height in (1.0, _WANTED_HEIGHT))
+        if tried and tried.fits:
+            found = tried
+            if 0.0 < full < _PRECISION * density and limit > _STEP_UP * density:
+                break
+        else:
+            too_great = density
+        if found is None:
+            density, step = (wanted, step) if wanted else (density * step, step**2)
+        elif found.density < wanted < min(too_great, limit):
+            density = max(wanted, _PRECISION * found.density)
+        else:
+            density = min(_STEP_UP * found.density, limit if too_great > limit else (too_great * found.density) ** 0.5)
+    return found.density, found.shapes, found.placement
+
+
+def _try_density(outlines: Outlines | None, density: float, page: Page) -> _Try | None:
+    """None where a chart is longer than the page, or they come far too high."""
+    if outlines is None or not fits_alone(outlines, density, page):
+        return None
+    shapes = shape_charts(outlines, density, page)
+    placement = place_charts(shapes, page.empty_horizon(), int(_TOO_HIGH * page.inside))
+    return None if placement is None else _Try(density, shapes, placement)
+
+
+def _foresee(outlines: Outlines, told: list[_Try], height: float) -> float:
+    """The density at which charts take a share of the page: as the last two tries tell, or the boxes of what was tried first."""
+    last = told[-1]
+    if len(told) == 1:
+        return _guess_density(outlines, last.shapes.page, _share_of_boxes(outlines, last) * height / last.height)
+    before = told[-2]
+    power = math.log(last.height / before.height) / math.log(last.density / before.density)
+    return last.density * float((height / last.height) ** (1.0 / min(max(power, _POWERS[0]), _POWERS[1])))
+
+
+def _density_limit(outlines: Outlines, page: Page) -> float:
+    return page.inside / max(float(outlines.extent.max()), math.sqrt(float(outlines.area.sum())))
+
+
+def _share_of_boxes(outlines: Outlines, tried: _Try) -> float:
+    """Share of the page that the charts' boxes with their padding would fill, side by side."""
+    page = tried.shapes.page
+    return float((outlines.extent * tried.density + _gap(page)).prod(axis=1).sum()) / (page.inside + page.padding) ** 2
+
+
+def _guess_density(outlines: Outlines, page: Page, share: float) -> float:
+    """The density at which that is a share; 0 where the padding alone is as much."""
+    gap = _gap(page)
+    square = float(outlines.extent.prod(axis=1).sum())
+    linear = gap * float(outlines.extent.sum())
+    constant = len(outlines.extent) * gap**2 - share * (page.inside + page.padding) ** 2
+    if constant >= 0:
+        return 0.0
+    # The stable root: the square term vanishes for lines of charts.
+    return float(-2.0 * constant / (linear + (linear**2 - 4.0 * square * constant) ** 0.5))
+
+
+def _gap(page: Page) -> float:
+    """Texels by which a chart's box is longer on a page, in the mean."""
+    return page.padding + 0.5
