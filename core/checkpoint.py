@@ -31,7 +31,7 @@ from .splitting import SplitGuide, Splitting
 from .tally import Tally
 
 FORMAT = "leaflight-state"
-FORMAT_VERSION = 12
+FORMAT_VERSION = 13
 INFO_FILE = "leaflight_state.json"  # marks a folder as ours
 _STRUCT_FOLDER = "state"
 # Of the groups of knobs that another bake may have which goes on, and knobs of other groups that it may have too. Where `direct` comes to

@@ -1,4 +1,4 @@
-"""Frozen dataclasses of arrays as a folder of .npy files, which processes map into memory and so share."""
+"""Frozen dataclasses of arrays as files in a folder, which processes map into memory and so share."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ from numpy.typing import DTypeLike, NDArray
 
 T = TypeVar("T")
 
-_LEAST_FILE = 1 << 20  # bytes from which on an array is worth a file before all of them are written; also how much of it is written at once
+_LEAST_FILE = 1 << 20  # bytes from which on an array is worth a file of its own; also how much of it is written at once
+_PACKED_FILE = "packed.bin"  # what it holds, as JSON after the length of that, and then all smaller arrays
+_LENGTH_BYTES, _ALIGNMENT = 8, 64
 
 
 @dataclass(frozen=True)
@@ -82,22 +84,56 @@ IN_MEMORY = Room()
 def save_struct(folder: Path, struct: Any) -> None:
     """Write a dataclass whose fields are arrays, plain numbers or such dataclasses, or None; `folder` is made.
 
-    Arrays of a Room of that folder are there already.
+    Large arrays have files of their own; those of a Room of that folder are there already. All others lie in one: a bake has some hundred
+    small arrays, and to open a file takes longer than to write one.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    plain: dict[str, Any] = {}
+    packed = _Packed()
+    told = json.dumps(_put_away(folder, struct, packed)).encode()
+    path = folder / _PACKED_FILE
+    path.unlink(missing_ok=True)  # not emptied, for someone may have it mapped
+    with open(path, "wb") as file:
+        file.write(len(told).to_bytes(_LENGTH_BYTES, "little") + told)
+        begin = _align(file.tell())
+        for start, array in packed.arrays:
+            file.seek(begin + start)
+            file.write(array.tobytes("A"))
+
+
+class _Packed:
+    """Arrays that are to follow each other in a file."""
+
+    def __init__(self) -> None:
+        self.arrays: list[tuple[int, NDArray[Any]]] = []  # with where they start, bytes
+        self._end = 0
+
+    def add(self, array: NDArray[Any]) -> tuple[str, tuple[int, ...], str, int]:
+        """What _unpack is told of it."""
+        start = _align(self._end)
+        self._end = start + array.nbytes
+        self.arrays.append((start, array))
+        return array.dtype.str, array.shape, "F" if array.flags.fnc else "C", start
+
+
+def _put_away(folder: Path, struct: Any, packed: _Packed) -> dict[str, Any]:
+    """Writes the large arrays of a struct and of those within it, leaves the small ones to `packed`, and tells where each field is."""
+    told: dict[str, Any] = {"plain": {}, "packed": {}, "files": [], "structs": {}}
     for field in dataclasses.fields(struct):
-        value = getattr(struct, field.name)
-        if isinstance(value, np.ndarray):
-            file = folder / f"{field.name}.npy"
-            if not _is_of_file(value, file):
-                file.unlink(missing_ok=True)  # not emptied, for someone may have it mapped
-                np.save(file, value)
-        elif dataclasses.is_dataclass(value):
-            save_struct(folder / field.name, value)
+        name, value = field.name, getattr(struct, field.name)
+        if dataclasses.is_dataclass(value):
+            told["structs"][name] = _put_away(folder / name, value, packed)
+        elif not isinstance(value, np.ndarray):
+            told["plain"][name] = value
+        elif value.nbytes < _LEAST_FILE:
+            told["packed"][name] = packed.add(value)
         else:
-            plain[field.name] = value
-    (folder / "plain.json").write_text(json.dumps(plain), encoding="utf-8")
+            told["files"].append(name)
+            file = folder / f"{name}.npy"
+            if not _is_of_file(value, file):
+                folder.mkdir(exist_ok=True)
+                file.unlink(missing_ok=True)  # as above
+                np.save(file, value)
+    return told
 
 
 @contextmanager
@@ -115,21 +151,38 @@ def _is_of_file(array: NDArray[Any], file: Path) -> bool:
 
 
 def load_struct(folder: Path, cls: type[T]) -> T:
-    """The dataclass of save_struct, its arrays mapped read-only."""
-    values: dict[str, Any] = json.loads((folder / "plain.json").read_text(encoding="utf-8"))
-    hints = get_type_hints(cls)
-    for field in dataclasses.fields(cls):  # type: ignore[arg-type]
-        if field.name in values:
-            continue
-        file = folder / f"{field.name}.npy"
-        if file.exists():
-            array = np.load(file, mmap_mode="r" if file.stat().st_size > 4096 else None)
-            values[field.name] = array.view(np.ndarray)  # np.memmap's own indexing is slow
-        else:
-            hint = hints[field.name]
-            inner: Any = next(filter(dataclasses.is_dataclass, get_args(hint)), hint)  # of one that may be None
-            values[field.name] = load_struct(folder / field.name, inner)
+    """The dataclass of save_struct, its arrays mapped read-only.
+
+    Raises OSError where files are missing, ValueError, KeyError or TypeError where they are not what was written.
+    """
+    with open(folder / _PACKED_FILE, "rb") as file:
+        told = json.loads(file.read(int.from_bytes(file.read(_LENGTH_BYTES), "little")))
+        begin = _align(file.tell())
+        packed = np.memmap(file, np.uint8, "r").view(np.ndarray)[begin:]  # np.memmap's own indexing is slow
+    return _find_fields(folder, cls, told, packed)
+
+
+def _find_fields(folder: Path, cls: type[T], told: dict[str, Any], packed: NDArray[np.uint8]) -> T:
+    """The dataclass of which _put_away told."""
+    values: dict[str, Any] = dict(told["plain"])
+    values |= {name: _unpack(packed, *of_array) for name, of_array in told["packed"].items()}
+    values |= {name: np.load(folder / f"{name}.npy", mmap_mode="r").view(np.ndarray) for name in told["files"]}
+    if told["structs"]:
+        hints = get_type_hints(cls)
+        for name, of_struct in told["structs"].items():
+            inner: Any = next(filter(dataclasses.is_dataclass, get_args(hints[name])), hints[name])  # of one that may be None
+            values[name] = _find_fields(folder / name, inner, of_struct, packed)
     return cls(**values)
+
+
+def _unpack(packed: NDArray[np.uint8], dtype: str, shape: list[int], order: Literal["C", "F"], start: int) -> NDArray[Any]:
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    return packed[start : start + size].view(dtype).reshape(shape, order=order)
+
+
+def _align(place: int) -> int:
+    """The first byte from there on at which an array may start."""
+    return -(-place // _ALIGNMENT) * _ALIGNMENT
 
 
 def remove_struct(folder: Path) -> None:

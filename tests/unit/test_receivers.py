@@ -108,6 +108,7 @@ def test_texels_of_an_earlier_bake_in_the_folder_are_gone(run, scene):
     find(run, scene)
     workers.forget_folders()
     of_earlier = run.folder / workers.TEXELS_FOLDER / "grid" / "of_a_larger_bake.npy"
+    of_earlier.parent.mkdir()
     of_earlier.write_bytes(b"1")
     _, found = find(run, scene, replace(SMALL, size=32))
     try:
