@@ -71,10 +71,12 @@ SCENES = {
     "disk mesh": (by_mesh(DISK_FLOOR, disk_mesh("Lamp", LAMP_RADIUS, HEIGHT)), from_lamp_disk, TO_LAMP),
     "disk area": (by_area_light(DISK_FLOOR, LAMP_SQUARE, "ELLIPSE"), from_lamp_disk, TO_LAMP),
 }
+SLOW_CASE = ("disk mesh", "rays")  # of ninety-four lamps
 CASES = [(name, direct) for name in SCENES for direct in DIRECT_MODES]
+PARAMS = [pytest.param(case, id="-".join(case), marks=[pytest.mark.slow] * (case == SLOW_CASE)) for case in CASES]
 
 
-@pytest.fixture(scope="module", params=CASES, ids="-".join)
+@pytest.fixture(scope="module", params=PARAMS)
 def known(request, tmp_path_factory):
     name, direct = request.param
     scene, irradiance, _ = SCENES[name]

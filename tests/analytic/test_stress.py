@@ -113,7 +113,7 @@ class TestMeshes:
         error = np.hypot(one.stderr, other.stderr)
         assert np.abs(one.mean - other.mean).max() < Z_LIMIT * error.max() + 3e-3 * TRUTH
 
-    @pytest.mark.parametrize("basis", BASES)
+    @pytest.mark.parametrize("basis", [pytest.param(basis, marks=[pytest.mark.slow] * (basis != "linear")) for basis in BASES])
     @FEW_EXAMPLES
     @given(corner=st.lists(st.tuples(*[st.integers(-2, 2)] * 3), min_size=6, max_size=45))
     def test_soup_of_triangles_on_a_lattice(self, tmp_path_factory, basis, corner, bake_safely):

@@ -97,7 +97,7 @@ def bake_on_small_disk(scene, most_bytes):
     """Code and standard error of a bake on a system where no file grows beyond this."""
     resource = pytest.importorskip("resource")
     argv = [sys.executable, "-m", "leaflight", "bake", str(scene), *QUICK, "--output", "maps", "--uv-layer", "UVMap", "--quiet"]
-    argv += ["--objects", "Floor", "--margin", "256", "--size", "128", "--force", "--error", "0.1"]
+    argv += ["--objects", "Floor", "--margin", "256", "--size", "256", "--force", "--error", "0.1"]
 
     def limit():
         resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, most_bytes))
@@ -112,7 +112,7 @@ def test_full_disk(tmp_path):
     layer = bpy.data.objects["Floor"].data.uv_layers["UVMap"]
     uv = np.empty(2 * len(layer.uv), np.float32)
     layer.uv.foreach_get("vector", uv)
-    layer.uv.foreach_set("vector", uv / 8)
+    layer.uv.foreach_set("vector", uv / 64)
     scene = save_scene(tmp_path / "room.blend")
     before = scene.read_bytes()
     image = tmp_path / "maps" / IMAGE

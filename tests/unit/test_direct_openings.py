@@ -81,6 +81,7 @@ class TestLight:
         stated = np.mean([np.sqrt((one.variance_rgb[:, 0] / truth**2).mean()) for one in found])
         assert 0.9 < stated / error < 1.2
 
+    @pytest.mark.slow
     def test_is_right_on_average_where_hardly_a_ray_finds_it(self):
         hatch = (0.5, 0.6, 0.5, 0.55)
         scene, truth = roofed(hatch), through(hatch)

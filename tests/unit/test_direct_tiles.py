@@ -119,6 +119,7 @@ class TestShadows:
         assert found.mean() == pytest.approx(alone.mean(), rel=5e-3)
         assert np.abs(found - alone).mean() < 0.01 * alone.mean()
 
+    @pytest.mark.slow
     def test_a_little_sky_is_not_lost(self):
         """By a slit that few rays find, so that whole tiles see nothing at first; on average all of it is there."""
         spans, side = ((-30.0, 1.8), (1.95, 30.0)), 32

@@ -21,7 +21,7 @@ ROOM = moved(room_mesh(), (0.5, 0.5, 0.5))
 
 def gather_all(folder, scene, light=2.0, lit_elsewhere=False, **knobs):
     """Light gathered at all texels of a scene whose surfaces all have the same light, and the solver."""
-    solver = make_solver(folder, scene, SETTINGS)
+    solver = make_solver(folder, scene, SETTINGS, begun=False)
     n_texel = len(solver.tracing.texels)
     every = np.full((3, n_texel), light, np.float32)
     dark = np.broadcast_to(lit_elsewhere, len(scene.objects))
@@ -95,7 +95,7 @@ def coloured_room():
 def test_what_rays_meet_sends_its_own_light_of_each_channel_and_its_own_doubt(tmp_path, monkeypatch):
     """Against a thousand rays that each texel sends by chance; doubt may be of either sign."""
     monkeypatch.setattr(gather, "MOST_TEXELS", 1400)
-    solver = make_solver(tmp_path, coloured_room(), SETTINGS)
+    solver = make_solver(tmp_path, coloured_room(), SETTINGS, begun=False)
     tracing, texels, (x, y, z) = solver.tracing, solver.tracing.texels, places_of(solver).T
     light = np.float32([1 + x, 2 * y, 3 * z * x])
     doubt = (x - 0.5).astype(np.float32)
@@ -118,7 +118,7 @@ def test_what_rays_meet_sends_its_own_light_of_each_channel_and_its_own_doubt(tm
 
 
 def test_light_that_is_known_besides_makes_texels_content_with_fewer_rays(tmp_path):
-    solver = make_solver(tmp_path, coloured_room(), SETTINGS)
+    solver = make_solver(tmp_path, coloured_room(), SETTINGS, begun=False)
     x, y, z = places_of(solver).T
     upper = np.arange(len(x) // 2, len(x))
 
@@ -139,7 +139,7 @@ def test_texels_of_both_sides_gather_the_sum_of_both(tmp_path, above):
     sheet = moved(quad_mesh("Sheet"), (0.0, 0.0, 0.5))
     scene = make_scene([ROOM, sheet], [LAMP], [Material("Grey", (0.5,) * 3)])
     scene = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], two_sided=True)))
-    solver = make_solver(tmp_path, scene, SETTINGS)
+    solver = make_solver(tmp_path, scene, SETTINGS, begun=False)
     x, _, z = places_of(solver).T
     is_lit = (z > 0.5) if above else (z < 0.5)
     on_sheet = scene.tri_object[solver.tracing.texels.texel_tri] == 1

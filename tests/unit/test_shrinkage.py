@@ -24,8 +24,8 @@ def ramp(rng, n):
 @pytest.mark.parametrize("degree", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_even_light_errs_less(degree):
     """Of the noise of functions beyond the mean a fifth stays or so."""
-    before, after = np.zeros((2, 200))
-    for seed in range(200):
+    before, after = np.zeros((2, 100))
+    for seed in range(100):
         bake, _, plain, shrunk = shrunk_bake(even, 500, degree, seed)
         place = np.random.default_rng(1).random((2, 300))
         for errors, solution in ((before, plain), (after, shrunk)):
@@ -100,10 +100,10 @@ def test_the_risk_is_what_shrinking_leaves_of_noise_beyond_the_mean(degree, tilt
         s, t, keep = rng.random((3, 4 * n))
         return (axis[keep * (1 + tilt) < 1 + tilt * (2 * s - 1)][:n] for axis in (s, t))
 
-    told, real, noise = np.zeros((3, 200))
+    told, real, noise = np.zeros((3, 100))
     place = np.random.default_rng(1).random((2, 300))
     truth = 1 + tilt * (2 * place[0] - 1)
-    for seed in range(200):
+    for seed in range(100):
         bake, _, plain, shrunk = shrunk_bake(sampler, 500, degree, seed)
         told[seed] = shrinkage.shrink_leaves(bake.tree, bake.totals(), ROOT)[1][0]
         for errors, solution in ((noise, plain), (real, shrunk)):
