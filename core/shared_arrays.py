@@ -130,7 +130,7 @@ def _put_away(folder: Path, struct: Any, packed: _Packed) -> dict[str, Any]:
             told["files"].append(name)
             file = folder / f"{name}.npy"
             if not _is_of_file(value, file):
-                folder.mkdir(exist_ok=True)
+                folder.mkdir(parents=True, exist_ok=True)
                 file.unlink(missing_ok=True)  # as above
                 np.save(file, value)
     return told
@@ -155,11 +155,10 @@ def load_struct(folder: Path, cls: type[T]) -> T:
 
     Raises OSError where files are missing, ValueError, KeyError or TypeError where they are not what was written.
     """
-    with open(folder / _PACKED_FILE, "rb") as file:
-        told = json.loads(file.read(int.from_bytes(file.read(_LENGTH_BYTES), "little")))
-        begin = _align(file.tell())
-        packed = np.memmap(file, np.uint8, "r").view(np.ndarray)[begin:]  # np.memmap's own indexing is slow
-    return _find_fields(folder, cls, told, packed)
+    whole = np.memmap(folder / _PACKED_FILE, np.uint8, "r").view(np.ndarray)  # np.memmap's own indexing is slow
+    end = _LENGTH_BYTES + int.from_bytes(whole[:_LENGTH_BYTES].tobytes(), "little")
+    told = json.loads(whole[_LENGTH_BYTES:end].tobytes())
+    return _find_fields(folder, cls, told, whole[_align(end) :])
 
 
 def _find_fields(folder: Path, cls: type[T], told: dict[str, Any], packed: NDArray[np.uint8]) -> T:
