@@ -60,8 +60,10 @@ def _find_feet(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_o
     side = np.flatnonzero(np.repeat(crowded[tri_object], 3))
     foot = np.zeros(ends.shape[1], bool)
     if len(side):
-        keys = np.stack([*find_ends(vertex_position, tri_vertex.ravel()[ends[:, side]]), tri_object[side // 3]])
-        edge = np.unique(keys, axis=1, return_inverse=True)[1].ravel()
+        start, end = find_ends(vertex_position, tri_vertex.ravel()[ends[:, side]])
+        # Numbers are sorted several times faster than rows of three.
+        place = np.unique(start * len(vertex_position) + end, return_inverse=True)[1].ravel()
+        edge = np.unique(place * (int(tri_object.max()) + 1) + tri_object[side // 3], return_inverse=True)[1].ravel()
         foot[side] = _fork(edge, _point_off(vertex_position[tri_vertex[side // 3]], side % 3))[edge]
     return foot
 

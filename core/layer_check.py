@@ -55,12 +55,10 @@ def label_charts(
     swap = low > high
     end_uv = np.concatenate([tri_uv, np.roll(tri_uv, -1, axis=1)], axis=2)
     end_uv = np.where(swap[..., None], end_uv[..., [2, 3, 0, 1]], end_uv).reshape(-1, 4)
-    keys = np.stack([np.repeat(tri_group, 3), np.minimum(low, high).ravel(), np.maximum(low, high).ravel()]).astype(np.int64)
-    order = np.lexsort((end_uv[:, 1], end_uv[:, 0], keys[2], keys[1], keys[0]))
-    order = order[keys[0, order] >= 0]
+    order, is_one_edge = _order_sides(np.minimum(low, high).ravel(), np.maximum(low, high).ravel(), np.repeat(tri_group, 3), end_uv)
     here, after = order[:-1], order[1:]
     near = np.repeat(np.broadcast_to(same_uv, n_tri), 3)[:, None]
-    same = (keys[:, here] == keys[:, after]).all(axis=0) & (np.abs(end_uv[here] - end_uv[after]) <= near[here]).all(axis=1)
+    same = is_one_edge & (np.abs(end_uv[here] - end_uv[after]) <= near[here]).all(axis=1)
     shared = np.zeros(3 * n_tri, bool)
     shared[here[same]] = shared[after[same]] = True
     one, other = pair_corners(tri_corner, tri_group >= 0)
@@ -71,6 +69,25 @@ def label_charts(
     used = tri_group >= 0
     chart[used] = np.unique(label[used], return_inverse=True)[1].ravel()
     return chart, shared.reshape(-1, 3)
+
+
+def _order_sides(low: IntArray, high: IntArray, group: IntArray, end_uv: Float64) -> tuple[Int64, Bool]:
+    """Sides by group and edge, those of no group left out, and of more than two at one edge by their UVs; and whether each but the last is
+    at the edge of the one after it.
+
+    low, high   (m,) int, of vertices
+    group       (m,) int, -1 for sides that are left out
+    end_uv      (m, 4) float64
+    """
+    edge = low.astype(np.int64) * (int(high.max(initial=0)) + 1) + high  # one number is sorted faster than two
+    order = np.lexsort((edge, group))[np.count_nonzero(group < 0) :]
+    here, after = order[:-1], order[1:]
+    is_one_edge: Bool = (edge[here] == edge[after]) & (group[here] == group[after])
+    run = np.cumsum(np.append(np.zeros(len(order[:1]), bool), ~is_one_edge))
+    crowded = np.flatnonzero(np.bincount(run)[run] > 2) if len(run) else run
+    rows = order[crowded]
+    order[crowded] = rows[np.lexsort((end_uv[rows, 1], end_uv[rows, 0], run[crowded]))]
+    return order, is_one_edge
 
 
 def signed_areas(tri_uv: Float64) -> Float64:
