@@ -142,10 +142,11 @@ def find_overlaps(tri_uv: Float64) -> Bool:
     size = int(np.clip(size, _RASTER_MIN, _RASTER_MAX))
     spans = find_row_spans(_inset(tri_uv * size))
     row = np.clip(spans.y, 0, size - 1).astype(np.int64) * size
-    full = _count_texels(row + spans.full_start, row + spans.full_end, size)
+    is_shared = _count_texels(row + spans.full_start, row + spans.full_end, size) > 0
     start, end = row + np.clip(spans.touched_start, 0, size), row + np.clip(spans.touched_end, 0, size)
-    touched = _count_texels(start, end, size)
-    shared_before = np.concatenate([[0], np.cumsum((full > 0) & (touched > 1))])
+    is_shared &= _count_texels(start, end, size) > 1
+    shared_before = np.zeros(len(is_shared) + 1, np.int32)
+    np.cumsum(is_shared, out=shared_before[1:])
     overlapping[spans.tri[shared_before[np.maximum(end, start)] > shared_before[start]]] = True
     return overlapping
 
@@ -161,8 +162,9 @@ def _inset(uv: Float64) -> Float64:
     return scaled
 
 
-def _count_texels(start: Int64, end: Int64, size: int) -> Int64:
-    """(size * size,) int64: how many of the ranges hold each texel."""
-    change = np.bincount(start, minlength=size * size + 1) - np.bincount(np.maximum(end, start), minlength=size * size + 1)
-    count: Int64 = np.cumsum(change)[: size * size]
+def _count_texels(start: Int64, end: Int64, size: int) -> NDArray[np.int32]:
+    """(size * size,) int32: how many of the ranges hold each texel. Of a few triangles on a large raster this is most of the work."""
+    change = np.bincount(start, minlength=size * size + 1)
+    change -= np.bincount(np.maximum(end, start), minlength=size * size + 1)
+    count: NDArray[np.int32] = np.cumsum(change, dtype=np.int32)[: size * size]
     return count
