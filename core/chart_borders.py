@@ -60,9 +60,11 @@ def _find_odd_sides(tri_vertex: IntArray, tri_chart: Int64, shared: Bool) -> Int
     """Triangles with a side that is shared, but not walked as often one way as the other by those of their chart."""
     tri, side = np.nonzero(shared)
     start, end = tri_vertex[tri, side], tri_vertex[tri, (side + 1) % 3]
-    keys = np.stack([np.minimum(start, end), np.maximum(start, end), tri_chart[tri]])
-    order = np.lexsort(keys)
-    edge = np.cumsum((np.diff(keys[:, order], prepend=-1) != 0).any(axis=0)) - 1
+    # One number is sorted faster than two.
+    pair = np.minimum(start, end).astype(np.int64) * (int(tri_vertex.max(initial=0)) + 1) + np.maximum(start, end)
+    order = np.lexsort((pair, tri_chart[tri]))
+    pair, chart = pair[order], tri_chart[tri[order]]
+    edge = np.cumsum((np.diff(pair, prepend=-1) != 0) | (np.diff(chart, prepend=-1) != 0)) - 1
     odd = np.bincount(edge, np.where(start < end, 1.0, -1.0)[order]) != 0.0
     return np.asarray(tri[order][odd[edge]])
 
@@ -98,7 +100,7 @@ def _find_crossed(chart: Int64, start: Float64, end: Float64, place_start: Int64
 
     chart   (n,) int64, ascending
     """
-    low, high = np.minimum(start, end), np.maximum(start, end)
+    extents = [(np.minimum(*along), np.maximum(*along)) for along in zip(start.T, end.T, strict=True)]
     last = np.searchsorted(chart, chart, side="right")
     pairs = np.cumsum(last - np.arange(len(chart)) - 1)
     crossed = [np.zeros(0, np.int64)]
@@ -109,8 +111,9 @@ def _find_crossed(chart: Int64, start: Float64, end: Float64, place_start: Int64
         one, other = expand_ranges(np.arange(begin, stop) + 1, last[begin:stop])
         one += begin
         begin = stop
-        near = ((low[one] <= high[other]) & (low[other] <= high[one])).all(axis=1)
-        one, other = one[near], other[near]
+        for low, high in extents:  # one after the other, as few are left by the first
+            near = np.flatnonzero((low.take(one) <= high.take(other)) & (low.take(other) <= high.take(one)))
+            one, other = one.take(near), other.take(near)
         along, across = end[one] - start[one], end[other] - start[other]
         sides = [np.sign(_cross(along, point[other] - start[one])) for point in (start, end)]
         sides += [np.sign(_cross(across, point[one] - start[other])) for point in (start, end)]
