@@ -195,7 +195,8 @@ def place_charts(shapes: Shapes, horizon: Int32, ceiling: int | None = None) -> 
     # Row k is the horizon k columns on. A chart is tried at all columns at once, one long row for each of its own: what numpy is fast at.
     ahead = sliding_window_view(taken, columns) if columns else taken
     turns = shapes.turns.tolist()
-    for chart in shapes.order.tolist():
+    is_point = shapes.side.max(axis=1, initial=0)[shapes.order] == 1  # the last ones, as long charts come first
+    for chart in shapes.order[~is_point].tolist():
         best: tuple[int, int, int, int] | None = None
         for candidate in range(turns[chart]):
             under = sides.under(chart, candidate)
@@ -216,8 +217,36 @@ def place_charts(shapes: Shapes, horizon: Int32, ceiling: int | None = None) -> 
         np.maximum(below, bottom + upper, out=below)
         turn[chart] = candidate
         offset[chart] = (padding + column * step, padding + bottom)
+    if is_point.any():
+        width = 2 * reach + 1
+        bottoms = np.maximum.reduce(ahead[:width, : max(columns - width + 1, 0)], axis=0) + padding
+        placed = _place_points(int(is_point.sum()), bottoms, page, most)
+        if placed is None:
+            return None
+        np.maximum.at(taken, placed[:, 0] + reach, placed[:, 1] + 1)
+        offset[shapes.order[is_point]] = padding + placed * [step, 1]
+        top = max(top, int(placed[:, 1].max()) + 1)
     horizon[:] = taken[:columns]
     return Placement(turn, offset, top)
+
+
+def _place_points(count: int, bottoms: Int32, page: Page, most: int) -> Int64 | None:
+    """Columns and bottoms (count, 2) of so many charts of one texel; None where they do not fit.
+
+    All are alike, so that what was found for one holds for the next but around where that was placed. Most charts of an interior are such.
+
+    bottoms   (columns,) int32, texels: where one would lie at each column; is changed
+    """
+    placed: list[tuple[int, int]] = []
+    while len(bottoms) and len(placed) < count:
+        column = int(bottoms.argmin())
+        bottom = int(bottoms[column])
+        if bottom >= most:
+            return None
+        around = bottoms[max(column - page.reach, 0) : column + page.reach + 1]
+        np.maximum(around, bottom + 1 + page.padding, out=around)
+        placed.append((column, bottom))
+    return np.array(placed, np.int64) if placed else None
 
 
 def place_uv(uv: Float64, chart: Int64, density: float, shapes: Shapes, placement: Placement) -> Float64:
