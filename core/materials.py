@@ -13,6 +13,7 @@ from .scene import MAX_ALBEDO, FloatArray, IntArray, Material, SceneSnapshot, Te
 
 _MAX_EMISSION = float(np.finfo(np.float32).max)
 _LEAST_TOLD = {"albedo": 2.0 - MAX_ALBEDO}  # white is 1, and what that loses nobody sees
+_PIXELS_OF_ROW = 64
 _PERIODS = {"REPEAT": 1.0, "MIRROR": 2.0}  # in UV, by extension
 
 
@@ -155,9 +156,8 @@ def _material_warnings(scene: SceneSnapshot, index: int, material: Material) -> 
         if image >= 0:
             picture = scene.images[image]
             shown = sample_texture(picture, tri_uv[scene.tri_material == index].reshape(-1, 2)) if picture.per_triangle else picture.pixels
-            pixels = shown.reshape(-1, 3)
             with np.errstate(invalid="ignore"):  # 0 times infinity is reported as not finite
-                ends = [low * end.astype(np.float64) for end in (pixels.min(axis=0), pixels.max(axis=0))] if len(pixels) else [low * 0]
+                ends = [low * end.astype(np.float64) for end in _find_ends(shown.reshape(-1, 3))] if shown.size else [low * 0]
             low, high = np.min(ends, axis=0), np.max(ends, axis=0)
             where = f" with {'' if picture.per_triangle else 'image '}{picture.name}"
         if not (np.isfinite(low).all() and np.isfinite(high).all()):
@@ -168,6 +168,14 @@ def _material_warnings(scene: SceneSnapshot, index: int, material: Material) -> 
                 f"0 ... {highest:.4g}; choose values within."
             )
     return sentences
+
+
+def _find_ends(pixels: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Least and greatest (3,) of pixels (n, 3), n > 0; of many in a row numpy finds them ten times as quickly as of three numbers."""
+    whole = len(pixels) // _PIXELS_OF_ROW * _PIXELS_OF_ROW
+    parts = [pixels[:whole].reshape(-1, 3 * _PIXELS_OF_ROW), pixels[whole:].reshape(-1, 3)]
+    ends = [[find(part, axis=0).reshape(-1, 3) for part in parts if len(part)] for find in (np.min, np.max)]
+    return np.concatenate(ends[0]).min(axis=0), np.concatenate(ends[1]).max(axis=0)
 
 
 def _layer(

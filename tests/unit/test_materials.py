@@ -76,6 +76,18 @@ def test_values_beyond_physics_are_clamped(values, image):
     assert [name for name, _ in materials.clamp_warnings(scene)] == ["Odd", "Odd"]
 
 
+@pytest.mark.parametrize("count", [1, 63, 64, 65, 200])
+@pytest.mark.parametrize("value", [-0.5, 7.0, np.nan])
+def test_a_single_odd_pixel_is_told_wherever_it_lies(count, value):
+    for place in {0, count // 2, count - 1}:
+        pixels = np.full((1, count, 3), 0.5, np.float32)
+        pixels[0, place, 1] = value
+        scene = _scene(Material("Odd", (1, 1, 1), 0), images=(TextureImage("Picture", pixels),))
+        ((_, told),) = materials.clamp_warnings(scene)
+        ends = (min(value, 0.5), max(value, 0.5))
+        assert ("is not a finite number" if np.isnan(value) else "reaches from {:.4g} to {:.4g}".format(*ends)) in told
+
+
 def test_images_that_are_not_finite_count_as_black():
     pixels = np.float32([[[np.nan, np.inf, 0.5]]])
     scene = _scene(Material("Odd", (1, 1, 1), 0), images=(TextureImage("Broken", pixels),))
