@@ -82,6 +82,8 @@ def _number_places(chart: Int64, start: Float64, end: Float64) -> tuple[Int64, I
 
 def _winds_once(chart: Int64, start: Float64, end: Float64, place_start: Int64, place_end: Int64, n_chart: int) -> Bool:
     """(n_chart,) bool: charts of whose loops one is walked counterclockwise; where loops meet, which count as one, they cross."""
+    if not len(chart):  # all closed, and so turned over somewhere
+        return np.zeros(n_chart, bool)
     n_place = 1 + max(int(place_start.max(initial=-1)), int(place_end.max(initial=-1)))
     loop = join_sets(n_place, place_start, place_end)[place_start]
     first = np.searchsorted(chart, np.arange(n_chart)).clip(max=max(len(chart) - 1, 0))

@@ -155,7 +155,7 @@ def load_checkpoint(folder: Path, job_folder: Path, settings: Settings) -> Check
     try:
         kept: Checkpoint = _own_arrays(shared_arrays.load_struct(folder / _STRUCT_FOLDER, Checkpoint))
         return kept
-    except (OSError, ValueError, KeyError, TypeError) as reason:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as reason:
         raise ValueError(f"{folder}: the state of the bake is damaged ({reason}); bake again.") from reason
 
 

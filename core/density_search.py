@@ -13,9 +13,9 @@ _PRECISION = 1.01  # ratio of densities at which the search stops
 _STEP_UP, _STEP_DOWN = 1.08, 0.92  # where no try tells of the next one
 _GUESSED_SHARE = 0.9  # of a page, which boxes of charts fill
 _WANTED_HEIGHT = 0.995  # of a page: heights come out a little more or less than what is foreseen, and what is too high is of no use
-_TOLD, _MANY = 4, 1000  # tries that tell of a next one, of so many charts: of few heights jump, and to try them takes milliseconds
-_POWERS = (0.5, 2.0)  # of the density by which heights grow; measured 0.2 where padding is most of it, and 2 where it is nothing
-_TOO_HIGH = 1.5  # of a page's inside; charts that come higher are placed no further
+_TOLD, _MANY = 4, 1000  # tries that tell of a next one, of so many charts: of few heights jump, and trying them takes little time
+_POWERS = (0.2, 2.0)  # of the density by which heights grow; measured 0.2 where padding is most of it, and 2 where it is nothing
+_TOO_HIGH = 1.5  # of a page's inside; many charts that come higher are placed no further
 _LEAST_SHARE = 1e-8  # of the greatest density that a page could hold; below it charts are points
 
 
@@ -41,7 +41,7 @@ class _Try:
 def find_greatest_density(
     outlines: Outlines, page: Page, lay_out: Callable[[float], Outlines | None] | None = None
 ) -> tuple[float, Shapes, Placement] | None:
-    """The greatest density, in texels/m, at which all charts fit one page, found to 1 %; None where none does.
+    """The greatest density, in texels/m, at which all charts fit one page, found to about 1 %; None where none does.
 
     How high many charts come at one density tells at which they would fill the page.
 
@@ -53,13 +53,14 @@ def find_greatest_density(
     limit = _density_limit(outlines, page)
     density = min(_guess_density(outlines, page, _GUESSED_SHARE) or limit * _LEAST_SHARE, limit)
     found, too_great, step = None, limit * _PRECISION, _STEP_DOWN
+    ceiling = int(_TOO_HIGH * page.inside) if len(outlines.extent) >= _MANY else None  # beyond which height tells nothing
     told: list[_Try] = []
     while found is None or (too_great / found.density > _PRECISION and found.density < limit):
         if density < limit * _LEAST_SHARE:
             return None
-        tried = _try_density(lay_out(density), density, page)
+        tried = _try_density(lay_out(density), density, page, ceiling)
         full = wanted = 0.0
-        if tried and len(told) < _TOLD and len(outlines.extent) >= _MANY:
+        if tried and ceiling and len(told) < _TOLD:
             told.append(tried)
             full, wanted = (_foresee(outlines, told, height) for height in (1.0, _WANTED_HEIGHT))
         if tried and tried.fits:
@@ -77,12 +78,12 @@ def find_greatest_density(
     return found.density, found.shapes, found.placement
 
 
-def _try_density(outlines: Outlines | None, density: float, page: Page) -> _Try | None:
-    """None where a chart is longer than the page, or they come far too high."""
+def _try_density(outlines: Outlines | None, density: float, page: Page, ceiling: int | None) -> _Try | None:
+    """None where a chart is longer than the page, or they come too high; ceiling as place_charts has it."""
     if outlines is None or not fits_alone(outlines, density, page):
         return None
     shapes = shape_charts(outlines, density, page)
-    placement = place_charts(shapes, page.empty_horizon(), int(_TOO_HIGH * page.inside))
+    placement = place_charts(shapes, page.empty_horizon(), ceiling)
     return None if placement is None else _Try(density, shapes, placement)
 
 

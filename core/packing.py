@@ -219,7 +219,9 @@ def place_charts(shapes: Shapes, horizon: Int32, ceiling: int | None = None) -> 
         offset[chart] = (padding + column * step, padding + bottom)
     if is_point.any():
         width = 2 * reach + 1
-        bottoms = np.maximum.reduce(ahead[:width, : max(columns - width + 1, 0)], axis=0) + padding
+        if columns < width:
+            return None
+        bottoms = np.maximum.reduce(ahead[:width, : columns - width + 1], axis=0) + padding
         placed = _place_points(int(is_point.sum()), bottoms, page, most)
         if placed is None:
             return None
@@ -231,14 +233,14 @@ def place_charts(shapes: Shapes, horizon: Int32, ceiling: int | None = None) -> 
 
 
 def _place_points(count: int, bottoms: Int32, page: Page, most: int) -> Int64 | None:
-    """Columns and bottoms (count, 2) of so many charts of one texel; None where they do not fit.
+    """Columns and bottoms (count, 2) of so many charts of one texel, one at least; None where they do not fit.
 
     All are alike, so that what was found for one holds for the next but around where that was placed. Most charts of an interior are such.
 
-    bottoms   (columns,) int32, texels: where one would lie at each column; is changed
+    bottoms   (columns,) int32, one at least, texels: where one would lie at each column; is changed
     """
     placed: list[tuple[int, int]] = []
-    while len(bottoms) and len(placed) < count:
+    while len(placed) < count:
         column = int(bottoms.argmin())
         bottom = int(bottoms[column])
         if bottom >= most:
@@ -246,7 +248,7 @@ def _place_points(count: int, bottoms: Int32, page: Page, most: int) -> Int64 | 
         around = bottoms[max(column - page.reach, 0) : column + page.reach + 1]
         np.maximum(around, bottom + 1 + page.padding, out=around)
         placed.append((column, bottom))
-    return np.array(placed, np.int64) if placed else None
+    return np.array(placed, np.int64)
 
 
 def place_uv(uv: Float64, chart: Int64, density: float, shapes: Shapes, placement: Placement) -> Float64:

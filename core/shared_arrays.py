@@ -107,27 +107,34 @@ class _Packed:
         self.arrays: list[tuple[int, NDArray[Any]]] = []  # with where they start, bytes
         self._end = 0
 
-    def add(self, array: NDArray[Any]) -> tuple[str, tuple[int, ...], str, int]:
-        """What _unpack is told of it."""
+    def add(self, array: NDArray[Any]) -> int:
+        """Where it is to start."""
         start = _align(self._end)
         self._end = start + array.nbytes
         self.arrays.append((start, array))
-        return array.dtype.str, array.shape, "F" if array.flags.fnc else "C", start
+        return start
+
+
+def _describe(array: NDArray[Any]) -> tuple[str, tuple[int, ...], str]:
+    """Its type, shape, and the order in which it is written."""
+    return array.dtype.str, array.shape, "F" if array.flags.fnc else "C"
 
 
 def _put_away(folder: Path, struct: Any, packed: _Packed) -> dict[str, Any]:
     """Writes the large arrays of a struct and of those within it, leaves the small ones to `packed`, and tells where each field is."""
-    told: dict[str, Any] = {"plain": {}, "packed": {}, "files": [], "structs": {}}
+    told: dict[str, Any] = {"plain": {}, "packed": {}, "files": {}, "structs": {}}
     for field in dataclasses.fields(struct):
         name, value = field.name, getattr(struct, field.name)
         if dataclasses.is_dataclass(value):
             told["structs"][name] = _put_away(folder / name, value, packed)
         elif not isinstance(value, np.ndarray):
             told["plain"][name] = value
+        elif value.dtype.kind in "OV":
+            raise TypeError(f"{name}: expected an array of plain numbers, got {value.dtype}")
         elif value.nbytes < _LEAST_FILE:
-            told["packed"][name] = packed.add(value)
+            told["packed"][name] = (*_describe(value), packed.add(value))
         else:
-            told["files"].append(name)
+            told["files"][name] = _describe(value)
             file = folder / f"{name}.npy"
             if not _is_of_file(value, file):
                 folder.mkdir(parents=True, exist_ok=True)
@@ -153,7 +160,7 @@ def _is_of_file(array: NDArray[Any], file: Path) -> bool:
 def load_struct(folder: Path, cls: type[T]) -> T:
     """The dataclass of save_struct, its arrays mapped read-only.
 
-    Raises OSError where files are missing, ValueError, KeyError or TypeError where they are not what was written.
+    Raises OSError where files are missing, ValueError, KeyError, TypeError or AttributeError where they are not what was written.
     """
     whole = np.memmap(folder / _PACKED_FILE, np.uint8, "r").view(np.ndarray)  # np.memmap's own indexing is slow
     end = _LENGTH_BYTES + int.from_bytes(whole[:_LENGTH_BYTES].tobytes(), "little")
@@ -165,7 +172,7 @@ def _find_fields(folder: Path, cls: type[T], told: dict[str, Any], packed: NDArr
     """The dataclass of which _put_away told."""
     values: dict[str, Any] = dict(told["plain"])
     values |= {name: _unpack(packed, *of_array) for name, of_array in told["packed"].items()}
-    values |= {name: np.load(folder / f"{name}.npy", mmap_mode="r").view(np.ndarray) for name in told["files"]}
+    values |= {name: _map_file(folder / f"{name}.npy", *of_array) for name, of_array in told["files"].items()}
     if told["structs"]:
         hints = get_type_hints(cls)
         for name, of_struct in told["structs"].items():
@@ -177,6 +184,14 @@ def _find_fields(folder: Path, cls: type[T], told: dict[str, Any], packed: NDArr
 def _unpack(packed: NDArray[np.uint8], dtype: str, shape: list[int], order: Literal["C", "F"], start: int) -> NDArray[Any]:
     size = math.prod(shape) * np.dtype(dtype).itemsize
     return packed[start : start + size].view(dtype).reshape(shape, order=order)
+
+
+def _map_file(path: Path, dtype: str, shape: list[int], order: Literal["C", "F"]) -> NDArray[Any]:
+    """What np.save wrote; its own header, which tells the same, comes before that."""
+    begin = path.stat().st_size - math.prod(shape) * np.dtype(dtype).itemsize
+    if begin < 0:
+        raise ValueError(f"{path.name} is not whole")
+    return np.memmap(path, dtype, "r", begin, tuple(shape), order).view(np.ndarray)
 
 
 def _align(place: int) -> int:

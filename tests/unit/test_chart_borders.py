@@ -175,6 +175,13 @@ def test_triangles_without_a_chart_are_nobodys_border():
     assert find_plain_charts(tri, uv[tri], np.full(6, -1), np.zeros((6, 3), bool)).tolist() == []
 
 
+def test_a_chart_without_a_border_is_doubtful():
+    """A tetrahedron laid flat: some of its triangles must be turned over."""
+    tri = np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]])
+    uv = np.array([[0, 0], [1, 0], [0.4, 1], [0.45, 0.3]])[tri]
+    assert find_plain_charts(tri, uv, np.zeros(4, np.int64), np.ones((4, 3), bool)).tolist() == [False]
+
+
 def test_what_is_plain_a_raster_finds_nothing_in():
     """Bent grids whose points are moved at random, from hardly to wildly: of the former all are plain, of the latter none that overlaps."""
     rng = np.random.default_rng(5)

@@ -210,7 +210,8 @@ def test_a_state_too_large_is_not_kept_and_said(tmp_path):
     assert read_info(kept) is None  # nor is the old one, of other images
 
 
-def test_a_full_disk_leaves_no_half_state(tmp_path, monkeypatch):
+@pytest.mark.parametrize("is_large", [False, True])
+def test_a_full_disk_leaves_no_half_state(tmp_path, monkeypatch, is_large):
     kept, _ = keep(tmp_path)
     solver = make_solver(tmp_path / "second", lamp_scene(), SETTINGS, begun=False)
     run(solver, 1)
@@ -218,7 +219,11 @@ def test_a_full_disk_leaves_no_half_state(tmp_path, monkeypatch):
     def fail(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(shared_arrays, "open", fail, raising=False)
+    if is_large:  # arrays have files of their own
+        monkeypatch.setattr(shared_arrays, "_LEAST_FILE", 1)
+        monkeypatch.setattr(np, "save", fail)
+    else:
+        monkeypatch.setattr(shared_arrays, "open", fail, raising=False)
     with pytest.raises(OSError, match="cannot be kept there"):
         save_checkpoint(kept, solver, 0.1)
     assert read_info(kept) is None

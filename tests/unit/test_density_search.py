@@ -50,7 +50,7 @@ def count_tries(monkeypatch):
 
 @pytest.mark.parametrize(("size", "padding"), [(512, 4), (1024, 2), (512, 8)])
 def test_what_was_tried_tells_of_the_next(monkeypatch, size, padding):
-    """Many charts fill the page at once, whether padding is much of them or little; bisection alone takes five tries."""
+    """Many charts fill the page at once, whether padding is much of them or little; bisection alone takes five to eight tries."""
     page, tries = Page(size, padding), count_tries(monkeypatch)
     density, _, placement = find_greatest_density(triangles(1200)[2], page)
     assert density in tries

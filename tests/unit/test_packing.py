@@ -72,4 +72,6 @@ def test_points_that_find_no_room_are_told():
     few = place_charts(shape_charts(rectangles([(0.01, 0.01)] * 9)[2], 1.0, page), horizon)
     assert sorted(map(tuple, few.offset.tolist())) == [(x, y) for x in (1, 3, 5) for y in (1, 3, 5)]
     assert few.top == 5
-    assert place_charts(shape_charts(rectangles([(0.01, 0.01)])[2], 1.0, Page(2, 1)), Page(2, 1).empty_horizon()) is None
+    for size, padding in ((2, 1), (0, 0)):  # no inside
+        page = Page(size, padding)
+        assert place_charts(shape_charts(rectangles([(0.01, 0.01)])[2], 1.0, page), page.empty_horizon()) is None

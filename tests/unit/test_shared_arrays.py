@@ -68,6 +68,24 @@ def test_what_is_not_whole_is_told(damage, tmp_path):
         shared_arrays.load_struct(tmp_path / "s", Outer)
 
 
+@pytest.mark.parametrize("damage", [lambda b: b"", lambda b: b[:-1000]])
+def test_a_large_array_that_is_not_whole_is_told(damage, tmp_path):
+    shared_arrays.save_struct(tmp_path / "s", Inner(np.ones(1 << 17)))
+    file = tmp_path / "s" / "values.npy"
+    file.write_bytes(damage(file.read_bytes()))
+    with pytest.raises(ValueError, match="is not whole"):
+        shared_arrays.load_struct(tmp_path / "s", Inner)
+    file.unlink()
+    with pytest.raises(OSError, match=r"values\.npy"):
+        shared_arrays.load_struct(tmp_path / "s", Inner)
+
+
+@pytest.mark.parametrize("values", [np.array([None, 1]), np.zeros(3, [("a", np.int32), ("b", np.float64, 2)])])
+def test_what_is_more_than_numbers_is_refused(values, tmp_path):
+    with pytest.raises(TypeError, match="values: expected an array of plain numbers"):
+        shared_arrays.save_struct(tmp_path / "s", Inner(values))
+
+
 @dataclass(frozen=True)
 class Maybe:
     inner: Inner | None
