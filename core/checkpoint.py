@@ -46,7 +46,7 @@ class Checkpoint:
 
     energy_w        (4, 3) float64: the ledger's sums, in the order of ledger.ENERGY_NAMES
     lit_elsewhere   (n_object,) bool: see gather.KnownLight
-    given_up        of gather_plan.GatherPlan
+    given_up        of gather_plan.GatherPlan, as is given_up_told
     splitting       of the last round, if some of its shards were not read
     late            these, of photon_shards.PhotonShard but for their folders
     """
@@ -66,18 +66,19 @@ class Checkpoint:
     gathered: int
     round: int
     given_up: float
+    given_up_told: float
     splitting: Splitting | None
     late: list[dict[str, Any]]
 
     @classmethod
     def of(cls, solver: Solver) -> Checkpoint:
-        ledger = solver.ledger
+        ledger, plan = solver.ledger, solver.gather_plan
         energy_w = np.array([ledger.energy_w[name] for name in ENERGY_NAMES])
         counts = ledger.photons, ledger.told, ledger.rays, ledger.deposits, ledger.gathered, solver.round
         parts = solver.tree, solver.tally, solver.square_tally, solver.guide, solver.births, solver.direct
         late = [dataclasses.asdict(dataclasses.replace(shard, tracing="", view="")) for shard in solver.rounds.dropped]
         splitting = solver.splitting if late else None
-        return cls(*parts, energy_w, solver.lit_elsewhere, *counts, solver.gather_plan.given_up, splitting, late)
+        return cls(*parts, energy_w, solver.lit_elsewhere, *counts, plan.given_up, plan.given_up_told, splitting, late)
 
     def give_to(self, solver: Solver) -> None:
         """Let a new solver of the same scene and method go on from here."""
@@ -85,7 +86,7 @@ class Checkpoint:
         solver.guide, solver.births = self.guide, self.births
         solver.direct, solver.round, solver.lit_elsewhere = self.direct, self.round, self.lit_elsewhere
         solver.direct.ask_for(solver.settings.error)
-        solver.gather_plan.given_up = self.given_up
+        solver.gather_plan.give_up(self.given_up, self.given_up_told)
         ledger = solver.ledger
         ledger.energy_w = dict(zip(ENERGY_NAMES, self.energy_w, strict=True))
         ledger.photons, ledger.told, solver.photons_before = self.photons, self.told, self.photons

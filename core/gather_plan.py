@@ -30,25 +30,34 @@ _LEAST_TILED = 0.6
 _RAYS_EACH, _RAYS_BY_ERROR = 12.0, 0.45
 # Times the error asked for, that all light may err by before it is gathered: what goes on of it, see gathered, is half of that at most.
 _MOST_KNOWN = 2.5
+# Times the photons by which what was gathered was not enough, from which on it is tried anew: what they tell of it has half the squared
+# noise then. Without that, photons alone are sent for dim things until there are no more, and err more there (two_rooms, by objects).
+_AGAIN = 2.0
 
 
 @dataclass
 class GatherPlan:
     """Decides, for one bake, whether indirect light is gathered.
 
-    n_texel      of the bake
-    tiled        share of them that lie in tiles
-    given_up     least error that it was tried for and was not enough; inf where it was not tried
+    n_texel         of the bake
+    tiled           share of them that lie in tiles
+    given_up        least error that it was tried for and was not enough; inf where it was not tried
+    given_up_told   photons that there were then, as Ledger.told
     """
 
     n_texel: int
     tiled: float
     given_up: float = math.inf
+    given_up_told: float = 0.0
 
     @classmethod
     def of(cls, texels: TexelMap) -> GatherPlan:
         n_texel = len(texels)
         return cls(n_texel, len(find_tiles(texels.texel_chart, texels.texel_code)) * TILE_TEXELS / max(n_texel, 1))
+
+    def give_up(self, error: float, told: float) -> None:
+        """What was gathered for this error, by what so many photons told, was not enough."""
+        self.given_up, self.given_up_told = error, told
 
     def pays(self, settings: Settings, stated: StatedError, ledger: Ledger, round_: int, weigh: Callable[[], float]) -> bool:
         """Whether to gather takes less time than the photons that the error asked for would need.
@@ -56,7 +65,8 @@ class GatherPlan:
         round_   number of rounds so far
         weigh    gives how much a photon of the next round tells, over one of a first
         """
-        if settings.error >= self.given_up or self.tiled < _LEAST_TILED or round_ < 2:  # a first one knows too little of what there is
+        is_given_up = settings.error >= self.given_up and ledger.told < _AGAIN * self.given_up_told
+        if is_given_up or self.tiled < _LEAST_TILED or round_ < 2:  # a first round knows too little of what there is
             return False
         if not settings.gather or settings.direct != "rays" or not settings.hierarchical:
             return False

@@ -173,7 +173,7 @@ class Solver:
 
     def _trace_round(self, stated: estimate.StatedError | None) -> None:
         if self.gathered:
-            self.gather_plan.given_up = self.settings.error
+            self.gather_plan.give_up(self.settings.error, self.ledger.told)
         self.gathered, (splitting, weight) = None, self._guide_photons()
         view, self.splitting = self._save_view(self.round, splitting), splitting
         settings, parted, born, (photons, left) = self.settings, [], [], self._next_photons(stated, weight)

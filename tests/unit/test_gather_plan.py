@@ -78,16 +78,20 @@ def test_it_wants_trees_that_have_been_refined_and_charts_with_room_for_tiles():
     assert not pays(tiled=0.5)
 
 
-def test_what_was_not_enough_is_not_tried_again(tmp_path):
+def test_what_was_not_enough_is_not_tried_again_until_photons_are_twice_as_many(tmp_path):
     solver = make_solver(tmp_path, lamp_scene(), Settings(size=32, padding=1, max_photons=20_000))
     solver._trace_round(None)
     assert solver.gather_plan.given_up == math.inf
     solver.gathered = GatheredField.none(len(solver.tracing.texels))
     solver._trace_round(None)
     assert solver.gather_plan.given_up == solver.settings.error
+    assert solver.gather_plan.given_up_told == 20_000
     assert solver.gathered is None
-    tried = GatherPlan(40_000, 1.0, given_up=0.02)
+    tried = GatherPlan(40_000, 1.0)
+    tried.give_up(0.02, LEDGER.told)
     assert not tried.pays(ASKED, NOISY, LEDGER, 3, lambda: 1.0)
+    assert not tried.pays(ASKED, NOISY, replace(LEDGER, told=1.9 * LEDGER.told), 3, lambda: 1.0)
+    assert tried.pays(ASKED, NOISY, replace(LEDGER, told=2.1 * LEDGER.told), 3, lambda: 1.0)
     assert tried.pays(replace(ASKED, error=0.0199), NOISY, LEDGER, 3, lambda: 1.0)  # of a bake that goes on to a smaller one
 
 
