@@ -200,3 +200,8 @@ def test_what_is_plain_a_raster_finds_nothing_in():
             found.append((noise, plain))
     assert all(plain for noise, plain in found if noise == 0.01)
     assert not any(plain for noise, plain in found if noise == 0.15)
+
+
+def test_sides_of_two_charts_at_one_edge_do_not_make_each_other_even():
+    odd = chart_borders._find_odd_sides(np.array([[0, 1, 2], [2, 1, 3]]), np.array([0, 1]), np.eye(3, dtype=bool)[[1, 0]])
+    assert sorted(odd.tolist()) == [0, 1]

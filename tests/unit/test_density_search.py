@@ -72,3 +72,12 @@ def test_what_no_page_holds_is_no_try_that_tells():
     bound, *_ = find_greatest_density(outlines, page, lambda density: outlines if density < 0.5 * free else None)
     assert 0.49 * free <= bound < 0.5 * free
     assert find_greatest_density(outlines, page, lambda density: None) is None
+
+
+def test_a_first_guess_too_dense_tells_of_the_next_too(monkeypatch):
+    """Lines leave no room between them for what the guess counts on."""
+    page, tries = Page(512, 4), count_tries(monkeypatch)
+    density, _, placement = find_greatest_density(triangles(1200, box=(1.0, 1e-9))[2], page)
+    assert density < tries[0]
+    assert len(tries) == 2
+    assert placement.top > 0.97 * page.inside

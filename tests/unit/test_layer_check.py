@@ -118,3 +118,12 @@ def test_rounding_at_the_page_border_is_no_fault():
 def test_signed_area_tells_the_turn():
     triangle = np.array([[[0, 0], [2, 0], [0, 1]], [[0, 0], [0, 1], [2, 0.0]]])
     assert signed_areas(triangle).tolist() == [1.0, -1.0]
+
+
+def test_sides_with_the_same_uvs_meet_whatever_lies_between_them_at_one_edge():
+    """Of three triangles at one edge the first and the last are joined, the one between lies elsewhere."""
+    tri = np.array([[0, 1, 2], [0, 1, 3], [1, 0, 4]])
+    uv = np.array([[[0, 0], [1, 0], [0, 1]], [[5, 5], [6, 5], [5, 6]], [[1, 0], [0, 0], [1, -1]]], float) / 10
+    chart, shared = label_charts(tri, np.arange(9).reshape(3, 3), uv, np.zeros(3, int))
+    assert chart.tolist() == [0, 1, 0]
+    assert shared[:, 0].tolist() == [True, False, True]

@@ -89,3 +89,8 @@ def test_groups_with_two_vertices_at_a_place_are_found():
     assert found.tolist() == [False, True, False, False, False]
     unused = np.zeros((2, 3)), np.zeros((1, 3), int), np.zeros(1, int)
     assert find_groups_with_twins(*unused).tolist() == [False]
+
+
+def test_the_last_edge_of_a_group_is_not_the_first_of_the_next():
+    _, one, other = pair_sides(np.array([[0, 1, 2], [2, 1, 3]]), np.array([0, 1]))
+    assert len(one) == len(other) == 0
