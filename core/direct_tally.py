@@ -53,6 +53,8 @@ class Tally:
         self._reach, self._reach_squares, self._bend = np.zeros((3, len(rows)))
         self._peak, self._peak_mean, self._peak_variance = np.zeros(len(rows), bool), *np.zeros((2, len(rows)))
         self._starts, self._rays = np.zeros(len(rows)), np.zeros(len(rows))
+        self._closed_form: Float64 | None = None  # as it was last found, and so the squared errors, but for pairs that are stale
+        self._error2, self._stale = np.zeros(len(rows)), np.ones(len(rows), bool)
         self._known = np.zeros(len(rows), bool)
         if known is not None:
             self._known = ~np.isnan(known[0])
@@ -77,6 +79,7 @@ class Tally:
         receivers = chunk.receivers(rows, first, last) if points is None else chunk.receivers_at(rows, points)
         lamp = None if self._lamp is None else np.tile(self._lamp[index], last - first)
         self._rays[index] += last - first
+        self._stale[index] = True
         live = None
         asked = np.flatnonzero(~self._known[index])
         if stage != STAGES[2] and len(asked):  # by then the closed form is known at 16 points
@@ -85,6 +88,7 @@ class Tally:
                 places = (np.arange(last - first)[:, None] * len(index) + asked).ravel()
                 own, own_lamp, at = receivers.rows(places), None if lamp is None else lamp[places], index[asked]
             closed = self._lamps(own_lamp).irradiance(own.position, own.normal).reshape(last - first, -1)
+            self._closed_form = None
             self._reach[at] += closed.sum(axis=0)
             self._reach_squares[at] += (closed * closed).sum(axis=0)
             self._starts[at] += last - first
@@ -214,6 +218,7 @@ class Tally:
         if len(leader) < len(rows):
             heir = np.arange(len(dark))
             heir[rows] = np.repeat(leader, size)
+            self._stale[rows] = True
             self._leader = heir if self._leader is None else heir[self._leader]
         return leader
 
@@ -233,23 +238,34 @@ class Tally:
         return out
 
     def _closed(self) -> Float64:
-        return np.where(self._peak, self._peak_mean, self._reach / np.maximum(self._starts, 1))
+        if self._closed_form is None:
+            self._closed_form = np.where(self._peak, self._peak_mean, self._reach / np.maximum(self._starts, 1))
+        return self._closed_form
 
     def _ratio(self) -> Float64:
         return _divide_seen(self._of_leaders(self._sums[:3]))
 
     def _error_squared(self) -> Float64:
-        """Of the ratio estimate. Source: Cochran 1977, "Sampling Techniques", 6.3, for random rays."""
-        sums = self._of_leaders(self._sums)
+        """(n,): of the ratio estimate."""
+        stale = np.flatnonzero(self._stale | self._of_leaders(self._stale))
+        if len(stale):
+            self._error2[stale] = self._find_error_squared(as_slice(stale))
+            self._stale[:] = False
+        return self._error2
+
+    def _find_error_squared(self, rows: slice | NDArray[np.int64]) -> Float64:
+        """Of some pairs. Source: Cochran 1977, "Sampling Techniques", 6.3, for random rays."""
+        told = rows if self._leader is None else self._leader[rows]
+        sums = self._sums[:, told]
         ratio = _divide_seen(sums)
         residual = np.maximum(sums[3] - 2 * ratio * sums[4] + ratio**2 * sums[1], 0)
         square = np.divide(residual, sums[0] ** 2, out=np.ones(len(ratio)), where=sums[0] > 0)
-        starts, closed = np.maximum(self._starts, 1), self._closed()
-        spread = np.maximum(self._reach_squares / starts - closed**2, 0) / starts**2
-        spread = np.where(starts > len(GAUSS_POINTS), spread, self._bend**2)
-        spread = np.where(self._peak, self._peak_variance, spread) * ratio**2
+        starts, closed, peak = np.maximum(self._starts[rows], 1), self._closed()[rows], self._peak[rows]
+        spread = np.maximum(self._reach_squares[rows] / starts - closed**2, 0) / starts**2
+        spread = np.where(starts > len(GAUSS_POINTS), spread, self._bend[rows] ** 2)
+        spread = np.where(peak, self._peak_variance[rows], spread) * ratio**2
         # Of few lit rays, or few dark ones, hardly two are in strata that cover each other's noise.
-        rarer = 2 * self._of_leaders(self._rays) * np.minimum(ratio, np.maximum(1 - ratio, 0))
+        rarer = 2 * self._rays[told] * np.minimum(ratio, np.maximum(1 - ratio, 0))
         gain = np.maximum(rarer, 1) ** (_SHARP_GAIN if self.source.is_sharp else _SOFT_GAIN)
         out: Float64 = spread + closed**2 * square / gain
         return out
