@@ -207,14 +207,14 @@ class _LookingChunk:
             self.openings.append(few)
             self.counters["rays"] += few.rays
             given[few.rows] = True
-        rows = np.flatnonzero(~(agreed | without | given))
+        is_left = ~(agreed | without | given)
+        rows, place = np.flatnonzero(is_left), np.cumsum(is_left) - 1
         leads = np.where(given[look.leader], every, look.leader)
         own = every == leads
-        looks_on = ~(agreed | without | given) & own
-        alone = demand.smoothed[looks_on[demand.smoothed].all(axis=1)]
-        leader, index = np.searchsorted(rows, leads[rows]), np.searchsorted(rows, alone)
+        alone = demand.smoothed[(is_left & own)[demand.smoothed].all(axis=1)]
         known, shift = np.stack([look.closed[rows], look.off[rows]]), random_shift(rng, len(rows))
-        self._tallies.append(Tally(source, rows, None, shift, known, index, leader, demand.are_alone(rows)))
+        tally = Tally(source, rows, None, shift, known, place[alone], place[leads[rows]], demand.are_alone(rows))
+        self._tallies.append(tally)
         self.counters["rays"] += look.rays
         self.counters["pairs"] += len(chunk) - len(rows)
         self.counters["out_of_reach"] += int(without.sum())

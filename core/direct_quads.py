@@ -76,6 +76,7 @@ def light_by_quads(
         out.count(found.counters, by_quads=len(rows))
     rows = np.flatnonzero(left)
     found = find_light(texels.look_at, entry[rows], tiles=tiles.within(rows), crossed=crossed[rows], beside=beside[rows])
-    irradiance[rows], variance[rows], out.by_openings[rows] = found.irradiance_rgb, found.variance_rgb, found.by_openings
+    into = as_slice(rows)
+    irradiance[into], variance[into], out.by_openings[into] = found.irradiance_rgb, found.variance_rgb, found.by_openings
     out.count(found.counters)
     return out

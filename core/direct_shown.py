@@ -86,18 +86,19 @@ class ShownDirect:
     def _find_left(cls, irradiance: NDArray[np.float32], variance: NDArray[np.float32], found: Smoothed) -> ShownDirect:
         told = np.flatnonzero(found.own_share < 1.0)
         told = told[np.argsort(found.entry[told], kind="stable")]
-        smooth, left, blur2 = np.empty((3, len(told), 3), np.float32)
+        entry, smooth = found.entry.take(told), found.light[0].take(told, axis=0)
+        left, blur2 = np.empty((2, len(told), 3), np.float32)
         for start in range(0, len(told), _CHUNK):
             part = slice(start, start + _CHUNK)
-            rows = found.entry[told[part]]
-            noise, noise_left, own_share = variance[rows], found.variance[told[part]], found.own_share[told[part], None]
-            smooth[part] = found.light[0, told[part]]
+            # Rows of three as one long row, which numpy is several times faster at.
+            noise, light = (values.take(entry[part], axis=0).ravel() for values in (variance, irradiance))
+            noise_left, own_share = found.variance.take(told[part], axis=0).ravel(), np.repeat(found.own_share.take(told[part]), 3)
             nearby = noise_left / own_share  # of the neighbours it was averaged with
             kept = np.minimum(own_share * noise + _KEPT_BY_CHOICE * np.minimum(noise, nearby), noise)
             # Of the squared change, noise alone explains what the texel had and has now, less what it kept of its own.
-            blur2[part] = (smooth[part] - irradiance[rows]) ** 2 - (noise - 2.0 * kept) - noise_left
-            left[part] = noise_left + (_CHOSEN_BY_NOISE - 1.0) * np.maximum(noise_left - own_share**2 * noise, 0.0)
-        return cls(irradiance, variance, found.entry[told], smooth, left, blur2)
+            blur2[part].reshape(-1)[:] = (smooth[part].ravel() - light) ** 2 - (noise - 2.0 * kept) - noise_left
+            left[part].reshape(-1)[:] = noise_left + (_CHOSEN_BY_NOISE - 1.0) * np.maximum(noise_left - own_share**2 * noise, 0.0)
+        return cls(irradiance, variance, entry, smooth, left, blur2)
 
     def __len__(self) -> int:
         return len(self.found)

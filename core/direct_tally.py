@@ -58,8 +58,8 @@ class Tally:
         self._known = np.zeros(len(rows), bool)
         if known is not None:
             self._known = ~np.isnan(known[0])
-            self._starts[self._known] = 1.0
-            self._reach[self._known], self._bend[self._known] = known[:, self._known]
+            self._starts = self._known.astype(np.float64)
+            self._reach, self._bend = np.where(self._known, known, 0.0)
             self._reach_squares = self._reach**2
         # Sums of share, share^2, weight * seen, (weight * seen)^2, share * weight * seen.
         self._sums = np.zeros((5, len(rows)))

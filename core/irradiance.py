@@ -6,6 +6,7 @@ All lengths are of one unit. Receivers are points with a unit normal; light reac
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,13 +89,14 @@ def polygon_irradiance(corners: FloatArray, position: FloatArray, normal: FloatA
     place, up = (np.ascontiguousarray(rows.T, np.float64) for rows in (position, normal))
     vector = [points[:, i].T - place for i in range(points.shape[1])]
     height = [_dot(v, up) for v in vector]
-    total = np.zeros(len(position))
+    total, is_cut = np.zeros(len(position)), False
     leaving, entering = np.zeros((3, len(position))), np.zeros((3, len(position)))
     for i in range(len(vector)):
         j = (i + 1) % len(vector)
         a, b = vector[i], vector[j]
         crossing = (height[i] > 0) != (height[j] > 0)
         if crossing.any():
+            is_cut = True
             a, b = a.copy(), b.copy()
             rows = np.flatnonzero(crossing)
             share = height[i][rows] / (height[i][rows] - height[j][rows])
@@ -105,7 +107,8 @@ def polygon_irradiance(corners: FloatArray, position: FloatArray, normal: FloatA
         part = _edge(a, b, up)
         part[(height[i] <= 0) & (height[j] <= 0)] = 0
         total += part
-    total += np.arctan2(_dot(_cross(leaving, entering), up), _dot(leaving, entering))
+    if is_cut:
+        total += np.arctan2(_dot(_cross(leaving, entering), up), _dot(leaving, entering))
     return total / -2  # a polygon that is counter-clockwise for who stands on its front has its edges reversed for Lambert
 
 
@@ -136,10 +139,10 @@ def _edge(a: FloatArray, b: FloatArray, up: FloatArray) -> FloatArray:
     return out
 
 
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+def _dot(a: Sequence[FloatArray] | FloatArray, b: Sequence[FloatArray] | FloatArray) -> FloatArray:
     out: FloatArray = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     return out
 
 
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+def _cross(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
