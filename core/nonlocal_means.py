@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,27 +91,30 @@ def _compare(light: _Image, noise: _Image, chart: NDArray[np.int32]) -> Iterator
     owners = np.where(others < 0, -2, others)  # like nobody
     patch = _PATCH * (width + 1)
     first, last = HALO * (width + 1) - patch, (height - HALO) * width - HALO + patch
+    # A row of one number: numpy finds the lesser of rows three times as fast as that of a row and a number.
+    unlike, nothing = np.full(others.shape, _UNLIKE), np.zeros(others.shape, np.float32)
     for dy in range(RADIUS + 1):
         for dx in range(-RADIUS if dy else 1, RADIUS + 1):
             step = dy * width + dx
             one, other = slice(first - step, last), slice(first, last + step)
             gap = total[:, one] - total[:, other]
-            gap *= gap
-            distance = gap.sum(axis=0)
+            distance = np.einsum("ij,ij->j", gap, gap)
             expected = np.minimum(twice[one], twice[other])
             distance -= expected
             np.add(doubt[one], doubt[other], out=expected)
             distance /= expected
-            np.minimum(distance, _UNLIKE, out=distance)
+            np.minimum(distance, unlike[: len(distance)], out=distance)
             if one_chart:  # most of a large page
                 alike = _box_sum(distance, width, _PATCH)
                 alike /= np.float32(-((2 * _PATCH + 1) ** 2))
             else:
-                same = owners[one] == others[other]
+                same = (owners[one] == others[other]).view(np.uint8)
                 distance *= same
                 alike = _box_sum(distance, width, _PATCH)
-                alike /= np.minimum(-_box_sum(same.astype(np.float32), width, _PATCH), -1)
-            np.minimum(alike, 0, out=alike)
+                count = _box_sum(same, width, _PATCH)  # 25 at most
+                np.maximum(count, np.uint8(1), out=count)
+                alike /= -count.astype(np.float32)
+            np.minimum(alike, nothing[: len(alike)], out=alike)
             np.exp(alike, out=alike)
             if not one_chart:
                 alike *= same[patch:-patch]
@@ -149,26 +153,27 @@ class _Planes:
 
     def add(self, ahead: _Image, behind: _Image, light_ahead: _Image, light_behind: _Image, dx: int) -> None:
         """A neighbour dx columns on, in the row that is going on, and the one opposite: how alike they are, and their light."""
-        x = np.float32(dx)
         np.multiply(ahead, light_ahead, out=self._ahead)
         np.multiply(behind, light_behind, out=self._behind)
         self.light += self._ahead
         self.light += self._behind
         self._ahead -= self._behind
         self._row_tilt += self._ahead
-        self._ahead *= x
-        self.tilt[0] += self._ahead
         both, odd = ahead + behind, ahead - behind
         row_weight, row_x, row_shift = self._row
         self.weight += both
         row_weight += both
         row_shift += odd
-        odd *= x
-        self.shift[0] += odd
-        both *= x
-        row_x += both
-        both *= x
-        self.spread[0] += both
+        if dx:  # else it adds nothing
+            x = np.float32(dx)
+            self._ahead *= x
+            self.tilt[0] += self._ahead
+            odd *= x
+            self.shift[0] += odd
+            both *= x
+            row_x += both
+            both *= x
+            self.spread[0] += both
 
     def end_row(self, dy: int) -> None:
         """All neighbours of a row, dy rows on, have been added."""
@@ -206,12 +211,13 @@ def _unroll(values: _Image, shape: tuple[int, ...], border: int) -> _Image:
     return image[..., border:-border, border:-border]
 
 
-def _box_sum(image: _Image, width: int, radius: int) -> _Image:
+def _box_sum(image: NDArray[Any], width: int, radius: int) -> NDArray[Any]:
     """Sums over squares of side 2 * radius + 1 about all but the first and the last radius * (width + 1) texels; rows follow each other."""
     for stride in (width, 1):
         count = len(image) - 2 * radius * stride
-        total = image[:count] + image[stride : count + stride]
-        for i in range(2, 2 * radius + 1):
-            total += image[i * stride : count + i * stride]
+        pairs = image[:-stride] + image[stride:]
+        total = image[2 * radius * stride :] + pairs[:count]
+        for i in range(1, radius):
+            total += pairs[2 * i * stride :][:count]
         image = total
     return image
