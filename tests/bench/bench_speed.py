@@ -14,6 +14,7 @@ import dataclasses
 import datetime
 import hashlib
 import json
+import math
 import subprocess
 import sys
 import tempfile
@@ -36,7 +37,7 @@ DOCS = ROOT / "docs"
 HISTORY = DOCS / "speed" / "history.jsonl"
 OURS, PHOTONS, CYCLES, OIDN = "Leaflight", "Leaflight, photons only", "Cycles", "Cycles + OIDN"
 MEASURED_ERRORS = (0.10, 0.05, 0.02)
-PATIENCE = 4.0  # budgets that one of our bakes may take while its series has not come to the least of them
+PATIENCE = 4.0  # budgets that a bake may take while its series, which is not extrapolated, has not come to the least of them
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Effort:
     """How much is run.
 
     errors     that Leaflight is asked for, ascending in time
-    samples    that Cycles is asked for, until one bake would take longer than `budget_s`
+    samples    that Cycles is asked for, until one bake would take longer than `budget_s`; see list_more_samples
     """
 
     scenes: tuple[str, ...] = ("cornell_box", "furnished_room", "instances", "two_rooms")
@@ -99,9 +100,12 @@ def find_reference(name: str, size: int, cache: Path, samples: int) -> Reference
 def trace_curves(name: str, size: int, reference: Reference, effort: Effort) -> Curves:
     """Every way of baking the scene at that size, as points of time and error."""
     bakes, tri_uv = speed_rivals.bake_rival(name, size, effort.budget_s, effort.samples)
-    curves: Curves = {CYCLES: [speed_rivals.measure_point(reference, one.page, tri_uv, one.seconds, one.samples) for one in bakes]}
-    denoised = [speed_rivals.denoise(one) for one in bakes]
-    curves[OIDN] = [speed_rivals.measure_point(reference, one.page, tri_uv, one.seconds, one.samples) for one in denoised]
+    curves: Curves = {CYCLES: [], OIDN: []}
+    while bakes:
+        for label, pages in ((CYCLES, bakes), (OIDN, [speed_rivals.denoise(one) for one in bakes])):
+            curves[label] += [speed_rivals.measure_point(reference, one.page, tri_uv, one.seconds, one.samples) for one in pages]
+        more = list_more_samples(curves[CYCLES], curves[OIDN], effort)
+        bakes = speed_rivals.bake_rival(name, size, math.inf, more)[0] if more else []
     for label, errors, options in ((OURS, effort.errors, []), (PHOTONS, effort.photon_errors, ["--direct", "photons"])):
         curves[label] = []
         for error in errors:
@@ -111,6 +115,16 @@ def trace_curves(name: str, size: int, reference: Reference, effort: Effort) -> 
             if ends_series(point, effort.budget_s):
                 break
     return curves
+
+
+def list_more_samples(cycles: Sequence[Point], filtered: Sequence[Point], effort: Effort) -> tuple[int, ...]:
+    """The samples that Cycles is asked for next, one number or none, although a bake takes longer than the budget: it is waited for as
+    patiently as we are, while what the filter makes of its bakes has not come to the least error.
+    """
+    last = cycles[-1]
+    most = last.asked * PATIENCE * effort.budget_s / last.seconds
+    further = [count for count in effort.samples if last.asked < count <= most]
+    return tuple(further[:1]) if min(point.rel for point in filtered) > min(MEASURED_ERRORS) else ()
 
 
 def ends_series(point: Point, budget_s: float) -> bool:

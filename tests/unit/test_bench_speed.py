@@ -113,3 +113,13 @@ def test_a_series_goes_on_until_it_has_come_to_the_least_error():
         for seconds, rel in ((9, 0.01), (11, 0.01), (11, 0.021), (41, 0.021))
     ]
     assert ends == [False, True, False, True]
+
+
+def test_cycles_is_waited_for_while_its_filtered_bakes_err_more_than_the_least():
+    def list_after(seconds, rel):
+        cycles = [Point(1.0, 0.4, 0.4, 4), Point(seconds, 0.2, 0.2, 16)]
+        filtered = [Point(1.5, 0.3, 0.3, 4), Point(seconds + 0.5, rel, rel, 16)]
+        return bench_speed.list_more_samples(cycles, filtered, bench_speed.Effort(samples=(4, 16, 64, 256), budget_s=10.0))
+
+    assert list_after(9.0, 0.021) == (64,)  # in 36 s
+    assert list_after(11.0, 0.021) == list_after(9.0, 0.02) == ()
