@@ -96,3 +96,29 @@ def test_who_is_alone_in_the_dark_goes_on_for_himself_only(ready):
     leaders = np.intersect1d(others, more)
     assert len(leaders) == -(-len(others) // AGREE_TEXELS) > 2
     np.testing.assert_array_equal(np.flatnonzero(tally.leads & ~alone), leaders)
+
+
+def test_what_is_asked_between_rays_changes_nothing(ready):
+    """A tally remembers what it found, but for pairs that got more rays since."""
+    scene, chunk, lamps = ready
+    often, once = (Tally(lamps[0], TEXELS, None, shifts(len(TEXELS))) for _ in range(2))
+    for stage, rows in zip(STAGES, (TEXELS, TEXELS[::2], TEXELS[::5]), strict=True):
+        before = often.variance(len(TEXELS))
+        for tally in (often, once):
+            tally.add(scene.rays, chunk, rows, stage)
+        assert often.light(len(TEXELS)).any()
+        assert (often.variance(len(TEXELS)) != before).any()
+    np.testing.assert_array_equal(often.light(len(TEXELS)), once.light(len(TEXELS)))
+    np.testing.assert_array_equal(often.variance(len(TEXELS)), once.variance(len(TEXELS)))
+
+
+def test_who_is_led_is_unsure_once_the_leader_is(ready):
+    scene, chunk, _ = ready
+    dark = look_once(ready, 0.2)[1]
+    tally = look_once(ready, 0.2, alone=~dark)[0]
+    more = tally.unsettled(ALLOWED, STAGES[1])
+    assert not tally.variance(len(TEXELS))[dark].any()
+    tally.add(scene.rays, chunk, more, STAGES[1])
+    led = tally.light(len(TEXELS)).any(axis=1) & ~tally.leads
+    assert led.sum() > AGREE_TEXELS
+    assert tally.variance(len(TEXELS))[led].any(axis=1).all()

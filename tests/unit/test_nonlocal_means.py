@@ -96,3 +96,16 @@ def test_a_tile_within_one_chart_is_smoothed_like_any_other():
     assert alone.shape == (2, 3, 32, 32)
     np.testing.assert_array_equal(alone[..., 4:, 4:], beside[..., 4:, 4:])
     assert (alone[..., 0, 0] != beside[..., 0, 0]).any()
+
+
+def test_patches_that_a_border_cuts_are_compared_by_what_they_share():
+    """What is the same along rows is as alike on three columns of a chart as on many."""
+    side = 2 * HALO + 1
+    off_middle = np.abs(np.arange(side) - HALO)[:, None]  # symmetric, so that no plane leans
+    light = np.broadcast_to(1 + 0.1 * off_middle, (1, 3, side, side)).astype(np.float32)
+    noise = np.full((3, side, side), SIGMA**2 / 3, np.float32)
+    narrow = np.full((side, side), -1, np.int32)
+    narrow[:, HALO - 1 : HALO + 2] = 0
+    wide, cut = (smooth_alike(light, noise * (chart >= 0), chart, tell=False)[0].item(0) for chart in (np.zeros_like(narrow), narrow))
+    assert 1.01 < wide < 1.1
+    assert cut == pytest.approx(wide, rel=1e-4)
