@@ -53,7 +53,8 @@ class Tally:
         self._reach, self._reach_squares, self._bend = np.zeros((3, len(rows)))
         self._peak, self._peak_mean, self._peak_variance = np.zeros(len(rows), bool), *np.zeros((2, len(rows)))
         self._starts, self._rays = np.zeros(len(rows)), np.zeros(len(rows))
-        self._closed_form: Float64 | None = None  # as it was last found, and so the squared errors, but for pairs that are stale
+        # What was found of them: closed forms, None where some changed since, and squared errors, to be found anew of stale pairs.
+        self._closed_form: Float64 | None = None
         self._error2, self._stale = np.zeros(len(rows)), np.ones(len(rows), bool)
         self._known = np.zeros(len(rows), bool)
         if known is not None:
