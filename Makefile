@@ -19,7 +19,7 @@ help:
 	@echo "make test    lint and the everyday tests"
 	@echo "make pytest  the everyday tests alone"
 	@echo "make bench   the slow tests and the benchmarks, minutes each; ends with one table of what is claimed and measured"
-	@echo "make bench-speed  Leaflight beside Cycles on an idle machine, 45 minutes; fills docs/speed.md"
+	@echo "make bench-speed  Leaflight beside Cycles on an idle machine, an hour; fills docs/speed.md"
 	@echo "make pictures  bake all samples and draw them into docs/samples, and the leaves of one into docs/leaves.png"
 	@echo "make lint    ruff check, ruff format --check, mypy --strict"
 	@echo "make zip     the extension's zips in dist/, one per platform   (WHEELS_DIR=folder: also one with the wheels in it)"

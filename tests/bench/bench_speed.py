@@ -1,6 +1,6 @@
 """Seconds against error: Leaflight beside Cycles' bake, and Cycles with OIDN's filter, on the same UV layer and machine; see docs/speed.md.
 
-python tests/bench/bench_speed.py [--docs] [--quick] [--cache DIR]     45 minutes, with nothing else running; needs the extra `bench`
+python tests/bench/bench_speed.py [--docs] [--quick] [--cache DIR]     an hour, with nothing else running; needs the extra `bench`
 python tests/bench/bench_speed.py --probes     minutes: only the targets that are about Leaflight alone
 
 References that are not committed are made once and kept in the cache folder. --quick is for checking this script alone: its

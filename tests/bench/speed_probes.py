@@ -50,7 +50,7 @@ class Sizes:
     pages: tuple[int, int] = (1024, 4096)
     repeats: int = 3
     looks: int = 40  # turns of what takes less than a tenth of a second
-    pairs: int = 7  # turns of two workers and one: single gains go from 1.6 to 2.3
+    pairs: int = 7  # turns of two workers and one, of which a single one tells little
     objects: int = 1_000
 
 
@@ -97,7 +97,7 @@ class _Recorder:
 
 
 def wavefront_share(folder: Path, snapshot: SceneSnapshot, sizes: Sizes) -> dict[str, float]:
-    """Rays a second of the wavefront and of embreex alone on the same rays, on one core, and their ratio `share`."""
+    """Rays a second of the wavefront and of embreex alone on the same rays, on one core, and their ratio `share`; the best of turns."""
     prepare_folder(folder, snapshot, Settings(size=256))
     scene = workers.open_tracing(str(folder)).scene
     recorder = _Recorder(scene.rays)
