@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .geometry import gather, locate_hits, triangle_frames
-from .scene import MAX_ALBEDO, FloatArray, IntArray, Material, SceneSnapshot, TextureImage
+from .scene import MAX_ALBEDO, FloatArray, IntArray, Material, SceneSnapshot
+from .textures import Textures, clamp_colours, sample_texture
 
 _MAX_EMISSION = float(np.finfo(np.float32).max)
 _LEAST_TOLD = {"albedo": 2.0 - MAX_ALBEDO}  # white is 1, and what that loses nobody sees
 _PIXELS_OF_ROW = 64
-_PERIODS = {"REPEAT": 1.0, "MIRROR": 2.0}  # in UV, by extension
 
 
 @dataclass(frozen=True)
@@ -30,20 +29,21 @@ class _Layer:
     tri_rgb: NDArray[np.float32]
     tri_image: NDArray[np.int32] | None
     tri_uv: NDArray[np.float32]
-    images: tuple[TextureImage, ...]
+    textures: Textures
     highest: float
 
     def at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
         rgb = gather(self.tri_rgb, tri)
         if self.tri_image is not None:
-            hit_image = gather(self.tri_image, tri)
-            for index in np.bincount(hit_image + 1)[1:].nonzero()[0]:
-                rows = (hit_image == index).nonzero()[0]
+            image = gather(self.tri_image, tri)
+            textured = (image >= 0).nonzero()[0]
+            if len(textured):
+                tri, u, v = gather(tri, textured), gather(u, textured), gather(v, textured)
                 with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not finite, and so 0
-                    uv = locate_hits(self.tri_uv, gather(tri, rows), gather(u, rows), gather(v, rows)).T
-                    product = clamp_colours(gather(rgb, rows) * sample_texture(self.images[index], uv).T, self.highest)
+                    shown = self.textures.at(gather(image, textured), locate_hits(self.tri_uv, tri, u, v).T)
+                    product = clamp_colours(gather(rgb, textured) * shown.T, self.highest)
                 for channel, values in zip(rgb, product, strict=True):  # numpy is three times as quick row by row
-                    channel[rows] = values
+                    channel[textured] = values
         return rgb.T
 
 
@@ -83,61 +83,6 @@ class SurfaceMaterials:
         out    (n, 3) float32; its transpose is contiguous
         """
         return self._emission.at(tri, u, v)
-
-
-def sample_texture(image: TextureImage, uv: FloatArray) -> NDArray[np.float32]:
-    """Colours of an image; texel (x, y) has its centre at ((x + 0.5) / width, (y + 0.5) / height), as in Blender.
-
-    uv    (n, 2) float; not finite counts as 0. An image without texels is black
-    out   (n, 3) float32; its transpose is contiguous
-    """
-    height, width = image.pixels.shape[:2]
-    if not height * width:
-        return np.zeros((len(uv), 3), np.float32)
-    finite = np.isfinite(uv)
-    place = (uv if finite.all() else np.where(finite, uv, 0)).T
-    size = np.array([[width], [height]], place.dtype)
-    if image.extension in _PERIODS:
-        period = _PERIODS[image.extension]
-        place = size * (place - period * np.floor(place / period))
-    else:
-        place = np.clip(size * place, -0.5, size + 0.5)
-    place += 1 if image.closest else 0.5  # _neighbours counts from the texel before the image
-    low = np.floor(place)
-    x, y = low.astype(np.intp)
-    column, row = gather(_neighbours(width, image.extension), x), gather(_neighbours(height, image.extension), y)
-    place -= low
-    share = np.array([1 - place, place], np.float32)  # of both neighbours, by axis
-    if image.closest:
-        column, row, share = column[:1], row[:1], np.ones_like(share[:1])
-    if image.extension == "CLIP":
-        share *= np.stack([column, row], axis=1) >= 0
-    return _weigh_texels(image, row[:, None] * width + column, share[:, 1, None] * share[:, 0])
-
-
-def _weigh_texels(image: TextureImage, texel: IntArray, weight: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(n, 3) view of rows: sums of texels (i, j, n) times their weights (i, j, n)."""
-    pixels, first = image.pixels.reshape(-1), texel * 3
-    rgb = np.empty((3, *texel.shape), np.float32)
-    for channel, row in enumerate(rgb):  # four times as quick as whole texels, of 12 bytes each
-        pixels[channel:].take(first, out=row, mode="wrap")
-    out: NDArray[np.float32] = np.einsum("cijn,ijn->cn", rgb, weight)
-    return out.T
-
-
-@lru_cache(maxsize=64)
-def _neighbours(size: int, extension: str) -> IntArray:
-    """(2, k) int: of a place along an image, k - 1 to k texels from its start, the texels before and after; -1 where none is shown."""
-    texel = np.arange(-1, (2 if extension == "MIRROR" else 1) * size + 2)
-    if extension == "REPEAT":
-        texel %= size
-    elif extension == "MIRROR":
-        texel = np.minimum(texel % (2 * size), 2 * size - 1 - texel % (2 * size))
-    elif extension == "EXTEND":
-        texel = texel.clip(0, size - 1)
-    else:
-        texel[texel >= size] = -1
-    return np.stack([texel[:-1], texel[1:]])
 
 
 def clamp_warnings(scene: SceneSnapshot) -> list[tuple[str, str]]:
@@ -189,12 +134,6 @@ def _layer(
     tri_image = material_image[scene.tri_material]
     tri_rgb = np.ascontiguousarray(material_rgb[scene.tri_material].T)
     if not (tri_image >= 0).any():
-        return _Layer(tri_rgb, None, np.zeros((3, 2, 0), np.float32), scene.images, highest)
+        return _Layer(tri_rgb, None, np.zeros((3, 2, 0), np.float32), Textures([]), highest)
     with np.errstate(over="ignore", invalid="ignore"):  # as where they are used
-        return _Layer(tri_rgb, tri_image, triangle_frames(tri_uv), scene.images, highest)
-
-
-def clamp_colours(values: FloatArray, highest: float) -> FloatArray:
-    """What surfaces show of colours: within 0 ... highest, and 0 where they are not finite."""
-    finite = np.isfinite(values)
-    return (values if finite.all() else np.where(finite, values, 0)).clip(0, np.float32(highest))
+        return _Layer(tri_rgb, tri_image, triangle_frames(tri_uv), Textures(scene.images), highest)

@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .materials import clamp_colours, sample_texture
 from .scene import FloatArray, IntArray, TextureImage
+from .textures import clamp_colours, sample_texture
 
 _ROWS = 256  # of a level that are made at once: the squares of a whole image would take much memory
 _MOST = np.finfo(np.float32).max

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,9 @@ from numpy.typing import NDArray
 from .scene import Light, Material, SceneObject, SceneSnapshot, TextureImage
 
 FORMAT = "leaflight-snapshot"
-FORMAT_VERSION = 1
-_HEADER = "header"
+FORMAT_VERSION = 2
+_HEADER, _IMAGE = "header", "image_"
+_DAMAGED = (zipfile.BadZipFile, ValueError, EOFError, KeyError, AttributeError, TypeError)
 _ARRAYS = (
     "vertex_position",
     "tri_vertex",
@@ -49,7 +51,10 @@ def describe_snapshot(snapshot: SceneSnapshot) -> dict[str, Any]:
         "objects": [dict(vars(item)) for item in snapshot.objects],
         "materials": [dict(vars(item)) for item in snapshot.materials],
         "lights": [dict(vars(item)) for item in snapshot.lights],
-        "images": [{name: value for name, value in vars(image).items() if name != "pixels"} for image in snapshot.images],
+        "images": [
+            {"shape": image.pixels.shape, **{name: value for name, value in vars(image).items() if name != "pixels"}}
+            for image in snapshot.images
+        ],
         "world_rgb": snapshot.world_rgb,
     }
 
@@ -67,14 +72,29 @@ def load_snapshot(path: str | Path) -> SceneSnapshot:
     """
     try:
         with np.load(path, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-    except (zipfile.BadZipFile, ValueError, EOFError, KeyError, AttributeError, TypeError) as reason:
+            arrays = {name: stored[name] for name in stored.files if not name.startswith(_IMAGE)}
+    except _DAMAGED as reason:
         raise ValueError(f"{path}: is not a Leaflight snapshot or is damaged ({reason}); export the scene again.") from reason
     header = _read_header(path, arrays)
     try:
-        return _build_snapshot(header, arrays)
-    except (KeyError, TypeError, ValueError) as reason:
+        return _build_snapshot(header, arrays, _read_pictures(path, header["images"]))
+    except _DAMAGED as reason:
         raise ValueError(f"{path}: is a damaged snapshot ({reason}); export the scene again.") from reason
+
+
+def _read_pictures(path: str | Path, described: Sequence[Mapping[str, Any]]) -> list[NDArray[np.float32]]:
+    """All images' pixels, parts of one array: so they can be looked up together (textures.lay_together)."""
+    lengths = [math.prod(entry["shape"]) for entry in described]
+    parts = np.split(np.empty(sum(lengths), np.float32), np.cumsum(lengths)[:-1])
+    pictures = []
+    with np.load(path, allow_pickle=False) as stored:
+        for index, (entry, part) in enumerate(zip(described, parts, strict=False)):
+            pixels, shape = stored[_image_key(index)], tuple(entry["shape"])
+            if pixels.shape != shape or shape[2:] != (3,) or pixels.dtype != np.float32:
+                raise ValueError(f"image {entry['name']}: expected {(*shape[:2], 3)} float32, got {pixels.shape} {pixels.dtype}")
+            part[:] = pixels.reshape(-1)
+            pictures.append(part.reshape(shape))
+    return pictures
 
 
 def _read_header(path: str | Path, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
@@ -93,10 +113,11 @@ def _read_header(path: str | Path, arrays: Mapping[str, NDArray[Any]]) -> dict[s
     return found
 
 
-def _build_snapshot(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> SceneSnapshot:
-    images = tuple(
-        TextureImage(pixels=_as_picture(arrays[_image_key(index)], entry["name"]), **entry) for index, entry in enumerate(header["images"])
-    )
+def _build_snapshot(
+    header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], pictures: Sequence[NDArray[np.float32]]
+) -> SceneSnapshot:
+    described = ({name: value for name, value in entry.items() if name != "shape"} for entry in header["images"])
+    images = tuple(TextureImage(pixels=pixels, **entry) for pixels, entry in zip(pictures, described, strict=True))
     objects = tuple(SceneObject(**_frozen(entry)) for entry in header["objects"])
     materials = tuple(Material(**_frozen(entry)) for entry in header["materials"])
     lights = tuple(Light(**_frozen(entry)) for entry in header["lights"])
@@ -115,12 +136,6 @@ def _build_snapshot(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]
     return snapshot
 
 
-def _as_picture(pixels: NDArray[Any], name: str) -> NDArray[np.float32]:
-    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.float32:
-        raise ValueError(f"image {name}: expected (height, width, 3) float32, got {pixels.shape} {pixels.dtype}")
-    return pixels
-
-
 def _frozen(value: Any) -> Any:
     """JSON's lists as the tuples they were."""
     if isinstance(value, list):
@@ -131,4 +146,4 @@ def _frozen(value: Any) -> Any:
 
 
 def _image_key(index: int) -> str:
-    return f"image_{index}"
+    return f"{_IMAGE}{index}"

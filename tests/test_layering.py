@@ -51,7 +51,7 @@ TRACE = {
     "core.contact",
     "core.gather",
 }
-# core.materials is on neither side: albedo and emission belong to the surface, photons and pages both ask for them.
+# core.materials and core.textures are on neither side: albedo and emission belong to the surface, photons and pages both ask for them.
 STATISTICS = {
     "core.tally",
     "core.refine",

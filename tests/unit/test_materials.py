@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 from leaflight.core import materials
@@ -95,60 +93,6 @@ def test_images_that_are_not_finite_count_as_black():
     assert "Odd: its albedo with image Broken is not a finite number" in materials.clamp_warnings(scene)[0][1]
 
 
-def test_an_image_without_texels_is_black():
-    assert not materials.sample_texture(TextureImage("Empty", np.zeros((0, 0, 3), np.float32)), CENTRES).any()
-
-
-def test_uv_that_is_not_finite_gives_finite_colours():
-    uv = np.array([[np.nan, 0.5], [np.inf, -np.inf], [1e30, -1e30]])
-    for extension in ("REPEAT", "EXTEND", "CLIP", "MIRROR"):
-        for closest in (False, True):
-            image = dataclasses.replace(TEXTURE, extension=extension, closest=closest)
-            assert np.isfinite(materials.sample_texture(image, uv)).all()
-
-
-@pytest.mark.parametrize("closest", [False, True])
-@pytest.mark.parametrize("extension", ["REPEAT", "EXTEND", "CLIP", "MIRROR"])
-def test_texel_centres_give_texels(extension, closest):
-    image = dataclasses.replace(TEXTURE, extension=extension, closest=closest)
-    np.testing.assert_allclose(materials.sample_texture(image, CENTRES), PIXELS.reshape(-1, 3), atol=1e-6)
-
-
-def test_between_centres_is_bilinear_and_closest_is_not():
-    between = np.array([[1.0 / 3, 1.75 / 5]])  # half way from column 0 to 1, a quarter of the way from row 1 to 2
-    blended = 0.75 * (PIXELS[1, 0] + PIXELS[1, 1]) / 2 + 0.25 * (PIXELS[2, 0] + PIXELS[2, 1]) / 2
-    np.testing.assert_allclose(materials.sample_texture(TEXTURE, between)[0], blended, atol=1e-6)
-    closest = dataclasses.replace(TEXTURE, closest=True)
-    np.testing.assert_array_equal(materials.sample_texture(closest, np.add(between, (0.01, 0)))[0], PIXELS[1, 1])
-
-
-OUTSIDE = {  # texel (column, row) found at column -2 of row 1, and at column 4 of row 6
-    "REPEAT": ((1, 1), (1, 1)),
-    "EXTEND": ((0, 1), (2, 4)),
-    "CLIP": (None, None),
-    "MIRROR": ((1, 1), (1, 3)),
-}
-
-
-@pytest.mark.parametrize("closest", [False, True])
-@pytest.mark.parametrize("extension", OUTSIDE)
-def test_outside_the_image(extension, closest):
-    image = dataclasses.replace(TEXTURE, extension=extension, closest=closest)
-    found = materials.sample_texture(image, np.array([[-1.5 / 3, 1.5 / 5], [4.5 / 3, 6.5 / 5]]))
-    expected = [np.zeros(3) if place is None else PIXELS[place[1], place[0]] for place in OUTSIDE[extension]]
-    np.testing.assert_allclose(found, expected, atol=1e-6)
-
-
-EDGE = {"REPEAT": PIXELS[0, 2], "EXTEND": PIXELS[0, 0], "CLIP": np.zeros(3), "MIRROR": PIXELS[0, 0]}
-
-
-@pytest.mark.parametrize("extension", EDGE)
-def test_the_edge_blends_with_what_lies_beyond(extension):
-    image = dataclasses.replace(TEXTURE, extension=extension)
-    found = materials.sample_texture(image, np.array([[0.0, 0.5 / 5]]))[0]
-    np.testing.assert_allclose(found, (PIXELS[0, 0] + EDGE[extension]) / 2, atol=1e-6)
-
-
 def test_no_warning_within_range():
     scene = _scene(Material("Grey"), Material("Bright", (1, 1, 1), 0), Material("Lamp", emission_rgb=(1e6, 0, 0)))
     assert materials.clamp_warnings(scene) == []
@@ -175,10 +119,3 @@ def test_a_white_surface_is_no_matter_and_a_whiter_one_is_told():
     ((name, sentence),) = materials.clamp_warnings(scene)
     assert name == "Glow"
     assert sentence == "Glow: its albedo reaches from 1 to 1.01 and is clamped to 0 ... 0.999; choose values within."
-
-
-def test_images_of_many_texels_repeat_as_small_ones_do():
-    """Beyond what fits in the smallest integers."""
-    wide = TextureImage("Wide", np.random.default_rng(2).random((2, 300, 3)).astype(np.float32))
-    uv = np.array([[0.25, 0.25], [0.999, 0.25]])
-    np.testing.assert_allclose(materials.sample_texture(wide, np.add(uv, (3, -2))), materials.sample_texture(wide, uv), atol=1e-6)
