@@ -208,7 +208,8 @@ def _bear(
     log.photons += n_photons if scene.emitter_share.any() else 0
     told = cells is not None
     planned = BirthCells.whole(scene.emitter_share) if cells is None else cells
-    count, batch = -(-n_photons // together), max(BATCH // together, 1)
+    count = -(-n_photons // together)
+    batch = BATCH if together == 1 else max(2 * BATCH // together, 1)  # surfaces reflect about half of what comes, so that waves stay full
     for photons, shadowless in bear_photons(scene.emitters, planned, count, total_flux_share, rng, batch, told):
         if photons.group is not None:
             photons.group = log.open_groups(photons.group, np.ones(len(photons.group), np.float32))
