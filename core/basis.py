@@ -42,7 +42,8 @@ def monomials(s: FloatArray, t: FloatArray, degree: int) -> list[FloatArray]:
     for _ in range(degree):
         powers_s.append(powers_s[-1] * s)
         powers_t.append(powers_t[-1] * t)
-    return [powers_s[i] * powers_t[j] for i, j in EXPONENTS[: count_functions(degree)]]
+    exponents = EXPONENTS[: count_functions(degree)]
+    return [powers_s[i] * powers_t[j] if i and j else powers_s[i] if i else powers_t[j] for i, j in exponents]
 
 
 def gram_matrix(moment: NDArray[np.float64], degree: int) -> NDArray[np.float64]:

@@ -25,6 +25,7 @@ from .judged import DARK_FLOOR, Parts
 from .photon_log import Groups
 from .quadtree import Quadtree
 from .scene import FloatArray, IntArray
+from .tally import find_touched
 
 Float64 = NDArray[np.float64]
 
@@ -75,11 +76,11 @@ class SplitTally:
     @classmethod
     def of(cls, groups: Groups, noise: Float64) -> SplitTally:
         """Of groups, and what each adds to the squared error, noise (g,)."""
-        place, slot = np.unique(groups.place, return_inverse=True)
+        place, slot, _ = find_touched(groups.place, int(groups.place.max(initial=-1)) + 1)
         sums = np.empty((3, len(place)))
         for row, values in zip(sums, (None, groups.rays / groups.split, noise * groups.split), strict=True):
             row[:] = np.bincount(slot, values, len(place))
-        return cls(place.astype(np.int64), *sums)
+        return cls(place, *sums)
 
 
 @dataclass
@@ -166,8 +167,10 @@ def weigh_groups(groups: Groups, worth: Float64, node: IntArray, flux: FloatArra
     worth as in Splitting, node (m,) int, flux (3, m) float, W
     """
     each = np.zeros(len(node))
-    for of_channel, power in zip(worth, flux.astype(np.float64), strict=True):
-        each += power * power * of_channel.take(node)
+    for of_channel, power in zip(worth, flux, strict=True):
+        noise = of_channel.take(node, mode="wrap")
+        noise *= np.square(power, dtype=np.float64)
+        each += noise
     return np.bincount(groups.owner, each, len(groups.place)).astype(np.float64)
 
 

@@ -74,12 +74,8 @@ def deposit(
     flux       (3, m) float, W
     is_first   (m,) bool: straight from a light; None is a shard of indirect light alone
     """
-    count = np.bincount(node, minlength=n_node)
-    touched = np.flatnonzero(count)  # sums as large as the hits, not as the tree
+    touched, slot, count = find_touched(node, n_node)  # sums as large as the hits, not as the tree
     m = len(touched)
-    slot_of = np.empty(n_node, np.intp)
-    slot_of[touched] = np.arange(m)
-    slot = slot_of.take(node)
     components = 1 if is_first is None else COMPONENTS
     placed = slot if is_first is None else slot + m * (~is_first)
     moments = basis.monomials(s, t, degree)
@@ -87,10 +83,23 @@ def deposit(
     weight2 = np.empty((CHANNELS, m))
     for channel in range(CHANNELS):
         weight2[channel] = np.bincount(slot, _square(flux[channel]), m)
+        power = flux[channel].astype(np.float64)  # once: each sum is made in this precision
         for k, moment in enumerate(moments):
-            sums = np.bincount(placed, flux[channel] * moment if k else flux[channel], components * m)
+            sums = np.bincount(placed, power * moment if k else power, components * m)
             raw[:, channel, k] = sums.reshape(components, m)
-    return ShardTally(touched.astype(np.int64), count[touched], weight2, raw)
+    return ShardTally(touched, count, weight2, raw)
+
+
+def find_touched(node: IntArray, n_node: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Of places (m,) int, all < n_node: those that there are, ascending, (k,) int64; which of them each is, (m,) int64; how many are, (k,).
+
+    As np.unique finds by sorting.
+    """
+    count = np.bincount(node, minlength=n_node)
+    touched = np.flatnonzero(count)
+    slot_of = np.empty(n_node, np.int64)
+    slot_of[touched] = np.arange(len(touched))
+    return touched, slot_of.take(node, mode="wrap"), count[touched]
 
 
 def _square(power: FloatArray) -> FloatArray:

@@ -40,9 +40,9 @@ class TexelGrid:
         """Entries (m,) at page texel coordinates x, y (m,) on triangles (m,); see `TexelMap.entry_of`."""
         rows = self.tri_row.take(tri, axis=0, mode="wrap")  # -1 is the last
         row = np.floor(y).astype(np.int32) + rows[:, 2]
-        cells = self.row_cell.take(np.clip(row, rows[:, 0], rows[:, 1]), axis=0)
+        cells = self.row_cell.take(np.clip(row, rows[:, 0], rows[:, 1]), axis=0, mode="wrap")
         column = np.clip(np.floor(x).astype(np.int64), cells[:, 0], cells[:, 1])
-        found: Int32 = self.cell_entry.take(cells[:, 2] + column)
+        found: Int32 = self.cell_entry.take(cells[:, 2] + column, mode="wrap")
         return found
 
     def cells_of_rows(self) -> tuple[Int64, Int64]:

@@ -180,11 +180,6 @@ class TexelMap:
         return cell
 
     @cached_property
-    def _corner_rows(self) -> Float64:
-        """(6, n_tri + 1) float64: tri_uv as rows, which a look-up by triangle reads faster."""
-        return np.ascontiguousarray(self.tri_uv.reshape(-1, 6).T)
-
-    @cached_property
     def _corner_frames(self) -> Float64:
         """(7, n_tri + 1) float64: x, y of corner 0 and of both edges from it, and twice the signed area."""
         corner_0, corner_1, corner_2 = self.tri_uv.transpose(1, 2, 0)
@@ -198,9 +193,13 @@ class TexelMap:
         u, v  (m,) float    weights of corners 1 and 2
         out   (m,) float64 x, (m,) float64 y
         """
-        x_0, y_0, x_1, y_1, x_2, y_2 = self._corner_rows.take(tri, axis=1, mode="wrap")
-        weight = 1.0 - u - v
-        return weight * x_0 + u * x_1 + v * x_2, weight * y_0 + u * y_1 + v * y_2
+        x, y, x_1, y_1, x_2, y_2 = self._corner_frames[:6].take(tri, axis=1, mode="wrap")
+        for at, edge_1, edge_2 in ((x, x_1, x_2), (y, y_1, y_2)):
+            edge_1 *= u
+            edge_2 *= v
+            at += edge_1
+            at += edge_2
+        return x, y
 
     def entry_of(self, tri: IntArray, x: FloatArray, y: FloatArray) -> Int32:
         """Entries that hits belong to; -1 for a miss and where the triangle has no texels.
@@ -218,7 +217,7 @@ class TexelMap:
         """
         if not len(self.borders.entry):
             return entry
-        column, row = self.texel_xy.take(entry, axis=0).T
+        column, row = self.texel_xy.take(entry, axis=0, mode="wrap").T
         return self.borders.find_owners(entry, x - column - 0.5, y - row - 0.5)
 
     def range_moments(self, start: IntArray, end: IntArray, centre: FloatArray, half: FloatArray, degree: int) -> Float64:

@@ -39,9 +39,15 @@ class TreeView:
 
         entry   (m,) int, texel entries, none of them -1;  x, y   (m,) float, page texels
         """
-        node = self.node.take(entry)
-        inverse_half = self.inverse_half.take(node)
+        node = self.node.take(entry, mode="wrap")
+        inverse_half = self.inverse_half.take(node, mode="wrap")
         # A texel at the node's edge may go on to half of the next one, see texel_borders; farther off a polynomial would run away.
         most = 1.0 + 0.5 * inverse_half
-        s, t = (np.clip((at - self.centre[:, axis].take(node)) * inverse_half, -most, most) for axis, at in enumerate((x, y)))
+        least, places = -most, []
+        for axis, at in enumerate((x, y)):
+            place = at - self.centre[:, axis].take(node, mode="wrap")
+            place *= inverse_half
+            np.minimum(place, most, out=place)
+            places.append(np.maximum(place, least, out=place))
+        s, t = places
         return node, s, t

@@ -241,3 +241,13 @@ def test_squares_of_usual_powers_keep_their_bytes():
     flux = np.random.default_rng(1).random((3, 50), np.float32)
     sums = tally.deposit(np.zeros(50, int), *np.zeros((2, 50)), flux, None, 1, 0)
     assert sums.weight2[:, 0].tolist() == (flux * flux).sum(axis=1, dtype=np.float64).tolist()
+
+
+@pytest.mark.parametrize("node", [[5, 2, 2, 9, 5, 5], [], [0]])
+def test_places_that_are_touched_are_found_as_by_sorting(node):
+    node = np.array(node, np.int32)
+    touched, slot, count = tally.find_touched(node, 10)
+    expected = np.unique(node, return_inverse=True, return_counts=True)
+    for found, right in zip((touched, slot, count), expected, strict=True):
+        np.testing.assert_array_equal(found, right)
+        assert found.dtype == np.int64
