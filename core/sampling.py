@@ -27,6 +27,7 @@ def shard_rng(seed: int, round_index: int, shard: int) -> np.random.Generator:
 # numbers. Source: Joe & Kuo 2008, "Constructing Sobol sequences with better two-dimensional projections".
 _SOBOL = ((1, 0, (1,)), (2, 1, (1, 3)), (3, 1, (1, 3, 1)))
 _SOBOL_BITS = 17  # of a shard's photons; more start again, shifted otherwise
+_NET_PARTS = 16  # that are scrambled by themselves: what lies between fits a core's cache
 _SCRAMBLES = (0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35, 0x27D4EB2F)  # one a dimension
 
 
@@ -76,15 +77,21 @@ def grouped_points(count: IntArray, group: IntArray, rng: np.random.Generator) -
     return out
 
 
+def load_ahead() -> None:
+    """Makes what points are taken from before any is asked for: in a small bake that would be seen."""
+    _scrambled_net()
+
+
 @functools.cache
 def _scrambled_net() -> NDArray[np.uint32]:
     """(4, 2^_SOBOL_BITS) uint32: the first points of Sobol's sequence, each dimension scrambled digit by digit."""
     net = np.zeros((4, 1 << _SOBOL_BITS), np.uint32)
     columns = [[1 << (31 - bit) for bit in range(_SOBOL_BITS)], *(_direction_numbers(*polynomial) for polynomial in _SOBOL)]
     for row, numbers, seed in zip(net, columns, _SCRAMBLES, strict=True):
-        for bit, number in enumerate(numbers):
-            np.bitwise_xor(row[: 1 << bit], np.uint32(number), out=row[1 << bit : 2 << bit])
-        row[:] = _scramble(row, seed)
+        for bit, number in enumerate(_reverse_bits(np.array(numbers, np.uint32))):
+            np.bitwise_xor(row[: 1 << bit], number, out=row[1 << bit : 2 << bit])
+        for part in np.split(row, _NET_PARTS):
+            part[:] = _reverse_bits(_hash_carrying_up(part, seed))
     net.flags.writeable = False
     return net
 
@@ -100,16 +107,17 @@ def _direction_numbers(degree: int, coefficients: int, first: tuple[int, ...]) -
     return [number << (31 - k) for k, number in enumerate(m)]
 
 
-def _scramble(bits: NDArray[np.uint32], seed: int) -> NDArray[np.uint32]:
-    """Each binary digit flipped or not by a hash of those before it: multiples of even numbers carry to higher digits only.
+def _hash_carrying_up(bits: NDArray[np.uint32], seed: int) -> NDArray[np.uint32]:
+    """Each binary digit flipped or not by a hash of those below it, for multiples of even numbers carry to higher digits only: of reversed
+    digits, by a hash of those before it, which is a nested scrambling.
 
     Source: Owen 1995; Laine & Karras 2011, "Stratified sampling for stochastic transparency"; constants of Burley 2020, "Practical
     hash-based Owen scrambling".
     """
-    out = _reverse_bits(bits) + np.uint32(seed)
+    out = bits + np.uint32(seed)
     for factor in (0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6):
         out ^= out * np.uint32(factor)
-    return _reverse_bits(out)
+    return out
 
 
 def _reverse_bits(bits: NDArray[np.uint32]) -> NDArray[np.uint32]:

@@ -84,6 +84,8 @@ def load_snapshot(path: str | Path) -> SceneSnapshot:
 
 def _read_pictures(path: str | Path, described: Sequence[Mapping[str, Any]]) -> list[NDArray[np.float32]]:
     """All images' pixels, parts of one array: so they can be looked up together (textures.lay_together)."""
+    if not described:
+        return []
     lengths = [math.prod(entry["shape"]) for entry in described]
     parts = np.split(np.empty(sum(lengths), np.float32), np.cumsum(lengths)[:-1])
     pictures = []

@@ -57,8 +57,9 @@ class Tracing(TracedScene):
 
 
 def load_ahead() -> None:
-    """Has all that shards need loaded, this module included, before there is one."""
+    """Has all that shards need loaded or made, this module included, before there is one."""
     rays.load_ahead()
+    sampling.load_ahead()
 
 
 @lru_cache(maxsize=1)
