@@ -100,7 +100,7 @@ def test_shards_that_were_under_way_are_left_out_where_a_bake_may_not_have_so_ma
 
 def test_a_bake_whose_direct_light_was_shot_again_goes_on(tmp_path, monkeypatch):
     monkeypatch.setattr(direct_field, "TOLERANCE", 20.0)  # so that the first turn is too coarse
-    settings = replace(SETTINGS, error=0.05, max_photons=1_200_000)
+    settings = replace(SETTINGS, error=0.012, max_photons=3_000_000)
     kept, part = keep(tmp_path, settings, 3)
     assert part.direct.repeats is not None
     rest = go_on(tmp_path, kept, settings)
