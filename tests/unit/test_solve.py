@@ -126,8 +126,8 @@ def light_of_courts(folder, seeds, **knobs):
 
 @pytest.mark.slow
 def test_photons_that_are_sent_where_they_tell_most_bring_the_same_light_with_less_noise(tmp_path):
-    (plain, plain_rays), (guided, guided_rays) = (light_of_courts(tmp_path, 8, guided=guided) for guided in (False, True))
-    doubt = np.hypot(plain.mean(1).std(ddof=1), guided.mean(1).std(ddof=1)) / math.sqrt(8)
+    (plain, plain_rays), (guided, guided_rays) = (light_of_courts(tmp_path, 32, guided=guided) for guided in (False, True))
+    doubt = np.hypot(plain.mean(1).std(ddof=1), guided.mean(1).std(ddof=1)) / math.sqrt(32)
     assert abs(plain.mean() - guided.mean()) < 4 * doubt
     assert doubt < 0.02 * plain.mean()
     assert guided_rays.mean() < 0.7 * plain_rays.mean()
