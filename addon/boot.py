@@ -5,7 +5,6 @@ with the best so far, and the end of it, which comes when the parent is gone, en
 """
 
 import atexit
-import contextlib
 import errno
 import importlib.util
 import json
@@ -38,22 +37,24 @@ def main(folder: Path) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     # While the parent reads the scene: what the bake will need, and first what loads beside this process.
-    from leaflight.core import executors, heap, unfolding
+    from leaflight.core import heap, unfolding
 
     heap.keep_freed_memory(whole=True)  # before there are threads
     threading.Thread(target=_listen, args=(begun, stop), daemon=True).start()
     unfolding.start_ahead()
-    open_executor: Callable[..., Executor] = executors.open_executor
-    with contextlib.ExitStack() as at_the_end:
-        if not begun.is_set():  # with nothing to wait for, other processes would only be in the way of the first light
-            open_executor = at_the_end.enter_context(contextlib.closing(executors.Ahead())).open
-        from leaflight.core import bake, identity, image_file, workers
+    from leaflight.core import bake, executors, identity, image_file, workers
 
-        if not begun.is_set():
-            workers.load_ahead()
-            image_file.load_ahead()
-            identity.hash_code()
-        return _tell_of(bake.run_bake, folder, begun, stop, open_executor)
+    # With nothing to wait for, other processes would only be in the way of the first light.
+    if begun.is_set():
+        return _tell_of(bake.run_bake, folder, begun, stop, executors.open_executor)
+    ahead = executors.Ahead()
+    try:
+        workers.load_ahead()
+        image_file.load_ahead()
+        identity.hash_code()
+        return _tell_of(bake.run_bake, folder, begun, stop, ahead.open)
+    finally:
+        ahead.close()
 
 
 def _tell_of(

@@ -18,6 +18,8 @@ from ..core.messages import Done, Error, Message, decode_message
 
 _BOOT = Path(__file__).with_name("boot.py")
 _LOG_FILE = "core.log"
+# Shards are spread over processes, and no product of matrices is worth numpy's threads, which are a third of what it takes to load it.
+_ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
 _PATIENCE_S = 10.0  # for a child that has told its last message and has only to let go of what it holds
 _NICE, _NICEST = 10, 19  # of a bake behind a window: it takes what drawing leaves; and the most that systems know
 
@@ -52,6 +54,7 @@ class BakeProcess:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=log,
+                env=os.environ | _ENVIRONMENT,
                 start_new_session=True,  # Ctrl-C reaches the parent only, which asks for the best so far
                 creationflags=flags | (getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0) if yielding else 0),
                 encoding="utf-8",

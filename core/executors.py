@@ -19,13 +19,14 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
+from . import workers
 from .settings import Settings
 from .threads import count_usable
 
 T = TypeVar("T")
 
 _MUCH = 1 << 16  # bytes
-_OF_SHARDS = "workers", "photon_shards", "denoise"  # modules with the functions that processes are given
+_OF_SHARDS = "photon_shards", "denoise"  # beside workers, modules with functions that processes are given
 _MOST_ON_WINDOWS = 61  # processes of a pool there, which waits for all of them at once. Source: WaitForMultipleObjects, less two for itself
 
 
@@ -284,8 +285,8 @@ def _settle(future: Future[Any], run: Callable[[], Any]) -> None:
 
 
 def _start_worker() -> None:
-    # Loaded here and not with this module: so processes can be started first, and load while the first one does.
-    workers, *_ = (importlib.import_module(f".{name}", __package__) for name in _OF_SHARDS)
+    for name in _OF_SHARDS:
+        importlib.import_module(f".{name}", __package__)
     workers.load_ahead()
     atexit.register(os._exit, 0)  # to take Python apart would take time from the others, and what is left is the system's to free
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the main process decides

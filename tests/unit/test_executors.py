@@ -62,6 +62,16 @@ def test_this_process_works_while_it_waits_and_the_other_one_works_too():
         assert os.getpid() in by
 
 
+def test_a_process_has_loaded_what_it_is_given_before_it_is_given_any():
+    with executors.LocalExecutor(2) as executor:
+        loaded = executor._pool.submit(eval, "set(__import__('sys').modules)").result()
+        net = executor._pool.submit(
+            eval, "__import__('sys').modules['leaflight.core.sampling']._scrambled_net.cache_info().currsize"
+        ).result()
+    assert {f"leaflight.core.{name}" for name in ("workers", "photon_shards", "denoise")} <= loaded
+    assert net == 1
+
+
 def test_nothing_waits_for_a_process_that_is_still_starting():
     with executors.LocalExecutor(2) as executor:
         assert executor.submit(os.getpid).result() == os.getpid()  # to start takes a tenth of a second at least

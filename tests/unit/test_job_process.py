@@ -268,6 +268,15 @@ def test_the_process_keeps_what_it_frees(dummy):
     assert error.text == "asked [{'whole': True}]"
 
 
+def test_numpy_starts_no_threads_of_its_own(dummy):
+    process = dummy(
+        "import os\nfrom leaflight.core.messages import Error, encode_message\n"
+        "print(encode_message(Error('threads ' + os.environ['OPENBLAS_NUM_THREADS'])), flush=True)\n"
+    )
+    *_, error = process.messages()
+    assert error.text == "threads 1"
+
+
 def test_processes_that_were_started_ahead_are_closed_whatever_becomes_of_the_bake(dummy, tmp_path):
     """Python 3.13.0 may else wait for itself, where one of them dies as they are dropped."""
     boot = Path(job.__file__).with_name("boot.py")
