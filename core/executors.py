@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import atexit
-import importlib
 import multiprocessing
 import os
 import pickle
@@ -26,7 +25,6 @@ from .threads import count_usable
 T = TypeVar("T")
 
 _MUCH = 1 << 16  # bytes
-_OF_SHARDS = "photon_shards", "denoise"  # beside workers, modules with functions that processes are given
 _MOST_ON_WINDOWS = 61  # processes of a pool there, which waits for all of them at once. Source: WaitForMultipleObjects, less two for itself
 
 
@@ -285,8 +283,6 @@ def _settle(future: Future[Any], run: Callable[[], Any]) -> None:
 
 
 def _start_worker() -> None:
-    for name in _OF_SHARDS:
-        importlib.import_module(f".{name}", __package__)
     workers.load_ahead()
     atexit.register(os._exit, 0)  # to take Python apart would take time from the others, and what is left is the system's to free
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the main process decides
