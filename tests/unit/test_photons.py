@@ -286,6 +286,16 @@ def test_photons_part_in_groups_as_they_are_told():
     assert per_group[4] / np.mean(per_group[:4]) == pytest.approx(4, rel=0.1)
 
 
+@pytest.mark.parametrize(("skip_first", "born"), [(False, 4096), (True, 2 * 4096 // photons.SPLIT)])
+def test_as_many_are_born_together_as_fill_a_wave(monkeypatch, skip_first, born):
+    """Of those that part where they land, half as many go on as might."""
+    monkeypatch.setattr(photons, "BATCH", 4096)
+    counting, lengths = _count_rays(_build(_snapshot(_cube(), (GREY,)), _white_lamp()))
+    _trace(counting, n=32_768, max_depth=2, skip_first=skip_first)
+    assert lengths[::2] == [born] * (32_768 // (photons.SPLIT if skip_first else 1) // born)
+    assert max(lengths[1::2]) <= 1.1 * 4096
+
+
 def test_groups_own_what_comes_of_them_and_nothing_else(monkeypatch):
     """Two rooms without ceilings, each with a wall that has no lightmap, in many small waves: what parts in one room stays there."""
     monkeypatch.setattr(photons, "BATCH", 4096)

@@ -75,6 +75,14 @@ def test_pictures_come_back_as_parts_of_one_array(tmp_path):
     assert (first[0], first[2]) == (0, 45)
 
 
+@pytest.mark.parametrize("shape", [(3, 5), (3, 5, 4)])
+def test_pictures_without_three_channels_are_named(tmp_path, shape):
+    path = tmp_path / "scene.npz"
+    save_snapshot(path, replace(make_snapshot(), images=(TextureImage("Karo", np.zeros(shape, np.float32)),)))
+    with pytest.raises(ValueError, match="image Karo"):
+        load_snapshot(path)
+
+
 def test_empty_scene(tmp_path):
     path = tmp_path / "empty.npz"
     empty = {name: getattr(make_snapshot(), name)[:0] for name in ("vertex_position", "tri_vertex", "tri_object", "tri_material")}

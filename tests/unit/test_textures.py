@@ -137,7 +137,18 @@ def test_parts_of_one_array_are_not_copied():
     assert first == [42, 0]
 
 
-@pytest.mark.parametrize("pictures", [[PIXELS, PIXELS[:2]], [PIXELS[:, ::-1], PIXELS], [PIXELS.copy(), np.zeros((1, 1, 3), np.float32)]])
+NUMBERS = np.arange(60, dtype=np.float32)
+
+
+@pytest.mark.parametrize(
+    "pictures",
+    [
+        [PIXELS, PIXELS[:2]],
+        [PIXELS[:, ::-1], PIXELS],
+        [PIXELS.copy(), np.zeros((1, 1, 3), np.float32)],
+        [NUMBERS[:12].reshape(2, 2, 3), NUMBERS[12:30].reshape(2, 3, 3)[:, ::-1]],
+    ],
+)
 def test_other_arrays_are_laid_one_after_another(pictures):
     numbers, first = lay_together(pictures)
     assert numbers.ndim == 1
