@@ -18,7 +18,7 @@ from ..core.messages import Done, Error, Message, decode_message
 
 _BOOT = Path(__file__).with_name("boot.py")
 _LOG_FILE = "core.log"
-# Shards are spread over processes, and no product of matrices is worth numpy's threads, which are a third of what it takes to load it.
+# Shards are spread over processes: no product of matrices is worth threads of numpy's own, which take long to start.
 _ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
 _PATIENCE_S = 10.0  # for a child that has told its last message and has only to let go of what it holds
 _NICE, _NICEST = 10, 19  # of a bake behind a window: it takes what drawing leaves; and the most that systems know
