@@ -18,13 +18,14 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
-from . import workers
+from . import denoise, photon_shards, workers
 from .settings import Settings
 from .threads import count_usable
 
 T = TypeVar("T")
 
 _MUCH = 1 << 16  # bytes
+_OF_SHARDS = denoise, photon_shards, workers  # with functions that processes are given: loaded with this module, not by the first of them
 _MOST_ON_WINDOWS = 61  # processes of a pool there, which waits for all of them at once. Source: WaitForMultipleObjects, less two for itself
 
 

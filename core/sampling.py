@@ -27,7 +27,7 @@ def shard_rng(seed: int, round_index: int, shard: int) -> np.random.Generator:
 # numbers. Source: Joe & Kuo 2008, "Constructing Sobol sequences with better two-dimensional projections".
 _SOBOL = ((1, 0, (1,)), (2, 1, (1, 3)), (3, 1, (1, 3, 1)))
 _SOBOL_BITS = 17  # of a shard's photons; more start again, shifted otherwise
-_NET_PARTS = 16  # that are scrambled by themselves: what lies between fits a core's cache
+_NET_PARTS = 16  # that are scrambled by themselves: what lies between stays small
 _SCRAMBLES = (0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35, 0x27D4EB2F)  # one a dimension
 
 

@@ -90,7 +90,7 @@ def _read_pictures(path: str | Path, described: Sequence[Mapping[str, Any]]) -> 
     parts = np.split(np.empty(sum(lengths), np.float32), np.cumsum(lengths)[:-1])
     pictures = []
     with np.load(path, allow_pickle=False) as stored:
-        for index, (entry, part) in enumerate(zip(described, parts, strict=False)):
+        for index, (entry, part) in enumerate(zip(described, parts, strict=True)):
             pixels, shape = stored[_image_key(index)], tuple(entry["shape"])
             if pixels.shape != shape or shape[2:] != (3,) or pixels.dtype != np.float32:
                 raise ValueError(f"image {entry['name']}: expected {(*shape[:2], 3)} float32, got {pixels.shape} {pixels.dtype}")

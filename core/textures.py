@@ -50,7 +50,7 @@ class Textures:
 
 def sample_texture(image: TextureImage, uv: FloatArray) -> NDArray[np.float32]:
     """Colours of one image; uv and out as of Textures.at."""
-    return _Joined.of([image]).at(None, uv)
+    return Textures([image]).at(np.zeros(len(uv), np.intp), uv)
 
 
 @dataclass(frozen=True)
@@ -93,12 +93,11 @@ class _Joined:
             start=np.cumsum(lengths, axis=1) - lengths,
         )
 
-    def at(self, member: IntArray | None, uv: FloatArray) -> NDArray[np.float32]:
-        """As Textures.at; member (n,) int: which of them, None where there is one alone."""
+    def at(self, member: IntArray, uv: FloatArray) -> NDArray[np.float32]:
+        """As Textures.at; member (n,) int: which of them."""
         place = uv.T if are_finite(uv) else np.where(np.isfinite(uv), uv, 0).T
-        if self.size.shape[1] == 1:
-            member = None
-        size = self.size if member is None else gather(self.size, member)
+        is_alone = self.size.shape[1] == 1
+        size = self.size if is_alone else gather(self.size, member)
         if self.extension == "REPEAT":
             place = place - np.floor(place)
             place *= size
@@ -108,7 +107,7 @@ class _Joined:
             place = np.clip(size * place, -0.5, size + 0.5)
         place += 1 if self.closest else 0.5  # _neighbours counts from the texel before the image
         low = np.floor(place)
-        x, y = low.astype(np.intp) if member is None else low.astype(np.intp) + gather(self.start, member)
+        x, y = low.astype(np.intp) if is_alone else low.astype(np.intp) + gather(self.start, member)
         column, row = gather(self.column, x), gather(self.row, y)
         place -= low
         share = np.empty((2, *place.shape), np.float32)  # of both neighbours, by axis

@@ -7,7 +7,6 @@ summed by the caller in the order of the shards: the same seed gives the same by
 from __future__ import annotations
 
 import contextlib
-import importlib
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -35,7 +34,6 @@ TEXELS_FOLDER = "texels"
 SPLITTING_FOLDER = "splitting"  # in a view's
 # A shard's fields that name folders, and what of each folder the shard reads, () all of it.
 FOLDER_PARTS: dict[str, tuple[str, ...]] = {"tracing": (SNAPSHOT_FILE, TEXELS_FOLDER), "view": ()}
-_OF_SHARDS = "photon_shards", "denoise"  # the other modules with functions that processes are given, which need this one
 DIRECT_ROUND = 2**31 - 1  # of the random numbers for shadow rays: no round of photons comes that far
 GATHER_ROUND = 2**30  # the same, of rays that gather
 
@@ -60,8 +58,6 @@ class Tracing(TracedScene):
 
 def load_ahead() -> None:
     """Has all that shards need loaded or made, this module included, before there is one."""
-    for name in _OF_SHARDS:
-        importlib.import_module(f".{name}", __package__)
     rays.load_ahead()
     sampling.load_ahead()
 

@@ -268,10 +268,13 @@ def test_the_process_keeps_what_it_frees(dummy):
     assert error.text == "asked [{'whole': True}]"
 
 
+@needs_proc
 def test_numpy_starts_no_threads_of_its_own(dummy):
     process = dummy(
-        "import os\nfrom leaflight.core.messages import Error, encode_message\n"
-        "print(encode_message(Error('threads ' + os.environ['OPENBLAS_NUM_THREADS'])), flush=True)\n"
+        "import os, numpy\nfrom leaflight.core.messages import Error, encode_message\n"
+        "numpy.ones((500, 500)) @ numpy.ones((500, 500))\n"
+        "threads = len(os.listdir('/proc/self/task'))\n"
+        "print(encode_message(Error(f'threads {threads}')), flush=True)\n"
     )
     *_, error = process.messages()
     assert error.text == "threads 1"
