@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import datetime
+import functools
 import hashlib
 import json
 import math
@@ -19,18 +20,19 @@ import subprocess
 import sys
 import tempfile
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import speed_probes
 import speed_rivals
 from cycles_reference import COMMITTED, ROOT, WHOLE_SIZE, Reference
 from export_samples import export_samples
 from image_io_path import add_image_io
 from leaflight.core.snapshot import load_snapshot
-from speed_curves import Point, Reach, geometric_mean, ratio_text, reach_error
+from speed_curves import Point, Reach, geometric_mean, ratio_text, reach_error, time_again
 from tables import Table, put_tables
 
 DOCS = ROOT / "docs"
@@ -46,6 +48,7 @@ class Effort:
 
     errors     that Leaflight is asked for, ascending in time
     samples    that Cycles is asked for, until one bake would take longer than `budget_s`; see list_more_samples
+    turns      how often a short bake is made, of which the median counts
     """
 
     scenes: tuple[str, ...] = ("cornell_box", "furnished_room", "instances", "two_rooms")
@@ -54,11 +57,12 @@ class Effort:
     photon_errors: tuple[float, ...] = (0.3, 0.15, 0.08, 0.05, 0.03)
     samples: tuple[int, ...] = (4, 16, 64, 256, 1024)
     budget_s: float = 300.0
+    turns: int = 3
     reference_samples: int = 0  # 0: as many as the noise asks for
     probes: speed_probes.Sizes = dataclasses.field(default_factory=speed_probes.Sizes)
 
 
-QUICK = Effort(("cornell_box", "instances"), (256, 64), (0.3, 0.1), (0.3,), (1, 2), 2.0, 8, speed_probes.QUICK)
+QUICK = Effort(("cornell_box", "instances"), (256, 128), (0.3, 0.1), (0.3,), (1, 2), 2.0, 1, 8, speed_probes.QUICK)
 Curves = dict[str, list[Point]]
 
 
@@ -99,22 +103,36 @@ def find_reference(name: str, size: int, cache: Path, samples: int) -> Reference
 
 def trace_curves(name: str, size: int, reference: Reference, effort: Effort) -> Curves:
     """Every way of baking the scene at that size, as points of time and error."""
-    bakes, tri_uv = speed_rivals.bake_rival(name, size, effort.budget_s, effort.samples)
+    bakes, tri_uv = speed_rivals.bake_rival(name, size, effort.budget_s, effort.samples, effort.turns)
+    measure = functools.partial(speed_rivals.measure_point, reference, tri_uv)
     curves: Curves = {CYCLES: [], OIDN: []}
     while bakes:
-        for label, pages in ((CYCLES, bakes), (OIDN, [speed_rivals.denoise(one) for one in bakes])):
-            curves[label] += [speed_rivals.measure_point(reference, one.page, tri_uv, one.seconds, one.samples) for one in pages]
+        for label, pages in ((CYCLES, bakes), (OIDN, [speed_rivals.denoise(one, effort.turns) for one in bakes])):
+            curves[label] += [measure(one.page, one.seconds, one.samples) for one in pages]
         more = list_more_samples(curves[CYCLES], curves[OIDN], effort)
-        bakes = speed_rivals.bake_rival(name, size, math.inf, more)[0] if more else []
+        bakes = speed_rivals.bake_rival(name, size, math.inf, more, effort.turns)[0] if more else []
     for label, errors, options in ((OURS, effort.errors, []), (PHOTONS, effort.photon_errors, ["--direct", "photons"])):
-        curves[label] = []
-        for error in errors:
-            page, report = speed_rivals.bake_leaflight(name, size, ["--error", str(error), "--max-photons", "1000000000", *options])
-            point = speed_rivals.measure_point(reference, page, tri_uv, report["seconds"]["loaded"], error)
-            curves[label].append(point)
-            if ends_series(point, effort.budget_s):
-                break
+        curves[label] = trace_leaflight(name, size, effort, errors, options, measure)
     return curves
+
+
+def trace_leaflight(
+    name: str, size: int, effort: Effort, errors: Sequence[float], options: list[str], measure: Callable[[np.ndarray, float, float], Point]
+) -> list[Point]:
+    """Bakes by the command line to ever smaller errors, until one takes longer than the budget."""
+
+    def bake(error: float) -> tuple[np.ndarray, float]:
+        page, report = speed_rivals.bake_leaflight(name, size, ["--error", str(error), "--max-photons", "1000000000", *options])
+        return page, report["seconds"]["loaded"]
+
+    points: dict[float, Point] = {}
+    for error in errors:
+        page, seconds = bake(error)
+        points[error] = measure(page, seconds, error)
+        if ends_series(points[error], effort.budget_s):
+            break
+    times = time_again({error: point.seconds for error, point in points.items()}, lambda error: bake(error)[1], effort.turns)
+    return [dataclasses.replace(point, seconds=times[error]) for error, point in points.items()]
 
 
 def list_more_samples(cycles: Sequence[Point], filtered: Sequence[Point], effort: Effort) -> tuple[int, ...]:

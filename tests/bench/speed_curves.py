@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import statistics
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+
+SHORT_S = 10.0  # a bake that takes less is at the mercy of the second it is made in
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,16 @@ class Reach:
     def __str__(self) -> str:
         digits = max(0, 1 - math.floor(math.log10(self.seconds))) if self.seconds > 0.0 else 0
         return f"{self.mark.replace('<=', '≤')}{self.seconds:.{digits}f} s"
+
+
+def time_again(first: dict[float, float], bake: Callable[[float], float], turns: int) -> dict[float, float]:
+    """Seconds of bakes by what they were asked for; short ones are made again, in turn, until there are `turns` of each: their medians."""
+    times = {asked: [seconds] for asked, seconds in first.items()}
+    for _ in range(turns - 1):
+        for asked, seconds in first.items():
+            if seconds < SHORT_S:
+                times[asked].append(bake(asked))
+    return {asked: statistics.median(seconds) for asked, seconds in times.items()}
 
 
 def reach_error(points: Sequence[Point], error: float, measure: str = "rel", extrapolate: bool = False) -> Reach | None:

@@ -1,11 +1,12 @@
 """Timed bakes of a sample on one UV layer: Leaflight, Cycles, and Cycles with OIDN's filter for lightmaps.
 
-python tests/bench/speed_rivals.py NAME SIZE FOLDER BUDGET_S SAMPLES ...     the Cycles part, in a process of its own
+python tests/bench/speed_rivals.py NAME SIZE FOLDER BUDGET_S TURNS SAMPLES ...     the Cycles part, in a process of its own
 """
 
 from __future__ import annotations
 
 import json
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -17,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from cycles_reference import SAMPLES, Reference
 from leaflight.core import image_file
-from speed_curves import Point
+from speed_curves import Point, time_again
 
 SEED = 3  # the references have 1 and 2
 TIMES_FILE, LAYOUT_FILE = "times.json", "layout.npy"
@@ -47,13 +48,14 @@ def bake_leaflight(name: str, size: int, options: Sequence[str]) -> tuple[np.nda
         return image_file.read_image(Path(told["files"][0]["path"]))[0], told
 
 
-def bake_rival(name: str, size: int, budget_s: float, samples: Sequence[int]) -> tuple[list[CyclesBake], np.ndarray]:
+def bake_rival(name: str, size: int, budget_s: float, samples: Sequence[int], turns: int) -> tuple[list[CyclesBake], np.ndarray]:
     """Bakes by Cycles with ever more samples, until the next would take longer than the budget; and the layout.
 
-    out   quickest first; (n_tri, 3, 2) float64, [0, 1]
+    turns   how often a short bake is timed
+    out     quickest first; (n_tri, 3, 2) float64, [0, 1]
     """
     with tempfile.TemporaryDirectory() as work:
-        command = [sys.executable, __file__, name, str(size), work, str(budget_s), *map(str, samples)]
+        command = [sys.executable, __file__, name, str(size), work, str(budget_s), str(turns), *map(str, samples)]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         folder = Path(work)
         times = json.loads((folder / TIMES_FILE).read_text(encoding="utf-8"))
@@ -61,17 +63,23 @@ def bake_rival(name: str, size: int, budget_s: float, samples: Sequence[int]) ->
         return bakes, np.load(folder / LAYOUT_FILE)
 
 
-def denoise(bake: CyclesBake) -> CyclesBake:
+def denoise(bake: CyclesBake, turns: int) -> CyclesBake:
     """The page after OIDN's filter RTLightmap, and the seconds of both; empty texels take the nearest baked one's light first.
 
+    turns   how often the filter is timed
     Raises ImportError without pyoidn or scipy, RuntimeError with OIDN's own words.
     """
+    pages, seconds = zip(*(_filter_page(bake.page) for _ in range(turns)), strict=True)
+    return CyclesBake(bake.samples, bake.seconds + statistics.median(seconds), pages[0])
+
+
+def _filter_page(page: np.ndarray) -> tuple[np.ndarray, float]:
     import pyoidn
     from scipy.ndimage import distance_transform_edt
 
     begin = time.perf_counter()
-    nearest = distance_transform_edt(bake.page[..., 3] == 0.0, return_distances=False, return_indices=True)
-    color = np.ascontiguousarray(bake.page[tuple(nearest)][..., :3])
+    nearest = distance_transform_edt(page[..., 3] == 0.0, return_distances=False, return_indices=True)
+    color = np.ascontiguousarray(page[tuple(nearest)][..., :3])
     smooth = np.zeros_like(color)
     with pyoidn.Device() as device:
         device.commit()
@@ -83,15 +91,15 @@ def denoise(bake: CyclesBake) -> CyclesBake:
         error = device.get_error()
     if error:
         raise RuntimeError(f"OIDN: {error}")
-    return CyclesBake(bake.samples, bake.seconds + time.perf_counter() - begin, smooth)
+    return smooth, time.perf_counter() - begin
 
 
-def measure_point(reference: Reference, page: np.ndarray, tri_uv: np.ndarray, seconds: float, asked: float) -> Point:
+def measure_point(reference: Reference, tri_uv: np.ndarray, page: np.ndarray, seconds: float, asked: float) -> Point:
     errors = reference.measure(page, tri_uv)
     return Point(seconds, errors.rel, errors.nrmse, asked)
 
 
-def main(name: str, size: int, folder: Path, budget_s: float, samples: list[int]) -> None:
+def main(name: str, size: int, folder: Path, budget_s: float, turns: int, samples: list[int]) -> None:
     """What bake_rival runs."""
     from cycles_bake import bake_cycles, set_stage
 
@@ -99,15 +107,17 @@ def main(name: str, size: int, folder: Path, budget_s: float, samples: list[int]
         stage = set_stage(SAMPLES / f"{name}.blend", size, Path(work))
     np.save(folder / LAYOUT_FILE, stage.tri_uv)
     bake_cycles(stage, 1, SEED)  # the first bake of a process loads what the others find loaded
-    times: dict[str, float] = {}
+    times: dict[float, float] = {}
     for count in samples:
-        page, times[str(count)] = bake_cycles(stage, count, SEED)
+        page, times[count] = bake_cycles(stage, count, SEED)
         np.save(folder / f"{count}.npy", page)
         following = samples[min(samples.index(count) + 1, len(samples) - 1)]
-        if len(times) > 1 and times[str(count)] * following / count > budget_s:
+        if len(times) > 1 and times[count] * following / count > budget_s:
             break
+    times = time_again(times, lambda count: bake_cycles(stage, int(count), SEED)[1], turns)
     (folder / TIMES_FILE).write_text(json.dumps(times), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]), Path(sys.argv[3]), float(sys.argv[4]), [int(word) for word in sys.argv[5:]])
+    samples = [int(word) for word in sys.argv[6:]]
+    main(sys.argv[1], int(sys.argv[2]), Path(sys.argv[3]), float(sys.argv[4]), int(sys.argv[5]), samples)

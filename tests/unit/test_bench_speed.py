@@ -10,7 +10,7 @@ import pytest
 sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
 
 import bench_speed
-from speed_curves import Point, Reach, geometric_mean, ratio_text, reach_error
+from speed_curves import Point, Reach, geometric_mean, ratio_text, reach_error, time_again
 
 # Two seconds of start, then 0.1 s a sample; error 1 / sqrt(samples).
 SAMPLED = [Point(2.0 + 0.1 * n, n**-0.5, 2.0 * n**-0.5, n) for n in (4, 16, 64)]
@@ -37,6 +37,19 @@ def test_a_longer_bake_that_is_worse_gains_nothing():
     points = [Point(1.0, 0.4, 0.4, 1), Point(2.0, 0.5, 0.5, 2), Point(4.0, 0.1, 0.1, 4)]
     reach = reach_error(points, 0.2)
     assert reach.seconds == pytest.approx(2.0)  # halfway from the first to the last, by powers
+
+
+def test_short_bakes_are_made_again_in_turn_and_their_medians_count():
+    made, seconds = [], iter([2.0, 5.0, 0.5, 7.0])
+
+    def bake(asked):
+        made.append(asked)
+        return next(seconds)
+
+    assert time_again({0.1: 1.0, 0.05: 6.0, 0.02: 10.0}, bake, 3) == {0.1: 1.0, 0.05: 6.0, 0.02: 10.0}
+    assert made == [0.1, 0.05, 0.1, 0.05]
+    assert time_again({0.1: 4.0}, lambda asked: 3.0, 2) == {0.1: 3.5}
+    assert time_again({0.1: 4.0}, bake, 1) == {0.1: 4.0}
 
 
 def test_mean_and_ratios():
