@@ -40,16 +40,13 @@ def main(folder: Path) -> int:
     from leaflight.core import heap, unfolding
 
     heap.keep_freed_memory(whole=True)  # before there are threads
-    threading.Thread(target=_listen, args=(begun, stop), daemon=True).start()
     unfolding.start_ahead()
     from leaflight.core import bake, executors, identity, image_file, workers
 
-    # With nothing to wait for, other processes would only be in the way of the first light.
-    if begun.is_set():
-        return _tell_of(bake.run_bake, folder, begun, stop, executors.open_executor)
-    ahead = executors.Ahead()
+    workers.load_ahead()
+    ahead = executors.Ahead()  # copies with all of that, if there are no threads yet
     try:
-        workers.load_ahead()
+        threading.Thread(target=_listen, args=(begun, stop), daemon=True).start()
         image_file.load_ahead()
         identity.hash_code()
         return _tell_of(bake.run_bake, folder, begun, stop, ahead.open)

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import atexit
 import multiprocessing
 import os
-import pickle
-import signal
 import sys
 import tempfile
 import threading
@@ -15,17 +12,14 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from functools import partial
 from itertools import islice
-from pathlib import Path
 from typing import Any, TypeVar
 
-from . import denoise, photon_shards, workers
+from . import worker_process
 from .settings import Settings
-from .threads import count_usable
+from .threads import count_usable, is_alone
 
 T = TypeVar("T")
 
-_MUCH = 1 << 16  # bytes
-_OF_SHARDS = denoise, photon_shards, workers  # with functions that processes are given: loaded with this module, not by the first of them
 _MOST_ON_WINDOWS = 61  # processes of a pool there, which waits for all of them at once. Source: WaitForMultipleObjects, less two for itself
 
 
@@ -62,12 +56,13 @@ def open_executor(settings: Settings) -> Executor:
 
 
 class Ahead:
-    """Processes that are started before the settings are known. Close them whatever becomes of the bake: a pool that is dropped just as
-    one of its processes dies may wait for itself for ever (CPython 3.13.0, _ExecutorManagerThread.terminate_broken).
+    """Processes that are started before the settings are known, as copies of this one while it has no threads. Close them whatever becomes
+    of the bake: a pool that is dropped just as one of its processes dies may wait for itself for ever (CPython 3.13.0,
+    _ExecutorManagerThread.terminate_broken).
     """
 
     def __init__(self) -> None:
-        self._executor = make_executor(0)
+        self._executor = make_executor(0, copied=is_alone())
         wake(self._executor)
 
     def open(self, settings: Settings) -> Executor:
@@ -87,10 +82,12 @@ def count_processors(workers: int) -> int:
     return workers or count_usable()
 
 
-def make_executor(workers: int) -> Executor:
-    """An executor of `workers` processes of this machine, this one among them, 0 for one per core; close it with shutdown()."""
+def make_executor(workers: int, copied: bool = False) -> Executor:
+    """An executor of `workers` processes of this machine, this one among them, 0 for one per core; close it with shutdown(). The others may
+    be copies of this one, if it has no threads until they are awake.
+    """
     count = count_processors(workers)
-    return InlineExecutor() if count == 1 else LocalExecutor(count)
+    return InlineExecutor() if count == 1 else LocalExecutor(count, copied)
 
 
 def wake(executor: Executor) -> None:
@@ -143,12 +140,12 @@ class LocalExecutor(Executor):
     So nothing waits for processes that are still starting, and two workers are one process to start.
     """
 
-    def __init__(self, count: int) -> None:
-        # A fork would copy embree's threads in an unknown state; a spawned process starts clean on every platform.
-        context = multiprocessing.get_context("spawn")
+    def __init__(self, count: int, copied: bool = False) -> None:
+        # A copy has at once all that is loaded here, but of threads, as embree's, it would have what they left in an unknown state.
+        context = multiprocessing.get_context("fork" if copied else "spawn")
         self._others = min(count - 1, _MOST_ON_WINDOWS) if sys.platform == "win32" else count - 1
         self.most_ahead = 2 * (self._others + 1)
-        self._pool = ProcessPoolExecutor(self._others, mp_context=context, initializer=_start_worker)
+        self._pool = ProcessPoolExecutor(self._others, mp_context=context, initializer=worker_process.start)
         self._waiting: deque[_Call] = deque()
         self._turn = threading.Lock()  # of _ready and _given
         self.is_awake = self._closed = False  # the other processes are starting, or have started
@@ -237,7 +234,7 @@ class LocalExecutor(Executor):
                     return
                 self._given += 1
             try:
-                sent = self._pool.submit(_keep_result, call.run, self._results.name)
+                sent = self._pool.submit(worker_process.keep_result, call.run, self._results.name)
                 sent.add_done_callback(partial(self._receive, call))
             except RuntimeError as error:  # one of them was killed, or all were sent home
                 call.set_exception(error)
@@ -249,31 +246,7 @@ class LocalExecutor(Executor):
             self._given -= 1
         self._note_loss(sent)
         self._feed()  # first: it works while the result is looked at
-        _settle(call, lambda: _fetch_result(sent.result()))
-
-
-def _keep_result(run: Callable[[], Any], folder: str) -> bytes | str:
-    """What `run` gives, pickled; if that is much, the name of a file that holds it: a pipe is full with 64 KB, and this process would
-    wait for the main one, which traces, to read it all."""
-    result = pickle.dumps(run(), pickle.HIGHEST_PROTOCOL)
-    if len(result) < _MUCH:
-        return result
-    try:
-        with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
-            file.write(result)
-    except OSError:  # no room there
-        return result
-    return file.name
-
-
-def _fetch_result(kept: bytes | str) -> Any:
-    """What _keep_result was given."""
-    if isinstance(kept, bytes):
-        return pickle.loads(kept)
-    file = Path(kept)
-    result = file.read_bytes()
-    file.unlink()
-    return pickle.loads(result)
+        _settle(call, lambda: worker_process.fetch_result(sent.result()))
 
 
 def _settle(future: Future[Any], run: Callable[[], Any]) -> None:
@@ -281,18 +254,3 @@ def _settle(future: Future[Any], run: Callable[[], Any]) -> None:
         future.set_result(run())
     except Exception as error:  # an executor hands every error to the one who asks for the result
         future.set_exception(error)
-
-
-def _start_worker() -> None:
-    workers.load_ahead()
-    atexit.register(os._exit, 0)  # to take Python apart would take time from the others, and what is left is the system's to free
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the main process decides
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """A main process that is killed cannot say that no more work comes: its workers would wait for ever."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)

@@ -22,6 +22,14 @@ def count_usable() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def is_alone() -> bool:
+    """Whether this process has one thread, of which only Linux tells."""
+    try:
+        return len(os.listdir("/proc/self/task")) == 1
+    except OSError:
+        return False
+
+
 def split_entries(count: int) -> list[slice]:
     """Parts of so many entries, one at least, and the same for any number of threads."""
     step = min(max(count // _PARTS, _LEAST), _MOST)

@@ -11,12 +11,14 @@ import threading
 import weakref
 from collections.abc import Callable
 from concurrent.futures import Future, wait
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 if TYPE_CHECKING:
     from .xatlas_process import Mesh, Unfolded
+
+_Questions: TypeAlias = "queue.SimpleQueue[tuple[Future[list[Unfolded]], list[Mesh], float, bool]]"
 
 _PROGRAM = Path(__file__).with_name("xatlas_process.py")
 # The child finds packages where this process does, and is no package itself, lest it load the core.
@@ -79,8 +81,13 @@ class Unfolder:
         self._spare: tuple[subprocess.Popen[bytes], Callable[[], object]] | None = None  # the next child, and how it is killed
         self._atlases = self._triangles = 0
         self._given_up = False  # nobody wants the answer that is on its way
-        self._questions: queue.SimpleQueue[tuple[Future[list[Unfolded]], list[Mesh], float, bool]] = queue.SimpleQueue()
-        threading.Thread(target=self._answer_all, daemon=True).start()
+
+    @cached_property
+    def _questions(self) -> _Questions:
+        """Made with the thread that answers them: before there is one, a process can be copied."""
+        questions: _Questions = queue.SimpleQueue()
+        threading.Thread(target=self._answer_all, args=(questions,), daemon=True).start()
+        return questions
 
     def start(self) -> None:
         """Start the child if there is none."""
@@ -99,9 +106,9 @@ class Unfolder:
         if child:
             child.kill()
 
-    def _answer_all(self) -> None:
+    def _answer_all(self, questions: _Questions) -> None:
         while True:
-            answer, meshes, area, dense = self._questions.get()
+            answer, meshes, area, dense = questions.get()
             if not answer.set_running_or_notify_cancel():
                 continue
             try:

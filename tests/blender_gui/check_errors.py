@@ -303,11 +303,12 @@ def find_child() -> int:
 
 
 def find_worker() -> int:
-    """A process of the child's that traces: it has others for unwrapping and for Python's own needs."""
+    """A process of the child's that traces, a copy of it: it has others for unwrapping and for Python's own needs."""
     leader = find_child()
+    words = Path(f"/proc/{leader}/cmdline").read_text()
     for status in Path("/proc").glob("[0-9]*/stat"):
         parent = int(status.read_text().rpartition(")")[2].split()[1])
-        if parent == leader and "spawn_main" in (status.parent / "cmdline").read_text():
+        if parent == leader and (status.parent / "cmdline").read_text() == words:
             return int(status.parent.name)
     raise LookupError(f"process {leader} has no workers")
 

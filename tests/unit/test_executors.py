@@ -2,13 +2,14 @@
 
 import os
 import signal
+import subprocess
 import sys
 import time
 from concurrent.futures import BrokenExecutor
-from functools import partial
 from pathlib import Path
 
 import pytest
+from leaflight.addon import boot
 from leaflight.core import executors
 from leaflight.core.settings import Settings
 
@@ -99,16 +100,7 @@ def test_the_other_process_has_a_call_in_reserve_while_many_wait():
         assert [call.result() == os.getpid() for call in calls[:3]] == [False, False, True]
 
 
-def test_large_results_come_by_files_that_are_taken_away(tmp_path):
-    kept = executors._keep_result(partial(range, 10), str(tmp_path))
-    assert isinstance(kept, bytes)
-    assert executors._fetch_result(kept) == range(10)
-    much = executors._keep_result(partial(bytes, 1 << 20), str(tmp_path))
-    assert isinstance(much, str)
-    assert executors._fetch_result(much) == bytes(1 << 20)
-    assert not list(tmp_path.iterdir())
-    full = executors._keep_result(partial(bytes, 1 << 20), str(tmp_path / "nowhere"))  # as where there is no room
-    assert executors._fetch_result(full) == bytes(1 << 20)
+def test_files_of_large_results_are_taken_away():
     with executors.LocalExecutor(2) as executor:
         wait_until_ready(executor)
         assert executor.submit(bytes, 1 << 20).result() == bytes(1 << 20)
@@ -261,3 +253,24 @@ def test_processes_started_ahead_serve_whoever_asks_for_as_many(monkeypatch):
         other.open(Settings(workers=0)).submit(abs, -1)
     monkeypatch.setattr(executors, "open_executor", lambda settings: settings.cluster)
     assert executors.Ahead().open(Settings(cluster="tcp://elsewhere:1")) == "tcp://elsewhere:1"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are copied on Linux alone")
+@pytest.mark.parametrize(
+    ("before", "method"), [("pass", "fork"), ("threading.Thread(target=time.sleep, args=(60,), daemon=True).start()", "spawn")]
+)
+def test_processes_started_ahead_are_copies_of_one_without_threads(tmp_path, before, method):
+    """Of threads a copy would have what they left in an unknown state."""
+    program = tmp_path / "program.py"
+    program.write_text(
+        f"import runpy, sys, threading, time\nrunpy.run_path({boot.__file__!r}, run_name='boot')\n"
+        "from leaflight.core import executors\nfrom leaflight.core.settings import Settings\n"
+        f"if __name__ == '__main__':\n    executors.count_usable = lambda: 2\n    {before}\n"
+        "    with executors.Ahead().open(Settings()) as executor:\n"
+        "        print(executor._pool._mp_context.get_start_method(), *executor.map(abs, [-1, -2, -3]))\n",
+        encoding="utf-8",
+    )
+    alone = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    said = subprocess.run([sys.executable, str(program)], capture_output=True, text=True, env=alone, timeout=120, check=True)
+    assert said.stdout.split() == [method, "1", "2", "3"]
+    assert "DeprecationWarning" not in said.stderr

@@ -1,10 +1,12 @@
 """Parts of texel entries for threads: all of them once, in order, and the same whoever works."""
 
 import os
+import subprocess
+import sys
 import threading
 
 import pytest
-from leaflight.core.threads import count_usable, run_on_threads, split_entries
+from leaflight.core.threads import count_usable, is_alone, run_on_threads, split_entries
 from leaflight.core.words import Interrupted
 
 
@@ -77,3 +79,21 @@ def test_all_processors_are_usable_where_the_system_does_not_tell(monkeypatch):
     for told, count in ((64, 64), (None, 1)):
         monkeypatch.setattr(os, "cpu_count", lambda told=told: told)
         assert count_usable() == count
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells")
+def test_a_process_is_alone_until_it_has_a_thread_that_works():
+    lines = (
+        "from leaflight.core.threads import is_alone; import threading; e = threading.Event(); t = threading.Thread(target=e.wait); "
+        "found = [is_alone()]; t.start(); found.append(is_alone()); e.set(); t.join(); print(found)"
+    )
+    said = subprocess.run([sys.executable, "-c", lines], capture_output=True, text=True, check=True)
+    assert said.stdout.split() == ["[True,", "False]"]
+
+
+def test_where_nobody_tells_of_threads_there_may_be_some(monkeypatch):
+    def fail(path):
+        raise FileNotFoundError(path)
+
+    monkeypatch.setattr(os, "listdir", fail)
+    assert not is_alone()

@@ -39,6 +39,16 @@ def test_meshes_of_one_question_lie_side_by_side():
     assert (uv.max(axis=(0, 1)) < other_uv.min(axis=(0, 1))).any() or (other_uv.max(axis=(0, 1)) < uv.min(axis=(0, 1))).any()
 
 
+def test_a_child_that_is_started_ahead_takes_no_thread(unfolder):
+    """Before the first question: a process with threads cannot be copied."""
+    before = threading.active_count()
+    unfolder.start()
+    assert threading.active_count() == before
+    assert is_alive(unfolder._child.pid)
+    unfolder.ask([SQUARE], 1.0).result()
+    assert threading.active_count() == before + 1
+
+
 def test_charts_of_dense_meshes_are_grown_otherwise():
     """Of a wavy sheet of 2,048 triangles, which is cut where it is steep, or is one chart that is joined of small ones."""
     x, y = np.meshgrid(np.linspace(0.0, 1.0, 33), np.linspace(0.0, 1.0, 33), indexing="ij")
