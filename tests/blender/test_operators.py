@@ -326,6 +326,7 @@ def test_unregistering_ends_a_bake_with_its_workers(scene, state, tmp_path):
 
     chosen = scene.leaflight
     chosen.error, chosen.size, chosen.workers, chosen.max_photons = 1e-4, 64, 2, 2**31 - 1
+    chosen.direct = "photons"  # a floor sends itself nothing, so that rays alone would end the bake
     session.prepare(bpy.context, request.make_request(bpy.context), tmp_path)
     process = job.BakeProcess(tmp_path, tuple(bpy.app.python_args))
     state.begin(process, time.monotonic(), [])
