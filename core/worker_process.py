@@ -21,8 +21,7 @@ _MUCH = 1 << 16  # bytes
 
 def start() -> None:
     """Before the first call."""
-    # To take Python apart would take time from the others; and what is left is the system's to free, or of a copy the main process's.
-    atexit.register(os._exit, 0)
+    atexit.register(os._exit, 0)  # to take Python apart would take time from the others, and what is left is the system's to free
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the main process decides
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a copy would do what the main process does then
     workers.load_ahead()
