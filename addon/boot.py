@@ -47,8 +47,10 @@ def main(folder: Path) -> int:
     ahead = executors.Ahead()  # copies with all of that, if there are no threads yet
     try:
         threading.Thread(target=_listen, args=(begun, stop), daemon=True).start()
-        image_file.load_ahead()
         identity.hash_code()
+        if not begun.is_set():  # with nothing to wait for, processes that are no copies would only be in the way of the first light
+            ahead.wake()
+        image_file.load_ahead()
         return _tell_of(bake.run_bake, folder, begun, stop, ahead.open)
     finally:
         ahead.close()

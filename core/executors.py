@@ -62,7 +62,13 @@ class Ahead:
     """
 
     def __init__(self) -> None:
-        self._executor = make_executor(0, copied=is_alone())
+        copied = is_alone()
+        self._executor = make_executor(0, copied)
+        if copied:
+            self.wake()
+
+    def wake(self) -> None:
+        """Have those start that are no copies, and so have everything to load yet."""
         wake(self._executor)
 
     def open(self, settings: Settings) -> Executor:

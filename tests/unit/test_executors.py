@@ -267,10 +267,10 @@ def test_processes_started_ahead_are_copies_of_one_without_threads(tmp_path, bef
         "from leaflight.core import executors\nfrom leaflight.core.settings import Settings\n"
         f"if __name__ == '__main__':\n    executors.count_usable = lambda: 2\n    {before}\n"
         "    with executors.Ahead().open(Settings()) as executor:\n"
-        "        print(executor._pool._mp_context.get_start_method(), *executor.map(abs, [-1, -2, -3]))\n",
+        "        print(executor._pool._mp_context.get_start_method(), executor.is_awake, *executor.map(abs, [-1, -2, -3]))\n",
         encoding="utf-8",
     )
     alone = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
     said = subprocess.run([sys.executable, str(program)], capture_output=True, text=True, env=alone, timeout=120, check=True)
-    assert said.stdout.split() == [method, "1", "2", "3"]
+    assert said.stdout.split() == [method, str(method == "fork"), "1", "2", "3"]
     assert "DeprecationWarning" not in said.stderr

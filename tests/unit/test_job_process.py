@@ -24,8 +24,8 @@ from leaflight.core.messages import Done, Error, Message, Progress, Status
 from leaflight.core.settings import Settings
 from leaflight.core.snapshot import save_snapshot
 from leaflight.core.threads import count_usable
+from processes import PATIENCE_S, is_alive, wait_for_end
 
-PATIENCE_S = 20.0
 ENDLESS = Settings(size=32, padding=1, error=1e-4, max_photons=10**12)
 needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are found in /proc")
 
@@ -72,6 +72,19 @@ def dummy(tmp_path: Path, replace_bake: Callable[[str], None]) -> Callable[..., 
     return start_dummy
 
 
+@pytest.fixture
+def no_copies(replace_bake: Callable[[str], None]) -> None:
+    """Has bakes go on as where nobody tells that a process has no threads, so that it cannot be copied."""
+    boot = Path(job.__file__).with_name("boot.py")
+    replace_bake(
+        f"import pathlib, runpy\nmain = runpy.run_path({str(boot)!r}, run_name='boot')['main']\n"
+        "if __name__ == '__main__':\n"
+        "    sys.path += json.loads((pathlib.Path(sys.argv[1]) / 'sys_path.json').read_text())\n"
+        "    from leaflight.core import executors\n    executors.is_alone = lambda: False\n"
+        "    sys.exit(main(pathlib.Path(sys.argv[1])))\n"
+    )
+
+
 def find_descendants(pid: int) -> list[int]:
     """Processes below this one, by /proc."""
     parents = {}
@@ -83,22 +96,6 @@ def find_descendants(pid: int) -> list[int]:
                 continue  # it ended while we looked
     found = [child for child, parent in parents.items() if parent == pid]
     return found + [below for child in found for below in find_descendants(child)]
-
-
-def is_alive(pid: int) -> bool:
-    """Whether a process runs; one that ended and that nobody has asked for its code does not."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-
-
-def wait_for_end(pids: list[int]) -> list[int]:
-    """Those that still run when patience ends."""
-    limit = time.monotonic() + PATIENCE_S
-    while any(map(is_alive, pids)) and time.monotonic() < limit:
-        time.sleep(0.05)
-    return [pid for pid in pids if is_alive(pid)]
 
 
 def find_semaphores(pid: int) -> list[Path]:
@@ -438,7 +435,11 @@ def test_a_bake_begins_when_its_messages_are_asked_for(open_image_io):
 
 @needs_proc
 @pytest.mark.skipif(os.cpu_count() == 1, reason="one processor has one process")
-def test_workers_and_libraries_are_there_ahead_where_the_job_is_long_in_coming():
+@pytest.mark.parametrize("copied", [True, False])
+def test_workers_and_libraries_are_there_ahead_where_the_job_is_long_in_coming(request, copied):
+    if not copied:
+        request.getfixturevalue("no_copies")
+
     def find_workers() -> list[int]:
         return [pid for pid in find_descendants(process._process.pid) if is_worker(pid)]
 
@@ -448,6 +449,7 @@ def test_workers_and_libraries_are_there_ahead_where_the_job_is_long_in_coming()
             time.sleep(0.02)
         started = find_workers()
         assert started
+        assert all(is_copy(pid) == copied for pid in started)
         wanted = [(process._process.pid, "embree"), (process._process.pid, "OpenImageIO"), *((pid, "embree") for pid in started)]
         while not all(has_loaded(*one) for one in wanted) and time.monotonic() < limit:
             time.sleep(0.02)
@@ -467,6 +469,25 @@ def test_workers_are_copies_which_are_there_where_the_job_is_there_at_once(start
     assert all(has_loaded(pid, "embree") for pid in copies)
     next(message for message in messages if isinstance(message, Progress))
     assert [pid for pid in find_descendants(process._process.pid) if is_worker(pid)] == copies, "nor was another started"
+
+
+@needs_proc
+def test_others_keep_out_of_the_way_of_unwrapping_where_the_job_is_there_at_once(start, no_copies):
+    """They have everything to load. Seen where this process hears of unwrapping while it goes on: on a busy machine it may be over by
+    then.
+    """
+    for _ in range(3):
+        process, workers = start(replace(ENDLESS, workers=0)), {}
+        for message in process.messages():
+            found = [pid for pid in find_descendants(process._process.pid) if is_worker(pid)]
+            workers[type(message), getattr(message, "stage", "")] = found
+            if isinstance(message, Progress):
+                break
+        assert len(workers[Progress, ""]) == count_usable() - 1
+        process.kill()
+        if not workers[Status, "charts"]:
+            return
+    pytest.fail("a worker was there whenever unwrapping was heard of")
 
 
 @needs_proc

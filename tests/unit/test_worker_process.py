@@ -4,13 +4,12 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from functools import partial
-from pathlib import Path
 
 import pytest
 from leaflight.addon import boot
 from leaflight.core import worker_process
+from processes import is_alive, wait_for_end
 
 # A main process of one thread, with a copy of it, which is asked for some lines of Python. Numpy would start threads of its own.
 PROGRAM = """
@@ -51,13 +50,6 @@ def run_main(lines: str, count: int = 2) -> subprocess.Popen[str]:
     )
 
 
-def is_alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-
-
 @needs_copies
 def test_a_copy_has_what_was_loaded_and_leaves_what_is_the_main_process_s_alone():
     """As what is to be taken away at the end, which the copy knows of too."""
@@ -88,10 +80,7 @@ def test_copies_end_with_a_main_process_that_is_killed():
         assert len(copies) == 3
         assert all(map(is_alive, copies))
         main.kill()
-        limit = time.monotonic() + 20
-        while any(map(is_alive, copies)) and time.monotonic() < limit:
-            time.sleep(0.05)
-        left = [pid for pid in copies if is_alive(pid)]
+        left = wait_for_end(copies)
         for pid in left:
             os.kill(pid, signal.SIGKILL)
     assert left == []
