@@ -135,7 +135,9 @@ def test_a_bake_is_the_same_with_them(tmp_path, monkeypatch):
     traced, files = [], []
     take = FirstPhotons.take
     monkeypatch.setattr(FirstPhotons, "take", lambda first, shard: traced.append(take(first, shard)) or traced[-1])
-    for name, opener in (("ahead", executors.Ahead().open), ("alone", executors.open_executor)):
+    ahead = executors.Ahead()
+    ahead.wake()  # pytest has threads, so that they are no copies
+    for name, opener in (("ahead", ahead.open), ("alone", executors.open_executor)):
         folder = tmp_path / name
         folder.mkdir()
         save_snapshot(folder / SNAPSHOT_FILE, lamp_scene())
