@@ -6,6 +6,7 @@ import atexit
 import multiprocessing
 import os
 import pickle
+import select
 import signal
 import tempfile
 import threading
@@ -16,7 +17,8 @@ from typing import Any
 from . import denoise, photon_shards, workers
 
 _OF_SHARDS = denoise, photon_shards, workers  # with functions that a process is given: loaded with this module, not by the first of them
-_MUCH = 1 << 16  # bytes
+# Bytes of a result that a pipe takes whole or not at all, with what a pool writes around it. Source: POSIX, write() of {PIPE_BUF} bytes
+_AT_ONCE = getattr(select, "PIPE_BUF", 512) - 256
 
 
 def start() -> None:
@@ -37,10 +39,13 @@ def _end_with_parent() -> None:
 
 
 def keep_result(run: Callable[[], Any], folder: str) -> bytes | str:
-    """What `run` gives, pickled; if that is much, the name of a file that holds it: a pipe is full with 64 KB, and this process would
-    wait for the main one, which traces, to read it all."""
+    """What `run` gives, pickled; if a pipe does not take that at once, the name of a file that holds it.
+
+    Of a process that is killed while it writes the main one would have a part, and wait for the rest for ever: it holds the pipe open
+    itself. And a full pipe would keep this process until the main one, which traces, has read it.
+    """
     result = pickle.dumps(run(), pickle.HIGHEST_PROTOCOL)
-    if len(result) < _MUCH:
+    if len(result) <= _AT_ONCE:
         return result
     try:
         with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:

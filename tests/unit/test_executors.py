@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import BrokenExecutor
+from multiprocessing import connection
 from pathlib import Path
 
 import pytest
@@ -120,6 +121,30 @@ def test_a_process_that_was_killed_is_told_from_then_on():
             executor.submit(abs, -1).result()
 
 
+def give_and_end_with_the_first_write():
+    def send(pipe, message):
+        os.write(pipe.fileno(), message)
+        os._exit(1)
+
+    connection.Connection._send = send
+    return bytes(20_000)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a pipe of POSIX")
+def test_a_process_that_is_killed_while_it_hands_over_a_result_is_told():
+    """A part of a message would be waited for until the rest of it comes."""
+    with executors.LocalExecutor(2) as executor:
+        wait_until_ready(executor)
+        assert executor.submit(give_and_end_with_the_first_write).result() == bytes(20_000)
+        with pytest.raises(BrokenExecutor):
+            work_on(executor)
+
+
+def work_on(executor):
+    for _ in range(500):
+        executor.submit(time.sleep, 0.01).result(timeout=20)
+
+
 def test_work_that_nobody_has_begun_is_cancelled():
     executor = executors.LocalExecutor(2)
     begun, *rest = [executor.submit(tell_process, 0.1) for _ in range(3)]
@@ -231,13 +256,8 @@ def test_a_process_that_is_killed_while_it_starts_is_told_and_nothing_hangs():
     executor.wake()
     for pid in list(executor._pool._processes):
         os.kill(pid, signal.SIGKILL)
-
-    def work_on():
-        for _ in range(500):
-            executor.submit(time.sleep, 0.01).result(timeout=20)
-
     with pytest.raises(BrokenExecutor):
-        work_on()
+        work_on(executor)
     executor.shutdown()
 
 
