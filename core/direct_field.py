@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Callable
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
-from itertools import pairwise, starmap
+from itertools import chain, starmap
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import shared_arrays, workers
+from . import direct_shards, shared_arrays, workers
 from .coverage import as_slice
 from .denoise import Spread
 from .direct import DirectLight
+from .direct_shards import ShotAhead
 from .direct_shown import GRAIN, ShownDirect, find_grain
-from .emitters import usable_world
-from .judged import DARK_FLOOR, choose_sample
+from .judged import DARK_FLOOR
 from .messages import Message, Status
 from .other_light import OtherLight
 from .scene import FloatArray, IntArray
@@ -29,14 +28,6 @@ from .settings import Settings
 from .texel_map import TexelMap
 from .words import Words
 
-# Texels of a shard on a small page, and on a large one. In shards of two thirds of the one numpy's calls take a seventh of the time more;
-# more than the other are not lit together, see direct_points.
-SHARD_TEXELS, _LARGEST_SHARD = 6 << 10, 1 << 15
-_SHARDS_ENOUGH = 32  # that no worker waits long for another's last
-# Of the error asked for: its noise is averaged over neighbours, at less cost than more rays. Twice as much where that error is loose, 5 %,
-# takes 5 to 10 % less time at 1024^2, but what it blurs among many lamps is not all stated: 4.4 for a real 5.0 % (furnished_room).
-TOLERANCE = 0.5
-_GLANCE_TEXELS, _GLANCE_TOLERANCE = 256, 1.0  # that tell how bright all will be, before there is any light, and how sure each is
 _BLOCK = 64  # texels in a row, neighbours, whose variances are corrected together
 # Weights in texels shot again: of variances as they were told in all texels' correction, and of that in a block's.
 _PRIOR_VALUES, _PRIOR_OF_BLOCK = 64.0, 16.0
@@ -64,18 +55,6 @@ class Repeats:
         common = (_divide(total[1:2], total[2:]) * total[0] + _PRIOR_VALUES) / (total[0] + _PRIOR_VALUES)
         factor: NDArray[np.float64] = (_divide(seen, expected) * count + _PRIOR_OF_BLOCK * common) / (count + _PRIOR_OF_BLOCK)
         return factor.astype(np.float32)
-
-
-def cut_into_shards(count: int) -> list[int]:
-    """Where shards of so many texels begin, and the last one ends: all of a size, and of few as many for each of two workers.
-
-    Not by how many workers there are: the same seed gives the same bytes.
-    """
-    if not count:
-        return [0]
-    size = min(max(count // _SHARDS_ENOUGH, SHARD_TEXELS), _LARGEST_SHARD)
-    n_shard = max(2 * round(count / (2 * size)), math.ceil(count / _LARGEST_SHARD))
-    return [count * i // n_shard for i in range(n_shard + 1)]
 
 
 def _average_in_blocks(rows: IntArray, values: FloatArray) -> NDArray[np.float64]:
@@ -194,37 +173,33 @@ class DirectField:
         tell: Callable[[Message], None] = lambda message: None,
         should_stop: Callable[[], bool] = lambda: False,
         other: OtherLight | None = None,
+        ahead: ShotAhead | None = None,
     ) -> bool:
         """One more estimate of the texels (m,), ascending; each becomes the mean of all it has had.
 
         should_stop   asked after every shard
         other         light that is shown with it; None where there is none, or direct light is shown by itself
+        ahead         what has been sent already of a first shot of all texels
         False when it was stopped: texels that had an estimate before are left with that, so that a bake goes on as if this had not been.
         """
         self.ask_for(settings.error)
-        tolerance = TOLERANCE * settings.error
-        shard = workers.DirectShard(str(folder), settings.seed, self.turns, 0, texels, tolerance, settings.denoise)
+        shard = direct_shards.ask_for_direct(folder, settings, self.turns, texels)
         rows = as_slice(texels)
         kept = self._keep(rows) if self.passes.any() else None
         with shared_arrays.laid_out(folder, other) if other else nullcontext("") as view:
             shard = replace(shard, view=view)
-            dark = self._find_brightness(shard, other) * (DARK_FLOOR**2 if settings.error_of == "objects" else DARK_FLOOR)
-            is_done = self._send_rays(executor, workers.light_texels, replace(shard, dark=dark), tell, should_stop)
+            dark = direct_shards.find_dark(settings, self._find_brightness(shard, other))
+            is_done = self._send_rays(executor, workers.light_texels, replace(shard, dark=dark), tell, should_stop, ahead)
         if kept and not is_done:
             self._put_back(rows, kept)
         return is_done
 
     def _find_brightness(self, shard: workers.DirectShard, other: OtherLight | None) -> float:
         """W/m^2, of all texels in the mean; 0 where nobody asks for it, below no sky."""
-        tracing, found = workers.open_tracing(shard.tracing), self.irradiance
-        if not usable_world(tracing.snapshot).any():
+        if not direct_shards.is_below_sky(shard.tracing):
             return 0.0
-        if not self.passes.any():
-            some = choose_sample(tracing.texels)
-            few = some[:: max(len(some) // _GLANCE_TEXELS, 1)]
-            glance = replace(shard, start=len(found), texels=few, tolerance=_GLANCE_TOLERANCE)
-            found = workers.light_texels(glance).irradiance_rgb
-        return float(found.mean(dtype=np.float64)) + (float(other.level.mean(dtype=np.float64)) if other else 0.0)
+        found = float(self.irradiance.mean(dtype=np.float64)) if self.passes.any() else direct_shards.glance(shard)
+        return found + (float(other.level.mean(dtype=np.float64)) if other else 0.0)
 
     def _keep(self, rows: IntArray | slice) -> DirectField:
         """What there is of some texels, and of all in sum."""
@@ -245,17 +220,17 @@ class DirectField:
         whole: workers.TexelShard,
         tell: Callable[[Message], None],
         should_stop: Callable[[], bool],
+        ahead: ShotAhead | None = None,
     ) -> bool:
         """As shoot, by what `find_light` gives for parts of the shard `whole`: DirectLight, or what has its fields too."""
         self.turns += 1
         self._smoothed = self._smoothing = None
         texels = whole.texels
-        cuts = cut_into_shards(len(texels))
-        # The last charts are often those of many small things, which take longest: first, the others are shared out evenly after them.
-        shards = [replace(whole, start=start, texels=texels[start:end]) for start, end in pairwise(cuts)][::-1]
+        shards, ahead = direct_shards.list_shards(whole), ahead or ShotAhead.none()
+        sent = executor.map(find_light, shards[ahead.count :])
         words = Words(tell)
         floor = DARK_FLOOR * float(self.irradiance.mean(dtype=np.float64)) + 1e-30
-        for shard, light in zip(shards, executor.map(find_light, shards), strict=True):
+        for shard, light in zip(shards, chain(ahead.wait(), sent), strict=True):
             if should_stop():
                 return False
             self._note_difference(shard.entries, light, floor)

@@ -108,6 +108,13 @@ def send_home(executor: Executor) -> None:
         executor.send_home()
 
 
+def set_apart(executor: Executor, run: Callable[[], T]) -> Callable[[], T]:
+    """What gives the result of a call that takes long: one of the other processes of this machine has begun it, and is given no other
+    meanwhile, lest somebody wait for that. Where none is ready, whoever asks runs it.
+    """
+    return executor.set_apart(run) if isinstance(executor, LocalExecutor) else run
+
+
 def spread(executor: Executor, fn: Callable[..., T], calls: Iterable[tuple[Any, ...]]) -> Iterator[T]:
     """What `fn` gives for the arguments of each call, in their order; a few are begun now where others can work on them, and more as they
     are asked for, lest all of them lie in memory.
@@ -194,6 +201,16 @@ class LocalExecutor(Executor):
         self._feed()
         return call
 
+    def set_apart(self, run: Callable[[], T]) -> Callable[[], T]:
+        """See the function of that name."""
+        with self._turn:
+            if not self._ready or self._lost:
+                return run
+            self._ready -= 1
+        call = _Call(self._help_out, run)
+        self._send(call, self._receive_apart)
+        return call.result
+
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         self._closed = True
         for call in list(self._waiting) if cancel_futures else ():
@@ -239,17 +256,31 @@ class LocalExecutor(Executor):
                 if call is None:
                     return
                 self._given += 1
-            try:
-                sent = self._pool.submit(worker_process.keep_result, call.run, self._results.name)
-                sent.add_done_callback(partial(self._receive, call))
-            except RuntimeError as error:  # one of them was killed, or all were sent home
-                call.set_exception(error)
+            if not self._send(call, self._receive):
                 with self._turn:
                     self._given -= 1
+
+    def _send(self, call: _Call, receive: Callable[[_Call, Future[bytes | str]], None]) -> bool:
+        """Whether one of the other processes has it now; `receive` hears of what it gives."""
+        try:
+            sent = self._pool.submit(worker_process.keep_result, call.run, self._results.name)
+            sent.add_done_callback(partial(receive, call))
+        except RuntimeError as error:  # one of them was killed, or all were sent home
+            call.set_exception(error)
+            return False
+        return True
 
     def _receive(self, call: _Call, sent: Future[bytes | str]) -> None:
         with self._turn:
             self._given -= 1
+        self._take_back(call, sent)
+
+    def _receive_apart(self, call: _Call, sent: Future[bytes | str]) -> None:
+        with self._turn:
+            self._ready += 1
+        self._take_back(call, sent)
+
+    def _take_back(self, call: _Call, sent: Future[bytes | str]) -> None:
         self._note_loss(sent)
         self._feed()  # first: it works while the result is looked at
         _settle(call, lambda: worker_process.fetch_result(sent.result()))

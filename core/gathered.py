@@ -25,7 +25,7 @@ from .texel_map import TexelMap
 # Neighbours that tell each other whether rays met what sends light that is not known, and how much of it is in doubt: that they all miss
 # what sends a share p of a texel's light has a chance of (1 - p)^(4 * 64), so that less than 0.2 % of it can be lost on average.
 _BLOCK = 64
-# As direct_field.TOLERANCE. Measured on three samples, squared error times rays: with half as much the same, with twice as much 1.1 to 1.8
+# As direct_shards.TOLERANCE. Measured on three samples, squared error times rays: with half as much the same, with twice as much 1.1 to 1.8
 # times.
 _TOLERANCE = 1.0
 # Of the error of all light that was gathered: what leaves cannot hold goes on in it. Measured on three samples and a box, 0.5 to 2 % asked:

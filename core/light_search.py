@@ -11,6 +11,7 @@ from pathlib import Path
 from . import checkpoint, executors, preview, solve
 from .direct_field import DirectField
 from .direct_only import settle_direct
+from .direct_shards import ShotAhead
 from .first_photons import FirstPhotons
 from .light_field import LightField
 from .lost_light import state_lost
@@ -92,15 +93,16 @@ class LightSearch:
         without photons, and whether the rays came to an end.
         """
         run, settings, texels = self.run, self.settings, self.receivers.texels
-        solver, by_rays = None, settings.direct == "rays"
+        solver, ahead, by_rays = None, None, settings.direct == "rays"
         if self.needs.photons and by_rays:
+            ahead = ShotAhead.send(run.folder, settings, self.executor, len(texels))
             with run.stage(solve.TRACING):
                 solver = self._open_solver(direct)
                 solver.begin()
         is_shot = True
         with run.stage(DirectField.said):
             if solver:
-                is_shot = solver.shoot_direct(tell, run.should_stop)
+                is_shot = solver.shoot_direct(tell, run.should_stop, ahead)
             elif by_rays:
                 is_shot = direct.shoot(run.folder, settings, self.executor, range(len(texels)), tell, run.should_stop)
             if solver and is_shot:  # processes that wait for its next photons have that to do

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from . import basis, estimate, quadtree, refine, rounds, tally, workers
 from .birth_guide import BirthGuide
 from .direct_field import DirectField
+from .direct_shards import ShotAhead
 from .executors import spread
 from .few_photons import CELL_BITS, FewPhotons
 from .first_photons import FirstPhotons
@@ -99,10 +100,10 @@ class Solver:
         self._trace_round(None)
         self.reading = self._read_tallies()
 
-    def shoot_direct(self, tell: Tell, should_stop: Stop) -> bool:
+    def shoot_direct(self, tell: Tell, should_stop: Stop, ahead: ShotAhead | None = None) -> bool:
         """Shadow rays from all texels of a bake that has begun, as sure as they must be beside its light; see DirectField.shoot."""
         every, other = range(len(self.tracing.texels)), self._other_light(self.reading or self._read_tallies())
-        is_done = self.direct.shoot(self.folder, self.settings, self.executor, every, tell, should_stop, other)
+        is_done = self.direct.shoot(self.folder, self.settings, self.executor, every, tell, should_stop, other, ahead)
         self.started = time.monotonic()  # a time limit, and what is foretold of the time left, are of what comes now
         return is_done
 

@@ -8,7 +8,7 @@ from itertools import starmap
 import numpy as np
 import pytest
 from boxes import lamp_scene, prepare_folder
-from leaflight.core import direct_field, executors, workers
+from leaflight.core import direct_shards, executors, workers
 from leaflight.core.direct import DirectLight
 from leaflight.core.direct_field import DirectField
 from leaflight.core.other_light import OtherLight
@@ -51,28 +51,13 @@ def test_many_shots_come_to_the_light(shot):
 
 def test_what_is_told_of_a_shot_is_the_share_that_is_done(shot, monkeypatch):
     folder, field = shot
-    monkeypatch.setattr(direct_field, "SHARD_TEXELS", 100)
+    monkeypatch.setattr(direct_shards, "SHARD_TEXELS", 100)
     monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
     told, count = [], len(field.passes)
     field.shoot(folder, SETTINGS, executors.InlineExecutor(), np.arange(count), told.append)
-    done = [1 - start / count for start in direct_field.cut_into_shards(count)[-2::-1]]
+    done = [1 - start / count for start in direct_shards.cut_into_shards(count)[-2::-1]]
     assert len(done) > 2
     assert [message.text for message in told] == [f"Direct light, {share:.0%}" for share in done]
-
-
-@pytest.mark.parametrize("count", [0, 1, 2, 100, 6_000, 9_300, 37_339, 200_000, 541_000, 711_122, 11_702_608])
-def test_two_workers_have_shards_alike(count):
-    ends = direct_field.cut_into_shards(count)
-    sizes = np.diff(ends)
-    assert ends[0] == 0
-    assert ends[-1] == count
-    assert (sizes > 0).all()
-    assert np.ptp(sizes) <= 1 if count else not len(sizes)
-    if count > 1.5 * direct_field.SHARD_TEXELS:
-        assert len(sizes) % 2 == 0 or len(sizes) > 32
-        assert sizes.min() > 4_000
-        assert sizes.max() <= 1 << 15  # one chunk
-        assert len(sizes) >= min(count // 9_300, 31)
 
 
 def test_a_shot_that_is_stopped_leaves_what_there_was(shot, monkeypatch):
@@ -81,7 +66,7 @@ def test_a_shot_that_is_stopped_leaves_what_there_was(shot, monkeypatch):
     noisy = np.sort(np.argsort(field.variance[:, 0])[-200:])
     field.shoot(folder, SETTINGS, executors.InlineExecutor(), noisy[::2])
     other, asked = copy.deepcopy(field), []
-    monkeypatch.setattr(direct_field, "SHARD_TEXELS", 50)
+    monkeypatch.setattr(direct_shards, "SHARD_TEXELS", 50)
     assert not field.shoot(folder, SETTINGS, executors.InlineExecutor(), noisy, should_stop=lambda: asked.append(True) or len(asked) > 2)
     assert len(asked) == 3
     for _ in range(2):
@@ -95,7 +80,7 @@ def test_a_shot_that_is_stopped_leaves_what_there_was(shot, monkeypatch):
 def test_a_shot_of_all_texels_that_is_stopped_leaves_what_there_was(shot, monkeypatch):
     folder, field = shot
     before = copy.deepcopy(field)
-    monkeypatch.setattr(direct_field, "SHARD_TEXELS", 50)
+    monkeypatch.setattr(direct_shards, "SHARD_TEXELS", 50)
     asked = []
     every = range(len(field.passes))
     assert not field.shoot(folder, SETTINGS, executors.InlineExecutor(), every, should_stop=lambda: asked.append(True) or len(asked) > 2)
@@ -277,7 +262,7 @@ def test_nothing_is_left_where_shards_fail(shot, monkeypatch):
 
 def test_texels_of_every_shard_have_their_own_other_light(shot, monkeypatch):
     """And of every shot: what the one before was told is not read again."""
-    monkeypatch.setattr(direct_field, "SHARD_TEXELS", 64)
+    monkeypatch.setattr(direct_shards, "SHARD_TEXELS", 64)
     folder, field = shot
     count = len(field.passes)
     shadowed = np.sort(np.argsort(-field.variance[:, 0])[: count // 4])

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import BrokenExecutor
+from functools import partial
 from multiprocessing import connection
 from pathlib import Path
 
@@ -99,6 +100,37 @@ def test_the_other_process_has_a_call_in_reserve_while_many_wait():
         assert executor._given == 2
         assert len(executor._waiting) == 2
         assert [call.result() == os.getpid() for call in calls[:3]] == [False, False, True]
+
+
+def test_a_process_that_is_set_apart_is_given_nothing_else_meanwhile():
+    with executors.LocalExecutor(2) as executor:
+        wait_until_ready(executor)
+        wait = executors.set_apart(executor, partial(tell_process, 0.5))
+        calls = [executor.submit(tell_process, 0.01) for _ in range(5)]
+        assert (executor._ready, executor._given) == (0, 0)
+        assert {call.result() for call in calls} == {os.getpid()}
+        other = wait()
+        assert other != os.getpid()
+        assert wait() == other  # begun once
+        assert executor.submit(os.getpid).result() == other
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_where_no_process_is_ready_to_be_set_apart_who_asks_runs_it(count):
+    done = []
+    with executors.make_executor(count) as executor:
+        wait = executors.set_apart(executor, partial(done.append, 1))
+        assert not done
+        wait()
+        assert done == [1]
+
+
+def test_a_process_that_is_killed_while_it_is_set_apart_is_told():
+    with executors.LocalExecutor(2) as executor:
+        wait_until_ready(executor)
+        with pytest.raises(BrokenExecutor):
+            executors.set_apart(executor, partial(os._exit, 1))()
+        assert executors.set_apart(executor, os.getpid)() == os.getpid()  # by who asks
 
 
 def test_files_of_large_results_are_taken_away():

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh
-from leaflight.core import direct_field, executors, resolve, workers
+from leaflight.core import direct_shards, executors, resolve, workers
 from leaflight.core.gather import GatheredLight, KnownLight
 from leaflight.core.gathered import GatheredField
 from leaflight.core.messages import Progress, Status
@@ -73,7 +73,7 @@ class Halted(executors.InlineExecutor):
 
 def halt(folder, monkeypatch, most, late=False, tell=lambda message: None, **knobs):
     """A bake that is to stop after so many shards of what it gathers, at someone's wish or for the time."""
-    monkeypatch.setattr(direct_field, "SHARD_TEXELS", 512)
+    monkeypatch.setattr(direct_shards, "SHARD_TEXELS", 512)
     executor = Halted(most)
     if late:
         monkeypatch.setattr(StopRules, "is_late", lambda rules: executor.is_done())
@@ -95,8 +95,8 @@ def test_a_bake_that_stops_amid_its_first_gathering_shows_leaves(gathered, tmp_p
 
 
 def test_what_more_rays_have_gathered_stays_where_they_are_stopped(tmp_path, monkeypatch):
-    monkeypatch.setattr(direct_field, "SHARD_TEXELS", 512)
-    shards = len(direct_field.cut_into_shards(len(make_solver(tmp_path / "1", SCENE, SETTINGS, begun=False).tracing.texels))) - 1
+    monkeypatch.setattr(direct_shards, "SHARD_TEXELS", 512)
+    shards = len(direct_shards.cut_into_shards(len(make_solver(tmp_path / "1", SCENE, SETTINGS, begun=False).tracing.texels))) - 1
     light, solver, executor = halt(tmp_path / "2", monkeypatch, shards + 3, error=0.004)
     assert (light.stopped_by, executor.left) == ("interrupted", 0)
     once, twice = np.bincount(light.gathered.passes)[1:]
@@ -128,7 +128,7 @@ def test_gathering_tells_how_far_it_is_and_then_that_photons_fly(tmp_path, monke
     told = []
     _, solver, _ = halt(tmp_path, monkeypatch, 10**6, tell=told.append, error=0.01)  # one pass
     count = len(solver.tracing.texels)
-    shares = [1 - start / count for start in direct_field.cut_into_shards(count)[-2::-1]]
+    shares = [1 - start / count for start in direct_shards.cut_into_shards(count)[-2::-1]]
     words = [Status("photons", f"Indirect light, {share:.0%}", share) for share in shares]
     kinds = [message if isinstance(message, Status) else type(message) for message in told]
     assert kinds == [Progress, *words, TRACING, Progress]

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene
-from leaflight.core import checkpoint, direct_field, executors, workers
+from leaflight.core import checkpoint, direct_shards, executors, workers
 from leaflight.core.direct_field import DirectField
+from leaflight.core.direct_shards import ShotAhead
 from leaflight.core.first_photons import FirstPhotons
 from leaflight.core.job import SNAPSHOT_FILE, Job
 from leaflight.core.kept_charts import KeptCharts
@@ -17,6 +18,7 @@ from leaflight.core.needs import Needs
 from leaflight.core.receivers import find_receivers, lay_out
 from leaflight.core.settings import Settings
 from leaflight.core.snapshot import save_snapshot
+from leaflight.core.solve import Solver
 from leaflight.core.stages import Run
 
 QUICK = Settings(size=32, padding=1, workers=1, error=0.3, max_photons=20_000)
@@ -58,6 +60,18 @@ def test_photons_tell_shadow_rays_how_sure_they_must_be(seek):
     assert light.stopped_by == "error"
 
 
+def test_the_first_rays_are_on_their_way_before_trees_are_grown(seek, monkeypatch):
+    done = []
+    send, post_init = ShotAhead.send, Solver.__post_init__
+    monkeypatch.setattr(ShotAhead, "send", lambda *asked: done.append("rays") or send(*asked))
+    monkeypatch.setattr(Solver, "__post_init__", lambda solver: done.append("trees") or post_init(solver))
+    seek()
+    assert done[:2] == ["rays", "trees"]
+    done.clear()
+    seek(replace(QUICK, direct="photons"))
+    assert "rays" not in done
+
+
 def test_photons_alone_bring_all_light(seek):
     run, light, solver = seek(replace(QUICK, direct="photons"))
     assert not light.direct.passes.any()
@@ -82,7 +96,7 @@ def test_surfaces_alone_take_no_light(seek):
 
 def test_who_stops_before_the_rays_are_done_sees_all_light_by_a_few_photons_and_keeps_no_state(seek, monkeypatch):
     """And nothing of what was begun: some texels would have light of rays, and others the same of photons."""
-    monkeypatch.setattr(direct_field, "SHARD_TEXELS", 100)
+    monkeypatch.setattr(direct_shards, "SHARD_TEXELS", 100)
     monkeypatch.setattr(DirectField, "begin_show", lambda *_: pytest.fail("smoothed for nobody"))
     asked = []
     run, light, solver = seek(should_stop=lambda: asked.append(1) or len(asked) > 2)

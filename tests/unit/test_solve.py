@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh, solution_bytes, solve_scene
-from leaflight.core import direct_field, estimate, executors, photon_shards, quadtree, refine, resolve, rounds, shrinkage, splitting, tally
+from leaflight.core import direct_shards, estimate, executors, photon_shards, quadtree, refine, resolve, rounds, shrinkage, splitting, tally
 from leaflight.core.direct_shown import ShownDirect
 from leaflight.core.messages import Progress, Status
 from leaflight.core.photon_shards import PhotonShard
@@ -260,15 +260,15 @@ def test_direct_light_on_nodes_is_summed_once_for_each_reading_and_shot(tmp_path
 @pytest.mark.parametrize("tolerance", [0.2, 20.0])
 def test_rays_are_shot_again_where_they_err_most(tmp_path, monkeypatch, tolerance):
     """And only there, and only where the first turn left more noise than half of the error asked for, smoothed or not."""
-    monkeypatch.setattr(direct_field, "TOLERANCE", tolerance)
+    monkeypatch.setattr(direct_shards, "TOLERANCE", tolerance)
     light = solve_scene(tmp_path, lamp_scene(rho=0.05), replace(SETTINGS, error=0.03, denoise=False))
     assert light.direct.passes.min() == 1
     assert (light.direct.passes.max() > 1) == (tolerance > 1)
 
 
 def test_rays_that_are_shot_again_are_told_of_and_can_be_stopped(tmp_path, monkeypatch):
-    monkeypatch.setattr(direct_field, "TOLERANCE", 20.0)
-    monkeypatch.setattr(direct_field, "SHARD_TEXELS", 8)
+    monkeypatch.setattr(direct_shards, "TOLERANCE", 20.0)
+    monkeypatch.setattr(direct_shards, "SHARD_TEXELS", 8)
     monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
     words = []
 
@@ -377,7 +377,7 @@ def test_contact_splits_where_it_is_forced(tmp_path):
 
 
 def test_direct_light_is_the_same_in_shards_of_any_order(tmp_path, two_workers, monkeypatch):
-    monkeypatch.setattr(direct_field, "SHARD_TEXELS", 100)
+    monkeypatch.setattr(direct_shards, "SHARD_TEXELS", 100)
     alone, together = (
         make_solver(tmp_path / name, lamp_scene(), QUICK, executor).direct for name, executor in (("1", None), ("2", two_workers))
     )
@@ -447,7 +447,7 @@ def test_direct_light_takes_fewer_rays_unless_it_is_shown_by_itself(tmp_path):
 
 
 def test_rays_that_are_shot_again_are_told_of_other_light_too(tmp_path, monkeypatch):
-    monkeypatch.setattr(direct_field, "TOLERANCE", 20.0)
+    monkeypatch.setattr(direct_shards, "TOLERANCE", 20.0)
     solver, told = make_solver(tmp_path, lamp_scene(rho=0.05), replace(SETTINGS, error=0.03, denoise=False)), []
     shoot = solver.direct.shoot
     monkeypatch.setattr(solver.direct, "shoot", lambda *arguments, other: told.append(other) or shoot(*arguments, other=other))
