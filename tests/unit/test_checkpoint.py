@@ -10,7 +10,7 @@ from typing import get_args, get_type_hints
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh
-from leaflight.core import checkpoint, direct_field, gather_plan, rounds, shared_arrays
+from leaflight.core import checkpoint, direct_shards, gather_plan, rounds, shared_arrays
 from leaflight.core.checkpoint import INFO_FILE, load_checkpoint, read_info, remove_checkpoint, save_checkpoint
 from leaflight.core.gathered import GatheredField
 from leaflight.core.scene import Light, Material
@@ -99,7 +99,7 @@ def test_shards_that_were_under_way_are_left_out_where_a_bake_may_not_have_so_ma
 
 
 def test_a_bake_whose_direct_light_was_shot_again_goes_on(tmp_path, monkeypatch):
-    monkeypatch.setattr(direct_field, "TOLERANCE", 20.0)  # so that the first turn is too coarse
+    monkeypatch.setattr(direct_shards, "TOLERANCE", 20.0)  # so that the first turn is too coarse
     settings = replace(SETTINGS, error=0.012, max_photons=3_000_000)
     kept, part = keep(tmp_path, settings, 3)
     assert part.direct.repeats is not None
