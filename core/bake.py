@@ -119,7 +119,7 @@ def _bake(run: Run, loaded: _Loaded, executor: Executor) -> LightField:
     if needs.direct and isinstance(executor, executors.LocalExecutor):
         executor.on_each(workers.open_ahead, str(folder))
     # A state's texels are those of cut charts.
-    receivers = find_receivers(run, snapshot, settings, atlas, needs.direct, by_photons=needs.photons or bool(job.resume))
+    receivers = find_receivers(run, snapshot, settings, atlas, executor, needs.direct, by_photons=needs.photons or bool(job.resume))
     light, solver = LightSearch(run, settings, needs, receivers, executor, first, loaded.surfaces, snapshot.tri_object).find()
     with run.stage(_WRITING):
         files, seam_report = _write_pages(run, snapshot, atlas, receivers.texels, light, loaded.surfaces, executor)

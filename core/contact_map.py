@@ -9,14 +9,16 @@ a wall and touches it nowhere.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import accumulate
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import contact
-from .charts import ChartAtlas
+from . import contact, shared_arrays, workers
 from .contact_looks import Looks, Surroundings
 from .contact_parts import part_in_squares
 from .entry_order import EntryOrder, put_in_order
@@ -28,6 +30,9 @@ from .threads import run_on_threads
 from .tiles import TILE_SIDE
 from .words import Say, Watch, stretch, unwatched
 from .workers import TracedScene
+
+if TYPE_CHECKING:  # whoever only looks for contacts has no charts to make
+    from .charts import ChartAtlas
 
 LOOKING = Status("contacts", "Looking for contacts")
 _IN_TILE = interleave_bits(np.array([TILE_SIDE - 1, 0]), np.array([0, TILE_SIDE - 1]))  # bits of a key: column and row within a tile
@@ -54,6 +59,25 @@ class ContactMap:
     piece: _Int64
     whole: _Int64
     borders: TexelBorders
+
+    @classmethod
+    def join(cls, parts: Sequence[ContactMap]) -> ContactMap:
+        """That of all entries, of parts of them that follow each other, whole charts each, and each numbered for itself."""
+        first_entry = [0, *accumulate(len(part.touched) for part in parts[:-1])]
+        first_patch = [0, *accumulate(len(part.piece) for part in parts[:-1])]
+        patches = [part.patches for part in parts]
+        return cls(
+            np.concatenate([part.touched for part in parts]),
+            np.concatenate([part.rising for part in parts]),
+            _Patches(
+                _number_on(first_entry, [some.start for some in patches]),
+                np.concatenate([some.size for some in patches]),
+                np.concatenate([some.key for some in patches]),
+            ),
+            _number_on(first_patch, [part.piece for part in parts]),
+            _number_on(first_patch, [part.whole for part in parts]),
+            TexelBorders.join([part.borders for part in parts]),
+        )
 
 
 @dataclass(frozen=True)
@@ -82,16 +106,48 @@ class _Patches:
         return rows[found], other[found]
 
 
-def find_contacts(opened: TracedScene, texels: TexelMap, threads: int = 1, watch: Watch = unwatched) -> ContactMap:
+def _number_on(first: Sequence[int], parts: Sequence[_Int64]) -> _Int64:
+    """Numbers of parts, each counted from 0, one part after the other; from `first` of each on."""
+    return np.concatenate([low + part for low, part in zip(first, parts, strict=True)])
+
+
+def find_contacts(
+    opened: TracedScene, texels: TexelMap, threads: int = 1, watch: Watch = unwatched, part: slice | None = None
+) -> ContactMap:
     """Contacts at all texel entries, looked for by so many threads.
 
     watch   is told LOOKING and which share is done of that and of what cut_at_contacts does; it may raise
+    part    only at these entries, those of whole charts, numbered from the first of them
     """
-    around = Surroundings.of(opened, texels)
-    looks = Looks.join(
-        run_on_threads(around.look, len(texels), threads, stretch(watch, LOOKING, 0.0, 0.6)), stretch(watch, LOOKING, 0.6, 0.61)
+    around = Surroundings.of(opened, _take_charts(texels, part) if part else texels)
+    looks = Looks.join(  # tiles end where parts do, which are those of all entries whoever looks
+        run_on_threads(around.look, len(texels), threads, stretch(watch, LOOKING, 0.0, 0.6), part), stretch(watch, LOOKING, 0.6, 0.61)
     )
     return _join_patches(around, looks, stretch(watch, LOOKING, 0.61, 0.7))
+
+
+def find_in_charts(folder: str, start: int, stop: int) -> ContactMap:
+    """find_contacts at entries start ... stop - 1 of the scene and the texels in `folder`, which are not kept open: they are to be cut."""
+    texels = shared_arrays.load_struct(Path(folder) / workers.TEXELS_FOLDER, TexelMap)
+    return find_contacts(workers.open_scene(folder), texels, part=slice(start, stop))
+
+
+def _take_charts(texels: TexelMap, part: slice) -> TexelMap:
+    """The map of the entries of some charts alone, in which no hits are found; nothing that lies along all entries is copied."""
+    rows = slice(*np.searchsorted(texels.part_entry, (part.start, part.stop)))
+    return dataclasses.replace(
+        texels,
+        chart_start=np.clip(texels.chart_start - part.start, 0, part.stop - part.start),
+        texel_chart=texels.texel_chart[part],
+        texel_xy=texels.texel_xy[part],
+        texel_code=texels.texel_code[part],
+        texel_area=texels.texel_area[part],
+        texel_tri=texels.texel_tri[part],
+        part_entry=texels.part_entry[rows] - part.start,
+        part_point=texels.part_point[rows],
+        part_moments=texels.part_moments[rows],
+        pair_start=texels.pair_start[rows.start : rows.stop + 1],
+    )
 
 
 @dataclass(frozen=True)

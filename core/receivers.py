@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import basis, chart_search, contact_map, creases, earlier_bakes, executors, pages, shared_arrays, texels, workers
+from . import basis, chart_search, contact_map, contact_search, creases, earlier_bakes, executors, pages, shared_arrays, texels, workers
 from .charts import ChartAtlas, make_charts
 from .job import LAYOUT_FILE
 from .kept_charts import KeptCharts, find_charts_file
@@ -68,7 +69,9 @@ def _keep_charts(run: Run, kept: KeptCharts, is_whole: bool) -> None:
         run.tell(Warning_("", f"the charts cannot be kept in {run.job.output} ({reason}), so the next bake unwraps all meshes again"))
 
 
-def find_receivers(run: Run, snapshot: SceneSnapshot, settings: Settings, atlas: ChartAtlas, lit: bool, by_photons: bool) -> Receivers:
+def find_receivers(
+    run: Run, snapshot: SceneSnapshot, settings: Settings, atlas: ChartAtlas, executor: Executor, lit: bool, by_photons: bool
+) -> Receivers:
     """The texels of the charts, saved for workers.open_tracing.
 
     lit          whether rays are sent at all
@@ -87,8 +90,8 @@ def find_receivers(run: Run, snapshot: SceneSnapshot, settings: Settings, atlas:
         run.warn(opened.warnings)
         if settings.contact and by_photons:
             with run.stage(contact_map.LOOKING):
-                watch = run.watch()
-                contacts = contact_map.find_contacts(opened, texel_map, executors.count_processors(settings.workers), watch)
+                watch, threads = run.watch(), executors.count_processors(settings.workers)
+                contacts = contact_search.search_contacts(run.folder, opened, texel_map, executor, threads, watch)
                 texel_map, facets, touched, rising = contact_map.cut_at_contacts(texel_map, facets, contacts, watch)
     shared_arrays.save_struct(place, texel_map)
     if lit:

@@ -7,7 +7,9 @@ else it would leak to this side's leaf, which may be many texels wide.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,6 +56,19 @@ class TexelBorders:
         borders = cls(crossed, every, np.full((4, len(every)), np.inf, np.float32), np.full((4, len(every)), -1, np.int32))
         borders.reach[way, own], borders.other[way, own] = reach, beyond
         return borders
+
+    @classmethod
+    def join(cls, parts: Sequence[TexelBorders]) -> TexelBorders:
+        """Those of all entries, of parts of them that follow each other, each numbered for itself."""
+        first = [0, *accumulate(len(part.crossed) for part in parts[:-1])]
+        return cls(
+            np.concatenate([part.crossed for part in parts]),
+            np.concatenate([low + part.entry for low, part in zip(first, parts, strict=True)]),
+            np.concatenate([part.reach for part in parts], axis=1),
+            np.concatenate(
+                [np.where(part.other >= 0, low + part.other, np.int32(-1)) for low, part in zip(first, parts, strict=True)], axis=1
+            ),
+        )
 
     def renumber(self, place: Int32) -> TexelBorders:
         """The same where entries have other numbers: place (n,) int32 of each."""

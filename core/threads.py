@@ -30,18 +30,26 @@ def is_alone() -> bool:
         return False
 
 
-def split_entries(count: int) -> list[slice]:
-    """Parts of so many entries, one at least, and the same for any number of threads."""
+def split_entries(count: int, within: slice | None = None) -> list[slice]:
+    """Parts of so many entries, one at least, and the same for any number of threads.
+
+    within   only of these entries, which are then numbered from the first of them
+    """
     step = min(max(count // _PARTS, _LEAST), _MOST)
-    return [slice(start, min(start + step, count)) for start in range(0, max(count, 1), step)]
+    low, high = (within.start, within.stop) if within else (0, count)
+    first = low - low % step
+    return [slice(max(start, low) - low, min(start + step, high) - low) for start in range(first, max(high, first + 1), step)]
 
 
-def run_on_threads(work: Callable[[slice], T], count: int, threads: int, say: Say = lambda share: None) -> list[T]:
+def run_on_threads(
+    work: Callable[[slice], T], count: int, threads: int, say: Say = lambda share: None, within: slice | None = None
+) -> list[T]:
     """What `work` gives for each part of so many entries, in their order; any error of it is raised.
 
-    say   is told the share of the parts that are done; where it raises, no further one is begun
+    say      is told the share of the parts that are done; where it raises, no further one is begun
+    within   as split_entries has it
     """
-    parts, found = split_entries(count), list[T]()
+    parts, found = split_entries(count, within), list[T]()
     pool = ThreadPoolExecutor(threads)
     try:
         for one in pool.map(work, parts):

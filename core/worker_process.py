@@ -14,9 +14,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from . import denoise, photon_shards, workers
+from . import contact_map, denoise, photon_shards, workers
 
-_OF_SHARDS = denoise, photon_shards, workers  # with functions that a process is given: loaded with this module, not by the first of them
+# With functions that a process is given: loaded with this module, not by the first of them.
+_OF_SHARDS = contact_map, denoise, photon_shards, workers
 # Bytes of a result that a pipe takes whole or not at all, with what a pool writes around it. Source: POSIX, write() of {PIPE_BUF} bytes
 _AT_ONCE = getattr(select, "PIPE_BUF", 512) - 256
 

@@ -1,8 +1,10 @@
-"""Processes as Linux tells of them."""
+"""Processes as Linux tells of them, and as an executor does."""
 
 import time
 from collections.abc import Iterable
 from pathlib import Path
+
+from leaflight.core import executors
 
 PATIENCE_S = 20.0
 
@@ -21,3 +23,13 @@ def wait_for_end(pids: Iterable[int]) -> list[int]:
     while any(map(is_alive, left)) and time.monotonic() < limit:
         time.sleep(0.05)
     return [pid for pid in left if is_alive(pid)]
+
+
+def wait_until_ready(executor: executors.LocalExecutor) -> None:
+    """Has the other processes of an executor started."""
+    executors.wake(executor)
+    for _ in range(600):
+        if executor._ready == executor._others:
+            return
+        time.sleep(0.1)
+    raise AssertionError("the other processes never started")

@@ -2,19 +2,21 @@
 
 from copy import deepcopy
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from boxes import prepare_folder
+from boxes import prepare_folder, to_bytes
 from leaflight.core import contact_map, executors, quadtree, resolve, shared_arrays, solve, workers
 from leaflight.core.contact_looks import Surroundings
-from leaflight.core.contact_map import cut_at_contacts, find_contacts
+from leaflight.core.contact_map import ContactMap, cut_at_contacts, find_contacts
 from leaflight.core.direct_field import DirectField
 from leaflight.core.scene import Light
 from leaflight.core.settings import Settings
 from leaflight.core.texel_borders import WAYS
 from leaflight.core.texel_grid import interleave_bits
 from leaflight.core.threads import split_entries
+from leaflight.core.tiles import TILE_TEXELS
 from leaflight.core.topology import join_sets
 from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh, split_faces
 from trees import make_map, make_square_map
@@ -289,6 +291,34 @@ def test_threads_change_nothing(tmp_path, part_entries):
     for name in ("touched", "piece", "whole"):
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
     assert one.touched.any()
+
+
+def test_charts_know_nothing_of_each_other(tmp_path, part_entries):
+    """Boxes on a floor and on each other; a wall with an end stands on it too, and a rug and a ball lie there."""
+    boxes = [
+        box_mesh(f"Box {k}", (0.2, 0.15, 0.3), (x, y, z))
+        for k, (x, y, z) in enumerate([(0.3, 0.3, 0.15), (0.4, 0.3, 0.4), (0.3, 0.7, 0.15)])
+    ]
+    ball = moved(sphere_mesh(radius_m=0.15), (0.55, 0.8, 0.15))
+    things = [replace(mesh, receives=False) for mesh in (wall(0.55, high_m=0.6, thick_m=0.02), rug(0.72, 0.02 / SIDE), ball)]
+    scene = make_scene([quad_mesh("Floor", uv=turned(20, 0.7) + 0.5), *boxes, *things], [LAMP])
+    texels = prepare_folder(tmp_path, scene, replace(SETTINGS, size=4 * SIDE))[1]
+    part_entries(300)
+    opened = workers.open_scene(str(tmp_path))
+    whole = find_contacts(opened, texels)
+    starts = np.unique(texels.chart_start).tolist()
+    assert len(starts) > 10
+    for ends in (starts, [0, starts[3], starts[-1]], [0, starts[-1]]):
+        joined = ContactMap.join([find_contacts(opened, texels, part=slice(*part)) for part in pairwise(ends)])
+        assert to_bytes(joined) == to_bytes(whole)
+    workers.forget_folders()
+    chart = texels.texel_chart[whole.patches.start]
+    assert len(np.unique(chart[whole.piece != whole.whole])) >= 1  # or the test would say little
+    assert len(np.unique(chart)) >= 4
+    assert set(whole.patches.size.tolist()) == {1, TILE_TEXELS}  # tiles are known only within what one look is at
+    assert whole.touched.any()
+    assert whole.rising.any()
+    assert len(np.unique(texels.texel_chart[whole.borders.entry])) >= 2
 
 
 def test_how_far_the_search_is_is_told_again_and_again(tmp_path, part_entries):

@@ -14,6 +14,7 @@ import pytest
 from leaflight.addon import boot
 from leaflight.core import executors
 from leaflight.core.settings import Settings
+from processes import wait_until_ready
 
 
 def fail(number):
@@ -80,15 +81,6 @@ def test_nothing_waits_for_a_process_that_is_still_starting():
         assert executor.submit(os.getpid).result() == os.getpid()  # to start takes a tenth of a second at least
         wait_until_ready(executor)
         assert executor.submit(os.getpid).result() != os.getpid()
-
-
-def wait_until_ready(executor):
-    executors.wake(executor)
-    for _ in range(600):
-        if executor._ready == executor._others:
-            return
-        time.sleep(0.1)
-    raise AssertionError("the other processes never started")
 
 
 def test_the_other_process_has_a_call_in_reserve_while_many_wait():
@@ -262,6 +254,14 @@ def test_one_worker_is_this_process(monkeypatch, asked, cores, kind):
     executor = executors.make_executor(asked)
     assert isinstance(executor, kind)
     executor.shutdown()
+
+
+def test_processes_are_counted_once_they_have_started():
+    with executors.LocalExecutor(3) as executor:
+        assert executors.count_ready(executor) == 1
+        wait_until_ready(executor)
+        assert executors.count_ready(executor) == 3
+    assert executors.count_ready(executors.InlineExecutor()) == 1
 
 
 @pytest.mark.parametrize(("system", "others"), [("win32", 61), ("linux", 127)])

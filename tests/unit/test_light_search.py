@@ -38,10 +38,11 @@ def seek(tmp_path):
         surfaces = SurfaceMaterials(scene)
         needs = Needs.of(settings, surfaces)
         settings = needs.trim(settings)
-        receivers = find_receivers(run, scene, settings, lay_out(run, scene, settings, KeptCharts()), needs.direct, needs.photons)
+        atlas, executor = lay_out(run, scene, settings, KeptCharts()), executors.InlineExecutor()
+        receivers = find_receivers(run, scene, settings, atlas, executor, needs.direct, needs.photons)
         told.clear()
         first = first(run) if first else FirstPhotons()
-        search = LightSearch(run, settings, needs, receivers, executors.InlineExecutor(), first, surfaces, scene.tri_object)
+        search = LightSearch(run, settings, needs, receivers, executor, first, surfaces, scene.tri_object)
         return run, *search.find()
 
     yield find

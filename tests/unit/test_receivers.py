@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import lamp_scene
-from leaflight.core import creases, receivers, workers
+from boxes import lamp_scene, to_bytes
+from leaflight.core import creases, executors, receivers, workers
 from leaflight.core.job import LAYOUT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.kept_charts import KeptCharts
 from leaflight.core.messages import Status, Warning_
@@ -13,6 +13,7 @@ from leaflight.core.receivers import find_receivers, lay_out
 from leaflight.core.settings import Settings
 from leaflight.core.snapshot import save_snapshot
 from leaflight.core.stages import Run
+from processes import wait_until_ready
 from scenes import make_scene, quad_mesh
 
 SMALL = Settings(size=64, padding=1, workers=1)
@@ -36,9 +37,9 @@ def scene(tmp_path):
     return found
 
 
-def find(run, scene, settings=SMALL, lit=True, by_photons=True):
+def find(run, scene, settings=SMALL, lit=True, by_photons=True, executor=None):
     atlas = lay_out(run, scene, settings, KeptCharts())
-    return atlas, find_receivers(run, scene, settings, atlas, lit, by_photons)
+    return atlas, find_receivers(run, scene, settings, atlas, executor or executors.InlineExecutor(), lit, by_photons)
 
 
 def list_stages(run):
@@ -74,6 +75,20 @@ def test_leaves_are_cut_where_the_block_stands_on_the_floor(run, scene):
     at_foot = scene.tri_object[found.texels.texel_tri[found.touched]]
     assert set(at_foot) == {0, 1}
     assert len(found.facets.chart_page) > len(creases.cut_at_creases(scene, atlas).chart_page)  # what lies below the block
+
+
+def test_two_processes_find_and_cut_the_same(run, scene, monkeypatch):
+    monkeypatch.setattr("leaflight.core.contact_search._LEAST", 100)
+    found = []
+    for count in (1, 2):
+        with executors.make_executor(count) as executor:
+            if count == 2:
+                wait_until_ready(executor)
+            _, one = find(run, scene, executor=executor)
+        opened = to_bytes(workers.open_tracing(str(run.folder)).texels)
+        found.append([opened, *(to_bytes(field) for field in (one.texels, one.touched, one.rising))])
+        workers.forget_folders()
+    assert found[0] == found[1]
 
 
 @pytest.mark.parametrize(

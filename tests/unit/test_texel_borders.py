@@ -1,5 +1,7 @@
 """What lies beyond a wall's foot within a texel is the next texel's: hits, area and moments agree on it."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from leaflight.core.coverage import monomial_exponents
@@ -31,6 +33,19 @@ def count(borders, degree, n=400_000):
     s, t = (x - column - 0.5)[own], (y - row - 0.5)[own]
     area = COLUMNS**2 / n
     return np.stack([np.bincount(slot[own], s**i * t**j, len(borders.entry)) * area for i, j in monomial_exponents(degree)])
+
+
+def test_parts_are_joined_to_what_pairs_of_all_tell():
+    """Three blocks, nothing in the second."""
+    first, last = [(4, 0, 0.2, 0.8), (0, 1, 0.7, 0.3)], [(1, 1, 0.4, 0.6)]
+    block = COLUMNS**2
+    nothing = TexelBorders.of(block, *(np.zeros(0, np.int64),) * 3, np.zeros(0))
+    joined = TexelBorders.join([borders_of(*first), nothing, borders_of(*last)])
+    whole = borders_of(*first, *((2 * block + entry, *rest) for entry, *rest in last), n_texel=3 * block)
+    for field in fields(TexelBorders):
+        one, other = getattr(joined, field.name), getattr(whole, field.name)
+        np.testing.assert_array_equal(one, other)
+        assert one.dtype == other.dtype
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import threading
+from itertools import pairwise
 
 import pytest
 from leaflight.core.threads import count_usable, is_alone, run_on_threads, split_entries
@@ -17,6 +18,14 @@ def test_parts_follow_each_other_to_the_end(count):
     assert parts[-1].stop == count
     assert all(part.stop - part.start <= 1 << 18 for part in parts)
     assert all(part.stop - part.start >= 1 << 16 for part in parts[:-1])
+
+
+@pytest.mark.parametrize("within", [(0, 700_000), (0, 10), (100_000, 100_001), (87_500, 175_000), (5, 699_999), (650_000, 700_000)])
+def test_parts_of_some_entries_end_where_those_of_all_do(within):
+    """And where these begin and end."""
+    low, high = within
+    ends = sorted({low, high, *(part.start for part in split_entries(700_000) if low < part.start < high)})
+    assert [(low + part.start, low + part.stop) for part in split_entries(700_000, slice(low, high))] == list(pairwise(ends))
 
 
 def test_a_page_of_some_size_is_shared_by_eight():
@@ -47,6 +56,7 @@ def test_share_of_the_parts_that_are_done_is_told():
     told = []
     run_on_threads(lambda part: part, 4 << 16, 2, told.append)
     assert told == [0.25, 0.5, 0.75, 1.0]
+    assert run_on_threads(lambda part: part.stop, 4 << 16, 2, within=slice(10, 1 << 17)) == [(1 << 16) - 10, (1 << 17) - 10]
 
 
 def test_whoever_wants_no_more_has_no_further_part_begun():
