@@ -25,12 +25,13 @@ _FOUND = 0.7  # share of LOOKING that ends with find_contacts
 def search_contacts(
     folder: Path, opened: TracedScene, texels: TexelMap, executor: Executor, threads: int, watch: Watch = unwatched
 ) -> ContactMap:
-    """contact_map.find_contacts, to the same bytes for any number of processes; by threads where none but this has started, or is worth it.
+    """contact_map.find_contacts, to the same bytes for any number of processes; by threads where there is little to do, or no other process
+    that would begin at once.
 
     folder    of workers.open_scene, where the map is laid out for the others: it must be saved anew once it has been cut
     threads   so many
     """
-    first, *others = split_at_charts(texels.chart_start, executors.count_ready(executor))
+    first, *others = split_at_charts(texels.chart_start, executors.count_idle(executor))
     if not others:
         return find_contacts(opened, texels, threads, watch)
     shared_arrays.save_struct(folder / TEXELS_FOLDER, texels)

@@ -96,9 +96,11 @@ def make_executor(workers: int, copied: bool = False) -> Executor:
     return InlineExecutor() if count == 1 else LocalExecutor(count, copied)
 
 
-def count_ready(executor: Executor) -> int:
-    """How many processes of this machine have started that are given what is spread, this one among them."""
-    return executor.count_ready() if isinstance(executor, LocalExecutor) else 1
+def count_idle(executor: Executor) -> int:
+    """How many processes of this machine would begin at once what is spread, this one among them; 1 while another has something to do."""
+    if not isinstance(executor, LocalExecutor) or executor._given or executor._waiting:
+        return 1
+    return executor._ready + 1
 
 
 def wake(executor: Executor) -> None:
@@ -190,10 +192,6 @@ class LocalExecutor(Executor):
         """What cannot be run any more is not even tried: a pool that says so holds the lock that giving it a call would wait for."""
         if not sent.cancelled() and isinstance(sent.exception(), BrokenExecutor):
             self._lost = sent.exception()
-
-    def count_ready(self) -> int:
-        """See the function of that name."""
-        return self._ready + 1
 
     def on_each(self, fn: Callable[..., Any], /, *args: Any) -> None:
         """Have each of the other processes run `fn` while this one goes on; what it gives is dropped."""

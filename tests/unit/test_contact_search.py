@@ -35,7 +35,7 @@ def prepared(tmp_path, monkeypatch):
 @pytest.fixture
 def as_many(monkeypatch):
     """Has so many processes counted, of which this one does all the work."""
-    return lambda count: monkeypatch.setattr(executors, "count_ready", lambda executor: count)
+    return lambda count: monkeypatch.setattr(executors, "count_idle", lambda executor: count)
 
 
 @pytest.mark.parametrize("count", [2, 3, 7])

@@ -256,12 +256,15 @@ def test_one_worker_is_this_process(monkeypatch, asked, cores, kind):
     executor.shutdown()
 
 
-def test_processes_are_counted_once_they_have_started():
+def test_processes_are_counted_once_they_have_started_and_while_they_have_nothing_to_do():
     with executors.LocalExecutor(3) as executor:
-        assert executors.count_ready(executor) == 1
+        assert executors.count_idle(executor) == 1
         wait_until_ready(executor)
-        assert executors.count_ready(executor) == 3
-    assert executors.count_ready(executors.InlineExecutor()) == 1
+        assert executors.count_idle(executor) == 3
+        calls = [executor.submit(tell_process, 0.1) for _ in range(3)]
+        assert executors.count_idle(executor) == 1  # who waits for the last of these does it
+        assert len([call.result() for call in calls]) == 3
+    assert executors.count_idle(executors.InlineExecutor()) == 1
 
 
 @pytest.mark.parametrize(("system", "others"), [("win32", 61), ("linux", 127)])
