@@ -261,9 +261,11 @@ def test_processes_are_counted_once_they_have_started_and_while_they_have_nothin
         assert executors.count_idle(executor) == 1
         wait_until_ready(executor)
         assert executors.count_idle(executor) == 3
-        calls = [executor.submit(tell_process, 0.1) for _ in range(3)]
-        assert executors.count_idle(executor) == 1  # who waits for the last of these does it
-        assert len([call.result() for call in calls]) == 3
+        calls = [executor.submit(tell_process, 0.5)]
+        assert executors.count_idle(executor) == 1
+        calls += [executor.submit(tell_process, 0.5) for _ in range(2)]
+        assert executors.count_idle(executor) == 1
+        assert len({call.result() for call in calls}) == 3
     assert executors.count_idle(executors.InlineExecutor()) == 1
 
 
