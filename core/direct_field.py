@@ -18,7 +18,7 @@ from . import direct_shards, shared_arrays, workers
 from .coverage import as_slice
 from .denoise import Spread
 from .direct import DirectLight
-from .direct_shards import ShotAhead
+from .direct_shards import NOTHING_AHEAD, ShotAhead
 from .direct_shown import GRAIN, ShownDirect, find_grain
 from .judged import DARK_FLOOR
 from .messages import Message, Status
@@ -173,7 +173,7 @@ class DirectField:
         tell: Callable[[Message], None] = lambda message: None,
         should_stop: Callable[[], bool] = lambda: False,
         other: OtherLight | None = None,
-        ahead: ShotAhead | None = None,
+        ahead: ShotAhead = NOTHING_AHEAD,
     ) -> bool:
         """One more estimate of the texels (m,), ascending; each becomes the mean of all it has had.
 
@@ -220,13 +220,13 @@ class DirectField:
         whole: workers.TexelShard,
         tell: Callable[[Message], None],
         should_stop: Callable[[], bool],
-        ahead: ShotAhead | None = None,
+        ahead: ShotAhead = NOTHING_AHEAD,
     ) -> bool:
         """As shoot, by what `find_light` gives for parts of the shard `whole`: DirectLight, or what has its fields too."""
         self.turns += 1
         self._smoothed = self._smoothing = None
         texels = whole.texels
-        shards, ahead = direct_shards.list_shards(whole), ahead or ShotAhead.none()
+        shards = direct_shards.list_shards(whole)
         sent = executor.map(find_light, shards[ahead.count :])
         words = Words(tell)
         floor = DARK_FLOOR * float(self.irradiance.mean(dtype=np.float64)) + 1e-30

@@ -31,8 +31,9 @@ _SHARDS_ENOUGH = 32  # that no worker waits long for another's last
 TOLERANCE = 0.5
 _GLANCE_TEXELS, _GLANCE_TOLERANCE = 256, 1.0  # that tell how bright all will be, before there is any light, and how sure each is
 # One of so many shards is sent ahead, while trees are grown and the first photons read. As nobody knows yet what else will be seen there,
-# its shadows are made as sure as if there were nothing, which takes up to twice the rays: no more are than that takes time.
-_AHEAD = 10
+# its shadows are made as sure as if there were nothing, which takes more rays (of `instances` at 256^2 6 % more in all): so only few are,
+# and no more than these, for who waits for them is deaf to a stop.
+_AHEAD, _MOST_AHEAD = 10, 3
 
 
 def cut_into_shards(count: int) -> list[int]:
@@ -81,25 +82,24 @@ def glance(shard: workers.DirectShard) -> float:
 
 @dataclass(frozen=True)
 class ShotAhead:
-    """The first shards of a shot of all texels, which one of the processes that have nothing else to do has begun.
+    """The first shards of a shot of all texels, which one of the processes that have nothing else to do has begun, if there is one.
 
     count   how many they are; not by how many workers there are, lest the same seed give other bytes
-    wait    gives their light
+    wait    gives their light; where nobody has begun them, whoever asks does
     """
 
-    count: int
-    wait: Callable[[], list[DirectLight]]
-
-    @classmethod
-    def none(cls) -> ShotAhead:
-        return cls(0, list)
+    count: int = 0
+    wait: Callable[[], list[DirectLight]] = list
 
     @classmethod
     def send(cls, folder: Path, settings: Settings, executor: Executor, n_texel: int) -> ShotAhead:
         """Arguments as of DirectField.shoot."""
         shards = list_shards(ask_for_direct(folder, settings, 0, range(n_texel)))
-        first = shards[: round(len(shards) / _AHEAD)]
-        return cls(len(first), executors.set_apart(executor, partial(_light_ahead, first, settings))) if first else cls.none()
+        first = shards[: min(round(len(shards) / _AHEAD), _MOST_AHEAD)]
+        return cls(len(first), executors.set_apart(executor, partial(_light_ahead, first, settings))) if first else cls()
+
+
+NOTHING_AHEAD = ShotAhead()
 
 
 def _light_ahead(shards: list[workers.DirectShard], settings: Settings) -> list[DirectLight]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from . import checkpoint, executors, preview, solve
 from .direct_field import DirectField
 from .direct_only import settle_direct
-from .direct_shards import ShotAhead
+from .direct_shards import NOTHING_AHEAD, ShotAhead
 from .first_photons import FirstPhotons
 from .light_field import LightField
 from .lost_light import state_lost
@@ -93,7 +93,7 @@ class LightSearch:
         without photons, and whether the rays came to an end.
         """
         run, settings, texels = self.run, self.settings, self.receivers.texels
-        solver, ahead, by_rays = None, None, settings.direct == "rays"
+        solver, ahead, by_rays = None, NOTHING_AHEAD, settings.direct == "rays"
         if self.needs.photons and by_rays:
             ahead = ShotAhead.send(run.folder, settings, self.executor, len(texels))
             with run.stage(solve.TRACING):

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from . import basis, estimate, quadtree, refine, rounds, tally, workers
 from .birth_guide import BirthGuide
 from .direct_field import DirectField
-from .direct_shards import ShotAhead
+from .direct_shards import NOTHING_AHEAD, ShotAhead
 from .executors import spread
 from .few_photons import CELL_BITS, FewPhotons
 from .first_photons import FirstPhotons
@@ -100,7 +100,7 @@ class Solver:
         self._trace_round(None)
         self.reading = self._read_tallies()
 
-    def shoot_direct(self, tell: Tell, should_stop: Stop, ahead: ShotAhead | None = None) -> bool:
+    def shoot_direct(self, tell: Tell, should_stop: Stop, ahead: ShotAhead = NOTHING_AHEAD) -> bool:
         """Shadow rays from all texels of a bake that has begun, as sure as they must be beside its light; see DirectField.shoot."""
         every, other = range(len(self.tracing.texels)), self._other_light(self.reading or self._read_tallies())
         is_done = self.direct.shoot(self.folder, self.settings, self.executor, every, tell, should_stop, other, ahead)

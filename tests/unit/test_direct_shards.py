@@ -7,7 +7,7 @@ import pytest
 from boxes import lamp_scene, prepare_folder
 from leaflight.core import direct_shards, executors, workers
 from leaflight.core.direct_field import DirectField
-from leaflight.core.direct_shards import ShotAhead
+from leaflight.core.direct_shards import NOTHING_AHEAD, ShotAhead
 from leaflight.core.judged import DARK_FLOOR
 from leaflight.core.other_light import OtherLight
 from leaflight.core.settings import Settings
@@ -60,7 +60,7 @@ def shoot(folder, n_texel, ahead, executor):
 def test_shards_sent_ahead_are_not_sent_again_and_have_the_same_light_where_nothing_else_is_seen(folder):
     folder, n_texel = folder
     executor = Noting()
-    whole = shoot(folder, n_texel, None, executor)
+    whole = shoot(folder, n_texel, NOTHING_AHEAD, executor)
     every, executor.shards = executor.shards, []
     ahead = ShotAhead.send(folder, SETTINGS, executor, n_texel)
     assert ahead.count == round(len(every) / 4) > 2
@@ -75,11 +75,12 @@ def test_shards_sent_ahead_are_not_sent_again_and_have_the_same_light_where_noth
 
 def test_shards_sent_ahead_see_to_shadows_as_if_nothing_else_were_seen(folder, monkeypatch):
     folder, n_texel = folder
-    monkeypatch.setattr(direct_shards, "_AHEAD", 1)  # all of them
+    monkeypatch.setattr(direct_shards, "_AHEAD", 1)
+    monkeypatch.setattr(direct_shards, "_MOST_AHEAD", 100)  # all of them
     ahead = ShotAhead.send(folder, SETTINGS, executors.InlineExecutor(), n_texel)
     bright = OtherLight(np.full(n_texel, 1e3, np.float32))
     fields = [DirectField.none(n_texel) for _ in range(3)]
-    for field, (other, sent) in zip(fields, ((None, None), (bright, None), (bright, ahead)), strict=True):
+    for field, (other, sent) in zip(fields, ((None, NOTHING_AHEAD), (bright, NOTHING_AHEAD), (bright, ahead)), strict=True):
         field.shoot(folder, SETTINGS, executors.InlineExecutor(), range(n_texel), other=other, ahead=sent)
     alone, beside, parted = (field.irradiance for field in fields)
     assert (alone != beside).any()
@@ -101,6 +102,12 @@ def test_below_a_sky_shards_sent_ahead_know_how_bright_all_is(tmp_path, monkeypa
     field.shoot(tmp_path, settings, executors.InlineExecutor(), every)
     assert 0.8 < glance / field.irradiance.mean() < 1.25
     workers.forget_folders()
+
+
+@pytest.mark.parametrize(("count", "ahead"), [(37_339, 1), (541_000, 3), (11_702_608, 3)])
+def test_of_a_large_page_few_shards_are_sent_ahead(count, ahead, tmp_path):
+    """Who waits for them is deaf to a stop."""
+    assert ShotAhead.send(tmp_path, SETTINGS, executors.InlineExecutor(), count).count == ahead
 
 
 @pytest.mark.parametrize("count", [0, 1, 4])

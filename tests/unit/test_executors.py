@@ -154,7 +154,7 @@ def give_and_end_with_the_first_write():
     return bytes(20_000)
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="a pipe of POSIX")
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes of Windows keep messages whole, and are another class")
 def test_a_process_that_is_killed_while_it_hands_over_a_result_is_told():
     """A part of a message would be waited for until the rest of it comes."""
     with executors.LocalExecutor(2) as executor:
