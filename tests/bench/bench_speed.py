@@ -32,7 +32,7 @@ from cycles_reference import COMMITTED, ROOT, WHOLE_SIZE, Reference
 from export_samples import export_samples
 from image_io_path import add_image_io
 from leaflight.core.snapshot import load_snapshot
-from speed_curves import Point, Reach, geometric_mean, ratio_text, reach_error, time_again
+from speed_curves import Point, Reach, bake_in_turns, geometric_mean, join_turns, ratio_text, reach_error
 from tables import Table, put_tables
 
 DOCS = ROOT / "docs"
@@ -119,20 +119,22 @@ def trace_curves(name: str, size: int, reference: Reference, effort: Effort) -> 
 def trace_leaflight(
     name: str, size: int, effort: Effort, errors: Sequence[float], options: list[str], measure: Callable[[np.ndarray, float, float], Point]
 ) -> list[Point]:
-    """Bakes by the command line to ever smaller errors, until one takes longer than the budget."""
+    """Bakes by the command line to ever smaller errors, until one takes longer than the budget.
 
-    def bake(error: float) -> tuple[np.ndarray, float]:
-        page, report = speed_rivals.bake_leaflight(name, size, ["--error", str(error), "--max-photons", "1000000000", *options])
-        return page, report["seconds"]["loaded"]
+    Each turn has a seed of its own: whether a bake needs another round can hang on the photons it was dealt.
+    """
 
-    points: dict[float, Point] = {}
+    def bake(error: float, turn: int = 0) -> Point:
+        asked = ["--error", str(error), "--max-photons", "1000000000", "--seed", str(1 + turn)]
+        page, report = speed_rivals.bake_leaflight(name, size, [*asked, *options])
+        return measure(page, report["seconds"]["loaded"], error)
+
+    first: dict[float, Point] = {}
     for error in errors:
-        page, seconds = bake(error)
-        points[error] = measure(page, seconds, error)
-        if ends_series(points[error], effort.budget_s):
+        first[error] = bake(error)
+        if ends_series(first[error], effort.budget_s):
             break
-    times = time_again({error: point.seconds for error, point in points.items()}, lambda error: bake(error)[1], effort.turns)
-    return [dataclasses.replace(point, seconds=times[error]) for error, point in points.items()]
+    return [join_turns(points) for points in bake_in_turns(first, bake, effort.turns, lambda point: point.seconds)]
 
 
 def list_more_samples(cycles: Sequence[Point], filtered: Sequence[Point], effort: Effort) -> tuple[int, ...]:

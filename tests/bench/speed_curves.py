@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
+Baked = TypeVar("Baked")
 SHORT_S = 10.0  # a bake that takes less is at the mercy of the second it is made in
 
 
@@ -35,14 +37,30 @@ class Reach:
         return f"{self.mark.replace('<=', '≤')}{self.seconds:.{digits}f} s"
 
 
-def time_again(first: dict[float, float], bake: Callable[[float], float], turns: int) -> dict[float, float]:
-    """Seconds of bakes by what they were asked for; short ones are made again, in turn, until there are `turns` of each: their medians."""
-    times = {asked: [seconds] for asked, seconds in first.items()}
-    for _ in range(turns - 1):
-        for asked, seconds in first.items():
-            if seconds < SHORT_S:
-                times[asked].append(bake(asked))
-    return {asked: statistics.median(seconds) for asked, seconds in times.items()}
+def bake_in_turns(
+    first: dict[float, Baked], bake: Callable[[float, int], Baked], turns: int, seconds: Callable[[Baked], float]
+) -> list[list[Baked]]:
+    """Bakes by what they were asked for; short ones are made again, in turn, until there are `turns` of each.
+
+    bake      of what is asked for and the turn, from 1 on
+    seconds   of a bake
+    """
+    made = {asked: [baked] for asked, baked in first.items()}
+    for turn in range(1, turns):
+        for asked, bakes in made.items():
+            if seconds(bakes[0]) < SHORT_S:
+                bakes.append(bake(asked, turn))
+    return list(made.values())
+
+
+def join_turns(points: Sequence[Point]) -> Point:
+    """The median of the seconds; errors are root mean squares."""
+
+    def mean(errors: Iterable[float]) -> float:
+        return math.sqrt(statistics.mean(error * error for error in errors))
+
+    seconds = statistics.median(point.seconds for point in points)
+    return Point(seconds, mean(point.rel for point in points), mean(point.nrmse for point in points), points[0].asked)
 
 
 def reach_error(points: Sequence[Point], error: float, measure: str = "rel", extrapolate: bool = False) -> Reach | None:

@@ -10,7 +10,7 @@ import pytest
 sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
 
 import bench_speed
-from speed_curves import Point, Reach, geometric_mean, ratio_text, reach_error, time_again
+from speed_curves import Point, Reach, bake_in_turns, geometric_mean, join_turns, ratio_text, reach_error
 
 # Two seconds of start, then 0.1 s a sample; error 1 / sqrt(samples).
 SAMPLED = [Point(2.0 + 0.1 * n, n**-0.5, 2.0 * n**-0.5, n) for n in (4, 16, 64)]
@@ -39,17 +39,24 @@ def test_a_longer_bake_that_is_worse_gains_nothing():
     assert reach.seconds == pytest.approx(2.0)  # halfway from the first to the last, by powers
 
 
-def test_short_bakes_are_made_again_in_turn_and_their_medians_count():
-    made, seconds = [], iter([2.0, 5.0, 0.5, 7.0])
+def test_short_bakes_are_made_again_in_turn():
+    made, seconds = [], iter([2.0, 15.0, 0.5, 7.0])
 
-    def bake(asked):
-        made.append(asked)
+    def bake(asked, turn):
+        made.append((asked, turn))
         return next(seconds)
 
-    assert time_again({0.1: 1.0, 0.05: 6.0, 0.02: 10.0}, bake, 3) == {0.1: 1.0, 0.05: 6.0, 0.02: 10.0}
-    assert made == [0.1, 0.05, 0.1, 0.05]
-    assert time_again({0.1: 4.0}, lambda asked: 3.0, 2) == {0.1: 3.5}
-    assert time_again({0.1: 4.0}, bake, 1) == {0.1: 4.0}
+    first = {0.1: 1.0, 0.05: 6.0, 0.02: 10.0}
+    assert bake_in_turns(first, bake, 3, float) == [[1.0, 2.0, 0.5], [6.0, 15.0, 7.0], [10.0]]
+    assert made == [(0.1, 1), (0.05, 1), (0.1, 2), (0.05, 2)]
+    assert bake_in_turns(first, bake, 1, float) == [[1.0], [6.0], [10.0]]
+
+
+def test_of_turns_the_median_of_seconds_counts_and_the_root_mean_square_of_errors():
+    joined = join_turns([Point(4.0, 0.03, 0.7, 0.1), Point(1.0, 0.04, 0.1, 0.1), Point(2.0, 0.05, 0.1, 0.1)])
+    assert joined == Point(2.0, pytest.approx(math.sqrt(50e-4 / 3)), pytest.approx(math.sqrt(0.17)), 0.1)
+    one = Point(4.0, 0.5, 0.25, 0.1)
+    assert join_turns([one]) == one
 
 
 def test_mean_and_ratios():
