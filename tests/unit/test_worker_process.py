@@ -79,7 +79,7 @@ os.kill(copy, signal.SIGINT)
 print(executor._pool.submit(os.getpid).result() == copy)
 waiting = executor._pool._executor_manager_thread
 os.kill(copy, signal.SIGTERM)
-waiting.join()
+waiting.join(30)
 print(process.exitcode)
 os._exit(0)
 """
