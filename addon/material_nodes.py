@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import bpy
 
+from .node_groups import bring_out
+from .node_ports import Port, find_source, list_shaders
 from .tags import NAME, mark_made
 
 MODES = ("combined", "lighting", "nodes")
@@ -35,7 +35,7 @@ def write_nodes(material: bpy.types.Material, image: bpy.types.Image, uv_layer: 
     error, shader = "", _show(place, texture.outputs["Color"])
     if mode == "lighting":
         error, shader = _lit_base(place, texture.outputs["Color"], shader, surface, constant_base)
-    shader = _cut_out(place, shader, surface) if surface else shader
+    shader = _cut_out(place, shader, find_source(Port(surface))) if surface else shader
     for output in outputs or [place.node("ShaderNodeOutputMaterial", 5)]:
         tree.links.new(output.inputs["Surface"], shader)
     return error
@@ -106,20 +106,20 @@ def _lit_base(
     constant_base: tuple[float, float, float] | None,
 ) -> tuple[str, bpy.types.NodeSocket]:
     """Base colour times light, plus the material's own emission."""
-    nodes = list(_shader_nodes(surface)) if surface else []
-    base = next((_color_input(node) for node in nodes if node.type in DIFFUSE_NODES), None)
-    emission = next(filter(None, map(_emission_inputs, nodes)), None)
+    shaders = list(list_shaders(Port(surface))) if surface else []
+    base = next((_read_base(port) for port in shaders if port.node.type in DIFFUSE_NODES), None)
+    emission = next(filter(None, map(_read_emission, shaders)), None)
     error = ""
     multiply = place.node("ShaderNodeVectorMath", 2)  # a vector product is not clamped: light may be brighter than 1
     multiply.operation = "MULTIPLY"
     place.tree.links.new(multiply.inputs[1], light)
     if base is not None:
-        _copy_input(place.tree, base, multiply.inputs[0])
+        feed(place.tree, base, multiply.inputs[0])
     elif emission is not None:
         multiply.inputs[0].default_value = (0.0, 0.0, 0.0)
     else:
         multiply.inputs[0].default_value = constant_base or DEFAULT_BASE_RGB
-        if nodes:
+        if shaders:
             error = (
                 "no diffuse base colour was found in its nodes, so its light is shown on grey; bake the combined pass to see its colour."
             )
@@ -128,80 +128,64 @@ def _lit_base(
         return error, shader
     glow = place.node("ShaderNodeEmission", 3)
     for source, target in zip(emission, ("Color", "Strength"), strict=True):
-        _copy_input(place.tree, source, glow.inputs[target])
+        feed(place.tree, source, glow.inputs[target])
     add = place.node("ShaderNodeAddShader", 4)
     place.tree.links.new(add.inputs[0], shader)
     place.tree.links.new(add.inputs[1], glow.outputs["Emission"])
     return error, add.outputs["Shader"]
 
 
-def _cut_out(place: _Placer, shader: bpy.types.NodeSocket, surface: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
-    """The shader with the gaps that an alpha texture cuts into leaves and fences; a constant alpha is in the bake already."""
-    node = _find_feeding(surface)
-    if node is None:
+def _cut_out(place: _Placer, shader: bpy.types.NodeSocket, seen: Port) -> bpy.types.NodeSocket:
+    """The shader with the gaps that an alpha texture cuts into leaves and fences; a constant alpha is in the bake already.
+
+    seen   what the original shows there
+    """
+    node = None if seen.is_value else seen.node
+    if node is None or node.type not in ("BSDF_PRINCIPLED", "MIX_SHADER"):
         return shader
-    if node.type == "BSDF_PRINCIPLED" and node.inputs["Alpha"].is_linked:
-        return _mix_gaps(place, shader, node.inputs["Alpha"].links[0].from_socket, 0)
-    if node.type != "MIX_SHADER" or not node.inputs[0].is_linked:
+    fraction = seen.sibling("Alpha") if node.type == "BSDF_PRINCIPLED" else find_source(Port(node.inputs[0], seen.groups))
+    if fraction is None or fraction.is_value:
         return shader
-    gaps = [number for number in (0, 1) if (part := _find_feeding(node.inputs[1 + number])) and part.type == "BSDF_TRANSPARENT"]
+    if node.type == "BSDF_PRINCIPLED":
+        return _mix_gaps(place, shader, fraction, 0)
+    parts = [find_source(Port(node.inputs[number], seen.groups)) for number in (1, 2)]
+    gaps = [number for number, part in enumerate(parts) if not part.is_value and part.node.type == "BSDF_TRANSPARENT"]
     if len(gaps) != 1:
         return shader
-    solid = _cut_out(place, shader, node.inputs[2 - gaps[0]])
-    return _mix_gaps(place, solid, node.inputs[0].links[0].from_socket, gaps[0])
+    solid = _cut_out(place, shader, parts[1 - gaps[0]])
+    return _mix_gaps(place, solid, fraction, gaps[0])
 
 
-def _mix_gaps(place: _Placer, shader: bpy.types.NodeSocket, fraction: bpy.types.NodeSocket, number_of_gaps: int) -> bpy.types.NodeSocket:
+def _mix_gaps(place: _Placer, shader: bpy.types.NodeSocket, fraction: Port, number_of_gaps: int) -> bpy.types.NodeSocket:
     """(1 - fraction) of the first and fraction of the second: of the shader, and of what lets all light through."""
     mix, gap = place.node("ShaderNodeMixShader", 4), place.node("ShaderNodeBsdfTransparent", 3)
     sockets = [shader, shader]
     sockets[number_of_gaps] = gap.outputs[0]
-    for socket, source in zip(mix.inputs, (fraction, *sockets), strict=True):
+    for socket, source in zip(mix.inputs, (bring_out(place.tree, fraction), *sockets), strict=True):
         place.tree.links.new(socket, source)
     return mix.outputs[0]
 
 
-def _find_feeding(socket: bpy.types.NodeSocket) -> bpy.types.Node | None:
-    """The node that feeds a socket, past reroutes; None where nothing does."""
-    while socket.is_linked:
-        node = socket.links[0].from_node
-        if node.type != "REROUTE":
-            return node
-        socket = node.inputs[0]
-    return None
+def _read_base(port: Port) -> Port | None:
+    return port.sibling("Base Color" if port.node.type == "BSDF_PRINCIPLED" else "Color")
 
 
-def _shader_nodes(socket: bpy.types.NodeSocket) -> Iterator[bpy.types.Node]:
-    """The nodes that feed a socket with shaders, nearest first along each branch."""
-    waiting, seen = [socket], set()
-    while waiting:
-        for link in waiting.pop().links:
-            node = link.from_node
-            if link.is_muted or node.name in seen:
-                continue
-            seen.add(node.name)
-            yield node
-            waiting += [entry for entry in reversed(node.inputs) if entry.type == "SHADER"]
-
-
-def _color_input(node: bpy.types.Node) -> bpy.types.NodeSocket:
-    return node.inputs["Base Color" if node.type == "BSDF_PRINCIPLED" else "Color"]
-
-
-def _emission_inputs(node: bpy.types.Node) -> tuple[bpy.types.NodeSocket, bpy.types.NodeSocket] | None:
-    if node.type == "EMISSION":
-        return node.inputs["Color"], node.inputs["Strength"]
-    if node.type != "BSDF_PRINCIPLED":
+def _read_emission(port: Port) -> tuple[Port, Port] | None:
+    """Sources of emitted colour and strength; None of a shader that does not shine."""
+    prefix = {"EMISSION": "", "BSDF_PRINCIPLED": "Emission "}.get(port.node.type)
+    if prefix is None:
         return None
-    strength = node.inputs["Emission Strength"]
-    return (node.inputs["Emission Color"], strength) if strength.is_linked or strength.default_value > 0.0 else None
+    color, strength = port.sibling("Emission Color" if prefix else "Color"), port.sibling(f"{prefix}Strength")
+    if color is None or strength is None:
+        return None
+    return (color, strength) if not prefix or not strength.is_value or strength.socket.default_value > 0.0 else None
 
 
-def _copy_input(tree: bpy.types.NodeTree, source: bpy.types.NodeSocket, target: bpy.types.NodeSocket) -> None:
-    """Feeds target with what feeds source: its link, else its constant."""
-    if source.is_linked:
-        tree.links.new(target, source.links[0].from_socket)
-    elif source.type == "RGBA" and target.type == "VECTOR":
-        target.default_value = source.default_value[:3]
+def feed(tree: bpy.types.NodeTree, source: Port, target: bpy.types.NodeSocket) -> None:
+    """Feeds target with a source: by a link, or with its constant."""
+    if not source.is_value:
+        tree.links.new(target, bring_out(tree, source))
+    elif source.socket.type == "RGBA" and target.type == "VECTOR":
+        target.default_value = source.socket.default_value[:3]
     else:
-        target.default_value = source.default_value
+        target.default_value = source.socket.default_value

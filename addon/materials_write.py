@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 
 from .material_nodes import MODES, write_nodes
+from .node_groups import remove_unused_groups
 from .tags import NAME, is_made, local_objects, mark_made, not_editable_error, remove_mark, remove_unused, suffixed_name
 from .uv_layer import ACTIVE, PLACE, activate_layer, layer_name, release_active
 
@@ -43,7 +44,7 @@ def assign(pairs: Iterable[tuple[bpy.types.Object, bpy.types.Image]], mode: str 
         uncover(obj)
         obj[BAKE] = {"image": image, "mode": mode, "uv_layer": name if uv_layer else ""}
         warnings += _cover(obj, image, mode, name, copies)
-    remove_unused(bpy.data.materials)
+    _remove_unused_copies()
     return warnings
 
 
@@ -72,7 +73,12 @@ def hide(objects: Iterable[bpy.types.Object]) -> None:
         uncover(obj)
     for mesh in {obj.data for obj in objects if obj.type == "MESH"}:
         release_mesh(mesh)
+    _remove_unused_copies()
+
+
+def _remove_unused_copies() -> None:
     remove_unused(bpy.data.materials)
+    remove_unused_groups()
 
 
 def is_shown(obj: bpy.types.Object) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,6 +39,19 @@ def find_source(port: Port) -> Port:
             return port
         port = _pass_through(Port(links[0].from_socket, port.groups))
     return port
+
+
+def list_shaders(port: Port) -> Iterator[Port]:
+    """The outputs that feed a port with shaders, inside groups too, nearest first along each branch."""
+    waiting, seen = [port], set()
+    while waiting:
+        port = find_source(waiting.pop())
+        key = (port.node.name, *(group.name for group in port.groups))
+        if port.is_value or key in seen:
+            continue
+        seen.add(key)
+        yield port
+        waiting += [Port(entry, port.groups) for entry in reversed(port.node.inputs) if entry.type == "SHADER"]
 
 
 def _pass_through(port: Port) -> Port:

@@ -7,6 +7,7 @@ import bpy
 from . import baked_copies, images, materials_write, uv_layer
 from .kept_state import remove_marks
 from .layout import LAYOUT
+from .node_groups import remove_unused_groups
 from .tags import MADE, is_made, local_objects, remove_mark
 
 OBJECT_MARKS = (MADE, materials_write.BAKE, baked_copies.SOURCE, baked_copies.HIDDEN, baked_copies.SHARED_MESH, uv_layer.PLACE)
@@ -74,11 +75,12 @@ def _remove_materials(everything: bool) -> None:
         if material.users and original:
             material.user_remap(original)
     bpy.data.batch_remove(made)
+    remove_unused_groups()
 
 
 def _release_rest() -> None:
     """What is still in use, because the user took it over, loses our mark."""
-    for blocks in (bpy.data.images, bpy.data.meshes, bpy.data.collections):
+    for blocks in (bpy.data.images, bpy.data.meshes, bpy.data.collections, bpy.data.node_groups):
         for block in blocks:
             if is_made(block):
                 remove_mark(block, MADE)

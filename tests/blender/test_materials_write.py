@@ -203,6 +203,47 @@ def test_gaps_of_leaves_stay_gaps(plane, tmp_path, build, mode):
     np.testing.assert_allclose(render(tmp_path), PAGE * mask[None, :, None], rtol=0.03)
 
 
+def put_into_group(material, depth=1):
+    """What feeds the material's output moves into a group, that one into another, and so on; the mask's layer stays outside."""
+    tree, tree_below = material.node_tree, None
+    for level in range(depth):
+        group = bpy.data.node_groups.new(f"Leaf {level}", "ShaderNodeTree")
+        group.interface.new_socket("Surface", in_out="OUTPUT", socket_type="NodeSocketShader")
+        end = group.nodes.new("NodeGroupOutput")
+        if level:
+            inner = group.nodes.new("ShaderNodeGroup")
+            inner.node_tree = tree_below
+        else:
+            inner = group.nodes.new("ShaderNodeMixShader")
+            glow, gap = group.nodes.new("ShaderNodeBsdfDiffuse"), group.nodes.new("ShaderNodeBsdfTransparent")
+            color = group.nodes.new("ShaderNodeRGB")
+            color.outputs[0].default_value = (*BASE, 1)
+            for socket, source in zip(inner.inputs, (add_mask(group), gap.outputs[0], glow.outputs[0]), strict=True):
+                group.links.new(socket, source)
+            group.links.new(glow.inputs["Color"], color.outputs[0])
+        group.links.new(end.inputs[0], inner.outputs[0])
+        tree_below = group
+    node = tree.nodes.new("ShaderNodeGroup")
+    node.node_tree = tree_below
+    tree.links.new(tree.get_output_node("CYCLES").inputs["Surface"], node.outputs[0])
+
+
+@pytest.mark.parametrize("depth", [1, 2])
+@pytest.mark.parametrize("mode", ["combined", "lighting"])
+def test_a_grouped_shader_keeps_its_gaps_and_color(plane, tmp_path, mode, depth):
+    plane.data.uv_layers["UVMap"].uv.foreach_set("vector", np.array([0, 0, 1, 0, 1, 1, 0, 1], np.float32))
+    material = make_material("Leaf")
+    put_into_group(material, depth)
+    plane.data.materials.append(material)
+    before = {group.name: (len(group.nodes), len(group.interface.items_tree)) for group in bpy.data.node_groups}
+    assert materials_write.assign([(plane, page_image())], mode) == []
+    expected = PAGE * MASK[None, :, None] * (BASE if mode == "lighting" else 1.0)
+    np.testing.assert_allclose(render(tmp_path), expected, rtol=0.03)
+    materials_write.hide([plane])
+    after = {group.name: (len(group.nodes), len(group.interface.items_tree)) for group in bpy.data.node_groups}
+    assert after == before
+
+
 def test_lighting_without_a_material_is_on_blenders_default_grey(plane, tmp_path):
     assert materials_write.assign([(plane, page_image())], "lighting") == []
     np.testing.assert_allclose(render(tmp_path), 0.8 * PAGE, rtol=0.03)
