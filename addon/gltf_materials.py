@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import bpy
 
+from .gltf_colors import GltfColors
 from .tags import NAME
 
 GROUP_NAME = "glTF Material Output"  # the exporter knows the group by its name
@@ -26,13 +27,15 @@ def make_unlit(original: bpy.types.Material | None, texture: bpy.types.Image, uv
 
 
 def make_lightmapped(
-    original: bpy.types.Material | None, texture: bpy.types.Image, uv_layer: str, group: bpy.types.NodeTree
+    original: bpy.types.Material | None, texture: bpy.types.Image, uv_layer: str, group: bpy.types.NodeTree, colors: GltfColors
 ) -> bpy.types.Material:
     """A copy of the original with the texture as its occlusion."""
     material = original.copy() if original is not None else bpy.data.materials.new(NAME)
-    if bpy.app.version < (5, 0, 0) and not material.use_nodes:
+    if original is None and bpy.app.version < (5, 0, 0):
         material.use_nodes = True
         material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = material.diffuse_color
+    elif original is not None and colors.needs(original):
+        colors.write(material, original)
     tree = material.node_tree
     sockets = list(_occlusion_sockets(tree))
     if not sockets:
@@ -43,6 +46,15 @@ def make_lightmapped(
     for socket in sockets:
         tree.links.new(socket, color)
     return material
+
+
+def make_plain(original: bpy.types.Material | None, colors: GltfColors) -> bpy.types.Material | None:
+    """The original where the exporter reads it, else a copy with the colours that were read of it."""
+    if original is None or not colors.needs(original):
+        return original
+    copy = original.copy()
+    colors.write(copy, original)
+    return copy
 
 
 def make_group() -> bpy.types.NodeTree:

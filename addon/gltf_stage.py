@@ -16,7 +16,9 @@ from ..core.file_names import clean_name, make_unique
 from . import gltf_materials, gltf_textures
 from .baked_copies import SOURCE, place_copy
 from .export_pieces import Piece, walk_pieces
+from .gltf_colors import GltfColors
 from .materials_write import BAKE, Sentences, find_original
+from .node_groups import remove_unused_groups
 from .render_levels import evaluate_for_render
 from .tags import NAME
 from .uv_layer import MAX_LAYERS, layer_name, read_place
@@ -39,6 +41,8 @@ class Stage:
         self._bare: list[tuple[Any, bpy.types.Mesh, list[Any]]] = []
         self._materials: dict[tuple[Any, ...], bpy.types.Material] = {}
         self._textures: dict[tuple[Any, bool], tuple[bpy.types.Image, float]] = {}
+        self._colors = GltfColors(folder)
+        self._plain: dict[Any, bpy.types.Material | None] = {}
         self._group: bpy.types.NodeTree | None = None
 
     def add(self, piece: Piece) -> None:
@@ -62,17 +66,19 @@ class Stage:
         """
         for original, mesh, slots in self._bare:
             bake = original.get(BAKE)
-            worn = slots if bake is None else self._show_bake(mesh, original, bake, slots or [None])
+            worn = [self._wear_plain(slot) for slot in slots] if bake is None else self._show_bake(mesh, original, bake, slots or [None])
             for index, material in enumerate(worn):
                 if index < len(mesh.materials):
                     mesh.materials[index] = material
                 else:
                     mesh.materials.append(material)
+        self.warnings += dict.fromkeys(self._colors.warnings)
 
     def close(self) -> None:
         """Delete all copies."""
         bpy.data.scenes.remove(self.scene)
-        bpy.data.batch_remove(self._made)
+        bpy.data.batch_remove([*self._made, *self._colors.made])
+        remove_unused_groups()
 
     def _show_bake(self, mesh: bpy.types.Mesh, original: Any, bake: Any, slots: list[Any]) -> list[Any]:
         """The slots with materials that show the bake; gives them as they are, with a warning, where it cannot be shown."""
@@ -92,15 +98,27 @@ class Stage:
                 self._group = gltf_materials.make_group()
                 self._made.append(self._group)
             if lit:
-                made = gltf_materials.make_lightmapped(original, texture, layer, self._group)
+                made = gltf_materials.make_lightmapped(original, texture, layer, self._group, self._colors)
                 self.ranges[made.name] = value_range
             else:
                 made = gltf_materials.make_unlit(original, texture, layer)
             self._made.append(made)
             self._materials[key] = made
-            name, taken = original.name if original else NAME, self.names["materials"].values()
-            self.names["materials"][made.name] = make_unique([*taken, name])[-1]  # a material on two pages is two in the file
+            self._name(made, original)
         return self._materials[key]
+
+    def _wear_plain(self, original: bpy.types.Material | None) -> bpy.types.Material | None:
+        """What shows a material where nothing is baked."""
+        if original not in self._plain:
+            made = self._plain[original] = gltf_materials.make_plain(original, self._colors)
+            if made != original:
+                self._made.append(made)
+                self._name(made, original)
+        return self._plain[original]
+
+    def _name(self, made: Any, original: bpy.types.Material | None) -> None:
+        name, taken = original.name if original else NAME, self.names["materials"].values()
+        self.names["materials"][made.name] = make_unique([*taken, name])[-1]  # a material on two pages is two in the file
 
     def _texture(self, image: bpy.types.Image, lit: bool) -> tuple[bpy.types.Image, float]:
         key = (image, lit)

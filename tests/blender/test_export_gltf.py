@@ -297,6 +297,106 @@ def test_textures_and_occlusion_of_the_users_stay_theirs_but_on_baked_objects(ro
     assert [image["name"] for image in manifest["images"]] == ["lightmap_0.lighting"]
 
 
+def make_shader(material, kind):
+    """A tree of one shader, that feeds the output."""
+    tree = material.node_tree
+    tree.nodes.clear()
+    shader, output = tree.nodes.new(kind), tree.nodes.new("ShaderNodeOutputMaterial")
+    tree.links.new(output.inputs["Surface"], shader.outputs[0])
+    return tree, shader
+
+
+def make_striped():
+    """An image of red over green."""
+    image = bpy.data.images.new("stripes", 4, 2)
+    image.pixels.foreach_set(np.repeat(np.array([[1, 0, 0, 1], [0, 1, 0, 1]], np.float32), 4, axis=0).ravel())
+    image.pack()
+    return image
+
+
+def read_factors(document, name):
+    material = document["materials"][primitive_of(document, name)["material"]]
+    pbr = material["pbrMetallicRoughness"]
+    return material, pbr.get("baseColorFactor", [1, 1, 1, 1])[:3], pbr.get("metallicFactor", 1)
+
+
+@pytest.mark.parametrize("passes", ["lighting", "combined"])
+def test_a_diffuse_shader_keeps_its_colour(room, tmp_path, passes):
+    """The exporter knows the Principled BSDF alone; anything else was white metal."""
+    green = bpy.data.materials["Wood"]
+    _, shader = make_shader(green, "ShaderNodeBsdfDiffuse")
+    shader.inputs["Color"].default_value = (0.1, 0.7, 0.1, 1.0)
+    bpy.data.objects["Ball"].data.materials.append(green)
+    bake_room(tmp_path, passes)
+    document = export(tmp_path)
+    for name in ("Ball", "Cube") if passes == "lighting" else ("Ball",):
+        _, color, metallic = read_factors(document, name)
+        np.testing.assert_allclose(color, (0.1, 0.7, 0.1), atol=1e-6)
+        assert metallic == 0
+    assert find(document, "materials", "Wood")
+
+
+def test_colours_of_mixes_and_lamps_are_those_that_were_read(room, tmp_path):
+    mixed, lamp = bpy.data.materials["Wood"], bpy.data.materials.new("Lamp")
+    if lamp.node_tree is None:  # Blender 4.5
+        lamp.use_nodes = True
+    tree, mix = make_shader(mixed, "ShaderNodeMixShader")
+    mix.inputs[0].default_value = 0.5
+    for number, color in enumerate([(0.8, 0.2, 0.0, 1), (0.0, 0.2, 0.4, 1)]):
+        part = tree.nodes.new("ShaderNodeBsdfDiffuse")
+        part.inputs["Color"].default_value = color
+        tree.links.new(mix.inputs[1 + number], part.outputs[0])
+    _, glow = make_shader(lamp, "ShaderNodeEmission")
+    glow.inputs["Color"].default_value, glow.inputs["Strength"].default_value = (1.0, 0.5, 0.25, 1.0), 6.0
+    bpy.data.objects["Floor"].data.materials.append(lamp)
+    bake_room(tmp_path, "lighting")
+    document = export(tmp_path)
+    _, color, metallic = read_factors(document, "Cube")
+    np.testing.assert_allclose([*color, metallic], (0.4, 0.2, 0.2, 0.0), atol=1e-6)
+    material, color, metallic = read_factors(document, "Floor")
+    np.testing.assert_allclose([*color, metallic], 0.0, atol=1e-6)
+    strength = material["extensions"]["KHR_materials_emissive_strength"]["emissiveStrength"]
+    np.testing.assert_allclose(np.array(material["emissiveFactor"]) * strength, (6.0, 3.0, 1.5), rtol=1e-5)
+
+
+def test_what_nodes_make_of_an_image_is_a_texture_on_its_own_layer(room, tmp_path):
+    wood = bpy.data.materials["Wood"]
+    tree, shader = make_shader(wood, "ShaderNodeBsdfPrincipled")
+    texture, invert, move = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexImage", "Invert", "Mapping"))
+    texture.image = make_striped()
+    move.inputs["Scale"].default_value, move.inputs["Location"].default_value = (2, 3, 1), (0.25, 0.5, 0)
+    coordinate = tree.nodes.new("ShaderNodeTexCoord")
+    tree.links.new(move.inputs["Vector"], coordinate.outputs["UV"])
+    tree.links.new(texture.inputs["Vector"], move.outputs["Vector"])
+    tree.links.new(invert.inputs["Color"], texture.outputs["Color"])
+    tree.links.new(shader.inputs["Base Color"], invert.outputs["Color"])
+    bake_room(tmp_path, "lighting")
+    document = export(tmp_path)
+    material, _, _ = read_factors(document, "Cube")
+    slot = material["pbrMetallicRoughness"]["baseColorTexture"]
+    assert slot.get("texCoord", 0) == 0
+    np.testing.assert_allclose(slot["extensions"]["KHR_texture_transform"]["scale"], (2, 3))
+    name = document["images"][document["textures"][slot["index"]]["source"]]["name"]
+    picture = import_again(tmp_path / "room.glb")[name]
+    np.testing.assert_allclose(picture[:, 0], [(0, 1, 1), (1, 0, 1)], atol=STEP)
+
+
+def test_a_colour_on_no_uv_layer_is_its_mean_with_a_sentence(room, tmp_path):
+    wood = bpy.data.materials["Wood"]
+    tree, shader = make_shader(wood, "ShaderNodeBsdfDiffuse")
+    texture, gamma, coordinate = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexImage", "Gamma", "TexCoord"))
+    texture.image = make_striped()
+    tree.links.new(texture.inputs["Vector"], coordinate.outputs["Generated"])
+    tree.links.new(gamma.inputs["Color"], texture.outputs["Color"])
+    tree.links.new(shader.inputs["Color"], gamma.outputs["Color"])
+    bake_room(tmp_path, "lighting")
+    warnings = export_gltf(bpy.context, tmp_path / "room.glb")
+    assert [subject for subject, _ in warnings] == ["Wood"]
+    assert warnings[0][1].endswith("so the .glb has its mean colour; bake the pass combined to see it.")
+    _, color, _ = read_factors(read_document((tmp_path / "room.glb").read_bytes()), "Cube")
+    np.testing.assert_allclose(color, (0.5, 0.5, 0.0), atol=1e-6)
+
+
 def test_what_cannot_be_exported_is_a_sentence_and_changes_nothing(room, tmp_path, monkeypatch):
     with pytest.raises(ValueError, match="nothing is baked yet: bake the scene first"):
         export_gltf(bpy.context, tmp_path / "room.glb")
