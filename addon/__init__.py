@@ -9,11 +9,23 @@ def register() -> None:
 
     import bpy
 
-    from . import checker, export_gltf, live, object_settings, operators, panels, panels_object, properties, scene_meter, select_operator
+    from . import (
+        checker,
+        export_gltf,
+        live,
+        object_settings,
+        operators,
+        panels,
+        panels_object,
+        properties,
+        scene_meter,
+        select_operator,
+        spare_images,
+    )
     from .bake_state import BakeState
 
     state = BakeState()
-    commands = (*operators.CLASSES, *select_operator.CLASSES, *checker.CLASSES, *export_gltf.CLASSES)
+    commands = (*operators.CLASSES, *select_operator.CLASSES, *checker.CLASSES, *export_gltf.CLASSES, *spare_images.CLASSES)
     with ExitStack() as undo:
         for cls in (properties.LeaflightProperties, *commands, *panels.CLASSES, *panels_object.CLASSES):
             bpy.utils.register_class(cls)

@@ -93,6 +93,9 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
         _report(request, {"scene": scene, **result, "interrupted": interrupted}, [*warnings, *work.export.warnings, *told, *late])
         print_message(Status("done", describe_files([file["path"] for file in result["files"]])), request.quiet)
         process.close()
+    if result["spare"]:
+        print_message(Error(f"{request.output}: the images are not there but in {result['spare']}; make room and move them."), quiet=True)
+        return EXIT_CANNOT_BAKE
     return EXIT_INTERRUPTED if interrupted else EXIT_DONE
 
 

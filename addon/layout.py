@@ -16,6 +16,7 @@ from ..core.job import LAYOUT_FILE
 from .export_scene import ExportedObject
 
 LAYOUT = "leaflight_layout"  # on a scene that wears a bake: digest of its layout, its images by page, and what was told of putting it on
+SPARE = "leaflight_spare"  # on a scene: folder of its bake's images, where they could not be written to the output folder
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from . import images, materials_write, restore, session
+from . import images, materials_write, restore, session, spare_images
 from .kept_state import mark_state
 from .layout import Layout, worn_digest, worn_images, worn_warnings
 from .tags import is_made, local_objects
@@ -66,6 +66,7 @@ class LiveView:
             image.user_remap(found[page])
         _remove_images()
         mark_state(scene, self._work.request)
+        spare_images.mark_spare(scene, result.get("spare", ""))
         return self._warnings
 
     def take_off(self) -> None:

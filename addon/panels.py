@@ -18,6 +18,7 @@ from .properties import list_groups, list_knobs
 from .request import find_mode_error, find_output, find_output_error
 from .scene_meter import SceneMeter
 from .select_operator import is_known
+from .spare_images import draw_spare
 
 _SHOWN_WARNINGS = 6
 _KEPT_LINES = 3  # of the plan: what a bake is of; of the others its own lines take the place
@@ -134,6 +135,7 @@ def _draw_result(layout: Any, context: bpy.types.Context, lines: Sequence[str]) 
     opener = row.row(align=True)
     opener.enabled = folder.is_dir()
     opener.operator("wm.path_open", text="", icon="FILE_FOLDER").filepath = str(folder)
+    draw_spare(box, context)
     box.operator("leaflight.refine", icon="ADD")
 
 

@@ -6,7 +6,7 @@ import bpy
 
 from . import baked_copies, images, materials_write, uv_layer
 from .kept_state import remove_marks
-from .layout import LAYOUT
+from .layout import LAYOUT, SPARE
 from .node_groups import remove_unused_groups
 from .tags import MADE, is_made, local_objects, remove_mark
 
@@ -31,6 +31,7 @@ def remove_bake(scene: bpy.types.Scene | None = None) -> None:
             uv_layer.remove_layer(mesh)
     for one in [scene] if scene else bpy.data.scenes:
         remove_mark(one, LAYOUT)
+        remove_mark(one, SPARE)
         remove_marks(one)
     for obj in objects:
         baked_copies.restore_shared_mesh(obj)

@@ -19,7 +19,7 @@ from ..core.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from ..core.kept_bake import KeptBake, find_kept_bake
 from ..core.messages import Done, Message, Status, Warning_
 from ..core.snapshot import save_snapshot
-from . import baked_copies, export_scene, image_views, images, materials_write, restore
+from . import baked_copies, export_scene, images, materials_write, restore, spare_images
 from .arguments import BakeRequest
 from .export_pieces import walk_pieces
 from .export_receivers import LINKED
@@ -29,6 +29,7 @@ from .layout import Layout, mark_layout, read_layout
 from .render_levels import evaluate_for_render
 
 Warnings = list[tuple[str, str]]
+_LEAST_BYTES = 1024  # of a folder that has room
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ def check_folder(folder: Path) -> None:
     probe = folder / ".leaflight_probe"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        probe.touch()
+        probe.write_bytes(bytes(_LEAST_BYTES))  # a full disk still makes empty files
         probe.unlink(missing_ok=True)  # another bake that begins here may have taken it away
     except OSError as reason:
         raise OSError(f"{folder}: is no folder that can be written ({reason.strerror}); choose another one.") from reason
@@ -139,7 +140,8 @@ def finish_files(scene: bpy.types.Scene, result: dict[str, Any]) -> None:
     for file in result["files"]:
         linear = file.pop("linear")
         if linear:
-            image_views.save_file_view(Path(linear), Path(file["path"]), scene)
+            spare_images.finish_view(file, Path(linear), scene)
+    result.setdefault("spare", "")  # of a bake that an earlier version kept
 
 
 def assign(context: bpy.types.Context, session: Session, result: dict[str, Any]) -> Warnings:
@@ -148,6 +150,7 @@ def assign(context: bpy.types.Context, session: Session, result: dict[str, Any])
     context.view_layer.update()  # until then Blender 5.2 lists the copies that were removed, as None
     warnings = show_pages(context, session, get_layout(session), load_pages(session.request, result))
     mark_state(context.scene, session.request)
+    spare_images.mark_spare(context.scene, result.get("spare", ""))
     return warnings
 
 

@@ -19,6 +19,7 @@ from . import (
     debug_passes,
     earlier_bakes,
     executors,
+    image_room,
     kept_bake,
     pages,
     report,
@@ -115,6 +116,9 @@ def _bake(run: Run, loaded: _Loaded, executor: Executor) -> LightField:
     job, folder, snapshot, needs, settings = run.job, run.folder, loaded.snapshot, loaded.needs, loaded.settings
     first = FirstPhotons.send(folder, settings, executor) if needs.photons and not job.resume else FirstPhotons()
     atlas = lay_out(run, snapshot, settings, loaded.charts)
+    lack = image_room.find_lack(job, atlas, pages.list_names(job, snapshot, atlas))
+    if lack:
+        run.tell(Warning_("", lack))
     executors.wake(executor)  # not before: xatlas works beside this process
     if needs.direct and isinstance(executor, executors.LocalExecutor):
         executor.on_each(workers.open_ahead, str(folder))
@@ -122,13 +126,14 @@ def _bake(run: Run, loaded: _Loaded, executor: Executor) -> LightField:
     receivers = find_receivers(run, snapshot, settings, atlas, executor, needs.direct, by_photons=needs.photons or bool(job.resume))
     light, solver = LightSearch(run, settings, needs, receivers, executor, first, loaded.surfaces, snapshot.tri_object).find()
     with run.stage(_WRITING):
-        files, seam_report = _write_pages(run, snapshot, atlas, receivers.texels, light, loaded.surfaces, executor)
+        files, spare, seam_report = _write_pages(run, snapshot, atlas, receivers.texels, light, loaded.surfaces, executor)
     stateless = False
     if job.keep:  # only now: a bake that is thrown away while it writes has changed nothing
         with run.stage(_KEEPING):
             stateless = _keep_state(job, solver, light.error, run.tell)
     result = {
         "files": [dataclasses.asdict(file) for file in files],
+        "spare": spare,
         "seconds": run.seconds,
         "peak_memory_mb": report.measure_memory_mb(),
         **report.describe_light(light),
@@ -142,7 +147,7 @@ def _bake(run: Run, loaded: _Loaded, executor: Executor) -> LightField:
     for text in earlier_bakes.describe_left_over(job, files, atlas.page_count):
         run.tell(Warning_("", text))  # not in the note, for they may be gone when a bake is kept
     # What Blender is to make by the scene's view transform is not there yet, and its settings are no part of the job.
-    if light.stopped_by != "interrupted" and not any(file.linear for file in files):
+    if light.stopped_by != "interrupted" and not spare and not any(file.linear for file in files):
         try:
             kept_bake.note_bake(folder, snapshot, job, result, run.warnings, stateless)
         except OSError as reason:
@@ -184,7 +189,8 @@ def _write_pages(
     light: LightField,
     surfaces: SurfaceMaterials,
     executor: Executor,
-) -> tuple[list[pages.PageFile], seams.SeamReport]:
+) -> tuple[list[pages.PageFile], str, seams.SeamReport]:
+    """The files, the folder that they had to go to in place of the output folder or "", and what was done at seams."""
     job, margin = run.job, run.job.settings.margin
     threads = executors.count_processors(job.settings.workers)
     points = None
@@ -207,4 +213,11 @@ def _write_pages(
         return debug.look(name, page, lambda: resolver.page("combined", page)) if look else debug.page(name, page)
 
     metadata: dict[str, str | int | float] = {"leaflight:photons": light.photons, "leaflight:estimated_error": light.error}
-    return pages.write_pages(job, run.folder, snapshot, atlas, metadata, draw), seam_report
+
+    def write(to: Job) -> list[pages.PageFile]:
+        return pages.write_pages(to, run.folder, snapshot, atlas, metadata, draw)
+
+    files, spare, told = image_room.write_somewhere(job, run.folder.parent, write)
+    if told:
+        run.tell(Warning_("", told))
+    return files, spare, seam_report

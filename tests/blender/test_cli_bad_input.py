@@ -4,6 +4,7 @@ import math
 import shutil
 import subprocess
 import sys
+import tempfile
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_rooms import QUICK, add_mesh, bake, list_files, open_room, read_pixels, read_report, save_scene
+from leaflight.addon import spare_images
 from leaflight.addon.job import BakeProcess
+from leaflight.addon.layout import worn_images
 
 IMAGE = "room_0.combined.exr"
 TRIANGLE = [(0.0, 0.0, 1.5), (1.0, 0.0, 1.5), (1.0, 1.0, 1.5)]
@@ -85,12 +88,34 @@ def test_files_that_cannot_be_written_are_told_before_the_bake(room, capsys, mon
     assert refuse(room, capsys, option, str(folder)) == f"{folder}: is a folder; give the name of a file."
 
 
-def test_image_name_that_is_taken_by_a_folder(room, capsys):
+def test_images_that_cannot_be_written_are_kept_elsewhere(room, capsys, monkeypatch):
+    """Here for a folder that has the image's name; and what is saved wears them, until they are where they belong."""
+    temporary, saved = room.parent / "tmp", room.parent / "saved.blend"
+    temporary.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
     (room.parent / "maps" / IMAGE).mkdir(parents=True)
-    assert bake(room, "--quiet") == 1
-    assert f"{IMAGE}: cannot be written (" in capsys.readouterr().err
+    assert bake(room, "--quiet", "--save", str(saved)) == 1
+    told = capsys.readouterr().err.splitlines()
+    (spare,) = temporary.iterdir()
+    assert f"{IMAGE}: cannot be written (" in told[0]
+    assert f"They are safe in {spare}" in told[0]
+    assert told[-1] == f"leaflight: error: {room.parent / 'maps'}: the images are not there but in {spare}; make room and move them."
     assert list_files(room.parent / "maps") == [IMAGE]
     assert list_files(room.parent / "maps" / IMAGE) == []
+    assert list_files(spare) == [IMAGE]
+    assert read_report(room)["spare"] == str(spare)
+    bpy.ops.wm.open_mainfile(filepath=str(saved))
+    scene = bpy.context.scene
+    assert spare_images.find_spare(scene) == spare
+    with pytest.raises(OSError, match=r"maps: the images cannot be written there either \(.+\); choose another output folder\.$"):
+        spare_images.move_images(scene, spare, room.parent / "maps")
+    assert list_files(room.parent / "maps") == [IMAGE]
+    assert spare_images.move_images(scene, spare, room.parent / "other") == 1
+    (image,) = worn_images(scene).values()
+    assert image.filepath == f"//other/{IMAGE}"
+    assert image.size[0] > 0
+    assert not spare.exists()
+    assert spare_images.find_spare(scene) is None
 
 
 def bake_on_small_disk(scene, most_bytes):

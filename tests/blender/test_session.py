@@ -221,9 +221,18 @@ def test_check_folder_makes_it_and_leaves_nothing(tmp_path):
 
 def test_bakes_that_begin_together_do_not_stand_in_each_others_way(tmp_path, monkeypatch):
     """The other one has taken the probe away that both made."""
-    touch = Path.touch
-    monkeypatch.setattr(Path, "touch", lambda path: touch(path) or path.unlink())
+    write = Path.write_bytes
+    monkeypatch.setattr(Path, "write_bytes", lambda path, content: write(path, content) and path.unlink())
     session.check_folder(tmp_path)
+
+
+def test_a_folder_on_a_full_disk_is_told_before_the_bake(tmp_path, monkeypatch):
+    def fail(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", fail)
+    with pytest.raises(OSError, match=r"is no folder that can be written \(No space left on device\); choose another one\.$"):
+        session.check_folder(tmp_path)
 
 
 def test_check_file(tmp_path, monkeypatch):

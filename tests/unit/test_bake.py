@@ -346,15 +346,6 @@ def test_an_output_that_cannot_be_written_is_told_before_the_work(tmp_path, plac
     assert list_files(tmp_path) == before
 
 
-def test_half_a_bake_is_not_left_behind(tmp_path):
-    blocked = tmp_path / "images" / "room_0.emission.exr"
-    blocked.mkdir(parents=True)  # a folder where the second image should go
-    with pytest.raises(OSError, match=r"room_0\.emission\.exr: cannot be written"):
-        bake_scene(tmp_path, lamp_scene(), replace(QUICK, passes=("combined", "emission", "albedo")))
-    assert list_files(tmp_path / "images") == [blocked.name]
-    assert not (tmp_path / RESULT_FILE).exists()
-
-
 def test_objects_that_do_not_receive_get_no_row_and_no_texel(tmp_path):
     scene = lamp_scene()
     objects = (scene.objects[0], replace(scene.objects[1], receives=False))

@@ -1,0 +1,119 @@
+"""Room for images before a bake, and where they go when the output folder fails at its end."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from boxes import lamp_scene
+from leaflight.core import bake
+from leaflight.core.image_file import read_image
+from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.messages import Done, Status, Warning_
+from leaflight.core.settings import Settings
+from leaflight.core.snapshot import save_snapshot
+
+pytestmark = pytest.mark.usefixtures("open_image_io")
+QUICK = Settings(size=32, padding=1, workers=1, error=0.3, max_photons=20_000)
+
+
+def bake_scene(folder, scene, settings=QUICK, output="", tell=None):
+    """Messages and result of a bake in `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    save_snapshot(folder / SNAPSHOT_FILE, scene)
+    Job(settings, output or str(folder / "images"), "room").save(folder)
+    messages = []
+    bake.run_bake(folder, lambda message: messages.append(message) or (tell and tell(message)), lambda: False)
+    return messages, json.loads((folder / RESULT_FILE).read_text())
+
+
+def list_files(folder):
+    """All but the note of kept_bake."""
+    return sorted(path.name for path in Path(folder).rglob("*") if not path.name.startswith(".leaflight_"))
+
+
+@pytest.fixture
+def spare_home(tmp_path, monkeypatch):
+    """A home folder of the test's own."""
+    monkeypatch.setattr(Path, "home", lambda: tmp_path / "home")
+    (tmp_path / "home").mkdir()
+    return tmp_path / "home"
+
+
+def break_at_the_end(folder, how):
+    """Has the output folder fail when images are written; gives who is to be told messages."""
+    images = folder / "images"
+
+    def tell(message):
+        if message == Status("write", "Writing images") and images.is_dir():
+            for file in images.iterdir():
+                file.unlink()
+            images.rmdir()
+            if how == "file":
+                images.write_text("in the way")
+
+    return tell
+
+
+def run_broken(tmp_path, how, settings=QUICK):
+    """Messages and result of a bake whose output folder goes away at its end."""
+    tell = break_at_the_end(tmp_path, how)
+    return bake_scene(tmp_path / "temporary" / "job", lamp_scene(), settings, str(tmp_path / "images"), tell)
+
+
+def test_an_output_folder_that_was_deleted_is_made_again(tmp_path, spare_home):
+    _, result = run_broken(tmp_path, "gone")
+    assert result["spare"] == ""
+    assert list_files(tmp_path / "images") == ["room_0.combined.exr"]
+
+
+def test_what_cannot_be_written_at_the_end_is_kept_elsewhere(tmp_path, spare_home):
+    """Minutes of work are not thrown away because a disk is full or a stick was pulled out."""
+    messages, result = run_broken(tmp_path, "file", replace(QUICK, passes=("combined", "albedo")))
+    spare = Path(result["spare"])
+    assert spare.parent == tmp_path / "temporary"
+    assert list_files(spare) == ["room_0.albedo.exr", "room_0.combined.exr"]
+    assert {str(Path(file["path"]).parent) for file in result["files"]} == {str(spare)}
+    assert read_image(Path(result["files"][0]["path"]))[0].max() > 0.01
+    (told,) = [message.text for message in messages if isinstance(message, Warning_) and str(spare) in message.text]
+    assert told.startswith(str(tmp_path / "images"))
+    assert isinstance(messages[-1], Done)
+
+
+def test_half_a_bake_is_not_left_behind(tmp_path, spare_home):
+    blocked = tmp_path / "job" / "images" / "room_0.emission.exr"
+    blocked.mkdir(parents=True)  # a folder where the second image should go
+    settings = replace(QUICK, passes=("combined", "emission", "albedo"))
+    _, result = bake_scene(tmp_path / "job", lamp_scene(), settings)
+    assert list_files(tmp_path / "job" / "images") == [blocked.name]
+    assert len(list_files(Path(result["spare"]))) == 3
+
+
+def test_where_nothing_can_be_written_anywhere_the_first_reason_is_told(tmp_path, spare_home, monkeypatch):
+    def fail(path, *_, **__):
+        raise OSError(f"{path}: cannot be written (planted)")
+
+    monkeypatch.setattr("leaflight.core.image_file.write_image", fail)
+    with pytest.raises(OSError, match=r"job/images/room_0\.combined\.exr: cannot be written \(planted\)"):
+        bake_scene(tmp_path / "job", lamp_scene())
+    assert not (tmp_path / "job" / RESULT_FILE).exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["home", "job"]
+    assert list_files(spare_home) == []
+
+
+@pytest.mark.parametrize(("part", "refused"), [(0.05, True), (0.5, False), (2.0, None)])
+def test_too_little_room_is_told_before_the_light_is_computed(tmp_path, monkeypatch, part, refused):
+    wanted = 32 * 32 * (8 + 4) * 2
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=int(part * wanted)))
+    settings = replace(QUICK, passes=("combined", "albedo"), formats=("exr", "png"))
+    if refused:
+        with pytest.raises(OSError, match=r"images: has room for 1 kB, and the images may take 25 kB; make room, choose another output"):
+            bake_scene(tmp_path, lamp_scene(), settings)
+        return
+    messages, _ = bake_scene(tmp_path, lamp_scene(), settings)
+    told = [number for number, message in enumerate(messages) if isinstance(message, Warning_) and "has room for" in message.text]
+    lit = next(number for number, message in enumerate(messages) if isinstance(message, Status) and message.stage == "photons")
+    assert len(told) == (refused is False)
+    assert all(number < lit for number in told)
