@@ -41,13 +41,13 @@ def main(folder: Path) -> int:
 
     heap.keep_freed_memory(whole=True)  # before there are threads
     unfolding.start_ahead()
-    from leaflight.core import bake, executors, identity, image_file, workers
+    from leaflight.core import bake, digest, executors, image_file, tasks
 
-    workers.load_ahead()
-    ahead = executors.Ahead()  # copies with all of that, if there are no threads yet
+    tasks.load_ahead()
+    ahead = executors.Ahead(tasks.load_ahead)  # copies with all of that, if there are no threads yet
     try:
         threading.Thread(target=_listen, args=(begun, stop), daemon=True).start()
-        identity.hash_code()
+        digest.hash_code()
         if not begun.is_set():  # with nothing to wait for, processes that are no copies would only be in the way of the first light
             ahead.wake()
         image_file.load_ahead()

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.scene import FloatArray, IntArray, TextureImage
-from .export_mesh import LocalMesh, WorldMesh
+from ..core.arrays import FloatArray, IntArray
+from ..core.scene import TextureImage
 from .images_read import ImageTable
+from .mesh_arrays import LocalMesh, WorldMesh
 
 IMAGE_NAME = "vertex colours"
 BLOCKS_PER_ROW = 2048  # of 2 x 2 texels

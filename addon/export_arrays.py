@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.scene import FloatArray, IntArray
+from ..core.arrays import FloatArray, IntArray
 from .color_attributes import ColorLayer, Faces
-from .export_mesh import LocalMesh, WorldMesh, place_mesh
+from .export_mesh import place_mesh
 from .export_pieces import CURVE, OWN, Piece
 from .materials_read import MaterialTable
+from .mesh_arrays import LocalMesh, WorldMesh
 from .render_levels import Warnings
 from .texture_mapping import OBJECT, UV, WORLD, UvMapping
 

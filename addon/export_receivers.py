@@ -8,8 +8,9 @@ from collections.abc import Container, Sequence
 from typing import Any
 
 from ..core.told import group_warnings
-from .export_mesh import LocalMesh, has_corners_of
+from .export_mesh import has_corners_of
 from .export_pieces import COLLECTION, CURVE, GEOMETRY, OWN, SCATTER, Piece
+from .mesh_arrays import LocalMesh
 from .object_settings import BAKE
 from .render_levels import Warnings, find_render_objects
 

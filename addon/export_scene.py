@@ -12,12 +12,13 @@ import bpy
 from ..core.scene import Light, SceneObject, SceneSnapshot
 from .baked_copies import find_users_mesh
 from .export_arrays import PieceArrays, join_arrays, read_piece
-from .export_mesh import LocalMesh, count_duplicates, read_mesh
+from .export_mesh import count_duplicates, read_mesh
 from .export_pieces import COLLECTION, CURVE, OWN, Piece, PieceKey, walk_pieces
 from .export_receivers import NO_ROOM, Receivers, check_names, describe_nothing, repeats_layer
 from .left_out import warn_left_out
 from .lights_read import read_light, read_world
 from .materials_read import MaterialTable
+from .mesh_arrays import LocalMesh
 from .object_settings import BAKE, IGNORE, ObjectChoice, read_choice, registered
 from .render_levels import Warnings, evaluate_for_render, find_set_objects
 from .uv_layer import has_room, name_ours

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core.scene import FloatArray
+from ..core.arrays import FloatArray
 
 UNKNOWN = 100.0  # what Cycles takes without a file
 PER_CANDELA = 0.0706650768394  # what a candela counts of a lamp's power. Source: Blender, intern/cycles/util/ies.cpp

@@ -11,10 +11,8 @@ import bpy
 from ..core.checkpoint import INFO_FILE, read_info, remove_checkpoint
 from .arguments import BakeRequest
 from .layout import worn_folder
-from .tags import remove_mark
+from .tags import STATE, STATE_OF, remove_marks
 
-STATE = "leaflight_state"  # on a scene: the folder, relative to that of the images, which Blender finds again wherever the .blend is saved
-STATE_OF = "leaflight_state_of"  # on a scene: name of the .blend that the state was kept by, "" where it had none yet
 MOST_MB = 1000  # a larger state is not kept beside an artist's images
 REFINED = 0.5  # of the error so far, where the panel does not ask for less
 
@@ -64,12 +62,6 @@ def remove_state(scene: bpy.types.Scene) -> None:
     if folder and not _is_shared(scene, folder):
         remove_checkpoint(folder)
     remove_marks(scene)
-
-
-def remove_marks(scene: bpy.types.Scene) -> None:
-    """Forget the state of the scene's bake."""
-    for mark in (STATE, STATE_OF):
-        remove_mark(scene, mark)
 
 
 def _is_shared(scene: bpy.types.Scene, folder: Path) -> bool:

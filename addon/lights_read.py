@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.scene import FloatArray, Light
+from ..core.arrays import FloatArray
+from ..core.scene import Light
 from .colors_read import ColorReader
 from .images_read import ImageTable
 from .node_colors import BLACK, Rgb, multiply_rgb, to_rgb

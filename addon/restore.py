@@ -5,10 +5,9 @@ from __future__ import annotations
 import bpy
 
 from . import baked_copies, images, materials_write, uv_layer
-from .kept_state import remove_marks
 from .layout import LAYOUT, SPARE
 from .node_groups import remove_unused_groups
-from .tags import MADE, is_made, local_objects, remove_mark
+from .tags import MADE, is_made, local_objects, remove_mark, remove_marks
 
 OBJECT_MARKS = (MADE, materials_write.BAKE, baked_copies.SOURCE, baked_copies.HIDDEN, baked_copies.SHARED_MESH, uv_layer.PLACE)
 

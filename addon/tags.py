@@ -12,6 +12,8 @@ import bpy
 
 MADE = "leaflight_made"  # on data-blocks and nodes we created: they may be deleted
 NAME = "Leaflight"
+STATE = "leaflight_state"  # on a scene: the folder, relative to that of the images, which Blender finds again wherever the .blend is saved
+STATE_OF = "leaflight_state_of"  # on a scene: name of the .blend that the state was kept by, "" where it had none yet
 
 
 def mark_made(block: Any) -> None:
@@ -33,6 +35,12 @@ def remove_mark(block: Any, name: str) -> None:
     """Deletes a custom property where there is one."""
     if name in block:
         del block[name]
+
+
+def remove_marks(scene: bpy.types.Scene) -> None:
+    """Forget the state of the scene's bake."""
+    for mark in (STATE, STATE_OF):
+        remove_mark(scene, mark)
 
 
 def suffixed_name(name: str) -> str:

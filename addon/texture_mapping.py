@@ -9,7 +9,7 @@ import numpy as np
 from mathutils import Euler
 from numpy.typing import NDArray
 
-from ..core.scene import FloatArray
+from ..core.arrays import FloatArray
 from .node_ports import Port
 
 UV, OBJECT, WORLD, GENERATED = "UV", "OBJECT", "WORLD", "GENERATED"  # what is mapped

@@ -9,11 +9,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import IntArray
 from .direct_shown import ShownDirect
 from .few_photons import FewPhotons
 from .judged import DARK_FLOOR, Judged, Parts, cut_entries
 from .quadtree import Quadtree, node_of_texel
-from .scene import IntArray
 from .tally import Solution
 
 _TINY = float(np.finfo(float).tiny)

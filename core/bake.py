@@ -19,6 +19,7 @@ from . import (
     debug_passes,
     earlier_bakes,
     executors,
+    folders,
     image_room,
     kept_bake,
     pages,
@@ -27,7 +28,8 @@ from . import (
     seam_points,
     seams,
     solve,
-    workers,
+    tasks,
+    traced_scene,
 )
 from .charts import ChartAtlas
 from .first_photons import FirstPhotons
@@ -54,7 +56,7 @@ def run_bake(
     folder: Path,
     tell: Callable[[Message], None],
     should_stop: Callable[[], bool],
-    open_executor: Callable[[Settings], Executor] = executors.open_executor,
+    open_executor: Callable[[Settings], Executor] = tasks.open_executor,
 ) -> None:
     """Bake the job in `folder`; the last message is Done.
 
@@ -77,7 +79,7 @@ def run_bake(
         tell(Done(str(folder / RESULT_FILE), light.stopped_by == "interrupted"))
     finally:
         executor.shutdown(cancel_futures=True)
-        workers.forget_folders()  # the next bake may use the same folder
+        folders.forget_folders()  # the next bake may use the same folder
 
 
 @dataclass(frozen=True)
@@ -121,7 +123,7 @@ def _bake(run: Run, loaded: _Loaded, executor: Executor) -> LightField:
         run.tell(Warning_("", lack))
     executors.wake(executor)  # not before: xatlas works beside this process
     if needs.direct and isinstance(executor, executors.LocalExecutor):
-        executor.on_each(workers.open_ahead, str(folder))
+        executor.on_each(traced_scene.open_ahead, str(folder))
     # A state's texels are those of cut charts.
     receivers = find_receivers(run, snapshot, settings, atlas, executor, needs.direct, by_photons=needs.photons or bool(job.resume))
     light, solver = LightSearch(run, settings, needs, receivers, executor, first, loaded.surfaces, snapshot.tri_object).find()

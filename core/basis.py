@@ -15,7 +15,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from .scene import FloatArray, IntArray
+from .arrays import FloatArray, IntArray
 
 DEGREES = {"constant": 0, "linear": 1, "quadratic": 2}
 EXPONENTS = tuple((total - j, j) for total in range(5) for j in range(total + 1))  # 1, s, t, s^2, st, t^2, ...

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .scene import FloatArray
+from .arrays import FloatArray
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec.709. Source: ITU-R BT.709-6, 3.2.
 

@@ -12,8 +12,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import IntArray
 from .coverage import expand_ranges
-from .scene import IntArray
 from .topology import join_sets
 
 Float64: TypeAlias = NDArray[np.float64]

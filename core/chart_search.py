@@ -10,12 +10,13 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import IntArray
 from .geometry import triangle_normals_areas
 from .kept_charts import KeptCharts, Unfolding
 from .layer_check import check_layer, label_charts
 from .messages import Status
 from .outlines import Outlines, measure_outlines, straighten_charts
-from .scene import IntArray, SceneSnapshot
+from .scene import SceneSnapshot
 from .sharing import Block, find_blocks, find_copies, follow_charts
 from .topology import join_open_sides
 from .unfolding import UnfolderDied

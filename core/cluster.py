@@ -21,8 +21,8 @@ from typing import Any
 from distributed import Client, KilledWorker, Worker, get_worker
 from distributed.comm import CommClosedError, get_address_host_port, resolve_address
 
-from . import workers
-from .identity import hash_code, hash_file, hash_pieces
+from . import folders
+from .digest import hash_code, hash_file, hash_pieces
 
 STAMP_FILE = "content.txt"  # digest of a folder's files, in the folder itself
 CONNECT_S, NO_WORKER_S, ASK_AGAIN_S = 10.0, 60.0, 10.0
@@ -98,10 +98,10 @@ class ClusterExecutor(Executor):
         """The folder as it is to be known, once every worker of now has it."""
         with self._sending:
             if self._copies.get(field, FolderCopy("", "")).folder != folder:
-                copy = FolderCopy(folder, stamp_folder(Path(folder), workers.FOLDER_PARTS[field]))
+                copy = FolderCopy(folder, stamp_folder(Path(folder), folders.FOLDER_PARTS[field]))
                 with self._sentences():
                     have = self._client.run(has_copy, copy, on_error="ignore")  # who dies meanwhile, or joins, asks for it
-                    self._send(copy, workers.FOLDER_PARTS[field], [worker for worker, has in have.items() if not has])
+                    self._send(copy, folders.FOLDER_PARTS[field], [worker for worker, has in have.items() if not has])
                 self._copies[field] = copy
             return self._copies[field]
 
@@ -121,7 +121,7 @@ class ClusterExecutor(Executor):
                 with self._sending:  # one of several calls that miss the same
                     for field, copy in copies.items():
                         if copy in result.copies and not self._has(result.worker, copy):
-                            self._send(copy, workers.FOLDER_PARTS[field], [result.worker])
+                            self._send(copy, folders.FOLDER_PARTS[field], [result.worker])
         raise OSError(f"--cluster {self._address}: its workers cannot keep what they are sent; make room on their disks.")
 
     def _has(self, worker: str, copy: FolderCopy) -> bool:
@@ -200,7 +200,7 @@ def describe_stranger(worker: str, found: object) -> str:
 
 
 def _folder_fields(shard: Any) -> list[str]:
-    return [name for name in workers.FOLDER_PARTS if getattr(shard, name, "")]
+    return [name for name in folders.FOLDER_PARTS if getattr(shard, name, "")]
 
 
 # What follows runs on the workers.
@@ -275,12 +275,12 @@ def _part(copy: FolderCopy, worker: Worker) -> Path:
 
 @lru_cache(maxsize=1)
 def _turn_to_tracing(copy: FolderCopy) -> None:
-    workers.forget_folders()  # of another bake, whose folder may have had the same name
+    folders.forget_folders()  # of another bake, whose folder may have had the same name
 
 
 @lru_cache(maxsize=1)
 def _turn_to_view(copy: FolderCopy) -> None:
-    workers.forget_views()
+    folders.forget_views()
 
 
 _OPENED = {"tracing": _turn_to_tracing, "view": _turn_to_view}

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import FloatArray
 from .geometry import offset_origin, take_rows
 from .rays import RayScene
-from .scene import FloatArray
 from .texel_borders import WAYS
 from .tiles import TILE_SIDE
 

@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import contact
+from .arrays import IntArray
 from .loose_parts import LooseParts
 from .rays import RayScene
-from .scene import IntArray
 from .texel_borders import WAYS
 from .texel_frames import TexelFrames
 from .texel_map import TexelMap
 from .tiles import TILE_CORNERS, TILE_TEXELS, Tiles
+from .traced_scene import TracedScene
 from .words import Say
-from .workers import TracedScene
 
 _Int64 = NDArray[np.int64]
 

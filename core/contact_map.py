@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import contact, shared_arrays, workers
+from . import contact, folders, shared_arrays, traced_scene
 from .contact_looks import Looks, Surroundings
 from .contact_parts import part_in_squares
 from .entry_order import EntryOrder, put_in_order
@@ -28,8 +28,8 @@ from .texel_grid import interleave_bits, step_codes
 from .texel_map import CHART_SHIFT, TexelMap
 from .threads import run_on_threads
 from .tiles import TILE_SIDE
+from .traced_scene import TracedScene
 from .words import Say, Watch, stretch, unwatched
-from .workers import TracedScene
 
 if TYPE_CHECKING:  # whoever only looks for contacts has no charts to make
     from .charts import ChartAtlas
@@ -128,8 +128,8 @@ def find_contacts(
 
 def find_in_charts(folder: str, start: int, stop: int) -> ContactMap:
     """find_contacts at entries start ... stop - 1 of the scene and the texels in `folder`, which are not kept open: they are to be cut."""
-    texels = shared_arrays.load_struct(Path(folder) / workers.TEXELS_FOLDER, TexelMap)
-    return find_contacts(workers.open_scene(folder), texels, part=slice(start, stop))
+    texels = shared_arrays.load_struct(Path(folder) / folders.TEXELS_FOLDER, TexelMap)
+    return find_contacts(traced_scene.open_scene(folder), texels, part=slice(start, stop))
 
 
 def _take_charts(texels: TexelMap, part: slice) -> TexelMap:

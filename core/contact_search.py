@@ -12,9 +12,10 @@ import numpy as np
 from . import executors, shared_arrays
 from .contact_map import LOOKING, ContactMap, find_contacts, find_in_charts
 from .coverage import Int64
+from .folders import TEXELS_FOLDER
 from .texel_map import TexelMap
+from .traced_scene import TracedScene
 from .words import Watch, unwatched
-from .workers import TEXELS_FOLDER, TracedScene
 
 _LEAST = 1 << 14  # entries of a part: of fewer, what another process opens and hands over takes nearly as long as to look
 _MOST = 1 << 20  # the same: whoever wants no more is heard between them

@@ -13,9 +13,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import FloatArray, IntArray
 from .charts import ChartAtlas
 from .layer_check import signed_areas
-from .scene import FloatArray, IntArray, SceneSnapshot
+from .scene import SceneSnapshot
 from .topology import find_ends, find_groups_with_twins, join_open_sides, join_sets, pair_sides
 
 _CREASE_COSINE = math.cos(math.radians(20.0))  # between shading normals at an edge's end; 2 and 8 degrees bake no better, with more leaves

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .scene import IntArray
+from .arrays import IntArray
 from .texel_map import TexelMap
 
 _RAMP = 8  # texels on either side, or half of a leaf, or as many as the cut is long: past its ends light need not go

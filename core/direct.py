@@ -8,32 +8,23 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Float64, FloatArray, IntArray
 from .brightness import weigh_channels
 from .coverage import as_slice
 from .direct_choice import Demand, Span
 from .direct_crowd import LampCrowd, RestOfCrowd
 from .direct_lights import Source, WorldSource
 from .direct_openings import Openings
-from .direct_points import (
-    GAUSS_POINTS,
-    MOST_TEXELS,
-    STAGES,
-    ReceivingSurfaces,
-    TexelChunk,
-    each_chunk,
-    random_shift,
-    row_pieces,
-)
+from .direct_points import GAUSS_POINTS, MOST_TEXELS, STAGES, ReceivingSurfaces, TexelChunk, each_chunk, random_shift, row_pieces
 from .direct_pool import EmitterPool
 from .direct_sources import make_lamps, make_suns, make_triangle_sources, make_world
 from .direct_tally import Tally
 from .direct_tiles import look_from_tiles
 from .emitters import EmittingMeshes
 from .geometry import UnitBox
-from .lights import Float64
 from .materials import SurfaceMaterials
 from .rays import RayScene
-from .scene import FloatArray, IntArray, SceneSnapshot
+from .scene import SceneSnapshot
 from .texel_looks import TexelLooks
 from .tiles import Tiles
 

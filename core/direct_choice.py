@@ -11,10 +11,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Float32, Float64, FloatArray, IntArray
 from .brightness import weigh_channels
 from .direct_points import STAGES, row_pieces
-from .lights import Float32, Float64
-from .scene import FloatArray, IntArray
 from .tiles import Tiles, find_calm
 
 BLOCK_TEXELS = 64  # neighbours in Morton order, 8 x 8 within a chart, that tell each other what lights them

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Float32, Float64, FloatArray, IntArray
 from .brightness import weigh_channels
 from .direct_choice import (
     BLOCK_TEXELS,
@@ -28,9 +29,8 @@ from .direct_lights import AreaSource, PointSource, Source
 from .direct_points import MIDDLE, Receivers, TexelChunk, light_points, random_shift, row_pieces
 from .direct_sources import join_sources
 from .geometry import dot_rows, take_rows
-from .lights import Float32, Float64, spread_attenuation
+from .lights import spread_attenuation
 from .rays import RayScene
-from .scene import FloatArray, IntArray
 
 _MAX_CLUSTERS = 4096  # 32 KB each of a chunk of 2^14 texels
 _MATTERS = 1 / 16  # share of what a texel may get, from which on a lamp is looked at by itself

@@ -14,7 +14,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from . import direct_shards, shared_arrays, workers
+from . import direct_shards, shared_arrays, texel_shards
+from .arrays import FloatArray, IntArray
 from .coverage import as_slice
 from .denoise import Spread
 from .direct import DirectLight
@@ -23,7 +24,6 @@ from .direct_shown import GRAIN, ShownDirect, find_grain
 from .judged import DARK_FLOOR
 from .messages import Message, Status
 from .other_light import OtherLight
-from .scene import FloatArray, IntArray
 from .settings import Settings
 from .texel_map import TexelMap
 from .words import Words
@@ -189,12 +189,12 @@ class DirectField:
         with shared_arrays.laid_out(folder, other) if other else nullcontext("") as view:
             shard = replace(shard, view=view)
             dark = direct_shards.find_dark(settings, self._find_brightness(shard, other))
-            is_done = self._send_rays(executor, workers.light_texels, replace(shard, dark=dark), tell, should_stop, ahead)
+            is_done = self._send_rays(executor, texel_shards.light_texels, replace(shard, dark=dark), tell, should_stop, ahead)
         if kept and not is_done:
             self._put_back(rows, kept)
         return is_done
 
-    def _find_brightness(self, shard: workers.DirectShard, other: OtherLight | None) -> float:
+    def _find_brightness(self, shard: texel_shards.DirectShard, other: OtherLight | None) -> float:
         """W/m^2, of all texels in the mean; 0 where nobody asks for it, below no sky."""
         if not direct_shards.is_below_sky(shard.tracing):
             return 0.0
@@ -217,7 +217,7 @@ class DirectField:
         self,
         executor: Executor,
         find_light: Callable[[Any], Any],
-        whole: workers.TexelShard,
+        whole: texel_shards.TexelShard,
         tell: Callable[[Message], None],
         should_stop: Callable[[], bool],
         ahead: ShotAhead = NOTHING_AHEAD,

@@ -12,12 +12,12 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Float32, Float64, FloatArray, IntArray
 from .emitters import rotate_to
 from .geometry import ORIGIN_OFFSET, dot_rows, take_rows
 from .irradiance import ellipse_irradiance, point_irradiance, polygon_irradiance, sun_irradiance
-from .lights import Float32, Float64, spot_attenuation, spread_attenuation
+from .lights import spot_attenuation, spread_attenuation
 from .sampling import square_to_cosine_hemisphere, square_to_uniform_disk, square_to_uniform_triangle
-from .scene import FloatArray, IntArray
 
 _INFINITE = np.float32(1e30)
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import estimate, quadtree, refine, tally
+from .arrays import IntArray
 from .direct_field import DirectField
 from .executors import spread
 from .judged import Judged
@@ -19,7 +20,6 @@ from .ledger import Ledger
 from .light_field import LightField
 from .messages import Message
 from .reading import Reading
-from .scene import IntArray
 from .settings import Settings
 from .stop_rules import StopRules
 from .texel_map import TexelMap

@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Float32, Float64, IntArray
 from .brightness import weigh_channels
 from .direct_choice import BLOCK_TEXELS, Demand, Int64, Span, choose_by_strata, cumulate, gather_until_sure, in_order
 from .direct_lights import WorldSource
 from .direct_points import STAGES, TexelChunk, light_points, random_shift, row_pieces
 from .geometry import take_rows
-from .lights import Float32, Float64
 from .rays import RayScene
-from .scene import IntArray
 from .texel_grid import interleave_bits, part_bits
 
 _SIDE = 16  # cells of a hemisphere along each coordinate of what is mapped to it

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Float32, Float64, IntArray
 from .direct_lights import AreaSource, PointSource, Source, TriangleSource
 from .direct_points import GAUSS_POINTS, Receivers, TexelChunk, row_pieces
-from .lights import Float32, Float64
-from .scene import IntArray
 
 _FAR = 14.0  # spans in radii of four points, from which on their mean serves: with light of inverse squares they then differ by half of it
 _GENTLE = 0.5  # range of a closed form inside a texel, of its mean, up to which four points give its mean

@@ -10,11 +10,11 @@ from random import Random
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Float32, FloatArray, IntArray
 from .direct_lights import Aim
 from .geometry import UnitBox, locate_hits, offset_origin, take_rows, triangle_frames, triangle_normals_areas
-from .lights import Float32
 from .rays import RayScene
-from .scene import FloatArray, IntArray, SceneSnapshot
+from .scene import SceneSnapshot
 from .texel_grid import interleave_bits
 from .texel_looks import TexelLooks
 

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Float32, Float64, FloatArray, IntArray
 from .direct_choice import BLOCK_TEXELS, Demand, Int64, Span, choose_by_strata, cumulate, find_reach, gather_until_sure, in_order
 from .direct_lights import Aim
 from .direct_points import GAUSS_POINTS, MIDDLE, STAGES, Receivers, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces
@@ -16,10 +17,8 @@ from .emitter_clusters import EmitterClusters, order_cells
 from .emitting_cells import EmittingCells
 from .geometry import ORIGIN_OFFSET, dot_rows, take_rows
 from .irradiance import polygon_irradiance
-from .lights import Float32, Float64
 from .materials import SurfaceMaterials
 from .rays import RayScene
-from .scene import FloatArray, IntArray
 from .slender_triangles import find_corners, whole_parts
 
 _STAGES_ALONE = ((0, STAGES[1][1]), STAGES[2])  # of texels outside of tiles: of 4 rays hardly one may meet what lights a texel

@@ -9,11 +9,11 @@ from typing import Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import IntArray
 from .brightness import weigh_channels
 from .coverage import as_slice
 from .direct import DirectLight
 from .quads import QUAD_TEXELS, Quads, find_misfit, spread_over_texels
-from .scene import IntArray
 from .texel_looks import TexelLooks
 from .texel_map import TexelMap
 from .tiles import TILE_TEXELS, Tiles

@@ -13,14 +13,14 @@ from typing import TypeVar
 
 import numpy as np
 
-from . import executors, workers
+from . import executors, texel_shards, traced_scene
+from .arrays import IntArray
 from .direct import DirectLight
 from .emitters import usable_world
 from .judged import DARK_FLOOR, choose_sample
-from .scene import IntArray
 from .settings import Settings
 
-_Shard = TypeVar("_Shard", bound=workers.TexelShard)
+_Shard = TypeVar("_Shard", bound=texel_shards.TexelShard)
 
 # Texels of a shard on a small page, and on a large one. In shards of two thirds of the one numpy's calls take a seventh of the time more;
 # more than the other are not lit together, see direct_points.
@@ -56,9 +56,9 @@ def list_shards(whole: _Shard) -> list[_Shard]:
     return [replace(whole, start=start, texels=texels[start:end]) for start, end in pairwise(cut_into_shards(len(texels)))][::-1]
 
 
-def ask_for_direct(folder: Path, settings: Settings, turn: int, texels: IntArray | range) -> workers.DirectShard:
+def ask_for_direct(folder: Path, settings: Settings, turn: int, texels: IntArray | range) -> texel_shards.DirectShard:
     """A shard of these texels (m,), ascending; what is seen with their light is not known yet."""
-    return workers.DirectShard(str(folder), settings.seed, turn, 0, texels, TOLERANCE * settings.error, settings.denoise)
+    return texel_shards.DirectShard(str(folder), settings.seed, turn, 0, texels, TOLERANCE * settings.error, settings.denoise)
 
 
 def find_dark(settings: Settings, brightness: float) -> float:
@@ -68,15 +68,15 @@ def find_dark(settings: Settings, brightness: float) -> float:
 
 def is_below_sky(folder: str) -> bool:
     """Whether there is a sky, of which alone somebody asks how bright all is."""
-    return bool(usable_world(workers.open_tracing(folder).snapshot).any())
+    return bool(usable_world(traced_scene.open_tracing(folder).snapshot).any())
 
 
-def glance(shard: workers.DirectShard) -> float:
+def glance(shard: texel_shards.DirectShard) -> float:
     """Mean direct light, W/m^2, of a few of all texels, before there is any; tells of whose scene, and with what seed, `shard` does."""
-    texels = workers.open_tracing(shard.tracing).texels
+    texels = traced_scene.open_tracing(shard.tracing).texels
     some = choose_sample(texels)
     few = some[:: max(len(some) // _GLANCE_TEXELS, 1)]
-    found = workers.light_texels(replace(shard, start=len(texels), texels=few, tolerance=_GLANCE_TOLERANCE))
+    found = texel_shards.light_texels(replace(shard, start=len(texels), texels=few, tolerance=_GLANCE_TOLERANCE))
     return float(found.irradiance_rgb.mean(dtype=np.float64))
 
 
@@ -102,6 +102,6 @@ class ShotAhead:
 NOTHING_AHEAD = ShotAhead()
 
 
-def _light_ahead(shards: list[workers.DirectShard], settings: Settings) -> list[DirectLight]:
+def _light_ahead(shards: list[texel_shards.DirectShard], settings: Settings) -> list[DirectLight]:
     dark = find_dark(settings, glance(shards[0])) if is_below_sky(shards[0].tracing) else 0.0
-    return [workers.light_texels(replace(shard, dark=dark)) for shard in shards]
+    return [texel_shards.light_texels(replace(shard, dark=dark)) for shard in shards]

@@ -10,8 +10,8 @@ from itertools import starmap
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import IntArray
 from .denoise import Smoothed, Spread, begin_denoising
-from .scene import IntArray
 from .texel_map import TexelMap
 
 # Relative noise that is worth smoothing, and that of it which is more than a share of the error asked for. Measured at 0.6 %, gathered

@@ -10,11 +10,12 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Float32, Float64
 from .direct_lights import AreaSource, PointSource, Source, SunSource, TriangleSource, WorldSource, source_values
 from .emitters import usable_power, usable_world
 from .emitting_cells import EmittingCells
 from .geometry import UnitBox, triangle_normals_areas
-from .lights import LAMBERTIAN_SPREAD_RAD, SMALLEST_SIDE, Float32, Float64, SpotCone
+from .lights import LAMBERTIAN_SPREAD_RAD, SMALLEST_SIDE, SpotCone
 from .scene import Light, SceneSnapshot
 
 

@@ -7,14 +7,13 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Float64, FloatArray, IntArray
 from .coverage import as_slice
 from .direct_lights import Source
 from .direct_peaks import average_peaks, estimate_bend, find_peaks
 from .direct_points import GAUSS_POINTS, STAGES, Receivers, TexelChunk, light_points
 from .geometry import take_rows
-from .lights import Float64
 from .rays import RayScene
-from .scene import FloatArray, IntArray
 from .tiles import TILE_TEXELS, find_calm
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)

@@ -13,10 +13,10 @@ from random import Random
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Float32, Float64
 from .direct_lights import Source
 from .direct_openings import Looks
 from .direct_points import MIDDLE, Receivers, TexelChunk, base_points, row_pieces, shift_points
-from .lights import Float32, Float64
 from .rays import RayScene
 from .texel_grid import interleave_bits
 from .tiles import NODE_WEIGHTS, TILE_LINES, TILE_NODES, TILE_SIDE, TILE_TEXELS, Tiles

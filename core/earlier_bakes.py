@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from .digest import hash_file
 from .file_names import clean_name, fill_pattern
-from .identity import hash_file
 from .image_file import suffix_of
 from .job import Job
 from .kept_bake import find_note, read_header

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Float32, Float64, FloatArray, IntArray
 from .direct_choice import Clusters, Int64, sort_by_place
 from .direct_points import Receivers, row_pieces
 from .geometry import dot_rows, take_rows
-from .lights import Float32, Float64
-from .scene import FloatArray, IntArray
 
 _MAX_CLUSTERS = 256
 _NEAR = np.float32(16)  # squared distance in mean squares of a cluster, below which its parts are judged

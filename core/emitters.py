@@ -10,20 +10,13 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Float32, Float64, FloatArray
 from .emitting_cells import EmittingCells, find_emitting_cells
-from .geometry import (
-    UnitBox,
-    locate_hits,
-    offset_origin,
-    orthonormal_basis,
-    stack_columns,
-    triangle_frames,
-    triangle_normals_areas,
-)
-from .lights import Births, Emitter, Float32, Float64, make_births, make_light_emitter
+from .geometry import UnitBox, locate_hits, offset_origin, orthonormal_basis, stack_columns, triangle_frames, triangle_normals_areas
+from .lights import Births, Emitter, make_births, make_light_emitter
 from .materials import SurfaceMaterials
 from .sampling import AliasTable, square_to_cosine_hemisphere
-from .scene import FloatArray, Light, SceneSnapshot
+from .scene import Light, SceneSnapshot
 from .scene_cover import SceneCover
 from .sealed_solids import find_sealed
 

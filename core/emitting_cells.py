@@ -9,13 +9,13 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Float32, Float64, FloatArray, IntArray
 from .brightness import weigh_channels
 from .geometry import take_rows, triangle_normals_areas
-from .lights import Float32, Float64
 from .materials import SurfaceMaterials
 from .mipmap import Mipmap
 from .sampling import square_to_uniform_triangle
-from .scene import FloatArray, IntArray, SceneSnapshot
+from .scene import SceneSnapshot
 from .slender_triangles import cut_slender, find_between, find_corners
 
 _MAX_CELLS = 2**17

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .scene import FloatArray
+from .arrays import FloatArray
 
 ENCODINGS = ("rgbm", "rgbd", "logluv")
 LOGLUV_MAX = 2.0 ** (32767.5 / 256.0 - 64.0)  # the greatest luminance that LogLuv holds

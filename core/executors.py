@@ -38,13 +38,17 @@ class InlineExecutor(Executor):
         return (self.submit(fn, *arguments).result() for arguments in zip(*iterables, strict=False))
 
 
-def open_executor(settings: Settings) -> Executor:
-    """The executor that the settings ask for; close it with shutdown().
+def _load_nothing() -> None:
+    """What processes load before their first call, where the caller names nothing."""
+
+
+def open_executor(settings: Settings, load_ahead: Callable[[], None] = _load_nothing) -> Executor:
+    """The executor that the settings ask for, of processes that call `load_ahead` first; close it with shutdown().
 
     Raises ValueError or OSError with a sentence when a cluster is asked for and cannot be used.
     """
     if not settings.cluster:
-        return make_executor(settings.workers)
+        return make_executor(settings.workers, load_ahead=load_ahead)
     try:
         from . import cluster  # dask is there only for those who use it
     except ImportError as reason:
@@ -61,9 +65,10 @@ class Ahead:
     _ExecutorManagerThread.terminate_broken).
     """
 
-    def __init__(self) -> None:
+    def __init__(self, load_ahead: Callable[[], None] = _load_nothing) -> None:
         copied = is_alone()
-        self._executor = make_executor(0, copied)
+        self._load_ahead = load_ahead
+        self._executor = make_executor(0, copied, load_ahead)
         if copied:
             self.wake()
 
@@ -76,7 +81,7 @@ class Ahead:
         if not settings.cluster and count_processors(settings.workers) == count_processors(0):
             return self._executor
         self.close()
-        return open_executor(settings)
+        return open_executor(settings, self._load_ahead)
 
     def close(self) -> None:
         """May be done twice, and after their own shutdown."""
@@ -88,12 +93,12 @@ def count_processors(workers: int) -> int:
     return workers or count_usable()
 
 
-def make_executor(workers: int, copied: bool = False) -> Executor:
+def make_executor(workers: int, copied: bool = False, load_ahead: Callable[[], None] = _load_nothing) -> Executor:
     """An executor of `workers` processes of this machine, this one among them, 0 for one per core; close it with shutdown(). The others may
     be copies of this one, if it has no threads until they are awake.
     """
     count = count_processors(workers)
-    return InlineExecutor() if count == 1 else LocalExecutor(count, copied)
+    return InlineExecutor() if count == 1 else LocalExecutor(count, copied, load_ahead)
 
 
 def count_idle(executor: Executor) -> int:
@@ -160,12 +165,12 @@ class LocalExecutor(Executor):
     So nothing waits for processes that are still starting, and two workers are one process to start.
     """
 
-    def __init__(self, count: int, copied: bool = False) -> None:
+    def __init__(self, count: int, copied: bool = False, load_ahead: Callable[[], None] = _load_nothing) -> None:
         # A copy has at once all that is loaded here, but of threads, as embree's, it would have what they left in an unknown state.
         context = multiprocessing.get_context("fork" if copied else "spawn")
         self._others = min(count - 1, _MOST_ON_WINDOWS) if sys.platform == "win32" else count - 1
         self.most_ahead = 2 * (self._others + 1)
-        self._pool = ProcessPoolExecutor(self._others, mp_context=context, initializer=worker_process.start)
+        self._pool = ProcessPoolExecutor(self._others, mp_context=context, initializer=worker_process.start, initargs=(load_ahead,))
         self._waiting: deque[_Call] = deque()
         self._turn = threading.Lock()  # of _ready and _given
         self.is_awake = self._closed = False  # the other processes are starting, or have started

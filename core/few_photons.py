@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import IntArray
 from .coverage import Float64
 from .quadtree import Quadtree
-from .scene import IntArray
 from .tally import Solution
 
 _FEW = 16  # photons; more of them say more than any surroundings

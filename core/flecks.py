@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from .scene import IntArray
+from .arrays import IntArray
 from .texel_map import TexelMap
 
 _SIDE = 4  # texels, of the largest leaf that may be a fleck, and how far is looked around it

@@ -14,15 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Float32, Float64, IntArray
 from .direct_choice import Demand, Span, gather_until_sure
 from .direct_points import LIGHT_PLACE, MOST_TEXELS, ReceivingSurfaces, TexelChunk, each_chunk, light_points, random_shift
 from .emitters import rotate_to
 from .geometry import take_rows
-from .lights import Float32, Float64
 from .materials import SurfaceMaterials
 from .rays import RayScene
 from .sampling import square_to_cosine_hemisphere
-from .scene import IntArray
 from .texel_map import TexelMap
 from .tiles import Tiles
 

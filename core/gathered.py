@@ -12,13 +12,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from . import shared_arrays, workers
+from . import shared_arrays, texel_shards
+from .arrays import IntArray
 from .denoise import Spread
 from .direct_field import DirectField
 from .direct_shown import ShownGathered
 from .gather import KnownLight
 from .messages import Message, Status
-from .scene import IntArray
 from .settings import Settings
 from .texel_map import TexelMap
 
@@ -69,8 +69,8 @@ class GatheredField(DirectField):
         self.ask_for(settings.error)
         tolerance = _TOLERANCE * settings.error
         with shared_arrays.laid_out(folder, known) as view:
-            whole = workers.GatherShard(str(folder), settings.seed, self.turns, 0, texels, tolerance, settings.denoise, view)
-            return self._send_rays(executor, workers.gather_texels, whole, tell, should_stop)
+            whole = texel_shards.GatherShard(str(folder), settings.seed, self.turns, 0, texels, tolerance, settings.denoise, view)
+            return self._send_rays(executor, texel_shards.gather_texels, whole, tell, should_stop)
 
     def _add(self, rows: IntArray | slice, light: Any) -> None:
         before = self.passes[rows].astype(np.float32)

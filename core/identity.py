@@ -1,46 +1,16 @@
-"""Digests that tell one scene, one code and one bake from another."""
+"""The digest of a bake: of all that decides its images."""
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections.abc import Iterable
 from dataclasses import fields
-from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
+from .digest import hash_code, hash_pieces
 from .job import Job
 from .scene import SceneSnapshot
 from .snapshot import describe_snapshot, list_arrays
-
-_DIGEST_BYTES = 20
-
-
-def hash_pieces(pieces: Iterable[bytes | memoryview]) -> str:
-    """Digest of pieces in their order, each with its length."""
-    digest = hashlib.blake2b(digest_size=_DIGEST_BYTES)
-    for piece in pieces:
-        digest.update(memoryview(piece).nbytes.to_bytes(8, "little"))
-        digest.update(piece)
-    return digest.hexdigest()
-
-
-def hash_file(path: Path) -> str:
-    """Digest of a file's bytes.
-
-    Raises OSError where it cannot be read.
-    """
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=_DIGEST_BYTES)).hexdigest()
-
-
-@lru_cache(maxsize=1)
-def hash_code() -> str:
-    """Digest of the core's own source files: another version may bake other bytes."""
-    sources = sorted(Path(__file__).parent.glob("*.py"))
-    return hash_pieces(piece for path in sources for piece in (path.name.encode(), path.read_bytes()))
 
 
 def hash_bake(snapshot: SceneSnapshot, job: Job) -> str:

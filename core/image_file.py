@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import encodings
-from .scene import FloatArray
+from .arrays import FloatArray
 
 HALF_MAX = 65504.0  # the greatest half float; beyond it is infinity
 _FLOAT_MAX = float(np.finfo(np.float32).max)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .scene import FloatArray
+from .arrays import FloatArray
 
 _FAR_IN_RADII = 3.0  # beyond it few corners stand for an ellipse
 _FAR_CORNERS, _NEAR_CORNERS = 12, 32

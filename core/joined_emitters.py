@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Float32, Float64, IntArray
 from .geometry import gather, take_rows
-from .lights import AreaEmitter, Births, Emitter, Float32, Float64, PointEmitter
-from .scene import IntArray
+from .lights import AreaEmitter, Births, Emitter, PointEmitter
 
 _OWN = ("name", "power_rgb", "casts_shadow")  # fields that say nothing of where and how photons are born
 

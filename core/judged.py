@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .scene import FloatArray, IntArray
+from .arrays import FloatArray, IntArray
 from .texel_map import TexelMap
 
 # Brightness below this share of the mean, of what is judged as one, is judged against that share: else one black texel would decide it all.

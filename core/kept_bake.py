@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .digest import hash_file
 from .file_names import clean_name
-from .identity import hash_bake, hash_file
+from .files import save_whole
+from .identity import hash_bake
 from .job import LAYOUT_FILE, RESULT_FILE, Job
 from .scene import SceneSnapshot
 
@@ -76,20 +78,6 @@ def note_bake(
         arrays = {name: layout[name] for name in layout.files}
     arrays[_HEADER] = np.frombuffer(json.dumps(header).encode(), np.uint8)
     save_whole(find_note(job), arrays)
-
-
-def save_whole(file: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write an .npz that takes the place of another only when it is whole.
-
-    Raises OSError where that cannot be written.
-    """
-    unfinished = file.with_name(f"{file.name}.part")
-    try:
-        with open(unfinished, "wb") as out:
-            np.savez(out, **arrays)
-        os.replace(unfinished, file)
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
 def _find_blend(job: Job) -> str:

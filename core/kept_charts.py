@@ -13,11 +13,11 @@ from typing import Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import IntArray
+from .digest import hash_code, hash_pieces
 from .file_names import clean_name
-from .identity import hash_code, hash_pieces
+from .files import save_whole
 from .job import Job
-from .kept_bake import save_whole
-from .scene import IntArray
 from .unwrap import Unwrapping
 
 Charts: TypeAlias = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]  # as of Unwrapping.finish

@@ -9,8 +9,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import IntArray
 from .quads import find_whole_quads, list_texels
-from .scene import IntArray
 from .texel_map import TexelMap
 
 

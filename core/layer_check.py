@@ -8,8 +8,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import IntArray
 from .row_spans import find_row_spans
-from .scene import IntArray
 from .topology import join_sets, pair_corners
 
 Float64: TypeAlias = NDArray[np.float64]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from .photon_shards import PhotonResult, PhotonShard
+from .photon_log import Counters, EnergyAudit
 
 ENERGY_NAMES = ("emitted", "absorbed", "escaped", "remainder")
 
@@ -29,13 +29,14 @@ class Ledger:
     deposits: int = 0
     gathered: int = 0
 
-    def add(self, shard: PhotonShard, result: PhotonResult) -> None:
+    def add(self, photons: int, weight: float, audit: EnergyAudit, counters: Counters) -> None:
+        """Add a shard of so many photons, each of a weight."""
         for name in ENERGY_NAMES:
-            self.energy_w[name] += getattr(result.audit, name)
-        self.photons += shard.photons
-        self.told += shard.photons * shard.weight
-        self.rays += result.counters.rays
-        self.deposits += result.counters.deposits
+            self.energy_w[name] += getattr(audit, name)
+        self.photons += photons
+        self.told += photons * weight
+        self.rays += counters.rays
+        self.deposits += counters.deposits
 
     def find_lost(self) -> float:
         """Share of the light that was under way still when photons had met as many surfaces as they may; the largest of channels."""

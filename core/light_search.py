@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from . import checkpoint, executors, preview, solve
+from .arrays import IntArray
 from .direct_field import DirectField
 from .direct_only import settle_direct
 from .direct_shards import NOTHING_AHEAD, ShotAhead
@@ -19,7 +20,6 @@ from .materials import SurfaceMaterials
 from .messages import Message, Status
 from .needs import Needs
 from .receivers import Receivers
-from .scene import IntArray
 from .settings import Settings
 from .stages import Run
 

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .arrays import Float32, Float64, FloatArray
 from .geometry import UnitBox, combine_vectors, orthonormal_basis, stack_columns
 from .sampling import square_to_cosine_hemisphere, square_to_uniform_cone, square_to_uniform_disk
-from .scene import FloatArray, Light
+from .scene import Light
 from .scene_cover import SceneCover
-
-Float32: TypeAlias = NDArray[np.float32]
-Float64: TypeAlias = NDArray[np.float64]
 
 SMALLEST_SIDE = 1e-6  # unit box; a light without extent shines as one of this side
 LAMBERTIAN_SPREAD_RAD = math.pi - 1e-4

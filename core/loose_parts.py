@@ -11,7 +11,8 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
-from .scene import IntArray, SceneSnapshot
+from .arrays import IntArray
+from .scene import SceneSnapshot
 from .topology import join_open_sides, join_sets, pair_sides
 
 

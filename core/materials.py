@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import FloatArray, IntArray
 from .geometry import gather, locate_hits, triangle_frames
-from .scene import MAX_ALBEDO, FloatArray, IntArray, Material, SceneSnapshot
+from .scene import MAX_ALBEDO, Material, SceneSnapshot
 from .textures import Textures, clamp_colours, sample_texture
 
 _MAX_EMISSION = float(np.finfo(np.float32).max)

@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .scene import IntArray
+from .arrays import IntArray
 from .topology import join_sets
 
 Float64: TypeAlias = NDArray[np.float64]

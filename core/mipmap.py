@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .scene import FloatArray, IntArray, TextureImage
+from .arrays import FloatArray, IntArray
+from .scene import TextureImage
 from .textures import clamp_colours, sample_texture
 
 _ROWS = 256  # of a level that are made at once: the squares of a whole image would take much memory

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import refine
+from .arrays import IntArray
 from .quadtree import Quadtree
 from .reconstruct import PointLight, evaluate_leaf
-from .scene import IntArray
 from .shrinkage import beyond_noise
 from .tally import Solution
 

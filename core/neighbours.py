@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import IntArray
 from .quadtree import Quadtree
-from .scene import IntArray
 from .texel_map import TexelMap
 
 _ALONG = 4  # places looked at beside each side of a leaf

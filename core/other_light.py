@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import IntArray
 from .brightness import weigh_channels
 from .coverage import as_slice
 from .quadtree import Quadtree, spread_over_texels
-from .scene import IntArray
 from .tally import Solution
 
 _TINY = 1e-30  # m^2

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import shrinkage
+from .arrays import IntArray
 from .judged import Judged
 from .missing_light import AskedLight
 from .quadtree import Quadtree
-from .scene import IntArray
 from .tally import Solution
 
 # The halves of few leaves say little about noise; the prior says "as independent photons" with this many values' weight.

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from . import photon_shards, shared_arrays, workers
+from . import photon_shards, shared_arrays
 from .photon_shards import PhotonResult, PhotonShard
 from .quadtree import Quadtree
 from .splitting import Splitting
@@ -73,7 +73,7 @@ def save_view(folder: Path, tree: Quadtree, n_texel: int, square_entry: NDArray[
     """The folder, with what the shards of a round read there; arguments as of TreeView.of_tree."""
     shared_arrays.save_struct(folder, TreeView.of_tree(tree, n_texel, square_entry, shared_arrays.Room(folder)))
     if splitting:
-        shared_arrays.save_struct(folder / workers.SPLITTING_FOLDER, splitting)
+        shared_arrays.save_struct(folder / photon_shards.SPLITTING_FOLDER, splitting)
     return str(folder)
 
 

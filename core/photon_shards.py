@@ -10,16 +10,31 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from . import photons, photons_ahead, sampling
+from . import photons, photons_ahead, sampling, shared_arrays
 from .birth_cells import BirthCells
 from .birth_guide import BirthTally
+from .folders import keep_view_open
 from .photon_log import Counters, EnergyAudit, ShardHits
 from .settings import Settings
 from .splitting import SplitTally, Splitting, weigh_groups
 from .squares import deposit_on_squares
 from .tally import ShardTally, deposit
+from .traced_scene import TracedScene, Tracing, open_scene, open_tracing
 from .tree_view import TreeView
-from .workers import TracedScene, Tracing, open_scene, open_splitting, open_tracing, open_view
+
+SPLITTING_FOLDER = "splitting"  # in a view's
+
+
+@keep_view_open
+def open_view(folder: str) -> TreeView:
+    """The view that was written to `folder`; a process keeps the last one open."""
+    return shared_arrays.load_struct(Path(folder), TreeView)
+
+
+@keep_view_open
+def open_splitting(folder: str) -> Splitting:
+    """What photons of a view are told; the same."""
+    return shared_arrays.load_struct(Path(folder) / SPLITTING_FOLDER, Splitting)
 
 
 @dataclass(frozen=True)

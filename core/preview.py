@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import basis
+from .arrays import IntArray
 from .direct_field import DirectField
 from .executors import InlineExecutor
 from .image_file import HALF_MAX
@@ -25,7 +26,6 @@ from .light_field import LightField
 from .margin import fill_margin
 from .materials import SurfaceMaterials
 from .messages import Message, Preview
-from .scene import IntArray
 from .settings import Settings
 from .solve import Solver
 from .texel_map import TexelMap

@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import FloatArray, IntArray
 from .coverage import Float64, Int64
-from .scene import FloatArray, IntArray
 from .texel_grid import part_bits
 from .tiles import TILE_TEXELS, Tiles, fit_surfaces
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import basis
-from .scene import IntArray
+from .arrays import IntArray
 from .shared_arrays import IN_MEMORY, Room
 from .texel_map import TexelMap
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import missing_light, photon_noise, refine, shrinkage, tally
+from .arrays import IntArray
 from .judged import Judged
 from .quadtree import Quadtree
-from .scene import IntArray
 from .squares import SquareLight
 from .tally import Solution, Tally, Totals
 

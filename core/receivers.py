@@ -8,7 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from . import basis, chart_search, contact_map, contact_search, creases, earlier_bakes, executors, pages, shared_arrays, texels, workers
+from . import (
+    basis,
+    chart_search,
+    contact_map,
+    contact_search,
+    creases,
+    earlier_bakes,
+    executors,
+    folders,
+    pages,
+    shared_arrays,
+    texels,
+    traced_scene,
+)
 from .charts import ChartAtlas, make_charts
 from .job import LAYOUT_FILE
 from .kept_charts import KeptCharts, find_charts_file
@@ -72,12 +85,12 @@ def _keep_charts(run: Run, kept: KeptCharts, is_whole: bool) -> None:
 def find_receivers(
     run: Run, snapshot: SceneSnapshot, settings: Settings, atlas: ChartAtlas, executor: Executor, lit: bool, by_photons: bool
 ) -> Receivers:
-    """The texels of the charts, saved for workers.open_tracing.
+    """The texels of the charts, saved for traced_scene.open_tracing.
 
     lit          whether rays are sent at all
     by_photons   whether leaves are to hold light: then charts are cut along contacts
     """
-    place = run.folder / workers.TEXELS_FOLDER
+    place = run.folder / folders.TEXELS_FOLDER
     with run.stage(texels.MEASURING):
         facets = creases.cut_at_creases(snapshot, atlas)
         shared_arrays.remove_struct(place)  # of an earlier bake in the same folder
@@ -86,7 +99,7 @@ def find_receivers(
     touched = rising = np.zeros(len(texel_map), bool)
     if lit:
         with run.stage(_TREE):
-            opened = workers.open_scene(str(run.folder))
+            opened = traced_scene.open_scene(str(run.folder))
         run.warn(opened.warnings)
         if settings.contact and by_photons:
             with run.stage(contact_map.LOOKING):
@@ -95,5 +108,5 @@ def find_receivers(
                 texel_map, facets, touched, rising = contact_map.cut_at_contacts(texel_map, facets, contacts, watch)
     shared_arrays.save_struct(place, texel_map)
     if lit:
-        texel_map = workers.open_tracing(str(run.folder)).texels
+        texel_map = traced_scene.open_tracing(str(run.folder)).texels
     return Receivers(facets, texel_map, touched, rising)

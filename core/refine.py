@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import basis
+from .arrays import IntArray
 from .quadtree import Quadtree
-from .scene import IntArray
 from .tally import Solution, Totals, parts_of
 
 SIGNIFICANT_SIGMAS = 3.0

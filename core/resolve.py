@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import denoise, reconstruct, seams, squares
+from .arrays import IntArray
 from .coverage import as_slice
 from .cuts import close_cuts
 from .flecks import clip_flecks
@@ -23,7 +24,6 @@ from .margin import add_margin
 from .materials import SurfaceMaterials
 from .neighbours import Neighbours
 from .quadtree import node_of_texel
-from .scene import IntArray
 from .seam_points import SeamPoints
 from .texel_looks import centred_strata
 from .texel_map import LOOK, TexelMap

@@ -11,8 +11,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import FloatArray, IntArray
 from .geometry import gather, select, stack_columns
-from .scene import FloatArray, IntArray
 
 
 def shard_rng(seed: int, round_index: int, shard: int) -> np.random.Generator:

@@ -7,13 +7,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-
-FloatArray: TypeAlias = NDArray[Any]  # of any float type; numpy's own generic types confuse its operators' types
-IntArray: TypeAlias = NDArray[Any]  # of any integer type
 
 MAX_ALBEDO = 0.999  # a whiter surface would keep its photons for ever
 

@@ -11,10 +11,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Float64, IntArray
 from .geometry import triangle_normals_areas
-from .lights import Float64
 from .loose_parts import find_loose_parts
-from .scene import IntArray, SceneSnapshot
+from .scene import SceneSnapshot
 from .topology import join_open_sides
 
 _TOLERANCE = 1e-5  # of a solid's extent: nearer to a face's plane is on it

@@ -14,8 +14,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import FloatArray, IntArray
 from .geometry import triangle_normals_areas
-from .scene import FloatArray, IntArray, SceneSnapshot
+from .scene import SceneSnapshot
 
 Float64: TypeAlias = NDArray[np.float64]
 

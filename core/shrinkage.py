@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import basis
+from .arrays import IntArray
 from .quadtree import Quadtree
-from .scene import IntArray
 from .tally import Solution, Totals
 
 _TINY = np.finfo(float).tiny

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .lights import Float32, Float64
+from .arrays import Float32, Float64
 
 _LONG = 8.0  # longest edge, in heights above it, from which on a triangle is cut
 # Length of its parts, in that height, at most: of 8 light by strips 5 mm from a wall takes twice the time, of 2 no less.

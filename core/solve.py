@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from . import basis, estimate, quadtree, refine, rounds, tally, workers
+from . import basis, estimate, quadtree, refine, rounds, tally, traced_scene
 from .birth_guide import BirthGuide
 from .direct_field import DirectField
 from .direct_shards import NOTHING_AHEAD, ShotAhead
@@ -52,7 +52,7 @@ TRACING = Status("photons", "Tracing photons")
 class Solver:
     """A bake in progress: a stable solution exists after every round."""
 
-    folder: Path  # of workers.open_tracing
+    folder: Path  # of traced_scene.open_tracing
     settings: Settings
     executor: Executor
     direct: DirectField
@@ -64,7 +64,7 @@ class Solver:
     rising_texels: NDArray[np.bool_] | None = None  # (n,) of ContactMap; None for none
 
     def __post_init__(self) -> None:
-        self.tracing = workers.open_tracing(str(self.folder))
+        self.tracing = traced_scene.open_tracing(str(self.folder))
         texels, settings = self.tracing.texels, self.settings
         self.degree = basis.DEGREES[settings.basis]
         self.tree = quadtree.plant_trees(texels, self.degree, settings.min_level, settings.finest_texels, not settings.hierarchical)
@@ -185,7 +185,7 @@ class Solver:
         for shard, result in self.rounds.trace(shards, rounds.count_late(len(shards), left)):
             self.tally.add(shard.shard % 2, result.tally, shard.photons * shard.weight)
             self.square_tally.add(shard.shard % 2, result.squares, shard.photons * shard.weight)
-            self.ledger.add(shard, result)
+            self.ledger.add(shard.photons, shard.weight, result.audit, result.counters)
             self.lit_elsewhere |= result.lit_elsewhere
             if shard.round == self.round:  # late ones were sent otherwise, and what they would guide is planned already
                 parted += [result.splitting] if result.splitting else []

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import IntArray
 from .geometry import UnitBox, triangle_normals_areas
-from .scene import IntArray, SceneSnapshot
+from .scene import SceneSnapshot
 
 # Shifts and masks that put two zeros between bits that follow each other, of numbers of up to eight bits.
 _SPREAD = ((8, 0x00F00F), (4, 0x0C30C3), (2, 0x249249))

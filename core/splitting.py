@@ -20,11 +20,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import FloatArray, IntArray
 from .birth_cells import BirthCells
 from .judged import DARK_FLOOR, Parts
 from .photon_log import Groups
 from .quadtree import Quadtree
-from .scene import FloatArray, IntArray
 from .tally import find_touched
 
 Float64 = NDArray[np.float64]

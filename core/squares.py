@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import FloatArray, IntArray
 from .coverage import Float64, clip_to_texels
 from .judged import DARK_FLOOR
-from .scene import FloatArray, IntArray
 from .shrinkage import beyond_noise
 from .tally import ShardTally, Tally, deposit, with_direct
 from .texel_map import LOOK, TexelMap

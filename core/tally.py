@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import basis
+from .arrays import FloatArray, IntArray
 from .quadtree import Quadtree
-from .scene import FloatArray, IntArray
 
 COMPONENTS = 2
 HALVES = 2

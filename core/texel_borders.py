@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import FloatArray, IntArray
 from .coverage import Float64, Int32, Int64, expand_ranges, monomial_exponents
-from .scene import FloatArray, IntArray
 from .words import Say
 
 if TYPE_CHECKING:

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import IntArray
 from .contact import texel_axes
 from .coverage import Float64, Int32
 from .geometry import UnitBox, gather
-from .scene import IntArray
 from .texel_map import TexelMap
-from .workers import TracedScene
+from .traced_scene import TracedScene
 
 
 @dataclass(frozen=True)

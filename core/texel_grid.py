@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import FloatArray, IntArray
 from .coverage import Int32, Int64
 from .row_spans import RowSpans
-from .scene import FloatArray, IntArray
 from .shared_arrays import IN_MEMORY, Room
 from .words import Say
 

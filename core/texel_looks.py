@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import FloatArray, IntArray
 from .coverage import Float64, Int32, Int64
-from .scene import FloatArray, IntArray
 
 _ROUNDING = 1e-9  # weight of a corner below 0 that is still on the triangle
 

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import FloatArray, IntArray
 from .coverage import CHUNK_SIZE, Float64, Int32, Int64, as_slice, clip_to_texels, expand_ranges
-from .scene import FloatArray, IntArray
 from .texel_borders import TexelBorders
 from .texel_grid import TexelGrid
 from .texel_looks import TexelLooks, are_inside

@@ -8,8 +8,8 @@ from math import comb
 
 import numpy as np
 
+from .arrays import FloatArray, IntArray
 from .coverage import CHUNK_SIZE, Float64, Int32, Int64, chunk_ranges, expand_ranges, monomial_exponents, powers
-from .scene import FloatArray, IntArray
 
 _SIDE = 16  # texels, of squares
 _SQUARE = _SIDE**2

@@ -10,17 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .coverage import (
-    Float64,
-    Int32,
-    Int64,
-    as_slice,
-    chunk_ranges,
-    clip_to_texels,
-    expand_ranges,
-    monomial_exponents,
-    piece_moments,
-)
+from .coverage import Float64, Int32, Int64, as_slice, chunk_ranges, clip_to_texels, expand_ranges, monomial_exponents, piece_moments
 from .geometry import gather
 from .layer_check import signed_areas
 from .messages import Status

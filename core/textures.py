@@ -9,8 +9,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import FloatArray, IntArray
 from .geometry import gather
-from .scene import FloatArray, IntArray, TextureImage
+from .scene import TextureImage
 
 _BLACK = np.zeros((1, 1, 3), np.float32)
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import IntArray
 from .coverage import CHUNK_SIZE, Float64, Int64
-from .scene import IntArray
 from .texel_grid import interleave_bits, part_bits
 
 _SIDE_BITS = 3

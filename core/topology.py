@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .scene import IntArray
+from .arrays import IntArray
 
 Int64: TypeAlias = NDArray[np.int64]
 

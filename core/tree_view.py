@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import FloatArray, IntArray
 from .quadtree import Quadtree, node_of_texel
-from .scene import FloatArray, IntArray
 from .shared_arrays import IN_MEMORY, Room
 
 

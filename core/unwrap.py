@@ -8,10 +8,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import IntArray
 from .chart_borders import find_plain_charts
 from .geometry import triangle_normals_areas
 from .layer_check import find_overlaps, label_charts, signed_areas
-from .scene import IntArray
 from .topology import pair_corners
 from .unwrap_question import Question, project, sum_by
 

@@ -12,10 +12,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import IntArray
 from .geometry import orthonormal_basis
 from .layer_check import signed_areas
 from .mesh_pieces import is_dense, split_part
-from .scene import IntArray
 from .topology import join_sets, pair_sides
 from .unfolding import UnfolderDied, give_up, unfold_meshes, wait_for
 from .xatlas_process import Mesh, Unfolded

@@ -14,20 +14,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from . import contact_map, denoise, photon_shards, workers
-
-# With functions that a process is given: loaded with this module, not by the first of them.
-_OF_SHARDS = contact_map, denoise, photon_shards, workers
 # Bytes of a result that a pipe takes whole or not at all, with what a pool writes around it. Source: POSIX, write() of {PIPE_BUF} bytes
 _AT_ONCE = getattr(select, "PIPE_BUF", 512) - 256
 
 
-def start() -> None:
-    """Before the first call."""
+def start(load_ahead: Callable[[], None]) -> None:
+    """Before the first call; `load_ahead` loads what calls will need."""
     atexit.register(os._exit, 0)  # to take Python apart would take time from the others, and what is left is the system's to free
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the main process decides
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a copy would do what the main process does then
-    workers.load_ahead()
+    load_ahead()
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
-from leaflight.core import basis, charts, creases, executors, shared_arrays, solve, texels, workers
+from leaflight.core import basis, charts, creases, executors, folders, shared_arrays, solve, texels
 from leaflight.core.direct_field import DirectField
 from leaflight.core.job import SNAPSHOT_FILE
 from leaflight.core.light_field import LightField
@@ -54,7 +54,7 @@ def prepare_folder(folder: Path, scene: SceneSnapshot, settings: Settings) -> tu
     save_snapshot(folder / SNAPSHOT_FILE, scene)
     atlas = creases.cut_at_creases(scene, charts.make_charts(scene, settings))
     texel_map = texels.build_texel_map(scene, atlas, 2 * basis.DEGREES[settings.basis])
-    shared_arrays.save_struct(folder / workers.TEXELS_FOLDER, texel_map)
+    shared_arrays.save_struct(folder / folders.TEXELS_FOLDER, texel_map)
     return atlas, texel_map
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from boxes import solve_scene
-from leaflight.core import resolve, workers
+from leaflight.core import resolve, traced_scene
 from leaflight.core.geometry import interpolate_corners
 from leaflight.core.judged import BEST_TEXELS, DARK_FLOOR
 from leaflight.core.scene import Light, Material, SceneSnapshot
@@ -111,7 +111,7 @@ def bake_known(folder: Path, scene: SceneSnapshot, irradiance: Irradiance, direc
     photons = PHOTONS if direct == "photons" else FEW_PHOTONS
     usual = {"size": SIZE_TEXELS, "hierarchical": False, "finest_texels": LEAF_TEXELS, "max_photons": photons, "error": 1e-3, "seed": 5}
     light = solve_scene(folder, scene, Settings(direct=direct, **{**usual, **knobs}))
-    texels = workers.open_tracing(str(folder)).texels
+    texels = traced_scene.open_tracing(str(folder)).texels
     return KnownLight(light, texels, mean_over_texels(scene, texels, irradiance, LOOK if direct == "rays" else 1.0))
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from boxes import make_solver
 from floors import sigma_limit
-from leaflight.core import charts, resolve, workers
+from leaflight.core import charts, folders, resolve
 from leaflight.core.debug_passes import DebugPages
 from leaflight.core.scene import SceneSnapshot
 from leaflight.core.settings import DEBUG_PASSES, PASSES, Settings
@@ -60,7 +60,7 @@ def bake_safely(
     """A bake of small pages unless `knobs`, fields of Settings, say otherwise; `prepare` may change the solver before it runs."""
     usual = {"size": 32, "padding": 1, "error": 0.02, "max_photons": 20_000, "direct": direct, "workers": 1}
     chosen = Settings(**{**usual, **knobs})
-    workers.forget_folders()
+    folders.forget_folders()
     solver = make_solver(folder, scene, chosen)
     prepare(solver)
     light = solver.run(lambda message: None, lambda: False)

@@ -15,7 +15,7 @@ from closed_forms import from_point
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from known_light import bake_known, mean_over_texels
-from leaflight.core import workers
+from leaflight.core import traced_scene
 from leaflight.core.materials import clamp_warnings
 from leaflight.core.scene import MAX_ALBEDO, Light, Material
 from leaflight.core.settings import BASES, DIRECT_MODES, Settings
@@ -234,7 +234,7 @@ class TestLights:
         lamps = [replace(LAMP, position_m=(3.0 * k + 0.1, 0.05, 0.2), power_rgb=(w,) * 3) for k, w in enumerate(watts)]
         scene = make_scene([room_mesh("Bright"), moved(room_mesh("Dim"), (3.0, 0, 0))], lamps, [GREY])
         baked = bake_safely(tmp_path, scene, size=64)
-        texels = workers.open_tracing(str(tmp_path)).texels
+        texels = traced_scene.open_tracing(str(tmp_path)).texels
         room, area = scene.tri_object[texels.texel_tri], texels.texel_area
         found = np.bincount(room, area * baked.light.direct.irradiance[:, 0]) / np.bincount(room, area)
         off = np.abs(found / (watts / 6) - 1).max()
@@ -321,7 +321,7 @@ class TestPages:
         uv = 1 - np.array([[8, 8], [0, 8], [0, 0], [8, 0]]) / 2**14
         scene = make_scene([quad_mesh("Far", uv=uv)], [SUN], [GREY])
         light = solve_scene(tmp_path, scene, Settings(size=2**14, max_photons=2_000))
-        texels = workers.open_tracing(str(tmp_path)).texels
+        texels = traced_scene.open_tracing(str(tmp_path)).texels
         assert texels.texel_xy.min() == 2**14 - 8
         assert texels.texel_xy.max() == 2**14 - 1
         hold("odd scenes: light of a chart in the corner of a 16k page off", np.abs(light.direct.irradiance / 2.0 - 1).max(), high=1e-5)

@@ -22,7 +22,7 @@ from claims import Claim, publish_claims
 from cycles_reference import Reference
 from export_samples import export_samples
 from image_io_path import add_image_io
-from leaflight.core import workers
+from leaflight.core import folders, traced_scene
 from leaflight.core.job import SNAPSHOT_FILE
 from leaflight.core.settings import ERROR_OF, Settings
 from lightmap_errors import BEST_TEXELS, DARK_FLOOR, find_lit
@@ -154,12 +154,12 @@ def measure_alone(value: np.ndarray, reference: Reference, own: np.ndarray) -> f
 
 def map_objects(folder: Path) -> np.ndarray:
     """(SIZE, SIZE) int: the object that each texel of the last bake in the folder shows, row 0 at the bottom; -1 where there is none."""
-    tracing = workers.open_tracing(str(folder))
+    tracing = traced_scene.open_tracing(str(folder))
     texels, owner = tracing.texels, np.full((SIZE, SIZE), -1)
     shown = np.flatnonzero(texels.shown)
     column, row = texels.texel_xy[shown].T
     owner[row, column] = tracing.snapshot.tri_object[texels.texel_tri[shown]]
-    workers.forget_folders()
+    folders.forget_folders()
     return owner
 
 

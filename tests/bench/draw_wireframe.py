@@ -17,7 +17,7 @@ import numpy as np
 from boxes import prepare_folder
 from draw_leaves import light_view, look_through, shade_view
 from export_samples import export_samples
-from leaflight.core import contact_map, executors, quadtree, resolve, solve, workers
+from leaflight.core import contact_map, executors, quadtree, resolve, solve, traced_scene
 from leaflight.core.direct_field import DirectField
 from leaflight.core.image_file import write_image
 from leaflight.core.settings import Settings
@@ -54,7 +54,7 @@ def bake_light(folder: Path, snapshot: Path) -> tuple[SimpleNamespace, solve.Lig
     _atlas, texels = prepare_folder(folder, scene, SETTINGS)
     executor = executors.make_executor(SETTINGS.workers)
     try:
-        tracing = workers.open_tracing(str(folder))
+        tracing = traced_scene.open_tracing(str(folder))
         direct = DirectField.none(len(texels.texel_area))
         touched = contact_map.find_contacts(tracing, texels).touched
         solver = solve.Solver(folder, SETTINGS, executor, direct, touched)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from boxes import prepare_folder
-from leaflight.core import contact_map, quadtree, resolve, solve, tally, workers
+from leaflight.core import contact_map, folders, quadtree, resolve, solve, tally, traced_scene
 from leaflight.core.job import SNAPSHOT_FILE
 from leaflight.core.scene import SceneSnapshot
 from leaflight.core.settings import Settings
@@ -154,7 +154,7 @@ class Stage:
         self.settings = dataclasses.replace(settings, direct="photons", error=NEVER)
         # Moments of the greatest degree serve every basis.
         self.atlas, self.texels = prepare_folder(folder, scene, dataclasses.replace(settings, basis="quadratic"))
-        self.tracing = workers.open_tracing(str(folder))
+        self.tracing = traced_scene.open_tracing(str(folder))
         self.contact = contact_map.find_contacts(self.tracing, self.texels).touched
         self._bakes = 0
 
@@ -172,6 +172,6 @@ class Stage:
         self._bakes += 1
         folder = self.folder / f"bake_{self._bakes}"
         folder.mkdir()
-        for name in (SNAPSHOT_FILE, workers.TEXELS_FOLDER):
+        for name in (SNAPSHOT_FILE, folders.TEXELS_FOLDER):
             (folder / name).symlink_to(self.folder / name)
         return folder

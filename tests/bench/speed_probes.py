@@ -21,7 +21,7 @@ import numpy as np
 from boxes import prepare_folder, room_mesh
 from cycles_reference import SAMPLES
 from leaflight.addon.job import BakeProcess
-from leaflight.core import photons, rounds, sampling, unfolding, workers
+from leaflight.core import folders, photons, rounds, sampling, traced_scene, unfolding
 from leaflight.core.chart_search import find_charts
 from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.messages import Error
@@ -99,7 +99,7 @@ class _Recorder:
 def wavefront_share(folder: Path, snapshot: SceneSnapshot, sizes: Sizes) -> dict[str, float]:
     """Rays a second of the wavefront and of embreex alone on the same rays, on one core, and their ratio `share`; the best of turns."""
     prepare_folder(folder, snapshot, Settings(size=256))
-    scene = workers.open_tracing(str(folder)).scene
+    scene = traced_scene.open_tracing(str(folder)).scene
     recorder = _Recorder(scene.rays)
     recording = dataclasses.replace(scene, rays=recorder)
 
@@ -115,7 +115,7 @@ def wavefront_share(folder: Path, snapshot: SceneSnapshot, sizes: Sizes) -> dict
 
     turns = [(_least_seconds(lambda: trace(scene), 1), _least_seconds(run_embree, 1)) for _ in range(sizes.looks)]
     wavefront_s, embree_s = map(min, zip(*turns, strict=True))
-    workers.forget_folders()
+    folders.forget_folders()
     return {"wavefront_per_s": count / wavefront_s, "embreex_per_s": count / embree_s, "share": embree_s / wavefront_s}
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boxes import lamp_scene, room_mesh
-from leaflight.core import bake, executors, preview, quadtree, resolve, solve, workers
+from leaflight.core import bake, executors, preview, quadtree, resolve, solve, traced_scene
 from leaflight.core.checkpoint import read_info
 from leaflight.core.direct_field import DirectField
 from leaflight.core.encodings import ENCODINGS
@@ -304,7 +304,7 @@ def test_processes_start_once_there_are_charts_and_read_the_scene_while_texels_a
     save_snapshot(tmp_path / SNAPSHOT_FILE, lamp_scene())
     Job(QUICK, str(tmp_path / "images"), "room").save(tmp_path)
     bake.run_bake(tmp_path, messages.append, lambda: False, lambda settings: waiting)
-    assert called[:2] == [("wake", "charts", ()), ("on_each", "charts", (workers.open_ahead, str(tmp_path)))]
+    assert called[:2] == [("wake", "charts", ()), ("on_each", "charts", (traced_scene.open_ahead, str(tmp_path)))]
 
 
 def test_a_bake_that_goes_on_traces_no_first_photons(tmp_path, monkeypatch):

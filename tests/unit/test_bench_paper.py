@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boxes import lamp_scene
-from leaflight.core import executors, workers
+from leaflight.core import executors, folders
 from leaflight.core.scene import Light, Material
 from scenes import make_scene, moved, quad_mesh
 
@@ -34,7 +34,7 @@ def square_scene():
 def measured(tmp_path_factory):
     scenes = lamp_scene(), square_scene()
     yield bench_paper.measure_paper(tmp_path_factory.mktemp("paper"), *scenes, TOY, executors.InlineExecutor())
-    workers.forget_folders()
+    folders.forget_folders()
 
 
 @pytest.mark.slow

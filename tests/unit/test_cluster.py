@@ -19,7 +19,7 @@ import pytest
 pytest.importorskip("distributed")
 
 from boxes import lamp_scene, prepare_folder, solve_scene
-from leaflight.core import bake, cluster, executors, shared_arrays, workers
+from leaflight.core import bake, cluster, executors, folders, shared_arrays, texel_shards
 from leaflight.core.job import SNAPSHOT_FILE, Job
 from leaflight.core.settings import Settings
 from leaflight.core.snapshot import save_snapshot
@@ -181,8 +181,8 @@ def test_a_folder_that_is_used_again_is_read_again(farm, tmp_path):
         scene = replace(bright, lights=(replace(bright.lights[0], power_rgb=(power,) * 3),))
         with cluster.connect(farm.address) as executor:
             means.append(solve_scene(tmp_path, scene, SETTINGS, executor).solution.flux.sum())
-        shared_arrays.remove_struct(tmp_path / workers.TEXELS_FOLDER)
-    workers.forget_folders()
+        shared_arrays.remove_struct(tmp_path / folders.TEXELS_FOLDER)
+    folders.forget_folders()
     assert means[0] == pytest.approx(10 * means[1], rel=0.01)
 
 
@@ -193,16 +193,16 @@ def test_a_later_bake_of_the_same_scene_is_told_anew_where_photons_part(farm, tm
         with cluster.connect(farm.address) as executor:
             light = solve_scene(tmp_path, lamp_scene(), settings, executor)
         assert light.rounds == rounds
-        shared_arrays.remove_struct(tmp_path / workers.TEXELS_FOLDER)
-        workers.forget_folders()
+        shared_arrays.remove_struct(tmp_path / folders.TEXELS_FOLDER)
+        folders.forget_folders()
     assert to_bytes(light) == to_bytes(solve_scene(tmp_path / "alone", lamp_scene(), settings))
 
 
 def test_a_sentence_of_a_shard_comes_through(farm, tmp_path):
     prepare_folder(tmp_path, replace(lamp_scene(), lights=()), SETTINGS)
-    shard = workers.DirectShard(str(tmp_path), seed=1, turn=0, start=0, texels=np.arange(9), tolerance=0.1, smoothed=False)
+    shard = texel_shards.DirectShard(str(tmp_path), seed=1, turn=0, start=0, texels=np.arange(9), tolerance=0.1, smoothed=False)
     with cluster.connect(farm.address) as executor, pytest.raises(ValueError, match="the scene has no light: add"):
-        executor.submit(workers.light_texels, shard).result()
+        executor.submit(texel_shards.light_texels, shard).result()
 
 
 @pytest.mark.parametrize(
@@ -265,5 +265,5 @@ def test_a_digest_is_seen_only_where_what_it_is_of_is_seen(tmp_path, monkeypatch
 
 @pytest.mark.parametrize(("view", "fields"), [("", ["tracing"]), ("there", ["tracing", "view"])])
 def test_folders_are_sent_of_what_a_shard_names(view, fields):
-    shard = workers.DirectShard("here", seed=1, turn=0, start=0, texels=range(4), tolerance=0.1, smoothed=True, view=view)
+    shard = texel_shards.DirectShard("here", seed=1, turn=0, start=0, texels=range(4), tolerance=0.1, smoothed=True, view=view)
     assert cluster._folder_fields(shard) == fields

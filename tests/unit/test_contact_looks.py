@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from boxes import prepare_folder
-from leaflight.core import workers
+from leaflight.core import folders, traced_scene
 from leaflight.core.contact_looks import Looks, Surroundings
 from leaflight.core.scene import Light
 from leaflight.core.settings import Settings
@@ -31,10 +31,10 @@ def around(tmp_path):
     def open_floor(*things, floor=None):
         scene = make_scene([floor or quad_mesh("Floor", uv=SQUARE), *things], [LAMP])
         texels = prepare_folder(tmp_path, scene, Settings(size=SIDE, margin=0))[1]
-        return Surroundings.of(workers.open_scene(str(tmp_path)), texels)
+        return Surroundings.of(traced_scene.open_scene(str(tmp_path)), texels)
 
     yield open_floor
-    workers.forget_folders()
+    folders.forget_folders()
 
 
 def look_everywhere(around):

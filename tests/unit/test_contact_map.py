@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from boxes import prepare_folder, to_bytes
-from leaflight.core import contact_map, executors, quadtree, resolve, shared_arrays, solve, workers
+from leaflight.core import contact_map, executors, folders, quadtree, resolve, shared_arrays, solve, texel_shards, traced_scene
 from leaflight.core.contact_looks import Surroundings
 from leaflight.core.contact_map import ContactMap, cut_at_contacts, find_contacts
 from leaflight.core.direct_field import DirectField
@@ -56,13 +56,13 @@ def cut_floor(folder, *meshes, layer="plain", floor=None, light=LAMP):
     floor = floor or quad_mesh("Floor", uv=LAYERS[layer])
     scene = make_scene([floor, *(replace(mesh, receives=False) for mesh in meshes)], [light])
     atlas, texels = prepare_folder(folder, scene, SETTINGS)
-    found = find_contacts(workers.open_scene(str(folder)), texels)
+    found = find_contacts(traced_scene.open_scene(str(folder)), texels)
     cut, cut_atlas, touched, rising = cut_at_contacts(deepcopy(texels), atlas, found)
     assert {tuple(xy) for xy in cut.texel_xy[rising]} == {tuple(xy) for xy in texels.texel_xy[found.rising]}
     assert {tuple(xy) for xy in cut.texel_xy[touched]} == {tuple(xy) for xy in texels.texel_xy[found.touched]}
     assert len(cut_atlas.chart_page) == len(cut_atlas.chart_object) == len(cut.chart_page)
     assert touched.sum() == found.touched.sum()
-    workers.forget_folders()
+    folders.forget_folders()
     return texels, cut, cut_atlas, scene
 
 
@@ -124,8 +124,8 @@ def test_texels_on_both_sides_of_a_rugs_edge_are_touched(tmp_path):
     """They are refined, and have squares, as those at a wall's foot."""
     scene = make_scene([quad_mesh("Floor", uv=SQUARE), replace(rug(32.3 / SIDE, 0.02 / SIDE), receives=False)], [LAMP])
     texels = prepare_folder(tmp_path, scene, SETTINGS)[1]
-    found = find_contacts(workers.open_scene(str(tmp_path)), texels)
-    workers.forget_folders()
+    found = find_contacts(traced_scene.open_scene(str(tmp_path)), texels)
+    folders.forget_folders()
     assert np.unique(texels.texel_xy[found.touched, 0]).tolist() == [31, 32]
     assert found.touched.sum() == 2 * SIDE
     assert not found.rising.any()
@@ -285,9 +285,9 @@ def test_threads_change_nothing(tmp_path, part_entries):
     scene = make_scene([quad_mesh("Floor", uv=SQUARE), replace(wall(), receives=False)], [LAMP])
     texels = prepare_folder(tmp_path, scene, SETTINGS)[1]
     part_entries(500)
-    opened = workers.open_scene(str(tmp_path))
+    opened = traced_scene.open_scene(str(tmp_path))
     one, two = (find_contacts(opened, texels, threads) for threads in (1, 2))
-    workers.forget_folders()
+    folders.forget_folders()
     for name in ("touched", "piece", "whole"):
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
     assert one.touched.any()
@@ -304,14 +304,14 @@ def test_charts_know_nothing_of_each_other(tmp_path, part_entries):
     scene = make_scene([quad_mesh("Floor", uv=turned(20, 0.7) + 0.5), *boxes, *things], [LAMP])
     texels = prepare_folder(tmp_path, scene, replace(SETTINGS, size=4 * SIDE))[1]
     part_entries(300)
-    opened = workers.open_scene(str(tmp_path))
+    opened = traced_scene.open_scene(str(tmp_path))
     whole = find_contacts(opened, texels)
     starts = np.unique(texels.chart_start).tolist()
     assert len(starts) > 10
     for ends in (starts, [0, starts[3], starts[-1]], [0, starts[-1]]):
         joined = ContactMap.join([find_contacts(opened, texels, part=slice(*part)) for part in pairwise(ends)])
         assert to_bytes(joined) == to_bytes(whole)
-    workers.forget_folders()
+    folders.forget_folders()
     chart = texels.texel_chart[whole.patches.start]
     assert len(np.unique(chart[whole.piece != whole.whole])) >= 1  # or the test would say little
     assert len(np.unique(chart)) >= 4
@@ -326,8 +326,8 @@ def test_how_far_the_search_is_is_told_again_and_again(tmp_path, part_entries):
     atlas, texels = prepare_folder(tmp_path, scene, SETTINGS)
     part_entries(500)
     told = []
-    found = find_contacts(workers.open_scene(str(tmp_path)), texels, 2, lambda *word: told.append(word))
-    workers.forget_folders()
+    found = find_contacts(traced_scene.open_scene(str(tmp_path)), texels, 2, lambda *word: told.append(word))
+    folders.forget_folders()
     parts = len(split_entries(len(texels)))
     assert [share for _, share, _ in told[:parts]] == pytest.approx(0.6 * np.arange(1, parts + 1) / parts)
     cut_at_contacts(texels, atlas, found, lambda *word: told.append(word))
@@ -340,20 +340,20 @@ def test_how_far_the_search_is_is_told_again_and_again(tmp_path, part_entries):
 def test_whoever_wants_no_contacts_any_more_is_heard_at_every_word(tmp_path):
     scene = make_scene([quad_mesh("Floor", uv=SQUARE), replace(wall(), receives=False)], [LAMP])
     atlas, texels = prepare_folder(tmp_path, scene, SETTINGS)
-    opened = workers.open_scene(str(tmp_path))
+    opened = traced_scene.open_scene(str(tmp_path))
 
     def look(watch):
         fresh = deepcopy(texels)
         cut_at_contacts(fresh, atlas, find_contacts(opened, fresh, 1, watch), watch)
 
     check_every_word_is_heard(look)
-    workers.forget_folders()
+    folders.forget_folders()
 
 
 def test_where_there_is_no_texel_nothing_is_found(tmp_path):
     prepare_folder(tmp_path, make_scene([quad_mesh("Floor", uv=SQUARE)], [LAMP]), SETTINGS)
-    found = find_contacts(workers.open_scene(str(tmp_path)), make_map(np.zeros((0, 3, 2))))
-    workers.forget_folders()
+    found = find_contacts(traced_scene.open_scene(str(tmp_path)), make_map(np.zeros((0, 3, 2))))
+    folders.forget_folders()
     assert len(found.touched) == len(found.piece) == len(found.borders.entry) == 0
 
 
@@ -374,8 +374,8 @@ def test_what_rises_from_the_floor_parts_nothing(tmp_path):
     assert (pieces == pieces[0]).all()
     assert np.flatnonzero(np.diff(pieces[0])).tolist() == [int(0.4 * SIDE + 0.5) - 1]
     _, texels = prepare_folder(tmp_path / "again", scene, SETTINGS)
-    rising = find_contacts(workers.open_scene(str(tmp_path / "again")), texels).rising
-    workers.forget_folders()
+    rising = find_contacts(traced_scene.open_scene(str(tmp_path / "again")), texels).rising
+    folders.forget_folders()
     assert np.unique(texels.texel_xy[rising, 0]).tolist() == [27, 28]  # on both sides of where it is three texels high
     assert rising.sum() == 2 * SIDE
 
@@ -434,8 +434,8 @@ def test_floors_of_several_pages_and_sizes_are_cut_alike(tmp_path):
     atlas, texels = prepare_folder(tmp_path, scene, SETTINGS)
     assert np.argmax(texels.chart_log2) == 1
     assert texels.page_count == 2
-    found = find_contacts(workers.open_scene(str(tmp_path)), texels)
-    workers.forget_folders()
+    found = find_contacts(traced_scene.open_scene(str(tmp_path)), texels)
+    folders.forget_folders()
     cut, cut_atlas, touched, _ = cut_at_contacts(texels, atlas, found)
     chart = cut.texel_chart
     np.testing.assert_array_equal(cut_atlas.chart_object[chart], scene.tri_object[cut.texel_tri])
@@ -505,7 +505,7 @@ def test_the_first_leaves_below_a_ball_know_how_light_falls_towards_where_it_sta
     ball = moved(sphere_mesh(radius_m=0.2), (0.5, 0.5, 0.2))
     scene = replace(make_scene([quad_mesh("Floor", uv=SQUARE), replace(ball, receives=False)]), world_rgb=(1.0,) * 3)
     _, texels = prepare_folder(tmp_path / "first", scene, SETTINGS)
-    found = find_contacts(workers.open_scene(str(tmp_path / "first")), texels)
+    found = find_contacts(traced_scene.open_scene(str(tmp_path / "first")), texels)
     far = np.hypot(*(texels.texel_xy + 0.5 - SIDE / 2).T)
     assert 0 < far[found.rising].min() < far[found.rising].max() < 0.25 * SIDE
     light = {}
@@ -518,21 +518,21 @@ def test_the_first_leaves_below_a_ball_know_how_light_falls_towards_where_it_sta
         if name != "many":
             side = solver.tree.side[quadtree.node_of_texel(solver.tree, np.flatnonzero(~solver.tree.has_children), len(texels))]
             assert (side[found.rising].max() <= 8) == (name == "fine")
-    workers.forget_folders()
+    folders.forget_folders()
     error = {name: np.sqrt(np.mean((light[name] - light["many"])[far < 5] ** 2)) for name in ("fine", "coarse")}
     assert error["fine"] < 0.75 * error["coarse"]
 
 
 def light_of(folder, settings, texels, atlas):
     """(n,) brightness of the texels, of a bake with contacts."""
-    shared_arrays.remove_struct(folder / workers.TEXELS_FOLDER)
-    shared_arrays.save_struct(folder / workers.TEXELS_FOLDER, texels)
+    shared_arrays.remove_struct(folder / folders.TEXELS_FOLDER)
+    shared_arrays.save_struct(folder / folders.TEXELS_FOLDER, texels)
     n_texel = len(texels.texel_chart)
     executor, direct = executors.InlineExecutor(), DirectField.none(n_texel)
     try:
         light = solve.Solver(folder, settings, executor, direct, np.zeros(n_texel, bool)).run(lambda message: None, lambda: False)
     finally:
-        workers.forget_folders()
+        folders.forget_folders()
     at_texels = resolve.light_at_texels(light, texels, smooth_grain=False)
     return (at_texels.direct + at_texels.indirect).sum(axis=1)
 
@@ -554,13 +554,13 @@ def test_a_texel_that_sees_past_a_wall_tells_nothing_of_its_neighbours(tmp_path,
     """A wall's foot 0.18 texels left of a column's centre: 0.14 of the squares there see the lamp, those behind nothing of it."""
     lamp = replace(LAMP, radius_m=0.05)
     _, cut, _, scene = cut_floor(tmp_path, sheet(32.32 / SIDE), light=lamp)
-    shared_arrays.remove_struct(tmp_path / workers.TEXELS_FOLDER)
-    shared_arrays.save_struct(tmp_path / workers.TEXELS_FOLDER, cut)
+    shared_arrays.remove_struct(tmp_path / folders.TEXELS_FOLDER)
+    shared_arrays.save_struct(tmp_path / folders.TEXELS_FOLDER, cut)
     every = np.arange(len(cut.texel_chart))
-    shard = workers.DirectShard(str(tmp_path), seed=seed, turn=0, start=0, texels=every, tolerance=0.02, smoothed=True)
-    found = workers.light_texels(shard)
+    shard = texel_shards.DirectShard(str(tmp_path), seed=seed, turn=0, start=0, texels=every, tolerance=0.02, smoothed=True)
+    found = texel_shards.light_texels(shard)
     light = found.irradiance_rgb[:, 0]
-    workers.forget_folders()
+    folders.forget_folders()
     assert found.counters["shared"] > 0.6 * len(every)  # by tiles that hold no such texel
     position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
     column, row = (position[:, :2] * SIDE).astype(int).T
@@ -575,12 +575,12 @@ def test_texels_at_both_feet_of_a_wall_tell_nothing_of_each_other(tmp_path, seed
     """Those at its foot towards the lamp see that with 0.14 of their squares; those at the other come next to them in their list."""
     lamp = replace(LAMP, radius_m=0.05)
     _, cut, _, scene = cut_floor(tmp_path, wall(36.5 / SIDE, thick_m=8.36 / SIDE), light=lamp)
-    shared_arrays.remove_struct(tmp_path / workers.TEXELS_FOLDER)
-    shared_arrays.save_struct(tmp_path / workers.TEXELS_FOLDER, cut)
+    shared_arrays.remove_struct(tmp_path / folders.TEXELS_FOLDER)
+    shared_arrays.save_struct(tmp_path / folders.TEXELS_FOLDER, cut)
     every = np.arange(len(cut.texel_chart))
-    shard = workers.DirectShard(str(tmp_path), seed=seed, turn=0, start=0, texels=every, tolerance=0.02, smoothed=True)
-    light = workers.light_texels(shard).irradiance_rgb[:, 0]
-    workers.forget_folders()
+    shard = texel_shards.DirectShard(str(tmp_path), seed=seed, turn=0, start=0, texels=every, tolerance=0.02, smoothed=True)
+    light = texel_shards.light_texels(shard).irradiance_rgb[:, 0]
+    folders.forget_folders()
     position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
     column = (position[:, 0] * SIDE).astype(int)
     assert light[column > 32].max() == 0.0

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import prepare_folder, to_bytes
-from leaflight.core import contact_search, executors, workers
+from leaflight.core import contact_search, executors, folders, traced_scene
 from leaflight.core.contact_map import LOOKING, cut_at_contacts, find_contacts
 from leaflight.core.contact_search import search_contacts, split_at_charts
 from leaflight.core.scene import Light
@@ -28,8 +28,8 @@ def prepared(tmp_path, monkeypatch):
     wall = replace(box_mesh("Wall", (0.02, 0.7, 0.5), (0.55, 0.3, 0.25)), receives=False)
     scene = make_scene([quad_mesh("Floor"), *boxes, wall], [LAMP])
     atlas, texels = prepare_folder(tmp_path, scene, Settings(size=64))
-    yield workers.open_scene(str(tmp_path)), atlas, texels
-    workers.forget_folders()
+    yield traced_scene.open_scene(str(tmp_path)), atlas, texels
+    folders.forget_folders()
 
 
 @pytest.fixture
@@ -58,8 +58,8 @@ def test_another_process_finds_the_same_and_the_map_can_be_cut_at_it(tmp_path, p
         wait_until_ready(executor)
         found = search_contacts(tmp_path, opened, texels, executor, 2)
         assert to_bytes(found) == whole
-        assert (tmp_path / workers.TEXELS_FOLDER).exists()
-        assert workers.open_tracing.cache_info().currsize == 0
+        assert (tmp_path / folders.TEXELS_FOLDER).exists()
+        assert traced_scene.open_tracing.cache_info().currsize == 0
         of_other = executor._pool.submit(eval, "__import__('sys').modules['leaflight.core.workers'].open_tracing.cache_info().currsize")
         assert of_other.result() == 0
     assert len(cut_at_contacts(texels, atlas, found)[0].chart_page) > len(texels.chart_page)

@@ -8,7 +8,7 @@ from itertools import starmap
 import numpy as np
 import pytest
 from boxes import lamp_scene, prepare_folder
-from leaflight.core import direct_shards, executors, workers
+from leaflight.core import direct_shards, executors, texel_shards, traced_scene
 from leaflight.core.direct import DirectLight
 from leaflight.core.direct_field import DirectField
 from leaflight.core.other_light import OtherLight
@@ -254,7 +254,7 @@ def test_rays_are_fewer_where_there_is_other_light_and_nothing_is_left_of_what_t
 def test_nothing_is_left_where_shards_fail(shot, monkeypatch):
     folder, field = shot
     before = set(folder.iterdir())
-    monkeypatch.setattr(workers, "light_texels", lambda shard: 1 / 0)
+    monkeypatch.setattr(texel_shards, "light_texels", lambda shard: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         field.shoot(folder, SETTINGS, executors.InlineExecutor(), range(9), other=OtherLight(np.zeros(9, np.float32)))
     assert set(folder.iterdir()) == before
@@ -281,7 +281,7 @@ def test_texels_of_every_shard_have_their_own_other_light(shot, monkeypatch):
 def test_light_that_is_begun_to_be_shown_is_what_is_shown(shot):
     """Done once, by whoever was given it; and again after another shot."""
     folder, field = shot
-    texels, asked = workers.open_tracing(str(folder)).texels, []
+    texels, asked = traced_scene.open_tracing(str(folder)).texels, []
 
     def spread(fn, calls):
         asked.append(fn)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, prepare_folder
-from leaflight.core import direct_shards, executors, workers
+from leaflight.core import direct_shards, executors, folders, texel_shards
 from leaflight.core.direct_field import DirectField
 from leaflight.core.direct_shards import NOTHING_AHEAD, ShotAhead
 from leaflight.core.judged import DARK_FLOOR
@@ -48,7 +48,7 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.setattr(direct_shards, "SHARD_TEXELS", n_texel // 12)
     monkeypatch.setattr(direct_shards, "_AHEAD", 4)
     yield tmp_path, n_texel
-    workers.forget_folders()
+    folders.forget_folders()
 
 
 def shoot(folder, n_texel, ahead, executor):
@@ -89,10 +89,10 @@ def test_shards_sent_ahead_see_to_shadows_as_if_nothing_else_were_seen(folder, m
 
 @pytest.mark.parametrize(("error_of", "share"), [("bake", DARK_FLOOR), ("objects", DARK_FLOOR**2)])
 def test_below_a_sky_shards_sent_ahead_know_how_bright_all_is(tmp_path, monkeypatch, error_of, share):
-    settings, seen, light_texels = replace(SETTINGS, error_of=error_of), [], workers.light_texels
+    settings, seen, light_texels = replace(SETTINGS, error_of=error_of), [], texel_shards.light_texels
     n_texel = len(prepare_folder(tmp_path, replace(lamp_scene(), world_rgb=(1.0, 1.0, 1.0)), settings)[1])
     monkeypatch.setattr(direct_shards, "SHARD_TEXELS", n_texel // 12)
-    monkeypatch.setattr(workers, "light_texels", lambda shard: seen.append(shard) or light_texels(shard))
+    monkeypatch.setattr(texel_shards, "light_texels", lambda shard: seen.append(shard) or light_texels(shard))
     every = range(n_texel)
     glance = direct_shards.glance(direct_shards.ask_for_direct(tmp_path, settings, 0, every))
     seen.clear()
@@ -101,7 +101,7 @@ def test_below_a_sky_shards_sent_ahead_know_how_bright_all_is(tmp_path, monkeypa
     field = DirectField.none(n_texel)
     field.shoot(tmp_path, settings, executors.InlineExecutor(), every)
     assert 0.8 < glance / field.irradiance.mean() < 1.25
-    workers.forget_folders()
+    folders.forget_folders()
 
 
 @pytest.mark.parametrize(("count", "ahead"), [(37_339, 1), (541_000, 3), (11_702_608, 3)])

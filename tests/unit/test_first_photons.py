@@ -8,7 +8,7 @@ from concurrent.futures import Future
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver
-from leaflight.core import bake, executors, rounds, workers
+from leaflight.core import bake, executors, folders, rounds
 from leaflight.core.first_photons import FirstPhotons
 from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.photon_shards import PhotonShard
@@ -44,7 +44,7 @@ def test_a_round_of_them_is_the_round_without(tmp_path, awake, direct):
         solver = begin(tmp_path / name, settings, awake, 2 * is_ahead)
         assert solver.ledger.photons == 20_000
         sums.append(solver.reading.solution.coefficient.tobytes() + solver.square_tally.raw.tobytes())
-        workers.forget_folders()
+        folders.forget_folders()
     assert sums[0] == sums[1]
 
 
@@ -77,7 +77,7 @@ def test_the_second_round_is_the_same_and_tells_the_third_the_same(tmp_path, awa
         splitting, weight = solver._guide_photons()
         assert weight > 1.0
         told.append((solver.reading.solution.coefficient.tobytes(), splitting.factor.tobytes(), weight, solver.ledger.rays))
-        workers.forget_folders()
+        folders.forget_folders()
     assert told[0] == told[1]
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh
-from leaflight.core import direct_shards, executors, resolve, workers
+from leaflight.core import direct_shards, executors, resolve, texel_shards
 from leaflight.core.gather import GatheredLight, KnownLight
 from leaflight.core.gathered import GatheredField
 from leaflight.core.messages import Progress, Status
@@ -64,7 +64,7 @@ class Halted(executors.InlineExecutor):
         self.left = self.most = most
 
     def submit(self, fn, /, *args, **kwargs):
-        self.left -= fn is workers.gather_texels
+        self.left -= fn is texel_shards.gather_texels
         return super().submit(fn, *args, **kwargs)
 
     def is_done(self):

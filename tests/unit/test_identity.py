@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene
-from leaflight.core import identity
+from leaflight.core import digest, identity
 from leaflight.core.job import Job
 from leaflight.core.scene import Material, TextureImage
 from leaflight.core.settings import Settings
@@ -82,23 +82,23 @@ def test_digest_of_the_code_is_of_every_core_module(tmp_path, monkeypatch):
     for name in ("a.py", "b.py"):
         (tmp_path / name).write_text("first")
     monkeypatch.setattr(identity, "__file__", str(tmp_path / "identity.py"))
-    identity.hash_code.cache_clear()
-    digests = [identity.hash_code()]
+    digest.hash_code.cache_clear()
+    digests = [digest.hash_code()]
     for name in ("a.py", "b.py"):
         (tmp_path / name).write_text("second")
-        identity.hash_code.cache_clear()
-        digests.append(identity.hash_code())
-    identity.hash_code.cache_clear()
+        digest.hash_code.cache_clear()
+        digests.append(digest.hash_code())
+    digest.hash_code.cache_clear()
     assert len(set(digests)) == 3
 
 
 def test_pieces_cannot_run_into_each_other():
-    assert identity.hash_pieces([b"ab", b"c"]) != identity.hash_pieces([b"a", b"bc"])
+    assert digest.hash_pieces([b"ab", b"c"]) != digest.hash_pieces([b"a", b"bc"])
 
 
 def test_a_file_has_the_digest_of_its_bytes(tmp_path):
     (tmp_path / "a").write_bytes(b"x" * 100_000)
     (tmp_path / "b").write_bytes(b"x" * 100_000)
-    assert identity.hash_file(tmp_path / "a") == identity.hash_file(tmp_path / "b")
+    assert digest.hash_file(tmp_path / "a") == digest.hash_file(tmp_path / "b")
     (tmp_path / "b").write_bytes(b"x" * 99_999 + b"y")
-    assert identity.hash_file(tmp_path / "a") != identity.hash_file(tmp_path / "b")
+    assert digest.hash_file(tmp_path / "a") != digest.hash_file(tmp_path / "b")

@@ -4,16 +4,12 @@ import numpy as np
 import pytest
 from leaflight.core.ledger import ENERGY_NAMES, Ledger
 from leaflight.core.photon_log import Counters, EnergyAudit
-from leaflight.core.photon_shards import PhotonResult, PhotonShard
 
 
 def make_shard(photons, weight):
     """A shard whose photons bring 2 W each of red light to where nothing reflects, and what came of it."""
-    shard = PhotonShard("", "", 1, 0, 0, photons, 10, 1, skip_first=True, weight=weight)
     watts = np.array([2.0, 0.0, 0.0]) * photons * weight
-    return shard, PhotonResult(
-        None, None, EnergyAudit(watts, watts, 0 * watts, 0 * watts), Counters(photons, 3 * photons, photons), None, None, np.zeros(1, bool)
-    )
+    return photons, weight, EnergyAudit(watts, watts, 0 * watts, 0 * watts), Counters(photons, 3 * photons, photons)
 
 
 def test_watts_do_not_depend_on_how_many_photons_there_were_nor_on_their_weights():

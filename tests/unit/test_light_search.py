@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene
-from leaflight.core import checkpoint, direct_shards, executors, workers
+from leaflight.core import checkpoint, direct_shards, executors, folders
 from leaflight.core.direct_field import DirectField
 from leaflight.core.direct_shards import ShotAhead
 from leaflight.core.first_photons import FirstPhotons
@@ -46,7 +46,7 @@ def seek(tmp_path):
         return run, *search.find()
 
     yield find
-    workers.forget_folders()
+    folders.forget_folders()
 
 
 def list_stages(run):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh, to_bytes
-from leaflight.core import photons, shared_arrays, workers
+from leaflight.core import folders, photon_shards, photons, shared_arrays, traced_scene
 from leaflight.core.birth_cells import BirthCells
 from leaflight.core.photon_shards import PhotonResult, PhotonShard, trace_ahead, trace_photons
 from leaflight.core.scene import Light, Material
@@ -31,7 +31,7 @@ def make_shard(folder, scene, worth=None, everywhere=False):
     shared_arrays.save_struct(view, TreeView.of_tree(tree, n_texel, squares))
     if worth:
         told = Splitting(np.ones(len(scene.objects) + len(tree), np.float32), worth(len(tree)), BirthCells.whole(np.ones(1)))
-        shared_arrays.save_struct(view / workers.SPLITTING_FOLDER, told)
+        shared_arrays.save_struct(view / photon_shards.SPLITTING_FOLDER, told)
     return PhotonShard(str(folder), str(view), 1, 0, 0, photons=5000, max_depth=100, degree=1, skip_first=False), tree
 
 
@@ -70,15 +70,15 @@ def test_photons_of_more_weight_carry_more(photon_shard):
 def test_photons_part_as_their_view_says(photon_shard):
     """The same light comes of fewer rays where fewer photons part; the groups tell of all of them."""
     shard = replace(photon_shard, photons=1_000_000, skip_first=True, guided=True)
-    n_object, n_node = len(workers.open_tracing(shard.tracing).snapshot.objects), len(workers.open_view(shard.view).centre)
-    cells = BirthCells.whole(workers.open_tracing(shard.tracing).scene.emitter_share)
+    n_object, n_node = len(traced_scene.open_tracing(shard.tracing).snapshot.objects), len(photon_shards.open_view(shard.view).centre)
+    cells = BirthCells.whole(traced_scene.open_tracing(shard.tracing).scene.emitter_share)
     results = []
     for factor in (1.0, 0.25):
         told = Splitting(np.full(n_object + n_node, factor, np.float32), np.ones((3, n_node)), cells)
-        shared_arrays.save_struct(Path(shard.view) / workers.SPLITTING_FOLDER, told)
+        shared_arrays.save_struct(Path(shard.view) / photon_shards.SPLITTING_FOLDER, told)
         results.append(trace_photons(shard))
-        shared_arrays.remove_struct(Path(shard.view) / workers.SPLITTING_FOLDER)
-        workers.forget_folders()
+        shared_arrays.remove_struct(Path(shard.view) / photon_shards.SPLITTING_FOLDER)
+        folders.forget_folders()
     many, few = results
     births = -(-shard.photons // photons.SPLIT)
     assert few.counters.rays - births == pytest.approx((many.counters.rays - births) / 4, rel=0.02)
@@ -96,12 +96,12 @@ def test_photons_part_as_their_view_says(photon_shard):
 def test_photons_that_go_alone_tell_of_their_births_too(photon_shard):
     """... and as many arrive, wherever most are born."""
     shard = replace(photon_shard, photons=100_000, guided=True)
-    n_object, n_node = len(workers.open_tracing(shard.tracing).snapshot.objects), len(workers.open_view(shard.view).centre)
+    n_object, n_node = len(traced_scene.open_tracing(shard.tracing).snapshot.objects), len(photon_shards.open_view(shard.view).centre)
     low, side = np.zeros((2, 4), np.float32), np.ones((2, 4), np.float32)
     low[1, 1], side[:, 1] = 0.5, 0.5
     cells = BirthCells(np.zeros(2, np.int32), low, side, np.array([0.5, 0.5]), np.array([0.2, 0.8]))
     told = Splitting(np.ones(n_object + n_node, np.float32), np.ones((3, n_node)), cells)
-    shared_arrays.save_struct(Path(shard.view) / workers.SPLITTING_FOLDER, told)
+    shared_arrays.save_struct(Path(shard.view) / photon_shards.SPLITTING_FOLDER, told)
     result, plain = trace_photons(shard), trace_photons(replace(shard, guided=False))
     assert result.splitting is None
     np.testing.assert_allclose(result.births.births[:, 0].sum(1), [0.2 * shard.photons, 0.8 * shard.photons], atol=1)
@@ -117,7 +117,7 @@ def test_groups_are_told_of_where_they_parted(tmp_path):
     shard, _ = make_shard(tmp_path, bare, lambda n_node: np.random.default_rng(1).random((3, n_node)))
     first = trace_photons(replace(shard, photons=n_birth, max_depth=1))  # as many are born alike
     parted = trace_photons(replace(shard, photons=n_birth * photons.SPLIT, skip_first=True, guided=True))
-    worth, places = workers.open_splitting(shard.view).worth, parted.splitting
+    worth, places = photon_shards.open_splitting(shard.view).worth, parted.splitting
     assert places.place.tolist() == [1, *(2 + first.tally.node)]
     np.testing.assert_array_equal(places.groups[1:], first.tally.count)
     met = n_birth * (1 - first.audit.escaped[0] / first.audit.emitted[0])
@@ -140,7 +140,7 @@ def test_light_on_a_face_without_texels_is_no_other_texel_s(tmp_path, guided):
     )
     shard, tree = make_shard(tmp_path, scene, lambda n_node: np.ones((3, n_node)))
     result = trace_photons(replace(shard, skip_first=guided, guided=guided))
-    texels = workers.open_tracing(str(tmp_path)).texels
+    texels = traced_scene.open_tracing(str(tmp_path)).texels
     assert set(scene.tri_object[texels.texel_tri[tree.start[result.tally.node]]]) == {0}
     assert 100 < result.tally.count.sum() < 0.8 * result.counters.deposits  # the others fell on the folded half
     if guided:

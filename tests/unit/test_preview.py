@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import furnace_scene, lamp_scene, make_solver, prepare_folder
-from leaflight.core import preview, quadtree, resolve, workers
+from leaflight.core import preview, quadtree, resolve, traced_scene
 from leaflight.core.direct_field import DirectField
 from leaflight.core.preview import PreviewPages, find_first_light
 from leaflight.core.settings import Settings
@@ -15,12 +15,12 @@ SETTINGS = Settings(size=32, padding=1, direct="photons", error=1e-4, max_photon
 
 def make_pages(folder, scene, settings=SETTINGS, tell=lambda message: None):
     texels = prepare_folder(folder, scene, settings)[1]
-    surfaces = workers.open_tracing(str(folder)).scene.surfaces
+    surfaces = traced_scene.open_tracing(str(folder)).scene.surfaces
     return PreviewPages(folder / "pages", texels, surfaces, settings, tell), texels
 
 
 def first_light(folder, settings):
-    tracing = workers.open_tracing(str(folder))
+    tracing = traced_scene.open_tracing(str(folder))
     return find_first_light(folder, settings, tracing.texels)
 
 
@@ -45,7 +45,7 @@ def test_pages_are_those_of_the_bake_but_for_its_blending(tmp_path):
         pages, texels = make_pages(tmp_path / name, furnace_scene(0.5), settings)
         light = make_solver(tmp_path / f"{name} solver", furnace_scene(0.5), settings).run(lambda message: None, lambda: False)
         (page,) = pages.draw(light)
-        surfaces = workers.open_tracing(str(tmp_path / name)).scene.surfaces
+        surfaces = traced_scene.open_tracing(str(tmp_path / name)).scene.surfaces
         final = resolve.Resolver(resolve.light_at_texels(light, texels), texels, surfaces, 2).page(name, 0)
         np.testing.assert_array_equal(page[..., 3], final[..., 3])
         covered = final[..., 3] > 0

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, to_bytes
-from leaflight.core import creases, executors, receivers, workers
+from leaflight.core import creases, executors, folders, receivers, traced_scene
 from leaflight.core.job import LAYOUT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.kept_charts import KeptCharts
 from leaflight.core.messages import Status, Warning_
@@ -85,9 +85,9 @@ def test_two_processes_find_and_cut_the_same(run, scene, monkeypatch):
             if count == 2:
                 wait_until_ready(executor)
             _, one = find(run, scene, executor=executor)
-        opened = to_bytes(workers.open_tracing(str(run.folder)).texels)
+        opened = to_bytes(traced_scene.open_tracing(str(run.folder)).texels)
         found.append([opened, *(to_bytes(field) for field in (one.texels, one.touched, one.rising))])
-        workers.forget_folders()
+        folders.forget_folders()
     assert found[0] == found[1]
 
 
@@ -110,33 +110,33 @@ def test_nobody_looks_for_what_is_not_needed(run, scene, settings, lit, by_photo
 def test_texels_are_those_that_all_processes_will_open(run, scene):
     _, found = find(run, scene)
     try:
-        opened = workers.open_tracing(str(run.folder)).texels
+        opened = traced_scene.open_tracing(str(run.folder)).texels
         assert np.array_equal(opened.texel_tri, found.texels.texel_tri)
         assert len(found.touched) == len(found.rising) == len(opened)
         with pytest.raises(ValueError, match="read-only"):
             found.texels.texel_tri[0] = 1
     finally:
-        workers.forget_folders()
+        folders.forget_folders()
 
 
 def test_texels_of_an_earlier_bake_in_the_folder_are_gone(run, scene):
     find(run, scene)
-    workers.forget_folders()
-    of_earlier = run.folder / workers.TEXELS_FOLDER / "grid" / "of_a_larger_bake.npy"
+    folders.forget_folders()
+    of_earlier = run.folder / folders.TEXELS_FOLDER / "grid" / "of_a_larger_bake.npy"
     of_earlier.parent.mkdir()
     of_earlier.write_bytes(b"1")
     _, found = find(run, scene, replace(SMALL, size=32))
     try:
-        assert len(workers.open_tracing(str(run.folder)).texels) == len(found.texels) < 32 * 32
+        assert len(traced_scene.open_tracing(str(run.folder)).texels) == len(found.texels) < 32 * 32
         assert not of_earlier.exists()
     finally:
-        workers.forget_folders()
+        folders.forget_folders()
 
 
 def test_what_charts_and_the_tree_warn_of_is_told_and_noted(run, scene, monkeypatch):
-    for name, warning in (("receivers.make_charts", ("Floor", "overlaps")), ("workers.open_scene", ("Lamp", "is left out"))):
+    for name, warning in (("receivers.make_charts", ("Floor", "overlaps")), ("traced_scene.open_scene", ("Lamp", "is left out"))):
         module, function = name.split(".")
-        before = getattr({"receivers": receivers, "workers": workers}[module], function)
+        before = getattr({"receivers": receivers, "traced_scene": traced_scene}[module], function)
 
         def warned(*given, before=before, warning=warning):
             return replace(before(*given), warnings=(warning,))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import prepare_folder
-from leaflight.core import workers
+from leaflight.core import folders, traced_scene
 from leaflight.core.scene import Light
 from leaflight.core.settings import Settings
 from leaflight.core.texel_frames import TexelFrames
@@ -20,8 +20,8 @@ def floor(tmp_path):
     box = replace(box_mesh("Box", (1, 1, 1), (2, 1, 3)), receives=False)
     scene = make_scene([box, quad_mesh("Floor", 4.0, 2.0, SQUARE)], [Light("POINT", "Lamp", (0, 0, 2), power_rgb=(1.0,) * 3)])
     texels = prepare_folder(tmp_path, scene, Settings(size=16, margin=0))[1]
-    yield TexelFrames.of(workers.open_scene(str(tmp_path)), texels), texels
-    workers.forget_folders()
+    yield TexelFrames.of(traced_scene.open_scene(str(tmp_path)), texels), texels
+    folders.forget_folders()
 
 
 def test_texels_lie_where_their_triangles_are(floor):
