@@ -5,9 +5,9 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from .addon.console import print_message
-from .addon.job import BakeProcess, open_bake
-from .core.messages import Error
+from .addon.app.console import print_message
+from .addon.app.job import BakeProcess, open_bake
+from .core.util.messages import Error
 
 EXIT_INTERRUPTED = 130
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
@@ -38,7 +38,7 @@ def _run(process: BakeProcess) -> int:
                 file=sys.stderr,
             )
             return 1
-        from .addon import cli
+        from .addon.ui import cli
     return cli.main(sys.argv[1:], prog="python -m leaflight", with_scene=True, process=process)
 
 

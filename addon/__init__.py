@@ -9,20 +9,11 @@ def register() -> None:
 
     import bpy
 
-    from . import (
-        checker,
-        export_gltf,
-        live,
-        object_settings,
-        operators,
-        panels,
-        panels_object,
-        properties,
-        scene_meter,
-        select_operator,
-        spare_images,
-    )
-    from .bake_state import BakeState
+    from .app import live, properties, scene_meter, spare_images
+    from .app.bake_state import BakeState
+    from .gltf import export_gltf
+    from .read import object_settings
+    from .ui import checker, operators, panels, panels_object, select_operator
 
     state = BakeState()
     commands = (*operators.CLASSES, *select_operator.CLASSES, *checker.CLASSES, *export_gltf.CLASSES, *spare_images.CLASSES)
@@ -65,6 +56,6 @@ def unregister() -> None:
 
 
 def _run_command_line(argv: list[str]) -> int:
-    from . import cli
+    from .ui import cli
 
     return cli.main(argv)

@@ -2,14 +2,19 @@
 
 This package imports nothing by itself, so that a worker or a panel loads only what it uses. What programs need:
 
-    scene      SceneSnapshot, SceneObject, Material, TextureImage, Light      settings   Settings
-    snapshot   save_snapshot, load_snapshot                                   job        Job and the names of its files
-    bake       run_bake                                                       messages   what it tells meanwhile
+    scene.scene     SceneSnapshot, SceneObject, Material, TextureImage, Light      util.settings   Settings
+    scene.snapshot  save_snapshot, load_snapshot                                   util.job        Job and the names of its files
+    bake.bake       run_bake                                                       util.messages   what it tells meanwhile
+
+Each package imports only from those before it: util, parallel, scene, atlas, texels, lights, transport, radiosity, filter, integrate,
+output, bake. The docstring of each says what goes in, what comes out and which papers it follows.
 
 A grey floor of 2 m x 2 m under a lamp of 100 W, baked to `folder` (a pathlib.Path)::
 
     import numpy as np
-    from leaflight.core import bake, job, scene, settings, snapshot
+    from leaflight.core.bake import bake
+    from leaflight.core.scene import scene, snapshot
+    from leaflight.core.util import job, settings
 
     corner = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]], float)  # metres
     tri, zero, uv = np.array([[0, 1, 2], [0, 2, 3]], np.int32), np.zeros(2, np.int32), np.zeros((2, 3, 2), np.float32)

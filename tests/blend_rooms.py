@@ -10,8 +10,8 @@ from typing import Any
 
 import bpy
 import numpy as np
-from leaflight.addon import cli
-from leaflight.addon.job import library_paths
+from leaflight.addon.app.job import library_paths
+from leaflight.addon.ui import cli
 
 QUICK = ("--size", "32", "--max-photons", "20000", "--workers", "1")
 
@@ -74,7 +74,7 @@ def list_files(folder: Path) -> list[str]:
 
 def read_pixels(path: Path) -> np.ndarray:
     """Linear pixels of an image file."""
-    from leaflight.core.image_file import read_image
+    from leaflight.core.output.image_file import read_image
 
     before = list(sys.path)
     sys.path.extend(library_paths())

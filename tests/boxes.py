@@ -8,14 +8,18 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
-from leaflight.core import basis, charts, creases, executors, folders, shared_arrays, solve, texels
-from leaflight.core.direct_field import DirectField
-from leaflight.core.job import SNAPSHOT_FILE
-from leaflight.core.light_field import LightField
-from leaflight.core.scene import Light, Material, SceneSnapshot
-from leaflight.core.settings import Settings
-from leaflight.core.snapshot import save_snapshot
-from leaflight.core.texel_map import TexelMap
+from leaflight.core.atlas import charts
+from leaflight.core.bake import solve
+from leaflight.core.integrate.direct_field import DirectField
+from leaflight.core.integrate.light_field import LightField
+from leaflight.core.parallel import executors, folders, shared_arrays
+from leaflight.core.radiosity import basis
+from leaflight.core.scene.scene import Light, Material, SceneSnapshot
+from leaflight.core.scene.snapshot import save_snapshot
+from leaflight.core.texels import creases, texels
+from leaflight.core.texels.texel_map import TexelMap
+from leaflight.core.util.job import SNAPSHOT_FILE
+from leaflight.core.util.settings import Settings
 from scenes import Mesh, box_mesh, make_scene, quad_mesh, sphere_mesh
 
 

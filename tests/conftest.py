@@ -71,8 +71,8 @@ def part_entries(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
     """part_entries(count) gives threads so many texel entries at a time from then on."""
 
     def part(count: int) -> None:
-        monkeypatch.setattr("leaflight.core.threads._LEAST", count)
-        monkeypatch.setattr("leaflight.core.threads._MOST", count)
+        monkeypatch.setattr("leaflight.core.util.threads._LEAST", count)
+        monkeypatch.setattr("leaflight.core.util.threads._MOST", count)
 
     return part
 

@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
-from leaflight.core.direct import DirectScene
-from leaflight.core.emitters import EmittingMeshes
-from leaflight.core.geometry import UnitBox, orthonormal_basis
-from leaflight.core.lights import Emitter
-from leaflight.core.materials import SurfaceMaterials
-from leaflight.core.rays import RayScene
-from leaflight.core.scene import Light, Material, SceneSnapshot
-from leaflight.core.texel_looks import TexelLooks
-from leaflight.core.tiles import Tiles
+from leaflight.core.integrate.direct import DirectScene
+from leaflight.core.lights.emitters import EmittingMeshes
+from leaflight.core.lights.lights import Emitter
+from leaflight.core.scene.materials import SurfaceMaterials
+from leaflight.core.scene.rays import RayScene
+from leaflight.core.scene.scene import Light, Material, SceneSnapshot
+from leaflight.core.texels.texel_looks import TexelLooks
+from leaflight.core.texels.tiles import Tiles
+from leaflight.core.util.geometry import UnitBox, orthonormal_basis
 from scenes import Mesh, make_scene, quad_mesh
 
 ALPHA = 1e-3  # of a file's statistical tests together

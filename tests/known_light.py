@@ -8,14 +8,15 @@ from pathlib import Path
 
 import numpy as np
 from boxes import solve_scene
-from leaflight.core import resolve, traced_scene
-from leaflight.core.geometry import interpolate_corners
-from leaflight.core.judged import BEST_TEXELS, DARK_FLOOR
-from leaflight.core.scene import Light, Material, SceneSnapshot
-from leaflight.core.settings import Settings
-from leaflight.core.solve import LightField
-from leaflight.core.texel_looks import centred_strata
-from leaflight.core.texel_map import LOOK, TexelMap
+from leaflight.core.bake.solve import LightField
+from leaflight.core.output import resolve
+from leaflight.core.scene.scene import Light, Material, SceneSnapshot
+from leaflight.core.texels.judged import BEST_TEXELS, DARK_FLOOR
+from leaflight.core.texels.texel_looks import centred_strata
+from leaflight.core.texels.texel_map import LOOK, TexelMap
+from leaflight.core.transport import traced_scene
+from leaflight.core.util.geometry import interpolate_corners
+from leaflight.core.util.settings import Settings
 from scenes import Mesh, make_scene, quad_mesh
 from stats import Estimates
 

@@ -1,7 +1,7 @@
 """Charts of triangles and of rectangles, with their outlines."""
 
 import numpy as np
-from leaflight.core.outlines import measure_outlines
+from leaflight.core.atlas.outlines import measure_outlines
 
 
 def triangles(count, seed=1, box=(1.0, 1.0)):

@@ -4,7 +4,7 @@ import time
 from collections.abc import Iterable
 from pathlib import Path
 
-from leaflight.core import executors
+from leaflight.core.parallel import executors
 
 PATIENCE_S = 20.0
 

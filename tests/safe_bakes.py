@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 from boxes import make_solver
 from floors import sigma_limit
-from leaflight.core import charts, folders, resolve
-from leaflight.core.debug_passes import DebugPages
-from leaflight.core.scene import SceneSnapshot
-from leaflight.core.settings import DEBUG_PASSES, PASSES, Settings
-from leaflight.core.solve import LightField, Solver
+from leaflight.core.atlas import charts
+from leaflight.core.bake.solve import LightField, Solver
+from leaflight.core.output import resolve
+from leaflight.core.output.debug_passes import DebugPages
+from leaflight.core.parallel import folders
+from leaflight.core.scene.scene import SceneSnapshot
+from leaflight.core.util.settings import DEBUG_PASSES, PASSES, Settings
 
 N_TEST = 90  # comparisons of means in test_stress.py, at most
 Z_LIMIT = sigma_limit(N_TEST)

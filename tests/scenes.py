@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from leaflight.core.scene import Light, Material, SceneObject, SceneSnapshot
+from leaflight.core.scene.scene import Light, Material, SceneObject, SceneSnapshot
 
 HINGE_LEFT = np.array([[0.1, 0.1], [0.3, 0.1], [0.3, 0.5], [0.1, 0.5]])  # a square's UVs, pages
 HINGE_RIGHT = np.array([[0.9, 0.6], [0.9, 0.8], [0.5, 0.8], [0.5, 0.6]])  # turned by a quarter, and the shared edge elsewhere

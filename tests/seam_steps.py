@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from leaflight.core.seam_points import SeamPoints
+from leaflight.core.texels.seam_points import SeamPoints
 
 
 def read_page(pages: np.ndarray, page: np.ndarray, place: np.ndarray) -> np.ndarray:

@@ -5,8 +5,8 @@ import re
 from pathlib import Path
 
 import pytest
-from leaflight.addon.arguments import parse_arguments
-from leaflight.core.settings import Settings
+from leaflight.addon.app.arguments import parse_arguments
+from leaflight.core.util.settings import Settings
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted(
@@ -63,7 +63,7 @@ def test_links_and_files_are_there(page):
     "text", ["[a](nowhere.md)", "[a](README.md#nowhere)", "![](docs/nowhere.png)", "`core/nowhere.py`", "`tests/no_*.py`"]
 )
 def test_a_lost_one_is_seen(text):
-    assert len(find_missing(ROOT / "CONTRIBUTING.md", f"## Seams\n{text} [b](README.md#licence) `core/solve.py`")) == 1
+    assert len(find_missing(ROOT / "CONTRIBUTING.md", f"## Seams\n{text} [b](README.md#licence) `core/bake/solve.py`")) == 1
 
 
 def test_every_picture_is_shown_somewhere():

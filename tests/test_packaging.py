@@ -108,7 +108,7 @@ def test_local_manifest_lists_only_the_folder_s_wheels():
 def test_stray_file_in_a_zip_is_refused(tmp_path):
     zip_path = tmp_path / "leaflight.zip"
     with zipfile.ZipFile(zip_path, "w") as archive:
-        archive.writestr("core/scene.py", "")
+        archive.writestr("core/scene/scene.py", "")
         archive.writestr("notes.txt", "")
     with pytest.raises(ValueError, match=r"leaflight\.zip: notes\.txt would be shipped"):
         build_zip.check_contents(zip_path)
@@ -161,5 +161,5 @@ def test_blender_builds_the_extension_and_only_that(tmp_path):
     build_zip.finish_zip(zip_path)
     with zipfile.ZipFile(zip_path) as archive:
         names = set(archive.namelist())
-    assert {"__init__.py", "core/settings.py", "addon/__init__.py", "LICENSE", f"wheels/{wheel}"} <= names
+    assert {"__init__.py", "core/util/settings.py", "addon/__init__.py", "LICENSE", f"wheels/{wheel}"} <= names
     assert not [name for name in names if "__pycache__" in name or name.endswith(".blend1")]

@@ -6,11 +6,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from leaflight.core import basis, quadtree, tally
-from leaflight.core.scene import Material, SceneObject, SceneSnapshot
-from leaflight.core.texels import TexelMap, build_texel_map
-from leaflight.core.tree_view import TreeView
-from leaflight.core.words import Watch, unwatched
+from leaflight.core.radiosity import basis, quadtree, tally
+from leaflight.core.radiosity.tree_view import TreeView
+from leaflight.core.scene.scene import Material, SceneObject, SceneSnapshot
+from leaflight.core.texels.texels import TexelMap, build_texel_map
+from leaflight.core.util.words import Watch, unwatched
 
 SIDE = 64  # texels, of the squares that `throw` lights
 

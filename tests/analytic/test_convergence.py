@@ -8,9 +8,9 @@ import pytest
 from boxes import furnace_scene, room_mesh
 from closed_forms import from_point
 from known_light import bake_known
-from leaflight.core import quadtree, tally
-from leaflight.core.scene import Light, Material
-from leaflight.core.settings import BASES
+from leaflight.core.radiosity import quadtree, tally
+from leaflight.core.scene.scene import Light, Material
+from leaflight.core.util.settings import BASES
 from scenes import make_scene
 from stats import PLANTED_BIAS, fit_slope
 from trees import SquareBake

@@ -5,10 +5,11 @@ The inner products are integrated anew, over the polygon cut to each node's squa
 
 import numpy as np
 import pytest
-from leaflight.core import basis, charts, quadtree
-from leaflight.core.geometry import triangle_normals_areas
-from leaflight.core.settings import BASES, Settings
-from leaflight.core.texels import build_texel_map
+from leaflight.core.atlas import charts
+from leaflight.core.radiosity import basis, quadtree
+from leaflight.core.texels.texels import build_texel_map
+from leaflight.core.util.geometry import triangle_normals_areas
+from leaflight.core.util.settings import BASES, Settings
 from scenes import Mesh, grid_mesh, make_scene, moved, sphere_mesh
 
 SIZE_TEXELS, LEVELS = 64, 4

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from boxes import ball_room_mesh, furnace_scene, make_solver, room_mesh, solve_scene
 from floors import sigma_limit
-from leaflight.core import resolve
-from leaflight.core.settings import BASES, DIRECT_MODES, Settings
+from leaflight.core.output import resolve
+from leaflight.core.util.settings import BASES, DIRECT_MODES, Settings
 from stats import PLANTED_BIAS
 
 # Room, page, error asked for: the sphere's many emitting triangles are chosen by chance, and to 0.5 % rays would take minutes.

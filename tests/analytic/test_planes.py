@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from closed_forms import from_point
 from known_light import bake_known, black_scene, floor_mesh
-from leaflight.core.scene import Light
-from leaflight.core.settings import DIRECT_MODES
+from leaflight.core.scene.scene import Light
+from leaflight.core.util.settings import DIRECT_MODES
 from stats import hold_bias_is_seen, hold_unbiased
 
 POWER_W = 10.0

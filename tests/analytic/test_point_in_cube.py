@@ -11,8 +11,8 @@ import pytest
 from boxes import room_mesh
 from closed_forms import from_point
 from known_light import bake_adaptive, bake_known
-from leaflight.core.scene import Light, Material
-from leaflight.core.settings import DIRECT_MODES
+from leaflight.core.scene.scene import Light, Material
+from leaflight.core.util.settings import DIRECT_MODES
 from scenes import make_scene
 from stats import Estimates, hold_bias_is_seen, hold_stated_error, hold_unbiased
 

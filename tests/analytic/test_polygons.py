@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from closed_forms import above_floor, from_polygon
 from known_light import bake_known, black_scene, floor_mesh
-from leaflight.core.scene import Light
-from leaflight.core.settings import DIRECT_MODES
+from leaflight.core.scene.scene import Light
+from leaflight.core.util.settings import DIRECT_MODES
 from scenes import Mesh
 from stats import hold_bias_is_seen, hold_unbiased
 

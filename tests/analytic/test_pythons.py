@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from boxes import room_mesh, solve_scene
 from floors import sigma_limit
-from leaflight.core.scene import Light, Material
-from leaflight.core.settings import DIRECT_MODES, Settings
+from leaflight.core.scene.scene import Light, Material
+from leaflight.core.util.settings import DIRECT_MODES, Settings
 from scenes import box_mesh, make_scene
 from stats import PLANTED_BIAS
 

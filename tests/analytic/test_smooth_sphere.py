@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from known_light import BLACK, SUB_POINTS, bake_known
-from leaflight.core.scene import Light
-from leaflight.core.settings import DIRECT_MODES
+from leaflight.core.scene.scene import Light
+from leaflight.core.util.settings import DIRECT_MODES
 from scenes import make_scene, sphere_mesh
 from stats import Estimates, hold_bias_is_seen, hold_unbiased
 

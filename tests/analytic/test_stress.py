@@ -15,12 +15,12 @@ from closed_forms import from_point
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from known_light import bake_known, mean_over_texels
-from leaflight.core import traced_scene
-from leaflight.core.materials import clamp_warnings
-from leaflight.core.scene import MAX_ALBEDO, Light, Material
-from leaflight.core.settings import BASES, DIRECT_MODES, Settings
-from leaflight.core.texel_looks import centred_strata
-from leaflight.core.texel_map import LOOK
+from leaflight.core.scene.materials import clamp_warnings
+from leaflight.core.scene.scene import MAX_ALBEDO, Light, Material
+from leaflight.core.texels.texel_looks import centred_strata
+from leaflight.core.texels.texel_map import LOOK
+from leaflight.core.transport import traced_scene
+from leaflight.core.util.settings import BASES, DIRECT_MODES, Settings
 from odd_meshes import COINCIDENT, FURNITURE
 from safe_bakes import Z_LIMIT
 from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, quad_mesh

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from closed_forms import from_polygon
 from known_light import bake_known, black_scene, floor_mesh, state_errors
-from leaflight.core.scene import TextureImage
-from leaflight.core.settings import DIRECT_MODES
+from leaflight.core.scene.scene import TextureImage
+from leaflight.core.util.settings import DIRECT_MODES
 from scenes import Mesh
 from stats import hold_bias_is_seen, hold_stated_error, hold_statement, hold_unbiased
 

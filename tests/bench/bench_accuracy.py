@@ -25,10 +25,11 @@ from claims import Claim, publish_claims
 from cycles_reference import OBJECTS, SAMPLE_COUNTS, Reference
 from export_samples import export_samples
 from image_io_path import add_image_io
-from leaflight.core import bake, image_file
-from leaflight.core.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
-from leaflight.core.settings import Settings
-from leaflight.core.snapshot import load_snapshot
+from leaflight.core.bake import bake
+from leaflight.core.output import image_file
+from leaflight.core.scene.snapshot import load_snapshot
+from leaflight.core.util.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.util.settings import Settings
 from lightmap_errors import LightmapErrors
 from sample_truths import measure_truth
 from tables import Table, put_tables

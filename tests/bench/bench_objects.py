@@ -22,9 +22,10 @@ from claims import Claim, publish_claims
 from cycles_reference import Reference
 from export_samples import export_samples
 from image_io_path import add_image_io
-from leaflight.core import folders, traced_scene
-from leaflight.core.job import SNAPSHOT_FILE
-from leaflight.core.settings import ERROR_OF, Settings
+from leaflight.core.parallel import folders
+from leaflight.core.transport import traced_scene
+from leaflight.core.util.job import SNAPSHOT_FILE
+from leaflight.core.util.settings import ERROR_OF, Settings
 from lightmap_errors import BEST_TEXELS, DARK_FLOOR, find_lit
 from tables import Table, put_tables
 

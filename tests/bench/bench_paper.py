@@ -20,10 +20,10 @@ import paper_split
 import paper_tables
 from claims import Claim, publish_claims
 from export_samples import export_samples
-from leaflight.core.executors import make_executor
-from leaflight.core.scene import SceneSnapshot
-from leaflight.core.settings import Settings
-from leaflight.core.snapshot import load_snapshot
+from leaflight.core.parallel.executors import make_executor
+from leaflight.core.scene.scene import SceneSnapshot
+from leaflight.core.scene.snapshot import load_snapshot
+from leaflight.core.util.settings import Settings
 from paper_bakes import Bake, Reference, Stage
 from paper_tables import Point
 from tables import Table, put_tables

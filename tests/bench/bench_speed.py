@@ -31,7 +31,7 @@ import speed_rivals
 from cycles_reference import COMMITTED, ROOT, WHOLE_SIZE, Reference
 from export_samples import export_samples
 from image_io_path import add_image_io
-from leaflight.core.snapshot import load_snapshot
+from leaflight.core.scene.snapshot import load_snapshot
 from speed_curves import Point, Reach, bake_in_turns, geometric_mean, join_turns, ratio_text, reach_error
 from tables import Table, put_tables
 

@@ -16,13 +16,14 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from leaflight.addon import materials_write, session
-from leaflight.addon.arguments import BakeRequest
-from leaflight.addon.job import library_paths
-from leaflight.addon.scene_file import open_scene
-from leaflight.core import bake
-from leaflight.core.job import LAYOUT_FILE
-from leaflight.core.settings import Settings
+from leaflight.addon.app import session
+from leaflight.addon.app.arguments import BakeRequest
+from leaflight.addon.app.job import library_paths
+from leaflight.addon.read.scene_file import open_scene
+from leaflight.addon.show import materials_write
+from leaflight.core.bake import bake
+from leaflight.core.util.job import LAYOUT_FILE
+from leaflight.core.util.settings import Settings
 
 BOUNCES = 128
 TARGET = "Cycles target"

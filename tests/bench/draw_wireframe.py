@@ -17,11 +17,15 @@ import numpy as np
 from boxes import prepare_folder
 from draw_leaves import light_view, look_through, shade_view
 from export_samples import export_samples
-from leaflight.core import contact_map, executors, quadtree, resolve, solve, traced_scene
-from leaflight.core.direct_field import DirectField
-from leaflight.core.image_file import write_image
-from leaflight.core.settings import Settings
-from leaflight.core.snapshot import load_snapshot
+from leaflight.core.bake import solve
+from leaflight.core.integrate.direct_field import DirectField
+from leaflight.core.output import resolve
+from leaflight.core.output.image_file import write_image
+from leaflight.core.parallel import executors
+from leaflight.core.radiosity import quadtree
+from leaflight.core.scene.snapshot import load_snapshot
+from leaflight.core.transport import contact_map, traced_scene
+from leaflight.core.util.settings import Settings
 
 SETTINGS = Settings(size=1024, direct="photons", error=0.02, max_photons=24_000_000)
 OUT = Path(__file__).resolve().parents[2] / "docs" / "leaves.png"
@@ -41,7 +45,7 @@ def main() -> None:
         stage, light = bake_light(folder / "bake", folder / f"{SCENE}.npz")
         picture = draw_picture(stage, light, camera)
     import bpy  # not before: workers of the bake would load it too
-    from leaflight.addon.job import library_paths
+    from leaflight.addon.app.job import library_paths
 
     sys.path += library_paths()
     write_image(OUT, np.ascontiguousarray(picture[::-1], np.float32), {}, "png")

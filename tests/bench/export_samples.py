@@ -24,8 +24,8 @@ def export_samples(folder: Path, *scenes: str) -> None:
 def main(folder: Path, scenes: list[str]) -> None:
     """What export_samples runs."""
     import bpy
-    from leaflight.addon.export_scene import export_scene
-    from leaflight.core.snapshot import save_snapshot
+    from leaflight.addon.read.export_scene import export_scene
+    from leaflight.core.scene.snapshot import save_snapshot
 
     for name, _, objects in (scene.partition(":") for scene in scenes):
         bpy.ops.wm.open_mainfile(filepath=str(SAMPLES / f"{name}.blend"))

@@ -10,10 +10,14 @@ from pathlib import Path
 
 import numpy as np
 from boxes import prepare_folder
-from leaflight.core import contact_map, folders, quadtree, resolve, solve, tally, traced_scene
-from leaflight.core.job import SNAPSHOT_FILE
-from leaflight.core.scene import SceneSnapshot
-from leaflight.core.settings import Settings
+from leaflight.core.bake import solve
+from leaflight.core.output import resolve
+from leaflight.core.parallel import folders
+from leaflight.core.radiosity import quadtree, tally
+from leaflight.core.scene.scene import SceneSnapshot
+from leaflight.core.transport import contact_map, traced_scene
+from leaflight.core.util.job import SNAPSHOT_FILE
+from leaflight.core.util.settings import Settings
 
 BEST_TEXELS = 0.99
 DARK_FLOOR = 0.1

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from claims import Claim
-from leaflight.core.settings import BASES
+from leaflight.core.util.settings import BASES
 from paper_tables import DEFAULTS, FLAT_GUIDED, GUIDED, PAPER_OVERHEAD, Need, Overhead, Point, SquareRow, Swept
 
 LOT_LESS_NOISE = math.sqrt(0.5)  # "a lot less variance" of the paper: at most half

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from leaflight.core import basis, quadtree, refine, tally
-from leaflight.core.quadtree import Quadtree
-from leaflight.core.tally import Tally, Totals
+from leaflight.core.radiosity import basis, quadtree, refine, tally
+from leaflight.core.radiosity.quadtree import Quadtree
+from leaflight.core.radiosity.tally import Tally, Totals
 from paper_bakes import Bake, Reference, Stage
 from paper_tables import DEFAULTS, FIXED_MESH, percent
 from tables import Table

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from leaflight.core.irradiance import polygon_irradiance
-from leaflight.core.settings import BASES, Settings
+from leaflight.core.lights.irradiance import polygon_irradiance
+from leaflight.core.util.settings import BASES, Settings
 from paper_bakes import Bake, Errors, Reference, Stage
 from tables import Table
 

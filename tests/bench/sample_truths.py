@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 from closed_forms import from_polygon
-from leaflight.core.scene import SceneSnapshot
+from leaflight.core.scene.scene import SceneSnapshot
 from lightmap_errors import LightmapErrors, measure_errors
 
 # Of figure2_square, in metres and watts; see sample_blends/README.md.

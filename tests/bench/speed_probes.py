@@ -20,16 +20,19 @@ from typing import Any
 import numpy as np
 from boxes import prepare_folder, room_mesh
 from cycles_reference import SAMPLES
-from leaflight.addon.job import BakeProcess
-from leaflight.core import folders, photons, rounds, sampling, traced_scene, unfolding
-from leaflight.core.chart_search import find_charts
-from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
-from leaflight.core.messages import Error
-from leaflight.core.rays import Hits, RayScene
-from leaflight.core.scene import Light, Material, SceneSnapshot
-from leaflight.core.settings import Settings
-from leaflight.core.snapshot import save_snapshot
-from leaflight.core.unwrap import Unwrapping
+from leaflight.addon.app.job import BakeProcess
+from leaflight.core.atlas import unfolding
+from leaflight.core.atlas.chart_search import find_charts
+from leaflight.core.atlas.unwrap import Unwrapping
+from leaflight.core.parallel import folders
+from leaflight.core.scene.rays import Hits, RayScene
+from leaflight.core.scene.scene import Light, Material, SceneSnapshot
+from leaflight.core.scene.snapshot import save_snapshot
+from leaflight.core.transport import photons, rounds, traced_scene
+from leaflight.core.util import sampling
+from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.util.messages import Error
+from leaflight.core.util.settings import Settings
 from scenes import box_mesh, grid_mesh, make_scene, moved, quad_mesh
 
 NEVER = 1e-4  # an error that no bake here comes to, so that the photons decide

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from cycles_reference import SAMPLES, Reference
-from leaflight.core import image_file
+from leaflight.core.output import image_file
 from speed_curves import Point, bake_in_turns
 
 SEED = 3  # the references have 1 and 2

@@ -19,8 +19,8 @@ from bench_accuracy import MOST_BIAS, MOST_REL, bake_page
 from cycles_bake import bake_cycles, set_stage
 from cycles_reference import SEEDS, Reference
 from cycles_texel import TEXEL, bake_step
-from leaflight.core.job import SNAPSHOT_FILE
-from leaflight.core.settings import Settings
+from leaflight.core.util.job import SNAPSHOT_FILE
+from leaflight.core.util.settings import Settings
 from stats import PLANTED_BIAS
 
 SIZE, SAMPLES = 64, 400

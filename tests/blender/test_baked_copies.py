@@ -5,7 +5,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon import baked_copies, images, materials_write, restore, uv_layer
+from leaflight.addon.read import baked_copies, uv_layer
+from leaflight.addon.show import images, materials_write, restore
 
 
 @pytest.fixture(autouse=True)

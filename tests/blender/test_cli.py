@@ -14,10 +14,11 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_rooms import QUICK, bake, list_files, open_room, read_pixels, read_report, save_scene
-from leaflight.addon import cli, session
-from leaflight.addon.job import BakeProcess
-from leaflight.core import photons
-from leaflight.core.messages import Done
+from leaflight.addon.app import session
+from leaflight.addon.app.job import BakeProcess
+from leaflight.addon.ui import cli
+from leaflight.core.transport import photons
+from leaflight.core.util.messages import Done
 
 STAGES = {"open", "export", "load", "charts", "texels", "scene", "contacts", "direct", "photons", "write", "assign", "total"}
 

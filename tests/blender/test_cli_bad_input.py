@@ -12,9 +12,9 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_rooms import QUICK, add_mesh, bake, list_files, open_room, read_pixels, read_report, save_scene
-from leaflight.addon import spare_images
-from leaflight.addon.job import BakeProcess
-from leaflight.addon.layout import worn_images
+from leaflight.addon.app import spare_images
+from leaflight.addon.app.job import BakeProcess
+from leaflight.addon.show.layout import worn_images
 
 IMAGE = "room_0.combined.exr"
 TRIANGLE = [(0.0, 0.0, 1.5), (1.0, 0.0, 1.5), (1.0, 1.0, 1.5)]

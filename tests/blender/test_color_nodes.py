@@ -5,12 +5,12 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon import derived_images
-from leaflight.addon.derived_images import AT_CORNERS, MIXED
-from leaflight.addon.export_scene import export_scene
-from leaflight.addon.materials_read import MaterialTable
-from leaflight.addon.node_colors import Color
-from leaflight.core.scene import TextureImage
+from leaflight.addon.nodes import derived_images
+from leaflight.addon.nodes.derived_images import AT_CORNERS, MIXED
+from leaflight.addon.nodes.node_colors import Color
+from leaflight.addon.read.export_scene import export_scene
+from leaflight.addon.read.materials_read import MaterialTable
+from leaflight.core.scene.scene import TextureImage
 
 SIDE = 16  # of the texture, and of what Cycles bakes: their texels are the same
 BLENDS = (

@@ -13,8 +13,10 @@ bpy = pytest.importorskip("bpy")
 import leaflight
 from blend_dump import differences, dump
 from blend_rooms import add_mesh, ask_quick_bake, open_room
-from leaflight.addon import export_receivers, job, request, restore
-from leaflight.core.messages import Done
+from leaflight.addon.app import job, request
+from leaflight.addon.read import export_receivers
+from leaflight.addon.show import restore
+from leaflight.core.util.messages import Done
 
 
 @pytest.fixture(autouse=True)

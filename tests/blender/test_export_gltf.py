@@ -9,13 +9,15 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_rooms import bake, list_files, open_room, read_pixels, read_report, save_scene
-from leaflight.addon import restore, session, uv_layer
-from leaflight.addon.arguments import BakeRequest
-from leaflight.addon.export_gltf import export_gltf
-from leaflight.addon.gltf_file import read_document
-from leaflight.addon.job import library_paths
-from leaflight.core.bake import run_bake
-from leaflight.core.settings import Settings
+from leaflight.addon.app import session
+from leaflight.addon.app.arguments import BakeRequest
+from leaflight.addon.app.job import library_paths
+from leaflight.addon.gltf.export_gltf import export_gltf
+from leaflight.addon.gltf.gltf_file import read_document
+from leaflight.addon.read import uv_layer
+from leaflight.addon.show import restore
+from leaflight.core.bake.bake import run_bake
+from leaflight.core.util.settings import Settings
 
 STEP = 0.51 / 255  # half a step of 8 bits, and rounding
 

@@ -5,8 +5,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon.export_scene import export_scene
-from leaflight.addon.render_levels import evaluate_for_render
+from leaflight.addon.read.export_scene import export_scene
+from leaflight.addon.read.render_levels import evaluate_for_render
 
 
 @pytest.fixture(autouse=True)

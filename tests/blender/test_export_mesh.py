@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon.export_mesh import count_duplicates, has_corners_of, place_mesh, read_mesh
+from leaflight.addon.read.export_mesh import count_duplicates, has_corners_of, place_mesh, read_mesh
 
 L_SHAPE = [(0, 0, 0), (2, 0, 0), (2, 1, 0), (1, 1, 0.5), (1, 2, 0), (0, 2, 0)]
 

@@ -5,9 +5,9 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon.export_pieces import walk_pieces
-from leaflight.addon.export_scene import export_scene
-from leaflight.addon.render_levels import evaluate_for_render
+from leaflight.addon.read.export_pieces import walk_pieces
+from leaflight.addon.read.export_scene import export_scene
+from leaflight.addon.read.render_levels import evaluate_for_render
 
 
 @pytest.fixture(autouse=True)
@@ -190,7 +190,7 @@ def test_geometry_nodes_instances_are_copies_and_hidden_sources_count():
 
 
 def test_too_many_instances_only_cast(monkeypatch):
-    monkeypatch.setattr("leaflight.addon.export_receivers.MAX_INSTANCES", 3)
+    monkeypatch.setattr("leaflight.addon.read.export_receivers.MAX_INSTANCES", 3)
     add_modifier(add_plane("Points"), "NODES", node_group=make_points_group())
     result = export()
     assert {name: o.receives for name, (o, _) in by_name(result).items() if name != "Points"} == dict.fromkeys(
@@ -201,7 +201,7 @@ def test_too_many_instances_only_cast(monkeypatch):
 
 
 def test_what_instances_without_a_lightmap_are_made_of_has_none_either(monkeypatch):
-    monkeypatch.setattr("leaflight.addon.export_receivers.MAX_INSTANCES", 3)
+    monkeypatch.setattr("leaflight.addon.read.export_receivers.MAX_INSTANCES", 3)
     leaf = add_plane("Leaf")
     add_modifier(add_plane("Points"), "NODES", node_group=make_points_group(instanced=leaf))
     result = export()
@@ -210,7 +210,7 @@ def test_what_instances_without_a_lightmap_are_made_of_has_none_either(monkeypat
     asked = export(objects=["Leaf"])
     assert {name for name, (o, _) in by_name(asked).items() if o.receives} == {"Leaf"}
     assert "are shown with its light" in dict(asked.warnings)["Leaf"]
-    monkeypatch.setattr("leaflight.addon.export_receivers.MAX_INSTANCES", 4)
+    monkeypatch.setattr("leaflight.addon.read.export_receivers.MAX_INSTANCES", 4)
     assert all(o.receives for o, _ in by_name(export()).values())
 
 

@@ -5,10 +5,10 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon.export_scene import export_scene, find_objects
-from leaflight.addon.materials_read import MaterialTable
-from leaflight.addon.uv_layer import write_layer
-from leaflight.core.materials import SurfaceMaterials
+from leaflight.addon.read.export_scene import export_scene, find_objects
+from leaflight.addon.read.materials_read import MaterialTable
+from leaflight.addon.read.uv_layer import write_layer
+from leaflight.core.scene.materials import SurfaceMaterials
 
 
 @pytest.fixture(autouse=True)

@@ -5,8 +5,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon.ies_profile import UNKNOWN, find_mean, parse_mean
-from leaflight.addon.lights_read import read_light
+from leaflight.addon.nodes.ies_profile import UNKNOWN, find_mean, parse_mean
+from leaflight.addon.read.lights_read import read_light
 
 SIDE = 32
 RADIUS_M = 2.0

@@ -6,7 +6,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_rooms import bake, list_files, open_room, read_pixels, read_report, save_scene
-from leaflight.addon import image_views
+from leaflight.addon.show import image_views
 
 HALF_STEP = 0.51 / 255
 

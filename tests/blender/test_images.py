@@ -7,8 +7,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon import images
-from leaflight.core.settings import Settings
+from leaflight.addon.show import images
+from leaflight.core.util.settings import Settings
 
 
 @pytest.fixture(autouse=True)

@@ -5,7 +5,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_rooms import open_room, save_scene
-from leaflight.addon.export_scene import export_scene
+from leaflight.addon.read.export_scene import export_scene
 
 
 @pytest.fixture(autouse=True)

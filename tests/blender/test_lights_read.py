@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon.lights_read import read_light, read_world
+from leaflight.addon.read.lights_read import read_light, read_world
 
 
 @pytest.fixture(autouse=True)

@@ -10,13 +10,14 @@ bpy = pytest.importorskip("bpy")
 
 from blend_dump import differences, dump
 from blend_rooms import open_room
-from leaflight.addon import kept_state, live, restore, session
-from leaflight.addon.arguments import BakeRequest
-from leaflight.addon.job import library_paths
-from leaflight.core import preview
-from leaflight.core.bake import run_bake
-from leaflight.core.messages import Preview
-from leaflight.core.settings import Settings
+from leaflight.addon.app import kept_state, live, session
+from leaflight.addon.app.arguments import BakeRequest
+from leaflight.addon.app.job import library_paths
+from leaflight.addon.show import restore
+from leaflight.core.bake import preview
+from leaflight.core.bake.bake import run_bake
+from leaflight.core.util.messages import Preview
+from leaflight.core.util.settings import Settings
 
 SETTINGS = Settings(size=32, max_photons=600_000, error=1e-4, workers=1, force=True)
 

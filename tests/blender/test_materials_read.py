@@ -5,9 +5,9 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon.images_read import read_pixels
-from leaflight.addon.materials_read import MaterialTable
-from leaflight.core.image_file import srgb_to_linear
+from leaflight.addon.nodes.images_read import read_pixels
+from leaflight.addon.read.materials_read import MaterialTable
+from leaflight.core.output.image_file import srgb_to_linear
 
 
 @pytest.fixture(autouse=True)
@@ -129,7 +129,7 @@ def test_a_colour_space_that_is_read_as_another_is_told(space, told):
 
 
 def test_very_large_image_is_averaged(monkeypatch):
-    monkeypatch.setattr("leaflight.addon.images_read.MAX_TEXTURE_SIDE_TEXELS", 4)
+    monkeypatch.setattr("leaflight.addon.nodes.images_read.MAX_TEXTURE_SIDE_TEXELS", 4)
     image, stored = make_image(width=7, height=3, floating=True)
     pixels = read_pixels(image).pixels
     assert pixels.shape == (3, 4, 3)

@@ -5,7 +5,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon import images, materials_write, uv_layer
+from leaflight.addon.read import uv_layer
+from leaflight.addon.show import images, materials_write
 
 PAGE = (np.arange(3 * 5 * 3, dtype=np.float32).reshape(3, 5, 3) + 1) / 8.0  # up to 5.6: light is brighter than 1
 

@@ -5,10 +5,10 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon.export_mesh import read_mesh
-from leaflight.addon.export_scene import export_scene
-from leaflight.addon.mesh_attributes import list_asked
-from leaflight.core.materials import SurfaceMaterials
+from leaflight.addon.read.export_mesh import read_mesh
+from leaflight.addon.read.export_scene import export_scene
+from leaflight.addon.read.mesh_attributes import list_asked
+from leaflight.core.scene.materials import SurfaceMaterials
 
 SIDE = 8  # pixels
 FIELD = {"FLOAT_VECTOR": "vector", "FLOAT2": "vector", "FLOAT_COLOR": "color", "BYTE_COLOR": "color_srgb"}

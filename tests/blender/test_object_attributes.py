@@ -5,8 +5,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon.export_scene import export_scene
-from leaflight.core.materials import SurfaceMaterials
+from leaflight.addon.read.export_scene import export_scene
+from leaflight.core.scene.materials import SurfaceMaterials
 
 
 @pytest.fixture(autouse=True)

@@ -5,8 +5,8 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_rooms import open_room
-from leaflight.addon import object_settings
-from leaflight.addon.export_scene import export_scene
+from leaflight.addon.read import object_settings
+from leaflight.addon.read.export_scene import export_scene
 
 
 @pytest.fixture(autouse=True)

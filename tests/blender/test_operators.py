@@ -10,9 +10,11 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 import leaflight
-from leaflight.addon import baking, panels, properties, request, restore, session
-from leaflight.core.messages import Preview, Progress, Status
-from leaflight.core.settings import Settings
+from leaflight.addon.app import properties, request, session
+from leaflight.addon.show import restore
+from leaflight.addon.ui import baking, panels
+from leaflight.core.util.messages import Preview, Progress, Status
+from leaflight.core.util.settings import Settings
 
 
 @pytest.fixture(autouse=True)
@@ -322,7 +324,7 @@ def test_opening_a_file_forgets_the_last_bake(scene, state):
 
 @pytest.mark.skipif(os.name != "posix", reason="process groups are POSIX's")
 def test_unregistering_ends_a_bake_with_its_workers(scene, state, tmp_path):
-    from leaflight.addon import job
+    from leaflight.addon.app import job
 
     chosen = scene.leaflight
     chosen.error, chosen.size, chosen.workers, chosen.max_photons = 1e-4, 64, 2, 2**31 - 1

@@ -8,7 +8,7 @@ bpy = pytest.importorskip("bpy")
 
 import leaflight
 from blend_rooms import ask_quick_bake, open_room
-from leaflight.addon import panels
+from leaflight.addon.ui import panels
 
 
 class Layout:

@@ -13,9 +13,9 @@ bpy = pytest.importorskip("bpy")
 sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
 
 from cycles_reference import COMMITTED, OBJECTS, REFERENCES, SAMPLES, Reference, count_samples
-from leaflight.addon.export_scene import export_scene
-from leaflight.core.charts import make_charts
-from leaflight.core.settings import Settings
+from leaflight.addon.read.export_scene import export_scene
+from leaflight.core.atlas.charts import make_charts
+from leaflight.core.util.settings import Settings
 
 PAGES = [(name, size) for size, names in COMMITTED.items() for name in sorted(names)]
 

@@ -9,10 +9,11 @@ bpy = pytest.importorskip("bpy")
 
 import leaflight
 from blend_rooms import bake, open_room, read_report, save_scene
-from leaflight.addon import kept_state, layout, restore, session
-from leaflight.addon.arguments import BakeRequest
-from leaflight.core.checkpoint import read_info
-from leaflight.core.settings import Settings
+from leaflight.addon.app import kept_state, session
+from leaflight.addon.app.arguments import BakeRequest
+from leaflight.addon.show import layout, restore
+from leaflight.core.bake.checkpoint import read_info
+from leaflight.core.util.settings import Settings
 
 
 @pytest.fixture(scope="module")

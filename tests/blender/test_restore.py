@@ -11,7 +11,8 @@ bpy = pytest.importorskip("bpy")
 
 import blend_dump
 from blend_dump import differences, dump
-from leaflight.addon import baked_copies, images, materials_write, restore, uv_layer
+from leaflight.addon.read import baked_copies, uv_layer
+from leaflight.addon.show import images, materials_write, restore
 
 
 def make_mesh(name, uv_layers=("UVMap",)):
@@ -204,7 +205,7 @@ def test_restores_in_a_fresh_process(names, tmp_path, shown):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "baked.blend"))
     script = (
         "import json, runpy, bpy\n"
-        "from leaflight.addon import restore\n"
+        "from leaflight.addon.show import restore\n"
         f"bpy.ops.wm.open_mainfile(filepath={str(tmp_path / 'baked.blend')!r})\n"
         "restore.remove_bake()\n"
         "bpy.data.batch_remove([bpy.data.objects['Array'], bpy.data.meshes['Array']])\n"

@@ -5,7 +5,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_rooms import open_room, save_scene
-from leaflight.addon.scene_file import open_scene
+from leaflight.addon.read.scene_file import open_scene
 
 EXPORTERS = {
     ".glb": lambda path: bpy.ops.export_scene.gltf(filepath=path, export_format="GLB", export_lights=True),
@@ -94,7 +94,7 @@ def test_model_that_glows_gets_no_world(tmp_path, kind):
 
 def test_emission_node_and_driven_emission_count_as_light(tmp_path):
     """As in files of other makers; ours come through the importer only."""
-    from leaflight.addon import scene_file
+    from leaflight.addon.read import scene_file
 
     remove_lamp()
     material = paint(0.0, (1.0, 1.0, 1.0))

@@ -7,8 +7,8 @@ bpy = pytest.importorskip("bpy")
 
 import leaflight
 from blend_rooms import add_mesh, ask_quick_bake, open_room
-from leaflight.addon import checker_arrays, panel_parts
-from leaflight.addon.select_operator import is_known
+from leaflight.addon.ui import checker_arrays, panel_parts
+from leaflight.addon.ui.select_operator import is_known
 
 
 @pytest.fixture(autouse=True)
@@ -66,7 +66,7 @@ def test_what_materials_cannot_show_is_told_before_the_bake(meter):
 
 
 def test_what_changes_is_stale_at_once_and_only_that_is_measured_again(meter, monkeypatch):
-    from leaflight.addon import scene_meter
+    from leaflight.addon.app import scene_meter
 
     measure(meter)
     assert not meter.stale

@@ -12,13 +12,15 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_rooms import list_files, open_room, save_scene
-from leaflight.addon import restore, session, uv_layer
-from leaflight.addon.arguments import BakeRequest
-from leaflight.addon.job import library_paths
-from leaflight.core.bake import run_bake
-from leaflight.core.job import JOB_FILE, LAYOUT_FILE, SNAPSHOT_FILE, Job
-from leaflight.core.settings import Settings
-from leaflight.core.snapshot import load_snapshot
+from leaflight.addon.app import session
+from leaflight.addon.app.arguments import BakeRequest
+from leaflight.addon.app.job import library_paths
+from leaflight.addon.read import uv_layer
+from leaflight.addon.show import restore
+from leaflight.core.bake.bake import run_bake
+from leaflight.core.scene.snapshot import load_snapshot
+from leaflight.core.util.job import JOB_FILE, LAYOUT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.util.settings import Settings
 
 SETTINGS = Settings(size=32, max_photons=5000, workers=1)
 

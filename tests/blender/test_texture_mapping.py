@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon.export_scene import export_scene
+from leaflight.addon.read.export_scene import export_scene
 
 SIDE = 64  # of what Cycles bakes
 PICTURE = 8

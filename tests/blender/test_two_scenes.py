@@ -8,7 +8,7 @@ bpy = pytest.importorskip("bpy")
 import leaflight
 from blend_dump import differences, dump
 from blend_rooms import ask_quick_bake, open_room
-from leaflight.addon import materials_write, restore
+from leaflight.addon.show import materials_write, restore
 
 
 @pytest.fixture(autouse=True)

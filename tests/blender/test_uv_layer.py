@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon import uv_layer
+from leaflight.addon.read import uv_layer
 
 
 @pytest.fixture

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from leaflight.core.all_light import AllLight
-from leaflight.core.direct_shown import ShownDirect
-from leaflight.core.judged import DARK_FLOOR, Judged
+from leaflight.core.filter.all_light import AllLight
+from leaflight.core.filter.direct_shown import ShownDirect
+from leaflight.core.texels.judged import DARK_FLOOR, Judged
 from trees import current, even, throw
 
 

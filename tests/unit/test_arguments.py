@@ -4,9 +4,9 @@ import dataclasses
 from pathlib import Path, PureWindowsPath
 
 import pytest
-from leaflight.addon import arguments
-from leaflight.addon.arguments import BakeRequest, parse_arguments
-from leaflight.core.settings import Settings
+from leaflight.addon.app import arguments
+from leaflight.addon.app.arguments import BakeRequest, parse_arguments
+from leaflight.core.util.settings import Settings
 
 
 def parse(*words, with_scene=True):

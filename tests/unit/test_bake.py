@@ -10,18 +10,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boxes import lamp_scene, room_mesh
-from leaflight.core import bake, executors, preview, quadtree, resolve, solve, traced_scene
-from leaflight.core.checkpoint import read_info
-from leaflight.core.direct_field import DirectField
-from leaflight.core.encodings import ENCODINGS
-from leaflight.core.first_photons import FirstPhotons
-from leaflight.core.gather_plan import GatherPlan
-from leaflight.core.image_file import read_image
-from leaflight.core.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
-from leaflight.core.messages import Done, Preview, Progress, Status, Warning_
-from leaflight.core.scene import Light, Material
-from leaflight.core.settings import IMAGE_FORMATS, PASSES, Settings
-from leaflight.core.snapshot import load_snapshot, save_snapshot
+from leaflight.core.bake import bake, preview, solve
+from leaflight.core.bake.checkpoint import read_info
+from leaflight.core.bake.first_photons import FirstPhotons
+from leaflight.core.bake.gather_plan import GatherPlan
+from leaflight.core.integrate.direct_field import DirectField
+from leaflight.core.output import resolve
+from leaflight.core.output.image_file import read_image
+from leaflight.core.parallel import executors
+from leaflight.core.radiosity import quadtree
+from leaflight.core.scene.scene import Light, Material
+from leaflight.core.scene.snapshot import load_snapshot, save_snapshot
+from leaflight.core.transport import traced_scene
+from leaflight.core.util.encodings import ENCODINGS
+from leaflight.core.util.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.util.messages import Done, Preview, Progress, Status, Warning_
+from leaflight.core.util.settings import IMAGE_FORMATS, PASSES, Settings
 from scenes import make_scene, moved, quad_mesh, shade_smooth, sphere_mesh
 
 pytestmark = pytest.mark.usefixtures("open_image_io")
@@ -33,7 +37,7 @@ LIGHT_STAGES = {"rays": ["photons", "direct", "photons", "write"], "photons": ["
 @pytest.fixture
 def patient(monkeypatch):
     """However slow the machine is, nobody is asked before there is light."""
-    monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", math.inf)
+    monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", math.inf)
 
 
 def bake_scene(folder, scene, settings=QUICK, output="", should_stop=lambda: False, **job):
@@ -216,7 +220,7 @@ def test_interrupted_bake_is_written_and_says_so(tmp_path, patient):
 
 
 def test_a_bake_that_is_stopped_while_its_unwrapping_takes_long_has_nothing_to_show(tmp_path, monkeypatch):
-    monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
+    monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", -1.0)
     with pytest.raises(FileNotFoundError):  # no result file
         bake_scene(tmp_path, lamp_scene(), should_stop=lambda: True)
     assert list_files(tmp_path / "images") == []
@@ -228,7 +232,7 @@ def test_a_bake_that_is_stopped_while_its_unwrapping_takes_long_has_nothing_to_s
 
 @pytest.mark.parametrize("stage", ["texels", "contacts"])
 def test_a_bake_that_is_stopped_later_but_before_there_is_light_has_nothing_to_show_either(tmp_path, monkeypatch, stage):
-    monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
+    monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", -1.0)
     save_snapshot(tmp_path / SNAPSHOT_FILE, lamp_scene())
     Job(QUICK, str(tmp_path / "images"), "room").save(tmp_path)
     messages = []
@@ -239,7 +243,7 @@ def test_a_bake_that_is_stopped_later_but_before_there_is_light_has_nothing_to_s
 
 
 def test_how_far_texels_and_contacts_have_come_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
+    monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", -1.0)
     messages, _ = bake_scene(tmp_path, lamp_scene())
     for stage, text in (("texels", "Measuring texels"), ("contacts", "Looking for contacts")):
         said = [message for message in messages if isinstance(message, Status) and message.stage == stage]
@@ -249,7 +253,7 @@ def test_how_far_texels_and_contacts_have_come_is_told(tmp_path, monkeypatch):
 
 
 def test_how_far_the_unwrapping_has_come_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
+    monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", -1.0)
     sun = Light("SUN", "Sun", power_rgb=(1.0, 1.0, 1.0))
     messages, _ = bake_scene(tmp_path, make_scene([quad_mesh("One"), moved(quad_mesh("Two"), (2.0, 0.0, 0.0))], [sun]))
     told = [message.text for message in messages if isinstance(message, Status) and message.stage == "charts"]
@@ -284,7 +288,7 @@ def test_whoever_traces_is_sent_home_however_the_bake_ends(tmp_path, monkeypatch
             ended.append(cancel_futures)
 
     if end == "stopped":
-        monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
+        monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", -1.0)
     if end == "failed":
         monkeypatch.setattr(resolve.Resolver, "page", lambda *_: (_ for _ in ()).throw(OSError("the disk is full")))
     save_snapshot(tmp_path / SNAPSHOT_FILE, lamp_scene())

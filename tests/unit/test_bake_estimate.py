@@ -1,8 +1,8 @@
 """What the panel tells before a bake, from areas."""
 
 import pytest
-from leaflight.addon.estimate import Measured, Pace, estimate_bake
-from leaflight.core.settings import Settings
+from leaflight.addon.app.estimate import Measured, Pace, estimate_bake
+from leaflight.core.util.settings import Settings
 
 RESULT = {
     "estimated_error": 0.1,

@@ -5,8 +5,8 @@ import math
 import threading
 
 import pytest
-from leaflight.addon.bake_state import BakeState, describe_count, describe_seconds
-from leaflight.core.messages import Done, Error, Preview, Progress, Status, Warning_
+from leaflight.addon.app.bake_state import BakeState, describe_count, describe_seconds
+from leaflight.core.util.messages import Done, Error, Preview, Progress, Status, Warning_
 
 RESULT = {
     "stopped_by": "error",

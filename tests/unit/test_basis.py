@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core import basis
+from leaflight.core.radiosity import basis
 
 
 def clipped_moments(rng, degree, points=400):

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boxes import lamp_scene
-from leaflight.core import executors, folders
-from leaflight.core.scene import Light, Material
+from leaflight.core.parallel import executors, folders
+from leaflight.core.scene.scene import Light, Material
 from scenes import make_scene, moved, quad_mesh
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))

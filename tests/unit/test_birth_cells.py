@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core.birth_cells import BINS, SLICES, BirthCells, find_bins, find_slice
+from leaflight.core.transport.birth_cells import BINS, SLICES, BirthCells, find_bins, find_slice
 
 # The first emitter's numbers cut along the second of them, the second emitter's left whole.
 CUT = BirthCells(

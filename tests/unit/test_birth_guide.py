@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from leaflight.core import birth_guide
-from leaflight.core.birth_cells import BINS, DIMENSIONS, SLICES
-from leaflight.core.birth_guide import EVEN_SHARE, BirthGuide, BirthTally
-from leaflight.core.photon_log import Groups
+from leaflight.core.transport import birth_guide
+from leaflight.core.transport.birth_cells import BINS, DIMENSIONS, SLICES
+from leaflight.core.transport.birth_guide import EVEN_SHARE, BirthGuide, BirthTally
+from leaflight.core.transport.photon_log import Groups
 
 ONE = np.ones(1)
 EVERYWHERE = np.ones(SLICES)

@@ -4,16 +4,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from leaflight.core import births
-from leaflight.core.birth_cells import BINS, SLICES, BirthCells, find_bins, find_slice
-from leaflight.core.births import BATCH, Photons, bear_photons, light_every_surface, soften
-from leaflight.core.geometry import UnitBox
-from leaflight.core.joined_emitters import JoinedEmitters
-from leaflight.core.lights import make_births, make_light_emitter
-from leaflight.core.rays import RayScene
-from leaflight.core.sampling import low_discrepancy_points
-from leaflight.core.scene import Light
-from leaflight.core.scene_cover import SceneCover
+from leaflight.core.lights.joined_emitters import JoinedEmitters
+from leaflight.core.lights.lights import make_births, make_light_emitter
+from leaflight.core.scene.rays import RayScene
+from leaflight.core.scene.scene import Light
+from leaflight.core.scene.scene_cover import SceneCover
+from leaflight.core.transport import births
+from leaflight.core.transport.birth_cells import BINS, SLICES, BirthCells, find_bins, find_slice
+from leaflight.core.transport.births import BATCH, Photons, bear_photons, light_every_surface, soften
+from leaflight.core.util.geometry import UnitBox
+from leaflight.core.util.sampling import low_discrepancy_points
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from leaflight.core.blocks import join_outlines, lay_block, outline_block
-from leaflight.core.outlines import measure_outlines
-from leaflight.core.packing import Page, place_charts, shape_charts
+from leaflight.core.atlas.blocks import join_outlines, lay_block, outline_block
+from leaflight.core.atlas.outlines import measure_outlines
+from leaflight.core.atlas.packing import Page, place_charts, shape_charts
 from texel_gaps import check_gaps
 
 

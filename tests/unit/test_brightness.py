@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core.brightness import LUMINANCE, weigh_channels
+from leaflight.core.util.brightness import LUMINANCE, weigh_channels
 
 
 def test_grey_weighs_what_it_is():

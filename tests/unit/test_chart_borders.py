@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from leaflight.core import chart_borders
-from leaflight.core.chart_borders import find_plain_charts
-from leaflight.core.layer_check import find_overlaps, label_charts, signed_areas
+from leaflight.core.atlas import chart_borders
+from leaflight.core.atlas.chart_borders import find_plain_charts
+from leaflight.core.atlas.layer_check import find_overlaps, label_charts, signed_areas
 from scenes import grid_mesh, make_scene
 
 

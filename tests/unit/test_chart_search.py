@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from leaflight.core import chart_search, kept_charts, unwrap_question
-from leaflight.core.chart_search import find_charts
-from leaflight.core.geometry import triangle_normals_areas
-from leaflight.core.layer_check import signed_areas
-from leaflight.core.unfolding import UnfolderDied
-from leaflight.core.words import Interrupted
+from leaflight.core.atlas import chart_search, kept_charts, unwrap_question
+from leaflight.core.atlas.chart_search import find_charts
+from leaflight.core.atlas.layer_check import signed_areas
+from leaflight.core.atlas.unfolding import UnfolderDied
+from leaflight.core.util.geometry import triangle_normals_areas
+from leaflight.core.util.words import Interrupted
 from scenes import box_mesh, grid_mesh, make_scene, moved, quad_mesh, shared_mesh, sphere_mesh, split_faces
 
 CLOTH = grid_mesh("Cloth", cells=4, noise=0.8)

@@ -3,12 +3,12 @@ import time
 
 import numpy as np
 import pytest
-from leaflight.core import charts
-from leaflight.core.charts import PACKING, make_charts
-from leaflight.core.geometry import triangle_normals_areas
-from leaflight.core.layer_check import signed_areas
-from leaflight.core.packing import shape_charts
-from leaflight.core.settings import Settings
+from leaflight.core.atlas import charts
+from leaflight.core.atlas.charts import PACKING, make_charts
+from leaflight.core.atlas.layer_check import signed_areas
+from leaflight.core.atlas.packing import shape_charts
+from leaflight.core.util.geometry import triangle_normals_areas
+from leaflight.core.util.settings import Settings
 from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, quad_mesh, shared_mesh, sphere_mesh
 from texel_gaps import check_gaps
 

@@ -10,11 +10,14 @@ from typing import get_args, get_type_hints
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh
-from leaflight.core import checkpoint, direct_shards, gather_plan, rounds, shared_arrays
-from leaflight.core.checkpoint import INFO_FILE, load_checkpoint, read_info, remove_checkpoint, save_checkpoint
-from leaflight.core.gathered import GatheredField
-from leaflight.core.scene import Light, Material
-from leaflight.core.settings import Settings
+from leaflight.core.bake import checkpoint, gather_plan
+from leaflight.core.bake.checkpoint import INFO_FILE, load_checkpoint, read_info, remove_checkpoint, save_checkpoint
+from leaflight.core.integrate import direct_shards
+from leaflight.core.integrate.gathered import GatheredField
+from leaflight.core.parallel import shared_arrays
+from leaflight.core.scene.scene import Light, Material
+from leaflight.core.transport import rounds
+from leaflight.core.util.settings import Settings
 from scenes import make_scene
 
 SETTINGS = Settings(size=32, padding=1, max_photons=600_000, error=1e-4)

@@ -19,11 +19,13 @@ import pytest
 pytest.importorskip("distributed")
 
 from boxes import lamp_scene, prepare_folder, solve_scene
-from leaflight.core import bake, cluster, executors, folders, shared_arrays, texel_shards
-from leaflight.core.job import SNAPSHOT_FILE, Job
-from leaflight.core.settings import Settings
-from leaflight.core.snapshot import save_snapshot
-from leaflight.core.solve import LightField
+from leaflight.core.bake import bake
+from leaflight.core.bake.solve import LightField
+from leaflight.core.integrate import texel_shards
+from leaflight.core.parallel import cluster, executors, folders, shared_arrays
+from leaflight.core.scene.snapshot import save_snapshot
+from leaflight.core.util.job import SNAPSHOT_FILE, Job
+from leaflight.core.util.settings import Settings
 
 PATIENCE_S = 60.0
 DEADLY_SHARD = 3  # so many are sent, some of them under way, when workers die

@@ -4,8 +4,8 @@ import math
 from pathlib import Path
 
 import pytest
-from leaflight.addon.console import describe_error, describe_files, describe_miss, describe_progress, print_message
-from leaflight.core.messages import Done, Error, Preview, Progress, Status, Warning_
+from leaflight.addon.app.console import describe_error, describe_files, describe_miss, describe_progress, print_message
+from leaflight.core.util.messages import Done, Error, Preview, Progress, Status, Warning_
 
 PROGRESS = Progress(fraction=0.25, photons=1_500_000, photons_per_s=2.5e6, estimated_error=0.043, seconds_left=12.4, leaves=900)
 

@@ -4,7 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from leaflight.core.contact import (
+from leaflight.core.scene.rays import RayScene
+from leaflight.core.texels.contact import (
     are_close,
     ends_between,
     find_clear_tiles,
@@ -14,9 +15,8 @@ from leaflight.core.contact import (
     rises_between,
     texel_axes,
 )
-from leaflight.core.geometry import UnitBox
-from leaflight.core.rays import RayScene
-from leaflight.core.texel_borders import WAYS
+from leaflight.core.texels.texel_borders import WAYS
+from leaflight.core.util.geometry import UnitBox
 from scenes import box_mesh, make_scene, quad_mesh
 
 SIDE = 64

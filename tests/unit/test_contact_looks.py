@@ -6,11 +6,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from boxes import prepare_folder
-from leaflight.core import folders, traced_scene
-from leaflight.core.contact_looks import Looks, Surroundings
-from leaflight.core.scene import Light
-from leaflight.core.settings import Settings
-from leaflight.core.tiles import TILE_TEXELS
+from leaflight.core.parallel import folders
+from leaflight.core.scene.scene import Light
+from leaflight.core.texels.tiles import TILE_TEXELS
+from leaflight.core.transport import traced_scene
+from leaflight.core.transport.contact_looks import Looks, Surroundings
+from leaflight.core.util.settings import Settings
 from scenes import Mesh, box_mesh, make_scene, quad_mesh
 
 SIDE = 64  # texels of the floor, a square metre

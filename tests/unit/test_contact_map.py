@@ -7,17 +7,22 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from boxes import prepare_folder, to_bytes
-from leaflight.core import contact_map, executors, folders, quadtree, resolve, shared_arrays, solve, texel_shards, traced_scene
-from leaflight.core.contact_looks import Surroundings
-from leaflight.core.contact_map import ContactMap, cut_at_contacts, find_contacts
-from leaflight.core.direct_field import DirectField
-from leaflight.core.scene import Light
-from leaflight.core.settings import Settings
-from leaflight.core.texel_borders import WAYS
-from leaflight.core.texel_grid import interleave_bits
-from leaflight.core.threads import split_entries
-from leaflight.core.tiles import TILE_TEXELS
-from leaflight.core.topology import join_sets
+from leaflight.core.bake import solve
+from leaflight.core.integrate import texel_shards
+from leaflight.core.integrate.direct_field import DirectField
+from leaflight.core.output import resolve
+from leaflight.core.parallel import executors, folders, shared_arrays
+from leaflight.core.radiosity import quadtree
+from leaflight.core.scene.scene import Light
+from leaflight.core.scene.topology import join_sets
+from leaflight.core.texels.texel_borders import WAYS
+from leaflight.core.texels.texel_grid import interleave_bits
+from leaflight.core.texels.tiles import TILE_TEXELS
+from leaflight.core.transport import contact_map, traced_scene
+from leaflight.core.transport.contact_looks import Surroundings
+from leaflight.core.transport.contact_map import ContactMap, cut_at_contacts, find_contacts
+from leaflight.core.util.settings import Settings
+from leaflight.core.util.threads import split_entries
 from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh, split_faces
 from trees import make_map, make_square_map
 from words_heard import check_every_word_is_heard

@@ -4,9 +4,9 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from leaflight.core.contact_parts import part_in_squares
-from leaflight.core.texel_grid import interleave_bits
-from leaflight.core.topology import join_sets
+from leaflight.core.scene.topology import join_sets
+from leaflight.core.texels.contact_parts import part_in_squares
+from leaflight.core.texels.texel_grid import interleave_bits
 
 SIDE = 32
 LARGE = 64  # a side too

@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import prepare_folder, to_bytes
-from leaflight.core import contact_search, executors, folders, traced_scene
-from leaflight.core.contact_map import LOOKING, cut_at_contacts, find_contacts
-from leaflight.core.contact_search import search_contacts, split_at_charts
-from leaflight.core.scene import Light
-from leaflight.core.settings import Settings
-from leaflight.core.words import Interrupted
+from leaflight.core.parallel import executors, folders
+from leaflight.core.scene.scene import Light
+from leaflight.core.transport import contact_search, traced_scene
+from leaflight.core.transport.contact_map import LOOKING, cut_at_contacts, find_contacts
+from leaflight.core.transport.contact_search import search_contacts, split_at_charts
+from leaflight.core.util.settings import Settings
+from leaflight.core.util.words import Interrupted
 from processes import wait_until_ready
 from scenes import box_mesh, make_scene, quad_mesh
 from words_heard import check_every_word_is_heard
@@ -60,7 +61,9 @@ def test_another_process_finds_the_same_and_the_map_can_be_cut_at_it(tmp_path, p
         assert to_bytes(found) == whole
         assert (tmp_path / folders.TEXELS_FOLDER).exists()
         assert traced_scene.open_tracing.cache_info().currsize == 0
-        of_other = executor._pool.submit(eval, "__import__('sys').modules['leaflight.core.workers'].open_tracing.cache_info().currsize")
+        of_other = executor._pool.submit(
+            eval, "__import__('sys').modules['leaflight.core.transport.traced_scene'].open_tracing.cache_info().currsize"
+        )
         assert of_other.result() == 0
     assert len(cut_at_contacts(texels, atlas, found)[0].chart_page) > len(texels.chart_page)
 

@@ -8,16 +8,16 @@ import textwrap
 import numpy as np
 import pytest
 from leaflight import core
-from leaflight.core.image_file import read_image
+from leaflight.core.output.image_file import read_image
 
 NATIVE = ("embreex", "xatlas", "OpenImageIO", "bpy")
 
 
 def test_importing_the_core_loads_no_native_library():
-    modules = "bake, job, messages, scene, settings, snapshot"
-    code = f"import sys; import leaflight.core; from leaflight.core import {modules}; print(*sys.modules)"
+    modules = ("bake.bake", "scene.scene", "scene.snapshot", "util.job", "util.messages", "util.settings")
+    code = "import sys; " + "".join(f"import leaflight.core.{name}; " for name in modules) + "print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert "leaflight.core.bake" in loaded
+    assert "leaflight.core.bake.bake" in loaded
     assert set(NATIVE) & set(loaded) == set()
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from leaflight.core.coverage import Pieces, as_slice, chunk_ranges, clip_to_texels, expand_ranges, monomial_exponents, piece_moments
+from leaflight.core.util.coverage import Pieces, as_slice, chunk_ranges, clip_to_texels, expand_ranges, monomial_exponents, piece_moments
 
 RANGES = st.lists(st.tuples(st.integers(0, 50), st.integers(-3, 20)), max_size=12)
 

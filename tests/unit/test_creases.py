@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from leaflight.core import creases
-from leaflight.core.charts import ChartAtlas
-from leaflight.core.texels import build_texel_map
+from leaflight.core.atlas.charts import ChartAtlas
+from leaflight.core.texels import creases
+from leaflight.core.texels.texels import build_texel_map
 from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, split_faces
 
 SIDE = 16.0  # texels, of each of the two faces of a strip

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from leaflight.core.cuts import close_cuts
-from leaflight.core.texel_borders import OPPOSITE, TexelBorders
+from leaflight.core.filter.cuts import close_cuts
+from leaflight.core.texels.texel_borders import OPPOSITE, TexelBorders
 from trees import make_square_map
 
 SIDE = 32

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from leaflight.core import quadtree, solve
-from leaflight.core.debug_passes import DebugPages
-from leaflight.core.direct_field import DirectField
-from leaflight.core.settings import DEBUG_PASSES
+from leaflight.core.bake import solve
+from leaflight.core.integrate.direct_field import DirectField
+from leaflight.core.output.debug_passes import DebugPages
+from leaflight.core.radiosity import quadtree
+from leaflight.core.util.settings import DEBUG_PASSES
 from trees import SquareBake
 
 SIDE = 16

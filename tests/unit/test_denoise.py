@@ -4,8 +4,9 @@ from functools import partial
 
 import numpy as np
 import pytest
-from leaflight.core import denoise, strips
-from leaflight.core.executors import make_executor, spread
+from leaflight.core.filter import denoise
+from leaflight.core.parallel.executors import make_executor, spread
+from leaflight.core.texels import strips
 from trees import make_square_map
 
 SIDE = 48

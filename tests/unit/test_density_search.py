@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from leaflight.core import density_search
-from leaflight.core.density_search import find_greatest_density
-from leaflight.core.packing import Page, fits_alone, place_charts, shape_charts
+from leaflight.core.atlas import density_search
+from leaflight.core.atlas.density_search import find_greatest_density
+from leaflight.core.atlas.packing import Page, fits_alone, place_charts, shape_charts
 from plain_charts import rectangles, triangles
 
 

@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import floor_looks, lit_scene, morton_square, prepare, sigma_limit, to_grid
-from leaflight.core import direct, photons
-from leaflight.core.direct import DirectLight, direct_irradiance
-from leaflight.core.emitters import EmittingMeshes, build_emitters
-from leaflight.core.irradiance import polygon_irradiance
-from leaflight.core.scene import Light, SceneSnapshot
+from leaflight.core.integrate import direct
+from leaflight.core.integrate.direct import DirectLight, direct_irradiance
+from leaflight.core.lights.emitters import EmittingMeshes, build_emitters
+from leaflight.core.lights.irradiance import polygon_irradiance
+from leaflight.core.scene.scene import Light, SceneSnapshot
+from leaflight.core.transport import photons
 from scenes import box_mesh, grid_mesh, moved, quad_mesh
 
 SIDE = 32

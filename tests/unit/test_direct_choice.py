@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from leaflight.core.direct_choice import (
+from leaflight.core.lights.direct_choice import (
     Clusters,
     Demand,
     choose_by_strata,

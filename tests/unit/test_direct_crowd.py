@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import floor_looks, lit_scene, prepare, sigma_limit
-from leaflight.core import direct, direct_crowd
-from leaflight.core.direct import DirectScene, direct_irradiance
-from leaflight.core.direct_choice import find_reach
-from leaflight.core.direct_points import GAUSS_POINTS, MIDDLE, Receivers, TexelChunk
-from leaflight.core.scene import Light
+from leaflight.core.integrate import direct
+from leaflight.core.integrate.direct import DirectScene, direct_irradiance
+from leaflight.core.lights import direct_crowd
+from leaflight.core.lights.direct_choice import find_reach
+from leaflight.core.lights.direct_points import GAUSS_POINTS, MIDDLE, Receivers, TexelChunk
+from leaflight.core.scene.scene import Light
 from scenes import box_mesh, moved, quad_mesh
 
 SIDE = 16

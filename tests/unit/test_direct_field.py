@@ -8,11 +8,13 @@ from itertools import starmap
 import numpy as np
 import pytest
 from boxes import lamp_scene, prepare_folder
-from leaflight.core import direct_shards, executors, texel_shards, traced_scene
-from leaflight.core.direct import DirectLight
-from leaflight.core.direct_field import DirectField
-from leaflight.core.other_light import OtherLight
-from leaflight.core.settings import Settings
+from leaflight.core.integrate import direct_shards, texel_shards
+from leaflight.core.integrate.direct import DirectLight
+from leaflight.core.integrate.direct_field import DirectField
+from leaflight.core.integrate.other_light import OtherLight
+from leaflight.core.parallel import executors
+from leaflight.core.transport import traced_scene
+from leaflight.core.util.settings import Settings
 
 SETTINGS = Settings(size=24, padding=1, error=0.5)
 
@@ -52,7 +54,7 @@ def test_many_shots_come_to_the_light(shot):
 def test_what_is_told_of_a_shot_is_the_share_that_is_done(shot, monkeypatch):
     folder, field = shot
     monkeypatch.setattr(direct_shards, "SHARD_TEXELS", 100)
-    monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
+    monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", -1.0)
     told, count = [], len(field.passes)
     field.shoot(folder, SETTINGS, executors.InlineExecutor(), np.arange(count), told.append)
     done = [1 - start / count for start in direct_shards.cut_into_shards(count)[-2::-1]]

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import Patch, lit_scene, sigma_limit
-from leaflight.core.direct_lights import TriangleSource, WorldSource
-from leaflight.core.direct_sources import join_sources, make_lamps, make_suns
-from leaflight.core.emitters import usable_power
-from leaflight.core.geometry import UnitBox
-from leaflight.core.lights import make_light_emitter
-from leaflight.core.scene import Light
-from leaflight.core.scene_cover import SceneCover
+from leaflight.core.lights.direct_lights import TriangleSource, WorldSource
+from leaflight.core.lights.direct_sources import join_sources, make_lamps, make_suns
+from leaflight.core.lights.emitters import usable_power
+from leaflight.core.lights.lights import make_light_emitter
+from leaflight.core.scene.scene import Light
+from leaflight.core.scene.scene_cover import SceneCover
+from leaflight.core.util.geometry import UnitBox
 from scenes import box_mesh
 
 UNIT_BOX = UnitBox(np.array([1.0, 2.0, 3.0]), 0.25)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from boxes import lamp_scene, prepare_folder
 from closed_forms import from_polygon
-from leaflight.core import executors
-from leaflight.core.direct_field import DirectField
-from leaflight.core.direct_only import _find_worst, settle_direct
-from leaflight.core.judged import BEST_TEXELS, DARK_FLOOR
-from leaflight.core.settings import Settings
+from leaflight.core.bake.direct_only import _find_worst, settle_direct
+from leaflight.core.integrate.direct_field import DirectField
+from leaflight.core.parallel import executors
+from leaflight.core.texels.judged import BEST_TEXELS, DARK_FLOOR
+from leaflight.core.util.settings import Settings
 from scenes import make_scene, moved, quad_mesh
 
 
@@ -32,7 +32,7 @@ def test_noise_that_is_small_enough_ends_at_once(tmp_path):
 
 
 def test_worse_texels_are_shot_again(tmp_path, monkeypatch):
-    monkeypatch.setattr("leaflight.core.direct_shards.TOLERANCE", 20.0)  # so that the first turn is too coarse
+    monkeypatch.setattr("leaflight.core.integrate.direct_shards.TOLERANCE", 20.0)  # so that the first turn is too coarse
     first = settle(tmp_path / "a", error=1.0)
     light = settle(tmp_path / "b", error=first.error / 3)
     assert light.stopped_by == "error"
@@ -41,7 +41,7 @@ def test_worse_texels_are_shot_again(tmp_path, monkeypatch):
 
 
 def test_below_openings_neighbours_are_shot_again_as_one(tmp_path, monkeypatch):
-    monkeypatch.setattr("leaflight.core.direct_shards.TOLERANCE", 20.0)
+    monkeypatch.setattr("leaflight.core.integrate.direct_shards.TOLERANCE", 20.0)
     asked = []
     monkeypatch.setattr(DirectField, "share_error", lambda field, error2: asked.append(error2) or np.full_like(error2, error2.max()))
     light = settle(tmp_path / "b", error=settle(tmp_path / "a", error=1.0).error / 3)
@@ -72,7 +72,7 @@ def test_where_noise_is_little_enough_and_blur_is_not_the_noisiest_are_shot_agai
 
 
 def test_of_objects_the_one_that_errs_most_is_to_come_to_the_error(tmp_path, monkeypatch):
-    monkeypatch.setattr("leaflight.core.direct_shards.TOLERANCE", 20.0)
+    monkeypatch.setattr("leaflight.core.integrate.direct_shards.TOLERANCE", 20.0)
     whole = settle(tmp_path / "a", error=1.0)
     assert sorted(whole.object_error) == [0, 1]
     worst = max(whole.object_error.values())
@@ -134,15 +134,15 @@ def test_light_that_nobody_asks_for_has_no_error(tmp_path):
     [({"should_stop": lambda: True}, "interrupted"), ({"time_limit": 1e-9}, "time_limit")],
 )
 def test_it_can_be_stopped(tmp_path, monkeypatch, options, why):
-    monkeypatch.setattr("leaflight.core.direct_shards.TOLERANCE", 20.0)
+    monkeypatch.setattr("leaflight.core.integrate.direct_shards.TOLERANCE", 20.0)
     light = settle(tmp_path, error=1e-3, **options)
     assert light.stopped_by == why
     assert light.error > 1e-3
 
 
 def test_it_can_be_stopped_while_texels_are_shot_again(tmp_path, monkeypatch):
-    monkeypatch.setattr("leaflight.core.direct_shards.TOLERANCE", 20.0)
-    monkeypatch.setattr("leaflight.core.direct_shards.SHARD_TEXELS", 8)
+    monkeypatch.setattr("leaflight.core.integrate.direct_shards.TOLERANCE", 20.0)
+    monkeypatch.setattr("leaflight.core.integrate.direct_shards.SHARD_TEXELS", 8)
     asked = []
     light = settle(tmp_path, error=1e-3, should_stop=lambda: asked.append(True) or len(asked) > 3)
     assert light.stopped_by == "interrupted"
@@ -151,6 +151,6 @@ def test_it_can_be_stopped_while_texels_are_shot_again(tmp_path, monkeypatch):
 
 
 def test_texels_that_cannot_become_better_end_it(tmp_path, monkeypatch):
-    monkeypatch.setattr("leaflight.core.direct_shards.TOLERANCE", 20.0)
-    monkeypatch.setattr("leaflight.core.direct_field.DirectField.most_passes", 2)
+    monkeypatch.setattr("leaflight.core.integrate.direct_shards.TOLERANCE", 20.0)
+    monkeypatch.setattr("leaflight.core.integrate.direct_field.DirectField.most_passes", 2)
     assert settle(tmp_path, error=1e-4).stopped_by == "max_rays"

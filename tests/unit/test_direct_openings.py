@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from closed_forms import from_polygon
 from floors import floor_looks, floor_tiles, lit_scene, prepare, sigma_limit
-from leaflight.core import direct, direct_openings
-from leaflight.core.direct import DirectLight, direct_irradiance
-from leaflight.core.direct_openings import Openings, _blur, _cell_at, _Known
-from leaflight.core.scene import SceneSnapshot
-from leaflight.core.texel_grid import part_bits
-from leaflight.core.tiles import Tiles
+from leaflight.core.integrate import direct
+from leaflight.core.integrate.direct import DirectLight, direct_irradiance
+from leaflight.core.lights import direct_openings
+from leaflight.core.lights.direct_openings import Openings, _blur, _cell_at, _Known
+from leaflight.core.scene.scene import SceneSnapshot
+from leaflight.core.texels.texel_grid import part_bits
+from leaflight.core.texels.tiles import Tiles
 from scenes import moved, quad_mesh
 
 SIDE, FAR, HEIGHT = 64, 60.0, 1.0

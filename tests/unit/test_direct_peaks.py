@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import floor_looks, lit_scene, morton_square, prepare
-from leaflight.core import direct_peaks
-from leaflight.core.direct_lights import Source
-from leaflight.core.direct_peaks import average_peaks, estimate_bend, find_peaks
-from leaflight.core.direct_points import GAUSS_POINTS, Receivers, TexelChunk
-from leaflight.core.direct_sources import join_sources, make_lamps, make_suns
-from leaflight.core.geometry import ORIGIN_OFFSET, UnitBox
-from leaflight.core.scene import Light
-from leaflight.core.texel_looks import TexelLooks, centred_strata
+from leaflight.core.integrate import direct_peaks
+from leaflight.core.integrate.direct_peaks import average_peaks, estimate_bend, find_peaks
+from leaflight.core.lights.direct_lights import Source
+from leaflight.core.lights.direct_points import GAUSS_POINTS, Receivers, TexelChunk
+from leaflight.core.lights.direct_sources import join_sources, make_lamps, make_suns
+from leaflight.core.scene.scene import Light
+from leaflight.core.texels.texel_looks import TexelLooks, centred_strata
+from leaflight.core.util.geometry import ORIGIN_OFFSET, UnitBox
 
 SIDE = 8
 TEXELS = np.arange(SIDE * SIDE)

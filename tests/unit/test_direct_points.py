@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import floor_looks, lit_scene, prepare
-from leaflight.core import direct_points
-from leaflight.core.direct_lights import Aim
-from leaflight.core.direct_points import MIDDLE, STAGES, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces
-from leaflight.core.geometry import UnitBox
-from leaflight.core.texel_looks import TexelLooks
+from leaflight.core.lights import direct_points
+from leaflight.core.lights.direct_lights import Aim
+from leaflight.core.lights.direct_points import MIDDLE, STAGES, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces
+from leaflight.core.texels.texel_looks import TexelLooks
+from leaflight.core.util.geometry import UnitBox
 from scenes import make_scene, sphere_mesh
 
 

@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import chi_square_sigmas, floor_looks, floor_tiles, lit_scene, morton_square, prepare, sigma_limit, to_grid
-from leaflight.core import direct, direct_pool
-from leaflight.core.direct import DirectScene, direct_irradiance
-from leaflight.core.direct_points import Receivers
-from leaflight.core.direct_sources import make_triangle_sources
-from leaflight.core.emitting_cells import find_emitting_cells
-from leaflight.core.geometry import UnitBox
-from leaflight.core.scene import Material, SceneSnapshot, TextureImage
+from leaflight.core.integrate import direct
+from leaflight.core.integrate.direct import DirectScene, direct_irradiance
+from leaflight.core.lights import direct_pool
+from leaflight.core.lights.direct_points import Receivers
+from leaflight.core.lights.direct_sources import make_triangle_sources
+from leaflight.core.lights.emitting_cells import find_emitting_cells
+from leaflight.core.scene.scene import Material, SceneSnapshot, TextureImage
+from leaflight.core.util.geometry import UnitBox
 from scenes import box_mesh, grid_mesh, moved, quad_mesh, sphere_mesh
 
 SIDE = 32

@@ -4,18 +4,19 @@ import numpy as np
 import pytest
 from boxes import prepare_folder
 from floors import morton_square
-from leaflight.core import direct_quads, executors
-from leaflight.core.brightness import weigh_channels
-from leaflight.core.coverage import as_slice
-from leaflight.core.direct import DirectLight
-from leaflight.core.direct_field import DirectField
-from leaflight.core.direct_quads import find_quads, light_by_quads
-from leaflight.core.quads import find_misfit
-from leaflight.core.scene import Light
-from leaflight.core.settings import Settings
-from leaflight.core.texel_borders import TexelBorders
-from leaflight.core.texel_looks import centred_strata
-from leaflight.core.tiles import Tiles
+from leaflight.core.integrate import direct_quads
+from leaflight.core.integrate.direct import DirectLight
+from leaflight.core.integrate.direct_field import DirectField
+from leaflight.core.integrate.direct_quads import find_quads, light_by_quads
+from leaflight.core.parallel import executors
+from leaflight.core.scene.scene import Light
+from leaflight.core.texels.quads import find_misfit
+from leaflight.core.texels.texel_borders import TexelBorders
+from leaflight.core.texels.texel_looks import centred_strata
+from leaflight.core.texels.tiles import Tiles
+from leaflight.core.util.brightness import weigh_channels
+from leaflight.core.util.coverage import as_slice
+from leaflight.core.util.settings import Settings
 from scenes import box_mesh, make_scene, moved, quad_mesh
 from trees import make_square_map
 

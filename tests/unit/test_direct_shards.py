@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, prepare_folder
-from leaflight.core import direct_shards, executors, folders, texel_shards
-from leaflight.core.direct_field import DirectField
-from leaflight.core.direct_shards import NOTHING_AHEAD, ShotAhead
-from leaflight.core.judged import DARK_FLOOR
-from leaflight.core.other_light import OtherLight
-from leaflight.core.settings import Settings
+from leaflight.core.integrate import direct_shards, texel_shards
+from leaflight.core.integrate.direct_field import DirectField
+from leaflight.core.integrate.direct_shards import NOTHING_AHEAD, ShotAhead
+from leaflight.core.integrate.other_light import OtherLight
+from leaflight.core.parallel import executors, folders
+from leaflight.core.texels.judged import DARK_FLOOR
+from leaflight.core.util.settings import Settings
 
 SETTINGS = Settings(size=64, padding=1, workers=1, error=0.2)
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from leaflight.core.direct_field import DirectField
-from leaflight.core.direct_shown import GRAIN, ShownDirect, find_grain
-from leaflight.core.nonlocal_means import RADIUS
+from leaflight.core.filter.direct_shown import GRAIN, ShownDirect, find_grain
+from leaflight.core.filter.nonlocal_means import RADIUS
+from leaflight.core.integrate.direct_field import DirectField
 from trees import make_square_map
 
 SIDE = 64

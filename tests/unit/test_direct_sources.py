@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import lit_scene
-from leaflight.core.direct_lights import AreaSource, PointSource, SunSource
-from leaflight.core.direct_sources import join_sources, make_lamps, make_suns, make_world
-from leaflight.core.geometry import UnitBox
-from leaflight.core.scene import Light
+from leaflight.core.lights.direct_lights import AreaSource, PointSource, SunSource
+from leaflight.core.lights.direct_sources import join_sources, make_lamps, make_suns, make_world
+from leaflight.core.scene.scene import Light
+from leaflight.core.util.geometry import UnitBox
 
 UNIT_BOX = UnitBox(np.array([1.0, 2.0, 3.0]), 0.25)
 BULB = Light("POINT", "Bulb", (1, 2, 3), power_rgb=(8.0, 4.0, 0.0))

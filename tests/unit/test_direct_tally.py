@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import floor_looks, lit_scene, prepare
-from leaflight.core.direct_points import STAGES, TexelChunk
-from leaflight.core.direct_sources import join_sources, make_lamps
-from leaflight.core.direct_tally import AGREE_TEXELS, Tally
-from leaflight.core.geometry import UnitBox
-from leaflight.core.scene import Light
+from leaflight.core.integrate.direct_tally import AGREE_TEXELS, Tally
+from leaflight.core.lights.direct_points import STAGES, TexelChunk
+from leaflight.core.lights.direct_sources import join_sources, make_lamps
+from leaflight.core.scene.scene import Light
+from leaflight.core.util.geometry import UnitBox
 from scenes import box_mesh
 
 SIDE = 16

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import floor_looks, floor_tiles, lit_scene, morton_square, prepare, sigma_limit, to_grid
-from leaflight.core import direct
-from leaflight.core.direct import DirectLight, direct_irradiance
-from leaflight.core.direct_choice import Demand
-from leaflight.core.direct_points import TexelChunk
-from leaflight.core.direct_sources import make_lamps
-from leaflight.core.direct_tiles import look_from_tiles
-from leaflight.core.geometry import UnitBox
-from leaflight.core.scene import Light, SceneSnapshot
-from leaflight.core.tiles import TILE_TEXELS, Tiles
+from leaflight.core.integrate import direct
+from leaflight.core.integrate.direct import DirectLight, direct_irradiance
+from leaflight.core.integrate.direct_tiles import look_from_tiles
+from leaflight.core.lights.direct_choice import Demand
+from leaflight.core.lights.direct_points import TexelChunk
+from leaflight.core.lights.direct_sources import make_lamps
+from leaflight.core.scene.scene import Light, SceneSnapshot
+from leaflight.core.texels.tiles import TILE_TEXELS, Tiles
+from leaflight.core.util.geometry import UnitBox
 from scenes import box_mesh, moved, quad_mesh
 
 SIDE = 64

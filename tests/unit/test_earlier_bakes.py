@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from leaflight.core import bake, earlier_bakes, kept_bake
-from leaflight.core.earlier_bakes import find_others, read_notes
-from leaflight.core.job import SNAPSHOT_FILE, Job
-from leaflight.core.messages import Status, Warning_
-from leaflight.core.scene import Light
-from leaflight.core.settings import Settings
-from leaflight.core.snapshot import save_snapshot
+from leaflight.core.bake import bake, earlier_bakes, kept_bake
+from leaflight.core.bake.earlier_bakes import find_others, read_notes
+from leaflight.core.scene.scene import Light
+from leaflight.core.scene.snapshot import save_snapshot
+from leaflight.core.util.job import SNAPSHOT_FILE, Job
+from leaflight.core.util.messages import Status, Warning_
+from leaflight.core.util.settings import Settings
 from scenes import make_scene, moved, quad_mesh
 
 pytestmark = pytest.mark.usefixtures("open_image_io")

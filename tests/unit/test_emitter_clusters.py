@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from leaflight.core import emitter_clusters
-from leaflight.core.direct_points import Receivers
-from leaflight.core.emitter_clusters import EmitterClusters, cut_by_spread, order_cells
+from leaflight.core.lights import emitter_clusters
+from leaflight.core.lights.direct_points import Receivers
+from leaflight.core.lights.emitter_clusters import EmitterClusters, cut_by_spread, order_cells
 
 UP, DOWN = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
 

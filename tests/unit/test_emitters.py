@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import Patch, chi_square_sigmas, lit_scene, sigma_limit
-from leaflight.core.emitters import NO_LIGHT, EmittingMeshes, MeshEmitter, WorldEmitter, build_emitters, usable_power
-from leaflight.core.emitting_cells import find_emitting_cells
-from leaflight.core.geometry import UnitBox
-from leaflight.core.irradiance import polygon_irradiance
-from leaflight.core.materials import SurfaceMaterials
-from leaflight.core.sampling import AliasTable
-from leaflight.core.scene import Light, Material, SceneSnapshot, TextureImage
+from leaflight.core.lights.emitters import NO_LIGHT, EmittingMeshes, MeshEmitter, WorldEmitter, build_emitters, usable_power
+from leaflight.core.lights.emitting_cells import find_emitting_cells
+from leaflight.core.lights.irradiance import polygon_irradiance
+from leaflight.core.scene.materials import SurfaceMaterials
+from leaflight.core.scene.scene import Light, Material, SceneSnapshot, TextureImage
+from leaflight.core.util.geometry import UnitBox
+from leaflight.core.util.sampling import AliasTable
 from scenes import box_mesh, make_scene, moved, quad_mesh
 
 LIMIT = sigma_limit(20)

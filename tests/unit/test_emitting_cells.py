@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from leaflight.core import emitting_cells
-from leaflight.core.brightness import weigh_channels
-from leaflight.core.emitting_cells import EmittingCells, find_emitting_cells
-from leaflight.core.materials import SurfaceMaterials
-from leaflight.core.scene import Material, SceneSnapshot, TextureImage
+from leaflight.core.lights import emitting_cells
+from leaflight.core.lights.emitting_cells import EmittingCells, find_emitting_cells
+from leaflight.core.scene.materials import SurfaceMaterials
+from leaflight.core.scene.scene import Material, SceneSnapshot, TextureImage
+from leaflight.core.util.brightness import weigh_channels
 from scenes import make_scene, quad_mesh
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core import encodings
+from leaflight.core.util import encodings
 
 # Of a round trip, relative to a colour's brightest channel; RGBM's and RGBD's bounds follow from half a step of 1/255.
 LOGLUV_ERROR = 0.022  # of any Rec.709 colour: half a step of u' and v'

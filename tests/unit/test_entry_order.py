@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core.entry_order import EntryOrder
+from leaflight.core.texels.entry_order import EntryOrder
 
 
 def draw_order(seed, count=5000):

@@ -4,12 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from leaflight.core import error_terms
-from leaflight.core.direct_shown import ShownDirect, ShownGathered
-from leaflight.core.error_terms import RayNoise, Terms, judge_rays_alone
-from leaflight.core.judged import BEST_TEXELS, DARK_FLOOR
-from leaflight.core.missing_light import Bias
-from leaflight.core.photon_noise import PhotonNoise
+from leaflight.core.filter import error_terms
+from leaflight.core.filter.direct_shown import ShownDirect, ShownGathered
+from leaflight.core.filter.error_terms import RayNoise, Terms, judge_rays_alone
+from leaflight.core.filter.missing_light import Bias
+from leaflight.core.filter.photon_noise import PhotonNoise
+from leaflight.core.texels.judged import BEST_TEXELS, DARK_FLOOR
 
 COUNT = 1000
 

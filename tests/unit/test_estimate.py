@@ -4,13 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from leaflight.core import denoise, error_terms, estimate, judged, missing_light, quadtree, refine, shrinkage, tally
-from leaflight.core.direct_shown import ShownDirect, ShownGathered
-from leaflight.core.few_photons import FewPhotons
-from leaflight.core.reading import Reading
-from leaflight.core.reconstruct import Blend
-from leaflight.core.squares import SquareLight, mix
-from leaflight.core.texel_borders import TexelBorders
+from leaflight.core.filter import denoise, error_terms, estimate, missing_light
+from leaflight.core.filter.direct_shown import ShownDirect, ShownGathered
+from leaflight.core.filter.reading import Reading
+from leaflight.core.filter.reconstruct import Blend
+from leaflight.core.filter.squares import SquareLight, mix
+from leaflight.core.radiosity import quadtree, refine, shrinkage, tally
+from leaflight.core.radiosity.few_photons import FewPhotons
+from leaflight.core.texels import judged
+from leaflight.core.texels.texel_borders import TexelBorders
 from trees import SIDE, SquareBake, current, even, even_truth, glow, glow_truth, hill, hill_truth, throw
 
 

@@ -11,9 +11,10 @@ from multiprocessing import connection
 from pathlib import Path
 
 import pytest
-from leaflight.addon import boot
-from leaflight.core import executors
-from leaflight.core.settings import Settings
+from leaflight.addon.app import boot
+from leaflight.core.bake import tasks
+from leaflight.core.parallel import executors
+from leaflight.core.util.settings import Settings
 from processes import wait_until_ready
 
 
@@ -67,12 +68,12 @@ def test_this_process_works_while_it_waits_and_the_other_one_works_too():
 
 
 def test_a_process_has_loaded_what_it_is_given_before_it_is_given_any():
-    with executors.LocalExecutor(2) as executor:
+    with executors.LocalExecutor(2, load_ahead=tasks.load_ahead) as executor:
         loaded = executor._pool.submit(eval, "set(__import__('sys').modules)").result()
         net = executor._pool.submit(
-            eval, "__import__('sys').modules['leaflight.core.sampling']._scrambled_net.cache_info().currsize"
+            eval, "__import__('sys').modules['leaflight.core.util.sampling']._scrambled_net.cache_info().currsize"
         ).result()
-    assert {f"leaflight.core.{name}" for name in ("workers", "photon_shards", "denoise")} <= loaded
+    assert {f"leaflight.core.{name}" for name in ("bake.photon_shards", "filter.denoise", "integrate.texel_shards")} <= loaded
     assert net == 1
 
 
@@ -284,8 +285,8 @@ def test_machines_of_many_cores_are_used_as_far_as_the_system_goes(monkeypatch, 
 
 def test_a_cluster_without_dask_is_a_sentence(monkeypatch):
     monkeypatch.setitem(executors.sys.modules, "distributed", None)
-    monkeypatch.delitem(executors.sys.modules, "leaflight.core.cluster", raising=False)
-    monkeypatch.delattr("leaflight.core.cluster", raising=False)
+    monkeypatch.delitem(executors.sys.modules, "leaflight.core.parallel.cluster", raising=False)
+    monkeypatch.delattr("leaflight.core.parallel.cluster", raising=False)
     with pytest.raises(ValueError, match=r"^--cluster farm:8786: dask\.distributed cannot be loaded .*extra `cluster`, .* -m pip install "):
         executors.open_executor(Settings(cluster="farm:8786"))
 
@@ -310,7 +311,7 @@ def test_processes_started_ahead_serve_whoever_asks_for_as_many(monkeypatch):
     assert isinstance(other.open(Settings(workers=1)), executors.InlineExecutor)
     with pytest.raises(RuntimeError, match="after the executor's shutdown"):
         other.open(Settings(workers=0)).submit(abs, -1)
-    monkeypatch.setattr(executors, "open_executor", lambda settings: settings.cluster)
+    monkeypatch.setattr(executors, "open_executor", lambda settings, load_ahead: settings.cluster)
     assert executors.Ahead().open(Settings(cluster="tcp://elsewhere:1")) == "tcp://elsewhere:1"
 
 
@@ -323,7 +324,7 @@ def test_processes_started_ahead_are_copies_of_one_without_threads(tmp_path, bef
     program = tmp_path / "program.py"
     program.write_text(
         f"import runpy, sys, threading, time\nrunpy.run_path({boot.__file__!r}, run_name='boot')\n"
-        "from leaflight.core import executors\nfrom leaflight.core.settings import Settings\n"
+        "from leaflight.core.parallel import executors\nfrom leaflight.core.util.settings import Settings\n"
         f"if __name__ == '__main__':\n    executors.count_usable = lambda: 2\n    {before}\n"
         "    with executors.Ahead().open(Settings()) as executor:\n"
         "        print(executor._pool._mp_context.get_start_method(), executor.is_awake, *executor.map(abs, [-1, -2, -3]))\n",

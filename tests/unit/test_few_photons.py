@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from leaflight.core.few_photons import CELL_BITS, FewPhotons
-from leaflight.core.space_cells import code_cells
+from leaflight.core.radiosity.few_photons import CELL_BITS, FewPhotons
+from leaflight.core.scene.space_cells import code_cells
 
 PHOTON_W = 1e-4  # of each channel
 COLOUR = np.array([1.0, 0.5, 0.25])

@@ -1,7 +1,7 @@
 """Names of files: the pattern, and names that differ wherever they must."""
 
 import pytest
-from leaflight.core import file_names
+from leaflight.core.util import file_names
 
 
 def fill(pattern):

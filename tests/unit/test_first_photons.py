@@ -8,12 +8,14 @@ from concurrent.futures import Future
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver
-from leaflight.core import bake, executors, folders, rounds
-from leaflight.core.first_photons import FirstPhotons
-from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
-from leaflight.core.photon_shards import PhotonShard
-from leaflight.core.settings import Settings
-from leaflight.core.snapshot import save_snapshot
+from leaflight.core.bake import bake
+from leaflight.core.bake.first_photons import FirstPhotons
+from leaflight.core.bake.photon_shards import PhotonShard
+from leaflight.core.parallel import executors, folders
+from leaflight.core.scene.snapshot import save_snapshot
+from leaflight.core.transport import rounds
+from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.util.settings import Settings
 
 SETTINGS = Settings(size=32, padding=1, max_photons=20_000)
 

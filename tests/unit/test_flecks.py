@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core.flecks import clip_flecks
+from leaflight.core.filter.flecks import clip_flecks
 from trees import make_map, make_square_map
 
 RNG = np.random.default_rng(3)

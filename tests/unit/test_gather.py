@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from boxes import make_solver, room_mesh
 from floors import sigma_limit
-from leaflight.core import gather, workers
-from leaflight.core.scene import Light, Material
-from leaflight.core.settings import Settings
-from leaflight.core.tiles import Tiles
+from leaflight.core.integrate import gather, texel_shards
+from leaflight.core.scene.scene import Light, Material
+from leaflight.core.texels.tiles import Tiles
+from leaflight.core.util.settings import Settings
 from scenes import Mesh, box_mesh, make_scene, moved, quad_mesh
 
 SETTINGS = Settings(size=64, padding=1, gather=True)
@@ -32,7 +32,7 @@ def gather_known(solver, known, texel=None, tolerance=0.01, seed=1, smoothed=Tru
     texels = solver.tracing.texels
     texel = np.arange(len(texels.texel_chart)) if texel is None else texel
     tiles = Tiles.of(texels.texel_chart[texel], texels.texel_code[texel])
-    scene, rng = workers._open_gather_scene(str(solver.folder)), np.random.default_rng(seed)
+    scene, rng = texel_shards._open_gather_scene(str(solver.folder)), np.random.default_rng(seed)
     return gather.gather_light(scene, known, texel, rng, tolerance, tiles, smoothed)
 
 

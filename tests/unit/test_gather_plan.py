@@ -8,12 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver
-from leaflight.core import estimate, gather_plan, quadtree, reconstruct
-from leaflight.core.gather_plan import GatherPlan, know_light
-from leaflight.core.gathered import GatheredField
-from leaflight.core.ledger import Ledger
-from leaflight.core.settings import Settings
-from leaflight.core.tiles import Tiles
+from leaflight.core.bake import gather_plan
+from leaflight.core.bake.gather_plan import GatherPlan, know_light
+from leaflight.core.filter import estimate, reconstruct
+from leaflight.core.integrate.gathered import GatheredField
+from leaflight.core.radiosity import quadtree
+from leaflight.core.texels.tiles import Tiles
+from leaflight.core.transport.ledger import Ledger
+from leaflight.core.util.settings import Settings
 
 ASKED = Settings(error=0.02)
 LEDGER = Ledger(photons=10**6, told=1e6, rays=500_000)

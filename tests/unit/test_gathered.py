@@ -7,14 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh
-from leaflight.core import direct_shards, executors, resolve, texel_shards
-from leaflight.core.gather import GatheredLight, KnownLight
-from leaflight.core.gathered import GatheredField
-from leaflight.core.messages import Progress, Status
-from leaflight.core.scene import Light, Material
-from leaflight.core.settings import Settings
-from leaflight.core.solve import TRACING
-from leaflight.core.stop_rules import StopRules
+from leaflight.core.bake.solve import TRACING
+from leaflight.core.bake.stop_rules import StopRules
+from leaflight.core.integrate import direct_shards, texel_shards
+from leaflight.core.integrate.gather import GatheredLight, KnownLight
+from leaflight.core.integrate.gathered import GatheredField
+from leaflight.core.output import resolve
+from leaflight.core.parallel import executors
+from leaflight.core.scene.scene import Light, Material
+from leaflight.core.util.messages import Progress, Status
+from leaflight.core.util.settings import Settings
 from scenes import box_mesh, make_scene
 
 SETTINGS = Settings(size=128, padding=1, error=0.008)
@@ -124,7 +126,7 @@ def test_gathered_light_is_smoothed_as_fits_the_error_asked_for(tmp_path, monkey
 
 
 def test_gathering_tells_how_far_it_is_and_then_that_photons_fly(tmp_path, monkeypatch):
-    monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
+    monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", -1.0)
     told = []
     _, solver, _ = halt(tmp_path, monkeypatch, 10**6, tell=told.append, error=0.01)  # one pass
     count = len(solver.tracing.texels)

@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from leaflight.core import geometry
+from leaflight.core.util import geometry
 
 
 @pytest.mark.parametrize("scale", [1e-4, 1.0, 1e5])

@@ -5,7 +5,7 @@ import math
 import struct
 
 import pytest
-from leaflight.addon import gltf_file
+from leaflight.addon.gltf import gltf_file
 
 DOCUMENT = {
     "asset": {"version": "2.0"},

@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene
-from leaflight.core import digest, identity
-from leaflight.core.job import Job
-from leaflight.core.scene import Material, TextureImage
-from leaflight.core.settings import Settings
-from leaflight.core.snapshot import load_snapshot, save_snapshot
+from leaflight.core.scene import identity
+from leaflight.core.scene.scene import Material, TextureImage
+from leaflight.core.scene.snapshot import load_snapshot, save_snapshot
+from leaflight.core.util import digest
+from leaflight.core.util.job import Job
+from leaflight.core.util.settings import Settings
 
 JOB = Job(Settings(), "images", "room")
 WOOD = TextureImage("Wood", np.full((2, 3, 3), 0.5, np.float32), "REPEAT", False)

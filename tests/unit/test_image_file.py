@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from leaflight.core import encodings
-from leaflight.core.image_file import (
+from leaflight.core.output.image_file import (
     HALF_MAX,
     KINDS,
     is_complete_exr,
@@ -21,6 +20,7 @@ from leaflight.core.image_file import (
     suffix_of,
     write_image,
 )
+from leaflight.core.util import encodings
 
 pytestmark = pytest.mark.usefixtures("open_image_io")
 
@@ -163,7 +163,7 @@ def test_same_pixels_same_bytes(tmp_path: Path, kind: str, monkeypatch: pytest.M
 def test_bands_of_rows_make_the_same_file(tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pixels = np.random.default_rng(2).random((11, 4, 4), np.float32)
     write_image(tmp_path / "whole", pixels, {}, kind)
-    monkeypatch.setattr("leaflight.core.image_file._BAND_NUMBERS", 3 * 4 * 4)
+    monkeypatch.setattr("leaflight.core.output.image_file._BAND_NUMBERS", 3 * 4 * 4)
     write_image(tmp_path / "bands", pixels, {}, kind)
     assert (tmp_path / "bands").read_bytes() == (tmp_path / "whole").read_bytes()
     pixels[2, 0, 0] = pixels[7, 1, 2] = np.nan

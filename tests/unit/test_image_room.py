@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from boxes import lamp_scene
 from leaflight.core import bake
-from leaflight.core.image_file import read_image
-from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
-from leaflight.core.messages import Done, Status, Warning_
-from leaflight.core.settings import Settings
-from leaflight.core.snapshot import save_snapshot
+from leaflight.core.output.image_file import read_image
+from leaflight.core.scene.snapshot import save_snapshot
+from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.util.messages import Done, Status, Warning_
+from leaflight.core.util.settings import Settings
 
 pytestmark = pytest.mark.usefixtures("open_image_io")
 QUICK = Settings(size=32, padding=1, workers=1, error=0.3, max_photons=20_000)
@@ -94,7 +94,7 @@ def test_where_nothing_can_be_written_anywhere_the_first_reason_is_told(tmp_path
     def fail(path, *_, **__):
         raise OSError(f"{path}: cannot be written (planted)")
 
-    monkeypatch.setattr("leaflight.core.image_file.write_image", fail)
+    monkeypatch.setattr("leaflight.core.output.image_file.write_image", fail)
     with pytest.raises(OSError, match=r"job/images/room_0\.combined\.exr: cannot be written \(planted\)"):
         bake_scene(tmp_path / "job", lamp_scene())
     assert not (tmp_path / "job" / RESULT_FILE).exists()

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from leaflight.core.irradiance import cap_irradiance, ellipse_irradiance, point_irradiance, polygon_irradiance, sun_irradiance
+from leaflight.core.lights.irradiance import cap_irradiance, ellipse_irradiance, point_irradiance, polygon_irradiance, sun_irradiance
 
 UP = np.array([[0.0, 0.0, 1.0]])
 ORIGIN = np.zeros((1, 3))

@@ -3,9 +3,9 @@
 import dataclasses
 
 import pytest
-from leaflight.core import settings
-from leaflight.core.job import JOB_FILE, Job
-from leaflight.core.settings import Settings
+from leaflight.core.util import settings
+from leaflight.core.util.job import JOB_FILE, Job
+from leaflight.core.util.settings import Settings
 
 
 def another_value(knob):

@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boxes import lamp_scene
-from leaflight.addon import job
-from leaflight.addon.job import BakeProcess
-from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
-from leaflight.core.messages import Done, Error, Message, Progress, Status
-from leaflight.core.settings import Settings
-from leaflight.core.snapshot import save_snapshot
-from leaflight.core.threads import count_usable
+from leaflight.addon.app import job
+from leaflight.addon.app.job import BakeProcess
+from leaflight.core.scene.snapshot import save_snapshot
+from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.util.messages import Done, Error, Message, Progress, Status
+from leaflight.core.util.settings import Settings
+from leaflight.core.util.threads import count_usable
 from processes import PATIENCE_S, is_alive, wait_for_end
 
 ENDLESS = Settings(size=32, padding=1, error=1e-4, max_photons=10**12)
@@ -80,7 +80,7 @@ def no_copies(replace_bake: Callable[[str], None]) -> None:
         f"import pathlib, runpy\nmain = runpy.run_path({str(boot)!r}, run_name='boot')['main']\n"
         "if __name__ == '__main__':\n"
         "    sys.path += json.loads((pathlib.Path(sys.argv[1]) / 'sys_path.json').read_text())\n"
-        "    from leaflight.core import executors\n    executors.is_alone = lambda: False\n"
+        "    from leaflight.core.parallel import executors\n    executors.is_alone = lambda: False\n"
         "    sys.exit(main(pathlib.Path(sys.argv[1])))\n"
     )
 
@@ -206,7 +206,7 @@ def test_idle_workers_end_with_the_process_they_work_for(tmp_path, end):
     program.write_text(
         f"import os, runpy, signal, sys, time\nrunpy.run_path({str(boot)!r}, run_name=__name__ if __name__ != '__main__' else 'boot')\n"
         "if __name__ == '__main__':\n"
-        "    from leaflight.core.executors import make_executor\n"
+        "    from leaflight.core.parallel.executors import make_executor\n"
         "    executor = make_executor(2)\n"
         "    print(*{future.result() for future in [executor.submit(os.getpid) for _ in range(2)]}, flush=True)\n"
         "    print(*executor._pool._processes, flush=True)\n"
@@ -245,7 +245,7 @@ def test_what_is_lacking_is_named(dummy, reason, sentence):
     boot = Path(job.__file__).with_name("boot.py")
     process = dummy(
         f"import errno, pathlib, runpy\nmain = runpy.run_path({str(boot)!r}, run_name='boot')['main']\n"
-        "from leaflight.core import bake\n"
+        "from leaflight.core.bake import bake\n"
         f"def fail(*_): raise {reason}\n"
         "bake.run_bake = fail\nsys.exit(main(pathlib.Path(sys.argv[1])))\n"
     )
@@ -259,7 +259,7 @@ def test_the_process_keeps_what_it_frees(dummy):
     boot = Path(job.__file__).with_name("boot.py")
     process = dummy(
         f"import pathlib, runpy\nmain = runpy.run_path({str(boot)!r}, run_name='boot')['main']\n"
-        "from leaflight.core import bake, heap\nasked = []\n"
+        "from leaflight.core.bake import bake\nfrom leaflight.core.util import heap\nasked = []\n"
         "heap.keep_freed_memory = lambda **how: asked.append(how)\n"
         "def fail(*_): raise ValueError(f'asked {asked}')\n"
         "bake.run_bake = fail\nsys.exit(main(pathlib.Path(sys.argv[1])))\n"
@@ -271,7 +271,7 @@ def test_the_process_keeps_what_it_frees(dummy):
 @needs_proc
 def test_numpy_starts_no_threads_of_its_own(dummy):
     process = dummy(
-        "import os, numpy\nfrom leaflight.core.messages import Error, encode_message\n"
+        "import os, numpy\nfrom leaflight.core.util.messages import Error, encode_message\n"
         "numpy.ones((500, 500)) @ numpy.ones((500, 500))\n"
         "threads = len(os.listdir('/proc/self/task'))\n"
         "print(encode_message(Error(f'threads {threads}')), flush=True)\n"
@@ -285,7 +285,7 @@ def test_processes_that_were_started_ahead_are_closed_whatever_becomes_of_the_ba
     boot = Path(job.__file__).with_name("boot.py")
     process = dummy(
         f"import pathlib, runpy\nmain = runpy.run_path({str(boot)!r}, run_name='boot')['main']\n"
-        "from leaflight.core import bake, executors\n"
+        "from leaflight.core.bake import bake\nfrom leaflight.core.parallel import executors\n"
         "folder = pathlib.Path(sys.argv[1])\n"
         "class Ahead(executors.Ahead):\n"
         "    def __init__(self):\n        super().__init__()\n        (folder / 'ahead').touch()\n"

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from leaflight.core.emitters import WorldEmitter
-from leaflight.core.geometry import UnitBox
-from leaflight.core.joined_emitters import JoinedEmitters
-from leaflight.core.lights import make_light_emitter
-from leaflight.core.scene import Light
-from leaflight.core.scene_cover import SceneCover
+from leaflight.core.lights.emitters import WorldEmitter
+from leaflight.core.lights.joined_emitters import JoinedEmitters
+from leaflight.core.lights.lights import make_light_emitter
+from leaflight.core.scene.scene import Light
+from leaflight.core.scene.scene_cover import SceneCover
+from leaflight.core.util.geometry import UnitBox
 
 UNIT_BOX = UnitBox(np.array([1.0, 2.0, 3.0]), 0.25)
 COVER = SceneCover.around(np.array([[-0.5, -0.4, -0.3], [0.5, 0.4, 0.3]]))

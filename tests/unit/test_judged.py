@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from leaflight.core import judged
-from leaflight.core.judged import DARK_FLOOR, Judged, Parts, choose_lit, find_dark2
+from leaflight.core.texels import judged
+from leaflight.core.texels.judged import DARK_FLOOR, Judged, Parts, choose_lit, find_dark2
 from trees import make_map
 
 SIDE = 64  # texels

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boxes import lamp_scene
-from leaflight.core import bake, kept_bake
-from leaflight.core.checkpoint import INFO_FILE
-from leaflight.core.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
-from leaflight.core.kept_charts import find_charts_file
-from leaflight.core.messages import Warning_
-from leaflight.core.scene import Material
-from leaflight.core.settings import Settings
-from leaflight.core.snapshot import save_snapshot
+from leaflight.core.atlas.kept_charts import find_charts_file
+from leaflight.core.bake import bake, kept_bake
+from leaflight.core.bake.checkpoint import INFO_FILE
+from leaflight.core.scene.scene import Material
+from leaflight.core.scene.snapshot import save_snapshot
+from leaflight.core.util.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.util.messages import Warning_
+from leaflight.core.util.settings import Settings
 
 pytestmark = pytest.mark.usefixtures("open_image_io")
 SCENE = replace(lamp_scene(), materials=(Material("Snow", (2.0, 2.0, 2.0)),))  # it is clamped, which is a warning
@@ -81,7 +81,7 @@ def test_other_settings_are_another_bake(job, change):
 
 def test_another_scene_or_code_is_another_bake(job, monkeypatch):
     assert kept_bake.find_kept_bake(replace(SCENE, world_rgb=(0.1, 0.1, 0.1)), job) is None
-    monkeypatch.setattr("leaflight.core.digest.hash_code", lambda: "another version")
+    monkeypatch.setattr("leaflight.core.util.digest.hash_code", lambda: "another version")
     assert kept_bake.find_kept_bake(SCENE, job) is None
 
 
@@ -137,7 +137,7 @@ def test_it_is_noted_where_a_bake_has_no_state_to_keep(tmp_path, monkeypatch, ho
     """One that could not be written is no such bake: the next time there may be room."""
     place = tmp_path / "kept"
     if how == "large":
-        monkeypatch.setattr("leaflight.core.checkpoint._count_bytes", lambda _: 3 * 10**6)
+        monkeypatch.setattr("leaflight.core.bake.checkpoint._count_bytes", lambda _: 3 * 10**6)
     if how == "disk":
         place.write_text("a file, where the folder should be")
     passes = ("direct",) if how == "direct" else QUICK.passes

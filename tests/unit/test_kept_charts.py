@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boxes import lamp_scene
-from leaflight.core import bake, kept_charts
-from leaflight.core.chart_search import find_charts
-from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
-from leaflight.core.kept_charts import KeptCharts, find_charts_file
-from leaflight.core.messages import Warning_
-from leaflight.core.settings import Settings
-from leaflight.core.snapshot import save_snapshot
+from leaflight.core.atlas import kept_charts
+from leaflight.core.atlas.chart_search import find_charts
+from leaflight.core.atlas.kept_charts import KeptCharts, find_charts_file
+from leaflight.core.bake import bake
+from leaflight.core.scene.snapshot import save_snapshot
+from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.util.messages import Warning_
+from leaflight.core.util.settings import Settings
 from scenes import box_mesh, grid_mesh, make_scene, moved, sphere_mesh
 
 pytestmark = pytest.mark.usefixtures("open_image_io")
@@ -172,7 +173,7 @@ def test_charts_that_cannot_be_kept_are_told_and_the_bake_goes_on(bake_lamp, tmp
 def test_a_bake_that_is_stopped_before_there_is_light_keeps_them(bake_lamp, monkeypatch):
     """Who has waited for them once would wait again."""
     with monkeypatch.context() as patch:
-        patch.setattr("leaflight.core.bake.find_receivers", stop_here)
+        patch.setattr("leaflight.core.bake.bake.find_receivers", stop_here)
         with pytest.raises(KeyboardInterrupt):
             bake_lamp()
     assert bake_lamp()[0]["skipped"]["objects_unwrapped_before"] == 2

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core.lattices import list_lattices
+from leaflight.core.texels.lattices import list_lattices
 from trees import make_map, make_square_map
 
 SIDE = 32

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from leaflight.core.layer_check import check_layer, find_overlaps, label_charts, signed_areas
+from leaflight.core.atlas.layer_check import check_layer, find_overlaps, label_charts, signed_areas
 from scenes import grid_mesh, make_scene
 
 

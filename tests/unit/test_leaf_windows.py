@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from leaflight.core import quadtree
-from leaflight.core.leaf_windows import find_shares
-from leaflight.core.neighbours import Neighbours
+from leaflight.core.filter.leaf_windows import find_shares
+from leaflight.core.filter.neighbours import Neighbours
+from leaflight.core.radiosity import quadtree
 from trees import SquareBake
 
 

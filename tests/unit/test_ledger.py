@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from leaflight.core.ledger import ENERGY_NAMES, Ledger
-from leaflight.core.photon_log import Counters, EnergyAudit
+from leaflight.core.transport.ledger import ENERGY_NAMES, Ledger
+from leaflight.core.transport.photon_log import Counters, EnergyAudit
 
 
 def make_shard(photons, weight):

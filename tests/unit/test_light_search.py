@@ -5,21 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene
-from leaflight.core import checkpoint, direct_shards, executors, folders
-from leaflight.core.direct_field import DirectField
-from leaflight.core.direct_shards import ShotAhead
-from leaflight.core.first_photons import FirstPhotons
-from leaflight.core.job import SNAPSHOT_FILE, Job
-from leaflight.core.kept_charts import KeptCharts
-from leaflight.core.light_search import PREVIEW_FOLDER, LightSearch
-from leaflight.core.materials import SurfaceMaterials
-from leaflight.core.messages import Preview, Status
-from leaflight.core.needs import Needs
-from leaflight.core.receivers import find_receivers, lay_out
-from leaflight.core.settings import Settings
-from leaflight.core.snapshot import save_snapshot
-from leaflight.core.solve import Solver
-from leaflight.core.stages import Run
+from leaflight.core.atlas.kept_charts import KeptCharts
+from leaflight.core.bake import checkpoint
+from leaflight.core.bake.first_photons import FirstPhotons
+from leaflight.core.bake.light_search import PREVIEW_FOLDER, LightSearch
+from leaflight.core.bake.needs import Needs
+from leaflight.core.bake.receivers import find_receivers, lay_out
+from leaflight.core.bake.solve import Solver
+from leaflight.core.bake.stages import Run
+from leaflight.core.integrate import direct_shards
+from leaflight.core.integrate.direct_field import DirectField
+from leaflight.core.integrate.direct_shards import ShotAhead
+from leaflight.core.parallel import executors, folders
+from leaflight.core.scene.materials import SurfaceMaterials
+from leaflight.core.scene.snapshot import save_snapshot
+from leaflight.core.util.job import SNAPSHOT_FILE, Job
+from leaflight.core.util.messages import Preview, Status
+from leaflight.core.util.settings import Settings
 
 QUICK = Settings(size=32, padding=1, workers=1, error=0.3, max_photons=20_000)
 
@@ -134,7 +136,7 @@ def test_a_viewport_sees_light_before_all_else(seek):
 def test_a_bake_goes_on_from_a_kept_state(seek, tmp_path, monkeypatch):
     _, light, solver = seek()
     checkpoint.save_checkpoint(tmp_path / "state", solver, light.error)
-    monkeypatch.setattr("leaflight.core.preview.find_first_light", lambda *_: pytest.fail("there is light already"))
+    monkeypatch.setattr("leaflight.core.bake.preview.find_first_light", lambda *_: pytest.fail("there is light already"))
     more = replace(QUICK, max_photons=40_000, error=1e-3)
     again, better, _ = seek(more, resume=str(tmp_path / "state"), preview=True)
     assert list_stages(again) == ["preview", "photons"]  # what shadow rays found is there
@@ -143,6 +145,6 @@ def test_a_bake_goes_on_from_a_kept_state(seek, tmp_path, monkeypatch):
 
 
 def test_light_that_was_lost_is_warned_of(seek, monkeypatch):
-    monkeypatch.setattr("leaflight.core.light_search.state_lost", lambda light, settings: (light, [("Room", "is dark")]))
+    monkeypatch.setattr("leaflight.core.bake.light_search.state_lost", lambda light, settings: (light, [("Room", "is dark")]))
     run, *_ = seek()
     assert run.warnings == [("Room", "is dark")]

@@ -8,10 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import Patch, chi_square_sigmas, sigma_limit
-from leaflight.core.geometry import UnitBox
-from leaflight.core.lights import PointEmitter, SpotCone, make_light_emitter, sample_spot_drop, sample_spread_angle, spread_attenuation
-from leaflight.core.scene import Light
-from leaflight.core.scene_cover import SceneCover
+from leaflight.core.lights.lights import (
+    PointEmitter,
+    SpotCone,
+    make_light_emitter,
+    sample_spot_drop,
+    sample_spread_angle,
+    spread_attenuation,
+)
+from leaflight.core.scene.scene import Light
+from leaflight.core.scene.scene_cover import SceneCover
+from leaflight.core.util.geometry import UnitBox
 from scenes import box_mesh
 
 UNIT_BOX = UnitBox(np.array([1.0, 2.0, 3.0]), 0.25)  # 4 m wide

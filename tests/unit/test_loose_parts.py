@@ -5,8 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from leaflight.core import loose_parts
-from leaflight.core.loose_parts import LooseParts, find_loose_parts
+from leaflight.core.scene import loose_parts
+from leaflight.core.scene.loose_parts import LooseParts, find_loose_parts
 from scenes import Mesh, box_mesh, grid_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh, split_faces
 
 

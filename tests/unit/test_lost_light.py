@@ -5,9 +5,9 @@ from dataclasses import fields
 
 import pytest
 from boxes import make_solver, room_mesh
-from leaflight.core.lost_light import state_lost
-from leaflight.core.scene import Light, Material
-from leaflight.core.settings import Settings
+from leaflight.core.bake.lost_light import state_lost
+from leaflight.core.scene.scene import Light, Material
+from leaflight.core.util.settings import Settings
 from scenes import make_scene
 
 LAMP = Light("POINT", "Lamp", (0.2, 0.1, 0.0), power_rgb=(10.0, 10.0, 10.0), radius_m=0.02)

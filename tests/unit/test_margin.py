@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from leaflight.core.margin import add_margin, fill_margin
+from leaflight.core.texels.margin import add_margin, fill_margin
 
 
 def test_two_rings_on_an_asymmetric_page() -> None:

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from leaflight.core import materials
-from leaflight.core.scene import MAX_ALBEDO, Material, SceneObject, SceneSnapshot, TextureImage
+from leaflight.core.scene import materials
+from leaflight.core.scene.scene import MAX_ALBEDO, Material, SceneObject, SceneSnapshot, TextureImage
 
 # 3 texels wide, 5 high: a swapped axis cannot pass
 PIXELS = np.random.default_rng(1).random((5, 3, 3)).astype(np.float32)

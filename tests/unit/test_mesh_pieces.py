@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from leaflight.core import mesh_pieces
-from leaflight.core.mesh_pieces import is_dense, split_part
+from leaflight.core.atlas import mesh_pieces
+from leaflight.core.atlas.mesh_pieces import is_dense, split_part
 
 rng = np.random.default_rng(5)
 

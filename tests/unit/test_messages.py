@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from leaflight.core.messages import Done, Error, Preview, Progress, Status, Warning_, decode_message, encode_message
+from leaflight.core.util.messages import Done, Error, Preview, Progress, Status, Warning_, decode_message, encode_message
 
 MESSAGES = {
     "STATUS": Status("charts", "Unwrapping, 37%: Floor", 0.37),

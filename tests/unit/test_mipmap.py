@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from leaflight.core import mipmap
-from leaflight.core.mipmap import Mipmap, halve
-from leaflight.core.scene import TextureImage
+from leaflight.core.scene import mipmap
+from leaflight.core.scene.mipmap import Mipmap, halve
+from leaflight.core.scene.scene import TextureImage
 
 WHITE = (1.0, 1.0, 1.0)
 

@@ -4,8 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from leaflight.core import missing_light, quadtree, reading, reconstruct, refine, shrinkage
-from leaflight.core.judged import Judged
+from leaflight.core.filter import missing_light, reading, reconstruct
+from leaflight.core.radiosity import quadtree, refine, shrinkage
+from leaflight.core.texels.judged import Judged
 from trees import SIDE, SquareBake, current, even, glow, throw
 
 NONE = np.nan  # no such node above

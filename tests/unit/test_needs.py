@@ -6,16 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene
-from leaflight.core import bake, direct_quads
-from leaflight.core.image_file import read_image
-from leaflight.core.job import RESULT_FILE, SNAPSHOT_FILE, Job
-from leaflight.core.judged import BEST_TEXELS, DARK_FLOOR
-from leaflight.core.materials import SurfaceMaterials
-from leaflight.core.messages import Status
-from leaflight.core.needs import Needs
-from leaflight.core.scene import Light, Material, TextureImage
-from leaflight.core.settings import Settings
-from leaflight.core.snapshot import save_snapshot
+from leaflight.core.bake import bake
+from leaflight.core.bake.needs import Needs
+from leaflight.core.integrate import direct_quads
+from leaflight.core.output.image_file import read_image
+from leaflight.core.scene.materials import SurfaceMaterials
+from leaflight.core.scene.scene import Light, Material, TextureImage
+from leaflight.core.scene.snapshot import save_snapshot
+from leaflight.core.texels.judged import BEST_TEXELS, DARK_FLOOR
+from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.util.messages import Status
+from leaflight.core.util.settings import Settings
 
 pytestmark = pytest.mark.usefixtures("open_image_io")
 QUICK = Settings(size=32, padding=1, workers=1, error=0.3, max_photons=20_000)

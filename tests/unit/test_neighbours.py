@@ -2,9 +2,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from leaflight.core import quadtree
-from leaflight.core.neighbours import Neighbours
-from leaflight.core.texel_borders import TexelBorders
+from leaflight.core.filter.neighbours import Neighbours
+from leaflight.core.radiosity import quadtree
+from leaflight.core.texels.texel_borders import TexelBorders
 from trees import SquareBake
 
 

@@ -6,11 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from leaflight.core.direct_field import DirectField
-from leaflight.core.gathered import GatheredField
-from leaflight.core.judged import Parts
-from leaflight.core.next_rays import DIRECT_SHARE, choose_texels, have_look
-from leaflight.core.rounds import SPARE
+from leaflight.core.integrate.direct_field import DirectField
+from leaflight.core.integrate.gathered import GatheredField
+from leaflight.core.integrate.next_rays import DIRECT_SHARE, choose_texels, have_look
+from leaflight.core.texels.judged import Parts
+from leaflight.core.transport.rounds import SPARE
 
 ERROR = 0.1  # that is asked for
 LEAST = (DIRECT_SHARE * ERROR) ** 2  # below which rays are left as they are

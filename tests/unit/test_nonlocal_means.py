@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core.nonlocal_means import HALO, RADIUS, smooth_alike
+from leaflight.core.filter.nonlocal_means import HALO, RADIUS, smooth_alike
 
 SIDE = 24
 SIGMA = 0.1

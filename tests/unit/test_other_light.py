@@ -1,8 +1,8 @@
 """What is told of light beside direct light: no more than there is, from the leaves of a first round."""
 
 import numpy as np
-from leaflight.core.brightness import weigh_channels
-from leaflight.core.other_light import OtherLight
+from leaflight.core.integrate.other_light import OtherLight
+from leaflight.core.util.brightness import weigh_channels
 from trees import SquareBake, hill, hill_truth
 
 

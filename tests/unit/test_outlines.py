@@ -1,7 +1,7 @@
 import numpy as np
-from leaflight.core import outlines
-from leaflight.core.layer_check import label_charts
-from leaflight.core.outlines import measure_outlines, straighten_charts
+from leaflight.core.atlas import outlines
+from leaflight.core.atlas.layer_check import label_charts
+from leaflight.core.atlas.outlines import measure_outlines, straighten_charts
 from scenes import grid_mesh, make_scene
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-from leaflight.core.density_search import find_greatest_density
-from leaflight.core.packing import Page, place_charts, place_uv, shape_charts
+from leaflight.core.atlas.density_search import find_greatest_density
+from leaflight.core.atlas.packing import Page, place_charts, place_uv, shape_charts
 from plain_charts import rectangles, triangles
 from texel_gaps import check_gaps
 

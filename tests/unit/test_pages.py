@@ -7,10 +7,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from leaflight.core import encodings, pages
-from leaflight.core.image_file import HALF_MAX, read_image
-from leaflight.core.job import VIEWS_FOLDER, Job
-from leaflight.core.settings import IMAGE_FORMATS, Settings
+from leaflight.core.output import pages
+from leaflight.core.output.image_file import HALF_MAX, read_image
+from leaflight.core.util import encodings
+from leaflight.core.util.job import VIEWS_FOLDER, Job
+from leaflight.core.util.settings import IMAGE_FORMATS, Settings
 from scenes import make_scene, moved, quad_mesh
 
 pytestmark = pytest.mark.usefixtures("open_image_io")

@@ -1,7 +1,7 @@
 """What a shard reports, put together from pieces."""
 
 import numpy as np
-from leaflight.core.photon_log import PhotonLog
+from leaflight.core.transport.photon_log import PhotonLog
 
 RED = np.float32([[1.0], [0.0], [0.0]])
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from leaflight.core import photon_noise
-from leaflight.core.judged import Judged
-from leaflight.core.missing_light import AskedLight
-from leaflight.core.photon_noise import PhotonNoise, noise_correction
-from leaflight.core.reconstruct import Blend
+from leaflight.core.filter import photon_noise
+from leaflight.core.filter.missing_light import AskedLight
+from leaflight.core.filter.photon_noise import PhotonNoise, noise_correction
+from leaflight.core.filter.reconstruct import Blend
+from leaflight.core.texels.judged import Judged
 from trees import SquareBake, current, even, throw
 
 

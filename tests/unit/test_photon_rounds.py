@@ -6,9 +6,11 @@ from types import SimpleNamespace
 
 import pytest
 from boxes import lamp_scene, make_solver, solution_bytes, solve_scene
-from leaflight.core import executors, photon_shards, rounds
-from leaflight.core.photon_rounds import PhotonRounds
-from leaflight.core.settings import Settings
+from leaflight.core.bake import photon_shards
+from leaflight.core.bake.photon_rounds import PhotonRounds
+from leaflight.core.parallel import executors
+from leaflight.core.transport import rounds
+from leaflight.core.util.settings import Settings
 
 SETTINGS = Settings(size=32, padding=1, max_photons=600_000, error=1e-4)
 

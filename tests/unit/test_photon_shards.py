@@ -7,13 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh, to_bytes
-from leaflight.core import folders, photon_shards, photons, shared_arrays, traced_scene
-from leaflight.core.birth_cells import BirthCells
-from leaflight.core.photon_shards import PhotonResult, PhotonShard, trace_ahead, trace_photons
-from leaflight.core.scene import Light, Material
-from leaflight.core.settings import Settings
-from leaflight.core.splitting import Splitting
-from leaflight.core.tree_view import TreeView
+from leaflight.core.bake import photon_shards
+from leaflight.core.bake.photon_shards import PhotonResult, PhotonShard, trace_ahead, trace_photons
+from leaflight.core.parallel import folders, shared_arrays
+from leaflight.core.radiosity.splitting import Splitting
+from leaflight.core.radiosity.tree_view import TreeView
+from leaflight.core.scene.scene import Light, Material
+from leaflight.core.transport import photons, traced_scene
+from leaflight.core.transport.birth_cells import BirthCells
+from leaflight.core.util.settings import Settings
 from scenes import Mesh, make_scene, moved, quad_mesh
 
 SETTINGS = Settings(size=32, padding=1)

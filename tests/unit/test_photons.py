@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from floors import chi_square_sigmas, sigma_limit
-from leaflight.core import births, geometry, photon_log, photons, sampling
-from leaflight.core.birth_cells import BINS, BirthCells
-from leaflight.core.lights import Births
-from leaflight.core.materials import SurfaceMaterials
-from leaflight.core.scene import Material, SceneObject, SceneSnapshot, TextureImage
+from leaflight.core.lights.lights import Births
+from leaflight.core.scene.materials import SurfaceMaterials
+from leaflight.core.scene.scene import Material, SceneObject, SceneSnapshot, TextureImage
+from leaflight.core.transport import births, photon_log, photons
+from leaflight.core.transport.birth_cells import BINS, BirthCells
+from leaflight.core.util import geometry, sampling
 
 N = 40_000
 GREY = Material("Grey", (0.5, 0.5, 0.5))

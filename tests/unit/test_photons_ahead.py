@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from leaflight.core.photon_log import Counters, EnergyAudit, Groups, ShardHits
-from leaflight.core.photons_ahead import NotedPartings, fetch_hits, keep_hits
+from leaflight.core.transport.photon_log import Counters, EnergyAudit, Groups, ShardHits
+from leaflight.core.transport.photons_ahead import NotedPartings, fetch_hits, keep_hits
 
 
 @pytest.fixture

@@ -5,10 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import furnace_scene, lamp_scene, make_solver, prepare_folder
-from leaflight.core import preview, quadtree, resolve, traced_scene
-from leaflight.core.direct_field import DirectField
-from leaflight.core.preview import PreviewPages, find_first_light
-from leaflight.core.settings import Settings
+from leaflight.core.bake import preview
+from leaflight.core.bake.preview import PreviewPages, find_first_light
+from leaflight.core.integrate.direct_field import DirectField
+from leaflight.core.output import resolve
+from leaflight.core.radiosity import quadtree
+from leaflight.core.transport import traced_scene
+from leaflight.core.util.settings import Settings
 
 SETTINGS = Settings(size=32, padding=1, direct="photons", error=1e-4, max_photons=300_000, passes=("lighting",))
 

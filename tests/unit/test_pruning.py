@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene
-from leaflight.core.emitters import SceneCover
-from leaflight.core.geometry import UnitBox
-from leaflight.core.lights import make_light_emitter
-from leaflight.core.materials import SurfaceMaterials
-from leaflight.core.pruning import can_reach, prune_scene
-from leaflight.core.rays import RayScene
-from leaflight.core.scene import Light, Material, TextureImage
+from leaflight.core.lights.emitters import SceneCover
+from leaflight.core.lights.lights import make_light_emitter
+from leaflight.core.scene.materials import SurfaceMaterials
+from leaflight.core.scene.pruning import can_reach, prune_scene
+from leaflight.core.scene.rays import RayScene
+from leaflight.core.scene.scene import Light, Material, TextureImage
+from leaflight.core.util.geometry import UnitBox
 
 SCENE = lamp_scene()
 POINTS = SCENE.vertex_position

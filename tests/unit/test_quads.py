@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from floors import floor_tiles, morton_square
-from leaflight.core.quads import Quads, find_misfit, find_whole_quads, spread_over_texels
-from leaflight.core.tiles import Tiles
+from leaflight.core.texels.quads import Quads, find_misfit, find_whole_quads, spread_over_texels
+from leaflight.core.texels.tiles import Tiles
 
 SIDE = 64
 COUNT = SIDE * SIDE

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from leaflight.core import quadtree
-from leaflight.core.shared_arrays import IN_MEMORY, Room
+from leaflight.core.parallel.shared_arrays import IN_MEMORY, Room
+from leaflight.core.radiosity import quadtree
 from trees import SquareBake, make_map, make_square_map
 
 

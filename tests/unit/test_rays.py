@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from leaflight.core import geometry, rays, sampling
+from leaflight.core.scene import rays
+from leaflight.core.util import geometry, sampling
 
 TRIANGLE = np.array([[[0, 0, 0], [0.5, 0, 0], [0, 0.25, 0]]], np.float32)
 DOWN = np.array([[0, 0, -1]], np.float32)
@@ -105,7 +106,7 @@ _LITTLE_ROOM = """
 import resource
 from pathlib import Path
 import numpy as np
-from leaflight.core import rays
+from leaflight.core.scene import rays
 if {loaded}:
     rays.load_ahead()
 limit = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + {room}

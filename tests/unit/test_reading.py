@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from leaflight.core import quadtree, refine, shrinkage, tally
-from leaflight.core.judged import Judged
-from leaflight.core.reading import Reading, list_told
-from leaflight.core.squares import SquareLight
+from leaflight.core.filter.reading import Reading, list_told
+from leaflight.core.filter.squares import SquareLight
+from leaflight.core.radiosity import quadtree, refine, shrinkage, tally
+from leaflight.core.texels.judged import Judged
 from trees import hill, throw
 
 RULE = refine.Rule("significance", 0.5, 16, 2)

@@ -5,14 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, to_bytes
-from leaflight.core import creases, executors, folders, receivers, traced_scene
-from leaflight.core.job import LAYOUT_FILE, SNAPSHOT_FILE, Job
-from leaflight.core.kept_charts import KeptCharts
-from leaflight.core.messages import Status, Warning_
-from leaflight.core.receivers import find_receivers, lay_out
-from leaflight.core.settings import Settings
-from leaflight.core.snapshot import save_snapshot
-from leaflight.core.stages import Run
+from leaflight.core.atlas.kept_charts import KeptCharts
+from leaflight.core.bake import receivers
+from leaflight.core.bake.receivers import find_receivers, lay_out
+from leaflight.core.bake.stages import Run
+from leaflight.core.parallel import executors, folders
+from leaflight.core.scene.snapshot import save_snapshot
+from leaflight.core.texels import creases
+from leaflight.core.transport import traced_scene
+from leaflight.core.util.job import LAYOUT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.util.messages import Status, Warning_
+from leaflight.core.util.settings import Settings
 from processes import wait_until_ready
 from scenes import make_scene, quad_mesh
 
@@ -63,7 +66,7 @@ def test_nothing_to_unwrap_is_a_sentence_with_the_reason(run):
 
 
 def test_images_of_another_bake_are_told_of_but_not_noted(run, scene, monkeypatch):
-    monkeypatch.setattr("leaflight.core.earlier_bakes.describe_others", lambda job, names: ["these are another scene's"])
+    monkeypatch.setattr("leaflight.core.bake.earlier_bakes.describe_others", lambda job, names: ["these are another scene's"])
     lay_out(run, scene, SMALL, KeptCharts())
     assert Warning_("", "these are another scene's") in run.told
     assert run.warnings == []
@@ -78,7 +81,7 @@ def test_leaves_are_cut_where_the_block_stands_on_the_floor(run, scene):
 
 
 def test_two_processes_find_and_cut_the_same(run, scene, monkeypatch):
-    monkeypatch.setattr("leaflight.core.contact_search._LEAST", 100)
+    monkeypatch.setattr("leaflight.core.transport.contact_search._LEAST", 100)
     found = []
     for count in (1, 2):
         with executors.make_executor(count) as executor:
@@ -134,8 +137,11 @@ def test_texels_of_an_earlier_bake_in_the_folder_are_gone(run, scene):
 
 
 def test_what_charts_and_the_tree_warn_of_is_told_and_noted(run, scene, monkeypatch):
-    for name, warning in (("receivers.make_charts", ("Floor", "overlaps")), ("traced_scene.open_scene", ("Lamp", "is left out"))):
-        module, function = name.split(".")
+    for name, warning in (
+        ("bake.receivers.make_charts", ("Floor", "overlaps")),
+        ("transport.traced_scene.open_scene", ("Lamp", "is left out")),
+    ):
+        _, module, function = name.split(".")
         before = getattr({"receivers": receivers, "traced_scene": traced_scene}[module], function)
 
         def warned(*given, before=before, warning=warning):

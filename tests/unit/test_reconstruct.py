@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver
-from leaflight.core import quadtree, reconstruct
-from leaflight.core.leaf_windows import find_shares
-from leaflight.core.settings import Settings
+from leaflight.core.filter import reconstruct
+from leaflight.core.filter.leaf_windows import find_shares
+from leaflight.core.radiosity import quadtree
+from leaflight.core.util.settings import Settings
 from trees import SquareBake, even
 
 

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from leaflight.core import quadtree, refine
+from leaflight.core.radiosity import quadtree, refine
 from trees import SquareBake, even
 
 

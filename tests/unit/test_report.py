@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from leaflight.core import report
+from leaflight.core.output import report
 
 
 def test_each_object_that_takes_light_has_a_row():

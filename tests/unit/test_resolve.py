@@ -5,13 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver
-from leaflight.core import charts, resolve, solve, texel_map
-from leaflight.core.direct_field import DirectField
-from leaflight.core.materials import SurfaceMaterials
-from leaflight.core.scene import Material, TextureImage
-from leaflight.core.settings import DEBUG_PASSES, PASSES, Settings
-from leaflight.core.squares import SquareLight
-from leaflight.core.texels import build_texel_map
+from leaflight.core.atlas import charts
+from leaflight.core.bake import solve
+from leaflight.core.filter.squares import SquareLight
+from leaflight.core.integrate.direct_field import DirectField
+from leaflight.core.output import resolve
+from leaflight.core.scene.materials import SurfaceMaterials
+from leaflight.core.scene.scene import Material, TextureImage
+from leaflight.core.texels import texel_map
+from leaflight.core.texels.texels import build_texel_map
+from leaflight.core.util.settings import DEBUG_PASSES, PASSES, Settings
 from scenes import Mesh, make_scene
 from trees import SquareBake
 

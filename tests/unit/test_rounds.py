@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from leaflight.core.rounds import (
+from leaflight.core.transport.rounds import (
     EARLY_GROWTH,
     EARLY_PHOTONS,
     FIRST_NODE_PHOTONS,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from leaflight.core.coverage import clip_to_texels
-from leaflight.core.row_spans import find_row_spans
+from leaflight.core.util.coverage import clip_to_texels
+from leaflight.core.util.row_spans import find_row_spans
 
 COORDINATE = st.one_of(st.floats(0.0, 9.0), st.integers(0, 9).map(float))
 TRIANGLE = st.lists(st.tuples(COORDINATE, COORDINATE), min_size=3, max_size=3).map(np.array)

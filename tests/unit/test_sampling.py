@@ -7,7 +7,7 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 from floors import ALPHA, chi_square_sigmas
-from leaflight.core import sampling
+from leaflight.core.util import sampling
 
 BINS = 16
 SAMPLES = 200_000

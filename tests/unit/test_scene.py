@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from leaflight.core.scene import Material, SceneSnapshot, TextureImage
+from leaflight.core.scene.scene import Material, SceneSnapshot, TextureImage
 from scenes import box_scene, quad_scene
 
 ARRAYS = [field.name for field in dataclasses.fields(SceneSnapshot) if field.name.startswith(("vertex_", "tri_"))]

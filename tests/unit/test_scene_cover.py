@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core.scene_cover import SceneCover
+from leaflight.core.scene.scene_cover import SceneCover
 
 COVER = SceneCover(np.float32([-0.5, -0.25, -0.1]), np.float32([0.5, 0.25, 0.1]))
 

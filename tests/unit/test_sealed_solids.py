@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import room_mesh, solve_scene
-from leaflight.core import emitters, sealed_solids
-from leaflight.core.scene import Material
-from leaflight.core.sealed_solids import find_sealed
-from leaflight.core.settings import Settings
+from leaflight.core.lights import emitters
+from leaflight.core.scene import sealed_solids
+from leaflight.core.scene.scene import Material
+from leaflight.core.scene.sealed_solids import find_sealed
+from leaflight.core.util.settings import Settings
 from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh, split_faces
 
 LAMP = box_mesh("Lamp", (0.4, 0.2, 0.1))

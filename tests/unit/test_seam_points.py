@@ -2,9 +2,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from leaflight.core.charts import make_charts
-from leaflight.core.seam_points import find_seams
-from leaflight.core.settings import Settings
+from leaflight.core.atlas.charts import make_charts
+from leaflight.core.texels.seam_points import find_seams
+from leaflight.core.util.settings import Settings
 from scenes import HINGE_LEFT, HINGE_RIGHT, Mesh, box_mesh, grid_mesh, hinge_mesh, make_scene, moved, shade_smooth, sphere_mesh, split_faces
 
 

@@ -3,14 +3,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from leaflight.core.charts import make_charts
-from leaflight.core.creases import cut_at_creases
-from leaflight.core.materials import SurfaceMaterials
-from leaflight.core.resolve import Resolver, TexelLight, close_seams
-from leaflight.core.scene import Material
-from leaflight.core.seam_points import SeamPoints, find_seams
-from leaflight.core.settings import Settings
-from leaflight.core.texels import TexelMap, build_texel_map
+from leaflight.core.atlas.charts import make_charts
+from leaflight.core.output.resolve import Resolver, TexelLight, close_seams
+from leaflight.core.scene.materials import SurfaceMaterials
+from leaflight.core.scene.scene import Material
+from leaflight.core.texels.creases import cut_at_creases
+from leaflight.core.texels.seam_points import SeamPoints, find_seams
+from leaflight.core.texels.texels import TexelMap, build_texel_map
+from leaflight.core.util.settings import Settings
 from scenes import hinge_mesh, make_scene, shade_smooth, sphere_mesh
 from seam_steps import measure_step
 

@@ -4,7 +4,7 @@ import dataclasses
 import math
 
 import pytest
-from leaflight.core.settings import Settings
+from leaflight.core.util.settings import Settings
 
 KNOBS = dataclasses.fields(Settings)
 RANGED = [knob for knob in KNOBS if knob.metadata["low"] is not None]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from leaflight.core import shared_arrays
+from leaflight.core.parallel import shared_arrays
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from leaflight.core.sharing import find_blocks, find_copies, follow_charts, group_alike
-from leaflight.core.unwrap import Unwrapping
+from leaflight.core.atlas.sharing import find_blocks, find_copies, follow_charts, group_alike
+from leaflight.core.atlas.unwrap import Unwrapping
 from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, shared_mesh, split_faces
 
 BOX = box_mesh("Box", (1.0, 0.7, 0.4))

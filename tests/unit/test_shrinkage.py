@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core import shrinkage, tally
+from leaflight.core.radiosity import shrinkage, tally
 from trees import SquareBake, even
 
 ROOT = np.array([0])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from leaflight.core.geometry import triangle_normals_areas
-from leaflight.core.slender_triangles import cut_slender, find_between, find_corners, whole_parts
+from leaflight.core.scene.slender_triangles import cut_slender, find_between, find_corners, whole_parts
+from leaflight.core.util.geometry import triangle_normals_areas
 
 
 def corners_of(corner: np.ndarray, owner: np.ndarray, part: np.ndarray) -> np.ndarray:

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from leaflight.core.scene import Light, Material, SceneObject, SceneSnapshot, TextureImage
-from leaflight.core.snapshot import FORMAT_VERSION, load_snapshot, save_snapshot
-from leaflight.core.textures import lay_together
+from leaflight.core.scene.scene import Light, Material, SceneObject, SceneSnapshot, TextureImage
+from leaflight.core.scene.snapshot import FORMAT_VERSION, load_snapshot, save_snapshot
+from leaflight.core.scene.textures import lay_together
 
 
 def make_snapshot():

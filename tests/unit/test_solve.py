@@ -6,14 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh, solution_bytes, solve_scene
-from leaflight.core import direct_shards, estimate, executors, photon_shards, quadtree, refine, resolve, rounds, shrinkage, splitting, tally
-from leaflight.core.direct_shown import ShownDirect
-from leaflight.core.messages import Progress, Status
-from leaflight.core.photon_shards import PhotonShard
-from leaflight.core.rounds import EARLY_GROWTH, EARLY_PHOTONS, FIRST_ROUND_PHOTONS, ROUND_GROWTH
-from leaflight.core.scene import Light, Material
-from leaflight.core.settings import Settings
-from leaflight.core.solve import TRACING
+from leaflight.core.bake import photon_shards
+from leaflight.core.bake.photon_shards import PhotonShard
+from leaflight.core.bake.solve import TRACING
+from leaflight.core.filter import estimate
+from leaflight.core.filter.direct_shown import ShownDirect
+from leaflight.core.integrate import direct_shards
+from leaflight.core.output import resolve
+from leaflight.core.parallel import executors
+from leaflight.core.radiosity import quadtree, refine, shrinkage, splitting, tally
+from leaflight.core.scene.scene import Light, Material
+from leaflight.core.transport import rounds
+from leaflight.core.transport.rounds import EARLY_GROWTH, EARLY_PHOTONS, FIRST_ROUND_PHOTONS, ROUND_GROWTH
+from leaflight.core.util.messages import Progress, Status
+from leaflight.core.util.settings import Settings
 from scenes import box_mesh, make_scene, moved, quad_mesh
 
 SETTINGS = Settings(size=32, padding=1, max_photons=600_000, error=1e-4)
@@ -269,7 +275,7 @@ def test_rays_are_shot_again_where_they_err_most(tmp_path, monkeypatch, toleranc
 def test_rays_that_are_shot_again_are_told_of_and_can_be_stopped(tmp_path, monkeypatch):
     monkeypatch.setattr(direct_shards, "TOLERANCE", 20.0)
     monkeypatch.setattr(direct_shards, "SHARD_TEXELS", 8)
-    monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
+    monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", -1.0)
     words = []
 
     def tell(message):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core.space_cells import code_cells
+from leaflight.core.scene.space_cells import code_cells
 from scenes import Mesh, make_scene
 
 SIDE = 16

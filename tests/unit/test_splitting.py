@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from leaflight.core.birth_cells import BirthCells
-from leaflight.core.judged import Parts
-from leaflight.core.photon_log import Groups
-from leaflight.core.splitting import LEAST_FACTOR, MOST_FACTOR, SplitGuide, SplitTally, Splitting, weigh_deposits, weigh_groups
+from leaflight.core.radiosity.splitting import LEAST_FACTOR, MOST_FACTOR, SplitGuide, SplitTally, Splitting, weigh_deposits, weigh_groups
+from leaflight.core.texels.judged import Parts
+from leaflight.core.transport.birth_cells import BirthCells
+from leaflight.core.transport.photon_log import Groups
 from trees import SquareBake
 
 NO_ROOT = np.zeros(1, np.int64)  # the tree's one root is of object 0

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, prepare_folder
-from leaflight.core import estimate, squares
-from leaflight.core.quadtree import node_of_texel
-from leaflight.core.reconstruct import Blend
-from leaflight.core.settings import Settings
-from leaflight.core.squares import SquareLight, Squares, ToldBySquares, deposit_on_squares
-from leaflight.core.texel_map import LOOK
+from leaflight.core.filter import estimate, squares
+from leaflight.core.filter.reconstruct import Blend
+from leaflight.core.filter.squares import SquareLight, Squares, ToldBySquares, deposit_on_squares
+from leaflight.core.radiosity.quadtree import node_of_texel
+from leaflight.core.texels.texel_map import LOOK
+from leaflight.core.util.settings import Settings
 from stats import sigma_limit
 from trees import make_square_map
 

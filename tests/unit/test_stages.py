@@ -4,11 +4,11 @@ import math
 from pathlib import Path
 
 import pytest
-from leaflight.core.job import Job
-from leaflight.core.messages import Status, Warning_
-from leaflight.core.settings import Settings
-from leaflight.core.stages import Run
-from leaflight.core.words import Interrupted
+from leaflight.core.bake.stages import Run
+from leaflight.core.util.job import Job
+from leaflight.core.util.messages import Status, Warning_
+from leaflight.core.util.settings import Settings
+from leaflight.core.util.words import Interrupted
 
 FIRST, SECOND = Status("texels", "Measuring texels"), Status("write", "Writing images")
 
@@ -19,7 +19,7 @@ def open_run(told, should_stop=lambda: False):
 
 def test_a_stage_is_told_as_it_begins_and_its_parts_are_added_up(monkeypatch):
     clock = iter([1.0, 1.5, 2.0, 4.0, 10.0, 10.25])
-    monkeypatch.setattr("leaflight.core.stages.time.perf_counter", lambda: next(clock))
+    monkeypatch.setattr("leaflight.core.bake.stages.time.perf_counter", lambda: next(clock))
     told = []
     run = open_run(told)
     for said in (FIRST, SECOND, FIRST):
@@ -48,9 +48,9 @@ def test_what_is_warned_of_is_told_at_once_and_kept_in_order():
 def test_each_stage_has_a_watch_of_its_own_that_asks_whether_to_go_on(monkeypatch):
     told, asked = [], []
     run = open_run(told, lambda: bool(asked))
-    monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", math.inf)
+    monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", math.inf)
     early = run.watch()
-    monkeypatch.setattr("leaflight.core.words.SECONDS_BETWEEN_WORDS", -1.0)
+    monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", -1.0)
     early(FIRST, 0.25, "")
     assert [message.share for message in told] == [0.25]
     run.watch()(FIRST, 0.25, "")  # a watch of another stage has said nothing yet

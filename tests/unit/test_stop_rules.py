@@ -5,8 +5,8 @@ import time
 from types import SimpleNamespace
 
 import pytest
-from leaflight.core.settings import Settings
-from leaflight.core.stop_rules import StopRules
+from leaflight.core.bake.stop_rules import StopRules
+from leaflight.core.util.settings import Settings
 
 
 def rules(wished=False, age_s=0.0, **knobs):

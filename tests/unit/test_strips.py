@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from leaflight.core import strips
-from leaflight.core.strips import Strips
+from leaflight.core.texels import strips
+from leaflight.core.texels.strips import Strips
 from trees import make_square_map
 
 SIDE, RADIUS, HALO = 48, 4, 6

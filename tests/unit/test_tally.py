@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core import quadtree, tally
+from leaflight.core.radiosity import quadtree, tally
 from trees import SquareBake
 
 

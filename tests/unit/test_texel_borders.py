@@ -4,8 +4,8 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from leaflight.core.coverage import monomial_exponents
-from leaflight.core.texel_borders import OPPOSITE, WAYS, TexelBorders, whole_texel
+from leaflight.core.texels.texel_borders import OPPOSITE, WAYS, TexelBorders, whole_texel
+from leaflight.core.util.coverage import monomial_exponents
 
 COLUMNS = 3  # of a block of whole texels, entries by rows
 

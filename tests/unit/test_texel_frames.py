@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import prepare_folder
-from leaflight.core import folders, traced_scene
-from leaflight.core.scene import Light
-from leaflight.core.settings import Settings
-from leaflight.core.texel_frames import TexelFrames
+from leaflight.core.parallel import folders
+from leaflight.core.scene.scene import Light
+from leaflight.core.transport import traced_scene
+from leaflight.core.transport.texel_frames import TexelFrames
+from leaflight.core.util.settings import Settings
 from scenes import box_mesh, make_scene, quad_mesh
 
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)

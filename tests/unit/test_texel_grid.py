@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from leaflight.core.row_spans import RowSpans
-from leaflight.core.texel_grid import TexelGrid, build_grid, fill_border, interleave_bits, part_bits, step_codes
+from leaflight.core.texels.texel_grid import TexelGrid, build_grid, fill_border, interleave_bits, part_bits, step_codes
+from leaflight.core.util.row_spans import RowSpans
 
 RING = [(2, 2, 7), (3, 2, 4), (3, 5, 7), (4, 2, 4), (4, 5, 7), (5, 2, 7)]  # y, first x, end x
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from leaflight.core.texel_looks import TexelLooks, centred_strata
+from leaflight.core.texels.texel_looks import TexelLooks, centred_strata
 
 UNIT = np.array([[[0, 0]], [[1, 0]], [[0, 1]]], float).transpose(0, 2, 1)[:, :, [0] * 3]  # corner 0, edges to 1 and 2, of three texels
 

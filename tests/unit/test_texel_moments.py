@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from leaflight.core import texel_moments
-from leaflight.core.coverage import expand_ranges
-from leaflight.core.texel_moments import EvenSquares
+from leaflight.core.texels import texel_moments
+from leaflight.core.texels.texel_moments import EvenSquares
+from leaflight.core.util.coverage import expand_ranges
 from trees import make_square_map
 
 SIDE = 64

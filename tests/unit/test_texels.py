@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from leaflight.core import texels as module
-from leaflight.core.coverage import monomial_exponents
-from leaflight.core.texel_grid import interleave_bits
-from leaflight.core.texel_looks import centred_strata
-from leaflight.core.texels import TexelMap
+from leaflight.core.texels import texels as module
+from leaflight.core.texels.texel_grid import interleave_bits
+from leaflight.core.texels.texel_looks import centred_strata
+from leaflight.core.texels.texels import TexelMap
+from leaflight.core.util.coverage import monomial_exponents
 from trees import make_map
 from words_heard import check_every_word_is_heard
 

@@ -5,8 +5,8 @@ import itertools
 
 import numpy as np
 import pytest
-from leaflight.core.scene import TextureImage
-from leaflight.core.textures import Textures, clamp_colours, lay_together, sample_texture
+from leaflight.core.scene.scene import TextureImage
+from leaflight.core.scene.textures import Textures, clamp_colours, lay_together, sample_texture
 
 # 3 texels wide, 5 high: a swapped axis cannot pass
 PIXELS = np.random.default_rng(1).random((5, 3, 3)).astype(np.float32)

@@ -7,8 +7,8 @@ import threading
 from itertools import pairwise
 
 import pytest
-from leaflight.core.threads import count_usable, is_alone, run_on_threads, split_entries
-from leaflight.core.words import Interrupted
+from leaflight.core.util.threads import count_usable, is_alone, run_on_threads, split_entries
+from leaflight.core.util.words import Interrupted
 
 
 @pytest.mark.parametrize("count", [0, 1, 1 << 16, (1 << 16) + 1, 700_000, 1 << 21, 11_700_000])
@@ -94,7 +94,7 @@ def test_all_processors_are_usable_where_the_system_does_not_tell(monkeypatch):
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells")
 def test_a_process_is_alone_until_it_has_a_thread_that_works():
     lines = (
-        "from leaflight.core.threads import is_alone; import threading; e = threading.Event(); t = threading.Thread(target=e.wait); "
+        "from leaflight.core.util.threads import is_alone; import threading; e = threading.Event(); t = threading.Thread(target=e.wait); "
         "found = [is_alone()]; t.start(); found.append(is_alone()); e.set(); t.join(); print(found)"
     )
     said = subprocess.run([sys.executable, "-c", lines], capture_output=True, text=True, check=True)

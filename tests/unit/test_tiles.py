@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from floors import floor_looks, floor_tiles, morton_square
-from leaflight.core import tiles as tiles_module
-from leaflight.core.tiles import NODE_WEIGHTS, TILE_CORNERS, TILE_NODES, TILE_SIDE, TILE_SURFACES, TILE_TEXELS, Tiles, find_calm
+from leaflight.core.texels import tiles as tiles_module
+from leaflight.core.texels.tiles import NODE_WEIGHTS, TILE_CORNERS, TILE_NODES, TILE_SIDE, TILE_SURFACES, TILE_TEXELS, Tiles, find_calm
 
 
 class TestTiles:

@@ -1,7 +1,7 @@
 """Sentences of the panel and what each is about."""
 
 import pytest
-from leaflight.core.told import Told, group_warnings, match_name, split_error, tell
+from leaflight.core.util.told import Told, group_warnings, match_name, split_error, tell
 
 
 def test_warnings_about_many_objects_are_one_sentence():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core.topology import find_ends, find_groups_with_twins, join_open_sides, join_sets, pair_sides
+from leaflight.core.scene.topology import find_ends, find_groups_with_twins, join_open_sides, join_sets, pair_sides
 from scenes import Mesh, box_mesh, grid_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh, split_faces
 
 RNG = np.random.default_rng(7)

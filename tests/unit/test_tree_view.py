@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from leaflight.core import quadtree
-from leaflight.core.tree_view import TreeView
+from leaflight.core.radiosity import quadtree
+from leaflight.core.radiosity.tree_view import TreeView
 from trees import make_square_map
 
 

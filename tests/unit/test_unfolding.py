@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from leaflight.core import unfolding
-from leaflight.core.layer_check import signed_areas
-from leaflight.core.unfolding import Unfolder, UnfolderDied, unfold_meshes
+from leaflight.core.atlas import unfolding
+from leaflight.core.atlas.layer_check import signed_areas
+from leaflight.core.atlas.unfolding import Unfolder, UnfolderDied, unfold_meshes
 
 SQUARE = (np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32), np.array([[0, 1, 2], [0, 2, 3]], np.uint32))
 NOTHING = (np.zeros((3, 3), np.float32), np.array([[0, 1, 2]], np.uint32))

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from leaflight.core import unwrap as unwrap_module
-from leaflight.core.geometry import triangle_normals_areas
-from leaflight.core.layer_check import find_overlaps, signed_areas
-from leaflight.core.unwrap import Unwrapping
+from leaflight.core.atlas import unwrap as unwrap_module
+from leaflight.core.atlas.layer_check import find_overlaps, signed_areas
+from leaflight.core.atlas.unwrap import Unwrapping
+from leaflight.core.util.geometry import triangle_normals_areas
 from scenes import Mesh, box_mesh, grid_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh
 
 

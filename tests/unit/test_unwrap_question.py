@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from leaflight.core import unfolding, unwrap_question, xatlas_process
-from leaflight.core.geometry import triangle_normals_areas
-from leaflight.core.unfolding import Unfolder, UnfolderDied
-from leaflight.core.unwrap_question import Question
+from leaflight.core.atlas import unfolding, unwrap_question, xatlas_process
+from leaflight.core.atlas.unfolding import Unfolder, UnfolderDied
+from leaflight.core.atlas.unwrap_question import Question
+from leaflight.core.util.geometry import triangle_normals_areas
 from scenes import Mesh, box_mesh, grid_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh
 
 PRISM = Mesh(  # of six sides: neighbours are 60 degrees apart, which xatlas may put into one chart

@@ -1,7 +1,7 @@
 import pytest
-from leaflight.core import words
-from leaflight.core.messages import Status
-from leaflight.core.words import Interrupted, Words, stretch, unwatched
+from leaflight.core.util import words
+from leaflight.core.util.messages import Status
+from leaflight.core.util.words import Interrupted, Words, stretch, unwatched
 
 SAID = Status("charts", "Unwrapping")
 

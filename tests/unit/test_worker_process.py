@@ -11,8 +11,8 @@ from functools import partial
 from itertools import takewhile
 
 import pytest
-from leaflight.addon import boot
-from leaflight.core import worker_process
+from leaflight.addon.app import boot
+from leaflight.core.parallel import worker_process
 from processes import is_alive, wait_for_end
 
 # A main process of one thread, with a copy of it, which is asked for some lines of Python. Numpy would start threads of its own.

@@ -5,9 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, prepare_folder, to_bytes
-from leaflight.core import emitters, folders, shared_arrays, texel_shards, traced_scene
-from leaflight.core.scene import SceneObject
-from leaflight.core.settings import Settings
+from leaflight.core.integrate import texel_shards
+from leaflight.core.lights import emitters
+from leaflight.core.parallel import folders, shared_arrays
+from leaflight.core.scene.scene import SceneObject
+from leaflight.core.transport import traced_scene
+from leaflight.core.util.settings import Settings
 
 SETTINGS = Settings(size=32, padding=1)
 

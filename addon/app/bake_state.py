@@ -1,0 +1,242 @@
+"""The bake that runs, or the last one, as operators drive it and the panel shows it; no bpy here."""
+
+from __future__ import annotations
+
+import math
+import queue
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from ...core.util.messages import Done, Error, Message, Preview, Progress, Status, Warning_
+from .console import describe_error
+
+
+class Process(Protocol):
+    """What a bake's state needs of job.BakeProcess."""
+
+    def messages(self) -> Iterator[Message]: ...
+    def cancel(self) -> None: ...
+    def kill(self) -> None: ...
+
+
+@dataclass(frozen=True)
+class Worn:
+    """What is told of the bake that a scene wears: lines of its result, and its warnings (subject, sentence)."""
+
+    lines: tuple[str, ...] = ()
+    warnings: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass
+class BakeState:
+    """One bake: begin, then drain or wait until it gives how the bake ended, then end.
+
+    scene       session_uid of the scene that is baked, here and in `worn`
+    worn        the last bake of each scene that came to a result: those that fail or are thrown away change nothing
+    stopping    the best so far was asked for
+    discarded   the child was killed at the user's wish: that is no error
+    notice      what the user has to do before the result can be shown, "" nothing
+    previews    the newest file of each page that has not been shown yet
+    result      the core's result file, once it is on the objects; `seconds` is then the whole bake's
+    """
+
+    scene: int = 0
+    worn: dict[int, Worn] = field(default_factory=dict)
+    stage: str = ""
+    progress: Progress | None = None
+    fraction: float = 0.0
+    stopping: bool = False
+    discarded: bool = False
+    notice: str = ""
+    error: str = ""
+    warnings: list[tuple[str, str]] = field(default_factory=list)
+    result: dict[str, Any] | None = None
+    seconds: float = 0.0
+    target: float = 0.0
+    previews: dict[int, str] = field(default_factory=dict)
+    _share: float = 0.0  # of the light that is gathered, which the error that photons had says nothing of
+    _before: float = 0.0  # fraction, when that began
+    _began: float = 0.0
+    _process: Process | None = None
+    _queue: queue.SimpleQueue[Message] = field(default_factory=queue.SimpleQueue)
+
+    @property
+    def running(self) -> bool:
+        """Whether a bake is under way, from its start until its result is on the objects."""
+        return self._process is not None
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the bake began."""
+        return time.monotonic() - self._began
+
+    def clear(self) -> None:
+        """Forget all bakes; one that runs is killed."""
+        self.worn = {}
+        self.forget()
+
+    def forget(self, scene: int = 0) -> None:
+        """Forget the last bake, but for what scenes wear; one that runs is killed. The next one is of `scene`."""
+        self.discard()
+        self.__init__(scene, self.worn)  # type: ignore[misc]  # the panel and the operators hold this very object
+
+    def begin(self, process: Process, began: float, warnings: list[tuple[str, str]], target: float = 0.0, scene: int = 0) -> None:
+        """Listen to a process that has just been started; `began` is a time.monotonic(), `target` the error asked for."""
+        self.forget(scene)
+        self.target = target
+        self.stage, self._began, self._process = "Starting", began, process
+        self.warnings = list(warnings)
+        threading.Thread(target=_listen, args=(process, self._queue), daemon=True).start()
+
+    def begin_kept(self, messages: list[Message], began: float, warnings: list[tuple[str, str]], scene: int = 0) -> Done | Error | None:
+        """A bake that need not be done; gives its last message."""
+        self.forget(scene)
+        self._began, self.warnings = began, list(warnings)
+        for message in messages:
+            self._queue.put(message)
+        return self.drain()
+
+    def fail(self, error: str, scene: int = 0) -> None:
+        """A bake that could not even begin."""
+        self.forget(scene)
+        self.error = error
+
+    def drain(self) -> Done | Error | None:
+        """Hear all messages that have come; gives the last one of the bake when it was among them."""
+        while not self._queue.empty():
+            ended = self._hear(self._queue.get())
+            if ended:
+                return ended
+        return None
+
+    def take_previews(self) -> dict[int, str]:
+        """Files by page that came since the last time."""
+        taken, self.previews = self.previews, {}
+        return taken
+
+    def wait(self) -> Done | Error:
+        """Hear messages until the bake has ended."""
+        while True:
+            ended = self._hear(self._queue.get())
+            if ended:
+                return ended
+
+    def cancel(self) -> None:
+        """Ask for the best so far."""
+        if self._process is not None and not self.stopping:
+            self.stopping = True
+            self._process.cancel()
+
+    def discard(self) -> None:
+        """End the bake at once, without a result."""
+        if self._process is not None:
+            self.discarded = True
+            self._process.kill()
+
+    def end(self, error: str = "", result: dict[str, Any] | None = None) -> None:
+        """The bake is over; its folder is no longer needed."""
+        self.error, self.result, self.seconds = error, result, self.elapsed
+        self.notice, self._process = "", None
+        if result is not None:
+            self.worn[self.scene] = Worn(tuple(self.summarize()), tuple(self.warnings))
+
+    def _hear(self, message: Message) -> Done | Error | None:
+        match message:
+            case Status(stage, text, share):
+                self.stage = text
+                if self.progress and stage == "photons":  # else what follows is not known yet
+                    if share < self._share:  # another look at the texels
+                        self._before = self.fraction
+                    self._share = share
+                    self.fraction = max(self.fraction, self._before + _GATHERED * share * (1.0 - self._before))
+            case Progress():
+                self.progress = message
+                self._share = 0.0
+                self._before = self.fraction = max(
+                    self.fraction, message.fraction
+                )  # a new stage of refinement may know better and fall back
+            case Preview(page, path):
+                self.previews[page] = path
+            case Warning_(subject, text):
+                self.warnings.append((subject, text))
+            case Done() | Error():
+                return message
+        return None
+
+    def describe(self) -> tuple[str, str]:
+        """Text for the progress bar, and a line below it."""
+        if self.notice:
+            return "100%", self.notice
+        progress, stage = self.progress, "Finishing with the best so far" if self.stopping else self.stage
+        if progress is None:
+            return f"{self.elapsed:.0f} s", stage
+        bar = f"{self.fraction:.0%}"
+        if self.stopping:
+            return bar, stage
+        if math.isfinite(progress.seconds_left) and self.fraction < 1.0 and not self._share:
+            bar += f", {describe_seconds(progress.seconds_left)} left"
+        line = f"{stage}: {describe_count(progress.photons)}"
+        return bar, line + (f", error {progress.estimated_error:.1%}" if math.isfinite(progress.estimated_error) else "")
+
+    def describe_pace(self) -> str:
+        """A line about how fast it goes and how far it has to go; "" while no photon flies, as when a bake begins to go on."""
+        if self.progress is None or self.notice or self.stopping or not self.progress.photons_per_s:
+            return ""
+        pace = f"{describe_count(round(self.progress.photons_per_s))} photons/s"
+        return f"{pace}, to an error of {self.target:.1%}" if self.target else pace
+
+    def describe_worn(self, scene: int) -> tuple[str, ...]:
+        """Lines about the bake that a scene wears; empty where nothing is known of it, as of a file that was opened."""
+        return self.worn.get(scene, Worn()).lines
+
+    def list_warnings(self, scene: int, has_bake: bool) -> list[tuple[str, str]]:
+        """What is to be told beside a scene: of its bake that runs or has failed, else of the one that it wears."""
+        if scene == self.scene and (self.running or (self.error and self.warnings)):
+            return self.warnings
+        return list(self.worn.get(scene, Worn()).warnings) if has_bake else []
+
+    def summarize(self) -> list[str]:
+        """Lines about the last result; empty without one."""
+        result = self.result
+        if result is None:
+            return []
+        why = result["stopped_by"]
+        lines = [("Stopped after " if why == "interrupted" else "Baked in ") + describe_seconds(self.seconds)]
+        if result["skipped"]["bake"]:
+            lines = [self.stage]
+        error, *more = describe_error(result)
+        lines += [error + _REASONS.get(why, ""), *more]
+        leaves = result["leaves"]
+        lines.append(f"{leaves:,} {'leaf' if leaves == 1 else 'leaves'}, {describe_count(result['photons'])} photons")
+        pages, size = result["pages"], result["page_size"]
+        lines.append(f"{pages} page{'s' if pages > 1 else ''} of {size} x {size} texels")
+        return lines
+
+
+_GATHERED = 0.8  # of the way to the error asked for, that light which is gathered once goes: some texels' has to be so again
+_REASONS = {"max_photons": ", stopped at Max Photons", "time_limit": ", stopped at Time Limit"}
+
+
+def describe_count(count: int) -> str:
+    """A number of photons for a narrow panel."""
+    return f"{count / 1e6:.2f} M" if count >= 1e5 else f"{count:,}"
+
+
+def describe_seconds(seconds: float) -> str:
+    """A duration for a person."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest:02d} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def _listen(process: Process, heard: queue.SimpleQueue[Message]) -> None:
+    try:
+        for message in process.messages():
+            heard.put(message)
+    except (ValueError, OSError) as reason:  # a line that is no message, or a pipe that broke: nothing to wait for any more
+        process.kill()
+        heard.put(Error(f"The baking process cannot be understood ({reason}): this is a fault of Leaflight's, please report it."))

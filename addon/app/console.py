@@ -1,0 +1,79 @@
+"""Messages of a bake as lines on standard error."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ...core.util.messages import Done, Error, Message, Preview, Progress, Status, Warning_
+
+_NAMED = 3  # files in one line
+_ENDS = {  # LightField.stopped_by -> where it ended, and what to raise
+    "max_photons": ("--max-photons", "--max-photons or --error"),
+    "time_limit": ("--time-limit", "--time-limit or --error"),
+    "max_rays": ("the most shadow rays that a texel takes", "--error"),
+}
+
+
+def print_message(message: Message, quiet: bool) -> None:
+    """One line for a person; with `quiet` only warnings and errors."""
+    line = _line(message, quiet)
+    if line:
+        print(f"leaflight: {line}", file=sys.stderr, flush=True)
+
+
+def _line(message: Message, quiet: bool) -> str:
+    match message:
+        case Warning_(subject, text):
+            return f"warning: {text if text.startswith(subject) else f'{subject}: {text}'}"
+        case Error(text):
+            return f"error: {text}"
+        case Status(text=text) if not quiet:
+            return text
+        case Progress() if not quiet:
+            return describe_progress(message)
+        case Status() | Progress() | Preview() | Done():
+            return ""
+
+
+def describe_miss(stopped_by: str, error: float, asked: float) -> str:
+    """A sentence about a bake that ended before it had the relative error asked for; "" where it has."""
+    if stopped_by not in _ENDS or error <= asked:
+        return ""
+    end, remedy = _ENDS[stopped_by]
+    percent = (100.0 * error, 100.0 * asked)
+    digits = next((n for n in range(2, 9) if f"{percent[0]:.{n}g}" != f"{percent[1]:.{n}g}"), 9)
+    reached, wanted = (f"{value:.{digits}g} %" for value in percent)
+    found = f"with an error of {reached}" if math.isfinite(error) else "before its error could be told"
+    return f"stopped at {end} {found}, where {wanted} was asked for; raise {remedy}"
+
+
+def describe_error(result: dict[str, Any]) -> list[str]:
+    """Lines about the error of a bake, and of the object that errs most beside its own brightness where that is more."""
+    error, known = result["estimated_error"], [one for one in result["objects"] if one["estimated_error"] is not None]
+    worst = max(known, key=lambda one: one["estimated_error"], default=None)
+    if result["error_of"] == "objects":
+        return [f"Error {error:.1%} of the worst object", *([f"This is {worst['name']}"] if worst else [])]
+    if worst is None or not worst["estimated_error"] > error:
+        return [f"Error {error:.1%}"]
+    return [f"Error {error:.1%} of the whole", f"Most by itself: {worst['name']}, {worst['estimated_error']:.0%}"]
+
+
+def describe_files(paths: Sequence[str]) -> str:
+    """Where the images of a bake are, all in one folder."""
+    names = [Path(path).name for path in paths]
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return f"{len(names)} image{'' if len(names) == 1 else 's'} in {Path(paths[0]).parent}: {', '.join(names[:_NAMED])}{more}"
+
+
+def describe_progress(progress: Progress) -> str:
+    """Percentage, photons a second, estimated error and time left."""
+    parts = [f"{progress.fraction:4.0%}", f"{progress.photons / 1e6:.2f} M photons", f"{progress.photons_per_s / 1e6:.2f} M/s"]
+    if math.isfinite(progress.estimated_error):
+        parts.append(f"error {progress.estimated_error:.1%}")
+    if math.isfinite(progress.seconds_left):
+        parts.append(f"{progress.seconds_left:.0f} s left")
+    return "  ".join(parts)

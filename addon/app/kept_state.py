@@ -1,0 +1,70 @@
+"""The state that is kept of the bake which a scene wears, for Refine to go on from."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import bpy
+
+from ...core.bake.checkpoint import INFO_FILE, read_info, remove_checkpoint
+from ..read.tags import STATE, STATE_OF, remove_marks
+from ..show.layout import worn_folder
+from .arguments import BakeRequest
+
+MOST_MB = 1000  # a larger state is not kept beside an artist's images
+REFINED = 0.5  # of the error so far, where the panel does not ask for less
+
+
+def mark_state(scene: bpy.types.Scene, request: BakeRequest) -> None:
+    """Remember where the state of the bake that the scene wears is, if it was kept."""
+    remove_marks(scene)
+    if request.keep is None or not (request.keep / INFO_FILE).is_file():
+        return
+    folder, images = request.keep.resolve(), worn_folder(scene)
+    beside = images is not None and images.drive.lower() == folder.drive.lower()
+    scene[STATE] = Path(os.path.relpath(folder, images)).as_posix() if beside else str(folder)
+    scene[STATE_OF] = Path(bpy.data.filepath).stem
+
+
+def find_state(scene: bpy.types.Scene) -> Path | None:
+    """Folder of the state that the scene's bake can be gone on from; None where nothing is kept."""
+    if STATE not in scene:
+        return None
+    folder = (worn_folder(scene) or Path()) / scene[STATE]
+    return folder.resolve() if folder.is_absolute() and (folder / INFO_FILE).is_file() else None
+
+
+def has_state(scene: bpy.types.Scene) -> bool:
+    """Whether the scene's bake can be gone on with."""
+    return find_state(scene) is not None
+
+
+def refine_request(scene: bpy.types.Scene, request: BakeRequest) -> BakeRequest:
+    """The request of a bake, changed to go on from the state to the panel's error, or to half the error so far.
+
+    Raises ValueError with a sentence where there is no state.
+    """
+    folder = find_state(scene)
+    info = read_info(folder) if folder else None
+    if info is None:
+        raise ValueError("nothing is kept of this bake that could be gone on with: bake it again.")
+    asked = request.settings
+    error = asked.error if asked.error < info.error else max(REFINED * info.error, 1e-4)
+    settings = replace(asked, error=error, max_photons=asked.max_photons + info.photons)
+    return replace(request, settings=settings, resume=folder)
+
+
+def remove_state(scene: bpy.types.Scene) -> None:
+    """Delete the state of the scene's bake from disk, if no other .blend or scene may want to go on from it, and forget it."""
+    folder = find_state(scene)
+    if folder and not _is_shared(scene, folder):
+        remove_checkpoint(folder)
+    remove_marks(scene)
+
+
+def _is_shared(scene: bpy.types.Scene, folder: Path) -> bool:
+    """Whether it is the state of the .blend that this one was saved from under another name, or of a scene that this is a copy of."""
+    kept_by = scene.get(STATE_OF, "")
+    return kept_by not in ("", Path(bpy.data.filepath).stem) or any(find_state(one) == folder for one in bpy.data.scenes if one != scene)

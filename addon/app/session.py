@@ -1,0 +1,226 @@
+"""One bake as Blender sees it: the scene goes out to a folder, and what comes back is put on its objects.
+
+Between the two only names and numbers are kept: undo, or a file that is opened meanwhile, makes references invalid.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import bpy
+from mathutils import Matrix
+
+from ...core.bake.checkpoint import INFO_FILE
+from ...core.bake.kept_bake import KeptBake, find_kept_bake
+from ...core.scene.snapshot import save_snapshot
+from ...core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from ...core.util.messages import Done, Message, Status, Warning_
+from ..read import baked_copies, export_scene
+from ..read.export_pieces import walk_pieces
+from ..read.export_receivers import LINKED
+from ..read.render_levels import evaluate_for_render
+from ..show import images, materials_write, restore
+from ..show.layers_write import write_layers
+from ..show.layout import Layout, mark_layout, read_layout
+from . import spare_images
+from .arguments import BakeRequest
+from .kept_state import mark_state
+
+Warnings = list[tuple[str, str]]
+_LEAST_BYTES = 1024  # of a folder that has room
+
+
+@dataclass(frozen=True)
+class Session:
+    """A bake under way in `folder`.
+
+    kept   the last bake, where nothing has changed since and its result is in the folder already
+    """
+
+    folder: Path
+    request: BakeRequest
+    export: export_scene.ExportResult
+    kept: KeptBake | None = None
+
+
+def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> Session:
+    """Export the scene and write the job, or what an earlier bake of the same gave.
+
+    Raises ValueError with a sentence when there is nothing to bake, OSError when the output folder cannot be written.
+    """
+    check_folder(request.output)
+    scene = context.scene
+    shown = restore.is_preview_on(scene)
+    if shown:  # an earlier bake must not be baked
+        restore.toggle_preview(scene, False)
+    try:
+        export = export_scene.export_scene(context, list(request.objects) or None, request.uv_layer or None)
+    finally:
+        if shown:
+            restore.toggle_preview(scene, True)
+    name = request.name or Path(bpy.data.filepath).stem or (request.scene.stem if request.scene else "lightmap")
+    resume, keep = (str(path.resolve()) if path else "" for path in (request.resume, request.keep))
+    blend = bpy.data.filepath or str(request.scene.resolve() if request.scene else "")
+    job = Job(request.settings, str(request.output.resolve()), name, request.preview, resume, keep, request.keep_mb, blend)
+    kept = None if request.settings.force or resume else find_kept_bake(export.snapshot, job)
+    if kept and _lacks_state(job, kept):
+        kept = None
+    try:
+        if kept is None:
+            save_snapshot(folder / SNAPSHOT_FILE, export.snapshot)
+            job.save(folder)
+        else:
+            kept.restore(folder)
+    except OSError as reason:
+        raise OSError(
+            f"{folder}: the scene cannot be kept there ({reason.strerror}); make room, or set TMPDIR to another folder."
+        ) from reason
+    return Session(folder, request, export, kept)
+
+
+def _lacks_state(job: Job, kept: KeptBake) -> bool:
+    """Whether a state is asked for that is not there any more, or never was, and that the bake would give."""
+    if not job.keep or Path(job.keep, INFO_FILE).exists():
+        return False
+    return not (job.keep_mb and kept.stateless)  # the panel keeps a state only if it is small
+
+
+def check_folder(folder: Path) -> None:
+    """Make the folder and try it, before minutes go into a bake.
+
+    Raises OSError with a sentence when nothing can be written there.
+    """
+    probe = folder / ".leaflight_probe"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.write_bytes(bytes(_LEAST_BYTES))  # a full disk still makes empty files
+        probe.unlink(missing_ok=True)  # another bake that begins here may have taken it away
+    except OSError as reason:
+        raise OSError(f"{folder}: is no folder that can be written ({reason.strerror}); choose another one.") from reason
+
+
+def check_file(file: Path) -> None:
+    """The same for a file that is to be written.
+
+    Raises OSError with a sentence when it cannot be.
+    """
+    check_folder(file.parent)
+    if file.is_dir():
+        raise OSError(f"{file}: is a folder; give the name of a file.")
+    if file.exists() and not os.access(file, os.W_OK):
+        raise OSError(f"{file}: is write-protected; choose another name, or make it writable.")
+
+
+def tell_kept(session: Session) -> list[Message]:
+    """The messages of a bake that need not be done."""
+    assert session.kept is not None
+    count = len(session.kept.result["files"])
+    said = Status("kept", f"Unchanged since the last bake: {count} file{'s' if count > 1 else ''} kept")
+    return [said, *(Warning_(*warning) for warning in session.kept.warnings), Done(str(session.folder / RESULT_FILE), False)]
+
+
+def has_result(session: Session) -> bool:
+    """Whether the core left one: a bake that was stopped before there was any light has none."""
+    return (session.folder / RESULT_FILE).exists()
+
+
+def read_result(session: Session) -> dict[str, Any]:
+    """The result that the core left."""
+    result: dict[str, Any] = json.loads((session.folder / RESULT_FILE).read_text(encoding="utf-8"))
+    return result
+
+
+def finish_files(scene: bpy.types.Scene, result: dict[str, Any]) -> None:
+    """Write what only Blender can: images through the scene's view transform.
+
+    Raises OSError with a sentence when one cannot be written.
+    """
+    for file in result["files"]:
+        linear = file.pop("linear")
+        if linear:
+            spare_images.finish_view(file, Path(linear), scene)
+    result.setdefault("spare", "")  # of a bake that an earlier version kept
+
+
+def assign(context: bpy.types.Context, session: Session, result: dict[str, Any]) -> Warnings:
+    """Put UV layers and images on the baked objects, in place of any earlier bake; gives what could not be done."""
+    restore.remove_bake(context.scene)
+    context.view_layer.update()  # until then Blender 5.2 lists the copies that were removed, as None
+    warnings = show_pages(context, session, get_layout(session), load_pages(session.request, result))
+    mark_state(context.scene, session.request)
+    spare_images.mark_spare(context.scene, result.get("spare", ""))
+    return warnings
+
+
+def show_pages(context: bpy.types.Context, session: Session, layout: Layout, page_image: dict[int, bpy.types.Image]) -> Warnings:
+    """Put UV layers and these images on the baked objects of a scene without a bake; gives what could not be done."""
+    export = session.export
+    baked = [i for i, page in enumerate(layout.object_page) if page in page_image]
+    targets, warnings = _find_targets(context, [export.objects[i] for i in baked])
+    found = [(i, obj) for i in baked if (obj := targets.get(export.objects[i].name))]
+    to_write = [(i, obj) for i, obj in found if not export.snapshot.objects[i].has_layer]
+    failed, told = write_layers(export, layout, to_write, session.request.settings.share_meshes)
+    pairs = [(i, (obj, page_image[int(layout.object_page[i])])) for i, obj in found if i not in failed]
+    ours = [pair for i, pair in pairs if not export.snapshot.objects[i].has_layer]
+    theirs = [pair for i, pair in pairs if export.snapshot.objects[i].has_layer]
+    warnings += told
+    mode = _pick_mode(session.request)
+    warnings += materials_write.assign(ours, mode)
+    warnings += materials_write.assign(theirs, mode, session.request.uv_layer)
+    mark_layout(context.scene, layout, page_image, warnings)
+    return warnings
+
+
+def get_layout(session: Session) -> Layout:
+    """The layout of the bake, once the core has made it."""
+    return read_layout(session.folder, session.export.objects, f"{_pick_mode(session.request)} {session.request.uv_layer}")
+
+
+def _pick_mode(request: BakeRequest) -> str:
+    return "nodes" if request.nodes_only else "lighting" if request.settings.passes[0] == "lighting" else "combined"
+
+
+def load_pages(request: BakeRequest, result: dict[str, Any]) -> dict[int, bpy.types.Image]:
+    """The first pass asked for, in the first format asked for that can be shown, by page."""
+    wanted = (request.settings.passes[0], images.find_shown_format(request.settings))
+    files = [file for file in result["files"] if (file["pass_name"], file["kind"]) == wanted]
+    return {file["page"]: images.load_image(file["path"], pack=request.settings.pack) for file in files}
+
+
+def _find_targets(context: bpy.types.Context, exported: list[export_scene.ExportedObject]) -> tuple[dict[str, bpy.types.Object], Warnings]:
+    """The objects that carry the bake, by name in the snapshot: the user's own, or copies made now."""
+    targets: dict[str, bpy.types.Object] = {}
+    warnings: Warnings = []
+    copies = {one.key: one for one in exported if one.needs_copy}
+    own = [one for one in exported if not one.needs_copy]
+    for one, obj in zip(own, find_carriers(own), strict=True):
+        if obj is None:
+            warnings.append((one.source, f"{one.source}: was deleted or edited during the bake, so its lightmap fits nothing; bake again."))
+            continue
+        targets[one.name] = obj
+    if copies:
+        ignored: Warnings = []  # the export has told them already
+        with evaluate_for_render(context.scene, context.view_layer, ignored) as depsgraph:
+            for piece in walk_pieces(context.view_layer, depsgraph):
+                if piece.key not in copies:
+                    continue
+                one = copies[piece.key]
+                if one.reason == LINKED:  # as the export has told
+                    continue
+                try:
+                    matrix = Matrix(piece.matrix.tolist())
+                    targets[one.name] = baked_copies.make_copy(context.scene, piece.source, piece.evaluated, matrix)
+                except ValueError as reason:
+                    warnings.append((one.source, str(reason)))
+        baked_copies.set_copies_visible(context.scene, True)  # only now: evaluate_for_render had lent itself their visibility
+    return targets, warnings
+
+
+def find_carriers(exported: list[export_scene.ExportedObject]) -> list[Any]:
+    """The user's own objects that carry the bake, None for what was deleted or edited meanwhile."""
+    found = zip(exported, export_scene.find_objects(exported), strict=True)
+    return [obj if obj is not None and obj.type == "MESH" and len(obj.data.loops) == one.n_corner else None for one, obj in found]

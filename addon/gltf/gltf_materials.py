@@ -1,0 +1,79 @@
+"""Materials that Blender's glTF exporter turns into an unlit colour, or into a lightmap in the occlusion slot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import bpy
+
+from ..read.tags import NAME
+from .gltf_colors import GltfColors
+
+GROUP_NAME = "glTF Material Output"  # the exporter knows the group by its name
+
+
+def make_unlit(original: bpy.types.Material | None, texture: bpy.types.Image, uv_layer: str) -> bpy.types.Material:
+    """A material that shows the texture and nothing else."""
+    material = bpy.data.materials.new(NAME)
+    if material.node_tree is None:  # Blender 4.5 makes materials without nodes
+        material.use_nodes = True
+    if original is not None:
+        material.use_backface_culling = original.use_backface_culling
+    tree = material.node_tree
+    tree.nodes.clear()
+    output = tree.nodes.new("ShaderNodeOutputMaterial")
+    tree.links.new(output.inputs["Surface"], _add_texture(tree, texture, uv_layer))  # a colour without a shader is what "unlit" means
+    return material
+
+
+def make_lightmapped(
+    original: bpy.types.Material | None, texture: bpy.types.Image, uv_layer: str, group: bpy.types.NodeTree, colors: GltfColors
+) -> bpy.types.Material:
+    """A copy of the original with the texture as its occlusion."""
+    material = original.copy() if original is not None else bpy.data.materials.new(NAME)
+    if original is None and bpy.app.version < (5, 0, 0):
+        material.use_nodes = True
+        material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = material.diffuse_color
+    elif original is not None and colors.needs(original):
+        colors.write(material, original)
+    tree = material.node_tree
+    sockets = list(_occlusion_sockets(tree))
+    if not sockets:
+        node = tree.nodes.new("ShaderNodeGroup")
+        node.node_tree = group
+        sockets = list(_occlusion_sockets(tree))
+    color = _add_texture(tree, texture, uv_layer)
+    for socket in sockets:
+        tree.links.new(socket, color)
+    return material
+
+
+def make_plain(original: bpy.types.Material | None, colors: GltfColors) -> bpy.types.Material | None:
+    """The original where the exporter reads it, else a copy with the colours that were read of it."""
+    if original is None or not colors.needs(original):
+        return original
+    copy = original.copy()
+    colors.write(copy, original)
+    return copy
+
+
+def make_group() -> bpy.types.NodeTree:
+    """The exporter's node group, of which the name and the sockets count."""
+    group = bpy.data.node_groups.new(GROUP_NAME, "ShaderNodeTree")
+    group.interface.new_socket("Occlusion", in_out="INPUT", socket_type="NodeSocketFloat")
+    return group
+
+
+def _occlusion_sockets(tree: bpy.types.NodeTree) -> Iterator[bpy.types.NodeSocket]:
+    for node in tree.nodes:
+        if node.type == "GROUP" and node.node_tree is not None and node.node_tree.name.startswith(GROUP_NAME):
+            yield from (socket for socket in node.inputs if socket.name == "Occlusion")
+
+
+def _add_texture(tree: bpy.types.NodeTree, texture: bpy.types.Image, uv_layer: str) -> bpy.types.NodeSocket:
+    uv_map = tree.nodes.new("ShaderNodeUVMap")
+    uv_map.uv_map = uv_layer
+    node = tree.nodes.new("ShaderNodeTexImage")
+    node.image, node.interpolation, node.extension = texture, "Linear", "EXTEND"
+    tree.links.new(node.inputs["Vector"], uv_map.outputs["UV"])
+    return node.outputs["Color"]

@@ -1,0 +1,182 @@
+"""Blender images -> linear Rec.709 textures, each read once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Iterable
+from contextlib import nullcontext
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.output.image_file import srgb_to_linear
+from ...core.scene.scene import TextureImage
+from .image_parts import find_cell, open_frame, open_tile
+
+MAX_TEXTURE_SIDE_TEXELS = 4096
+_EXTENSIONS = ("REPEAT", "EXTEND", "CLIP", "MIRROR")
+
+
+@dataclass(frozen=True)
+class ImagePixels:
+    """An image as the renderer sees it.
+
+    pixels   (height, width, 3) float32, linear Rec.709, row 0 at the bottom
+    alpha    (height, width) float32, None where it is 1 everywhere
+    mean     RGBA over the image
+    note     what of it was replaced, "" nothing
+    grid     the UDIM tiles that lie in it: the first one's column and row, then how many columns and rows
+    """
+
+    pixels: NDArray[np.float32]
+    alpha: NDArray[np.float32] | None
+    mean: tuple[float, float, float, float]
+    note: str
+    grid: tuple[int, int, int, int] = (0, 0, 1, 1)
+
+
+class ImageTable:
+    """The textures of a snapshot; one for each image and way of using it."""
+
+    def __init__(self) -> None:
+        self.images: list[TextureImage] = []
+        self._index: dict[tuple[int, int, str, bool, bool], int] = {}
+        self._derived: dict[Hashable, int] = {}
+        self.derived_texels = 0
+        self._pixels: dict[tuple[int, int], ImagePixels | None] = {}
+
+    def read(self, image: Any, frame: int) -> ImagePixels | None:
+        """The image's pixels, of a sequence those of a frame; None where its file is missing or it has none."""
+        key = (image.session_uid, frame)
+        if key not in self._pixels:
+            self._pixels[key] = _read_whole(image, frame)
+        return self._pixels[key]
+
+    def add(self, image: TextureImage) -> int:
+        """Where an image that is not one of Blender's is in `images`."""
+        self.images.append(image)
+        return len(self.images) - 1
+
+    def find_derived(self, key: Hashable) -> int | None:
+        """Where an image that was made of others is in `images`."""
+        return self._derived.get(key)
+
+    def add_derived(self, key: Hashable, image: TextureImage) -> int:
+        """Where an image made of others is in `images` from now on."""
+        self._derived[key] = self.add(image)
+        self.derived_texels += image.pixels.shape[0] * image.pixels.shape[1]
+        return self._derived[key]
+
+    def keep(self, used: Iterable[int]) -> dict[int, int]:
+        """Leave out the images that no material shows, such as those between two nodes; gives where the others are now."""
+        place = {index: number for number, index in enumerate(sorted(set(used)))}
+        self.images = [self.images[index] for index in place]
+        return place
+
+    def index(self, image: Any, frame: int, extension: str, closest: bool, alpha: bool = False) -> int:
+        """Where the image, or its alpha as a grey one, is in `images`; it must have been read."""
+        extension = extension if extension in _EXTENSIONS else "REPEAT"
+        key = (image.session_uid, frame, extension, closest, alpha)
+        if key not in self._index:
+            pixels = self._pixels[image.session_uid, frame]
+            assert pixels is not None
+            self._index[key] = len(self.images)
+            shown = pixels.pixels if not alpha or pixels.alpha is None else np.repeat(pixels.alpha[..., None], 3, axis=2)
+            self.images.append(TextureImage(image.name, shown, extension, closest))
+        return self._index[key]
+
+
+def read_pixels(image: Any, most_texels: int = 0) -> ImagePixels | None:
+    """Pixels of a Blender image of one file, None when there are none to be had.
+
+    most_texels   on a side, it is reduced to; 0: as many as any texture may have
+    """
+    most_texels = most_texels or MAX_TEXTURE_SIDE_TEXELS
+    was_loaded = image.has_data
+    width, height = image.size
+    if not width or not height or len(image.pixels) != width * height * image.channels:
+        return None
+    flat = np.empty(width * height * image.channels, np.float32)
+    image.pixels.foreach_get(flat)
+    if not was_loaded and not image.is_dirty and image.source == "FILE":
+        image.buffers_free()  # memory as it was
+    stored = flat.reshape(height, width, image.channels)
+    alpha = np.nan_to_num(stored[..., 3]) if image.channels == 4 and stored[..., 3].min() < 1.0 else None
+    color = stored[..., :3] if image.channels >= 3 else np.repeat(stored[..., :1], 3, axis=2)
+    color = np.nan_to_num(color, nan=0.0, posinf=0.0, neginf=0.0)
+    space = image.colorspace_settings.name
+    # byte pixels come as they are stored; float pixels come linear already, whatever their file held
+    encoded = not image.is_float and not image.colorspace_settings.is_data and "Linear" not in space
+    if encoded:
+        color = srgb_to_linear(color)
+    note = ""
+    if encoded and space != "sRGB":
+        note = f"colour space {space} of image {image.name} is read as sRGB"
+    elif not encoded and not image.is_float and not image.colorspace_settings.is_data and space != "Linear Rec.709":
+        note = f"colour space {space} of image {image.name} is read as Linear Rec.709"
+    red, green, blue = (float(x) for x in color.mean(axis=(0, 1), dtype=np.float64))
+    mean_alpha = 1.0 if alpha is None else float(alpha.mean(dtype=np.float64))
+    coverage = None if alpha is None else _reduce(alpha[..., None], most_texels)[..., 0]
+    return ImagePixels(_reduce(color, most_texels), coverage, (red, green, blue, mean_alpha), note)
+
+
+def _read_whole(image: Any, frame: int) -> ImagePixels | None:
+    """Pixels of an image, all of its tiles, or a frame of it."""
+    if image.source == "SEQUENCE":
+        with open_frame(image, frame) as one:
+            return read_pixels(one)
+    return _read_tiles(image) if image.source == "TILED" and len(image.tiles) > 1 else read_pixels(image)
+
+
+def _read_tiles(image: Any) -> ImagePixels | None:
+    """UDIM tiles side by side as one image, in the size of the largest; the mean where there is none."""
+    cells, found, lost = [find_cell(tile.number) for tile in image.tiles], {}, ""
+    low, high = np.min(cells, axis=0), np.max(cells, axis=0)
+    columns, rows = (int(n) for n in high - low + 1)
+    most_texels = max(int(MAX_TEXTURE_SIDE_TEXELS / math.sqrt(columns * rows)), 1)  # all of them are as large as one image
+    for number, (tile, cell) in enumerate(zip(image.tiles, cells, strict=True)):
+        opened = open_tile(image, tile.number) if number else nullcontext(image)  # the first one's are handed out as they are painted
+        with opened as one:
+            pixels = read_pixels(one, most_texels)
+        if pixels is None:
+            lost = lost or f"tile {tile.number} of image {image.name} is missing, the mean of the others is used"
+        else:
+            found[cell] = pixels
+    if not found:
+        return None
+    mean = np.mean([one.mean for one in found.values()], axis=0)
+    height, width = np.max([one.pixels.shape[:2] for one in found.values()], axis=0)
+    stored = np.tile(mean.astype(np.float32), (rows * height, columns * width, 1))
+    for (column, row), one in found.items():
+        place = stored[(row - low[1]) * height :, (column - low[0]) * width :][:height, :width]
+        up, aside = (np.arange(n) * have // n for n, have in zip((height, width), one.pixels.shape[:2], strict=True))
+        place[..., :3] = one.pixels[up][:, aside]
+        place[..., 3] = 1.0 if one.alpha is None else one.alpha[up][:, aside]
+    alpha = stored[..., 3].copy() if stored[..., 3].min() < 1.0 else None
+    unsaved = f"what was painted on tiles of image {image.name} counts from when it is saved" if image.is_dirty else ""
+    note = lost or unsaved or next((one.note for one in found.values() if one.note), "")
+    red, green, blue, opaque = (float(x) for x in mean)
+    grid = (int(low[0]), int(low[1]), columns, rows)
+    return ImagePixels(np.ascontiguousarray(stored[..., :3]), alpha, (red, green, blue, opaque), note, grid)
+
+
+def find_sphere_mean(pixels: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(3,) mean radiance of an equirectangular picture, rows weighted by solid angle."""
+    height = len(pixels)
+    weight = np.cos((np.arange(height) + 0.5) / height * np.pi - np.pi / 2)
+    mean: NDArray[np.float64] = weight @ pixels.mean(axis=1, dtype=np.float64) / weight.sum()
+    return mean
+
+
+def _reduce(color: NDArray[np.float32], most_texels: int) -> NDArray[np.float32]:
+    """Averages of whole blocks, so that no side is above most_texels; an incomplete last block is averaged too."""
+    for axis in (0, 1):
+        side = color.shape[axis]
+        block = -(-side // most_texels)
+        if block > 1:
+            start = np.arange(0, side, block)
+            count = np.minimum(start + block, side) - start
+            color = np.add.reduceat(color, start, axis=axis) / count.reshape((-1, 1, 1) if axis == 0 else (1, -1, 1)).astype(np.float32)
+    return np.ascontiguousarray(color, np.float32)

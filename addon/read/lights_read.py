@@ -1,0 +1,157 @@
+"""Blender's lights and world -> core lights, in Blender's units.
+
+The factors were found by baking under Cycles 4.5, 5.0 and 5.2.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...core.scene.scene import Light
+from ...core.util.arrays import FloatArray
+from ..nodes.colors_read import ColorReader
+from ..nodes.images_read import ImageTable
+from ..nodes.node_colors import BLACK, Rgb, multiply_rgb, to_rgb
+from ..nodes.node_ports import find_surface, uses_nodes
+from .render_levels import Warnings
+from .shaders_read import read_shader
+
+_ELLIPSES = ("DISK", "ELLIPSE")
+
+
+def read_light(obj: Any, matrix: FloatArray, name: str, warnings: Warnings) -> Light | None:
+    """The light of an evaluated light object; None where it gives no light to diffuse surfaces.
+
+    matrix  (4, 4) float, object to world
+    """
+    data = obj.data
+    matrix = np.asarray(matrix, np.float64)
+    if not obj.visible_diffuse or (data.type == "AREA" and data.cycles.is_portal):
+        return None
+    scale = np.linalg.norm(matrix[:3, :3], axis=0)
+    size = _area_size(data, scale)
+    error = _light_error(data, matrix, size)
+    power_rgb = multiply_rgb(_read_color(data, name, warnings), (_read_strength(data, size),) * 3)
+    if not error and not np.isfinite(power_rgb).all():
+        error = "its power is not a finite number"
+    if not error and min(power_rgb) < 0.0:
+        error = "it has negative power, which cannot be traced"
+    if error:
+        warnings.append((name, f"the light is left out: {error}"))
+        return None
+    if max(power_rgb) <= 0.0:
+        return None
+    if obj.light_linking.receiver_collection or obj.light_linking.blocker_collection:
+        warnings.append((name, "the light's linking is left out: it lights every object"))
+    light = Light(
+        kind=data.type,
+        name=name,
+        position_m=to_rgb(matrix[:3, 3]),
+        rotation=_find_axes(matrix),
+        power_rgb=power_rgb,
+        casts_shadow=data.use_shadow,
+    )
+    if data.type == "AREA":
+        shape = "ELLIPSE" if data.shape in _ELLIPSES else "RECTANGLE"
+        return replace(light, shape=shape, size_m=size, spread_rad=data.spread)
+    if data.type == "SUN":
+        return replace(light, angle_rad=data.angle)
+    light = replace(light, radius_m=data.shadow_soft_size, soft_falloff=data.use_soft_falloff)
+    return light if data.type == "POINT" else _read_cone(light, data, scale, warnings)
+
+
+def read_world(scene: Any, warnings: Warnings) -> Rgb:
+    """Uniform radiance of the scene's world, W/m^2/sr; a textured one by its mean."""
+    world = scene.world
+    if world is None or not world.cycles_visibility.diffuse:
+        return BLACK
+    if not uses_nodes(world):
+        return to_rgb(world.color)
+    emission, replaced = _read_nodes(world)
+    if replaced:
+        warnings.append((world.name, f"the world is baked as a uniform sky: {'; '.join(replaced)}"))
+    return tuple(max(x, 0.0) for x in emission)  # type: ignore[return-value]
+
+
+def _area_size(data: Any, scale: FloatArray) -> tuple[float, float]:
+    """Extents of an area light in the world, m; an object's scale counts."""
+    if data.type != "AREA":
+        return 0.0, 0.0
+    second = data.size_y if data.shape in ("RECTANGLE", "ELLIPSE") else data.size
+    return float(data.size * scale[0]), float(second * scale[1])
+
+
+def _light_error(data: Any, matrix: FloatArray, size: tuple[float, float]) -> str:
+    if not np.isfinite(matrix).all():
+        return "its position is not finite"
+    if data.type not in ("POINT", "SPOT", "SUN", "AREA"):
+        return f"lights of type {data.type} are not known"
+    if data.type == "AREA" and size[0] * size[1] <= 0.0:
+        return "its size is zero"
+    return ""
+
+
+def _read_color(data: Any, name: str, warnings: Warnings) -> Rgb:
+    """Colour, temperature, exposure, diffuse factor and nodes; what the energy is multiplied by."""
+    color = multiply_rgb(to_rgb(data.color), (2.0**data.exposure * data.diffuse_factor,) * 3)
+    if data.use_temperature:
+        color = multiply_rgb(color, to_rgb(data.temperature_color))
+    if not uses_nodes(data):
+        return color
+    emission, replaced = _read_nodes(data)
+    if replaced:
+        warnings.append((name, f"the light's nodes are simplified: {'; '.join(replaced)}"))
+    return multiply_rgb(color, emission)
+
+
+def _read_nodes(data: Any) -> tuple[Rgb, list[str]]:
+    """What the nodes of a light or a world emit, the mean of it, and what of them was replaced."""
+    _, source = find_surface(data)
+    if source is None:
+        return BLACK, []
+    reader = ColorReader(ImageTable())
+    emission = read_shader(reader, source).emission
+    if emission.image >= 0:
+        reader.note("its texture is replaced by its mean")
+    return emission.mean, reader.replaced
+
+
+def _read_strength(data: Any, size: tuple[float, float]) -> float:
+    """Power in W, or W/m^2 for a sun; one that is not normalized has its power per area, as Cycles counts it."""
+    if data.normalize:
+        return float(data.energy)
+    if data.type == "AREA":
+        return float(data.energy * size[0] * size[1] * (math.pi / 4 if data.shape in _ELLIPSES else 1.0))
+    if data.type == "SUN":
+        sine = math.sin(min(data.angle, math.pi) / 2)
+        return float(data.energy * (math.pi * sine * sine or 1.0))
+    return float(data.energy * 4.0 * (math.pi * data.shadow_soft_size**2 or 1.0))
+
+
+def _find_axes(matrix: FloatArray) -> tuple[Rgb, Rgb, Rgb]:
+    """Rows: orthonormal x, y and z of a world matrix, right-handed, z kept."""
+    z = _unit(matrix[:3, 2], np.array([0.0, 0.0, 1.0]))
+    spare = np.eye(3)[np.abs(z).argmin()]
+    x = matrix[:3, 0] - z * (z @ matrix[:3, 0])
+    x = _unit(x, _unit(spare - z * (z @ spare), spare))
+    return to_rgb(x), to_rgb(np.cross(z, x)), to_rgb(z)
+
+
+def _unit(vector: FloatArray, otherwise: FloatArray) -> FloatArray:
+    length = np.linalg.norm(vector)
+    return vector / length if length > 0.0 else otherwise
+
+
+def _read_cone(light: Light, data: Any, scale: FloatArray, warnings: Warnings) -> Light:
+    """A scaled spot has a wider or narrower cone, and the radius it had."""
+    if data.use_square:
+        warnings.append((light.name, "the square spot is baked as a round one"))
+    if not math.isclose(scale[0], scale[1], rel_tol=1e-3):
+        warnings.append((light.name, "the spot's oval cone is baked as a round one"))
+    half = data.spot_size / 2
+    wide = math.atan2(math.sin(half) * (scale[0] + scale[1]) / 2, math.cos(half) * scale[2]) if scale.any() else half
+    return replace(light, cone_angle_rad=2.0 * wide, blend=data.spot_blend)

@@ -1,0 +1,114 @@
+"""Blender materials -> diffuse reflectance and emission, the nearest there is, with one warning for what was replaced."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ...core.scene.scene import Material
+from ..nodes.color_attributes import ColorLayer, ColorTable, Faces
+from ..nodes.colors_read import ColorReader
+from ..nodes.images_read import ImageTable
+from ..nodes.node_colors import GREY, Color, Rgb, to_rgb
+from ..nodes.node_ports import find_surface, uses_nodes
+from ..nodes.texture_mapping import UNMAPPED, UvMapping
+from .mesh_attributes import list_asked
+from .render_levels import Warnings
+from .shaders_read import Surface, read_shader
+
+PASSING_FRACTION = 0.5  # from here on a surface is glass or gap rather than wall
+
+
+@dataclass(frozen=True)
+class MaterialReading:
+    """A material of the snapshot, the mappings of its images, and whether it is glass or gap rather than wall."""
+
+    material: Material
+    albedo_mapping: UvMapping | ColorLayer = UNMAPPED
+    emission_mapping: UvMapping | ColorLayer = UNMAPPED
+    passes_light: bool = False
+
+
+class MaterialTable:
+    """The materials of a snapshot, each read once; those that show colour attributes once for each mesh, or properties for each object."""
+
+    def __init__(self, warnings: Warnings) -> None:
+        self.images = ImageTable()
+        self.colors = ColorTable(self.images)
+        self.readings: list[MaterialReading] = []
+        self.asked = list_asked()
+        self._warnings = warnings
+        self._index: dict[tuple[int, ...], int] = {}  # by material and mesh, 0 any; or material, object and what it makes an instance of
+        self._known: dict[tuple[int, MaterialReading], int] = {}
+
+    def index(self, material: Any, faces: Faces | None = None) -> int:
+        """Where a material (or None, an empty slot) is in `readings`, as these faces wear it."""
+        uid = material.session_uid if material else 0
+        of_any, of_mesh, of_object = (uid, 0), (uid, id(faces.local) if faces else 0), (uid, *_identify(faces))
+        known = next((place for place in (of_any, of_mesh, of_object) if place in self._index), None)
+        if known is None:
+            reader = ColorReader(self.images, faces, self.colors)
+            reading = self._read(reader, material)
+            if (uid, reading) not in self._known:
+                self._known[uid, reading] = len(self.readings)
+                self.readings.append(reading)
+            known = of_object if reader.by_object else of_mesh if reader.by_faces else of_any
+            self._index[known] = self._known[uid, reading]
+        return self._index[known]
+
+    def finish(self, arrays: dict[str, Any]) -> None:
+        """Complete a snapshot's arrays once all of its materials are read."""
+        materials = [reading.material for reading in self.readings]
+        images = {"tri_albedo_uv": [one.albedo_image for one in materials], "tri_emission_uv": [one.emission_image for one in materials]}
+        self.colors.finish(images, arrays)
+        place = self.images.keep(index for one in materials for index in (one.albedo_image, one.emission_image) if index >= 0)
+        place[-1] = -1
+        self.readings = [replace(one, material=_move_images(one.material, place)) for one in self.readings]
+
+    def _read(self, reader: ColorReader, material: Any) -> MaterialReading:
+        if material is None:
+            return MaterialReading(Material("", GREY))
+        surface = read_material(reader, material)
+        if reader.replaced:
+            self._warnings.append((material.name, f"the material is simplified: {'; '.join(reader.replaced)}"))
+        return MaterialReading(
+            Material(
+                name=material.name,
+                albedo_rgb=_clip_negative(surface.albedo.rgb),
+                albedo_image=surface.albedo.image,
+                emission_rgb=_clip_negative(surface.emission.rgb),
+                emission_image=surface.emission.image,
+            ),
+            surface.albedo.mapping,
+            surface.emission.mapping,
+            surface.passing > PASSING_FRACTION,
+        )
+
+
+def _move_images(material: Material, place: dict[int, int]) -> Material:
+    return replace(material, albedo_image=place[material.albedo_image], emission_image=place[material.emission_image])
+
+
+def _identify(faces: Faces | None) -> tuple[int, ...]:
+    return (faces.source.session_uid, faces.shown.original.session_uid) if faces else ()
+
+
+def read_material(reader: ColorReader, material: Any) -> Surface:
+    """What the material's active output shows to Cycles; black where nothing is connected, as there."""
+    if not uses_nodes(material):
+        return Surface(Color(to_rgb(material.diffuse_color)))
+    output, source = find_surface(material)
+    if output is None:
+        reader.note("it has no output node, so it is black")
+        return Surface()
+    if output.inputs["Displacement"].is_linked and material.displacement_method != "BUMP":
+        reader.note("displacement is left out")
+    if source is None:
+        volume = output.inputs["Volume"].is_linked
+        reader.note("its volume is left out" if volume else "nothing is connected to its output, so it is black")
+        return Surface(passing=float(volume))
+    return read_shader(reader, source)
+
+
+def _clip_negative(rgb: Rgb) -> Rgb:
+    return max(rgb[0], 0.0), max(rgb[1], 0.0), max(rgb[2], 0.0)

@@ -1,0 +1,167 @@
+"""Shader nodes -> diffuse reflectance, emitted radiance and what goes straight through, the nearest there is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..nodes.colors_read import ColorReader
+from ..nodes.node_colors import BLACK, GREY, WHITE, Color, Rgb, to_rgb
+from ..nodes.node_ports import Port, find_source
+
+_NOTHING = Color(BLACK)
+OPAQUE_ALPHA = 0.999
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A shader's diffuse reflectance, emitted radiance, and the fraction of light that goes straight through."""
+
+    albedo: Color = _NOTHING
+    emission: Color = _NOTHING
+    passing: float = 0.0
+
+
+def read_shader(reader: ColorReader, port: Port) -> Surface:
+    """The surface of the shader that a source port gives."""
+    shader = _SHADERS.get(port.node.type, _read_other)
+    return shader(reader, port)
+
+
+def read_input_color(reader: ColorReader, port: Port, name: str, default: Rgb = WHITE) -> Color:
+    """The colour input of a port's node; the value behind a link stands for a missing image."""
+    socket = port.node.inputs.get(name)
+    stored = getattr(socket, "default_value", None)
+    reader.missing_rgb = default if stored is None else to_rgb(stored)
+    return reader.read_color(port.sibling(name), default)
+
+
+def _read_principled(reader: ColorReader, port: Port) -> Surface:
+    metallic, transmission = _fraction(reader, port, "Metallic"), _fraction(reader, port, "Transmission Weight")
+    passing = transmission.mean[0] * (1.0 - metallic.mean[0])
+    if metallic.mean[0] > 0.0:
+        reader.note(f"its metallic reflection ({metallic.mean[0]:.0%}) is left out")
+    if passing > 0.0:
+        reader.note(f"its transmission ({passing:.0%}) is left out")
+    for name, text in (("Subsurface Weight", "subsurface light stays where it arrives"), ("Coat Weight", "its coat is left out")):
+        if reader.read_number(port.sibling(name), 0.0) > 0.0:
+            reader.note(text)
+    _note_normal(reader, port)
+    alpha = _read_alpha(reader, port)
+    # Cycles' diffuse part without the layer of specular reflection above it
+    albedo = _leave_out(
+        reader, port, _leave_out(reader, port, read_input_color(reader, port, "Base Color", GREY), metallic, "metal"), transmission, "glass"
+    )
+    emission = _read_radiance(reader, port, "Emission Color", "Emission Strength", 0.0)
+    return Surface(albedo.times(alpha), emission.times(alpha), 1.0 - alpha * (1.0 - passing))
+
+
+def _read_alpha(reader: ColorReader, port: Port) -> float:
+    source = port.sibling("Alpha")
+    alpha = _fraction(reader, port, "Alpha", 1.0).mean[0]
+    if alpha >= OPAQUE_ALPHA:
+        return 1.0
+    if source is not None and not source.is_value:
+        reader.note("its transparent parts are baked as opaque")
+        return 1.0
+    reader.note(f"its transparency (alpha {alpha:.2f}) is not traced")
+    return alpha
+
+
+def _read_diffuse(reader: ColorReader, port: Port) -> Surface:
+    _note_normal(reader, port)
+    return Surface(read_input_color(reader, port, "Color", GREY))
+
+
+def _read_emission(reader: ColorReader, port: Port) -> Surface:
+    return Surface(emission=_read_radiance(reader, port, "Color", "Strength", 1.0))
+
+
+def _read_radiance(reader: ColorReader, port: Port, color: str, strength: str, default: float) -> Color:
+    factor = reader.read_factor(port.sibling(strength), default)
+    if max(factor.mean) <= 0.0:
+        return _NOTHING
+    radiance = read_input_color(reader, port, color)
+    return radiance.times(factor.rgb) if factor.image < 0 else reader.derive(port, np.multiply, [radiance, factor], "radiance")
+
+
+def _leave_out(reader: ColorReader, port: Port, albedo: Color, fraction: Color, what: str) -> Color:
+    """What of an albedo is left where a fraction of the surface is something else."""
+    if fraction.image < 0:
+        return albedo.times(1.0 - fraction.rgb[0])
+    return reader.derive(port, lambda color, part: color * (1.0 - np.clip(part, 0.0, 1.0)), [albedo, fraction], what)
+
+
+def _read_mix(reader: ColorReader, port: Port) -> Surface:
+    first, second = _read_two(reader, port)
+    factor = port.sibling("Fac") or port.sibling("Factor")
+    part = reader.read_factor(factor, 0.5)
+    fraction = min(max(part.mean[0], 0.0), 1.0)
+    linked = factor is not None and not factor.is_value
+    if linked and first.passing != second.passing:
+        reader.note("its transparent parts are baked as opaque")
+        return second if first.passing > second.passing else first
+    if linked and part.image < 0 and 0.0 < fraction < 1.0:
+        reader.note("two shaders are mixed evenly over the surface")
+    return Surface(
+        reader.blend(port, first.albedo, second.albedo, part, "albedo"),
+        reader.blend(port, first.emission, second.emission, part, "emission"),
+        first.passing * (1.0 - fraction) + second.passing * fraction,
+    )
+
+
+def _read_add(reader: ColorReader, port: Port) -> Surface:
+    first, second = _read_two(reader, port)
+    albedo = reader.add(port, first.albedo, second.albedo, "albedo")
+    emission = reader.add(port, first.emission, second.emission, "emission")
+    return Surface(albedo, emission, min(first.passing + second.passing, 1.0))
+
+
+def _read_transparent(reader: ColorReader, port: Port) -> Surface:
+    reader.note("its transparency is not traced")
+    return Surface(passing=1.0)
+
+
+def _read_glass(reader: ColorReader, port: Port) -> Surface:
+    reader.note(f"{port.node.name} is baked as diffuse")
+    return Surface(read_input_color(reader, port, "Color"), passing=1.0)
+
+
+def _read_other(reader: ColorReader, port: Port) -> Surface:
+    """A shader unknown to us as a diffuse one of its colour."""
+    reader.note(f"{port.node.name} is baked as diffuse")
+    name = next((name for name in ("Color", "Base Color") if name in port.node.inputs), "")
+    return Surface(read_input_color(reader, port, name, GREY) if name else Color(GREY))
+
+
+def _read_two(reader: ColorReader, port: Port) -> tuple[Surface, Surface]:
+    sources = [find_source(Port(socket, port.groups)) for socket in port.node.inputs if socket.type == "SHADER"]
+    first, second = (Surface() if source.is_value else read_shader(reader, source) for source in sources[:2])
+    return first, second
+
+
+def _fraction(reader: ColorReader, port: Port, name: str, default: float = 0.0) -> Color:
+    """A number from 0 to 1, or an image of it."""
+    found = reader.read_factor(port.sibling(name), default)
+    return found if found.image >= 0 else Color((min(max(found.rgb[0], 0.0), 1.0),) * 3)
+
+
+def _note_normal(reader: ColorReader, port: Port) -> None:
+    normal = port.sibling("Normal")
+    if normal is not None and not normal.is_value:
+        reader.note("its normal or bump map is left out")
+
+
+_SHADERS: dict[str, Callable[[ColorReader, Port], Surface]] = {
+    "BSDF_PRINCIPLED": _read_principled,
+    "BSDF_DIFFUSE": _read_diffuse,
+    "EMISSION": _read_emission,
+    "BACKGROUND": _read_emission,
+    "MIX_SHADER": _read_mix,
+    "ADD_SHADER": _read_add,
+    "BSDF_TRANSPARENT": _read_transparent,
+    "BSDF_GLASS": _read_glass,
+    "BSDF_REFRACTION": _read_glass,
+}

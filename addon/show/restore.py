@@ -1,0 +1,87 @@
+"""Takes a bake off again, without a trace, or only out of sight."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..read import baked_copies, uv_layer
+from ..read.tags import MADE, is_made, local_objects, remove_mark, remove_marks
+from . import images, materials_write
+from .layout import LAYOUT, SPARE
+from .node_groups import remove_unused_groups
+
+OBJECT_MARKS = (MADE, materials_write.BAKE, baked_copies.SOURCE, baked_copies.HIDDEN, baked_copies.SHARED_MESH, uv_layer.PLACE)
+
+
+def remove_bake(scene: bpy.types.Scene | None = None) -> None:
+    """Restores slots, materials, UV layers, meshes and visibility and deletes all that we made, of one scene or of all.
+
+    Image files on disk stay.
+    """
+    baked_copies.remove_copies(scene)
+    objects = local_objects(scene.objects if scene else bpy.data.objects)
+    baked_copies.unhide_sources(objects)
+    for obj in objects:
+        materials_write.uncover(obj)
+        remove_mark(obj, materials_write.BAKE)
+    worn = materials_write.find_worn_meshes()  # by objects of another scene
+    for mesh in _local_meshes(objects, everything=scene is None):
+        materials_write.release_mesh(mesh)
+        if mesh not in worn:
+            uv_layer.remove_layer(mesh)
+    for one in [scene] if scene else bpy.data.scenes:
+        remove_mark(one, LAYOUT)
+        remove_mark(one, SPARE)
+        remove_marks(one)
+    for obj in objects:
+        baked_copies.restore_shared_mesh(obj)
+        for mark in OBJECT_MARKS:
+            remove_mark(obj, mark)
+    _remove_materials(everything=scene is None)
+    images.remove_unused_images()
+    if scene is None:
+        _release_rest()
+
+
+def toggle_preview(scene: bpy.types.Scene, on: bool) -> materials_write.Sentences:
+    """Switches between the baked and the original materials and objects; gives sentences about bakes that cannot be shown."""
+    if on:
+        baked_copies.set_copies_visible(scene, True)
+        return materials_write.show(scene.objects)
+    materials_write.hide(scene.objects)
+    baked_copies.set_copies_visible(scene, False)
+    return []
+
+
+def has_bake(scene: bpy.types.Scene) -> bool:
+    """Whether any object of the scene carries a bake, shown or not."""
+    return any(materials_write.BAKE in obj and not obj.library and not obj.override_library for obj in scene.objects)
+
+
+def is_preview_on(scene: bpy.types.Scene) -> bool:
+    """Whether any object of the scene shows its bake now."""
+    return any(materials_write.is_shown(obj) for obj in local_objects(scene.objects))
+
+
+def _local_meshes(objects: list[bpy.types.Object], everything: bool) -> list[bpy.types.Mesh]:
+    meshes = bpy.data.meshes if everything else {obj.data for obj in objects if obj.type == "MESH"}
+    return [mesh for mesh in meshes if not mesh.library]
+
+
+def _remove_materials(everything: bool) -> None:
+    """Deletes our copies; where the user put one somewhere else, its original takes its place."""
+    made = [material for material in bpy.data.materials if is_made(material) and (everything or material.users == 0)]
+    for material in made:
+        original = materials_write.find_original(material)
+        if material.users and original:
+            material.user_remap(original)
+    bpy.data.batch_remove(made)
+    remove_unused_groups()
+
+
+def _release_rest() -> None:
+    """What is still in use, because the user took it over, loses our mark."""
+    for blocks in (bpy.data.images, bpy.data.meshes, bpy.data.collections, bpy.data.node_groups):
+        for block in blocks:
+            if is_made(block):
+                remove_mark(block, MADE)

@@ -1,0 +1,238 @@
+"""Bakes beside Blender with a window, as the operators Bake and Refine do it: start, follow, show, end."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ...core.util.messages import Done, Error
+from ...core.util.told import group_warnings
+from ..app import live, session
+from ..app.arguments import BakeRequest
+from ..app.bake_state import BakeState
+from ..app.job import BakeProcess
+from ..app.request import find_mode_error, make_request
+from ..show.redraw import redraw
+
+_TIMER_SECONDS = 0.1
+_FIRST_TIMER_SECONDS = 0.02  # until there is light: whoever has pressed Bake waits for it
+_TEXT_SECONDS = 0.25  # between two texts: nobody reads faster, and drawing them takes time from the bake
+_FAULT = "The bake could not be shown: this is a fault of Leaflight's, please report it with the text in the system console."
+_HINT = "Esc: stop and keep the best so far"
+
+
+def get_state(context: bpy.types.Context) -> BakeState:
+    """The bake of this Blender (see `register`)."""
+    state: BakeState = context.window_manager.leaflight_state
+    return state
+
+
+class Baking:
+    """Bakes beside Blender with a window; without one, or from a script, until it is done."""
+
+    bl_options = frozenset({"UNDO"})  # not REGISTER: changing an operator's settings afterwards would bake again
+
+    _folder: tempfile.TemporaryDirectory[str] | None = None
+    _timer: Any = None
+    _timer_seconds = 0.0
+    _shown: tuple[str, str] = ("", "")
+    _shown_s = -math.inf
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if get_state(context).running:
+            cls.poll_message_set("A bake is running")
+            return False
+        return True  # also in Edit Mode: what is the matter is told in words, not by a grey button
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        if context.window is None:
+            return self.execute(context)
+        if not self._start(context, preview=True):
+            return {"CANCELLED"}
+        if self._ended:
+            return self._finish(context, self._ended)
+        self._set_timer(context, _FIRST_TIMER_SECONDS)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        try:
+            return self._follow(context, event)
+        except Exception:  # goes on to Blender's console; Blender then forgets the operator, so the bake must not run on
+            self._abandon(context)
+            raise
+
+    def _follow(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        state = get_state(context)
+        if event.type == "ESC" and event.value == "PRESS" and not state.stopping:
+            state.cancel()
+            return {"RUNNING_MODAL"}
+        if event.type != "TIMER":
+            return {"PASS_THROUGH"}
+        self._ended = self._ended or state.drain()
+        if isinstance(self._ended, Done) and session.has_result(self._session) and context.mode.startswith("EDIT") and not state.discarded:
+            state.notice = "Leave Edit Mode to see the bake"
+        elif self._ended:
+            return self._finish(context, self._ended)
+        elif state.previews and not context.mode.startswith("EDIT"):
+            paths = state.take_previews()
+            if self._find_scene():  # else the bake's end tells that it was deleted
+                with self._bake_scene(context):
+                    self._live.show(bpy.context, paths)
+                redraw(context, "WINDOW")
+            self._set_timer(context, _TIMER_SECONDS)
+        if state.progress:  # no first light came, or Edit Mode hides it
+            self._set_timer(context, _TIMER_SECONDS)
+        self._show(context)
+        return {"PASS_THROUGH"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        if not self._start(context, preview=False):
+            return {"CANCELLED"}
+        return self._finish(context, self._ended or get_state(context).wait())
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Blender quits, opens a file, or closes the window; only then does it come to the timer, for data is not to be changed now."""
+        get_state(context).forget()
+        self._clean_up(context)
+        bpy.app.timers.register(self._live.take_off, first_interval=0.0)
+
+    def _make_request(self, context: bpy.types.Context) -> BakeRequest:
+        return make_request(context)
+
+    def _start(self, context: bpy.types.Context, preview: bool) -> bool:
+        mode_error = find_mode_error(context)
+        if mode_error:  # the panel tells it as long as it holds
+            self.report({"ERROR"}, mode_error)
+            return False
+        state, began = get_state(context), time.monotonic()
+        self._ended: Done | Error | None = None
+        self._folder = tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True)
+        # Undo and opening a file make references invalid: only names and numbers are kept.
+        self._scene_uid, self._view_layer = context.scene.session_uid, context.view_layer.name
+        process = None
+        try:
+            request = replace(self._make_request(context), preview=preview)
+            # It loads while the scene is exported.
+            process = BakeProcess(Path(self._folder.name), tuple(bpy.app.python_args), yielding=not bpy.app.background)
+            self._session = session.prepare(context, request, process.folder)
+        except (ValueError, OSError) as reason:
+            if process is not None:
+                process.kill()
+            state.fail(str(reason), self._scene_uid)
+            self.report({"ERROR"}, str(reason))
+            self._clean_up(context)
+            return False
+        self._live = live.LiveView(self._session)
+        warnings = list(self._session.export.warnings)
+        if self._session.kept:
+            process.kill()
+            self._ended = state.begin_kept(session.tell_kept(self._session), began, warnings, self._scene_uid)
+        else:
+            state.begin(process, began, warnings, self._session.request.settings.error, self._scene_uid)
+        return True
+
+    def _finish(self, context: bpy.types.Context, ended: Done | Error) -> set[str]:
+        state = get_state(context)
+        error, result = _FAULT, None
+        try:
+            if isinstance(ended, Error) or state.discarded or not session.has_result(self._session):
+                error = ended.text if isinstance(ended, Error) and not state.discarded else ""
+            else:
+                found = session.read_result(self._session) | {"resumed": self._session.request.resume is not None}
+                with self._bake_scene(context):
+                    session.finish_files(bpy.context.scene, found)
+                    state.warnings += self._live.finish(bpy.context, found)
+                error, result = "", found
+        except (ValueError, OSError) as reason:
+            error = str(reason)
+        finally:  # a fault of ours goes on to Blender's console, but leaves no bake that runs for ever
+            state.end(error, result)
+            self._live.take_off()
+            self._clean_up(context)
+        if error:
+            self.report({"ERROR"}, error)
+        if result is None:
+            if not error and not state.discarded:
+                self.report({"INFO"}, "Stopped before there was any light")
+            return {"CANCELLED"}
+        lines, count = state.summarize(), len(group_warnings(state.warnings))
+        told = f"; {count} warning{'s' if count > 1 else ''} in the panel" if count else ""
+        self.report({"WARNING"} if count else {"INFO"}, f"{lines[0]}, {lines[1].lower()}{told}")
+        return {"FINISHED"}
+
+    @contextmanager
+    def _bake_scene(self, context: bpy.types.Context) -> Iterator[None]:
+        """The scene that was baked, whichever is shown now."""
+        scene = self._find_scene()
+        if scene is None:
+            raise ValueError("the scene was deleted during the bake; the images are in the output folder.")
+        if scene == context.scene:
+            yield
+            return
+        view_layer = scene.view_layers.get(self._view_layer) or scene.view_layers[0]
+        with context.temp_override(scene=scene, view_layer=view_layer):
+            yield
+
+    def _find_scene(self) -> bpy.types.Scene | None:
+        return next((scene for scene in bpy.data.scenes if scene.session_uid == self._scene_uid), None)
+
+    def _abandon(self, context: bpy.types.Context) -> None:
+        """End a bake that a fault of ours has left without anyone to follow it."""
+        state = get_state(context)
+        if state.running:
+            state.discard()
+            state.end(_FAULT)
+            self._clean_up(context)
+            self._live.take_off()
+
+    def _set_timer(self, context: bpy.types.Context, seconds: float) -> None:
+        if seconds == self._timer_seconds:
+            return
+        if self._timer is not None:
+            context.window_manager.event_timer_remove(self._timer)
+        self._timer, self._timer_seconds = context.window_manager.event_timer_add(seconds, window=context.window), seconds
+
+    def _show(self, context: bpy.types.Context) -> None:
+        shown, now = get_state(context).describe(), time.monotonic()
+        if shown != self._shown and now >= self._shown_s + _TEXT_SECONDS:
+            self._shown, self._shown_s = shown, now
+            context.workspace.status_text_set(f"Leaflight  {shown[0]}  {shown[1]}    {_HINT}")
+            redraw(context, "UI")
+
+    def _clean_up(self, context: bpy.types.Context) -> None:
+        if self._timer is not None:
+            context.window_manager.event_timer_remove(self._timer)
+            self._timer = None
+            _clear_status_bar(context)
+        if self._folder is not None:
+            self._folder.cleanup()
+            self._folder = None
+        redraw(context, "UI")
+
+
+def _clear_status_bar(context: bpy.types.Context) -> None:
+    """Each workspace has a text of its own, and the user may have changed it meanwhile.
+
+    The context's own window may be closing, which ends the operator: it is listed no more, and Blender crashes on its status bar.
+    """
+    for window in context.window_manager.windows[:1]:
+        for workspace in bpy.data.workspaces:
+            with context.temp_override(window=window, workspace=workspace):
+                workspace.status_text_set(None)
+
+
+def is_out_of_edit_mode(operator: Any, context: bpy.types.Context) -> bool:
+    if context.mode.startswith("EDIT"):
+        operator.poll_message_set("Leave Edit Mode first")
+        return False
+    return True

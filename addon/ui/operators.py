@@ -1,0 +1,118 @@
+"""Bake, stop, show and remove, as Blender's operators."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..app import live
+from ..app.arguments import BakeRequest
+from ..app.kept_state import has_state, refine_request, remove_state
+from ..app.request import make_request
+from ..show import restore
+from .baking import Baking, get_state, is_out_of_edit_mode
+
+
+@bpy.app.handlers.persistent
+def forget_last_bake(*_: Any) -> None:
+    """The panel must not tell of another file's bake, and a file saved in the middle of one must not show it."""
+    get_state(bpy.context).clear()
+    live.take_off()
+
+
+@bpy.app.handlers.persistent
+def take_live_off(*_: Any) -> None:
+    """A file that is saved during a bake holds what was there before; the next pages put the light on again."""
+    live.take_off()
+
+
+@bpy.app.handlers.persistent
+def forget_old_light(*_: Any) -> None:
+    """Undo may bring back a moment of a bake that is over."""
+    if not get_state(bpy.context).running:
+        live.take_off()
+
+
+class LEAFLIGHT_OT_bake(Baking, bpy.types.Operator):
+    bl_idname = "leaflight.bake"
+    bl_label = "Bake"
+    bl_description = "Bake the light of the scene to textures and show them on the objects"
+
+
+class LEAFLIGHT_OT_refine(Baking, bpy.types.Operator):
+    bl_idname = "leaflight.refine"
+    bl_label = "Refine"
+    bl_description = "Go on with the last bake to the panel's error, or to half its own where that is smaller"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not super().poll(context) or not restore.has_bake(context.scene):
+            return False
+        if not has_state(context.scene):
+            cls.poll_message_set(
+                "Nothing is kept of this bake to go on from: it was stopped too early or was removed, so bake it again; "
+                "or it is too large, or of direct light alone, so bake to a smaller error"
+            )
+            return False
+        return True
+
+    def _make_request(self, context: bpy.types.Context) -> BakeRequest:
+        return refine_request(context.scene, make_request(context))
+
+
+class LEAFLIGHT_OT_stop(bpy.types.Operator):
+    bl_idname = "leaflight.stop"
+    bl_label = "Stop"
+    bl_description = "Stop the bake and keep the best so far; once more, throw it away"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return get_state(context).running
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        state = get_state(context)
+        if state.stopping or state.notice:
+            state.discard()
+        else:
+            state.cancel()
+        return {"FINISHED"}
+
+
+class LEAFLIGHT_OT_toggle_preview(bpy.types.Operator):
+    bl_idname = "leaflight.toggle_preview"
+    bl_label = "Preview"
+    bl_description = "Switch between the baked and the original materials"
+    bl_options = frozenset({"REGISTER", "UNDO"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return restore.has_bake(context.scene) and is_out_of_edit_mode(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        scene = context.scene
+        for _, sentence in restore.toggle_preview(scene, not restore.is_preview_on(scene)):
+            self.report({"WARNING"}, sentence)
+        return {"FINISHED"}
+
+
+class LEAFLIGHT_OT_remove(bpy.types.Operator):
+    bl_idname = "leaflight.remove"
+    bl_label = "Remove"
+    bl_description = "Take the bake off the scene and put everything back as it was; the image files stay"
+    bl_options = frozenset({"REGISTER", "UNDO"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return restore.has_bake(context.scene) and not get_state(context).running and is_out_of_edit_mode(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        remove_state(context.scene)
+        restore.remove_bake(context.scene)
+        state = get_state(context)
+        if state.scene == context.scene.session_uid:  # of another scene's bake the panel goes on telling
+            state.forget()
+        return {"FINISHED"}
+
+
+CLASSES = (LEAFLIGHT_OT_bake, LEAFLIGHT_OT_refine, LEAFLIGHT_OT_stop, LEAFLIGHT_OT_toggle_preview, LEAFLIGHT_OT_remove)

@@ -1,0 +1,63 @@
+"""Sentences and estimates as Blender's panels draw them."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+import bpy
+
+from ...core.util.told import Told
+from ..app.bake_state import describe_seconds
+from ..app.estimate import Estimate
+from .select_operator import is_known
+
+_CHARACTER_PIXELS = 7.0  # of a label's text at a scale of 1, on average
+_BUTTON_CHARACTERS = 6
+
+
+def draw_sentence(layout: Any, context: bpy.types.Context, text: str, icon: str, narrower: int = 0) -> None:
+    """A sentence over as many lines as it needs; Blender's labels do not wrap."""
+    width = context.region.width / (_CHARACTER_PIXELS * context.preferences.system.ui_scale) - 8 - narrower
+    column = layout.column(align=True)
+    for i, line in enumerate(textwrap.wrap(text, max(int(width), 16))):
+        column.label(text=line, icon=icon if i == 0 else "BLANK1")
+
+
+def draw_told(layout: Any, context: bpy.types.Context, told: Told, icon: str) -> None:
+    """A sentence with a button that selects what it is about."""
+    selects = any(is_known(context, name) for name in told.names)
+    row = layout.row()
+    draw_sentence(row, context, told.text, icon, _BUTTON_CHARACTERS if selects else 0)
+    if selects:
+        row.operator("leaflight.select", text="", icon="RESTRICT_SELECT_OFF").names = "\n".join(told.names)
+
+
+def describe_estimate(estimate: Estimate) -> list[str]:
+    """What will be baked, as short lines."""
+    objects, pages = estimate.objects, estimate.pages
+    least, most = (max(_round(seconds), 1.0) for seconds in estimate.seconds)
+    span = describe_seconds(most) if least == most else f"{describe_seconds(least)} to {describe_seconds(most)}"
+    return [
+        f"{objects} object{'' if objects == 1 else 's'}, {estimate.area_m2:.3g} m²",
+        f"{_round(estimate.texels):,.0f} texels, {estimate.density:.3g} per metre",
+        f"{pages} page{'' if pages == 1 else 's'} of {estimate.page_size} x {estimate.page_size}",
+        f"about {_describe_memory(estimate.memory_mb)} of memory",
+        f"about {span}",
+    ]
+
+
+def prepare(layout: Any) -> Any:
+    """Labels left and fields right, without dots for keyframes."""
+    layout.use_property_split = True
+    layout.use_property_decorate = False
+    return layout
+
+
+def _round(value: float) -> float:
+    """An estimate claims two digits at most."""
+    return float(f"{value:.2g}")
+
+
+def _describe_memory(memory_mb: float) -> str:
+    return f"{memory_mb / 1000:.1f} GB" if memory_mb >= 1000 else f"{_round(memory_mb):.0f} MB"

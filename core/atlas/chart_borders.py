@@ -1,0 +1,125 @@
+"""Charts that certainly lie over themselves nowhere, told by their borders: where a raster would have to look at every triangle.
+
+If no triangle is turned over, as many lie over a point as the border winds around it. A border that consists of one loop
+around the chart, and loops around its holes, none of which crosses itself or another, winds around no point twice.
+Source: Lipman 2014, "Bijective mappings of meshes with boundary and the degree in mesh processing", section 4.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.topology import join_sets
+from ..util.arrays import IntArray
+from ..util.coverage import expand_ranges
+
+Float64: TypeAlias = NDArray[np.float64]
+Int64: TypeAlias = NDArray[np.int64]
+Bool: TypeAlias = NDArray[np.bool_]
+
+_MOST_SIDES = 1 << 10  # of a chart's border, each of which is compared with each
+_PAIRS_AT_ONCE = 1 << 16  # to bound memory, and to stay in the cache
+
+
+def find_plain_charts(tri_vertex: IntArray, tri_uv: Float64, tri_chart: Int64, shared: Bool) -> Bool:
+    """(n_chart,) bool: charts that certainly lie over themselves nowhere; of the others that is not known.
+
+    tri_vertex   (n, 3) int
+    tri_uv       (n, 3, 2) float64, any unit
+    tri_chart    (n,) int64      -1 for triangles without a chart
+    shared       (n, 3) bool     whether side k, from corner k on, is shared within its chart, as label_charts tells
+    """
+    n_chart = int(tri_chart.max(initial=-1)) + 1
+    plain = np.ones(n_chart, bool)
+    used = tri_chart >= 0
+    one, other = tri_uv[:, 1] - tri_uv[:, 0], tri_uv[:, 2] - tri_uv[:, 0]
+    plain[tri_chart[used & (_cross(one, other) <= 0.0)]] = False
+    plain[tri_chart[_find_odd_sides(tri_vertex, tri_chart, shared)]] = False
+    tri, side = np.nonzero(~shared & used[:, None])
+    chart = tri_chart[tri]
+    order = np.argsort(chart, kind="stable")
+    tri, side, chart = tri[order], side[order], chart[order]
+    start, end = tri_uv[tri, side], tri_uv[tri, (side + 1) % 3]
+    place_start, place_end = _number_places(chart, start, end)
+    plain &= _winds_once(chart, start, end, place_start, place_end, n_chart)
+    plain &= np.bincount(chart, minlength=n_chart) <= _MOST_SIDES
+    asked = plain[chart]
+    plain[_find_crossed(chart[asked], start[asked], end[asked], place_start[asked], place_end[asked])] = False
+    return plain
+
+
+def _cross(one: Float64, other: Float64) -> Float64:
+    cross: Float64 = one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
+    return cross
+
+
+def _find_odd_sides(tri_vertex: IntArray, tri_chart: Int64, shared: Bool) -> Int64:
+    """Triangles with a side that is shared, but not walked as often one way as the other by those of their chart."""
+    tri, side = np.nonzero(shared)
+    start, end = tri_vertex[tri, side], tri_vertex[tri, (side + 1) % 3]
+    # One number is sorted faster than two.
+    pair = np.minimum(start, end).astype(np.int64) * (int(tri_vertex.max(initial=0)) + 1) + np.maximum(start, end)
+    order = np.lexsort((pair, tri_chart[tri]))
+    pair, chart = pair[order], tri_chart[tri[order]]
+    edge = np.cumsum((np.diff(pair, prepend=-1) != 0) | (np.diff(chart, prepend=-1) != 0)) - 1
+    odd = np.bincount(edge, np.where(start < end, 1.0, -1.0)[order]) != 0.0
+    return np.asarray(tri[order][odd[edge]])
+
+
+def _number_places(chart: Int64, start: Float64, end: Float64) -> tuple[Int64, Int64]:
+    """Numbers of the points (n, 2) in which sides start and end, alike only for the very same point of one chart."""
+    x, y = np.concatenate([start, end]).T
+    both = np.tile(chart, 2)
+    order = np.lexsort((y, x, both))
+    differs = (np.diff(both[order]) != 0) | (np.diff(x[order]) != 0.0) | (np.diff(y[order]) != 0.0)
+    number = np.zeros(len(both), np.int64)
+    number[order[1:]] = np.cumsum(differs)
+    return number[: len(chart)], number[len(chart) :]
+
+
+def _winds_once(chart: Int64, start: Float64, end: Float64, place_start: Int64, place_end: Int64, n_chart: int) -> Bool:
+    """(n_chart,) bool: charts of whose loops one is walked counterclockwise; where loops meet, which count as one, they cross."""
+    if not len(chart):  # all closed, and so turned over somewhere
+        return np.zeros(n_chart, bool)
+    n_place = 1 + max(int(place_start.max(initial=-1)), int(place_end.max(initial=-1)))
+    loop = join_sets(n_place, place_start, place_end)[place_start]
+    first = np.searchsorted(chart, np.arange(n_chart)).clip(max=max(len(chart) - 1, 0))
+    origin = start[first][chart]  # near the loop, so that its area does not drown
+    area = np.bincount(loop, _cross(start - origin, end - origin), n_place)
+    loop_chart = np.full(n_place, -1)
+    loop_chart[loop] = chart
+    counterclockwise = np.bincount(loop_chart[(loop_chart >= 0) & (area > 0.0)], minlength=n_chart)
+    once: Bool = counterclockwise == 1
+    return once
+
+
+def _find_crossed(chart: Int64, start: Float64, end: Float64, place_start: Int64, place_end: Int64) -> Int64:
+    """Charts of which two sides have a point in common that do not follow each other; if the second of two that do runs back over the
+    first, it has a point in common with the one before, or the next with the first.
+
+    chart   (n,) int64, ascending
+    """
+    extents = [(np.minimum(*along), np.maximum(*along)) for along in zip(start.T, end.T, strict=True)]
+    last = np.searchsorted(chart, chart, side="right")
+    pairs = np.cumsum(last - np.arange(len(chart)) - 1)
+    crossed = [np.zeros(0, np.int64)]
+    begin = 0
+    while begin < len(chart):
+        done = int(pairs[begin - 1]) if begin else 0
+        stop = max(int(np.searchsorted(pairs, done + _PAIRS_AT_ONCE, side="right")), begin + 1)
+        one, other = expand_ranges(np.arange(begin, stop) + 1, last[begin:stop])
+        one += begin
+        begin = stop
+        for low, high in extents:  # one after the other, as few are left by the first
+            near = np.flatnonzero((low.take(one) <= high.take(other)) & (low.take(other) <= high.take(one)))
+            one, other = one.take(near), other.take(near)
+        along, across = end[one] - start[one], end[other] - start[other]
+        sides = [np.sign(_cross(along, point[other] - start[one])) for point in (start, end)]
+        sides += [np.sign(_cross(across, point[one] - start[other])) for point in (start, end)]
+        meets = (sides[0] * sides[1] <= 0.0) & (sides[2] * sides[3] <= 0.0)
+        follows = (place_end[one] == place_start[other]) | (place_end[other] == place_start[one])
+        crossed.append(chart[one[meets & ~follows]])
+    return np.concatenate(crossed)

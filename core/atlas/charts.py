@@ -1,0 +1,298 @@
+"""Which texels of which page each receiving triangle gets: unwrapped and packed, or as an existing UV layer says."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.scene import SceneSnapshot
+from ..util.messages import Status
+from ..util.settings import Settings
+from ..util.words import Watch, unwatched
+from .blocks import BlockLayout, join_outlines, lay_block, outline_block
+from .chart_search import find_charts
+from .density_search import find_greatest_density
+from .kept_charts import KeptCharts
+from .outlines import Outlines
+from .packing import Page, Placement, Shapes, fits_alone, place_charts, place_uv, shape_charts
+
+Float64: TypeAlias = NDArray[np.float64]
+Int32: TypeAlias = NDArray[np.int32]
+Int64: TypeAlias = NDArray[np.int64]
+
+PACKING = Status("charts", "Packing charts")
+_FEWEST_TEXELS = 1.0  # a chart of less area than this is hardly a lightmap
+
+
+@dataclass(frozen=True)
+class ChartAtlas:
+    """Charts on square pages.
+
+    page_size     texels
+    tri_chart     (n_tri,) int32           -1 for triangles that get no texels
+    tri_uv        (n_tri, 3, 2) float64    texels of its page, x right, y up; 0 where tri_chart is -1
+    chart_page    (n_chart,) int32
+    chart_object  (n_chart,) int32
+    object_page   (n_object,) int32        -1 none; all charts of an object are on one page
+    object_block  (n_object,) int32        objects of one block share the UVs (tri_uv / page_size - offset) / scale; -1 none
+    object_place  (n_object, 4) float64    pages: scale along x and y, offset along x and y; 1, 1, 0, 0 without a block
+    warnings      subject and sentence
+    """
+
+    page_size: int
+    page_count: int
+    tri_chart: NDArray[np.int32]
+    tri_uv: NDArray[np.float64]
+    chart_page: NDArray[np.int32]
+    chart_object: NDArray[np.int32]
+    object_page: NDArray[np.int32]
+    object_block: NDArray[np.int32]
+    object_place: NDArray[np.float64]
+    warnings: tuple[tuple[str, str], ...]
+
+
+def make_charts(snapshot: SceneSnapshot, settings: Settings, watch: Watch = unwatched, kept: KeptCharts | None = None) -> ChartAtlas:
+    """Charts of all receiving objects, of one density in texels/m; layers that exist are kept and get pages of their own.
+
+    kept    of an earlier bake, see find_charts
+    watch   is told UNWRAPPING, PACKING, and which share of each is done; it may raise
+    Raises ValueError when charts do not fit a page at any density, or when xatlas is needed and cannot be loaded, or crashes.
+    """
+    return _AtlasMaker(snapshot, settings, watch, kept).make()
+
+
+@dataclass(frozen=True)
+class _Packed:
+    """What is placed on a page: the objects, the density in texels/m, and where their charts, or the blocks they wear, lie."""
+
+    objects: list[int]
+    page: int
+    density: float
+    shapes: Shapes
+    placement: Placement
+
+
+@dataclass
+class _Worn:
+    """How a block is laid out; `alone` is its smallest object's page, where every object has one for itself."""
+
+    smallest: int
+    largest: int
+    laid: tuple[BlockLayout, Outlines] | None = None
+    alone: _Packed | None = None
+
+
+class _AtlasMaker:
+    """The state while an atlas is made: pages fill up, warnings are collected."""
+
+    def __init__(self, snapshot: SceneSnapshot, settings: Settings, watch: Watch, kept: KeptCharts | None) -> None:
+        self.snapshot, self.settings, self._watch = snapshot, settings, watch
+        self.page = Page(settings.size, settings.padding)
+        self.page_count = 0
+        self.found = find_charts(snapshot, settings.share_meshes, watch, kept)
+        self.warnings: list[tuple[str, str]] = []
+        count = len(snapshot.objects)
+        self.start = np.searchsorted(snapshot.tri_object, np.arange(count + 1))
+        self.uv = np.zeros((snapshot.n_tri, 3, 2))
+        self.density = np.full(count, settings.density)
+        self.object_page = np.full(count, -1, np.int32)
+        self.object_block = np.full(count, -1, np.int32)
+        self.object_place = np.tile(np.array([1.0, 1.0, 0.0, 0.0]), (count, 1))
+        self.size = np.ones(count)  # in metres, over the smallest object of the same block; `scale` is in texels
+        self.worn: list[_Worn] = []
+        for number, block in enumerate(self.found.blocks):
+            members = np.array(block.members)
+            self.object_block[members], self.size[members] = number, block.size / block.size.min()
+            self.worn.append(_Worn(int(members[block.size.argmin()]), int(members[block.size.argmax()])))
+        # Where each fills a page by itself, a block is as large on all of them.
+        self.scale = self.size if settings.atlas or settings.density > 0 else np.ones(count)
+
+    def make(self) -> ChartAtlas:
+        found, layered = self.found, self.found.layered
+        for i, sentence in found.findings:
+            self._warn(i, sentence)
+        unwrapped = [i for i in np.flatnonzero(np.diff(found.first_chart)).tolist() if i not in layered]
+        if self.settings.density > 0:
+            self._make_blocks_fit()
+        if not self.settings.atlas:
+            for i in self._each(unwrapped):
+                self._pack_alone(i)
+        elif self.settings.density > 0:
+            self._pack_first_fit(unwrapped)
+        elif unwrapped:
+            self._apply(self._fit(unwrapped, self._new_page()))
+        for i in layered:
+            self.object_page[i] = self._new_page()
+            self.uv[self._rows(i)] = found.uv[self._rows(i)] * float(self.settings.size)
+        chart_object = np.repeat(np.arange(len(self.object_page)), np.diff(found.first_chart))
+        return ChartAtlas(
+            self.settings.size,
+            self.page_count,
+            found.chart.astype(np.int32),
+            self.uv,
+            self.object_page[chart_object],
+            chart_object.astype(np.int32),
+            self.object_page,
+            self.object_block,
+            self.object_place,
+            tuple(self.warnings),
+        )
+
+    def _each(self, objects: list[int]) -> Iterator[int]:
+        """The objects, one by one, as they are packed."""
+        for done, i in enumerate(objects):
+            self._watch(PACKING, done / len(objects), self.snapshot.objects[i].name)
+            yield i
+
+    def _rows(self, i: int) -> slice:
+        return slice(int(self.start[i]), int(self.start[i + 1]))
+
+    def _warn(self, i: int, sentence: str) -> None:
+        name = self.snapshot.objects[i].name
+        self.warnings.append((name, f"{name}: {sentence}."))
+
+    def _new_page(self) -> int:
+        self.page_count += 1
+        return self.page_count - 1
+
+    def _select(self, objects: Sequence[int]) -> Outlines:
+        first = self.found.first_chart
+        return self.found.outlines.select(np.concatenate([np.arange(first[i], first[i + 1]) for i in objects]))
+
+    def _lay_out(self, objects: Sequence[int], density: float) -> Outlines | None:
+        """What is placed for the objects, in their order: each one's charts, or its block."""
+        parts: list[Outlines] = []
+        for blocked, group in itertools.groupby(objects, lambda i: self.object_block[i] >= 0):
+            if not blocked:
+                parts.append(self._select(list(group)))
+                continue
+            for i in group:
+                laid = self._lay_block(i, density)
+                if laid is None:
+                    return None
+                parts.append(laid[1].scale(float(self.scale[i])))
+        return join_outlines(parts)
+
+    def _lay_block(self, i: int, density: float) -> tuple[BlockLayout, Outlines] | None:
+        """The layout of the block that an object wears, and its outline on the smallest."""
+        worn = self.worn[int(self.object_block[i])]
+        if worn.laid is None or worn.laid[0].density != density:
+            outlines = self._select([worn.smallest])
+            layout = lay_block(outlines, density, self.page)
+            worn.laid = None if layout is None else (layout, outline_block(outlines, layout))
+        return worn.laid
+
+    def _fit(self, objects: list[int], page: int) -> _Packed:
+        outlines = self._select(objects)
+        found = find_greatest_density(outlines, self.page, lambda density: self._lay_out(objects, density))
+        if found is None:
+            names = self.snapshot.objects[objects[0]].name if len(objects) == 1 else f"{len(objects)} objects"
+            raise ValueError(
+                f"The {len(outlines.extent):,} charts of {names} do not fit a page of {self.page.size} texels: "
+                "choose a greater page size or less padding."
+            )
+        first_chart = self.found.first_chart
+        for i in objects:
+            area = self.found.outlines.area[first_chart[i] : first_chart[i + 1]]
+            if float(np.median(area)) * found[0] ** 2 < _FEWEST_TEXELS:
+                self._warn(i, "half of its charts are smaller than a texel; choose a greater page size or density, or merge small faces")
+        return _Packed(objects, page, *found)
+
+    def _make_blocks_fit(self) -> None:
+        """Lowers the density of all that wear a block that is too large for a page on the largest of them."""
+        for worn, block in zip(self.worn, self.found.blocks, strict=True):
+            shapes = self._shape(worn.largest)
+            if shapes is None or place_charts(shapes, self.page.empty_horizon()) is None:
+                self.density[list(block.members)] = self._fit([worn.largest], -1).density
+                for i in block.members:
+                    self._warn_less_dense(i, float(self.density[i]))
+
+    def _warn_less_dense(self, i: int, density: float) -> None:
+        factor = self.snapshot.objects[i].density_factor
+        self._warn(
+            i,
+            f"does not fit a page of {self.page.size} texels at {self.settings.density * factor:g} texels per metre "
+            f"and is baked at {density * factor:.3g}; choose a greater page size or a lower density",
+        )
+
+    def _pack_alone(self, i: int) -> None:
+        shapes = self._shape(i) if self.settings.density > 0 else None
+        if shapes and self._try_on(i, shapes, self.page_count, self.page.empty_horizon()):
+            self._new_page()
+        elif self.object_block[i] < 0:
+            self._pack_less_dense(i)
+        else:
+            worn = self.worn[int(self.object_block[i])]
+            worn.alone = worn.alone or self._fit([worn.smallest], -1)
+            self._apply(dataclasses.replace(worn.alone, objects=[i], page=self._new_page()))
+
+    def _pack_less_dense(self, i: int) -> None:
+        packed = self._fit([i], self._new_page())
+        if self.settings.density > 0:
+            self._warn_less_dense(i, packed.density)
+        self._apply(packed)
+
+    def _shape(self, i: int) -> Shapes | None:
+        """An object at the wanted density; None where it fits no page."""
+        density = float(self.density[i])
+        outlines = self._lay_out([i], density)
+        if outlines is None or not fits_alone(outlines, density, self.page):
+            return None
+        return shape_charts(outlines, density, self.page)
+
+    def _try_on(self, i: int, shapes: Shapes, page: int, horizon: Int32) -> bool:
+        """Places an object at the wanted density above the horizon, which is raised, if it fits."""
+        placement = place_charts(shapes, horizon)
+        if placement is not None:
+            self._apply(_Packed([i], page, float(self.density[i]), shapes, placement))
+        return placement is not None
+
+    def _pack_first_fit(self, objects: list[int]) -> None:
+        """Whole objects, the largest first, each on the first page that has room for it."""
+        area = {i: float(self._select([i]).area.sum()) for i in objects}
+        horizons: list[tuple[int, Int32]] = []
+        for i in self._each(sorted(objects, key=lambda i: (-area[i], i))):
+            shapes = self._shape(i)
+            needed = area[i] * float(self.density[i]) ** 2
+            roomy = (page for page in horizons if self._room_above(page[1]) >= needed)
+            if shapes and any(self._try_on(i, shapes, page, horizon) for page, horizon in roomy):
+                continue
+            horizon = self.page.empty_horizon()
+            if shapes and self._try_on(i, shapes, self.page_count, horizon):
+                horizons.append((self._new_page(), horizon))
+            else:
+                self._pack_less_dense(i)
+
+    def _room_above(self, horizon: Int32) -> float:
+        return float((self.page.inside - horizon).sum()) * self.page.step
+
+    def _apply(self, packed: _Packed) -> None:
+        part = 0
+        for i in packed.objects:
+            rows = np.arange(self.start[i], self.start[i + 1])
+            rows = rows[self.found.chart[rows] >= 0]
+            uv, chart = self.found.uv[rows], self.found.chart[rows] - self.found.first_chart[i]
+            if self.object_block[i] < 0:
+                self.uv[rows] = place_uv(uv, part + chart, packed.density, packed.shapes, packed.placement)
+                part += int(self.found.first_chart[i + 1] - self.found.first_chart[i])
+            else:
+                self.uv[rows] = self._place_block(i, uv, chart, packed, part)
+                part += 1
+            self.object_page[i] = packed.page
+
+    def _place_block(self, i: int, uv: Float64, chart: Int64, packed: _Packed, part: int) -> Float64:
+        """UVs of an object that wears a block."""
+        laid = self._lay_block(i, packed.density)
+        assert laid is not None, "it was laid out to be packed"
+        layout = laid[0]
+        offset = packed.placement.offset[part]
+        side = float(layout.side.max()) * self.scale[i]
+        self.object_place[i] = np.array([side, side, *offset]) / self.page.size
+        placed: Float64 = layout.place(uv / self.size[i], chart) * self.scale[i] + offset
+        return placed

@@ -1,0 +1,170 @@
+"""Charts of a UV layer, and what is wrong with a layer that comes from outside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.topology import join_sets, pair_corners
+from ..util.arrays import IntArray
+from ..util.row_spans import find_row_spans
+
+Float64: TypeAlias = NDArray[np.float64]
+Int64: TypeAlias = NDArray[np.int64]
+Bool: TypeAlias = NDArray[np.bool_]
+
+_SAME_UV = 1e-5  # pages; nearer UVs are one point, as rounding to float32 may have moved them
+_PAGE_TOLERANCE = 1e-5  # pages that rounding may carry a UV beyond its page
+_NO_HEIGHT = 1e-7  # height over longest side below which a triangle is a line in float32 UVs
+_INSET = 0.05  # raster texels taken off every side of a triangle, so that neighbours do not overlap
+_RASTER_MIN, _RASTER_MAX = 256, 2048
+_TEXELS_PER_TRIANGLE = 64
+_MAX_RASTER_TEXELS = 2e7
+
+
+@dataclass(frozen=True)
+class LayerCheck:
+    """Which triangles of a layer can be baked, and what is odd about it.
+
+    usable     (n_tri,) bool
+    findings   what was found, each with what to do
+    """
+
+    usable: Bool
+    findings: tuple[str, ...]
+
+
+def label_charts(
+    tri_vertex: IntArray, tri_corner: IntArray, tri_uv: Float64, tri_group: IntArray, same_uv: float | Float64 = _SAME_UV
+) -> tuple[Int64, Bool]:
+    """Charts: triangles of one group that share a corner, or an edge with the same UVs at both its ends.
+
+    tri_vertex   (n, 3) int
+    tri_corner   (n, 3) int       a corner has one UV, so the triangles of a polygon stay together
+    tri_uv       (n, 3, 2) float64
+    tri_group    (n,) int         -1 for triangles without a chart
+    same_uv      how far UVs of one point may lie apart, of all triangles or (n,) of each
+    out          (n,) int64 chart, 0, 1, ... in order of its first triangle, or -1; (n, 3) bool whether side k, from corner k on, is
+                 shared within its chart
+    """
+    n_tri = len(tri_vertex)
+    low, high = tri_vertex, np.roll(tri_vertex, -1, axis=1)
+    swap = low > high
+    end_uv = np.concatenate([tri_uv, np.roll(tri_uv, -1, axis=1)], axis=2)
+    end_uv = np.where(swap[..., None], end_uv[..., [2, 3, 0, 1]], end_uv).reshape(-1, 4)
+    order, is_one_edge = _order_sides(np.minimum(low, high).ravel(), np.maximum(low, high).ravel(), np.repeat(tri_group, 3), end_uv)
+    here, after = order[:-1], order[1:]
+    near = np.repeat(np.broadcast_to(same_uv, n_tri), 3)[:, None]
+    same = is_one_edge & (np.abs(end_uv[here] - end_uv[after]) <= near[here]).all(axis=1)
+    shared = np.zeros(3 * n_tri, bool)
+    shared[here[same]] = shared[after[same]] = True
+    one, other = pair_corners(tri_corner, tri_group >= 0)
+    together = tri_group[one // 3] == tri_group[other // 3]
+    joined = [np.concatenate(ends) // 3 for ends in ((here[same], one[together]), (after[same], other[together]))]
+    label = join_sets(n_tri, *joined)
+    chart = np.full(n_tri, -1, np.int64)
+    used = tri_group >= 0
+    chart[used] = np.unique(label[used], return_inverse=True)[1].ravel()
+    return chart, shared.reshape(-1, 3)
+
+
+def _order_sides(low: IntArray, high: IntArray, group: IntArray, end_uv: Float64) -> tuple[Int64, Bool]:
+    """Sides by group and edge, those of no group left out, and of more than two at one edge by their UVs; and whether each but the last is
+    at the edge of the one after it.
+
+    low, high   (m,) int, of vertices
+    group       (m,) int, -1 for sides that are left out
+    end_uv      (m, 4) float64
+    """
+    edge = low.astype(np.int64) * (int(high.max(initial=0)) + 1) + high  # one number is sorted faster than two
+    order = np.lexsort((edge, group))[np.count_nonzero(group < 0) :]
+    here, after = order[:-1], order[1:]
+    is_one_edge: Bool = (edge[here] == edge[after]) & (group[here] == group[after])
+    run = np.cumsum(np.append(np.zeros(len(order[:1]), bool), ~is_one_edge))
+    crowded = np.flatnonzero(np.bincount(run)[run] > 2) if len(run) else run
+    rows = order[crowded]
+    order[crowded] = rows[np.lexsort((end_uv[rows, 1], end_uv[rows, 0], run[crowded]))]
+    return order, is_one_edge
+
+
+def signed_areas(tri_uv: Float64) -> Float64:
+    """(n,) float64: areas of triangles, negative where they turn clockwise.
+
+    tri_uv   (n, 3, 2) float64
+    """
+    one, other = tri_uv[:, 1] - tri_uv[:, 0], tri_uv[:, 2] - tri_uv[:, 0]
+    areas: Float64 = 0.5 * (one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
+    return areas
+
+
+def check_layer(tri_uv: Float64, tri_polygon: IntArray, solid: Bool) -> LayerCheck:
+    """What of an existing layer can be baked.
+
+    tri_uv        (n, 3, 2) float64, pages
+    tri_polygon   (n,) int
+    solid         (n,) bool, triangles with an area in space; the others are left out without a word
+    """
+    finite = np.isfinite(tri_uv).all(axis=(1, 2))
+    uv = np.where(finite[:, None, None], tri_uv, 0.0)
+    inside = ((uv >= -_PAGE_TOLERANCE) & (uv <= 1.0 + _PAGE_TOLERANCE)).all(axis=(1, 2))
+    area = signed_areas(uv)
+    longest = np.linalg.norm(uv - np.roll(uv, 1, axis=1), axis=2).max(axis=1)
+    flat = np.abs(area) <= 0.5 * _NO_HEIGHT * longest * np.maximum(longest, _NO_HEIGHT)
+    usable = solid & finite & inside & ~flat
+    overlapping = np.zeros(len(uv), bool)
+    overlapping[usable] = find_overlaps(uv[usable])
+    kinds = (
+        (solid & ~finite, "{} without a valid position in the UV layer, left unbaked; unwrap them anew"),
+        (solid & finite & ~inside, "{} outside the page (0 to 1) of the UV layer, left unbaked; move them onto it"),
+        (solid & finite & inside & flat, "{} without an area in the UV layer, left unbaked; unwrap them"),
+        (overlapping, "{} overlapping others in the UV layer, where their light is mixed up; unwrap them apart"),
+        (usable & (area < 0), "{} mirrored in the UV layer, baked as they are; turn them over if a normal map needs it"),
+    )
+    counts = [len(np.unique(tri_polygon[faces])) for faces, _ in kinds]
+    findings = [text.format(f"{count:,} face{'s'[: count != 1]}") for count, (_, text) in zip(counts, kinds, strict=True) if count]
+    return LayerCheck(usable, tuple(findings))
+
+
+def find_overlaps(tri_uv: Float64) -> Bool:
+    """Triangles that lie over others: one covers a texel of a raster wholly that the other touches.
+
+    tri_uv   (n, 3, 2) float64, pages, within 0 to 1; no triangle without area
+    out      (n,) bool
+    """
+    overlapping = np.zeros(len(tri_uv), bool)
+    if not len(tri_uv):
+        return overlapping
+    area = float(np.abs(signed_areas(tri_uv)).sum())
+    size = np.sqrt(min(_TEXELS_PER_TRIANGLE * len(tri_uv), _MAX_RASTER_TEXELS) / max(area, 1e-30))
+    size = int(np.clip(size, _RASTER_MIN, _RASTER_MAX))
+    spans = find_row_spans(_inset(tri_uv * size))
+    row = np.clip(spans.y, 0, size - 1).astype(np.int64) * size
+    is_shared = _count_texels(row + spans.full_start, row + spans.full_end, size) > 0
+    start, end = row + np.clip(spans.touched_start, 0, size), row + np.clip(spans.touched_end, 0, size)
+    is_shared &= _count_texels(start, end, size) > 1
+    shared_before = np.zeros(len(is_shared) + 1, np.int32)
+    np.cumsum(is_shared, out=shared_before[1:])
+    overlapping[spans.tri[shared_before[np.maximum(end, start)] > shared_before[start]]] = True
+    return overlapping
+
+
+def _inset(uv: Float64) -> Float64:
+    """Triangles scaled about the centres of their incircles, so that every side moves in by _INSET; the narrow ones become points."""
+    opposite = np.linalg.norm(np.roll(uv, -1, axis=1) - np.roll(uv, -2, axis=1), axis=2)
+    perimeter = opposite.sum(axis=1)
+    centre = (opposite[:, :, None] * uv).sum(axis=1) / perimeter[:, None]
+    radius = 2.0 * np.abs(signed_areas(uv)) / perimeter
+    factor = np.maximum(1.0 - _INSET / radius, 0.0)
+    scaled: Float64 = centre[:, None] + factor[:, None, None] * (uv - centre[:, None])
+    return scaled
+
+
+def _count_texels(start: Int64, end: Int64, size: int) -> NDArray[np.int32]:
+    """(size * size,) int32: how many of the ranges hold each texel. Of a few triangles on a large raster this is most of the work."""
+    change = np.bincount(start, minlength=size * size + 1)
+    change -= np.bincount(np.maximum(end, start), minlength=size * size + 1)
+    count: NDArray[np.int32] = np.cumsum(change, dtype=np.int32)[: size * size]
+    return count

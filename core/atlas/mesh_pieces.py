@@ -1,0 +1,64 @@
+"""Pieces of dense meshes, as large as charts may be.
+
+Each triangle that a chart takes in has xatlas look at all of that chart again, so that its time grows with the square of a chart's
+triangles: a smooth ground of 20,000 takes ten times what 5,000 take, and one of a million would take half a day. What lies in one plane is
+no work for it, and stays whole. Where pieces are dense, it grows small charts first, too, and joins them (xatlas_process).
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.topology import join_sets
+from ..util.arrays import IntArray
+
+Float64: TypeAlias = NDArray[np.float64]
+Int64: TypeAlias = NDArray[np.int64]
+
+_MOST_FACETS = 1 << 11  # with half as many more, xatlas takes half as long again on rough grounds, and few more texels find room on a page
+_DENSE_FACETS = 1 << 10  # with fewer, large charts take little time to grow
+
+
+def is_dense(tri_facet: IntArray) -> bool:
+    """Whether a piece whose triangles (n,) are of these facets has so many that xatlas had better grow small charts first."""
+    return len(tri_facet) > _DENSE_FACETS and len(np.unique(tri_facet)) > _DENSE_FACETS
+
+
+def split_part(tri_facet: IntArray, tri_polygon: IntArray, tri_centre: Float64) -> list[Int64]:
+    """Rows of the triangles of each piece of a part: it is halved along its longest axis until none has more than 2,048 facets.
+
+    tri_facet     (n,) int, alike for triangles that hang together in one plane: these stay together
+    tri_polygon   (n,) int, alike for triangles that stay together too
+    tri_centre    (n, 3) float64
+    """
+    if len(tri_facet) <= _MOST_FACETS:
+        return [np.arange(len(tri_facet))]
+    facet, polygon = (np.unique(label, return_inverse=True)[1].ravel() for label in (tri_facet, tri_polygon))
+    n_facet = int(facet.max()) + 1
+    whole = join_sets(n_facet + len(polygon), facet, n_facet + polygon)[:n_facet]  # facets that share a polygon
+    whole = np.unique(whole, return_inverse=True)[1].ravel()
+    owner = whole[facet]
+    count = np.bincount(owner)
+    centre = np.stack([np.bincount(owner, tri_centre[:, axis]) / count for axis in range(3)], axis=1)
+    piece = np.zeros(len(count), np.int64)
+    for number, rows in enumerate(_halve(centre, np.bincount(whole))):
+        piece[rows] = number
+    order = np.argsort(piece[owner], kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(piece[owner[order]])) + 1)
+
+
+def _halve(place: Float64, facets: Int64) -> list[Int64]:
+    """Rows of places (n, 3) of so many facets (n,), near each other in each set."""
+    rest, done = [np.arange(len(place))], []
+    while rest:
+        rows = rest.pop()
+        if len(rows) == 1 or facets[rows].sum() <= _MOST_FACETS:
+            done.append(rows)
+            continue
+        axis = int(np.ptp(place[rows], axis=0).argmax())
+        order = rows[np.argsort(place[rows, axis], kind="stable")]
+        rest += [order[len(rows) // 2 :], order[: len(rows) // 2]]
+    return done

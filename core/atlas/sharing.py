@@ -1,0 +1,149 @@
+"""Which objects have one set of charts: those that share a mesh wear it, as long as its shape and size are about the same on all of
+them; and copies of a mesh, which are unwrapped alike, need not be unwrapped again."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, insort
+from collections.abc import Iterator
+from dataclasses import dataclass
+from hashlib import blake2b
+from operator import itemgetter
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.scene import SceneSnapshot
+from ..util.arrays import FloatArray, IntArray
+from ..util.geometry import triangle_normals_areas
+
+Float64: TypeAlias = NDArray[np.float64]
+
+MAX_STRETCH = 2.0  # longest over shortest scale of an object's edges, as seen from its charts'; beyond it texels are needles
+MAX_SIZE_RATIO = 4.0  # to the object whose charts they are, either way; gaps are as wide as the smallest needs them
+_SAME_SHAPE = 1e-4  # of an object's size: copies' corners lie as near as that, as float32 leaves them far from their mesh's origin
+_SAMPLED_TRIANGLES = 1024
+_TRIANGLES_AT_ONCE = 1 << 14
+_SHORTEST = 1e-6  # of an object's longest edge; what is shorter counts as this long
+
+
+@dataclass(frozen=True)
+class Block:
+    """Objects that wear the same charts, two or more: first the one that is unwrapped.
+
+    size   (n,) float64   root of each one's surface over the first's, times what their densities differ by
+    """
+
+    members: tuple[int, ...]
+    size: Float64
+
+
+def find_blocks(snapshot: SceneSnapshot) -> list[Block]:
+    """All blocks of a scene; an object that shares its mesh, but fits none of them, is in none."""
+    start = np.searchsorted(snapshot.tri_object, np.arange(len(snapshot.objects) + 1))
+    rows = [slice(int(start[i]), int(start[i + 1])) for i in range(len(snapshot.objects))]
+    sharing: dict[tuple[int, bytes], list[int]] = {}
+    for i, one in enumerate(snapshot.objects):
+        if one.mesh >= 0 and one.receives and not one.has_layer:
+            # Sorted, for a mirrored object walks its triangles the other way. A triangle that one of them lacks may change the charts.
+            corners = np.sort(snapshot.tri_corner[rows[i]], axis=1)
+            sharing.setdefault((one.mesh, corners.tobytes()), []).append(i)
+    blocks: list[Block] = []
+    for members in sharing.values():
+        if len(members) < 2:
+            continue
+        position = [snapshot.vertex_position[snapshot.tri_vertex[rows[i]]] for i in members]
+        area = np.array([float(triangle_normals_areas(corners)[1].sum()) for corners in position])
+        area *= np.array([snapshot.objects[i].density_factor for i in members]) ** 2
+        solid = np.flatnonzero(area > 0)
+        lengths = [_log_lengths(position[k], snapshot.tri_corner[rows[members[k]]]) for k in solid]
+        for group in group_alike(np.stack(lengths)) if lengths else []:
+            chosen = solid[group]
+            if len(group) > 1:
+                blocks.append(Block(tuple(members[k] for k in chosen), np.sqrt(area[chosen] / area[chosen[0]])))
+    return blocks
+
+
+def find_copies(snapshot: SceneSnapshot, tri_vertex: IntArray, objects: list[int]) -> dict[int, tuple[int, float]]:
+    """Those of some objects that are copies of one before them, whatever their place, turn and size: each with that one, and how many
+    times as large as it it is, times what their densities differ by. None is mirrored.
+
+    tri_vertex   (n_tri, 3) int   vertices, of which objects have none in common
+    """
+    start = np.searchsorted(snapshot.tri_object, np.arange(len(snapshot.objects) + 1))
+    alike: dict[bytes, list[int]] = {}
+    for i in (i for i in objects if start[i] < start[i + 1]):
+        rows = slice(int(start[i]), int(start[i + 1]))
+        vertex = tri_vertex[rows] - tri_vertex[rows].min()
+        parts = (snapshot.tri_corner[rows], vertex)  # corners tell polygons, too
+        alike.setdefault(blake2b(b"".join(part.astype(np.int64).tobytes() for part in parts)).digest(), []).append(i)
+    copies: dict[int, tuple[int, float]] = {}
+    for group in alike.values():
+        first: list[tuple[float, int, Float64, float]] = []  # of each shape, in the order of the shapes' means, which are alike if they are
+        for i, shape, size in _measure_shapes(snapshot, start, group) if len(group) > 1 else []:
+            mean = float(shape.mean())
+            near = slice(*(bisect_left(first, mean + side, key=itemgetter(0)) for side in (-_SAME_SHAPE, _SAME_SHAPE)))
+            leaders = [one for one in first[near] if np.abs(shape - one[2]).max() <= _SAME_SHAPE]
+            if size > 0 and leaders:
+                _, leader, _, of_leader = min(leaders, key=itemgetter(1))
+                copies[i] = leader, size / of_leader
+            elif size > 0:
+                insort(first, (mean, i, shape, size), key=itemgetter(0))
+    return copies
+
+
+def _measure_shapes(snapshot: SceneSnapshot, start: IntArray, group: list[int]) -> Iterator[tuple[int, Float64, float]]:
+    """Objects of as many triangles, each with (n, 6) float64: lengths of the triangles' sides, and of their corners' ways to the middle of
+    all, over the object's size; and that: the root of its surface, m, as texels count it."""
+    n_tri = int(start[group[0] + 1] - start[group[0]])
+    at_once = max(_TRIANGLES_AT_ONCE // n_tri, 1)
+    for first in range(0, len(group), at_once):
+        some = np.array(group[first : first + at_once])
+        position = snapshot.vertex_position[snapshot.tri_vertex[start[some][:, None] + np.arange(n_tri)]]
+        area = triangle_normals_areas(position.reshape(-1, 3, 3))[1].reshape(len(some), n_tri).sum(axis=1)
+        sides = np.linalg.norm(position - np.roll(position, 1, axis=2), axis=3)
+        ways = np.linalg.norm(position - position.mean(axis=(1, 2))[:, None, None], axis=3)
+        size = np.sqrt(area)
+        shape = np.concatenate([sides, ways], axis=2) / np.where(size > 0, size, 1.0)[:, None, None]
+        for k, i in enumerate(some.tolist()):
+            yield i, shape[k], float(size[k]) * snapshot.objects[i].density_factor
+
+
+def group_alike(log_length: Float64) -> list[list[int]]:
+    """All rows in groups: about the one nearest to the mean those that fit it, then the same with the rest.
+
+    log_length   (n, n_edge) float64, natural logarithms
+    """
+    groups: list[list[int]] = []
+    left = np.arange(len(log_length))
+    while len(left):
+        rows = log_length[left]
+        distance = ((rows - rows.mean(axis=0)) ** 2).mean(axis=1)
+        first = int(np.flatnonzero(distance <= distance.min() + 1e-9)[0])  # of equals, whatever the rounding, the first
+        ratio = rows - rows[first]
+        fits = (np.ptp(ratio, axis=1) <= math.log(MAX_STRETCH)) & (np.abs(ratio.mean(axis=1)) <= math.log(MAX_SIZE_RATIO))
+        groups.append([int(left[first]), *(int(k) for k in left[fits] if k != left[first])])
+        left = left[~fits]
+    return groups
+
+
+def follow_charts(corner: IntArray, leader_corner: IntArray, uv: Float64, shared: NDArray[np.bool_]) -> tuple[Float64, NDArray[np.bool_]]:
+    """The UVs and the shared sides of an object's triangles, from those of the object that was unwrapped.
+
+    corner, leader_corner   (n, 3) int      the same three in each row, in any order
+    uv, shared              (n, 3, 2) float64 and (n, 3) bool, as `leader_corner` walks them
+    """
+    place = (corner[:, :, None] == leader_corner[:, None, :]).argmax(axis=2)
+    opposite = np.roll(place, -2, axis=1)  # of side k, from corner k on
+    return np.take_along_axis(uv, place[:, :, None], axis=1), np.take_along_axis(shared, (opposite + 1) % 3, axis=1)
+
+
+def _log_lengths(tri_position: FloatArray, tri_corner: IntArray) -> Float64:
+    """(n_edge,) float64: logarithm of the lengths of some sides of the triangles, in an order that all that share the mesh have."""
+    step = -(-len(tri_corner) // _SAMPLED_TRIANGLES)
+    order = np.argsort(tri_corner[::step], axis=1)
+    position = np.take_along_axis(tri_position[::step], order[:, :, None], axis=1)
+    length = np.linalg.norm(position - np.roll(position, 1, axis=1), axis=2).ravel()
+    log_length: Float64 = np.log(np.maximum(length, _SHORTEST * length.max()))
+    return log_length

@@ -1,0 +1,216 @@
+"""Charts for the triangles of objects, in metres: xatlas's, and what it leaves out or gets wrong polygon by polygon."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.topology import pair_corners
+from ..util.arrays import IntArray
+from ..util.geometry import triangle_normals_areas
+from .chart_borders import find_plain_charts
+from .layer_check import find_overlaps, label_charts, signed_areas
+from .unwrap_question import Question, project, sum_by
+
+Float64: TypeAlias = NDArray[np.float64]
+Int64: TypeAlias = NDArray[np.int64]
+Bool: TypeAlias = NDArray[np.bool_]
+
+_LEAST_STRETCH = 1e-3  # a triangle whose UV area is less of its area in space is unfolded by itself
+
+
+class Unwrapping:
+    """Charts of the triangles of some objects: xatlas begins with them when it is made, and `finish` takes them from it."""
+
+    def __init__(
+        self, tri_position: Float64, tri_vertex: IntArray, tri_polygon: IntArray, tri_corner: IntArray, tri_object: IntArray
+    ) -> None:
+        """tri_position   (n, 3, 3) float64, m
+        tri_vertex     (n, 3) int    objects have none in common, nor polygons, nor corners
+        tri_polygon    (n,) int
+        tri_corner     (n, 3) int
+        tri_object     (n,) int, triangles of an object are consecutive
+        """
+        self._vertex, self._corner = tri_vertex, tri_corner
+        self._polygon, self._object = (np.unique(label, return_inverse=True)[1].ravel() for label in (tri_polygon, tri_object))
+        self._normal, self._area = triangle_normals_areas(tri_position)
+        self._solid = solid = np.flatnonzero(self._area > 0)
+        self._position = _centre(tri_position, self._object, solid)
+        self._asked = Question(
+            self._position[solid], self._normal[solid], self._area[solid], tri_vertex[solid], tri_polygon[solid], tri_object[solid]
+        )
+
+    def cancel(self) -> None:
+        """Nobody will ask for the charts any more."""
+        self._asked.cancel()
+
+    def finish(self, watch: Callable[[int, int], None] = lambda *_: None) -> tuple[Int64, Float64, Bool]:
+        """Charts without overlap, each with the area in UV that it has in space; corners that are one have one UV.
+
+        watch   called now and then while xatlas is at work, with the object it is at work on, and how many of its triangles are done;
+                it may raise
+        (n,) int64 chart, in the order of the objects, -1 without area; (n, 3, 2) float64 UV, m; (n, 3) bool whether side k is shared
+        within its chart
+        Raises ValueError when xatlas cannot be loaded, UnfolderDied with the code and the object when it crashes.
+        """
+        area, solid = self._area, self._solid
+        group, uv = np.full(len(area), -1, np.int64), np.zeros((len(area), 3, 2))
+        group[solid], uv[solid] = self._asked.read(watch)
+        bad = (area > 0) & ((group < 0) | (signed_areas(uv) < _LEAST_STRETCH * area))
+        bad[_torn_corners(group, uv, self._corner, area > 0)] = True
+        chart, shared = self._label(group, uv)
+        new, alone = solid, np.zeros(len(area), bool)
+        for _ in range(3):  # out of its chart, then out of its plane; by then nothing can overlap
+            bad[new] |= self._find_overlaps(group, uv, chart, shared)[new]
+            if not bad.any():
+                break
+            new = self._take_out(bad, alone, group, uv)
+            bad[:] = False
+            chart, shared = self._label(group, uv)
+        used = chart >= 0
+        # What was taken out of a chart was not stretched as the rest is.
+        sums = [np.bincount(chart[used], values[used]) for values in (area, np.abs(signed_areas(uv)))]
+        uv[used] *= np.sqrt(sums[0] / sums[1])[chart[used], None, None]
+        return chart, uv, shared
+
+    def _label(self, group: Int64, uv: Float64) -> tuple[Int64, Bool]:
+        extent = np.zeros(self._object.max(initial=-1) + 1)
+        np.maximum.at(extent, self._object, np.abs(uv).max(axis=(1, 2)))
+        return label_charts(self._vertex, self._corner, uv, group, same_uv=1e-12 * extent[self._object])
+
+    def _find_overlaps(self, group: Int64, uv: Float64, chart: Int64, shared: Bool) -> Bool:
+        """(n,) bool: triangles that lie over others of their chart, as far as a raster tells; what certainly does not is not drawn."""
+        used = np.flatnonzero(chart >= 0)
+        doubtful = used[~find_plain_charts(self._vertex, uv, chart, shared)[chart[used]]]
+        found = np.zeros(len(chart), bool)
+        for rows in np.split(doubtful, np.flatnonzero(np.diff(self._object[doubtful])) + 1) if len(doubtful) else []:
+            found[rows] = _find_overlaps_in_charts(group[rows], uv[rows])
+        return found
+
+    def _take_out(self, bad: Bool, alone: Bool, group: Int64, uv: Float64) -> Int64:
+        """A chart for each polygon with a bad triangle; gives the triangles of them, which are `alone` from here on."""
+        broken = np.zeros(self._polygon.max(initial=-1) + 1, bool)
+        broken[self._polygon[bad]] = True
+        again = np.flatnonzero(broken[self._polygon] & (self._area > 0))
+        polygon = self._polygon[again]
+        uv[again] = _unfold_polygons(
+            self._position[again], self._normal[again], self._area[again], polygon, self._corner[again], alone[again]
+        )
+        group[again] = len(group) + polygon
+        alone[again] = True
+        return again
+
+
+def _centre(tri_position: Float64, tri_object: Int64, solid: Int64) -> Float64:
+    """Each object about the middle of its triangles that have an area."""
+    low, high = np.full((tri_object.max(initial=-1) + 1, 3), np.inf), np.full((tri_object.max(initial=-1) + 1, 3), -np.inf)
+    np.minimum.at(low, tri_object[solid], tri_position[solid].min(axis=1))
+    np.maximum.at(high, tri_object[solid], tri_position[solid].max(axis=1))
+    low, high = (np.where(np.isfinite(end), end, 0.0) for end in (low, high))  # of an object without any
+    centred: Float64 = tri_position - 0.5 * (low + high)[tri_object][:, None]
+    return centred
+
+
+def _find_overlaps_in_charts(group: Int64, uv: Float64) -> Bool:
+    """Triangles that lie over others of their chart, as far as a raster tells; the charts are put on shelves to see them all at once."""
+    chart = np.unique(group, return_inverse=True)[1].ravel()
+    area = signed_areas(uv)
+    overlapping: Bool = area == 0
+    if overlapping.all():
+        return overlapping
+    low, high = np.full((chart.max() + 1, 2), np.inf), np.full((chart.max() + 1, 2), -np.inf)
+    for axis in range(2):
+        np.minimum.at(low[:, axis], chart, uv[..., axis].min(axis=1))
+        np.maximum.at(high[:, axis], chart, uv[..., axis].max(axis=1))
+    side = (high - low) * 1.01
+    order = np.argsort(-side[:, 1], kind="stable")
+    along = np.cumsum(side[order, 0]) - side[order, 0]
+    shelf = np.floor(along / (float(side.prod(axis=1).sum()) ** 0.5 + float(side[:, 0].max()))).astype(np.int64)
+    _, first, shelf = np.unique(shelf, return_index=True, return_inverse=True)
+    height = side[order[first], 1]  # the first on a shelf is the highest
+    origin = np.empty_like(side)
+    origin[order] = np.stack([along - along[first][shelf], (np.cumsum(height) - height)[shelf]], axis=1)
+    spread = uv + (origin - low)[chart][:, None]
+    drawn = ~overlapping
+    overlapping[drawn] = find_overlaps(spread[drawn] / float(spread.max()))
+    return overlapping
+
+
+def _torn_corners(group: Int64, uv: Float64, tri_corner: IntArray, used: Bool) -> Int64:
+    """Triangles with a corner that has another UV or chart in another triangle, of those used."""
+    one, other = pair_corners(tri_corner, used)
+    flat_uv = uv.reshape(-1, 2)
+    torn = (group[one // 3] != group[other // 3]) | (flat_uv[one] != flat_uv[other]).any(axis=1)
+    torn_tri: Int64 = np.concatenate([one[torn], other[torn]]) // 3
+    return torn_tri
+
+
+def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon: Int64, tri_corner: IntArray, tried: Bool) -> Float64:
+    """Each polygon by itself: quads over their diagonal, which is isometric; others projected onto their plane.
+
+    Triangles of a polygon are consecutive. A polygon that its plane folds, or winds twice about a corner, or that was
+    tried in vain, is laid out on a circle.
+    """
+    _, first, polygon, count = np.unique(polygon, return_index=True, return_inverse=True, return_counts=True)
+    polygon = polygon.ravel()
+    axis = sum_by(polygon, normal * area[:, None], len(first))
+    length = np.linalg.norm(axis, axis=1)
+    axis = np.where(length[:, None] > 0, axis / np.where(length > 0, length, 1.0)[:, None], normal[first])
+    uv = project(position - position[first[polygon], :1], axis[polygon])
+    folded = np.bincount(polygon, signed_areas(uv) < _LEAST_STRETCH * area) > 0
+    folded |= tried[first] | (np.bincount(polygon, _corner_angles(uv, tri_corner).max(axis=1) > 2.0 * np.pi * (1.0 + 1e-9)) > 0)
+    pair = first[count == 2]
+    hinged = _unfold_pairs(position, tri_corner, pair, uv)
+    folded[polygon[hinged]] = False
+    for start, n_tri in zip(first[folded], count[folded], strict=True):
+        rows = slice(start, start + n_tri)
+        uv[rows] = _lay_on_circle(position[rows], tri_corner[rows], float(area[rows].sum()))
+    return uv
+
+
+def _corner_angles(uv: Float64, tri_corner: IntArray) -> Float64:
+    """(n, 3) float64, rad: all that triangles take up together about each corner."""
+    after, before = np.roll(uv, -1, axis=1) - uv, np.roll(uv, 1, axis=1) - uv
+    cross = after[..., 0] * before[..., 1] - after[..., 1] * before[..., 0]
+    angle = np.arctan2(np.abs(cross), (after * before).sum(axis=2))
+    corner = np.unique(tri_corner, return_inverse=True)[1].ravel()
+    total: Float64 = np.bincount(corner, angle.ravel())[corner].reshape(tri_corner.shape)
+    return total
+
+
+def _unfold_pairs(position: Float64, tri_corner: IntArray, first: Int64, uv: Float64) -> Int64:
+    """Writes the UVs of triangles `first` and `first + 1`, turned about their common side into one plane.
+
+    Gives those of `first` that have a common side.
+    """
+    # Side i of the one triangle is side j of the other, walked the other way.
+    one, other = tri_corner[first], tri_corner[first + 1]
+    match = (one[:, :, None] == np.roll(other, -1, axis=1)[:, None]) & (np.roll(one, -1, axis=1)[:, :, None] == other[:, None])
+    hinged = match.any(axis=(1, 2))
+    first, match = first[hinged], match[hinged].reshape(-1, 9).argmax(axis=1)
+    side_one, side_other = match // 3, match % 3
+    start, end = position[first, side_one], position[first, (side_one + 1) % 3]
+    length = np.linalg.norm(end - start, axis=1)
+    direction = (end - start) / length[:, None]
+    uv[first, side_one] = uv[first + 1, (side_other + 1) % 3] = 0.0
+    uv[first, (side_one + 1) % 3] = uv[first + 1, side_other] = np.stack([length, np.zeros_like(length)], axis=1)
+    for tri, corner, sign in ((first, (side_one + 2) % 3, 1.0), (first + 1, (side_other + 2) % 3, -1.0)):
+        height = 2.0 * triangle_normals_areas(position[tri])[1] / length
+        uv[tri, corner] = np.stack([((position[tri, corner] - start) * direction).sum(axis=1), sign * height], axis=1)
+    return first
+
+
+def _lay_on_circle(position: Float64, tri_corner: IntArray, area: float) -> Float64:
+    """A polygon's corners in their order on a circle, as far apart as in space: in convex position no triangulation overlaps."""
+    _, first, index = np.unique(tri_corner, return_index=True, return_inverse=True)
+    rim = position.reshape(-1, 3)[first]
+    length = np.linalg.norm(np.roll(rim, -1, axis=0) - rim, axis=1)
+    length = np.maximum(length, 1e-3 * length.mean())  # corners in one place would leave a triangle without area
+    angle = 2.0 * np.pi * (np.cumsum(length) - length) / length.sum()
+    uv: Float64 = np.stack([np.cos(angle), np.sin(angle)], axis=1)[index.reshape(tri_corner.shape)]
+    scale = (area / max(float(np.abs(signed_areas(uv)).sum()), 1e-30)) ** 0.5
+    scaled: Float64 = uv * scale
+    return scaled

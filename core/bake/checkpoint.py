@@ -1,0 +1,199 @@
+"""A bake's tallies in a folder, so that it can go on to a smaller error later instead of starting again.
+
+What is kept is the state after the last round, before it is refined: going on from there does what the bake would have done
+had it not stopped. It fits one scene and one method only, which are compared before.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import shutil
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..integrate.direct_field import DirectField
+from ..parallel import shared_arrays
+from ..radiosity.quadtree import Quadtree
+from ..radiosity.splitting import SplitGuide, Splitting
+from ..radiosity.tally import Tally
+from ..transport.birth_guide import BirthGuide
+from ..transport.ledger import ENERGY_NAMES
+from ..util.job import SNAPSHOT_FILE
+from ..util.settings import Settings
+from .photon_shards import PhotonShard
+from .solve import Solver
+
+FORMAT = "leaflight-state"
+FORMAT_VERSION = 13
+INFO_FILE = "leaflight_state.json"  # marks a folder as ours
+_STRUCT_FOLDER = "state"
+# Of the groups of knobs that another bake may have which goes on, and knobs of other groups that it may have too. Where `direct` comes to
+# the passes only then, what shadow rays found was as sure as it had to be beside other light.
+_FREE_GROUPS = ("Output", "Quality")
+_FREE_KNOBS = ("workers", "margin")
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """The state of a bake between two rounds.
+
+    energy_w        (4, 3) float64: the ledger's sums, in the order of ledger.ENERGY_NAMES
+    lit_elsewhere   (n_object,) bool: see gather.KnownLight
+    given_up        of gather_plan.GatherPlan, as is given_up_told
+    splitting       of the last round, if some of its shards were not read
+    late            these, of photon_shards.PhotonShard but for their folders
+    """
+
+    tree: Quadtree
+    tally: Tally
+    square_tally: Tally
+    guide: SplitGuide
+    births: BirthGuide
+    direct: DirectField
+    energy_w: NDArray[np.float64]
+    lit_elsewhere: NDArray[np.bool_]
+    photons: int
+    told: float
+    rays: int
+    deposits: int
+    gathered: int
+    round: int
+    given_up: float
+    given_up_told: float
+    splitting: Splitting | None
+    late: list[dict[str, Any]]
+
+    @classmethod
+    def of(cls, solver: Solver) -> Checkpoint:
+        ledger, plan = solver.ledger, solver.gather_plan
+        energy_w = np.array([ledger.energy_w[name] for name in ENERGY_NAMES])
+        counts = ledger.photons, ledger.told, ledger.rays, ledger.deposits, ledger.gathered, solver.round
+        parts = solver.tree, solver.tally, solver.square_tally, solver.guide, solver.births, solver.direct
+        late = [dataclasses.asdict(dataclasses.replace(shard, tracing="", view="")) for shard in solver.rounds.dropped]
+        splitting = solver.splitting if late else None
+        return cls(*parts, energy_w, solver.lit_elsewhere, *counts, plan.given_up, plan.given_up_told, splitting, late)
+
+    def give_to(self, solver: Solver) -> None:
+        """Let a new solver of the same scene and method go on from here."""
+        solver.tree, solver.tally, solver.square_tally = self.tree, self.tally, self.square_tally
+        solver.guide, solver.births = self.guide, self.births
+        solver.direct, solver.round, solver.lit_elsewhere = self.direct, self.round, self.lit_elsewhere
+        solver.direct.ask_for(solver.settings.error)
+        solver.gather_plan.give_up(self.given_up, self.given_up_told)
+        ledger = solver.ledger
+        ledger.energy_w = dict(zip(ENERGY_NAMES, self.energy_w, strict=True))
+        ledger.photons, ledger.told, solver.photons_before = self.photons, self.told, self.photons
+        ledger.rays, ledger.deposits, ledger.gathered = self.rays, self.deposits, self.gathered
+        solver.send_again([PhotonShard(**fields) for fields in self.late], self.splitting)
+
+
+@dataclass(frozen=True)
+class Info:
+    """What can be told of a kept state without reading it."""
+
+    photons: int
+    error: float  # stated, relative
+    bytes: int
+    identity: dict[str, str]
+
+
+def save_checkpoint(folder: Path, solver: Solver, error: float, most_bytes: int = 0) -> None:
+    """Keep the state in `folder`, in place of what was kept there before.
+
+    most_bytes   0 is no limit
+    Raises OSError when it cannot be written, ValueError when it is larger; each with a sentence.
+    """
+    struct = Checkpoint.of(solver)
+    size = _count_bytes(struct)
+    remove_checkpoint(folder)
+    if most_bytes and size > most_bytes:
+        raise ValueError(f"the bake's state takes {size / 1e6:,.0f} MB, more than the {most_bytes / 1e6:,.0f} MB allowed; it is not kept.")
+    info = Info(solver.ledger.photons, error, size, _identify(solver.folder, solver.settings))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        shared_arrays.save_struct(folder / _STRUCT_FOLDER, struct)
+        text = json.dumps({"format": FORMAT, "version": FORMAT_VERSION, **dataclasses.asdict(info)})
+        (folder / INFO_FILE).write_text(text, encoding="utf-8")  # last: a state without it is not complete
+    except OSError as reason:
+        shutil.rmtree(folder / _STRUCT_FOLDER, ignore_errors=True)
+        raise OSError(f"{folder}: the bake's state cannot be kept there ({reason.strerror}); make room, or bake again.") from reason
+
+
+def read_info(folder: Path) -> Info | None:
+    """What is told of the state in `folder`; None where there is none that this version can go on from."""
+    try:
+        fields: dict[str, Any] = json.loads((folder / INFO_FILE).read_text(encoding="utf-8"))
+        known = (fields.pop("format"), fields.pop("version")) == (FORMAT, FORMAT_VERSION)
+        return Info(**fields) if known else None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):  # not there, or not ours
+        return None
+
+
+def no_state_error(folder: Path) -> str:
+    """The sentence for a folder of which read_info tells nothing."""
+    return f"{folder}: holds no state of a bake that can be gone on with; bake again."
+
+
+def load_checkpoint(folder: Path, job_folder: Path, settings: Settings) -> Checkpoint:
+    """The state kept in `folder`, for the job in another.
+
+    Raises ValueError with a sentence when there is none, or none of this scene and these settings.
+    """
+    info = read_info(folder)
+    if info is None:
+        raise ValueError(no_state_error(folder))
+    identity = _identify(job_folder, settings)
+    differing = [name for name in identity if info.identity.get(name) != identity[name]]
+    if differing:
+        raise ValueError(f"{folder}: is the state of a bake with another {', '.join(differing)}; bake again.")
+    try:
+        kept: Checkpoint = _own_arrays(shared_arrays.load_struct(folder / _STRUCT_FOLDER, Checkpoint))
+        return kept
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as reason:
+        raise ValueError(f"{folder}: the state of the bake is damaged ({reason}); bake again.") from reason
+
+
+def remove_checkpoint(folder: Path) -> None:
+    """Delete what save_checkpoint wrote, and the folder if nothing else is in it; any other folder is left alone."""
+    if not (folder / INFO_FILE).is_file():
+        return
+    (folder / INFO_FILE).unlink()
+    shutil.rmtree(folder / _STRUCT_FOLDER, ignore_errors=True)
+    if not any(folder.iterdir()):
+        folder.rmdir()
+
+
+def _identify(job_folder: Path, settings: Settings) -> dict[str, str]:
+    """What a state belongs to: the scene by its arrays' checksums, and each knob of the method."""
+    with zipfile.ZipFile(job_folder / SNAPSHOT_FILE) as stored:
+        rows = sorted(f"{member.filename} {member.file_size} {member.CRC}" for member in stored.infolist())
+    knobs = [knob for knob in dataclasses.fields(settings) if knob.metadata["group"] not in _FREE_GROUPS and knob.name not in _FREE_KNOBS]
+    scene = hashlib.sha256("\n".join(rows).encode()).hexdigest()
+    return {"scene": scene} | {knob.name: repr(getattr(settings, knob.name)) for knob in knobs}
+
+
+def _count_bytes(struct: Any) -> int:
+    total = 0
+    for field in dataclasses.fields(struct):
+        value = getattr(struct, field.name)
+        total += value.nbytes if isinstance(value, np.ndarray) else _count_bytes(value) if dataclasses.is_dataclass(value) else 0
+    return total
+
+
+def _own_arrays(struct: Any) -> Any:
+    """The struct with arrays in memory in place of mapped files: they grow, and the files may be replaced meanwhile."""
+    values = {}
+    for field in dataclasses.fields(struct):
+        value = getattr(struct, field.name)
+        if dataclasses.is_dataclass(value):
+            values[field.name] = _own_arrays(value)
+        else:
+            values[field.name] = np.array(value) if isinstance(value, np.ndarray) else value
+    return type(struct)(**values)

@@ -1,0 +1,95 @@
+"""A bake that needs no photons: direct light by shadow rays until it is exact enough, or no light at all."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..filter import estimate
+from ..filter.reading import Reading
+from ..integrate.direct_field import DirectField
+from ..integrate.light_field import LightField
+from ..parallel.executors import spread
+from ..radiosity import quadtree, refine, tally
+from ..texels.judged import Judged
+from ..texels.texel_map import TexelMap
+from ..transport.ledger import Ledger
+from ..util.arrays import IntArray
+from ..util.messages import Message
+from ..util.settings import Settings
+from .stop_rules import StopRules
+
+_DEGREE = 0  # of leaves in which nothing lands
+
+
+def settle_direct(
+    folder: Path,
+    texels: TexelMap,
+    tri_object: IntArray,
+    settings: Settings,
+    executor: Executor,
+    direct: DirectField,
+    tell: Callable[[Message], None],
+    should_stop: Callable[[], bool],
+) -> LightField:
+    """The light of a bake whose direct light has been shot once, or is not asked for; worse texels are shot again.
+
+    tri_object   (n_tri,) int: the object of each triangle
+    """
+    judged = Judged.of(settings.error_of, texels, tri_object)
+    rules = StopRules(settings, should_stop, time.monotonic())
+    tree = quadtree.plant_trees(texels, _DEGREE, 0, settings.finest_texels, flat=False)
+    totals = tally.accumulate(tree, tally.Tally.empty(len(tree), _DEGREE))
+    solution = tally.solve_tallies(tree, totals)
+    comparison = refine.Comparison.of(tree, totals, solution, refine.Rule(settings.oracle, settings.threshold, settings.stability, 1))
+    reading = Reading(tree, totals, solution, comparison, np.arange(len(tree)))
+    while True:
+        shown = direct.show(texels, settings.denoise, partial(spread, executor))
+        stated = estimate.state_error(reading, shown, texels, judged=judged)
+        worst = _find_worst(direct, stated.texel_direct2(), settings.error)
+        stopped_by = "error" if stated.direct <= settings.error else "" if len(worst) else "max_rays"
+        if should_stop():
+            stopped_by = "interrupted"
+        elif not stopped_by and rules.is_late():
+            stopped_by = "time_limit"
+        if stopped_by:
+            break
+        direct.shoot(folder, settings, executor, worst, tell, rules.break_off)
+    return LightField(
+        tree=tree,
+        solution=solution,
+        leaves=reading.leaves,
+        received=totals.received,
+        correction=np.ones(3),
+        direct=direct,
+        error=stated.direct,
+        photons=0,
+        rounds=0,
+        stopped_by=stopped_by,
+        ledger=Ledger(),
+        object_error=stated.of_objects(),
+    )
+
+
+def _find_worst(direct: DirectField, error2: NDArray[np.float32], error: float) -> NDArray[np.intp]:
+    """Texels (m,), ascending, to be shot again: neighbours below openings as one, or if none of these errs too much, each by itself.
+
+    Where nobody does either, smoothing blurs too much, which it does the less the less noise there is: then those that have most of it.
+
+    error2   (n,): relative, squared
+    """
+    shared = direct.share_error(error2)
+    asked = [told > error**2 for told in (shared, error2)]
+    if not any(of.any() for of in asked):
+        asked = [shared > shared.mean(dtype=np.float64)]
+    for of in asked:
+        worst = np.flatnonzero(of & (direct.passes < direct.most_passes))
+        if len(worst):
+            break
+    return worst

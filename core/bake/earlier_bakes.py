@@ -1,0 +1,109 @@
+"""What earlier bakes noted beside their images: whose those are that a bake writes over, and which pages it leaves over."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..output.image_file import suffix_of
+from ..output.pages import PageFile
+from ..util.digest import hash_file
+from ..util.file_names import clean_name, fill_pattern
+from ..util.job import Job
+from .kept_bake import find_note, read_header
+
+_NAMED = 3  # files in one line
+
+
+@dataclass(frozen=True)
+class NotedBake:
+    """A bake that noted its images, all of them in the folder of the note.
+
+    note    the file
+    blend   the .blend that was baked, None where that is not known
+    files   name -> digest as it was written
+    """
+
+    note: Path
+    blend: Path | None
+    files: dict[str, str]
+
+    def holds(self, name: str) -> bool:
+        """Whether a file is still as it was written."""
+        path = self.note.parent / name
+        try:
+            return name in self.files and path.is_file() and hash_file(path) == self.files[name]
+        except OSError:
+            return False
+
+
+def read_notes(folder: Path) -> list[NotedBake]:
+    """The bakes noted in a folder, less what is damaged."""
+    found = []
+    for note in sorted(folder.glob(".leaflight_*.npz")):
+        header = read_header(note) or {}
+        try:
+            rows = zip(header["result"]["files"], header["contents"], strict=True)
+            files = {str(file["path"]): str(content) for file, content in rows}
+            blend = Path(os.path.normpath(folder / header["blend"])) if header["blend"] else None
+            found.append(NotedBake(note, blend, {name: content for name, content in files.items() if name == Path(name).name}))
+        except (KeyError, TypeError, ValueError):
+            continue
+    return found
+
+
+def find_others(job: Job, names: Sequence[str]) -> dict[Path, list[str]]:
+    """Which of the files `names` of a job's folder are images of other .blend files that are still there, by .blend."""
+    others: dict[Path, list[str]] = {}
+    for bake in read_notes(Path(job.output)):
+        held = [name for name in names if bake.holds(name)] if _is_another(bake.blend, job) else []
+        if bake.blend and held:
+            others.setdefault(bake.blend, []).extend(held)
+    return others
+
+
+def _is_another(blend: Path | None, job: Job) -> bool:
+    return blend is not None and blend.is_file() and blend != (Path(job.blend).resolve() if job.blend else None)
+
+
+def describe_others(job: Job, names: Sequence[str]) -> list[str]:
+    """A sentence for each of them."""
+    return [
+        f"{name_some(held)} in {job.output}: of the bake of {blend}, which this one writes over; choose another output folder, or bake "
+        "that file again into one of its own"
+        for blend, held in find_others(job, names).items()
+    ]
+
+
+def describe_left_over(job: Job, files: Sequence[PageFile], page_count: int) -> list[str]:
+    """A sentence where files are called like further pages of a bake, as one with more pages leaves them; who uses them is not known."""
+    if not job.settings.atlas:  # an image of an object that is not baked this time is nobody's further page
+        return []
+    others = [bake for bake in read_notes(Path(job.output)) if bake.note != find_note(job) or _is_another(bake.blend, job)]
+    kinds = sorted({(file.pass_name, file.kind) for file in files})
+    further = [name for kind in kinds for name in _list_further(job, *kind, page_count)]
+    left = [name for name in further if not any(one.holds(name) for one in others)]
+    if not left:
+        return []
+    return [f"{name_some(left)} in {job.output}: no page of this bake, but called like one; if nothing else uses it, delete it"]
+
+
+def _list_further(job: Job, pass_name: str, kind: str, page_count: int) -> list[str]:
+    """Files that are called like pages from `page_count` on; an earlier bake wrote them without a gap."""
+    names: list[str] = []
+    for page in itertools.count(page_count):
+        stem = fill_pattern(job.settings.name_pattern, f"{clean_name(job.atlas_name)}_{page}", pass_name, page)
+        name = f"{stem}{suffix_of(kind)}"
+        if not (Path(job.output) / name).is_file():
+            break
+        names.append(name)
+    return names
+
+
+def name_some(names: Sequence[str]) -> str:
+    """The first of the files, and how many more there are."""
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return f"{', '.join(names[:_NAMED])}{more}"

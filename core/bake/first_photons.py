@@ -1,0 +1,52 @@
+"""Photons of the first rounds, traced while charts and texels are still made: until it is asked where on a page they fall, they need only
+the scene, and before a round of theirs has been read nothing guides them. Processes that would have nothing to do by then trace them, and
+the same bytes come of it as without them.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from ..parallel.executors import LocalExecutor
+from ..transport import rounds
+from ..util.settings import Settings
+from .photon_shards import PhotonShard, trace_ahead
+
+_HITS_FOLDER = "hits"  # and the numbers of the round and the shard
+
+
+@dataclass(frozen=True)
+class FirstPhotons:
+    """sent   shards that are traced ahead by round and number, and what tells, once it is done, whether their hits are there"""
+
+    sent: dict[tuple[int, int], tuple[PhotonShard, Future[bool]]] = field(default_factory=dict)
+
+    @classmethod
+    def send(cls, folder: Path, settings: Settings, executor: Executor) -> FirstPhotons:
+        """Has those traced that the first rounds have in any case; none where this process would do it by itself, or other machines do it.
+
+        folder   of workers.open_scene
+        """
+        if not isinstance(executor, LocalExecutor) or not executor.is_awake:  # to start them now would keep charts waiting
+            return cls()
+        first, second = (rounds.count_ahead(round_, settings.direct == "rays") for round_ in (0, 1))
+        photons = [min(first, settings.max_photons)]
+        if second and settings.max_photons >= rounds.MOST_FIRST_PHOTONS + second:
+            photons.append(second)
+        shards = [
+            replace(shard, hits=str(folder / f"{_HITS_FOLDER}_{round_}_{shard.shard}"))
+            for round_, of_round in enumerate(photons)
+            for shard in PhotonShard.of_round(
+                folder, settings, round_, rounds.share_photons(of_round), view="", degree=0, guided=round_ > 0 and settings.guided
+            )
+        ]
+        return cls({(shard.round, shard.shard): (shard, executor.submit(trace_ahead, shard)) for shard in shards})
+
+    def take(self, shard: PhotonShard) -> PhotonShard:
+        """The shard with the folder of its hits, once they are there; as it is where those were not traced ahead."""
+        ahead, traced = self.sent.get((shard.round, shard.shard), (None, None))
+        if ahead is None or traced is None or (shard.photons, shard.weight) != (ahead.photons, ahead.weight):
+            return shard
+        return replace(shard, hits=ahead.hits) if traced.result() else shard

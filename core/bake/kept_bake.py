@@ -1,0 +1,123 @@
+"""A bake that is kept: what a finished one notes beside its images, so that the same bake need not be done again.
+
+The note is a hidden .npz in the folder of the images: the arrays of the layout file, and a JSON header.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.identity import hash_bake
+from ..scene.scene import SceneSnapshot
+from ..util.digest import hash_file
+from ..util.file_names import clean_name
+from ..util.files import save_whole
+from ..util.job import LAYOUT_FILE, RESULT_FILE, Job
+
+FORMAT = "leaflight-kept-bake"
+_HEADER = "header"
+
+
+@dataclass(frozen=True)
+class KeptBake:
+    """A bake whose images are still as they were written.
+
+    result     of the bake, the files where they are now
+    warnings   (subject, sentence): what the core told
+    layout     arrays of the layout file
+    stateless  a state was asked for, and the bake has none to keep: it would have none the next time either
+    """
+
+    result: dict[str, Any]
+    warnings: tuple[tuple[str, str], ...]
+    layout: dict[str, NDArray[Any]]
+    stateless: bool = False
+
+    def restore(self, folder: Path) -> None:
+        """Write into a job's folder what the bake would leave there.
+
+        Raises OSError where that cannot be written.
+        """
+        np.savez(folder / LAYOUT_FILE, **self.layout)
+        (folder / RESULT_FILE).write_text(json.dumps(self.result), encoding="utf-8")
+
+
+def find_note(job: Job) -> Path:
+    """Where the note of a job is."""
+    return Path(job.output) / f".leaflight_{clean_name(job.atlas_name)}.npz"
+
+
+def note_bake(
+    folder: Path, snapshot: SceneSnapshot, job: Job, result: dict[str, Any], warnings: Sequence[tuple[str, str]], stateless: bool = False
+) -> None:
+    """Note a bake whose files are written and whose layout is in `folder`.
+
+    stateless   see KeptBake
+    Raises OSError where that cannot be written.
+    """
+    files = [{**file, "path": Path(file["path"]).relative_to(job.output).as_posix()} for file in result["files"]]
+    header = {
+        "format": FORMAT,
+        "bake": hash_bake(snapshot, job),
+        "contents": [hash_file(Path(file["path"])) for file in result["files"]],
+        "result": {**result, "files": files},
+        "warnings": list(warnings),
+        "stateless": stateless,
+        "blend": _find_blend(job),
+    }
+    with np.load(folder / LAYOUT_FILE) as layout:
+        arrays = {name: layout[name] for name in layout.files}
+    arrays[_HEADER] = np.frombuffer(json.dumps(header).encode(), np.uint8)
+    save_whole(find_note(job), arrays)
+
+
+def _find_blend(job: Job) -> str:
+    """The .blend as seen from its images, so that both may be moved together; "" where there is none."""
+    if not job.blend:
+        return ""
+    blend = Path(job.blend).resolve()
+    try:
+        return Path(os.path.relpath(blend, Path(job.output).resolve())).as_posix()
+    except ValueError:  # another drive
+        return str(blend)
+
+
+def read_header(note: Path) -> dict[str, Any] | None:
+    """What a note says besides arrays; None where it is missing or damaged."""
+    try:
+        with np.load(note, allow_pickle=False) as stored:
+            header = json.loads(stored[_HEADER].tobytes())
+        return header if header["format"] == FORMAT else None
+    except (OSError, zipfile.BadZipFile, ValueError, EOFError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def find_kept_bake(snapshot: SceneSnapshot, job: Job) -> KeptBake | None:
+    """The bake that this job would repeat; None where there is none, or where one of its files is missing or altered."""
+    try:
+        with np.load(find_note(job), allow_pickle=False) as stored:
+            header = json.loads(stored[_HEADER].tobytes())
+            if header["format"] != FORMAT or header["bake"] != hash_bake(snapshot, job):
+                return None
+            layout = {name: stored[name] for name in stored.files if name != _HEADER}
+        result = header["result"]
+        for file, content in zip(result["files"], header["contents"], strict=True):
+            file["path"] = str(Path(job.output) / file["path"])
+            if hash_file(Path(file["path"])) != content:
+                return None
+        seconds = dict.fromkeys(result["seconds"], 0.0)
+        skipped = {**result["skipped"], "bake": 1}
+        warnings = tuple((subject, text) for subject, text in header["warnings"])
+        stateless = bool(header["stateless"])
+    except (OSError, zipfile.BadZipFile, ValueError, EOFError, KeyError, TypeError, AttributeError):
+        return None  # no note, or a damaged one: then the bake is done, which is what it would have saved
+    return KeptBake({**result, "seconds": seconds, "skipped": skipped}, warnings, layout, stateless)

@@ -1,0 +1,117 @@
+"""The search for the light on the texels, from its first glance to what stops it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from ..integrate.direct_field import DirectField
+from ..integrate.direct_shards import NOTHING_AHEAD, ShotAhead
+from ..integrate.light_field import LightField
+from ..parallel import executors
+from ..scene.materials import SurfaceMaterials
+from ..util.arrays import IntArray
+from ..util.messages import Message, Status
+from ..util.settings import Settings
+from . import checkpoint, preview, solve
+from .direct_only import settle_direct
+from .first_photons import FirstPhotons
+from .lost_light import state_lost
+from .needs import Needs
+from .receivers import Receivers
+from .stages import Run
+
+PREVIEW_FOLDER = "preview"
+_GLANCING = Status("preview", "First light")
+
+
+@dataclass
+class LightSearch:
+    """What the light is sought by.
+
+    first        photons that are being traced already
+    surfaces     what previews show light on
+    tri_object   (n_tri,) int: the object of each triangle
+    """
+
+    run: Run
+    settings: Settings
+    needs: Needs
+    receivers: Receivers
+    executor: Executor
+    first: FirstPhotons
+    surfaces: SurfaceMaterials
+    tri_object: IntArray
+
+    def find(self) -> tuple[LightField, solve.Solver | None]:
+        """The light, and the solver whose state it can be kept by; None where there is none.
+
+        Raises ValueError with a sentence where an earlier bake is to be gone on with and cannot be.
+        """
+        run, settings, texels = self.run, self.settings, self.receivers.texels
+        kept = checkpoint.load_checkpoint(Path(run.job.resume), run.folder, settings) if run.job.resume else None
+        direct = kept.direct if kept else DirectField.none(len(texels))
+        live, tell = self._show_first_light(direct, is_first=not kept)
+        solver, is_shot = None, True
+        if self.needs.direct and not kept:
+            solver, is_shot = self._shoot_direct(direct, tell)
+        if not is_shot:  # stopped before there was anything to show: one round of photons shows all of the light, coarsely
+            self.settings = settings = replace(settings, direct="photons")
+            solver, direct, self.first = None, DirectField.none(len(texels)), FirstPhotons()
+        if self.needs.photons or not is_shot:
+            with run.stage(solve.TRACING):
+                solver = solver or self._open_solver(direct)
+                if kept:
+                    kept.give_to(solver)
+                if live:
+                    solver.watch = live.show
+                light = solver.run(run.tell, run.should_stop)
+        else:
+            light = settle_direct(run.folder, texels, self.tri_object, settings, self.executor, direct, run.tell, run.should_stop)
+        light, lost = state_lost(light, settings)
+        run.warn(lost)
+        return light, solver if is_shot else None
+
+    def _show_first_light(self, direct: DirectField, is_first: bool) -> tuple[preview.PreviewPages | None, Callable[[Message], None]]:
+        """Pages for a viewport, None where nobody watches, and who hears of direct light while that is found.
+
+        is_first   there is no light yet, of an earlier bake
+        """
+        run, texels = self.run, self.receivers.texels
+        if not (run.job.preview and self.needs.direct):
+            return None, run.tell
+        with run.stage(_GLANCING):
+            live = preview.PreviewPages(run.folder / PREVIEW_FOLDER, texels, self.surfaces, self.settings, run.tell)
+            if not is_first:
+                return live, run.tell
+            return live, live.join(preview.find_first_light(run.folder, self.settings, texels), direct)
+
+    def _shoot_direct(self, direct: DirectField, tell: Callable[[Message], None]) -> tuple[solve.Solver | None, bool]:
+        """Shadow rays from all texels, as sure as they must be beside what a first round of photons brings; the solver that traced it, None
+        without photons, and whether the rays came to an end.
+        """
+        run, settings, texels = self.run, self.settings, self.receivers.texels
+        solver, ahead, by_rays = None, NOTHING_AHEAD, settings.direct == "rays"
+        if self.needs.photons and by_rays:
+            ahead = ShotAhead.send(run.folder, settings, self.executor, len(texels))
+            with run.stage(solve.TRACING):
+                solver = self._open_solver(direct)
+                solver.begin()
+        is_shot = True
+        with run.stage(DirectField.said):
+            if solver:
+                is_shot = solver.shoot_direct(tell, run.should_stop, ahead)
+            elif by_rays:
+                is_shot = direct.shoot(run.folder, settings, self.executor, range(len(texels)), tell, run.should_stop)
+            if solver and is_shot:  # processes that wait for its next photons have that to do
+                direct.begin_show(texels, settings.denoise, partial(executors.spread, self.executor))
+        return solver, is_shot
+
+    def _open_solver(self, direct: DirectField) -> solve.Solver:
+        found = self.receivers
+        return solve.Solver(
+            self.run.folder, self.settings, self.executor, direct, found.touched, first=self.first, rising_texels=found.rising
+        )

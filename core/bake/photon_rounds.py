@@ -1,0 +1,83 @@
+"""Photons of a round, traced by workers: the last shards of a large one while it is looked at.
+
+To look at a round takes one process a while, and workers whose shard ends early wait for it. So of a round of many shards the last ones are
+left to be traced meanwhile; their sums come with the next round's. Which ones is settled by the round alone: the same seed gives the same
+bytes, however many workers there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..parallel import shared_arrays
+from ..radiosity.quadtree import Quadtree
+from ..radiosity.splitting import Splitting
+from ..radiosity.tree_view import TreeView
+from . import photon_shards
+from .photon_shards import PhotonResult, PhotonShard
+
+_NEARLY_DONE = 2  # shards whose results are missing when the late ones are given out
+
+
+@dataclass
+class PhotonRounds:
+    """Shards under way.
+
+    late      of the last round, with their results to be; all of one view
+    dropped   those that were late when the bake stopped: who goes on sends them again, to be the bake that did not stop
+    """
+
+    executor: Executor
+    late: list[tuple[PhotonShard, Future[PhotonResult]]] = field(default_factory=list)
+    dropped: list[PhotonShard] = field(default_factory=list)
+
+    def count_late(self) -> tuple[int, float]:
+        """Photons that are under way, and how many of a first round would tell as much."""
+        return sum(shard.photons for shard, _ in self.late), sum(shard.photons * shard.weight for shard, _ in self.late)
+
+    def trace(self, shards: Sequence[PhotonShard], n_late: int) -> Iterator[tuple[PhotonShard, PhotonResult]]:
+        """What came of the late shards of the round before, then of these but the last `n_late`; views are removed once they are read."""
+        first, last = shards[: len(shards) - n_late], shards[len(shards) - n_late :]
+        before, self.late = self.late, []
+        results = self.executor.map(photon_shards.trace_photons, first)
+        try:
+            for shard, late in before:
+                yield shard, late.result()
+            _remove_views([shard for shard, _ in before])
+            for left, shard in zip(range(len(first), 0, -1), first, strict=True):
+                if left == _NEARLY_DONE:  # not before, or this process would do them while it waits for the others
+                    self.send(last)
+                yield shard, next(results)
+        finally:
+            if not self.late:
+                _remove_views(shards)
+
+    def send(self, late: Sequence[PhotonShard]) -> None:
+        """Have these shards, of one view, traced by when the next round is."""
+        self.late = [(shard, self.executor.submit(photon_shards.trace_photons, shard)) for shard in late]
+
+    def drop(self) -> None:
+        """Do not wait for what is under way: who works on it may find that its view is gone."""
+        for _, late in self.late:
+            late.cancel()
+        self.dropped, self.late = [shard for shard, _ in self.late], []
+        _remove_views(self.dropped)
+
+
+def save_view(folder: Path, tree: Quadtree, n_texel: int, square_entry: NDArray[np.int32], splitting: Splitting | None) -> str:
+    """The folder, with what the shards of a round read there; arguments as of TreeView.of_tree."""
+    shared_arrays.save_struct(folder, TreeView.of_tree(tree, n_texel, square_entry, shared_arrays.Room(folder)))
+    if splitting:
+        shared_arrays.save_struct(folder / photon_shards.SPLITTING_FOLDER, splitting)
+    return str(folder)
+
+
+def _remove_views(shards: Sequence[PhotonShard]) -> None:
+    for view in {shard.view for shard in shards}:
+        shared_arrays.remove_struct(Path(view))

@@ -1,0 +1,181 @@
+"""Shards of photons: what is traced of them, and summed over the nodes of the trees."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..filter.squares import deposit_on_squares
+from ..parallel import shared_arrays
+from ..parallel.folders import keep_view_open
+from ..radiosity.splitting import SplitTally, Splitting, weigh_groups
+from ..radiosity.tally import ShardTally, deposit
+from ..radiosity.tree_view import TreeView
+from ..transport import photons, photons_ahead
+from ..transport.birth_cells import BirthCells
+from ..transport.birth_guide import BirthTally
+from ..transport.photon_log import Counters, EnergyAudit, ShardHits
+from ..transport.traced_scene import TracedScene, Tracing, open_scene, open_tracing
+from ..util import sampling
+from ..util.settings import Settings
+
+SPLITTING_FOLDER = "splitting"  # in a view's
+
+
+@keep_view_open
+def open_view(folder: str) -> TreeView:
+    """The view that was written to `folder`; a process keeps the last one open."""
+    return shared_arrays.load_struct(Path(folder), TreeView)
+
+
+@keep_view_open
+def open_splitting(folder: str) -> Splitting:
+    """What photons of a view are told; the same."""
+    return shared_arrays.load_struct(Path(folder) / SPLITTING_FOLDER, Splitting)
+
+
+@dataclass(frozen=True)
+class PhotonShard:
+    """One shard of one round."""
+
+    tracing: str  # folder
+    view: str  # folder
+    seed: int
+    round: int
+    shard: int
+    photons: int
+    max_depth: int
+    degree: int
+    skip_first: bool  # direct light comes from shadow rays
+    weight: float = 1.0  # how much a photon tells, see splitting
+    guided: bool = False  # the view's folder tells where more or fewer photons should part
+    hits: str = ""  # folder on this machine: what was traced of it already, see first_photons
+
+    @classmethod
+    def of_round(
+        cls,
+        folder: Path,
+        settings: Settings,
+        round_: int,
+        shares: Sequence[int],
+        view: str,
+        degree: int,
+        weight: float = 1.0,
+        guided: bool = False,
+    ) -> list[PhotonShard]:
+        """Shards of so many photons each; the others are as the fields."""
+        whole = cls(
+            tracing=str(folder),
+            view=view,
+            seed=settings.seed,
+            round=round_,
+            shard=0,
+            photons=0,
+            max_depth=settings.max_depth,
+            degree=degree,
+            skip_first=settings.direct == "rays",
+            weight=weight,
+            guided=guided,
+        )
+        return [replace(whole, shard=number, photons=share) for number, share in enumerate(shares)]
+
+
+@dataclass(frozen=True)
+class PhotonResult:
+    """Sums and counts of one shard; sums over nodes and squares of photons that carry the light of a bake with one, times their weight."""
+
+    tally: ShardTally
+    squares: ShardTally
+    audit: EnergyAudit
+    counters: Counters
+    splitting: SplitTally | None
+    births: BirthTally | None
+    lit_elsewhere: NDArray[np.bool_]  # see gather.KnownLight
+
+    @classmethod
+    def join(cls, pieces: Sequence[PhotonResult]) -> PhotonResult:
+        """Of pieces of one shard's photons: the sums of all; what becomes of groups the first one tells."""
+        first = pieces[0]
+        if len(pieces) == 1:
+            return first
+        return replace(
+            first,
+            tally=ShardTally.join([piece.tally for piece in pieces]),
+            squares=ShardTally.join([piece.squares for piece in pieces]),
+            audit=EnergyAudit.join([piece.audit for piece in pieces]),
+            counters=Counters.join([piece.counters for piece in pieces]),
+            lit_elsewhere=np.logical_or.reduce([piece.lit_elsewhere for piece in pieces]),
+        )
+
+
+def trace_photons(shard: PhotonShard) -> PhotonResult:
+    """Trace the photons of a shard and sum them over the nodes they meet."""
+    tracing, view = open_tracing(shard.tracing), open_view(shard.view)
+    splitting = open_splitting(shard.view) if shard.guided else None
+    split_at = partial(_split_at, tracing, view, splitting) if splitting and shard.skip_first else None
+    cells = splitting.cells if splitting and not shard.skip_first else None
+    ahead = photons_ahead.fetch_hits(Path(shard.hits), split_at) if shard.hits else None
+    pieces = iter([ahead]) if ahead else _trace_hits(tracing, shard, split_at, cells)
+    return PhotonResult.join([_sum_up(tracing, view, shard, splitting, hits) for hits in pieces])
+
+
+def _sum_up(tracing: Tracing, view: TreeView, shard: PhotonShard, splitting: Splitting | None, hits: ShardHits) -> PhotonResult:
+    x, y = tracing.texels.hit_texel_xy(hits.tri, hits.u, hits.v)
+    entry = tracing.texels.entry_of(hits.tri, x, y)
+    lit_elsewhere = np.zeros(len(tracing.snapshot.objects), bool)
+    lit_elsewhere[tracing.snapshot.tri_object[hits.elsewhere]] = True
+    if entry.min(initial=0) < 0:  # a face may have no texels, as one that a layer folds to a line
+        lit_elsewhere[tracing.snapshot.tri_object[hits.tri[entry < 0]]] = True
+        placed = np.flatnonzero(entry >= 0)
+        hits, x, y, entry = hits.only(placed), x.take(placed), y.take(placed), entry.take(placed)
+    node, s, t = view.locate(tracing.texels.owner_of(entry, x, y), x, y)
+    is_first = None if shard.skip_first else hits.is_first
+    sums = deposit(node, s, t, hits.flux_rgb, is_first, len(view.centre), shard.degree)
+    on_squares = deposit_on_squares(tracing.texels, view.square_entry, entry, hits.tri, x, y, hits.flux_rgb, is_first)
+    parted = born = None
+    if splitting and hits.groups:
+        noise = weigh_groups(hits.groups, splitting.worth, node, hits.flux_rgb)
+        if shard.skip_first:
+            parted = SplitTally.of(hits.groups, noise)
+        else:
+            born = BirthTally.of(hits.groups, noise, len(splitting.cells))
+    return PhotonResult(sums, on_squares, hits.audit, hits.counters, parted, born, lit_elsewhere)
+
+
+def trace_ahead(shard: PhotonShard) -> bool:
+    """Trace photons of a shard to the folder `hits`, before there is anything that guides them; texels and a view need not be there yet.
+
+    False where so much becomes of them that it had better be summed as it comes.
+    """
+    noted = photons_ahead.NotedPartings() if shard.guided else None
+    pieces = _trace_hits(open_scene(shard.tracing), shard, noted)
+    hits = next(pieces)
+    is_all = next(pieces, None) is None
+    if is_all:
+        photons_ahead.keep_hits(Path(shard.hits), hits, noted)
+    return is_all
+
+
+def _trace_hits(
+    opened: TracedScene, shard: PhotonShard, split_at: photons.SplitAt | None = None, cells: BirthCells | None = None
+) -> Iterator[ShardHits]:
+    rng = sampling.shard_rng(shard.seed, shard.round, shard.shard)
+    # How many photons the bake will have is not known yet: each carries all the light, and sums are divided when read.
+    flux_share = shard.photons * shard.weight
+    return photons.trace_shard(opened.scene, shard.photons, flux_share, rng, shard.max_depth, shard.skip_first, split_at, cells)
+
+
+def _split_at(
+    tracing: Tracing, view: TreeView, splitting: Splitting, tri: NDArray[np.int32], u: NDArray[np.float32], v: NDArray[np.float32]
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """photons.SplitAt."""
+    x, y = tracing.texels.hit_texel_xy(tri, u, v)
+    entry = tracing.texels.entry_of(tri, x, y)
+    node = view.node.take(entry, mode="clip")
+    place = splitting.find_places(node, entry >= 0, tracing.snapshot.tri_object.take(tri))
+    return place, splitting.factor.take(place)

@@ -1,0 +1,172 @@
+"""The light while it is being found, as small pages for a viewport: quick to make, left out when that would slow the bake.
+
+A page shows each leaf's own function, unblended, so that coarse leaves are seen to become fine; leaves of few photons lean on what
+is around them, as in the bake. Where shadow rays have been shot at a texel already, its direct light is theirs; until then it is that of
+the photons.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..integrate.direct_field import DirectField
+from ..integrate.light_field import LightField
+from ..output.image_file import HALF_MAX
+from ..parallel.executors import InlineExecutor
+from ..radiosity import basis
+from ..scene.materials import SurfaceMaterials
+from ..texels.margin import fill_margin
+from ..texels.texel_map import TexelMap
+from ..util.arrays import IntArray
+from ..util.messages import Message, Preview
+from ..util.settings import Settings
+from .solve import Solver
+
+FIRST_PHOTONS = 1 << 17  # of the first light, which is to be seen at once
+FIRST_ROUND = 1 << 30  # its own name and random numbers: no round of a bake comes that far, nor do shadow rays' turns come down to it
+FIRST_LEVEL = 1  # of its current nodes: there is no time for rounds that would split them
+MOST_TEXELS = 1 << 19  # of all pages together
+LEAST_PAUSE_S = 0.3
+PAUSE_OF_COST = 10.0  # a preview waits so many times what the last one took
+# Whoever shows the first light gives all objects materials then, and draws everything anew: beside a bake that takes it a third longer.
+FIRST_DRAWN_S = 0.3
+_KEPT_TURNS = 3  # whoever shows a page may lag behind so many
+
+# Pass -> whether direct and indirect light show, whether the albedo colours them, and what is added.
+_PASSES = {
+    "combined": (1.0, 1.0, True, "emission"),
+    "diffuse": (1.0, 1.0, True, ""),
+    "direct": (1.0, 0.0, False, ""),
+    "indirect": (0.0, 1.0, False, ""),
+    "emission": (0.0, 0.0, False, "emission"),
+    "albedo": (0.0, 0.0, False, "albedo"),
+}
+_LIGHTING = (1.0, 1.0, False, "")  # what other passes show until they are done
+
+
+def find_first_light(folder: Path, settings: Settings, texels: TexelMap) -> LightField:
+    """All light by a few photons, traced in this process before any worker is awake; no part of the bake's own result.
+
+    folder   of workers.open_tracing
+    """
+    level = max(settings.min_level, FIRST_LEVEL)
+    # Planes through so few photons would dip to black.
+    quick = replace(settings, direct="photons", basis="constant", max_photons=FIRST_PHOTONS, min_level=level, hierarchical=True)
+    n_texel = len(texels)
+    solver = Solver(folder, quick, InlineExecutor(), DirectField.none(n_texel), np.zeros(n_texel, bool))
+    solver.round = FIRST_ROUND
+    return solver.glance()
+
+
+class PreviewPages:
+    """Writes pages of `pass_name` into `folder` and tells of them."""
+
+    def __init__(
+        self,
+        folder: Path,
+        texels: TexelMap,
+        surfaces: SurfaceMaterials,
+        settings: Settings,
+        tell: Callable[[Message], None],
+    ) -> None:
+        folder.mkdir(exist_ok=True)
+        self._folder, self._tell, self._turn = folder, tell, 0
+        self._pages = texels.page_count
+        self.side = min(texels.page_size, max(math.isqrt(MOST_TEXELS // self._pages), 1))
+        self._margin = max(settings.margin * self.side // texels.page_size, 1)
+        show_direct, show_indirect, coloured, added = _PASSES.get(settings.passes[0], _LIGHTING)
+        self._cell, self._entry = _choose_entries(texels, self.side)
+        self._centre = texels.texel_xy[self._entry] + 0.5
+        albedo = _surface_at(texels, surfaces.albedo_at, surfaces.has_images(False), self._entry)
+        emission = _surface_at(texels, surfaces.emission_at, surfaces.has_images(True), self._entry)
+        tint = (albedo if coloured else np.ones_like(albedo)) / np.float32(np.pi)
+        self._direct_tint, self._indirect_tint = np.float32(show_direct) * tint, np.float32(show_indirect) * tint
+        self._added = {"emission": emission, "albedo": albedo}.get(added, np.zeros_like(albedo))
+        self._next_s = -math.inf
+
+    def show(self, light: LightField) -> None:
+        """Pages of the light as it stands, unless the last ones are too fresh for what they cost."""
+        if time.monotonic() < self._next_s:
+            return
+        begin = time.thread_time()  # not the clock: what others do with the machine is no cost of ours
+        for page, pixels in enumerate(self.draw(light)):
+            path = self._path(page, self._turn)
+            np.save(path, pixels)
+            with contextlib.suppress(PermissionError):  # Windows refuses while Blender reads it; it goes with the job's folder
+                self._path(page, self._turn - _KEPT_TURNS).unlink(missing_ok=True)
+            self._tell(Preview(page, str(path)))
+        self._turn += 1
+        self._next_s = time.monotonic() + max(LEAST_PAUSE_S, PAUSE_OF_COST * (time.thread_time() - begin))
+
+    def join(self, light: LightField, direct: DirectField) -> Callable[[Message], None]:
+        """Shows a first light, and leaves time to draw it; again with each message while direct light is found; in place of `tell`."""
+        mixed = replace(light, direct=direct)
+        self.show(mixed)
+        time.sleep(FIRST_DRAWN_S)
+
+        def tell_and_show(message: Message) -> None:
+            self._tell(message)
+            self.show(mixed)
+
+        return tell_and_show
+
+    def draw(self, light: LightField) -> list[NDArray[np.float16]]:
+        """(side, side, 4) float16 for each page, row 0 at the bottom."""
+        direct = light.direct
+        by_photons, indirect = self._evaluate(light)
+        shot = direct.passes[self._entry, None] > 0
+        direct_light = np.where(shot, direct.irradiance[self._entry], by_photons)
+        colour = direct_light * self._direct_tint + indirect * self._indirect_tint + self._added
+        side = self.side
+        flat = np.zeros((self._pages * side * side, 4), np.float32)
+        flat[self._cell, :3] = np.minimum(colour, HALF_MAX)
+        flat[self._cell, 3] = 1.0
+        pages = flat.reshape(self._pages, side, side, 4)
+        for pixels in pages:
+            pixels[..., :3] = fill_margin(pixels[..., :3], pixels[..., 3] > 0.0, self._margin)
+        return [pixels.astype(np.float16) for pixels in pages]
+
+    def _evaluate(self, light: LightField) -> NDArray[np.float32]:
+        """(2, m, 3) float32, W/m^2: direct and indirect irradiance of the leaves at the texels that are shown."""
+        tree = light.tree
+        order = light.leaves[np.argsort(tree.start[light.leaves])]
+        node = order[np.searchsorted(tree.start[order], self._entry, side="right") - 1]
+        half = tree.side[node, None] / 2.0
+        s, t = np.clip((self._centre - tree.origin[node]) / half - 1.0, -1.0, 1.0).T
+        out = np.zeros((2, 3, len(node)))
+        for k, monomial in enumerate(basis.monomials(s, t, tree.degree)):
+            out += light.solution.coefficient[:, :, k, node] * monomial
+        lit: NDArray[np.float32] = np.maximum(out, 0.0).transpose(0, 2, 1).astype(np.float32)
+        if light.few:
+            light.few.show(lit[1], None, node)
+        return lit
+
+    def _path(self, page: int, turn: int) -> Path:
+        return self._folder / f"page_{page}_{turn}.npy"
+
+
+def _choose_entries(texels: TexelMap, side: int) -> tuple[IntArray, IntArray]:
+    """Cells of all pages that a chart covers (m,), and a texel entry for each (m,)."""
+    x, y = (texels.texel_xy.astype(np.int64) * side // texels.page_size).T
+    cell = (texels.page_of(slice(None)).astype(np.int64) * side + y) * side + x
+    first = np.full(texels.page_count * side * side, -1)
+    first[cell[::-1]] = np.arange(len(cell))[::-1]
+    covered = np.flatnonzero(first >= 0)
+    return covered, first[covered]
+
+
+def _surface_at(texels: TexelMap, look_up: Callable[..., NDArray[np.float32]], has_images: bool, entry: IntArray) -> NDArray[np.float32]:
+    """(m, 3) float32: what the surface is like at one point of each texel."""
+    if has_images:
+        _, u, v = texels.bary_at(entry).T
+    else:
+        u = v = np.zeros(len(entry), np.float32)
+    return look_up(texels.texel_tri[entry], u, v)

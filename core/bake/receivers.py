@@ -1,0 +1,105 @@
+"""What takes light, before there is any: charts on pages, and their texels, cut where light may jump."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..atlas import chart_search
+from ..atlas.charts import ChartAtlas, make_charts
+from ..atlas.kept_charts import KeptCharts, find_charts_file
+from ..output import pages
+from ..parallel import executors, folders, shared_arrays
+from ..radiosity import basis
+from ..scene.scene import SceneSnapshot
+from ..texels import creases, texels
+from ..texels.texel_map import TexelMap
+from ..transport import contact_map, contact_search, traced_scene
+from ..util.job import LAYOUT_FILE
+from ..util.messages import Status, Warning_
+from ..util.settings import Settings
+from ..util.told import group_warnings
+from . import earlier_bakes
+from .stages import Run
+
+_TREE = Status("scene", "Building the ray tracer's tree")
+
+
+@dataclass(frozen=True)
+class Receivers:
+    """Surfaces as light is sought on them.
+
+    facets    the charts, cut at creases and contacts
+    texels    theirs; read-only from here on, as for all processes
+    touched   (n,) bool: texel entries that something touches, of ContactMap; all False where nobody looked
+    rising    (n,) bool: those below what rises from there, likewise
+    """
+
+    facets: ChartAtlas
+    texels: TexelMap
+    touched: NDArray[np.bool_]
+    rising: NDArray[np.bool_]
+
+
+def lay_out(run: Run, snapshot: SceneSnapshot, settings: Settings, kept: KeptCharts) -> ChartAtlas:
+    """The charts of all objects that take light; the layout file tells Blender where they lie.
+
+    kept   of an earlier bake; what it then has is kept for the next one, also where this one is stopped
+    Raises ValueError with a sentence where there are none, or they do not fit.
+    """
+    with run.stage(chart_search.UNWRAPPING):
+        is_whole = False
+        try:
+            atlas = make_charts(snapshot, settings, run.watch(), kept)
+            is_whole = True
+        finally:  # also where it is stopped, or charts do not fit: who bakes again has waited for them once
+            _keep_charts(run, kept, is_whole)
+        if not atlas.page_count:
+            told = "; ".join(told.text.removesuffix(".") for told in group_warnings(atlas.warnings))
+            raise ValueError(f"nothing to bake: no object has a face that takes light ({told}).")
+        layout = {name: getattr(atlas, name) for name in ("tri_chart", "object_page", "object_block", "object_place")}
+        np.savez(run.folder / LAYOUT_FILE, tri_uv=atlas.tri_uv / atlas.page_size, **layout)
+        run.warn(atlas.warnings)
+        for text in earlier_bakes.describe_others(run.job, pages.list_names(run.job, snapshot, atlas)):
+            run.tell(Warning_("", text))  # now, for there is time to stop; and not in the note, for a bake that is kept writes over nothing
+    return atlas
+
+
+def _keep_charts(run: Run, kept: KeptCharts, is_whole: bool) -> None:
+    try:
+        kept.save(find_charts_file(run.job), is_whole)
+    except OSError as reason:
+        run.tell(Warning_("", f"the charts cannot be kept in {run.job.output} ({reason}), so the next bake unwraps all meshes again"))
+
+
+def find_receivers(
+    run: Run, snapshot: SceneSnapshot, settings: Settings, atlas: ChartAtlas, executor: Executor, lit: bool, by_photons: bool
+) -> Receivers:
+    """The texels of the charts, saved for traced_scene.open_tracing.
+
+    lit          whether rays are sent at all
+    by_photons   whether leaves are to hold light: then charts are cut along contacts
+    """
+    place = run.folder / folders.TEXELS_FOLDER
+    with run.stage(texels.MEASURING):
+        facets = creases.cut_at_creases(snapshot, atlas)
+        shared_arrays.remove_struct(place)  # of an earlier bake in the same folder
+        room, degree = shared_arrays.Room(place), 2 * basis.DEGREES[settings.basis]
+        texel_map = texels.build_texel_map(snapshot, facets, degree, room, run.watch())
+    touched = rising = np.zeros(len(texel_map), bool)
+    if lit:
+        with run.stage(_TREE):
+            opened = traced_scene.open_scene(str(run.folder))
+        run.warn(opened.warnings)
+        if settings.contact and by_photons:
+            with run.stage(contact_map.LOOKING):
+                watch, threads = run.watch(), executors.count_processors(settings.workers)
+                contacts = contact_search.search_contacts(run.folder, opened, texel_map, executor, threads, watch)
+                texel_map, facets, touched, rising = contact_map.cut_at_contacts(texel_map, facets, contacts, watch)
+    shared_arrays.save_struct(place, texel_map)
+    if lit:
+        texel_map = traced_scene.open_tracing(str(run.folder)).texels
+    return Receivers(facets, texel_map, touched, rising)

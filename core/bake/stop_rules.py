@@ -1,0 +1,56 @@
+"""What ends a bake, and how far it has come."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ..integrate.light_field import LightField
+from ..util.messages import Progress
+from ..util.settings import Settings
+
+
+@dataclass(frozen=True)
+class StopRules:
+    """Of one bake.
+
+    should_stop   whether somebody asked for the best so far; then it stays so
+    started       by time.monotonic()
+    """
+
+    settings: Settings
+    should_stop: Callable[[], bool]
+    started: float
+
+    def is_late(self) -> bool:
+        return 0.0 < self.settings.time_limit <= time.monotonic() - self.started
+
+    def break_off(self) -> bool:
+        """Whether what is under way is not to be waited for."""
+        return self.should_stop() or self.is_late()
+
+    def find_reason(self, error: float, photons: int) -> str:
+        """What ends a bake of so many photons with this stated error, as LightField.stopped_by; "" where nothing does."""
+        if self.should_stop():
+            return "interrupted"
+        if error <= self.settings.error:
+            return "error"
+        if self.settings.max_photons - photons < 2:
+            return "max_photons"
+        return "time_limit" if self.is_late() else ""
+
+    def measure_progress(self, light: LightField, before: int) -> Progress:
+        """`before` photons were traced by an earlier bake."""
+        seconds = max(time.monotonic() - self.started, 1e-6)
+        settings = self.settings
+        fractions = [light.photons / settings.max_photons]
+        if light.error > 0.0:
+            fractions.append(min((settings.error / light.error) ** 2, 1.0))
+        if settings.time_limit:
+            fractions.append(seconds / settings.time_limit)
+        fraction = 1.0 if light.stopped_by else min(max(fractions), 1.0)
+        done = fraction * (1.0 - before / max(light.photons, 1))  # of it, in this time
+        left = seconds * (1.0 - fraction) / done if done > 0.0 else math.nan
+        return Progress(fraction, light.photons, (light.photons - before) / seconds, light.error, left, len(light.leaves))

@@ -1,0 +1,27 @@
+"""All kinds of work that a process of a bake may be given, loaded at once."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+
+from ..filter import denoise
+from ..integrate import texel_shards
+from ..parallel import executors
+from ..scene import rays
+from ..transport import contact_map
+from ..util import sampling
+from ..util.settings import Settings
+from . import photon_shards
+
+_KINDS = contact_map, denoise, photon_shards, texel_shards  # their functions run in other processes
+
+
+def load_ahead() -> None:
+    """Has all that shards need loaded or made, this module included, before there is one."""
+    rays.load_ahead()
+    sampling.load_ahead()
+
+
+def open_executor(settings: Settings) -> Executor:
+    """executors.open_executor of processes that have loaded all kinds of work."""
+    return executors.open_executor(settings, load_ahead)

@@ -1,0 +1,169 @@
+"""What the texels that are asked err by, squared and relative to local brightness, by where it comes from; and sums over some of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..texels.judged import BEST_TEXELS, choose_lit, find_dark2
+from .direct_shown import ShownGathered, SmoothedAt
+from .missing_light import Bias
+from .photon_noise import PhotonNoise
+
+
+@dataclass(frozen=True)
+class Sum:
+    """Means over texels of what they err by, relative and squared.
+
+    doubt2     what may be missing beyond what is told, and what shrinking may not have taken
+    indirect   share of the light that photons bring
+    """
+
+    photons2: float
+    direct2: float
+    gathered2: float
+    missing2: float
+    doubt2: tuple[float, float]
+    indirect: float
+
+    @property
+    def relative(self) -> float:
+        return math.sqrt(self._square)
+
+    @property
+    def chosen(self) -> float:
+        return math.sqrt(self._square + self.doubt2[0] + self.doubt2[1])
+
+    @property
+    def _square(self) -> float:
+        return self.photons2 + self.direct2 + self.gathered2 + self.missing2
+
+
+@dataclass(frozen=True)
+class RayNoise:
+    """Of light by rays at the texels of a sample (m,).
+
+    smoothing   what it did there
+    told        (m,) bool: where the light is shown
+    noise2      (m,): its noise, relative and squared
+    """
+
+    smoothing: SmoothedAt
+    told: NDArray[np.bool_]
+    noise2: NDArray[np.floating[Any]]
+
+    def take(self, rows: NDArray[np.int64], factor: NDArray[np.float64]) -> RayNoise:
+        """Of some of them, (k,), relative to what gives these squared errors a factor, (k,)."""
+        return RayNoise(self.smoothing.take(rows), self.told[rows], self.noise2[rows] * factor)
+
+    def sum_up(self, weight: NDArray[np.float32], best: NDArray[np.int64]) -> float:
+        """Mean over texels `best` of the sample: of that noise but for what smoothing found not to be there, and of what it blurs.
+
+        weight   (m, 3) of AllLight.weigh
+        """
+        asked, noise2 = best[self.told[best]], self.noise2[best]
+        noise2[self.smoothing.is_smoothed[best]] *= self.smoothing.take(asked).find_noise_share(weight[asked])
+        return _mean(noise2) + self._sum_up_blur(weight, best)
+
+    def find_error(self, weight: NDArray[np.float32], rows: NDArray[np.int64]) -> float:
+        """Root of that over texels `rows` (k,) of the sample but for the worst of them, where there is no other light.
+
+        All noise is believed: measured, two_rooms would else state 0.75 of its error.
+        """
+        if not len(rows):
+            return 0.0
+        noise2 = self.noise2[rows]
+        best = rows[np.argsort(noise2, kind="stable")[: math.ceil(BEST_TEXELS * len(rows))]]
+        return math.sqrt(_mean(self.noise2[best]) + self._sum_up_blur(weight, best))
+
+    def _sum_up_blur(self, weight: NDArray[np.float32], best: NDArray[np.int64]) -> float:
+        blur2 = np.where(self.told[best], (weight[best] * self.smoothing.blur2[best]).mean(1), 0.0)
+        return max(_mean(blur2), 0.0)
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What the texels of a sample (m,) err by, relative and squared.
+
+    light      (m, 3) of AllLight.at
+    dark       of AllLight
+    weight     (m, 3) of AllLight.weigh
+    unseen2    (m,) of photon_noise.find_unseen
+    gathered   None where no light is
+    indirect   (m, 3): share of its light that photons bring
+    """
+
+    light: NDArray[np.float32]
+    dark: float
+    weight: NDArray[np.float32]
+    noise: PhotonNoise
+    unseen2: NDArray[np.float64]
+    bias: Bias
+    direct: RayNoise
+    gathered: RayNoise | None
+    indirect: NDArray[np.float32]
+
+    def with_gathered(self, gathered: ShownGathered, sample: NDArray[np.int64]) -> Terms:
+        """Where light was gathered it is shown in place of the leaves'; photons' noise is changed in place.
+
+        sample   (m,) int64: the texel entries
+        """
+        shown, told = gathered.light, gathered.told[sample]
+        noise2 = np.where(told, (self.weight * shown.variance_at(sample)).mean(1), np.float64(0.0))
+        self.noise.replace((self.weight.mean(1) * gathered.doubt2[sample])[told] + gathered.carried2, told)
+        by_rays = RayNoise(shown.tell_smoothing(sample), told, noise2)
+        return replace(self, unseen2=np.where(told, 0.0, self.unseen2), bias=self.bias.without(told), gathered=by_rays)
+
+    def sum_up(self, rows: NDArray[np.int64], unseen: bool = False) -> Sum:
+        """Of those of the texels `rows` (k,) that are lit, but for the worst of them; with what is unseen of an object, which a whole is
+        not asked for."""
+        rows = choose_lit(rows, self.light.any(axis=1) | (unseen & (self.unseen2 > 0.0)))
+        likely = self.noise.photons2[rows] + self.direct.noise2[rows] + self.bias.gap[rows]
+        if self.gathered:
+            likely += self.gathered.noise2[rows]
+        count = math.ceil(BEST_TEXELS * len(rows))
+        best = rows[np.argpartition(likely, count - 1)[:count]]
+        missing2, missing_doubt2 = self.bias.sum_up(best)
+        return Sum(
+            photons2=_mean(self.noise.photons2[best]) + (_mean(self.unseen2[best]) if unseen else 0.0),
+            direct2=self.direct.sum_up(self.weight, best),
+            gathered2=self.gathered.sum_up(self.weight, best) if self.gathered else 0.0,
+            missing2=missing2,
+            doubt2=(missing_doubt2, self.noise.find_doubt2(best)),
+            indirect=_mean(self.indirect[rows]),
+        )
+
+    def judge_alone(self, rows: NDArray[np.int64]) -> float:
+        """What the texels `rows` (k,) err by, relative, as if there were no others; roughly, for channels weigh as they did."""
+        light = self.light[rows]
+        own, factor = _weigh_alone(light, self.dark, self.weight[rows])
+        direct, gathered = self.direct.take(rows, factor), self.gathered and self.gathered.take(rows, factor)
+        noise, bias = self.noise.take(rows, factor), self.bias.take(rows, factor)
+        alone = Terms(light, self.dark, own, noise, self.unseen2[rows] * factor, bias, direct, gathered, self.indirect[rows])
+        return alone.sum_up(np.arange(len(rows)), unseen=True).relative
+
+
+def _weigh_alone(light: NDArray[np.float32], dark: float, weight: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """(k, 3): AllLight.weigh of texels as if there were no others, light (k, 3), W/m^2; (k,): that over a weight (k, 3), in the mean.
+
+    dark   of AllLight
+    """
+    scale2 = light**2 + find_dark2(light, dark)
+    own = np.divide(np.float32(1.0), scale2, out=np.zeros_like(light), where=scale2 > 0.0)
+    return own, np.divide(own.mean(1), weight.mean(1), out=np.zeros(len(light)), where=weight.any(1))
+
+
+def judge_rays_alone(
+    light: NDArray[np.float32], dark: float, weight: NDArray[np.float32], rays: RayNoise, rows: NDArray[np.int64]
+) -> float:
+    """As Terms.judge_alone, where there are no photons; arguments as the fields of Terms, rays of direct light."""
+    own, factor = _weigh_alone(light[rows], dark, weight[rows])
+    return rays.take(rows, factor).find_error(own, choose_lit(np.arange(len(rows)), light[rows].any(axis=1)))
+
+
+def _mean(values: NDArray[np.floating[Any]]) -> float:
+    return float(values.mean(dtype=np.float64))

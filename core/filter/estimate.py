@@ -1,0 +1,188 @@
+"""The stated error: how far the bake is likely to be from the converged light, told from the bake itself.
+
+Three parts: noise of each leaf from the squared powers of its photons, corrected by how the two halves of the bake differ, and on
+small leaves by what smoothing takes off; light that the leaves cannot hold (missing_light); and the noise of direct light by shadow rays.
+The error of a bake is relative to local brightness, so that dark corners count as the eye counts them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..radiosity.few_photons import FewPhotons
+from ..texels.judged import Judged, Parts, choose_lit
+from ..texels.texel_map import TexelMap
+from . import missing_light, photon_noise
+from .all_light import AllLight
+from .denoise import GRAIN_LEFT, SMALL_LEAF
+from .direct_shown import ShownDirect, ShownGathered
+from .error_terms import RayNoise, Terms, judge_rays_alone
+from .neighbours import Neighbours
+from .photon_noise import PhotonNoise
+from .reading import Reading
+from .reconstruct import Blend
+from .squares import SquareLight, ToldBySquares
+
+
+@dataclass(frozen=True)
+class StatedError:
+    """What the bake says of itself, relative to local brightness; of several parts that are judged, what it says of the worst.
+
+    relative      error of the whole: root mean square over the best texels and over channels; nan before any photon
+    chosen        the same for whoever stops at this round because it is small, and so picks one that came out small by chance: a standard
+                  error of what leaves miss is held against it
+    direct        the part of it that is noise of direct light by rays, which no photon makes less
+    photons       the part of it that is photons' noise
+    correction    of photon_noise.noise_correction
+    texel_direct2 gives (n,) float32: the squared part of direct light by rays at each texel, 0 of those that are not judged
+    gathered, texel_gathered2   as direct and texel_direct2, of gathered light; None where there is none
+    indirect      mean share of a texel's light that photons bring
+    neighbours    of the nodes, for who shows them; None before any photon
+    parts         what was judged as one
+    of_parts      (p,) float64: `chosen` of each, `direct` where there is no photon
+    of_objects    gives `relative`, or `direct`, of each object by its index, beside its own brightness; without those with few texels
+    """
+
+    relative: float
+    chosen: float
+    direct: float
+    photons: float
+    correction: NDArray[np.float64]
+    texel_direct2: Callable[[], NDArray[np.float32]]
+    gathered: float = 0.0
+    texel_gathered2: Callable[[], NDArray[np.float32]] | None = None
+    indirect: float = 1.0
+    neighbours: Neighbours | None = None
+    parts: Parts = field(default_factory=lambda: Parts.whole(0, 0.0))
+    of_parts: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
+    of_objects: Callable[[], dict[int, float]] = dict
+
+
+def state_error(
+    reading: Reading,
+    shown_direct: ShownDirect,
+    texels: TexelMap,
+    smooth_grain: bool = True,
+    gathered: ShownGathered | None = None,
+    judged: Judged | None = None,
+    photon_w: NDArray[np.float64] | None = None,
+    few: FewPhotons | None = None,
+) -> StatedError:
+    """Error of the light on the leaves of a reading, as it is shown, and of direct light by rays, 0 without.
+
+    smooth_grain   whether it is shown with its grain smoothed
+    gathered       light that is shown in place of the leaves'
+    judged         what is asked; None is the whole
+    photon_w       (3,), W, that a photon carries: where none fell it is told by that of objects what may be missing; None is nothing
+    few            leaves of the reading that are shown with what is around them too
+    """
+    judged = judged or Judged.whole(texels)
+    tree, solution, leaves, sample = reading.tree, reading.solution, reading.leaves, judged.entry
+    correction = reading.correction
+    all_light = AllLight.of(tree, solution, leaves, shown_direct, judged, few)
+    direct2 = all_light.relate(shown_direct.variance_at, sample)
+    texel_direct2 = partial(all_light.relate_all, shown_direct.variance_at)
+    rays = RayNoise(shown_direct.tell_smoothing(sample), np.ones(len(sample), bool), direct2)
+    if not reading.totals.photons.sum() or not len(sample):
+        return _state_rays_alone(all_light, judged, rays, correction, texel_direct2)
+    # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
+    blend = Blend.of(texels, tree, solution, all_light.leaf, halves=True)
+    alone, shown = blend.compare_at(sample)
+    x, y = texels.own_points_at(sample)
+    asked = missing_light.AskedLight(all_light.leaf[sample], x, y, shown, all_light.weigh(sample))
+    noise = PhotonNoise.of(solution, asked, alone.variance, correction, leaves, reading.risk)
+    bias = missing_light.find_bias(tree, solution, reading.comparison, leaves, sample, asked, correction)
+    if few:
+        told, row = few.find(asked.leaf)
+        noise.replace((asked.weight[told].T * few.variance[:, row]).mean(0), told)
+        bias = bias.without(told)
+    if smooth_grain:
+        noise.keep(GRAIN_LEFT, np.flatnonzero(tree.side[asked.leaf] <= SMALL_LEAF))
+    if reading.squares:
+        _mix_squares(noise, blend, reading.squares, texels, sample, asked.weight)
+    terms = Terms(
+        light=all_light.at(sample),
+        dark=all_light.dark,
+        weight=asked.weight,
+        noise=noise,
+        unseen2=photon_noise.find_unseen(judged, asked.weight, np.zeros(3) if photon_w is None else photon_w),
+        bias=bias,
+        direct=rays,
+        gathered=None,
+        indirect=np.maximum(all_light.node_light[asked.leaf], 0.0) * np.sqrt(asked.weight),
+    )
+    texel_gathered2 = None
+    if gathered:
+        terms = terms.with_gathered(gathered, sample)
+        texel_gathered2 = partial(all_light.relate_all, partial(_find_told_variance, gathered))
+    parts = all_light.parts
+    sums = [terms.sum_up(rows, unseen=parts.of_entry is not None) for rows in parts.rows]
+    worst = max(sums, key=lambda one: one.chosen)
+    return StatedError(
+        relative=worst.relative,
+        chosen=worst.chosen,
+        direct=math.sqrt(worst.direct2),
+        photons=math.sqrt(max(worst.photons2, 0.0)),
+        correction=correction,
+        texel_direct2=texel_direct2,
+        parts=parts,
+        of_parts=np.array([one.chosen for one in sums]),
+        of_objects=partial(judged.judge_objects, terms.judge_alone),
+        gathered=math.sqrt(worst.gathered2),
+        texel_gathered2=texel_gathered2,
+        indirect=worst.indirect,
+        neighbours=blend.neighbours,
+    )
+
+
+def _state_rays_alone(
+    all_light: AllLight,
+    judged: Judged,
+    rays: RayNoise,
+    correction: NDArray[np.float64],
+    texel_direct2: Callable[[], NDArray[np.float32]],
+) -> StatedError:
+    """As state_error, where there are no photons; rays of direct light at the texels that are asked."""
+    parts, light, weight = all_light.parts, all_light.at(judged.entry), all_light.weigh(judged.entry)
+    of_parts = np.array([rays.find_error(weight, choose_lit(rows, light.any(axis=1))) for rows in parts.rows])
+    return StatedError(
+        relative=math.nan,
+        chosen=math.nan,
+        direct=float(of_parts.max()),
+        photons=math.nan,
+        correction=correction,
+        texel_direct2=texel_direct2,
+        parts=parts,
+        of_parts=of_parts,
+        of_objects=partial(judged.judge_objects, partial(judge_rays_alone, light, all_light.dark, weight, rays)),
+    )
+
+
+def _find_told_variance(gathered: ShownGathered, rows: NDArray[np.int64]) -> NDArray[np.float32]:
+    """(k, 3) float32, (W/m^2)^2: at texel entries (k,), 0 where leaves are shown."""
+    found: NDArray[np.float32] = gathered.light.variance_at(rows) * gathered.told[rows, None]
+    return found
+
+
+def _mix_squares(
+    noise: PhotonNoise, blend: Blend, squares: SquareLight, texels: TexelMap, sample: NDArray[np.int64], weight: NDArray[np.float32]
+) -> None:
+    """What becomes of the noise at the texels `sample` (m,) as they are shown mixed with squares; weight (m, 3) of AllLight.weigh."""
+    if len(texels.borders.entry):  # over which light is brought before it is mixed: here it is not, and would seem to be wrong
+        squares = squares.only(np.flatnonzero(~texels.borders.crossed[squares.entry]))
+    if not squares.tell_much():
+        return
+    shown = dataclasses.replace(blend, halves=False).at(squares.entry).irradiance
+    told = ToldBySquares.of(np.maximum(shown, 0.0), squares, texels)
+    row = np.minimum(np.searchsorted(squares.entry, sample), len(squares.entry) - 1)
+    mixed = np.flatnonzero((squares.entry[row] == sample) & (told.share[row] > 0.0))
+    row = row[mixed]
+    noise.keep((1.0 - told.share[row]) ** 2, mixed)
+    noise.photons2[mixed] += (weight[mixed].T * told.find_error(row)).mean(0)

@@ -1,0 +1,64 @@
+"""What the tallies of a bake say after a round: the light on its leaves, and all by which they are split and their error is stated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..radiosity import refine, shrinkage, tally
+from ..radiosity.quadtree import Quadtree
+from ..radiosity.tally import Solution, Tally, Totals
+from ..texels.judged import Judged
+from ..util.arrays import IntArray
+from . import missing_light, photon_noise
+from .squares import SquareLight
+
+
+@dataclass(frozen=True, eq=False)  # each is one by itself, whatever it says
+class Reading:
+    """Of nodes of a tree, which may have grown since.
+
+    solution     of the leaves, of what their stated error asks for, of nodes that are compared, and of all above
+    comparison   of nodes with those below them
+    leaves       (m,) int64: the nodes to show, which tile the charts
+    risk         (m,) float64 of each of them, of shrinkage.shrink_leaves; None where they are not shrunk
+    squares      that the leaves' light is shown mixed with; None for none
+    """
+
+    tree: Quadtree
+    totals: Totals
+    solution: Solution
+    comparison: refine.Comparison
+    leaves: NDArray[np.int64]
+    risk: NDArray[np.float64] | None = None
+    squares: SquareLight | None = None
+
+    @classmethod
+    def of(cls, tree: Quadtree, counted: Tally, rule: refine.Rule, judged: Judged, shrink: bool, squares: SquareLight) -> Reading:
+        """Of what was counted on the nodes of a tree.
+
+        rule     by which nodes are compared
+        judged   whose error is going to be stated
+        shrink   whether leaves' light is held against that of the nodes above
+        """
+        totals = tally.accumulate(tree, counted)
+        compared = np.flatnonzero(refine.find_comparable(tree, totals, rule.stability))
+        solution = tally.solve_tallies(tree, totals, compared)
+        comparison = refine.Comparison.of(tree, totals, solution, rule)
+        leaves = refine.choose_leaves(tree, comparison)
+        shown, risk = shrinkage.shrink_leaves(tree, totals, leaves) if shrink else (tree, None)
+        told = np.concatenate([compared, list_told(tree, leaves, judged)])
+        return cls(tree, totals, tally.solve_tallies(shown, totals, told), comparison, leaves, risk, squares)
+
+    @cached_property
+    def correction(self) -> NDArray[np.float64]:
+        """(3,), of photon_noise.noise_correction, of the leaves."""
+        return photon_noise.noise_correction(self.tree, self.solution, self.leaves)
+
+
+def list_told(tree: Quadtree, nodes: IntArray, judged: Judged) -> NDArray[np.int64]:
+    """(m,) int64: the nodes whose functions estimate.state_error asks for, the leaves `nodes` among them."""
+    return np.concatenate([nodes, missing_light.find_judges(tree, nodes, judged.entry)])

@@ -1,0 +1,206 @@
+"""Photons on the square that a texel looks at, counted where something touches the surface.
+
+A leaf of one texel holds the mean over that texel; an image is read at its centre. Where light changes fast within a texel - along
+the edge of a rug, at the foot of a wall - the two differ however many photons there are. There the square around the centre,
+which shadow rays start from too, has a counter of its own, and its light is mixed with the leaves' by how much both differ beyond noise.
+
+Source of the weight: Wiener 1949, for a signal whose power is told by its neighbours: signal / (signal + noise).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..radiosity.shrinkage import beyond_noise
+from ..radiosity.tally import ShardTally, Tally, deposit, with_direct
+from ..texels.judged import DARK_FLOOR
+from ..texels.texel_map import LOOK, TexelMap
+from ..util.arrays import FloatArray, IntArray
+from ..util.coverage import Float64, clip_to_texels
+
+_LEAST_SHARE = 0.02  # of a square: less than that on the centre's triangle is met by too few photons to tell anything
+_RADIUS = 4  # texels, of the neighbours that tell how far leaves and squares differ
+_LEAST_LIGHT = 1e-30  # W/m^2
+_TINY = float(np.finfo(float).tiny)
+_MUCH = 8.0  # photons a square; of fewer hardly one says more than the leaves around it
+_DOUBT = 1.0  # standard errors of how far leaves and squares differ that are held against it: else chance moves every third of good leaves
+
+
+@dataclass(frozen=True)
+class SquareLight:
+    """Light on squares.
+
+    entry        (m,) int32, ascending: texel entries
+    irradiance   (2, 3, m) float64, W/m^2: per component and channel
+    variance     (3, m) float64, (W/m^2)^2, of both components together
+    grain        (3, m) float64, W/m^2: what one photon of usual power adds
+    """
+
+    entry: NDArray[np.int32]
+    irradiance: Float64
+    variance: Float64
+    grain: Float64
+
+    def only(self, rows: IntArray) -> SquareLight:
+        """Some of the squares (k,), ascending."""
+        return SquareLight(self.entry[rows], self.irradiance[..., rows], self.variance[:, rows], self.grain[:, rows])
+
+    def tell_much(self) -> bool:
+        """Whether so many photons fell on them that they make a difference to the light that is shown."""
+        light, grain = self.irradiance.sum(axis=0), self.grain
+        return bool(len(self.entry)) and float(light.sum()) > _MUCH * float(grain.sum())
+
+
+@dataclass(frozen=True)
+class Squares:
+    """The squares that photons are counted on.
+
+    entry   (m,) int32, ascending: texel entries
+    area    (m,) float64, m^2: of the square's part on the triangle at its centre
+    """
+
+    entry: NDArray[np.int32]
+    area: Float64
+
+    @classmethod
+    def of(cls, texels: TexelMap, wanted: NDArray[np.bool_]) -> Squares:
+        """Those of the texel entries `wanted` (n,) that have a centre."""
+        entry = np.flatnonzero(wanted & texels.is_central)
+        density = texels.tri_density[texels.texel_tri[entry]]
+        full = LOOK * LOOK * density
+        area = full.copy()
+        cut = np.flatnonzero(np.isin(entry, texels.part_entry))  # the others lie wholly inside their triangles
+        corners, xy = texels.tri_uv[texels.texel_tri[entry[cut]]], texels.texel_xy[entry[cut]]
+        pieces = clip_to_texels(corners, xy, np.full(len(cut), LOOK))
+        area[cut] = np.bincount(pieces.pair, pieces.area, len(cut)) * density[cut]
+        kept = area > _LEAST_SHARE * full
+        return cls(entry[kept].astype(np.int32), area[kept])
+
+    def light(self, tally: Tally) -> SquareLight:
+        """What the photons so far say; `tally` as of `deposit_on_squares`."""
+        divisor = max(float(tally.photons.sum()), 1.0) * self.area
+        raw = with_direct(tally.raw.sum(0)[:, :, 0])
+        sums = raw.sum(axis=(0, 2))
+        power = np.divide(tally.weight2.sum(axis=1), sums, out=np.zeros_like(sums), where=sums > 0.0)
+        return SquareLight(self.entry, raw / divisor, tally.weight2 / divisor**2, power[:, None] / divisor)
+
+
+def deposit_on_squares(
+    texels: TexelMap,
+    square_entry: NDArray[np.int32],
+    entry: IntArray,
+    tri: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    flux: FloatArray,
+    is_first: NDArray[np.bool_] | None,
+) -> ShardTally:
+    """Sums over the hits of a shard, of squares in place of nodes.
+
+    square_entry   (k,) int32, of Squares
+    entry, tri     (m,) int: the texel entry and the triangle of each hit
+    x, y           (m,) float, page texels
+    flux           (3, m) float, W
+    is_first       (m,) bool: straight from a light; None as for tally.deposit
+    """
+    has_square = np.zeros(len(texels), bool)
+    has_square[square_entry] = True
+    rows = np.flatnonzero(has_square.take(entry)) if len(square_entry) else np.zeros(0, np.intp)
+    rows = rows[tri.take(rows) == texels.texel_tri.take(entry.take(rows))]
+    column, row = texels.texel_xy.take(entry.take(rows), axis=0).T
+    rows = rows[(np.abs(x.take(rows) - column - 0.5) < LOOK / 2) & (np.abs(y.take(rows) - row - 0.5) < LOOK / 2)]
+    slot = np.searchsorted(square_entry, entry.take(rows))
+    nowhere = np.zeros(len(rows))
+    first = None if is_first is None else is_first.take(rows)
+    return deposit(slot, nowhere, nowhere, flux.take(rows, axis=1), first, len(square_entry), degree=0)
+
+
+@dataclass(frozen=True)
+class ToldBySquares:
+    """What squares (m,) say of other light on them.
+
+    gap       (c, 3, m) float64, W/m^2: what they have more, in as many components as it
+    noise     (3, m) float64, (W/m^2)^2: of their own
+    share     (m,): of the gap, by which that light errs least
+    missing   (m,), (W/m^2)^2: how far that light is from the truth, likely, square mean over channels; nothing where no more than chance
+              makes it differ from all squares
+    """
+
+    gap: Float64
+    noise: Float64
+    share: Float64
+    missing: Float64
+
+    @classmethod
+    def of(cls, light: NDArray[Any], squares: SquareLight, texels: TexelMap) -> ToldBySquares:
+        """Of the leaves' light on all of the squares, (c, 3, m) float, W/m^2; without its first component where that is none."""
+        traced = light.astype(np.float64)
+        gap = squares.irradiance[-len(light) :] - traced
+        # Where no photon fell by chance there is no variance to be seen: the leaves' light tells how many could have been expected.
+        noise = np.maximum(squares.variance, squares.grain * traced.sum(axis=0))
+        noise2, seen2 = noise.sum(axis=0), (gap.sum(axis=0) ** 2).sum(axis=0)
+        level = traced.sum(axis=(0, 1))
+        # Of neighbours the bright one must not outvote all others.
+        scale = 1.0 / (level**2 + (DARK_FLOOR * level.mean() + _LEAST_LIGHT) ** 2)
+        told2 = (seen2 - noise2) * scale
+        total = float(told2.sum())
+        sure = beyond_noise(total, float((told2**2).sum())) / max(total, _TINY)
+        (noise2, signal2, signal4), count = _average_around(np.stack([noise2 * scale, told2, told2**2]), squares.entry, texels)
+        signal2 -= _DOUBT * np.sqrt(np.maximum(signal4 - signal2**2, 0.0) / np.maximum(count - 1.0, 1.0))
+        signal2 = np.maximum(signal2, 0.0)
+        share: Float64 = np.divide(signal2, signal2 + noise2, out=np.zeros_like(signal2), where=signal2 > 0.0)
+        return cls(gap, noise, share, sure * signal2 / scale / 3.0)
+
+    def find_error(self, rows: IntArray) -> Float64:
+        """(3, k) float64, (W/m^2)^2: what light that is mixed with squares `rows` (k,) errs by beyond its own noise."""
+        share = self.share[rows]
+        error: Float64 = np.square(share) * self.noise[:, rows] + np.square(1.0 - share) * self.missing[rows]
+        return error
+
+
+def mix(light: NDArray[np.float32], variance: NDArray[np.float32], squares: SquareLight, texels: TexelMap) -> NDArray[np.bool_]:
+    """Bring the leaves' light to that of the squares, in place; which texels changed, (n,) bool.
+
+    light      (2, 3, n) float32, W/m^2: components at the texel entries; (1, 3, n) without the first, where it is none
+    variance   (3, n) float32, (W/m^2)^2, of their sum
+    """
+    entry = squares.entry
+    changed = np.zeros(light.shape[-1], bool)
+    if not len(entry):
+        return changed
+    told = ToldBySquares.of(light[..., entry], squares, texels)
+    light[..., entry] += (told.share * told.gap).astype(np.float32)
+    variance[:, entry] = (1.0 - told.share) ** 2 * variance[:, entry] + told.share**2 * told.noise
+    changed[entry] = told.share > 0.0
+    return changed
+
+
+def _average_around(value: Float64, entry: IntArray, texels: TexelMap) -> tuple[Float64, Float64]:
+    """Means of values (k, m) at texel entries (m,) over those of them that lie around each, on its piece; and how many these are, (m,).
+
+    None counts for itself: a weight that knows a photon of its own square would favour squares that few fell on.
+    """
+    chart = texels.texel_chart[entry]
+    page, piece = texels.chart_page[chart].astype(np.int64), texels.chart_piece[chart]
+    column, row = texels.texel_xy[entry].T.astype(np.int64)
+    shown = np.flatnonzero(texels.entry_at[page, row, column] == entry)
+    width = texels.page_size + 2 * _RADIUS  # a border saves every test for the page's edge
+    place = (page * width + row + _RADIUS) * width + column + _RADIUS
+    slot_after = np.zeros(texels.page_count * width * width, np.int32)  # 0 is none: memory that nobody touches costs nothing
+    slot_after[place[shown]] = shown + 1
+    piece_after, value_after = np.append(np.int32(-1), piece), np.pad(value, ((0, 0), (1, 0)))
+    total, count = np.zeros_like(value), np.zeros(len(entry))
+    for dy, dx in product(range(-_RADIUS, _RADIUS + 1), repeat=2):
+        if dx or dy:
+            slot = slot_after.take(place + (dy * width + dx)).astype(np.intp)
+            near = piece_after.take(slot, mode="clip") == piece
+            slot *= near
+            for sums, values in zip(total, value_after, strict=True):
+                sums += values.take(slot, mode="clip")
+            count += near
+    return total / np.maximum(count, 1.0), count

@@ -1,0 +1,241 @@
+"""Direct irradiance of texels, by lights that are looked at one by one, and by crowds of them that are sampled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..lights.direct_choice import Demand, Span
+from ..lights.direct_crowd import LampCrowd, RestOfCrowd
+from ..lights.direct_lights import Source, WorldSource
+from ..lights.direct_openings import Openings
+from ..lights.direct_points import GAUSS_POINTS, MOST_TEXELS, STAGES, ReceivingSurfaces, TexelChunk, each_chunk, random_shift, row_pieces
+from ..lights.direct_pool import EmitterPool
+from ..lights.direct_sources import make_lamps, make_suns, make_triangle_sources, make_world
+from ..lights.emitters import EmittingMeshes
+from ..scene.materials import SurfaceMaterials
+from ..scene.rays import RayScene
+from ..scene.scene import SceneSnapshot
+from ..texels.texel_looks import TexelLooks
+from ..texels.tiles import Tiles
+from ..util.arrays import Float64, FloatArray, IntArray
+from ..util.brightness import weigh_channels
+from ..util.coverage import as_slice
+from ..util.geometry import UnitBox
+from .direct_tally import Tally
+from .direct_tiles import look_from_tiles
+
+_MOST_TRIANGLE_SOURCES = 12  # emitting triangles that are looked at one by one
+_FEW_LAMPS = 16  # lamps that every texel looks at one by one
+_COUNTERS = ("rays", "pairs", "out_of_reach", "settled", "shared", "sampled")  # of DirectLight
+
+
+@dataclass(frozen=True)
+class DirectScene:
+    """A scene made ready for direct light."""
+
+    rays: RayScene
+    surfaces: ReceivingSurfaces
+    sources: tuple[Source, ...]  # of one light each
+    crowd: LampCrowd | None
+    pool: EmitterPool | None
+    tri_two_sided: NDArray[np.bool_]
+
+    @classmethod
+    def of(
+        cls, rays: RayScene, snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, meshes: EmittingMeshes
+    ) -> DirectScene:
+        receiving = ReceivingSurfaces.of(snapshot, unit_box)
+        lamps, suns, world = make_lamps(snapshot, unit_box), make_suns(snapshot), make_world(snapshot)
+        crowd = LampCrowd.of(lamps) if len(lamps) > _FEW_LAMPS else None
+        sources = [*(lamps if crowd is None else []), *suns, *world]
+        groups = [cells for _, cells in meshes.by_material]
+        pool, sealed = None, meshes.tri_sealed
+        textured = any(snapshot.materials[index].emission_image >= 0 for index, _ in meshes.by_material)
+        if sum(len(np.unique(cells.tri)) for cells in groups) <= _MOST_TRIANGLE_SOURCES and not textured:
+            for cells in groups:
+                sources += make_triangle_sources(cells, receiving.corner_unit, receiving.normal, sealed)
+        else:
+            pool = EmitterPool.of(groups, receiving, unit_box.scale, surfaces, sealed)
+        two_sided = np.array([scene_object.two_sided for scene_object in snapshot.objects], bool)
+        return cls(rays, receiving, tuple(sources), crowd, pool, two_sided[snapshot.tri_object])
+
+
+@dataclass(frozen=True)
+class DirectLight:
+    """Direct light of texels.
+
+    irradiance_rgb   (n, 3) float64, as shards send it float32, W/m^2   on the front, and the back too where the object is two-sided
+    variance_rgb     the same, (W/m^2)^2, of the estimates
+    counters         rays; pairs (texel, light) looked at, out_of_reach behind the horizon or beyond a cone, settled by the first rays,
+                     shared with all of a tile;
+                     sampled, pairs of lamps that gave little and were sampled together
+    by_quads         (n,) bool, texels that were told by one of quads; () where none is
+    by_openings      (n,) bool, texels whose sky was looked for through openings; () where none is
+    """
+
+    irradiance_rgb: FloatArray
+    variance_rgb: FloatArray
+    counters: dict[str, int]
+    by_quads: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((), bool))
+    by_openings: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((), bool))
+
+    def count(self, counters: dict[str, int], **others: int) -> None:
+        """Adds up what was counted in parts."""
+        for name, count in (counters | others).items():
+            self.counters[name] = self.counters.get(name, 0) + count
+
+
+def direct_irradiance(
+    scene: DirectScene,
+    look_at: Callable[[IntArray], TexelLooks],
+    texel: IntArray,
+    rng: np.random.Generator,
+    tolerance: float = 0.01,
+    max_rays: int = STAGES[-1][1],
+    tiles: Tiles | None = None,
+    smoothed: bool = False,
+    crossed: NDArray[np.bool_] | None = None,
+    beside: NDArray[np.float32] | None = None,
+    dark: float = 0.0,
+) -> DirectLight:
+    """Direct light at texels, averaged over the covered part of each.
+
+    look_at      TexelMap.look_at, or its like
+    texel        (n,) int     as look_at knows them; neighbours in space should be neighbours here (Morton order)
+    tolerance    standard error, relative to the texel's light, at which a light gets no more rays
+    max_rays     per texel and light: 4, 16 or 64
+    tiles        among the texels, which then share their first looks at lights
+    smoothed     the light will be averaged over like neighbours: where it changes gently over a tile, more noise is left for that
+    crossed      (n,) bool: texels that see past the foot of what stands on them, which tells nothing of their neighbours
+    beside       (n,) float32, W/m^2: other light of the texels, of OtherLight; None is none
+    dark         W/m^2: of Demand
+    """
+    irradiance, variance, by_openings = np.zeros((len(texel), 3)), np.zeros((len(texel), 3)), np.zeros(len(texel), bool)
+    out = DirectLight(irradiance, variance, dict.fromkeys(_COUNTERS, 0), by_openings=by_openings)
+    beside = np.zeros(len(texel), np.float32) if beside is None else beside
+    crossed = np.zeros(len(texel), bool) if crossed is None else crossed
+    has_many, every = scene.crowd is not None or scene.pool is not None, np.arange(len(texel))
+    # What is known of each texel and each of many lights takes memory; and who chooses among them does so by what neighbours see.
+    most, apart = (MOST_TEXELS // 2, crossed) if has_many else (MOST_TEXELS, np.zeros_like(crossed))
+    for group in (every[~apart], every[apart]):
+        for part, chunk in each_chunk(scene.surfaces, look_at, texel[group], scene.tri_two_sided, rng, most):
+            rows = group[part]
+            alone = crossed[rows]
+            whole = (tiles or Tiles.none()).within(rows).without(alone)
+            calm = whole if smoothed else Tiles.none()
+            demand = Demand(tolerance, max_rays, whole.on_one_triangle(chunk.tri), calm.texels(), alone, dark)
+            looking = _LookingChunk(scene, chunk, demand, beside[rows], rng)
+            value, error = looking.find_light()
+            into = as_slice(rows)
+            irradiance[into] += value
+            variance[into] += error
+            for few in looking.openings:
+                by_openings[rows[few.rows]] = True
+            out.count(looking.counters)
+    return out
+
+
+class _LookingChunk:
+    """A chunk of texels that looks at the lights of a scene.
+
+    beside     (n,) float32, W/m^2: other light of its texels
+    counters   of DirectLight
+    openings   by which some of them see the sky
+    """
+
+    def __init__(
+        self, scene: DirectScene, chunk: TexelChunk, demand: Demand, beside: NDArray[np.float32], rng: np.random.Generator
+    ) -> None:
+        self._scene, self._chunk, self._demand, self._beside, self._rng = scene, chunk, demand, beside, rng
+        self._shared, self._variance = np.zeros((2, len(chunk), 3))  # of light that flat tiles are sure of, and then of all
+        self._tallies: list[Tally] = []
+        self.openings: list[Openings] = []
+        self.counters = dict.fromkeys(_COUNTERS, 0)
+
+    def find_light(self) -> tuple[Float64, Float64]:
+        """Irradiance (n, 3), W/m^2, and its variance; once."""
+        for source in self._scene.sources:
+            self._look_first(source)
+        for tally in self._tallies:
+            self._send(tally, np.flatnonzero(tally.leads), STAGES[0], GAUSS_POINTS)
+        rest = self._tell_lamps_apart()
+        light = self._shared.copy()
+        for tally in self._tallies:
+            self.counters["pairs"] += len(tally.rows)
+            self.counters["out_of_reach"] += int((~tally.in_reach).sum())
+            light += tally.light(len(self._chunk))
+        found = np.zeros_like(light)
+        for many in (rest, self._scene.pool, *self.openings):
+            if many is not None:
+                base = light + found + self._beside[:, None]
+                by_many, error, traced = many.irradiance(self._scene.rays, self._chunk, self._demand, base, self._rng)
+                found += by_many
+                self._variance += error
+                self.counters["rays"] += traced
+        self._settle(weigh_channels(light + found) + self._beside)
+        for tally in self._tallies:
+            found += tally.light(len(self._chunk))
+            self._variance += tally.variance(len(self._chunk))
+        return found + self._shared, self._variance
+
+    def _look_first(self, source: Source) -> None:
+        """Light that flat tiles are sure of, and an empty tally, or openings, of texels that look at the source themselves."""
+        chunk, demand, rng = self._chunk, self._demand, self._rng
+        look = look_from_tiles(self._scene.rays, chunk, demand.flat, source, random_shift(rng, len(demand.flat)))
+        lit, off = (np.where(look.lit, values, 0.0) for values in (look.closed, look.off))
+        for channel, power in enumerate(source.rgb[0]):  # several times faster than rows of three
+            self._shared[:, channel] += lit * power
+            self._variance[:, channel] += (off * power) ** 2
+        without = look.closed == 0
+        agreed, given, every = look.lit | look.dark, np.zeros(len(chunk), bool), np.arange(len(chunk))
+        if isinstance(source, WorldSource):
+            level = weigh_channels(self._shared) + self._beside
+            few = Openings.find(self._scene.rays, chunk, source, np.flatnonzero(~agreed), look.looks, level, demand, rng)
+            self.openings.append(few)
+            self.counters["rays"] += few.rays
+            given[few.rows] = True
+        is_left = ~(agreed | without | given)
+        rows, place = np.flatnonzero(is_left), np.cumsum(is_left) - 1
+        leads = np.where(given[look.leader], every, look.leader)
+        own = every == leads
+        alone = demand.smoothed[(is_left & own)[demand.smoothed].all(axis=1)]
+        known, shift = np.stack([look.closed[rows], look.off[rows]]), random_shift(rng, len(rows))
+        tally = Tally(source, rows, None, shift, known, place[alone], place[leads[rows]], demand.are_alone(rows))
+        self._tallies.append(tally)
+        self.counters["rays"] += look.rays
+        self.counters["pairs"] += len(chunk) - len(rows)
+        self.counters["out_of_reach"] += int(without.sum())
+        self.counters["settled"] += int(agreed.sum())
+        self.counters["shared"] += int(agreed.sum()) + int((~own).sum())
+
+    def _tell_lamps_apart(self) -> RestOfCrowd | None:
+        """Tallies of lamps of a crowd that give much; the others, to be sampled."""
+        if self._scene.crowd is None:
+            return None
+        chunk = self._chunk
+        pairs, rest = self._scene.crowd.tell_apart(chunk, chunk.receivers_at(np.arange(len(chunk)), GAUSS_POINTS))
+        self.counters["sampled"] += rest.n_pair
+        for source, rows, lamp in pairs:
+            tally = Tally(source, rows, lamp, random_shift(self._rng, len(rows)), alone=self._demand.are_alone(rows))
+            self._send(tally, np.arange(len(rows)), STAGES[0])
+            self._tallies.append(tally)
+        return rest
+
+    def _settle(self, level: Float64) -> None:
+        """More rays where the tallies are less sure than they must be beside light of a level (n,), W/m^2."""
+        allowed = [self._demand.tolerance * level[tally.rows] / weigh_channels(tally.rgb) for tally in self._tallies]
+        for stage in self._demand.spans(STAGES[1:]):
+            unsettled = [tally.unsettled(limit, stage) for tally, limit in zip(self._tallies, allowed, strict=True)]
+            for tally, rows in zip(self._tallies, unsettled, strict=True):
+                if stage == STAGES[1]:
+                    self.counters["settled"] += int(tally.in_reach.sum()) - len(rows)
+                self._send(tally, rows, stage)
+
+    def _send(self, tally: Tally, rows: NDArray[np.int64], stage: Span, points: FloatArray | None = None) -> None:
+        """A stage's rays from some of a tally's texels (m,), ascending; points as Tally.add has them."""
+        for piece in row_pieces(rows, stage[1] - stage[0]):
+            self.counters["rays"] += tally.add(self._scene.rays, self._chunk, piece, stage, points)

@@ -1,0 +1,93 @@
+"""Closed forms of lights nearer than a texel is wide: their peak would be missed by the few points that tell its mean elsewhere."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..lights.direct_lights import AreaSource, PointSource, Source, TriangleSource
+from ..lights.direct_points import GAUSS_POINTS, Receivers, TexelChunk, row_pieces
+from ..util.arrays import Float32, Float64, IntArray
+
+_FAR = 14.0  # spans in radii of four points, from which on their mean serves: with light of inverse squares they then differ by half of it
+_GENTLE = 0.5  # range of a closed form inside a texel, of its mean, up to which four points give its mean
+_MOST_HALVINGS, _JUMP_HALVINGS = 12, 5  # of a side; the places of float32 are not much finer
+_SQUARES_AT_ONCE = 2**13  # about; what fits the cache
+
+
+def find_peaks(source: Source, receivers: Receivers, n_point: int) -> NDArray[np.bool_]:
+    """(n,) bool: where light changes by much between points of a texel.
+
+    source      one light, or one for each texel
+    receivers   n_point points of n texels, point by point
+    """
+    middle, radius_squared = _enclose(receivers, n_point)
+    out: NDArray[np.bool_] = _span_squared(source, middle) < _FAR**2 * radius_squared
+    return out
+
+
+def _enclose(receivers: Receivers, n_point: int) -> tuple[Float32, Float32]:
+    """Middles (n, 3) of n_point points of n texels, and the square of how far they are from it (n,)."""
+    place = receivers.position.reshape(n_point, -1, 3)
+    middle: Float32 = place.mean(axis=0)
+    radius_squared: Float32 = ((place - middle) ** 2).sum(axis=2).max(axis=0)
+    return middle, radius_squared
+
+
+def _span_squared(source: Source, place: Float32) -> Float32:
+    """(n,) float32, unit box squared: how far one goes from places (n, 3) until light is much another."""
+    if isinstance(source, PointSource):
+        centre, size_squared = source.centre, source.radius**2
+    elif isinstance(source, AreaSource):
+        centre, size_squared = source.centre, np.maximum((source.x_axis**2).sum(axis=1), (source.y_axis**2).sum(axis=1))
+    elif isinstance(source, TriangleSource):
+        centre = source.corners.mean(axis=1)
+        size_squared = ((source.corners - centre[:, None]) ** 2).sum(axis=2).max(axis=1)
+    else:
+        return np.full(len(place), np.inf, np.float32)
+    out: Float32 = np.maximum(((centre - place) ** 2).sum(axis=1), size_squared)
+    return out
+
+
+def average_peaks(source: Source, lamp: IntArray | None, chunk: TexelChunk, texels: IntArray) -> tuple[Float64, Float64]:
+    """Mean of the closed form over each texel, and the variance of that (n,), by squares that are the smaller the nearer the light.
+
+    lamp     (n,) int: row of the source for each texel; None where it has one
+    texels   (n,) int: of the chunk
+    """
+    mean, variance = np.zeros((2, len(texels)))
+    pieces = row_pieces(np.arange(len(texels)), len(GAUSS_POINTS))
+    waiting = [(piece, np.zeros((len(piece), 2)), np.full(len(piece), np.inf, np.float32), 0) for piece in pieces]
+    while waiting:
+        own, low, before, halvings = waiting.pop()
+        side = 0.5**halvings
+        points = low + side * GAUSS_POINTS
+        receivers = chunk.receivers_at(texels[own], points)
+        lights = source if lamp is None else source.rows(np.tile(lamp[own], len(points)))
+        closed = lights.irradiance(receivers.position, receivers.normal).reshape(len(points), -1)
+        middle, radius_squared = _enclose(receivers, len(points))
+        flat = _span_squared(source if lamp is None else source.rows(lamp[own]), middle) >= _FAR**2 * radius_squared
+        # Squares that hold parts of two triangles that lie apart never become small.
+        flat |= (halvings >= _JUMP_HALVINGS) & (radius_squared > before / 2)
+        flat |= halvings == _MOST_HALVINGS
+        mean += np.bincount(own[flat], closed[:, flat].mean(axis=0) * side**2, len(mean))
+        variance += np.bincount(own[flat], (estimate_bend(closed[:, flat]) * side**2) ** 2, len(mean))
+        quarters = low[~flat][:, None] + side / 2 * np.array([[0, 0], [1, 0], [0, 1], [1, 1]])
+        left = np.repeat(own[~flat], 4), quarters.reshape(-1, 2), np.repeat(radius_squared[~flat], 4)
+        cuts = _cut_between_pairs(left[0])
+        waiting += [(*part, halvings + 1) for part in zip(*(np.split(values, cuts) for values in left), strict=True) if len(part[0])]
+    return mean, variance
+
+
+def _cut_between_pairs(pair: IntArray) -> IntArray:
+    """Where to cut squares of pairs (n,), ascending, into pieces small enough to be looked at at once; those of a pair stay together."""
+    end = np.flatnonzero(np.diff(pair)) + 1
+    return end[np.diff((end - 1) // _SQUARES_AT_ONCE, append=(len(pair) - 1) // _SQUARES_AT_ONCE) > 0]
+
+
+def estimate_bend(closed: Float64) -> Float64:
+    """(n,) float64: how far the mean of values (4, n) at the Gauss points may be off: nothing where they lie in a gentle plane."""
+    twist = np.abs(closed[0] - closed[1] - closed[2] + closed[3]) / 4
+    reach = closed.max(axis=0) - closed.min(axis=0)
+    out: Float64 = np.where(reach > _GENTLE * closed.mean(axis=0), reach / 4, twist)
+    return out

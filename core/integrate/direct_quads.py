@@ -1,0 +1,82 @@
+"""Direct light of texels by quads, where these tell it as well; elsewhere each texel looks for itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..texels.quads import QUAD_TEXELS, Quads, find_misfit, spread_over_texels
+from ..texels.texel_looks import TexelLooks
+from ..texels.texel_map import TexelMap
+from ..texels.tiles import TILE_TEXELS, Tiles
+from ..util.arrays import IntArray
+from ..util.brightness import weigh_channels
+from ..util.coverage import as_slice
+from .direct import DirectLight
+
+# Side of a page, texels, from which on quads are tried. Measured: direct light takes half the time there. At 1024^2 as much is lost where
+# they do not suffice as they save elsewhere, and light changes so much from one to the next that errors grow.
+_LEAST_PAGE = 2048
+_SIDE = 2.0  # texels: a quad looks at all of itself, lest a row of them passes by what is thinner than a texel
+
+
+LookAt: TypeAlias = Callable[[IntArray], TexelLooks]
+
+
+class FindLight(Protocol):
+    """direct.direct_irradiance with all that is the same for a shard's texels and for its quads."""
+
+    def __call__(
+        self, look_at: LookAt, texel: IntArray, *, tiles: Tiles, crossed: NDArray[np.bool_] | None, beside: NDArray[np.float32]
+    ) -> DirectLight: ...
+
+
+def find_quads(texels: TexelMap, entry: IntArray, tiles: Tiles, crossed: NDArray[np.bool_]) -> Quads:
+    """Those among texel entries (n,), ascending, that are worth a look; tiles and crossed (n,) bool as of direct.direct_irradiance."""
+    if texels.page_size < _LEAST_PAGE:
+        return Quads.none()
+    rows = as_slice(entry)
+    alone = crossed | texels.is_part[rows]
+    if len(texels.borders.crossed):  # a quad looks at all of its texels, and so past the foot of what stands near their middles
+        alone |= texels.borders.crossed[rows]
+    return Quads.of(tiles, texels.texel_tri[rows], alone)
+
+
+def light_by_quads(
+    find_light: FindLight,
+    texels: TexelMap,
+    entry: IntArray,
+    tolerance: float,
+    tiles: Tiles,
+    crossed: NDArray[np.bool_],
+    beside: NDArray[np.float32],
+    quads: Quads,
+) -> DirectLight:
+    """Direct light at texel entries (n,), in float32: by quads where they suffice. The other arguments as of direct.direct_irradiance."""
+    irradiance, variance = np.empty((2, len(entry), 3), np.float32)
+    out = DirectLight(irradiance, variance, {}, *np.zeros((2, len(entry)), bool))
+    left = np.ones(len(entry), bool)
+    if len(quads):
+        first = quads.first
+        looks = partial(texels.look_at, look=_SIDE, middle=0.5 * _SIDE)
+        found = find_light(looks, entry[first], tiles=quads.tiles(), crossed=None, beside=beside[first])
+        value, noise = found.irradiance_rgb.astype(np.float64), found.variance_rgb.astype(np.float64)
+        misfit = np.stack([find_misfit(*of) for of in zip(value.T, noise.T, strict=True)], axis=1)
+        level = (weigh_channels(value) + beside[first]).reshape(len(quads), -1).mean(axis=1)
+        # Of light through openings most is noise, in which no misfit is seen; and of four times as many looks smoothing leaves less.
+        enough = (weigh_channels(misfit) <= (tolerance * level) ** 2) & ~found.by_openings.reshape(-1, TILE_TEXELS).any(axis=1)
+        told, rows = np.repeat(enough, TILE_TEXELS), quads.texels(enough)
+        irradiance[rows] = np.maximum(spread_over_texels(value[told]), 0.0)
+        variance[rows] = np.repeat(noise[told] + np.repeat(misfit[enough], TILE_TEXELS, axis=0), QUAD_TEXELS, axis=0)
+        out.by_quads[rows], left[rows] = True, False
+        out.count(found.counters, by_quads=len(rows))
+    rows = np.flatnonzero(left)
+    found = find_light(texels.look_at, entry[rows], tiles=tiles.within(rows), crossed=crossed[rows], beside=beside[rows])
+    into = as_slice(rows)
+    irradiance[into], variance[into], out.by_openings[into] = found.irradiance_rgb, found.variance_rgb, found.by_openings
+    out.count(found.counters)
+    return out

@@ -1,0 +1,285 @@
+"""Lights looked at one by one: closed forms times the visible share, found by shadow rays where it is in doubt."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..lights.direct_lights import Source
+from ..lights.direct_points import GAUSS_POINTS, STAGES, Receivers, TexelChunk, light_points
+from ..scene.rays import RayScene
+from ..texels.tiles import TILE_TEXELS, find_calm
+from ..util.arrays import Float64, FloatArray, IntArray
+from ..util.coverage import as_slice
+from ..util.geometry import take_rows
+from .direct_peaks import average_peaks, estimate_bend, find_peaks
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
+
+AGREE_TEXELS = 16  # neighbours in Morton order whose first rays must agree before any of them stops
+# Powers of the number of rays by which strata lower the variance; measured. A hard edge crosses few cells of a texel; a soft one ties
+# places in the texel to places on the light, which are stratified each by themselves.
+_SHARP_GAIN, _SOFT_GAIN = 0.9, 0.375
+
+
+class Tally:
+    """What is known of lights at some texels: a ratio estimate for each pair, closed form * sum(weight * seen) / sum(share).
+
+    rows    (n,) int64     texels of the chunk; neighbours in space should be neighbours here, of one light after the other
+    lamp    (n,) int64     rows of the source; None where it has one
+    known   (2, n) float64   closed form, nan where it is to be found, and how far it may be off; None is nan everywhere
+    tiles   (k, 64) int64  pairs of tiles, if noise may be left to whoever smooths it over neighbours
+    leader  (n,) int64     pairs whose rays tell what share is seen, of closed forms that are known; None is each its own
+    alone   (n,) bool      pairs whose rays tell nothing of others', nor those of them; None is none
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        rows: NDArray[np.int64],
+        lamp: NDArray[np.int64] | None,
+        shift: NDArray[np.uint32],
+        known: Float64 | None = None,
+        tiles: NDArray[np.int64] | None = None,
+        leader: NDArray[np.int64] | None = None,
+        alone: NDArray[np.bool_] | None = None,
+    ) -> None:
+        self.source, self.rows, self._lamp, self._shift = source, rows, lamp, shift
+        self._tiles = np.zeros((0, TILE_TEXELS), np.int64) if tiles is None else tiles
+        # Sums of the closed form at starts and of its squares; how far the mean of four may be off.
+        self._reach, self._reach_squares, self._bend = np.zeros((3, len(rows)))
+        self._peak, self._peak_mean, self._peak_variance = np.zeros(len(rows), bool), *np.zeros((2, len(rows)))
+        self._starts, self._rays = np.zeros(len(rows)), np.zeros(len(rows))
+        # What was found of them: closed forms, None where some changed since, and squared errors, to be found anew of stale pairs.
+        self._closed_form: Float64 | None = None
+        self._error2, self._stale = np.zeros(len(rows)), np.ones(len(rows), bool)
+        self._known = np.zeros(len(rows), bool)
+        if known is not None:
+            self._known = ~np.isnan(known[0])
+            self._starts = self._known.astype(np.float64)
+            self._reach, self._bend = np.where(self._known, known, 0.0)
+            self._reach_squares = self._reach**2
+        # Sums of share, share^2, weight * seen, (weight * seen)^2, share * weight * seen.
+        self._sums = np.zeros((5, len(rows)))
+        self._lit, self._dark = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
+        self._leader: NDArray[np.int64] | None = leader  # None while each pair leads itself, as most do
+        if leader is not None and (leader == np.arange(len(rows))).all():
+            self._leader = None
+        self._block = _number_blocks(alone) if alone is not None and alone.any() else np.arange(len(rows)) // AGREE_TEXELS
+
+    def add(self, rays: RayScene, chunk: TexelChunk, index: IntArray, stage: tuple[int, int], points: FloatArray | None = None) -> int:
+        """Sends a stage's rays from some of the tally's texels (m,), ascending; gives how many were traced.
+
+        points   (rays, 1 or m, 2) float in [0, 1): where in a texel they start, if not at the stage's own places
+        """
+        first, last = stage
+        rows = self.rows[index]
+        receivers = chunk.receivers(rows, first, last) if points is None else chunk.receivers_at(rows, points)
+        lamp = None if self._lamp is None else np.tile(self._lamp[index], last - first)
+        self._rays[index] += last - first
+        self._stale[index] = True
+        live = None
+        asked = np.flatnonzero(~self._known[index])
+        if stage != STAGES[2] and len(asked):  # by then the closed form is known at 16 points
+            own, own_lamp, at = receivers, lamp, index
+            if len(asked) < len(index):
+                places = (np.arange(last - first)[:, None] * len(index) + asked).ravel()
+                own, own_lamp, at = receivers.rows(places), None if lamp is None else lamp[places], index[asked]
+            closed = self._lamps(own_lamp).irradiance(own.position, own.normal).reshape(last - first, -1)
+            self._closed_form = None
+            self._reach[at] += closed.sum(axis=0)
+            self._reach_squares[at] += (closed * closed).sum(axis=0)
+            self._starts[at] += last - first
+            if stage == STAGES[0]:
+                self._bend[at] = estimate_bend(closed)
+                self._average_peaks(chunk, at, own)
+                if not closed.all():
+                    reached = np.ones((last - first, len(index)), bool)
+                    reached[:, asked] = closed > 0
+                    live = np.flatnonzero(reached)
+                    receivers, lamp = receivers.rows(live), None if lamp is None else lamp[live]
+        return self._trace(rays, receivers, self._lamps(lamp), live, index, (first, last))
+
+    def _average_peaks(self, chunk: TexelChunk, index: IntArray, starts: Receivers) -> None:
+        """Takes the mean of the closed form finely where the first starts (4, len(index)) are too few for it."""
+        lamp = None if self._lamp is None else self._lamp[index]
+        peak = find_peaks(self._lamps(lamp), starts, STAGES[0][1])
+        if peak.any():
+            at, lamp = index[peak], None if lamp is None else lamp[peak]
+            self._peak[at] = True
+            self._peak_mean[at], self._peak_variance[at] = average_peaks(self.source, lamp, chunk, self.rows[at])
+
+    def _lamps(self, lamp: NDArray[np.int64] | None) -> Source:
+        return self.source if lamp is None else self.source.rows(lamp)
+
+    def _trace(
+        self, rays: RayScene, receivers: Receivers, lamps: Source, live: IntArray | None, index: IntArray, stage: tuple[int, int]
+    ) -> int:
+        """live (m,) int: place of each receiver in (rays, len(index)); None where each has its own."""
+        if live is not None and not len(live):
+            return 0
+        points = light_points(take_rows(self._shift, index), *stage)
+        aim = lamps.aim(receivers.position, receivers.normal, points if live is None else take_rows(points, live))
+        shines, traced = aim.weight > 0, 0
+        seen = shines
+        if self.source.casts_shadow:
+            seen, traced = receivers.see(rays, aim)
+        shape = (stage[1] - stage[0], len(index))
+
+        def spread(values: NDArray[_Scalar]) -> NDArray[_Scalar]:
+            if live is None:
+                return values.reshape(shape)
+            out = np.zeros(shape, values.dtype)
+            out.flat[live] = values
+            return out
+
+        own = slice(index[0], index[-1] + 1) if index[-1] - index[0] == len(index) - 1 else index
+        share = spread(aim.share).astype(np.float64)
+        weight = spread(aim.weight * seen).astype(np.float64)
+        for row, (one, other) in enumerate(((share, None), (share, share), (weight, None), (weight, weight), (share, weight))):
+            self._sums[row, own] += one.sum(axis=0) if other is None else np.einsum("ij,ij->j", one, other)
+        self._lit[own] |= spread(seen).any(axis=0)
+        self._dark[own] |= spread(shines & ~seen).any(axis=0)
+        return traced
+
+    @property
+    def rgb(self) -> Float64:
+        """(n or 1, 3) float64: of each pair's light."""
+        return self.source.rgb if self._lamp is None else self.source.rgb[self._lamp]
+
+    def light(self, count: int) -> Float64:
+        """(count, 3) float64: irradiance of the chunk's texels by these lights."""
+        return self._sum_texels(self.value(), self.rgb, count)
+
+    def variance(self, count: int) -> Float64:
+        """(count, 3) float64: of light."""
+        return self._sum_texels(self._error_squared(), self.rgb**2, count)
+
+    def _sum_texels(self, values: Float64, rgb: Float64, count: int) -> Float64:
+        """(count, 3): sums of values (n,) times rgb (n or 1, 3)."""
+        if self._lamp is not None:
+            return np.stack([np.bincount(self.rows, values * power, count) for power in rgb.T], axis=1)
+        single, out = np.zeros(count), np.empty((count, 3))
+        single[as_slice(self.rows)] = values  # each texel is there once
+        for channel, power in enumerate(rgb.T):  # several times faster than rows of three
+            np.multiply(single, power, out=out[:, channel])
+        return out
+
+    def value(self) -> Float64:
+        """(n,) float64: irradiance for rgb = 1."""
+        out: Float64 = self._closed() * self._ratio()
+        return out
+
+    def unsettled(self, allowed: Float64, stage: tuple[int, int]) -> NDArray[np.int64]:
+        """Texels that want the rays of a stage: whose standard error, or that of their neighbours, exceeds what is allowed (n,).
+
+        A texel that stopped whenever its own rays agree would be too bright, or too dark, on average.
+        """
+        error = self._error_squared()
+        doubt = error > allowed**2
+        if stage == STAGES[1] or not self.source.is_sharp:
+            block, n_block = self._block, int(self._block.max(initial=-1)) + 1
+            lit = np.bincount(block, self._lit, minlength=n_block) > 0
+            mixed = np.pad(lit & (np.bincount(block, self._dark, minlength=n_block) > 0), 1)
+            matters = 0.25 * self._closed() > allowed
+            around = mixed[:-2] | mixed[1:-1] | mixed[2:]
+            if stage == STAGES[1]:
+                doubt |= around[block] & matters
+                dark = ~lit[block]
+            else:
+                mean_error = np.bincount(block, error, minlength=n_block) / np.maximum(np.bincount(block, minlength=n_block), 1)
+                doubt |= mean_error[block] > allowed**2
+                dark = ~self._lit & (self._rays == STAGES[1][1])
+            tiles = self._tiles
+            if stage == STAGES[1]:
+                # Who finds the closed form looks from its four points each time: an edge of light that they miss is never seen.
+                tiles = tiles[self._known[tiles].all(axis=1)]
+            if len(tiles):
+                # Of the first few rays the noise itself is hardly known.
+                calm = find_calm(self.value()[tiles], allowed[tiles].mean(axis=1), by_slope=stage == STAGES[2])
+                doubt[tiles[calm]] = False
+            if not self.source.is_sharp:
+                doubt[self._lead(dark & matters & self.leads & ~doubt, stage)] = True
+        return np.flatnonzero(doubt & self.in_reach & self.leads)
+
+    def _lead(self, dark: NDArray[np.bool_], stage: tuple[int, int]) -> NDArray[np.int64]:
+        """One of the dark texels (n,) of each block, by chance, to go on for all of them.
+
+        A block that stopped whenever all is dark would miss little light always; by chance it is right on average.
+        """
+        rows = np.flatnonzero(dark)
+        rows = rows[np.argsort(self._block[rows], kind="stable")]
+        _, first, size = np.unique(self._block[rows], return_index=True, return_counts=True)
+        # Bits of the shift that places on lights do not use.
+        chance = self._shift[rows[first], STAGES.index(stage) - 1] & np.uint32(255)
+        leader: NDArray[np.int64] = rows[first + (chance * size >> 8)]
+        if len(leader) < len(rows):
+            heir = np.arange(len(dark))
+            heir[rows] = np.repeat(leader, size)
+            self._stale[rows] = True
+            self._leader = heir if self._leader is None else heir[self._leader]
+        return leader
+
+    def _of_leaders(self, values: Float64) -> Float64:
+        """(..., n): what each pair's leader has."""
+        return values if self._leader is None else values.take(self._leader, axis=-1)
+
+    @property
+    def leads(self) -> NDArray[np.bool_]:
+        """(n,) bool: own rays tell what share is seen."""
+        return np.ones(len(self.rows), bool) if self._leader is None else self._leader == np.arange(len(self.rows))
+
+    @property
+    def in_reach(self) -> NDArray[np.bool_]:
+        """(n,) bool: whether light would come there if nothing stood between."""
+        out: NDArray[np.bool_] = self._closed() > 0
+        return out
+
+    def _closed(self) -> Float64:
+        if self._closed_form is None:
+            self._closed_form = np.where(self._peak, self._peak_mean, self._reach / np.maximum(self._starts, 1))
+        return self._closed_form
+
+    def _ratio(self) -> Float64:
+        return _divide_seen(self._of_leaders(self._sums[:3]))
+
+    def _error_squared(self) -> Float64:
+        """(n,): of the ratio estimate."""
+        stale = np.flatnonzero(self._stale | self._of_leaders(self._stale))
+        if len(stale):
+            self._error2[stale] = self._find_error_squared(as_slice(stale))
+            self._stale[:] = False
+        return self._error2
+
+    def _find_error_squared(self, rows: slice | NDArray[np.int64]) -> Float64:
+        """Of some pairs. Source: Cochran 1977, "Sampling Techniques", 6.3, for random rays."""
+        told = rows if self._leader is None else self._leader[rows]
+        sums = self._sums[:, told]
+        ratio = _divide_seen(sums)
+        residual = np.maximum(sums[3] - 2 * ratio * sums[4] + ratio**2 * sums[1], 0)
+        square = np.divide(residual, sums[0] ** 2, out=np.ones(len(ratio)), where=sums[0] > 0)
+        starts, closed, peak = np.maximum(self._starts[rows], 1), self._closed()[rows], self._peak[rows]
+        spread = np.maximum(self._reach_squares[rows] / starts - closed**2, 0) / starts**2
+        spread = np.where(starts > len(GAUSS_POINTS), spread, self._bend[rows] ** 2)
+        spread = np.where(peak, self._peak_variance[rows], spread) * ratio**2
+        # Of few lit rays, or few dark ones, hardly two are in strata that cover each other's noise.
+        rarer = 2 * self._rays[told] * np.minimum(ratio, np.maximum(1 - ratio, 0))
+        gain = np.maximum(rarer, 1) ** (_SHARP_GAIN if self.source.is_sharp else _SOFT_GAIN)
+        out: Float64 = spread + closed**2 * square / gain
+        return out
+
+
+def _divide_seen(sums: Float64) -> Float64:
+    """(n,) float64: share of the light that is seen, by the sums of Tally (3 or more, n)."""
+    out: Float64 = np.divide(sums[2], sums[0], out=np.zeros(sums.shape[1]), where=sums[0] > 0)
+    return out
+
+
+def _number_blocks(alone: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(n,) int64: blocks of neighbours; who is alone is one by himself, with nobody in those before and after."""
+    block, others, single = np.empty(len(alone), np.int64), np.flatnonzero(~alone), np.flatnonzero(alone)
+    block[others] = np.arange(len(others)) // AGREE_TEXELS
+    block[single] = len(others) // AGREE_TEXELS + 2 + 2 * np.arange(len(single))
+    return block

@@ -1,0 +1,134 @@
+"""What neighbouring texels can share in their first look at a light: the closed form, and a ray each where all of them agree.
+
+A tile is a square of texels, all of them covered, on one triangle. Far from a light its unoccluded irradiance is so smooth
+over a tile that few points tell it everywhere. A ray from each texel, to strata of the light that the tile's texels share, then
+tells whether the light is seen from everywhere there, or from nowhere. Only where tiles side by side agree is that believed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from random import Random
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..lights.direct_lights import Source
+from ..lights.direct_openings import Looks
+from ..lights.direct_points import MIDDLE, Receivers, TexelChunk, base_points, row_pieces, shift_points
+from ..scene.rays import RayScene
+from ..texels.texel_grid import interleave_bits
+from ..texels.tiles import NODE_WEIGHTS, TILE_LINES, TILE_NODES, TILE_SIDE, TILE_TEXELS, Tiles
+from ..util.arrays import Float32, Float64
+
+_CHECKS = ((2, 1), (5, 2), (1, 5), (6, 6))  # texels x, y that must agree with what a tile's nodes tell
+_CLOSED_ERROR = 2e-3  # relative, that they may be off by
+_STRATA = 16  # texels of a quarter of a tile, whose rays are strata of the light by themselves
+
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class FirstLook:
+    """What tiles tell of one light at the texels of a chunk.
+
+    closed   (n,) float64   unoccluded irradiance for rgb = 1; nan where no tile tells it
+    off      (n,) float64   how far that may be off
+    lit      (n,) bool      all of the light is seen
+    leader   (n,) int64     texel whose rays tell of this one too, where a tile saw nothing of a light with an extent; else its own row
+    dark     (n,) bool      none of a light without extent is seen
+    rays     traced
+    looks    those rays
+    """
+
+    closed: Float64
+    off: Float64
+    lit: Bools
+    dark: Bools
+    leader: NDArray[np.int64]
+    rays: int
+    looks: Looks
+
+
+def look_from_tiles(rays: RayScene, chunk: TexelChunk, tiles: Tiles, source: Source, shift: NDArray[np.uint32]) -> FirstLook:
+    """A first look at a light by the tiles of a chunk; shift (m, 2) uint32 of each tile's places on the light.
+
+    A little of a light with an extent may come by a gap that few rays find: in the dark one texel of a tile, by chance,
+    looks on for all of them, which is right on average.
+    """
+    count = len(chunk)
+    closed, lit, dark = np.full(count, np.nan), np.zeros(count, bool), np.zeros(count, bool)
+    told, values, gap = _closed_at_tiles(chunk, tiles, source)
+    texels, off = tiles.texels(), np.zeros(count)
+    closed[texels[told]], off[texels[told]] = values, gap[:, None]
+    reached = np.flatnonzero(told)[values.any(axis=1)]
+    full, none = np.zeros((2, len(tiles)), bool)
+    traced = 0
+    looks = [(np.zeros(0, np.int64), np.zeros((0, 2), np.float32), np.zeros(0, bool))]
+    for piece in row_pieces(reached, TILE_TEXELS):
+        rows = texels[piece].ravel()
+        to = shift_points(_TILE_POINTS, shift[piece]).transpose(1, 0, 2).reshape(-1, 2)
+        full[piece], none[piece], seen, n_ray = _see(rays, chunk.receivers(rows, 0, 1), source, to)
+        looks.append((rows, to, seen))
+        traced += n_ray
+    asked, whole = np.zeros((2, len(tiles)), bool)
+    asked[reached], whole[told] = True, values.all(axis=1)
+    lit[texels[full & ~tiles.near(asked & ~full)]] = True
+    leader = np.arange(count)
+    unlit = none & ~tiles.near(asked & ~none)
+    if source.is_sharp:
+        dark[texels[unlit]] = True
+    else:  # by bits of the shift that places on lights do not use
+        chosen = tiles.start + (shift[:, 0] % np.uint32(TILE_TEXELS)).astype(np.int64)
+        leader[texels[unlit & whole]] = chosen[unlit & whole, None]
+    return FirstLook(closed, off, lit, dark, leader, traced, Looks(*(np.concatenate(part) for part in zip(*looks, strict=True))))
+
+
+def _see(rays: RayScene, receivers: Receivers, source: Source, points: Float32) -> tuple[Bools, Bools, Bools, int]:
+    """(m,) bool whether all of a light is seen from a tile's receivers (m * 64), and whether none is; which see it, and rays traced."""
+    aim = source.aim(receivers.position, receivers.normal, points)
+    traced = 0
+    seen = np.ones(len(points), bool)
+    if source.casts_shadow:
+        seen, traced = receivers.see(rays, aim)
+    # A cone's edge, a horizon that cuts the light, and a face seen from behind are for the texels themselves.
+    full = seen & (aim.share > 0) & (aim.weight >= aim.share)
+    none = ~(seen & (aim.weight > 0))
+    return full.reshape(-1, TILE_TEXELS).all(axis=1), none.reshape(-1, TILE_TEXELS).all(axis=1), seen, traced
+
+
+def _closed_at_tiles(chunk: TexelChunk, tiles: Tiles, source: Source) -> tuple[Bools, Float64, Float64]:
+    """(m,) bool whether the closed form is smooth over a tile; of those where it is, (k, 64) float64 its values at the texels, and
+    (k,) float64 how far these may be off.
+    """
+    if not len(tiles):
+        return np.zeros(0, bool), np.zeros((0, TILE_TEXELS)), np.zeros(0)
+    rows = (tiles.start + np.concatenate([TILE_NODES, _CHECK_TEXELS])[:, None]).ravel()
+    receivers = chunk.receivers_at(rows, MIDDLE)
+    found = source.irradiance(receivers.position, receivers.normal).reshape(-1, len(tiles))
+    nodes, checks = found[: len(TILE_NODES)], found[len(TILE_NODES) :]
+    gap = NODE_WEIGHTS[_CHECK_TEXELS] @ nodes - checks
+    told = (np.abs(gap) <= _CLOSED_ERROR * checks).all(axis=0)
+    values: Float64 = np.maximum(NODE_WEIGHTS @ nodes[:, told], 0.0).T
+    return told, values, np.sqrt(_OFF_ELSEWHERE * (gap[:, told] ** 2).mean(axis=0))
+
+
+def _find_off_elsewhere() -> float:
+    """What interpolation leaves out: its mean square over a tile to that at the checks, by the remainder of a cubic along each axis."""
+    off2 = np.prod([np.arange(TILE_SIDE) - node for node in TILE_LINES], axis=0).astype(float) ** 2
+    return float(2.0 * off2.mean() / off2[np.array(_CHECKS)].sum(axis=1).mean())
+
+
+def _tile_points() -> NDArray[np.uint32]:
+    """(64, 2) uint32: strata of the light for the texels of a tile, in a random order within each quarter of it."""
+    points, random = base_points(TILE_TEXELS), Random(1)
+    order = [i for first in range(0, TILE_TEXELS, _STRATA) for i in sorted(range(first, first + _STRATA), key=lambda _: random.random())]
+    out = points[order]
+    out.flags.writeable = False
+    return out
+
+
+_TILE_POINTS = _tile_points()
+_OFF_ELSEWHERE = _find_off_elsewhere()
+_CHECK_TEXELS = interleave_bits(*np.array(_CHECKS).T)
+_CHECK_TEXELS.flags.writeable = False

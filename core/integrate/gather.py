@@ -1,0 +1,147 @@
+"""Light that surfaces send to texels, gathered by rays from each texel: what a ray meets sends its albedo times the light there.
+
+Most of that light is direct, which is known; what photons tell of the rest is averaged over all that a texel sees, so that few
+photons are enough. A lightmap holds the light on the front of surfaces: rays that meet another side are told apart.
+
+Source: Reichert 1992, "A two-pass radiosity method driven by lights and viewer position"; Jensen 2001, "Realistic image synthesis
+using photon mapping", 9.2 (final gathering).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..lights.direct_choice import Demand, Span, gather_until_sure
+from ..lights.direct_points import LIGHT_PLACE, MOST_TEXELS, ReceivingSurfaces, TexelChunk, each_chunk, light_points, random_shift
+from ..lights.emitters import rotate_to
+from ..scene.materials import SurfaceMaterials
+from ..scene.rays import RayScene
+from ..texels.texel_map import TexelMap
+from ..texels.tiles import Tiles
+from ..util.arrays import Float32, Float64, IntArray
+from ..util.geometry import take_rows
+from ..util.sampling import square_to_cosine_hemisphere
+
+
+@dataclass(frozen=True)
+class KnownLight:
+    """Light at all n texel entries that rays may meet, W/m^2.
+
+    light           (3, n) float32: direct, and indirect by photons so far
+    direct          (n, 3) float32
+    doubt           (n,) float32: half of what one half of the photons tells more than the other, mean of channels
+    lit_elsewhere   (n_object,) bool: light has come to sides of the object whose light no texel tells
+    """
+
+    light: Float32
+    direct: Float32
+    doubt: Float32
+    lit_elsewhere: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class GatherScene:
+    """What rays meet.
+
+    tri_object      (n_tri,) int
+    tri_two_sided   (n_tri,) bool: texels hold the sum of both sides
+    tri_told        (n_tri,) bool: texels hold the light on its front
+    """
+
+    rays: RayScene
+    receiving: ReceivingSurfaces
+    surfaces: SurfaceMaterials
+    texels: TexelMap
+    tri_object: IntArray
+    tri_two_sided: NDArray[np.bool_]
+    tri_told: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class GatheredLight:
+    """Light of texels that comes from surfaces.
+
+    irradiance_rgb   (n, 3) float32, W/m^2, as of DirectLight, as are the variance and the counters
+    variance_rgb     (n, 3) float32, (W/m^2)^2, of the choice of rays
+    doubt            (n,) float32, W/m^2: what comes of KnownLight.doubt
+    blind            (n,) bool: a ray met a side that may send light and is not told
+    by_quads, by_openings   each texel looks for itself, at surfaces
+    """
+
+    irradiance_rgb: Float32
+    variance_rgb: Float32
+    doubt: Float32
+    blind: NDArray[np.bool_]
+    counters: dict[str, int]
+    by_quads: bool = False
+    by_openings: bool = False
+
+
+def gather_light(
+    scene: GatherScene,
+    known: KnownLight,
+    texel: IntArray,
+    rng: np.random.Generator,
+    tolerance: float,
+    tiles: Tiles,
+    smoothed: bool,
+) -> GatheredLight:
+    """Light from surfaces at texels (n,) int; the other arguments as of direct.direct_irradiance, the tolerance relative to all light."""
+    irradiance, variance = np.zeros((2, len(texel), 3), np.float32)
+    doubt, blind, n_ray = np.zeros(len(texel), np.float32), np.zeros(len(texel), bool), 0
+    for part, chunk in each_chunk(scene.receiving, scene.texels.look_at, texel, scene.tri_two_sided, rng, MOST_TEXELS // 2):
+        own_tiles = tiles.within(part)
+        demand = Demand(tolerance, smoothed=own_tiles.texels()[: len(own_tiles) * smoothed])
+        gathering = _Gathering(scene, known, chunk, random_shift(rng, len(chunk)))
+        rows, base = np.arange(len(chunk)), known.direct[texel[part]].astype(np.float64)
+        light, error, traced = gather_until_sure(gathering.look, rows, demand, base)
+        irradiance[part] += light
+        variance[part] += error
+        doubt[part] += gathering.doubt / np.maximum(gathering.rays, 1)
+        blind[part] |= gathering.blind
+        n_ray += traced
+    return GatheredLight(irradiance, variance, doubt, blind, {"rays": n_ray})
+
+
+class _Gathering:
+    """Rays of a chunk's texels, and what they met so far.
+
+    doubt   (n,) float64, W/m^2: sum over rays
+    rays    (n,) int64
+    blind   (n,) bool
+    """
+
+    def __init__(self, scene: GatherScene, known: KnownLight, chunk: TexelChunk, shift: NDArray[np.uint32]) -> None:
+        self._scene, self._known, self._chunk, self._shift = scene, known, chunk, shift
+        self.doubt, self.rays = np.zeros(len(chunk)), np.zeros(len(chunk), np.int64)
+        self.blind = np.zeros(len(chunk), bool)
+
+    def look(self, rows: IntArray, span: Span) -> tuple[Float64, int]:
+        """(k, len(rows), 3) float64: what each ray says of all light from surfaces, W/m^2, in the order of strata; and rays traced."""
+        scene, known = self._scene, self._known
+        receivers = self._chunk.receivers(rows, *span)
+        places = square_to_cosine_hemisphere(light_points(take_rows(self._shift, rows), *span))
+        direction = rotate_to(places, receivers.normal).astype(np.float32)
+        found = scene.rays.closest(receivers.position, direction)
+        # By a shading normal some rays go below the face: what comes from there is not seen, as with the sky.
+        live = np.flatnonzero((found.tri >= 0) & ((direction * receivers.side).sum(axis=1) > 0))
+        tri, u, v = found.tri[live], found.u[live], found.v[live]
+        entry = scene.texels.entry_of(tri, *scene.texels.hit_texel_xy(tri, u, v))
+        is_front = (take_rows(direction, live) * take_rows(scene.receiving.normal, tri)).sum(axis=1) < 0
+        told = is_front & scene.tri_told[tri] & (entry >= 0)
+        untold = np.flatnonzero(~told)
+        dark = ~known.lit_elsewhere[scene.tri_object[tri[untold]]]
+        self.blind[rows[live[untold[~dark]] % len(rows)]] = True
+        live, tri, u, v, entry = live[told], tri[told], u[told], v[told], entry[told]
+        albedo = scene.surfaces.albedo_at(tri, u, v).T
+        count = span[1] - span[0]
+        self.doubt[rows] += np.bincount(live % len(rows), albedo.mean(axis=0) * known.doubt[entry], len(rows))
+        self.rays[rows] += count
+        place = LIGHT_PLACE[span][live // len(rows)] * len(rows) + live % len(rows)
+        sent = np.zeros((3, len(direction)))
+        for channel, row in enumerate(sent):
+            row[place] = albedo[channel] * known.light[channel].take(entry)
+        return np.moveaxis(sent.reshape(3, count, len(rows)), 0, -1), len(direction)

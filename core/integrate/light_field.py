@@ -1,0 +1,50 @@
+"""The light of a bake, as solve or direct_only leave it to whoever makes pages of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..filter.neighbours import Neighbours
+from ..filter.squares import SquareLight
+from ..radiosity.few_photons import FewPhotons
+from ..radiosity.quadtree import Quadtree
+from ..radiosity.tally import Solution
+from ..transport.ledger import Ledger
+from .direct_field import DirectField
+from .gathered import GatheredField
+
+
+@dataclass(frozen=True)
+class LightField:
+    """The light of a bake, before it becomes pages.
+
+    solution       of the leaves and what is above them
+    leaves         (m,) int64: the nodes to show
+    correction     (3,) float64, of the leaves' variance, see estimate
+    squares        what squares say where something touches the surface; None without photons
+    neighbours     of the leaves, where they have been looked for
+    few            leaves that are shown with what is around them too; None where they are shown with what they have
+    gathered       indirect light by rays from texels, where they saw all that sends it; None where leaves hold all of it
+    object_error   relative, of each object by its index, beside its own brightness; without those of which too few texels were asked
+    stopped_by     "error", "max_photons", "max_rays", "time_limit" or "interrupted"
+    """
+
+    tree: Quadtree
+    solution: Solution
+    leaves: NDArray[np.int64]
+    received: NDArray[np.int64]
+    correction: NDArray[np.float64]
+    direct: DirectField
+    error: float
+    photons: int
+    rounds: int
+    stopped_by: str
+    ledger: Ledger
+    squares: SquareLight | None = None
+    gathered: GatheredField | None = None
+    neighbours: Neighbours | None = None
+    few: FewPhotons | None = None
+    object_error: dict[int, float] = field(default_factory=dict)

@@ -1,0 +1,83 @@
+"""Which rays are sent next, where more from texels help more than more photons."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..filter.estimate import StatedError
+from ..texels.judged import BEST_TEXELS
+from ..transport.rounds import SPARE
+from ..util.messages import Message
+from .direct_field import DirectField
+from .gathered import GatheredField
+
+Tell: TypeAlias = Callable[[Message], None]
+Stop: TypeAlias = Callable[[], bool]
+# Sends rays from texels; told who is to hear of it, and what asks it to stop.
+Look: TypeAlias = Callable[[Tell, Stop], object]
+
+DIRECT_SHARE = 0.5  # of the error asked for, that direct light by rays may have
+
+
+def choose_texels(
+    error: float, stated: StatedError, traced: int, direct: DirectField, gathered: GatheredField | None
+) -> tuple[DirectField, NDArray[np.intp]] | None:
+    """The field whose rays help most, and the texels (m,) that want more of them; None where a photon's help as much, or no texel does.
+
+    Squared errors fall as one over the number of rays; and what is gathered has to be so again after more photons. No more texels are
+    chosen than are likely to bring the error asked for.
+
+    error    relative, that is asked for
+    traced   rays of photons
+    """
+    again = gathered.counters["rays"] if gathered else 0
+    by_photons = (stated.relative**2 - stated.direct**2 - stated.gathered**2) / max(traced + again, 1)
+    most = (DIRECT_SHARE * error) ** 2
+    kinds = [(stated.direct**2, direct, stated.texel_direct2)]
+    kinds += [(stated.gathered**2, gathered, stated.texel_gathered2)] if gathered and stated.texel_gathered2 else []
+    is_open = None  # texels of parts that have not come to it yet; of one part all are
+    if stated.parts.of_entry is not None:
+        is_open = stated.parts.spread(stated.of_parts > error, slice(None), False)
+    share = 1.0 if is_open is None else float(is_open.mean())  # of rays, that more of them for these texels would take
+    gains = [error2 / max(share * rays.counters["rays"], 1.0) if error2 > most else 0.0 for error2, rays, _ in kinds]
+    if max(gains) <= by_photons:
+        return None
+    own2, rays, texel2 = kinds[int(np.argmax(gains))]
+    error2 = rays.share_error(texel2())
+    if is_open is not None:
+        error2[~is_open] = 0.0
+    worst = np.flatnonzero((error2 > most) & (rays.passes < rays.most_passes))
+    left2 = (error**2 - (stated.chosen**2 - own2)) / SPARE
+    if most < left2 < own2:  # else something else keeps the error up, and all of them are to be as sure as they have to be
+        worst = _find_enough(error2, worst, rays.passes[worst], 1.0 - left2 / own2)
+    return (rays, worst) if len(worst) else None
+
+
+def _find_enough(error2: NDArray[np.float32], worst: NDArray[np.intp], passes: NDArray[np.int16], share: float) -> NDArray[np.intp]:
+    """As many of the texels `worst` (m,), ascending, as take a share off the mean of squared errors, (n,) of all: those that err most.
+
+    passes   (m,): estimates that each is the mean of
+    """
+    counted = np.minimum(error2, np.quantile(error2, BEST_TEXELS))  # see StatedError: it leaves the worst out
+    gain = counted[worst] / (passes + 1)
+    order = np.argsort(-error2[worst], kind="stable")
+    wanted = share * counted.sum(dtype=np.float64)
+    count = int(np.searchsorted(np.cumsum(gain[order], dtype=np.float64), wanted)) + 1
+    return np.sort(worst[order[:count]])
+
+
+def have_look(look: Look, tell: Tell, should_stop: Stop, following: Message) -> None:
+    """Has a look; whoever heard of it is told afterwards what follows."""
+    heard: list[Message] = []
+
+    def tell_of(message: Message) -> None:
+        heard.append(message)
+        tell(message)
+
+    look(tell_of, should_stop)
+    if heard:
+        tell(following)

@@ -1,0 +1,121 @@
+"""Shards of rays from texels: shadow rays, and rays that gather the light of surfaces.
+
+A result is a pure function of the shard and the folders it names; results are summed in the order of the shards, so that the same
+seed gives the same bytes on one process, two, or a cluster.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from ..parallel import shared_arrays
+from ..parallel.folders import keep_scene_open, keep_view_open
+from ..texels.quads import Quads
+from ..texels.texel_map import LOOK
+from ..texels.tiles import Tiles
+from ..transport.traced_scene import open_tracing
+from ..util import sampling
+from ..util.arrays import IntArray
+from ..util.coverage import as_slice
+from . import direct, direct_quads, gather
+from .other_light import OtherLight
+
+DIRECT_ROUND = 2**31 - 1  # of the random numbers for shadow rays: no round of photons comes that far
+GATHER_ROUND = 2**30  # the same, of rays that gather
+
+
+@keep_view_open
+def open_known_light(folder: str) -> gather.KnownLight:
+    """The light that was written to `folder`; the same."""
+    return shared_arrays.load_struct(Path(folder), gather.KnownLight)
+
+
+@keep_view_open
+def open_other_light(folder: str) -> OtherLight:
+    """The same."""
+    return shared_arrays.load_struct(Path(folder), OtherLight)
+
+
+@dataclass(frozen=True)
+class TexelShard:
+    """Rays from some texel entries."""
+
+    tracing: str  # folder
+    seed: int
+    turn: int  # how many times such rays have been sent before in this bake
+    start: int  # position of the shard in its turn
+    texels: IntArray | range  # ascending; a range is sooner sent
+    tolerance: float  # see direct.direct_irradiance and gather.gather_light
+    smoothed: bool  # the same
+
+    @property
+    def entries(self) -> IntArray:
+        """(m,) int: its texels."""
+        return np.arange(self.texels.start, self.texels.stop) if isinstance(self.texels, range) else self.texels
+
+    def tiles(self) -> Tiles:
+        """Of its texels."""
+        texels, rows = open_tracing(self.tracing).texels, as_slice(self.entries)
+        return Tiles.of(texels.texel_chart[rows], texels.texel_code[rows])
+
+    def rng(self, round_: int) -> np.random.Generator:
+        """Its own random numbers; `round_` is that of the first turn, from which turns count down."""
+        return sampling.shard_rng(self.seed, round_ - self.turn, self.start)
+
+
+@dataclass(frozen=True)
+class DirectShard(TexelShard):
+    """Shadow rays; the view's folder holds other_light.OtherLight, "" where nothing is known of it; dark of direct_choice.Demand."""
+
+    view: str = ""
+    dark: float = 0.0
+
+
+def light_texels(shard: DirectShard) -> direct.DirectLight:
+    """Direct light at the texels of a shard."""
+    texels, scene = open_tracing(shard.tracing).texels, _open_direct_scene(shard.tracing)
+    entry, rng, tiles = shard.entries, shard.rng(DIRECT_ROUND), shard.tiles()
+    crossed = texels.borders.see_beyond(entry, LOOK)
+    beside = open_other_light(shard.view).at(entry) if shard.view else np.zeros(len(entry), np.float32)
+    light = partial(direct.direct_irradiance, scene, rng=rng, tolerance=shard.tolerance, smoothed=shard.smoothed, dark=shard.dark)
+    # Who is asked again was not sure enough.
+    quads = Quads.none() if shard.turn else direct_quads.find_quads(texels, entry, tiles, crossed)
+    return direct_quads.light_by_quads(light, texels, entry, shard.tolerance, tiles, crossed, beside, quads)
+
+
+@dataclass(frozen=True)
+class GatherShard(TexelShard):
+    """Rays to the surfaces that the texels see; the view's folder holds gather.KnownLight."""
+
+    view: str  # folder
+
+
+def gather_texels(shard: GatherShard) -> gather.GatheredLight:
+    """Light from surfaces at the texels of a shard."""
+    scene, known = _open_gather_scene(shard.tracing), open_known_light(shard.view)
+    return gather.gather_light(scene, known, shard.entries, shard.rng(GATHER_ROUND), shard.tolerance, shard.tiles(), shard.smoothed)
+
+
+@keep_scene_open
+def _open_direct_scene(folder: str) -> direct.DirectScene:
+    tracing = open_tracing(folder)
+    return direct.DirectScene.of(tracing.scene.rays, tracing.snapshot, tracing.unit_box, tracing.scene.surfaces, tracing.meshes)
+
+
+@keep_scene_open
+def _open_gather_scene(folder: str) -> gather.GatherScene:
+    tracing = open_tracing(folder)
+    scene, direct_scene = tracing.scene, _open_direct_scene(folder)
+    return gather.GatherScene(
+        rays=scene.rays,
+        receiving=direct_scene.surfaces,
+        surfaces=scene.surfaces,
+        texels=tracing.texels,
+        tri_object=tracing.snapshot.tri_object,
+        tri_two_sided=direct_scene.tri_two_sided,
+        tri_told=scene.tri_lit_below == 0,
+    )

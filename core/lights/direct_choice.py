@@ -1,0 +1,243 @@
+"""Choice among more lights than can be looked at one by one: clusters of them, strata of the choice, and rays until they agree."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..texels.tiles import Tiles, find_calm
+from ..util.arrays import Float32, Float64, FloatArray, IntArray
+from ..util.brightness import weigh_channels
+from .direct_points import STAGES, row_pieces
+
+BLOCK_TEXELS = 64  # neighbours in Morton order, 8 x 8 within a chart, that tell each other what lights them
+
+Int64: TypeAlias = NDArray[np.int64]
+Span: TypeAlias = tuple[int, int]  # rays first ... last - 1 of a texel
+
+
+@dataclass(frozen=True)
+class Demand:
+    """How sure the light of a chunk's texels should be, and who of them may help each other.
+
+    tolerance   standard error, relative to a texel's light, at which a light gets no more rays
+    max_rays    per texel and light
+    flat        tiles that lie on one triangle, whose texels share first looks and choices
+    smoothed    (k, 64) int: texels of tiles whose noise may be left to whoever smooths it over neighbours
+    alone       (n,) bool: texels that tell nothing of those beside them; None is none
+    dark        W/m^2: light through openings has to be as sure as if there were so much of it, where there is less
+    """
+
+    tolerance: float
+    max_rays: int = STAGES[-1][1]
+    flat: Tiles = field(default_factory=Tiles.none)
+    smoothed: IntArray = field(default_factory=lambda: Tiles.none().texels())
+    alone: NDArray[np.bool_] | None = None
+    dark: float = 0.0
+
+    def are_alone(self, rows: Int64) -> NDArray[np.bool_] | None:
+        """Which of the texels (m,) are."""
+        return None if self.alone is None else self.alone[rows]
+
+    def spans(self, stages: Sequence[Span] = STAGES) -> list[Span]:
+        """Those of the stages that begin before the last ray."""
+        return [span for span in stages if span[0] < self.max_rays]
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """Sorted emitters in runs of about the same importance; an emitter is chosen within its run by importance.
+
+    weight_end   (n + 1,) float64           cumulative importance
+    start        (n_cluster + 1,) int64
+    centre       (n_cluster, 3) float32, unit box
+    normal       (n_cluster, 3) float32     mean; short where its emitters look in many directions
+    square       (n_cluster,) float32       mean squared distance of its emitters from the centre, and their own size
+    """
+
+    weight_end: Float64
+    start: Int64
+    centre: Float32
+    normal: Float32
+    square: Float32
+
+    @classmethod
+    def of(cls, weight: Float64, centre: FloatArray, normal: FloatArray, own_square: FloatArray, start: Int64) -> Clusters:
+        """Clusters of emitters in their order, of which each begins at one of start; own_square (n,) is their squared size."""
+        every = np.arange(len(weight))
+        weight_end = np.concatenate([[0.0], np.cumsum(weight)])
+        total = np.maximum(np.add.reduceat(weight, start), 1e-300)
+        mean_centre = np.add.reduceat(centre * weight[:, None], start, axis=0) / total[:, None]
+        mean_normal = np.add.reduceat(normal * weight[:, None], start, axis=0) / total[:, None]
+        cluster = np.repeat(np.arange(len(start)), np.diff(np.append(start, len(every))))
+        square = ((centre - mean_centre[cluster]) ** 2).sum(axis=1) + own_square
+        mean_square = np.add.reduceat(square * weight, start) / total
+        return cls(
+            weight_end,
+            np.append(start, len(every)).astype(np.int64),
+            mean_centre.astype(np.float32),
+            mean_normal.astype(np.float32),
+            mean_square.astype(np.float32),
+        )
+
+    def __len__(self) -> int:
+        return len(self.start) - 1
+
+    @cached_property
+    def weight(self) -> Float64:
+        """(n_cluster,) float64."""
+        return np.diff(self.weight_end[self.start])
+
+    @cached_property
+    def count(self) -> Int64:
+        """(n_cluster,) int64: emitters of each."""
+        out: Int64 = np.diff(self.start)
+        return out
+
+    @cached_property
+    def spread(self) -> Float32:
+        """(n_cluster,) float32: 0 where all look the same way, up to 1."""
+        out: Float32 = np.sqrt(np.maximum(1 - (self.normal**2).sum(axis=1), 0))
+        return out
+
+    def choose(self, cluster: Int64, u: FloatArray) -> tuple[Int64, Float64]:
+        """Emitters of clusters (n,) by importance, and their chances within the cluster."""
+        if len(self) == len(self.weight_end) - 1:  # each is its own cluster
+            return cluster, np.ones(len(cluster))
+        return self.choose_among(self.start[cluster], self.start[cluster + 1], u)
+
+    def choose_among(self, first: Int64, last: Int64, u: FloatArray) -> tuple[Int64, Float64]:
+        """The same among emitters first ... last - 1, (n,)."""
+        low, width = self.weight_end[first], self.weight_end[last] - self.weight_end[first]
+        chosen = np.clip(np.searchsorted(self.weight_end, low + u * width, side="right") - 1, first, last - 1)
+        return chosen, np.maximum(self.weight_end[chosen + 1] - self.weight_end[chosen], 1e-300) / width
+
+
+def cut_evenly(weight: Float64, most: int) -> Int64:
+    """First entries of at most so many runs of about the same weight (n,)."""
+    if len(weight) <= most:
+        return np.arange(len(weight))
+    end = np.append(0.0, np.cumsum(weight))
+    start = np.searchsorted(end, end[-1] * np.arange(most) / most, side="right") - 1
+    out: Int64 = np.unique(np.clip(start, 0, len(weight) - 1))
+    return out
+
+
+def find_reach(starts: FloatArray, count: int) -> Float32:
+    """(count,) float32: about half the diagonal of each texel; starts (k * count, 3), of k points of each."""
+    place = starts.reshape(-1, count, 3)
+    out: Float32 = np.sqrt(((place - place.mean(axis=0)) ** 2).sum(axis=2).max(axis=0)) * np.float32(math.sqrt(3))
+    return out
+
+
+def cumulate(chances: FloatArray, first: int, out: Float64) -> None:
+    """out (n, n_cluster) float64: cumulative chances of clusters, row r from first + r to one more, so that one search serves all."""
+    np.cumsum(chances, axis=1, out=out)
+    out /= np.maximum(out[:, -1:], 1e-300)
+    out += np.arange(first, first + len(out))[:, None]
+
+
+def choose_by_strata(
+    end: Float64, rows: IntArray, turn: NDArray[np.uint32], count: int, rng: np.random.Generator
+) -> tuple[Int64, Int64, Float64, Float64]:
+    """Choices (count, len(rows)) of a cluster, one in each of `count` strata of a row's chances.
+
+    end       of cumulate
+    rows      (n,) int      of end
+    turn      (n,) uint32   turns the order in which each meets its strata, so that they are not tied to places in the texel
+    out       strata (count, len(rows)) int64; then (count * len(rows),): cluster int64, its chance, and what is left of
+              the random number, again uniform in [0, 1]
+    """
+    n_cluster = end.shape[1]
+    step = (np.arange(count)[:, None] + turn % count) % count
+    pick = (step + rng.random((count, len(rows)))) / count
+    row = np.broadcast_to(rows, pick.shape).ravel()
+    target = pick.ravel() + row
+    # Searched texel by texel, whose chances are near each other in memory.
+    found = np.searchsorted(end.ravel(), np.ravel(target.reshape(pick.shape), order="F"), side="right").reshape(pick.shape, order="F")
+    cluster = np.clip(found.ravel() - row * n_cluster, 0, n_cluster - 1)
+    low = np.where(cluster > 0, end[row, np.maximum(cluster - 1, 0)], row)
+    chance = np.maximum(end[row, cluster] - low, 1e-12)
+    return step, cluster, chance, np.clip((target - low) / chance, 0, 1)
+
+
+def in_order(step: Int64, values: FloatArray) -> Float64:
+    """(k, n, 3) float64: values (k * n, 3) of n rows in the order of their strata, step (k, n)."""
+    ordered = np.empty((*step.shape, 3))
+    ordered[step, np.arange(step.shape[1])] = values.reshape(*step.shape, 3)
+    return ordered
+
+
+def gather_until_sure(
+    gather: Callable[[IntArray, Span], tuple[Float64, int]],
+    rows: IntArray,
+    demand: Demand,
+    base_rgb: Float64,
+    stages: Sequence[Span] = STAGES,
+    learn: Callable[[IntArray], None] = lambda rows: None,
+    foreseen: tuple[Float64, Float64] | None = None,
+) -> tuple[Float64, Float64, int]:
+    """Irradiance (n, 3) and its variance (n, 3), and the number of rays; 0 but at the rows.
+
+    gather     gives, for some rows and a span of their rays, estimates (k, len(rows), 3) in the order of their strata, and rays traced
+    base_rgb   (n, 3) float64, W/m^2: other light; more rays go where the error shows beside the sum
+    learn      called after the first span, with the rows that go on
+    foreseen   two (n,) float64, told by rays that count for nothing else: what a ray brings in the mean, and its variance. Who then stops
+               does so by that and by what all of the block found: of rays that seldom find much, those of a texel that found nothing agree
+    """
+    count, n_ray = len(base_rgb), 0
+    total, squares = np.zeros((count, 3)), np.zeros((count, 3))
+    if not len(rows):
+        return total, squares, n_ray
+    taken, asked = np.ones(count, np.int64), np.zeros(count, bool)
+    taken[rows], asked[rows] = 0, True
+    spans, smoothed = demand.spans(stages), demand.smoothed
+    for first, last in spans:
+        for piece in row_pieces(rows, last - first):
+            value, traced = gather(piece, (first, last))
+            n_ray += traced
+            total[piece] += value.sum(axis=0)
+            # Neighbouring strata differ by what is random inside them. Source: Wolter 1984, successive differences.
+            squares[piece] += ((value[0::2] - value[1::2]) ** 2).sum(axis=0)
+            taken[piece] += last - first
+        if last == spans[-1][1]:
+            break
+        error, mean = weigh_channels(squares) / taken**2, total / taken[:, None]
+        limit = demand.tolerance * weigh_channels(base_rgb + mean)
+        allowed = limit**2
+        # A texel that stopped whenever its own rays agree would be too bright, or too dark, on average.
+        worse = np.add.reduceat((error - allowed) * asked, np.arange(0, count, BLOCK_TEXELS)) > 0
+        doubt = np.repeat(worse, BLOCK_TEXELS)[:count]
+        least = np.zeros(count)
+        if foreseen is None:
+            doubt |= error > allowed
+        else:
+            least = foreseen[1] / taken
+            limit = demand.tolerance * (weigh_channels(base_rgb) + foreseen[0])
+            doubt |= least > limit**2
+        if len(smoothed):
+            calm = find_calm(weigh_channels(mean)[smoothed], limit[smoothed].mean(axis=1), least=least[smoothed].mean(axis=1))
+            doubt[smoothed[calm]] = False
+        rows = rows[doubt[rows]]
+        if first == 0:
+            learn(rows)
+    return total / taken[:, None], squares / taken[:, None] ** 2, n_ray
+
+
+def sort_by_place(centre: FloatArray, normal: FloatArray) -> Int64:
+    """Order of emitters: by the axis their normals are nearest to, then along a Morton curve."""
+    place = (np.clip(centre + 0.5, 0, 1) * 1023).astype(np.int64)
+    code = np.zeros(len(place), np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            code |= ((place[:, axis] >> bit) & 1) << (3 * bit + axis)
+    nearest = np.abs(normal).argmax(axis=1)
+    facing = 2 * nearest + (normal[np.arange(len(normal)), nearest] < 0)
+    order: Int64 = np.lexsort((code, facing))
+    return order

@@ -1,0 +1,294 @@
+"""Lights as direct light sees them: unoccluded irradiance in closed form, and points to aim shadow rays at.
+
+A source holds lights of one kind, a row each in its arrays; rows() makes of it one that has a row for each receiver.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import Float32, Float64, FloatArray, IntArray
+from ..util.geometry import ORIGIN_OFFSET, dot_rows, take_rows
+from ..util.sampling import square_to_cosine_hemisphere, square_to_uniform_disk, square_to_uniform_triangle
+from .emitters import rotate_to
+from .irradiance import ellipse_irradiance, point_irradiance, polygon_irradiance, sun_irradiance
+from .lights import spot_attenuation, spread_attenuation
+
+_INFINITE = np.float32(1e30)
+
+
+@dataclass(frozen=True)
+class Aim:
+    """Shadow rays from receivers.
+
+    direction   (n, 3) float32, of any length
+    distance    (n,) float32   in lengths of the direction
+    share       (n,) float32   the ray's part in the closed form: their mean over all rays is the closed form
+    weight      (n,) float32   share times what the closed form leaves out: a spot's cone, an area light's spread
+    """
+
+    direction: Float32
+    distance: Float32
+    share: Float32
+    weight: Float32
+
+
+_S = TypeVar("_S", bound="Source")
+
+
+class Source(Protocol):
+    """Lights of one kind; one of them may shine at many receivers, more need a row for each receiver."""
+
+    @property
+    def rgb(self) -> Float64:
+        """(m, 3) float64: radiance, intensity or facing irradiance of each light."""
+
+    @property
+    def casts_shadow(self) -> bool: ...
+
+    @property
+    def is_sharp(self) -> bool:
+        """Has no extent, so that its shadows have hard edges."""
+
+    def rows(self: _S, index: IntArray) -> _S:
+        """The lights with these numbers, in their order."""
+
+    def irradiance(self, position: Float32, normal: Float32) -> Float64:
+        """(n,) float64: unoccluded, for rgb = 1, at points (n, 3), unit box, with unit normals (n, 3)."""
+
+    def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
+        """Rays from points (n, 3) for numbers u (n, 2), uniform in [0, 1)."""
+
+
+def source_values(source: Any) -> dict[str, Any]:
+    """Its fields by name."""
+    return {field.name: getattr(source, field.name) for field in fields(source)}
+
+
+def _take_lights(source: Any, index: IntArray) -> Any:
+    """The source with the rows `index` of all its arrays."""
+    arrays = {name: value for name, value in source_values(source).items() if isinstance(value, np.ndarray)}
+    return replace(source, **{name: take_rows(one, index) if one.ndim == 2 else one[index] for name, one in arrays.items()})
+
+
+def _aim_at(target: FloatArray, position: Float32, normal: Float32, light_normal: FloatArray, area: Float32 | float) -> Aim:
+    """Rays to points of a surface chosen uniformly by area, seen from its front."""
+    direction: Float32 = np.subtract(target, position, dtype=np.float32)
+    square = np.maximum(dot_rows(direction, direction), np.float32(1e-20))
+    cosines = np.maximum(dot_rows(direction, normal), 0) * np.maximum(-dot_rows(direction, light_normal), 0)
+    share = cosines / (square * square) * area
+    return Aim(direction, np.ones(len(square), np.float32), share, share)
+
+
+def _combine(u: FloatArray, x_axis: Float32, y_axis: Float32) -> Float32:
+    """(n, 3) view of (3, n) rows: u[:, 0] * x_axis + u[:, 1] * y_axis."""
+    out: Float32 = (u[:, 0] * x_axis.T + u[:, 1] * y_axis.T).T
+    return out
+
+
+def _uniform_cone(u: Float32, drop: Float32) -> Float32:
+    """(n, 3): sampling.square_to_uniform_cone for a cone per ray, of 1 - cosine `drop`."""
+    height, phi = u[:, 0] * drop, np.float32(2 * math.pi) * u[:, 1]
+    across = np.sqrt(height * (2 - height))
+    return np.stack([across * np.cos(phi), across * np.sin(phi), 1 - height], axis=1)
+
+
+@dataclass(frozen=True)
+class PointSource:
+    """POINT and SPOT; rgb in W/sr times the unit box's scale squared, so that its lengths serve.
+
+    centre        (m, 3) float32, unit box
+    axis          (m, 3) float32, unit        a spot's
+    drop, blend   (m,) float32                see SpotCone
+    radius        (m,) float32, unit box      0 exactly where is_sharp
+    """
+
+    rgb: Float64
+    casts_shadow: bool
+    centre: Float32
+    axis: Float32
+    drop: Float32
+    blend: Float32
+    radius: Float32
+    soft: bool
+    is_sharp: bool
+    is_spot: bool
+
+    def rows(self, index: IntArray) -> PointSource:
+        out: PointSource = _take_lights(self, index)
+        return out
+
+    def irradiance(self, position: Float32, normal: Float32) -> Float64:
+        return point_irradiance(self.centre - position, normal, self.radius, self.soft)
+
+    def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
+        to_centre = self.centre - position
+        square = np.maximum(dot_rows(to_centre, to_centre), np.float32(1e-20))
+        length = np.sqrt(square)
+        axis = to_centre / length[:, None]
+        if self.is_sharp:
+            share = np.maximum(dot_rows(axis, normal), 0) / square
+            aim = Aim(to_centre, np.ones(len(length), np.float32), share, share)
+        elif self.soft:
+            disk = square_to_uniform_disk(u) * self.radius[:, None]
+            # Of radiance 1 / its area.
+            aim = _aim_at(self.centre + rotate_to(np.column_stack([disk, np.zeros_like(length)]), axis), position, normal, -axis, 1.0)
+        else:
+            aim = self._aim_at_sphere(axis, length, normal, u)
+        if not self.is_spot:
+            return aim
+        direction = aim.direction / np.sqrt(dot_rows(aim.direction, aim.direction))[:, None]
+        weight = aim.share * spot_attenuation(-dot_rows(direction, self.axis), self.drop, self.blend)
+        return Aim(aim.direction, aim.distance, aim.share, weight.astype(np.float32))
+
+    def _aim_at_sphere(self, axis: Float32, length: Float32, normal: Float32, u: Float32) -> Aim:
+        """Uniform per steradian of the sphere; from within it, cosine-distributed, as in Cycles."""
+        radius_squared = self.radius**2
+        covered = np.minimum(radius_squared / length**2, 1)
+        drop = covered / (1 + np.sqrt(1 - covered))  # 1 - cos without its cancellation
+        direction = rotate_to(_uniform_cone(u, drop), axis)
+        inside = length <= self.radius
+        direction = np.where(inside[:, None], rotate_to(square_to_cosine_hemisphere(u), normal), direction)
+        along = dot_rows(direction, axis) * length
+        half_chord = np.sqrt(np.maximum(radius_squared - length**2 + along**2, 0))
+        # A solid angle, or pi where the cosine is in the directions, of radiance 1 / (pi r^2).
+        share = np.where(inside, 0.5, drop * np.maximum(dot_rows(direction, normal), 0)) * (2 / radius_squared)
+        share = share.astype(np.float32)
+        return Aim(direction, np.where(inside, along + half_chord, along - half_chord), share, share)
+
+
+@dataclass(frozen=True)
+class AreaSource:
+    """AREA; rgb is the radiance.
+
+    centre             (m, 3) float32, unit box
+    x_axis, y_axis     (m, 3) float32, unit box   half extents
+    z_axis             (m, 3) float32, unit       away from what it lights
+    area               (m,) float32, unit box squared
+    spread_rad         (m,) float32
+    """
+
+    rgb: Float64
+    casts_shadow: bool
+    centre: Float32
+    x_axis: Float32
+    y_axis: Float32
+    z_axis: Float32
+    area: Float32
+    spread_rad: Float32
+    ellipse: bool
+    is_lambertian: bool
+    is_sharp: bool = False
+
+    def rows(self, index: IntArray) -> AreaSource:
+        out: AreaSource = _take_lights(self, index)
+        return out
+
+    def irradiance(self, position: Float32, normal: Float32) -> Float64:
+        x, y = self.x_axis.astype(np.float64), self.y_axis.astype(np.float64)
+        # It shines along -z, so who stands there sees (x, y) clockwise: take y first.
+        if self.ellipse:
+            signed = ellipse_irradiance(self.centre, np.stack([y, x], axis=1), position, normal)
+        else:
+            signed = polygon_irradiance(self.centre[:, None] + np.stack([-x - y, y - x, x + y, x - y], axis=1), position, normal)
+        return np.maximum(signed, 0)
+
+    def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
+        place = square_to_uniform_disk(u) if self.ellipse else 2 * u - 1
+        # Off its plane, so that a ceiling the light lies in does not cover it.
+        target = _combine(place, self.x_axis, self.y_axis) + (self.centre - np.float32(ORIGIN_OFFSET) * self.z_axis)
+        aim = _aim_at(target, position, normal, -self.z_axis, self.area)
+        if self.is_lambertian:
+            return aim
+        length = np.sqrt(dot_rows(aim.direction, aim.direction))
+        cosine = dot_rows(aim.direction, self.z_axis) / np.maximum(length, np.float32(1e-20))
+        return Aim(aim.direction, aim.distance, aim.share, (aim.share * spread_attenuation(cosine, self.spread_rad)).astype(np.float32))
+
+
+@dataclass(frozen=True)
+class SunSource:
+    """SUN; rgb is the irradiance facing it.
+
+    x_axis, y_axis, z_axis   (m, 3) float32, unit   z towards the sun
+    half_angle_rad           (m,) float32
+    """
+
+    rgb: Float64
+    casts_shadow: bool
+    x_axis: Float32
+    y_axis: Float32
+    z_axis: Float32
+    half_angle_rad: Float32
+    is_sharp: bool
+
+    def rows(self, index: IntArray) -> SunSource:
+        out: SunSource = _take_lights(self, index)
+        return out
+
+    def irradiance(self, position: Float32, normal: Float32) -> Float64:
+        return sun_irradiance(dot_rows(normal, self.z_axis), self.half_angle_rad)
+
+    def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
+        local = _uniform_cone(u, 2 * np.sin(self.half_angle_rad / 2) ** 2)
+        direction = local[:, 2:] * self.z_axis - local[:, :1] * self.x_axis - local[:, 1:2] * self.y_axis
+        # A disk of radiance 1 / (pi sin^2) over 2 pi (1 - cos) steradians.
+        share = np.maximum(dot_rows(direction, normal), 0) * (2 / (1 + np.cos(self.half_angle_rad)))
+        return Aim(direction, np.full(len(u), _INFINITE), share, share)
+
+
+@dataclass(frozen=True)
+class TriangleSource:
+    """A triangle of constant radiance rgb, two-sided unless its back is never seen from outside: front_only (m,) bool.
+
+    corners   (m, 3, 3) float32, unit box; area (m,) float32, that squared
+    normal    (m, 3) float32, unit
+    """
+
+    rgb: Float64
+    casts_shadow: bool
+    corners: Float32
+    normal: Float32
+    area: Float32
+    front_only: NDArray[np.bool_]
+    is_sharp: bool = False
+
+    def rows(self, index: IntArray) -> TriangleSource:
+        out: TriangleSource = _take_lights(self, index)
+        return out
+
+    def irradiance(self, position: Float32, normal: Float32) -> Float64:
+        behind = self.front_only & (dot_rows(position - self.corners[:, 0], self.normal) < 0)
+        return np.where(behind, 0.0, np.abs(polygon_irradiance(self.corners, position, normal)))
+
+    def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
+        weight = square_to_uniform_triangle(u)
+        first, second, third = self.corners[:, 0], self.corners[:, 1], self.corners[:, 2]
+        side = np.where(dot_rows(position - first, self.normal) >= 0, 1, -1).astype(np.float32)[:, None] * self.normal
+        target = _combine(weight, second - first, third - first) + first + np.float32(ORIGIN_OFFSET) * side
+        return _aim_at(target, position, normal, side, self.area)
+
+
+@dataclass(frozen=True)
+class WorldSource:
+    """Uniform radiance rgb from everywhere."""
+
+    rgb: Float64
+    casts_shadow: bool = True
+    is_sharp: bool = False
+
+    def rows(self, index: IntArray) -> WorldSource:
+        out: WorldSource = _take_lights(self, index)
+        return out
+
+    def irradiance(self, position: Float32, normal: Float32) -> Float64:
+        return np.full(len(position), math.pi)
+
+    def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
+        one = np.ones(len(u), np.float32)
+        share = one * np.float32(math.pi)
+        return Aim(rotate_to(square_to_cosine_hemisphere(u), normal).astype(np.float32), one * _INFINITE, share, share)

@@ -1,0 +1,297 @@
+"""Receivers of direct light: where in each texel a ray starts, and where on a light it aims."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from random import Random
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.rays import RayScene
+from ..scene.scene import SceneSnapshot
+from ..texels.texel_grid import interleave_bits
+from ..texels.texel_looks import TexelLooks
+from ..util.arrays import Float32, FloatArray, IntArray
+from ..util.geometry import UnitBox, locate_hits, offset_origin, take_rows, triangle_frames, triangle_normals_areas
+from .direct_lights import Aim
+
+# Source: Gauss-Legendre, two points a side; their mean is exact for cubic polynomials.
+GAUSS_POINTS = np.array([[[x, y]] for y in (-1, 1) for x in (-1, 1)]) * math.sqrt(1 / 12) + 0.5
+MIDDLE = np.full((1, 1, 2), 0.5)
+STAGES = ((0, 4), (4, 16), (16, 64))  # rays of a texel to a light; each is stratified together with those before it
+# Texels that are lit together. Of half of them numpy's calls take a tenth of the time more on a large page, but memory may ask for that.
+MOST_TEXELS = 2**15
+_RAYS_AT_ONCE = 2**15  # what fits the cache
+_SMOOTH_DEVIATION = 1e-3  # corner normals nearer to the face's own than this are flat shading
+_SHORTEST_NORMAL = 1e-6
+
+
+def base_points(count: int) -> NDArray[np.uint32]:
+    """(count, 2) uint32: a (0, 2)-sequence; any first 4^k points fall one each in a grid of 2^k by 2^k, and in every other
+    grid of so many cells.
+
+    Source: Sobol' 1967, the first two dimensions.
+    """
+    bits = max(1, (count - 1).bit_length())
+    index = np.arange(count, dtype=np.uint32)
+    out = np.zeros((count, 2), np.uint32)
+    steps = np.array([1 << 31, 1 << 31], np.uint32)
+    for bit in range(bits):
+        out ^= ((index >> np.uint32(bit)) & np.uint32(1))[:, None] * steps
+        steps = np.array([steps[0] >> 1, steps[1] ^ (steps[1] >> 1)], np.uint32)
+    out.flags.writeable = False
+    return out
+
+
+def _shuffle_stages(points: NDArray[np.uint32], seed: int) -> NDArray[np.uint32]:
+    """The points in a random order within each stage."""
+    random = Random(seed)  # its numbers are the same in every version of Python
+    order = [index for first, last in STAGES for index in sorted(range(first, last), key=lambda _: random.random())]
+    out = points[order]
+    out.flags.writeable = False
+    return out
+
+
+def _order_strata(points: NDArray[np.uint32]) -> dict[tuple[int, int], NDArray[np.int64]]:
+    """The place of each stage's points in an order in which those that follow each other are near: the Morton order of their strata.
+
+    Digital shifts move whole strata, and points of the same one stay together.
+    """
+    out = {}
+    for first, last in STAGES:
+        order = np.argsort(interleave_bits(*(points[first:last].T >> np.uint32(16)).astype(np.int64)))
+        out[first, last] = np.argsort(order)
+        out[first, last].flags.writeable = False
+    return out
+
+
+GAUSS_POINTS.flags.writeable = MIDDLE.flags.writeable = False
+_TEXEL_POINTS = base_points(STAGES[-1][1])
+# Another order for the light, so that places in the texel and on the light are not tied; of 2,000 seeds this has the least correlation.
+_LIGHT_POINTS = _shuffle_stages(_TEXEL_POINTS, 804)
+LIGHT_PLACE = _order_strata(_LIGHT_POINTS)
+
+
+def shift_points(points: NDArray[np.uint32], shift: NDArray[np.uint32]) -> Float32:
+    """(k, m, 2) float32 in [0, 1), a view of (2, k, m) rows: points (k, 2) moved by digital shifts (m, 2), which keep their strata.
+
+    Source: Owen 2003, "Quasi-Monte Carlo sampling", 3.4.
+    """
+    bits = points.T[:, :, None] ^ shift.T[:, None, :]
+    bits >>= np.uint32(8)
+    out = bits.view(np.int32).astype(np.float32)  # numbers below 2^31 are the same, and sooner converted
+    out *= np.float32(2.0**-24)
+    return np.moveaxis(out, 0, -1)
+
+
+@dataclass(frozen=True)
+class Receivers:
+    """Points that light is wanted at. Arrays are views of (3, n) rows, which numpy adds and multiplies several times faster.
+
+    position   (n, 3) float32, unit box, already off its surface
+    normal     (n, 3) float32, unit       shading normal
+    side       (n, 3) float32, unit       geometric normal; the same array as `normal` where all of them are flat
+    """
+
+    position: Float32
+    normal: Float32
+    side: Float32
+
+    def rows(self, index: IntArray) -> Receivers:
+        side = take_rows(self.side, index)
+        return Receivers(take_rows(self.position, index), side if self.normal is self.side else take_rows(self.normal, index), side)
+
+    def see(self, rays: RayScene, aim: Aim) -> tuple[NDArray[np.bool_], int]:
+        """Which rays meet nothing, and how many had to be traced; what comes from behind the face is not seen."""
+        seen = (aim.weight > 0) & ((aim.direction * self.side).sum(axis=1) > 0)
+        live = np.flatnonzero(seen)
+        if len(live) == len(seen):
+            return ~rays.occluded(self.position, aim.direction, aim.distance), len(live)
+        if len(live):
+            seen[live] = ~rays.occluded(take_rows(self.position, live), take_rows(aim.direction, live), aim.distance[live])
+        return seen, len(live)
+
+
+@dataclass(frozen=True)
+class ReceivingSurfaces:
+    """Triangles that receive.
+
+    corner_unit      (n_tri, 3, 3) float32, unit box
+    normal           (n_tri, 3) float32, unit; 0 for triangles without area
+    tri_frame        (3, 3, n_tri) float32, unit box   of triangle_frames
+    smooth           (n_tri,) bool                     the corners' normals are not the face's own
+    shading_normal   (n_tri, 3, 3) float32
+    """
+
+    corner_unit: Float32
+    normal: Float32
+    tri_frame: Float32
+    smooth: NDArray[np.bool_]
+    shading_normal: Float32
+
+    @classmethod
+    def of(cls, snapshot: SceneSnapshot, unit_box: UnitBox) -> ReceivingSurfaces:
+        corner_unit = unit_box.to_unit(snapshot.tri_position)
+        normal = triangle_normals_areas(snapshot.tri_position)[0].astype(np.float32)
+        smooth = np.abs(snapshot.tri_normal - normal[:, None]).max(axis=(1, 2)) > _SMOOTH_DEVIATION
+        return cls(corner_unit, normal, triangle_frames(corner_unit), smooth, snapshot.tri_normal)
+
+    def place(self, tri: IntArray, u: Float32, v: Float32) -> Float32:
+        """(n, 3) view of rows, unit box: points at weights of corners 1 and 2."""
+        point: Float32 = locate_hits(self.tri_frame, tri, u, v).T
+        return point
+
+    def follow(self, looks: TexelLooks, flip: bool) -> LookFrames:
+        """Places and normals at the elements of looks; on their back when `flip`."""
+        tri, weight = looks.tri, looks.weight
+        side = self.normal.T.take(tri, axis=1)
+        if flip:
+            side *= np.float32(-1)
+        position = _follow_axes(self.tri_frame, tri, weight)
+        position[0] = offset_origin(position[0], side)
+        smooth = np.flatnonzero(self.smooth[tri])
+        if not len(smooth):
+            return LookFrames(position, side, None, None)
+        normal = np.zeros_like(position)
+        normal[0] = side
+        corners = triangle_frames(self.shading_normal[tri[smooth]])
+        normal[:, :, smooth] = _follow_axes(corners, np.arange(len(smooth)), weight[:, :, smooth]) * np.float32(-1 if flip else 1)
+        return LookFrames(position, side, normal, self.smooth[tri])
+
+
+def _follow_axes(frame: Float32, tri: IntArray, weight: Float32) -> Float32:
+    """(3, 3, n) float32: what triangle_frames (3, 3, n_tri) tell at elements: at their origin, and what their axes add; then x, y, z."""
+    corner, *edges = frame.take(tri, axis=2)
+    out = np.empty((3, 3, len(tri)), np.float32)
+    for row, (u, v) in zip(out, weight, strict=True):
+        np.multiply(edges[0], u, out=row)
+        row += edges[1] * v
+    out[0] += corner
+    return out
+
+
+@dataclass(frozen=True)
+class LookFrames:
+    """Receivers on the elements of TexelLooks, linear along their axes; at the origin, and what each axis adds.
+
+    position   (3, 3, n) float32, unit box    already off the surface; [of origin and axes, of x, y and z, of elements], as in normal
+    side       (3, n) float32, unit           geometric normal
+    normal     (3, 3, n) float32              shading normal, of any length; None where all are flat
+    smooth     (n,) bool                      has a shading normal of its own; None where none has
+    """
+
+    position: Float32
+    side: Float32
+    normal: Float32 | None
+    smooth: NDArray[np.bool_] | None
+
+    def at(self, element: IntArray, a: FloatArray, b: FloatArray) -> tuple[Float32, Float32, Float32]:
+        """Positions, shading normals and sides, each (3, k, m) or (3, 1, m), at places (k, m) along the axes of elements (1 or k, m)."""
+        side = self.side.take(element, axis=1)
+        position = _interpolate(self.position.take(element, axis=2), a, b)
+        if self.normal is None or self.smooth is None or not self.smooth[element].any():
+            return position, side, side
+        normal = _interpolate(self.normal.take(element, axis=2), a, b)
+        length = np.sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2])
+        cancelled = length <= _SHORTEST_NORMAL
+        if cancelled.any():
+            length[cancelled] = 1
+            normal = np.where(cancelled, side, normal)
+        normal /= length
+        return position, normal, side
+
+
+def _interpolate(frame: Float32, a: FloatArray, b: FloatArray) -> Float32:
+    """(3, k, m): origin + a * one axis + b * the other, of frame (3, 3, 1 or k, m)."""
+    out = np.empty((3, *a.shape), np.float32)
+    for row, origin, along_a, along_b in zip(out, *frame, strict=True):
+        np.multiply(along_a, a, out=row)
+        row += along_b * b
+        row += origin
+    return out
+
+
+class TexelChunk:
+    """Some texels, and the random shift of the points inside each.
+
+    looks      of n texels
+    shift      (n, 2) uint32
+    surfaces   what the looks are on
+    flip       the backs of the texels are asked for
+    """
+
+    def __init__(self, looks: TexelLooks, shift: NDArray[np.uint32], surfaces: ReceivingSurfaces, flip: bool) -> None:
+        self._looks, self._shift, self._frames = looks, shift, surfaces.follow(looks, flip)
+
+    def __len__(self) -> int:
+        return len(self._looks)
+
+    @property
+    def tri(self) -> NDArray[np.int32]:
+        """(n,) int32: the triangle that each texel's representative point is on."""
+        return self._looks.tri[: len(self)]
+
+    def receivers(self, rows: IntArray, first: int, last: int) -> Receivers:
+        """Starts of rays first ... last - 1 of some of the texels, ray by ray: ((last - first) * len(rows), ...)."""
+        return self.receivers_at(rows, shift_points(_TEXEL_POINTS[first:last], take_rows(self._shift, rows)))
+
+    def receivers_at(self, rows: IntArray, points: FloatArray) -> Receivers:
+        """The same at points (k, 1 or len(rows), 2) of the texels' unit squares."""
+        shape = (3, len(points), len(rows))
+        a, b = (np.broadcast_to(points[..., axis].astype(np.float32, copy=False), shape[1:]) for axis in (0, 1))
+        position, normal, side = self._frames.at(rows[None], a, b)
+        part = self._looks.part[rows]
+        torn = np.flatnonzero(part >= 0)
+        if len(torn):
+            chosen = self._looks.choose(part[torn], np.broadcast_to(points, (*shape[1:], 2))[:, torn])
+            position[:, :, torn], own_normal, own_side = self._frames.at(*chosen)
+            flat = normal is side and own_normal is own_side
+            side = _replace_columns(side, shape, torn, own_side)
+            normal = side if flat else _replace_columns(normal, shape, torn, own_normal)
+        sides = np.broadcast_to(side, shape).reshape(3, -1).T
+        normals = sides if normal is side else np.broadcast_to(normal, shape).reshape(3, -1).T
+        return Receivers(position.reshape(3, -1).T, normals, sides)
+
+
+def each_chunk(
+    surfaces: ReceivingSurfaces,
+    look_at: Callable[[IntArray], TexelLooks],
+    texel: IntArray,
+    tri_two_sided: NDArray[np.bool_],
+    rng: np.random.Generator,
+    most: int,
+) -> Iterator[tuple[NDArray[np.int64], TexelChunk]]:
+    """Places (m,) int64 of so many of the texels (n,) at most, ascending, and the chunk of them; of two-sided triangles (n_tri,) twice."""
+    for start in range(0, len(texel), most):
+        looks = look_at(texel[start : start + most])
+        part = start + np.arange(len(looks))
+        yield part, TexelChunk(looks, random_shift(rng, len(part)), surfaces, False)
+        backs = part[tri_two_sided[looks.tri[: len(looks)]]]
+        if len(backs):
+            yield backs, TexelChunk(look_at(texel[backs]), random_shift(rng, len(backs)), surfaces, True)
+
+
+def _replace_columns(values: Float32, shape: tuple[int, int, int], columns: IntArray, others: Float32) -> Float32:
+    """A copy of the values, broadcast to a shape (3, k, m), with others (3, k, p) in some columns (p,)."""
+    out: Float32 = np.broadcast_to(values, shape).copy()
+    out[:, :, columns] = others
+    return out
+
+
+def light_points(shift: NDArray[np.uint32], first: int, last: int) -> Float32:
+    """((last - first) * m, 2) float32: where on the light rays first ... last - 1 aim; shift (m, 2) uint32."""
+    return shift_points(_LIGHT_POINTS[first:last], shift).reshape(-1, 2)
+
+
+def random_shift(rng: np.random.Generator, count: int) -> NDArray[np.uint32]:
+    """(count, 2) uint32, a view of (2, count) rows."""
+    return np.ascontiguousarray(rng.integers(0, 2**32, size=(count, 2), dtype=np.uint32).T).T
+
+
+def row_pieces(rows: IntArray, rays_each: int) -> list[IntArray]:
+    """The rows in pieces small enough to take so many rays each at once."""
+    step = max(1, _RAYS_AT_ONCE // rays_each)
+    return [rows[start : start + step] for start in range(0, len(rows), step)]

@@ -1,0 +1,182 @@
+"""Photon birth of emitting meshes and of the world; all emitters of a scene."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.materials import SurfaceMaterials
+from ..scene.scene import Light, SceneSnapshot
+from ..scene.scene_cover import SceneCover
+from ..scene.sealed_solids import find_sealed
+from ..util.arrays import Float32, Float64, FloatArray
+from ..util.geometry import UnitBox, locate_hits, offset_origin, orthonormal_basis, stack_columns, triangle_frames, triangle_normals_areas
+from ..util.sampling import AliasTable, square_to_cosine_hemisphere
+from .emitting_cells import EmittingCells, find_emitting_cells
+from .lights import Births, Emitter, make_births, make_light_emitter
+
+NO_LIGHT = "the scene has no light: add a light, an emitting material or a world colour"
+
+
+@dataclass(frozen=True)
+class EmittingMeshes:
+    """All emitting triangles of a scene; they are looked for once, for photons and for shadow rays.
+
+    by_material   (material, its cells) for every material that emits from a triangle with area
+    tri_sealed    (n_tri,) bool: triangles of solids into which nobody sees, see sealed_solids
+    """
+
+    by_material: tuple[tuple[int, EmittingCells], ...]
+    tri_sealed: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, snapshot: SceneSnapshot, surfaces: SurfaceMaterials) -> EmittingMeshes:
+        by_material = tuple(find_emitting_cells(snapshot, surfaces))
+        shines = np.zeros(snapshot.n_tri, bool)
+        for _, cells in by_material:
+            shines[cells.tri] = True
+        return cls(by_material, find_sealed(snapshot, shines))
+
+
+@dataclass(frozen=True)
+class MeshEmitter:
+    """All emitting triangles of one material, or those that its texture lights evenly, both sides.
+
+    sides        (n_cell,) int8                    1 where light from its back would never be seen, see sealed_solids; else 2
+    tri_frame    (3, 3, n_tri) float32, unit box   of the whole scene, see triangle_frames
+    tri_normal   (3, n_tri) float32, unit
+    """
+
+    name: str
+    power_rgb: Float64
+    cells: EmittingCells
+    sides: NDArray[np.int8]
+    table: AliasTable
+    tri_frame: Float32
+    tri_normal: Float32
+    surfaces: SurfaceMaterials
+    casts_shadow: bool = True
+
+    @cached_property
+    def _is_uniform(self) -> bool:
+        """Whether all shine alike."""
+        rgb = self.cells.mean_rgb
+        return self.cells.constant and bool((rgb == rgb[:1]).all())
+
+    def emit(self, u: Float32) -> Births:
+        cell, rest = self.table.sample(u[:, 0])
+        tri, barycentric = self.cells.place(cell, stack_columns(rest, u[:, 1]))
+        sides = self.sides.take(cell)
+        back = (u[:, 2] >= 0.5) & (sides == 2)
+        local = square_to_cosine_hemisphere(stack_columns(sides * u[:, 2] - back, u[:, 3]))
+        normal = self.tri_normal.take(tri, axis=1)
+        normal *= 1 - 2 * back.astype(np.float32)
+        origin = offset_origin(locate_hits(self.tri_frame, tri, *barycentric.T), normal).T
+        direction = rotate_to(local, normal.T)
+        if self._is_uniform:
+            return make_births(origin, direction)
+        if self.cells.constant:
+            radiance = self.cells.mean_rgb[cell].astype(np.float32)
+        else:
+            radiance = self.surfaces.emission_at(tri, barycentric[:, 0], barycentric[:, 1])
+        per_radiance = math.pi * sides * self.cells.area_m2[cell] / self.table.probability[cell]
+        share = np.divide(1, self.power_rgb, out=np.zeros(3), where=self.power_rgb > 0)
+        return make_births(origin, direction, radiance * per_radiance[:, None] * share)
+
+
+@dataclass(frozen=True)
+class WorldEmitter:
+    """Uniform radiance from everywhere: every face of the scene's box is a Lambertian source that shines inwards."""
+
+    name: str
+    power_rgb: Float64
+    cover: SceneCover
+    casts_shadow: bool = True
+
+    def emit(self, u: Float32) -> Births:
+        across, rest = self.cover.choose_faces(u[:, 0], self.cover.face_area[None])
+        at_low = (u[:, 2] >= 0.5).astype(np.float32)
+        local = square_to_cosine_hemisphere(stack_columns(2 * u[:, 2] - at_low, u[:, 3]))
+        inward = (2 * at_low * across - across).T
+        return make_births(self.cover.place(across, 1 - at_low, rest, u[:, 1]), rotate_to(local, inward))
+
+
+def rotate_to(local: FloatArray, normal: FloatArray) -> FloatArray:
+    """Directions (n, 3) around +Z, turned to be around unit normals (n, 3)."""
+    tangent, bitangent = orthonormal_basis(normal)
+    out: FloatArray = tangent * local[:, :1]
+    out += bitangent * local[:, 1:2]
+    out += normal * local[:, 2:]
+    return out
+
+
+def build_emitters(
+    snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, meshes: EmittingMeshes
+) -> tuple[tuple[Emitter, ...], list[tuple[str, str]]]:
+    """Everything that emits, and (name, sentence) for every light that had to be changed or left out; meshes of the same snapshot.
+
+    Raises ValueError when nothing emits.
+    """
+    emitters: list[Emitter] = []
+    warnings: list[tuple[str, str]] = []
+    cover = SceneCover.around(unit_box.to_unit(snapshot.vertex_position[np.unique(snapshot.tri_vertex)]))
+    for light in snapshot.lights:
+        power, sentence = usable_power(light)
+        if sentence:
+            warnings.append((light.name, sentence))
+        if power.any():
+            emitters.append(make_light_emitter(light, power, unit_box, cover))
+    emitters += _mesh_emitters(snapshot, unit_box, surfaces, meshes)
+    world = usable_world(snapshot)
+    if not np.array_equal(world, snapshot.world_rgb):
+        warnings.append(("World", "World: its colour is negative or not a finite number and counts as 0 there; correct it."))
+    if world.any():
+        power = math.pi * world * 2 * cover.face_area.sum() / unit_box.scale**2
+        emitters.append(WorldEmitter("World", power, cover))
+    emitters = [emitter for emitter in emitters if emitter.power_rgb.any() and np.isfinite(emitter.power_rgb).all()]
+    if not emitters:
+        raise ValueError(NO_LIGHT)
+    return tuple(emitters), warnings
+
+
+def usable_power(light: Light) -> tuple[Float64, str]:
+    """The light's power with only finite numbers >= 0, all 0 where it is left out; and a sentence if that changed it."""
+    power = np.array(light.power_rgb, np.float64)
+    placement = (*light.position_m, *chain(*light.rotation), *light.size_m)
+    numbers = (light.radius_m, light.cone_angle_rad, light.blend, light.angle_rad, light.spread_rad)
+    if not all(map(math.isfinite, light.power_rgb)):
+        return np.zeros(3), f"{light.name}: its power is not a finite number, so the light is left out; correct its strength or colour."
+    if not all(map(math.isfinite, (*placement, *numbers))):
+        return np.zeros(3), f"{light.name}: its position or size is not a finite number, so the light is left out; correct its transform."
+    if min(light.power_rgb) < 0:
+        what = "the light is left out" if (power <= 0).all() else "its negative channels count as 0"
+        return np.maximum(power, 0), f"{light.name}: its power is negative, so {what}; make its strength and colour positive."
+    return power, ""
+
+
+def usable_world(snapshot: SceneSnapshot) -> Float64:
+    """(3,) float64, W/m^2/sr: the world's radiance, 0 where it is negative or not finite."""
+    world = np.array(snapshot.world_rgb, np.float64)
+    return np.where(np.isfinite(world) & (world > 0), world, 0.0)
+
+
+def _mesh_emitters(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, meshes: EmittingMeshes) -> list[MeshEmitter]:
+    if not meshes.by_material:
+        return []
+    corner_unit = unit_box.to_unit(snapshot.tri_position)
+    frame = triangle_frames(corner_unit)
+    normal = np.ascontiguousarray(triangle_normals_areas(corner_unit)[0].T, np.float32)
+    sides_of = np.where(meshes.tri_sealed, 1, 2).astype(np.int8)
+    emitters = []
+    for index, parts in meshes.by_material:
+        cells = parts.join_parts()
+        sides = sides_of[cells.tri]
+        power = math.pi * ((sides * cells.area_m2)[:, None] * cells.mean_rgb).sum(axis=0)
+        table = AliasTable(cells.importance * sides)
+        emitters.append(MeshEmitter(snapshot.materials[index].name, power, cells, sides, table, frame, normal, surfaces))
+    return emitters

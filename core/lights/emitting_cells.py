@@ -1,0 +1,238 @@
+"""Emitting triangles, cut into cells where they are slender or a texture lights them: small ones where it is uneven."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.materials import SurfaceMaterials
+from ..scene.mipmap import Mipmap
+from ..scene.scene import SceneSnapshot
+from ..scene.slender_triangles import cut_slender, find_between, find_corners
+from ..util.arrays import Float32, Float64, FloatArray, IntArray
+from ..util.brightness import weigh_channels
+from ..util.geometry import take_rows, triangle_normals_areas
+from ..util.sampling import square_to_uniform_triangle
+
+_MAX_CELLS = 2**17
+_FIRST_CELLS = 2**16, 64  # at most, and per side of a triangle: who is near sees them at unlike distances
+_CELL_SAMPLES = 4  # per side
+_FLOOR = 0.05  # of the mean radiance, so that light the cell's samples missed is still found
+# Variance of the radiance within cells, over the mean radiance squared, at which none is cut any more: what else shadow rays differ by is
+# more.
+_EVEN = 0.05
+_ALIKE = 1e-6  # variance over the mean squared, up to which a radiance is the same everywhere: half floats' rounding
+_LEAST_CUT = 1 / 64  # share of the cells for which there must be room to cut them
+
+
+@dataclass(frozen=True)
+class EmittingCells:
+    """Emitting triangles, cut into cells where a texture lights them; a cell is a square of square_to_uniform_triangle's domain.
+
+    tri          (n,) int64
+    corner       (n, 2) float32     lower left corner of the square
+    side         (n,) float32       1 where the whole triangle, or part of it, is the cell
+    area_m2      (n,) float64
+    mean_rgb     (n, 3) float64     W/m^2/sr, mean of the samples
+    constant     whether the radiance of each is its mean_rgb everywhere
+    part         (n, 3, 2) float32  weights of the triangle's corners 1 and 2 at the corners of the part of it whose domain that is, see
+                                    slender_triangles; None where no triangle is cut so
+    """
+
+    tri: NDArray[np.int64]
+    corner: Float32
+    side: Float32
+    area_m2: Float64
+    mean_rgb: Float64
+    constant: bool
+    part: Float32 | None = None
+
+    def place(self, cell: IntArray, u: FloatArray) -> tuple[NDArray[np.int64], Float32]:
+        """Triangles (n,) and weights (n, 2) of their corners 1 and 2 at points u (n, 2) of cells (n,)."""
+        corner, side = take_rows(self.corner, cell), self.side.take(cell)[:, None]
+        within = square_to_uniform_triangle(corner + side * u.astype(np.float32, copy=False))
+        return self.tri.take(cell), within if self.part is None else find_between(self.part[cell], within)
+
+    def join_parts(self) -> EmittingCells:
+        """The same light from whole triangles, where parts of each are of one radiance: photons leave all of a triangle alike."""
+        if self.part is None or not self.constant:
+            return self
+        tri, first, whose = np.unique(self.tri, return_index=True, return_inverse=True)
+        if not np.array_equal(self.mean_rgb, self.mean_rgb[first][whose]):
+            return self
+        area: Float64 = np.bincount(whose, self.area_m2).astype(np.float64)
+        return EmittingCells(tri, self.corner[first], self.side[first], area, self.mean_rgb[first], True)
+
+    @property
+    def importance(self) -> Float64:
+        """(n,) float64: area times radiance, with a floor under textured ones."""
+        radiance = weigh_channels(self.mean_rgb)
+        if not self.constant:
+            radiance = radiance + _FLOOR * np.average(radiance, weights=self.area_m2)
+        return self.area_m2 * radiance
+
+
+def find_emitting_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials) -> list[tuple[int, EmittingCells]]:
+    """(material, its cells) for every material that emits from a triangle with area; those that a texture lights evenly by themselves."""
+    emitting = [i for i, material in enumerate(snapshot.materials) if any(material.emission_rgb)]
+    if not emitting:
+        return []
+    position = snapshot.tri_position
+    area = triangle_normals_areas(position)[1]
+    found = []
+    for index in emitting:
+        tri = np.flatnonzero((snapshot.tri_material == index) & (area > 0))
+        if len(tri):
+            owner, part, part_area = cut_slender(position[tri], area[tri])
+            every = _cut_cells(snapshot, surfaces, index, tri[owner], part if len(owner) > len(tri) else None, part_area)
+            found += [(index, cells) for cells in every if cells.mean_rgb.any()]
+    return found
+
+
+def _cut_cells(
+    snapshot: SceneSnapshot, surfaces: SurfaceMaterials, material: int, tri: NDArray[np.int64], part: Float32 | None, area_m2: Float64
+) -> list[EmittingCells]:
+    """Cells of parts (n,) of triangles; part as in EmittingCells."""
+    count = len(tri)
+    corner, side = np.zeros((count, 2), np.float32), np.ones(count, np.float32)
+    if snapshot.materials[material].emission_image < 0:
+        rgb = surfaces.emission_at(tri, np.zeros(count), np.zeros(count)).astype(np.float64)
+        return [EmittingCells(tri, corner, side, area_m2, rgb, True, part)]
+    texture = _Texture.of(snapshot, surfaces, material, tri, part)
+    whole = texture.look_at(np.arange(count), corner, side, area_m2)
+    even, rest = np.flatnonzero(whole.is_even()), np.flatnonzero(~whole.is_even())
+    found = []
+    if len(even):  # closed forms tell their light close by
+        own = None if part is None else part[even]
+        found.append(EmittingCells(tri[even], corner[even], side[even], area_m2[even], whole.mean_rgb[even], True, own))
+    if not len(rest):
+        return found
+    finest = min(_FIRST_CELLS[1], max(1, math.isqrt(_FIRST_CELLS[0] // len(rest))))
+    per_side = np.clip(np.ceil(whole.texels[rest]), 1, finest).astype(np.int64)
+    cells = texture.look_at(*_cut_squares(per_side, rest, corner[rest], side[rest], area_m2[rest]))
+    while len(rows := cells.find_uneven()):
+        parts = _cut_squares(np.full(len(rows), 2), cells.whose[rows], cells.corner[rows], cells.side[rows], cells.area_m2[rows])
+        cells = cells.replace_rows(rows, texture.look_at(*parts))
+    own = None if part is None else part[cells.whose]
+    found.append(EmittingCells(tri[cells.whose], cells.corner, cells.side, cells.area_m2, cells.mean_rgb, False, own))
+    return found
+
+
+def _cut_squares(
+    per_side: NDArray[np.int64], whose: NDArray[np.int64], corner: Float32, side: Float32, area_m2: Float64
+) -> tuple[NDArray[np.int64], Float32, Float32, Float64]:
+    """Cells (n,), each cut into per_side ** 2 squares."""
+    count = per_side**2
+    owner = np.repeat(np.arange(len(whose)), count)
+    within, across = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count), per_side[owner]
+    short = (side[owner] / across).astype(np.float32)
+    at = corner[owner] + np.stack([within % across, within // across], axis=1) * short[:, None]
+    return whose[owner], at.astype(np.float32), short, area_m2[owner] / across**2
+
+
+@dataclass(frozen=True)
+class _TexturedCells:
+    """As EmittingCells.
+
+    whose      (n,) int64     part of a triangle, of those that _Texture knows
+    variance   (n,) float64   of the radiance over each
+    texels     (n,) float64   the longest side of each
+    """
+
+    whose: NDArray[np.int64]
+    corner: Float32
+    side: Float32
+    area_m2: Float64
+    mean_rgb: Float64
+    variance: Float64
+    texels: Float64
+
+    def is_even(self) -> NDArray[np.bool_]:
+        """(n,) bool: those that shine, and alike everywhere. Black ones might be lit at their borders, between the samples."""
+        radiance = weigh_channels(self.mean_rgb)
+        out: NDArray[np.bool_] = (radiance > 0) & (self.variance <= _ALIKE * radiance**2)
+        return out
+
+    def find_uneven(self) -> NDArray[np.int64]:
+        """Those that had best be cut, as many as there is room for; none where all are even enough."""
+        radiance, count = weigh_channels(self.mean_rgb), len(self.whose)
+        power = self.area_m2 * radiance
+        least = _FLOOR * power.sum() / self.area_m2.sum() + 1e-300
+        # What a ray to a point of a cell that was chosen by its power adds to the variance of an estimate.
+        uneven = np.where(self.texels > 1, self.area_m2 * self.variance / (radiance + least), 0.0)
+        most, allowed = (_MAX_CELLS - count) // 6, _EVEN * power.sum()  # half of the room: parts may need it more
+        if uneven.sum() <= allowed or most < _LEAST_CUT * count:
+            return np.zeros(0, np.int64)
+        worst = np.argsort(-uneven, kind="stable")[:most]
+        cut: NDArray[np.int64] = worst[uneven[worst] > allowed / count]
+        return cut
+
+    def replace_rows(self, rows: NDArray[np.int64], parts: _TexturedCells) -> _TexturedCells:
+        """Without some rows, but with others at their end."""
+        return _TexturedCells(*(np.concatenate([np.delete(old, rows, axis=0), vars(parts)[name]]) for name, old in vars(self).items()))
+
+
+@dataclass(frozen=True)
+class _Texture:
+    """What lights triangles, or parts of them, of a material.
+
+    tri    (n,) int64; part (n, 3, 2) or None, as in EmittingCells
+    uv     (n, 3, 2) float32
+    size   width and height
+    """
+
+    surfaces: SurfaceMaterials
+    tri: NDArray[np.int64]
+    part: Float32 | None
+    uv: Float32
+    size: tuple[int, int]
+    mipmap: Mipmap
+
+    @classmethod
+    def of(
+        cls, snapshot: SceneSnapshot, surfaces: SurfaceMaterials, material: int, tri: NDArray[np.int64], part: Float32 | None
+    ) -> _Texture:
+        emission = snapshot.materials[material]
+        image = snapshot.images[emission.emission_image]
+        height, width = image.pixels.shape[:2]
+        uv = np.nan_to_num(snapshot.tri_emission_uv[tri], posinf=0, neginf=0)
+        if part is not None:
+            uv = find_corners(uv, part)
+        return cls(surfaces, tri, part, uv, (width, height), Mipmap(image, emission.emission_rgb))
+
+    def measure(self, whose: NDArray[np.int64], side: Float32) -> Float64:
+        """(n,) float64, texels: the longest side of cells."""
+        uv = self.uv[whose].astype(np.float64) * self.size
+        longest: Float64 = np.abs(uv - np.roll(uv, 1, axis=1)).max(axis=(1, 2)) * side
+        return longest
+
+    def look_at(self, whose: NDArray[np.int64], corner: Float32, side: Float32, area_m2: Float64) -> _TexturedCells:
+        """Cells (n,) with what they show."""
+        texels = self.measure(whose, side)
+        # Means over more than lies between samples: what shines beyond the border does so half a texel into the cell.
+        level = np.ceil(np.log2(np.clip(texels / (_CELL_SAMPLES - 1), 1, max(*self.size, 1)))).astype(np.int64)
+        mean, square = np.zeros((2, len(whose), 3))
+        for one in np.unique(level):
+            rows = np.flatnonzero(level == one)
+            for point in product(range(_CELL_SAMPLES), repeat=2):
+                within = side[rows, None] * (np.array(point, np.float32) + np.float32(0.5)) / _CELL_SAMPLES
+                rgb, squared = self._show(int(one), whose[rows], square_to_uniform_triangle(corner[rows] + within))
+                mean[rows] += rgb
+                square[rows] += squared
+        mean, square = mean / _CELL_SAMPLES**2, square / _CELL_SAMPLES**2
+        variance = weigh_channels(np.maximum(square - mean**2, 0))
+        return _TexturedCells(whose, corner, side, area_m2, mean, variance, texels)
+
+    def _show(self, level: int, whose: NDArray[np.int64], barycentric: Float32) -> tuple[Float64, Float64]:
+        """Radiance and its square, (n, 3) each, about points of parts."""
+        if level:
+            mean, square = self.mipmap.at(level, find_between(self.uv[whose], barycentric))
+            return mean.astype(np.float64), square.astype(np.float64)
+        if self.part is not None:
+            barycentric = find_between(self.part[whose], barycentric)
+        rgb = self.surfaces.emission_at(self.tri[whose], *barycentric.T).astype(np.float64)
+        return rgb, rgb**2

@@ -1,0 +1,104 @@
+"""The emitters of a scene, with lights of a kind in one: their photons are born together, as numpy is slow on short arrays.
+
+Of a light that can be joined, the last axis of an array is that of lights: 1 alone, k joined, and n of n photons, each with the values of
+its light. Each photon is what its light alone gives for the same numbers, to the bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import Float32, Float64, IntArray
+from ..util.geometry import gather, take_rows
+from .lights import AreaEmitter, Births, Emitter, PointEmitter
+
+_OWN = ("name", "power_rgb", "casts_shadow")  # fields that say nothing of where and how photons are born
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """Lights that differ in arrays alone, joined; or an emitter alone."""
+
+    first: Any  # Emitter
+    arrays: dict[str, NDArray[Any]]  # (..., k), by field; none of an emitter alone
+
+    @classmethod
+    def of(cls, emitters: Sequence[Emitter]) -> _Kind:
+        if len(emitters) == 1:
+            return cls(emitters[0], {})
+        of_each = [_arrays(emitter) for emitter in emitters]
+        return cls(emitters[0], {name: np.concatenate([arrays[name] for arrays in of_each], axis=-1) for name in of_each[0]})
+
+    def emit(self, light: IntArray, u: Float32) -> Births:
+        """Photons of its lights (n,), ascending, for numbers (n, 4)."""
+        own = light[:1] if light[0] == light[-1] else light
+        bearing: Emitter = replace(self.first, **{name: gather(values, own) for name, values in self.arrays.items()})
+        return bearing.emit(u)
+
+
+@dataclass(frozen=True)
+class JoinedEmitters:
+    """All emitters of a scene.
+
+    power_rgb      (n_emitter, 3) float64, W
+    casts_shadow   (n_emitter,) bool
+    kind           (n_emitter,) int64   of each emitter
+    light          (n_emitter,) int64   which of its kind each is
+    """
+
+    power_rgb: Float64
+    casts_shadow: NDArray[np.bool_]
+    kinds: tuple[_Kind, ...]
+    kind: NDArray[np.int64]
+    light: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, emitters: Sequence[Emitter]) -> JoinedEmitters:
+        groups: dict[tuple[object, ...], list[int]] = {}
+        for number, emitter in enumerate(emitters):
+            groups.setdefault(_name_kind(emitter) or (number,), []).append(number)
+        kind, light = np.empty((2, len(emitters)), np.int64)
+        for k, numbers in enumerate(groups.values()):
+            kind[numbers], light[numbers] = k, np.arange(len(numbers))
+        power = np.array([emitter.power_rgb for emitter in emitters], np.float64).reshape(-1, 3)
+        casts_shadow = np.array([emitter.casts_shadow for emitter in emitters], bool)
+        return cls(power, casts_shadow, tuple(_Kind.of([emitters[i] for i in numbers]) for numbers in groups.values()), kind, light)
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    def emit(self, emitter: IntArray, u: Float32) -> Births:
+        """Photons of emitters (n,), n > 0, ascending, for numbers u (n, 4) float32 as of Emitter.emit."""
+        kind, light = self.kind.take(emitter), self.light.take(emitter)
+        found: list[int] = np.flatnonzero(np.bincount(kind)).tolist()
+        if len(found) == 1:
+            return self.kinds[found[0]].emit(light, u)
+        origin, direction, relative = np.empty((3, 3, len(emitter)), np.float32)
+        soft_radius, soft_offset = np.empty((2, len(emitter)), np.float32)
+        cuts = np.flatnonzero(kind[1:] != kind[:-1]) + 1
+        own: slice | IntArray
+        for k in found:
+            own = np.flatnonzero(kind == k)
+            if len(cuts) < len(found):  # those of a kind follow each other: a range is sooner read and written than rows
+                own = slice(int(own[0]), int(own[-1]) + 1)
+            births = self.kinds[k].emit(light[own], u[own] if isinstance(own, slice) else take_rows(u, own))
+            origin[:, own], direction[:, own], relative[:, own] = births.origin.T, births.direction.T, births.relative_rgb.T
+            soft_radius[own], soft_offset[own] = births.soft_radius, births.soft_offset
+        return Births(origin.T, direction.T, relative.T, soft_radius, soft_offset)
+
+
+def _name_kind(emitter: Emitter) -> tuple[object, ...]:
+    """What lights that can be joined have in common; () of other emitters."""
+    if not isinstance(emitter, PointEmitter | AreaEmitter):
+        return ()
+    return type(emitter), *(value for name, value in vars(emitter).items() if name not in _OWN and not isinstance(value, np.ndarray))
+
+
+def _arrays(emitter: Emitter) -> dict[str, NDArray[Any]]:
+    """Those of its fields that have an axis of lights."""
+    return {name: value for name, value in vars(emitter).items() if name not in _OWN and isinstance(value, np.ndarray)}

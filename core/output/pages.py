@@ -1,0 +1,124 @@
+"""Pages to image files: every pass, in every kind of file that was asked for, and what the report says of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..atlas.charts import ChartAtlas
+from ..scene.scene import SceneSnapshot
+from ..util.file_names import clean_name, fill_pattern, make_unique
+from ..util.job import VIEWS_FOLDER, Job
+from ..util.settings import DEBUG_PASSES, Settings
+from . import image_file
+
+_FLOAT_MAX = float(np.finfo(np.float32).max)
+_ENCODING = {"exr": "linear, half float", "hdr": "linear, shared exponent", "png": "sRGB"}
+
+Page = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class PageFile:
+    """One image file: a page of a pass.
+
+    objects    indices into the snapshot's objects
+    encoding   how its numbers stand for light
+    range      the greatest value that the file can hold
+    maximum    the greatest value of the page, which may be beyond it
+    linear     EXR that Blender is to make the file from, by the scene's view transform; "" where the file is there
+    """
+
+    path: str
+    pass_name: str
+    kind: str
+    page: int
+    objects: list[int]
+    encoding: str
+    range: float
+    maximum: float
+    linear: str = ""
+
+
+def write_pages(
+    job: Job,
+    folder: Path,
+    snapshot: SceneSnapshot,
+    atlas: ChartAtlas,
+    metadata: dict[str, str | int | float],
+    draw: Callable[[str, int, bool], Page],
+) -> list[PageFile]:
+    """Write all files of a bake; when one fails, none of them is left.
+
+    folder   of the job, for what Blender is to finish
+    draw     gives the page of a pass, and, where the third argument is true, its look
+    """
+    settings = job.settings
+    files: list[PageFile] = []
+    try:
+        for page, name, stem in _list_stems(job, snapshot, atlas):
+            owners = np.flatnonzero(atlas.object_page == page).tolist()
+            pixels = draw(name, page, False)
+            maximum = _find_maximum(pixels)
+            for kind in settings.formats:
+                shown = draw(name, page, True) if kind == "png" and name in DEBUG_PASSES else pixels
+                path = Path(job.output) / f"{stem}{image_file.suffix_of(kind)}"
+                encoding, greatest, linear = _write_file(settings, folder, path, name, kind, shown, metadata)
+                files.append(PageFile(str(path), name, kind, page, owners, encoding, greatest, maximum, linear))
+    except (OSError, ValueError):
+        for file in files:  # half a bake looks like a whole one
+            Path(file.path).unlink(missing_ok=True)
+        raise
+    return files
+
+
+def list_names(job: Job, snapshot: SceneSnapshot, atlas: ChartAtlas) -> list[str]:
+    """What the files of a bake will be called."""
+    stems = _list_stems(job, snapshot, atlas)
+    return [f"{stem}{image_file.suffix_of(kind)}" for _, _, stem in stems for kind in job.settings.formats]
+
+
+def _list_stems(job: Job, snapshot: SceneSnapshot, atlas: ChartAtlas) -> list[tuple[int, str, str]]:
+    """Page, pass and name without its ending of every image."""
+    names = name_pages(job, snapshot, atlas)
+    images = [(page, name) for page in range(atlas.page_count) for name in job.settings.passes]
+    unique = make_unique(fill_pattern(job.settings.name_pattern, names[page], name, page) for page, name in images)
+    return [(page, name, stem) for (page, name), stem in zip(images, unique, strict=True)]
+
+
+def _write_file(
+    settings: Settings, folder: Path, path: Path, name: str, kind: str, pixels: Page, metadata: dict[str, str | int | float]
+) -> tuple[str, float, str]:
+    """Write one file and give PageFile's encoding, range and linear."""
+    debug = name in DEBUG_PASSES
+    if kind == "png" and settings.view_transform == "scene" and not debug:
+        linear = folder / VIEWS_FOLDER / f"{path.stem}.exr"
+        linear.parent.mkdir(exist_ok=True)
+        image_file.write_image(linear, pixels, {}, "exr")
+        return "the scene's view transform", 1.0, str(linear)
+    full = debug and kind == "exr"  # counts go beyond half floats
+    image_file.write_image(path, pixels, {"leaflight:pass": name, **metadata}, kind, settings.value_range, full)
+    if full:
+        return "linear, float", _FLOAT_MAX, ""
+    encoding = "a picture, sRGB" if debug and kind == "png" else _ENCODING.get(kind, kind)
+    return encoding, image_file.range_of(pixels, kind, settings.value_range), ""
+
+
+def _find_maximum(pixels: Page) -> float:
+    # Channels side by side by columns first: three of four by themselves would be taken number by number.
+    by_column: Page = pixels.max(axis=0, initial=0.0)
+    return float(by_column[:, :3].max(initial=0.0))
+
+
+def name_pages(job: Job, snapshot: SceneSnapshot, atlas: ChartAtlas) -> list[str]:
+    """One name for each page, unique also where objects' names differ only by characters that files cannot have."""
+    names: list[str] = []
+    for page in range(atlas.page_count):
+        owners = np.flatnonzero(atlas.object_page == page)
+        alone = not job.settings.atlas and len(owners) == 1
+        names.append(clean_name(snapshot.objects[owners[0]].name) if alone else f"{clean_name(job.atlas_name)}_{page}")
+    return make_unique(names)

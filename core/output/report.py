@@ -1,0 +1,64 @@
+"""What a bake tells of its objects, and of the memory it took."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..atlas.charts import ChartAtlas
+from ..integrate.light_field import LightField
+from ..scene.scene import SceneSnapshot
+
+
+def list_objects(
+    snapshot: SceneSnapshot, atlas: ChartAtlas, entry_object: NDArray[np.int32], error: dict[int, float]
+) -> list[dict[str, Any]]:
+    """What is told of each object that takes light.
+
+    entry_object   (n,) int32: the object of each texel entry
+    error          relative, of each object by its index, of LightField.object_error
+    """
+    texel_count = np.bincount(entry_object, minlength=len(snapshot.objects))
+    chart_count = np.bincount(atlas.chart_object, minlength=len(snapshot.objects))
+    return [
+        {
+            "name": one.name,
+            "page": int(atlas.object_page[i]),
+            "texels": int(texel_count[i]),
+            "charts": int(chart_count[i]),
+            "estimated_error": error.get(i),
+        }
+        for i, one in enumerate(snapshot.objects)
+        if one.receives
+    ]
+
+
+def describe_light(light: LightField) -> dict[str, Any]:
+    """What it took to find the light, and how sure it is."""
+    direct, ledger = light.direct.counters, light.ledger
+    return {
+        "photons": light.photons,
+        "rounds": light.rounds,
+        "rays": ledger.rays + ledger.gathered + direct.get("rays", 0),
+        "direct": direct,
+        "gathered": light.gathered.counters if light.gathered else {},
+        "leaves": len(light.leaves),
+        "nodes": len(light.tree),
+        "estimated_error": light.error,
+        "stopped_by": light.stopped_by,
+        "energy_audit_w": ledger.audit_w(),
+    }
+
+
+def measure_memory_mb() -> dict[str, float]:
+    """Peak resident memory of this process and of its largest worker, MB; empty where the system does not tell."""
+    if sys.platform == "win32":
+        return {}
+    import resource  # not on Windows
+
+    unit = 1e6 if sys.platform == "darwin" else 1e3  # macOS counts bytes, Linux kilobytes
+    who = {"core": resource.RUSAGE_SELF, "worker": resource.RUSAGE_CHILDREN}
+    return {name: round(resource.getrusage(usage).ru_maxrss / unit, 1) for name, usage in who.items()}

@@ -1,0 +1,199 @@
+"""Leaves to pages: the light field at every texel, times the surface, laid out as images with a margin.
+
+Pages are (height, width, 4) float32, row 0 at the bottom; alpha is 1 where a chart covers the texel, else 0 (the margin's
+colour has alpha 0 too). Passes and their units: docs/units.md.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import starmap
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..filter import denoise, reconstruct, seams, squares
+from ..filter.cuts import close_cuts
+from ..filter.flecks import clip_flecks
+from ..filter.neighbours import Neighbours
+from ..integrate.light_field import LightField
+from ..radiosity.quadtree import node_of_texel
+from ..scene.materials import SurfaceMaterials
+from ..texels.margin import add_margin
+from ..texels.seam_points import SeamPoints
+from ..texels.texel_looks import centred_strata
+from ..texels.texel_map import LOOK, TexelMap
+from ..util.arrays import IntArray
+from ..util.coverage import as_slice
+from ..util.threads import run_on_threads
+
+_LIGHT_PASSES = ("lighting", "direct", "indirect", "diffuse", "combined")
+_ALBEDO_POINTS = 4  # a texel's albedo is a mean over so many points, for textures finer than the lightmap
+
+
+@dataclass(frozen=True)
+class TexelLight:
+    """Light at the texel entries.
+
+    direct, indirect   (n, 3) float32, W/m^2, never negative
+    stderr             (n, 3) float32, W/m^2, of their sum; None where nobody asked
+    leaf               (n,) int32, node of the tree
+    empty              light beside charts, direct and indirect, where seams need it
+    """
+
+    direct: NDArray[np.float32]
+    indirect: NDArray[np.float32]
+    stderr: NDArray[np.float32] | None
+    leaf: NDArray[np.int32]
+    empty: seams.EmptyTexels | None = None
+
+
+def light_at_texels(
+    field: LightField,
+    texels: TexelMap,
+    smooth_grain: bool = True,
+    threads: int = 1,
+    spread: denoise.Spread = starmap,
+    doubt: bool = True,
+    spend: bool = False,
+) -> TexelLight:
+    """The leaves' functions at each texel's own point, or what squares say there, plus direct light by rays.
+
+    stderr is that before grain is smoothed, and told where `doubt` asks for it.
+    spend   nobody asks for the field's direct light afterwards, and what is found takes its place in memory
+    """
+    by_rays = field.direct.take_shown(texels, smooth_grain, spread, in_place=spend)
+    n_texel = len(texels)
+    leaf = node_of_texel(field.tree, field.leaves, n_texel)
+    # Where rays tell of light straight from lights, photons tell of none, and there is only one part.
+    first = 0 if _any_direct(field) else 1
+    by_part = np.empty((2 - first, n_texel, 3), np.float32)
+    variance = field.direct.variance if spend and not doubt else np.empty((n_texel, 3), np.float32)
+    neighbours = field.neighbours or Neighbours.of(field.tree, leaf, texels)
+    joined = reconstruct.Blend(texels, field.tree, field.solution, leaf, neighbours, halves=False)
+
+    def fill(part: slice) -> None:
+        traced = joined.range(part.start, part.stop)
+        for channel in range(3):  # one by one several times faster than as turned arrays
+            for of_part, values in zip(by_part, traced.irradiance[first:, channel], strict=True):
+                of_part[part, channel] = np.maximum(values, 0.0)  # a fitted plane may dip below zero at the edge of a shadow
+            variance[part, channel] = traced.variance[channel] * field.correction[channel]
+
+    run_on_threads(fill, n_texel, threads)
+    if field.few:
+        field.few.show(by_part[-1], variance, leaf)
+    side = field.tree.side[leaf]
+    clip_flecks(by_part[-1], variance, leaf, side, texels)
+    close_cuts(by_part, texels, side)
+    entry, beyond, share = texels.borders.list_beyond(LOOK)
+    for light, moved in zip(by_part, share[:, None] * (by_part[:, beyond] - by_part[:, entry]), strict=True):
+        np.add.at(light, entry, moved)  # as shadow rays do, which start on all of the square
+    grain = side <= denoise.SMALL_LEAF
+    if field.squares is not None:
+        grain |= squares.mix(by_part.transpose(0, 2, 1), variance.T, field.squares, texels)
+    gathered = field.gathered and field.gathered.show_gathered(texels, smooth_grain, spread)
+    if gathered and field.gathered:
+        told = np.flatnonzero(gathered.told)
+        grain[told] = False
+        by_part[-1, told] = np.maximum(gathered.light.irradiance_at(told), 0.0)
+        variance[told] = field.gathered.find_variance()[told] + gathered.doubt2[told, None]
+    if smooth_grain:  # apart from that of rays: by the noise of all light, direct light, known far better, would be smeared
+        grainy_parts = by_part[-1:] if field.direct.passes.any() else by_part
+        found = denoise.denoise(grainy_parts, variance, grain, texels, spread)
+        grainy_parts[:, found.entry] = found.light
+    noise = field.direct.find_variance() if doubt else None
+
+    def finish(part: slice) -> None:
+        if not first:
+            by_part[0, part] += by_rays[part]
+        if noise is not None:
+            variance[part] += noise[part]
+            np.sqrt(variance[part], out=variance[part])
+
+    run_on_threads(finish, n_texel, threads)
+    return TexelLight(by_rays if first else by_part[0], by_part[-1], variance if doubt else None, leaf)
+
+
+def _any_direct(field: LightField) -> bool:
+    """Whether photons tell of light straight from lights."""
+    return bool(field.solution.coefficient[0].any() or (field.squares is not None and field.squares.irradiance[0].any()))
+
+
+def close_seams(light: TexelLight, points: SeamPoints, texels: TexelMap) -> tuple[TexelLight, seams.SeamReport]:
+    """The light with its steps across seams closed; stderr is that before."""
+    if not points.place.size or light.stderr is None:
+        return light, seams.SeamReport(0, 0, 0.0, 0.0)
+    parts = light.direct, light.indirect
+    (direct, indirect), empty, report = seams.match_seams(points, parts, light.stderr, texels.is_central, texels.entry_at)
+    return dataclasses.replace(light, direct=direct, indirect=indirect, empty=empty), report
+
+
+def _shade(
+    name: str, direct: NDArray[np.float32], indirect: NDArray[np.float32], surface: Callable[[bool], NDArray[np.float32]]
+) -> NDArray[np.float32]:
+    """(n, 3) float32: a pass of light, from irradiance (n, 3), and what tells albedo, or emitted radiance where its argument is true."""
+    total = {"direct": direct, "indirect": indirect}.get(name)
+    lighting: NDArray[np.float32] = (direct + indirect if total is None else total) / np.float32(np.pi)
+    if name in ("diffuse", "combined"):
+        lighting = lighting * surface(False)
+    return lighting + surface(True) if name == "combined" else lighting
+
+
+class Resolver:
+    """Pages of any pass from one light field."""
+
+    def __init__(self, light: TexelLight, texels: TexelMap, surfaces: SurfaceMaterials, margin: int, threads: int = 1):
+        self._light, self._texels, self._surfaces = light, texels, surfaces
+        self._margin, self._threads = margin, threads
+
+    def page(self, name: str, page: int) -> NDArray[np.float32]:
+        """One page (h, w, 4) of the pass `name`."""
+        size = self._texels.page_size
+        image = np.zeros((size, size, 4), np.float32)
+        texel = image.reshape(-1, 4)
+
+        def fill(part: slice) -> None:  # in the order in which the light lies, several times faster than in rows of the page
+            entry = part.start + np.flatnonzero((self._texels.page_of(part) == page) & self._texels.shown[part])
+            x, y = self._texels.texel_xy[as_slice(entry)].T
+            value = np.ones((len(entry), 4), np.float32)
+            value[:, :3] = self._pass_values(name, entry)
+            texel[y.astype(np.int64) * size + x] = value
+
+        run_on_threads(fill, len(self._texels), self._threads)
+        filled = image[..., 3] > 0.0
+        if self._light.empty is not None and name in _LIGHT_PASSES:
+            column, row, value = self._beside_charts(name, page, self._light.empty)
+            image[row, column, :3], filled[row, column] = value, True
+        add_margin(image[..., :3], filled, self._margin)
+        return image
+
+    def _pass_values(self, name: str, entry: IntArray) -> NDArray[np.float32]:
+        light, rows = self._light, as_slice(entry)
+        if name in _LIGHT_PASSES:
+            return _shade(name, light.direct[rows], light.indirect[rows], lambda emission: self._surface(entry, emission))
+        if name == "stderr" and light.stderr is not None:
+            return light.stderr[rows] / np.float32(np.pi)
+        if name in ("albedo", "emission"):
+            return self._surface(entry, emission=name == "emission")
+        raise ValueError(f"pass: {name!r} is not known")
+
+    def _beside_charts(self, name: str, page: int, empty: seams.EmptyTexels) -> tuple[IntArray, IntArray, NDArray[np.float32]]:
+        """Columns and rows (m,) of texels of a page that no chart covers, and their values (m, 3)."""
+        rows = np.flatnonzero(empty.page == page)
+        tri, (u, v) = empty.tri[rows], empty.weight[rows].T
+        look_up = {True: self._surfaces.emission_at, False: self._surfaces.albedo_at}
+        value = _shade(name, empty.light[0, rows], empty.light[1, rows], lambda emission: look_up[emission](tri, u, v))
+        return empty.xy[rows, 0], empty.xy[rows, 1], value
+
+    def _surface(self, entry: IntArray, emission: bool) -> NDArray[np.float32]:
+        """Mean albedo or emitted radiance over each texel's covered part."""
+        look_up = self._surfaces.emission_at if emission else self._surfaces.albedo_at
+        if not self._surfaces.has_images(emission):
+            flat = np.zeros(len(entry), np.float32)
+            return look_up(self._texels.texel_tri[entry], flat, flat)
+        tri, uv = self._texels.sub_points(entry, centred_strata(_ALBEDO_POINTS))
+        values = look_up(tri.ravel(), uv[..., 0].ravel(), uv[..., 1].ravel())
+        mean: NDArray[np.float32] = values.reshape(_ALBEDO_POINTS, -1, 3).mean(0)
+        return mean

@@ -1,0 +1,305 @@
+"""Where shards run: in this process, in processes of this machine with it, or on a cluster."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import sys
+import tempfile
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from functools import partial
+from itertools import islice
+from typing import Any, TypeVar
+
+from ..util.settings import Settings
+from ..util.threads import count_usable, is_alone
+from . import worker_process
+
+T = TypeVar("T")
+
+_MOST_ON_WINDOWS = 61  # processes of a pool there, which waits for all of them at once. Source: WaitForMultipleObjects, less two for itself
+
+
+class InlineExecutor(Executor):
+    """Runs each call at once, in this process: what one worker is."""
+
+    most_ahead = 0  # calls that are worth having before a result is asked for
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        _settle(future, partial(fn, *args, **kwargs))
+        return future
+
+    def map(self, fn: Callable[..., T], *iterables: Iterable[Any], timeout: float | None = None, chunksize: int = 1) -> Iterator[T]:
+        """Runs each call when its result is asked for: who stops asking has stopped the work, and hears of what is done meanwhile."""
+        return (self.submit(fn, *arguments).result() for arguments in zip(*iterables, strict=False))
+
+
+def _load_nothing() -> None:
+    """What processes load before their first call, where the caller names nothing."""
+
+
+def open_executor(settings: Settings, load_ahead: Callable[[], None] = _load_nothing) -> Executor:
+    """The executor that the settings ask for, of processes that call `load_ahead` first; close it with shutdown().
+
+    Raises ValueError or OSError with a sentence when a cluster is asked for and cannot be used.
+    """
+    if not settings.cluster:
+        return make_executor(settings.workers, load_ahead=load_ahead)
+    try:
+        from . import cluster  # dask is there only for those who use it
+    except ImportError as reason:
+        raise ValueError(
+            f"--cluster {settings.cluster}: dask.distributed cannot be loaded ({reason}); install Leaflight with its extra `cluster`, "
+            f"or into this Python: {sys.executable} -m pip install 'dask[distributed]'."
+        ) from reason
+    return cluster.connect(settings.cluster)
+
+
+class Ahead:
+    """Processes that are started before the settings are known, as copies of this one while it has no threads. Close them whatever becomes
+    of the bake: a pool that is dropped just as one of its processes dies may wait for itself for ever (CPython 3.13.0,
+    _ExecutorManagerThread.terminate_broken).
+    """
+
+    def __init__(self, load_ahead: Callable[[], None] = _load_nothing) -> None:
+        copied = is_alone()
+        self._load_ahead = load_ahead
+        self._executor = make_executor(0, copied, load_ahead)
+        if copied:
+            self.wake()
+
+    def wake(self) -> None:
+        """Have those start that are no copies, and so have everything to load yet."""
+        wake(self._executor)
+
+    def open(self, settings: Settings) -> Executor:
+        """The executor that the settings ask for, of these processes if they can be."""
+        if not settings.cluster and count_processors(settings.workers) == count_processors(0):
+            return self._executor
+        self.close()
+        return open_executor(settings, self._load_ahead)
+
+    def close(self) -> None:
+        """May be done twice, and after their own shutdown."""
+        self._executor.shutdown(cancel_futures=True)
+
+
+def count_processors(workers: int) -> int:
+    """How many may be used at once, 0 for one per core that this process may use."""
+    return workers or count_usable()
+
+
+def make_executor(workers: int, copied: bool = False, load_ahead: Callable[[], None] = _load_nothing) -> Executor:
+    """An executor of `workers` processes of this machine, this one among them, 0 for one per core; close it with shutdown(). The others may
+    be copies of this one, if it has no threads until they are awake.
+    """
+    count = count_processors(workers)
+    return InlineExecutor() if count == 1 else LocalExecutor(count, copied, load_ahead)
+
+
+def count_idle(executor: Executor) -> int:
+    """How many processes of this machine would begin at once what is spread, this one among them; 1 while another has something to do."""
+    if not isinstance(executor, LocalExecutor) or executor._given or executor._waiting:
+        return 1
+    return executor._ready + 1
+
+
+def wake(executor: Executor) -> None:
+    """Have processes of this machine start, which takes as long as reading a scene, before there is work for them."""
+    if isinstance(executor, LocalExecutor):
+        executor.wake()
+
+
+def send_home(executor: Executor) -> None:
+    """Have processes of this machine end, which takes a moment, while there is other work that needs none of them."""
+    if isinstance(executor, LocalExecutor):
+        executor.send_home()
+
+
+def set_apart(executor: Executor, run: Callable[[], T]) -> Callable[[], T]:
+    """What gives the result of a call that takes long: one of the other processes of this machine has begun it, and is given no other
+    meanwhile, lest somebody wait for that. Where none is ready, whoever asks runs it.
+    """
+    return executor.set_apart(run) if isinstance(executor, LocalExecutor) else run
+
+
+def spread(executor: Executor, fn: Callable[..., T], calls: Iterable[tuple[Any, ...]]) -> Iterator[T]:
+    """What `fn` gives for the arguments of each call, in their order; a few are begun now where others can work on them, and more as they
+    are asked for, lest all of them lie in memory.
+
+    By processes of this machine, where the executor is such: numpy's threads stand in each other's way, as short arrays are soon done.
+    """
+    local = executor if isinstance(executor, LocalExecutor) else InlineExecutor()
+    begun = (local.submit(fn, *arguments) for arguments in calls)
+    ahead = deque(islice(begun, local.most_ahead))
+
+    def answer() -> Iterator[T]:
+        ahead.extend(islice(begun, 1))
+        while ahead:
+            yield ahead.popleft().result()
+            ahead.extend(islice(begun, 1))
+
+    return answer()
+
+
+class _Call(Future[Any]):
+    """A call that whoever asks for its result helps to come to."""
+
+    def __init__(self, help_out: Callable[[], bool], run: Callable[[], Any]) -> None:
+        super().__init__()
+        self._help_out, self.run = help_out, run
+
+    def result(self, timeout: float | None = None) -> Any:
+        while not self.done() and self._help_out():
+            pass
+        return super().result(timeout)
+
+
+class LocalExecutor(Executor):
+    """Processes of this machine, and this one as one more of them: while it waits for a result it works on what nobody has begun.
+
+    So nothing waits for processes that are still starting, and two workers are one process to start.
+    """
+
+    def __init__(self, count: int, copied: bool = False, load_ahead: Callable[[], None] = _load_nothing) -> None:
+        # A copy has at once all that is loaded here, but of threads, as embree's, it would have what they left in an unknown state.
+        context = multiprocessing.get_context("fork" if copied else "spawn")
+        self._others = min(count - 1, _MOST_ON_WINDOWS) if sys.platform == "win32" else count - 1
+        self.most_ahead = 2 * (self._others + 1)
+        self._pool = ProcessPoolExecutor(self._others, mp_context=context, initializer=worker_process.start, initargs=(load_ahead,))
+        self._waiting: deque[_Call] = deque()
+        self._turn = threading.Lock()  # of _ready and _given
+        self.is_awake = self._closed = False  # the other processes are starting, or have started
+        self._ready = 0  # of the other processes: they have started
+        self._given = 0  # calls, to the other processes, and not back yet
+        self._results = tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True)
+        self._leaving: threading.Thread | None = None
+        self._lost: BaseException | None = None  # why no call can be run any more: a process was killed
+
+    def wake(self) -> None:
+        """Have the other processes start; calls are given to them from when they have."""
+        if not self.is_awake:
+            self.is_awake = True
+            for _ in range(self._others):
+                self._pool.submit(os.getpid).add_done_callback(self._greet)
+
+    def _greet(self, sent: Future[int]) -> None:
+        self._note_loss(sent)
+        with self._turn:
+            self._ready += 1
+        self._feed()
+
+    def _note_loss(self, sent: Future[Any]) -> None:
+        """What cannot be run any more is not even tried: a pool that says so holds the lock that giving it a call would wait for."""
+        if not sent.cancelled() and isinstance(sent.exception(), BrokenExecutor):
+            self._lost = sent.exception()
+
+    def on_each(self, fn: Callable[..., Any], /, *args: Any) -> None:
+        """Have each of the other processes run `fn` while this one goes on; what it gives is dropped."""
+        self.wake()
+        for _ in range(self._others):
+            self._pool.submit(fn, *args)
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        if self._closed:
+            raise RuntimeError("a call was submitted after the executor's shutdown")
+        self.wake()
+        call = _Call(self._help_out, partial(fn, *args, **kwargs))
+        self._waiting.append(call)
+        self._feed()
+        return call
+
+    def set_apart(self, run: Callable[[], T]) -> Callable[[], T]:
+        """See the function of that name."""
+        with self._turn:
+            if not self._ready or self._lost:
+                return run
+            self._ready -= 1
+        call = _Call(self._help_out, run)
+        self._send(call, self._receive_apart)
+        return call.result
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        self._closed = True
+        for call in list(self._waiting) if cancel_futures else ():
+            call.cancel()
+        while wait and self._help_out():
+            pass
+        if wait and self._leaving:
+            self._leaving.join()
+        self._pool.shutdown(wait, cancel_futures=cancel_futures)
+        self._results.cleanup()
+
+    def send_home(self) -> None:
+        """The other processes end while this one goes on; all that was asked of them must be done, and no more may be."""
+        self._leaving = threading.Thread(target=self._pool.shutdown)
+        self._leaving.start()
+
+    def _take(self) -> _Call | None:
+        """The first call that nobody has begun."""
+        while True:
+            try:
+                call = self._waiting.popleft()
+            except IndexError:
+                return None
+            if call.set_running_or_notify_cancel():
+                return call
+
+    def _help_out(self) -> bool:
+        """Run a call here; False when all have been begun."""
+        call = self._take()
+        if call is not None:
+            if self._lost:
+                call.set_exception(self._lost)
+            else:
+                _settle(call, call.run)
+        return call is not None
+
+    def _feed(self) -> None:
+        """Give the other processes a call each, and while many wait a second one in reserve: at the end that would be missing here."""
+        while True:
+            with self._turn:
+                most = self._ready * (2 if len(self._waiting) > self._others + 1 else 1)
+                call = self._take() if self._given < most and not (self._lost or self._closed) else None
+                if call is None:
+                    return
+                self._given += 1
+            if not self._send(call, self._receive):
+                with self._turn:
+                    self._given -= 1
+
+    def _send(self, call: _Call, receive: Callable[[_Call, Future[bytes | str]], None]) -> bool:
+        """Whether one of the other processes has it now; `receive` hears of what it gives."""
+        try:
+            sent = self._pool.submit(worker_process.keep_result, call.run, self._results.name)
+            sent.add_done_callback(partial(receive, call))
+        except RuntimeError as error:  # one of them was killed, or all were sent home
+            call.set_exception(error)
+            return False
+        return True
+
+    def _receive(self, call: _Call, sent: Future[bytes | str]) -> None:
+        with self._turn:
+            self._given -= 1
+        self._take_back(call, sent)
+
+    def _receive_apart(self, call: _Call, sent: Future[bytes | str]) -> None:
+        with self._turn:
+            self._ready += 1
+        self._take_back(call, sent)
+
+    def _take_back(self, call: _Call, sent: Future[bytes | str]) -> None:
+        self._note_loss(sent)
+        self._feed()  # first: it works while the result is looked at
+        _settle(call, lambda: worker_process.fetch_result(sent.result()))
+
+
+def _settle(future: Future[Any], run: Callable[[], Any]) -> None:
+    try:
+        future.set_result(run())
+    except Exception as error:  # an executor hands every error to the one who asks for the result
+        future.set_exception(error)

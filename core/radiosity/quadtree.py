@@ -1,0 +1,282 @@
+"""One quadtree per UV chart, all of them in one node table.
+
+A chart's root is the smallest power-of-two square of texels that covers it. Texel entries are sorted by chart and Morton
+code, so a node is a range of entries. *Current* nodes tile every chart and carry the solution; *preview* nodes hang below
+them. A photon falls into the deepest node at its texel; sums of the nodes above follow from those below (see tally).
+Nodes whose square the chart does not enter are never made.
+
+Source: [Tobler97] 3.2 and 3.3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..parallel.shared_arrays import IN_MEMORY, Room
+from ..texels.texel_map import TexelMap
+from ..util.arrays import IntArray
+from . import basis
+
+_CHUNK = 1 << 16  # texel entries at a time
+_Value = TypeVar("_Value", bound=np.generic)
+
+
+@dataclass(frozen=True)
+class Quadtree:
+    """The node table; changed only by making a new one.
+
+    degree      of the basis: 0, 1 or 2
+    chart       (n,) int32
+    side        (n,) int32, texels
+    origin      (n, 2) int32, page texel of the lower left corner
+    code        (n,) int64, Morton code in the chart at which its square begins
+    parent      (n,) int32, -1 for the nodes the tree started with
+    quadrant    (n,) int8, which child of its parent
+    children    (n, 4) int32, -1 where the chart does not enter or the node has none
+    start, end  (n,) int64, range of texel entries
+    depth       (n,) int16, 0 for the nodes the tree started with
+    current     (n,) bool
+    moment      (n, M) float64, m^2: of the monomials of degree 2 * degree in node coordinates
+    project     (n, K, K) float64, 1/m^2: see basis.projector
+    rank        (n,) int64: how many functions the domain can hold
+    """
+
+    degree: int
+    chart: NDArray[np.int32]
+    side: NDArray[np.int32]
+    origin: NDArray[np.int32]
+    code: NDArray[np.int64]
+    parent: NDArray[np.int32]
+    quadrant: NDArray[np.int8]
+    children: NDArray[np.int32]
+    start: NDArray[np.int64]
+    end: NDArray[np.int64]
+    depth: NDArray[np.int16]
+    current: NDArray[np.bool_]
+    moment: NDArray[np.float64]
+    project: NDArray[np.float64]
+    rank: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.chart)
+
+    @property
+    def area(self) -> NDArray[np.float64]:
+        """(n,) float64, m^2 covered by the chart."""
+        return self.moment[:, 0]
+
+    @cached_property
+    def has_children(self) -> NDArray[np.bool_]:
+        """(n,) bool."""
+        has: NDArray[np.bool_] = (self.children >= 0).any(1)
+        return has
+
+    @cached_property
+    def levels(self) -> list[NDArray[np.int64]]:
+        """Nodes of each depth, from the top."""
+        return [np.flatnonzero(self.depth == d) for d in range(int(self.depth.max(initial=-1)) + 1)]
+
+
+def plant_trees(texels: TexelMap, degree: int, level: int, finest_texels: int, flat: bool) -> Quadtree:
+    """Trees whose current nodes lie `level` below each chart's root, or at the finest level when `flat`.
+
+    finest_texels   side of the smallest node allowed, a power of two
+    """
+    finest = int(finest_texels).bit_length() - 1
+    depth_limit = np.maximum(texels.chart_log2 - finest, 0)
+    chart_level = depth_limit if flat else np.minimum(level, depth_limit)
+    side_log2 = (texels.chart_log2 - chart_level).astype(np.int64)
+    first = _find_nodes(texels, side_log2)
+    end = np.append(first[1:], len(texels))[: len(first)]
+    chart = texels.texel_chart[first]
+    side = (1 << side_log2[chart]).astype(np.int32)
+    relative = (texels.texel_xy[first] - texels.chart_origin[chart]) // side[:, None] * side[:, None]
+    return _append(
+        _bare_tree(degree),
+        texels,
+        chart=chart,
+        side=side,
+        origin=(texels.chart_origin[chart] + relative).astype(np.int32),
+        code=texels.texel_code[first] >> 2 * side_log2[chart] << 2 * side_log2[chart],
+        parent=np.full(len(first), -1, np.int32),
+        quadrant=np.zeros(len(first), np.int8),
+        start=first,
+        end=end,
+        depth=np.zeros(len(first), np.int16),
+        current=np.ones(len(first), bool),
+    )
+
+
+def _find_nodes(texels: TexelMap, side_log2: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(m,) int64: the first texel entry of every node, of side 2**side_log2 (n_chart,) texels in each chart."""
+    # Entries of one node share the code without the low bits of a node's side; entries are sorted, so runs are nodes.
+    is_first = np.zeros(len(texels), bool)
+    is_first[texels.chart_start[:-1][np.diff(texels.chart_start) > 0]] = True
+    for start in range(0, len(is_first), _CHUNK):
+        part = slice(max(start - 1, 0), start + _CHUNK)
+        code = texels.texel_code[part] >> 2 * side_log2[texels.texel_chart[part]]
+        is_first[part.start + 1 : part.stop] |= code[1:] != code[:-1]
+    return np.flatnonzero(is_first)
+
+
+def _bare_tree(degree: int) -> Quadtree:
+    size, n_moment = basis.count_functions(degree), basis.count_functions(2 * degree)
+    whole, small = np.zeros(0, np.int64), np.zeros(0, np.int32)
+    return Quadtree(
+        degree=degree,
+        chart=small,
+        side=small,
+        origin=np.zeros((0, 2), np.int32),
+        code=whole,
+        parent=small,
+        quadrant=np.zeros(0, np.int8),
+        children=np.zeros((0, 4), np.int32),
+        start=whole,
+        end=whole,
+        depth=np.zeros(0, np.int16),
+        current=np.zeros(0, bool),
+        moment=np.zeros((0, n_moment)),
+        project=np.zeros((0, size, size)),
+        rank=whole,
+    )
+
+
+def _append(tree: Quadtree, texels: TexelMap, **new: NDArray[Any]) -> Quadtree:
+    half = new["side"] / 2.0
+    moment = texels.range_moments(new["start"], new["end"], new["origin"] + half[:, None], half, 2 * tree.degree)
+    functions = basis.orthonormal_functions(basis.gram_matrix(moment, tree.degree))
+    columns = {name: np.concatenate([getattr(tree, name), values]) for name, values in new.items()}
+    n_new = len(new["chart"])
+    children = np.concatenate([tree.children, np.full((n_new, 4), -1, np.int32)])
+    born = np.flatnonzero(new["parent"] >= 0)
+    children[new["parent"][born], new["quadrant"][born]] = len(tree) + born
+    return replace(
+        tree,
+        children=children,
+        moment=np.concatenate([tree.moment, moment]),
+        project=np.concatenate([tree.project, basis.projector(functions)]),
+        rank=np.concatenate([tree.rank, functions.any(2).sum(1)]),
+        **columns,
+    )
+
+
+def add_children(tree: Quadtree, nodes: IntArray, texels: TexelMap) -> Quadtree:
+    """The tree with children below `nodes`, which must be larger than a texel and have none."""
+    if len(nodes) == 0:
+        return tree
+    side = np.repeat(tree.side[nodes] // 2, 4)
+    quadrant = np.tile(np.arange(4, dtype=np.int8), len(nodes))
+    parent = np.repeat(nodes, 4).astype(np.int32)
+    code = tree.code[parent] + quadrant * side.astype(np.int64) ** 2
+    codes, begins, first, last = texels.texel_code, code.reshape(-1, 4).T, tree.start[nodes], tree.end[nodes]
+    middle = _find_codes(codes, first, last, begins[2])
+    one, three = _find_codes(codes, first, middle, begins[1]), _find_codes(codes, middle, last, begins[3])
+    cuts = np.stack([first, one, middle, three, last], axis=1)
+    start, end = cuts[:, :-1].ravel(), cuts[:, 1:].ravel()
+    covered = end > start
+    offset = np.stack([quadrant & 1, quadrant >> 1], 1) * side[:, None]
+    return _append(
+        tree,
+        texels,
+        chart=tree.chart[parent][covered],
+        side=side[covered],
+        origin=(tree.origin[parent] + offset)[covered].astype(np.int32),
+        code=code[covered],
+        parent=parent[covered],
+        quadrant=quadrant[covered],
+        start=start[covered],
+        end=end[covered],
+        depth=(tree.depth[parent] + 1)[covered].astype(np.int16),
+        current=np.zeros(int(covered.sum()), bool),
+    )
+
+
+def _find_codes(code: NDArray[np.int32], low: NDArray[np.int64], high: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(m,) int64: where in code[low:high], each ascending, the first lies that is not below `wanted`; all (m,). Found by halving."""
+    low, high = low.copy(), high.copy()
+    while (rows := np.flatnonzero(low < high)).size:
+        middle = (low[rows] + high[rows]) >> 1
+        is_below = code[middle] < wanted[rows]
+        low[rows[is_below]] = middle[is_below] + 1
+        high[rows[~is_below]] = middle[~is_below]
+    return low
+
+
+def grow_previews(tree: Quadtree, texels: TexelMap, preview_depth: int, finest_texels: int) -> Quadtree:
+    """The tree with `preview_depth` levels of preview nodes below every current node, as far as texels allow."""
+    below = np.flatnonzero(tree.current)
+    for _ in range(preview_depth):
+        bare = below[~tree.has_children[below] & (tree.side[below] > finest_texels)]
+        tree = add_children(tree, bare, texels)
+        children = tree.children[below]
+        below = children[children >= 0]
+    return tree
+
+
+def grow_to(tree: Quadtree, texels: TexelMap, side: int, flag: NDArray[np.bool_]) -> Quadtree:
+    """The tree with nodes of no more than that side, texels, below all that have a texel entry with the flag (n_texel,)."""
+    while len(bare := np.flatnonzero(~tree.has_children & (tree.side > side) & any_in_nodes(tree, flag))):
+        tree = add_children(tree, bare, texels)
+    return tree
+
+
+def split(tree: Quadtree, marked: IntArray) -> Quadtree:
+    """The tree in which the children of the `marked` current nodes are current in their place."""
+    current = tree.current.copy()
+    current[marked] = False
+    children = tree.children[marked]
+    current[children[children >= 0]] = True
+    return replace(tree, current=current)
+
+
+def node_of_texel(tree: Quadtree, nodes: IntArray, n_texel: int, room: Room = IN_MEMORY) -> NDArray[np.int32]:
+    """The node at each texel entry, (n_texel,) int32.
+
+    nodes   indices of nodes that tile every chart: the current ones, or those without children
+    room    for what is returned, as `node`
+    """
+    count = int((tree.end - tree.start)[nodes].sum())
+    if count != n_texel:
+        raise ValueError(f"nodes: expected to tile {n_texel} texels, got {count}")
+    return spread_over_texels(tree, nodes, nodes.astype(np.int32), "node", room)
+
+
+def spread_over_texels(tree: Quadtree, nodes: IntArray, values: NDArray[_Value], name: str, room: Room = IN_MEMORY) -> NDArray[_Value]:
+    """What each node of those that tile every chart has, (m,), at each of its texel entries, (n_texel,).
+
+    name, room   of what is returned
+    """
+    order = np.argsort(tree.start[nodes])
+    values, count = values[order], (tree.end - tree.start)[nodes[order]]
+    n_texel = int(count.sum())
+    cuts = np.searchsorted(np.cumsum(count), np.arange(_CHUNK, n_texel, _CHUNK))
+    runs = pairwise(np.unique([0, *cuts, len(order)]))  # some at a time, into what may be a file
+    return room.collect(name, n_texel, values.dtype, (np.repeat(values[first:last], count[first:last]) for first, last in runs))
+
+
+def any_in_nodes(tree: Quadtree, flag: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n,) bool: nodes that have a texel entry with the flag (n_texel,)."""
+    flagged = np.flatnonzero(flag)
+    out: NDArray[np.bool_] = np.searchsorted(flagged, tree.end) > np.searchsorted(flagged, tree.start)
+    return out
+
+
+def mean_in_nodes(tree: Quadtree, per_texel: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(3, n) float64: means over each node's texel entries of values (n_texel, 3)."""
+    ends, place = np.unique(np.concatenate([tree.start, tree.end]), return_inverse=True)
+    first, last = place[: len(tree)], place[len(tree) :]
+    out = np.zeros((3, len(tree)))
+    # What lies between the ends of nodes is summed once, however many levels there are; some at a time, for numpy copies what it sums.
+    cuts = np.flatnonzero(np.diff(ends[:-1] // _CHUNK, prepend=-1))
+    parts = [ends[begin : end + 1] for begin, end in pairwise([*cuts, len(ends) - 1])]
+    for channel, values in zip(out, per_texel.T, strict=True):
+        sums = [np.add.reduceat(values[part[0] : part[-1]], part[:-1] - part[0], dtype=np.float64) for part in parts]
+        total = np.append(0.0, np.cumsum(np.concatenate([np.zeros(0), *sums])))
+        channel[:] = (total[last] - total[first]) / (tree.end - tree.start)
+    return out

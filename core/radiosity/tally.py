@@ -1,0 +1,284 @@
+"""Counters of arriving photons, and the irradiance they stand for.
+
+A photon is added once, to the deepest node at its texel. What a node has received in all is its own sum plus what it has
+shot on to its children, so p_received and p_shot need no counters of their own. Only sums are kept during the run;
+watts per square metre appear when a Solution is made.
+
+Components of light: 0 direct, 1 indirect; where rays find the direct light photons bring the indirect alone, and the sums
+have that one component: C is 2 or 1. Halves: even and odd shards.
+Source: [Tobler97] 3.1 (counters), eq. 9 (coefficients), eq. 10 (nodes that were made late).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import FloatArray, IntArray
+from . import basis
+from .quadtree import Quadtree
+
+COMPONENTS = 2
+HALVES = 2
+CHANNELS = 3
+_SQUARED_W = 1e-15, 1e18  # greatest power of a shard's photons, whose squares, and those of much fainter ones, float32 has room for
+_PART = 1 << 11  # nodes whose sums are worked on at once: what lies between fits a core's cache
+
+
+@dataclass(frozen=True)
+class ShardTally:
+    """Sums of one shard over the m nodes that it touched.
+
+    node      (m,) int64, ascending
+    count     (m,) int64, photons
+    weight2   (3, m) float64, W^2: sum of squared photon powers
+    raw       (C, 3, K, m) float64, W: per component and channel, sums of power times each monomial
+    """
+
+    node: NDArray[np.int64]
+    count: NDArray[np.int64]
+    weight2: NDArray[np.float64]
+    raw: NDArray[np.float64]
+
+    @classmethod
+    def join(cls, parts: Sequence[ShardTally]) -> ShardTally:
+        """The sums of all."""
+        node = np.unique(np.concatenate([part.node for part in parts]))
+        shape, m = parts[0].raw.shape[:-1], len(node)
+        out = cls(node, np.zeros(m, np.int64), np.zeros((CHANNELS, m)), np.zeros((*shape, m)))
+        for part in parts:
+            rows = np.searchsorted(node, part.node)
+            out.count[rows] += part.count
+            out.weight2[:, rows] += part.weight2
+            out.raw[..., rows] += part.raw
+        return out
+
+
+def deposit(
+    node: IntArray,
+    s: FloatArray,
+    t: FloatArray,
+    flux: FloatArray,
+    is_first: NDArray[np.bool_] | None,
+    n_node: int,
+    degree: int,
+) -> ShardTally:
+    """Sums over the hits of a shard.
+
+    node       (m,) int, the deepest node at each hit
+    s, t       (m,) float, node coordinates
+    flux       (3, m) float, W
+    is_first   (m,) bool: straight from a light; None is a shard of indirect light alone
+    """
+    touched, slot, count = find_touched(node, n_node)  # sums as large as the hits, not as the tree
+    m = len(touched)
+    components = 1 if is_first is None else COMPONENTS
+    placed = slot if is_first is None else slot + m * (~is_first)
+    moments = basis.monomials(s, t, degree)
+    raw = np.empty((components, CHANNELS, len(moments), m))
+    weight2 = np.empty((CHANNELS, m))
+    for channel in range(CHANNELS):
+        weight2[channel] = np.bincount(slot, _square(flux[channel]), m)
+        power = flux[channel].astype(np.float64)  # once: each sum is made in this precision
+        for k, moment in enumerate(moments):
+            sums = np.bincount(placed, power * moment if k else power, components * m)
+            raw[:, channel, k] = sums.reshape(components, m)
+    return ShardTally(touched, count, weight2, raw)
+
+
+def find_touched(node: IntArray, n_node: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Of places (m,) int, all < n_node: those that there are, ascending, (k,) int64; which of them each is, (m,) int64; how many are, (k,).
+
+    As np.unique finds by sorting.
+    """
+    count = np.bincount(node, minlength=n_node)
+    touched = np.flatnonzero(count)
+    slot_of = np.empty(n_node, np.int64)
+    slot_of[touched] = np.arange(len(touched))
+    return touched, slot_of.take(node, mode="wrap"), count[touched]
+
+
+def _square(power: FloatArray) -> FloatArray:
+    """(m,), W^2: of a shard's photons, (m,) W; in their own precision unless that has no room for it."""
+    greatest = float(power.max(initial=0.0))
+    plain = greatest == 0.0 or _SQUARED_W[0] < greatest < _SQUARED_W[1]
+    squares: FloatArray = np.square(power, dtype=None if plain else np.float64)
+    return squares
+
+
+@dataclass
+class Tally:
+    """What every node received while it was the deepest; grows in place.
+
+    photons   (2,) float64: emitted, per half, each counted by its weight
+    count     (n,) int64
+    weight2   (3, n) float64, W^2
+    raw       (2, C, 3, K, n) float64, W: half, component, channel, monomial
+    """
+
+    photons: NDArray[np.float64]
+    count: NDArray[np.int64]
+    weight2: NDArray[np.float64]
+    raw: NDArray[np.float64]
+
+    @classmethod
+    def empty(cls, n_node: int, degree: int, components: int = COMPONENTS) -> Tally:
+        size = basis.count_functions(degree)
+        return cls(
+            np.zeros(HALVES),
+            np.zeros(n_node, np.int64),
+            np.zeros((CHANNELS, n_node)),
+            np.zeros((HALVES, components, CHANNELS, size, n_node)),
+        )
+
+    def grow(self, n_node: int) -> None:
+        """Make room for nodes that were added to the tree."""
+        more = n_node - len(self.count)
+        if more:
+            self.count = np.pad(self.count, (0, more))
+            self.weight2 = np.pad(self.weight2, ((0, 0), (0, more)))
+            self.raw = np.pad(self.raw, ((0, 0),) * 4 + ((0, more),))
+
+    def add(self, half: int, shard: ShardTally, photons: float) -> None:
+        self.photons[half] += photons
+        self.count[shard.node] += shard.count
+        for sums, added in ((self.weight2, shard.weight2), (self.raw[half], shard.raw)):
+            for row, of_shard in zip(_rows_of(sums), _rows_of(added), strict=True):
+                row[shard.node] += of_shard
+
+
+def _rows_of(sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k, n): the same sums (..., n), one row for each kind."""
+    return sums.reshape(math.prod(sums.shape[:-1]), sums.shape[-1])
+
+
+@dataclass(frozen=True)
+class Totals:
+    """Own sums plus everything below, for all nodes; fields as in Tally.
+
+    received   (n,) int64: p_received, photons that reached the node since it exists
+    shot       (n,) int64: p_shot, those passed on to its children
+    shot_raw   (2, C, 3, K, n) float64, W: the part of raw that the photons shot make
+    """
+
+    photons: NDArray[np.float64]
+    received: NDArray[np.int64]
+    shot: NDArray[np.int64]
+    weight2: NDArray[np.float64]
+    raw: NDArray[np.float64]
+    shot_raw: NDArray[np.float64]
+
+
+def parts_of(nodes: NDArray[np.int64], size: int = _PART) -> Iterator[NDArray[np.int64]]:
+    """The nodes, so many at a time."""
+    return (nodes[start : start + size] for start in range(0, len(nodes), size))
+
+
+def accumulate(tree: Quadtree, tally: Tally) -> Totals:
+    """Sums of every node from those of the deepest, exactly, level by level from the bottom."""
+    transforms = basis.parent_transforms(tree.degree)
+    received, weight2, raw = tally.count.copy(), tally.weight2.copy(), tally.raw.copy()
+    shot, shot_raw = np.zeros_like(received), np.zeros_like(raw)
+    for level in reversed(tree.levels[:-1]):
+        for nodes in parts_of(level[tree.has_children[level]]):
+            of_part = np.zeros((*raw.shape[:-1], len(nodes)))
+            for quadrant in range(4):
+                child = tree.children[nodes, quadrant]
+                there = np.flatnonzero(child >= 0)
+                parent, child = nodes[there], child[there]
+                shot[parent] += received[child]
+                weight2[:, parent] += weight2[:, child]
+                of_part[..., there] += transforms[quadrant] @ raw.take(child, axis=-1)
+            received[nodes] += shot[nodes]
+            raw[..., nodes] += of_part
+            shot_raw[..., nodes] = of_part
+    return Totals(tally.photons.copy(), received, shot, weight2, raw, shot_raw)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Irradiance of nodes; 0 of those that nobody asked solve_tallies for.
+
+    coefficient   (2, 3, K, n) float64, W/m^2: per component and channel, of the monomials in node coordinates
+    half          (2, 3, K, n) float64, W/m^2: both components, from each half alone
+    flux_half     (2, 3, n) float64, W: both components, from each half alone
+    flux          (3, n) float64, W: both components
+    variance      (3, n) float64, (W/m^2)^2: of the node's mean irradiance; at a point of the node the variance is this
+                  times the area times the sum of the squared basis functions there
+    scale         (3, n) float64: eq. 10, all the light of a node over the light it saw itself; 0 where it saw none
+    """
+
+    coefficient: NDArray[np.float64]
+    half: NDArray[np.float64]
+    flux_half: NDArray[np.float64]
+    flux: NDArray[np.float64]
+    variance: NDArray[np.float64]
+    scale: NDArray[np.float64]
+
+
+def solve_tallies(tree: Quadtree, totals: Totals, nodes: NDArray[np.int64] | None = None) -> Solution:
+    """Irradiance of nodes, late nodes scaled up to all the light their ancestors received.
+
+    nodes   (m,) int64: those that are asked for, all if None; of others that are not above them 0 is told
+    """
+    transforms = basis.parent_transforms(tree.degree).transpose(0, 2, 1)
+    n_component, *rest = totals.raw.shape[1:]
+    functions = np.zeros((COMPONENTS + HALVES, *rest))
+    fitted = functions[COMPONENTS - n_component :]  # of _join_views
+    view_scale = np.ones((*fitted.shape[:2], len(tree)))
+    flux_half, (flux, scale, variance) = np.zeros((HALVES, CHANNELS, len(tree))), np.zeros((3, CHANNELS, len(tree)))
+    # As float: its square is beyond any integer type from 3e9 on.
+    photons = np.maximum([float(totals.photons.sum())] * n_component + totals.photons.tolist(), 1.0)[:, None, None]
+    for level in _find_above(tree, nodes):
+        for part in parts_of(level):
+            raw, parent = _join_views(totals.raw.take(part, axis=-1)), tree.parent[part]
+            own = basis.apply_matrices(tree.project[part], raw / photons[..., None])
+            if tree.depth[part[0]]:
+                shot = _join_views(totals.shot_raw[:, :, :, 0].take(parent, axis=-1))
+                received = _join_views(totals.raw[:, :, :, 0].take(parent, axis=-1))
+                seen = shot > 0.0
+                view_scale[..., part] = np.where(seen, view_scale.take(parent, axis=-1) * (received / np.where(seen, shot, 1.0)), 0.0)
+                own *= view_scale[:, :, None, part]
+                if not seen.all():
+                    # A component that reached no child since there are children: the parent's own function holds on.
+                    inherited = basis.apply_transforms(transforms, tree.quadrant[part], fitted.take(parent, axis=-1))
+                    own = np.where(seen[:, :, None], own, inherited)
+            fitted[..., part] = own
+            whole = (own * tree.moment[part, : own.shape[2]].T).sum(2)
+            arrived = raw[:n_component, :, 0].sum(0) / photons[0]
+            light = whole[:n_component].sum(0)
+            factor = np.where(arrived > 0.0, np.abs(light) / np.where(arrived > 0.0, arrived, 1.0), 0.0)
+            area2 = np.maximum(tree.area[part] ** 2, np.finfo(float).tiny)  # of the square: that of the smallest number is 0
+            flux_half[..., part], flux[:, part], scale[:, part] = whole[n_component:], light, factor
+            variance[:, part] = totals.weight2[:, part] * factor**2 / photons[0] ** 2 / area2
+    return Solution(functions[:COMPONENTS], functions[COMPONENTS:], flux_half, flux, variance, scale)
+
+
+def _find_above(tree: Quadtree, nodes: NDArray[np.int64] | None) -> list[NDArray[np.int64]]:
+    """Nodes (m,) and all that are above them, of each depth from the top; all if None."""
+    if nodes is None:
+        return tree.levels
+    wanted = np.zeros(len(tree), bool)
+    wanted[nodes] = True
+    levels = []
+    for level in reversed(tree.levels):
+        found = level[wanted[level]]
+        above = tree.parent[found]
+        wanted[above[above >= 0]] = True
+        levels.append(found)
+    return levels[::-1]
+
+
+def with_direct(components: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(2, ...): values (C, ...) of both components, nothing of the direct one where only the indirect one was counted."""
+    missing = np.zeros((COMPONENTS - len(components), *components.shape[1:]))
+    return np.concatenate([missing, components])
+
+
+def _join_views(sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(C + 2, ...): of sums (2 halves, C components, ...) those of each component and those of each half."""
+    return np.concatenate([sums.sum(0), sums.sum(1)])

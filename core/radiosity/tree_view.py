@@ -1,0 +1,53 @@
+"""Where photons are counted, as processes that trace need to know it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..parallel.shared_arrays import IN_MEMORY, Room
+from ..util.arrays import FloatArray, IntArray
+from .quadtree import Quadtree, node_of_texel
+
+
+@dataclass(frozen=True)
+class TreeView:
+    """Where photons are counted, as a process that traces needs it to place its hits: the deepest nodes of a tree, and squares.
+
+    node           (n_texel,) int32
+    centre         (n_node, 2) float32, page texels
+    inverse_half   (n_node,) float32, 1/texel
+    square_entry   (k,) int32, ascending: texel entries whose squares have counters too
+    """
+
+    node: NDArray[np.int32]
+    centre: NDArray[np.float32]
+    inverse_half: NDArray[np.float32]
+    square_entry: NDArray[np.int32]
+
+    @classmethod
+    def of_tree(cls, tree: Quadtree, n_texel: int, square_entry: NDArray[np.int32], room: Room = IN_MEMORY) -> TreeView:
+        half = tree.side / 2.0
+        deepest = np.flatnonzero(~tree.has_children)
+        centre = (tree.origin + half[:, None]).astype(np.float32)
+        return cls(node_of_texel(tree, deepest, n_texel, room), centre, (1.0 / half).astype(np.float32), square_entry)
+
+    def locate(self, entry: IntArray, x: FloatArray, y: FloatArray) -> tuple[NDArray[np.int32], FloatArray, FloatArray]:
+        """The deepest node at each hit, and the hit in its coordinates s, t.
+
+        entry   (m,) int, texel entries, none of them -1;  x, y   (m,) float, page texels
+        """
+        node = self.node.take(entry, mode="wrap")
+        inverse_half = self.inverse_half.take(node, mode="wrap")
+        # A texel at the node's edge may go on to half of the next one, see texel_borders; farther off a polynomial would run away.
+        most = 1.0 + 0.5 * inverse_half
+        least, places = -most, []
+        for axis, at in enumerate((x, y)):
+            place = at - self.centre[:, axis].take(node, mode="wrap")
+            place *= inverse_half
+            np.minimum(place, most, out=place)
+            places.append(np.maximum(place, least, out=place))
+        s, t = places
+        return node, s, t

@@ -1,0 +1,54 @@
+"""Loose parts of objects: what hangs together by edges, as Blender's Separate by Loose Parts knows it.
+
+Artists join objects that only stand on each other, and files often hold a whole house as one mesh. What a surface is parted by is
+another loose part, of whichever object.
+"""
+
+from __future__ import annotations
+
+from threading import Lock
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import IntArray
+from .scene import SceneSnapshot
+from .topology import join_open_sides, join_sets, pair_sides
+
+
+class LooseParts:
+    """Tells triangles of one loose part from others; parts are looked for in objects of which two triangles are asked for together.
+
+    Threads may ask at once.
+    """
+
+    def __init__(self, snapshot: SceneSnapshot) -> None:
+        self._snapshot = snapshot
+        self._part, self._lock = np.full(snapshot.n_tri, -1), Lock()
+
+    def are_apart(self, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
+        """(m,) bool: whether triangles (m,) and (m,) are of different objects or loose parts."""
+        thing = self._snapshot.tri_object
+        apart: NDArray[np.bool_] = thing[one] != thing[other]
+        rows = np.flatnonzero(~apart)
+        with self._lock:  # an object is known when all of its triangles are
+            self._look_into(thing[one[rows][self._part[one[rows]] < 0]])
+        apart[rows] = self._part[one[rows]] != self._part[other[rows]]
+        return apart
+
+    def _look_into(self, things: IntArray) -> None:
+        if len(things):
+            asked = np.zeros(len(self._snapshot.objects), bool)
+            asked[things] = True
+            tri = np.flatnonzero(asked[self._snapshot.tri_object])
+            self._part[tri] = tri[find_loose_parts(self._snapshot, tri)]
+
+
+def find_loose_parts(snapshot: SceneSnapshot, tri: IntArray) -> NDArray[np.int64]:
+    """(m,) int64: the first, by its place among triangles (m,), of those of its object that each hangs together with.
+
+    Two triangles do if they share a side, see topology.join_open_sides.
+    """
+    thing = snapshot.tri_object[tri]
+    _, one, other = pair_sides(join_open_sides(snapshot.vertex_position, snapshot.tri_vertex[tri], thing), thing)
+    return join_sets(len(tri), one // 3, other // 3)

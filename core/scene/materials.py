@@ -1,0 +1,140 @@
+"""Albedo and emission at hits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import FloatArray, IntArray
+from ..util.geometry import gather, locate_hits, triangle_frames
+from .scene import MAX_ALBEDO, Material, SceneSnapshot
+from .textures import Textures, clamp_colours, sample_texture
+
+_MAX_EMISSION = float(np.finfo(np.float32).max)
+_LEAST_TOLD = {"albedo": 2.0 - MAX_ALBEDO}  # white is 1, and what that loses nobody sees
+_PIXELS_OF_ROW = 64
+
+
+@dataclass(frozen=True)
+class _Layer:
+    """One quantity of all surfaces: a colour per triangle times an optional image.
+
+    tri_rgb      (3, n_tri) float32, already clamped where there is no image
+    tri_image    (n_tri,) int32, -1 none; None when no triangle has one
+    tri_uv       (3, 2, n_tri) float32: of triangle_frames; none without images
+    highest      upper limit of the product
+    """
+
+    tri_rgb: NDArray[np.float32]
+    tri_image: NDArray[np.int32] | None
+    tri_uv: NDArray[np.float32]
+    textures: Textures
+    highest: float
+
+    def at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
+        rgb = gather(self.tri_rgb, tri)
+        if self.tri_image is not None:
+            image = gather(self.tri_image, tri)
+            textured = (image >= 0).nonzero()[0]
+            if len(textured):
+                tri, u, v = gather(tri, textured), gather(u, textured), gather(v, textured)
+                with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not finite, and so 0
+                    shown = self.textures.at(gather(image, textured), locate_hits(self.tri_uv, tri, u, v).T)
+                    product = clamp_colours(gather(rgb, textured) * shown.T, self.highest)
+                for channel, values in zip(rgb, product, strict=True):  # numpy is three times as quick row by row
+                    channel[textured] = values
+        return rgb.T
+
+
+class SurfaceMaterials:
+    """Answers albedo and emission at points of triangles; one gather where no image is involved."""
+
+    def __init__(self, scene: SceneSnapshot) -> None:
+        materials = scene.materials
+        self._albedo = _layer(
+            scene, [m.albedo_rgb for m in materials], [m.albedo_image for m in materials], scene.tri_albedo_uv, MAX_ALBEDO
+        )
+        self._emission = _layer(
+            scene, [m.emission_rgb for m in materials], [m.emission_image for m in materials], scene.tri_emission_uv, np.inf
+        )
+
+    def has_images(self, emission: bool) -> bool:
+        """Whether the albedo, or the emission, of any triangle varies over it."""
+        return (self._emission if emission else self._albedo).tri_image is not None
+
+    @property
+    def reflects(self) -> bool:
+        """Whether any triangle reflects any light."""
+        return bool(self._albedo.tri_rgb.any())
+
+    def albedo_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
+        """Diffuse reflectance, within [0, MAX_ALBEDO].
+
+        tri    (n,) int      u, v   (n,) float, barycentric weights of corners 1 and 2
+        out    (n, 3) float32; its transpose is contiguous
+        """
+        return self._albedo.at(tri, u, v)
+
+    def emission_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
+        """Emitted radiance, W/m^2/sr, finite and >= 0.
+
+        tri    (n,) int      u, v   (n,) float, barycentric weights of corners 1 and 2
+        out    (n, 3) float32; its transpose is contiguous
+        """
+        return self._emission.at(tri, u, v)
+
+
+def clamp_warnings(scene: SceneSnapshot) -> list[tuple[str, str]]:
+    """What albedo_at and emission_at had to change: (material name, sentence)."""
+    return [(material.name, text) for index, material in enumerate(scene.materials) for text in _material_warnings(scene, index, material)]
+
+
+def _material_warnings(scene: SceneSnapshot, index: int, material: Material) -> list[str]:
+    sentences = []
+    for quantity, rgb, image, tri_uv, highest in (
+        ("albedo", material.albedo_rgb, material.albedo_image, scene.tri_albedo_uv, MAX_ALBEDO),
+        ("emission", material.emission_rgb, material.emission_image, scene.tri_emission_uv, _MAX_EMISSION),
+    ):
+        low, high = (np.array(rgb, np.float64),) * 2
+        where = ""
+        if image >= 0:
+            picture = scene.images[image]
+            shown = sample_texture(picture, tri_uv[scene.tri_material == index].reshape(-1, 2)) if picture.per_triangle else picture.pixels
+            with np.errstate(invalid="ignore"):  # 0 times infinity is reported as not finite
+                ends = [low * end.astype(np.float64) for end in _find_ends(shown.reshape(-1, 3))] if shown.size else [low * 0]
+            low, high = np.min(ends, axis=0), np.max(ends, axis=0)
+            where = f" with {'' if picture.per_triangle else 'image '}{picture.name}"
+        if not (np.isfinite(low).all() and np.isfinite(high).all()):
+            sentences.append(f"{material.name}: its {quantity}{where} is not a finite number and counts as 0; correct the value.")
+        elif low.min() < 0 or high.max() > _LEAST_TOLD.get(quantity, highest):
+            sentences.append(
+                f"{material.name}: its {quantity}{where} reaches from {low.min():.4g} to {high.max():.4g} and is clamped to "
+                f"0 ... {highest:.4g}; choose values within."
+            )
+    return sentences
+
+
+def _find_ends(pixels: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Least and greatest (3,) of pixels (n, 3), n > 0; of many in a row numpy finds them ten times as quickly as of three numbers."""
+    whole = len(pixels) // _PIXELS_OF_ROW * _PIXELS_OF_ROW
+    parts = [pixels[:whole].reshape(-1, 3 * _PIXELS_OF_ROW), pixels[whole:].reshape(-1, 3)]
+    ends = [[find(part, axis=0).reshape(-1, 3) for part in parts if len(part)] for find in (np.min, np.max)]
+    return np.concatenate(ends[0]).min(axis=0), np.concatenate(ends[1]).max(axis=0)
+
+
+def _layer(
+    scene: SceneSnapshot, rgb: list[tuple[float, float, float]], image: list[int], tri_uv: NDArray[np.float32], highest: float
+) -> _Layer:
+    with np.errstate(over="ignore"):
+        material_rgb = np.array(rgb, np.float64).reshape(-1, 3).astype(np.float32)
+    material_image = np.array(image, np.int32)
+    plain = material_image < 0
+    material_rgb[plain] = clamp_colours(material_rgb[plain], highest)
+    tri_image = material_image[scene.tri_material]
+    tri_rgb = np.ascontiguousarray(material_rgb[scene.tri_material].T)
+    if not (tri_image >= 0).any():
+        return _Layer(tri_rgb, None, np.zeros((3, 2, 0), np.float32), Textures([]), highest)
+    with np.errstate(over="ignore", invalid="ignore"):  # as where they are used
+        return _Layer(tri_rgb, tri_image, triangle_frames(tri_uv), Textures(scene.images), highest)

@@ -1,0 +1,68 @@
+"""Images at half, a quarter ... of their size: means of what a place shows and of its square, so that no bright spot is passed by.
+
+Source: Williams 1983, "Pyramidal Parametrics".
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import FloatArray, IntArray
+from .scene import TextureImage
+from .textures import clamp_colours, sample_texture
+
+_ROWS = 256  # of a level that are made at once: the squares of a whole image would take much memory
+_MOST = np.finfo(np.float32).max
+
+
+class Mipmap:
+    """Of an image times a colour, (3,), from its half on; levels are made when they are first asked for."""
+
+    def __init__(self, image: TextureImage, rgb: tuple[float, float, float]) -> None:
+        self._image = replace(image, closest=False)  # sizes need not be even, and texels of levels lie a little apart from their own
+        self._shown = image.pixels, np.array(rgb, np.float32)
+        self._levels: list[tuple[TextureImage, TextureImage]] = []
+
+    def at(self, level: int, uv: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Colours at uv (n, 2) and their squares, (n, 3) each: means over squares of 2 ** level texels; level > 0."""
+        while len(self._levels) < level:
+            mean, square = (halve(one.pixels) for one in self._levels[-1]) if self._levels else self._halve_image()
+            self._levels.append((replace(self._image, pixels=mean), replace(self._image, pixels=square)))
+        mean, square = (sample_texture(one, uv) for one in self._levels[level - 1])
+        return mean, square
+
+    def _halve_image(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        pixels, rgb = self._shown
+        edge, parts = _find_edges(len(pixels)), []
+        for first in range(0, len(edge) - 1, _ROWS):
+            rows = edge[first : first + _ROWS + 1]
+            with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not finite, and so 0
+                shown = clamp_colours(pixels[rows[0] : rows[-1]] * rgb, np.inf)
+                squares = np.minimum(shown * shown, _MOST)
+            parts.append([_average(values, rows - rows[0]) for values in (shown, squares)])
+        mean, square = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return mean, square
+
+
+def halve(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+    """((height + 1) // 2, (width + 1) // 2, 3) float32: means of four texels, at places of odd sizes of two or one; (height, width, 3)."""
+    return _average(pixels, _find_edges(len(pixels)))
+
+
+def _find_edges(size: int) -> IntArray:
+    """First texels of about size / 2 blocks of one or two, and the end: none lies half a block from where its share of the size begins."""
+    count = (size + 1) // 2
+    return np.arange(count + 1) * size // count
+
+
+def _average(pixels: NDArray[np.float32], rows: IntArray) -> NDArray[np.float32]:
+    """Over blocks of rows that begin there, and of columns."""
+    for axis, edge in enumerate((rows, _find_edges(pixels.shape[1]))):
+        half = pixels.take(edge[:-1], axis)  # the first and the last of a block, which may be the same
+        half *= np.float32(0.5)
+        half += np.float32(0.5) * pixels.take(edge[1:] - 1, axis)
+        pixels = half
+    return pixels

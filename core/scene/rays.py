@@ -1,0 +1,109 @@
+"""Closest hits and shadow rays; the only module that knows embreex."""
+
+from __future__ import annotations
+
+import contextlib
+import mmap
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.geometry import triangle_normals_areas
+from ..util.threads import count_usable
+
+# Address space that embree 4.4 takes: its libraries; then what least limit it survived with one triangle, one and three million, on one
+# processor and on two (132 MB, 340 bytes a triangle, 8 MB a processor that this process may use).
+_LIBRARY_BYTES = 64 << 20
+_SCENE_BYTES, _TRIANGLE_BYTES, _PROCESSOR_BYTES = 144 << 20, 352, 8 << 20
+
+
+@dataclass(frozen=True)
+class Hits:
+    """Where rays first meet a triangle.
+
+    tri        (n,) int32     -1 where the ray meets nothing; u and v are 0 there
+    u, v       (n,) float32   barycentric weights of corners 1 and 2; rounding may leave the triangle by 2e-7
+    distance   (n,) float32   in lengths of the ray's direction; huge where the ray meets nothing
+    """
+
+    tri: NDArray[np.int32]
+    u: NDArray[np.float32]
+    v: NDArray[np.float32]
+    distance: NDArray[np.float32]
+
+
+class RayScene:
+    """The triangles in a bvh. Rays have no least distance: callers offset their origins (geometry.offset_origin).
+
+    tri_position_unit   (n_tri, 3, 3) float32, unit box; triangles without area are never hit
+    Raises ValueError when embreex cannot be loaded, MemoryError where there is no room for the bvh.
+    """
+
+    def __init__(self, tri_position_unit: NDArray[np.float32]) -> None:
+        self._tri_position_unit = tri_position_unit
+        solid = triangle_normals_areas(tri_position_unit)[1] > 0
+        # A triangle without area can still catch a ray through rounding, with a normal of noise.
+        self._tri_of_primitive: NDArray[np.int32] | None = None
+        if not solid.all():
+            self._tri_of_primitive = np.append(np.flatnonzero(solid), -1).astype(np.int32)  # primitive -1, a miss, finds the last
+        embree_scene, triangle_mesh = _load_embree()
+        _ask_for(_SCENE_BYTES + _TRIANGLE_BYTES * len(tri_position_unit) + _PROCESSOR_BYTES * count_usable())
+        self._embree = embree_scene(robust=True)  # without it 1 of 15 rays aimed at an edge slips through; costs nothing measurable
+        if solid.any():
+            triangle_mesh(self._embree, np.ascontiguousarray(tri_position_unit[solid], np.float32))
+        # The first run commits the scene, which is not thread-safe.
+        self._embree.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
+
+    def __reduce__(self) -> tuple[type[RayScene], tuple[NDArray[np.float32]]]:
+        return RayScene, (self._tri_position_unit,)  # a bvh cannot be pickled; workers build their own
+
+    def closest(self, origin: NDArray[np.float32], direction: NDArray[np.float32]) -> Hits:
+        """The first triangle along each ray, either side.
+
+        origin, direction   (n, 3) float32, unit box; any strides
+        """
+        found = self._embree.run(origin, direction, output=1)
+        tri = found["primID"] if self._tri_of_primitive is None else self._tri_of_primitive[found["primID"]]
+        return Hits(tri, found["u"], found["v"], found["tfar"])
+
+    def occluded(self, origin: NDArray[np.float32], direction: NDArray[np.float32], distance: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Whether a triangle lies nearer than the distance along each ray.
+
+        origin, direction   (n, 3) float32, unit box; any strides
+        distance            (n,) float32, in lengths of the direction
+        out                 (n,) bool
+        """
+        limit = np.array(distance, np.float32)  # a copy: embreex asks for an array it may write to
+        blocked: NDArray[np.bool_] = self._embree.run(origin, direction, limit, query="OCCLUDED") >= 0
+        return blocked
+
+
+def load_ahead() -> None:
+    """Loads embreex before there is a scene; where that fails, whoever has a scene is told."""
+    with contextlib.suppress(ValueError, MemoryError):
+        _load_embree()
+
+
+def _load_embree() -> tuple[Any, Any]:
+    if "embreex" not in sys.modules:
+        _ask_for(_LIBRARY_BYTES)  # else it would be said that embreex cannot be loaded
+    try:
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+    except (ImportError, OSError) as reason:
+        raise ValueError(
+            f"The ray tracer embreex cannot be loaded ({reason}); reinstall Leaflight with the package for this platform and Python "
+            "(Linux x64, Windows x64, or macOS 13 and later)."
+        ) from reason
+    return EmbreeScene, TriangleMesh
+
+
+def _ask_for(n_bytes: int) -> None:
+    """Raises MemoryError where this process may not have as much more: embree would end it there, without a word."""
+    try:
+        mmap.mmap(-1, n_bytes).close()  # none of it is touched, so this takes no memory, and microseconds
+    except OSError as reason:
+        raise MemoryError(f"{n_bytes >> 20} MB for the ray tracer") from reason

@@ -1,0 +1,114 @@
+"""Solids whose inside nobody sees: light that their faces send inwards never comes out, and no texel tells of it.
+
+Told only where it is certain: closed and convex loose parts, with their normals outwards and nothing else in them. What is closed but
+bent inwards may go through itself, and then a back is seen from outside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import Float64, IntArray
+from ..util.geometry import triangle_normals_areas
+from .loose_parts import find_loose_parts
+from .scene import SceneSnapshot
+from .topology import join_open_sides
+
+_TOLERANCE = 1e-5  # of a solid's extent: nearer to a face's plane is on it
+_MOST_WORK = 1 << 28  # heights over planes and the like, about a second; solids that come after that count as open
+_BOX_WORK = 16  # of comparing a box, beside a height
+_AT_ONCE = 1 << 18
+
+
+def find_sealed(snapshot: SceneSnapshot, tri_wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n_tri,) bool: triangles of sealed solids, of which some triangle is wanted, (n_tri,).
+
+    Where texels see both sides, or light goes through, no solid is sealed.
+    """
+    sealed = np.zeros(snapshot.n_tri, bool)
+    keeps_light = np.array([one.casts_shadow and not one.two_sided for one in snapshot.objects], bool)
+    wanted = np.zeros(len(snapshot.objects), bool)
+    wanted[snapshot.tri_object[tri_wanted]] = True
+    tri = np.flatnonzero((wanted & keeps_light)[snapshot.tri_object])
+    if not len(tri):
+        return sealed
+    vertex = join_open_sides(snapshot.vertex_position, snapshot.tri_vertex[tri], snapshot.tri_object[tri])
+    part = find_loose_parts(snapshot, tri)
+    search: _Search | None = None
+    order = np.argsort(part, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
+        if search and search.is_over:
+            break
+        if tri_wanted[tri[rows]].any() and _is_closed(vertex[rows]):
+            search = search or _Search(snapshot, tri, part)
+            sealed[tri[rows]] = search.is_convex_and_empty(tri[rows])
+    return sealed
+
+
+def _is_closed(tri_vertex: IntArray) -> bool:
+    """Whether each side (n, 3 of them) has one triangle on either side, and both are walked alike."""
+    start, end = tri_vertex.ravel(), np.roll(tri_vertex, -1, axis=1).ravel()
+    count = int(tri_vertex.max()) + 1
+    sides = np.unique(start * count + end)
+    return len(sides) == len(start) and np.array_equal(sides, np.unique(end * count + start))
+
+
+class _Search:
+    """Boxes around the scene's triangles, and around those that belong together, and how much may still be compared.
+
+    tri    (n,) int     triangles of which the loose part is known
+    part   (n,) int64   see find_loose_parts
+    """
+
+    def __init__(self, snapshot: SceneSnapshot, tri: IntArray, part: IntArray) -> None:
+        self._position = snapshot.tri_position
+        self._low, self._high = self._position.min(axis=1), self._position.max(axis=1)
+        group = snapshot.tri_object.astype(np.int64)
+        group[tri] = len(snapshot.objects) + part
+        self._order = np.argsort(group, kind="stable")
+        self._start = np.flatnonzero(np.diff(group[self._order], prepend=-1))
+        self._end = np.append(self._start[1:], snapshot.n_tri)
+        self._group_low = np.minimum.reduceat(self._low[self._order], self._start)
+        self._group_high = np.maximum.reduceat(self._high[self._order], self._start)
+        self._left = _MOST_WORK
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing more can be told."""
+        return self._left < 0
+
+    def is_convex_and_empty(self, tri: IntArray) -> bool:
+        """Whether no corner of the solid's triangles (n,), ascending, is before any of their planes, and no other triangle behind all."""
+        corners = self._position[tri]
+        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+        gap = _TOLERANCE * float((high - low).max())
+        normal, area = triangle_normals_areas(corners)
+        normal, base = normal[area > 0], corners[area > 0, 0]
+        points = np.unique(corners.reshape(-1, 3), axis=0)
+        if not all((height <= gap).all() for height in self._measure(points, normal, base)):
+            return False
+        near = np.flatnonzero(_overlap(self._group_low, self._group_high, low + gap, high - gap))
+        others = np.concatenate([np.zeros(0, np.int64), *(self._order[self._start[i] : self._end[i]] for i in near)])
+        self._left -= _BOX_WORK * (len(self._start) + len(others))
+        others = np.setdiff1d(others[_overlap(self._low[others], self._high[others], low + gap, high - gap)], tri)
+        heights = self._measure(self._position[others].reshape(-1, 3), normal, base)
+        return all((height.reshape(len(normal), -1, 3).min(axis=2) >= -gap).any(axis=0).all() for height in heights)
+
+    def _measure(self, points: Float64, normal: Float64, base: Float64) -> Iterator[Float64]:
+        """Heights (n, k) of some points after others, of (m, 3), over the planes through base (n, 3) across normal (n, 3); one that is
+        no number where it would take too long."""
+        level = (normal * base).sum(axis=1)[:, None]
+        at_once = max(_AT_ONCE // len(normal) // 3, 1) * 3
+        for start in range(0, len(points), at_once):
+            some = points[start : start + at_once]
+            self._left -= len(normal) * len(some)
+            yield normal @ some.T - level if self._left >= 0 else np.full((len(normal), len(some)), np.nan)
+
+
+def _overlap(low: Float64, high: Float64, other_low: Float64, other_high: Float64) -> NDArray[np.bool_]:
+    """(n,) bool: whether boxes (n, 3) have more than their surface in common with another (3,)."""
+    overlapping: NDArray[np.bool_] = ((low < other_high) & (high > other_low)).all(axis=1)
+    return overlapping

@@ -1,0 +1,145 @@
+"""What of a mesh hangs together: corners, sides and sets of triangles."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import IntArray
+
+Int64: TypeAlias = NDArray[np.int64]
+
+_MIX = np.uint64(0x9E3779B97F4A7C15)  # odd, near 2^64 over the golden ratio. Source: Knuth 1998, 6.4 (Fibonacci hashing)
+
+
+def pair_corners(tri_corner: IntArray, used: NDArray[np.bool_]) -> tuple[Int64, Int64]:
+    """Places, in the flattened array, of the same corner in two used triangles; enough of them to connect all of each corner.
+
+    tri_corner   (n, 3) int
+    used         (n,) bool
+    """
+    corner = tri_corner.ravel()
+    order = np.argsort(corner, kind="stable")
+    order = order[used[order // 3]]
+    here, after = order[:-1], order[1:]
+    same = corner[here] == corner[after]
+    return here[same], after[same]
+
+
+def pair_sides(tri_vertex: IntArray, tri_group: IntArray) -> tuple[Int64, Int64, Int64]:
+    """Sides that two triangles of one group share; of more than two at one edge, neighbours in their order.
+
+    tri_vertex   (n, 3) int
+    tri_group    (n,) int         -1 for triangles without a group
+    out          (2, 3 n) int64 ends of every side, as places in the flattened corners, that of the lower vertex first; (m,) int64 side of
+                 one triangle and (m,) int64 of the other; side k is from corner k on
+    """
+    start = np.arange(tri_vertex.size)
+    ends = np.stack([start, start - start % 3 + (start + 1) % 3])
+    vertex = tri_vertex.ravel().astype(np.int64)
+    ends = np.where(vertex[ends[0]] > vertex[ends[1]], ends[::-1], ends)
+    edge = vertex[ends[0]] * (int(vertex.max(initial=0)) + 1) + vertex[ends[1]]  # one number is sorted faster than two
+    group = np.repeat(tri_group, 3)
+    order = np.lexsort((edge, group))
+    order = order[np.count_nonzero(group < 0) :]
+    edge, group = edge[order], group[order]
+    same = (edge[:-1] == edge[1:]) & (group[:-1] == group[1:])
+    return ends, order[:-1][same], order[1:][same]
+
+
+def find_ends(vertex_position: NDArray[np.float64], ends: IntArray) -> Int64:
+    """(2, m) int64: numbers of the places where sides (2, m) of vertices end, the lower one first.
+
+    Files often hold a vertex once for each normal or texture coordinate that it has: there the place tells which sides are one edge.
+    """
+    vertex, row = np.unique(ends, return_inverse=True)
+    position = vertex_position[vertex]
+    order = np.lexsort(position.T[::-1])
+    number = np.zeros(len(vertex), np.int64)
+    number[order[1:]] = np.cumsum((np.diff(position[order], axis=0) != 0.0).any(axis=1))
+    return np.sort(number[row.reshape(np.shape(ends))], axis=0)
+
+
+def join_open_sides(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_group: IntArray) -> Int64:
+    """(n, 3) int64: tri_vertex, with vertices made one where sides that are alone lie at one place, so that the surface goes on there.
+
+    Files often hold a vertex once for each normal or texture coordinate that it has. Bodies that touch stay apart if they are closed by
+    their vertices.
+
+    vertex_position   (n_vertex, 3) float64, m
+    tri_vertex        (n, 3) int
+    tri_group         (n,) int, not negative   sides of different groups, which have no vertices in common, stay apart
+    """
+    vertex = tri_vertex.astype(np.int64)
+    place = _number_places(vertex_position, vertex, tri_group)
+    doubtful = np.flatnonzero(_find_crowded(place, vertex, tri_group)[tri_group])
+    ends, one, other = pair_sides(vertex[doubtful], tri_group[doubtful])
+    is_alone = np.ones(ends.shape[1], bool)
+    is_alone[one] = is_alone[other] = False
+    alone = np.flatnonzero(is_alone)
+    side = vertex[doubtful].ravel()[ends[:, alone]]
+    start, end = place[side]
+    edge = np.minimum(start, end) * len(vertex_position) + np.maximum(start, end)  # one number is sorted faster than two
+    order = np.argsort(edge, kind="stable")
+    here, after = order[:-1], order[1:]
+    same = edge[here] == edge[after]
+    here, after = here[same], after[same]
+    met = np.where(start[here] != start[after], side[::-1, after], side[:, after])
+    joined: Int64 = join_sets(len(vertex_position), side[:, here].ravel(), met.ravel())[vertex]
+    return joined
+
+
+def find_groups_with_twins(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_group: IntArray) -> NDArray[np.bool_]:
+    """(n_group,) bool: groups of whose vertices two lie at one place.
+
+    Arguments as in join_open_sides.
+    """
+    return _find_crowded(_number_places(vertex_position, tri_vertex, tri_group), tri_vertex, tri_group)
+
+
+def _find_crowded(place: Int64, tri_vertex: IntArray, tri_group: IntArray) -> NDArray[np.bool_]:
+    """(n_group,) bool: groups with vertices that share their place; place (n_vertex,) as _number_places has them."""
+    crowd = np.bincount(place[place >= 0]) > 1
+    out = np.zeros(int(tri_group.max(initial=-1)) + 1, bool)
+    out[tri_group[crowd[place[tri_vertex]].any(axis=1)]] = True
+    return out
+
+
+def _number_places(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_group: IntArray) -> Int64:
+    """(n_vertex,) int64, below n_vertex: numbers of vertices, alike for those of one group at one place; -1 for those of no triangle.
+
+    By a chance of one in 10^6, among millions of vertices, some two of one place are told apart.
+    """
+    group = np.full(len(vertex_position), -1)
+    group[tri_vertex] = tri_group[:, None]
+    used = np.flatnonzero(group >= 0)
+    mixed = group[used].astype(np.uint64)
+    for column in vertex_position[used].T:  # one number for each place is sorted several times faster than three
+        mixed = (mixed ^ (column + 0.0).view(np.uint64)) * _MIX  # zeros of both signs are one place
+        mixed ^= mixed >> np.uint64(32)
+    order = used[np.argsort(mixed)]
+    here, group_here = vertex_position[order], group[order]
+    differs = (here[1:] != here[:-1]).any(axis=1) | (group_here[1:] != group_here[:-1])
+    number = np.full(len(vertex_position), -1)
+    number[order[:1]] = 0
+    number[order[1:]] = np.cumsum(differs)
+    return number
+
+
+def join_sets(count: int, one: Int64, other: Int64) -> Int64:
+    """(count,) int64: the least member of the set that each belongs to, when one[i] and other[i] are joined for all i.
+
+    Source: Shiloach & Vishkin 1982, "An O(log n) parallel connectivity algorithm".
+    """
+    label = np.arange(count)
+    while True:
+        apart = np.flatnonzero(one != other)
+        if not len(apart):
+            return label
+        one, other = one[apart], other[apart]
+        np.minimum.at(label, np.maximum(one, other), np.minimum(one, other))
+        while not np.array_equal(above := label[label], label):
+            label = above
+        one, other = label[one], label[other]  # whoever is joined to their sets is joined to them

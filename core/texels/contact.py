@@ -1,0 +1,203 @@
+"""Texels where other geometry touches or nearly touches the surface: the foot of a table's leg, a shelf on a wall, a curtain before it.
+
+The preview of a large node averages over such small shadows and so misses them, which is the shadow leak that [Tobler97]
+describes in section 4; its remedy, forced subdivision where geometry tells (3.7), needs to know where.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.rays import RayScene
+from ..util.arrays import FloatArray
+from ..util.geometry import offset_origin, take_rows
+from .texel_borders import WAYS
+from .tiles import TILE_SIDE
+
+_LIFT_TEXELS = 0.25  # height of the feelers above the surface
+_REACH_TEXELS = 1.5  # and their length
+# Height up to which a thing covers the surface below it. Where it ends, light changes over about as many texels as it is high: over
+# more than four a leaf goes on better than it ends.
+_COVER_TEXELS = 3.0
+_SHEER_TEXELS = 2.0  # it ends where it is so much higher above the next texel; where it rises by less, as a ball does, light has no edge
+_COVER_STEPS = 5  # halvings of the way between two texels, to where what covers one of them ends
+_TILE_LOOKS = 3  # places a side where it is asked what covers a tile
+_CHUNK = 1 << 18
+
+
+def find_contacts(
+    rays: RayScene,
+    position: NDArray[np.float32],
+    normal: NDArray[np.float32],
+    texel_size: FloatArray,
+    axes: NDArray[np.float32] | None = None,
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """What stands within a texel or so of each point, found by short rays along the surface.
+
+    position     (n, 3) float32, unit box
+    normal       (n, 3) float32, unit
+    texel_size   (n,) float, unit box: side of a texel on the surface
+    axes         (2, n, 3) float32, unit: directions that the rays go to and fro; any in the surface if None
+    out          (4, n) int32: the triangle met towards each of WAYS, in columns and rows along the axes; -1 for none;
+                 and (4, n) float32, texels: how far away, inf for none
+    """
+    found = np.full((len(WAYS), len(position)), -1, np.int32)
+    texels = np.full(found.shape, np.inf, np.float32)
+    for start in range(0, len(position), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        size = texel_size[part, None].astype(np.float32)
+        along, across = axes[:, part] if axes is not None else _any_axes(normal[part])
+        origin = position[part] + normal[part] * (_LIFT_TEXELS * size)
+        reach = _REACH_TEXELS * size[:, 0]
+        for k, direction in enumerate((along, across, -along, -across)):
+            stopped = np.flatnonzero(rays.occluded(origin, direction, reach))
+            met = rays.closest(take_rows(origin, stopped), take_rows(direction, stopped))
+            found[k, start + stopped], texels[k, start + stopped] = met.tri, met.distance / size[stopped, 0]
+    return found, texels
+
+
+def find_between(
+    rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray, pairs: NDArray[np.int64]
+) -> NDArray[np.int32]:
+    """(m,) int32: the triangle met first on the straight way from point to point, -1 for none.
+
+    position, normal, texel_size   as find_contacts has them
+    pairs                          (2, m) int64: the points
+    """
+    lifted = position + normal * (_LIFT_TEXELS * texel_size[:, None].astype(np.float32))
+    origin, end = lifted[pairs]
+    found = np.full(len(origin), -1, np.int32)
+    stopped = np.flatnonzero(rays.occluded(origin, end - origin, np.ones(len(origin), np.float32)))
+    origin, end = origin[stopped], end[stopped]
+    met = rays.closest(origin, end - origin)
+    found[stopped] = np.where(met.distance < 1.0, met.tri, np.int32(-1))
+    return found
+
+
+def find_covers(
+    rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """What lies on the surface or hangs close above it, where find_contacts' rays pass between them or above both.
+
+    Arguments as there. A rug is often much thinner than a texel is wide, and as dark below as a cupboard is; so is a wall behind a curtain.
+    out   (n,) int32: the triangle met first, -1 for none; and (n,) float32, texels: how high that is, inf for none
+    """
+    found, texels = np.full(len(position), -1, np.int32), np.full(len(position), np.inf, np.float32)
+    origin, size = offset_origin(position, normal), texel_size.astype(np.float32)
+    above = np.flatnonzero(rays.occluded(origin, normal, (_COVER_TEXELS + _SHEER_TEXELS) * size))
+    met = rays.closest(take_rows(origin, above), take_rows(normal, above))
+    found[above], texels[above] = met.tri, met.distance / size[above]
+    return found, texels
+
+
+def are_close(height: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(m,) bool: whether what is so high above points, texels (m,), covers them."""
+    return height < _COVER_TEXELS
+
+
+def ends_between(one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(m,) bool: whether a cover ends between points that something is so high above, texels, (m,) and (m,)."""
+    ends: NDArray[np.bool_] = are_close(np.minimum(one, other)) & (np.maximum(one, other) >= _COVER_TEXELS + _SHEER_TEXELS)
+    return ends
+
+
+def rises_between(one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(m,) bool: whether what is above rises there to where it covers no more, or ends; arguments as ends_between."""
+    rises: NDArray[np.bool_] = are_close(one) != are_close(other)
+    return rises
+
+
+def find_cover_edges(
+    rays: RayScene, covered: NDArray[np.float32], bare: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray
+) -> NDArray[np.float32]:
+    """(m,) float32, 0 to 1: how far on the way from points (m, 3) below a cover to bare ones that ends. Other arguments as find_covers."""
+    low, step = np.zeros((len(covered), 1), np.float32), np.float32(0.5)
+    for _ in range(_COVER_STEPS):
+        place = covered + (low + step) * (bare - covered)
+        low += step * _are_covered(rays, place, normal, texel_size)[:, None]
+        step *= np.float32(0.5)
+    return low[:, 0] + step
+
+
+def _are_covered(rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray) -> NDArray[np.bool_]:
+    """(n,) bool: whether anything is met that near above; arguments as find_covers."""
+    return rays.occluded(offset_origin(position, normal), normal, (_COVER_TEXELS * texel_size).astype(np.float32))
+
+
+def find_clear_tiles(rays: RayScene, corner: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray) -> NDArray[np.bool_]:
+    """(m,) bool: square tiles of texels where no point's rays along the rows and columns would meet anything, and no cover ends.
+
+    Those of a row lie on one line, so that one ray stands for them all.
+
+    corner       (3, m, 3) float32, unit box: middles of a tile's first texel, and of the last ones of its first row and column
+    normal       (m, 3) float32, unit
+    texel_size   (m,) float, unit box
+    """
+    size = texel_size[:, None].astype(np.float32)
+    first, *ends = corner + normal * (_LIFT_TEXELS * size)
+    clear = np.ones(len(first), bool)
+    for end, other in (ends, ends[::-1]):
+        length = np.linalg.norm(end - first, axis=1, keepdims=True)
+        direction = (end - first) / np.maximum(length, np.finfo(np.float32).tiny)
+        origin = first - direction * (_REACH_TEXELS * size)
+        whole = length[:, 0] + 2 * _REACH_TEXELS * size[:, 0]
+        for line in range(TILE_SIDE):
+            step = np.float32(line / (TILE_SIDE - 1)) * (other - first)
+            clear &= ~rays.occluded(origin + step, direction, whole)
+    clear[clear] = _are_covered_alike(rays, corner[:, clear], normal[clear], texel_size[clear])
+    return clear
+
+
+def _are_covered_alike(
+    rays: RayScene, corner: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray
+) -> NDArray[np.bool_]:
+    """(m,) bool: tiles that lie below something with all of their texels or with none, unless it is narrower than 5 of them.
+
+    Arguments as find_clear_tiles.
+    """
+    first, *ends = corner
+    across = [end - first for end in ends]
+    margin = _REACH_TEXELS / (TILE_SIDE - 1)
+    looks = [
+        _are_covered(rays, first + x * across[0] + y * across[1], normal, texel_size)
+        for x in np.linspace(-margin, 1 + margin, _TILE_LOOKS, dtype=np.float32)
+        for y in np.linspace(-margin, 1 + margin, _TILE_LOOKS, dtype=np.float32)
+    ]
+    alike: NDArray[np.bool_] = np.all(looks, axis=0) | ~np.any(looks, axis=0)
+    return alike
+
+
+def texel_axes(corner: FloatArray, corner_xy: FloatArray, normal: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(2, n, 3) float32, unit: the ways of growing columns and rows of texels on triangles; any in the surface where that is not known.
+
+    corner      (n, 3, 3) float
+    corner_xy   (n, 3, 2) float, texels
+    normal      (n, 3) float32, unit
+    """
+    edge, edge_xy = corner[:, 1:] - corner[:, :1], corner_xy[:, 1:] - corner_xy[:, :1]
+    (x_1, y_1), (x_2, y_2) = edge_xy[:, 0].T, edge_xy[:, 1].T
+    along = edge[:, 0] * y_2[:, None] - edge[:, 1] * y_1[:, None]
+    across = edge[:, 1] * x_1[:, None] - edge[:, 0] * x_2[:, None]
+    turn = np.copysign(1.0, x_1 * y_2 - x_2 * y_1)  # of mirrored layouts both come out the other way round
+    out = np.stack(_any_axes(normal))
+    for axis, found in zip(out, (along, across), strict=True):
+        length = np.linalg.norm(found, axis=1)
+        known = length > 0
+        axis[known] = found[known] / (length * turn)[known, None]
+    return out
+
+
+def _any_axes(normal: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    along = _any_tangent(normal)
+    return along, np.cross(normal, along)
+
+
+def _any_tangent(normal: NDArray[np.float32]) -> NDArray[np.float32]:
+    least = np.abs(normal).argmin(1)
+    axis = np.zeros_like(normal)
+    axis[np.arange(len(normal)), least] = 1.0
+    tangent = np.cross(normal, axis)
+    length = np.linalg.norm(tangent, axis=1, keepdims=True)
+    unit: NDArray[np.float32] = (tangent / np.where(length > 0.0, length, 1.0)).astype(np.float32)
+    return unit

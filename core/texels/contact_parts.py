@@ -1,0 +1,184 @@
+"""Pieces of charts, cut further where squares of a quadtree hold parts of them that do not hang together.
+
+A wall with a door in it parts no floor: one can go round. But it parts squares of texels, and a leaf over both of its sides would
+show at the wall's foot the light of the room behind it. So in each square, from large ones to small ones, all parts but the largest leave
+their piece: for the piece that lies beside them, or for one of their own with what lies beside them, so that photons enough fall on it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.topology import join_sets
+from ..util.geometry import gather
+from .texel_grid import part_bits
+from .tiles import TILE_SIDE, TILE_TEXELS
+
+_LEAST_LOG2 = TILE_SIDE.bit_length() - 1  # of the side of a square that is looked at: what nothing touches is known by tiles
+_MOST_PASSES = 8  # over squares of one size
+_COLUMN, _ROW = part_bits(np.arange(TILE_TEXELS))  # of texels in a square of the smallest size, in Morton order
+_LEAST_PART = 8  # texels, of what is worth a piece of its own
+
+_Int64 = NDArray[np.int64]
+_Bool = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class _Net:
+    """Patches, or units of them that hang together within squares, and the ways between them.
+
+    key      (k,) int64, ascending: of each one's first texel
+    size     (k,) int64, texels
+    pair     (2, m) int64: where one can go
+    length   (m,) int64, texels: how wide each way is
+    """
+
+    key: _Int64
+    size: _Int64
+    pair: _Int64
+    length: _Int64
+
+    def join(self, level: int) -> tuple[_Int64, _Net]:
+        """The net of units within squares of side 2**level, and in which of them each is (k,). No larger square can part them."""
+        square = self.key >> 2 * level
+        inside = square[self.pair[0]] == square[self.pair[1]]
+        part = join_sets(len(square), *self.pair.compress(inside, axis=1))
+        is_first = part == np.arange(len(part))
+        unit = (np.cumsum(is_first) - 1)[part]
+        outside = np.flatnonzero(~inside)
+        number, length = _sum_alike(unit[gather(self.pair, outside)], self.length[outside], len(unit))
+        return unit, _Net(self.key[is_first], _sum_at(unit, self.size), number, length)
+
+    def take(self, rows: _Int64) -> _Net:
+        """Those at rows (j,), ascending, and the ways between them."""
+        place = np.full(len(self.key), -1)
+        place[rows] = np.arange(len(rows))
+        pair = place[self.pair]
+        both = np.flatnonzero((pair[0] >= 0) & (pair[1] >= 0))
+        return _Net(self.key[rows], self.size[rows], gather(pair, both), self.length[both])
+
+
+def part_in_squares(key: _Int64, size: _Int64, ways: _Int64, closed: _Int64, log2: int) -> tuple[_Int64, _Int64]:
+    """The first patch of what each patch hangs together with somehow (k,), and of its piece of that (k,).
+
+    key      (k,) int64, ascending: chart and Morton code of each patch's first texel
+    size     (k,) int64, texels: 1, or all of a tile
+    ways     (2, m) int64: patches side by side where one can go
+    closed   (2, j) int64: those of single texels where something stands between them
+    log2     of the side of the largest root
+    """
+    if not closed.size:
+        whole = join_sets(len(key), *ways)
+        return whole, whole
+    nets, units = [_Net(key, size, ways, np.where((size[ways] > 1).all(axis=0), TILE_SIDE, 1))], []
+    for level in range(_LEAST_LOG2, log2 - 1):
+        unit, net = nets[-1].join(level)
+        nets.append(net)
+        units.append(unit)
+    top = nets[-1]
+    whole = label = np.searchsorted(key, top.key)[join_sets(len(top.key), *top.pair)]
+    for k in range(len(nets) - 1, -1, -1):
+        label = _part_squares(nets[k], label, _LEAST_LOG2 + k, key[closed])
+        if k:
+            whole, label = whole[units[k - 1]], label[units[k - 1]]
+    first = np.empty(label.max() + 1, np.int64)
+    first[label[::-1]] = np.arange(len(label))[::-1]  # of several assignments to one place the last stays
+    return whole, first[label]
+
+
+def _part_squares(net: _Net, label: _Int64, level: int, closed_key: _Int64) -> _Int64:
+    """(k,) int64: labels of pieces, where parts have left squares of side 2**level.
+
+    label        (k,) int64: the piece that each is of
+    closed_key   (2, j) int64: keys of texels side by side that something stands between
+    """
+    key, founds = net.key >> 2 * level, level > _LEAST_LOG2
+    square = np.cumsum(np.diff(key, prepend=-1) != 0) - 1
+    closed_square = square[np.searchsorted(key, closed_key >> 2 * level)]
+    is_near = np.zeros(len(square), bool)  # by square
+    is_near[closed_square] = True
+    looked = is_near[square]  # elsewhere only the shape of the chart parts anything
+    is_near[square[net.pair.compress(looked[net.pair[0]] | looked[net.pair[1]], axis=1)]] = True
+    kept = np.flatnonzero(is_near[square])
+    near, square, looked = net.take(kept), square[kept], looked[kept]
+    inner = square[near.pair[0]] == square[near.pair[1]]
+    within, outer = near.pair.compress(inner, axis=1), near.pair.compress(~inner, axis=1)
+    if not founds:
+        open_ways = ~_cross_lines(near.key[within], square[within[0]], closed_key, closed_square)
+        within = within.compress(open_ways, axis=1)
+    part = join_sets(len(kept), *within)  # they move as wholes
+    across = _Net(near.key, near.size, np.concatenate([outer, outer[::-1]], axis=1), np.tile(near.length.compress(~inner), 2))
+    label = label.copy()
+    for _ in range(_MOST_PASSES):  # as a piece takes what lies beside it, it comes to lie beside more
+        before = label[kept]
+        label[kept] = _move_parts(across, before, square, part, looked, int(label.max()) + 1 if founds else 0)
+        if (before == label[kept]).all():
+            break
+    return label
+
+
+def _move_parts(net: _Net, label: _Int64, square: _Int64, part: _Int64, looked: _Bool, fresh: int) -> _Int64:
+    """(k,) int64: labels of pieces, where parts have left for others.
+
+    net      whose ways go from square to square, and are told in both directions
+    label    (k,) int64: the piece that each is of
+    square   (k,) int64: the square that it is in
+    part     (k,) int64: the first one of its part, all of which is of one piece in one square
+    looked   (k,) bool: those in squares whose parts may leave
+    fresh    label of the first piece that parts found which lie beside no other one; 0 if they stay
+    """
+    count = len(label)
+    texels = _sum_at(part, net.size)
+    first = np.flatnonzero(looked & (part == np.arange(count)))
+    order = first[np.lexsort((-texels[first], label[first], square[first]))]
+    is_less = np.zeros(count, bool)
+    is_less[order[1:][(np.diff(square[order]) == 0) & (np.diff(label[order]) == 0)]] = True
+    outward = np.flatnonzero(is_less[part[net.pair[0]]])
+    (small, beside), length = _sum_alike(part[gather(net.pair, outward)], net.length[outward], count)
+    is_own = label[beside] == label[small]
+    best = np.lexsort((-length, is_own, small))
+    best = best[np.append(True, np.diff(small[best]) != 0)[: len(best)]]
+    small, beside, is_own = small[best], beside[best], is_own[best]
+    into = np.full(count, -1)
+    into[small[~is_own]] = label[beside[~is_own]]
+    if fresh:
+        alone = is_own & (texels[small] >= _LEAST_PART) & ~is_less[beside]
+        into[beside[alone]] = into[small[alone]] = fresh + np.unique(beside[alone], return_inverse=True)[1]
+    out: _Int64 = np.where(into[part] >= 0, into[part], label)
+    return out
+
+
+def _cross_lines(key: _Int64, square: _Int64, closed_key: _Int64, closed_square: _Int64) -> _Bool:
+    """(m,) bool: ways across a line, within one of the smallest squares, that something stands on: a wall's line goes on past its end.
+
+    key, closed_key         (2, m) and (2, j) int64: keys of texels side by side
+    square, closed_square   (m,) and (2, j) int64: numbers of their squares; those of a way lie in one
+    """
+    inside = closed_square[0] == closed_square[1]
+    closed = _number_lines(closed_key[:, inside], closed_square[0, inside])
+    line = _number_lines(key, square)
+    crossed = np.zeros(max(closed.max(initial=-1), line.max(initial=-1)) + 1, bool)
+    crossed[closed] = True
+    return crossed[line]
+
+
+def _number_lines(key: _Int64, square: _Int64) -> _Int64:
+    """(m,) int64: which line between columns or rows of squares (m,) is between texels of keys (2, m), both of them there."""
+    x, y = (place[key & (TILE_TEXELS - 1)] for place in (_COLUMN, _ROW))
+    is_row = x[0] == x[1]
+    number: _Int64 = 2 * (square * TILE_SIDE + np.where(is_row, np.maximum(*y), np.maximum(*x))) + is_row
+    return number
+
+
+def _sum_alike(pair: _Int64, length: _Int64, count: int) -> tuple[_Int64, _Int64]:
+    """Pairs (2, m) of numbers below count, each once and in order, and the sums of their lengths (m,)."""
+    found, place = np.unique(pair[0] * count + pair[1], return_inverse=True)
+    return np.stack(np.divmod(found, count)), _sum_at(place, length)
+
+
+def _sum_at(place: _Int64, value: _Int64) -> _Int64:
+    """(max + 1,) int64: sums of values (m,) at places (m,)."""
+    return np.bincount(place, value).astype(np.int64)

@@ -1,0 +1,122 @@
+"""Charts cut along creases, so that no leaf holds the light of faces that look different ways.
+
+Across a crease light jumps, as it does between charts. A leaf over both sides could hold neither, and a texel that both share
+would show their mean, where whoever filters the image reads the light of the side that holds its centre. At the foot of a wall that
+shares an edge with the floor light jumps, too, though the floor goes on.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..atlas.charts import ChartAtlas
+from ..atlas.layer_check import signed_areas
+from ..scene.scene import SceneSnapshot
+from ..scene.topology import find_ends, find_groups_with_twins, join_open_sides, join_sets, pair_sides
+from ..util.arrays import FloatArray, IntArray
+
+_CREASE_COSINE = math.cos(math.radians(20.0))  # between shading normals at an edge's end; 2 and 8 degrees bake no better, with more leaves
+# texels; narrower faces side by side are a rough surface, of which a texel shows the mean: each for itself would catch too few photons
+_LEAST_WIDTH = 2.0
+_LOST_WIDTH = 4.0  # texels; narrower faces that lie mostly among such faces are of that surface too
+
+
+def cut_at_creases(snapshot: SceneSnapshot, atlas: ChartAtlas) -> ChartAtlas:
+    """The atlas with its charts cut where shading normals differ across an edge, or a wall stands; nothing moves on the pages."""
+    used = np.flatnonzero(atlas.tri_chart >= 0)
+    thing = snapshot.tri_object[used]
+    vertex = join_open_sides(snapshot.vertex_position, snapshot.tri_vertex[used], thing)
+    ends, one, other = pair_sides(vertex, atlas.tri_chart[used])
+    normal = snapshot.tri_normal[used].reshape(-1, 3)[ends]
+    smooth = ~_differ(normal[:, one], normal[:, other]).any(axis=0)
+    smooth &= ~_find_feet(snapshot.vertex_position, vertex, thing)[one]
+    facet = join_sets(len(used), one[smooth] // 3, other[smooth] // 3)
+    narrow = _find_narrow(atlas.tri_uv[used], facet, np.stack([one, other]), smooth)[facet]
+    one, other = one // 3, other // 3
+    joined = smooth | (narrow[one] & narrow[other])
+    _, first, label = np.unique(join_sets(len(used), one[joined], other[joined]), return_index=True, return_inverse=True)
+    tri_chart = np.full(len(atlas.tri_chart), -1, np.int32)
+    tri_chart[used] = label.ravel()
+    whole = atlas.tri_chart[used[first]]
+    return dataclasses.replace(atlas, tri_chart=tri_chart, chart_page=atlas.chart_page[whole], chart_object=atlas.chart_object[whole])
+
+
+def _find_feet(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_object: IntArray) -> NDArray[np.bool_]:
+    """(3 n,) bool: sides of triangles at edges from which surfaces of one object go off in three directions or more; no triangle is without
+    an area.
+
+    vertex_position   (n_vertex, 3) float64, m
+    tri_vertex        (n, 3) int            as topology.join_open_sides has them
+    tri_object        (n,) int
+    """
+    ends, one, other = pair_sides(tri_vertex, tri_object)
+    crowded = find_groups_with_twins(vertex_position, tri_vertex, tri_object)
+    leads = np.zeros(ends.shape[1], bool)
+    leads[one] = True
+    crowded[tri_object[other[leads[other]] // 3]] = True  # those between two others of their edge
+    side = np.flatnonzero(np.repeat(crowded[tri_object], 3))
+    foot = np.zeros(ends.shape[1], bool)
+    if len(side):
+        start, end = find_ends(vertex_position, tri_vertex.ravel()[ends[:, side]])
+        # Numbers are sorted several times faster than rows of three.
+        place = np.unique(start * len(vertex_position) + end, return_inverse=True)[1].ravel()
+        edge = np.unique(place * (int(tri_object.max()) + 1) + tri_object[side // 3], return_inverse=True)[1].ravel()
+        foot[side] = _fork(edge, _point_off(vertex_position[tri_vertex[side // 3]], side % 3))[edge]
+    return foot
+
+
+def _point_off(corner: NDArray[np.float64], side: IntArray) -> NDArray[np.float64]:
+    """(m, 3) float64, unit: where triangles with corners (m, 3, 3) go from their sides (m,), at a right angle to them."""
+    rows = np.arange(len(side))
+    start, end, far = (corner[rows, (side + k) % 3] for k in range(3))
+    along = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
+    off = far - start
+    off -= (off * along).sum(axis=1)[:, None] * along
+    unit: NDArray[np.float64] = off / np.linalg.norm(off, axis=1)[:, None]
+    return unit
+
+
+def _fork(edge: IntArray, direction: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n_edge,) bool: whether directions (m, 3) of sides differ thrice at edges (m,), numbers without a gap."""
+    count = np.bincount(edge)
+    first = np.unique(edge, return_index=True)[1]
+    cosine = (direction * direction[first[edge]]).sum(axis=1)
+    least = np.lexsort((cosine, edge))[np.cumsum(count) - count]  # what differs most from the first of its edge
+    differs = (cosine < _CREASE_COSINE) & ((direction * direction[least[edge]]).sum(axis=1) < _CREASE_COSINE)
+    fork: NDArray[np.bool_] = np.bincount(edge, differs, len(count)) > 0
+    return fork
+
+
+def _differ(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
+    """(2, m) bool: whether normals (2, m, 3) are of a crease; a face without a normal has none."""
+    told = one.any(axis=-1) & other.any(axis=-1)
+    differ: NDArray[np.bool_] = told & ((one * other).sum(axis=-1) < _CREASE_COSINE)
+    return differ
+
+
+def _find_narrow(tri_uv: FloatArray, facet: IntArray, pair: IntArray, smooth: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n,) bool: whether facets are of a rough surface.
+
+    tri_uv   (n, 3, 2) float64, texels
+    facet    (n,) int64, below n: of each triangle
+    pair     (2, m) int64, sides that lie together, side 3 i + k from corner k of triangle i on
+    smooth   (m,) bool: within a facet; elsewhere a crease
+    """
+    length = np.linalg.norm(np.roll(tri_uv, -1, axis=1) - tri_uv, axis=2).ravel()
+    outer = length.copy()
+    outer[pair[:, smooth]] = 0.0
+    around = np.bincount(np.repeat(facet, 3), outer, minlength=len(facet))
+    area = np.bincount(facet, np.abs(signed_areas(tri_uv)), minlength=len(facet))
+    # The side of a square, twice the width of a long strip.
+    width = np.divide(4.0 * area, around, out=np.zeros(len(facet)), where=around > 0.0)
+    narrow = width < _LEAST_WIDTH
+    crease = pair[:, ~smooth]
+    here, there = np.concatenate([crease, crease[::-1]], axis=1)
+    beside = narrow[facet[there // 3]]
+    among = np.bincount(facet[here[beside] // 3], length[here[beside]], minlength=len(facet))
+    lost: NDArray[np.bool_] = narrow | ((width < _LOST_WIDTH) & (among > 0.5 * around))
+    return lost

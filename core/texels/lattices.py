@@ -1,0 +1,57 @@
+"""Where grain is smoothed: on all texels of a page, and where quads err as one, on one texel of each of these."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import IntArray
+from .quads import find_whole_quads, list_texels
+from .texel_map import TexelMap
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Texels of a page, or every second of them each way.
+
+    grainy     (m,) int64: entries that are to be smoothed
+    xy         (m, 2) int: their columns and rows
+    entry_at   (h, w) int32, -1 where no chart covers the texel
+    may        (n,) bool: entries that may be smoothed beside them; None is all
+    of_quads   each entry that may be stands for its quad
+    """
+
+    grainy: NDArray[np.int64]
+    xy: IntArray
+    entry_at: NDArray[np.int32]
+    may: NDArray[np.bool_] | None
+    of_quads: bool
+
+
+def list_lattices(grainy: NDArray[np.bool_], texels: TexelMap, by_quads: NDArray[np.bool_] | None = None) -> Iterator[Lattice]:
+    """Those on which grain is smoothed; arguments as of denoise.begin_denoising.
+
+    Charts begin anywhere, so that the quads of a page may be on any of four lattices; each also meets every other quad once. So light goes
+    over between quads and texels beside them, which are smoothed by all texels.
+    """
+    entries, first = np.flatnonzero(grainy), np.zeros(0, np.int64)
+    is_first = is_single = None
+    if by_quads is not None:
+        whole = find_whole_quads(by_quads, texels.texel_code)
+        is_first, is_single = np.zeros(len(texels), bool), np.ones(len(texels), bool)
+        is_first[whole], is_single[list_texels(whole)] = True, False
+        first = whole[grainy[whole]]
+    page, page_of_first = texels.page_of(entries), texels.page_of(first)
+    for number, entry_at in enumerate(texels.entry_at if len(entries) else ()):
+        some = entries[page == number]
+        yield Lattice(some, texels.texel_xy[some], entry_at, is_single, False)
+        some = first[page_of_first == number]
+        xy = texels.texel_xy[some]
+        for column, row in product((0, 1), (0, 1)):
+            rows = np.flatnonzero((xy & 1 == (column, row)).all(axis=1))
+            if len(rows):
+                yield Lattice(some[rows], xy[rows] >> 1, entry_at[row::2, column::2], is_first, True)

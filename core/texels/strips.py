@@ -1,0 +1,109 @@
+"""A page cut into strips around the texels that something is to be done to: little of a large page, in arrays that fit a core's cache."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import IntArray
+from ..util.coverage import expand_ranges
+
+_WIDTHS = (16, 32, 64, 128, 256)  # texels, of the strips that a page may be cut into: narrow ones for contacts, wide ones for all of a page
+_HEIGHT = 128  # texels, of the largest
+# Texels of strips that are worked on at once. Of a quarter of them numpy's calls would take a third of the time; twice as many leave the
+# cache, and are too few parts for two cores.
+_TOGETHER = 1 << 15
+
+
+@dataclass(frozen=True)
+class Strips:
+    """Strips of a page that hold all texels to work on, each with a halo.
+
+    entry_at         (h, w) int32, -1 where no chart covers the texel
+    halo             texels
+    wanted           (h, w2) bool: what is worked on; w2 >= w is a multiple of a strip's width
+    left, low        (m,) int64: the corner of each strip within its halo
+    height           (m,) int64, of each strip, and width of all, with their halo
+    """
+
+    entry_at: NDArray[np.int32]
+    halo: int
+    wanted: NDArray[np.bool_]
+    left: NDArray[np.int64]
+    low: NDArray[np.int64]
+    height: NDArray[np.int64]
+    width: int
+
+    @classmethod
+    def of(
+        cls,
+        grainy: NDArray[np.int64],
+        xy: IntArray,
+        entry_at: NDArray[np.int32],
+        radius: int,
+        halo: int,
+        may: NDArray[np.bool_] | None = None,
+    ) -> Strips:
+        """Those around texels within a grainy one's window: their own variance may be small by chance, and as it takes from them they are
+        to take from it, so that no light is lost.
+
+        grainy   (m,) int64: entries of the page
+        xy       (m, 2) int: their columns and rows in entry_at
+        radius   texels, of a window
+        halo     texels around a strip that those within it are told by
+        may      (n,) bool: entries that are worked on if they are near; None is all
+        """
+        (x, y), (height, width) = xy.T, entry_at.shape
+        shown = entry_at[y, x] == grainy
+        wanted = np.zeros((height, -(-width // max(_WIDTHS)) * max(_WIDTHS)), bool)
+        wanted[y[shown], x[shown]] = True
+        _widen(wanted, radius)
+        wanted[:, width:] = False
+        near = wanted[:, :width]
+        near &= entry_at >= 0
+        if may is not None:
+            near[near] = may[entry_at[near]]
+        cuts = (cls(entry_at, halo, wanted, *_find_strips(wanted, width, halo), width + 2 * halo) for width in _WIDTHS)
+        return min(cuts, key=lambda strips: strips.width * int(strips.height.sum()))
+
+    def groups(self) -> list[NDArray[np.int64]]:
+        """Strips that are worked on together."""
+        together = np.cumsum(self.height) * self.width // _TOGETHER
+        return np.split(np.arange(len(self.height)), np.flatnonzero(np.diff(together)) + 1) if len(together) else []
+
+    def stack(self, some: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+        """Entries of some strips above each other, and what of them is wanted, without a halo around all."""
+        (rows, columns), halo = self.entry_at.shape, self.halo
+        height = self.height[some]
+        owner, step = expand_ranges(np.zeros_like(height), height)
+        left = self.left[some][owner][:, None]
+        row, column = (self.low[some][owner] + step - halo)[:, None], left + np.arange(-halo, self.width - halo)
+        on_page = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        row = np.clip(row, 0, rows - 1)
+        entry = np.where(on_page, self.entry_at[row, np.clip(column, 0, columns - 1)], np.int32(-1))
+        inner = (step >= halo) & (step < height[owner] - halo)
+        wanted = self.wanted[row, left + np.arange(self.width - 2 * halo)] & inner[:, None]
+        return entry, wanted[halo:-halo]
+
+
+def _find_strips(wanted: NDArray[np.bool_], width: int, halo: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Left and low ends of strips, and heights with a halo: all that is wanted (h, w) lies in one."""
+    eight = wanted.view(np.uint64) != 0  # eight texels at once
+    strip, row = np.nonzero(eight.reshape(len(wanted), -1, width // 8).any(axis=2).T)
+    # Rows that are apart by less than two halos are cheaper in one strip.
+    apart = (np.diff(strip) > 0) | (np.diff(row) > 2 * halo) | (np.diff(row // _HEIGHT) > 0)
+    first = np.flatnonzero(np.append(True, apart)[: len(row)])
+    last = np.append(first[1:], len(row))[: len(first)] - 1
+    return strip[first] * width, row[first], row[last] - row[first] + 1 + 2 * halo
+
+
+def _widen(image: NDArray[np.bool_], radius: int) -> None:
+    """Sets what lies within a square of side 2 * radius + 1 about what is set."""
+    for axis in (0, 1):
+        narrow = image.copy()  # of both in the order in which they lie: along columns that is twenty times as fast
+        for step in range(1, radius + 1):
+            ahead, behind = ((slice(None),) * axis + (part,) for part in (slice(step, None), slice(None, -step)))
+            image[ahead] |= narrow[behind]
+            image[behind] |= narrow[ahead]

@@ -1,0 +1,114 @@
+"""Where texels look: at a square on one triangle each, or at pieces of the triangles that their chart has there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import FloatArray, IntArray
+from ..util.coverage import Float64, Int32, Int64
+
+_ROUNDING = 1e-9  # weight of a corner below 0 that is still on the triangle
+
+
+@dataclass(frozen=True)
+class TexelLooks:
+    """Where n texels look. Elements are their squares, then the m pieces of those that have no square; a place in an element is
+    linear in two numbers.
+
+    tri      (n + m,) int32         triangle of each element; of a texel with pieces the one that its representative point is on
+    weight   (3, 2, n + m) float32  weights of the triangle's corners 1 and 2: at the element's origin, and what its two axes add
+    part     (n,) int64             number of a texel that has pieces; -1 of one that has its square
+    first    (p + 1,) int64         pieces of part i are first[i]:first[i + 1], from the first piece on
+    after    (m,) float64           i, and the share of part i that its pieces have up to this one
+    """
+
+    tri: Int32
+    weight: NDArray[np.float32]
+    part: Int64
+    first: Int64
+    after: Float64
+
+    @classmethod
+    def of_squares(cls, tri: IntArray, weight: FloatArray) -> TexelLooks:
+        """Texels that have a square each; arguments as the fields."""
+        return cls(tri.astype(np.int32), weight.astype(np.float32), np.full(len(tri), -1), np.zeros(1, np.int64), np.zeros(0))
+
+    def with_pieces(self, rows: IntArray, owner: Int64, tri: IntArray, weight: FloatArray, share: Float64) -> TexelLooks:
+        """These squares, but for the texels `rows` (p,), which have pieces instead.
+
+        owner    (m,) int64, ascending: which of the rows; each has one piece at least
+        tri      (m,) int
+        weight   (3, 2, m) float    at one corner of the piece, and from there to the other two
+        share    (m,) float64, > 0
+        """
+        part = np.full(len(self.part), -1)
+        part[rows] = np.arange(len(rows))
+        after = np.cumsum(share / np.bincount(owner, share, minlength=len(rows))[owner])
+        first = np.searchsorted(owner, np.arange(len(rows) + 1))
+        weights = np.concatenate([self.weight, weight.astype(np.float32)], axis=2)
+        return TexelLooks(np.concatenate([self.tri, tri.astype(np.int32)]), weights, part, first, after)
+
+    def __len__(self) -> int:
+        return len(self.part)
+
+    def choose(self, part: Int64, point: FloatArray) -> tuple[Int64, Float64, Float64]:
+        """Points of the unit square carried over to pieces, uniform over each part.
+
+        part    (m,) int64
+        point   (k, m, 2) float in [0, 1)
+        out     (k, m) int64 element, and (k, m) float64 twice: how far along its axes
+        """
+        # Cumulative shares rise by one from part to part, so that one search serves all of them.
+        target = point[..., 0] + part
+        piece = np.clip(np.searchsorted(self.after, target, side="right"), self.first[part], self.first[part + 1] - 1)
+        before = (piece > 0) * self.after[piece - 1]
+        # Source: Turk 1990, "Generating random points in triangles"; what is left of the first number is used again.
+        root = np.sqrt(np.clip((target - before) / (self.after[piece] - before), 0.0, 1.0))
+        second = root * point[..., 1]
+        return piece + len(self), root - second, second
+
+    def points(self, point: FloatArray) -> tuple[Int32, NDArray[np.float32]]:
+        """Points of the unit square carried over to every texel: (k, n) int32 triangles and (k, n, 2) float32 weights of corners 1 and 2.
+
+        point   (k, n, 2) or (k, 1, 2) float in [0, 1)
+        """
+        count = len(self)
+        point = np.broadcast_to(point, (len(point), count, 2)).astype(np.float64)
+        tri = np.broadcast_to(self.tri[:count], point.shape[:2]).copy()
+        weight = self._interpolate(np.arange(count)[None], point[..., 0], point[..., 1])
+        rows = np.flatnonzero(self.part >= 0)
+        if len(rows):
+            element, *along = self.choose(self.part[rows], point[:, rows])
+            tri[:, rows], weight[:, :, rows] = self.tri[element], self._interpolate(element, *along)
+        return tri, np.moveaxis(weight, 0, -1)
+
+    def _interpolate(self, element: Int64, a: Float64, b: Float64) -> NDArray[np.float32]:
+        """(2, k, m) float32: weights at places of elements (1 or k, m); rows, since who interpolates by them reads each by itself."""
+        origin, along_a, along_b = self.weight[:, :, element]
+        out: NDArray[np.float32] = (origin + a * along_a + b * along_b).astype(np.float32)
+        return out
+
+
+def centred_strata(count: int) -> Float64:
+    """Centres of count = n * n equal cells of the unit square, for `TexelLooks.points`.
+
+    out   (count, 1, 2) float64
+    """
+    side = round(count**0.5)
+    if side * side != count or not count:
+        raise ValueError(f"count: expected a square number, got {count}")
+    line = (np.arange(side) + 0.5) / side
+    strata: Float64 = np.stack(np.meshgrid(line, line), axis=-1).reshape(count, 1, 2)
+    return strata
+
+
+def are_inside(weight: Float64) -> NDArray[np.bool_]:
+    """(m,) bool: whether squares lie wholly on their triangles; weight (3, 2, m) as in TexelLooks."""
+    inside = np.ones(weight.shape[2], bool)
+    for a, b in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        u, v = weight[0] + a * weight[1] + b * weight[2]
+        inside &= np.minimum(np.minimum(u, v), 1.0 - u - v) >= -_ROUNDING
+    return inside

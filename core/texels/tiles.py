@@ -1,0 +1,155 @@
+"""Squares of texels, all of them covered, within which light that changes slowly can be told by few of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import IntArray
+from ..util.coverage import CHUNK_SIZE, Float64, Int64
+from .texel_grid import interleave_bits, part_bits
+
+_SIDE_BITS = 3
+TILE_SIDE = 1 << _SIDE_BITS
+TILE_TEXELS = TILE_SIDE**2
+TILE_LINES = (0, 3, 7)  # columns and rows of a tile whose crossings tell of all its texels
+_PLACE_BITS = 14  # of a tile's column or row in a page
+_SMOOTHED = 4.0  # how many times smoothing over like neighbours, 81 at most, makes an error less, with much to spare; measured
+# ... and how many times more where light is even but for its noise. Its variance over a tile may then be up to this share of the noise's:
+# in a plane a texel and the edge of the window around it then differ by no more than one of them errs.
+_GENTLE, _ALL_ALIKE = 2.0, 1.0 / 3.0
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """Tiles among some texels.
+
+    start   (m,) int64      rows of their first texels; the others follow in Morton order
+    place   (m, 3) int64    chart, column and row: those next to each other differ by one
+    """
+
+    start: Int64
+    place: Int64
+
+    @classmethod
+    def none(cls) -> Tiles:
+        return cls(np.zeros(0, np.int64), np.zeros((0, 3), np.int64))
+
+    @classmethod
+    def of(cls, chart: IntArray, code: IntArray) -> Tiles:
+        """Those among texels of charts (n,) with Morton codes (n,), both ascending."""
+        first = find_tiles(chart, code)
+        x, y = part_bits(code[first] >> 2 * _SIDE_BITS)
+        return cls(first, np.stack([chart[first].astype(np.int64), x, y], axis=1))
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    def within(self, rows: IntArray) -> Tiles:
+        """Those all of whose texels are among `rows` (k,), ascending, numbered as these."""
+        at, end = np.searchsorted(rows, self.start), np.searchsorted(rows, self.start + TILE_TEXELS)
+        whole = end - at == TILE_TEXELS
+        return Tiles(at[whole], self.place[whole])
+
+    def without(self, texels: NDArray[np.bool_]) -> Tiles:
+        """Those that have none of some texels; (n,) of all."""
+        free = ~texels[self.texels()].any(axis=1) if texels.any() else np.ones(len(self), bool)
+        return Tiles(self.start[free], self.place[free])
+
+    def on_one_triangle(self, tri: IntArray) -> Tiles:
+        """Those whose texels all have one triangle; tri (n,) of the texels."""
+        changes = np.flatnonzero(tri[1:] != tri[:-1]) + 1
+        same = np.searchsorted(changes, self.start, side="right") == np.searchsorted(changes, self.start + TILE_TEXELS)
+        return Tiles(self.start[same], self.place[same])
+
+    def texels(self) -> Int64:
+        """(m, 64) int64: rows of the tiles' texels."""
+        return self.start[:, None] + np.arange(TILE_TEXELS)
+
+    def near(self, marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(m,) bool: marked, or beside or aslant of one that is."""
+        key = (self.place[:, 0] << 2 * _PLACE_BITS) + (self.place[:, 2] << _PLACE_BITS) + self.place[:, 1]
+        wanted = np.sort(key[marked])
+        out = marked.copy()
+        if len(wanted):
+            for dy in (-1, 0, 1):
+                for dx in (-1, 0, 1):
+                    other = key + (dy << _PLACE_BITS) + dx
+                    out |= wanted[np.minimum(np.searchsorted(wanted, other), len(wanted) - 1)] == other
+        return out
+
+
+def find_tiles(chart: IntArray, code: IntArray) -> Int64:
+    """(m,) int64: Tiles.start of Tiles.of."""
+    count = max(len(code) - TILE_TEXELS + 1, 0)
+    parts = [np.zeros(0, np.int64)]
+    for start in range(0, count, CHUNK_SIZE):
+        parts.append(start + np.flatnonzero(code[start : min(start + CHUNK_SIZE, count)] & (TILE_TEXELS - 1) == 0))
+    first = np.concatenate(parts)
+    last = first + TILE_TEXELS - 1
+    whole: Int64 = first[(code[last] == code[first] + TILE_TEXELS - 1) & (chart[last] == chart[first])]
+    return whole
+
+
+def find_calm(value: Float64, allowed: Float64, by_slope: bool = False, least: Float64 | float = 0.0) -> NDArray[np.bool_]:
+    """(k,) bool: tiles in which light changes so gently that smoothing will average the texels' noise.
+
+    Decided for whole tiles, by how far their texels are off a quadratic surface, noise and all: a texel that stopped by what
+    its own few rays say would be too bright, or too dark, on average.
+
+    value      (k, 64) float64, W/m^2, of the tiles' texels in Morton order
+    allowed    (k,) float64, W/m^2: standard error of the light as it is shown
+    by_slope   more noise is left where light changes by less than that, as on large pages: there smoothing finds more that is alike
+    least      (k,) float64, (W/m^2)^2: what a texel is off at least, squared
+    """
+    fitted, off2 = fit_surfaces(value)
+    smoothed2: Float64 | float = _SMOOTHED**2
+    if by_slope:
+        change2 = (fitted[:, 1:] ** 2).sum(axis=1) / TILE_TEXELS
+        alike2 = np.divide(_ALL_ALIKE * np.maximum(off2, 0.0), change2, out=np.full(len(off2), np.inf), where=change2 > 0.0)
+        smoothed2 = smoothed2 * np.clip(_GENTLE**2 * np.sqrt(alike2), 1.0, _GENTLE**2)
+    out: NDArray[np.bool_] = np.maximum(off2, least) <= smoothed2 * allowed**2
+    return out
+
+
+def fit_surfaces(value: Float64) -> tuple[Float64, Float64]:
+    """Quadratic surfaces nearest to values (k, 64) of tiles' texels in Morton order.
+
+    out   (k, 6) float64, of TILE_SURFACES, the mean first; and (k,) float64, what a texel is off on average, squared
+    """
+    fitted = value @ TILE_SURFACES
+    off2: Float64 = (value**2).sum(axis=1) - (fitted**2).sum(axis=1)
+    off2 /= TILE_TEXELS - TILE_SURFACES.shape[1]
+    return fitted, off2
+
+
+def _node_weights() -> Float64:
+    """(64, 9) float64: what each of TILE_NODES adds to each texel of a tile, in Morton order. Source: Lagrange's polynomials."""
+    x, y = part_bits(np.arange(TILE_TEXELS))
+    along = np.stack([np.prod([(np.arange(TILE_SIDE) - b) / (a - b) for b in TILE_LINES if b != a], axis=0) for a in TILE_LINES], axis=1)
+    out: Float64 = (along[y][:, :, None] * along[x][:, None, :]).reshape(TILE_TEXELS, -1)
+    out.flags.writeable = False
+    return out
+
+
+def _surfaces() -> Float64:
+    """(64, 6) float64: the polynomials of degree 2 at the texels of a tile, in Morton order; orthonormal."""
+    x, y = (place / (TILE_SIDE - 1) - 0.5 for place in part_bits(np.arange(TILE_TEXELS)))
+    out: Float64 = np.linalg.qr(np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1))[0]
+    out.flags.writeable = False
+    return out
+
+
+def _texels_at(x: IntArray, y: IntArray) -> Int64:
+    """(n,) int64: places in a tile's Morton order of its columns x and rows y."""
+    out = interleave_bits(x, y)
+    out.flags.writeable = False
+    return out
+
+
+TILE_SURFACES = _surfaces()
+TILE_CORNERS = _texels_at(np.array([0, TILE_SIDE - 1, 0]), np.array([0, 0, TILE_SIDE - 1]))
+TILE_NODES = _texels_at(np.tile(TILE_LINES, len(TILE_LINES)), np.repeat(TILE_LINES, len(TILE_LINES)))
+NODE_WEIGHTS = _node_weights()

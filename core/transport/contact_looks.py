@@ -1,0 +1,130 @@
+"""What texels of a scene meet along the surface and above it: looks in all ways, by whole tiles where these are clear."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.loose_parts import LooseParts
+from ..scene.rays import RayScene
+from ..texels import contact
+from ..texels.texel_borders import WAYS
+from ..texels.texel_map import TexelMap
+from ..texels.tiles import TILE_CORNERS, TILE_TEXELS, Tiles
+from ..util.arrays import IntArray
+from ..util.words import Say
+from .texel_frames import TexelFrames
+from .traced_scene import TracedScene
+
+_Int64 = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Looks:
+    """What entries meet, and patches that tile them: entries, and tiles that nothing touches.
+
+    touched    (n,) bool: whether something touches an entry
+    start      (k,) int64, ascending: first entry of each patch
+    size       (k,) int64: 1 or TILE_TEXELS entries, in Morton order
+    height     (k,) float32, texels: of another thing above patches of one entry; inf of tiles, within which none ends
+    distance   (4, k) float32, texels: to another thing, towards each of WAYS
+    """
+
+    touched: NDArray[np.bool_]
+    start: _Int64
+    size: _Int64
+    height: NDArray[np.float32]
+    distance: NDArray[np.float32]
+
+    @classmethod
+    def join(cls, parts: Sequence[Looks], say: Say) -> Looks:
+        """Those of all entries, of parts that follow each other; say is told the share of the work that is done."""
+        names = [field.name for field in fields(cls)]
+        joined = []
+        for k, name in enumerate(names):
+            say(k / len(names))
+            joined.append(np.concatenate([getattr(part, name) for part in parts], axis=-1))
+        return cls(*joined)
+
+    def of_patches(self, rows: IntArray) -> Looks:
+        """Those of some patches (j,), ascending, and whether all entries are touched."""
+        return Looks(self.touched, self.start[rows], self.size[rows], self.height[rows], self.distance[:, rows])
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Where looks begin, and what they may meet."""
+
+    rays: RayScene
+    frames: TexelFrames
+    things: LooseParts
+
+    @classmethod
+    def of(cls, opened: TracedScene, texels: TexelMap) -> Surroundings:
+        return cls(opened.scene.rays, TexelFrames.of(opened, texels), LooseParts(opened.snapshot))
+
+    def look(self, part: slice) -> Looks:
+        """What a chunk of entries meets."""
+        frames, things = self.frames, self.things
+        tiles = self._find_clear_tiles(part) - part.start
+        leads = np.ones(part.stop - part.start, bool)
+        leads[tiles[:, None] + np.arange(1, TILE_TEXELS)] = False
+        start = np.flatnonzero(leads)
+        size = np.ones(len(start), np.int64)
+        size[np.searchsorted(start, tiles)] = TILE_TEXELS
+        single = np.flatnonzero(size == 1)
+        rows = start[single]
+        entry = part.start + rows
+        places, tri = frames.find_places(entry), frames.texels.texel_tri[entry]
+        met, single_distance = contact.find_contacts(self.rays, *places, frames.find_axes(entry))
+        touched = np.zeros(len(leads), bool)
+        touched[rows] = (met >= 0).any(axis=0)
+        way, row = np.nonzero(met >= 0)
+        own = ~things.are_apart(met[way, row], tri[row])  # a rough or hollow thing stands in its own way
+        single_distance[way[own], row[own]] = np.inf
+        distance = np.full((len(WAYS), len(start)), np.inf, np.float32)
+        distance[:, single] = single_distance
+        cover, above = contact.find_covers(self.rays, *places)
+        row = np.flatnonzero(cover >= 0)
+        row = row[things.are_apart(cover[row], tri[row])]
+        height = np.full(len(start), np.inf, np.float32)
+        height[single[row]] = above[row]
+        return Looks(touched, part.start + start, size, height, distance)
+
+    def _find_clear_tiles(self, part: slice) -> _Int64:
+        """(m,) int64: first entries of the tiles within `part` that nothing touches."""
+        texels = self.frames.texels
+        tiles = Tiles.of(texels.texel_chart[part], texels.texel_code[part]).on_one_triangle(texels.texel_tri[part])
+        first = part.start + tiles.start
+        first = first[np.searchsorted(texels.part_entry, first) == np.searchsorted(texels.part_entry, first + TILE_TEXELS)]
+        corner = first + TILE_CORNERS[:, None]
+        position, normal, size = self.frames.find_places(corner.ravel())
+        n_tile = len(first)
+        clear = contact.find_clear_tiles(self.rays, position.reshape(3, n_tile, 3), normal[:n_tile], size[:n_tile])
+        clear_tiles: _Int64 = first[clear]
+        return clear_tiles
+
+    def are_parted(self, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
+        """(m,) bool: whether another thing stands between the points of texel entries (m,) and (m,)."""
+        frames = self.frames
+        pairs = np.stack([one, other])
+        is_asked, place = np.zeros(len(frames.texels), bool), np.empty(len(frames.texels), np.int64)
+        is_asked[pairs] = True
+        entry = np.flatnonzero(is_asked)
+        place[entry] = np.arange(len(entry))
+        met = contact.find_between(self.rays, *frames.find_places(entry), place[pairs])
+        parted = met >= 0
+        parted[parted] = self.things.are_apart(met[parted], frames.texels.texel_tri[one[parted]])
+        return parted
+
+    def find_ends(self, is_below: NDArray[np.bool_], one: IntArray, other: IntArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """(m,) twice, texels: from the points of entries (m,) and (m,) to the edge of what lies on the first, where is_below (m,), else
+        on the other.
+        """
+        (position, normal, size), (beside, _, _) = self.frames.find_places(one), self.frames.find_places(other)
+        low, high = (np.where(is_below[:, None], *ends) for ends in ((position, beside), (beside, position)))
+        share = contact.find_cover_edges(self.rays, low, high, normal, size)
+        return np.where(is_below, share, 1 - share), np.where(is_below, 1 - share, share)

@@ -1,0 +1,66 @@
+"""Contacts looked for by all processes of a machine, some charts each: none goes over from one chart to another."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from ..parallel import executors, shared_arrays
+from ..parallel.folders import TEXELS_FOLDER
+from ..texels.texel_map import TexelMap
+from ..util.coverage import Int64
+from ..util.words import Watch, unwatched
+from .contact_map import LOOKING, ContactMap, find_contacts, find_in_charts
+from .traced_scene import TracedScene
+
+_LEAST = 1 << 14  # entries of a part: of fewer, what another process opens and hands over takes nearly as long as to look
+_MOST = 1 << 20  # the same: whoever wants no more is heard between them
+_MOST_UNEVEN = 0.75  # share of the largest part: where one chart has nearly all entries, threads share it
+_FOUND = 0.7  # share of LOOKING that ends with find_contacts
+
+
+def search_contacts(
+    folder: Path, opened: TracedScene, texels: TexelMap, executor: Executor, threads: int, watch: Watch = unwatched
+) -> ContactMap:
+    """contact_map.find_contacts, to the same bytes for any number of processes; by threads where there is little to do, or no other process
+    that would begin at once.
+
+    folder    of workers.open_scene, where the map is laid out for the others: it must be saved anew once it has been cut
+    threads   so many
+    """
+    first, *others = split_at_charts(texels.chart_start, executors.count_idle(executor))
+    if not others:
+        return find_contacts(opened, texels, threads, watch)
+    shared_arrays.save_struct(folder / TEXELS_FOLDER, texels)
+    found = executors.spread(executor, find_in_charts, ((str(folder), part.start, part.stop) for part in others))
+    own_share = first.stop / len(texels)
+    own = find_contacts(opened, texels, 1, lambda said, share, about: watch(said, own_share * share, about), first)
+
+    def tell_of() -> Iterator[ContactMap]:
+        for part, one in zip(others, found, strict=True):
+            yield one
+            watch(LOOKING, _FOUND * part.stop / len(texels), "")
+
+    return ContactMap.join([own, *tell_of()])
+
+
+def split_at_charts(chart_start: Int64, processes: int) -> list[slice]:
+    """Parts of all entries, whole charts each, about as large for each process; one part where that would not pay.
+
+    chart_start   (n_chart + 1,) int64, as TexelMap has it
+    """
+    count = int(chart_start[-1])
+    parts = min(processes * max(-(-count // (processes * _MOST)), 1), count // _LEAST)
+    if processes == 1 or parts < 2:
+        return [slice(0, count)]
+    even = np.arange(1, parts) * count // parts
+    after = np.searchsorted(chart_start, even)
+    low, high = chart_start[after - 1], chart_start[after]
+    ends = np.unique([0, *np.where(high - even <= even - low, high, low).tolist(), count])
+    if np.diff(ends).max() > _MOST_UNEVEN * count:
+        return [slice(0, count)]
+    return [slice(*part) for part in pairwise(ends.tolist())]

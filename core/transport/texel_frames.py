@@ -1,0 +1,68 @@
+"""Where texels lie in the scene and how they are turned; what is alike on all of a triangle is worked out once for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..texels.contact import texel_axes
+from ..texels.texel_map import TexelMap
+from ..util.arrays import IntArray
+from ..util.coverage import Float64, Int32
+from ..util.geometry import UnitBox, gather
+from .traced_scene import TracedScene
+
+
+@dataclass(frozen=True)
+class TexelFrames:
+    """Of the k triangles that texels have.
+
+    row       (n_tri,) int32              of each triangle in the fields below; any of one that no texel has
+    corner    (9, k) float64, m           x, y, z of corner 0, of corner 1 and of corner 2
+    normal    (3, k) float32              geometric, unit
+    side      (k,) float64, unit box      of a texel on the surface
+    axes      (2, 3, k) float32, unit     the ways of growing columns and rows, see contact.texel_axes
+    """
+
+    texels: TexelMap
+    unit_box: UnitBox
+    row: Int32
+    corner: Float64
+    normal: NDArray[np.float32]
+    side: Float64
+    axes: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, opened: TracedScene, texels: TexelMap) -> TexelFrames:
+        has_texels = np.zeros(opened.snapshot.n_tri, bool)
+        has_texels[texels.texel_tri] = True
+        tri = np.flatnonzero(has_texels)
+        corner, normal = opened.snapshot.tri_position[tri], opened.scene.tri_normal[:, tri]
+        return cls(
+            texels,
+            opened.unit_box,
+            (np.cumsum(has_texels) - 1).astype(np.int32),
+            np.ascontiguousarray(corner.reshape(-1, 9).T),
+            normal,
+            np.sqrt(texels.tri_density[tri]) * opened.unit_box.scale,
+            np.ascontiguousarray(texel_axes(corner, texels.tri_uv[tri], normal.T).transpose(0, 2, 1)),
+        )
+
+    def find_places(self, entry: IntArray) -> tuple[NDArray[np.float32], NDArray[np.float32], Float64]:
+        """Positions (m, 3), unit box, normals (m, 3) and sides (m,), unit box, of texel entries (m,)."""
+        row = self._rows(entry)
+        weight = self.texels.bary_at(entry).T
+        corner = gather(self.corner, row).reshape(3, 3, -1)
+        position_m = weight[0] * corner[0]
+        position_m += weight[1] * corner[1]
+        position_m += weight[2] * corner[2]
+        return self.unit_box.to_unit(position_m.T), gather(self.normal, row).T, gather(self.side, row)
+
+    def find_axes(self, entry: IntArray) -> NDArray[np.float32]:
+        """(2, m, 3) float32, unit: axes of texel entries (m,)."""
+        return gather(self.axes, self._rows(entry)).transpose(0, 2, 1)
+
+    def _rows(self, entry: IntArray) -> Int32:
+        return gather(self.row, gather(self.texels.texel_tri, entry))
