@@ -12,6 +12,7 @@ from .brightness import weigh_channels
 from .coverage import as_slice
 from .direct_choice import Demand, Span
 from .direct_crowd import LampCrowd, RestOfCrowd
+from .direct_environment import EnvironmentLight
 from .direct_lights import Source, WorldSource
 from .direct_openings import Openings
 from .direct_points import (
@@ -28,7 +29,8 @@ from .direct_pool import EmitterPool
 from .direct_sources import make_lamps, make_suns, make_triangle_sources, make_world
 from .direct_tally import Tally
 from .direct_tiles import look_from_tiles
-from .emitters import EmittingMeshes
+from .emitters import EmittingMeshes, usable_environment
+from .environment_table import EnvironmentTable
 from .geometry import UnitBox
 from .lights import Float64
 from .materials import SurfaceMaterials
@@ -52,6 +54,7 @@ class DirectScene:
     crowd: LampCrowd | None
     pool: EmitterPool | None
     tri_two_sided: NDArray[np.bool_]
+    environment: EnvironmentTable | None = None
 
     @classmethod
     def of(
@@ -70,7 +73,9 @@ class DirectScene:
         else:
             pool = EmitterPool.of(groups, receiving, unit_box.scale, surfaces, sealed)
         two_sided = np.array([scene_object.two_sided for scene_object in snapshot.objects], bool)
-        return cls(rays, receiving, tuple(sources), crowd, pool, two_sided[snapshot.tri_object])
+        sky = usable_environment(snapshot)
+        table = None if sky is None else EnvironmentTable.of(sky)
+        return cls(rays, receiving, tuple(sources), crowd, pool, two_sided[snapshot.tri_object], table)
 
 
 @dataclass(frozen=True)
@@ -144,6 +149,8 @@ def direct_irradiance(
             variance[into] += error
             for few in looking.openings:
                 by_openings[rows[few.rows]] = True
+            if looking.sky is not None:
+                by_openings[rows[looking.sky.few]] = True
             out.count(looking.counters)
     return out
 
@@ -153,7 +160,8 @@ class _LookingChunk:
 
     beside     (n,) float32, W/m^2: other light of its texels
     counters   of DirectLight
-    openings   by which some of them see the sky
+    openings   by which some of them see a uniform sky
+    sky        the light of an environment, once it is looked at
     """
 
     def __init__(
@@ -163,6 +171,7 @@ class _LookingChunk:
         self._shared, self._variance = np.zeros((2, len(chunk), 3))  # of light that flat tiles are sure of, and then of all
         self._tallies: list[Tally] = []
         self.openings: list[Openings] = []
+        self.sky: EnvironmentLight | None = None
         self.counters = dict.fromkeys(_COUNTERS, 0)
 
     def find_light(self) -> tuple[Float64, Float64]:
@@ -178,7 +187,10 @@ class _LookingChunk:
             self.counters["out_of_reach"] += int((~tally.in_reach).sum())
             light += tally.light(len(self._chunk))
         found = np.zeros_like(light)
-        for many in (rest, self._scene.pool, *self.openings):
+        if self._scene.environment is not None:
+            self.sky = EnvironmentLight(self._scene.environment, self._scene.rays, self._chunk, self._rng)
+            self.counters["rays"] += self.sky.rays
+        for many in (rest, self._scene.pool, self.sky, *self.openings):
             if many is not None:
                 base = light + found + self._beside[:, None]
                 by_many, error, traced = many.irradiance(self._scene.rays, self._chunk, self._demand, base, self._rng)

@@ -15,7 +15,7 @@ import numpy as np
 
 from . import executors, workers
 from .direct import DirectLight
-from .emitters import usable_world
+from .emitters import usable_environment, usable_world
 from .judged import DARK_FLOOR, choose_sample
 from .scene import IntArray
 from .settings import Settings
@@ -68,7 +68,8 @@ def find_dark(settings: Settings, brightness: float) -> float:
 
 def is_below_sky(folder: str) -> bool:
     """Whether there is a sky, of which alone somebody asks how bright all is."""
-    return bool(usable_world(workers.open_tracing(folder).snapshot).any())
+    snapshot = workers.open_tracing(folder).snapshot
+    return bool(usable_world(snapshot).any()) or usable_environment(snapshot) is not None
 
 
 def glance(shard: workers.DirectShard) -> float:

@@ -38,6 +38,10 @@ TRACE = {
     "core.direct",
     "core.direct_choice",
     "core.direct_crowd",
+    "core.direct_environment",
+    "core.environment",
+    "core.environment_table",
+    "core.sphere_map",
     "core.direct_lights",
     "core.direct_openings",
     "core.direct_peaks",
@@ -79,7 +83,10 @@ NAMES_THE_PACKAGE = {"addon.boot"}
 
 # Core modules whose tests are not in tests/unit/test_<module>.py.
 TEST_HOME: dict[str, str] = {
+    "core.direct_environment": "tests/unit/test_environment.py",
+    "core.environment_table": "tests/unit/test_environment.py",
     "core.light_field": "tests/unit/test_solve.py",
+    "core.sphere_map": "tests/unit/test_environment.py",
     "core.texel_map": "tests/unit/test_texels.py",
     "core.xatlas_process": "tests/unit/test_unfolding.py",
 }
