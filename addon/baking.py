@@ -15,12 +15,14 @@ import bpy
 
 from ..core.messages import Done, Error
 from ..core.told import group_warnings
-from . import live, session
+from . import live, preferences, session, sound
 from .arguments import BakeRequest
 from .bake_state import BakeState
 from .job import BakeProcess
+from .layout import mark_result
+from .panel_parts import describe_plan
 from .redraw import redraw
-from .request import find_mode_error, make_request
+from .request import find_mode_error, find_output_error, make_request
 
 _TIMER_SECONDS = 0.1
 _FIRST_TIMER_SECONDS = 0.02  # until there is light: whoever has pressed Bake waits for it
@@ -50,6 +52,10 @@ class Baking:
     def poll(cls, context: bpy.types.Context) -> bool:
         if get_state(context).running:
             cls.poll_message_set("A bake is running")
+            return False
+        error = find_output_error(context.scene.leaflight.output)
+        if error:
+            cls.poll_message_set(error)
             return False
         return True  # also in Edit Mode: what is the matter is told in words, not by a grey button
 
@@ -139,6 +145,7 @@ class Baking:
             self._ended = state.begin_kept(session.tell_kept(self._session), began, warnings, self._scene_uid)
         else:
             state.begin(process, began, warnings, self._session.request.settings.error, self._scene_uid)
+            state.plan = describe_plan(context, len(self._session.export.objects))
         return True
 
     def _finish(self, context: bpy.types.Context, ended: Done | Error) -> set[str]:
@@ -159,6 +166,11 @@ class Baking:
             state.end(error, result)
             self._live.take_off()
             self._clean_up(context)
+        scene = self._find_scene()
+        if result is not None and scene is not None:
+            mark_result(scene, state.worn[self._scene_uid])
+            if context.window is not None and preferences.wants(context, "sound"):
+                sound.play_tones()
         if error:
             self.report({"ERROR"}, error)
         if result is None:

@@ -11,6 +11,7 @@ from typing import Any
 from ..core.messages import Done, Error, Message, Preview, Progress, Status, Warning_
 
 _NAMED = 3  # files in one line
+_MATTERS = 0.005  # more error than the whole's, for an object to be named
 _ENDS = {  # LightField.stopped_by -> where it ended, and what to raise
     "max_photons": ("--max-photons", "--max-photons or --error"),
     "time_limit": ("--time-limit", "--time-limit or --error"),
@@ -53,13 +54,23 @@ def describe_miss(stopped_by: str, error: float, asked: float) -> str:
 
 def describe_error(result: dict[str, Any]) -> list[str]:
     """Lines about the error of a bake, and of the object that errs most beside its own brightness where that is more."""
-    error, known = result["estimated_error"], [one for one in result["objects"] if one["estimated_error"] is not None]
-    worst = max(known, key=lambda one: one["estimated_error"], default=None)
+    error = f"Error {100.0 * result['estimated_error']:.1f} %"
+    worst = _find_worst(result)
     if result["error_of"] == "objects":
-        return [f"Error {error:.1%} of the worst object", *([f"This is {worst['name']}"] if worst else [])]
-    if worst is None or not worst["estimated_error"] > error:
-        return [f"Error {error:.1%}"]
-    return [f"Error {error:.1%} of the whole", f"Most by itself: {worst['name']}, {worst['estimated_error']:.0%}"]
+        return [f"{error}, of the worst object", *([f"Worst object: {worst['name']}"] if worst else [])]
+    return [error, *([f"Worst object: {worst['name']}, {100.0 * worst['estimated_error']:.0f} %"] if worst else [])]
+
+
+def find_worst(result: dict[str, Any]) -> str:
+    """Name of the object that `describe_error` speaks of, "" where it speaks of none."""
+    worst = _find_worst(result)
+    return str(worst["name"]) if worst else ""
+
+
+def _find_worst(result: dict[str, Any]) -> dict[str, Any] | None:
+    known = [one for one in result["objects"] if one["estimated_error"] is not None]
+    worst = max(known, key=lambda one: one["estimated_error"], default=None)
+    return worst if worst and (result["error_of"] == "objects" or worst["estimated_error"] > result["estimated_error"] + _MATTERS) else None
 
 
 def describe_files(paths: Sequence[str]) -> str:

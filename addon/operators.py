@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from . import live, restore
+from . import live, restore, view_shading
 from .arguments import BakeRequest
 from .baking import Baking, get_state, is_out_of_edit_mode
 from .kept_state import has_state, refine_request, remove_state
@@ -31,6 +31,7 @@ def forget_old_light(*_: Any) -> None:
     """Undo may bring back a moment of a bake that is over."""
     if not get_state(bpy.context).running:
         live.take_off()
+        view_shading.restore_views()
 
 
 class LEAFLIGHT_OT_bake(Baking, bpy.types.Operator):
@@ -80,7 +81,7 @@ class LEAFLIGHT_OT_stop(bpy.types.Operator):
 
 class LEAFLIGHT_OT_toggle_preview(bpy.types.Operator):
     bl_idname = "leaflight.toggle_preview"
-    bl_label = "Preview"
+    bl_label = "Show Bake"
     bl_description = "Switch between the baked and the original materials"
     bl_options = frozenset({"REGISTER", "UNDO"})
 
@@ -108,6 +109,7 @@ class LEAFLIGHT_OT_remove(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         remove_state(context.scene)
         restore.remove_bake(context.scene)
+        view_shading.restore_views()
         state = get_state(context)
         if state.scene == context.scene.session_uid:  # of another scene's bake the panel goes on telling
             state.forget()

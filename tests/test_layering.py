@@ -70,14 +70,18 @@ STATISTICS = {
 SEES_ALL = {"core.solve", "core.workers", "core.photon_shards", "core.bake"}
 BPY_FREE_ADDON = {
     "addon.arguments",
+    "addon.bake_bar",
     "addon.bake_state",
+    "addon.bake_text",
     "addon.boot",
     "addon.console",
     "addon.estimate",
     "addon.gltf_file",
     "addon.job",
+    "addon.quantities",
+    "addon.words",
 }
-PANELS = {"addon.panels", "addon.panels_object", "addon.panel_parts"}
+PANELS = {"addon.panels", "addon.panels_object", "addon.panel_parts", "addon.panel_result"}
 # The child's main program: it has no package, so it gives this folder the name leaflight and imports it by that.
 NAMES_THE_PACKAGE = {"addon.boot"}
 

@@ -85,11 +85,11 @@ ROWS = [{"name": "Hall", "estimated_error": 0.01}, {"name": "Den", "estimated_er
 @pytest.mark.parametrize(
     ("error", "error_of", "rows", "lines"),
     [
-        (0.021, "bake", ROWS, ["Error 2.1% of the whole", "Most by itself: Den, 34%"]),
-        (0.35, "bake", ROWS, ["Error 35.0%"]),
-        (0.021, "bake", ROWS[2:], ["Error 2.1%"]),
-        (0.021, "objects", ROWS, ["Error 2.1% of the worst object", "This is Den"]),
-        (0.021, "objects", ROWS[2:], ["Error 2.1% of the worst object"]),
+        (0.021, "bake", ROWS, ["Error 2.1 %", "Worst object: Den, 34 %"]),
+        (0.35, "bake", ROWS, ["Error 35.0 %"]),
+        (0.021, "bake", ROWS[2:], ["Error 2.1 %"]),
+        (0.021, "objects", ROWS, ["Error 2.1 %, of the worst object", "Worst object: Den"]),
+        (0.021, "objects", ROWS[2:], ["Error 2.1 %, of the worst object"]),
     ],
 )
 def test_the_object_that_errs_most_is_named_where_it_errs_more_than_the_whole(error, error_of, rows, lines):
