@@ -13,15 +13,18 @@ def register() -> None:
     from .app.bake_state import BakeState
     from .gltf import export_gltf
     from .read import object_settings
-    from .ui import checker, operators, panels, panels_object, select_operator
+    from .show import view_shading
+    from .ui import checker, keymap, operators, panels, panels_object, preferences, presets, select_operator
 
     state = BakeState()
-    commands = (*operators.CLASSES, *select_operator.CLASSES, *checker.CLASSES, *export_gltf.CLASSES, *spare_images.CLASSES)
+    commands = (*operators.CLASSES, *select_operator.CLASSES, *checker.CLASSES, *export_gltf.CLASSES)
+    commands += (*spare_images.CLASSES, *view_shading.CLASSES)
+    choices = (*preferences.CLASSES, *presets.CLASSES)
     with ExitStack() as undo:
-        for cls in (properties.LeaflightProperties, *commands, *panels.CLASSES, *panels_object.CLASSES):
+        for cls in (properties.LeaflightProperties, *choices, *commands, *panels.CLASSES, *panels_object.CLASSES):
             bpy.utils.register_class(cls)
             undo.callback(bpy.utils.unregister_class, cls)
-        for part in (object_settings, scene_meter, checker):
+        for part in (object_settings, scene_meter, checker, keymap):
             part.register()
             undo.callback(part.unregister)
         bpy.types.Scene.leaflight = bpy.props.PointerProperty(type=properties.LeaflightProperties)

@@ -33,9 +33,13 @@ BPY_FREE_ADDON = {
     "addon.app.console",
     "addon.app.estimate",
     "addon.app.job",
+    "addon.app.quantities",
+    "addon.app.words",
     "addon.gltf.gltf_file",
+    "addon.show.bake_text",
+    "addon.app.bake_bar",
 }
-PANELS = {"addon.ui.panels", "addon.ui.panels_object", "addon.ui.panel_parts"}
+PANELS = {"addon.ui.panels", "addon.ui.panels_object", "addon.ui.panel_parts", "addon.ui.panel_result"}
 # The child's main program: it has no package, so it gives this folder the name leaflight and imports it by that.
 NAMES_THE_PACKAGE = {"addon.app.boot"}
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from ...core.util.messages import Done, Error, Message, Preview, Progress, Status, Warning_
-from .console import describe_error
+from ..show.bake_text import Worn, describe_count, describe_percent, describe_seconds, summarize
+from .bake_bar import Bar
 
 
 class Process(Protocol):
@@ -22,19 +23,12 @@ class Process(Protocol):
     def kill(self) -> None: ...
 
 
-@dataclass(frozen=True)
-class Worn:
-    """What is told of the bake that a scene wears: lines of its result, and its warnings (subject, sentence)."""
-
-    lines: tuple[str, ...] = ()
-    warnings: tuple[tuple[str, str], ...] = ()
-
-
 @dataclass
 class BakeState:
     """One bake: begin, then drain or wait until it gives how the bake ended, then end.
 
     scene       session_uid of the scene that is baked, here and in `worn`
+    plan        lines about what is baked
     worn        the last bake of each scene that came to a result: those that fail or are thrown away change nothing
     stopping    the best so far was asked for
     discarded   the child was killed at the user's wish: that is no error
@@ -46,8 +40,9 @@ class BakeState:
     scene: int = 0
     worn: dict[int, Worn] = field(default_factory=dict)
     stage: str = ""
+    plan: tuple[str, ...] = ()
     progress: Progress | None = None
-    fraction: float = 0.0
+    bar: Bar = field(default_factory=Bar)
     stopping: bool = False
     discarded: bool = False
     notice: str = ""
@@ -57,8 +52,6 @@ class BakeState:
     seconds: float = 0.0
     target: float = 0.0
     previews: dict[int, str] = field(default_factory=dict)
-    _share: float = 0.0  # of the light that is gathered, which the error that photons had says nothing of
-    _before: float = 0.0  # fraction, when that began
     _began: float = 0.0
     _process: Process | None = None
     _queue: queue.SimpleQueue[Message] = field(default_factory=queue.SimpleQueue)
@@ -67,6 +60,11 @@ class BakeState:
     def running(self) -> bool:
         """Whether a bake is under way, from its start until its result is on the objects."""
         return self._process is not None
+
+    @property
+    def fraction(self) -> float:
+        """Share of the bake that is done."""
+        return self.bar.fraction
 
     @property
     def elapsed(self) -> float:
@@ -141,23 +139,16 @@ class BakeState:
         self.error, self.result, self.seconds = error, result, self.elapsed
         self.notice, self._process = "", None
         if result is not None:
-            self.worn[self.scene] = Worn(tuple(self.summarize()), tuple(self.warnings))
+            self.worn[self.scene] = Worn.of_result(result, self.seconds, self.stage, self.warnings)
 
     def _hear(self, message: Message) -> Done | Error | None:
         match message:
-            case Status(stage, text, share):
-                self.stage = text
-                if self.progress and stage == "photons":  # else what follows is not known yet
-                    if share < self._share:  # another look at the texels
-                        self._before = self.fraction
-                    self._share = share
-                    self.fraction = max(self.fraction, self._before + _GATHERED * share * (1.0 - self._before))
+            case Status():
+                self.stage = message.text
+                self.bar.hear_status(message)
             case Progress():
                 self.progress = message
-                self._share = 0.0
-                self._before = self.fraction = max(
-                    self.fraction, message.fraction
-                )  # a new stage of refinement may know better and fall back
+                self.bar.hear_progress(message)
             case Preview(page, path):
                 self.previews[page] = path
             case Warning_(subject, text):
@@ -169,24 +160,22 @@ class BakeState:
     def describe(self) -> tuple[str, str]:
         """Text for the progress bar, and a line below it."""
         if self.notice:
-            return "100%", self.notice
+            return "100 %", self.notice
         progress, stage = self.progress, "Finishing with the best so far" if self.stopping else self.stage
-        if progress is None:
-            return f"{self.elapsed:.0f} s", stage
-        bar = f"{self.fraction:.0%}"
-        if self.stopping:
+        bar, left = f"{100.0 * self.bar.fraction:.0f} %", self.bar.predict_seconds()
+        if progress is None or self.stopping or self.bar.is_writing:
             return bar, stage
-        if math.isfinite(progress.seconds_left) and self.fraction < 1.0 and not self._share:
-            bar += f", {describe_seconds(progress.seconds_left)} left"
+        if left >= 1.0:
+            bar += f", {describe_seconds(left)} left"
         line = f"{stage}: {describe_count(progress.photons)}"
-        return bar, line + (f", error {progress.estimated_error:.1%}" if math.isfinite(progress.estimated_error) else "")
+        return bar, line + (f", error {describe_percent(progress.estimated_error)}" if math.isfinite(progress.estimated_error) else "")
 
     def describe_pace(self) -> str:
         """A line about how fast it goes and how far it has to go; "" while no photon flies, as when a bake begins to go on."""
         if self.progress is None or self.notice or self.stopping or not self.progress.photons_per_s:
             return ""
         pace = f"{describe_count(round(self.progress.photons_per_s))} photons/s"
-        return f"{pace}, to an error of {self.target:.1%}" if self.target else pace
+        return f"{pace}, to an error of {describe_percent(self.target)}" if self.target else pace
 
     def describe_worn(self, scene: int) -> tuple[str, ...]:
         """Lines about the bake that a scene wears; empty where nothing is known of it, as of a file that was opened."""
@@ -200,37 +189,7 @@ class BakeState:
 
     def summarize(self) -> list[str]:
         """Lines about the last result; empty without one."""
-        result = self.result
-        if result is None:
-            return []
-        why = result["stopped_by"]
-        lines = [("Stopped after " if why == "interrupted" else "Baked in ") + describe_seconds(self.seconds)]
-        if result["skipped"]["bake"]:
-            lines = [self.stage]
-        error, *more = describe_error(result)
-        lines += [error + _REASONS.get(why, ""), *more]
-        leaves = result["leaves"]
-        lines.append(f"{leaves:,} {'leaf' if leaves == 1 else 'leaves'}, {describe_count(result['photons'])} photons")
-        pages, size = result["pages"], result["page_size"]
-        lines.append(f"{pages} page{'s' if pages > 1 else ''} of {size} x {size} texels")
-        return lines
-
-
-_GATHERED = 0.8  # of the way to the error asked for, that light which is gathered once goes: some texels' has to be so again
-_REASONS = {"max_photons": ", stopped at Max Photons", "time_limit": ", stopped at Time Limit"}
-
-
-def describe_count(count: int) -> str:
-    """A number of photons for a narrow panel."""
-    return f"{count / 1e6:.2f} M" if count >= 1e5 else f"{count:,}"
-
-
-def describe_seconds(seconds: float) -> str:
-    """A duration for a person."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes} min {rest:02d} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02d} min"
+        return [] if self.result is None else summarize(self.result, self.seconds, self.stage)
 
 
 def _listen(process: Process, heard: queue.SimpleQueue[Message]) -> None:

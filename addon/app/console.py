@@ -6,7 +6,6 @@ import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from ...core.util.messages import Done, Error, Message, Preview, Progress, Status, Warning_
 
@@ -49,17 +48,6 @@ def describe_miss(stopped_by: str, error: float, asked: float) -> str:
     reached, wanted = (f"{value:.{digits}g} %" for value in percent)
     found = f"with an error of {reached}" if math.isfinite(error) else "before its error could be told"
     return f"stopped at {end} {found}, where {wanted} was asked for; raise {remedy}"
-
-
-def describe_error(result: dict[str, Any]) -> list[str]:
-    """Lines about the error of a bake, and of the object that errs most beside its own brightness where that is more."""
-    error, known = result["estimated_error"], [one for one in result["objects"] if one["estimated_error"] is not None]
-    worst = max(known, key=lambda one: one["estimated_error"], default=None)
-    if result["error_of"] == "objects":
-        return [f"Error {error:.1%} of the worst object", *([f"This is {worst['name']}"] if worst else [])]
-    if worst is None or not worst["estimated_error"] > error:
-        return [f"Error {error:.1%}"]
-    return [f"Error {error:.1%} of the whole", f"Most by itself: {worst['name']}, {worst['estimated_error']:.0%}"]
 
 
 def describe_files(paths: Sequence[str]) -> str:

@@ -8,7 +8,8 @@ from typing import Any
 
 import bpy
 
-from ...core.util.settings import IMAGE_FORMATS, Settings
+from ...core.util.settings import Settings
+from . import quantities, words
 
 # Target errors behind the names; any other error is "custom" and shows none of them pressed.
 QUALITY_ERROR = {"DRAFT": 0.20, "PREVIEW": 0.10, "PRODUCTION": 0.05}
@@ -29,6 +30,12 @@ def list_knobs(group: str) -> list[str]:
     return [knob.name for knob in dataclasses.fields(Settings) if knob.metadata["group"] == group]
 
 
+def is_changed(properties: Any, name: str) -> bool:
+    """Whether a knob is not as it is in a new file."""
+    knob = next(knob for knob in dataclasses.fields(Settings) if knob.name == name)
+    return bool(_read(getattr(properties, name), knob) != knob.default)
+
+
 def make_settings(properties: Any) -> Settings:
     """The settings that stand in the panel.
 
@@ -42,11 +49,6 @@ def make_settings(properties: Any) -> Settings:
     return Settings(**values)
 
 
-def describe_choice(choice: str) -> str:
-    """Label of a choice: EXR, Leaf edges."""
-    return choice.upper() if choice in IMAGE_FORMATS else choice.capitalize().replace("_", " ")
-
-
 def _read(value: Any, knob: "dataclasses.Field[Any]") -> Any:
     if isinstance(value, set):
         return tuple(choice for choice in knob.metadata["choices"] if choice in value)
@@ -56,13 +58,13 @@ def _read(value: Any, knob: "dataclasses.Field[Any]") -> Any:
 def _make_property(knob: "dataclasses.Field[Any]") -> Any:
     about, default = knob.metadata, knob.default
     description = about["help"][0].upper() + about["help"][1:]
-    named: dict[str, Any] = {"name": about["label"] or knob.name.replace("_", " ").title(), "description": description}
+    named: dict[str, Any] = {"name": words.name_knob(knob), "description": description}
     limits: dict[str, Any] = {"min": about["low"], "max": about["high"], "default": default}
     subtype = _SUBTYPES.get(about["unit"], "NONE")
     if about["unit"] and subtype == "NONE":
         named["description"] += f", in {about['unit']}"
     if about["choices"]:
-        items = [(choice, describe_choice(choice), "") for choice in about["choices"]]
+        items = [(choice, words.name_choice(choice), "") for choice in about["choices"]]
         flags = {"options": {"ENUM_FLAG"}, "default": set(default)} if isinstance(default, tuple) else {"default": default}
         return bpy.props.EnumProperty(items=items, **named, **flags)
     if isinstance(default, str):
@@ -109,17 +111,7 @@ def _list_uv_layers(properties: Any, context: Any, text: str) -> list[str]:
 
 _KNOBS = {knob.name: _make_property(knob) for knob in dataclasses.fields(Settings) if knob.name != "passes"}
 _PASSES = next(knob for knob in dataclasses.fields(Settings) if knob.name == "passes")
-_PASS_ABOUT = {
-    "combined": "What one sees: light times colour, plus what glows",
-    "lighting": "Light without colour: irradiance divided by pi",
-    "direct": "The part of the lighting that comes straight from lights",
-    "indirect": "The part of the lighting that was reflected at least once",
-    "diffuse": "Light times colour, without what glows",
-    "emission": "What glows by itself",
-    "albedo": "Colour without light",
-    "stderr": "Standard error of the lighting, as it is estimated",
-}
-_PASS_ITEMS = [(choice, describe_choice(choice), _PASS_ABOUT.get(choice, "")) for choice in _PASSES.metadata["choices"]]
+_PASS_ITEMS = [(choice, words.name_choice(choice), words.PASS_ABOUT.get(choice, "")) for choice in _PASSES.metadata["choices"]]
 _QUALITY_ITEMS = [
     *((name, name.capitalize(), f"Bake until the error is {error:.0%}", i) for i, (name, error) in enumerate(QUALITY_ERROR.items(), 1)),
     ("CUSTOM", "Custom", "Another target error", _CUSTOM),
@@ -129,9 +121,44 @@ _RESOLUTION_ITEMS = [
     ("DENSITY", "Density", "So many texels per metre of surface, on as many pages as that takes", _BY_DENSITY),
 ]
 _SHOWN_ITEMS = [
-    ("SHOW", "Shown", "The baked objects show the image: Lighting times their base colour, any other pass by itself, unlit"),
-    ("NODES", "Nodes Only", "The image is placed in copies of the materials, linked to nothing, for you to link"),
+    ("SHOW", "Show the Bake", "The baked objects show the image: Lighting times their base colour, any other pass by itself, unlit"),
+    ("NODES", "Add Nodes Only", "The image is placed in copies of the materials, linked to nothing, for you to link"),
 ]
+
+
+def _make_text(name: str, write: Any, read: Any) -> Any:
+    """A knob as text, where its number cannot be read; text that says no number changes nothing, and none at all is the knob's 0."""
+    knob = next(knob for knob in dataclasses.fields(Settings) if knob.name == name)
+    low, high = knob.metadata["low"], knob.metadata["high"]
+
+    def get(properties: Any) -> str:
+        value = getattr(properties, name)
+        return write(value) if value else ""
+
+    def set_(properties: Any, text: str) -> None:
+        value = read(text) if text.strip() else (0 if low == 0 else None)
+        if value is not None:
+            setattr(properties, name, type(knob.default)(min(max(value, low), high, _MAX_INT)))
+
+    about = knob.metadata["help"]
+    return bpy.props.StringProperty(
+        name=words.name_knob(knob), description=about[0].upper() + about[1:], get=get, set=set_, options={"SKIP_SAVE"}
+    )
+
+
+# The knob, and what its field shows where it is 0.
+TEXTS = {
+    "max_photons": "",
+    "time_limit": "no limit",
+    "value_range": "each page's own",
+    "workers": "one per core",
+}
+_TEXT_PROPERTIES = {
+    "max_photons_text": _make_text("max_photons", quantities.write_count, quantities.read_count),
+    "time_limit_text": _make_text("time_limit", quantities.write_duration, quantities.read_duration),
+    "value_range_text": _make_text("value_range", "{:g}".format, quantities.read_number),
+    "workers_text": _make_text("workers", str, quantities.read_count),
+}
 
 _BLENDER_ONLY = {
     "objects": bpy.props.EnumProperty(
@@ -155,7 +182,7 @@ _BLENDER_ONLY = {
         set=_set_resolution,
     ),
     "last_density": bpy.props.FloatProperty(default=64.0, options={"HIDDEN"}),
-    "materials": bpy.props.EnumProperty(name="Materials", description="What baked objects wear after the bake", items=_SHOWN_ITEMS),
+    "materials": bpy.props.EnumProperty(name="After the Bake", description="What baked objects wear after the bake", items=_SHOWN_ITEMS),
     "main_pass": bpy.props.EnumProperty(
         name="Pass", description="What the objects show after the bake", items=_PASS_ITEMS, default=_PASSES.default[0]
     ),
@@ -174,4 +201,6 @@ _BLENDER_ONLY = {
     ),
 }
 
-LeaflightProperties = type("LeaflightProperties", (bpy.types.PropertyGroup,), {"__annotations__": {**_KNOBS, **_BLENDER_ONLY}})
+LeaflightProperties = type(
+    "LeaflightProperties", (bpy.types.PropertyGroup,), {"__annotations__": {**_KNOBS, **_BLENDER_ONLY, **_TEXT_PROPERTIES}}
+)

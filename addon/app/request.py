@@ -16,6 +16,8 @@ from .arguments import BakeRequest
 from .kept_state import MOST_MB
 from .properties import make_settings
 
+UNSAVED = "Save the file first: lightmaps go into a folder beside it."
+
 
 def make_request(context: bpy.types.Context) -> BakeRequest:
     """The bake of the open scene that stands in the panel.
@@ -65,6 +67,8 @@ def resolve_paths(request: BakeRequest) -> BakeRequest:
     found: dict[str, Path] = {}
     for name in sorted(request.beside):
         path = f"//{getattr(request, name).as_posix()}"
+        if not bpy.data.filepath:
+            raise ValueError(f"{path}: is beside the .blend, and no .blend is open; write the whole path.")
         error = find_output_error(path)
         if error:
             raise ValueError(error)
@@ -94,7 +98,7 @@ def find_output_error(output: str) -> str:
     if not output.strip():
         return "no output folder is chosen: choose one in the panel."
     if output.startswith("//") and not bpy.data.filepath:
-        return f"{output}: is beside the .blend, which is not saved yet; save it, or choose another output folder."
+        return UNSAVED
     if not output.startswith("//") and not Path(output).is_absolute():  # Blender would take the folder that it was started in
         name = output.removeprefix("./").removeprefix("~/")
         return f"{output}: does not say where it begins; write //{name} for a folder beside the .blend, or a whole path."

@@ -147,7 +147,7 @@ def open_stage(context: bpy.types.Context, folder: Path, view_transform: str) ->
         ignored: Sentences = []  # the export of the bake has told them
         with evaluate_for_render(scene, view_layer, ignored) as depsgraph:
             for piece in walk_pieces(view_layer, depsgraph):
-                if piece.evaluated.type == "MESH" and len(piece.evaluated.data.polygons):
+                if piece.is_mesh and len(piece.evaluated.data.polygons):
                     stage.add(piece)
         stage.dress()
         window.scene = stage.scene  # the exporter takes its scene from there

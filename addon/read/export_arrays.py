@@ -14,7 +14,7 @@ from ..nodes.color_attributes import ColorLayer, Faces
 from ..nodes.mesh_arrays import LocalMesh, WorldMesh
 from ..nodes.texture_mapping import OBJECT, UV, WORLD, UvMapping
 from .export_mesh import place_mesh
-from .export_pieces import CURVE, OWN, Piece
+from .export_pieces import CURVE, OWN, STRANDS, Piece
 from .materials_read import MaterialTable
 from .render_levels import Warnings
 
@@ -39,11 +39,11 @@ def read_piece(piece: Piece, local: LocalMesh, materials: MaterialTable, uv_laye
     """A piece in the world, with the materials of its slots; `uv_layer` fills tri_uv, None leaves it zero."""
     world = place_mesh(local, piece.matrix)
     n_tri = len(world.tri_slot)
-    slots = list_materials(piece.evaluated)
+    slots = [materials.override] if materials.override else list_materials(piece.evaluated)
     slot = np.clip(world.tri_slot, 0, len(slots) - 1)  # as Cycles does
     used = np.unique(slot)
     slot_material = np.zeros(len(slots), np.int32)
-    worn = piece.source, piece.evaluated, piece.kind not in (OWN, CURVE)
+    worn = piece.source, piece.evaluated, piece.kind not in (OWN, CURVE, STRANDS)
     slot_material[used] = [materials.index(slots[index], Faces(piece.source.name, local, world, slot == index, *worn)) for index in used]
     tri_material = slot_material[slot]
     tri_albedo_uv, tri_emission_uv = np.zeros((2, n_tri, 3, 2), np.float32)
@@ -114,7 +114,7 @@ def _texture_uv(
 
 def _find_positions(piece: Piece, local: LocalMesh, space: str) -> FloatArray:
     """(n_vertex, 3) float64: what a texture's mapping counts as the place of each vertex."""
-    if space == OBJECT:
+    if space == OBJECT or piece.kind == STRANDS:
         return local.position
     if space == WORLD:
         return local.position @ piece.matrix[:3, :3].T + piece.matrix[:3, 3]

@@ -18,8 +18,10 @@ COLLECTION = "COLLECTION"
 GEOMETRY = "GEOMETRY"  # made by geometry nodes
 SCATTER = "SCATTER"  # made by particles, or by the vertices or faces of a parent
 CURVE = "CURVE"  # the evaluated mesh of a curve, text, surface or metaball
+STRANDS = "STRANDS"  # hair, hair curves and point clouds
 
 _SCATTERING = ("VERTS", "FACES")
+_STRANDED = ("CURVES", "POINTCLOUD")
 
 
 @dataclass(frozen=True)
@@ -27,8 +29,9 @@ class Piece:
     """One evaluated mesh or light at one place; holds only while the iteration stands on it.
 
     source      original object of the scene that it is, or that makes it
-    evaluated   evaluated object with the data, of type MESH or LIGHT
+    evaluated   evaluated object with the data, of type MESH or LIGHT; of kind STRANDS also CURVES or POINTCLOUD
     matrix      (4, 4) float64, object to world
+    hair        which of its modifiers makes the strands of a mesh, -1 none
     """
 
     key: PieceKey
@@ -36,6 +39,12 @@ class Piece:
     source: Any
     evaluated: Any
     matrix: NDArray[np.float64]
+    hair: int = -1
+
+    @property
+    def is_mesh(self) -> bool:
+        """Whether its faces are those of the evaluated object."""
+        return self.kind != STRANDS and self.evaluated.type == "MESH"
 
 
 def walk_pieces(view_layer: Any, depsgraph: Any) -> Iterator[Piece]:
@@ -44,25 +53,43 @@ def walk_pieces(view_layer: Any, depsgraph: Any) -> Iterator[Piece]:
     hidden: dict[Any, set[Any]] = {}
     for instance in depsgraph.object_instances:
         evaluated = instance.object
-        if evaluated.type not in ("MESH", "LIGHT"):
+        if evaluated.type not in ("MESH", "LIGHT", *_STRANDED):
             continue  # curves and metaballs come a second time, as the mesh they are rendered by
         source = (instance.parent or evaluated).original
         if source not in rendered:
             continue
         kind = _find_kind(instance, source)
         original = evaluated.original
-        if kind == OWN and _is_hidden_original(source):
-            continue
-        if not instance.show_self or (kind == SCATTER and not instance.particle_system and original.hide_render):
+        identity = tuple(instance.persistent_id) if instance.is_instance else ()
+        key = (source.session_uid, original.session_uid, *identity)
+        matrix = np.array(instance.matrix_world, np.float64)
+        if kind == SCATTER and not instance.particle_system and original.hide_render:
             continue
         if kind == COLLECTION:
             if source not in hidden:
                 hidden[source] = find_hidden_instances(source.instance_collection)
             if original in hidden[source]:
                 continue
-        identity = tuple(instance.persistent_id) if instance.is_instance else ()
-        key = (source.session_uid, original.session_uid, *identity)
-        yield Piece(key, kind, source, evaluated, np.array(instance.matrix_world, np.float64))
+        if instance.show_particles and evaluated.type == "MESH" and view_layer.use_strand:
+            for number in _list_hair(evaluated):  # which grows on an object that is not shown itself, too
+                yield Piece((*key, -1 - number), STRANDS, source, evaluated, matrix, number)
+        if evaluated.type == "CURVES" and not view_layer.use_strand:
+            continue
+        if not instance.show_self or (kind == OWN and _is_hidden_original(source)):
+            continue
+        yield Piece(key, STRANDS if evaluated.type in _STRANDED else kind, source, evaluated, matrix)
+
+
+def _list_hair(evaluated: Any) -> list[int]:
+    """Which modifiers make hair that a render shows as strands."""
+    return [number for number, modifier in enumerate(evaluated.modifiers) if _makes_strands(modifier)]
+
+
+def _makes_strands(modifier: Any) -> bool:
+    if modifier.type != "PARTICLE_SYSTEM" or not modifier.show_render or modifier.particle_system is None:
+        return False
+    settings = modifier.particle_system.settings
+    return bool(settings.type == "HAIR" and settings.render_type == "PATH" and settings.count)
 
 
 def _find_kind(instance: Any, source: Any) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 from ...core.util.told import group_warnings
 from ..nodes.mesh_arrays import LocalMesh
 from .export_mesh import has_corners_of
-from .export_pieces import COLLECTION, CURVE, GEOMETRY, OWN, SCATTER, Piece
+from .export_pieces import COLLECTION, CURVE, GEOMETRY, OWN, SCATTER, STRANDS, Piece
 from .object_settings import BAKE
 from .render_levels import Warnings, find_render_objects
 
@@ -81,7 +81,7 @@ class Receivers:
         """Whether a piece gets a lightmap; tells once for each object why it does not."""
         if self._names is not None and piece.source.name not in self._names:
             return False
-        if piece.kind == CURVE:
+        if piece.kind in (CURVE, STRANDS):
             return False
         if piece.source in self._of_set:
             self._warn_once(

@@ -14,13 +14,14 @@ from ..nodes.mesh_arrays import LocalMesh
 from .baked_copies import find_users_mesh
 from .export_arrays import PieceArrays, join_arrays, read_piece
 from .export_mesh import count_duplicates, read_mesh
-from .export_pieces import COLLECTION, CURVE, OWN, Piece, PieceKey, walk_pieces
+from .export_pieces import COLLECTION, CURVE, OWN, STRANDS, Piece, PieceKey, walk_pieces
 from .export_receivers import NO_ROOM, Receivers, check_names, describe_nothing, repeats_layer
 from .left_out import warn_left_out
 from .lights_read import read_light, read_world
 from .materials_read import MaterialTable
 from .object_settings import BAKE, IGNORE, ObjectChoice, read_choice, registered
-from .render_levels import Warnings, evaluate_for_render, find_set_objects
+from .render_levels import Warnings, evaluate_for_render, find_set_objects, find_view_layer
+from .strands import read_strands
 from .uv_layer import has_room, name_ours
 
 
@@ -75,7 +76,7 @@ def export_scene(
     Raises ValueError with a sentence where there is nothing to bake.
     """
     scene = getattr(context_or_scene, "scene", context_or_scene)
-    view_layer = view_layer or _find_view_layer(context_or_scene, scene)
+    view_layer = view_layer or find_view_layer(context_or_scene, scene)
     warnings: Warnings = []
     view_layer.update()  # that of a new scene is empty until then
     warn_left_out(view_layer, warnings)
@@ -83,7 +84,7 @@ def export_scene(
         check_names(scene, view_layer, objects)
         with evaluate_for_render(scene, view_layer, warnings) as depsgraph:
             export = _Export(view_layer, depsgraph, objects, uv_layer, warnings)
-            world_rgb = read_world(scene, warnings)
+            world_rgb = read_world(scene, warnings, view_layer)
         return export.finish(world_rgb)
 
 
@@ -99,12 +100,12 @@ class _Export:
     def __init__(self, view_layer: Any, depsgraph: Any, names: Sequence[str] | None, uv_layer: str | None, warnings: Warnings) -> None:
         self._uv_layer = uv_layer
         self._warnings = warnings
-        self._materials = MaterialTable(warnings)
+        self._materials = MaterialTable(warnings, view_layer.material_override)
         self._local: dict[tuple[int, ...], LocalMesh] = {}
         self._names: set[str] = set()
         self._found: list[tuple[ExportedObject, SceneObject, PieceArrays, int]] = []
         self._lights: list[Light] = []
-        keys = [(p.source, p.kind, p.evaluated.original) for p in walk_pieces(view_layer, depsgraph) if p.evaluated.type == "MESH"]
+        keys = [(p.source, p.kind, p.evaluated.original) for p in walk_pieces(view_layer, depsgraph) if p.is_mesh]
         self._receivers = Receivers(names, keys, find_set_objects(view_layer), warnings)
         curves: list[str] = []
         for piece in walk_pieces(view_layer, depsgraph):
@@ -147,7 +148,7 @@ class _Export:
         return ExportResult(snapshot, exported, warnings)
 
     def _add(self, piece: Piece, choice: ObjectChoice) -> None:
-        local = self._read_local(piece.evaluated)
+        local = self._read_local(piece)
         receives = choice.role == BAKE and self._receivers.receives(piece)
         unseen = not piece.evaluated.visible_shadow and not piece.evaluated.visible_diffuse
         if not local.n_polygon or (unseen and not receives):
@@ -185,13 +186,21 @@ class _Export:
         mesh_uid = find_users_mesh(source).session_uid if own_mesh else 0
         self._found.append((exported, scene_object, arrays, mesh_uid))
 
-    def _read_local(self, evaluated: Any) -> LocalMesh:
+    def _read_local(self, piece: Piece) -> LocalMesh:
         """The piece's mesh, read once for all that share it."""
-        data = evaluated.data
+        evaluated, data = piece.evaluated, piece.evaluated.data
+        if piece.kind == STRANDS:
+            return self._read_strands(piece)
         key = (data.as_pointer(), len(data.vertices), len(data.loops), len(data.polygons))
         if key not in self._local:
             self._local[key] = read_mesh(evaluated.to_mesh(), self._materials.asked, name_ours(evaluated, self._uv_layer))
             evaluated.to_mesh_clear()
+        return self._local[key]
+
+    def _read_strands(self, piece: Piece) -> LocalMesh:
+        key = (piece.evaluated.data.as_pointer(), piece.evaluated.original.session_uid, piece.hair)
+        if key not in self._local:
+            self._local[key] = read_strands(piece, self._warnings)
         return self._local[key]
 
     def _has_layer(self, piece: Piece, local: LocalMesh) -> bool:
@@ -203,7 +212,9 @@ class _Export:
     def _unique_name(self, piece: Piece) -> str:
         """The source's name; an instance adds what it is an instance of, and a number where that is not enough."""
         name = piece.source.name
-        if piece.kind not in (OWN, CURVE):
+        if piece.hair >= 0:
+            name = f"{name}.{piece.evaluated.modifiers[piece.hair].particle_system.name}"
+        elif piece.kind not in (OWN, CURVE, STRANDS):
             own = piece.evaluated.original.name
             name = f"{name}.{own if own != name else 'instance'}"
         unique, number = name, 1
@@ -237,11 +248,3 @@ class _Export:
             raise ValueError(f"no object has a UV layer named {self._uv_layer} that can be used: {known}.")
         missing = [item.name for item in receivers if not item.has_layer]
         self._warnings.extend((name, f"has no UV layer {self._uv_layer} to use and is unwrapped anew") for name in missing)
-
-
-def _find_view_layer(context_or_scene: Any, scene: Any) -> Any:
-    if context_or_scene is not scene:
-        return context_or_scene.view_layer
-    if bpy.context.scene == scene:
-        return bpy.context.view_layer
-    return next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])

@@ -13,22 +13,22 @@ _NAMED = 3  # of what is missing in a file
 
 
 def warn_left_out(view_layer: Any, warnings: Warnings) -> None:
-    """Adds what is missing from linked files, strands and points that a render would show, and a working space that is not read."""
+    """Adds what is missing from linked files, overrides, volumes, and a working space that is not read."""
     _warn_working_space(warnings)
     _warn_missing(warnings)
-    for obj in sorted(find_render_objects(view_layer), key=lambda obj: str(obj.name)):
-        if obj.type in ("CURVES", "POINTCLOUD"):
-            what = "strands of hair" if obj.type == "CURVES" else "points"
-            warnings.append((obj.name, f"{what} are left out: they cast neither light nor shadow; convert them to a mesh"))
-        elif any(_shows_strands(modifier) for modifier in obj.modifiers):
-            warnings.append((obj.name, "its particle hair is left out: it casts neither light nor shadow; convert it to a mesh"))
+    _warn_overrides(view_layer, warnings)
+    volumes = sorted(obj.name for obj in find_render_objects(view_layer) if obj.type == "VOLUME")
+    warnings.extend((name, "its volume is left out: it casts neither light nor shadow") for name in volumes)
 
 
-def _shows_strands(modifier: Any) -> bool:
-    if modifier.type != "PARTICLE_SYSTEM" or not modifier.show_render or modifier.particle_system is None:
-        return False
-    settings = modifier.particle_system.settings
-    return bool(settings.type == "HAIR" and settings.render_type == "PATH" and settings.count)
+def _warn_overrides(view_layer: Any, warnings: Warnings) -> None:
+    """Easily forgotten, they change every surface."""
+    if view_layer.material_override:
+        text = f"Material Override {view_layer.material_override.name} of view layer {view_layer.name} is baked on every object"
+        warnings.append(("", f"{text}; clear it (View Layer properties, Override) to bake their own materials"))
+    if getattr(view_layer, "world_override", None):  # since Blender 4.5
+        text = f"World Override {view_layer.world_override.name} of view layer {view_layer.name} lights the bake"
+        warnings.append(("", f"{text}; clear it (View Layer properties, Override) to bake with the scene's own world"))
 
 
 def _warn_missing(warnings: Warnings) -> None:

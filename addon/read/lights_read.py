@@ -64,9 +64,16 @@ def read_light(obj: Any, matrix: FloatArray, name: str, warnings: Warnings) -> L
     return light if data.type == "POINT" else _read_cone(light, data, scale, warnings)
 
 
-def read_world(scene: Any, warnings: Warnings) -> Rgb:
+def find_world(scene: Any, view_layer: Any = None) -> Any:
+    """The world that lights a render of the view layer, None for none."""
+    if view_layer is not None and not view_layer.use_sky:
+        return None
+    return getattr(view_layer, "world_override", None) or scene.world  # overrides are new in Blender 4.5
+
+
+def read_world(scene: Any, warnings: Warnings, view_layer: Any = None) -> Rgb:
     """Uniform radiance of the scene's world, W/m^2/sr; a textured one by its mean."""
-    world = scene.world
+    world = find_world(scene, view_layer)
     if world is None or not world.cycles_visibility.diffuse:
         return BLACK
     if not uses_nodes(world):

@@ -32,7 +32,9 @@ class MaterialReading:
 class MaterialTable:
     """The materials of a snapshot, each read once; those that show colour attributes once for each mesh, or properties for each object."""
 
-    def __init__(self, warnings: Warnings) -> None:
+    def __init__(self, warnings: Warnings, override: Any = None) -> None:
+        """Where `override` is a material, all objects wear it."""
+        self.override = override
         self.images = ImageTable()
         self.colors = ColorTable(self.images)
         self.readings: list[MaterialReading] = []

@@ -58,6 +58,15 @@ def find_render_objects(view_layer: Any) -> set[Any]:
     return found
 
 
+def find_view_layer(context_or_scene: Any, scene: Any) -> Any:
+    """The view layer of a context, or that in which a scene is shown, else its first that renders."""
+    if context_or_scene is not scene:
+        return context_or_scene.view_layer
+    if bpy.context.scene == scene:
+        return bpy.context.view_layer
+    return next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
+
+
 def find_set_objects(view_layer: Any) -> set[Any]:
     """The objects of the scene's Background Scene, and of that one's own, which are rendered beside those of the view layer."""
     found: set[Any] = set()
@@ -100,6 +109,7 @@ class _Borrowed:
 
     def set(self, owner: Any, name: str, value: Any, subject: str) -> None:
         before = getattr(owner, name)
+        before = tuple(before) if isinstance(value, tuple) else before  # Blender's own arrays change with what they are of
         if before == value:
             return
         try:
@@ -139,8 +149,34 @@ def _borrow_levels(scene: Any, borrowed: _Borrowed) -> None:
                 resolution = getattr(curve, f"render_resolution_{direction}")
                 if resolution > 0:
                     borrowed.set(owner, f"resolution_{direction}", resolution, curve.name)
+    _borrow_particles(scene, borrowed)
+    for tree in bpy.data.node_groups:
+        for link in tree.links:
+            if link.from_node.bl_idname == "GeometryNodeIsViewport":
+                _borrow_false(link, borrowed, tree.name)
     for metaball in bpy.data.metaballs:
         borrowed.set(metaball, "resolution", metaball.render_resolution, metaball.name)
+
+
+def _borrow_false(link: Any, borrowed: _Borrowed, subject: str) -> None:
+    """Mute a link, so that False, its socket's own value, holds. A muted node that has no inputs still gives True in Blender 5.3."""
+    value = getattr(link.to_socket, "default_value", None)
+    if value is not None:
+        borrowed.set(link.to_socket, "default_value", (0.0,) * len(value) if hasattr(value, "__len__") else type(value)(), subject)
+    borrowed.set(link, "is_muted", True, subject)
+
+
+def _borrow_particles(scene: Any, borrowed: _Borrowed) -> None:
+    if scene.render.use_simplify:
+        borrowed.set(scene.render, "simplify_child_particles", scene.render.simplify_child_particles_render, scene.name)
+    for settings in bpy.data.particles:
+        borrowed.set(settings, "display_percentage", 100, settings.name)
+        if settings.type == "HAIR":
+            borrowed.set(settings, "display_step", settings.render_step, settings.name)
+            if settings.display_method == "NONE":  # Blender makes no paths for those
+                borrowed.set(settings, "display_method", "RENDER", settings.name)
+        if settings.child_type != "NONE":
+            borrowed.set(settings, "child_percent", settings.rendered_child_count, settings.name)
 
 
 def _borrow_visibility(view_layer: Any, borrowed: _Borrowed) -> None:

@@ -14,9 +14,12 @@ from numpy.typing import NDArray
 
 from ...core.util.job import LAYOUT_FILE
 from ..read.export_scene import ExportedObject
+from .bake_text import Worn
 
 LAYOUT = "leaflight_layout"  # on a scene that wears a bake: digest of its layout, its images by page, and what was told of putting it on
 SPARE = "leaflight_spare"  # on a scene: folder of its bake's images, where they could not be written to the output folder
+
+_RESULT = "result"  # in it: bake_text.Worn
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,17 @@ def mark_layout(
     """Remember what the scene wears, and the sentences about it: (subject, text)."""
     shown = {str(page): image for page, image in page_image.items()}
     scene[LAYOUT] = {"digest": layout.digest, "images": shown, "warnings": json.dumps(warnings)}
+
+
+def mark_result(scene: bpy.types.Scene, worn: Worn) -> None:
+    """Remember what the panel says of the bake that the scene wears."""
+    if LAYOUT in scene:
+        scene[LAYOUT][_RESULT] = worn.encode()
+
+
+def worn_result(scene: bpy.types.Scene) -> Worn | None:
+    """What the panel says of the bake that the scene wears; None where nothing was kept."""
+    return Worn.decode(scene[LAYOUT][_RESULT]) if LAYOUT in scene and _RESULT in scene[LAYOUT] else None
 
 
 def worn_digest(scene: bpy.types.Scene) -> str:

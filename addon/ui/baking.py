@@ -19,8 +19,11 @@ from ..app import live, session
 from ..app.arguments import BakeRequest
 from ..app.bake_state import BakeState
 from ..app.job import BakeProcess
-from ..app.request import find_mode_error, make_request
+from ..app.request import find_mode_error, find_output_error, make_request
+from ..show.layout import mark_result
 from ..show.redraw import redraw
+from . import preferences, sound
+from .panel_parts import describe_plan
 
 _TIMER_SECONDS = 0.1
 _FIRST_TIMER_SECONDS = 0.02  # until there is light: whoever has pressed Bake waits for it
@@ -50,6 +53,10 @@ class Baking:
     def poll(cls, context: bpy.types.Context) -> bool:
         if get_state(context).running:
             cls.poll_message_set("A bake is running")
+            return False
+        error = find_output_error(context.scene.leaflight.output)
+        if error:
+            cls.poll_message_set(error)
             return False
         return True  # also in Edit Mode: what is the matter is told in words, not by a grey button
 
@@ -139,6 +146,7 @@ class Baking:
             self._ended = state.begin_kept(session.tell_kept(self._session), began, warnings, self._scene_uid)
         else:
             state.begin(process, began, warnings, self._session.request.settings.error, self._scene_uid)
+            state.plan = describe_plan(context, len(self._session.export.objects))
         return True
 
     def _finish(self, context: bpy.types.Context, ended: Done | Error) -> set[str]:
@@ -159,6 +167,11 @@ class Baking:
             state.end(error, result)
             self._live.take_off()
             self._clean_up(context)
+        scene = self._find_scene()
+        if result is not None and scene is not None:
+            mark_result(scene, state.worn[self._scene_uid])
+            if context.window is not None and preferences.wants(context, "sound"):
+                sound.play_tones()
         if error:
             self.report({"ERROR"}, error)
         if result is None:

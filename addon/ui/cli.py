@@ -17,11 +17,12 @@ from ...core.bake.checkpoint import no_state_error, read_info
 from ...core.util.messages import Done, Error, Message, Status, Warning_
 from ..app import session
 from ..app.arguments import BakeRequest, parse_arguments
-from ..app.console import describe_error, describe_files, describe_miss, print_message
+from ..app.console import describe_files, describe_miss, print_message
 from ..app.job import BakeProcess, open_bake
 from ..app.request import resolve_paths
 from ..gltf.export_gltf import export_gltf
 from ..read.scene_file import open_scene
+from ..show.bake_text import describe_error
 from ..show.images import check_shown
 
 EXIT_DONE, EXIT_CANNOT_BAKE, EXIT_INTERRUPTED = 0, 1, 130

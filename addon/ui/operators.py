@@ -10,7 +10,7 @@ from ..app import live
 from ..app.arguments import BakeRequest
 from ..app.kept_state import has_state, refine_request, remove_state
 from ..app.request import make_request
-from ..show import restore
+from ..show import restore, view_shading
 from .baking import Baking, get_state, is_out_of_edit_mode
 
 
@@ -32,6 +32,7 @@ def forget_old_light(*_: Any) -> None:
     """Undo may bring back a moment of a bake that is over."""
     if not get_state(bpy.context).running:
         live.take_off()
+        view_shading.restore_views()
 
 
 class LEAFLIGHT_OT_bake(Baking, bpy.types.Operator):
@@ -81,7 +82,7 @@ class LEAFLIGHT_OT_stop(bpy.types.Operator):
 
 class LEAFLIGHT_OT_toggle_preview(bpy.types.Operator):
     bl_idname = "leaflight.toggle_preview"
-    bl_label = "Preview"
+    bl_label = "Show Bake"
     bl_description = "Switch between the baked and the original materials"
     bl_options = frozenset({"REGISTER", "UNDO"})
 
@@ -109,6 +110,7 @@ class LEAFLIGHT_OT_remove(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         remove_state(context.scene)
         restore.remove_bake(context.scene)
+        view_shading.restore_views()
         state = get_state(context)
         if state.scene == context.scene.session_uid:  # of another scene's bake the panel goes on telling
             state.forget()

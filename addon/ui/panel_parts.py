@@ -8,8 +8,8 @@ from typing import Any
 import bpy
 
 from ...core.util.told import Told
-from ..app.bake_state import describe_seconds
 from ..app.estimate import Estimate
+from ..show.bake_text import describe_seconds
 from .select_operator import is_known
 
 _CHARACTER_PIXELS = 7.0  # of a label's text at a scale of 1, on average
@@ -37,14 +37,22 @@ def describe_estimate(estimate: Estimate) -> list[str]:
     """What will be baked, as short lines."""
     objects, pages = estimate.objects, estimate.pages
     least, most = (max(_round(seconds), 1.0) for seconds in estimate.seconds)
-    span = describe_seconds(most) if least == most else f"{describe_seconds(least)} to {describe_seconds(most)}"
+    span = f"usually {describe_seconds(least)} to {describe_seconds(most)}"
     return [
         f"{objects} object{'' if objects == 1 else 's'}, {estimate.area_m2:.3g} m²",
         f"{_round(estimate.texels):,.0f} texels, {estimate.density:.3g} per metre",
         f"{pages} page{'' if pages == 1 else 's'} of {estimate.page_size} x {estimate.page_size}",
         f"about {_describe_memory(estimate.memory_mb)} of memory",
-        f"about {span}",
+        f"about {describe_seconds(most)}, as the last bake" if least == most else span,
     ]
+
+
+def describe_plan(context: bpy.types.Context, count: int) -> tuple[str, ...]:
+    """Lines about a bake of so many objects that begins: those of the estimate, or the number alone where the scene has changed since."""
+    meter = context.window_manager.leaflight_meter
+    if meter.estimate is not None and not meter.stale:
+        return tuple(describe_estimate(meter.estimate))
+    return (f"{count} object{'' if count == 1 else 's'}", "", "")
 
 
 def prepare(layout: Any) -> Any:

@@ -10,18 +10,20 @@ import bpy
 
 from ...core.util.told import Told, group_warnings, split_error
 from ..app.bake_state import BakeState
-from ..app.properties import list_groups, list_knobs
-from ..app.request import find_mode_error, find_output, find_output_error
+from ..app.properties import TEXTS, is_changed, list_groups, list_knobs
+from ..app.request import find_mode_error, find_output_error
 from ..app.scene_meter import SceneMeter
-from ..app.spare_images import draw_spare
-from ..show import restore
-from ..show.layout import worn_folder
+from ..show import restore, view_shading
+from . import preferences
 from .checker import is_checker_on
 from .panel_parts import describe_estimate, draw_sentence, draw_told, prepare
+from .panel_result import draw_result, draw_show_it, find_worn
+from .presets import LEAFLIGHT_PT_presets
 from .select_operator import is_known
 
 _SHOWN_WARNINGS = 6
-_KEPT_LINES = 3  # of the plan: what a bake is of; of the others its own lines take the place
+_KEPT_LINES = 3  # of the plan: what a bake is of; its own lines take the place of the others
+_BAKE_HEIGHT = 1.6  # of the button
 
 
 class _Sidebar:
@@ -35,22 +37,34 @@ class LEAFLIGHT_PT_main(_Sidebar, bpy.types.Panel):
     bl_label = "Bake"
     bl_order = 0
 
+    def draw_header_preset(self, _context: bpy.types.Context) -> None:
+        LEAFLIGHT_PT_presets.draw_panel_header(self.layout)
+
     def draw(self, context: bpy.types.Context) -> None:
+        """Buttons stand above all that changes its height, so that none moves under the mouse."""
         state: BakeState = context.window_manager.leaflight_state
         layout = prepare(self.layout)
+        row = layout.row()
+        row.enabled = not state.running
+        row.prop(context.scene.leaflight, "objects", expand=True)
+        worn, has_bake = find_worn(context, state), restore.has_bake(context.scene)
         now = "" if state.running else find_output_error(context.scene.leaflight.output)
+        if state.running:
+            _draw_bar(layout, state)
+        else:
+            _draw_bake(layout, context, now)
+        if has_bake and (worn.lines or not state.running):  # else it is the first bake of the scene, which is not done
+            result = layout.column()
+            result.enabled = not state.running
+            draw_result(result, context, worn)
         if state.running:
             _draw_progress(layout, context, state)
         else:
             _draw_plan(layout, context)
-            _draw_bake(layout, context, now)
         error = _find_error(context, state)
         if error and error != now:
             draw_told(layout.box(), context, split_error(error, partial(is_known, context)), "ERROR")
-        scene, has_bake = context.scene.session_uid, restore.has_bake(context.scene)
-        if not state.running and has_bake:
-            _draw_result(layout, context, state.describe_worn(scene))
-        warnings = state.list_warnings(scene, has_bake)
+        warnings = state.list_warnings(context.scene.session_uid, has_bake) or (list(worn.warnings) if has_bake else [])
         if warnings:
             _draw_warnings(layout, context, group_warnings(warnings))
 
@@ -61,32 +75,10 @@ def _find_error(context: bpy.types.Context, state: BakeState) -> str:
     return state.error if owner == context.scene else ""
 
 
-def _draw_plan(layout: Any, context: bpy.types.Context) -> None:
-    """What will be baked, before it is."""
-    meter: SceneMeter = context.window_manager.leaflight_meter
-    meter.watch(context)
-    layout.row().prop(context.scene.leaflight, "objects", expand=True)
-    column = layout.box().column(align=True)
-    if meter.problem:
-        draw_sentence(column, context, meter.problem, "ERROR")
-    elif meter.estimate is None:
-        column.label(text="Measuring..." if meter.stale else "No mesh with faces to bake", icon="SORTTIME" if meter.stale else "INFO")
-    else:
-        lines = column.column(align=True)
-        lines.active = not meter.stale
-        for i, line in enumerate(describe_estimate(meter.estimate)):
-            lines.label(text=line, icon="TEXTURE" if i == 0 else "BLANK1")
-        if meter.stale:
-            column.label(text="The scene changed: measuring...", icon="SORTTIME")
-        for names, told in (
-            (meter.estimate.too_large, "larger than a page at this density: baked less finely"),
-            (meter.estimate.nearly, "about as large as a page at this density: may be baked less finely"),
-        ):
-            if names:
-                draw_told(column, context, group_warnings((name, told) for name in names)[0], "ERROR")
-
-
 def _draw_bake(layout: Any, context: bpy.types.Context, output_error: str) -> None:
+    row = layout.row()
+    row.scale_y = _BAKE_HEIGHT
+    row.operator("leaflight.bake", icon="RENDER_STILL")
     if output_error:
         column = layout.column()
         draw_sentence(column, context, output_error, "INFO")
@@ -95,48 +87,58 @@ def _draw_bake(layout: Any, context: bpy.types.Context, output_error: str) -> No
     mode_error = find_mode_error(context)
     if mode_error:
         draw_sentence(layout, context, mode_error, "INFO")
-    row = layout.row()
-    row.scale_y = 1.6
-    row.enabled = not output_error
-    row.operator("leaflight.bake", icon="RENDER_STILL")
 
 
-def _draw_progress(layout: Any, context: bpy.types.Context, state: BakeState) -> None:
-    """As high as what stood here before: else Blender slides all panels below, drawing them a dozen times while the bake starts."""
-    bar, line = state.describe()
-    meter: SceneMeter = context.window_manager.leaflight_meter
-    row = layout.row()
-    row.enabled = False
-    row.prop(context.scene.leaflight, "objects", expand=True)
-    column = layout.box().column(align=True)
-    plan = column.column(align=True)
-    plan.active = False
-    for i, text in enumerate(describe_estimate(meter.estimate)[:_KEPT_LINES] if meter.estimate else ()):
-        plan.label(text=text, icon="TEXTURE" if i == 0 else "BLANK1")
-    for text in (line, state.describe_pace()):  # in place of the memory and the time
-        column.label(text=text)
+def _draw_bar(layout: Any, state: BakeState) -> None:
     row = layout.split(factor=0.7, align=True)
-    row.scale_y = 1.6
-    row.progress(factor=state.fraction, text=bar)
+    row.scale_y = _BAKE_HEIGHT
+    row.progress(factor=state.fraction, text=state.describe()[0])
     row.operator("leaflight.stop", text="Discard" if state.stopping or state.notice else "Stop")
 
 
-def _draw_result(layout: Any, context: bpy.types.Context, lines: Sequence[str]) -> None:
-    box = layout.box()
-    column = box.column(align=True)
+def _draw_plan(layout: Any, context: bpy.types.Context) -> None:
+    """What will be baked, before it is."""
+    meter: SceneMeter = context.window_manager.leaflight_meter
+    meter.watch(context)
+    column = layout.box().column(align=True)
+    if meter.problem:
+        draw_sentence(column, context, meter.problem, "ERROR")
+    elif meter.estimate is None:
+        column.label(text="Measuring..." if meter.stale else "No mesh with faces to bake", icon="SORTTIME" if meter.stale else "INFO")
+    else:
+        lines = describe_estimate(meter.estimate)
+        if meter.stale:  # in place of a line, for another would move all that is below
+            lines[-1] = "The scene changed: measuring..."
+        _draw_lines(column, lines, active=not meter.stale)
+        for names, told in (
+            (meter.estimate.too_large, "larger than a page at this density: baked less finely"),
+            (meter.estimate.nearly, "about as large as a page at this density: may be baked less finely"),
+        ):
+            if names:
+                draw_told(column, context, group_warnings((name, told) for name in names)[0], "ERROR")
+
+
+def _draw_progress(layout: Any, context: bpy.types.Context, state: BakeState) -> None:
+    """As high as the plan that stood here before: else Blender slides all panels below, and draws them a dozen times meanwhile."""
+    column = layout.box().column(align=True)
+    kept = list(state.plan)
+    scene = next((scene for scene in bpy.data.scenes if scene.session_uid == state.scene), context.scene)
+    if scene != context.scene:
+        kept = [f"Baking the scene {scene.name}", *kept]
+    elif kept and view_shading.hides_bake(context) and restore.is_preview_on(scene):
+        kept = kept[: _KEPT_LINES - 1]
+    _draw_lines(column, kept[:_KEPT_LINES], active=False)
+    if 0 < len(kept) < _KEPT_LINES:
+        draw_show_it(column, "The light is there:")
+    for text in (state.describe()[1], state.describe_pace()):  # in place of the memory and the time
+        column.label(text=text)
+
+
+def _draw_lines(column: Any, lines: Sequence[str], active: bool) -> None:
+    plan = column.column(align=True)
+    plan.active = active
     for i, line in enumerate(lines):
-        draw_sentence(column, context, line, "CHECKMARK" if i == 0 else "BLANK1")
-    row = box.row(align=True)
-    shown = restore.is_preview_on(context.scene)
-    row.operator("leaflight.toggle_preview", icon="HIDE_OFF" if shown else "HIDE_ON", depress=shown)
-    row.operator("leaflight.remove", icon="TRASH")
-    row.operator("leaflight.export_gltf", text="", icon="EXPORT")
-    folder = worn_folder(context.scene) or find_output(context.scene)
-    opener = row.row(align=True)
-    opener.enabled = folder.is_dir()
-    opener.operator("wm.path_open", text="", icon="FILE_FOLDER").filepath = str(folder)
-    draw_spare(box, context)
-    box.operator("leaflight.refine", icon="ADD")
+        plan.label(text=line, icon="TEXTURE" if i == 0 else "BLANK1")
 
 
 def _draw_warnings(layout: Any, context: bpy.types.Context, warnings: list[Told]) -> None:
@@ -163,7 +165,9 @@ class _Group(_Sidebar):
         column.enabled = not context.window_manager.leaflight_state.running
         drawn = type(self).special(column, context) if type(self).special else ()
         for name in list_knobs(self.group):
-            if name not in drawn:
+            if name in TEXTS:
+                column.prop(properties, f"{name}_text", placeholder=TEXTS[name])
+            elif name not in drawn:
                 _draw_property(column, properties, name)
 
 
@@ -175,7 +179,8 @@ def _draw_quality(column: Any, context: bpy.types.Context) -> tuple[str, ...]:
     error = column.column()
     error.active = properties.quality == "CUSTOM"
     error.prop(properties, "error")
-    return ("error",)
+    column.row().prop(properties, "error_of", expand=True)
+    return ("error", "error_of")
 
 
 def _draw_lightmap(column: Any, context: bpy.types.Context) -> tuple[str, ...]:
@@ -187,7 +192,7 @@ def _draw_lightmap(column: Any, context: bpy.types.Context) -> tuple[str, ...]:
     shown = is_checker_on(context)
     column.operator("leaflight.checker", icon="TEXTURE", depress=shown)
     column.separator()
-    column.prop(properties, "uv_layer")
+    column.prop(properties, "uv_layer", placeholder="Leaflight (new)")
     return ("size", "density")
 
 
@@ -195,7 +200,10 @@ def _draw_output(column: Any, context: bpy.types.Context) -> tuple[str, ...]:
     properties = context.scene.leaflight
     column.prop(properties, "main_pass")
     column.prop(properties, "materials")
-    column.prop(properties, "output")
+    folder = column.column()
+    folder.use_property_split = False
+    folder.label(text="Folder:")
+    folder.prop(properties, "output", text="")
     return ()
 
 
@@ -213,16 +221,23 @@ def _draw_property(column: Any, properties: Any, name: str) -> None:
 
 _SPECIAL = {"Quality": _draw_quality, "Lightmap": _draw_lightmap, "Output": _draw_output}
 _OPEN = ("Quality", "Lightmap")
-_ORDERED = sorted(list_groups(), key=lambda group: (group != "Quality", group == "Advanced"))
+_LAST = ("Advanced", "Research")
+_ORDERED = sorted(list_groups(), key=lambda group: (group != "Quality", group in _LAST and 1 + _LAST.index(group)))
+
+
+def _shows_research(context: bpy.types.Context) -> bool:
+    """Whether the user asked for it, or the file has settings of it that a bake would heed."""
+    return preferences.wants(context, "research") or any(is_changed(context.scene.leaflight, name) for name in list_knobs("Research"))
 
 
 def _make_panel(group: str, order: int) -> type:
     special = {"special": staticmethod(_SPECIAL[group])} if group in _SPECIAL else {}
     options = {} if group in _OPEN else {"bl_options": frozenset({"DEFAULT_CLOSED"})}
+    poll = {"poll": classmethod(lambda _cls, context: _shows_research(context))} if group == "Research" else {}
     return type(
         f"LEAFLIGHT_PT_{group.lower()}",
         (_Group, bpy.types.Panel),
-        {"bl_label": group, "group": group, "bl_order": order, **special, **options},
+        {"bl_label": group, "group": group, "bl_order": order, **special, **options, **poll},
     )
 
 

@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from ..lights.direct_choice import Demand, Span
 from ..lights.direct_crowd import LampCrowd, RestOfCrowd
+from ..lights.direct_environment import EnvironmentLight
 from ..lights.direct_lights import Source, WorldSource
 from ..lights.direct_openings import Openings
 from ..lights.direct_points import GAUSS_POINTS, MOST_TEXELS, STAGES, ReceivingSurfaces, TexelChunk, each_chunk, random_shift, row_pieces
 from ..lights.direct_pool import EmitterPool
 from ..lights.direct_sources import make_lamps, make_suns, make_triangle_sources, make_world
-from ..lights.emitters import EmittingMeshes
+from ..lights.emitters import EmittingMeshes, usable_environment
+from ..lights.environment_table import EnvironmentTable
 from ..scene.materials import SurfaceMaterials
 from ..scene.rays import RayScene
 from ..scene.scene import SceneSnapshot
@@ -43,6 +45,7 @@ class DirectScene:
     crowd: LampCrowd | None
     pool: EmitterPool | None
     tri_two_sided: NDArray[np.bool_]
+    environment: EnvironmentTable | None = None
 
     @classmethod
     def of(
@@ -61,7 +64,9 @@ class DirectScene:
         else:
             pool = EmitterPool.of(groups, receiving, unit_box.scale, surfaces, sealed)
         two_sided = np.array([scene_object.two_sided for scene_object in snapshot.objects], bool)
-        return cls(rays, receiving, tuple(sources), crowd, pool, two_sided[snapshot.tri_object])
+        sky = usable_environment(snapshot)
+        table = None if sky is None else EnvironmentTable.of(sky)
+        return cls(rays, receiving, tuple(sources), crowd, pool, two_sided[snapshot.tri_object], table)
 
 
 @dataclass(frozen=True)
@@ -135,6 +140,8 @@ def direct_irradiance(
             variance[into] += error
             for few in looking.openings:
                 by_openings[rows[few.rows]] = True
+            if looking.sky is not None:
+                by_openings[rows[looking.sky.few]] = True
             out.count(looking.counters)
     return out
 
@@ -144,7 +151,8 @@ class _LookingChunk:
 
     beside     (n,) float32, W/m^2: other light of its texels
     counters   of DirectLight
-    openings   by which some of them see the sky
+    openings   by which some of them see a uniform sky
+    sky        the light of an environment, once it is looked at
     """
 
     def __init__(
@@ -154,6 +162,7 @@ class _LookingChunk:
         self._shared, self._variance = np.zeros((2, len(chunk), 3))  # of light that flat tiles are sure of, and then of all
         self._tallies: list[Tally] = []
         self.openings: list[Openings] = []
+        self.sky: EnvironmentLight | None = None
         self.counters = dict.fromkeys(_COUNTERS, 0)
 
     def find_light(self) -> tuple[Float64, Float64]:
@@ -169,7 +178,10 @@ class _LookingChunk:
             self.counters["out_of_reach"] += int((~tally.in_reach).sum())
             light += tally.light(len(self._chunk))
         found = np.zeros_like(light)
-        for many in (rest, self._scene.pool, *self.openings):
+        if self._scene.environment is not None:
+            self.sky = EnvironmentLight(self._scene.environment, self._scene.rays, self._chunk, self._rng)
+            self.counters["rays"] += self.sky.rays
+        for many in (rest, self._scene.pool, self.sky, *self.openings):
             if many is not None:
                 base = light + found + self._beside[:, None]
                 by_many, error, traced = many.irradiance(self._scene.rays, self._chunk, self._demand, base, self._rng)

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..lights.emitters import usable_world
+from ..lights.emitters import usable_environment, usable_world
 from ..parallel import executors
 from ..texels.judged import DARK_FLOOR, choose_sample
 from ..transport import traced_scene
@@ -70,7 +70,8 @@ def find_dark(settings: Settings, brightness: float) -> float:
 
 def is_below_sky(folder: str) -> bool:
     """Whether there is a sky, of which alone somebody asks how bright all is."""
-    return bool(usable_world(traced_scene.open_tracing(folder).snapshot).any())
+    snapshot = traced_scene.open_tracing(folder).snapshot
+    return bool(usable_world(snapshot).any()) or usable_environment(snapshot) is not None
 
 
 def glance(shard: texel_shards.DirectShard) -> float:

@@ -182,6 +182,7 @@ def gather_until_sure(
     stages: Sequence[Span] = STAGES,
     learn: Callable[[IntArray], None] = lambda rows: None,
     foreseen: tuple[Float64, Float64] | None = None,
+    gain: Callable[[Int64], Float64] | None = None,
 ) -> tuple[Float64, Float64, int]:
     """Irradiance (n, 3) and its variance (n, 3), and the number of rays; 0 but at the rows.
 
@@ -190,6 +191,8 @@ def gather_until_sure(
     learn      called after the first span, with the rows that go on
     foreseen   two (n,) float64, told by rays that count for nothing else: what a ray brings in the mean, and its variance. Who then stops
                does so by that and by what all of the block found: of rays that seldom find much, those of a texel that found nothing agree
+    gain       by the rays taken (n,), how many times less the variance is than successive differences say, for rays stratified in two
+               dimensions; 1 if left out
     """
     count, n_ray = len(base_rgb), 0
     total, squares = np.zeros((count, 3)), np.zeros((count, 3))
@@ -209,6 +212,8 @@ def gather_until_sure(
         if last == spans[-1][1]:
             break
         error, mean = weigh_channels(squares) / taken**2, total / taken[:, None]
+        if gain is not None:
+            error /= gain(taken)
         limit = demand.tolerance * weigh_channels(base_rgb + mean)
         allowed = limit**2
         # A texel that stopped whenever its own rays agree would be too bright, or too dark, on average.
@@ -227,7 +232,10 @@ def gather_until_sure(
         rows = rows[doubt[rows]]
         if first == 0:
             learn(rows)
-    return total / taken[:, None], squares / taken[:, None] ** 2, n_ray
+    variance = squares / taken[:, None] ** 2
+    if gain is not None:
+        variance /= gain(taken)[:, None]
+    return total / taken[:, None], variance, n_ray
 
 
 def sort_by_place(centre: FloatArray, normal: FloatArray) -> Int64:

@@ -18,6 +18,7 @@ from ..util.arrays import Float32, Float64, FloatArray
 from ..util.geometry import UnitBox, locate_hits, offset_origin, orthonormal_basis, stack_columns, triangle_frames, triangle_normals_areas
 from ..util.sampling import AliasTable, square_to_cosine_hemisphere
 from .emitting_cells import EmittingCells, find_emitting_cells
+from .environment import Environment, EnvironmentEmitter
 from .lights import Births, Emitter, make_births, make_light_emitter
 
 NO_LIGHT = "the scene has no light: add a light, an emitting material or a world colour"
@@ -133,9 +134,12 @@ def build_emitters(
             emitters.append(make_light_emitter(light, power, unit_box, cover))
     emitters += _mesh_emitters(snapshot, unit_box, surfaces, meshes)
     world = usable_world(snapshot)
-    if not np.array_equal(world, snapshot.world_rgb):
+    if not np.array_equal(world, snapshot.world_rgb) and snapshot.world_map is None:
         warnings.append(("World", "World: its colour is negative or not a finite number and counts as 0 there; correct it."))
-    if world.any():
+    environment = usable_environment(snapshot)
+    if environment:
+        emitters.append(EnvironmentEmitter.of("World", environment, cover, 1 / unit_box.scale**2))
+    elif world.any():
         power = math.pi * world * 2 * cover.face_area.sum() / unit_box.scale**2
         emitters.append(WorldEmitter("World", power, cover))
     emitters = [emitter for emitter in emitters if emitter.power_rgb.any() and np.isfinite(emitter.power_rgb).all()]
@@ -160,9 +164,21 @@ def usable_power(light: Light) -> tuple[Float64, str]:
 
 
 def usable_world(snapshot: SceneSnapshot) -> Float64:
-    """(3,) float64, W/m^2/sr: the world's radiance, 0 where it is negative or not finite."""
+    """(3,) float64, W/m^2/sr: the radiance of a uniform world, 0 where it is negative or not finite."""
+    if snapshot.world_map is not None:
+        return np.zeros(3)
     world = np.array(snapshot.world_rgb, np.float64)
     return np.where(np.isfinite(world) & (world > 0), world, 0.0)
+
+
+def usable_environment(snapshot: SceneSnapshot) -> Environment | None:
+    """The world that differs by direction, 0 where its radiance is negative or not finite; None where there is none, or it is black."""
+    if snapshot.world_map is None:
+        return None
+    radiance = snapshot.world_map
+    usable = np.isfinite(radiance) & (radiance >= 0)
+    environment = Environment(radiance if usable.all() else np.where(usable, radiance, np.float32(0)))
+    return environment if environment.shines else None
 
 
 def _mesh_emitters(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, meshes: EmittingMeshes) -> list[MeshEmitter]:

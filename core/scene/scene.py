@@ -91,6 +91,8 @@ class SceneSnapshot:
     tri_albedo_uv     (n_tri, 3, 2) float32   texture UV of the albedo image, mapping applied
     tri_emission_uv   (n_tri, 3, 2) float32   the same for the emission image
     world_rgb         uniform radiance of the world, W/m^2/sr
+    world_map         (h, w, 3) float32, W/m^2/sr, or None: radiance of a world that differs by direction, in place of world_rgb; laid out
+                      as sphere_map has it. A sun in it is best taken out first (environment_suns)
     """
 
     vertex_position: NDArray[np.float64]
@@ -108,6 +110,7 @@ class SceneSnapshot:
     images: tuple[TextureImage, ...] = ()
     lights: tuple[Light, ...] = ()
     world_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    world_map: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         error = _first_error(self)
@@ -151,6 +154,8 @@ def _first_error(scene: SceneSnapshot) -> str:
         values = getattr(scene, name)
         if n_tri and (values.min() < 0 or values.max() >= count):
             return f"{name}: expected indices 0 to {count - 1}, got {values.min()} to {values.max()}"
+    if scene.world_map is not None and (scene.world_map.ndim != 3 or scene.world_map.shape[2] != 3 or not scene.world_map.size):
+        return f"world_map: expected shape (height, width, 3), got {scene.world_map.shape}"
     if not np.isfinite(scene.vertex_position).all():
         return "vertex_position: expected finite coordinates"
     for one in scene.objects:

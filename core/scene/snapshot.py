@@ -16,7 +16,7 @@ from .scene import Light, Material, SceneObject, SceneSnapshot, TextureImage
 
 FORMAT = "leaflight-snapshot"
 FORMAT_VERSION = 2
-_HEADER, _IMAGE = "header", "image_"
+_HEADER, _IMAGE, _WORLD_MAP = "header", "image_", "world_map"
 _DAMAGED = (zipfile.BadZipFile, ValueError, EOFError, KeyError, AttributeError, TypeError)
 _ARRAYS = (
     "vertex_position",
@@ -62,6 +62,8 @@ def describe_snapshot(snapshot: SceneSnapshot) -> dict[str, Any]:
 def list_arrays(snapshot: SceneSnapshot) -> dict[str, NDArray[Any]]:
     """The arrays of a snapshot, its images among them."""
     arrays = {name: getattr(snapshot, name) for name in _ARRAYS}
+    if snapshot.world_map is not None:
+        arrays[_WORLD_MAP] = snapshot.world_map
     return arrays | {_image_key(index): image.pixels for index, image in enumerate(snapshot.images)}
 
 
@@ -130,7 +132,10 @@ def _build_snapshot(
         images=images,
         lights=lights,
         world_rgb=_frozen(header["world_rgb"]),
+        world_map=arrays.get(_WORLD_MAP),
     )
+    if snapshot.world_map is not None and snapshot.world_map.dtype != np.float32:
+        raise ValueError(f"{_WORLD_MAP}: expected float32, got {snapshot.world_map.dtype}")
     for name in _ARRAYS:
         kind = "f" if name in ("vertex_position", "tri_normal") or name.endswith("uv") else "i"
         if arrays[name].dtype.kind != kind:

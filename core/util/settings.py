@@ -34,7 +34,7 @@ def _knob(
     low: float | None = None,
     high: float | None = None,
     choices: tuple[str, ...] = (),
-    group: str = "Advanced",
+    group: str = "Research",
     flag: str = "",
     off_flag: str = "",
     find_error: Callable[[str], str] | None = None,
@@ -143,17 +143,21 @@ class Settings:
         "where other geometry touches the surface, or nearly: cut charts, finer leaves, light told apart within texels",
         off_flag="--no-contact",
     )
-    denoise: bool = _knob(True, "average grain over like neighbours within a chart", off_flag="--no-denoise")
+    denoise: bool = _knob(True, "average grain over like neighbours within a chart", off_flag="--no-denoise", group="Advanced")
     gather: bool = _knob(
         True, "indirect light by rays from each texel, where that takes fewer than more photons would", off_flag="--no-gather"
     )
-    seams: bool = _knob(True, "bring light together where a smooth surface is cut between charts", off_flag="--no-seams")
+    seams: bool = _knob(True, "bring light together where a smooth surface is cut between charts", off_flag="--no-seams", group="Advanced")
     finest_texels: int = _knob(1, "side of the smallest leaf", unit="texels", low=1, high=1024)
     max_depth: int = _knob(1000, "surfaces a photon may meet", unit="hits", low=1, high=100_000)
-    seed: int = _knob(1, "same seed, same bytes", low=0, high=2**31 - 1)
-    workers: int = _knob(0, "processes that trace; 0 takes one per core", low=0, high=1024, decides_images=False)
+    seed: int = _knob(1, "same seed, same bytes", low=0, high=2**31 - 1, group="Advanced")
+    workers: int = _knob(0, "processes that trace; 0 takes one per core", low=0, high=1024, group="Advanced", decides_images=False)
     cluster: str = _knob(
-        "", "trace on the workers of the dask scheduler at this address, host:port", metavar="ADDRESS", decides_images=False
+        "",
+        "trace on the workers of the dask scheduler at this address, host:port",
+        metavar="ADDRESS",
+        group="Advanced",
+        decides_images=False,
     )
 
     @property

@@ -30,7 +30,13 @@ def sky_scene(*others):
     return replace(black_scene([floor_mesh()], others=others), world_rgb=(RADIANCE,) * 3)
 
 
+def under_a_map(scene):
+    """The same sky as a map of its radiance."""
+    return replace(scene, world_rgb=(0.0, 0.0, 0.0), world_map=np.full((16, 32, 3), RADIANCE, np.float32))
+
+
 SCENES = {"open": (sky_scene(), open_sky), "wall": (sky_scene(Mesh("Wall", WALL, [[0, 1, 2, 3]])), beside_wall)}
+SCENES["map"] = (under_a_map(SCENES["wall"][0]), beside_wall)
 CASES = [(name, direct) for name in SCENES for direct in DIRECT_MODES]
 
 

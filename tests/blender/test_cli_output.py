@@ -47,7 +47,7 @@ def test_folders_beside_the_blend(room, monkeypatch, tmp_path):
 def test_folder_beside_a_blend_that_there_is_not(room, tmp_path, capsys):
     bpy.ops.export_scene.gltf(filepath=str(tmp_path / "model.glb"))
     assert bake(tmp_path / "model.glb", output=Path("//maps")) == 1
-    assert "error: //maps: is beside the .blend, which is not saved yet" in capsys.readouterr().err
+    assert "error: //maps: is beside the .blend, and no .blend is open" in capsys.readouterr().err
 
 
 def test_packed_images_need_no_folder(room):

@@ -1,6 +1,7 @@
 """What an artist may run into: each is a sentence in the status bar (the operator's report) and in the panel, and harms nothing."""
 
 import os
+import re
 import signal
 import threading
 import time
@@ -66,14 +67,17 @@ def test_stopped_before_there_was_light_is_no_error_and_changes_nothing(state, m
 
 def test_unsaved_file(state):
     bpy.context.scene.leaflight.output = "//maps"
-    assert bake_error(state) == "//maps: is beside the .blend, which is not saved yet; save it, or choose another output folder."
+    with pytest.raises(RuntimeError, match="Save the file first: lightmaps go into a folder beside it"):
+        bpy.ops.leaflight.bake()
 
 
 @pytest.mark.parametrize(("output", "name"), [("maps", "maps"), ("./maps", "maps"), ("~/maps", "maps"), ("../maps", "../maps")])
 def test_folder_without_a_beginning(state, output, name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     bpy.context.scene.leaflight.output = output
-    assert bake_error(state) == f"{output}: does not say where it begins; write //{name} for a folder beside the .blend, or a whole path."
+    sentence = f"{output}: does not say where it begins; write //{name} for a folder beside the .blend, or a whole path."
+    with pytest.raises(RuntimeError, match=re.escape(sentence)):  # the tooltip of the grey button
+        bpy.ops.leaflight.bake()
     assert list(tmp_path.iterdir()) == []
 
 

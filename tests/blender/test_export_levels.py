@@ -62,7 +62,9 @@ def read_state(view_layer):
         pending.extend(layer.children)
     simplify = bpy.context.scene.render.simplify_subdivision
     metaballs = [ball.resolution for ball in bpy.data.metaballs]
-    return objects, modifiers, curves, layers, simplify, metaballs, view_layer.objects.active, bpy.context.mode
+    particles = [(p.display_percentage, p.child_percent, p.display_step, p.display_method) for p in bpy.data.particles]
+    nodes = [(link.is_muted, getattr(link.to_socket, "default_value", 0)) for tree in bpy.data.node_groups for link in tree.links]
+    return objects, modifiers, curves, layers, simplify, metaballs, particles, nodes, view_layer.objects.active, bpy.context.mode
 
 
 def make_rich_scene():
@@ -228,3 +230,74 @@ def test_edit_mode_mesh_is_read_as_it_is_edited():
     assert bpy.context.mode == "EDIT_MESH"
     assert np.ptp(result.snapshot.vertex_position, axis=0) == pytest.approx([3, 3, 0])
     bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def add_particles(obj, count=40):
+    settings = obj.modifiers.new("Particles", "PARTICLE_SYSTEM").particle_system.settings
+    settings.type, settings.count = "HAIR", count
+    return settings
+
+
+def test_all_particles_count_that_a_render_shows():
+    leaf = add_plane("Leaf")
+    settings = add_particles(add_plane("Meadow"))
+    settings.render_type, settings.instance_object, settings.display_percentage = "OBJECT", leaf, 5
+    settings.child_type, settings.child_percent, settings.rendered_child_count = "SIMPLE", 1, 3
+    before = read_state(bpy.context.view_layer)
+    result = export()
+    assert sum(name.startswith("Meadow.Leaf") for name in names_of(result)) == 3 * 40
+    assert read_state(bpy.context.view_layer) == before
+
+
+def make_viewport_switch(name):
+    """A node group that gives a triangle fan of 3 faces in the viewport, of 5 in a render."""
+    tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
+    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    in_viewport, switch, out = (tree.nodes.new(f"{kind}") for kind in ("GeometryNodeIsViewport", "GeometryNodeSwitch", "NodeGroupOutput"))
+    switch.input_type = "GEOMETRY"
+    for socket, n_side in (("True", 3), ("False", 5)):
+        circle = tree.nodes.new("GeometryNodeMeshCircle")
+        circle.fill_type = "TRIANGLE_FAN"
+        circle.inputs["Vertices"].default_value = n_side
+        tree.links.new(circle.outputs[0], switch.inputs[socket])
+    switch.inputs["Switch"].default_value = True
+    tree.links.new(in_viewport.outputs[0], switch.inputs["Switch"])
+    tree.links.new(switch.outputs[0], out.inputs[0])
+    return tree
+
+
+def test_geometry_nodes_are_told_that_they_render():
+    add_plane("Fan").modifiers.new("Nodes", "NODES").node_group = make_viewport_switch("Fan")
+    before = read_state(bpy.context.view_layer)
+    assert count(export(), "Fan") == 5
+    assert read_state(bpy.context.view_layer) == before
+
+
+def add_diffuse(name, rgb):
+    material = bpy.data.materials.new(name)
+    if material.node_tree is None:
+        material.use_nodes = True
+    material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (*rgb, 1.0)
+    return material
+
+
+def test_the_view_layer_s_material_is_that_of_every_object():
+    add_plane("Plain")
+    add_plane("Red").data.materials.append(add_diffuse("Red", (1.0, 0.0, 0.0)))
+    bpy.context.view_layer.material_override = add_diffuse("Clay", (0.25, 0.5, 0.75))
+    assert [one.albedo_rgb for one in export().snapshot.materials] == [(0.25, 0.5, 0.75)]
+
+
+def test_the_view_layer_s_world_lights():
+    add_plane("Plain")
+    scene, view_layer = bpy.context.scene, bpy.context.view_layer
+    scene.world = bpy.data.worlds.new("Day")
+    lit = export().snapshot.world_rgb
+    assert min(lit) > 0.0
+    if hasattr(view_layer, "world_override"):
+        view_layer.world_override = bpy.data.worlds.new("Night")
+        view_layer.world_override.node_tree.nodes["Background"].inputs["Strength"].default_value = 0.0
+        assert export().snapshot.world_rgb == (0.0, 0.0, 0.0)
+        view_layer.world_override = None
+    view_layer.use_sky = False
+    assert export().snapshot.world_rgb == (0.0, 0.0, 0.0)

@@ -17,25 +17,19 @@ def told(*words):
     return [(subject, text) for subject, text in export_scene(bpy.context).warnings if any(word in text for word in words)]
 
 
-@pytest.mark.parametrize("change", ["", "as objects", "hidden modifier", "hidden object", "none"])
-def test_particle_hair_is_told_where_it_renders(change):
-    cube = bpy.data.objects["Cube"]
-    cube.modifiers.new("Fur", "PARTICLE_SYSTEM")
-    settings = cube.particle_systems[0].settings
-    settings.type, settings.count = "HAIR", 0 if change == "none" else 5
-    settings.render_type = "OBJECT" if change == "as objects" else "PATH"
-    cube.modifiers["Fur"].show_render = change != "hidden modifier"
-    cube.hide_render = change == "hidden object"
-    found = told("hair")
-    assert [subject for subject, _ in found] == ([] if change else ["Cube"])
-    assert change or "convert it to a mesh" in found[0][1]
+def test_volumes_are_named():
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new("Smoke", bpy.data.volumes.new("Smoke")))
+    assert told("volume") == [("Smoke", "its volume is left out: it casts neither light nor shadow")]
 
 
-@pytest.mark.parametrize(("kind", "what"), [("hair_curves", "strands of hair"), ("pointclouds", "points")])
-def test_objects_of_strands_and_points_are_told(kind, what):
-    data = getattr(bpy.data, kind).new("Grass")
-    bpy.context.scene.collection.objects.link(bpy.data.objects.new("Grass", data))
-    assert told("left out") == [("Grass", f"{what} are left out: they cast neither light nor shadow; convert them to a mesh")]
+def test_overrides_of_the_view_layer_are_named():
+    assert told("Override") == []
+    view_layer = bpy.context.view_layer
+    view_layer.material_override = bpy.data.materials.new("Clay")
+    assert [text[:22] for _, text in told("Override")] == ["Material Override Clay"]
+    if hasattr(view_layer, "world_override"):
+        view_layer.world_override = bpy.data.worlds.new("Studio")
+        assert [text[:21] for _, text in told("World")] == ["World Override Studio"]
 
 
 def test_what_is_missing_in_a_linked_file_is_named(tmp_path):

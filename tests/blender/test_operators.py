@@ -10,7 +10,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 import leaflight
-from leaflight.addon.app import properties, request, session
+from leaflight.addon.app import properties, request, session, words
 from leaflight.addon.show import restore
 from leaflight.addon.ui import baking, panels
 from leaflight.core.util.messages import Preview, Progress, Status
@@ -61,7 +61,7 @@ def test_panel_has_every_knob_with_its_range():
     rna = bpy.context.scene.leaflight.bl_rna.properties
     for knob in dataclasses.fields(Settings):
         about = rna[knob.name]
-        assert about.name == (knob.metadata["label"] or knob.name.replace("_", " ").title()) or knob.name == "passes"
+        assert about.name == words.name_knob(knob) or knob.name == "passes"
         assert about.description
         if about.type in ("INT", "FLOAT"):
             low, high = knob.metadata["low"], min(knob.metadata["high"], 2**31 - 1 if about.type == "INT" else float("inf"))
@@ -72,7 +72,7 @@ def test_panel_has_every_knob_with_its_range():
 
 
 def test_every_group_has_a_panel():
-    assert [cls.bl_label for cls in panels.CLASSES] == ["Bake", "Quality", "Lightmap", "Output", "Advanced"]
+    assert [cls.bl_label for cls in panels.CLASSES] == ["Bake", "Quality", "Lightmap", "Output", "Advanced", "Research"]
     assert {cls.bl_label for cls in panels.CLASSES[1:]} == set(properties.list_groups())
 
 
@@ -117,8 +117,8 @@ def test_bake_is_shown_switched_and_removed(scene, state, tmp_path):
 
 def test_folder_beside_an_unsaved_file_is_refused(scene, state, tmp_path):
     scene.leaflight.output = "//maps"
-    assert "//maps: is beside the .blend, which is not saved yet" in bake_error()
-    assert "not saved yet" in state.error
+    assert not bpy.ops.leaflight.bake.poll()
+    assert request.UNSAVED in bake_error(), "the tooltip of the grey button"
     assert not state.running
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "floor.blend"))
     assert bpy.ops.leaflight.bake() == {"FINISHED"}
@@ -172,11 +172,15 @@ def test_output_choices_reach_the_bake(scene, tmp_path):
 
 
 def test_labels_of_choices():
-    assert [properties.describe_choice(choice) for choice in ("exr", "logluv", "combined", "leaf_edges")] == [
+    choices = ("exr", "logluv", "combined", "leaf_edges", "bake", "objects", "stderr")
+    assert [words.name_choice(choice) for choice in choices] == [
         "EXR",
-        "LOGLUV",
+        "LogLuv",
         "Combined",
-        "Leaf edges",
+        "Leaf Edges",
+        "Whole Scene",
+        "Each Object",
+        "Noise",
     ]
 
 

@@ -8,14 +8,17 @@ bpy = pytest.importorskip("bpy")
 
 import leaflight
 from blend_rooms import ask_quick_bake, open_room
+from leaflight.addon.show import layout, view_shading
+from leaflight.addon.show.bake_text import Worn
 from leaflight.addon.ui import panels
+from leaflight.core.util.messages import Status
 
 
 class Layout:
-    """Notes labels and operators of itself and of all its parts; an operator is (name, its properties)."""
+    """Notes labels, operators and properties of itself and of all its parts; an operator is (name, its properties)."""
 
-    def __init__(self, labels, operators):
-        self.labels, self.operators = labels, operators
+    def __init__(self, labels, operators, props):
+        self.labels, self.operators, self.props = labels, operators, props
 
     def label(self, text="", icon="NONE"):
         self.labels.append(text)
@@ -24,26 +27,33 @@ class Layout:
         self.operators.append((name, SimpleNamespace()))
         return self.operators[-1][1]
 
-    def panel(self, _):
+    def panel(self, *_, **__):
         return self, self
 
-    def prop(self, *_, **__):
+    def prop(self, _, name, **__):
+        self.props.append(name)
+
+    def separator(self):
         pass
+
+    def prop_enum(self, _, name, *__):
+        self.props.append(name)
 
     def progress(self, **_):
         pass
 
     def row(self, **_):
-        return Layout(self.labels, self.operators)
+        return Layout(self.labels, self.operators, self.props)
 
-    column = box = split = row
+    column = box = split = grid_flow = row
 
 
 class Context:
     """Blender's, with a region and its scale, which it has with a window only."""
 
     region = SimpleNamespace(width=10_000)
-    preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
+    preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0), addons={})
+    space_data = SimpleNamespace(shading=SimpleNamespace(type="SOLID", color_type="MATERIAL"))
 
     def __getattr__(self, name):
         return getattr(bpy.context, name)
@@ -65,11 +75,19 @@ def state():
     return bpy.context.window_manager.leaflight_state
 
 
-def draw():
+def draw(context=None):
     """Labels and operators of the panel, in their order."""
-    layout = Layout([], [])
-    panels.LEAFLIGHT_PT_main.draw(SimpleNamespace(layout=layout), Context())
+    layout = Layout([], [], [])
+    panels.LEAFLIGHT_PT_main.draw(SimpleNamespace(layout=layout), context or Context())
     return layout.labels, layout.operators
+
+
+def draw_group(name):
+    """Properties that the panel of a group of settings draws."""
+    cls = next(cls for cls in panels.CLASSES if cls.bl_label == name)
+    layout = Layout([], [], [])
+    cls.draw(type("Drawn", (cls.__mro__[1],), {"special": cls.special, "group": name, "layout": layout})(), Context())
+    return layout.props
 
 
 def tells(words):
@@ -139,3 +157,165 @@ def test_a_bake_that_failed_takes_no_numbers_from_the_one_before(state):
         bpy.ops.leaflight.bake()
     assert tells(state.error.split(": ")[0])
     assert tells("1 page of 32 x 32")
+
+
+def test_the_view_that_does_not_show_the_bake_is_switched_by_a_button():
+    def is_offered(shading):
+        context = Context()
+        context.space_data = SimpleNamespace(shading=SimpleNamespace(**shading))
+        return "leaflight.show_it" in [name for name, _ in draw(context)[1]]
+
+    default = {"type": "SOLID", "color_type": "MATERIAL"}
+    assert not is_offered(default), "nothing is baked yet"
+    bpy.ops.leaflight.bake()
+    assert is_offered(default)
+    assert is_offered({"type": "WIREFRAME", "color_type": "MATERIAL"})
+    assert not is_offered({"type": "SOLID", "color_type": "TEXTURE"})
+    assert not is_offered({"type": "MATERIAL", "color_type": "MATERIAL"})
+    bpy.ops.leaflight.toggle_preview()
+    assert not is_offered(default), "it is hidden at the user's wish"
+
+
+def test_a_view_is_switched_and_switched_back():
+    screen = bpy.context.screen
+    area = next(area for area in screen.areas if area.type == "VIEW_3D")
+    shading, scene = area.spaces.active.shading, bpy.context.scene
+    shading.type, shading.color_type, shading.light = "WIREFRAME", "OBJECT", "MATCAP"
+    bpy.ops.leaflight.bake()
+    view_shading.show_bake(screen, area, scene)
+    assert (shading.type, shading.color_type, shading.light) == ("SOLID", "TEXTURE", "FLAT")
+    view_shading.restore_views()
+    assert shading.color_type == "TEXTURE", "the scene wears its bake still"
+    bpy.ops.leaflight.remove()
+    assert shading.type == "WIREFRAME"
+    shading.type = "SOLID"
+    assert (shading.color_type, shading.light) == ("OBJECT", "MATCAP")
+    assert not list(screen.keys())
+
+
+def test_a_view_that_the_user_changed_meanwhile_stays():
+    screen = bpy.context.screen
+    area = next(area for area in screen.areas if area.type == "VIEW_3D")
+    bpy.ops.leaflight.bake()
+    view_shading.show_bake(screen, area, bpy.context.scene)
+    area.spaces.active.shading.type = "WIREFRAME"
+    bpy.ops.leaflight.remove()
+    assert area.spaces.active.shading.type == "WIREFRAME"
+
+
+def test_linked_duplicates_are_shown_in_material_preview():
+    """Solid view cannot tell their parts of a page."""
+    floor, screen = bpy.data.objects["Floor"], bpy.context.screen
+    again = floor.copy()
+    again.location.z = 3.0
+    bpy.context.collection.objects.link(again)
+    area = next(area for area in screen.areas if area.type == "VIEW_3D")
+    bpy.ops.leaflight.bake()
+    view_shading.show_bake(screen, area, bpy.context.scene)
+    assert area.spaces.active.shading.type == "MATERIAL"
+
+
+def test_a_reopened_file_says_what_it_wears(tmp_path):
+    bpy.ops.leaflight.bake()
+    before = draw()[0]
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "room.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "room.blend"))
+    after = draw()[0]
+    assert tells("1 page of 32 x 32 texels")
+    assert tells("casts no shadow")
+    assert [line for line in before if "Baked in" in line] == [line for line in after if "Baked in" in line] != []
+
+
+def test_the_worst_object_is_selected_by_a_button(state):
+    bpy.ops.leaflight.bake()
+    lines = ("Baked in 9 s", "Error 4.8 %", "Worst object: Floor, 38 %")
+    layout.mark_result(bpy.context.scene, Worn(lines, worst="Floor", details=("12 leaves",)))
+    assert [one.names for name, one in draw()[1] if name == "leaflight.select"][:1] == ["Floor"]
+    assert tells("12 leaves")
+
+
+def test_no_button_moves_when_the_scene_changes():
+    """What says that it is measured takes the place of a line."""
+    bpy.ops.leaflight.bake()
+    meter = bpy.context.window_manager.leaflight_meter
+    meter.measure(bpy.context)
+    calm = draw()
+    meter.note(set())
+    stale = draw()
+    assert tells("The scene changed: measuring...")
+    assert len(stale[0]) == len(calm[0])
+    assert [name for name, _ in stale[1]] == [name for name, _ in calm[1]]
+
+
+def test_the_button_is_above_all_that_is_said():
+    drawn = []
+    for folder in ("//maps", bpy.context.scene.leaflight.output):
+        bpy.context.scene.leaflight.output = folder
+        drawn.append(draw()[1][0][0])
+    assert drawn == ["leaflight.bake", "leaflight.bake"]
+
+
+def test_the_progress_of_another_scene_says_whose_it_is(state):
+    class Lasting:
+        def messages(self):
+            yield Status("charts", "Unwrapping")
+
+        def kill(self):
+            pass
+
+    state.begin(Lasting(), 0.0, [], scene=bpy.context.scene.session_uid)
+    assert not tells("Baking the scene")
+    bpy.context.window.scene = bpy.data.scenes.new("Other")
+    assert tells("Baking the scene Scene")
+    state.end()
+
+
+def test_the_papers_settings_are_shown_to_those_who_ask():
+    research = next(cls for cls in panels.CLASSES if cls.bl_label == "Research")
+    assert not research.poll(bpy.context)
+    bpy.context.scene.leaflight.basis = "quadratic"
+    assert research.poll(bpy.context), "a bake would heed it"
+    bpy.context.scene.leaflight.basis = "linear"
+    assert not research.poll(bpy.context)
+    context = Context()
+    asked = SimpleNamespace(preferences=SimpleNamespace(research=True))
+    context.preferences = SimpleNamespace(addons={"leaflight": asked})
+    assert research.poll(context)
+
+
+def test_artists_find_no_settings_of_the_paper_elsewhere():
+    shown = {name for group in ("Quality", "Lightmap", "Output", "Advanced") for name in draw_group(group)}
+    assert not shown & {
+        "oracle",
+        "basis",
+        "stability",
+        "threshold",
+        "preview_depth",
+        "min_level",
+        "hierarchical",
+        "guided",
+        "finest_texels",
+    }
+    assert {"error_of", "max_photons_text", "time_limit_text", "denoise", "seams", "seed", "workers_text"} <= shown
+
+
+def test_numbers_are_written_as_people_write_them():
+    chosen = bpy.context.scene.leaflight
+    assert (chosen.max_photons_text, chosen.time_limit_text) == ("64 M", "")
+    chosen.max_photons_text, chosen.time_limit_text = "2.5 M", "5 min"
+    assert (chosen.max_photons, chosen.time_limit) == (2_500_000, 300.0)
+    chosen.max_photons_text, chosen.time_limit_text = "lots", "soon"
+    assert (chosen.max_photons, chosen.time_limit) == (2_500_000, 300.0), "what is no number changes nothing"
+    chosen.max_photons_text, chosen.time_limit_text = "1", ""
+    assert (chosen.max_photons, chosen.time_limit) == (1000, 0.0), "the least that there may be, and no limit"
+
+
+def test_presets_keep_the_settings(monkeypatch, tmp_path):
+    written = {}
+    monkeypatch.setattr(bpy.utils, "user_resource", lambda *_, **__: str(tmp_path))
+    chosen = bpy.context.scene.leaflight
+    chosen.size, chosen.main_pass, chosen.passes, chosen.formats = 128, "lighting", {"albedo"}, {"exr", "png"}
+    assert bpy.ops.leaflight.preset_add(name="Small") == {"FINISHED"}
+    chosen.size, chosen.main_pass, chosen.passes, chosen.formats = 512, "combined", set(), {"exr"}
+    exec(next(tmp_path.rglob("Small.py")).read_text(), written)
+    assert (chosen.size, chosen.main_pass, chosen.passes, chosen.formats) == (128, "lighting", {"albedo"}, {"exr", "png"})

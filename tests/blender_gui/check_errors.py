@@ -174,7 +174,7 @@ def unsaved_file() -> Iterator[float]:
     yield 0.8
     region_of(view(), "UI").active_panel_category = "Leaflight"
     told(forget=True)
-    yield from check_error("unsaved", "is beside the .blend, which is not saved yet; save it, or choose another output folder.")
+    yield from check_error("unsaved", "Save the file first: lightmaps go into a folder beside it.")
 
 
 def read_only_folder() -> Iterator[float]:

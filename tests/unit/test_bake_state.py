@@ -5,7 +5,8 @@ import math
 import threading
 
 import pytest
-from leaflight.addon.app.bake_state import BakeState, describe_count, describe_seconds
+from leaflight.addon.app.bake_state import BakeState
+from leaflight.addon.show.bake_text import Worn, describe_count, describe_seconds
 from leaflight.core.util.messages import Done, Error, Preview, Progress, Status, Warning_
 
 RESULT = {
@@ -60,35 +61,23 @@ def test_messages_reach_the_panel():
     state, _ = begin(Status("photons", "Tracing photons"), progress(0.4), progress(0.3), Done("result.json", False))
     assert state.running
     assert state.wait() == Done("result.json", False)
-    assert state.describe() == ("40%, 12 s left", "Tracing photons: 1.50 M, error 10.0%")  # a bar never runs back
+    bar, line = state.describe()
+    assert bar.endswith(" %, 12 s left")
+    assert line == "Tracing photons: 1.50 M, error 10.0 %"
     state.end(result=RESULT)
     assert not state.running
-    assert state.summarize()[1:] == ["Error 4.8%", "1,234 leaves, 2.50 M photons", "2 pages of 512 x 512 texels"]
+    assert state.summarize()[1:] == ["Error 4.8 %", "2 pages of 512 x 512 texels"]
+    assert state.worn[0].details == ("1,234 leaves", "2.50 M photons")
     state.end(result=RESULT | {"leaves": 1, "pages": 1})
-    assert state.summarize()[2:] == ["1 leaf, 2.50 M photons", "1 page of 512 x 512 texels"]
-
-
-def test_the_bar_goes_on_while_light_is_gathered():
-    """Towards the error asked for, but not so far as it would be if no texel had to be gathered again; nothing is foretold meanwhile."""
-    look, tracing = (lambda share: Status("photons", "Indirect light", share)), Status("photons", "Tracing photons")
-    state, bars = BakeState(), []
-    for message in (progress(0.2), look(0.5), look(1.0), tracing, look(0.25), progress(0.1)):
-        state._hear(message)
-        bars.append(state.describe()[0])
-    assert bars == ["20%, 12 s left", "52%", "84%", "84%, 12 s left", "87%", "87%, 12 s left"]
-
-
-def test_shadow_rays_that_are_shot_again_say_nothing_of_the_whole():
-    state = BakeState()
-    for message in (progress(0.2), Status("direct", "Direct light", 0.9)):
-        state._hear(message)
-    assert state.fraction == 0.2
+    assert state.summarize()[2:] == ["1 page of 512 x 512 texels"]
+    assert state.worn[0].details == ("1 leaf", "2.50 M photons")
 
 
 def test_unknown_error_and_time_are_not_shown():
     state, _ = begin(Status("photons", "Tracing photons"), progress(0.4, math.nan, math.nan), Done("", False))
     state.wait()
-    assert state.describe() == ("40%", "Tracing photons: 1.50 M")
+    assert "left" not in state.describe()[0]
+    assert state.describe()[1] == "Tracing photons: 1.50 M"
 
 
 def test_drain_gives_nothing_while_the_bake_runs():
@@ -185,9 +174,19 @@ def test_a_bake_that_fails_tells_its_own_warnings_beside_its_error():
 def test_result_tells_why_it_stopped():
     state = BakeState()
     state.end(result=RESULT | {"stopped_by": "max_photons"})
-    assert state.summarize()[1] == "Error 4.8%, stopped at Max Photons"
+    assert state.summarize()[1] == "Error 4.8 %, stopped at Max Photons"
     state.end(result=RESULT | {"stopped_by": "interrupted"})
     assert state.summarize()[0].startswith("Stopped after")
+
+
+def test_what_is_said_of_a_bake_comes_back_from_the_file():
+    worst = [{"name": "Floor", "estimated_error": 0.04}, {"name": "Chair 2", "estimated_error": 0.383}]
+    worn = Worn.of_result(RESULT | {"objects": worst}, 9.0, "", [("A", "is too small")])
+    assert worn.lines == ("Baked in 9 s", "Error 4.8 %", "Worst object: Chair 2, 38 %", "2 pages of 512 x 512 texels")
+    assert worn.worst == "Chair 2"
+    assert Worn.decode(worn.encode()) == worn
+    for text in ("", "[]", '{"lines": 3}', '{"lines": [], "details": [], "worst": "", "warnings": [1]}'):
+        assert Worn.decode(text) == Worn()
 
 
 def test_numbers_for_a_narrow_panel():
@@ -200,7 +199,7 @@ def test_pace_and_target_are_told():
     assert state.describe_pace() == ""
     state.begin(process, 0.0, [], target=0.05)
     state.wait()
-    assert state.describe_pace() == "1.00 M photons/s, to an error of 5.0%"
+    assert state.describe_pace() == "1.00 M photons/s, to an error of 5.0 %"
     state.progress = dataclasses.replace(state.progress, photons_per_s=0.0)
     assert state.describe_pace() == ""
 

@@ -4,7 +4,8 @@ import math
 from pathlib import Path
 
 import pytest
-from leaflight.addon.app.console import describe_error, describe_files, describe_miss, describe_progress, print_message
+from leaflight.addon.app.console import describe_files, describe_miss, describe_progress, print_message
+from leaflight.addon.show.bake_text import describe_error
 from leaflight.core.util.messages import Done, Error, Preview, Progress, Status, Warning_
 
 PROGRESS = Progress(fraction=0.25, photons=1_500_000, photons_per_s=2.5e6, estimated_error=0.043, seconds_left=12.4, leaves=900)
@@ -85,11 +86,11 @@ ROWS = [{"name": "Hall", "estimated_error": 0.01}, {"name": "Den", "estimated_er
 @pytest.mark.parametrize(
     ("error", "error_of", "rows", "lines"),
     [
-        (0.021, "bake", ROWS, ["Error 2.1% of the whole", "Most by itself: Den, 34%"]),
-        (0.35, "bake", ROWS, ["Error 35.0%"]),
-        (0.021, "bake", ROWS[2:], ["Error 2.1%"]),
-        (0.021, "objects", ROWS, ["Error 2.1% of the worst object", "This is Den"]),
-        (0.021, "objects", ROWS[2:], ["Error 2.1% of the worst object"]),
+        (0.021, "bake", ROWS, ["Error 2.1 %", "Worst object: Den, 34 %"]),
+        (0.35, "bake", ROWS, ["Error 35.0 %"]),
+        (0.021, "bake", ROWS[2:], ["Error 2.1 %"]),
+        (0.021, "objects", ROWS, ["Error 2.1 %, of the worst object", "Worst object: Den"]),
+        (0.021, "objects", ROWS[2:], ["Error 2.1 %, of the worst object"]),
     ],
 )
 def test_the_object_that_errs_most_is_named_where_it_errs_more_than_the_whole(error, error_of, rows, lines):

@@ -29,6 +29,7 @@ def make_snapshot():
         images=(TextureImage("Karo", rng.random((3, 5, 3)).astype(np.float32), "CLIP", True, True),),
         lights=(Light("AREA", "Fenster", (1.0, 2.0, 3.0), power_rgb=(4.0, 5.0, 6.0), size_m=(2.0, 0.5), casts_shadow=False),),
         world_rgb=(0.1, 0.2, 0.3),
+        world_map=rng.random((2, 4, 3)).astype(np.float32),
     )
 
 

@@ -1,0 +1,102 @@
+"""What the panel says of a bake that is done, and numbers as it writes them; no bpy here."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from typing import Any
+
+_REASONS = {"max_photons": ", stopped at Max Photons", "time_limit": ", stopped at Time Limit"}
+
+_MATTERS = 0.005  # more error than the whole's, for an object to be named
+
+
+@dataclass(frozen=True)
+class Worn:
+    """What the panel says of the bake that a scene wears.
+
+    lines      of its result
+    warnings   (subject, sentence)
+    worst      name of the object that one of the lines is about, "" where none is
+    details    lines for those who want to know more
+    """
+
+    lines: tuple[str, ...] = ()
+    warnings: tuple[tuple[str, str], ...] = ()
+    worst: str = ""
+    details: tuple[str, ...] = ()
+
+    @classmethod
+    def of_result(cls, result: dict[str, Any], seconds: float, kept: str, warnings: list[tuple[str, str]]) -> Worn:
+        """Of the core's result; `kept` is the sentence in place of the time where nothing had to be baked."""
+        leaves, photons = result["leaves"], result["photons"]
+        details = f"{leaves:,} {'leaf' if leaves == 1 else 'leaves'}", f"{describe_count(photons)} photons"
+        return cls(tuple(summarize(result, seconds, kept)), tuple(warnings), find_worst(result), details)
+
+    def encode(self) -> str:
+        """As text that a .blend can keep."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def decode(cls, text: str) -> Worn:
+        """What `encode` made; nothing where the text is another version's."""
+        try:
+            kept = json.loads(text)
+            warnings = tuple((str(subject), str(sentence)) for subject, sentence in kept["warnings"])
+            lines, details = (tuple(str(line) for line in kept[name]) for name in ("lines", "details"))
+            return cls(lines, warnings, str(kept["worst"]), details)
+        except (ValueError, KeyError, TypeError):
+            return cls()
+
+
+def summarize(result: dict[str, Any], seconds: float, kept: str) -> list[str]:
+    """Lines about the core's result of a bake that took so long; `kept` as for Worn.of_result."""
+    why = result["stopped_by"]
+    first = ("Stopped after " if why == "interrupted" else "Baked in ") + describe_seconds(seconds)
+    error, *more = describe_error(result)
+    pages, size = result["pages"], result["page_size"]
+    return [
+        kept if result["skipped"]["bake"] else first,
+        error + _REASONS.get(why, ""),
+        *more,
+        f"{pages} page{'s' if pages > 1 else ''} of {size} x {size} texels",
+    ]
+
+
+def describe_percent(share: float) -> str:
+    """An error for a person."""
+    return f"{100.0 * share:.1f} %"
+
+
+def describe_count(count: int) -> str:
+    """A number of photons for a narrow panel."""
+    return f"{count / 1e6:.2f} M" if count >= 1e5 else f"{count:,}"
+
+
+def describe_seconds(seconds: float) -> str:
+    """A duration for a person."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest:02d} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def describe_error(result: dict[str, Any]) -> list[str]:
+    """Lines about the error of a bake, and of the object that errs most beside its own brightness where that is more."""
+    error = f"Error {100.0 * result['estimated_error']:.1f} %"
+    worst = _find_worst(result)
+    if result["error_of"] == "objects":
+        return [f"{error}, of the worst object", *([f"Worst object: {worst['name']}"] if worst else [])]
+    return [error, *([f"Worst object: {worst['name']}, {100.0 * worst['estimated_error']:.0f} %"] if worst else [])]
+
+
+def find_worst(result: dict[str, Any]) -> str:
+    """Name of the object that `describe_error` speaks of, "" where it speaks of none."""
+    worst = _find_worst(result)
+    return str(worst["name"]) if worst else ""
+
+
+def _find_worst(result: dict[str, Any]) -> dict[str, Any] | None:
+    known = [one for one in result["objects"] if one["estimated_error"] is not None]
+    worst = max(known, key=lambda one: one["estimated_error"], default=None)
+    return worst if worst and (result["error_of"] == "objects" or worst["estimated_error"] > result["estimated_error"] + _MATTERS) else None

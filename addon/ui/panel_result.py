@@ -1,0 +1,58 @@
+"""What the panel draws of the bake that a scene wears, and the row that shows it in the view."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ...core.util.told import Told
+from ..app.bake_state import BakeState
+from ..app.request import find_output
+from ..app.spare_images import draw_spare
+from ..show import layout, restore, view_shading
+from ..show.bake_text import Worn
+from .panel_parts import draw_sentence, draw_told
+
+
+def find_worn(context: bpy.types.Context, state: BakeState) -> Worn:
+    """What is known of the scene's bake: from the .blend, which undo changes too, or from this Blender."""
+    return layout.worn_result(context.scene) or state.worn.get(context.scene.session_uid, Worn())
+
+
+def draw_result(column: Any, context: bpy.types.Context, worn: Worn) -> None:
+    """Buttons first, so that they stay where they are whatever is said below."""
+    box = column.box()
+    row = box.row(align=True)
+    shown = restore.is_preview_on(context.scene)
+    row.operator("leaflight.toggle_preview", icon="HIDE_OFF" if shown else "HIDE_ON", depress=shown)
+    row.operator("leaflight.remove", icon="TRASH")
+    row = box.row(align=True)
+    row.operator("leaflight.export_gltf", text="Export .glb", icon="EXPORT")
+    folder = layout.worn_folder(context.scene) or find_output(context.scene)
+    opener = row.row(align=True)
+    opener.enabled = folder.is_dir()
+    opener.operator("wm.path_open", text="Folder", icon="FILE_FOLDER").filepath = str(folder)
+    draw_spare(box, context)
+    box.operator("leaflight.refine", icon="ADD")
+    if shown and view_shading.hides_bake(context):
+        draw_show_it(box, "This view does not show it:")
+    lines = box.column(align=True)
+    for i, line in enumerate(worn.lines):
+        icon = "CHECKMARK" if i == 0 else "BLANK1"
+        if worn.worst and worn.worst in line:
+            draw_told(lines, context, Told((worn.worst,), line), icon)
+        else:
+            draw_sentence(lines, context, line, icon)
+    if worn.details:
+        header, body = box.panel("leaflight_details", default_closed=True)
+        header.label(text="Details")
+        for line in worn.details if body else ():
+            body.label(text=line, icon="BLANK1")
+
+
+def draw_show_it(column: Any, text: str) -> None:
+    """One line with a button that switches the view."""
+    row = column.row()
+    row.label(text=text, icon="INFO")
+    row.operator("leaflight.show_it", icon="SHADING_TEXTURE")

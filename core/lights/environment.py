@@ -1,0 +1,81 @@
+"""A world whose radiance differs by direction: a map of it, and the birth of its photons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.scene_cover import SceneCover
+from ..util.arrays import Float32, Float64, FloatArray
+from ..util.brightness import weigh_channels
+from ..util.sphere_map import CellTable, find_cells, find_solid_angles, place_in_cells
+from .lights import Births, make_births
+
+
+@dataclass(frozen=True)
+class Environment:
+    """Radiance from every direction of infinity, constant in each cell of a map (see sphere_map).
+
+    radiance   (h, w, 3) float32, W/m^2/sr; finite and >= 0
+    """
+
+    radiance: NDArray[np.float32]
+
+    @cached_property
+    def cell_power(self) -> Float64:
+        """(h, w) float64: radiance times solid angle of each cell, the three channels as one number."""
+        height, width, _ = self.radiance.shape
+        brightness = weigh_channels(self.radiance.reshape(-1, 3)).reshape(height, width)
+        return brightness * find_solid_angles(height, width)[:, None]
+
+    @property
+    def shines(self) -> bool:
+        return bool(self.radiance.any())
+
+    def look_up(self, direction: FloatArray) -> Float32:
+        """(n, 3) float32, W/m^2/sr: radiance from unit directions (n, 3)."""
+        out: Float32 = self.radiance.reshape(-1, 3)[find_cells(self.radiance.shape, direction)]
+        return out
+
+
+@dataclass(frozen=True)
+class EnvironmentEmitter:
+    """Photons of an environment: a direction by power, then a place on the scene's outline across it.
+
+    table         cells by the power that comes from each into the scene
+    cell_share    (h * w, 3) float32: power of a cell over its probability and over power_rgb, for an outline of 1
+    """
+
+    name: str
+    power_rgb: Float64
+    table: CellTable
+    cell_share: Float32
+    cover: SceneCover
+    casts_shadow: bool = True
+
+    @classmethod
+    def of(cls, name: str, environment: Environment, cover: SceneCover, per_area: float) -> EnvironmentEmitter:
+        """per_area   square metres to one of the unit box"""
+        height, width, _ = environment.radiance.shape
+        cell = np.arange(height * width)
+        half = np.full(len(cell), 0.5)
+        outline = cover.outline_area(place_in_cells((height, width), cell, half, half)) * per_area
+        weight = environment.cell_power.ravel() * outline
+        solid_angle = np.repeat(find_solid_angles(height, width), width)
+        in_sight = environment.radiance.reshape(-1, 3) * solid_angle[:, None]
+        power = (in_sight * outline[:, None]).sum(axis=0)
+        probability = weight / weight.sum()
+        share = in_sight * per_area * np.divide(1, power, out=np.zeros(3), where=power > 0)
+        share = np.divide(share, probability[:, None], out=np.zeros_like(share), where=probability[:, None] > 0)
+        return cls(name, power, CellTable(weight.reshape(height, width)), share.astype(np.float32), cover)
+
+    def emit(self, u: Float32) -> Births:
+        toward, cell, _ = self.table.sample(u[:, 2:4])
+        direction = -toward
+        across, rest = self.cover.choose_faces(u[:, 0], np.abs(direction) * self.cover.face_area.astype(np.float32))
+        entering_high = (across * direction.T).sum(axis=0) < 0
+        relative = self.cell_share[cell] * self.cover.outline_area(direction)[:, None]
+        return make_births(self.cover.place(across, entering_high, rest, u[:, 1]), direction, relative)

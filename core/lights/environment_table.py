@@ -1,0 +1,193 @@
+"""Directions of an environment map for shadow rays: patches of it by what they bring to normals, then cells by power; their pdf; and the
+irradiance of the whole map by normal.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import Float32, Float64, FloatArray
+from ..util.sphere_map import LineTable, find_cells, find_solid_angles, place_in_cells
+from .environment import Environment
+
+Int64 = NDArray[np.int64]
+
+_PATCH_ROWS, _PATCH_COLUMNS = 32, 64  # that the map is cut into
+_SECTOR = 4  # patches along each side of a sector, in which visibility is learned
+_NORMAL_ROWS = 48  # of the table of irradiance by normal; half its columns
+
+
+@dataclass(frozen=True)
+class EnvironmentTable:
+    """An environment made ready for shadow rays.
+
+    Cells of the map are sorted by patch. power: of a cell or patch, its brightness times its solid angle.
+    """
+
+    environment: Environment
+
+    @classmethod
+    def of(cls, environment: Environment) -> EnvironmentTable:
+        """A map of few cells is repeated until none is larger than a patch."""
+        height, width, _ = environment.radiance.shape
+        radiance = environment.radiance.repeat(-(-2 * _PATCH_ROWS // height), axis=0).repeat(-(-2 * _PATCH_COLUMNS // width), axis=1)
+        return cls(Environment(radiance))
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        height, width, _ = self.environment.radiance.shape
+        return height, width
+
+    @cached_property
+    def _row_start(self) -> Int64:
+        """(33,) int64: first row of the map in each row of patches, and the end."""
+        return -(-np.arange(_PATCH_ROWS + 1) * self._shape[0] // _PATCH_ROWS)
+
+    @cached_property
+    def _column_start(self) -> Int64:
+        """(65,) int64: the same of columns."""
+        return -(-np.arange(_PATCH_COLUMNS + 1) * self._shape[1] // _PATCH_COLUMNS)
+
+    @cached_property
+    def _patch_of_cell(self) -> Int64:
+        """(h * w,) int64: row of patches times their columns, plus column."""
+        row = np.repeat(np.arange(_PATCH_ROWS), np.diff(self._row_start))
+        column = np.repeat(np.arange(_PATCH_COLUMNS), np.diff(self._column_start))
+        return (row[:, None] * _PATCH_COLUMNS + column).ravel()
+
+    @cached_property
+    def _along(self) -> LineTable:
+        """The cells of each row of the map."""
+        return LineTable(self.environment.cell_power)
+
+    @cached_property
+    def _up(self) -> LineTable:
+        """The rows of the map in each column of patches."""
+        return LineTable(np.add.reduceat(self.environment.cell_power, self._column_start[:-1], axis=1).T)
+
+    @cached_property
+    def power(self) -> Float64:
+        """(n_patch,) float64."""
+        return np.add.reduceat(np.add.reduceat(self.environment.cell_power, self._row_start[:-1]), self._column_start[:-1], axis=1).ravel()
+
+    @cached_property
+    def direction(self) -> Float32:
+        """(n_patch, 3) float32, unit: to the patches' middles by power."""
+        cell = np.arange(math.prod(self._shape))
+        half = np.full(len(cell), 0.5)
+        toward = place_in_cells(self._shape, cell, half, half).astype(np.float64)
+        power = self.environment.cell_power.ravel()
+        sums = np.stack([np.bincount(self._patch_of_cell, power * axis, len(self.power)) for axis in toward.T], axis=1)
+        out: Float32 = (sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300)).astype(np.float32)
+        return out
+
+    @cached_property
+    def sector(self) -> Int64:
+        """(n_patch,) int64: in which its visibility is learned."""
+        row, column = np.divmod(np.arange(_PATCH_ROWS * _PATCH_COLUMNS), _PATCH_COLUMNS)
+        return row // _SECTOR * (_PATCH_COLUMNS // _SECTOR) + column // _SECTOR
+
+    @cached_property
+    def _irradiance_by_normal(self) -> Float32:
+        """(rows + 1, columns, 3) float32, W/m^2: unoccluded, for normals at even steps of angle, poles included."""
+        polar = np.pi * np.arange(_NORMAL_ROWS + 1) / _NORMAL_ROWS
+        azimuth = np.pi * np.arange(2 * _NORMAL_ROWS) / _NORMAL_ROWS
+        normal = np.stack(
+            np.broadcast_arrays(
+                np.sin(polar)[:, None] * np.cos(azimuth), np.sin(polar)[:, None] * np.sin(azimuth), -np.cos(polar)[:, None]
+            ),
+            axis=-1,
+        )
+        toward, flux = self._condense()
+        out = np.empty((len(polar), len(azimuth), 3), np.float32)
+        for row, line in zip(out, normal.astype(np.float32), strict=True):
+            # Products of small matrices: large ones start threads.
+            cosine = np.maximum(line @ toward.T, 0)
+            row[:] = cosine @ flux
+        return out
+
+    def _condense(self) -> tuple[Float32, Float32]:
+        """Directions (n, 3) of blocks of cells and their radiance times solid angle (n, 3): fine enough for what varies with a cosine."""
+        height, width = self._shape
+        rows, columns = min(2 * _PATCH_ROWS, height), min(2 * _PATCH_COLUMNS, width)
+        block = ((np.arange(height) * rows // height)[:, None] * columns + np.arange(width) * columns // width).ravel()
+        cell = np.arange(height * width)
+        half = np.full(len(cell), 0.5)
+        toward = place_in_cells(self._shape, cell, half, half).astype(np.float64)
+        solid_angle = np.repeat(find_solid_angles(height, width), width)
+        rgb = self.environment.radiance.reshape(-1, 3) * solid_angle[:, None]
+        weight = self.environment.cell_power.ravel()
+        middle: Float64 = np.stack([np.bincount(block, weight * axis, rows * columns) for axis in toward.T], axis=1)
+        # The middle of a block is a little nearer than 1: the mean of the cosine is the cosine at that point.
+        middle /= np.maximum(np.bincount(block, weight, rows * columns), 1e-300)[:, None]
+        flux = np.stack([np.bincount(block, channel, rows * columns) for channel in rgb.T], axis=1)
+        lit = flux.any(axis=1)
+        return middle[lit].astype(np.float32), flux[lit].astype(np.float32)
+
+    def find_irradiance(self, normal: FloatArray) -> Float64:
+        """(n, 3) float64, W/m^2: unoccluded, at unit normals (n, 3); interpolated, exact to 0.1 % of the brightest normal's."""
+        table = self._irradiance_by_normal
+        x, y, z = np.asarray(normal, np.float64).T
+        up = np.arctan2(np.hypot(x, y), -z) * (_NORMAL_ROWS / np.pi)
+        along = np.arctan2(y, x) * (_NORMAL_ROWS / np.pi) % (2 * _NORMAL_ROWS)
+        row = np.minimum(up.astype(np.int64), _NORMAL_ROWS - 1)
+        column = np.minimum(along.astype(np.int64), 2 * _NORMAL_ROWS - 1)
+        following = (column + 1) % (2 * _NORMAL_ROWS)
+        v, u = (up - row)[:, None], (along - column)[:, None]
+        out: Float64 = (table[row, column] * (1 - u) + table[row, following] * u) * (1 - v)
+        out += (table[row + 1, column] * (1 - u) + table[row + 1, following] * u) * v
+        return out
+
+    def choose(self, patch: Int64, u: FloatArray) -> tuple[Float32, Int64, Float64]:
+        """Directions (n, 3) in patches (n,) by power, their cells (n,), and their densities within the patch (n,), per steradian.
+
+        u   (n, 2) float in [0, 1]: along and up
+        """
+        height, width = self._shape
+        patch_row, patch_column = np.divmod(patch, _PATCH_COLUMNS)
+        row, up, _ = self._up.find(patch_column, u[:, 1], self._row_start[patch_row], self._row_start[patch_row + 1])
+        column, along, _ = self._along.find(row, u[:, 0], self._column_start[patch_column], self._column_start[patch_column + 1])
+        cell = row * width + column
+        of_patch = self.power[patch] * find_solid_angles(height, width)[row]
+        density = self.environment.cell_power.ravel()[cell] / np.maximum(of_patch, 1e-300)
+        return place_in_cells(self._shape, cell, along, up), cell, density
+
+    def pdf(self, chance: FloatArray, direction: FloatArray) -> Float64:
+        """(n,) float64, per steradian: of unit directions (n, 3), where patches are chosen by chances (n_patch,)."""
+        height, width = self._shape
+        cell = find_cells(self._shape, direction)
+        patch = self._patch_of_cell[cell]
+        of_cell = self.environment.cell_power.ravel()[cell] / np.maximum(self.power[patch], 1e-300)
+        out: Float64 = chance[patch] * of_cell / find_solid_angles(height, width)[cell // width]
+        return out
+
+    def rate_by_normals(self, normal: FloatArray) -> Float64:
+        """(n_group, n_patch) float64: about the irradiance that each patch brings to a group of normals (n_group, k, 3), on average."""
+        out = np.zeros((len(normal), len(self.power)))
+        for one in np.moveaxis(normal, 1, 0):
+            cosine = one.astype(np.float32) @ self.direction.T
+            out += np.maximum(cosine + np.float32(math.pi / _PATCH_ROWS / 2), 0)
+        out *= self.power / normal.shape[1]
+        return out
+
+
+class PatchChoice:
+    """Choice of patches for blocks of texels: a row of them, then one of its columns.
+
+    chance   (n_block, n_patch) float64
+    """
+
+    def __init__(self, chance: Float64) -> None:
+        by_row = chance.reshape(len(chance), _PATCH_ROWS, _PATCH_COLUMNS)
+        self._rows, self._columns = LineTable(by_row.sum(axis=2)), LineTable(by_row.reshape(-1, _PATCH_COLUMNS))
+
+    def choose(self, block: Int64, u: FloatArray) -> tuple[Int64, Float64, Float64]:
+        """Patches of blocks (n,), their chances, and what is left of the numbers (n, 2): along and up."""
+        row, up, of_row = self._rows.find(block, u[:, 1])
+        column, along, of_column = self._columns.find(block * _PATCH_ROWS + row, u[:, 0])
+        return row * _PATCH_COLUMNS + column, of_row * of_column, np.stack([along, up], axis=1)

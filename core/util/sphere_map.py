@@ -1,0 +1,127 @@
+"""The sphere of directions as an equirectangular map of cells, and choice among them.
+
+Blender's layout: row 0 looks straight down, the last row up; columns go from -X by +Y, +X and -Y back to -X.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .arrays import FloatArray, IntArray
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+
+_TINY = 1e-300  # keeps 0 / 0 at 0
+
+
+def find_solid_angles(height: int, width: int) -> Float64:
+    """(height,) float64: steradians of a cell in each row of a map."""
+    edge = np.cos(np.pi / height * np.arange(height + 1))
+    out: Float64 = (edge[:-1] - edge[1:]) * (2 * np.pi / width)
+    return out
+
+
+def place_in_cells(shape: tuple[int, ...], cell: IntArray, along: FloatArray, up: FloatArray) -> Float32:
+    """(n, 3) float32: unit directions at places (along, up) in [0, 1] of cells (n,) of a map; uniform places are uniform per steradian."""
+    height, width = shape[:2]
+    row, column = np.divmod(cell, width)
+    edge = np.pi / height * np.arange(height + 1)
+    # 1 + z and 1 - z keep their digits at the poles; both are linear in the place.
+    low, high = 2 * np.sin(edge / 2) ** 2, 2 * np.cos(edge / 2) ** 2
+    above, below = low[row] + (low[row + 1] - low[row]) * up, high[row] + (high[row + 1] - high[row]) * up
+    across = np.sqrt(np.maximum(above * below, 0))
+    phi = np.pi * (1 - 2 * (column + along) / width)
+    out = np.empty((3, len(cell)), np.float32)
+    out[0], out[1], out[2] = across * np.cos(phi), across * np.sin(phi), above - 1
+    return out.T
+
+
+def find_cells(shape: tuple[int, ...], direction: FloatArray) -> IntArray:
+    """(n,) int64: cells, row * width + column, in which unit directions (n, 3) lie."""
+    height, width = shape[:2]
+    x, y, z = np.asarray(direction, np.float64).T
+    column = np.floor((0.5 - np.arctan2(y, x) / (2 * np.pi)) * width).astype(np.int64) % width
+    row = np.clip(np.floor((np.arctan2(z, np.hypot(x, y)) / np.pi + 0.5) * height).astype(np.int64), 0, height - 1)
+    out: IntArray = row * width + column
+    return out
+
+
+class LineTable:
+    """Choice among the entries of lines by inverse cumulative sums, so that numbers near each other give entries near each other.
+
+    weight   (n_line, n_entry) float, >= 0
+    """
+
+    def __init__(self, weight: FloatArray) -> None:
+        n_line, self._count = weight.shape
+        end = np.zeros((n_line, self._count + 1))
+        np.cumsum(weight, axis=1, out=end[:, 1:])
+        end /= np.maximum(end[:, -1:], _TINY)
+        self._end = end.ravel()
+        # All lines in one ascending row: what lies beyond a line is larger than all of it.
+        end = end + np.arange(n_line)[:, None]
+        self._ascending = end.ravel()
+
+    def find(
+        self, line: IntArray, u: FloatArray, first: IntArray | int = 0, last: IntArray | None = None
+    ) -> tuple[IntArray, Float64, Float64]:
+        """Entries (n,) of lines (n,), what is left of the numbers (n,), and the chances of the entries (n,).
+
+        u             (n,) float in [0, 1]
+        first, last   (n,) int: the entries first ... last - 1 alone are chosen among; all if left out
+        """
+        start = line * (self._count + 1)
+        begin, stop = start + first, start + (self._count if last is None else last)
+        low, width = self._end[begin], self._end[stop] - self._end[begin]
+        target = low + u * width
+        # Halving a short range in place of searchsorted over all lines, which would miss the cache at every step.
+        found, in_line = begin.copy(), target + line
+        for bit in reversed(range(int((stop - begin).max(initial=1)).bit_length())):
+            found += (self._ascending.take(found + (1 << bit), mode="clip") <= in_line) << bit
+        np.minimum(found, stop - 1, out=found)
+        below = self._end[found]
+        own = np.maximum(self._end[found + 1] - below, 0.0)
+        rest = np.clip((target - below) / np.maximum(own, _TINY), 0.0, 1.0)
+        return found - start, rest, own / np.maximum(width, _TINY)
+
+
+@dataclass(frozen=True)
+class CellTable:
+    """Directions with a density that is constant in each cell of a map and proportional to the cell's weight.
+
+    weight   (h, w) float64, >= 0, at least one above 0
+
+    Source: Pharr, Jakob & Humphreys 2023, "Physically Based Rendering", A.5.2 (piecewise-constant distributions).
+    """
+
+    weight: Float64
+
+    @cached_property
+    def _rows(self) -> LineTable:
+        return LineTable(self.weight.sum(axis=1)[None])
+
+    @cached_property
+    def _columns(self) -> LineTable:
+        return LineTable(self.weight)
+
+    def sample(self, u: FloatArray) -> tuple[Float32, IntArray, Float64]:
+        """Unit directions (n, 3), the cells (n,) int64 that they lie in, row * w + column, and the cells' probabilities (n,).
+
+        u   (n, 2) float, uniform in [0, 1): up and along
+        """
+        row, up, of_row = self._rows.find(np.zeros(len(u), np.int64), u[:, 0])
+        column, along, of_column = self._columns.find(row, u[:, 1])
+        cell = row * self.weight.shape[1] + column
+        return place_in_cells(self.weight.shape, cell, along, up), cell, of_row * of_column
+
+    def pdf(self, direction: FloatArray) -> Float64:
+        """(n,) float64, per steradian: density of sample() at unit directions (n, 3)."""
+        cell = find_cells(self.weight.shape, direction)
+        solid_angle = find_solid_angles(*self.weight.shape)[cell // self.weight.shape[1]]
+        out: Float64 = self.weight.ravel()[cell] / self.weight.sum() / solid_angle
+        return out

@@ -1,0 +1,191 @@
+"""An environment map: sampled as its pdf says, and the light of known skies by shadow rays and by photons."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from closed_forms import from_polygon
+from floors import chi_square_sigmas, floor_looks, floor_tiles, lit_scene, prepare, sigma_limit
+from leaflight.core.integrate.direct import direct_irradiance
+from leaflight.core.lights.emitters import NO_LIGHT, EmittingMeshes, build_emitters
+from leaflight.core.lights.environment import Environment
+from leaflight.core.lights.environment_table import EnvironmentTable
+from leaflight.core.scene.scene import SceneSnapshot
+from leaflight.core.texels.texel_grid import part_bits
+from leaflight.core.transport import photons
+from leaflight.core.util.brightness import weigh_channels
+from leaflight.core.util.sampling import square_to_uniform_sphere
+from leaflight.core.util.sphere_map import CellTable, find_cells, find_solid_angles, place_in_cells
+from scenes import box_mesh
+
+SIDE = 32
+LIMIT = sigma_limit(12)
+BLOCK = box_mesh("Block", (0.3, 0.3, 0.2), (0.5, 0.5, 0.4))
+
+
+def middles(height: int, width: int) -> np.ndarray:
+    """(height * width, 3): directions to the cells' middles."""
+    cell = np.arange(height * width)
+    return place_in_cells((height, width), cell, np.full(len(cell), 0.5), np.full(len(cell), 0.5))
+
+
+def make_map(height: int, width: int, function) -> np.ndarray:
+    values = np.asarray(function(middles(height, width).astype(float)))
+    return np.broadcast_to(values.reshape(height, width, -1), (height, width, 3)).astype(np.float32)
+
+
+def bumpy(height: int = 24, width: int = 50) -> np.ndarray:
+    """A bright lobe over a coloured gradient; a tenth of the cells black."""
+    rng = np.random.default_rng(4)
+    toward = middles(height, width).astype(float)
+    lobe = np.exp(20 * (toward @ np.array([0.48, -0.6, 0.64]) - 1))
+    rgb = (1 + toward[:, 2:]) * np.array([0.2, 0.4, 0.7]) + lobe[:, None] * np.array([6.0, 5.0, 2.0])
+    rgb[rng.random(len(rgb)) < 0.1] = 0
+    return rgb.reshape(height, width, 3).astype(np.float32)
+
+
+def under(world_map: np.ndarray, *others) -> SceneSnapshot:
+    return replace(lit_scene(others), world_map=world_map)
+
+
+def light_floor(scene: SceneSnapshot, seed: int = 1, **options: object) -> np.ndarray:
+    """(SIDE**2, 3): irradiance of the floor's texels in Morton order."""
+    looks, texel = floor_looks(SIDE), np.arange(SIDE**2)
+    found = direct_irradiance(prepare(scene)[0], looks, texel, np.random.default_rng(seed), tiles=floor_tiles(SIDE), **options)
+    return found.irradiance_rgb
+
+
+class TestCells:
+    @pytest.mark.parametrize("shape", [(1, 1), (5, 3), (64, 128)])
+    def test_a_place_lies_in_its_cell(self, shape):
+        rng = np.random.default_rng(1)
+        cell = rng.integers(0, math.prod(shape), 2000)
+        toward = place_in_cells(shape, cell, *rng.uniform(0.01, 0.99, (2, 2000)))
+        assert (find_cells(shape, toward) == cell).all()
+        assert np.linalg.norm(toward, axis=1) == pytest.approx(1, abs=1e-6)
+
+    def test_solid_angles_fill_the_sphere(self):
+        assert find_solid_angles(7, 5).sum() * 5 == pytest.approx(4 * math.pi)
+
+    def test_blenders_layout(self):
+        """Row 0 looks down; a quarter of the width is +Y, its middle +X."""
+        cell = find_cells((4, 8), np.array([[0, 0, -1.0], [0, 0, 1.0], [1, -0.01, 0.01], [0.01, 1, 0.01]]))
+        assert list(np.divmod(cell, 8)[0]) == [0, 3, 2, 2]
+        assert list(cell[2:] % 8) == [4, 2]
+
+
+class TestTable:
+    def test_directions_come_as_the_pdf_says(self):
+        shape, bins = (24, 50), (6, 10)
+        table = CellTable(Environment(bumpy(*shape)).cell_power)
+        toward, cell, chance = table.sample(np.random.default_rng(2).random((400_000, 2)))
+        assert (find_cells(shape, toward) == cell).mean() > 0.9999  # rounding at edges
+        dense = square_to_uniform_sphere(np.random.default_rng(3).random((400_000, 2)))
+        expected = np.bincount(find_cells(bins, dense), table.pdf(dense), math.prod(bins)) * 4 * math.pi
+        observed = np.bincount(find_cells(bins, toward), minlength=math.prod(bins))
+        assert expected.sum() == pytest.approx(400_000, rel=0.01)
+        assert observed / 400_000 == pytest.approx(expected / 400_000, rel=0.05, abs=8e-4)
+        weights = np.bincount(cell, minlength=math.prod(shape)).astype(float)
+        lit = table.weight.ravel() > 0
+        assert weights[~lit].sum() == 0
+        assert chi_square_sigmas(weights[lit], table.weight.ravel()[lit] / table.weight.sum() * len(cell)) < LIMIT
+        assert chance == pytest.approx(table.weight.ravel()[cell] / table.weight.sum(), rel=1e-6)
+
+    def test_places_in_a_cell_are_uniform(self):
+        toward, _, _ = CellTable(np.ones((2, 1))).sample(np.random.default_rng(5).random((100_000, 2)))
+        assert toward.mean(axis=0) == pytest.approx(0, abs=LIMIT * math.sqrt(1 / 3 / 100_000))
+        assert (toward**2).mean(axis=0) == pytest.approx(1 / 3, rel=0.01)
+
+
+class TestShadowRayTable:
+    def test_irradiance_by_normal(self):
+        world_map = bumpy()
+        table = EnvironmentTable.of(Environment(world_map))
+        normal = square_to_uniform_sphere(np.random.default_rng(6).random((200, 2)))
+        fine = np.repeat(np.repeat(world_map, 12, axis=0), 12, axis=1)
+        solid_angle = np.repeat(find_solid_angles(*fine.shape[:2]), fine.shape[1])
+        expected = np.maximum(normal @ middles(*fine.shape[:2]).T.astype(float), 0) @ (fine.reshape(-1, 3) * solid_angle[:, None])
+        assert table.find_irradiance(normal) == pytest.approx(expected, rel=5e-3, abs=2e-3 * expected.max())
+
+    def test_directions_come_as_the_pdf_says(self):
+        """The mean of f / pdf is the integral of f, and the density told is that of the pdf."""
+        table = EnvironmentTable.of(Environment(bumpy()))
+        rng = np.random.default_rng(7)
+        chance = table.rate_by_normals(np.array([[[0.6, 0.0, 0.8]]]))[0] + 0.05 * table.power
+        chance /= chance.sum()
+        patch = rng.choice(len(chance), 200_000, p=chance)
+        toward, _, density = table.choose(patch, rng.random((200_000, 2)))
+        pdf = table.pdf(chance, toward)
+        assert np.median(chance[patch] * density / pdf) == pytest.approx(1, rel=1e-6)
+        values = weigh_channels(table.environment.look_up(toward)) * np.maximum(toward[:, 2], 0) / (chance[patch] * density)
+        expected = weigh_channels(table.find_irradiance(np.array([[0.0, 0.0, 1.0]])))[0]
+        assert values.mean() == pytest.approx(expected, rel=1e-3, abs=LIMIT * values.std() / math.sqrt(200_000))
+
+
+class TestKnownSkies:
+    def test_a_constant_map_is_a_uniform_sky(self):
+        rgb = (1.0, 0.5, 0.25)
+        found = light_floor(under(make_map(16, 32, lambda d: np.broadcast_to(rgb, d.shape))))
+        assert found == pytest.approx(math.pi * np.broadcast_to(rgb, found.shape), rel=5e-3)
+        assert found.mean(axis=0) == pytest.approx(math.pi * np.array(rgb), rel=1e-3)
+
+    def test_brighter_overhead(self):
+        """L = max(0, cos theta): the integral of cos^2 over the hemisphere is 2 pi / 3."""
+        found = light_floor(under(make_map(256, 512, lambda d: np.maximum(d[:, 2], 0))))
+        assert found.mean() == pytest.approx(2 * math.pi / 3, rel=1e-3)
+        assert found == pytest.approx(2 * math.pi / 3, rel=0.01)
+
+    def test_what_lies_below_the_horizon_lights_nothing_from_above(self):
+        assert light_floor(under(make_map(16, 32, lambda d: d[:, 2] < 0))).max() < 1e-3
+
+    def test_beside_a_wall(self):
+        """A constant map beside a black wall: pi less the wall's polygon, texel by texel."""
+        wall = box_mesh("Wall", (0.02, 40, 30), (-0.011, 0, 15))
+        found = light_floor(under(np.ones((16, 32, 3), np.float32), wall), tolerance=0.005)[:, 0]
+        corners = np.array([[0, -20, 0], [0, 20, 0], [0, 20, 30], [0, -20, 30]], float)
+        x, y = part_bits(np.arange(SIDE**2))
+        at = np.column_stack([(x + 0.5) / SIDE, (y + 0.5) / SIDE, np.zeros(SIDE**2)])
+        expected = math.pi - np.abs(from_polygon(corners, at, np.tile([0.0, 0.0, 1.0], (SIDE**2, 1))))
+        assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
+        assert found == pytest.approx(expected, rel=0.25)
+        assert np.sqrt(((found / expected - 1) ** 2).mean()) < 0.05
+
+    def test_a_black_map_is_no_light(self):
+        with pytest.raises(ValueError, match=NO_LIGHT):
+            trace_scene(under(np.zeros((4, 8, 3), np.float32)))
+
+    def test_what_is_not_a_radiance_counts_as_none(self):
+        bad = np.ones((4, 8, 3), np.float32)
+        bad[3] = (np.nan, np.inf, -1)
+        good = np.where(np.arange(4)[:, None, None] == 3, np.float32(0), np.float32(1)) * np.ones((4, 8, 3), np.float32)
+        assert light_floor(under(bad)) == pytest.approx(light_floor(under(good)), rel=0.02)
+
+
+def trace_scene(scene: SceneSnapshot):
+    _, box, surfaces = prepare(scene)
+    emitters, _ = build_emitters(scene, box, surfaces, EmittingMeshes.of(scene, surfaces))
+    return photons.build_trace_scene(scene, box, surfaces, emitters)
+
+
+@pytest.mark.parametrize("shape", [(24, 50), (1, 1)])
+def test_photons_say_the_same(shape):
+    """Over the 8 x 8 parts of a floor with a block above it."""
+    scene, n_photon = under(bumpy(*shape), BLOCK), 400_000
+    trace = trace_scene(scene)
+    (hits,) = photons.trace_shard(trace, n_photon, 1.0, np.random.default_rng(5), max_depth=1, skip_first=False)
+    on_floor = hits.tri < 2
+    corner = scene.tri_position[hits.tri[on_floor]]
+    u, v = hits.u[on_floor, None], hits.v[on_floor, None]
+    spot = corner[:, 0] * (1 - u - v) + corner[:, 1] * u + corner[:, 2] * v
+    part = np.minimum((spot[:, :2] * 8).astype(int), 7) @ [1, 8]
+    flux = hits.flux_rgb[:, on_floor].T.astype(float)
+    by_photons = np.stack([np.bincount(part, channel, 64) for channel in flux.T], axis=1) * 64
+    x, y = part_bits(np.arange(SIDE**2))
+    own = (x * 8 // SIDE) + (y * 8 // SIDE) * 8
+    by_rays = np.stack([np.bincount(own, channel) for channel in light_floor(scene).T], axis=1) / (SIDE // 8) ** 2
+    noise = np.sqrt(64 * 64 * np.stack([np.bincount(part, channel**2, 64) for channel in flux.T], axis=1))
+    assert by_photons.mean(axis=0) == pytest.approx(by_rays.mean(axis=0), rel=0.01)
+    assert (np.abs(by_photons - by_rays) < 4.5 * noise + 0.03 * by_rays).all()
