@@ -135,12 +135,13 @@ def _bake(run: Run, loaded: _Loaded, executor: Executor) -> LightField:
         "seams": dataclasses.asdict(seam_report),
         "skipped": count_skipped(needs, loaded.left_out, snapshot, receivers.facets, light, settings, loaded.charts.known),
     }
-    for text in earlier_bakes.describe_left_over(job, files, atlas.page_count):
+    left_over = earlier_bakes.find_left_over(job, files, atlas.page_count)
+    for text in earlier_bakes.describe_left_over(job, left_over):
         run.tell(Warning_("", text))  # not in the note, for they may be gone when a bake is kept
     # What Blender is to make by the scene's view transform is not there yet, and its settings are no part of the job.
     if light.stopped_by != "interrupted" and not spare and not any(file.linear for file in files):
         try:
-            kept_bake.note_bake(folder, snapshot, job, result, run.warnings, stateless)
+            kept_bake.note_bake(folder, snapshot, job, result, run.warnings, stateless, left_over)
         except OSError as reason:
             run.tell(Warning_("", f"this bake cannot be noted in {job.output} ({reason}), so the same bake will be done again"))
     (folder / RESULT_FILE).write_text(json.dumps(result), encoding="utf-8")

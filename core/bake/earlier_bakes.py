@@ -72,23 +72,30 @@ def _is_another(blend: Path | None, job: Job) -> bool:
 def describe_others(job: Job, names: Sequence[str]) -> list[str]:
     """A sentence for each of them."""
     return [
-        f"{name_some(held)} in {job.output}: of the bake of {blend}, which this one writes over; choose another output folder, or bake "
-        "that file again into one of its own"
+        f"Another file's lightmaps are in this folder and would be overwritten: {name_some(held)} in {job.output}, of {blend}; "
+        "choose another output folder, or bake that file again into one of its own"
         for blend, held in find_others(job, names).items()
     ]
 
 
-def describe_left_over(job: Job, files: Sequence[PageFile], page_count: int) -> list[str]:
-    """A sentence where files are called like further pages of a bake, as one with more pages leaves them; who uses them is not known."""
+def find_left_over(job: Job, files: Sequence[PageFile], page_count: int) -> list[str]:
+    """Files that are called like further pages of a bake, as one with more pages leaves them; who uses them is not known."""
     if not job.settings.atlas:  # an image of an object that is not baked this time is nobody's further page
         return []
     others = [bake for bake in read_notes(Path(job.output)) if bake.note != find_note(job) or _is_another(bake.blend, job)]
     kinds = sorted({(file.pass_name, file.kind) for file in files})
     further = [name for kind in kinds for name in _list_further(job, *kind, page_count)]
-    left = [name for name in further if not any(one.holds(name) for one in others)]
-    if not left:
-        return []
-    return [f"{name_some(left)} in {job.output}: no page of this bake, but called like one; if nothing else uses it, delete it"]
+    return [name for name in further if not any(one.holds(name) for one in others)]
+
+
+def describe_left_over(job: Job, names: Sequence[str]) -> list[str]:
+    """A sentence about these files, without those that the last bake has told of."""
+    header = read_header(find_note(job)) or {}
+    told = header.get("left_over", [])
+    new = [name for name in names if name not in told]
+    return (
+        [f"{name_some(new)} in {job.output}: old lightmap from an earlier bake; you can delete it if no other file uses it"] if new else []
+    )
 
 
 def _list_further(job: Job, pass_name: str, kind: str, page_count: int) -> list[str]:

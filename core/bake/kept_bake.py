@@ -57,11 +57,18 @@ def find_note(job: Job) -> Path:
 
 
 def note_bake(
-    folder: Path, snapshot: SceneSnapshot, job: Job, result: dict[str, Any], warnings: Sequence[tuple[str, str]], stateless: bool = False
+    folder: Path,
+    snapshot: SceneSnapshot,
+    job: Job,
+    result: dict[str, Any],
+    warnings: Sequence[tuple[str, str]],
+    stateless: bool = False,
+    left_over: Sequence[str] = (),
 ) -> None:
     """Note a bake whose files are written and whose layout is in `folder`.
 
     stateless   see KeptBake
+    left_over   names of an earlier bake's images that were told of, so that the next bake need not do so again
     Raises OSError where that cannot be written.
     """
     files = [{**file, "path": Path(file["path"]).relative_to(job.output).as_posix()} for file in result["files"]]
@@ -72,6 +79,7 @@ def note_bake(
         "result": {**result, "files": files},
         "warnings": list(warnings),
         "stateless": stateless,
+        "left_over": list(left_over),
         "blend": _find_blend(job),
     }
     with np.load(folder / LAYOUT_FILE) as layout:

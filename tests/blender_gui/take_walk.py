@@ -1,0 +1,226 @@
+"""Walks through the extension as a new user does, in Blender's default scene and default view, with a picture of each step.
+
+    blender --python tests/blender_gui/take_walk.py
+
+The extension must be installed, and ImageMagick there. WALK names the folder for the pictures (default: a temporary one).
+Prints a line for each thing that a user counts on, and at last how many failed. The pictures are those of docs/first-bake.md.
+"""
+
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import bpy
+
+PICTURES = Path(os.environ.get("WALK") or tempfile.mkdtemp(prefix="leaflight_walk_"))
+FILE = Path(tempfile.mkdtemp(prefix="leaflight_walk_file_")) / "My Room.blend"
+GIVE_UP_SECONDS = 120.0
+TICK_SECONDS = 0.1
+WIDTH, COLORS = 760, 128
+FAILED: list[str] = []
+
+
+def check(name: str, holds: object) -> None:
+    print(f"CHECK {'ok    ' if holds else 'FAILED'} {name}", flush=True)
+    if not holds:
+        FAILED.append(name)
+
+
+def window():
+    return bpy.context.window_manager.windows[0]
+
+
+def view():
+    return next(area for area in window().screen.areas if area.type == "VIEW_3D")
+
+
+def region(kind: str):
+    return next(region for region in view().regions if region.type == kind)
+
+
+def in_view():
+    return bpy.context.temp_override(window=window(), area=view(), region=region("WINDOW"))
+
+
+def state():
+    return bpy.context.window_manager.leaflight_state
+
+
+def settle(seconds: float = 1.5) -> Iterator[float]:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        for area in window().screen.areas:
+            area.tag_redraw()
+        yield 0.2
+
+
+def wait(condition: Callable[[], object]) -> Iterator[float]:
+    give_up = time.monotonic() + GIVE_UP_SECONDS
+    while not condition() and time.monotonic() < give_up:
+        yield TICK_SECONDS
+
+
+def take_picture(name: str, whole: bool = False) -> Iterator[float]:
+    """The 3D View, or the whole window."""
+    area, path = view(), PICTURES / f"{name}.png"
+    crop = f"{area.width}x{area.height}+{area.x}+{window().height - area.y - area.height}"
+    part = [] if whole else ["-crop", crop, "+repage"]
+    shrink = ["-resize", f"{WIDTH}x>", "-dither", "FloydSteinberg", "-colors", str(COLORS)]
+    process = subprocess.Popen(["import", "-window", "root", *part, *shrink, f"PNG8:{path}"])
+    while process.poll() is None:
+        yield TICK_SECONDS
+    print(f"PICTURE {path} {path.stat().st_size // 1000} kB", flush=True)
+
+
+def press(name: str, *arguments: str, **more: object) -> None:
+    with in_view():
+        try:
+            getattr(bpy.ops.leaflight, name)(*arguments, **more)
+        except RuntimeError as reason:
+            print(f"REPORT {str(reason).strip()}", flush=True)
+
+
+def open_tab() -> Iterator[float]:
+    view().spaces.active.show_region_ui = True
+    yield 1.0  # the sidebar must be drawn once before its tab can be chosen
+    region("UI").active_panel_category = "Leaflight"
+    for cls in ("quality", "lightmap"):  # closed by hand: only the panel Bake is walked through
+        panel = getattr(bpy.types, f"LEAFLIGHT_PT_{cls}", None)
+        if panel is not None and "DEFAULT_CLOSED" not in getattr(panel, "bl_options", ()):
+            bpy.utils.unregister_class(panel)
+            panel.bl_options = {"DEFAULT_CLOSED"}
+            bpy.utils.register_class(panel)
+    yield from settle()
+
+
+def bake() -> Iterator[float]:
+    press("bake", "INVOKE_DEFAULT")
+    yield from wait(lambda: not state().running)
+    yield from settle(2.5)
+    print(f"BAKED {state().summarize()} {state().error!r} {state().warnings}", flush=True)
+
+
+def has_bake() -> bool:
+    return any("leaflight_bake" in obj for obj in bpy.context.scene.objects)
+
+
+def count_bright() -> int:
+    """Colours of the view: the light of a bake has more of them than a flat grey."""
+    area, path = view(), Path(tempfile.mkdtemp(prefix="leaflight_colors_")) / "view.png"
+    side = region("UI").width
+    crop = f"{area.width - side - 100}x{area.height - 200}+{area.x + 50}+{window().height - area.y - area.height + 100}"
+    subprocess.run(["import", "-window", "root", "-crop", crop, "+repage", str(path)], check=True)
+    found = subprocess.run(["identify", "-format", "%k", str(path)], check=True, capture_output=True, text=True)
+    return int(found.stdout)
+
+
+def walk() -> Iterator[float]:
+    with in_view():
+        bpy.ops.mesh.primitive_plane_add(size=8.0, location=(0.0, 0.0, -1.0))
+        bpy.context.object.name = "Floor"
+        bpy.ops.object.select_all(action="DESELECT")
+    yield from open_tab()
+    yield from settle()
+    yield from take_picture("1_unsaved")
+    with in_view():
+        check("an unsaved file cannot be baked", not bpy.ops.leaflight.bake.poll())
+    bpy.ops.wm.save_as_mainfile(filepath=str(FILE))
+    yield from wait(lambda: not bpy.context.window_manager.leaflight_meter.stale)
+    yield from settle()
+    yield from take_picture("2_plan")
+    shading = view().spaces.active.shading
+    print(f"VIEW {shading.type} {shading.color_type} {shading.light}", flush=True)
+    before = count_bright()
+    yield from bake()
+    check("the first bake ends without an error", has_bake() and not state().error)
+    yield from take_picture("3_baked")
+    press("show_it")
+    yield from settle()
+    after = count_bright()
+    print(f"COLOURS {before} before, {after} with the light shown", flush=True)
+    check("Show It shows the light", view().spaces.active.shading.color_type == "TEXTURE" and after != before)
+    yield from take_picture("4_shown")
+    lamp = bpy.data.objects["Light"]
+    lamp.location.x, lamp.data.color = -3.0, (1.0, 0.55, 0.2)
+    with in_view():
+        bpy.ops.ed.undo_push(message="Move Light")
+    yield from settle(3.0)
+    yield from take_picture("5_lamp_moved")
+    yield from bake()
+    yield from take_picture("6_again")
+    with in_view():
+        bpy.ops.ed.undo()
+    yield from settle(3.0)
+    check("after an undo objects still wear a bake", has_bake())
+    yield from take_picture("7_undone")
+    with in_view():
+        bpy.ops.ed.redo()
+    yield from settle()
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.open_mainfile(filepath=str(FILE))
+    yield 2.0
+    yield from open_tab()
+    yield from settle(3.0)
+    check("the reopened file wears its bake", has_bake())
+    yield from take_picture("8_reopened")
+    press("export_gltf", filepath=str(FILE.with_suffix(".glb")))
+    yield from settle()
+    check("a .glb was exported", FILE.with_suffix(".glb").is_file())
+    press("remove")
+    yield from settle(3.0)
+    shading = view().spaces.active.shading
+    check("Remove takes the bake off and switches the view back", not has_bake() and shading.color_type == "MATERIAL")
+    yield from take_picture("9_removed")
+    yield from picture_preferences()
+
+
+def picture_preferences() -> Iterator[float]:
+    """The extension in the preferences, with its choices."""
+    from bl_ext.user_default import leaflight
+
+    with in_view():
+        bpy.ops.screen.userpref_show("INVOKE_DEFAULT", section="ADDONS")
+    yield 2.0
+    bpy.context.window_manager.addon_search = "Leaflight"
+    module = leaflight.__name__
+    opened = window() if len(bpy.context.window_manager.windows) == 1 else bpy.context.window_manager.windows[-1]
+    with bpy.context.temp_override(window=opened):
+        bpy.ops.preferences.addon_expand(module=module)
+    yield from settle()
+    for area in opened.screen.areas:
+        area.tag_redraw()
+    yield 1.0
+    yield from take_picture("0_preferences", whole=True)
+
+
+def steps() -> Iterator[float]:
+    try:
+        yield from walk()
+    except Exception:
+        traceback.print_exc()
+        FAILED.append("the walk came to its end")
+    print(f"FAILED {len(FAILED)}", flush=True)
+
+
+def run() -> float | None:
+    if not hasattr(bpy.context.window_manager, "leaflight_state"):
+        print("CHECK FAILED the extension is not enabled", flush=True)
+        bpy.ops.wm.quit_blender()
+        return None
+    pause = next(SCRIPT, None)
+    if pause is None:
+        bpy.ops.wm.quit_blender()
+    return pause
+
+
+if not shutil.which("import"):
+    raise SystemExit("ImageMagick's import is needed to take pictures: install ImageMagick.")
+PICTURES.mkdir(parents=True, exist_ok=True)
+bpy.context.preferences.view.show_splash = False
+SCRIPT = steps()
+bpy.app.timers.register(run, first_interval=2.0, persistent=True)
