@@ -36,7 +36,8 @@ def draw_result(column: Any, context: bpy.types.Context, worn: Worn) -> None:
     draw_spare(box, context)
     box.operator("leaflight.refine", icon="ADD")
     if shown and view_shading.hides_bake(context):
-        draw_show_it(box, "This view does not show it:")
+        draw_sentence(box, context, "This view does not show the baked light.", "INFO")
+        draw_show_it(box)
     lines = box.column(align=True)
     for i, line in enumerate(worn.lines):
         icon = "CHECKMARK" if i == 0 else "BLANK1"
@@ -51,8 +52,6 @@ def draw_result(column: Any, context: bpy.types.Context, worn: Worn) -> None:
             body.label(text=line, icon="BLANK1")
 
 
-def draw_show_it(column: Any, text: str) -> None:
-    """One line with a button that switches the view."""
-    row = column.row()
-    row.label(text=text, icon="INFO")
-    row.operator("leaflight.show_it", icon="SHADING_TEXTURE")
+def draw_show_it(column: Any) -> None:
+    """The button that switches the view, as high as a line."""
+    column.operator("leaflight.show_it", text="Show It in This View", icon="SHADING_TEXTURE")

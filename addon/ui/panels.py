@@ -129,7 +129,7 @@ def _draw_progress(layout: Any, context: bpy.types.Context, state: BakeState) ->
         kept = kept[: _KEPT_LINES - 1]
     _draw_lines(column, kept[:_KEPT_LINES], active=False)
     if 0 < len(kept) < _KEPT_LINES:
-        draw_show_it(column, "The light is there:")
+        draw_show_it(column)
     for text in (state.describe()[1], state.describe_pace()):  # in place of the memory and the time
         column.label(text=text)
 
