@@ -39,7 +39,8 @@ class Stage:
     image       square, what Cycles bakes into: the page, or a window of it
     page_size   texels
     page_uv     (n_corner, 2) float32 of each mesh, [0, 1]: its layout on the page
-    tri_uv      (n_tri, 3, 2) float64, [0, 1]
+    tri_uv      (n_tri, 3, 2) float64, [0, 1]; none where the layer was there before
+    uv_layer    by which the objects are baked
     """
 
     scene: bpy.types.Scene
@@ -48,35 +49,56 @@ class Stage:
     page_size: int
     page_uv: dict[bpy.types.Mesh, np.ndarray]
     tri_uv: np.ndarray
+    uv_layer: str = UV_LAYER
 
 
-def set_stage(blend: Path, size: int, folder: Path, objects: tuple[str, ...] = (), window: int = 0) -> Stage:
-    """Open a sample and lay it out by a Leaflight bake of no worth, whose materials are taken off again.
+def set_stage(blend: Path, size: int, folder: Path, objects: tuple[str, ...] = (), window: int = 0, uv_layer: str = "") -> Stage:
+    """Open a sample and lay it out by a Leaflight bake of no worth, whose materials are taken off again, unless it has a layer.
 
-    folder    an empty one
-    objects   that are baked, if not all
-    window    side of what is baked of the page at once, texels, if not the page
+    folder     an empty one
+    objects    that are baked, if not all; must be named where there is a layer
+    window     side of what is baked of the page at once, texels, if not the page
+    uv_layer   one that the objects have already
     Raises ValueError where the charts do not fit one page.
     """
     sys.path += library_paths()
     open_scene(blend)
+    scene = bpy.context.scene
+    tri_uv = np.empty((0, 3, 2))
+    if uv_layer:
+        baked = [scene.objects[name] for name in objects]
+    else:
+        tri_uv = _lay_out(blend.name, size, folder, objects)
+        baked = [obj for obj in scene.objects if materials_write.is_shown(obj)]
+        materials_write.hide(baked)
+    layer = uv_layer or UV_LAYER
+    for obj in bpy.context.view_layer.objects:
+        obj.select_set(False)
+    image = make_target(window or size)
+    for obj in baked:
+        aim_at(obj, image, layer)
+    _set_cycles(scene)
+    page_uv = {obj.data: read_uv(obj.data, layer) for obj in baked}
+    return Stage(scene, baked, image, size, page_uv, tri_uv, layer)
+
+
+def _lay_out(name: str, size: int, folder: Path, objects: tuple[str, ...]) -> np.ndarray:
+    """Our layer on the objects of the open scene; (n_tri, 3, 2) float64, [0, 1]."""
     quick = Settings(size=size, share_meshes=False, passes=("lighting",), direct="photons", error=1.0, max_photons=1000, workers=1)
     work = session.prepare(bpy.context, BakeRequest(quick, objects=objects, output=folder / "images"), folder)
     bake.run_bake(folder, lambda message: None, lambda: False)
     result = session.read_result(work)
     if result["pages"] != 1:
-        raise ValueError(f"{blend.name}: has {result['pages']} pages, expected one; choose a larger size.")
+        raise ValueError(f"{name}: has {result['pages']} pages, expected one; choose a larger size.")
     session.assign(bpy.context, work, result)
-    scene = bpy.context.scene
-    baked = [obj for obj in scene.objects if materials_write.is_shown(obj)]
-    materials_write.hide(baked)
-    image = bpy.data.images.new(TARGET, window or size, window or size, alpha=True, float_buffer=True)
+    return np.load(folder / LAYOUT_FILE)["tri_uv"]
+
+
+def make_target(side: int) -> bpy.types.Image:
+    """An image to bake into, texels a side."""
+    image = bpy.data.images.new(TARGET, side, side, alpha=True, float_buffer=True)
     image.colorspace_settings.name = "Linear Rec.709"
-    for obj in baked:
-        _aim_at(obj, image)
-    _set_cycles(scene)
-    page_uv = {obj.data: _read_uv(obj.data) for obj in baked}
-    return Stage(scene, baked, image, size, page_uv, np.load(folder / LAYOUT_FILE)["tri_uv"])
+    return image
 
 
 def bake_cycles(stage: Stage, samples: int, seed: int) -> tuple[np.ndarray, float]:
@@ -105,22 +127,23 @@ def bake_windows(stage: Stage, corners: Sequence[tuple[int, int]], samples: int,
     for number, (left, low) in enumerate(corners):
         for mesh, page_uv in stage.page_uv.items():  # a texel of the window is one of the page: Cycles sees the same squares
             shown = (page_uv * stage.page_size - (left, low)) / side
-            mesh.uv_layers[UV_LAYER].uv.foreach_set("vector", shown.astype(np.float32).ravel())
+            mesh.uv_layers[stage.uv_layer].uv.foreach_set("vector", shown.astype(np.float32).ravel())
         # Windows of one seed would have the same noise.
         page[low : low + side, left : left + side], of_window = bake_cycles(stage, samples, seed + SEEDS_APART * number)
         seconds += of_window
     return page, seconds
 
 
-def _read_uv(mesh: bpy.types.Mesh) -> np.ndarray:
+def read_uv(mesh: bpy.types.Mesh, layer: str) -> np.ndarray:
+    """(n_corner, 2) float32 of a layer."""
     uv = np.empty((len(mesh.loops), 2), np.float32)
-    mesh.uv_layers[UV_LAYER].uv.foreach_get("vector", uv.ravel())
+    mesh.uv_layers[layer].uv.foreach_get("vector", uv.ravel())
     return uv
 
 
-def _aim_at(obj: bpy.types.Object, image: bpy.types.Image) -> None:
-    """Every material of the object gets the image as its active node, and the object is selected with our layer active."""
-    obj.data.uv_layers.active = obj.data.uv_layers[UV_LAYER]
+def aim_at(obj: bpy.types.Object, image: bpy.types.Image, layer: str = UV_LAYER) -> None:
+    """Every material of the object gets the image as its active node, and the object is selected with the layer active."""
+    obj.data.uv_layers.active = obj.data.uv_layers[layer]
     obj.select_set(True)
     bpy.context.view_layer.objects.active = obj
     for slot in obj.material_slots:

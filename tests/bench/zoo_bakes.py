@@ -1,0 +1,89 @@
+"""Scenes for the zoo's benchmark, kept in a cache folder, and Leaflight's bakes of them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from leaflight.core import image_file
+from zoo_plan import describe, draw_plan
+from zoo_reference import ABOUT, SCENE, Subject
+
+
+class PageFullError(RuntimeError):
+    """The charts do not fit the page: what was drawn is too many small objects for it."""
+
+
+@dataclass(frozen=True)
+class Bake:
+    """What a bake gave.
+
+    pages    (size, size, 4) float32 of each object by name, or of all under ""
+    report   of the command line; its seconds have a further entry: `loaded`, all after the .blend was loaded
+    cpu_s    of all processes of the bake, with the start of Python
+    """
+
+    pages: dict[str, np.ndarray]
+    report: dict
+    cpu_s: float
+
+    @property
+    def layout(self) -> str:
+        """What changes whenever the layer that Leaflight makes does."""
+        return json.dumps(sorted((one["name"], one["texels"], one["charts"]) for one in self.report["objects"]))
+
+
+def find_seed(seed: int, cache: Path, max_size: int = 0, max_triangles: int = 0) -> Subject:
+    """The scene of a seed, built where the cache has none."""
+    plan = draw_plan(seed, max_size, max_triangles)
+    folder = cache / f"seed{seed}_{_digest(repr(plan).encode())}"
+    if not (folder / SCENE).exists():
+        command = [sys.executable, str(Path(__file__).with_name("scene_zoo.py")), str(seed), str(folder / SCENE)]
+        command += ["--max-size", str(max_size), "--max-triangles", str(max_triangles)]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    if (folder / ABOUT).exists():
+        return Subject.load(folder)
+    objects = ("Joined",) if plan.joined else tuple(thing.name for thing in plan.things if thing.baked)
+    subject = Subject(folder, f"seed {seed}", objects, "Lightmap" if plan.layout == "smart" else "", plan.size, describe(plan))
+    subject.save()
+    return subject
+
+
+def bake_leaflight(subject: Subject, *options: str) -> Bake:
+    """A bake of `lighting` by the command line. Raises RuntimeError with its last words where it fails, PageFullError."""
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder) / "report.json"
+        command = [sys.executable, "-m", "leaflight", "bake", str(subject.blend), "--size", str(subject.size), "--pass", "lighting"]
+        command += ["--output", folder, "--report", str(report), "--no-assign", "--own-meshes", "--quiet"]
+        command += ["--objects", *subject.objects, *(("--uv-layer", subject.uv_layer) if subject.uv_layer else ()), *options]
+        before = _count_cpu_s()
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode:
+            kind = PageFullError if "do not fit a page" in done.stderr else RuntimeError
+            raise kind(f"{subject.name}: the bake failed: {done.stderr[-500:]}")
+        cpu_s = _count_cpu_s() - before
+        told = json.loads(report.read_text(encoding="utf-8"))
+        told["seconds"]["loaded"] = told["seconds"]["total"] - told["seconds"]["open"]
+        images = {file["page"]: image_file.read_image(Path(file["path"]))[0] for file in told["files"]}
+    pages = {"": images[0]} if len(images) == 1 else {one["name"]: images[one["page"]] for one in told["objects"]}
+    return Bake(pages, told, cpu_s)
+
+
+def _count_cpu_s() -> float:
+    """Seconds of all processes that this one has waited for; 0 where the system does not count them."""
+    if sys.platform == "win32":
+        return 0.0
+    import resource  # not on Windows
+
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:12]

@@ -1,0 +1,119 @@
+"""The parts of the zoo's benchmark that bake nothing: seeds, windows, batches, pages put together, ratios, tables."""
+
+import datetime
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
+
+import bench_zoo
+from speed_curves import Point
+from zoo_reference import PageReference, Subject, find_reference, next_samples, reference_path, spread_windows
+from zoo_results import CYCLES, OIDN, OURS, Outcome, SceneResult, summarize, tabulate_quick, tabulate_times
+
+# Two seconds of start, then 0.1 s a sample; error 1 / sqrt(samples).
+SAMPLED = tuple(Point(2.0 + 0.1 * n, n**-0.5, 2.0 * n**-0.5, n) for n in (4, 16, 64))
+FILTERED = tuple(Point(point.seconds, point.rel / 3.0, point.nrmse / 3.0, point.asked) for point in SAMPLED)
+
+
+def outcome(asked, rel, seconds, stated=None, traced=None):
+    return Outcome(asked, stated or asked, rel, rel, -0.002, seconds, 2.0 * seconds, 4_000_000, "error", {"photons": seconds}, traced)
+
+
+def scene(name, ours, rivals=True):
+    series = {CYCLES: SAMPLED, OIDN: FILTERED} if rivals else {}
+    return SceneResult(name, f"{name}: a room", 0.01, tuple(ours), series)
+
+
+GOOD = scene("good", [outcome(0.05, 0.05, 2.0), outcome(0.02, 0.02, 6.0, traced=0.5)])
+SLOW = scene("slow", [outcome(0.05, 0.05, 8.0), outcome(0.02, 0.03, 30.0, traced=0.3)])
+
+
+def row(table, what):
+    (found,) = [list(one) for one in table.rows if one[0] == what]
+    return found
+
+
+def test_each_day_has_seeds_of_its_own():
+    days = [datetime.date(2026, 11, 28) + datetime.timedelta(day) for day in range(3)]
+    drawn = [seed for day in days for seed in bench_zoo.draw_seeds(16, day)]
+    assert len(set(drawn)) == 48
+    assert bench_zoo.draw_seeds(16, days[0]) == drawn[:16]
+
+
+@pytest.mark.parametrize(("size", "side", "count"), [(64, 10, 1), (256, 32, 1), (256, 10, 64), (384, 32, 64), (1024, 32, 64)])
+def test_windows_lie_on_the_page_and_not_on_each_other(size, side, count):
+    corners = spread_windows(size, side)
+    assert len(corners) == count
+    if count > 1:
+        seen = np.zeros((size, size), int)
+        for left, low in corners:
+            seen[low : low + side, left : left + side] += 1
+        assert seen.max() == 1
+        assert seen.sum() == count * side * side
+
+
+def test_batches_double_and_end_with_the_time():
+    assert next_samples(8, 1.0, 0.5, 60.0) == 16
+    assert next_samples(512, 40.0, 20.0, 60.0) == 512
+    assert next_samples(512, 50.0, 20.0, 60.0) == 256
+    assert next_samples(512, 58.0, 20.0, 60.0) == 0
+    assert next_samples(512, 61.0, 20.0, 60.0) == 0
+
+
+def test_each_object_is_held_against_its_own_page():
+    light = np.array([[1.0, 2.0, 3.0], [2.0, 2.0, 2.0], [4.0, 3.0, 2.0]], np.float32)
+    covered = np.array([[True, False], [True, True]])
+    reference = PageReference(covered, light, light, np.array([0, 1, 0]), 8, 1.0)
+    pages = {name: np.full((2, 2, 4), 9.0) for name in ("a", "b")}
+    pages["a"][0, 0, :3], pages["b"][1, 0, :3], pages["a"][1, 1, :3] = light
+    assert reference.measure(pages, ("a", "b")).nrmse == 0.0
+    assert reference.measure({"": np.where(covered[..., None], pages["a"], 0.0)}, ("a", "b")).nrmse > 0.5
+    pages["b"][1, 0, :3] += 1.0
+    assert reference.measure(pages, ("a", "b")).bias == pytest.approx(3.0 / light.sum())
+
+
+def test_a_good_reference_of_the_cache_is_taken_as_it_is(tmp_path):
+    subject = Subject(tmp_path, "seed 1", ("a",), "", 64, "seed 1: a room")
+    subject.save()
+    assert Subject.load(tmp_path) == subject
+    light = np.random.default_rng(1).random((4096, 3)).astype(np.float32) + 1.0
+    path = reference_path(subject, "layout", 32)
+    np.savez(path, covered=np.ones((64, 64), bool), first=light, second=light, owner=np.zeros(4096), samples=8, seconds=1.0)
+    assert find_reference(subject, "layout", 32, 60.0, 0.01).noise == 0.0
+
+
+def test_ratios_to_rivals():
+    assert GOOD.ratio(CYCLES, 0.05) == pytest.approx((2.0 + 0.1 * 400) / 2.0)
+    assert GOOD.ratio(OIDN, 0.02) == math.inf  # it stops at 4 %, and is not extrapolated
+    assert SLOW.ratio(CYCLES, 0.02) == 0.0
+    assert SLOW.ratio(OIDN, 0.02) is None
+    assert GOOD.reach(OURS, 0.02).seconds == pytest.approx(6.0)
+
+
+def test_the_summary_has_means_and_the_worst():
+    table = summarize([GOOD, SLOW])
+    assert row(table, "seconds to 5%")[1:3] == ["4", "8"]
+    assert row(table, "seconds to 2%")[2:] == ["never", "1 of 2 come to it"]
+    assert row(table, "seconds to 2 % / seconds to 5 %")[1] == "3"
+    assert row(table, f"time to 5%, {CYCLES} / {OURS}")[1:3] == ["10.5", "5.25"]
+    assert row(table, f"time to 2%, {CYCLES} / {OURS}")[2:] == ["0", "1 only by the rival"]
+    assert row(table, f"time to 2%, {OIDN} / {OURS}")[3] == "1 only by us, 1 by neither"
+    assert row(table, "stated / real")[2:] == ["0.67", "3 of 4 in 0.75 - 1.33"]
+    assert row(table, "bias, of the finest bake")[2] == "-0.20%"
+    assert row(table, "share of tracing, bakes over 3 s")[1:] == ["40% (median)", "30%", "2 bakes"]
+
+
+def test_a_quick_run_has_no_rivals():
+    table = summarize([scene("quick", GOOD.ours, rivals=False)])
+    assert not [one for one in table.rows if CYCLES in one[0]]
+
+
+def test_tables_are_whole():
+    for table in (tabulate_quick([GOOD, SLOW]), tabulate_times([GOOD, SLOW]), summarize([GOOD, SLOW]), summarize([])):
+        assert all(len(one) == len(table.head) for one in table.rows)
+    assert "never" in str(tabulate_times([SLOW]))
