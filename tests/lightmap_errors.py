@@ -43,11 +43,13 @@ def local_differences(value: np.ndarray, first: np.ndarray, second: np.ndarray) 
     return np.abs(value - mean).sum(-1) / (mean + DARK_FLOOR * mean.mean()).sum(-1)
 
 
-def measure_errors(value: np.ndarray, first: np.ndarray, second: np.ndarray) -> LightmapErrors:
+def measure_errors(value: np.ndarray, first: np.ndarray, second: np.ndarray, noisy: bool = False) -> LightmapErrors:
     """Errors of a bake.
 
     value           (n, 3) float, of any unit; texels that the bake left black count
     first, second   (n, 3) float: the renderings
+    noisy           their noise is not far below the error: choose the best texels by their differences to both. Those nearest to the
+                    mean are those where its noise is small, but not half the difference of both, so that too much is taken off for it
     """
     lit = find_lit(first, second)
     value, first, second = (light[lit].astype(np.float64) for light in (value, first, second))
@@ -56,7 +58,11 @@ def measure_errors(value: np.ndarray, first: np.ndarray, second: np.ndarray) -> 
     square = (value - first) * (value - second)
     local = local_differences(value, first, second)
     p99 = np.quantile(local, BEST_TEXELS)
-    relative = (square / (mean**2 + (DARK_FLOOR * level) ** 2))[local <= p99]
+    spread = local
+    if noisy:
+        half = np.abs(first - second).sum(-1) / 2.0 / (mean + DARK_FLOOR * level).sum(-1)
+        spread = np.hypot(local, half)
+    relative = (square / (mean**2 + (DARK_FLOOR * level) ** 2))[spread <= np.quantile(spread, BEST_TEXELS)]
     return LightmapErrors(
         texels=len(value),
         rel=_root(relative.mean()),

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from leaflight.core import image_file
+from leaflight.core.output import image_file
 from zoo_plan import describe, draw_plan
 from zoo_reference import ABOUT, SCENE, Subject
 

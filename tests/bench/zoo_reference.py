@@ -97,13 +97,13 @@ class PageReference:
         pages   (size, size, 3 or 4) float of each object, or of all under ""
         """
         if "" in pages:
-            return measure_errors(pages[""][self.covered][:, :3], self.first, self.second)
+            return measure_errors(pages[""][self.covered][:, :3], self.first, self.second, noisy=True)
         value = np.zeros_like(self.first)
         for index, name in enumerate(objects):
             mine = self.owner == index
             if mine.any():
                 value[mine] = pages[name][self.covered][mine, :3]
-        return measure_errors(value, self.first, self.second)
+        return measure_errors(value, self.first, self.second, noisy=True)
 
 
 def find_reference(subject: Subject, layout: str, side: int, seconds: float, noise: float) -> PageReference:

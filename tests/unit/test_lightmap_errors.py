@@ -23,6 +23,15 @@ def test_the_renderings_noise_cancels():
     assert errors.p99 > 0.05
 
 
+def test_noise_beyond_the_error_is_not_taken_off_twice():
+    truth, first, second = renderings(0.1)
+    value = truth * (1.0 + np.random.default_rng(2).normal(0.0, 0.02, (N, 1)))
+    of_clean = measure_errors(value, truth, truth).rel
+    assert measure_errors(value, first, second, noisy=True).rel == pytest.approx(of_clean, rel=0.15)
+    assert measure_errors(value, first, second).rel < 0.6 * of_clean
+    assert measure_errors(value, truth, truth, noisy=True).rel == pytest.approx(of_clean)
+
+
 def test_each_measure_is_what_it_says():
     truth, _, _ = renderings(0.0)
     errors = measure_errors(truth * 1.1, truth, truth)
