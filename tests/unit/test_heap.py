@@ -7,7 +7,7 @@ import pytest
 FAULTS = """
 import resource
 import numpy as np
-from leaflight.core.heap import keep_freed_memory
+from leaflight.core.util.heap import keep_freed_memory
 
 def count_faults():
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
@@ -44,7 +44,7 @@ IN_THREADS = """
 import resource
 import threading
 import numpy as np
-from leaflight.core.heap import keep_freed_memory
+from leaflight.core.util.heap import keep_freed_memory
 
 def fill():
     for _ in range(4):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from boxes import lamp_scene
-from leaflight.core import bake
+from leaflight.core.bake import bake
 from leaflight.core.output.image_file import read_image
 from leaflight.core.scene.snapshot import save_snapshot
 from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job

@@ -288,7 +288,7 @@ def test_processes_that_were_started_ahead_are_closed_whatever_becomes_of_the_ba
         "from leaflight.core.bake import bake\nfrom leaflight.core.parallel import executors\n"
         "folder = pathlib.Path(sys.argv[1])\n"
         "class Ahead(executors.Ahead):\n"
-        "    def __init__(self):\n        super().__init__()\n        (folder / 'ahead').touch()\n"
+        "    def __init__(self, load_ahead):\n        super().__init__(load_ahead)\n        (folder / 'ahead').touch()\n"
         "    def close(self):\n        super().close()\n        (folder / 'ahead').rename(folder / 'closed')\n"
         "def fail(*given): raise ValueError(f'no bake by {type(given[-1].__self__).__name__}')\n"
         "executors.Ahead, bake.run_bake = Ahead, fail\n"

@@ -81,7 +81,7 @@ def test_other_settings_are_another_bake(job, change):
 
 def test_another_scene_or_code_is_another_bake(job, monkeypatch):
     assert kept_bake.find_kept_bake(replace(SCENE, world_rgb=(0.1, 0.1, 0.1)), job) is None
-    monkeypatch.setattr("leaflight.core.util.digest.hash_code", lambda: "another version")
+    monkeypatch.setattr("leaflight.core.scene.identity.hash_code", lambda: "another version")
     assert kept_bake.find_kept_bake(SCENE, job) is None
 
 

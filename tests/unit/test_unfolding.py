@@ -214,8 +214,8 @@ def test_missing_xatlas_says_what_to_do(tmp_path, monkeypatch, unfolder):
 def test_child_ends_with_its_parent(end):
     script = f"""
 import os
-from leaflight.core import unfolding
-from leaflight.core.layer_check import signed_areas
+from leaflight.core.atlas import unfolding
+from leaflight.core.atlas.layer_check import signed_areas
 from test_unfolding import SQUARE
 unfolder = unfolding.Unfolder()
 unfolder.unfold([SQUARE], 1.0)

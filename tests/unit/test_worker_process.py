@@ -19,7 +19,7 @@ from processes import is_alive, wait_for_end
 PROGRAM = """
 import atexit, os, pathlib, runpy, signal, sys, threading, time
 runpy.run_path(sys.argv[1], run_name="boot")
-from leaflight.core import executors
+from leaflight.core.parallel import executors
 signal.signal(signal.SIGTERM, lambda *_: None)
 atexit.register(lambda: print("main" if os.getpid() == main else "copy", flush=True))
 main = os.getpid()
