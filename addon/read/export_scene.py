@@ -180,7 +180,7 @@ class _Export:
             receives=receives,
             has_layer=has_layer and receives,
             casts_shadow=casts_shadow,
-            two_sided=choice.two_sided,
+            sides=choice.sides,
             density_factor=choice.density_factor,
         )
         mesh_uid = find_users_mesh(source).session_uid if own_mesh else 0

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ class SceneObject:
     casts_shadow: bool = True
     reflects: bool = True  # other surfaces see it; else light between them passes through it, and what arrives on it goes no further
     mesh: int = -1  # objects of one number share a mesh that may hold the UVs of all; -1 shares none
+    sides: str = ""  # of settings.SIDES, "" as the settings have it
     density_factor: float = 1.0  # its texels per metre, relative to the others'; a layer of its own says that itself
 
 
@@ -138,6 +140,13 @@ class SceneSnapshot:
     def tri_position(self) -> NDArray[np.float64]:
         """(n_tri, 3, 3) float64, m: corner positions."""
         return self.vertex_position[self.tri_vertex]
+
+
+def swap_corners(values: NDArray[Any], tri_turned: NDArray[np.bool_]) -> NDArray[Any]:
+    """A copy of values (n_tri, 3, ...) at corners, in which corners 1 and 2 of some triangles have changed places."""
+    out = values.copy()
+    out[tri_turned] = values[tri_turned][:, [0, 2, 1]]
+    return out
 
 
 def _first_error(scene: SceneSnapshot) -> str:
