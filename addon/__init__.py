@@ -35,6 +35,7 @@ def register() -> None:
         for when, handler in (
             (handlers.load_post, operators.forget_last_bake),
             (handlers.save_pre, operators.take_live_off),
+            (handlers.save_post, operators.keep_pages),
             (handlers.undo_post, operators.forget_old_light),
             (handlers.redo_post, operators.forget_old_light),
         ):
@@ -42,10 +43,11 @@ def register() -> None:
             undo.callback(when.remove, handler)
         undo.callback(live.take_off)
         undo.callback(state.clear)
-        # The only state that outlives a call. It belongs to this Blender, not to a file, so it is no Blender property:
-        # those are saved, and undo and opening a file would bring an old one back.
-        bpy.types.WindowManager.leaflight_state = state
-        undo.callback(delattr, bpy.types.WindowManager, "leaflight_state")
+        # The only state that outlives a call: the bake, and the pages of all bakes since the file was opened. It belongs to this Blender,
+        # not to a file, so it is no Blender property: those are saved, and undo and opening a file would bring an old one back.
+        for name, value in (("leaflight_state", state), ("leaflight_pages", set())):
+            setattr(bpy.types.WindowManager, name, value)
+            undo.callback(delattr, bpy.types.WindowManager, name)
         bpy.types.WindowManager.leaflight_registered = undo.pop_all()
 
 

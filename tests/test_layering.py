@@ -37,6 +37,7 @@ BPY_FREE_ADDON = {
     "addon.app.words",
     "addon.gltf.gltf_file",
     "addon.show.bake_text",
+    "addon.show.page_store",
     "addon.app.bake_bar",
 }
 PANELS = {"addon.ui.panels", "addon.ui.panels_object", "addon.ui.panel_parts", "addon.ui.panel_result"}

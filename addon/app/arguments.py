@@ -31,6 +31,7 @@ class BakeRequest:
     resume: Path | None = None  # folder of the state of an earlier bake to go on from
     keep: Path | None = None  # folder to keep the state in
     keep_mb: int = 0  # size beyond which it is not kept; 0: any
+    keep_pages: bool = False  # materials name pages that no bake writes over, for undo; else the very files that were asked for
     beside: frozenset[str] = frozenset()  # names of the paths that begin in the folder of the .blend, see request.resolve_paths
 
 

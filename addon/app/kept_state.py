@@ -9,7 +9,8 @@ from pathlib import Path
 import bpy
 
 from ...core.bake.checkpoint import INFO_FILE, read_info, remove_checkpoint
-from ..read.tags import STATE, STATE_OF, remove_marks
+from ...core.util.digest import hash_file
+from ..read.tags import STATE, STATE_IS, STATE_OF, remove_marks
 from ..show.layout import worn_folder
 from .arguments import BakeRequest
 
@@ -25,15 +26,19 @@ def mark_state(scene: bpy.types.Scene, request: BakeRequest) -> None:
     folder, images = request.keep.resolve(), worn_folder(scene)
     beside = images is not None and images.drive.lower() == folder.drive.lower()
     scene[STATE] = Path(os.path.relpath(folder, images)).as_posix() if beside else str(folder)
+    scene[STATE_IS] = hash_file(folder / INFO_FILE)
     scene[STATE_OF] = Path(bpy.data.filepath).stem
 
 
 def find_state(scene: bpy.types.Scene) -> Path | None:
-    """Folder of the state that the scene's bake can be gone on from; None where nothing is kept."""
+    """Folder of the state that the scene's bake can be gone on from; None where nothing is kept, or that of another bake."""
     if STATE not in scene:
         return None
     folder = (worn_folder(scene) or Path()) / scene[STATE]
-    return folder.resolve() if folder.is_absolute() and (folder / INFO_FILE).is_file() else None
+    info = folder / INFO_FILE
+    if not folder.is_absolute() or not info.is_file() or scene.get(STATE_IS) not in (None, hash_file(info)):
+        return None
+    return folder.resolve()
 
 
 def has_state(scene: bpy.types.Scene) -> bool:

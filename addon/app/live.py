@@ -66,6 +66,7 @@ class LiveView:
         for page, image in worn_images(scene).items():
             image.user_remap(found[page])
         _remove_images()
+        images.remove_unused_images()  # the earlier bake's
         mark_state(scene, self._work.request)
         spare_images.mark_spare(scene, result.get("spare", ""))
         return self._warnings
@@ -91,7 +92,11 @@ class LiveView:
         """Whether every object wears the light that it should, so that only images must be changed."""
         exported = self._work.export.objects
         baked = [exported[i] for i, page in enumerate(layout.object_page) if page >= 0]
-        wearing = {obj.name for obj in local_objects(scene.objects) if materials_write.is_shown(obj) and is_live_image(_image_of(obj))}
+        wearing = {
+            obj.name
+            for obj in local_objects(scene.objects)
+            if materials_write.is_shown(obj) and is_live_image(materials_write.find_image(obj))
+        }
         if any(one.needs_copy for one in baked):  # a copy stands where its source stood
             return not _stands_in() and len(wearing) == len(baked)
         return all(obj is not None and obj.name in wearing for obj in session.find_carriers(baked))
@@ -131,11 +136,6 @@ def _stands_in() -> bool:
 
 def _find_image(page: int) -> bpy.types.Image | None:
     return next((image for image in bpy.data.images if is_live_image(image) and image[LIVE] == page), None)
-
-
-def _image_of(obj: bpy.types.Object) -> bpy.types.Image | None:
-    image: bpy.types.Image | None = obj[materials_write.BAKE].get("image")
-    return image
 
 
 def _remove_images() -> None:

@@ -44,6 +44,7 @@ def make_request(context: bpy.types.Context) -> BakeRequest:
         name=name,
         keep=output / f"{clean_name(name)}.refine",
         keep_mb=MOST_MB,
+        keep_pages=True,
     )
 
 

@@ -16,6 +16,7 @@ from mathutils import Matrix
 
 from ...core.bake.checkpoint import INFO_FILE
 from ...core.bake.kept_bake import KeptBake, find_kept_bake
+from ...core.output.image_room import SPARE_PREFIX
 from ...core.scene.snapshot import save_snapshot
 from ...core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from ...core.util.messages import Done, Message, Status, Warning_
@@ -26,6 +27,7 @@ from ..read.render_levels import evaluate_for_render
 from ..show import images, materials_write, restore
 from ..show.layers_write import write_layers
 from ..show.layout import Layout, mark_layout, read_layout
+from ..show.page_store import keep_page
 from . import spare_images
 from .arguments import BakeRequest
 from .kept_state import mark_state
@@ -185,10 +187,24 @@ def _pick_mode(request: BakeRequest) -> str:
 
 
 def load_pages(request: BakeRequest, result: dict[str, Any]) -> dict[int, bpy.types.Image]:
-    """The first pass asked for, in the first format asked for that can be shown, by page."""
+    """The first pass asked for, in the first format asked for that can be shown, by page.
+
+    Raises OSError with a sentence where no page can be kept.
+    """
     wanted = (request.settings.passes[0], images.find_shown_format(request.settings))
     files = [file for file in result["files"] if (file["pass_name"], file["kind"]) == wanted]
-    return {file["page"]: images.load_image(file["path"], pack=request.settings.pack) for file in files}
+    paths = {file["page"]: Path(file["path"]).resolve() for file in files}
+    if request.keep_pages:
+        try:
+            paths = {page: _keep(path) for page, path in paths.items()}
+        except OSError as reason:
+            raise OSError(f"{request.output}: pages cannot be kept for undo ({reason.strerror}); make room and bake again.") from reason
+    return {page: images.load_image(path, pack=request.settings.pack) for page, path in paths.items()}
+
+
+def _keep(path: Path) -> Path:
+    """The page to show of a file; no bake writes into another's spare folder, so what is there needs no other name."""
+    return path if path.parent.name.startswith(SPARE_PREFIX) else keep_page(path)
 
 
 def _find_targets(context: bpy.types.Context, exported: list[export_scene.ExportedObject]) -> tuple[dict[str, bpy.types.Object], Warnings]:

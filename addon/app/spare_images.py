@@ -14,7 +14,9 @@ import bpy
 from ...core.output.image_room import SPARE_PREFIX
 from ..read.tags import remove_mark
 from ..show import image_views
+from ..show.images import find_path, relative_path
 from ..show.layout import SPARE, worn_images
+from ..show.page_store import find_folder, keep_page
 from .request import find_output
 
 
@@ -69,20 +71,12 @@ def move_images(scene: bpy.types.Scene, spare: Path, output: Path) -> int:
             f"{output}: the images cannot be written there either ({reason.strerror or reason}); choose another output folder."
         ) from reason
     for image in worn_images(scene).values():
-        path = Path(bpy.path.abspath(image.filepath)).resolve()
-        if path.parent == spare.resolve():
-            image.filepath = _shorten(output / path.name)
+        path = find_path(image)
+        if find_folder(path) == spare.resolve():
+            image.filepath = relative_path(keep_page(output.resolve() / path.name))
     shutil.rmtree(spare, ignore_errors=True)
     remove_mark(scene, SPARE)
     return len(files)
-
-
-def _shorten(path: Path) -> str:
-    """Beside the .blend where it is saved on the same drive."""
-    try:
-        return str(bpy.path.relpath(str(path))) if bpy.data.filepath else str(path)
-    except ValueError:
-        return str(path)
 
 
 class LEAFLIGHT_OT_move_images(bpy.types.Operator):

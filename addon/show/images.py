@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from ...core.util.settings import DEBUG_PASSES, Settings
 from ..read.tags import is_made, mark_made
+from .page_store import find_folder, read_digest
 
+PAGE = "leaflight_page"  # on an image of a file that a bake may write over: digest of its content
 COLOR_SPACE_OF_SUFFIX = {".exr": "Linear Rec.709", ".hdr": "Linear Rec.709", ".png": "sRGB"}
 
 
@@ -55,8 +57,9 @@ def load_image(path: str | Path, name: str = "", pack: bool = False) -> bpy.type
         mark_made(image)
     elif image.packed_file:
         image.unpack(method="REMOVE")  # else it would not look at the file again
-    image.name = name or path.stem
-    image.filepath = _relative_path(path)  # reads the file again, too
+    _give_name(image, name or path.stem, path)
+    image[PAGE] = read_digest(path)
+    image.filepath = relative_path(path)  # reads the file again, too
     image.colorspace_settings.name = color_space
     image.alpha_mode = "CHANNEL_PACKED"  # alpha is coverage and must not scale the light
     if pack:
@@ -111,14 +114,27 @@ def follows_images(windows: Iterable[bpy.types.Window]) -> bool:
     )
 
 
+def find_path(image: bpy.types.Image) -> Path:
+    """Where the file of an image is."""
+    return Path(bpy.path.abspath(image.filepath, library=image.library)).resolve()
+
+
 def _find_loaded(path: Path) -> bpy.types.Image | None:
     for image in bpy.data.images:
-        if is_made(image) and image.source == "FILE" and not image.library and Path(bpy.path.abspath(image.filepath)).resolve() == path:
+        if is_made(image) and image.source == "FILE" and not image.library and find_path(image) == path:
             return image
     return None
 
 
-def _relative_path(path: Path) -> str:
+def _give_name(image: bpy.types.Image, name: str, path: Path) -> None:
+    """The earlier image of the same file, which the new bake is about to replace, makes room for it."""
+    holder = bpy.data.images.get(name)
+    if holder not in (None, image) and is_made(holder) and find_folder(find_path(holder)) == find_folder(path):
+        holder.name = f"{name}.earlier"
+    image.name = name
+
+
+def relative_path(path: Path) -> str:
     """Blender's // path where there is one: the .blend is saved, and on Windows on the same drive."""
     blend = bpy.data.filepath
     if not blend or os.path.splitdrive(blend)[0].lower() != path.drive.lower():

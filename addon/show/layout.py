@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from ...core.util.job import LAYOUT_FILE
 from ..read.export_scene import ExportedObject
 from .bake_text import Worn
+from .images import find_path
+from .page_store import find_folder
 
 LAYOUT = "leaflight_layout"  # on a scene that wears a bake: digest of its layout, its images by page, and what was told of putting it on
 SPARE = "leaflight_spare"  # on a scene: folder of its bake's images, where they could not be written to the output folder
@@ -100,5 +102,5 @@ def worn_folder(scene: bpy.types.Scene) -> Path | None:
 
     Blender keeps their paths right when the .blend is saved elsewhere, and ours in custom properties not.
     """
-    path = next((image.filepath for _, image in sorted(worn_images(scene).items())), "")
-    return Path(bpy.path.abspath(path)).resolve().parent if path else None
+    image = next((image for _, image in sorted(worn_images(scene).items()) if image.filepath), None)
+    return find_folder(find_path(image)) if image else None

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..read.tags import NAME, is_made, local_objects, mark_made, not_editable_error, remove_mark, remove_unused, suffixed_name
 from ..read.uv_layer import ACTIVE, PLACE, activate_layer, layer_name, release_active
+from .images import find_path
 from .material_nodes import MODES, write_nodes
 from .node_groups import remove_unused_groups
 
@@ -51,6 +52,7 @@ def assign(pairs: Iterable[tuple[bpy.types.Object, bpy.types.Image]], mode: str 
 def show(objects: Iterable[bpy.types.Object]) -> Sentences:
     """Shows the bakes again that `hide` took off; the originals may have changed meanwhile."""
     warnings: Sentences = []
+    missing: dict[bpy.types.Image, list[str]] = {}
     copies: dict[tuple[Any, ...], bpy.types.Material] = {}
     for obj in local_objects(objects):
         if BAKE not in obj or is_shown(obj):
@@ -59,10 +61,15 @@ def show(objects: Iterable[bpy.types.Object]) -> Sentences:
         image, name = bake.get("image"), bake["uv_layer"] or ("" if error else layer_name(obj.data))
         if not error and (image is None or name not in obj.data.uv_layers):
             error = f"{obj.name}: its baked image or UV layer was deleted; bake it again."
-        if error:
+        if not error and image.source == "FILE" and not image.packed_file and not find_path(image).is_file():
+            missing.setdefault(image, []).append(obj.name)
+        elif error:
             warnings.append((obj.name, error))
         else:
             warnings += _cover(obj, image, bake["mode"], name, copies)
+    for image, names in missing.items():
+        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+        warnings.append((names[0], f"{names[0]}{more}: the baked image {find_path(image)} is missing; put it back, or bake again."))
     return warnings
 
 
@@ -84,6 +91,12 @@ def _remove_unused_copies() -> None:
 def is_shown(obj: bpy.types.Object) -> bool:
     """Whether the object shows a bake now."""
     return BAKE in obj and "slots" in obj[BAKE]
+
+
+def find_image(obj: bpy.types.Object) -> bpy.types.Image | None:
+    """The image of the bake that the object carries, shown or not; None without one."""
+    image: bpy.types.Image | None = obj[BAKE].get("image") if BAKE in obj else None
+    return image
 
 
 def find_worn_meshes() -> set[bpy.types.Mesh]:

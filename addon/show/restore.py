@@ -10,6 +10,7 @@ from . import images, materials_write
 from .layout import LAYOUT, SPARE
 from .node_groups import remove_unused_groups
 
+MISSING = "leaflight_missing"  # on a scene: why it does not show its bake, as a sentence
 OBJECT_MARKS = (MADE, materials_write.BAKE, baked_copies.SOURCE, baked_copies.HIDDEN, baked_copies.SHARED_MESH, uv_layer.PLACE)
 
 
@@ -30,8 +31,8 @@ def remove_bake(scene: bpy.types.Scene | None = None) -> None:
         if mesh not in worn:
             uv_layer.remove_layer(mesh)
     for one in [scene] if scene else bpy.data.scenes:
-        remove_mark(one, LAYOUT)
-        remove_mark(one, SPARE)
+        for mark in (LAYOUT, SPARE, MISSING):
+            remove_mark(one, mark)
         remove_marks(one)
     for obj in objects:
         baked_copies.restore_shared_mesh(obj)
@@ -45,6 +46,7 @@ def remove_bake(scene: bpy.types.Scene | None = None) -> None:
 
 def toggle_preview(scene: bpy.types.Scene, on: bool) -> materials_write.Sentences:
     """Switches between the baked and the original materials and objects; gives sentences about bakes that cannot be shown."""
+    remove_mark(scene, MISSING)
     if on:
         baked_copies.set_copies_visible(scene, True)
         return materials_write.show(scene.objects)

@@ -22,6 +22,7 @@ from ..app.job import BakeProcess
 from ..app.request import find_mode_error, find_output_error, make_request
 from ..show.layout import mark_result
 from ..show.redraw import redraw
+from ..show.shown_pages import note_pages
 from . import preferences, sound
 from .panel_parts import describe_plan
 
@@ -160,6 +161,7 @@ class Baking:
                 with self._bake_scene(context):
                     session.finish_files(bpy.context.scene, found)
                     state.warnings += self._live.finish(bpy.context, found)
+                    note_pages(context.window_manager.leaflight_pages)
                 error, result = "", found
         except (ValueError, OSError) as reason:
             error = str(reason)

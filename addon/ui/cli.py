@@ -24,6 +24,7 @@ from ..gltf.export_gltf import export_gltf
 from ..read.scene_file import open_scene
 from ..show.bake_text import describe_error
 from ..show.images import check_shown
+from ..show.shown_pages import keep_for_file
 
 EXIT_DONE, EXIT_CANNOT_BAKE, EXIT_INTERRUPTED = 0, 1, 130
 
@@ -154,6 +155,7 @@ def _save(path: Path) -> None:
         bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), relative_remap=True, check_existing=False)
     except RuntimeError as reason:
         raise OSError(f"{path}: Blender cannot save there ({str(reason).strip()}); choose another folder.") from reason
+    keep_for_file(path.resolve())
 
 
 def _report(request: BakeRequest, result: dict[str, Any], warnings: session.Warnings) -> None:

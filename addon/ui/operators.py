@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -10,7 +11,7 @@ from ..app import live
 from ..app.arguments import BakeRequest
 from ..app.kept_state import has_state, refine_request, remove_state
 from ..app.request import make_request
-from ..show import restore, view_shading
+from ..show import restore, shown_pages, view_shading
 from .baking import Baking, get_state, is_out_of_edit_mode
 
 
@@ -19,6 +20,11 @@ def forget_last_bake(*_: Any) -> None:
     """The panel must not tell of another file's bake, and a file saved in the middle of one must not show it."""
     get_state(bpy.context).clear()
     live.take_off()
+    shown_pages.keep_named_pages()
+    shown_pages.check_pages()
+    pages = bpy.context.window_manager.leaflight_pages
+    pages.clear()
+    pages.update(shown_pages.list_pages())
 
 
 @bpy.app.handlers.persistent
@@ -29,10 +35,18 @@ def take_live_off(*_: Any) -> None:
 
 @bpy.app.handlers.persistent
 def forget_old_light(*_: Any) -> None:
-    """Undo may bring back a moment of a bake that is over."""
+    """Undo may bring back a moment of a bake that is over, or a page that is gone."""
     if not get_state(bpy.context).running:
         live.take_off()
+        shown_pages.check_pages()
         view_shading.restore_views()
+
+
+@bpy.app.handlers.persistent
+def keep_pages(*_: Any) -> None:
+    """A file that was saved needs its pages, and no longer those of earlier sessions."""
+    if bpy.data.filepath:
+        shown_pages.keep_for_file(Path(bpy.data.filepath), bpy.context.window_manager.leaflight_pages)
 
 
 class LEAFLIGHT_OT_bake(Baking, bpy.types.Operator):

@@ -33,6 +33,8 @@ def draw_result(column: Any, context: bpy.types.Context, worn: Worn) -> None:
     opener = row.row(align=True)
     opener.enabled = folder.is_dir()
     opener.operator("wm.path_open", text="Folder", icon="FILE_FOLDER").filepath = str(folder)
+    if restore.MISSING in context.scene:
+        draw_sentence(box, context, context.scene[restore.MISSING], "ERROR")
     draw_spare(box, context)
     box.operator("leaflight.refine", icon="ADD")
     if shown and view_shading.hides_bake(context):

@@ -14,6 +14,7 @@ from ..app.properties import TEXTS, is_changed, list_groups, list_knobs
 from ..app.request import find_mode_error, find_output_error
 from ..app.scene_meter import SceneMeter
 from ..show import restore, view_shading
+from ..show.layout import worn_result
 from . import preferences
 from .checker import is_checker_on
 from .panel_parts import describe_estimate, draw_sentence, draw_told, prepare
@@ -64,7 +65,9 @@ class LEAFLIGHT_PT_main(_Sidebar, bpy.types.Panel):
         error = _find_error(context, state)
         if error and error != now:
             draw_told(layout.box(), context, split_error(error, partial(is_known, context)), "ERROR")
-        warnings = state.list_warnings(context.scene.session_uid, has_bake) or (list(worn.warnings) if has_bake else [])
+        # What this Blender knows of the last bake is told only of files without a word about it: undo may have brought back another bake.
+        unmarked = has_bake and worn_result(context.scene) is None
+        warnings = state.list_warnings(context.scene.session_uid, unmarked) or (list(worn.warnings) if has_bake else [])
         if warnings:
             _draw_warnings(layout, context, group_warnings(warnings))
 

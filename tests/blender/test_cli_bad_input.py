@@ -112,7 +112,8 @@ def test_images_that_cannot_be_written_are_kept_elsewhere(room, capsys, monkeypa
     assert list_files(room.parent / "maps") == [IMAGE]
     assert spare_images.move_images(scene, spare, room.parent / "other") == 1
     (image,) = worn_images(scene).values()
-    assert image.filepath == f"//other/{IMAGE}"
+    assert image.filepath.startswith("//other/")
+    assert image.filepath.endswith(f"/{IMAGE}")
     assert image.size[0] > 0
     assert not spare.exists()
     assert spare_images.find_spare(scene) is None

@@ -139,7 +139,7 @@ def test_each_blend_bakes_into_a_folder_of_its_own(scene, tmp_path):
         image = folder / "Floor.combined.exr"
         written[image] = image.stat().st_mtime_ns
     assert {image: image.stat().st_mtime_ns for image in written} == written
-    assert bpy.data.images["Floor.combined"].filepath == "//lightmaps/Copy/Floor.combined.exr"
+    assert bpy.data.images["Floor.combined"].filepath.startswith("//lightmaps/Copy/")
 
 
 def test_a_folder_that_is_chosen_is_taken_as_it_is(scene, tmp_path):
