@@ -13,9 +13,10 @@ from leaflight.core.lights.lights import Emitter
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.rays import RayScene
 from leaflight.core.scene.scene import Light, Material, SceneSnapshot
+from leaflight.core.scene.shadow_rays import ShadowRays
 from leaflight.core.texels.texel_looks import TexelLooks
 from leaflight.core.texels.tiles import Tiles
-from leaflight.core.util.geometry import UnitBox, orthonormal_basis
+from leaflight.core.util.geometry import UnitBox, orthonormal_basis, triangle_normals_areas
 from scenes import Mesh, make_scene, quad_mesh
 
 ALPHA = 1e-3  # of a file's statistical tests together
@@ -125,4 +126,6 @@ def lit_scene(
 def prepare(scene: SceneSnapshot) -> tuple[DirectScene, UnitBox, SurfaceMaterials]:
     unit_box, surfaces = UnitBox.from_points(scene.vertex_position), SurfaceMaterials(scene)
     rays = RayScene(unit_box.to_unit(scene.tri_position))
-    return DirectScene.of(rays, scene, unit_box, surfaces, EmittingMeshes.of(scene, surfaces)), unit_box, surfaces
+    normal = triangle_normals_areas(scene.tri_position)[0].T.astype(np.float32)
+    shadows = ShadowRays.of(rays, surfaces, unit_box.to_unit(scene.tri_position), normal)
+    return DirectScene.of(shadows, scene, unit_box, surfaces, EmittingMeshes.of(scene, surfaces)), unit_box, surfaces

@@ -17,12 +17,13 @@ from .export_mesh import count_duplicates, read_mesh
 from .export_pieces import COLLECTION, CURVE, OWN, STRANDS, Piece, PieceKey, walk_pieces
 from .export_receivers import NO_ROOM, Receivers, check_names, describe_nothing, repeats_layer
 from .left_out import warn_left_out
-from .lights_read import read_light, read_world
+from .lights_read import read_light
 from .materials_read import MaterialTable
 from .object_settings import BAKE, IGNORE, ObjectChoice, read_choice, registered
 from .render_levels import Warnings, evaluate_for_render, find_set_objects, find_view_layer
 from .strands import read_strands
 from .uv_layer import has_room, name_ours
+from .world_read import World, read_world
 
 
 @dataclass(frozen=True)
@@ -84,8 +85,7 @@ def export_scene(
         check_names(scene, view_layer, objects)
         with evaluate_for_render(scene, view_layer, warnings) as depsgraph:
             export = _Export(view_layer, depsgraph, objects, uv_layer, warnings)
-            world_rgb = read_world(scene, warnings, view_layer)
-        return export.finish(world_rgb)
+        return export.finish(read_world(scene, warnings, view_layer))
 
 
 def find_objects(exported: Iterable[ExportedObject]) -> list[Any]:
@@ -123,7 +123,7 @@ class _Export:
             listed = ", ".join(sorted(set(curves))[:8])
             warnings.append(("", f"{listed}: not meshes, so they cast light but get no lightmap; convert them to meshes to bake them"))
 
-    def finish(self, world_rgb: tuple[float, float, float]) -> ExportResult:
+    def finish(self, world: World) -> ExportResult:
         """The result, its objects in the order of their names, so that it does not depend on Blender's."""
         self._check_receivers()
         self._found.sort(key=lambda entry: entry[0].name)
@@ -140,8 +140,9 @@ class _Export:
             objects=scene_objects,
             materials=tuple(reading.material for reading in self._materials.readings),
             images=tuple(self._materials.images.images),
-            lights=tuple(sorted(self._lights, key=lambda light: (light.name, light.position_m))),
-            world_rgb=world_rgb,
+            lights=(*sorted(self._lights, key=lambda light: (light.name, light.position_m)), *world.suns),
+            world_rgb=world.rgb,
+            world_map=world.map,
         )
         exported = tuple(entry[0] for entry in self._found)
         warnings = tuple(dict.fromkeys(self._warnings))
@@ -180,7 +181,7 @@ class _Export:
             receives=receives,
             has_layer=has_layer and receives,
             casts_shadow=casts_shadow,
-            two_sided=choice.two_sided,
+            sides=choice.sides,
             density_factor=choice.density_factor,
         )
         mesh_uid = find_users_mesh(source).session_uid if own_mesh else 0

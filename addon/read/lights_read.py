@@ -1,4 +1,4 @@
-"""Blender's lights and world -> core lights, in Blender's units.
+"""Blender's lights -> core lights, in Blender's units.
 
 The factors were found by baking under Cycles 4.5, 5.0 and 5.2.
 """
@@ -62,26 +62,6 @@ def read_light(obj: Any, matrix: FloatArray, name: str, warnings: Warnings) -> L
         return replace(light, angle_rad=data.angle)
     light = replace(light, radius_m=data.shadow_soft_size, soft_falloff=data.use_soft_falloff)
     return light if data.type == "POINT" else _read_cone(light, data, scale, warnings)
-
-
-def find_world(scene: Any, view_layer: Any = None) -> Any:
-    """The world that lights a render of the view layer, None for none."""
-    if view_layer is not None and not view_layer.use_sky:
-        return None
-    return getattr(view_layer, "world_override", None) or scene.world  # overrides are new in Blender 4.5
-
-
-def read_world(scene: Any, warnings: Warnings, view_layer: Any = None) -> Rgb:
-    """Uniform radiance of the scene's world, W/m^2/sr; a textured one by its mean."""
-    world = find_world(scene, view_layer)
-    if world is None or not world.cycles_visibility.diffuse:
-        return BLACK
-    if not uses_nodes(world):
-        return to_rgb(world.color)
-    emission, replaced = _read_nodes(world)
-    if replaced:
-        warnings.append((world.name, f"the world is baked as a uniform sky: {'; '.join(replaced)}"))
-    return tuple(max(x, 0.0) for x in emission)  # type: ignore[return-value]
 
 
 def _area_size(data: Any, scale: FloatArray) -> tuple[float, float]:

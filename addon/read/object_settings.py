@@ -19,6 +19,12 @@ _ROLES = [
     (CAST, "Only Cast Light", "It casts light and shadow, but gets no lightmap"),
     (IGNORE, "Ignore", "The bake takes place as if it was not there"),
 ]
+_SIDES = [
+    ("SCENE", "As Scene", "As it is chosen for all objects"),
+    ("AUTOMATIC", "Automatic", "The front, or the back where the front looks into a solid"),
+    ("FRONT", "Front", "The light on the front of each face, to which its normal points"),
+    ("BOTH", "Both", "The light on both sides added up, as for leaves and paper"),
+]
 
 
 class LeaflightObject(bpy.types.PropertyGroup):
@@ -35,18 +41,16 @@ class LeaflightObject(bpy.types.PropertyGroup):
         soft_max=4.0,
         precision=2,
     )
-    two_sided: bpy.props.BoolProperty(
-        name="Two-Sided", description="Sum the light on both sides of each face, as for leaves and paper", default=False
-    )
+    sides: bpy.props.EnumProperty(name="Sides", description="Which side of a face its lightmap shows", items=_SIDES)
 
 
 @dataclass(frozen=True)
 class ObjectChoice:
-    """The choices that hold for one piece of the scene."""
+    """The choices that hold for one piece of the scene; sides as in core.scene.SceneObject."""
 
     role: str = BAKE
     density_factor: float = 1.0
-    two_sided: bool = False
+    sides: str = ""
 
 
 def read_choice(*objects: bpy.types.Object) -> ObjectChoice:
@@ -57,7 +61,8 @@ def read_choice(*objects: bpy.types.Object) -> ObjectChoice:
     for one in chosen:
         factor *= float(f"{one.density_factor:.7g}")  # Blender's are float32
     role = next(role for role in (IGNORE, CAST, BAKE) if role in roles)
-    return ObjectChoice(role, factor, any(one.two_sided for one in chosen))
+    sides = {one.sides for one in chosen}
+    return ObjectChoice(role, factor, next((side.lower() for side in ("BOTH", "FRONT", "AUTOMATIC") if side in sides), ""))
 
 
 def register() -> None:

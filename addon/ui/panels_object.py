@@ -40,7 +40,7 @@ class LEAFLIGHT_PT_object(bpy.types.Panel):
         finer.prop(chosen, "density_factor")
         sides = column.column()
         sides.active = chosen.role != IGNORE
-        sides.prop(chosen, "two_sided")
+        sides.prop(chosen, "sides")
 
 
 CLASSES = (LEAFLIGHT_PT_object,)

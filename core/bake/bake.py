@@ -23,7 +23,8 @@ from ..parallel import executors, folders
 from ..scene.materials import SurfaceMaterials, clamp_warnings
 from ..scene.pruning import prune_scene
 from ..scene.scene import SceneSnapshot
-from ..scene.snapshot import load_snapshot
+from ..scene.sides import settle_sides
+from ..scene.snapshot import load_snapshot, save_snapshot
 from ..texels import seam_points
 from ..texels.texel_map import TexelMap
 from ..transport import traced_scene
@@ -75,13 +76,16 @@ def run_bake(
 class _Loaded:
     """What there is to bake.
 
+    given      the snapshot as it was exported; snapshot has the sides turned that are to be shown
     surfaces   of what has an effect
     left_out   of pruning.prune_scene
     charts     of the last bake there
     settings   of the job, without what nobody will see
     """
 
+    given: SceneSnapshot
     snapshot: SceneSnapshot
+    tri_turned: NDArray[np.bool_]
     surfaces: SurfaceMaterials
     left_out: Mapping[str, int]
     needs: Needs
@@ -90,13 +94,18 @@ class _Loaded:
 
     @classmethod
     def of(cls, run: Run) -> _Loaded:
-        snapshot = load_snapshot(run.folder / SNAPSHOT_FILE)
-        run.warn(clamp_warnings(snapshot))
+        given = load_snapshot(run.folder / SNAPSHOT_FILE)
+        run.warn(clamp_warnings(given))
+        settled = settle_sides(given, run.job.settings.sides)
+        run.warn(settled.warnings)
+        snapshot = settled.snapshot
+        if snapshot is not given:  # the processes that trace read it there
+            save_snapshot(run.folder / SNAPSHOT_FILE, snapshot)
         pruned, left_out = prune_scene(snapshot)
         surfaces = SurfaceMaterials(pruned)
         needs = Needs.of(run.job.settings, surfaces)
         charts = KeptCharts() if run.job.settings.force else KeptCharts.load(find_charts_file(run.job))
-        return cls(snapshot, surfaces, left_out, needs, charts, needs.trim(run.job.settings))
+        return cls(given, snapshot, settled.tri_turned, surfaces, left_out, needs, charts, needs.trim(run.job.settings))
 
 
 def _bake(run: Run, loaded: _Loaded, executor: Executor) -> LightField:
@@ -106,7 +115,7 @@ def _bake(run: Run, loaded: _Loaded, executor: Executor) -> LightField:
     """
     job, folder, snapshot, needs, settings = run.job, run.folder, loaded.snapshot, loaded.needs, loaded.settings
     first = FirstPhotons.send(folder, settings, executor) if needs.photons and not job.resume else FirstPhotons()
-    atlas = lay_out(run, snapshot, settings, loaded.charts)
+    atlas = lay_out(run, snapshot, settings, loaded.charts, loaded.tri_turned)
     lack = image_room.find_lack(job, atlas, pages.list_names(job, snapshot, atlas))
     if lack:
         run.tell(Warning_("", lack))
@@ -141,7 +150,7 @@ def _bake(run: Run, loaded: _Loaded, executor: Executor) -> LightField:
     # What Blender is to make by the scene's view transform is not there yet, and its settings are no part of the job.
     if light.stopped_by != "interrupted" and not spare and not any(file.linear for file in files):
         try:
-            kept_bake.note_bake(folder, snapshot, job, result, run.warnings, stateless, left_over)
+            kept_bake.note_bake(folder, loaded.given, job, result, run.warnings, stateless, left_over)
         except OSError as reason:
             run.tell(Warning_("", f"this bake cannot be noted in {job.output} ({reason}), so the same bake will be done again"))
     (folder / RESULT_FILE).write_text(json.dumps(result), encoding="utf-8")

@@ -24,7 +24,7 @@ from ..radiosity.quadtree import Quadtree
 from ..radiosity.splitting import SplitGuide, Splitting
 from ..radiosity.tally import Tally
 from ..transport.birth_guide import BirthGuide
-from ..transport.ledger import ENERGY_NAMES
+from ..transport.photon_log import ENERGY_NAMES
 from ..util.job import SNAPSHOT_FILE
 from ..util.settings import Settings
 from .photon_shards import PhotonShard
@@ -44,7 +44,7 @@ _FREE_KNOBS = ("workers", "margin")
 class Checkpoint:
     """The state of a bake between two rounds.
 
-    energy_w        (4, 3) float64: the ledger's sums, in the order of ledger.ENERGY_NAMES
+    energy_w        (5, 3) float64: the ledger's sums, in the order of photon_log.ENERGY_NAMES
     lit_elsewhere   (n_object,) bool: see gather.KnownLight
     given_up        of gather_plan.GatherPlan, as is given_up_told
     splitting       of the last round, if some of its shards were not read

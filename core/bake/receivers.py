@@ -14,7 +14,7 @@ from ..atlas.kept_charts import KeptCharts, find_charts_file
 from ..output import pages
 from ..parallel import executors, folders, shared_arrays
 from ..radiosity import basis
-from ..scene.scene import SceneSnapshot
+from ..scene.scene import SceneSnapshot, swap_corners
 from ..texels import creases, texels
 from ..texels.texel_map import TexelMap
 from ..transport import contact_map, contact_search, traced_scene
@@ -44,10 +44,13 @@ class Receivers:
     rising: NDArray[np.bool_]
 
 
-def lay_out(run: Run, snapshot: SceneSnapshot, settings: Settings, kept: KeptCharts) -> ChartAtlas:
+def lay_out(
+    run: Run, snapshot: SceneSnapshot, settings: Settings, kept: KeptCharts, tri_turned: NDArray[np.bool_] | None = None
+) -> ChartAtlas:
     """The charts of all objects that take light; the layout file tells Blender where they lie.
 
-    kept   of an earlier bake; what it then has is kept for the next one, also where this one is stopped
+    kept         of an earlier bake; what it then has is kept for the next one, also where this one is stopped
+    tri_turned   (n_tri,) bool: triangles whose corners are in another order than Blender has them, see sides
     Raises ValueError with a sentence where there are none, or they do not fit.
     """
     with run.stage(chart_search.UNWRAPPING):
@@ -61,7 +64,8 @@ def lay_out(run: Run, snapshot: SceneSnapshot, settings: Settings, kept: KeptCha
             told = "; ".join(told.text.removesuffix(".") for told in group_warnings(atlas.warnings))
             raise ValueError(f"nothing to bake: no object has a face that takes light ({told}).")
         layout = {name: getattr(atlas, name) for name in ("tri_chart", "object_page", "object_block", "object_place")}
-        np.savez(run.folder / LAYOUT_FILE, tri_uv=atlas.tri_uv / atlas.page_size, **layout)
+        tri_uv = atlas.tri_uv / atlas.page_size
+        np.savez(run.folder / LAYOUT_FILE, tri_uv=tri_uv if tri_turned is None else swap_corners(tri_uv, tri_turned), **layout)
         run.warn(atlas.warnings)
         for text in earlier_bakes.describe_others(run.job, pages.list_names(run.job, snapshot, atlas)):
             run.tell(Warning_("", text))  # now, for there is time to stop; and not in the note, for a bake that is kept writes over nothing

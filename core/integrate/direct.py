@@ -19,8 +19,8 @@ from ..lights.direct_sources import make_lamps, make_suns, make_triangle_sources
 from ..lights.emitters import EmittingMeshes, usable_environment
 from ..lights.environment_table import EnvironmentTable
 from ..scene.materials import SurfaceMaterials
-from ..scene.rays import RayScene
 from ..scene.scene import SceneSnapshot
+from ..scene.shadow_rays import ShadowRays
 from ..texels.texel_looks import TexelLooks
 from ..texels.tiles import Tiles
 from ..util.arrays import Float64, FloatArray, IntArray
@@ -39,7 +39,7 @@ _COUNTERS = ("rays", "pairs", "out_of_reach", "settled", "shared", "sampled")  #
 class DirectScene:
     """A scene made ready for direct light."""
 
-    rays: RayScene
+    rays: ShadowRays
     surfaces: ReceivingSurfaces
     sources: tuple[Source, ...]  # of one light each
     crowd: LampCrowd | None
@@ -49,7 +49,7 @@ class DirectScene:
 
     @classmethod
     def of(
-        cls, rays: RayScene, snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, meshes: EmittingMeshes
+        cls, rays: ShadowRays, snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, meshes: EmittingMeshes
     ) -> DirectScene:
         receiving = ReceivingSurfaces.of(snapshot, unit_box)
         lamps, suns, world = make_lamps(snapshot, unit_box), make_suns(snapshot), make_world(snapshot)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..lights.direct_lights import Source
 from ..lights.direct_points import GAUSS_POINTS, STAGES, Receivers, TexelChunk, light_points
-from ..scene.rays import RayScene
+from ..scene.shadow_rays import ShadowRays, Sight
 from ..texels.tiles import TILE_TEXELS, find_calm
 from ..util.arrays import Float64, FloatArray, IntArray
 from ..util.coverage import as_slice
@@ -61,15 +61,17 @@ class Tally:
             self._starts = self._known.astype(np.float64)
             self._reach, self._bend = np.where(self._known, known, 0.0)
             self._reach_squares = self._reach**2
-        # Sums of share, share^2, weight * seen, (weight * seen)^2, share * weight * seen.
+        # Sums of share, share^2, weight * seen, (weight * seen)^2, share * weight * seen, where seen is the share of light that passes.
         self._sums = np.zeros((5, len(rows)))
+        # Of light that may come coloured: the same of each channel, once rays can tell; then `_sums` are those of their mean.
+        self._channel_sums: Float64 | None = None
         self._lit, self._dark = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
         self._leader: NDArray[np.int64] | None = leader  # None while each pair leads itself, as most do
         if leader is not None and (leader == np.arange(len(rows))).all():
             self._leader = None
         self._block = _number_blocks(alone) if alone is not None and alone.any() else np.arange(len(rows)) // AGREE_TEXELS
 
-    def add(self, rays: RayScene, chunk: TexelChunk, index: IntArray, stage: tuple[int, int], points: FloatArray | None = None) -> int:
+    def add(self, rays: ShadowRays, chunk: TexelChunk, index: IntArray, stage: tuple[int, int], points: FloatArray | None = None) -> int:
         """Sends a stage's rays from some of the tally's texels (m,), ascending; gives how many were traced.
 
         points   (rays, 1 or m, 2) float in [0, 1): where in a texel they start, if not at the stage's own places
@@ -115,17 +117,16 @@ class Tally:
         return self.source if lamp is None else self.source.rows(lamp)
 
     def _trace(
-        self, rays: RayScene, receivers: Receivers, lamps: Source, live: IntArray | None, index: IntArray, stage: tuple[int, int]
+        self, rays: ShadowRays, receivers: Receivers, lamps: Source, live: IntArray | None, index: IntArray, stage: tuple[int, int]
     ) -> int:
         """live (m,) int: place of each receiver in (rays, len(index)); None where each has its own."""
         if live is not None and not len(live):
             return 0
         points = light_points(take_rows(self._shift, index), *stage)
         aim = lamps.aim(receivers.position, receivers.normal, points if live is None else take_rows(points, live))
-        shines, traced = aim.weight > 0, 0
-        seen = shines
-        if self.source.casts_shadow:
-            seen, traced = receivers.see(rays, aim)
+        shines = aim.weight > 0
+        sight = receivers.see(rays, aim) if self.source.casts_shadow else Sight(shines, None, 0)
+        seen = sight.share > 0
         shape = (stage[1] - stage[0], len(index))
 
         def spread(values: NDArray[_Scalar]) -> NDArray[_Scalar]:
@@ -137,12 +138,15 @@ class Tally:
 
         own = slice(index[0], index[-1] + 1) if index[-1] - index[0] == len(index) - 1 else index
         share = spread(aim.share).astype(np.float64)
-        weight = spread(aim.weight * seen).astype(np.float64)
-        for row, (one, other) in enumerate(((share, None), (share, share), (weight, None), (weight, weight), (share, weight))):
-            self._sums[row, own] += one.sum(axis=0) if other is None else np.einsum("ij,ij->j", one, other)
+        _add_products(self._sums, own, share, spread(aim.weight * sight.share).astype(np.float64))
+        if sight.rgb is not None:
+            if self._channel_sums is None:
+                self._channel_sums = np.zeros((3, 5, len(self.rows)))
+            for sums, passed in zip(self._channel_sums, sight.rgb.T, strict=True):
+                _add_products(sums, own, share, spread(aim.weight * passed).astype(np.float64))
         self._lit[own] |= spread(seen).any(axis=0)
         self._dark[own] |= spread(shines & ~seen).any(axis=0)
-        return traced
+        return sight.rays
 
     @property
     def rgb(self) -> Float64:
@@ -151,19 +155,27 @@ class Tally:
 
     def light(self, count: int) -> Float64:
         """(count, 3) float64: irradiance of the chunk's texels by these lights."""
-        return self._sum_texels(self.value(), self.rgb, count)
+        if self._channel_sums is None:
+            return self._sum_texels(self.value(), self.rgb, count)
+        return self._sum_texels(self._closed() * [_divide_seen(self._of_leaders(sums)) for sums in self._channel_sums], self.rgb, count)
 
     def variance(self, count: int) -> Float64:
         """(count, 3) float64: of light."""
-        return self._sum_texels(self._error_squared(), self.rgb**2, count)
+        if self._channel_sums is None:
+            return self._sum_texels(self._error_squared(), self.rgb**2, count)
+        every = slice(0, len(self.rows))
+        errors = np.stack([self._find_error_squared(every, sums) for sums in self._channel_sums])
+        return self._sum_texels(errors, self.rgb**2, count)
 
     def _sum_texels(self, values: Float64, rgb: Float64, count: int) -> Float64:
-        """(count, 3): sums of values (n,) times rgb (n or 1, 3)."""
+        """(count, 3): sums of values (n,), or (3, n) by channel, times rgb (n or 1, 3)."""
+        channels = np.broadcast_to(values, (3, len(self.rows)))
         if self._lamp is not None:
-            return np.stack([np.bincount(self.rows, values * power, count) for power in rgb.T], axis=1)
+            return np.stack([np.bincount(self.rows, own * power, count) for own, power in zip(channels, rgb.T, strict=True)], axis=1)
         single, out = np.zeros(count), np.empty((count, 3))
-        single[as_slice(self.rows)] = values  # each texel is there once
-        for channel, power in enumerate(rgb.T):  # several times faster than rows of three
+        for channel, (own, power) in enumerate(zip(channels, rgb.T, strict=True)):  # several times faster than rows of three
+            if channel == 0 or values.ndim == 2:
+                single[as_slice(self.rows)] = own  # each texel is there once
             np.multiply(single, power, out=out[:, channel])
         return out
 
@@ -249,14 +261,14 @@ class Tally:
         """(n,): of the ratio estimate."""
         stale = np.flatnonzero(self._stale | self._of_leaders(self._stale))
         if len(stale):
-            self._error2[stale] = self._find_error_squared(as_slice(stale))
+            self._error2[stale] = self._find_error_squared(as_slice(stale), self._sums)
             self._stale[:] = False
         return self._error2
 
-    def _find_error_squared(self, rows: slice | NDArray[np.int64]) -> Float64:
-        """Of some pairs. Source: Cochran 1977, "Sampling Techniques", 6.3, for random rays."""
+    def _find_error_squared(self, rows: slice | NDArray[np.int64], sums: Float64) -> Float64:
+        """Of some pairs, by sums (5, n) of all. Source: Cochran 1977, "Sampling Techniques", 6.3, for random rays."""
         told = rows if self._leader is None else self._leader[rows]
-        sums = self._sums[:, told]
+        sums = sums[:, told]
         ratio = _divide_seen(sums)
         residual = np.maximum(sums[3] - 2 * ratio * sums[4] + ratio**2 * sums[1], 0)
         square = np.divide(residual, sums[0] ** 2, out=np.ones(len(ratio)), where=sums[0] > 0)
@@ -269,6 +281,12 @@ class Tally:
         gain = np.maximum(rarer, 1) ** (_SHARP_GAIN if self.source.is_sharp else _SOFT_GAIN)
         out: Float64 = spread + closed**2 * square / gain
         return out
+
+
+def _add_products(sums: Float64, own: slice | IntArray, share: Float64, weight: Float64) -> None:
+    """Adds rays (k, m) to the sums (5, n) of the pairs `own` (m,)."""
+    for row, (one, other) in enumerate(((share, None), (share, share), (weight, None), (weight, weight), (share, weight))):
+        sums[row, own] += one.sum(axis=0) if other is None else np.einsum("ij,ij->j", one, other)
 
 
 def _divide_seen(sums: Float64) -> Float64:

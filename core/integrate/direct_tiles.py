@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..lights.direct_lights import Source
 from ..lights.direct_openings import Looks
 from ..lights.direct_points import MIDDLE, Receivers, TexelChunk, base_points, row_pieces, shift_points
-from ..scene.rays import RayScene
+from ..scene.shadow_rays import ShadowRays, Sight
 from ..texels.texel_grid import interleave_bits
 from ..texels.tiles import NODE_WEIGHTS, TILE_LINES, TILE_NODES, TILE_SIDE, TILE_TEXELS, Tiles
 from ..util.arrays import Float32, Float64
@@ -50,7 +50,7 @@ class FirstLook:
     looks: Looks
 
 
-def look_from_tiles(rays: RayScene, chunk: TexelChunk, tiles: Tiles, source: Source, shift: NDArray[np.uint32]) -> FirstLook:
+def look_from_tiles(rays: ShadowRays, chunk: TexelChunk, tiles: Tiles, source: Source, shift: NDArray[np.uint32]) -> FirstLook:
     """A first look at a light by the tiles of a chunk; shift (m, 2) uint32 of each tile's places on the light.
 
     A little of a light with an extent may come by a gap that few rays find: in the dark one texel of a tile, by chance,
@@ -68,7 +68,7 @@ def look_from_tiles(rays: RayScene, chunk: TexelChunk, tiles: Tiles, source: Sou
     for piece in row_pieces(reached, TILE_TEXELS):
         rows = texels[piece].ravel()
         to = shift_points(_TILE_POINTS, shift[piece]).transpose(1, 0, 2).reshape(-1, 2)
-        full[piece], none[piece], seen, n_ray = _see(rays, chunk.receivers(rows, 0, 1), source, to)
+        full[piece], none[piece], seen, n_ray = _see_tiles(rays, chunk.receivers(rows, 0, 1), source, to)
         looks.append((rows, to, seen))
         traced += n_ray
     asked, whole = np.zeros((2, len(tiles)), bool)
@@ -84,17 +84,16 @@ def look_from_tiles(rays: RayScene, chunk: TexelChunk, tiles: Tiles, source: Sou
     return FirstLook(closed, off, lit, dark, leader, traced, Looks(*(np.concatenate(part) for part in zip(*looks, strict=True))))
 
 
-def _see(rays: RayScene, receivers: Receivers, source: Source, points: Float32) -> tuple[Bools, Bools, Bools, int]:
-    """(m,) bool whether all of a light is seen from a tile's receivers (m * 64), and whether none is; which see it, and rays traced."""
+def _see_tiles(rays: ShadowRays, receivers: Receivers, source: Source, points: Float32) -> tuple[Bools, Bools, Bools | Float32, int]:
+    """(m,) bool whether all of a light is seen from a tile's receivers (m * 64), and whether none is; the share that each of them sees
+    of it, and rays traced.
+    """
     aim = source.aim(receivers.position, receivers.normal, points)
-    traced = 0
-    seen = np.ones(len(points), bool)
-    if source.casts_shadow:
-        seen, traced = receivers.see(rays, aim)
+    seen = receivers.see(rays, aim) if source.casts_shadow else Sight(np.ones(len(points), bool), None, 0)
     # A cone's edge, a horizon that cuts the light, and a face seen from behind are for the texels themselves.
-    full = seen & (aim.share > 0) & (aim.weight >= aim.share)
-    none = ~(seen & (aim.weight > 0))
-    return full.reshape(-1, TILE_TEXELS).all(axis=1), none.reshape(-1, TILE_TEXELS).all(axis=1), seen, traced
+    full = (seen.share == 1) & (aim.share > 0) & (aim.weight >= aim.share)
+    none = (seen.share == 0) | (aim.weight <= 0)
+    return full.reshape(-1, TILE_TEXELS).all(axis=1), none.reshape(-1, TILE_TEXELS).all(axis=1), seen.share, seen.rays
 
 
 def _closed_at_tiles(chunk: TexelChunk, tiles: Tiles, source: Source) -> tuple[Bools, Float64, Float64]:

@@ -19,8 +19,10 @@ from ..lights.direct_points import LIGHT_PLACE, MOST_TEXELS, ReceivingSurfaces, 
 from ..lights.emitters import rotate_to
 from ..scene.materials import SurfaceMaterials
 from ..scene.rays import RayScene
+from ..scene.shadow_rays import MOST_LAYERS
 from ..texels.texel_map import TexelMap
 from ..texels.tiles import Tiles
+from ..transport.passing import Passing
 from ..util.arrays import Float32, Float64, IntArray
 from ..util.geometry import take_rows
 from ..util.sampling import square_to_cosine_hemisphere
@@ -46,12 +48,14 @@ class KnownLight:
 class GatherScene:
     """What rays meet.
 
+    passing         what they go on through, with what it lets pass
     tri_object      (n_tri,) int
     tri_two_sided   (n_tri,) bool: texels hold the sum of both sides
     tri_told        (n_tri,) bool: texels hold the light on its front
     """
 
     rays: RayScene
+    passing: Passing | None
     receiving: ReceivingSurfaces
     surfaces: SurfaceMaterials
     texels: TexelMap
@@ -121,27 +125,56 @@ class _Gathering:
 
     def look(self, rows: IntArray, span: Span) -> tuple[Float64, int]:
         """(k, len(rows), 3) float64: what each ray says of all light from surfaces, W/m^2, in the order of strata; and rays traced."""
-        scene, known = self._scene, self._known
+        scene = self._scene
         receivers = self._chunk.receivers(rows, *span)
         places = square_to_cosine_hemisphere(light_points(take_rows(self._shift, rows), *span))
         direction = rotate_to(places, receivers.normal).astype(np.float32)
-        found = scene.rays.closest(receivers.position, direction)
+        count = span[1] - span[0]
+        self.rays[rows] += count
+        sent, traced = np.zeros((3, len(direction))), 0
         # By a shading normal some rays go below the face: what comes from there is not seen, as with the sky.
-        live = np.flatnonzero((found.tri >= 0) & ((direction * receivers.side).sum(axis=1) > 0))
-        tri, u, v = found.tri[live], found.u[live], found.v[live]
+        ray = np.flatnonzero((direction * receivers.side).sum(axis=1) > 0)
+        origin, direction = take_rows(receivers.position, ray), take_rows(direction, ray)
+        share = np.ones((3, len(ray)), np.float32)
+        for _ in range(MOST_LAYERS):
+            found = scene.rays.closest(origin, direction)
+            traced += len(ray)
+            hit = np.flatnonzero(found.tri >= 0)
+            tri, u, v = found.tri[hit], found.u[hit], found.v[hit]
+            ray, direction, share = ray[hit], take_rows(direction, hit), share[:, hit]
+            self._add(sent, rows, span, ray, direction, share, (tri, u, v))
+            if scene.passing is None:
+                break
+            on, origin, share = scene.passing.follow(direction.T, share, tri, u, v)
+            if not len(on):
+                break
+            ray, direction, origin = ray[on], take_rows(direction, on), origin.T
+        return np.moveaxis(sent.reshape(3, count, len(rows)), 0, -1), traced
+
+    def _add(
+        self,
+        sent: Float64,
+        rows: IntArray,
+        span: Span,
+        ray: IntArray,
+        direction: Float32,
+        share: Float32,
+        hit: tuple[IntArray, Float32, Float32],
+    ) -> None:
+        """Adds what rays (m,), numbered stage by stage, bring from the triangles they met; a share (3, m) of it comes to the texels."""
+        scene, known = self._scene, self._known
+        live, (tri, u, v) = ray, hit
         entry = scene.texels.entry_of(tri, *scene.texels.hit_texel_xy(tri, u, v))
-        is_front = (take_rows(direction, live) * take_rows(scene.receiving.normal, tri)).sum(axis=1) < 0
+        is_front = (direction * take_rows(scene.receiving.normal, tri)).sum(axis=1) < 0
         told = is_front & scene.tri_told[tri] & (entry >= 0)
         untold = np.flatnonzero(~told)
         dark = ~known.lit_elsewhere[scene.tri_object[tri[untold]]]
+        if scene.passing is not None:  # a pane that reflects nothing hides nothing
+            dark |= ~scene.surfaces.reflectance_at(tri[untold], u[untold], v[untold]).any(axis=1)
         self.blind[rows[live[untold[~dark]] % len(rows)]] = True
-        live, tri, u, v, entry = live[told], tri[told], u[told], v[told], entry[told]
-        albedo = scene.surfaces.albedo_at(tri, u, v).T
-        count = span[1] - span[0]
+        live, tri, u, v, entry, share = live[told], tri[told], u[told], v[told], entry[told], share[:, told]
+        albedo = scene.surfaces.reflectance_at(tri, u, v).T * share
         self.doubt[rows] += np.bincount(live % len(rows), albedo.mean(axis=0) * known.doubt[entry], len(rows))
-        self.rays[rows] += count
         place = LIGHT_PLACE[span][live // len(rows)] * len(rows) + live % len(rows)
-        sent = np.zeros((3, len(direction)))
         for channel, row in enumerate(sent):
-            row[place] = albedo[channel] * known.light[channel].take(entry)
-        return np.moveaxis(sent.reshape(3, count, len(rows)), 0, -1), len(direction)
+            row[place] += albedo[channel] * known.light[channel].take(entry)

@@ -103,7 +103,7 @@ def gather_texels(shard: GatherShard) -> gather.GatheredLight:
 @keep_scene_open
 def _open_direct_scene(folder: str) -> direct.DirectScene:
     tracing = open_tracing(folder)
-    return direct.DirectScene.of(tracing.scene.rays, tracing.snapshot, tracing.unit_box, tracing.scene.surfaces, tracing.meshes)
+    return direct.DirectScene.of(tracing.scene.shadows, tracing.snapshot, tracing.unit_box, tracing.scene.surfaces, tracing.meshes)
 
 
 @keep_scene_open
@@ -112,6 +112,7 @@ def _open_gather_scene(folder: str) -> gather.GatherScene:
     scene, direct_scene = tracing.scene, _open_direct_scene(folder)
     return gather.GatherScene(
         rays=scene.rays,
+        passing=scene.passing,
         receiving=direct_scene.surfaces,
         surfaces=scene.surfaces,
         texels=tracing.texels,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scene.rays import RayScene
+from ..scene.shadow_rays import ShadowRays
 from ..util.arrays import Float32, Float64, FloatArray, IntArray
 from ..util.brightness import weigh_channels
 from ..util.geometry import dot_rows, take_rows
@@ -150,7 +150,7 @@ class RestOfCrowd:
         self._crowd, self._end, self.n_pair = crowd, end, n_pair
 
     def irradiance(
-        self, rays: RayScene, chunk: TexelChunk, demand: Demand, base_rgb: Float64, rng: np.random.Generator
+        self, rays: ShadowRays, chunk: TexelChunk, demand: Demand, base_rgb: Float64, rng: np.random.Generator
     ) -> tuple[Float64, Float64, int]:
         """As EmitterPool.irradiance."""
         count = len(chunk)
@@ -187,7 +187,7 @@ class RestOfCrowd:
             chances *= share[piece * _TOGETHER // BLOCK_TEXELS]
             _cumulate_rows(chances, piece, self._end)
 
-    def _look(self, rays: RayScene, receivers: Receivers, lamp: Int64, u: Float32) -> tuple[Float64, int]:
+    def _look(self, rays: ShadowRays, receivers: Receivers, lamp: Int64, u: Float32) -> tuple[Float64, int]:
         """(n, 3) float64: irradiance by one ray from each receiver to its lamp; and rays traced."""
         value, traced = np.zeros((len(lamp), 3)), 0
         kind = self._crowd.kind[lamp]
@@ -195,11 +195,11 @@ class RestOfCrowd:
             own = np.flatnonzero(kind == k)
             lamps, looking = source.rows(self._crowd.number[lamp[own]]), receivers.rows(own)
             aim = lamps.aim(looking.position, looking.normal, u[own])
-            weight = aim.weight
+            given = aim.weight[:, None] * lamps.rgb
             if source.casts_shadow:
-                seen, n_ray = looking.see(rays, aim)
-                weight, traced = weight * seen, traced + n_ray
-            value[own] = weight[:, None] * lamps.rgb
+                seen = looking.see(rays, aim)
+                given, traced = seen.times(given), traced + seen.rays
+            value[own] = given
         return value, traced
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scene.rays import RayScene
+from ..scene.shadow_rays import ShadowRays, Sight
 from ..util.arrays import Float64, FloatArray, IntArray
 from ..util.brightness import weigh_channels
 from ..util.geometry import dot_rows, take_rows
@@ -42,7 +42,7 @@ class EnvironmentLight:
     rays   sent to find that
     """
 
-    def __init__(self, table: EnvironmentTable, rays: RayScene, chunk: TexelChunk, rng: np.random.Generator) -> None:
+    def __init__(self, table: EnvironmentTable, rays: ShadowRays, chunk: TexelChunk, rng: np.random.Generator) -> None:
         self._table, self.rays = table, 0
         n_block = -(-len(chunk) // BLOCK_TEXELS)
         judge = np.arange(n_block)[:, None] * BLOCK_TEXELS + np.arange(_JUDGES) * (BLOCK_TEXELS // _JUDGES)
@@ -62,7 +62,7 @@ class EnvironmentLight:
         self._open = np.where(share > _MOSTLY_OPEN, np.minimum(share, 1), 0.0)
 
     def irradiance(
-        self, rays: RayScene, chunk: TexelChunk, demand: Demand, base_rgb: Float64, rng: np.random.Generator
+        self, rays: ShadowRays, chunk: TexelChunk, demand: Demand, base_rgb: Float64, rng: np.random.Generator
     ) -> tuple[Float64, Float64, int]:
         """As EmitterPool.irradiance."""
         total, variance, n_ray = np.zeros_like(base_rgb), np.zeros_like(base_rgb), 0
@@ -100,7 +100,7 @@ class EnvironmentLight:
 
     def _gather(
         self,
-        rays: RayScene,
+        rays: ShadowRays,
         chunk: TexelChunk,
         rows: IntArray,
         choice: PatchChoice,
@@ -111,40 +111,38 @@ class EnvironmentLight:
         (first, last), table = span, self._table
         receivers, block = chunk.receivers(rows, first, last), rows // BLOCK_TEXELS
         every = np.tile(block, last - first)
-        weight, seen, traced = self._look(rays, receivers, *choice.choose(every, light_points(take_rows(shift, rows), first, last)))
+        weight, seen = self._look(rays, receivers, *choice.choose(every, light_points(take_rows(shift, rows), first, last)))
         open_ = self._open[every]
-        value = weight * (seen - open_)[:, None]
+        value = seen.times(weight) - weight * open_[:, None]
         unoccluded = table.find_irradiance(receivers.normal[: len(rows)])
         if receivers.normal is not receivers.side:
             unoccluded = table.find_irradiance(receivers.normal).reshape(last - first, -1, 3).mean(axis=0)
         ordered = np.empty((last - first, len(rows), 3))
         ordered[LIGHT_PLACE[span]] = value.reshape(ordered.shape)
-        return ordered + self._open[block, None] * unoccluded, traced
+        return ordered + self._open[block, None] * unoccluded, seen.rays
 
-    def _look(
-        self, rays: RayScene, receivers: Receivers, patch: Int64, chance: FloatArray, u: FloatArray
-    ) -> tuple[Float64, NDArray[np.bool_], int]:
-        """What rays to patches would bring (n, 3), W/m^2, which of them meet nothing, and how many were traced."""
+    def _look(self, rays: ShadowRays, receivers: Receivers, patch: Int64, chance: FloatArray, u: FloatArray) -> tuple[Float64, Sight]:
+        """What rays to patches would bring (n, 3), W/m^2, and how much of it they see."""
         direction, cell, density = self._table.choose(patch, u)
         cosine = np.maximum(dot_rows(direction, receivers.normal), 0)
         per_radiance = np.divide(cosine, chance * density, out=np.zeros(len(cell), np.float32), where=density > 0, casting="same_kind")
         aim = Aim(direction, np.full(len(cell), _INFINITE), per_radiance, per_radiance)
-        seen, traced = receivers.see(rays, aim)
+        seen = receivers.see(rays, aim)
         radiance = self._table.environment.radiance.reshape(-1, 3)[cell]
-        return radiance * per_radiance[:, None].astype(np.float64), seen, traced
+        return radiance * per_radiance[:, None].astype(np.float64), seen
 
-    def _explore(self, rays: RayScene, chunk: TexelChunk, rows: Int64, rng: np.random.Generator) -> None:
+    def _explore(self, rays: ShadowRays, chunk: TexelChunk, rows: Int64, rng: np.random.Generator) -> None:
         """Learns what is seen by a ray from each of some texels (m,); these count for nothing else, which biases no light."""
         choice = PatchChoice(self._share_out())
         for piece in row_pieces(rows, 1):
             block = piece // BLOCK_TEXELS
             patch, chance, rest = choice.choose(block, rng.random((len(piece), 2), np.float32))
-            weight, seen, traced = self._look(rays, chunk.receivers_at(piece, MIDDLE), patch, chance, rest)
+            weight, seen = self._look(rays, chunk.receivers_at(piece, MIDDLE), patch, chance, rest)
             front = weight.any(axis=1)
             at = block * self._shot.shape[1] + self._table.sector[patch]
-            for counts, weights in ((self._shot, front), (self._lit, seen)):
+            for counts, weights in ((self._shot, front), (self._lit, seen.share)):
                 counts += np.bincount(at, weights, counts.size).reshape(counts.shape)
-            self.rays += traced
+            self.rays += seen.rays
 
     def _around(self, counts: Float64) -> Float64:
         """(n_block, ...): sums over the region of each block."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scene.rays import RayScene
+from ..scene.shadow_rays import ShadowRays, Sight
 from ..texels.texel_grid import interleave_bits, part_bits
 from ..util.arrays import Float32, Float64, IntArray
 from ..util.brightness import weigh_channels
@@ -38,6 +38,8 @@ _LOOKS = 4  # rays of a texel that tell where to look, and no more
 _STAGES = (0, 8), (8, 16), (16, 48)
 _NOISIER = 2.5  # than that of lamps: it is alike in neighbours and without specks, so that smoothing takes it
 
+Bools = NDArray[np.bool_]
+
 
 @dataclass(frozen=True)
 class Looks:
@@ -45,12 +47,12 @@ class Looks:
 
     texel   (n,) int64        of a chunk
     to      (n, 2) float32    in [0, 1), as Source.aim takes them
-    seen    (n,) bool         they met nothing
+    seen    (n,) bool, or float32 in [0, 1]: they met nothing, or what share of the light passes what they met
     """
 
     texel: Int64
     to: Float32
-    seen: NDArray[np.bool_]
+    seen: Bools | Float32
 
 
 class Openings:
@@ -67,7 +69,7 @@ class Openings:
     @classmethod
     def find(
         cls,
-        rays: RayScene,
+        rays: ShadowRays,
         chunk: TexelChunk,
         source: WorldSource,
         rows: Int64,
@@ -95,9 +97,9 @@ class Openings:
         asked &= np.repeat(known.may_see_little(limit), BLOCK_TEXELS)[: len(rows)]
         for piece in row_pieces(rows[asked], 1):
             to = rng.random((len(piece), 2), np.float32)
-            seen, _, traced = _look(rays, chunk, source, piece, to, (0, 1))
-            known.add(place[piece], _cell_at(to), seen)
-            n_ray += traced
+            seen, _ = _look(rays, chunk, source, piece, to, (0, 1))
+            known.add(place[piece], _cell_at(to), seen.share)
+            n_ray += seen.rays
         known = known.tell_share()
         few = known.see_little(limit)
         rows, known = rows[np.repeat(few, BLOCK_TEXELS)[: len(rows)]], known.of(few)
@@ -105,13 +107,13 @@ class Openings:
             end = known.share_out()[0]
             for piece in row_pieces(np.arange(len(rows)), 1):
                 cell, to, _, _ = _choose(end, piece // BLOCK_TEXELS, random_shift(rng, len(piece)), rng, (0, 1))
-                seen, _, traced = _look(rays, chunk, source, rows[piece], to, (0, 1))
-                known.add(piece, cell, seen)
-                n_ray += traced
+                seen, _ = _look(rays, chunk, source, rows[piece], to, (0, 1))
+                known.add(piece, cell, seen.share)
+                n_ray += seen.rays
         return cls(source, rows, known, n_ray)
 
     def irradiance(
-        self, rays: RayScene, chunk: TexelChunk, demand: Demand, base_rgb: Float64, rng: np.random.Generator
+        self, rays: ShadowRays, chunk: TexelChunk, demand: Demand, base_rgb: Float64, rng: np.random.Generator
     ) -> tuple[Float64, Float64, int]:
         """As EmitterPool.irradiance."""
         total, variance, n_ray = np.zeros_like(base_rgb), np.zeros_like(base_rgb), 0
@@ -129,9 +131,9 @@ class Openings:
             if span[0] != learned:  # rays that come later may go to where earlier ones saw the sky: all are right on average
                 end, learned = known.share_out()[0], span[0]
             cell, to, chance, step = _choose(end, place[rows] // BLOCK_TEXELS, take_rows(shift, rows), rng, span)
-            seen, share, traced = _look(rays, chunk, self._source, rows, to, span)
-            known.add(np.tile(place[rows], span[1] - span[0]), cell, seen)
-            return in_order(step, (share * seen / (chance * _CELLS))[:, None] * self._source.rgb), traced
+            seen, share = _look(rays, chunk, self._source, rows, to, span)
+            known.add(np.tile(place[rows], span[1] - span[0]), cell, seen.share)
+            return in_order(step, seen.times((share / (chance * _CELLS))[:, None] * self._source.rgb)), seen.rays
 
         sky = math.pi * float(weigh_channels(self._source.rgb)[0])
         foreseen = np.zeros((2, len(chunk)))
@@ -167,7 +169,7 @@ class _Known:
     def none(cls, n_texel: int) -> _Known:
         return cls(*np.zeros((2, -(-n_texel // BLOCK_TEXELS), _CELLS)))
 
-    def add(self, place: Int64, cell: Int64, seen: NDArray[np.bool_]) -> None:
+    def add(self, place: Int64, cell: Int64, seen: Bools | Float32) -> None:
         """Rays of texels (n,), numbered through all blocks."""
         at = place // BLOCK_TEXELS * _CELLS + cell
         for counts, weight in ((self.shot, None), (self.lit, seen)):
@@ -241,14 +243,11 @@ def _means(values: Float64, size: int) -> Float64:
     return out
 
 
-def _look(
-    rays: RayScene, chunk: TexelChunk, source: WorldSource, rows: IntArray, to: Float32, span: Span
-) -> tuple[NDArray[np.bool_], Float32, int]:
-    """Which of a span of rays from each row meet nothing, what each brings, and how many were traced."""
+def _look(rays: ShadowRays, chunk: TexelChunk, source: WorldSource, rows: IntArray, to: Float32, span: Span) -> tuple[Sight, Float32]:
+    """What a span of rays from each row sees, and what each brings."""
     receivers = chunk.receivers(rows, *span)
     aim = source.aim(receivers.position, receivers.normal, to)
-    seen, traced = receivers.see(rays, aim)
-    return seen, aim.weight, traced
+    return receivers.see(rays, aim), aim.weight
 
 
 def _choose(

@@ -10,8 +10,8 @@ from random import Random
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scene.rays import RayScene
 from ..scene.scene import SceneSnapshot
+from ..scene.shadow_rays import ShadowRays, Sight
 from ..texels.texel_grid import interleave_bits
 from ..texels.texel_looks import TexelLooks
 from ..util.arrays import Float32, FloatArray, IntArray
@@ -104,15 +104,13 @@ class Receivers:
         side = take_rows(self.side, index)
         return Receivers(take_rows(self.position, index), side if self.normal is self.side else take_rows(self.normal, index), side)
 
-    def see(self, rays: RayScene, aim: Aim) -> tuple[NDArray[np.bool_], int]:
-        """Which rays meet nothing, and how many had to be traced; what comes from behind the face is not seen."""
-        seen = (aim.weight > 0) & ((aim.direction * self.side).sum(axis=1) > 0)
-        live = np.flatnonzero(seen)
-        if len(live) == len(seen):
-            return ~rays.occluded(self.position, aim.direction, aim.distance), len(live)
-        if len(live):
-            seen[live] = ~rays.occluded(take_rows(self.position, live), take_rows(aim.direction, live), aim.distance[live])
-        return seen, len(live)
+    def see(self, rays: ShadowRays, aim: Aim) -> Sight:
+        """How much comes along rays; what comes from behind the face is not seen."""
+        above = (aim.weight > 0) & ((aim.direction * self.side).sum(axis=1) > 0)
+        live = np.flatnonzero(above)
+        if len(live) == len(above):
+            return rays.see(self.position, aim.direction, aim.distance)
+        return rays.see(take_rows(self.position, live), take_rows(aim.direction, live), aim.distance[live]).place(live, len(above))
 
 
 @dataclass(frozen=True)

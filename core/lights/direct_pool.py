@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.materials import SurfaceMaterials
-from ..scene.rays import RayScene
+from ..scene.shadow_rays import ShadowRays
 from ..scene.slender_triangles import find_corners, whole_parts
 from ..util.arrays import Float32, Float64, FloatArray, IntArray
 from ..util.geometry import ORIGIN_OFFSET, dot_rows, take_rows
@@ -100,7 +100,7 @@ class EmitterPool:
         return cls(cells, constant[order], area, sealed, clusters, scene, surfaces)
 
     def irradiance(
-        self, rays: RayScene, chunk: TexelChunk, demand: Demand, base_rgb: Float64, rng: np.random.Generator
+        self, rays: ShadowRays, chunk: TexelChunk, demand: Demand, base_rgb: Float64, rng: np.random.Generator
     ) -> tuple[Float64, Float64, int]:
         """Irradiance (n, 3) and its variance (n, 3) of the chunk's texels, and the number of rays.
 
@@ -122,7 +122,7 @@ class EmitterPool:
 
     def _gather(
         self,
-        rays: RayScene,
+        rays: ShadowRays,
         chunk: TexelChunk,
         rows: IntArray,
         chances: tuple[Float64, Int64],
@@ -136,10 +136,11 @@ class EmitterPool:
         step, cluster, chance, rest = choose_by_strata(end, group[rows], shifts[1][rows], last - first, rng)
         cell, cell_chance = self.clusters.choose(receivers, cluster, rest)
         aim, radiance = self._aim(receivers, cell, light_points(take_rows(shifts[0], rows), first, last))
-        seen, traced = receivers.see(rays, aim)
-        return in_order(step, radiance * np.where(seen, aim.weight / (chance * cell_chance), 0)[:, None]), traced
+        seen = receivers.see(rays, aim)
+        weight = np.where(seen.share > 0, aim.weight / (chance * cell_chance), 0)
+        return in_order(step, seen.times(radiance * weight[:, None])), seen.rays
 
-    def _choose_clusters(self, rays: RayScene, chunk: TexelChunk, flat: Int64, rng: np.random.Generator) -> tuple[Float64, Int64, int]:
+    def _choose_clusters(self, rays: ShadowRays, chunk: TexelChunk, flat: Int64, rng: np.random.Generator) -> tuple[Float64, Int64, int]:
         """(n_group, n_cluster) float64: cumulative chances of the clusters, row r from r to r + 1; (n,) int64, whose each texel
         follows; and rays spent. Texels of a quarter of a flat tile follow the same.
         """
@@ -179,7 +180,7 @@ class EmitterPool:
             judged[rows, runs] = np.maximum(judged[rows, runs], given / self.area[cells] * self.clusters.weight[runs])
         return judged
 
-    def _look_around(self, rays: RayScene, chunk: TexelChunk, rng: np.random.Generator) -> tuple[Float32, int]:
+    def _look_around(self, rays: ShadowRays, chunk: TexelChunk, rng: np.random.Generator) -> tuple[Float32, int]:
         """(n_block, n_cluster): share of each cluster that pilots of the block, and of the blocks around it, saw; and rays spent."""
         n_cluster = len(self.clusters)
         n_block = -(-len(chunk) // BLOCK_TEXELS)
@@ -191,9 +192,9 @@ class EmitterPool:
             looking = receivers.rows(np.repeat(piece, n_cluster))
             cell, _ = self.clusters.choose(looking, cluster, rng.random(len(cluster)))
             aim, _ = self._aim(looking, cell, rng.random((len(cell), 2), np.float32))
-            visible, traced = looking.see(rays, aim)
-            n_ray += traced
-            seen[piece] = visible.reshape(len(piece), n_cluster)
+            visible = looking.see(rays, aim)
+            n_ray += visible.rays
+            seen[piece] = visible.share.reshape(len(piece), n_cluster)
         by_block = seen.reshape(n_block, _PILOTS, n_cluster).mean(axis=1)
         region = np.arange(0, n_block, _REGION_BLOCKS)
         size = np.diff(np.append(region, n_block))

@@ -41,7 +41,9 @@ class EmittingMeshes:
         shines = np.zeros(snapshot.n_tri, bool)
         for _, cells in by_material:
             shines[cells.tri] = True
-        return cls(by_material, find_sealed(snapshot, shines))
+        return cls(
+            by_material, find_sealed(snapshot, shines, surfaces.find_passing(shadow=True)[0] | surfaces.find_passing(shadow=False)[0])
+        )
 
 
 @dataclass(frozen=True)

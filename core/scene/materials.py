@@ -1,8 +1,9 @@
-"""Albedo and emission at hits."""
+"""Albedo, emission and transmittance at hits."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +50,7 @@ class _Layer:
 
 
 class SurfaceMaterials:
-    """Answers albedo and emission at points of triangles; one gather where no image is involved."""
+    """Answers albedo, emission and transmittance at points of triangles; one gather where no image is involved."""
 
     def __init__(self, scene: SceneSnapshot) -> None:
         materials = scene.materials
@@ -59,6 +60,22 @@ class SurfaceMaterials:
         self._emission = _layer(
             scene, [m.emission_rgb for m in materials], [m.emission_image for m in materials], scene.tri_emission_uv, np.inf
         )
+        self._passing = _layer(scene, [m.passing_rgb for m in materials], [m.passing_image for m in materials], scene.tri_passing_uv, 1.0)
+        self._shadow = self._passing
+        if any(material.shadow_passing_rgb is not None for material in materials):
+            shadow = [
+                (m.passing_rgb, m.passing_image) if m.shadow_passing_rgb is None else (m.shadow_passing_rgb, m.shadow_passing_image)
+                for m in materials
+            ]
+            self._shadow = _layer(scene, [rgb for rgb, _ in shadow], [image for _, image in shadow], scene.tri_passing_uv, 1.0)
+        self._reflecting = self._albedo
+        unseen = np.array([not one.reflects for one in scene.objects], bool)[scene.tri_object]
+        if unseen.any():
+            self._passing = replace(self._passing, **_fill(self._passing, unseen, 1.0))
+            self._reflecting = replace(self._albedo, **_fill(self._albedo, unseen, 0.0))
+        lets_shadow = np.array([not one.casts_shadow for one in scene.objects], bool)[scene.tri_object]
+        if lets_shadow.any():
+            self._shadow = replace(self._shadow, **_fill(self._shadow, lets_shadow, 1.0))
 
     def has_images(self, emission: bool) -> bool:
         """Whether the albedo, or the emission, of any triangle varies over it."""
@@ -67,7 +84,7 @@ class SurfaceMaterials:
     @property
     def reflects(self) -> bool:
         """Whether any triangle reflects any light."""
-        return bool(self._albedo.tri_rgb.any())
+        return bool(self._reflecting.tri_rgb.any())
 
     def albedo_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
         """Diffuse reflectance, within [0, MAX_ALBEDO].
@@ -77,6 +94,10 @@ class SurfaceMaterials:
         """
         return self._albedo.at(tri, u, v)
 
+    def reflectance_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
+        """Share of the light that arrives which other surfaces get: the albedo, but 0 on objects that they do not see; as albedo_at."""
+        return self._reflecting.at(tri, u, v)
+
     def emission_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
         """Emitted radiance, W/m^2/sr, finite and >= 0.
 
@@ -84,6 +105,26 @@ class SurfaceMaterials:
         out    (n, 3) float32; its transpose is contiguous
         """
         return self._emission.at(tri, u, v)
+
+    def passing_at(self, tri: IntArray, u: FloatArray, v: FloatArray, shadow: bool) -> NDArray[np.float32]:
+        """Share of light that goes straight on through a surface, within [0, 1].
+
+        tri      (n,) int      u, v   (n,) float, barycentric weights of corners 1 and 2
+        shadow   for light on its way from a lamp, as shadow rays take it; else for light between surfaces
+        out      (n, 3) float32; its transpose is contiguous
+        """
+        return (self._shadow if shadow else self._passing).at(tri, u, v)
+
+    def find_passing(self, shadow: bool) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """(n_tri,) bool: triangles that light may pass through, and those that it passes through whole, everywhere on them."""
+        layer = self._shadow if shadow else self._passing
+        passes, whole = layer.tri_rgb.any(axis=0), (layer.tri_rgb == 1).all(axis=0)
+        return passes, whole if layer.tri_image is None else whole & (layer.tri_image < 0)
+
+    def find_void(self) -> NDArray[np.bool_]:
+        """(n_tri,) bool: triangles that light passes as if they were not there."""
+        reflects: NDArray[np.bool_] = self._reflecting.tri_rgb.any(axis=0)
+        return ~reflects & self.find_passing(shadow=True)[1] & self.find_passing(shadow=False)[1]
 
 
 def clamp_warnings(scene: SceneSnapshot) -> list[tuple[str, str]]:
@@ -96,6 +137,7 @@ def _material_warnings(scene: SceneSnapshot, index: int, material: Material) -> 
     for quantity, rgb, image, tri_uv, highest in (
         ("albedo", material.albedo_rgb, material.albedo_image, scene.tri_albedo_uv, MAX_ALBEDO),
         ("emission", material.emission_rgb, material.emission_image, scene.tri_emission_uv, _MAX_EMISSION),
+        ("transmittance", material.passing_rgb, material.passing_image, scene.tri_passing_uv, 1.0),
     ):
         low, high = (np.array(rgb, np.float64),) * 2
         where = ""
@@ -122,6 +164,12 @@ def _find_ends(pixels: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArra
     parts = [pixels[:whole].reshape(-1, 3 * _PIXELS_OF_ROW), pixels[whole:].reshape(-1, 3)]
     ends = [[find(part, axis=0).reshape(-1, 3) for part in parts if len(part)] for find in (np.min, np.max)]
     return np.concatenate(ends[0]).min(axis=0), np.concatenate(ends[1]).max(axis=0)
+
+
+def _fill(layer: _Layer, tri: NDArray[np.bool_], value: float) -> dict[str, Any]:
+    """The arrays of a layer with one value on some triangles (n_tri,)."""
+    image = None if layer.tri_image is None else np.where(tri, np.int32(-1), layer.tri_image)
+    return {"tri_rgb": np.where(tri, np.float32(value), layer.tri_rgb), "tri_image": image}
 
 
 def _layer(

@@ -64,7 +64,13 @@ def _find_colour(image: TextureImage) -> Colour | None:
 def _fold_textures(material: Material, colour: list[Colour | None]) -> Material:
     albedo_rgb, albedo_image = _fold_texture(material.albedo_rgb, material.albedo_image, colour)
     emission_rgb, emission_image = _fold_texture(material.emission_rgb, material.emission_image, colour)
-    return Material(material.name, albedo_rgb, albedo_image, emission_rgb, emission_image)
+    passing_rgb, passing_image = _fold_texture(material.passing_rgb, material.passing_image, colour)
+    shadow_rgb, shadow_image = material.shadow_passing_rgb, material.shadow_passing_image
+    if shadow_rgb is not None:
+        shadow_rgb, shadow_image = _fold_texture(shadow_rgb, shadow_image, colour)
+    return Material(
+        material.name, albedo_rgb, albedo_image, emission_rgb, emission_image, passing_rgb, passing_image, shadow_rgb, shadow_image
+    )
 
 
 def _fold_texture(rgb: Colour, image: int, colour: list[Colour | None]) -> tuple[Colour, int]:
@@ -77,4 +83,5 @@ def _fold_texture(rgb: Colour, image: int, colour: list[Colour | None]) -> tuple
 
 
 def _count_images(material: Material) -> int:
-    return (material.albedo_image >= 0) + (material.emission_image >= 0)
+    images = material.albedo_image, material.emission_image, material.passing_image, material.shadow_passing_image
+    return sum(image >= 0 for image in images)

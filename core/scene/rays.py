@@ -60,12 +60,14 @@ class RayScene:
     def __reduce__(self) -> tuple[type[RayScene], tuple[NDArray[np.float32]]]:
         return RayScene, (self._tri_position_unit,)  # a bvh cannot be pickled; workers build their own
 
-    def closest(self, origin: NDArray[np.float32], direction: NDArray[np.float32]) -> Hits:
+    def closest(self, origin: NDArray[np.float32], direction: NDArray[np.float32], distance: NDArray[np.float32] | None = None) -> Hits:
         """The first triangle along each ray, either side.
 
         origin, direction   (n, 3) float32, unit box; any strides
+        distance            (n,) float32, in lengths of the direction: how far to look
         """
-        found = self._embree.run(origin, direction, output=1)
+        limit = None if distance is None else np.array(distance, np.float32)  # embreex writes to it
+        found = self._embree.run(origin, direction, limit, output=1)
         tri = found["primID"] if self._tri_of_primitive is None else self._tri_of_primitive[found["primID"]]
         return Hits(tri, found["u"], found["v"], found["tfar"])
 

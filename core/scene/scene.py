@@ -6,7 +6,8 @@ Metres, watts, linear Rec.709 RGB, +Z up, world space. -1 is "none".
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,19 +24,29 @@ class SceneObject:
     two_sided: bool = False  # light on both sides of a face is summed
     has_layer: bool = False  # tri_uv holds an existing UV layer to be used as it is
     casts_shadow: bool = True
+    reflects: bool = True  # other surfaces see it; else light between them passes through it, and what arrives on it goes no further
     mesh: int = -1  # objects of one number share a mesh that may hold the UVs of all; -1 shares none
+    sides: str = ""  # of settings.SIDES, "" as the settings have it
     density_factor: float = 1.0  # its texels per metre, relative to the others'; a layer of its own says that itself
 
 
 @dataclass(frozen=True)
 class Material:
-    """Diffuse reflectance and emitted radiance, each a constant times an optional image."""
+    """Diffuse reflectance, emitted radiance and transmittance, each a constant times an optional image.
+
+    Transmittance is the share of light that goes straight on through the surface; the albedo is what is reflected of all light that
+    arrives, so that per channel the two add up to 1 at most.
+    """
 
     name: str
     albedo_rgb: tuple[float, float, float] = (0.8, 0.8, 0.8)
     albedo_image: int = -1
     emission_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # W/m^2/sr, strength included
     emission_image: int = -1
+    passing_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    passing_image: int = -1
+    shadow_passing_rgb: tuple[float, float, float] | None = None  # for shadow rays, where it is another than passing_rgb
+    shadow_passing_image: int = -1  # with shadow_passing_rgb
 
 
 @dataclass(frozen=True)
@@ -93,6 +104,7 @@ class SceneSnapshot:
     world_rgb         uniform radiance of the world, W/m^2/sr
     world_map         (h, w, 3) float32, W/m^2/sr, or None: radiance of a world that differs by direction, in place of world_rgb; laid out
                       as sphere_map has it. A sun in it is best taken out first (environment_suns)
+    tri_passing_uv    (n_tri, 3, 2) float32   as tri_albedo_uv, for the images of the transmittance; zeros where it is left out
     """
 
     vertex_position: NDArray[np.float64]
@@ -111,8 +123,11 @@ class SceneSnapshot:
     lights: tuple[Light, ...] = ()
     world_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)
     world_map: NDArray[np.float32] | None = None
+    tri_passing_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
 
     def __post_init__(self) -> None:
+        if not len(self.tri_passing_uv):  # the dataclass is frozen
+            object.__setattr__(self, "tri_passing_uv", np.zeros((len(self.tri_vertex), 3, 2), np.float32))
         error = _first_error(self)
         if error:
             raise ValueError(error)
@@ -125,6 +140,13 @@ class SceneSnapshot:
     def tri_position(self) -> NDArray[np.float64]:
         """(n_tri, 3, 3) float64, m: corner positions."""
         return self.vertex_position[self.tri_vertex]
+
+
+def swap_corners(values: NDArray[Any], tri_turned: NDArray[np.bool_]) -> NDArray[Any]:
+    """A copy of values (n_tri, 3, ...) at corners, in which corners 1 and 2 of some triangles have changed places."""
+    out = values.copy()
+    out[tri_turned] = values[tri_turned][:, [0, 2, 1]]
+    return out
 
 
 def _first_error(scene: SceneSnapshot) -> str:
@@ -140,6 +162,7 @@ def _first_error(scene: SceneSnapshot) -> str:
         "tri_uv": (n_tri, 3, 2),
         "tri_albedo_uv": (n_tri, 3, 2),
         "tri_emission_uv": (n_tri, 3, 2),
+        "tri_passing_uv": (n_tri, 3, 2),
     }
     for name, expected in shapes.items():
         found = getattr(scene, name).shape
@@ -162,6 +185,7 @@ def _first_error(scene: SceneSnapshot) -> str:
         if not (math.isfinite(one.density_factor) and one.density_factor > 0.0):
             return f"{one.name}: expected a density factor above 0, got {one.density_factor:g}"
     for material in scene.materials:
-        if max(material.albedo_image, material.emission_image) >= len(scene.images):
+        images = material.albedo_image, material.emission_image, material.passing_image, material.shadow_passing_image
+        if max(images) >= len(scene.images):
             return f"{material.name}: names an image that is not in the snapshot"
     return ""

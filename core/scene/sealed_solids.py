@@ -23,13 +23,15 @@ _BOX_WORK = 16  # of comparing a box, beside a height
 _AT_ONCE = 1 << 18
 
 
-def find_sealed(snapshot: SceneSnapshot, tri_wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def find_sealed(snapshot: SceneSnapshot, tri_wanted: NDArray[np.bool_], tri_passes: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
     """(n_tri,) bool: triangles of sealed solids, of which some triangle is wanted, (n_tri,).
 
-    Where texels see both sides, or light goes through, no solid is sealed.
+    Where texels see both sides, or light passes through any triangle of an object (n_tri,), no solid is sealed.
     """
     sealed = np.zeros(snapshot.n_tri, bool)
     keeps_light = np.array([one.casts_shadow and not one.two_sided for one in snapshot.objects], bool)
+    if tri_passes is not None:
+        keeps_light[snapshot.tri_object[tri_passes]] = False
     wanted = np.zeros(len(snapshot.objects), bool)
     wanted[snapshot.tri_object[tri_wanted]] = True
     tri = np.flatnonzero((wanted & keeps_light)[snapshot.tri_object])

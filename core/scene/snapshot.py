@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from .scene import Light, Material, SceneObject, SceneSnapshot, TextureImage
 
 FORMAT = "leaflight-snapshot"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 _HEADER, _IMAGE, _WORLD_MAP = "header", "image_", "world_map"
 _DAMAGED = (zipfile.BadZipFile, ValueError, EOFError, KeyError, AttributeError, TypeError)
 _ARRAYS = (
@@ -29,6 +29,7 @@ _ARRAYS = (
     "tri_uv",
     "tri_albedo_uv",
     "tri_emission_uv",
+    "tri_passing_uv",
 )
 
 

@@ -31,6 +31,7 @@ class Photons:
     soft    (3, n) float32   unit box: soft_radius, soft_offset and the way covered so far; None after the first hit, or if none is soft
     group   (n,) int32       newborn: the bin of BirthCells; later see photon_log.Groups; None if nobody asks
     power   (3,) float64, W  of all of them together, from their first hit on
+    stops   (n,) bool        newborn: the next photon of the same way is born behind the first surface; None if none is such
     """
 
     origin: _Rows
@@ -39,6 +40,7 @@ class Photons:
     soft: _Rows | None = None
     group: NDArray[np.int32] | None = None
     power: Float64 = field(default_factory=lambda: np.zeros(3))
+    stops: Bools | None = None
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,7 @@ def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri
     tri_frame    (3, 3, n_tri) float32   as in photons.TraceScene
     """
     place = np.flatnonzero(shadowless)
+    stops = [shadowless]
     origin, direction = gather(photons.origin, place), gather(photons.direction, place)
     covered = np.zeros(len(place), np.float32)
     parts, traced = [photons], 0
@@ -136,6 +139,7 @@ def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri
             if soft is not None:
                 soft[2] = covered
             group = None if photons.group is None else gather(photons.group, place)
+            stops.append(np.ones(len(place), bool))
             parts.append(Photons(origin, direction, gather(photons.flux, place), soft, group))
         if not len(hit):
             break
@@ -144,6 +148,7 @@ def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri
         normal = normal * np.copysign(np.float32(1), (direction * normal).sum(axis=0))  # the side it leaves by
         origin = offset_origin(locate_hits(tri_frame, tri, found.u[hit], found.v[hit]), normal)
         covered = covered + found.distance[hit]
+    photons.stops = np.concatenate(stops)
     photons.origin, photons.direction, photons.flux = (
         np.concatenate([getattr(part, name) for part in parts], axis=1) for name in ("origin", "direction", "flux")
     )
@@ -154,16 +159,18 @@ def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri
     return traced
 
 
-def soften(photons: Photons, distance: _Rows) -> None:
-    """Blender's soft falloff: 1 / d^2 becomes 1 / (d^2 + r^2) at the first hit.
+def soften(photons: Photons, distance: _Rows) -> _Rows:
+    """Flux (3, n) at the first hit by Blender's soft falloff: 1 / d^2 becomes 1 / (d^2 + r^2).
 
     distance   (n,) float32, unit box
     """
+    flux = photons.flux
     if photons.soft is not None:
         radius, offset, covered = photons.soft
         d2, r2 = np.minimum(distance + covered, _FARTHEST) ** 2 + offset**2, radius**2
         tiny = np.finfo(np.float32).tiny  # 1 is left of a light that is not soft, however near
-        photons.flux *= np.maximum(np.maximum(d2, r2), tiny) / np.maximum(d2 + r2, tiny)
+        flux = flux * (np.maximum(np.maximum(d2, r2), tiny) / np.maximum(d2 + r2, tiny))
+    return flux
 
 
 def join_waves(waves: list[Photons]) -> list[Photons]:
@@ -172,10 +179,11 @@ def join_waves(waves: list[Photons]) -> list[Photons]:
         return waves
     ends = np.cumsum([photons.flux.shape[1] for photons in waves]) // BATCH
     groups = [[photons for photons, own in zip(waves, ends, strict=True) if own == end] for end in np.unique(ends)]
-    return [_join(group) for group in groups]
+    return [join_photons(group) for group in groups]
 
 
-def _join(waves: list[Photons]) -> Photons:
+def join_photons(waves: list[Photons]) -> Photons:
+    """One wave of several, all of which have met a surface."""
     origin, direction, flux = (np.concatenate([getattr(one, name) for one in waves], axis=1) for name in ("origin", "direction", "flux"))
     numbers = [one.group for one in waves if one.group is not None]
     power = np.sum([one.power for one in waves], axis=0)

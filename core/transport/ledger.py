@@ -7,16 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from .photon_log import Counters, EnergyAudit
-
-ENERGY_NAMES = ("emitted", "absorbed", "escaped", "remainder")
+from .photon_log import ENERGY_NAMES, Counters, EnergyAudit
 
 
 @dataclass
 class Ledger:
     """Sums of all shards, each photon carrying all the light of the scene times its weight; divided by the photons' weights when read.
 
-    energy_w   emitted, absorbed, escaped, remainder: (3,) float64 each
+    energy_w   of each of ENERGY_NAMES, (3,) float64
     told       photons, each counted by its weight
     rays       of photons
     gathered   rays that gathered light, whether it is shown or was dropped
@@ -49,5 +47,5 @@ class Ledger:
         return photon_w
 
     def audit_w(self) -> dict[str, list[float]]:
-        """The energy audit, W: emitted = absorbed + escaped + remainder."""
+        """The energy audit, W: emitted = absorbed + escaped + remainder, and what passed through surfaces on the way."""
         return {name: (total / max(self.told, 1.0)).tolist() for name, total in self.energy_w.items()}

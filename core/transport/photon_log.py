@@ -12,24 +12,28 @@ _Rows = NDArray[np.float32]
 _Ints = NDArray[np.int32]
 
 
+ENERGY_NAMES = ("emitted", "absorbed", "escaped", "remainder", "passed")
+
+
 @dataclass(frozen=True)
 class EnergyAudit:
     """Where the light went, each (3,) float64, W: emitted == absorbed + escaped + remainder.
 
-    `absorbed` is what roulette took less what it gave to survivors; `remainder` was still under way at max_depth. The light of a lamp
-    without shadow counts as emitted once for each surface that it lights.
+    `passed` counts light each time it goes straight on through a transparent surface, after which it goes elsewhere. `absorbed` is what
+    roulette took less what it gave to survivors; `remainder` was still under way at max_depth. The light of a lamp without shadow counts
+    as emitted once for each surface that it lights.
     """
 
     emitted: NDArray[np.float64]
     absorbed: NDArray[np.float64]
     escaped: NDArray[np.float64]
     remainder: NDArray[np.float64]
+    passed: NDArray[np.float64]
 
     @classmethod
     def join(cls, parts: Sequence[EnergyAudit]) -> EnergyAudit:
         """The sums of all."""
-        names = ("emitted", "absorbed", "escaped", "remainder")
-        return cls(*(np.sum([getattr(part, name) for part in parts], axis=0) for name in names))
+        return cls(*(np.sum([getattr(part, name) for part in parts], axis=0) for name in ENERGY_NAMES))
 
 
 @dataclass(frozen=True)
@@ -106,7 +110,7 @@ class PhotonLog:
         self._forget()
 
     def _forget(self) -> None:
-        self.emitted, self.absorbed, self.escaped, self.remainder = np.zeros((4, 3))
+        self.emitted, self.absorbed, self.escaped, self.remainder, self.passed = np.zeros((len(ENERGY_NAMES), 3))
         self.photons = self.rays = self.n_hit = 0
         self._pieces: list[tuple[_Ints, _Rows, _Rows, _Rows, bool]] = []  # tri, u, v, flux, is_first
         self._place: list[_Ints] = []
@@ -150,7 +154,7 @@ class PhotonLog:
             np.concatenate(v),
             np.concatenate(flux, axis=1),
             np.repeat(np.array(is_first), [len(piece) for piece in tri]),
-            EnergyAudit(self.emitted, self.absorbed, self.escaped, self.remainder),
+            EnergyAudit(self.emitted, self.absorbed, self.escaped, self.remainder, self.passed),
             Counters(self.photons, self.rays, self.n_hit),
             self._groups() if self._place else None,
             np.flatnonzero(np.bincount(np.concatenate(self._elsewhere))),

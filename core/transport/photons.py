@@ -21,10 +21,12 @@ from ..lights.lights import Emitter
 from ..scene.materials import SurfaceMaterials
 from ..scene.rays import RayScene
 from ..scene.scene import SceneSnapshot
+from ..scene.shadow_rays import MOST_LAYERS, ShadowRays, collapse
 from ..util.geometry import UnitBox, gather, locate_hits, offset_origin, triangle_frames, triangle_normals_areas
 from ..util.sampling import grouped_points
 from .birth_cells import BirthCells
-from .births import BATCH, Arrivals, Photons, bear_photons, join_waves, light_every_surface, soften
+from .births import BATCH, Arrivals, Photons, bear_photons, join_photons, join_waves, light_every_surface, soften
+from .passing import Passing
 from .photon_log import PhotonLog, ShardHits
 
 _SMOOTH_DEVIATION = 1e-3  # a corner normal nearer to the face's own than this is flat shading
@@ -48,6 +50,8 @@ SplitAt = Callable[[_Ints, _Rows, _Rows], tuple[_Ints, _Rows]]
 class TraceScene:
     """All that photons meet.
 
+    shadows         the same, for shadow rays
+    passing         what photons pass through, None where they pass through nothing
     emitter_share   (n_emitter,) float64     probability of each emitter, by its mean power; all 0 when nothing shines
     tri_normal      (3, n_tri) float32       geometric, unit; 0 for triangles without area
     tri_frame       (3, 3, n_tri) float32    of triangle_frames, unit box
@@ -58,6 +62,8 @@ class TraceScene:
     """
 
     rays: RayScene
+    shadows: ShadowRays
+    passing: Passing | None
     emitters: JoinedEmitters
     emitter_share: NDArray[np.float64]
     surfaces: SurfaceMaterials
@@ -87,14 +93,18 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
     total = power.sum()
     corners = unit_box.to_unit(corners_m)
     lit_below = np.array([(math.inf if thing.two_sided else 0) if thing.receives else -math.inf for thing in snapshot.objects], np.float32)
-    casts_shadow = np.array([thing.casts_shadow for thing in snapshot.objects], bool)[snapshot.tri_object]
+    receives = np.array([thing.receives for thing in snapshot.objects], bool)[snapshot.tri_object]
+    rays = RayScene(collapse(corners, receives | ~surfaces.find_void()))
+    tri_normal, tri_frame = np.ascontiguousarray(normal.T), triangle_frames(corners)
     return TraceScene(
-        rays=RayScene(np.where(casts_shadow[:, None, None], corners, corners[:, :1])),  # without area it lets light through
+        rays=rays,
+        shadows=ShadowRays.of(rays, surfaces, corners, tri_normal),
+        passing=Passing.of(surfaces, tri_frame, tri_normal),
         emitters=joined,
         emitter_share=power / total if total > 0 else np.zeros(len(power)),
         surfaces=surfaces,
-        tri_normal=np.ascontiguousarray(normal.T),
-        tri_frame=triangle_frames(corners),
+        tri_normal=tri_normal,
+        tri_frame=tri_frame,
         tri_lit_below=lit_below[snapshot.tri_object],
         tri_smooth=tri_smooth,
         smooth_frame=triangle_frames(snapshot.tri_normal[smooth].astype(np.float32)),
@@ -143,56 +153,81 @@ def _bounce(
     split_at: SplitAt | None,
     log: PhotonLog,
 ) -> Photons | None:
-    """The photons after as many surfaces; None when none is left."""
+    """The photons after as many surfaces that reflect them; None when none is left."""
     for depth in depths:
-        found = scene.rays.closest(photons.origin.T, photons.direction.T)
-        log.count_rays(len(found.tri), photons.group)
-        if depth == 0:
-            soften(photons, found.distance)
-            photons.power = np.add.reduce(photons.flux, 1, np.float64)
-            log.emitted += photons.power
-        landed = photons.power
-        hit = (found.tri >= 0).nonzero()[0]
-        arrived = Arrivals(found.tri, found.u, found.v, photons.direction, photons.flux, photons.group).only(hit)
-        tri, u, v, flux, group = arrived.tri, arrived.u, arrived.v, arrived.flux, arrived.group
-        if len(hit) < len(found.tri):
-            landed = _total(flux)
-            log.escaped += photons.power - landed
-        if not len(hit):
-            return None
-        index = tri.astype(np.intp)  # once, in place of in every gather
-        normal = gather(scene.tri_normal, index)
-        cosine = _dot(arrived.direction, normal)  # < 0 on the front
-        lit = cosine < gather(scene.tri_lit_below, index)
-        elsewhere = (~lit).nonzero()[0]
-        if len(elsewhere):
-            log.light_elsewhere(gather(tri, elsewhere))
-        if depth or not skip_first:
-            _deposit(scene, arrived, cosine, lit, depth == 0, log)
-        parts = skip_first and not depth
-        split: _Rows | np.float32 | None = np.float32(SPLIT) if parts else None
-        if split is not None and split_at:
-            place, factor = split_at(tri, u, v)
-            split = split * factor
-            group = log.open_groups(place, factor)
-        alive, count, flux = _play_roulette(flux, scene.surfaces.albedo_at(index, u, v).T, split, rng)
-        normal = gather(normal, alive)
-        normal *= -np.copysign(np.float32(1), gather(cosine, alive))  # the side that was hit
-        origin = offset_origin(locate_hits(scene.tri_frame, gather(index, alive), gather(u, alive), gather(v, alive)), normal)
-        group = None if group is None else gather(group, alive)
-        if count is not None:
-            copy = np.repeat(np.arange(len(alive)), count)
-            origin, normal, flux = (gather(rows, copy) for rows in (origin, normal, flux))
-            group = None if group is None else gather(group, copy)
-            numbers = grouped_points(count, copy, rng)
+        reflected: list[Photons] = []
+        under_way = photons
+        for _ in range(MOST_LAYERS):
+            after, passed = _meet(scene, under_way, rng, depth, skip_first, split_at, log)
+            reflected += [after] if after else []
+            if passed is None:
+                break
+            under_way = passed
         else:
-            numbers = rng.random((2, len(alive)), dtype=np.float32)
-        power = _total(flux)
-        log.absorbed += landed - power
-        if not len(alive):
+            log.remainder += under_way.power
+        if not reflected:
             return None
-        photons = Photons(origin, _scatter(normal, numbers), flux, group=group, power=power)
+        photons = reflected[0] if len(reflected) == 1 else join_photons(reflected)
     return photons
+
+
+def _meet(
+    scene: TraceScene, photons: Photons, rng: np.random.Generator, depth: int, skip_first: bool, split_at: SplitAt | None, log: PhotonLog
+) -> tuple[Photons | None, Photons | None]:
+    """Those that the next surface reflects, and those that pass through it, still on their way to the same bounce; None for none."""
+    found = scene.rays.closest(photons.origin.T, photons.direction.T)
+    log.count_rays(len(found.tri), photons.group)
+    flux = photons.flux
+    if depth == 0:
+        flux = soften(photons, found.distance)
+        power = np.add.reduce(flux, 1, np.float64)
+        log.emitted += power - photons.power  # of those that passed through others, what they gain by being farther away
+        photons.power = power
+    landed = photons.power
+    hit = (found.tri >= 0).nonzero()[0]
+    arrived = Arrivals(found.tri, found.u, found.v, photons.direction, flux, photons.group).only(hit)
+    tri, u, v, flux, group = arrived.tri, arrived.u, arrived.v, arrived.flux, arrived.group
+    if len(hit) < len(found.tri):
+        landed = _total(flux)
+        log.escaped += photons.power - landed
+    if not len(hit):
+        return None, None
+    index = tri.astype(np.intp)  # once, in place of in every gather
+    normal = gather(scene.tri_normal, index)
+    cosine = _dot(arrived.direction, normal)  # < 0 on the front
+    lit = cosine < gather(scene.tri_lit_below, index)
+    elsewhere = (~lit).nonzero()[0]
+    if len(elsewhere):
+        log.light_elsewhere(gather(tri, elsewhere))
+    if depth or not skip_first:
+        _deposit(scene, arrived, cosine, lit, depth == 0, log)
+    passed = scene.passing.go_on(photons, hit, index, u, v, found.distance, depth == 0, rng) if scene.passing else None
+    if passed:
+        log.passed += passed.power
+        landed = landed - passed.power
+    parts = skip_first and not depth
+    split: _Rows | np.float32 | None = np.float32(SPLIT) if parts else None
+    if split is not None and split_at:
+        place, factor = split_at(tri, u, v)
+        split = split * factor
+        group = log.open_groups(place, factor)
+    alive, count, flux = _play_roulette(flux, scene.surfaces.reflectance_at(index, u, v).T, split, rng)
+    normal = gather(normal, alive)
+    normal *= -np.copysign(np.float32(1), gather(cosine, alive))  # the side that was hit
+    origin = offset_origin(locate_hits(scene.tri_frame, gather(index, alive), gather(u, alive), gather(v, alive)), normal)
+    group = None if group is None else gather(group, alive)
+    if count is not None:
+        copy = np.repeat(np.arange(len(alive)), count)
+        origin, normal, flux = (gather(rows, copy) for rows in (origin, normal, flux))
+        group = None if group is None else gather(group, copy)
+        numbers = grouped_points(count, copy, rng)
+    else:
+        numbers = rng.random((2, len(alive)), dtype=np.float32)
+    power = _total(flux)
+    log.absorbed += landed - power
+    if not len(alive):
+        return None, passed
+    return Photons(origin, _scatter(normal, numbers), flux, group=group, power=power), passed
 
 
 def _bear(

@@ -22,6 +22,7 @@ BASES = ("constant", "linear", "quadratic")
 ORACLES = ("significance", "paper")
 ERROR_OF = ("bake", "objects")
 DIRECT_MODES = ("rays", "photons")
+AUTOMATIC, FRONT, BOTH = SIDES = ("automatic", "front", "both")  # which side of a face a lightmap shows
 
 MAX_PAGE_SIZE_TEXELS = 16384
 
@@ -84,6 +85,12 @@ class Settings:
         "objects that share a mesh keep sharing it, each with its own place on a page; off gives each a mesh of its own",
         group="Lightmap",
         off_flag="--own-meshes",
+    )
+    sides: str = _knob(
+        AUTOMATIC,
+        "side of a face that its lightmap shows: the front, both added up, or automatic, the back where the front looks into a solid",
+        choices=SIDES,
+        group="Lightmap",
     )
     padding: int = _knob(4, "least distance between two charts", unit="texels", low=1, high=64, group="Lightmap")
     margin: int = _knob(8, "how far colour runs on beyond a chart's edge", unit="texels", low=0, high=256, group="Lightmap")

@@ -49,6 +49,38 @@ def add_world(radiance):
     background.inputs["Color"].default_value = (*radiance, 1.0)
 
 
+def add_sky_texture(**properties):
+    add_world((1.0, 1.0, 1.0))
+    tree = bpy.context.scene.world.node_tree
+    texture = tree.nodes.new("ShaderNodeTexSky")
+    for name, value in {"sun_elevation": 0.7, "sun_rotation": 2.0, **properties}.items():
+        setattr(texture, name, value)
+    tree.links.new(texture.outputs["Color"], tree.nodes["Background"].inputs["Color"])
+
+
+def add_panorama():
+    """A picture of a dim sky with three lamps, one small and bright, two wide and of other colours, turned and half hidden."""
+    add_world((1.0, 1.0, 1.0))
+    tree = bpy.context.scene.world.node_tree
+    height = 256
+    v, u = (np.mgrid[0:height, 0 : 2 * height] + 0.5) / height
+    pixels = np.ones((height, 2 * height, 4), np.float32)
+    pixels[..., :3] = (0.2, 0.25, 0.4) * v[..., None]
+    for place, radius, rgb in (((0.7, 0.75), 0.012, (900, 800, 600)), ((1.3, 0.7), 0.1, (8, 2, 1)), ((0.1, 0.85), 0.12, (1, 3, 8))):
+        pixels[np.hypot(u - place[0], v - place[1]) < radius, :3] = rgb
+    image = bpy.data.images.new("Panorama", 2 * height, height, float_buffer=True)
+    image.pixels.foreach_set(pixels.ravel())
+    image.pack()
+    texture, place, turn = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexEnvironment", "TexCoord", "Mapping"))
+    texture.image, turn.inputs["Rotation"].default_value = image, (0.1, 0.0, 0.8)
+    for port, target in (
+        (place.outputs["Generated"], turn.inputs["Vector"]),
+        (turn.outputs["Vector"], texture.inputs["Vector"]),
+        (texture.outputs["Color"], tree.nodes["Background"].inputs["Color"]),
+    ):
+        tree.links.new(port, target)
+
+
 def add_checker():
     """An image of 4 x 4 pixels, dark or bright, no two rows or columns alike, packed into the file."""
     image = bpy.data.images.new("Checker", 4, 4, float_buffer=True)
@@ -114,6 +146,9 @@ LIGHTS = {
     "glowing mesh": lambda: add_panel(textured=False),
     "textured glowing mesh": lambda: add_panel(textured=True),
     "sky": lambda: add_world((0.6, 0.8, 1.0)),
+    "sky texture": add_sky_texture,
+    "sky texture without a sun": lambda: add_sky_texture(sun_disc=False),
+    "panorama": add_panorama,
 }
 MATERIALS = {"textured Principled": ("Principled", True), "Diffuse": ("Diffuse", False), "textured Diffuse": ("Diffuse", True)}
 CASES = [(light, "Principled") for light in LIGHTS] + [("soft point", material) for material in MATERIALS]

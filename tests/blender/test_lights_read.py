@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from leaflight.addon.read.lights_read import read_light, read_world
+from leaflight.addon.read.lights_read import read_light
 
 
 @pytest.fixture(autouse=True)
@@ -153,50 +153,3 @@ def test_light_nodes_multiply():
     tree.links.new(falloff.outputs["Linear"], emission.inputs["Strength"])
     read_light(obj, np.eye(4), "Lamp", warnings)
     assert [subject for subject, _ in warnings] == ["Lamp"]
-
-
-def make_world():
-    world = bpy.data.worlds.new("Sky")
-    bpy.context.scene.world = world
-    tree = use_tree(world)
-    background = next(node for node in tree.nodes if node.type == "BACKGROUND")
-    return world, tree, background
-
-
-def test_world_is_colour_times_strength():
-    assert read_world(bpy.context.scene, []) == (0.0, 0.0, 0.0)
-    world, _, background = make_world()
-    background.inputs["Color"].default_value = (0.1, 0.2, 0.4, 1.0)
-    background.inputs["Strength"].default_value = 2.0
-    warnings = []
-    assert read_world(bpy.context.scene, warnings) == pytest.approx((0.2, 0.4, 0.8))
-    assert not warnings
-    world.cycles_visibility.diffuse = False
-    assert read_world(bpy.context.scene, []) == (0.0, 0.0, 0.0)
-
-
-def test_a_sky_texture_is_told_to_be_no_sky():
-    _, tree, background = make_world()
-    tree.links.new(tree.nodes.new("ShaderNodeTexSky").outputs["Color"], background.inputs["Color"])
-    warnings = []
-    assert read_world(bpy.context.scene, warnings) == pytest.approx((0.5, 0.5, 0.5))
-    assert len(warnings) == 1
-    assert "sun lamp" in warnings[0][1]
-
-
-def test_environment_texture_is_averaged_over_the_sphere():
-    _, tree, background = make_world()
-    height = 64
-    image = bpy.data.images.new("Sky", 4, height, float_buffer=True)
-    pixels = np.zeros((height, 4, 4), np.float32)
-    pixels[height // 2 :] = 1.0  # the upper half of the sphere
-    pixels[-1] = 100.0  # hardly any solid angle
-    image.pixels.foreach_set(pixels.ravel())
-    texture = tree.nodes.new("ShaderNodeTexEnvironment")
-    texture.image = image
-    tree.links.new(texture.outputs["Color"], background.inputs["Color"])
-    background.inputs["Strength"].default_value = 2.0
-    warnings = []
-    polar_share = 0.5 * (1.0 - math.cos(math.pi / height))
-    assert read_world(bpy.context.scene, warnings) == pytest.approx((2.0 * (0.5 + 99.0 * polar_share),) * 3, rel=2e-2)
-    assert [subject for subject, _ in warnings] == ["Sky"]

@@ -28,17 +28,17 @@ def export(*names):
 
 def test_untouched_objects_are_baked_alike():
     objects, _ = export()
-    assert {(one.receives, one.two_sided, one.density_factor) for one in objects.values()} == {(True, False, 1.0)}
+    assert {(one.receives, one.sides, one.density_factor) for one in objects.values()} == {(True, "", 1.0)}
 
 
 def test_choices_reach_the_snapshot():
-    choose("Floor", two_sided=True, density_factor=0.3)
+    choose("Floor", sides="BOTH", density_factor=0.3)
     choose("Cube", role="CAST")
     objects, _ = export()
-    assert objects["Floor"].two_sided
+    assert objects["Floor"].sides == "both"
     assert objects["Floor"].density_factor == 0.3
     assert not objects["Cube"].receives
-    assert not objects["Cube"].two_sided
+    assert objects["Cube"].sides == ""
     assert objects["Cube"].casts_shadow
 
 

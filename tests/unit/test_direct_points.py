@@ -102,9 +102,9 @@ def test_what_comes_from_behind_the_face_or_weighs_nothing_is_not_seen():
     receivers = chunk_at(scene.surfaces, np.zeros(4, int), 0.25, 0.25).receivers_at(np.arange(4), MIDDLE)
     direction = np.array([[0, 0, 1], [0, 0, -1], [1, 0, 0.1], [0, 0, 1]], np.float32)
     weight = np.array([1, 1, 1, 0], np.float32)
-    seen, traced = receivers.see(scene.rays, Aim(direction, np.ones(4, np.float32), weight, weight))
-    assert seen.tolist() == [True, False, True, False]
-    assert traced == 2
+    seen = receivers.see(scene.rays, Aim(direction, np.ones(4, np.float32), weight, weight))
+    assert seen.share.tolist() == [True, False, True, False]
+    assert seen.rays == 2
 
 
 def test_pieces_join_to_the_rows():

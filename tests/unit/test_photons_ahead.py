@@ -19,7 +19,7 @@ def hits():
         v=rng.random(5, np.float32),
         flux_rgb=rng.random((3, 5), np.float32),
         is_first=np.zeros(5, bool),
-        audit=EnergyAudit(nothing, nothing, nothing, nothing),
+        audit=EnergyAudit(nothing, nothing, nothing, nothing, nothing),
         counters=Counters(10, 20, 5),
         groups=groups,
         elsewhere=np.zeros(0, np.int64),

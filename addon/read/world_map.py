@@ -1,0 +1,166 @@
+"""A world's node tree -> an equirectangular map of its radiance, evaluated by Cycles.
+
+Cycles bakes what surrounds a mesh in a temporary scene that holds a copy of the world, so that nothing of the user's is touched and files
+made for EEVEE work too. The baked pixel shows the world in the direction of the mesh's position there: a ball bakes the whole sphere, a
+square across a direction a part of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import bpy
+import numpy as np
+from idprop.types import IDPropertyArray
+from numpy.typing import NDArray
+
+from ...core.lights.environment_suns import Spot
+from ...core.util.arrays import FloatArray
+from ...core.util.geometry import orthonormal_basis
+
+# Seen by diffuse surfaces, which all receivers are; a ray is as long as it likes.
+_LIGHT_PATH = {"Is Diffuse Ray": 1.0, "Is Reflection Ray": 1.0, "Ray Length": 1e5, "Ray Depth": 1.0, "Diffuse Depth": 1.0}
+_BALL_ROWS = 128  # of faces; chords are off by a fiftieth of a cell of 1,024 rows
+_SPOT_CELLS = 128
+_SPOT_SAMPLES = 4
+_IMAGE_NODES = ("TEX_ENVIRONMENT", "TEX_IMAGE")
+SIZE, LARGE_SIZE = (1024, 512), (2048, 1024)
+_SAMPLES = 4  # of a cell, or a texel of a large image would be missed
+_MOST_SAMPLES = 32
+
+
+class WorldBaker:
+    """A temporary scene with a copy of a world in it; see open_world."""
+
+    def __init__(self, scene: Any, made: list[Any]) -> None:
+        self._scene, self._made = scene, made
+
+    def bake_sphere(self, size: tuple[int, int], samples: int) -> NDArray[np.float32]:
+        """(height, width, 3), W/m^2/sr, for a size (width, height), laid out as core.sphere_map has it."""
+        columns = 2 * _BALL_ROWS
+        v, u = (grid.ravel() for grid in np.mgrid[0 : _BALL_ROWS + 1, 0 : columns + 1] / np.array([_BALL_ROWS, columns])[:, None, None])
+        polar, azimuth = np.pi * v, np.pi * (1 - 2 * u)
+        place = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), -np.cos(polar)], axis=1)
+        first = (np.arange(_BALL_ROWS)[:, None] * (columns + 1) + np.arange(columns)).ravel()
+        faces = first[:, None] + np.array([0, 1, columns + 2, columns + 1])
+        return self._bake(place, np.stack([u, v], axis=1), faces, size, samples)
+
+    def bake_spot(self, direction: FloatArray, half_angle_rad: float) -> Spot:
+        """A square across a direction (3,), seen in fine cells."""
+        tangent, bitangent = (axis[0] for axis in orthonormal_basis(np.asarray(direction)[None]))
+        reach = math.tan(half_angle_rad)
+        uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
+        corner = (2 * uv - 1) * reach
+        place = direction + corner[:, :1] * tangent + corner[:, 1:] * bitangent
+        radiance = self._bake(place, uv, np.arange(4)[None], (_SPOT_CELLS, _SPOT_CELLS), _SPOT_SAMPLES).reshape(-1, 3)
+        step = 2 * reach / _SPOT_CELLS
+        y, x = (grid.ravel() for grid in (np.mgrid[0:_SPOT_CELLS, 0:_SPOT_CELLS] + 0.5) * step - reach)
+        toward = direction + x[:, None] * tangent + y[:, None] * bitangent
+        length = np.linalg.norm(toward, axis=1)
+        return Spot(toward / length[:, None], step**2 / length**3, radiance.astype(np.float64), step)
+
+    def _bake(self, place: FloatArray, uv: FloatArray, faces: FloatArray, size: tuple[int, int], samples: int) -> NDArray[np.float32]:
+        """(height, width, 3): the world seen from the origin through a mesh, in its UV square."""
+        mesh = self._keep(bpy.data.meshes.new("Leaflight world"))
+        mesh.vertices.add(len(place))
+        mesh.vertices.foreach_set("co", place.astype(np.float32).ravel())
+        mesh.loops.add(faces.size)
+        mesh.loops.foreach_set("vertex_index", faces.astype(np.int32).ravel())
+        mesh.polygons.add(len(faces))
+        mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 4, dtype=np.int32))
+        mesh.update()
+        mesh.uv_layers.new(name="UV").data.foreach_set("uv", uv[faces.ravel()].astype(np.float32).ravel())
+        image = self._keep(bpy.data.images.new("Leaflight world", *size, alpha=False, float_buffer=True))
+        image.colorspace_settings.name = "Linear Rec.709"
+        material = self._keep(bpy.data.materials.new("Leaflight world"))
+        if material.node_tree is None:  # Blender 4.5
+            material.use_nodes = True
+        node = material.node_tree.nodes.new("ShaderNodeTexImage")
+        node.image, node.select = image, True
+        material.node_tree.nodes.active = node
+        mesh.materials.append(material)
+        ball = self._keep(bpy.data.objects.new("Leaflight world", mesh))
+        self._scene.collection.objects.link(ball)
+        self._scene.cycles.samples = samples
+        view_layer = self._scene.view_layers[0]
+        view_layer.update()
+        chosen = {"object": ball, "active_object": ball, "selected_objects": [ball], "selected_editable_objects": [ball]}
+        with bpy.context.temp_override(scene=self._scene, view_layer=view_layer, **chosen):
+            bpy.ops.object.bake(type="ENVIRONMENT", margin=0, use_clear=True, target="IMAGE_TEXTURES", save_mode="INTERNAL")
+        self._scene.collection.objects.unlink(ball)
+        pixels = np.empty(size[0] * size[1] * 4, np.float32)
+        image.pixels.foreach_get(pixels)
+        out = pixels.reshape(size[1], size[0], 4)[:, :, :3]
+        return np.maximum(np.nan_to_num(out, nan=0.0, posinf=0.0, neginf=0.0), 0.0)
+
+    def _keep(self, made: Any) -> Any:
+        self._made.append(made)
+        return made
+
+
+@contextmanager
+def open_world(world: Any, scene: Any, view_layer: Any = None) -> Iterator[WorldBaker]:
+    """A baker of a world as a scene has it; all that it made is gone when it ends."""
+    made: list[Any] = []
+    try:
+        temporary = bpy.data.scenes.new("Leaflight world")
+        made.append(temporary)
+        temporary.render.engine = "CYCLES"
+        temporary.cycles.device = "CPU"
+        temporary.cycles.use_adaptive_sampling = temporary.cycles.use_denoising = False
+        temporary.camera = scene.camera
+        _copy_properties(scene, temporary)  # its nodes may ask for them
+        if view_layer is not None:
+            _copy_properties(view_layer, temporary.view_layers[0])
+        temporary.frame_set(scene.frame_current, subframe=scene.frame_subframe)
+        copy = world.copy()
+        made.append(copy)
+        _show_to_diffuse(copy.node_tree, made, {})
+        temporary.world = copy
+        yield WorldBaker(temporary, made)
+    finally:
+        bpy.data.batch_remove(made)
+
+
+def _copy_properties(source: Any, target: Any) -> None:
+    """Custom properties that a node can read."""
+    for name, value in source.items():
+        if isinstance(value, int | float | IDPropertyArray):
+            target[name] = value
+
+
+def choose_size(world: Any) -> tuple[tuple[int, int], int]:
+    """Width and height of a map that shows a world, and the samples of each cell: more where an image is finer."""
+    images = [node.image for node in _walk_nodes(world.node_tree, set()) if node.type in _IMAGE_NODES]
+    widest = max((image.size[0] for image in images if image), default=0)
+    size = LARGE_SIZE if widest > SIZE[0] else SIZE
+    return size, int(min(max(_SAMPLES, (2 * widest / size[0]) ** 2), _MOST_SAMPLES))
+
+
+def _walk_nodes(tree: Any, seen: set[Any]) -> Iterator[Any]:
+    seen.add(tree)
+    for node in tree.nodes:
+        yield node
+        if node.type == "GROUP" and node.node_tree and node.node_tree not in seen:
+            yield from _walk_nodes(node.node_tree, seen)
+
+
+def _show_to_diffuse(tree: Any, made: list[Any], copies: dict[Any, Any]) -> None:
+    """Replace what Light Path nodes give, in a tree and in copies of the groups it uses, by what a diffuse surface's rays are."""
+    for node in list(tree.nodes):
+        if node.type == "GROUP" and node.node_tree:
+            if node.node_tree not in copies:
+                copies[node.node_tree] = node.node_tree.copy()
+                made.append(copies[node.node_tree])
+                _show_to_diffuse(copies[node.node_tree], made, copies)
+            node.node_tree = copies[node.node_tree]
+        elif node.type == "LIGHT_PATH":
+            for output in node.outputs:
+                targets = [link.to_socket for link in output.links]
+                for socket in targets:
+                    value = tree.nodes.new("ShaderNodeValue")
+                    value.outputs[0].default_value = _LIGHT_PATH.get(output.name, 0.0)
+                    tree.links.new(value.outputs[0], socket)

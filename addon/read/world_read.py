@@ -1,0 +1,84 @@
+"""Blender's world -> radiance that is the same everywhere, or a map of it and the suns in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.lights.environment_suns import take_suns_out
+from ...core.scene.scene import Light
+from ..nodes.colors_read import ColorReader
+from ..nodes.images_read import ImageTable
+from ..nodes.node_colors import BLACK, Rgb, to_rgb
+from ..nodes.node_ports import find_surface, uses_nodes
+from .render_levels import Warnings
+from .shaders_read import read_shader
+from .world_map import choose_size, open_world
+
+_ALIKE = 1e-4  # of the brightest: a map that differs less is a uniform sky
+_ANY_BOUNCES = 1024  # Cycles' own, and its most
+
+
+@dataclass(frozen=True)
+class World:
+    """The light of a world; as in SceneSnapshot, and the suns that were taken out of the map."""
+
+    rgb: Rgb = BLACK
+    map: NDArray[np.float32] | None = None
+    suns: tuple[Light, ...] = ()
+
+
+def find_world(scene: Any, view_layer: Any = None) -> Any:
+    """The world that lights a render of the view layer, None for none."""
+    if view_layer is not None and not view_layer.use_sky:
+        return None
+    return getattr(view_layer, "world_override", None) or scene.world  # overrides are new in Blender 4.5
+
+
+def read_world(scene: Any, warnings: Warnings, view_layer: Any = None) -> World:
+    """The light that a scene's world gives to diffuse surfaces; nothing of the user's is changed."""
+    world = find_world(scene, view_layer)
+    if world is None or not world.cycles_visibility.diffuse:
+        return World()
+    if not uses_nodes(world):
+        return World(to_rgb(world.color))
+    _warn_of_losses(world, warnings)
+    _, source = find_surface(world)
+    if source is None:
+        return World()
+    reader = ColorReader(ImageTable())
+    surface = read_shader(reader, source)
+    if not reader.replaced and surface.emission.image < 0 and not surface.passing:
+        return World(_clip(surface.emission.mean))
+    try:
+        return _evaluate(world, scene, view_layer)
+    except RuntimeError as reason:
+        cause = str(reason).strip().splitlines()[-1].removeprefix("Error: ")
+        warnings.append((world.name, f"the world is baked as a uniform sky, for Cycles could not evaluate it ({cause})"))
+        return World(_clip(surface.emission.mean))
+
+
+def _clip(rgb: Rgb) -> Rgb:
+    return max(rgb[0], 0.0), max(rgb[1], 0.0), max(rgb[2], 0.0)
+
+
+def _evaluate(world: Any, scene: Any, view_layer: Any) -> World:
+    size, samples = choose_size(world)
+    with open_world(world, scene, view_layer) as baker:
+        found = baker.bake_sphere(size, samples)
+        if np.ptp(found, axis=(0, 1)).max() <= _ALIKE * found.max():
+            return World(to_rgb(found.mean(axis=(0, 1), dtype=np.float64)))
+        rest, suns = take_suns_out(found, baker.bake_spot, world.name)
+    return World(map=rest, suns=suns)
+
+
+def _warn_of_losses(world: Any, warnings: Warnings) -> None:
+    output = world.node_tree.get_output_node("CYCLES") or world.node_tree.get_output_node("ALL")
+    if output is not None and output.inputs["Volume"].is_linked:
+        warnings.append((world.name, "the world's volume is left out: light is neither scattered nor dimmed by it"))
+    if world.cycles.max_bounces < _ANY_BOUNCES:
+        bounces = f"Max Bounces ({world.cycles.max_bounces})"
+        warnings.append((world.name, f"the world's {bounces} is left out: its light bounces as often as all light"))

@@ -1,0 +1,189 @@
+"""Rough irradiance at single points before a bake: enough to tell lit from unlit, not to be shown."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import FloatArray, IntArray
+from ..util.geometry import UnitBox, dot_rows, offset_origin, orthonormal_basis, triangle_normals_areas
+from ..util.sampling import square_to_cosine_hemisphere
+from .materials import SurfaceMaterials
+from .rays import RayScene
+from .scene import Light, Material, SceneSnapshot
+
+MOST_LAMPS = 16  # that a point looks at; of more it looks at some, each of which then stands for others
+_MOST_FORM = 30.0  # of an area, by its distance squared, as it fills no more than pi: where a point lies on what glows
+_FAR = np.float32(4.0)  # beyond the unit box
+_NEAR_ENOUGH = np.float32(1.0 - 1e-4)  # of the way to a lamp, which may lie in a surface
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What one ray from each point meets.
+
+    tri        (n,) int32, -1 nothing
+    distance   (n,) float64, m; inf where it meets nothing
+    is_front   (n,) bool: the front of the triangle
+    """
+
+    tri: NDArray[np.int32]
+    distance: NDArray[np.float64]
+    is_front: NDArray[np.bool_]
+    _place: NDArray[np.float32]
+    _side: NDArray[np.float32]
+
+
+class LightProbe:
+    """A scene that is asked for light at points; colours are averaged to one number, and what lets any light pass stops none."""
+
+    def __init__(self, snapshot: SceneSnapshot, seed: int = 0) -> None:
+        self.snapshot = snapshot
+        self.box = UnitBox.from_points(snapshot.vertex_position)
+        self._corner = snapshot.tri_position
+        self.normal, self.area = triangle_normals_areas(self._corner)
+        blocks = np.array([one.casts_shadow for one in snapshot.objects], bool)[snapshot.tri_object]
+        blocks &= ~np.array([_lets_light_pass(one) for one in snapshot.materials], bool)[snapshot.tri_material]
+        # Triangles without area are never hit, and so keep their numbers.
+        self._rays = RayScene(self.box.to_unit(np.where(blocks[:, None, None], self._corner, self._corner[:, :1])))
+        self._lamps = [light for light in snapshot.lights if any(light.power_rgb)]
+        sky = snapshot.world_map if snapshot.world_map is not None else np.array(snapshot.world_rgb)
+        self._sky = float(np.mean(sky)) if np.isfinite(sky).all() else 0.0
+        self._rng = np.random.default_rng(seed)
+
+    @cached_property
+    def _surfaces(self) -> SurfaceMaterials:
+        return SurfaceMaterials(self.snapshot)
+
+    def spread_points(self, tri: IntArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Random points on triangles (n,), and normals of their fronts: each (n, 3) float32, the points in the unit box."""
+        u = self._rng.random((len(tri), 2))
+        over = u.sum(axis=1) > 1.0
+        u[over] = 1.0 - u[over]
+        one, two, three = np.moveaxis(self._corner[tri], 1, 0)
+        return self.box.to_unit(one + u[:, :1] * (two - one) + u[:, 1:] * (three - one)), self.normal[tri].astype(np.float32)
+
+    def look(self, point: NDArray[np.float32], side: NDArray[np.float32]) -> Seen:
+        """What a cosine-distributed ray meets, from points on the side that the normals (n, 3) point to."""
+        tangent, bitangent = orthonormal_basis(side)
+        local = square_to_cosine_hemisphere(self._rng.random((len(point), 2)))
+        direction = (local[:, :1] * tangent + local[:, 1:2] * bitangent + local[:, 2:] * side).astype(np.float32)
+        origin = offset_origin(point, side)
+        hits = self._rays.closest(origin, direction)
+        met = hits.tri >= 0
+        normal = self.normal[hits.tri].astype(np.float32)
+        is_front = met & (dot_rows(normal, direction) < 0)
+        distance = np.where(met, hits.distance, np.inf) / self.box.scale
+        place = origin + np.where(met, hits.distance, 0)[:, None].astype(np.float32) * direction
+        return Seen(hits.tri, distance, is_front, place, np.where(is_front[:, None], normal, -normal))
+
+    def find_irradiance(self, point: NDArray[np.float32], side: NDArray[np.float32], bounces: int = 1) -> NDArray[np.float64]:
+        """(n,) float64, W/m^2: from lamps and what glows, from the sky by one ray each, and what is reflected on the way."""
+        total = np.zeros(len(point))
+        throughput, rows = np.ones(len(point)), np.arange(len(point))
+        third = np.full(len(point), 1.0 / 3.0, np.float32)
+        for bounce in range(bounces + 1):
+            total[rows] += throughput * (self._from_lamps(point, side) + self._from_glow(point, side))
+            seen = self.look(point, side)
+            total[rows] += throughput * np.pi * self._sky * (seen.tri < 0)
+            met = np.flatnonzero(seen.tri >= 0)
+            if bounce == bounces or not len(met):
+                break
+            third = third[: len(met)]
+            throughput = throughput[met] * self._surfaces.albedo_at(seen.tri[met], third, third).mean(axis=1, dtype=np.float64)
+            rows, point, side = rows[met], seen._place[met], seen._side[met]
+        return total
+
+    @cached_property
+    def _glowing(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Triangles that glow, their radiance, and the running sum of their powers as parts of 1."""
+        tri = np.arange(self.snapshot.n_tri)
+        third = np.full(len(tri), 1.0 / 3.0, np.float32)
+        radiance = self._surfaces.emission_at(tri, third, third).mean(axis=1, dtype=np.float64)
+        power = np.cumsum(radiance * self.area)
+        tri = np.flatnonzero(radiance * self.area > 0.0)
+        return tri, radiance[tri], power[tri] / power[-1] if len(tri) else power[:0]
+
+    def _from_glow(self, point: NDArray[np.float32], side: NDArray[np.float32]) -> NDArray[np.float64]:
+        """(n,) W/m^2, from one point of what glows each, chosen by power; surfaces glow on both sides."""
+        tri, radiance, sums = self._glowing
+        out = np.zeros(len(point))
+        if not len(tri):
+            return out
+        chosen = np.minimum(np.searchsorted(sums, self._rng.random(len(point))), len(tri) - 1)
+        share = np.diff(sums, prepend=0.0)[chosen]
+        target, normal = self.spread_points(tri[chosen])
+        way = target - point
+        distance = np.maximum(np.linalg.norm(way, axis=1), np.float32(1e-9))
+        direction = way / distance[:, None]
+        facing = dot_rows(direction, side)
+        seen = np.flatnonzero(facing > 0.0)
+        blocked = self._rays.occluded(offset_origin(point[seen], side[seen]), direction[seen], distance[seen] * _NEAR_ENOUGH)
+        seen = seen[~blocked]
+        distance_m = distance[seen] / self.box.scale
+        form = facing[seen] * np.abs(dot_rows(direction[seen], normal[seen])) / distance_m.astype(np.float64) ** 2
+        area = self.area[tri[chosen[seen]]]
+        out[seen] = np.minimum(form * area, _MOST_FORM) / share[seen] * radiance[chosen[seen]]
+        return out
+
+    def _from_lamps(self, point: NDArray[np.float32], side: NDArray[np.float32]) -> NDArray[np.float64]:
+        total = np.zeros(len(point))
+        n_lamp = len(self._lamps)
+        if n_lamp <= MOST_LAMPS:
+            for lamp in self._lamps:
+                total += self._from_lamp(lamp, point, side)
+            return total
+        chosen = self._rng.integers(0, n_lamp, (MOST_LAMPS, len(point)))
+        for row in chosen:
+            for number in np.unique(row):
+                here = np.flatnonzero(row == number)
+                total[here] += self._from_lamp(self._lamps[number], point[here], side[here]) * (n_lamp / MOST_LAMPS)
+        return total
+
+    def _from_lamp(self, lamp: Light, point: NDArray[np.float32], side: NDArray[np.float32]) -> NDArray[np.float64]:
+        power = float(np.mean(lamp.power_rgb))
+        axis = np.array(lamp.rotation)
+        if lamp.kind == "SUN":
+            direction = np.broadcast_to(axis[2].astype(np.float32), point.shape)
+            reach = np.full(len(point), _FAR, np.float32)
+            value = np.full(len(point), power)
+        else:
+            direction, distance_m = self._aim(lamp, axis, point)
+            reach = (distance_m * self.box.scale).astype(np.float32) * _NEAR_ENOUGH
+            value = power / (4.0 * np.pi * np.maximum(distance_m, max(lamp.radius_m, 1e-9)) ** 2)
+            along = direction.astype(np.float64) @ axis[2]  # the lamp shines along -z
+            if lamp.kind == "SPOT":
+                value = value * (along > math.cos(lamp.cone_angle_rad / 2))
+            elif lamp.kind == "AREA":
+                value = 4.0 * value * np.maximum(along, 0.0)
+        facing = dot_rows(direction, side).astype(np.float64)
+        seen = np.flatnonzero((facing > 0.0) & (value > 0.0))
+        if lamp.casts_shadow and len(seen):
+            blocked = self._rays.occluded(offset_origin(point[seen], side[seen]), direction[seen], reach[seen])
+            seen = seen[~blocked]
+        out = np.zeros(len(point))
+        out[seen] = value[seen] * facing[seen]
+        return out
+
+    def _aim(self, lamp: Light, axis: FloatArray, point: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """Directions (n, 3) to random points of a lamp, and their distances (n,), m."""
+        target = np.broadcast_to(np.array(lamp.position_m), point.shape)
+        if lamp.kind == "AREA":
+            across = (
+                (self._rng.random((len(point), 2)) - 0.5) * np.array(lamp.size_m) * (1.0 if lamp.shape == "RECTANGLE" else math.sqrt(0.5))
+            )
+            target = target + across @ axis[:2]
+        elif lamp.radius_m > 0.0:
+            ball = self._rng.normal(size=point.shape)
+            target = target + lamp.radius_m * ball / np.linalg.norm(ball, axis=1, keepdims=True)
+        way = self.box.to_unit(target).astype(np.float64) - point
+        distance = np.maximum(np.linalg.norm(way, axis=1), 1e-12)
+        return (way / distance[:, None]).astype(np.float32), distance / self.box.scale
+
+
+def _lets_light_pass(material: Material) -> bool:
+    return any(material.passing_rgb) or any(material.shadow_passing_rgb or ())

@@ -1,0 +1,121 @@
+"""Shadow rays: the share of a light that comes past what stands between, in colour where it stands there transparent.
+
+Triangles that let nothing pass are in a bvh of their own, which answers most rays at once. Only what it leaves is followed from one
+transparent triangle to the next; a scene without any has no other bvh.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.geometry import gather, locate_hits, offset_origin, triangle_frames
+from .materials import SurfaceMaterials
+from .rays import RayScene
+
+MOST_LAYERS = 1024  # transparent triangles along one ray: rounding may hold a ray between two that lie in each other
+
+Float32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Sight:
+    """How much of what rays aim at is seen.
+
+    share   (n,) bool, or float32 in [0, 1] where the scene is transparent: mean of the channels
+    rgb     (n, 3) float32 in [0, 1], a view of rows; None where the scene is not transparent
+    rays    that were traced
+    """
+
+    share: NDArray[np.bool_] | Float32
+    rgb: Float32 | None
+    rays: int
+
+    def times(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 3): what is left of light (n, 3)."""
+        return values * (self.share[:, None] if self.rgb is None else self.rgb)
+
+    def place(self, index: NDArray[np.intp], count: int) -> Sight:
+        """The same of `count` rays, of which these are the ones numbered `index` and the others see nothing."""
+        share: NDArray[np.bool_] | Float32 = np.zeros(count, bool if self.rgb is None else np.float32)
+        share[index] = self.share
+        if self.rgb is None:
+            return Sight(share, None, self.rays)
+        rgb = np.zeros((3, count), np.float32)
+        rgb[:, index] = self.rgb.T
+        return Sight(share, rgb.T, self.rays)
+
+
+class ShadowRays:
+    """Answers shadow rays.
+
+    opaque      what lets no light pass
+    passing     what lets some pass, None where there is no such triangle
+    tri_frame   (3, 3, n_tri) float32, of triangle_frames, unit box
+    tri_normal  (3, n_tri) float32, unit
+    """
+
+    def __init__(
+        self, opaque: RayScene, passing: RayScene | None, surfaces: SurfaceMaterials, tri_frame: Float32, tri_normal: Float32
+    ) -> None:
+        self._opaque, self._passing, self._surfaces = opaque, passing, surfaces
+        self._tri_frame, self._tri_normal = tri_frame, tri_normal
+
+    @classmethod
+    def of(cls, rays: RayScene, surfaces: SurfaceMaterials, corners: Float32, tri_normal: Float32) -> ShadowRays:
+        """Those among triangles (n_tri, 3, 3), unit box, with normals (3, n_tri); `rays` meet all of them."""
+        frame = triangle_frames(corners)
+        passes, whole = surfaces.find_passing(shadow=True)
+        if not passes.any():
+            return cls(rays, None, surfaces, frame, tri_normal)
+        some = passes & ~whole
+        return cls(
+            RayScene(collapse(corners, ~passes)), RayScene(collapse(corners, some)) if some.any() else None, surfaces, frame, tri_normal
+        )
+
+    def see(self, origin: Float32, direction: Float32, distance: Float32) -> Sight:
+        """What comes along rays.
+
+        origin, direction   (n, 3) float32, unit box; any strides
+        distance            (n,) float32, in lengths of the direction
+        """
+        clear = ~self._opaque.occluded(origin, direction, distance) if len(distance) else np.zeros(0, bool)
+        if self._passing is None:
+            return Sight(clear, None, len(clear))
+        left = clear.nonzero()[0]
+        rgb = np.zeros((3, len(clear)), np.float32)
+        rgb[:, left], traced = self._follow(self._passing, gather(origin.T, left), gather(direction.T, left), gather(distance, left))
+        return Sight(rgb.sum(axis=0) / np.float32(3), rgb.T, len(clear) + traced)
+
+    def _follow(self, passing: RayScene, origin: Float32, direction: Float32, distance: Float32) -> tuple[Float32, int]:
+        """(3, n): what passes of rays (3, n); and how many more were traced."""
+        left, rgb, traced = np.arange(len(distance)), np.ones((3, len(distance)), np.float32), 0
+        for _ in range(MOST_LAYERS):
+            found = passing.closest(origin.T, direction.T, distance)
+            traced += len(left)
+            met = ((found.tri >= 0) & (found.distance < distance)).nonzero()[0]
+            if not len(met):
+                break
+            tri, u, v = gather(found.tri, met).astype(np.intp), gather(found.u, met), gather(found.v, met)
+            left, distance = gather(left, met), gather(distance, met) - gather(found.distance, met)
+            share = gather(rgb, left) * self._surfaces.passing_at(tri, u, v, shadow=True).T
+            rgb[:, left] = share
+            on = share.any(axis=0).nonzero()[0]
+            left, distance, direction = gather(left, on), gather(distance, on), gather(direction, gather(met, on))
+            tri, u, v = gather(tri, on), gather(u, on), gather(v, on)
+            origin = leave_through(locate_hits(self._tri_frame, tri, u, v), direction, gather(self._tri_normal, tri))
+        return rgb, traced
+
+
+def leave_through(position: Float32, direction: Float32, normal: Float32) -> Float32:
+    """(3, n): origins of rays that go on through triangles, off their far sides; position, direction, normal (3, n) float32."""
+    side = np.copysign(np.float32(1), np.einsum("kn,kn->n", direction, normal))
+    out: Float32 = offset_origin(position, side * normal)
+    return out
+
+
+def collapse(corners: Float32, kept: NDArray[np.bool_]) -> Float32:
+    """Triangles (n, 3, 3) with those that are not kept (n,) without area, so that rays never meet them and the others keep their number."""
+    return np.where(kept[:, None, None], corners, corners[:, :1])

@@ -1,0 +1,221 @@
+"""Which side of a surface its lightmap shows.
+
+A lightmap has one texel for both sides of a face. With Automatic it shows the front, as Cycles does, unless the front looks into a solid
+where no light comes and the back is lit: such a surface has its normals the wrong way round, and is turned before the bake begins.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import IntArray
+from ..util.settings import AUTOMATIC, BOTH
+from .light_probe import LightProbe, Seen
+from .scene import SceneSnapshot, swap_corners
+from .topology import join_open_sides, join_sets, pair_sides
+
+_MOST_PARTS = 1 << 16  # the largest; smaller ones show their fronts
+_MOST_POINTS = 1 << 19  # on all parts
+_LEAST_EACH, _MOST_EACH = 6, 64  # points on a part
+_FIRST_EACH, _SURE_EACH = 16, 512  # points on a part that is perhaps turned, at first and to be sure
+_CLOSE = 0.15  # of a part's extent: what is nearer is close by
+_INSIDE = 0.85  # of rays that meet what is close by, the part itself or a back: the side looks into a solid
+_ENCLOSED = 0.98  # of rays that meet anything
+_BOUNCES = 3
+_DARK_BESIDE, _DARK_WITHIN = 0.15, 1e-3  # light on a front that lies on something, or in a hollow, beside that on the back
+_LEVEL = 0.7  # height of a unit normal
+_NOTHING = 0.01  # of rays that meet something
+_PERHAPS_DARK = 0.3  # light on a front beside that on the back, as few points show it
+_SEEN = 0.5  # of rays from a sheet's back that meet fronts: somebody may look at it from there
+
+TURNED = (
+    "looks into a solid with its front, where no light comes, so the light on its back is kept; flip its normals, or set Sides to Front"
+)
+OPEN = "can be seen from both sides, but its lightmap has the light of the front; give it thickness, or set Sides to Both to add both up"
+
+
+@dataclass(frozen=True)
+class SettledSides:
+    """A snapshot whose fronts are the sides to show, with two_sided where both are.
+
+    tri_turned   (n_tri,) bool: triangles whose corners 1 and 2 have changed places
+    warnings     (subject, sentence)
+    """
+
+    snapshot: SceneSnapshot
+    tri_turned: NDArray[np.bool_]
+    warnings: tuple[tuple[str, str], ...]
+
+
+def settle_sides(snapshot: SceneSnapshot, sides: str) -> SettledSides:
+    """Follows the objects' own choices, and `sides` for those that have none."""
+    chosen = [one.sides or sides for one in snapshot.objects]
+    objects = tuple(replace(one, two_sided=one.two_sided or side == BOTH) for one, side in zip(snapshot.objects, chosen, strict=True))
+    if objects != snapshot.objects:
+        snapshot = replace(snapshot, objects=objects)
+    free = np.array([side == AUTOMATIC and one.receives and not one.two_sided for one, side in zip(objects, chosen, strict=True)], bool)
+    turned = np.zeros(snapshot.n_tri, bool)
+    tri = np.flatnonzero(free[snapshot.tri_object])
+    if not len(tri):
+        return SettledSides(snapshot, turned, ())
+    parts = _Parts.of(snapshot, tri)
+    probe = LightProbe(snapshot)
+    is_turned, is_open = _judge(probe, parts)
+    is_turned = _agree(snapshot, parts, is_turned)
+    turned[tri] = is_turned[parts.tri_part]
+    warnings = [
+        *((snapshot.objects[i].name, TURNED) for i in np.unique(parts.part_object[is_turned])),
+        *((snapshot.objects[i].name, OPEN) for i in np.unique(parts.part_object[is_open & ~is_turned])),
+    ]
+    return SettledSides(turn(snapshot, turned) if turned.any() else snapshot, turned, tuple(warnings))
+
+
+def turn(snapshot: SceneSnapshot, tri_turned: NDArray[np.bool_]) -> SceneSnapshot:
+    """The snapshot with the fronts of some triangles (n_tri,) where their backs were."""
+    changed: dict[str, Any] = {}
+    for name in ("tri_vertex", "tri_corner", "tri_normal", "tri_uv", "tri_albedo_uv", "tri_emission_uv", "tri_passing_uv"):
+        changed[name] = swap_corners(getattr(snapshot, name), tri_turned)
+    changed["tri_normal"][tri_turned] *= -1
+    return replace(snapshot, **changed)
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """Surfaces of one object that hang together by sides and whose triangles are wound alike.
+
+    tri            (n,) int, ascending   the triangles
+    tri_part       (n,) int              the part of each
+    part_object    (n_part,) int
+    part_first     (n_part,) int         its first triangle in the snapshot
+    extent_m       (n_part,) float64     diagonal of its box
+    area_m2        (n_part,) float64
+    closed         (n_part,) bool        it has no border
+    """
+
+    tri: IntArray
+    tri_part: IntArray
+    part_object: IntArray
+    part_first: IntArray
+    extent_m: NDArray[np.float64]
+    closed: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, snapshot: SceneSnapshot, tri: IntArray) -> _Parts:
+        thing = snapshot.tri_object[tri]
+        vertex = join_open_sides(snapshot.vertex_position, snapshot.tri_vertex[tri], thing)
+        _, one, other = pair_sides(vertex, thing)
+        start = vertex.ravel()
+        end = np.roll(vertex, -1, axis=1).ravel()
+        alike = (start[one] == end[other]) & (end[one] == start[other])
+        one, other = one[alike] // 3, other[alike] // 3
+        first, part = np.unique(join_sets(len(tri), one, other), return_inverse=True)
+        order = np.argsort(part, kind="stable")
+        begin = np.flatnonzero(np.diff(part[order], prepend=-1))
+        corner = snapshot.tri_position[tri][order]
+        low = np.minimum.reduceat(corner.min(axis=1), begin)
+        high = np.maximum.reduceat(corner.max(axis=1), begin)
+        shared = np.bincount(part[one], minlength=len(first)) + np.bincount(part[other], minlength=len(first))
+        closed = shared >= 3 * np.bincount(part, minlength=len(first))
+        lowest = tri[order][begin]
+        return cls(tri, part, snapshot.tri_object[lowest], lowest, np.linalg.norm(high - low, axis=1), closed)
+
+    def __len__(self) -> int:
+        return len(self.part_first)
+
+
+class _Samples:
+    """Points spread over some of the parts by area, as many on each."""
+
+    def __init__(self, probe: LightProbe, parts: _Parts, chosen: IntArray, each: int) -> None:
+        self._n, self._each, self._probe, self._parts, self._chosen = len(chosen), each, probe, parts, chosen
+        row = np.full(len(parts), -1)
+        row[chosen] = np.arange(len(chosen))
+        ours = np.flatnonzero(row[parts.tri_part] >= 0)
+        ours = ours[np.argsort(row[parts.tri_part[ours]], kind="stable")]
+        part = row[parts.tri_part[ours]]
+        area = np.cumsum(probe.area[parts.tri[ours]])
+        last = np.flatnonzero(np.diff(part, append=len(chosen)))
+        top = area[last]
+        low = np.concatenate([[0.0], top[:-1]])
+        at = low[:, None] + (top - low)[:, None] * (np.arange(each) + 0.5) / each
+        found = np.searchsorted(area, at.ravel())
+        tri = parts.tri[ours[np.minimum(found, len(ours) - 1)]]
+        self.point, self.front = probe.spread_points(tri)
+
+    def mean(self, values: NDArray[Any]) -> NDArray[np.float64]:
+        """(n_chosen,) of values (n_point,)."""
+        out: NDArray[np.float64] = values.reshape(self._n, self._each).mean(axis=1, dtype=np.float64)
+        return out
+
+    def look(self, sign: int) -> tuple[NDArray[np.float64], ...]:
+        """Shares of rays that meet something close by; that, the part itself or a back; fronts of others; and anything."""
+        seen: Seen = self._probe.look(self.point, np.float32(sign) * self.front)
+        own = np.zeros(len(seen.tri), bool)
+        met = seen.tri >= 0
+        place = np.searchsorted(self._parts.tri, seen.tri).clip(0, len(self._parts.tri) - 1)
+        part = np.where(self._parts.tri[place] == seen.tri, self._parts.tri_part[place], -1)
+        own[met] = part[met] == np.repeat(self._chosen, self._each)[met]
+        close = met & (seen.distance < _CLOSE * np.repeat(self._parts.extent_m[self._chosen], self._each))
+        back = met & ~seen.is_front
+        return self.mean(close), self.mean(close | own | back), self.mean(seen.is_front & ~own), self.mean(met)
+
+    def light(self, sign: int) -> NDArray[np.float64]:
+        """(n_chosen,) mean irradiance, W/m^2."""
+        return self.mean(self._probe.find_irradiance(self.point, np.float32(sign) * self.front, _BOUNCES))
+
+
+def _judge(probe: LightProbe, parts: _Parts) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """(n_part,) bool each: those to be turned, and thin sheets that are seen from both sides."""
+    is_turned, is_open = np.zeros((2, len(parts)), bool)
+    area = np.bincount(parts.tri_part, probe.area[parts.tri], minlength=len(parts))
+    chosen = np.argsort(-area, kind="stable")[:_MOST_PARTS]
+    chosen = np.sort(chosen[area[chosen] > 0.0])
+    if not len(chosen):
+        return is_turned, is_open
+    samples = _Samples(probe, parts, chosen, min(max(_MOST_POINTS // len(chosen), _LEAST_EACH), _MOST_EACH))
+    close, within, _, met_before = samples.look(1)
+    near, behind, back_sees, met = samples.look(-1)
+    floor = samples.mean(samples.front[:, 2]) > _LEVEL  # nobody looks at the ground from below
+    perhaps = ((within >= _INSIDE) | (met_before >= _ENCLOSED)) & (behind < _INSIDE) & ~(floor & (met < _NOTHING))
+    in_sight = (np.maximum(close, near) < _SEEN) & (back_sees >= _SEEN)
+    sheet = ~parts.closed[chosen] & in_sight
+    dark = np.where(close >= _INSIDE, _DARK_BESIDE, _DARK_WITHIN)
+    rows = np.flatnonzero(perhaps)
+    rows = _keep_dark(probe, parts, chosen, rows, np.full_like(dark, _PERHAPS_DARK), _FIRST_EACH)
+    rows = _keep_dark(probe, parts, chosen, rows, dark, _SURE_EACH)
+    is_turned[chosen[rows]] = True
+    is_open[chosen[sheet]] = True
+    return is_turned, is_open
+
+
+def _keep_dark(
+    probe: LightProbe, parts: _Parts, chosen: IntArray, rows: IntArray, dark: NDArray[np.float64], each: int
+) -> NDArray[np.int64]:
+    """Those of the rows, of chosen parts, that are dark on their front beside their back, as so many points on each show."""
+    at_once = max(_MOST_POINTS // each, 1)
+    kept = [np.zeros(0, np.int64)]
+    for some in np.split(rows, range(at_once, len(rows), at_once)):
+        if len(some):
+            samples = _Samples(probe, parts, chosen[some], each)
+            front, back = samples.light(1), samples.light(-1)
+            kept.append(some[(back > 0.0) & (front <= dark[some] * back)])
+    return np.concatenate(kept)
+
+
+def _agree(snapshot: SceneSnapshot, parts: _Parts, is_turned: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Objects that share a mesh share the layout of their charts: a part is turned in all of them or in none."""
+    mesh = np.array([one.mesh for one in snapshot.objects])[parts.part_object]
+    shared = np.flatnonzero(mesh >= 0)
+    if not len(shared):
+        return is_turned
+    start = np.searchsorted(snapshot.tri_object, parts.part_object[shared])
+    key = mesh[shared].astype(np.int64) * snapshot.n_tri + parts.part_first[shared] - start
+    _, group = np.unique(key, return_inverse=True)
+    votes = np.bincount(group, is_turned[shared]) / np.bincount(group)
+    out = is_turned.copy()
+    out[shared] = votes[group] == 1.0
+    return out

@@ -1,0 +1,97 @@
+"""Photons, and rays that gather light between surfaces, that go straight on through transparent surfaces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.materials import SurfaceMaterials
+from ..scene.shadow_rays import leave_through
+from ..util.arrays import IntArray
+from ..util.geometry import gather, locate_hits
+from .births import Photons
+
+_TINY = np.finfo(np.float32).tiny
+_Rows = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Passing:
+    """What photons may pass through.
+
+    tri_passes   (2, n_tri) bool     on their way between surfaces, and on their way from a lamp
+    tri_frame    (3, 3, n_tri) float32, of triangle_frames, unit box
+    tri_normal   (3, n_tri) float32, unit
+    """
+
+    surfaces: SurfaceMaterials
+    tri_passes: NDArray[np.bool_]
+    tri_frame: _Rows
+    tri_normal: _Rows
+
+    @classmethod
+    def of(cls, surfaces: SurfaceMaterials, tri_frame: _Rows, tri_normal: _Rows) -> Passing | None:
+        """None where nothing lets light pass."""
+        passes = np.stack([surfaces.find_passing(shadow)[0] for shadow in (False, True)])
+        return cls(surfaces, passes, tri_frame, tri_normal) if passes.any() else None
+
+    def follow(self, direction: _Rows, share: _Rows, tri: IntArray, u: _Rows, v: _Rows) -> tuple[IntArray, _Rows, _Rows]:
+        """Rays (3, n) between surfaces that go on through triangles (n,): which (k,), from where (3, k), and the share of light (3, k) that
+        still comes along them, of a share (3, n) before.
+        """
+        place = gather(self.tri_passes[0], tri).nonzero()[0]
+        tri, u, v = gather(tri, place), gather(u, place), gather(v, place)
+        through = gather(share, place) * self.surfaces.passing_at(tri, u, v, shadow=False).T
+        on = through.any(axis=0).nonzero()[0]
+        tri, u, v, place = gather(tri, on), gather(u, on), gather(v, on), gather(place, on)
+        at = locate_hits(self.tri_frame, tri, u, v)
+        return place, leave_through(at, gather(direction, place), gather(self.tri_normal, tri)), gather(through, on)
+
+    def go_on(
+        self,
+        photons: Photons,
+        hit: IntArray,
+        tri: IntArray,
+        u: _Rows,
+        v: _Rows,
+        distance: _Rows,
+        is_first: bool,
+        rng: np.random.Generator,
+    ) -> Photons | None:
+        """Photons that pass by chance, with flux (3, k) so that all of them carry what passes; None where none does.
+
+        A photon may also be reflected there: each of both has a chance of its own, by which its share is divided, so neither biases the
+        other. The chance keeps the greatest channel of the flux, as with reflection.
+
+        hit        (m,) int: rows of the photons that have met a triangle
+        tri, u, v  (m,) where
+        distance   (n,) float32: of all photons
+        is_first   they come from their lamp
+        """
+        place = gather(self.tri_passes[int(is_first)], tri).nonzero()[0]
+        if photons.stops is not None:
+            place = place[~gather(photons.stops, gather(hit, place))]
+        if not len(place):
+            return None
+        tri, u, v, row = gather(tri, place), gather(u, place), gather(v, place), gather(hit, place)
+        flux = gather(photons.flux, row)  # before it is softened: that is done anew at the next surface
+        through = flux * self.surfaces.passing_at(tri, u, v, is_first).T
+        chance = through.max(axis=0) / np.maximum(flux.max(axis=0), _TINY)
+        on = (chance > rng.random(len(chance), dtype=np.float32)).nonzero()[0]
+        if not len(on):
+            return None
+        tri, u, v, row = gather(tri, on), gather(u, on), gather(v, on), gather(row, on)
+        flux = gather(through, on) / gather(chance, on)
+        direction = gather(photons.direction, row)
+        origin = leave_through(locate_hits(self.tri_frame, tri, u, v), direction, gather(self.tri_normal, tri))
+        soft = group = stops = None
+        if photons.soft is not None:
+            soft = gather(photons.soft, row)
+            soft[2] += gather(distance, row)
+        if photons.group is not None:
+            group = gather(photons.group, row)
+        if photons.stops is not None:
+            stops = gather(photons.stops, row)
+        return Photons(origin, direction, flux, soft, group, np.add.reduce(flux, 1, np.float64), stops)

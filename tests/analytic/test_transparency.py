@@ -1,0 +1,107 @@
+"""Light through transparent surfaces: a pane that lets a share of each channel pass takes just that off, whatever the light is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from boxes import solve_scene
+from leaflight.core.output import resolve
+from leaflight.core.scene.scene import Light, Material, SceneSnapshot, TextureImage
+from leaflight.core.transport import traced_scene
+from leaflight.core.util.settings import Settings
+from scenes import Mesh, box_mesh, make_scene
+
+TINT = np.array([0.5, 0.25, 1.0])
+MAP: list[Light] = []
+LIGHTS = {
+    "sun": [Light("SUN", "Sun", power_rgb=(2.0,) * 3, angle_rad=0.1)],
+    "hard sun": [Light("SUN", "Sun", power_rgb=(2.0,) * 3)],
+    "lamp": [Light("POINT", "Lamp", position_m=(0, 0, 1.8), power_rgb=(80.0,) * 3, radius_m=0.3)],
+    "panel": [Light("AREA", "Panel", position_m=(0, 0, 1.8), power_rgb=(80.0,) * 3)],
+    "crowd": [Light("POINT", f"Lamp {k}", position_m=(k / 4 - 3, 0, 1.8), power_rgb=(3.0,) * 3) for k in range(25)],
+    "sky": [],
+    "sky map": MAP,
+}
+
+
+def square(name: str, z: float, half: float, receives: bool = False) -> Mesh:
+    vertex = half * np.array([[-1, -1, z / half], [1, -1, z / half], [1, 1, z / half], [-1, 1, z / half]])
+    return Mesh(name, vertex, [[0, 1, 2, 3]], None, receives)
+
+
+def floor_below(pane: Material, lights=()) -> SceneSnapshot:
+    """A black floor of 2 m below a pane, a metre above; or in a box of it under a white sky where there are no lights."""
+    cover = square("Pane", 1, 8) if lights else replace(box_mesh("Pane", (4, 4, 4)), receives=False)
+    scene = make_scene([square("Floor", 0, 1, True), cover], lights, [Material("Floor", (0.0,) * 3), pane])
+    sky = np.linspace(0.5, 2.0, 8 * 16 * 3, dtype=np.float32).reshape(8, 16, 3) if lights is MAP else None
+    return replace(scene, tri_material=scene.tri_object, world_rgb=(0.0 if lights else 1.0,) * 3, world_map=sky)
+
+
+def bake_floor(folder, scene: SceneSnapshot, direct: str, photons: int = 200_000) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Mean light of all that receives, W/m^2, and the energy audit, W."""
+    settings = Settings(direct=direct, size=32, max_photons=photons, error=0.005, workers=1, seed=3)
+    field = solve_scene(folder, scene, settings)
+    texels = traced_scene.open_tracing(str(folder)).texels
+    light = resolve.light_at_texels(field, texels)
+    audit = {name: np.array(watts) for name, watts in field.ledger.audit_w().items()}
+    assert audit["absorbed"] + audit["escaped"] + audit["remainder"] == pytest.approx(audit["emitted"], rel=1e-9)
+    return np.average(light.direct + light.indirect, axis=0, weights=texels.texel_area), audit
+
+
+@pytest.mark.parametrize("direct", ["rays", "photons"])
+@pytest.mark.parametrize("name", LIGHTS)
+def test_a_tinted_pane_takes_its_tint_off(tmp_path, name, direct):
+    bare, _ = bake_floor(tmp_path / "a", floor_below(Material("Pane", (0,) * 3, passing_rgb=(1,) * 3), LIGHTS[name]), "rays")
+    tinted, audit = bake_floor(
+        tmp_path / "b", floor_below(Material("Pane", (0,) * 3, passing_rgb=tuple(TINT)), LIGHTS[name]), direct, 300_000
+    )
+    assert bare.min() > 0.05
+    assert tinted / bare == pytest.approx(TINT, rel=5e-3 if direct == "rays" else 0.03)
+    if direct == "photons":
+        assert (audit["passed"] > 0).all()
+
+
+@pytest.mark.parametrize("direct", ["rays", "photons"])
+def test_a_checker_of_holes_lets_half_of_the_light_pass(tmp_path, direct):
+    """Below a sun straight above, which is even over whole periods of the pane's image."""
+    image = np.zeros((2, 2, 3), np.float32)
+    image[0, 0] = image[1, 1] = 1
+    scene = floor_below(Material("Pane", (0,) * 3), LIGHTS["hard sun"])
+    pane = replace(scene.materials[1], passing_rgb=(1,) * 3, passing_image=0)
+    uv = np.array([[[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]]], np.float32)
+    uvs = np.concatenate([np.zeros_like(uv), 40 * uv])  # a period is 0.4 m, the floor has five
+    images = (TextureImage("Holes", image, closest=True),)
+    scene = replace(scene, materials=(scene.materials[0], pane), images=images, tri_passing_uv=uvs)
+    light, _ = bake_floor(tmp_path, scene, direct)
+    assert light == pytest.approx(np.full(3, 1.0), rel=0.01)
+
+
+def test_half_of_a_mesh_may_be_a_pane(tmp_path):
+    """The other triangle of the same object stays opaque: a sun straight above lights one half of the floor."""
+    scene = floor_below(Material("Pane", (0,) * 3, passing_rgb=(1,) * 3), LIGHTS["sun"])
+    light, _ = bake_floor(tmp_path, replace(scene, tri_material=np.int32([0, 0, 0, 1])), "rays")
+    assert light == pytest.approx(np.full(3, 1.0), rel=0.02)
+
+
+@pytest.mark.parametrize("direct", ["rays", "photons"])
+def test_light_that_was_reflected_passes_a_pane_too(tmp_path, direct):
+    """A white ceiling lit from below: what it sends down comes through the pane by its tint."""
+    found = []
+    for tint in (np.ones(3), TINT):
+        lamp = Light("SPOT", "Lamp", (0, 0, 2), ((1, 0, 0), (0, -1, 0), (0, 0, -1)), (500.0,) * 3, cone_angle_rad=2.0)
+        ceiling = Mesh("Ceiling", square("", 3, 2).vertex, [[3, 2, 1, 0]])
+        scene = make_scene(
+            [square("Floor", 0, 1, True), square("Pane", 1, 8), ceiling],
+            [lamp],
+            [Material("Floor", (0,) * 3), Material("Pane", (0,) * 3, passing_rgb=tuple(tint)), Material("White", (0.8,) * 3)],
+        )
+        scene = replace(scene, tri_material=np.int32([0, 0, 1, 1, 2, 2]))
+        scene = replace(scene, objects=(*scene.objects[:2], replace(scene.objects[2], receives=True)))
+        folder = tmp_path / str(tint[0])
+        field = solve_scene(folder, scene, Settings(direct=direct, size=32, max_photons=600_000, error=0.005, workers=1, seed=3))
+        texels = traced_scene.open_tracing(str(folder)).texels
+        light = resolve.light_at_texels(field, texels)
+        floor = scene.tri_object[texels.texel_tri] == 0
+        found.append(np.asarray(light.direct + light.indirect)[floor].mean(axis=0))
+    assert found[0].min() > 0.1
+    assert found[1] / found[0] == pytest.approx(TINT, rel=0.03)

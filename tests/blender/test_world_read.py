@@ -1,0 +1,180 @@
+"""Blender's world as the core has it: uniform, or a map of what Cycles evaluates, and the suns in it."""
+
+import math
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from leaflight.addon.read.world_read import read_world
+from leaflight.core.lights.environment import Environment
+
+NODES = {"background": "ShaderNodeBackground", "mix": "ShaderNodeMixShader", "path": "ShaderNodeLightPath"}
+
+
+@pytest.fixture(autouse=True)
+def _empty_file():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+@pytest.fixture
+def sky():
+    """A world of one black background node: the world, its tree, the node."""
+    world = bpy.data.worlds.new("Sky")
+    bpy.context.scene.world = world
+    if world.node_tree is None:
+        world.use_nodes = True
+    background = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
+    background.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)
+    return world, world.node_tree, background
+
+
+def read(warnings=None):
+    return read_world(bpy.context.scene, [] if warnings is None else warnings)
+
+
+def look(world, *directions):
+    toward = np.array(directions, float)
+    return Environment(world.map).look_up(toward / np.linalg.norm(toward, axis=1, keepdims=True))
+
+
+def add_picture(tree, target, height=64, **properties):
+    """An environment texture whose four quarters from -X by +Y, +X and -Y are red, green, blue and white above, and black below."""
+    image = bpy.data.images.new("Picture", 2 * height, height, float_buffer=True)
+    pixels = np.zeros((height, 2 * height, 4), np.float32)
+    for quarter, rgb in enumerate(((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1))):
+        pixels[height // 2 :, quarter * height // 2 : (quarter + 1) * height // 2, :3] = rgb
+    image.pixels.foreach_set(pixels.ravel())
+    image.pack()
+    texture = tree.nodes.new("ShaderNodeTexEnvironment")
+    texture.image = image
+    for name, value in properties.items():
+        setattr(texture, name, value)
+    tree.links.new(texture.outputs["Color"], target)
+    return texture
+
+
+def test_a_plain_world_is_colour_times_strength(sky):
+    world, _, background = sky
+    background.inputs["Color"].default_value = (0.1, 0.2, 0.4, 1.0)
+    background.inputs["Strength"].default_value = 2.0
+    warnings = []
+    found = read(warnings)
+    assert found.rgb == pytest.approx((0.2, 0.4, 0.8))
+    assert found.map is None
+    assert not warnings
+    world.cycles_visibility.diffuse = False
+    assert read().rgb == (0.0, 0.0, 0.0)
+
+
+def test_no_world_is_black():
+    assert read().rgb == (0.0, 0.0, 0.0)
+
+
+def test_a_picture_keeps_its_place(sky):
+    _, tree, background = sky
+    add_picture(tree, background.inputs["Color"])
+    background.inputs["Strength"].default_value = 2.0
+    found = look(read(), (-1, 1, 1), (1, 1, 1), (1, -1, 1), (-1, -1, 1), (1, 1, -1))
+    assert found == pytest.approx(2.0 * np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1], [0, 0, 0]]), abs=1e-3)
+
+
+def test_a_picture_is_turned_by_a_mapping_in_a_group(sky):
+    _, tree, background = sky
+    group = bpy.data.node_groups.new("Picture", "ShaderNodeTree")
+    group.interface.new_socket("Color", in_out="OUTPUT", socket_type="NodeSocketColor")
+    end = group.nodes.new("NodeGroupOutput")
+    texture = add_picture(group, end.inputs[0])
+    place, turn = group.nodes.new("ShaderNodeTexCoord"), group.nodes.new("ShaderNodeMapping")
+    turn.inputs["Rotation"].default_value = (0.0, 0.0, math.pi / 2)
+    group.links.new(place.outputs["Generated"], turn.inputs["Vector"])
+    group.links.new(turn.outputs["Vector"], texture.inputs["Vector"])
+    node = tree.nodes.new("ShaderNodeGroup")
+    node.node_tree = group
+    tree.links.new(node.outputs[0], background.inputs["Color"])
+    found = look(read(), (-1, 1, 1), (1, 1, 1), (1, -1, 1), (-1, -1, 1))
+    assert found == pytest.approx(np.array([[1, 1, 1], [1, 0, 0], [0, 1, 0], [0, 0, 1]]), abs=1e-3)
+
+
+def test_a_mirror_ball_fills_the_sphere(sky):
+    _, tree, background = sky
+    add_picture(tree, background.inputs["Color"], projection="MIRROR_BALL")
+    found = read().map
+    assert 0.1 < (found.max(axis=2) > 0).mean() < 0.9
+
+
+def test_eight_bits_are_read_through_their_colour_space(sky):
+    _, tree, background = sky
+    image = bpy.data.images.new("Grey", 4, 4)
+    pixels = np.full((4, 4, 4), (0.5, 0.5, 0.5, 1.0), np.float32)
+    pixels[2:, :, :3] = 0.25
+    image.pixels.foreach_set(pixels.ravel())
+    image.pack()
+    texture = tree.nodes.new("ShaderNodeTexEnvironment")
+    texture.image, texture.interpolation = image, "Closest"
+    tree.links.new(texture.outputs["Color"], background.inputs["Color"])
+    found = look(read(), (1, 0.1, -1), (1, 0.1, 1))
+    assert found[:, 0] == pytest.approx([((x + 0.055) / 1.055) ** 2.4 for x in (0.5, 0.25)], rel=0.02)
+
+
+@pytest.mark.parametrize(("output", "seen"), [("Is Camera Ray", 0.25), ("Is Diffuse Ray", 2.0), ("Is Shadow Ray", 0.25)])
+def test_the_sky_is_that_of_diffuse_rays(sky, output, seen):
+    """The switch may be in a group, and the sky behind it a picture or plain."""
+    _, tree, background = sky
+    group = bpy.data.node_groups.new("Switch", "ShaderNodeTree")
+    group.interface.new_socket("Value", in_out="OUTPUT", socket_type="NodeSocketFloat")
+    end, path = group.nodes.new("NodeGroupOutput"), group.nodes.new(NODES["path"])
+    group.links.new(path.outputs[output], end.inputs[0])
+    switch, mix, other = tree.nodes.new("ShaderNodeGroup"), tree.nodes.new(NODES["mix"]), tree.nodes.new(NODES["background"])
+    switch.node_tree = group
+    background.inputs["Color"].default_value = (0.25, 0.25, 0.25, 1.0)
+    other.inputs["Color"].default_value = (2.0, 2.0, 2.0, 1.0)
+    for source, target in ((switch.outputs[0], mix.inputs[0]), (background.outputs[0], mix.inputs[1]), (other.outputs[0], mix.inputs[2])):
+        tree.links.new(source, target)
+    surface = next(node for node in tree.nodes if node.type == "OUTPUT_WORLD").inputs["Surface"]
+    tree.links.new(mix.outputs[0], surface)
+    found = read()
+    assert found.map is None
+    assert found.rgb == pytest.approx((seen,) * 3, rel=1e-5)
+    assert path.outputs[output].is_linked  # the user's own is as it was
+
+
+def test_the_sun_of_a_sky_texture_is_a_sun(sky):
+    _, tree, background = sky
+    texture = tree.nodes.new("ShaderNodeTexSky")
+    texture.sun_elevation, texture.sun_rotation, texture.sun_size = 0.6, 1.0, math.radians(2.0)
+    tree.links.new(texture.outputs["Color"], background.inputs["Color"])
+    found = read()
+    (sun,) = found.suns
+    expected = (math.cos(0.6) * math.sin(1.0), math.cos(0.6) * math.cos(1.0), math.sin(0.6))
+    assert sun.rotation[2] == pytest.approx(expected, abs=2e-4)
+    assert sun.angle_rad == pytest.approx(math.radians(2.0), rel=0.08)  # its rim is darker than its middle
+    assert look(found, expected).mean() < 1e-3 * sun.power_rgb[0] / (math.pi * math.radians(1.0) ** 2)
+    texture.sun_disc = False
+    without = read()
+    assert without.suns == ()
+    assert without.map.mean(axis=(0, 1)) == pytest.approx(found.map.mean(axis=(0, 1)), rel=0.02)
+
+
+def test_what_a_world_loses_is_told(sky):
+    world, tree, _ = sky
+    end = next(node for node in tree.nodes if node.type == "OUTPUT_WORLD")
+    tree.links.new(tree.nodes.new("ShaderNodeVolumeScatter").outputs[0], end.inputs["Volume"])
+    world.cycles.max_bounces = 2
+    warnings = []
+    read(warnings)
+    assert [subject for subject, _ in warnings] == ["Sky", "Sky"]
+    assert "volume" in warnings[0][1]
+    assert "Max Bounces (2)" in warnings[1][1]
+
+
+def test_nothing_is_left_behind(sky):
+    _, tree, background = sky
+    texture = tree.nodes.new("ShaderNodeTexSky")
+    tree.links.new(texture.outputs["Color"], background.inputs["Color"])
+    collections = [name for name in dir(bpy.data) if hasattr(getattr(bpy.data, name), "foreach_get")]
+    before = {name: [block.name for block in getattr(bpy.data, name)] for name in collections if len(getattr(bpy.data, name)) >= 0}
+    read()
+    after = {name: [block.name for block in getattr(bpy.data, name)] for name in before}
+    assert after == before
