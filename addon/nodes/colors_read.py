@@ -21,6 +21,8 @@ from .object_attributes import NOTHING, find_shown, pick_output, shows_object, s
 from .texture_mapping import read_mapping
 
 TEXTURE_COLOR: Rgb = (0.5, 0.5, 0.5)  # mean of a procedural texture, roughly
+DIFFUSE, SHADOW = "Is Diffuse Ray", "Is Shadow Ray"
+_SEEN_AS = {DIFFUSE: (DIFFUSE, "Ray Depth", "Diffuse Depth"), SHADOW: (SHADOW, "Ray Depth", "Diffuse Depth")}  # what is 1 then
 REPLACED_BY_GREY = "is replaced by a grey of 0.5"
 
 
@@ -32,11 +34,13 @@ class ColorReader:
     replaced   what could not be taken as it is, for one warning
     by_faces   whether what was read depends on the faces, or
     by_object  on the object that they are of
+    ray        DIFFUSE or SHADOW, the kind of rays that see the surface; by_ray tells whether what was read depends on it
     """
 
     def __init__(self, images: ImageTable, faces: Faces | None = None, colors: ColorTable | None = None) -> None:
         self.images, self.faces, self.colors = images, faces, colors
-        self.by_faces = self.by_object = False
+        self.by_faces = self.by_object = self.by_ray = False
+        self.ray = DIFFUSE
         self.replaced: list[str] = []
         self.missing_rgb = GREY  # what stands for a missing image; Blender's magenta would tint the room
 
@@ -215,9 +219,12 @@ def _read_output_value(reader: ColorReader, port: Port) -> Color:
 
 
 def _read_light_path(reader: ColorReader, port: Port) -> Color:
-    """As a ray sees it that gathers diffuse light."""
-    reader.note(f"{describe(port.node)} is taken as diffuse rays see it")
-    return Color(WHITE if port.socket.name in ("Is Diffuse Ray", "Ray Depth", "Diffuse Depth") else BLACK)
+    """As a ray sees it that gathers diffuse light, or a shadow ray."""
+    reader.by_ray = True
+    name = port.socket.name
+    if name not in _SEEN_AS:
+        reader.note(f"{describe(port.node)} is taken as diffuse rays see it")
+    return Color(WHITE if name in _SEEN_AS[reader.ray] else BLACK)
 
 
 def _read_fresnel(reader: ColorReader, port: Port) -> Color:

@@ -21,14 +21,15 @@ from .render_levels import Warnings
 
 @dataclass(frozen=True)
 class PieceArrays:
-    """One piece's part of the snapshot's arrays; passes_light tells that all its faces are glass or gap."""
+    """One piece's part of the snapshot's arrays; is_clear tells that none of its faces has anything to show of light."""
 
     world: WorldMesh
     tri_material: NDArray[np.int32]
     tri_uv: NDArray[np.float64]
     tri_albedo_uv: NDArray[np.float32]
     tri_emission_uv: NDArray[np.float32]
-    passes_light: bool
+    tri_passing_uv: NDArray[np.float32]
+    is_clear: bool
 
     @property
     def n_tri(self) -> int:
@@ -46,19 +47,21 @@ def read_piece(piece: Piece, local: LocalMesh, materials: MaterialTable, uv_laye
     worn = piece.source, piece.evaluated, piece.kind not in (OWN, CURVE, STRANDS)
     slot_material[used] = [materials.index(slots[index], Faces(piece.source.name, local, world, slot == index, *worn)) for index in used]
     tri_material = slot_material[slot]
-    tri_albedo_uv, tri_emission_uv = np.zeros((2, n_tri, 3, 2), np.float32)
-    passing = []
+    tri_albedo_uv, tri_emission_uv, tri_passing_uv = np.zeros((3, n_tri, 3, 2), np.float32)
+    clear = []
     for index in np.unique(tri_material):
         reading = materials.readings[index]
-        passing.append(reading.passes_light)
+        clear.append(reading.is_clear)
         here = tri_material == index
         corner = world.tri_corner[here]
         if reading.material.albedo_image >= 0:
             tri_albedo_uv[here] = _texture_uv(piece, local, corner, reading.albedo_mapping, materials, warnings)
         if reading.material.emission_image >= 0:
             tri_emission_uv[here] = _texture_uv(piece, local, corner, reading.emission_mapping, materials, warnings)
+        if max(reading.material.passing_image, reading.material.shadow_passing_image) >= 0:
+            tri_passing_uv[here] = _texture_uv(piece, local, corner, reading.passing_mapping, materials, warnings)
     tri_uv = np.zeros((n_tri, 3, 2)) if uv_layer is None else np.nan_to_num(local.layers[uv_layer][world.tri_corner])
-    return PieceArrays(world, tri_material, tri_uv, tri_albedo_uv, tri_emission_uv, bool(passing) and all(passing))
+    return PieceArrays(world, tri_material, tri_uv, tri_albedo_uv, tri_emission_uv, tri_passing_uv, bool(clear) and all(clear))
 
 
 def list_materials(evaluated: Any) -> list[Any]:
@@ -86,6 +89,7 @@ def join_arrays(pieces: Sequence[PieceArrays]) -> dict[str, NDArray[Any]]:
         "tri_uv": np.concatenate([piece.tri_uv for piece in pieces]),
         "tri_albedo_uv": np.concatenate([piece.tri_albedo_uv for piece in pieces]),
         "tri_emission_uv": np.concatenate([piece.tri_emission_uv for piece in pieces]),
+        "tri_passing_uv": np.concatenate([piece.tri_passing_uv for piece in pieces]),
     }
 
 

@@ -161,10 +161,9 @@ class _Export:
         self._warn_faces(piece, arrays, receives)
         if not arrays.n_tri:
             return
-        casts_shadow = piece.evaluated.visible_shadow and not arrays.passes_light
-        if receives and not casts_shadow:
+        if receives and arrays.is_clear:
             receives = False
-            self._warnings.append((piece.source.name, "casts no shadow, so light passes through it and it gets no lightmap"))
+            self._warnings.append((piece.source.name, "light passes through it and none is reflected, so it gets no lightmap"))
         reason = self._receivers.find_copy_reason(piece, local, self._uv_layer if has_layer else None) if receives else ""
         if receives and not has_layer and not has_room(piece.source.data if piece.kind == OWN else piece.evaluated.data):
             receives, reason = False, ""
@@ -180,7 +179,8 @@ class _Export:
             name=name,
             receives=receives,
             has_layer=has_layer and receives,
-            casts_shadow=casts_shadow,
+            casts_shadow=piece.evaluated.visible_shadow,
+            reflects=piece.evaluated.visible_diffuse,
             sides=choice.sides,
             density_factor=choice.density_factor,
         )

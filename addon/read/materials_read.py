@@ -7,7 +7,7 @@ from typing import Any
 
 from ...core.scene.scene import Material
 from ..nodes.color_attributes import ColorLayer, ColorTable, Faces
-from ..nodes.colors_read import ColorReader
+from ..nodes.colors_read import SHADOW, ColorReader
 from ..nodes.images_read import ImageTable
 from ..nodes.node_colors import GREY, Color, Rgb, to_rgb
 from ..nodes.node_ports import find_surface, uses_nodes
@@ -16,17 +16,24 @@ from .mesh_attributes import list_asked
 from .render_levels import Warnings
 from .shaders_read import Surface, read_shader
 
-PASSING_FRACTION = 0.5  # from here on a surface is glass or gap rather than wall
+# A snapshot's arrays of texture coordinates, and the image of a material that each is for.
+IMAGE_OF_UV = {"tri_albedo_uv": "albedo_image", "tri_emission_uv": "emission_image", "tri_passing_uv": "passing_image"}
+_IMAGES = (*IMAGE_OF_UV.values(), "shadow_passing_image")
 
 
 @dataclass(frozen=True)
 class MaterialReading:
-    """A material of the snapshot, the mappings of its images, and whether it is glass or gap rather than wall."""
+    """A material of the snapshot, and the mappings of its images."""
 
     material: Material
     albedo_mapping: UvMapping | ColorLayer = UNMAPPED
     emission_mapping: UvMapping | ColorLayer = UNMAPPED
-    passes_light: bool = False
+    passing_mapping: UvMapping | ColorLayer = UNMAPPED
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether light goes through it and none is reflected, so that a lightmap has nothing to show."""
+        return any(self.material.passing_rgb) and not any(self.material.albedo_rgb)
 
 
 class MaterialTable:
@@ -61,9 +68,9 @@ class MaterialTable:
     def finish(self, arrays: dict[str, Any]) -> None:
         """Complete a snapshot's arrays once all of its materials are read."""
         materials = [reading.material for reading in self.readings]
-        images = {"tri_albedo_uv": [one.albedo_image for one in materials], "tri_emission_uv": [one.emission_image for one in materials]}
+        images = {name: [getattr(one, image) for one in materials] for name, image in IMAGE_OF_UV.items()}
         self.colors.finish(images, arrays)
-        place = self.images.keep(index for one in materials for index in (one.albedo_image, one.emission_image) if index >= 0)
+        place = self.images.keep(getattr(one, name) for one in materials for name in _IMAGES if getattr(one, name) >= 0)
         place[-1] = -1
         self.readings = [replace(one, material=_move_images(one.material, place)) for one in self.readings]
 
@@ -71,6 +78,13 @@ class MaterialTable:
         if material is None:
             return MaterialReading(Material("", GREY))
         surface = read_material(reader, material)
+        shadow: Color | None = None
+        if reader.by_ray:
+            reader.ray = SHADOW
+            shadow = read_material(reader, material).passing
+            if shadow.image >= 0 and surface.passing.image >= 0 and shadow.mapping != surface.passing.mapping:
+                reader.note("its transparency for shadow rays is replaced by its mean, for it is mapped in another way")
+                shadow = Color(shadow.mean)
         if reader.replaced:
             self._warnings.append((material.name, f"the material is simplified: {'; '.join(reader.replaced)}"))
         return MaterialReading(
@@ -80,15 +94,19 @@ class MaterialTable:
                 albedo_image=surface.albedo.image,
                 emission_rgb=_clip_negative(surface.emission.rgb),
                 emission_image=surface.emission.image,
+                passing_rgb=_clip_negative(surface.passing.rgb),
+                passing_image=surface.passing.image,
+                shadow_passing_rgb=None if shadow is None else _clip_negative(shadow.rgb),
+                shadow_passing_image=-1 if shadow is None else shadow.image,
             ),
             surface.albedo.mapping,
             surface.emission.mapping,
-            surface.passing > PASSING_FRACTION,
+            shadow.mapping if shadow and shadow.image >= 0 else surface.passing.mapping,
         )
 
 
 def _move_images(material: Material, place: dict[int, int]) -> Material:
-    return replace(material, albedo_image=place[material.albedo_image], emission_image=place[material.emission_image])
+    return replace(material, **{name: place[getattr(material, name)] for name in _IMAGES})
 
 
 def _identify(faces: Faces | None) -> tuple[int, ...]:
@@ -108,7 +126,7 @@ def read_material(reader: ColorReader, material: Any) -> Surface:
     if source is None:
         volume = output.inputs["Volume"].is_linked
         reader.note("its volume is left out" if volume else "nothing is connected to its output, so it is black")
-        return Surface(passing=float(volume))
+        return Surface(passing=Color((float(volume),) * 3))
     return read_shader(reader, source)
 
 

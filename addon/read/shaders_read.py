@@ -11,17 +11,18 @@ from ..nodes.colors_read import ColorReader
 from ..nodes.node_colors import BLACK, GREY, WHITE, Color, Rgb, to_rgb
 from ..nodes.node_ports import Port, find_source
 
+GLASS = "light goes straight through its glass, tinted by its colour"
+
 _NOTHING = Color(BLACK)
-OPAQUE_ALPHA = 0.999
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A shader's diffuse reflectance, emitted radiance, and the fraction of light that goes straight through."""
+    """A shader's diffuse reflectance, emitted radiance, and the share of light that goes straight through."""
 
     albedo: Color = _NOTHING
     emission: Color = _NOTHING
-    passing: float = 0.0
+    passing: Color = _NOTHING
 
 
 def read_shader(reader: ColorReader, port: Port) -> Surface:
@@ -40,34 +41,26 @@ def read_input_color(reader: ColorReader, port: Port, name: str, default: Rgb = 
 
 def _read_principled(reader: ColorReader, port: Port) -> Surface:
     metallic, transmission = _fraction(reader, port, "Metallic"), _fraction(reader, port, "Transmission Weight")
-    passing = transmission.mean[0] * (1.0 - metallic.mean[0])
     if metallic.mean[0] > 0.0:
         reader.note(f"its metallic reflection ({metallic.mean[0]:.0%}) is left out")
-    if passing > 0.0:
-        reader.note(f"its transmission ({passing:.0%}) is left out")
+    if transmission.mean[0] > 0.0:
+        reader.note(GLASS)
     for name, text in (("Subsurface Weight", "subsurface light stays where it arrives"), ("Coat Weight", "its coat is left out")):
         if reader.read_number(port.sibling(name), 0.0) > 0.0:
             reader.note(text)
     _note_normal(reader, port)
-    alpha = _read_alpha(reader, port)
+    alpha = _fraction(reader, port, "Alpha", 1.0)
     # Cycles' diffuse part without the layer of specular reflection above it
-    albedo = _leave_out(
-        reader, port, _leave_out(reader, port, read_input_color(reader, port, "Base Color", GREY), metallic, "metal"), transmission, "glass"
-    )
+    color = _leave_out(reader, port, read_input_color(reader, port, "Base Color", GREY), metallic, "metal")
+    albedo = _leave_out(reader, port, color, transmission, "glass")
     emission = _read_radiance(reader, port, "Emission Color", "Emission Strength", 0.0)
-    return Surface(albedo.times(alpha), emission.times(alpha), 1.0 - alpha * (1.0 - passing))
-
-
-def _read_alpha(reader: ColorReader, port: Port) -> float:
-    source = port.sibling("Alpha")
-    alpha = _fraction(reader, port, "Alpha", 1.0).mean[0]
-    if alpha >= OPAQUE_ALPHA:
-        return 1.0
-    if source is not None and not source.is_value:
-        reader.note("its transparent parts are baked as opaque")
-        return 1.0
-    reader.note(f"its transparency (alpha {alpha:.2f}) is not traced")
-    return alpha
+    passing = _scale(reader, port, color, transmission, "through glass")
+    clear = _complement(reader, port, alpha, "clear")
+    return Surface(
+        _scale(reader, port, albedo, alpha, "albedo"),
+        _scale(reader, port, emission, alpha, "emission"),
+        reader.add(port, clear, _scale(reader, port, passing, alpha, "passing"), "through"),
+    )
 
 
 def _read_diffuse(reader: ColorReader, port: Port) -> Surface:
@@ -100,15 +93,12 @@ def _read_mix(reader: ColorReader, port: Port) -> Surface:
     part = reader.read_factor(factor, 0.5)
     fraction = min(max(part.mean[0], 0.0), 1.0)
     linked = factor is not None and not factor.is_value
-    if linked and first.passing != second.passing:
-        reader.note("its transparent parts are baked as opaque")
-        return second if first.passing > second.passing else first
     if linked and part.image < 0 and 0.0 < fraction < 1.0:
         reader.note("two shaders are mixed evenly over the surface")
     return Surface(
         reader.blend(port, first.albedo, second.albedo, part, "albedo"),
         reader.blend(port, first.emission, second.emission, part, "emission"),
-        first.passing * (1.0 - fraction) + second.passing * fraction,
+        reader.blend(port, first.passing, second.passing, part, "passing"),
     )
 
 
@@ -116,17 +106,16 @@ def _read_add(reader: ColorReader, port: Port) -> Surface:
     first, second = _read_two(reader, port)
     albedo = reader.add(port, first.albedo, second.albedo, "albedo")
     emission = reader.add(port, first.emission, second.emission, "emission")
-    return Surface(albedo, emission, min(first.passing + second.passing, 1.0))
+    return Surface(albedo, emission, reader.add(port, first.passing, second.passing, "passing"))
 
 
 def _read_transparent(reader: ColorReader, port: Port) -> Surface:
-    reader.note("its transparency is not traced")
-    return Surface(passing=1.0)
+    return Surface(passing=read_input_color(reader, port, "Color"))
 
 
 def _read_glass(reader: ColorReader, port: Port) -> Surface:
-    reader.note(f"{port.node.name} is baked as diffuse")
-    return Surface(read_input_color(reader, port, "Color"), passing=1.0)
+    reader.note(GLASS)
+    return Surface(passing=read_input_color(reader, port, "Color"))
 
 
 def _read_other(reader: ColorReader, port: Port) -> Surface:
@@ -146,6 +135,18 @@ def _fraction(reader: ColorReader, port: Port, name: str, default: float = 0.0) 
     """A number from 0 to 1, or an image of it."""
     found = reader.read_factor(port.sibling(name), default)
     return found if found.image >= 0 else Color((min(max(found.rgb[0], 0.0), 1.0),) * 3)
+
+
+def _scale(reader: ColorReader, port: Port, color: Color, fraction: Color, what: str) -> Color:
+    """A fraction of a color."""
+    if fraction.image < 0:
+        return color.times(fraction.rgb)
+    return color if max(color.mean) <= 0.0 else reader.derive(port, np.multiply, [color, fraction], what)
+
+
+def _complement(reader: ColorReader, port: Port, fraction: Color, what: str) -> Color:
+    """What is left of 1."""
+    return _leave_out(reader, port, Color(WHITE), fraction, what)
 
 
 def _note_normal(reader: ColorReader, port: Port) -> None:

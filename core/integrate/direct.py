@@ -37,9 +37,13 @@ _COUNTERS = ("rays", "pairs", "out_of_reach", "settled", "shared", "sampled")  #
 
 @dataclass(frozen=True)
 class DirectScene:
-    """A scene made ready for direct light."""
+    """A scene made ready for direct light.
+
+    sky_rays   meet what hides an even sky: Cycles finds that by diffuse rays, not by shadow rays
+    """
 
     rays: ShadowRays
+    sky_rays: ShadowRays
     surfaces: ReceivingSurfaces
     sources: tuple[Source, ...]  # of one light each
     crowd: LampCrowd | None
@@ -66,7 +70,11 @@ class DirectScene:
         two_sided = np.array([scene_object.two_sided for scene_object in snapshot.objects], bool)
         sky = usable_environment(snapshot)
         table = None if sky is None else EnvironmentTable.of(sky)
-        return cls(rays, receiving, tuple(sources), crowd, pool, two_sided[snapshot.tri_object], table)
+        return cls(rays, rays.between_surfaces, receiving, tuple(sources), crowd, pool, two_sided[snapshot.tri_object], table)
+
+    def rays_to(self, source: Source) -> ShadowRays:
+        """Those that find what hides a source."""
+        return self.sky_rays if isinstance(source, WorldSource) else self.rays
 
 
 @dataclass(frozen=True)
@@ -184,7 +192,8 @@ class _LookingChunk:
         for many in (rest, self._scene.pool, self.sky, *self.openings):
             if many is not None:
                 base = light + found + self._beside[:, None]
-                by_many, error, traced = many.irradiance(self._scene.rays, self._chunk, self._demand, base, self._rng)
+                rays = self._scene.sky_rays if isinstance(many, Openings) else self._scene.rays
+                by_many, error, traced = many.irradiance(rays, self._chunk, self._demand, base, self._rng)
                 found += by_many
                 self._variance += error
                 self.counters["rays"] += traced
@@ -197,7 +206,7 @@ class _LookingChunk:
     def _look_first(self, source: Source) -> None:
         """Light that flat tiles are sure of, and an empty tally, or openings, of texels that look at the source themselves."""
         chunk, demand, rng = self._chunk, self._demand, self._rng
-        look = look_from_tiles(self._scene.rays, chunk, demand.flat, source, random_shift(rng, len(demand.flat)))
+        look = look_from_tiles(self._scene.rays_to(source), chunk, demand.flat, source, random_shift(rng, len(demand.flat)))
         lit, off = (np.where(look.lit, values, 0.0) for values in (look.closed, look.off))
         for channel, power in enumerate(source.rgb[0]):  # several times faster than rows of three
             self._shared[:, channel] += lit * power
@@ -206,7 +215,7 @@ class _LookingChunk:
         agreed, given, every = look.lit | look.dark, np.zeros(len(chunk), bool), np.arange(len(chunk))
         if isinstance(source, WorldSource):
             level = weigh_channels(self._shared) + self._beside
-            few = Openings.find(self._scene.rays, chunk, source, np.flatnonzero(~agreed), look.looks, level, demand, rng)
+            few = Openings.find(self._scene.sky_rays, chunk, source, np.flatnonzero(~agreed), look.looks, level, demand, rng)
             self.openings.append(few)
             self.counters["rays"] += few.rays
             given[few.rows] = True
@@ -250,4 +259,4 @@ class _LookingChunk:
     def _send(self, tally: Tally, rows: NDArray[np.int64], stage: Span, points: FloatArray | None = None) -> None:
         """A stage's rays from some of a tally's texels (m,), ascending; points as Tally.add has them."""
         for piece in row_pieces(rows, stage[1] - stage[0]):
-            self.counters["rays"] += tally.add(self._scene.rays, self._chunk, piece, stage, points)
+            self.counters["rays"] += tally.add(self._scene.rays_to(tally.source), self._chunk, piece, stage, points)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..util.arrays import Float32, Float64, IntArray
 from ..util.geometry import gather, take_rows
+from .emitters import WorldEmitter
 from .lights import AreaEmitter, Births, Emitter, PointEmitter
 
 _OWN = ("name", "power_rgb", "casts_shadow")  # fields that say nothing of where and how photons are born
@@ -47,12 +48,14 @@ class JoinedEmitters:
 
     power_rgb      (n_emitter, 3) float64, W
     casts_shadow   (n_emitter,) bool
+    is_even_sky    (n_emitter,) bool    its light meets what diffuse rays meet
     kind           (n_emitter,) int64   of each emitter
     light          (n_emitter,) int64   which of its kind each is
     """
 
     power_rgb: Float64
     casts_shadow: NDArray[np.bool_]
+    is_even_sky: NDArray[np.bool_]
     kinds: tuple[_Kind, ...]
     kind: NDArray[np.int64]
     light: NDArray[np.int64]
@@ -67,7 +70,8 @@ class JoinedEmitters:
             kind[numbers], light[numbers] = k, np.arange(len(numbers))
         power = np.array([emitter.power_rgb for emitter in emitters], np.float64).reshape(-1, 3)
         casts_shadow = np.array([emitter.casts_shadow for emitter in emitters], bool)
-        return cls(power, casts_shadow, tuple(_Kind.of([emitters[i] for i in numbers]) for numbers in groups.values()), kind, light)
+        sky = np.array([isinstance(emitter, WorldEmitter) for emitter in emitters], bool)
+        return cls(power, casts_shadow, sky, tuple(_Kind.of([emitters[i] for i in numbers]) for numbers in groups.values()), kind, light)
 
     def __len__(self) -> int:
         return len(self.kind)

@@ -115,6 +115,11 @@ class SurfaceMaterials:
         """
         return (self._shadow if shadow else self._passing).at(tri, u, v)
 
+    @property
+    def has_two_passings(self) -> bool:
+        """Whether anything lets another share of light pass from lamps than between surfaces."""
+        return self._shadow is not self._passing
+
     def find_passing(self, shadow: bool) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """(n_tri,) bool: triangles that light may pass through, and those that it passes through whole, everywhere on them."""
         layer = self._shadow if shadow else self._passing

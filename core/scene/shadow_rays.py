@@ -51,6 +51,8 @@ class Sight:
 class ShadowRays:
     """Answers shadow rays.
 
+    between_surfaces   the same for light between surfaces, which may pass where shadow rays do not; often itself
+
     opaque      what lets no light pass
     passing     what lets some pass, None where there is no such triangle
     tri_frame   (3, 3, n_tri) float32, of triangle_frames, unit box
@@ -58,22 +60,33 @@ class ShadowRays:
     """
 
     def __init__(
-        self, opaque: RayScene, passing: RayScene | None, surfaces: SurfaceMaterials, tri_frame: Float32, tri_normal: Float32
+        self,
+        opaque: RayScene,
+        passing: RayScene | None,
+        surfaces: SurfaceMaterials,
+        tri_frame: Float32,
+        tri_normal: Float32,
+        shadow: bool,
     ) -> None:
-        self._opaque, self._passing, self._surfaces = opaque, passing, surfaces
+        self._opaque, self._passing, self._surfaces, self._shadow = opaque, passing, surfaces, shadow
         self._tri_frame, self._tri_normal = tri_frame, tri_normal
+        self.between_surfaces = self
 
     @classmethod
     def of(cls, rays: RayScene, surfaces: SurfaceMaterials, corners: Float32, tri_normal: Float32) -> ShadowRays:
         """Those among triangles (n_tri, 3, 3), unit box, with normals (3, n_tri); `rays` meet all of them."""
         frame = triangle_frames(corners)
-        passes, whole = surfaces.find_passing(shadow=True)
-        if not passes.any():
-            return cls(rays, None, surfaces, frame, tri_normal)
-        some = passes & ~whole
-        return cls(
-            RayScene(collapse(corners, ~passes)), RayScene(collapse(corners, some)) if some.any() else None, surfaces, frame, tri_normal
-        )
+
+        def make(shadow: bool) -> ShadowRays:
+            passes, whole = surfaces.find_passing(shadow)
+            some = passes & ~whole
+            opaque = RayScene(collapse(corners, ~passes)) if passes.any() else rays
+            return cls(opaque, RayScene(collapse(corners, some)) if some.any() else None, surfaces, frame, tri_normal, shadow)
+
+        made = make(True)
+        if surfaces.has_two_passings:
+            made.between_surfaces = make(False)
+        return made
 
     def see(self, origin: Float32, direction: Float32, distance: Float32) -> Sight:
         """What comes along rays.
@@ -100,7 +113,7 @@ class ShadowRays:
                 break
             tri, u, v = gather(found.tri, met).astype(np.intp), gather(found.u, met), gather(found.v, met)
             left, distance = gather(left, met), gather(distance, met) - gather(found.distance, met)
-            share = gather(rgb, left) * self._surfaces.passing_at(tri, u, v, shadow=True).T
+            share = gather(rgb, left) * self._surfaces.passing_at(tri, u, v, self._shadow).T
             rgb[:, left] = share
             on = share.any(axis=0).nonzero()[0]
             left, distance, direction = gather(left, on), gather(distance, on), gather(direction, gather(met, on))

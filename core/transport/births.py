@@ -32,6 +32,7 @@ class Photons:
     group   (n,) int32       newborn: the bin of BirthCells; later see photon_log.Groups; None if nobody asks
     power   (3,) float64, W  of all of them together, from their first hit on
     stops   (n,) bool        newborn: the next photon of the same way is born behind the first surface; None if none is such
+    sky     (n,) bool        newborn: of an even sky; None if none is such
     """
 
     origin: _Rows
@@ -41,6 +42,7 @@ class Photons:
     group: NDArray[np.int32] | None = None
     power: Float64 = field(default_factory=lambda: np.zeros(3))
     stops: Bools | None = None
+    sky: Bools | None = None
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,8 @@ def bear_photons(
             soft = np.stack([births.soft_radius, births.soft_offset, np.zeros(last - first, np.float32)])
         born = find_bins(cell, points) if told else None
         origin, direction = (np.ascontiguousarray(vectors.T) for vectors in (births.origin, births.direction))
-        yield Photons(origin, direction, flux, soft, born), ~emitters.casts_shadow.take(emitter)
+        sky = emitters.is_even_sky.take(emitter) if emitters.is_even_sky.any() else None
+        yield Photons(origin, direction, flux, soft, born, sky=sky), ~emitters.casts_shadow.take(emitter)
 
 
 def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri_normal: _Rows, tri_frame: _Rows) -> int:
@@ -149,6 +152,8 @@ def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri
         origin = offset_origin(locate_hits(tri_frame, tri, found.u[hit], found.v[hit]), normal)
         covered = covered + found.distance[hit]
     photons.stops = np.concatenate(stops)
+    if photons.sky is not None:
+        photons.sky = np.concatenate([photons.sky, np.zeros(len(photons.stops) - len(photons.sky), bool)])
     photons.origin, photons.direction, photons.flux = (
         np.concatenate([getattr(part, name) for part in parts], axis=1) for name in ("origin", "direction", "flux")
     )

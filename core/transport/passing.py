@@ -70,14 +70,18 @@ class Passing:
         distance   (n,) float32: of all photons
         is_first   they come from their lamp
         """
-        place = gather(self.tri_passes[int(is_first)], tri).nonzero()[0]
+        of_lamp = np.full(len(tri), is_first)
+        if photons.sky is not None:
+            of_lamp &= ~gather(photons.sky, hit)
+        passes = np.where(of_lamp, gather(self.tri_passes[1], tri), gather(self.tri_passes[0], tri))
+        place = passes.nonzero()[0]
         if photons.stops is not None:
             place = place[~gather(photons.stops, gather(hit, place))]
         if not len(place):
             return None
-        tri, u, v, row = gather(tri, place), gather(u, place), gather(v, place), gather(hit, place)
+        tri, u, v, row, of_lamp = (gather(values, place) for values in (tri, u, v, hit, of_lamp))
         flux = gather(photons.flux, row)  # before it is softened: that is done anew at the next surface
-        through = flux * self.surfaces.passing_at(tri, u, v, is_first).T
+        through = flux * self._share_at(tri, u, v, of_lamp)
         chance = through.max(axis=0) / np.maximum(flux.max(axis=0), _TINY)
         on = (chance > rng.random(len(chance), dtype=np.float32)).nonzero()[0]
         if not len(on):
@@ -86,7 +90,7 @@ class Passing:
         flux = gather(through, on) / gather(chance, on)
         direction = gather(photons.direction, row)
         origin = leave_through(locate_hits(self.tri_frame, tri, u, v), direction, gather(self.tri_normal, tri))
-        soft = group = stops = None
+        soft = group = stops = sky = None
         if photons.soft is not None:
             soft = gather(photons.soft, row)
             soft[2] += gather(distance, row)
@@ -94,4 +98,17 @@ class Passing:
             group = gather(photons.group, row)
         if photons.stops is not None:
             stops = gather(photons.stops, row)
-        return Photons(origin, direction, flux, soft, group, np.add.reduce(flux, 1, np.float64), stops)
+        if photons.sky is not None:
+            sky = gather(photons.sky, row)
+        return Photons(origin, direction, flux, soft, group, np.add.reduce(flux, 1, np.float64), stops, sky)
+
+    def _share_at(self, tri: IntArray, u: _Rows, v: _Rows, of_lamp: NDArray[np.bool_]) -> _Rows:
+        """(3, n): what passes of light from lamps, and of other light."""
+        if not self.surfaces.has_two_passings or of_lamp.all():
+            return self.surfaces.passing_at(tri, u, v, shadow=True).T
+        out = np.empty((3, len(tri)), np.float32)
+        for shadow in (True, False):
+            own = (of_lamp == shadow).nonzero()[0]
+            if len(own):
+                out[:, own] = self.surfaces.passing_at(gather(tri, own), gather(u, own), gather(v, own), shadow).T
+        return out

@@ -7,6 +7,7 @@ import pytest
 from boxes import solve_scene
 from leaflight.core.output import resolve
 from leaflight.core.scene.scene import Light, Material, SceneSnapshot, TextureImage
+from leaflight.core.texels.texel_map import TexelMap
 from leaflight.core.transport import traced_scene
 from leaflight.core.util.settings import Settings
 from scenes import Mesh, box_mesh, make_scene
@@ -37,11 +38,15 @@ def floor_below(pane: Material, lights=()) -> SceneSnapshot:
     return replace(scene, tri_material=scene.tri_object, world_rgb=(0.0 if lights else 1.0,) * 3, world_map=sky)
 
 
+def workers_texels(folder) -> TexelMap:
+    return traced_scene.open_tracing(str(folder)).texels
+
+
 def bake_floor(folder, scene: SceneSnapshot, direct: str, photons: int = 200_000) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Mean light of all that receives, W/m^2, and the energy audit, W."""
     settings = Settings(direct=direct, size=32, max_photons=photons, error=0.005, workers=1, seed=3)
     field = solve_scene(folder, scene, settings)
-    texels = traced_scene.open_tracing(str(folder)).texels
+    texels = workers_texels(folder)
     light = resolve.light_at_texels(field, texels)
     audit = {name: np.array(watts) for name, watts in field.ledger.audit_w().items()}
     assert audit["absorbed"] + audit["escaped"] + audit["remainder"] == pytest.approx(audit["emitted"], rel=1e-9)
@@ -99,9 +104,46 @@ def test_light_that_was_reflected_passes_a_pane_too(tmp_path, direct):
         scene = replace(scene, objects=(*scene.objects[:2], replace(scene.objects[2], receives=True)))
         folder = tmp_path / str(tint[0])
         field = solve_scene(folder, scene, Settings(direct=direct, size=32, max_photons=600_000, error=0.005, workers=1, seed=3))
-        texels = traced_scene.open_tracing(str(folder)).texels
+        texels = workers_texels(folder)
         light = resolve.light_at_texels(field, texels)
         floor = scene.tri_object[texels.texel_tri] == 0
         found.append(np.asarray(light.direct + light.indirect)[floor].mean(axis=0))
     assert found[0].min() > 0.1
     assert found[1] / found[0] == pytest.approx(TINT, rel=0.03)
+
+
+@pytest.mark.parametrize("direct", ["rays", "photons"])
+@pytest.mark.parametrize(("lamp", "flags", "expected"), [
+    ("sun", {"casts_shadow": False}, 1.0),
+    ("sun", {"reflects": False}, 0.0),
+    ("sky", {"reflects": False}, 1.0),  # Cycles finds an even sky by diffuse rays
+    ("sky", {"casts_shadow": False}, 0.0),
+    ("sky map", {"casts_shadow": False}, 1.0),
+])  # fmt: skip
+def test_a_lid_hides_lamps_from_the_rays_that_see_it(tmp_path, lamp, flags, expected, direct):
+    """A black lid, or box, over a floor."""
+    bare, _ = bake_floor(tmp_path / "a", floor_below(Material("Pane", (0,) * 3, passing_rgb=(1,) * 3), LIGHTS[lamp]), "rays")
+    scene = floor_below(Material("Lid", (0,) * 3), LIGHTS[lamp])
+    scene = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], **flags)))
+    light, _ = bake_floor(tmp_path / "b", scene, direct)
+    assert light / bare == pytest.approx(np.full(3, expected), rel=0.02, abs=1e-6)
+
+
+def test_an_object_that_others_do_not_see_sends_them_no_light(tmp_path):
+    """A white wall beside a floor: its light on the floor is gone when the wall reflects for nobody, and its own stays."""
+    found = []
+    for reflects in (True, False):
+        wall = Mesh("Wall", np.array([[-1, 1, 0], [1, 1, 0], [1, 1, 2], [-1, 1, 2]], float), [[0, 1, 2, 3]])
+        lamp = Light("SPOT", "Lamp", (0, -3, 1), ((1, 0, 0), (0, 0, 1), (0, -1, 0)), (500.0,) * 3, cone_angle_rad=0.5)
+        scene = make_scene([square("Floor", 0, 1, True), wall], [lamp], [Material("Black", (0,) * 3), Material("White", (0.8,) * 3)])
+        scene = replace(scene, tri_material=scene.tri_object)
+        scene = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], reflects=reflects)))
+        field = solve_scene(tmp_path / str(reflects), scene, Settings(size=32, max_photons=300_000, error=0.02, workers=1, seed=3))
+        texels = workers_texels(tmp_path / str(reflects))
+        light = resolve.light_at_texels(field, texels)
+        is_wall = scene.tri_object[texels.texel_tri] == 1
+        found.append([light.indirect[~is_wall].mean(), light.direct[is_wall].mean()])
+    (seen, lit), (unseen, still_lit) = found
+    assert seen > 0
+    assert unseen == 0
+    assert still_lit == pytest.approx(lit, rel=0.02)

@@ -392,9 +392,9 @@ def test_lights_world_and_shadow_flags():
     holder.instance_type, holder.instance_collection, holder.location = "COLLECTION", group, (0, 0, 4)
     bpy.context.scene.collection.objects.link(holder)
     result = export(objects=["Floor", "Pane", "Wall"])
-    assert {o.name: o.casts_shadow for o in result.snapshot.objects} == {"Floor": False, "Pane": False, "Wall": True}
-    assert [o.name for o in result.snapshot.objects if o.receives] == ["Wall"]
-    assert ("Pane", "casts no shadow, so light passes through it and it gets no lightmap") in result.warnings
+    assert {o.name: o.casts_shadow for o in result.snapshot.objects} == {"Floor": False, "Pane": True, "Wall": True}
+    assert [o.name for o in result.snapshot.objects if o.receives] == ["Floor", "Wall"]
+    assert ("Pane", "light passes through it and none is reflected, so it gets no lightmap") in result.warnings
     assert [light.name for light in result.snapshot.lights] == ["Bulb", "Sun"]
     assert result.snapshot.lights[0].position_m == (0.0, 0.0, 4.0)
     assert result.snapshot.world_rgb == (0.0, 0.0, 0.0)

@@ -78,7 +78,7 @@ def test_principled_constant():
     assert reading.material.name == "Paint"
     assert reading.material.albedo_rgb == pytest.approx((0.1, 0.2, 0.3))
     assert reading.material.emission_rgb == pytest.approx((4.0, 2.0, 0.0))
-    assert (reading.material.albedo_image, reading.material.emission_image, reading.passes_light) == (-1, -1, False)
+    assert (reading.material.albedo_image, reading.material.emission_image, reading.material.passing_rgb) == (-1, -1, (0, 0, 0))
     assert warning == ""
 
 
@@ -314,37 +314,39 @@ def test_metal_and_transmission_leave_their_diffuse_part():
     tree.show(tree.add("BsdfPrincipled", Base_Color=(0.8, 0.4, 0.2), Metallic=0.25, Transmission_Weight=0.5))
     reading, _, warning = tree.read()
     assert reading.material.albedo_rgb == pytest.approx((0.3, 0.15, 0.075))
+    assert reading.material.passing_rgb == pytest.approx((0.3, 0.15, 0.075))
     assert "metallic" in warning
-    assert "transmission" in warning
+    assert "glass" in warning
 
 
 @pytest.mark.parametrize("shader", ["BsdfGlass", "BsdfTransparent", "BsdfRefraction"])
 def test_glass_passes_light(shader):
     tree = Tree()
-    reading, _, warning = tree.show(tree.add(shader)).read()
-    assert reading.passes_light
-    assert warning
+    reading, _, warning = tree.show(tree.add(shader, Color=(0.5, 0.25, 1.0))).read()
+    assert reading.is_clear
+    assert reading.material.passing_rgb == pytest.approx((0.5, 0.25, 1.0))
+    assert bool(warning) == (shader != "BsdfTransparent")
 
 
-def test_alpha():
-    for alpha, passes in ((1.0, False), (0.7, False), (0.2, True)):
-        tree = Tree()
-        reading, _, warning = tree.show(tree.add("BsdfPrincipled", Base_Color=(1.0, 1.0, 1.0), Alpha=alpha)).read()
-        assert reading.material.albedo_rgb == pytest.approx((alpha,) * 3)
-        assert reading.passes_light == passes
-        assert ("transparency" in warning) == (alpha < 1.0)
+@pytest.mark.parametrize("alpha", [1.0, 0.7, 0.2])
+def test_alpha(alpha):
+    tree = Tree()
+    reading, _, warning = tree.show(tree.add("BsdfPrincipled", Base_Color=(1.0, 1.0, 1.0), Alpha=alpha)).read()
+    assert reading.material.albedo_rgb == pytest.approx((alpha,) * 3)
+    assert reading.material.passing_rgb == pytest.approx((1.0 - alpha,) * 3)
+    assert not reading.is_clear
+    assert warning == ""
 
 
-def test_alpha_from_an_image_is_opaque():
+def test_alpha_from_an_image():
     image = bpy.data.images.new("Leaf", 4, 4, alpha=True)
     image.pixels.foreach_set(np.tile([1.0, 1.0, 1.0, 0.25], 16).astype(np.float32))
     tree = Tree()
     texture = add_image(tree, image)
     shader = tree.add("BsdfPrincipled", Base_Color=texture.outputs["Color"], Alpha=texture.outputs["Alpha"])
     reading, _, warning = tree.show(shader).read()
-    assert reading.material.albedo_rgb == pytest.approx((1.0, 1.0, 1.0))
-    assert not reading.passes_light
-    assert "opaque" in warning
+    assert reading.material.passing_image >= 0
+    assert warning == ""
 
 
 def test_mix_and_add_shader():
@@ -363,8 +365,9 @@ def test_mix_and_add_shader():
     assert reading.material.emission_rgb == pytest.approx((3.0, 3.0, 1.5))
 
 
-def test_cut_out_takes_the_opaque_shader():
-    image, _ = make_image()
+def test_a_cut_out_by_an_image():
+    image = bpy.data.images.new("Leaf", 4, 4, alpha=True)
+    image.pixels.foreach_set(np.tile([1.0, 1.0, 1.0, 0.25], 16).astype(np.float32))
     tree = Tree()
     mix = tree.add("MixShader")
     texture = add_image(tree, image)
@@ -372,9 +375,8 @@ def test_cut_out_takes_the_opaque_shader():
     for socket, value in zip(mix.inputs, parts, strict=True):
         tree.feed(mix, socket, value)
     reading, _, warning = tree.show(mix).read()
-    assert reading.material.albedo_rgb == pytest.approx((0.2, 0.4, 0.6))
-    assert not reading.passes_light
-    assert "opaque" in warning
+    assert (reading.material.albedo_image >= 0, reading.material.passing_image >= 0) == (True, True)
+    assert warning == ""
 
 
 def make_group(tree):

@@ -1,0 +1,132 @@
+"""Transparent materials and what rays see of objects, as they come into a snapshot."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from blend_rooms import add_mesh
+from leaflight.addon.read.export_scene import export_scene
+from leaflight.core.scene.materials import SurfaceMaterials
+
+SQUARE = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
+
+
+@pytest.fixture(autouse=True)
+def _empty():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+class Tree:
+    """A material's nodes."""
+
+    def __init__(self, name="Leaf"):
+        self.material = bpy.data.materials.new(name)
+        self.material.use_nodes = True
+        self.nodes, self.links = self.material.node_tree.nodes, self.material.node_tree.links
+        self.nodes.clear()
+        self.output = self.nodes.new("ShaderNodeOutputMaterial")
+
+    def add(self, kind, **inputs):
+        node = self.nodes.new(f"ShaderNode{kind}")
+        for name, value in inputs.items():
+            self.feed(node.inputs[name.replace("_", " ")], value)
+        return node
+
+    def feed(self, socket, value):
+        if isinstance(value, bpy.types.NodeSocket):
+            self.links.new(socket, value)
+        else:
+            socket.default_value = value
+
+    def mix(self, fraction, first, second):
+        node = self.nodes.new("ShaderNodeMixShader")
+        self.feed(node.inputs[0], fraction)
+        self.links.new(node.inputs[1], first.outputs[0])
+        self.links.new(node.inputs[2], second.outputs[0])
+        return node
+
+    def image(self, alpha):
+        """An image of 4 x 4 whose left half has this alpha, and the right half 1."""
+        image = bpy.data.images.new("Leaf", 4, 4, alpha=True, float_buffer=True)
+        pixels = np.ones((4, 4, 4), np.float32)
+        pixels[:, :2, 3] = alpha
+        image.pixels.foreach_set(pixels.ravel())
+        node = self.nodes.new("ShaderNodeTexImage")
+        node.image, node.interpolation = image, "Closest"
+        return node
+
+    def wear(self, shader, **flags):
+        """The exported scene with a square of this material, in which a floor of its own keeps the bake going."""
+        self.links.new(self.output.inputs[0], shader.outputs[0])
+        card = add_mesh("Card", SQUARE, [(0, 1, 2, 3)])
+        layer = card.data.uv_layers.new(name="UVMap")
+        layer.uv.foreach_set("vector", np.float32([0, 0, 1, 0, 1, 1, 0, 1]))
+        card.data.materials.append(self.material)
+        for name, value in flags.items():
+            setattr(card, name, value)
+        add_mesh("Floor", SQUARE, [(0, 1, 2, 3)])
+        bpy.context.view_layer.update()
+        return export_scene(bpy.context)
+
+
+def passes(exported, shadow, x=0.25):
+    """What passes the card at (x, 0.2) of its square, in its first triangle."""
+    snapshot = exported.snapshot
+    tri = next(i for i, one in enumerate(snapshot.tri_object) if snapshot.objects[one].name == "Card")
+    surfaces = SurfaceMaterials(snapshot)
+    # The first triangle has corners (0, 0), (1, 0), (1, 1).
+    return surfaces.passing_at(np.array([tri]), np.float32([x - 0.2]), np.float32([0.2]), shadow)[0].tolist()
+
+
+def test_alpha_is_a_share_that_passes_and_the_rest_reflects():
+    tree = Tree()
+    exported = tree.wear(tree.add("BsdfPrincipled", Alpha=0.3, Base_Color=(0.5, 0.5, 0.5, 1)))
+    assert passes(exported, shadow=True) == pytest.approx([0.7] * 3)
+    card = next(one for one in exported.snapshot.materials if one.name == "Leaf")
+    assert card.albedo_rgb == pytest.approx((0.15,) * 3)
+    assert not [text for _, text in exported.warnings if "simplified" in text]
+
+
+def test_alpha_may_come_from_an_image():
+    tree = Tree()
+    image = tree.image(0.25)
+    exported = tree.wear(tree.add("BsdfPrincipled", Alpha=image.outputs["Alpha"], Base_Color=(0.5, 0.5, 0.5, 1)))
+    assert passes(exported, True, x=0.3) == pytest.approx([0.75] * 3)
+    assert passes(exported, True, x=0.8) == pytest.approx([0.0] * 3)
+    assert all(one.receives for one in exported.snapshot.objects)
+
+
+def test_alpha_may_come_through_a_node():
+    tree = Tree()
+    value = tree.add("Value")
+    value.outputs[0].default_value = 0.0
+    exported = tree.wear(tree.add("BsdfPrincipled", Alpha=value.outputs[0]))
+    assert passes(exported, True) == passes(exported, False) == [1.0] * 3
+    assert {one.name: one.receives for one in exported.snapshot.objects} == {"Card": False, "Floor": True}
+
+
+@pytest.mark.parametrize("fraction", [0.25, "image"])
+def test_a_transparent_shader_in_a_mix_passes_its_colour(fraction):
+    tree = Tree()
+    clear, leaf = tree.add("BsdfTransparent", Color=(0.2, 0.4, 0.8, 1)), tree.add("BsdfDiffuse", Color=(0.4, 0.4, 0.4, 1))
+    share = tree.image(0.25).outputs["Alpha"] if fraction == "image" else fraction
+    exported = tree.wear(tree.mix(share, clear, leaf))
+    assert passes(exported, True, x=0.3) == pytest.approx([0.15, 0.3, 0.6])
+
+
+def test_a_material_may_let_only_shadow_rays_pass():
+    tree = Tree()
+    path = tree.add("LightPath")
+    exported = tree.wear(tree.mix(path.outputs["Is Shadow Ray"], tree.add("BsdfDiffuse"), tree.add("BsdfTransparent")))
+    assert passes(exported, shadow=True) == [1.0] * 3
+    assert passes(exported, shadow=False) == [0.0] * 3
+    assert next(one for one in exported.snapshot.materials if one.name == "Leaf").albedo_rgb == pytest.approx((0.8,) * 3, abs=1e-6)
+
+
+@pytest.mark.parametrize(("flags", "expected"), [({"visible_shadow": False}, (1, 0)), ({"visible_diffuse": False}, (0, 1))])
+def test_objects_that_some_rays_do_not_see_let_them_pass(flags, expected):
+    tree = Tree()
+    exported = tree.wear(tree.add("BsdfDiffuse"), **flags)
+    assert (passes(exported, True)[0], passes(exported, False)[0]) == expected
+    assert all(one.receives for one in exported.snapshot.objects)
