@@ -170,12 +170,11 @@ class BakeState:
         line = f"{stage}: {describe_count(progress.photons)}"
         return bar, line + (f", error {describe_percent(progress.estimated_error)}" if math.isfinite(progress.estimated_error) else "")
 
-    def describe_pace(self) -> str:
-        """A line about how fast it goes and how far it has to go; "" while no photon flies, as when a bake begins to go on."""
-        if self.progress is None or self.notice or self.stopping or not self.progress.photons_per_s:
+    def describe_goal(self) -> str:
+        """A line about how far the light has to go; "" while no photon flies, as when a bake begins to go on."""
+        if self.progress is None or self.notice or self.stopping or not self.progress.photons_per_s or not self.target:
             return ""
-        pace = f"{describe_count(round(self.progress.photons_per_s))} photons/s"
-        return f"{pace}, to an error of {describe_percent(self.target)}" if self.target else pace
+        return f"to an error of {describe_percent(self.target)}"
 
     def describe_worn(self, scene: int) -> tuple[str, ...]:
         """Lines about the bake that a scene wears; empty where nothing is known of it, as of a file that was opened."""

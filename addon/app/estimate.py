@@ -68,7 +68,10 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Pace:
-    """How the last bake of the scene went."""
+    """How the last bake of the scene went.
+
+    around_s   that Blender took before and after the core's work: whoever waits counts them, too
+    """
 
     texels: int
     photons: int
@@ -76,10 +79,14 @@ class Pace:
     error_of: str
     photon_s: float
     other_s: float
+    around_s: float = 0.0
 
     @classmethod
-    def of_result(cls, result: dict[str, Any] | None) -> Pace | None:
-        """The pace behind a result file; None without one, or where it tells too little: a bake that was kept, or gone on with."""
+    def of_result(cls, result: dict[str, Any] | None, waited_s: float = 0.0) -> Pace | None:
+        """The pace behind the result file of a bake that was waited for so long.
+
+        None without one, or where it tells too little: a bake that was kept, or gone on with.
+        """
         if (
             result is None
             or result["resumed"]
@@ -90,8 +97,11 @@ class Pace:
             return None
         texels = sum(row["texels"] for row in result["objects"])
         photon_s = result["seconds"].get("photons", 0.0)
-        other_s = sum(result["seconds"].values()) - photon_s
-        return cls(texels, result["photons"], result["estimated_error"], result["error_of"], photon_s, other_s) if texels else None
+        total_s = sum(result["seconds"].values())
+        around_s = max(waited_s - total_s, 0.0)
+        if not texels:
+            return None
+        return cls(texels, result["photons"], result["estimated_error"], result["error_of"], photon_s, total_s - photon_s, around_s)
 
 
 def estimate_bake(
@@ -145,7 +155,7 @@ def estimate_bake(
 
 def _estimate_seconds(texels: float, n_triangle: int, settings: Settings, cores: int, pace: Pace | None) -> tuple[float, float]:
     if pace is not None and pace.error_of == settings.error_of:
-        other_s = pace.other_s * max(texels / pace.texels, 0.1)
+        other_s = pace.around_s + pace.other_s * max(texels / pace.texels, 0.1)
         photons = pace.photons * _scale_photons(texels, settings.error, pace.error, pace.texels)
         s_per_photon, spread = pace.photon_s / max(pace.photons, 1), 1.0
     else:

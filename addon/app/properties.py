@@ -64,7 +64,7 @@ def _make_property(knob: "dataclasses.Field[Any]") -> Any:
     if about["unit"] and subtype == "NONE":
         named["description"] += f", in {about['unit']}"
     if about["choices"]:
-        items = [(choice, words.name_choice(choice), "") for choice in about["choices"]]
+        items = [(choice, words.name_choice(choice), words.CHOICE_ABOUT.get(choice, "")) for choice in about["choices"]]
         flags = {"options": {"ENUM_FLAG"}, "default": set(default)} if isinstance(default, tuple) else {"default": default}
         return bpy.props.EnumProperty(items=items, **named, **flags)
     if isinstance(default, str):

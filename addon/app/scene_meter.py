@@ -94,7 +94,8 @@ class SceneMeter:
             return True
         layer = context.scene.leaflight.uv_layer
         own_layers = sum(obj.type == "MESH" and layer in obj.data.uv_layers for obj in objects) if layer else 0
-        pace = Pace.of_result(context.window_manager.leaflight_state.result)
+        state = context.window_manager.leaflight_state
+        pace = Pace.of_result(state.result, state.seconds)
         self.estimate = estimate_bake(rows, settings, own_layers, count_usable(), pace)
         return True
 

@@ -51,6 +51,18 @@ PASS_ABOUT = {
 }
 
 
+CHOICE_ABOUT = {
+    "exr": "Linear light without a limit: for Blender and most engines",
+    "hdr": "Linear light without a limit (Radiance), for programs that do not read EXR",
+    "png": "8 bit sRGB, clipped at white: a picture, for viewers",
+    "rgbm": "For engines without float textures: colour times a multiplier in alpha",
+    "rgbd": "For engines without float textures: colour over a divisor in alpha",
+    "logluv": "For engines without float textures: logarithmic brightness and colour",
+    "bake": "Stop when the scene as a whole has the error that you ask for",
+    "objects": "Stop when each object has it, compared with its own brightness: for dim rooms and small things; takes longer",
+}
+
+
 def name_knob(knob: dataclasses.Field[Any]) -> str:
     """Label of a setting."""
     return str(_KNOBS.get(knob.name) or knob.metadata["label"] or knob.name.replace("_", " ").title())

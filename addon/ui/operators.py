@@ -79,18 +79,31 @@ class LEAFLIGHT_OT_refine(Baking, bpy.types.Operator):
 class LEAFLIGHT_OT_stop(bpy.types.Operator):
     bl_idname = "leaflight.stop"
     bl_label = "Stop"
-    bl_description = "Stop the bake and keep the best so far; once more, throw it away"
+    bl_description = "Stop the bake and keep the best so far"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        state = get_state(context)
+        return state.running and not (state.stopping or state.notice)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        get_state(context).cancel()
+        return {"FINISHED"}
+
+
+class LEAFLIGHT_OT_discard(bpy.types.Operator):
+    """In a place of its own: a second click on Stop must not throw the bake away."""
+
+    bl_idname = "leaflight.discard"
+    bl_label = "Discard"
+    bl_description = "Throw this bake away and put back what was there"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return get_state(context).running
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        state = get_state(context)
-        if state.stopping or state.notice:
-            state.discard()
-        else:
-            state.cancel()
+        get_state(context).discard()
         return {"FINISHED"}
 
 
@@ -131,4 +144,11 @@ class LEAFLIGHT_OT_remove(bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (LEAFLIGHT_OT_bake, LEAFLIGHT_OT_refine, LEAFLIGHT_OT_stop, LEAFLIGHT_OT_toggle_preview, LEAFLIGHT_OT_remove)
+CLASSES = (
+    LEAFLIGHT_OT_bake,
+    LEAFLIGHT_OT_refine,
+    LEAFLIGHT_OT_stop,
+    LEAFLIGHT_OT_discard,
+    LEAFLIGHT_OT_toggle_preview,
+    LEAFLIGHT_OT_remove,
+)

@@ -93,10 +93,10 @@ def _draw_bake(layout: Any, context: bpy.types.Context, output_error: str) -> No
 
 
 def _draw_bar(layout: Any, state: BakeState) -> None:
-    row = layout.split(factor=0.7, align=True)
+    """In the place of Bake, and no button: a second click on Bake must not stop it."""
+    row = layout.row()
     row.scale_y = _BAKE_HEIGHT
     row.progress(factor=state.fraction, text=state.describe()[0])
-    row.operator("leaflight.stop", text="Discard" if state.stopping or state.notice else "Stop")
 
 
 def _draw_plan(layout: Any, context: bpy.types.Context) -> None:
@@ -124,17 +124,21 @@ def _draw_plan(layout: Any, context: bpy.types.Context) -> None:
 def _draw_progress(layout: Any, context: bpy.types.Context, state: BakeState) -> None:
     """As high as the plan that stood here before: else Blender slides all panels below, and draws them a dozen times meanwhile."""
     column = layout.box().column(align=True)
-    kept = list(state.plan)
+    kept = list(state.plan[:_KEPT_LINES])
     scene = next((scene for scene in bpy.data.scenes if scene.session_uid == state.scene), context.scene)
+    offers_view = scene == context.scene and view_shading.hides_bake(context) and restore.is_preview_on(scene)
     if scene != context.scene:
-        kept = [f"Baking the scene {scene.name}", *kept]
-    elif kept and view_shading.hides_bake(context) and restore.is_preview_on(scene):
-        kept = kept[: _KEPT_LINES - 1]
-    _draw_lines(column, kept[:_KEPT_LINES], active=False)
-    if 0 < len(kept) < _KEPT_LINES:
+        kept = [f"Baking the scene {scene.name}", *kept[: _KEPT_LINES - 1]]
+    _draw_lines(column, kept[: _KEPT_LINES - 1] if offers_view else kept, active=False)
+    if offers_view:
         draw_show_it(column)
-    for text in (state.describe()[1], state.describe_pace()):  # in place of the memory and the time
-        column.label(text=text)
+    column.label(text=state.describe()[1])  # in place of the memory and the time, the next row too
+    row = column.split(factor=0.7, align=True)
+    if state.stopping or state.notice:
+        row.operator("leaflight.discard", icon="TRASH")
+    else:
+        row.label(text=state.describe_goal())
+    row.operator("leaflight.stop")
 
 
 def _draw_lines(column: Any, lines: Sequence[str], active: bool) -> None:

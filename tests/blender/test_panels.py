@@ -255,14 +255,38 @@ def test_the_button_is_above_all_that_is_said():
     assert drawn == ["leaflight.bake", "leaflight.bake"]
 
 
+class Lasting:
+    """A bake that unwraps until it is ended."""
+
+    def messages(self):
+        yield Status("charts", "Unwrapping")
+
+    def cancel(self):
+        pass
+
+    def kill(self):
+        pass
+
+
+def test_no_second_click_stops_or_discards_a_bake(state):
+    """What a press of Bake shows there is no button, and Discard does not come in the place of Stop."""
+
+    def names():
+        return [name for name, _ in draw()[1] if name.startswith("leaflight.")]
+
+    assert names()[0] == "leaflight.bake"
+    state.begin(Lasting(), 0.0, [], scene=bpy.context.scene.session_uid)
+    assert names() == ["leaflight.stop"]
+    bpy.ops.leaflight.stop()
+    assert names() == ["leaflight.discard", "leaflight.stop"]
+    assert not bpy.ops.leaflight.stop.poll(), "it stands there still, and does nothing more"
+    assert not state.discarded
+    bpy.ops.leaflight.discard()
+    assert state.discarded
+    state.end()
+
+
 def test_the_progress_of_another_scene_says_whose_it_is(state):
-    class Lasting:
-        def messages(self):
-            yield Status("charts", "Unwrapping")
-
-        def kill(self):
-            pass
-
     state.begin(Lasting(), 0.0, [], scene=bpy.context.scene.session_uid)
     assert not tells("Baking the scene")
     bpy.context.window.scene = bpy.data.scenes.new("Other")

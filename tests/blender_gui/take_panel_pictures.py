@@ -22,7 +22,7 @@ CHOSEN = os.environ.get("PARTS", "").split()
 GIVE_UP_SECONDS = 120.0
 TICK_SECONDS = 0.05
 MID_BAKE_FRACTION = 0.3
-GROUPS = ("quality", "lightmap", "output", "advanced")
+GROUPS = ("quality", "lightmap", "output", "advanced", "research")
 WIDTH, COLORS = 700, 256  # of a picture: small files; with fewer colours, or undithered, light that fades shows bands
 
 
@@ -223,7 +223,8 @@ def picture_other_ends() -> Iterator[float]:
 
 
 def picture_groups() -> Iterator[float]:
-    """Output and Advanced without the others, so that they are seen whole."""
+    """Output, Advanced and Research without the others, so that they are seen whole."""
+    chosen().min_level = 1  # no longer as in a new file: Research is shown
     groups = [getattr(bpy.types, f"LEAFLIGHT_PT_{name}") for name in GROUPS]
     output, chosen().output = chosen().output, "//lightmaps/{blend_name}"
     for name, group in zip(GROUPS[2:], groups[2:], strict=True):
@@ -235,7 +236,7 @@ def picture_groups() -> Iterator[float]:
         bpy.utils.unregister_class(group)
         for panel in groups:
             bpy.utils.register_class(panel)
-    chosen().output = output
+    chosen().output, chosen().min_level = output, 0
 
 
 def open_groups() -> None:

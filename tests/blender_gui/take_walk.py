@@ -19,9 +19,9 @@ import bpy
 
 PICTURES = Path(os.environ.get("WALK") or tempfile.mkdtemp(prefix="leaflight_walk_"))
 FILE = Path(tempfile.mkdtemp(prefix="leaflight_walk_file_")) / "My Room.blend"
-GIVE_UP_SECONDS = 120.0
+GIVE_UP_SECONDS = 400.0
 TICK_SECONDS = 0.1
-WIDTH, COLORS = 760, 128
+WIDTH, COLORS = 640, 96
 FAILED: list[str] = []
 
 
@@ -65,13 +65,12 @@ def wait(condition: Callable[[], object]) -> Iterator[float]:
         yield TICK_SECONDS
 
 
-def take_picture(name: str, whole: bool = False) -> Iterator[float]:
-    """The 3D View, or the whole window."""
+def take_picture(name: str, crop: str = "") -> Iterator[float]:
+    """The 3D View, or another part of the screen."""
     area, path = view(), PICTURES / f"{name}.png"
-    crop = f"{area.width}x{area.height}+{area.x}+{window().height - area.y - area.height}"
-    part = [] if whole else ["-crop", crop, "+repage"]
-    shrink = ["-resize", f"{WIDTH}x>", "-dither", "FloydSteinberg", "-colors", str(COLORS)]
-    process = subprocess.Popen(["import", "-window", "root", *part, *shrink, f"PNG8:{path}"])
+    crop = crop or f"{area.width}x{area.height}+{area.x}+{window().height - area.y - area.height}"
+    shrink = ["-resize", f"{WIDTH}x>", "-dither", "None", "-colors", str(COLORS)]  # dithered they are four times as large
+    process = subprocess.Popen(["import", "-window", "root", "-crop", crop, "+repage", *shrink, f"PNG8:{path}"])
     while process.poll() is None:
         yield TICK_SECONDS
     print(f"PICTURE {path} {path.stat().st_size // 1000} kB", flush=True)
@@ -195,7 +194,7 @@ def picture_preferences() -> Iterator[float]:
     for area in opened.screen.areas:
         area.tag_redraw()
     yield 1.0
-    yield from take_picture("0_preferences", whole=True)
+    yield from take_picture("0_preferences", f"{opened.width}x130+{opened.x}+80")  # without a window manager it stands at the top
 
 
 def steps() -> Iterator[float]:

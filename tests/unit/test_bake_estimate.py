@@ -88,6 +88,8 @@ def test_the_last_bake_tells_the_pace_of_the_next():
     pace = Pace.of_result(result)
     assert estimate(error=0.1, pace=pace).seconds == (pytest.approx(10.0, rel=1e-4),) * 2
     assert estimate(error=0.05, pace=pace).seconds[0] == pytest.approx(7.0 + 4 * 3.0, rel=1e-4)
+    waited = Pace.of_result(result, 14.0)
+    assert estimate(error=0.1, pace=waited).seconds[0] == pytest.approx(14.0, rel=1e-4), "as long as the user waited"
 
 
 def test_where_each_object_is_to_be_right_it_takes_more_and_no_other_bake_tells_how_much():

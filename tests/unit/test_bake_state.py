@@ -98,7 +98,7 @@ def test_cancel_asks_once():
     assert process.cancelled == 1
     state.progress = progress(0.5)
     assert state.describe()[1] == "Finishing with the best so far"
-    assert state.describe_pace() == ""
+    assert state.describe_goal() == ""
     state.clear()
     assert process.killed.is_set()
     assert not state.running
@@ -194,14 +194,14 @@ def test_numbers_for_a_narrow_panel():
     assert [describe_seconds(seconds) for seconds in (12.4, 125, 7300)] == ["12 s", "2 min 05 s", "2 h 01 min"]
 
 
-def test_pace_and_target_are_told():
+def test_the_goal_is_told():
     state, process = BakeState(), Talker([progress(0.4), Done("", False)])
-    assert state.describe_pace() == ""
+    assert state.describe_goal() == ""
     state.begin(process, 0.0, [], target=0.05)
     state.wait()
-    assert state.describe_pace() == "1.00 M photons/s, to an error of 5.0 %"
+    assert state.describe_goal() == "to an error of 5.0 %"
     state.progress = dataclasses.replace(state.progress, photons_per_s=0.0)
-    assert state.describe_pace() == ""
+    assert state.describe_goal() == ""
 
 
 def test_the_newest_page_is_shown_and_once():
