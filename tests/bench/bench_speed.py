@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 import speed_probes
 import speed_rivals
-from cycles_reference import COMMITTED, ROOT, WHOLE_SIZE, Reference
+from cycles_reference import COMMITTED, ROOT, SAMPLES, WHOLE_SIZE, Reference
 from export_samples import export_samples
 from image_io_path import add_image_io
 from leaflight.core.scene.snapshot import load_snapshot
@@ -103,14 +103,14 @@ def find_reference(name: str, size: int, cache: Path, samples: int) -> Reference
 
 def trace_curves(name: str, size: int, reference: Reference, effort: Effort) -> Curves:
     """Every way of baking the scene at that size, as points of time and error."""
-    bakes, tri_uv = speed_rivals.bake_rival(name, size, effort.budget_s, effort.samples, effort.turns)
+    bakes, tri_uv = speed_rivals.bake_rival(SAMPLES / f"{name}.blend", size, effort.budget_s, effort.samples, effort.turns)
     measure = functools.partial(speed_rivals.measure_point, reference, tri_uv)
     curves: Curves = {CYCLES: [], OIDN: []}
     while bakes:
         for label, pages in ((CYCLES, bakes), (OIDN, [speed_rivals.denoise(one, effort.turns) for one in bakes])):
             curves[label] += [measure(one.page, one.seconds, one.samples) for one in pages]
         more = list_more_samples(curves[CYCLES], curves[OIDN], effort)
-        bakes = speed_rivals.bake_rival(name, size, math.inf, more, effort.turns)[0] if more else []
+        bakes = speed_rivals.bake_rival(SAMPLES / f"{name}.blend", size, math.inf, more, effort.turns)[0] if more else []
     for label, errors, options in ((OURS, effort.errors, []), (PHOTONS, effort.photon_errors, ["--direct", "photons"])):
         curves[label] = trace_leaflight(name, size, effort, errors, options, measure)
     return curves

@@ -13,15 +13,19 @@ import argparse
 import dataclasses
 import datetime
 import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from image_io_path import add_image_io
-from zoo_bakes import Bake, PageFullError, bake_leaflight, find_seed
+from speed_curves import bake_in_turns
+from tables import put_tables
+from zoo_bakes import Bake, PageFullError, bake_leaflight, bake_rivals, find_file, find_seed
 from zoo_reference import PageReference, Subject, find_reference
-from zoo_results import Outcome, SceneResult, summarize, tabulate_quick
+from zoo_results import Outcome, SceneResult, join_outcomes, list_scenes, summarize, tabulate_quick, tabulate_times
 
 ROOT = Path(__file__).resolve().parents[2]
+FILE_SIZE = 512  # texels a side
 
 
 @dataclass(frozen=True)
@@ -29,8 +33,10 @@ class Effort:
     """How much is run.
 
     count          seeds, where none are named
+    samples        that Cycles is asked for, until a bake takes longer than `budget_s`; none in a quick run
+    turns          how often a short bake is made, of which the median counts
     errors         that Leaflight is asked for, until a bake takes longer than `budget_s` or is ended by something else than the error
-    max_size       of pages, texels; 0: as drawn
+    max_size       of pages, texels; 0: as drawn, FILE_SIZE of files
     side           of the windows of a page that are held against Cycles, texels
     reference_s    seconds that a reference may take, of both seeds and all processors together
     noise          of the reference at which no more is done, as `rel` counts it
@@ -38,16 +44,17 @@ class Effort:
 
     count: int
     errors: tuple[float, ...]
+    samples: tuple[int, ...]
+    turns: int
     budget_s: float
     max_size: int
-    max_triangles: int
     side: int
     reference_s: float
     noise: float
 
 
-QUICK = Effort(12, (0.05, 0.02), 20.0, 256, 0, 10, 40.0, 0.025)
-FULL = Effort(16, (0.1, 0.05, 0.03, 0.02, 0.012, 0.008), 120.0, 0, 0, 32, 400.0, 0.01)
+QUICK = Effort(12, (0.05, 0.02), (), 1, 20.0, 256, 10, 40.0, 0.025)
+FULL = Effort(16, (0.1, 0.05, 0.03, 0.02, 0.012, 0.008), (4, 16, 64, 256, 1024), 3, 120.0, 0, 32, 400.0, 0.01)
 
 
 def draw_seeds(count: int, day: datetime.date) -> list[int]:
@@ -73,15 +80,20 @@ def judge_bake(subject: Subject, bake: Bake, reference: PageReference, asked: fl
     )
 
 
-def bake_series(subject: Subject, effort: Effort, options: list[str]) -> list[tuple[float, Bake]]:
-    """Bakes to ever smaller errors, until one takes as long as the budget."""
-    made: list[tuple[float, Bake]] = []
+def bake_series(subject: Subject, effort: Effort, options: list[str]) -> list[list[tuple[float, Bake]]]:
+    """Bakes to ever smaller errors, each with what was asked for, until one takes as long as the budget; of short ones several turns."""
+
+    def bake(error: float, turn: int = 0) -> tuple[float, Bake]:
+        words = ("--error", str(error), "--time-limit", str(effort.budget_s), "--seed", str(1 + turn), *options)
+        return error, bake_leaflight(subject, *words)
+
+    first: dict[float, tuple[float, Bake]] = {}
     for error in effort.errors:
-        bake = bake_leaflight(subject, "--error", str(error), "--time-limit", str(effort.budget_s), *options)
-        made.append((error, bake))
-        if bake.report["seconds"]["loaded"] >= effort.budget_s or bake.report["stopped_by"] != "error":
+        first[error] = bake(error)
+        report = first[error][1].report
+        if report["seconds"]["loaded"] >= effort.budget_s or report["stopped_by"] != "error":
             break
-    return made
+    return bake_in_turns(first, bake, effort.turns, lambda made: made[1].report["seconds"]["loaded"])
 
 
 def run_scene(subject: Subject, effort: Effort, options: list[str]) -> SceneResult:
@@ -93,15 +105,41 @@ def run_scene(subject: Subject, effort: Effort, options: list[str]) -> SceneResu
         larger.save()
         print(f"{subject.name}: the charts need a page of {larger.size}²", file=sys.stderr, flush=True)
         return run_scene(larger, effort, options)
-    reference = find_reference(subject, bakes[0][1].layout, effort.side, effort.reference_s, effort.noise)
-    ours = tuple(judge_bake(subject, bake, reference, asked) for asked, bake in bakes)
-    return SceneResult(subject.name, subject.about, reference.noise, ours)
+    reference = find_reference(subject, bakes[0][0][1].layout, effort.side, effort.reference_s, effort.noise)
+    ours = tuple(join_outcomes([judge_bake(subject, bake, reference, asked) for asked, bake in turns]) for turns in bakes)
+    rivals = bake_rivals(subject, reference, effort.samples, effort.budget_s, effort.turns) if effort.samples else {}
+    return SceneResult(subject.name, subject.about, reference.noise, ours, rivals)
+
+
+def list_subjects(arguments: argparse.Namespace, effort: Effort) -> Iterator[Subject]:
+    """Scenes, each made when its turn comes."""
+    if arguments.scenes:
+        for blend in sorted(arguments.scenes.glob("*.blend")):
+            yield find_file(blend, arguments.cache, effort.max_size or FILE_SIZE)
+        return
+    for seed in arguments.seeds or draw_seeds(arguments.count or effort.count, datetime.date.today()):
+        yield find_seed(seed, arguments.cache, effort.max_size)
+
+
+def write_page(page: Path, results: Sequence[SceneResult], files: bool) -> None:
+    """The tables of a run into their places in a page of docs/; scenes from files have places of their own."""
+    tables = {
+        "summary": summarize(results),
+        "times": tabulate_times(results),
+        "bakes": tabulate_quick(results),
+        "scenes": list_scenes(results),
+    }
+    tables = {f"files {name}" if files else name: table for name, table in tables.items()}
+    page.write_text(put_tables(page.read_text(encoding="utf-8"), tables), encoding="utf-8")
 
 
 def main(words: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", nargs="+", type=int, help="scenes; without them the date decides")
     parser.add_argument("--count", type=int, help="how many seeds are drawn where none are named")
+    parser.add_argument("--scenes", type=Path, metavar="FOLDER", help="its .blend files in place of seeds, each on a new UV layer")
+    parser.add_argument("--turns", type=int, help="how often a short bake is made")
+    parser.add_argument("--docs", action="store_true", help="write the tables into docs/zoo.md")
     parser.add_argument("--budget", type=float, help="seconds that one bake may take")
     parser.add_argument("--quick", action="store_true", help="Leaflight alone, on small pages, against a reference")
     parser.add_argument("--cache", type=Path, default=ROOT / "out" / "zoo", help="folder of scenes and references")
@@ -115,16 +153,19 @@ def main(words: list[str] | None = None) -> int:
         budget_s=arguments.budget or effort.budget_s,
         reference_s=arguments.reference_seconds or effort.reference_s,
         max_size=arguments.max_size or effort.max_size,
+        turns=arguments.turns or effort.turns,
     )
     add_image_io()
-    seeds = arguments.seeds or draw_seeds(arguments.count or effort.count, datetime.date.today())
-    results = []
-    for seed in seeds:
-        subject = find_seed(seed, arguments.cache, effort.max_size, effort.max_triangles)
+    results: list[SceneResult] = []
+    for subject in list_subjects(arguments, effort):
         print(subject.about, file=sys.stderr, flush=True)
         results.append(run_scene(subject, effort, arguments.options))
-        print(tabulate_quick(results[-1:]), file=sys.stderr, flush=True)
-    print(tabulate_quick(results), summarize(results), sep="\n\n")
+        tables = [tabulate_quick(results[-1:]), *([tabulate_times(results[-1:])] if effort.samples else [])]
+        print(*tables, sep="\n", file=sys.stderr, flush=True)
+    tables = [tabulate_quick(results), *([tabulate_times(results)] if effort.samples else []), summarize(results)]
+    print(*tables, sep="\n\n")
+    if arguments.docs and effort.samples:
+        write_page(ROOT / "docs" / "zoo.md", results, bool(arguments.scenes))
     return 0
 
 

@@ -20,7 +20,8 @@ import numpy as np
 sys.path.append(str(Path(__file__).resolve().parents[2] / "sample_blends"))
 
 from shapes import Shape
-from zoo_plan import Lamp, Paint, Plan, Rect, Thing, describe, draw_plan
+from zoo_plan import draw_plan
+from zoo_scene import Lamp, Paint, Plan, Rect, Thing, describe
 from zoo_shapes import Part, build_shape
 
 BAKED, ABOUT = "zoo_bake", "zoo"

@@ -1,6 +1,6 @@
 """Timed bakes of a sample on one UV layer: Leaflight, Cycles, and Cycles with OIDN's filter for lightmaps.
 
-python tests/bench/speed_rivals.py NAME SIZE FOLDER BUDGET_S TURNS SAMPLES ...     the Cycles part, in a process of its own
+python tests/bench/speed_rivals.py FOLDER     the Cycles part, in a process of its own; the folder holds what is asked for
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from leaflight.core.output import image_file
 from speed_curves import Point, bake_in_turns
 
 SEED = 3  # the references have 1 and 2
-TIMES_FILE, LAYOUT_FILE = "times.json", "layout.npy"
+ASKED_FILE, TIMES_FILE, LAYOUT_FILE = "asked.json", "times.json", "layout.npy"
 
 
 @dataclass(frozen=True)
@@ -48,16 +48,20 @@ def bake_leaflight(name: str, size: int, options: Sequence[str]) -> tuple[np.nda
         return image_file.read_image(Path(told["files"][0]["path"]))[0], told
 
 
-def bake_rival(name: str, size: int, budget_s: float, samples: Sequence[int], turns: int) -> tuple[list[CyclesBake], np.ndarray]:
+def bake_rival(
+    blend: Path, size: int, budget_s: float, samples: Sequence[int], turns: int, objects: Sequence[str] = (), uv_layer: str = ""
+) -> tuple[list[CyclesBake], np.ndarray]:
     """Bakes by Cycles with ever more samples, until the next would take longer than the budget; and the layout.
 
-    turns   how often a short bake is timed
-    out     quickest first; (n_tri, 3, 2) float64, [0, 1]
+    turns               how often a short bake is timed
+    objects, uv_layer   see cycles_bake.set_stage
+    out                 quickest first; (n_tri, 3, 2) float64, [0, 1]
     """
+    asked = {"blend": str(blend), "size": size, "budget_s": budget_s, "samples": list(samples), "turns": turns}
     with tempfile.TemporaryDirectory() as work:
-        command = [sys.executable, __file__, name, str(size), work, str(budget_s), str(turns), *map(str, samples)]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         folder = Path(work)
+        (folder / ASKED_FILE).write_text(json.dumps({**asked, "objects": list(objects), "uv_layer": uv_layer}), encoding="utf-8")
+        subprocess.run([sys.executable, __file__, work], check=True, stdout=subprocess.DEVNULL)
         times = json.loads((folder / TIMES_FILE).read_text(encoding="utf-8"))
         bakes = [CyclesBake(int(count), seconds, np.load(folder / f"{count}.npy")) for count, seconds in times.items()]
         return bakes, np.load(folder / LAYOUT_FILE)
@@ -99,12 +103,14 @@ def measure_point(reference: Reference, tri_uv: np.ndarray, page: np.ndarray, se
     return Point(seconds, errors.rel, errors.nrmse, asked)
 
 
-def main(name: str, size: int, folder: Path, budget_s: float, turns: int, samples: list[int]) -> None:
+def main(folder: Path) -> None:
     """What bake_rival runs."""
     from cycles_bake import bake_cycles, set_stage
 
+    asked = json.loads((folder / ASKED_FILE).read_text(encoding="utf-8"))
+    samples = asked["samples"]
     with tempfile.TemporaryDirectory() as work:
-        stage = set_stage(SAMPLES / f"{name}.blend", size, Path(work))
+        stage = set_stage(Path(asked["blend"]), asked["size"], Path(work), tuple(asked["objects"]), uv_layer=asked["uv_layer"])
     np.save(folder / LAYOUT_FILE, stage.tri_uv)
     bake_cycles(stage, 1, SEED)  # the first bake of a process loads what the others find loaded
     times: dict[float, float] = {}
@@ -112,13 +118,12 @@ def main(name: str, size: int, folder: Path, budget_s: float, turns: int, sample
         page, times[count] = bake_cycles(stage, count, SEED)
         np.save(folder / f"{count}.npy", page)
         following = samples[min(samples.index(count) + 1, len(samples) - 1)]
-        if len(times) > 1 and times[count] * following / count > budget_s:
+        if len(times) > 1 and times[count] * following / count > asked["budget_s"]:
             break
-    made = bake_in_turns(times, lambda count, _: bake_cycles(stage, count, SEED)[1], turns, lambda seconds: seconds)
+    made = bake_in_turns(times, lambda count, _: bake_cycles(stage, count, SEED)[1], asked["turns"], lambda seconds: seconds)
     times = dict(zip(times, map(statistics.median, made), strict=True))
     (folder / TIMES_FILE).write_text(json.dumps(times), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    samples = [int(word) for word in sys.argv[6:]]
-    main(sys.argv[1], int(sys.argv[2]), Path(sys.argv[3]), float(sys.argv[4]), int(sys.argv[5]), samples)
+    main(Path(sys.argv[1]))

@@ -1,19 +1,27 @@
-"""Scenes for the zoo's benchmark, kept in a cache folder, and Leaflight's bakes of them."""
+"""Scenes for the zoo's benchmark, kept in a cache folder, and bakes of them: Leaflight's, Cycles', and Cycles' after OIDN's filter."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import speed_rivals
 from leaflight.core.output import image_file
-from zoo_plan import describe, draw_plan
-from zoo_reference import ABOUT, SCENE, Subject
+from speed_curves import Point
+from zoo_plan import draw_plan
+from zoo_reference import ABOUT, SCENE, PageReference, Subject
+from zoo_results import CYCLES, ERRORS, OIDN
+from zoo_scene import describe
+
+PATIENCE = 4.0
 
 
 class PageFullError(RuntimeError):
@@ -55,6 +63,15 @@ def find_seed(seed: int, cache: Path, max_size: int = 0, max_triangles: int = 0)
     return subject
 
 
+def find_file(blend: Path, cache: Path, size: int) -> Subject:
+    """A .blend with a lightmap layer of its own, made where the cache has none; see zoo_files.py."""
+    folder = cache / f"{blend.stem}_{size}_{_digest(blend.read_bytes())}"
+    if not (folder / ABOUT).exists():
+        command = [sys.executable, str(Path(__file__).with_name("zoo_files.py")), str(blend.resolve()), str(folder), str(size)]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return Subject.load(folder)
+
+
 def bake_leaflight(subject: Subject, *options: str) -> Bake:
     """A bake of `lighting` by the command line. Raises RuntimeError with its last words where it fails, PageFullError."""
     with tempfile.TemporaryDirectory() as folder:
@@ -73,6 +90,33 @@ def bake_leaflight(subject: Subject, *options: str) -> Bake:
         images = {file["page"]: image_file.read_image(Path(file["path"]))[0] for file in told["files"]}
     pages = {"": images[0]} if len(images) == 1 else {one["name"]: images[one["page"]] for one in told["objects"]}
     return Bake(pages, told, cpu_s)
+
+
+def bake_rivals(
+    subject: Subject, reference: PageReference, samples: Sequence[int], budget_s: float, turns: int
+) -> dict[str, tuple[Point, ...]]:
+    """Cycles and Cycles + OIDN with ever more samples, until a bake takes longer than the budget; or PATIENCE times that, while what the
+    filter makes of them has not come to the least of ERRORS.
+    """
+    series: dict[str, list[Point]] = {CYCLES: [], OIDN: []}
+    asked, limit_s = list(samples), budget_s
+    while asked:
+        made, _ = speed_rivals.bake_rival(subject.blend, subject.size, limit_s, asked, turns, subject.objects, subject.uv_layer)
+        for label, bakes in ((CYCLES, made), (OIDN, [speed_rivals.denoise(bake, turns) for bake in made])):
+            for bake in bakes:
+                errors = reference.measure({"": bake.page}, subject.objects)
+                series[label].append(Point(bake.seconds, errors.rel, errors.nrmse, bake.samples))
+        asked = list_more_samples(series, samples, budget_s)
+        limit_s = math.inf
+    return {label: tuple(points) for label, points in series.items()}
+
+
+def list_more_samples(series: dict[str, Sequence[Point]], samples: Sequence[int], budget_s: float) -> list[int]:
+    """The next number of samples after those of a series, or none; see bake_rivals."""
+    last = series[CYCLES][-1]
+    most = last.asked * PATIENCE * budget_s / last.seconds
+    further = [count for count in samples if last.asked < count <= most]
+    return further[:1] if min(point.rel for point in series[OIDN]) > min(ERRORS) else []
 
 
 def _count_cpu_s() -> float:

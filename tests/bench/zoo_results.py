@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 
 from speed_curves import Point, Reach, geometric_mean, ratio_text, reach_error
 from tables import Table
@@ -70,6 +70,30 @@ class SceneResult:
         if ours is None:
             return 0.0 if theirs else None
         return theirs.seconds / ours.seconds if theirs else math.inf
+
+
+def join_outcomes(turns: Sequence[Outcome]) -> Outcome:
+    """One bake of several with seeds of their own: medians; errors are root mean squares, the bias is the mean."""
+
+    def mean_square(errors: Iterable[float]) -> float:
+        return math.sqrt(statistics.mean(error * error for error in errors))
+
+    traced = [one.traced for one in turns if one.traced is not None]
+    return replace(
+        turns[0],
+        stated=mean_square(one.stated for one in turns),
+        rel=mean_square(one.rel for one in turns),
+        nrmse=mean_square(one.nrmse for one in turns),
+        bias=statistics.mean(one.bias for one in turns),
+        seconds=statistics.median(one.seconds for one in turns),
+        cpu_s=statistics.median(one.cpu_s for one in turns),
+        traced=statistics.median(traced) if traced else None,
+    )
+
+
+def list_scenes(results: Sequence[SceneResult]) -> Table:
+    """What each scene is."""
+    return Table(("scene", "what it is"), [[result.name, result.about.partition(": ")[2]] for result in results])
 
 
 def tabulate_quick(results: Sequence[SceneResult]) -> Table:

@@ -12,7 +12,8 @@ import pytest
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
 
-from zoo_plan import GAP_M, MAX_LAMPS, SIZES, TRIANGLES, describe, draw_plan
+from zoo_plan import GAP_M, MAX_LAMPS, SIZES, TRIANGLES, draw_plan
+from zoo_scene import describe
 from zoo_shapes import ROUND, Part, Place, build_shape, count_triangles
 
 KINDS = ("box", "bevelled", "cushion", "cylinder", "shade", "ball", "rock", "torus", "sheet", "panel", "wall")
