@@ -135,6 +135,8 @@ def _bake(run: Run, loaded: _Loaded, executor: Executor) -> LightField:
         "files": [dataclasses.asdict(file) for file in files],
         "spare": spare,
         "seconds": run.seconds,
+        "busy_seconds": executors.read_busy_seconds(executor),
+        "processes": executors.count_processors(settings.workers),
         "peak_memory_mb": report.measure_memory_mb(),
         **report.describe_light(light),
         "error_of": settings.error_of,

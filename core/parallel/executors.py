@@ -23,14 +23,42 @@ T = TypeVar("T")
 _MOST_ON_WINDOWS = 61  # processes of a pool there, which waits for all of them at once. Source: WaitForMultipleObjects, less two for itself
 
 
+class BusyTime:
+    """Seconds that the processes of this machine have spent in calls, by the name of the function."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._seconds: dict[str, float] = {}
+
+    def add(self, run: Callable[[], Any], seconds: float) -> None:
+        """`run` is a call, which took as long."""
+        name = getattr(run.func if isinstance(run, partial) else run, "__name__", "other")
+        with self._lock:
+            self._seconds[name] = self._seconds.get(name, 0.0) + seconds
+
+    def run(self, run: Callable[[], T]) -> T:
+        """The call's result; its time is added."""
+        result, seconds = worker_process.time_call(run)
+        self.add(run, seconds)
+        return result
+
+    def read(self) -> dict[str, float]:
+        """All so far."""
+        with self._lock:
+            return dict(self._seconds)
+
+
 class InlineExecutor(Executor):
     """Runs each call at once, in this process: what one worker is."""
 
     most_ahead = 0  # calls that are worth having before a result is asked for
 
+    def __init__(self) -> None:
+        self.busy = BusyTime()
+
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
-        _settle(future, partial(fn, *args, **kwargs))
+        _settle(future, partial(self.busy.run, partial(fn, *args, **kwargs)))
         return future
 
     def map(self, fn: Callable[..., T], *iterables: Iterable[Any], timeout: float | None = None, chunksize: int = 1) -> Iterator[T]:
@@ -108,6 +136,11 @@ def count_idle(executor: Executor) -> int:
     return executor._ready + 1
 
 
+def read_busy_seconds(executor: Executor) -> dict[str, float]:
+    """Seconds in calls by the name of their function, of all processes of this machine together; none of a cluster."""
+    return executor.busy.read() if isinstance(executor, InlineExecutor | LocalExecutor) else {}
+
+
 def wake(executor: Executor) -> None:
     """Have processes of this machine start, which takes as long as reading a scene, before there is work for them."""
     if isinstance(executor, LocalExecutor):
@@ -168,6 +201,7 @@ class LocalExecutor(Executor):
     def __init__(self, count: int, copied: bool = False, load_ahead: Callable[[], None] = _load_nothing) -> None:
         # A copy has at once all that is loaded here, but of threads, as embree's, it would have what they left in an unknown state.
         context = multiprocessing.get_context("fork" if copied else "spawn")
+        self.busy = BusyTime()
         self._others = min(count - 1, _MOST_ON_WINDOWS) if sys.platform == "win32" else count - 1
         self.most_ahead = 2 * (self._others + 1)
         self._pool = ProcessPoolExecutor(self._others, mp_context=context, initializer=worker_process.start, initargs=(load_ahead,))
@@ -256,7 +290,7 @@ class LocalExecutor(Executor):
             if self._lost:
                 call.set_exception(self._lost)
             else:
-                _settle(call, call.run)
+                _settle(call, partial(self.busy.run, call.run))
         return call is not None
 
     def _feed(self) -> None:
@@ -275,7 +309,7 @@ class LocalExecutor(Executor):
     def _send(self, call: _Call, receive: Callable[[_Call, Future[bytes | str]], None]) -> bool:
         """Whether one of the other processes has it now; `receive` hears of what it gives."""
         try:
-            sent = self._pool.submit(worker_process.keep_result, call.run, self._results.name)
+            sent = self._pool.submit(worker_process.keep_result, partial(worker_process.time_call, call.run), self._results.name)
             sent.add_done_callback(partial(receive, call))
         except RuntimeError as error:  # one of them was killed, or all were sent home
             call.set_exception(error)
@@ -295,7 +329,12 @@ class LocalExecutor(Executor):
     def _take_back(self, call: _Call, sent: Future[bytes | str]) -> None:
         self._note_loss(sent)
         self._feed()  # first: it works while the result is looked at
-        _settle(call, lambda: worker_process.fetch_result(sent.result()))
+        _settle(call, lambda: self._unpack(call, sent))
+
+    def _unpack(self, call: _Call, sent: Future[bytes | str]) -> Any:
+        result, seconds = worker_process.fetch_result(sent.result())
+        self.busy.add(call.run, seconds)
+        return result
 
 
 def _settle(future: Future[Any], run: Callable[[], Any]) -> None:

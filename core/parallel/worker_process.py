@@ -10,9 +10,12 @@ import select
 import signal
 import tempfile
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 # Bytes of a result that a pipe takes whole or not at all, with what a pool writes around it. Source: POSIX, write() of {PIPE_BUF} bytes
 _AT_ONCE = getattr(select, "PIPE_BUF", 512) - 256
@@ -33,6 +36,13 @@ def _end_with_parent() -> None:
     if parent is not None:
         parent.join()  # a copy holds open what tells those before it, so that of copies the last ends first
         os._exit(1)
+
+
+def time_call(run: Callable[[], T]) -> tuple[T, float]:
+    """What `run` gives, and the seconds that it took."""
+    begin = time.perf_counter()
+    result = run()
+    return result, time.perf_counter() - begin
 
 
 def keep_result(run: Callable[[], Any], folder: str) -> bytes | str:

@@ -20,9 +20,9 @@ from pathlib import Path
 from image_io_path import add_image_io
 from speed_curves import bake_in_turns
 from tables import put_tables
-from zoo_bakes import Bake, PageFullError, bake_leaflight, bake_rivals, find_file, find_seed
+from zoo_bakes import PATIENCE, Bake, PageFullError, bake_leaflight, bake_rivals, find_file, find_seed
 from zoo_reference import PageReference, Subject, find_reference
-from zoo_results import Outcome, SceneResult, join_outcomes, list_scenes, summarize, tabulate_quick, tabulate_times
+from zoo_results import Outcome, SceneResult, join_outcomes, list_scenes, share_of_tracing, summarize, tabulate_quick, tabulate_times
 
 ROOT = Path(__file__).resolve().parents[2]
 FILE_SIZE = 512  # texels a side
@@ -76,15 +76,17 @@ def judge_bake(subject: Subject, bake: Bake, reference: PageReference, asked: fl
         report["photons"],
         report["stopped_by"],
         seconds,
-        report.get("tracing_share"),
+        share_of_tracing(report["busy_seconds"], report["processes"] * seconds["loaded"]),
     )
 
 
 def bake_series(subject: Subject, effort: Effort, options: list[str]) -> list[list[tuple[float, Bake]]]:
     """Bakes to ever smaller errors, each with what was asked for, until one takes as long as the budget; of short ones several turns."""
 
+    patience = PATIENCE if effort.samples else 1.0  # the filtered bakes of Cycles are waited for as long
+
     def bake(error: float, turn: int = 0) -> tuple[float, Bake]:
-        words = ("--error", str(error), "--time-limit", str(effort.budget_s), "--seed", str(1 + turn), *options)
+        words = ("--error", str(error), "--time-limit", str(patience * effort.budget_s), "--seed", str(1 + turn), *options)
         return error, bake_leaflight(subject, *words)
 
     first: dict[float, tuple[float, Bake]] = {}

@@ -12,6 +12,9 @@ from tables import Table
 
 OURS, CYCLES, OIDN = "Leaflight", "Cycles", "Cycles + OIDN"
 ERRORS = (0.05, 0.02)
+# Functions that processes are given, see busy_seconds of the report.
+TRACING = {"trace_photons", "trace_ahead", "light_texels", "_light_ahead", "gather_texels"}
+NOT_TRACING = {"find_in_charts", "_smooth_strips"}
 LONG_S = 3.0  # bakes for which the share of tracing counts
 
 
@@ -23,7 +26,7 @@ class Outcome:
     bias                 mean difference relative to the mean
     seconds, cpu_s       wall time after loading; of all processes
     stages               seconds of each stage of the report
-    traced               share of the processes' time within ray kernels; None where the report does not say
+    traced               share of the processes' time in calls that trace rays; None where the report does not say
     """
 
     asked: float
@@ -70,6 +73,18 @@ class SceneResult:
         if ours is None:
             return 0.0 if theirs else None
         return theirs.seconds / ours.seconds if theirs else math.inf
+
+
+def share_of_tracing(busy_s: dict[str, float], seconds: float) -> float | None:
+    """What calls that trace rays take of the time of all processes; None where no calls are counted, as on a cluster.
+
+    busy_s    seconds of calls by their function, as the report has them
+    Raises ValueError where it names a function that is not known here.
+    """
+    unknown = set(busy_s) - TRACING - NOT_TRACING
+    if unknown:
+        raise ValueError(f"busy_seconds of the report has {', '.join(sorted(unknown))}; say in zoo_results.py whether that traces rays.")
+    return sum(busy_s.get(name, 0.0) for name in TRACING) / seconds if busy_s else None
 
 
 def join_outcomes(turns: Sequence[Outcome]) -> Outcome:

@@ -334,3 +334,17 @@ def test_processes_started_ahead_are_copies_of_one_without_threads(tmp_path, bef
     said = subprocess.run([sys.executable, str(program)], capture_output=True, text=True, env=alone, timeout=120, check=True)
     assert said.stdout.split() == [method, str(method == "fork"), "1", "2", "3"]
     assert "DeprecationWarning" not in said.stderr
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_time_in_calls_is_counted_in_every_process_by_function(count):
+    with executors.make_executor(count) as executor:
+        if count > 1:
+            wait_until_ready(executor)
+        calls = [executor.submit(time.sleep, 0.05) for _ in range(4)]
+        assert executor.submit(abs, -3).result() == 3
+        for call in calls:
+            call.result()
+        busy = executors.read_busy_seconds(executor)
+    assert 0.2 <= busy["sleep"] < 2.0
+    assert 0.0 <= busy["abs"] < 0.1
