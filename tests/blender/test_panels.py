@@ -7,7 +7,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 import leaflight
-from blend_rooms import ask_quick_bake, open_room
+from blend_rooms import add_mesh, ask_quick_bake, open_room
 from leaflight.addon.show import layout, view_shading
 from leaflight.addon.show.bake_text import Worn
 from leaflight.addon.ui import panels
@@ -61,10 +61,10 @@ class Context:
 
 @pytest.fixture(autouse=True)
 def _room(tmp_path):
-    """A small quick bake that has a warning: the cube casts no shadow."""
+    """A small quick bake that has a warning: the cube has no faces."""
     leaflight.register()
     open_room()
-    bpy.data.objects["Cube"].visible_shadow = False
+    add_mesh("Nothing", [], [])
     ask_quick_bake(tmp_path / "maps")
     yield
     leaflight.unregister()
@@ -95,13 +95,13 @@ def tells(words):
 
 
 def test_warnings_go_with_the_bake_that_they_are_of():
-    assert not tells("casts no shadow")
+    assert not tells("has no faces")
     bpy.ops.leaflight.bake()
-    assert tells("casts no shadow")
+    assert tells("has no faces")
     assert tells("1 page of 32 x 32")
     for obj in bpy.data.objects:
         obj.pop("leaflight_bake", None)  # as an undo step leaves it
-    assert not tells("casts no shadow")
+    assert not tells("has no faces")
     assert not tells("1 page of 32 x 32")
 
 
@@ -112,7 +112,7 @@ def test_another_scene_is_told_nothing():
     other.collection.objects.link(obj)
     bpy.context.window.scene = other
     assert "leaflight_bake" in obj
-    assert not tells("casts no shadow")
+    assert not tells("has no faces")
     assert not tells("1 page of 32 x 32")
 
 
@@ -222,7 +222,7 @@ def test_a_reopened_file_says_what_it_wears(tmp_path):
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "room.blend"))
     after = draw()[0]
     assert tells("1 page of 32 x 32 texels")
-    assert tells("casts no shadow")
+    assert tells("has no faces")
     assert [line for line in before if "Baked in" in line] == [line for line in after if "Baked in" in line] != []
 
 
