@@ -64,8 +64,9 @@ class Patch:
         offset = births.origin + distance[:, None] * births.direction - np.asarray(self.centre)
         inside = np.maximum(np.abs(offset @ tangent), np.abs(offset @ bitangent)) < self.side / 2
         hit = (cosine < 0) & (distance > 0) & inside
-        d2, r2 = distance**2 + births.soft_offset**2, births.soft_radius**2
-        soft = np.where(r2 > 0, np.maximum(d2, r2) / np.maximum(d2 + r2, 1e-30), 1)
+        radius, offset = births.soft_radius, births.soft_offset
+        seen = offset * np.sqrt(distance**2 + offset**2) <= radius * distance  # of the disk that turns to the patch
+        soft = np.where(radius < 0, distance <= -radius, seen | (radius == 0))
         weight = np.broadcast_to(births.relative_rgb * (hit * soft)[:, None], (n_photon, 3))
         per_unit = np.asarray(emitter.power_rgb) * scale**2 / self.side**2
         return weight.mean(axis=0) * per_unit, weight.std(axis=0) / np.sqrt(n_photon) * per_unit

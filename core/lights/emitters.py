@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 
@@ -19,8 +20,9 @@ from ..util.geometry import UnitBox, locate_hits, offset_origin, orthonormal_bas
 from ..util.sampling import AliasTable, square_to_cosine_hemisphere
 from .emitting_cells import EmittingCells, find_emitting_cells
 from .environment import Environment, EnvironmentEmitter
-from .lights import Births, Emitter, make_births, make_light_emitter
+from .lights import Births, Emitter, PointEmitter, make_births, make_light_emitter
 
+_MOST_LOOKED_AROUND = 64  # lamps
 NO_LIGHT = "the scene has no light: add a light, an emitting material or a world colour"
 
 
@@ -134,6 +136,7 @@ def build_emitters(
             warnings.append((light.name, sentence))
         if power.any():
             emitters.append(make_light_emitter(light, power, unit_box, cover))
+    emitters = _mark_crowded(emitters, unit_box.to_unit(snapshot.tri_position))
     emitters += _mesh_emitters(snapshot, unit_box, surfaces, meshes)
     world = usable_world(snapshot)
     if not np.array_equal(world, snapshot.world_rgb) and snapshot.world_map is None:
@@ -181,6 +184,23 @@ def usable_environment(snapshot: SceneSnapshot) -> Environment | None:
     usable = np.isfinite(radiance) & (radiance >= 0)
     environment = Environment(radiance if usable.all() else np.where(usable, radiance, np.float32(0)))
     return environment if environment.shines else None
+
+
+def _mark_crowded(emitters: Sequence[Emitter], corner_unit: Float32) -> list[Emitter]:
+    """The same, told whether a surface cuts into their radius, by the triangles' bounding boxes (corner_unit (n_tri, 3, 3), unit box).
+
+    Of very many lamps each is taken to be crowded, which costs a short ray for each of their photons.
+    """
+    out = list(emitters)
+    wide = [i for i, one in enumerate(out) if isinstance(one, PointEmitter) and one.radius.any() and (one.casts_shadow or not one.soft)]
+    low, high = corner_unit.min(axis=1), corner_unit.max(axis=1)
+    for i in wide:
+        lamp = out[i]
+        assert isinstance(lamp, PointEmitter)
+        centre = lamp.centre[:, 0]
+        apart = np.maximum(np.maximum(low - centre, centre - high), 0) if len(wide) <= _MOST_LOOKED_AROUND else np.zeros((1, 3))
+        out[i] = replace(lamp, crowded=bool(((apart * apart).sum(axis=1) < lamp.radius**2).any()))
+    return out
 
 
 def _mesh_emitters(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, meshes: EmittingMeshes) -> list[MeshEmitter]:

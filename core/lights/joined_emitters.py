@@ -49,6 +49,7 @@ class JoinedEmitters:
     power_rgb      (n_emitter, 3) float64, W
     casts_shadow   (n_emitter,) bool
     is_even_sky    (n_emitter,) bool    its light meets what diffuse rays meet
+    crowded        (n_emitter,) bool    of a PointEmitter
     kind           (n_emitter,) int64   of each emitter
     light          (n_emitter,) int64   which of its kind each is
     """
@@ -56,6 +57,7 @@ class JoinedEmitters:
     power_rgb: Float64
     casts_shadow: NDArray[np.bool_]
     is_even_sky: NDArray[np.bool_]
+    crowded: NDArray[np.bool_]
     kinds: tuple[_Kind, ...]
     kind: NDArray[np.int64]
     light: NDArray[np.int64]
@@ -71,7 +73,9 @@ class JoinedEmitters:
         power = np.array([emitter.power_rgb for emitter in emitters], np.float64).reshape(-1, 3)
         casts_shadow = np.array([emitter.casts_shadow for emitter in emitters], bool)
         sky = np.array([isinstance(emitter, WorldEmitter) for emitter in emitters], bool)
-        return cls(power, casts_shadow, sky, tuple(_Kind.of([emitters[i] for i in numbers]) for numbers in groups.values()), kind, light)
+        crowded = np.array([isinstance(emitter, PointEmitter) and emitter.crowded for emitter in emitters], bool)
+        kinds = tuple(_Kind.of([emitters[i] for i in numbers]) for numbers in groups.values())
+        return cls(power, casts_shadow, sky, crowded, kinds, kind, light)
 
     def __len__(self) -> int:
         return len(self.kind)

@@ -29,7 +29,8 @@ class Births:
     origin         (n, 3) float32, unit box
     direction      (n, 3) float32, unit
     relative_rgb   (n, 1) or (n, 3) float32   power relative to the emitter's equal share; its mean is 1
-    soft_radius    (n,) float32, unit box     radius of the disk that turns to the receiver; 0 for all other lights
+    soft_radius    (n,) float32, unit box     radius of the disk that turns to the receiver; 0 for all other lights;
+                                              of photons that cross a sphere, minus the way on which they must end
     soft_offset    (n,) float32, unit box     distance of the origin from that disk's centre
     """
 
@@ -138,6 +139,7 @@ class PointEmitter:
     axes          (3, 3, 1) float32            the light's x, y and z
     drop, blend   (1,) float64                 of its SpotCone
     radius        (1,) float32, unit box
+    crowded       some surface is nearer to the centre than the radius
     A line of uniform direction at a uniform place of the disk across it is exactly the field of a uniform sphere.
     Source: Cycles, kernel/light/point.h and spot.h; radiance power / (4 pi^2 r^2).
     """
@@ -151,6 +153,7 @@ class PointEmitter:
     radius: Float32
     soft: bool
     casts_shadow: bool
+    crowded: bool = False
 
     def emit(self, u: Float32) -> Births:
         drop = sample_spot_drop(u[:, 0], self.drop, self.blend)
@@ -160,13 +163,23 @@ class PointEmitter:
         births = make_births(np.broadcast_to(self.centre.T, direction.shape), direction)
         if not self.radius.any():
             return births
-        disk = square_to_uniform_disk(u[:, 2:4]) * self.radius[:, None]
+        place = u[:, 2:4]
+        inside = (u[:, 2] < 0.5) & (self.crowded and not self.soft)
+        if self.crowded and not self.soft:
+            place = stack_columns(np.where(inside, 2 * u[:, 2], 2 * u[:, 2] - 1), u[:, 3])
+        disk = square_to_uniform_disk(place) * self.radius[:, None]
         tangent, bitangent = orthonormal_basis(direction)
         origin = self.centre.T + disk[:, :1] * tangent + disk[:, 1:] * bitangent
         offset_squared = disk[:, 0] ** 2 + disk[:, 1] ** 2
         if not self.soft:
             rise = np.sqrt(np.maximum(self.radius**2 - offset_squared, 0))
-            return make_births(origin + rise[:, None] * direction, direction)
+            if not self.crowded:
+                return make_births(origin + rise[:, None] * direction, direction)
+            # What is inside the sphere sees its far side. So half of the photons cross it, and count if they end there.
+            toward = np.where(inside, -rise, rise)
+            born = (origin + toward[:, None] * direction).astype(np.float32, copy=False)
+            reach = np.where(inside, -2 * rise, 0).astype(np.float32)
+            return Births(born, direction, 2 * births.relative_rgb, reach, np.zeros_like(reach))
         radius = np.broadcast_to(self.radius, len(u))
         return Births(origin.astype(np.float32, copy=False), direction, births.relative_rgb, radius, np.sqrt(offset_squared))
 

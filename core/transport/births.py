@@ -28,7 +28,8 @@ _Rows = NDArray[np.float32]
 class Photons:
     """Photons under way, (3, n) float32 rows: an axis or a channel each.
 
-    soft    (3, n) float32   unit box: soft_radius, soft_offset and the way covered so far; None after the first hit, or if none is soft
+    soft    (4, n) float32   unit box: soft_radius, soft_offset, the way covered so far, and 1 of a crowded lamp, else 0;
+                             None after the first hit, or if none is soft
     group   (n,) int32       newborn: the bin of BirthCells; later see photon_log.Groups; None if nobody asks
     power   (3,) float64, W  of all of them together, from their first hit on
     stops   (n,) bool        newborn: the next photon of the same way is born behind the first surface; None if none is such
@@ -112,7 +113,8 @@ def bear_photons(
             flux *= carried.take(cell)
         soft = None
         if births.soft_radius.any():
-            soft = np.stack([births.soft_radius, births.soft_offset, np.zeros(last - first, np.float32)])
+            crowded = emitters.crowded.take(emitter).astype(np.float32)
+            soft = np.stack([births.soft_radius, births.soft_offset, np.zeros(last - first, np.float32), crowded])
         born = find_bins(cell, points) if told else None
         origin, direction = (np.ascontiguousarray(vectors.T) for vectors in (births.origin, births.direction))
         sky = emitters.is_even_sky.take(emitter) if emitters.is_even_sky.any() else None
@@ -165,17 +167,47 @@ def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri
 
 
 def soften(photons: Photons, distance: _Rows) -> _Rows:
-    """Flux (3, n) at the first hit by Blender's soft falloff: 1 / d^2 becomes 1 / (d^2 + r^2).
+    """Flux (3, n) at the first hit by Blender's soft falloff: 0 of photons that come from beside the lamp's disk, as seen from there.
 
     distance   (n,) float32, unit box
+
+    Photons fill the cone under which a sphere is seen, the disk that turns to the receiver fills a narrower one of the same radiance:
+    tan = r / d in place of sin. The irradiance facing it falls from 1 / d^2 to 1 / (d^2 + r^2), and near the lamp what the horizon cuts off
+    is that of the disk.
     """
     flux = photons.flux
     if photons.soft is not None:
-        radius, offset, covered = photons.soft
-        d2, r2 = np.minimum(distance + covered, _FARTHEST) ** 2 + offset**2, radius**2
-        tiny = np.finfo(np.float32).tiny  # 1 is left of a light that is not soft, however near
-        flux = flux * (np.maximum(np.maximum(d2, r2), tiny) / np.maximum(d2 + r2, tiny))
+        radius, offset, covered, _ = photons.soft
+        along = np.minimum(distance + covered, _FARTHEST)
+        # tan = offset / along; all of a light that is not soft is kept, however near.
+        kept = offset * np.sqrt(along * along + offset * offset) <= np.abs(radius) * along
+        flux = flux * np.where(radius < 0, along <= -radius, kept)
     return flux
+
+
+def find_hidden(photons: Photons, distance: _Rows, rays: RayScene, passes: Bools | None = None) -> tuple[Bools, int]:
+    """Which photons (n,) start in front of a part of their lamp's disk that is behind a surface, and how many rays that took.
+
+    distance   (n,) float32, unit box: to the first hit
+    passes     (n_tri,) bool: triangles that let light of lamps pass, and hide nothing; None is none
+
+    A photon's origin is on the disk across its own direction. The disk that turns to the receiver lies offset^2 / way behind that, and
+    between both may be the wall that the lamp is nearer to than its radius.
+    """
+    hidden = np.zeros(len(distance), bool)
+    if photons.soft is None or not photons.soft[3].any():
+        return hidden, 0
+    row = np.flatnonzero((photons.soft[3] > 0) & (photons.soft[1] > 0) & photons.flux.any(axis=0))
+    _, offset, covered, _ = gather(photons.soft, row)
+    back = offset * offset / np.maximum(gather(distance, row) + covered, np.finfo(np.float32).tiny)
+    direction = gather(photons.direction, row)
+    origin = gather(photons.origin, row) - covered * direction
+    hidden[row] = rays.occluded(origin.T, -direction.T, np.minimum(back, _FARTHEST))
+    if passes is not None:
+        blocked = hidden[row].nonzero()[0]
+        tri = rays.closest(gather(origin, blocked).T, -gather(direction, blocked).T).tri
+        hidden[row[blocked]] = (tri < 0) | ~passes[tri]
+    return hidden, len(row)
 
 
 def join_waves(waves: list[Photons]) -> list[Photons]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from ..scene.shadow_rays import MOST_LAYERS, ShadowRays, collapse
 from ..util.geometry import UnitBox, gather, locate_hits, offset_origin, triangle_frames, triangle_normals_areas
 from ..util.sampling import grouped_points
 from .birth_cells import BirthCells
-from .births import BATCH, Arrivals, Photons, bear_photons, join_photons, join_waves, light_every_surface, soften
+from .births import BATCH, Arrivals, Photons, bear_photons, find_hidden, join_photons, join_waves, light_every_surface, soften
 from .passing import Passing
 from .photon_log import PhotonLog, ShardHits
 
@@ -180,6 +180,11 @@ def _meet(
     flux = photons.flux
     if depth == 0:
         flux = soften(photons, found.distance)
+        passes = None if scene.passing is None else scene.passing.tri_passes[1]
+        hidden, n_ray = find_hidden(replace(photons, flux=flux), found.distance, scene.rays, passes)
+        if n_ray:
+            log.rays += n_ray
+            flux = flux * ~hidden
         power = np.add.reduce(flux, 1, np.float64)
         log.emitted += power - photons.power  # of those that passed through others, what they gain by being farther away
         photons.power = power
