@@ -58,7 +58,9 @@ def find_seed(seed: int, cache: Path, max_size: int = 0, max_triangles: int = 0)
     if (folder / ABOUT).exists():
         return Subject.load(folder)
     objects = ("Joined",) if plan.joined else tuple(thing.name for thing in plan.things if thing.baked)
-    subject = Subject(folder, f"seed {seed}", objects, "Lightmap" if plan.layout == "smart" else "", plan.size, describe(plan))
+    subject = Subject(
+        folder, f"seed {seed}", objects, "Lightmap" if plan.layout == "smart" else "", plan.size, plan.triangles, describe(plan)
+    )
     subject.save()
     return subject
 

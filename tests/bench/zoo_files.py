@@ -70,8 +70,9 @@ def main(blend: Path, folder: Path, size: int) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / SCENE), compress=True)
     triangles = sum(len(polygon.vertices) - 2 for obj in objects for polygon in obj.data.polygons)
+    whole = sum(len(polygon.vertices) - 2 for mesh in bpy.data.meshes for polygon in mesh.polygons)
     about = f"{blend.name}: {len(objects)} objects baked, {triangles:,} triangles in them; smart, {size}²"
-    Subject(folder, blend.stem, tuple(obj.name for obj in objects), LIGHTMAP_LAYER, size, about).save()
+    Subject(folder, blend.stem, tuple(obj.name for obj in objects), LIGHTMAP_LAYER, size, whole, about).save()
 
 
 if __name__ == "__main__":

@@ -20,12 +20,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+
 from lightmap_errors import LightmapErrors, measure_errors, reference_noise
 
 SCENE, ABOUT, OWNERS = "scene.blend", "about.json", "owners.npy"
 NO_OWNER = -1
-_WINDOWS = 8  # along either side of a page
-_FIRST_SAMPLES = 16
+# Windows along either side of a page, of scenes with fewer triangles: Blender sends the whole scene to Cycles for each.
+_WINDOWS = ((10_000, 8), (80_000, 4), (math.inf, 2))
+_FIRST_SAMPLES = 32
 _SEEDS_APART = 100_000  # of batches; windows within one are 100 apart
 
 
@@ -37,6 +41,7 @@ class Subject:
     objects    names of those that get a lightmap
     uv_layer   the layer they have, or "" where Leaflight makes one
     size       side of the page, texels
+    triangles  of the whole scene
     about      one line for people
     """
 
@@ -45,6 +50,7 @@ class Subject:
     objects: tuple[str, ...]
     uv_layer: str
     size: int
+    triangles: int
     about: str
 
     @property
@@ -52,14 +58,14 @@ class Subject:
         return self.folder / SCENE
 
     def save(self) -> None:
-        about = {"name": self.name, "objects": self.objects, "uv_layer": self.uv_layer, "size": self.size, "about": self.about}
+        about = {name: value for name, value in vars(self).items() if name != "folder"}
         (self.folder / ABOUT).write_text(json.dumps(about), encoding="utf-8")
 
     @classmethod
     def load(cls, folder: Path) -> Subject:
         """Raises OSError where the folder has none."""
         about = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
-        return cls(folder, about["name"], tuple(about["objects"]), about["uv_layer"], about["size"], about["about"])
+        return cls(folder, **{**about, "objects": tuple(about["objects"])})
 
 
 @dataclass(frozen=True)
@@ -110,7 +116,7 @@ def find_reference(subject: Subject, layout: str, side: int, seconds: float, noi
     """The reference of the cache, made or made better where it is not good enough.
 
     layout   of the UV layer: references of another one are void
-    side     of the windows that are baked of the page, texels
+    side     of the windows that are baked of the page, texels; see spread_windows
     seconds  that a new one may take, of all processors together
     """
     path = reference_path(subject, layout, side)
@@ -129,13 +135,19 @@ def reference_path(subject: Subject, layout: str, side: int) -> Path:
     return subject.folder / f"reference_{key}.npz"
 
 
-def spread_windows(size: int, side: int) -> list[tuple[int, int]]:
-    """Left and low ends of windows of that side, one somewhere in each cell of a grid; the whole page where they would fill it."""
-    pitch = size // _WINDOWS
+def spread_windows(size: int, side: int, triangles: int) -> tuple[int, list[tuple[int, int]]]:
+    """Side of the windows, and the left and low end of each, one somewhere in each cell of a grid; the whole page where they would fill it.
+
+    side        of 64 windows, texels; fewer ones are larger, with as many texels in all
+    triangles   of the scene
+    """
+    count = next(count for most, count in _WINDOWS if triangles < most)
+    pitch, side = size // count, side * _WINDOWS[0][1] // count
     if side >= pitch:
-        return [(0, 0)]
-    places = np.random.default_rng(1).integers(0, pitch - side + 1, (_WINDOWS, _WINDOWS, 2))
-    return [(i * pitch + int(places[i, k, 0]), k * pitch + int(places[i, k, 1])) for k in range(_WINDOWS) for i in range(_WINDOWS)]
+        return size, [(0, 0)]
+    places = np.random.default_rng(1).integers(0, pitch - side + 1, (count, count, 2))
+    cells = [(i, k) for k in range(count) for i in range(count)]
+    return side, [(i * pitch + int(places[i, k, 0]), k * pitch + int(places[i, k, 1])) for i, k in cells]
 
 
 def next_samples(last: int, spent_s: float, last_s: float, limit_s: float) -> int:
@@ -153,8 +165,7 @@ def main(folder: Path, path: Path, side: int, limit_s: float, noise: float) -> N
     from cycles_bake import bake_windows, set_stage
 
     subject = Subject.load(folder)
-    corners = spread_windows(subject.size, side)
-    window = subject.size if len(corners) == 1 else side
+    window, corners = spread_windows(subject.size, side, subject.triangles)
     with tempfile.TemporaryDirectory() as work:
         stage = set_stage(subject.blend, subject.size, Path(work), subject.objects, window, subject.uv_layer)
     owner = _find_owners(stage, [obj.name for obj in stage.objects]) if subject.uv_layer and len(stage.objects) > 1 else None

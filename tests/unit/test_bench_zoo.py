@@ -46,16 +46,18 @@ def test_each_day_has_seeds_of_its_own():
     assert bench_zoo.draw_seeds(16, days[0]) == drawn[:16]
 
 
-@pytest.mark.parametrize(("size", "side", "count"), [(64, 10, 1), (256, 32, 1), (256, 10, 64), (384, 32, 64), (1024, 32, 64)])
-def test_windows_lie_on_the_page_and_not_on_each_other(size, side, count):
-    corners = spread_windows(size, side)
+@pytest.mark.parametrize(
+    ("size", "side", "triangles", "count"),
+    [(64, 10, 500, 1), (256, 32, 500, 1), (256, 10, 500, 64), (256, 10, 20_000, 16), (384, 32, 500, 64), (1024, 32, 200_000, 4)],
+)
+def test_windows_lie_on_the_page_and_not_on_each_other(size, side, triangles, count):
+    window, corners = spread_windows(size, side, triangles)
     assert len(corners) == count
-    if count > 1:
-        seen = np.zeros((size, size), int)
-        for left, low in corners:
-            seen[low : low + side, left : left + side] += 1
-        assert seen.max() == 1
-        assert seen.sum() == count * side * side
+    seen = np.zeros((size, size), int)
+    for left, low in corners:
+        seen[low : low + window, left : left + window] += 1
+    assert seen.max() == 1
+    assert seen.sum() == (64 * side * side if count > 1 else size * size)
 
 
 def test_batches_double_and_end_with_the_time():
@@ -79,7 +81,7 @@ def test_each_object_is_held_against_its_own_page():
 
 
 def test_a_good_reference_of_the_cache_is_taken_as_it_is(tmp_path):
-    subject = Subject(tmp_path, "seed 1", ("a",), "", 64, "seed 1: a room")
+    subject = Subject(tmp_path, "seed 1", ("a",), "", 64, 500, "seed 1: a room")
     subject.save()
     assert Subject.load(tmp_path) == subject
     light = np.random.default_rng(1).random((4096, 3)).astype(np.float32) + 1.0

@@ -1,0 +1,39 @@
+"""The zoo's benchmark from end to end, on scenes so small that its figures mean nothing."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
+
+import bench_zoo
+from blend_rooms import open_room, save_scene
+
+SMALL = ["--quick", "--max-size", "64", "--reference-seconds", "1", "--budget", "5"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 5])  # one joined mesh; many objects
+def test_a_seed_is_baked_and_held_against_cycles(tmp_path, capfd, seed):
+    assert bench_zoo.main([*SMALL, "--seeds", str(seed), "--cache", str(tmp_path)]) == 0
+    told = capfd.readouterr().out
+    rows = [line.split(" | ") for line in told.splitlines() if line.startswith(f"| seed {seed} |")]
+    assert len(rows) >= 1
+    for row in rows:
+        assert 0.0 < float(row[3].rstrip("%")) < 60.0  # rel; of a page that is laid out otherwise it is hundreds
+        assert abs(float(row[5].rstrip("%"))) < 10.0
+        assert 0 < int(row[9].rstrip("%")) <= 100
+    assert list(tmp_path.glob("*/reference_*.npz"))
+
+
+@pytest.mark.slow
+def test_files_get_a_layer_of_their_own(tmp_path, capfd):
+    open_room()
+    bpy.context.scene.objects["Cube"].modifiers.new("Array", "ARRAY")
+    folder = tmp_path / "files"
+    folder.mkdir()
+    save_scene(folder / "room.blend")
+    assert bench_zoo.main([*SMALL, "--scenes", str(folder), "--cache", str(tmp_path)]) == 0
+    assert capfd.readouterr().out.count("| room |") >= 1
