@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +11,7 @@ import bpy
 
 from ...core.bake.checkpoint import INFO_FILE, read_info, remove_checkpoint
 from ...core.util.digest import hash_file
-from ..read.tags import STATE, STATE_IS, STATE_OF, remove_marks
+from ..read.tags import STATE, STATE_IS, STATE_OBJECTS, STATE_OF, remove_marks
 from ..show.layout import worn_folder
 from .arguments import BakeRequest
 
@@ -27,6 +28,7 @@ def mark_state(scene: bpy.types.Scene, request: BakeRequest) -> None:
     beside = images is not None and images.drive.lower() == folder.drive.lower()
     scene[STATE] = Path(os.path.relpath(folder, images)).as_posix() if beside else str(folder)
     scene[STATE_IS] = hash_file(folder / INFO_FILE)
+    scene[STATE_OBJECTS] = json.dumps(request.objects)
     scene[STATE_OF] = Path(bpy.data.filepath).stem
 
 
@@ -58,7 +60,8 @@ def refine_request(scene: bpy.types.Scene, request: BakeRequest) -> BakeRequest:
     asked = request.settings
     error = asked.error if asked.error < info.error else max(REFINED * info.error, 1e-4)
     settings = replace(asked, error=error, max_photons=asked.max_photons + info.photons)
-    return replace(request, settings=settings, resume=folder)
+    objects = tuple(json.loads(scene.get(STATE_OBJECTS, json.dumps(request.objects))))
+    return replace(request, settings=settings, objects=objects, resume=folder)
 
 
 def remove_state(scene: bpy.types.Scene) -> None:

@@ -24,10 +24,11 @@ from ..read import baked_copies, export_scene
 from ..read.export_pieces import walk_pieces
 from ..read.export_receivers import LINKED
 from ..read.render_levels import evaluate_for_render
+from ..read.tags import local_objects
 from ..show import images, materials_write, restore
 from ..show.layers_write import write_layers
 from ..show.layout import Layout, mark_layout, read_layout
-from ..show.page_store import keep_page
+from ..show.page_store import find_folder, keep_page
 from . import spare_images
 from .arguments import BakeRequest
 from .kept_state import mark_state
@@ -67,7 +68,8 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
     name = request.name or Path(bpy.data.filepath).stem or (request.scene.stem if request.scene else "lightmap")
     resume, keep = (str(path.resolve()) if path else "" for path in (request.resume, request.keep))
     blend = bpy.data.filepath or str(request.scene.resolve() if request.scene else "")
-    job = Job(request.settings, str(request.output.resolve()), name, request.preview, resume, keep, request.keep_mb, blend)
+    output, taken = request.output.resolve(), _list_taken(scene, request)
+    job = Job(request.settings, str(output), name, request.preview, resume, keep, request.keep_mb, blend, taken)
     kept = None if request.settings.force or resume else find_kept_bake(export.snapshot, job)
     if kept and _lacks_state(job, kept):
         kept = None
@@ -82,6 +84,16 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
             f"{folder}: the scene cannot be kept there ({reason.strerror}); make room, or set TMPDIR to another folder."
         ) from reason
     return Session(folder, request, export, kept)
+
+
+def _list_taken(scene: bpy.types.Scene, request: BakeRequest) -> tuple[str, ...]:
+    """Names of images in the output folder that objects show which are not part of this bake."""
+    if not request.objects:
+        return ()
+    others = [obj for obj in local_objects(scene.objects) if baked_copies.find_source(obj).name not in request.objects]
+    worn = {image for image in map(materials_write.find_image, others) if image and image.source == "FILE"}
+    paths = map(images.find_path, worn)
+    return tuple(sorted({path.name for path in paths if find_folder(path) == request.output.resolve()}))
 
 
 def _lacks_state(job: Job, kept: KeptBake) -> bool:
@@ -149,17 +161,32 @@ def finish_files(scene: bpy.types.Scene, result: dict[str, Any]) -> None:
 
 
 def assign(context: bpy.types.Context, session: Session, result: dict[str, Any]) -> Warnings:
-    """Put UV layers and images on the baked objects, in place of any earlier bake; gives what could not be done."""
-    restore.remove_bake(context.scene)
+    """Put UV layers and images on the baked objects, in place of any earlier bake; gives what could not be done.
+
+    A bake of objects that were named leaves the others the bake that they carry.
+    """
+    layout, scene = get_layout(session), context.scene
+    part = _find_part(session, layout) if session.request.objects else None
+    restore.remove_bake(scene, part)
     context.view_layer.update()  # until then Blender 5.2 lists the copies that were removed, as None
-    warnings = show_pages(context, session, get_layout(session), load_pages(session.request, result))
+    others = part is not None and restore.has_bake(scene)
+    warnings = show_pages(context, session, layout, load_pages(session.request, result))
+    if others:
+        warnings += restore.toggle_preview(scene, True)
     mark_state(context.scene, session.request)
     spare_images.mark_spare(context.scene, result.get("spare", ""))
     return warnings
 
 
+def _find_part(session: Session, layout: Layout) -> set[bpy.types.Object]:
+    """The objects of the user's that a bake is of: those that were named, and those that have a page."""
+    named = {obj for obj in bpy.data.objects if obj.name in session.request.objects and not obj.library}
+    baked = [one for one, page in zip(session.export.objects, layout.object_page, strict=True) if page >= 0]
+    return named | {obj for obj in export_scene.find_objects(baked) if obj is not None}
+
+
 def show_pages(context: bpy.types.Context, session: Session, layout: Layout, page_image: dict[int, bpy.types.Image]) -> Warnings:
-    """Put UV layers and these images on the baked objects of a scene without a bake; gives what could not be done."""
+    """Put UV layers and these images on the baked objects, which carry no bake; gives what could not be done."""
     export = session.export
     baked = [i for i, page in enumerate(layout.object_page) if page in page_image]
     targets, warnings = _find_targets(context, [export.objects[i] for i in baked])

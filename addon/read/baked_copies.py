@@ -158,14 +158,24 @@ def set_copies_visible(scene: bpy.types.Scene, visible: bool) -> None:
             hide_source(copy.get(SOURCE))
 
 
-def remove_copies(scene: bpy.types.Scene | None = None) -> None:
-    """Deletes our copies and their collection, of one scene or of all; what the user put into it, or duplicated, stays."""
+def find_source(obj: bpy.types.Object) -> bpy.types.Object:
+    """The user's object that a copy of ours stands for; any other object is its own."""
+    return obj.get(SOURCE) or obj
+
+
+def remove_copies(scene: bpy.types.Scene | None = None, part: Container[bpy.types.Object] | None = None) -> None:
+    """Deletes our copies and their collection, of one scene or of all; what the user put into it, or duplicated, stays.
+
+    part   only the copies of these objects
+    """
     collections = _our_collections(scene)
-    copies = _copies(collections)
+    copies = [copy for copy in _copies(collections) if part is None or find_source(copy) in part]
     meshes = {copy.data for copy in copies}
     bpy.data.batch_remove(copies)
     bpy.data.batch_remove([mesh for mesh in meshes if is_made(mesh) and mesh.users == 0])
     for collection in collections:
+        if _copies([collection]):
+            continue
         remove_mark(collection, COPIES)
         if not collection.objects and not collection.children:
             bpy.data.collections.remove(collection)

@@ -14,6 +14,7 @@ MADE = "leaflight_made"  # on data-blocks and nodes we created: they may be dele
 NAME = "Leaflight"
 STATE = "leaflight_state"  # on a scene: the folder, relative to that of the images, which Blender finds again wherever the .blend is saved
 STATE_IS = "leaflight_state_is"  # on a scene: digest of the folder's note, for undo and saved files bring back earlier bakes
+STATE_OBJECTS = "leaflight_state_objects"  # on a scene: names of the objects that the bake was of, as JSON; none of all
 STATE_OF = "leaflight_state_of"  # on a scene: name of the .blend that the state was kept by, "" where it had none yet
 
 
@@ -40,7 +41,7 @@ def remove_mark(block: Any, name: str) -> None:
 
 def remove_marks(scene: bpy.types.Scene) -> None:
     """Forget the state of the scene's bake."""
-    for mark in (STATE, STATE_IS, STATE_OF):
+    for mark in (STATE, STATE_IS, STATE_OBJECTS, STATE_OF):
         remove_mark(scene, mark)
 
 

@@ -47,7 +47,7 @@ def write_layers(
 
 
 def _describe_copy(obj: bpy.types.Object, is_taken: bool) -> str:
-    why = "its mesh shows the bake of another scene" if is_taken else "its shape or size is too unlike the others that share its mesh"
+    why = "its mesh shows another bake" if is_taken else "its shape or size is too unlike the others that share its mesh"
     return f"{obj.name}: {why}, so it shows the bake on a copy of the mesh; Remove gives the mesh back."
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import bpy
 
 from ..read import baked_copies, uv_layer
@@ -14,18 +16,22 @@ MISSING = "leaflight_missing"  # on a scene: why it does not show its bake, as a
 OBJECT_MARKS = (MADE, materials_write.BAKE, baked_copies.SOURCE, baked_copies.HIDDEN, baked_copies.SHARED_MESH, uv_layer.PLACE)
 
 
-def remove_bake(scene: bpy.types.Scene | None = None) -> None:
+def remove_bake(scene: bpy.types.Scene | None = None, part: Collection[bpy.types.Object] | None = None) -> None:
     """Restores slots, materials, UV layers, meshes and visibility and deletes all that we made, of one scene or of all.
 
     Image files on disk stay.
+
+    part   only of these objects and their copies; the others keep their bake, but what is told of it on the scene goes
     """
-    baked_copies.remove_copies(scene)
+    baked_copies.remove_copies(scene, part)
     objects = local_objects(scene.objects if scene else bpy.data.objects)
+    if part is not None:
+        objects = [obj for obj in objects if baked_copies.find_source(obj) in part]
     baked_copies.unhide_sources(objects)
     for obj in objects:
         materials_write.uncover(obj)
         remove_mark(obj, materials_write.BAKE)
-    worn = materials_write.find_worn_meshes()  # by objects of another scene
+    worn = materials_write.find_worn_meshes()  # by objects of another scene, or of another bake
     for mesh in _local_meshes(objects, everything=scene is None):
         materials_write.release_mesh(mesh)
         if mesh not in worn:

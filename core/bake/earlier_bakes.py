@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..output.image_file import suffix_of
-from ..output.pages import PageFile
+from ..output.pages import PageFile, find_first_page
 from ..util.digest import hash_file
 from ..util.file_names import clean_name, fill_pattern
 from ..util.job import Job
@@ -84,8 +84,9 @@ def find_left_over(job: Job, files: Sequence[PageFile], page_count: int) -> list
         return []
     others = [bake for bake in read_notes(Path(job.output)) if bake.note != find_note(job) or _is_another(bake.blend, job)]
     kinds = sorted({(file.pass_name, file.kind) for file in files})
-    further = [name for kind in kinds for name in _list_further(job, *kind, page_count)]
-    return [name for name in further if not any(one.holds(name) for one in others)]
+    first = find_first_page(job, page_count)
+    further = [name for kind in kinds for name in _list_further(job, *kind, first + page_count)]
+    return [name for name in further if name not in job.taken and not any(one.holds(name) for one in others)]
 
 
 def describe_left_over(job: Job, names: Sequence[str]) -> list[str]:

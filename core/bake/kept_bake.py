@@ -53,7 +53,8 @@ class KeptBake:
 
 def find_note(job: Job) -> Path:
     """Where the note of a job is."""
-    return Path(job.output) / f".leaflight_{clean_name(job.atlas_name)}.npz"
+    part = "+" if job.taken else ""  # a bake of some of the objects does not replace what is noted of the others
+    return Path(job.output) / f".leaflight_{clean_name(job.atlas_name)}{part}.npz"
 
 
 def note_bake(

@@ -13,10 +13,11 @@ from ..atlas.charts import ChartAtlas
 from ..scene.scene import SceneSnapshot
 from ..util.file_names import clean_name, fill_pattern, make_unique
 from ..util.job import VIEWS_FOLDER, Job
-from ..util.settings import DEBUG_PASSES, Settings
+from ..util.settings import DEBUG_PASSES, PASSES, Settings
 from . import image_file
 
 _FLOAT_MAX = float(np.finfo(np.float32).max)
+_MOST_PAGES = 1000  # among which names that are taken are looked for
 _ENCODING = {"exr": "linear, half float", "hdr": "linear, shared exponent", "png": "sRGB"}
 
 Page = NDArray[np.float32]
@@ -84,9 +85,10 @@ def list_names(job: Job, snapshot: SceneSnapshot, atlas: ChartAtlas) -> list[str
 
 def _list_stems(job: Job, snapshot: SceneSnapshot, atlas: ChartAtlas) -> list[tuple[int, str, str]]:
     """Page, pass and name without its ending of every image."""
-    names = name_pages(job, snapshot, atlas)
+    first, taken = find_first_page(job, atlas.page_count), _list_taken(job)
+    names = name_pages(job, snapshot, atlas, first)
     images = [(page, name) for page in range(atlas.page_count) for name in job.settings.passes]
-    unique = make_unique(fill_pattern(job.settings.name_pattern, names[page], name, page) for page, name in images)
+    unique = make_unique((fill_pattern(job.settings.name_pattern, names[page], name, first + page) for page, name in images), taken)
     return [(page, name, stem) for (page, name), stem in zip(images, unique, strict=True)]
 
 
@@ -114,11 +116,29 @@ def _find_maximum(pixels: Page) -> float:
     return float(by_column[:, :3].max(initial=0.0))
 
 
-def name_pages(job: Job, snapshot: SceneSnapshot, atlas: ChartAtlas) -> list[str]:
+def find_first_page(job: Job, page_count: int) -> int:
+    """Number of the bake's first shared page: none of its pages, of any pass, is then called like an image that is taken."""
+    taken = set(_list_taken(job))
+
+    def is_taken(page: int) -> bool:
+        name = f"{clean_name(job.atlas_name)}_{page}"
+        return any(fill_pattern(job.settings.name_pattern, name, one, page) in taken for one in PASSES)
+
+    last = max((page for page in range(_MOST_PAGES) if is_taken(page)), default=-1) if taken else -1
+    free = (first for first in range(last + 1) if not any(is_taken(first + page) for page in range(page_count)))
+    return next(free, last + 1)
+
+
+def _list_taken(job: Job) -> list[str]:
+    """Names of the taken images without their endings."""
+    return [Path(name).stem for name in job.taken]
+
+
+def name_pages(job: Job, snapshot: SceneSnapshot, atlas: ChartAtlas, first: int = 0) -> list[str]:
     """One name for each page, unique also where objects' names differ only by characters that files cannot have."""
     names: list[str] = []
     for page in range(atlas.page_count):
         owners = np.flatnonzero(atlas.object_page == page)
         alone = not job.settings.atlas and len(owners) == 1
-        names.append(clean_name(snapshot.objects[owners[0]].name) if alone else f"{clean_name(job.atlas_name)}_{page}")
+        names.append(clean_name(snapshot.objects[owners[0]].name) if alone else f"{clean_name(job.atlas_name)}_{first + page}")
     return make_unique(names)

@@ -16,7 +16,10 @@ from .snapshot import describe_snapshot, list_arrays
 def hash_bake(snapshot: SceneSnapshot, job: Job) -> str:
     """Digest of all that decides the images of a bake: the scene, the code and the knobs that matter."""
     knobs = {knob.name: getattr(job.settings, knob.name) for knob in fields(job.settings) if knob.metadata["decides_images"]}
-    pieces: list[bytes | memoryview] = [hash_code().encode(), json.dumps([knobs, job.atlas_name, describe_snapshot(snapshot)]).encode()]
+    pieces: list[bytes | memoryview] = [
+        hash_code().encode(),
+        json.dumps([knobs, job.atlas_name, job.taken, describe_snapshot(snapshot)]).encode(),
+    ]
     for name, array in list_arrays(snapshot).items():
         pieces += [f"{name} {array.dtype.str} {array.shape}".encode(), np.ascontiguousarray(array).reshape(-1).view(np.uint8).data]
     return hash_pieces(pieces)

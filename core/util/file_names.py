@@ -44,15 +44,17 @@ def fill_pattern(pattern: str, name: str, pass_name: str, page: int) -> str:
     return _FIELD.sub(lambda match: values[match[1]], pattern)
 
 
-def make_unique(names: Iterable[str]) -> list[str]:
-    """The names with underscores after those that are there already; letters count alike in both cases, as on some disks."""
-    out: dict[str, str] = {}  # by what they are in lower case
+def make_unique(names: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
+    """The names with underscores after those that are there already, or taken; letters count alike in both cases, as on some disks."""
+    used = {name.lower() for name in taken}
+    out: list[str] = []
     for name in names:
         unique = name
-        while unique.lower() in out:
+        while unique.lower() in used:
             unique += "_"
-        out[unique.lower()] = unique
-    return list(out.values())
+        used.add(unique.lower())
+        out.append(unique)
+    return out
 
 
 def clean_name(name: str) -> str:

@@ -31,6 +31,7 @@ class Job:
     keep         folder to keep the state in at the end, "" none
     keep_mb      size beyond which it is not kept, 0 for any
     blend        path of the .blend that is baked, "" where it has none; see earlier_bakes
+    taken        names of images in `output` that objects show which are not baked now: no page is called like one of them
     """
 
     settings: Settings
@@ -41,6 +42,7 @@ class Job:
     keep: str = ""
     keep_mb: int = 0
     blend: str = ""
+    taken: tuple[str, ...] = ()
 
     def save(self, folder: Path) -> None:
         (folder / JOB_FILE).write_text(json.dumps(dataclasses.asdict(self)), encoding="utf-8")
@@ -56,6 +58,6 @@ class Job:
         try:
             fields: dict[str, Any] = json.loads(text)
             knobs: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in fields["settings"].items()}
-            return cls(**(fields | {"settings": Settings(**knobs)}))
+            return cls(**(fields | {"settings": Settings(**knobs), "taken": tuple(fields["taken"])}))
         except (KeyError, TypeError, AttributeError, ValueError) as reason:
             raise ValueError(f"{path}: is no Leaflight job or is damaged ({reason}); start the bake again.") from reason

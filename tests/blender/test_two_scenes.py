@@ -48,7 +48,7 @@ def test_a_bake_of_one_scene_leaves_the_other_s_as_it_is(tmp_path):
     before = dump()
     run("B/c", "bake")
     told = dict(bpy.context.window_manager.leaflight_state.warnings)
-    assert "its mesh shows the bake of another scene, so it shows the bake on a copy" in told["Twin"]
+    assert "its mesh shows another bake, so it shows the bake on a copy" in told["Twin"]
     assert look("Cube") == first
     assert look("Twin") != first
     run("B/c", "remove")

@@ -27,12 +27,13 @@ def draw(name, page, look):
     return PAGE * np.float32(1 + page) if name != "photons" else PAGE * np.float32(1e5)
 
 
-def write(folder, settings, names=("Floor", "Wall"), draw=draw):
+def write(folder, settings, names=("Floor", "Wall"), draw=draw, taken=()):
     """Files of objects with a page each."""
     (folder / "out").mkdir(parents=True, exist_ok=True)
     scene = make_scene([moved(quad_mesh(), (0, 0, 2.0 * i), name=name) for i, name in enumerate(names)])
     atlas = SimpleNamespace(page_count=len(names), object_page=np.arange(len(names)))
-    return pages.write_pages(Job(settings, str(folder / "out"), "room"), folder, scene, atlas, {"leaflight:photons": 5}, draw)
+    job = Job(settings, str(folder / "out"), "room", taken=taken)
+    return pages.write_pages(job, folder, scene, atlas, {"leaflight:photons": 5}, draw)
 
 
 def list_names(files):
@@ -121,6 +122,21 @@ def test_names_that_only_the_pattern_makes_equal_stay_apart(tmp_path):
 
 def test_pages_of_an_atlas_are_numbered(tmp_path):
     assert list_names(write(tmp_path, Settings())) == ["room_0.combined.exr", "room_1.combined.exr"]
+
+
+@pytest.mark.parametrize(
+    ("taken", "settings", "expected"),
+    [
+        (["room_0.combined.exr"], Settings(), ["room_1.combined.exr", "room_2.combined.exr"]),
+        (["room_1.combined.exr"], Settings(), ["room_2.combined.exr", "room_3.combined.exr"]),
+        (["room_2.lighting.exr"], Settings(), ["room_0.combined.exr", "room_1.combined.exr"]),
+        (["room_0.lighting.exr"], Settings(), ["room_1.combined.exr", "room_2.combined.exr"]),  # page 0 of another pass
+        (["combined-0.exr"], Settings(name_pattern="{pass}-{page}"), ["combined-1.exr", "combined-2.exr"]),
+        (["floor.combined.exr"], PER_OBJECT, ["Floor.combined_.exr", "Wall.combined.exr"]),
+    ],
+)
+def test_images_that_are_taken_are_not_written_over(tmp_path, taken, settings, expected):
+    assert list_names(write(tmp_path, settings, taken=tuple(taken))) == expected
 
 
 def test_half_a_bake_is_not_left_behind(tmp_path):
