@@ -56,6 +56,7 @@ class Faces:
     tri          (n_tri,) bool, which of the world mesh's
     source       the object, or the one that makes an instance of what is shown
     shown        evaluated object
+    matrix       (4, 4) float, object to world; None is the identity
     """
 
     name: str
@@ -65,6 +66,7 @@ class Faces:
     source: Any
     shown: Any
     is_instance: bool
+    matrix: Any = None
 
     def find_range(self, layer: ColorLayer) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         """The least, mean by area, and greatest of a layer's colours, (3,) each; None where the mesh has no such colours."""

@@ -107,7 +107,7 @@ def _read_ramp(reader: ColorReader, port: Port) -> Color:
     channels = slice(3, 4) if port.socket.name == "Alpha" else slice(0, 3)
     table = np.array([np.broadcast_to(ramp.evaluate(i / (TABLE_SIZE - 1))[channels], 3) for i in range(TABLE_SIZE)])
     if not known:
-        reader.note(f"{describe(port.node)} is replaced by its mean")
+        reader.approximate(f"{describe(port.node)} is replaced by its mean")
         return Color(to_rgb(table.mean(axis=0)))
     fraction = reader.read_factor(source, 0.5)
     if fraction.image < 0:
@@ -126,7 +126,7 @@ def _read_separate(reader: ColorReader, port: Port) -> Color:
     mode = getattr(port.node, "mode", "RGB")
     channel = _CHANNELS.get(port.socket.identifier, 0)
     if mode == "HSL":
-        reader.note(f"{describe(port.node)} is approximated")
+        reader.approximate(f"{describe(port.node)} is approximated")
 
     def formula(color: Array) -> Array:
         return np.repeat((to_hsv(color) if mode == "HSV" else color)[..., channel, None], 3, axis=-1)
@@ -137,7 +137,7 @@ def _read_separate(reader: ColorReader, port: Port) -> Color:
 def _read_combine(reader: ColorReader, port: Port) -> Color:
     mode = getattr(port.node, "mode", "RGB")
     if mode == "HSL":
-        reader.note(f"{describe(port.node)} is approximated")
+        reader.approximate(f"{describe(port.node)} is approximated")
 
     def formula(red: Array, green: Array, blue: Array) -> Array:
         joined = np.stack(np.broadcast_arrays(red[..., 0], green[..., 0], blue[..., 0]), axis=-1)
@@ -151,7 +151,7 @@ def _read_math(reader: ColorReader, port: Port) -> Color:
     values = [reader.read_factor(port.sibling(socket.identifier), 0.0) for socket in node.inputs if socket.enabled]
     operation = MATH.get(node.operation)
     if operation is None:
-        reader.note(f"{describe(node)} is left out")
+        reader.approximate(f"{describe(node)} is left out")
         return values[0]
     clamps = node.use_clamp
 
@@ -178,7 +178,7 @@ def _read_range(reader: ColorReader, port: Port) -> Color:
     if node.data_type != "FLOAT":
         return reader.read_unknown(port)
     if node.interpolation_type not in ("LINEAR", "SMOOTHSTEP"):
-        reader.note(f"{describe(node)} is taken as linear")
+        reader.approximate(f"{describe(node)} is taken as linear")
     smooth, clamps = node.interpolation_type == "SMOOTHSTEP", node.clamp
 
     def formula(value: Array, low: Array, high: Array, to_low: Array, to_high: Array) -> Array:

@@ -18,6 +18,7 @@ from .node_colors import BLACK, GREY, WHITE, Color, Rgb, add_rgb, find_brightnes
 from .node_formulas import lerp, to_grey
 from .node_ports import Port, describe
 from .object_attributes import NOTHING, find_shown, pick_output, shows_object, shows_view_layer
+from .socket_bake import TOO_MANY, SocketBaker, can_evaluate, depends_on_object
 from .texture_mapping import read_mapping
 
 TEXTURE_COLOR: Rgb = (0.5, 0.5, 0.5)  # mean of a procedural texture, roughly
@@ -31,16 +32,25 @@ class ColorReader:
 
     faces      that wear the material; None of a light or world
     colors     where their colour attributes go
+    baker      evaluates what is not known here; of the material
     replaced   what could not be taken as it is, for one warning
     by_faces   whether what was read depends on the faces, or
     by_object  on the object that they are of
     ray        DIFFUSE or SHADOW, the kind of rays that see the surface; by_ray tells whether what was read depends on it
     """
 
-    def __init__(self, images: ImageTable, faces: Faces | None = None, colors: ColorTable | None = None) -> None:
+    def __init__(
+        self,
+        images: ImageTable,
+        faces: Faces | None = None,
+        colors: ColorTable | None = None,
+        baker: SocketBaker | None = None,
+        material: Any = None,
+    ) -> None:
         self.images, self.faces, self.colors = images, faces, colors
         self.by_faces = self.by_object = self.by_ray = False
         self.ray = DIFFUSE
+        self._baker, self._material, self._depth, self._inexact = baker, material, 0, False
         self.replaced: list[str] = []
         self.missing_rgb = GREY  # what stands for a missing image; Blender's magenta would tint the room
 
@@ -48,8 +58,32 @@ class ColorReader:
         if text not in self.replaced:
             self.replaced.append(text)
 
+    def approximate(self, text: str) -> None:
+        """Note what Blender can evaluate, and this reader cannot take as it is."""
+        self._inexact = True
+        self.note(text)
+
     def read_color(self, port: Port | None, default: Rgb = WHITE) -> Color:
-        """The colour that a source port gives."""
+        """The colour that a source port gives; evaluated by Blender where its nodes are not all known here."""
+        if self._depth or port is None or self.faces is None or self._baker is None or not can_evaluate(port):
+            return self._read_color(port, default)
+        self._depth, self._inexact, before = 1, False, list(self.replaced)
+        try:
+            color = self._read_color(port, default)
+        finally:
+            self._depth = 0
+        if not self._inexact:
+            return color
+        by_object = depends_on_object(port)
+        evaluated = self._baker.bake(port, self._material, self.faces, by_object)
+        if evaluated is None:
+            if self._baker.is_out_of_time:
+                self.note(f"{describe(port.node)} {TOO_MANY}")
+            return color
+        self.by_faces, self.by_object, self.replaced = True, self.by_object or by_object, before
+        return evaluated
+
+    def _read_color(self, port: Port | None, default: Rgb) -> Color:
         if port is None:
             return Color(default)
         if port.is_value:
@@ -71,7 +105,7 @@ class ColorReader:
         """The number that a source port gives, or its mean over an image."""
         color = self.read_color(port, (default,) * 3)
         if port is not None and color.image >= 0:
-            self.note(f"{describe(port.node)} is replaced by its mean")
+            self.approximate(f"{describe(port.node)} is replaced by its mean")
         return find_brightness(color.mean)
 
     def read_unknown(self, port: Port) -> Color:
@@ -79,9 +113,9 @@ class ColorReader:
         found = [port.sibling(socket.identifier) for socket in port.node.inputs if socket.type == "RGBA" and socket.enabled]
         colors = [self.read_color(source) for source in found]
         if not colors:
-            self.note(f"{describe(port.node)} {REPLACED_BY_GREY}")
+            self.approximate(f"{describe(port.node)} {REPLACED_BY_GREY}")
             return Color(TEXTURE_COLOR)
-        self.note(f"{describe(port.node)} is approximated")
+        self.approximate(f"{describe(port.node)} is approximated")
         textured = next((color for color in colors if color.image >= 0), None)
         return textured or Color(to_rgb(np.mean([color.mean for color in colors], axis=0)))
 
@@ -95,11 +129,11 @@ class ColorReader:
         layer = derive_painted(key, formula, colors)
         found = self.faces.find_range(layer) if layer and self.faces is not None else None
         if layer and found and self.colors:
-            self.note(AT_CORNERS)
+            self.approximate(AT_CORNERS)
             return Color(WHITE, self.colors.index(), layer, to_rgb(found[1]))
         color, replaced = derive(self.images, key, formula, colors, port.node.label or port.node.name)
         if replaced:
-            self.note(replaced)
+            self.approximate(replaced)
         return color
 
     def blend(self, port: Port, first: Color, second: Color, fraction: Color, what: str) -> Color:
@@ -125,7 +159,7 @@ class ColorReader:
             return replace(first, rgb=add_rgb(first.rgb, second.rgb), mean_rgb=mean)
         if lie_alike(self.images, first, second):
             return self.derive(port, np.add, [first, second], what)
-        self.note("a mix of textures is replaced by the brighter one")
+        self.approximate("a mix of textures is replaced by the brighter one")
         main, other = (first, second) if sum(first.mean) >= sum(second.mean) else (second, first)
         total = add_rgb(main.mean, other.mean)
         scale = [t / m if m > 0.0 else 1.0 for t, m in zip(total, main.mean, strict=True)]
@@ -141,7 +175,7 @@ def _read_image(reader: ColorReader, port: Port) -> Color:
         reader.note(_describe_missing(node.image, frame))
         return Color(reader.missing_rgb)
     if pixels.note:
-        reader.note(pixels.note)
+        reader.approximate(pixels.note)
     alpha = port.socket.name == "Alpha"
     if alpha and pixels.alpha is None:
         return Color(WHITE)
@@ -151,17 +185,17 @@ def _read_image(reader: ColorReader, port: Port) -> Color:
         return Color(to_rgb(find_sphere_mean(pixels.pixels)))
     mapping = read_mapping(port.sibling("Vector")) if node.projection in ("FLAT", "BOX") else None
     if mapping is None:
-        reader.note(f"image {node.image.name} is replaced by its mean, for neither a UV layer nor positions map it")
+        reader.approximate(f"image {node.image.name} is replaced by its mean, for neither a UV layer nor positions map it")
         return Color(mean)
     if pixels.grid != (0, 0, 1, 1):
         if node.projection == "BOX":
-            reader.note(f"image {node.image.name} is replaced by its mean, for a box shows no tiles")
+            reader.approximate(f"image {node.image.name} is replaced by its mean, for a box shows no tiles")
             return Color(mean)
         mapping = mapping.into_grid(pixels.grid)
     if node.projection == "BOX":
         mapping = replace(mapping, box=True)
         if node.projection_blend > 0.0:
-            reader.note(f"the sides of the box projection of image {node.image.name} are not blended")
+            reader.approximate(f"the sides of the box projection of image {node.image.name} are not blended")
     return Color(WHITE, reader.images.index(node.image, frame, node.extension, node.interpolation == "Closest", alpha), mapping, mean)
 
 
@@ -190,7 +224,7 @@ def _read_attribute(reader: ColorReader, port: Port) -> Color:
     layer = ColorLayer(name, port.socket.identifier if port.socket.identifier in ("Fac", "Alpha") else "Color")
     found = reader.faces.find_range(layer) if name or node.type == "VERTEX_COLOR" else None
     if found is None and name in reader.faces.local.attributes:
-        reader.note(f"{describe(node)} {REPLACED_BY_GREY}, for attribute {name} is of a kind that is not read")
+        reader.approximate(f"{describe(node)} {REPLACED_BY_GREY}, for attribute {name} is of a kind that is not read")
         return Color(TEXTURE_COLOR)
     if found is None:
         reader.note(

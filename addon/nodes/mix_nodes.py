@@ -28,7 +28,7 @@ def read_mix(reader: ColorReader, port: Port) -> Color:
     layers = {color.mapping for color in (first, second, fraction) if color.image >= 0}
     if len(layers) > 1 and any(isinstance(layer, ColorLayer) for layer in layers):
         if fraction.image >= 0:
-            reader.note(f"the factor of {describe(node)} is replaced by its mean")
+            reader.approximate(f"the factor of {describe(node)} is replaced by its mean")
         return _mix_painted(reader, port, first, second, min(max(fraction.mean[0], 0.0), 1.0))
     if fraction.image < 0 and not clamps_result and blend_type in ("MIX", "MULTIPLY"):
         part = min(max(fraction.rgb[0], 0.0), 1.0) if clamps else fraction.rgb[0]
@@ -62,13 +62,13 @@ def _mix_painted(reader: ColorReader, port: Port, first: Color, second: Color, f
     if node.blend_type == "ADD":
         return reader.add(port, first, second.times(fraction))
     if node.blend_type != "MULTIPLY":
-        reader.note(f"blend mode {node.blend_type.replace('_', ' ').lower()} of {describe(node)} is left out")
+        reader.approximate(f"blend mode {node.blend_type.replace('_', ' ').lower()} of {describe(node)} is left out")
         return first if fraction < 1.0 or first.image >= 0 else second
     if second.image >= 0 and isinstance(first.mapping, ColorLayer) and fraction >= 1.0:
         first, second = second, first  # a texture tells more
     if second.image >= 0 and (first.image >= 0 or fraction < 1.0):
         vertex = isinstance(second.mapping, ColorLayer)
-        reader.note("its vertex colours are baked as their mean" if vertex else "a product of textures takes one by its mean")
+        reader.approximate("its vertex colours are baked as their mean" if vertex else "a product of textures takes one by its mean")
         second = Color(second.mean)
     if second.image >= 0:
         return second.times(first.rgb)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 from .color_attributes import ColorLayer
+from .polygon_atlas import BakedLayer
 from .texture_mapping import UNMAPPED, UvMapping
 
 Rgb: TypeAlias = tuple[float, float, float]
@@ -21,7 +22,7 @@ class Color:
 
     rgb: Rgb
     image: int = -1
-    mapping: UvMapping | ColorLayer = UNMAPPED
+    mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
     mean_rgb: Rgb | None = None
 
     @property

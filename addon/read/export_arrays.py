@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ...core.util.arrays import FloatArray, IntArray
 from ..nodes.color_attributes import ColorLayer, Faces
 from ..nodes.mesh_arrays import LocalMesh, WorldMesh
+from ..nodes.polygon_atlas import BakedLayer
 from ..nodes.texture_mapping import OBJECT, UV, WORLD, UvMapping
 from .export_mesh import place_mesh
 from .export_pieces import CURVE, OWN, STRANDS, Piece
@@ -45,7 +46,9 @@ def read_piece(piece: Piece, local: LocalMesh, materials: MaterialTable, uv_laye
     used = np.unique(slot)
     slot_material = np.zeros(len(slots), np.int32)
     worn = piece.source, piece.evaluated, piece.kind not in (OWN, CURVE, STRANDS)
-    slot_material[used] = [materials.index(slots[index], Faces(piece.source.name, local, world, slot == index, *worn)) for index in used]
+    slot_material[used] = [
+        materials.index(slots[index], Faces(piece.source.name, local, world, slot == index, *worn, piece.matrix)) for index in used
+    ]
     tri_material = slot_material[slot]
     tri_albedo_uv, tri_emission_uv, tri_passing_uv = np.zeros((3, n_tri, 3, 2), np.float32)
     clear = []
@@ -94,11 +97,18 @@ def join_arrays(pieces: Sequence[PieceArrays]) -> dict[str, NDArray[Any]]:
 
 
 def _texture_uv(
-    piece: Piece, local: LocalMesh, corner: IntArray, mapping: UvMapping | ColorLayer, materials: MaterialTable, warnings: Warnings
+    piece: Piece,
+    local: LocalMesh,
+    corner: IntArray,
+    mapping: UvMapping | ColorLayer | BakedLayer,
+    materials: MaterialTable,
+    warnings: Warnings,
 ) -> NDArray[np.float32]:
     """Texture coordinates of triangles' corners; without the layer the texture's origin, as in Cycles."""
     if isinstance(mapping, ColorLayer):
         return materials.colors.place(local, mapping, corner)
+    if isinstance(mapping, BakedLayer):
+        return materials.baker.find_corners(mapping)[corner].astype(np.float32)
     if mapping.space != UV:
         coordinates = _find_positions(piece, local, mapping.space)[local.corner_vertex[corner]]
     elif (layer := local.layers.get(mapping.layer or local.render_layer)) is not None:

@@ -11,6 +11,8 @@ from ..nodes.colors_read import SHADOW, ColorReader
 from ..nodes.images_read import ImageTable
 from ..nodes.node_colors import GREY, Color, Rgb, to_rgb
 from ..nodes.node_ports import find_surface, uses_nodes
+from ..nodes.polygon_atlas import BakedLayer
+from ..nodes.socket_bake import SocketBaker
 from ..nodes.texture_mapping import UNMAPPED, UvMapping
 from .mesh_attributes import list_asked
 from .render_levels import Warnings
@@ -26,9 +28,9 @@ class MaterialReading:
     """A material of the snapshot, and the mappings of its images."""
 
     material: Material
-    albedo_mapping: UvMapping | ColorLayer = UNMAPPED
-    emission_mapping: UvMapping | ColorLayer = UNMAPPED
-    passing_mapping: UvMapping | ColorLayer = UNMAPPED
+    albedo_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
+    emission_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
+    passing_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
 
     @property
     def is_clear(self) -> bool:
@@ -44,6 +46,7 @@ class MaterialTable:
         self.override = override
         self.images = ImageTable()
         self.colors = ColorTable(self.images)
+        self.baker = SocketBaker(self.images)
         self.readings: list[MaterialReading] = []
         self.asked = list_asked()
         self._warnings = warnings
@@ -56,7 +59,7 @@ class MaterialTable:
         of_any, of_mesh, of_object = (uid, 0), (uid, id(faces.local) if faces else 0), (uid, *_identify(faces))
         known = next((place for place in (of_any, of_mesh, of_object) if place in self._index), None)
         if known is None:
-            reader = ColorReader(self.images, faces, self.colors)
+            reader = ColorReader(self.images, faces, self.colors, self.baker, material)
             reading = self._read(reader, material)
             if (uid, reading) not in self._known:
                 self._known[uid, reading] = len(self.readings)

@@ -8,6 +8,7 @@ bpy = pytest.importorskip("bpy")
 from leaflight.addon.nodes import derived_images
 from leaflight.addon.nodes.derived_images import AT_CORNERS, MIXED
 from leaflight.addon.nodes.node_colors import Color
+from leaflight.addon.nodes.socket_bake import SocketBaker
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.addon.read.materials_read import MaterialTable
 from leaflight.core.scene.scene import TextureImage
@@ -95,6 +96,12 @@ class Paint:
         assert not told
         np.testing.assert_allclose(found, self.bake(), rtol=2e-3, atol=2e-3)
         return images
+
+
+@pytest.fixture
+def _by_itself(monkeypatch):
+    """What is read where Blender cannot evaluate the nodes."""
+    monkeypatch.setattr(SocketBaker, "bake", lambda *_: None)
 
 
 def use_curve(node):
@@ -309,6 +316,7 @@ def paint_corners(paint):
     return rgba[:, :3]
 
 
+@pytest.mark.usefixtures("_by_itself")
 def test_nodes_of_vertex_colors_are_told_at_the_corners():
     paint = Paint()
     rgb = paint_corners(paint)
@@ -323,6 +331,7 @@ def test_nodes_of_vertex_colors_are_told_at_the_corners():
     assert shown == pytest.approx(3.0 * (1.0 - rgb[scene.tri_corner]) ** 2, abs=1e-3)
 
 
+@pytest.mark.usefixtures("_by_itself")
 def test_a_painted_factor_mixes_two_colors_at_the_corners():
     paint = Paint()
     rgb = paint_corners(paint)
@@ -336,6 +345,7 @@ def test_a_painted_factor_mixes_two_colors_at_the_corners():
     assert pixels[place[..., 1], place[..., 0]] == pytest.approx((1 - part) * (1.0, 0.5, 0.0) + part * (0.0, 0.25, 1.0), abs=1e-3)
 
 
+@pytest.mark.usefixtures("_by_itself")
 def test_vertex_colors_that_meet_an_image_are_scaled_to_a_mean():
     paint = Paint()
     rgb = paint_corners(paint)

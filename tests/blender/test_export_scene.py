@@ -5,6 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from leaflight.addon.nodes.socket_bake import SocketBaker
 from leaflight.addon.read.export_scene import export_scene, find_objects
 from leaflight.addon.read.materials_read import MaterialTable
 from leaflight.addon.read.uv_layer import write_layer
@@ -302,7 +303,8 @@ def test_vertex_colours_of_one_value_need_no_texture():
     assert (result.warnings, result.snapshot.images) == ((), ())
 
 
-def test_where_vertex_colours_are_missing_it_is_black():
+def test_where_vertex_colours_are_missing_it_is_black(monkeypatch):
+    monkeypatch.setattr(SocketBaker, "bake", lambda *_: None)  # as where Blender cannot evaluate the nodes
     material, _ = make_painted("Paint", layer="Col")
     painted, color = make_colored("Painted")
     bare, plain = make_mesh("Bare"), make_mesh("Plain")
@@ -321,7 +323,8 @@ def test_where_vertex_colours_are_missing_it_is_black():
 
 
 @pytest.mark.parametrize("first", [True, False])
-def test_vertex_colours_times_a_texture_are_their_mean(first):
+def test_vertex_colours_times_a_texture_are_their_mean(first, monkeypatch):
+    monkeypatch.setattr(SocketBaker, "bake", lambda *_: None)
     mesh, color = make_colored("Floor")
     mesh.vertices[4].co.x = mesh.vertices[5].co.x = 4.0  # the second quad has three quarters of the area
     material, node = make_painted("Paint")

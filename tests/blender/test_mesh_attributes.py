@@ -5,6 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from leaflight.addon.nodes.socket_bake import SocketBaker
 from leaflight.addon.read.export_mesh import read_mesh
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.addon.read.mesh_attributes import list_asked
@@ -139,7 +140,8 @@ def test_a_node_within_a_group_asks_too():
     assert list_asked() == {"inner", "color"}
 
 
-def test_what_is_not_read_is_told():
+def test_what_is_not_read_is_told(monkeypatch):
+    monkeypatch.setattr(SocketBaker, "bake", lambda *_: None)
     mesh = add_glow("FLOAT", "EDGE")
     mesh.attributes.remove(mesh.attributes["x"])
     mesh.attributes.new("x", "QUATERNION", "EDGE")

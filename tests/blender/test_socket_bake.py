@@ -1,0 +1,191 @@
+"""Colours that only Blender can evaluate are evaluated by it, on the very mesh, and nothing of the file changes."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from blend_rooms import add_mesh
+from leaflight.addon.nodes import socket_bake
+from leaflight.addon.read.export_scene import export_scene
+from leaflight.core.scene.materials import SurfaceMaterials
+
+
+@pytest.fixture(autouse=True)
+def _empty_file():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+def add_floor(name="Floor", size=4.0):
+    half = size / 2
+    corners = [(-half, -half, 0), (half, -half, 0), (half, half, 0), (-half, half, 0)]
+    floor = add_mesh(name, corners, [(0, 1, 2, 3)])
+    layer = floor.data.uv_layers.new(name="UVMap")
+    layer.data.foreach_set("uv", np.float32([0, 0, 1, 0, 1, 1, 0, 1]))
+    return floor
+
+
+def add_material(obj, name="Paint"):
+    material = bpy.data.materials.new(name)
+    if material.node_tree is None:
+        material.use_nodes = True
+    obj.data.materials.append(material)
+    tree = material.node_tree
+    return material, tree, tree.nodes["Principled BSDF"]
+
+
+def checker_color(tree, source, scale):
+    """Output of a checker of black and white squares, mapped by a coordinate."""
+    checker, coordinates = tree.nodes.new("ShaderNodeTexChecker"), tree.nodes.new("ShaderNodeTexCoord")
+    checker.inputs["Color1"].default_value, checker.inputs["Color2"].default_value = (0.9, 0.6, 0.3, 1.0), (0.1, 0.1, 0.1, 1.0)
+    checker.inputs["Scale"].default_value = scale
+    tree.links.new(coordinates.outputs[source], checker.inputs["Vector"])
+    return checker.outputs["Color"]
+
+
+def probe(result, name, places, emission=False):
+    """(n, 3) albedo, or emission, at places (n, 2) of a level object of two triangles, seen from above."""
+    snapshot = result.snapshot
+    number = [one.name for one in snapshot.objects].index(name)
+    tri = np.flatnonzero(snapshot.tri_object == number)
+    surfaces = SurfaceMaterials(snapshot)
+    read = surfaces.emission_at if emission else surfaces.albedo_at
+    out = []
+    for place in places:
+        for one in tri:
+            a, b, c = snapshot.vertex_position[snapshot.tri_vertex[one]][:, :2]
+            u, v = np.linalg.solve(np.stack([b - a, c - a], axis=1), np.asarray(place) - a)
+            if min(u, v, 1 - u - v) >= -1e-9:
+                out.append(read(np.array([one]), np.float32([u]), np.float32([v]))[0])
+                break
+    return np.array(out)
+
+
+def list_blocks():
+    kinds = ("objects", "meshes", "materials", "images", "scenes", "node_groups")
+    return {kind: sorted(block.name for block in getattr(bpy.data, kind)) for kind in kinds}
+
+
+SQUARES = np.array([(x + 0.5, y + 0.5) for x in (-2, -1, 0, 1) for y in (-2, -1, 0, 1)])
+IS_LIGHT = (np.floor(SQUARES[:, 0]) + np.floor(SQUARES[:, 1])) % 2 == 0
+
+
+def assert_squares(rgb, light=(0.9, 0.6, 0.3), dark=(0.1, 0.1, 0.1)):
+    """The height of the plane decides which squares are the light ones."""
+    is_light = (np.abs(rgb[IS_LIGHT] - light).max() < 0.1) == IS_LIGHT
+    assert rgb[is_light] == pytest.approx(np.tile(light, (8, 1)), abs=0.005)
+    assert rgb[~is_light] == pytest.approx(np.tile(dark, (8, 1)), abs=0.005)
+
+
+@pytest.mark.parametrize("source", ["Object", "UV", "Generated"])
+def test_a_checker_floor_has_its_squares(source):
+    _, tree, shader = add_material(add_floor())
+    scale = 1.0 if source == "Object" else 4.0
+    tree.links.new(checker_color(tree, source, scale), shader.inputs["Base Color"])
+    before = list_blocks()
+    result = export_scene(bpy.context)
+    assert_squares(probe(result, "Floor", SQUARES))
+    assert not [text for _, text in result.warnings if "simplified" in text]
+    assert list_blocks() == before
+
+
+def test_colours_in_groups_and_behind_other_nodes_are_evaluated():
+    _, tree, shader = add_material(add_floor())
+    group = bpy.data.node_groups.new("Tiles", "ShaderNodeTree")
+    group.interface.new_socket("Color", in_out="OUTPUT", socket_type="NodeSocketColor")
+    end, invert = group.nodes.new("NodeGroupOutput"), group.nodes.new("ShaderNodeInvert")
+    group.links.new(checker_color(group, "Object", 1.0), invert.inputs["Color"])
+    group.links.new(invert.outputs[0], end.inputs[0])
+    holder = tree.nodes.new("ShaderNodeGroup")
+    holder.node_tree = group
+    tree.links.new(holder.outputs[0], shader.inputs["Base Color"])
+    before = list_blocks(), [(node.name, len(node.outputs)) for node in tree.nodes], len(group.nodes)
+    assert_squares(probe(export_scene(bpy.context), "Floor", SQUARES), (0.1, 0.4, 0.7), (0.9, 0.9, 0.9))
+    assert (list_blocks(), [(node.name, len(node.outputs)) for node in tree.nodes], len(group.nodes)) == before
+
+
+def test_a_shader_in_a_group_has_its_colour_evaluated():
+    _, tree, _ = add_material(add_floor())
+    group = bpy.data.node_groups.new("Shader", "ShaderNodeTree")
+    group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
+    end, diffuse = group.nodes.new("NodeGroupOutput"), group.nodes.new("ShaderNodeBsdfDiffuse")
+    group.links.new(checker_color(group, "Object", 1.0), diffuse.inputs["Color"])
+    group.links.new(diffuse.outputs[0], end.inputs[0])
+    holder = tree.nodes.new("ShaderNodeGroup")
+    holder.node_tree = group
+    tree.links.new(holder.outputs[0], tree.get_output_node("ALL").inputs["Surface"])
+    assert_squares(probe(export_scene(bpy.context), "Floor", SQUARES))
+
+
+def test_emission_keeps_what_is_brighter_than_white():
+    _, tree, shader = add_material(add_floor())
+    tree.links.new(checker_color(tree, "Object", 1.0), shader.inputs["Emission Color"])
+    shader.inputs["Emission Strength"].default_value = 20.0
+    assert_squares(probe(export_scene(bpy.context), "Floor", SQUARES, emission=True) / 20.0)
+
+
+def test_an_evaluated_number_mixes_with_an_evaluated_colour():
+    _, tree, shader = add_material(add_floor())
+    metal = tree.nodes.new("ShaderNodeTexChecker")
+    coordinates = tree.nodes.new("ShaderNodeTexCoord")
+    metal.inputs["Scale"].default_value = 1.0
+    tree.links.new(coordinates.outputs["Object"], metal.inputs["Vector"])
+    ramp = tree.nodes.new("ShaderNodeMapRange")
+    ramp.inputs["To Max"].default_value = 0.5
+    tree.links.new(metal.outputs["Fac"], ramp.inputs["Value"])
+    tree.links.new(ramp.outputs[0], shader.inputs["Metallic"])
+    tree.links.new(checker_color(tree, "Object", 1.0), shader.inputs["Base Color"])
+    rgb = probe(export_scene(bpy.context), "Floor", SQUARES)
+    assert len(np.unique(rgb[:, 0].round(2))) == 2
+    assert rgb[:, 0].max() < 0.91
+
+
+def test_without_cycles_the_reader_s_own_colour_is_taken(monkeypatch):
+    _, tree, shader = add_material(add_floor())
+    tree.links.new(checker_color(tree, "Object", 1.0), shader.inputs["Base Color"])
+    before = list_blocks()
+    monkeypatch.setattr(socket_bake, "bake_socket", lambda *_: None)
+    result = export_scene(bpy.context)
+    assert probe(result, "Floor", [(0.5, 0.5)])[0] == pytest.approx((0.5, 0.35, 0.2), abs=1e-3)
+    assert any("is approximated" in text for _, text in result.warnings)
+    assert list_blocks() == before
+
+
+def test_each_object_has_the_colour_of_its_place():
+    first = add_floor("First")
+    _, tree, shader = add_material(first)
+    second = bpy.data.objects.new("Second", first.data)
+    second.location = (10.0, 0.0, 1.0)
+    bpy.context.scene.collection.objects.link(second)
+    geometry, split, scale = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("NewGeometry", "SeparateXYZ", "Math"))
+    scale.operation, scale.inputs[1].default_value = "MULTIPLY", 0.05
+    tree.links.new(geometry.outputs["Position"], split.inputs[0])
+    tree.links.new(split.outputs["X"], scale.inputs[0])
+    tree.links.new(scale.outputs[0], shader.inputs["Base Color"])
+    result = export_scene(bpy.context)
+    assert probe(result, "First", [(1.0, 0.3)])[0, 0] == pytest.approx(0.05, abs=0.002)
+    assert probe(result, "Second", [(11.0, 0.3)])[0, 0] == pytest.approx(0.55, abs=0.002)
+
+
+def test_modifiers_and_bent_faces_are_where_they_are():
+    floor = add_floor()
+    _, tree, shader = add_material(floor)
+    tree.links.new(checker_color(tree, "Object", 1.0), shader.inputs["Base Color"])
+    array = floor.modifiers.new("Array", "ARRAY")
+    array.use_relative_offset, array.use_constant_offset, array.constant_offset_displace = False, True, (4.0, 0.0, 0.0)
+    result = export_scene(bpy.context)
+    assert_squares(probe(result, "Floor", SQUARES))
+    assert_squares(probe(result, "Floor", SQUARES + np.array([4.0, 0.0])))
+
+
+def test_what_only_a_camera_sees_is_left_to_the_reader():
+    _, tree, shader = add_material(add_floor())
+    mix, path = tree.nodes.new("ShaderNodeMix"), tree.nodes.new("ShaderNodeLightPath")
+    mix.data_type = "RGBA"
+    colors = [socket for socket in mix.inputs if socket.type == "RGBA"]
+    colors[0].default_value = (0.2, 0.4, 0.6, 1.0)
+    tree.links.new(checker_color(tree, "Object", 1.0), colors[1])
+    tree.links.new(path.outputs["Is Camera Ray"], mix.inputs[0])
+    tree.links.new(next(socket for socket in mix.outputs if socket.type == "RGBA"), shader.inputs["Base Color"])
+    result = export_scene(bpy.context)
+    assert probe(result, "Floor", [(0.5, 0.5)])[0] == pytest.approx((0.2, 0.4, 0.6), abs=1e-3)
