@@ -357,4 +357,6 @@ if PICTURES is not None:
 bpy.context.preferences.view.show_splash = False
 bpy.context.preferences.filepaths.use_auto_save_temporary_files = False
 SCRIPT = steps()
+if not hasattr(bpy.context.window_manager, "leaflight_state"):
+    raise SystemExit("The extension is not enabled: install it first.")
 bpy.app.timers.register(run, first_interval=2.0, persistent=True)

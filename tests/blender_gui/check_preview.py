@@ -154,4 +154,6 @@ def run() -> float | None:
 
 bpy.context.preferences.view.show_splash = False
 SCRIPT = steps()
+if not hasattr(bpy.context.window_manager, "leaflight_state"):
+    raise SystemExit("The extension is not enabled: install it first.")
 bpy.app.timers.register(run, first_interval=2.0, persistent=True)

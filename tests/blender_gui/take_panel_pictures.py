@@ -19,7 +19,7 @@ import bpy
 
 PICTURES = Path(os.environ.get("PICTURES") or tempfile.mkdtemp(prefix="leaflight_pictures_"))
 CHOSEN = os.environ.get("PARTS", "").split()
-GIVE_UP_SECONDS = 120.0
+GIVE_UP_SECONDS = 400.0
 TICK_SECONDS = 0.05
 MID_BAKE_FRACTION = 0.3
 GROUPS = ("quality", "lightmap", "output", "advanced", "research")
@@ -351,4 +351,6 @@ PICTURES.mkdir(parents=True, exist_ok=True)
 bpy.context.preferences.view.show_splash = False
 bpy.context.preferences.filepaths.use_auto_save_temporary_files = False
 SCRIPT = steps()
+if not hasattr(bpy.context.window_manager, "leaflight_state"):
+    raise SystemExit("The extension is not enabled: install it first.")
 bpy.app.timers.register(run, first_interval=2.0, persistent=True)

@@ -171,4 +171,6 @@ def run(script=None) -> float | None:
 PICTURES.mkdir(parents=True, exist_ok=True)
 bpy.context.preferences.view.show_splash = False
 SCRIPT = steps()
+if not hasattr(bpy.context.window_manager, "leaflight_state"):
+    raise SystemExit("The extension is not enabled: install it first.")
 bpy.app.timers.register(lambda: run(SCRIPT), first_interval=2.0)

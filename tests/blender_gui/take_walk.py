@@ -207,10 +207,6 @@ def steps() -> Iterator[float]:
 
 
 def run() -> float | None:
-    if not hasattr(bpy.context.window_manager, "leaflight_state"):
-        print("CHECK FAILED the extension is not enabled", flush=True)
-        bpy.ops.wm.quit_blender()
-        return None
     pause = next(SCRIPT, None)
     if pause is None:
         bpy.ops.wm.quit_blender()
@@ -222,4 +218,6 @@ if not shutil.which("import"):
 PICTURES.mkdir(parents=True, exist_ok=True)
 bpy.context.preferences.view.show_splash = False
 SCRIPT = steps()
+if not hasattr(bpy.context.window_manager, "leaflight_state"):
+    raise SystemExit("The extension is not enabled: install it first.")
 bpy.app.timers.register(run, first_interval=2.0, persistent=True)
