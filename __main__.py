@@ -2,6 +2,7 @@
 
 import signal
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -16,10 +17,11 @@ _PYTHON_ARGS = ("-I",)  # those of Blender, bpy.app.python_args
 
 def main() -> int:
     """Run the command line and give its exit code."""
+    began = time.monotonic()
     try:
         _take_interrupts()
         with open_bake(_PYTHON_ARGS) as process:  # it loads while Blender does
-            return _run(process)
+            return _run(process, began)
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except OSError as reason:  # no room for the job
@@ -27,7 +29,7 @@ def main() -> int:
         return 1
 
 
-def _run(process: BakeProcess) -> int:
+def _run(process: BakeProcess, began: float) -> int:
     with _interrupts_wait():
         try:
             import bpy  # noqa: F401  tried first, for a sentence instead of a traceback
@@ -39,7 +41,7 @@ def _run(process: BakeProcess) -> int:
             )
             return 1
         from .addon.ui import cli
-    return cli.main(sys.argv[1:], prog="python -m leaflight", with_scene=True, process=process)
+    return cli.main(sys.argv[1:], prog="python -m leaflight", with_scene=True, process=process, began=began)
 
 
 @contextmanager

@@ -32,6 +32,7 @@ class BakeRequest:
     keep: Path | None = None  # folder to keep the state in
     keep_mb: int = 0  # size beyond which it is not kept; 0: any
     keep_pages: bool = False  # materials name pages that no bake writes over, for undo; else the very files that were asked for
+    began: float = 0.0  # time.monotonic() of when it was asked for; 0: now
     beside: frozenset[str] = frozenset()  # names of the paths that begin in the folder of the .blend, see request.resolve_paths
 
 

@@ -6,7 +6,9 @@ Between the two only names and numbers are kept: undo, or a file that is opened 
 from __future__ import annotations
 
 import json
+import math
 import os
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,6 +36,8 @@ from .arguments import BakeRequest
 from .kept_state import mark_state
 
 Warnings = list[tuple[str, str]]
+# Seconds that showing, saving and reporting a bake take, and their part of those of the export: both go over all objects.
+_AFTER_S, _AFTER_OF_EXPORT = 0.2, 0.3
 _LEAST_BYTES = 1024  # of a folder that has room
 
 
@@ -56,12 +60,15 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
     Raises ValueError with a sentence when there is nothing to bake, OSError when the output folder cannot be written.
     """
     check_folder(request.output)
+    start = time.monotonic()
+    began, limit = request.began or start, request.settings.time_limit
     scene = context.scene
     shown = restore.is_preview_on(scene)
     if shown:  # an earlier bake must not be baked
         restore.toggle_preview(scene, False)
     try:
-        export = export_scene.export_scene(context, list(request.objects) or None, request.uv_layer or None)
+        until = began + limit if limit else math.inf
+        export = export_scene.export_scene(context, list(request.objects) or None, request.uv_layer or None, until=until)
     finally:
         if shown:
             restore.toggle_preview(scene, True)
@@ -69,7 +76,8 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
     resume, keep = (str(path.resolve()) if path else "" for path in (request.resume, request.keep))
     blend = bpy.data.filepath or str(request.scene.resolve() if request.scene else "")
     output, taken = request.output.resolve(), _list_taken(scene, request)
-    job = Job(request.settings, str(output), name, request.preview, resume, keep, request.keep_mb, blend, taken)
+    after_s = _AFTER_S + _AFTER_OF_EXPORT * (time.monotonic() - start)
+    job = Job(request.settings, str(output), name, request.preview, resume, keep, request.keep_mb, blend, taken, began, after_s)
     kept = None if request.settings.force or resume else find_kept_bake(export.snapshot, job)
     if kept and _lacks_state(job, kept):
         kept = None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -67,13 +69,18 @@ class ExportResult:
 
 
 def export_scene(
-    context_or_scene: Any, objects: Sequence[str] | None = None, uv_layer: str | None = None, view_layer: Any = None
+    context_or_scene: Any,
+    objects: Sequence[str] | None = None,
+    uv_layer: str | None = None,
+    view_layer: Any = None,
+    until: float = math.inf,
 ) -> ExportResult:
     """The snapshot of a scene as a render shows it; nothing of the user's is changed.
 
     objects      names of those that get a lightmap, None for every mesh
     uv_layer     existing UV layer to use as it is
     view_layer   None for the current one, or the scene's first that renders
+    until        time.monotonic() beyond which it is too late to read more
     Raises ValueError with a sentence where there is nothing to bake.
     """
     scene = getattr(context_or_scene, "scene", context_or_scene)
@@ -84,7 +91,7 @@ def export_scene(
     with registered():
         check_names(scene, view_layer, objects)
         with evaluate_for_render(scene, view_layer, warnings) as depsgraph:
-            export = _Export(view_layer, depsgraph, objects, uv_layer, warnings)
+            export = _Export(view_layer, depsgraph, objects, uv_layer, warnings, until)
         return export.finish(read_world(scene, warnings, view_layer))
 
 
@@ -97,7 +104,9 @@ def find_objects(exported: Iterable[ExportedObject]) -> list[Any]:
 class _Export:
     """The pieces of one export, gathered while the depsgraph stands."""
 
-    def __init__(self, view_layer: Any, depsgraph: Any, names: Sequence[str] | None, uv_layer: str | None, warnings: Warnings) -> None:
+    def __init__(
+        self, view_layer: Any, depsgraph: Any, names: Sequence[str] | None, uv_layer: str | None, warnings: Warnings, until: float
+    ) -> None:
         self._uv_layer = uv_layer
         self._warnings = warnings
         self._materials = MaterialTable(warnings, view_layer.material_override)
@@ -118,6 +127,8 @@ class _Export:
                 continue
             if piece.kind == CURVE:
                 curves.append(piece.source.name)
+            if time.monotonic() > until:
+                raise ValueError(f"{piece.source.name}: the time limit ended while the scene was read; raise it, or bake fewer objects.")
             self._add(piece, choice)
         if curves and names is None:
             listed = ", ".join(sorted(set(curves))[:8])

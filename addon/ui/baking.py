@@ -129,7 +129,7 @@ class Baking:
         self._scene_uid, self._view_layer = context.scene.session_uid, context.view_layer.name
         process = None
         try:
-            request = replace(self._make_request(context), preview=preview)
+            request = replace(self._make_request(context), preview=preview, began=began)
             # It loads while the scene is exported.
             process = BakeProcess(Path(self._folder.name), tuple(bpy.app.python_args), yielding=not bpy.app.background)
             self._session = session.prepare(context, request, process.folder)

@@ -8,6 +8,7 @@ import signal
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,14 +30,16 @@ from ..show.shown_pages import keep_for_file
 EXIT_DONE, EXIT_CANNOT_BAKE, EXIT_INTERRUPTED = 0, 1, 130
 
 
-def main(argv: list[str], prog: str = "leaflight", with_scene: bool = False, process: BakeProcess | None = None) -> int:
+def main(argv: list[str], prog: str = "leaflight", with_scene: bool = False, process: BakeProcess | None = None, began: float = 0.0) -> int:
     """Run the command line and give its exit code: 0 done, 1 cannot be baked, 130 interrupted; argparse exits with 2.
 
     process   that bakes, where there is one already
+    began     time.monotonic() of when the command was started, 0 now
     """
+    began = began or time.monotonic()
     try:
         with _interrupts(_stop_here):  # Blender takes SIGINT for itself until someone else does
-            request = parse_arguments(argv, prog, with_scene)
+            request = replace(parse_arguments(argv, prog, with_scene), began=began)
             if process is not None:
                 return _bake(request, process)
             with open_bake(tuple(bpy.app.python_args)) as process:

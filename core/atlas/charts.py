@@ -26,6 +26,7 @@ Float64: TypeAlias = NDArray[np.float64]
 Int32: TypeAlias = NDArray[np.int32]
 Int64: TypeAlias = NDArray[np.int64]
 
+_MANY_CHARTS = 1000
 PACKING = Status("charts", "Packing charts")
 _FEWEST_TEXELS = 1.0  # a chart of less area than this is hardly a lightmap
 
@@ -190,7 +191,7 @@ class _AtlasMaker:
 
     def _fit(self, objects: list[int], page: int) -> _Packed:
         outlines = self._select(objects)
-        found = find_greatest_density(outlines, self.page, lambda density: self._lay_out(objects, density))
+        found = find_greatest_density(outlines, self.page, lambda density: self._try(objects, density))
         if found is None:
             names = self.snapshot.objects[objects[0]].name if len(objects) == 1 else f"{len(objects)} objects"
             raise ValueError(
@@ -203,6 +204,15 @@ class _AtlasMaker:
             if float(np.median(area)) * found[0] ** 2 < _FEWEST_TEXELS:
                 self._warn(i, "half of its charts are smaller than a texel; choose a greater page size or density, or merge small faces")
         return _Packed(objects, page, *found)
+
+    def _try(self, objects: list[int], density: float) -> Outlines | None:
+        if self._count_charts(objects) >= _MANY_CHARTS:  # a try takes a while: whoever wants no more is heard
+            self._watch(PACKING, 0.0, "")
+        return self._lay_out(objects, density)
+
+    def _count_charts(self, objects: list[int]) -> int:
+        first = self.found.first_chart
+        return int(sum(first[i + 1] - first[i] for i in objects))
 
     def _make_blocks_fit(self) -> None:
         """Lowers the density of all that wear a block that is too large for a page on the largest of them."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import tempfile
+import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -33,6 +34,7 @@ from ..util.messages import Done, Message, Status, Warning_
 from ..util.settings import DEBUG_PASSES, Settings
 from ..util.words import Interrupted
 from . import checkpoint, earlier_bakes, kept_bake, solve, tasks
+from .deadline import Deadline
 from .first_photons import FirstPhotons
 from .light_search import LightSearch
 from .needs import Needs, count_skipped
@@ -56,7 +58,10 @@ def run_bake(
     open_executor   where the shards run; it is shut down at the end
     Raises ValueError or OSError with a sentence for the user; no image is then left half-written.
     """
-    run = Run(folder, Job.load(folder), tell, should_stop)
+    job = Job.load(folder)
+    now = time.monotonic()
+    deadline = Deadline(job.settings.time_limit, job.began if 0.0 < job.began <= now else now, job.after_s)
+    run = Run(folder, job, tell, should_stop, deadline=deadline)
     _open_output(Path(run.job.output))
     with run.stage(_LOADING):
         loaded = _Loaded.of(run)
@@ -64,12 +69,22 @@ def run_bake(
     try:
         light = _bake(run, loaded, executor)
     except Interrupted:
+        if not should_stop() and deadline.is_lost():
+            raise ValueError(_describe_late(run)) from None
         tell(Done("", True))
     else:
         tell(Done(str(folder / RESULT_FILE), light.stopped_by == "interrupted"))
     finally:
         executor.shutdown(cancel_futures=True)
         folders.forget_folders()  # the next bake may use the same folder
+
+
+def _describe_late(run: Run) -> str:
+    longest = max(run.seconds, key=lambda name: run.seconds[name], default="load")
+    return (
+        f"the time limit of {run.job.settings.time_limit:g} s ended before there was any light (most of it went into: {longest}); raise "
+        "the time limit, choose a smaller page size, or bake fewer objects."
+    )
 
 
 @dataclass(frozen=True)
@@ -124,13 +139,16 @@ def _bake(run: Run, loaded: _Loaded, executor: Executor) -> LightField:
         executor.on_each(traced_scene.open_ahead, str(folder))
     # A state's texels are those of cut charts.
     receivers = find_receivers(run, snapshot, settings, atlas, executor, needs.direct, by_photons=needs.photons or bool(job.resume))
+    hurried = run.deadline.is_over() and needs.photons and not job.resume
+    if hurried:  # a round of photons, shown as it is, is all there is time for
+        settings, first = dataclasses.replace(settings, direct="photons", gather=False), FirstPhotons()
     light, solver = LightSearch(run, settings, needs, receivers, executor, first, loaded.surfaces, snapshot.tri_object).find()
     with run.stage(_WRITING):
-        files, spare, seam_report = _write_pages(run, snapshot, atlas, receivers.texels, light, loaded.surfaces, executor)
+        files, spare, seam_report = _write_pages(run, hurried, snapshot, atlas, receivers.texels, light, loaded.surfaces, executor)
     stateless = False
     if job.keep:  # only now: a bake that is thrown away while it writes has changed nothing
         with run.stage(_KEEPING):
-            stateless = _keep_state(job, solver, light.error, run.tell)
+            stateless = _keep_state(job, None if hurried else solver, light.error, run.tell)
     result = {
         "files": [dataclasses.asdict(file) for file in files],
         "spare": spare,
@@ -186,6 +204,7 @@ def _keep_state(job: Job, solver: solve.Solver | None, error: float, tell: Calla
 
 def _write_pages(
     run: Run,
+    hurried: bool,
     snapshot: SceneSnapshot,
     atlas: ChartAtlas,
     texel_map: TexelMap,
@@ -197,12 +216,11 @@ def _write_pages(
     job, margin = run.job, run.job.settings.margin
     threads = executors.count_processors(job.settings.workers)
     points = None
-    if job.settings.seams and margin:  # without a margin filtering reads the empty page, and no texel helps
+    if job.settings.seams and margin and not hurried:  # without a margin filtering reads the empty page, and no texel helps
         points = seam_points.find_seams(snapshot, atlas.tri_chart, atlas.tri_uv, atlas.object_page[snapshot.tri_object])
     doubt = "stderr" in job.settings.passes or (points is not None and points.place.size > 0)
-    at_texels = resolve.light_at_texels(
-        light, texel_map, job.settings.denoise, threads, partial(executors.spread, executor), doubt, spend=not job.keep
-    )
+    limited = run.deadline.limit_spread(partial(executors.spread, executor), run.deadline.is_write_late)
+    at_texels = resolve.light_at_texels(light, texel_map, job.settings.denoise and not hurried, threads, limited, doubt, spend=not job.keep)
     executors.send_home(executor)
     seam_report = seams.SeamReport(0, 0, 0.0, 0.0)
     if points is not None:

@@ -23,6 +23,7 @@ from ..transport.ledger import Ledger
 from ..util.arrays import IntArray
 from ..util.messages import Message
 from ..util.settings import Settings
+from .deadline import Deadline
 from .stop_rules import StopRules
 
 _DEGREE = 0  # of leaves in which nothing lands
@@ -37,21 +38,25 @@ def settle_direct(
     direct: DirectField,
     tell: Callable[[Message], None],
     should_stop: Callable[[], bool],
+    deadline: Deadline | None = None,
 ) -> LightField:
     """The light of a bake whose direct light has been shot once, or is not asked for; worse texels are shot again.
 
     tri_object   (n_tri,) int: the object of each triangle
     """
     judged = Judged.of(settings.error_of, texels, tri_object)
-    rules = StopRules(settings, should_stop, time.monotonic())
+    rules = StopRules(settings, should_stop, time.monotonic(), deadline)
     tree = quadtree.plant_trees(texels, _DEGREE, 0, settings.finest_texels, flat=False)
     totals = tally.accumulate(tree, tally.Tally.empty(len(tree), _DEGREE))
     solution = tally.solve_tallies(tree, totals)
     comparison = refine.Comparison.of(tree, totals, solution, refine.Rule(settings.oracle, settings.threshold, settings.stability, 1))
     reading = Reading(tree, totals, solution, comparison, np.arange(len(tree)))
     while True:
+        looked = time.monotonic()
         shown = direct.show(texels, settings.denoise, partial(spread, executor))
         stated = estimate.state_error(reading, shown, texels, judged=judged)
+        if deadline:
+            deadline.note_light(time.monotonic() - looked)
         worst = _find_worst(direct, stated.texel_direct2(), settings.error)
         stopped_by = "error" if stated.direct <= settings.error else "" if len(worst) else "max_rays"
         if should_stop():

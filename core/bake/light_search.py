@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from ..integrate.direct_field import DirectField
-from ..integrate.direct_shards import NOTHING_AHEAD, ShotAhead
+from ..integrate.direct_shards import NOTHING_AHEAD, ShotAhead, cut_into_shards
 from ..integrate.light_field import LightField
 from ..parallel import executors
 from ..scene.materials import SurfaceMaterials
@@ -70,7 +70,8 @@ class LightSearch:
                     solver.watch = live.show
                 light = solver.run(run.tell, run.should_stop)
         else:
-            light = settle_direct(run.folder, texels, self.tri_object, settings, self.executor, direct, run.tell, run.should_stop)
+            deadline = run.deadline
+            light = settle_direct(run.folder, texels, self.tri_object, settings, self.executor, direct, run.tell, run.should_stop, deadline)
         light, lost = state_lost(light, settings)
         run.warn(lost)
         return light, solver if is_shot else None
@@ -96,22 +97,36 @@ class LightSearch:
         run, settings, texels = self.run, self.settings, self.receivers.texels
         solver, ahead, by_rays = None, NOTHING_AHEAD, settings.direct == "rays"
         if self.needs.photons and by_rays:
-            ahead = ShotAhead.send(run.folder, settings, self.executor, len(texels))
+            if not run.deadline.limit_s:  # whoever waits for it is deaf to the time
+                ahead = ShotAhead.send(run.folder, settings, self.executor, len(texels))
             with run.stage(solve.TRACING):
                 solver = self._open_solver(direct)
                 solver.begin()
-        is_shot = True
+        is_shot, foreseen = True, run.deadline.foresee(len(cut_into_shards(len(texels))) - 1)
+
+        def should_stop() -> bool:
+            return run.should_stop() or foreseen()
+
         with run.stage(DirectField.said):
             if solver:
-                is_shot = solver.shoot_direct(tell, run.should_stop, ahead)
+                is_shot = solver.shoot_direct(tell, should_stop, ahead)
             elif by_rays:
-                is_shot = direct.shoot(run.folder, settings, self.executor, range(len(texels)), tell, run.should_stop)
+                eased = run.deadline.ease(settings)
+                is_shot = direct.shoot(run.folder, eased, self.executor, range(len(texels)), tell, should_stop)
             if solver and is_shot:  # processes that wait for its next photons have that to do
-                direct.begin_show(texels, settings.denoise, partial(executors.spread, self.executor))
+                limited = run.deadline.limit_spread(partial(executors.spread, self.executor), run.deadline.is_over)
+                direct.begin_show(texels, settings.denoise, limited)
         return solver, is_shot
 
     def _open_solver(self, direct: DirectField) -> solve.Solver:
         found = self.receivers
         return solve.Solver(
-            self.run.folder, self.settings, self.executor, direct, found.touched, first=self.first, rising_texels=found.rising
+            self.run.folder,
+            self.settings,
+            self.executor,
+            direct,
+            found.touched,
+            first=self.first,
+            rising_texels=found.rising,
+            limit=self.run.deadline,
         )

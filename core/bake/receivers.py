@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,8 +25,12 @@ from ..util.messages import Status, Warning_
 from ..util.settings import Settings
 from ..util.told import group_warnings
 from . import earlier_bakes
+from .deadline import OutOfTime
 from .stages import Run
 
+_NO_CONTACTS = (
+    "where things touch was not looked for, to keep the time limit: light may leak under walls and furniture; raise the time limit"
+)
 _TREE = Status("scene", "Building the ray tracer's tree")
 
 
@@ -88,21 +94,28 @@ def find_receivers(
     by_photons   whether leaves are to hold light: then charts are cut along contacts
     """
     place = run.folder / folders.TEXELS_FOLDER
+    began = time.process_time()
     with run.stage(texels.MEASURING):
         facets = creases.cut_at_creases(snapshot, atlas)
         shared_arrays.remove_struct(place)  # of an earlier bake in the same folder
         room, degree = shared_arrays.Room(place), 2 * basis.DEGREES[settings.basis]
         texel_map = texels.build_texel_map(snapshot, facets, degree, room, run.watch())
+    seconds, of_processor = run.seconds[texels.MEASURING.stage], time.process_time() - began
+    run.deadline.note_texels(seconds, atlas.page_count * atlas.page_size**2, seconds / max(of_processor, 1e-3))
     touched = rising = np.zeros(len(texel_map), bool)
+    is_cut = False
     if lit:
         with run.stage(_TREE):
             opened = traced_scene.open_scene(str(run.folder))
         run.warn(opened.warnings)
         if settings.contact and by_photons:
-            with run.stage(contact_map.LOOKING):
-                watch, threads = run.watch(), executors.count_processors(settings.workers)
+            with run.stage(contact_map.LOOKING), suppress(OutOfTime):
+                watch, threads = run.deadline.watch_contacts(run.watch()), executors.count_processors(settings.workers)
                 contacts = contact_search.search_contacts(run.folder, opened, texel_map, executor, threads, watch)
                 texel_map, facets, touched, rising = contact_map.cut_at_contacts(texel_map, facets, contacts, watch)
+                is_cut = True
+            if not is_cut:
+                run.warn([("", _NO_CONTACTS)])
     shared_arrays.save_struct(place, texel_map)
     if lit:
         texel_map = traced_scene.open_tracing(str(run.folder)).texels

@@ -39,6 +39,7 @@ from ..transport.birth_guide import BirthGuide
 from ..transport.ledger import Ledger
 from ..util.messages import Status
 from ..util.settings import Settings
+from .deadline import Deadline
 from .first_photons import FirstPhotons
 from .gather_plan import GatherPlan, know_light
 from .photon_rounds import PhotonRounds, save_view
@@ -47,6 +48,7 @@ from .stop_rules import StopRules
 
 # Of nodes below what rises from a surface, from the first round on: a default bake may have no more than two, too few to come so far.
 _RISING_SIDE = 8  # texels
+_LEAST_PHOTONS = 1 << 15  # of a round that a time limit cuts short: of fewer, looking at them takes all of the time
 TRACING = Status("photons", "Tracing photons")
 
 
@@ -64,9 +66,11 @@ class Solver:
     photons_before: int = 0  # of an earlier bake, which this goes on with
     first: FirstPhotons = field(default_factory=FirstPhotons)
     rising_texels: NDArray[np.bool_] | None = None  # (n,) of ContactMap; None for none
+    limit: Deadline | None = None  # of the time limit of a whole bake; None: it counts from now
 
     def __post_init__(self) -> None:
         self.tracing = traced_scene.open_tracing(str(self.folder))
+        self.deadline = self.limit or Deadline(self.settings.time_limit)
         texels, settings = self.tracing.texels, self.settings
         self.degree = basis.DEGREES[settings.basis]
         self.tree = quadtree.plant_trees(texels, self.degree, settings.min_level, settings.finest_texels, not settings.hierarchical)
@@ -105,7 +109,8 @@ class Solver:
     def shoot_direct(self, tell: Tell, should_stop: Stop, ahead: ShotAhead = NOTHING_AHEAD) -> bool:
         """Shadow rays from all texels of a bake that has begun, as sure as they must be beside its light; see DirectField.shoot."""
         every, other = range(len(self.tracing.texels)), self._other_light(self.reading or self._read_tallies())
-        is_done = self.direct.shoot(self.folder, self.settings, self.executor, every, tell, should_stop, other, ahead)
+        settings = self.deadline.ease(self.settings)
+        is_done = self.direct.shoot(self.folder, settings, self.executor, every, tell, should_stop, other, ahead)
         self.started = time.monotonic()  # a time limit, and what is foretold of the time left, are of what comes now
         return is_done
 
@@ -114,10 +119,13 @@ class Solver:
         stated: estimate.StatedError | None = None
         traced = self.ledger.photons > 0  # begun, or a bake that goes on: its last round has not been refined yet
         reading = self.reading
-        rules = StopRules(self.settings, should_stop, self.started)
+        rules = StopRules(self.settings, should_stop, self.started, self.deadline)
+        since, before = time.monotonic(), self.ledger.photons
         while True:
             if not traced:
                 self._trace_round(stated)
+                self.deadline.note_round(self.ledger.photons - before, time.monotonic() - since)
+            looked = time.monotonic()
             if reading is None or not traced:
                 reading = self.reading = self._read_tallies()
             traced = False
@@ -126,20 +134,27 @@ class Solver:
                 light, stated = self._make_light(reading), None
                 tell(rules.measure_progress(light, self.photons_before))
                 self.watch(light)
+                since, before = time.monotonic(), self.ledger.photons
                 continue
             light, stated = self._light(reading)
+            self.deadline.note_light(time.monotonic() - looked)
             while (look := self._choose_look(reading, stated)) and not rules.break_off():
                 have_look(look, tell, rules.break_off, TRACING)
                 light, stated = self._light(reading)
-            stopped_by = rules.find_reason(light.error, light.photons)
+            stopped_by = rules.find_reason(light.error, light.photons) or self._find_haste()
             error = light.error if stopped_by in ("", "error") else stated.relative  # not chosen by its error, then
             light = replace(light, error=error, stopped_by=stopped_by)
             tell(rules.measure_progress(light, self.photons_before))
             if light.stopped_by:
                 self.rounds.drop()
                 return replace(light, object_error=stated.of_objects())
+            since, before = time.monotonic(), self.ledger.photons
             self.watch(light)
             self._refine(reading)
+
+    def _find_haste(self) -> str:
+        """ "time_limit" where not even a small round can be traced in the time left, else ""."""
+        return "" if self.deadline.cap_photons(_LEAST_PHOTONS) == _LEAST_PHOTONS else "time_limit"
 
     def _choose_look(self, reading: Reading, stated: estimate.StatedError) -> Look | None:
         """What sends more rays from texels, if one more helps more than a photon's."""
@@ -189,6 +204,9 @@ class Solver:
             self.square_tally.add(shard.shard % 2, result.squares, shard.photons * shard.weight)
             self.ledger.add(shard.photons, shard.weight, result.audit, result.counters)
             self.lit_elsewhere |= result.lit_elsewhere
+            if self.round and shard.shard % 2 and self.deadline.is_over():  # both halves have as many
+                self.rounds.drop()
+                break
             if shard.round == self.round:  # late ones were sent otherwise, and what they would guide is planned already
                 parted += [result.splitting] if result.splitting else []
                 born += [result.births] if result.births else []
@@ -251,7 +269,8 @@ class Solver:
     def _light(self, reading: Reading) -> tuple[LightField, estimate.StatedError]:
         """The light as it stands."""
         texels = self.tracing.texels
-        shown = texels, self.settings.denoise, partial(spread, self.executor)
+        limited = self.deadline.limit_spread(partial(spread, self.executor), self.deadline.is_over)
+        shown = texels, self.settings.denoise, limited
         direct, gathered = self.direct.show(*shown), self.gathered.show_gathered(*shown) if self.gathered else None
         photon_w, few = self.ledger.photon_w(), self._find_few(reading)
         stated = estimate.state_error(reading, direct, texels, self.settings.denoise, gathered, self.judged, photon_w, few)
@@ -298,4 +317,5 @@ class Solver:
         so_far, told = self.ledger.photons + late[0], self.ledger.told + late[1]
         degree = self.degree if settings.hierarchical else None
         photons, is_last = rounds.next_photons(so_far, told, weight, most, len(self.tree), settings.error, *errors, degree)
+        photons = max(self.deadline.cap_photons(photons), min(photons, _LEAST_PHOTONS))
         return photons, 0 if is_last else most - so_far - photons

@@ -11,6 +11,7 @@ from pathlib import Path
 from ..util.job import Job
 from ..util.messages import Message, Status, Warning_
 from ..util.words import Watch, Words
+from .deadline import Deadline
 
 
 @dataclass
@@ -22,6 +23,7 @@ class Run:
     tell          hears every message
     should_stop   whether the best so far is asked for
     seconds       of each stage
+    deadline      of the time limit
     warnings      (subject, sentence) of all that was replaced or left out; those who bake the same again hear of it too
     """
 
@@ -31,6 +33,7 @@ class Run:
     should_stop: Callable[[], bool]
     seconds: dict[str, float] = field(default_factory=dict)
     warnings: list[tuple[str, str]] = field(default_factory=list)
+    deadline: Deadline = field(default_factory=Deadline)
 
     @contextmanager
     def stage(self, said: Status) -> Iterator[None]:
@@ -42,7 +45,7 @@ class Run:
 
     def watch(self) -> Watch:
         """For a stage that now begins: hears how far it is, and ends it by an Interrupted where nobody wants the rest."""
-        return Words(self.tell, self.should_stop).say
+        return Words(self.tell, lambda: self.should_stop() or self.deadline.is_lost()).say
 
     def warn(self, warnings: Iterable[tuple[str, str]]) -> None:
         """Of what was replaced or left out: subject and sentence of each."""

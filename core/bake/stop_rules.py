@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from ..integrate.light_field import LightField
 from ..util.messages import Progress
 from ..util.settings import Settings
+from .deadline import Deadline
 
 
 @dataclass(frozen=True)
@@ -18,13 +19,17 @@ class StopRules:
 
     should_stop   whether somebody asked for the best so far; then it stays so
     started       by time.monotonic()
+    deadline      of the whole bake; None: the time limit counts from `started`
     """
 
     settings: Settings
     should_stop: Callable[[], bool]
     started: float
+    deadline: Deadline | None = None
 
     def is_late(self) -> bool:
+        if self.deadline is not None:
+            return self.deadline.is_over()
         return 0.0 < self.settings.time_limit <= time.monotonic() - self.started
 
     def break_off(self) -> bool:
@@ -49,7 +54,8 @@ class StopRules:
         if light.error > 0.0:
             fractions.append(min((settings.error / light.error) ** 2, 1.0))
         if settings.time_limit:
-            fractions.append(seconds / settings.time_limit)
+            left = seconds + self.deadline.left() if self.deadline else settings.time_limit
+            fractions.append(seconds / left if left > 0.0 else 1.0)
         fraction = 1.0 if light.stopped_by else min(max(fractions), 1.0)
         done = fraction * (1.0 - before / max(light.photons, 1))  # of it, in this time
         left = seconds * (1.0 - fraction) / done if done > 0.0 else math.nan

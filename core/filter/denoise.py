@@ -62,10 +62,10 @@ class Smoothing:
 
     def finish(self) -> Smoothed:
         """Once for all: what is not done yet is waited for."""
-        found = list(self.found)
+        found = list(self.found)  # fewer than were asked for where somebody has no time for more: the others stay as they are
         parts = [
             (entry, *values) if not of_quads else self._spread(entry, *values)
-            for (entry, of_quads), values in zip(self.asked, found, strict=True)
+            for (entry, of_quads), values in zip(self.asked, found, strict=False)
         ]
         entry, smoothed, left, own_share = (np.concatenate(of, axis=-1 if of[0].ndim == 1 else -2) for of in zip(*parts, strict=True))
         return Smoothed(entry, smoothed, left, own_share)

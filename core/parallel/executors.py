@@ -171,10 +171,14 @@ def spread(executor: Executor, fn: Callable[..., T], calls: Iterable[tuple[Any, 
     ahead = deque(islice(begun, local.most_ahead))
 
     def answer() -> Iterator[T]:
-        ahead.extend(islice(begun, 1))
-        while ahead:
-            yield ahead.popleft().result()
+        try:
             ahead.extend(islice(begun, 1))
+            while ahead:
+                yield ahead.popleft().result()
+                ahead.extend(islice(begun, 1))
+        finally:
+            for call in ahead:  # nobody asks for them any more
+                call.cancel()
 
     return answer()
 
@@ -190,6 +194,26 @@ class _Call(Future[Any]):
         while not self.done() and self._help_out():
             pass
         return super().result(timeout)
+
+
+class _Answers(Iterator[T]):
+    """Results of calls, in their order; who drops it wants no more of them, also where none was asked for yet."""
+
+    def __init__(self, calls: Iterable[Future[T]]) -> None:
+        self._calls = deque(calls)
+
+    def __next__(self) -> T:
+        if not self._calls:
+            raise StopIteration
+        return self._calls.popleft().result()
+
+    def __del__(self) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Nobody asks for the rest."""
+        for call in self._calls:
+            call.cancel()
 
 
 class LocalExecutor(Executor):
@@ -246,6 +270,10 @@ class LocalExecutor(Executor):
         self._waiting.append(call)
         self._feed()
         return call
+
+    def map(self, fn: Callable[..., T], *iterables: Iterable[Any], timeout: float | None = None, chunksize: int = 1) -> Iterator[T]:
+        """All calls are begun now."""
+        return _Answers([self.submit(fn, *arguments) for arguments in zip(*iterables, strict=False)])
 
     def set_apart(self, run: Callable[[], T]) -> Callable[[], T]:
         """See the function of that name."""

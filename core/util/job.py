@@ -32,6 +32,8 @@ class Job:
     keep_mb      size beyond which it is not kept, 0 for any
     blend        path of the .blend that is baked, "" where it has none; see earlier_bakes
     taken        names of images in `output` that objects show which are not baked now: no page is called like one of them
+    began        time.monotonic() of when the bake was asked for, 0 now; see deadline
+    after_s      seconds that showing and saving it will take
     """
 
     settings: Settings
@@ -43,6 +45,8 @@ class Job:
     keep_mb: int = 0
     blend: str = ""
     taken: tuple[str, ...] = ()
+    began: float = 0.0
+    after_s: float = 0.0
 
     def save(self, folder: Path) -> None:
         (folder / JOB_FILE).write_text(json.dumps(dataclasses.asdict(self)), encoding="utf-8")

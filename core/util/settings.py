@@ -132,7 +132,14 @@ class Settings:
         group="Quality",
     )
     max_photons: int = _knob(64_000_000, "photons after which the bake stops", unit="photons", low=1000, high=10**12, group="Quality")
-    time_limit: float = _knob(0.0, "seconds after which the bake stops; 0 is no limit", unit="s", low=0.0, high=1e7, group="Quality")
+    time_limit: float = _knob(
+        0.0,
+        "seconds from the start after which the best light so far is written; 0 is no limit",
+        unit="s",
+        low=0.0,
+        high=1e7,
+        group="Quality",
+    )
     # Method
     direct: str = _knob(
         "rays", "how direct light is found: shadow rays, or photons as in the paper", choices=DIRECT_MODES, label="Direct Light"

@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -176,8 +177,26 @@ def test_time_limit_ends_a_bake(room):
     assert bake(room, "--time-limit", "0.2", "--error", "0.0001", "--max-photons", "100000000000") == 0
     report = read_report(room)
     assert report["stopped_by"] == "time_limit"
-    assert report["warnings"][0]["text"].startswith("stopped at --time-limit ")
+    assert report["warnings"][-1]["text"].startswith("stopped at --time-limit ")
     assert report["seconds"]["photons"] < 20
+
+
+def test_a_time_limit_is_wall_time_from_the_start_of_the_command(room):
+    """Contacts, direct light and smoothing of a large page would each take longer than what is asked for here."""
+    words = ("--time-limit", "6", "--error", "0.0001", "--max-photons", "100000000000", "--size", "1024", "--workers", "1")
+    began = time.monotonic()
+    assert bake(room, *words, "--save", str(room.parent / "saved.blend")) == 0
+    passed = time.monotonic() - began
+    report = read_report(room)
+    assert report["stopped_by"] == "time_limit"
+    assert passed < 6.0 + 2.0
+    assert read_pixels(room.parent / "maps" / "room_0.combined.exr")[..., :3].max() > 0.01
+
+
+def test_a_time_limit_that_ends_before_there_is_light_is_a_sentence(room, capsys):
+    argv = ["bake", str(room), *QUICK, "--output", str(room.parent / "maps"), "--time-limit", "20"]
+    assert cli.main(argv, "leaflight", with_scene=True, began=time.monotonic() - 30.0) == 1
+    assert "the time limit ended while the scene was read; raise it, or bake fewer objects." in capsys.readouterr().err
 
 
 def test_report_goes_into_a_folder_that_is_made(room):

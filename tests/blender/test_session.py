@@ -1,5 +1,6 @@
 """A bake's way out of Blender and back, without the process between."""
 
+import dataclasses
 import errno
 import json
 import sys
@@ -62,9 +63,11 @@ def shown_images(name):
 
 
 def test_job_says_what_was_asked(request_, folder, tmp_path):
-    prepare(request_, folder)
+    prepare(dataclasses.replace(request_, began=2.5), folder)
     assert list_files(folder) == sorted([JOB_FILE, SNAPSHOT_FILE])
-    assert Job.load(folder) == Job(SETTINGS, str(tmp_path / "maps"), "lightmap")
+    job = Job.load(folder)
+    assert job == Job(SETTINGS, str(tmp_path / "maps"), "lightmap", began=2.5, after_s=job.after_s)
+    assert 0.0 < job.after_s < 10.0
     assert [one.name for one in load_snapshot(folder / SNAPSHOT_FILE).objects] == ["Cube", "Floor"]
 
 

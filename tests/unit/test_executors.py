@@ -239,6 +239,16 @@ def test_calls_are_spread_over_processes_of_this_machine_alone():
     assert set(executors.spread(Elsewhere(), os.getpid, [()] * 3)) == {os.getpid()}
 
 
+def test_a_map_that_is_dropped_before_its_first_answer_leaves_nothing_to_do():
+    """Else whoever stops would wait for all of it with what is asked for next."""
+    with executors.LocalExecutor(2) as executor:
+        wait_until_ready(executor)
+        answers = executor.map(tell_process, [0.01] * 500)
+        del answers
+        assert executor._waiting
+        assert all(call.cancelled() for call in executor._waiting)
+
+
 def test_an_abandoned_map_leaves_nothing_to_do():
     with executors.LocalExecutor(2) as executor:
         wait_until_ready(executor)

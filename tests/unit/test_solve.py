@@ -77,7 +77,7 @@ def test_smooth_light_is_split_until_it_is_as_exact_as_asked(tmp_path):
 
 def test_the_time_limit_stops(tmp_path):
     solver = make_solver(tmp_path, lamp_scene(), replace(SETTINGS, time_limit=100.0, max_photons=10**9))
-    solver.started -= 101.0
+    solver.deadline.began -= 101.0
     light = solver.run(lambda message: None, lambda: False)
     assert (light.stopped_by, light.rounds) == ("time_limit", 1)
 

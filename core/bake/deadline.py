@@ -1,0 +1,138 @@
+"""The time limit of a bake as wall time: from when it was asked for to when its images are written and shown."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from ..filter.denoise import Spread
+from ..util.messages import Status
+from ..util.settings import Settings
+from ..util.words import Watch
+
+# Seconds that the end of a bake takes, over those in which its texels were measured, which are as many and are known by then: writing
+# smooths them once more, draws pages and fills margins. Measured on five scenes of 512 to 1024 texels: 0.8 to 3.3, and 1.5 to 2.8; and for
+# each texel of a page, where most of it is one large chart, which is measured fast. What takes longer is left as it is.
+_WRITE_OF_TEXELS, _LIGHT_OF_TEXELS, _WRITE_OF_PAGES_S = 2.5, 1.5, 1e-6
+_WRITE_OF_LIGHT = 2.2  # writing over one look at the light, once that is known; measured 1.2 to 2.2
+_SPARE = 1.2  # of a look: the next one may take longer
+_GRACE_SHARE, _GRACE_S = 0.1, 2.0  # by which a bake may be late to have any light at all; the greater of both
+_UNKNOWN_PHOTONS = 1 << 18  # of a round before it is known how fast they are
+_FIRST_ERROR = 0.05  # relative, of a first estimate
+_SOON = 0.1  # share of the time left after which it is clear how long a stage will take
+_FITS = 0.85  # share of the time left that a stage may take
+_CONTACTS = 0.25  # share of it that the search for contacts may take
+
+
+class OutOfTime(Exception):
+    """A stage that a bake can do without would take too long."""
+
+
+@dataclass
+class Deadline:
+    """When a bake has to be done, and what its end will take.
+
+    limit_s   seconds, 0 no limit
+    began     time.monotonic() of when the bake was asked for, of any process of this machine
+    after_s   seconds that Blender will take once the images are written
+    """
+
+    limit_s: float = 0.0
+    began: float = field(default_factory=lambda: time.monotonic())
+    after_s: float = 0.0
+    _texels_s: float = 0.0
+    _pages_s: float = 0.0
+    _light_s: float = 0.0  # the longest look at the light
+    _last_s: float = 0.0
+    _photons_per_s: float = 0.0
+
+    @property
+    def reserve_s(self) -> float:
+        """Seconds for what is still to be done once no more light is sought: one more look at it, and the images."""
+        write_s = max(_WRITE_OF_TEXELS * self._texels_s, _WRITE_OF_LIGHT * self._light_s, self._pages_s)
+        return self.after_s + write_s + (_SPARE * self._last_s if self._light_s else _LIGHT_OF_TEXELS * self._texels_s)
+
+    def left(self) -> float:
+        """Seconds in which light may still be sought, infinity without a limit."""
+        return self.began + self.limit_s - self.reserve_s - time.monotonic() if self.limit_s else math.inf
+
+    def is_over(self) -> bool:
+        """Whether it is time to write the best light so far."""
+        return self.left() <= 0.0
+
+    def is_write_late(self) -> bool:
+        """Whether pages have to be drawn now, as the light is."""
+        return bool(self.limit_s) and time.monotonic() > self.began + self.limit_s - self.after_s - self._pages_s
+
+    def limit_spread(self, spread: Spread, is_late: Callable[[], bool]) -> Spread:
+        """Gives what `spread` gives, but no more of it once it is late."""
+
+        def limited(fn: Callable[..., Any], calls: Iterable[tuple[Any, ...]]) -> Iterable[Any]:
+            answers = spread(fn, calls)  # now: others may begin
+            return _take_until(answers, is_late) if self.limit_s else answers
+
+        return limited
+
+    def is_lost(self) -> bool:
+        """Whether a bake that has no light yet is too late to come to any."""
+        return bool(self.limit_s) and time.monotonic() - self.began > self.limit_s + max(_GRACE_SHARE * self.limit_s, _GRACE_S)
+
+    def note_texels(self, seconds: float, page_texels: int = 0, slowness: float = 1.0) -> None:
+        """Texels of pages with so many were measured in so many seconds; `slowness` of seconds over those of the processor."""
+        self._texels_s, self._pages_s = seconds, _WRITE_OF_PAGES_S * page_texels * max(slowness, 1.0)
+
+    def note_light(self, seconds: float) -> None:
+        """A look at the light, with its error, took so many."""
+        self._last_s, self._light_s = seconds, max(self._light_s, seconds)
+
+    def note_round(self, photons: int, seconds: float) -> None:
+        """A round of so many photons took so many."""
+        self._photons_per_s = photons / max(seconds, 1e-6)
+
+    def cap_photons(self, photons: int) -> int:
+        """How many of the photons of a round can be traced in the time left."""
+        if not self.limit_s:
+            return photons
+        if not self._photons_per_s:
+            return min(photons, _UNKNOWN_PHOTONS)
+        return max(min(photons, int(_FITS * self.left() * self._photons_per_s)), 0)
+
+    def ease(self, settings: Settings) -> Settings:
+        """Settings of a first estimate at all texels: coarse where time is limited, for what is left of it makes the worst ones better."""
+        return replace(settings, error=max(settings.error, _FIRST_ERROR)) if self.limit_s else settings
+
+    def foresee(self, steps: int) -> Callable[[], bool]:
+        """What tells after each of so many steps whether they will not all be done in the time left; once it is so it stays so."""
+        began, left = time.monotonic(), self.left()
+        done, is_late = 0, False
+
+        def ask() -> bool:
+            nonlocal done, is_late
+            done += 1
+            passed = time.monotonic() - began
+            soon = passed > _SOON * left or left <= 0.0
+            is_late = is_late or (bool(self.limit_s) and soon and passed / done * steps > _FITS * left)
+            return is_late
+
+        return ask
+
+    def watch_contacts(self, watch: Watch) -> Watch:
+        """A Watch that raises OutOfTime once the stage has had its share of the time left."""
+        began, left = time.monotonic(), self.left()
+
+        def say(said: Status, share: float, about: str) -> None:
+            if self.limit_s and time.monotonic() - began > _CONTACTS * left:
+                raise OutOfTime
+            watch(said, share, about)
+
+        return say
+
+
+def _take_until(answers: Iterable[Any], is_late: Callable[[], bool]) -> Iterator[Any]:
+    for answer in answers:
+        yield answer
+        if is_late():
+            return
