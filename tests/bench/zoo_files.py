@@ -61,6 +61,10 @@ def main(blend: Path, folder: Path, size: int) -> None:
     from leaflight.addon.read.scene_file import open_scene
 
     open_scene(blend)
+    for obj in bpy.context.view_layer.objects:
+        if obj.mode != "OBJECT":
+            bpy.context.view_layer.objects.active = obj
+            bpy.ops.object.mode_set(mode="OBJECT")
     objects = choose_objects()
     if not objects:
         raise ValueError(f"{blend.name}: has no visible mesh with a diffuse surface; leave it out.")

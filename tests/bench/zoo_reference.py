@@ -202,7 +202,7 @@ def _join(stage):
     import bpy
     from cycles_bake import aim_at, read_uv
 
-    plain = all(obj.matrix_world.is_identity and not obj.modifiers and obj.data.users == 1 for obj in stage.objects)
+    plain = all(obj.matrix_world.determinant() > 0.0 and not obj.modifiers and obj.data.users == 1 for obj in stage.objects)
     if len(stage.objects) < 2 or not plain:
         return stage
     bpy.ops.object.join()
