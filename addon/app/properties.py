@@ -154,6 +154,17 @@ TEXTS = {
     "workers": "one per core",
 }
 _TEXT_PROPERTIES = {
+    "error_percent": bpy.props.FloatProperty(
+        name="Target Error",
+        description="How noisy the lightmap may be when the bake stops: the relative error of a typical pixel",
+        subtype="PERCENTAGE",
+        min=0.01,
+        max=100.0,
+        precision=1,
+        get=lambda properties: 100.0 * properties.error,
+        set=lambda properties, percent: setattr(properties, "error", float(f"{percent / 100.0:.6g}")),
+        options={"SKIP_SAVE"},
+    ),
     "max_photons_text": _make_text("max_photons", quantities.write_count, quantities.read_count),
     "time_limit_text": _make_text("time_limit", quantities.write_duration, quantities.read_duration),
     "value_range_text": _make_text("value_range", "{:g}".format, quantities.read_number),

@@ -185,8 +185,11 @@ def _draw_quality(column: Any, context: bpy.types.Context) -> tuple[str, ...]:
     presets.prop(properties, "quality", expand=True)
     error = column.column()
     error.active = properties.quality == "CUSTOM"
-    error.prop(properties, "error")
-    column.row().prop(properties, "error_of", expand=True)
+    error.prop(properties, "error_percent", slider=False)
+    column.label(text="Measure the error of:")
+    measure = column.row(align=True)
+    measure.use_property_split = False
+    measure.prop(properties, "error_of", expand=True)
     return ("error", "error_of")
 
 

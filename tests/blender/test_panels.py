@@ -8,6 +8,7 @@ bpy = pytest.importorskip("bpy")
 
 import leaflight
 from blend_rooms import add_mesh, ask_quick_bake, open_room
+from leaflight.addon.app import properties
 from leaflight.addon.show import layout, view_shading
 from leaflight.addon.show.bake_text import Worn
 from leaflight.addon.ui import panels
@@ -332,6 +333,15 @@ def test_numbers_are_written_as_people_write_them():
     assert (chosen.max_photons, chosen.time_limit) == (2_500_000, 300.0), "what is no number changes nothing"
     chosen.max_photons_text, chosen.time_limit_text = "1", ""
     assert (chosen.max_photons, chosen.time_limit) == (1000, 0.0), "the least that there may be, and no limit"
+
+
+def test_the_error_is_a_percentage():
+    chosen = bpy.context.scene.leaflight
+    assert chosen.error_percent == pytest.approx(50.0)
+    chosen.error_percent = 7.5
+    assert properties.make_settings(chosen).error == 0.075
+    chosen.error_percent = 0.0
+    assert properties.make_settings(chosen).error == pytest.approx(1e-4), "the least that there may be"
 
 
 def test_presets_keep_the_settings(monkeypatch, tmp_path):

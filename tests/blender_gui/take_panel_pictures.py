@@ -135,7 +135,7 @@ def measured() -> Iterator[float]:
 
 
 def picture_plan() -> Iterator[float]:
-    yield 6.0  # the first material preview compiles shaders
+    yield from settle(20.0)  # the first material preview compiles shaders
     yield from measured()
     yield from picture_of_view("plan")
     chosen().resolution, chosen().density = "DENSITY", 80.0
