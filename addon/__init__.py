@@ -9,7 +9,7 @@ def register() -> None:
 
     import bpy
 
-    from .app import live, properties, scene_meter, spare_images
+    from .app import changes, live, properties, scene_meter, spare_images
     from .app.bake_state import BakeState
     from .gltf import export_gltf
     from .read import object_settings
@@ -24,7 +24,7 @@ def register() -> None:
         for cls in (properties.LeaflightProperties, *choices, *commands, *panels.CLASSES, *panels_object.CLASSES):
             bpy.utils.register_class(cls)
             undo.callback(bpy.utils.unregister_class, cls)
-        for part in (object_settings, scene_meter, checker, keymap):
+        for part in (object_settings, scene_meter, changes, checker, keymap):
             part.register()
             undo.callback(part.unregister)
         bpy.types.Scene.leaflight = bpy.props.PointerProperty(type=properties.LeaflightProperties)

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from ..read.tags import is_made, local_objects
 from ..show import images, materials_write, restore
 from ..show.layout import Layout, worn_digest, worn_images, worn_warnings
-from . import session, spare_images
-from .kept_state import mark_state
+from . import session
 
 LIVE = "leaflight_live"  # on an image: its page of the bake that runs
 STANDS_FOR = "leaflight_stands_for"  # on such an image: that of the earlier bake, whose place it has taken
@@ -62,13 +61,13 @@ class LiveView:
         if not (self._layout and is_live(scene) and self._is_whole(scene, self._layout)):
             self.take_off()
             return session.assign(context, self._work, result)
+        baked = session.compare_prints(scene, self._work, self._layout)
         found = session.load_pages(self._work.request, result)
         for page, image in worn_images(scene).items():
             image.user_remap(found[page])
         _remove_images()
         images.remove_unused_images()  # the earlier bake's
-        mark_state(scene, self._work.request)
-        spare_images.mark_spare(scene, result.get("spare", ""))
+        session.mark_bake(scene, self._work, result, baked)
         return self._warnings
 
     def take_off(self) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 import bpy
 from mathutils import Matrix
 
-from ...core.bake.checkpoint import INFO_FILE
+from ...core.bake.checkpoint import INFO_FILE, describe_differences, find_differences
 from ...core.bake.kept_bake import KeptBake, find_kept_bake
 from ...core.output.image_room import SPARE_PREFIX
 from ...core.scene.snapshot import save_snapshot
@@ -25,12 +25,14 @@ from ...core.util.messages import Done, Message, Status, Warning_
 from ..read import baked_copies, export_scene
 from ..read.export_pieces import walk_pieces
 from ..read.export_receivers import LINKED
+from ..read.object_settings import registered
 from ..read.render_levels import evaluate_for_render
 from ..read.tags import local_objects
 from ..show import images, materials_write, restore
 from ..show.layers_write import write_layers
 from ..show.layout import Layout, mark_layout, read_layout
 from ..show.page_store import find_folder, keep_page
+from ..show.scene_prints import Baked, Prints, describe_changes, list_changes, mark_prints, print_scene, read_marked
 from . import spare_images
 from .arguments import BakeRequest
 from .kept_state import mark_state
@@ -38,6 +40,7 @@ from .kept_state import mark_state
 Warnings = list[tuple[str, str]]
 # Seconds that showing, saving and reporting a bake take, and their part of those of the export: both go over all objects.
 _AFTER_S, _AFTER_OF_EXPORT = 0.2, 0.3
+_KNOBS_OF_CORE = ("max_depth",)  # which it sets itself, where nobody asks for reflected light
 _LEAST_BYTES = 1024  # of a folder that has room
 
 
@@ -45,12 +48,14 @@ _LEAST_BYTES = 1024  # of a folder that has room
 class Session:
     """A bake under way in `folder`.
 
-    kept   the last bake, where nothing has changed since and its result is in the folder already
+    prints  of the scene as it was exported
+    kept    the last bake, where nothing has changed since and its result is in the folder already
     """
 
     folder: Path
     request: BakeRequest
     export: export_scene.ExportResult
+    prints: Prints
     kept: KeptBake | None = None
 
 
@@ -69,6 +74,8 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
     try:
         until = began + limit if limit else math.inf
         export = export_scene.export_scene(context, list(request.objects) or None, request.uv_layer or None, until=until)
+        with registered():
+            prints = print_scene(scene, context.view_layer)
     finally:
         if shown:
             restore.toggle_preview(scene, True)
@@ -85,13 +92,28 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
         if kept is None:
             save_snapshot(folder / SNAPSHOT_FILE, export.snapshot)
             job.save(folder)
+            _check_state(scene, request, folder, prints)
         else:
             kept.restore(folder)
     except OSError as reason:
         raise OSError(
             f"{folder}: the scene cannot be kept there ({reason.strerror}); make room, or set TMPDIR to another folder."
         ) from reason
-    return Session(folder, request, export, kept)
+    return Session(folder, request, export, prints, kept)
+
+
+def _check_state(scene: bpy.types.Scene, request: BakeRequest, folder: Path, prints: Prints) -> None:
+    """Raises ValueError with a sentence where the state to go on from is of another scene or method; the core finds that much later."""
+    if request.resume is None:
+        return
+    differing = [name for name in find_differences(request.resume, folder, request.settings) if name not in _KNOBS_OF_CORE]
+    if not differing:
+        return
+    marked = read_marked(scene)
+    changes = list_changes(marked.prints, prints) if marked and "scene" in differing else []
+    if changes:
+        raise ValueError(f"{describe_changes(changes)}. Refine cannot go on from it: press Bake, or undo the change.")
+    raise ValueError(describe_differences(request.resume, differing))
 
 
 def _list_taken(scene: bpy.types.Scene, request: BakeRequest) -> tuple[str, ...]:
@@ -174,16 +196,34 @@ def assign(context: bpy.types.Context, session: Session, result: dict[str, Any])
     A bake of objects that were named leaves the others the bake that they carry.
     """
     layout, scene = get_layout(session), context.scene
-    part = _find_part(session, layout) if session.request.objects else None
+    part, baked = _find_part(session, layout) if session.request.objects else None, compare_prints(scene, session, layout)
     restore.remove_bake(scene, part)
     context.view_layer.update()  # until then Blender 5.2 lists the copies that were removed, as None
     others = part is not None and restore.has_bake(scene)
     warnings = show_pages(context, session, layout, load_pages(session.request, result))
     if others:
         warnings += restore.toggle_preview(scene, True)
-    mark_state(context.scene, session.request)
-    spare_images.mark_spare(context.scene, result.get("spare", ""))
+    mark_bake(scene, session, result, baked)
     return warnings
+
+
+def mark_bake(scene: bpy.types.Scene, session: Session, result: dict[str, Any], baked: Baked) -> None:
+    """Remember of a bake that the scene wears where its state and its images are, and what the scene was like."""
+    mark_state(scene, session.request)
+    spare_images.mark_spare(scene, result.get("spare", ""))
+    mark_prints(scene, baked)
+
+
+def compare_prints(scene: bpy.types.Scene, session: Session, layout: Layout) -> Baked:
+    """What is to be remembered of the scene as it was baked, before the new bake takes the place of the last."""
+    marked = read_marked(scene)
+    if not session.request.objects or marked is None:
+        return Baked(session.prints)
+    part = _find_part(session, layout)
+    wearers = {baked_copies.find_source(obj) for obj in local_objects(scene.objects) if materials_write.BAKE in obj}
+    if not wearers - part:
+        return Baked(session.prints)
+    return Baked(session.prints, tuple(dict.fromkeys([*marked.older, *list_changes(marked.prints, session.prints)])))
 
 
 def _find_part(session: Session, layout: Layout) -> set[bpy.types.Object]:

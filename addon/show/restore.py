@@ -11,6 +11,7 @@ from ..read.tags import MADE, is_made, local_objects, remove_mark, remove_marks
 from . import images, materials_write
 from .layout import LAYOUT, SPARE
 from .node_groups import remove_unused_groups
+from .scene_prints import PRINTS
 
 MISSING = "leaflight_missing"  # on a scene: why it does not show its bake, as a sentence
 OBJECT_MARKS = (MADE, materials_write.BAKE, baked_copies.SOURCE, baked_copies.HIDDEN, baked_copies.SHARED_MESH, uv_layer.PLACE)
@@ -37,7 +38,7 @@ def remove_bake(scene: bpy.types.Scene | None = None, part: Collection[bpy.types
         if mesh not in worn:
             uv_layer.remove_layer(mesh)
     for one in [scene] if scene else bpy.data.scenes:
-        for mark in (LAYOUT, SPARE, MISSING):
+        for mark in (LAYOUT, SPARE, MISSING, PRINTS):
             remove_mark(one, mark)
         remove_marks(one)
     for obj in objects:

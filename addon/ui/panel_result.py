@@ -12,6 +12,7 @@ from ..app.request import find_output
 from ..app.spare_images import draw_spare
 from ..show import layout, restore, view_shading
 from ..show.bake_text import Worn
+from ..show.scene_prints import describe_changes
 from .panel_parts import draw_sentence, draw_told
 
 
@@ -25,7 +26,10 @@ def draw_result(column: Any, context: bpy.types.Context, worn: Worn) -> None:
     box = column.box()
     row = box.row(align=True)
     shown = restore.is_preview_on(context.scene)
-    row.operator("leaflight.toggle_preview", icon="HIDE_OFF" if shown else "HIDE_ON", depress=shown)
+    watch = context.window_manager.leaflight_changes
+    changes = watch.watch(context)
+    text = "Show Bake (out of date)" if changes or watch.older else "Show Bake"
+    row.operator("leaflight.toggle_preview", text=text, icon="HIDE_OFF" if shown else "HIDE_ON", depress=shown)
     row.operator("leaflight.remove", icon="TRASH")
     row = box.row(align=True)
     row.operator("leaflight.export_gltf", text="Export .glb", icon="EXPORT")
@@ -40,6 +44,12 @@ def draw_result(column: Any, context: bpy.types.Context, worn: Worn) -> None:
     if shown and view_shading.hides_bake(context):
         draw_sentence(box, context, "This view does not show the baked light.", "INFO")
         draw_show_it(box)
+    if changes:
+        told = f"{describe_changes(changes)}. The light that you see is out of date: bake again."
+        draw_told(box, context, Told(tuple(changes), told), "ERROR")
+    if watch.older:
+        told = f"Changed between two bakes: {', '.join(watch.older[:3])}. What was not selected shows the older light: bake All."
+        draw_told(box, context, Told(watch.older, told), "ERROR")
     lines = box.column(align=True)
     for i, line in enumerate(worn.lines):
         icon = "CHECKMARK" if i == 0 else "BLANK1"

@@ -11,6 +11,7 @@ import hashlib
 import json
 import shutil
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -141,18 +142,31 @@ def no_state_error(folder: Path) -> str:
     return f"{folder}: holds no state of a bake that can be gone on with; bake again."
 
 
-def load_checkpoint(folder: Path, job_folder: Path, settings: Settings) -> Checkpoint:
-    """The state kept in `folder`, for the job in another.
+def find_differences(folder: Path, job_folder: Path, settings: Settings) -> list[str]:
+    """In what the bake of a state differs from a job: "scene", and knobs of the method.
 
-    Raises ValueError with a sentence when there is none, or none of this scene and these settings.
+    Raises ValueError with a sentence where there is no state.
     """
     info = read_info(folder)
     if info is None:
         raise ValueError(no_state_error(folder))
     identity = _identify(job_folder, settings)
-    differing = [name for name in identity if info.identity.get(name) != identity[name]]
+    return [name for name in identity if info.identity.get(name) != identity[name]]
+
+
+def describe_differences(folder: Path, differing: Sequence[str]) -> str:
+    """The sentence for a state that does not fit."""
+    return f"{folder}: is the state of a bake with another {', '.join(differing)}; bake again."
+
+
+def load_checkpoint(folder: Path, job_folder: Path, settings: Settings) -> Checkpoint:
+    """The state kept in `folder`, for the job in another.
+
+    Raises ValueError with a sentence when there is none, or none of this scene and these settings.
+    """
+    differing = find_differences(folder, job_folder, settings)
     if differing:
-        raise ValueError(f"{folder}: is the state of a bake with another {', '.join(differing)}; bake again.")
+        raise ValueError(describe_differences(folder, differing))
     try:
         kept: Checkpoint = _own_arrays(shared_arrays.load_struct(folder / _STRUCT_FOLDER, Checkpoint))
         return kept

@@ -1,0 +1,268 @@
+"""What of a scene a bake depends on, as a digest for each object, material and world: two sets of them tell what has changed.
+
+A print is the same whether the scene shows a bake or not, after it was saved and opened again, and after an undo.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..read import baked_copies
+from ..read.object_settings import IGNORE, read_choice
+from ..read.render_levels import find_render_objects
+from ..read.uv_layer import layer_name
+from .materials_write import find_original
+
+Prints = dict[str, str]  # "OBJECT Lamp", "MATERIAL Wall" or "WORLD World" -> digest
+
+PRINTS = "leaflight_prints"  # on a scene that wears a bake: Baked, as JSON
+
+_UNSEEN = {"CAMERA", "SPEAKER", "LIGHT_PROBE", "ARMATURE", "LATTICE"}  # what they move is printed with what they move
+_LOOKS = ("visible_diffuse", "visible_shadow", "instance_type", "show_instancer_for_render")
+# Of nodes, modifiers and lights: what the editors show, and levels of the viewport.
+_NOT_READ = {
+    "rna_type",
+    "name",
+    "levels",
+    "show_on_cage",
+    "show_only_control_edges",
+    "use_nodes",
+    "preview_render_type",
+    "is_active_output",
+    "node_warnings",
+    "panels",
+    "bakes",
+    "point_cache",
+}
+_NAMED = 3  # of what has changed, in one line
+_NESTED = 7  # structs and lists in one another that are looked into: the location of a curve mapping's points is the deepest
+
+
+@dataclass(frozen=True)
+class Baked:
+    """What a scene was like when it was baked.
+
+    prints   at the last bake
+    older    names of what had changed then since the bake that other objects wear, which were not part of the last one
+    """
+
+    prints: Prints
+    older: tuple[str, ...] = ()
+
+
+def mark_prints(scene: bpy.types.Scene, baked: Baked) -> None:
+    """Remember what the scene was like."""
+    scene[PRINTS] = json.dumps({"prints": baked.prints, "older": baked.older})
+
+
+def read_marked(scene: bpy.types.Scene) -> Baked | None:
+    """What the scene was like; None where nothing is known, as of a bake by an earlier version."""
+    try:
+        kept = json.loads(scene[PRINTS]) if PRINTS in scene else None
+        return Baked({str(key): str(value) for key, value in kept["prints"].items()}, tuple(kept["older"])) if kept else None
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def describe_changes(names: Iterable[str]) -> str:
+    """The start of a sentence."""
+    names = list(names)
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return f"Changed since this bake: {', '.join(names[:_NAMED])}{more}"
+
+
+def print_scene(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, meshes: dict[int, str] | None = None) -> Prints:
+    """Prints of all that a render of the view layer shows.
+
+    meshes   digests that are known already, by the mesh's session_uid; those that are made are added
+    """
+    prints: Prints = {}
+    for name, digest in walk_prints(scene, view_layer, {} if meshes is None else meshes):
+        prints[name] = digest
+    return prints
+
+
+def walk_prints(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, meshes: dict[int, str]) -> Iterator[tuple[str, str]]:
+    """The prints one by one; nothing may change in between."""
+    rendered = find_render_objects(view_layer)
+    materials: dict[str, bpy.types.Material] = {}
+    pending, seen = list(view_layer.objects), set()
+    while pending:
+        obj = pending.pop()
+        hidden = obj.get(baked_copies.HIDDEN)  # behind a copy of ours
+        if obj in seen or baked_copies.SOURCE in obj or not (obj in rendered or (hidden and not hidden["render"])):
+            continue
+        seen.add(obj)
+        if obj.type in _UNSEEN or (obj.type == "EMPTY" and obj.instance_type != "COLLECTION") or read_choice(obj).role == IGNORE:
+            continue
+        worn = [material for slot in obj.material_slots if (material := find_original(slot.material))]
+        materials.update((material.name_full, material) for material in worn)
+        yield f"OBJECT {obj.name_full}", _digest(_read_object(obj, meshes))
+        if obj.instance_type == "COLLECTION" and obj.instance_collection:
+            parts = [part for part in obj.instance_collection.all_objects if not part.hide_render]
+            rendered |= set(parts)
+            pending += parts
+    for name, material in materials.items():
+        yield f"MATERIAL {name}", _digest(_read_material(material))
+    if scene.world:
+        yield f"WORLD {scene.world.name_full}", _digest((_read_values(scene.world, _own_names(scene.world)), _read_tree(scene.world)))
+
+
+def list_changes(before: Prints, now: Prints) -> list[str]:
+    """Names of what has changed, is new or is gone, objects first; each once."""
+    found: dict[str, None] = {}
+    for key in sorted(before.keys() | now.keys(), key=lambda key: (not key.startswith("OBJECT"), key)):
+        if before.get(key) != now.get(key):
+            name = key.partition(" ")[2]
+            found[name if key in before and key in now else f"{name} ({'new' if key in now else 'gone'})"] = None
+    return list(found)
+
+
+def _digest(values: Any) -> str:
+    return f"{zlib.crc32(repr(values).encode()):08x}"
+
+
+def _read_object(obj: bpy.types.Object, meshes: dict[int, str]) -> tuple[Any, ...]:
+    choice = read_choice(obj)
+    place = _read_place(obj)
+    slots = [material.name_full if (material := find_original(slot.material)) else "" for slot in obj.material_slots]
+    while slots and not slots[-1]:  # a bake that is shown gives a mesh without slots one
+        slots.pop()
+    modifiers = [
+        (modifier.type, modifier.show_render, _read_modifier(modifier), _read_place(getattr(modifier, "object", None)))
+        for modifier in obj.modifiers
+    ]
+    looks = [getattr(obj, name) for name in _LOOKS]
+    return (obj.type, place, looks, slots, modifiers, choice, _read_data(obj, meshes))
+
+
+def _read_place(obj: bpy.types.Object | None, depth: int = 0) -> list[Any]:
+    """Where an object is, from what it was given: Blender does not evaluate one that is hidden behind a copy of ours."""
+    if obj is None or depth > 100:
+        return []
+    own = [_read(obj.matrix_basis, 0), _read(obj.delta_location, 0), _read(obj.delta_scale, 0)]
+    pose = [_read(bone.matrix_basis, 0) for bone in obj.pose.bones] if obj.pose else []
+    rules = []
+    for rule in obj.constraints:
+        names = _own_names(rule, bpy.types.Constraint)
+        rules.append(
+            (rule.type, rule.mute, rule.influence, _read_values(rule, names), _read_place(getattr(rule, "target", None), depth + 1))
+        )
+    parent = (
+        [obj.parent_type, obj.parent_bone, _read(obj.matrix_parent_inverse, 0), _read_place(obj.parent, depth + 1)] if obj.parent else []
+    )
+    return [own, pose, rules, parent]
+
+
+def _read_data(obj: bpy.types.Object, meshes: dict[int, str]) -> Any:
+    if obj.type == "MESH":
+        mesh = baked_copies.find_users_mesh(obj)
+        if mesh.session_uid not in meshes:
+            meshes[mesh.session_uid] = _digest_mesh(mesh)
+        return meshes[mesh.session_uid]
+    if obj.type == "LIGHT":
+        return (_read_values(obj.data, _own_names(obj.data)), _read_tree(obj.data))
+    collection = obj.instance_collection.name_full if obj.instance_type == "COLLECTION" and obj.instance_collection else ""
+    return (collection, [[f"{number:.5g}" for number in corner] for corner in obj.bound_box]) if obj.data else collection
+
+
+def _digest_mesh(mesh: bpy.types.Mesh) -> str:
+    ours, render = layer_name(mesh), next((layer.name for layer in mesh.uv_layers if layer.active_render), "")
+    arrays: list[Any] = []
+    for items, name, width, kind in (
+        (mesh.vertices, "co", 3, np.float32),
+        (mesh.loops, "vertex_index", 1, np.int32),
+        (mesh.polygons, "loop_start", 1, np.int32),
+        (mesh.polygons, "material_index", 1, np.int32),
+    ):
+        arrays.append(np.empty(width * len(items), kind))
+        items.foreach_get(name, arrays[-1])
+    for layer in mesh.uv_layers:
+        if layer.name != ours:
+            arrays.append(np.empty(2 * len(layer.uv), np.float32))
+            layer.uv.foreach_get("vector", arrays[-1])
+    for layer in mesh.color_attributes:
+        arrays.append(np.empty(4 * len(layer.data), np.float32))
+        layer.data.foreach_get("color", arrays[-1])
+    names = [layer.name for layer in mesh.uv_layers if layer.name != ours]
+    about = (names, "" if render == ours else render, [layer.name for layer in mesh.color_attributes])
+    crc = zlib.crc32(repr(about).encode())
+    for array in arrays:
+        crc = zlib.crc32(array.tobytes(), crc)
+    return f"{crc:08x}"
+
+
+def _read_modifier(modifier: bpy.types.Modifier) -> Any:
+    names = _own_names(modifier, bpy.types.Modifier)
+    inputs = [(key, _read(modifier[key], 0)) for key in sorted(set(modifier.keys()) - set(names))] if modifier.type == "NODES" else []
+    return (
+        _read_values(modifier, names),
+        inputs,
+        _read_nodes(modifier.node_group) if modifier.type == "NODES" and modifier.node_group else "",
+    )
+
+
+def _read_material(material: bpy.types.Material) -> Any:
+    plain = ([f"{number:.5g}" for number in material.diffuse_color], material.use_backface_culling)
+    return _read_tree(material) or plain
+
+
+def _read_tree(block: Any) -> Any:
+    """Nodes of a material, world or light; None where they do not count."""
+    if bpy.app.version < (5, 0, 0) and not getattr(block, "use_nodes", False):
+        return None
+    tree = getattr(block, "node_tree", None)
+    return _read_nodes(tree) if tree else None
+
+
+def _read_nodes(tree: bpy.types.NodeTree, depth: int = 0) -> Any:
+    nodes = []
+    for node in tree.nodes:
+        values = [
+            _read(one.default_value, 0) for one in (*node.inputs, *node.outputs) if hasattr(one, "default_value") and not one.is_linked
+        ]
+        group = getattr(node, "node_tree", None)
+        inner = _read_nodes(group, depth + 1) if group and depth < 20 else ""
+        nodes.append((node.name, node.bl_idname, node.mute, values, _read_values(node, _own_names(node, bpy.types.Node)), inner))
+    links = [(a.from_node.name, a.from_socket.identifier, a.to_node.name, a.to_socket.identifier, a.is_muted) for a in tree.links]
+    return (sorted(nodes, key=lambda row: row[0]), sorted(links))
+
+
+def _own_names(struct: Any, base: type | None = None) -> list[str]:
+    """Names of the properties of a struct that are its own and that a user sets."""
+    known = {about.identifier for about in (base or bpy.types.ID).bl_rna.properties} | _NOT_READ
+    own = [about for about in struct.bl_rna.properties if about.identifier not in known]
+    return [about.identifier for about in own if not about.is_readonly or about.type in ("POINTER", "COLLECTION")]
+
+
+def _read_values(struct: Any, names: Iterable[str], depth: int = 0) -> list[Any]:
+    return [(name, _read(getattr(struct, name, None), depth)) for name in names]
+
+
+def _read(value: Any, depth: int) -> Any:
+    """Something that is printed alike as long as it is alike."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    if isinstance(value, (set, frozenset)):
+        return sorted(value)
+    if isinstance(value, bpy.types.Image):
+        file = value.filepath.replace("\\", "/").rpartition("/")[2]  # Blender changes the folder when the .blend is saved elsewhere
+        return (value.name_full, file, value.source, value.colorspace_settings.name, value.is_dirty)
+    if isinstance(value, bpy.types.ID):
+        return value.name_full
+    if isinstance(value, bpy.types.bpy_struct):
+        if depth >= _NESTED or isinstance(value, (bpy.types.Node, bpy.types.NodeSocket)):
+            return ""
+        return _read_values(value, [about.identifier for about in value.bl_rna.properties if about.identifier not in _NOT_READ], depth + 1)
+    if depth < _NESTED and hasattr(value, "__len__") and hasattr(value, "__getitem__"):
+        return [_read(one, depth + 1) for one in value] if len(value) < 1000 else len(value)
+    return ""

@@ -1,0 +1,221 @@
+"""What has changed since a bake: said of every kind of change, of nothing else, and before Refine works in vain."""
+
+import shutil
+from types import SimpleNamespace
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+import leaflight
+from blend_rooms import open_room, save_scene
+from leaflight.addon.app.changes import ChangeWatch
+from leaflight.addon.show import restore
+from leaflight.addon.show.scene_prints import PRINTS, describe_changes, list_changes, print_scene, read_marked
+from leaflight.addon.ui import panels
+
+
+@pytest.fixture(scope="module")
+def baked(tmp_path_factory):
+    """A folder with a file that wears a bake: a mirrored cube shown by a copy, twins of one mesh, materials by node trees, and a world."""
+    folder = tmp_path_factory.mktemp("baked")
+    leaflight.register()
+    open_room()
+    scene, cube = bpy.context.scene, bpy.data.objects["Cube"]
+    cube.modifiers.new("Mirror", "MIRROR").use_axis = (False, False, True)
+    twin = bpy.data.objects["Floor"].copy()
+    twin.name, twin.location.x = "Twin", 5.0
+    scene.collection.objects.link(twin)
+    material = bpy.data.materials.new("Wall")
+    material.use_nodes = True
+    ramp = material.node_tree.nodes.new("ShaderNodeValToRGB")
+    material.node_tree.links.new(material.node_tree.nodes["Principled BSDF"].inputs["Base Color"], ramp.outputs[0])
+    cube.data.materials.append(material)
+    scene.world = bpy.data.worlds.new("Sky")
+    scene.world.use_nodes = True
+    save_scene(folder / "room.blend")
+    chosen = scene.leaflight
+    chosen.size, chosen.error, chosen.workers, chosen.max_photons, chosen.output = 32, 0.5, 1, 5000, "//maps"
+    bpy.ops.leaflight.bake()
+    bpy.ops.wm.save_mainfile()
+    leaflight.unregister()
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def _room(baked, tmp_path):
+    """A copy of that folder, its file open with the add-on."""
+    shutil.copytree(baked, tmp_path, dirs_exist_ok=True)
+    leaflight.register()
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "room.blend"))
+    yield
+    leaflight.unregister()
+
+
+def find_changes():
+    bpy.context.view_layer.update()
+    return list_changes(read_marked(bpy.context.scene).prints, print_scene(bpy.context.scene, bpy.context.view_layer))
+
+
+def test_nothing_has_changed_whatever_is_shown(tmp_path):
+    assert find_changes() == []
+    bpy.ops.leaflight.toggle_preview()
+    assert find_changes() == []
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "other.blend"))
+    assert find_changes() == []
+    bpy.data.objects["Floor"].select_set(True)
+    bpy.data.materials["Wall"].node_tree.nodes[0].location.x += 100.0
+    bpy.data.objects["Cube"].modifiers[0].show_viewport = False
+    assert find_changes() == []
+
+
+def move_vertex():
+    bpy.data.objects["Floor"].data.vertices[0].co.z = 0.5
+
+
+def add_lamp():
+    bpy.ops.object.light_add(type="SUN")
+
+
+def delete_lamp():
+    bpy.data.objects.remove(bpy.data.objects["Lamp"])
+
+
+def set_ramp():
+    bpy.data.materials["Wall"].node_tree.nodes["Color Ramp"].color_ramp.elements[0].color = (1.0, 0.0, 0.0, 1.0)
+
+
+def unlink():
+    tree = bpy.data.materials["Wall"].node_tree
+    tree.links.remove(next(link for link in tree.links if link.to_socket.name == "Base Color"))
+
+
+def set_world():
+    next(node for node in bpy.data.worlds["Sky"].node_tree.nodes if node.type == "BACKGROUND").inputs["Strength"].default_value = 3.0
+
+
+def hide_floor():
+    bpy.data.objects["Floor"].hide_render = True
+
+
+def set_user_uv():
+    bpy.data.objects["Cube"].data.uv_layers["UVMap"].uv[0].vector = (0.9, 0.9)
+
+
+@pytest.mark.parametrize(
+    ("change", "names"),
+    [
+        (lambda: setattr(bpy.data.objects["Lamp"].data, "energy", 7.0), ["Lamp"]),
+        (lambda: setattr(bpy.data.objects["Lamp"].data, "shadow_soft_size", 0.7), ["Lamp"]),
+        (lambda: setattr(bpy.data.objects["Twin"].location, "y", 1.0), ["Twin"]),
+        (lambda: setattr(bpy.data.objects["Cube"].modifiers[0], "use_axis", (True, False, True)), ["Cube"]),
+        (lambda: setattr(bpy.data.objects["Twin"].leaflight, "role", "CAST"), ["Twin"]),
+        (move_vertex, ["Floor", "Twin"]),
+        (set_user_uv, ["Cube"]),
+        (add_lamp, ["Sun (new)"]),
+        (delete_lamp, ["Lamp (gone)"]),
+        (hide_floor, ["Floor (gone)"]),
+        (set_ramp, ["Wall"]),
+        (unlink, ["Wall"]),
+        (set_world, ["Sky"]),
+    ],
+)
+def test_a_change_has_a_name(change, names):
+    change()
+    assert find_changes() == names
+
+
+def draw():
+    """What the panel says."""
+    texts = []
+
+    class Layout:
+        def __getattr__(self, name):
+            def call(*args, **options):
+                texts.extend(str(value) for value in (options.get("text"),) if value)
+                return Layout() if name != "panel" else (Layout(), None)
+
+            return call
+
+    class Context:
+        """Blender's, with what it has with a window only."""
+
+        region = SimpleNamespace(width=10_000)
+        preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0), addons={})
+        space_data = SimpleNamespace(shading=SimpleNamespace(type="SOLID", color_type="MATERIAL"))
+
+        def __getattr__(self, name):
+            return getattr(bpy.context, name)
+
+    panels.LEAFLIGHT_PT_main.draw(SimpleNamespace(layout=Layout()), Context())
+    return " ".join(texts)
+
+
+def test_the_panel_says_so_and_forgets_it_when_the_change_is_undone():
+    watch = bpy.context.window_manager.leaflight_changes
+    bpy.ops.ed.undo_push(message="opened")
+    draw()
+    assert watch.look(bpy.context)
+    assert "out of date" not in draw()
+    bpy.data.objects["Lamp"].data.energy = 7.0
+    bpy.context.view_layer.update()
+    assert watch.stale
+    watch.look(bpy.context)
+    assert "Changed since this bake: Lamp" in draw()
+    assert "Show Bake (out of date)" in draw()
+    bpy.ops.ed.undo_push(message="lamp")
+    bpy.ops.ed.undo()
+    draw()
+    assert watch.look(bpy.context)
+    assert "out of date" not in draw()
+
+
+def test_a_mesh_is_read_again_when_it_changed_and_little_by_little():
+    watch = ChangeWatch()
+    watch.watch(bpy.context)
+    turns = 1
+    while not watch.look(bpy.context, 0.0):
+        turns += 1
+    assert turns > 3
+    assert watch.names == []
+    mesh = bpy.data.objects["Floor"].data
+    move_vertex()
+    watch.note({mesh.session_uid})
+    watch.look(bpy.context)
+    assert watch.names == ["Floor", "Twin"]
+
+
+def test_refine_says_so_before_it_works():
+    bpy.data.objects["Lamp"].data.energy = 7.0
+    with pytest.raises(
+        RuntimeError, match=r"Changed since this bake: Lamp\. Refine cannot go on from it: press Bake, or undo the change\."
+    ):
+        bpy.ops.leaflight.refine()
+    assert restore.is_preview_on(bpy.context.scene)
+
+
+def test_a_bake_of_a_part_after_a_change_leaves_the_others_out_of_date():
+    bpy.data.objects["Lamp"].data.energy = 7.0
+    bpy.data.objects["Floor"].select_set(True)
+    bpy.context.scene.leaflight.objects = "SELECTED"
+    bpy.ops.leaflight.bake()
+    assert find_changes() == []
+    assert read_marked(bpy.context.scene).older == ("Lamp",)
+    assert "Changed between two bakes: Lamp. What was not selected shows the older light" in draw()
+    bpy.context.scene.leaflight.objects = "ALL"
+    bpy.ops.leaflight.bake()
+    assert read_marked(bpy.context.scene).older == ()
+
+
+def test_removing_forgets_it_and_damaged_marks_say_nothing():
+    scene = bpy.context.scene
+    scene[PRINTS] = "{"
+    assert read_marked(scene) is None
+    draw()
+    bpy.ops.leaflight.remove()
+    assert PRINTS not in scene
+
+
+def test_many_changes_are_one_line():
+    assert describe_changes(["A", "B"]) == "Changed since this bake: A, B"
+    assert describe_changes("ABCDE") == "Changed since this bake: A, B, C and 2 more"
