@@ -16,6 +16,8 @@ PAGES = sorted(
     if not any(part.startswith(".") for part in path.relative_to(ROOT).parts)
 )
 
+LONGEST_ENTRY = 320  # characters
+
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
 _CODE = re.compile(r"`([^`\n]+)`")
 _FLAG = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
@@ -98,3 +100,15 @@ def test_targets_of_make_are_those_of_its_help():
     assert set(re.findall(r'echo "make ([\w-]+)', makefile)) == phony - {"help"}
     pages = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
     assert set(re.findall(r"(?:`|^    )make ([a-z-]+)", pages, re.MULTILINE)) <= phony
+
+
+def find_long_entries(changelog: str) -> list[str]:
+    """Entries that are more than one thing that a user notices: figures and reasons belong into the docs and the commits."""
+    entries = [" ".join(entry.split()) for entry in re.findall(r"^- .*\n(?:  .*\n)*", changelog, re.MULTILINE)]
+    return [entry for entry in entries if len(entry) > LONGEST_ENTRY]
+
+
+def test_the_changelog_is_no_diary():
+    assert find_long_entries((ROOT / "CHANGELOG.md").read_text(encoding="utf-8")) == []
+    planted = f"- {'much ' * 40}\n  {'more ' * 40}\n"
+    assert len(find_long_entries(f"### Added\n\n- One thing.\n{planted}- Another.\n")) == 1
