@@ -57,7 +57,7 @@ def test_seed_round_and_shard_each_give_other_photons(photon_shard, change):
 def test_each_photon_carries_all_the_light(photon_shard):
     """Sums are divided by the photons of the whole bake when they are read."""
     few, many = (trace_photons(replace(photon_shard, photons=n)) for n in (5000, 10_000))
-    assert many.audit.emitted == pytest.approx(2 * few.audit.emitted, rel=1e-6)
+    assert many.audit.emitted == pytest.approx(2 * few.audit.emitted, rel=1e-3)  # but for the few that come from beside the lamp's disk
     assert few.counters.photons == 5000
     assert few.tally.raw[:, 0, 0].sum() == pytest.approx(many.tally.raw[:, 0, 0].sum() / 2, rel=0.1)
 
@@ -115,7 +115,9 @@ def test_photons_that_go_alone_tell_of_their_births_too(photon_shard):
 def test_groups_are_told_of_where_they_parted(tmp_path):
     """On the nodes of the floor, and on the block, which has no lightmap: in number and in what their light is worth."""
     scene, n_birth = lamp_scene(), 4000
-    bare = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], receives=False)))
+    bare = replace(
+        scene, objects=(scene.objects[0], replace(scene.objects[1], receives=False)), lights=(replace(scene.lights[0], radius_m=0.0),)
+    )
     shard, _ = make_shard(tmp_path, bare, lambda n_node: np.random.default_rng(1).random((3, n_node)))
     first = trace_photons(replace(shard, photons=n_birth, max_depth=1))  # as many are born alike
     parted = trace_photons(replace(shard, photons=n_birth * photons.SPLIT, skip_first=True, guided=True))
