@@ -18,8 +18,9 @@ from .export_arrays import PieceArrays, join_arrays, read_piece
 from .export_mesh import count_duplicates, read_mesh
 from .export_pieces import COLLECTION, CURVE, OWN, STRANDS, Piece, PieceKey, walk_pieces
 from .export_receivers import NO_ROOM, Receivers, check_names, describe_nothing, repeats_layer
+from .lamp_profile import ProfileTable
 from .left_out import warn_left_out
-from .lights_read import read_light
+from .lights_read import PendingLight, read_lamp
 from .materials_read import MaterialTable
 from .object_settings import BAKE, IGNORE, ObjectChoice, read_choice, registered
 from .render_levels import Warnings, evaluate_for_render, find_set_objects, find_view_layer
@@ -92,7 +93,7 @@ def export_scene(
         check_names(scene, view_layer, objects)
         with evaluate_for_render(scene, view_layer, warnings) as depsgraph:
             export = _Export(view_layer, depsgraph, objects, uv_layer, warnings, until)
-        return export.finish(read_world(scene, warnings, view_layer))
+        return export.finish(read_world(scene, warnings, view_layer), ProfileTable(scene, view_layer))
 
 
 def find_objects(exported: Iterable[ExportedObject]) -> list[Any]:
@@ -113,7 +114,7 @@ class _Export:
         self._local: dict[tuple[int, ...], LocalMesh] = {}
         self._names: set[str] = set()
         self._found: list[tuple[ExportedObject, SceneObject, PieceArrays, int]] = []
-        self._lights: list[Light] = []
+        self._lights: list[Light | PendingLight] = []
         keys = [(p.source, p.kind, p.evaluated.original) for p in walk_pieces(view_layer, depsgraph) if p.is_mesh]
         self._receivers = Receivers(names, keys, find_set_objects(view_layer), warnings)
         curves: list[str] = []
@@ -122,7 +123,7 @@ class _Export:
             if choice.role == IGNORE:
                 continue
             if piece.evaluated.type == "LIGHT":
-                light = read_light(piece.evaluated, piece.matrix, piece.evaluated.original.name, warnings)
+                light = read_lamp(piece.evaluated, piece.matrix, piece.evaluated.original.name, warnings)
                 self._lights.extend([light] if light else [])
                 continue
             if piece.kind == CURVE:
@@ -134,7 +135,7 @@ class _Export:
             listed = ", ".join(sorted(set(curves))[:8])
             warnings.append(("", f"{listed}: not meshes, so they cast light but get no lightmap; convert them to meshes to bake them"))
 
-    def finish(self, world: World) -> ExportResult:
+    def finish(self, world: World, profiles: ProfileTable) -> ExportResult:
         """The result, its objects in the order of their names, so that it does not depend on Blender's."""
         self._check_receivers()
         self._found.sort(key=lambda entry: entry[0].name)
@@ -144,6 +145,9 @@ class _Export:
             if uid and users[uid] > 1:
                 number.setdefault(uid, len(number))
         scene_objects = tuple(replace(item, mesh=number.get(uid, -1)) for _, item, _, uid in self._found)
+        lights: list[Light] = []
+        for found in self._lights:
+            lights += found.resolve(profiles, self._warnings) if isinstance(found, PendingLight) else [found]
         arrays = join_arrays([arrays for _, _, arrays, _ in self._found])
         self._materials.finish(arrays)
         snapshot = SceneSnapshot(
@@ -151,9 +155,10 @@ class _Export:
             objects=scene_objects,
             materials=tuple(reading.material for reading in self._materials.readings),
             images=tuple(self._materials.images.images),
-            lights=(*sorted(self._lights, key=lambda light: (light.name, light.position_m)), *world.suns),
+            lights=(*sorted(lights, key=lambda light: (light.name, light.position_m)), *world.suns),
             world_rgb=world.rgb,
             world_map=world.map,
+            profiles=tuple(profiles.maps),
         )
         exported = tuple(entry[0] for entry in self._found)
         warnings = tuple(dict.fromkeys(self._warnings))

@@ -6,7 +6,7 @@ The factors were found by baking under Cycles 4.5, 5.0 and 5.2.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,16 +17,64 @@ from ..nodes.colors_read import ColorReader
 from ..nodes.images_read import ImageTable
 from ..nodes.node_colors import BLACK, Rgb, multiply_rgb, to_rgb
 from ..nodes.node_ports import find_surface, uses_nodes
+from .lamp_profile import ProfileTable, describe_distance, needs_profile
 from .render_levels import Warnings
 from .shaders_read import read_shader
 
 _ELLIPSES = ("DISK", "ELLIPSE")
+_ANY_BOUNCES = 1024  # Cycles' own, and its most
 
 
-def read_light(obj: Any, matrix: FloatArray, name: str, warnings: Warnings) -> Light | None:
+@dataclass(frozen=True)
+class PendingLight:
+    """A light whose profile is still to be evaluated, which cannot be while the scene's instances are walked.
+
+    base    what it would be if its nodes let out 1 W/m^2 everywhere
+    data    its data, not evaluated
+    plain   what it is if Cycles cannot evaluate it, and what was then told
+    """
+
+    base: Light
+    data: Any
+    scale: Rgb
+    plain: Light | None
+    told: Warnings
+
+    def resolve(self, profiles: ProfileTable, warnings: Warnings) -> list[Light]:
+        """The light, or one for each channel where these differ by direction; none where nothing comes out."""
+        try:
+            profile = profiles.find(self.data, self.scale)
+        except RuntimeError:  # Cycles is missing, or busy
+            warnings.extend(self.told)
+            return [self.plain] if self.plain else []
+        if told := describe_distance(self.data):
+            warnings.append((self.base.name, told))
+        light = replace(self.base, power_rgb=multiply_rgb(self.base.power_rgb, profile.mean_rgb))
+        parts = [replace(light, profile=profile.index[0])]
+        if len(set(profile.index)) > 1:
+            powers = [to_rgb(np.eye(3)[k] * light.power_rgb[k]) for k in range(3)]
+            parts = [replace(light, power_rgb=power, profile=index) for power, index in zip(powers, profile.index, strict=True)]
+        return [part for part in parts if max(part.power_rgb) > 0.0]
+
+
+def read_lamp(obj: Any, matrix: FloatArray, name: str, warnings: Warnings) -> Light | PendingLight | None:
+    """As read_light, or what is still to be evaluated of a light that differs by direction."""
+    data = obj.data
+    scale = to_rgb(np.linalg.norm(np.asarray(matrix, np.float64)[:3, :3], axis=0))
+    replaced = _read_nodes(data)[1] if uses_nodes(data) else []
+    if not needs_profile(data, scale, replaced):
+        return read_light(obj, matrix, name, warnings)
+    told: Warnings = []
+    plain = read_light(obj, matrix, name, told)
+    base = read_light(obj, matrix, name, warnings, (1.0, 1.0, 1.0))
+    return PendingLight(base, data.original, scale, plain, told) if base else None
+
+
+def read_light(obj: Any, matrix: FloatArray, name: str, warnings: Warnings, emission: Rgb | None = None) -> Light | None:
     """The light of an evaluated light object; None where it gives no light to diffuse surfaces.
 
-    matrix  (4, 4) float, object to world
+    matrix     (4, 4) float, object to world
+    emission   what its nodes and cone let out on average, of a lamp that has a profile; it then is a point; None to read them
     """
     data = obj.data
     matrix = np.asarray(matrix, np.float64)
@@ -35,7 +83,7 @@ def read_light(obj: Any, matrix: FloatArray, name: str, warnings: Warnings) -> L
     scale = np.linalg.norm(matrix[:3, :3], axis=0)
     size = _area_size(data, scale)
     error = _light_error(data, matrix, size)
-    power_rgb = multiply_rgb(_read_color(data, name, warnings), (_read_strength(data, size),) * 3)
+    power_rgb = multiply_rgb(_read_color(data, name, warnings, emission), (_read_strength(data, size),) * 3)
     if not error and not np.isfinite(power_rgb).all():
         error = "its power is not a finite number"
     if not error and min(power_rgb) < 0.0:
@@ -47,8 +95,10 @@ def read_light(obj: Any, matrix: FloatArray, name: str, warnings: Warnings) -> L
         return None
     if obj.light_linking.receiver_collection or obj.light_linking.blocker_collection:
         warnings.append((name, "the light's linking is left out: it lights every object"))
+    if data.cycles.max_bounces < _ANY_BOUNCES:
+        warnings.append((name, f"the light's Max Bounces ({data.cycles.max_bounces}) is left out: its light bounces as often as all light"))
     light = Light(
-        kind=data.type,
+        kind="POINT" if emission else data.type,
         name=name,
         position_m=to_rgb(matrix[:3, 3]),
         rotation=_find_axes(matrix),
@@ -61,7 +111,7 @@ def read_light(obj: Any, matrix: FloatArray, name: str, warnings: Warnings) -> L
     if data.type == "SUN":
         return replace(light, angle_rad=data.angle)
     light = replace(light, radius_m=data.shadow_soft_size, soft_falloff=data.use_soft_falloff)
-    return light if data.type == "POINT" else _read_cone(light, data, scale, warnings)
+    return light if data.type == "POINT" or emission else _read_cone(light, data, scale, warnings)
 
 
 def _area_size(data: Any, scale: FloatArray) -> tuple[float, float]:
@@ -82,11 +132,13 @@ def _light_error(data: Any, matrix: FloatArray, size: tuple[float, float]) -> st
     return ""
 
 
-def _read_color(data: Any, name: str, warnings: Warnings) -> Rgb:
+def _read_color(data: Any, name: str, warnings: Warnings, emission: Rgb | None) -> Rgb:
     """Colour, temperature, exposure, diffuse factor and nodes; what the energy is multiplied by."""
     color = multiply_rgb(to_rgb(data.color), (2.0**data.exposure * data.diffuse_factor,) * 3)
     if data.use_temperature:
         color = multiply_rgb(color, to_rgb(data.temperature_color))
+    if emission is not None:
+        return multiply_rgb(color, emission)
     if not uses_nodes(data):
         return color
     emission, replaced = _read_nodes(data)

@@ -1,4 +1,4 @@
-"""A world's node tree -> an equirectangular map of its radiance, evaluated by Cycles.
+"""The node tree of a world, or of a lamp -> an equirectangular map of its light, evaluated by Cycles.
 
 Cycles bakes what surrounds a mesh in a temporary scene that holds a copy of the world, so that nothing of the user's is touched and files
 made for EEVEE work too. The baked pixel shows the world in the direction of the mesh's position there: a ball bakes the whole sphere, a
@@ -8,7 +8,7 @@ square across a direction a part of it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -23,11 +23,14 @@ from ...core.util.geometry import orthonormal_basis
 
 # Seen by diffuse surfaces, which all receivers are; a ray is as long as it likes.
 _LIGHT_PATH = {"Is Diffuse Ray": 1.0, "Is Reflection Ray": 1.0, "Ray Length": 1e5, "Ray Depth": 1.0, "Diffuse Depth": 1.0}
+_WORLD: Mapping[str, Any] = {"type": "ENVIRONMENT"}
+_LIGHTING: Mapping[str, Any] = {"type": "DIFFUSE", "pass_filter": {"DIRECT"}}
 _BALL_ROWS = 128  # of faces; chords are off by a fiftieth of a cell of 1,024 rows
+_POLE_RAD = 1e-3  # a quarter of a cell of 1,024 rows
 _SPOT_CELLS = 128
 _SPOT_SAMPLES = 4
 _IMAGE_NODES = ("TEX_ENVIRONMENT", "TEX_IMAGE")
-SIZE, LARGE_SIZE = (1024, 512), (2048, 1024)
+SIZE, LARGE_SIZE, LAMP_SIZE = (1024, 512), (2048, 1024), (512, 256)
 _SAMPLES = 4  # of a cell, or a texel of a large image would be missed
 _MOST_SAMPLES = 32
 
@@ -40,13 +43,14 @@ class WorldBaker:
 
     def bake_sphere(self, size: tuple[int, int], samples: int) -> NDArray[np.float32]:
         """(height, width, 3), W/m^2/sr, for a size (width, height), laid out as core.sphere_map has it."""
-        columns = 2 * _BALL_ROWS
-        v, u = (grid.ravel() for grid in np.mgrid[0 : _BALL_ROWS + 1, 0 : columns + 1] / np.array([_BALL_ROWS, columns])[:, None, None])
-        polar, azimuth = np.pi * v, np.pi * (1 - 2 * u)
-        place = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), -np.cos(polar)], axis=1)
-        first = (np.arange(_BALL_ROWS)[:, None] * (columns + 1) + np.arange(columns)).ravel()
-        faces = first[:, None] + np.array([0, 1, columns + 2, columns + 1])
-        return self._bake(place, np.stack([u, v], axis=1), faces, size, samples)
+        return self._bake(*_make_ball(), size, samples)
+
+    def bake_lamp(self, data: Any, matrix: Any, size: tuple[int, int], samples: int) -> NDArray[np.float32]:
+        """(height, width, 3): `lighting` by a lamp in the middle of a ball of 1 m."""
+        lamp = self._keep(bpy.data.objects.new("Leaflight lamp", data))
+        lamp.matrix_world = matrix
+        self._scene.collection.objects.link(lamp)
+        return self._bake(*_make_ball(), size, samples, _LIGHTING)
 
     def bake_spot(self, direction: FloatArray, half_angle_rad: float) -> Spot:
         """A square across a direction (3,), seen in fine cells."""
@@ -62,8 +66,10 @@ class WorldBaker:
         length = np.linalg.norm(toward, axis=1)
         return Spot(toward / length[:, None], step**2 / length**3, radiance.astype(np.float64), step)
 
-    def _bake(self, place: FloatArray, uv: FloatArray, faces: FloatArray, size: tuple[int, int], samples: int) -> NDArray[np.float32]:
-        """(height, width, 3): the world seen from the origin through a mesh, in its UV square."""
+    def _bake(
+        self, place: FloatArray, uv: FloatArray, faces: FloatArray, size: tuple[int, int], samples: int, what: Mapping[str, Any] = _WORLD
+    ) -> NDArray[np.float32]:
+        """(height, width, 3): the world seen from the origin through a mesh, or light on the mesh, in its UV square."""
         mesh = self._keep(bpy.data.meshes.new("Leaflight world"))
         mesh.vertices.add(len(place))
         mesh.vertices.foreach_set("co", place.astype(np.float32).ravel())
@@ -78,9 +84,12 @@ class WorldBaker:
         material = self._keep(bpy.data.materials.new("Leaflight world"))
         if material.node_tree is None:  # Blender 4.5
             material.use_nodes = True
-        node = material.node_tree.nodes.new("ShaderNodeTexImage")
+        tree = material.node_tree
+        surface, end = tree.nodes.new("ShaderNodeBsdfDiffuse"), tree.get_output_node("CYCLES")
+        tree.links.new(surface.outputs["BSDF"], (end or tree.nodes.new("ShaderNodeOutputMaterial")).inputs["Surface"])
+        node = tree.nodes.new("ShaderNodeTexImage")
         node.image, node.select = image, True
-        material.node_tree.nodes.active = node
+        tree.nodes.active = node
         mesh.materials.append(material)
         ball = self._keep(bpy.data.objects.new("Leaflight world", mesh))
         self._scene.collection.objects.link(ball)
@@ -89,37 +98,55 @@ class WorldBaker:
         view_layer.update()
         chosen = {"object": ball, "active_object": ball, "selected_objects": [ball], "selected_editable_objects": [ball]}
         with bpy.context.temp_override(scene=self._scene, view_layer=view_layer, **chosen):
-            bpy.ops.object.bake(type="ENVIRONMENT", margin=0, use_clear=True, target="IMAGE_TEXTURES", save_mode="INTERNAL")
+            bpy.ops.object.bake(**what, margin=0, use_clear=True, target="IMAGE_TEXTURES", save_mode="INTERNAL")
         self._scene.collection.objects.unlink(ball)
         pixels = np.empty(size[0] * size[1] * 4, np.float32)
         image.pixels.foreach_get(pixels)
         out = pixels.reshape(size[1], size[0], 4)[:, :, :3]
         return np.maximum(np.nan_to_num(out, nan=0.0, posinf=0.0, neginf=0.0), 0.0)
 
+    def copy(self, block: Any) -> Any:
+        """A copy of a data-block, gone when the baker is."""
+        return self._keep(block.copy())
+
     def _keep(self, made: Any) -> Any:
         self._made.append(made)
         return made
 
 
+def _make_ball() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Vertices (n, 3), UV (n, 2) and faces (m, 4) of a ball of 1 m that looks inwards, unrolled as core.util.sphere_map has directions."""
+    columns = 2 * _BALL_ROWS
+    v, u = (grid.ravel() for grid in np.mgrid[0 : _BALL_ROWS + 1, 0 : columns + 1] / np.array([_BALL_ROWS, columns])[:, None, None])
+    # Triangles without area at the poles would get no light.
+    polar, azimuth = np.clip(np.pi * v, _POLE_RAD, np.pi - _POLE_RAD), np.pi * (1 - 2 * u)
+    place = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), -np.cos(polar)], axis=1)
+    first = (np.arange(_BALL_ROWS)[:, None] * (columns + 1) + np.arange(columns)).ravel()
+    faces = first[:, None] + np.array([0, 1, columns + 2, columns + 1])
+    return place, np.stack([u, v], axis=1), faces
+
+
 @contextmanager
 def open_world(world: Any, scene: Any, view_layer: Any = None) -> Iterator[WorldBaker]:
-    """A baker of a world as a scene has it; all that it made is gone when it ends."""
+    """A baker of a world as a scene has it, or of a lamp where there is none; all that it made is gone when it ends."""
     made: list[Any] = []
     try:
         temporary = bpy.data.scenes.new("Leaflight world")
         made.append(temporary)
         temporary.render.engine = "CYCLES"
         temporary.cycles.device = "CPU"
+        temporary.cycles.max_bounces = 0
         temporary.cycles.use_adaptive_sampling = temporary.cycles.use_denoising = False
         temporary.camera = scene.camera
         _copy_properties(scene, temporary)  # its nodes may ask for them
         if view_layer is not None:
             _copy_properties(view_layer, temporary.view_layers[0])
         temporary.frame_set(scene.frame_current, subframe=scene.frame_subframe)
-        copy = world.copy()
-        made.append(copy)
-        _show_to_diffuse(copy.node_tree, made, {})
-        temporary.world = copy
+        if world is not None:
+            copy = world.copy()
+            made.append(copy)
+            _show_to_diffuse(copy.node_tree, made, {})
+            temporary.world = copy
         yield WorldBaker(temporary, made)
     finally:
         bpy.data.batch_remove(made)
@@ -132,20 +159,21 @@ def _copy_properties(source: Any, target: Any) -> None:
             target[name] = value
 
 
-def choose_size(world: Any) -> tuple[tuple[int, int], int]:
-    """Width and height of a map that shows a world, and the samples of each cell: more where an image is finer."""
-    images = [node.image for node in _walk_nodes(world.node_tree, set()) if node.type in _IMAGE_NODES]
+def choose_size(owner: Any, least: tuple[int, int] = SIZE) -> tuple[tuple[int, int], int]:
+    """Width and height of a map that shows a world or a lamp, and the samples of each cell: more where an image is finer."""
+    nodes = [] if owner.node_tree is None else walk_nodes(owner.node_tree, set())
+    images = [node.image for node in nodes if node.type in _IMAGE_NODES]
     widest = max((image.size[0] for image in images if image), default=0)
-    size = LARGE_SIZE if widest > SIZE[0] else SIZE
+    size = LARGE_SIZE if widest > SIZE[0] else least
     return size, int(min(max(_SAMPLES, (2 * widest / size[0]) ** 2), _MOST_SAMPLES))
 
 
-def _walk_nodes(tree: Any, seen: set[Any]) -> Iterator[Any]:
+def walk_nodes(tree: Any, seen: set[Any]) -> Iterator[Any]:
     seen.add(tree)
     for node in tree.nodes:
         yield node
         if node.type == "GROUP" and node.node_tree and node.node_tree not in seen:
-            yield from _walk_nodes(node.node_tree, seen)
+            yield from walk_nodes(node.node_tree, seen)
 
 
 def _show_to_diffuse(tree: Any, made: list[Any], copies: dict[Any, Any]) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..util.arrays import Float32, Float64, FloatArray, IntArray
 from ..util.geometry import ORIGIN_OFFSET, dot_rows, take_rows
 from ..util.sampling import square_to_cosine_hemisphere, square_to_uniform_disk, square_to_uniform_triangle
+from ..util.sphere_map import find_cells
 from .emitters import rotate_to
 from .irradiance import ellipse_irradiance, point_irradiance, polygon_irradiance, sun_irradiance
 from .lights import spot_attenuation, spread_attenuation
@@ -160,6 +161,37 @@ class PointSource:
         share = np.where(inside, 0.5, drop * np.maximum(dot_rows(direction, normal), 0)) * (2 / radius_squared)
         share = share.astype(np.float32)
         return Aim(direction, np.where(inside, along + half_chord, along - half_chord), share, share)
+
+
+@dataclass(frozen=True)
+class ProfileSource(PointSource):
+    """POINT with an intensity that differs by direction; rgb is that of the brightest.
+
+    x_axis, y_axis, z_axis   (m, 3) float32, unit
+    profile                  (m,) int64, of profiles
+    profiles                 (h, w) float32 each, as in SceneSnapshot
+    """
+
+    x_axis: Float32
+    y_axis: Float32
+    z_axis: Float32
+    profile: NDArray[np.int64]
+    profiles: tuple[Float32, ...]
+
+    def rows(self, index: IntArray) -> ProfileSource:
+        out: ProfileSource = _take_lights(self, index)
+        return out
+
+    def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
+        aim = super().aim(position, normal, u)
+        length = np.maximum(np.sqrt(dot_rows(aim.direction, aim.direction)), np.float32(1e-20))
+        local = np.stack([-dot_rows(aim.direction, axis) / length for axis in (self.x_axis, self.y_axis, self.z_axis)], axis=1)
+        own = np.broadcast_to(self.profile, (len(local),))
+        relative = np.zeros(len(local), np.float32)
+        for number in np.unique(own):
+            profile, rows = self.profiles[number], np.flatnonzero(own == number)
+            relative[rows] = profile.ravel()[find_cells(profile.shape, local[rows])] / profile.max()
+        return Aim(aim.direction, aim.distance, aim.share, aim.weight * relative)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..scene.scene import Light, SceneSnapshot
 from ..util.arrays import Float32, Float64
 from ..util.geometry import UnitBox, triangle_normals_areas
-from .direct_lights import AreaSource, PointSource, Source, SunSource, TriangleSource, WorldSource, source_values
+from .direct_lights import AreaSource, PointSource, ProfileSource, Source, SunSource, TriangleSource, WorldSource, source_values
 from .emitters import usable_power, usable_world
 from .emitting_cells import EmittingCells
 from .lights import LAMBERTIAN_SPREAD_RAD, SMALLEST_SIDE, SpotCone
@@ -22,7 +22,8 @@ from .lights import LAMBERTIAN_SPREAD_RAD, SMALLEST_SIDE, SpotCone
 def make_lamps(snapshot: SceneSnapshot, unit_box: UnitBox) -> list[Source]:
     """Sources of one point, spot or area light each, of those with power."""
     return [
-        _make_lamp(light, power, unit_box) for light, power in _usable_lights(light for light in snapshot.lights if light.kind != "SUN")
+        _make_lamp(light, power, unit_box, snapshot.profiles)
+        for light, power in _usable_lights(light for light in snapshot.lights if light.kind != "SUN")
     ]
 
 
@@ -62,7 +63,7 @@ def _make_sun(light: Light, power: Float64) -> SunSource:
     return SunSource(power[None], light.casts_shadow, x_axis, y_axis, z_axis, _one(half_angle), half_angle == 0)
 
 
-def _make_lamp(light: Light, power: Float64, unit_box: UnitBox) -> Source:
+def _make_lamp(light: Light, power: Float64, unit_box: UnitBox, profiles: Sequence[Float32]) -> Source:
     x_axis, y_axis, z_axis = np.array(light.rotation, np.float32)[:, None]
     centre = unit_box.to_unit(np.array(light.position_m))[None]
     if light.kind == "AREA":
@@ -82,7 +83,7 @@ def _make_lamp(light: Light, power: Float64, unit_box: UnitBox) -> Source:
             is_lambertian=light.spread_rad > LAMBERTIAN_SPREAD_RAD,
         )
     cone, radius = SpotCone.of(light), unit_box.to_unit_length(light.radius_m)
-    return PointSource(
+    plain = PointSource(
         rgb=power[None] / (4 * math.pi) * unit_box.scale**2,
         casts_shadow=light.casts_shadow,
         centre=centre,
@@ -94,6 +95,12 @@ def _make_lamp(light: Light, power: Float64, unit_box: UnitBox) -> Source:
         is_sharp=radius == 0,
         is_spot=cone.drop < 2,
     )
+    if light.profile < 0:
+        return plain
+    # Relative to its brightest direction, so that the closed form is what can come at the most.
+    most = np.array([profile.max() for profile in profiles], np.float64)
+    own = {**source_values(plain), "rgb": plain.rgb * most[light.profile]}
+    return ProfileSource(**own, x_axis=x_axis, y_axis=y_axis, z_axis=z_axis, profile=np.array([light.profile]), profiles=tuple(profiles))
 
 
 def _one(value: float) -> Float32:

@@ -135,7 +135,7 @@ def build_emitters(
         if sentence:
             warnings.append((light.name, sentence))
         if power.any():
-            emitters.append(make_light_emitter(light, power, unit_box, cover))
+            emitters.append(make_light_emitter(light, power, unit_box, cover, snapshot.profiles))
     emitters = _mark_crowded(emitters, unit_box.to_unit(snapshot.tri_position))
     emitters += _mesh_emitters(snapshot, unit_box, surfaces, meshes)
     world = usable_world(snapshot)

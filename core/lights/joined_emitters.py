@@ -102,7 +102,7 @@ class JoinedEmitters:
 
 def _name_kind(emitter: Emitter) -> tuple[object, ...]:
     """What lights that can be joined have in common; () of other emitters."""
-    if not isinstance(emitter, PointEmitter | AreaEmitter):
+    if type(emitter) not in (PointEmitter, AreaEmitter):
         return ()
     return type(emitter), *(value for name, value in vars(emitter).items() if name not in _OWN and not isinstance(value, np.ndarray))
 

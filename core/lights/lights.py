@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -13,6 +14,7 @@ from ..scene.scene_cover import SceneCover
 from ..util.arrays import Float32, Float64, FloatArray
 from ..util.geometry import UnitBox, combine_vectors, orthonormal_basis, stack_columns
 from ..util.sampling import square_to_cosine_hemisphere, square_to_uniform_cone, square_to_uniform_disk
+from ..util.sphere_map import CellTable, find_solid_angles
 
 SMALLEST_SIDE = 1e-6  # unit box; a light without extent shines as one of this side
 LAMBERTIAN_SPREAD_RAD = math.pi - 1e-4
@@ -155,11 +157,15 @@ class PointEmitter:
     casts_shadow: bool
     crowded: bool = False
 
-    def emit(self, u: Float32) -> Births:
+    def choose_direction(self, u: Float32) -> Float32:
+        """(n, 3), unit, for numbers (n, 2)."""
         drop = sample_spot_drop(u[:, 0], self.drop, self.blend)
         across = np.sqrt(np.maximum(drop * (2 - drop), 0))
         phi = np.float32(2 * math.pi) * u[:, 1]
-        direction = turn(stack_columns(across * np.cos(phi), across * np.sin(phi), 1 - drop), self.axes)
+        return turn(stack_columns(across * np.cos(phi), across * np.sin(phi), 1 - drop), self.axes)
+
+    def emit(self, u: Float32) -> Births:
+        direction = self.choose_direction(u[:, :2])
         births = make_births(np.broadcast_to(self.centre.T, direction.shape), direction)
         if not self.radius.any():
             return births
@@ -182,6 +188,21 @@ class PointEmitter:
             return Births(born, direction, 2 * births.relative_rgb, reach, np.zeros_like(reach))
         radius = np.broadcast_to(self.radius, len(u))
         return Births(origin.astype(np.float32, copy=False), direction, births.relative_rgb, radius, np.sqrt(offset_squared))
+
+
+@dataclass(frozen=True)
+class ProfileEmitter(PointEmitter):
+    """A point light whose intensity differs by direction.
+
+    table   of directions in the light's own axes; None is even
+    """
+
+    table: CellTable | None = None
+
+    def choose_direction(self, u: Float32) -> Float32:
+        if self.table is None:
+            return super().choose_direction(u)
+        return combine_vectors(self.table.sample(u)[0], self.axes)
 
 
 @dataclass(frozen=True)
@@ -267,7 +288,7 @@ class SunEmitter:
         return make_births(self.cover.place(across, entering_high, rest, u[:, 1]), direction, relative)
 
 
-def make_light_emitter(light: Light, power_rgb: Float64, unit_box: UnitBox, cover: SceneCover) -> Emitter:
+def make_light_emitter(light: Light, power_rgb: Float64, unit_box: UnitBox, cover: SceneCover, profiles: Sequence[Float32] = ()) -> Emitter:
     """The emitter of one of Blender's lights; power_rgb is its power_rgb with only finite numbers >= 0."""
     axes = np.array(light.rotation, np.float32)[..., None]
     centre = unit_box.to_unit(np.array(light.position_m))[:, None]
@@ -287,4 +308,9 @@ def make_light_emitter(light: Light, power_rgb: Float64, unit_box: UnitBox, cove
     radius = np.array([unit_box.to_unit_length(light.radius_m)], np.float32)
     power = power_rgb * (cone.mean_drop / 2)
     drop, blend = np.array([cone.drop], np.float64), np.array([cone.blend], np.float64)
+    if light.profile >= 0:
+        profile = profiles[light.profile].astype(np.float64)
+        table = CellTable(profile * find_solid_angles(*profile.shape)[:, None])
+        soft = light.soft_falloff
+        return ProfileEmitter(light.name, power, centre, axes, drop, blend, radius, soft, light.casts_shadow, table=table)
     return PointEmitter(light.name, power, centre, axes, drop, blend, radius, light.soft_falloff, light.casts_shadow)

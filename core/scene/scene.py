@@ -85,6 +85,7 @@ class Light:
     size_m: tuple[float, float] = (1.0, 1.0)  # AREA: full extents along the light's x and y
     spread_rad: float = float(np.pi)  # AREA: pi is Lambertian
     casts_shadow: bool = True
+    profile: int = -1  # POINT: index into SceneSnapshot.profiles
 
 
 @dataclass(frozen=True)
@@ -104,6 +105,8 @@ class SceneSnapshot:
     world_rgb         uniform radiance of the world, W/m^2/sr
     world_map         (h, w, 3) float32, W/m^2/sr, or None: radiance of a world that differs by direction, in place of world_rgb; laid out
                       as sphere_map has it. A sun in it is best taken out first (environment_suns)
+    profiles          (h, w) float32 each, mean 1 over the sphere: a lamp's intensity by direction, relative to an even one of its power;
+                      laid out as sphere_map has it in the lamp's own axes
     tri_passing_uv    (n_tri, 3, 2) float32   as tri_albedo_uv, for the images of the transmittance; zeros where it is left out
     """
 
@@ -123,6 +126,7 @@ class SceneSnapshot:
     lights: tuple[Light, ...] = ()
     world_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)
     world_map: NDArray[np.float32] | None = None
+    profiles: tuple[NDArray[np.float32], ...] = ()
     tri_passing_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
 
     def __post_init__(self) -> None:
@@ -179,6 +183,9 @@ def _first_error(scene: SceneSnapshot) -> str:
             return f"{name}: expected indices 0 to {count - 1}, got {values.min()} to {values.max()}"
     if scene.world_map is not None and (scene.world_map.ndim != 3 or scene.world_map.shape[2] != 3 or not scene.world_map.size):
         return f"world_map: expected shape (height, width, 3), got {scene.world_map.shape}"
+    for light in scene.lights:
+        if light.profile >= len(scene.profiles):
+            return f"{light.name}: names a profile that is not in the snapshot"
     if not np.isfinite(scene.vertex_position).all():
         return "vertex_position: expected finite coordinates"
     for one in scene.objects:

@@ -16,7 +16,7 @@ from .scene import Light, Material, SceneObject, SceneSnapshot, TextureImage
 
 FORMAT = "leaflight-snapshot"
 FORMAT_VERSION = 3
-_HEADER, _IMAGE, _WORLD_MAP = "header", "image_", "world_map"
+_HEADER, _IMAGE, _WORLD_MAP, _PROFILE = "header", "image_", "world_map", "profile_"
 _DAMAGED = (zipfile.BadZipFile, ValueError, EOFError, KeyError, AttributeError, TypeError)
 _ARRAYS = (
     "vertex_position",
@@ -65,6 +65,7 @@ def list_arrays(snapshot: SceneSnapshot) -> dict[str, NDArray[Any]]:
     arrays = {name: getattr(snapshot, name) for name in _ARRAYS}
     if snapshot.world_map is not None:
         arrays[_WORLD_MAP] = snapshot.world_map
+    arrays |= {f"{_PROFILE}{index}": profile for index, profile in enumerate(snapshot.profiles)}
     return arrays | {_image_key(index): image.pixels for index, image in enumerate(snapshot.images)}
 
 
@@ -134,6 +135,7 @@ def _build_snapshot(
         lights=lights,
         world_rgb=_frozen(header["world_rgb"]),
         world_map=arrays.get(_WORLD_MAP),
+        profiles=tuple(arrays[f"{_PROFILE}{index}"] for index in range(sum(name.startswith(_PROFILE) for name in arrays))),
     )
     if snapshot.world_map is not None and snapshot.world_map.dtype != np.float32:
         raise ValueError(f"{_WORLD_MAP}: expected float32, got {snapshot.world_map.dtype}")

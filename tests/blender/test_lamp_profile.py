@@ -1,0 +1,133 @@
+"""Lamps whose light differs by direction: their profiles as Cycles evaluates them."""
+
+import math
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from leaflight.addon.read.lamp_profile import ProfileTable
+from leaflight.addon.read.lights_read import PendingLight, read_lamp
+from leaflight.core.util.sphere_map import find_cells, find_solid_angles
+
+IES = "\n".join(
+    ["IESNA:LM-63-1995", "TILT=NONE", "1 1000 1 7 1 1 2 0.1 0.1 0.1", "1 1 20", "0 15 30 45 60 75 90", "0", "70 60 50 40 30 20 10", ""]
+)
+
+
+@pytest.fixture(autouse=True)
+def _empty_file():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+def add_lamp(kind="POINT", **properties):
+    data = bpy.data.lights.new("Lamp", kind)
+    data.energy = 100.0
+    for name, value in properties.items():
+        setattr(data, name, value)
+    lamp = bpy.data.objects.new("Lamp", data)
+    bpy.context.scene.collection.objects.link(lamp)
+    return lamp
+
+
+def use_tree(lamp):
+    """Its tree and emission node."""
+    lamp.data.use_nodes = True
+    tree = lamp.data.node_tree
+    return tree, next(node for node in tree.nodes if node.type == "EMISSION")
+
+
+def read(lamp, warnings=None):
+    """Its lights, and the maps of their profiles."""
+    bpy.context.view_layer.update()
+    warnings = [] if warnings is None else warnings
+    evaluated = lamp.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    found, table = read_lamp(evaluated, np.array(lamp.matrix_world), "Lamp", warnings), ProfileTable(bpy.context.scene)
+    return (found.resolve(table, warnings) if isinstance(found, PendingLight) else [found]), table.maps
+
+
+def look(profile, *directions):
+    toward = np.array(directions, float)
+    return profile.ravel()[find_cells(profile.shape, toward / np.linalg.norm(toward, axis=1, keepdims=True))]
+
+
+def mean_of(profile):
+    return float((profile * find_solid_angles(*profile.shape)[:, None]).sum() / (4 * math.pi))
+
+
+def test_a_plain_lamp_has_none():
+    for kind in ("POINT", "SPOT", "SUN", "AREA"):
+        (light,), maps = read(add_lamp(kind))
+        assert (light.profile, maps) == (-1, [])
+
+
+def test_an_ies_file_is_a_profile():
+    lamp = add_lamp()
+    tree, emission = use_tree(lamp)
+    texture = tree.nodes.new("ShaderNodeTexIES")
+    texture.ies = bpy.data.texts.new("lamp.ies")
+    texture.ies.from_string(IES)
+    tree.links.new(texture.outputs[0], emission.inputs["Strength"])
+    warnings = []
+    (light,), (profile,) = read(lamp, warnings)
+    assert warnings == []
+    assert light.kind == "POINT"
+    assert mean_of(profile) == pytest.approx(1, rel=1e-4)
+    by_angle = look(profile, *((math.sin(angle), 0.0, -math.cos(angle)) for angle in np.radians([1, 30, 60])), (0, 0, 1))
+    assert look(profile, (0, 0, -1), (1e-3, 1e-3, -1)) == pytest.approx(by_angle[0], rel=0.02)
+    assert by_angle[:3] / by_angle[1] == pytest.approx([69.33 / 50, 1, 30 / 50], rel=0.01)
+    assert by_angle[3] == 0
+    assert np.array(light.power_rgb) * by_angle[1] == pytest.approx(100.0 * 50 * 0.0706650768394 * np.ones(3), rel=0.01)
+
+
+def test_a_square_spot_is_square():
+    lamp = add_lamp("SPOT", use_square=True, spot_size=math.radians(60), spot_blend=0.0)
+    (light,), (profile,) = read(lamp)
+    assert light.kind == "POINT"
+    corner, side, beyond = look(profile, (0.4, 0.4, -1), (0.4, 0, -1), (0.8, 0, -1))
+    assert corner > 0
+    assert side == pytest.approx(corner, rel=0.05)
+    assert beyond == 0
+
+
+def test_a_picture_of_colours_is_a_lamp_for_each_channel():
+    lamp = add_lamp()
+    tree, emission = use_tree(lamp)
+    place, mix = tree.nodes.new("ShaderNodeTexCoord"), tree.nodes.new("ShaderNodeMix")
+    split = tree.nodes.new("ShaderNodeSeparateXYZ")
+    above = tree.nodes.new("ShaderNodeMath")
+    above.operation, above.inputs[1].default_value, mix.data_type = "GREATER_THAN", 0.0, "RGBA"
+    red, blue = (next(socket for socket in mix.inputs if socket.identifier == name) for name in ("A_Color", "B_Color"))
+    red.default_value, blue.default_value = (1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.5, 1.0)
+    tree.links.new(place.outputs["Normal"], split.inputs[0])
+    tree.links.new(split.outputs["X"], above.inputs[0])
+    tree.links.new(above.outputs[0], mix.inputs[0])
+    tree.links.new(next(socket for socket in mix.outputs if socket.identifier == "Result_Color"), emission.inputs["Color"])
+    lights, maps = read(lamp)
+    assert [np.flatnonzero(light.power_rgb).tolist() for light in lights] == [[0], [2]]
+    sides = [look(maps[light.profile], (-1, 0.1, 0), (1, 0.1, 0)) for light in lights]
+    assert sides[0] == pytest.approx(sides[1][::-1], rel=0.05)
+    assert sides[0].min() == 0
+    assert sum(sum(light.power_rgb) for light in lights) == pytest.approx(100.0 * (0.5 * 1.0 + 0.5 * 0.5), rel=0.02)
+
+
+def test_what_is_by_distance_is_told():
+    lamp = add_lamp()
+    tree, emission = use_tree(lamp)
+    falloff = tree.nodes.new("ShaderNodeLightFalloff")
+    falloff.inputs["Strength"].default_value = 2.0
+    tree.links.new(falloff.outputs["Linear"], emission.inputs["Strength"])
+    warnings = []
+    (light,), maps = read(lamp, warnings)
+    assert maps == []
+    assert light.power_rgb == pytest.approx((200.0,) * 3, rel=1e-3)
+    assert ["at 1 m" in text for _, text in warnings] == [True]
+
+
+def test_max_bounces_are_told():
+    lamp = add_lamp()
+    lamp.data.cycles.max_bounces = 3
+    warnings = []
+    read(lamp, warnings)
+    assert ["Max Bounces (3)" in text for _, text in warnings] == [True]
