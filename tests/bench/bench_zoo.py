@@ -12,9 +12,11 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import datetime
+import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from image_io_path import add_image_io
@@ -107,20 +109,20 @@ def run_scene(subject: Subject, effort: Effort, options: list[str]) -> SceneResu
         larger.save()
         print(f"{subject.name}: the charts need a page of {larger.size}²", file=sys.stderr, flush=True)
         return run_scene(larger, effort, options)
-    reference = find_reference(subject, bakes[0][0][1].layout, effort.side, effort.reference_s, effort.noise)
+    layout = "" if subject.uv_layer else bakes[0][0][1].layout
+    reference = find_reference(subject, layout, effort.side, effort.reference_s, effort.noise)
     ours = tuple(join_outcomes([judge_bake(subject, bake, reference, asked) for asked, bake in turns]) for turns in bakes)
     rivals = bake_rivals(subject, reference, effort.samples, effort.budget_s, effort.turns) if effort.samples else {}
     return SceneResult(subject.name, subject.about, reference.noise, ours, rivals)
 
 
-def list_subjects(arguments: argparse.Namespace, effort: Effort) -> Iterator[Subject]:
-    """Scenes, each made when its turn comes."""
+def list_subjects(arguments: argparse.Namespace, effort: Effort) -> list[tuple[str, Callable[[], Subject]]]:
+    """The scenes: name, and what makes it ready."""
     if arguments.scenes:
-        for blend in sorted(arguments.scenes.glob("*.blend")):
-            yield find_file(blend, arguments.cache, effort.max_size or FILE_SIZE)
-        return
-    for seed in arguments.seeds or draw_seeds(arguments.count or effort.count, datetime.date.today()):
-        yield find_seed(seed, arguments.cache, effort.max_size)
+        size = effort.max_size or FILE_SIZE
+        return [(blend.name, partial(find_file, blend, arguments.cache, size)) for blend in sorted(arguments.scenes.glob("*.blend"))]
+    seeds = arguments.seeds or draw_seeds(arguments.count or effort.count, datetime.date.today())
+    return [(f"seed {seed}", partial(find_seed, seed, arguments.cache, effort.max_size)) for seed in seeds]
 
 
 def write_page(page: Path, results: Sequence[SceneResult], files: bool) -> None:
@@ -159,16 +161,24 @@ def main(words: list[str] | None = None) -> int:
     )
     add_image_io()
     results: list[SceneResult] = []
-    for subject in list_subjects(arguments, effort):
-        print(subject.about, file=sys.stderr, flush=True)
-        results.append(run_scene(subject, effort, arguments.options))
+    failed: list[str] = []
+    for name, find_subject in list_subjects(arguments, effort):
+        try:
+            subject = find_subject()
+            print(subject.about, file=sys.stderr, flush=True)
+            results.append(run_scene(subject, effort, arguments.options))
+        except (RuntimeError, subprocess.CalledProcessError) as reason:  # hours of other scenes are not to be lost
+            failed.append(f"{name} FAILED: {reason}")
+            print(failed[-1], file=sys.stderr, flush=True)
+            continue
         tables = [tabulate_quick(results[-1:]), *([tabulate_times(results[-1:])] if effort.samples else [])]
         print(*tables, sep="\n", file=sys.stderr, flush=True)
     tables = [tabulate_quick(results), *([tabulate_times(results)] if effort.samples else []), summarize(results)]
     print(*tables, sep="\n\n")
     if arguments.docs and effort.samples:
         write_page(ROOT / "docs" / "zoo.md", results, bool(arguments.scenes))
-    return 0
+    print(*failed, sep="\n")
+    return int(bool(failed))
 
 
 if __name__ == "__main__":

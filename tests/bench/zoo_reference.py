@@ -115,7 +115,7 @@ class PageReference:
 def find_reference(subject: Subject, layout: str, side: int, seconds: float, noise: float) -> PageReference:
     """The reference of the cache, made or made better where it is not good enough.
 
-    layout   of the UV layer: references of another one are void
+    layout   of the UV layer that Leaflight makes: references of another one are void; "" where the scene has one
     side     of the windows that are baked of the page, texels; see spread_windows
     seconds  that a new one may take, of all processors together
     """

@@ -29,6 +29,17 @@ def test_a_seed_is_baked_and_held_against_cycles(tmp_path, capfd, seed):
 
 
 @pytest.mark.slow
+def test_rivals_are_run_beside_it(tmp_path, capfd, monkeypatch):
+    pytest.importorskip("pyoidn")  # of the bench extra, as scipy
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).resolve().parents[1]))  # as make does
+    words = ["--max-size", "64", "--reference-seconds", "1", "--budget", "5", "--turns", "1", "--seeds", "3", "--cache", str(tmp_path)]
+    assert bench_zoo.main(words) == 0
+    told = capfd.readouterr().out
+    assert [line for line in told.splitlines() if line.startswith("| seed 3 | 5% |")]
+    assert "| time to 5%, Cycles / Leaflight |" in told
+
+
+@pytest.mark.slow
 def test_files_get_a_layer_of_their_own(tmp_path, capfd):
     open_room()
     bpy.context.scene.objects["Cube"].modifiers.new("Array", "ARRAY")

@@ -150,6 +150,21 @@ def test_a_quick_run_has_no_rivals():
     assert not [one for one in table.rows if CYCLES in one[0]]
 
 
+def test_a_scene_that_fails_is_told_and_the_others_are_run(monkeypatch, capsys):
+    def run(subject, effort, options):
+        if subject.name == "bad":
+            raise RuntimeError("bad: the bake failed: no light")
+        return GOOD
+
+    subjects = [Subject(Path("nowhere"), name, (), "", 64, 500, f"{name}: a room") for name in ("bad", "good")]
+    monkeypatch.setattr(bench_zoo, "list_subjects", lambda arguments, effort: [(one.name, lambda one=one: one) for one in subjects])
+    monkeypatch.setattr(bench_zoo, "run_scene", run)
+    assert bench_zoo.main(["--quick"]) == 1
+    told = capsys.readouterr().out
+    assert "bad FAILED: bad: the bake failed: no light" in told
+    assert "| good |" in told
+
+
 def test_tables_are_whole():
     for table in (tabulate_quick([GOOD, SLOW]), tabulate_times([GOOD, SLOW]), summarize([GOOD, SLOW]), summarize([])):
         assert all(len(one) == len(table.head) for one in table.rows)
