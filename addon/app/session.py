@@ -18,6 +18,7 @@ from mathutils import Matrix
 
 from ...core.bake.checkpoint import INFO_FILE, describe_differences, find_differences
 from ...core.bake.kept_bake import KeptBake, find_kept_bake
+from ...core.output import image_file
 from ...core.output.image_room import SPARE_PREFIX
 from ...core.scene.snapshot import save_snapshot
 from ...core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
@@ -35,9 +36,13 @@ from ..show.page_store import find_folder, keep_page
 from ..show.scene_prints import Baked, Prints, describe_changes, list_changes, mark_prints, print_scene, read_marked
 from . import spare_images
 from .arguments import BakeRequest
+from .job import library_paths
 from .kept_state import mark_state
 
 Warnings = list[tuple[str, str]]
+# Texels of a texture's side for each of a page's: one object fills a page at most, and seldom shows less than a quarter of a texture. And
+# texels that any texture may have, for reflected light has the colours of small things too.
+_SHOWN_TEXELS, _LEAST_TEXELS = 4, 1024
 # Seconds that showing, saving and reporting a bake take, and their part of those of the export: both go over all objects.
 _AFTER_S, _AFTER_OF_EXPORT = 0.2, 0.3
 _KNOBS_OF_CORE = ("max_depth",)  # which it sets itself, where nobody asks for reflected light
@@ -73,7 +78,9 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
         restore.toggle_preview(scene, False)
     try:
         until = began + limit if limit else math.inf
-        export = export_scene.export_scene(context, list(request.objects) or None, request.uv_layer or None, until=until)
+        image_file.load_ahead(library_paths())
+        most = max(_SHOWN_TEXELS * request.settings.size, _LEAST_TEXELS)
+        export = export_scene.export_scene(context, list(request.objects) or None, request.uv_layer or None, until=until, most_texels=most)
         with registered():
             prints = print_scene(scene, context.view_layer)
     finally:

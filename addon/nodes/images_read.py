@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...core.output.image_file import srgb_to_linear
 from ...core.scene.scene import TextureImage
+from .image_files import ImageFiles, convert_bytes
 from .image_parts import find_cell, open_frame, open_tile
 
 MAX_TEXTURE_SIDE_TEXELS = 4096
@@ -38,9 +39,14 @@ class ImagePixels:
 
 
 class ImageTable:
-    """The textures of a snapshot; one for each image and way of using it."""
+    """The textures of a snapshot; one for each image and way of using it.
 
-    def __init__(self) -> None:
+    most_texels   on a side of them, which are reduced to that
+    """
+
+    def __init__(self, most_texels: int = MAX_TEXTURE_SIDE_TEXELS) -> None:
+        self.most_texels = min(most_texels, MAX_TEXTURE_SIDE_TEXELS)
+        self.files = ImageFiles(self.most_texels)
         self.images: list[TextureImage] = []
         self._index: dict[tuple[int, int, str, bool, bool], int] = {}
         self._derived: dict[Hashable, int] = {}
@@ -51,7 +57,7 @@ class ImageTable:
         """The image's pixels, of a sequence those of a frame; None where its file is missing or it has none."""
         key = (image.session_uid, frame)
         if key not in self._pixels:
-            self._pixels[key] = _read_whole(image, frame)
+            self._pixels[key] = _read_whole(image, frame, self.most_texels, self.files)
         return self._pixels[key]
 
     def add(self, image: TextureImage) -> int:
@@ -103,39 +109,54 @@ def read_pixels(image: Any, most_texels: int = 0) -> ImagePixels | None:
     if not was_loaded and not image.is_dirty and image.source == "FILE":
         image.buffers_free()  # memory as it was
     stored = flat.reshape(height, width, image.channels)
-    alpha = np.nan_to_num(stored[..., 3]) if image.channels == 4 and stored[..., 3].min() < 1.0 else None
-    color = stored[..., :3] if image.channels >= 3 else np.repeat(stored[..., :1], 3, axis=2)
-    color = np.nan_to_num(color, nan=0.0, posinf=0.0, neginf=0.0)
     space = image.colorspace_settings.name
     # byte pixels come as they are stored; float pixels come linear already, whatever their file held
     encoded = not image.is_float and not image.colorspace_settings.is_data and "Linear" not in space
-    if encoded:
-        color = srgb_to_linear(color)
     note = ""
     if encoded and space != "sRGB":
         note = f"colour space {space} of image {image.name} is read as sRGB"
     elif not encoded and not image.is_float and not image.colorspace_settings.is_data and space != "Linear Rec.709":
         note = f"colour space {space} of image {image.name} is read as Linear Rec.709"
-    red, green, blue = (float(x) for x in color.mean(axis=(0, 1), dtype=np.float64))
-    mean_alpha = 1.0 if alpha is None else float(alpha.mean(dtype=np.float64))
+    if not image.is_float and image.channels in (1, 3, 4):
+        np.multiply(flat, np.float32(255.0), out=flat)
+        return _make_pixels(
+            *convert_bytes(np.rint(flat, out=flat).astype(np.uint8).reshape(stored.shape), encoded, True, most_texels), note
+        )
+    alpha = np.nan_to_num(stored[..., 3]) if image.channels == 4 and stored[..., 3].min() < 1.0 else None
+    color = stored[..., :3] if image.channels >= 3 else np.repeat(stored[..., :1], 3, axis=2)
+    color = np.nan_to_num(color, nan=0.0, posinf=0.0, neginf=0.0)
+    if encoded:
+        color = srgb_to_linear(color)
     coverage = None if alpha is None else _reduce(alpha[..., None], most_texels)[..., 0]
-    return ImagePixels(_reduce(color, most_texels), coverage, (red, green, blue, mean_alpha), note)
+    return _make_pixels(_reduce(color, most_texels), coverage, note)
 
 
-def _read_whole(image: Any, frame: int) -> ImagePixels | None:
+def _make_pixels(color: NDArray[np.float32], alpha: NDArray[np.float32] | None, note: str = "") -> ImagePixels:
+    height, width = color.shape[:2]
+    total = (
+        color.reshape(height, -1).sum(axis=0, dtype=np.float64).reshape(width, 3).sum(axis=0)
+    )  # whole rows: three numbers are slow to add
+    red, green, blue = (float(x) / (height * width) for x in total)
+    return ImagePixels(color, alpha, (red, green, blue, 1.0 if alpha is None else float(alpha.mean(dtype=np.float64))), note)
+
+
+def _read_whole(image: Any, frame: int, most_texels: int, files: ImageFiles) -> ImagePixels | None:
     """Pixels of an image, all of its tiles, or a frame of it."""
     if image.source == "SEQUENCE":
         with open_frame(image, frame) as one:
-            return read_pixels(one)
-    return _read_tiles(image) if image.source == "TILED" and len(image.tiles) > 1 else read_pixels(image)
+            return read_pixels(one, most_texels)
+    if image.source == "TILED" and len(image.tiles) > 1:
+        return _read_tiles(image, most_texels)
+    found = files.take(image)
+    return read_pixels(image, most_texels) if found is None else _make_pixels(*found)
 
 
-def _read_tiles(image: Any) -> ImagePixels | None:
+def _read_tiles(image: Any, most: int) -> ImagePixels | None:
     """UDIM tiles side by side as one image, in the size of the largest; the mean where there is none."""
     cells, found, lost = [find_cell(tile.number) for tile in image.tiles], {}, ""
     low, high = np.min(cells, axis=0), np.max(cells, axis=0)
     columns, rows = (int(n) for n in high - low + 1)
-    most_texels = max(int(MAX_TEXTURE_SIDE_TEXELS / math.sqrt(columns * rows)), 1)  # all of them are as large as one image
+    most_texels = max(int(most / math.sqrt(columns * rows)), 1)  # all of them are as large as one image
     for number, (tile, cell) in enumerate(zip(image.tiles, cells, strict=True)):
         opened = open_tile(image, tile.number) if number else nullcontext(image)  # the first one's are handed out as they are painted
         with opened as one:

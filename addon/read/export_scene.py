@@ -12,6 +12,7 @@ from typing import Any
 import bpy
 
 from ...core.scene.scene import Light, SceneObject, SceneSnapshot
+from ..nodes.images_read import MAX_TEXTURE_SIDE_TEXELS
 from ..nodes.mesh_arrays import LocalMesh
 from .baked_copies import find_users_mesh
 from .export_arrays import PieceArrays, join_arrays, read_piece
@@ -75,6 +76,7 @@ def export_scene(
     uv_layer: str | None = None,
     view_layer: Any = None,
     until: float = math.inf,
+    most_texels: int = MAX_TEXTURE_SIDE_TEXELS,
 ) -> ExportResult:
     """The snapshot of a scene as a render shows it; nothing of the user's is changed.
 
@@ -82,6 +84,7 @@ def export_scene(
     uv_layer     existing UV layer to use as it is
     view_layer   None for the current one, or the scene's first that renders
     until        time.monotonic() beyond which it is too late to read more
+    most_texels  on a side of a texture: more than pages can show need not be read
     Raises ValueError with a sentence where there is nothing to bake.
     """
     scene = getattr(context_or_scene, "scene", context_or_scene)
@@ -92,7 +95,7 @@ def export_scene(
     with registered():
         check_names(scene, view_layer, objects)
         with evaluate_for_render(scene, view_layer, warnings) as depsgraph:
-            export = _Export(view_layer, depsgraph, objects, uv_layer, warnings, until)
+            export = _Export(view_layer, depsgraph, objects, uv_layer, warnings, until, most_texels)
         return export.finish(read_world(scene, warnings, view_layer), ProfileTable(scene, view_layer))
 
 
@@ -102,21 +105,39 @@ def find_objects(exported: Iterable[ExportedObject]) -> list[Any]:
     return [by_uid.get(one.uid) or bpy.data.objects.get((one.source, one.library or None)) for one in exported]
 
 
+def list_worn(pieces: Iterable[Piece], override: Any) -> list[Any]:
+    """The materials that pieces wear, each once."""
+    found = {}
+    for piece in pieces:
+        for slot in piece.evaluated.material_slots if piece.evaluated.type != "LIGHT" else ():
+            if slot.material is not None:
+                found.setdefault(slot.material.session_uid, slot.material)
+    return [override] if override is not None else list(found.values())
+
+
 class _Export:
     """The pieces of one export, gathered while the depsgraph stands."""
 
     def __init__(
-        self, view_layer: Any, depsgraph: Any, names: Sequence[str] | None, uv_layer: str | None, warnings: Warnings, until: float
+        self,
+        view_layer: Any,
+        depsgraph: Any,
+        names: Sequence[str] | None,
+        uv_layer: str | None,
+        warnings: Warnings,
+        until: float,
+        most_texels: int,
     ) -> None:
         self._uv_layer = uv_layer
         self._warnings = warnings
-        self._materials = MaterialTable(warnings, view_layer.material_override)
+        self._materials = MaterialTable(warnings, view_layer.material_override, most_texels)
         self._local: dict[tuple[int, ...], LocalMesh] = {}
         self._names: set[str] = set()
         self._found: list[tuple[ExportedObject, SceneObject, PieceArrays, int]] = []
         self._lights: list[Light | PendingLight] = []
         keys = [(p.source, p.kind, p.evaluated.original) for p in walk_pieces(view_layer, depsgraph) if p.is_mesh]
         self._receivers = Receivers(names, keys, find_set_objects(view_layer), warnings)
+        self._materials.images.files.begin(list_worn(walk_pieces(view_layer, depsgraph), view_layer.material_override))
         curves: list[str] = []
         for piece in walk_pieces(view_layer, depsgraph):
             choice = read_choice(piece.source, piece.evaluated.original)

@@ -8,7 +8,7 @@ from typing import Any
 from ...core.scene.scene import Material
 from ..nodes.color_attributes import ColorLayer, ColorTable, Faces
 from ..nodes.colors_read import SHADOW, ColorReader
-from ..nodes.images_read import ImageTable
+from ..nodes.images_read import MAX_TEXTURE_SIDE_TEXELS, ImageTable
 from ..nodes.node_colors import GREY, Color, Rgb, to_rgb
 from ..nodes.node_ports import find_surface, uses_nodes
 from ..nodes.polygon_atlas import BakedLayer
@@ -41,10 +41,10 @@ class MaterialReading:
 class MaterialTable:
     """The materials of a snapshot, each read once; those that show colour attributes once for each mesh, or properties for each object."""
 
-    def __init__(self, warnings: Warnings, override: Any = None) -> None:
-        """Where `override` is a material, all objects wear it."""
+    def __init__(self, warnings: Warnings, override: Any = None, most_texels: int = MAX_TEXTURE_SIDE_TEXELS) -> None:
+        """Where `override` is a material, all objects wear it; images have no more texels on a side than that."""
         self.override = override
-        self.images = ImageTable()
+        self.images = ImageTable(most_texels)
         self.colors = ColorTable(self.images)
         self.baker = SocketBaker(self.images)
         self.readings: list[MaterialReading] = []

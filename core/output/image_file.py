@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import importlib
 import os
-from collections.abc import Mapping
+import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -105,10 +106,45 @@ def read_image(path: Path) -> tuple[NDArray[np.float32], dict[str, Any]]:
     return linear, metadata
 
 
-def load_ahead() -> None:
-    """Loads OpenImageIO before there is an image; where that fails, whoever has one is told."""
-    with contextlib.suppress(ValueError):
-        _open_image_io()
+def read_bytes(path: str) -> NDArray[np.uint8] | None:
+    """The bytes of an image file as they are stored, alpha not multiplied in; None of one that cannot be read or has no 8 bit channels.
+
+    out   (h, w, c) uint8 with 1, 3 or 4 channels, row 0 at the bottom
+    """
+    oiio = _open_image_io()
+    straight = oiio.ImageSpec()
+    straight.attribute("oiio:UnassociatedAlpha", 1)
+    source = oiio.ImageInput.open(path, straight)
+    if source is None:
+        return None
+    spec = source.spec()
+    plain = (
+        str(spec.format) == "uint8" and spec.nchannels in (1, 3, 4) and (spec.nchannels < 4 or not path.lower().endswith((".jpg", ".jpeg")))
+    )
+    stored = source.read_image("uint8") if plain else None
+    source.close()
+    return None if stored is None else np.asarray(stored, np.uint8).reshape(spec.height, spec.width, spec.nchannels)[::-1]
+
+
+def load_ahead(folders: Sequence[str] = ()) -> None:
+    """Loads OpenImageIO before there is an image, from these folders where Python finds it nowhere else; where that fails, whoever has an
+    image is told.
+    """
+    before = list(sys.path)
+    sys.path.extend(folders)
+    try:
+        with contextlib.suppress(ValueError):
+            _open_image_io()
+    finally:
+        sys.path[:] = before
+
+
+def can_open() -> bool:
+    """Whether OpenImageIO is loaded, or can be."""
+    try:
+        return _open_image_io() is not None
+    except ValueError:
+        return False
 
 
 def _open_image_io() -> Any:

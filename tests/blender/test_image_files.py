@@ -1,0 +1,115 @@
+"""Image files are read without Blender to the same pixels, and no finer than is asked for."""
+
+import sys
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from leaflight.addon.app.job import library_paths
+from leaflight.addon.nodes import image_files
+from leaflight.addon.nodes.images_read import ImageTable, read_pixels
+from leaflight.core.output import image_file
+
+
+@pytest.fixture(autouse=True)
+def open_image_io(monkeypatch):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    monkeypatch.setattr(sys, "path", [*sys.path, *library_paths()])
+    image_file.load_ahead()
+
+
+def write_file(path, height=6, width=10, channels=3, seed=1):
+    """A file of noise, as Blender loads it later: not loaded yet."""
+    rng = np.random.default_rng(seed)
+    image = bpy.data.images.new("noise", width, height, alpha=channels == 4)
+    pixels = np.ones((height, width, 4), np.float32)
+    pixels[..., : max(channels, 3)] = rng.integers(0, 256, (height, width, max(channels, 3))) / np.float32(255)
+    image.pixels.foreach_set(pixels.ravel())
+    image.filepath_raw, image.file_format = str(path), "JPEG" if path.suffix == ".jpg" else "PNG"
+    image.save()
+    bpy.data.images.remove(image)
+    return bpy.data.images.load(str(path))
+
+
+def wear(image, name="Base Color"):
+    material = bpy.data.materials.new("Worn")
+    if material.node_tree is None:
+        material.use_nodes = True
+    tree = material.node_tree
+    node = tree.nodes.new("ShaderNodeTexImage")
+    node.image = image
+    tree.links.new(tree.nodes["Principled BSDF"].inputs[name], node.outputs["Color"])
+    return material
+
+
+@pytest.mark.parametrize("space", ["sRGB", "Non-Color", "Linear Rec.709"])
+@pytest.mark.parametrize(("name", "channels"), [("a.png", 3), ("a.png", 4), ("a.jpg", 3)])
+@pytest.mark.parametrize("most", [4096, 5])
+def test_a_file_has_the_pixels_that_blender_has(tmp_path, space, name, channels, most):
+    image = write_file(tmp_path / name, channels=channels)
+    image.colorspace_settings.name = space
+    table = ImageTable(most)
+    table.files.begin([wear(image)])
+    mine = table.read(image, 0)
+    assert not image.has_data  # Blender has not read it
+    assert len(image.pixels) > 0
+    theirs = read_pixels(image, most)
+    np.testing.assert_allclose(mine.pixels, theirs.pixels, atol=2 / 255 if name.endswith("jpg") else 1e-6)
+    assert mine.pixels.shape == ((6, 10, 3) if most > 10 else (3, 5, 3))
+    np.testing.assert_allclose(mine.mean, theirs.mean, atol=5e-3)
+    assert (mine.alpha is None) == (channels == 3)
+    if channels == 4:
+        np.testing.assert_allclose(mine.alpha, theirs.alpha, atol=1e-6)
+
+
+def test_bytes_are_averaged_as_light(tmp_path):
+    """Black and white texels of sRGB come out as half the light, which is 0.735 in sRGB, not 0.5."""
+    board = np.indices((4, 8)).sum(axis=0) % 2 * 255
+    color, alpha = image_files.convert_bytes(board[..., None].repeat(3, axis=2).astype(np.uint8), True, True, 4)
+    np.testing.assert_allclose(color, 0.5, atol=1e-6)
+    assert color.shape == (4, 4, 3)
+    assert alpha is None
+
+
+@pytest.mark.parametrize(("height", "width", "most"), [(7, 5, 3), (9, 16, 4), (1, 3, 2), (64, 64, 16)])
+def test_incomplete_blocks_are_averages_of_what_they_have(height, width, most):
+    stored = np.random.default_rng(3).integers(0, 256, (height, width, 3)).astype(np.uint8)
+    table = np.arange(256, dtype=np.float32)
+    found = image_files.reduce_bytes(stored, table, most)
+    tall, wide = -(-height // most), -(-width // most)
+    for row in range(found.shape[0]):
+        for column in range(found.shape[1]):
+            block = stored[row * tall : (row + 1) * tall, column * wide : (column + 1) * wide].astype(float)
+            np.testing.assert_allclose(found[row, column], block.mean(axis=(0, 1)), rtol=1e-5)
+
+
+def test_only_what_colours_a_material_is_read_ahead(tmp_path):
+    color, rough = write_file(tmp_path / "color.png"), write_file(tmp_path / "rough.png", seed=2)
+    material = wear(color)
+    tree = material.node_tree
+    node, gamma = tree.nodes.new("ShaderNodeTexImage"), tree.nodes.new("ShaderNodeGamma")
+    node.image = rough
+    tree.links.new(tree.nodes["Principled BSDF"].inputs["Roughness"], node.outputs["Color"])
+    tree.links.new(gamma.inputs["Color"], tree.nodes["Principled BSDF"].inputs["Base Color"].links[0].from_socket)
+    tree.links.new(tree.nodes["Principled BSDF"].inputs["Base Color"], gamma.outputs["Color"])
+    assert image_files.list_images([material, None]) == [color]
+
+
+@pytest.mark.parametrize("case", ["loaded", "painted", "packed", "gone", "premultiplied", "another space"])
+def test_what_blender_alone_knows_is_left_to_it(tmp_path, case):
+    image = write_file(tmp_path / "a.png", channels=4)
+    if case == "loaded":
+        assert len(image.pixels)
+    elif case == "painted":
+        image.pixels[0] = 0.25
+    elif case == "packed":
+        image.pack()
+    elif case == "gone":
+        (tmp_path / "a.png").unlink()
+    elif case == "premultiplied":
+        image.alpha_mode = "PREMUL"
+    else:
+        image.colorspace_settings.name = "Linear Rec.2020"
+    assert image_files.find_file(image) == ""
