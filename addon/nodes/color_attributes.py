@@ -57,6 +57,7 @@ class Faces:
     source       the object, or the one that makes an instance of what is shown
     shown        evaluated object
     matrix       (4, 4) float, object to world; None is the identity
+    receives     whether they get a lightmap
     """
 
     name: str
@@ -67,6 +68,7 @@ class Faces:
     shown: Any
     is_instance: bool
     matrix: Any = None
+    receives: bool = True
 
     def find_range(self, layer: ColorLayer) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         """The least, mean by area, and greatest of a layer's colours, (3,) each; None where the mesh has no such colours."""

@@ -33,6 +33,7 @@ class ColorReader:
     faces      that wear the material; None of a light or world
     colors     where their colour attributes go
     baker      evaluates what is not known here; of the material
+    normal     unit vectors in the world in place of colours, None where the surface is shaded as it is
     replaced   what could not be taken as it is, for one warning
     by_faces   whether what was read depends on the faces, or
     by_object  on the object that they are of
@@ -52,6 +53,7 @@ class ColorReader:
         self.ray = DIFFUSE
         self._baker, self._material, self._depth, self._inexact = baker, material, 0, False
         self.replaced: list[str] = []
+        self.normal: Color | None = None
         self.missing_rgb = GREY  # what stands for a missing image; Blender's magenta would tint the room
 
     def note(self, text: str) -> None:
@@ -82,6 +84,20 @@ class ColorReader:
             return color
         self.by_faces, self.by_object, self.replaced = True, self.by_object or by_object, before
         return evaluated
+
+    def read_normal(self, port: Port) -> bool:
+        """Evaluate the normal that an output gives, as `normal`; whether that is done, or nobody would see it."""
+        if self.faces is None or self._baker is None or not can_evaluate(port):
+            return False
+        if not self.faces.receives:
+            self.by_faces = self.by_object = True  # another object may show it
+            return True
+        found = self._baker.bake(port, self._material, self.faces, by_object=True, is_normal=True)
+        if found is None:
+            return False
+        self.by_faces = self.by_object = True
+        self.normal = self.normal or found
+        return True
 
     def _read_color(self, port: Port | None, default: Rgb) -> Color:
         if port is None:

@@ -24,9 +24,9 @@ from .node_ports import Port
 from .polygon_atlas import BakedLayer, PolygonAtlas, lay_polygons
 
 TOO_MANY = "takes long to evaluate, so it is replaced by its mean"
-_TEXELS_PER_M = 128.0
+_TEXELS_PER_M, _NORMALS_PER_M = 128.0, 64.0
 _MOST_TEXELS = 1 << 20  # of one mesh
-_SECONDS = 60.0  # for all of one export
+_SECONDS = 120.0  # of processors' time, for all of one export
 _SAMPLES = 4  # of each texel
 _NAME, _UV = "leaflight evaluation", "leaflight evaluation"
 # What depends on who looks, or on what a copy of the object has not: its name, its particles.
@@ -49,28 +49,29 @@ class SocketBaker:
         assert atlas is not None
         return atlas.uv
 
-    def bake(self, port: Port, material: Any, faces: Faces, by_object: bool) -> Color | None:
+    def bake(self, port: Port, material: Any, faces: Faces, by_object: bool, is_normal: bool = False) -> Color | None:
         """The colour that an output gives on the faces' mesh; None where Blender cannot tell.
 
         by_object   whether it differs between objects of one mesh
+        is_normal   whether it is a direction, of which a lightmap shows less detail
         """
         if self._spent_s > _SECONDS:
             return None
-        begin = time.perf_counter()
+        begin = time.process_time()
         try:
-            return self._bake(port, material, faces, by_object)
+            return self._bake(port, material, faces, by_object, is_normal)
         finally:
-            self._spent_s += time.perf_counter() - begin
+            self._spent_s += time.process_time() - begin
 
     @property
     def is_out_of_time(self) -> bool:
         return self._spent_s > _SECONDS
 
-    def _bake(self, port: Port, material: Any, faces: Faces, by_object: bool) -> Color | None:
+    def _bake(self, port: Port, material: Any, faces: Faces, by_object: bool, is_normal: bool) -> Color | None:
         matrix = np.eye(4) if faces.matrix is None else np.asarray(faces.matrix)
-        key = (id(faces.local), *((faces.source.session_uid, faces.shown.original.session_uid) if by_object else ()))
+        key = (id(faces.local), is_normal, *((faces.source.session_uid, faces.shown.original.session_uid) if by_object else ()))
         if key not in self._atlases:
-            self._atlases[key] = lay_polygons(faces.local, matrix[:3, :3], _TEXELS_PER_M, _MOST_TEXELS)
+            self._atlases[key] = lay_polygons(faces.local, matrix[:3, :3], _NORMALS_PER_M if is_normal else _TEXELS_PER_M, _MOST_TEXELS)
         atlas = self._atlases[key]
         asked = (material.session_uid, port.socket.identifier, port.node.as_pointer(), *(group.as_pointer() for group in port.groups), key)
         if asked not in self._known:

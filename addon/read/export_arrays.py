@@ -30,6 +30,7 @@ class PieceArrays:
     tri_albedo_uv: NDArray[np.float32]
     tri_emission_uv: NDArray[np.float32]
     tri_passing_uv: NDArray[np.float32]
+    tri_normal_uv: NDArray[np.float32]
     is_clear: bool
 
     @property
@@ -37,7 +38,9 @@ class PieceArrays:
         return len(self.tri_material)
 
 
-def read_piece(piece: Piece, local: LocalMesh, materials: MaterialTable, uv_layer: str | None, warnings: Warnings) -> PieceArrays:
+def read_piece(
+    piece: Piece, local: LocalMesh, materials: MaterialTable, uv_layer: str | None, warnings: Warnings, receives: bool = True
+) -> PieceArrays:
     """A piece in the world, with the materials of its slots; `uv_layer` fills tri_uv, None leaves it zero."""
     world = place_mesh(local, piece.matrix)
     n_tri = len(world.tri_slot)
@@ -47,10 +50,11 @@ def read_piece(piece: Piece, local: LocalMesh, materials: MaterialTable, uv_laye
     slot_material = np.zeros(len(slots), np.int32)
     worn = piece.source, piece.evaluated, piece.kind not in (OWN, CURVE, STRANDS)
     slot_material[used] = [
-        materials.index(slots[index], Faces(piece.source.name, local, world, slot == index, *worn, piece.matrix)) for index in used
+        materials.index(slots[index], Faces(piece.source.name, local, world, slot == index, *worn, piece.matrix, receives))
+        for index in used
     ]
     tri_material = slot_material[slot]
-    tri_albedo_uv, tri_emission_uv, tri_passing_uv = np.zeros((3, n_tri, 3, 2), np.float32)
+    tri_albedo_uv, tri_emission_uv, tri_passing_uv, tri_normal_uv = np.zeros((4, n_tri, 3, 2), np.float32)
     clear = []
     for index in np.unique(tri_material):
         reading = materials.readings[index]
@@ -63,8 +67,12 @@ def read_piece(piece: Piece, local: LocalMesh, materials: MaterialTable, uv_laye
             tri_emission_uv[here] = _texture_uv(piece, local, corner, reading.emission_mapping, materials, warnings)
         if max(reading.material.passing_image, reading.material.shadow_passing_image) >= 0:
             tri_passing_uv[here] = _texture_uv(piece, local, corner, reading.passing_mapping, materials, warnings)
+        if reading.material.normal_image >= 0:
+            tri_normal_uv[here] = _texture_uv(piece, local, corner, reading.normal_mapping, materials, warnings)
     tri_uv = np.zeros((n_tri, 3, 2)) if uv_layer is None else np.nan_to_num(local.layers[uv_layer][world.tri_corner])
-    return PieceArrays(world, tri_material, tri_uv, tri_albedo_uv, tri_emission_uv, tri_passing_uv, bool(clear) and all(clear))
+    return PieceArrays(
+        world, tri_material, tri_uv, tri_albedo_uv, tri_emission_uv, tri_passing_uv, tri_normal_uv, bool(clear) and all(clear)
+    )
 
 
 def list_materials(evaluated: Any) -> list[Any]:
@@ -93,6 +101,7 @@ def join_arrays(pieces: Sequence[PieceArrays]) -> dict[str, NDArray[Any]]:
         "tri_albedo_uv": np.concatenate([piece.tri_albedo_uv for piece in pieces]),
         "tri_emission_uv": np.concatenate([piece.tri_emission_uv for piece in pieces]),
         "tri_passing_uv": np.concatenate([piece.tri_passing_uv for piece in pieces]),
+        "tri_normal_uv": np.concatenate([piece.tri_normal_uv for piece in pieces]),
     }
 
 

@@ -194,7 +194,7 @@ class _Export:
                 self._receivers.tell_no_faces(piece)
             return
         has_layer = receives and self._has_layer(piece, local)
-        arrays = read_piece(piece, local, self._materials, self._uv_layer if has_layer else None, self._warnings)
+        arrays = read_piece(piece, local, self._materials, self._uv_layer if has_layer else None, self._warnings, receives)
         self._warn_faces(piece, arrays, receives)
         if not arrays.n_tri:
             return

@@ -20,7 +20,7 @@ from .shaders_read import Surface, read_shader
 
 # A snapshot's arrays of texture coordinates, and the image of a material that each is for.
 IMAGE_OF_UV = {"tri_albedo_uv": "albedo_image", "tri_emission_uv": "emission_image", "tri_passing_uv": "passing_image"}
-_IMAGES = (*IMAGE_OF_UV.values(), "shadow_passing_image")
+_IMAGES = (*IMAGE_OF_UV.values(), "shadow_passing_image", "normal_image")
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,7 @@ class MaterialReading:
     albedo_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
     emission_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
     passing_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
+    normal_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
 
     @property
     def is_clear(self) -> bool:
@@ -101,10 +102,12 @@ class MaterialTable:
                 passing_image=surface.passing.image,
                 shadow_passing_rgb=None if shadow is None else _clip_negative(shadow.rgb),
                 shadow_passing_image=-1 if shadow is None else shadow.image,
+                normal_image=-1 if reader.normal is None else reader.normal.image,
             ),
             surface.albedo.mapping,
             surface.emission.mapping,
             shadow.mapping if shadow and shadow.image >= 0 else surface.passing.mapping,
+            UNMAPPED if reader.normal is None else reader.normal.mapping,
         )
 
 

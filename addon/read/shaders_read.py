@@ -151,7 +151,7 @@ def _complement(reader: ColorReader, port: Port, fraction: Color, what: str) -> 
 
 def _note_normal(reader: ColorReader, port: Port) -> None:
     normal = port.sibling("Normal")
-    if normal is not None and not normal.is_value:
+    if normal is not None and not normal.is_value and not reader.read_normal(normal):
         reader.note("its normal or bump map is left out")
 
 

@@ -134,8 +134,11 @@ class _Gathering:
         sent, traced = np.zeros((3, len(direction))), 0
         # By a shading normal some rays go below the face: what comes from there is not seen, as with the sky.
         ray = np.flatnonzero((direction * receivers.side).sum(axis=1) > 0)
-        origin, direction = take_rows(receivers.position, ray), take_rows(direction, ray)
+        origin, aimed, direction = take_rows(receivers.position, ray), direction, take_rows(direction, ray)
         share = np.ones((3, len(ray)), np.float32)
+        shade = receivers.shade_bumps(aimed)
+        if shade is not None:
+            share *= shade[ray]
         for _ in range(MOST_LAYERS):
             found = scene.rays.closest(origin, direction)
             traced += len(ray)

@@ -10,12 +10,13 @@ from random import Random
 import numpy as np
 from numpy.typing import NDArray
 
+from ..scene.normal_maps import NormalMaps
 from ..scene.scene import SceneSnapshot
 from ..scene.shadow_rays import ShadowRays, Sight
 from ..texels.texel_grid import interleave_bits
 from ..texels.texel_looks import TexelLooks
 from ..util.arrays import Float32, FloatArray, IntArray
-from ..util.geometry import UnitBox, locate_hits, offset_origin, take_rows, triangle_frames, triangle_normals_areas
+from ..util.geometry import UnitBox, dot_rows, locate_hits, offset_origin, take_rows, triangle_frames, triangle_normals_areas
 from .direct_lights import Aim
 
 # Source: Gauss-Legendre, two points a side; their mean is exact for cubic polynomials.
@@ -94,23 +95,54 @@ class Receivers:
     position   (n, 3) float32, unit box, already off its surface
     normal     (n, 3) float32, unit       shading normal
     side       (n, 3) float32, unit       geometric normal; the same array as `normal` where all of them are flat
+    bumped     (n,) bool                  the shading normal is of a map; None where none is
     """
 
     position: Float32
     normal: Float32
     side: Float32
+    bumped: NDArray[np.bool_] | None = None
 
     def rows(self, index: IntArray) -> Receivers:
         side = take_rows(self.side, index)
-        return Receivers(take_rows(self.position, index), side if self.normal is self.side else take_rows(self.normal, index), side)
+        normal = side if self.normal is self.side else take_rows(self.normal, index)
+        return Receivers(take_rows(self.position, index), normal, side, None if self.bumped is None else self.bumped[index])
+
+    def shade_bumps(self, direction: Float32) -> Float32 | None:
+        """(n,) float32 in [0, 1]: share of light from directions (n, 3) that bumps do not hide; None where there are none."""
+        if self.bumped is None:
+            return None
+        shade = shade_bumps(self.side, self.normal, direction)
+        shade[~self.bumped] = 1
+        return shade
 
     def see(self, rays: ShadowRays, aim: Aim) -> Sight:
-        """How much comes along rays; what comes from behind the face is not seen."""
+        """How much comes along rays; what comes from behind the face, or a bump, is not seen."""
+        sight, shade = self._see_all(rays, aim), self.shade_bumps(aim.direction)
+        return sight if shade is None else sight.dim(shade)
+
+    def _see_all(self, rays: ShadowRays, aim: Aim) -> Sight:
         above = (aim.weight > 0) & ((aim.direction * self.side).sum(axis=1) > 0)
         live = np.flatnonzero(above)
         if len(live) == len(above):
             return rays.see(self.position, aim.direction, aim.distance)
         return rays.see(take_rows(self.position, live), take_rows(aim.direction, live), aim.distance[live]).place(live, len(above))
+
+
+def shade_bumps(side: Float32, normal: Float32, direction: Float32) -> Float32:
+    """(n,) float32 in [0, 1]: nearly 1 but where light comes in flat over steep bumps, which hide it from each other.
+
+    side        (n, 3) float32, unit     normal of the surface without its bumps
+    normal      (n, 3) float32, unit     with them
+    direction   (n, 3) float32, unit     where the light comes from
+    Source: Conty Estevez, Lecocq & Stein 2019, "A Microfacet-Based Shadowing Function to Solve the Bump Terminator Problem"; Cycles does
+    the same.
+    """
+    steep = np.maximum(dot_rows(side, normal), np.float32(1e-4))
+    height = np.maximum(dot_rows(side, direction), np.float32(1e-4))
+    roughness = np.minimum((1 / (steep * steep) - 1) / 8, 1)
+    shade: Float32 = 2 / (1 + np.sqrt(1 + roughness * (1 / (height * height) - 1)))
+    return shade.astype(np.float32, copy=False)
 
 
 @dataclass(frozen=True)
@@ -122,6 +154,7 @@ class ReceivingSurfaces:
     tri_frame        (3, 3, n_tri) float32, unit box   of triangle_frames
     smooth           (n_tri,) bool                     the corners' normals are not the face's own
     shading_normal   (n_tri, 3, 3) float32
+    maps             of normals, None where there are none
     """
 
     corner_unit: Float32
@@ -129,13 +162,14 @@ class ReceivingSurfaces:
     tri_frame: Float32
     smooth: NDArray[np.bool_]
     shading_normal: Float32
+    maps: NormalMaps | None = None
 
     @classmethod
     def of(cls, snapshot: SceneSnapshot, unit_box: UnitBox) -> ReceivingSurfaces:
         corner_unit = unit_box.to_unit(snapshot.tri_position)
         normal = triangle_normals_areas(snapshot.tri_position)[0].astype(np.float32)
         smooth = np.abs(snapshot.tri_normal - normal[:, None]).max(axis=(1, 2)) > _SMOOTH_DEVIATION
-        return cls(corner_unit, normal, triangle_frames(corner_unit), smooth, snapshot.tri_normal)
+        return cls(corner_unit, normal, triangle_frames(corner_unit), smooth, snapshot.tri_normal, NormalMaps.of(snapshot))
 
     def place(self, tri: IntArray, u: Float32, v: Float32) -> Float32:
         """(n, 3) view of rows, unit box: points at weights of corners 1 and 2."""
@@ -150,14 +184,31 @@ class ReceivingSurfaces:
             side *= np.float32(-1)
         position = _follow_axes(self.tri_frame, tri, weight)
         position[0] = offset_origin(position[0], side)
-        smooth = np.flatnonzero(self.smooth[tri])
-        if not len(smooth):
+        is_smooth = self.smooth[tri]
+        mapped, bumps = self._look_up_normals(looks, side)
+        if not is_smooth.any() and not len(mapped):
             return LookFrames(position, side, None, None)
+        smooth = np.flatnonzero(is_smooth)
         normal = np.zeros_like(position)
         normal[0] = side
         corners = triangle_frames(self.shading_normal[tri[smooth]])
         normal[:, :, smooth] = _follow_axes(corners, np.arange(len(smooth)), weight[:, :, smooth]) * np.float32(-1 if flip else 1)
-        return LookFrames(position, side, normal, self.smooth[tri])
+        normal[0][:, mapped], normal[1:, :, mapped] = bumps, 0
+        is_smooth[mapped] = True
+        bumped = None
+        if len(mapped):
+            bumped = np.zeros(len(tri), bool)
+            bumped[mapped] = True
+        return LookFrames(position, side, normal, is_smooth, bumped)
+
+    def _look_up_normals(self, looks: TexelLooks, side: Float32) -> tuple[NDArray[np.int64], Float32]:
+        """Elements of looks that have a normal from a map, and (3, m) these: one each, that at its middle."""
+        if self.maps is None:
+            return np.zeros(0, np.int64), np.zeros((3, 0), np.float32)
+        middle = np.full(len(looks.tri), 0.5, np.float32)
+        middle[len(looks) :] = 1.0 / 3.0  # of pieces, which are triangles
+        u, v = looks.weight[0] + middle * (looks.weight[1] + looks.weight[2])
+        return self.maps.look_up(looks.tri, u, v, side)
 
 
 def _follow_axes(frame: Float32, tri: IntArray, weight: Float32) -> Float32:
@@ -179,12 +230,14 @@ class LookFrames:
     side       (3, n) float32, unit           geometric normal
     normal     (3, 3, n) float32              shading normal, of any length; None where all are flat
     smooth     (n,) bool                      has a shading normal of its own; None where none has
+    bumped     (n,) bool                      has one of a map; None where none has
     """
 
     position: Float32
     side: Float32
     normal: Float32 | None
     smooth: NDArray[np.bool_] | None
+    bumped: NDArray[np.bool_] | None = None
 
     def at(self, element: IntArray, a: FloatArray, b: FloatArray) -> tuple[Float32, Float32, Float32]:
         """Positions, shading normals and sides, each (3, k, m) or (3, 1, m), at places (k, m) along the axes of elements (1 or k, m)."""
@@ -251,7 +304,8 @@ class TexelChunk:
             normal = side if flat else _replace_columns(normal, shape, torn, own_normal)
         sides = np.broadcast_to(side, shape).reshape(3, -1).T
         normals = sides if normal is side else np.broadcast_to(normal, shape).reshape(3, -1).T
-        return Receivers(position.reshape(3, -1).T, normals, sides)
+        bumped = None if self._frames.bumped is None else np.tile(self._frames.bumped[rows], len(points))
+        return Receivers(position.reshape(3, -1).T, normals, sides, bumped)
 
 
 def each_chunk(

@@ -68,8 +68,16 @@ def _fold_textures(material: Material, colour: list[Colour | None]) -> Material:
     shadow_rgb, shadow_image = material.shadow_passing_rgb, material.shadow_passing_image
     if shadow_rgb is not None:
         shadow_rgb, shadow_image = _fold_texture(shadow_rgb, shadow_image, colour)
-    return Material(
-        material.name, albedo_rgb, albedo_image, emission_rgb, emission_image, passing_rgb, passing_image, shadow_rgb, shadow_image
+    return replace(
+        material,
+        albedo_rgb=albedo_rgb,
+        albedo_image=albedo_image,
+        emission_rgb=emission_rgb,
+        emission_image=emission_image,
+        passing_rgb=passing_rgb,
+        passing_image=passing_image,
+        shadow_passing_rgb=shadow_rgb,
+        shadow_passing_image=shadow_image,
     )
 
 

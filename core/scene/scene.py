@@ -47,6 +47,7 @@ class Material:
     passing_image: int = -1
     shadow_passing_rgb: tuple[float, float, float] | None = None  # for shadow rays, where it is another than passing_rgb
     shadow_passing_image: int = -1  # with shadow_passing_rgb
+    normal_image: int = -1  # unit shading normals in the world, in place of those at the corners
 
 
 @dataclass(frozen=True)
@@ -108,6 +109,7 @@ class SceneSnapshot:
     profiles          (h, w) float32 each, mean 1 over the sphere: a lamp's intensity by direction, relative to an even one of its power;
                       laid out as sphere_map has it in the lamp's own axes
     tri_passing_uv    (n_tri, 3, 2) float32   as tri_albedo_uv, for the images of the transmittance; zeros where it is left out
+    tri_normal_uv     (n_tri, 3, 2) float32   the same for the images of normals
     """
 
     vertex_position: NDArray[np.float64]
@@ -128,10 +130,12 @@ class SceneSnapshot:
     world_map: NDArray[np.float32] | None = None
     profiles: tuple[NDArray[np.float32], ...] = ()
     tri_passing_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
+    tri_normal_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
 
     def __post_init__(self) -> None:
-        if not len(self.tri_passing_uv):  # the dataclass is frozen
-            object.__setattr__(self, "tri_passing_uv", np.zeros((len(self.tri_vertex), 3, 2), np.float32))
+        for name in ("tri_passing_uv", "tri_normal_uv"):
+            if not len(getattr(self, name)):  # the dataclass is frozen
+                object.__setattr__(self, name, np.zeros((len(self.tri_vertex), 3, 2), np.float32))
         error = _first_error(self)
         if error:
             raise ValueError(error)
@@ -167,6 +171,7 @@ def _first_error(scene: SceneSnapshot) -> str:
         "tri_albedo_uv": (n_tri, 3, 2),
         "tri_emission_uv": (n_tri, 3, 2),
         "tri_passing_uv": (n_tri, 3, 2),
+        "tri_normal_uv": (n_tri, 3, 2),
     }
     for name, expected in shapes.items():
         found = getattr(scene, name).shape
@@ -192,7 +197,13 @@ def _first_error(scene: SceneSnapshot) -> str:
         if not (math.isfinite(one.density_factor) and one.density_factor > 0.0):
             return f"{one.name}: expected a density factor above 0, got {one.density_factor:g}"
     for material in scene.materials:
-        images = material.albedo_image, material.emission_image, material.passing_image, material.shadow_passing_image
+        images = (
+            material.albedo_image,
+            material.emission_image,
+            material.passing_image,
+            material.shadow_passing_image,
+            material.normal_image,
+        )
         if max(images) >= len(scene.images):
             return f"{material.name}: names an image that is not in the snapshot"
     return ""

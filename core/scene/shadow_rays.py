@@ -37,6 +37,11 @@ class Sight:
         """(n, 3): what is left of light (n, 3)."""
         return values * (self.share[:, None] if self.rgb is None else self.rgb)
 
+    def dim(self, factor: Float32) -> Sight:
+        """What is left of it by factors (n,) in [0, 1]."""
+        rgb = np.repeat(self.share[None].astype(np.float32), 3, axis=0).T if self.rgb is None else self.rgb
+        return Sight(self.share * factor, (rgb.T * factor).T, self.rays)
+
     def place(self, index: NDArray[np.intp], count: int) -> Sight:
         """The same of `count` rays, of which these are the ones numbered `index` and the others see nothing."""
         share: NDArray[np.bool_] | Float32 = np.zeros(count, bool if self.rgb is None else np.float32)

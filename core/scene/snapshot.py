@@ -30,6 +30,7 @@ _ARRAYS = (
     "tri_albedo_uv",
     "tri_emission_uv",
     "tri_passing_uv",
+    "tri_normal_uv",
 )
 
 

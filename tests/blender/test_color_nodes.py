@@ -101,7 +101,7 @@ class Paint:
 @pytest.fixture
 def _by_itself(monkeypatch):
     """What is read where Blender cannot evaluate the nodes."""
-    monkeypatch.setattr(SocketBaker, "bake", lambda *_: None)
+    monkeypatch.setattr(SocketBaker, "bake", lambda *_, **__: None)
 
 
 def use_curve(node):

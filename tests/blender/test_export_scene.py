@@ -304,7 +304,7 @@ def test_vertex_colours_of_one_value_need_no_texture():
 
 
 def test_where_vertex_colours_are_missing_it_is_black(monkeypatch):
-    monkeypatch.setattr(SocketBaker, "bake", lambda *_: None)  # as where Blender cannot evaluate the nodes
+    monkeypatch.setattr(SocketBaker, "bake", lambda *_, **__: None)  # as where Blender cannot evaluate the nodes
     material, _ = make_painted("Paint", layer="Col")
     painted, color = make_colored("Painted")
     bare, plain = make_mesh("Bare"), make_mesh("Plain")
@@ -324,7 +324,7 @@ def test_where_vertex_colours_are_missing_it_is_black(monkeypatch):
 
 @pytest.mark.parametrize("first", [True, False])
 def test_vertex_colours_times_a_texture_are_their_mean(first, monkeypatch):
-    monkeypatch.setattr(SocketBaker, "bake", lambda *_: None)
+    monkeypatch.setattr(SocketBaker, "bake", lambda *_, **__: None)
     mesh, color = make_colored("Floor")
     mesh.vertices[4].co.x = mesh.vertices[5].co.x = 4.0  # the second quad has three quarters of the area
     material, node = make_painted("Paint")

@@ -141,7 +141,7 @@ def test_a_node_within_a_group_asks_too():
 
 
 def test_what_is_not_read_is_told(monkeypatch):
-    monkeypatch.setattr(SocketBaker, "bake", lambda *_: None)
+    monkeypatch.setattr(SocketBaker, "bake", lambda *_, **__: None)
     mesh = add_glow("FLOAT", "EDGE")
     mesh.attributes.remove(mesh.attributes["x"])
     mesh.attributes.new("x", "QUATERNION", "EDGE")

@@ -9,6 +9,7 @@ from blend_rooms import add_mesh
 from leaflight.addon.nodes import socket_bake
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.core.scene.materials import SurfaceMaterials
+from leaflight.core.scene.normal_maps import NormalMaps
 
 
 @pytest.fixture(autouse=True)
@@ -144,7 +145,7 @@ def test_without_cycles_the_reader_s_own_colour_is_taken(monkeypatch):
     _, tree, shader = add_material(add_floor())
     tree.links.new(checker_color(tree, "Object", 1.0), shader.inputs["Base Color"])
     before = list_blocks()
-    monkeypatch.setattr(socket_bake, "bake_socket", lambda *_: None)
+    monkeypatch.setattr(socket_bake, "bake_socket", lambda *_, **__: None)
     result = export_scene(bpy.context)
     assert probe(result, "Floor", [(0.5, 0.5)])[0] == pytest.approx((0.5, 0.35, 0.2), abs=1e-3)
     assert any("is approximated" in text for _, text in result.warnings)
@@ -189,3 +190,40 @@ def test_what_only_a_camera_sees_is_left_to_the_reader():
     tree.links.new(next(socket for socket in mix.outputs if socket.type == "RGBA"), shader.inputs["Base Color"])
     result = export_scene(bpy.context)
     assert probe(result, "Floor", [(0.5, 0.5)])[0] == pytest.approx((0.2, 0.4, 0.6), abs=1e-3)
+
+
+def read_normals(result, name="Floor"):
+    snapshot = result.snapshot
+    number = [one.name for one in snapshot.objects].index(name)
+    tri = np.flatnonzero(snapshot.tri_object == number)
+    maps = NormalMaps.of(snapshot)
+    third = np.full(len(tri), 1.0 / 3.0, np.float32)
+    side = snapshot.tri_normal[tri, 0].T
+    return maps.look_up(tri, third, third, side)[1].T
+
+
+@pytest.mark.parametrize("flipped", [False, True])
+def test_a_normal_map_is_read_in_the_world(flipped):
+    floor = add_floor()
+    floor.rotation_euler.z = np.pi / 2
+    if flipped:
+        floor.data.flip_normals()
+    _, tree, shader = add_material(floor)
+    node = tree.nodes.new("ShaderNodeNormalMap")
+    node.inputs["Color"].default_value = (0.8, 0.5, 0.9, 1.0)  # 0.6 along u, 0.8 ahead
+    tree.links.new(node.outputs[0], shader.inputs["Normal"])
+    result = export_scene(bpy.context)
+    ahead = -0.8 if flipped else 0.8
+    assert read_normals(result) == pytest.approx(np.tile((0.0, 0.6, ahead), (2, 1)), abs=1e-3)
+    assert not [text for _, text in result.warnings if "simplified" in text]
+
+
+def test_of_objects_that_only_cast_light_no_normals_are_read():
+    floor, other = add_floor(), add_floor("Other")
+    _, tree, shader = add_material(floor)
+    other.data.materials.append(floor.data.materials[0])
+    tree.links.new(tree.nodes.new("ShaderNodeBump").outputs[0], shader.inputs["Normal"])
+    result = export_scene(bpy.context, objects=["Floor"])
+    shown = {m.normal_image >= 0 for m in result.snapshot.materials}
+    assert shown == {True, False}
+    assert not [text for _, text in result.warnings if "simplified" in text]

@@ -1,0 +1,51 @@
+"""Shading normals out of images: what a material's bump and normal maps make of a surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import Float32, FloatArray, IntArray
+from ..util.geometry import gather, locate_hits, triangle_frames
+from .scene import SceneSnapshot
+from .textures import Textures
+
+_SHORTEST_NORMAL = 1e-3  # of a mean of unit normals that say nothing together
+
+
+@dataclass(frozen=True)
+class NormalMaps:
+    """The images of normals of a scene's triangles.
+
+    tri_image   (n_tri,) int32, -1 none
+    tri_uv      (3, 2, n_tri) float32   of triangle_frames
+    """
+
+    tri_image: NDArray[np.int32]
+    tri_uv: Float32
+    textures: Textures
+
+    @classmethod
+    def of(cls, snapshot: SceneSnapshot) -> NormalMaps | None:
+        """None where no triangle has one."""
+        image = np.array([material.normal_image for material in snapshot.materials], np.int32)[snapshot.tri_material]
+        return cls(image, triangle_frames(snapshot.tri_normal_uv), Textures(snapshot.images)) if (image >= 0).any() else None
+
+    def look_up(self, tri: IntArray, u: FloatArray, v: FloatArray, side: Float32) -> tuple[NDArray[np.int64], Float32]:
+        """Which of n points have a normal of their own, (m,) int64, and (3, m) float32: these normals, unit.
+
+        tri, u, v   (n,) triangles, and weights of their corners 1 and 2
+        side        (3, n) float32, unit: on which side the normals are to be
+        """
+        image = gather(self.tri_image, tri)
+        rows = (image >= 0).nonzero()[0]
+        uv = locate_hits(self.tri_uv, gather(tri, rows), gather(u, rows), gather(v, rows))
+        normal = self.textures.at(gather(image, rows), uv.T).T.astype(np.float32)
+        length = np.sqrt((normal * normal).sum(axis=0))
+        told = length > _SHORTEST_NORMAL
+        rows, normal, length = rows[told], normal[:, told], length[told]
+        # A surface that is seen from its back, or was turned, has the same bumps the other way round.
+        ahead = (normal * gather(side, rows)).sum(axis=0)
+        return rows, normal * (np.where(ahead < 0, -1.0, 1.0).astype(np.float32) / length)

@@ -1,0 +1,81 @@
+"""Normals out of images, on the side of the surface that is asked for; and what steep bumps hide of each other."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from leaflight.core.bake.bake import run_bake
+from leaflight.core.lights.direct_points import shade_bumps
+from leaflight.core.output.image_file import read_image
+from leaflight.core.scene.normal_maps import NormalMaps
+from leaflight.core.scene.scene import Light, Material, TextureImage
+from leaflight.core.scene.snapshot import save_snapshot
+from leaflight.core.util.job import SNAPSHOT_FILE, Job
+from leaflight.core.util.settings import Settings
+from scenes import make_scene, quad_mesh
+
+UP = np.float32([[0.0], [0.0], [1.0]])
+
+
+def tilted_scene(*normals, lights=()):
+    """A level square of 1 m whose map has these normals in columns from left to right."""
+    pixels = np.float32(normals)[None]
+    scene = make_scene([quad_mesh(uv=np.array([[0, 0], [1, 0], [1, 1], [0, 1]]))], lights)
+    image = TextureImage("normals", pixels, "EXTEND", closest=True)
+    return replace(scene, images=(image,), materials=(Material("Bumpy", normal_image=0),), tri_normal_uv=scene.tri_uv.astype(np.float32))
+
+
+def test_normals_are_found_unit_and_on_the_side_asked_for():
+    maps = NormalMaps.of(tilted_scene((3.0, 0.0, 4.0), (0.0, 0.0, 0.0)))
+    tri = np.zeros(3, np.int32)
+    u, v = np.float32([0.1, 0.9, 0.1]), np.zeros(3, np.float32)  # the second lies where the map has no direction
+    rows, normal = maps.look_up(tri, u, v, np.repeat(UP, 3, axis=1) * np.float32([1, 1, -1]))
+    assert rows.tolist() == [0, 2]
+    assert pytest.approx(np.array([(0.6, 0.0, 0.8), (-0.6, 0.0, -0.8)])) == normal.T
+
+
+def test_a_scene_without_maps_has_none():
+    assert NormalMaps.of(make_scene([quad_mesh()])) is None
+
+
+def test_bumps_hide_flat_light_only():
+    up = np.float32([[0, 0, 1]])
+    high, low = np.float32([[0, 0, 1]]), np.float32([[math.cos(0.05), 0, math.sin(0.05)]])
+    steep = np.float32([[math.sin(1.0), 0, math.cos(1.0)]])
+    assert shade_bumps(up, up, low) == pytest.approx(1.0)
+    assert shade_bumps(up, steep, high) == pytest.approx(1.0)
+    assert 0.05 < shade_bumps(up, steep, low)[0] < 0.3
+
+
+def bake_lighting(folder, scene, **settings):
+    """(h, w) of a page that the square fills but for its rim."""
+    folder.mkdir()
+    save_snapshot(folder / SNAPSHOT_FILE, scene)
+    chosen = Settings(size=16, padding=1, workers=1, error=0.05, max_photons=20_000, passes=("lighting",), sides="front", **settings)
+    Job(chosen, str(folder / "images"), "room").save(folder)
+    run_bake(folder, lambda _: None, lambda: False)
+    [path] = (folder / "images").glob("*.exr")
+    return read_image(path)[0][4:-4, 4:-4, 0]
+
+
+@pytest.mark.usefixtures("open_image_io")
+@pytest.mark.parametrize("tilt", [0.0, 0.5, 1.2])
+def test_direct_light_is_that_on_the_normal_of_the_map(tmp_path, tilt):
+    normal = (math.sin(tilt), 0.0, math.cos(tilt))
+    from_45_degrees = ((math.sqrt(0.5), 0.0, -math.sqrt(0.5)), (0.0, 1.0, 0.0), (math.sqrt(0.5), 0.0, math.sqrt(0.5)))
+    sun = Light("SUN", "Sun", rotation=from_45_degrees, power_rgb=(2.0,) * 3, angle_rad=0.01)
+    page = bake_lighting(tmp_path / "tilted", tilted_scene(normal, normal, lights=[sun]))
+    facing = math.cos(math.pi / 4 - tilt)
+    roughness = min(math.tan(tilt) ** 2 / 8, 1.0)
+    shade = 2.0 / (1.0 + math.sqrt(1.0 + roughness))  # 45 degrees have a tangent of 1
+    assert page.mean() == pytest.approx(2.0 * facing * shade / math.pi, rel=2e-3)
+
+
+@pytest.mark.usefixtures("open_image_io")
+def test_each_texel_has_the_normal_at_its_place(tmp_path):
+    sun = Light("SUN", "Sun", power_rgb=(math.pi,) * 3)
+    left, right = (0.0, 0.0, 1.0), (math.sin(0.6), 0.0, math.cos(0.6))
+    page = bake_lighting(tmp_path / "two", tilted_scene(left, right, lights=[sun]))
+    values = np.unique(page.round(2))
+    assert values == pytest.approx([round(math.cos(0.6), 2), 1.0], abs=0.011)
