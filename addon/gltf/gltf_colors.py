@@ -17,7 +17,7 @@ from ...core.util.file_names import clean_name
 from ..nodes.colors_read import ColorReader
 from ..nodes.images_read import ImageTable
 from ..nodes.node_colors import GREY, Color
-from ..nodes.node_ports import Port, find_source, find_surface, list_shaders, uses_nodes
+from ..nodes.node_ports import Port, find_source, find_surface, give_nodes, list_shaders, uses_nodes
 from ..nodes.texture_mapping import UV, UvMapping
 from ..read.materials_read import read_material
 from ..read.shaders_read import read_input_color
@@ -59,7 +59,7 @@ class GltfColors:
         Raises OSError when a texture cannot be written.
         """
         if not uses_nodes(copy):
-            copy.use_nodes = True
+            give_nodes(copy)
             copy.node_tree.nodes.clear()
         tree = copy.node_tree
         output, source = find_surface(copy)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import bpy
 
+from ..nodes.node_ports import give_nodes, uses_nodes
 from ..read.tags import NAME
 from .gltf_colors import GltfColors
 
@@ -15,8 +16,7 @@ GROUP_NAME = "glTF Material Output"  # the exporter knows the group by its name
 def make_unlit(original: bpy.types.Material | None, texture: bpy.types.Image, uv_layer: str) -> bpy.types.Material:
     """A material that shows the texture and nothing else."""
     material = bpy.data.materials.new(NAME)
-    if material.node_tree is None:  # Blender 4.5 makes materials without nodes
-        material.use_nodes = True
+    give_nodes(material)
     if original is not None:
         material.use_backface_culling = original.use_backface_culling
     tree = material.node_tree
@@ -31,8 +31,8 @@ def make_lightmapped(
 ) -> bpy.types.Material:
     """A copy of the original with the texture as its occlusion."""
     material = original.copy() if original is not None else bpy.data.materials.new(NAME)
-    if original is None and bpy.app.version < (5, 0, 0):
-        material.use_nodes = True
+    if original is None and not uses_nodes(material):
+        give_nodes(material)
         material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = material.diffuse_color
     elif original is not None and colors.needs(original):
         colors.write(material, original)

@@ -87,6 +87,15 @@ def uses_nodes(owner: Any) -> bool:
         return owner.node_tree is not None and getattr(owner, "use_nodes", True)
 
 
+def give_nodes(owner: Any) -> None:
+    """Makes sure that a material or world is described by nodes, as it always is from Blender 5.0 on.
+
+    The only place that sets the property, which Blender 6.0 removes.
+    """
+    if not uses_nodes(owner):
+        owner.use_nodes = True
+
+
 def find_surface(owner: Any) -> tuple[Any, Port | None]:
     """The active output node for Cycles and what feeds its surface; None where there is no such thing."""
     output = owner.node_tree.get_output_node("CYCLES") or owner.node_tree.get_output_node("ALL")

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import bpy
 
+from ..nodes.node_ports import give_nodes
+
 _IMPORTERS = {
     ".glb": lambda path: bpy.ops.import_scene.gltf(filepath=path),
     ".gltf": lambda path: bpy.ops.import_scene.gltf(filepath=path),
@@ -56,8 +58,7 @@ def _light_by_world(path: Path) -> list[tuple[str, str]]:
     if scene.world is not None or emits or any(thing.type == "LIGHT" for thing in scene.objects):
         return []
     scene.world = bpy.data.worlds.new("World")
-    if scene.world.node_tree is None:  # Blender 4.5 makes worlds without nodes
-        scene.world.use_nodes = True
+    give_nodes(scene.world)
     background = next(node for node in scene.world.node_tree.nodes if node.type == "BACKGROUND")
     background.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
     background.inputs["Strength"].default_value = 1.0

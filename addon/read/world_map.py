@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ...core.lights.environment_suns import Spot
 from ...core.util.arrays import FloatArray
 from ...core.util.geometry import orthonormal_basis
+from ..nodes.node_ports import give_nodes
 
 # Seen by diffuse surfaces, which all receivers are; a ray is as long as it likes.
 _LIGHT_PATH = {"Is Diffuse Ray": 1.0, "Is Reflection Ray": 1.0, "Ray Length": 1e5, "Ray Depth": 1.0, "Diffuse Depth": 1.0}
@@ -82,8 +83,7 @@ class WorldBaker:
         image = self._keep(bpy.data.images.new("Leaflight world", *size, alpha=False, float_buffer=True))
         image.colorspace_settings.name = "Linear Rec.709"
         material = self._keep(bpy.data.materials.new("Leaflight world"))
-        if material.node_tree is None:  # Blender 4.5
-            material.use_nodes = True
+        give_nodes(material)
         tree = material.node_tree
         surface, end = tree.nodes.new("ShaderNodeBsdfDiffuse"), tree.get_output_node("CYCLES")
         tree.links.new(surface.outputs["BSDF"], (end or tree.nodes.new("ShaderNodeOutputMaterial")).inputs["Surface"])

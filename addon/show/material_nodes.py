@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..nodes.node_ports import Port, find_source, list_shaders
+from ..nodes.node_ports import Port, find_source, give_nodes, list_shaders, uses_nodes
 from ..read.tags import NAME, mark_made
 from .node_groups import bring_out
 
@@ -65,9 +65,9 @@ class _Placer:
 
 def _start_tree(material: bpy.types.Material) -> tuple[float, float, float] | None:
     """Makes sure of nodes; gives the base colour of a material that had none of its own, else None."""
-    if bpy.app.version >= (5, 0, 0) or material.use_nodes:
+    if uses_nodes(material):
         return None
-    material.use_nodes = True
+    give_nodes(material)
     material.node_tree.nodes.clear()
     return tuple(material.diffuse_color[:3])
 
