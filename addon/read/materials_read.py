@@ -19,7 +19,12 @@ from .render_levels import Warnings
 from .shaders_read import Surface, read_shader
 
 # A snapshot's arrays of texture coordinates, and the image of a material that each is for.
-IMAGE_OF_UV = {"tri_albedo_uv": "albedo_image", "tri_emission_uv": "emission_image", "tri_passing_uv": "passing_image"}
+IMAGE_OF_UV = {
+    "tri_albedo_uv": "albedo_image",
+    "tri_emission_uv": "emission_image",
+    "tri_passing_uv": "passing_image",
+    "tri_metal_uv": "metal_image",
+}
 _IMAGES = (*IMAGE_OF_UV.values(), "shadow_passing_image", "normal_image")
 
 
@@ -32,6 +37,7 @@ class MaterialReading:
     emission_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
     passing_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
     normal_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
+    metal_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
 
     @property
     def is_clear(self) -> bool:
@@ -103,11 +109,18 @@ class MaterialTable:
                 shadow_passing_rgb=None if shadow is None else _clip_negative(shadow.rgb),
                 shadow_passing_image=-1 if shadow is None else shadow.image,
                 normal_image=-1 if reader.normal is None else reader.normal.image,
+                metal_rgb=_clip_negative(surface.metal.rgb),
+                metal_image=surface.metal.image,
+                metal=surface.gloss.metal,
+                layer=surface.gloss.layer,
+                roughness=surface.gloss.roughness,
+                ior=surface.gloss.ior,
             ),
             surface.albedo.mapping,
             surface.emission.mapping,
             shadow.mapping if shadow and shadow.image >= 0 else surface.passing.mapping,
             UNMAPPED if reader.normal is None else reader.normal.mapping,
+            surface.metal.mapping,
         )
 
 

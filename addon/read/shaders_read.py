@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,12 +18,40 @@ _NOTHING = Color(BLACK)
 
 
 @dataclass(frozen=True)
+class GlossNumbers:
+    """As in a Material; evenly over the surface."""
+
+    metal: float = 0.0
+    layer: float = 0.0
+    roughness: float = 0.5
+    ior: float = 1.5
+
+    def times(self, share: float) -> GlossNumbers:
+        """On a share of the surface."""
+        return replace(self, metal=share * self.metal, layer=share * self.layer)
+
+    def add(self, other: GlossNumbers) -> GlossNumbers:
+        """Both; as rough as the stronger one."""
+        main = self if self.metal + self.layer >= other.metal + other.layer else other
+        return replace(main, metal=min(self.metal + other.metal, 1.0), layer=min(self.layer + other.layer, 1.0))
+
+
+DULL = GlossNumbers()
+
+
+@dataclass(frozen=True)
 class Surface:
-    """A shader's diffuse reflectance, emitted radiance, and the share of light that goes straight through."""
+    """A shader's reflectance, emitted radiance, and the share of light that goes straight through.
+
+    metal       the part of the albedo that is reflected as in a mirror
+    gloss       how
+    """
 
     albedo: Color = _NOTHING
     emission: Color = _NOTHING
     passing: Color = _NOTHING
+    metal: Color = _NOTHING
+    gloss: GlossNumbers = DULL
 
 
 def read_shader(reader: ColorReader, port: Port) -> Surface:
@@ -41,8 +70,6 @@ def read_input_color(reader: ColorReader, port: Port, name: str, default: Rgb = 
 
 def _read_principled(reader: ColorReader, port: Port) -> Surface:
     metallic, transmission = _fraction(reader, port, "Metallic"), _fraction(reader, port, "Transmission Weight")
-    if metallic.mean[0] > 0.0:
-        reader.note(f"its metallic reflection ({metallic.mean[0]:.0%}) is left out")
     if transmission.mean[0] > 0.0:
         reader.note(GLASS)
     for name, text in (("Subsurface Weight", "subsurface light stays where it arrives"), ("Coat Weight", "its coat is left out")):
@@ -50,17 +77,45 @@ def _read_principled(reader: ColorReader, port: Port) -> Surface:
             reader.note(text)
     _note_normal(reader, port)
     alpha = _fraction(reader, port, "Alpha", 1.0)
-    # Cycles' diffuse part without the layer of specular reflection above it
-    color = _leave_out(reader, port, read_input_color(reader, port, "Base Color", GREY), metallic, "metal")
+    base = read_input_color(reader, port, "Base Color", GREY)
+    color = _leave_out(reader, port, base, metallic, "not metal")
+    metal = _scale(reader, port, _scale(reader, port, base, metallic, "metal"), alpha, "clear metal")
     albedo = _leave_out(reader, port, color, transmission, "glass")
     emission = _read_radiance(reader, port, "Emission Color", "Emission Strength", 0.0)
     passing = _scale(reader, port, color, transmission, "through glass")
     clear = _complement(reader, port, alpha, "clear")
     return Surface(
-        _scale(reader, port, albedo, alpha, "albedo"),
+        reader.add(port, _scale(reader, port, albedo, alpha, "albedo"), metal, "reflecting"),
         _scale(reader, port, emission, alpha, "emission"),
         reader.add(port, clear, _scale(reader, port, passing, alpha, "passing"), "through"),
+        metal,
+        _read_gloss(reader, port, metallic.mean[0], transmission.mean[0]).times(alpha.mean[0]),
     )
+
+
+def _read_gloss(reader: ColorReader, port: Port, metallic: float, transmission: float) -> GlossNumbers:
+    """Of a Principled BSDF. Its Specular IOR Level scales what the layer reflects straight on, as Cycles has it."""
+    level = max(reader.read_number(port.sibling("Specular IOR Level"), 0.5), 0.0)
+    ior = max(reader.read_number(port.sibling("IOR"), 1.5), 1.0)
+    straight_on = min(2.0 * level * ((ior - 1.0) / (ior + 1.0)) ** 2, 0.98)
+    root = math.sqrt(straight_on)
+    layer = (1.0 - metallic) * (1.0 - transmission) if straight_on > 0.0 else 0.0
+    return GlossNumbers(metallic, layer, _read_roughness(reader, port, metallic > 0.0), (1.0 + root) / (1.0 - root))
+
+
+def _read_roughness(reader: ColorReader, port: Port, matters: bool) -> float:
+    """The mean; what is replaced is noted only where it matters, for a layer reflects a twentieth of the light."""
+    noted = len(reader.replaced)
+    roughness = reader.read_number(port.sibling("Roughness"), 0.5)
+    if not matters:
+        del reader.replaced[noted:]
+    return min(max(roughness, 0.0), 1.0)
+
+
+def _read_glossy(reader: ColorReader, port: Port) -> Surface:
+    """A Glossy BSDF reflects its colour at all angles, a Metallic BSDF nearly so."""
+    color = read_input_color(reader, port, "Base Color" if "Base Color" in port.node.inputs else "Color")
+    return Surface(color, metal=color, gloss=GlossNumbers(min(sum(color.mean) / 3.0, 1.0), 0.0, _read_roughness(reader, port, True)))
 
 
 def _read_diffuse(reader: ColorReader, port: Port) -> Surface:
@@ -99,6 +154,8 @@ def _read_mix(reader: ColorReader, port: Port) -> Surface:
         reader.blend(port, first.albedo, second.albedo, part, "albedo"),
         reader.blend(port, first.emission, second.emission, part, "emission"),
         reader.blend(port, first.passing, second.passing, part, "passing"),
+        reader.blend(port, first.metal, second.metal, part, "metal"),
+        first.gloss.times(1.0 - fraction).add(second.gloss.times(fraction)),
     )
 
 
@@ -106,7 +163,8 @@ def _read_add(reader: ColorReader, port: Port) -> Surface:
     first, second = _read_two(reader, port)
     albedo = reader.add(port, first.albedo, second.albedo, "albedo")
     emission = reader.add(port, first.emission, second.emission, "emission")
-    return Surface(albedo, emission, reader.add(port, first.passing, second.passing, "passing"))
+    passing, metal = reader.add(port, first.passing, second.passing, "passing"), reader.add(port, first.metal, second.metal, "metal")
+    return Surface(albedo, emission, passing, metal, first.gloss.add(second.gloss))
 
 
 def _read_transparent(reader: ColorReader, port: Port) -> Surface:
@@ -163,6 +221,9 @@ _SHADERS: dict[str, Callable[[ColorReader, Port], Surface]] = {
     "MIX_SHADER": _read_mix,
     "ADD_SHADER": _read_add,
     "BSDF_TRANSPARENT": _read_transparent,
+    "BSDF_GLOSSY": _read_glossy,
+    "BSDF_ANISOTROPIC": _read_glossy,
+    "BSDF_METALLIC": _read_glossy,
     "BSDF_GLASS": _read_glass,
     "BSDF_REFRACTION": _read_glass,
 }

@@ -22,6 +22,7 @@ from ..scene.rays import RayScene
 from ..scene.shadow_rays import MOST_LAYERS
 from ..texels.texel_map import TexelMap
 from ..texels.tiles import Tiles
+from ..transport.mirrors import GlossyScene, follow_mirrors
 from ..transport.passing import Passing
 from ..util.arrays import Float32, Float64, IntArray
 from ..util.geometry import take_rows
@@ -49,6 +50,7 @@ class GatherScene:
     """What rays meet.
 
     passing         what they go on through, with what it lets pass
+    mirrors         what reflects them specularly: light that comes from lamps by mirrors alone is not gathered, but deposited by photons
     tri_object      (n_tri,) int
     tri_two_sided   (n_tri,) bool: texels hold the sum of both sides
     tri_told        (n_tri,) bool: texels hold the light on its front
@@ -56,6 +58,7 @@ class GatherScene:
 
     rays: RayScene
     passing: Passing | None
+    mirrors: GlossyScene | None
     receiving: ReceivingSurfaces
     surfaces: SurfaceMaterials
     texels: TexelMap
@@ -99,7 +102,7 @@ def gather_light(
     for part, chunk in each_chunk(scene.receiving, scene.texels.look_at, texel, scene.tri_two_sided, rng, MOST_TEXELS // 2):
         own_tiles = tiles.within(part)
         demand = Demand(tolerance, smoothed=own_tiles.texels()[: len(own_tiles) * smoothed])
-        gathering = _Gathering(scene, known, chunk, random_shift(rng, len(chunk)))
+        gathering = _Gathering(scene, known, chunk, random_shift(rng, len(chunk)), rng)
         rows, base = np.arange(len(chunk)), known.direct[texel[part]].astype(np.float64)
         light, error, traced = gather_until_sure(gathering.look, rows, demand, base)
         irradiance[part] += light
@@ -118,8 +121,10 @@ class _Gathering:
     blind   (n,) bool
     """
 
-    def __init__(self, scene: GatherScene, known: KnownLight, chunk: TexelChunk, shift: NDArray[np.uint32]) -> None:
-        self._scene, self._known, self._chunk, self._shift = scene, known, chunk, shift
+    def __init__(
+        self, scene: GatherScene, known: KnownLight, chunk: TexelChunk, shift: NDArray[np.uint32], rng: np.random.Generator
+    ) -> None:
+        self._scene, self._known, self._chunk, self._shift, self._rng = scene, known, chunk, shift, rng
         self.doubt, self.rays = np.zeros(len(chunk)), np.zeros(len(chunk), np.int64)
         self.blind = np.zeros(len(chunk), bool)
 
@@ -146,13 +151,29 @@ class _Gathering:
             tri, u, v = found.tri[hit], found.u[hit], found.v[hit]
             ray, direction, share = ray[hit], take_rows(direction, hit), share[:, hit]
             self._add(sent, rows, span, ray, direction, share, (tri, u, v))
-            if scene.passing is None:
+            onward = []
+            if scene.passing is not None:
+                on, start, left = scene.passing.follow(direction.T, share, tri, u, v)
+                onward.append((ray[on], start, direction.T[:, on], left))
+            if scene.mirrors is not None:
+                on, start, turned, left = follow_mirrors(scene.mirrors, direction.T, share, tri, u, v, self._rng)
+                onward.append((ray[on], start, turned, left))
+            if not sum(len(part[0]) for part in onward):
                 break
-            on, origin, share = scene.passing.follow(direction.T, share, tri, u, v)
-            if not len(on):
-                break
-            ray, direction, origin = ray[on], take_rows(direction, on), origin.T
+            ray = np.concatenate([part[0] for part in onward])
+            origin, direction, share = (np.concatenate([part[k] for part in onward], axis=1) for k in (1, 2, 3))
+            origin, direction = origin.T, direction.T
         return np.moveaxis(sent.reshape(3, count, len(rows)), 0, -1), traced
+
+    def _find_albedo(self, tri: IntArray, u: Float32, v: Float32, direction: Float32) -> Float32:
+        """(3, n): share of light that triangles reflect diffusely against rays (n, 3)."""
+        surfaces, mirrors = self._scene.surfaces, self._scene.mirrors
+        albedo = surfaces.reflectance_at(tri, u, v).T
+        if mirrors is None or mirrors.gloss is None:
+            return albedo
+        cosine = (direction * take_rows(self._scene.receiving.normal, tri)).sum(axis=1)
+        left: Float32 = np.maximum(albedo - surfaces.metal_at(tri, u, v).T, 0) * mirrors.gloss.below_layer(tri, cosine)
+        return left
 
     def _add(
         self,
@@ -172,12 +193,16 @@ class _Gathering:
         told = is_front & scene.tri_told[tri] & (entry >= 0)
         untold = np.flatnonzero(~told)
         dark = ~known.lit_elsewhere[scene.tri_object[tri[untold]]]
-        if scene.passing is not None:  # a pane that reflects nothing hides nothing
-            dark |= ~scene.surfaces.reflectance_at(tri[untold], u[untold], v[untold]).any(axis=1)
+        if scene.passing is not None or scene.mirrors is not None:  # a pane or mirror that reflects nothing diffusely hides nothing
+            dark |= ~(self._find_albedo(tri[untold], u[untold], v[untold], direction[untold]) > 0).any(axis=0)
         self.blind[rows[live[untold[~dark]] % len(rows)]] = True
         live, tri, u, v, entry, share = live[told], tri[told], u[told], v[told], entry[told], share[:, told]
-        albedo = scene.surfaces.reflectance_at(tri, u, v).T * share
+        albedo = self._find_albedo(tri, u, v, direction[told]) * share
         self.doubt[rows] += np.bincount(live % len(rows), albedo.mean(axis=0) * known.doubt[entry], len(rows))
         place = LIGHT_PLACE[span][live // len(rows)] * len(rows) + live % len(rows)
         for channel, row in enumerate(sent):
-            row[place] += albedo[channel] * known.light[channel].take(entry)
+            brought = albedo[channel] * known.light[channel].take(entry)
+            if scene.mirrors is None:
+                row[place] += brought
+            else:  # a ray may be there twice, mirrored and passed
+                row += np.bincount(place, brought, len(row))

@@ -113,6 +113,7 @@ def _open_gather_scene(folder: str) -> gather.GatherScene:
     return gather.GatherScene(
         rays=scene.rays,
         passing=scene.passing,
+        mirrors=scene if scene.gloss else None,
         receiving=direct_scene.surfaces,
         surfaces=scene.surfaces,
         texels=tracing.texels,

@@ -69,6 +69,7 @@ def light_at_texels(
     leaf = node_of_texel(field.tree, field.leaves, n_texel)
     # Where rays tell of light straight from lights, photons tell of none, and there is only one part.
     first = 0 if _any_direct(field) else 1
+    by_mirrors = not first and bool(field.direct.passes.any())
     by_part = np.empty((2 - first, n_texel, 3), np.float32)
     variance = field.direct.variance if spend and not doubt else np.empty((n_texel, 3), np.float32)
     neighbours = field.neighbours or Neighbours.of(field.tree, leaf, texels)
@@ -100,20 +101,22 @@ def light_at_texels(
         by_part[-1, told] = np.maximum(gathered.light.irradiance_at(told), 0.0)
         variance[told] = field.gathered.find_variance()[told] + gathered.doubt2[told, None]
     if smooth_grain:  # apart from that of rays: by the noise of all light, direct light, known far better, would be smeared
-        grainy_parts = by_part[-1:] if field.direct.passes.any() else by_part
+        grainy_parts = by_part[-1:] if field.direct.passes.any() and not by_mirrors else by_part
         found = denoise.denoise(grainy_parts, variance, grain, texels, spread)
         grainy_parts[:, found.entry] = found.light
     noise = field.direct.find_variance() if doubt else None
 
     def finish(part: slice) -> None:
-        if not first:
+        if by_mirrors:  # light from lamps by mirrors alone: photons tell of it apart, for nobody gathers it
+            by_part[1, part] += by_part[0, part]
+        elif not first:
             by_part[0, part] += by_rays[part]
         if noise is not None:
             variance[part] += noise[part]
             np.sqrt(variance[part], out=variance[part])
 
     run_on_threads(finish, n_texel, threads)
-    return TexelLight(by_rays if first else by_part[0], by_part[-1], variance if doubt else None, leaf)
+    return TexelLight(by_rays if first or by_mirrors else by_part[0], by_part[-1], variance if doubt else None, leaf)
 
 
 def _any_direct(field: LightField) -> bool:

@@ -14,7 +14,7 @@ from .scene import MAX_ALBEDO, Material, SceneSnapshot
 from .textures import Textures, clamp_colours, sample_texture
 
 _MAX_EMISSION = float(np.finfo(np.float32).max)
-_LEAST_TOLD = {"albedo": 2.0 - MAX_ALBEDO}  # white is 1, and what that loses nobody sees
+_LEAST_TOLD = {"albedo": 2.0 - MAX_ALBEDO, "metal": 2.0 - MAX_ALBEDO}  # white is 1, and what that loses nobody sees
 _PIXELS_OF_ROW = 64
 
 
@@ -60,6 +60,7 @@ class SurfaceMaterials:
         self._emission = _layer(
             scene, [m.emission_rgb for m in materials], [m.emission_image for m in materials], scene.tri_emission_uv, np.inf
         )
+        self._metal = _layer(scene, [m.metal_rgb for m in materials], [m.metal_image for m in materials], scene.tri_metal_uv, MAX_ALBEDO)
         self._passing = _layer(scene, [m.passing_rgb for m in materials], [m.passing_image for m in materials], scene.tri_passing_uv, 1.0)
         self._shadow = self._passing
         if any(material.shadow_passing_rgb is not None for material in materials):
@@ -72,6 +73,7 @@ class SurfaceMaterials:
         unseen = np.array([not one.reflects for one in scene.objects], bool)[scene.tri_object]
         if unseen.any():
             self._passing = replace(self._passing, **_fill(self._passing, unseen, 1.0))
+            self._metal = replace(self._metal, **_fill(self._metal, unseen, 0.0))
             self._reflecting = replace(self._albedo, **_fill(self._albedo, unseen, 0.0))
         lets_shadow = np.array([not one.casts_shadow for one in scene.objects], bool)[scene.tri_object]
         if lets_shadow.any():
@@ -105,6 +107,10 @@ class SurfaceMaterials:
         out    (n, 3) float32; its transpose is contiguous
         """
         return self._emission.at(tri, u, v)
+
+    def metal_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
+        """The part of reflectance_at that a metal reflects as a mirror does; as albedo_at."""
+        return self._metal.at(tri, u, v)
 
     def passing_at(self, tri: IntArray, u: FloatArray, v: FloatArray, shadow: bool) -> NDArray[np.float32]:
         """Share of light that goes straight on through a surface, within [0, 1].
@@ -142,6 +148,7 @@ def _material_warnings(scene: SceneSnapshot, index: int, material: Material) -> 
     for quantity, rgb, image, tri_uv, highest in (
         ("albedo", material.albedo_rgb, material.albedo_image, scene.tri_albedo_uv, MAX_ALBEDO),
         ("emission", material.emission_rgb, material.emission_image, scene.tri_emission_uv, _MAX_EMISSION),
+        ("metal", material.metal_rgb, material.metal_image, scene.tri_metal_uv, MAX_ALBEDO),
         ("transmittance", material.passing_rgb, material.passing_image, scene.tri_passing_uv, 1.0),
     ):
         low, high = (np.array(rgb, np.float64),) * 2

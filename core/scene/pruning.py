@@ -68,6 +68,7 @@ def _fold_textures(material: Material, colour: list[Colour | None]) -> Material:
     shadow_rgb, shadow_image = material.shadow_passing_rgb, material.shadow_passing_image
     if shadow_rgb is not None:
         shadow_rgb, shadow_image = _fold_texture(shadow_rgb, shadow_image, colour)
+    metal_rgb, metal_image = _fold_texture(material.metal_rgb, material.metal_image, colour)
     return replace(
         material,
         albedo_rgb=albedo_rgb,
@@ -78,6 +79,8 @@ def _fold_textures(material: Material, colour: list[Colour | None]) -> Material:
         passing_image=passing_image,
         shadow_passing_rgb=shadow_rgb,
         shadow_passing_image=shadow_image,
+        metal_rgb=metal_rgb,
+        metal_image=metal_image,
     )
 
 
@@ -91,5 +94,4 @@ def _fold_texture(rgb: Colour, image: int, colour: list[Colour | None]) -> tuple
 
 
 def _count_images(material: Material) -> int:
-    images = material.albedo_image, material.emission_image, material.passing_image, material.shadow_passing_image
-    return sum(image >= 0 for image in images)
+    return sum(image >= 0 for image in material.images)

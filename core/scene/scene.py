@@ -48,6 +48,17 @@ class Material:
     shadow_passing_rgb: tuple[float, float, float] | None = None  # for shadow rays, where it is another than passing_rgb
     shadow_passing_image: int = -1  # with shadow_passing_rgb
     normal_image: int = -1  # unit shading normals in the world, in place of those at the corners
+    metal_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the part of the albedo that is a metal's, and reflected as in a mirror
+    metal_image: int = -1
+    metal: float = 1.0  # share of the surface that is metal, on average
+    layer: float = 0.0  # share of the surface that has a dielectric layer above what is diffuse
+    roughness: float = 0.5  # of the metal and of the layer; GGX's alpha is its square
+    ior: float = 1.5  # of the layer
+
+    @property
+    def images(self) -> tuple[int, ...]:
+        """All that it shows, -1 none."""
+        return self.albedo_image, self.emission_image, self.passing_image, self.shadow_passing_image, self.metal_image, self.normal_image
 
 
 @dataclass(frozen=True)
@@ -110,6 +121,7 @@ class SceneSnapshot:
                       laid out as sphere_map has it in the lamp's own axes
     tri_passing_uv    (n_tri, 3, 2) float32   as tri_albedo_uv, for the images of the transmittance; zeros where it is left out
     tri_normal_uv     (n_tri, 3, 2) float32   the same for the images of normals
+    tri_metal_uv      (n_tri, 3, 2) float32   the same, for the images of metals' colours
     """
 
     vertex_position: NDArray[np.float64]
@@ -131,9 +143,10 @@ class SceneSnapshot:
     profiles: tuple[NDArray[np.float32], ...] = ()
     tri_passing_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
     tri_normal_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
+    tri_metal_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
 
     def __post_init__(self) -> None:
-        for name in ("tri_passing_uv", "tri_normal_uv"):
+        for name in ("tri_passing_uv", "tri_normal_uv", "tri_metal_uv"):
             if not len(getattr(self, name)):  # the dataclass is frozen
                 object.__setattr__(self, name, np.zeros((len(self.tri_vertex), 3, 2), np.float32))
         error = _first_error(self)
@@ -172,6 +185,7 @@ def _first_error(scene: SceneSnapshot) -> str:
         "tri_emission_uv": (n_tri, 3, 2),
         "tri_passing_uv": (n_tri, 3, 2),
         "tri_normal_uv": (n_tri, 3, 2),
+        "tri_metal_uv": (n_tri, 3, 2),
     }
     for name, expected in shapes.items():
         found = getattr(scene, name).shape
@@ -197,13 +211,6 @@ def _first_error(scene: SceneSnapshot) -> str:
         if not (math.isfinite(one.density_factor) and one.density_factor > 0.0):
             return f"{one.name}: expected a density factor above 0, got {one.density_factor:g}"
     for material in scene.materials:
-        images = (
-            material.albedo_image,
-            material.emission_image,
-            material.passing_image,
-            material.shadow_passing_image,
-            material.normal_image,
-        )
-        if max(images) >= len(scene.images):
+        if max(material.images) >= len(scene.images):
             return f"{material.name}: names an image that is not in the snapshot"
     return ""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from .scene import Light, Material, SceneObject, SceneSnapshot, TextureImage
 
 FORMAT = "leaflight-snapshot"
-FORMAT_VERSION = 3
+FORMAT_VERSION = 5
 _HEADER, _IMAGE, _WORLD_MAP, _PROFILE = "header", "image_", "world_map", "profile_"
 _DAMAGED = (zipfile.BadZipFile, ValueError, EOFError, KeyError, AttributeError, TypeError)
 _ARRAYS = (
@@ -31,6 +31,7 @@ _ARRAYS = (
     "tri_emission_uv",
     "tri_passing_uv",
     "tri_normal_uv",
+    "tri_metal_uv",
 )
 
 

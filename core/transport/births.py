@@ -34,6 +34,7 @@ class Photons:
     power   (3,) float64, W  of all of them together, from their first hit on
     stops   (n,) bool        newborn: the next photon of the same way is born behind the first surface; None if none is such
     sky     (n,) bool        newborn: of an even sky; None if none is such
+    mirrored   (n,) bool     by all surfaces since they were born; None if none is such
     """
 
     origin: _Rows
@@ -44,6 +45,7 @@ class Photons:
     power: Float64 = field(default_factory=lambda: np.zeros(3))
     stops: Bools | None = None
     sky: Bools | None = None
+    mirrored: Bools | None = None
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Arrivals:
     """Photons at the surfaces that they have met, or at none.
 
     tri, u, v                (n,), as of rays.Hits
-    direction, flux, group   as of Photons
+    direction, flux, group, mirrored   as of Photons
     """
 
     tri: NDArray[np.int32]
@@ -60,6 +62,7 @@ class Arrivals:
     direction: _Rows
     flux: _Rows
     group: NDArray[np.int32] | None
+    mirrored: Bools | None
 
     def only(self, rows: NDArray[np.intp]) -> Arrivals:
         """Those in some rows (k,), ascending."""
@@ -67,7 +70,8 @@ class Arrivals:
             return self
         tri, u, v = gather(self.tri, rows), gather(self.u, rows), gather(self.v, rows)
         group = None if self.group is None else gather(self.group, rows)
-        return Arrivals(tri, u, v, gather(self.direction, rows), gather(self.flux, rows), group)
+        mirrored = None if self.mirrored is None else gather(self.mirrored, rows)
+        return Arrivals(tri, u, v, gather(self.direction, rows), gather(self.flux, rows), group, mirrored)
 
 
 def bear_photons(
@@ -224,4 +228,8 @@ def join_photons(waves: list[Photons]) -> Photons:
     origin, direction, flux = (np.concatenate([getattr(one, name) for one in waves], axis=1) for name in ("origin", "direction", "flux"))
     numbers = [one.group for one in waves if one.group is not None]
     power = np.sum([one.power for one in waves], axis=0)
-    return Photons(origin, direction, flux, group=np.concatenate(numbers) if numbers else None, power=power)
+    mirrored = None
+    if any(one.mirrored is not None for one in waves):
+        none = [np.zeros(one.flux.shape[1], bool) for one in waves]
+        mirrored = np.concatenate([no if one.mirrored is None else one.mirrored for no, one in zip(none, waves, strict=True)])
+    return Photons(origin, direction, flux, group=np.concatenate(numbers) if numbers else None, power=power, mirrored=mirrored)

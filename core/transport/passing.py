@@ -100,7 +100,8 @@ class Passing:
             stops = gather(photons.stops, row)
         if photons.sky is not None:
             sky = gather(photons.sky, row)
-        return Photons(origin, direction, flux, soft, group, np.add.reduce(flux, 1, np.float64), stops, sky)
+        mirrored = None if photons.mirrored is None else gather(photons.mirrored, row)
+        return Photons(origin, direction, flux, soft, group, np.add.reduce(flux, 1, np.float64), stops, sky, mirrored)
 
     def _share_at(self, tri: IntArray, u: _Rows, v: _Rows, of_lamp: NDArray[np.bool_]) -> _Rows:
         """(3, n): what passes of light from lamps, and of other light."""

@@ -12,16 +12,16 @@ _Rows = NDArray[np.float32]
 _Ints = NDArray[np.int32]
 
 
-ENERGY_NAMES = ("emitted", "absorbed", "escaped", "remainder", "passed")
+ENERGY_NAMES = ("emitted", "absorbed", "escaped", "remainder", "passed", "mirrored")
 
 
 @dataclass(frozen=True)
 class EnergyAudit:
     """Where the light went, each (3,) float64, W: emitted == absorbed + escaped + remainder.
 
-    `passed` counts light each time it goes straight on through a transparent surface, after which it goes elsewhere. `absorbed` is what
-    roulette took less what it gave to survivors; `remainder` was still under way at max_depth. The light of a lamp without shadow counts
-    as emitted once for each surface that it lights.
+    `passed` counts light each time it goes straight on through a transparent surface, and `mirrored` each time a metal or a layer reflects
+    it; after that it goes elsewhere. `absorbed` is what roulette took less what it gave to survivors; `remainder` was still under way at
+    max_depth. The light of a lamp without shadow counts as emitted once for each surface that it lights.
     """
 
     emitted: NDArray[np.float64]
@@ -29,6 +29,7 @@ class EnergyAudit:
     escaped: NDArray[np.float64]
     remainder: NDArray[np.float64]
     passed: NDArray[np.float64]
+    mirrored: NDArray[np.float64]
 
     @classmethod
     def join(cls, parts: Sequence[EnergyAudit]) -> EnergyAudit:
@@ -71,7 +72,7 @@ class ShardHits:
     tri        (m,) int32
     u, v       (m,) float32     barycentric weights of corners 1 and 2
     flux_rgb   (3, m) float32, W
-    is_first   (m,) bool        straight from a light
+    is_first   (m,) bool        straight from a light; or where photons bring no such light, by mirrors alone
     groups     None where nobody asked for them
     elsewhere  (k,) int64, ascending: triangles that were lit on a side whose light no lightmap holds
     """
@@ -110,9 +111,9 @@ class PhotonLog:
         self._forget()
 
     def _forget(self) -> None:
-        self.emitted, self.absorbed, self.escaped, self.remainder, self.passed = np.zeros((len(ENERGY_NAMES), 3))
+        self.emitted, self.absorbed, self.escaped, self.remainder, self.passed, self.mirrored = np.zeros((len(ENERGY_NAMES), 3))
         self.photons = self.rays = self.n_hit = 0
-        self._pieces: list[tuple[_Ints, _Rows, _Rows, _Rows, bool]] = []  # tri, u, v, flux, is_first
+        self._pieces: list[tuple[_Ints, _Rows, _Rows, _Rows, NDArray[np.bool_]]] = []  # tri, u, v, flux, is_first
         self._place: list[_Ints] = []
         self._split: list[_Rows] = []
         self._under_way: list[_Ints] = []  # the group of each ray
@@ -132,7 +133,7 @@ class PhotonLog:
         if group is not None:
             self._under_way.append(group)
 
-    def deposit(self, tri: _Ints, u: _Rows, v: _Rows, flux: _Rows, is_first: bool, group: _Ints | None) -> None:
+    def deposit(self, tri: _Ints, u: _Rows, v: _Rows, flux: _Rows, is_first: NDArray[np.bool_], group: _Ints | None) -> None:
         """Arguments as in ShardHits; group (m,) int32, None where there are none."""
         self._pieces.append((tri, u, v, flux, is_first))
         self.n_hit += len(tri)
@@ -146,15 +147,15 @@ class PhotonLog:
     def take(self) -> ShardHits:
         """All since the last time; groups are told once, of what has become of them by then."""
         nothing = np.zeros(0, np.float32)
-        self._pieces.append((np.zeros(0, np.int32), nothing, nothing, np.zeros((3, 0), np.float32), False))
+        self._pieces.append((np.zeros(0, np.int32), nothing, nothing, np.zeros((3, 0), np.float32), np.zeros(0, bool)))
         tri, u, v, flux, is_first = zip(*self._pieces, strict=True)
         hits = ShardHits(
             np.concatenate(tri),
             np.concatenate(u),
             np.concatenate(v),
             np.concatenate(flux, axis=1),
-            np.repeat(np.array(is_first), [len(piece) for piece in tri]),
-            EnergyAudit(self.emitted, self.absorbed, self.escaped, self.remainder, self.passed),
+            np.concatenate(is_first),
+            EnergyAudit(self.emitted, self.absorbed, self.escaped, self.remainder, self.passed, self.mirrored),
             Counters(self.photons, self.rays, self.n_hit),
             self._groups() if self._place else None,
             np.flatnonzero(np.bincount(np.concatenate(self._elsewhere))),

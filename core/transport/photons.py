@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..lights.joined_emitters import JoinedEmitters
 from ..lights.lights import Emitter
+from ..scene.gloss import Gloss
 from ..scene.materials import SurfaceMaterials
 from ..scene.rays import RayScene
 from ..scene.scene import SceneSnapshot
@@ -26,6 +27,7 @@ from ..util.geometry import UnitBox, gather, locate_hits, offset_origin, triangl
 from ..util.sampling import grouped_points
 from .birth_cells import BirthCells
 from .births import BATCH, Arrivals, Photons, bear_photons, find_hidden, join_photons, join_waves, light_every_surface, soften
+from .mirrors import reflect_photons
 from .passing import Passing
 from .photon_log import PhotonLog, ShardHits
 
@@ -52,6 +54,7 @@ class TraceScene:
 
     shadows         the same, for shadow rays
     passing         what photons pass through, None where they pass through nothing
+    gloss           how they are reflected specularly, None where they are not
     emitter_share   (n_emitter,) float64     probability of each emitter, by its mean power; all 0 when nothing shines
     tri_normal      (3, n_tri) float32       geometric, unit; 0 for triangles without area
     tri_frame       (3, 3, n_tri) float32    of triangle_frames, unit box
@@ -64,6 +67,7 @@ class TraceScene:
     rays: RayScene
     shadows: ShadowRays
     passing: Passing | None
+    gloss: Gloss | None
     emitters: JoinedEmitters
     emitter_share: NDArray[np.float64]
     surfaces: SurfaceMaterials
@@ -100,6 +104,7 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
         rays=rays,
         shadows=ShadowRays.of(rays, surfaces, corners, tri_normal),
         passing=Passing.of(surfaces, tri_frame, tri_normal),
+        gloss=Gloss.of(snapshot, surfaces),
         emitters=joined,
         emitter_share=power / total if total > 0 else np.zeros(len(power)),
         surfaces=surfaces,
@@ -190,7 +195,7 @@ def _meet(
         photons.power = power
     landed = photons.power
     hit = (found.tri >= 0).nonzero()[0]
-    arrived = Arrivals(found.tri, found.u, found.v, photons.direction, flux, photons.group).only(hit)
+    arrived = Arrivals(found.tri, found.u, found.v, photons.direction, flux, photons.group, photons.mirrored).only(hit)
     tri, u, v, flux, group = arrived.tri, arrived.u, arrived.v, arrived.flux, arrived.group
     if len(hit) < len(found.tri):
         landed = _total(flux)
@@ -205,7 +210,10 @@ def _meet(
     if len(elsewhere):
         log.light_elsewhere(gather(tri, elsewhere))
     if depth or not skip_first:
-        _deposit(scene, arrived, cosine, lit, depth == 0, log)
+        is_first = np.full(len(tri), depth == 0)
+        if skip_first and arrived.mirrored is not None:
+            is_first |= arrived.mirrored
+        _deposit(scene, arrived, cosine, lit, is_first, log)
     passed = scene.passing.go_on(photons, hit, index, u, v, found.distance, depth == 0, rng) if scene.passing else None
     if passed:
         log.passed += passed.power
@@ -216,23 +224,39 @@ def _meet(
         place, factor = split_at(tri, u, v)
         split = split * factor
         group = log.open_groups(place, factor)
-    alive, count, flux = _play_roulette(flux, scene.surfaces.reflectance_at(index, u, v).T, split, rng)
+    albedo, mirrored = scene.surfaces.reflectance_at(index, u, v).T, None
+    if scene.gloss:
+        mirrored = reflect_photons(scene, arrived, index, group, cosine, depth == 0, SPLIT if parts else 1, rng)
+        albedo = albedo - scene.surfaces.metal_at(index, u, v).T
+        np.maximum(albedo, 0, out=albedo)
+        if mirrored:
+            log.mirrored += mirrored.power
+            landed = landed - mirrored.power
+    alive, count, flux = _play_roulette(flux, albedo, split, rng)
     normal = gather(normal, alive)
     normal *= -np.copysign(np.float32(1), gather(cosine, alive))  # the side that was hit
     origin = offset_origin(locate_hits(scene.tri_frame, gather(index, alive), gather(u, alive), gather(v, alive)), normal)
     group = None if group is None else gather(group, alive)
+    tri = gather(index, alive)
     if count is not None:
         copy = np.repeat(np.arange(len(alive)), count)
-        origin, normal, flux = (gather(rows, copy) for rows in (origin, normal, flux))
+        origin, normal, flux, tri = gather(origin, copy), gather(normal, copy), gather(flux, copy), gather(tri, copy)
         group = None if group is None else gather(group, copy)
         numbers = grouped_points(count, copy, rng)
     else:
         numbers = rng.random((2, len(alive)), dtype=np.float32)
+    if scene.gloss:
+        facing = normal.copy()
+        direction = _scatter(normal, numbers)
+        flux = flux * scene.gloss.below_layer(tri, _dot(direction, facing))
+    else:
+        direction = _scatter(normal, numbers)
     power = _total(flux)
     log.absorbed += landed - power
-    if not len(alive):
-        return None, passed
-    return Photons(origin, _scatter(normal, numbers), flux, group=group, power=power), passed
+    diffuse = Photons(origin, direction, flux, group=group, power=power) if len(alive) else None
+    if diffuse and mirrored:
+        return join_photons([diffuse, mirrored]), passed
+    return diffuse or mirrored, passed
 
 
 def _bear(
@@ -268,7 +292,9 @@ def _dot(a: _Rows, b: _Rows) -> NDArray[np.float32]:
     return product
 
 
-def _deposit(scene: TraceScene, arrived: Arrivals, cosine: _Rows, lit: NDArray[np.bool_], is_first: bool, log: PhotonLog) -> None:
+def _deposit(
+    scene: TraceScene, arrived: Arrivals, cosine: _Rows, lit: NDArray[np.bool_], is_first: NDArray[np.bool_], log: PhotonLog
+) -> None:
     """Logs those that are lit (n,) bool; cosine (n,) float32: of the way they came with the normal."""
     kept = lit.nonzero()[0]
     own = arrived.only(kept)
@@ -285,7 +311,7 @@ def _deposit(scene: TraceScene, arrived: Arrivals, cosine: _Rows, lit: NDArray[n
             factor = np.ones(len(own.tri), np.float32)
             factor[smooth] = np.maximum(facing, 0)
             flux = flux * factor
-    log.deposit(own.tri, own.u, own.v, flux, is_first, own.group)
+    log.deposit(own.tri, own.u, own.v, flux, gather(is_first, kept), own.group)
 
 
 def _play_roulette(

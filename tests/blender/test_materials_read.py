@@ -84,7 +84,7 @@ def test_principled_constant():
 
 def test_empty_slot_is_grey_and_each_material_is_read_once():
     tree = Tree()
-    tree.show(tree.add("BsdfGlossy"))
+    tree.show(tree.add("BsdfToon"))
     warnings = []
     table = MaterialTable(warnings)
     assert [table.index(None), table.index(tree.material), table.index(None), table.index(tree.material)] == [0, 1, 0, 1]
@@ -313,9 +313,10 @@ def test_metal_and_transmission_leave_their_diffuse_part():
     tree = Tree()
     tree.show(tree.add("BsdfPrincipled", Base_Color=(0.8, 0.4, 0.2), Metallic=0.25, Transmission_Weight=0.5))
     reading, _, warning = tree.read()
-    assert reading.material.albedo_rgb == pytest.approx((0.3, 0.15, 0.075))
+    assert reading.material.metal_rgb == pytest.approx((0.2, 0.1, 0.05))
+    assert np.subtract(reading.material.albedo_rgb, reading.material.metal_rgb) == pytest.approx((0.3, 0.15, 0.075))
+    assert (reading.material.metal, reading.material.layer) == pytest.approx((0.25, 0.375))
     assert reading.material.passing_rgb == pytest.approx((0.3, 0.15, 0.075))
-    assert "metallic" in warning
     assert "glass" in warning
 
 
@@ -420,10 +421,28 @@ def test_unknown_nodes_and_shaders_give_one_warning():
     assert reading.material.albedo_rgb == pytest.approx((0.5, 0.0, 0.5))
     assert "Checker" in warning
     assert "bump" in warning
-    glossy = tree.add("BsdfGlossy", Color=(0.9, 0.8, 0.7))
-    reading, _, warning = tree.show(glossy).read()
+    toon = tree.add("BsdfToon", Color=(0.9, 0.8, 0.7))
+    reading, _, warning = tree.show(toon).read()
     assert reading.material.albedo_rgb == pytest.approx((0.9, 0.8, 0.7))
-    assert "Glossy" in warning
+    assert "Toon" in warning
+
+
+def test_a_glossy_shader_is_all_metal():
+    tree = Tree()
+    reading, _, warning = tree.show(tree.add("BsdfGlossy", Color=(0.9, 0.8, 0.7), Roughness=0.1)).read()
+    assert reading.material.metal_rgb == reading.material.albedo_rgb == pytest.approx((0.9, 0.8, 0.7))
+    assert reading.material.roughness == pytest.approx(0.1)
+    assert reading.material.layer == 0.0
+    assert warning == ""
+
+
+def test_a_principled_shader_has_a_layer_by_its_specular_level():
+    tree = Tree()
+    plain = tree.show(tree.add("BsdfPrincipled", Roughness=0.3)).read()[0].material
+    assert (plain.layer, plain.roughness, plain.ior) == pytest.approx((1.0, 0.3, 1.5), abs=1e-6)
+    assert not any(plain.metal_rgb)
+    without = tree.show(tree.add("BsdfPrincipled", Specular_IOR_Level=0.0)).read()[0].material
+    assert without.layer == 0.0
 
 
 def test_no_output_and_nothing_connected_are_black():

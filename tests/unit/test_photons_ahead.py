@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from leaflight.core.transport.photon_log import Counters, EnergyAudit, Groups, ShardHits
+from leaflight.core.transport.photon_log import ENERGY_NAMES, Counters, EnergyAudit, Groups, ShardHits
 from leaflight.core.transport.photons_ahead import NotedPartings, fetch_hits, keep_hits
 
 
@@ -19,7 +19,7 @@ def hits():
         v=rng.random(5, np.float32),
         flux_rgb=rng.random((3, 5), np.float32),
         is_first=np.zeros(5, bool),
-        audit=EnergyAudit(nothing, nothing, nothing, nothing, nothing),
+        audit=EnergyAudit(*(nothing for _ in ENERGY_NAMES)),
         counters=Counters(10, 20, 5),
         groups=groups,
         elsewhere=np.zeros(0, np.int64),

@@ -1,0 +1,201 @@
+"""Specular reflection of surfaces: metals, and the layer above dielectric ones.
+
+A material's lobe is GGX with Smith's height-correlated masking. A metal reflects its colour by Schlick's formula, a dielectric layer by the
+exact Fresnel equations for its index of refraction. What single scattering loses on rough surfaces is given back: weights are divided
+by the lobe's albedo without Fresnel, E. The layer takes its albedo off the diffuse light below it, in the direction that leaves.
+
+Source: Walter et al. 2007, "Microfacet models for refraction through rough surfaces"; Heitz 2018, "Sampling the GGX distribution of
+visible normals"; Heitz 2014, "Understanding the masking-shadowing function", eq. 99; Turquin 2019, "Practical multiple scattering
+compensation for microfacet models"; Schlick 1994.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import Float32, Float64, FloatArray, IntArray
+from ..util.geometry import gather, orthonormal_basis
+from .materials import SurfaceMaterials
+from .scene import SceneSnapshot
+
+LEAST_ALPHA = 1e-3  # of a mirror; its lobe is a twentieth of a degree wide
+_ENTRIES = 65  # of a material's tables, evenly by the root of the cosine: at grazing angles they change soonest
+_SAMPLES = 2048  # for each entry
+_HAIR = np.float32(1e-6)
+
+
+@dataclass(frozen=True)
+class Gloss:
+    """The specular lobes of a scene's materials.
+
+    tri_material   (n_tri,) int32
+    tri_glossy     (n_tri,) bool
+    alpha          (n_material,) float32: roughness squared
+    ior            (n_material,) float32: of the dielectric layer
+    layer          (n_material,) float32: share of the surface that has one
+    metal          (n_material,) float32: share of the surface that is metal
+    scale          (n_material * _ENTRIES,) float32: 1 / E by the cosine with the normal
+    edge           the same: what of a black metal's light Schlick's formula reflects at the edges
+    dielectric     the same: what the layer reflects, its share included
+    """
+
+    surfaces: SurfaceMaterials
+    tri_material: NDArray[np.int32]
+    tri_glossy: NDArray[np.bool_]
+    alpha: Float32
+    ior: Float32
+    layer: Float32
+    metal: Float32
+    scale: Float32
+    edge: Float32
+    dielectric: Float32
+
+    @classmethod
+    def of(cls, scene: SceneSnapshot, surfaces: SurfaceMaterials) -> Gloss | None:
+        """None where no surface has any."""
+        materials = scene.materials
+        layer = np.array([one.layer for one in materials], np.float32)
+        metal = np.array([one.metal if any(one.metal_rgb) else 0.0 for one in materials], np.float32)
+        reflects = np.array([one.reflects for one in scene.objects], bool)[scene.tri_object]
+        glossy = ((layer > 0) | (metal > 0))[scene.tri_material] & reflects
+        if not glossy.any():
+            return None
+        alpha = np.array([max(one.roughness**2, LEAST_ALPHA) for one in materials], np.float32)
+        ior = np.array([max(one.ior, 1.0) for one in materials], np.float32)
+        tables = [tabulate_lobe(float(a), float(n)) for a, n in zip(alpha, ior, strict=True)]
+        scale, edge, dielectric = (np.concatenate([table[k] for table in tables]).astype(np.float32) for k in range(3))
+        dielectric *= np.repeat(layer, _ENTRIES)
+        return cls(surfaces, scene.tri_material, glossy, alpha, ior, layer, metal, scale, edge, dielectric)
+
+    def albedo_at(self, tri: IntArray, u: FloatArray, v: FloatArray, cosine: Float32) -> Float32:
+        """(3, n): share of light from directions at a cosine (n,) with the normal that is reflected specularly."""
+        material = gather(self.tri_material, tri)
+        place = _find_place(material, cosine)
+        edge = _look_up(self.edge, *place)
+        out: Float32 = self.surfaces.metal_at(tri, u, v).T * (1 - edge) + gather(self.metal, material) * edge
+        return out + _look_up(self.dielectric, *place)
+
+    def below_layer(self, tri: IntArray, cosine: Float32) -> Float32:
+        """(n,): share of diffuse light that leaves at a cosine (n,) with the normal, for what the layer reflects there is not below it."""
+        left: Float32 = np.float32(1) - _look_up(self.dielectric, *_find_place(gather(self.tri_material, tri), cosine))
+        return left
+
+    def reflect(
+        self, tri: IntArray, u: FloatArray, v: FloatArray, direction: Float32, normal: Float32, numbers: Float32
+    ) -> tuple[Float32, Float32]:
+        """Directions (3, n) of reflected rays and their weights (3, n), whose mean is albedo_at; 0 below the surface.
+
+        direction   (3, n) float32, unit: along which rays arrive, from the side of their normals (3, n)
+        numbers     (2, n) float32, uniform in [0, 1)
+        """
+        material = gather(self.tri_material, tri)
+        alpha = gather(self.alpha, material)
+        tangent, bitangent = (axis.T for axis in orthonormal_basis(normal.T))
+        local = np.stack([-_dot(direction, axis) for axis in (tangent, bitangent, normal)])
+        local[2] = np.maximum(local[2], _HAIR)
+        half = sample_visible_normals(local, alpha, numbers)
+        cosine = np.clip(_dot(local, half), 0, 1)
+        out = 2 * cosine * half - local
+        edge: FloatArray = (1 - cosine) ** 5
+        rgb: FloatArray = self.surfaces.metal_at(tri, u, v).T * (1 - edge) + gather(self.metal, material) * edge
+        rgb = rgb + gather(self.layer, material) * fresnel(cosine, gather(self.ior, material))
+        rgb = rgb * mask(local[2], out[2], alpha) * _look_up(self.scale, *_find_place(material, local[2]))
+        turned = out[0] * tangent + out[1] * bitangent + out[2] * normal
+        return turned.astype(np.float32), rgb.astype(np.float32)
+
+
+def sample_visible_normals(view: FloatArray, alpha: FloatArray, numbers: FloatArray) -> FloatArray:
+    """(3, n): normals of microfacets as seen from view (3, n), around +Z, with density G1 max(view . h, 0) D / view_z per steradian.
+
+    alpha     (n,) float
+    numbers   (2, n) float, uniform in [0, 1)
+    Source: Heitz 2018, appendix A.
+    """
+    stretched = np.stack([alpha * view[0], alpha * view[1], view[2]])
+    stretched /= np.sqrt(_dot(stretched, stretched))
+    length = np.sqrt(stretched[0] ** 2 + stretched[1] ** 2)
+    upright = length < 1e-7
+    length = np.where(upright, 1, length)
+    first = np.stack([np.where(upright, 1, -stretched[1] / length), np.where(upright, 0, stretched[0] / length), np.zeros_like(length)])
+    second = np.cross(stretched, first, axis=0)
+    radius, turn = np.sqrt(numbers[0]), 2 * np.pi * numbers[1]
+    x, y = radius * np.cos(turn), radius * np.sin(turn)
+    share = 0.5 * (1 + stretched[2])
+    y = (1 - share) * np.sqrt(np.maximum(1 - x * x, 0)) + share * y
+    half = x * first + y * second + np.sqrt(np.maximum(1 - x * x - y * y, 0)) * stretched
+    out = np.stack([alpha * half[0], alpha * half[1], np.maximum(half[2], 1e-9)])
+    unit: FloatArray = out / np.sqrt(_dot(out, out))
+    return unit
+
+
+def mask(cosine_in: FloatArray, cosine_out: FloatArray, alpha: FloatArray) -> FloatArray:
+    """(n,): G2 / G1, the weight of a direction that reflection at a visible normal gives, without Fresnel; 0 below the surface.
+
+    Source: Heitz 2018, eq. 19, with the height-correlated G2 of Heitz 2014.
+    """
+    into, out = _shadow(cosine_in, alpha), _shadow(np.maximum(cosine_out, 1e-6), alpha)
+    return np.where(cosine_out > 0, (1 + into) / (1 + into + out), 0)
+
+
+def fresnel(cosine: FloatArray, ior: FloatArray) -> FloatArray:
+    """(n,): share of unpolarised light that a smooth dielectric reflects, met from outside at a cosine (n,).
+
+    Source: Walter et al. 2007, eq. 22.
+    """
+    g = np.sqrt(np.maximum(ior * ior - 1 + cosine * cosine, 0))
+    ratio = (g - cosine) / np.maximum(g + cosine, 1e-9)
+    other = (cosine * (g + cosine) - 1) / (cosine * (g - cosine) + 1)
+    out: FloatArray = 0.5 * ratio * ratio * (1 + other * other)
+    return out
+
+
+@lru_cache(maxsize=1024)
+def tabulate_lobe(alpha: float, ior: float) -> tuple[Float64, Float64, Float64]:
+    """(_ENTRIES,) each, by the cosine with the normal: 1 / E; the mean of Schlick's (1 - cos)^5; and that of
+    Fresnel's reflectance; both over the lobe, and as if nothing were lost on a rough surface.
+    """
+    cosine = np.repeat(np.maximum(np.linspace(0, 1, _ENTRIES) ** 2, 1e-5), _SAMPLES)
+    index = np.arange(_SAMPLES)
+    # Source: Rank-1 lattice by the golden ratio; Niederreiter 1992.
+    numbers = np.stack([(index + 0.5) / _SAMPLES, index * 0.6180339887498949 % 1])
+    numbers = np.tile(numbers, _ENTRIES)
+    view = np.stack([np.sqrt(1 - cosine**2), np.zeros_like(cosine), cosine])
+    half = sample_visible_normals(view, np.full_like(cosine, alpha), numbers)
+    facing = np.clip(_dot(view, half), 0, 1)
+    weight = mask(cosine, 2 * facing * half[2] - cosine, np.full_like(cosine, alpha))
+
+    def mean(values: FloatArray) -> Float64:
+        out: Float64 = values.reshape(_ENTRIES, _SAMPLES).mean(axis=1)
+        return out
+
+    albedo = mean(weight)
+    return 1 / albedo, mean(weight * (1 - facing) ** 5) / albedo, mean(weight * fresnel(facing, np.full_like(cosine, ior))) / albedo
+
+
+def _shadow(cosine: FloatArray, alpha: FloatArray) -> FloatArray:
+    """Smith's Lambda of GGX. Source: Walter et al. 2007, eq. 34; Heitz 2014, eq. 72."""
+    tangent2 = np.maximum(1 / (cosine * cosine) - 1, 0)
+    out: FloatArray = 0.5 * (np.sqrt(1 + alpha * alpha * tangent2) - 1)
+    return out
+
+
+def _find_place(material: IntArray, cosine: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Where materials' tables have a cosine (n,): the entry before it, and how far it is on the way to the next."""
+    place = np.sqrt(np.minimum(np.abs(cosine), 1)) * (_ENTRIES - 1)
+    before = np.minimum(place, _ENTRIES - 2).astype(np.intp)
+    return material * _ENTRIES + before, place - before
+
+
+def _look_up(table: Float32, before: IntArray, share: FloatArray) -> Float32:
+    low = gather(table, before)
+    out: Float32 = low + (gather(table, before + 1) - low) * share.astype(np.float32)
+    return out
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    out: FloatArray = np.einsum("kn,kn->n", a, b)
+    return out

@@ -1,0 +1,151 @@
+"""Specular reflection: the lobes against quadrature, and furnaces in which nothing is lost."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from boxes import room_mesh, solve_scene
+from leaflight.core.output import resolve
+from leaflight.core.scene.gloss import LEAST_ALPHA, Gloss, fresnel, mask, sample_visible_normals, tabulate_lobe
+from leaflight.core.scene.materials import SurfaceMaterials
+from leaflight.core.scene.scene import MAX_ALBEDO, Light, Material, SceneSnapshot
+from leaflight.core.transport import traced_scene
+from leaflight.core.util.settings import Settings
+from scenes import Mesh, make_scene, quad_scene
+
+
+def make_gloss(material: Material) -> Gloss:
+    scene = replace(quad_scene(), materials=(material,))
+    gloss = Gloss.of(scene, SurfaceMaterials(scene))
+    assert gloss is not None
+    return gloss
+
+
+def evaluate_ggx(view: np.ndarray, out: np.ndarray, alpha: float) -> np.ndarray:
+    """GGX reflection times the cosine, without Fresnel; Walter et al. 2007, eq. 20 and 33."""
+    half = view + out
+    half /= np.linalg.norm(half, axis=0)
+    c2 = half[2] ** 2
+    d = alpha**2 / (np.pi * c2**2 * (alpha**2 + (1 - c2) / c2) ** 2)
+
+    def smith(cosine):
+        return 0.5 * (np.sqrt(1 + alpha**2 * (1 / cosine**2 - 1)) - 1)
+
+    return d / (1 + smith(view[2]) + smith(out[2])) / (4 * view[2])
+
+
+def hemisphere(n: int) -> tuple[np.ndarray, float]:
+    """Directions (3, n^2) on a grid of equal solid angles, and that angle."""
+    z, phi = np.meshgrid((np.arange(n) + 0.5) / n, 2 * np.pi * (np.arange(n) + 0.5) / n)
+    r = np.sqrt(1 - z**2)
+    return np.stack([r * np.cos(phi), r * np.sin(phi), z]).reshape(3, -1), 2 * np.pi / n**2
+
+
+@pytest.mark.parametrize("alpha", [0.3, 0.6, 1.0])
+@pytest.mark.parametrize("cosine", [0.2, 0.6, 0.95])
+def test_sampled_directions_bring_what_quadrature_finds(alpha, cosine):
+    view = np.array([np.sqrt(1 - cosine**2), 0, cosine])[:, None]
+    numbers = np.random.default_rng(1).random((2, 400_000))
+    many = np.repeat(view, numbers.shape[1], axis=1)
+    half = sample_visible_normals(many, np.full(numbers.shape[1], alpha), numbers)
+    facing = (many * half).sum(axis=0)
+    out = 2 * facing * half - many
+    weight = mask(many[2], out[2], np.full(numbers.shape[1], alpha))
+    grid, angle = hemisphere(1200)
+    exact = evaluate_ggx(np.repeat(view, grid.shape[1], axis=1), grid, alpha)
+    assert weight.mean() == pytest.approx(exact.sum() * angle, rel=3e-3)
+    # Where it goes, too: the share of light in a part of the hemisphere.
+    for part in (lambda w: w[0] > 0, lambda w: w[2] > 0.7):
+        assert (weight * part(out)).mean() == pytest.approx((exact * part(grid)).sum() * angle, abs=4e-3)
+
+
+def test_fresnel_of_glass():
+    assert fresnel(np.array([1.0]), np.array([1.5])) == pytest.approx(0.04)
+    cosine = (np.arange(20000) + 0.5) / 20000
+    assert (2 * cosine * fresnel(cosine, np.full(20000, 1.5))).mean() == pytest.approx(0.0918, abs=1e-4)  # Walsh 1926
+    assert fresnel(np.array([0.0]), np.array([1.5])) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("roughness", [0.0, 0.3, 0.7, 1.0])
+@pytest.mark.parametrize("cosine", [0.1, 0.5, 0.99])
+@pytest.mark.parametrize(
+    "material",
+    [{"metal_rgb": (1.0, 0.5, 0.0)}, {"layer": 1.0}, {"layer": 0.4, "metal_rgb": (0.3, 0.3, 0.3), "metal": 0.6}],
+    ids=["metal", "layer", "both"],
+)
+def test_weights_of_reflected_rays_have_the_stated_albedo_as_mean(roughness, cosine, material):
+    gloss, n = make_gloss(Material("Shiny", (1.0,) * 3, roughness=roughness, **material)), 100_000
+    tri, where = np.zeros(n, np.intp), np.full(n, 0.25, np.float32)
+    direction = np.repeat(np.float32([[np.sqrt(1 - cosine**2)], [0], [-cosine]]), n, axis=1)
+    normal = np.repeat(np.float32([[0], [0], [1]]), n, axis=1)
+    numbers = np.random.default_rng(2).random((2, n)).astype(np.float32)
+    turned, weight = gloss.reflect(tri, where, where, direction, normal, numbers)
+    stated = gloss.albedo_at(tri[:1], where[:1], where[:1], np.float32([cosine]))[:, 0]
+    assert weight.mean(axis=1) == pytest.approx(stated, abs=2e-3)
+    assert np.linalg.norm(turned, axis=0) == pytest.approx(1, abs=1e-4)
+    if roughness == 0:
+        assert turned[:, 0] == pytest.approx([np.sqrt(1 - cosine**2), 0, cosine], abs=0.02)
+
+
+def test_a_white_metal_reflects_all():
+    for alpha in (LEAST_ALPHA, 0.25, 1.0):
+        gloss = make_gloss(Material("Metal", (1.0,) * 3, metal_rgb=(1.0,) * 3, roughness=np.sqrt(alpha)))
+        cosine = np.linspace(0.01, 1, 50, dtype=np.float32)
+        tri, where = np.zeros(50, np.intp), np.full(50, 0.25, np.float32)
+        assert gloss.albedo_at(tri, where, where, cosine) == pytest.approx(np.ones((3, 50)), abs=2e-3)
+        assert tabulate_lobe(alpha, 1.5)[0].min() > 0.99
+
+
+def furnace(material: Material, lamp_w: float = 24.0) -> SceneSnapshot:
+    """A closed room of one material with a lamp in its middle."""
+    lamp = Light("POINT", "Lamp", power_rgb=(lamp_w,) * 3, radius_m=0.05)
+    return make_scene([room_mesh(size_m=(2.0, 2.0, 2.0))], [lamp], [material])
+
+
+def bake(folder, scene, direct="rays", photons=200_000):
+    settings = Settings(direct=direct, size=48, max_photons=photons, error=0.004, workers=1, seed=3, max_depth=4000, basis="constant")
+    field = solve_scene(folder, scene, settings)
+    texels = traced_scene.open_tracing(str(folder)).texels
+    light = resolve.light_at_texels(field, texels)
+    audit = {name: np.array(watts) for name, watts in field.ledger.audit_w().items()}
+    assert audit["absorbed"] + audit["escaped"] + audit["remainder"] == pytest.approx(audit["emitted"], rel=1e-9)
+    return np.average(light.direct + light.indirect, axis=0, weights=texels.texel_area), audit, field
+
+
+@pytest.mark.parametrize("direct", ["rays", "photons"])
+@pytest.mark.parametrize("roughness", [0.05, 0.5, 1.0])
+def test_a_room_of_half_metal_keeps_its_energy(tmp_path, roughness, direct):
+    """Half of what arrives is reflected, some of it as a mirror does: walls of 24 m^2 absorb the lamp's 24 W, so they get 2 W/m^2."""
+    material = Material("Half", (0.5,) * 3, metal_rgb=(0.25,) * 3, metal=0.25, roughness=roughness)
+    light, audit, _ = bake(tmp_path, furnace(material), direct)
+    # Schlick's edges reflect a little more than the colour: of 0.25 of metal 0.25 at all angles, for it is white there.
+    assert light == pytest.approx(np.full(3, 2.0), rel=0.01)
+    assert (audit["mirrored"] > 0).all()
+
+
+def test_a_white_layered_room_loses_only_what_the_clamp_takes(tmp_path):
+    """White paint below a layer: what the layer does not reflect, the paint does."""
+    light, audit, _ = bake(tmp_path, furnace(Material("White", (0.9,) * 3, layer=1.0, roughness=0.5)))
+    assert MAX_ALBEDO > 0.99
+    mean = audit["mirrored"] / (light * 24.0)
+    assert mean == pytest.approx(np.full(3, 0.062), abs=0.012)  # the layer's albedo, between straight on and from everywhere
+    assert light.mean() == pytest.approx(10.0 * (1 + 0.03), rel=0.03)
+    assert light.mean() > 10.05
+
+
+@pytest.mark.parametrize("direct", ["rays", "photons"])
+def test_a_mirror_throws_a_caustic(tmp_path, direct):
+    """A spot on a mirror at 45 degrees lights a black wall that sees nothing of the spot: all its light comes there, once."""
+    mirror = Mesh("Mirror", np.array([[-0.5, 0, -0.5], [0.5, 0, -0.5], [0.5, 1, 0.5], [-0.5, 1, 0.5]], float), [[0, 1, 2, 3]], None, False)
+    wall = Mesh("Wall", np.array([[-1, -2, -1], [1, -2, -1], [1, -2, 1], [-1, -2, 1]], float), [[0, 3, 2, 1]])
+    spot = Light("SPOT", "Spot", (0, 0.5, 3), ((1, 0, 0), (0, 1, 0), (0, 0, 1)), (100.0,) * 3, cone_angle_rad=0.1)
+    scene = make_scene(
+        [wall, mirror], [spot], [Material("Black", (0,) * 3), Material("Mirror", (0.8,) * 3, metal_rgb=(0.8,) * 3, roughness=0)]
+    )
+    scene = replace(scene, tri_material=scene.tri_object)
+    light, audit, field = bake(tmp_path, scene, direct, photons=100_000)
+    emitted = audit["emitted"][0]
+    assert light[0] * 4.0 == pytest.approx(0.8 * emitted, rel=0.03)
+    assert audit["mirrored"][0] == pytest.approx(0.8 * emitted, rel=0.03)
+    if direct == "rays":
+        assert not field.direct.irradiance.any()
