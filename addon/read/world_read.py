@@ -51,7 +51,7 @@ def read_world(scene: Any, warnings: Warnings, view_layer: Any = None) -> World:
         return World()
     reader = ColorReader(ImageTable())
     surface = read_shader(reader, source)
-    if not reader.replaced and surface.emission.image < 0 and not surface.passing:
+    if not reader.replaced and surface.emission.image < 0 and not any(surface.passing.rgb):
         return World(_clip(surface.emission.mean))
     try:
         return _evaluate(world, scene, view_layer)

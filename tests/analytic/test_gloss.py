@@ -119,7 +119,7 @@ def test_a_room_of_half_metal_keeps_its_energy(tmp_path, roughness, direct):
     material = Material("Half", (0.5,) * 3, metal_rgb=(0.25,) * 3, metal=0.25, roughness=roughness)
     light, audit, _ = bake(tmp_path, furnace(material), direct)
     # Schlick's edges reflect a little more than the colour: of 0.25 of metal 0.25 at all angles, for it is white there.
-    assert light == pytest.approx(np.full(3, 2.0), rel=0.01)
+    assert light == pytest.approx(np.full(3, 2.0), rel=0.01 if direct == "rays" else 0.015)  # of 200,000 photons
     assert (audit["mirrored"] > 0).all()
 
 
