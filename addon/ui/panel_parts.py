@@ -20,8 +20,8 @@ def draw_sentence(layout: Any, context: bpy.types.Context, text: str, icon: str,
     """A sentence over as many lines as it needs; Blender's labels do not wrap."""
     width = context.region.width / (_CHARACTER_PIXELS * context.preferences.system.ui_scale) - 8 - narrower
     column = layout.column(align=True)
-    for i, line in enumerate(textwrap.wrap(text, max(int(width), 16))):
-        column.label(text=line, icon=icon if i == 0 else "BLANK1")
+    for i, line in enumerate(textwrap.wrap(text.replace(" %", "\N{NO-BREAK SPACE}%"), max(int(width), 16))):
+        column.label(text=line.replace("\N{NO-BREAK SPACE}", " "), icon=icon if i == 0 else "BLANK1")
 
 
 def draw_told(layout: Any, context: bpy.types.Context, told: Told, icon: str) -> None:

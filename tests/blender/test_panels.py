@@ -11,7 +11,7 @@ from blend_rooms import add_mesh, ask_quick_bake, open_room
 from leaflight.addon.app import properties
 from leaflight.addon.show import layout, view_shading
 from leaflight.addon.show.bake_text import Worn
-from leaflight.addon.ui import panels
+from leaflight.addon.ui import panel_parts, panels
 from leaflight.core.util.messages import Status
 
 
@@ -233,6 +233,14 @@ def test_the_worst_object_is_selected_by_a_button(state):
     layout.mark_result(bpy.context.scene, Worn(lines, worst="Floor", details=("12 leaves",)))
     assert [one.names for name, one in draw()[1] if name == "leaflight.select"][:1] == ["Floor"]
     assert tells("12 leaves")
+
+
+def test_a_number_stays_with_its_per_cent_sign():
+    context, layout_ = Context(), Layout([], [], [])
+    context.region = SimpleNamespace(width=220)
+    panel_parts.draw_sentence(layout_, context, "Worst object: Chair 1, 30 %", "NONE")
+    assert layout_.labels[-1].endswith("30 %")
+    assert len(layout_.labels) > 1
 
 
 def test_no_button_moves_when_the_scene_changes():

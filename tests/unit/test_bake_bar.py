@@ -56,7 +56,7 @@ def test_shadow_rays_that_are_shot_again_say_nothing_of_the_whole():
 
 def test_a_time_is_told_once_two_rounds_agree():
     bar = Bar()
-    hear(bar, progress(0.01, left=240.0, error=math.nan))
+    hear(bar, progress(0.01, left=61.0, error=math.nan))
     assert bar.predict_seconds() == 0.0
     hear(bar, progress(0.1, left=60.0))
     assert bar.predict_seconds() == 0.0, "one prediction is not to be trusted"
