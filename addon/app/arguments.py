@@ -33,9 +33,15 @@ class BakeRequest:
     keep_mb: int = 0  # size beyond which it is not kept; 0: any
     keep_pages: bool = False  # materials name pages that no bake writes over, for undo; else the very files that were asked for
     began: float = 0.0  # time.monotonic() of when it was asked for; 0: now
+    scripts: bool = False  # drivers and scripts of the file may run
+    dry_run: bool = False  # what the bake would be is told, and nothing is baked
+    scene_name: str = ""  # of the file's scenes; empty: the one that is open
+    view_layer: str = ""
+    frame: int | None = None
     beside: frozenset[str] = frozenset()  # names of the paths that begin in the folder of the .blend, see request.resolve_paths
 
 
+_MASK = "\0"
 _PATHS = ("output", "report", "save", "gltf", "keep", "resume")  # that may
 
 
@@ -45,7 +51,7 @@ def parse_arguments(argv: list[str], prog: str, with_scene: bool) -> BakeRequest
     with_scene   the file is an argument; else the open scene is baked
     Raises ValueError with a sentence for a value out of its range; SystemExit(2), after usage, for words that cannot be read.
     """
-    arguments = vars(_make_parser(prog, with_scene).parse_args(argv))
+    arguments = vars(_make_parser(prog, with_scene).parse_args(_mask_names(argv)))
     del arguments["command"]
     knobs = {knob.name: arguments.pop(knob.name) for knob in dataclasses.fields(Settings)}
     knobs = {name: tuple(value) if isinstance(value, list) else value for name, value in knobs.items()}
@@ -55,7 +61,21 @@ def parse_arguments(argv: list[str], prog: str, with_scene: bool) -> BakeRequest
         raise ValueError(f"--save {save}: Blender opens only names that end in .blend; add the ending.")
     if arguments["gltf"] is not None and arguments["gltf"].suffix.lower() != ".glb":
         raise ValueError(f"--gltf {arguments['gltf']}: is written as one binary file; give it a name that ends in .glb.")
-    return BakeRequest(settings=_make_settings(knobs), beside=beside, **{**arguments, "objects": tuple(arguments["objects"])})
+    return BakeRequest(settings=_make_settings(knobs), beside=beside, **{**arguments, "objects": tuple(map(_unmask, arguments["objects"]))})
+
+
+def _mask_names(argv: list[str]) -> list[str]:
+    """The words, with a mark before names of objects that begin with a single -, which argparse takes for flags; none of ours begins so."""
+    out, names = [], False
+    for word in argv:
+        if word.startswith("--"):
+            names = word == "--objects"
+        out.append(_MASK + word if names and word.startswith("-") and not word.startswith("--") else word)
+    return out
+
+
+def _unmask(name: str) -> str:
+    return name.removeprefix(_MASK)
 
 
 def _read_paths(arguments: dict[str, Any]) -> frozenset[str]:
@@ -107,6 +127,18 @@ def _make_parser(prog: str, with_scene: bool) -> argparse.ArgumentParser:
     scene.add_argument(
         "--objects", nargs="+", action=_Extend, default=[], metavar="NAME", help="what gets a lightmap; without it every visible mesh"
     )
+    if with_scene:
+        scene.add_argument(
+            "--enable-scripts",
+            dest="scripts",
+            action="store_true",
+            help="run the file's drivers and scripts; only for files that you trust",
+        )
+    scene.add_argument(
+        "--scene", dest="scene_name", default="", metavar="NAME", help="the scene to bake, in place of the one that was saved open"
+    )
+    scene.add_argument("--view-layer", default="", metavar="NAME", help="the view layer to bake")
+    scene.add_argument("--frame", type=int, metavar="N", help="the frame to bake")
     scene.add_argument("--uv-layer", default="", metavar="NAME", help="use this UV layer as it is; without it xatlas unwraps")
     output = bake.add_argument_group("output")
     output.add_argument("--output", default="bake", metavar="DIR", help="folder of the images; // is that of the .blend")
@@ -114,6 +146,11 @@ def _make_parser(prog: str, with_scene: bool) -> argparse.ArgumentParser:
     output.add_argument("--save", metavar="FILE", help="save the .blend with the bake in its materials")
     output.add_argument("--gltf", metavar="FILE", help="export a .glb that shows the first pass, combined or lighting")
     output.add_argument("--no-assign", dest="assign", action="store_false", help="leave materials as they are")
+    output.add_argument(
+        "--dry-run",
+        action="store_true",
+        help="only say what would be baked: objects, pages, memory, a rough time, and what takes most of the page",
+    )
     output.add_argument("--quiet", action="store_true", help="no progress, only warnings and errors")
     output.add_argument("--keep", metavar="DIR", help="keep the state of the bake there, to go on from")
     output.add_argument("--resume", metavar="DIR", help="go on from the state that a bake of the same scene kept there")

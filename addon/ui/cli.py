@@ -16,16 +16,18 @@ import bpy
 
 from ...core.bake.checkpoint import no_state_error, read_info
 from ...core.util.messages import Done, Error, Message, Status, Warning_
+from ...core.util.told import group_warnings
 from ..app import session
 from ..app.arguments import BakeRequest, parse_arguments
 from ..app.console import describe_files, describe_miss, print_message
 from ..app.job import BakeProcess, open_bake
 from ..app.request import resolve_paths
 from ..gltf.export_gltf import export_gltf
-from ..read.scene_file import open_scene
+from ..read.scene_file import choose_scene, open_scene
 from ..show.bake_text import describe_error
 from ..show.images import check_shown
 from ..show.shown_pages import keep_for_file
+from .dry_run import describe_bake
 
 EXIT_DONE, EXIT_CANNOT_BAKE, EXIT_INTERRUPTED = 0, 1, 130
 
@@ -56,18 +58,20 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
     begin = time.perf_counter()
     warnings: session.Warnings = []
     if request.scene is not None:
-        warnings += open_scene(request.scene)
+        warnings += open_scene(request.scene, request.scripts)
     elif not bpy.data.filepath:
         raise ValueError("no .blend is open (Blender goes on with its startup scene where it cannot read a file); check the path.")
+    choose_scene(bpy.context, request.scene_name, request.view_layer, request.frame)
     request = resolve_paths(request)
+    if request.dry_run:
+        return _tell_plan(request, process, warnings)
     _check(request)
     scene = bpy.data.filepath or str(request.scene)
     seconds = {"open": time.perf_counter() - begin}
     start = time.perf_counter()
     work = session.prepare(bpy.context, request, process.folder)
     seconds["export"] = time.perf_counter() - start
-    for subject, text in [*warnings, *work.export.warnings]:
-        print_message(Warning_(subject, text), request.quiet)
+    _print_warnings([*warnings, *work.export.warnings], request.quiet)
     with _interrupts(_stop_here if work.kept else process.cancel):  # until the end: what was baked is saved
         error, interrupted, told = _follow(session.tell_kept(work) if work.kept else process.messages(), request.quiet)
         if error:
@@ -90,8 +94,7 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
         if request.gltf is not None:  # after saving: what is only for the export is not for the .blend
             late += session.assign(bpy.context, work, result) if not (request.assign and request.save) else []
             late += export_gltf(bpy.context, request.gltf, request.settings.view_transform)
-        for subject, text in late:
-            print_message(Warning_(subject, text), request.quiet)
+        _print_warnings(late, request.quiet)
         seconds |= {**result["seconds"], "assign": time.perf_counter() - start}
         seconds["total"] = time.perf_counter() - begin
         result["seconds"] = {name: round(value, 4) for name, value in seconds.items()}
@@ -102,6 +105,15 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
         print_message(Error(f"{request.output}: the images are not there but in {result['spare']}; make room and move them."), quiet=True)
         return EXIT_CANNOT_BAKE
     return EXIT_INTERRUPTED if interrupted else EXIT_DONE
+
+
+def _tell_plan(request: BakeRequest, process: BakeProcess, warnings: session.Warnings) -> int:
+    """What the bake would be; nothing is left on disk."""
+    work = session.prepare(bpy.context, replace(request, output=process.folder / "maps"), process.folder)
+    _print_warnings([*warnings, *work.export.warnings], request.quiet)
+    for line in describe_bake(work.export.snapshot, request.settings):
+        print_message(Status("plan", line), quiet=False)
+    return EXIT_DONE
 
 
 def _check(request: BakeRequest) -> None:
@@ -119,8 +131,13 @@ def _check(request: BakeRequest) -> None:
 
 def _follow(messages: Iterable[Message], quiet: bool) -> tuple[str, bool, session.Warnings]:
     """Print a bake's messages to the last; gives the error's sentence, whether the bake was interrupted, and the warnings."""
-    error, interrupted, warnings = "", False, []
+    error, interrupted = "", False
+    warnings: session.Warnings = []
+    waiting: session.Warnings = []
     for message in messages:
+        if not isinstance(message, Warning_):  # those that come together are said together
+            _print_warnings(waiting, quiet)
+            waiting = []
         match message:
             case Error(text):
                 error = text
@@ -128,12 +145,19 @@ def _follow(messages: Iterable[Message], quiet: bool) -> tuple[str, bool, sessio
                 interrupted = message.interrupted
             case Warning_(subject, text):
                 warnings.append((subject, text))
-                print_message(message, quiet)
+                waiting.append((subject, text))
             case _:
                 print_message(message, quiet)
         if isinstance(message, Done | Error):
             break  # the result is there; the process that made it may end meanwhile
+    _print_warnings(waiting, quiet)
     return error, interrupted, warnings
+
+
+def _print_warnings(warnings: session.Warnings, quiet: bool) -> None:
+    """One line for each kind, with the names of some and how many more there are."""
+    for told in group_warnings(warnings):
+        print_message(Warning_("", told.text), quiet)
 
 
 def _stop_here() -> None:

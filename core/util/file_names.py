@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Iterable
 
 DEFAULT_PATTERN = "{name}.{pass}"
@@ -45,16 +46,23 @@ def fill_pattern(pattern: str, name: str, pass_name: str, page: int) -> str:
 
 
 def make_unique(names: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
-    """The names with underscores after those that are there already, or taken; letters count alike in both cases, as on some disks."""
-    used = {name.lower() for name in taken}
+    """The names with underscores after those that are there already, or taken.
+
+    Letters count alike in both cases, and whether an accent is part of them or stands by itself, as on some disks.
+    """
+    used = {_fold(name) for name in taken}
     out: list[str] = []
     for name in names:
         unique = name
-        while unique.lower() in used:
+        while _fold(unique) in used:
             unique += "_"
-        used.add(unique.lower())
+        used.add(_fold(unique))
         out.append(unique)
     return out
+
+
+def _fold(name: str) -> str:
+    return unicodedata.normalize("NFC", name).lower()
 
 
 def clean_name(name: str) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
 
 _NAMED = 3  # names in one sentence: a panel is narrow
+_NUMBER = re.compile(r"\d+([.,]\d+)*")
 _VERBS = frozenset(("is", "has", "was", "does", "casts"))  # that sentences about one thing begin with
 
 
@@ -19,11 +20,17 @@ class Told:
 
 
 def group_warnings(warnings: Iterable[tuple[str, str]]) -> list[Told]:
-    """Warnings (subject, sentence), each sentence once, with the names of all that it is about."""
-    subjects: dict[str, list[str]] = {}
+    """Warnings (subject, sentence), each sentence once, with the names of all that it is about.
+
+    Sentences that differ by numbers alone are one.
+    """
+    subjects: dict[str, tuple[list[str], list[str]]] = {}
     for subject, text in warnings:
-        subjects.setdefault(_strip_subject(text, subject), []).append(subject)
-    return [tell(names, sentence) for sentence, names in subjects.items()]
+        sentence = _strip_subject(text, subject)
+        names, sentences = subjects.setdefault(_NUMBER.sub("0", sentence) if subject else sentence, ([], []))
+        names.append(subject)
+        sentences.append(sentence)
+    return [tell(names, _say_once(sentences, names)) for names, sentences in subjects.values()]
 
 
 def tell(subjects: Iterable[str], sentence: str) -> Told:
@@ -53,6 +60,11 @@ def match_name(subject: str, known: Container[str]) -> str:
 
 def _strip_subject(text: str, subject: str) -> str:
     return text.removeprefix(f"{subject}: ") if subject else text
+
+
+def _say_once(sentences: list[str], names: list[str]) -> str:
+    """One sentence for several that differ by numbers at most."""
+    return sentences[0] if len(set(sentences)) == 1 else f"{sentences[0].removesuffix('.')} (numbers of {names[0]})"
 
 
 def _say_of_each(sentence: str) -> str:

@@ -199,6 +199,28 @@ def test_a_time_limit_that_ends_before_there_is_light_is_a_sentence(room, capsys
     assert "the time limit ended while the scene was read; raise it, or bake fewer objects." in capsys.readouterr().err
 
 
+def test_a_dry_run_tells_the_plan_and_leaves_nothing(room, capsys):
+    assert bake(room, "--dry-run", "--size", "256") == 0
+    told = capsys.readouterr().err
+    for part in ("2 objects, ", "1 page of 256 x 256", " of memory", "usually ", "Floor takes 73% of the texels"):
+        assert part in told, told
+    assert list_files(room.parent) == ["room.blend"]
+
+
+def test_another_scene_of_the_file_is_baked(tmp_path, capsys):
+    open_room()
+    other = bpy.data.scenes.new("Other")
+    cube = bpy.data.objects["Cube"]
+    bpy.context.scene.collection.objects.unlink(cube)
+    other.collection.objects.link(cube)
+    other.collection.objects.link(bpy.data.objects["Lamp"])
+    scene = save_scene(tmp_path / "room.blend")
+    assert bake(scene, "--scene", "Other") == 0
+    assert [row["name"] for row in read_report(scene)["objects"]] == ["Cube"]
+    assert bake(scene, "--scene", "None") == 1
+    assert "--scene None: there is no such scene; the file has: Other, Scene." in capsys.readouterr().err
+
+
 def test_report_goes_into_a_folder_that_is_made(room):
     report = room.parent / "deep" / "er" / "report.json"
     assert bake(room, "--report", str(report)) == 0

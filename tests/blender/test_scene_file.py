@@ -1,11 +1,13 @@
 """Scenes from files: each format that is promised, light for models without any, and sentences for what cannot be read."""
 
+import json
+
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
 from blend_rooms import open_room, save_scene
-from leaflight.addon.read.scene_file import open_scene
+from leaflight.addon.read.scene_file import choose_scene, open_scene
 
 EXPORTERS = {
     ".glb": lambda path: bpy.ops.export_scene.gltf(filepath=path, export_format="GLB", export_lights=True),
@@ -147,3 +149,50 @@ def test_ending_in_capitals(tmp_path):
     path = write(tmp_path, ".glb").rename(tmp_path / "MODEL.GLB")
     open_scene(path)
     assert "Cube" in bpy.data.objects
+
+
+def write_glb(path, extension):
+    document = json.dumps({"asset": {"version": "2.0"}, "extensionsUsed": [extension], "extensionsRequired": [extension]}).encode()
+    document += b" " * (-len(document) % 4)
+    head = b"glTF" + (2).to_bytes(4, "little") + (20 + len(document)).to_bytes(4, "little")
+    path.write_bytes(head + len(document).to_bytes(4, "little") + b"JSON" + document)
+
+
+@pytest.mark.parametrize(
+    ("extension", "name"), [("EXT_meshopt_compression", "meshopt"), ("KHR_draco_mesh_compression", "Draco"), ("KHR_none", "")]
+)
+def test_a_compressed_file_is_not_called_damaged(tmp_path, extension, name):
+    write_glb(tmp_path / "room.glb", extension)
+    with pytest.raises(ValueError, match=r"^room\.glb: ") as caught:
+        open_scene(tmp_path / "room.glb")
+    told = str(caught.value)
+    assert (f"its meshes are compressed by {name}, which this Blender cannot unpack" in told) == bool(name)
+    assert ("damaged" in told or "no mesh" in told) == (not name)
+
+
+def test_a_driver_that_needs_python_is_named_unless_scripts_may_run(tmp_path):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    for name, expression in (("Python", "len(str(frame))"), ("Simple", "frame * 2")):
+        lamp = bpy.data.objects.new(name, bpy.data.lights.new(name, "POINT"))
+        bpy.context.scene.collection.objects.link(lamp)
+        lamp.driver_add("location", 2).driver.expression = expression
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "driven.blend"))
+    ((subject, text),) = open_scene(tmp_path / "driven.blend")
+    assert subject == "Python"
+    assert "needs Python" in text
+    assert "--enable-scripts" in text
+    assert open_scene(tmp_path / "driven.blend", scripts=True) == []
+
+
+def test_scene_view_layer_and_frame_are_chosen(tmp_path):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    night = bpy.data.scenes.new("Night")
+    night.view_layers.new("Walls")
+    choose_scene(bpy.context, "Night", "Walls", 7)
+    assert (bpy.context.scene.name, bpy.context.view_layer.name, night.frame_current) == ("Night", "Walls", 7)
+    choose_scene(bpy.context, "", "", None)
+    assert (bpy.context.scene.name, night.frame_current) == ("Night", 7)
+    with pytest.raises(ValueError, match=r"^--scene Day: there is no such scene; the file has: Night, Scene\.$"):
+        choose_scene(bpy.context, "Day", "", None)
+    with pytest.raises(ValueError, match=r"^--view-layer Roof: Night has no such one; it has: ViewLayer, Walls\.$"):
+        choose_scene(bpy.context, "Night", "Roof", None)

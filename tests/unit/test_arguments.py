@@ -127,3 +127,18 @@ def test_help_tells_every_knob_and_no_empty_default(capsys):
     assert "(default: 512)" in " ".join(text.split())
     for odd in ("default: True", "default: None", "default: []", "default: )"):
         assert odd not in text
+
+
+def test_names_that_begin_with_a_dash_can_be_listed():
+    assert parse("--objects", "-Lamp", "Chair", "-2", "--size", "64").objects == ("-Lamp", "Chair", "-2")
+    assert parse("--objects", "Chair", "--objects", "-Lamp").objects == ("Chair", "-Lamp")
+    with pytest.raises(SystemExit):
+        parse("--size", "64", "-Lamp")
+
+
+def test_scene_view_layer_and_frame():
+    request = parse("--scene", "Night", "--view-layer", "Walls", "--frame", "-5")
+    assert (request.scene, request.scene_name, request.view_layer, request.frame) == (Path("room.blend"), "Night", "Walls", -5)
+    assert parse("--dry-run", "--enable-scripts").dry_run
+    with pytest.raises(SystemExit):
+        parse("--enable-scripts", with_scene=False)  # there Blender has opened the file already

@@ -77,3 +77,12 @@ def test_names_of_many_objects_take_no_time():
 def test_only_patterns_with_a_pass_tell_passes_apart():
     assert file_names.has_pass("{name}.{pass}")
     assert not file_names.has_pass("{name}.pass")
+
+
+def test_names_that_look_alike_are_two_files():
+    """One letter with an accent, or a letter and an accent behind it: some disks take them for the same name."""
+    import unicodedata
+
+    whole, parts = (unicodedata.normalize(form, "Café") for form in ("NFC", "NFD"))
+    assert whole != parts
+    assert file_names.make_unique([whole, parts]) == [whole, f"{parts}_"]

@@ -43,3 +43,12 @@ def test_an_error_names_its_subject_before_the_colon():
 )
 def test_instances_are_named_after_what_makes_them(subject, name):
     assert match_name(subject, {"Chair", "Chair.001", "Row"}) == name
+
+
+def test_fifty_warnings_that_differ_by_numbers_are_one_line():
+    told = group_warnings((f"Metal {number}", f"its metallic reflection ({number}%) is left out") for number in range(50))
+    assert [one.text for one in told] == [
+        "Metal 0, Metal 1, Metal 2 and 47 more: each one's metallic reflection (0%) is left out (numbers of Metal 0)"
+    ]
+    assert len(told[0].names) == 50
+    assert len(group_warnings([("", "has room for 3 MB"), ("", "has room for 4 MB")])) == 2  # of the scene: each says something
