@@ -49,6 +49,22 @@ def add_world(radiance):
     background.inputs["Color"].default_value = (*radiance, 1.0)
 
 
+def add_ies_lamp():
+    """A lamp whose file differs by both angles, turned."""
+    add_lamp("POINT", shadow_soft_size=0.05)
+    data = bpy.data.lights["Lamp"]
+    data.use_nodes = True  # in 5.0 lamps still have no nodes until then
+    tree = data.node_tree
+    profile, emission = tree.nodes.new("ShaderNodeTexIES"), next(node for node in tree.nodes if node.type == "EMISSION")
+    down, around = np.arange(0, 181, 15), np.arange(0, 361, 45)
+    candela = (60.0 + 50.0 * np.cos(np.radians(down)) + 40.0 * np.sin(np.radians(down)) * np.cos(np.radians(around))[:, None]).round(2)
+    head = f"1 1000 0.1 {len(down)} {len(around)} 1 2 0.1 0.1 0.1"
+    rows = [head, "1 1 20", *(" ".join(map(str, row)) for row in (down, around, *candela))]
+    profile.ies = bpy.data.texts.new("lamp.ies")
+    profile.ies.from_string("\n".join(["IESNA:LM-63-1995", "TILT=NONE", *rows, ""]))
+    tree.links.new(profile.outputs[0], emission.inputs["Strength"])
+
+
 def add_sky_texture(**properties):
     add_world((1.0, 1.0, 1.0))
     tree = bpy.context.scene.world.node_tree
@@ -138,6 +154,8 @@ LIGHTS = {
     "soft point": lambda: add_lamp("POINT", shadow_soft_size=0.2),
     "sphere": lambda: add_lamp("POINT", shadow_soft_size=0.2, use_soft_falloff=False),
     "spot": lambda: add_lamp("SPOT", spot_size=1.2, spot_blend=0.5, shadow_soft_size=0.1),
+    "IES file": add_ies_lamp,
+    "square spot": lambda: add_lamp("SPOT", spot_size=1.2, spot_blend=0.3, shadow_soft_size=0.1, use_square=True),
     "sun": lambda: add_lamp("SUN", energy=3.0, angle=0.1),
     "square": lambda: add_lamp("AREA", shape="SQUARE", size=0.5),
     "rectangle": lambda: add_lamp("AREA", shape="RECTANGLE", size=0.8, size_y=0.3),
