@@ -43,6 +43,7 @@ def add_picture(tree, target, height=64, **properties):
     """An environment texture whose four quarters from -X by +Y, +X and -Y are red, green, blue and white above, and black below."""
     image = bpy.data.images.new("Picture", 2 * height, height, float_buffer=True)
     pixels = np.zeros((height, 2 * height, 4), np.float32)
+    pixels[..., 3] = 1.0
     for quarter, rgb in enumerate(((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1))):
         pixels[height // 2 :, quarter * height // 2 : (quarter + 1) * height // 2, :3] = rgb
     image.pixels.foreach_set(pixels.ravel())
@@ -178,3 +179,27 @@ def test_nothing_is_left_behind(sky):
     read()
     after = {name: [block.name for block in getattr(bpy.data, name)] for name in before}
     assert after == before
+
+
+@pytest.mark.parametrize("turn", [None, 0.0, 0.7, -2.0])
+def test_a_plain_picture_is_read_as_cycles_shows_it(sky, turn):
+    """Straight from its pixels, and through a mix with nothing, which Cycles evaluates."""
+    _, tree, background = sky
+    texture = add_picture(tree, background.inputs["Color"])
+    background.inputs["Strength"].default_value = 1.5
+    if turn is not None:
+        place, mapping = tree.nodes.new("ShaderNodeTexCoord"), tree.nodes.new("ShaderNodeMapping")
+        mapping.inputs["Rotation"].default_value = (0.0, 0.0, turn)
+        tree.links.new(place.outputs["Generated"], mapping.inputs["Vector"])
+        tree.links.new(mapping.outputs["Vector"], texture.inputs["Vector"])
+    plain = read()
+    assert plain.map.shape == (64, 128, 3)  # as it is
+    surface = next(node for node in tree.nodes if node.type == "OUTPUT_WORLD").inputs["Surface"]
+    add = tree.nodes.new("ShaderNodeAddShader")
+    tree.links.new(background.outputs[0], add.inputs[0])
+    tree.links.new(add.outputs[0], surface)
+    evaluated = read().map
+    assert evaluated.shape == (512, 1024, 3)
+    small = evaluated.reshape(64, 8, 128, 8, 3).mean(axis=(1, 3))
+    assert np.abs(plain.map - small).mean() < 0.03 * small.mean()  # Cycles interpolates between pixels
+    assert plain.map.mean(axis=(0, 1)) == pytest.approx(small.mean(axis=(0, 1)), rel=2e-3)
