@@ -198,6 +198,7 @@ class _Export:
         self._warn_faces(piece, arrays, receives)
         if not arrays.n_tri:
             return
+        self._warn_linking(piece, arrays)
         if receives and arrays.is_clear:
             receives = False
             self._warnings.append((piece.source.name, "light passes through it and none is reflected, so it gets no lightmap"))
@@ -261,6 +262,13 @@ class _Export:
             unique = f"{name}.{number:03d}"
         self._names.add(unique)
         return unique
+
+    def _warn_linking(self, piece: Piece, arrays: PieceArrays) -> None:
+        linking = piece.evaluated.light_linking
+        if linking is None or not (linking.receiver_collection or linking.blocker_collection):
+            return
+        if any(any(self._materials.readings[index].material.emission_rgb) for index in set(arrays.tri_material.tolist())):
+            self._warnings.append((piece.source.name, "its light linking is left out: what glows lights every object"))
 
     def _warn_faces(self, piece: Piece, arrays: PieceArrays, receives: bool) -> None:
         count = arrays.world.left_out

@@ -414,3 +414,17 @@ def test_the_same_scene_gives_the_same_snapshot_whatever_the_order_of_its_object
     first, second = build("ABC"), build("CBA")
     assert np.array_equal(first.vertex_position, second.vertex_position)
     assert first.objects == second.objects
+
+
+def test_light_linking_of_lamps_and_of_what_glows_is_named():
+    glow = bpy.data.materials.new("Glow")
+    glow.use_nodes = True
+    principled = glow.node_tree.nodes["Principled BSDF"]
+    principled.inputs["Emission Strength"].default_value = 2.0
+    principled.inputs["Emission Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    panel, wall, bulb = add_object("Panel"), add_object("Wall"), add_object("Bulb", bpy.data.lights.new("Bulb", "POINT"))
+    panel.data.materials.append(glow)
+    for thing in (panel, wall, bulb):
+        thing.light_linking.receiver_collection = bpy.data.collections.new("Lit")
+    told = [subject for subject, text in export().warnings if "linking" in text]
+    assert sorted(told) == ["Bulb", "Panel"]
