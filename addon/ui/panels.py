@@ -58,13 +58,13 @@ class LEAFLIGHT_PT_main(_Sidebar, bpy.types.Panel):
             result = layout.column()
             result.enabled = not state.running
             draw_result(result, context, worn)
+        error = _find_error(context, state)
+        if error and error != now:
+            draw_told(layout.box(), context, split_error(error, partial(is_known, context)), "ERROR")
         if state.running:
             _draw_progress(layout, context, state)
         else:
             _draw_plan(layout, context)
-        error = _find_error(context, state)
-        if error and error != now:
-            draw_told(layout.box(), context, split_error(error, partial(is_known, context)), "ERROR")
         # What this Blender knows of the last bake is told only of files without a word about it: undo may have brought back another bake.
         unmarked = has_bake and worn_result(context.scene) is None
         warnings = state.list_warnings(context.scene.session_uid, unmarked) or (list(worn.warnings) if has_bake else [])

@@ -129,6 +129,16 @@ def test_an_error_stands_where_it_came_from():
     assert tells("the scene has no light"), "else nobody would tell of it"
 
 
+def test_an_error_stands_above_the_plan():
+    bpy.context.window_manager.leaflight_meter.measure(bpy.context)
+    bpy.data.objects["Lamp"].hide_render = True
+    with pytest.raises(RuntimeError, match="the scene has no light"):
+        bpy.ops.leaflight.bake()
+    labels = draw()[0]
+    error = next(i for i, label in enumerate(labels) if "the scene has no light" in label)
+    assert error < next(i for i, label in enumerate(labels) if "texels" in label)
+
+
 def test_what_may_not_fit_a_page_is_told_before_the_bake():
     chosen, meter = bpy.context.scene.leaflight, bpy.context.window_manager.leaflight_meter
     told = []

@@ -174,7 +174,10 @@ def unsaved_file() -> Iterator[float]:
     yield 0.8
     region_of(view(), "UI").active_panel_category = "Leaflight"
     told(forget=True)
-    yield from check_error("unsaved", "Save the file first: lightmaps go into a folder beside it.")
+    yield from settle(1.0)
+    with bpy.context.temp_override(window=window(), area=view(), region=region_of(view(), "WINDOW")):
+        check("unsaved: the button is grey, and its tooltip says why", not bpy.ops.leaflight.bake.poll())
+    yield from picture("unsaved")
 
 
 def read_only_folder() -> Iterator[float]:
