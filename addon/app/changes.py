@@ -54,9 +54,14 @@ class ChangeWatch:
             self.older = baked.older if baked else ()
         if PRINTS not in context.scene:
             return []
-        if self.stale and not bpy.app.timers.is_registered(_tick):
-            bpy.app.timers.register(_tick, first_interval=_CALM_S)
+        if self.stale:
+            self.start()
         return self.names
+
+    def start(self) -> None:
+        """See to it that the timer runs."""
+        if not bpy.app.timers.is_registered(_tick):
+            bpy.app.timers.register(_tick, first_interval=_CALM_S)
 
     def is_calm(self) -> bool:
         """Whether the last change is long enough ago."""
@@ -104,6 +109,9 @@ def note_changes(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Non
     changed = [update.id.original for update in depsgraph.updates if update.is_updated_geometry]
     meshes = {block.data if isinstance(block, bpy.types.Object) else block for block in changed}
     watch.note({block.session_uid for block in meshes if isinstance(block, bpy.types.Mesh)})
+    scene = bpy.context.scene
+    if not bpy.app.background and scene and PRINTS in scene:
+        watch.start()  # also where nothing has the panel drawn again
 
 
 @bpy.app.handlers.persistent

@@ -28,7 +28,7 @@ def draw_result(column: Any, context: bpy.types.Context, worn: Worn) -> None:
     shown = restore.is_preview_on(context.scene)
     watch = context.window_manager.leaflight_changes
     changes = watch.watch(context)
-    text = "Show Bake (out of date)" if changes or watch.older else "Show Bake"
+    text = "Show Old Bake" if changes or watch.older else "Show Bake"
     row.operator("leaflight.toggle_preview", text=text, icon="HIDE_OFF" if shown else "HIDE_ON", depress=shown)
     row.operator("leaflight.remove", icon="TRASH")
     row = box.row(align=True)
@@ -37,10 +37,10 @@ def draw_result(column: Any, context: bpy.types.Context, worn: Worn) -> None:
     opener = row.row(align=True)
     opener.enabled = folder.is_dir()
     opener.operator("wm.path_open", text="Folder", icon="FILE_FOLDER").filepath = str(folder)
-    if restore.MISSING in context.scene:
-        draw_sentence(box, context, context.scene[restore.MISSING], "ERROR")
     draw_spare(box, context)
     box.operator("leaflight.refine", icon="ADD")
+    if restore.MISSING in context.scene:
+        draw_sentence(box, context, context.scene[restore.MISSING], "ERROR")
     if shown and view_shading.hides_bake(context):
         draw_sentence(box, context, "This view does not show the baked light.", "INFO")
         draw_show_it(box)

@@ -162,7 +162,7 @@ def test_the_panel_says_so_and_forgets_it_when_the_change_is_undone():
     assert watch.stale
     watch.look(bpy.context)
     assert "Changed since this bake: Lamp" in draw()
-    assert "Show Bake (out of date)" in draw()
+    assert "Show Old Bake" in draw()
     bpy.ops.ed.undo_push(message="lamp")
     bpy.ops.ed.undo()
     draw()

@@ -1,0 +1,209 @@
+"""Checks with a window that the light shown is always that of the objects' UVs, and that a changed scene says so.
+
+    blender --enable-event-simulate sample_blends/cornell_box.blend --python tests/blender_gui/check_undo.py
+
+The extension must be installed, and ImageMagick there. UNDO names the folder for the pictures (default: a temporary one).
+Prints a line for each check, and at last how many failed.
+"""
+
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import bpy
+
+PICTURES = Path(os.environ.get("UNDO") or tempfile.mkdtemp(prefix="leaflight_undo_"))
+FILE = Path(tempfile.mkdtemp(prefix="leaflight_undo_file_")) / "room.blend"
+TICK_SECONDS = 0.1
+GIVE_UP_SECONDS = 300.0
+SAME, OTHER = 0.015, 0.025  # difference (RMSE, of 1) of two pictures of one thing, less or more smooth yet, and of two things
+FAILED: list[str] = []
+
+
+def check(name: str, holds: object) -> None:
+    print(f"CHECK {'ok    ' if holds else 'FAILED'} {name}", flush=True)
+    if not holds:
+        FAILED.append(name)
+
+
+def window():
+    return bpy.context.window_manager.windows[0]
+
+
+def view():
+    return next(area for area in window().screen.areas if area.type == "VIEW_3D")
+
+
+def region(kind: str):
+    return next(region for region in view().regions if region.type == kind)
+
+
+def in_view():
+    return bpy.context.temp_override(window=window(), area=view(), region=region("WINDOW"))
+
+
+def state():
+    return bpy.context.window_manager.leaflight_state
+
+
+def changes() -> list[str]:
+    watch = bpy.context.window_manager.leaflight_changes
+    return watch.names if not watch.stale else ["not looked at yet"]
+
+
+def settle(seconds: float = 2.0) -> Iterator[float]:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        for area in window().screen.areas:
+            area.tag_redraw()
+        yield 0.2
+
+
+def wait(condition: Callable[[], object], seconds: float = GIVE_UP_SECONDS) -> Iterator[float]:
+    give_up = time.monotonic() + seconds
+    while not condition() and time.monotonic() < give_up:
+        yield TICK_SECONDS
+
+
+def press_keys(kind: str, **held: bool) -> Iterator[float]:
+    area = view()
+    at = {"x": area.x + area.width // 3, "y": area.y + area.height // 2}
+    window().event_simulate(type="MOUSEMOVE", value="NOTHING", **at)
+    yield 0.2
+    for value in ("PRESS", "RELEASE"):
+        window().event_simulate(type=kind, value=value, **at, **held)
+    yield from settle()
+
+
+def take_picture(name: str) -> Iterator[float]:
+    """The 3D View with its sidebar."""
+    yield from settle()
+    area, path = view(), PICTURES / f"{name}.png"
+    crop = f"{area.width}x{area.height}+{area.x}+{window().height - area.y - area.height}"
+    process = subprocess.Popen(["import", "-window", "root", "-crop", crop, "+repage", str(path)])
+    while process.poll() is None:
+        yield TICK_SECONDS
+    print(f"PICTURE {path}", flush=True)
+
+
+def compare(first: str, second: str) -> float:
+    """Difference of the parts of two pictures that show the room: no header, no panels."""
+    area, side = view(), region("UI").width
+    crop = f"{area.width - side - 160}x{area.height - 260}+80+130"
+    parts = [PICTURES / f"part_{k}.png" for k in range(2)]
+    for name, part in zip((first, second), parts, strict=True):
+        subprocess.run(["convert", str(PICTURES / f"{name}.png"), "-crop", crop, "+repage", str(part)], check=True)
+    found = subprocess.run(["compare", "-metric", "RMSE", *map(str, parts), "null:"], capture_output=True, text=True)
+    for part in parts:
+        part.unlink()
+    difference = float(found.stderr.partition("(")[2].partition(")")[0])
+    print(f"DIFFERENCE {first} {second} {difference:.4f}", flush=True)
+    return difference
+
+
+def bake(size: int) -> Iterator[float]:
+    bpy.context.scene.leaflight.size = size
+    with in_view():
+        bpy.ops.leaflight.bake("INVOKE_DEFAULT")
+    yield from wait(lambda: not state().running)
+    check(f"a bake of {size} texels ends without an error {state().error}", not state().error)
+    yield from settle()
+
+
+def open_tab() -> Iterator[float]:
+    view().spaces.active.show_region_ui = True
+    yield 1.0  # the sidebar must be drawn once before its tab can be chosen
+    region("UI").active_panel_category = "Leaflight"
+    yield from settle()
+
+
+def walk() -> Iterator[float]:
+    bpy.context.scene.leaflight.error = 0.5
+    bpy.ops.wm.save_as_mainfile(filepath=str(FILE))
+    yield from open_tab()
+    shading = view().spaces.active.shading
+    shading.type, shading.color_type, shading.light = "SOLID", "TEXTURE", "FLAT"
+    view().spaces.active.region_3d.view_perspective = "CAMERA"
+    view().spaces.active.overlay.show_overlays = False
+    yield from bake(256)
+    yield from take_picture("1_first")
+    yield from bake(32)
+    yield from take_picture("2_second")
+    check("a coarser bake looks different", compare("1_first", "2_second") > OTHER)
+    yield from press_keys("Z", ctrl=True)
+    yield from take_picture("3_undone")
+    check("Ctrl Z after two bakes shows the first one's light", compare("1_first", "3_undone") < SAME)
+    with in_view():
+        check("what is kept of the second bake is not offered to go on from", not bpy.ops.leaflight.refine.poll())
+    yield from press_keys("Z", ctrl=True, shift=True)
+    yield from take_picture("4_redone")
+    check("Ctrl Shift Z shows the second one's", compare("2_second", "4_redone") < SAME)
+    yield from press_keys("Z", ctrl=True)
+    bpy.ops.wm.save_mainfile()
+    yield from bake(32)
+    bpy.ops.wm.revert_mainfile()
+    yield 2.0
+    yield from open_tab()
+    yield from take_picture("5_reverted")
+    check("Revert shows the light that was saved", compare("1_first", "5_reverted") < SAME)
+    yield from wait(lambda: not changes(), 20.0)
+    check("an opened file knows that nothing has changed", changes() == [])
+    yield from change_a_lamp()
+    yield from lose_the_images()
+
+
+def change_a_lamp() -> Iterator[float]:
+    lamp = next(obj for obj in bpy.context.scene.objects if obj.type == "LIGHT")
+    name, began = lamp.name, time.monotonic()
+    lamp.data.energy *= 2.0
+    with in_view():
+        bpy.ops.ed.undo_push(message="Change Lamp")
+    yield from wait(lambda: changes() == [name], 20.0)
+    print(f"SECONDS until the change is said {time.monotonic() - began:.1f}", flush=True)
+    check("a changed lamp is named", changes() == [name])
+    yield from take_picture("6_changed")
+    yield from press_keys("Z", ctrl=True)
+    yield from wait(lambda: changes() == [], 20.0)
+    check("and no longer when the change is undone", changes() == [])
+
+
+def lose_the_images() -> Iterator[float]:
+    shutil.rmtree(FILE.parent / "lightmaps")
+    bpy.ops.wm.open_mainfile(filepath=str(FILE))
+    yield 2.0
+    yield from open_tab()
+    yield from take_picture("7_missing")
+    worn = [slot.material for obj in bpy.context.scene.objects for slot in obj.material_slots if slot.material]
+    check("without images no object wears the bake", not any("leaflight_made" in material for material in worn))
+    check("and the panel says why", "leaflight_missing" in bpy.context.scene)
+
+
+def steps() -> Iterator[float]:
+    try:
+        yield from walk()
+    except Exception:
+        traceback.print_exc()
+        FAILED.append("the checks came to their end")
+    print(f"FAILED {len(FAILED)}", flush=True)
+
+
+def run() -> float | None:
+    pause = next(SCRIPT, None)
+    if pause is None:
+        bpy.ops.wm.quit_blender()
+    return pause
+
+
+if not shutil.which("import"):
+    raise SystemExit("ImageMagick's import is needed to take pictures: install ImageMagick.")
+PICTURES.mkdir(parents=True, exist_ok=True)
+bpy.context.preferences.view.show_splash = False
+SCRIPT = steps()
+if not hasattr(bpy.context.window_manager, "leaflight_state"):
+    raise SystemExit("The extension is not enabled: install it first.")
+bpy.app.timers.register(run, first_interval=2.0, persistent=True)
