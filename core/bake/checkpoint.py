@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ..integrate.direct_field import DirectField
 from ..parallel import shared_arrays
+from ..radiosity.cell_tally import CellTally
 from ..radiosity.quadtree import Quadtree
 from ..radiosity.splitting import SplitGuide, Splitting
 from ..radiosity.tally import Tally
@@ -32,7 +33,7 @@ from .photon_shards import PhotonShard
 from .solve import Solver
 
 FORMAT = "leaflight-state"
-FORMAT_VERSION = 13
+FORMAT_VERSION = 14
 INFO_FILE = "leaflight_state.json"  # marks a folder as ours
 _STRUCT_FOLDER = "state"
 # Of the groups of knobs that another bake may have which goes on, and knobs of other groups that it may have too. Where `direct` comes to
@@ -46,8 +47,8 @@ class Checkpoint:
     """The state of a bake between two rounds.
 
     energy_w        (5, 3) float64: the ledger's sums, in the order of photon_log.ENERGY_NAMES
-    lit_elsewhere   (n_object,) bool: see gather.KnownLight
-    given_up        of gather_plan.GatherPlan, as is given_up_told
+    cell_tally      of sides without a lightmap
+    given_up        of gather_plan.GatherPlan, as are given_up_told and budget_rays
     splitting       of the last round, if some of its shards were not read
     late            these, of photon_shards.PhotonShard but for their folders
     """
@@ -59,7 +60,7 @@ class Checkpoint:
     births: BirthGuide
     direct: DirectField
     energy_w: NDArray[np.float64]
-    lit_elsewhere: NDArray[np.bool_]
+    cell_tally: CellTally
     photons: int
     told: float
     rays: int
@@ -68,6 +69,7 @@ class Checkpoint:
     round: int
     given_up: float
     given_up_told: float
+    budget_rays: float
     splitting: Splitting | None
     late: list[dict[str, Any]]
 
@@ -79,15 +81,16 @@ class Checkpoint:
         parts = solver.tree, solver.tally, solver.square_tally, solver.guide, solver.births, solver.direct
         late = [dataclasses.asdict(dataclasses.replace(shard, tracing="", view="")) for shard in solver.rounds.dropped]
         splitting = solver.splitting if late else None
-        return cls(*parts, energy_w, solver.lit_elsewhere, *counts, plan.given_up, plan.given_up_told, splitting, late)
+        return cls(*parts, energy_w, solver.cell_tally, *counts, plan.given_up, plan.given_up_told, plan.budget_rays, splitting, late)
 
     def give_to(self, solver: Solver) -> None:
         """Let a new solver of the same scene and method go on from here."""
         solver.tree, solver.tally, solver.square_tally = self.tree, self.tally, self.square_tally
         solver.guide, solver.births = self.guide, self.births
-        solver.direct, solver.round, solver.lit_elsewhere = self.direct, self.round, self.lit_elsewhere
+        solver.direct, solver.round, solver.cell_tally = self.direct, self.round, self.cell_tally
         solver.direct.ask_for(solver.settings.error)
         solver.gather_plan.give_up(self.given_up, self.given_up_told)
+        solver.gather_plan.budget_rays = self.budget_rays
         ledger = solver.ledger
         ledger.energy_w = dict(zip(ENERGY_NAMES, self.energy_w, strict=True))
         ledger.photons, ledger.told, solver.photons_before = self.photons, self.told, self.photons

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..filter.squares import deposit_on_squares
 from ..parallel import shared_arrays
 from ..parallel.folders import keep_view_open
+from ..radiosity.cell_tally import CellFlux
 from ..radiosity.splitting import SplitTally, Splitting, weigh_groups
 from ..radiosity.tally import ShardTally, deposit
 from ..radiosity.tree_view import TreeView
@@ -95,7 +96,7 @@ class PhotonResult:
     counters: Counters
     splitting: SplitTally | None
     births: BirthTally | None
-    lit_elsewhere: NDArray[np.bool_]  # see gather.KnownLight
+    elsewhere: CellFlux  # on sides without a lightmap
 
     @classmethod
     def join(cls, pieces: Sequence[PhotonResult]) -> PhotonResult:
@@ -109,7 +110,7 @@ class PhotonResult:
             squares=ShardTally.join([piece.squares for piece in pieces]),
             audit=EnergyAudit.join([piece.audit for piece in pieces]),
             counters=Counters.join([piece.counters for piece in pieces]),
-            lit_elsewhere=np.logical_or.reduce([piece.lit_elsewhere for piece in pieces]),
+            elsewhere=CellFlux.join([piece.elsewhere for piece in pieces]),
         )
 
 
@@ -127,10 +128,13 @@ def trace_photons(shard: PhotonShard) -> PhotonResult:
 def _sum_up(tracing: Tracing, view: TreeView, shard: PhotonShard, splitting: Splitting | None, hits: ShardHits) -> PhotonResult:
     x, y = tracing.texels.hit_texel_xy(hits.tri, hits.u, hits.v)
     entry = tracing.texels.entry_of(hits.tri, x, y)
-    lit_elsewhere = np.zeros(len(tracing.snapshot.objects), bool)
-    lit_elsewhere[tracing.snapshot.tri_object[hits.elsewhere]] = True
+    cells, on_sides = tracing.cells, hits.elsewhere
+    cell, flux = cells.find(on_sides.tri, on_sides.is_front, on_sides.u, on_sides.v), on_sides.flux_rgb
     if entry.min(initial=0) < 0:  # a face may have no texels, as one that a layer folds to a line
-        lit_elsewhere[tracing.snapshot.tri_object[hits.tri[entry < 0]]] = True
+        lost = np.flatnonzero(entry < 0)
+        tri, u, v = hits.tri.take(lost), hits.u.take(lost), hits.v.take(lost)
+        cell = np.concatenate([cell, cells.find(tri, np.ones(len(lost), bool), u, v)])
+        flux = np.concatenate([flux, hits.flux_rgb.take(lost, axis=1)], axis=1)
         placed = np.flatnonzero(entry >= 0)
         hits, x, y, entry = hits.only(placed), x.take(placed), y.take(placed), entry.take(placed)
     node, s, t = view.locate(tracing.texels.owner_of(entry, x, y), x, y)
@@ -144,7 +148,7 @@ def _sum_up(tracing: Tracing, view: TreeView, shard: PhotonShard, splitting: Spl
             parted = SplitTally.of(hits.groups, noise)
         else:
             born = BirthTally.of(hits.groups, noise, len(splitting.cells))
-    return PhotonResult(sums, on_squares, hits.audit, hits.counters, parted, born, lit_elsewhere)
+    return PhotonResult(sums, on_squares, hits.audit, hits.counters, parted, born, CellFlux.of(cell, flux, len(cells)))
 
 
 def trace_ahead(shard: PhotonShard) -> bool:

@@ -29,6 +29,7 @@ from ..integrate.next_rays import Look, Stop, Tell, choose_texels, have_look
 from ..integrate.other_light import OtherLight
 from ..parallel.executors import spread
 from ..radiosity import basis, quadtree, refine, tally
+from ..radiosity.cell_tally import CellTally
 from ..radiosity.few_photons import CELL_BITS, FewPhotons
 from ..radiosity.splitting import SplitGuide, Splitting, weigh_deposits
 from ..radiosity.tally import Tally
@@ -92,8 +93,7 @@ class Solver:
         self.gathered: GatheredField | None = None
         self.gather_plan = GatherPlan.of(texels)
         self.judged = Judged.of(settings.error_of, texels, self.tracing.snapshot.tri_object)
-        # Texels of two-sided things hold the sum of both sides.
-        self.lit_elsewhere = np.array([thing.two_sided for thing in self.tracing.snapshot.objects], bool)
+        self.cell_tally = CellTally.empty(len(self.tracing.cells))
         self.ledger, self.rounds, self.round = Ledger(), PhotonRounds(self.executor), 0
         self.rule = refine.Rule(settings.oracle, settings.threshold, settings.stability, settings.preview_depth)
 
@@ -166,21 +166,35 @@ class Solver:
         chosen = choose_texels(settings.error, stated, ledger.rays, self.direct, self.gathered)
         if chosen is None:
             return None
-        rays, worst = chosen
+        rays, worst, repeats = chosen
         if rays is self.gathered:
-            return partial(self._gather, reading, stated.relative, worst)
-        return partial(self.direct.shoot, self.folder, settings, self.executor, worst, other=self._other_light(reading))
+            if ledger.gathered >= self.gather_plan.budget_rays:
+                return self._stop_gathering
+            return partial(self._gather, reading, stated.relative, worst, repeats=repeats)
+        return partial(self._shoot_again, reading, worst, repeats)
 
     def _other_light(self, reading: Reading) -> OtherLight | None:
         """What is shown with direct light, as far as photons tell; None where direct light is shown by itself too."""
         return None if "direct" in self.settings.passes else OtherLight.of_leaves(self.tree, reading.solution, reading.leaves)
 
-    def _gather(self, reading: Reading, error: float, texels: NDArray[np.int64], tell: Tell, should_stop: Stop) -> None:
+    def _stop_gathering(self, tell: Tell, should_stop: Stop) -> None:
+        """Go back to the light of the leaves, for photons reduce the error sooner."""
+        self.gathered = None
+
+    def _shoot_again(self, reading: Reading, texels: NDArray[np.int64], repeats: int, tell: Tell, should_stop: Stop) -> None:
+        other = self._other_light(reading)
+        for _ in range(repeats):
+            if not self.direct.shoot(self.folder, self.settings, self.executor, texels, tell, should_stop, other):
+                return
+
+    def _gather(self, reading: Reading, error: float, texels: NDArray[np.int64], tell: Tell, should_stop: Stop, repeats: int = 1) -> None:
         into = self.gathered = self.gathered or GatheredField.none(len(self.tracing.texels), error)
         light, doubt = know_light(self.tree, reading.solution, reading.leaves, self.tracing.texels, self.direct.irradiance)
-        known = KnownLight(light, self.direct.irradiance, doubt, self.lit_elsewhere)
+        known = KnownLight(light, self.direct.irradiance, doubt, *self.cell_tally.irradiance(self.tracing.cells))
         before = into.counters.get("rays", 0)
-        into.gather(self.folder, self.settings, self.executor, texels, known, tell, should_stop)
+        for _ in range(repeats):
+            if not into.gather(self.folder, self.settings, self.executor, texels, known, tell, should_stop):
+                break
         self.ledger.gathered += into.counters.get("rays", 0) - before
         if not into.passes.all():  # stopped before all texels had a first estimate, beside which that of leaves would stand out
             self.gathered = None
@@ -203,7 +217,7 @@ class Solver:
             self.tally.add(shard.shard % 2, result.tally, shard.photons * shard.weight)
             self.square_tally.add(shard.shard % 2, result.squares, shard.photons * shard.weight)
             self.ledger.add(shard.photons, shard.weight, result.audit, result.counters)
-            self.lit_elsewhere |= result.lit_elsewhere
+            self.cell_tally.add(shard.shard % 2, result.elsewhere, shard.photons * shard.weight)
             if self.round and shard.shard % 2 and self.deadline.is_over():  # both halves have as many
                 self.rounds.drop()
                 break

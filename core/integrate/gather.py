@@ -20,6 +20,7 @@ from ..lights.emitters import rotate_to
 from ..scene.materials import SurfaceMaterials
 from ..scene.rays import RayScene
 from ..scene.shadow_rays import MOST_LAYERS
+from ..scene.surface_cells import SurfaceCells
 from ..texels.texel_map import TexelMap
 from ..texels.tiles import Tiles
 from ..transport.mirrors import GlossyScene, follow_mirrors
@@ -36,13 +37,15 @@ class KnownLight:
     light           (3, n) float32: direct, and indirect by photons so far
     direct          (n, 3) float32
     doubt           (n,) float32: half of what one half of the photons tells more than the other, mean of channels
-    lit_elsewhere   (n_object,) bool: light has come to sides of the object whose light no texel tells
+    on_cells        (3, n_cell) float32: all light on sides without a lightmap, by photons
+    cell_doubt      (n_cell,) float32: as doubt
     """
 
     light: Float32
     direct: Float32
     doubt: Float32
-    lit_elsewhere: NDArray[np.bool_]
+    on_cells: Float32
+    cell_doubt: Float32
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,6 @@ class GatherScene:
 
     passing         what they go on through, with what it lets pass
     mirrors         what reflects them specularly: light that comes from lamps by mirrors alone is not gathered, but deposited by photons
-    tri_object      (n_tri,) int
     tri_two_sided   (n_tri,) bool: texels hold the sum of both sides
     tri_told        (n_tri,) bool: texels hold the light on its front
     """
@@ -62,7 +64,7 @@ class GatherScene:
     receiving: ReceivingSurfaces
     surfaces: SurfaceMaterials
     texels: TexelMap
-    tri_object: IntArray
+    cells: SurfaceCells
     tri_two_sided: NDArray[np.bool_]
     tri_told: NDArray[np.bool_]
 
@@ -74,14 +76,12 @@ class GatheredLight:
     irradiance_rgb   (n, 3) float32, W/m^2, as of DirectLight, as are the variance and the counters
     variance_rgb     (n, 3) float32, (W/m^2)^2, of the choice of rays
     doubt            (n,) float32, W/m^2: what comes of KnownLight.doubt
-    blind            (n,) bool: a ray met a side that may send light and is not told
     by_quads, by_openings   each texel looks for itself, at surfaces
     """
 
     irradiance_rgb: Float32
     variance_rgb: Float32
     doubt: Float32
-    blind: NDArray[np.bool_]
     counters: dict[str, int]
     by_quads: bool = False
     by_openings: bool = False
@@ -98,7 +98,7 @@ def gather_light(
 ) -> GatheredLight:
     """Light from surfaces at texels (n,) int; the other arguments as of direct.direct_irradiance, the tolerance relative to all light."""
     irradiance, variance = np.zeros((2, len(texel), 3), np.float32)
-    doubt, blind, n_ray = np.zeros(len(texel), np.float32), np.zeros(len(texel), bool), 0
+    doubt, n_ray = np.zeros(len(texel), np.float32), 0
     for part, chunk in each_chunk(scene.receiving, scene.texels.look_at, texel, scene.tri_two_sided, rng, MOST_TEXELS // 2):
         own_tiles = tiles.within(part)
         demand = Demand(tolerance, smoothed=own_tiles.texels()[: len(own_tiles) * smoothed])
@@ -108,9 +108,8 @@ def gather_light(
         irradiance[part] += light
         variance[part] += error
         doubt[part] += gathering.doubt / np.maximum(gathering.rays, 1)
-        blind[part] |= gathering.blind
         n_ray += traced
-    return GatheredLight(irradiance, variance, doubt, blind, {"rays": n_ray})
+    return GatheredLight(irradiance, variance, doubt, {"rays": n_ray})
 
 
 class _Gathering:
@@ -118,7 +117,6 @@ class _Gathering:
 
     doubt   (n,) float64, W/m^2: sum over rays
     rays    (n,) int64
-    blind   (n,) bool
     """
 
     def __init__(
@@ -126,7 +124,6 @@ class _Gathering:
     ) -> None:
         self._scene, self._known, self._chunk, self._shift, self._rng = scene, known, chunk, shift, rng
         self.doubt, self.rays = np.zeros(len(chunk)), np.zeros(len(chunk), np.int64)
-        self.blind = np.zeros(len(chunk), bool)
 
     def look(self, rows: IntArray, span: Span) -> tuple[Float64, int]:
         """(k, len(rows), 3) float64: what each ray says of all light from surfaces, W/m^2, in the order of strata; and rays traced."""
@@ -187,22 +184,21 @@ class _Gathering:
     ) -> None:
         """Adds what rays (m,), numbered stage by stage, bring from the triangles they met; a share (3, m) of it comes to the texels."""
         scene, known = self._scene, self._known
-        live, (tri, u, v) = ray, hit
+        tri, u, v = hit
         entry = scene.texels.entry_of(tri, *scene.texels.hit_texel_xy(tri, u, v))
         is_front = (direction * take_rows(scene.receiving.normal, tri)).sum(axis=1) < 0
         told = is_front & scene.tri_told[tri] & (entry >= 0)
-        untold = np.flatnonzero(~told)
-        dark = ~known.lit_elsewhere[scene.tri_object[tri[untold]]]
-        if scene.passing is not None or scene.mirrors is not None:  # a pane or mirror that reflects nothing diffusely hides nothing
-            dark |= ~(self._find_albedo(tri[untold], u[untold], v[untold], direction[untold]) > 0).any(axis=0)
-        self.blind[rows[live[untold[~dark]] % len(rows)]] = True
-        live, tri, u, v, entry, share = live[told], tri[told], u[told], v[told], entry[told], share[:, told]
-        albedo = self._find_albedo(tri, u, v, direction[told]) * share
-        self.doubt[rows] += np.bincount(live % len(rows), albedo.mean(axis=0) * known.doubt[entry], len(rows))
-        place = LIGHT_PLACE[span][live // len(rows)] * len(rows) + live % len(rows)
-        for channel, row in enumerate(sent):
-            brought = albedo[channel] * known.light[channel].take(entry)
-            if scene.mirrors is None:
-                row[place] += brought
-            else:  # a ray may be there twice, mirrored and passed
-                row += np.bincount(place, brought, len(row))
+        albedo = self._find_albedo(tri, u, v, direction) * share
+        place = LIGHT_PLACE[span][ray // len(rows)] * len(rows) + ray % len(rows)
+        for sides, index, light, doubt in (
+            (np.flatnonzero(told), entry, known.light, known.doubt),
+            (np.flatnonzero(~told), scene.cells.find(tri, is_front, u, v), known.on_cells, known.cell_doubt),
+        ):
+            at, own, to = index[sides], albedo[:, sides], place[sides]
+            self.doubt[rows] += np.bincount(ray[sides] % len(rows), own.mean(axis=0) * doubt[at], len(rows))
+            for channel, row in enumerate(sent):
+                brought = own[channel] * light[channel].take(at)
+                if scene.mirrors is None:
+                    row[to] += brought
+                else:  # a ray may be there twice, mirrored and passed
+                    row += np.bincount(to, brought, len(row))

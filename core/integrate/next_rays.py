@@ -21,15 +21,19 @@ Stop: TypeAlias = Callable[[], bool]
 Look: TypeAlias = Callable[[Tell, Stop], object]
 
 DIRECT_SHARE = 0.5  # of the error asked for, that direct light by rays may have
+# Estimates of a batch over all that there were before, if so many texels need more: the error is stated after each batch, which takes
+# about as long as a pass of rays over all texels. Batches that grow geometrically are few, and overshoot by this share at most.
+_GROWTH = 0.5
 
 
 def choose_texels(
     error: float, stated: StatedError, traced: int, direct: DirectField, gathered: GatheredField | None
-) -> tuple[DirectField, NDArray[np.intp]] | None:
-    """The field whose rays help most, and the texels (m,) that want more of them; None where a photon's help as much, or no texel does.
+) -> tuple[DirectField, NDArray[np.intp], int] | None:
+    """The field whose rays reduce the error most, the texels (m,) that need more of them, and how many estimates each is to have.
 
-    Squared errors fall as one over the number of rays; and what is gathered has to be so again after more photons. No more texels are
-    chosen than are likely to bring the error asked for.
+    None where a photon reduces it as much, or no texel needs any. Squared errors fall as one over the number of rays; and gathered light
+    has to be gathered again after more photons. No more texels are chosen than are likely to bring the error asked for, or than a batch
+    has anyway (_GROWTH).
 
     error    relative, that is asked for
     traced   rays of photons
@@ -51,23 +55,31 @@ def choose_texels(
     if is_open is not None:
         error2[~is_open] = 0.0
     worst = np.flatnonzero((error2 > most) & (rays.passes < rays.most_passes))
+    least = int(_GROWTH * rays.passes.sum(dtype=np.int64))
     left2 = (error**2 - (stated.chosen**2 - own2)) / SPARE
     if most < left2 < own2:  # else something else keeps the error up, and all of them are to be as sure as they have to be
-        worst = _find_enough(error2, worst, rays.passes[worst], 1.0 - left2 / own2)
-    return (rays, worst) if len(worst) else None
+        worst = _find_enough(error2, worst, rays.passes[worst], 1.0 - left2 / own2, least)
+    if not len(worst):
+        return None
+    # The same few texels may want more again and again: they double what they have had, as far as a batch goes.
+    repeats = min(least // len(worst), int(np.median(rays.passes[worst])))
+    return rays, worst, max(repeats, 1)
 
 
-def _find_enough(error2: NDArray[np.float32], worst: NDArray[np.intp], passes: NDArray[np.int16], share: float) -> NDArray[np.intp]:
+def _find_enough(
+    error2: NDArray[np.float32], worst: NDArray[np.intp], passes: NDArray[np.int16], share: float, least: int
+) -> NDArray[np.intp]:
     """As many of the texels `worst` (m,), ascending, as take a share off the mean of squared errors, (n,) of all: those that err most.
 
     passes   (m,): estimates that each is the mean of
+    least    so many of them at least, if there are
     """
     counted = np.minimum(error2, np.quantile(error2, BEST_TEXELS))  # see StatedError: it leaves the worst out
     gain = counted[worst] / (passes + 1)
     order = np.argsort(-error2[worst], kind="stable")
     wanted = share * counted.sum(dtype=np.float64)
     count = int(np.searchsorted(np.cumsum(gain[order], dtype=np.float64), wanted)) + 1
-    return np.sort(worst[order[:count]])
+    return np.sort(worst[order[: max(count, least)]])
 
 
 def have_look(look: Look, tell: Tell, should_stop: Stop, following: Message) -> None:

@@ -117,7 +117,7 @@ def _open_gather_scene(folder: str) -> gather.GatherScene:
         receiving=direct_scene.surfaces,
         surfaces=scene.surfaces,
         texels=tracing.texels,
-        tri_object=tracing.snapshot.tri_object,
+        cells=tracing.cells,
         tri_two_sided=direct_scene.tri_two_sided,
         tri_told=scene.tri_lit_below == 0,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +66,23 @@ class Groups:
 
 
 @dataclass(frozen=True)
+class SideHits:
+    """Photons that met a side whose light no lightmap holds; from their first surface on, whatever finds direct light.
+
+    tri        (k,) int32
+    u, v       (k,) float32
+    is_front   (k,) bool
+    flux_rgb   (3, k) float32, W
+    """
+
+    tri: _Ints
+    u: _Rows
+    v: _Rows
+    is_front: NDArray[np.bool_]
+    flux_rgb: _Rows
+
+
+@dataclass(frozen=True)
 class ShardHits:
     """The deposits of one shard, in a fixed order.
 
@@ -74,7 +91,7 @@ class ShardHits:
     flux_rgb   (3, m) float32, W
     is_first   (m,) bool        straight from a light; or where photons bring no such light, by mirrors alone
     groups     None where nobody asked for them
-    elsewhere  (k,) int64, ascending: triangles that were lit on a side whose light no lightmap holds
+    elsewhere  what fell on sides whose light no lightmap holds
     """
 
     tri: _Ints
@@ -85,7 +102,7 @@ class ShardHits:
     audit: EnergyAudit
     counters: Counters
     groups: Groups | None
-    elsewhere: NDArray[np.int64]
+    elsewhere: SideHits
 
     def only(self, rows: NDArray[np.intp]) -> ShardHits:
         """The deposits `rows` (k,) alone; what was counted stays."""
@@ -118,7 +135,8 @@ class PhotonLog:
         self._split: list[_Rows] = []
         self._under_way: list[_Ints] = []  # the group of each ray
         self._owner: list[_Ints] = []
-        self._elsewhere: list[_Ints] = [np.zeros(0, np.int32)]
+        none = np.zeros(0, np.float32)
+        self._elsewhere = [SideHits(np.zeros(0, np.int32), none, none, np.zeros(0, bool), np.zeros((3, 0), np.float32))]
 
     def open_groups(self, place: _Ints, split: _Rows) -> _Ints:
         """The numbers (g,) of new groups; arguments as in Groups."""
@@ -140,9 +158,9 @@ class PhotonLog:
         if group is not None:
             self._owner.append(group)
 
-    def light_elsewhere(self, tri: _Ints) -> None:
-        """tri   (m,) int32: as in ShardHits, in any order and more than once"""
-        self._elsewhere.append(tri)
+    def light_elsewhere(self, hits: SideHits) -> None:
+        """Photons that met sides without a lightmap."""
+        self._elsewhere.append(hits)
 
     def take(self) -> ShardHits:
         """All since the last time; groups are told once, of what has become of them by then."""
@@ -158,7 +176,7 @@ class PhotonLog:
             EnergyAudit(self.emitted, self.absorbed, self.escaped, self.remainder, self.passed, self.mirrored),
             Counters(self.photons, self.rays, self.n_hit),
             self._groups() if self._place else None,
-            np.flatnonzero(np.bincount(np.concatenate(self._elsewhere))),
+            SideHits(*(np.concatenate([getattr(hits, one.name) for hits in self._elsewhere], axis=-1) for one in fields(SideHits))),
         )
         self._forget()
         return hits

@@ -29,7 +29,7 @@ from .birth_cells import BirthCells
 from .births import BATCH, Arrivals, Photons, bear_photons, find_hidden, join_photons, join_waves, light_every_surface, soften
 from .mirrors import reflect_photons
 from .passing import Passing
-from .photon_log import PhotonLog, ShardHits
+from .photon_log import PhotonLog, ShardHits, SideHits
 
 _SMOOTH_DEVIATION = 1e-3  # a corner normal nearer to the face's own than this is flat shading
 # Veach's weight is unbounded at grazing incidence. Its expectation loses less than LEAST_COSINE * sin(angle between the normals) / pi.
@@ -206,9 +206,11 @@ def _meet(
     normal = gather(scene.tri_normal, index)
     cosine = _dot(arrived.direction, normal)  # < 0 on the front
     lit = cosine < gather(scene.tri_lit_below, index)
-    elsewhere = (~lit).nonzero()[0]
+    is_front = cosine < 0
+    elsewhere = (~(is_front & (gather(scene.tri_lit_below, index) == 0))).nonzero()[0]
     if len(elsewhere):
-        log.light_elsewhere(gather(tri, elsewhere))
+        own = arrived.only(elsewhere)
+        log.light_elsewhere(SideHits(own.tri, own.u, own.v, gather(is_front, elsewhere), own.flux))
     if depth or not skip_first:
         is_first = np.full(len(tri), depth == 0)
         if skip_first and arrived.mirrored is not None:

@@ -13,8 +13,9 @@ from ..scene.materials import SurfaceMaterials
 from ..scene.pruning import prune_scene
 from ..scene.scene import SceneSnapshot
 from ..scene.snapshot import load_snapshot
+from ..scene.surface_cells import SurfaceCells
 from ..texels.texel_map import TexelMap
-from ..util.geometry import UnitBox
+from ..util.geometry import UnitBox, triangle_normals_areas
 from ..util.heap import keep_freed_memory
 from ..util.job import SNAPSHOT_FILE
 from . import photons
@@ -29,6 +30,7 @@ class TracedScene:
     scene: photons.TraceScene
     meshes: EmittingMeshes
     warnings: tuple[tuple[str, str], ...]  # subject, sentence
+    cells: SurfaceCells  # of sides without a lightmap
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,8 @@ def open_scene(folder: str) -> TracedScene:
     meshes = EmittingMeshes.of(snapshot, surfaces)
     emitters, warnings = build_emitters(snapshot, unit_box, surfaces, meshes)
     scene = photons.build_trace_scene(snapshot, unit_box, surfaces, emitters)
-    return TracedScene(snapshot, unit_box, scene, meshes, tuple(warnings))
+    cells = SurfaceCells.of(triangle_normals_areas(snapshot.tri_position)[1], scene.tri_lit_below == 0)
+    return TracedScene(snapshot, unit_box, scene, meshes, tuple(warnings), cells)
 
 
 @keep_scene_open
@@ -59,7 +62,7 @@ def open_tracing(folder: str) -> Tracing:
     """The same with the texel map that was written there too."""
     opened = open_scene(folder)
     texels = shared_arrays.load_struct(Path(folder) / TEXELS_FOLDER, TexelMap)
-    return Tracing(opened.snapshot, opened.unit_box, opened.scene, opened.meshes, opened.warnings, texels)
+    return Tracing(opened.snapshot, opened.unit_box, opened.scene, opened.meshes, opened.warnings, opened.cells, texels)
 
 
 def open_ahead(folder: str) -> None:

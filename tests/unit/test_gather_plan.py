@@ -116,6 +116,15 @@ def test_what_is_known_is_direct_light_and_that_of_leaves(tmp_path, monkeypatch)
     np.testing.assert_allclose(known - direct.T, at_texels, rtol=1e-3, atol=1e-4 * at_texels.max())
 
 
+def test_a_bake_whose_gathering_took_more_rays_than_photons_were_to_need_goes_back_to_leaves_for_good():
+    """Of 21.63 times 500,000 rays, see above."""
+    plan = GatherPlan(40_000, 1.0)
+    assert plan.pays(ASKED, NOISY, LEDGER, 3, lambda: 1.0)
+    assert plan.budget_rays == pytest.approx(21.63 * LEDGER.rays, rel=1e-3)
+    assert plan.pays(ASKED, NOISY, replace(LEDGER, gathered=int(0.99 * plan.budget_rays)), 4, lambda: 1.0)
+    assert not plan.pays(ASKED, NOISY, replace(LEDGER, gathered=int(1.01 * plan.budget_rays)), 4, lambda: 1.0)
+
+
 def test_tiles_are_counted(tmp_path):
     solver = make_solver(tmp_path, lamp_scene(), Settings(size=128, padding=1))
     assert solver.gather_plan.n_texel == len(solver.tracing.texels)

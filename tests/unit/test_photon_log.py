@@ -1,7 +1,7 @@
 """What a shard reports, put together from pieces."""
 
 import numpy as np
-from leaflight.core.transport.photon_log import PhotonLog
+from leaflight.core.transport.photon_log import PhotonLog, SideHits
 
 RED = np.float32([[1.0], [0.0], [0.0]])
 
@@ -9,7 +9,7 @@ RED = np.float32([[1.0], [0.0], [0.0]])
 def deposit(log, tri, group=None):
     count = len(tri)
     place = np.linspace(0, 1, count, dtype=np.float32)
-    log.deposit(np.array(tri, np.int32), place, 1 - place, RED.repeat(count, axis=1), group is None, group)
+    log.deposit(np.array(tri, np.int32), place, 1 - place, RED.repeat(count, axis=1), np.full(count, group is None), group)
 
 
 def test_pieces_follow_each_other():
@@ -68,12 +68,17 @@ def test_a_shard_without_photons_has_all_fields():
     assert log.take().groups.rays.tolist() == [0]
 
 
-def test_triangles_lit_where_no_lightmap_tells_are_named_once():
+def test_hits_on_sides_without_a_lightmap_are_kept_in_order():
     log = PhotonLog()
-    assert log.take().elsewhere.tolist() == []
+    assert log.take().elsewhere.tri.tolist() == []
     for tri in ([5, 2, 5], [], [2]):
-        log.light_elsewhere(np.array(tri, np.int32))
-    assert log.take().elsewhere.tolist() == [2, 5]
+        some = np.array(tri, np.float32)
+        log.light_elsewhere(SideHits(np.array(tri, np.int32), some / 10, some / 20, some > 3, np.tile(some, (3, 1))))
+    found = log.take().elsewhere
+    assert found.tri.tolist() == [5, 2, 5, 2]
+    assert found.is_front.tolist() == [True, False, True, False]
+    np.testing.assert_array_equal(found.flux_rgb, np.float32([[5, 2, 5, 2]] * 3))
+    assert log.take().elsewhere.tri.tolist() == []
 
 
 def test_what_is_taken_before_the_end_is_not_told_again():

@@ -396,6 +396,7 @@ class Recorder(executors.InlineExecutor):
     """Keeps what it was asked to do."""
 
     def __init__(self):
+        super().__init__()
         self.shards = []
 
     def submit(self, fn, /, *args, **kwargs):
@@ -456,7 +457,7 @@ def test_rays_that_are_shot_again_are_told_of_other_light_too(tmp_path, monkeypa
     monkeypatch.setattr(direct_shards, "TOLERANCE", 20.0)
     solver, told = make_solver(tmp_path, lamp_scene(rho=0.05), replace(SETTINGS, error=0.03, denoise=False)), []
     shoot = solver.direct.shoot
-    monkeypatch.setattr(solver.direct, "shoot", lambda *arguments, other: told.append(other) or shoot(*arguments, other=other))
+    monkeypatch.setattr(solver.direct, "shoot", lambda *arguments: told.append(arguments[-1]) or shoot(*arguments))
     solver.run(lambda message: None, lambda: False)
     assert told
     assert all(other.level.shape == solver.direct.passes.shape for other in told)

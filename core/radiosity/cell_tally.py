@@ -1,0 +1,65 @@
+"""Irradiance on sides of surfaces that have no lightmap, which gather rays meet too.
+
+Photons are counted in the cells of scene.surface_cells: a constant basis at a fixed level. It is read one bounce away alone, where it is
+averaged over all that a texel sees.
+
+Source: [Tobler97] eq. 9 with N_0 alone, on triangles in place of charts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.surface_cells import SurfaceCells
+from ..util.arrays import Float32, FloatArray
+
+
+@dataclass(frozen=True)
+class CellFlux:
+    """Flux of one shard: cell (k,) int64, ascending; flux (3, k) float64, W."""
+
+    cell: NDArray[np.int64]
+    flux: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, cell: NDArray[np.int64], flux: FloatArray, n_cell: int) -> CellFlux:
+        """Sums of deposits, cells (m,) of so many and flux (3, m)."""
+        touched = np.flatnonzero(np.bincount(cell, minlength=n_cell))
+        return cls(touched, np.stack([np.bincount(cell, channel, n_cell)[touched] for channel in flux]))
+
+    @classmethod
+    def join(cls, parts: Sequence[CellFlux]) -> CellFlux:
+        """The sums of all."""
+        cell = np.concatenate([part.cell for part in parts])
+        return cls.of(cell, np.concatenate([part.flux for part in parts], axis=1), int(cell.max(initial=-1)) + 1)
+
+
+@dataclass
+class CellTally:
+    """Sums of the odd and the even shards of a bake.
+
+    flux      (2, 3, n_cell) float64, W: of photons that each carry all the light, as in tally.Tally
+    photons   (2,) float64
+    """
+
+    flux: NDArray[np.float64]
+    photons: NDArray[np.float64]
+
+    @classmethod
+    def empty(cls, n_cell: int) -> CellTally:
+        return cls(np.zeros((2, 3, n_cell)), np.zeros(2))
+
+    def add(self, half: int, found: CellFlux, photons: float) -> None:
+        """Add a shard of so many photons, each counted by its weight."""
+        self.flux[half][:, found.cell] += found.flux
+        self.photons[half] += photons
+
+    def irradiance(self, cells: SurfaceCells) -> tuple[Float32, Float32]:
+        """(3, n_cell) float32, W/m^2; and (n_cell,) half of what one half of the photons found more than the other, mean of channels."""
+        both = (self.flux.sum(axis=0) / max(self.photons.sum(), 1.0) / cells.area_m2).astype(np.float32)
+        first, second = (flux.mean(axis=0) / max(count, 1.0) for flux, count in zip(self.flux, self.photons, strict=True))
+        return both, ((first - second) / cells.area_m2 / 2.0).astype(np.float32)

@@ -1,0 +1,59 @@
+"""Cells on the sides of triangles that have no lightmap: objects that are not baked, and the backs of those that are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import Float32, FloatArray, IntArray
+
+_CELLS = 2**20  # about so many; a million photons then bring some tens to each that is lit
+_MOST_PER_SIDE = 512  # of a triangle
+_TINY = 1e-30  # m^2
+
+
+@dataclass(frozen=True)
+class SurfaceCells:
+    """The cells of the fronts and backs of n triangles: per_edge^2 congruent triangles on each side.
+
+    start      (2, n) int64: the first cell of each front and back
+    per_edge   (2, n) int32: rows of cells along each edge
+    area_m2    (n_cell,) float64
+    """
+
+    start: NDArray[np.int64]
+    per_edge: NDArray[np.int32]
+    area_m2: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, area_m2: FloatArray, has_lightmap: NDArray[np.bool_]) -> SurfaceCells:
+        """Cells of triangles (n,).
+
+        has_lightmap   (n,) bool: texels keep the light on the front, which has but one cell then
+        """
+        sides = np.stack([~has_lightmap, np.ones(len(area_m2), bool)])
+        cell_m2 = max(float((sides * area_m2).sum()) / _CELLS, _TINY)
+        per_edge = np.clip(np.rint(np.sqrt(area_m2 / cell_m2)), 1, _MOST_PER_SIDE).astype(np.int32)
+        per_side = np.where(sides, per_edge, 1).astype(np.int32)
+        count = per_side.astype(np.int64).ravel() ** 2
+        end = np.cumsum(count)
+        area = np.repeat(np.tile(area_m2, 2) / count, count)
+        return cls((end - count).reshape(sides.shape), per_side, np.maximum(area, _TINY))
+
+    def __len__(self) -> int:
+        return len(self.area_m2)
+
+    def find(self, tri: IntArray, is_front: NDArray[np.bool_], u: Float32, v: Float32) -> NDArray[np.int64]:
+        """(m,) int64: cells at points of triangles (m,), by weights of their corners 1 and 2.
+
+        Row r from corner 0 along v has 2 (k - r) - 1 cells, upright and upside down in turn.
+        """
+        side = np.where(is_front, 0, 1)
+        edge = self.per_edge[side, tri].astype(np.int64)
+        row = np.clip((v * edge).astype(np.int64), 0, edge - 1)
+        column = np.clip((u * edge).astype(np.int64), 0, edge - 1 - row)
+        upside_down = (u * edge - column + v * edge - row > 1.0) & (column + row < edge - 1)
+        cell: NDArray[np.int64] = self.start[side, tri] + row * (2 * edge - row) + 2 * column + upside_down
+        return cell

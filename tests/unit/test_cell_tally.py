@@ -1,0 +1,81 @@
+"""Cells on sides without a lightmap: they tile each triangle evenly, and hold the irradiance of the photons that fall on them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from leaflight.core.radiosity.cell_tally import CellFlux, CellTally
+from leaflight.core.scene.surface_cells import SurfaceCells
+from leaflight.core.util.sampling import square_to_uniform_triangle
+
+AREA_M2 = np.array([4.0, 0.01, 1.0, 0.0])
+HAS_LIGHTMAP = np.array([False, False, True, False])
+
+
+@pytest.fixture(scope="module")
+def cells():
+    return SurfaceCells.of(AREA_M2, HAS_LIGHTMAP)
+
+
+def points(count, seed=1):
+    u, v = square_to_uniform_triangle(np.random.default_rng(seed).random((count, 2), dtype=np.float32)).T
+    return u, v
+
+
+def test_each_side_has_its_own_cells_and_a_lightmap_s_front_one(cells):
+    area = np.zeros((2, len(AREA_M2)))
+    for side in (0, 1):
+        for tri in range(len(AREA_M2)):
+            first, count = cells.start[side, tri], cells.per_edge[side, tri] ** 2
+            area[side, tri] = cells.area_m2[first : first + count].sum()
+    np.testing.assert_allclose(area, [AREA_M2, AREA_M2], atol=1e-12)
+    assert cells.per_edge[0, 2] == 1 < cells.per_edge[1, 2]
+    assert len(np.unique(np.sort(cells.start.ravel()))) == 8
+    assert len(cells) == (cells.per_edge.astype(int) ** 2).sum()
+
+
+def test_points_that_are_spread_evenly_fall_evenly_into_the_cells(cells):
+    u, v = points(400_000)
+    tri = np.ones(len(u), int)
+    cell = cells.find(tri, np.zeros(len(u), bool), u, v)
+    first, count = cells.start[1, 1], cells.per_edge[1, 1] ** 2
+    assert count > 10
+    assert ((cell >= first) & (cell < first + count)).all()
+    found = np.bincount(cell - first, minlength=count)
+    expected = len(u) / count
+    assert ((found - expected) ** 2 / expected).sum() / count == pytest.approx(1.0, abs=6 * np.sqrt(2 / count))
+
+
+def test_the_points_of_a_cell_lie_together(cells):
+    """No two of them are farther apart than its longest edge, for a right triangle of legs 1."""
+    u, v = points(200_000, seed=2)
+    cell = cells.find(np.full(len(u), 1), np.ones(len(u), bool), u, v)
+    edge = cells.per_edge[0, 1]
+    for place in (u, v):
+        low, high = np.full(len(cells), 2.0), np.full(len(cells), -1.0)
+        np.minimum.at(low, cell, place)
+        np.maximum.at(high, cell, place)
+        assert (high - low).max() <= 1.0 / edge + 1e-5
+
+
+def test_corners_and_rounding_stay_within_the_triangle(cells):
+    u, v = np.float32([0, 1, 0, 0.5, 1.0000001, 0]), np.float32([0, 0, 1, 0.5, 0, 1.0000001])
+    cell = cells.find(np.zeros(6, int), np.ones(6, bool), u, v)
+    assert ((cell >= cells.start[0, 0]) & (cell < cells.start[0, 0] + cells.per_edge[0, 0] ** 2)).all()
+
+
+def test_light_is_flux_over_area_and_doubt_is_half_the_gap_of_the_halves(cells):
+    tally = CellTally.empty(len(cells))
+    u, v = points(50_000)
+    cell = cells.find(np.full(len(u), 1), np.ones(len(u), bool), u, v)
+    # Each photon of a shard carries its share of 3, 2 and 1 W, of which all fall on the triangle.
+    for half, more in ((0, 1.0), (1, 1.5)):
+        flux = np.float32([[3.0], [2.0], [1.0]]) * more * np.ones(len(u), np.float32)
+        parts = [CellFlux.of(cell[part], flux[:, part], len(cells)) for part in (slice(0, 1000), slice(1000, None))]
+        tally.add(half, CellFlux.join(parts), len(u))
+    light, doubt = tally.irradiance(cells)
+    mine = np.arange(cells.start[0, 1], cells.start[0, 1] + cells.per_edge[0, 1] ** 2)
+    power = (light[:, mine] * cells.area_m2[mine]).sum(axis=1)
+    np.testing.assert_allclose(power, [3.75, 2.5, 1.25], rtol=1e-5)
+    assert (doubt[mine] * cells.area_m2[mine]).sum() == pytest.approx(-0.5, rel=1e-5)
+    assert light.sum() == pytest.approx(light[:, mine].sum())
