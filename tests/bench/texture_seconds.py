@@ -1,6 +1,6 @@
 """How long the textures of a scene take to be read: one of 4096^2, and sixty of 2048^2.
 
-python tests/bench/bench_textures.py      prints seconds by the clock and of the processor; needs an idle machine
+python tests/bench/texture_seconds.py      prints seconds by the clock and of the processor; needs an idle machine
 """
 
 from __future__ import annotations
