@@ -107,16 +107,14 @@ def light_at_texels(
     noise = field.direct.find_variance() if doubt else None
 
     def finish(part: slice) -> None:
-        if by_mirrors:  # light from lamps by mirrors alone: photons tell of it apart, for nobody gathers it
-            by_part[1, part] += by_part[0, part]
-        elif not first:
+        if not first:  # by photons or, beside rays, from lamps by mirrors alone, which nobody gathers
             by_part[0, part] += by_rays[part]
         if noise is not None:
             variance[part] += noise[part]
             np.sqrt(variance[part], out=variance[part])
 
     run_on_threads(finish, n_texel, threads)
-    return TexelLight(by_rays if first or by_mirrors else by_part[0], by_part[-1], variance if doubt else None, leaf)
+    return TexelLight(by_rays if first else by_part[0], by_part[-1], variance if doubt else None, leaf)
 
 
 def _any_direct(field: LightField) -> bool:
