@@ -34,6 +34,7 @@ from ..util.messages import Done, Message, Status, Warning_
 from ..util.settings import DEBUG_PASSES, Settings
 from ..util.words import Interrupted
 from . import checkpoint, earlier_bakes, kept_bake, solve, tasks
+from .dark_objects import name_dark
 from .deadline import Deadline
 from .first_photons import FirstPhotons
 from .light_search import LightSearch
@@ -143,6 +144,7 @@ def _bake(run: Run, loaded: _Loaded, executor: Executor) -> LightField:
     if hurried:  # a round of photons, shown as it is, is all there is time for
         settings, first = dataclasses.replace(settings, direct="photons", gather=False), FirstPhotons()
     light, solver = LightSearch(run, settings, needs, receivers, executor, first, loaded.surfaces, snapshot.tri_object).find()
+    run.warn(name_dark(snapshot, receivers.texels, light))
     with run.stage(_WRITING):
         files, spare, seam_report = _write_pages(run, hurried, snapshot, atlas, receivers.texels, light, loaded.surfaces, executor)
     stateless = False

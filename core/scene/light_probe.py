@@ -81,6 +81,18 @@ class LightProbe:
         place = origin + np.where(met, hits.distance, 0)[:, None].astype(np.float32) * direction
         return Seen(hits.tri, distance, is_front, place, np.where(is_front[:, None], normal, -normal))
 
+    @property
+    def has_sky(self) -> bool:
+        return self._sky > 0.0
+
+    def find_glowing(self) -> NDArray[np.int64]:
+        """(n,) int64: triangles that glow."""
+        return self._glowing[0]
+
+    def meet(self, origin: NDArray[np.float32], direction: NDArray[np.float32]) -> NDArray[np.int32]:
+        """(n,) int32: the triangle that each ray meets, -1 none; from points that lie on no surface."""
+        return self._rays.closest(origin, direction).tri
+
     def find_irradiance(self, point: NDArray[np.float32], side: NDArray[np.float32], bounces: int = 1) -> NDArray[np.float64]:
         """(n,) float64, W/m^2: from lamps and what glows, from the sky by one ray each, and what is reflected on the way."""
         total = np.zeros(len(point))

@@ -1,0 +1,99 @@
+"""Why no light reaches an object: what its lamps, or it itself, are enclosed by."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import IntArray
+from .light_probe import LightProbe
+from .scene import Light
+
+_POINTS, _BOUNCES = 1024, 4  # that have to be dark before it is said
+_RAYS = 512
+_ENCLOSED = 0.995  # of the rays that meet one object
+_MOST_LAMPS = 8  # that are looked at
+
+
+def describe_dark(probe: LightProbe, objects: Iterable[int]) -> list[tuple[str, str]]:
+    """(name, sentence) of those of the objects that no light reaches, with the reason where it is found."""
+    snapshot, lamps = probe.snapshot, None
+    said = []
+    for number in objects:
+        tri = np.flatnonzero((snapshot.tri_object == number) & (probe.area > 0.0))
+        if not len(tri):
+            continue
+        point, side = probe.spread_points(_spread(probe, tri, _POINTS))
+        if probe.find_irradiance(point, side, _BOUNCES).any():
+            continue
+        lamps = lamps if lamps is not None else _find_enclosed_lamps(probe)
+        reason = "; ".join(lamps) or _find_enclosure(probe, number, point, side)
+        said.append((snapshot.objects[number].name, f"is reached by no light{': ' if reason else ''}{reason}"))
+    return said
+
+
+def _spread(probe: LightProbe, tri: IntArray, count: int) -> NDArray[np.int64]:
+    """(count,) of the triangles, by area."""
+    area = np.cumsum(probe.area[tri])
+    at = (np.arange(count) + 0.5) / count * area[-1]
+    spread: NDArray[np.int64] = tri[np.minimum(np.searchsorted(area, at), len(tri) - 1)]
+    return spread
+
+
+def _find_enclosed_lamps(probe: LightProbe) -> list[str]:
+    """What encloses each lamp that has a place; nothing where one of them, or what glows, is free, or lights come from outside too."""
+    snapshot = probe.snapshot
+    lamps = [light for light in snapshot.lights if any(light.power_rgb)]
+    near = [light for light in lamps if light.kind != "SUN"]
+    glowing = np.unique(snapshot.tri_object[probe.find_glowing()])
+    if len(near) < len(lamps) or probe.has_sky or len(near) + len(glowing) > _MOST_LAMPS:
+        return []
+    shells = [(lamp.name, _find_shell(probe, *_look_around_lamp(probe, lamp), -1)) for lamp in near]
+    for number in glowing:
+        tri = np.intersect1d(probe.find_glowing(), np.flatnonzero(snapshot.tri_object == number))
+        point, side = probe.spread_points(_spread(probe, tri, _RAYS))
+        both = np.concatenate([point, point]), np.concatenate([side, -side])
+        shells.append((snapshot.objects[number].name, _find_shell(probe, *both, int(number))))
+    return [f"{name} is enclosed by {shell}" for name, shell in shells] if all(shell for _, shell in shells) else []
+
+
+def _look_around_lamp(probe: LightProbe, lamp: Light) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Places of a lamp, and directions (n, 3) that it shines to."""
+    rng = np.random.default_rng(0)
+    direction = rng.normal(size=(4 * _RAYS, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    if lamp.kind in ("SPOT", "AREA"):
+        least = math.cos(lamp.cone_angle_rad / 2) if lamp.kind == "SPOT" else 0.0
+        direction = direction[-direction @ np.array(lamp.rotation[2]) > least]
+    place = np.repeat(probe.box.to_unit(np.array([lamp.position_m])), len(direction), axis=0)
+    return place, direction.astype(np.float32)
+
+
+def _find_shell(probe: LightProbe, point: NDArray[np.float32], direction: NDArray[np.float32], own: int) -> str:
+    """Name of the one object, not the `own` one, that nearly all of rays meet; "" where there is none."""
+    if not len(point):
+        return ""
+    tri = probe.look(point, direction).tri if own >= 0 else probe.meet(point, direction)
+    met = probe.snapshot.tri_object[tri[tri >= 0]]
+    met, lost = met[met != own], np.count_nonzero(tri < 0)
+    if not len(met):
+        return ""
+    count = np.bincount(met)
+    shell = int(count.argmax())
+    return probe.snapshot.objects[shell].name if count[shell] >= _ENCLOSED * (len(met) + lost) else ""
+
+
+def _find_enclosure(probe: LightProbe, number: int, point: NDArray[np.float32], side: NDArray[np.float32]) -> str:
+    """What an object's own rays meet, where none gets out."""
+    tri = probe.look(point, side).tri
+    if (tri < 0).any():
+        return ""
+    count = np.bincount(probe.snapshot.tri_object[tri], minlength=len(probe.snapshot.objects))
+    count[number] = 0
+    shell = int(count.argmax())
+    if count[shell] < max(_ENCLOSED * count.sum(), len(tri) / 2):
+        return "it is closed in by its surroundings, and the light is outside"
+    return f"it is enclosed by {probe.snapshot.objects[shell].name}, and the light is outside"
