@@ -1,0 +1,101 @@
+"""Light by every kind of matter: a floor in a small scene of each, baked by Leaflight and by Cycles. Fills docs/matter.md.
+
+python bench_matter.py [--samples N] [--size N] [--docs] [NAME ...]
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from cycles_bake import bake_cycles, set_stage
+from leaflight.addon.ui import cli
+from leaflight.core.output.image_file import read_image, write_image
+from lightmap_errors import LightmapErrors, measure_errors
+from matter_scenes import FLOOR, SCENES
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE, SHEET = ROOT / "docs" / "matter.md", ROOT / "docs" / "matter.png"
+_MEAN_TARGET, _NRMSE_TARGET = 0.01, 0.04
+_COLUMNS, _GAP = 4, 4  # of the sheet, pairs; texels
+_HEAD = """# Light by every kind of matter
+
+A floor of 4 m in a small scene for each kind of matter, baked by Leaflight (`--error 0.01`) and by Cycles (DIFFUSE, direct and indirect,
+without colour; all bounces, no clamping, {samples} samples twice) on the same UV layer. *mean* is Leaflight's mean light over Cycles',
+*nrmse* the root mean square difference over the mean, from which Cycles' own noise is taken off. Targets: 1 % and 4 %.
+`make bench-matter` makes this page.
+
+| matter | mean | nrmse | |
+| --- | --- | --- | --- |
+"""
+
+
+def bake_leaflight(blend: Path, size: int, folder: Path) -> np.ndarray:
+    """(size, size, 4) float32 of the floor's lighting."""
+    words = ["bake", str(blend), "--objects", FLOOR, "--uv-layer", "UVMap", "--size", str(size), "--pass", "lighting", "--error", "0.01"]
+    code = cli.main([*words, "--per-object", "--no-assign", "--quiet", "--output", str(folder)], "leaflight", with_scene=True)
+    if code:
+        raise RuntimeError(f"{blend.stem}: Leaflight gave {code}")
+    pixels, _ = read_image(next(folder.glob("*.lighting.exr")))
+    return np.asarray(pixels)
+
+
+def compare(name: str, size: int, samples: int) -> tuple[LightmapErrors, float, np.ndarray, np.ndarray]:
+    """Errors of a scene's floor, the means' quotient, and both pictures."""
+    with tempfile.TemporaryDirectory() as folder:
+        blend = Path(folder) / "scene.blend"
+        SCENES[name]()
+        import bpy
+
+        bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+        ours = bake_leaflight(blend, size, Path(folder) / "out")
+        stage = set_stage(blend, size, Path(folder), (FLOOR,), uv_layer="UVMap")
+        stage.scene.cycles.glossy_bounces = stage.scene.cycles.transparent_max_bounces = 64
+        first, second = (bake_cycles(stage, samples, seed)[0] for seed in (1, 2))
+    baked = (first[..., 3] > 0) & (ours[..., 3] > 0)
+    value, one, two = (pixels[baked][:, :3] for pixels in (ours, first, second))
+    return measure_errors(value, one, two, noisy=True), float(2 * value.mean() / (one.mean() + two.mean())), ours, (first + second) / 2
+
+
+def draw_sheet(pairs: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """(height, width, 4): Leaflight's picture left of Cycles' in each pair, row by row from the top, each pair to its own brightness."""
+    size = len(pairs[0][0])
+    rows = -(-len(pairs) // _COLUMNS)
+    sheet = np.ones((rows * (size + _GAP), _COLUMNS * (2 * size + 2 * _GAP), 4), np.float32)
+    for number, pair in enumerate(pairs):
+        row, column = divmod(number, _COLUMNS)
+        scale = 0.9 / max(float(np.quantile(pair[1][..., :3], 0.99)), 1e-9)
+        for k, picture in enumerate(pair):
+            low, left = (rows - 1 - row) * (size + _GAP), column * (2 * size + 2 * _GAP) + k * (size + 1)
+            sheet[low : low + size, left : left + size, :3] = picture[..., :3] * scale
+    return np.clip(sheet, 0, 1)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", choices=[[], *SCENES], default=[])
+    parser.add_argument("--samples", type=int, default=256)
+    parser.add_argument("--size", type=int, default=64)
+    parser.add_argument("--docs", action="store_true")
+    options = parser.parse_args()
+    lines, pairs, missed = [], [], 0
+    for name in options.names or SCENES:
+        errors, mean, ours, theirs = compare(name, options.size, options.samples)
+        good = abs(mean - 1) <= _MEAN_TARGET and errors.nrmse <= _NRMSE_TARGET
+        missed += not good
+        lines.append(f"| {name} | {mean:.3f} | {errors.nrmse:.1%} | {'' if good else 'missed'} |")
+        print(lines[-1], flush=True)
+        pairs.append((ours, theirs))
+    if options.docs:
+        write_image(SHEET, draw_sheet(pairs), {}, "png")
+        picture = f"\nLeft of each pair Leaflight, right Cycles, in the order of the table:\n\n![Pairs of floors]({SHEET.name})\n"
+        PAGE.write_text(_HEAD.format(samples=options.samples) + "\n".join(lines) + "\n" + picture, encoding="utf-8")
+    print(f"{len(lines) - missed} of {len(lines)} scenes within the targets")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

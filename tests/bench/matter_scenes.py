@@ -1,0 +1,188 @@
+"""Small scenes of one kind of matter each: a floor with a layer UVMap, and what lights it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import bpy
+import numpy as np
+
+FLOOR = "Floor"
+_SQUARE = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], float)
+_TURN_UP = (3.14159265, 0.0, 0.0)
+_NOWHERE = (0.0, 0.0, 0.0)
+
+
+class Scene:
+    """The open scene, emptied, with a grey floor of 4 m."""
+
+    def __init__(self) -> None:
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        self.floor = self.add_square(FLOOR, self.shade("Grey", self.diffuse(0.5)), 2.0)
+
+    def shade(self, name: str, make: Callable[[Any], Any]) -> Any:
+        """A material whose surface is the shader that `make` adds to its tree."""
+        material = bpy.data.materials.new(name)
+        material.use_nodes = True
+        tree = material.node_tree
+        tree.nodes.clear()
+        output = tree.nodes.new("ShaderNodeOutputMaterial")
+        tree.links.new(output.inputs["Surface"], make(tree).outputs[0])
+        return material
+
+    def node(self, kind: str, **inputs: Any) -> Callable[[Any], Any]:
+        """A shader node by its inputs: values, or sockets of nodes made before."""
+
+        def make(tree: Any) -> Any:
+            node = tree.nodes.new(f"ShaderNode{kind}")
+            for name, value in inputs.items():
+                socket = node.inputs[name.replace("_", " ")]
+                if callable(value):
+                    tree.links.new(socket, value(tree))
+                else:
+                    socket.default_value = value
+            return node
+
+        return make
+
+    def diffuse(self, *rgb: float) -> Callable[[Any], Any]:
+        color = rgb if len(rgb) == 3 else rgb * 3
+        return self.node("BsdfDiffuse", Color=(*color, 1.0))
+
+    def principled(self, **inputs: Any) -> Callable[[Any], Any]:
+        return self.node("BsdfPrincipled", **inputs)
+
+    def mix(self, fraction: Any, first: Callable[[Any], Any], second: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        def make(tree: Any) -> Any:
+            node = tree.nodes.new("ShaderNodeMixShader")
+            if callable(fraction):
+                tree.links.new(node.inputs[0], fraction(tree))
+            else:
+                node.inputs[0].default_value = fraction
+            tree.links.new(node.inputs[1], first(tree).outputs[0])
+            tree.links.new(node.inputs[2], second(tree).outputs[0])
+            return node
+
+        return make
+
+    def leaf_alpha(self, tree: Any) -> Any:
+        """The alpha of an image of a round leaf."""
+        y, x = np.mgrid[:64, :64] / 32 - 1 + 1 / 64
+        pixels = np.ones((64, 64, 4), np.float32)
+        pixels[..., 3] = x**2 + y**2 < 0.6
+        image = bpy.data.images.new("Leaf", 64, 64, alpha=True, float_buffer=True)
+        image.pixels.foreach_set(pixels.ravel())
+        image.pack()
+        node = tree.nodes.new("ShaderNodeTexImage")
+        node.image = image
+        return node.outputs["Alpha"]
+
+    def light_path(self, name: str) -> Callable[[Any], Any]:
+        return lambda tree: tree.nodes.new("ShaderNodeLightPath").outputs[name]
+
+    def add_square(
+        self, name: str, material: Any, half: float, place: tuple[float, ...] = (0, 0, 0), turn: tuple[float, ...] = (0, 0, 0)
+    ) -> Any:
+        mesh = bpy.data.meshes.new(name)
+        mesh.from_pydata((half * _SQUARE).tolist(), [], [(0, 1, 2, 3)])
+        layer = mesh.uv_layers.new(name="UVMap")
+        layer.uv.foreach_set("vector", np.float32([0, 0, 1, 0, 1, 1, 0, 1]))
+        mesh.materials.append(material)
+        obj = bpy.data.objects.new(name, mesh)
+        obj.location, obj.rotation_euler = place, turn
+        bpy.context.scene.collection.objects.link(obj)
+        return obj
+
+    def add_light(self, kind: str, power: float, place: tuple[float, ...], turn: tuple[float, ...] = (0, 0, 0), size: float = 0.2) -> None:
+        data = bpy.data.lights.new(kind, kind)
+        data.energy = power
+        if kind == "AREA":
+            data.size = size
+        elif kind == "SUN":
+            data.angle = size
+        else:
+            data.shadow_soft_size = size
+        if kind == "SPOT":
+            data.spot_size, data.spot_blend = 0.9, 0.0
+        obj = bpy.data.objects.new(kind, data)
+        obj.location, obj.rotation_euler = place, turn
+        bpy.context.scene.collection.objects.link(obj)
+
+    def add_sky(self, *rgb: float) -> None:
+        world = bpy.data.worlds.new("World")
+        bpy.context.scene.world = world
+        world.use_nodes = True
+        node = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
+        node.inputs[0].default_value = (*rgb, 1.0)
+
+
+def _under_a_pane(make: Callable[[Scene], Callable[[Any], Any]], sky: bool = False, **flags: bool) -> Callable[[], None]:
+    """A square of 1.6 m hangs 0.8 m above the floor."""
+
+    def build() -> None:
+        scene = Scene()
+        pane = scene.add_square("Pane", scene.shade("Pane", make(scene)), 0.8, (0, 0, 0.8))
+        for name, value in flags.items():
+            setattr(pane, name, value)
+        if sky:
+            scene.add_sky(1.0, 0.9, 0.8)
+        else:
+            scene.add_light("SUN", 3.0, (0, 0, 5), (0.3, 0.2, 0), 0.1)
+
+    return build
+
+
+def _beside_a_wall(make: Callable[[Scene], Callable[[Any], Any]]) -> Callable[[], None]:
+    """A wall of 2 m at the floor's side, lit by a spot that does not see the floor."""
+
+    def build() -> None:
+        scene = Scene()
+        scene.add_square("Wall", scene.shade("Wall", make(scene)), 1.0, (0, 2, 1), (1.5708, 0, 0))
+        scene.add_light("SPOT", 200.0, (0, -1, 2.2), (1.2, 0, 0), 0.05)
+        scene.add_light("POINT", 20.0, (0, -1, 2.5), (0, 0, 0), 0.1)
+
+    return build
+
+
+def _closed_room(make: Callable[[Scene], Callable[[Any], Any]]) -> Callable[[], None]:
+    """A room of 4 m whose walls and ceiling are of a matter."""
+
+    def build() -> None:
+        scene = Scene()
+        material, half_turn = scene.shade("Wall", make(scene)), 1.5707963
+        scene.add_square("Ceiling", material, 2.0, (0, 0, 4), _TURN_UP)
+        for number in range(4):
+            x, y = ((2, 0), (0, 2), (-2, 0), (0, -2))[number]
+            scene.add_square(f"Wall {number}", material, 2.0, (x, y, 2), (half_turn, 0, number * half_turn - half_turn))
+        scene.add_light("POINT", 60.0, (0.5, 0.3, 2.0), (0, 0, 0), 0.2)
+
+    return build
+
+
+SCENES: dict[str, Callable[[], None]] = {
+    "alpha 0.4": _under_a_pane(lambda s: s.principled(Alpha=0.4)),
+    "alpha 0.4, sky": _under_a_pane(lambda s: s.principled(Alpha=0.4), sky=True),
+    "alpha of an image": _under_a_pane(lambda s: s.principled(Alpha=s.leaf_alpha)),
+    "alpha of an image, sky": _under_a_pane(lambda s: s.principled(Alpha=s.leaf_alpha), sky=True),
+    "transparent, coloured": _under_a_pane(lambda s: s.node("BsdfTransparent", Color=(0.9, 0.3, 0.1, 1))),
+    "mix with transparent": _under_a_pane(
+        lambda s: s.mix(0.3, s.node("BsdfTransparent", Color=(0.2, 0.6, 1, 1)), s.diffuse(0.8, 0.2, 0.2))
+    ),
+    "mix by an image": _under_a_pane(lambda s: s.mix(s.leaf_alpha, s.node("BsdfTransparent"), s.diffuse(0.2, 0.7, 0.1))),
+    "Is Shadow Ray": _under_a_pane(lambda s: s.mix(s.light_path("Is Shadow Ray"), s.diffuse(0.8), s.node("BsdfTransparent"))),
+    "Is Diffuse Ray": _under_a_pane(lambda s: s.mix(s.light_path("Is Diffuse Ray"), s.diffuse(0.8), s.node("BsdfTransparent")), sky=True),
+    "no shadow": _under_a_pane(lambda s: s.diffuse(0.8), visible_shadow=False),
+    "unseen by diffuse rays": _under_a_pane(lambda s: s.diffuse(0.8), visible_diffuse=False),
+    "unseen by diffuse rays, sky": _under_a_pane(lambda s: s.diffuse(0.8), sky=True, visible_diffuse=False),
+    "mirror": _beside_a_wall(lambda s: s.principled(Base_Color=(0.9, 0.7, 0.5, 1), Metallic=1.0, Roughness=0.0)),
+    "metal, roughness 0.3": _beside_a_wall(lambda s: s.principled(Base_Color=(0.9, 0.7, 0.5, 1), Metallic=1.0, Roughness=0.3)),
+    "metal, roughness 0.8": _beside_a_wall(lambda s: s.principled(Base_Color=(0.9, 0.7, 0.5, 1), Metallic=1.0, Roughness=0.8)),
+    "half metal": _beside_a_wall(lambda s: s.principled(Base_Color=(0.9, 0.7, 0.5, 1), Metallic=0.5, Roughness=0.4)),
+    "Glossy BSDF": _beside_a_wall(lambda s: s.node("BsdfGlossy", Color=(0.8, 0.8, 0.8, 1), Roughness=0.2)),
+    "layer, roughness 0.1": _beside_a_wall(lambda s: s.principled(Base_Color=(0.6, 0.6, 0.6, 1), Roughness=0.1)),
+    "layer, roughness 0.5": _beside_a_wall(lambda s: s.principled(Base_Color=(0.6, 0.6, 0.6, 1))),
+    "white room": _closed_room(lambda s: s.principled(Base_Color=(0.8, 0.8, 0.8, 1))),
+    "white room without a layer": _closed_room(lambda s: s.diffuse(0.8)),
+    "metal room": _closed_room(lambda s: s.principled(Base_Color=(0.8, 0.6, 0.4, 1), Metallic=1.0, Roughness=0.4)),
+}
