@@ -230,7 +230,7 @@ def edit_mode() -> Iterator[float]:
         bpy.ops.object.mode_set(mode="EDIT")
     yield from settle(0.5)
     sentence = f"{obj.name}: is in Edit Mode; leave it (Tab) to bake."
-    yield from check_error("edit_mode", sentence, addon_module("request").find_mode_error(bpy.context))
+    yield from check_error("edit_mode", sentence, addon_module("app.request").find_mode_error(bpy.context))
     with in_view():
         bpy.ops.object.mode_set(mode="OBJECT")
 
@@ -260,7 +260,7 @@ def out_of_memory() -> Iterator[float]:
     """The child gets a gigabyte; what an artist does is choose a page of 8192."""
     import resource
 
-    subprocess_of_job = addon_module("job").subprocess
+    subprocess_of_job = addon_module("app.job").subprocess
     start = subprocess_of_job.Popen
 
     def start_limited(*arguments, **options):
