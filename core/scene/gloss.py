@@ -1,8 +1,9 @@
 """Specular reflection of surfaces: metals, and the layer above dielectric ones.
 
 A material's lobe is GGX with Smith's height-correlated masking. A metal reflects its colour by Schlick's formula, a dielectric layer by the
-exact Fresnel equations for its index of refraction. What single scattering loses on rough surfaces is given back: weights are divided
-by the lobe's albedo without Fresnel, E. The layer takes its albedo off the diffuse light below it, in the direction that leaves.
+exact Fresnel equations for its index of refraction. What single scattering loses on rough surfaces is given back, tinted by the mean
+Fresnel reflectance F over the hemisphere: weights are times 1 + F (1 / E - 1), with the lobe's albedo without Fresnel, E. The layer
+takes its albedo off the diffuse light below it, in the direction that leaves.
 
 Source: Walter et al. 2007, "Microfacet models for refraction through rough surfaces"; Heitz 2018, "Sampling the GGX distribution of
 visible normals"; Heitz 2014, "Understanding the masking-shadowing function", eq. 99; Turquin 2019, "Practical multiple scattering
@@ -38,8 +39,9 @@ class Gloss:
     ior            (n_material,) float32: of the dielectric layer
     layer          (n_material,) float32: share of the surface that has one
     metal          (n_material,) float32: share of the surface that is metal
-    scale          (n_material * _ENTRIES,) float32: 1 / E by the cosine with the normal
-    edge           the same: what of a black metal's light Schlick's formula reflects at the edges
+    layer_mean     (n_material,) float32: mean Fresnel reflectance of the layer
+    lost           (n_material * _ENTRIES,) float32: 1 / E - 1 by the cosine with the normal
+    edge           the same: what of a black metal's light Schlick's formula reflects at the edges by single scattering
     dielectric     the same: what the layer reflects, its share included
     """
 
@@ -50,7 +52,8 @@ class Gloss:
     ior: Float32
     layer: Float32
     metal: Float32
-    scale: Float32
+    layer_mean: Float32
+    lost: Float32
     edge: Float32
     dielectric: Float32
 
@@ -67,17 +70,20 @@ class Gloss:
         alpha = np.array([max(one.roughness**2, LEAST_ALPHA) for one in materials], np.float32)
         ior = np.array([max(one.ior, 1.0) for one in materials], np.float32)
         tables = [tabulate_lobe(float(a), float(n)) for a, n in zip(alpha, ior, strict=True)]
-        scale, edge, dielectric = (np.concatenate([table[k] for table in tables]).astype(np.float32) for k in range(3))
-        dielectric *= np.repeat(layer, _ENTRIES)
-        return cls(surfaces, scene.tri_material, glossy, alpha, ior, layer, metal, scale, edge, dielectric)
+        lost, edge, dielectric = (np.concatenate([table[k] for table in tables]).astype(np.float32) for k in range(3))
+        cosine = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+        layer_mean = np.array([(2 * cosine * fresnel(cosine, np.full(_SAMPLES, n))).mean() for n in ior], np.float32)
+        dielectric *= np.repeat(layer, _ENTRIES) * (1 + np.repeat(layer_mean, _ENTRIES) * lost)
+        return cls(surfaces, scene.tri_material, glossy, alpha, ior, layer, metal, layer_mean, lost, edge, dielectric)
 
     def albedo_at(self, tri: IntArray, u: FloatArray, v: FloatArray, cosine: Float32) -> Float32:
         """(3, n): share of light from directions at a cosine (n,) with the normal that is reflected specularly."""
         material = gather(self.tri_material, tri)
         place = _find_place(material, cosine)
-        edge = _look_up(self.edge, *place)
-        out: Float32 = self.surfaces.metal_at(tri, u, v).T * (1 - edge) + gather(self.metal, material) * edge
-        return out + _look_up(self.dielectric, *place)
+        edge, lost = _look_up(self.edge, *place), _look_up(self.lost, *place)
+        color, share = self.surfaces.metal_at(tri, u, v).T, gather(self.metal, material)
+        single: Float32 = color * (1 / (1 + lost) - edge) + share * edge
+        return single * _give_back(color, share, lost) + _look_up(self.dielectric, *place)
 
     def below_layer(self, tri: IntArray, cosine: Float32) -> Float32:
         """(n,): share of diffuse light that leaves at a cosine (n,) with the normal, for what the layer reflects there is not below it."""
@@ -101,9 +107,11 @@ class Gloss:
         cosine = np.clip(_dot(local, half), 0, 1)
         out = 2 * cosine * half - local
         edge: FloatArray = (1 - cosine) ** 5
-        rgb: FloatArray = self.surfaces.metal_at(tri, u, v).T * (1 - edge) + gather(self.metal, material) * edge
-        rgb = rgb + gather(self.layer, material) * fresnel(cosine, gather(self.ior, material))
-        rgb = rgb * mask(local[2], out[2], alpha) * _look_up(self.scale, *_find_place(material, local[2]))
+        lost = _look_up(self.lost, *_find_place(material, local[2]))
+        color, share = self.surfaces.metal_at(tri, u, v).T, gather(self.metal, material)
+        rgb: FloatArray = (color * (1 - edge) + share * edge) * _give_back(color, share, lost)
+        layer = gather(self.layer, material) * fresnel(cosine, gather(self.ior, material))
+        rgb = (rgb + layer * (1 + gather(self.layer_mean, material) * lost)) * mask(local[2], out[2], alpha)
         turned = out[0] * tangent + out[1] * bitangent + out[2] * normal
         return turned.astype(np.float32), rgb.astype(np.float32)
 
@@ -155,8 +163,8 @@ def fresnel(cosine: FloatArray, ior: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=1024)
 def tabulate_lobe(alpha: float, ior: float) -> tuple[Float64, Float64, Float64]:
-    """(_ENTRIES,) each, by the cosine with the normal: 1 / E; the mean of Schlick's (1 - cos)^5; and that of
-    Fresnel's reflectance; both over the lobe, and as if nothing were lost on a rough surface.
+    """(_ENTRIES,) each, by the cosine with the normal: 1 / E - 1; the mean of Schlick's (1 - cos)^5; and that of
+    Fresnel's reflectance; both over the lobe, by single scattering.
     """
     cosine = np.repeat(np.maximum(np.linspace(0, 1, _ENTRIES) ** 2, 1e-5), _SAMPLES)
     index = np.arange(_SAMPLES)
@@ -173,7 +181,17 @@ def tabulate_lobe(alpha: float, ior: float) -> tuple[Float64, Float64, Float64]:
         return out
 
     albedo = mean(weight)
-    return 1 / albedo, mean(weight * (1 - facing) ** 5) / albedo, mean(weight * fresnel(facing, np.full_like(cosine, ior))) / albedo
+    return 1 / albedo - 1, mean(weight * (1 - facing) ** 5), mean(weight * fresnel(facing, np.full_like(cosine, ior)))
+
+
+def _give_back(color: FloatArray, share: FloatArray, lost: FloatArray) -> FloatArray:
+    """(3, n): what multiple scattering adds to a metal's light, as a factor; color (3, n) is the share (n,) that is metal times its own.
+
+    Source: Turquin 2019, eq. 16, with the mean of Schlick's formula, F0 + (1 - F0) / 21.
+    """
+    own = np.divide(color, share, out=np.zeros_like(color), where=share > 0)
+    out: FloatArray = 1 + (own + (1 - own) / np.float32(21)) * lost
+    return out
 
 
 def _shadow(cosine: FloatArray, alpha: FloatArray) -> FloatArray:
