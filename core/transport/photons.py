@@ -250,12 +250,18 @@ def _meet(
     if scene.gloss:
         facing = normal.copy()
         direction = _scatter(normal, numbers)
-        flux = flux * scene.gloss.below_layer(tri, _dot(direction, facing))
+        # By roulette too: with weights in its place photons would grow in number on white surfaces, which mirror some and scatter all.
+        below = np.broadcast_to(scene.gloss.below_layer(tri, _dot(direction, facing)), flux.shape)
+        chance = np.minimum(below.max(axis=0), 1)
+        kept = (chance > rng.random(len(chance), dtype=np.float32)).nonzero()[0]
+        flux = gather(flux * below, kept) / gather(chance, kept)
+        origin, direction = gather(origin, kept), gather(direction, kept)
+        group = None if group is None else gather(group, kept)
     else:
         direction = _scatter(normal, numbers)
     power = _total(flux)
     log.absorbed += landed - power
-    diffuse = Photons(origin, direction, flux, group=group, power=power) if len(alive) else None
+    diffuse = Photons(origin, direction, flux, group=group, power=power) if flux.shape[1] else None
     if diffuse and mirrored:
         return join_photons([diffuse, mirrored]), passed
     return diffuse or mirrored, passed

@@ -133,6 +133,14 @@ def test_a_white_layered_room_loses_only_what_the_clamp_takes(tmp_path):
     assert light.mean() > 10.05
 
 
+def test_photons_do_not_grow_in_number_on_white_layered_walls(tmp_path):
+    """What the layer may mirror and the paint may scatter is one photon in the mean; a tenth more at each wall is 45 times as many."""
+    scene = furnace(Material("White", (1.0,) * 3, layer=1.0, roughness=0.5))
+    settings = Settings(direct="photons", size=48, max_photons=4000, error=1e-4, workers=1, max_depth=40)
+    ledger = solve_scene(tmp_path, scene, settings).ledger
+    assert ledger.rays == pytest.approx(40 * ledger.photons, rel=0.2)
+
+
 @pytest.mark.parametrize("direct", ["rays", "photons"])
 def test_a_mirror_throws_a_caustic(tmp_path, direct):
     """A spot on a mirror at 45 degrees lights a black wall that sees nothing of the spot: all its light comes there, once."""
