@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from ..integrate.direct_field import DirectField
 from ..parallel import shared_arrays
-from ..radiosity.cell_tally import CellTally
 from ..radiosity.quadtree import Quadtree
 from ..radiosity.splitting import SplitGuide, Splitting
 from ..radiosity.tally import Tally
@@ -47,7 +46,8 @@ class Checkpoint:
     """The state of a bake between two rounds.
 
     energy_w        (5, 3) float64: the ledger's sums, in the order of photon_log.ENERGY_NAMES
-    cell_tally      of sides without a lightmap
+    cell            (k,) int64: cells of sides without a lightmap that photons fell on
+    cell_flux       (2, 3, k) float64: of cell_tally.CellTally
     given_up        of gather_plan.GatherPlan, as are given_up_told and budget_rays
     splitting       of the last round, if some of its shards were not read
     late            these, of photon_shards.PhotonShard but for their folders
@@ -60,7 +60,8 @@ class Checkpoint:
     births: BirthGuide
     direct: DirectField
     energy_w: NDArray[np.float64]
-    cell_tally: CellTally
+    cell: NDArray[np.int64]
+    cell_flux: NDArray[np.float64]
     photons: int
     told: float
     rays: int
@@ -79,15 +80,28 @@ class Checkpoint:
         energy_w = np.array([ledger.energy_w[name] for name in ENERGY_NAMES])
         counts = ledger.photons, ledger.told, ledger.rays, ledger.deposits, ledger.gathered, solver.round
         parts = solver.tree, solver.tally, solver.square_tally, solver.guide, solver.births, solver.direct
+        cell = np.flatnonzero(solver.cell_tally.flux.any(axis=(0, 1)))
         late = [dataclasses.asdict(dataclasses.replace(shard, tracing="", view="")) for shard in solver.rounds.dropped]
         splitting = solver.splitting if late else None
-        return cls(*parts, energy_w, solver.cell_tally, *counts, plan.given_up, plan.given_up_told, plan.budget_rays, splitting, late)
+        return cls(
+            *parts,
+            energy_w,
+            cell,
+            solver.cell_tally.flux[:, :, cell],
+            *counts,
+            plan.given_up,
+            plan.given_up_told,
+            plan.budget_rays,
+            splitting,
+            late,
+        )
 
     def give_to(self, solver: Solver) -> None:
         """Let a new solver of the same scene and method go on from here."""
         solver.tree, solver.tally, solver.square_tally = self.tree, self.tally, self.square_tally
         solver.guide, solver.births = self.guide, self.births
-        solver.direct, solver.round, solver.cell_tally = self.direct, self.round, self.cell_tally
+        solver.direct, solver.round = self.direct, self.round
+        solver.cell_tally.flux[:, :, self.cell], solver.cell_tally.photons[:] = self.cell_flux, self.tally.photons
         solver.direct.ask_for(solver.settings.error)
         solver.gather_plan.give_up(self.given_up, self.given_up_told)
         solver.gather_plan.budget_rays = self.budget_rays

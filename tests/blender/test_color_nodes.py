@@ -276,8 +276,11 @@ def test_masked_metal_and_masked_shaders_keep_their_masks():
     table = MaterialTable([])
     material = table.readings[table.index(paint.material)].material
     part = np.array(mask.image.pixels).reshape(SIDE, SIDE, 4)[..., :3] @ (0.2126, 0.7152, 0.0722)
-    expected = (1.0 - part[..., None]) ** 2 * (0.8, 0.6, 0.4) + part[..., None] * (0.1, 0.2, 0.3)
+    # All that is reflected, and what metal reflects of it.
+    expected = (1.0 - part[..., None]) * (0.8, 0.6, 0.4) + part[..., None] * (0.1, 0.2, 0.3)
     np.testing.assert_allclose(table.images.images[material.albedo_image].pixels, expected, atol=1e-4)
+    metal = (1.0 - part[..., None]) * part[..., None] * (0.8, 0.6, 0.4)
+    np.testing.assert_allclose(table.images.images[material.metal_image].pixels, metal, atol=1e-4)
 
 
 def test_a_large_image_is_made_in_blocks(monkeypatch):

@@ -35,11 +35,12 @@ class Noting(executors.InlineExecutor):
     """Knows what it was asked for."""
 
     def __init__(self):
+        super().__init__()
         self.shards = []
 
-    def submit(self, fn, /, *args):
+    def submit(self, fn, /, *args, **kwargs):
         self.shards += args
-        return super().submit(fn, *args)
+        return super().submit(fn, *args, **kwargs)
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("open_image_io")
 QUICK = Settings(size=32, padding=1, margin=0, workers=1, error=0.9, max_photons=2000, density=10.0)
 LARGE = replace(QUICK, density=28.0)  # a page for each of three quads
 SUN = Light("SUN", "Sun", power_rgb=(1.0, 1.0, 1.0))
-SCENE = make_scene([moved(quad_mesh(f"Quad {k}"), (0.0, 0.0, 2.0 * k)) for k in range(3)], [SUN])
+SCENE = make_scene([moved(quad_mesh(f"Quad {k}"), (2.0 * k, 0.0, 0.0)) for k in range(3)], [SUN])
 PAGES = ["room_0.combined.exr", "room_1.combined.exr", "room_2.combined.exr"]
 
 

@@ -90,6 +90,7 @@ def small_shards(monkeypatch):
 
 class Counter(executors.InlineExecutor):
     def __init__(self):
+        super().__init__()
         self.photons = 0
 
     def submit(self, fn, /, *args, **kwargs):

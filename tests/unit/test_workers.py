@@ -70,7 +70,7 @@ def test_solids_that_shine_are_looked_for_once(tmp_path, monkeypatch):
     shining = tuple(replace(material, emission_rgb=(1.0, 1.0, 1.0)) for material in scene.materials)
     prepare_folder(tmp_path, replace(scene, materials=shining), SETTINGS)
     times = []
-    monkeypatch.setattr(emitters, "find_sealed", lambda snapshot, shines: times.append(shines.any()) or np.zeros(snapshot.n_tri, bool))
+    monkeypatch.setattr(emitters, "find_sealed", lambda snapshot, shines, *_: times.append(shines.any()) or np.zeros(snapshot.n_tri, bool))
     folders.forget_folders()
     texel_shards.light_texels(
         texel_shards.DirectShard(str(tmp_path), seed=1, turn=0, start=0, texels=np.arange(5), tolerance=0.01, smoothed=False)
