@@ -11,6 +11,7 @@ from ..util.arrays import Float32, FloatArray, IntArray
 
 # About so many of a scene. Measured on a random interior of 26 baked and 13 other objects, with 1.2 M photons, asked for 5 %: 8.8 % with
 # 2^15 cells, which cover what is lit and what is not, 6.9 % with 2^18, and 7.7 % with 2^20, on which few photons fall.
+# One seed and one run each, while near hits were still followed by a second bounce.
 _CELLS = 2**18
 _MOST_PER_SIDE = 512  # of a triangle
 _TINY = 1e-30  # m^2
