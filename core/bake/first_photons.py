@@ -11,6 +11,7 @@ from pathlib import Path
 
 from ..parallel.executors import LocalExecutor
 from ..transport import rounds
+from ..util.ablation import uses
 from ..util.settings import Settings
 from .photon_shards import PhotonShard, trace_ahead
 
@@ -29,6 +30,8 @@ class FirstPhotons:
 
         folder   of workers.open_scene
         """
+        if not uses("photons_ahead"):
+            return cls()
         if not isinstance(executor, LocalExecutor) or not executor.is_awake:  # to start them now would keep charts waiting
             return cls()
         first, second = (rounds.count_ahead(round_, settings.direct == "rays") for round_ in (0, 1))

@@ -19,6 +19,7 @@ from ..texels.texel_map import TexelMap
 from ..texels.tiles import TILE_TEXELS, find_tiles
 from ..transport.ledger import Ledger
 from ..transport.rounds import grow_photons
+from ..util.ablation import uses
 from ..util.settings import Settings
 
 _CHUNK = 1 << 16  # texel entries at a time
@@ -70,12 +71,15 @@ class GatherPlan:
         """
         is_given_up = settings.error >= self.given_up and ledger.told < _AGAIN * self.given_up_told
         is_given_up |= ledger.gathered >= self.budget_rays
-        if is_given_up or self.tiled < _LEAST_TILED or round_ < 2:  # a first round knows too little of what there is
+        is_planned = uses("gathering_plan")
+        if round_ < 2 or (is_planned and (is_given_up or self.tiled < _LEAST_TILED)):  # a first round knows too little of what there is
             return False
         if not settings.gather or settings.direct != "rays" or not settings.hierarchical:
             return False
         if not settings.wants_all_light:  # what is gathered has met one surface more
             return False
+        if not is_planned:
+            return True
         degree = DEGREES[settings.basis]
         # Where leaves are as large as they should be, what they miss is 1 / (degree + 1) of their noise (see grow_photons); early trees are
         # too coarse, and what these miss tells nothing of the photons to come.

@@ -20,6 +20,7 @@ from ..scene.scene import SceneSnapshot, swap_corners
 from ..texels import creases, texels
 from ..texels.texel_map import TexelMap
 from ..transport import contact_map, contact_search, traced_scene
+from ..util.ablation import uses
 from ..util.job import LAYOUT_FILE
 from ..util.messages import Status, Warning_
 from ..util.settings import Settings
@@ -96,7 +97,7 @@ def find_receivers(
     place = run.folder / folders.TEXELS_FOLDER
     began = time.process_time()
     with run.stage(texels.MEASURING):
-        facets = creases.cut_at_creases(snapshot, atlas)
+        facets = creases.cut_at_creases(snapshot, atlas) if uses("crease_cuts") else atlas
         shared_arrays.remove_struct(place)  # of an earlier bake in the same folder
         room, degree = shared_arrays.Room(place), 2 * basis.DEGREES[settings.basis]
         texel_map = texels.build_texel_map(snapshot, facets, degree, room, run.watch())

@@ -38,6 +38,7 @@ from ..texels.judged import Judged, Parts
 from ..transport import rounds, traced_scene
 from ..transport.birth_guide import BirthGuide
 from ..transport.ledger import Ledger
+from ..util.ablation import uses
 from ..util.messages import Status
 from ..util.settings import Settings
 from .deadline import Deadline
@@ -77,7 +78,7 @@ class Solver:
         self.tree = quadtree.plant_trees(texels, self.degree, settings.min_level, settings.finest_texels, not settings.hierarchical)
         if settings.hierarchical:
             self._grow_previews()
-            if self.rising_texels is not None:
+            if self.rising_texels is not None and uses("rising_nodes"):
                 self.tree = quadtree.grow_to(self.tree, texels, max(_RISING_SIDE, settings.finest_texels), self.rising_texels)
         components = 1 if settings.direct == "rays" and self.tracing.scene.gloss is None else tally.COMPONENTS
         self.tally = Tally.empty(len(self.tree), self.degree, components)
@@ -175,7 +176,9 @@ class Solver:
 
     def _other_light(self, reading: Reading) -> OtherLight | None:
         """What is shown with direct light, as far as photons tell; None where direct light is shown by itself too."""
-        return None if "direct" in self.settings.passes else OtherLight.of_leaves(self.tree, reading.solution, reading.leaves)
+        if "direct" in self.settings.passes or not uses("reference_level"):
+            return None
+        return OtherLight.of_leaves(self.tree, reading.solution, reading.leaves)
 
     def _stop_gathering(self, tell: Tell, should_stop: Stop) -> None:
         """Go back to the light of the leaves, for photons reduce the error sooner."""
@@ -201,7 +204,8 @@ class Solver:
 
     def _read_tallies(self) -> Reading:
         squares = self.squares.light(self.square_tally)
-        return Reading.of(self.tree, self.tally, self.rule, self.judged, self.settings.hierarchical, squares)
+        shrink = self.settings.hierarchical and uses("coefficient_shrinkage")
+        return Reading.of(self.tree, self.tally, self.rule, self.judged, shrink, squares)
 
     def _trace_round(self, stated: estimate.StatedError | None) -> None:
         if self.gathered:
@@ -265,6 +269,7 @@ class Solver:
             return False
         before = len(self.tree)
         forced = quadtree.any_in_nodes(self.tree, self.forced_texels) & (self.tree.side > self.settings.finest_texels)
+        forced &= uses("contact_nodes")
         background = self._find_mean_direct(reading)
         while True:  # a split node's children may have previews of their own that tell enough already
             marked = refine.mark(self.tree, reading.totals, reading.solution, reading.comparison, self.rule, forced, background)
@@ -296,7 +301,7 @@ class Solver:
 
         That has edges, on whose two sides it is as bright as it is.
         """
-        if self.settings.direct != "rays":
+        if self.settings.direct != "rays" or not uses("spatial_shrinkage"):
             return None
         if self._few is None or self._few[0] is not reading:
             nodes = reading.tree, reading.solution, reading.leaves, reading.totals.received

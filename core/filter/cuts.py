@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..texels.texel_map import TexelMap
+from ..util.ablation import uses
 from ..util.arrays import IntArray
 
 _RAMP = 8  # texels on either side, or half of a leaf, or as many as the cut is long: past its ends light need not go
@@ -25,7 +26,7 @@ def close_cuts(light: _Float, texels: TexelMap, side: NDArray[np.int32]) -> None
     """
     is_cut_off = np.bincount(texels.chart_piece)[texels.chart_piece] > 1
     is_cut_off &= texels.chart_piece != np.arange(len(is_cut_off))  # on one side of every cut at least
-    if not is_cut_off.any():
+    if not is_cut_off.any() or not uses("border_feathering"):
         return
     cut_off = np.flatnonzero(is_cut_off[texels.texel_chart])
     on_page, xy = texels.page_of(cut_off), texels.texel_xy[cut_off]

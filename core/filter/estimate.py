@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..radiosity.few_photons import FewPhotons
 from ..texels.judged import Judged, Parts, choose_lit
 from ..texels.texel_map import TexelMap
+from ..util.ablation import uses
 from . import missing_light, photon_noise
 from .all_light import AllLight
 from .denoise import GRAIN_LEFT, SMALL_LEAF
@@ -103,7 +104,7 @@ def state_error(
         told, row = few.find(asked.leaf)
         noise.replace((asked.weight[told].T * few.variance[:, row]).mean(0), told)
         bias = bias.without(told)
-    if smooth_grain:
+    if smooth_grain and uses("leaf_filter"):
         noise.keep(GRAIN_LEFT, np.flatnonzero(tree.side[asked.leaf] <= SMALL_LEAF))
     if reading.squares:
         _mix_squares(noise, blend, reading.squares, texels, sample, asked.weight)

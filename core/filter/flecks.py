@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..texels.texel_map import TexelMap
+from ..util.ablation import uses
 from ..util.arrays import IntArray
 
 _SIDE = 4  # texels, of the largest leaf that may be a fleck, and how far is looked around it
@@ -39,6 +40,8 @@ def clip_flecks(
 
     Around counts what is better known, where there is enough of it. With more photons a leaf is believed: in the end this changes nothing.
     """
+    if not uses("firefly_clamp"):
+        return
     small = np.flatnonzero(side <= _SIDE)
     own = light[small].sum(axis=1)
     doubt = np.sqrt(3.0 * variance[small].sum(axis=1))

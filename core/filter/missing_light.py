@@ -17,6 +17,7 @@ from ..radiosity import refine
 from ..radiosity.quadtree import Quadtree
 from ..radiosity.shrinkage import beyond_noise
 from ..radiosity.tally import Solution
+from ..util.ablation import uses
 from ..util.arrays import IntArray
 from .reconstruct import PointLight, evaluate_leaf
 
@@ -85,7 +86,7 @@ class Bias:
         """The mean over the texels `best` (k,), and its standard error."""
         likely = self._foretell(best)
         foretold = ~np.isnan(likely)
-        if not likely[foretold].sum() > 0.0:
+        if not likely[foretold].sum() > 0.0 or not uses("bias_forecast"):
             foretold[:] = False
         told, seen2, doubt2 = self._tell(best[~foretold])
         value, square = beyond_noise(told, seen2), doubt2

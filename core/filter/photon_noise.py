@@ -12,6 +12,7 @@ from ..radiosity import shrinkage
 from ..radiosity.quadtree import Quadtree
 from ..radiosity.tally import Solution
 from ..texels.judged import Judged
+from ..util.ablation import uses
 from ..util.arrays import IntArray
 from .missing_light import AskedLight
 
@@ -27,6 +28,8 @@ def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> NDA
 
     nodes   (m,) int, nodes that tile the charts
     """
+    if not uses("noise_correction"):
+        return np.ones(3)
     area = np.maximum(tree.area[nodes], _TINY)
     seen = ((solution.flux_half[0] - solution.flux_half[1])[:, nodes] / (2.0 * area)) ** 2
     predicted = solution.variance[:, nodes]

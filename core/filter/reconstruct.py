@@ -24,6 +24,7 @@ from ..radiosity.tally import Solution, with_direct
 from ..texels.texel_grid import part_bits
 from ..texels.texel_map import TexelMap
 from ..texels.tiles import NODE_WEIGHTS, TILE_NODES, TILE_SIDE, TILE_TEXELS, find_tiles
+from ..util.ablation import uses
 from .leaf_windows import find_shares
 from .neighbours import Neighbours
 
@@ -233,6 +234,8 @@ class Blend:
 
     def _blend_part(self, leaf: NDArray[np.int32], x: Float64, y: Float64) -> tuple[PointLight, PointLight]:
         own = self._evaluate_leaf(leaf, x, y)
+        if not uses("leaf_blending"):
+            return own, own
         own_reach, row, other, reach = find_shares(self.tree, self.neighbours, leaf, x, y)
         theirs = self._evaluate_leaf(other, x[row], y[row])
         own_variance, variance = own.variance.mean(0)[row], theirs.variance.mean(0)

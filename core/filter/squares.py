@@ -20,6 +20,7 @@ from ..radiosity.shrinkage import beyond_noise
 from ..radiosity.tally import ShardTally, Tally, deposit, with_direct
 from ..texels.judged import DARK_FLOOR
 from ..texels.texel_map import LOOK, TexelMap
+from ..util.ablation import uses
 from ..util.arrays import FloatArray, IntArray
 from ..util.coverage import Float64, clip_to_texels
 
@@ -70,7 +71,7 @@ class Squares:
     @classmethod
     def of(cls, texels: TexelMap, wanted: NDArray[np.bool_]) -> Squares:
         """Those of the texel entries `wanted` (n,) that have a centre."""
-        entry = np.flatnonzero(wanted & texels.is_central)
+        entry = np.flatnonzero(wanted & texels.is_central & uses("subtexel_tallies"))
         density = texels.tri_density[texels.texel_tri[entry]]
         full = LOOK * LOOK * density
         area = full.copy()

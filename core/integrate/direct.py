@@ -23,6 +23,7 @@ from ..scene.scene import SceneSnapshot
 from ..scene.shadow_rays import ShadowRays
 from ..texels.texel_looks import TexelLooks
 from ..texels.tiles import Tiles
+from ..util.ablation import uses
 from ..util.arrays import Float64, FloatArray, IntArray
 from ..util.brightness import weigh_channels
 from ..util.coverage import as_slice
@@ -57,12 +58,13 @@ class DirectScene:
     ) -> DirectScene:
         receiving = ReceivingSurfaces.of(snapshot, unit_box)
         lamps, suns, world = make_lamps(snapshot, unit_box), make_suns(snapshot), make_world(snapshot)
-        crowd = LampCrowd.of(lamps) if len(lamps) > _FEW_LAMPS else None
+        crowd = LampCrowd.of(lamps) if len(lamps) > _FEW_LAMPS and uses("lamp_crowd") else None
         sources = [*(lamps if crowd is None else []), *suns, *world]
         groups = [cells for _, cells in meshes.by_material]
         pool, sealed = None, meshes.tri_sealed
         textured = any(snapshot.materials[index].emission_image >= 0 for index, _ in meshes.by_material)
-        if sum(len(np.unique(cells.tri)) for cells in groups) <= _MOST_TRIANGLE_SOURCES and not textured:
+        few = sum(len(np.unique(cells.tri)) for cells in groups) <= _MOST_TRIANGLE_SOURCES or not uses("emitter_pool")
+        if few and not textured:
             for cells in groups:
                 sources += make_triangle_sources(cells, receiving.corner_unit, receiving.normal, sealed)
         else:
@@ -213,7 +215,7 @@ class _LookingChunk:
             self._variance[:, channel] += (off * power) ** 2
         without = look.closed == 0
         agreed, given, every = look.lit | look.dark, np.zeros(len(chunk), bool), np.arange(len(chunk))
-        if isinstance(source, WorldSource):
+        if isinstance(source, WorldSource) and uses("openings"):
             level = weigh_channels(self._shared) + self._beside
             few = Openings.find(self._scene.sky_rays, chunk, source, np.flatnonzero(~agreed), look.looks, level, demand, rng)
             self.openings.append(few)

@@ -19,6 +19,7 @@ from ..filter.direct_shown import GRAIN, ShownDirect, find_grain
 from ..parallel import shared_arrays
 from ..texels.judged import DARK_FLOOR
 from ..texels.texel_map import TexelMap
+from ..util.ablation import uses
 from ..util.arrays import FloatArray, IntArray
 from ..util.coverage import as_slice
 from ..util.messages import Message, Status
@@ -159,7 +160,7 @@ class DirectField:
 
         What strata gain depends on how shadows lie, which a single estimate cannot tell.
         """
-        if self.repeats is None:
+        if self.repeats is None or not uses("variance_correction"):
             return self.variance
         correction = self.repeats.correct()[np.arange(len(self.passes)) // _BLOCK]
         corrected: NDArray[np.float32] = self.variance * np.where(self.passes > 1, correction, np.float32(1.0))[:, None]

@@ -13,6 +13,7 @@ from ..texels.quads import QUAD_TEXELS, Quads, find_misfit, spread_over_texels
 from ..texels.texel_looks import TexelLooks
 from ..texels.texel_map import TexelMap
 from ..texels.tiles import TILE_TEXELS, Tiles
+from ..util.ablation import uses
 from ..util.arrays import IntArray
 from ..util.brightness import weigh_channels
 from ..util.coverage import as_slice
@@ -37,7 +38,7 @@ class FindLight(Protocol):
 
 def find_quads(texels: TexelMap, entry: IntArray, tiles: Tiles, crossed: NDArray[np.bool_]) -> Quads:
     """Those among texel entries (n,), ascending, that are worth a look; tiles and crossed (n,) bool as of direct.direct_irradiance."""
-    if texels.page_size < _LEAST_PAGE:
+    if texels.page_size < _LEAST_PAGE or not uses("quads"):
         return Quads.none()
     rows = as_slice(entry)
     alone = crossed | texels.is_part[rows]

@@ -17,6 +17,7 @@ from ..lights.emitters import usable_environment, usable_world
 from ..parallel import executors
 from ..texels.judged import DARK_FLOOR, choose_sample
 from ..transport import traced_scene
+from ..util.ablation import uses
 from ..util.arrays import IntArray
 from ..util.settings import Settings
 from . import texel_shards
@@ -60,7 +61,8 @@ def list_shards(whole: _Shard) -> list[_Shard]:
 
 def ask_for_direct(folder: Path, settings: Settings, turn: int, texels: IntArray | range) -> texel_shards.DirectShard:
     """A shard of these texels (m,), ascending; what is seen with their light is not known yet."""
-    return texel_shards.DirectShard(str(folder), settings.seed, turn, 0, texels, TOLERANCE * settings.error, settings.denoise)
+    smoothed = settings.denoise and uses("filter_tolerance")
+    return texel_shards.DirectShard(str(folder), settings.seed, turn, 0, texels, TOLERANCE * settings.error, smoothed)
 
 
 def find_dark(settings: Settings, brightness: float) -> float:
@@ -71,7 +73,7 @@ def find_dark(settings: Settings, brightness: float) -> float:
 def is_below_sky(folder: str) -> bool:
     """Whether there is a sky, of which alone somebody asks how bright all is."""
     snapshot = traced_scene.open_tracing(folder).snapshot
-    return bool(usable_world(snapshot).any()) or usable_environment(snapshot) is not None
+    return uses("dark_level") and (bool(usable_world(snapshot).any()) or usable_environment(snapshot) is not None)
 
 
 def glance(shard: texel_shards.DirectShard) -> float:
@@ -97,6 +99,8 @@ class ShotAhead:
     @classmethod
     def send(cls, folder: Path, settings: Settings, executor: Executor, n_texel: int) -> ShotAhead:
         """Arguments as of DirectField.shoot."""
+        if not uses("rays_ahead"):
+            return cls()
         shards = list_shards(ask_for_direct(folder, settings, 0, range(n_texel)))
         first = shards[: min(round(len(shards) / _AHEAD), _MOST_AHEAD)]
         return cls(len(first), executors.set_apart(executor, partial(_light_ahead, first, settings))) if first else cls()

@@ -11,6 +11,7 @@ from ..lights.direct_lights import Source
 from ..lights.direct_points import GAUSS_POINTS, STAGES, Receivers, TexelChunk, light_points
 from ..scene.shadow_rays import ShadowRays, Sight
 from ..texels.tiles import TILE_TEXELS, find_calm
+from ..util.ablation import uses
 from ..util.arrays import Float64, FloatArray, IntArray
 from ..util.coverage import as_slice
 from ..util.geometry import take_rows
@@ -106,6 +107,8 @@ class Tally:
 
     def _average_peaks(self, chunk: TexelChunk, index: IntArray, starts: Receivers) -> None:
         """Takes the mean of the closed form finely where the first starts (4, len(index)) are too few for it."""
+        if not uses("near_field_quadrature"):
+            return
         lamp = None if self._lamp is None else self._lamp[index]
         peak = find_peaks(self._lamps(lamp), starts, STAGES[0][1])
         if peak.any():

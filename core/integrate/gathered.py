@@ -16,6 +16,7 @@ from ..filter.denoise import Spread
 from ..filter.direct_shown import ShownGathered
 from ..parallel import shared_arrays
 from ..texels.texel_map import TexelMap
+from ..util.ablation import uses
 from ..util.arrays import IntArray
 from ..util.messages import Message, Status
 from ..util.settings import Settings
@@ -65,9 +66,9 @@ class GatheredField(DirectField):
     ) -> bool:
         """As shoot."""
         self.ask_for(settings.error)
-        tolerance = _TOLERANCE * settings.error
+        tolerance, smoothed = _TOLERANCE * settings.error, settings.denoise and uses("filter_tolerance")
         with shared_arrays.laid_out(folder, known) as view:
-            whole = texel_shards.GatherShard(str(folder), settings.seed, self.turns, 0, texels, tolerance, settings.denoise, view)
+            whole = texel_shards.GatherShard(str(folder), settings.seed, self.turns, 0, texels, tolerance, smoothed, view)
             return self._send_rays(executor, texel_shards.gather_texels, whole, tell, should_stop)
 
     def _add(self, rows: IntArray | slice, light: Any) -> None:
@@ -81,4 +82,5 @@ class GatheredField(DirectField):
         size = np.diff(np.append(start, len(self.doubt)))
         mean = np.add.reduceat(self.doubt, start) / size
         doubt2 = np.repeat(mean * mean, size).astype(np.float32)
-        return ShownGathered(self.show(texels, smooth, spread), doubt2, self.passes > 0, (_CARRIED * self.known_error) ** 2)
+        carried = _CARRIED * self.known_error if uses("carried_error") else 0.0
+        return ShownGathered(self.show(texels, smooth, spread), doubt2, self.passes > 0, carried**2)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..filter.estimate import StatedError
 from ..texels.judged import BEST_TEXELS
 from ..transport.rounds import SPARE
+from ..util.ablation import uses
 from ..util.messages import Message
 from .direct_field import DirectField
 from .gathered import GatheredField
@@ -55,7 +56,7 @@ def choose_texels(
     if is_open is not None:
         error2[~is_open] = 0.0
     worst = np.flatnonzero((error2 > most) & (rays.passes < rays.most_passes))
-    least = int(_GROWTH * rays.passes.sum(dtype=np.int64))
+    least = int(_GROWTH * rays.passes.sum(dtype=np.int64)) if uses("batches") else 0
     left2 = (error**2 - (stated.chosen**2 - own2)) / SPARE
     if most < left2 < own2:  # else something else keeps the error up, and all of them are to be as sure as they have to be
         worst = _find_enough(error2, worst, rays.passes[worst], 1.0 - left2 / own2, least)

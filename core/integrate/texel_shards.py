@@ -19,6 +19,7 @@ from ..texels.texel_map import LOOK
 from ..texels.tiles import Tiles
 from ..transport.traced_scene import open_tracing
 from ..util import sampling
+from ..util.ablation import uses
 from ..util.arrays import IntArray
 from ..util.coverage import as_slice
 from . import direct, direct_quads, gather
@@ -59,6 +60,8 @@ class TexelShard:
 
     def tiles(self) -> Tiles:
         """Of its texels."""
+        if not uses("tiles"):
+            return Tiles.none()
         texels, rows = open_tracing(self.tracing).texels, as_slice(self.entries)
         return Tiles.of(texels.texel_chart[rows], texels.texel_code[rows])
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.shadow_rays import ShadowRays, Sight
+from ..util.ablation import uses
 from ..util.arrays import Float64, FloatArray, IntArray
 from ..util.brightness import weigh_channels
 from ..util.geometry import dot_rows, take_rows
@@ -52,7 +53,7 @@ class EnvironmentLight:
         self._shot, self._lit = np.zeros((2, n_block, n_sector))
         self._explore(rays, chunk, np.arange(len(chunk)), rng)
         seen = self._see_share()
-        seldom = (seen < _MOST_SEEN) & (self._around(self._lit.sum(axis=1)) > 0)
+        seldom = (seen < _MOST_SEEN) & (self._around(self._lit.sum(axis=1)) > 0) & uses("openings")
         self.few = np.flatnonzero(np.repeat(seldom, BLOCK_TEXELS)[: len(chunk)])
         for _ in range(_AIMED_LOOKS if len(self.few) else 0):
             self._explore(rays, chunk, self.few, rng)

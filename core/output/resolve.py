@@ -25,6 +25,7 @@ from ..texels.margin import add_margin
 from ..texels.seam_points import SeamPoints
 from ..texels.texel_looks import centred_strata
 from ..texels.texel_map import LOOK, TexelMap
+from ..util.ablation import uses
 from ..util.arrays import IntArray
 from ..util.coverage import as_slice
 from ..util.threads import run_on_threads
@@ -100,7 +101,8 @@ def light_at_texels(
         grain[told] = False
         by_part[-1, told] = np.maximum(gathered.light.irradiance_at(told), 0.0)
         variance[told] = field.gathered.find_variance()[told] + gathered.doubt2[told, None]
-    if smooth_grain:  # apart from that of rays: by the noise of all light, direct light, known far better, would be smeared
+    # Apart from that of rays: by the noise of all light, direct light, known far better, would be smeared.
+    if smooth_grain and uses("leaf_filter"):
         grainy_parts = by_part[-1:] if field.direct.passes.any() and not by_mirrors else by_part
         found = denoise.denoise(grainy_parts, variance, grain, texels, spread)
         grainy_parts[:, found.entry] = found.light

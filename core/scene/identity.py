@@ -7,6 +7,7 @@ from dataclasses import fields
 
 import numpy as np
 
+from ..util import ablation
 from ..util.digest import hash_code, hash_pieces
 from ..util.job import Job
 from .scene import SceneSnapshot
@@ -18,7 +19,7 @@ def hash_bake(snapshot: SceneSnapshot, job: Job) -> str:
     knobs = {knob.name: getattr(job.settings, knob.name) for knob in fields(job.settings) if knob.metadata["decides_images"]}
     pieces: list[bytes | memoryview] = [
         hash_code().encode(),
-        json.dumps([knobs, job.atlas_name, job.taken, describe_snapshot(snapshot)]).encode(),
+        json.dumps([knobs, ablation.list_without(), job.atlas_name, job.taken, describe_snapshot(snapshot)]).encode(),
     ]
     for name, array in list_arrays(snapshot).items():
         pieces += [f"{name} {array.dtype.str} {array.shape}".encode(), np.ascontiguousarray(array).reshape(-1).view(np.uint8).data]

@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..util.ablation import uses
 from .scene import Light, Material, SceneSnapshot, TextureImage
 
 Colour: TypeAlias = tuple[float, float, float]
@@ -19,6 +20,8 @@ def prune_scene(snapshot: SceneSnapshot) -> tuple[SceneSnapshot, dict[str, int]]
 
     Triangles and objects stay as they are. A scene whose lights all go keeps them: it has light, and is told apart from one without.
     """
+    if not uses("pruning"):
+        return snapshot, {}
     points = snapshot.vertex_position[np.unique(snapshot.tri_vertex)]
     powered = [light for light in snapshot.lights if any(light.power_rgb)]
     reaching = [light for light in powered if can_reach(light, points)]

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from ..util.ablation import uses
 from ..util.arrays import Float64, IntArray
 from ..util.geometry import triangle_normals_areas
 from .loose_parts import find_loose_parts
@@ -35,7 +36,7 @@ def find_sealed(snapshot: SceneSnapshot, tri_wanted: NDArray[np.bool_], tri_pass
     wanted = np.zeros(len(snapshot.objects), bool)
     wanted[snapshot.tri_object[tri_wanted]] = True
     tri = np.flatnonzero((wanted & keeps_light)[snapshot.tri_object])
-    if not len(tri):
+    if not len(tri) or not uses("sealed_solids"):
         return sealed
     vertex = join_open_sides(snapshot.vertex_position, snapshot.tri_vertex[tri], snapshot.tri_object[tri])
     part = find_loose_parts(snapshot, tri)

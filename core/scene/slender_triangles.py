@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..util.ablation import uses
 from ..util.arrays import Float32, Float64
 
 _LONG = 8.0  # longest edge, in heights above it, from which on a triangle is cut
@@ -25,7 +26,7 @@ def cut_slender(corner: Float64, area: Float64) -> tuple[NDArray[np.int64], Floa
     along = np.roll(corner, -1, axis=1) - corner
     square = (along * along).sum(axis=2)
     slender = np.flatnonzero(square.max(axis=1) > 2 * _LONG * area)
-    if not len(slender):
+    if not len(slender) or not uses("slender_cutting"):
         return np.arange(len(area)), whole_parts(len(area)), area
     first = square[slender].argmax(axis=1)
     start, end, apex = (_WHOLE[(first + i) % 3].astype(np.float64) for i in range(3))

@@ -26,6 +26,7 @@ from ..texels.texel_borders import OPPOSITE, WAYS, TexelBorders, share_texels
 from ..texels.texel_grid import interleave_bits, step_codes
 from ..texels.texel_map import CHART_SHIFT, TexelMap
 from ..texels.tiles import TILE_SIDE
+from ..util.ablation import uses
 from ..util.messages import Status
 from ..util.threads import run_on_threads
 from ..util.words import Say, Watch, stretch, unwatched
@@ -257,6 +258,8 @@ def cut_at_contacts(
     atlas   whose charts are the map's
     watch   as find_contacts has it
     """
+    if not uses("contact_cuts"):
+        return texels, atlas, found.touched, found.rising
     patches = found.patches
     size = np.bincount(found.piece, patches.size)  # at the first patch of each piece
     first = np.flatnonzero(size)
@@ -264,7 +267,8 @@ def cut_at_contacts(
     by_size = first[np.lexsort((-size[first], chart[first]))]
     is_largest = np.append(True, np.diff(chart[by_size]) != 0)[: len(by_size)]
     own = by_size[~is_largest & (size[by_size] >= _LEAST_PIECE)]
-    texels = share_texels(texels, found.borders, stretch(watch, LOOKING, 0.7, 0.85))
+    if uses("split_texels"):
+        texels = share_texels(texels, found.borders, stretch(watch, LOOKING, 0.7, 0.85))
     if not len(own):
         return texels, atlas, found.touched, found.rising
     whole, number = chart[own], np.full(len(patches.start), -1, np.int32)

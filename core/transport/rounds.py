@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
+from ..util.ablation import uses
+
 FIRST_ROUND_PHOTONS = 1 << 17  # at least
 # ... and so many for each node that the trees start with: fewer say little of where to split. But later photons are better sent, so that a
 # first round is never long, nor a great share of a bake.
@@ -111,4 +113,4 @@ def count_late(n_shard: int, left: int) -> int:
 
     left   photons that the bake may still have, 0 where it is likely to need none: if there is no other round, all are waited for
     """
-    return 2 * SMALL_PAIRS if n_shard > 2 * MANY_PAIRS and left > 1 else 0
+    return 2 * SMALL_PAIRS if n_shard > 2 * MANY_PAIRS and left > 1 and uses("late_shards") else 0

@@ -1,0 +1,112 @@
+"""Mechanisms that can be switched off by name, so that a benchmark can measure what each is worth.
+
+A development setting, no option for users: the environment variable LEAFLIGHT_WITHOUT=name,name switches mechanisms off in a bake. All of
+its processes inherit it. MECHANISMS lists the names; `make bench-ablation` bakes without each of them.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from functools import lru_cache
+
+from .settings import Settings
+
+VARIABLE = "LEAFLIGHT_WITHOUT"
+
+# What is done with it; without it, the simplest thing that still gives light.
+MECHANISMS = {
+    # light on leaves
+    "coefficient_shrinkage": "slopes of leaves are shrunk by how noisy they are",
+    "leaf_blending": "light goes over from leaf to leaf without an edge, by a partition of unity",
+    "spatial_shrinkage": "leaves of few photons are shrunk towards the light around them in space",
+    "firefly_clamp": "leaves of few photons that are far brighter than all around are clamped",
+    "subtexel_tallies": "at contacts photons are counted on the square around a texel's centre too",
+    "border_feathering": "steps where a chart was cut and nothing stands between become ramps",
+    "leaf_filter": "noise of photons is averaged by non-local means",
+    "grain_filter": "noise of photons and of rays is averaged by non-local means (--no-denoise)",
+    "seams": "light is matched across seams by least squares (--no-seams)",
+    # where charts and trees are cut
+    "contacts": "all that follows from contacts: cuts, split texels, finer nodes, sub-texel tallies (--no-contact)",
+    "contact_cuts": "charts are cut where other surfaces stand on them",
+    "split_texels": "texels that a contact crosses share their light with the next one",
+    "contact_nodes": "nodes that something touches are split whatever the oracle says",
+    "rising_nodes": "trees start with finer nodes below what rises from a surface",
+    "crease_cuts": "charts are cut at creases, and where a wall shares an edge with the floor",
+    # direct light by rays
+    "near_field_quadrature": "the closed form is integrated adaptively over texels that a light nearly touches",
+    "lamp_crowd": "of more than 16 lamps those that give little are sampled together",
+    "emitter_pool": "of more than 12 emitting triangles some are sampled; textured ones always are",
+    "openings": "where little of the sky is seen, rays go to where neighbours saw it",
+    "quads": "on pages of 2048^2 and more, smooth direct light is sampled once for 2 x 2 texels",
+    "tiles": "tiles of 8 x 8 texels share their first look at a light",
+    "filter_tolerance": "rays leave more noise where the filter will take it",
+    "reference_level": "shadow rays stop by the error beside all light, indirect light included",
+    "dark_level": "below a sky, shadow rays stop at an absolute error in dark places",
+    # indirect light by rays
+    "final_gathering": "indirect light is gathered by rays from texels (--no-gather)",
+    "gathering_plan": "gathering has to be forecast to pay; without it all texels are gathered after two rounds",
+    "surface_cells": "sides without a lightmap keep their light in cells; without them, one value for a triangle's side",
+    "batches": "batches of further rays grow geometrically",
+    # photons
+    "splitting_guide": "photons split more where what they bring reduces the error more",
+    "emission_guide": "photons leave lamps more often where they reduce the error more (--direct photons)",
+    "photons_ahead": "photons of the first rounds are traced while charts are made",
+    "rays_ahead": "some shadow rays are sent before the first photons are read",
+    "late_shards": "the last shards of a large round are traced while it is read",
+    # what the scene is simplified to
+    "pruning": "lights that reach nothing and textures of one colour are left out",
+    "sealed_solids": "faces of closed solids send no light inwards",
+    "slender_cutting": "slender emitting triangles are cut across",
+    # the stated error
+    "bias_forecast": "the stated error forecasts what leaves cannot hold from how that fell so far",
+    "noise_correction": "the photons' variance is corrected by how the halves of the bake differ",
+    "variance_correction": "the rays' variance is corrected by how repeated estimates differ",
+    "carried_error": "the error of gathered light has a share of that of the light it was gathered from",
+}
+# Those that are a setting already, and its value without them.
+_OF_SETTINGS = {"grain_filter": "denoise", "seams": "seams", "contacts": "contact", "final_gathering": "gather"}
+_GUIDES = {"rays": "splitting_guide", "photons": "emission_guide"}  # by the way of direct light
+
+
+def list_without() -> tuple[str, ...]:
+    """Names of the mechanisms that are switched off, in the order of MECHANISMS.
+
+    Raises ValueError with a sentence where one is unknown.
+    """
+    return _read_names(os.environ.get(VARIABLE, ""))
+
+
+@lru_cache(maxsize=4)
+def _read_names(text: str) -> tuple[str, ...]:
+    names = {name.strip() for name in text.split(",")} - {""}
+    unknown = sorted(names - set(MECHANISMS))
+    if unknown:
+        raise ValueError(f"{VARIABLE}: {', '.join(unknown)} is no mechanism; known are {', '.join(MECHANISMS)}.")
+    return tuple(name for name in MECHANISMS if name in names)
+
+
+def uses(mechanism: str) -> bool:
+    """Whether a mechanism of MECHANISMS is not switched off."""
+    if mechanism not in MECHANISMS:
+        raise KeyError(mechanism)
+    return mechanism not in list_without()
+
+
+def trim_settings(settings: Settings) -> Settings:
+    """The settings without the mechanisms that a setting switches.
+
+    Raises ValueError with a sentence where a name is unknown, or a cluster is to trace: its workers do not inherit the variable.
+    """
+    if settings.cluster and list_without():
+        raise ValueError(f"{VARIABLE}: workers of a cluster do not inherit it; bake without --cluster.")
+    off = {field: False for name, field in _OF_SETTINGS.items() if not uses(name)}
+    if not uses(_GUIDES[settings.direct]):
+        off["guided"] = False
+    return replace(settings, **off)  # type: ignore[arg-type]
+
+
+def describe_without() -> str:
+    """A sentence for who sees such a bake; "" where nothing is switched off."""
+    names = list_without()
+    return f"{VARIABLE}: baked without {', '.join(names)}; this is for measuring only, so unset it for a real bake" if names else ""

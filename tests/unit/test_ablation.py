@@ -1,0 +1,91 @@
+"""Mechanisms that are switched off by name: what the names may be, where they count, and that light or the stated error follows."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from boxes import lamp_scene
+from leaflight.core.bake import bake
+from leaflight.core.output.image_file import read_image
+from leaflight.core.scene.identity import hash_bake
+from leaflight.core.scene.snapshot import save_snapshot
+from leaflight.core.util import ablation
+from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.util.settings import Settings
+
+pytestmark = pytest.mark.usefixtures("open_image_io")
+CORE = Path(ablation.__file__).resolve().parents[1]
+QUICK = Settings(size=64, padding=1, workers=1, error=0.03, max_photons=200_000, gather=False)
+
+
+def bake_without(folder, monkeypatch, *names, settings=QUICK):
+    """Pixels of a small room's bake without some mechanisms, its result, and what it told."""
+    monkeypatch.setenv(ablation.VARIABLE, ",".join(names))
+    folder = folder / ("_".join(names) or "all") / str(settings.workers)
+    folder.mkdir(parents=True)
+    save_snapshot(folder / SNAPSHOT_FILE, lamp_scene())
+    Job(settings, str(folder / "images"), "room").save(folder)
+    told = []
+    bake.run_bake(folder, told.append, lambda: False)
+    result = json.loads((folder / RESULT_FILE).read_text())
+    return read_image(Path(result["files"][0]["path"]))[0], result, told
+
+
+def test_each_mechanism_is_asked_for_by_a_name_that_is_listed():
+    asked = {name for path in CORE.rglob("*.py") for name in re.findall(r'uses\("(\w+)"\)', path.read_text(encoding="utf-8"))}
+    of_settings = {"grain_filter", "seams", "contacts", "final_gathering", "splitting_guide", "emission_guide"}
+    assert asked | of_settings == set(ablation.MECHANISMS)
+    with pytest.raises(KeyError):
+        ablation.uses("magic")
+
+
+def test_unknown_names_are_refused_with_those_that_are_known(tmp_path, monkeypatch):
+    with pytest.raises(ValueError, match=r"LEAFLIGHT_WITHOUT: magic is no mechanism; known are coefficient_shrinkage, leaf_blending"):
+        bake_without(tmp_path, monkeypatch, "tiles", "magic")
+    monkeypatch.setenv(ablation.VARIABLE, " tiles , seams,")
+    assert ablation.list_without() == ("seams", "tiles")
+
+
+def test_settings_follow_the_mechanisms_that_they_switch(monkeypatch):
+    monkeypatch.setenv(ablation.VARIABLE, "grain_filter,final_gathering,emission_guide")
+    assert ablation.trim_settings(replace(QUICK, gather=True)) == replace(QUICK, denoise=False)
+    assert ablation.trim_settings(replace(QUICK, direct="photons")).guided is False
+    monkeypatch.delenv(ablation.VARIABLE)
+    assert ablation.trim_settings(QUICK) == QUICK
+
+
+def test_workers_of_a_cluster_are_refused_for_they_would_not_know(monkeypatch):
+    monkeypatch.setenv(ablation.VARIABLE, "tiles")
+    with pytest.raises(ValueError, match="cluster"):
+        ablation.trim_settings(replace(QUICK, cluster="host:8786"))
+
+
+def test_a_bake_without_something_is_another_bake(monkeypatch):
+    job = Job(QUICK, "", "room")
+    whole = hash_bake(lamp_scene(), job)
+    monkeypatch.setenv(ablation.VARIABLE, "tiles")
+    assert hash_bake(lamp_scene(), job) != whole
+
+
+def test_switches_change_the_light_or_its_stated_error_and_the_result_says_so(tmp_path, monkeypatch):
+    pixels, result, told = bake_without(tmp_path, monkeypatch)
+    assert "without" not in result
+    assert not [one for one in told if ablation.VARIABLE in getattr(one, "text", "")]
+    for name in ("coefficient_shrinkage", "leaf_blending", "leaf_filter", "grain_filter", "tiles", "contacts"):
+        without, result_without, told = bake_without(tmp_path, monkeypatch, name)
+        assert (without != pixels).any(), name
+        assert result_without["without"] == [name]
+        assert [one.text for one in told if ablation.VARIABLE in getattr(one, "text", "")]
+    for name in ("noise_correction", "bias_forecast"):
+        without, result_without, _ = bake_without(tmp_path, monkeypatch, name, settings=replace(QUICK, error=1e-3))
+        assert result_without["estimated_error"] != result["estimated_error"], name
+    for name in ("photons_ahead", "quads", "firefly_clamp"):
+        assert (bake_without(tmp_path, monkeypatch, name)[0] == pixels).all(), name
+
+
+def test_switches_reach_the_processes_that_trace(tmp_path, monkeypatch):
+    alone = bake_without(tmp_path, monkeypatch, "tiles")[0]
+    assert np.array_equal(bake_without(tmp_path, monkeypatch, "tiles", settings=replace(QUICK, workers=2))[0], alone)
