@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..filter.clip_light import clip_light
 from ..integrate.direct_field import DirectField
 from ..integrate.light_field import LightField
 from ..output.image_file import HALF_MAX
@@ -85,6 +86,7 @@ class PreviewPages:
         show_direct, show_indirect, coloured, added = _PASSES.get(settings.passes[0], _LIGHTING)
         self._cell, self._entry = _choose_entries(texels, self.side)
         self._centre = texels.texel_xy[self._entry] + 0.5
+        self._area = texels.texel_area[self._entry]
         albedo = _surface_at(texels, surfaces.albedo_at, surfaces.has_images(False), self._entry)
         emission = _surface_at(texels, surfaces.emission_at, surfaces.has_images(True), self._entry)
         tint = (albedo if coloured else np.ones_like(albedo)) / np.float32(np.pi)
@@ -144,7 +146,9 @@ class PreviewPages:
         out = np.zeros((2, 3, len(node)))
         for k, monomial in enumerate(basis.monomials(s, t, tree.degree)):
             out += light.solution.coefficient[:, :, k, node] * monomial
-        lit: NDArray[np.float32] = np.maximum(out, 0.0).transpose(0, 2, 1).astype(np.float32)
+        for values in out.reshape(6, -1):
+            clip_light(values, self._area, node, tree)
+        lit: NDArray[np.float32] = out.transpose(0, 2, 1).astype(np.float32)
         if light.few:
             light.few.show(lit[1], None, node)
         return lit

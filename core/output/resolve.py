@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..filter import denoise, reconstruct, seams, squares
+from ..filter.clip_light import clip_light
 from ..filter.cuts import close_cuts
 from ..filter.flecks import clip_flecks
 from ..filter.neighbours import Neighbours
@@ -80,10 +81,13 @@ def light_at_texels(
         traced = joined.range(part.start, part.stop)
         for channel in range(3):  # one by one several times faster than as turned arrays
             for of_part, values in zip(by_part, traced.irradiance[first:, channel], strict=True):
-                of_part[part, channel] = np.maximum(values, 0.0)  # a fitted plane may dip below zero at the edge of a shadow
+                of_part[part, channel] = values
             variance[part, channel] = traced.variance[channel] * field.correction[channel]
 
     run_on_threads(fill, n_texel, threads)
+    for light in by_part:
+        for channel in range(3):  # a fitted plane may dip below zero beside a spot of light
+            clip_light(light[:, channel], texels.texel_area, leaf, field.tree)
     if field.few:
         field.few.show(by_part[-1], variance, leaf)
     side = field.tree.side[leaf]

@@ -103,7 +103,7 @@ def furnace(material: Material, lamp_w: float = 24.0) -> SceneSnapshot:
 
 
 def bake(folder, scene, direct="rays", photons=200_000):
-    settings = Settings(direct=direct, size=48, max_photons=photons, error=0.004, workers=1, seed=3, max_depth=4000, basis="constant")
+    settings = Settings(direct=direct, size=48, max_photons=photons, error=0.004, workers=1, seed=3, max_depth=4000)
     field = solve_scene(folder, scene, settings)
     texels = traced_scene.open_tracing(str(folder)).texels
     light = resolve.light_at_texels(field, texels)
