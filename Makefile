@@ -11,7 +11,7 @@ endif
 VENV := .venv-$(PYTHON_VERSION)
 RUN := $(VENV)/bin/python
 
-.PHONY: help bake test pytest bench bench-speed bench-matter bench-zoo pictures lint zip clean
+.PHONY: help bake test pytest bench bench-speed bench-matter bench-zoo bench-ablation pictures lint zip clean
 .DELETE_ON_ERROR:
 
 help:
@@ -22,6 +22,7 @@ help:
 	@echo "make bench-speed  Leaflight beside Cycles on an idle machine, an hour; fills docs/speed.md"
 	@echo "make bench-matter  Leaflight beside Cycles on every kind of matter, ten minutes; fills docs/matter.md"
 	@echo "make bench-zoo  Leaflight beside Cycles on random scenes, other ones every day   (ZOO='--quick --seeds 1 2 3', or other options)"
+	@echo "make bench-ablation  random scenes without each mechanism: what each is worth   (ABLATION='--seeds 1 2 --mechanisms tiles')"
 	@echo "make pictures  bake all samples and draw them into docs/samples, and the leaves of one into docs/leaves.png"
 	@echo "make lint    ruff check, ruff format --check, mypy --strict"
 	@echo "make zip     the extension's zips in dist/, one per platform   (WHEELS_DIR=folder: also one with the wheels in it)"
@@ -40,7 +41,7 @@ pytest: $(VENV)/.ready
 
 bench: $(VENV)/.ready-bench
 	rm -rf out/claims
-	code=0; for script in $(sort $(filter-out %/bench_speed.py %/bench_zoo.py %/bench_matter.py,$(wildcard tests/bench/bench_*.py))) tests/bench/print_claims.py; do \
+	code=0; for script in $(sort $(filter-out %/bench_speed.py %/bench_zoo.py %/bench_matter.py %/bench_ablation.py,$(wildcard tests/bench/bench_*.py))) tests/bench/print_claims.py; do \
 	  echo "== $$script"; PYTHONPATH=tests $(RUN) $$script || code=1; done; exit $$code
 
 bench-speed: $(VENV)/.ready-bench
@@ -51,6 +52,9 @@ bench-matter: $(VENV)/.ready-bench
 
 bench-zoo: $(VENV)/.ready-bench
 	PYTHONPATH=tests $(RUN) tests/bench/bench_zoo.py $(ZOO)
+
+bench-ablation: $(VENV)/.ready-bench
+	PYTHONPATH=tests $(RUN) tests/bench/bench_ablation.py $(ABLATION)
 
 pictures: $(VENV)/.ready
 	$(RUN) tests/bench/draw_samples.py

@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -15,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import speed_rivals
 from leaflight.core.output import image_file
+from leaflight.core.util import ablation
 from speed_curves import Point
 from zoo_plan import draw_plan
 from zoo_reference import ABOUT, SCENE, PageReference, Subject
@@ -22,6 +25,7 @@ from zoo_results import CYCLES, ERRORS, OIDN
 from zoo_scene import describe
 
 PATIENCE = 4.0
+_INTERRUPTED = 130  # exit code of a bake that was asked for its best so far
 
 
 class PageFullError(RuntimeError):
@@ -74,24 +78,45 @@ def find_file(blend: Path, cache: Path, size: int) -> Subject:
     return Subject.load(folder)
 
 
-def bake_leaflight(subject: Subject, *options: str) -> Bake:
-    """A bake of `lighting` by the command line. Raises RuntimeError with its last words where it fails, PageFullError."""
+def bake_leaflight(subject: Subject, *options: str, without: Sequence[str] = (), patience_s: float = math.inf) -> Bake:
+    """A bake of `lighting` by the command line. Raises RuntimeError with its last words where it fails, PageFullError.
+
+    without      mechanisms of core/util/ablation.py that are switched off, besides those that the environment switches off
+    patience_s   seconds after which it is asked for the best so far; a time limit would change what is done before
+    """
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.json"
         command = [sys.executable, "-m", "leaflight", "bake", str(subject.blend), "--size", str(subject.size), "--pass", "lighting"]
         command += ["--output", folder, "--report", str(report), "--no-assign", "--own-meshes", "--quiet"]
         command += ["--objects", *subject.objects, *(("--uv-layer", subject.uv_layer) if subject.uv_layer else ()), *options]
         before = _count_cpu_s()
-        done = subprocess.run(command, capture_output=True, text=True)
-        if done.returncode:
-            kind = PageFullError if "do not fit a page" in done.stderr else RuntimeError
-            raise kind(f"{subject.name}: the bake failed: {done.stderr[-500:]}")
+        code, said = _run(command, without, patience_s)
+        if code:
+            kind = PageFullError if "do not fit a page" in said else RuntimeError
+            raise kind(f"{subject.name}: the bake failed: {said[-500:]}")
         cpu_s = _count_cpu_s() - before
         told = json.loads(report.read_text(encoding="utf-8"))
         told["seconds"]["loaded"] = told["seconds"]["total"] - told["seconds"]["open"]
         images = {file["page"]: image_file.read_image(Path(file["path"]))[0] for file in told["files"]}
     pages = {"": images[0]} if len(images) == 1 else {one["name"]: images[one["page"]] for one in told["objects"]}
     return Bake(pages, told, cpu_s)
+
+
+def _run(command: list[str], without: Sequence[str], patience_s: float) -> tuple[int, str]:
+    """Exit code, 0 also of a bake that wrote its best so far because it was asked to; and what it said."""
+    names = ",".join(filter(None, [os.environ.get(ablation.VARIABLE, ""), *without]))
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=os.environ | {ablation.VARIABLE: names}
+    )
+    stopped = False
+    try:
+        _, said = process.communicate(timeout=None if math.isinf(patience_s) else patience_s)
+    except subprocess.TimeoutExpired:
+        stopped = True
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate()
+    wrote = "before there was any light" not in said
+    return 0 if stopped and wrote and process.returncode == _INTERRUPTED else process.returncode, said
 
 
 def bake_rivals(

@@ -1,0 +1,136 @@
+"""What each mechanism of the estimator is worth: bakes of random scenes without it, beside bakes with everything.
+
+python tests/bench/bench_ablation.py [--seeds ... | --count N] [--scenes FOLDER] [--mechanisms NAME ...] [--docs]
+
+Each scene is baked with everything with two seeds, whose difference is the noise, and once without each mechanism of
+core/util/ablation.py with the first seed. Errors are those against a reference by Cycles, as in bench_zoo.py. Costs are CPU seconds: a busy
+machine will do. Without seeds the date decides which scenes are drawn.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from ablation_results import SceneTrials, Trial, tabulate_scenes, tabulate_worth
+from bench_zoo import QUICK, ROOT, list_subjects
+from image_io_path import add_image_io
+from leaflight.core.util.ablation import MECHANISMS
+from tables import Table, put_tables
+from zoo_bakes import Bake, PageFullError, bake_leaflight
+from zoo_reference import PageReference, Subject, find_reference
+
+# Without effect in the bakes that are made here: pages are smaller, and direct light comes by rays.
+IDLE = ("quads", "emission_guide")
+_LEAST_SHARE = 0.05  # of a bake's CPU seconds that count for light, lest noise of the rest makes them none
+
+
+@dataclasses.dataclass(frozen=True)
+class Asked:
+    """What every bake is asked for.
+
+    error         relative
+    max_photons   after which it ends
+    patience_s    wall time after which its best so far is taken
+    seeds         of the bakes with everything, of which the first is that of all others
+    """
+
+    error: float
+    max_photons: int
+    patience_s: float
+    seeds: tuple[int, ...]
+
+
+def bake(subject: Subject, asked: Asked, seed: int, *options: str, without: Sequence[str] = ()) -> Bake:
+    words = ("--error", str(asked.error), "--max-photons", str(asked.max_photons), "--seed", str(seed), *options)
+    return bake_leaflight(subject, *words, without=without, patience_s=asked.patience_s)
+
+
+def judge(subject: Subject, made: Bake, reference: PageReference, idle_s: float, whole: Bake | None = None) -> Trial:
+    """What a bake is worth; `whole` is that with everything, `idle_s` the CPU seconds of a bake without light."""
+    errors = reference.measure(made.pages, subject.objects)
+    changed = whole is None or any(not np.array_equal(made.pages[name], page) for name, page in whole.pages.items())
+    cpu_s = max(made.cpu_s - idle_s, _LEAST_SHARE * made.cpu_s)
+    stated = made.report["estimated_error"]
+    return Trial(errors.rel, math.nan if stated is None else stated, cpu_s, changed)
+
+
+def run_scene(subject: Subject, asked: Asked, mechanisms: Sequence[str]) -> SceneTrials:
+    """All bakes of a scene; on a larger page where its charts do not fit."""
+    try:
+        idle_s = bake(subject, asked, 1, "--pass", "albedo").cpu_s
+    except PageFullError:
+        larger = dataclasses.replace(subject, size=subject.size * 3 // 2)
+        larger.save()
+        return run_scene(larger, asked, mechanisms)
+    wholes = [bake(subject, asked, seed) for seed in asked.seeds]
+    layout = "" if subject.uv_layer else wholes[0].layout
+    reference = find_reference(subject, layout, QUICK.side, QUICK.reference_s, QUICK.noise)
+    trials = SceneTrials(subject.name, subject.about, tuple(judge(subject, made, reference, idle_s) for made in wholes))
+    for name in mechanisms:
+        try:
+            made = bake(subject, asked, asked.seeds[0], without=[name])
+        except RuntimeError as reason:
+            print(f"{subject.name} without {name} FAILED: {reason}", file=sys.stderr, flush=True)
+            continue
+        trials.without[name] = judge(subject, made, reference, idle_s, wholes[0])
+    return trials
+
+
+def describe_mechanisms() -> Table:
+    return Table(("name", "what it does"), list(MECHANISMS.items()))
+
+
+def write_page(page: Path, scenes: Sequence[SceneTrials], mechanisms: Sequence[str], files: bool) -> None:
+    """The tables of a run into their places in a page of docs/; scenes from files have places of their own."""
+    tables = {"worth": tabulate_worth(scenes, mechanisms), "scenes": tabulate_scenes(scenes)}
+    tables = {f"files {name}" if files else name: table for name, table in tables.items()} | {"names": describe_mechanisms()}
+    page.write_text(put_tables(page.read_text(encoding="utf-8"), tables), encoding="utf-8")
+
+
+def main(words: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", nargs="+", type=int, help="scenes; without them the date decides")
+    parser.add_argument("--count", type=int, help="how many seeds are drawn where none are named")
+    parser.add_argument("--scenes", type=Path, metavar="FOLDER", help="its .blend files in place of seeds, each on a new UV layer")
+    parser.add_argument("--mechanisms", nargs="+", metavar="NAME", choices=MECHANISMS, help="only these")
+    parser.add_argument("--error", type=float, default=0.03, help="that every bake is asked for")
+    parser.add_argument("--max-photons", type=int, default=32_000_000, help="after which a bake ends")
+    parser.add_argument("--budget", type=float, default=120.0, help="seconds after which the best so far of a bake is taken")
+    parser.add_argument("--turns", type=int, default=2, help="bakes with everything, each with another seed, which tell the noise")
+    parser.add_argument("--max-size", type=int, default=QUICK.max_size, help="largest side of a page, texels")
+    parser.add_argument("--cache", type=Path, default=ROOT / "out" / "zoo", help="folder of scenes and references")
+    parser.add_argument("--docs", action="store_true", help="write the tables into docs/ablation.md")
+    arguments = parser.parse_args(words)
+    if arguments.turns < 2:
+        parser.error("--turns: expected at least 2, for without another seed nothing tells what is noise.")
+    add_image_io()
+    mechanisms = arguments.mechanisms or [name for name in MECHANISMS if name not in IDLE]
+    asked = Asked(arguments.error, arguments.max_photons, arguments.budget, tuple(range(1, 1 + arguments.turns)))
+    scenes: list[SceneTrials] = []
+    failed: list[str] = []
+    for name, find_subject in list_subjects(arguments, dataclasses.replace(QUICK, max_size=arguments.max_size)):
+        try:
+            subject = find_subject()
+            print(subject.about, file=sys.stderr, flush=True)
+            scenes.append(run_scene(subject, asked, mechanisms))
+        except (RuntimeError, subprocess.CalledProcessError) as reason:  # hours of other scenes are not to be lost
+            failed.append(f"{name} FAILED: {reason}")
+            print(failed[-1], file=sys.stderr, flush=True)
+            continue
+        print(tabulate_worth(scenes, mechanisms), file=sys.stderr, flush=True)
+    print(tabulate_worth(scenes, mechanisms), tabulate_scenes(scenes), sep="\n\n")
+    if arguments.docs:
+        write_page(ROOT / "docs" / "ablation.md", scenes, mechanisms, bool(arguments.scenes))
+    print(*failed, sep="\n")
+    return int(bool(failed))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
