@@ -66,6 +66,7 @@ class Worth:
     honesty              geometric mean of stated / real without it
     honest               share of scenes in which that is in HONEST
     changed, scenes      scenes whose pixels changed, and all
+    freedom              degrees of freedom of the noise by which `sigmas` is told
     """
 
     error: float
@@ -77,14 +78,23 @@ class Worth:
     honest: float
     changed: int
     scenes: int
+    freedom: int
+
+    @property
+    def limit(self) -> float:
+        """SIGMAS of noise that is known, as standard errors of noise that few scenes tell.
+
+        Source: the first term of the expansion of Student's t by its degrees of freedom (Fisher 1925).
+        """
+        return SIGMAS + (SIGMAS**3 + SIGMAS) / (4.0 * max(self.freedom, 1))
 
     @property
     def verdict(self) -> str:
         if not self.scenes:
             return "failed"
-        if not self.changed and abs(self.cpu_sigmas) < SIGMAS:
+        if not self.changed and abs(self.cpu_sigmas) < self.limit:
             return "no effect"
-        if abs(self.sigmas) < SIGMAS:
+        if abs(self.sigmas) < self.limit:
             return "within noise"
         return "worth it" if self.sigmas > 0.0 else "does harm"
 
@@ -99,7 +109,7 @@ def weigh_mechanism(scenes: Sequence[SceneTrials], mechanism: str) -> Worth:
     """Over the scenes where the bake without it did not fail."""
     pairs = [(scene.base[0], scene.without[mechanism]) for scene in scenes if mechanism in scene.without]
     if not pairs:
-        return Worth(*[math.nan] * 7, 0, 0)
+        return Worth(*[math.nan] * 7, 0, 0, 0)
     changed, count = sum(without.changed for _, without in pairs), len(pairs)
     # Where pixels are the same the error is no chance, and what processes are charged for still is.
     noise2 = changed * (2.0 * find_noise(scenes, lambda trial: trial.rel)) ** 2
@@ -120,6 +130,7 @@ def weigh_mechanism(scenes: Sequence[SceneTrials], mechanism: str) -> Worth:
         honest=honest,
         changed=changed,
         scenes=count,
+        freedom=sum(len(scene.base) - 1 for scene in scenes),
     )
 
 
