@@ -10,13 +10,13 @@ from typing import get_args, get_type_hints
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh
-from leaflight.core.bake import checkpoint, gather_plan
+from leaflight.core.bake import checkpoint
 from leaflight.core.bake.checkpoint import INFO_FILE, load_checkpoint, read_info, remove_checkpoint, save_checkpoint
 from leaflight.core.integrate import direct_shards
-from leaflight.core.integrate.gathered import GatheredField
 from leaflight.core.parallel import shared_arrays
 from leaflight.core.scene.scene import Light, Material
 from leaflight.core.transport import rounds
+from leaflight.core.util import ablation
 from leaflight.core.util.settings import Settings
 from scenes import make_scene
 
@@ -111,31 +111,28 @@ def test_a_bake_whose_direct_light_was_shot_again_goes_on(tmp_path, monkeypatch)
     assert light_bytes(rest) == light_bytes(run(make_solver(tmp_path / "whole", lamp_scene(), settings)))
 
 
-@pytest.mark.parametrize(("again", "times"), [(1e9, 1), (2.0, 3)])
-def test_light_that_was_gathered_in_vain_is_not_gathered_sooner_again_by_who_goes_on(tmp_path, monkeypatch, again, times):
-    monkeypatch.setattr(gather_plan, "_AGAIN", again)
-    monkeypatch.setattr(gather_plan, "_RAYS_EACH", -1000.0)
-    monkeypatch.setattr(gather_plan, "_MOST_KNOWN", 1000.0)
-    monkeypatch.setattr(gather_plan, "_LEAST_TILED", 0.0)
-    gathered, gather = [], GatheredField.gather
-
-    def note(field, *args):
-        gathered.append(field.turns)
-        return gather(field, *args)
-
-    monkeypatch.setattr(GatheredField, "gather", note)
+def test_light_that_is_gathered_after_every_round_is_that_of_a_bake_that_was_not_stopped(tmp_path, monkeypatch):
+    monkeypatch.setenv(ablation.VARIABLE, "gathering_plan")
     settings = replace(SETTINGS, error=0.003, max_photons=10**9)
-    whole = run(make_solver(tmp_path / "whole", lamp_scene(), settings), 6)
-    in_one, gathered[:] = list(gathered), []
-    kept, _ = keep(tmp_path, settings, 4)
+    whole = run(make_solver(tmp_path / "whole", lamp_scene(), settings), 4)
+    kept, _ = keep(tmp_path, settings, 3)
     solver = make_solver(tmp_path / "second", lamp_scene(), settings, begun=False)
     load_checkpoint(kept, tmp_path / "second", settings).give_to(solver)
-    rest = run(solver, 6)
-    assert gathered == in_one
-    assert in_one.count(0) == times
+    rest = run(solver, 4)
     assert light_bytes(rest) == light_bytes(whole)
-    assert (rest.error, rest.gathered) == (whole.error, None)
+    assert rest.error == whole.error
     assert rest.ledger.gathered == whole.ledger.gathered > 0
+
+
+def test_who_goes_on_knows_what_was_gathered_in_vain(tmp_path):
+    first, second = (make_solver(tmp_path / name, lamp_scene(), SETTINGS, begun=name == "first") for name in ("first", "second"))
+    light = run(first, 1)
+    first.gather_plan.give_up(0.02, 12_345.0)
+    first.gather_plan.budget_rays, first.ledger.gathered = 9e5, 77
+    save_checkpoint(tmp_path / "kept", first, light.error)
+    load_checkpoint(tmp_path / "kept", tmp_path / "second", SETTINGS).give_to(second)
+    assert second.gather_plan == first.gather_plan
+    assert second.ledger.gathered == 77
 
 
 def test_a_smaller_error_is_reached_with_the_photons_so_far(tmp_path):

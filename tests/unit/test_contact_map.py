@@ -21,6 +21,7 @@ from leaflight.core.texels.tiles import TILE_TEXELS
 from leaflight.core.transport import contact_map, traced_scene
 from leaflight.core.transport.contact_looks import Surroundings
 from leaflight.core.transport.contact_map import ContactMap, cut_at_contacts, find_contacts
+from leaflight.core.util import ablation
 from leaflight.core.util.settings import Settings
 from leaflight.core.util.threads import split_entries
 from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh, split_faces
@@ -623,7 +624,7 @@ def test_between_charts_of_one_piece_light_makes_no_step(tmp_path, monkeypatch):
         page, chart = page[:, 32:], draw_pieces(cut, scene)[:, 32:]  # beyond the wall
         steps = [np.abs(np.diff(page, axis=axis))[np.diff(chart, axis=axis) != 0] for axis in (0, 1)]
         light[name] = np.concatenate(steps).mean() / page.mean()
-        monkeypatch.setattr(resolve, "close_cuts", lambda *_: None)
+        monkeypatch.setenv(ablation.VARIABLE, "border_feathering")
     assert light["open"] < 0.5 * light["closed"]
 
 

@@ -14,6 +14,7 @@ from leaflight.core.lights.emitters import EmittingMeshes, build_emitters
 from leaflight.core.lights.irradiance import polygon_irradiance
 from leaflight.core.scene.scene import Light, SceneSnapshot
 from leaflight.core.transport import photons
+from leaflight.core.util import ablation
 from scenes import box_mesh, grid_mesh, moved, quad_mesh
 
 SIDE = 32
@@ -222,7 +223,7 @@ class TestManyLamps:
     def test_choosing_among_them_changes_only_the_noise(self, monkeypatch):
         scene = lit_scene([BLOCK], self.lamps)
         chosen = [red(light_floor(scene, seed=seed)) for seed in range(6)]
-        monkeypatch.setattr(direct, "_FEW_LAMPS", 100)
+        monkeypatch.setenv(ablation.VARIABLE, "lamp_crowd")
         every = red(light_floor(scene))
         assert np.mean(chosen) == pytest.approx(every.mean(), rel=0.01)
         assert np.sqrt(((chosen[0] - every) ** 2).mean()) < 0.15 * every.mean()

@@ -14,6 +14,7 @@ from leaflight.core.lights import direct_crowd
 from leaflight.core.lights.direct_choice import find_reach
 from leaflight.core.lights.direct_points import GAUSS_POINTS, MIDDLE, Receivers, TexelChunk
 from leaflight.core.scene.scene import Light
+from leaflight.core.util import ablation
 from scenes import box_mesh, moved, quad_mesh
 
 SIDE = 16
@@ -55,7 +56,7 @@ def light_floor(scene: DirectScene, seed: int = 1, **options: float) -> direct.D
 
 def one_by_one(monkeypatch, scene) -> DirectScene:
     with monkeypatch.context() as patch:
-        patch.setattr(direct, "_FEW_LAMPS", 10_000)
+        patch.setenv(ablation.VARIABLE, "lamp_crowd")
         return prepare(scene)[0]
 
 

@@ -11,11 +11,11 @@ from closed_forms import from_polygon
 from floors import floor_looks, floor_tiles, lit_scene, prepare, sigma_limit
 from leaflight.core.integrate import direct
 from leaflight.core.integrate.direct import DirectLight, direct_irradiance
-from leaflight.core.lights import direct_openings
 from leaflight.core.lights.direct_openings import Openings, _blur, _cell_at, _Known
 from leaflight.core.scene.scene import SceneSnapshot
 from leaflight.core.texels.texel_grid import part_bits
 from leaflight.core.texels.tiles import Tiles
+from leaflight.core.util import ablation
 from scenes import moved, quad_mesh
 
 SIDE, FAR, HEIGHT = 64, 60.0, 1.0
@@ -62,7 +62,7 @@ def plain(monkeypatch):
 
     def light(*args: object, **options: object) -> DirectLight:
         with monkeypatch.context() as patch:
-            patch.setattr(direct_openings, "_MOST_SEEN", 0.0)
+            patch.setenv(ablation.VARIABLE, "openings")
             return light_floor(*args, **options)
 
     return light
@@ -103,14 +103,6 @@ class TestLight:
             noise = mean.std() / math.sqrt(len(mean))
             assert noise < most
             assert abs(mean.mean() - 1) < sigma_limit(2) * noise
-
-    def test_rays_learn_from_those_before(self, monkeypatch):
-        """One long stage is as many rays, of which none knows more than another; here none has looks to go by."""
-        monkeypatch.setattr(direct_openings, "_LOOKS", 0)
-        scene, truth = roofed((0.1, 0.3, 0.9, 1.0)), through((0.1, 0.3, 0.9, 1.0))
-        learning = np.mean([error_of(light_floor(scene, seed), truth) for seed in range(4)])
-        monkeypatch.setattr(direct_openings, "_STAGES", ((0, 48),))
-        assert learning < 0.85 * np.mean([error_of(light_floor(scene, seed), truth) for seed in range(4)])
 
     def test_who_saw_nothing_by_chance_is_not_sure_of_it(self):
         found = light_floor(roofed((0.5, 0.6, 0.5, 0.55)), seed=3)
@@ -168,12 +160,6 @@ class TestWho:
     def test_none_in_what_is_dark(self, monkeypatch):
         assert self.asked(roofed(HATCH), monkeypatch, tolerance=0.05, dark=0.0) == SIDE**2
         assert self.asked(roofed(HATCH), monkeypatch, tolerance=0.05, dark=10.0) == 0
-
-    def test_they_need_be_no_surer_than_is_seen_in_the_dark(self, monkeypatch):
-        monkeypatch.setattr(direct_openings, "_SMOOTHED", 0.0)  # there are as many in both cases
-        found = [light_floor(roofed(HATCH), tolerance=0.02, dark=dark) for dark in (0.0, 10.0)]
-        assert all(light.by_openings.all() for light in found)
-        assert found[1].counters["rays"] < 0.7 * found[0].counters["rays"]
 
     @pytest.mark.parametrize(("times", "aims"), [(3.0, False), (5.0, True)])
     def test_those_whose_plain_rays_err_more_than_smoothing_takes(self, times, aims):

@@ -10,8 +10,10 @@ from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.integrate.direct_shards import NOTHING_AHEAD, ShotAhead
 from leaflight.core.integrate.other_light import OtherLight
 from leaflight.core.parallel import executors, folders
+from leaflight.core.scene.scene import Light
 from leaflight.core.texels.judged import DARK_FLOOR
 from leaflight.core.util.settings import Settings
+from scenes import box_mesh, make_scene, moved, quad_mesh
 
 SETTINGS = Settings(size=64, padding=1, workers=1, error=0.2)
 
@@ -48,7 +50,6 @@ def folder(tmp_path, monkeypatch):
     """With a scene of which direct light takes a dozen shards; its number of texels."""
     n_texel = len(prepare_folder(tmp_path, lamp_scene(), SETTINGS)[1])
     monkeypatch.setattr(direct_shards, "SHARD_TEXELS", n_texel // 12)
-    monkeypatch.setattr(direct_shards, "_AHEAD", 4)
     yield tmp_path, n_texel
     folders.forget_folders()
 
@@ -65,7 +66,7 @@ def test_shards_sent_ahead_are_not_sent_again_and_have_the_same_light_where_noth
     whole = shoot(folder, n_texel, NOTHING_AHEAD, executor)
     every, executor.shards = executor.shards, []
     ahead = ShotAhead.send(folder, SETTINGS, executor, n_texel)
-    assert ahead.count == round(len(every) / 4) > 2
+    assert ahead.count == 1
     assert not executor.shards  # nobody has asked for them yet
     parted = shoot(folder, n_texel, ahead, executor)
     assert executor.shards == every[ahead.count :]
@@ -75,18 +76,24 @@ def test_shards_sent_ahead_are_not_sent_again_and_have_the_same_light_where_noth
     assert (parted.passes == 1).all()
 
 
-def test_shards_sent_ahead_see_to_shadows_as_if_nothing_else_were_seen(folder, monkeypatch):
-    folder, n_texel = folder
-    monkeypatch.setattr(direct_shards, "_AHEAD", 1)
-    monkeypatch.setattr(direct_shards, "_MOST_AHEAD", 100)  # all of them
+def test_shards_sent_ahead_see_to_shadows_as_if_nothing_else_were_seen(tmp_path, monkeypatch):
+    """On a floor that is all in the half-shadow of slats."""
+    folder, slats = tmp_path, [moved(box_mesh(f"Slat {k}", (0.05, 1.0, 0.02)), (0.1 * k, 0.5, 0.3)) for k in range(11)]
+    lamp = Light("AREA", "Lamp", (0.5, 0.5, 1.0), size_m=(0.5, 0.5), power_rgb=(10.0,) * 3)
+    scene = make_scene([quad_mesh("Floor"), *(replace(slat, receives=False) for slat in slats)], [lamp])
+    n_texel = len(prepare_folder(folder, scene, SETTINGS)[1])
+    monkeypatch.setattr(direct_shards, "SHARD_TEXELS", n_texel // 12)
     ahead = ShotAhead.send(folder, SETTINGS, executors.InlineExecutor(), n_texel)
     bright = OtherLight(np.full(n_texel, 1e3, np.float32))
     fields = [DirectField.none(n_texel) for _ in range(3)]
     for field, (other, sent) in zip(fields, ((None, NOTHING_AHEAD), (bright, NOTHING_AHEAD), (bright, ahead)), strict=True):
         field.shoot(folder, SETTINGS, executors.InlineExecutor(), range(n_texel), other=other, ahead=sent)
     alone, beside, parted = (field.irradiance for field in fields)
-    assert (alone != beside).any()
-    np.testing.assert_array_equal(parted, alone)
+    sent = direct_shards.list_shards(direct_shards.ask_for_direct(folder, SETTINGS, 0, range(n_texel)))[: ahead.count]
+    early = np.isin(np.arange(n_texel), np.concatenate([shard.entries for shard in sent]))
+    assert (alone[early] != beside[early]).any()
+    np.testing.assert_array_equal(parted, np.where(early[:, None], alone, beside))
+    folders.forget_folders()
 
 
 @pytest.mark.parametrize(("error_of", "share"), [("bake", DARK_FLOOR), ("objects", DARK_FLOOR**2)])

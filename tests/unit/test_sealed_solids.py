@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import room_mesh, solve_scene
-from leaflight.core.lights import emitters
 from leaflight.core.scene import sealed_solids
 from leaflight.core.scene.scene import Material
 from leaflight.core.scene.sealed_solids import find_sealed
+from leaflight.core.util import ablation
 from leaflight.core.util.settings import Settings
 from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh, split_faces
 
@@ -126,7 +126,7 @@ def test_a_bake_is_the_same_with_far_fewer_rays(tmp_path, monkeypatch):
     scene = replace(scene, tri_material=scene.tri_object)
     settings = Settings(size=64, padding=1, workers=1, error=1e-3, max_photons=400_000, direct="photons", guided=False)
     sealed = solve_scene(tmp_path / "sealed", scene, settings)
-    monkeypatch.setattr(emitters, "find_sealed", lambda snapshot, shines, passes: np.zeros(snapshot.n_tri, bool))
+    monkeypatch.setenv(ablation.VARIABLE, "sealed_solids")
     plain = solve_scene(tmp_path / "plain", scene, settings)
     flux = [light.solution.flux[:, light.leaves].sum() for light in (sealed, plain)]
     assert flux[0] == pytest.approx(flux[1], rel=5e-3)
@@ -141,7 +141,7 @@ def test_direct_light_is_the_same_with_fewer_shadow_rays(tmp_path, monkeypatch):
     scene = replace(scene, tri_material=scene.tri_object)
     settings = Settings(size=128, padding=1, workers=1, error=0.02, denoise=False)
     sealed = solve_scene(tmp_path / "sealed", scene, settings)
-    monkeypatch.setattr(emitters, "find_sealed", lambda snapshot, shines, passes: np.zeros(snapshot.n_tri, bool))
+    monkeypatch.setenv(ablation.VARIABLE, "sealed_solids")
     plain = solve_scene(tmp_path / "plain", scene, settings)
     np.testing.assert_allclose(sealed.direct.irradiance.mean(axis=0), plain.direct.irradiance.mean(axis=0), rtol=2e-3)
     assert sealed.direct.counters["rays"] < 0.6 * plain.direct.counters["rays"]
