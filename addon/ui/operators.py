@@ -10,6 +10,7 @@ import bpy
 from ..app import live
 from ..app.arguments import BakeRequest
 from ..app.kept_state import has_state, refine_request, remove_state
+from ..app.marks_check import drop_broken_marks
 from ..app.request import make_request
 from ..show import restore, shown_pages, view_shading
 from .baking import Baking, get_state, is_out_of_edit_mode
@@ -18,6 +19,7 @@ from .baking import Baking, get_state, is_out_of_edit_mode
 @bpy.app.handlers.persistent
 def forget_last_bake(*_: Any) -> None:
     """The panel must not tell of another file's bake, and a file saved in the middle of one must not show it."""
+    drop_broken_marks()
     get_state(bpy.context).clear()
     live.take_off()
     shown_pages.keep_named_pages()
