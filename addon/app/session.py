@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,6 +39,7 @@ from . import spare_images
 from .arguments import BakeRequest
 from .job import library_paths
 from .kept_state import mark_state
+from .marks_check import drop_broken_marks
 
 Warnings = list[tuple[str, str]]
 # Texels of a texture's side for each of a page's: one object fills a page at most, and seldom shows less than a quarter of a texture. And
@@ -70,6 +72,7 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
     Raises ValueError with a sentence when there is nothing to bake, OSError when the output folder cannot be written.
     """
     check_folder(request.output)
+    drop_broken_marks()
     start = time.monotonic()
     began, limit = request.began or start, request.settings.time_limit
     scene = context.scene
@@ -145,11 +148,10 @@ def check_folder(folder: Path) -> None:
 
     Raises OSError with a sentence when nothing can be written there.
     """
-    probe = folder / ".leaflight_probe"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        probe.write_bytes(bytes(_LEAST_BYTES))  # a full disk still makes empty files
-        probe.unlink(missing_ok=True)  # another bake that begins here may have taken it away
+        with tempfile.TemporaryFile(dir=folder) as probe:
+            probe.write(bytes(_LEAST_BYTES))  # a full disk still makes empty files
     except OSError as reason:
         raise OSError(f"{folder}: is no folder that can be written ({reason.strerror}); choose another one.") from reason
 

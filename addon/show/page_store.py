@@ -14,6 +14,7 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from ...core.util.digest import hash_file
+from ...core.util.files import write_text_whole
 
 STORE = ".leaflight_pages"
 _USERS = "blend_files.txt"  # in each page's folder: the .blend files saved with the page, as seen from OUTPUT
@@ -119,4 +120,4 @@ def _write_users(folder: Path, users: Collection[Path]) -> None:
             lines.append(Path(os.path.relpath(user, output)).as_posix())  # both may be moved together
         except ValueError:  # another drive
             lines.append(str(user))
-    (folder / _USERS).write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    write_text_whole(folder / _USERS, "".join(f"{line}\n" for line in lines))

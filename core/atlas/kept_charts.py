@@ -5,10 +5,9 @@ They are known by all that decides them, the code included. A file holds those o
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from ..util.arrays import IntArray
 from ..util.digest import hash_code, hash_pieces
 from ..util.file_names import clean_name
-from ..util.files import save_whole
+from ..util.files import load_arrays, save_whole
 from ..util.job import Job
 from .unwrap import Unwrapping
 
@@ -55,9 +54,8 @@ class KeptCharts:
     def load(cls, file: Path) -> KeptCharts:
         """Those that a bake saved there; none of a file that is missing or damaged, for xatlas is there all the same."""
         try:
-            with np.load(file, allow_pickle=False) as stored:
-                return cls({key: rows for key, rows in stored.items() if rows.dtype == _ROW})
-        except (OSError, zipfile.BadZipFile, ValueError, EOFError, AttributeError):
+            return cls({key: rows for key, rows in load_arrays(file).items() if _is_sound(rows)})
+        except (OSError, ValueError):
             return cls()
 
     def begin(
@@ -83,6 +81,14 @@ class KeptCharts:
         kept = self._own if is_whole else self._earlier | self._own
         if kept.keys() != self._earlier.keys():
             save_whole(file, kept)
+
+
+def _is_sound(rows: NDArray[Any]) -> bool:
+    """Whether these are rows of charts that have numbers in order and UVs that are numbers."""
+    if rows.dtype != _ROW or rows.ndim != 1:
+        return False
+    chart = rows["chart"].astype(np.int64)
+    return bool(np.isfinite(rows["uv"]).all() and (chart >= -1).all() and (chart < len(rows)).all())
 
 
 class _Known:

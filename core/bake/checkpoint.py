@@ -26,6 +26,7 @@ from ..radiosity.splitting import SplitGuide, Splitting
 from ..radiosity.tally import Tally
 from ..transport.birth_guide import BirthGuide
 from ..transport.photon_log import ENERGY_NAMES
+from ..util.files import write_text_whole
 from ..util.job import SNAPSHOT_FILE
 from ..util.settings import Settings
 from .photon_shards import PhotonShard
@@ -138,7 +139,7 @@ def save_checkpoint(folder: Path, solver: Solver, error: float, most_bytes: int 
         folder.mkdir(parents=True, exist_ok=True)
         shared_arrays.save_struct(folder / _STRUCT_FOLDER, struct)
         text = json.dumps({"format": FORMAT, "version": FORMAT_VERSION, **dataclasses.asdict(info)})
-        (folder / INFO_FILE).write_text(text, encoding="utf-8")  # last: a state without it is not complete
+        write_text_whole(folder / INFO_FILE, text)  # last: a state without it is not complete
     except OSError as reason:
         shutil.rmtree(folder / _STRUCT_FOLDER, ignore_errors=True)
         raise OSError(f"{folder}: the bake's state cannot be kept there ({reason.strerror}); make room, or bake again.") from reason

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,8 +19,9 @@ from ..scene.identity import hash_bake
 from ..scene.scene import SceneSnapshot
 from ..util.digest import hash_file
 from ..util.file_names import clean_name
-from ..util.files import save_whole
+from ..util.files import load_arrays, parse_json, save_whole
 from ..util.job import LAYOUT_FILE, RESULT_FILE, Job
+from .note_check import fits_scene, is_sound
 
 FORMAT = "leaflight-kept-bake"
 _HEADER = "header"
@@ -102,31 +102,37 @@ def _find_blend(job: Job) -> str:
 
 def read_header(note: Path) -> dict[str, Any] | None:
     """What a note says besides arrays; None where it is missing or damaged."""
-    try:
-        with np.load(note, allow_pickle=False) as stored:
-            header = json.loads(stored[_HEADER].tobytes())
-        return header if header["format"] == FORMAT else None
-    except (OSError, zipfile.BadZipFile, ValueError, EOFError, KeyError, TypeError, AttributeError):
-        return None
+    found = _read_note(note)
+    return None if found is None else found[0]
 
 
 def find_kept_bake(snapshot: SceneSnapshot, job: Job) -> KeptBake | None:
     """The bake that this job would repeat; None where there is none, or where one of its files is missing or altered."""
+    found = _read_note(find_note(job))
+    if found is None:  # then the bake is done, which is what it would have saved
+        return None
+    header, layout = found
+    if header.get("bake") != hash_bake(snapshot, job) or not (is_sound(header) and fits_scene(layout, snapshot, header["result"]["pages"])):
+        return None
+    result = header["result"]
     try:
-        with np.load(find_note(job), allow_pickle=False) as stored:
-            header = json.loads(stored[_HEADER].tobytes())
-            if header["format"] != FORMAT or header["bake"] != hash_bake(snapshot, job):
-                return None
-            layout = {name: stored[name] for name in stored.files if name != _HEADER}
-        result = header["result"]
         for file, content in zip(result["files"], header["contents"], strict=True):
             file["path"] = str(Path(job.output) / file["path"])
             if hash_file(Path(file["path"])) != content:
                 return None
-        seconds = dict.fromkeys(result["seconds"], 0.0)
-        skipped = {**result["skipped"], "bake": 1}
-        warnings = tuple((subject, text) for subject, text in header["warnings"])
-        stateless = bool(header["stateless"])
-    except (OSError, zipfile.BadZipFile, ValueError, EOFError, KeyError, TypeError, AttributeError):
-        return None  # no note, or a damaged one: then the bake is done, which is what it would have saved
-    return KeptBake({**result, "seconds": seconds, "skipped": skipped}, warnings, layout, stateless)
+    except (OSError, ValueError):
+        return None
+    seconds = dict.fromkeys(result["seconds"], 0.0)
+    skipped = {**result["skipped"], "bake": 1}
+    warnings = tuple((subject, text) for subject, text in header["warnings"])
+    return KeptBake({**result, "seconds": seconds, "skipped": skipped}, warnings, layout, header["stateless"])
+
+
+def _read_note(note: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]] | None:
+    """Header and layout of a note, which may be anybody's; None where it is missing or damaged."""
+    try:
+        arrays = load_arrays(note)
+        header = parse_json(arrays.pop(_HEADER).tobytes())
+        return (header, arrays) if header["format"] == FORMAT else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

@@ -1,14 +1,18 @@
-"""Files that are there whole or not at all."""
+"""Files that are there whole or not at all; and files that may be anybody's, read with limits."""
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Mapping
+import zipfile
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+_MOST_JSON_BYTES = 1 << 20
 
 
 def save_whole(file: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -16,10 +20,59 @@ def save_whole(file: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
 
     Raises OSError where that cannot be written.
     """
-    unfinished = file.with_name(f"{file.name}.part")
+    _write_whole(file, lambda out: np.savez(out, **arrays))
+
+
+def write_text_whole(file: Path, text: str) -> None:
+    """The same for a text in UTF-8."""
+    _write_whole(file, lambda out: out.write(text.encode()))
+
+
+def _write_whole(file: Path, write: Callable[[IO[bytes]], object]) -> None:
+    unfinished = file.with_name(f".{file.name.removeprefix('.')}.{os.getpid()}.part")
     try:
-        with open(unfinished, "wb") as out:
-            np.savez(out, **arrays)
+        unfinished.unlink(missing_ok=True)  # a link of that name would lead to a file of somebody else's
+        with open(unfinished, "xb") as out:
+            write(out)
         os.replace(unfinished, file)
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+def parse_json(text: str | bytes) -> Any:
+    """What a JSON text says.
+
+    Raises ValueError where it says nothing, or is nested so deeply that reading it would be the end of the process.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError as reason:
+        raise ValueError("is nested too deeply") from reason
+
+
+def read_json(file: Path) -> Any:
+    """What a small file of JSON says.
+
+    Raises OSError where it cannot be read, ValueError where it is damaged or larger than anything that we write.
+    """
+    with open(file, "rb") as stored:
+        content = stored.read(_MOST_JSON_BYTES + 1)
+    if len(content) > _MOST_JSON_BYTES:
+        raise ValueError(f"{file.name}: is larger than {_MOST_JSON_BYTES:,} bytes")
+    return parse_json(content)
+
+
+def load_arrays(file: Path) -> dict[str, NDArray[Any]]:
+    """The arrays that save_whole wrote, none of which takes more memory than the file takes on disk.
+
+    Raises OSError where it cannot be read, ValueError where it is damaged, compressed, or holds what only a pickle can hold.
+    """
+    try:
+        with zipfile.ZipFile(file) as members:
+            most = file.stat().st_size
+            if any(one.compress_type != zipfile.ZIP_STORED or one.file_size > most for one in members.infolist()):
+                raise ValueError(f"{file.name}: is compressed, or says that it is larger than it is")
+        with np.load(file, allow_pickle=False) as stored:
+            return dict(stored.items())
+    except (zipfile.BadZipFile, EOFError, KeyError, TypeError, AttributeError, NotImplementedError, MemoryError, OverflowError) as reason:
+        raise ValueError(f"{file.name}: is damaged ({reason})") from reason

@@ -5,7 +5,6 @@ import errno
 import json
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -224,18 +223,22 @@ def test_check_folder_makes_it_and_leaves_nothing(tmp_path):
         session.check_folder(tmp_path / "file" / "c")
 
 
-def test_bakes_that_begin_together_do_not_stand_in_each_others_way(tmp_path, monkeypatch):
-    """The other one has taken the probe away that both made."""
-    write = Path.write_bytes
-    monkeypatch.setattr(Path, "write_bytes", lambda path, content: write(path, content) and path.unlink())
-    session.check_folder(tmp_path)
+def test_trying_a_folder_touches_nothing_that_is_there(tmp_path):
+    """Neither what another bake tries it with nor where links lead."""
+    victim = tmp_path / "victim.txt"
+    victim.write_text("the user's")
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "maps" / ".leaflight_probe").symlink_to(victim)
+    session.check_folder(tmp_path / "maps")
+    assert victim.read_text() == "the user's"
+    assert (tmp_path / "maps" / ".leaflight_probe").is_symlink()
 
 
 def test_a_folder_on_a_full_disk_is_told_before_the_bake(tmp_path, monkeypatch):
-    def fail(*_):
+    def fail(**_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_bytes", fail)
+    monkeypatch.setattr(session.tempfile, "TemporaryFile", fail)
     with pytest.raises(OSError, match=r"is no folder that can be written \(No space left on device\); choose another one\.$"):
         session.check_folder(tmp_path)
 

@@ -1,0 +1,118 @@
+"""Whether a note of a bake says what notes say: it lies beside the images, where anybody's files may lie."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import PurePosixPath, PureWindowsPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.scene import SceneSnapshot
+from ..util.settings import ERROR_OF, IMAGE_FORMATS, PASSES
+
+
+def is_sound(header: dict[str, Any]) -> bool:
+    """Whether all that is read of a header has its kind, and its files are in the folder of the note."""
+    return _fits(header, _HEADER)
+
+
+def fits_scene(layout: Mapping[str, NDArray[Any]], snapshot: SceneSnapshot, pages: int) -> bool:
+    """Whether arrays of a layout file are of this scene; its parts are those of job.LAYOUT_FILE."""
+    n_tri, n_object = snapshot.n_tri, len(snapshot.objects)
+    shapes = {
+        "tri_uv": ("f", (n_tri, 3, 2)),
+        "tri_chart": ("i", (n_tri,)),
+        "object_page": ("i", (n_object,)),
+        "object_block": ("i", (n_object,)),
+        "object_place": ("f", (n_object, 4)),
+    }
+    for name, (kind, shape) in shapes.items():
+        array = layout.get(name)
+        if array is None or array.dtype.kind != kind or array.shape != shape or not np.isfinite(array).all():
+            return False
+    page, place = layout["object_page"], layout["object_place"]
+    return bool((page >= -1).all() and (page < pages).all() and (layout["tri_chart"] >= -1).all() and (place[:, :2] > 0.0).all())
+
+
+def _fits(value: Any, shape: Any) -> bool:
+    """Whether a value has the shape: a type, a test, a list of one shape, or a dictionary of shapes that it has at least."""
+    if isinstance(shape, dict):
+        return isinstance(value, dict) and all(name in value and _fits(value[name], inner) for name, inner in shape.items())
+    if isinstance(shape, list):
+        return isinstance(value, list) and all(_fits(one, shape[0]) for one in value)
+    return isinstance(value, shape) if isinstance(shape, type) else bool(shape(value))
+
+
+def _is_count(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 63
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _is_error(value: Any) -> bool:
+    """Infinite where it could not be told, None of objects that have none."""
+    return value is None or _is_count(value) or (isinstance(value, float) and not value < 0.0)
+
+
+def _is_plain(value: Any) -> bool:
+    """Whether it can stand in a report."""
+    if isinstance(value, dict):
+        return all(map(_is_plain, value.values()))
+    if isinstance(value, list):
+        return all(map(_is_plain, value))
+    return isinstance(value, str | bool | None) or _is_number(value)
+
+
+def _is_file_name(value: Any) -> bool:
+    """Whether a path leads out of no folder, on any system."""
+    return isinstance(value, str) and value not in ("", ".", "..") and value == PurePosixPath(value).name == PureWindowsPath(value).name
+
+
+def _is_pair_of_texts(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(isinstance(one, str) for one in value)
+
+
+def _is_one_of(*choices: str) -> Callable[[Any], bool]:
+    return lambda value: isinstance(value, str) and value in choices
+
+
+_HEADER: dict[str, Any] = {
+    "contents": [str],
+    "stateless": bool,
+    "left_over": [str],
+    "warnings": [_is_pair_of_texts],
+    "result": {
+        "files": [
+            {
+                "path": _is_file_name,
+                "pass_name": _is_one_of(*PASSES),
+                "kind": _is_one_of(*IMAGE_FORMATS),
+                "page": _is_count,
+                "objects": [_is_count],
+                "encoding": str,
+                "range": _is_number,
+                "maximum": _is_number,
+                "linear": _is_one_of(""),
+            }
+        ],
+        "objects": [{"name": str, "texels": _is_count, "charts": _is_count, "estimated_error": _is_error}],
+        "seconds": dict,
+        "skipped": dict,
+        "spare": _is_one_of(""),
+        "photons": _is_count,
+        "leaves": _is_count,
+        "pages": _is_count,
+        "page_size": _is_count,
+        "estimated_error": lambda value: value is not None and _is_error(value),
+        "error_of": _is_one_of(*ERROR_OF),
+        "stopped_by": str,
+        **dict.fromkeys(
+            ("rounds", "rays", "direct", "gathered", "nodes", "energy_audit_w", "seams", "peak_memory_mb", "busy_seconds"), _is_plain
+        ),
+    },
+}
