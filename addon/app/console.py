@@ -21,7 +21,12 @@ def print_message(message: Message, quiet: bool) -> None:
     """One line for a person; with `quiet` only warnings and errors."""
     line = _line(message, quiet)
     if line:
-        print(f"leaflight: {line}", file=sys.stderr, flush=True)
+        print(f"leaflight: {escape_controls(line)}", file=sys.stderr, flush=True)
+
+
+def escape_controls(text: str) -> str:
+    """The text on one line: names in a file may hold line ends, and codes that a terminal would obey."""
+    return "".join(letter if letter.isprintable() else letter.encode("unicode_escape", "backslashreplace").decode() for letter in text)
 
 
 def _line(message: Message, quiet: bool) -> str:

@@ -34,7 +34,8 @@ class Port:
 def find_source(port: Port) -> Port:
     """The output that feeds an input, or the unlinked input whose value holds."""
     while not port.socket.is_output:
-        links = [link for link in port.socket.links if link.is_valid and not link.is_muted]
+        # Blender marks one link of a ring as not valid, but not that of a node to itself.
+        links = [link for link in port.socket.links if link.is_valid and not link.is_muted and link.from_node != link.to_node]
         if not links:
             return port
         port = _pass_through(Port(links[0].from_socket, port.groups))

@@ -111,8 +111,8 @@ def _get(collection: Any, name: str, shape: tuple[int, ...], dtype: Any) -> NDAr
 
 def _world_normals(normal: FloatArray, linear: FloatArray, mirrored: bool, corner_position: FloatArray) -> NDArray[np.float32]:
     """Unit normals by the cofactor matrix, which also a flattened object has; the face's own where a corner has none."""
-    face = np.cross(corner_position[:, 1] - corner_position[:, 0], corner_position[:, 2] - corner_position[:, 0])
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        face = np.cross(corner_position[:, 1] - corner_position[:, 0], corner_position[:, 2] - corner_position[:, 0])
         face /= np.abs(face).max(axis=1, keepdims=True)
         face /= np.linalg.norm(face, axis=1, keepdims=True)
     face[~np.isfinite(face).all(axis=1)] = (0.0, 0.0, 1.0)
@@ -123,8 +123,8 @@ def _world_normals(normal: FloatArray, linear: FloatArray, mirrored: bool, corne
 
 
 def _turn_normals(normal: FloatArray, linear: FloatArray, mirrored: bool, face: FloatArray) -> FloatArray:
-    cofactor = np.stack([np.cross(linear[1], linear[2]), np.cross(linear[2], linear[0]), np.cross(linear[0], linear[1])])
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        cofactor = np.stack([np.cross(linear[1], linear[2]), np.cross(linear[2], linear[0]), np.cross(linear[0], linear[1])])
         world = normal @ (-cofactor if mirrored else cofactor).T
         world /= np.abs(world).max(axis=2, keepdims=True)  # a tiny object's cofactors would underflow when squared
         world /= np.linalg.norm(world, axis=2, keepdims=True)

@@ -28,6 +28,7 @@ Int64: TypeAlias = NDArray[np.int64]
 
 _MANY_CHARTS = 1000
 PACKING = Status("charts", "Packing charts")
+_LEAST_SIDE = 2.0**-10  # texels, of the block of an object of next to no size: its place on the page is divided by that
 _FEWEST_TEXELS = 1.0  # a chart of less area than this is hardly a lightmap
 
 
@@ -302,7 +303,7 @@ class _AtlasMaker:
         assert laid is not None, "it was laid out to be packed"
         layout = laid[0]
         offset = packed.placement.offset[part]
-        side = float(layout.side.max()) * self.scale[i]
+        side = max(float(layout.side.max()) * self.scale[i], _LEAST_SIDE)
         self.object_place[i] = np.array([side, side, *offset]) / self.page.size
         placed: Float64 = layout.place(uv / self.size[i], chart) * self.scale[i] + offset
         return placed

@@ -62,6 +62,9 @@ class EmptyTexels:
     light: Float32
 
 
+_NO_TEXELS = np.zeros(0, np.int32), np.zeros((0, 2), np.int64), np.zeros(0, np.int32), np.zeros((0, 2), np.float32)
+
+
 @dataclass(frozen=True)
 class SeamReport:
     """What was done: edges matched, texels that could move, and RMS steps over their points, relative to the light there."""
@@ -84,6 +87,9 @@ def match_seams(
     """
     parts = len(light)
     system, entry = _System.of(points, is_central, entry_at)
+    if not len(entry):  # no chart covers a texel there
+        none = EmptyTexels(*_NO_TEXELS, np.zeros((parts, 0, 3), np.float32))
+        return [part.copy() for part in light], none, SeamReport(points.n_edge, 0, 0.0, 0.0)
     near = np.stack([part.take(entry, axis=0) for part in light])
     keep, pull = system.weigh(near.sum(axis=0).mean(axis=1), np.sqrt((stderr.take(entry, axis=0) ** 2).mean(axis=1)))
     before = system.gather(near.transpose(1, 0, 2).reshape(len(entry), -1))
@@ -132,7 +138,8 @@ class _System:
             inside = inside_x[dx] & inside_y[dy]
             near[inside, k] = entry_at.ravel()[cell[inside] + dy * size + dx]
         covered = near[:, 0] >= 0
-        central = covered & is_central[near[:, 0]]
+        central = covered.copy()
+        central[covered] = is_central[near[covered, 0]]
         looked_at = np.zeros(len(is_central) + 1, bool)  # -1 is the last
         looked_at[near] = True
         entry = np.flatnonzero(looked_at[:-1])

@@ -20,6 +20,7 @@ from . import worker_process
 
 T = TypeVar("T")
 
+_MOST_PER_CORE = 4  # processes: more only fight over it, and a thousand of them stop the machine
 _MOST_ON_WINDOWS = 61  # processes of a pool there, which waits for all of them at once. Source: WaitForMultipleObjects, less two for itself
 
 
@@ -117,8 +118,8 @@ class Ahead:
 
 
 def count_processors(workers: int) -> int:
-    """How many may be used at once, 0 for one per core that this process may use."""
-    return workers or count_usable()
+    """How many may be used at once, 0 for one per core that this process may use; never more than a few for each core."""
+    return min(workers or count_usable(), _MOST_PER_CORE * count_usable())
 
 
 def make_executor(workers: int, copied: bool = False, load_ahead: Callable[[], None] = _load_nothing) -> Executor:

@@ -8,6 +8,7 @@ bpy = pytest.importorskip("bpy")
 from leaflight.addon.nodes import derived_images
 from leaflight.addon.nodes.derived_images import AT_CORNERS, MIXED
 from leaflight.addon.nodes.node_colors import Color
+from leaflight.addon.nodes.node_ports import Port, find_source
 from leaflight.addon.nodes.socket_bake import SocketBaker
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.addon.read.materials_read import MaterialTable
@@ -134,6 +135,16 @@ def test_a_node_of_one_color(kind, values, textured):
         use_curve(node)
     images = paint.check(paint.feed(node, Color=paint.image().outputs[0] if textured else (0.6, 0.3, 0.1), **values))
     assert len(images) == textured  # and not the one below the node
+
+
+@pytest.mark.parametrize("kind", ["HueSaturation", "NormalMap", "Reroute"])
+def test_a_node_that_is_linked_to_itself_is_as_one_that_is_not_linked(kind):
+    """Blender draws such a link and does not call it invalid."""
+    tree = Paint().tree
+    node = tree.nodes.new("NodeReroute" if kind == "Reroute" else f"ShaderNode{kind}")
+    socket = node.inputs[0] if kind == "Reroute" else node.inputs["Color"]
+    tree.links.new(node.outputs[0], socket)
+    assert find_source(Port(socket)).socket == socket
 
 
 def test_brightness_and_contrast():

@@ -31,6 +31,12 @@ def test_each_message_has_its_line_on_standard_error(message, line, quiet_line, 
     assert capsys.readouterr() == ("", quiet_line)
 
 
+def test_names_of_several_lines_and_codes_of_terminals_stay_on_one_line(capsys):
+    """Quotes, accents and other scripts are as they are."""
+    print_message(Error("a\nleaflight: done\x1b[2J\u202e: 'ä' 灯 is \"no\" mesh."), quiet=True)
+    assert capsys.readouterr().err == "leaflight: error: a\\nleaflight: done\\x1b[2J\\u202e: 'ä' 灯 is \"no\" mesh.\n"
+
+
 def test_images_are_counted_named_and_placed():
     paths = [str(Path("maps", "baked") / f"room_{page}.exr") for page in range(5)]
     folder = Path("maps", "baked")

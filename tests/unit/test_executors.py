@@ -293,6 +293,11 @@ def test_machines_of_many_cores_are_used_as_far_as_the_system_goes(monkeypatch, 
     assert executors.count_processors(0) == 128  # threads are not bounded so
 
 
+def test_no_more_processes_than_the_machine_can_do_with(monkeypatch):
+    monkeypatch.setattr(executors, "count_usable", lambda: 2)
+    assert [executors.count_processors(asked) for asked in (0, 1, 3, 8, 1024)] == [2, 1, 3, 8, 8]
+
+
 def test_a_cluster_without_dask_is_a_sentence(monkeypatch):
     monkeypatch.setitem(executors.sys.modules, "distributed", None)
     monkeypatch.delitem(executors.sys.modules, "leaflight.core.parallel.cluster", raising=False)

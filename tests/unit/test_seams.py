@@ -4,6 +4,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from leaflight.core.atlas.charts import make_charts
+from leaflight.core.filter.seams import match_seams
 from leaflight.core.output.resolve import Resolver, TexelLight, close_seams
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.scene import Material
@@ -118,6 +119,19 @@ def test_light_never_falls_below_zero_and_black_stays_black():
     light, report = black.closed()
     assert not light.direct.any()
     assert (report.step_before, report.step_after) == (0.0, 0.0)
+
+
+def test_seams_that_no_texel_lies_near_leave_the_light_as_it_was():
+    """As of an object that is smaller than a texel."""
+    lit = light_scene(make_scene([sphere_mesh()]), by_sun)
+    points = light_scene(shade_smooth(make_scene([sphere_mesh()])), by_sun).points
+    bare, light = np.full_like(lit.texels.entry_at, -1), lit.light
+    for part in (slice(None), slice(0)):  # of all entries, and where there is none at all
+        direct, central = light.direct[part], lit.texels.is_central[part]
+        (matched,), empty, report = match_seams(points, [direct], light.stderr[part], central, bare)
+        np.testing.assert_array_equal(matched, direct)
+        assert (report.edges, report.texels, report.step_before, report.step_after) == (points.n_edge, 0, 0.0, 0.0)
+        assert len(empty.page) == empty.light.shape[1] == 0
 
 
 def test_without_seams_the_light_is_as_it_was():
