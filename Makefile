@@ -11,7 +11,7 @@ endif
 VENV := .venv-$(PYTHON_VERSION)
 RUN := $(VENV)/bin/python
 
-.PHONY: help bake test pytest bench bench-speed bench-matter bench-zoo bench-ablation pictures lint zip clean
+.PHONY: help bake test pytest bench bench-speed bench-matter bench-zoo bench-ablation fuzz pictures lint zip clean
 .DELETE_ON_ERROR:
 
 help:
@@ -23,6 +23,7 @@ help:
 	@echo "make bench-matter  Leaflight beside Cycles on every kind of matter, ten minutes; fills docs/matter.md"
 	@echo "make bench-zoo  Leaflight beside Cycles on random scenes, other ones every day   (ZOO='--quick --seeds 1 2 3', or other options)"
 	@echo "make bench-ablation  random scenes without each mechanism: what each is worth   (ABLATION='--seeds 1 2 --mechanisms tiles')"
+	@echo "make fuzz    1,000 odd scenes, damaged files and odd words, other ones every day   (FUZZ='--seeds 7 8', '--count 100', or other options)"
 	@echo "make pictures  bake all samples and draw them into docs/samples, and the leaves of one into docs/leaves.png"
 	@echo "make lint    ruff check, ruff format --check, mypy --strict"
 	@echo "make zip     the extension's zips in dist/, one per platform   (WHEELS_DIR=folder: also one with the wheels in it)"
@@ -55,6 +56,9 @@ bench-zoo: $(VENV)/.ready-bench
 
 bench-ablation: $(VENV)/.ready-bench
 	PYTHONPATH=tests $(RUN) tests/bench/bench_ablation.py $(ABLATION)
+
+fuzz: $(VENV)/.ready
+	$(RUN) tests/fuzz/run_fuzz.py $(FUZZ)
 
 pictures: $(VENV)/.ready
 	$(RUN) tests/bench/draw_samples.py
