@@ -160,6 +160,7 @@ def _bake(run: Run, loaded: _Loaded, executor: Executor) -> LightField:
         "spare": spare,
         "seconds": run.seconds,
         "busy_seconds": executors.read_busy_seconds(executor),
+        "cpu_seconds": executors.read_cpu_seconds(executor) - run.cpu_began_s,
         "processes": executors.count_processors(settings.workers),
         "peak_memory_mb": report.measure_memory_mb(),
         **report.describe_light(light),

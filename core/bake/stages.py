@@ -24,6 +24,7 @@ class Run:
     should_stop   whether the best so far is asked for
     seconds       of each stage
     deadline      of the time limit
+    cpu_began_s   CPU seconds that this process had used before
     warnings      (subject, sentence) of all that was replaced or left out; those who bake the same again hear of it too
     """
 
@@ -34,6 +35,7 @@ class Run:
     seconds: dict[str, float] = field(default_factory=dict)
     warnings: list[tuple[str, str]] = field(default_factory=list)
     deadline: Deadline = field(default_factory=Deadline)
+    cpu_began_s: float = field(default_factory=time.process_time)
 
     @contextmanager
     def stage(self, said: Status) -> Iterator[None]:

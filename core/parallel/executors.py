@@ -7,6 +7,7 @@ import os
 import sys
 import tempfile
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
@@ -30,16 +31,18 @@ class BusyTime:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._seconds: dict[str, float] = {}
+        self.lent_cpu_s = 0.0  # CPU seconds of calls in other processes than this one
 
-    def add(self, run: Callable[[], Any], seconds: float) -> None:
-        """`run` is a call, which took as long."""
+    def add(self, run: Callable[[], Any], seconds: float, lent_cpu_s: float = 0.0) -> None:
+        """`run` is a call, which took as long; CPU seconds where another process ran it."""
         name = getattr(run.func if isinstance(run, partial) else run, "__name__", "other")
         with self._lock:
             self._seconds[name] = self._seconds.get(name, 0.0) + seconds
+            self.lent_cpu_s += lent_cpu_s
 
     def run(self, run: Callable[[], T]) -> T:
         """The call's result; its time is added."""
-        result, seconds = worker_process.time_call(run)
+        result, seconds, _ = worker_process.time_call(run)
         self.add(run, seconds)
         return result
 
@@ -140,6 +143,12 @@ def count_idle(executor: Executor) -> int:
 def read_busy_seconds(executor: Executor) -> dict[str, float]:
     """Seconds in calls by the name of their function, of all processes of this machine together; none of a cluster."""
     return executor.busy.read() if isinstance(executor, InlineExecutor | LocalExecutor) else {}
+
+
+def read_cpu_seconds(executor: Executor) -> float:
+    """CPU seconds of this process since its start, and of other processes of this machine in calls; none of a cluster's."""
+    lent_s = executor.busy.lent_cpu_s if isinstance(executor, InlineExecutor | LocalExecutor) else 0.0
+    return time.process_time() + lent_s
 
 
 def wake(executor: Executor) -> None:
@@ -361,8 +370,8 @@ class LocalExecutor(Executor):
         _settle(call, lambda: self._unpack(call, sent))
 
     def _unpack(self, call: _Call, sent: Future[bytes | str]) -> Any:
-        result, seconds = worker_process.fetch_result(sent.result())
-        self.busy.add(call.run, seconds)
+        result, *seconds = worker_process.fetch_result(sent.result())
+        self.busy.add(call.run, *seconds)
         return result
 
 

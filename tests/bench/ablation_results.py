@@ -22,7 +22,7 @@ class Trial:
     """One bake.
 
     rel, stated   errors: real, and as the bake states it, nan where it was stopped before it knew
-    cpu_s         of all processes, without what a bake takes that finds no light
+    cpu_s         of all processes of the core
     changed       some pixel differs from the bake with everything and the same seed
     """
 

@@ -28,7 +28,6 @@ from zoo_reference import PageReference, Subject, find_reference
 
 # Without effect in the bakes that are made here: pages are smaller, and direct light comes by rays.
 IDLE = ("quads", "emission_guide")
-_LEAST_SHARE = 0.05  # of a bake's CPU seconds that count for light, lest noise of the rest makes them none
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,39 +46,37 @@ class Asked:
     seeds: tuple[int, ...]
 
 
-def bake(subject: Subject, asked: Asked, seed: int, *options: str, without: Sequence[str] = ()) -> Bake:
-    words = ("--error", str(asked.error), "--max-photons", str(asked.max_photons), "--seed", str(seed), *options)
+def bake(subject: Subject, asked: Asked, seed: int, without: Sequence[str] = ()) -> Bake:
+    words = ("--error", str(asked.error), "--max-photons", str(asked.max_photons), "--seed", str(seed))
     return bake_leaflight(subject, *words, without=without, patience_s=asked.patience_s)
 
 
-def judge(subject: Subject, made: Bake, reference: PageReference, idle_s: float, whole: Bake | None = None) -> Trial:
-    """What a bake is worth; `whole` is that with everything, `idle_s` the CPU seconds of a bake without light."""
+def judge(subject: Subject, made: Bake, reference: PageReference, whole: Bake | None = None) -> Trial:
+    """What a bake is worth; `whole` is that with everything."""
     errors = reference.measure(made.pages, subject.objects)
     changed = whole is None or any(not np.array_equal(made.pages[name], page) for name, page in whole.pages.items())
-    cpu_s = max(made.cpu_s - idle_s, _LEAST_SHARE * made.cpu_s)
     stated = made.report["estimated_error"]
-    return Trial(errors.rel, math.nan if stated is None else stated, cpu_s, changed)
+    return Trial(errors.rel, math.nan if stated is None else stated, made.report["cpu_seconds"], changed)
 
 
 def run_scene(subject: Subject, asked: Asked, mechanisms: Sequence[str]) -> SceneTrials:
     """All bakes of a scene; on a larger page where its charts do not fit."""
     try:
-        idle_s = min(bake(subject, asked, 1, "--pass", "albedo").cpu_s for _ in range(2))
+        wholes = [bake(subject, asked, seed) for seed in asked.seeds]
     except PageFullError:
         larger = dataclasses.replace(subject, size=subject.size * 3 // 2)
         larger.save()
         return run_scene(larger, asked, mechanisms)
-    wholes = [bake(subject, asked, seed) for seed in asked.seeds]
     layout = "" if subject.uv_layer else wholes[0].layout
     reference = find_reference(subject, layout, QUICK.side, QUICK.reference_s, QUICK.noise)
-    trials = SceneTrials(subject.name, subject.about, tuple(judge(subject, made, reference, idle_s) for made in wholes))
+    trials = SceneTrials(subject.name, subject.about, tuple(judge(subject, made, reference) for made in wholes))
     for name in mechanisms:
         try:
             made = bake(subject, asked, asked.seeds[0], without=[name])
         except RuntimeError as reason:
             print(f"{subject.name} without {name} FAILED: {reason}", file=sys.stderr, flush=True)
             continue
-        trials.without[name] = judge(subject, made, reference, idle_s, wholes[0])
+        trials.without[name] = judge(subject, made, reference, wholes[0])
     return trials
 
 

@@ -363,3 +363,24 @@ def test_time_in_calls_is_counted_in_every_process_by_function(count):
         busy = executors.read_busy_seconds(executor)
     assert 0.2 <= busy["sleep"] < 2.0
     assert 0.0 <= busy["abs"] < 0.1
+
+
+def _work(seconds):
+    """Uses so many CPU seconds."""
+    begin = time.process_time()
+    while time.process_time() < begin + seconds:
+        sum(range(1000))
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_cpu_seconds_are_those_of_all_processes(count):
+    with executors.make_executor(count) as executor:
+        if count > 1:
+            wait_until_ready(executor)
+        before, own = executors.read_cpu_seconds(executor), time.process_time()
+        for call in [executor.submit(_work, 0.2) for _ in range(4)]:
+            call.result()
+        executor.submit(time.sleep, 0.3).result()
+        used, own = executors.read_cpu_seconds(executor) - before, time.process_time() - own
+    assert 0.8 <= used < 1.05
+    assert (used - own > 0.15) == (count > 1)
