@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import floor_looks, lit_scene, morton_square, prepare
-from leaflight.core.integrate import direct_peaks
 from leaflight.core.integrate.direct_peaks import average_peaks, estimate_bend, find_peaks
 from leaflight.core.lights.direct_lights import Source
 from leaflight.core.lights.direct_points import GAUSS_POINTS, Receivers, TexelChunk
@@ -95,18 +94,15 @@ class CountingChunk(TexelChunk):
         return super().receivers_at(rows, points)
 
 
-def test_pairs_are_looked_at_together_as_far_as_they_fit_and_come_to_the_same(monkeypatch):
-    lamps = [replace(LAMP, position_m=(0.1 + 0.05 * k, 0.5, 0.01)) for k in range(16)]
-    pairs = source_of(*lamps), np.repeat(np.arange(16), len(TEXELS))
-    together, apart = (CountingChunk(floor_looks(SIDE)(TEXELS)) for _ in range(2))
-    expected = average_peaks(*pairs, together, np.tile(TEXELS, 16))
-    assert len(together.asked) <= 2 * (direct_peaks._MOST_HALVINGS + 1)
-    monkeypatch.setattr(direct_peaks, "_SQUARES_AT_ONCE", 100)
-    found = average_peaks(*pairs, apart, np.tile(TEXELS, 16))
-    np.testing.assert_array_equal(found, expected)  # to the bit: squares of a pair stay together
-    of_a_pair = max(np.bincount(rows).max() for rows, _ in apart.asked[1:])
-    assert max(len(rows) for rows, _ in apart.asked[1:]) <= 100 + of_a_pair
-    assert len(apart.asked) > 2 * len(together.asked)
+def test_many_lamps_come_to_the_same_as_each_by_itself(chunk):
+    """They are looked at together as far as they fit; to the bit, for squares of a pair stay together."""
+    lamps = [replace(LAMP, position_m=(0.1 + 0.8 * (k % 16) / 15, 0.1 + 0.8 * (k // 16) / 7, 0.01)) for k in range(128)]
+    found = average_peaks(source_of(*lamps), np.repeat(np.arange(128), len(TEXELS)), chunk, np.tile(TEXELS, 128))
+    for k in range(0, 128, 9):
+        alone = average_peaks(source_of(lamps[k]), None, chunk, TEXELS)
+        of_lamp = slice(k * len(TEXELS), (k + 1) * len(TEXELS))
+        for one, same in zip(found, alone, strict=True):
+            np.testing.assert_array_equal(one[of_lamp], same)
 
 
 def test_only_texels_near_a_lamp_hold_a_peak(chunk):

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver
-from leaflight.core.bake import gather_plan
 from leaflight.core.bake.gather_plan import GatherPlan, know_light
 from leaflight.core.filter import estimate, reconstruct
 from leaflight.core.integrate.gathered import GatheredField
@@ -97,9 +96,8 @@ def test_what_was_not_enough_is_not_tried_again_until_photons_are_twice_as_many(
     assert tried.pays(replace(ASKED, error=0.0199), NOISY, LEDGER, 3, lambda: 1.0)  # of a bake that goes on to a smaller one
 
 
-def test_what_is_known_is_direct_light_and_that_of_leaves(tmp_path, monkeypatch):
+def test_what_is_known_is_direct_light_and_that_of_leaves(tmp_path):
     """Integrated over the surfaces the leaves' functions hold their flux; and halves that differ are doubt."""
-    monkeypatch.setattr(gather_plan, "_CHUNK", 100)
     solver = make_solver(tmp_path, lamp_scene(), Settings(size=64, padding=1, max_photons=200_000, error=1e-4))
     light = solver.run(lambda message: None, lambda: False)
     direct = solver.direct.irradiance

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from leaflight.core.scene import mipmap
 from leaflight.core.scene.mipmap import Mipmap, halve
 from leaflight.core.scene.scene import TextureImage
 
@@ -17,13 +16,14 @@ def centres(height: int, width: int) -> np.ndarray:
     return np.stack([column.ravel(), row.ravel()], axis=1)
 
 
-def test_texels_are_means_of_four():
-    pixels = np.random.default_rng(1).random((8, 12, 3)).astype(np.float32)
-    expected = pixels.reshape(4, 2, 6, 2, 3).mean(axis=(1, 3))
+@pytest.mark.parametrize("rows", [4, 700])  # the large image is halved in parts
+def test_texels_are_means_of_four(rows):
+    pixels = np.random.default_rng(1).random((2 * rows, 12, 3)).astype(np.float32)
+    expected = pixels.reshape(rows, 2, 6, 2, 3).mean(axis=(1, 3))
     assert halve(pixels) == pytest.approx(expected, rel=1e-6)
-    mean, square = Mipmap(TextureImage("Picture", pixels, closest=True), WHITE).at(1, centres(4, 6))
-    assert mean == pytest.approx(expected.reshape(-1, 3), rel=1e-4)
-    assert square == pytest.approx((pixels**2).reshape(4, 2, 6, 2, 3).mean(axis=(1, 3)).reshape(-1, 3), rel=1e-4)
+    mean, square = Mipmap(TextureImage("Picture", pixels, closest=True), WHITE).at(1, centres(rows, 6))
+    assert mean == pytest.approx(expected.reshape(-1, 3), rel=1e-3)
+    assert square == pytest.approx((pixels**2).reshape(rows, 2, 6, 2, 3).mean(axis=(1, 3)).reshape(-1, 3), rel=1e-3)
 
 
 def test_colours_are_linear_between_texels_of_a_level():
@@ -56,16 +56,6 @@ def test_a_bright_spot_stays_where_it_is(size):
             shown = Mipmap(TextureImage("Spot", pixels, extension="EXTEND"), WHITE).at(level, centres(1, count))[0][:, 0]
             assert shown.sum() > 0
             assert abs((shown.argmax() + 0.5) / count - (at + 0.5) / size) < 1 / count
-
-
-def test_a_large_image_is_halved_in_parts(monkeypatch):
-    pixels = np.random.default_rng(3).random((41, 9, 3)).astype(np.float32)
-    uv = np.random.default_rng(4).random((50, 2))
-    whole = Mipmap(TextureImage("Picture", pixels), WHITE).at(1, uv)
-    monkeypatch.setattr(mipmap, "_ROWS", 4)
-    parts = Mipmap(TextureImage("Picture", pixels), WHITE).at(1, uv)
-    for one, same in zip(whole, parts, strict=True):
-        assert np.array_equal(one, same)
 
 
 def test_what_is_no_colour_is_black():

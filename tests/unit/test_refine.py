@@ -236,9 +236,8 @@ def test_the_price_of_children_that_saw_a_fair_share_is_that_of_noise():
     assert prices == pytest.approx(refine.NOISE_PRICE * np.array([1.0, 1.0, 2.0, 25.0]))
 
 
-def test_a_comparison_tells_of_all_nodes_that_anybody_asks_for(monkeypatch):
-    """Nodes that shot too few photons to be compared are left out, and deeper those that have been split; in parts the rest is the same."""
-    monkeypatch.setattr(refine, "_PART", 1 << 5)
+def test_a_comparison_tells_of_all_nodes_that_anybody_asks_for():
+    """Nodes that shot too few photons to be compared are left out, and deeper those that have been split."""
     bake = refined(20_000, half_lit, side=64, degree=1)
     totals, solution = bake.totals(), bake.solution()
     comparison = refine.Comparison.of(bake.tree, totals, solution, rule())

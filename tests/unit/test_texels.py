@@ -313,23 +313,24 @@ def test_a_centre_on_the_diagonal_of_a_square_is_where_its_texel_is_read() -> No
     np.testing.assert_allclose(np.einsum("nk,nkj->nj", texels.texel_bary, corner), texels.texel_xy + 0.5, atol=1e-6)
 
 
-@pytest.mark.parametrize(("square_log2", "slots"), [(0, 7), (2, 10), (3, 1 << 16)])
-def test_in_whatever_parts_texels_are_gone_through_the_map_is_one(monkeypatch: pytest.MonkeyPatch, square_log2: int, slots: int) -> None:
-    """Of a chart that fills its root, one that does not, one of a texel and one without."""
-    uv = np.array([[[0, 0], [32, 0], [0, 32]], [[35, 3], [50, 3], [50, 25]], [[60, 60], [60.8, 60], [60.8, 60.8]], [[1, 1]] * 3], float)
-
-    def build() -> TexelMap:
-        return make_map(uv, chart=[0, 1, 3, 2], size=64)
-
-    whole = build()
+def test_charts_of_a_large_page_are_those_that_they_are_alone() -> None:
+    """Of one that fills its root, one that does not, one of a texel and one without; a large page is gone through in parts."""
+    uv = np.array(
+        [[[0, 0], [512, 0], [0, 512]], [[515, 3], [790, 3], [790, 925]], [[60, 900], [60.8, 900], [60.8, 900.8]], [[1, 1]] * 3], float
+    )
+    chart = [0, 1, 3, 2]
+    whole = make_map(uv, chart=chart, size=1024)
+    assert len(whole) > 200_000
     assert np.diff(whole.chart_start).tolist()[2:] == [0, 1]
     assert (np.diff(whole.list_keys(slice(None))) > 0).all()
-    monkeypatch.setattr(module, "_SQUARE_LOG2", square_log2)
-    monkeypatch.setattr(module, "_SLOTS", slots)
-    parts = build()
-    for name in ("chart_origin", "chart_log2", "chart_start", "texel_chart", "texel_xy", "texel_code", "texel_area", "texel_tri"):
-        np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
-    np.testing.assert_array_equal(parts.grid.cell_entry, whole.grid.cell_entry)
+    for row, of in enumerate(chart[:3]):
+        alone = make_map(uv[row : row + 1], size=1024)
+        own = slice(whole.chart_start[of], whole.chart_start[of + 1])
+        for name in ("texel_xy", "texel_code", "texel_area"):
+            np.testing.assert_array_equal(getattr(alone, name), getattr(whole, name)[own])
+        assert (whole.texel_tri[own] == row).all()
+        assert alone.chart_origin[0].tolist() == whole.chart_origin[of].tolist()
+        assert alone.chart_log2[0] == whole.chart_log2[of]
 
 
 def test_each_place_of_each_page_has_the_entry_that_is_shown_there():
