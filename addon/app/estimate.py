@@ -10,10 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ...core.util.settings import Settings
+import numpy as np
+
+from ...core.atlas.packing import Page
+from ...core.atlas.page_plan import ChartDemand, count_full_pages, find_page_size, is_one_enough, plan_pages
+from ...core.util.settings import MAX_PAGE_SIZE_TEXELS, Settings
 
 _FILL = 0.9  # share of a large page that charts cover
 _GAP = 20.0  # paddings along a page's side, for the charts of a usual scene
+_MUCH, _NAMED = 0.2, 3  # of all texels: who takes so many is named, of so many objects at most
 _CORE_MB, _WORKER_MB = 250.0, 90.0
 _CORE_MB_PER_TEXEL, _WORKER_MB_PER_TEXEL = 2.5e-4, 9e-5
 _START_S = 1.2
@@ -33,6 +38,7 @@ class Measured:
 
     n_triangle   a scene of more has more edges of light
     longest_m    longest edge, which no chart cuts
+    n_chart      about, of chart_guess; 0 where nobody knows
     """
 
     name: str
@@ -40,6 +46,7 @@ class Measured:
     n_triangle: int
     density_factor: float
     longest_m: float = 0.0
+    n_chart: int = 0
 
 
 @dataclass(frozen=True)
@@ -51,6 +58,7 @@ class Estimate:
     too_large  names of objects that do not fit a page at the wanted density
     fitting    of each of these, the share of the wanted density at which it fits, about
     nearly     names of objects that may not fit a page either: they are about as large as one
+    takers     (name, share of all texels) of those that take much of it, the most first
     """
 
     objects: int
@@ -64,6 +72,7 @@ class Estimate:
     too_large: tuple[str, ...] = ()
     fitting: tuple[float, ...] = ()
     nearly: tuple[str, ...] = ()
+    takers: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -117,9 +126,11 @@ def estimate_bake(
     total_m2 = sum(weighted_m2)
     if not (math.isfinite(total_m2) and total_m2 > 0.0):
         return None
-    inside = max(settings.size - 2 * settings.padding, 1)
+    page = Page(settings.size, settings.padding)
+    inside = max(page.inside, 1)
     page_texels = inside**2 * _FILL / (1.0 + _GAP * settings.padding / settings.size) ** 2
-    density, too_large, nearly = settings.density, {}, []
+    demand = ChartDemand.of_squares([one.n_chart for one in objects], weighted_m2)
+    density, size, too_large, nearly = settings.density, settings.size, {}, []
     if density > 0.0:
         texels_of = [min(area * density**2, page_texels) for area in weighted_m2]
         wanted = [(one.name, area * density**2) for one, area in zip(objects, weighted_m2, strict=True)]
@@ -130,12 +141,16 @@ def estimate_bake(
                 too_large[name] = min(math.sqrt(page_texels / texels), room)
             elif texels > page_texels:
                 nearly.append(name)
-        pages = len(objects) if not settings.atlas else math.ceil(sum(texels_of) / page_texels)
-        texels = sum(texels_of)
+        pages = max(math.ceil(sum(texels_of) / page_texels), count_full_pages(demand, density, page))
     else:
-        pages = len(objects) if not settings.atlas else 1
-        texels = pages * page_texels
-        density = math.sqrt(texels / total_m2)
+        found = _plan_one_density(objects, demand, page, page_texels, settings)
+        size, pages, density = found
+        texels_of = [min(area * density**2, page_texels * (size / settings.size) ** 2) for area in weighted_m2]
+        if not settings.atlas:
+            texels_of = [page_texels] * len(objects)
+    if not settings.atlas:
+        pages = len(objects)
+    texels = sum(texels_of)
     pages = min(pages + own_layers * settings.atlas, max(len(objects), 1))
     workers = settings.workers or cores
     return Estimate(
@@ -144,13 +159,46 @@ def estimate_bake(
         density=density,
         texels=round(texels),
         pages=pages,
-        page_size=settings.size,
+        page_size=size,
         memory_mb=_CORE_MB + workers * _WORKER_MB + texels * (_CORE_MB_PER_TEXEL + workers * _WORKER_MB_PER_TEXEL),
         seconds=_estimate_seconds(texels, sum(one.n_triangle for one in objects), settings, min(workers, cores), pace),
         too_large=tuple(too_large),
         fitting=tuple(too_large.values()),
         nearly=tuple(nearly),
+        takers=_list_takers(objects, texels_of) if settings.atlas else (),
     )
+
+
+def _plan_one_density(
+    objects: Sequence[Measured], demand: ChartDemand, page: Page, page_texels: float, settings: Settings
+) -> tuple[int, int, float]:
+    """Page size, number of pages and density, texels/m, where only the size is chosen."""
+    total_m2 = sum(one.area_m2 * one.density_factor**2 for one in objects)
+    if not settings.atlas:
+        return page.size, len(objects), math.sqrt(len(objects) * page_texels / total_m2)
+    most = np.arange(len(objects)) == demand.count.argmax()
+    if not demand.keep(most).find_density(1.0, page):  # an object lies on one page
+        size = find_page_size(int(demand.count.max()), page, MAX_PAGE_SIZE_TEXELS) or page.size
+        page, page_texels = Page(size, page.padding), page_texels * (size / page.size) ** 2
+    fitting = demand.find_density(1.0, page)
+    least = demand.find_least_density(page)
+    chart_m2 = np.repeat(demand.box_m2 / demand.count, demand.count.astype(np.int64))
+    is_alone = len(objects) == 1 or settings.max_pages == 1
+    if fitting and (is_alone or is_one_enough(float(np.median(chart_m2)), fitting, least)):
+        return page.size, 1, min(fitting, math.sqrt(page_texels / total_m2))
+    if is_alone:
+        return page.size, 1, least
+    plan = plan_pages(demand, page, settings.max_pages)
+    return page.size, plan.pages, plan.density or least
+
+
+def _list_takers(objects: Sequence[Measured], texels_of: Sequence[float]) -> tuple[tuple[str, float], ...]:
+    if len(objects) < 2:
+        return ()
+    shares = sorted(
+        zip((one.name for one in objects), (texels / sum(texels_of) for texels in texels_of), strict=True), key=lambda one: -one[1]
+    )
+    return tuple(one for one in shares[:_NAMED] if one[1] >= _MUCH)
 
 
 def _estimate_seconds(texels: float, n_triangle: int, settings: Settings, cores: int, pace: Pace | None) -> tuple[float, float]:

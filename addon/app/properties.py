@@ -117,7 +117,7 @@ _QUALITY_ITEMS = [
     ("CUSTOM", "Custom", "Another target error", _CUSTOM),
 ]
 _RESOLUTION_ITEMS = [
-    ("PAGE", "Page Size", "Everything on one page, as finely as fits", _BY_PAGE),
+    ("PAGE", "Page Size", "Everything on one page, as finely as fits; on more pages where one has no room for it", _BY_PAGE),
     ("DENSITY", "Density", "So many texels per metre of surface, on as many pages as that takes", _BY_DENSITY),
 ]
 _SHOWN_ITEMS = [

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...core.atlas.chart_guess import guess_charts
 from ...core.scene.scene import SceneSnapshot
 from ...core.util.geometry import triangle_normals_areas
 from ...core.util.settings import Settings
 from ...core.util.threads import count_usable
 from ..app.estimate import Measured, estimate_bake
-from .panel_parts import describe_estimate
-
-_MUCH = 0.2  # of all texels: who takes so many is named
-_NAMED = 3
+from .panel_parts import describe_estimate, describe_takers
 
 
 def describe_bake(snapshot: SceneSnapshot, settings: Settings) -> list[str]:
@@ -22,13 +20,7 @@ def describe_bake(snapshot: SceneSnapshot, settings: Settings) -> list[str]:
     estimate = estimate_bake(measured, settings, layered, count_usable())
     if estimate is None:
         return ["nothing that can be baked has an area"]
-    lines = describe_estimate(estimate)
-    weight = {one.name: one.area_m2 * one.density_factor**2 for one in measured}
-    total = sum(weight.values())
-    most = sorted(weight, key=lambda name: -weight[name])[:_NAMED]
-    lines += [
-        f"{name} takes {weight[name] / total:.0%} of the texels" for name in most if len(weight) > 1 and weight[name] >= _MUCH * total
-    ]
+    lines = describe_estimate(estimate) + describe_takers(estimate)
     return lines + [f"{name} does not fit a page at this density and is baked less finely" for name in estimate.too_large]
 
 
@@ -39,10 +31,11 @@ def measure_snapshot(snapshot: SceneSnapshot) -> list[Measured]:
     longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1, initial=0.0)
     count = len(snapshot.objects)
     total, triangles = np.bincount(snapshot.tri_object, area, count), np.bincount(snapshot.tri_object, minlength=count)
+    charts = guess_charts(corner, snapshot.tri_object, count)
     edge = np.zeros(count)
     np.maximum.at(edge, snapshot.tri_object, longest)
     return [
-        Measured(one.name, float(total[i]), int(triangles[i]), one.density_factor, float(edge[i]))
+        Measured(one.name, float(total[i]), int(triangles[i]), one.density_factor, float(edge[i]), int(charts[i]))
         for i, one in enumerate(snapshot.objects)
         if one.receives
     ]

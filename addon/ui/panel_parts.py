@@ -41,10 +41,15 @@ def describe_estimate(estimate: Estimate) -> list[str]:
     return [
         f"{objects} object{'' if objects == 1 else 's'}, {estimate.area_m2:.3g} m²",
         f"{_round(estimate.texels):,.0f} texels, {estimate.density:.3g} per metre",
-        f"{pages} page{'' if pages == 1 else 's'} of {estimate.page_size} x {estimate.page_size}",
+        f"{'1 page' if pages == 1 else f'about {pages} pages'} of {estimate.page_size} x {estimate.page_size}",
         f"about {_describe_memory(estimate.memory_mb)} of memory",
         f"about {describe_seconds(most)}, as the last bake" if least == most else span,
     ]
+
+
+def describe_takers(estimate: Estimate) -> list[str]:
+    """Who takes much of the page, a sentence each."""
+    return [f"{name} takes {share:.0%} of the texels".replace("%", " %") for name, share in estimate.takers]
 
 
 def describe_plan(context: bpy.types.Context, count: int) -> tuple[str, ...]:

@@ -17,13 +17,14 @@ from ..show import restore, view_shading
 from ..show.layout import worn_result
 from . import preferences
 from .checker import is_checker_on
-from .panel_parts import describe_estimate, draw_sentence, draw_told, prepare
+from .panel_parts import describe_estimate, describe_takers, draw_sentence, draw_told, prepare
 from .panel_result import draw_result, draw_show_it, find_worn
 from .presets import LEAFLIGHT_PT_presets
 from .select_operator import is_known
 
 _SHOWN_WARNINGS = 6
 _KEPT_LINES = 3  # of the plan: what a bake is of; its own lines take the place of the others
+_MOST = 0.5  # of all texels: one object that takes so many is named
 _BAKE_HEIGHT = 1.6  # of the button
 
 
@@ -113,6 +114,9 @@ def _draw_plan(layout: Any, context: bpy.types.Context) -> None:
         if meter.stale:  # in place of a line, for another would move all that is below
             lines[-1] = "The scene changed: measuring..."
         _draw_lines(column, lines, active=not meter.stale)
+        for name, share in meter.estimate.takers[:1]:
+            if share >= _MOST:
+                draw_told(column, context, Told((name,), describe_takers(meter.estimate)[0]), "INFO")
         for names, told in (
             (meter.estimate.too_large, "larger than a page at this density: baked less finely"),
             (meter.estimate.nearly, "about as large as a page at this density: may be baked less finely"),

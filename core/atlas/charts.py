@@ -6,14 +6,14 @@ import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NoReturn, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.scene import SceneSnapshot
 from ..util.messages import Status
-from ..util.settings import Settings
+from ..util.settings import MAX_PAGE_SIZE_TEXELS, Settings
 from ..util.words import Watch, unwatched
 from .blocks import BlockLayout, join_outlines, lay_block, outline_block
 from .chart_search import find_charts
@@ -21,6 +21,7 @@ from .density_search import find_greatest_density
 from .kept_charts import KeptCharts
 from .outlines import Outlines
 from .packing import Page, Placement, Shapes, fits_alone, place_charts, place_uv, shape_charts
+from .page_plan import ChartDemand, find_page_size, is_one_enough, plan_pages
 
 Float64: TypeAlias = NDArray[np.float64]
 Int32: TypeAlias = NDArray[np.int32]
@@ -30,6 +31,8 @@ _MANY_CHARTS = 1000
 PACKING = Status("charts", "Packing charts")
 _LEAST_SIDE = 2.0**-10  # texels, of the block of an object of next to no size: its place on the page is divided by that
 _FEWEST_TEXELS = 1.0  # a chart of less area than this is hardly a lightmap
+_LESS_DENSE = 0.96  # of the density that was tried, where it took more pages than are planned
+_TRIES, _MOST_TRIES = 4, 50  # until there is one page more; and where there may not be
 
 
 @dataclass(frozen=True)
@@ -62,9 +65,12 @@ class ChartAtlas:
 def make_charts(snapshot: SceneSnapshot, settings: Settings, watch: Watch = unwatched, kept: KeptCharts | None = None) -> ChartAtlas:
     """Charts of all receiving objects, of one density in texels/m; layers that exist are kept and get pages of their own.
 
+    Where only the page size is chosen there are as many pages as page_plan has it. Pages are larger than asked for where the charts of one
+    object, which lie on one page, do not fit.
+
     kept    of an earlier bake, see find_charts
     watch   is told UNWRAPPING, PACKING, and which share of each is done; it may raise
-    Raises ValueError when charts do not fit a page at any density, or when xatlas is needed and cannot be loaded, or crashes.
+    Raises ValueError when charts do not fit the pages at any density, or when xatlas is needed and cannot be loaded, or crashes.
     """
     return _AtlasMaker(snapshot, settings, watch, kept).make()
 
@@ -88,6 +94,10 @@ class _Worn:
     largest: int
     laid: tuple[BlockLayout, Outlines] | None = None
     alone: _Packed | None = None
+
+
+class _PageTooSmallError(Exception):
+    """The charts of an object, its argument, do not fit a page at any density."""
 
 
 class _AtlasMaker:
@@ -120,21 +130,21 @@ class _AtlasMaker:
         for i, sentence in found.findings:
             self._warn(i, sentence)
         unwrapped = [i for i in np.flatnonzero(np.diff(found.first_chart)).tolist() if i not in layered]
-        if self.settings.density > 0:
-            self._make_blocks_fit()
-        if not self.settings.atlas:
-            for i in self._each(unwrapped):
-                self._pack_alone(i)
-        elif self.settings.density > 0:
-            self._pack_first_fit(unwrapped)
-        elif unwrapped:
-            self._apply(self._fit(unwrapped, self._new_page()))
+        told = len(self.warnings)
+        while True:
+            try:
+                self._pack(unwrapped)
+                break
+            except _PageTooSmallError as small:
+                del self.warnings[told:]
+                self._enlarge_pages(int(small.args[0]), unwrapped)
+                told = len(self.warnings)
         for i in layered:
             self.object_page[i] = self._new_page()
-            self.uv[self._rows(i)] = found.uv[self._rows(i)] * float(self.settings.size)
+            self.uv[self._rows(i)] = found.uv[self._rows(i)] * float(self.page.size)
         chart_object = np.repeat(np.arange(len(self.object_page)), np.diff(found.first_chart))
         return ChartAtlas(
-            self.settings.size,
+            self.page.size,
             self.page_count,
             found.chart.astype(np.int32),
             self.uv,
@@ -144,6 +154,95 @@ class _AtlasMaker:
             self.object_block,
             self.object_place,
             tuple(self.warnings),
+        )
+
+    def _pack(self, unwrapped: list[int]) -> None:
+        self._begin(self.settings.density)
+        if self.settings.density > 0:
+            self._make_blocks_fit()
+        if not self.settings.atlas:
+            for i in self._each(unwrapped):
+                self._pack_alone(i)
+        elif self.settings.density > 0:
+            self._pack_first_fit(unwrapped)
+            self._check_count()
+        elif unwrapped:
+            self._pack_by_page_size(unwrapped)
+
+    def _begin(self, density: float) -> None:
+        """No page is filled yet, and what is wanted is this density, texels/m; 0 as much as fits."""
+        self.page_count = 0
+        self.density[:] = density
+        for worn in self.worn:
+            worn.alone = None
+
+    def _pack_by_page_size(self, objects: list[int]) -> None:
+        """One page as finely as all fit it, or several where one is not enough."""
+        charts = self._select(objects)
+        found = self._find_fit(objects, 0)
+        demand = self._measure_demand(objects)
+        least = demand.find_least_density(self.page)
+        several = len(objects) > 1 and self.settings.max_pages != 1
+        if found and (not several or is_one_enough(float(np.median(charts.area)), found.density, least)):
+            self._new_page()
+            self._apply(found)
+            self._warn_of_small_charts(objects, found.density)
+            return
+        if len(objects) == 1:
+            raise _PageTooSmallError(objects[0])
+        if not several:
+            self._refuse(objects)
+        plan = plan_pages(demand, self.page, self.settings.max_pages)
+        density = plan.density
+        for left in reversed(range(_MOST_TRIES)) if density else ():
+            told = len(self.warnings)
+            self._begin(density)
+            self._make_blocks_fit()
+            self._pack_first_fit(objects)
+            density *= _LESS_DENSE
+            is_tried_enough = left < _MOST_TRIES - _TRIES or density < least  # a page more does no harm, where it is allowed
+            if self.page_count <= plan.pages or (is_tried_enough and not self._has_too_many()):
+                return
+            del self.warnings[told:]
+        self._check_count()
+        self._refuse(objects)
+
+    def _measure_demand(self, objects: list[int]) -> ChartDemand:
+        first, extent = self.found.first_chart, self.found.outlines.extent
+        parts = [extent[first[i] : first[i + 1]] for i in objects]
+        count, box, around = zip(*((len(part), part.prod(axis=1).sum(), part.sum()) for part in parts), strict=True)
+        return ChartDemand(*(np.array(numbers, np.float64) for numbers in (count, box, around)))
+
+    def _has_too_many(self) -> bool:
+        return 0 < self.settings.max_pages < self.page_count
+
+    def _check_count(self) -> None:
+        """Raises ValueError where there are more pages than there may be."""
+        if self._has_too_many():
+            instead = "a lower density" if self.settings.density > 0 else "a greater page size"
+            raise ValueError(
+                f"The bake needs {self.page_count} pages of {self.page.size} texels, and the most that it may make is "
+                f"{self.settings.max_pages}: allow more pages, or choose {instead}."
+            )
+
+    def _enlarge_pages(self, i: int, objects: list[int]) -> None:
+        """Pages that hold the charts of an object, which were too many; raises ValueError where there are none."""
+        count = self._count_charts([i])
+        size = find_page_size(count, self.page, MAX_PAGE_SIZE_TEXELS) if self.page.inside and self.settings.atlas else 0
+        if not size:
+            self._refuse(objects if self.settings.atlas else [i])
+        self._warn(
+            i,
+            f"its {count:,} charts do not fit a page of {self.page.size} texels, so pages of {size} are made; "
+            "choose that page size or less padding, or separate it into several objects",
+        )
+        self.page = Page(size, self.page.padding)
+
+    def _refuse(self, objects: list[int]) -> NoReturn:
+        names = self.snapshot.objects[objects[0]].name if len(objects) == 1 else f"{len(objects)} objects"
+        raise ValueError(
+            f"The {self._count_charts(objects):,} charts of {names} do not fit a page of {self.page.size} texels: "
+            f"choose a greater page size or less padding{', or allow more pages' if self.settings.max_pages and len(objects) > 1 else ''}."
         )
 
     def _each(self, objects: list[int]) -> Iterator[int]:
@@ -191,20 +290,25 @@ class _AtlasMaker:
         return worn.laid
 
     def _fit(self, objects: list[int], page: int) -> _Packed:
+        """Raises _PageTooSmallError where they do not fit."""
+        found = self._find_fit(objects, page)
+        if found is None:
+            raise _PageTooSmallError(max(objects, key=lambda i: self._count_charts([i])))
+        self._warn_of_small_charts(objects, found.density)
+        return found
+
+    def _find_fit(self, objects: list[int], page: int) -> _Packed | None:
+        """The greatest density at which objects fit a page; None where there is none."""
         outlines = self._select(objects)
         found = find_greatest_density(outlines, self.page, lambda density: self._try(objects, density))
-        if found is None:
-            names = self.snapshot.objects[objects[0]].name if len(objects) == 1 else f"{len(objects)} objects"
-            raise ValueError(
-                f"The {len(outlines.extent):,} charts of {names} do not fit a page of {self.page.size} texels: "
-                "choose a greater page size or less padding."
-            )
+        return None if found is None else _Packed(objects, page, *found)
+
+    def _warn_of_small_charts(self, objects: list[int], density: float) -> None:
         first_chart = self.found.first_chart
         for i in objects:
             area = self.found.outlines.area[first_chart[i] : first_chart[i + 1]]
-            if float(np.median(area)) * found[0] ** 2 < _FEWEST_TEXELS:
+            if float(np.median(area)) * density**2 < _FEWEST_TEXELS:
                 self._warn(i, "half of its charts are smaller than a texel; choose a greater page size or density, or merge small faces")
-        return _Packed(objects, page, *found)
 
     def _try(self, objects: list[int], density: float) -> Outlines | None:
         if self._count_charts(objects) >= _MANY_CHARTS:  # a try takes a while: whoever wants no more is heard
@@ -221,8 +325,9 @@ class _AtlasMaker:
             shapes = self._shape(worn.largest)
             if shapes is None or place_charts(shapes, self.page.empty_horizon()) is None:
                 self.density[list(block.members)] = self._fit([worn.largest], -1).density
-                for i in block.members:
-                    self._warn_less_dense(i, float(self.density[i]))
+                if self.settings.density > 0:
+                    for i in block.members:
+                        self._warn_less_dense(i, float(self.density[i]))
 
     def _warn_less_dense(self, i: int, density: float) -> None:
         factor = self.snapshot.objects[i].density_factor

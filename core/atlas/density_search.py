@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 from .outlines import Outlines
 from .packing import Page, Placement, Shapes, fits_alone, place_charts, shape_charts
+from .page_plan import FILLED_SHARE, find_gap
 
 _PRECISION = 1.01  # ratio of densities at which the search stops
 _STEP_UP, _STEP_DOWN = 1.08, 0.92  # where no try tells of the next one
-_GUESSED_SHARE = 0.9  # of a page, which boxes of charts fill
 _WANTED_HEIGHT = 0.995  # of a page: heights come out a little more or less than what is foreseen, and what is too high is of no use
 _TOLD, _MANY = 4, 1000  # tries that tell of a next one, of so many charts: of few heights jump, and trying them takes little time
 _POWERS = (0.2, 2.0)  # of the density by which heights grow; measured 0.2 where padding is most of it, and 2 where it is nothing
@@ -51,7 +51,7 @@ def find_greatest_density(
         return None
     lay_out = lay_out or (lambda density: outlines)
     limit = _density_limit(outlines, page)
-    density = min(_guess_density(outlines, page, _GUESSED_SHARE) or limit * _LEAST_SHARE, limit)
+    density = min(_guess_density(outlines, page, FILLED_SHARE) or limit * _LEAST_SHARE, limit)
     found, too_great, step = None, limit * _PRECISION, _STEP_DOWN
     ceiling = int(_TOO_HIGH * page.inside) if len(outlines.extent) >= _MANY else None  # beyond which height tells nothing
     told: list[_Try] = []
@@ -104,12 +104,12 @@ def _density_limit(outlines: Outlines, page: Page) -> float:
 def _share_of_boxes(outlines: Outlines, tried: _Try) -> float:
     """Share of the page that the charts' boxes with their padding would fill, side by side."""
     page = tried.shapes.page
-    return float((outlines.extent * tried.density + _gap(page)).prod(axis=1).sum()) / (page.inside + page.padding) ** 2
+    return float((outlines.extent * tried.density + find_gap(page)).prod(axis=1).sum()) / (page.inside + page.padding) ** 2
 
 
 def _guess_density(outlines: Outlines, page: Page, share: float) -> float:
     """The density at which that is a share; 0 where the padding alone is as much."""
-    gap = _gap(page)
+    gap = find_gap(page)
     square = float(outlines.extent.prod(axis=1).sum())
     linear = gap * float(outlines.extent.sum())
     constant = len(outlines.extent) * gap**2 - share * (page.inside + page.padding) ** 2
@@ -117,8 +117,3 @@ def _guess_density(outlines: Outlines, page: Page, share: float) -> float:
         return 0.0
     # The stable root: the square term vanishes for lines of charts.
     return float(-2.0 * constant / (linear + (linear**2 - 4.0 * square * constant) ** 0.5))
-
-
-def _gap(page: Page) -> float:
-    """Texels by which a chart's box is longer on a page, in the mean."""
-    return page.padding + 0.5

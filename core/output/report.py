@@ -28,6 +28,7 @@ def list_objects(
             "name": one.name,
             "page": int(atlas.object_page[i]),
             "texels": int(texel_count[i]),
+            "share": float(texel_count[i] / max(texel_count.sum(), 1)),
             "charts": int(chart_count[i]),
             "estimated_error": error.get(i),
         }

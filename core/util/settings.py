@@ -80,6 +80,9 @@ class Settings:
     atlas: bool = _knob(
         True, "share a set of pages between all objects, instead of one image per object", group="Lightmap", off_flag="--per-object"
     )
+    max_pages: int = _knob(
+        0, "shared pages that a bake may make; 0 makes as many as are needed", unit="pages", low=0, high=10_000, group="Lightmap"
+    )
     share_meshes: bool = _knob(
         True,
         "objects that share a mesh keep sharing it, each with its own place on a page; off gives each a mesh of its own",

@@ -202,7 +202,7 @@ def test_a_time_limit_that_ends_before_there_is_light_is_a_sentence(room, capsys
 def test_a_dry_run_tells_the_plan_and_leaves_nothing(room, capsys):
     assert bake(room, "--dry-run", "--size", "256") == 0
     told = capsys.readouterr().err
-    for part in ("2 objects, ", "1 page of 256 x 256", " of memory", "usually ", "Floor takes 73% of the texels"):
+    for part in ("2 objects, ", "1 page of 256 x 256", " of memory", "usually ", "Floor takes 73 % of the texels"):
         assert part in told, told
     assert list_files(room.parent) == ["room.blend"]
 

@@ -192,8 +192,8 @@ def test_who_wears_a_copy_of_its_mesh_is_told(start, again):
     twin.name, twin.location.x, twin.scale = "Twin", 3.0, (20.0, 1.0, 1.0)
     bpy.context.scene.collection.objects.link(twin)
     if again:
-        whole_bake(start)
-    work, paths = start()
+        whole_bake(start, settings=replace(SETTINGS, size=64))
+    work, paths = start(replace(SETTINGS, size=64))
     view = live.LiveView(work)
     view.show(bpy.context, paths[0])
     assert live.is_live(bpy.context.scene)

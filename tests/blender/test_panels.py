@@ -153,6 +153,16 @@ def test_what_may_not_fit_a_page_is_told_before_the_bake():
     ]
 
 
+def test_who_takes_the_page_is_named_with_a_button():
+    meter = bpy.context.window_manager.leaflight_meter
+    bpy.context.scene.leaflight.density = 0.5  # nobody evens that out
+    bpy.data.objects["Floor"].scale = (3.0, 3.0, 1.0)
+    meter.measure(bpy.context)
+    labels, buttons = draw()
+    assert [label for label in labels if " of the texels" in label] == ["Floor takes 96 % of the texels"]
+    assert [one.names for name, one in buttons if name == "leaflight.select"] == ["Floor"]
+
+
 def test_the_folder_that_is_opened_is_that_of_the_bake(tmp_path):
     """Not the one that the next bake will make."""
     bpy.ops.leaflight.bake()

@@ -68,6 +68,32 @@ def test_each_object_may_be_finer_or_have_its_own_page():
     assert estimate(own_layers=3).pages == 3
 
 
+def test_who_takes_the_page_is_named():
+    level = [Measured("Ground", 900.0, 2, 1.0, n_chart=1), *(Measured(f"Prop {k}", 2.0, 12, 1.0, n_chart=6) for k in range(50))]
+    assert estimate(level, density=3.0).takers == (("Ground", pytest.approx(0.9)),)
+    assert estimate(level[1:]).takers == ()
+    assert estimate(level[:1]).takers == (), "all of it is its own"
+    assert estimate(level, atlas=False).takers == ()
+
+
+def test_pages_are_told_as_they_are_made():
+    """In the figures of bakes: 2,000 boxes have five pages of 512 and one of 1024."""
+    boxes = [Measured(f"Box {k}", 6.0, 12, 1.0, n_chart=6) for k in range(2000)]
+    found = estimate(boxes)
+    assert (found.pages, found.page_size) == (5, 512)
+    assert found.density == pytest.approx(5.0, rel=0.1)
+    assert estimate(boxes, size=1024).pages == 1
+    assert estimate(boxes, max_pages=4).pages == 4
+    assert estimate(boxes, density=10.0).pages == pytest.approx(2000 * 6 * 14.5**2 / 512**2 / 0.9, rel=0.25)
+    assert estimate(boxes[:200]).pages == 1
+
+
+def test_one_object_of_many_charts_has_a_larger_page():
+    city = [Measured("City", 6000.0, 140_000, 1.0, n_chart=14_000)]
+    assert [(one.pages, one.page_size) for one in (estimate(city), estimate([*city, *ROOM]))] == [(1, 2048)] * 2
+    assert estimate(city).density < estimate(city, size=4096).density
+
+
 def test_finer_bakes_take_more():
     coarse, fine = estimate(error=0.2), estimate(error=0.05)
     assert coarse.seconds[1] < fine.seconds[1]

@@ -190,14 +190,61 @@ def test_nothing_that_receives_makes_an_empty_atlas(meshes):
     assert (atlas.page_count, len(atlas.chart_page), len(atlas.warnings)) == (0, 0, 0)
 
 
-def test_page_too_small_for_the_charts():
-    loose = Mesh("Loose", np.random.default_rng(1).normal(size=(300, 3)), np.arange(300).reshape(-1, 3).tolist())
+def loose_mesh(count=100, name="Loose"):
+    corners = np.random.default_rng(1).normal(size=(3 * count, 3))
+    return Mesh(name, corners, np.arange(3 * count).reshape(-1, 3).tolist())
+
+
+def test_as_many_pages_as_needed_are_made_by_themselves():
+    """A hundred boxes have 600 charts, of which a page of 64 holds a hundred."""
+    rng = np.random.default_rng(7)
+    scene = make_scene([moved(box_mesh(), scale=rng.uniform(0.5, 2.0), name=f"Box {k}") for k in range(100)])
+    atlas = make_charts(scene, Settings(size=64))
+    check_atlas(scene, atlas, 4)
+    assert 10 < atlas.page_count < 30
+    found = densities(scene, atlas)
+    np.testing.assert_allclose(found, found[0], rtol=1e-6)
+    assert np.abs(signed_areas(atlas.tri_uv)).sum() / len(atlas.chart_page) > 4.0**2, "charts are as wide as their gaps, in the mean"
+    assert not atlas.warnings
+
+
+def test_one_page_is_enough_while_charts_have_texels():
+    scene = make_scene([moved(box_mesh(), scale=1.0 + 0.1 * k, name=f"Box {k}") for k in range(10)])
+    assert make_charts(scene, Settings(size=64)).page_count == 1
+    grit = moved(sphere_mesh("Grit"), scale=1e-3)
+    assert make_charts(make_scene([grit, quad_mesh("Floor", 10, 10)]), Settings(size=64)).page_count == 1, "large charts have the texels"
+
+
+def test_more_pages_than_may_be_are_refused():
+    scene = make_scene([moved(box_mesh(), scale=1.0 + 0.01 * k, name=f"Box {k}") for k in range(60)])
+    needed = make_charts(scene, Settings(size=64)).page_count
+    fewer = make_charts(scene, Settings(size=64, max_pages=needed - 2))
+    assert fewer.page_count == needed - 2, "coarser, but as many as there may be"
+    with pytest.raises(ValueError, match=r"The 360 charts of 60 objects do not fit a page of 64 texels: .* or allow more pages"):
+        make_charts(scene, Settings(size=64, max_pages=1))
     with pytest.raises(
-        ValueError, match=r"The 100 charts of Loose do not fit a page of 16 texels: choose a greater page size or less padding"
+        ValueError, match=r"The bake needs \d+ pages of 64 texels, and the most that it may make is 2: allow more pages, or"
     ):
-        make_charts(make_scene([loose]), Settings(size=16))
-    with pytest.raises(ValueError, match=r"The 106 charts of 2 objects do not fit"):
-        make_charts(make_scene([loose, box_mesh()]), Settings(size=16))
+        make_charts(scene, Settings(size=64, max_pages=2, density=9.0))
+
+
+@pytest.mark.parametrize("others", [[], [box_mesh()], [quad_mesh("Painted", uv=FULL_PAGE)]])
+def test_pages_are_larger_where_one_object_does_not_fit(others):
+    scene = make_scene([loose_mesh(), *others])
+    atlas = make_charts(scene, Settings(size=16))
+    check_atlas(scene, atlas, 4)
+    assert atlas.page_size == 128
+    ((subject, sentence),) = [warning for warning in atlas.warnings if "do not fit" in warning[1]]
+    assert subject == "Loose"
+    assert sentence.startswith("Loose: its 100 charts do not fit a page of 16 texels, so pages of 128 are made; choose that page size")
+
+
+def test_page_too_small_for_the_charts():
+    sentence = r"The 100 charts of Loose do not fit a page of 16 texels: choose a greater page size or less padding"
+    with pytest.raises(ValueError, match=sentence):
+        make_charts(make_scene([loose_mesh()]), Settings(size=16, padding=8))
+    with pytest.raises(ValueError, match=sentence):
+        make_charts(make_scene([loose_mesh()]), Settings(size=16, atlas=False))
 
 
 def test_charts_below_a_texel_are_told():

@@ -13,8 +13,8 @@ def test_each_object_that_takes_light_has_a_row():
     atlas = SimpleNamespace(object_page=np.array([0, -1, 1]), chart_object=np.array([0, 2, 2]))
     rows = report.list_objects(SimpleNamespace(objects=things), atlas, np.array([0, 0, 0, 2]), {0: 0.25})
     assert rows == [
-        {"name": "Floor", "page": 0, "texels": 3, "charts": 1, "estimated_error": 0.25},
-        {"name": "Box", "page": 1, "texels": 1, "charts": 2, "estimated_error": None},
+        {"name": "Floor", "page": 0, "texels": 3, "share": 0.75, "charts": 1, "estimated_error": 0.25},
+        {"name": "Box", "page": 1, "texels": 1, "share": 0.25, "charts": 2, "estimated_error": None},
     ]
 
 

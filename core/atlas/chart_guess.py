@@ -1,0 +1,48 @@
+"""About how many charts meshes will be cut into, without cutting them: for what is said before a bake."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.topology import join_sets, pair_sides
+from ..util.arrays import IntArray
+from ..util.geometry import triangle_normals_areas
+
+Int64: TypeAlias = NDArray[np.int64]
+
+_SMOOTH = 0.7  # least cosine between neighbours of one chart: 45 degrees
+_MIX = np.uint64(0x9E3779B97F4A7C15)  # as in scene.topology
+
+
+def guess_charts(corner: NDArray[np.float64], tri_object: IntArray, count: int) -> Int64:
+    """(count,) int64: charts of each object, about.
+
+    One is what hangs together, faces the same of six ways, and has no edge sharper than 45 degrees. A ball is cut into six charts,
+    as a box is; xatlas takes about as many.
+
+    corner       (n, 3, 3) float64, m
+    tri_object   (n,) int   from 0 to count - 1
+    """
+    normal, area = triangle_normals_areas(corner)
+    solid = np.isfinite(area) & (area > 0.0)
+    normal, tri_object = normal[solid], tri_object[solid]
+    axis = np.abs(normal).argmax(axis=1)
+    way = 2 * axis + (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] < 0.0)
+    _, one, other = pair_sides(_number_corners(corner[solid]), 6 * tri_object.astype(np.int64) + way)
+    one, other = one // 3, other // 3
+    smooth = np.einsum("ij,ij->i", normal[one], normal[other]) >= _SMOOTH
+    first = np.unique(join_sets(len(normal), one[smooth], other[smooth]))
+    return np.bincount(tri_object[first], minlength=count)
+
+
+def _number_corners(corner: NDArray[np.float64]) -> Int64:
+    """(n, 3) int64: the same number for corners at one place; files often hold a vertex once for each normal that it has."""
+    mixed = np.zeros(corner.shape[:2], np.uint64)
+    for axis in range(3):
+        mixed = (mixed ^ (corner[..., axis] + 0.0).view(np.uint64)) * _MIX  # zeros of both signs are one place
+        mixed ^= mixed >> np.uint64(32)
+    numbers: Int64 = np.unique(mixed, return_inverse=True)[1].reshape(mixed.shape)
+    return numbers

@@ -1,0 +1,134 @@
+"""How many pages charts need, and how finely they then lie there, where only the page size is chosen.
+
+A chart of w x h texels takes (w + gap) (h + gap) texels of a page. So all charts take
+
+    C(d) = d^2 sum w h + d gap sum (w + h) + gap^2 n
+
+at d texels per metre. One page is enough where the charts fit it and most of them keep a texel. Else there are as many pages as it takes
+for the charts to be as wide as the gaps between them, in the mean: d^2 sum w h = gap^2 n. There square charts' texels still grow with the
+square of the number of pages; from there on ever less than that is won by one page more. It is at most 4 gap^2 n texels of pages.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .packing import Page
+
+Float64: TypeAlias = NDArray[np.float64]
+
+FILLED_SHARE = 0.9  # of a page, which charts with their gaps fill
+_FEWEST_TEXELS = 1.0  # half of the charts have less where one page is too coarse
+
+
+@dataclass(frozen=True)
+class ChartDemand:
+    """What the charts of each object need of a page.
+
+    count      (n,) float64
+    box_m2     (n,) float64, m^2   boxes around the charts, all together
+    extent_m   (n,) float64, m     widths and heights of the boxes, all together
+    """
+
+    count: Float64
+    box_m2: Float64
+    extent_m: Float64
+
+    @classmethod
+    def of_squares(cls, count: ArrayLike, area_m2: ArrayLike) -> ChartDemand:
+        """The demand of charts that are nearly square and of one size in each object, where only number and area are known."""
+        number = np.maximum(np.asarray(count, np.float64), 1.0)
+        box_m2 = np.asarray(area_m2, np.float64) / _SHARE_OF_BOX
+        return cls(number, box_m2, 2.0 * np.sqrt(box_m2 * number))
+
+    def count_texels(self, density: float, page: Page) -> Float64:
+        """(n,) float64: texels of a page that each object takes, gaps included."""
+        gap = find_gap(page)
+        taken: Float64 = self.box_m2 * density**2 + self.extent_m * gap * density + self.count * gap**2
+        return taken
+
+    def find_density(self, pages: float, page: Page) -> float:
+        """Texels/m at which all charts fill so many pages; 0 where the gaps alone do."""
+        gap = find_gap(page)
+        square, linear = float(self.box_m2.sum()), gap * float(self.extent_m.sum())
+        constant = float(self.count.sum()) * gap**2 - pages * _room(page)
+        if constant >= 0.0:
+            return 0.0
+        return -2.0 * constant / (linear + math.sqrt(linear**2 - 4.0 * square * constant))  # the stable root, as square may vanish
+
+    def find_least_density(self, page: Page) -> float:
+        """Texels/m at which the charts are as wide as their gaps, in the mean."""
+        return find_gap(page) * math.sqrt(float(self.count.sum()) / float(self.box_m2.sum()))
+
+    def keep(self, kept: NDArray[np.bool_]) -> ChartDemand:
+        """That of some objects."""
+        return ChartDemand(self.count[kept], self.box_m2[kept], self.extent_m[kept])
+
+
+_SHARE_OF_BOX = 0.8  # that a usual chart covers
+
+
+@dataclass(frozen=True)
+class PagePlan:
+    """So many pages, and texels/m; 0 where the charts do not fit them."""
+
+    pages: int
+    density: float
+
+
+def find_gap(page: Page) -> float:
+    """Texels by which a chart's box is longer on a page, in the mean."""
+    return page.padding + 0.5
+
+
+def is_one_enough(chart_m2: float, density: float, least: float) -> bool:
+    """Whether charts are fine enough at the density at which they fit one page.
+
+    chart_m2   area of the median chart
+    least      density at which charts are as wide as their gaps, texels/m
+    """
+    return density >= least or chart_m2 * density**2 >= _FEWEST_TEXELS
+
+
+def plan_pages(demand: ChartDemand, page: Page, most: int = 0) -> PagePlan:
+    """As many pages as it takes for charts as wide as their gaps, and the density that fills these pages.
+
+    An object that is larger than a page has one by itself, at the density that fits.
+
+    most   pages that there may be, 0 any number
+    """
+    least = demand.find_least_density(page)
+    is_large = demand.count_texels(least, page) > _room(page)
+    rest = demand.keep(~is_large)
+    taken = float(rest.count_texels(least, page).sum()) / _room(page)
+    pages = int(is_large.sum()) + math.ceil(taken - 1e-9)
+    if most and pages > most:
+        return PagePlan(most, demand.find_density(most, page))
+    filled = rest.find_density(pages - int(is_large.sum()), page) if len(rest.count) else least
+    return PagePlan(pages, max(filled, least))
+
+
+def count_full_pages(demand: ChartDemand, density: float, page: Page) -> int:
+    """Pages that charts fill at a density; an object that is larger than a page has one by itself."""
+    return math.ceil(float(np.minimum(demand.count_texels(density, page), _room(page)).sum()) / _room(page) - 1e-9)
+
+
+def find_page_size(charts: int, page: Page, largest: int) -> int:
+    """Side of the smallest page that holds so many charts as wide as their gaps, of 2, 4, 8 ... times the size; 0 beyond the largest."""
+    size = 2 * page.size
+    while size <= largest:
+        larger = Page(size, page.padding)
+        if larger.inside and 4.0 * charts * find_gap(larger) ** 2 <= _room(larger):
+            return size
+        size *= 2
+    return 0
+
+
+def _room(page: Page) -> float:
+    """Texels of a page that charts and their gaps may take; one at least."""
+    return max(FILLED_SHARE * (page.inside + page.padding) ** 2, 1.0)
