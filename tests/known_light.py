@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from boxes import solve_scene
 from leaflight.core.bake.solve import LightField
-from leaflight.core.output import resolve
+from leaflight.core.integrate import texel_light
 from leaflight.core.scene.scene import Light, Material, SceneSnapshot
 from leaflight.core.texels.judged import BEST_TEXELS, DARK_FLOOR
 from leaflight.core.texels.texel_looks import centred_strata
@@ -81,7 +81,7 @@ class KnownLight:
 
     def at_texels(self) -> np.ndarray:
         """(n,) float64, W/m^2: what pages show, first channel."""
-        light = resolve.light_at_texels(self.light, self.texels)
+        light = texel_light.light_at_texels(self.light, self.texels)
         return np.asarray(light.direct + light.indirect, float)[:, 0]
 
     def real_error(self) -> float:

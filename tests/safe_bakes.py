@@ -11,6 +11,7 @@ from boxes import make_solver
 from floors import sigma_limit
 from leaflight.core.atlas import charts
 from leaflight.core.bake.solve import LightField, Solver
+from leaflight.core.integrate import texel_light
 from leaflight.core.output import resolve
 from leaflight.core.output.debug_passes import DebugPages
 from leaflight.core.parallel import folders
@@ -67,7 +68,7 @@ def bake_safely(
     prepare(solver)
     light = solver.run(lambda message: None, lambda: False)
     atlas, texels = charts.make_charts(scene, chosen), solver.tracing.texels
-    at_texels = resolve.light_at_texels(light, texels)
+    at_texels = texel_light.light_at_texels(light, texels)
     resolver = resolve.Resolver(at_texels, texels, solver.tracing.scene.surfaces, margin=4)
     debug = DebugPages(light, texels, margin=4)
     drawers = {name: debug if name in DEBUG_PASSES else resolver for name in PASSES}

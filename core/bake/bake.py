@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..atlas.charts import ChartAtlas
 from ..atlas.kept_charts import KeptCharts, find_charts_file
 from ..filter import seams
+from ..integrate import texel_light
 from ..integrate.light_field import LightField
 from ..output import debug_passes, image_room, pages, report, resolve
 from ..parallel import executors, folders
@@ -228,7 +229,9 @@ def _write_pages(
         points = seam_points.find_seams(snapshot, atlas.tri_chart, atlas.tri_uv, atlas.object_page[snapshot.tri_object])
     doubt = "stderr" in job.settings.passes or (points is not None and points.place.size > 0)
     limited = run.deadline.limit_spread(partial(executors.spread, executor), run.deadline.is_write_late)
-    at_texels = resolve.light_at_texels(light, texel_map, job.settings.denoise and not hurried, threads, limited, doubt, spend=not job.keep)
+    at_texels = texel_light.light_at_texels(
+        light, texel_map, job.settings.denoise and not hurried, threads, limited, doubt, spend=not job.keep
+    )
     executors.send_home(executor)
     seam_report = seams.SeamReport(0, 0, 0.0, 0.0)
     if points is not None:

@@ -1,4 +1,4 @@
-"""When indirect light is gathered by rays from texels, and what is known of all light when it is."""
+"""When indirect light is gathered by rays from texels."""
 
 from __future__ import annotations
 
@@ -6,15 +6,9 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..filter.estimate import StatedError
-from ..filter.reconstruct import evaluate_leaf
 from ..integrate.next_rays import DIRECT_SHARE
 from ..radiosity.basis import DEGREES
-from ..radiosity.quadtree import Quadtree, node_of_texel
-from ..radiosity.tally import Solution
 from ..texels.texel_map import TexelMap
 from ..texels.tiles import TILE_TEXELS, find_tiles
 from ..transport.ledger import Ledger
@@ -22,7 +16,6 @@ from ..transport.rounds import grow_photons
 from ..util.ablation import uses
 from ..util.settings import Settings
 
-_CHUNK = 1 << 16  # texel entries at a time
 # Share of texels that lie in tiles, below which gathering does not pay: where charts are small a texel has too few neighbours to average
 # its noise with. Measured on random interiors of small charts, asked for 2 %: gathering takes 1.3 to 1.45 times the CPU seconds of leaves.
 _LEAST_TILED = 0.6
@@ -98,22 +91,3 @@ class GatherPlan:
         if math.isinf(self.budget_rays):
             self.budget_rays = ledger.gathered + instead
         return True
-
-
-def know_light(
-    tree: Quadtree,
-    solution: Solution,
-    leaves: NDArray[np.int64],
-    texels: TexelMap,
-    direct: NDArray[np.float32],
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """gather.KnownLight.light and doubt: direct light (n, 3) float32, W/m^2, at all texel entries, and that of the leaves."""
-    n_texel = len(texels)
-    leaf = node_of_texel(tree, leaves, n_texel)
-    light, doubt = np.empty((3, n_texel), np.float32), np.empty(n_texel, np.float32)
-    for start in range(0, n_texel, _CHUNK):
-        part = slice(start, min(start + _CHUNK, n_texel))
-        x, y = texels.own_points(part.start, part.stop)
-        halves = evaluate_leaf(tree, solution, leaf[part], x, y, halves=True).irradiance
-        light[:, part], doubt[part] = halves.mean(axis=0) + direct[part].T, (halves[0] - halves[1]).mean(axis=0) / 2.0
-    return light, doubt

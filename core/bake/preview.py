@@ -1,8 +1,8 @@
 """The light while it is being found, as small pages for a viewport: quick to make, left out when that would slow the bake.
 
-A page shows each leaf's own function, unblended, so that coarse leaves are seen to become fine; leaves of few photons lean on what
-is around them, as in the bake. Where shadow rays have been shot at a texel already, its direct light is theirs; until then it is that of
-the photons.
+A page shows what integrate.texel_light.glance_at reads: each leaf's own function, unblended, so that coarse leaves are seen to become fine,
+and light by rays wherever some have been sent already. The first light is found by photons alone; rays replace its direct light texel by
+texel.
 """
 
 from __future__ import annotations
@@ -17,12 +17,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..filter.clip_light import clip_light
 from ..integrate.direct_field import DirectField
 from ..integrate.light_field import LightField
+from ..integrate.texel_light import glance_at
 from ..output.image_file import HALF_MAX
 from ..parallel.executors import InlineExecutor
-from ..radiosity import basis
 from ..scene.materials import SurfaceMaterials
 from ..texels.margin import fill_margin
 from ..texels.texel_map import TexelMap
@@ -79,14 +78,12 @@ class PreviewPages:
         tell: Callable[[Message], None],
     ) -> None:
         folder.mkdir(exist_ok=True)
-        self._folder, self._tell, self._turn = folder, tell, 0
+        self._folder, self._tell, self._turn, self._texels = folder, tell, 0, texels
         self._pages = texels.page_count
         self.side = min(texels.page_size, max(math.isqrt(MOST_TEXELS // self._pages), 1))
         self._margin = max(settings.margin * self.side // texels.page_size, 1)
         show_direct, show_indirect, coloured, added = _PASSES.get(settings.passes[0], _LIGHTING)
         self._cell, self._entry = _choose_entries(texels, self.side)
-        self._centre = texels.texel_xy[self._entry] + 0.5
-        self._area = texels.texel_area[self._entry]
         albedo = _surface_at(texels, surfaces.albedo_at, surfaces.has_images(False), self._entry)
         emission = _surface_at(texels, surfaces.emission_at, surfaces.has_images(True), self._entry)
         tint = (albedo if coloured else np.ones_like(albedo)) / np.float32(np.pi)
@@ -94,12 +91,12 @@ class PreviewPages:
         self._added = {"emission": emission, "albedo": albedo}.get(added, np.zeros_like(albedo))
         self._next_s = -math.inf
 
-    def show(self, light: LightField) -> None:
-        """Pages of the light as it stands, unless the last ones are too fresh for what they cost."""
+    def show(self, light: LightField, rays_alone: bool = False) -> None:
+        """Pages of the light as it stands, unless the last ones are too fresh for what they cost; rays_alone as of glance_at."""
         if time.monotonic() < self._next_s:
             return
         begin = time.thread_time()  # not the clock: what others do with the machine is no cost of ours
-        for page, pixels in enumerate(self.draw(light)):
+        for page, pixels in enumerate(self.draw(light, rays_alone)):
             path = self._path(page, self._turn)
             np.save(path, pixels)
             with contextlib.suppress(PermissionError):  # Windows refuses while Blender reads it; it goes with the job's folder
@@ -111,22 +108,19 @@ class PreviewPages:
     def join(self, light: LightField, direct: DirectField) -> Callable[[Message], None]:
         """Shows a first light, and leaves time to draw it; again with each message while direct light is found; in place of `tell`."""
         mixed = replace(light, direct=direct)
-        self.show(mixed)
+        self.show(mixed, rays_alone=True)
         time.sleep(FIRST_DRAWN_S)
 
         def tell_and_show(message: Message) -> None:
             self._tell(message)
-            self.show(mixed)
+            self.show(mixed, rays_alone=True)
 
         return tell_and_show
 
-    def draw(self, light: LightField) -> list[NDArray[np.float16]]:
-        """(side, side, 4) float16 for each page, row 0 at the bottom."""
-        direct = light.direct
-        by_photons, indirect = self._evaluate(light)
-        shot = direct.passes[self._entry, None] > 0
-        direct_light = np.where(shot, direct.irradiance[self._entry], by_photons)
-        colour = direct_light * self._direct_tint + indirect * self._indirect_tint + self._added
+    def draw(self, light: LightField, rays_alone: bool = False) -> list[NDArray[np.float16]]:
+        """(side, side, 4) float16 for each page, row 0 at the bottom; rays_alone as of glance_at."""
+        direct, indirect = glance_at(light, self._texels, self._entry, rays_alone)
+        colour = direct * self._direct_tint + indirect * self._indirect_tint + self._added
         side = self.side
         flat = np.zeros((self._pages * side * side, 4), np.float32)
         flat[self._cell, :3] = np.minimum(colour, HALF_MAX)
@@ -135,23 +129,6 @@ class PreviewPages:
         for pixels in pages:
             pixels[..., :3] = fill_margin(pixels[..., :3], pixels[..., 3] > 0.0, self._margin)
         return [pixels.astype(np.float16) for pixels in pages]
-
-    def _evaluate(self, light: LightField) -> NDArray[np.float32]:
-        """(2, m, 3) float32, W/m^2: direct and indirect irradiance of the leaves at the texels that are shown."""
-        tree = light.tree
-        order = light.leaves[np.argsort(tree.start[light.leaves])]
-        node = order[np.searchsorted(tree.start[order], self._entry, side="right") - 1]
-        half = tree.side[node, None] / 2.0
-        s, t = np.clip((self._centre - tree.origin[node]) / half - 1.0, -1.0, 1.0).T
-        out = np.zeros((2, 3, len(node)))
-        for k, monomial in enumerate(basis.monomials(s, t, tree.degree)):
-            out += light.solution.coefficient[:, :, k, node] * monomial
-        for values in out.reshape(6, -1):
-            clip_light(values, self._area, node, tree)
-        lit: NDArray[np.float32] = out.transpose(0, 2, 1).astype(np.float32)
-        if light.few:
-            light.few.show(lit[1], None, node)
-        return lit
 
     def _path(self, page: int, turn: int) -> Path:
         return self._folder / f"page_{page}_{turn}.npy"

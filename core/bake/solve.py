@@ -27,6 +27,7 @@ from ..integrate.gathered import GatheredField
 from ..integrate.light_field import LightField
 from ..integrate.next_rays import Look, Stop, Tell, choose_texels, have_look
 from ..integrate.other_light import OtherLight
+from ..integrate.texel_light import find_known
 from ..parallel.executors import spread
 from ..radiosity import basis, quadtree, refine, tally
 from ..radiosity.cell_tally import CellTally
@@ -43,7 +44,7 @@ from ..util.messages import Status
 from ..util.settings import Settings
 from .deadline import Deadline
 from .first_photons import FirstPhotons
-from .gather_plan import GatherPlan, know_light
+from .gather_plan import GatherPlan
 from .photon_rounds import PhotonRounds, save_view
 from .photon_shards import PhotonShard
 from .stop_rules import StopRules
@@ -192,7 +193,7 @@ class Solver:
 
     def _gather(self, reading: Reading, error: float, texels: NDArray[np.int64], tell: Tell, should_stop: Stop, repeats: int = 1) -> None:
         into = self.gathered = self.gathered or GatheredField.none(len(self.tracing.texels), error)
-        light, doubt = know_light(self.tree, reading.solution, reading.leaves, self.tracing.texels, self.direct.irradiance)
+        light, doubt = find_known(replace(self._make_light(reading), few=self._find_few(reading)), self.tracing.texels)
         known = KnownLight(light, self.direct.irradiance, doubt, *self.cell_tally.irradiance(self.tracing.cells))
         before = into.counters.get("rays", 0)
         for _ in range(repeats):

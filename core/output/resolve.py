@@ -1,4 +1,4 @@
-"""Leaves to pages: the light field at every texel, times the surface, laid out as images with a margin.
+"""Light at texels to pages: seams closed, times the surface, laid out as images with a margin.
 
 Pages are (height, width, 4) float32, row 0 at the bottom; alpha is 1 where a chart covers the texel, else 0 (the margin's
 colour has alpha 0 too). Passes and their units: docs/units.md.
@@ -8,124 +8,23 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass
-from itertools import starmap
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..filter import denoise, reconstruct, seams, squares
-from ..filter.clip_light import clip_light
-from ..filter.cuts import close_cuts
-from ..filter.flecks import clip_flecks
-from ..filter.neighbours import Neighbours
-from ..integrate.light_field import LightField
-from ..radiosity.quadtree import node_of_texel
+from ..filter import seams
+from ..integrate.texel_light import TexelLight
 from ..scene.materials import SurfaceMaterials
 from ..texels.margin import add_margin
 from ..texels.seam_points import SeamPoints
 from ..texels.texel_looks import centred_strata
-from ..texels.texel_map import LOOK, TexelMap
-from ..util.ablation import uses
+from ..texels.texel_map import TexelMap
 from ..util.arrays import IntArray
 from ..util.coverage import as_slice
 from ..util.threads import run_on_threads
 
 _LIGHT_PASSES = ("lighting", "direct", "indirect", "diffuse", "combined")
 _ALBEDO_POINTS = 4  # a texel's albedo is a mean over so many points, for textures finer than the lightmap
-
-
-@dataclass(frozen=True)
-class TexelLight:
-    """Light at the texel entries.
-
-    direct, indirect   (n, 3) float32, W/m^2, never negative
-    stderr             (n, 3) float32, W/m^2, of their sum; None where nobody asked
-    leaf               (n,) int32, node of the tree
-    empty              light beside charts, direct and indirect, where seams need it
-    """
-
-    direct: NDArray[np.float32]
-    indirect: NDArray[np.float32]
-    stderr: NDArray[np.float32] | None
-    leaf: NDArray[np.int32]
-    empty: seams.EmptyTexels | None = None
-
-
-def light_at_texels(
-    field: LightField,
-    texels: TexelMap,
-    smooth_grain: bool = True,
-    threads: int = 1,
-    spread: denoise.Spread = starmap,
-    doubt: bool = True,
-    spend: bool = False,
-) -> TexelLight:
-    """The leaves' functions at each texel's own point, or what squares say there, plus direct light by rays.
-
-    stderr is that before grain is smoothed, and told where `doubt` asks for it.
-    spend   nobody asks for the field's direct light afterwards, and what is found takes its place in memory
-    """
-    by_rays = field.direct.take_shown(texels, smooth_grain, spread, in_place=spend)
-    n_texel = len(texels)
-    leaf = node_of_texel(field.tree, field.leaves, n_texel)
-    # Where rays tell of light straight from lights, photons tell of none, and there is only one part.
-    first = 0 if _any_direct(field) else 1
-    by_mirrors = not first and bool(field.direct.passes.any())
-    by_part = np.empty((2 - first, n_texel, 3), np.float32)
-    variance = field.direct.variance if spend and not doubt else np.empty((n_texel, 3), np.float32)
-    neighbours = field.neighbours or Neighbours.of(field.tree, leaf, texels)
-    joined = reconstruct.Blend(texels, field.tree, field.solution, leaf, neighbours, halves=False)
-
-    def fill(part: slice) -> None:
-        traced = joined.range(part.start, part.stop)
-        for channel in range(3):  # one by one several times faster than as turned arrays
-            for of_part, values in zip(by_part, traced.irradiance[first:, channel], strict=True):
-                of_part[part, channel] = values
-            variance[part, channel] = traced.variance[channel] * field.correction[channel]
-
-    run_on_threads(fill, n_texel, threads)
-    for light in by_part:
-        for channel in range(3):  # a fitted plane may dip below zero beside a spot of light
-            clip_light(light[:, channel], texels.texel_area, leaf, field.tree)
-    if field.few:
-        field.few.show(by_part[-1], variance, leaf)
-    side = field.tree.side[leaf]
-    clip_flecks(by_part[-1], variance, leaf, side, texels)
-    close_cuts(by_part, texels, side)
-    entry, beyond, share = texels.borders.list_beyond(LOOK)
-    for light, moved in zip(by_part, share[:, None] * (by_part[:, beyond] - by_part[:, entry]), strict=True):
-        np.add.at(light, entry, moved)  # as shadow rays do, which start on all of the square
-    grain = side <= denoise.SMALL_LEAF
-    if field.squares is not None:
-        grain |= squares.mix(by_part.transpose(0, 2, 1), variance.T, field.squares, texels)
-    gathered = field.gathered and field.gathered.show_gathered(texels, smooth_grain, spread)
-    if gathered and field.gathered:
-        told = np.flatnonzero(gathered.told)
-        grain[told] = False
-        by_part[-1, told] = np.maximum(gathered.light.irradiance_at(told), 0.0)
-        variance[told] = field.gathered.find_variance()[told] + gathered.doubt2[told, None]
-    # Apart from that of rays: by the noise of all light, direct light, known far better, would be smeared.
-    if smooth_grain and uses("leaf_filter"):
-        grainy_parts = by_part[-1:] if field.direct.passes.any() and not by_mirrors else by_part
-        found = denoise.denoise(grainy_parts, variance, grain, texels, spread)
-        grainy_parts[:, found.entry] = found.light
-    noise = field.direct.find_variance() if doubt else None
-
-    def finish(part: slice) -> None:
-        if not first:  # by photons or, beside rays, from lamps by mirrors alone, which nobody gathers
-            by_part[0, part] += by_rays[part]
-        if noise is not None:
-            variance[part] += noise[part]
-            np.sqrt(variance[part], out=variance[part])
-
-    run_on_threads(finish, n_texel, threads)
-    return TexelLight(by_rays if first else by_part[0], by_part[-1], variance if doubt else None, leaf)
-
-
-def _any_direct(field: LightField) -> bool:
-    """Whether photons tell of light straight from lights."""
-    return bool(field.solution.coefficient[0].any() or (field.squares is not None and field.squares.irradiance[0].any()))
 
 
 def close_seams(light: TexelLight, points: SeamPoints, texels: TexelMap) -> tuple[TexelLight, seams.SeamReport]:

@@ -247,6 +247,13 @@ def node_of_texel(tree: Quadtree, nodes: IntArray, n_texel: int, room: Room = IN
     return spread_over_texels(tree, nodes, nodes.astype(np.int32), "node", room)
 
 
+def node_at_entries(tree: Quadtree, nodes: IntArray, entry: IntArray) -> NDArray[np.int64]:
+    """(m,) int64: the same at texel entries (m,) alone."""
+    order = nodes[np.argsort(tree.start[nodes])]
+    found: NDArray[np.int64] = order[np.searchsorted(tree.start[order], entry, side="right") - 1]
+    return found
+
+
 def spread_over_texels(tree: Quadtree, nodes: IntArray, values: NDArray[_Value], name: str, room: Room = IN_MEMORY) -> NDArray[_Value]:
     """What each node of those that tile every chart has, (m,), at each of its texel entries, (n_texel,).
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from boxes import ball_room_mesh, furnace_scene, make_solver, room_mesh, solve_scene
 from floors import sigma_limit
-from leaflight.core.output import resolve
+from leaflight.core.integrate import texel_light
 from leaflight.core.util.settings import BASES, DIRECT_MODES, Settings
 from stats import PLANTED_BIAS
 
@@ -118,7 +118,7 @@ def solve_once(folder, scene, direct, photons, settings):
     )
     mean = (light.solution.flux[:, leaves] + rays) / area
     stderr = np.sqrt(light.solution.variance[:, leaves] * light.correction[:, None] + rays_variance / area**2)
-    grainy, smooth = (resolve.light_at_texels(light, solver.tracing.texels, smooth_grain=smooth) for smooth in (False, True))
+    grainy, smooth = (texel_light.light_at_texels(light, solver.tracing.texels, smooth_grain=smooth) for smooth in (False, True))
     return mean, stderr, area, (grainy.direct + grainy.indirect).T, grainy.stderr.T, (smooth.direct + smooth.indirect).T
 
 

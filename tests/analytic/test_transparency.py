@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import solve_scene
-from leaflight.core.output import resolve
+from leaflight.core.integrate import texel_light
 from leaflight.core.scene.scene import Light, Material, SceneSnapshot, TextureImage
 from leaflight.core.texels.texel_map import TexelMap
 from leaflight.core.transport import traced_scene
@@ -47,7 +47,7 @@ def bake_floor(folder, scene: SceneSnapshot, direct: str, photons: int = 200_000
     settings = Settings(direct=direct, size=32, max_photons=photons, error=0.005, workers=1, seed=3)
     field = solve_scene(folder, scene, settings)
     texels = workers_texels(folder)
-    light = resolve.light_at_texels(field, texels)
+    light = texel_light.light_at_texels(field, texels)
     audit = {name: np.array(watts) for name, watts in field.ledger.audit_w().items()}
     assert audit["absorbed"] + audit["escaped"] + audit["remainder"] == pytest.approx(audit["emitted"], rel=1e-9)
     return np.average(light.direct + light.indirect, axis=0, weights=texels.texel_area), audit
@@ -105,7 +105,7 @@ def test_light_that_was_reflected_passes_a_pane_too(tmp_path, direct):
         folder = tmp_path / str(tint[0])
         field = solve_scene(folder, scene, Settings(direct=direct, size=32, max_photons=600_000, error=0.005, workers=1, seed=3))
         texels = workers_texels(folder)
-        light = resolve.light_at_texels(field, texels)
+        light = texel_light.light_at_texels(field, texels)
         floor = scene.tri_object[texels.texel_tri] == 0
         found.append(np.asarray(light.direct + light.indirect)[floor].mean(axis=0))
     assert found[0].min() > 0.1
@@ -140,7 +140,7 @@ def test_an_object_that_others_do_not_see_sends_them_no_light(tmp_path):
         scene = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], reflects=reflects)))
         field = solve_scene(tmp_path / str(reflects), scene, Settings(size=32, max_photons=300_000, error=0.02, workers=1, seed=3))
         texels = workers_texels(tmp_path / str(reflects))
-        light = resolve.light_at_texels(field, texels)
+        light = texel_light.light_at_texels(field, texels)
         is_wall = scene.tri_object[texels.texel_tri] == 1
         found.append([light.indirect[~is_wall].mean(), light.direct[is_wall].mean()])
     (seen, lit), (unseen, still_lit) = found

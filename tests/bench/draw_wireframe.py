@@ -18,8 +18,8 @@ from boxes import prepare_folder
 from draw_leaves import light_view, look_through, shade_view
 from export_samples import export_samples
 from leaflight.core.bake import solve
+from leaflight.core.integrate import texel_light
 from leaflight.core.integrate.direct_field import DirectField
-from leaflight.core.output import resolve
 from leaflight.core.output.image_file import write_image
 from leaflight.core.parallel import executors
 from leaflight.core.radiosity import quadtree
@@ -70,7 +70,7 @@ def bake_light(folder: Path, snapshot: Path) -> tuple[SimpleNamespace, solve.Lig
 
 def draw_picture(stage: SimpleNamespace, light: solve.LightField, camera: dict) -> np.ndarray:
     """(HEIGHT, WIDTH, 3) linear, row 0 on top: light and colour on the left, light and leaves on the right."""
-    at_texels = resolve.light_at_texels(light, stage.texels)
+    at_texels = texel_light.light_at_texels(light, stage.texels)
     irradiance = at_texels.direct + at_texels.indirect
     leaf = quadtree.node_of_texel(light.tree, light.leaves, len(stage.texels.texel_area))
     view = look_through(stage, np.array(camera["matrix"]), camera["angle_rad"], WIDTH * FINER, HEIGHT * FINER)

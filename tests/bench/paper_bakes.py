@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from boxes import prepare_folder
 from leaflight.core.bake import solve
-from leaflight.core.output import resolve
+from leaflight.core.integrate import texel_light
 from leaflight.core.parallel import folders
 from leaflight.core.radiosity import quadtree, tally
 from leaflight.core.scene.scene import SceneSnapshot
@@ -124,7 +124,7 @@ class Bake:
     @cached_property
     def blended(self) -> np.ndarray:
         """(n, 3) irradiance, W/m^2: as Leaflight writes it, without edges between leaves."""
-        at_texels = resolve.light_at_texels(self.light, self.stage.texels)
+        at_texels = texel_light.light_at_texels(self.light, self.stage.texels)
         return np.asarray(at_texels.direct + at_texels.indirect, np.float64)
 
     def show_stable(self, stability: int) -> np.ndarray:

@@ -14,6 +14,7 @@ from leaflight.core.bake import bake, preview, solve
 from leaflight.core.bake.checkpoint import read_info
 from leaflight.core.bake.first_photons import FirstPhotons
 from leaflight.core.bake.gather_plan import GatherPlan
+from leaflight.core.integrate import texel_light
 from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.output import resolve
 from leaflight.core.output.image_file import read_image
@@ -425,13 +426,13 @@ def test_a_stopped_bake_goes_on_to_the_bytes_of_a_whole_one(tmp_path, patient):
 
 @pytest.mark.parametrize("keep", [True, False])
 def test_what_was_found_by_rays_is_written_over_where_no_state_is_kept(tmp_path, monkeypatch, keep):
-    given, find = [], resolve.light_at_texels
+    given, find = [], texel_light.light_at_texels
 
     def watch(*arguments, spend):
         given.append(spend)
         return find(*arguments, spend=spend)
 
-    monkeypatch.setattr(resolve, "light_at_texels", watch)
+    monkeypatch.setattr(texel_light, "light_at_texels", watch)
     bake_scene(tmp_path, lamp_scene(), keep=str(tmp_path / "kept") if keep else "")
     assert given == [not keep]
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from boxes import prepare_folder, to_bytes
 from leaflight.core.bake import solve
-from leaflight.core.integrate import texel_shards
+from leaflight.core.integrate import texel_light, texel_shards
 from leaflight.core.integrate.direct_field import DirectField
-from leaflight.core.output import resolve
 from leaflight.core.parallel import executors, folders, shared_arrays
 from leaflight.core.radiosity import quadtree
 from leaflight.core.scene.scene import Light
@@ -519,7 +518,7 @@ def test_the_first_leaves_below_a_ball_know_how_light_falls_towards_where_it_sta
         prepare_folder(tmp_path / name, scene, SETTINGS)
         none, job = np.zeros(len(texels), bool), (tmp_path / name, replace(SETTINGS, max_photons=photons), executors.InlineExecutor())
         solver = solve.Solver(*job, DirectField.none(len(texels)), none, rising_texels=rising)
-        shown = resolve.light_at_texels(solver.run(lambda message: None, lambda: False), texels, smooth_grain=False)
+        shown = texel_light.light_at_texels(solver.run(lambda message: None, lambda: False), texels, smooth_grain=False)
         light[name] = (shown.direct + shown.indirect).sum(axis=1)
         if name != "many":
             side = solver.tree.side[quadtree.node_of_texel(solver.tree, np.flatnonzero(~solver.tree.has_children), len(texels))]
@@ -539,7 +538,7 @@ def light_of(folder, settings, texels, atlas):
         light = solve.Solver(folder, settings, executor, direct, np.zeros(n_texel, bool)).run(lambda message: None, lambda: False)
     finally:
         folders.forget_folders()
-    at_texels = resolve.light_at_texels(light, texels, smooth_grain=False)
+    at_texels = texel_light.light_at_texels(light, texels, smooth_grain=False)
     return (at_texels.direct + at_texels.indirect).sum(axis=1)
 
 

@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver
-from leaflight.core.bake.gather_plan import GatherPlan, know_light
-from leaflight.core.filter import estimate, reconstruct
+from leaflight.core.bake.gather_plan import GatherPlan
+from leaflight.core.filter import estimate
 from leaflight.core.integrate.gathered import GatheredField
-from leaflight.core.radiosity import quadtree
 from leaflight.core.texels.tiles import Tiles
 from leaflight.core.transport.ledger import Ledger
 from leaflight.core.util.settings import Settings
@@ -94,24 +93,6 @@ def test_what_was_not_enough_is_not_tried_again_until_photons_are_twice_as_many(
     assert not tried.pays(ASKED, NOISY, replace(LEDGER, told=1.9 * LEDGER.told), 3, lambda: 1.0)
     assert tried.pays(ASKED, NOISY, replace(LEDGER, told=2.1 * LEDGER.told), 3, lambda: 1.0)
     assert tried.pays(replace(ASKED, error=0.0199), NOISY, LEDGER, 3, lambda: 1.0)  # of a bake that goes on to a smaller one
-
-
-def test_what_is_known_is_direct_light_and_that_of_leaves(tmp_path):
-    """Integrated over the surfaces the leaves' functions hold their flux; and halves that differ are doubt."""
-    solver = make_solver(tmp_path, lamp_scene(), Settings(size=64, padding=1, max_photons=200_000, error=1e-4))
-    light = solver.run(lambda message: None, lambda: False)
-    direct = solver.direct.irradiance
-    known, doubt = know_light(light.tree, light.solution, light.leaves, solver.tracing.texels, direct)
-    area = solver.tracing.texels.texel_area
-    flux = light.solution.flux[:, light.leaves].sum(axis=1)
-    assert ((known - direct.T) * area).sum(axis=1) == pytest.approx(flux, rel=0.02)
-    halves = light.solution.flux_half[:, :, light.leaves].sum(axis=2).mean(axis=1)
-    assert (doubt * area).sum() == pytest.approx((halves[0] - halves[1]) / 2, abs=0.02 * halves.mean())
-    assert np.abs(doubt).max() > 0
-    leaf = quadtree.node_of_texel(light.tree, light.leaves, len(area))
-    x, y = solver.tracing.texels.own_points(0, len(area))
-    at_texels = reconstruct.evaluate_leaf(light.tree, light.solution, leaf, x, y).irradiance.sum(0)
-    np.testing.assert_allclose(known - direct.T, at_texels, rtol=1e-3, atol=1e-4 * at_texels.max())
 
 
 def test_a_bake_whose_gathering_took_more_rays_than_photons_were_to_need_goes_back_to_leaves_for_good():

@@ -9,10 +9,9 @@ import pytest
 from boxes import lamp_scene, make_solver, room_mesh
 from leaflight.core.bake.solve import TRACING
 from leaflight.core.bake.stop_rules import StopRules
-from leaflight.core.integrate import direct_shards, texel_shards
+from leaflight.core.integrate import direct_shards, texel_light, texel_shards
 from leaflight.core.integrate.gather import GatheredLight, KnownLight
 from leaflight.core.integrate.gathered import GatheredField
-from leaflight.core.output import resolve
 from leaflight.core.parallel import executors
 from leaflight.core.scene.scene import Light, Material
 from leaflight.core.util.messages import Progress, Status
@@ -46,7 +45,7 @@ def test_a_bake_gathers_where_photons_would_have_to_be_many_more(gathered, tmp_p
     assert light.ledger.gathered == light.gathered.counters["rays"]
     assert light.ledger.rays + light.ledger.gathered < alone.ledger.rays
     assert light.error < 0.8 * alone.error  # 0.53 to 0.8 of it, twelve bakes
-    shown, of_leaves = (resolve.light_at_texels(one, solver.tracing.texels).indirect for one in (light, alone))
+    shown, of_leaves = (texel_light.light_at_texels(one, solver.tracing.texels).indirect for one in (light, alone))
     assert shown.mean() == pytest.approx(of_leaves.mean(), rel=0.01)
     assert np.sqrt(((shown - of_leaves) ** 2).mean()) < 0.05 * of_leaves.mean()
 
@@ -91,7 +90,7 @@ def test_a_bake_that_stops_amid_its_first_gathering_shows_leaves(gathered, tmp_p
     assert light.rounds == gathered[0].rounds
     assert not list(solver.folder.glob("known_*"))
     alone, _, _ = halt(tmp_path / "2", monkeypatch, 1, late, gather=False, max_photons=light.photons)
-    mine, theirs = (resolve.light_at_texels(one, solver.tracing.texels) for one in (light, alone))
+    mine, theirs = (texel_light.light_at_texels(one, solver.tracing.texels) for one in (light, alone))
     for name in ("direct", "indirect", "stderr"):
         np.testing.assert_array_equal(getattr(mine, name), getattr(theirs, name))
     assert light.error == alone.error
@@ -106,7 +105,7 @@ def test_what_more_rays_have_gathered_stays_where_they_are_stopped(tmp_path, mon
     assert once + twice == len(solver.tracing.texels)
     assert twice == pytest.approx(2 * 512, rel=0.3)  # the third shard was not waited for
     assert 0.004 < light.error < 0.02
-    assert np.isfinite(resolve.light_at_texels(light, solver.tracing.texels).indirect).all()
+    assert np.isfinite(texel_light.light_at_texels(light, solver.tracing.texels).indirect).all()
 
 
 def test_it_is_known_how_far_what_was_gathered_was_off(tmp_path, monkeypatch):
@@ -145,7 +144,7 @@ def test_texels_that_nothing_was_gathered_of_keep_the_light_of_the_leaves(gather
     told = in_part.show_gathered(solver.tracing.texels, smooth=False).told
     assert np.flatnonzero(~told).tolist() == list(range(64, 128))
     whole, of_leaves, mixed = (
-        resolve.light_at_texels(replace(light, gathered=one), solver.tracing.texels, smooth_grain=False).indirect
+        texel_light.light_at_texels(replace(light, gathered=one), solver.tracing.texels, smooth_grain=False).indirect
         for one in (light.gathered, None, in_part)
     )
     assert np.array_equal(mixed[told], whole[told])
@@ -211,7 +210,7 @@ def _find_mean(light, solver):
     texels, snapshot = solver.tracing.texels, solver.tracing.snapshot
     room = [thing.name for thing in snapshot.objects].index("Room")
     mine = texels.shown & (snapshot.tri_object[texels.texel_tri] == room)
-    return float(np.average(resolve.light_at_texels(light, texels).indirect[mine].mean(axis=1), weights=texels.texel_area[mine]))
+    return float(np.average(texel_light.light_at_texels(light, texels).indirect[mine].mean(axis=1), weights=texels.texel_area[mine]))
 
 
 def test_an_open_scene_is_as_bright_as_by_photons(tmp_path):
@@ -219,7 +218,7 @@ def test_an_open_scene_is_as_bright_as_by_photons(tmp_path):
     light, solver = bake(tmp_path / "1", replace(SETTINGS, error=0.02), scene=scene, plan=lambda *_: True)
     many, _ = bake(tmp_path / "2", replace(SETTINGS, gather=False, error=1e-4, max_photons=3_000_000), scene=scene)
     assert light.gathered is not None
-    mine, theirs = (resolve.light_at_texels(each, solver.tracing.texels) for each in (light, many))
+    mine, theirs = (texel_light.light_at_texels(each, solver.tracing.texels) for each in (light, many))
     shown = solver.tracing.texels.shown & solver.tracing.texels.is_central
     gap = np.abs(mine.indirect - theirs.indirect)[shown]
     assert np.quantile(gap, 0.95) < 0.05 * (theirs.direct + theirs.indirect).mean()

@@ -7,6 +7,7 @@ import pytest
 from boxes import furnace_scene, lamp_scene, make_solver, prepare_folder
 from leaflight.core.bake import preview
 from leaflight.core.bake.preview import PreviewPages, find_first_light
+from leaflight.core.integrate import texel_light
 from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.output import resolve
 from leaflight.core.radiosity import quadtree
@@ -49,7 +50,7 @@ def test_pages_are_those_of_the_bake_but_for_its_blending(tmp_path):
         light = make_solver(tmp_path / f"{name} solver", furnace_scene(0.5), settings).run(lambda message: None, lambda: False)
         (page,) = pages.draw(light)
         surfaces = traced_scene.open_tracing(str(tmp_path / name)).scene.surfaces
-        final = resolve.Resolver(resolve.light_at_texels(light, texels), texels, surfaces, 2).page(name, 0)
+        final = resolve.Resolver(texel_light.light_at_texels(light, texels), texels, surfaces, 2).page(name, 0)
         np.testing.assert_array_equal(page[..., 3], final[..., 3])
         covered = final[..., 3] > 0
         assert page[covered][:, :3].astype(float).mean() == pytest.approx(final[covered][:, :3].mean(), rel=0.02), name
@@ -73,7 +74,7 @@ def test_shadow_rays_replace_photons_where_they_have_been_shot(tmp_path):
     field = DirectField.none(len(texels.texel_area))
     half = np.arange(len(field.passes)) % 2 == 0
     field.passes[half], field.irradiance[half] = 1, 100.0 * np.pi
-    (page,) = pages.draw(replace(first, direct=field))
+    (page,) = pages.draw(replace(first, direct=field), rays_alone=True)
     cell = page[texels.texel_xy[:, 1], texels.texel_xy[:, 0], 0]
     assert (cell[half] == 100.0).all()
     assert cell[~half].max() < 100.0
@@ -104,9 +105,9 @@ def test_pages_come_no_faster_than_they_may_cost(tmp_path, monkeypatch):
     first = first_light(tmp_path, SETTINGS)
     draw = pages.draw
 
-    def draw_slowly(light):
+    def draw_slowly(*light):
         clock[0] += 0.2
-        return draw(light)
+        return draw(*light)
 
     monkeypatch.setattr(pages, "draw", draw_slowly)
     monkeypatch.setattr(preview.time, "monotonic", lambda: clock[0])

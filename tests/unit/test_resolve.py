@@ -8,6 +8,7 @@ from boxes import lamp_scene, make_solver
 from leaflight.core.atlas import charts
 from leaflight.core.bake import solve
 from leaflight.core.filter.squares import SquareLight
+from leaflight.core.integrate import texel_light
 from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.output import resolve
 from leaflight.core.scene.materials import SurfaceMaterials
@@ -38,7 +39,7 @@ def make_resolver(scene, light, margin=0):
     texels = replace(build_texel_map(scene, atlas, 2), page_count=2)
     values = light(*texels.texel_xy.T, texels.texel_chart)
     direct, indirect, stderr = (np.repeat(np.float32(value)[:, None], 3, axis=1) for value in values)
-    at_texels = resolve.TexelLight(direct, indirect, stderr, np.zeros(len(direct), np.int32))
+    at_texels = texel_light.TexelLight(direct, indirect, stderr, np.zeros(len(direct), np.int32))
     return resolve.Resolver(at_texels, texels, SurfaceMaterials(scene), margin, threads=2)
 
 
@@ -148,7 +149,7 @@ def light_field(bake, leaves, correction=1.0):
 
 def light_of(field, texels):
     """Light at texels that are all on one page, grain and all."""
-    return resolve.light_at_texels(field, texels, smooth_grain=False)
+    return texel_light.light_at_texels(field, texels, smooth_grain=False)
 
 
 @pytest.mark.parametrize("level", [0, 2])
@@ -207,7 +208,7 @@ def test_a_fleck_of_indirect_light_is_taken_out_and_one_of_direct_light_is_not()
 def smooth_both(bake, direct):
     """The light at texels without and with its grain smoothed."""
     field = replace(light_field(bake, np.flatnonzero(bake.tree.current)), direct=direct)
-    grainy, shown = (resolve.light_at_texels(field, bake.texels, smooth_grain=smooth_grain) for smooth_grain in (False, True))
+    grainy, shown = (texel_light.light_at_texels(field, bake.texels, smooth_grain=smooth_grain) for smooth_grain in (False, True))
     np.testing.assert_array_equal(shown.stderr, grainy.stderr)
     return grainy, shown
 
@@ -229,7 +230,7 @@ def test_grain_that_squares_bring_is_smoothed():
     told[1] = 3 + 0.3 * np.random.default_rng(3).standard_normal(n)
     say = SquareLight(np.arange(n, dtype=np.int32), told, np.full((3, n), 0.09), np.full((3, n), 0.01))
     field = replace(light_field(bake, np.flatnonzero(bake.tree.current)), direct=DirectField.none(n), squares=say)
-    grainy, shown = (resolve.light_at_texels(field, bake.texels, smooth_grain=smooth) for smooth in (False, True))
+    grainy, shown = (texel_light.light_at_texels(field, bake.texels, smooth_grain=smooth) for smooth in (False, True))
     assert grainy.indirect.mean() == pytest.approx(3, rel=0.1)
     assert shown.indirect.std() < 0.6 * grainy.indirect.std()
 
@@ -252,9 +253,9 @@ def test_threads_and_parts_change_no_byte(part_entries):
     bake = SquareBake(side=32, degree=1, level=2)
     bake.throw(*np.random.default_rng(2).random((2, 4000)))
     field = light_field(bake, np.flatnonzero(bake.tree.current))
-    whole = resolve.light_at_texels(field, bake.texels)
+    whole = texel_light.light_at_texels(field, bake.texels)
     part_entries(100)
-    parts = resolve.light_at_texels(field, bake.texels, threads=2)
+    parts = texel_light.light_at_texels(field, bake.texels, threads=2)
     for name in ("direct", "indirect", "stderr", "leaf"):
         np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
     assert (whole.stderr > 0).all()
@@ -266,7 +267,7 @@ def test_leaves_of_few_photons_lean_on_what_is_around_unless_those_come_straight
     solver = make_solver(tmp_path, lamp_scene(), settings)
     light, texels = solver.run(lambda message: None, lambda: False), solver.tracing.texels
     assert (light.few is not None) == (direct == "rays")
-    alone, leaning = (resolve.light_at_texels(one, texels, False) for one in (replace(light, few=None), light))
+    alone, leaning = (texel_light.light_at_texels(one, texels, False) for one in (replace(light, few=None), light))
     np.testing.assert_array_equal(leaning.direct, alone.direct)
     told = np.zeros(len(texels), bool) if light.few is None else light.few.find(alone.leaf)[0]
     assert told.any() == (direct == "rays")
@@ -281,7 +282,7 @@ def test_leaves_of_few_photons_lean_on_what_is_around_unless_those_come_straight
 def test_whole_bakes_hold_no_negative_and_no_odd_numbers(tmp_path, direct, basis):
     settings = Settings(size=32, padding=1, direct=direct, basis=basis, max_photons=20_000, error=1e-4)
     solver = make_solver(tmp_path, lamp_scene(), settings)
-    light = resolve.light_at_texels(solver.run(lambda message: None, lambda: False), solver.tracing.texels)
+    light = texel_light.light_at_texels(solver.run(lambda message: None, lambda: False), solver.tracing.texels)
     for values in (light.direct, light.indirect, light.stderr):
         assert np.isfinite(values).all()
         assert values.min() >= 0
@@ -292,7 +293,7 @@ def test_doubt_that_nobody_asks_for_changes_no_light():
     bake = SquareBake(side=32, degree=1, level=3)
     bake.throw(*np.random.default_rng(2).random((2, 4000)))
     field = light_field(bake, np.flatnonzero(bake.tree.current))
-    told, untold = (resolve.light_at_texels(field, bake.texels, doubt=doubt) for doubt in (True, False))
+    told, untold = (texel_light.light_at_texels(field, bake.texels, doubt=doubt) for doubt in (True, False))
     assert untold.stderr is None
     for name in ("direct", "indirect"):
         np.testing.assert_array_equal(getattr(untold, name), getattr(told, name))
@@ -304,10 +305,10 @@ def test_who_asks_last_is_told_the_same(tmp_path, doubt):
     solver = make_solver(tmp_path, lamp_scene(), Settings(size=32, padding=1, max_photons=20_000, error=1e-4))
     light = solver.run(lambda message: None, lambda: False)
     found = light.direct.irradiance.copy(), light.direct.variance.copy()
-    first = resolve.light_at_texels(light, solver.tracing.texels, doubt=doubt)
+    first = texel_light.light_at_texels(light, solver.tracing.texels, doubt=doubt)
     for values, before in zip((light.direct.irradiance, light.direct.variance), found, strict=True):
         np.testing.assert_array_equal(values, before)
-    last = resolve.light_at_texels(light, solver.tracing.texels, doubt=doubt, spend=True)
+    last = texel_light.light_at_texels(light, solver.tracing.texels, doubt=doubt, spend=True)
     for name in ("direct", "indirect", "stderr"):
         np.testing.assert_array_equal(getattr(last, name), getattr(first, name))
     assert np.shares_memory(last.direct, light.direct.irradiance)

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from leaflight.core.atlas.charts import make_charts
 from leaflight.core.filter.seams import match_seams
-from leaflight.core.output.resolve import Resolver, TexelLight, close_seams
+from leaflight.core.integrate.texel_light import TexelLight
+from leaflight.core.output.resolve import Resolver, close_seams
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.scene import Material
 from leaflight.core.texels.creases import cut_at_creases

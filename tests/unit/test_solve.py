@@ -11,8 +11,7 @@ from leaflight.core.bake.photon_shards import PhotonShard
 from leaflight.core.bake.solve import TRACING
 from leaflight.core.filter import estimate
 from leaflight.core.filter.direct_shown import ShownDirect
-from leaflight.core.integrate import direct_shards
-from leaflight.core.output import resolve
+from leaflight.core.integrate import direct_shards, texel_light
 from leaflight.core.parallel import executors
 from leaflight.core.radiosity import quadtree, refine, shrinkage, splitting, tally
 from leaflight.core.scene.scene import Light, Material
@@ -163,7 +162,7 @@ def test_photons_are_sent_by_all_light_that_is_shown(tmp_path):
     tree, plan, texels = solver.tree, solver.guide.plan, solver.tracing.texels
     solver.guide.plan = lambda tree, root_object: roots.append(root_object) or plan(tree, root_object)
     told, _ = solver._guide_photons()
-    shown = resolve.light_at_texels(light, solver.tracing.texels)
+    shown = texel_light.light_at_texels(light, solver.tracing.texels)
     means = quadtree.mean_in_nodes(tree, shown.direct + shown.indirect)
     expected = splitting.weigh_deposits(tree, light.leaves, means, light.ledger.deposits)[:, light.leaves]
     ratio = told.worth[:, light.leaves] / expected
@@ -233,7 +232,7 @@ def test_a_round_solves_all_that_is_asked_of_it(tmp_path, knobs):
     for one in (state, whole):
         light, told = solver._light(one)
         stated.append((told.relative, told.chosen, told.direct, *told.correction))
-        lights.append(resolve.light_at_texels(light, solver.tracing.texels).indirect)
+        lights.append(texel_light.light_at_texels(light, solver.tracing.texels).indirect)
         nothing = np.zeros(len(solver.tree), bool), np.zeros((3, len(solver.tree)))
         rule = replace(solver.rule, oracle="paper")  # splits on noise too
         marked.append(refine.mark(solver.tree, one.totals, one.solution, one.comparison, rule, *nothing))

@@ -1,0 +1,59 @@
+"""One definition of the light at a texel: what a viewport and gather rays read is what pages show, but for blending and filters."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from boxes import lamp_scene, make_solver
+from leaflight.core.bake.preview import PreviewPages
+from leaflight.core.integrate import texel_light
+from leaflight.core.integrate.gathered import GatheredField
+from leaflight.core.radiosity import quadtree
+from leaflight.core.util.settings import Settings
+
+
+def bake_room(folder, **knobs):
+    solver = make_solver(folder, lamp_scene(), Settings(size=64, padding=1, **{"max_photons": 200_000, "error": 1e-4, **knobs}))
+    return solver, solver.run(lambda message: None, lambda: False)
+
+
+@pytest.mark.parametrize("direct", ["rays", "photons"])
+def test_a_glance_has_the_flux_of_the_pages(tmp_path, direct):
+    solver, light = bake_room(tmp_path, direct=direct)
+    texels = solver.tracing.texels
+    glance = texel_light.glance_at(light, texels, np.arange(len(texels)))
+    pages = texel_light.light_at_texels(light, texels)
+    for quick, shown in zip(glance, (pages.direct, pages.indirect), strict=True):
+        assert (quick >= 0).all()
+        assert quick.T @ texels.texel_area == pytest.approx(shown.T @ texels.texel_area, rel=0.02)
+
+
+def test_gather_rays_find_the_light_of_a_glance_and_how_far_halves_differ(tmp_path):
+    solver, light = bake_room(tmp_path)
+    texels = solver.tracing.texels
+    known, doubt = texel_light.find_known(light, texels)
+    np.testing.assert_allclose(known.T, texel_light.glance_at(light, texels, np.arange(len(texels))).sum(axis=0), rtol=1e-5)
+    halves = light.solution.flux_half[:, :, light.leaves].sum(axis=2).mean(axis=1)
+    assert doubt @ texels.texel_area == pytest.approx((halves[0] - halves[1]) / 2, abs=0.02 * halves.mean())
+    assert np.abs(doubt).max() > 0
+
+
+def test_gathered_light_is_shown_while_a_bake_runs_and_not_gathered_again(tmp_path):
+    solver, light = bake_room(tmp_path, direct="rays", passes=("indirect",))
+    texels = solver.tracing.texels
+    gathered = GatheredField.none(len(texels))
+    half = np.arange(len(texels)) % 2 == 0
+    gathered.passes[half], gathered.irradiance[half] = 1, 100.0 * np.pi
+    field = replace(light, gathered=gathered)
+    shown = PreviewPages(tmp_path / "pages", texels, solver.tracing.scene.surfaces, solver.settings, print).draw(field)[0]
+    value = shown[texels.texel_xy[:, 1], texels.texel_xy[:, 0], 0]
+    assert (value[half] == 100.0).all()
+    assert value[~half].max() < 100.0
+    np.testing.assert_array_equal(texel_light.find_known(field, texels)[0], texel_light.find_known(light, texels)[0])
+
+
+def test_entries_are_found_on_the_nodes_that_hold_them(tmp_path):
+    solver, light = bake_room(tmp_path)
+    everywhere = quadtree.node_of_texel(light.tree, light.leaves, len(solver.tracing.texels))
+    entry = np.array([len(everywhere) - 1, 0, 17, 18])
+    np.testing.assert_array_equal(quadtree.node_at_entries(light.tree, light.leaves, entry), everywhere[entry])
