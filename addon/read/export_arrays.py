@@ -32,6 +32,7 @@ class PieceArrays:
     tri_passing_uv: NDArray[np.float32]
     tri_normal_uv: NDArray[np.float32]
     tri_metal_uv: NDArray[np.float32]
+    tri_glass_uv: NDArray[np.float32]
     is_clear: bool
 
     @property
@@ -55,7 +56,7 @@ def read_piece(
         for index in used
     ]
     tri_material = slot_material[slot]
-    tri_albedo_uv, tri_emission_uv, tri_passing_uv, tri_normal_uv, tri_metal_uv = np.zeros((5, n_tri, 3, 2), np.float32)
+    tri_albedo_uv, tri_emission_uv, tri_passing_uv, tri_normal_uv, tri_metal_uv, tri_glass_uv = np.zeros((6, n_tri, 3, 2), np.float32)
     clear = []
     for index in np.unique(tri_material):
         reading = materials.readings[index]
@@ -72,8 +73,10 @@ def read_piece(
             tri_normal_uv[here] = _texture_uv(piece, local, corner, reading.normal_mapping, materials, warnings)
         if reading.material.metal_image >= 0:
             tri_metal_uv[here] = _texture_uv(piece, local, corner, reading.metal_mapping, materials, warnings)
+        if reading.material.glass_image >= 0:
+            tri_glass_uv[here] = _texture_uv(piece, local, corner, reading.glass_mapping, materials, warnings)
     tri_uv = np.zeros((n_tri, 3, 2)) if uv_layer is None else np.nan_to_num(local.layers[uv_layer][world.tri_corner])
-    texture_uvs = tri_albedo_uv, tri_emission_uv, tri_passing_uv, tri_normal_uv, tri_metal_uv
+    texture_uvs = tri_albedo_uv, tri_emission_uv, tri_passing_uv, tri_normal_uv, tri_metal_uv, tri_glass_uv
     return PieceArrays(world, tri_material, tri_uv, *texture_uvs, bool(clear) and all(clear))
 
 
@@ -105,6 +108,7 @@ def join_arrays(pieces: Sequence[PieceArrays]) -> dict[str, NDArray[Any]]:
         "tri_passing_uv": np.concatenate([piece.tri_passing_uv for piece in pieces]),
         "tri_normal_uv": np.concatenate([piece.tri_normal_uv for piece in pieces]),
         "tri_metal_uv": np.concatenate([piece.tri_metal_uv for piece in pieces]),
+        "tri_glass_uv": np.concatenate([piece.tri_glass_uv for piece in pieces]),
     }
 
 

@@ -24,6 +24,7 @@ IMAGE_OF_UV = {
     "tri_emission_uv": "emission_image",
     "tri_passing_uv": "passing_image",
     "tri_metal_uv": "metal_image",
+    "tri_glass_uv": "glass_image",
 }
 _IMAGES = (*IMAGE_OF_UV.values(), "shadow_passing_image", "normal_image")
 
@@ -38,11 +39,12 @@ class MaterialReading:
     passing_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
     normal_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
     metal_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
+    glass_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
 
     @property
     def is_clear(self) -> bool:
         """Whether light goes through it and none is reflected, so that a lightmap has nothing to show."""
-        return any(self.material.passing_rgb) and not any(self.material.albedo_rgb)
+        return any((*self.material.passing_rgb, *self.material.glass_rgb)) and not any(self.material.albedo_rgb)
 
 
 class MaterialTable:
@@ -115,12 +117,19 @@ class MaterialTable:
                 layer=surface.gloss.layer,
                 roughness=surface.gloss.roughness,
                 ior=surface.gloss.ior,
+                glass_rgb=_clip_negative(surface.glass.rgb),
+                glass_image=surface.glass.image,
+                glass_mirror_rgb=_clip_negative(surface.bending.mirror_rgb),
+                glass_fresnel=surface.bending.fresnel,
+                glass_roughness=surface.bending.roughness,
+                glass_ior=surface.bending.ior,
             ),
             surface.albedo.mapping,
             surface.emission.mapping,
             shadow.mapping if shadow and shadow.image >= 0 else surface.passing.mapping,
             UNMAPPED if reader.normal is None else reader.normal.mapping,
             surface.metal.mapping,
+            surface.glass.mapping,
         )
 
 

@@ -1,4 +1,4 @@
-"""Shader nodes -> diffuse reflectance, emitted radiance and what goes straight through, the nearest there is."""
+"""Shader nodes -> diffuse and specular reflectance, glass, emitted radiance and what goes straight through, the nearest there is."""
 
 from __future__ import annotations
 
@@ -9,10 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..nodes.colors_read import ColorReader
-from ..nodes.node_colors import BLACK, GREY, WHITE, Color, Rgb, to_rgb
+from ..nodes.node_colors import BLACK, GREY, WHITE, Color, Rgb, add_rgb, to_rgb
 from ..nodes.node_ports import Port, find_source
-
-GLASS = "light goes straight through its glass, tinted by its colour"
 
 _NOTHING = Color(BLACK)
 
@@ -36,7 +34,32 @@ class GlossNumbers:
         return replace(main, metal=min(self.metal + other.metal, 1.0), layer=min(self.layer + other.layer, 1.0))
 
 
+@dataclass(frozen=True)
+class GlassNumbers:
+    """As in a Material; evenly over the surface.
+
+    share   of the surface that is glass
+    """
+
+    share: float = 0.0
+    mirror_rgb: Rgb = BLACK
+    fresnel: bool = True
+    roughness: float = 0.0
+    ior: float = 1.5
+
+    def times(self, share: float) -> GlassNumbers:
+        """On a share of the surface."""
+        red, green, blue = self.mirror_rgb
+        return replace(self, share=share * self.share, mirror_rgb=(share * red, share * green, share * blue))
+
+    def add(self, other: GlassNumbers) -> GlassNumbers:
+        """Both; as rough as the stronger one."""
+        main = self if self.share >= other.share else other
+        return replace(main, share=min(self.share + other.share, 1.0), mirror_rgb=add_rgb(self.mirror_rgb, other.mirror_rgb))
+
+
 DULL = GlossNumbers()
+NO_GLASS = GlassNumbers()
 
 
 @dataclass(frozen=True)
@@ -45,6 +68,8 @@ class Surface:
 
     metal       the part of the albedo that is reflected as in a mirror
     gloss       how
+    glass       tint of what glass refracts, times the share of the surface that is glass
+    bending     how
     """
 
     albedo: Color = _NOTHING
@@ -52,6 +77,8 @@ class Surface:
     passing: Color = _NOTHING
     metal: Color = _NOTHING
     gloss: GlossNumbers = DULL
+    glass: Color = _NOTHING
+    bending: GlassNumbers = NO_GLASS
 
 
 def read_shader(reader: ColorReader, port: Port) -> Surface:
@@ -70,8 +97,6 @@ def read_input_color(reader: ColorReader, port: Port, name: str, default: Rgb = 
 
 def _read_principled(reader: ColorReader, port: Port) -> Surface:
     metallic, transmission = _fraction(reader, port, "Metallic"), _fraction(reader, port, "Transmission Weight")
-    if transmission.mean[0] > 0.0:
-        reader.note(GLASS)
     for name, text in (("Subsurface Weight", "subsurface light stays where it arrives"), ("Coat Weight", "its coat is left out")):
         if reader.read_number(port.sibling(name), 0.0) > 0.0:
             reader.note(text)
@@ -82,15 +107,28 @@ def _read_principled(reader: ColorReader, port: Port) -> Surface:
     metal = _scale(reader, port, _scale(reader, port, base, metallic, "metal"), alpha, "clear metal")
     albedo = _leave_out(reader, port, color, transmission, "glass")
     emission = _read_radiance(reader, port, "Emission Color", "Emission Strength", 0.0)
-    passing = _scale(reader, port, color, transmission, "through glass")
-    clear = _complement(reader, port, alpha, "clear")
+    glass, bending = _NOTHING, NO_GLASS
+    if transmission.mean[0] > 0.0:
+        part = _scale(reader, port, _complement(reader, port, metallic, "glass or paint"), transmission, "of glass")
+        part = _scale(reader, port, part, alpha, "seen glass")
+        # Cycles tints each of the two sides of a solid by the root of the colour, and what it reflects not at all.
+        glass = _scale(reader, port, reader.derive(port, lambda rgb: np.sqrt(np.maximum(rgb, 0.0)), [base], "root"), part, "glass")
+        bending = _read_bending(reader, port, WHITE, True).times(part.mean[0])
     return Surface(
         reader.add(port, _scale(reader, port, albedo, alpha, "albedo"), metal, "reflecting"),
         _scale(reader, port, emission, alpha, "emission"),
-        reader.add(port, clear, _scale(reader, port, passing, alpha, "passing"), "through"),
+        _complement(reader, port, alpha, "clear"),
         metal,
         _read_gloss(reader, port, metallic.mean[0], transmission.mean[0]).times(alpha.mean[0]),
+        glass,
+        bending,
     )
+
+
+def _read_bending(reader: ColorReader, port: Port, mirror_rgb: Rgb, fresnel: bool) -> GlassNumbers:
+    """Of a surface that is all glass."""
+    ior = reader.read_number(port.sibling("IOR"), 1.5)
+    return GlassNumbers(1.0, mirror_rgb, fresnel, _read_roughness(reader, port, True), ior)
 
 
 def _read_gloss(reader: ColorReader, port: Port, metallic: float, transmission: float) -> GlossNumbers:
@@ -156,6 +194,8 @@ def _read_mix(reader: ColorReader, port: Port) -> Surface:
         reader.blend(port, first.passing, second.passing, part, "passing"),
         reader.blend(port, first.metal, second.metal, part, "metal"),
         first.gloss.times(1.0 - fraction).add(second.gloss.times(fraction)),
+        reader.blend(port, first.glass, second.glass, part, "glass"),
+        first.bending.times(1.0 - fraction).add(second.bending.times(fraction)),
     )
 
 
@@ -164,7 +204,8 @@ def _read_add(reader: ColorReader, port: Port) -> Surface:
     albedo = reader.add(port, first.albedo, second.albedo, "albedo")
     emission = reader.add(port, first.emission, second.emission, "emission")
     passing, metal = reader.add(port, first.passing, second.passing, "passing"), reader.add(port, first.metal, second.metal, "metal")
-    return Surface(albedo, emission, passing, metal, first.gloss.add(second.gloss))
+    glass = reader.add(port, first.glass, second.glass, "glass")
+    return Surface(albedo, emission, passing, metal, first.gloss.add(second.gloss), glass, first.bending.add(second.bending))
 
 
 def _read_transparent(reader: ColorReader, port: Port) -> Surface:
@@ -172,8 +213,13 @@ def _read_transparent(reader: ColorReader, port: Port) -> Surface:
 
 
 def _read_glass(reader: ColorReader, port: Port) -> Surface:
-    reader.note(GLASS)
-    return Surface(passing=read_input_color(reader, port, "Color"))
+    color = read_input_color(reader, port, "Color")
+    return Surface(glass=color, bending=_read_bending(reader, port, color.mean, True))
+
+
+def _read_refraction(reader: ColorReader, port: Port) -> Surface:
+    """It reflects nothing, not even totally."""
+    return Surface(glass=read_input_color(reader, port, "Color"), bending=_read_bending(reader, port, BLACK, False))
 
 
 def _read_other(reader: ColorReader, port: Port) -> Surface:
@@ -225,5 +271,5 @@ _SHADERS: dict[str, Callable[[ColorReader, Port], Surface]] = {
     "BSDF_ANISOTROPIC": _read_glossy,
     "BSDF_METALLIC": _read_glossy,
     "BSDF_GLASS": _read_glass,
-    "BSDF_REFRACTION": _read_glass,
+    "BSDF_REFRACTION": _read_refraction,
 }

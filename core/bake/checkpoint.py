@@ -46,7 +46,7 @@ _FREE_KNOBS = ("workers", "margin")
 class Checkpoint:
     """The state of a bake between two rounds.
 
-    energy_w        (5, 3) float64: the ledger's sums, in the order of photon_log.ENERGY_NAMES
+    energy_w        (7, 3) float64: the ledger's sums, in the order of photon_log.ENERGY_NAMES
     cell            (k,) int64: cells of sides without a lightmap that photons fell on
     cell_flux       (2, 3, k) float64: of cell_tally.CellTally
     given_up        of gather_plan.GatherPlan, as are given_up_told and budget_rays

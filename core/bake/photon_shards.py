@@ -138,7 +138,7 @@ def _sum_up(tracing: Tracing, view: TreeView, shard: PhotonShard, splitting: Spl
         placed = np.flatnonzero(entry >= 0)
         hits, x, y, entry = hits.only(placed), x.take(placed), y.take(placed), entry.take(placed)
     node, s, t = view.locate(tracing.texels.owner_of(entry, x, y), x, y)
-    is_first = None if shard.skip_first and tracing.scene.gloss is None else hits.is_first
+    is_first = None if shard.skip_first and not tracing.scene.has_caustics else hits.is_first
     sums = deposit(node, s, t, hits.flux_rgb, is_first, len(view.centre), shard.degree)
     on_squares = deposit_on_squares(tracing.texels, view.square_entry, entry, hits.tri, x, y, hits.flux_rgb, is_first)
     parted = born = None

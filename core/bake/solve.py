@@ -81,7 +81,7 @@ class Solver:
             self._grow_previews()
             if self.rising_texels is not None and uses("rising_nodes"):
                 self.tree = quadtree.grow_to(self.tree, texels, max(_RISING_SIDE, settings.finest_texels), self.rising_texels)
-        components = 1 if settings.direct == "rays" and self.tracing.scene.gloss is None else tally.COMPONENTS
+        components = 1 if settings.direct == "rays" and not self.tracing.scene.has_caustics else tally.COMPONENTS
         self.tally = Tally.empty(len(self.tree), self.degree, components)
         self.squares = Squares.of(texels, self.forced_texels)
         self.square_tally = Tally.empty(len(self.squares.entry), 0, components)

@@ -25,6 +25,7 @@ from ..texels.texel_map import TexelMap
 from ..texels.tiles import Tiles
 from ..transport.mirrors import GlossyScene, follow_mirrors
 from ..transport.passing import Passing
+from ..transport.refraction import follow_glass
 from ..util.arrays import Float32, Float64, IntArray
 from ..util.geometry import take_rows
 from ..util.sampling import square_to_cosine_hemisphere
@@ -53,7 +54,8 @@ class GatherScene:
     """What rays meet.
 
     passing         what they go on through, with what it lets pass
-    mirrors         what reflects them specularly: light that comes from lamps by mirrors alone is not gathered, but deposited by photons
+    mirrors         what reflects them specularly, or bends them: light that comes from lamps that way alone is not gathered, but deposited
+                    by photons
     tri_two_sided   (n_tri,) bool: texels hold the sum of both sides
     tri_told        (n_tri,) bool: texels hold the light on its front
     """
@@ -154,6 +156,8 @@ class _Gathering:
                 onward.append((ray[on], start, direction.T[:, on], left))
             if scene.mirrors is not None:
                 on, start, turned, left = follow_mirrors(scene.mirrors, direction.T, share, tri, u, v, self._rng)
+                onward.append((ray[on], start, turned, left))
+                on, start, turned, left = follow_glass(scene.mirrors, direction.T, share, tri, u, v, self._rng)
                 onward.append((ray[on], start, turned, left))
             if not sum(len(part[0]) for part in onward):
                 break

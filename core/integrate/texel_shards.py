@@ -116,7 +116,7 @@ def _open_gather_scene(folder: str) -> gather.GatherScene:
     return gather.GatherScene(
         rays=scene.rays,
         passing=scene.passing,
-        mirrors=scene if scene.gloss else None,
+        mirrors=scene if scene.has_caustics else None,
         receiving=direct_scene.surfaces,
         surfaces=scene.surfaces,
         texels=tracing.texels,

@@ -43,9 +43,8 @@ class EmittingMeshes:
         shines = np.zeros(snapshot.n_tri, bool)
         for _, cells in by_material:
             shines[cells.tri] = True
-        return cls(
-            by_material, find_sealed(snapshot, shines, surfaces.find_passing(shadow=True)[0] | surfaces.find_passing(shadow=False)[0])
-        )
+        passes = surfaces.find_passing(shadow=True)[0] | surfaces.find_passing(shadow=False)[0] | surfaces.find_glass()
+        return cls(by_material, find_sealed(snapshot, shines, passes))
 
 
 @dataclass(frozen=True)

@@ -145,7 +145,7 @@ def mask(cosine_in: FloatArray, cosine_out: FloatArray, alpha: FloatArray) -> Fl
 
     Source: Heitz 2018, eq. 19, with the height-correlated G2 of Heitz 2014.
     """
-    into, out = _shadow(cosine_in, alpha), _shadow(np.maximum(cosine_out, 1e-6), alpha)
+    into, out = shadow_term(cosine_in, alpha), shadow_term(np.maximum(cosine_out, 1e-6), alpha)
     return np.where(cosine_out > 0, (1 + into) / (1 + into + out), 0)
 
 
@@ -194,7 +194,7 @@ def _give_back(color: FloatArray, share: FloatArray, lost: FloatArray) -> FloatA
     return out
 
 
-def _shadow(cosine: FloatArray, alpha: FloatArray) -> FloatArray:
+def shadow_term(cosine: FloatArray, alpha: FloatArray) -> FloatArray:
     """Smith's Lambda of GGX. Source: Walter et al. 2007, eq. 34; Heitz 2014, eq. 72."""
     tangent2 = np.maximum(1 / (cosine * cosine) - 1, 0)
     out: FloatArray = 0.5 * (np.sqrt(1 + alpha * alpha * tangent2) - 1)

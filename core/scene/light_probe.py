@@ -198,4 +198,4 @@ class LightProbe:
 
 
 def _lets_light_pass(material: Material) -> bool:
-    return any(material.passing_rgb) or any(material.shadow_passing_rgb or ())
+    return any(material.passing_rgb) or any(material.shadow_passing_rgb or ()) or any(material.glass_rgb)

@@ -61,6 +61,10 @@ class SurfaceMaterials:
             scene, [m.emission_rgb for m in materials], [m.emission_image for m in materials], scene.tri_emission_uv, np.inf
         )
         self._metal = _layer(scene, [m.metal_rgb for m in materials], [m.metal_image for m in materials], scene.tri_metal_uv, MAX_ALBEDO)
+        self._glass = _layer(scene, [m.glass_rgb for m in materials], [m.glass_image for m in materials], scene.tri_glass_uv, 1.0)
+        of_glass = np.array([any(m.glass_rgb) or any(m.glass_mirror_rgb) for m in materials], bool)
+        seen = np.array([one.reflects for one in scene.objects], bool)
+        self._tri_glass: NDArray[np.bool_] = of_glass[scene.tri_material] & seen[scene.tri_object]
         self._passing = _layer(scene, [m.passing_rgb for m in materials], [m.passing_image for m in materials], scene.tri_passing_uv, 1.0)
         self._shadow = self._passing
         if any(material.shadow_passing_rgb is not None for material in materials):
@@ -85,8 +89,8 @@ class SurfaceMaterials:
 
     @property
     def reflects(self) -> bool:
-        """Whether any triangle reflects any light."""
-        return bool(self._reflecting.tri_rgb.any())
+        """Whether any triangle reflects any light, or bends it."""
+        return bool(self._reflecting.tri_rgb.any() or self._tri_glass.any())
 
     def albedo_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
         """Diffuse reflectance, within [0, MAX_ALBEDO].
@@ -112,6 +116,14 @@ class SurfaceMaterials:
         """The part of reflectance_at that a metal reflects as a mirror does; as albedo_at."""
         return self._metal.at(tri, u, v)
 
+    def glass_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
+        """Tint of light that glass refracts, times the share of the surface that is glass; as albedo_at."""
+        return self._glass.at(tri, u, v)
+
+    def find_glass(self) -> NDArray[np.bool_]:
+        """(n_tri,) bool: triangles of glass that other surfaces see."""
+        return self._tri_glass
+
     def passing_at(self, tri: IntArray, u: FloatArray, v: FloatArray, shadow: bool) -> NDArray[np.float32]:
         """Share of light that goes straight on through a surface, within [0, 1].
 
@@ -134,8 +146,8 @@ class SurfaceMaterials:
 
     def find_void(self) -> NDArray[np.bool_]:
         """(n_tri,) bool: triangles that light passes as if they were not there."""
-        reflects: NDArray[np.bool_] = self._reflecting.tri_rgb.any(axis=0)
-        return ~reflects & self.find_passing(shadow=True)[1] & self.find_passing(shadow=False)[1]
+        stops: NDArray[np.bool_] = self._reflecting.tri_rgb.any(axis=0) | self._tri_glass
+        return ~stops & self.find_passing(shadow=True)[1] & self.find_passing(shadow=False)[1]
 
 
 def clamp_warnings(scene: SceneSnapshot) -> list[tuple[str, str]]:
@@ -149,6 +161,7 @@ def _material_warnings(scene: SceneSnapshot, index: int, material: Material) -> 
         ("albedo", material.albedo_rgb, material.albedo_image, scene.tri_albedo_uv, MAX_ALBEDO),
         ("emission", material.emission_rgb, material.emission_image, scene.tri_emission_uv, _MAX_EMISSION),
         ("metal", material.metal_rgb, material.metal_image, scene.tri_metal_uv, MAX_ALBEDO),
+        ("glass", material.glass_rgb, material.glass_image, scene.tri_glass_uv, 1.0),
         ("transmittance", material.passing_rgb, material.passing_image, scene.tri_passing_uv, 1.0),
     ):
         low, high = (np.array(rgb, np.float64),) * 2

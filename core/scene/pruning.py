@@ -72,6 +72,7 @@ def _fold_textures(material: Material, colour: list[Colour | None]) -> Material:
     if shadow_rgb is not None:
         shadow_rgb, shadow_image = _fold_texture(shadow_rgb, shadow_image, colour)
     metal_rgb, metal_image = _fold_texture(material.metal_rgb, material.metal_image, colour)
+    glass_rgb, glass_image = _fold_texture(material.glass_rgb, material.glass_image, colour)
     return replace(
         material,
         albedo_rgb=albedo_rgb,
@@ -84,6 +85,8 @@ def _fold_textures(material: Material, colour: list[Colour | None]) -> Material:
         shadow_passing_image=shadow_image,
         metal_rgb=metal_rgb,
         metal_image=metal_image,
+        glass_rgb=glass_rgb,
+        glass_image=glass_image,
     )
 
 

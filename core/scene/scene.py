@@ -54,11 +54,25 @@ class Material:
     layer: float = 0.0  # share of the surface that has a dielectric layer above what is diffuse
     roughness: float = 0.5  # of the metal and of the layer; GGX's alpha is its square
     ior: float = 1.5  # of the layer
+    glass_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # tint of what glass refracts, times the share of the surface that is glass
+    glass_image: int = -1
+    glass_mirror_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of what it reflects, times the same share
+    glass_fresnel: bool = True  # what is reflected goes by Fresnel's equations; else nothing is
+    glass_roughness: float = 0.0  # GGX's alpha is its square
+    glass_ior: float = 1.5  # of the side that faces look away from, over that of the other
 
     @property
     def images(self) -> tuple[int, ...]:
         """All that it shows, -1 none."""
-        return self.albedo_image, self.emission_image, self.passing_image, self.shadow_passing_image, self.metal_image, self.normal_image
+        return (
+            self.albedo_image,
+            self.emission_image,
+            self.passing_image,
+            self.shadow_passing_image,
+            self.metal_image,
+            self.normal_image,
+            self.glass_image,
+        )
 
 
 @dataclass(frozen=True)
@@ -122,6 +136,7 @@ class SceneSnapshot:
     tri_passing_uv    (n_tri, 3, 2) float32   as tri_albedo_uv, for the images of the transmittance; zeros where it is left out
     tri_normal_uv     (n_tri, 3, 2) float32   the same for the images of normals
     tri_metal_uv      (n_tri, 3, 2) float32   the same, for the images of metals' colours
+    tri_glass_uv      (n_tri, 3, 2) float32   the same, for the images of glass
     """
 
     vertex_position: NDArray[np.float64]
@@ -144,9 +159,10 @@ class SceneSnapshot:
     tri_passing_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
     tri_normal_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
     tri_metal_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
+    tri_glass_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
 
     def __post_init__(self) -> None:
-        for name in ("tri_passing_uv", "tri_normal_uv", "tri_metal_uv"):
+        for name in ("tri_passing_uv", "tri_normal_uv", "tri_metal_uv", "tri_glass_uv"):
             if not len(getattr(self, name)):  # the dataclass is frozen
                 object.__setattr__(self, name, np.zeros((len(self.tri_vertex), 3, 2), np.float32))
         error = _first_error(self)
@@ -186,6 +202,7 @@ def _first_error(scene: SceneSnapshot) -> str:
         "tri_passing_uv": (n_tri, 3, 2),
         "tri_normal_uv": (n_tri, 3, 2),
         "tri_metal_uv": (n_tri, 3, 2),
+        "tri_glass_uv": (n_tri, 3, 2),
     }
     for name, expected in shapes.items():
         found = getattr(scene, name).shape

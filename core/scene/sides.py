@@ -77,7 +77,7 @@ def settle_sides(snapshot: SceneSnapshot, sides: str) -> SettledSides:
 def turn(snapshot: SceneSnapshot, tri_turned: NDArray[np.bool_]) -> SceneSnapshot:
     """The snapshot with the fronts of some triangles (n_tri,) where their backs were."""
     changed: dict[str, Any] = {}
-    textures = "tri_albedo_uv", "tri_emission_uv", "tri_passing_uv", "tri_normal_uv", "tri_metal_uv"
+    textures = "tri_albedo_uv", "tri_emission_uv", "tri_passing_uv", "tri_normal_uv", "tri_metal_uv", "tri_glass_uv"
     for name in ("tri_vertex", "tri_corner", "tri_normal", "tri_uv", *textures):
         changed[name] = swap_corners(getattr(snapshot, name), tri_turned)
     changed["tri_normal"][tri_turned] *= -1

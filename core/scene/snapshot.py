@@ -32,6 +32,7 @@ _ARRAYS = (
     "tri_passing_uv",
     "tri_normal_uv",
     "tri_metal_uv",
+    "tri_glass_uv",
 )
 
 

@@ -7,10 +7,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..scene.glass import Glass
 from ..scene.gloss import Gloss
 from ..util.arrays import IntArray
 from ..util.geometry import gather, locate_hits, offset_origin
 from .births import Arrivals, Photons
+from .passing import Passing
 
 _TINY = np.finfo(np.float32).tiny
 _Rows = NDArray[np.float32]
@@ -21,6 +23,10 @@ class GlossyScene(Protocol):
 
     @property
     def gloss(self) -> Gloss | None: ...
+    @property
+    def glass(self) -> Glass | None: ...
+    @property
+    def passing(self) -> Passing | None: ...
     @property
     def tri_normal(self) -> _Rows: ...
     @property

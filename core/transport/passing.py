@@ -49,6 +49,11 @@ class Passing:
         at = locate_hits(self.tri_frame, tri, u, v)
         return place, leave_through(at, gather(direction, place), gather(self.tri_normal, tri)), gather(through, on)
 
+    def leave(self, tri: IntArray, u: _Rows, v: _Rows) -> _Rows:
+        """(3, n): share of light straight from lamps that does not pass as shadow rays do, and is left for other ways through."""
+        left: _Rows = 1 - self.surfaces.passing_at(tri, u, v, shadow=True).T
+        return left
+
     def go_on(
         self,
         photons: Photons,

@@ -12,16 +12,17 @@ _Rows = NDArray[np.float32]
 _Ints = NDArray[np.int32]
 
 
-ENERGY_NAMES = ("emitted", "absorbed", "escaped", "remainder", "passed", "mirrored")
+ENERGY_NAMES = ("emitted", "absorbed", "escaped", "remainder", "passed", "mirrored", "refracted")
 
 
 @dataclass(frozen=True)
 class EnergyAudit:
     """Where the light went, each (3,) float64, W: emitted == absorbed + escaped + remainder.
 
-    `passed` counts light each time it goes straight on through a transparent surface, and `mirrored` each time a metal or a layer reflects
-    it; after that it goes elsewhere. `absorbed` is what roulette took less what it gave to survivors; `remainder` was still under way at
-    max_depth. The light of a lamp without shadow counts as emitted once for each surface that it lights.
+    `passed` counts light each time it goes straight on through a transparent surface, `mirrored` each time a metal, a layer or glass
+    reflects it, and `refracted` each time glass lets it through; after that it goes elsewhere. `absorbed` is what roulette took less what
+    it gave to survivors; `remainder` was still under way at max_depth. The light of a lamp without shadow counts as emitted once for each
+    surface that it lights.
     """
 
     emitted: NDArray[np.float64]
@@ -30,6 +31,7 @@ class EnergyAudit:
     remainder: NDArray[np.float64]
     passed: NDArray[np.float64]
     mirrored: NDArray[np.float64]
+    refracted: NDArray[np.float64]
 
     @classmethod
     def join(cls, parts: Sequence[EnergyAudit]) -> EnergyAudit:
@@ -128,7 +130,9 @@ class PhotonLog:
         self._forget()
 
     def _forget(self) -> None:
-        self.emitted, self.absorbed, self.escaped, self.remainder, self.passed, self.mirrored = np.zeros((len(ENERGY_NAMES), 3))
+        self.emitted, self.absorbed, self.escaped, self.remainder, self.passed, self.mirrored, self.refracted = np.zeros(
+            (len(ENERGY_NAMES), 3)
+        )
         self.photons = self.rays = self.n_hit = 0
         self._pieces: list[tuple[_Ints, _Rows, _Rows, _Rows, NDArray[np.bool_]]] = []  # tri, u, v, flux, is_first
         self._place: list[_Ints] = []
@@ -173,7 +177,7 @@ class PhotonLog:
             np.concatenate(v),
             np.concatenate(flux, axis=1),
             np.concatenate(is_first),
-            EnergyAudit(self.emitted, self.absorbed, self.escaped, self.remainder, self.passed, self.mirrored),
+            EnergyAudit(*(getattr(self, name) for name in ENERGY_NAMES)),
             Counters(self.photons, self.rays, self.n_hit),
             self._groups() if self._place else None,
             SideHits(*(np.concatenate([getattr(hits, one.name) for hits in self._elsewhere], axis=-1) for one in fields(SideHits))),

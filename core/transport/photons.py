@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..lights.joined_emitters import JoinedEmitters
 from ..lights.lights import Emitter
+from ..scene.glass import Glass
 from ..scene.gloss import Gloss
 from ..scene.materials import SurfaceMaterials
 from ..scene.rays import RayScene
@@ -30,6 +31,7 @@ from .births import BATCH, Arrivals, Photons, bear_photons, find_hidden, join_ph
 from .mirrors import reflect_photons
 from .passing import Passing
 from .photon_log import PhotonLog, ShardHits, SideHits
+from .refraction import bend_photons
 
 _SMOOTH_DEVIATION = 1e-3  # a corner normal nearer to the face's own than this is flat shading
 # Veach's weight is unbounded at grazing incidence. Its expectation loses less than LEAST_COSINE * sin(angle between the normals) / pi.
@@ -55,6 +57,7 @@ class TraceScene:
     shadows         the same, for shadow rays
     passing         what photons pass through, None where they pass through nothing
     gloss           how they are reflected specularly, None where they are not
+    glass           how glass bends their ways, None where nothing is of glass
     emitter_share   (n_emitter,) float64     probability of each emitter, by its mean power; all 0 when nothing shines
     tri_normal      (3, n_tri) float32       geometric, unit; 0 for triangles without area
     tri_frame       (3, 3, n_tri) float32    of triangle_frames, unit box
@@ -68,6 +71,7 @@ class TraceScene:
     shadows: ShadowRays
     passing: Passing | None
     gloss: Gloss | None
+    glass: Glass | None
     emitters: JoinedEmitters
     emitter_share: NDArray[np.float64]
     surfaces: SurfaceMaterials
@@ -76,6 +80,11 @@ class TraceScene:
     tri_lit_below: NDArray[np.float32]
     tri_smooth: NDArray[np.int32]
     smooth_frame: NDArray[np.float32]
+
+    @property
+    def has_caustics(self) -> bool:
+        """Whether photons may come from lamps by specular surfaces alone, on ways that shadow rays do not find."""
+        return self.gloss is not None or self.glass is not None
 
 
 def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, emitters: Sequence[Emitter]) -> TraceScene:
@@ -105,6 +114,7 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
         shadows=ShadowRays.of(rays, surfaces, corners, tri_normal),
         passing=Passing.of(surfaces, tri_frame, tri_normal),
         gloss=Gloss.of(snapshot, surfaces),
+        glass=Glass.of(snapshot, surfaces),
         emitters=joined,
         emitter_share=power / total if total > 0 else np.zeros(len(power)),
         surfaces=surfaces,
@@ -234,6 +244,15 @@ def _meet(
         if mirrored:
             log.mirrored += mirrored.power
             landed = landed - mirrored.power
+    specular = [mirrored] if mirrored else []
+    if scene.glass:
+        from_lamp = None if depth else np.ones(len(tri), bool) if photons.sky is None else ~gather(photons.sky, hit)
+        bent, refracted = bend_photons(scene, arrived, index, group, cosine, depth == 0, from_lamp, SPLIT if parts else 1, rng)
+        if bent:
+            specular.append(bent)
+            log.mirrored += bent.power - refracted
+            log.refracted += refracted
+            landed = landed - bent.power
     alive, count, flux = _play_roulette(flux, albedo, split, rng)
     normal = gather(normal, alive)
     normal *= -np.copysign(np.float32(1), gather(cosine, alive))  # the side that was hit
@@ -262,9 +281,8 @@ def _meet(
     power = _total(flux)
     log.absorbed += landed - power
     diffuse = Photons(origin, direction, flux, group=group, power=power) if flux.shape[1] else None
-    if diffuse and mirrored:
-        return join_photons([diffuse, mirrored]), passed
-    return diffuse or mirrored, passed
+    on = [diffuse, *specular] if diffuse else specular
+    return (join_photons(on) if len(on) > 1 else on[0] if on else None), passed
 
 
 def _bear(

@@ -28,6 +28,11 @@ without colour; all bounces, no clamping, {samples} samples twice) on the same U
 *nrmse* the root mean square difference over the mean, from which Cycles' own noise is taken off. Targets: 1 % and 4 %.
 `make bench-matter` makes this page.
 
+Matter is diffuse, or a metal, mirror or glossy shader (GGX), the layer of the Principled BSDF, glass, transparent, or a mix of these,
+each with constants or textures. Glass refracts and reflects by Fresnel's equations, smooth or rough, tinted, solid or of one face. It
+casts a shadow, and light comes through it as a caustic, by photons, unless the material lets shadow rays pass (*Is Shadow Ray*). Glass
+itself has no lightmap.
+
 | matter | mean | nrmse | |
 | --- | --- | --- | --- |
 """
@@ -53,7 +58,8 @@ def compare(name: str, size: int, samples: int) -> tuple[LightmapErrors, float, 
         bpy.ops.wm.save_as_mainfile(filepath=str(blend))
         ours = bake_leaflight(blend, size, Path(folder) / "out")
         stage = set_stage(blend, size, Path(folder), (FLOOR,), uv_layer="UVMap")
-        stage.scene.cycles.glossy_bounces = stage.scene.cycles.transparent_max_bounces = 64
+        cycles = stage.scene.cycles
+        cycles.glossy_bounces = cycles.transmission_bounces = cycles.transparent_max_bounces = 64
         first, second = (bake_cycles(stage, samples, seed)[0] for seed in (1, 2))
     baked = (first[..., 3] > 0) & (ours[..., 3] > 0)
     value, one, two = (pixels[baked][:, :3] for pixels in (ours, first, second))

@@ -160,6 +160,36 @@ def _closed_room(make: Callable[[Scene], Callable[[Any], Any]]) -> Callable[[], 
     return build
 
 
+def _through(make: Callable[[Scene], Callable[[Any], Any]], shape: str, light: str = "SUN") -> Callable[[], None]:
+    """A solid above the floor: a ball of 0.8 m, or a pane of 1.6 m, 0.1 m thick; or a pane of one face."""
+
+    def build() -> None:
+        scene = Scene()
+        material = scene.shade("Glass", make(scene))
+        if shape == "face":
+            scene.add_square("Glass", material, 0.8, (0, 0, 0.8))
+        else:
+            if shape == "ball":
+                bpy.ops.mesh.primitive_uv_sphere_add(segments=64, ring_count=32, radius=0.4, location=(0, 0, 0.7))
+                bpy.ops.object.shade_smooth()
+            else:
+                bpy.ops.mesh.primitive_cube_add(size=1.0, location=(0, 0, 0.8), scale=(1.6, 1.6, 0.1))
+            bpy.context.object.data.materials.append(material)
+        if light == "SKY":
+            scene.add_sky(1.0, 0.9, 0.8)
+        elif light == "AREA":
+            scene.add_light("AREA", 100.0, (0.4, 0.2, 2.5), (0, 0, 0), 0.6)
+        else:
+            scene.add_light("SUN", 3.0, (0, 0, 5), (0.3, 0.2, 0), 0.1)
+
+    return build
+
+
+def _trick(scene: Scene) -> Callable[[Any], Any]:
+    """Transparent for shadow rays, glass for all others."""
+    return scene.mix(scene.light_path("Is Shadow Ray"), scene.node("BsdfGlass"), scene.node("BsdfTransparent"))
+
+
 SCENES: dict[str, Callable[[], None]] = {
     "alpha 0.4": _under_a_pane(lambda s: s.principled(Alpha=0.4)),
     "alpha 0.4, sky": _under_a_pane(lambda s: s.principled(Alpha=0.4), sky=True),
@@ -184,5 +214,20 @@ SCENES: dict[str, Callable[[], None]] = {
     "layer, roughness 0.5": _beside_a_wall(lambda s: s.principled(Base_Color=(0.6, 0.6, 0.6, 1))),
     "white room": _closed_room(lambda s: s.principled(Base_Color=(0.8, 0.8, 0.8, 1))),
     "white room without a layer": _closed_room(lambda s: s.diffuse(0.8)),
+    "glass ball, sun": _through(lambda s: s.node("BsdfGlass"), "ball"),
+    "glass ball, area lamp": _through(lambda s: s.node("BsdfGlass"), "ball", "AREA"),
+    "glass ball, sky": _through(lambda s: s.node("BsdfGlass"), "ball", "SKY"),
+    "rough glass ball": _through(lambda s: s.node("BsdfGlass", Roughness=0.4), "ball", "AREA"),
+    "glass pane": _through(lambda s: s.node("BsdfGlass"), "pane"),
+    "glass pane, sky": _through(lambda s: s.node("BsdfGlass"), "pane", "SKY"),
+    "tinted glass pane": _through(lambda s: s.node("BsdfGlass", Color=(0.9, 0.4, 0.2, 1)), "pane"),
+    "rough glass pane": _through(lambda s: s.node("BsdfGlass", Roughness=0.5), "pane", "AREA"),
+    "Principled glass pane": _through(
+        lambda s: s.principled(Base_Color=(0.8, 0.4, 0.2, 1), Transmission_Weight=1.0, Roughness=0.0), "pane"
+    ),
+    "half transmission": _through(lambda s: s.principled(Base_Color=(0.8, 0.4, 0.2, 1), Transmission_Weight=0.5), "pane", "AREA"),
+    "glass of one face": _through(lambda s: s.node("BsdfGlass"), "face", "AREA"),
+    "Refraction BSDF": _through(lambda s: s.node("BsdfRefraction", Roughness=0.2, IOR=1.45), "pane", "AREA"),
+    "glass that shadow rays pass": _through(_trick, "pane"),
     "metal room": _closed_room(lambda s: s.principled(Base_Color=(0.8, 0.6, 0.4, 1), Metallic=1.0, Roughness=0.4)),
 }

@@ -316,17 +316,47 @@ def test_metal_and_transmission_leave_their_diffuse_part():
     assert reading.material.metal_rgb == pytest.approx((0.2, 0.1, 0.05))
     assert np.subtract(reading.material.albedo_rgb, reading.material.metal_rgb) == pytest.approx((0.3, 0.15, 0.075))
     assert (reading.material.metal, reading.material.layer) == pytest.approx((0.25, 0.375))
-    assert reading.material.passing_rgb == pytest.approx((0.3, 0.15, 0.075))
-    assert "glass" in warning
+    assert reading.material.glass_rgb == pytest.approx(0.375 * np.sqrt((0.8, 0.4, 0.2)))
+    assert reading.material.glass_mirror_rgb == pytest.approx((0.375,) * 3)
+    assert not any(reading.material.passing_rgb)
+    assert warning == ""
 
 
-@pytest.mark.parametrize("shader", ["BsdfGlass", "BsdfTransparent", "BsdfRefraction"])
-def test_glass_passes_light(shader):
+def test_a_transparent_shader_passes_light():
     tree = Tree()
-    reading, _, warning = tree.show(tree.add(shader, Color=(0.5, 0.25, 1.0))).read()
+    reading, _, warning = tree.show(tree.add("BsdfTransparent", Color=(0.5, 0.25, 1.0))).read()
     assert reading.is_clear
     assert reading.material.passing_rgb == pytest.approx((0.5, 0.25, 1.0))
-    assert bool(warning) == (shader != "BsdfTransparent")
+    assert warning == ""
+
+
+@pytest.mark.parametrize("shader", ["BsdfGlass", "BsdfRefraction"])
+def test_glass_bends_light(shader):
+    tree = Tree()
+    reading, _, warning = tree.show(tree.add(shader, Color=(0.5, 0.25, 1.0), Roughness=0.3, IOR=1.3)).read()
+    assert reading.is_clear
+    material = reading.material
+    assert not any(material.passing_rgb)
+    assert material.glass_rgb == pytest.approx((0.5, 0.25, 1.0))
+    assert material.glass_mirror_rgb == pytest.approx((0.5, 0.25, 1.0) if shader == "BsdfGlass" else (0, 0, 0))
+    assert (material.glass_roughness, material.glass_ior) == pytest.approx((0.3, 1.3))
+    assert material.glass_fresnel == (shader == "BsdfGlass")
+    assert warning == ""
+
+
+def test_glass_in_a_mix_is_glass_in_part():
+    tree = Tree()
+    glass, paint = tree.add("BsdfGlass", Color=(1.0, 0.5, 0.5), Roughness=0.2), tree.add("BsdfDiffuse", Color=(0.6, 0.6, 0.6))
+    mix = tree.add("MixShader")
+    mix.inputs[0].default_value = 0.25
+    tree.feed(mix, mix.inputs[1], glass.outputs[0])
+    tree.feed(mix, mix.inputs[2], paint.outputs[0])
+    reading, _, warning = tree.show(mix).read()
+    assert reading.material.glass_rgb == pytest.approx((0.75, 0.375, 0.375))
+    assert reading.material.albedo_rgb == pytest.approx((0.15,) * 3)
+    assert reading.material.glass_roughness == pytest.approx(0.2)
+    assert not reading.is_clear
+    assert warning == ""
 
 
 @pytest.mark.parametrize("alpha", [1.0, 0.7, 0.2])

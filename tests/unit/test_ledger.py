@@ -9,7 +9,7 @@ from leaflight.core.transport.photon_log import Counters, EnergyAudit
 def make_shard(photons, weight):
     """A shard whose photons bring 2 W each of red light to where nothing reflects, and what came of it."""
     watts = np.array([2.0, 0.0, 0.0]) * photons * weight
-    return photons, weight, EnergyAudit(watts, watts, 0 * watts, 0 * watts, 0 * watts, 0 * watts), Counters(photons, 3 * photons, photons)
+    return photons, weight, EnergyAudit(watts, watts, *np.zeros((5, 3))), Counters(photons, 3 * photons, photons)
 
 
 def test_watts_do_not_depend_on_how_many_photons_there_were_nor_on_their_weights():
@@ -24,6 +24,7 @@ def test_watts_do_not_depend_on_how_many_photons_there_were_nor_on_their_weights
         "remainder": [0.0] * 3,
         "passed": [0.0] * 3,
         "mirrored": [0.0] * 3,
+        "refracted": [0.0] * 3,
     }
     assert ledger.photon_w() == pytest.approx([2.0 / 300.0, 0.0, 0.0])
     assert (ledger.photons, ledger.told, ledger.rays, ledger.deposits) == (150, 300.0, 450, 150)

@@ -1,0 +1,201 @@
+"""Dielectric glass: which way light goes on that meets it, reflected or refracted.
+
+The lobe is GGX with Smith's height-correlated masking on both sides, with the exact Fresnel equations at the microfacet; smooth glass bends
+light at its normal. What single scattering loses on rough surfaces is given back: weights are divided by the lobe's albedo.
+Front faces look out of the glass, so a closed solid bends light twice. A single face bends it once, as in Cycles.
+
+Source: Walter et al. 2007, "Microfacet models for refraction through rough surfaces", eq. 16, 22 and 40; Heitz 2018, "Sampling the GGX
+distribution of visible normals"; Turquin 2019, "Practical multiple scattering compensation for microfacet models".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import Float32, Float64, FloatArray, IntArray
+from ..util.geometry import gather, orthonormal_basis
+from .gloss import LEAST_ALPHA, sample_visible_normals, shadow_term
+from .materials import SurfaceMaterials
+from .scene import SceneSnapshot
+
+_ENTRIES = 33  # of a material's tables, evenly by the root of the cosine
+_SAMPLES = 1024  # for each entry
+_HAIR = np.float32(1e-6)
+_TINY = np.finfo(np.float32).tiny
+_LEAST_IOR = 1e-2
+
+
+@dataclass(frozen=True)
+class Glass:
+    """The glass of a scene's materials.
+
+    tri_material   (n_tri,) int32
+    tri_glass      (n_tri,) bool
+    alpha          (n_material,) float32: roughness squared; 0 of smooth glass
+    ior            (n_material,) float32
+    mirror         (3, n_material) float32: tint of what is reflected, times the share of the surface that is glass
+    fresnel        (n_material,) bool: by Fresnel's equations some is reflected; else all is refracted, and what would be reflected totally
+                   is lost
+    kept           (2 * n_material * _ENTRIES,) float32: the lobe's albedo by single scattering, from the front and the back, by the cosine
+    """
+
+    surfaces: SurfaceMaterials
+    tri_material: NDArray[np.int32]
+    tri_glass: NDArray[np.bool_]
+    alpha: Float32
+    ior: Float32
+    mirror: Float32
+    fresnel: NDArray[np.bool_]
+    kept: Float32
+
+    @classmethod
+    def of(cls, scene: SceneSnapshot, surfaces: SurfaceMaterials) -> Glass | None:
+        """None where no surface is of glass."""
+        tri_glass = surfaces.find_glass()
+        if not tri_glass.any():
+            return None
+        materials = scene.materials
+        alpha = np.array([one.glass_roughness**2 for one in materials], np.float32)
+        alpha[alpha <= LEAST_ALPHA] = 0
+        ior = np.array([max(one.glass_ior, _LEAST_IOR) for one in materials], np.float32)
+        mirror = np.ascontiguousarray(np.clip(np.array([one.glass_mirror_rgb for one in materials], np.float32), 0, 1).T)
+        fresnel = np.array([one.glass_fresnel for one in materials], bool)
+        kept = [
+            tabulate_glass(float(a), float(n if front else 1 / n), bool(f))
+            for a, n, f in zip(alpha, ior, fresnel, strict=True)
+            for front in (True, False)
+        ]
+        return cls(surfaces, scene.tri_material, tri_glass, alpha, ior, mirror, fresnel, np.concatenate(kept).astype(np.float32))
+
+    def is_rough(self, tri: IntArray) -> NDArray[np.bool_]:
+        """(n,): triangles at which rays of one direction part."""
+        rough: NDArray[np.bool_] = gather(self.alpha, gather(self.tri_material, tri)) > 0
+        return rough
+
+    def bend(
+        self,
+        tri: IntArray,
+        u: FloatArray,
+        v: FloatArray,
+        direction: Float32,
+        normal: Float32,
+        is_front: NDArray[np.bool_],
+        numbers: Float32,
+    ) -> Bent:
+        """Where rays go on, one of both ways by chance.
+
+        direction   (3, n) float32, unit: along which rays arrive, from the side of their normals (3, n)
+        is_front    (n,) bool: that is the front of the triangle
+        numbers     (3, n) float32, uniform in [0, 1)
+        """
+        material = gather(self.tri_material, tri)
+        alpha, ior = gather(self.alpha, material), gather(self.ior, material)
+        eta = np.where(is_front, ior, 1 / ior)
+        tangent, bitangent = (axis.T for axis in orthonormal_basis(normal.T))
+        local = np.stack([-_dot(direction, axis) for axis in (tangent, bitangent, normal)])
+        local[2] = np.maximum(local[2], _HAIR)
+        local /= np.sqrt(_dot(local, local))
+        half = np.zeros_like(local)
+        half[2] = 1
+        rough = (alpha > 0).nonzero()[0]
+        if len(rough):
+            half[:, rough] = sample_visible_normals(gather(local, rough), gather(alpha, rough), gather(numbers[:2], rough))
+        cosine = np.clip(_dot(local, half), 0, 1)
+        share, cosine_out = reflectance(cosine, eta)
+        fresnel = gather(self.fresnel, material)
+        # Where Fresnel's equations are left out, what is reflected totally is lost.
+        mirrored = np.where(fresnel, share, 0) * gather(self.mirror, material)
+        passed = np.where(fresnel, 1 - share, share < 1) * self.surfaces.glass_at(tri, u, v).T
+        chance_m, chance_p = mirrored.max(axis=0), passed.max(axis=0)
+        over = np.maximum(chance_m + chance_p, 1)
+        chance_m, chance_p = chance_m / over, chance_p / over
+        is_mirrored = numbers[2] < chance_m
+        crossed = ~is_mirrored & (numbers[2] < chance_m + chance_p)
+        weight = np.where(is_mirrored, mirrored / np.maximum(chance_m, _TINY), np.where(crossed, passed / np.maximum(chance_p, _TINY), 0))
+        out = np.where(is_mirrored, 2 * cosine * half - local, (cosine / eta - cosine_out) * half - local / eta)
+        if len(rough):
+            goes = np.where(is_mirrored, out[2], -out[2])
+            factor = mask_both(local[2], goes, alpha) / self._find_kept(material, is_front, local[2])
+            weight = np.where(alpha > 0, weight * factor, weight)
+        turned = out[0] * tangent + out[1] * bitangent + out[2] * normal
+        turned /= np.sqrt(np.maximum(_dot(turned, turned), _TINY))
+        return Bent(turned.astype(np.float32), weight.astype(np.float32), crossed, eta.astype(np.float32))
+
+    def _find_kept(self, material: IntArray, is_front: NDArray[np.bool_], cosine: FloatArray) -> FloatArray:
+        place = np.sqrt(np.minimum(cosine, 1)) * (_ENTRIES - 1)
+        before = np.minimum(place, _ENTRIES - 2).astype(np.intp)
+        low = (2 * material.astype(np.intp) + ~is_front) * _ENTRIES + before
+        first = gather(self.kept, low)
+        out: FloatArray = np.maximum(first + (gather(self.kept, low + 1) - first) * (place - before), 1e-3)
+        return out
+
+
+@dataclass(frozen=True)
+class Bent:
+    """Rays that met glass.
+
+    direction   (3, n) float32, unit
+    weight      (3, n) float32: share of their light that they still carry; 0 of those that end
+    crossed     (n,) bool: refracted, to the other side
+    eta         (n,) float32: index of refraction of that side, relative to the one they come from
+    """
+
+    direction: Float32
+    weight: Float32
+    crossed: NDArray[np.bool_]
+    eta: Float32
+
+    def put(self, rows: IntArray, other: Bent) -> None:
+        """Replaces rows (k,) by another's."""
+        self.direction[:, rows], self.weight[:, rows], self.crossed[rows] = other.direction, other.weight, other.crossed
+
+
+def reflectance(cosine: FloatArray, eta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n,) each: share of unpolarised light that a smooth interface reflects, met at a cosine (n,), 1 where all is; and the cosine of what
+    is refracted with the normal on the other side.
+
+    eta   (n,) float: index of refraction of the other side, relative to the one light comes from
+    Source: Walter et al. 2007, eq. 22.
+    """
+    square = 1 - (1 - cosine * cosine) / (eta * eta)
+    inside = square > 0
+    other = np.sqrt(np.where(inside, square, 0))
+    across = (cosine - eta * other) / np.maximum(cosine + eta * other, _TINY)
+    along = (eta * cosine - other) / np.maximum(eta * cosine + other, _TINY)
+    return np.where(inside, 0.5 * (across * across + along * along), 1), other
+
+
+def mask_both(cosine_in: FloatArray, cosine_out: FloatArray, alpha: FloatArray) -> FloatArray:
+    """(n,): G2 / G1 of directions on either side; cosine_out <= 0 is the wrong one, and gives 0."""
+    into, out = shadow_term(cosine_in, alpha), shadow_term(np.maximum(cosine_out, 1e-6), alpha)
+    return np.where(cosine_out > 0, (1 + into) / (1 + into + out), 0)
+
+
+@lru_cache(maxsize=1024)
+def tabulate_glass(alpha: float, eta: float, fresnel: bool) -> Float64:
+    """(_ENTRIES,): share of light that single scattering keeps, reflected and refracted, by the cosine with the normal."""
+    if alpha == 0:
+        return np.ones(_ENTRIES)
+    cosine = np.repeat(np.maximum(np.linspace(0, 1, _ENTRIES) ** 2, 1e-5), _SAMPLES)
+    index = np.arange(_SAMPLES)
+    # Source: Rank-1 lattice by the golden ratio; Niederreiter 1992.
+    numbers = np.tile(np.stack([(index + 0.5) / _SAMPLES, index * 0.6180339887498949 % 1]), _ENTRIES)
+    view = np.stack([np.sqrt(1 - cosine**2), np.zeros_like(cosine), cosine])
+    rough = np.full_like(cosine, alpha)
+    half = sample_visible_normals(view, rough, numbers)
+    facing = np.clip(_dot(view, half), 0, 1)
+    share, other = reflectance(facing, np.full_like(cosine, eta))
+    back = mask_both(cosine, 2 * facing * half[2] - cosine, rough)
+    through = mask_both(cosine, cosine / eta - (facing / eta - other) * half[2], rough)
+    kept: FloatArray = share * back + (1 - share) * through if fresnel else np.where(share < 1, through, 1)
+    out: Float64 = kept.reshape(_ENTRIES, _SAMPLES).mean(axis=1)
+    return out
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    out: FloatArray = np.einsum("kn,kn->n", a, b)
+    return out

@@ -1,0 +1,106 @@
+"""Photons, and rays that gather light, that glass reflects or refracts.
+
+Photons follow the adjoint of what Cycles does with rays: a ray that is refracted carries its radiance over unscaled, so what a photon
+carries is times (n / n')^2 (Veach 1997, 5.2). Into a closed solid and out of it that cancels; behind a single face it does not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.glass import Bent, Glass
+from ..util.arrays import Float64, IntArray
+from ..util.geometry import gather, locate_hits, offset_origin
+from .births import Arrivals, Photons
+from .mirrors import GlossyScene, shade
+
+_Rows = NDArray[np.float32]
+
+
+def bend_photons(
+    scene: GlossyScene,
+    arrived: Arrivals,
+    tri: IntArray,
+    group: NDArray[np.int32] | None,
+    cosine: _Rows,
+    is_first: bool,
+    from_lamp: NDArray[np.bool_] | None,
+    copies: int,
+    rng: np.random.Generator,
+) -> tuple[Photons | None, Float64]:
+    """Photons that glass reflects or refracts, None where none is; and the power, (3,) W, of those that it refracts, among them.
+
+    Whether a photon is reflected diffusely has a chance of its own, as in passing. Arguments as of mirrors.reflect_photons.
+
+    from_lamp   (n,) bool: they pass through as shadow rays do, which light is not bent besides; None is none
+    """
+    nothing = np.zeros(3)
+    glass = scene.glass
+    if glass is None:
+        return None, nothing
+    place = gather(glass.tri_glass, tri).nonzero()[0]
+    if not len(place):
+        return None, nothing
+    count = np.where(glass.is_rough(gather(tri, place)), copies, 1)  # smooth glass parts nothing
+    flux = gather(arrived.flux, place) / count.astype(np.float32)
+    if copies > 1:
+        place, flux = np.repeat(place, count), np.repeat(flux, count, axis=1)
+    tri, u, v = gather(tri, place), gather(arrived.u, place), gather(arrived.v, place)
+    if from_lamp is not None and scene.passing is not None:
+        flux = flux * np.where(gather(from_lamp, place), scene.passing.leave(tri, u, v), np.float32(1))
+    direction = gather(arrived.direction, place)
+    bent, side = _bend(scene, glass, tri, u, v, direction, gather(cosine, place), rng)
+    scale = np.where(bent.crossed, bent.eta**-2, 1).astype(np.float32)
+    flux = flux * bent.weight * scale
+    kept = flux.any(axis=0).nonzero()[0]
+    if not len(kept):
+        return None, nothing
+    flux, tri, u, v, side, crossed = (gather(values, kept) for values in (flux, tri, u, v, side, bent.crossed))
+    origin = offset_origin(locate_hits(scene.tri_frame, tri, u, v), side)
+    row = gather(place, kept)
+    mirrored = np.ones(len(kept), bool)
+    if not is_first:
+        mirrored = np.zeros(len(kept), bool) if arrived.mirrored is None else gather(arrived.mirrored, row)
+    own = None if group is None else gather(group, row)
+    power = np.add.reduce(flux, 1, np.float64)
+    photons = Photons(origin, gather(bent.direction, kept), flux, group=own, power=power, mirrored=mirrored)
+    return photons, np.add.reduce(flux[:, crossed], 1, np.float64)
+
+
+def follow_glass(
+    scene: GlossyScene, direction: _Rows, share: _Rows, tri: IntArray, u: _Rows, v: _Rows, rng: np.random.Generator
+) -> tuple[IntArray, _Rows, _Rows, _Rows]:
+    """Rays that gather light and go on at glass, as of mirrors.follow_mirrors."""
+    glass = scene.glass
+    place = np.zeros(0, np.intp) if glass is None else gather(glass.tri_glass, tri).nonzero()[0]
+    nothing = np.zeros((3, 0), np.float32)
+    if glass is None or not len(place):
+        return place, nothing, nothing, nothing
+    tri, u, v = gather(tri, place).astype(np.intp), gather(u, place), gather(v, place)
+    direction, share = gather(direction, place), gather(share, place)
+    cosine = np.einsum("kn,kn->n", direction, gather(scene.tri_normal, tri))
+    bent, side = _bend(scene, glass, tri, u, v, direction, cosine, rng)
+    on = bent.weight.any(axis=0).nonzero()[0]
+    tri, u, v, side = (gather(values, on) for values in (tri, u, v, side))
+    origin = offset_origin(locate_hits(scene.tri_frame, tri, u, v), side)
+    return gather(place, on), origin, gather(bent.direction, on), gather(share * bent.weight, on)
+
+
+def _bend(
+    scene: GlossyScene, glass: Glass, tri: IntArray, u: _Rows, v: _Rows, direction: _Rows, cosine: _Rows, rng: np.random.Generator
+) -> tuple[Bent, _Rows]:
+    """Where rays (3, n) go on, and the faces' normals (3, n) on the side that they go on from; cosine (n,) with the geometric normal."""
+    numbers = rng.random((3, len(tri)), dtype=np.float32)
+    side = -np.copysign(np.float32(1), cosine)
+    face = gather(scene.tri_normal, tri) * side
+    normal, is_front = shade(scene, tri, u, v, side, face, direction), cosine < 0
+    bent = glass.bend(tri, u, v, direction, normal, is_front, numbers)
+    if normal is not face:
+        # By a shading normal some go to the wrong side of the face; by the face's own none does.
+        wrong = ((np.einsum("kn,kn->n", bent.direction, face) > 0) == bent.crossed).nonzero()[0]
+        if len(wrong):
+            own = (gather(values, wrong) for values in (tri, u, v, direction, face, is_front, numbers))
+            bent.put(wrong, glass.bend(*own))
+    bent.weight[:, (np.einsum("kn,kn->n", bent.direction, face) > 0) == bent.crossed] = 0
+    return bent, face * np.where(bent.crossed, np.float32(-1), np.float32(1))
