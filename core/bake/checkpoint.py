@@ -26,14 +26,14 @@ from ..radiosity.splitting import SplitGuide, Splitting
 from ..radiosity.tally import Tally
 from ..transport.birth_guide import BirthGuide
 from ..transport.photon_log import ENERGY_NAMES
-from ..util.files import write_text_whole
+from ..util.files import read_json, write_text_whole
 from ..util.job import SNAPSHOT_FILE
 from ..util.settings import Settings
 from .photon_shards import PhotonShard
 from .solve import Solver
 
 FORMAT = "leaflight-state"
-FORMAT_VERSION = 14
+FORMAT_VERSION = 15
 INFO_FILE = "leaflight_state.json"  # marks a folder as ours
 _STRUCT_FOLDER = "state"
 # Of the groups of knobs that another bake may have which goes on, and knobs of other groups that it may have too. Where `direct` comes to
@@ -121,6 +121,7 @@ class Info:
     error: float  # stated, relative
     bytes: int
     identity: dict[str, str]
+    digest: str  # of the files
 
 
 def save_checkpoint(folder: Path, solver: Solver, error: float, most_bytes: int = 0) -> None:
@@ -134,10 +135,13 @@ def save_checkpoint(folder: Path, solver: Solver, error: float, most_bytes: int 
     remove_checkpoint(folder)
     if most_bytes and size > most_bytes:
         raise ValueError(f"the bake's state takes {size / 1e6:,.0f} MB, more than the {most_bytes / 1e6:,.0f} MB allowed; it is not kept.")
-    info = Info(solver.ledger.photons, error, size, _identify(solver.folder, solver.settings))
+    identity, place = _identify(solver.folder, solver.settings), folder / _STRUCT_FOLDER
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        shared_arrays.save_struct(folder / _STRUCT_FOLDER, struct)
+        if place.is_symlink():  # it would lead to a folder of somebody else's
+            place.unlink()
+        shared_arrays.save_struct(place, struct)
+        info = Info(solver.ledger.photons, error, size, identity, shared_arrays.hash_struct(place))
         text = json.dumps({"format": FORMAT, "version": FORMAT_VERSION, **dataclasses.asdict(info)})
         write_text_whole(folder / INFO_FILE, text)  # last: a state without it is not complete
     except OSError as reason:
@@ -148,11 +152,19 @@ def save_checkpoint(folder: Path, solver: Solver, error: float, most_bytes: int 
 def read_info(folder: Path) -> Info | None:
     """What is told of the state in `folder`; None where there is none that this version can go on from."""
     try:
-        fields: dict[str, Any] = json.loads((folder / INFO_FILE).read_text(encoding="utf-8"))
+        fields: dict[str, Any] = read_json(folder / INFO_FILE)
         known = (fields.pop("format"), fields.pop("version")) == (FORMAT, FORMAT_VERSION)
-        return Info(**fields) if known else None
+        info = Info(**fields) if known else None
+        return info if info is not None and _is_sound(info) else None
     except (OSError, ValueError, KeyError, TypeError, AttributeError):  # not there, or not ours
         return None
+
+
+def _is_sound(info: Info) -> bool:
+    """Whether each field is of its kind."""
+    counts = all(isinstance(count, int) and 0 <= count < 1 << 63 for count in (info.photons, info.bytes))
+    texts = [info.digest, *info.identity.keys(), *info.identity.values()]
+    return counts and isinstance(info.error, int | float) and info.error >= 0.0 and all(isinstance(text, str) for text in texts)
 
 
 def no_state_error(folder: Path) -> str:
@@ -185,8 +197,11 @@ def load_checkpoint(folder: Path, job_folder: Path, settings: Settings) -> Check
     differing = find_differences(folder, job_folder, settings)
     if differing:
         raise ValueError(describe_differences(folder, differing))
+    info, place = read_info(folder), folder / _STRUCT_FOLDER
     try:
-        kept: Checkpoint = _own_arrays(shared_arrays.load_struct(folder / _STRUCT_FOLDER, Checkpoint))
+        if info is None or shared_arrays.hash_struct(place) != info.digest:
+            raise ValueError("its files are not those that were kept")
+        kept: Checkpoint = _own_arrays(shared_arrays.load_struct(place, Checkpoint))
         return kept
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as reason:
         raise ValueError(f"{folder}: the state of the bake is damaged ({reason}); bake again.") from reason

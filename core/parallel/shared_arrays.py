@@ -16,6 +16,9 @@ from typing import Any, Literal, TypeVar, get_args, get_type_hints
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from ..util.digest import hash_file, hash_pieces
+from ..util.files import parse_json
+
 T = TypeVar("T")
 
 _LEAST_FILE = 1 << 20  # bytes from which on an array is worth a file of its own; also how much of it is written at once
@@ -164,12 +167,16 @@ def load_struct(folder: Path, cls: type[T]) -> T:
     """
     whole = np.memmap(folder / _PACKED_FILE, np.uint8, "r").view(np.ndarray)  # np.memmap's own indexing is slow
     end = _LENGTH_BYTES + int.from_bytes(whole[:_LENGTH_BYTES].tobytes(), "little")
-    told = json.loads(whole[_LENGTH_BYTES:end].tobytes())
+    told = parse_json(whole[_LENGTH_BYTES:end].tobytes())
     return _find_fields(folder, cls, told, whole[_align(end) :])
 
 
 def _find_fields(folder: Path, cls: type[T], told: dict[str, Any], packed: NDArray[np.uint8]) -> T:
     """The dataclass of which _put_away told."""
+    fields: Any = cls.__dataclass_fields__  # type: ignore[attr-defined]
+    unknown = {name for of_kind in told.values() for name in of_kind} - set(fields)
+    if unknown:  # names become names of files
+        raise ValueError(f"it has no fields {', '.join(sorted(unknown))}")
     values: dict[str, Any] = dict(told["plain"])
     values |= {name: _unpack(packed, *of_array) for name, of_array in told["packed"].items()}
     values |= {name: _map_file(folder / f"{name}.npy", *of_array) for name, of_array in told["files"].items()}
@@ -181,14 +188,30 @@ def _find_fields(folder: Path, cls: type[T], told: dict[str, Any], packed: NDArr
     return cls(**values)
 
 
+def hash_struct(folder: Path) -> str:
+    """Digest of all that save_struct wrote into a folder.
+
+    Raises OSError where that cannot be read.
+    """
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return hash_pieces(part.encode() for path in files for part in (path.relative_to(folder).as_posix(), hash_file(path)))
+
+
+def _count_bytes(dtype: str, shape: list[int]) -> int:
+    kind = np.dtype(dtype)
+    if kind.kind not in "biufcU" or any(not isinstance(side, int) or side < 0 for side in shape):
+        raise ValueError(f"it has an array of {kind}, {shape}")
+    return math.prod(shape) * kind.itemsize
+
+
 def _unpack(packed: NDArray[np.uint8], dtype: str, shape: list[int], order: Literal["C", "F"], start: int) -> NDArray[Any]:
-    size = math.prod(shape) * np.dtype(dtype).itemsize
+    size = _count_bytes(dtype, shape)
     return packed[start : start + size].view(dtype).reshape(shape, order=order)
 
 
 def _map_file(path: Path, dtype: str, shape: list[int], order: Literal["C", "F"]) -> NDArray[Any]:
     """What np.save wrote; its own header, which tells the same, comes before that."""
-    begin = path.stat().st_size - math.prod(shape) * np.dtype(dtype).itemsize
+    begin = path.stat().st_size - _count_bytes(dtype, shape)
     if begin < 0:
         raise ValueError(f"{path.name} is not whole")
     return np.memmap(path, dtype, "r", begin, tuple(shape), order).view(np.ndarray)

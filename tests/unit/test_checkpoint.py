@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import shutil
 import zlib
 from dataclasses import replace
 from typing import get_args, get_type_hints
@@ -200,6 +201,57 @@ def test_what_is_no_state_is_refused(tmp_path):
     assert read_info(kept) is None
 
 
+@pytest.mark.parametrize("place", [9, 500, -1])
+def test_no_byte_of_a_state_may_change(tmp_path, place):
+    """Numbers that are counted or pointed with would end the bake far from here."""
+    kept, _ = keep(tmp_path)
+    file = next(kept.glob("*/packed.bin"))
+    content = bytearray(file.read_bytes())
+    content[place] ^= 64
+    file.write_bytes(content)
+    with pytest.raises(ValueError, match=r"the state of the bake is damaged \(its files are not those that were kept\); bake again\."):
+        load_checkpoint(kept, tmp_path / "first", SETTINGS)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"photons": "many"},
+        {"photons": -1},
+        {"photons": 2**70},
+        {"error": None},
+        {"error": math.nan},
+        {"bytes": []},
+        {"identity": ["scene"]},
+        {"identity": {"scene": 5}},
+        {"digest": 5},
+        {"more": 1},
+    ],
+)
+def test_a_note_of_a_state_that_says_something_else_is_none(tmp_path, change):
+    kept, _ = keep(tmp_path)
+    info = json.loads((kept / INFO_FILE).read_text())
+    (kept / INFO_FILE).write_text(json.dumps(info | change))
+    assert read_info(kept) is None
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "5", "null", "\xff", "{}" + " " * 2_000_000])
+def test_no_text_in_place_of_a_note_is_the_end(tmp_path, text):
+    (tmp_path / INFO_FILE).write_text(text, encoding="latin-1")
+    assert read_info(tmp_path) is None
+
+
+def test_a_state_is_not_written_through_a_link(tmp_path):
+    kept, _ = keep(tmp_path)
+    solver = make_solver(tmp_path / "second", lamp_scene(), SETTINGS, begun=False)
+    (tmp_path / "theirs").mkdir()
+    shutil.rmtree(kept / "state")
+    (kept / "state").symlink_to(tmp_path / "theirs")
+    save_checkpoint(kept, solver, 0.1)
+    assert list((tmp_path / "theirs").iterdir()) == []
+    assert load_checkpoint(kept, tmp_path / "first", SETTINGS).photons == read_info(kept).photons == 0
+
+
 def test_a_state_too_large_is_not_kept_and_said(tmp_path):
     kept, _ = keep(tmp_path)
     size = read_info(kept).bytes
@@ -273,4 +325,4 @@ def test_a_state_of_other_fields_has_another_version():
     """Whoever changes what is kept gives it a new number: an earlier state is then told to be one, and not to be damaged."""
     told = ",".join(list_fields(checkpoint.Checkpoint))
     assert "direct.by_openings" in told
-    assert (checkpoint.FORMAT_VERSION, zlib.crc32(told.encode())) == (14, 3915086219)
+    assert (checkpoint.FORMAT_VERSION, zlib.crc32(told.encode())) == (15, 3915086219)

@@ -68,6 +68,26 @@ def test_what_is_not_whole_is_told(damage, tmp_path):
         shared_arrays.load_struct(tmp_path / "s", Outer)
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('"values"', '"../../v"'),  # a name becomes the name of a file
+        ('"<f8"', '"|O8"'),
+        ('"<f8"', '"V88"'),
+        ("[3000]", "[-300]"),
+        ("[3000]", "[3e30]"),
+    ],
+)
+def test_what_is_told_of_arrays_is_not_believed(old, new, tmp_path):
+    shared_arrays.save_struct(tmp_path / "s", Outer(3, np.zeros(4, np.int8), Inner(np.ones(3000))))
+    (file,) = (tmp_path / "s").iterdir()
+    changed = file.read_bytes().replace(old.encode(), new.encode(), 1)
+    assert changed != file.read_bytes()
+    file.write_bytes(changed.ljust(len(file.read_bytes())))
+    with pytest.raises((ValueError, TypeError)):
+        shared_arrays.load_struct(tmp_path / "s", Outer)
+
+
 @pytest.mark.parametrize("damage", [lambda b: b"", lambda b: b[:-1000]])
 def test_a_large_array_that_is_not_whole_is_told(damage, tmp_path):
     shared_arrays.save_struct(tmp_path / "s", Inner(np.ones(1 << 17)))
