@@ -37,6 +37,7 @@ def make_lightmapped(
     elif original is not None and colors.needs(original):
         colors.write(material, original)
     tree = material.node_tree
+    cut_rings(tree)
     sockets = list(_occlusion_sockets(tree))
     if not sockets:
         node = tree.nodes.new("ShaderNodeGroup")
@@ -50,11 +51,28 @@ def make_lightmapped(
 
 def make_plain(original: bpy.types.Material | None, colors: GltfColors) -> bpy.types.Material | None:
     """The original where the exporter reads it, else a copy with the colours that were read of it."""
-    if original is None or not colors.needs(original):
+    if original is None or not (colors.needs(original) or has_rings(original)):
         return original
     copy = original.copy()
-    colors.write(copy, original)
+    if colors.needs(original):
+        colors.write(copy, original)
+    cut_rings(copy.node_tree)
     return copy
+
+
+def has_rings(material: bpy.types.Material) -> bool:
+    """Whether nodes feed themselves, which the exporter would follow without end."""
+    return material.node_tree is not None and any(map(_closes_ring, material.node_tree.links))
+
+
+def cut_rings(tree: bpy.types.NodeTree) -> None:
+    """Takes the links away by which nodes feed themselves; nothing flows through them."""
+    for link in [link for link in tree.links if _closes_ring(link)]:
+        tree.links.remove(link)
+
+
+def _closes_ring(link: bpy.types.NodeLink) -> bool:
+    return not link.is_valid or link.from_node == link.to_node
 
 
 def make_group() -> bpy.types.NodeTree:

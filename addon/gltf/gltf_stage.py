@@ -23,6 +23,9 @@ from ..show.node_groups import remove_unused_groups
 from . import gltf_materials, gltf_textures
 from .gltf_colors import GltfColors
 
+# What holds an attribute's numbers, and how many each has.
+_FLOATS = {"FLOAT": ("value", 1), "FLOAT2": ("vector", 2), "FLOAT_VECTOR": ("vector", 3), "FLOAT_COLOR": ("color", 4)}
+
 
 class Stage:
     """What was copied, and under what names it belongs into the file.
@@ -50,7 +53,12 @@ class Stage:
         original, mesh = piece.evaluated.original, bpy.data.meshes.new_from_object(piece.evaluated)
         obj = bpy.data.objects.new(NAME, mesh)
         self._made += [mesh, obj]
+        if not np.isfinite(piece.matrix).all():
+            self.warnings.append((original.name, f"{original.name}: its place or size is no number, so it is not in the .glb; mend it."))
+            return
         place_copy(obj, Matrix(piece.matrix.tolist()))
+        if _clear_numbers(mesh):
+            self.warnings.append((original.name, f"{original.name}: has values that are no numbers, which are 0 in the .glb; mend them."))
         self.scene.collection.objects.link(obj)
         names = [original.name, original.data.name]
         if SOURCE in original:
@@ -132,6 +140,25 @@ class Stage:
                 self._textures[key] = gltf_textures.write_texture(image, path, own_range=lit)
             self._made.append(self._textures[key][0])
         return self._textures[key]
+
+
+def _clear_numbers(mesh: bpy.types.Mesh) -> bool:
+    """Sets to 0 what is no finite number, which no glTF file may hold; gives whether there was any."""
+    found = False
+    for attribute in mesh.attributes:
+        name, width = _FLOATS.get(attribute.data_type, ("", 0))
+        if not name:
+            continue
+        values = np.empty(width * len(attribute.data), np.float32)
+        attribute.data.foreach_get(name, values)
+        odd = ~np.isfinite(values)
+        if odd.any():
+            values[odd] = 0.0
+            attribute.data.foreach_set(name, values)
+            found = True
+    if found:
+        mesh.update()
+    return found
 
 
 @contextmanager

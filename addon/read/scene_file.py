@@ -8,6 +8,7 @@ from pathlib import Path
 import bpy
 
 from ..nodes.node_ports import give_nodes
+from .blender_output import hold_output
 
 _GLB_JSON = 20  # bytes before it in a .glb, behind its length and kind. Source: Khronos, glTF 2.0 specification, section 4.4
 _COMPRESSIONS = {"EXT_meshopt_compression": "meshopt", "KHR_meshopt_compression": "meshopt", "KHR_draco_mesh_compression": "Draco"}
@@ -43,7 +44,8 @@ def open_scene(path: Path, scripts: bool = False) -> list[tuple[str, str]]:
             bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False, use_scripts=scripts)
             return [] if scripts else warn_of_drivers()
         bpy.ops.wm.read_factory_settings(use_empty=True)
-        _IMPORTERS[kind](str(path.resolve()))
+        with hold_output():  # importers in Python end with a traceback
+            _IMPORTERS[kind](str(path.resolve()))
     except RuntimeError as reason:
         told = _describe_compression(path)
         if told:

@@ -115,8 +115,8 @@ def follows_images(windows: Iterable[bpy.types.Window]) -> bool:
 
 
 def find_path(image: bpy.types.Image) -> Path:
-    """Where the file of an image is."""
-    return Path(bpy.path.abspath(image.filepath, library=image.library)).resolve()
+    """Where the file of an image is; links that lead in a ring are left as they are."""
+    return Path(os.path.realpath(bpy.path.abspath(image.filepath, library=image.library)))
 
 
 def _find_loaded(path: Path) -> bpy.types.Image | None:

@@ -490,3 +490,43 @@ def test_command_line_refuses_another_ending_before_it_bakes(room, tmp_path, cap
     assert bake(scene, "--gltf", str(tmp_path / "room.gltf")) == 1
     assert "give it a name that ends in .glb." in capsys.readouterr().err
     assert list_files(tmp_path) == ["room.blend"]
+
+
+def read_floats(path):
+    """All numbers of the file's accessors of floats."""
+    data = path.read_bytes()
+    document = read_document(data)
+    binary = data[len(data) - document["buffers"][0]["byteLength"] :]
+    views = [document["bufferViews"][one["bufferView"]] for one in document["accessors"] if one["componentType"] == 5126]
+    return np.concatenate([np.frombuffer(binary, "<f4", view["byteLength"] // 4, view.get("byteOffset", 0)) for view in views])
+
+
+def test_what_is_no_number_is_zero_in_the_file_and_told(room, tmp_path):
+    """Coordinates, UVs and colours of the user's stay as they are."""
+    cube, ball = bpy.data.objects["Cube"].data, bpy.data.objects["Ball"].data
+    ball.vertices[0].co.x = np.nan
+    cube.uv_layers["UVMap"].uv[0].vector = (np.inf, 0.0)
+    cube.color_attributes.new("Paint", "FLOAT_COLOR", "CORNER").data[0].color[1] = np.nan
+    bake_room(tmp_path, "lighting")
+    told = dict(export_gltf(bpy.context, tmp_path / "room.glb"))
+    for name in ("Cube", "Ball"):
+        assert told[name] == f"{name}: has values that are no numbers, which are 0 in the .glb; mend them."
+    assert np.isfinite(read_floats(tmp_path / "room.glb")).all()
+    assert np.isnan(ball.vertices[0].co.x)
+
+
+@pytest.mark.parametrize("name", ["combined", "lighting"])
+def test_nodes_that_feed_themselves_are_exported(room, tmp_path, name):
+    """Blender's exporter follows them without end."""
+    tree = bpy.data.materials["Wood"].node_tree
+    first, second = tree.nodes.new("ShaderNodeNormalMap"), tree.nodes.new("ShaderNodeBump")
+    shader = tree.nodes["Principled BSDF"]
+    tree.links.new(shader.inputs["Normal"], second.outputs[0])
+    tree.links.new(second.inputs["Normal"], first.outputs[0])
+    tree.links.new(first.inputs["Color"], first.outputs[0])
+    bpy.data.objects["Ball"].data.materials.append(bpy.data.materials["Wood"])
+    bake_room(tmp_path, name)
+    links = len(tree.links)
+    export_gltf(bpy.context, tmp_path / "room.glb")
+    assert {one["name"] for one in read_document((tmp_path / "room.glb").read_bytes())["nodes"]} >= {"Cube", "Ball"}
+    assert len(tree.links) == links

@@ -162,3 +162,11 @@ def test_only_unused_images_of_ours_are_removed():
     assert unused.users == 0
     images.remove_unused_images()
     assert list(bpy.data.images) == sorted([theirs, kept], key=lambda image: image.name)
+
+
+def test_a_link_to_itself_is_a_path_like_any_other(tmp_path):
+    ring = tmp_path / "ring.exr"
+    ring.symlink_to(ring)
+    image = bpy.data.images.new("ring", 4, 4)
+    image.source, image.filepath = "FILE", str(ring)
+    assert images.find_path(image) == tmp_path.resolve() / "ring.exr"

@@ -1,12 +1,14 @@
 """Scenes from files: each format that is promised, light for models without any, and sentences for what cannot be read."""
 
 import json
+import os
 
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
 from blend_rooms import open_room, save_scene
+from leaflight.addon.read.blender_output import hold_output
 from leaflight.addon.read.scene_file import choose_scene, open_scene
 
 EXPORTERS = {
@@ -117,6 +119,24 @@ def test_damaged_file(tmp_path, kind):
     path.write_bytes(b"\x07garbage\n" * 40)
     with pytest.raises(ValueError, match=rf"^model\{kind}: Blender (cannot read it, the file seems damaged|finds no mesh in it)"):
         open_scene(path)
+
+
+def test_what_blender_prints_is_kept_back_and_dropped_where_it_fails(capfd):
+    with hold_output():
+        os.write(1, b"well\n")
+        os.write(2, b"done\n")
+        assert capfd.readouterr() == ("", "")
+    assert capfd.readouterr() == ("", "well\ndone\n")
+
+    @hold_output()
+    def fail():
+        os.write(2, b"Traceback\n")
+        raise ValueError("so")
+
+    with pytest.raises(ValueError, match="so"):
+        fail()
+    os.write(1, b"after")
+    assert capfd.readouterr() == ("after", "")
 
 
 def test_fault_inside_an_importer_is_told_without_its_traceback(tmp_path):

@@ -43,14 +43,15 @@ def judge(code: int, told: str, folder: Path, before: dict[str, str], outputs: I
     temporary  folder of temporary files, empty before
     """
     wrong = [*_judge_words(code, told)]
-    wrong += _judge_files(folder, before, tuple(outputs))
+    after = list_content(folder)
+    wrong += _judge_files(before, after, tuple(outputs))
     left = sorted(path.name for path in temporary.iterdir() if not (path.name.startswith(_BLENDERS) or _is_told(path.name, told)))
     wrong += [f"left in the temporary folder: {', '.join(left)}"] if left else []
     if code == 0:
         wrong += _judge_report(folder / "report.json")
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
-        if path.suffix in _PAGES and path.is_file() and before.get(name) != hash_file(path):
+        if path.suffix in _PAGES and path.is_file() and before.get(name) != after[name]:
             wrong += _judge_page(path)
     glb = folder / "scene.glb"
     return wrong + (_judge_glb(glb) if glb.is_file() else [])
@@ -76,8 +77,7 @@ def _judge_words(code: int, told: str) -> list[str]:
     return wrong
 
 
-def _judge_files(folder: Path, before: dict[str, str], outputs: tuple[str, ...]) -> list[str]:
-    after = list_content(folder)
+def _judge_files(before: dict[str, str], after: dict[str, str], outputs: tuple[str, ...]) -> list[str]:
     wrong = []
     for name in sorted(before.keys() | after.keys()):
         mine = name.split("/")[0] in outputs
