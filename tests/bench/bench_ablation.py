@@ -15,6 +15,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from ablation_results import SceneTrials, Trial, tabulate_scenes, tabulate_worth
 from bench_zoo import QUICK, ROOT, list_subjects
 from image_io_path import add_image_io
 from leaflight.core.util.ablation import MECHANISMS
+from leaflight.core.util.threads import count_usable
 from tables import Table, put_tables
 from zoo_bakes import Bake, PageFullError, bake_leaflight
 from zoo_reference import PageReference, Subject, find_reference
@@ -38,16 +40,23 @@ class Asked:
     max_photons   after which it ends
     patience_s    wall time after which its best so far is taken
     seeds         of the bakes with everything, of which the first is that of all others
+    jobs          bakes at once, between which the processors are shared out
     """
 
     error: float
     max_photons: int
     patience_s: float
     seeds: tuple[int, ...]
+    jobs: int = 1
+
+    @property
+    def workers(self) -> int:
+        """Of each bake."""
+        return max(count_usable() // self.jobs, 1)
 
 
 def bake(subject: Subject, asked: Asked, seed: int, without: Sequence[str] = ()) -> Bake:
-    words = ("--error", str(asked.error), "--max-photons", str(asked.max_photons), "--seed", str(seed))
+    words = ("--error", str(asked.error), "--max-photons", str(asked.max_photons), "--seed", str(seed), "--workers", str(asked.workers))
     return bake_leaflight(subject, *words, without=without, patience_s=asked.patience_s)
 
 
@@ -61,22 +70,23 @@ def judge(subject: Subject, made: Bake, reference: PageReference, whole: Bake | 
 
 def run_scene(subject: Subject, asked: Asked, mechanisms: Sequence[str]) -> SceneTrials:
     """All bakes of a scene; on a larger page where its charts do not fit."""
-    try:
-        wholes = [bake(subject, asked, seed) for seed in asked.seeds]
-    except PageFullError:
-        larger = dataclasses.replace(subject, size=subject.size * 3 // 2)
-        larger.save()
-        return run_scene(larger, asked, mechanisms)
-    layout = "" if subject.uv_layer else wholes[0].layout
-    reference = find_reference(subject, layout, QUICK.side, QUICK.reference_s, QUICK.noise)
-    trials = SceneTrials(subject.name, subject.about, tuple(judge(subject, made, reference) for made in wholes))
-    for name in mechanisms:
+    with ThreadPoolExecutor(asked.jobs) as pool:
+        begun = [pool.submit(bake, subject, asked, seed) for seed in asked.seeds]
         try:
-            made = bake(subject, asked, asked.seeds[0], without=[name])
-        except RuntimeError as reason:
-            print(f"{subject.name} without {name} FAILED: {reason}", file=sys.stderr, flush=True)
-            continue
-        trials.without[name] = judge(subject, made, reference, wholes[0])
+            wholes = [one.result() for one in begun]
+        except PageFullError:
+            larger = dataclasses.replace(subject, size=subject.size * 3 // 2)
+            larger.save()
+            return run_scene(larger, asked, mechanisms)
+        layout = "" if subject.uv_layer else wholes[0].layout
+        reference = find_reference(subject, layout, QUICK.side, QUICK.reference_s, QUICK.noise)
+        trials = SceneTrials(subject.name, subject.about, tuple(judge(subject, made, reference) for made in wholes))
+        without = {name: pool.submit(bake, subject, asked, asked.seeds[0], [name]) for name in mechanisms}
+        for name, one in without.items():
+            try:
+                trials.without[name] = judge(subject, one.result(), reference, wholes[0])
+            except RuntimeError as reason:
+                print(f"{subject.name} without {name} FAILED: {reason}", file=sys.stderr, flush=True)
     return trials
 
 
@@ -100,6 +110,7 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--error", type=float, default=0.03, help="that every bake is asked for")
     parser.add_argument("--max-photons", type=int, default=32_000_000, help="after which a bake ends")
     parser.add_argument("--budget", type=float, default=300.0, help="seconds after which the best so far of a bake is taken")
+    parser.add_argument("--jobs", type=int, default=1, help="bakes at once; errors are the same, and CPU seconds nearly so")
     parser.add_argument("--turns", type=int, default=2, help="bakes with everything, each with another seed, which tell the noise")
     parser.add_argument("--max-size", type=int, default=QUICK.max_size, help="largest side of a page, texels")
     parser.add_argument("--cache", type=Path, default=ROOT / "out" / "zoo", help="folder of scenes and references")
@@ -109,7 +120,7 @@ def main(words: list[str] | None = None) -> int:
         parser.error("--turns: expected at least 2, for without another seed nothing tells what is noise.")
     add_image_io()
     mechanisms = arguments.mechanisms or [name for name in MECHANISMS if name not in IDLE]
-    asked = Asked(arguments.error, arguments.max_photons, arguments.budget, tuple(range(1, 1 + arguments.turns)))
+    asked = Asked(arguments.error, arguments.max_photons, arguments.budget, tuple(range(1, 1 + arguments.turns)), arguments.jobs)
     scenes: list[SceneTrials] = []
     failed: list[str] = []
     for name, find_subject in list_subjects(arguments, dataclasses.replace(QUICK, max_size=arguments.max_size)):
@@ -122,9 +133,9 @@ def main(words: list[str] | None = None) -> int:
             print(failed[-1], file=sys.stderr, flush=True)
             continue
         print(tabulate_worth(scenes, mechanisms), file=sys.stderr, flush=True)
+        if arguments.docs:  # now, so that a run that is stopped leaves what it has
+            write_page(ROOT / "docs" / "ablation.md", scenes, mechanisms, bool(arguments.scenes))
     print(tabulate_worth(scenes, mechanisms), tabulate_scenes(scenes), sep="\n\n")
-    if arguments.docs:
-        write_page(ROOT / "docs" / "ablation.md", scenes, mechanisms, bool(arguments.scenes))
     print(*failed, sep="\n")
     return int(bool(failed))
 

@@ -12,12 +12,12 @@ from trees import make_map
 SIDE = 64  # texels
 
 
-def strips_map(*columns):
-    """A page of upright strips, each a chart and an object of so many columns; and the object of each triangle."""
-    edge = np.cumsum([0, *columns])
-    uv = [[[a, 0], [b, 0], [b, SIDE]] for a, b in pairwise(edge)] + [[[a, 0], [b, SIDE], [a, SIDE]] for a, b in pairwise(edge)]
+def strips_map(*columns, side=SIDE, rows=None):
+    """A page of upright strips, each a chart and an object of so many columns, and rows or `side`; and the object of each triangle."""
+    strips = list(zip(pairwise(np.cumsum([0, *columns])), rows or [side] * len(columns), strict=True))
+    uv = [[[a, 0], [b, 0], [b, high]] for (a, b), high in strips] + [[[a, 0], [b, high], [a, high]] for (a, b), high in strips]
     thing = np.tile(np.arange(len(columns)), 2)
-    return make_map(uv, chart=thing, size=SIDE), thing
+    return make_map(uv, chart=thing, size=side), thing
 
 
 def test_the_whole_is_asked_all_over_and_its_objects_are_told_apart():
@@ -30,27 +30,29 @@ def test_the_whole_is_asked_all_over_and_its_objects_are_told_apart():
         assert (tri_object[texels.texel_tri[whole.entry[rows]]] == thing).all()
 
 
-def test_each_object_is_asked_as_much_as_another(monkeypatch):
-    monkeypatch.setattr(judged, "_MOST_OF_EACH", 100)
-    texels, tri_object = strips_map(60, 4)
+def test_each_object_is_asked_as_much_as_another():
+    texels, tri_object = strips_map(100, 20, side=128)
     each = Judged.of("objects", texels, tri_object)
-    assert [len(rows) for rows in each.groups] == [100, 100]
+    small, large = (len(rows) for rows in each.groups)
+    assert small == large < 20 * 128
     assert (np.diff(each.entry) > 0).all()
     for thing, rows in each.objects.items():
         assert rows.tolist() == each.groups[thing].tolist()
         assert (each.entry_group[each.entry[rows]] == thing).all()
 
 
-def test_of_many_objects_fewer_texels_are_asked_of_each(monkeypatch):
-    monkeypatch.setattr(judged, "_MOST_OF_ALL", 200)
-    texels, tri_object = strips_map(32, 16, 8, 8)
-    assert [len(rows) for rows in Judged.of("objects", texels, tri_object).groups] == [50] * 4
+def test_of_many_objects_fewer_texels_are_asked_of_each():
+    counts = []
+    for columns in (64, 8):
+        texels, tri_object = strips_map(*[columns] * (256 // columns), side=256)
+        counts.append({len(rows) for rows in Judged.of("objects", texels, tri_object).groups})
+    (of_few,), (of_many,) = counts
+    assert of_many == of_few / 2
 
 
-@pytest.mark.parametrize(("least", "groups"), [(SIDE, [0, 1, 2]), (SIDE + 1, [0, 1, 1]), (2 * SIDE + 1, [0, -1, -1])])
-def test_objects_with_few_texels_are_judged_together_or_not_at_all(monkeypatch, least, groups):
-    monkeypatch.setattr(judged, "_LEAST_OF_EACH", least)
-    texels, tri_object = strips_map(62, 1, 1)
+@pytest.mark.parametrize(("rows", "groups"), [(32, [0, 1, 2]), (31, [0, 1, 1]), (15, [0, -1, -1])])
+def test_objects_with_few_texels_are_judged_together_or_not_at_all(rows, groups):
+    texels, tri_object = strips_map(62, 1, 1, rows=[SIDE, rows, rows])
     each = Judged.of("objects", texels, tri_object)
     thing = tri_object[texels.texel_tri]
     assert [sorted(set(each.entry_group[thing == one])) for one in range(3)] == [[group] for group in groups]
@@ -58,12 +60,11 @@ def test_objects_with_few_texels_are_judged_together_or_not_at_all(monkeypatch, 
     assert sorted(each.objects) == [one for one, group in enumerate(groups) if groups.count(group) == 1]
 
 
-def test_where_no_object_has_enough_texels_it_is_the_whole(monkeypatch):
-    monkeypatch.setattr(judged, "_LEAST_OF_EACH", SIDE**2 + 1)
-    texels, tri_object = strips_map(32, 32)
+def test_where_no_object_has_enough_texels_it_is_the_whole():
+    texels, tri_object = strips_map(1, 1, rows=[15, 15])
     each = Judged.of("objects", texels, tri_object)
     assert each.entry_group is None
-    assert len(each.groups[0]) == SIDE**2
+    assert len(each.groups[0]) == 30
     assert each.objects == {}
 
 
@@ -104,21 +105,20 @@ def test_what_is_said_of_objects_is_asked_of_their_texels():
     assert whole.judge_objects(lambda rows: float(len(rows))) == {0: 40.0 * SIDE, 1: 24.0 * SIDE}
 
 
-def test_texels_asked_are_shown_ones_whose_centres_are_covered_if_there_are_any(monkeypatch):
+def test_texels_asked_are_shown_ones_whose_centres_are_covered_if_there_are_any():
+    """All of them, or of many some that are spread over them."""
     rng = np.random.default_rng(3)
-    texels = SimpleNamespace(shown=rng.random(5000) < 0.8, is_central=rng.random(5000) < 0.7)
-    fit = np.flatnonzero(texels.shown & texels.is_central)
-    assert judged.choose_sample(texels).tolist() == fit.tolist()
-    monkeypatch.setattr(judged, "_SAMPLE", 600)
-    asked = judged.choose_sample(texels)
-    monkeypatch.setattr(judged, "_CHUNK", 700)
-    assert judged.choose_sample(texels).tolist() == asked.tolist()  # whatever the pieces
+    for count in (5000, 200_000):
+        texels = SimpleNamespace(shown=rng.random(count) < 0.8, is_central=rng.random(count) < 0.7)
+        fit, asked = np.flatnonzero(texels.shown & texels.is_central), judged.choose_sample(texels)
+        if count == 5000:
+            assert asked.tolist() == fit.tolist()
+            texels.shown[:] = False
+            assert judged.choose_sample(texels).tolist() == list(range(count))
     place = np.searchsorted(fit, asked)
     assert (fit[place] == asked).all()
-    assert len(asked) == 600
-    assert 0 < np.diff(place).min() < np.diff(place).max() < 3 * len(fit) / 600
-    texels.shown[:] = False
-    assert judged.choose_sample(texels).tolist() == list(range(5000))
+    assert 5000 < len(asked) < len(fit) / 10
+    assert 0 < np.diff(place).min() < np.diff(place).max() < 3 * len(fit) / len(asked)
 
 
 def test_lit_texels_are_chosen_and_all_where_none_is():
