@@ -46,11 +46,9 @@ def test_shared_charts_are_found_once_and_worn_in_each_ones_metres(monkeypatch):
     assert sum(calls) == scene.n_tri * 4 / 3
 
 
-@pytest.mark.parametrize("at_once", [0, 400, 1 << 30])
-def test_an_objects_charts_lie_the_same_way_whatever_is_unwrapped_with_it(monkeypatch, at_once):
+def test_an_objects_charts_lie_the_same_way_whatever_is_unwrapped_with_it():
     """Though xatlas packs them together, and turns them as they fit if it may."""
     meshes = [sphere_mesh(), box_mesh(), grid_mesh(noise=0.6), sphere_mesh(rings=5, segments=7), grid_mesh(cells=3, noise=0.3)]
-    monkeypatch.setattr(chart_search, "_AT_ONCE", at_once)
     together = find_charts(make_scene(meshes), False)
     begin = 0
     for k, mesh in enumerate(meshes):

@@ -1,10 +1,11 @@
 """Direct light is told by quads where they tell it as well, and by each texel elsewhere."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from boxes import prepare_folder
 from floors import morton_square
-from leaflight.core.integrate import direct_quads
 from leaflight.core.integrate.direct import DirectLight
 from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.integrate.direct_quads import find_quads, light_by_quads
@@ -14,6 +15,7 @@ from leaflight.core.texels.quads import find_misfit
 from leaflight.core.texels.texel_borders import TexelBorders
 from leaflight.core.texels.texel_looks import centred_strata
 from leaflight.core.texels.tiles import Tiles
+from leaflight.core.util import ablation
 from leaflight.core.util.brightness import weigh_channels
 from leaflight.core.util.coverage import as_slice
 from leaflight.core.util.settings import Settings
@@ -21,18 +23,15 @@ from scenes import box_mesh, make_scene, moved, quad_mesh
 from trees import make_square_map
 
 SIDE = 64
+PAGE = 2048
 CORNERS = SIDE * np.array([[[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]]])  # of make_square_map
 TOLERANCE = 0.01
 
 
 @pytest.fixture(scope="module")
 def texels():
-    return make_square_map(SIDE, 1)
-
-
-@pytest.fixture(autouse=True)
-def _small_page(monkeypatch):
-    monkeypatch.setattr(direct_quads, "_LEAST_PAGE", SIDE)
+    """Few of them, on a large page."""
+    return replace(make_square_map(SIDE, 1), page_size=PAGE)
 
 
 class Lamp:
@@ -176,31 +175,32 @@ def test_some_texels_are_told_in_their_order(texels):
     assert not light(texels, Lamp(truth), entry=scattered).by_quads.any()
 
 
-def test_small_pages_are_told_by_texels(texels, monkeypatch):
-    monkeypatch.setattr(direct_quads, "_LEAST_PAGE", SIDE + 1)
-    assert not light(texels, Lamp(lambda x, y: np.ones_like(x))).by_quads.any()
+def test_small_pages_are_told_by_texels(texels):
+    small = replace(texels, page_size=PAGE // 2)
+    assert not light(small, Lamp(lambda x, y: np.ones_like(x))).by_quads.any()
 
 
 @pytest.fixture
 def shadow(tmp_path):
-    """A floor in the soft shadow of a block, on a page of 128 texels."""
+    """A floor in the soft shadow of a block, 128 texels wide, on a large page."""
     floor = quad_mesh("Floor", 2.0, 2.0)
     block = moved(box_mesh("Block", (0.6, 0.6, 0.1)), (1.0, 1.0, 0.7))
     lamp = Light("AREA", "Lamp", (1.0, 1.0, 2.0), size_m=(0.8, 0.8), power_rgb=(40.0, 30.0, 20.0))
-    settings = Settings(size=128, padding=1, error=0.05)
+    settings = Settings(size=PAGE, density=64.0, padding=1, error=0.05)
     return tmp_path, settings, prepare_folder(tmp_path, make_scene([floor, block], [lamp]), settings)[1]
 
 
 def test_rays_are_fewer_and_the_light_and_its_error_are_the_same(shadow, monkeypatch):
     folder, settings, texels = shadow
     every, fields = range(len(texels)), []
-    for least, error in ((SIDE, 0.05), (256, 0.05), (256, 0.002)):
-        monkeypatch.setattr(direct_quads, "_LEAST_PAGE", least)
+    for without, error in (("", 0.05), ("quads", 0.05), ("quads", 0.002)):
+        monkeypatch.setenv(ablation.VARIABLE, without)
         field = DirectField.none(len(texels))
         field.shoot(folder, Settings(**{**vars(settings), "error": error}), executors.InlineExecutor(), every)
         fields.append(field)
     quads, plain, fine = fields
     assert quads.by_quads.mean() > 0.35
+    assert quads.counters["by_quads"] == quads.by_quads.sum()
     assert not plain.by_quads.any()
     assert quads.counters["rays"] < 0.8 * plain.counters["rays"]
     assert quads.irradiance.mean() == pytest.approx(fine.irradiance.mean(), rel=3e-3)

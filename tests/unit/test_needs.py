@@ -8,7 +8,6 @@ import pytest
 from boxes import lamp_scene
 from leaflight.core.bake import bake
 from leaflight.core.bake.needs import Needs
-from leaflight.core.integrate import direct_quads
 from leaflight.core.output.image_file import read_image
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.scene import Light, Material, TextureImage
@@ -150,13 +149,6 @@ def test_rays_that_are_spared_are_counted(tmp_path):
     assert result["skipped"]["pairs_out_of_reach"] == result["direct"]["out_of_reach"] > 0
     assert result["skipped"]["pairs_settled_early"] == result["direct"]["settled"] > 0
     assert result["skipped"]["photons"] == QUICK.max_photons - result["photons"] >= 0
-
-
-def test_texels_whose_light_quads_tell_are_counted(tmp_path, monkeypatch):
-    assert bake_scene(tmp_path / "a", GREY)[0]["skipped"]["texels_by_quads"] == 0
-    monkeypatch.setattr(direct_quads, "_LEAST_PAGE", 16)
-    result, _, _ = bake_scene(tmp_path / "b", GREY, size=96)
-    assert result["skipped"]["texels_by_quads"] == result["direct"]["by_quads"] >= 256
 
 
 def test_lamps_that_give_little_are_sampled_together_and_counted(tmp_path):
