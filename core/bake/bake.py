@@ -6,42 +6,30 @@ import dataclasses
 import json
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..atlas.charts import ChartAtlas
-from ..atlas.kept_charts import KeptCharts, find_charts_file
 from ..filter import seams
-from ..integrate import texel_light
 from ..integrate.light_field import LightField
-from ..output import debug_passes, image_room, pages, report, resolve
+from ..output import debug_passes, image_room, pages, report
 from ..parallel import executors, folders
-from ..scene.materials import SurfaceMaterials, clamp_warnings
-from ..scene.pruning import prune_scene
+from ..scene.materials import SurfaceMaterials
 from ..scene.scene import SceneSnapshot
-from ..scene.sides import settle_sides
-from ..scene.snapshot import load_snapshot, save_snapshot
-from ..texels import seam_points
-from ..texels.texel_map import TexelMap
-from ..transport import traced_scene
 from ..util import ablation
-from ..util.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from ..util.job import RESULT_FILE, Job
 from ..util.messages import Done, Message, Status, Warning_
 from ..util.settings import DEBUG_PASSES, Settings
 from ..util.words import Interrupted
 from . import checkpoint, earlier_bakes, kept_bake, solve, tasks
 from .dark_objects import name_dark
 from .deadline import Deadline
-from .first_photons import FirstPhotons
-from .light_search import LightSearch
-from .needs import Needs, count_skipped
-from .receivers import find_receivers, lay_out
+from .find_light import FoundLight, Loaded, find_light, resolve_light
+from .needs import count_skipped
 from .stages import Run
 
 _LOADING, _WRITING, _KEEPING = Status("load", "Reading the scene"), Status("write", "Writing images"), Status("keep", "Keeping the state")
@@ -70,7 +58,7 @@ def run_bake(
     switched_off = ablation.describe_without()
     run.warn([("", switched_off)] if switched_off else [])
     with run.stage(_LOADING):
-        loaded = _Loaded.of(run)
+        loaded = Loaded.of(run)
         executor = open_executor(loaded.settings) if loaded.needs.direct else executors.InlineExecutor()
     try:
         light = _bake(run, loaded, executor)
@@ -93,69 +81,21 @@ def _describe_late(run: Run) -> str:
     )
 
 
-@dataclass(frozen=True)
-class _Loaded:
-    """What there is to bake.
-
-    given      the snapshot as it was exported; snapshot has the sides turned that are to be shown
-    surfaces   of what has an effect
-    left_out   of pruning.prune_scene
-    charts     of the last bake there
-    settings   of the job, without what nobody will see
-    """
-
-    given: SceneSnapshot
-    snapshot: SceneSnapshot
-    tri_turned: NDArray[np.bool_]
-    surfaces: SurfaceMaterials
-    left_out: Mapping[str, int]
-    needs: Needs
-    charts: KeptCharts
-    settings: Settings
-
-    @classmethod
-    def of(cls, run: Run) -> _Loaded:
-        given = load_snapshot(run.folder / SNAPSHOT_FILE)
-        run.warn(clamp_warnings(given))
-        settled = settle_sides(given, run.job.settings.sides)
-        run.warn(settled.warnings)
-        snapshot = settled.snapshot
-        if snapshot is not given:  # the processes that trace read it there
-            save_snapshot(run.folder / SNAPSHOT_FILE, snapshot)
-        pruned, left_out = prune_scene(snapshot)
-        surfaces = SurfaceMaterials(pruned)
-        needs = Needs.of(run.job.settings, surfaces)
-        charts = KeptCharts() if run.job.settings.force else KeptCharts.load(find_charts_file(run.job))
-        return cls(given, snapshot, settled.tri_turned, surfaces, left_out, needs, charts, needs.trim(run.job.settings))
-
-
-def _bake(run: Run, loaded: _Loaded, executor: Executor) -> LightField:
+def _bake(run: Run, loaded: Loaded, executor: Executor) -> LightField:
     """Writes the images and the result of the light that is found.
 
     Raises Interrupted where the bake was stopped before there was any.
     """
-    job, folder, snapshot, needs, settings = run.job, run.folder, loaded.snapshot, loaded.needs, loaded.settings
-    first = FirstPhotons.send(folder, settings, executor) if needs.photons and not job.resume else FirstPhotons()
-    atlas = lay_out(run, snapshot, settings, loaded.charts, loaded.tri_turned)
-    lack = image_room.find_lack(job, atlas, pages.list_names(job, snapshot, atlas))
-    if lack:
-        run.tell(Warning_("", lack))
-    executors.wake(executor)  # not before: xatlas works beside this process
-    if needs.direct and isinstance(executor, executors.LocalExecutor):
-        executor.on_each(traced_scene.open_ahead, str(folder))
-    # A state's texels are those of cut charts.
-    receivers = find_receivers(run, snapshot, settings, atlas, executor, needs.direct, by_photons=needs.photons or bool(job.resume))
-    hurried = run.deadline.is_over() and needs.photons and not job.resume
-    if hurried:  # a round of photons, shown as it is, is all there is time for
-        settings, first = dataclasses.replace(settings, direct="photons", gather=False), FirstPhotons()
-    light, solver = LightSearch(run, settings, needs, receivers, executor, first, loaded.surfaces, snapshot.tri_object).find()
+    job, folder, snapshot, needs = run.job, run.folder, loaded.snapshot, loaded.needs
+    found = find_light(run, loaded, executor)
+    light, atlas, receivers, settings = found.light, found.atlas, found.receivers, found.settings
     run.warn(name_dark(snapshot, receivers.texels, light))
     with run.stage(_WRITING):
-        files, spare, seam_report = _write_pages(run, hurried, snapshot, atlas, receivers.texels, light, loaded.surfaces, executor)
+        files, spare, seam_report = _write_pages(run, snapshot, found, loaded.surfaces, executor)
     stateless = False
     if job.keep:  # only now: a bake that is thrown away while it writes has changed nothing
         with run.stage(_KEEPING):
-            stateless = _keep_state(job, None if hurried else solver, light.error, run.tell)
+            stateless = _keep_state(job, None if found.is_hurried else found.solver, light.error, run.tell)
     result = {
         "files": [dataclasses.asdict(file) for file in files],
         "spare": spare,
@@ -212,31 +152,14 @@ def _keep_state(job: Job, solver: solve.Solver | None, error: float, tell: Calla
 
 
 def _write_pages(
-    run: Run,
-    hurried: bool,
-    snapshot: SceneSnapshot,
-    atlas: ChartAtlas,
-    texel_map: TexelMap,
-    light: LightField,
-    surfaces: SurfaceMaterials,
-    executor: Executor,
+    run: Run, snapshot: SceneSnapshot, found: FoundLight, surfaces: SurfaceMaterials, executor: Executor
 ) -> tuple[list[pages.PageFile], str, seams.SeamReport]:
     """The files, the folder that they had to go to in place of the output folder or "", and what was done at seams."""
-    job, margin = run.job, run.job.settings.margin
-    threads = executors.count_processors(job.settings.workers)
-    points = None
-    if job.settings.seams and margin and not hurried:  # without a margin filtering reads the empty page, and no texel helps
-        points = seam_points.find_seams(snapshot, atlas.tri_chart, atlas.tri_uv, atlas.object_page[snapshot.tri_object])
-    doubt = "stderr" in job.settings.passes or (points is not None and points.place.size > 0)
+    job, margin, atlas, texel_map = run.job, run.job.settings.margin, found.atlas, found.receivers.texels
     limited = run.deadline.limit_spread(partial(executors.spread, executor), run.deadline.is_write_late)
-    at_texels = texel_light.light_at_texels(
-        light, texel_map, job.settings.denoise and not hurried, threads, limited, doubt, spend=not job.keep
-    )
+    resolver, seam_report = resolve_light(found, snapshot, surfaces, job.settings, limited, spend=not job.keep)
     executors.send_home(executor)
-    seam_report = seams.SeamReport(0, 0, 0.0, 0.0)
-    if points is not None:
-        at_texels, seam_report = resolve.close_seams(at_texels, points, texel_map)
-    resolver = resolve.Resolver(at_texels, texel_map, surfaces, margin, threads)
+    light = found.light
     debug = debug_passes.DebugPages(light, texel_map, margin)
 
     def draw(name: str, page: int, look: bool) -> NDArray[np.float32]:

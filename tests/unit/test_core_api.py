@@ -3,12 +3,17 @@
 import json
 import subprocess
 import sys
+import tempfile
 import textwrap
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from leaflight import core
+from leaflight.core.bake.bake import run_bake
 from leaflight.core.output.image_file import read_image
+from leaflight.core.scene.snapshot import save_snapshot
+from leaflight.core.util import job
 
 NATIVE = ("embreex", "xatlas", "OpenImageIO", "bpy")
 
@@ -21,13 +26,54 @@ def test_importing_the_core_loads_no_native_library():
     assert set(NATIVE) & set(loaded) == set()
 
 
-@pytest.mark.usefixtures("open_image_io")
-def test_the_example_in_the_docstring_runs(tmp_path):
-    example = textwrap.dedent(core.__doc__.partition("::\n")[2].partition("\nWith more")[0])
-    exec(compile(example, "core docstring", "exec"), {"folder": tmp_path, "print": lambda message: None})
-    result = json.loads((tmp_path / "result.json").read_text())
-    assert [row["name"] for row in result["objects"]] == ["Floor"]
-    pixels, _ = read_image(tmp_path / "room_0.combined.exr")
-    lit = pixels[pixels[..., 3] == 1, 0]
-    # Below a lamp of P watts at d metres Blender shows P / (4 pi^2 d^2) times the albedo.
-    assert lit.max() == pytest.approx(100 / (4 * np.pi**2 * 1.5**2) * 0.5, rel=0.02)
+def run_example():
+    """The names that the docstring's example leaves behind."""
+    example = textwrap.dedent(core.__doc__.partition("::\n")[2].partition("\nWhat programs")[0])
+    names = {}
+    exec(compile(example, "core docstring", "exec"), names)
+    return names
+
+
+def test_the_example_in_the_docstring_runs():
+    names = run_example()
+    light = names["light"]
+    (page,) = light.pages["lighting"]
+    lit = page[page[..., 3] == 1, 0]
+    # Below a lamp of P watts at d metres Blender shows P / (4 pi^2 d^2), and the lamp is above the middle.
+    assert lit.max() == pytest.approx(100 / (4 * np.pi**2 * 1.5**2), rel=0.02)
+    assert light.stopped_by == "error"
+    assert light.error < names["Settings"]().error
+    assert [row["name"] for row in light.report["objects"]] == ["Floor"]
+    assert light.object_page.tolist() == [0]
+    x, y = (light.tri_uv.mean(axis=(0, 1)) * len(page)).astype(int)
+    assert page[y, x, 0] == pytest.approx(lit.max(), rel=0.05)
+
+
+def test_memory_and_files_have_the_same_light(tmp_path, open_image_io):
+    names = run_example()
+    settings = replace(names["Settings"](size=64, workers=1), passes=("combined", "lighting", "stderr", "level"))
+    save_snapshot(tmp_path / job.SNAPSHOT_FILE, names["room"])
+    job.Job(settings, output=str(tmp_path), atlas_name="room").save(tmp_path)
+    run_bake(tmp_path, tell=lambda message: None, should_stop=lambda: False)
+    light = core.solve(names["room"], settings)
+    for name in ("combined", "lighting", "stderr"):
+        pixels, _ = read_image(tmp_path / f"room_0.{name}.exr")
+        np.testing.assert_allclose(light.pages[name][0], pixels, rtol=1e-3, atol=1e-6)  # half floats in the file
+    assert json.loads((tmp_path / "result.json").read_text())["photons"] == light.report["photons"]
+
+
+def test_a_scene_that_cannot_be_baked_raises_its_sentence_and_leaves_no_file(tmp_path, monkeypatch):
+    names = run_example()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    nothing = replace(names["room"], objects=(replace(names["floor"], receives=False),))
+    with pytest.raises(ValueError, match="nothing to bake"):
+        core.solve(nothing, names["Settings"](size=64))
+    assert not list(tmp_path.iterdir())
+
+
+def test_solving_hears_of_progress_and_can_be_stopped():
+    names, heard = run_example(), []
+    light = core.solve(names["room"], names["Settings"](size=64, error=1e-4), tell=heard.append, should_stop=lambda: True)
+    assert light.stopped_by == "interrupted"
+    assert light.pages["combined"].any()  # the best so far
+    assert heard

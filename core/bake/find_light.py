@@ -1,0 +1,133 @@
+"""From a job and a scene to its light on texels, before anything is written."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..atlas.charts import ChartAtlas
+from ..atlas.kept_charts import KeptCharts, find_charts_file
+from ..filter import seams
+from ..filter.denoise import Spread
+from ..integrate import texel_light
+from ..integrate.light_field import LightField
+from ..output import image_room, pages, resolve
+from ..parallel import executors
+from ..scene.materials import SurfaceMaterials, clamp_warnings
+from ..scene.pruning import prune_scene
+from ..scene.scene import SceneSnapshot
+from ..scene.sides import settle_sides
+from ..scene.snapshot import load_snapshot, save_snapshot
+from ..texels import seam_points
+from ..transport import traced_scene
+from ..util.job import SNAPSHOT_FILE
+from ..util.messages import Warning_
+from ..util.settings import Settings
+from . import solve
+from .first_photons import FirstPhotons
+from .light_search import LightSearch
+from .needs import Needs
+from .receivers import Receivers, find_receivers, lay_out
+from .stages import Run
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """What there is to bake.
+
+    given      the snapshot as it was exported; snapshot has the sides turned that are to be shown
+    surfaces   of what has an effect
+    left_out   of pruning.prune_scene
+    charts     of the last bake there
+    settings   of the job, without what nobody will see
+    """
+
+    given: SceneSnapshot
+    snapshot: SceneSnapshot
+    tri_turned: NDArray[np.bool_]
+    surfaces: SurfaceMaterials
+    left_out: Mapping[str, int]
+    needs: Needs
+    charts: KeptCharts
+    settings: Settings
+
+    @classmethod
+    def of(cls, run: Run) -> Loaded:
+        given = load_snapshot(run.folder / SNAPSHOT_FILE)
+        run.warn(clamp_warnings(given))
+        settled = settle_sides(given, run.job.settings.sides)
+        run.warn(settled.warnings)
+        snapshot = settled.snapshot
+        if snapshot is not given:  # the processes that trace read it there
+            save_snapshot(run.folder / SNAPSHOT_FILE, snapshot)
+        pruned, left_out = prune_scene(snapshot)
+        surfaces = SurfaceMaterials(pruned)
+        needs = Needs.of(run.job.settings, surfaces)
+        charts = KeptCharts() if run.job.settings.force else KeptCharts.load(find_charts_file(run.job))
+        return cls(given, snapshot, settled.tri_turned, surfaces, left_out, needs, charts, needs.trim(run.job.settings))
+
+
+@dataclass(frozen=True)
+class FoundLight:
+    """The light of a bake before it becomes pages.
+
+    solver       whose state it can be kept by; None where it has none
+    settings     with which it was found
+    is_hurried   a time limit left time for one round of photons alone, which is shown as it is
+    """
+
+    light: LightField
+    solver: solve.Solver | None
+    atlas: ChartAtlas
+    receivers: Receivers
+    settings: Settings
+    is_hurried: bool
+
+
+def find_light(run: Run, loaded: Loaded, executor: Executor) -> FoundLight:
+    """Lays out charts and texels, and finds the light on them.
+
+    Raises ValueError with a sentence where nothing can be baked, Interrupted where the bake was stopped before there was any light.
+    """
+    job, folder, snapshot, needs, settings = run.job, run.folder, loaded.snapshot, loaded.needs, loaded.settings
+    first = FirstPhotons.send(folder, settings, executor) if needs.photons and not job.resume else FirstPhotons()
+    atlas = lay_out(run, snapshot, settings, loaded.charts, loaded.tri_turned)
+    lack = image_room.find_lack(job, atlas, pages.list_names(job, snapshot, atlas))
+    if lack:
+        run.tell(Warning_("", lack))
+    executors.wake(executor)  # not before: xatlas works beside this process
+    if needs.direct and isinstance(executor, executors.LocalExecutor):
+        executor.on_each(traced_scene.open_ahead, str(folder))
+    # A state's texels are those of cut charts.
+    receivers = find_receivers(run, snapshot, settings, atlas, executor, needs.direct, by_photons=needs.photons or bool(job.resume))
+    hurried = run.deadline.is_over() and needs.photons and not job.resume
+    if hurried:  # a round of photons, shown as it is, is all there is time for
+        settings, first = dataclasses.replace(settings, direct="photons", gather=False), FirstPhotons()
+    light, solver = LightSearch(run, settings, needs, receivers, executor, first, loaded.surfaces, snapshot.tri_object).find()
+    return FoundLight(light, solver, atlas, receivers, settings, hurried)
+
+
+def resolve_light(
+    found: FoundLight, snapshot: SceneSnapshot, surfaces: SurfaceMaterials, settings: Settings, spread: Spread, spend: bool = False
+) -> tuple[resolve.Resolver, seams.SeamReport]:
+    """What makes pages of the light, and what was done at seams.
+
+    settings   of the job
+    spread     gives work to all processes
+    spend      as of texel_light.light_at_texels
+    """
+    texels, margin, points = found.receivers.texels, settings.margin, None
+    if settings.seams and margin and not found.is_hurried:  # without a margin filtering reads the empty page, and no texel helps
+        points = seam_points.find_seams(snapshot, found.atlas.tri_chart, found.atlas.tri_uv, found.atlas.object_page[snapshot.tri_object])
+    doubt = "stderr" in settings.passes or (points is not None and points.place.size > 0)
+    smooth, threads = settings.denoise and not found.is_hurried, executors.count_processors(settings.workers)
+    light = texel_light.light_at_texels(found.light, texels, smooth, threads, spread, doubt, spend=spend)
+    report = seams.SeamReport(0, 0, 0.0, 0.0)
+    if points is not None:
+        light, report = resolve.close_seams(light, points, texels)
+    return resolve.Resolver(light, texels, surfaces, margin, threads), report

@@ -1,0 +1,87 @@
+"""A bake for programs: a scene in, arrays out; in this process alone, and no file is left behind."""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import starmap
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..output import debug_passes, report
+from ..parallel import executors, folders
+from ..scene.scene import SceneSnapshot
+from ..scene.snapshot import save_snapshot
+from ..util.job import LAYOUT_FILE, SNAPSHOT_FILE, Job
+from ..util.messages import Message
+from ..util.settings import DEBUG_PASSES, Settings
+from .dark_objects import name_dark
+from .find_light import Loaded, find_light, resolve_light
+from .stages import Run
+
+
+@dataclass(frozen=True)
+class SolvedLight:
+    """The light of a scene on its lightmaps.
+
+    pages         pass -> (page_count, size, size, 4) float32, row 0 at the bottom; alpha 1 on charts; see docs/units.md
+    tri_uv        (n_tri, 3, 2) float64, [0, 1]: where the corners of the scene's triangles lie
+    object_page   (n_object,) int32: the page of each object, -1 of those without
+    error         relative, as it is stated; nan where no photon was needed
+    stopped_by    "error", "max_photons", "max_rays", "time_limit" or "interrupted"
+    report        photons, rounds, rays, energy audit, and `objects` with the stated error of each
+    warnings      (subject, sentence) of what was replaced or left out
+    """
+
+    pages: dict[str, NDArray[np.float32]]
+    tri_uv: NDArray[np.float64]
+    object_page: NDArray[np.int32]
+    error: float
+    stopped_by: str
+    report: dict[str, Any]
+    warnings: tuple[tuple[str, str], ...]
+
+
+def solve_scene(
+    scene: SceneSnapshot,
+    settings: Settings,
+    tell: Callable[[Message], None] = lambda message: None,
+    should_stop: Callable[[], bool] = lambda: False,
+) -> SolvedLight:
+    """The light of a scene; settings.passes says which pages are wanted. The same bytes as run_bake gives with any number of workers.
+
+    tell          hears of progress
+    should_stop   whether the best so far is asked for
+    Raises ValueError with a sentence where nothing can be baked, util.words.Interrupted where it was stopped before there was any light.
+    """
+    settings = dataclasses.replace(settings, workers=1)
+    # What processes would share lies in files for as long as the light is sought: large arrays are mapped, not held twice.
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
+        folder, executor = Path(place), executors.InlineExecutor()
+        save_snapshot(folder / SNAPSHOT_FILE, scene)
+        run = Run(folder, Job(settings, output=place, atlas_name="page"), tell, should_stop)
+        try:
+            loaded = Loaded.of(run)
+            found = find_light(run, loaded, executor)
+            run.warn(name_dark(loaded.snapshot, found.receivers.texels, found.light))
+            resolver, _ = resolve_light(found, loaded.snapshot, loaded.surfaces, settings, starmap)
+            debug = debug_passes.DebugPages(found.light, found.receivers.texels, settings.margin)
+            drawers = {name: debug if name in DEBUG_PASSES else resolver for name in settings.passes}
+            pages = {
+                name: np.stack([drawer.page(name, page) for page in range(found.atlas.page_count)]) for name, drawer in drawers.items()
+            }
+            chart_object = found.receivers.facets.chart_object[found.receivers.texels.texel_chart]
+            objects = report.list_objects(loaded.snapshot, found.atlas, chart_object, found.light.object_error)
+            with np.load(folder / LAYOUT_FILE) as layout:
+                tri_uv = layout["tri_uv"]
+        finally:
+            executor.shutdown()
+            folders.forget_folders()
+    told = {**report.describe_light(found.light), "objects": objects}
+    light = found.light
+    return SolvedLight(pages, tri_uv, found.atlas.object_page, light.error, light.stopped_by, told, tuple(run.warnings))
