@@ -70,7 +70,10 @@ class Tally:
         self._leader: NDArray[np.int64] | None = leader  # None while each pair leads itself, as most do
         if leader is not None and (leader == np.arange(len(rows))).all():
             self._leader = None
-        self._block = _number_blocks(alone) if alone is not None and alone.any() else np.arange(len(rows)) // AGREE_TEXELS
+        if not uses("block_agreement"):
+            self._block = np.arange(len(rows))
+        else:
+            self._block = _number_blocks(alone) if alone is not None and alone.any() else np.arange(len(rows)) // AGREE_TEXELS
 
     def add(self, rays: ShadowRays, chunk: TexelChunk, index: IntArray, stage: tuple[int, int], points: FloatArray | None = None) -> int:
         """Sends a stage's rays from some of the tally's texels (m,), ascending; gives how many were traced.
@@ -215,7 +218,7 @@ class Tally:
                 # Of the first few rays the noise itself is hardly known.
                 calm = find_calm(self.value()[tiles], allowed[tiles].mean(axis=1), by_slope=stage == STAGES[2])
                 doubt[tiles[calm]] = False
-            if not self.source.is_sharp:
+            if not self.source.is_sharp and uses("dark_leaders"):
                 doubt[self._lead(dark & matters & self.leads & ~doubt, stage)] = True
         return np.flatnonzero(doubt & self.in_reach & self.leads)
 

@@ -24,6 +24,7 @@ from ..scene.materials import SurfaceMaterials
 from ..scene.rays import RayScene
 from ..scene.scene import SceneSnapshot
 from ..scene.shadow_rays import MOST_LAYERS, ShadowRays, collapse
+from ..util.ablation import uses
 from ..util.geometry import UnitBox, gather, locate_hits, offset_origin, triangle_frames, triangle_normals_areas
 from ..util.sampling import grouped_points
 from .birth_cells import BirthCells
@@ -145,7 +146,7 @@ def trace_shard(
     cells              where more or fewer of them are born, if they go alone; then groups have one photon, and its bin for a place
     """
     log = PhotonLog()
-    waves: Iterable[Photons] = _bear(scene, cells, n_photons, total_flux_share, rng, SPLIT if skip_first else 1, log)
+    waves: Iterable[Photons] = _bear(scene, cells, n_photons, total_flux_share, rng, _count_parts(skip_first), log)
     for depth in range(0, max_depth, _DEPTHS_TOGETHER):
         depths = range(depth, min(depth + _DEPTHS_TOGETHER, max_depth))
         left = [after for photons in waves if (after := _bounce(scene, photons, rng, depths, skip_first, split_at, log))]
@@ -157,6 +158,11 @@ def trace_shard(
     for photons in waves:
         log.remainder += photons.power
     yield log.take()
+
+
+def _count_parts(parts: bool) -> int:
+    """How many photons go together to the first surface, where they part; one where they do not."""
+    return SPLIT if parts and uses("splitting") else 1
 
 
 def _bounce(
@@ -231,14 +237,14 @@ def _meet(
         log.passed += passed.power
         landed = landed - passed.power
     parts = skip_first and not depth
-    split: _Rows | np.float32 | None = np.float32(SPLIT) if parts else None
+    split: _Rows | np.float32 | None = np.float32(_count_parts(parts)) if parts else None
     if split is not None and split_at:
         place, factor = split_at(tri, u, v)
         split = split * factor
         group = log.open_groups(place, factor)
     albedo, mirrored = scene.surfaces.reflectance_at(index, u, v).T, None
     if scene.gloss:
-        mirrored = reflect_photons(scene, arrived, index, group, cosine, depth == 0, SPLIT if parts else 1, rng)
+        mirrored = reflect_photons(scene, arrived, index, group, cosine, depth == 0, _count_parts(parts), rng)
         albedo = albedo - scene.surfaces.metal_at(index, u, v).T
         np.maximum(albedo, 0, out=albedo)
         if mirrored:
@@ -247,7 +253,7 @@ def _meet(
     specular = [mirrored] if mirrored else []
     if scene.glass:
         from_lamp = None if depth else np.ones(len(tri), bool) if photons.sky is None else ~gather(photons.sky, hit)
-        bent, refracted = bend_photons(scene, arrived, index, group, cosine, depth == 0, from_lamp, SPLIT if parts else 1, rng)
+        bent, refracted = bend_photons(scene, arrived, index, group, cosine, depth == 0, from_lamp, _count_parts(parts), rng)
         if bent:
             specular.append(bent)
             log.mirrored += bent.power - refracted

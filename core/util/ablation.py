@@ -40,6 +40,8 @@ MECHANISMS = {
     "openings": "where little of the sky is seen, rays go to where neighbours saw it",
     "quads": "on pages of 2048^2 and more, smooth direct light is sampled once for 2 x 2 texels",
     "tiles": "tiles of 8 x 8 texels share their first look at a light",
+    "block_agreement": "the first rays of 16 neighbours have to agree before any of them stops",
+    "dark_leaders": "of neighbours that see nothing of a light one goes on for all",
     "filter_tolerance": "rays leave more noise where the filter will take it",
     "reference_level": "shadow rays stop by the error beside all light, indirect light included",
     "dark_level": "below a sky, shadow rays stop at an absolute error in dark places",
@@ -49,6 +51,7 @@ MECHANISMS = {
     "surface_cells": "sides without a lightmap keep their light in cells; without them, one value for a triangle's side",
     "batches": "batches of further rays grow geometrically",
     # photons
+    "splitting": "8 photons go together to the first surface and part there",
     "splitting_guide": "photons split more where what they bring reduces the error more",
     "emission_guide": "photons leave lamps more often where they reduce the error more (--direct photons)",
     "photons_ahead": "photons of the first rounds are traced while charts are made",

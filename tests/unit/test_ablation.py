@@ -11,22 +11,24 @@ from boxes import lamp_scene
 from leaflight.core.bake import bake
 from leaflight.core.output.image_file import read_image
 from leaflight.core.scene.identity import hash_bake
+from leaflight.core.scene.scene import Light, Material
 from leaflight.core.scene.snapshot import save_snapshot
 from leaflight.core.util import ablation
 from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.util.settings import Settings
+from scenes import box_mesh, make_scene, moved, quad_mesh, sphere_mesh
 
 pytestmark = pytest.mark.usefixtures("open_image_io")
 CORE = Path(ablation.__file__).resolve().parents[1]
 QUICK = Settings(size=64, padding=1, workers=1, error=0.03, max_photons=200_000, gather=False)
 
 
-def bake_without(folder, monkeypatch, *names, settings=QUICK):
+def bake_without(folder, monkeypatch, *names, settings=QUICK, scene=None):
     """Pixels of a small room's bake without some mechanisms, its result, and what it told."""
     monkeypatch.setenv(ablation.VARIABLE, ",".join(names))
     folder = folder / ("_".join(names) or "all") / str(settings.workers)
     folder.mkdir(parents=True)
-    save_snapshot(folder / SNAPSHOT_FILE, lamp_scene())
+    save_snapshot(folder / SNAPSHOT_FILE, scene or lamp_scene())
     Job(settings, str(folder / "images"), "room").save(folder)
     told = []
     bake.run_bake(folder, told.append, lambda: False)
@@ -74,7 +76,16 @@ def test_switches_change_the_light_or_its_stated_error_and_the_result_says_so(tm
     pixels, result, told = bake_without(tmp_path, monkeypatch)
     assert "without" not in result
     assert not [one for one in told if ablation.VARIABLE in getattr(one, "text", "")]
-    for name in ("coefficient_shrinkage", "leaf_blending", "leaf_filter", "grain_filter", "tiles", "contacts"):
+    for name in (
+        "coefficient_shrinkage",
+        "leaf_blending",
+        "leaf_filter",
+        "grain_filter",
+        "tiles",
+        "contacts",
+        "splitting",
+        "block_agreement",
+    ):
         without, result_without, told = bake_without(tmp_path, monkeypatch, name)
         assert (without != pixels).any(), name
         assert result_without["without"] == [name]
@@ -89,3 +100,30 @@ def test_switches_change_the_light_or_its_stated_error_and_the_result_says_so(tm
 def test_switches_reach_the_processes_that_trace(tmp_path, monkeypatch):
     alone = bake_without(tmp_path, monkeypatch, "tiles")[0]
     assert np.array_equal(bake_without(tmp_path, monkeypatch, "tiles", settings=replace(QUICK, workers=2))[0], alone)
+
+
+def full_scene():
+    """Something for every mechanism: many lamps, one that shines by itself, a sky, contacts, thin and round things, one that is not baked."""
+    lamp = Light("POINT", "Lamp", (0.1, 0.1, 0.6), power_rgb=(1.0,) * 3, radius_m=0.01)
+    lamps = [replace(lamp, name=f"Lamp {k}", position_m=(0.2 * (k % 4), 0.2 * (k // 4), 0.6)) for k in range(20)]
+    meshes = [
+        quad_mesh("Floor"),
+        box_mesh("Wall", (0.02, 0.8, 0.4), (0.5, 0.4, 0.2)),
+        replace(box_mesh("Box", (0.2, 0.2, 0.2), (0.2, 0.3, 0.1)), receives=False),
+        moved(sphere_mesh(radius_m=0.1), (0.8, 0.5, 0.1)),
+        moved(sphere_mesh(rings=4, segments=8, radius_m=0.05), (0.8, 0.8, 0.5), name="Glowing"),
+        box_mesh("Strip", (0.9, 0.002, 0.01), (0.5, 0.99, 0.3)),
+        moved(quad_mesh("Roof", 0.9, 0.9), (0.0, 0.0, 0.8)),
+    ]
+    materials = [Material("Grey", (0.5,) * 3), Material("Light", (0.5,) * 3, emission_rgb=(5.0,) * 3)]
+    scene = make_scene(meshes, lamps, materials)
+    return replace(scene, tri_material=np.isin(scene.tri_object, (4, 5)).astype(np.int32), world_rgb=(0.2, 0.3, 0.4))
+
+
+@pytest.mark.slow
+def test_a_bake_without_any_of_them_has_much_the_same_light(tmp_path, monkeypatch):
+    settings = replace(QUICK, gather=True, error=0.1, workers=2)
+    whole = bake_without(tmp_path, monkeypatch, settings=settings, scene=full_scene())[0][..., :3].mean()
+    for name in ablation.MECHANISMS:
+        pixels = bake_without(tmp_path, monkeypatch, name, settings=settings, scene=full_scene())[0]
+        assert pixels[..., :3].mean() == pytest.approx(whole, rel=0.1), name
