@@ -103,7 +103,7 @@ def test_switches_reach_the_processes_that_trace(tmp_path, monkeypatch):
 
 
 def full_scene():
-    """Something for every mechanism: many lamps, one that shines by itself, a sky, contacts, thin and round things, one that is not baked."""
+    """Something for each mechanism: many lamps, one that glows, a sky, contacts, thin and round things, one without a lightmap."""
     lamp = Light("POINT", "Lamp", (0.1, 0.1, 0.6), power_rgb=(1.0,) * 3, radius_m=0.01)
     lamps = [replace(lamp, name=f"Lamp {k}", position_m=(0.2 * (k % 4), 0.2 * (k // 4), 0.6)) for k in range(20)]
     meshes = [
