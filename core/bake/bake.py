@@ -20,7 +20,6 @@ from ..output import debug_passes, image_room, pages, report
 from ..parallel import executors, folders
 from ..scene.materials import SurfaceMaterials
 from ..scene.scene import SceneSnapshot
-from ..util import ablation
 from ..util.job import RESULT_FILE, Job
 from ..util.messages import Done, Message, Status, Warning_
 from ..util.settings import DEBUG_PASSES, Settings
@@ -50,13 +49,10 @@ def run_bake(
     Raises ValueError or OSError with a sentence for the user; no image is then left half-written.
     """
     job = Job.load(folder)
-    job = dataclasses.replace(job, settings=ablation.trim_settings(job.settings))
     now = time.monotonic()
     deadline = Deadline(job.settings.time_limit, job.began if 0.0 < job.began <= now else now, job.after_s)
     run = Run(folder, job, tell, should_stop, deadline=deadline)
     _open_output(Path(run.job.output))
-    switched_off = ablation.describe_without()
-    run.warn([("", switched_off)] if switched_off else [])
     with run.stage(_LOADING):
         loaded = Loaded.of(run)
         executor = open_executor(loaded.settings) if loaded.needs.direct else executors.InlineExecutor()
@@ -106,7 +102,6 @@ def _bake(run: Run, loaded: Loaded, executor: Executor) -> LightField:
         "peak_memory_mb": report.measure_memory_mb(),
         **report.describe_light(light),
         "error_of": settings.error_of,
-        **({"without": without} if (without := ablation.list_without()) else {}),
         "page_size": atlas.page_size,
         "pages": atlas.page_count,
         "objects": report.list_objects(snapshot, atlas, receivers.facets.chart_object[receivers.texels.texel_chart], light.object_error),

@@ -65,6 +65,7 @@ def solve_scene(
         folder, executor = Path(place), executors.InlineExecutor()
         save_snapshot(folder / SNAPSHOT_FILE, scene)
         run = Run(folder, Job(settings, output=place, atlas_name="page"), tell, should_stop)
+        settings = run.job.settings
         try:
             loaded = Loaded.of(run)
             found = find_light(run, loaded, executor)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from ..util import ablation
 from ..util.job import Job
 from ..util.messages import Message, Status, Warning_
 from ..util.words import Watch, Words
@@ -19,7 +20,7 @@ class Run:
     """What every stage of a bake is given.
 
     folder        with the snapshot and the job; all that is made goes there but the images
-    job           what is asked for
+    job           what is asked for, without mechanisms that are switched off
     tell          hears every message
     should_stop   whether the best so far is asked for
     seconds       of each stage
@@ -36,6 +37,11 @@ class Run:
     warnings: list[tuple[str, str]] = field(default_factory=list)
     deadline: Deadline = field(default_factory=Deadline)
     cpu_began_s: float = field(default_factory=time.process_time)
+
+    def __post_init__(self) -> None:
+        self.job = replace(self.job, settings=ablation.trim_settings(self.job.settings))
+        switched_off = ablation.describe_without()
+        self.warn([("", switched_off)] if switched_off else [])
 
     @contextmanager
     def stage(self, said: Status) -> Iterator[None]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..radiosity.quadtree import Quadtree
+from ..util.ablation import uses
 from ..util.arrays import Float64, IntArray
 
 
@@ -27,6 +28,9 @@ def clip_light(light: NDArray[Any], area: NDArray[Any], leaf: IntArray, tree: Qu
     leaf    (n,) int: the node that each is on; the nodes do not overlap
     """
     if not len(light) or light.min() >= 0.0:
+        return
+    if not uses("flux_clipping"):
+        np.maximum(light, 0.0, out=light)
         return
     before: Float64 = np.bincount(leaf, light * area, len(tree)).astype(np.float64, copy=False)
     np.maximum(light, 0.0, out=light)

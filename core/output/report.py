@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..atlas.charts import ChartAtlas
 from ..integrate.light_field import LightField
 from ..scene.scene import SceneSnapshot
+from ..util.ablation import list_without
 
 
 def list_objects(
@@ -39,8 +40,9 @@ def list_objects(
 
 def describe_light(light: LightField) -> dict[str, Any]:
     """What it took to find the light, and how sure it is."""
-    direct, ledger = light.direct.counters, light.ledger
+    direct, ledger, without = light.direct.counters, light.ledger, list_without()
     return {
+        **({"without": without} if without else {}),
         "photons": light.photons,
         "rounds": light.rounds,
         "rays": ledger.rays + ledger.gathered + direct.get("rays", 0),

@@ -18,6 +18,7 @@ VARIABLE = "LEAFLIGHT_WITHOUT"
 MECHANISMS = {
     # light on leaves
     "coefficient_shrinkage": "slopes of leaves are shrunk by how noisy they are",
+    "flux_clipping": "leaves are clipped at zero without making energy: the rest of a leaf is scaled down",
     "leaf_blending": "light goes over from leaf to leaf without an edge, by a partition of unity",
     "spatial_shrinkage": "leaves of few photons are shrunk towards the light around them in space",
     "firefly_clamp": "leaves of few photons that are far brighter than all around are clamped",

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from boxes import lamp_scene
 from leaflight.core.bake import bake
+from leaflight.core.bake.in_memory import solve_scene
 from leaflight.core.output.image_file import read_image
 from leaflight.core.scene.identity import hash_bake
 from leaflight.core.scene.scene import Light, Material
@@ -45,7 +46,7 @@ def test_each_mechanism_is_asked_for_by_a_name_that_is_listed():
 
 
 def test_unknown_names_are_refused_with_those_that_are_known(tmp_path, monkeypatch):
-    with pytest.raises(ValueError, match=r"LEAFLIGHT_WITHOUT: magic is no mechanism; known are coefficient_shrinkage, leaf_blending"):
+    with pytest.raises(ValueError, match=r"LEAFLIGHT_WITHOUT: magic is no mechanism; known are coefficient_shrinkage, .*tiles"):
         bake_without(tmp_path, monkeypatch, "tiles", "magic")
     monkeypatch.setenv(ablation.VARIABLE, " tiles , seams,")
     assert ablation.list_without() == ("seams", "tiles")
@@ -127,3 +128,11 @@ def test_a_bake_without_any_of_them_has_much_the_same_light(tmp_path, monkeypatc
     for name in ablation.MECHANISMS:
         pixels = bake_without(tmp_path, monkeypatch, name, settings=settings, scene=full_scene())[0]
         assert pixels[..., :3].mean() == pytest.approx(whole, rel=0.1), name
+
+
+def test_light_in_memory_is_that_of_a_bake_without_the_same(tmp_path, monkeypatch):
+    pixels, result, _ = bake_without(tmp_path, monkeypatch, "grain_filter")
+    light = solve_scene(lamp_scene(), QUICK)
+    np.testing.assert_array_equal(light.pages["combined"][0].astype(np.float16), pixels)  # which EXR files keep
+    assert light.report["without"] == ("grain_filter",) == tuple(result["without"])
+    assert [text for _, text in light.warnings if ablation.VARIABLE in text]
