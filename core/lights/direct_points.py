@@ -138,7 +138,7 @@ def shade_bumps(side: Float32, normal: Float32, direction: Float32) -> Float32:
     Source: Conty Estevez, Lecocq & Stein 2019, "A Microfacet-Based Shadowing Function to Solve the Bump Terminator Problem"; Cycles does
     the same.
     """
-    steep = np.maximum(dot_rows(side, normal), np.float32(1e-4))
+    steep = np.clip(dot_rows(side, normal), np.float32(1e-4), np.float32(1))  # rounding brings it above 1, and a root below 0
     height = np.maximum(dot_rows(side, direction), np.float32(1e-4))
     roughness = np.minimum((1 / (steep * steep) - 1) / 8, 1)
     shade: Float32 = 2 / (1 + np.sqrt(1 + roughness * (1 / (height * height) - 1)))

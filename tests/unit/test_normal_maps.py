@@ -48,6 +48,18 @@ def test_bumps_hide_flat_light_only():
     assert 0.05 < shade_bumps(up, steep, low)[0] < 0.3
 
 
+def test_without_bumps_nothing_is_hidden_however_numbers_round():
+    """Of unit vectors in float32 many have a product with themselves just above 1, which made a root of less than 0 in flat light."""
+    rng = np.random.default_rng(3)
+    side = rng.normal(size=(10_000, 3)).astype(np.float32)
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    flat = np.cross(side, rng.normal(size=(10_000, 3))).astype(np.float32)
+    flat /= np.linalg.norm(flat, axis=1, keepdims=True)
+    assert ((side * side).sum(axis=1) > 1).any()
+    shade = shade_bumps(side, side, flat)
+    assert ((shade >= 0) & (shade <= 1)).all()
+
+
 def bake_lighting(folder, scene, **settings):
     """(h, w) of a page that the square fills but for its rim."""
     folder.mkdir()
