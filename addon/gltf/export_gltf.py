@@ -13,6 +13,7 @@ import addon_utils
 import bpy
 from bpy_extras.io_utils import ExportHelper
 
+from ..read.blender_output import hold_output
 from ..show import restore
 from ..show.materials_write import Sentences
 from .gltf_file import make_manifest, read_document, rename, replace_document
@@ -65,19 +66,17 @@ def _run_exporter(path: Path, stage: Stage) -> None:
     before = logging.root.manager.disable
     logging.disable(logging.INFO)  # its steps are of no interest here, and it has no switch that works
     try:
-        bpy.ops.export_scene.gltf(
-            filepath=str(path),
-            export_format="GLB",
-            use_active_scene=True,
-            export_animations=False,
-            export_current_frame=True,  # else it sets the frame
-            export_image_format="AUTO",
-        )
+        with hold_output() if bpy.app.background else contextlib.nullcontext():  # it ends with a traceback
+            bpy.ops.export_scene.gltf(
+                filepath=str(path),
+                export_format="GLB",
+                use_active_scene=True,
+                export_animations=False,
+                export_current_frame=True,  # else it sets the frame
+                export_image_format="AUTO",
+            )
     except RuntimeError as reason:
-        told = (
-            f"Blender's glTF exporter failed ({_find_last_line(str(reason))}): export the scene without Leaflight to see why; "
-            "Blender's console tells more."
-        )
+        told = f"Blender's glTF exporter failed ({_find_last_line(str(reason))}): export the scene by File > Export in Blender to see why."
         raise ValueError(_find_fileless_tile(stage) or told) from reason
     finally:
         logging.disable(before)

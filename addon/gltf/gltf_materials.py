@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import bpy
@@ -37,7 +38,7 @@ def make_lightmapped(
     elif original is not None and colors.needs(original):
         colors.write(material, original)
     tree = material.node_tree
-    cut_rings(tree)
+    mend_tree(tree)
     sockets = list(_occlusion_sockets(tree))
     if not sockets:
         node = tree.nodes.new("ShaderNodeGroup")
@@ -51,24 +52,38 @@ def make_lightmapped(
 
 def make_plain(original: bpy.types.Material | None, colors: GltfColors) -> bpy.types.Material | None:
     """The original where the exporter reads it, else a copy with the colours that were read of it."""
-    if original is None or not (colors.needs(original) or has_rings(original)):
+    if original is None or not (colors.needs(original) or is_broken(original)):
         return original
     copy = original.copy()
     if colors.needs(original):
         colors.write(copy, original)
-    cut_rings(copy.node_tree)
+    mend_tree(copy.node_tree)
     return copy
 
 
-def has_rings(material: bpy.types.Material) -> bool:
-    """Whether nodes feed themselves, which the exporter would follow without end."""
-    return material.node_tree is not None and any(map(_closes_ring, material.node_tree.links))
+def is_broken(material: bpy.types.Material) -> bool:
+    """Whether nodes feed themselves, which the exporter would follow without end, or hold what is no number, on which it fails."""
+    tree = material.node_tree
+    return tree is not None and (any(map(_closes_ring, tree.links)) or any(True for _ in _list_odd_sockets(tree)))
 
 
-def cut_rings(tree: bpy.types.NodeTree) -> None:
-    """Takes the links away by which nodes feed themselves; nothing flows through them."""
+def mend_tree(tree: bpy.types.NodeTree) -> None:
+    """Takes the links away by which nodes feed themselves, through which nothing flows, and sets to 0 what is no number."""
     for link in [link for link in tree.links if _closes_ring(link)]:
         tree.links.remove(link)
+    for socket in list(_list_odd_sockets(tree)):
+        if isinstance(socket.default_value, float):
+            socket.default_value = 0.0
+        else:
+            socket.default_value = [value if math.isfinite(value) else 0.0 for value in socket.default_value]
+
+
+def _list_odd_sockets(tree: bpy.types.NodeTree) -> Iterator[bpy.types.NodeSocket]:
+    for socket in (socket for node in tree.nodes for socket in (*node.inputs, *node.outputs)):
+        value = getattr(socket, "default_value", None)
+        numbers = [value] if isinstance(value, float) else value if socket.type in ("RGBA", "VECTOR") and value is not None else []
+        if not all(map(math.isfinite, numbers)):
+            yield socket
 
 
 def _closes_ring(link: bpy.types.NodeLink) -> bool:

@@ -419,7 +419,7 @@ def test_what_cannot_be_exported_is_a_sentence_and_changes_nothing(room, tmp_pat
     assert list_files(tmp_path) == ["job", "maps"]
 
 
-def test_blenders_traceback_stays_in_the_console(room, tmp_path, monkeypatch, capfd):
+def test_a_fault_of_blenders_exporter_is_told(room, tmp_path, monkeypatch):
     bake_room(tmp_path, "combined")
     before = snapshot()
 
@@ -430,11 +430,8 @@ def test_blenders_traceback_stays_in_the_console(room, tmp_path, monkeypatch, ca
     with pytest.raises(ValueError, match="glTF exporter failed") as caught:
         export_gltf(bpy.context, tmp_path / "room.glb")
     assert str(caught.value) == (
-        "Blender's glTF exporter failed (AssertionError: a picture has no pixels): export the scene without Leaflight to see why; "
-        "Blender's console tells more."
+        "Blender's glTF exporter failed (AssertionError: a picture has no pixels): export the scene by File > Export in Blender to see why."
     )
-    sys.stderr.flush()
-    assert "Traceback" in "".join(capfd.readouterr())
     assert snapshot() == before
 
 
@@ -524,6 +521,8 @@ def test_nodes_that_feed_themselves_are_exported(room, tmp_path, name):
     tree.links.new(shader.inputs["Normal"], second.outputs[0])
     tree.links.new(second.inputs["Normal"], first.outputs[0])
     tree.links.new(first.inputs["Color"], first.outputs[0])
+    shader.inputs["Roughness"].default_value = np.nan
+    shader.inputs["Base Color"].default_value = (0.5, np.inf, 0.5, 1.0)
     bpy.data.objects["Ball"].data.materials.append(bpy.data.materials["Wood"])
     bake_room(tmp_path, name)
     links = len(tree.links)
