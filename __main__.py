@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 from .addon.app.console import print_message
 from .addon.app.job import BakeProcess, open_bake
+from .addon.app.watched import run_watched
 from .core.util.messages import Error
 
 EXIT_INTERRUPTED = 130
@@ -64,4 +65,4 @@ def _take_interrupts() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_watched(main))

@@ -9,6 +9,7 @@ import errno
 import importlib.util
 import json
 import os
+import shutil
 import signal
 import sys
 import tempfile
@@ -50,7 +51,7 @@ def main(folder: Path) -> int:
     tasks.load_ahead()
     ahead = executors.Ahead(tasks.load_ahead)  # copies with all of that, if there are no threads yet
     try:
-        threading.Thread(target=_listen, args=(begun, stop), daemon=True).start()
+        threading.Thread(target=_listen, args=(folder, begun, stop), daemon=True).start()
         digest.hash_code()
         if not begun.is_set():  # with nothing to wait for, processes that are no copies would only be in the way of the first light
             ahead.wake()
@@ -100,13 +101,15 @@ def _sentence(reason: ValueError | OSError | MemoryError, folder: Path) -> str:
     return str(reason)
 
 
-def _listen(begun: threading.Event, stop: threading.Event) -> None:
+def _listen(folder: Path, begun: threading.Event, stop: threading.Event) -> None:
     for line in sys.stdin:
         match line.strip():
             case "begin":
                 begun.set()
             case "cancel":
                 stop.set()
+    if folder.name.startswith("leaflight_"):  # as job.open_bake calls it; whoever would take it away is gone
+        shutil.rmtree(folder, ignore_errors=True)
     os._exit(4)
 
 

@@ -6,6 +6,7 @@ both command lines call, in this process, so that Blender is loaded once; every 
 
 from __future__ import annotations
 
+import faulthandler
 import json
 import os
 import subprocess
@@ -31,6 +32,7 @@ def main(kit: Path) -> None:
     null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 1)
     os.dup2(null, 2)
+    faulthandler.enable()  # a case that crashes Blender says where
     import bpy  # noqa: F401  before what needs it
     from fuzz_cases import make_kit
     from image_io_path import add_image_io
@@ -42,7 +44,7 @@ def main(kit: Path) -> None:
     out.write("ready\n")
     for line in sys.stdin:
         asked = json.loads(line)
-        out.write(json.dumps(run_case(asked["seed"], Path(asked["folder"]), kit)) + "\n")
+        out.write(json.dumps(run_case(asked["seed"], Path(asked["folder"]), kit, asked.get("apart", False))) + "\n")
 
 
 def _show_warning(message: Warning | str, category: type[Warning], filename: str, *_: Any) -> None:
@@ -52,8 +54,11 @@ def _show_warning(message: Warning | str, category: type[Warning], filename: str
     traceback.print_stack()
 
 
-def run_case(seed: int, folder: Path, kit: Path) -> dict[str, Any]:
-    """Prepare, run and judge the case of a seed in a folder, which is made."""
+def run_case(seed: int, folder: Path, kit: Path, apart: bool = False) -> dict[str, Any]:
+    """Prepare, run and judge the case of a seed in a folder, which is made.
+
+    apart   by a process of its own in any case
+    """
     from fuzz_cases import draw_case
     from fuzz_judge import find_left, judge, list_content
 
@@ -65,7 +70,7 @@ def run_case(seed: int, folder: Path, kit: Path) -> dict[str, Any]:
     before = list_content(work)
     begin = time.monotonic()
     with _surroundings(str(seed), work, temporary, log):
-        code = _run_apart(case.words) if seed % _APART == 0 else _run_here(case.words)
+        code = _run_apart(case.words) if apart or seed % _APART == 0 else _run_here(case.words)
     seconds = time.monotonic() - begin
     told = log.read_text(encoding="utf-8", errors="replace")
     wrong = judge(code, told, work, before, case.outputs, temporary)

@@ -71,22 +71,21 @@ class Server:
             stdout=subprocess.PIPE,
             encoding="utf-8",
             start_new_session=True,
-            env=os.environ
-            | {"PYTHONFAULTHANDLER": "1", "PYTHONPATH": os.pathsep.join([str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")])},
+            env=os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")])},
         )
         self._process, self._lines = process, queue.SimpleQueue()
         threading.Thread(target=_read, args=(process, self._lines), daemon=True).start()
         if self._lines.get(timeout=PATIENCE_S).strip() != "ready":
             raise RuntimeError("the process that runs cases does not start; run fuzz_server.py by hand to see why")
 
-    def run(self, seed: int, folder: Path) -> Outcome:
-        """The case of a seed, in a folder that is made."""
+    def run(self, seed: int, folder: Path, apart: bool = False) -> Outcome:
+        """The case of a seed, in a folder that is made; where that ends Blender, what the command line makes of it."""
         if self._process is None:
             self.start()
         process = self._process
         assert process is not None
         assert process.stdin is not None
-        process.stdin.write(json.dumps({"seed": seed, "folder": str(folder)}) + "\n")
+        process.stdin.write(json.dumps({"seed": seed, "folder": str(folder), "apart": apart}) + "\n")
         process.stdin.flush()
         try:
             line = self._lines.get(timeout=PATIENCE_S)
@@ -100,7 +99,10 @@ class Server:
         self.stop()
         if not (folder / "words.json").exists():
             return Outcome(seed, code, "not made", [f"the case cannot be made: Blender ended ({code})"])
-        return Outcome(seed, code, "crash", [f"Blender's process ended ({code})"])
+        if apart:
+            return Outcome(seed, code, "crash", [f"the process that runs cases ended ({code})"])
+        shutil.rmtree(folder)
+        return self.run(seed, folder, apart=True)
 
     def stop(self) -> None:
         """End it, with all that it has started in its session."""

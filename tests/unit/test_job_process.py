@@ -173,6 +173,19 @@ def test_nobody_stays_behind(start, tmp_path, end, copied):
     assert [path.name for path in (tmp_path / "out").iterdir()] == [".leaflight_room.charts"]  # whole, for the next bake
 
 
+def test_the_folder_of_a_job_whose_parent_is_gone_is_taken_away(tmp_path, open_image_io):
+    """As where Blender crashes, or is killed."""
+    folder = tmp_path / "leaflight_job"
+    folder.mkdir()
+    save_snapshot(folder / SNAPSHOT_FILE, lamp_scene())
+    Job(replace(ENDLESS, workers=1), str(tmp_path / "out"), "room").save(folder)
+    process = BakeProcess(folder)
+    run_to(process, Progress)
+    close_stdin(process)
+    process._process.wait(PATIENCE_S)
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
 @needs_proc
 def test_a_yielding_bake_and_its_workers_step_back(dummy):
     ask = "import subprocess\nsys.stdin.readline()\nnice = lambda: os.getpriority(os.PRIO_PROCESS, 0)\n"
