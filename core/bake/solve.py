@@ -49,9 +49,9 @@ from .photon_rounds import PhotonRounds, save_view
 from .photon_shards import PhotonShard
 from .stop_rules import StopRules
 
-# Of nodes below what rises from a surface, from the first round on: a default bake may have no more than two, too few to come so far.
+# Side of the nodes below things that rise from a surface, from the first round on: the two rounds of many default bakes split less far.
 _RISING_SIDE = 8  # texels
-_LEAST_PHOTONS = 1 << 15  # of a round that a time limit cuts short: of fewer, looking at them takes all of the time
+_LEAST_PHOTONS = 1 << 15  # Least photons of a round that a time limit cuts short: for fewer, estimating the light takes all of the time.
 TRACING = Status("photons", "Tracing photons")
 
 
@@ -65,8 +65,8 @@ class Solver:
     direct: DirectField
     forced_texels: NDArray[np.bool_]
     started: float = field(default_factory=time.monotonic)
-    watch: Callable[[LightField], None] = lambda light: None  # sees the light after every round but the last
-    photons_before: int = 0  # of an earlier bake, which this goes on with
+    watch: Callable[[LightField], None] = lambda light: None  # called with the light after every round but the last
+    photons_before: int = 0  # photons of an earlier bake that this one continues
     first: FirstPhotons = field(default_factory=FirstPhotons)
     rising_texels: NDArray[np.bool_] | None = None  # (n,) of ContactMap; None for none
     limit: Deadline | None = None  # of the time limit of a whole bake; None: it counts from now
@@ -87,11 +87,11 @@ class Solver:
         self.square_tally = Tally.empty(len(self.squares.entry), 0, components)
         self.guide = SplitGuide.empty(len(self.tracing.snapshot.objects) + len(self.tree))
         self.births = BirthGuide.of(self.tracing.scene.emitter_share)
-        self.reading: Reading | None = None  # of the last round, as are the next two
-        self.parts: tuple[Parts, NDArray[np.float64]] | None = None  # that were judged, and Parts.weigh of them
+        self.reading: Reading | None = None  # after the last round, as are the next two
+        self.parts: tuple[Parts, NDArray[np.float64]] | None = None  # parts whose error was estimated, and Parts.weigh of them
         self.splitting: Splitting | None = None
-        self._mean_direct: tuple[tuple[Reading, int], NDArray[np.float64]] | None = None  # of _find_mean_direct, for whom it was
-        self._few: tuple[Reading, FewPhotons] | None = None  # of _find_few, for whom it was
+        self._mean_direct: tuple[tuple[Reading, int], NDArray[np.float64]] | None = None  # result of _find_mean_direct and its key
+        self._few: tuple[Reading, FewPhotons] | None = None  # result of _find_few and its key
         self.gathered: GatheredField | None = None
         self.gather_plan = GatherPlan.of(texels)
         self.judged = Judged.of(settings.error_of, texels, self.tracing.snapshot.tri_object)
@@ -104,22 +104,22 @@ class Solver:
         self.tree = quadtree.grow_previews(self.tree, self.tracing.texels, depth, finest)
 
     def begin(self) -> None:
-        """Traces and reads the first round, before there is direct light by rays."""
+        """Trace and read the first round, before there is direct light by rays."""
         self._trace_round(None)
         self.reading = self._read_tallies()
 
     def shoot_direct(self, tell: Tell, should_stop: Stop, ahead: ShotAhead = NOTHING_AHEAD) -> bool:
-        """Shadow rays from all texels of a bake that has begun, as sure as they must be beside its light; see DirectField.shoot."""
+        """Shoot shadow rays from all texels after `begin`, to a tolerance relative to all light; see DirectField.shoot."""
         every, other = range(len(self.tracing.texels)), self._other_light(self.reading or self._read_tallies())
         settings = self.deadline.ease(self.settings)
         is_done = self.direct.shoot(self.folder, settings, self.executor, every, tell, should_stop, other, ahead)
-        self.started = time.monotonic()  # a time limit, and what is foretold of the time left, are of what comes now
+        self.started = time.monotonic()  # the time limit and the estimate of the time left count from here
         return is_done
 
     def run(self, tell: Tell, should_stop: Stop) -> LightField:
-        """Rounds until one of the stop rules holds; `tell` hears of each."""
+        """Trace rounds until a stop rule holds; `tell` receives the progress after each."""
         stated: estimate.StatedError | None = None
-        traced = self.ledger.photons > 0  # begun, or a bake that goes on: its last round has not been refined yet
+        traced = self.ledger.photons > 0  # begun, or continued: the last round has not been refined yet
         reading = self.reading
         rules = StopRules(self.settings, should_stop, self.started, self.deadline)
         since, before = time.monotonic(), self.ledger.photons
@@ -132,7 +132,7 @@ class Solver:
                 reading = self.reading = self._read_tallies()
             traced = False
             if self.round == 1 and not rules.find_reason(math.nan, self.ledger.photons) and self._refine(reading):
-                # What it would say of its error takes time, and ends no bake: of detail that trees as planted do not show it says nothing.
+                # Estimating the error takes time and cannot end the bake here: the first trees do not resolve the detail it should measure.
                 light, stated = self._make_light(reading), None
                 tell(rules.measure_progress(light, self.photons_before))
                 self.watch(light)
@@ -144,7 +144,7 @@ class Solver:
                 have_look(look, tell, rules.break_off, TRACING)
                 light, stated = self._light(reading)
             stopped_by = rules.find_reason(light.error, light.photons) or self._find_haste()
-            error = light.error if stopped_by in ("", "error") else stated.relative  # not chosen by its error, then
+            error = light.error if stopped_by in ("", "error") else stated.relative  # without the allowance for selection by a small error
             light = replace(light, error=error, stopped_by=stopped_by)
             tell(rules.measure_progress(light, self.photons_before))
             if light.stopped_by:
@@ -159,7 +159,7 @@ class Solver:
         return "" if self.deadline.cap_photons(_LEAST_PHOTONS) == _LEAST_PHOTONS else "time_limit"
 
     def _choose_look(self, reading: Reading, stated: estimate.StatedError) -> Look | None:
-        """What sends more rays from texels, if one more helps more than a photon's."""
+        """The step that sends more rays from texels, if it reduces the error by more than further photons do."""
         settings, ledger = self.settings, self.ledger
         if settings.direct != "rays" or (self.gathered and stated.chosen <= settings.error):
             return None
@@ -176,13 +176,13 @@ class Solver:
         return partial(self._shoot_again, reading, worst, repeats)
 
     def _other_light(self, reading: Reading) -> OtherLight | None:
-        """What is shown with direct light, as far as photons tell; None where direct light is shown by itself too."""
+        """Light shown beside direct light, estimated from photons; None where direct light is a pass of its own."""
         if "direct" in self.settings.passes or not uses("reference_level"):
             return None
         return OtherLight.of_leaves(self.tree, reading.solution, reading.leaves)
 
     def _stop_gathering(self, tell: Tell, should_stop: Stop) -> None:
-        """Go back to the light of the leaves, for photons reduce the error sooner."""
+        """Return to the light of the leaves, where photons reduce the error sooner."""
         self.gathered = None
 
     def _shoot_again(self, reading: Reading, texels: NDArray[np.int64], repeats: int, tell: Tell, should_stop: Stop) -> None:
@@ -200,7 +200,7 @@ class Solver:
             if not into.gather(self.folder, self.settings, self.executor, texels, known, tell, should_stop):
                 break
         self.ledger.gathered += into.counters.get("rays", 0) - before
-        if not into.passes.all():  # stopped before all texels had a first estimate, beside which that of leaves would stand out
+        if not into.passes.all():  # stopped before every texel had a first estimate: a mix of both estimators would show
             self.gathered = None
 
     def _read_tallies(self) -> Reading:
@@ -223,10 +223,10 @@ class Solver:
             self.square_tally.add(shard.shard % 2, result.squares, shard.photons * shard.weight)
             self.ledger.add(shard.photons, shard.weight, result.audit, result.counters)
             self.cell_tally.add(shard.shard % 2, result.elsewhere, shard.photons * shard.weight)
-            if self.round and shard.shard % 2 and self.deadline.is_over():  # both halves have as many
+            if self.round and shard.shard % 2 and self.deadline.is_over():  # after a pair of shards both halves have equally many photons
                 self.rounds.drop()
                 break
-            if shard.round == self.round:  # late ones were sent otherwise, and what they would guide is planned already
+            if shard.round == self.round:  # late shards were split by an older plan, and the plan they would guide is made
                 parted += [result.splitting] if result.splitting else []
                 born += [result.births] if result.births else []
         self.guide.add_round(parted)
@@ -234,18 +234,18 @@ class Solver:
         self.round += 1
 
     def _save_view(self, number: int, splitting: Splitting | None) -> str:
-        place = self.folder / f"view_{self.settings.direct}_{number}"  # of a bake by rays that stopped at once photons alone may follow
+        place = self.folder / f"view_{self.settings.direct}_{number}"  # a bake by photons alone may follow one by rays that stopped at once
         return save_view(place, self.tree, len(self.tracing.texels), self.squares.entry, splitting)
 
     def send_again(self, late: list[PhotonShard], splitting: Splitting | None) -> None:
-        """Shards of the last round that were under way when the bake stopped, if it may have so many photons and another round."""
+        """Resend shards of the last round that were under way when the bake stopped, if its limit allows them and another round."""
         self.splitting = splitting
         if late and self.settings.max_photons - self.ledger.photons - sum(shard.photons for shard in late) > 1:
             view = self._save_view(late[0].round, splitting)
             self.rounds.send([replace(shard, tracing=str(self.folder), view=view) for shard in late])
 
     def _guide_photons(self) -> tuple[Splitting | None, float]:
-        """Where photons of the next round are born and part, and how much one of them tells; nothing where no round was read."""
+        """Emission and splitting guide of the next round, and the weight of one photon; None and 1 before any round was read."""
         if self.reading is None or not self.settings.guided:
             return None, 1.0
         tree, flux = self.tree, self.reading.solution.flux
@@ -258,21 +258,21 @@ class Solver:
         return Splitting(factor, worth, self.births.plan()), weight
 
     def _find_mean_direct(self, reading: Reading) -> NDArray[np.float64]:
-        """(3, n_node) float64, W/m^2: direct light by rays on the nodes of a reading; asked for twice a round, and found once."""
+        """(3, n_node) float64, W/m^2: direct light by rays on the nodes of a reading; cached, for a round needs it twice."""
         asked = reading, self.direct.turns
         if self._mean_direct is None or self._mean_direct[0] != asked:
             self._mean_direct = asked, quadtree.mean_in_nodes(reading.tree, self.direct.irradiance)
         return self._mean_direct[1]
 
     def _refine(self, reading: Reading) -> bool:
-        """Splits what the oracle marks; whether there is more of the tree now."""
+        """Split the nodes that the oracle marks; returns whether the tree has grown."""
         if not self.settings.hierarchical:
             return False
         before = len(self.tree)
         forced = quadtree.any_in_nodes(self.tree, self.forced_texels) & (self.tree.side > self.settings.finest_texels)
         forced &= uses("contact_nodes")
         background = self._find_mean_direct(reading)
-        while True:  # a split node's children may have previews of their own that tell enough already
+        while True:  # a split node's children may have previews with enough photons already
             marked = refine.mark(self.tree, reading.totals, reading.solution, reading.comparison, self.rule, forced, background)
             if not len(marked):
                 break
@@ -282,12 +282,12 @@ class Solver:
         return len(self.tree) > before
 
     def glance(self) -> LightField:
-        """The light after one round, for the eye: nothing is known of its error."""
+        """The light after one round, for a preview without an error estimate."""
         self._trace_round(None)
         return self._make_light(self._read_tallies())
 
     def _light(self, reading: Reading) -> tuple[LightField, estimate.StatedError]:
-        """The light as it stands."""
+        """The light after the last round with its stated error."""
         texels = self.tracing.texels
         limited = self.deadline.limit_spread(partial(spread, self.executor), self.deadline.is_over)
         shown = texels, self.settings.denoise, limited
@@ -298,9 +298,9 @@ class Solver:
         return self._make_light(reading, stated), stated
 
     def _find_few(self, reading: Reading) -> FewPhotons | None:
-        """Leaves that few photons fell on, found once; None where photons bring light straight from lamps.
+        """Leaves with few photons, cached; None where photons carry direct light from lamps.
 
-        That has edges, on whose two sides it is as bright as it is.
+        Direct light has sharp edges, over which light must not be averaged.
         """
         if self.settings.direct != "rays" or not uses("spatial_shrinkage"):
             return None
@@ -331,7 +331,7 @@ class Solver:
         )
 
     def _next_photons(self, stated: estimate.StatedError | None, weight: float) -> tuple[int, int]:
-        """Photons of the next round, and how many the bake may have after it, 0 where it is likely to need none."""
+        """Photons of the next round, and how many the bake may trace after it: 0 where it probably needs none."""
         errors = (math.nan, 0.0) if stated is None else (stated.chosen, math.hypot(stated.direct, stated.gathered))
         settings, most, late = self.settings, self.settings.max_photons, self.rounds.count_late()
         so_far, told = self.ledger.photons + late[0], self.ledger.told + late[1]

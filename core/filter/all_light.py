@@ -1,4 +1,4 @@
-"""All light that texels are shown with, by which errors are made relative."""
+"""Total light of texels, direct and indirect: the reference level of relative errors."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from ..util.arrays import IntArray
 from .direct_shown import ShownDirect
 
 _TINY = float(np.finfo(float).tiny)
-# Variances (k, 3) float32, (W/m^2)^2, of some texel entries (k,).
+# Returns variances (k, 3) float32, (W/m^2)^2, of some texel entries (k,).
 VarianceAt: TypeAlias = Callable[[NDArray[np.int64]], NDArray[np.float32]]
 
 
 @dataclass(frozen=True)
 class AllLight:
-    """Of photons and of rays.
+    """Light by photons and by rays.
 
     leaf         (n,) int32: the node of each texel entry
     node_light   (n_node, 3) float32, W/m^2
-    direct       by rays
-    dark         W/m^2: below it a texel of the whole is judged as if it had that
-    parts        what is judged as one
+    direct       light by rays
+    dark         W/m^2: floor of the reference level of a texel, for the bake as a whole
+    parts        groups of texels with one error each
     """
 
     leaf: NDArray[np.int32]
@@ -42,9 +42,9 @@ class AllLight:
     def of(
         cls, tree: Quadtree, solution: Solution, nodes: IntArray, direct: ShownDirect, judged: Judged, few: FewPhotons | None = None
     ) -> AllLight:
-        """Of the light on the `nodes` (m,), which tile the charts, and of direct light by rays.
+        """The light on the `nodes` (m,), which tile the charts, plus direct light by rays.
 
-        few   nodes that are shown with what is around them too
+        few   nodes that are shrunk towards their surroundings
         """
         node_light = np.ascontiguousarray((solution.flux / np.maximum(tree.area, _TINY)).astype(np.float32).T)
         if few:
@@ -59,12 +59,12 @@ class AllLight:
         return replace(found, dark=dark, parts=parts)
 
     def at(self, rows: NDArray[np.int64]) -> NDArray[np.float32]:
-        """(k, 3) float32, W/m^2: at texel entries (k,)."""
+        """(k, 3) float32, W/m^2: the light at texel entries (k,)."""
         light: NDArray[np.float32] = np.maximum(self.node_light[self.leaf[rows]] + self.direct.irradiance_at(rows), 0.0)
         return light
 
     def weigh(self, rows: NDArray[np.int64]) -> NDArray[np.float32]:
-        """(k, 3) float32: what makes squared errors at texel entries (k,) relative; 0 where nothing is judged."""
+        """(k, 3) float32: factor that makes squared errors at texel entries (k,) relative; 0 where no error is measured."""
         scale2 = self.at(rows) ** 2
         scale2 += self.parts.find_dark2(rows)
         weight: NDArray[np.float32] = np.divide(np.float32(1.0), scale2, out=np.zeros_like(scale2), where=scale2 > 0.0)

@@ -1,5 +1,6 @@
-"""Light at texels with its grain smoothed over like neighbours, see nonlocal_means; only texels of one piece of a chart are compared, and
-only where leaves are smaller than the window: within a leaf neighbours err together.
+"""Filter the noise of light at texels by non-local means (nonlocal_means).
+
+Only texels of one piece of a chart are compared, and only where leaves are smaller than the window: noise is correlated within a leaf.
 """
 
 from __future__ import annotations
@@ -18,27 +19,28 @@ from ..texels.strips import Strips
 from ..texels.texel_map import TexelMap
 from .nonlocal_means import HALO, RADIUS, smooth_alike
 
-# Side, texels, up to which a leaf's noise is averaged with its neighbours'. Measured on the samples: 4 leaves 0 to 4 % more error, 8 up
-# to 1 % at 256^2 and 1.5 % at 1024^2; 32 would leave 1 to 2 % less there and takes longer.
+# Greatest side, texels, of leaves whose noise is filtered. Measured on the samples: 4 leaves 0 to 4 % more error, 8 up to 1 % at 256^2 and
+# 1.5 % at 1024^2; 32 would leave 1 to 2 % less there and takes longer.
 SMALL_LEAF = 16
-# Squared error that this leaves of the photons' noise there, what it blurs counted. Measured on the samples at 1, 4 and 16 M photons:
-# 0.81 to 0.97, and 1.02 where light changes in every texel; what is stated is then within 5 % of what each sample's own factor would state.
+# Squared error that the filter leaves, its blur included, over the photons' variance there. Measured on the samples at 1, 4 and 16 M
+# photons: 0.81 to 0.97, and 1.02 where light changes in every texel; with one factor the stated error is within 5 % of that with each
+# sample's own.
 GRAIN_LEFT = 0.89
 _DARKEST = 1e-30  # W/m^2
 
 _Image = NDArray[np.float32]
-# What gives a function's results for the arguments of each call, in their order, wherever it is run.
+# Calls the function with each tuple of arguments, wherever it runs, and returns the results in order.
 Spread: TypeAlias = Callable[[Callable[..., Any], Iterable[tuple[Any, ...]]], Iterable[Any]]
 
 
 @dataclass(frozen=True)
 class Smoothed:
-    """Light where its grain was smoothed.
+    """Filtered light.
 
     entry       (m,) int32
     light       (k, m, 3) float32, W/m^2
-    variance    (m, 3) float32, (W/m^2)^2   that is left where texels err independently
-    own_share   (m,) float32                of each texel in what it is now
+    variance    (m, 3) float32, (W/m^2)^2   left by the filter, where errors of texels are independent
+    own_share   (m,) float32                weight of each texel in its own filtered value
     """
 
     entry: NDArray[np.int32]
@@ -49,11 +51,11 @@ class Smoothed:
 
 @dataclass(frozen=True)
 class Smoothing:
-    """Grain that is being smoothed.
+    """A filter in progress.
 
-    light   (k, n, 3) float32, W/m^2: as it was
-    asked   what entries each answer is of, and whether each stands for its quad, for all that have been asked for
-    found   the answers, in their order
+    light   (k, n, 3) float32, W/m^2: before the filter
+    asked   entries of each result, and whether each entry stands for its quad
+    found   the results, in the same order
     """
 
     light: NDArray[np.float32]
@@ -61,8 +63,8 @@ class Smoothing:
     found: Iterable[tuple[_Image, _Image, _Image]]
 
     def finish(self) -> Smoothed:
-        """Once for all: what is not done yet is waited for."""
-        found = list(self.found)  # fewer than were asked for where somebody has no time for more: the others stay as they are
+        """Wait for the results and collect them; may be called once."""
+        found = list(self.found)  # fewer than requested where time is up: the other texels stay unfiltered
         parts = [
             (entry, *values) if not of_quads else self._spread(entry, *values)
             for (entry, of_quads), values in zip(self.asked, found, strict=False)
@@ -73,7 +75,7 @@ class Smoothing:
     def _spread(
         self, first: NDArray[np.int32], smoothed: _Image, left: _Image, own_share: _Image
     ) -> tuple[NDArray[np.int32], _Image, _Image, _Image]:
-        """What was found at the first texels of quads, for all of theirs: by so much all of them change."""
+        """Spread the change at the first texels of quads to all of their texels."""
         entry = list_texels(first)
         change = np.repeat(smoothed - self.light[:, first], QUAD_TEXELS, axis=1)
         change += self.light[:, entry]
@@ -89,7 +91,7 @@ def denoise(
     tell: bool = False,
     by_quads: NDArray[np.bool_] | None = None,
 ) -> Smoothed:
-    """The light with its grain smoothed; arguments as of begin_denoising."""
+    """Filter the light; arguments as of begin_denoising."""
     return begin_denoising(light, variance, grainy, texels, spread, tell, by_quads).finish()
 
 
@@ -102,15 +104,15 @@ def begin_denoising(
     tell: bool,
     by_quads: NDArray[np.bool_] | None = None,
 ) -> Smoothing:
-    """Has grain smoothed, of texels around grainy ones and no others; the arrays must not change until it is finished.
+    """Start filtering all texels near grainy ones; the arrays must not change until the filter has finished.
 
-    light      (k, n, 3) float32: parts of the light at the texel entries; their sum decides who is alike
+    light      (k, n, 3) float32: parts of the light at the texel entries; similarity is measured on their sum
     variance   (n, 3) float32, of the sum
-    grainy     (n,) bool: texels whose neighbours err by themselves
-    tell       the variance that is left is wanted too; else it is 0
-    by_quads   (n,) bool: texels of a quad err as one; None where none do
+    grainy     (n,) bool: texels whose noise is independent of their neighbours'
+    tell       whether the variance that is left is computed; else it is 0
+    by_quads   (n,) bool: texels of a quad have the same error; None where none do
     """
-    # Squares of tiny and huge light stay finite.
+    # The scale keeps squares of tiny and huge light finite.
     brightness, noise = sum(float(part.mean(dtype=np.float64)) for part in light), float(np.sqrt(variance.mean(dtype=np.float64)))
     scale = np.float32(1 / max(brightness, noise, _DARKEST))
     nothing = np.zeros((len(light), 0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
@@ -131,7 +133,7 @@ def begin_denoising(
 def _smooth_strips(
     light: _Image, variance: _Image, chart: NDArray[np.int32], wanted: NDArray[np.bool_], scale: np.float32, tell: bool
 ) -> tuple[_Image, _Image, _Image]:
-    """Light (k, m, 3), its variance (m, 3), 0 unless `tell`, and own shares (m,) of the texels `wanted`, smoothed.
+    """Filtered light (k, m, 3), its variance (m, 3), 0 unless `tell`, and own shares (m,) of the texels `wanted`.
 
     light (k, h, w, 3), variance (h, w, 3), chart (h, w), -1 outside of charts; wanted (h, w) without the halo
     """

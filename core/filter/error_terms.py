@@ -1,4 +1,4 @@
-"""What the texels that are asked err by, squared and relative to local brightness, by where it comes from; and sums over some of them."""
+"""Squared error of the sampled texels relative to local brightness, by its source, and its means over some of them."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from .photon_noise import PhotonNoise
 
 @dataclass(frozen=True)
 class Sum:
-    """Means over texels of what they err by, relative and squared.
+    """Mean squared relative errors over texels.
 
-    doubt2     what may be missing beyond what is told, and what shrinking may not have taken
+    doubt2     squared standard errors: of the bias, and of the noise that coefficient shrinkage removes
     indirect   share of the light that photons bring
     """
 
@@ -45,11 +45,11 @@ class Sum:
 
 @dataclass(frozen=True)
 class RayNoise:
-    """Of light by rays at the texels of a sample (m,).
+    """Noise of light by rays at the texels of a sample (m,).
 
-    smoothing   what it did there
-    told        (m,) bool: where the light is shown
-    noise2      (m,): its noise, relative and squared
+    smoothing   effect of the filter there
+    told        (m,) bool: where light by rays is shown
+    noise2      (m,): its variance, relative
     """
 
     smoothing: SmoothedAt
@@ -57,11 +57,11 @@ class RayNoise:
     noise2: NDArray[np.floating[Any]]
 
     def take(self, rows: NDArray[np.int64], factor: NDArray[np.float64]) -> RayNoise:
-        """Of some of them, (k,), relative to what gives these squared errors a factor, (k,)."""
+        """The noise at the texels `rows` (k,), its squares scaled by `factor` (k,)."""
         return RayNoise(self.smoothing.take(rows), self.told[rows], self.noise2[rows] * factor)
 
     def sum_up(self, weight: NDArray[np.float32], best: NDArray[np.int64]) -> float:
-        """Mean over texels `best` of the sample: of that noise but for what smoothing found not to be there, and of what it blurs.
+        """Mean over texels `best` of the sample: variance left by the filter, and its squared blur.
 
         weight   (m, 3) of AllLight.weigh
         """
@@ -70,9 +70,9 @@ class RayNoise:
         return _mean(noise2) + self._sum_up_blur(weight, best)
 
     def find_error(self, weight: NDArray[np.float32], rows: NDArray[np.int64]) -> float:
-        """Root of that over texels `rows` (k,) of the sample but for the worst of them, where there is no other light.
+        """Root of the mean over texels `rows` (k,) of the sample without the worst, where there is no other light.
 
-        All noise is believed: measured, two_rooms would else state 0.75 of its error.
+        The noise is not reduced by what the filter found absent: measured, two_rooms would else state 0.75 of its error.
         """
         if not len(rows):
             return 0.0
@@ -87,7 +87,7 @@ class RayNoise:
 
 @dataclass(frozen=True)
 class Terms:
-    """What the texels of a sample (m,) err by, relative and squared.
+    """Squared relative errors of the texels of a sample (m,).
 
     light      (m, 3) of AllLight.at
     dark       of AllLight
@@ -108,7 +108,7 @@ class Terms:
     indirect: NDArray[np.float32]
 
     def with_gathered(self, gathered: ShownGathered, sample: NDArray[np.int64]) -> Terms:
-        """Where light was gathered it is shown in place of the leaves'; photons' noise is changed in place.
+        """The terms where gathered light is shown in place of the leaves'; the photons' noise is changed in place.
 
         sample   (m,) int64: the texel entries
         """
@@ -119,8 +119,10 @@ class Terms:
         return replace(self, unseen2=np.where(told, 0.0, self.unseen2), bias=self.bias.without(told), gathered=by_rays)
 
     def sum_up(self, rows: NDArray[np.int64], unseen: bool = False) -> Sum:
-        """Of those of the texels `rows` (k,) that are lit, but for the worst of them; with what is unseen of an object, which a whole is
-        not asked for."""
+        """Means over those of the texels `rows` (k,) that are lit, without the worst.
+
+        unseen   includes light that may have missed an object altogether, for errors by object
+        """
         rows = choose_lit(rows, self.light.any(axis=1) | (unseen & (self.unseen2 > 0.0)))
         likely = self.noise.photons2[rows] + self.direct.noise2[rows] + self.bias.gap[rows]
         if self.gathered:
@@ -138,7 +140,7 @@ class Terms:
         )
 
     def judge_alone(self, rows: NDArray[np.int64]) -> float:
-        """What the texels `rows` (k,) err by, relative, as if there were no others; roughly, for channels weigh as they did."""
+        """Relative error of the texels `rows` (k,) against their own brightness only; approximate, for channels keep their weights."""
         light = self.light[rows]
         own, factor = _weigh_alone(light, self.dark, self.weight[rows])
         direct, gathered = self.direct.take(rows, factor), self.gathered and self.gathered.take(rows, factor)
@@ -148,7 +150,7 @@ class Terms:
 
 
 def _weigh_alone(light: NDArray[np.float32], dark: float, weight: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """(k, 3): AllLight.weigh of texels as if there were no others, light (k, 3), W/m^2; (k,): that over a weight (k, 3), in the mean.
+    """(k, 3): AllLight.weigh of texels relative to their own light (k, 3), W/m^2, only; (k,): its mean over that of `weight` (k, 3).
 
     dark   of AllLight
     """

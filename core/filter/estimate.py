@@ -1,8 +1,8 @@
-"""The stated error: how far the bake is likely to be from the converged light, told from the bake itself.
+"""The stated error: an estimate of the bake's distance from the converged light, from the bake's own samples.
 
-Three parts: noise of each leaf from the squared powers of its photons, corrected by how the two halves of the bake differ, and on
-small leaves by what smoothing takes off; light that the leaves cannot hold (missing_light); and the noise of direct light by shadow rays.
-The error of a bake is relative to local brightness, so that dark corners count as the eye counts them.
+It has three parts: variance of each leaf from the squared powers of its photons, corrected by the difference of the dual buffers and, on
+small leaves, by the noise that the filter removes; discretisation bias of the leaves (missing_light); and variance of direct light by
+shadow rays. It is relative to local brightness, for the eye sees relative differences in dark corners too.
 """
 
 from __future__ import annotations
@@ -34,21 +34,22 @@ from .squares import SquareLight, ToldBySquares
 
 @dataclass(frozen=True)
 class StatedError:
-    """What the bake says of itself, relative to local brightness; of several parts that are judged, what it says of the worst.
+    """The stated error relative to local brightness; where several parts are measured, that of the worst.
 
-    relative      error of the whole: root mean square over the best texels and over channels; nan before any photon
-    chosen        the same for whoever stops at this round because it is small, and so picks one that came out small by chance: a standard
-                  error of what leaves miss is held against it
-    direct        the part of it that is noise of direct light by rays, which no photon makes less
-    photons       the part of it that is photons' noise
+    relative      root mean square over the best texels and over channels; nan before any photon
+    chosen        the same plus one standard error of the bias, for the stop rule: stopping at a small estimate selects one that is small
+                  by chance
+    direct        part of it from the variance of direct light by rays, which more photons do not reduce
+    photons       part of it from the photons' variance
     correction    of photon_noise.noise_correction
-    texel_direct2 gives (n,) float32: the squared part of direct light by rays at each texel, 0 of those that are not judged
+    texel_direct2 gives (n,) float32: the squared part of direct light by rays at each texel, 0 where no error is measured
     gathered, texel_gathered2   as direct and texel_direct2, of gathered light; None where there is none
     indirect      mean share of a texel's light that photons bring
-    neighbours    of the nodes, for who shows them; None before any photon
-    parts         what was judged as one
+    neighbours    of the nodes, for blending; None before any photon
+    parts         groups of texels with one error each
     of_parts      (p,) float64: `chosen` of each, `direct` where there is no photon
-    of_objects    gives `relative`, or `direct`, of each object by its index, beside its own brightness; without those with few texels
+    of_objects    gives `relative`, or `direct`, of each object by its index, relative to its own brightness; objects of few texels are left
+                  out
     """
 
     relative: float
@@ -76,13 +77,13 @@ def state_error(
     photon_w: NDArray[np.float64] | None = None,
     few: FewPhotons | None = None,
 ) -> StatedError:
-    """Error of the light on the leaves of a reading, as it is shown, and of direct light by rays, 0 without.
+    """Error of the leaves' light of a reading as it is shown, and of direct light by rays, 0 without.
 
-    smooth_grain   whether it is shown with its grain smoothed
-    gathered       light that is shown in place of the leaves'
-    judged         what is asked; None is the whole
-    photon_w       (3,), W, that a photon carries: where none fell it is told by that of objects what may be missing; None is nothing
-    few            leaves of the reading that are shown with what is around them too
+    smooth_grain   whether the leaves' light is shown filtered
+    gathered       light shown in place of the leaves'
+    judged         the sampled texels; None is a sample of all
+    photon_w       (3,), W, power of one photon: bounds the light that objects without photons may lack; None is 0
+    few            leaves of the reading that are shrunk towards their surroundings
     """
     judged = judged or Judged.whole(texels)
     tree, solution, leaves, sample = reading.tree, reading.solution, reading.leaves, judged.entry
@@ -93,7 +94,7 @@ def state_error(
     rays = RayNoise(shown_direct.tell_smoothing(sample), np.ones(len(sample), bool), direct2)
     if not reading.totals.photons.sum() or not len(sample):
         return _state_rays_alone(all_light, judged, rays, correction, texel_direct2)
-    # What is shown are blended leaves, which err less than leaves do: asked of so many texels that the mean is sure.
+    # The pages show blended leaves, which have less variance than leaves; the error is sampled at enough texels for a stable mean.
     blend = Blend.of(texels, tree, solution, all_light.leaf, halves=True)
     alone, shown = blend.compare_at(sample)
     x, y = texels.own_points_at(sample)
@@ -150,7 +151,7 @@ def _state_rays_alone(
     correction: NDArray[np.float64],
     texel_direct2: Callable[[], NDArray[np.float32]],
 ) -> StatedError:
-    """As state_error, where there are no photons; rays of direct light at the texels that are asked."""
+    """As state_error, where there are no photons: variance of direct light by rays at the sampled texels."""
     parts, light, weight = all_light.parts, all_light.at(judged.entry), all_light.weigh(judged.entry)
     of_parts = np.array([rays.find_error(weight, choose_lit(rows, light.any(axis=1))) for rows in parts.rows])
     return StatedError(
@@ -175,8 +176,8 @@ def _find_told_variance(gathered: ShownGathered, rows: NDArray[np.int64]) -> NDA
 def _mix_squares(
     noise: PhotonNoise, blend: Blend, squares: SquareLight, texels: TexelMap, sample: NDArray[np.int64], weight: NDArray[np.float32]
 ) -> None:
-    """What becomes of the noise at the texels `sample` (m,) as they are shown mixed with squares; weight (m, 3) of AllLight.weigh."""
-    if len(texels.borders.entry):  # over which light is brought before it is mixed: here it is not, and would seem to be wrong
+    """The noise at the texels `sample` (m,) after mixing with squares, changed in place; weight (m, 3) of AllLight.weigh."""
+    if len(texels.borders.entry):  # pages bring light over borders before mixing; here it is not brought, and would count as error
         squares = squares.only(np.flatnonzero(~texels.borders.crossed[squares.entry]))
     if not squares.tell_much():
         return

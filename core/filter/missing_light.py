@@ -1,8 +1,9 @@
-"""Light that leaves cannot hold, squared and relative to local brightness: told by their children, foretold by the nodes above them.
+"""Discretisation bias of the leaves' light, squared and relative to local brightness, from two estimators.
 
-The children's word is right in sum, but few leaves tell it roughly, and the photons that tell it are those that chose the leaves: nodes
-whose children differed little by chance stayed whole. What nodes one and two levels up could not hold stands far out of noise, and how it
-falls from level to level foretells the leaves' own. Both words are sums over all leaves; each counts by how sure it is.
+The difference between a leaf and its children is an unbiased estimator in sum, but its variance is high where leaves are few, and it has
+selection bias: its photons also chose the leaves, and nodes whose children differed little by chance were not split. The second estimator
+extrapolates from the bias of nodes one and two levels up, which lies far above noise, by its decay from level to level. Both are sums over
+all leaves and are combined with weights of inverse variance.
 """
 
 from __future__ import annotations
@@ -21,27 +22,27 @@ from ..util.ablation import uses
 from ..util.arrays import IntArray
 from .reconstruct import PointLight, evaluate_leaf
 
-# Squared light that a node cannot hold, over what its parent could not: 1/2 along edges, 1/16 where light is smooth.
+# Squared bias of a node over that of its parent: 1/2 along edges, 1/16 where light is smooth.
 BIAS_DECAY = 0.25
-# A leaf misses so much of what its parent does, in times what the parent missed of its own parent's: in the closed forms, where light is
-# smooth and falls the faster the finer leaves are. And how far off, relative, is what that foretells in sum.
+# bias2(leaf) = FALL_GOES_ON * fall * bias2(parent), fall = sum bias2(parent) / sum bias2(grandparent): in the closed forms, where light is
+# smooth, the decay is faster the finer leaves are. FALL_DOUBT is the relative standard error of the extrapolated sum.
 FALL_GOES_ON, FALL_DOUBT = 0.5, 0.5
-# What children tell is taken for as much less sure where it is less than foretold, for the choice of leaves hides some of it.
+# Factor on the standard error of the children's estimate where it is below the extrapolation, for its selection bias.
 HIDDEN_DOUBT = 2.0
-# Standard deviations of noise by which a grandparent's children must differ to tell how it falls: of even light that was split by chance
-# they differ by three to five.
+# Standard deviations of noise by which a grandparent's children must differ for its bias to enter the decay. Children of evenly lit nodes
+# that were split by chance differ by three to five.
 FAR_OUT = 10.0
 _TINY = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True)
 class AskedLight:
-    """Light of leaves at some texels, blended, as it is asked for its error.
+    """Blended light of leaves at the sampled texels, for which the error is estimated.
 
     leaf     (m,) int32
     x, y     (m,) float64, page texels
     light    with its halves
-    weight   (m, 3) float32: what makes squared light relative
+    weight   (m, 3) float32: turns squared light into relative squares
     """
 
     leaf: NDArray[np.int32]
@@ -53,15 +54,14 @@ class AskedLight:
 
 @dataclass(frozen=True)
 class Bias:
-    """What is missing at some texels: float64, squared and relative.
+    """Bias at some texels: float64, squared and relative.
 
     judge         (m,) int32, of find_judges
-    told          (m,): a product of what each half of the bake says alone, whose noise is independent, and so right in sum
-    gap           (m,): how far that is from zero, noise and all: who leaves out the worst by it leaves out as much noise below zero as
-                  above
-    noise         (m,): a standard error of `told`, by which all texels of a judge are off together
-    parent        (m,): what the parent of the texel's leaf could not hold; nan where there is none, and of leaves of one texel
-    grandparent   (m,): the same, one level up; nan also where it hardly stands out of noise
+    told          (m,): product of the differences of the two half buffers, whose noise is independent: an unbiased estimator
+    gap           (m,): its absolute value, noise included: leaving out the worst texels by it leaves out as much noise below zero as above
+    noise         (m,): standard error of `told`, fully correlated among the texels of one comparison node
+    parent        (m,): bias of the parent of the texel's leaf; nan where there is no parent, and for leaves of one texel
+    grandparent   (m,): the same, one level up; nan also where it is not significant (FAR_OUT)
     """
 
     judge: NDArray[np.int32]
@@ -72,13 +72,13 @@ class Bias:
     grandparent: NDArray[np.float64]
 
     def without(self, texels: NDArray[np.bool_]) -> Bias:
-        """As it is where some texels (m,) show light that is not the leaves'."""
+        """The bias without texels (m,) that show other light than the leaves'."""
         told, gap, noise = (np.where(texels, 0.0, part) for part in (self.told, self.gap, self.noise))
         parent, grandparent = (np.where(texels, np.nan, part) for part in (self.parent, self.grandparent))
         return replace(self, told=told, gap=gap, noise=noise, parent=parent, grandparent=grandparent)
 
     def take(self, rows: NDArray[np.int64], factor: NDArray[np.float64]) -> Bias:
-        """That at some of the texels, (k,), relative to what gives these squared errors a factor, (k,)."""
+        """The bias at the texels `rows` (k,), its squares scaled by `factor` (k,)."""
         values = (factor * part[rows] for part in (self.told, self.gap, self.noise, self.parent, self.grandparent))
         return Bias(self.judge[rows], *values)
 
@@ -97,31 +97,31 @@ class Bias:
         return value / len(best), math.sqrt(square) / len(best)
 
     def _tell(self, rows: NDArray[np.intp]) -> tuple[float, float, float]:
-        """What the children say of the texels `rows`: its sum, the squared sums of each judge's word, and what noise makes of these."""
-        # It is told only in sum, by judges that err apart. How far apart was seen says how much of it is sure; what may be missing
-        # is told by what could be expected, for few may agree by chance.
+        """Over the texels `rows`: the estimate's sum, the squared sums of each comparison node, and the squared standard error of these."""
+        # Only the sum is unbiased, and errors are independent between comparison nodes. The shrinkage rests on the seen scatter of their
+        # sums, the standard error on the expected one, for a few sums may agree by chance.
         seen2, doubt2 = ((np.bincount(self.judge[rows], part[rows]) ** 2).sum() for part in (self.told, self.noise))
         return float(self.told[rows].sum()), float(seen2), float(doubt2)
 
     def _foretell(self, best: NDArray[np.intp]) -> NDArray[np.float64]:
-        """(k,): what is likely to be missing at the texels `best` (k,), right in sum; nan where nothing is foretold."""
+        """(k,): extrapolated bias at the texels `best` (k,), valid in sum; nan where there is none."""
         parent, grandparent = self.parent[best], self.grandparent[best]
         deep = ~np.isnan(parent + grandparent)
         above, below = float(grandparent[deep].sum()), float(parent[deep].sum())
-        # Of leaves that are not so deep it is foretold too, by how it falls elsewhere.
+        # Leaves without a grandparent to compare take the decay of the others.
         fall = below / above if above > 0.0 and below > 0.0 else math.nan
         likely: NDArray[np.float64] = FALL_GOES_ON * fall * parent
         return likely
 
 
 def _weigh(likely: float, told: float, doubt2: float) -> tuple[float, float]:
-    """What is foretold and told of the same, together, and the square of how far that may be off.
+    """Mean of the extrapolation and the children's estimate by inverse variance, and its squared standard error.
 
     doubt2   squared standard error of `told`
     """
     is_less = told < likely
     told2, foretold2 = doubt2 * (HIDDEN_DOUBT**2 if is_less else 1.0), (FALL_DOUBT * likely) ** 2
-    share = told2 / (told2 + foretold2) if told2 else 0.0  # of what is foretold; both could be too small to be squared
+    share = told2 / (told2 + foretold2) if told2 else 0.0  # the extrapolation's; both squares may underflow
     return max(told + share * (likely - told), 0.0), share * foretold2
 
 
@@ -134,24 +134,24 @@ def find_bias(
     asked: AskedLight,
     correction: NDArray[np.float64],
 ) -> Bias:
-    """What the blend of `nodes`, which tile the charts, misses at the texel entries `sample` (m,).
+    """The bias of the blend of `nodes`, which tile the charts, at the texel entries `sample` (m,).
 
-    asked        what they show there
+    asked        the light shown there
     correction   (3,), of photon_noise.noise_correction
     """
     judge = find_judges(tree, nodes, sample)
     blind2 = (asked.weight * guess_blind(tree, solution, comparison, nodes)[asked.leaf]).mean(1)
     told = compare_with_judges(tree, solution, judge, asked, correction, blind2)
-    parent = np.where(tree.side[asked.leaf] > 1, tree.parent[asked.leaf], -1)  # a texel is all that a leaf could be asked to hold
+    parent = np.where(tree.side[asked.leaf] > 1, tree.parent[asked.leaf], -1)  # a leaf of one texel has no bias
     grandparent = np.where(parent >= 0, tree.parent[parent], -1)
-    missing = _find_missing_of(comparison, parent), _find_missing_of(comparison, grandparent, FAR_OUT)  # how noise falls foretells nothing
+    missing = _find_missing_of(comparison, parent), _find_missing_of(comparison, grandparent, FAR_OUT)  # the decay of noise means nothing
     return Bias(judge, *told, *((asked.weight * of_nodes).mean(1) for of_nodes in missing))
 
 
 def find_judges(tree: Quadtree, nodes: IntArray, sample: NDArray[np.int64]) -> NDArray[np.int32]:
-    """(m,) int32: the node that judges the light at each texel of `sample` (m,): a child of its leaf of `nodes`, where that has any.
+    """(m,) int32: the comparison node of each texel of `sample` (m,): a child of its leaf of `nodes` where there is one, else the leaf.
 
-    What the fewer photons of nodes deeper down tell drowns in noise, tens of times the variance of a leaf's own.
+    Nodes further down have fewer photons, and tens of times the variance of a leaf.
     """
     opened = np.zeros(len(tree), bool)
     opened[nodes] = tree.has_children[nodes]
@@ -170,10 +170,10 @@ def compare_with_judges(
     correction: NDArray[np.float64],
     blind2: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Squared relative difference between the blend and the nodes that judge it: `told`, `gap` and `noise` of a Bias.
+    """Squared relative difference between the blend and the comparison nodes: `told`, `gap` and `noise` of a Bias.
 
     judge    (m,) int32, of find_judges
-    blind2   (m,): what is told where there are no nodes below
+    blind2   (m,): the estimate where there are no nodes below
     """
     unbiased = blind2.copy()
     seen = np.maximum(unbiased, 0.0)
@@ -181,12 +181,13 @@ def compare_with_judges(
     told = np.flatnonzero(judge != asked.leaf)
     weight, halves = asked.weight[told].T, asked.light.irradiance[..., told]
     below = evaluate_leaf(tree, solution, judge[told], asked.x[told], asked.y[told], halves=True)
-    gap = np.where(halves.sum(0) > 0.0, halves, 0.0) - below.irradiance  # what dips below zero is shown as dark
+    gap = np.where(halves.sum(0) > 0.0, halves, 0.0) - below.irradiance  # light below zero is shown as 0
     unbiased[told] = (weight * gap[0] * gap[1]).mean(0)
     group = judge[told]
     seen[told] = np.abs(np.bincount(group, unbiased[told]))[group] / np.bincount(group)[group]
-    # Either half has twice the variance of both; over a node a product has as many independent parts as the node has functions.
-    # A mean that weighs its parts well shares as much of each one's noise as it has itself, so that this is not seen between them.
+    # Each half has twice the variance of the whole; over a node the product has as many independent parts as the node has functions.
+    # The blend shares part of its noise with the comparison node; as the blend's weights are near those of least variance, the covariance
+    # is the blend's own variance, and the difference has the variance var(below) - var(blend).
     noise2 = np.maximum(below.variance - asked.light.variance[:, told], 0.0) * correction[:, None]
     of_half = 2.0 * (weight * noise2).mean(0)
     noise[told] = of_half / np.sqrt(np.maximum(tree.rank[judge[told]], 1))
@@ -194,10 +195,10 @@ def compare_with_judges(
 
 
 def guess_blind(tree: Quadtree, solution: Solution, comparison: refine.Comparison, nodes: IntArray) -> NDArray[np.float64]:
-    """(n, 3) float64, (W/m^2)^2: mean square that those of the `nodes` (m,) cannot hold which have no previews yet; 0 of all others."""
+    """(n, 3) float64, (W/m^2)^2: mean squared bias of those of the `nodes` (m,) that have no children yet; 0 for all others."""
     missing = np.zeros((len(tree), 3))
     blind = nodes[~tree.has_children[nodes] & (tree.side[nodes] > 1) & (tree.parent[nodes] >= 0)]
-    # What their parents could not hold tells, and dark ones have less of it.
+    # It follows from the parents' bias, scaled down where a node is darker than its parent.
     parent = tree.parent[blind]
     light2, parent2 = (((solution.flux[:, ids] / np.maximum(tree.area[ids], _TINY)) ** 2).sum(0) for ids in (blind, parent))
     share = np.divide(light2, parent2, out=np.zeros(len(blind)), where=parent2 > 0.0)
@@ -206,14 +207,14 @@ def guess_blind(tree: Quadtree, solution: Solution, comparison: refine.Compariso
 
 
 def _find_missing_of(comparison: refine.Comparison, nodes: IntArray, least_sigmas: float = -math.inf) -> NDArray[np.float64]:
-    """(m, 3) float64, (W/m^2)^2: what `nodes` (m,) cannot hold, as both halves see it.
+    """(m, 3) float64, (W/m^2)^2: squared bias of `nodes` (m,) from the product of both halves.
 
-    least_sigmas   nan of those that stand out of noise by less, of those that were not compared with their children, and of -1
+    least_sigmas   nan for nodes whose difference is less significant, for nodes not compared with their children, and for -1
     """
     row, difference = comparison.rows[0][nodes], comparison.differences[0]
     known = np.flatnonzero((nodes >= 0) & (row >= 0))
     known = known[difference.sigmas[row[known]] >= least_sigmas]
     missing = np.full((len(nodes), 3), np.nan)
-    # Not the excess: photons spread more evenly than chance would spread them, and the noise that their number tells would hide a bias.
+    # Without subtracting expected noise: photons spread more evenly than independent ones, and the subtraction would hide a bias.
     missing[known] = difference.common[row[known]]
     return missing

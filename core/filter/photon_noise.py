@@ -1,4 +1,4 @@
-"""Noise of photons: what leaves err by because so few have fallen on them, told from the bake itself."""
+"""Variance of the photons on leaves, estimated from the bake itself."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from ..util.ablation import uses
 from ..util.arrays import IntArray
 from .missing_light import AskedLight
 
-# The halves of few leaves say little about noise; the prior says "as independent photons" with this many values' weight.
+# The ratios of few leaves have high variance; the prior, a ratio of 1 as for independent photons, has the weight of this many values.
 _PRIOR_VALUES = 64.0
 _TINY = float(np.finfo(float).tiny)
 
 
 def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> NDArray[np.float64]:
-    """Variance seen between the halves of the bake over the variance that independent photons would have, (3,) float64: of each channel.
+    """Variance between the dual buffers over the variance of independent photons, (3,) float64: one ratio for each channel.
 
-    Light that is reflected more often comes by photons that fall on a leaf more than once.
+    It exceeds 1 where one photon's path deposits on a leaf more than once, in light of many bounces.
 
     nodes   (m,) int, nodes that tile the charts
     """
@@ -34,7 +34,7 @@ def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> NDA
     seen = ((solution.flux_half[0] - solution.flux_half[1])[:, nodes] / (2.0 * area)) ** 2
     predicted = solution.variance[:, nodes]
     ratio = np.divide(seen, predicted, out=np.zeros_like(seen), where=predicted > 0.0)
-    # Photons of a leaf are few and their powers differ, so single ratios have long tails: weigh leaves by their light.
+    # Leaves have few photons of unequal power, so that single ratios have long tails: the mean weighs leaves by the root of their light.
     weight = np.sqrt(np.maximum(solution.flux[:, nodes], 0.0)) * (predicted > 0.0)
     weight /= np.maximum(weight.max(axis=1, keepdims=True, initial=0.0), _TINY)
     total, squares = weight.sum(axis=1), (weight**2).sum(axis=1)
@@ -46,13 +46,13 @@ def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> NDA
 
 
 def find_unseen(judged: Judged, weight: NDArray[np.float32], photon_w: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(m,) float64, relative and squared: noise of what came to none of the texels of an object that are asked, but could have.
+    """(m,) float64, relative and squared: light that could have reached an object but was found at none of its sampled texels.
 
-    Where no photon fell there is no variance to be seen. One more could have come to each object, as likely as not: where many did it is
-    next to nothing beside their noise, and in a small house on a wide plain it is what keeps a bake going.
+    Without photons the sample variance is zero. The bound is one photon for each object: negligible beside the noise of many photons, and
+    in a small house on a wide plain it keeps the bake from stopping too soon.
 
     weight     (m, 3) of AllLight.weigh
-    photon_w   (3,), W: that one carries
+    photon_w   (3,), W: power of one photon
     """
     unseen2 = np.zeros(len(weight))
     for rows in judged.objects.values() if judged.entry_group is None else judged.groups:
@@ -63,11 +63,11 @@ def find_unseen(judged: Judged, weight: NDArray[np.float32], photon_w: NDArray[n
 
 @dataclass
 class PhotonNoise:
-    """Of photons at some texels, (m,), relative and squared; changed in place as it is found what becomes of it.
+    """Variance of photons at some texels, (m,), relative; changed in place by later corrections.
 
     photons2              (m,) float64
-    shrunk2               (m,) float64: of it, what was asked to be less as leaves' light is shrunk
-    taken, taken_surely   share of that which shrinking takes, and what it takes at least
+    shrunk2               (m,) float64: part of it that coefficient shrinkage reduces
+    taken, taken_surely   share of shrunk2 that shrinkage removes: its estimate and its lower bound
     """
 
     photons2: NDArray[np.float64]
@@ -85,12 +85,12 @@ class PhotonNoise:
         nodes: IntArray,
         risk: NDArray[np.float64] | None,
     ) -> PhotonNoise:
-        """Of blended leaves.
+        """Variance of blended leaves.
 
-        variance_alone   (3, m) float64, (W/m^2)^2: of the leaves themselves
+        variance_alone   (3, m) float64, (W/m^2)^2: of the leaves without blending
         correction       (3,), of noise_correction
-        nodes            (k,) int, that tile the charts
-        risk             (k,) float64 of each, of shrinkage.shrink_leaves; None where they are not shrunk
+        nodes            (k,) int, leaves that tile the charts
+        risk             (k,) float64 of each leaf, of shrinkage.shrink_leaves; None where they are not shrunk
         """
         photons2 = (asked.weight.T * asked.light.variance * correction[:, None]).mean(0)
         if risk is None:
@@ -100,18 +100,18 @@ class PhotonNoise:
         return cls(photons2 - taken * shrunk2, shrunk2, taken, taken_surely)
 
     def keep(self, share2: float | NDArray[np.float64], rows: IntArray) -> None:
-        """So much of it is left at some of the texels."""
+        """Scale the noise at the texels `rows` by `share2`."""
         self.photons2[rows] *= share2
         self.shrunk2[rows] *= share2
 
     def replace(self, photons2: NDArray[np.floating[Any]], told: NDArray[np.bool_]) -> None:
-        """There is something else in its place at some of the texels, told (m,)."""
+        """Set the noise at the texels `told` (m,), where other light is shown."""
         self.photons2[told], self.shrunk2[told] = photons2, 0.0
 
     def take(self, rows: NDArray[np.int64], factor: NDArray[np.float64]) -> PhotonNoise:
-        """That at some of the texels, (k,), relative to what gives these squared errors a factor, (k,)."""
+        """The noise at the texels `rows` (k,), its squares scaled by `factor` (k,)."""
         return PhotonNoise(self.photons2[rows] * factor, self.shrunk2[rows] * factor, self.taken, self.taken_surely)
 
     def find_doubt2(self, best: NDArray[np.int64]) -> float:
-        """Mean, over the texels `best`, of what shrinking may not have taken."""
+        """Mean over the texels `best` of the noise between the estimate and the lower bound of what shrinkage removes."""
         return (self.taken - self.taken_surely) * float(self.shrunk2[best].mean())

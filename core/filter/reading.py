@@ -1,4 +1,4 @@
-"""What the tallies of a bake say after a round: the light on its leaves, and all by which they are split and their error is stated."""
+"""The solution after a round: the light on the leaves, and the statistics for refining the tree and estimating the error."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from . import missing_light, photon_noise
 from .squares import SquareLight
 
 
-@dataclass(frozen=True, eq=False)  # each is one by itself, whatever it says
+@dataclass(frozen=True, eq=False)  # compared by identity
 class Reading:
-    """Of nodes of a tree, which may have grown since.
+    """Solution on the nodes of a tree, which may have grown since.
 
-    solution     of the leaves, of what their stated error asks for, of nodes that are compared, and of all above
-    comparison   of nodes with those below them
+    solution     of the leaves, of the comparison nodes of their error estimate, of compared nodes, and of all nodes above
+    comparison   of nodes with their children
     leaves       (m,) int64: the nodes to show, which tile the charts
-    risk         (m,) float64 of each of them, of shrinkage.shrink_leaves; None where they are not shrunk
-    squares      that the leaves' light is shown mixed with; None for none
+    risk         (m,) float64 of each leaf, of shrinkage.shrink_leaves; None where they are not shrunk
+    squares      tallies that the leaves' light is mixed with; None for none
     """
 
     tree: Quadtree
@@ -38,11 +38,11 @@ class Reading:
 
     @classmethod
     def of(cls, tree: Quadtree, counted: Tally, rule: refine.Rule, judged: Judged, shrink: bool, squares: SquareLight) -> Reading:
-        """Of what was counted on the nodes of a tree.
+        """The solution from the tally of a tree's nodes.
 
-        rule     by which nodes are compared
-        judged   whose error is going to be stated
-        shrink   whether leaves' light is held against that of the nodes above
+        rule     selects the nodes to compare
+        judged   texels whose error will be estimated
+        shrink   whether leaves' coefficients are shrunk towards those of the nodes above
         """
         totals = tally.accumulate(tree, counted)
         compared = np.flatnonzero(refine.find_comparable(tree, totals, rule.stability))
@@ -55,10 +55,10 @@ class Reading:
 
     @cached_property
     def correction(self) -> NDArray[np.float64]:
-        """(3,), of photon_noise.noise_correction, of the leaves."""
+        """(3,): photon_noise.noise_correction of the leaves."""
         return photon_noise.noise_correction(self.tree, self.solution, self.leaves)
 
 
 def list_told(tree: Quadtree, nodes: IntArray, judged: Judged) -> NDArray[np.int64]:
-    """(m,) int64: the nodes whose functions estimate.state_error asks for, the leaves `nodes` among them."""
+    """(m,) int64: the nodes whose functions estimate.state_error evaluates: the leaves `nodes` and their comparison nodes."""
     return np.concatenate([nodes, missing_light.find_judges(tree, nodes, judged.entry)])
