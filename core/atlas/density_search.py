@@ -11,17 +11,18 @@ from .packing import Page, Placement, Shapes, fits_alone, place_charts, shape_ch
 from .page_plan import FILLED_SHARE, find_gap
 
 _PRECISION = 1.01  # ratio of densities at which the search stops
-_STEP_UP, _STEP_DOWN = 1.08, 0.92  # where no try tells of the next one
-_WANTED_HEIGHT = 0.995  # of a page: heights come out a little more or less than what is foreseen, and what is too high is of no use
-_TOLD, _MANY = 4, 1000  # tries that tell of a next one, of so many charts: of few heights jump, and trying them takes little time
-_POWERS = (0.2, 2.0)  # of the density by which heights grow; measured 0.2 where padding is most of it, and 2 where it is nothing
-_TOO_HIGH = 1.5  # of a page's inside; many charts that come higher are placed no further
-_LEAST_SHARE = 1e-8  # of the greatest density that a page could hold; below it charts are points
+_STEP_UP, _STEP_DOWN = 1.08, 0.92  # steps without a prediction
+_WANTED_HEIGHT = 0.995  # of a page: predicted heights are off by a little, and a layout that is too high is useless
+# Number of tries that predict the next one, for at least so many charts: with few charts heights jump, and a try takes little time.
+_TOLD, _MANY = 4, 1000
+_POWERS = (0.2, 2.0)  # bounds of p in height ~ density^p; measured 0.2 where padding is most of the height, 2 without padding
+_TOO_HIGH = 1.5  # of a page's inside: the placing of many charts ends at this height
+_LEAST_SHARE = 1e-8  # of the greatest possible density; below it charts are points
 
 
 @dataclass(frozen=True)
 class _Try:
-    """Charts at a density, as high as they come."""
+    """Charts placed at a density, on a page of unlimited height."""
 
     density: float
     shapes: Shapes
@@ -43,9 +44,9 @@ def find_greatest_density(
 ) -> tuple[float, Shapes, Placement] | None:
     """The greatest density, in texels/m, at which all charts fit one page, found to about 1 %; None where none does.
 
-    How high many charts come at one density tells at which they would fill the page.
+    With many charts, the heights of earlier tries predict the density at which they fill the page.
 
-    lay_out   what has to be placed at a density, where that is not the charts themselves; None where it fits no page
+    lay_out   gives the outlines to place at a density, by default the charts' own; it gives None if they fit no page
     """
     if not page.inside:
         return None
@@ -53,7 +54,7 @@ def find_greatest_density(
     limit = _density_limit(outlines, page)
     density = min(_guess_density(outlines, page, FILLED_SHARE) or limit * _LEAST_SHARE, limit)
     found, too_great, step = None, limit * _PRECISION, _STEP_DOWN
-    ceiling = int(_TOO_HIGH * page.inside) if len(outlines.extent) >= _MANY else None  # beyond which height tells nothing
+    ceiling = int(_TOO_HIGH * page.inside) if len(outlines.extent) >= _MANY else None  # a height beyond it predicts nothing
     told: list[_Try] = []
     while found is None or (too_great / found.density > _PRECISION and found.density < limit):
         if density < limit * _LEAST_SHARE:
@@ -79,7 +80,7 @@ def find_greatest_density(
 
 
 def _try_density(outlines: Outlines | None, density: float, page: Page, ceiling: int | None) -> _Try | None:
-    """None where a chart is longer than the page, or they come too high; ceiling as place_charts has it."""
+    """None if a chart is longer than the page, or the layout passes `ceiling`, see place_charts."""
     if outlines is None or not fits_alone(outlines, density, page):
         return None
     shapes = shape_charts(outlines, density, page)
@@ -88,7 +89,10 @@ def _try_density(outlines: Outlines | None, density: float, page: Page, ceiling:
 
 
 def _foresee(outlines: Outlines, told: list[_Try], height: float) -> float:
-    """The density at which charts take a share of the page: as the last two tries tell, or the boxes of what was tried first."""
+    """Predicted density at which charts take the share `height` of the page.
+
+    It follows from a power law through the last two tries; after the first try, from the charts' boxes.
+    """
     last = told[-1]
     if len(told) == 1:
         return _guess_density(outlines, last.shapes.page, _share_of_boxes(outlines, last) * height / last.height)
@@ -108,7 +112,7 @@ def _share_of_boxes(outlines: Outlines, tried: _Try) -> float:
 
 
 def _guess_density(outlines: Outlines, page: Page, share: float) -> float:
-    """The density at which that is a share; 0 where the padding alone is as much."""
+    """The density at which _share_of_boxes is `share`; 0 if the padding alone takes as much."""
     gap = find_gap(page)
     square = float(outlines.extent.prod(axis=1).sum())
     linear = gap * float(outlines.extent.sum())

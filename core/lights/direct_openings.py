@@ -1,7 +1,7 @@
-"""The sky through openings: where little of it is seen, rays go to where those of neighbours saw it.
+"""Guided sampling of the sky through openings: a pdf over cells of the hemisphere, learned from the rays of neighbouring texels.
 
-In a room with a small window few of a texel's plain rays, cosine-distributed, find the sky, and each of them brings many times the
-light that is there. So the hemisphere is cut into cells of equal irradiance, and neighbouring texels learn together which are open.
+In a room with a small window few cosine-distributed rays of a texel find the sky, so that their estimate has a high variance. The
+hemisphere is divided into cells of equal irradiance, and blocks of texels share the measured visibility of each cell.
 """
 
 from __future__ import annotations
@@ -21,33 +21,33 @@ from .direct_choice import BLOCK_TEXELS, Demand, Int64, Span, choose_by_strata, 
 from .direct_lights import WorldSource
 from .direct_points import STAGES, TexelChunk, light_points, random_shift, row_pieces
 
-_SIDE = 16  # cells of a hemisphere along each coordinate of what is mapped to it
+_SIDE = 16  # cells per side of the unit square that is mapped to the hemisphere
 _CELLS = _SIDE**2
-_REGIONS_BLOCKS = (16, 4, 1)  # blocks of texels that tell together which cells are open: far around, near, and a block by itself
-_AROUND_RAYS = 4.0  # what those farther around tell counts, in rays to a cell
-_MOST_SEEN = 1 / 16  # share of the sky; where more is seen plain rays do as well beside other light
-_ANYWHERE = 0.3  # share of the rays that go to all cells alike: no ray brings more than one to an open sky divided by that
-# Of that of a block's texels, and of what is foreseen: else who saw nothing by chance would be sure of it, and the only one who is not
-# shot again. Measured: all of a block's takes twice the rays, none leaves a fourth of the light of dim walls out.
+_REGIONS_BLOCKS = (16, 4, 1)  # blocks that share visibility: a large region, a small one, a single block; each is the next one's prior
+_AROUND_RAYS = 4.0  # weight of the larger region's rate as a prior, in rays to a cell
+_MOST_SEEN = 1 / 16  # visible share of the sky above which plain rays do as well, relative to the other light
+_ANYWHERE = 0.3  # share of uniform sampling in the pdf: bounds a ray's weight to 1 / _ANYWHERE of that to an open sky
+# Lower bounds of a texel's variance, as shares of its block's mean and of the predicted variance: a texel whose rays all missed has a
+# sample variance of 0 and would get no more rays. Measured: a share of 1 takes twice the rays; of 0 loses a fourth of dim walls' light.
 _LEAST_VARIANCE, _LEAST_FORESEEN = 1 / 8, 1 / 64
-# How many times too much all plain rays of a texel may err, which smoothing takes. With 10 walls far from a window had blots.
+# Plain rays may exceed the tolerance by this factor, as the filter removes their noise. With 10, walls far from a window had blotches.
 _SMOOTHED = 4.0
-_LOOKS = 4  # rays of a texel that tell where to look, and no more
-# Each learns where to look by those before. Longer first ones, or more looks in place of them, leave up to two fifths more squared noise
-# for the same time; more rays than these bring no more than another pass would.
+_LOOKS = 4  # pilot rays per texel: they shape the pdf and are no part of the estimate
+# Each stage updates the pdf from the earlier ones. Longer first stages, or more pilot rays instead, give up to 40 % more variance in the
+# same time; more rays gain no more than another pass does.
 _STAGES = (0, 8), (8, 16), (16, 48)
-_NOISIER = 2.5  # than that of lamps: it is alike in neighbours and without specks, so that smoothing takes it
+_NOISIER = 2.5  # tolerance relative to that of lamps: neighbours have similar noise without outliers, which the filter removes
 
 Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Looks:
-    """Rays that have been sent to a light.
+    """Rays already traced to a light.
 
-    texel   (n,) int64        of a chunk
+    texel   (n,) int64        row of a chunk
     to      (n, 2) float32    in [0, 1), as Source.aim takes them
-    seen    (n,) bool, or float32 in [0, 1]: they met nothing, or what share of the light passes what they met
+    seen    (n,) bool, or float32 in [0, 1]: visibility, or transmittance of what they met
     """
 
     texel: Int64
@@ -56,11 +56,11 @@ class Looks:
 
 
 class Openings:
-    """Texels of a chunk to which little of the sky comes.
+    """Texels of a chunk that see little of the sky.
 
     rows       (n,) int64, ascending   each BLOCK_TEXELS of them are a block
-    known      of the blocks
-    rays       that were sent to find that
+    known      visibility statistics of the blocks
+    rays       number of pilot rays
     """
 
     def __init__(self, source: WorldSource, rows: Int64, known: _Known, rays: int) -> None:
@@ -78,11 +78,11 @@ class Openings:
         demand: Demand,
         rng: np.random.Generator,
     ) -> Openings:
-        """Those among the texels `rows` (n,), ascending, that err too much by plain rays; a ray goes from each of which there are no looks.
+        """Those of the texels `rows` (n,), ascending, for which plain rays are too noisy; texels without looks trace a pilot ray.
 
         beside   (n_texel,) W/m^2: other light
 
-        Whether a texel is one, and where its rays go, is told by rays that count for nothing else, which biases no light.
+        Only pilot rays, which are no part of the estimate, decide this and shape the pdf, so the estimate stays unbiased.
         """
         place = np.full(len(chunk), -1)
         place[rows] = np.arange(len(rows))
@@ -128,7 +128,7 @@ class Openings:
 
         def gather(rows: IntArray, span: Span) -> tuple[Float64, int]:
             nonlocal end, learned
-            if span[0] != learned:  # rays that come later may go to where earlier ones saw the sky: all are right on average
+            if span[0] != learned:  # unbiased: the pdf of a stage depends on earlier rays only
                 end, learned = known.share_out()[0], span[0]
             cell, to, chance, step = _choose(end, place[rows] // BLOCK_TEXELS, take_rows(shift, rows), rng, span)
             seen, share = _look(rays, chunk, self._source, rows, to, span)
@@ -155,10 +155,10 @@ class Openings:
 
 @dataclass(frozen=True)
 class _Known:
-    """What blocks of texels know of their cells.
+    """Visibility statistics of blocks of texels.
 
-    shot, lit   (n_block, n_cell) float64   rays that were sent to each, and those that met nothing
-    share       of the rays of all texels around that met nothing before any was aimed
+    shot, lit   (n_block, n_cell) float64   rays to each cell, and the sum of their visibilities
+    share       visible share of all texels' rays before any was guided
     """
 
     shot: Float64
@@ -170,47 +170,47 @@ class _Known:
         return cls(*np.zeros((2, -(-n_texel // BLOCK_TEXELS), _CELLS)))
 
     def add(self, place: Int64, cell: Int64, seen: Bools | Float32) -> None:
-        """Rays of texels (n,), numbered through all blocks."""
+        """Add rays of texels (n,), numbered through all blocks."""
         at = place // BLOCK_TEXELS * _CELLS + cell
         for counts, weight in ((self.shot, None), (self.lit, seen)):
             counts += np.bincount(at, weight, counts.size).reshape(counts.shape)
 
     def of(self, blocks: NDArray[np.bool_]) -> _Known:
-        """What some of the blocks know."""
+        """Statistics of some of the blocks."""
         return _Known(self.shot[blocks], self.lit[blocks], self.share)
 
     def copy(self) -> _Known:
-        """The same, to learn more."""
+        """A copy whose counts may change."""
         return _Known(self.shot.copy(), self.lit.copy(), self.share)
 
     def tell_share(self) -> _Known:
-        """The same, with its share."""
+        """The same with `share` computed."""
         return _Known(self.shot, self.lit, float(self.lit.sum() / max(self.shot.sum(), 1.0)))
 
     def see_little(self, allowed: Float64) -> NDArray[np.bool_]:
-        """(n_block,) bool: of the region around few rays saw the sky, all of them before any was aimed; or none, but some elsewhere.
+        """(n_block,) bool: little of the sky is visible from the block's region, and plain rays would be too noisy there.
 
-        allowed   (n_region,) float64: standard error, of an open sky
+        allowed   (n_region,) float64: standard error, relative to an open sky
         """
         shot, lit, size = self._of_regions()
         noisy = (lit + self.share) > _SMOOTHED**2 * STAGES[-1][1] * allowed**2 * (shot + 1)
         return np.repeat((lit + self.share > 0) & (lit < _MOST_SEEN * shot) & noisy, size)
 
     def may_see_little(self, allowed: Float64) -> NDArray[np.bool_]:
-        """(n_block,) bool: what is known so far does not tell that they will not see_little."""
+        """(n_block,) bool: the rays so far do not rule out that see_little will hold."""
         shot, lit, size = self._of_regions()
         open_ = (shot >= BLOCK_TEXELS) & (lit >= _MOST_SEEN * shot)
         return np.repeat(~open_ & (_SMOOTHED**2 * STAGES[-1][1] * allowed**2 < _MOST_SEEN), size)
 
     def _of_regions(self) -> tuple[Float64, Float64, Int64]:
-        """Rays of each region that were sent, and that met nothing; and its blocks."""
+        """shot and lit of the regions, (n_region,) each, and their numbers of blocks."""
         first, size = _cut(len(self.shot), _REGIONS_BLOCKS[0])
         shot, lit = (np.add.reduceat(counts.sum(axis=1), first) for counts in (self.shot, self.lit))
         return shot, lit, size
 
     def share_out(self) -> tuple[Float64, Float64, Float64]:
-        """Where rays should go, (n_block, n_cell), of direct_choice.cumulate; then (n_block,) what such a ray brings of an open sky,
-        and the square of that."""
+        """The pdf p ~ sqrt(visibility) over cells, cumulated (n_block, n_cell), see direct_choice.cumulate; then (n_block,) predicted mean
+        and mean square of a ray, relative to an open sky."""
         if not len(self.shot):
             return self.shot, np.zeros(0), np.zeros(0)
         rate = np.zeros_like(self.shot)
@@ -218,11 +218,11 @@ class _Known:
             first, size = _cut(len(self.shot), n_block)
             shot, lit = (np.add.reduceat(counts, first, axis=0) for counts in (self.shot, self.lit))
             if n_block == _REGIONS_BLOCKS[0]:
-                rate = (_blur(lit) + self.share) / (_blur(shot) + 1)  # an opening moves over the cells as one moves
+                rate = (_blur(lit) + self.share) / (_blur(shot) + 1)  # blurred, since an opening's direction changes over a region
             else:
                 rate = (lit + _AROUND_RAYS * rate[first]) / (shot + _AROUND_RAYS)
             rate = np.repeat(rate, size, axis=0)
-        chance = np.sqrt(rate)  # which makes the variance least
+        chance = np.sqrt(rate)  # minimizes the variance
         chance *= (1 - _ANYWHERE) / np.maximum(chance.sum(axis=1, keepdims=True), 1e-300)
         chance += _ANYWHERE / _CELLS
         end = np.empty_like(chance)
@@ -231,20 +231,20 @@ class _Known:
 
 
 def _cut(count: int, size: int) -> tuple[Int64, Int64]:
-    """Firsts and sizes of pieces of so many of them."""
+    """First indices and sizes of pieces of `size` of `count` items."""
     first = np.arange(0, count, size)
     return first, np.diff(np.append(first, count))
 
 
 def _means(values: Float64, size: int) -> Float64:
-    """Of pieces of so many values."""
+    """Means of pieces of `size` values."""
     first, sizes = _cut(len(values), size)
     out: Float64 = np.add.reduceat(values, first) / sizes
     return out
 
 
 def _look(rays: ShadowRays, chunk: TexelChunk, source: WorldSource, rows: IntArray, to: Float32, span: Span) -> tuple[Sight, Float32]:
-    """What a span of rays from each row sees, and what each brings."""
+    """Visibility and weight of a span of rays from each row."""
     receivers = chunk.receivers(rows, *span)
     aim = source.aim(receivers.position, receivers.normal, to)
     return receivers.see(rays, aim), aim.weight
@@ -253,7 +253,7 @@ def _look(rays: ShadowRays, chunk: TexelChunk, source: WorldSource, rows: IntArr
 def _choose(
     end: Float64, block: Int64, shift: NDArray[np.uint32], rng: np.random.Generator, span: Span
 ) -> tuple[Int64, Float32, Float64, Int64]:
-    """Cells of a span of rays from each of some texels of blocks (n,), places in them (.., 2), their chances, and the rays' strata."""
+    """Cells of a span of rays from texels of blocks (n,), points (.., 2) in the unit square, the cells' probabilities, the rays' strata."""
     first, last = span
     step, cell, chance, _ = choose_by_strata(end, block, shift[:, 0], last - first, rng)
     to = (np.stack(part_bits(cell), axis=1) + light_points(shift, first, last)) / _SIDE
@@ -268,7 +268,7 @@ def _cell_at(to: Float32) -> Int64:
 
 
 def _blur(values: Float64) -> Float64:
-    """Cells (n, n_cell) with a part of those beside them."""
+    """Values (n, n_cell) filtered by the kernel (1, 2, 1) / 4 along both axes."""
     x, y = part_bits(np.arange(_CELLS))
     grid = np.pad(np.empty((len(values), _SIDE, _SIDE)), ((0, 0), (1, 1), (1, 1)))
     grid[:, y + 1, x + 1] = values

@@ -1,7 +1,7 @@
-"""Clusters of emitting cells, judged by what they may give a receiver: near ones cell by cell.
+"""Light tree over emitting cells: the importance of a node to a receiver, and descent to a cell.
 
-Source: Conty Estevez and Kulla 2018, "Importance Sampling of Many Lights with Adaptive Tree Splitting": what emits is judged by distance,
-facing and horizon, and by its parts where it is near for its size.
+Source: Conty Estevez and Kulla 2018, "Importance Sampling of Many Lights with Adaptive Tree Splitting": the importance depends on distance,
+facing and horizon; a node that is near for its size takes the sum over its children instead.
 """
 
 from __future__ import annotations
@@ -18,33 +18,33 @@ from .direct_choice import Clusters, Int64, sort_by_place
 from .direct_points import Receivers, row_pieces
 
 _MAX_CLUSTERS = 256
-_NEAR = np.float32(16)  # squared distance in mean squares of a cluster, below which its parts are judged
-_AMONG = np.float32(4)  # the same, below which their parts are too: of 2 and of 9, light by strips 5 mm from a wall takes as long
-# Squared distance over that of the farthest cell, from which on none is near. Measured on a street by night with 500 small windows: by mean
-# squares alone direct light has four times the noise.
+_NEAR = np.float32(16)  # squared distance, in units of a node's `square`, below which its children are evaluated
+_AMONG = np.float32(4)  # the same for these children; measured: light by strips 5 mm from a wall takes as long with 2 and with 9
+# A receiver within this ratio of squared distances to the farthest cell is near, too. Measured on a street by night with 500 small windows:
+# without it direct light has four times the variance.
 _OUTSIDE = np.float32(1.2)
-_GRAZING = np.float32(0.02)  # least cosine that is judged: who looks has another normal, or another place, than who is judged for it
-_BEHIND = np.float32(0.002)  # instead of a cosine, of what is surely below the horizon, or looks away
-_AT_RIGHT_ANGLES = 0.25  # unit box: places so far from their mean are to a run as normals at right angles to theirs
-# Mean square of both at which runs are not cut any more. Measured: fewer are chosen from and looked for sooner; from ten times as much on,
-# what is saved goes to further rays.
+_GRAZING = np.float32(0.02)  # least cosine: a receiver's normal and place differ from those at which its importances are evaluated
+_BEHIND = np.float32(0.002)  # in place of the cosine of nodes that are surely below the horizon or face away
+_AT_RIGHT_ANGLES = 0.25  # unit box: this distance from the mean counts in cut_by_spread as much as a normal at right angles to the mean
+# Mean squared distance of places and normals at which cutting ends. Measured: fewer runs are faster to choose from; from ten times as much
+# on, the additional rays take the time that is saved.
 _EVEN = 0.001
-_TRIED = 256  # places at which a run may be cut
-_PARTS, _FEW = 8, 32  # parts of a run that is near, or all of its cells where there are no more
+_TRIED = 256  # candidate places of a cut
+_PARTS, _FEW = 8, 32  # children of a node; a node of at most _FEW cells has the cells as children
 
 
 @dataclass(frozen=True)
 class EmitterClusters:
-    """Runs of emitting cells, and what they are parts of, down to single cells: nodes, of which the runs are the first.
+    """A forest over emitting cells: the first nodes are its roots, the runs; its leaves are single cells.
 
     runs            of all cells
-    first, last     (n_node,) int64     cells first ... last - 1 are the node's
-    below, count    (n_node,) int64     so many nodes from `below` on are its parts; of a single cell none are
-    sealed          (n_node,) bool      all of its cells are faces of solids into which nobody sees
-    weight          (n_node,) float32   as in Clusters, as are the others
+    first, last     (n_node,) int64     the node has the cells first ... last - 1
+    below, count    (n_node,) int64     its children are nodes below ... below + count - 1; count is 0 for a single cell
+    sealed          (n_node,) bool      all of its cells are faces of closed solids whose inside is never seen
+    weight          (n_node,) float32   this and the following as in Clusters
     centre, normal  (n_node, 3) float32
     square, spread  (n_node,) float32
-    extent          (n_node,) float32, unit box squared: how far the farthest of its cells is from the centre
+    extent          (n_node,) float32   squared distance of its farthest cell from the centre, unit box squared
     """
 
     runs: Clusters
@@ -62,7 +62,7 @@ class EmitterClusters:
 
     @classmethod
     def of(cls, weight: Float64, centre: FloatArray, normal: FloatArray, square: FloatArray, sealed: NDArray[np.bool_]) -> EmitterClusters:
-        """Of cells (n,) in the order of `order_cells`; centre, normal (n, 3) and square (n,), their squared size, unit box."""
+        """The forest over cells (n,) in the order of `order_cells`; centre, normal (n, 3); square (n,), their squared size, unit box."""
         weight = weight / max(float(weight.max()), 1e-300)
         starts = [cut_by_spread(weight, np.concatenate([centre / _AT_RIGHT_ANGLES, normal], axis=1), _MAX_CLUSTERS, _EVEN)]
         while len(starts[-1]) < len(weight):
@@ -77,7 +77,7 @@ class EmitterClusters:
         hidden = np.concatenate([np.logical_and.reduceat(sealed, start) for start in starts])
         each = [np.concatenate([getattr(level, name) for level in levels]) for name in ("weight", "centre", "normal", "square", "spread")]
         short = [np.ascontiguousarray(values.T, np.float32).T for values in each]
-        short[0] = np.maximum(short[0], np.float32(1e-9))  # what gives nothing is to be somewhere
+        short[0] = np.maximum(short[0], np.float32(1e-9))  # a weight of 0 would make a pdf of 0
         short.append(np.concatenate([_find_extent(centre, level) for level in levels]).astype(np.float32))
         return cls(levels[0], first, last, below, np.where(last - first > 1, count, 0), hidden, *short)
 
@@ -85,7 +85,7 @@ class EmitterClusters:
         return len(self.runs)
 
     def judge(self, receivers: Receivers, reach: Float32) -> Float32:
-        """(n, n_run): about what the runs give unoccluded, never 0; reach (n,), unit box, is how far receivers are around their places."""
+        """(n, n_run): importance > 0 of the runs, about their unoccluded irradiance; reach (n,), unit box: radius around the receivers."""
         centre, normal, square, spread, weight, sealed = (
             getattr(self, name)[: len(self)] for name in ("centre", "normal", "square", "spread", "weight", "sealed")
         )
@@ -102,7 +102,7 @@ class EmitterClusters:
         return out
 
     def choose(self, receivers: Receivers, run: Int64, u: FloatArray) -> tuple[Int64, Float64]:
-        """Cells of runs (n,), and their chances within them: by what parts of near ones may give each receiver, else by importance."""
+        """Cells of runs (n,) and their probabilities within them: near nodes choose a child by importance, others a cell by weight."""
         node, chance, left = run.copy(), np.ones(len(run)), u.astype(np.float64)
         several = np.flatnonzero(self.count[node])
         nobody = np.zeros(len(run), np.float32)
@@ -122,17 +122,18 @@ class EmitterClusters:
         return cell, chance
 
     def _reach_of(self, node: Int64, squares: np.float32) -> Float32:
-        """(n,) float32, unit box squared: how near to nodes (n,) their parts are judged: within so many of their mean squares, and wherever
-        one of their cells may be. A cell far from hundreds of others would else be looked for by hardly a ray.
+        """(n,) float32, unit box squared: squared distance below which a receiver is near to nodes (n,).
+
+        It covers their farthest cells: a receiver at a cell far from hundreds of others would otherwise send it hardly a ray.
         """
         out: Float32 = np.maximum(squares * self.square[node], _OUTSIDE * self.extent[node])
         return out
 
     def _judge_parts(self, receivers: Receivers, reach: Float32, node: Int64) -> tuple[Float32, Int64, Int64]:
-        """As `judge`, of all parts of nodes (n,), one after the other (m,); where those of each begin (n,), and what they are (m,).
+        """Importances (m,) of all children of nodes (n,), in order; where those of each node begin (n,); and the child nodes (m,).
 
-        Parts among whose cells a receiver may be are judged by their own parts, and so on: the middle of several strips tells nothing of
-        one that it all but touches.
+        A child close to the receiver takes the sum over its own children, recursively: the centre of several strips is a poor estimate
+        when the receiver nearly touches one of them.
         """
         count = self.count[node]
         start = np.cumsum(count) - count
@@ -152,16 +153,16 @@ class EmitterClusters:
 
 
 def _find_extent(centre: FloatArray, level: Clusters) -> Float64:
-    """(n_cluster,) float64: of EmitterClusters; centre (n, 3) of all cells."""
+    """(n_cluster,) float64: EmitterClusters.extent; centre (n, 3) of all cells."""
     away: Float64 = centre - np.repeat(level.centre, level.count, axis=0)
     out: Float64 = np.maximum.reduceat(dot_rows(away, away), level.start[:-1])
     return out
 
 
 def _pick(judged: Float32, start: Int64, u: Float64) -> tuple[Int64, Float64, Float64]:
-    """One of each group of entries (m,), its chance, and what is left of the random number, again uniform in [0, 1].
+    """Picks one of each group of entries (m,): its index, its probability, and u rescaled to be uniform in [0, 1] again.
 
-    start   (n,): where the groups begin
+    start   (n,): first entries of the groups
     """
     count = np.diff(start, append=len(judged))
     chances = judged / np.repeat(np.add.reduceat(judged, start, dtype=np.float64), count)
@@ -174,7 +175,7 @@ def _pick(judged: Float32, start: Int64, u: Float64) -> tuple[Int64, Float64, Fl
 
 
 def _cut_all(start: Int64, end: int) -> Int64:
-    """First cells of the parts of all runs: of short ones single cells, of others a few as long."""
+    """First cells of the children of all nodes: single cells of short nodes, else _PARTS children of about equal length."""
     count = np.diff(start, append=end)
     n_part = np.where(count > _FEW, _PARTS, count)
     run = np.repeat(np.arange(len(start)), n_part)
@@ -192,9 +193,11 @@ def _judge(
     spread: Float32,
     sealed: NDArray[np.bool_],
 ) -> Float32:
-    """What emits so much, at so much squared distance from a receiver, `height` above its horizon and with it `facing` above its own.
+    """Importance for unit weight: height * facing / (square * (square + own_square)), that is cos * cos' / (r^2 + own_square).
 
-    reach   how far the receiver may be elsewhere; own_square, of what emits, and spread, of its normals
+    square       squared distance of receiver and emitter; reach, radius around the receiver, adds its square
+    height       of the emitter above the receiver's horizon, r cos; facing, of the receiver above the emitter's, r cos'; both with floors
+    own_square   squared size of the emitter; spread, of its normals
     """
     square = np.maximum(square, np.float32(1e-9)) + reach * reach
     distance = np.sqrt(square)
@@ -209,18 +212,18 @@ def _judge(
 
 
 def order_cells(centre: FloatArray, normal: FloatArray, sealed: NDArray[np.bool_]) -> Int64:
-    """Order of cells (n,) in which runs are of the same kind, of like normals, and near each other."""
+    """Order of cells (n,): unsealed cells first, then by normal and along a Morton curve, so that runs are compact."""
     by_place = sort_by_place(centre, normal)
     return by_place[np.argsort(sealed[by_place], kind="stable")]
 
 
 def cut_by_spread(weight: Float64, place: FloatArray, most: int, even: float) -> Int64:
-    """First entries of at most so many runs of entries (n,), whose places (n, k) are near each other: the most uneven run is cut first.
+    """First entries of at most `most` runs of entries (n,) whose places (n, k) are close to each other.
 
-    Uneven is how much squared distance from their mean its entries have by weight; it is cut where the two parts have least of it, until
-    all have `even` of it on the mean.
+    Greedy top-down clustering: the run of greatest weighted sum of squared distances from its mean is cut where the sum over both parts is
+    least, until the mean over all entries is at most `even`.
     """
-    weight = weight + 1e-9 * max(float(weight.max()), 1e-300)  # what gives nothing is to be somewhere
+    weight = weight + 1e-9 * max(float(weight.max()), 1e-300)  # entries of weight 0 need a place too
     mass = np.append(0.0, np.cumsum(weight))
     moment = np.concatenate([np.zeros((1, place.shape[1])), np.cumsum(place * weight[:, None], axis=0)])
     second = np.append(0.0, np.cumsum((place * place).sum(axis=1) * weight))

@@ -1,4 +1,4 @@
-"""Emitting triangles, cut into cells where they are slender or a texture lights them: small ones where it is uneven."""
+"""Subdivision of emitting triangles into cells: slender triangles are cut, textured ones are refined where the radiance varies."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from ..util.geometry import take_rows, triangle_normals_areas
 from ..util.sampling import square_to_uniform_triangle
 
 _MAX_CELLS = 2**17
-_FIRST_CELLS = 2**16, 64  # at most, and per side of a triangle: who is near sees them at unlike distances
+_FIRST_CELLS = 2**16, 64  # in all, and per side of a triangle: the distance from a near receiver varies over a triangle
 _CELL_SAMPLES = 4  # per side
-_FLOOR = 0.05  # of the mean radiance, so that light the cell's samples missed is still found
-# Variance of the radiance within cells, over the mean radiance squared, at which none is cut any more: what else shadow rays differ by is
-# more.
+_FLOOR = 0.05  # of the mean radiance, added so that the pdf is positive where the cell's samples missed the light
+# Refinement ends at this variance of the radiance within cells, relative to the squared mean radiance: the other variance of shadow rays
+# (distance, cosines, visibility) is larger.
 _EVEN = 0.05
-_ALIKE = 1e-6  # variance over the mean squared, up to which a radiance is the same everywhere: half floats' rounding
-_LEAST_CUT = 1 / 64  # share of the cells for which there must be room to cut them
+_ALIKE = 1e-6  # greatest relative variance of a radiance that counts as constant: the rounding of half floats
+_LEAST_CUT = 1 / 64  # refinement ends when there is no room to cut at least this share of the cells
 
 
 @dataclass(frozen=True)
 class EmittingCells:
-    """Emitting triangles, cut into cells where a texture lights them; a cell is a square of square_to_uniform_triangle's domain.
+    """Cells of emitting triangles; a cell is a square in the domain of square_to_uniform_triangle.
 
     tri          (n,) int64
     corner       (n, 2) float32     lower left corner of the square
-    side         (n,) float32       1 where the whole triangle, or part of it, is the cell
+    side         (n,) float32       1 where the cell is the whole domain
     area_m2      (n,) float64
     mean_rgb     (n, 3) float64     W/m^2/sr, mean of the samples
-    constant     whether the radiance of each is its mean_rgb everywhere
-    part         (n, 3, 2) float32  weights of the triangle's corners 1 and 2 at the corners of the part of it whose domain that is, see
-                                    slender_triangles; None where no triangle is cut so
+    constant     whether every cell's radiance is its mean_rgb everywhere
+    part         (n, 3, 2) float32  weights of the triangle's corners 1 and 2 at the corners of the part to which the domain maps, see
+                                    slender_triangles; None if no triangle is cut into parts
     """
 
     tri: NDArray[np.int64]
@@ -58,7 +58,7 @@ class EmittingCells:
         return self.tri.take(cell), within if self.part is None else find_between(self.part[cell], within)
 
     def join_parts(self) -> EmittingCells:
-        """The same light from whole triangles, where parts of each are of one radiance: photons leave all of a triangle alike."""
+        """The same light from whole triangles, if the parts of each have the same radiance: photon emission needs no parts."""
         if self.part is None or not self.constant:
             return self
         tri, first, whose = np.unique(self.tri, return_index=True, return_inverse=True)
@@ -69,7 +69,7 @@ class EmittingCells:
 
     @property
     def importance(self) -> Float64:
-        """(n,) float64: area times radiance, with a floor under textured ones."""
+        """(n,) float64: area times radiance; textured cells have _FLOOR of the mean radiance added."""
         radiance = weigh_channels(self.mean_rgb)
         if not self.constant:
             radiance = radiance + _FLOOR * np.average(radiance, weights=self.area_m2)
@@ -77,7 +77,7 @@ class EmittingCells:
 
 
 def find_emitting_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials) -> list[tuple[int, EmittingCells]]:
-    """(material, its cells) for every material that emits from a triangle with area; those that a texture lights evenly by themselves."""
+    """(material, cells) of every emitting material with area; textured cells of constant radiance are a separate entry."""
     emitting = [i for i, material in enumerate(snapshot.materials) if any(material.emission_rgb)]
     if not emitting:
         return []
@@ -96,7 +96,7 @@ def find_emitting_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials) -> 
 def _cut_cells(
     snapshot: SceneSnapshot, surfaces: SurfaceMaterials, material: int, tri: NDArray[np.int64], part: Float32 | None, area_m2: Float64
 ) -> list[EmittingCells]:
-    """Cells of parts (n,) of triangles; part as in EmittingCells."""
+    """Cells of triangles or their parts (n,); `part` as in EmittingCells."""
     count = len(tri)
     corner, side = np.zeros((count, 2), np.float32), np.ones(count, np.float32)
     if snapshot.materials[material].emission_image < 0:
@@ -106,7 +106,7 @@ def _cut_cells(
     whole = texture.look_at(np.arange(count), corner, side, area_m2)
     even, rest = np.flatnonzero(whole.is_even()), np.flatnonzero(~whole.is_even())
     found = []
-    if len(even):  # closed forms tell their light close by
+    if len(even):  # separate, as closed forms give their irradiance at near receivers
         own = None if part is None else part[even]
         found.append(EmittingCells(tri[even], corner[even], side[even], area_m2[even], whole.mean_rgb[even], True, own))
     if not len(rest):
@@ -125,7 +125,7 @@ def _cut_cells(
 def _cut_squares(
     per_side: NDArray[np.int64], whose: NDArray[np.int64], corner: Float32, side: Float32, area_m2: Float64
 ) -> tuple[NDArray[np.int64], Float32, Float32, Float64]:
-    """Cells (n,), each cut into per_side ** 2 squares."""
+    """Cuts cells (n,) into per_side ** 2 squares each."""
     count = per_side**2
     owner = np.repeat(np.arange(len(whose)), count)
     within, across = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count), per_side[owner]
@@ -136,11 +136,11 @@ def _cut_squares(
 
 @dataclass(frozen=True)
 class _TexturedCells:
-    """As EmittingCells.
+    """As EmittingCells, with statistics of the texture.
 
-    whose      (n,) int64     part of a triangle, of those that _Texture knows
-    variance   (n,) float64   of the radiance over each
-    texels     (n,) float64   the longest side of each
+    whose      (n,) int64     row of _Texture
+    variance   (n,) float64   of the radiance within the cell
+    texels     (n,) float64   longest side
     """
 
     whose: NDArray[np.int64]
@@ -152,19 +152,19 @@ class _TexturedCells:
     texels: Float64
 
     def is_even(self) -> NDArray[np.bool_]:
-        """(n,) bool: those that shine, and alike everywhere. Black ones might be lit at their borders, between the samples."""
+        """(n,) bool: cells of constant, positive radiance. A black cell may be lit between the samples, so it does not count."""
         radiance = weigh_channels(self.mean_rgb)
         out: NDArray[np.bool_] = (radiance > 0) & (self.variance <= _ALIKE * radiance**2)
         return out
 
     def find_uneven(self) -> NDArray[np.int64]:
-        """Those that had best be cut, as many as there is room for; none where all are even enough."""
+        """Rows of the cells to cut, as many as there is room for; none once the variance is at most _EVEN."""
         radiance, count = weigh_channels(self.mean_rgb), len(self.whose)
         power = self.area_m2 * radiance
         least = _FLOOR * power.sum() / self.area_m2.sum() + 1e-300
-        # What a ray to a point of a cell that was chosen by its power adds to the variance of an estimate.
+        # Contribution to the variance of a one-ray estimate that chooses cells in proportion to power.
         uneven = np.where(self.texels > 1, self.area_m2 * self.variance / (radiance + least), 0.0)
-        most, allowed = (_MAX_CELLS - count) // 6, _EVEN * power.sum()  # half of the room: parts may need it more
+        most, allowed = (_MAX_CELLS - count) // 6, _EVEN * power.sum()  # half of the room; the rest is for the next pass
         if uneven.sum() <= allowed or most < _LEAST_CUT * count:
             return np.zeros(0, np.int64)
         worst = np.argsort(-uneven, kind="stable")[:most]
@@ -172,13 +172,13 @@ class _TexturedCells:
         return cut
 
     def replace_rows(self, rows: NDArray[np.int64], parts: _TexturedCells) -> _TexturedCells:
-        """Without some rows, but with others at their end."""
+        """Removes some rows and appends others."""
         return _TexturedCells(*(np.concatenate([np.delete(old, rows, axis=0), vars(parts)[name]]) for name, old in vars(self).items()))
 
 
 @dataclass(frozen=True)
 class _Texture:
-    """What lights triangles, or parts of them, of a material.
+    """Emission texture of a material on its triangles or their parts (n,).
 
     tri    (n,) int64; part (n, 3, 2) or None, as in EmittingCells
     uv     (n, 3, 2) float32
@@ -205,15 +205,15 @@ class _Texture:
         return cls(surfaces, tri, part, uv, (width, height), Mipmap(image, emission.emission_rgb))
 
     def measure(self, whose: NDArray[np.int64], side: Float32) -> Float64:
-        """(n,) float64, texels: the longest side of cells."""
+        """(n,) float64: longest side of cells, in texels."""
         uv = self.uv[whose].astype(np.float64) * self.size
         longest: Float64 = np.abs(uv - np.roll(uv, 1, axis=1)).max(axis=(1, 2)) * side
         return longest
 
     def look_at(self, whose: NDArray[np.int64], corner: Float32, side: Float32, area_m2: Float64) -> _TexturedCells:
-        """Cells (n,) with what they show."""
+        """Cells (n,) with mean and variance of the radiance from stratified texture samples."""
         texels = self.measure(whose, side)
-        # Means over more than lies between samples: what shines beyond the border does so half a texel into the cell.
+        # The mipmap's texels are at least as wide as the spacing of samples: bilinear filtering spreads light half a texel over a border.
         level = np.ceil(np.log2(np.clip(texels / (_CELL_SAMPLES - 1), 1, max(*self.size, 1)))).astype(np.int64)
         mean, square = np.zeros((2, len(whose), 3))
         for one in np.unique(level):
@@ -228,7 +228,7 @@ class _Texture:
         return _TexturedCells(whose, corner, side, area_m2, mean, variance, texels)
 
     def _show(self, level: int, whose: NDArray[np.int64], barycentric: Float32) -> tuple[Float64, Float64]:
-        """Radiance and its square, (n, 3) each, about points of parts."""
+        """Means of the radiance and of its square, (n, 3) each, in the mipmap's texels about points."""
         if level:
             mean, square = self.mipmap.at(level, find_between(self.uv[whose], barycentric))
             return mean.astype(np.float64), square.astype(np.float64)

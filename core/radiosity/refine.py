@@ -2,10 +2,10 @@
 
 The indicator compares the function of a current node with the functions of the preview nodes below it, both from the
 same photons: those shot from the node to its previews. Where the light follows the node's function, the squared
-difference is noise with a known mean and spread; what goes beyond is light that the node cannot hold.
+difference is noise with known mean and variance; the excess estimates the squared bias of the node's function.
 
 Source: [Tobler97] 3.4 (stability), 3.5 (oracle), 3.7 (hints). The significance oracle is a chi-square test of nested
-least-squares fits; photons' powers vary, so their sum of squares stands for the variance (compound Poisson).
+least-squares fits; photons' powers vary, so their sum of squares estimates the variance (compound Poisson).
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from .quadtree import Quadtree
 from .tally import Solution, Totals, parts_of
 
 SIGNIFICANT_SIGMAS = 3.0
-# What a function more must win over the noise that it adds. 1 would be C_p, which picks up noise where it can choose
-# among thousands of nodes; not much more is needed, for the grain of small leaves is smoothed afterwards.
+# An additional basis function must reduce the squared bias by this factor times the variance that it adds. 1 is Mallows' C_p, which
+# overfits where it selects among thousands of nodes; a little more suffices, because the noise of small leaves is filtered later.
 NOISE_PRICE = 1.2
-# Of a node's photons: children that saw a smaller share have to win more by as much, for they put a few photons in the place of many. Among
-# thousands of nodes some always seem to differ from what a small last round brought them.
+# Children that have received a smaller share of a node's photons must win by more, in inverse proportion, since they replace many photons
+# by few. Among thousands of nodes some always differ by chance after a small last round.
 FAIR_SHARE = 0.5
 FANOUT = 4
-_PART = 1 << 13  # previews that are compared at once: what lies between fits a core's cache
+_PART = 1 << 13  # previews compared at once: the intermediate arrays fit a core's cache
 
 
 @dataclass(frozen=True)
@@ -44,16 +44,15 @@ class Rule:
 
 @dataclass(frozen=True)
 class Difference:
-    """What lies between nodes and their previews at one depth, per node of the list asked for.
+    """Difference between nodes (m,) and their previews at one depth.
 
-    excess       (m,) float64, (W/m^2)^2: mean square difference less what noise alone gives, summed over channels; noise
-                 can make it negative
-    common       (m, 3) float64, (W/m^2)^2: the same for each channel, told by what both halves of the bake see alike: free of
-                 any model of noise, and noisier
-    noise        (m,) float64, (W/m^2)^2: what noise alone gives: by so much splitting raises the mean square error
-    sigmas       (m,) float64: how far the squared difference lies above its expectation under noise
-    greatest     (m,) float64, W/m^2: greatest difference of mean over the stable previews, over channels
-    tiled        (m,) bool: the previews of this depth cover the node; elsewhere the rest is 0
+    excess       (m,) float64, (W/m^2)^2: mean square difference minus `noise`, summed over channels; may be negative
+    common       (m, 3) float64, (W/m^2)^2: an estimate per channel, the inner product of the differences in both halves of the bake:
+                 independent of the noise model, with a higher variance
+    noise        (m,) float64, (W/m^2)^2: expected mean square difference under noise alone, the variance that splitting adds
+    sigmas       (m,) float64: excess in standard deviations of the squared difference under noise
+    greatest     (m,) float64, W/m^2: greatest difference of mean over the stable previews and the channels
+    tiled        (m,) bool: the previews of this depth cover the node; elsewhere the other fields are 0
     """
 
     excess: NDArray[np.float64]
@@ -108,7 +107,7 @@ def indicator(tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArra
     mean_gap = np.abs((gap * tree.moment[previews, : gap.shape[1]].T).sum(1)).max(0) / tree.area[previews]
     greatest = np.zeros(m)
     np.maximum.at(greatest, ancestor, np.where(is_stable(totals.received[previews], stability), mean_gap, 0.0))
-    # What previews saw since they exist stands for all that the node has received.
+    # The photons received since the previews exist are scaled up to all that the node has received.
     received, shot = totals.raw[:, :, :, 0].take(nodes, axis=-1).sum((0, 1, 2)), lifted[:, :, 0].sum((0, 1))
     stands_for = np.divide(received, shot, out=np.ones(m), where=shot > 0.0)
     to_irradiance = stands_for * (solution.scale[:, nodes] / max(float(totals.photons.sum()), 1.0)).mean(0)
@@ -129,7 +128,8 @@ def _sum_by(group: IntArray, values: NDArray[np.float64], count: int) -> NDArray
 
 
 def _descendants(tree: Quadtree, nodes: IntArray, depth: int) -> tuple[list[IntArray], list[IntArray], NDArray[np.bool_]]:
-    """Nodes of each depth below `nodes`, the position of each one's parent in the depth above, and who is covered."""
+    """Nodes of each depth below `nodes`, the position of each one's parent in the depth above, and whether
+    they cover each of `nodes`."""
     ids: list[IntArray] = [nodes]
     above: list[IntArray] = [np.arange(len(nodes))]
     ancestor = above[0]
@@ -152,13 +152,13 @@ def find_comparable(tree: Quadtree, totals: Totals, stability: int) -> NDArray[n
 
 @dataclass(frozen=True)
 class Comparison:
-    """The indicator of all nodes of which it is asked in one round, for each preview depth from 1.
+    """The indicator of one round's nodes, for each preview depth from 1.
 
-    rows          (n,) int64 each: position of a node in the differences of its depth; -1 where it is not asked
-    differences   of nodes that have shot enough photons to be compared: at depth 1 of all, so that leaves can be chosen among them,
-                  deeper of those that may be split, the current ones and what may become current by their split
-    stable        (n,) bool: nodes that have shot enough to be split
-    price         (n,) float64: times the noise that its children add a node's difference must be, for them to be shown in its place
+    rows          (n,) int64 each: position of a node in the differences of its depth; -1 if it was not compared
+    differences   of nodes that have shot enough photons: at depth 1 all of them, so that leaves can be chosen among them; deeper those
+                  that may be split, the current ones and those that their split may make current
+    stable        (n,) bool: nodes that have shot enough photons to be split
+    price         (n,) float64: a node's children are shown if its excess exceeds price * noise
     """
 
     rows: tuple[NDArray[np.int64], ...]
@@ -218,7 +218,7 @@ def mark(
         rows = all_rows[nodes[asked]]
         if rule.oracle == "paper":
             marked[asked] |= difference.greatest[rows] > rule.threshold * level[asked]
-        else:  # however small the difference: which ones are worth showing is for choose_leaves to say
+        else:  # however small the difference; choose_leaves decides which children are shown
             marked[asked] |= difference.sigmas[rows] > SIGNIFICANT_SIGMAS
     split: IntArray = nodes[marked]
     return split

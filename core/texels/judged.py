@@ -1,7 +1,7 @@
-"""Whose error is asked for: that of the bake as a whole, or of each object beside its own brightness.
+"""Texels over which the error is measured: of the bake as a whole, or of each object relative to its own brightness.
 
-The error of a whole is a mean, in which a dim room counts little beside the sunlit outside on the same pages, and a small object little
-beside a large one. Where each object is to be right, the one that errs most decides when the bake ends, and what errs more draws more rays.
+The error of the whole is a mean, in which a dim room counts little beside a sunlit outside, and a small object little beside a large one.
+With error_of="objects" the stopping rule uses the object of the greatest error, and objects of greater error get more samples.
 """
 
 from __future__ import annotations
@@ -19,18 +19,17 @@ from numpy.typing import NDArray
 from ..util.arrays import FloatArray, IntArray
 from .texel_map import TexelMap
 
-# Brightness below this share of the mean, of what is judged as one, is judged against that share: else one black texel would decide it all.
-# Of one part among others also what is below the same share of the whole's: what is next to black is seen so, however it errs.
+# Floor of the denominator of relative errors, as a share of the group's mean brightness: else one black texel would dominate the error.
+# In a group of several the mean is at least DARK_FLOOR times that of the whole: errors of what is nearly black are hardly visible.
 DARK_FLOOR = 0.1
-# Texels whose centre lies outside of the chart are left out too: little of them is seen, and no other baker has light there.
-# The worst texels are left out: on a hard edge of light, whether a texel is its centre or its mean decides its error.
+# The worst texels are left out: on a hard edge of light, the error depends on whether a texel holds the value at its centre or its mean.
+# Texels whose centre lies outside of the chart are left out too: little of them is visible, and no other baker has light there.
 BEST_TEXELS = 0.99
-_NONE = -1  # group of what is not judged
-_SAMPLE = 1 << 13  # texels that are asked of a whole
-# Texels that are asked of an object, at most, and of all of them; an object with less than the least is judged with others of its kind.
+_NONE = -1  # group of texel entries outside of all groups
+_SAMPLE = 1 << 13  # sample size of the whole
+# Greatest sample size per object and of all objects; objects with fewer texels than the least form one group.
 _MOST_OF_EACH, _MOST_OF_ALL, _LEAST_OF_EACH = 1 << 10, 1 << 14, 1 << 5
-# To bring down the greatest of some errors is to bring down the mean of a high power of them: what weighs the square of each is its power
-# less two.
+# Minimizing the greatest error is approximated by an L^p norm, p = 6; its iteratively reweighted squares have weights |e|^(p - 2).
 _WEIGHT_POWER = 4
 _MOST_WEIGHT = 1e4
 _CHUNK = 1 << 16
@@ -39,13 +38,13 @@ _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 
 @dataclass(frozen=True)
 class Judged:
-    """The texels that are asked for their error, m of them, and what they are of.
+    """A sample of m texels for the error, and its groups.
 
-    entry          (m,) int64, ascending: texel entries with covered centres, spread without a rhythm that rows could share
-    area_m2        (m,) float64: of the surface that each stands for
-    objects        rows (k,) int64 of those of each object that has enough of them, by its index
-    groups         (p,) of rows (k,) int64 that are judged as one: each object, those with few texels together
-    entry_group    (n,) int32: the group of each texel entry, -1 where nothing is judged; None where the whole is
+    entry          (m,) int64, ascending: texel entries with covered centres, aperiodically spaced so as not to alias with the pages' rows
+    area_m2        (m,) float64: surface area that each represents
+    objects        object index -> rows (k,) int64 of the sample; only objects with enough of them
+    groups         (p,) of rows (k,) int64: one group per object, and one of all objects with few texels; or only the whole
+    entry_group    (n,) int32: the group of each texel entry, -1 outside of all groups; None if the only group is the whole
     """
 
     entry: NDArray[np.int64]
@@ -56,7 +55,7 @@ class Judged:
 
     @classmethod
     def of(cls, error_of: str, texels: TexelMap, tri_object: IntArray) -> Judged:
-        """By Settings.error_of.
+        """The sample for a value of Settings.error_of.
 
         tri_object   (n_tri,) int: the object of each triangle
         """
@@ -64,7 +63,7 @@ class Judged:
 
     @classmethod
     def whole(cls, texels: TexelMap, tri_object: IntArray | None = None) -> Judged:
-        """tri_object as in `of`; without it nothing is told of objects."""
+        """One group; tri_object as in `of`, None leaves `objects` empty."""
         entry = choose_sample(texels)
         rows_of = {} if tri_object is None else _group(tri_object[texels.texel_tri[entry]])
         area_m2 = texels.texel_area[entry] * (len(texels) / max(len(entry), 1))
@@ -73,7 +72,7 @@ class Judged:
 
     @classmethod
     def by_object(cls, texels: TexelMap, tri_object: IntArray) -> Judged:
-        """As many texels of each object, if it has them; the whole if no object has enough."""
+        """A sample of equal size for each object that has so many texels; the whole if no object has enough."""
         thing = tri_object[texels.texel_tri].astype(np.int32)
         asked = np.flatnonzero(texels.shown & texels.is_central)
         all_of = _group(thing[asked])
@@ -97,21 +96,21 @@ class Judged:
         return cls(entry, area_m2, large, groups, group_of[thing])
 
     def find_share(self, chosen: NDArray[np.bool_]) -> float:
-        """Of how many texels, of all, those that are `chosen` (m,) of the texels that are asked tell; 1 where none is.
+        """Estimated share of all texels that the `chosen` (m,) rows of the sample represent; 1 if none is chosen.
 
-        Of the whole all tell of as many; of objects, of which as many are asked each, the surface that they stand for is near enough.
+        Rows of the whole have equal weights; rows of objects, whose sampling rates differ, are weighted by area as an approximation.
         """
         share = float(np.average(chosen, weights=self.area_m2 if self.entry_group is not None else None)) if chosen.any() else 0.0
         return share or 1.0
 
     def judge_objects(self, judge_alone: Callable[[NDArray[np.int64]], float]) -> dict[int, float]:
-        """What is said of rows (k,) int64, of each object by its index."""
+        """object index -> judge_alone(rows (k,) int64) for each object with enough rows."""
         return {thing: judge_alone(rows) for thing, rows in self.objects.items()}
 
     def part(self, light: FloatArray, dark: float) -> Parts:
-        """The groups beside their own brightness.
+        """The groups with their brightness floors.
 
-        light   (m, 3), W/m^2, of the texels that are asked
+        light   (m, 3), W/m^2, at the sample
         dark    DARK_FLOOR of the whole, W/m^2
         """
         if self.entry_group is None:
@@ -121,11 +120,11 @@ class Judged:
 
 @dataclass(frozen=True)
 class Parts:
-    """What is judged as one, p of them.
+    """The p groups over which errors are averaged.
 
-    rows       (p,) of (k,) int64: of the texels that are asked
-    dark2      (p,) float32, (W/m^2)^2: square of the brightness below which a texel is judged as if it had that
-    of_entry   (n,) int32: the part of each texel entry, -1 where nothing is judged; None where there is one part, the whole
+    rows       (p,) of (k,) int64: rows of the sample
+    dark2      (p,) float32, (W/m^2)^2: squared brightness floor of relative errors
+    of_entry   (n,) int32: the group of each texel entry, -1 outside of all groups; None if the only group is the whole
     """
 
     rows: list[NDArray[np.int64]]
@@ -137,23 +136,23 @@ class Parts:
         return cls([np.arange(count)], np.array([dark], np.float32) ** 2)
 
     def find_dark2(self, entry: IntArray) -> NDArray[np.float32]:
-        """(k, 1) or (1,): `dark2` of texel entries (k,); infinite where nothing is judged."""
+        """(k, 1) or (1,): `dark2` of texel entries (k,); infinite outside of all groups."""
         return self.dark2 if self.of_entry is None else self.spread(self.dark2, entry, np.inf)[:, None]
 
     @cached_property
     def size(self) -> NDArray[np.int64]:
-        """(p,): texel entries of each part, of several."""
+        """(p,): texel entries of each group; only with of_entry."""
         assert self.of_entry is not None
         return np.bincount(self.of_entry + 1, minlength=len(self.rows) + 1)[1:].astype(np.int64)
 
     def spread(self, values: NDArray[Any], entry: IntArray | slice, elsewhere: float) -> NDArray[Any]:
-        """(k,): what the parts have, (p,), at texel entries (k,); and elsewhere."""
+        """(k,): values (p,) of the groups, gathered at texel entries (k,); `elsewhere` outside of all groups."""
         assert self.of_entry is not None
         found: NDArray[Any] = np.append(values, values.dtype.type(elsewhere))[self.of_entry[entry]]  # _NONE is the last
         return found
 
     def weigh(self, errors: NDArray[np.float64], wanted: float) -> NDArray[np.float64]:
-        """(p,) float64: what squared errors count for where the greatest of the errors (p,) is to be brought to the one that is wanted."""
+        """(p,) float64: weights of squared errors that bring the greatest of the errors (p,) down to `wanted`, per texel."""
         if self.of_entry is None:
             return np.ones(1)
         over = np.nan_to_num(errors) / wanted
@@ -162,16 +161,16 @@ class Parts:
 
 
 def choose_lit(rows: NDArray[np.int64], lit: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Those of the texels `rows` (k,) that are lit (n,), or all where none is.
+    """The rows (k,) of lit (n,) texels, or all rows if none is lit.
 
-    What no light reaches, as the outer side of a thick wall, is right, and would only make what the others err by look smaller.
+    Texels that no light reaches, as on the outer side of a thick wall, have no error and would only lower the mean error of the others.
     """
     found = rows[lit[rows]]
     return found if len(found) else rows
 
 
 def find_dark2(light: FloatArray, dark: float) -> np.float32:
-    """Of Parts.dark2, for texels with this light (k, 3), W/m^2, that are judged as one; dark of the whole."""
+    """Parts.dark2 of one group with light (k, 3), W/m^2; dark is the whole's floor of the group's mean, W/m^2."""
     lit = choose_lit(np.arange(len(light)), light.any(axis=1))
     mean = float(light[lit].mean(dtype=np.float64)) if len(lit) else 0.0
     return np.float32(DARK_FLOOR * max(mean, dark)) ** 2
@@ -185,7 +184,7 @@ def _group(value: IntArray) -> dict[int, NDArray[np.int64]]:
 
 
 def choose_sample(texels: TexelMap) -> NDArray[np.int64]:
-    """(m,) int64, ascending: shown texels with covered centres, or all if there are none; spread without a rhythm that rows could share."""
+    """(m,) int64, ascending: at most _SAMPLE shown texels with covered centres, aperiodically spaced; all texels if there are none."""
     middle = texels.shown & texels.is_central
     parts = list(cut_entries(len(middle)))
     count = np.array([np.count_nonzero(middle[part]) for part in parts], np.int64)
@@ -204,12 +203,12 @@ def choose_sample(texels: TexelMap) -> NDArray[np.int64]:
 
 
 def _spread(total: int, most: int) -> NDArray[np.int64]:
-    """(min(total, most),) int64, ascending: which of so many."""
+    """(min(total, most),) int64, ascending: indices below `total`, one jittered by the golden ratio in each of `most` strata."""
     if total <= most:
         return np.arange(total)
     return ((np.arange(most) + (np.arange(most) * _GOLDEN) % 1.0) * (total / most)).astype(np.int64)
 
 
 def cut_entries(count: int) -> Iterator[slice]:
-    """All of so many texel entries, in pieces that stay in the cache."""
+    """Slices of `count` texel entries, each small enough for the cache."""
     return (slice(start, min(start + _CHUNK, count)) for start in range(0, count, _CHUNK))

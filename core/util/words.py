@@ -1,4 +1,4 @@
-"""How far a stage has come, told now and then; and whether to go on with it."""
+"""Progress messages at intervals, and cancellation."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from typing import TypeAlias
 from .messages import Message, Status
 
 Watch: TypeAlias = Callable[[Status, float, str], None]  # as Words.say
-Say: TypeAlias = Callable[[float], None]  # which share of a piece of work is done; it may raise
+Say: TypeAlias = Callable[[float], None]  # takes the share of the work that is done; may raise Interrupted
 
 SECONDS_BETWEEN_WORDS = 1.0
 
 
 def unwatched(said: Status, share: float, about: str) -> None:
-    """A Watch where nobody listens."""
+    """A Watch that does nothing."""
 
 
 def stretch(watch: Watch, said: Status, start: float = 0.0, end: float = 1.0) -> Say:
-    """For a piece of work that takes a stage from the share `start` to the share `end`."""
+    """A Say for work that advances a stage from the share `start` to the share `end`."""
     return lambda share: watch(said, start + share * (end - start), "")
 
 
 class Interrupted(Exception):
-    """The best so far was asked for before there was any light."""
+    """The user stopped the bake before there was any light to keep."""
 
 
 @dataclass
 class Words:
-    """What is told from now on; the beginning of the stage has been.
+    """Sends a stage's progress messages after its first.
 
-    should_stop   asked whenever there may be a word, of work that comes to nothing if it is not done; but not in the first half second:
-                  what is soon over may as well come to some light
+    should_stop   checked at every call of `say`, for work that is useless unless finished; not in the first half second, in which short
+                  work may still yield light
     """
 
     tell: Callable[[Message], None]
@@ -46,10 +46,10 @@ class Words:
         self._began = self._spoke = time.monotonic()
 
     def say(self, said: Status, share: float, about: str = "") -> None:
-        """That this share of what is `said` is done, if it is time for a word, and not the same word again.
+        """Report that the share of `said` is done, at most once per interval and only if the message has changed.
 
-        about   name of what is at work
-        Raises Interrupted where nobody wants the rest.
+        about   name of the object or task at work
+        Raises Interrupted if should_stop() holds.
         """
         now = time.monotonic()
         if now - self._began > SECONDS_BETWEEN_WORDS / 2 and self.should_stop():
