@@ -1,9 +1,10 @@
 """Specular reflection of surfaces: metals, and the layer above dielectric ones.
 
 A material's lobe is GGX with Smith's height-correlated masking. A metal reflects its colour by Schlick's formula, a dielectric layer by the
-exact Fresnel equations for its index of refraction. What single scattering loses on rough surfaces is given back, tinted by the mean
-Fresnel reflectance F over the hemisphere: weights are times 1 + F (1 / E - 1), with the lobe's albedo without Fresnel, E. The layer
-takes its albedo off the diffuse light below it, in the direction that leaves.
+exact Fresnel equations for its index of refraction. What single scattering loses on rough surfaces is given back, tinted: weights are
+times 1 + F (1 / E - 1), with the lobe's albedo without Fresnel, E, and the share F that the surface reflects of light scattered several
+times: of a layer its mean Fresnel reflectance over the hemisphere, of a metal less, see _give_back. The layer takes its albedo off the
+diffuse light below it, in the direction that leaves.
 
 Source: Walter et al. 2007, "Microfacet models for refraction through rough surfaces"; Heitz 2018, "Sampling the GGX distribution of
 visible normals"; Heitz 2014, "Understanding the masking-shadowing function", eq. 99; Turquin 2019, "Practical multiple scattering
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from ..util.arrays import Float32, Float64, FloatArray, IntArray
 from ..util.geometry import gather, orthonormal_basis
 from .materials import SurfaceMaterials
-from .scene import SceneSnapshot
+from .scene import MAX_ALBEDO, SceneSnapshot
 
 LEAST_ALPHA = 1e-3  # of a mirror; its lobe is a twentieth of a degree wide
 _ENTRIES = 65  # of a material's tables, evenly by the root of the cosine: at grazing angles they change soonest
@@ -40,6 +41,7 @@ class Gloss:
     layer          (n_material,) float32: share of the surface that has one
     metal          (n_material,) float32: share of the surface that is metal
     layer_mean     (n_material,) float32: mean Fresnel reflectance of the layer
+    kept_mean      (n_material,) float32: mean of E over the hemisphere
     lost           (n_material * _ENTRIES,) float32: 1 / E - 1 by the cosine with the normal
     edge           the same: what of a black metal's light Schlick's formula reflects at the edges by single scattering
     dielectric     the same: what the layer reflects, its share included
@@ -53,6 +55,7 @@ class Gloss:
     layer: Float32
     metal: Float32
     layer_mean: Float32
+    kept_mean: Float32
     lost: Float32
     edge: Float32
     dielectric: Float32
@@ -73,8 +76,9 @@ class Gloss:
         lost, edge, dielectric = (np.concatenate([table[k] for table in tables]).astype(np.float32) for k in range(3))
         cosine = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
         layer_mean = np.array([(2 * cosine * fresnel(cosine, np.full(_SAMPLES, n))).mean() for n in ior], np.float32)
+        kept_mean = average_kept(lost.reshape(-1, _ENTRIES)).astype(np.float32)
         dielectric *= np.repeat(layer, _ENTRIES) * (1 + np.repeat(layer_mean, _ENTRIES) * lost)
-        return cls(surfaces, scene.tri_material, glossy, alpha, ior, layer, metal, layer_mean, lost, edge, dielectric)
+        return cls(surfaces, scene.tri_material, glossy, alpha, ior, layer, metal, layer_mean, kept_mean, lost, edge, dielectric)
 
     def albedo_at(self, tri: IntArray, u: FloatArray, v: FloatArray, cosine: Float32) -> Float32:
         """(3, n): share of light from directions at a cosine (n,) with the normal that is reflected specularly."""
@@ -83,7 +87,7 @@ class Gloss:
         edge, lost = _look_up(self.edge, *place), _look_up(self.lost, *place)
         color, share = self.surfaces.metal_at(tri, u, v).T, gather(self.metal, material)
         single: Float32 = color * (1 / (1 + lost) - edge) + share * edge
-        return single * _give_back(color, share, lost) + _look_up(self.dielectric, *place)
+        return single * _give_back(color, share, lost, gather(self.kept_mean, material)) + _look_up(self.dielectric, *place)
 
     def below_layer(self, tri: IntArray, cosine: Float32) -> Float32:
         """(n,): share of diffuse light that leaves at a cosine (n,) with the normal, for what the layer reflects there is not below it."""
@@ -109,7 +113,7 @@ class Gloss:
         edge: FloatArray = (1 - cosine) ** 5
         lost = _look_up(self.lost, *_find_place(material, local[2]))
         color, share = self.surfaces.metal_at(tri, u, v).T, gather(self.metal, material)
-        rgb: FloatArray = (color * (1 - edge) + share * edge) * _give_back(color, share, lost)
+        rgb: FloatArray = (color * (1 - edge) + share * edge) * _give_back(color, share, lost, gather(self.kept_mean, material))
         layer = gather(self.layer, material) * fresnel(cosine, gather(self.ior, material))
         rgb = (rgb + layer * (1 + gather(self.layer_mean, material) * lost)) * mask(local[2], out[2], alpha)
         turned = out[0] * tangent + out[1] * bitangent + out[2] * normal
@@ -184,13 +188,25 @@ def tabulate_lobe(alpha: float, ior: float) -> tuple[Float64, Float64, Float64]:
     return 1 / albedo - 1, mean(weight * (1 - facing) ** 5), mean(weight * fresnel(facing, np.full_like(cosine, ior)))
 
 
-def _give_back(color: FloatArray, share: FloatArray, lost: FloatArray) -> FloatArray:
+def average_kept(lost: FloatArray) -> FloatArray:
+    """(n,): the mean over the hemisphere of E, of tables (n, _ENTRIES) of 1 / E - 1 by the root of the cosine."""
+    root = np.linspace(0, 1, _ENTRIES)
+    kept = 1 / (1 + lost) * (4 * root**3)  # 2 cos d cos
+    out: FloatArray = ((kept[:, 1:] + kept[:, :-1]) * 0.5).sum(axis=1) / (_ENTRIES - 1)
+    return np.minimum(out, 1)
+
+
+def _give_back(color: FloatArray, share: FloatArray, lost: FloatArray, kept_mean: FloatArray) -> FloatArray:
     """(3, n): what multiple scattering adds to a metal's light, as a factor; color (3, n) is the share (n,) that is metal times its own.
 
-    Source: Turquin 2019, eq. 16, with the mean of Schlick's formula, F0 + (1 - F0) / 21.
+    Each further scattering is tinted again: of F E' + F (1 - E') F E' + ... is left F E' / (1 - F (1 - E')), with the means F of Schlick's
+    formula, F0 + (1 - F0) / 21, and E' of E.
+    Source: Kulla & Conty 2017, "Revisiting physically based shading at Imageworks", as the factor of Turquin 2019, eq. 16.
     """
     own = np.divide(color, share, out=np.zeros_like(color), where=share > 0)
-    out: FloatArray = 1 + (own + (1 - own) / np.float32(21)) * lost
+    own = np.minimum(own / np.float32(MAX_ALBEDO), 1)  # what the clamp takes of white is lost once, not at each scattering
+    mean = own + (1 - own) / np.float32(21)
+    out: FloatArray = 1 + mean * kept_mean / (1 - mean * (1 - kept_mean)) * lost
     return out
 
 

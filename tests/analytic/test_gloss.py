@@ -157,3 +157,18 @@ def test_a_mirror_throws_a_caustic(tmp_path, direct):
     assert audit["mirrored"][0] == pytest.approx(0.8 * emitted, rel=0.03)
     if direct == "rays":
         assert not field.direct.irradiance.any()
+
+
+def test_rough_metal_is_tinted_at_each_scattering():
+    """What leaves after k scatterings more than one was tinted k times: a share (1 - E)^(k - 1) E of it, with the lobe's mean albedo E."""
+    roughness, rho, cosine = 0.9, 0.5, np.float32([0.3, 0.6, 0.9])
+    tri, where = np.zeros(3, np.intp), np.full(3, 0.25, np.float32)
+    gloss = make_gloss(Material("Metal", (rho,) * 3, metal_rgb=(rho,) * 3, roughness=roughness))
+    lost, edge, _ = tabulate_lobe(roughness**2, 1.5)
+    place, fine = np.linspace(0, 1, 65) ** 2, (np.arange(4000) + 0.5) / 4000
+    mean = (2 * fine / (1 + np.interp(np.sqrt(fine), np.sqrt(place), lost))).mean()
+    tint = rho + (1 - rho) / 21
+    several = sum(tint**k * (1 - mean) ** (k - 1) * mean for k in range(1, 60))
+    own_lost, own_edge = (np.interp(np.sqrt(cosine), np.sqrt(place), table) for table in (lost, edge))
+    single = rho / (1 + own_lost) + (1 - rho) * own_edge
+    assert gloss.albedo_at(tri, where, where, cosine)[0] == pytest.approx(single * (1 + several * own_lost), rel=2e-3)
