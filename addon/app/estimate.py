@@ -5,6 +5,7 @@ All of it is rough: charts are only made during the bake. The constants are thos
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,12 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from ...core.atlas import even_out
 from ...core.atlas.packing import Page
-from ...core.atlas.page_plan import ChartDemand, count_full_pages, find_page_size, is_one_enough, plan_pages
+from ...core.atlas.page_plan import ChartDemand, count_full_pages, count_usual_texels, find_page_size, is_one_enough, plan_pages
 from ...core.util.settings import MAX_PAGE_SIZE_TEXELS, Settings
 
-_FILL = 0.9  # share of a large page that charts cover
-_GAP = 20.0  # paddings along a page's side, for the charts of a usual scene
 _MUCH, _NAMED = 0.2, 3  # of all texels: who takes so many is named, of so many objects at most
 _CORE_MB, _WORKER_MB = 250.0, 90.0
 _CORE_MB_PER_TEXEL, _WORKER_MB_PER_TEXEL = 2.5e-4, 9e-5
@@ -58,6 +58,7 @@ class Estimate:
     too_large  names of objects that do not fit a page at the wanted density
     fitting    of each of these, the share of the wanted density at which it fits, about
     nearly     names of objects that may not fit a page either: they are about as large as one
+    evened     (name, times as many texels per metre as it would have) of small ones that Even Out makes finer
     takers     (name, share of all texels) of those that take much of it, the most first
     """
 
@@ -73,6 +74,7 @@ class Estimate:
     fitting: tuple[float, ...] = ()
     nearly: tuple[str, ...] = ()
     takers: tuple[tuple[str, float], ...] = ()
+    evened: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -121,14 +123,14 @@ def estimate_bake(
     own_layers   how many of them bring a UV layer of their own, each a page
     cores        of the machine
     """
-    objects = [one for one in objects if one.area_m2 > 0.0]
+    objects, factor = _even_out([one for one in objects if one.area_m2 > 0.0], settings)
     weighted_m2 = [one.area_m2 * one.density_factor**2 for one in objects]
     total_m2 = sum(weighted_m2)
     if not (math.isfinite(total_m2) and total_m2 > 0.0):
         return None
     page = Page(settings.size, settings.padding)
     inside = max(page.inside, 1)
-    page_texels = inside**2 * _FILL / (1.0 + _GAP * settings.padding / settings.size) ** 2
+    page_texels = count_usual_texels(page)
     demand = ChartDemand.of_squares([one.n_chart for one in objects], weighted_m2)
     density, size, too_large, nearly = settings.density, settings.size, {}, []
     if density > 0.0:
@@ -165,8 +167,20 @@ def estimate_bake(
         too_large=tuple(too_large),
         fitting=tuple(too_large.values()),
         nearly=tuple(nearly),
+        evened=factor,
         takers=_list_takers(objects, texels_of) if settings.atlas else (),
     )
+
+
+def _even_out(objects: list[Measured], settings: Settings) -> tuple[list[Measured], tuple[tuple[str, float], ...]]:
+    """The objects with density factors that are evened out, and those that are finer by that."""
+    if not even_out.acts(settings):
+        return objects, ()
+    own = np.array([one.density_factor for one in objects])
+    area_m2 = np.array([one.area_m2 for one in objects]) * own**2
+    factor = even_out.find_factors(area_m2, own != 1.0, count_usual_texels(Page(settings.size, settings.padding))).tolist()
+    changed = [dataclasses.replace(one, density_factor=one.density_factor * times) for one, times in zip(objects, factor, strict=True)]
+    return changed, tuple((one.name, times) for one, times in zip(objects, factor, strict=True) if times > 1.0)
 
 
 def _plan_one_density(

@@ -10,14 +10,14 @@ import math
 import os
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import bpy
 from mathutils import Matrix
 
-from ...core.bake.checkpoint import INFO_FILE, describe_differences, find_differences
+from ...core.bake.checkpoint import INFO_FILE, describe_differences, find_differences, keep_layout
 from ...core.bake.kept_bake import KeptBake, find_kept_bake
 from ...core.output import image_file
 from ...core.output.image_room import SPARE_PREFIX
@@ -73,6 +73,8 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
     """
     check_folder(request.output)
     drop_broken_marks()
+    if request.resume:
+        request = replace(request, settings=keep_layout(request.resume, request.settings))
     start = time.monotonic()
     began, limit = request.began or start, request.settings.time_limit
     scene = context.scene

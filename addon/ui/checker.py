@@ -82,8 +82,8 @@ class Checker:
         if meter.estimate is None:
             return
         if self._version != meter.version and not meter.stale:
-            fitting = dict(zip(meter.estimate.too_large, meter.estimate.fitting, strict=True))
-            self._maker, self._version = CheckerMaker(meter.estimate.density, fitting), meter.version
+            factor = dict(meter.estimate.evened) | dict(zip(meter.estimate.too_large, meter.estimate.fitting, strict=True))
+            self._maker, self._version = CheckerMaker(meter.estimate.density, factor), meter.version
             if not bpy.app.timers.is_registered(_tick):
                 bpy.app.timers.register(_tick, first_interval=0.0)
         if self._made is not None:

@@ -37,11 +37,11 @@ class CheckerMaker:
     """Makes the checker of all objects that would be baked, a little at a time: Blender must stay smooth.
 
     density   the wanted one, texels/m
-    fitting   by the name of an object that does not fit a page: the share of the wanted density that it will get
+    factor    by the name of an object that will have another density than the wanted one: that, relative to it
     """
 
-    def __init__(self, density: float, fitting: Mapping[str, float]) -> None:
-        self._density, self._fitting = density, fitting
+    def __init__(self, density: float, factor: Mapping[str, float]) -> None:
+        self._density, self._factor = density, factor
         self._parts: dict[int, CheckerArrays] = {}  # by session_uid: an undo meanwhile makes references invalid
 
     def work(self, context: bpy.types.Context, seconds: float = math.inf) -> CheckerArrays | None:
@@ -52,15 +52,15 @@ class CheckerMaker:
             if obj.session_uid not in self._parts:
                 if time.monotonic() > until:
                     return None
-                self._parts[obj.session_uid] = _make_part(context, obj, depsgraph, self._density, self._fitting.get(obj.name, 1.0))
+                self._parts[obj.session_uid] = _make_part(context, obj, depsgraph, self._density, self._factor.get(obj.name, 1.0))
         parts = [self._parts[obj.session_uid] for obj in objects] or [_join([])]
         return CheckerArrays(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("position", "texel", "ratio")))
 
 
 def _make_part(
-    context: bpy.types.Context, obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, density: float, fitting: float
+    context: bpy.types.Context, obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, density: float, times: float
 ) -> CheckerArrays:
-    chosen, factor = context.scene.leaflight, read_choice(obj).density_factor * fitting
+    chosen, factor = context.scene.leaflight, read_choice(obj).density_factor * times
     layer, side = _find_layer(obj, chosen.uv_layer, chosen.size)
     found = []
     for mesh, matrix in walk_meshes(obj, depsgraph):

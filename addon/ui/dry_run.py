@@ -10,7 +10,7 @@ from ...core.util.geometry import triangle_normals_areas
 from ...core.util.settings import Settings
 from ...core.util.threads import count_usable
 from ..app.estimate import Measured, estimate_bake
-from .panel_parts import describe_estimate, describe_takers
+from .panel_parts import describe_estimate, describe_evened, describe_takers
 
 
 def describe_bake(snapshot: SceneSnapshot, settings: Settings) -> list[str]:
@@ -20,7 +20,7 @@ def describe_bake(snapshot: SceneSnapshot, settings: Settings) -> list[str]:
     estimate = estimate_bake(measured, settings, layered, count_usable())
     if estimate is None:
         return ["nothing that can be baked has an area"]
-    lines = describe_estimate(estimate) + describe_takers(estimate)
+    lines = describe_estimate(estimate) + describe_evened(estimate) + describe_takers(estimate)
     return lines + [f"{name} does not fit a page at this density and is baked less finely" for name in estimate.too_large]
 
 

@@ -52,6 +52,13 @@ def describe_takers(estimate: Estimate) -> list[str]:
     return [f"{name} takes {share:.0%} of the texels".replace("%", " %") for name, share in estimate.takers]
 
 
+def describe_evened(estimate: Estimate) -> list[str]:
+    """What Even Out does, in a sentence; none where that is nothing."""
+    count = len(estimate.evened)
+    most = max((factor for _, factor in estimate.evened), default=1.0)
+    return [f"Even Out: {count} small object{'' if count == 1 else 's'}, up to {_round(most):g} times finer"] if count else []
+
+
 def describe_plan(context: bpy.types.Context, count: int) -> tuple[str, ...]:
     """Lines about a bake of so many objects that begins: those of the estimate, or the number alone where the scene has changed since."""
     meter = context.window_manager.leaflight_meter

@@ -17,7 +17,7 @@ from ..show import restore, view_shading
 from ..show.layout import worn_result
 from . import preferences
 from .checker import is_checker_on
-from .panel_parts import describe_estimate, describe_takers, draw_sentence, draw_told, prepare
+from .panel_parts import describe_estimate, describe_evened, describe_takers, draw_sentence, draw_told, prepare
 from .panel_result import draw_result, draw_show_it, find_worn
 from .presets import LEAFLIGHT_PT_presets
 from .select_operator import is_known
@@ -114,6 +114,7 @@ def _draw_plan(layout: Any, context: bpy.types.Context) -> None:
         if meter.stale:  # in place of a line, for another would move all that is below
             lines[-1] = "The scene changed: measuring..."
         _draw_lines(column, lines, active=not meter.stale)
+        _draw_lines(column, describe_evened(meter.estimate), active=not meter.stale)
         for name, share in meter.estimate.takers[:1]:
             if share >= _MOST:
                 draw_told(column, context, Told((name,), describe_takers(meter.estimate)[0]), "INFO")

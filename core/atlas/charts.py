@@ -18,6 +18,7 @@ from ..util.words import Watch, unwatched
 from .blocks import BlockLayout, join_outlines, lay_block, outline_block
 from .chart_search import find_charts
 from .density_search import find_greatest_density
+from .even_out import even_out
 from .kept_charts import KeptCharts
 from .outlines import Outlines
 from .packing import Page, Placement, Shapes, fits_alone, place_charts, place_uv, shape_charts
@@ -65,8 +66,8 @@ class ChartAtlas:
 def make_charts(snapshot: SceneSnapshot, settings: Settings, watch: Watch = unwatched, kept: KeptCharts | None = None) -> ChartAtlas:
     """Charts of all receiving objects, of one density in texels/m; layers that exist are kept and get pages of their own.
 
-    Where only the page size is chosen there are as many pages as page_plan has it. Pages are larger than asked for where the charts of one
-    object, which lie on one page, do not fit.
+    Where only the page size is chosen, small objects are finer (see even_out), and there are as many pages as page_plan has it. Pages are
+    larger than asked for where the charts of one object, which lie on one page, do not fit.
 
     kept    of an earlier bake, see find_charts
     watch   is told UNWRAPPING, PACKING, and which share of each is done; it may raise
@@ -104,10 +105,10 @@ class _AtlasMaker:
     """The state while an atlas is made: pages fill up, warnings are collected."""
 
     def __init__(self, snapshot: SceneSnapshot, settings: Settings, watch: Watch, kept: KeptCharts | None) -> None:
-        self.snapshot, self.settings, self._watch = snapshot, settings, watch
+        self.snapshot, self.settings, self._watch = even_out(snapshot, settings), settings, watch
         self.page = Page(settings.size, settings.padding)
         self.page_count = 0
-        self.found = find_charts(snapshot, settings.share_meshes, watch, kept)
+        self.found = find_charts(self.snapshot, settings.share_meshes, watch, kept)
         self.warnings: list[tuple[str, str]] = []
         count = len(snapshot.objects)
         self.start = np.searchsorted(snapshot.tri_object, np.arange(count + 1))

@@ -23,6 +23,7 @@ from .packing import Page
 Float64: TypeAlias = NDArray[np.float64]
 
 FILLED_SHARE = 0.9  # of a page, which charts with their gaps fill
+_USUAL_GAPS = 20.0  # paddings along a page's side, for the charts of a usual scene
 _FEWEST_TEXELS = 1.0  # half of the charts have less where one page is too coarse
 
 
@@ -79,6 +80,11 @@ class PagePlan:
 
     pages: int
     density: float
+
+
+def count_usual_texels(page: Page) -> float:
+    """Texels of a page that the charts of a usual scene cover."""
+    return max(page.inside, 1) ** 2 * FILLED_SHARE / (1.0 + _USUAL_GAPS * page.padding / page.size) ** 2
 
 
 def find_gap(page: Page) -> float:

@@ -40,6 +40,7 @@ _STRUCT_FOLDER = "state"
 # the passes only then, what shadow rays found was as sure as it had to be beside other light.
 _FREE_GROUPS = ("Output", "Quality")
 _FREE_KNOBS = ("workers", "margin")
+_EARLIER = {"even_out": False, "max_pages": 1}  # what bakes did before these knobs were there; they decide the layout
 
 
 @dataclass(frozen=True)
@@ -181,7 +182,19 @@ def find_differences(folder: Path, job_folder: Path, settings: Settings) -> list
     if info is None:
         raise ValueError(no_state_error(folder))
     identity = _identify(job_folder, settings)
-    return [name for name in identity if info.identity.get(name) != identity[name]]
+    known = [name for name in identity if name in info.identity or name not in _EARLIER]
+    return [name for name in known if info.identity.get(name) != identity[name]]
+
+
+def keep_layout(folder: Path, settings: Settings) -> Settings:
+    """The settings for going on from a state: knobs of the layout that it knows nothing of are as they were before there was a choice."""
+    info = read_info(folder)
+    if info is None:
+        return settings
+    missing: dict[str, Any] = {name: value for name, value in _EARLIER.items() if name not in info.identity}
+    if settings.density > 0.0:
+        missing.pop("max_pages", None)  # as many as the density takes, then as now
+    return dataclasses.replace(settings, **missing)
 
 
 def describe_differences(folder: Path, differing: Sequence[str]) -> str:

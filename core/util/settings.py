@@ -80,6 +80,12 @@ class Settings:
     atlas: bool = _knob(
         True, "share a set of pages between all objects, instead of one image per object", group="Lightmap", off_flag="--per-object"
     )
+    even_out: bool = _knob(
+        True,
+        "small objects whose density nobody chose get more of the page than by their area, so that they keep usable texels",
+        group="Lightmap",
+        off_flag="--no-even-out",
+    )
     max_pages: int = _knob(
         0, "shared pages that a bake may make; 0 makes as many as are needed", unit="pages", low=0, high=10_000, group="Lightmap"
     )

@@ -39,7 +39,7 @@ NEVER = 1e-4  # an error that no bake here comes to, so that the photons decide
 SEEDS_OF_COUNT = {1_000_000: 8, 4_000_000: 4, 16_000_000: 2}  # at least: the fewer photons, the fewer leaves, and the more chance
 MOST_SEEDS = 32  # where few leaves make bakes differ much
 SURE = 0.03  # standard error of stated / rel, at which seeds are enough
-FINEST = Settings(size=SIZE, share_meshes=False, passes=("lighting",), error=0.005, max_photons=128_000_000)
+FINEST = Settings(size=SIZE, share_meshes=False, even_out=False, passes=("lighting",), error=0.005, max_photons=128_000_000)
 MOST_BIAS, MOST_REL, STATED_WITHIN = 0.5, 2.0, 0.25  # %, %, 1
 
 
@@ -144,7 +144,7 @@ def measure_sample(reference: Reference, folder: Path) -> Iterable[Series]:
         stated, photons = result["estimated_error"], result["photons"]
         return Measured(reference.name, settings == FINEST, photons, errors, truth, stated, seconds, page)
 
-    plain = Settings(size=SIZE, share_meshes=False, passes=("lighting",), error=NEVER)
+    plain = Settings(size=SIZE, share_meshes=False, even_out=False, passes=("lighting",), error=NEVER)
     for count, least in SEEDS_OF_COUNT.items():
         yield repeat(lambda seed, count=count: measure(replace(plain, max_photons=count, seed=seed)), least)
     yield Series((measure(FINEST),))

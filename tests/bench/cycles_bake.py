@@ -84,7 +84,9 @@ def set_stage(blend: Path, size: int, folder: Path, objects: tuple[str, ...] = (
 
 def _lay_out(name: str, size: int, folder: Path, objects: tuple[str, ...]) -> np.ndarray:
     """Our layer on the objects of the open scene; (n_tri, 3, 2) float64, [0, 1]."""
-    quick = Settings(size=size, share_meshes=False, passes=("lighting",), direct="photons", error=1.0, max_photons=1000, workers=1)
+    quick = Settings(
+        size=size, share_meshes=False, even_out=False, passes=("lighting",), direct="photons", error=1.0, max_photons=1000, workers=1
+    )
     work = session.prepare(bpy.context, BakeRequest(quick, objects=objects, output=folder / "images"), folder)
     bake.run_bake(folder, lambda message: None, lambda: False)
     result = session.read_result(work)

@@ -89,6 +89,7 @@ def bake_leaflight(subject: Subject, *options: str, without: Sequence[str] = (),
         command = [sys.executable, "-m", "leaflight", "bake", str(subject.blend), "--size", str(subject.size), "--pass", "lighting"]
         command += ["--output", folder, "--report", str(report), "--no-assign", "--own-meshes", "--quiet"]
         command += ["--sides", "front"]  # as Cycles, which bakes the front of a face however it is seen
+        command += ["--max-pages", "1"]  # that of the reference
         command += ["--objects", *subject.objects, *(("--uv-layer", subject.uv_layer) if subject.uv_layer else ()), *options]
         before = _count_cpu_s()
         code, said = _run(command, without, patience_s)

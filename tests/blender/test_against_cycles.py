@@ -24,7 +24,7 @@ from leaflight.core.util.settings import Settings
 from stats import PLANTED_BIAS
 
 SIZE, SAMPLES = 64, 400
-SETTINGS = Settings(size=SIZE, share_meshes=False, passes=("lighting",), error=0.005, max_photons=8_000_000, workers=1)
+SETTINGS = Settings(size=SIZE, share_meshes=False, even_out=False, passes=("lighting",), error=0.005, max_photons=8_000_000, workers=1)
 ABOVE = (0.5, 0.3, 1.6)
 
 

@@ -208,6 +208,20 @@ def test_a_dry_run_tells_the_plan_and_leaves_nothing(room, capsys):
     assert list_files(room.parent) == ["room.blend"]
 
 
+def test_small_objects_are_finer_unless_one_density_is_wanted(tmp_path, capsys):
+    open_room()
+    bpy.data.objects["Floor"].scale = (12.0, 12.0, 1.0)
+    scene, texels = save_scene(tmp_path / "room.blend"), []
+    for words in ((), ("--no-even-out",)):
+        assert bake(scene, "--size", "128", *words) == 0
+        texels.append({row["name"]: row["texels"] for row in read_report(scene)["objects"]})
+    assert texels[0]["Cube"] > 10 * texels[1]["Cube"]
+    assert texels[0]["Floor"] > 0.5 * texels[1]["Floor"]
+    capsys.readouterr()
+    assert bake(scene, "--size", "128", "--dry-run") == 0
+    assert "Even Out: 1 small object, " in capsys.readouterr().err
+
+
 def test_another_scene_of_the_file_is_baked(tmp_path, capsys):
     open_room()
     other = bpy.data.scenes.new("Other")

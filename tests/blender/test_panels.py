@@ -153,6 +153,17 @@ def test_what_may_not_fit_a_page_is_told_before_the_bake():
     ]
 
 
+def test_what_is_evened_out_is_told():
+    chosen, meter = bpy.context.scene.leaflight, bpy.context.window_manager.leaflight_meter
+    chosen.size = 512
+    bpy.data.objects["Floor"].scale = (50.0, 50.0, 1.0)
+    told = []
+    for chosen.even_out in (True, False):
+        meter.measure(bpy.context)
+        told.append([label for label in draw()[0] if "Even Out:" in label])
+    assert told == [["Even Out: 1 small object, up to 6.3 times finer"], []]
+
+
 def test_who_takes_the_page_is_named_with_a_button():
     meter = bpy.context.window_manager.leaflight_meter
     bpy.context.scene.leaflight.density = 0.5  # nobody evens that out

@@ -27,6 +27,7 @@ def test_without_options_everything_has_its_default():
         ("--per-object", "atlas", False),
         ("--atlas", "atlas", True),
         ("--own-meshes", "share_meshes", False),
+        ("--no-even-out", "even_out", False),
         ("--pass lighting direct", "passes", ("lighting", "direct")),
         ("--pass lighting --pass direct stderr", "passes", ("lighting", "direct", "stderr")),
         ("--format exr --format png", "formats", ("exr", "png")),

@@ -76,6 +76,16 @@ def test_who_takes_the_page_is_named():
     assert estimate(level, atlas=False).takers == ()
 
 
+def test_small_things_are_finer_and_named():
+    level = [Measured("Ground", 40_000.0, 2, 1.0, n_chart=1), *(Measured(f"Prop {k}", 24.0, 12, 1.0, n_chart=6) for k in range(60))]
+    even, plain = estimate(level), estimate(level, even_out=False)
+    assert [name for name, _ in even.evened] == [one.name for one in level[1:]]
+    assert even.evened[0][1] == pytest.approx(4.0, rel=0.1)
+    assert [found.takers[0][1] for found in (plain, even)] == pytest.approx([0.965, 0.64], abs=0.01)
+    assert plain.evened == estimate(level, density=1.0).evened == ()
+    assert even.density < plain.density
+
+
 def test_pages_are_told_as_they_are_made():
     """In the figures of bakes: 2,000 boxes have five pages of 512 and one of 1024."""
     boxes = [Measured(f"Box {k}", 6.0, 12, 1.0, n_chart=6) for k in range(2000)]

@@ -54,6 +54,20 @@ def light_bytes(light):
     return b"".join(array.tobytes() for array in arrays)
 
 
+def test_a_state_from_before_a_choice_keeps_its_layout(tmp_path):
+    """Even Out and pages by themselves came later; who goes on has neither."""
+    kept, _ = keep(tmp_path)
+    assert checkpoint.keep_layout(kept, SETTINGS) == SETTINGS
+    told = json.loads((kept / INFO_FILE).read_text())
+    for name in ("even_out", "max_pages"):
+        del told["identity"][name]
+    (kept / INFO_FILE).write_text(json.dumps(told))
+    assert checkpoint.keep_layout(kept, SETTINGS) == replace(SETTINGS, even_out=False, max_pages=1)
+    assert checkpoint.keep_layout(kept, replace(SETTINGS, density=9.0)) == replace(SETTINGS, density=9.0, even_out=False)
+    assert checkpoint.find_differences(kept, tmp_path / "first", replace(SETTINGS, even_out=False, max_pages=1)) == []
+    assert checkpoint.keep_layout(tmp_path / "none", SETTINGS) == SETTINGS
+
+
 @pytest.mark.parametrize(
     "settings", [SETTINGS, replace(SETTINGS, direct="photons", basis="quadratic"), replace(SETTINGS, hierarchical=False)]
 )
