@@ -1,4 +1,4 @@
-"""Direct light by shadow rays at all texels, shot in shards, and again where it is the larger part of the error."""
+"""Direct light by shadow rays at all texels, sampled in shards, and again where it dominates the error."""
 
 from __future__ import annotations
 
@@ -30,28 +30,28 @@ from .direct import DirectLight
 from .direct_shards import NOTHING_AHEAD, ShotAhead
 from .other_light import OtherLight
 
-_BLOCK = 64  # texels in a row, neighbours, whose variances are corrected together
-# Weights in texels shot again: of variances as they were told in all texels' correction, and of that in a block's.
+_BLOCK = 64  # texels in a row, neighbours, with one variance correction
+# Prior weights, in repeated estimates: of a ratio of 1 in the correction of all texels, and of that correction in a block's.
 _PRIOR_VALUES, _PRIOR_OF_BLOCK = 64.0, 16.0
 
 
 @dataclass(frozen=True)
 class Repeats:
-    """How estimates of texels that were shot again differ.
+    """Differences between repeated estimates of texels.
 
-    sums   (3, n_block) float64: how often it was; squared differences between the new estimate and the mean of those before,
-           relative to their brightness; and what their variances let expect of that
+    sums   (3, n_block) float64: number of repeats; squared differences between the new estimate and the mean of those before, relative to
+           brightness; and their expectation from the stated variances
     """
 
     sums: NDArray[np.float64]
 
     def add(self, block: IntArray, seen: NDArray[np.float64], expected: NDArray[np.float64]) -> None:
-        """One more estimate of some texels: all (m,)."""
+        """Add one more estimate of some texels: all (m,)."""
         for row, values in zip(self.sums, (np.ones(len(block)), seen, expected), strict=True):
             row += np.bincount(block, values, len(row))
 
     def correct(self) -> NDArray[np.float32]:
-        """(n_block,) float32: factors for the variances."""
+        """(n_block,) float32: factors for the variances: seen over expected, shrunk towards the mean of all blocks."""
         count, seen, expected = self.sums
         total = self.sums.sum(axis=1)
         common = (_divide(total[1:2], total[2:]) * total[0] + _PRIOR_VALUES) / (total[0] + _PRIOR_VALUES)
@@ -60,7 +60,7 @@ class Repeats:
 
 
 def _average_in_blocks(rows: IntArray, values: FloatArray) -> NDArray[np.float64]:
-    """(m,): of each of some texel entries (m,) the mean of those values that are in its block."""
+    """(m,): for each of some texel entries (m,) the mean of those values in its block."""
     block = rows // _BLOCK
     out: NDArray[np.float64] = (np.bincount(block, values) / np.maximum(np.bincount(block), 1))[block]
     return out
@@ -72,19 +72,19 @@ def _divide(seen: NDArray[np.float64], expected: NDArray[np.float64]) -> NDArray
 
 @dataclass
 class DirectField:
-    """Direct irradiance by shadow rays at every texel entry; zeros when photons carry it. Grows better in place.
+    """Direct irradiance by shadow rays at every texel entry; zeros when photons carry it. Estimates are added in place.
 
     irradiance   (n, 3) float32, W/m^2
-    variance     (n, 3) float32, (W/m^2)^2: as single estimates tell it
-    passes       (n,) int16: how many estimates each texel is the mean of
+    variance     (n, 3) float32, (W/m^2)^2: from the samples of single estimates
+    passes       (n,) int16: number of estimates in each texel's mean
     counters     of direct.direct_irradiance, summed; empty when photons carry it
     turns        shots so far, each with random numbers of its own
-    repeats      of texels shot again, or None
-    by_quads     (n,) bool: told by one of quads alone, whose texels err as one
-    by_openings  (n,) bool: saw the sky through openings, in any of the estimates
+    repeats      of texels sampled again, or None
+    by_quads     (n,) bool: estimated for a quad at once, whose texels have the same error
+    by_openings  (n,) bool: sampled the sky through openings, in any of the estimates
     """
 
-    said: ClassVar = Status("direct", "Direct light")  # of what is found, while it takes its time
+    said: ClassVar = Status("direct", "Direct light")  # progress message
     most_passes: ClassVar = 64  # of a texel
 
     irradiance: NDArray[np.float32]
@@ -101,19 +101,19 @@ class DirectField:
             self.by_quads = np.zeros(len(self.passes), bool)
         if not len(self.by_openings):
             self.by_openings = np.zeros(len(self.passes), bool)
-        self._grain = GRAIN  # least that is smoothed
-        self._smoothed: ShownDirect | None = None  # of the last shot; made when it is asked for
-        self._smoothing: Callable[[], ShownDirect] | None = None  # the same, while it is on its way
+        self._grain = GRAIN  # least relative noise that is filtered
+        self._smoothed: ShownDirect | None = None  # of the last shot, computed on demand
+        self._smoothing: Callable[[], ShownDirect] | None = None  # the same in progress
 
     @classmethod
     def none(cls, n_texel: int) -> DirectField:
         return cls(np.zeros((n_texel, 3), np.float32), np.zeros((n_texel, 3), np.float32), np.zeros(n_texel, np.int16))
 
     def share_error(self, error2: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Squared errors (n,) float32 of all texel entries by which they are chosen to be shot again: means of neighbours below openings.
+        """Squared errors (n,) float32 of all texel entries for choosing those to sample again: block means below openings.
 
-        There rays seldom find much, and of texels that are alike those which it came to err most. Were each shot until its own error
-        is small, it would be left when it has come out dark by chance: measured, 1 % of the light below a skylight.
+        With rare bright samples stopping by each texel's own error is biased: a texel stops when it is dark by chance, and of equal texels
+        those with a bright sample seem to err most. Measured: 1 % of the light below a skylight is lost.
         """
         rows = np.flatnonzero(self.by_openings)
         if not len(rows):
@@ -123,11 +123,11 @@ class DirectField:
         return out
 
     def ask_for(self, error: float) -> None:
-        """Show it as fits a bake of which this relative error is asked for."""
+        """Set the least noise that is filtered from the requested relative error."""
         self._grain = find_grain(error)
 
     def show(self, texels: TexelMap, smooth: bool, spread: Spread = starmap) -> ShownDirect:
-        """The light as it is shown, its grain smoothed or as it is."""
+        """The light as it is shown, filtered or not."""
         if not smooth:
             return ShownDirect.plain(self.irradiance, self.find_variance())
         if self._smoothed is None:
@@ -136,7 +136,7 @@ class DirectField:
         return self._smoothed
 
     def begin_show(self, texels: TexelMap, smooth: bool, spread: Spread) -> None:
-        """Have done what `show` will need, by whoever has nothing else to do; its arguments are the same."""
+        """Start what `show` will need on idle processes; same arguments."""
         if smooth and self._smoothed is None and self._smoothing is None:
             self._smoothing = self._begin_smoothing(texels, spread)
 
@@ -145,9 +145,9 @@ class DirectField:
         return ShownDirect.begin_smoothing(self.irradiance, self.find_variance(), texels, spread, by_quads, self._grain)
 
     def take_shown(self, texels: TexelMap, smooth: bool, spread: Spread = starmap, in_place: bool = False) -> NDArray[np.float32]:
-        """ShownDirect.irradiance of `show`, for whoever asks last: what else was found with it is not kept any longer.
+        """ShownDirect.irradiance of `show`, for its last use: other results of the filter are dropped.
 
-        in_place   it is this field's own, of which nobody wants to know how it was found any more
+        in_place   write into this field's own irradiance, whose unfiltered values are no longer needed
         """
         shown, self._smoothed = self.show(texels, smooth, spread), None
         if not in_place:
@@ -156,9 +156,9 @@ class DirectField:
         return self.irradiance
 
     def find_variance(self) -> NDArray[np.float32]:
-        """(n, 3) float32, (W/m^2)^2: where texels were shot again, corrected by how their estimates differ.
+        """(n, 3) float32, (W/m^2)^2: where texels were sampled again, corrected by how their estimates differ.
 
-        What strata gain depends on how shadows lie, which a single estimate cannot tell.
+        The gain of stratification depends on where shadow edges lie, which a single estimate does not show.
         """
         if self.repeats is None or not uses("variance_correction"):
             return self.variance
@@ -177,12 +177,12 @@ class DirectField:
         other: OtherLight | None = None,
         ahead: ShotAhead = NOTHING_AHEAD,
     ) -> bool:
-        """One more estimate of the texels (m,), ascending; each becomes the mean of all it has had.
+        """Add one more estimate of the texels (m,), ascending; each shows the mean of all of its estimates.
 
-        should_stop   asked after every shard
-        other         light that is shown with it; None where there is none, or direct light is shown by itself
-        ahead         what has been sent already of a first shot of all texels
-        False when it was stopped: texels that had an estimate before are left with that, so that a bake goes on as if this had not been.
+        should_stop   called after every shard
+        other         light shown beside it; None where there is none, or direct light is a pass of its own
+        ahead         shards of a first shot of all texels that are under way already
+        Returns False when it was stopped: texels with an earlier estimate return to it, and the bake goes on as if nothing had happened.
         """
         self.ask_for(settings.error)
         shard = direct_shards.ask_for_direct(folder, settings, self.turns, texels)
@@ -197,14 +197,14 @@ class DirectField:
         return is_done
 
     def _find_brightness(self, shard: texel_shards.DirectShard, other: OtherLight | None) -> float:
-        """W/m^2, of all texels in the mean; 0 where nobody asks for it, below no sky."""
+        """W/m^2, mean of all texels; 0 where no sky needs it."""
         if not direct_shards.is_below_sky(shard.tracing):
             return 0.0
         found = float(self.irradiance.mean(dtype=np.float64)) if self.passes.any() else direct_shards.glance(shard)
         return found + (float(other.level.mean(dtype=np.float64)) if other else 0.0)
 
     def _keep(self, rows: IntArray | slice) -> DirectField:
-        """What there is of some texels, and of all in sum."""
+        """A copy of some texels' estimates, and of the totals."""
         own = self.irradiance[rows].copy(), self.variance[rows].copy(), self.passes[rows].copy()
         return DirectField(
             *own, dict(self.counters), self.turns, copy.deepcopy(self.repeats), self.by_quads[rows].copy(), self.by_openings[rows].copy()
@@ -224,7 +224,7 @@ class DirectField:
         should_stop: Callable[[], bool],
         ahead: ShotAhead = NOTHING_AHEAD,
     ) -> bool:
-        """As shoot, by what `find_light` gives for parts of the shard `whole`: DirectLight, or what has its fields too."""
+        """As shoot; `find_light` returns DirectLight, or a type with its fields, for parts of the shard `whole`."""
         self.turns += 1
         self._smoothed = self._smoothing = None
         texels = whole.texels
@@ -239,11 +239,11 @@ class DirectField:
             self._add(as_slice(shard.texels), light)
             for name, count in light.counters.items():
                 self.counters[name] = self.counters.get(name, 0) + count
-            words.say(self.said, 1 - shard.start / len(texels))  # after it is added: whoever hears it may look
+            words.say(self.said, 1 - shard.start / len(texels))  # after it is added, for the listener may read the light
         return True
 
     def _add(self, rows: IntArray | slice, light: DirectLight) -> None:
-        """One more estimate of some texels."""
+        """Add one more estimate of some texels."""
         before = self.passes[rows, None].astype(np.float32)
         if before.any():
             self.irradiance[rows] = (self.irradiance[rows] * before + light.irradiance_rgb) / (before + 1)
@@ -255,15 +255,15 @@ class DirectField:
         self.by_openings[rows] |= light.by_openings
 
     def _note_difference(self, rows: IntArray, light: DirectLight, floor: float) -> None:
-        """Compares new estimates of the texels `rows` with those before; floor: brightness below which a texel counts as if it had that."""
+        """Compare new estimates of the texels `rows` with those before; floor: least brightness for relative differences."""
         again = self.passes[rows] > 0
         if not again.any():
             return
         rows = rows[again]
         gap = light.irradiance_rgb[again] - self.irradiance[rows]
-        joint = self.irradiance[rows] + gap / (self.passes[rows, None] + 1)  # which a texel's own noise moves independently of the gap
+        joint = self.irradiance[rows] + gap / (self.passes[rows, None] + 1)  # independent of the gap for equal variances
         few = np.flatnonzero(self.by_openings[rows])
-        if len(few):  # where that is not so: one ray that found much makes a texel bright, and its gap seem small beside that
+        if len(few):  # with rare bright samples it is not: one makes a texel bright, and its relative gap small
             joint[few] = np.stack([_average_in_blocks(rows[few], channel) for channel in joint[few].T], axis=1)
         weight = 1.0 / (joint + floor) ** 2
         seen = (weight * gap**2).sum(axis=1)

@@ -1,4 +1,4 @@
-"""Lights looked at one by one: closed forms times the visible share, found by shadow rays where it is in doubt."""
+"""Lights sampled one by one: closed form times the visible share, which shadow rays estimate where it is uncertain."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from .direct_peaks import average_peaks, estimate_bend, find_peaks
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
-AGREE_TEXELS = 16  # neighbours in Morton order whose first rays must agree before any of them stops
-# Powers of the number of rays by which strata lower the variance; measured. A hard edge crosses few cells of a texel; a soft one ties
-# places in the texel to places on the light, which are stratified each by themselves.
+AGREE_TEXELS = 16  # neighbours in Morton order that share the stopping rule: their first rays must agree before any of them stops
+# variance ~ 1 / n^(1 + gain) for n stratified rays; measured. A hard edge crosses few cells of a texel; a soft one couples the place in the
+# texel with the place on the light, which are stratified separately.
 _SHARP_GAIN, _SOFT_GAIN = 0.9, 0.375
 
 
 class Tally:
-    """What is known of lights at some texels: a ratio estimate for each pair, closed form * sum(weight * seen) / sum(share).
+    """Estimates for pairs of texel and light by a ratio estimator: closed form * sum(weight * seen) / sum(share).
 
-    rows    (n,) int64     texels of the chunk; neighbours in space should be neighbours here, of one light after the other
+    rows    (n,) int64     texels of the chunk in spatial order, for one light after the other
     lamp    (n,) int64     rows of the source; None where it has one
-    known   (2, n) float64   closed form, nan where it is to be found, and how far it may be off; None is nan everywhere
-    tiles   (k, 64) int64  pairs of tiles, if noise may be left to whoever smooths it over neighbours
-    leader  (n,) int64     pairs whose rays tell what share is seen, of closed forms that are known; None is each its own
-    alone   (n,) bool      pairs whose rays tell nothing of others', nor those of them; None is none
+    known   (2, n) float64   closed form, nan where it must be computed, and its standard error; None is nan everywhere
+    tiles   (k, 64) int64  pairs of tiles, where noise may be left to the filter
+    leader  (n,) int64     pair whose rays estimate the visible share of this one, where closed forms are known; None: each its own
+    alone   (n,) bool      pairs whose rays share nothing with their neighbours' stopping rule; None is none
     """
 
     def __init__(
@@ -49,11 +49,11 @@ class Tally:
     ) -> None:
         self.source, self.rows, self._lamp, self._shift = source, rows, lamp, shift
         self._tiles = np.zeros((0, TILE_TEXELS), np.int64) if tiles is None else tiles
-        # Sums of the closed form at starts and of its squares; how far the mean of four may be off.
+        # Sums over starts of the closed form and of its square; error of the mean of four starts.
         self._reach, self._reach_squares, self._bend = np.zeros((3, len(rows)))
         self._peak, self._peak_mean, self._peak_variance = np.zeros(len(rows), bool), *np.zeros((2, len(rows)))
         self._starts, self._rays = np.zeros(len(rows)), np.zeros(len(rows))
-        # What was found of them: closed forms, None where some changed since, and squared errors, to be found anew of stale pairs.
+        # Caches: closed forms, None after a change, and squared errors, to be recomputed for stale pairs.
         self._closed_form: Float64 | None = None
         self._error2, self._stale = np.zeros(len(rows)), np.ones(len(rows), bool)
         self._known = np.zeros(len(rows), bool)
@@ -64,7 +64,7 @@ class Tally:
             self._reach_squares = self._reach**2
         # Sums of share, share^2, weight * seen, (weight * seen)^2, share * weight * seen, where seen is the share of light that passes.
         self._sums = np.zeros((5, len(rows)))
-        # Of light that may come coloured: the same of each channel, once rays can tell; then `_sums` are those of their mean.
+        # The same sums by channel, once rays return colours; `_sums` are then those of their mean.
         self._channel_sums: Float64 | None = None
         self._lit, self._dark = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
         self._leader: NDArray[np.int64] | None = leader  # None while each pair leads itself, as most do
@@ -76,9 +76,9 @@ class Tally:
             self._block = _number_blocks(alone) if alone is not None and alone.any() else np.arange(len(rows)) // AGREE_TEXELS
 
     def add(self, rays: ShadowRays, chunk: TexelChunk, index: IntArray, stage: tuple[int, int], points: FloatArray | None = None) -> int:
-        """Sends a stage's rays from some of the tally's texels (m,), ascending; gives how many were traced.
+        """Trace a stage's rays from some of the tally's texels (m,), ascending; returns how many were traced.
 
-        points   (rays, 1 or m, 2) float in [0, 1): where in a texel they start, if not at the stage's own places
+        points   (rays, 1 or m, 2) float in [0, 1): starts of rays in a texel; None for those of the stage
         """
         first, last = stage
         rows = self.rows[index]
@@ -109,7 +109,7 @@ class Tally:
         return self._trace(rays, receivers, self._lamps(lamp), live, index, (first, last))
 
     def _average_peaks(self, chunk: TexelChunk, index: IntArray, starts: Receivers) -> None:
-        """Takes the mean of the closed form finely where the first starts (4, len(index)) are too few for it."""
+        """Average the closed form by a finer quadrature where the first starts (4, len(index)) are too few."""
         if not uses("near_field_quadrature"):
             return
         lamp = None if self._lamp is None else self._lamp[index]
@@ -125,7 +125,7 @@ class Tally:
     def _trace(
         self, rays: ShadowRays, receivers: Receivers, lamps: Source, live: IntArray | None, index: IntArray, stage: tuple[int, int]
     ) -> int:
-        """live (m,) int: place of each receiver in (rays, len(index)); None where each has its own."""
+        """live (m,) int: place of each receiver in (rays, len(index)); None where all rays have a receiver."""
         if live is not None and not len(live):
             return 0
         points = light_points(take_rows(self._shift, index), *stage)
@@ -156,7 +156,7 @@ class Tally:
 
     @property
     def rgb(self) -> Float64:
-        """(n or 1, 3) float64: of each pair's light."""
+        """(n or 1, 3) float64: power of each pair's light by channel."""
         return self.source.rgb if self._lamp is None else self.source.rgb[self._lamp]
 
     def light(self, count: int) -> Float64:
@@ -166,7 +166,7 @@ class Tally:
         return self._sum_texels(self._closed() * [_divide_seen(self._of_leaders(sums)) for sums in self._channel_sums], self.rgb, count)
 
     def variance(self, count: int) -> Float64:
-        """(count, 3) float64: of light."""
+        """(count, 3) float64: variance of `light`."""
         if self._channel_sums is None:
             return self._sum_texels(self._error_squared(), self.rgb**2, count)
         every = slice(0, len(self.rows))
@@ -181,7 +181,7 @@ class Tally:
         single, out = np.zeros(count), np.empty((count, 3))
         for channel, (own, power) in enumerate(zip(channels, rgb.T, strict=True)):  # several times faster than rows of three
             if channel == 0 or values.ndim == 2:
-                single[as_slice(self.rows)] = own  # each texel is there once
+                single[as_slice(self.rows)] = own  # each texel occurs once
             np.multiply(single, power, out=out[:, channel])
         return out
 
@@ -191,9 +191,9 @@ class Tally:
         return out
 
     def unsettled(self, allowed: Float64, stage: tuple[int, int]) -> NDArray[np.int64]:
-        """Texels that want the rays of a stage: whose standard error, or that of their neighbours, exceeds what is allowed (n,).
+        """Texels that need the rays of a stage: their standard error, or that of their block, exceeds the allowed one (n,).
 
-        A texel that stopped whenever its own rays agree would be too bright, or too dark, on average.
+        Stopping each texel by its own rays alone would be biased: it stops when they agree by chance.
         """
         error = self._error_squared()
         doubt = error > allowed**2
@@ -212,10 +212,10 @@ class Tally:
                 dark = ~self._lit & (self._rays == STAGES[1][1])
             tiles = self._tiles
             if stage == STAGES[1]:
-                # Who finds the closed form looks from its four points each time: an edge of light that they miss is never seen.
+                # Where tiles do not give the closed form, estimates start at the same four points and never see an edge that these miss.
                 tiles = tiles[self._known[tiles].all(axis=1)]
             if len(tiles):
-                # Of the first few rays the noise itself is hardly known.
+                # After the first few rays the variance itself is hardly known.
                 calm = find_calm(self.value()[tiles], allowed[tiles].mean(axis=1), by_slope=stage == STAGES[2])
                 doubt[tiles[calm]] = False
             if not self.source.is_sharp and uses("dark_leaders"):
@@ -223,14 +223,14 @@ class Tally:
         return np.flatnonzero(doubt & self.in_reach & self.leads)
 
     def _lead(self, dark: NDArray[np.bool_], stage: tuple[int, int]) -> NDArray[np.int64]:
-        """One of the dark texels (n,) of each block, by chance, to go on for all of them.
+        """A random one of the dark texels (n,) of each block, which goes on sampling for all of them.
 
-        A block that stopped whenever all is dark would miss little light always; by chance it is right on average.
+        Stopping wherever a whole block is dark would lose a little light systematically; a random leader keeps the estimate unbiased.
         """
         rows = np.flatnonzero(dark)
         rows = rows[np.argsort(self._block[rows], kind="stable")]
         _, first, size = np.unique(self._block[rows], return_index=True, return_counts=True)
-        # Bits of the shift that places on lights do not use.
+        # The low bits of the shift, which places on lights do not use.
         chance = self._shift[rows[first], STAGES.index(stage) - 1] & np.uint32(255)
         leader: NDArray[np.int64] = rows[first + (chance * size >> 8)]
         if len(leader) < len(rows):
@@ -241,17 +241,17 @@ class Tally:
         return leader
 
     def _of_leaders(self, values: Float64) -> Float64:
-        """(..., n): what each pair's leader has."""
+        """(..., n): the value at each pair's leader."""
         return values if self._leader is None else values.take(self._leader, axis=-1)
 
     @property
     def leads(self) -> NDArray[np.bool_]:
-        """(n,) bool: own rays tell what share is seen."""
+        """(n,) bool: pairs that estimate the visible share by their own rays."""
         return np.ones(len(self.rows), bool) if self._leader is None else self._leader == np.arange(len(self.rows))
 
     @property
     def in_reach(self) -> NDArray[np.bool_]:
-        """(n,) bool: whether light would come there if nothing stood between."""
+        """(n,) bool: whether the unoccluded irradiance is above 0."""
         out: NDArray[np.bool_] = self._closed() > 0
         return out
 
@@ -264,7 +264,7 @@ class Tally:
         return _divide_seen(self._of_leaders(self._sums[:3]))
 
     def _error_squared(self) -> Float64:
-        """(n,): of the ratio estimate."""
+        """(n,): squared standard error of the ratio estimate."""
         stale = np.flatnonzero(self._stale | self._of_leaders(self._stale))
         if len(stale):
             self._error2[stale] = self._find_error_squared(as_slice(stale), self._sums)
@@ -272,7 +272,7 @@ class Tally:
         return self._error2
 
     def _find_error_squared(self, rows: slice | NDArray[np.int64], sums: Float64) -> Float64:
-        """Of some pairs, by sums (5, n) of all. Source: Cochran 1977, "Sampling Techniques", 6.3, for random rays."""
+        """Squared standard error of some pairs; sums (5, n) of all. Source: Cochran 1977, "Sampling Techniques", 6.3, for random rays."""
         told = rows if self._leader is None else self._leader[rows]
         sums = sums[:, told]
         ratio = _divide_seen(sums)
@@ -282,7 +282,7 @@ class Tally:
         spread = np.maximum(self._reach_squares[rows] / starts - closed**2, 0) / starts**2
         spread = np.where(starts > len(GAUSS_POINTS), spread, self._bend[rows] ** 2)
         spread = np.where(peak, self._peak_variance[rows], spread) * ratio**2
-        # Of few lit rays, or few dark ones, hardly two are in strata that cover each other's noise.
+        # With few lit rays, or few dark ones, hardly two share a stratum, and stratification gains little.
         rarer = 2 * self._rays[told] * np.minimum(ratio, np.maximum(1 - ratio, 0))
         gain = np.maximum(rarer, 1) ** (_SHARP_GAIN if self.source.is_sharp else _SOFT_GAIN)
         out: Float64 = spread + closed**2 * square / gain
@@ -302,7 +302,7 @@ def _divide_seen(sums: Float64) -> Float64:
 
 
 def _number_blocks(alone: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(n,) int64: blocks of neighbours; who is alone is one by himself, with nobody in those before and after."""
+    """(n,) int64: blocks of neighbours; each of `alone` is a block by itself, without adjacent blocks."""
     block, others, single = np.empty(len(alone), np.int64), np.flatnonzero(~alone), np.flatnonzero(alone)
     block[others] = np.arange(len(others)) // AGREE_TEXELS
     block[single] = len(others) // AGREE_TEXELS + 2 + 2 * np.arange(len(single))

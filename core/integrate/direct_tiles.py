@@ -1,8 +1,8 @@
-"""What neighbouring texels can share in their first look at a light: the closed form, and a ray each where all of them agree.
+"""First look at a light from tiles of texels: a shared closed form, and one shadow ray each where all of them agree.
 
-A tile is a square of texels, all of them covered, on one triangle. Far from a light its unoccluded irradiance is so smooth
-over a tile that few points tell it everywhere. A ray from each texel, to strata of the light that the tile's texels share, then
-tells whether the light is seen from everywhere there, or from nowhere. Only where tiles side by side agree is that believed.
+A tile is a square of covered texels on one triangle. Far from a light its unoccluded irradiance is so smooth over a tile that cubic
+interpolation from a few points suffices. A ray from each texel, to strata of the light shared by the tile, tests whether the light is seen
+from everywhere in the tile or from nowhere. The result counts only where adjacent tiles agree.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from ..texels.texel_grid import interleave_bits
 from ..texels.tiles import NODE_WEIGHTS, TILE_LINES, TILE_NODES, TILE_SIDE, TILE_TEXELS, Tiles
 from ..util.arrays import Float32, Float64
 
-_CHECKS = ((2, 1), (5, 2), (1, 5), (6, 6))  # texels x, y that must agree with what a tile's nodes tell
-_CLOSED_ERROR = 2e-3  # relative, that they may be off by
-_STRATA = 16  # texels of a quarter of a tile, whose rays are strata of the light by themselves
+_CHECKS = ((2, 1), (5, 2), (1, 5), (6, 6))  # texels x, y where the interpolation is compared with the closed form
+_CLOSED_ERROR = 2e-3  # its relative tolerance there
+_STRATA = 16  # texels of a quarter of a tile, whose rays are a stratified sample of the light by themselves
 
 Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class FirstLook:
-    """What tiles tell of one light at the texels of a chunk.
+    """Results of the tiles for one light at the texels of a chunk.
 
-    closed   (n,) float64   unoccluded irradiance for rgb = 1; nan where no tile tells it
-    off      (n,) float64   how far that may be off
+    closed   (n,) float64   unoccluded irradiance for rgb = 1; nan where no tile interpolates it
+    off      (n,) float64   its standard error
     lit      (n,) bool      all of the light is seen
-    leader   (n,) int64     texel whose rays tell of this one too, where a tile saw nothing of a light with an extent; else its own row
+    leader   (n,) int64     texel whose rays stand for this one too, where a tile saw nothing of a light with an extent; else its own row
     dark     (n,) bool      none of a light without extent is seen
-    rays     traced
-    looks    those rays
+    rays     number of rays traced
+    looks    the rays
     """
 
     closed: Float64
@@ -51,10 +51,10 @@ class FirstLook:
 
 
 def look_from_tiles(rays: ShadowRays, chunk: TexelChunk, tiles: Tiles, source: Source, shift: NDArray[np.uint32]) -> FirstLook:
-    """A first look at a light by the tiles of a chunk; shift (m, 2) uint32 of each tile's places on the light.
+    """Sample a light by the tiles of a chunk; shift (m, 2) uint32 of each tile's places on the light.
 
-    A little of a light with an extent may come by a gap that few rays find: in the dark one texel of a tile, by chance,
-    looks on for all of them, which is right on average.
+    A gap that few rays find may let through a little of a light with an extent: in a dark tile one random texel goes on sampling for all
+    of them, which is unbiased.
     """
     count = len(chunk)
     closed, lit, dark = np.full(count, np.nan), np.zeros(count, bool), np.zeros(count, bool)
@@ -78,27 +78,27 @@ def look_from_tiles(rays: ShadowRays, chunk: TexelChunk, tiles: Tiles, source: S
     unlit = none & ~tiles.near(asked & ~none)
     if source.is_sharp:
         dark[texels[unlit]] = True
-    else:  # by bits of the shift that places on lights do not use
+    else:  # the shift's low bits, which places on lights do not use
         chosen = tiles.start + (shift[:, 0] % np.uint32(TILE_TEXELS)).astype(np.int64)
         leader[texels[unlit & whole]] = chosen[unlit & whole, None]
     return FirstLook(closed, off, lit, dark, leader, traced, Looks(*(np.concatenate(part) for part in zip(*looks, strict=True))))
 
 
 def _see_tiles(rays: ShadowRays, receivers: Receivers, source: Source, points: Float32) -> tuple[Bools, Bools, Bools | Float32, int]:
-    """(m,) bool whether all of a light is seen from a tile's receivers (m * 64), and whether none is; the share that each of them sees
-    of it, and rays traced.
+    """(m,) bool whether all of a light is seen from a tile's receivers (m * 64), and whether none is; the share that each receiver sees;
+    and the number of rays traced.
     """
     aim = source.aim(receivers.position, receivers.normal, points)
     seen = receivers.see(rays, aim) if source.casts_shadow else Sight(np.ones(len(points), bool), None, 0)
-    # A cone's edge, a horizon that cuts the light, and a face seen from behind are for the texels themselves.
+    # Texels at a cone's edge, at a horizon that cuts the light, and behind a face are sampled one by one.
     full = (seen.share == 1) & (aim.share > 0) & (aim.weight >= aim.share)
     none = (seen.share == 0) | (aim.weight <= 0)
     return full.reshape(-1, TILE_TEXELS).all(axis=1), none.reshape(-1, TILE_TEXELS).all(axis=1), seen.share, seen.rays
 
 
 def _closed_at_tiles(chunk: TexelChunk, tiles: Tiles, source: Source) -> tuple[Bools, Float64, Float64]:
-    """(m,) bool whether the closed form is smooth over a tile; of those where it is, (k, 64) float64 its values at the texels, and
-    (k,) float64 how far these may be off.
+    """(m,) bool whether the closed form is smooth over a tile; where it is, (k, 64) float64 its values at the texels, and (k,) float64
+    their standard error.
     """
     if not len(tiles):
         return np.zeros(0, bool), np.zeros((0, TILE_TEXELS)), np.zeros(0)
@@ -113,7 +113,7 @@ def _closed_at_tiles(chunk: TexelChunk, tiles: Tiles, source: Source) -> tuple[B
 
 
 def _find_off_elsewhere() -> float:
-    """What interpolation leaves out: its mean square over a tile to that at the checks, by the remainder of a cubic along each axis."""
+    """Mean square of the interpolation error over a tile over that at the checks, from the remainder of a cubic along each axis."""
     off2 = np.prod([np.arange(TILE_SIDE) - node for node in TILE_LINES], axis=0).astype(float) ** 2
     return float(2.0 * off2.mean() / off2[np.array(_CHECKS)].sum(axis=1).mean())
 
