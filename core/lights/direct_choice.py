@@ -1,4 +1,4 @@
-"""Choice among more lights than can be looked at one by one: clusters of them, strata of the choice, and rays until they agree."""
+"""Sampling of many lights: clusters, a stratified choice among them, and rays until the standard error is within the tolerance."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..util.arrays import Float32, Float64, FloatArray, IntArray
 from ..util.brightness import weigh_channels
 from .direct_points import STAGES, row_pieces
 
-BLOCK_TEXELS = 64  # neighbours in Morton order, 8 x 8 within a chart, that tell each other what lights them
+BLOCK_TEXELS = 64  # neighbours in Morton order, 8 x 8 within a chart, that share visibility and the stopping rule
 
 Int64: TypeAlias = NDArray[np.int64]
 Span: TypeAlias = tuple[int, int]  # rays first ... last - 1 of a texel
@@ -24,14 +24,14 @@ Span: TypeAlias = tuple[int, int]  # rays first ... last - 1 of a texel
 
 @dataclass(frozen=True)
 class Demand:
-    """How sure the light of a chunk's texels should be, and who of them may help each other.
+    """Required standard error of the light of a chunk's texels, and which of them may share samples.
 
     tolerance   standard error, relative to a texel's light, at which a light gets no more rays
     max_rays    per texel and light
     flat        tiles that lie on one triangle, whose texels share first looks and choices
-    smoothed    (k, 64) int: texels of tiles whose noise may be left to whoever smooths it over neighbours
-    alone       (n,) bool: texels that tell nothing of those beside them; None is none
-    dark        W/m^2: light through openings has to be as sure as if there were so much of it, where there is less
+    smoothed    (k, 64) int: texels of tiles whose noise may be left to the filter
+    alone       (n,) bool: texels from which neighbours must not be interpolated; None means none
+    dark        W/m^2: least light to which the error of light through openings is relative
     """
 
     tolerance: float
@@ -42,11 +42,11 @@ class Demand:
     dark: float = 0.0
 
     def are_alone(self, rows: Int64) -> NDArray[np.bool_] | None:
-        """Which of the texels (m,) are."""
+        """(m,) bool: `alone` of the texels `rows` (m,); None if no texel is."""
         return None if self.alone is None else self.alone[rows]
 
     def spans(self, stages: Sequence[Span] = STAGES) -> list[Span]:
-        """Those of the stages that begin before the last ray."""
+        """The stages that begin before max_rays."""
         return [span for span in stages if span[0] < self.max_rays]
 
 
@@ -57,7 +57,7 @@ class Clusters:
     weight_end   (n + 1,) float64           cumulative importance
     start        (n_cluster + 1,) int64
     centre       (n_cluster, 3) float32, unit box
-    normal       (n_cluster, 3) float32     mean; short where its emitters look in many directions
+    normal       (n_cluster, 3) float32     mean; short if its emitters face many directions
     square       (n_cluster,) float32       mean squared distance of its emitters from the centre, and their own size
     """
 
@@ -69,7 +69,7 @@ class Clusters:
 
     @classmethod
     def of(cls, weight: Float64, centre: FloatArray, normal: FloatArray, own_square: FloatArray, start: Int64) -> Clusters:
-        """Clusters of emitters in their order, of which each begins at one of start; own_square (n,) is their squared size."""
+        """Clusters of consecutive emitters, beginning at `start`; own_square (n,) is the emitters' squared size."""
         every = np.arange(len(weight))
         weight_end = np.concatenate([[0.0], np.cumsum(weight)])
         total = np.maximum(np.add.reduceat(weight, start), 1e-300)
@@ -96,18 +96,18 @@ class Clusters:
 
     @cached_property
     def count(self) -> Int64:
-        """(n_cluster,) int64: emitters of each."""
+        """(n_cluster,) int64: number of emitters."""
         out: Int64 = np.diff(self.start)
         return out
 
     @cached_property
     def spread(self) -> Float32:
-        """(n_cluster,) float32: 0 where all look the same way, up to 1."""
+        """(n_cluster,) float32: sqrt(1 - |normal|^2), 0 if all emitters face the same way, at most 1."""
         out: Float32 = np.sqrt(np.maximum(1 - (self.normal**2).sum(axis=1), 0))
         return out
 
     def choose(self, cluster: Int64, u: FloatArray) -> tuple[Int64, Float64]:
-        """Emitters of clusters (n,) by importance, and their chances within the cluster."""
+        """Emitters of clusters (n,) by importance, and their probabilities within the cluster."""
         if len(self) == len(self.weight_end) - 1:  # each is its own cluster
             return cluster, np.ones(len(cluster))
         return self.choose_among(self.start[cluster], self.start[cluster + 1], u)
@@ -120,7 +120,7 @@ class Clusters:
 
 
 def cut_evenly(weight: Float64, most: int) -> Int64:
-    """First entries of at most so many runs of about the same weight (n,)."""
+    """First entries of at most `most` runs of about equal weight; weight (n,)."""
     if len(weight) <= most:
         return np.arange(len(weight))
     end = np.append(0.0, np.cumsum(weight))
@@ -130,14 +130,14 @@ def cut_evenly(weight: Float64, most: int) -> Int64:
 
 
 def find_reach(starts: FloatArray, count: int) -> Float32:
-    """(count,) float32: about half the diagonal of each texel; starts (k * count, 3), of k points of each."""
+    """(count,) float32: about half the diagonal of each texel; starts (k * count, 3), k points per texel."""
     place = starts.reshape(-1, count, 3)
     out: Float32 = np.sqrt(((place - place.mean(axis=0)) ** 2).sum(axis=2).max(axis=0)) * np.float32(math.sqrt(3))
     return out
 
 
 def cumulate(chances: FloatArray, first: int, out: Float64) -> None:
-    """out (n, n_cluster) float64: cumulative chances of clusters, row r from first + r to one more, so that one search serves all."""
+    """Writes to out (n, n_cluster) float64 the cdf of each row r, plus first + r, so that one binary search serves all rows."""
     np.cumsum(chances, axis=1, out=out)
     out /= np.maximum(out[:, -1:], 1e-300)
     out += np.arange(first, first + len(out))[:, None]
@@ -146,20 +146,20 @@ def cumulate(chances: FloatArray, first: int, out: Float64) -> None:
 def choose_by_strata(
     end: Float64, rows: IntArray, turn: NDArray[np.uint32], count: int, rng: np.random.Generator
 ) -> tuple[Int64, Int64, Float64, Float64]:
-    """Choices (count, len(rows)) of a cluster, one in each of `count` strata of a row's chances.
+    """Chooses (count, len(rows)) clusters, one in each of `count` strata of a row's cdf.
 
-    end       of cumulate
-    rows      (n,) int      of end
-    turn      (n,) uint32   turns the order in which each meets its strata, so that they are not tied to places in the texel
-    out       strata (count, len(rows)) int64; then (count * len(rows),): cluster int64, its chance, and what is left of
-              the random number, again uniform in [0, 1]
+    end       from `cumulate`
+    rows      (n,) int      rows of end
+    turn      (n,) uint32   rotates the order of each row's strata, to decorrelate them from places in the texel
+    out       strata (count, len(rows)) int64; then (count * len(rows),): cluster int64, its probability, and the random number rescaled
+              to be uniform in [0, 1] again
     """
     n_cluster = end.shape[1]
     step = (np.arange(count)[:, None] + turn % count) % count
     pick = (step + rng.random((count, len(rows)))) / count
     row = np.broadcast_to(rows, pick.shape).ravel()
     target = pick.ravel() + row
-    # Searched texel by texel, whose chances are near each other in memory.
+    # Searched row by row, for locality of memory.
     found = np.searchsorted(end.ravel(), np.ravel(target.reshape(pick.shape), order="F"), side="right").reshape(pick.shape, order="F")
     cluster = np.clip(found.ravel() - row * n_cluster, 0, n_cluster - 1)
     low = np.where(cluster > 0, end[row, np.maximum(cluster - 1, 0)], row)
@@ -184,15 +184,15 @@ def gather_until_sure(
     foreseen: tuple[Float64, Float64] | None = None,
     gain: Callable[[Int64], Float64] | None = None,
 ) -> tuple[Float64, Float64, int]:
-    """Irradiance (n, 3) and its variance (n, 3), and the number of rays; 0 but at the rows.
+    """Irradiance (n, 3), its variance (n, 3) and the number of rays; irradiance and variance are 0 outside of the rows.
 
     gather     gives, for some rows and a span of their rays, estimates (k, len(rows), 3) in the order of their strata, and rays traced
-    base_rgb   (n, 3) float64, W/m^2: other light; more rays go where the error shows beside the sum
-    learn      called after the first span, with the rows that go on
-    foreseen   two (n,) float64, told by rays that count for nothing else: what a ray brings in the mean, and its variance. Who then stops
-               does so by that and by what all of the block found: of rays that seldom find much, those of a texel that found nothing agree
-    gain       by the rays taken (n,), how many times less the variance is than successive differences say, for rays stratified in two
-               dimensions; 1 if left out
+    base_rgb   (n, 3) float64, W/m^2: other light; the tolerance is relative to the sum
+    learn      called after the first span, with the rows that continue
+    foreseen   two (n,) float64: predicted mean and variance of a ray, from independent pilot rays. With it the stopping rule uses the
+               predicted variance and the block's sample variance, not the texel's, which is 0 if all of its rays miss
+    gain       takes the rays so far (n,) and gives the factor by which the variance is less than successive differences estimate, for
+               rays stratified in two dimensions; default 1
     """
     count, n_ray = len(base_rgb), 0
     total, squares = np.zeros((count, 3)), np.zeros((count, 3))
@@ -206,7 +206,7 @@ def gather_until_sure(
             value, traced = gather(piece, (first, last))
             n_ray += traced
             total[piece] += value.sum(axis=0)
-            # Neighbouring strata differ by what is random inside them. Source: Wolter 1984, successive differences.
+            # Variance by successive differences of neighbouring strata. Source: Wolter 1984.
             squares[piece] += ((value[0::2] - value[1::2]) ** 2).sum(axis=0)
             taken[piece] += last - first
         if last == spans[-1][1]:
@@ -216,7 +216,7 @@ def gather_until_sure(
             error /= gain(taken)
         limit = demand.tolerance * weigh_channels(base_rgb + mean)
         allowed = limit**2
-        # A texel that stopped whenever its own rays agree would be too bright, or too dark, on average.
+        # Stopping by a texel's own sample variance alone is biased, so a block also shares the rule.
         worse = np.add.reduceat((error - allowed) * asked, np.arange(0, count, BLOCK_TEXELS)) > 0
         doubt = np.repeat(worse, BLOCK_TEXELS)[:count]
         least = np.zeros(count)
@@ -239,7 +239,7 @@ def gather_until_sure(
 
 
 def sort_by_place(centre: FloatArray, normal: FloatArray) -> Int64:
-    """Order of emitters: by the axis their normals are nearest to, then along a Morton curve."""
+    """Order of emitters: by the signed axis nearest to the normal, then along a Morton curve."""
     place = (np.clip(centre + 0.5, 0, 1) * 1023).astype(np.int64)
     code = np.zeros(len(place), np.int64)
     for bit in range(10):

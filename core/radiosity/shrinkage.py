@@ -1,7 +1,7 @@
-"""Functions of leaves, shrunk to what their photons bear out.
+"""Shrinkage of the leaves' coefficients beyond the mean.
 
-A leaf's mean is sure before its slope is. Where the slope that was measured is no steeper than noise alone would make it, it says nothing,
-and the leaf errs less without it; where it is steeper, it errs least with the share that is not noise.
+The coefficients of each degree above 0 are multiplied by max(0, 1 - E/S), with S their squared norm and E its expectation under noise
+alone. This biased estimator has a lower mean squared error than the least-squares fit; the mean is not changed.
 
 Source: James & Stein 1961, positive part, one block of functions for each degree as in Cai 1999 (block thresholding).
 """
@@ -19,16 +19,16 @@ from .quadtree import Quadtree
 from .tally import Solution, Totals
 
 _TINY = np.finfo(float).tiny
-# Of how the leaves differ in what shrinking them takes, so many standard errors are held against who stops because the error is small.
+# Number of standard errors by which the lower bound of the noise reduction is below its estimate, for the stopping rule.
 _SHRUNK_DOUBT = 2.0
 
 
 def shrink_leaves(tree: Quadtree, totals: Totals, leaves: NDArray[np.int64]) -> tuple[Quadtree, NDArray[np.float64]]:
-    """The tree with projectors that shrink what the functions of `leaves` (m,) have beyond their mean, each degree for itself; and risks.
+    """The tree with projectors that shrink the functions of `leaves` (m,) beyond their mean, degree by degree; and risks.
 
-    The mean stays, and so does all flux. It is for tally.solve_tallies alone. Noise is told by the tree that is not shrunk.
-    risk   (m,) float64: squared error that shrinking leaves of the noise beyond the mean; right in sum, for a single leaf
-           often beyond [0, 1], since it is read off one noisy slope. Source: Stein 1981, theorem 1
+    The mean and all flux are preserved. Only for tally.solve_tallies; variances come from the tree without shrinkage.
+    risk   (m,) float64: Stein's unbiased estimate of the squared error after shrinkage, relative to the noise beyond the mean before it;
+           for a single leaf often outside of [0, 1], only sums over leaves are accurate. Source: Stein 1981, theorem 1
     """
     raw = totals.raw[..., leaves].sum((0, 1))
     noise = totals.weight2[:, leaves].sum(0) / np.maximum(tree.area[leaves], _TINY)  # of one function
@@ -57,9 +57,9 @@ def shrink_leaves(tree: Quadtree, totals: Totals, leaves: NDArray[np.int64]) -> 
 
 
 def beyond_noise(value: float, variance: float) -> float:
-    """What is sure of a number that cannot be negative: below zero it is noise, which must not hide other noise, and the more so above.
+    """Positive-part shrinkage of a noisy value that is known to be non-negative: max(value - variance / value, 0).
 
-    Source: James & Stein 1961, the positive part
+    Source: James & Stein 1961
     """
     return max(value - variance / value, 0.0) if value > 0.0 else 0.0
 
@@ -67,10 +67,10 @@ def beyond_noise(value: float, variance: float) -> float:
 def find_shrunk_noise(
     solution: Solution, leaf: NDArray[np.int32], leaf_variance: NDArray[np.float64], noise2: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(m,) float64: the part of texels' squared noise `noise2` (m,) that is not that of their leaves' means.
+    """(m,) float64: the part of the texels' variance `noise2` (m,) that is beyond the variance of their leaves' means.
 
     leaf            (m,) int32
-    leaf_variance   (3, m) float64, (W/m^2)^2: of each alone at the texel, see reconstruct.PointLight
+    leaf_variance   (3, m) float64, (W/m^2)^2: variance of the leaf alone at the texel, see reconstruct.PointLight
     """
     variance = leaf_variance.sum(0)
     of_mean = np.divide(solution.variance[:, leaf].sum(0), variance, out=np.ones(len(leaf)), where=variance > 0.0)
@@ -81,9 +81,9 @@ def find_shrunk_noise(
 def find_share_taken(
     leaf: NDArray[np.int32], shrunk2: NDArray[np.float64], nodes: IntArray, risk: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """The share that shrinking leaves takes of the noise `shrunk2` (m,) beyond their means, likely and surely; leaf (m,).
+    """Share of the variance `shrunk2` (m,) beyond the means that shrinkage removes: an estimate and a lower bound; leaf (m,).
 
-    Single leaves know it too roughly. All together tell it, and by how they differ what of it is sure.
+    Risks of single leaves are noisy, so they are averaged over all leaves; their scatter gives the standard error for the bound.
     """
     by_leaf = np.bincount(leaf, shrunk2, int(nodes.max()) + 1)[nodes]
     total: float = max(float(by_leaf.sum()), float(_TINY))

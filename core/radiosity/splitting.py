@@ -1,11 +1,11 @@
-"""How many photons part at the first surface that they meet: more where what they bring from there takes more off the bake's error.
+"""Adjoint-driven splitting: the number of photons into which a photon splits at its first hit.
 
-All that parts at one place is noise at the surfaces it comes to, and work: rays. At equal work noise is least where the number of photons
-goes as the root of noise over work. Most light of a sunlit house falls on its outside, from where hardly any comes in; and a
-lamp close to a wall sends a room's light through a few texels of it.
+The photons split at one place contribute variance downstream and cost rays. At equal cost the total variance is least if the number at a
+place goes as sqrt(variance / cost). Most light of a sunlit house falls on its outside, and hardly any of it comes in; a lamp close to a
+wall sends a room's light through a few texels of it.
 
-A place is a deepest node of the trees, or an object where the surface has no lightmap. What few photons tell of it is mixed with what is
-known of the nodes above, of the object, and of all.
+A place is a deepest node of the trees, or an object whose surface has no lightmap. The estimates at a place are shrunk towards those of its
+parent node, of the object, and of the scene.
 
 Source: Neyman 1934, "On the two different aspects of the representative method" (optimal allocation); Vorba & Křivánek 2016,
 "Adjoint-driven Russian roulette and splitting in light transport simulation".
@@ -29,10 +29,11 @@ from .tally import find_touched
 
 Float64 = NDArray[np.float64]
 
-# Of photons.SPLIT: one photon at least, so that what was not foreseen is still seen; and not so many that few places of birth tell all.
+# Bounds, relative to photons.SPLIT: at least one photon, so that unexpected light is still found; and few enough that the estimate does not
+# depend on few points of emission.
 LEAST_FACTOR, MOST_FACTOR = 1 / 8, 8.0
-_PRIOR_GROUPS = 16.0  # that what is known of the surroundings counts for
-_GRAIN = 4  # texels: noise of smaller nodes is averaged over so many a side, see denoise
+_PRIOR_GROUPS = 16.0  # weight of the parent's rates as a prior, in groups
+_GRAIN = 4  # texels: the filter averages the noise of nodes of a shorter side over this width, see denoise
 _STEPS = 8  # of a search whose result need not be exact
 _LEAST_WORK = 0.05  # rays of a group
 _TINY = float(np.finfo(float).tiny)
@@ -40,12 +41,12 @@ _TINY = float(np.finfo(float).tiny)
 
 @dataclass(frozen=True)
 class Splitting:
-    """What the photons of a round are told.
+    """Splitting factors and guiding of a round.
 
-    factor   (n_object + n_node,) float32: of photons.SPLIT, how many times as many part on objects without a lightmap, and in deepest nodes
-    worth    (3, n_node) float64, 1/W^2: squared error of the bake, relative to local brightness, for each squared watt
-             that a photon brings to a deepest node
-    cells    where photons are born that go alone
+    factor   (n_object + n_node,) float32: splitting factor relative to photons.SPLIT, on objects without a lightmap and in deepest nodes
+    worth    (3, n_node) float64, 1/W^2: squared error of the bake, relative to local brightness, per squared watt that a photon deposits
+             in a deepest node
+    cells    emission cells of photons that start alone
     """
 
     factor: NDArray[np.float32]
@@ -53,19 +54,19 @@ class Splitting:
     cells: BirthCells
 
     def find_places(self, node: IntArray, is_mapped: NDArray[np.bool_], thing: IntArray) -> NDArray[np.int32]:
-        """(m,) int32, indices of `factor`: of hits in nodes (m,) where the surface is mapped, else on objects (m,)."""
+        """(m,) int32, indices of `factor` for hits: the node (m,) where the surface has a lightmap, else the object (m,)."""
         n_object = len(self.factor) - self.worth.shape[1]
         return np.where(is_mapped, node + n_object, thing).astype(np.int32)
 
 
 @dataclass(frozen=True)
 class SplitTally:
-    """What became of the groups of a shard, by place, as if SPLIT photons had parted everywhere.
+    """Sums over the groups of a shard by place, normalized to a splitting into SPLIT photons everywhere.
 
     place    (k,) int64, ascending
     groups   (k,) float64
     rays     (k,) float64
-    noise    (k,) float64: what they add to the squared error
+    noise    (k,) float64: their contribution to the squared error
     """
 
     place: NDArray[np.int64]
@@ -75,7 +76,7 @@ class SplitTally:
 
     @classmethod
     def of(cls, groups: Groups, noise: Float64) -> SplitTally:
-        """Of groups, and what each adds to the squared error, noise (g,)."""
+        """From groups and the contribution of each to the squared error, noise (g,)."""
         place, slot, _ = find_touched(groups.place, int(groups.place.max(initial=-1)) + 1)
         sums = np.empty((3, len(place)))
         for row, values in zip(sums, (None, groups.rays / groups.split, noise * groups.split), strict=True):
@@ -85,11 +86,11 @@ class SplitTally:
 
 @dataclass
 class SplitGuide:
-    """What all groups of a bake told, each (n_object + n_node,) float64; the places as in Splitting.
+    """Sums over all groups of a bake, each (n_object + n_node,) float64; places as in Splitting.factor.
 
-    groups   number
-    rays     that came of them
-    noise    that came of them, over the mean of its round: other rounds had other leaves
+    groups   number of groups
+    rays     number of their rays
+    noise    their squared error, relative to the mean per group of its round, since rounds differ in their leaves
     """
 
     groups: Float64
@@ -101,13 +102,13 @@ class SplitGuide:
         return cls(*np.zeros((3, n_place)))
 
     def grow(self, n_place: int) -> None:
-        """Make room for nodes that were added since."""
+        """Appends zeros for new nodes."""
         for name in ("groups", "rays", "noise"):
             sums = getattr(self, name)
             setattr(self, name, np.concatenate([sums, np.zeros(n_place - len(sums))]))
 
     def add_round(self, shards: Sequence[SplitTally]) -> None:
-        """What the shards of one round told."""
+        """Adds the shards of one round."""
         groups, noise = (math.fsum(getattr(shard, name).sum() for shard in shards) for name in ("groups", "noise"))
         for shard in shards:
             self.groups[shard.place] += shard.groups
@@ -115,9 +116,9 @@ class SplitGuide:
             self.noise[shard.place] += shard.noise * (groups / noise if noise > 0.0 else 0.0)
 
     def plan(self, tree: Quadtree, root_object: IntArray) -> tuple[NDArray[np.float32], float]:
-        """Factors (n_object + n_node,) of a round, as in Splitting, and its weight: how much a photon tells, over one of a first round.
+        """Factors (n_object + n_node,) as in Splitting, and the weight of the round's photons: variance without over variance with them.
 
-        root_object   (r,) int: the object of each of the nodes that the tree started with
+        root_object   (r,) int: the object of each root
         """
         if not self.noise.any():
             return np.ones(len(self.groups), np.float32), 1.0
@@ -127,17 +128,17 @@ class SplitGuide:
         number, work, noise = self.groups[met], work[met], noise[met]
         scale = 1.0 / max(float(wanted[met].max()), _TINY)
         all_work = float((number * work).sum())
-        for _ in range(_STEPS):  # as much work as if SPLIT parted everywhere
+        for _ in range(_STEPS):  # equal cost to SPLIT photons everywhere
             factor = np.clip(scale * wanted[met], LEAST_FACTOR, MOST_FACTOR)
             scale *= all_work / max(float((number * factor * work).sum()), _TINY)
-        # Where most of the noise is from must not be bounded alone: the work would go to where it is of no use.
+        # If MOST_FACTOR bounded only the main sources of variance, the freed cost would go to places that hardly matter.
         scale = min(scale, MOST_FACTOR * float((number * noise).sum()) / max(float((number * noise * wanted[met]).sum()), _TINY))
         factor = np.clip(scale * wanted, LEAST_FACTOR, MOST_FACTOR)
         weight = float((number * noise).sum() / max(float((number * noise / factor[met]).sum()), _TINY))
         return factor.astype(np.float32), max(weight, 1.0)
 
     def _know_rates(self, tree: Quadtree, root_object: IntArray) -> tuple[Float64, Float64]:
-        """Rays and noise of a group at each place, (n_object + n_node,) each."""
+        """Shrunk estimates of a group's rays and noise at each place, (n_object + n_node,) each."""
         n_object = len(self.groups) - len(tree)
         sums = np.stack([self.groups, self.rays, self.noise])
         for level in reversed(tree.levels[1:]):
@@ -156,13 +157,13 @@ class SplitGuide:
 
 
 def _mix(sums: Float64, expected: Float64) -> Float64:
-    """Rates (2, m) at places: sums (3, m) as in SplitGuide, expected (2, m) of what lies above."""
+    """Posterior rates (2, m) per group: sums (3, m) as in SplitGuide, expected (2, m) rates of the parents."""
     mixed: Float64 = (sums[1:] + _PRIOR_GROUPS * expected) / (sums[0] + _PRIOR_GROUPS)
     return mixed
 
 
 def weigh_groups(groups: Groups, worth: Float64, node: IntArray, flux: FloatArray) -> Float64:
-    """(g,) float64: what groups add to the squared error by their deposits (m,).
+    """(g,) float64: contribution of groups to the squared error, the sum of worth * flux^2 over their deposits (m,).
 
     worth as in Splitting, node (m,) int, flux (3, m) float, W
     """
@@ -177,12 +178,12 @@ def weigh_groups(groups: Groups, worth: Float64, node: IntArray, flux: FloatArra
 def weigh_deposits(
     tree: Quadtree, leaves: IntArray, light: FloatArray, deposits: int, weighed: tuple[Parts, Float64] | None = None
 ) -> Float64:
-    """Worth (3, n) of light that photons bring to the nodes at and below the leaves, as in Splitting but for a factor.
+    """Splitting.worth (3, n) of the nodes at and below the leaves, up to a factor.
 
     leaves     (m,) int: nodes that tile the charts
-    light      (3, n') float, W/m^2: all light at the leaves and at what is above them, of the first n' nodes
-    deposits   so far: where not one is to be expected, more photons would not do either
-    weighed    what is judged as one, and (p,) what each part counts for; None is the whole
+    light      (3, n') float, W/m^2: total irradiance of the leaves and their ancestors, among the first n' nodes
+    deposits   number so far; it limits the worth of nodes so small that less than one deposit is expected
+    weighed    error groups and their weights (p,), see judged.Parts; None means the whole
     """
     area = tree.area
     cut = np.array(leaves)
