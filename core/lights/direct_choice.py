@@ -30,7 +30,7 @@ class Demand:
     max_rays    per texel and light
     flat        tiles that lie on one triangle, whose texels share first looks and choices
     smoothed    (k, 64) int: texels of tiles whose noise may be left to the filter
-    alone       (n,) bool: texels from which neighbours must not be interpolated; None means none
+    alone       (n,) bool: texels that share no samples with their neighbours; None means none
     dark        W/m^2: least light to which the error of light through openings is relative
     """
 

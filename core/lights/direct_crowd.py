@@ -1,4 +1,4 @@
-"""Direct light from many lamps: the few that matter to a texel are told apart, the others are sampled together."""
+"""Direct light from many lamps: the few that matter to a texel are sampled one by one, the others by a stratified choice."""
 
 from __future__ import annotations
 
@@ -33,27 +33,27 @@ from .direct_sources import join_sources
 from .lights import spread_attenuation
 
 _MAX_CLUSTERS = 4096  # 32 KB each of a chunk of 2^14 texels
-_MATTERS = 1 / 16  # share of what a texel may get, from which on a lamp is looked at by itself
-_TOGETHER = 4  # neighbouring texels within a chart that choose alike
-# Of these, if lamps are judged once for all: least length of the mean of their normals, and how far from their middle they are at most, in
-# halves of their diagonals. That is 1 in a square of four, and 5 where three of four texels are left to smoothing.
+_MATTERS = 1 / 16  # a lamp of at least this share of a texel's total importance is sampled by itself
+_TOGETHER = 4  # neighbouring texels within a chart that share a pdf
+# Conditions for evaluating the importances once for the four: least length of the mean of their normals, and greatest distance from their
+# mean position, in half diagonals of a texel. That is 1 in a square of four, and 5 where three of four texels are left to the filter.
 _ALIKE, _BESIDE = 0.98, 6.0
-_REGION_BLOCKS = 16  # blocks of texels that are asked together which lamps light them
-_AROUND_RAYS = 4  # what their answer counts, in rays of a block's own
+_REGION_BLOCKS = 16  # blocks of texels whose pooled visibility of the lamps is a prior
+_AROUND_RAYS = 4  # weight of that prior, in rays
 _LEAST_LIT = 0.1
-_GRAZING, _BEHIND = np.float32(0.1), np.float32(0.01)  # least cosine a lamp is judged by, and what is left of one that shines elsewhere
+_GRAZING, _BEHIND = np.float32(0.1), np.float32(0.01)  # least cosine of an importance, and the factor of a lamp that shines elsewhere
 _CONE_SLACK_RAD = 0.1
 _ANYWHERE = -2.0  # below any cosine
 
 
 @dataclass(frozen=True)
 class LampCrowd:
-    """Lamps in the order of their places, whose clusters are single lamps unless they are very many.
+    """Lamps sorted by place; clusters are single lamps unless there are more than _MAX_CLUSTERS.
 
     kind, number   (n,) int64                    the lamp is row `number` of kinds[kind]
-    clusters       of the lamps; normal is where a spot or an area light shines, 0 where it shines all around
-    low_cosine     (n_cluster,) float32          beyond it a cone gives nothing
-    flat           (n_cluster,) bool             it shines by the cosine, as an area light does
+    clusters       of the lamps; the normal is the direction in which a spot or area light shines, 0 for a light in all directions
+    low_cosine     (n_cluster,) float32          of the cone outside of which a lamp is dark
+    flat           (n_cluster,) bool             the intensity goes as the cosine, as for an area light
     """
 
     kinds: tuple[Source, ...]
@@ -65,7 +65,7 @@ class LampCrowd:
 
     @classmethod
     def of(cls, lamps: Sequence[Source]) -> LampCrowd:
-        """A crowd of sources of one lamp each, that are somewhere: no suns."""
+        """From sources of one lamp each, which have a position: no suns."""
         joined = join_sources(lamps)
         kind = np.concatenate([np.full(len(of), k) for k, (_, of) in enumerate(joined)])
         number = np.concatenate([np.arange(len(of)) for _, of in joined])
@@ -81,9 +81,9 @@ class LampCrowd:
         return cls(tuple(source for source, _ in joined), kind[order], number[order], clusters, low_cosine, flat[first] & alone)
 
     def tell_apart(self, chunk: TexelChunk, starts: Receivers) -> tuple[list[tuple[Source, Int64, Int64]], RestOfCrowd]:
-        """Sources with the pairs (texel, row of the source) that matter, and the rest of the lamps at each texel.
+        """Sources with the pairs (texel, row of the source) to sample one by one, and the rest of the lamps.
 
-        starts   of rays from the chunk's texels, any number of each
+        starts   origins of rays from the chunk's texels, equally many of each
         """
         count, n_cluster = len(chunk), len(self.clusters)
         end = np.empty((-(-count // _TOGETHER), n_cluster))
@@ -114,7 +114,7 @@ class LampCrowd:
         return pairs, RestOfCrowd(self, end, count * len(self.kind) - len(texel))
 
     def judge(self, receivers: Receivers, reach: Float32) -> Float32:
-        """(n, n_cluster): about what the clusters give, unoccluded, and never 0; reach (n,), unit box, is how far around it counts."""
+        """(n, n_cluster): importance > 0 of the clusters, about their unoccluded irradiance; reach (n,), unit box: receiver radius."""
         centre, normal, axis = self.clusters.centre, receivers.normal, self.clusters.normal
         square = dot_rows(receivers.position, receivers.position)[:, None] + dot_rows(centre, centre) - 2 * receivers.position @ centre.T
         np.maximum(square, np.float32(1e-9), out=square)
@@ -131,7 +131,7 @@ class LampCrowd:
         out *= self.clusters.weight.astype(np.float32)
         aimed = np.flatnonzero(axis.any(axis=1))
         if len(aimed):
-            # As at what is nearest to the axis within reach.
+            # The greatest cosine to the axis within reach.
             cosine = receivers.position @ axis[aimed].T - dot_rows(centre, axis)[aimed] + reach[:, None]
             cosine /= distance[:, aimed]
             shine = np.where(self.flat[aimed], np.maximum(cosine, _GRAZING), np.float32(1))
@@ -140,10 +140,10 @@ class LampCrowd:
 
 
 class RestOfCrowd:
-    """Lamps that give little to a texel, by chance.
+    """The lamps of low importance at each texel, sampled at random.
 
-    end      (n_group, n_cluster) float64   of direct_choice.cumulate, for so many texels together; a row of 0 chances has nobody in it
-    n_pair   pairs (texel, lamp) that are in it
+    end      (n_group, n_cluster) float64   from direct_choice.cumulate, a row for _TOGETHER texels; all 0 plus the row's number if empty
+    n_pair   number of pairs (texel, lamp)
     """
 
     def __init__(self, crowd: LampCrowd, end: Float64, n_pair: int) -> None:
@@ -180,7 +180,7 @@ class RestOfCrowd:
         return gather_until_sure(gather, rows, demand, base_rgb, learn=learn)
 
     def _weigh(self, groups: Int64, share: Float32) -> None:
-        """Lowers the chances of what is not lit by; share (n_block, n_cluster)."""
+        """Multiplies the groups' probabilities by the measured visibility, share (n_block, n_cluster)."""
         for piece in row_pieces(groups, self._end.shape[1]):
             chances = np.diff(self._end[piece], axis=1, prepend=piece[:, None].astype(float))
             np.maximum(chances, 0, out=chances)
@@ -205,11 +205,11 @@ class RestOfCrowd:
 
 @dataclass(frozen=True)
 class _Judges:
-    """Places that lamps are judged at.
+    """Places at which importances are evaluated.
 
-    group   (n_group,) int64                          of texels
-    each    places of each group, one after the other
-    reach   (n_group * each,) float32, unit box       half the diagonal of what each place stands for
+    group   (n_group,) int64                          groups of texels
+    each    number of places of each group, consecutive
+    reach   (n_group * each,) float32, unit box       half the diagonal of the texels that each place represents
     """
 
     group: Int64
@@ -219,7 +219,7 @@ class _Judges:
 
 
 def _find_judges(chunk: TexelChunk, reach: Float32) -> tuple[_Judges, _Judges]:
-    """One place for all of a flat group, and of others one for each texel.
+    """One place for each flat group, and one per texel for the others.
 
     reach   (n,) float32, unit box: half a texel's diagonal
     """
@@ -241,7 +241,7 @@ def _find_judges(chunk: TexelChunk, reach: Float32) -> tuple[_Judges, _Judges]:
 
 
 def _cumulate_rows(chances: FloatArray, rows: Int64, end: Float64) -> None:
-    """Rows of direct_choice.cumulate, anywhere in `end`."""
+    """As direct_choice.cumulate, into any `rows` of `end`."""
     own = np.empty(chances.shape)
     cumulate(chances, 0, own)
     own += (rows - np.arange(len(rows)))[:, None]
@@ -249,7 +249,7 @@ def _cumulate_rows(chances: FloatArray, rows: Int64, end: Float64) -> None:
 
 
 def _lit_share(shot: Float64, lit: Float64) -> Float32:
-    """(n_block, n_cluster): share of its rays by which a cluster lights a block, helped by the blocks around where they are few."""
+    """(n_block, n_cluster): visibility of a cluster from a block, shrunk towards that of the region, at least _LEAST_LIT."""
     region = np.arange(0, len(shot), _REGION_BLOCKS)
     size = np.diff(np.append(region, len(shot)))
     around = (np.add.reduceat(lit, region, axis=0) + 1) / (np.add.reduceat(shot, region, axis=0) + 1)
@@ -259,7 +259,7 @@ def _lit_share(shot: Float64, lit: Float64) -> Float32:
 
 
 def _outline(source: Source) -> tuple[Float32, Float32, Float64, Float32, Float32, NDArray[np.bool_]]:
-    """Centre (n, 3), where it shines (n, 3), intensity (n,), squared size (n,), cosine of the cone (n,), and whether it is flat (n,)."""
+    """Centre (n, 3), axis (n, 3), intensity (n,), squared size (n,), cosine of the cone (n,), and flat (n,), see LampCrowd."""
     weight = weigh_channels(source.rgb)
     anywhere, no = np.full(len(weight), _ANYWHERE, np.float32), np.zeros(len(weight), bool)
     if isinstance(source, PointSource):
@@ -275,6 +275,6 @@ def _outline(source: Source) -> tuple[Float32, Float32, Float64, Float32, Float3
 
 
 def _widen(half_angle_rad: Float32) -> Float32:
-    """Cosines of cones that are surely as wide, as seen from a texel's middle."""
+    """Cosines of the cones, widened by _CONE_SLACK_RAD to be conservative for all of a texel."""
     out: Float32 = np.cos(np.minimum(half_angle_rad + _CONE_SLACK_RAD, np.float32(math.pi)))
     return out

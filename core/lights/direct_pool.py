@@ -1,4 +1,4 @@
-"""Direct light from more emitting triangles than can be looked at one by one: clusters chosen for each block of texels."""
+"""Direct light from many emitting triangles: importance sampling of clusters, with shared visibility per block of texels."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from .emitter_clusters import EmitterClusters, order_cells
 from .emitting_cells import EmittingCells
 from .irradiance import polygon_irradiance
 
-_STAGES_ALONE = ((0, STAGES[1][1]), STAGES[2])  # of texels outside of tiles: of 4 rays hardly one may meet what lights a texel
-_TOGETHER = 16  # texels of a tile, a quarter of it, that choose alike
+_STAGES_ALONE = ((0, STAGES[1][1]), STAGES[2])  # of texels outside of tiles: 4 rays may all miss the emitters
+_TOGETHER = 16  # texels of a quarter of a tile, which share a pdf
 _DIAGONAL = GAUSS_POINTS[[0, 3]]  # of a texel
-_JUDGES = (0, 5, 10, 15)  # of these, its corners, by what clusters give there
-_PILOTS = 4  # receivers of a block that look at every cluster first
-_REGION_BLOCKS = 16  # blocks whose pilots tell together whether a cluster is seen from there at all
-_UNSEEN_LEAST, _UNSEEN_MOST = 0.05, 0.4  # share of a cluster that is kept for each pilot that did not see it
+_JUDGES = (0, 5, 10, 15)  # the quarter's corners, at which the importances are evaluated and summed
+_PILOTS = 4  # receivers of a block that first trace a ray to every cluster
+_REGION_BLOCKS = 16  # blocks whose pilots' mean visibility of a cluster is a prior
+_UNSEEN_LEAST, _UNSEEN_MOST = 0.05, 0.4  # bounds of the importance's factor for a pilot that did not see the cluster
 _ON_HORIZON = 1e-3  # roots of a triangle's area below the horizon that count as on it
-_CORNERS_WORK = 16  # of the closed form of a triangle, beside looking at a cluster
-_NEAR = 4.0  # distance squared in areas of a triangle, below which its closed form is taken
+_CORNERS_WORK = 16  # cost of a triangle's closed form, relative to a cluster's importance
+_NEAR = 4.0  # the closed form is used below this ratio of squared distance to the triangle's area
 
 
 @dataclass(frozen=True)
 class EmitterPool:
-    """Emitting cells, sorted so that clusters of consecutive ones are close and look the same way.
+    """Emitting cells, sorted so that clusters of consecutive ones are compact and of similar normals.
 
-    constant         (n,) bool                          the cell is a triangle, or part of one, of one radiance
+    constant         (n,) bool                          the cell is a triangle, or part of one, of constant radiance
     area             (n,) float64, unit box squared
-    sealed           (n,) bool                          the cell's back is seen by nobody
+    sealed           (n,) bool                          the cell's back is never visible
     """
 
     cells: EmittingCells
@@ -52,19 +52,19 @@ class EmitterPool:
 
     @cached_property
     def corners(self) -> Float32:
-        """(n, 3, 3) float32, unit box: of the cells' triangles, or of the parts of them that cells are."""
+        """(n, 3, 3) float32, unit box: corners of the cells' triangles, or of their parts."""
         own = self.scene.corner_unit[self.cells.tri]
         return own if self.cells.part is None else find_corners(own, self.cells.part)
 
     @cached_property
     def middle(self) -> Float32:
-        """(n, 3) float32, unit box: of the cells' triangles, or parts of such."""
+        """(n, 3) float32, unit box: centroids of the cells' triangles, or of their parts."""
         out: Float32 = self.corners.mean(axis=1)
         return out
 
     @cached_property
     def _alone(self) -> Int64:
-        """(m,) int64: runs of one cell that is a triangle of constant radiance."""
+        """(m,) int64: runs of a single cell of constant radiance."""
         out: Int64 = np.flatnonzero((self.clusters.runs.count == 1) & self.constant[self.clusters.first[: len(self.clusters)]])
         return out
 
@@ -104,7 +104,7 @@ class EmitterPool:
     ) -> tuple[Float64, Float64, int]:
         """Irradiance (n, 3) and its variance (n, 3) of the chunk's texels, and the number of rays.
 
-        base_rgb   (n, 3) float64, W/m^2: other light at the texels; more rays go where the error shows beside the sum
+        base_rgb   (n, 3) float64, W/m^2: other light at the texels; the tolerance is relative to the sum
         """
         end, group, n_ray = self._choose_clusters(rays, chunk, demand.flat.texels(), rng)
         shift, turn = random_shift(rng, len(chunk)), random_shift(rng, len(chunk))[:, 0]
@@ -141,8 +141,9 @@ class EmitterPool:
         return in_order(step, seen.times(radiance * weight[:, None])), seen.rays
 
     def _choose_clusters(self, rays: ShadowRays, chunk: TexelChunk, flat: Int64, rng: np.random.Generator) -> tuple[Float64, Int64, int]:
-        """(n_group, n_cluster) float64: cumulative chances of the clusters, row r from r to r + 1; (n,) int64, whose each texel
-        follows; and rays spent. Texels of a quarter of a flat tile follow the same.
+        """(n_group, n_cluster) float64: cdf of the clusters plus the row's number; (n,) int64: row of each texel; and rays traced.
+
+        Texels of a quarter of a flat tile share a row.
         """
         visibility, n_ray = self._look_around(rays, chunk, rng)
         n_cluster = len(self.clusters)
@@ -165,7 +166,7 @@ class EmitterPool:
         return end, group, n_ray
 
     def _judge(self, receivers: Receivers, reach: Float32) -> Float32:
-        """As EmitterClusters.judge, but large triangles that are near by what they give: their middles tell little of that."""
+        """As EmitterClusters.judge, but near large triangles by their closed form, as the centroid is a poor estimate there."""
         judged = self.clusters.judge(receivers, reach)
         run, place = self._alone, receivers.position
         cell = self.clusters.first[run]
@@ -181,7 +182,7 @@ class EmitterPool:
         return judged
 
     def _look_around(self, rays: ShadowRays, chunk: TexelChunk, rng: np.random.Generator) -> tuple[Float32, int]:
-        """(n_block, n_cluster): share of each cluster that pilots of the block, and of the blocks around it, saw; and rays spent."""
+        """(n_block, n_cluster): visibility of each cluster from the pilots of the block and of its region; and rays traced."""
         n_cluster = len(self.clusters)
         n_block = -(-len(chunk) // BLOCK_TEXELS)
         pilot = np.arange(n_block)[:, None] * BLOCK_TEXELS + np.arange(_PILOTS) * (BLOCK_TEXELS // _PILOTS) + BLOCK_TEXELS // _PILOTS // 2
@@ -203,7 +204,7 @@ class EmitterPool:
         return (by_block + (1 - by_block) * unseen).astype(np.float32), n_ray
 
     def _aim(self, receivers: Receivers, cell: Int64, u: FloatArray) -> tuple[Aim, Float64]:
-        """Rays to points of cells (n,), weighted by the cells' irradiance at radiance 1; and the radiance there (n, 3)."""
+        """Rays to points of cells (n,), with the irradiance per unit of radiance as their weight; and the radiance there (n, 3)."""
         tri, barycentric = self.cells.place(cell, u)
         target = self.scene.place(tri, barycentric[:, 0], barycentric[:, 1])
         normal = take_rows(self.scene.normal, tri)
@@ -214,7 +215,7 @@ class EmitterPool:
         square = np.maximum(dot_rows(direction, direction), np.float32(1e-20))
         area = self.area[cell]
         cosines = np.maximum(dot_rows(direction, receivers.normal), 0) * np.abs(dot_rows(direction, normal)) / square
-        # Exact, but for points nearer than the radius of a disk of the cell's area: few of them would be far too bright.
+        # cos cos' A / r^2, with r at least the radius of a disk of the cell's area: biased there, to bound the weight of rare near points.
         weight = cosines * (area / np.maximum(square, area / math.pi))
         weight[self.sealed[cell] & ~in_front] = 0
         self._sharpen(weight, receivers, cell)
@@ -226,14 +227,14 @@ class EmitterPool:
         return Aim(direction, np.ones(len(cell), np.float32), short, short), radiance
 
     def _sharpen(self, weight: Float64, receivers: Receivers, cell: Int64) -> None:
-        """Takes the closed form near triangles of constant radiance."""
-        # By the middle of the triangle: were it by the ray's end, near ends would bring the mean of all, and far ones their own less.
+        """Replaces the weight by the closed form of the irradiance near triangles of constant radiance."""
+        # Chosen by the centroid, not by the ray's end: else near ends would have the mean weight, and far ones their own lower weight.
         middle = take_rows(self.middle, cell) - receivers.position
         near = np.flatnonzero(self.constant[cell] & (weight > 0) & (dot_rows(middle, middle) < _NEAR * self.area[cell]))
         looking, corners = receivers.rows(near), self.corners[cell[near]]
         height = ((corners - looking.position[:, None]) * looking.normal[:, None]).sum(axis=2)
-        # A triangle that the horizon cuts sends as much from its part above, and less often: its points below carry nothing.
-        # Corners that it shares with the receiver's own face lie on the horizon, to rounding.
+        # Points below the horizon have weight 0, so the points above, a share p of the area, get the closed form divided by p.
+        # Corners shared with the receiver's own face lie on the horizon up to rounding.
         whole = (height > -_ON_HORIZON * np.sqrt(self.area[cell[near]])[:, None]).all(axis=1)
         share = np.where(whole, 1.0, _share_above(height))
         told = whole | (share > 0)

@@ -1,11 +1,11 @@
-"""Leaves that few photons fell on, held against the light around them.
+"""Empirical Bayes shrinkage of leaves with few expected photons towards a spatial hierarchy.
 
-A chart of less than a texel, as the facets of a leaf or a screw have, waits for a photon that hardly ever comes; and the one that does
-would light it hundreds of times too much, so that it shines out of the dark. Where few photons were to be expected, what fell says less
-than what fell around: in cells of space from the whole scene down to about the thing itself, each held against the next larger one.
+A chart of less than a texel, as on the facets of a leaf or a screw, hardly ever receives a photon, and one photon would make it hundreds of
+times too bright. Its estimate is shrunk towards the mean of the surrounding cell of space; cells range from the whole scene down to about
+the object itself, each shrunk towards the next larger one.
 
 Source: Marshall 1991, "Mapping disease and mortality rates using empirical Bayes estimators", local estimates; a Poisson count whose mean
-has a gamma prior of one photon, with the prior's mean from the next larger cell. What is shown errs by the variance of its posterior.
+has a gamma prior of one photon, with the prior's mean from the next larger cell. The stated variance is that of the posterior.
 """
 
 from __future__ import annotations
@@ -21,27 +21,28 @@ from ..util.coverage import Float64
 from .quadtree import Quadtree
 from .tally import Solution
 
-_FEW = 16  # photons; more of them say more than any surroundings
-# Photons that what is around counts for: for a leaf, and for a cell, whose own ones the leaf's are among and must not count each time.
+_FEW = 16  # photons; leaves with at least so many are not shrunk, unless few were expected
+# Weight of the prior, in photons: for a leaf, and for a cell; a cell contains the leaf's photons, which must not count at every level.
 _OF_LEAF, _OF_CELL = 1.0, 4.0
-# Of what is darker than around: it may be turned away from what lights that, and to shine out of the dark is worse. Measured on a room of
-# furniture and on people with faces inside: with all of it up to half more squared relative error, with none 1.7 times as many dark specks.
+# Factor of the shrinkage for leaves darker than the prior mean: they may face away from the light, and outliers are more visible in the
+# dark. Measured on a room of furniture and on people with faces inside: with 1 up to 50 % more squared relative error, with 0 1.7 times as
+# many dark specks.
 _LIFTED = 0.5
-_BLACK = 1e-3  # of the mean: what would be lifted to less stays black, as the inside of what is closed is
+_BLACK = 1e-3  # of the mean: a leaf without photons that would be raised to less stays black, as inside of closed solids
 CELL_BITS = 7
-_LEVELS = (0, 3, 5, CELL_BITS)  # halvings of the scene's box; in all of them what faces different ways is told apart
+_LEVELS = (0, 3, 5, CELL_BITS)  # halvings of the scene's box; cells also separate surfaces by the way they face
 _TINY = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True)
 class FewPhotons:
-    """Leaves that few photons fell on, k of them, and what they are shown with: light of photons that came by way of a surface.
+    """The k leaves with few photons and their posteriors.
 
-    row_of     (n_node,) int32: of each node of the tree, -1 of all others
-    around     (3, k) float64, W/m^2: that of what is around them
-    share      (k,) float64: how far they lean on it
-    mean       (3, k) float64, W/m^2: what they have, brought towards it
-    variance   (3, k) float64, (W/m^2)^2: of that
+    row_of     (n_node,) int32: row of each node of the tree, -1 for all others
+    around     (3, k) float64, W/m^2: prior mean, that of the surrounding cell
+    share      (k,) float64: weight of the prior mean
+    mean       (3, k) float64, W/m^2: posterior mean
+    variance   (3, k) float64, (W/m^2)^2: posterior variance
     """
 
     row_of: NDArray[np.int32]
@@ -60,11 +61,11 @@ class FewPhotons:
         correction: Float64,
         cell: IntArray,
     ) -> FewPhotons:
-        """Of the leaves (m,), which tile the charts, of a tree.
+        """From the leaves (m,), which tile the charts, of a tree.
 
-        received     (n_node,): photons that came to each node
-        correction   (3,), of photon_noise.noise_correction
-        cell         (m,) int, of space_cells.code_cells with CELL_BITS: where each of the leaves begins
+        received     (n_node,): number of photons received by each node
+        correction   (3,), from photon_noise.noise_correction
+        cell         (m,) int, from space_cells.code_cells with CELL_BITS, at the start of each leaf
         """
         row_of = np.full(len(tree), -1, np.int32)
         is_few = received[leaves] < _FEW
@@ -74,7 +75,7 @@ class FewPhotons:
         power2 = (solution.variance[:, leaves] * correction[:, None]).sum(axis=0) * area**2
         around = _look_around(cell, np.stack([*flux, area, power2]))
         share = around.find_share(area, _OF_LEAF)
-        is_few |= share > 0.5  # where not one was to be expected, many that came may have parted from one
+        is_few |= share > 0.5  # where less than one photon was expected, many may come from one split photon
         few, least = np.flatnonzero(is_few), _BLACK * flux.sum(axis=1, keepdims=True) / max(float(area.sum()), _TINY)
         row_of[leaves[few]] = np.arange(len(few))
         around, share, area = around.take(few), share[few], area[few]
@@ -82,23 +83,23 @@ class FewPhotons:
         mean = _lean(own, around.mean, share)
         black = (own == 0.0) & (mean < least)
         mean[black] = 0.0
-        # Where none fell the light was found to be about as likely above what is shown as below, down to none.
+        # Without photons the light was found to be about as likely above the shown value as between it and 0.
         count = own.mean(axis=0) * area / np.maximum(around.photon, _TINY)
         told = count + np.where(count > 0.0, _OF_LEAF, _LIFTED**2 * _OF_LEAF)
         variance = np.where(black, 0.0, told * (share / _OF_LEAF * around.mean) ** 2)
         return cls(row_of, np.where(black, 0.0, around.mean), share, mean, variance)
 
     def find(self, leaf: IntArray) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:
-        """Which of some texels are on such a leaf, (m,), and the rows of those, (j,); leaf (m,), the node of each."""
+        """Whether texels are on such a leaf, (m,) bool, and the rows of those that are, (j,); leaf (m,), the node of each."""
         row = self.row_of[leaf]
         chosen = row >= 0
         return chosen, row[chosen]
 
     def show(self, light: NDArray[np.float32], variance: NDArray[np.float32] | None, leaf: IntArray) -> None:
-        """Brings the light of such leaves towards that of what is around, and states its variance where that is asked for; in place.
+        """Shrinks the light on such leaves towards the prior mean and sets its variance, unless None; in place.
 
-        light, variance   (n, 3) float32, W/m^2 and its square, of some texels
-        leaf              (n,) int: which each is on
+        light, variance   (n, 3) float32, W/m^2 and its square, at texels
+        leaf              (n,) int: the node of each
         """
         chosen, row = self.find(leaf)
         texel = np.flatnonzero(chosen)
@@ -110,43 +111,43 @@ class FewPhotons:
 
 @dataclass(frozen=True)
 class _Around:
-    """What is known of each of c cells.
+    """Estimates of c cells.
 
     mean     (3, c) float64, W/m^2
-    photon   (c,) float64, W: the power of one photon there, of a channel
+    photon   (c,) float64, W: power of a photon per channel
     """
 
     mean: Float64
     photon: Float64
 
     def within(self, total: Float64) -> _Around:
-        """In as many smaller cells, held against these; total (5, c) of each, as of _look_around."""
+        """Estimates of c smaller cells, shrunk towards these; total (5, c) are their sums of the `parts` of _look_around."""
         flux, area, power2 = total[:3], total[3], total[4]
         own = flux / np.maximum(area, _TINY)
         mean = own + self.find_share(area, _OF_CELL) * (self.mean - own)
-        one = len(flux) * self.photon  # as if one more had come, lest a single one tells what all of them carry
+        one = len(flux) * self.photon  # one pseudo-photon, so that a single photon does not set the mean power
         return _Around(mean, (power2 + one * self.photon) / np.maximum(flux.sum(axis=0) + one, _TINY))
 
     def take(self, rows: IntArray) -> _Around:
         return _Around(self.mean[:, rows], self.photon[rows])
 
     def find_share(self, area: Float64, prior: float) -> Float64:
-        """(c,): how far surfaces of area (c,), m^2, lean on the mean: the more, the fewer photons were to be expected; at a prior, half."""
+        """(c,): prior weight prior / (expected + prior), with the photons expected on surfaces of area (c,), m^2."""
         expected = self.mean.mean(axis=0) * area / np.maximum(self.photon, _TINY)
         share: Float64 = prior / (expected + prior)
         return share
 
 
 def _lean(light: NDArray[Any], around: Float64, share: Float64) -> Float64:
-    """Light brought so far towards that of what is around."""
+    """Light shrunk by `share` towards `around`, by _LIFTED times as much where it is darker."""
     leaning: Float64 = light + share * np.where(light < around, _LIFTED, 1.0) * (around - light)
     return leaning
 
 
 def _look_around(cell: IntArray, parts: Float64) -> _Around:
-    """What is around each of m leaves, by the `cell` (m,) of FewPhotons.of.
+    """The smallest cell around each of m leaves; cell (m,) as in FewPhotons.of.
 
-    parts   (5, m) float64: the leaves' flux, W, of each channel, their area, m^2, and the sum of their photons' squared powers, W^2
+    parts   (5, m) float64: the leaves' flux per channel, W, their area, m^2, and the sum of their photons' squared powers, W^2
     """
     order = np.argsort(cell, kind="stable")
     parts, cell = parts[:, order], cell[order]
