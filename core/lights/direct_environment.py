@@ -1,8 +1,8 @@
-"""Direct light from an environment map: directions chosen by radiance times cosine for each block of texels.
+"""Direct light from an environment map: product sampling of radiance, cosine and visibility for each block of texels.
 
-The map is cut into patches. For a block of neighbouring texels a patch is chosen in proportion to its power, the cosine to the block's
-normals, and the root of the share of it that rays from there have seen; within the patch a cell of the map by its power. A control variate
-takes what is left of the noise where most of the sky is seen: the irradiance of the whole map at a normal is known.
+The map is divided into patches. For a block of neighbouring texels the probability of a patch goes as its power, the cosine to the block's
+normals, and the root of its measured visibility; within the patch a cell of the map is chosen by its power. A control variate
+reduces the variance where most of the sky is visible: the irradiance of the whole unoccluded map at a normal is known.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from .direct_lights import Aim
 from .direct_points import LIGHT_PLACE, MIDDLE, STAGES, Receivers, TexelChunk, light_points, random_shift, row_pieces
 from .environment_table import EnvironmentTable, PatchChoice
 
-_REGION_BLOCKS = 16  # blocks that learn together what is seen
-_AROUND_RAYS = 4.0  # what the region around counts, in rays to a sector
-_ANYWHERE = 0.3  # share of the rays that go by power and cosine alone, whatever was seen; bounds their weight
-_BACKSTOP = 0.05  # share that goes by power alone: of a block's texels some may look elsewhere than those that were asked
-_MOST_SEEN = 1 / 16  # share of the sky's light; where less is seen neighbours share one statement of the error, see Openings
-_MOSTLY_OPEN = 0.5  # share of the sky's light; where more is seen the control variate is taken
-# Power of the number of rays by which strata in two dimensions lower the variance further than successive differences see, as for soft
+_REGION_BLOCKS = 16  # blocks whose pooled visibility is a prior
+_AROUND_RAYS = 4.0  # weight of that prior, in rays to a sector
+_ANYWHERE = 0.3  # share of sampling by power and cosine alone, without visibility; bounds the rays' weight
+_BACKSTOP = 0.05  # share of sampling by power alone: some of a block's normals may differ from those of _JUDGES
+_MOST_SEEN = 1 / 16  # visible share of the sky's light below which neighbours share one error estimate, see Openings
+_MOSTLY_OPEN = 0.5  # visible share of the sky's light above which the control variate is used
+# Stratification in two dimensions lowers the variance by a further n^0.375, n rays, that successive differences do not measure, as for soft
 # lights in direct_tally; beside a wall the stated error is then twice the real one, without it five times.
 _STRATA_GAIN = 0.375
-_AIMED_LOOKS = 3  # rays of a texel there that tell where to look, and no more
-_JUDGES = 4  # texels of a block that tell its normals
+_AIMED_LOOKS = 3  # pilot rays per such texel: they shape the pdf and are no part of the estimate
+_JUDGES = 4  # texels of a block whose normals represent it
 _LEAST_VARIANCE, _LEAST_FORESEEN = 1 / 8, 1 / 64  # as in direct_openings
 _INFINITE = np.float32(1e30)
 
@@ -39,8 +39,8 @@ _INFINITE = np.float32(1e30)
 class EnvironmentLight:
     """The light of an environment at the texels of a chunk.
 
-    few    (m,) int64: texels that see little of it, whose errors are one (see Openings)
-    rays   sent to find that
+    few    (m,) int64: texels that see little of it, which share an error estimate (see Openings)
+    rays   number of pilot rays
     """
 
     def __init__(self, table: EnvironmentTable, rays: ShadowRays, chunk: TexelChunk, rng: np.random.Generator) -> None:
@@ -58,7 +58,7 @@ class EnvironmentLight:
         for _ in range(_AIMED_LOOKS if len(self.few) else 0):
             self._explore(rays, chunk, self.few, rng)
         self._chance = self._share_out()
-        # Where less is seen, the light of a texel that sees nothing would come out as noise around 0.
+        # With less visible sky, the control variate would turn the light of a texel that sees nothing into noise around 0.
         share = self._see_share()
         self._open = np.where(share > _MOSTLY_OPEN, np.minimum(share, 1), 0.0)
 
@@ -123,7 +123,7 @@ class EnvironmentLight:
         return ordered + self._open[block, None] * unoccluded, seen.rays
 
     def _look(self, rays: ShadowRays, receivers: Receivers, patch: Int64, chance: FloatArray, u: FloatArray) -> tuple[Float64, Sight]:
-        """What rays to patches would bring (n, 3), W/m^2, and how much of it they see."""
+        """Unoccluded contribution of rays to patches (n, 3), W/m^2, and their visibility."""
         direction, cell, density = self._table.choose(patch, u)
         cosine = np.maximum(dot_rows(direction, receivers.normal), 0)
         per_radiance = np.divide(cosine, chance * density, out=np.zeros(len(cell), np.float32), where=density > 0, casting="same_kind")
@@ -133,7 +133,7 @@ class EnvironmentLight:
         return radiance * per_radiance[:, None].astype(np.float64), seen
 
     def _explore(self, rays: ShadowRays, chunk: TexelChunk, rows: Int64, rng: np.random.Generator) -> None:
-        """Learns what is seen by a ray from each of some texels (m,); these count for nothing else, which biases no light."""
+        """Traces a pilot ray from each of some texels (m,) to measure visibility; no part of the estimate, so that it stays unbiased."""
         choice = PatchChoice(self._share_out())
         for piece in row_pieces(rows, 1):
             block = piece // BLOCK_TEXELS
@@ -152,7 +152,7 @@ class EnvironmentLight:
         return np.repeat(np.add.reduceat(counts, first, axis=0), size, axis=0)
 
     def _rates(self) -> Float64:
-        """(n_block, n_patch): share of each patch that is seen, by the block's own rays and those around it."""
+        """(n_block, n_patch): visibility of each patch from the block, shrunk towards that of its region."""
         known = self._shot.sum()
         share = float(self._lit.sum() / known) if known else 1.0
         around = (self._around(self._lit) + share) / (self._around(self._shot) + 1)
@@ -160,22 +160,22 @@ class EnvironmentLight:
         return rate[:, self._table.sector]
 
     def _share_out(self) -> Float64:
-        """(n_block, n_patch): chances of the patches."""
+        """(n_block, n_patch): probabilities of the patches."""
         plain = self._brings / np.maximum(self._brings.sum(axis=1, keepdims=True), 1e-300)
-        aimed = self._brings * np.sqrt(self._rates())  # which makes the variance least
+        aimed = self._brings * np.sqrt(self._rates())  # minimizes the variance
         aimed /= np.maximum(aimed.sum(axis=1, keepdims=True), 1e-300)
         anywhere = self._table.power / self._table.power.sum()
-        dark = plain.sum(axis=1, keepdims=True) == 0  # the block looks away from all that shines
+        dark = plain.sum(axis=1, keepdims=True) == 0  # the block faces away from all light
         out: Float64 = (1 - _ANYWHERE - _BACKSTOP) * aimed + _ANYWHERE * plain + np.where(dark, 1.0, _BACKSTOP) * anywhere
         return out
 
     def _see_share(self) -> Float64:
-        """(n_block,): share of the map's irradiance that is seen."""
+        """(n_block,): visible share of the map's irradiance."""
         out: Float64 = (self._brings * self._rates()).sum(axis=1) / np.maximum(self._brings.sum(axis=1), 1e-300)
         return out
 
     def _foresee(self) -> tuple[Float64, Float64]:
-        """(n_block,) each: brightness of what a ray brings in the mean, and the variance of that, control variate included."""
+        """(n_block,) each: predicted mean and variance of a ray's brightness, control variate included."""
         rate, open_ = self._rates(), self._open[:, None]
         mean = (self._brings * rate).sum(axis=1)
         squares = np.divide(self._brings**2, self._chance, out=np.zeros_like(self._chance), where=self._chance > 0)
@@ -184,7 +184,7 @@ class EnvironmentLight:
         return mean, np.maximum(square - off**2, 0.0)
 
     def _tint(self) -> Float64:
-        """(3,): channels of the map's mean over its brightness."""
+        """(3,): the map's mean colour over its brightness."""
         height, width, _ = self._table.environment.radiance.shape
         flux = (self._table.environment.radiance * find_solid_angles(height, width)[:, None, None]).sum(axis=(0, 1))
         out: Float64 = flux / max(float(weigh_channels(flux[None])[0]), 1e-300)

@@ -1,6 +1,6 @@
-"""Suns of an environment map: small bright spots that hold much of its light, taken out of it and made suns of their size.
+"""Suns of an environment map: small bright spots that hold much of its light are replaced by sun lights of their size.
 
-Shadow rays reach a sun at every texel, which keeps its shadows sharp; as cells of the map they would be noise.
+Every texel sends shadow rays to a sun, which keeps its shadows sharp; sampled as cells of the map, a sun would add variance.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from ..util.sphere_map import find_solid_angles, place_in_cells
 LEAST_SHARE = 0.02  # of the map's power that a sun holds
 MOST_SUNS = 8
 _WIDEST_RAD = math.radians(2.0)  # half angle; what is larger has soft shadows anyway
-_FAINT = 0.02  # of the peak's radiance above what is around it: less is glow, not sun
-_GLOW = 1.5  # how much farther out the glow around a spot is measured, in its radii and two cells
+_FAINT = 0.02  # of the peak's radiance above its surroundings: less is glow, not sun
+_GLOW = 1.5  # radius in which the glow around a spot is measured, in radii of the spot plus two cells
 
 
 @dataclass(frozen=True)
@@ -41,16 +41,16 @@ class Spot:
     cell_rad: float
 
 
-# Looks closer at a direction (3,) within a half angle.
+# Samples the map around a direction (3,) within a half angle.
 LookCloser = Callable[[Float64, float], Spot]
 
 
 def take_suns_out(
     world_map: NDArray[np.float32], look_closer: LookCloser | None = None, name: str = "World"
 ) -> tuple[NDArray[np.float32], tuple[Light, ...]]:
-    """The map (h, w, 3) without its suns, and the suns; together they shine as the map did.
+    """The map (h, w, 3) without its suns, and the suns; together they emit what the map did.
 
-    look_closer   shows a spot in finer cells than the map's, which tell a small sun's place, size and power better
+    look_closer   samples a spot in finer cells than the map's, for the position, size and power of small suns
     """
     height, width, _ = world_map.shape
     cell = np.arange(height * width)
@@ -62,7 +62,7 @@ def take_suns_out(
     brightness = weigh_channels(rest)
     total = float((brightness * solid_angle).sum())
     lights: list[Light] = []
-    asked = brightness.copy()  # 0 where it was decided
+    asked = brightness.copy()  # 0 where already examined
     for _ in range(4 * MOST_SUNS):
         middle = _find_middle(toward, asked * solid_angle, int(asked.argmax()))
         near = np.flatnonzero(toward @ middle > math.cos(_WIDEST_RAD * _GLOW + 2 * cell_rad))
@@ -87,7 +87,7 @@ def take_suns_out(
 
 
 def _find_middle(toward: FloatArray, power: Float64, peak: int) -> Float64:
-    """(3,) unit: the middle by power of what shines within a small sun's width of a cell."""
+    """(3,) unit: mean direction, weighted by power, within a small sun's width of the cell `peak`."""
     middle: Float64 = toward[peak].astype(np.float64)
     for reach in (2 * _WIDEST_RAD, _WIDEST_RAD):
         near = np.flatnonzero(toward @ middle > math.cos(reach))
@@ -97,7 +97,7 @@ def _find_middle(toward: FloatArray, power: Float64, peak: int) -> Float64:
 
 
 def _part_spot(spot: Spot, peak: FloatArray) -> tuple[Float64, NDArray[np.int64]]:
-    """The glow (3,) around a spot, W/m^2/sr, and the cells (k,) that are the spot; none where it is no small one."""
+    """The glow (3,) around a spot, W/m^2/sr, and the cells (k,) of the spot; none if it is not small."""
     away = np.arccos(np.clip(spot.direction @ peak, -1, 1))
     brightness = weigh_channels(spot.radiance)
     ring = away > _WIDEST_RAD
@@ -106,13 +106,13 @@ def _part_spot(spot: Spot, peak: FloatArray) -> tuple[Float64, NDArray[np.int64]
     inside = np.flatnonzero(brightness - level > _FAINT * (brightness.max() - level))
     if not len(inside) or away[inside].max() > _WIDEST_RAD or brightness.max() <= 2 * level:
         return glow, np.zeros(0, np.int64)
-    # The glow falls with the distance: what is right beside the spot counts.
+    # The glow falls with the distance, so it is measured right beside the spot.
     beside = (away > away[inside].max() + spot.cell_rad) & (away < _GLOW * away[inside].max() + 2 * spot.cell_rad)
     return (np.median(spot.radiance[beside], axis=0) if beside.any() else glow), inside
 
 
 def _make_sun(spot: Spot, inside: NDArray[np.int64], glow: Float64, name: str) -> Light:
-    """A disk of the power, the middle and the spread of what shines above the glow."""
+    """A disk of the same power, mean direction and variance as the radiance above the glow."""
     flux = np.maximum(spot.radiance[inside] - glow, 0.0) * spot.solid_angle[inside, None]
     weight, direction = weigh_channels(flux), spot.direction[inside].astype(np.float64)
     middle = (direction * weight[:, None]).sum(axis=0)

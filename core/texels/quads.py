@@ -1,7 +1,7 @@
-"""Squares of 2 x 2 texels that are lit as one: on a large page light changes so little over most of them that four looks tell no more.
+"""Quads, squares of 2 x 2 texels sampled as one: over most of a large page light hardly changes within them.
 
-Quads make up large tiles of 8 x 8, which texels follow as they do in a tile. Within one of these light is told by a surface of the second
-degree, as it changes from texel to texel, and by what quads differ from it. Where quads do not suffice for that, nothing is told.
+8 x 8 quads form a large tile, in Morton order as in a tile. Within it the light at the texels is reconstructed as a fitted quadratic
+surface plus the quads' residuals. Where that does not suffice, see find_misfit, quads are not used.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ _Index = TypeVar("_Index", bound=np.integer[Any])
 
 QUAD_TEXELS = 4
 _LARGE_TEXELS = QUAD_TEXELS * TILE_TEXELS
-_LAST_TILE = np.array([0, 1, 1])  # of the four that make up a large one: how far from the first
+_LAST_TILE = np.array([0, 1, 1])  # of the four that form a large one: its offset from the first
 
 
 @dataclass(frozen=True)
 class Quads:
-    """Those of large tiles among some texels.
+    """Quads of the large tiles among some texels.
 
     start   (m,) int64      rows of the tiles' first texels; the others follow in Morton order
     place   (m, 3) int64    chart, column and row of each tile, as in Tiles
@@ -41,10 +41,10 @@ class Quads:
 
     @classmethod
     def of(cls, tiles: Tiles, tri: IntArray, alone: NDArray[np.bool_]) -> Quads:
-        """Those that four tiles make up, on one triangle.
+        """Large tiles of four tiles on one triangle.
 
-        tri     (n,) int    of the texels
-        alone   (n,) bool   texels that are not like others: there must be none
+        tri     (n,) int    triangles of the texels
+        alone   (n,) bool   texels unlike their neighbours; large tiles with any are left out
         """
         first = np.flatnonzero(~(tiles.place[:-3, 1:] & 1).any(axis=1))
         start, place = tiles.start[first], tiles.place[first]
@@ -57,7 +57,7 @@ class Quads:
         return cls(start[even], place[even] // np.array([1, 2, 2]))
 
     def __len__(self) -> int:
-        """How many tiles they make up."""
+        """Number of large tiles."""
         return len(self.start)
 
     @property
@@ -66,7 +66,7 @@ class Quads:
         return (self.start[:, None] + np.arange(0, _LARGE_TEXELS, QUAD_TEXELS)).ravel()
 
     def tiles(self) -> Tiles:
-        """Their tiles, among the quads."""
+        """The large tiles as Tiles among the quads."""
         return Tiles(np.arange(len(self)) * TILE_TEXELS, self.place)
 
     def texels(self, some: NDArray[np.bool_]) -> Int64:
@@ -82,10 +82,10 @@ def list_texels(first: NDArray[_Index]) -> NDArray[_Index]:
 
 
 def find_whole_quads(by_quads: NDArray[np.bool_], code: IntArray) -> Int64:
-    """(k,) int64, ascending: first entries of the quads of which all texels are marked.
+    """(k,) int64, ascending: first entries of the quads whose texels are all marked.
 
-    by_quads   (n,) bool: texel entries that were told by one
-    code       (n,) int: Morton codes of them
+    by_quads   (n,) bool: texel entries that were sampled by quads
+    code       (n,) int: their Morton codes
     """
     first = np.flatnonzero(by_quads & (code & (QUAD_TEXELS - 1) == 0))
     whole: Int64 = first[by_quads[list_texels(first)].reshape(-1, QUAD_TEXELS).all(axis=1)]
@@ -93,9 +93,9 @@ def find_whole_quads(by_quads: NDArray[np.bool_], code: IntArray) -> Int64:
 
 
 def find_misfit(value: Float64, variance: Float64) -> Float64:
-    """(m,) float64, (W/m^2)^2: what quads differ by from a surface of the second degree, squared, beyond their noise.
+    """(m,) float64, (W/m^2)^2: mean squared residual of quads from a quadratic surface, minus their variance, at least 0.
 
-    value, variance   (m * 64,) float64, W/m^2 and its square: of quads
+    value, variance   (m * 64,) float64, W/m^2 and its square, of quads
     """
     off2 = fit_surfaces(value.reshape(-1, TILE_TEXELS))[1]
     misfit2: Float64 = np.maximum(off2 - variance.reshape(-1, TILE_TEXELS).mean(axis=1), 0.0)
@@ -103,20 +103,20 @@ def find_misfit(value: Float64, variance: Float64) -> Float64:
 
 
 def spread_over_texels(value: Float64) -> Float64:
-    """(m * 256, c): what quads (m * 64, c) tell of their texels, by that surface; the mean over each quad is what the quad has."""
+    """(m * 256, c): values of the texels of quads (m * 64, c), by the quadratic surface; the mean over each quad is preserved."""
     by_tile = np.moveaxis(value.reshape(-1, TILE_TEXELS, value.shape[1]), 1, 2)
     out = np.repeat(by_tile, QUAD_TEXELS, axis=2)
-    out += by_tile @ _SURFACE_OF_QUADS @ _CHANGE  # of many small matrices: one large product would start threads
+    out += by_tile @ _SURFACE_OF_QUADS @ _CHANGE  # many small products: one large product would start threads
     return np.moveaxis(out, 2, 1).reshape(-1, value.shape[1])
 
 
 def _monomials(x: FloatArray, y: FloatArray) -> Float64:
-    """(n, 6) float64, of the second degree."""
+    """(n, 6) float64: monomials of degree 0 to 2."""
     return np.stack([np.ones(len(x)), x, y, x * x, x * y, y * y], axis=1)
 
 
 def _find_surface() -> tuple[Float64, Float64]:
-    """(64, 6) by which quads give the surface nearest to them; (6, 256) by which that differs at a texel from its mean over the quad."""
+    """(64, 6): from quads to the least-squares surface's coefficients; (6, 256): from these to texels, minus the mean over the quad."""
     surface = np.linalg.pinv(_monomials(*part_bits(np.arange(TILE_TEXELS)))).T
     x, y = part_bits(np.arange(_LARGE_TEXELS))
     at_texels = _monomials((x - 0.5) / 2.0, (y - 0.5) / 2.0).T.reshape(-1, TILE_TEXELS, QUAD_TEXELS)

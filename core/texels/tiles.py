@@ -1,4 +1,4 @@
-"""Squares of texels, all of them covered, within which light that changes slowly can be told by few of them."""
+"""Tiles, squares of covered texels, within which slowly changing light can be interpolated from few texels."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from .texel_grid import interleave_bits, part_bits
 _SIDE_BITS = 3
 TILE_SIDE = 1 << _SIDE_BITS
 TILE_TEXELS = TILE_SIDE**2
-TILE_LINES = (0, 3, 7)  # columns and rows of a tile whose crossings tell of all its texels
+TILE_LINES = (0, 3, 7)  # columns and rows of a tile at whose crossings are the nodes of the interpolation
 _PLACE_BITS = 14  # of a tile's column or row in a page
-_SMOOTHED = 4.0  # how many times smoothing over like neighbours, 81 at most, makes an error less, with much to spare; measured
-# ... and how many times more where light is even but for its noise. Its variance over a tile may then be up to this share of the noise's:
-# in a plane a texel and the edge of the window around it then differ by no more than one of them errs.
+_SMOOTHED = 4.0  # the filter, over at most 81 similar neighbours, lowers a standard error by this factor, a conservative one; measured
+# Further factor where the light is even, and the greatest variance of its slope over a tile, relative to the noise's, at which that holds:
+# in a plane a texel and the edge of the window around it then differ by at most a texel's standard error.
 _GENTLE, _ALL_ALIKE = 2.0, 1.0 / 3.0
 
 
 @dataclass(frozen=True)
 class Tiles:
-    """Tiles among some texels.
+    """Tiles among an array of texels.
 
     start   (m,) int64      rows of their first texels; the others follow in Morton order
-    place   (m, 3) int64    chart, column and row: those next to each other differ by one
+    place   (m, 3) int64    chart, column and row, which differ by one between neighbours
     """
 
     start: Int64
@@ -39,7 +39,7 @@ class Tiles:
 
     @classmethod
     def of(cls, chart: IntArray, code: IntArray) -> Tiles:
-        """Those among texels of charts (n,) with Morton codes (n,), both ascending."""
+        """Tiles among texels of charts (n,) with Morton codes (n,), both ascending."""
         first = find_tiles(chart, code)
         x, y = part_bits(code[first] >> 2 * _SIDE_BITS)
         return cls(first, np.stack([chart[first].astype(np.int64), x, y], axis=1))
@@ -48,18 +48,18 @@ class Tiles:
         return len(self.start)
 
     def within(self, rows: IntArray) -> Tiles:
-        """Those all of whose texels are among `rows` (k,), ascending, numbered as these."""
+        """Tiles whose texels are all among `rows` (k,), ascending; start then counts in `rows`."""
         at, end = np.searchsorted(rows, self.start), np.searchsorted(rows, self.start + TILE_TEXELS)
         whole = end - at == TILE_TEXELS
         return Tiles(at[whole], self.place[whole])
 
     def without(self, texels: NDArray[np.bool_]) -> Tiles:
-        """Those that have none of some texels; (n,) of all."""
+        """Tiles without any of the marked texels (n,)."""
         free = ~texels[self.texels()].any(axis=1) if texels.any() else np.ones(len(self), bool)
         return Tiles(self.start[free], self.place[free])
 
     def on_one_triangle(self, tri: IntArray) -> Tiles:
-        """Those whose texels all have one triangle; tri (n,) of the texels."""
+        """Tiles whose texels all lie on one triangle; tri (n,) of the texels."""
         changes = np.flatnonzero(tri[1:] != tri[:-1]) + 1
         same = np.searchsorted(changes, self.start, side="right") == np.searchsorted(changes, self.start + TILE_TEXELS)
         return Tiles(self.start[same], self.place[same])
@@ -69,7 +69,7 @@ class Tiles:
         return self.start[:, None] + np.arange(TILE_TEXELS)
 
     def near(self, marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(m,) bool: marked, or beside or aslant of one that is."""
+        """(m,) bool: the marked tiles and their 8 neighbours."""
         key = (self.place[:, 0] << 2 * _PLACE_BITS) + (self.place[:, 2] << _PLACE_BITS) + self.place[:, 1]
         wanted = np.sort(key[marked])
         out = marked.copy()
@@ -94,15 +94,15 @@ def find_tiles(chart: IntArray, code: IntArray) -> Int64:
 
 
 def find_calm(value: Float64, allowed: Float64, by_slope: bool = False, least: Float64 | float = 0.0) -> NDArray[np.bool_]:
-    """(k,) bool: tiles in which light changes so gently that smoothing will average the texels' noise.
+    """(k,) bool: tiles in which light is so smooth that the filter will average the texels' noise.
 
-    Decided for whole tiles, by how far their texels are off a quadratic surface, noise and all: a texel that stopped by what
-    its own few rays say would be too bright, or too dark, on average.
+    The rule is the mean squared residual from a quadratic surface, noise included, of a whole tile: stopping a texel by its own few samples
+    would bias it.
 
     value      (k, 64) float64, W/m^2, of the tiles' texels in Morton order
-    allowed    (k,) float64, W/m^2: standard error of the light as it is shown
-    by_slope   more noise is left where light changes by less than that, as on large pages: there smoothing finds more that is alike
-    least      (k,) float64, (W/m^2)^2: what a texel is off at least, squared
+    allowed    (k,) float64, W/m^2: standard error allowed after the filter
+    by_slope   allows more noise where the light's slope is less than the noise, as on large pages, where the filter finds more neighbours
+    least      (k,) float64, (W/m^2)^2: lower bound of a texel's squared residual
     """
     fitted, off2 = fit_surfaces(value)
     smoothed2: Float64 | float = _SMOOTHED**2
@@ -115,9 +115,9 @@ def find_calm(value: Float64, allowed: Float64, by_slope: bool = False, least: F
 
 
 def fit_surfaces(value: Float64) -> tuple[Float64, Float64]:
-    """Quadratic surfaces nearest to values (k, 64) of tiles' texels in Morton order.
+    """Least-squares quadratic surfaces of values (k, 64) of tiles' texels in Morton order.
 
-    out   (k, 6) float64, of TILE_SURFACES, the mean first; and (k,) float64, what a texel is off on average, squared
+    out   (k, 6) float64: coefficients in TILE_SURFACES, the constant first; (k,) float64: squared residual per degree of freedom
     """
     fitted = value @ TILE_SURFACES
     off2: Float64 = (value**2).sum(axis=1) - (fitted**2).sum(axis=1)
@@ -126,7 +126,7 @@ def fit_surfaces(value: Float64) -> tuple[Float64, Float64]:
 
 
 def _node_weights() -> Float64:
-    """(64, 9) float64: what each of TILE_NODES adds to each texel of a tile, in Morton order. Source: Lagrange's polynomials."""
+    """(64, 9) float64: weight of each of TILE_NODES at each texel of a tile, in Morton order: Lagrange's polynomials."""
     x, y = part_bits(np.arange(TILE_TEXELS))
     along = np.stack([np.prod([(np.arange(TILE_SIDE) - b) / (a - b) for b in TILE_LINES if b != a], axis=0) for a in TILE_LINES], axis=1)
     out: Float64 = (along[y][:, :, None] * along[x][:, None, :]).reshape(TILE_TEXELS, -1)
