@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import room_mesh, solve_scene
-from leaflight.core.output import resolve
+from leaflight.core.integrate import texel_light
 from leaflight.core.scene.glass import Glass, reflectance
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.scene import Light, Material
@@ -83,7 +83,7 @@ def bake(folder, scene, direct, photons=200_000, **changes):
     settings = Settings(direct=direct, size=48, max_photons=photons, error=0.002, workers=1, seed=3, max_depth=4000, **changes)
     field = solve_scene(folder, scene, settings)
     texels = traced_scene.open_tracing(str(folder)).texels
-    light = resolve.light_at_texels(field, texels)
+    light = texel_light.light_at_texels(field, texels)
     audit = {name: np.array(watts) for name, watts in field.ledger.audit_w().items()}
     assert audit["absorbed"] + audit["escaped"] + audit["remainder"] == pytest.approx(audit["emitted"], rel=1e-9)
     return np.average(light.direct + light.indirect, axis=0, weights=texels.texel_area), audit, field
@@ -147,3 +147,16 @@ def test_a_floor_inside_of_glass_is_lit(tmp_path):
     block = replace(box_mesh("Pane", (3.0, 3.0, 2.0), (0.0, 0.0, 0.5)), receives=False)
     share, _ = throw_spot(tmp_path, "rays", block, make_glass())
     assert share == pytest.approx(np.full(3, 0.96 / 1.5**2), rel=0.02)
+
+
+@pytest.mark.parametrize("roughness", [0.0, 0.6])
+def test_white_glass_makes_and_loses_no_energy(tmp_path, roughness):
+    """All of a lamp's 24 W arrives on black walls, past and through a ball and a slab of glass."""
+    ball, slab = sphere_mesh("Ball", rings=8, segments=12, radius_m=0.4), box_mesh("Slab", (0.6, 0.6, 0.1), (0.0, 0.0, -0.5))
+    solids = [replace(ball, vertex=ball.vertex + np.array([0.4, 0.4, 0.3]), receives=False), replace(slab, receives=False)]
+    lamp = Light("POINT", "Lamp", (-0.1, -0.1, 0.3), power_rgb=(24.0,) * 3, radius_m=0.02)
+    scene = make_scene([room_mesh(size_m=(2.0, 2.0, 2.0)), *solids], [lamp], [BLACK, make_glass(roughness)])
+    _, audit, field = bake(tmp_path, replace(scene, tri_material=np.minimum(scene.tri_object, 1)), "photons")
+    arrived = field.solution.flux[:, field.leaves].sum(axis=1)
+    assert arrived == pytest.approx(audit["emitted"], rel=2e-3)
+    assert audit["refracted"].min() > 0.1 * audit["emitted"].min()
