@@ -167,14 +167,17 @@ class _Draw:
             self.things.append(Thing("Ceiling", (ceiling,), Place(*middle, self.height, tilt=tilt), "structure"))
 
     def _add_wall(self, along_y: bool, at: float, low: float, high: float, holes: tuple[Hole, ...]) -> None:
-        """One box, which reaches into what it meets, or a plane on each of its sides."""
+        """One box, which reaches into what it meets, or a plane on each of its sides.
+
+        Its ends lie within the wall they meet: of two faces in one plane that look the same way Cycles lets each shade the other.
+        """
         name = f"Wall {len(self.things)}"
         middle = (low + high) / 2
         x, y = (at, middle) if along_y else (middle, at)
         turn = 90.0 if along_y else 0.0
         paint = self._paint()
         if self.walls == "boxes":
-            part = Part("wall", (high - low + self.thickness, self.thickness, self.height), paint, holes=holes)
+            part = Part("wall", (high - low + self.thickness / 2, self.thickness, self.height), paint, holes=holes)
             self.things.append(Thing(name, (part,), Place(x, y, 0.0, turn), "structure"))
             return
         size, half = (high - low, 0.0, self.height), self.thickness / 2
