@@ -1,7 +1,7 @@
-"""Charts that certainly lie over themselves nowhere, told by their borders: where a raster would have to look at every triangle.
+"""Sufficient test by its border that a chart is injective, without a raster of all triangles.
 
-If no triangle is turned over, as many lie over a point as the border winds around it. A border that consists of one loop
-around the chart, and loops around its holes, none of which crosses itself or another, winds around no point twice.
+If no triangle is flipped, the number of triangles over a point is the winding number of the border around it. A border of one outer loop
+and loops around holes, none of which crosses itself or another, has winding numbers of at most 1.
 Source: Lipman 2014, "Bijective mappings of meshes with boundary and the degree in mesh processing", section 4.
 """
 
@@ -20,17 +20,17 @@ Float64: TypeAlias = NDArray[np.float64]
 Int64: TypeAlias = NDArray[np.int64]
 Bool: TypeAlias = NDArray[np.bool_]
 
-_MOST_SIDES = 1 << 10  # of a chart's border, each of which is compared with each
+_MOST_SIDES = 1 << 10  # of a chart's border; all pairs are compared
 _PAIRS_AT_ONCE = 1 << 16  # to bound memory, and to stay in the cache
 
 
 def find_plain_charts(tri_vertex: IntArray, tri_uv: Float64, tri_chart: Int64, shared: Bool) -> Bool:
-    """(n_chart,) bool: charts that certainly lie over themselves nowhere; of the others that is not known.
+    """(n_chart,) bool: charts proved not to overlap themselves; False is no proof of the opposite.
 
     tri_vertex   (n, 3) int
     tri_uv       (n, 3, 2) float64, any unit
     tri_chart    (n,) int64      -1 for triangles without a chart
-    shared       (n, 3) bool     whether side k, from corner k on, is shared within its chart, as label_charts tells
+    shared       (n, 3) bool     whether side k, from corner k on, is shared within its chart, from label_charts
     """
     n_chart = int(tri_chart.max(initial=-1)) + 1
     plain = np.ones(n_chart, bool)
@@ -57,7 +57,7 @@ def _cross(one: Float64, other: Float64) -> Float64:
 
 
 def _find_odd_sides(tri_vertex: IntArray, tri_chart: Int64, shared: Bool) -> Int64:
-    """Triangles with a side that is shared, but not walked as often one way as the other by those of their chart."""
+    """Triangles with a shared side whose two directions are not equally frequent in their chart."""
     tri, side = np.nonzero(shared)
     start, end = tri_vertex[tri, side], tri_vertex[tri, (side + 1) % 3]
     # One number is sorted faster than two.
@@ -70,7 +70,7 @@ def _find_odd_sides(tri_vertex: IntArray, tri_chart: Int64, shared: Bool) -> Int
 
 
 def _number_places(chart: Int64, start: Float64, end: Float64) -> tuple[Int64, Int64]:
-    """Numbers of the points (n, 2) in which sides start and end, alike only for the very same point of one chart."""
+    """Numbers of the points (n, 2) where sides start and end, equal only for identical points of one chart."""
     x, y = np.concatenate([start, end]).T
     both = np.tile(chart, 2)
     order = np.lexsort((y, x, both))
@@ -81,13 +81,13 @@ def _number_places(chart: Int64, start: Float64, end: Float64) -> tuple[Int64, I
 
 
 def _winds_once(chart: Int64, start: Float64, end: Float64, place_start: Int64, place_end: Int64, n_chart: int) -> Bool:
-    """(n_chart,) bool: charts of whose loops one is walked counterclockwise; where loops meet, which count as one, they cross."""
-    if not len(chart):  # all closed, and so turned over somewhere
+    """(n_chart,) bool: charts with exactly one counterclockwise loop. Loops that meet count as one; _find_crossed rejects them."""
+    if not len(chart):  # all charts are closed, so some triangle is flipped
         return np.zeros(n_chart, bool)
     n_place = 1 + max(int(place_start.max(initial=-1)), int(place_end.max(initial=-1)))
     loop = join_sets(n_place, place_start, place_end)[place_start]
     first = np.searchsorted(chart, np.arange(n_chart)).clip(max=max(len(chart) - 1, 0))
-    origin = start[first][chart]  # near the loop, so that its area does not drown
+    origin = start[first][chart]  # near the loop, so that its area does not cancel
     area = np.bincount(loop, _cross(start - origin, end - origin), n_place)
     loop_chart = np.full(n_place, -1)
     loop_chart[loop] = chart
@@ -97,8 +97,9 @@ def _winds_once(chart: Int64, start: Float64, end: Float64, place_start: Int64, 
 
 
 def _find_crossed(chart: Int64, start: Float64, end: Float64, place_start: Int64, place_end: Int64) -> Int64:
-    """Charts of which two sides have a point in common that do not follow each other; if the second of two that do runs back over the
-    first, it has a point in common with the one before, or the next with the first.
+    """Charts with two sides that have a point in common and are not consecutive.
+
+    If the second of two consecutive sides runs back over the first, it meets the side before, or the next side meets the first.
 
     chart   (n,) int64, ascending
     """
@@ -113,7 +114,7 @@ def _find_crossed(chart: Int64, start: Float64, end: Float64, place_start: Int64
         one, other = expand_ranges(np.arange(begin, stop) + 1, last[begin:stop])
         one += begin
         begin = stop
-        for low, high in extents:  # one after the other, as few are left by the first
+        for low, high in extents:  # one after the other, as the first rejects most pairs
             near = np.flatnonzero((low.take(one) <= high.take(other)) & (low.take(other) <= high.take(one)))
             one, other = one.take(near), other.take(near)
         along, across = end[one] - start[one], end[other] - start[other]

@@ -1,7 +1,7 @@
-"""Loose parts of objects: what hangs together by edges, as Blender's Separate by Loose Parts knows it.
+"""Loose parts of objects: triangles connected by edges, as in Blender's Separate by Loose Parts.
 
-Artists join objects that only stand on each other, and files often hold a whole house as one mesh. What a surface is parted by is
-another loose part, of whichever object.
+Artists join objects that only stand on each other, and files often hold a whole house as one mesh. So the body that divides a surface is
+another loose part, of the same object or of another.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from .topology import join_open_sides, join_sets, pair_sides
 
 
 class LooseParts:
-    """Tells triangles of one loose part from others; parts are looked for in objects of which two triangles are asked for together.
+    """Compares the loose parts of triangles; the parts of an object are computed when two of its triangles are first compared.
 
-    Threads may ask at once.
+    Thread-safe.
     """
 
     def __init__(self, snapshot: SceneSnapshot) -> None:
@@ -31,7 +31,7 @@ class LooseParts:
         thing = self._snapshot.tri_object
         apart: NDArray[np.bool_] = thing[one] != thing[other]
         rows = np.flatnonzero(~apart)
-        with self._lock:  # an object is known when all of its triangles are
+        with self._lock:  # the parts of an object are computed all at once
             self._look_into(thing[one[rows][self._part[one[rows]] < 0]])
         apart[rows] = self._part[one[rows]] != self._part[other[rows]]
         return apart
@@ -45,9 +45,9 @@ class LooseParts:
 
 
 def find_loose_parts(snapshot: SceneSnapshot, tri: IntArray) -> NDArray[np.int64]:
-    """(m,) int64: the first, by its place among triangles (m,), of those of its object that each hangs together with.
+    """(m,) int64: a label per triangle (m,), the least index in `tri` of the triangles of its object that are connected with it.
 
-    Two triangles do if they share a side, see topology.join_open_sides.
+    Triangles that share a side are connected, see topology.join_open_sides.
     """
     thing = snapshot.tri_object[tri]
     _, one, other = pair_sides(join_open_sides(snapshot.vertex_position, snapshot.tri_vertex[tri], thing), thing)

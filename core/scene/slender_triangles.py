@@ -1,4 +1,4 @@
-"""Slender triangles cut across into parts that are not: of a long one the middle tells little of where its light is."""
+"""Cuts slender triangles across into compact parts, as the centroid of a long one is a poor proxy for its light."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from numpy.typing import NDArray
 from ..util.ablation import uses
 from ..util.arrays import Float32, Float64
 
-_LONG = 8.0  # longest edge, in heights above it, from which on a triangle is cut
-# Length of its parts, in that height, at most: of 8 light by strips 5 mm from a wall takes twice the time, of 2 no less.
+_LONG = 8.0  # ratio of the longest edge to the height above it, from which on a triangle is cut
+# Greatest ratio of a part's length to that height: with 8, light by strips 5 mm from a wall takes twice the time; with 2, no less.
 _PART = 4.0
-# Of the area of all, that parts have at least on the mean: there are never many more than its inverse, however slender triangles are.
+# Least mean area of parts, as a share of all area: it bounds their number to about its inverse, however slender the triangles are.
 _LEAST = 2.0**-17
-_NO_FOOT = 1e-6  # share of the longest edge that is no part of its own
+_NO_FOOT = 1e-6  # least share of the longest edge on either side of the height's foot, below which there is no part of its own
 _WHOLE = np.array([[0, 0], [1, 0], [0, 1]], np.float32)
 
 
 def cut_slender(corner: Float64, area: Float64) -> tuple[NDArray[np.int64], Float32, Float64]:
-    """Parts (n,) of triangles: whose each is, ascending; (n, 3, 2) the weights of corners 1 and 2 at its corners; and its area.
+    """Parts (n,) of triangles: the triangle of each, ascending; (n, 3, 2) weights of corners 1 and 2 at its corners; and its area.
 
-    corner   (m, 3, 3) float64, of any unit; area (m,) float64, that squared, > 0
-    A slender triangle is cut where its height stands, and both halves, right-angled, across from there to their tips.
+    corner   (m, 3, 3) float64, any unit; area (m,) float64, that unit squared, > 0
+    A slender triangle is cut along its height, and both right-angled halves across, from there to their tips.
     """
     along = np.roll(corner, -1, axis=1) - corner
     square = (along * along).sum(axis=2)
@@ -44,7 +44,7 @@ def cut_slender(corner: Float64, area: Float64) -> tuple[NDArray[np.int64], Floa
     near, far = step / count[piece], (step + 1) / count[piece]
     low, low_far = (base[piece] + at[:, None] * (tip - base)[piece] for at in (near, far))
     high, high_far = (apex[piece] + at[:, None] * (tip - apex)[piece] for at in (near, far))
-    toward = far < 1  # at the tip there is one triangle alone
+    toward = far < 1  # the strip at the tip is a single triangle
     part = np.concatenate([np.stack([low, low_far, high], axis=1), np.stack([high, low_far, high_far], axis=1)[toward]])
     in_strip = own_area[piece] / count[piece]
     whole = np.setdiff1d(np.arange(len(area)), slender)
@@ -56,17 +56,17 @@ def cut_slender(corner: Float64, area: Float64) -> tuple[NDArray[np.int64], Floa
 
 
 def whole_parts(count: int) -> Float32:
-    """(n, 3, 2): of triangles that are not cut."""
+    """(n, 3, 2): `part` of triangles that are not cut."""
     return np.tile(_WHOLE, (count, 1, 1))
 
 
 def find_between(corner: Float32, weight: Float32) -> Float32:
-    """(n, k): what triangles (n, 3, k) have at points of which the weights of corners 1 and 2 are given (n, 2)."""
+    """(n, k): linear interpolation of the corners' values (n, 3, k) at points with weights (n, 2) of corners 1 and 2."""
     first, second, third = corner.transpose(1, 0, 2)
     out: Float32 = first + weight[:, :1] * (second - first) + weight[:, 1:] * (third - first)
     return out
 
 
 def find_corners(corner: Float32, part: Float32) -> Float32:
-    """(n, 3, k): the same at the corners of parts (n, 3, 2) of them, of cut_slender."""
+    """(n, 3, k): find_between at the corners of parts (n, 3, 2) from cut_slender."""
     return np.stack([find_between(corner, part[:, i]) for i in range(3)], axis=1)

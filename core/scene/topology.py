@@ -1,4 +1,4 @@
-"""What of a mesh hangs together: corners, sides and sets of triangles."""
+"""Connectivity of meshes: shared corners, shared sides and connected sets of triangles."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MIX = np.uint64(0x9E3779B97F4A7C15)  # odd, near 2^64 over the golden ratio. So
 
 
 def pair_corners(tri_corner: IntArray, used: NDArray[np.bool_]) -> tuple[Int64, Int64]:
-    """Places, in the flattened array, of the same corner in two used triangles; enough of them to connect all of each corner.
+    """Pairs of indices, in the flattened array, of the same corner in two used triangles; enough to connect all triangles of a corner.
 
     tri_corner   (n, 3) int
     used         (n,) bool
@@ -29,7 +29,7 @@ def pair_corners(tri_corner: IntArray, used: NDArray[np.bool_]) -> tuple[Int64, 
 
 
 def pair_sides(tri_vertex: IntArray, tri_group: IntArray) -> tuple[Int64, Int64, Int64]:
-    """Sides that two triangles of one group share; of more than two at one edge, neighbours in their order.
+    """Pairs of sides shared by two triangles of one group; of more than two at an edge, those consecutive in order.
 
     tri_vertex   (n, 3) int
     tri_group    (n,) int         -1 for triangles without a group
@@ -52,7 +52,7 @@ def pair_sides(tri_vertex: IntArray, tri_group: IntArray) -> tuple[Int64, Int64,
 def find_ends(vertex_position: NDArray[np.float64], ends: IntArray) -> Int64:
     """(2, m) int64: numbers of the places where sides (2, m) of vertices end, the lower one first.
 
-    Files often hold a vertex once for each normal or texture coordinate that it has: there the place tells which sides are one edge.
+    Files often hold a vertex once for each of its normals or texture coordinates; there edges are identified by position.
     """
     vertex, row = np.unique(ends, return_inverse=True)
     position = vertex_position[vertex]
@@ -63,14 +63,14 @@ def find_ends(vertex_position: NDArray[np.float64], ends: IntArray) -> Int64:
 
 
 def join_open_sides(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_group: IntArray) -> Int64:
-    """(n, 3) int64: tri_vertex, with vertices made one where sides that are alone lie at one place, so that the surface goes on there.
+    """(n, 3) int64: tri_vertex, with vertices merged where open sides coincide, so that the surface is connected there.
 
-    Files often hold a vertex once for each normal or texture coordinate that it has. Bodies that touch stay apart if they are closed by
-    their vertices.
+    Files often hold a vertex once for each of its normals or texture coordinates. Touching bodies that are closed by their own vertices
+    stay separate.
 
     vertex_position   (n_vertex, 3) float64, m
     tri_vertex        (n, 3) int
-    tri_group         (n,) int, not negative   sides of different groups, which have no vertices in common, stay apart
+    tri_group         (n,) int, not negative   groups have no vertices in common, and their sides stay separate
     """
     vertex = tri_vertex.astype(np.int64)
     place = _number_places(vertex_position, vertex, tri_group)
@@ -92,7 +92,7 @@ def join_open_sides(vertex_position: NDArray[np.float64], tri_vertex: IntArray, 
 
 
 def find_groups_with_twins(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_group: IntArray) -> NDArray[np.bool_]:
-    """(n_group,) bool: groups of whose vertices two lie at one place.
+    """(n_group,) bool: groups with two vertices at one position.
 
     Arguments as in join_open_sides.
     """
@@ -100,7 +100,7 @@ def find_groups_with_twins(vertex_position: NDArray[np.float64], tri_vertex: Int
 
 
 def _find_crowded(place: Int64, tri_vertex: IntArray, tri_group: IntArray) -> NDArray[np.bool_]:
-    """(n_group,) bool: groups with vertices that share their place; place (n_vertex,) as _number_places has them."""
+    """(n_group,) bool: groups with vertices that share their position; place (n_vertex,) from _number_places."""
     crowd = np.bincount(place[place >= 0]) > 1
     out = np.zeros(int(tri_group.max(initial=-1)) + 1, bool)
     out[tri_group[crowd[place[tri_vertex]].any(axis=1)]] = True
@@ -108,9 +108,9 @@ def _find_crowded(place: Int64, tri_vertex: IntArray, tri_group: IntArray) -> ND
 
 
 def _number_places(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_group: IntArray) -> Int64:
-    """(n_vertex,) int64, below n_vertex: numbers of vertices, alike for those of one group at one place; -1 for those of no triangle.
+    """(n_vertex,) int64, below n_vertex: numbers of vertices, equal for those of one group at one position; -1 for those of no triangle.
 
-    By a chance of one in 10^6, among millions of vertices, some two of one place are told apart.
+    Hash collisions may give different numbers to a position, with a probability of 10^-6 among millions of vertices.
     """
     group = np.full(len(vertex_position), -1)
     group[tri_vertex] = tri_group[:, None]
@@ -142,4 +142,4 @@ def join_sets(count: int, one: Int64, other: Int64) -> Int64:
         np.minimum.at(label, np.maximum(one, other), np.minimum(one, other))
         while not np.array_equal(above := label[label], label):
             label = above
-        one, other = label[one], label[other]  # whoever is joined to their sets is joined to them
+        one, other = label[one], label[other]  # a set joined to theirs is joined to their labels

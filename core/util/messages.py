@@ -1,4 +1,4 @@
-"""What the core tells whoever runs it: one JSON object per line, each kind defined here and nowhere else."""
+"""Messages of the core to the calling process: one JSON object per line; every kind is defined here."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any, TypeAlias
 
 @dataclass(frozen=True)
 class Status:
-    """A stage begins, or how far it is; `stage` is one of the names in the report's seconds.
+    """The begin or the progress of a stage; `stage` is one of the names in the report's seconds.
 
-    share   of it that is done, as the text says; 0 where it only begins
+    share   share of the stage that is done, as in the text; 0 at its begin
     """
 
     stage: str
@@ -26,8 +26,8 @@ class Progress:
     fraction: float
     photons: int
     photons_per_s: float
-    estimated_error: float  # relative; nan until it can be told
-    seconds_left: float  # nan until it can be told
+    estimated_error: float  # relative; nan until it can be estimated
+    seconds_left: float  # nan until it can be estimated
     leaves: int
 
 
@@ -56,9 +56,9 @@ class Error:
 
 @dataclass(frozen=True)
 class Done:
-    """The last message; `result` is the path of the result file, `interrupted` tells a cancelled bake.
+    """The last message; `result` is the path of the result file, `interrupted` is true for a cancelled bake.
 
-    Without a result it was cancelled before there was any light.
+    `result` is empty if the bake was cancelled before there was any light.
     """
 
     result: str
