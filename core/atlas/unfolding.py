@@ -1,4 +1,4 @@
-"""Questions to xatlas, which runs in a child process (xatlas_process says why); needs nothing that takes long to load."""
+"""Client of xatlas, which runs in a child process (see xatlas_process for why); imports nothing that takes long to load."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ if TYPE_CHECKING:
 _Questions: TypeAlias = "queue.SimpleQueue[tuple[Future[list[Unfolded]], list[Mesh], float, bool]]"
 
 _PROGRAM = Path(__file__).with_name("xatlas_process.py")
-# The child finds packages where this process does, and is no package itself, lest it load the core.
+# The child has this process's sys.path, and runs a script, not a module of the package, which would load the core.
 _BOOT = "import runpy, sys; sys.path[:] = sys.argv[2:]; runpy.run_path(sys.argv[1], run_name='__main__')"
-_MOST_ATLASES = 64  # that a child keeps, each with a thread per core
-_MOST_TRIANGLES = 100_000  # that a child keeps, about 1 kB each
-_SPARE_FROM = 0.5  # share of these from which on the next child is there, to have loaded by the time that it is needed
-_WATCH_S = 0.2  # between two looks at whether somebody has lost patience
-_TRIES = 3  # of a question that children die of: most do so by bad luck
+_MOST_ATLASES = 64  # kept by a child, each with a thread per core
+_MOST_TRIANGLES = 100_000  # kept by a child, about 1 kB each
+_SPARE_FROM = 0.5  # share of these at which the next child is started, so that it has loaded when it is needed
+_WATCH_S = 0.2  # between two checks for cancellation
+_TRIES = 3  # of a request during which the child dies, mostly by chance
 
 
 class UnfolderDied(RuntimeError):
-    """The child ended without an answer; its return code, and where it is known the object it was asked of."""
+    """The child ended without a result; holds its return code, and the object of the request if known."""
 
 
 def unfold_meshes(meshes: list[Mesh], area: float, dense: bool = False) -> Future[list[Unfolded]]:
-    """Charts and UVs of meshes, by xatlas, as soon as it has come to them; the charts of all of them lie side by side.
+    """Future charts and UVs of meshes, by xatlas; the charts of all meshes lie side by side.
 
-    meshes    each (n_vertex, 3) float32 and (n, 3) uint32, whose usual triangle has an area of about 1
-    area      of all of them
-    dense     they have so many triangles each that it takes long to grow large charts
+    meshes    each (n_vertex, 3) float32 and (n, 3) uint32, whose median triangle has an area of about 1
+    area      total area of the meshes
+    dense     the meshes have so many triangles that growing large charts takes long
     out       for each (n,) int32 chart, -1 where it is left out, and (n, 3, 2) float64 UV, of any scale and proportion
     Its result raises ValueError when xatlas cannot be loaded, UnfolderDied when it crashes.
     """
@@ -47,7 +47,7 @@ def unfold_meshes(meshes: list[Mesh], area: float, dense: bool = False) -> Futur
 
 
 def start_ahead() -> None:
-    """Starts the child before there is a mesh, so that it has loaded by then."""
+    """Starts the child ahead of the first mesh, so that it has loaded by then."""
     _own_unfolder(os.getpid()).start()
 
 
@@ -59,32 +59,31 @@ def wait_for(answer: Future[list[Unfolded]], watch: Callable[[], None]) -> list[
 
 
 def give_up(answer: Future[list[Unfolded]]) -> None:
-    """Nobody wants the result of unfold_meshes any more."""
+    """Gives up a result of unfold_meshes."""
     if not answer.cancel() and not answer.done():
         _own_unfolder(os.getpid()).give_up()
 
 
 @lru_cache(maxsize=1)
 def _own_unfolder(process_id: int) -> Unfolder:
-    """A process keeps one; not that of the process it was forked from."""
+    """One per process, never that of the process it was forked from."""
     return Unfolder()
 
 
 class Unfolder:
-    """The child, started when there is a mesh for it, and followed by another when it has kept enough; all end with this process at the
-    latest."""
+    """The child, started at the first mesh and replaced by another when it has kept enough; all end with this process at the latest."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._child: subprocess.Popen[bytes] | None = None
         self._kill: Callable[[], object] = lambda: None
-        self._spare: tuple[subprocess.Popen[bytes], Callable[[], object]] | None = None  # the next child, and how it is killed
+        self._spare: tuple[subprocess.Popen[bytes], Callable[[], object]] | None = None  # the next child, and the function that kills it
         self._atlases = self._triangles = 0
-        self._given_up = False  # nobody wants the answer that is on its way
+        self._given_up = False  # the pending result is not needed
 
     @cached_property
     def _questions(self) -> _Questions:
-        """Made with the thread that answers them: before there is one, a process can be copied."""
+        """Created with the thread that serves it; until there is one, the process can be forked."""
         questions: _Questions = queue.SimpleQueue()
         threading.Thread(target=self._answer_all, args=(questions,), daemon=True).start()
         return questions
@@ -95,13 +94,13 @@ class Unfolder:
             self._find_child()
 
     def ask(self, meshes: list[Mesh], area: float, dense: bool = False) -> Future[list[Unfolded]]:
-        """See unfold_meshes; questions are answered in their order, those that were cancelled left out."""
+        """See unfold_meshes; requests are served in order, without cancelled ones."""
         answer: Future[list[Unfolded]] = Future()
         self._questions.put((answer, meshes, area, dense))
         return answer
 
     def give_up(self) -> None:
-        """Nobody wants the answer that the child is working on, which nothing but its end stops."""
+        """Gives up the child's current result, by ending the child, which is the only way to stop it."""
         self._given_up, child = True, self._child
         if child:
             child.kill()
@@ -113,7 +112,7 @@ class Unfolder:
                 continue
             try:
                 answer.set_result(self.unfold(meshes, area, dense))
-            except Exception as reason:  # goes to the one who asks for the result
+            except Exception as reason:  # raised where the result is read
                 answer.set_exception(reason)
 
     def unfold(self, meshes: list[Mesh], area: float, dense: bool = False) -> list[Unfolded]:
@@ -142,7 +141,7 @@ class Unfolder:
         except (EOFError, OSError, pickle.UnpicklingError) as reason:
             self._kill()
             raise UnfolderDied(child.returncode) from reason
-        except BaseException:  # interrupted: its answer must not be taken for that to the next question
+        except BaseException:  # interrupted: its result must not be read as that of the next request
             self._kill()
             raise
         if isinstance(answer, str):

@@ -1,4 +1,4 @@
-"""What xatlas is asked of objects, and how its answers are read."""
+"""Requests to xatlas for objects' charts, and the reading of its results."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ Float64: TypeAlias = NDArray[np.float64]
 Int64: TypeAlias = NDArray[np.int64]
 Bool: TypeAlias = NDArray[np.bool_]
 
-_LARGEST_COORDINATE = 1e5  # float32 then still tells 1 % of a triangle of median size
-_AT_ONCE = 1 << 14  # triangles of one answer, a tenth of a second's to a few seconds' work
-_FLATNESS = 1e-5  # of a chart's extent: nearer to its plane it is projected, in float64
+_LARGEST_COORDINATE = 1e5  # float32 then still resolves 1 % of a triangle of median size
+_AT_ONCE = 1 << 14  # triangles per request, 0.1 s to a few seconds of work
+_FLATNESS = 1e-5  # of a chart's extent: a chart nearer to its plane is projected onto it, in float64
 _COPLANAR = 1.0 - 1e-7  # cosine between triangles above which they lie in one plane
 
 
 @dataclass(frozen=True)
 class _Ask:
-    """Some objects, their pieces, and the answer that will come."""
+    """Objects of one request, their pieces, and the future result."""
 
     objects: list[int]
     pieces: list[int]
@@ -40,7 +40,7 @@ class _Ask:
 
 
 class Question:
-    """A question to xatlas about each of some objects, put when it is made."""
+    """Requests to xatlas for some objects, sent on construction."""
 
     def __init__(
         self, position: Float64, normal: Float64, area: Float64, tri_vertex: IntArray, tri_polygon: IntArray, tri_object: IntArray
@@ -60,7 +60,7 @@ class Question:
         cosine = _dot(normal[one], normal[other])
         facet = join_sets(len(vertex), one[cosine > _COPLANAR], other[cosine > _COPLANAR])
         centre = position.mean(axis=1)
-        # Loose parts go in apart, each centred and scaled: a teaspoon in a hall would drown in float32.
+        # Loose parts are separate meshes, each centred and scaled: float32 would not resolve a teaspoon in a hall.
         self._pieces = [
             part[rows] for part in _split(loose, tri_object) for rows in split_part(facet[part], tri_polygon[part], centre[part])
         ]
@@ -72,18 +72,18 @@ class Question:
             self._put(np.unique(tri_object).tolist())
 
     def _put(self, objects: list[int]) -> None:
-        """Ask of objects together, for an atlas takes longer to make than a box to unfold; in parts, lest the first answer come late."""
+        """Sends requests of several objects each: an atlas takes longer to make than a box to unfold; split, so that results come early."""
         wanted, asked = np.isin(self._of_piece, objects), []
         for dense in (False, True):
             pieces = np.flatnonzero(wanted & (self._dense == dense))
             part = np.cumsum([len(self._pieces[k]) for k in pieces]) // _AT_ONCE
             asked += np.split(pieces, np.flatnonzero(np.diff(part)) + 1) if len(pieces) else []
-        for own in sorted(asked, key=lambda pieces: int(pieces[0])):  # in the order of the objects, as progress is told
+        for own in sorted(asked, key=lambda pieces: int(pieces[0])):  # in the order of the objects, as for progress
             answer = unfold_meshes([self._meshes[k] for k in own], float(self._scaled_area[own].sum()), bool(self._dense[own[0]]))
             self._asks.append(_Ask(np.unique(self._of_piece[own]).tolist(), own.tolist(), answer))
 
     def cancel(self) -> None:
-        """Nobody will read the answers."""
+        """Gives up the results."""
         for ask in self._asks:
             give_up(ask.answer)
 
@@ -96,14 +96,14 @@ class Question:
         """
         group, uv = np.full(len(self._area), -1, np.int64), np.zeros((len(self._area), 3, 2))
         done: Counter[int] = Counter()
-        while self._asks:  # what is still there is cancelled if this is left
+        while self._asks:  # the remaining requests are cancelled if this is left
             ask = self._asks[0]
             try:
                 answer = wait_for(ask.answer, partial(watch, ask.objects[0], done[ask.objects[0]]))
             except UnfolderDied as died:
                 if len(ask.objects) == 1:
                     raise UnfolderDied(died.args[0], ask.objects[0]) from died
-                for one in ask.objects:  # one of them it is
+                for one in ask.objects:  # one of them made xatlas crash
                     self._put([one])
             else:
                 for k, (chart, piece_uv) in zip(ask.pieces, answer, strict=True):
@@ -128,7 +128,7 @@ def _split(loose: Int64, tri_object: IntArray) -> list[Int64]:
 
 
 def _make_meshes(pieces: list[Int64], position: Float64, area: Float64, vertex: Int64) -> tuple[list[Mesh], Float64]:
-    """Each piece as xatlas takes it, centred and scaled, and its area then."""
+    """Each piece as a mesh for xatlas, centred and scaled, and its scaled area."""
     if not pieces:
         return [], np.zeros(0)
     rows, count = np.concatenate(pieces), np.array([len(piece) for piece in pieces])
@@ -137,7 +137,7 @@ def _make_meshes(pieces: list[Int64], position: Float64, area: Float64, vertex: 
     points = position[rows]
     centre = 0.5 * (np.minimum.reduceat(points.min(axis=1), first) + np.maximum.reduceat(points.max(axis=1), first))
     points -= centre[owner][:, None]
-    # xatlas leaves out triangles by an absolute area, so the usual one has area 1.
+    # xatlas leaves out triangles below an absolute area, so the median triangle gets area 1.
     by_area = area[rows[np.lexsort((area[rows], owner))]]
     median = 0.5 * (by_area[first + (count - 1) // 2] + by_area[first + count // 2])
     scale = np.minimum(median**-0.5, _LARGEST_COORDINATE / np.maximum.reduceat(np.abs(points).max(axis=(1, 2)), first))
@@ -171,7 +171,7 @@ def _restore_proportions(position: Float64, uv: Float64, area: Float64, group: I
 
 
 def _project_flat_charts(position: Float64, normal: Float64, area: Float64, group: Int64) -> tuple[Bool, Float64]:
-    """Whether triangles are of flat charts, (n,), and all of them projected onto their charts' planes, which for those is exact."""
+    """Whether triangles are in flat charts, (n,), and all projected onto their charts' planes, which is exact for flat charts."""
     n_chart = group.max(initial=-1) + 1
     axis = sum_by(group, normal * area[:, None], n_chart)
     length = np.linalg.norm(axis, axis=1)
@@ -187,13 +187,13 @@ def _project_flat_charts(position: Float64, normal: Float64, area: Float64, grou
 
 
 def project(position: Float64, axis: Float64) -> Float64:
-    """(n, 3, 2) float64: corners (n, 3, 3) on the planes across the unit vectors (n, 3)."""
+    """(n, 3, 2) float64: corners (n, 3, 3) projected onto the planes normal to the unit vectors (n, 3)."""
     tangent, bitangent = orthonormal_basis(axis)
     return np.stack([_dot(position, tangent[:, None]), _dot(position, bitangent[:, None])], axis=2)
 
 
 def _dot(one: Float64, other: Float64) -> Float64:
-    """Products summed term by term: the same for the same vectors wherever they stand, which einsum does not promise."""
+    """Dot products summed term by term, so that they do not depend on the row, which einsum does not guarantee."""
     x, y, z = (one[..., k] * other[..., k] for k in range(3))
     return np.asarray(x + y + z)
 

@@ -1,4 +1,4 @@
-"""Counters of arriving photons, and the irradiance they stand for.
+"""Counters of arriving photons, and the irradiance estimated from them.
 
 A photon is added once, to the deepest node at its texel. What a node has received in all is its own sum plus what it has
 shot on to its children, so p_received and p_shot need no counters of their own. Only sums are kept during the run;
@@ -26,7 +26,7 @@ COMPONENTS = 2
 HALVES = 2
 CHANNELS = 3
 _SQUARED_W = 1e-15, 1e18  # greatest power of a shard's photons, whose squares, and those of much fainter ones, float32 has room for
-_PART = 1 << 11  # nodes whose sums are worked on at once: what lies between fits a core's cache
+_PART = 1 << 11  # nodes processed at once: the intermediate arrays fit a core's cache
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def deposit(
     flux       (3, m) float, W
     is_first   (m,) bool: straight from a light; None is a shard of indirect light alone
     """
-    touched, slot, count = find_touched(node, n_node)  # sums as large as the hits, not as the tree
+    touched, slot, count = find_touched(node, n_node)  # the size of sums is that of the hits, not of the tree
     m = len(touched)
     components = 1 if is_first is None else COMPONENTS
     placed = slot if is_first is None else slot + m * (~is_first)
@@ -91,7 +91,7 @@ def deposit(
 
 
 def find_touched(node: IntArray, n_node: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Of places (m,) int, all < n_node: those that there are, ascending, (k,) int64; which of them each is, (m,) int64; how many are, (k,).
+    """Distinct places (k,) int64, ascending, of places (m,) int < n_node; index of each among them (m,) int64; and their counts (k,).
 
     As np.unique finds by sorting.
     """
@@ -136,7 +136,7 @@ class Tally:
         )
 
     def grow(self, n_node: int) -> None:
-        """Make room for nodes that were added to the tree."""
+        """Appends zeros for nodes added to the tree."""
         more = n_node - len(self.count)
         if more:
             self.count = np.pad(self.count, (0, more))
@@ -174,7 +174,7 @@ class Totals:
 
 
 def parts_of(nodes: NDArray[np.int64], size: int = _PART) -> Iterator[NDArray[np.int64]]:
-    """The nodes, so many at a time."""
+    """The nodes in parts of a given size."""
     return (nodes[start : start + size] for start in range(0, len(nodes), size))
 
 
@@ -201,7 +201,7 @@ def accumulate(tree: Quadtree, tally: Tally) -> Totals:
 
 @dataclass(frozen=True)
 class Solution:
-    """Irradiance of nodes; 0 of those that nobody asked solve_tallies for.
+    """Irradiance of nodes; 0 for nodes outside of those passed to solve_tallies.
 
     coefficient   (2, 3, K, n) float64, W/m^2: per component and channel, of the monomials in node coordinates
     half          (2, 3, K, n) float64, W/m^2: both components, from each half alone
@@ -231,7 +231,7 @@ def solve_tallies(tree: Quadtree, totals: Totals, nodes: NDArray[np.int64] | Non
     fitted = functions[COMPONENTS - n_component :]  # of _join_views
     view_scale = np.ones((*fitted.shape[:2], len(tree)))
     flux_half, (flux, scale, variance) = np.zeros((HALVES, CHANNELS, len(tree))), np.zeros((3, CHANNELS, len(tree)))
-    # As float: its square is beyond any integer type from 3e9 on.
+    # As float: from 3e9 on the square exceeds any integer type.
     photons = np.maximum([float(totals.photons.sum())] * n_component + totals.photons.tolist(), 1.0)[:, None, None]
     for level in _find_above(tree, nodes):
         for part in parts_of(level):

@@ -104,7 +104,7 @@ def _extend_to_neighbours(bound: Int64, row_chart: Int32, pick: np.ufunc) -> Int
 
 
 def fill_border(grid: TexelGrid, say: Say = lambda share: None) -> None:
-    """Gives empty cells next to filled ones the entry of the nearest, ring by ring, in place; tells which share of that is done."""
+    """Gives empty cells next to filled ones the entry of the nearest, ring by ring, in place; reports the share that is done."""
     start, width = grid.cells_of_rows()
     for ring in range(_BORDER):
         cell = np.flatnonzero(grid.cell_entry < 0)
@@ -154,7 +154,7 @@ def _join_bits(spread: Int64) -> Int64:
 
 
 def step_codes(code: Int64, right: int, up: int) -> Int64:
-    """Morton codes (n,) of texels so many columns and rows from those of codes (n,), of 14 bits each.
+    """Morton codes (n,) of texels offset by columns and rows from those of codes (n,), of 14 bits each.
 
     Beyond the lower and left edge of a root they are codes that no texel has, beyond the others such of a larger root.
     Source: Schrack 1992, "Finding neighbors of equal size in linear quadtrees and octrees in constant time".

@@ -17,7 +17,7 @@ from .texel_looks import TexelLooks, are_inside
 from .texel_moments import EvenSquares, PartMoments
 
 CHART_SHIFT = 30  # bits of a key below its chart: a Morton code of a 2^14 root has 28
-LOOK = 0.5  # side of the square around its centre that a texel looks at
+LOOK = 0.5  # side of a texel's footprint, a square around its centre
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class TexelMap:
     chart_page     (n_chart,) int32
     chart_origin   (n_chart, 2) int32       page texel of the quadtree root's lower left corner
     chart_log2     (n_chart,) int32         the root's side is 2**k texels
-    chart_piece    (n_chart,) int32         charts that were one are of one piece: light goes over between them
+    chart_piece    (n_chart,) int32         parts of one original chart share a piece: light is continuous between them
     chart_start    (n_chart + 1,) int64     entries of chart c are chart_start[c]:chart_start[c + 1]
     texel_chart    (n,) int32
     texel_xy       (n, 2) int32             page texel
@@ -42,7 +42,7 @@ class TexelMap:
     part_moments   (n_part, M) float64, m^2 their moments about the texel's centre, in texels, less those of a full texel of equal area
     pair_start     (n_part + 1,) int64      pairs of part i are pair_start[i]:pair_start[i + 1]
     pair_tri       (n_pair,) int32          triangles with a share in the part
-    borders        of texels that something crosses
+    borders        of texels that another surface crosses
     """
 
     page_size: int
@@ -69,7 +69,7 @@ class TexelMap:
     borders: TexelBorders = field(default_factory=TexelBorders.none)
 
     def __len__(self) -> int:
-        """How many entries there are."""
+        """Number of entries."""
         return len(self.texel_tri)
 
     def page_of(self, entry: IntArray | slice) -> NDArray[np.int32]:
@@ -130,7 +130,7 @@ class TexelMap:
     def entry_at(self) -> Int32:
         """(page_count, size, size) int32: the entry that a page shows at each texel, -1 where no chart covers it.
 
-        That is the one that holds the texel's centre, where whoever filters the image reads it; of several such, or of none, the largest.
+        That is the one that holds the texel's centre, where image filters sample it; of several such, or if there is none, the largest.
         """
         entry_at = np.full(self.page_count * self.page_size**2, -1, np.int32)
         for entry in self._parts():
@@ -147,7 +147,7 @@ class TexelMap:
 
     @cached_property
     def shown(self) -> NDArray[np.bool_]:
-        """(n,) bool: of the entries at one texel of a page the one that the page shows there, see entry_at."""
+        """(n,) bool: whether the page shows the entry at its texel, see entry_at."""
         if self._has_room_for_all(self.entry_at):
             return np.ones(len(self), bool)
         parts = (self.entry_at.ravel()[self._find_cells(entry)] == entry for entry in self._parts())
@@ -165,7 +165,7 @@ class TexelMap:
         return keys
 
     def _parts(self) -> Iterator[Int64]:
-        """All entries, so many at a time that what is found of them stays in the cache."""
+        """All entries in chunks whose intermediate arrays fit the cache."""
         return (np.arange(start, min(start + CHUNK_SIZE, len(self))) for start in range(0, len(self), CHUNK_SIZE))
 
     def _find_cells(self, entry: Int64) -> Int64:
@@ -211,7 +211,7 @@ class TexelMap:
         return self.grid.find(tri, x, y)
 
     def owner_of(self, entry: Int32, x: FloatArray, y: FloatArray) -> Int32:
-        """The entries (m,) that hits in texel entries (m,), none of them -1, count for: beyond what crosses a texel the one there.
+        """The entries (m,) to which hits in texel entries (m,), none of them -1, belong: beyond a dividing surface, the entry there.
 
         x, y   (m,) float, page texel coordinates
         """
@@ -241,14 +241,14 @@ class TexelMap:
         return EvenSquares.of(self.texel_chart, self.texel_code, self.texel_xy, self.texel_area, self.part_entry)
 
     def sub_points(self, entry: IntArray, point: FloatArray, look: float = LOOK) -> tuple[Int32, NDArray[np.float32]]:
-        """Points of the unit square carried over to where texels look, see `look_at` and `TexelLooks.points`."""
+        """Points of the unit square mapped to the texels' footprints, see `look_at` and `TexelLooks.points`."""
         return self.look_at(entry, look).points(point)
 
     def look_at(self, entry: IntArray, look: float = LOOK, middle: float = 0.5) -> TexelLooks:
-        """Where texels look, every place there counting by its world area.
+        """Footprints of texels, uniform in world area.
 
-        A texel is read at its centre by whoever filters the image, and looks at the square of half its side around it, on the
-        triangle there, as Cycles' bake does in Blender 5.0 (measured); a texel whose centre no triangle covers looks at what is covered.
+        Image filters sample a texel at its centre. Its footprint is the square of half its side around the centre, on the triangle there,
+        as in Cycles' bake of Blender 5.0 (measured); if no triangle covers the centre, the footprint is what is covered.
 
         entry    (m,) int
         look     side of that square, texels; 1 for all that is covered
@@ -270,10 +270,10 @@ class TexelMap:
         return self._clip_looks(squares, rows[clipped], part[clipped], look) if clipped.any() else squares
 
     def _clip_looks(self, squares: TexelLooks, rows: Int64, part: Int64, look: float) -> TexelLooks:
-        """The looks of texels, in which `rows` (p,), of these parts (p,), have the pieces of what is covered instead of their squares."""
+        """The footprints with covered pieces in place of the squares in `rows` (p,), which are these parts (p,)."""
         owner, pair = expand_ranges(self.pair_start[part], self.pair_start[part + 1])
         central = ~self.part_point[part].any(axis=1)
-        if look < 1.0:  # across a crease light is another one: the centre's triangle alone tells of it, as in Cycles
+        if look < 1.0:  # light differs across a crease: only the centre's triangle counts, as in Cycles
             told = ~central[owner] | (self.pair_tri[pair] == self.texel_tri[self.part_entry[part]][owner])
             owner, pair = owner[told], pair[told]
         tri, xy = self.pair_tri[pair], self.texel_xy[self.part_entry[part[owner]]]
@@ -282,7 +282,7 @@ class TexelMap:
         u, v = self._corner_weights(tri, pieces.x + (xy[:, 0] + 0.5), pieces.y + (xy[:, 1] + 0.5))
         weight = np.stack([u, v], axis=1)
         weight[1:] -= weight[0]
-        covered, owner = np.unique(owner, return_inverse=True)  # of what clipping rounds away the square is left
+        covered, owner = np.unique(owner, return_inverse=True)  # where clipping rounds all pieces away, the square remains
         return squares.with_pieces(rows[covered], owner, tri, weight, pieces.area * self.tri_density[tri])
 
     def _corner_weights(self, tri: Int32, x: Float64, y: Float64) -> tuple[Float64, Float64]:
