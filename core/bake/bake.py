@@ -42,10 +42,10 @@ def run_bake(
 ) -> None:
     """Bake the job in `folder`; the last message is Done.
 
-    tell            hears every message
-    should_stop     asked after every round, and while rays are sent from texels: the best so far is then written; and while an unwrapping,
-                    the measuring of texels or the search for contacts takes long, which is before there is any light: then nothing is
-    open_executor   where the shards run; it is shut down at the end
+    tell            receives every message
+    should_stop     polled after every round and while rays are sent from texels: the best light so far is then written. Also polled during
+                    unwrapping, measuring of texels and the search for contacts, before there is any light: then nothing is written
+    open_executor   makes the executor of the shards, which is shut down at the end
     Raises ValueError or OSError with a sentence for the user; no image is then left half-written.
     """
     job = Job.load(folder)
@@ -78,7 +78,7 @@ def _describe_late(run: Run) -> str:
 
 
 def _bake(run: Run, loaded: Loaded, executor: Executor) -> LightField:
-    """Writes the images and the result of the light that is found.
+    """Find the light and write its images and the result.
 
     Raises Interrupted where the bake was stopped before there was any.
     """
@@ -89,7 +89,7 @@ def _bake(run: Run, loaded: Loaded, executor: Executor) -> LightField:
     with run.stage(_WRITING):
         files, spare, seam_report = _write_pages(run, snapshot, found, loaded.surfaces, executor)
     stateless = False
-    if job.keep:  # only now: a bake that is thrown away while it writes has changed nothing
+    if job.keep:  # last, so that a bake killed while it writes leaves the earlier state as it was
         with run.stage(_KEEPING):
             stateless = _keep_state(job, None if found.is_hurried else found.solver, light.error, run.tell)
     result = {
@@ -110,8 +110,8 @@ def _bake(run: Run, loaded: Loaded, executor: Executor) -> LightField:
     }
     left_over = earlier_bakes.find_left_over(job, files, atlas.page_count)
     for text in earlier_bakes.describe_left_over(job, left_over):
-        run.tell(Warning_("", text))  # not in the note, for they may be gone when a bake is kept
-    # What Blender is to make by the scene's view transform is not there yet, and its settings are no part of the job.
+        run.tell(Warning_("", text))  # not part of the note, for they may be gone when the bake is reused
+    # A bake is not noted where Blender still has to apply the view transform, whose settings are not part of the job.
     if light.stopped_by != "interrupted" and not spare and not any(file.linear for file in files):
         try:
             kept_bake.note_bake(folder, loaded.given, job, result, run.warnings, stateless, left_over)
@@ -122,7 +122,7 @@ def _bake(run: Run, loaded: Loaded, executor: Executor) -> LightField:
 
 
 def _open_output(folder: Path) -> None:
-    """Makes the folder of the images; who cannot write there is told before the work, not after it."""
+    """Create the output folder and test that it is writable before the work begins."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
@@ -131,9 +131,9 @@ def _open_output(folder: Path) -> None:
 
 
 def _keep_state(job: Job, solver: solve.Solver | None, error: float, tell: Callable[[Message], None]) -> bool:
-    """Whether the bake has no state to keep, as it would have none the next time; a full disk is another matter.
+    """Keep the solver's state; returns whether the bake has none, as when repeated (a full disk may be different the next time).
 
-    None is a bake that was stopped before it had a state, or needs none; an earlier one's fits the images no longer.
+    solver   None where the bake stopped before it had a state, or needs none; an earlier state is removed, for it does not fit the images
     """
     try:
         if solver is None:
@@ -141,7 +141,7 @@ def _keep_state(job: Job, solver: solve.Solver | None, error: float, tell: Calla
         else:
             checkpoint.save_checkpoint(Path(job.keep), solver, error, job.keep_mb * 10**6)
         return solver is None
-    except (ValueError, OSError) as reason:  # the images are there all the same
+    except (ValueError, OSError) as reason:  # the images are written regardless
         tell(Warning_("", str(reason)))
         return isinstance(reason, ValueError)
 
@@ -149,7 +149,7 @@ def _keep_state(job: Job, solver: solve.Solver | None, error: float, tell: Calla
 def _write_pages(
     run: Run, snapshot: SceneSnapshot, found: FoundLight, surfaces: SurfaceMaterials, executor: Executor
 ) -> tuple[list[pages.PageFile], str, seams.SeamReport]:
-    """The files, the folder that they had to go to in place of the output folder or "", and what was done at seams."""
+    """The files, the spare folder where the output folder failed or "", and a report on seams."""
     job, margin, atlas, texel_map = run.job, run.job.settings.margin, found.atlas, found.receivers.texels
     limited = run.deadline.limit_spread(partial(executors.spread, executor), run.deadline.is_write_late)
     resolver, seam_report = resolve_light(found, snapshot, surfaces, job.settings, limited, spend=not job.keep)

@@ -1,4 +1,4 @@
-"""A bake that needs no photons: direct light by shadow rays until it is exact enough, or no light at all."""
+"""A bake without photons: direct light by shadow rays up to the requested error, or no light at all."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ..util.settings import Settings
 from .deadline import Deadline
 from .stop_rules import StopRules
 
-_DEGREE = 0  # of leaves in which nothing lands
+_DEGREE = 0  # basis degree of the empty leaves
 
 
 def settle_direct(
@@ -40,7 +40,7 @@ def settle_direct(
     should_stop: Callable[[], bool],
     deadline: Deadline | None = None,
 ) -> LightField:
-    """The light of a bake whose direct light has been shot once, or is not asked for; worse texels are shot again.
+    """The light of a bake whose direct light was shot once, or is not wanted; texels of large error are sampled again.
 
     tri_object   (n_tri,) int: the object of each triangle
     """
@@ -83,9 +83,9 @@ def settle_direct(
 
 
 def _find_worst(direct: DirectField, error2: NDArray[np.float32], error: float) -> NDArray[np.intp]:
-    """Texels (m,), ascending, to be shot again: neighbours below openings as one, or if none of these errs too much, each by itself.
+    """Texels (m,), ascending, to sample again: by errors shared below openings, or if none is too large, by each texel's own.
 
-    Where nobody does either, smoothing blurs too much, which it does the less the less noise there is: then those that have most of it.
+    Where no texel exceeds the error, the blur of the filter does; it shrinks with the noise, so the noisiest texels are sampled again.
 
     error2   (n,): relative, squared
     """

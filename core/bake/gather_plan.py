@@ -1,4 +1,4 @@
-"""When indirect light is gathered by rays from texels."""
+"""The decision whether to gather indirect light by rays from texels."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from ..transport.rounds import grow_photons
 from ..util.ablation import uses
 from ..util.settings import Settings
 
-# Share of texels that lie in tiles, below which gathering does not pay: where charts are small a texel has too few neighbours to average
-# its noise with. Measured on random interiors of small charts, asked for 2 %: gathering takes 1.3 to 1.45 times the CPU seconds of leaves.
+# Least share of texels in tiles for gathering: texels of small charts have too few neighbours for the filter to average noise with.
+# Measured on random interiors of small charts, asked for 2 %: gathering takes 1.3 to 1.45 times the CPU seconds of leaves.
 _LEAST_TILED = 0.6
-# Rays of a texel if all of its light is indirect, and more over the error asked for. Measured on the samples: 24 and 0.9, and each takes
-# half as long as a photon's.
+# rays per texel = share of indirect light * (_RAYS_EACH + _RAYS_BY_ERROR / error). Measured on the samples: 24 and 0.9; halved, for a
+# gather ray takes half as long as a photon's.
 _RAYS_EACH, _RAYS_BY_ERROR = 12.0, 0.45
-# Times the error asked for, that all light may err by before it is gathered: what goes on of it, see gathered, is half of that at most.
+# Greatest stated error over the requested one for gathering: at most half of it carries over to the gathered light, see gathered.
 _MOST_KNOWN = 2.5
-# Times the photons by which what was gathered was not enough, from which on it is tried anew: what they tell of it has half the squared
-# noise then. Without that, photons alone are sent for dim things until there are no more, and err more there (two_rooms, by objects).
+# Growth of the photons after which gathering that was not enough is tried again: their light has half the variance then. Without retries
+# photons alone are sent for dim objects until the limit, and the error stays greater (two_rooms, by objects).
 _AGAIN = 2.0
 
 
@@ -33,12 +33,12 @@ _AGAIN = 2.0
 class GatherPlan:
     """Decides, for one bake, whether indirect light is gathered.
 
-    n_texel         of the bake
-    tiled           share of them that lie in tiles
-    given_up        least error that it was tried for and was not enough; inf where it was not tried
-    given_up_told   photons that there were then, as Ledger.told
-    budget_rays     that may gather before leaves are gone back to for good: as many as photons were likely to need instead, so that a
-                    wrong forecast costs no more than twice the better choice (the rule of the ski rental problem; Karlin et al. 1988)
+    n_texel         number of texels of the bake
+    tiled           share of them in tiles
+    given_up        least requested error for which gathering was not enough; inf where it was not tried
+    given_up_told   photons at that time, as Ledger.told
+    budget_rays     gather rays after which the bake returns to leaves for good: the estimated photon rays instead of them, so that a wrong
+                    forecast costs at most twice the better choice (ski rental problem; Karlin et al. 1988)
     """
 
     n_texel: int
@@ -53,34 +53,34 @@ class GatherPlan:
         return cls(len(texels), len(tiles) * TILE_TEXELS / max(len(texels), 1))
 
     def give_up(self, error: float, told: float) -> None:
-        """What was gathered for this error, by what so many photons told, was not enough."""
+        """Record that gathering was not enough for this error with the light of so many photons."""
         self.given_up, self.given_up_told = error, told
 
     def pays(self, settings: Settings, stated: StatedError, ledger: Ledger, round_: int, weigh: Callable[[], float]) -> bool:
-        """Whether to gather takes less time than the photons that the error asked for would need.
+        """Whether gathering takes less time than the photons that the requested error would need.
 
         round_   number of rounds so far
-        weigh    gives how much a photon of the next round tells, over one of a first
+        weigh    returns the weight of a photon of the next round, relative to one of the first
         """
         is_given_up = settings.error >= self.given_up and ledger.told < _AGAIN * self.given_up_told
         is_given_up |= ledger.gathered >= self.budget_rays
         is_planned = uses("gathering_plan")
-        if round_ < 2 or (is_planned and (is_given_up or self.tiled < _LEAST_TILED)):  # a first round knows too little of what there is
+        if round_ < 2 or (is_planned and (is_given_up or self.tiled < _LEAST_TILED)):  # after one round the light is too noisy
             return False
         if not settings.gather or settings.direct != "rays" or not settings.hierarchical:
             return False
-        if not settings.wants_all_light:  # what is gathered has met one surface more
+        if not settings.wants_all_light:  # a gather ray adds one bounce
             return False
         if not is_planned:
             return True
         degree = DEGREES[settings.basis]
-        # Where leaves are as large as they should be, what they miss is 1 / (degree + 1) of their noise (see grow_photons); early trees are
-        # too coarse, and what these miss tells nothing of the photons to come.
+        # In fully refined trees bias^2 = variance / (degree + 1) (see grow_photons); early trees are too coarse, and their bias says
+        # nothing about the photons to come.
         noise2 = stated.photons**2 * (degree + 2) / (degree + 1)
         wanted2 = (1.0 - DIRECT_SHARE**2) * settings.error**2
         if noise2 <= wanted2 or stated.relative > _MOST_KNOWN * settings.error:
             return False
-        if ledger.told * (noise2 / wanted2 - 1.0) > settings.max_photons - ledger.photons:  # at best: the bake may not have so many
+        if ledger.told * (noise2 / wanted2 - 1.0) > settings.max_photons - ledger.photons:  # photons alone cannot reach the error
             self.budget_rays = math.inf
             return True
         rays = (_RAYS_EACH + _RAYS_BY_ERROR / settings.error) * stated.indirect * self.n_texel

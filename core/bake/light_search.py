@@ -1,4 +1,4 @@
-"""The search for the light on the texels, from its first glance to what stops it."""
+"""The stages that find the light: preview, direct light, photons."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ _GLANCING = Status("preview", "First light")
 
 @dataclass
 class LightSearch:
-    """What the light is sought by.
+    """Inputs of the stages.
 
     first        photons that are being traced already
-    surfaces     what previews show light on
+    surfaces     materials for the preview
     tri_object   (n_tri,) int: the object of each triangle
     """
 
@@ -47,9 +47,9 @@ class LightSearch:
     tri_object: IntArray
 
     def find(self) -> tuple[LightField, solve.Solver | None]:
-        """The light, and the solver whose state it can be kept by; None where there is none.
+        """The light, and the solver with the state to keep; None where there is none.
 
-        Raises ValueError with a sentence where an earlier bake is to be gone on with and cannot be.
+        Raises ValueError with a sentence where an earlier bake cannot be continued.
         """
         run, settings, texels = self.run, self.settings, self.receivers.texels
         kept = checkpoint.load_checkpoint(Path(run.job.resume), run.folder, settings) if run.job.resume else None
@@ -58,7 +58,7 @@ class LightSearch:
         solver, is_shot = None, True
         if self.needs.direct and not kept:
             solver, is_shot = self._shoot_direct(direct, tell)
-        if not is_shot:  # stopped before there was anything to show: one round of photons shows all of the light, coarsely
+        if not is_shot:  # stopped before any light: one round of photons estimates all of it, coarsely
             self.settings = settings = replace(settings, direct="photons")
             solver, direct, self.first = None, DirectField.none(len(texels)), FirstPhotons()
         if self.needs.photons or not is_shot:
@@ -77,9 +77,9 @@ class LightSearch:
         return light, solver if is_shot else None
 
     def _show_first_light(self, direct: DirectField, is_first: bool) -> tuple[preview.PreviewPages | None, Callable[[Message], None]]:
-        """Pages for a viewport, None where nobody watches, and who hears of direct light while that is found.
+        """Preview pages, None without a viewport, and the listener for progress of direct light.
 
-        is_first   there is no light yet, of an earlier bake
+        is_first   there is no light of an earlier bake
         """
         run, texels = self.run, self.receivers.texels
         if not (run.job.preview and self.needs.direct):
@@ -91,13 +91,13 @@ class LightSearch:
             return live, live.join(preview.find_first_light(run.folder, self.settings, texels), direct)
 
     def _shoot_direct(self, direct: DirectField, tell: Callable[[Message], None]) -> tuple[solve.Solver | None, bool]:
-        """Shadow rays from all texels, as sure as they must be beside what a first round of photons brings; the solver that traced it, None
-        without photons, and whether the rays came to an end.
+        """Shoot shadow rays from all texels, to a tolerance relative to all light of a first round of photons. Returns the solver of that
+        round, None without photons, and whether all rays were shot.
         """
         run, settings, texels = self.run, self.settings, self.receivers.texels
         solver, ahead, by_rays = None, NOTHING_AHEAD, settings.direct == "rays"
         if self.needs.photons and by_rays:
-            if not run.deadline.limit_s:  # whoever waits for it is deaf to the time
+            if not run.deadline.limit_s:  # waiting for shards ahead ignores the time limit
                 ahead = ShotAhead.send(run.folder, settings, self.executor, len(texels))
             with run.stage(solve.TRACING):
                 solver = self._open_solver(direct)
@@ -113,7 +113,7 @@ class LightSearch:
             elif by_rays:
                 eased = run.deadline.ease(settings)
                 is_shot = direct.shoot(run.folder, eased, self.executor, range(len(texels)), tell, should_stop)
-            if solver and is_shot:  # processes that wait for its next photons have that to do
+            if solver and is_shot:  # work for idle processes
                 limited = run.deadline.limit_spread(partial(executors.spread, self.executor), run.deadline.is_over)
                 direct.begin_show(texels, settings.denoise, limited)
         return solver, is_shot

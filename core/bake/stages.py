@@ -1,4 +1,4 @@
-"""A bake under way: its folder, who hears of it, and how long its stages take."""
+"""The running bake: its folder, its listener, and the time of its stages."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from .deadline import Deadline
 
 @dataclass
 class Run:
-    """What every stage of a bake is given.
+    """Context of every stage of a bake.
 
-    folder        with the snapshot and the job; all that is made goes there but the images
-    job           what is asked for, without mechanisms that are switched off
-    tell          hears every message
-    should_stop   whether the best so far is asked for
-    seconds       of each stage
+    folder        with the snapshot and the job; holds all files of the bake but the images
+    job           the request, without mechanisms that are switched off
+    tell          receives every message
+    should_stop   whether the user wants the best light so far
+    seconds       time of each stage
     deadline      of the time limit
-    cpu_began_s   CPU seconds that this process had used before
-    warnings      (subject, sentence) of all that was replaced or left out; those who bake the same again hear of it too
+    cpu_began_s   CPU seconds of this process before the bake
+    warnings      (subject, sentence) of all that was replaced or left out; repeated when the same bake is reused
     """
 
     folder: Path
@@ -45,18 +45,18 @@ class Run:
 
     @contextmanager
     def stage(self, said: Status) -> Iterator[None]:
-        """The stage that is `said`, told as it begins; one may come in several parts."""
+        """Announce the stage and measure its time; one stage may have several parts."""
         self.tell(said)
         begin = time.perf_counter()
         yield
         self.seconds[said.stage] = self.seconds.get(said.stage, 0.0) + time.perf_counter() - begin
 
     def watch(self) -> Watch:
-        """For a stage that now begins: hears how far it is, and ends it by an Interrupted where nobody wants the rest."""
+        """Progress reporter of the stage that begins; it raises Interrupted where the user stops or time is up."""
         return Words(self.tell, lambda: self.should_stop() or self.deadline.is_lost()).say
 
     def warn(self, warnings: Iterable[tuple[str, str]]) -> None:
-        """Of what was replaced or left out: subject and sentence of each."""
+        """Report what was replaced or left out: subject and sentence of each."""
         for subject, text in warnings:
             self.warnings.append((subject, text))
             self.tell(Warning_(subject, text))

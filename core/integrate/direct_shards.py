@@ -1,4 +1,4 @@
-"""How direct light is asked for: in shards of texels, each as sure as it must be; the first of them before all else is known."""
+"""Direct light in shards of texels, each sampled to a tolerance; the first shards are sent ahead."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ from .direct import DirectLight
 
 _Shard = TypeVar("_Shard", bound=texel_shards.TexelShard)
 
-# Texels of a shard on a small page, and on a large one. In shards of two thirds of the one numpy's calls take a seventh of the time more;
-# more than the other are not lit together, see direct_points.
+# Texels of a shard on a small page, and on a large one. Shards of two thirds of the former take a seventh more time in numpy's calls; more
+# texels than the latter are not lit together, see direct_points.
 SHARD_TEXELS, _LARGEST_SHARD = 6 << 10, 1 << 15
-_SHARDS_ENOUGH = 32  # that no worker waits long for another's last
-# Of the error asked for: its noise is averaged over neighbours, at less cost than more rays. Twice as much where that error is loose, 5 %,
-# takes 5 to 10 % less time at 1024^2, but what it blurs among many lamps is not all stated: 4.4 for a real 5.0 % (furnished_room).
+_SHARDS_ENOUGH = 32  # enough for an even load of the workers
+# Tolerance over the requested error: the filter averages the noise over neighbours, at less cost than more rays. 1.0 at a loose error, 5 %,
+# takes 5 to 10 % less time at 1024^2, but its blur among many lamps is not all stated: 4.4 for a real 5.0 % (furnished_room).
 TOLERANCE = 0.5
-_GLANCE_TEXELS, _GLANCE_TOLERANCE = 256, 1.0  # that tell how bright all will be, before there is any light, and how sure each is
-# One of so many shards is sent ahead, while trees are grown and the first photons read. As nobody knows yet what else will be seen there,
-# its shadows are made as sure as if there were nothing, which takes more rays (of `instances` at 256^2 6 % more in all): so only few are,
-# and no more than these, for who waits for them is deaf to a stop.
+_GLANCE_TEXELS, _GLANCE_TOLERANCE = 256, 1.0  # texels and tolerance of the estimate of the mean brightness
+# One of so many shards is sent ahead, while trees are grown and the first photons read. The other light is not known yet, so that shadows
+# are sampled to a tolerance of direct light alone, which takes more rays (of `instances` at 256^2 6 % more in all): hence few shards, and
+# at most _MOST_AHEAD, for waiting for them ignores a stop.
 _AHEAD, _MOST_AHEAD = 10, 3
 
 
 def cut_into_shards(count: int) -> list[int]:
-    """Where shards of so many texels begin, and the last one ends: all of a size, and of few as many for each of two workers.
+    """Where shards of so many texels begin, and where the last ends: equal sizes, and an even number for two workers where they are few.
 
-    Not by how many workers there are: the same seed gives the same bytes.
+    The cut does not depend on the number of workers, so that the same seed gives the same bytes.
     """
     if not count:
         return [0]
@@ -52,32 +52,32 @@ def cut_into_shards(count: int) -> list[int]:
 
 
 def list_shards(whole: _Shard) -> list[_Shard]:
-    """Those of a shard of all texels, in the order in which they are sent: the last charts are often those of many small things, which take
-    longest; first, the others are shared out evenly after them.
+    """Shards of all texels in the order of sending. The last charts come first: they often hold many small objects, which take longest, and
+    the others then even out the load.
     """
     texels = whole.texels
     return [replace(whole, start=start, texels=texels[start:end]) for start, end in pairwise(cut_into_shards(len(texels)))][::-1]
 
 
 def ask_for_direct(folder: Path, settings: Settings, turn: int, texels: IntArray | range) -> texel_shards.DirectShard:
-    """A shard of these texels (m,), ascending; what is seen with their light is not known yet."""
+    """A shard of these texels (m,), ascending, without other light as reference."""
     smoothed = settings.denoise and uses("filter_tolerance")
     return texel_shards.DirectShard(str(folder), settings.seed, turn, 0, texels, TOLERANCE * settings.error, smoothed)
 
 
 def find_dark(settings: Settings, brightness: float) -> float:
-    """DirectShard.dark, where all texels show so much light in the mean, W/m^2."""
+    """DirectShard.dark for a mean light of all texels, W/m^2."""
     return brightness * (DARK_FLOOR**2 if settings.error_of == "objects" else DARK_FLOOR)
 
 
 def is_below_sky(folder: str) -> bool:
-    """Whether there is a sky, of which alone somebody asks how bright all is."""
+    """Whether there is a sky, the only light whose sampling uses the mean brightness."""
     snapshot = traced_scene.open_tracing(folder).snapshot
     return uses("dark_level") and (bool(usable_world(snapshot).any()) or usable_environment(snapshot) is not None)
 
 
 def glance(shard: texel_shards.DirectShard) -> float:
-    """Mean direct light, W/m^2, of a few of all texels, before there is any; tells of whose scene, and with what seed, `shard` does."""
+    """Mean direct light, W/m^2, from a few texels of the scene of `shard`, with its seed, before there is any light."""
     texels = traced_scene.open_tracing(shard.tracing).texels
     some = choose_sample(texels)
     few = some[:: max(len(some) // _GLANCE_TEXELS, 1)]
@@ -87,10 +87,10 @@ def glance(shard: texel_shards.DirectShard) -> float:
 
 @dataclass(frozen=True)
 class ShotAhead:
-    """The first shards of a shot of all texels, which one of the processes that have nothing else to do has begun, if there is one.
+    """The first shards of a shot of all texels, run by an idle process if there is one.
 
-    count   how many they are; not by how many workers there are, lest the same seed give other bytes
-    wait    gives their light; where nobody has begun them, whoever asks does
+    count   number of shards; independent of the number of workers, so that the same seed gives the same bytes
+    wait    returns their light; runs them here where no process has begun them
     """
 
     count: int = 0

@@ -1,4 +1,4 @@
-"""Which rays are sent next, where more from texels help more than more photons."""
+"""Adaptive allocation of rays from texels, where they reduce the error by more than further photons."""
 
 from __future__ import annotations
 
@@ -18,25 +18,24 @@ from .gathered import GatheredField
 
 Tell: TypeAlias = Callable[[Message], None]
 Stop: TypeAlias = Callable[[], bool]
-# Sends rays from texels; told who is to hear of it, and what asks it to stop.
+# Sends rays from texels; its arguments receive progress and request a stop.
 Look: TypeAlias = Callable[[Tell, Stop], object]
 
-DIRECT_SHARE = 0.5  # of the error asked for, that direct light by rays may have
-# Estimates of a batch over all that there were before, if so many texels need more: the error is stated after each batch, which takes
-# about as long as a pass of rays over all texels. Batches that grow geometrically are few, and overshoot by this share at most.
+DIRECT_SHARE = 0.5  # of the requested error, that direct light by rays may contribute
+# Estimates of a batch over all earlier ones, if enough texels need more: the error is stated after each batch, which takes about as long as
+# a pass of rays over all texels. Batches that grow geometrically are few, and overshoot by this share at most.
 _GROWTH = 0.5
 
 
 def choose_texels(
     error: float, stated: StatedError, traced: int, direct: DirectField, gathered: GatheredField | None
 ) -> tuple[DirectField, NDArray[np.intp], int] | None:
-    """The field whose rays reduce the error most, the texels (m,) that need more of them, and how many estimates each is to have.
+    """The field whose rays reduce the error most, the texels (m,) that need more of them, and how many estimates each gets.
 
-    None where a photon reduces it as much, or no texel needs any. Squared errors fall as one over the number of rays; and gathered light
-    has to be gathered again after more photons. No more texels are chosen than are likely to bring the error asked for, or than a batch
-    has anyway (_GROWTH).
+    None where photons reduce it as much per ray, or no texel needs rays. Squared errors fall as 1 / rays, and gathered light must be
+    gathered anew after more photons. The texels are as many as probably reach the requested error, or as fill a batch (_GROWTH).
 
-    error    relative, that is asked for
+    error    relative, requested
     traced   rays of photons
     """
     again = gathered.counters["rays"] if gathered else 0
@@ -44,10 +43,10 @@ def choose_texels(
     most = (DIRECT_SHARE * error) ** 2
     kinds = [(stated.direct**2, direct, stated.texel_direct2)]
     kinds += [(stated.gathered**2, gathered, stated.texel_gathered2)] if gathered and stated.texel_gathered2 else []
-    is_open = None  # texels of parts that have not come to it yet; of one part all are
+    is_open = None  # texels of parts above the requested error; None is all
     if stated.parts.of_entry is not None:
         is_open = stated.parts.spread(stated.of_parts > error, slice(None), False)
-    share = 1.0 if is_open is None else float(is_open.mean())  # of rays, that more of them for these texels would take
+    share = 1.0 if is_open is None else float(is_open.mean())  # share of rays for these texels
     gains = [error2 / max(share * rays.counters["rays"], 1.0) if error2 > most else 0.0 for error2, rays, _ in kinds]
     if max(gains) <= by_photons:
         return None
@@ -58,11 +57,11 @@ def choose_texels(
     worst = np.flatnonzero((error2 > most) & (rays.passes < rays.most_passes))
     least = int(_GROWTH * rays.passes.sum(dtype=np.int64)) if uses("batches") else 0
     left2 = (error**2 - (stated.chosen**2 - own2)) / SPARE
-    if most < left2 < own2:  # else something else keeps the error up, and all of them are to be as sure as they have to be
+    if most < left2 < own2:  # otherwise another term dominates, and every texel is sampled to its own tolerance
         worst = _find_enough(error2, worst, rays.passes[worst], 1.0 - left2 / own2, least)
     if not len(worst):
         return None
-    # The same few texels may want more again and again: they double what they have had, as far as a batch goes.
+    # Where the same few texels need more again, each repeat doubles their estimates, within the batch.
     repeats = min(least // len(worst), int(np.median(rays.passes[worst])))
     return rays, worst, max(repeats, 1)
 
@@ -70,12 +69,12 @@ def choose_texels(
 def _find_enough(
     error2: NDArray[np.float32], worst: NDArray[np.intp], passes: NDArray[np.int16], share: float, least: int
 ) -> NDArray[np.intp]:
-    """As many of the texels `worst` (m,), ascending, as take a share off the mean of squared errors, (n,) of all: those that err most.
+    """Fewest of the texels `worst` (m,), ascending, that reduce the mean of squared errors (n,) of all by a share: those of largest error.
 
-    passes   (m,): estimates that each is the mean of
-    least    so many of them at least, if there are
+    passes   (m,): number of estimates in each texel's mean
+    least    least number of texels, as far as there are
     """
-    counted = np.minimum(error2, np.quantile(error2, BEST_TEXELS))  # see StatedError: it leaves the worst out
+    counted = np.minimum(error2, np.quantile(error2, BEST_TEXELS))  # as StatedError, without the worst texels
     gain = counted[worst] / (passes + 1)
     order = np.argsort(-error2[worst], kind="stable")
     wanted = share * counted.sum(dtype=np.float64)
@@ -84,7 +83,7 @@ def _find_enough(
 
 
 def have_look(look: Look, tell: Tell, should_stop: Stop, following: Message) -> None:
-    """Has a look; whoever heard of it is told afterwards what follows."""
+    """Run a look; if it has reported progress, report `following` after it."""
     heard: list[Message] = []
 
     def tell_of(message: Message) -> None:

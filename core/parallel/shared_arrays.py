@@ -21,39 +21,39 @@ from ..util.files import parse_json
 
 T = TypeVar("T")
 
-_LEAST_FILE = 1 << 20  # bytes from which on an array is worth a file of its own; also how much of it is written at once
-_PACKED_FILE = "packed.bin"  # what it holds, as JSON after the length of that, and then all smaller arrays
+_LEAST_FILE = 1 << 20  # bytes from which on an array has a file of its own; also the most that is written at once
+_PACKED_FILE = "packed.bin"  # the length of a JSON index, the index, and all smaller arrays
 _LENGTH_BYTES, _ALIGNMENT = 8, 64
 
 
 @dataclass(frozen=True)
 class Room:
-    """Where large arrays that save_struct will write are filled: in its folder at once, or in memory where there is none.
+    """Allocates large arrays that save_struct will write: in files of its folder, or in memory without a folder.
 
-    New memory is cleared by the system page by page. Arrays that are filled there and then written take it twice. Processes of this machine
-    see what is filled; others once it is synchronised, see cluster.stamp_folder.
+    An array in memory takes its space twice once it is written, and the system clears new memory page by page. Processes of this machine
+    see what is filled in; others do after synchronisation, see cluster.stamp_folder.
     """
 
     folder: Path | None = None
 
     def within(self, name: str) -> Room:
-        """For the fields of a field."""
+        """The room for the fields of a struct in the field `name`."""
         return Room(self.folder / name) if self.folder else self
 
     def empty(self, name: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-        """An array for the field `name`. Raises OSError where its file finds no place on the disk."""
+        """An array for the field `name`. Raises OSError where the disk is too full for its file."""
         size = math.prod(shape) * np.dtype(dtype).itemsize
         if self.folder is None or size < _LEAST_FILE:
             return np.empty(shape, dtype)
-        # Written before it is mapped: who fills a mapped file of which the disk has no place ends at once, and a system that is
-        # asked for a file's pages one by one takes longer.
+        # The file is written before it is mapped: a process that fills a mapped file on a full disk is killed, and page by page allocation
+        # is slower.
         nothing = (bytes(min(_LEAST_FILE, size - start)) for start in range(0, size, _LEAST_FILE))
         return _write_and_map(self.folder, name, nothing, shape, dtype, "r+")
 
     def collect(self, name: str, count: int, dtype: DTypeLike, parts: Iterable[NDArray[Any]]) -> NDArray[Any]:
-        """An array (count,) for the field `name` of parts (n,) that follow each other and fill it; nobody may change it any more.
+        """A read-only array (count,) for the field `name`, joined from parts (n,).
 
-        It is written once, where what `empty` gives is cleared first. Raises OSError as `empty` does.
+        It is written once, where the file of `empty` is cleared first. Raises OSError as `empty` does.
         """
         if self.folder is None or count * np.dtype(dtype).itemsize < _LEAST_FILE:
             out = np.concatenate([np.empty(0, dtype), *parts], dtype=dtype, casting="unsafe")
@@ -65,7 +65,7 @@ class Room:
 def _write_and_map(
     folder: Path, name: str, contents: Iterable[bytes | memoryview], shape: tuple[int, ...], dtype: DTypeLike, mode: Literal["r", "r+"]
 ) -> NDArray[Any]:
-    """The field's file, mapped; `contents` follow each other in it."""
+    """Write `contents` one after the other to the field's file, and map it."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.npy"
     path.unlink(missing_ok=True)  # as in save_struct
@@ -85,16 +85,16 @@ IN_MEMORY = Room()
 
 
 def save_struct(folder: Path, struct: Any) -> None:
-    """Write a dataclass whose fields are arrays, plain numbers or such dataclasses, or None; `folder` is made.
+    """Write a dataclass whose fields are arrays, plain numbers, None or such dataclasses into `folder`, which is created.
 
-    Large arrays have files of their own; those of a Room of that folder are there already. All others lie in one: a bake has some hundred
-    small arrays, and to open a file takes longer than to write one.
+    Large arrays have files of their own; those of a Room of that folder are there already. All others share one file: a bake has some
+    hundred small arrays, and opening a file takes longer than writing one.
     """
     folder.mkdir(parents=True, exist_ok=True)
     packed = _Packed()
     told = json.dumps(_put_away(folder, struct, packed)).encode()
     path = folder / _PACKED_FILE
-    path.unlink(missing_ok=True)  # not emptied, for someone may have it mapped
+    path.unlink(missing_ok=True)  # unlinked, not truncated, for a process may have it mapped
     with open(path, "wb") as file:
         file.write(len(told).to_bytes(_LENGTH_BYTES, "little") + told)
         begin = _align(file.tell())
@@ -104,14 +104,14 @@ def save_struct(folder: Path, struct: Any) -> None:
 
 
 class _Packed:
-    """Arrays that are to follow each other in a file."""
+    """Arrays to be written one after the other into one file."""
 
     def __init__(self) -> None:
         self.arrays: list[tuple[int, NDArray[Any]]] = []  # with where they start, bytes
         self._end = 0
 
     def add(self, array: NDArray[Any]) -> int:
-        """Where it is to start."""
+        """Returns the offset of the array."""
         start = _align(self._end)
         self._end = start + array.nbytes
         self.arrays.append((start, array))
@@ -119,12 +119,12 @@ class _Packed:
 
 
 def _describe(array: NDArray[Any]) -> tuple[str, tuple[int, ...], str]:
-    """Its type, shape, and the order in which it is written."""
+    """Type, shape and memory order."""
     return array.dtype.str, array.shape, "F" if array.flags.fnc else "C"
 
 
 def _put_away(folder: Path, struct: Any, packed: _Packed) -> dict[str, Any]:
-    """Writes the large arrays of a struct and of those within it, leaves the small ones to `packed`, and tells where each field is."""
+    """Write the large arrays of a struct and of structs in it, add the small ones to `packed`, and return an index of the fields."""
     told: dict[str, Any] = {"plain": {}, "packed": {}, "files": {}, "structs": {}}
     for field in dataclasses.fields(struct):
         name, value = field.name, getattr(struct, field.name)
@@ -148,14 +148,14 @@ def _put_away(folder: Path, struct: Any, packed: _Packed) -> dict[str, Any]:
 
 @contextmanager
 def laid_out(folder: Path, struct: Any) -> Iterator[str]:
-    """A folder within `folder` that has never been, with the struct in it until the work on it has ended, well or not."""
+    """A new folder within `folder` that holds the struct, and is removed at the end."""
     with tempfile.TemporaryDirectory(dir=folder, ignore_cleanup_errors=True) as place:
         save_struct(Path(place), struct)
         yield place
 
 
 def _is_of_file(array: NDArray[Any], file: Path) -> bool:
-    """Whether an array is what a Room made of that file; numpy says of its parts that they are based on it, not on the file."""
+    """Whether a Room made the array in that file; parts of such an array have the array as base, not the file."""
     mapped = array.base
     return isinstance(mapped, np.memmap) and Path(str(mapped.filename)) == file
 
@@ -163,7 +163,7 @@ def _is_of_file(array: NDArray[Any], file: Path) -> bool:
 def load_struct(folder: Path, cls: type[T]) -> T:
     """The dataclass of save_struct, its arrays mapped read-only.
 
-    Raises OSError where files are missing, ValueError, KeyError, TypeError or AttributeError where they are not what was written.
+    Raises OSError where files are missing, ValueError, KeyError, TypeError or AttributeError where they are damaged.
     """
     whole = np.memmap(folder / _PACKED_FILE, np.uint8, "r").view(np.ndarray)  # np.memmap's own indexing is slow
     end = _LENGTH_BYTES + int.from_bytes(whole[:_LENGTH_BYTES].tobytes(), "little")
@@ -172,10 +172,10 @@ def load_struct(folder: Path, cls: type[T]) -> T:
 
 
 def _find_fields(folder: Path, cls: type[T], told: dict[str, Any], packed: NDArray[np.uint8]) -> T:
-    """The dataclass of which _put_away told."""
+    """Build the dataclass from the index of _put_away."""
     fields: Any = cls.__dataclass_fields__  # type: ignore[attr-defined]
     unknown = {name for of_kind in told.values() for name in of_kind} - set(fields)
-    if unknown:  # names become names of files
+    if unknown:  # names become file names
         raise ValueError(f"it has no fields {', '.join(sorted(unknown))}")
     values: dict[str, Any] = dict(told["plain"])
     values |= {name: _unpack(packed, *of_array) for name, of_array in told["packed"].items()}
@@ -183,7 +183,7 @@ def _find_fields(folder: Path, cls: type[T], told: dict[str, Any], packed: NDArr
     if told["structs"]:
         hints = get_type_hints(cls)
         for name, of_struct in told["structs"].items():
-            inner: Any = next(filter(dataclasses.is_dataclass, get_args(hints[name])), hints[name])  # of one that may be None
+            inner: Any = next(filter(dataclasses.is_dataclass, get_args(hints[name])), hints[name])  # unwraps Optional
             values[name] = _find_fields(folder / name, inner, of_struct, packed)
     return cls(**values)
 
@@ -210,7 +210,7 @@ def _unpack(packed: NDArray[np.uint8], dtype: str, shape: list[int], order: Lite
 
 
 def _map_file(path: Path, dtype: str, shape: list[int], order: Literal["C", "F"]) -> NDArray[Any]:
-    """What np.save wrote; its own header, which tells the same, comes before that."""
+    """Map the array of np.save, skipping its header, which repeats the index."""
     begin = path.stat().st_size - _count_bytes(dtype, shape)
     if begin < 0:
         raise ValueError(f"{path.name} is not whole")
@@ -218,10 +218,10 @@ def _map_file(path: Path, dtype: str, shape: list[int], order: Literal["C", "F"]
 
 
 def _align(place: int) -> int:
-    """The first byte from there on at which an array may start."""
+    """The next aligned offset."""
     return -(-place // _ALIGNMENT) * _ALIGNMENT
 
 
 def remove_struct(folder: Path) -> None:
-    """Delete what save_struct wrote, where the system lets a mapped file go; the rest goes with the job's folder."""
+    """Delete the files of save_struct as far as the system lets go of mapped ones; the rest goes with the job's folder."""
     shutil.rmtree(folder, ignore_errors=True)
