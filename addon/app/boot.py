@@ -14,6 +14,7 @@ import signal
 import sys
 import tempfile
 import threading
+import time
 import traceback
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor
@@ -27,6 +28,9 @@ if "leaflight" not in sys.modules:
     assert _spec.loader is not None
     sys.modules["leaflight"] = importlib.util.module_from_spec(_spec)
     _spec.loader.exec_module(sys.modules["leaflight"])
+
+_TRIES = 20  # to take the job's folder away
+_LEAVING = threading.Lock()  # held by whoever takes it away: the process does not end before
 
 
 def main(folder: Path) -> int:
@@ -108,14 +112,24 @@ def _listen(folder: Path, begun: threading.Event, stop: threading.Event) -> None
                 begun.set()
             case "cancel":
                 stop.set()
-    if folder.name.startswith("leaflight_"):  # as job.open_bake calls it; whoever would take it away is gone
-        shutil.rmtree(folder, ignore_errors=True)
-    os._exit(4)
+    _leave(folder)
+
+
+def _leave(folder: Path) -> None:
+    """End at once, with the workers, and take the job's folder away: whoever would do so is gone."""
+    with _LEAVING:
+        if os.name == "posix" and os.getpgid(0) == os.getpid():  # as job.BakeProcess starts it
+            os.killpg(os.getpid(), signal.SIGTERM)  # which tells this process to stop, and ends its workers
+        for _ in range(_TRIES):  # what they are writing comes into a new folder
+            if folder.name.startswith("leaflight_"):  # as job.open_bake calls it
+                shutil.rmtree(folder, ignore_errors=True)
+            time.sleep(0.01)
+        os._exit(4)
 
 
 if __name__ == "__main__":
     _codes = [1]
     # First to be registered, so the last that is called: the others have ended processes and taken away what belongs to the system by
     # then, and to take Python apart would only keep whoever waits for this process.
-    atexit.register(lambda: os._exit(_codes[-1]))
+    atexit.register(lambda: _LEAVING.acquire() and os._exit(_codes[-1]))
     _codes.append(main(Path(sys.argv[1])))

@@ -1,0 +1,295 @@
+"""Faults in running bakes: nothing is lost, there is a sentence, and the next bake works. tests/fuzz/fault_rows.py lists them all."""
+
+import contextlib
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "fuzz"))
+
+import leaflight
+from blend_rooms import ask_quick_bake, bake, list_files, open_room, read_pixels, save_scene
+from fault_rows import FAULTS, STAGES, tabulate_faults
+from fuzz_judge import MARK, find_left
+from leaflight.addon.ui import baking
+from tables import put_tables
+
+TESTS = Path(__file__).resolve().parents[1]
+IMAGE = "room_0.combined.exr"
+ENDLESS = ("--error", "0.0001", "--max-photons", "1000000000000")
+SHORT = ("--error", "0.0001", "--max-photons", "200000")
+on_linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes are found in /proc")
+
+
+@pytest.fixture
+def room(tmp_path):
+    open_room()
+    (tmp_path / "tmp").mkdir()
+    return save_scene(tmp_path / "room.blend")
+
+
+def start_bake(room, *words, **options):
+    """The command line in a process of its own, with its own temporary folder and a mark that its processes inherit."""
+    argv = [sys.executable, "-m", "leaflight", "bake", str(room), "--size", "64", "--workers", "2", "--output", "maps", *words]
+    env = os.environ | {"TMPDIR": str(room.parent / "tmp"), MARK: str(room)}
+    return subprocess.Popen(argv, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, encoding="utf-8", cwd=room.parent, env=env, **options)
+
+
+def wait_for(process, text):
+    """Reads what is printed until a line has the text."""
+    read = []
+    for line in process.stderr:
+        read.append(line)
+        if text in line:
+            return
+    pytest.fail(f"{text!r} never came: {read}")
+
+
+def end_of(process):
+    """Exit code, and the sentences of errors."""
+    told = process.communicate(timeout=120)[1]
+    assert "Traceback" not in told
+    return process.returncode, [line.removeprefix("leaflight: error: ") for line in told.splitlines() if "error: " in line]
+
+
+def list_children(pid):
+    """(process, command line) of all below this one."""
+    found = []
+    with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+        for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+            found.append((int(child), Path(f"/proc/{child}/cmdline").read_bytes().replace(b"\0", b" ").decode()))
+            found += list_children(int(child))
+    return found
+
+
+def find_baking(process):
+    return next(pid for pid, words in list_children(process.pid) if "boot.py" in words)
+
+
+def hold_aftermath(room, before):
+    """Nobody runs any more, nothing half lies about, the scene is as it was, and a bake works."""
+    assert find_left(str(room)) == []
+    assert [path.name for path in (room.parent / "tmp").iterdir() if not path.name.startswith("blender_")] == []  # that is Blender's own
+    assert not [path for path in room.parent.rglob("*") if ".part" in path.name]
+    assert room.read_bytes() == before
+    assert bake(room, "--quiet") == 0
+    assert np.isfinite(read_pixels(room.parent / "maps" / IMAGE)).all()
+
+
+def at_stages(*everyday):
+    """Each stage; those that are not named are slow tests."""
+    return pytest.mark.parametrize(
+        "stage", [stage if stage in everyday else pytest.param(stage, marks=pytest.mark.slow) for stage in STAGES]
+    )
+
+
+@on_linux
+@at_stages("photons")
+def test_the_baking_process_is_killed(room, stage):
+    before = room.read_bytes()
+    process = start_bake(room, *(SHORT if stage == "writing" else ENDLESS), "--keep", "state", "--save", "saved.blend")
+    wait_for(process, STAGES[stage])
+    os.kill(find_baking(process), signal.SIGKILL)
+    code, told = end_of(process)
+    if stage != "writing" or code:  # which may be over before it is killed
+        assert code == 1
+        assert told[0].startswith(
+            "The baking process was killed, most likely for lack of memory: choose a smaller page size or fewer workers."
+        )
+        assert not (room.parent / "saved.blend").exists()
+    hold_aftermath(room, before)
+
+
+@on_linux
+@pytest.mark.slow
+def test_a_worker_is_killed(room):
+    before = room.read_bytes()
+    process = start_bake(room, *ENDLESS)
+    wait_for(process, "% ")
+    baking_pid, limit, workers = find_baking(process), time.monotonic() + 20, []
+    while not workers and time.monotonic() < limit:
+        workers = [pid for pid, words in list_children(baking_pid) if "boot.py" in words or "spawn_main" in words]
+    os.kill(workers[0], signal.SIGKILL)
+    code, told = end_of(process)
+    assert (code, len(told)) == (1, 1)
+    assert told[0].startswith("A worker of the bake was killed, most likely for lack of memory:")
+    hold_aftermath(room, before)
+
+
+@on_linux
+@pytest.mark.parametrize("stage", [pytest.param("unwrapping", marks=pytest.mark.slow), "photons"])
+def test_blender_is_killed(room, stage):
+    before = room.read_bytes()
+    process = start_bake(room, *ENDLESS)
+    wait_for(process, STAGES[stage])
+    process.kill()
+    process.communicate(timeout=60)
+    hold_aftermath(room, before)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals are POSIX's")
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM])
+@at_stages("contacts")
+def test_a_signal_at_each_stage(room, stage, number):
+    before = room.read_bytes()
+    process = start_bake(room, *(SHORT if stage == "writing" else ENDLESS))
+    wait_for(process, STAGES[stage])
+    process.send_signal(number)
+    code, _ = end_of(process)
+    assert code == 130 or (stage == "writing" and code == 0)
+    images = list_files(room.parent / "maps")
+    assert images in ([], [IMAGE])
+    for name in images:
+        assert np.isfinite(read_pixels(room.parent / "maps" / name)).all()
+    hold_aftermath(room, before)
+
+
+@pytest.mark.parametrize(
+    "most_bytes", [100_000, *(pytest.param(most, marks=pytest.mark.slow) for most in (1000, 3000, 10_000, 30_000, 300_000, 1_000_000))]
+)
+def test_the_disk_is_full(room, most_bytes):
+    """On a system where no file grows beyond this; everything that can be written is asked for, over earlier files."""
+    resource = pytest.importorskip("resource")
+    before = room.read_bytes()
+    words = (*SHORT, "--size", "256", "--keep", "state", "--save", "saved.blend", "--gltf", "scene.glb", "--report", "report.json")
+    words += ("--pass", "combined", "stderr", "--format", "exr", "png")
+    if most_bytes == 100_000:
+        assert end_of(start_bake(room, *words)) == (0, [])
+    earlier = {path: path.read_bytes() for path in (room.parent / "maps").glob("*.exr")}
+
+    def limit():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, most_bytes))
+
+    code, told = end_of(start_bake(room, *words, "--force", preexec_fn=limit))
+    assert code in (0, 1)
+    assert (code == 1) == bool(told)
+    assert all(re.search(r"room|written|kept|save", sentence) for sentence in told), told
+    for path in (room.parent / "maps").glob("*.*r"):
+        assert path.read_bytes() == earlier.get(path) or np.isfinite(read_pixels(path)).all()
+    for spare in (room.parent / "tmp").glob("leaflight_images_*"):  # named in a sentence, and ours to take away here
+        shutil.rmtree(spare)
+    hold_aftermath(room, before)
+
+
+@pytest.mark.parametrize("stage", [pytest.param("unwrapping", marks=pytest.mark.slow), "photons"])
+def test_the_output_folder_is_deleted(room, stage):
+    before = room.read_bytes()
+    process = start_bake(room, *SHORT, "--save", "saved.blend")
+    wait_for(process, STAGES[stage])
+    shutil.rmtree(room.parent / "maps")
+    assert end_of(process) == (0, [])
+    assert list_files(room.parent / "maps") == [".leaflight_pages", IMAGE] or IMAGE in list_files(room.parent / "maps")
+    hold_aftermath(room, before)
+
+
+def test_no_time_of_day_is_read():
+    """Durations come from a clock that nobody can set."""
+    sources = [path for folder in ("core", "addon") for path in (TESTS.parent / folder).rglob("*.py")]
+    assert len(sources) > 100
+    pattern = re.compile(r"time\.time\(|time\.localtime|time\.gmtime|datetime")
+    assert [path.name for path in sources if pattern.search(path.read_text(encoding="utf-8"))] == []
+
+
+def test_two_bakes_into_one_folder(room):
+    before = room.read_bytes()
+    processes = [start_bake(room, *SHORT, "--seed", seed) for seed in ("1", "2")]
+    assert [end_of(process) for process in processes] == [(0, [])] * 2
+    assert np.isfinite(read_pixels(room.parent / "maps" / IMAGE)).all()
+    assert list_files(room.parent / "maps") == [IMAGE]
+    hold_aftermath(room, before)
+
+
+# in a Blender that goes on
+
+
+class Modal(baking.Baking):
+    """Bake as Blender runs it beside its window, one event after the other."""
+
+    def __init__(self):
+        self.told = []
+
+    def report(self, kinds, text):
+        self.told.append(text)
+
+    def run_to_light(self, **knobs):
+        chosen = bpy.context.scene.leaflight
+        for name, value in knobs.items():
+            setattr(chosen, name, value)
+        assert self._start(bpy.context, preview=True)
+        state, limit = bpy.context.window_manager.leaflight_state, time.monotonic() + 60.0
+        while state.progress is None and not self._ended and time.monotonic() < limit:
+            self._ended = state.drain()
+            time.sleep(0.02)
+        assert state.progress is not None
+
+    def run_to_end(self):
+        self._ended = self._ended or bpy.context.window_manager.leaflight_state.wait()
+        return self._finish(bpy.context, self._ended)
+
+
+@pytest.fixture
+def modal(room):
+    leaflight.register()
+    bpy.ops.wm.open_mainfile(filepath=str(room))
+    ask_quick_bake(room.parent / "maps")
+    yield Modal()
+    leaflight.unregister()
+
+
+def hold_next_bake(room):
+    """Blender is as usable as before."""
+    ask_quick_bake(room.parent / "next")
+    assert bpy.ops.leaflight.bake() == {"FINISHED"}
+    assert bpy.context.window_manager.leaflight_state.error == ""
+
+
+def test_the_scene_is_deleted(room, modal):
+    modal.run_to_light(direct="photons", error=1e-4, max_photons=200_000)
+    scene = bpy.context.scene
+    other = bpy.data.scenes.new("Other")
+    bpy.context.window.scene = other
+    bpy.data.scenes.remove(scene)
+    assert modal.run_to_end() == {"CANCELLED"}
+    assert modal.told == ["the scene was deleted during the bake; the images are in the output folder."]
+    assert IMAGE in list_files(room.parent / "maps")
+    bpy.ops.wm.open_mainfile(filepath=str(room))
+    hold_next_bake(room)
+
+
+def test_another_file_is_opened(room, modal):
+    modal.run_to_light(direct="photons", error=1e-4, max_photons=2**31 - 1)
+    folder = Path(modal._folder.name)
+    modal.cancel(bpy.context)  # as Blender does first
+    bpy.ops.wm.open_mainfile(filepath=str(room))
+    assert not bpy.context.window_manager.leaflight_state.running
+    assert not folder.exists()
+    hold_next_bake(room)
+
+
+def test_the_extension_is_disabled_and_enabled(room, modal):
+    modal.run_to_light(direct="photons", error=1e-4, max_photons=2**31 - 1)
+    pid = bpy.context.window_manager.leaflight_state._process._process.pid
+    leaflight.unregister()
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+    leaflight.register()
+    bpy.ops.wm.open_mainfile(filepath=str(room))
+    hold_next_bake(room)
+
+
+def test_every_fault_of_the_table_has_its_test_and_is_in_the_docs():
+    page = (TESTS.parent / "docs" / "reliability.md").read_text(encoding="utf-8")
+    assert put_tables(page, {"faults": tabulate_faults()}) == page
+    for fault in FAULTS:
+        file, name = fault.test.split("::")
+        assert f"def {name}(" in (TESTS / file).read_text(encoding="utf-8"), fault
