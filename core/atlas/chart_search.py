@@ -1,4 +1,4 @@
-"""The charts of every receiving object, before they have a place: unwrapped, or as an existing UV layer says."""
+"""Charts of all receiving objects before packing: unwrapped, or from an existing UV layer."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def find_charts(snapshot: SceneSnapshot, share_meshes: bool, watch: Watch = unwa
     """The charts; with `share_meshes` objects that share a mesh share them, too, where they can.
 
     kept    those of an earlier bake; has those of this one from here on
-    watch   is told UNWRAPPING, which share of the triangles is done, and at which object it is; it may raise
+    watch   receives UNWRAPPING, the share of triangles that is done, and the current object; it may raise
     Raises ValueError when xatlas is needed and cannot be loaded, or crashes.
     """
     search = _Search(snapshot, find_blocks(snapshot) if share_meshes else [], watch, kept or KeptCharts())
@@ -96,16 +96,16 @@ class _Search:
         self._vertex = join_open_sides(snapshot.vertex_position, snapshot.tri_vertex, snapshot.tri_object)
         self._start = np.searchsorted(snapshot.tri_object, np.arange(len(snapshot.objects) + 1))
         self._worn = self._find_worn()
-        self._unwrapped: dict[int, tuple[Int64, Float64, Bool]] = {}  # by the object whose charts they are
+        self._unwrapped: dict[int, tuple[Int64, Float64, Bool]] = {}  # by owner
         owners = [self._worn.get(i, (i, 1.0))[0] for i in self._unlayered()]
         self._to_begin = deque(dict.fromkeys(owners))
-        self._begun: deque[tuple[list[int], Unfolding]] = deque()  # with the objects of each
+        self._begun: deque[tuple[list[int], Unfolding]] = deque()  # owners of each request
         receiving = np.array([one.receives for one in snapshot.objects], bool)
         self._done = np.concatenate([[0], np.cumsum(np.diff(self._start) * receiving)])  # triangles, before each object and after the last
-        self._ahead = 0  # triangles of those
+        self._ahead = 0  # triangles of the begun objects
 
     def watch(self, i: int, done: int = 0) -> None:
-        """Tell that an object's turn has come, and not gone; so many of its triangles are done."""
+        """Report progress within an object, of which so many triangles are done."""
         self._watch(UNWRAPPING, float((self._done[i] + done) / max(self._done[-1], 1)), self.snapshot.objects[i].name)
 
     def unwrap(self, i: int) -> int:
@@ -121,7 +121,7 @@ class _Search:
         return self._keep(i, chart, uv * size, shared)
 
     def cancel(self) -> None:
-        """No object's charts are asked for any more."""
+        """Give up all pending charts."""
         for _, unwrapping in self._begun:
             unwrapping.cancel()
 
@@ -161,7 +161,7 @@ class _Search:
         return worn
 
     def _unfold_more(self, waiting: int) -> None:
-        """Takes the charts of the objects that were begun first; one is waiting for some."""
+        """Waits for the charts of the objects begun first and stores them."""
         for _ in self._begin_more():
             self.watch(waiting)
         objects, unwrapping = self._begun[0]
@@ -208,6 +208,6 @@ class _Search:
 
 
 def _tell_apart(number: IntArray, owner: IntArray) -> Int64:
-    """Numbers of objects' own counting, such that no two objects have one in common."""
+    """Numbers that are unique within each object, made unique among all objects."""
     apart: Int64 = owner.astype(np.int64) * (int(number.max(initial=0)) + 1) + number
     return apart

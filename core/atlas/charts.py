@@ -1,4 +1,4 @@
-"""Which texels of which page each receiving triangle gets: unwrapped and packed, or as an existing UV layer says."""
+"""Layout of all receiving triangles on pages: unwrapped and packed, or from an existing UV layer."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ Int64: TypeAlias = NDArray[np.int64]
 
 _MANY_CHARTS = 1000
 PACKING = Status("charts", "Packing charts")
-_LEAST_SIDE = 2.0**-10  # texels, of the block of an object of next to no size: its place on the page is divided by that
+_LEAST_SIDE = 2.0**-10  # texels, of the block of an object of almost no size: uv is divided by the side
 _FEWEST_TEXELS = 1.0  # a chart of less area than this is hardly a lightmap
-_LESS_DENSE = 0.96  # of the density that was tried, where it took more pages than are planned
-_TRIES, _MOST_TRIES = 4, 50  # until there is one page more; and where there may not be
+_LESS_DENSE = 0.96  # factor of the density after a try that took more pages than planned
+_TRIES, _MOST_TRIES = 4, 50  # tries before a page more is accepted, and where max_pages allows none
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ def make_charts(snapshot: SceneSnapshot, settings: Settings, watch: Watch = unwa
     Where only the page size is chosen, small objects are finer (see even_out), and there are as many pages as page_plan has it. Pages are
     larger than asked for where the charts of one object, which lie on one page, do not fit.
 
-    kept    of an earlier bake, see find_charts
-    watch   is told UNWRAPPING, PACKING, and which share of each is done; it may raise
+    kept    charts of an earlier bake, see find_charts
+    watch   receives UNWRAPPING, PACKING, and the share of each that is done; it may raise
     Raises ValueError when charts do not fit the pages at any density, or when xatlas is needed and cannot be loaded, or crashes.
     """
     return _AtlasMaker(snapshot, settings, watch, kept).make()
@@ -78,7 +78,7 @@ def make_charts(snapshot: SceneSnapshot, settings: Settings, watch: Watch = unwa
 
 @dataclass(frozen=True)
 class _Packed:
-    """What is placed on a page: the objects, the density in texels/m, and where their charts, or the blocks they wear, lie."""
+    """Objects placed on a page, their density in texels/m, and the placement of their charts or blocks."""
 
     objects: list[int]
     page: int
@@ -89,7 +89,7 @@ class _Packed:
 
 @dataclass
 class _Worn:
-    """How a block is laid out; `alone` is its smallest object's page, where every object has one for itself."""
+    """The layout of a block; `alone` is its smallest object's page, if every object has a page of its own."""
 
     smallest: int
     largest: int
@@ -123,7 +123,7 @@ class _AtlasMaker:
             members = np.array(block.members)
             self.object_block[members], self.size[members] = number, block.size / block.size.min()
             self.worn.append(_Worn(int(members[block.size.argmin()]), int(members[block.size.argmax()])))
-        # Where each fills a page by itself, a block is as large on all of them.
+        # If each object has a page of its own, a block has the same size on all of them.
         self.scale = self.size if settings.atlas or settings.density > 0 else np.ones(count)
 
     def make(self) -> ChartAtlas:
@@ -171,14 +171,14 @@ class _AtlasMaker:
             self._pack_by_page_size(unwrapped)
 
     def _begin(self, density: float) -> None:
-        """No page is filled yet, and what is wanted is this density, texels/m; 0 as much as fits."""
+        """Start without pages and with this density, texels/m; 0 means the greatest that fits."""
         self.page_count = 0
         self.density[:] = density
         for worn in self.worn:
             worn.alone = None
 
     def _pack_by_page_size(self, objects: list[int]) -> None:
-        """One page as finely as all fit it, or several where one is not enough."""
+        """One page at the greatest density that fits, or several pages if that is too low."""
         charts = self._select(objects)
         found = self._find_fit(objects, 0)
         demand = self._measure_demand(objects)
@@ -201,7 +201,7 @@ class _AtlasMaker:
             self._make_blocks_fit()
             self._pack_first_fit(objects)
             density *= _LESS_DENSE
-            is_tried_enough = left < _MOST_TRIES - _TRIES or density < least  # a page more does no harm, where it is allowed
+            is_tried_enough = left < _MOST_TRIES - _TRIES or density < least  # a page more is accepted, if allowed
             if self.page_count <= plan.pages or (is_tried_enough and not self._has_too_many()):
                 return
             del self.warnings[told:]
@@ -218,7 +218,7 @@ class _AtlasMaker:
         return 0 < self.settings.max_pages < self.page_count
 
     def _check_count(self) -> None:
-        """Raises ValueError where there are more pages than there may be."""
+        """Raises ValueError if there are more pages than max_pages."""
         if self._has_too_many():
             instead = "a lower density" if self.settings.density > 0 else "a greater page size"
             raise ValueError(
@@ -227,7 +227,7 @@ class _AtlasMaker:
             )
 
     def _enlarge_pages(self, i: int, objects: list[int]) -> None:
-        """Pages that hold the charts of an object, which were too many; raises ValueError where there are none."""
+        """Enlarges the pages to hold all charts of an object; raises ValueError if no page size does."""
         count = self._count_charts([i])
         size = find_page_size(count, self.page, MAX_PAGE_SIZE_TEXELS) if self.page.inside and self.settings.atlas else 0
         if not size:
@@ -247,7 +247,7 @@ class _AtlasMaker:
         )
 
     def _each(self, objects: list[int]) -> Iterator[int]:
-        """The objects, one by one, as they are packed."""
+        """The objects in turn, with progress messages."""
         for done, i in enumerate(objects):
             self._watch(PACKING, done / len(objects), self.snapshot.objects[i].name)
             yield i
@@ -268,7 +268,7 @@ class _AtlasMaker:
         return self.found.outlines.select(np.concatenate([np.arange(first[i], first[i + 1]) for i in objects]))
 
     def _lay_out(self, objects: Sequence[int], density: float) -> Outlines | None:
-        """What is placed for the objects, in their order: each one's charts, or its block."""
+        """Outlines to place for the objects, in order: those of their charts, or of their blocks."""
         parts: list[Outlines] = []
         for blocked, group in itertools.groupby(objects, lambda i: self.object_block[i] >= 0):
             if not blocked:
@@ -282,7 +282,7 @@ class _AtlasMaker:
         return join_outlines(parts)
 
     def _lay_block(self, i: int, density: float) -> tuple[BlockLayout, Outlines] | None:
-        """The layout of the block that an object wears, and its outline on the smallest."""
+        """The layout of an object's block, and its outline for the smallest object."""
         worn = self.worn[int(self.object_block[i])]
         if worn.laid is None or worn.laid[0].density != density:
             outlines = self._select([worn.smallest])
@@ -299,7 +299,7 @@ class _AtlasMaker:
         return found
 
     def _find_fit(self, objects: list[int], page: int) -> _Packed | None:
-        """The greatest density at which objects fit a page; None where there is none."""
+        """The greatest density at which objects fit a page; None if there is none."""
         outlines = self._select(objects)
         found = find_greatest_density(outlines, self.page, lambda density: self._try(objects, density))
         return None if found is None else _Packed(objects, page, *found)
@@ -312,7 +312,7 @@ class _AtlasMaker:
                 self._warn(i, "half of its charts are smaller than a texel; choose a greater page size or density, or merge small faces")
 
     def _try(self, objects: list[int], density: float) -> Outlines | None:
-        if self._count_charts(objects) >= _MANY_CHARTS:  # a try takes a while: whoever wants no more is heard
+        if self._count_charts(objects) >= _MANY_CHARTS:  # a try takes a while: allow cancellation
             self._watch(PACKING, 0.0, "")
         return self._lay_out(objects, density)
 
@@ -321,7 +321,7 @@ class _AtlasMaker:
         return int(sum(first[i + 1] - first[i] for i in objects))
 
     def _make_blocks_fit(self) -> None:
-        """Lowers the density of all that wear a block that is too large for a page on the largest of them."""
+        """Lowers the density of all objects of a block that is too large for a page on the largest of them."""
         for worn, block in zip(self.worn, self.found.blocks, strict=True):
             shapes = self._shape(worn.largest)
             if shapes is None or place_charts(shapes, self.page.empty_horizon()) is None:
@@ -356,7 +356,7 @@ class _AtlasMaker:
         self._apply(packed)
 
     def _shape(self, i: int) -> Shapes | None:
-        """An object at the wanted density; None where it fits no page."""
+        """Shapes of an object at its density; None if it fits no page."""
         density = float(self.density[i])
         outlines = self._lay_out([i], density)
         if outlines is None or not fits_alone(outlines, density, self.page):
@@ -364,7 +364,7 @@ class _AtlasMaker:
         return shape_charts(outlines, density, self.page)
 
     def _try_on(self, i: int, shapes: Shapes, page: int, horizon: Int32) -> bool:
-        """Places an object at the wanted density above the horizon, which is raised, if it fits."""
+        """Places an object at its density above the horizon, and raises that, if it fits."""
         placement = place_charts(shapes, horizon)
         if placement is not None:
             self._apply(_Packed([i], page, float(self.density[i]), shapes, placement))
@@ -404,7 +404,7 @@ class _AtlasMaker:
             self.object_page[i] = packed.page
 
     def _place_block(self, i: int, uv: Float64, chart: Int64, packed: _Packed, part: int) -> Float64:
-        """UVs of an object that wears a block."""
+        """UVs of an object with a block."""
         laid = self._lay_block(i, packed.density)
         assert laid is not None, "it was laid out to be packed"
         layout = laid[0]

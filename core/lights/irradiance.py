@@ -109,7 +109,7 @@ def polygon_irradiance(corners: FloatArray, position: FloatArray, normal: FloatA
         total += part
     if is_cut:
         total += np.arctan2(_dot(_cross(leaving, entering), up), _dot(leaving, entering))
-    return total / -2  # a polygon that is counter-clockwise for who stands on its front has its edges reversed for Lambert
+    return total / -2  # a polygon counter-clockwise as seen from its front has reversed edges in Lambert's formula
 
 
 def ellipse_irradiance(centre: FloatArray, semi_axes: FloatArray, position: FloatArray, normal: FloatArray) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Photon birth of Blender's lights: point, spot, sun and area."""
+"""Photon emission of Blender's lights: point, spot, sun and area."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..util.sphere_map import CellTable, find_solid_angles
 SMALLEST_SIDE = 1e-6  # unit box; a light without extent shines as one of this side
 LAMBERTIAN_SPREAD_RAD = math.pi - 1e-4
 SMALLEST_SPREAD_RAD = math.radians(0.1)  # a smaller one looks the same and cannot be integrated
-_SHARPEST_RIM = 1e-12  # of a spot, in 1 - cosine: less than float32 tells apart
+_SHARPEST_RIM = 1e-12  # of a spot, in 1 - cosine: below the resolution of float32
 _SPREAD_STEPS = 4096
 _CONE_STEPS = 64
 

@@ -1,4 +1,4 @@
-"""Rough irradiance at single points before a bake: enough to tell lit from unlit, not to be shown."""
+"""Rough irradiance at single points before a bake: enough to separate lit from unlit, too noisy to be shown."""
 
 from __future__ import annotations
 

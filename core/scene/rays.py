@@ -1,4 +1,4 @@
-"""Closest hits and shadow rays; the only module that knows embreex."""
+"""Closest hits and shadow rays; the only module that imports embreex."""
 
 from __future__ import annotations
 
@@ -78,20 +78,20 @@ class RayScene:
         distance            (n,) float32, in lengths of the direction
         out                 (n,) bool
         """
-        limit = np.array(distance, np.float32)  # a copy: embreex asks for an array it may write to
+        limit = np.array(distance, np.float32)  # a copy: embreex needs a writable array
         blocked: NDArray[np.bool_] = self._embree.run(origin, direction, limit, query="OCCLUDED") >= 0
         return blocked
 
 
 def load_ahead() -> None:
-    """Loads embreex before there is a scene; where that fails, whoever has a scene is told."""
+    """Loads embreex ahead of the first scene; errors are raised when a scene is made."""
     with contextlib.suppress(ValueError, MemoryError):
         _load_embree()
 
 
 def _load_embree() -> tuple[Any, Any]:
     if "embreex" not in sys.modules:
-        _ask_for(_LIBRARY_BYTES)  # else it would be said that embreex cannot be loaded
+        _ask_for(_LIBRARY_BYTES)  # otherwise the error would be that embreex cannot be loaded
     try:
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
@@ -104,7 +104,7 @@ def _load_embree() -> tuple[Any, Any]:
 
 
 def _ask_for(n_bytes: int) -> None:
-    """Raises MemoryError where this process may not have as much more: embree would end it there, without a word."""
+    """Raises MemoryError if this process cannot get so much more memory; embree would end the process without a message."""
     try:
         mmap.mmap(-1, n_bytes).close()  # none of it is touched, so this takes no memory, and microseconds
     except OSError as reason:

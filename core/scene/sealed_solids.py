@@ -1,4 +1,4 @@
-"""Solids whose inside nobody sees: light that their faces send inwards never comes out, and no texel tells of it.
+"""Closed solids whose inside is never seen: light that their faces emit inwards never leaves and reaches no texel.
 
 Told only where it is certain: closed and convex loose parts, with their normals outwards and nothing else in them. What is closed but
 bent inwards may go through itself, and then a back is seen from outside.
@@ -80,7 +80,7 @@ class _Search:
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing more can be told."""
+        """Whether the work limit is used up."""
         return self._left < 0
 
     def is_convex_and_empty(self, tri: IntArray) -> bool:

@@ -1,4 +1,4 @@
-"""Which side of a surface its lightmap shows.
+"""Choice of the side of a surface that its lightmap shows.
 
 A lightmap has one texel for both sides of a face. With Automatic it shows the front, as Cycles does, unless the front looks into a solid
 where no light comes and the back is lit: such a surface has its normals the wrong way round, and is turned before the bake begins.
@@ -21,16 +21,16 @@ from .topology import join_open_sides, join_sets, pair_sides
 _MOST_PARTS = 1 << 16  # the largest; smaller ones show their fronts
 _MOST_POINTS = 1 << 19  # on all parts
 _LEAST_EACH, _MOST_EACH = 6, 64  # points on a part
-_FIRST_EACH, _SURE_EACH = 16, 512  # points on a part that is perhaps turned, at first and to be sure
-_CLOSE = 0.15  # of a part's extent: what is nearer is close by
-_INSIDE = 0.85  # of rays that meet what is close by, the part itself or a back: the side looks into a solid
-_ENCLOSED = 0.98  # of rays that meet anything
+_FIRST_EACH, _SURE_EACH = 16, 512  # points on a part that may have to be turned, at first and for the decision
+_CLOSE = 0.15  # of a part's extent: surfaces nearer than this are close by
+_INSIDE = 0.85  # share, among rays that meet a close surface, of those that meet the part itself or a back: the side faces into a solid
+_ENCLOSED = 0.98  # share of rays that meet anything
 _BOUNCES = 3
-_DARK_BESIDE, _DARK_WITHIN = 0.15, 1e-3  # light on a front that lies on something, or in a hollow, beside that on the back
+_DARK_BESIDE, _DARK_WITHIN = 0.15, 1e-3  # light on a front close to a surface, or in a hollow, relative to the back's
 _LEVEL = 0.7  # height of a unit normal
 _NOTHING = 0.01  # of rays that meet something
-_PERHAPS_DARK = 0.3  # light on a front beside that on the back, as few points show it
-_SEEN = 0.5  # of rays from a sheet's back that meet fronts: somebody may look at it from there
+_PERHAPS_DARK = 0.3  # light on a front relative to the back's, estimated from few points
+_SEEN = 0.5  # share of rays from a sheet's back that meet fronts: the back may be visible
 
 TURNED = (
     "looks into a solid with its front, where no light comes, so the light on its back is kept; flip its normals, or set Sides to Front"
@@ -86,7 +86,7 @@ def turn(snapshot: SceneSnapshot, tri_turned: NDArray[np.bool_]) -> SceneSnapsho
 
 @dataclass(frozen=True)
 class _Parts:
-    """Surfaces of one object that hang together by sides and whose triangles are wound alike.
+    """Surfaces of one object that are connected by sides and whose triangles have consistent winding.
 
     tri            (n,) int, ascending   the triangles
     tri_part       (n,) int              the part of each
@@ -180,7 +180,7 @@ def _judge(probe: LightProbe, parts: _Parts) -> tuple[NDArray[np.bool_], NDArray
     samples = _Samples(probe, parts, chosen, min(max(_MOST_POINTS // len(chosen), _LEAST_EACH), _MOST_EACH))
     close, within, _, met_before = samples.look(1)
     near, behind, back_sees, met = samples.look(-1)
-    floor = samples.mean(samples.front[:, 2]) > _LEVEL  # nobody looks at the ground from below
+    floor = samples.mean(samples.front[:, 2]) > _LEVEL  # the ground is not seen from below
     perhaps = ((within >= _INSIDE) | (met_before >= _ENCLOSED)) & (behind < _INSIDE) & ~(floor & (met < _NOTHING))
     in_sight = (np.maximum(close, near) < _SEEN) & (back_sees >= _SEEN)
     sheet = ~parts.closed[chosen] & in_sight
@@ -196,7 +196,7 @@ def _judge(probe: LightProbe, parts: _Parts) -> tuple[NDArray[np.bool_], NDArray
 def _keep_dark(
     probe: LightProbe, parts: _Parts, chosen: IntArray, rows: IntArray, dark: NDArray[np.float64], each: int
 ) -> NDArray[np.int64]:
-    """Those of the rows, of chosen parts, that are dark on their front beside their back, as so many points on each show."""
+    """The rows of chosen parts whose front is dark relative to the back, estimated from so many points on each."""
     at_once = max(_MOST_POINTS // each, 1)
     kept = [np.zeros(0, np.int64)]
     for some in np.split(rows, range(at_once, len(rows), at_once)):

@@ -1,7 +1,7 @@
 """Texels where other geometry touches or nearly touches the surface: the foot of a table's leg, a shelf on a wall, a curtain before it.
 
 The preview of a large node averages over such small shadows and so misses them, which is the shadow leak that [Tobler97]
-describes in section 4; its remedy, forced subdivision where geometry tells (3.7), needs to know where.
+describes in section 4; its remedy, forced subdivision (3.7), needs these texels.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from ..util.geometry import offset_origin, take_rows
 from .texel_borders import WAYS
 from .tiles import TILE_SIDE
 
-_LIFT_TEXELS = 0.25  # height of the feelers above the surface
-_REACH_TEXELS = 1.5  # and their length
-# Height up to which a thing covers the surface below it. Where it ends, light changes over about as many texels as it is high: over
-# more than four a leaf goes on better than it ends.
+_LIFT_TEXELS = 0.25  # height of the contact rays above the surface
+_REACH_TEXELS = 1.5  # their length
+# Height up to which an object covers the surface below it. At its edge light changes over about as many texels as it is high; over more
+# than four, leaves are better left uncut.
 _COVER_TEXELS = 3.0
-_SHEER_TEXELS = 2.0  # it ends where it is so much higher above the next texel; where it rises by less, as a ball does, light has no edge
-_COVER_STEPS = 5  # halvings of the way between two texels, to where what covers one of them ends
-_TILE_LOOKS = 3  # places a side where it is asked what covers a tile
+_SHEER_TEXELS = 2.0  # a cover ends where it rises by so much to the next texel; if it rises by less, as a ball does, light has no edge
+_COVER_STEPS = 5  # bisections between two texels for the edge of a cover
+_TILE_LOOKS = 3  # points per side of a tile at which covers are sought
 _CHUNK = 1 << 18
 
 
@@ -33,7 +33,7 @@ def find_contacts(
     texel_size: FloatArray,
     axes: NDArray[np.float32] | None = None,
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """What stands within a texel or so of each point, found by short rays along the surface.
+    """Geometry within about a texel of each point, found by short rays along the surface.
 
     position     (n, 3) float32, unit box
     normal       (n, 3) float32, unit

@@ -1,8 +1,8 @@
-"""Charts cut along creases, so that no leaf holds the light of faces that look different ways.
+"""Cuts charts along creases, so that no leaf covers faces of different orientation.
 
-Across a crease light jumps, as it does between charts. A leaf over both sides could hold neither, and a texel that both share
-would show their mean, where whoever filters the image reads the light of the side that holds its centre. At the foot of a wall that
-shares an edge with the floor light jumps, too, though the floor goes on.
+Light is discontinuous across a crease, as between charts. A leaf over both sides represents neither, and a texel that both share would show
+their mean, where image filters expect the light of the side that holds its centre. Light is discontinuous, too, at the foot of a wall that
+shares an edge with the floor, though the floor is flat there.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from ..scene.topology import find_ends, find_groups_with_twins, join_open_sides,
 from ..util.arrays import FloatArray, IntArray
 
 _CREASE_COSINE = math.cos(math.radians(20.0))  # between shading normals at an edge's end; 2 and 8 degrees bake no better, with more leaves
-# texels; narrower faces side by side are a rough surface, of which a texel shows the mean: each for itself would catch too few photons
+# texels; adjacent narrower faces are a rough surface, of which a texel shows the mean: each by itself would receive too few photons
 _LEAST_WIDTH = 2.0
-_LOST_WIDTH = 4.0  # texels; narrower faces that lie mostly among such faces are of that surface too
+_LOST_WIDTH = 4.0  # texels; narrower faces that border mostly on such faces belong to that surface too
 
 
 def cut_at_creases(snapshot: SceneSnapshot, atlas: ChartAtlas) -> ChartAtlas:
@@ -46,8 +46,7 @@ def cut_at_creases(snapshot: SceneSnapshot, atlas: ChartAtlas) -> ChartAtlas:
 
 
 def _find_feet(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_object: IntArray) -> NDArray[np.bool_]:
-    """(3 n,) bool: sides of triangles at edges from which surfaces of one object go off in three directions or more; no triangle is without
-    an area.
+    """(3 n,) bool: sides at edges where surfaces of one object meet in three directions or more; all triangles have an area.
 
     vertex_position   (n_vertex, 3) float64, m
     tri_vertex        (n, 3) int            as topology.join_open_sides has them
@@ -70,7 +69,7 @@ def _find_feet(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_o
 
 
 def _point_off(corner: NDArray[np.float64], side: IntArray) -> NDArray[np.float64]:
-    """(m, 3) float64, unit: where triangles with corners (m, 3, 3) go from their sides (m,), at a right angle to them."""
+    """(m, 3) float64, unit: directions in the planes of triangles, corners (m, 3, 3), at right angles to their sides (m,), inwards."""
     rows = np.arange(len(side))
     start, end, far = (corner[rows, (side + k) % 3] for k in range(3))
     along = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
@@ -92,7 +91,7 @@ def _fork(edge: IntArray, direction: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _differ(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
-    """(2, m) bool: whether normals (2, m, 3) are of a crease; a face without a normal has none."""
+    """(2, m) bool: whether normals (2, m, 3) form a crease; without a normal there is none."""
     told = one.any(axis=-1) & other.any(axis=-1)
     differ: NDArray[np.bool_] = told & ((one * other).sum(axis=-1) < _CREASE_COSINE)
     return differ

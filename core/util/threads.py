@@ -23,7 +23,7 @@ def count_usable() -> int:
 
 
 def is_alone() -> bool:
-    """Whether this process has one thread, of which only Linux tells."""
+    """Whether this process has one thread, which is known only on Linux."""
     try:
         return len(os.listdir("/proc/self/task")) == 1
     except OSError:
@@ -46,7 +46,7 @@ def run_on_threads(
 ) -> list[T]:
     """What `work` gives for each part of so many entries, in their order; any error of it is raised.
 
-    say      is told the share of the parts that are done; where it raises, no further one is begun
+    say      receives the share of parts that are done; if it raises, no further part is begun
     within   as split_entries has it
     """
     parts, found = split_entries(count, within), list[T]()
