@@ -1,11 +1,10 @@
-"""Leaves' functions to light at texels, without visible edges between leaves.
+"""Light at texels from the functions of leaves, blended across their edges.
 
-Between leaves that touch, light goes over from the function of one to that of the other, by the share that each has of a window about as
-wide as the smaller of both. So linear light stays linear, and a step that is no larger than noise becomes a ramp. A step that is larger is
-light, and stays; but light that was reflected has few edges, so a step of it must be large to stay, where no chart was cut. Nothing goes
-over a chart's border.
+Weights are a partition of unity: each leaf's share of a window about as wide as the smaller of two touching leaves. Linear light stays
+linear, and a step within noise becomes a ramp. A significant step is an edge of light and stays; indirect light has few edges, so that its
+steps stay only where they are large and no chart was cut. Nothing is blended over a chart's border.
 
-Source: the weights are those of a partition of unity (Babuska & Melenk 1997); the test of a step is a z-test of the
+Source: Babuska & Melenk 1997 for partitions of unity; a step is tested by a z-test of the two leaves' values.
 two leaves' values.
 """
 
@@ -30,24 +29,24 @@ from .neighbours import Neighbours
 
 Float64: TypeAlias = NDArray[np.float64]
 
-# A step of so many standard errors is noise, and one of so many is light; between them it is so in part, lest the one end with an edge.
+# Steps below the first number of standard errors are noise, above the second light; between them the weight is linear.
 _NOISE_SIGMAS, _LIGHT_SIGMAS = 3.0, 5.0
-# Steps of reflected light, over the mean of both leaves: up to the one a curve that neither of them holds, from the other on light, as on
-# the two sides of a wall that no chart was cut for.
+# Relative steps of indirect light, over the mean of both leaves: below the first it is curvature that neither leaf holds, above the second
+# an edge, as between the two sides of a wall that no chart was cut for.
 _SMOOTH_STEP, _SHARP_STEP = 0.4, 0.8
 _CELLS = 8  # side by side in a large leaf: see Blend.range
 _LARGE_SIDE, _LARGE_TEXELS = 16, 128
 _BELOW_END = np.nextafter(float(_CELLS), 0.0)
-_TILES_TOGETHER = 1 << 8  # of more than that a BLAS would start threads
-_TOGETHER = 1 << 12  # places blended at once: what lies between fits a core's cache
+_TILES_TOGETHER = 1 << 8  # with more a BLAS would start threads
+_TOGETHER = 1 << 12  # places blended at once, for a core's cache
 
 
 @dataclass(frozen=True)
 class PointLight:
     """Light at points.
 
-    irradiance   (2, 3, m) float64, W/m^2: per component (or half) and channel; may dip below zero at the edge of a shadow. While leaves
-                 are blended (1, 3, m) where there is none straight from lights
+    irradiance   (2, 3, m) float64, W/m^2: per component (or half) and channel; may be below zero at the edge of a shadow. During blending
+                 (1, 3, m) where there is no direct component
     variance     (3, m) float64, (W/m^2)^2, of both components together
     """
 
@@ -56,10 +55,10 @@ class PointLight:
 
 
 def evaluate_leaf(tree: Quadtree, solution: Solution, node: NDArray[Any], x: Float64, y: Float64, halves: bool = False) -> PointLight:
-    """The functions of nodes at points, which may lie beyond them.
+    """Evaluate the functions of nodes at points, also outside of them.
 
     node     (m,) int;  x, y   (m,) float64, page texels
-    halves   what each half of the bake says, in place of the components
+    halves   evaluates the dual buffers in place of the components
     """
     return _evaluate(tree, solution, solution.half if halves else solution.coefficient, node, x, y)
 
@@ -79,9 +78,9 @@ def node_coordinates(tree: Quadtree, node: NDArray[Any], x: Float64, y: Float64)
 
 @dataclass(frozen=True)
 class Blend:
-    """Leaves (n,) int32 at all texel entries, ready to be blended: light goes over between neighbours.
+    """Leaves (n,) int32 at all texel entries, with the neighbours to blend them with.
 
-    halves   what each half of the bake says, in place of the components
+    halves   blends the dual buffers in place of the components
     """
 
     texels: TexelMap
@@ -106,9 +105,9 @@ class Blend:
         return PointLight(with_direct(alone.irradiance), alone.variance), PointLight(with_direct(blended.irradiance), blended.variance)
 
     def range(self, start: int, stop: int) -> PointLight:
-        """Light at the entries start ... stop - 1; in large leaves, what blending changes is asked on a lattice and carried on linearly.
+        """Light at the entries start ... stop - 1; in large leaves the change by blending is interpolated on a lattice.
 
-        Over a tile of texels within a cell of that lattice light is of the second degree, and told by few of them.
+        Over a tile of texels within a lattice cell light is quadratic, and is interpolated from a few of them.
         """
         count, first = stop - start, self._find_smooth_tiles(start, stop)
         out = PointLight(np.zeros((2, 3, count)), np.zeros((3, count)))
@@ -131,7 +130,7 @@ class Blend:
     def _find_smooth_tiles(self, start: int, stop: int) -> NDArray[np.int64]:
         """(m,) int64: first entries of tiles that lie in one cell of a leaf's lattice, all those with a texel in the range."""
         texels = self.texels
-        if self.tree.degree > 1:  # whose variance is of the fourth degree
+        if self.tree.degree > 1:  # the variance is of degree 4
             return np.zeros(0, np.int64)
         low, high = max(start - TILE_TEXELS + 1, 0), min(stop + TILE_TEXELS - 1, len(self.leaf))
         first = low + find_tiles(texels.texel_chart[low:high], texels.texel_code[low:high])
@@ -143,7 +142,7 @@ class Blend:
     def _fill_tiles(
         self, row: NDArray[np.int64], leaf: NDArray[np.int32], xy: NDArray[np.int32], out: PointLight, alone: NDArray[np.bool_]
     ) -> None:
-        """Light at tiles, of first rows (m,) of `out`, and leaves (m,) and places (m, 2) of their first texels.
+        """Fill in the light of tiles, given the rows (m,) of `out`, the leaves (m,) and the places (m, 2) of their first texels.
 
         alone   rows of `out` that no tile has filled
         """
@@ -155,7 +154,7 @@ class Blend:
             for term in np.ndindex(values.shape[:-1]):
                 told = _at_texels(of_nodes[term]).ravel()
                 for begin, end in runs:
-                    before = max(-row[begin], 0)  # of the first tile, what is not in the range
+                    before = max(-row[begin], 0)  # texels of the first tile before the range
                     place = values[term][row[begin] + before : row[begin] + (end - begin) * TILE_TEXELS]
                     place[:] = told[begin * TILE_TEXELS + before :][: len(place)]
         for begin, end in runs:
@@ -163,19 +162,19 @@ class Blend:
 
     @cached_property
     def _has_edges(self) -> bool:
-        """Whether photons bring light straight from lights, anywhere; asked of the components also where halves are blended."""
+        """Whether photons carry direct light anywhere; by the components also where halves are blended."""
         return bool(self.solution.coefficient[0].any())
 
     @cached_property
     def _coefficients(self) -> Float64:
-        """(C, 3, K, n_node) float64: of the components or halves that tell of any light."""
+        """(C, 3, K, n_node) float64: of the components or halves, without an empty direct component."""
         if self.halves:
             return self.solution.half
         return self.solution.coefficient[0 if self._has_edges else 1 :]
 
     @cached_property
     def _is_large(self) -> NDArray[np.bool_]:
-        """(n_node,) bool: leaves of many more texels than a lattice has points."""
+        """(n_node,) bool: leaves of many more texels than lattice points."""
         return (self.tree.side >= _LARGE_SIDE) & (self.tree.end - self.tree.start >= _LARGE_TEXELS)
 
     def _on_lattice(self, leaf: NDArray[np.int32], x: Float64, y: Float64) -> PointLight:
@@ -218,7 +217,7 @@ class Blend:
         return light
 
     def _blend(self, leaf: NDArray[np.int32], x: Float64, y: Float64) -> tuple[PointLight, PointLight]:
-        """Light at places (m,) on leaves (m,): that of the leaf alone, and blended."""
+        """Light at places (m,) on leaves (m,): of the leaf alone, and blended."""
         parts = [
             self._blend_part(leaf[start : start + _TOGETHER], x[start : start + _TOGETHER], y[start : start + _TOGETHER])
             for start in range(0, max(len(leaf), 1), _TOGETHER)
@@ -239,7 +238,7 @@ class Blend:
         own_reach, row, other, reach = find_shares(self.tree, self.neighbours, leaf, x, y)
         theirs = self._evaluate_leaf(other, x[row], y[row])
         own_variance, variance = own.variance.mean(0)[row], theirs.variance.mean(0)
-        mean = 0.5 if self.halves else 1.0  # components add up to the light, halves each stand for it
+        mean = 0.5 if self.halves else 1.0  # components add up to the light, each half estimates all of it
         mine, others = (mean * of.irradiance.sum(0).mean(0) for of in (own, theirs))
         step, noise = np.abs(others - mine[row]), np.sqrt(own_variance + variance)
         sigmas = np.divide(step, noise, out=np.where(step == 0.0, 0.0, np.inf), where=noise > 0.0)
@@ -248,10 +247,10 @@ class Blend:
             level = 0.5 * (np.abs(mine[row]) + np.abs(others))
             relative = np.divide(step, level, out=np.zeros_like(step), where=level > 0.0)
             smooth = np.clip((_SHARP_STEP - relative) / (_SHARP_STEP - _SMOOTH_STEP), 0.0, 1.0)
-            smooth[self.tree.chart[leaf[row]] != self.tree.chart[other]] = 0.0  # beside each other at a door, and along its wall too
+            smooth[self.tree.chart[leaf[row]] != self.tree.chart[other]] = 0.0  # charts may touch at a door and along its wall
             goes_over = np.maximum(goes_over, smooth)
         reach *= goes_over
-        # A leaf speaks by how sure it is. By the variance itself dark photons would speak loudest, whose leaves have the least of it.
+        # Weights go as 1 / sqrt(variance). Inverse variance would favour leaves of dim photons, whose variance is lowest.
         reach *= np.sqrt(np.divide(own_variance, variance, out=np.ones(len(row)), where=(own_variance > 0.0) & (variance > 0.0)))
         whole = own_reach + np.bincount(row, reach, len(leaf))
 
@@ -263,12 +262,12 @@ class Blend:
             out /= whole**power
             return out
 
-        # Leaves err apart.
+        # Errors of leaves are independent.
         return own, PointLight(join(own.irradiance, theirs.irradiance, 1), join(own.variance, theirs.variance, 2))
 
 
 def _at_texels(nodes: Float64) -> Float64:
-    """(m, 64): values at the texels of tiles, of those at their nodes (m * 9,)."""
+    """(m, 64): values at the texels of tiles from those at their nodes (m * 9,)."""
     nodes = nodes.reshape(-1, len(TILE_NODES))
     out = np.empty((len(nodes), TILE_TEXELS))
     for start in range(0, len(nodes), _TILES_TOGETHER):

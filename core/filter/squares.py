@@ -1,10 +1,10 @@
-"""Photons on the square that a texel looks at, counted where something touches the surface.
+"""Tallies on the square footprint of a texel, where something touches the surface.
 
-A leaf of one texel holds the mean over that texel; an image is read at its centre. Where light changes fast within a texel - along
-the edge of a rug, at the foot of a wall - the two differ however many photons there are. There the square around the centre,
-which shadow rays start from too, has a counter of its own, and its light is mixed with the leaves' by how much both differ beyond noise.
+A leaf of one texel estimates the mean over that texel, and an image is read at its centre. Where light changes fast within a texel - along
+the edge of a rug, at the foot of a wall - the two differ for any number of photons. There the square around the centre, from which shadow
+rays start too, has a tally of its own, whose light is mixed with the leaves' by a Wiener weight:
 
-Source of the weight: Wiener 1949, for a signal whose power is told by its neighbours: signal / (signal + noise).
+    share = signal / (signal + noise), signal = squared difference beyond noise, from the neighbours   [Wiener 1949]
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from ..util.ablation import uses
 from ..util.arrays import FloatArray, IntArray
 from ..util.coverage import Float64, clip_to_texels
 
-_LEAST_SHARE = 0.02  # of a square: less than that on the centre's triangle is met by too few photons to tell anything
-_RADIUS = 4  # texels, of the neighbours that tell how far leaves and squares differ
+_LEAST_SHARE = 0.02  # of a square: a smaller part on the centre's triangle receives too few photons
+_RADIUS = 4  # texels around, over which the difference of leaves and squares is averaged
 _LEAST_LIGHT = 1e-30  # W/m^2
 _TINY = float(np.finfo(float).tiny)
-_MUCH = 8.0  # photons a square; of fewer hardly one says more than the leaves around it
-_DOUBT = 1.0  # standard errors of how far leaves and squares differ that are held against it: else chance moves every third of good leaves
+_MUCH = 8.0  # mean photons of a square from which on squares are more exact than the leaves around them
+_DOUBT = 1.0  # standard errors subtracted from the signal: else chance moves every third of good leaves
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class SquareLight:
     entry        (m,) int32, ascending: texel entries
     irradiance   (2, 3, m) float64, W/m^2: per component and channel
     variance     (3, m) float64, (W/m^2)^2, of both components together
-    grain        (3, m) float64, W/m^2: what one photon of usual power adds
+    grain        (3, m) float64, W/m^2: irradiance of one photon of mean power
     """
 
     entry: NDArray[np.int32]
@@ -52,14 +52,14 @@ class SquareLight:
         return SquareLight(self.entry[rows], self.irradiance[..., rows], self.variance[:, rows], self.grain[:, rows])
 
     def tell_much(self) -> bool:
-        """Whether so many photons fell on them that they make a difference to the light that is shown."""
+        """Whether enough photons fell on the squares to change the shown light."""
         light, grain = self.irradiance.sum(axis=0), self.grain
         return bool(len(self.entry)) and float(light.sum()) > _MUCH * float(grain.sum())
 
 
 @dataclass(frozen=True)
 class Squares:
-    """The squares that photons are counted on.
+    """The squares with a tally of their own.
 
     entry   (m,) int32, ascending: texel entries
     area    (m,) float64, m^2: of the square's part on the triangle at its centre
@@ -70,7 +70,7 @@ class Squares:
 
     @classmethod
     def of(cls, texels: TexelMap, wanted: NDArray[np.bool_]) -> Squares:
-        """Those of the texel entries `wanted` (n,) that have a centre."""
+        """The squares of the texel entries `wanted` (n,) that have a centre."""
         entry = np.flatnonzero(wanted & texels.is_central & uses("subtexel_tallies"))
         density = texels.tri_density[texels.texel_tri[entry]]
         full = LOOK * LOOK * density
@@ -83,7 +83,7 @@ class Squares:
         return cls(entry[kept].astype(np.int32), area[kept])
 
     def light(self, tally: Tally) -> SquareLight:
-        """What the photons so far say; `tally` as of `deposit_on_squares`."""
+        """The estimate from the photons so far; `tally` as of `deposit_on_squares`."""
         divisor = max(float(tally.photons.sum()), 1.0) * self.area
         raw = with_direct(tally.raw.sum(0)[:, :, 0])
         sums = raw.sum(axis=(0, 2))
@@ -101,7 +101,7 @@ def deposit_on_squares(
     flux: FloatArray,
     is_first: NDArray[np.bool_] | None,
 ) -> ShardTally:
-    """Sums over the hits of a shard, of squares in place of nodes.
+    """Sums over the hits of a shard, on squares in place of nodes.
 
     square_entry   (k,) int32, of Squares
     entry, tri     (m,) int: the texel entry and the triangle of each hit
@@ -123,13 +123,13 @@ def deposit_on_squares(
 
 @dataclass(frozen=True)
 class ToldBySquares:
-    """What squares (m,) say of other light on them.
+    """Squares (m,) compared with the leaves' light on them.
 
-    gap       (c, 3, m) float64, W/m^2: what they have more, in as many components as it
-    noise     (3, m) float64, (W/m^2)^2: of their own
-    share     (m,): of the gap, by which that light errs least
-    missing   (m,), (W/m^2)^2: how far that light is from the truth, likely, square mean over channels; nothing where no more than chance
-              makes it differ from all squares
+    gap       (c, 3, m) float64, W/m^2: squares less leaves, in as many components as the leaves' light
+    noise     (3, m) float64, (W/m^2)^2: variance of the squares
+    share     (m,): Wiener weight of the gap
+    missing   (m,), (W/m^2)^2: squared bias of the leaves' light, mean over channels; 0 where all squares together show no significant
+              difference
     """
 
     gap: Float64
@@ -139,14 +139,14 @@ class ToldBySquares:
 
     @classmethod
     def of(cls, light: NDArray[Any], squares: SquareLight, texels: TexelMap) -> ToldBySquares:
-        """Of the leaves' light on all of the squares, (c, 3, m) float, W/m^2; without its first component where that is none."""
+        """Compare with the leaves' light on all of the squares, (c, 3, m) float, W/m^2; without its first component where that is 0."""
         traced = light.astype(np.float64)
         gap = squares.irradiance[-len(light) :] - traced
-        # Where no photon fell by chance there is no variance to be seen: the leaves' light tells how many could have been expected.
+        # Without photons the sample variance is 0: the leaves' light predicts how many were to be expected.
         noise = np.maximum(squares.variance, squares.grain * traced.sum(axis=0))
         noise2, seen2 = noise.sum(axis=0), (gap.sum(axis=0) ** 2).sum(axis=0)
         level = traced.sum(axis=(0, 1))
-        # Of neighbours the bright one must not outvote all others.
+        # Relative weights keep one bright neighbour from dominating.
         scale = 1.0 / (level**2 + (DARK_FLOOR * level.mean() + _LEAST_LIGHT) ** 2)
         told2 = (seen2 - noise2) * scale
         total = float(told2.sum())
@@ -158,14 +158,14 @@ class ToldBySquares:
         return cls(gap, noise, share, sure * signal2 / scale / 3.0)
 
     def find_error(self, rows: IntArray) -> Float64:
-        """(3, k) float64, (W/m^2)^2: what light that is mixed with squares `rows` (k,) errs by beyond its own noise."""
+        """(3, k) float64, (W/m^2)^2: squared error of light mixed with squares `rows` (k,), without the leaves' own variance."""
         share = self.share[rows]
         error: Float64 = np.square(share) * self.noise[:, rows] + np.square(1.0 - share) * self.missing[rows]
         return error
 
 
 def mix(light: NDArray[np.float32], variance: NDArray[np.float32], squares: SquareLight, texels: TexelMap) -> NDArray[np.bool_]:
-    """Bring the leaves' light to that of the squares, in place; which texels changed, (n,) bool.
+    """Mix the squares' light into the leaves', in place; returns which texels changed, (n,) bool.
 
     light      (2, 3, n) float32, W/m^2: components at the texel entries; (1, 3, n) without the first, where it is none
     variance   (3, n) float32, (W/m^2)^2, of their sum
@@ -182,17 +182,17 @@ def mix(light: NDArray[np.float32], variance: NDArray[np.float32], squares: Squa
 
 
 def _average_around(value: Float64, entry: IntArray, texels: TexelMap) -> tuple[Float64, Float64]:
-    """Means of values (k, m) at texel entries (m,) over those of them that lie around each, on its piece; and how many these are, (m,).
+    """Means of values (k, m) at texel entries (m,) over those around each, on the same piece of a chart; and their number, (m,).
 
-    None counts for itself: a weight that knows a photon of its own square would favour squares that few fell on.
+    An entry's own value is left out: a weight that depends on its own photons would favour squares with few.
     """
     chart = texels.texel_chart[entry]
     page, piece = texels.chart_page[chart].astype(np.int64), texels.chart_piece[chart]
     column, row = texels.texel_xy[entry].T.astype(np.int64)
     shown = np.flatnonzero(texels.entry_at[page, row, column] == entry)
-    width = texels.page_size + 2 * _RADIUS  # a border saves every test for the page's edge
+    width = texels.page_size + 2 * _RADIUS  # a border saves the tests for the page's edge
     place = (page * width + row + _RADIUS) * width + column + _RADIUS
-    slot_after = np.zeros(texels.page_count * width * width, np.int32)  # 0 is none: memory that nobody touches costs nothing
+    slot_after = np.zeros(texels.page_count * width * width, np.int32)  # 0 is none; untouched memory costs nothing
     slot_after[place[shown]] = shown + 1
     piece_after, value_after = np.append(np.int32(-1), piece), np.pad(value, ((0, 0), (1, 0)))
     total, count = np.zeros_like(value), np.zeros(len(entry))

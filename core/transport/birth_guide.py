@@ -1,11 +1,11 @@
-"""Where photons are born: more of them where, for the rays that they take, what they bring takes more off the bake's error.
+"""Guiding of emission: more photons start where, for the rays they take, they reduce the bake's error most.
 
-A sun shines on the whole house and one photon in many comes in by a window. What came of the births of earlier rounds tells which; the
-numbers that photons are born from are cut into cells, each with a share of the photons, and what photons of a cell carry makes up for it.
-The numbers, not places and directions, so that it is the same for all kinds of light.
+A sun shines on the whole house, and one photon in many enters by a window. Earlier rounds estimate which; the random numbers from which
+photons are emitted are cut into cells, each with a share of the photons, and a photon's power is divided by the cell's density. Cells of
+random numbers, in place of positions and directions, work alike for all kinds of light.
 
-For photons that go alone. Where several part at the first surface, more or fewer do so there to the same end (see splitting), and more
-births besides took no more error away on the samples than the rays that they cost.
+Only photons that are not split are guided. Where several part at the first surface, their number is adapted there (see splitting), and
+guided emission besides removed no more error on the samples than its rays cost.
 
 Source: Peter & Pietrek 1998, "Importance driven construction of photon maps"; Lepage 1978 (VEGAS) and Jadach 2000 (Foam) for cells of the
 unit cube that are cut where it helps; Neyman's allocation for their shares; Hesterberg 1995 for photons that go evenly among them.
@@ -24,26 +24,26 @@ from .photon_log import Groups
 
 Float64 = NDArray[np.float64]
 
-# Of the photons, that go where they would if nothing were known: what was not foreseen is still seen, and no place has more than twice the
-# noise. That would not be so if rounds that are better sent counted for more, as those of splitting do: where they send few photons, they
-# would count for much and tell little. They count alike.
+# Share of photons emitted without guiding: they sample what was not foreseen, and bound the variance at twice the unguided one. The bound
+# would not hold if better guided rounds had more weight, as with splitting: where such rounds send few photons, these would count for much
+# with high variance. All rounds have equal weights.
 EVEN_SHARE = 1 / 2
 MOST_CELLS = 4096
-_CUTS = 6  # of a cell, one after the other, by what one round told
-# What a few photons brought by chance is no reason to cut. A quarter of each of these does as well on a page of many photons, no better.
-_LEAST_GAIN = 1 / 256  # of the bake's error for its work, that a cut takes away
-_LEAST_BIRTHS = 1024  # of a cell that is cut
-_PRIOR_BIRTHS = 64.0  # that what is known of the whole counts for
+_CUTS = 6  # of a cell, one after the other, from one round
+# Least gain of a cut, against cuts by chance. A quarter of each does as well on a page of many photons, no better.
+_LEAST_GAIN = 1 / 256  # of the bake's error for its work
+_LEAST_BIRTHS = 1024  # in a cell that is cut
+_PRIOR_BIRTHS = 64.0  # prior weight of the mean of all cells, in photons
 _TINY = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True)
 class BirthTally:
-    """What became of the births of a shard: sums (c, 4, SLICES) float64 over the slices of each cell along each axis.
+    """Results of a shard's emitted photons: sums (c, 4, SLICES) float64 over the slices of each cell along each axis.
 
-    births   number
-    rays     that came of them
-    noise    what they add to the squared error
+    births   number of photons
+    rays     that followed from them
+    noise    their contribution to the squared error
     """
 
     births: Float64
@@ -52,7 +52,7 @@ class BirthTally:
 
     @classmethod
     def of(cls, groups: Groups, noise: Float64, n_cell: int) -> BirthTally:
-        """Of photons that each are a group, at the bin of its birth; and what each adds to the squared error, noise (g,)."""
+        """Tally of photons that are each a group, at the bin of their emission; noise (g,) is its contribution to the squared error."""
         sums = np.empty((3, n_cell, DIMENSIONS, SLICES))
         for axis in range(DIMENSIONS):
             slices = groups.place // BINS * SLICES + find_slice(groups.place, axis)
@@ -63,12 +63,12 @@ class BirthTally:
 
 @dataclass
 class BirthGuide:
-    """What all births of a bake told; sums (c, 4, SLICES) float64 as in BirthTally.
+    """Results of all emitted photons of a bake; sums (c, 4, SLICES) float64 as in BirthTally.
 
-    cells    as they were planned last
-    births   number
-    rays     that came of them
-    noise    that came of them, over the mean of its round, had they carried as much as photons that are sent evenly
+    cells    of the last plan
+    births   number of photons
+    rays     that followed from them
+    noise    their contribution to the squared error over the mean of its round, scaled to the power of unguided photons
     """
 
     cells: BirthCells
@@ -78,11 +78,11 @@ class BirthGuide:
 
     @classmethod
     def of(cls, emitter_share: Float64) -> BirthGuide:
-        """emitter_share   (n_emitter,) float64, probability of each where nothing is known"""
+        """emitter_share   (n_emitter,) float64, unguided probability of each"""
         return cls(BirthCells.whole(emitter_share), *np.zeros((3, len(emitter_share), DIMENSIONS, SLICES)))
 
     def add_round(self, shards: Sequence[BirthTally]) -> None:
-        """What the shards of one round told, whose photons were born in the cells as they are."""
+        """Add the shards of one round, whose photons were emitted from the cells as they are."""
         noise = np.zeros_like(self.noise)
         births = np.zeros(len(self.cells))
         for shard in shards:
@@ -97,7 +97,7 @@ class BirthGuide:
             self.noise += noise / mean
 
     def plan(self) -> BirthCells:
-        """Cells of a round."""
+        """The cells of the next round."""
         if not self.noise.any():
             return self.cells
         for _ in range(_CUTS):
@@ -113,13 +113,13 @@ class BirthGuide:
         return self.cells
 
     def _find_mean(self, sums: Float64, births: Float64) -> float:
-        """Of photons that are sent evenly, for a birth: sums (c,) over the births (c,) of each cell."""
+        """Mean per emitted photon without guiding, from sums (c,) over the births (c,) of each cell."""
         seen = births > 0.0
         natural = self.cells.natural[seen]
         return float((natural * sums[seen] / births[seen]).sum()) / max(float(natural.sum()), _TINY)
 
     def _know_rates(self) -> tuple[Float64, Float64]:
-        """Rays and noise of a birth in each cell, (c,) each, above 0."""
+        """Rays and noise of a photon emitted from each cell, (c,) each, above 0."""
         births, rays, noise = (_add_up(sums) for sums in (self.births, self.rays, self.noise))
         known = births + _PRIOR_BIRTHS
         work: Float64 = (rays + _PRIOR_BIRTHS * self._find_mean(rays, births)) / known
@@ -127,10 +127,10 @@ class BirthGuide:
         return work, added
 
     def _cut(self) -> None:
-        """Cuts cells in two between slices, each where births of one part are worth most over those of the other."""
+        """Cut cells in two between slices, each where the cut reduces noise times work most."""
         cells, births = self.cells, _add_up(self.births)
         work, noise = (_add_up(sums) / np.maximum(births, 1.0) for sums in (self.rays, self.noise))
-        cost = cells.natural * np.sqrt(work * noise)  # the sum of these, squared, is noise times work where shares are best
+        cost = cells.natural * np.sqrt(work * noise)  # at best shares noise * work = (sum of these)^2
         gain = (cost[:, None, None] - cells.natural[:, None, None] * self._price_cuts(work, noise)).reshape(len(cells), -1)
         cut = (gain.max(1) > _LEAST_GAIN * cost.sum()) & (births >= _LEAST_BIRTHS)
         cut[np.flatnonzero(cut)[max(MOST_CELLS - len(cells), 0) :]] = False
@@ -151,7 +151,7 @@ class BirthGuide:
             along = sums[row, axis]
             own = np.einsum("cs,cst->ct", along, _STRETCH[first, count])
             total = along.sum(1)
-            # What is known along the other axes is of the whole cell: its part of it is taken to be alike.
+            # The sums along the other axes are known for the whole cell only and are split in proportion.
             kept = np.divide(own.sum(1), total, out=np.zeros(len(row)), where=total > 0.0)
             stretched = sums * kept[:, None, None]
             stretched[row, axis] = own

@@ -1,4 +1,4 @@
-"""Where all light of a bake went, and what it took."""
+"""Energy audit and cost of a bake."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from .photon_log import ENERGY_NAMES, Counters, EnergyAudit
 
 @dataclass
 class Ledger:
-    """Sums of all shards, each photon carrying all the light of the scene times its weight; divided by the photons' weights when read.
+    """Sums over all shards. Each photon carries all light of the scene times its weight; reading divides by the sum of weights.
 
-    energy_w   of each of ENERGY_NAMES, (3,) float64
-    told       photons, each counted by its weight
-    rays       of photons
-    gathered   rays that gathered light, whether it is shown or was dropped
+    energy_w   for each of ENERGY_NAMES, (3,) float64
+    told       sum of the photons' weights
+    rays       number of photons' rays
+    gathered   number of gather rays, whether their light is shown or was dropped
     """
 
     energy_w: dict[str, NDArray[np.float64]] = field(default_factory=lambda: {name: np.zeros(3) for name in ENERGY_NAMES})
@@ -28,7 +28,7 @@ class Ledger:
     gathered: int = 0
 
     def add(self, photons: int, weight: float, audit: EnergyAudit, counters: Counters) -> None:
-        """Add a shard of so many photons, each of a weight."""
+        """Add a shard of `photons` photons with one weight."""
         for name in ENERGY_NAMES:
             self.energy_w[name] += getattr(audit, name)
         self.photons += photons
@@ -37,15 +37,15 @@ class Ledger:
         self.deposits += counters.deposits
 
     def find_lost(self) -> float:
-        """Share of the light that was under way still when photons had met as many surfaces as they may; the largest of channels."""
+        """Share of the light cut off by the limit of bounces; the largest of channels."""
         emitted, left = self.energy_w["emitted"], self.energy_w["remainder"]
         return float(np.divide(left, emitted, out=np.zeros(len(left)), where=emitted > 0.0).max())
 
     def photon_w(self) -> NDArray[np.float64]:
-        """(3,), W: what one photon carries when it leaves its light, of as many as tell as much as these."""
+        """(3,), W: power of one photon at its light, if `told` equal photons shared the light."""
         photon_w: NDArray[np.float64] = self.energy_w["emitted"] / max(self.told, 1.0) ** 2
         return photon_w
 
     def audit_w(self) -> dict[str, list[float]]:
-        """The energy audit, W: emitted = absorbed + escaped + remainder, and what passed through surfaces on the way."""
+        """The energy audit, W: emitted = absorbed + escaped + remainder, and the power that passed through surfaces on the way."""
         return {name: (total / max(self.told, 1.0)).tolist() for name, total in self.energy_w.items()}

@@ -1,6 +1,6 @@
-"""How many photons a round has, and how they are shared out.
+"""Number of photons of a round, and their division into shards.
 
-Never by the clock, nor by how many workers there are: the same seed gives the same bytes.
+Neither depends on the clock or the number of workers, so that the same seed gives the same bytes.
 """
 
 from __future__ import annotations
@@ -11,36 +11,37 @@ from itertools import pairwise
 from ..util.ablation import uses
 
 FIRST_ROUND_PHOTONS = 1 << 17  # at least
-# ... and so many for each node that the trees start with: fewer say little of where to split. But later photons are better sent, so that a
-# first round is never long, nor a great share of a bake.
+# ... and so many for each node of the first trees: fewer are too noisy for refinement. Later photons are guided better, so that the first
+# round has at most so many, and at most a share of a bake.
 FIRST_NODE_PHOTONS = 160
 MOST_FIRST_PHOTONS = 3 << 17
 FIRST_SHARE = 0.125
 SHARD_PHOTONS = 1 << 18  # at most
-MANY_PAIRS = 3  # of shards, from which on a round ends with smaller ones, and is looked at before these are done
+MANY_PAIRS = 3  # shard pairs from which on a round ends with smaller ones, and is read before these are done
 SMALL_PAIRS = 2
-# A round adds at most so many times all photons so far, for late nodes lose what came before them (docs/paper.md, "What the hierarchy
-# costs"); while these are few, more: to read a round takes time too, and most nodes are still to come.
+# A round adds at most so many times all photons so far, for late nodes lose photons from before they were split (docs/paper.md, "What the
+# hierarchy costs"); more while these are few, for reading a round takes time too, and most nodes are still to come.
 ROUND_GROWTH, EARLY_GROWTH = 0.7, 2.0
 EARLY_PHOTONS = 1 << 20
-# Photons that the first and the second round have whatever their trees are, if the bake may have so many: as nothing guides them, they can
-# be traced before there are trees, by first_photons.
+# Least photons of the first and the second round, within the bake's limit: without a guide they can be traced before there are trees, by
+# first_photons.
 AHEAD_PHOTONS = FIRST_ROUND_PHOTONS, int(EARLY_GROWTH * FIRST_ROUND_PHOTONS)
-# Of a bake whose error is to be come to with fewer than so many times its photons: as many as that needs, or so many times all so far. Few
-# nodes are still to come then, and each round less saves its reading; what late nodes lose shows in a bake of many more photons only.
+# Where the requested error needs fewer than NEAR_TIMES the photons so far, a round adds as many as it needs, up to NEAR_GROWTH times. Few
+# nodes are still to come then, and each round less saves its reading; the loss of late nodes shows only in bakes of many more photons.
 NEAR_TIMES, NEAR_GROWTH = 36.0, 5.0
 ROUND_PHOTONS = 1 << 22  # at most, so that progress, cancelling and time limits are felt
-# ... and at least so many photons for each node: to look at what came of a round takes as long as tracing them does on two cores, and on
-# some samples several times as long.
+# ... and at least so many photons for each node: reading a round takes as long as tracing these does on two cores, and on some samples
+# several times as long.
 NODE_PHOTONS = 16
-SPARE = 1.1  # how much less squared noise a round aims at than would be enough, for it may come out worse than foretold
+SPARE = 1.1  # margin of squared noise that a round aims at, for it may turn out higher than predicted
 
 
 def grow_photons(noise2: float, wanted2: float, degree: int | None) -> float:
-    """How many times the photons so far are likely to take squared noise from noise2 >= 0 to wanted2 > 0.
+    """Factor on the photons so far that probably brings squared noise from noise2 >= 0 to wanted2 > 0.
 
-    Where trees are refined as photons come, fewer are left to each leaf: of N photons, with functions of order p = degree + 1 on surfaces,
-    the squared error falls as N^(-p / (p + 1)). Source: Stone 1982, "Optimal global rates of convergence for nonparametric regression".
+    Trees are refined as photons come, which leaves fewer to each leaf: with N photons and functions of order p = degree + 1 on surfaces,
+
+        error^2 ~ N^(-p / (p + 1))   [Stone 1982, "Optimal global rates of convergence for nonparametric regression"]
 
     degree   of the basis; None where trees stay as they are, and noise falls as 1 / N
     """
@@ -60,15 +61,15 @@ def next_photons(
     fixed_error: float,
     degree: int | None,
 ) -> tuple[int, bool]:
-    """Photons of the next round: those that the error asked for is likely to need, if that is not too many for one round. And whether so
-    many are likely to be enough, so that no other round follows.
+    """Photons of the next round: those that the requested error probably needs, up to a limit for one round. Also whether they are probably
+    enough, so that no round follows.
 
-    so_far        photons, of a bake that may have `most`
-    told          photons of a first round that would tell as much
-    weight        how much one of the next round tells, over one of a first
+    so_far        photons so far, of a bake that may have `most`
+    told          sum of their weights
+    weight        weight of a photon of the next round, relative to one of the first
     n_node        nodes of the trees
-    error         relative, as it stands; nan where nothing is known
-    fixed_error   relative, the part of it that no photon makes less
+    error         relative, so far; nan where it is unknown
+    fixed_error   relative, the part that photons do not reduce
     degree        of grow_photons
     """
     if not so_far:
@@ -86,17 +87,17 @@ def next_photons(
 
 
 def count_ahead(round_: int, by_rays: bool) -> int:
-    """Of AHEAD_PHOTONS, those of a round; in the second of photons alone births are grouped by where they were, which takes a guide."""
+    """AHEAD_PHOTONS of a round, else 0: the second round of photons alone tallies them by place of emission, which takes a guide."""
     return AHEAD_PHOTONS[round_] if round_ < (len(AHEAD_PHOTONS) if by_rays else 1) else 0
 
 
 def share_photons(photons: int, ahead: int = 0) -> list[int]:
-    """Photons of each shard of a round, for the halves of the bake in turn: equal shards, of many the last ones half as large.
+    """Photons of each shard of a round, for both halves of the bake in turn: equal shards, the last ones half as large where they are many.
 
     ahead   so many of them, of count_ahead, come first in shards of their own
 
-    Who works on the last shard of all keeps the others waiting, and a small one not long; but small ones take longer by the photon, and
-    their nets of directions are coarser.
+    All others wait for the last shard, and less for a small one; but small shards take longer by the photon, and their stratification is
+    coarser.
     """
     if 0 < ahead < photons:
         return share_photons(ahead) + share_photons(photons - ahead)
@@ -109,8 +110,8 @@ def share_photons(photons: int, ahead: int = 0) -> list[int]:
 
 
 def count_late(n_shard: int, left: int) -> int:
-    """How many shards of a round with so many, the small last ones, need not be waited for; see photon_rounds.
+    """How many of the small last shards of a round of `n_shard` may arrive in the next round; see photon_rounds.
 
-    left   photons that the bake may still have, 0 where it is likely to need none: if there is no other round, all are waited for
+    left   photons that the bake may still have; 0 where no round follows, which waits for all shards
     """
     return 2 * SMALL_PAIRS if n_shard > 2 * MANY_PAIRS and left > 1 and uses("late_shards") else 0
