@@ -64,10 +64,10 @@ class ChartAtlas:
 
 
 def make_charts(snapshot: SceneSnapshot, settings: Settings, watch: Watch = unwatched, kept: KeptCharts | None = None) -> ChartAtlas:
-    """Charts of all receiving objects, of one density in texels/m; layers that exist are kept and get pages of their own.
+    """Charts of all receiving objects, of one density in texels/m; existing layers are kept and get pages of their own.
 
-    Where only the page size is chosen, small objects are finer (see even_out), and there are as many pages as page_plan has it. Pages are
-    larger than asked for where the charts of one object, which lie on one page, do not fit.
+    If only the page size is chosen, small objects get a higher density (see even_out), and page_plan sets the number of pages. Pages are
+    larger than chosen if the charts of one object, which lie on one page, do not fit.
 
     kept    charts of an earlier bake, see find_charts
     watch   receives UNWRAPPING, PACKING, and the share of each that is done; it may raise

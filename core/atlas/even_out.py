@@ -1,4 +1,4 @@
-"""Even Out: a density for each object, where nobody set one, so that small things keep a usable part of the page.
+"""Even Out: a density for each object without a chosen one, so that small objects keep a usable part of the page.
 
 At one density for all, texels go by area: a ground of 200 m takes 96 % of a page, and each of 60 props on it has about 100 texels.
 How large a texel may be depends on the distance from which it is seen. Two guesses bound that:
@@ -57,7 +57,7 @@ def find_factors(area_m2: Float64, is_set: NDArray[np.bool_], texels: float) -> 
     while True:  # what is lifted takes texels of the others, and some of them may want to be lifted then
         rest = float(area_m2[~lifted].sum())
         if rest <= 0.0:
-            return np.ones(len(area_m2))  # there is nobody to take texels from
+            return np.ones(len(area_m2))  # no object has texels to spare
         level = (texels - float(wanted[lifted].sum())) / rest  # texels per square metre
         more = ~lifted & (area_m2 * level < wanted)
         if not more.any():

@@ -1,6 +1,6 @@
-"""Charts of the last bake, kept beside its images: who bakes again with other lamps or colours need not wait for xatlas again.
+"""Charts of the last bake, kept beside its images: a bake with other lamps or colours need not wait for xatlas again.
 
-They are known by all that decides them, the code included. A file holds those of one bake, and the next one's take its place.
+Their key is a digest of all that they depend on, the code included. A file holds the charts of one bake and is replaced by the next.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class KeptCharts:
         self, tri_position: NDArray[np.float64], tri_vertex: IntArray, tri_polygon: IntArray, tri_corner: IntArray, tri_object: IntArray
     ) -> Unfolding:
         """The charts of the triangles of some objects, which xatlas begins with where they are not known; arguments as of Unwrapping."""
-        # What the numbers begin at hangs on the objects before, and decides nothing.
+        # The first number depends on the objects before and has no effect.
         labels = [label - label.min(initial=label.max(initial=0)) for label in (tri_vertex, tri_polygon, tri_corner, tri_object)]
         arrays = [np.ascontiguousarray(tri_position), *(np.ascontiguousarray(label, np.int64) for label in labels)]
         key = hash_pieces([hash_code().encode(), *(array.reshape(-1).view(np.uint8).data for array in arrays)])

@@ -101,11 +101,11 @@ def signed_areas(tri_uv: Float64) -> Float64:
 
 
 def check_layer(tri_uv: Float64, tri_polygon: IntArray, solid: Bool) -> LayerCheck:
-    """What of an existing layer can be baked.
+    """The triangles of an existing layer that can be baked.
 
     tri_uv        (n, 3, 2) float64, pages
     tri_polygon   (n,) int
-    solid         (n,) bool, triangles with an area in space; the others are left out without a word
+    solid         (n,) bool, triangles with an area in space; the others are left out without a warning
     """
     finite = np.isfinite(tri_uv).all(axis=(1, 2))
     uv = np.where(finite[:, None, None], tri_uv, 0.0)

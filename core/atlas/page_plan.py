@@ -29,7 +29,7 @@ _FEWEST_TEXELS = 1.0  # half of the charts have less where one page is too coars
 
 @dataclass(frozen=True)
 class ChartDemand:
-    """What the charts of each object need of a page.
+    """Number and extents of the charts of each object.
 
     count      (n,) float64
     box_m2     (n,) float64, m^2   boxes around the charts, all together

@@ -76,7 +76,7 @@ def find_copies(snapshot: SceneSnapshot, tri_vertex: IntArray, objects: list[int
     for i in (i for i in objects if start[i] < start[i + 1]):
         rows = slice(int(start[i]), int(start[i + 1]))
         vertex = tri_vertex[rows] - tri_vertex[rows].min()
-        parts = (snapshot.tri_corner[rows], vertex)  # corners tell polygons, too
+        parts = (snapshot.tri_corner[rows], vertex)  # corners determine polygons, too
         alike.setdefault(blake2b(b"".join(part.astype(np.int64).tobytes() for part in parts)).digest(), []).append(i)
     copies: dict[int, tuple[int, float]] = {}
     for group in alike.values():

@@ -71,7 +71,7 @@ class Unwrapping:
             bad[:] = False
             chart, shared = self._label(group, uv)
         used = chart >= 0
-        # What was taken out of a chart was not stretched as the rest is.
+        # Triangles taken out of a chart were not stretched like the rest.
         sums = [np.bincount(chart[used], values[used]) for values in (area, np.abs(signed_areas(uv)))]
         uv[used] *= np.sqrt(sums[0] / sums[1])[chart[used], None, None]
         return chart, uv, shared
@@ -82,7 +82,7 @@ class Unwrapping:
         return label_charts(self._vertex, self._corner, uv, group, same_uv=1e-12 * extent[self._object])
 
     def _find_overlaps(self, group: Int64, uv: Float64, chart: Int64, shared: Bool) -> Bool:
-        """(n,) bool: triangles that lie over others of their chart, as far as a raster tells; what certainly does not is not drawn."""
+        """(n,) bool: triangles that overlap others of their chart, to the resolution of a raster; proved injective charts are skipped."""
         used = np.flatnonzero(chart >= 0)
         doubtful = used[~find_plain_charts(self._vertex, uv, chart, shared)[chart[used]]]
         found = np.zeros(len(chart), bool)
@@ -115,7 +115,7 @@ def _centre(tri_position: Float64, tri_object: Int64, solid: Int64) -> Float64:
 
 
 def _find_overlaps_in_charts(group: Int64, uv: Float64) -> Bool:
-    """Triangles that lie over others of their chart, as far as a raster tells; the charts are put on shelves to see them all at once."""
+    """Triangles that overlap others of their chart, to the resolution of a raster; the charts are packed on shelves of one raster."""
     chart = np.unique(group, return_inverse=True)[1].ravel()
     area = signed_areas(uv)
     overlapping: Bool = area == 0

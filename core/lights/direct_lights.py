@@ -137,7 +137,7 @@ class PointSource:
             aim = Aim(to_centre, np.ones(len(length), np.float32), share, share)
         elif self.soft:
             disk = square_to_uniform_disk(u) * self.radius[:, None]
-            # Of radiance 1 / its area.
+            # The radiance is 1 / area.
             aim = _aim_at(self.centre + rotate_to(np.column_stack([disk, np.zeros_like(length)]), axis), position, normal, -axis, 1.0)
         else:
             aim = self._aim_at_sphere(axis, length, normal, u)
@@ -223,7 +223,7 @@ class AreaSource:
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         x, y = self.x_axis.astype(np.float64), self.y_axis.astype(np.float64)
-        # It shines along -z, so who stands there sees (x, y) clockwise: take y first.
+        # It emits along -z, and seen from there (x, y) is clockwise: take y first.
         if self.ellipse:
             signed = ellipse_irradiance(self.centre, np.stack([y, x], axis=1), position, normal)
         else:

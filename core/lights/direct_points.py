@@ -212,7 +212,7 @@ class ReceivingSurfaces:
 
 
 def _follow_axes(frame: Float32, tri: IntArray, weight: Float32) -> Float32:
-    """(3, 3, n) float32: what triangle_frames (3, 3, n_tri) tell at elements: at their origin, and what their axes add; then x, y, z."""
+    """(3, 3, n) float32: triangle_frames (3, 3, n_tri) at elements: value at the origin and increments along the axes; then x, y, z."""
     corner, *edges = frame.take(tri, axis=2)
     out = np.empty((3, 3, len(tri)), np.float32)
     for row, (u, v) in zip(out, weight, strict=True):
@@ -268,10 +268,10 @@ def _interpolate(frame: Float32, a: FloatArray, b: FloatArray) -> Float32:
 class TexelChunk:
     """Some texels, and the random shift of the points inside each.
 
-    looks      of n texels
+    looks      footprints of n texels
     shift      (n, 2) uint32
     surfaces   what the looks are on
-    flip       the backs of the texels are asked for
+    flip       the backs of the texels receive the light
     """
 
     def __init__(self, looks: TexelLooks, shift: NDArray[np.uint32], surfaces: ReceivingSurfaces, flip: bool) -> None:

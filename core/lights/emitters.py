@@ -1,4 +1,4 @@
-"""Photon birth of emitting meshes and of the world; all emitters of a scene."""
+"""Photon emission of meshes and of the world; all emitters of a scene."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ NO_LIGHT = "the scene has no light: add a light, an emitting material or a world
 
 @dataclass(frozen=True)
 class EmittingMeshes:
-    """All emitting triangles of a scene; they are looked for once, for photons and for shadow rays.
+    """All emitting triangles of a scene, found once for photons and for shadow rays.
 
     by_material   (material, its cells) for every material that emits from a triangle with area
-    tri_sealed    (n_tri,) bool: triangles of solids into which nobody sees, see sealed_solids
+    tri_sealed    (n_tri,) bool: triangles of closed solids whose inside is never seen, see sealed_solids
     """
 
     by_material: tuple[tuple[int, EmittingCells], ...]

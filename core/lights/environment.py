@@ -1,4 +1,4 @@
-"""A world whose radiance differs by direction: a map of it, and the birth of its photons."""
+"""A world whose radiance varies with direction: its map, and the emission of its photons."""
 
 from __future__ import annotations
 

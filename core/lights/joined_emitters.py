@@ -1,7 +1,7 @@
-"""The emitters of a scene, with lights of a kind in one: their photons are born together, as numpy is slow on short arrays.
+"""The emitters of a scene, with lights of a kind joined: their photons are emitted together, as numpy is slow on short arrays.
 
-Of a light that can be joined, the last axis of an array is that of lights: 1 alone, k joined, and n of n photons, each with the values of
-its light. Each photon is what its light alone gives for the same numbers, to the bit.
+The last axis of the arrays of a joinable light is that of lights: 1 for a single one, k for joined ones, n for the values of n photons.
+Each photon is bitwise equal to that of its light alone for the same random numbers.
 """
 
 from __future__ import annotations

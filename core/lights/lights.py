@@ -181,7 +181,7 @@ class PointEmitter:
             rise = np.sqrt(np.maximum(self.radius**2 - offset_squared, 0))
             if not self.crowded:
                 return make_births(origin + rise[:, None] * direction, direction)
-            # What is inside the sphere sees its far side. So half of the photons cross it, and count if they end there.
+            # A surface inside the sphere sees its far side. So half of the photons cross the sphere, and count if they end inside.
             toward = np.where(inside, -rise, rise)
             born = (origin + toward[:, None] * direction).astype(np.float32, copy=False)
             reach = np.where(inside, -2 * rise, 0).astype(np.float32)

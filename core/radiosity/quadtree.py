@@ -279,7 +279,7 @@ def mean_in_nodes(tree: Quadtree, per_texel: NDArray[np.float32]) -> NDArray[np.
     ends, place = np.unique(np.concatenate([tree.start, tree.end]), return_inverse=True)
     first, last = place[: len(tree)], place[len(tree) :]
     out = np.zeros((3, len(tree)))
-    # What lies between the ends of nodes is summed once, however many levels there are; some at a time, for numpy copies what it sums.
+    # Intervals between the ends of nodes are summed once for all levels; in parts, as numpy copies what it sums.
     cuts = np.flatnonzero(np.diff(ends[:-1] // _CHUNK, prepend=-1))
     parts = [ends[begin : end + 1] for begin, end in pairwise([*cuts, len(ends) - 1])]
     for channel, values in zip(out, per_texel.T, strict=True):

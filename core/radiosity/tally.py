@@ -112,7 +112,7 @@ def _square(power: FloatArray) -> FloatArray:
 
 @dataclass
 class Tally:
-    """What every node received while it was the deepest; grows in place.
+    """Sums that every node received while it was the deepest; grows in place.
 
     photons   (2,) float64: emitted, per half, each counted by its weight
     count     (n,) int64
@@ -223,7 +223,7 @@ class Solution:
 def solve_tallies(tree: Quadtree, totals: Totals, nodes: NDArray[np.int64] | None = None) -> Solution:
     """Irradiance of nodes, late nodes scaled up to all the light their ancestors received.
 
-    nodes   (m,) int64: those that are asked for, all if None; of others that are not above them 0 is told
+    nodes   (m,) int64: nodes to solve, all if None; others that are no ancestors of them are 0
     """
     transforms = basis.parent_transforms(tree.degree).transpose(0, 2, 1)
     n_component, *rest = totals.raw.shape[1:]

@@ -24,7 +24,7 @@ _NEAR_ENOUGH = np.float32(1.0 - 1e-4)  # of the way to a lamp, which may lie in 
 
 @dataclass(frozen=True)
 class Seen:
-    """What one ray from each point meets.
+    """Hits of one ray from each point.
 
     tri        (n,) int32, -1 nothing
     distance   (n,) float64, m; inf where it meets nothing
@@ -39,7 +39,7 @@ class Seen:
 
 
 class LightProbe:
-    """A scene that is asked for light at points; colours are averaged to one number, and what lets any light pass stops none."""
+    """Light estimates at points of a scene, in one channel; a surface that transmits any light blocks none."""
 
     def __init__(self, snapshot: SceneSnapshot, seed: int = 0) -> None:
         self.snapshot = snapshot
@@ -68,7 +68,7 @@ class LightProbe:
         return self.box.to_unit(one + u[:, :1] * (two - one) + u[:, 1:] * (three - one)), self.normal[tri].astype(np.float32)
 
     def look(self, point: NDArray[np.float32], side: NDArray[np.float32]) -> Seen:
-        """What a cosine-distributed ray meets, from points on the side that the normals (n, 3) point to."""
+        """Hits of cosine-distributed rays from points, on the side of the normals (n, 3)."""
         tangent, bitangent = orthonormal_basis(side)
         local = square_to_cosine_hemisphere(self._rng.random((len(point), 2)))
         direction = (local[:, :1] * tangent + local[:, 1:2] * bitangent + local[:, 2:] * side).astype(np.float32)

@@ -14,7 +14,7 @@ from .scene import MAX_ALBEDO, Material, SceneSnapshot
 from .textures import Textures, clamp_colours, sample_texture
 
 _MAX_EMISSION = float(np.finfo(np.float32).max)
-_LEAST_TOLD = {"albedo": 2.0 - MAX_ALBEDO, "metal": 2.0 - MAX_ALBEDO}  # white is 1, and what that loses nobody sees
+_LEAST_TOLD = {"albedo": 2.0 - MAX_ALBEDO, "metal": 2.0 - MAX_ALBEDO}  # white is 1; the loss is invisible
 _PIXELS_OF_ROW = 64
 
 
@@ -151,7 +151,7 @@ class SurfaceMaterials:
 
 
 def clamp_warnings(scene: SceneSnapshot) -> list[tuple[str, str]]:
-    """What albedo_at and emission_at had to change: (material name, sentence)."""
+    """Values changed by albedo_at and emission_at: (material name, sentence)."""
     return [(material.name, text) for index, material in enumerate(scene.materials) for text in _material_warnings(scene, index, material)]
 
 

@@ -1,4 +1,4 @@
-"""Images at half, a quarter ... of their size: means of what a place shows and of its square, so that no bright spot is passed by.
+"""Images at 1/2, 1/4 ... of their size: means of the values and of their squares, so that no bright spot is missed.
 
 Source: Williams 1983, "Pyramidal Parametrics".
 """
@@ -14,12 +14,12 @@ from ..util.arrays import FloatArray, IntArray
 from .scene import TextureImage
 from .textures import clamp_colours, sample_texture
 
-_ROWS = 256  # of a level that are made at once: the squares of a whole image would take much memory
+_ROWS = 256  # rows of a level made at once: the squares of a whole image would take much memory
 _MOST = np.finfo(np.float32).max
 
 
 class Mipmap:
-    """Of an image times a colour, (3,), from its half on; levels are made when they are first asked for."""
+    """Mipmap of an image times a colour, (3,), from half size on; levels are made at their first use."""
 
     def __init__(self, image: TextureImage, rgb: tuple[float, float, float]) -> None:
         self._image = replace(image, closest=False)  # sizes need not be even, and texels of levels lie a little apart from their own
@@ -59,7 +59,7 @@ def _find_edges(size: int) -> IntArray:
 
 
 def _average(pixels: NDArray[np.float32], rows: IntArray) -> NDArray[np.float32]:
-    """Over blocks of rows that begin there, and of columns."""
+    """Means over blocks of rows, beginning at `rows`, and of columns."""
     for axis, edge in enumerate((rows, _find_edges(pixels.shape[1]))):
         half = pixels.take(edge[:-1], axis)  # the first and the last of a block, which may be the same
         half *= np.float32(0.5)

@@ -1,4 +1,4 @@
-"""What of a scene can give no light anywhere, or is the same everywhere, left out before any ray is traced."""
+"""Leaves out lights without power or reach, and folds textures of one colour, before any ray is traced."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Colour: TypeAlias = tuple[float, float, float]
 def prune_scene(snapshot: SceneSnapshot) -> tuple[SceneSnapshot, dict[str, int]]:
     """A scene that bakes alike with less work; and how many lights and textures were left out.
 
-    Triangles and objects stay as they are. A scene whose lights all go keeps them: it has light, and is told apart from one without.
+    Triangles and objects stay as they are. A scene whose lights all go keeps them: it has light, unlike a scene without lights.
     """
     if not uses("pruning"):
         return snapshot, {}

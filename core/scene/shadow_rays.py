@@ -94,7 +94,7 @@ class ShadowRays:
         return made
 
     def see(self, origin: Float32, direction: Float32, distance: Float32) -> Sight:
-        """What comes along rays.
+        """Transmittance along rays.
 
         origin, direction   (n, 3) float32, unit box; any strides
         distance            (n,) float32, in lengths of the direction

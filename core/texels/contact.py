@@ -78,7 +78,7 @@ def find_between(
 def find_covers(
     rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """What lies on the surface or hangs close above it, where find_contacts' rays pass between them or above both.
+    """Geometry on the surface or close above it, where the rays of find_contacts pass between them or above both.
 
     Arguments as there. A rug is often much thinner than a texel is wide, and as dark below as a cupboard is; so is a wall behind a curtain.
     out   (n,) int32: the triangle met first, -1 for none; and (n,) float32, texels: how high that is, inf for none

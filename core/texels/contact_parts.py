@@ -123,7 +123,7 @@ def _part_squares(net: _Net, label: _Int64, level: int, closed_key: _Int64) -> _
 def _move_parts(net: _Net, label: _Int64, square: _Int64, part: _Int64, looked: _Bool, fresh: int) -> _Int64:
     """(k,) int64: labels of pieces, where parts have left for others.
 
-    net      whose ways go from square to square, and are told in both directions
+    net      its ways connect squares and are listed in both directions
     label    (k,) int64: the piece that each is of
     square   (k,) int64: the square that it is in
     part     (k,) int64: the first one of its part, all of which is of one piece in one square

@@ -74,7 +74,7 @@ def _join_runs(runs: _Int64) -> _Int64:
 def put_in_order(texels: TexelMap, order: EntryOrder, say: Say = lambda share: None) -> TexelMap:
     """The map with its entries in that order, the chart_ fields as they are. The map that was is used up: this one has its arrays.
 
-    say   is told the share of it that is done
+    say   receives the share that is done
     """
     place = order.place()
     fields: list[NDArray[Any]] = [texels.texel_xy, texels.texel_code, texels.texel_area, texels.texel_tri, texels.texel_chart]

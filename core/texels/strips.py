@@ -46,13 +46,13 @@ class Strips:
         halo: int,
         may: NDArray[np.bool_] | None = None,
     ) -> Strips:
-        """Those around texels within a grainy one's window: their own variance may be small by chance, and as it takes from them they are
-        to take from it, so that no light is lost.
+        """Texels within the window of a grainy one. Their own variance may be small by chance, but the filter must be symmetric to preserve
+        energy: a texel that contributes to the grainy one must receive its share of it.
 
         grainy   (m,) int64: entries of the page
         xy       (m, 2) int: their columns and rows in entry_at
         radius   texels, of a window
-        halo     texels around a strip that those within it are told by
+        halo     width of the border around a strip, texels, that its filter reads
         may      (n,) bool: entries that are worked on if they are near; None is all
         """
         (x, y), (height, width) = xy.T, entry_at.shape

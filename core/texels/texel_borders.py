@@ -101,7 +101,7 @@ class TexelBorders:
             return entry
         own = np.searchsorted(self.entry, entry.take(rows))
         right, up, owner = right.take(rows), up.take(rows), np.full(len(rows), -1, np.int32)
-        for k in (1, 3, 0, 2):  # who lies to the left or right takes all of a texel there, who lies above or below what is left of it
+        for k in (1, 3, 0, 2):  # neighbours to the left or right take the texel's area there, those above or below the rest
             x, y = WAYS[k]
             owner = np.where(x * right + y * up > self.reach[k].take(own), self.other[k].take(own), owner)
         found = entry.copy()
@@ -144,7 +144,7 @@ def _integrate(low: FloatArray | float, high: FloatArray | float, power: int) ->
 
 
 def share_texels(texels: TexelMap, borders: TexelBorders, say: Say = lambda share: None) -> TexelMap:
-    """The map with borders, and areas and moments as they make them, the areas in place; tells which share of that is done."""
+    """The map with borders, and areas and moments as they make them, the areas in place; reports the share that is done."""
     if not len(borders.entry):
         return texels
     shares = np.isfinite(borders.reach).any(axis=0)

@@ -55,7 +55,7 @@ def build_grid(spans: RowSpans, tri_chart: Int32, n_chart: int, room: Room = IN_
 
     tri_chart   (n_tri,) int32
     room        for its cells
-    say         is told the share of the work that is done
+    say         receives the share of the work that is done
     """
     say(0.0)
     n_tri = len(tri_chart)

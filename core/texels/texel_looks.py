@@ -86,7 +86,7 @@ class TexelLooks:
         return tri, np.moveaxis(weight, 0, -1)
 
     def _interpolate(self, element: Int64, a: Float64, b: Float64) -> NDArray[np.float32]:
-        """(2, k, m) float32: weights at places of elements (1 or k, m); rows, since who interpolates by them reads each by itself."""
+        """(2, k, m) float32: weights at places of elements (1 or k, m); rows, since interpolation reads each by itself."""
         origin, along_a, along_b = self.weight[:, :, element]
         out: NDArray[np.float32] = (origin + a * along_a + b * along_b).astype(np.float32)
         return out

@@ -103,7 +103,7 @@ def _square_moments(xy: Int32, side: IntArray | int, centre: Iterable[FloatArray
 
 @dataclass(frozen=True)
 class PartMoments:
-    """What the moments of texels that are covered in part differ by from those of even ones; fields as of TexelMap."""
+    """Differences of the moments of partly covered texels from those of even ones; fields as in TexelMap."""
 
     part_entry: Int64
     texel_xy: Int32

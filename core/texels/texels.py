@@ -40,7 +40,7 @@ def build_texel_map(snapshot: SceneSnapshot, atlas: ChartAtlas, degree: int, roo
     """Covered area and moments up to `degree` (0, 2 or 4) of every texel of every chart.
 
     room    for its large arrays
-    watch   is told MEASURING and which share of the work is done; it may raise
+    watch   receives MEASURING and the share of the work that is done; it may raise
     The areas of a triangle's texels sum to its world area to rounding. Triangles without area in UV have no texels.
     Raises ValueError for another degree and for charts outside their page.
     """

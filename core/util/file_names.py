@@ -1,4 +1,4 @@
-"""What image files are called: the pattern that a user may choose, and names that every system takes."""
+"""Names of image files: from a pattern that the user may choose, valid on every system."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _DEVICE = re.compile(r"(con|prn|aux|nul|(com|lpt)[0-9])(\.|$)", re.IGNORECASE)  
 
 
 def find_pattern_error(pattern: str) -> str:
-    """What is wrong with a pattern, "" nothing.
+    """The error of a pattern, "" if it is valid.
 
     Fields: {name}, the object or, of shared pages, atlas_page; {pass}; {page}, a number.
     """

@@ -31,7 +31,7 @@ def write_text_whole(file: Path, text: str) -> None:
 def _write_whole(file: Path, write: Callable[[IO[bytes]], object]) -> None:
     unfinished = file.with_name(f".{file.name.removeprefix('.')}.{os.getpid()}.part")
     try:
-        unfinished.unlink(missing_ok=True)  # a link of that name would lead to a file of somebody else's
+        unfinished.unlink(missing_ok=True)  # a link of that name could lead to another user's file
         with open(unfinished, "xb") as out:
             write(out)
         os.replace(unfinished, file)
@@ -40,9 +40,9 @@ def _write_whole(file: Path, write: Callable[[IO[bytes]], object]) -> None:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """What a JSON text says.
+    """The value of a JSON text.
 
-    Raises ValueError where it says nothing, or is nested so deeply that reading it would be the end of the process.
+    Raises ValueError if it is not valid, or is nested so deeply that reading it would end the process.
     """
     try:
         return json.loads(text)
@@ -51,7 +51,7 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def read_json(file: Path) -> Any:
-    """What a small file of JSON says.
+    """The value of a small JSON file.
 
     Raises OSError where it cannot be read, ValueError where it is damaged or larger than anything that we write.
     """

@@ -17,7 +17,7 @@ ORIGIN_OFFSET = 2e-6
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 _SMALLEST_EXTENT_M = 1e-30  # below it 1 / extent leaves float32
-_COLLINEAR = 8 * float(np.finfo(np.float64).eps)  # sine of the angle below which float64 cannot tell an area from rounding
+_COLLINEAR = 8 * float(np.finfo(np.float64).eps)  # sine of the angle below which an area is rounding error in float64
 
 
 @dataclass(frozen=True)

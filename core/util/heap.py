@@ -1,4 +1,4 @@
-"""What the memory allocator does with what is freed."""
+"""Tuning of how the memory allocator keeps freed memory."""
 
 from __future__ import annotations
 

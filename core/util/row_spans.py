@@ -35,7 +35,7 @@ def find_row_spans(uv: Float64, say: Say = lambda share: None) -> RowSpans:
     """Spans of texels under triangles.
 
     uv    (n_tri, 3, 2) float64, texels
-    say   is told the share of the triangles that is done
+    say   receives the share of the triangles that is done
     """
     first_row = np.floor(uv[:, :, 1].min(axis=1)).astype(np.int64)
     end_row = np.ceil(uv[:, :, 1].max(axis=1)).astype(np.int64)

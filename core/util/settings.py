@@ -185,7 +185,7 @@ class Settings:
 
     @property
     def wants_all_light(self) -> bool:
-        """Whether photons may meet so many surfaces that all light is meant: who lets them meet fewer wants no more of it."""
+        """Whether the greatest number of bounces is so high that all light is wanted; a lower one is a deliberate limit."""
         return self.max_depth >= _ALL_LIGHT_DEPTH
 
     def __post_init__(self) -> None:

@@ -44,7 +44,7 @@ def split_entries(count: int, within: slice | None = None) -> list[slice]:
 def run_on_threads(
     work: Callable[[slice], T], count: int, threads: int, say: Say = lambda share: None, within: slice | None = None
 ) -> list[T]:
-    """What `work` gives for each part of so many entries, in their order; any error of it is raised.
+    """Results of `work` for each part of so many entries, in order; its errors are raised.
 
     say      receives the share of parts that are done; if it raises, no further part is begun
     within   as split_entries has it
