@@ -1,8 +1,8 @@
-"""Pieces of dense meshes, as large as charts may be.
+"""Pieces of dense meshes, which bound the size of charts.
 
-Each triangle that a chart takes in has xatlas look at all of that chart again, so that its time grows with the square of a chart's
-triangles: a smooth ground of 20,000 takes ten times what 5,000 take, and one of a million would take half a day. What lies in one plane is
-no work for it, and stays whole. Where pieces are dense, it grows small charts first, too, and joins them (xatlas_process).
+For each triangle that xatlas adds to a chart it evaluates all of the chart again, so that its time grows with the square of the number of
+triangles: a smooth ground of 20,000 takes ten times what 5,000 take, and one of a million would take half a day. Coplanar triangles cost
+nothing and stay together. For dense pieces xatlas first grows small charts and then joins them, too (xatlas_process).
 """
 
 from __future__ import annotations

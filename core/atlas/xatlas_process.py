@@ -1,12 +1,13 @@
-"""The process that xatlas runs in, as a main program; the only module that knows xatlas. A question is meshes, their area, and whether
-they are dense, an answer what became of them, or why xatlas cannot be loaded; each a pickle.
+"""Main program of the process in which xatlas runs; the only module that imports xatlas.
 
-When an atlas of xatlas is destroyed, it joins its threads. It tells them to wake up without holding the lock that they fall
-asleep under, so that the call is lost on one that is just doing so, and then the join never ends; there is no way to wait for their
-sleep. So no atlas is ever destroyed: the process keeps all of its own and is killed, which gives their threads and memory back.
+A request is meshes, their area, and whether they are dense; a result is their charts, or why xatlas cannot be loaded. Both are pickles.
 
-Each mesh that is added to an atlas is a task in a queue that grows, and so moves in memory, while a thread may just be reading a
-task from where it lay. That crashes about one in 500 questions of several meshes, whoever asks; see unfolding.
+When an atlas of xatlas is destroyed, it joins its threads. It signals them to wake up without holding the lock under which they wait, so a
+thread about to wait misses the signal, and the join never ends; a caller cannot wait until all threads wait. So no atlas is ever destroyed:
+the process keeps all of its atlases and is killed, which releases their threads and memory.
+
+Each mesh added to an atlas is a task in a queue that is reallocated as it grows, while a thread may be reading a task at its old address.
+That race crashes about one in 500 requests of several meshes; see unfolding.
 """
 
 from __future__ import annotations

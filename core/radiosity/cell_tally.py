@@ -27,7 +27,7 @@ class CellFlux:
 
     @classmethod
     def of(cls, cell: NDArray[np.int64], flux: FloatArray, n_cell: int) -> CellFlux:
-        """Sums of deposits, cells (m,) of so many and flux (3, m)."""
+        """Sums of deposits: cells (m,), below the given number, and flux (3, m)."""
         touched = np.flatnonzero(np.bincount(cell, minlength=n_cell))
         return cls(touched, np.stack([np.bincount(cell, channel, n_cell)[touched] for channel in flux]))
 
@@ -59,7 +59,7 @@ class CellTally:
         self.photons[half] += photons
 
     def irradiance(self, cells: SurfaceCells) -> tuple[Float32, Float32]:
-        """(3, n_cell) float32, W/m^2; and (n_cell,) half of what one half of the photons found more than the other, mean of channels."""
+        """(3, n_cell) float32, W/m^2; and (n_cell,) half the difference of the two halves, mean of channels."""
         both = (self.flux.sum(axis=0) / max(self.photons.sum(), 1.0) / cells.area_m2).astype(np.float32)
         first, second = (flux.mean(axis=0) / max(count, 1.0) for flux, count in zip(self.flux, self.photons, strict=True))
         return both, ((first - second) / cells.area_m2 / 2.0).astype(np.float32)

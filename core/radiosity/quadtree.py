@@ -198,7 +198,7 @@ def add_children(tree: Quadtree, nodes: IntArray, texels: TexelMap) -> Quadtree:
 
 
 def _find_codes(code: NDArray[np.int32], low: NDArray[np.int64], high: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(m,) int64: where in code[low:high], each ascending, the first lies that is not below `wanted`; all (m,). Found by halving."""
+    """(m,) int64: lower bounds of `wanted` in code[low:high], each ascending; all (m,). By binary search."""
     low, high = low.copy(), high.copy()
     while (rows := np.flatnonzero(low < high)).size:
         middle = (low[rows] + high[rows]) >> 1
@@ -255,7 +255,7 @@ def node_at_entries(tree: Quadtree, nodes: IntArray, entry: IntArray) -> NDArray
 
 
 def spread_over_texels(tree: Quadtree, nodes: IntArray, values: NDArray[_Value], name: str, room: Room = IN_MEMORY) -> NDArray[_Value]:
-    """What each node of those that tile every chart has, (m,), at each of its texel entries, (n_texel,).
+    """Spreads values (m,) of nodes that tile every chart over their texel entries, (n_texel,).
 
     name, room   of what is returned
     """

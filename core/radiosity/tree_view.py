@@ -1,4 +1,4 @@
-"""Where photons are counted, as processes that trace need to know it."""
+"""The nodes and squares in which photons are counted, for tracing processes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .quadtree import Quadtree, node_of_texel
 
 @dataclass(frozen=True)
 class TreeView:
-    """Where photons are counted, as a process that traces needs it to place its hits: the deepest nodes of a tree, and squares.
+    """The part of a tree that a tracing process needs to place its hits: the deepest nodes, and squares.
 
     node           (n_texel,) int32
     centre         (n_node, 2) float32, page texels
@@ -41,7 +41,7 @@ class TreeView:
         """
         node = self.node.take(entry, mode="wrap")
         inverse_half = self.inverse_half.take(node, mode="wrap")
-        # A texel at the node's edge may go on to half of the next one, see texel_borders; farther off a polynomial would run away.
+        # A texel at the node's edge may extend to half of the next one, see texel_borders; the polynomial is not extrapolated farther.
         most = 1.0 + 0.5 * inverse_half
         least, places = -most, []
         for axis, at in enumerate((x, y)):

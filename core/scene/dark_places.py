@@ -1,4 +1,4 @@
-"""Why no light reaches an object: what its lamps, or it itself, are enclosed by."""
+"""Reasons why no light reaches an object: the object that encloses its lamps or itself."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from ..util.arrays import IntArray
 from .light_probe import LightProbe
 from .scene import Light
 
-_POINTS, _BOUNCES = 1024, 4  # that have to be dark before it is said
+_POINTS, _BOUNCES = 1024, 4  # points that must be dark for the warning, and bounces of their light
 _RAYS = 512
-_ENCLOSED = 0.995  # of the rays that meet one object
-_MOST_LAMPS = 8  # that are looked at
+_ENCLOSED = 0.995  # share of the rays that meet one object
+_MOST_LAMPS = 8  # lamps beyond this number are not examined
 
 
 def describe_dark(probe: LightProbe, objects: Iterable[int]) -> list[tuple[str, str]]:
-    """(name, sentence) of those of the objects that no light reaches, with the reason where it is found."""
+    """(name, sentence) for each of the objects that no light reaches, with the reason if found."""
     snapshot, lamps = probe.snapshot, None
     said = []
     for number in objects:
@@ -36,7 +36,7 @@ def describe_dark(probe: LightProbe, objects: Iterable[int]) -> list[tuple[str, 
 
 
 def _spread(probe: LightProbe, tri: IntArray, count: int) -> NDArray[np.int64]:
-    """(count,) of the triangles, by area."""
+    """(count,) triangles, stratified by area."""
     area = np.cumsum(probe.area[tri])
     at = (np.arange(count) + 0.5) / count * area[-1]
     spread: NDArray[np.int64] = tri[np.minimum(np.searchsorted(area, at), len(tri) - 1)]
@@ -44,7 +44,7 @@ def _spread(probe: LightProbe, tri: IntArray, count: int) -> NDArray[np.int64]:
 
 
 def _find_enclosed_lamps(probe: LightProbe) -> list[str]:
-    """What encloses each lamp that has a place; nothing where one of them, or what glows, is free, or lights come from outside too."""
+    """A sentence per lamp or glowing object with the object that encloses it; none if one is free, or there is a sun or sky."""
     snapshot = probe.snapshot
     lamps = [light for light in snapshot.lights if any(light.power_rgb)]
     near = [light for light in lamps if light.kind != "SUN"]
@@ -87,7 +87,7 @@ def _find_shell(probe: LightProbe, point: NDArray[np.float32], direction: NDArra
 
 
 def _find_enclosure(probe: LightProbe, number: int, point: NDArray[np.float32], side: NDArray[np.float32]) -> str:
-    """What an object's own rays meet, where none gets out."""
+    """The surroundings that an object's own rays meet; "" if any ray leaves the scene."""
     tri = probe.look(point, side).tri
     if (tri < 0).any():
         return ""

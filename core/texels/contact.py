@@ -60,9 +60,9 @@ def find_contacts(
 def find_between(
     rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray, pairs: NDArray[np.int64]
 ) -> NDArray[np.int32]:
-    """(m,) int32: the triangle met first on the straight way from point to point, -1 for none.
+    """(m,) int32: the triangle met first on the segment from point to point, -1 for none.
 
-    position, normal, texel_size   as find_contacts has them
+    position, normal, texel_size   as for find_contacts
     pairs                          (2, m) int64: the points
     """
     lifted = position + normal * (_LIFT_TEXELS * texel_size[:, None].astype(np.float32))
@@ -81,7 +81,7 @@ def find_covers(
     """Geometry on the surface or close above it, where the rays of find_contacts pass between them or above both.
 
     Arguments as there. A rug is often much thinner than a texel is wide, and as dark below as a cupboard is; so is a wall behind a curtain.
-    out   (n,) int32: the triangle met first, -1 for none; and (n,) float32, texels: how high that is, inf for none
+    out   (n,) int32: the triangle met first, -1 for none; and (n,) float32, texels: its height, inf for none
     """
     found, texels = np.full(len(position), -1, np.int32), np.full(len(position), np.inf, np.float32)
     origin, size = offset_origin(position, normal), texel_size.astype(np.float32)
@@ -92,18 +92,18 @@ def find_covers(
 
 
 def are_close(height: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """(m,) bool: whether what is so high above points, texels (m,), covers them."""
+    """(m,) bool: whether a surface at this height above points, texels (m,), covers them."""
     return height < _COVER_TEXELS
 
 
 def ends_between(one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """(m,) bool: whether a cover ends between points that something is so high above, texels, (m,) and (m,)."""
+    """(m,) bool: whether a cover ends between points with surfaces at these heights above them, texels, (m,) and (m,)."""
     ends: NDArray[np.bool_] = are_close(np.minimum(one, other)) & (np.maximum(one, other) >= _COVER_TEXELS + _SHEER_TEXELS)
     return ends
 
 
 def rises_between(one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """(m,) bool: whether what is above rises there to where it covers no more, or ends; arguments as ends_between."""
+    """(m,) bool: whether only one of the points is covered; arguments as ends_between."""
     rises: NDArray[np.bool_] = are_close(one) != are_close(other)
     return rises
 
@@ -111,7 +111,7 @@ def rises_between(one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArr
 def find_cover_edges(
     rays: RayScene, covered: NDArray[np.float32], bare: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray
 ) -> NDArray[np.float32]:
-    """(m,) float32, 0 to 1: how far on the way from points (m, 3) below a cover to bare ones that ends. Other arguments as find_covers."""
+    """(m,) float32, 0 to 1: fraction of the way from covered to bare points (m, 3) at which the cover ends. Others as for find_covers."""
     low, step = np.zeros((len(covered), 1), np.float32), np.float32(0.5)
     for _ in range(_COVER_STEPS):
         place = covered + (low + step) * (bare - covered)
@@ -121,14 +121,14 @@ def find_cover_edges(
 
 
 def _are_covered(rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray) -> NDArray[np.bool_]:
-    """(n,) bool: whether anything is met that near above; arguments as find_covers."""
+    """(n,) bool: whether a surface is within _COVER_TEXELS above; arguments as for find_covers."""
     return rays.occluded(offset_origin(position, normal), normal, (_COVER_TEXELS * texel_size).astype(np.float32))
 
 
 def find_clear_tiles(rays: RayScene, corner: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray) -> NDArray[np.bool_]:
-    """(m,) bool: square tiles of texels where no point's rays along the rows and columns would meet anything, and no cover ends.
+    """(m,) bool: square tiles of texels where no ray of find_contacts along rows and columns meets anything, and no cover ends.
 
-    Those of a row lie on one line, so that one ray stands for them all.
+    The rays of a row lie on one line, so that one ray stands for all of them.
 
     corner       (3, m, 3) float32, unit box: middles of a tile's first texel, and of the last ones of its first row and column
     normal       (m, 3) float32, unit
@@ -152,7 +152,7 @@ def find_clear_tiles(rays: RayScene, corner: NDArray[np.float32], normal: NDArra
 def _are_covered_alike(
     rays: RayScene, corner: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray
 ) -> NDArray[np.bool_]:
-    """(m,) bool: tiles that lie below something with all of their texels or with none, unless it is narrower than 5 of them.
+    """(m,) bool: tiles of which all texels are covered, or none; covers narrower than 5 texels may be missed.
 
     Arguments as find_clear_tiles.
     """
@@ -169,7 +169,7 @@ def _are_covered_alike(
 
 
 def texel_axes(corner: FloatArray, corner_xy: FloatArray, normal: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(2, n, 3) float32, unit: the ways of growing columns and rows of texels on triangles; any in the surface where that is not known.
+    """(2, n, 3) float32, unit: directions of increasing columns and rows of texels on triangles; any tangents where undefined.
 
     corner      (n, 3, 3) float
     corner_xy   (n, 3, 2) float, texels
@@ -179,7 +179,7 @@ def texel_axes(corner: FloatArray, corner_xy: FloatArray, normal: NDArray[np.flo
     (x_1, y_1), (x_2, y_2) = edge_xy[:, 0].T, edge_xy[:, 1].T
     along = edge[:, 0] * y_2[:, None] - edge[:, 1] * y_1[:, None]
     across = edge[:, 1] * x_1[:, None] - edge[:, 0] * x_2[:, None]
-    turn = np.copysign(1.0, x_1 * y_2 - x_2 * y_1)  # of mirrored layouts both come out the other way round
+    turn = np.copysign(1.0, x_1 * y_2 - x_2 * y_1)  # in mirrored layouts both have the opposite sign
     out = np.stack(_any_axes(normal))
     for axis, found in zip(out, (along, across), strict=True):
         length = np.linalg.norm(found, axis=1)

@@ -1,8 +1,8 @@
-"""Pieces of charts, cut further where squares of a quadtree hold parts of them that do not hang together.
+"""Cuts pieces of charts further where a square of the quadtree holds disconnected parts of a piece.
 
-A wall with a door in it parts no floor: one can go round. But it parts squares of texels, and a leaf over both of its sides would
-show at the wall's foot the light of the room behind it. So in each square, from large ones to small ones, all parts but the largest leave
-their piece: for the piece that lies beside them, or for one of their own with what lies beside them, so that photons enough fall on it.
+A wall with a door does not disconnect the floor as a whole, but it disconnects squares of texels, and a leaf over both of its sides would
+leak the light of the other room to the wall's foot. So in each square, from large to small, all parts but the largest leave their piece:
+they join the adjacent piece, or found a new one with their adjacent parts, so that it receives enough photons.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from ..util.geometry import gather
 from .texel_grid import part_bits
 from .tiles import TILE_SIDE, TILE_TEXELS
 
-_LEAST_LOG2 = TILE_SIDE.bit_length() - 1  # of the side of a square that is looked at: what nothing touches is known by tiles
+_LEAST_LOG2 = TILE_SIDE.bit_length() - 1  # of the least side of a square: regions without contacts are handled as tiles
 _MOST_PASSES = 8  # over squares of one size
 _COLUMN, _ROW = part_bits(np.arange(TILE_TEXELS))  # of texels in a square of the smallest size, in Morton order
-_LEAST_PART = 8  # texels, of what is worth a piece of its own
+_LEAST_PART = 8  # texels, the least size of a new piece
 
 _Int64 = NDArray[np.int64]
 _Bool = NDArray[np.bool_]
@@ -28,12 +28,12 @@ _Bool = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class _Net:
-    """Patches, or units of them that hang together within squares, and the ways between them.
+    """A graph of patches, or of units of patches connected within squares, and the ways between adjacent ones, its edges.
 
-    key      (k,) int64, ascending: of each one's first texel
+    key      (k,) int64, ascending: key of each one's first texel
     size     (k,) int64, texels
-    pair     (2, m) int64: where one can go
-    length   (m,) int64, texels: how wide each way is
+    pair     (2, m) int64: ends of the ways
+    length   (m,) int64, texels: width of the ways
     """
 
     key: _Int64
@@ -42,7 +42,7 @@ class _Net:
     length: _Int64
 
     def join(self, level: int) -> tuple[_Int64, _Net]:
-        """The net of units within squares of side 2**level, and in which of them each is (k,). No larger square can part them."""
+        """The net of units within squares of side 2**level, and the unit of each patch (k,). Larger squares cannot disconnect a unit."""
         square = self.key >> 2 * level
         inside = square[self.pair[0]] == square[self.pair[1]]
         part = join_sets(len(square), *self.pair.compress(inside, axis=1))
@@ -53,7 +53,7 @@ class _Net:
         return unit, _Net(self.key[is_first], _sum_at(unit, self.size), number, length)
 
     def take(self, rows: _Int64) -> _Net:
-        """Those at rows (j,), ascending, and the ways between them."""
+        """The subgraph of rows (j,), ascending."""
         place = np.full(len(self.key), -1)
         place[rows] = np.arange(len(rows))
         pair = place[self.pair]
@@ -62,12 +62,12 @@ class _Net:
 
 
 def part_in_squares(key: _Int64, size: _Int64, ways: _Int64, closed: _Int64, log2: int) -> tuple[_Int64, _Int64]:
-    """The first patch of what each patch hangs together with somehow (k,), and of its piece of that (k,).
+    """The first patch of each patch's connected component (k,), and of its piece within that (k,).
 
     key      (k,) int64, ascending: chart and Morton code of each patch's first texel
     size     (k,) int64, texels: 1, or all of a tile
-    ways     (2, m) int64: patches side by side where one can go
-    closed   (2, j) int64: those of single texels where something stands between them
+    ways     (2, m) int64: adjacent patches with nothing between them
+    closed   (2, j) int64: adjacent patches of single texels with a surface between them
     log2     of the side of the largest root
     """
     if not closed.size:
@@ -90,7 +90,7 @@ def part_in_squares(key: _Int64, size: _Int64, ways: _Int64, closed: _Int64, log
 
 
 def _part_squares(net: _Net, label: _Int64, level: int, closed_key: _Int64) -> _Int64:
-    """(k,) int64: labels of pieces, where parts have left squares of side 2**level.
+    """(k,) int64: labels of pieces, after parts have left their pieces in squares of side 2**level.
 
     label        (k,) int64: the piece that each is of
     closed_key   (2, j) int64: keys of texels side by side that something stands between
@@ -100,7 +100,7 @@ def _part_squares(net: _Net, label: _Int64, level: int, closed_key: _Int64) -> _
     closed_square = square[np.searchsorted(key, closed_key >> 2 * level)]
     is_near = np.zeros(len(square), bool)  # by square
     is_near[closed_square] = True
-    looked = is_near[square]  # elsewhere only the shape of the chart parts anything
+    looked = is_near[square]  # elsewhere only the chart's shape disconnects parts
     is_near[square[net.pair.compress(looked[net.pair[0]] | looked[net.pair[1]], axis=1)]] = True
     kept = np.flatnonzero(is_near[square])
     near, square, looked = net.take(kept), square[kept], looked[kept]
@@ -109,7 +109,7 @@ def _part_squares(net: _Net, label: _Int64, level: int, closed_key: _Int64) -> _
     if not founds:
         open_ways = ~_cross_lines(near.key[within], square[within[0]], closed_key, closed_square)
         within = within.compress(open_ways, axis=1)
-    part = join_sets(len(kept), *within)  # they move as wholes
+    part = join_sets(len(kept), *within)  # a part moves as a whole
     across = _Net(near.key, near.size, np.concatenate([outer, outer[::-1]], axis=1), np.tile(near.length.compress(~inner), 2))
     label = label.copy()
     for _ in range(_MOST_PASSES):  # as a piece takes what lies beside it, it comes to lie beside more
