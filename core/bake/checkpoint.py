@@ -1,4 +1,4 @@
-"""A bake's tallies in a folder, so that it can go on to a smaller error later instead of starting again.
+"""A bake's tallies in a folder, from which it can later continue to a smaller error.
 
 What is kept is the state after the last round, before it is refined: going on from there does what the bake would have done
 had it not stopped. It fits one scene and one method only, which are compared before.
@@ -36,11 +36,11 @@ FORMAT = "leaflight-state"
 FORMAT_VERSION = 15
 INFO_FILE = "leaflight_state.json"  # marks a folder as ours
 _STRUCT_FOLDER = "state"
-# Of the groups of knobs that another bake may have which goes on, and knobs of other groups that it may have too. Where `direct` comes to
-# the passes only then, what shadow rays found was as sure as it had to be beside other light.
+# Groups of settings, and settings of other groups, in which a continued bake may differ. Where only the continued bake has a pass `direct`,
+# its shadow rays were sampled to a tolerance relative to all light.
 _FREE_GROUPS = ("Output", "Quality")
 _FREE_KNOBS = ("workers", "margin")
-_EARLIER = {"even_out": False, "max_pages": 1}  # what bakes did before these knobs were there; they decide the layout
+_EARLIER = {"even_out": False, "max_pages": 1}  # values before these settings existed; they decide the layout
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class Checkpoint:
 
 @dataclass(frozen=True)
 class Info:
-    """What can be told of a kept state without reading it."""
+    """Summary of a kept state, readable without loading it."""
 
     photons: int
     error: float  # stated, relative
@@ -139,37 +139,37 @@ def save_checkpoint(folder: Path, solver: Solver, error: float, most_bytes: int 
     identity, place = _identify(solver.folder, solver.settings), folder / _STRUCT_FOLDER
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if place.is_symlink():  # it would lead to a folder of somebody else's
+        if place.is_symlink():  # it would lead into another folder
             place.unlink()
         shared_arrays.save_struct(place, struct)
         info = Info(solver.ledger.photons, error, size, identity, shared_arrays.hash_struct(place))
         text = json.dumps({"format": FORMAT, "version": FORMAT_VERSION, **dataclasses.asdict(info)})
-        write_text_whole(folder / INFO_FILE, text)  # last: a state without it is not complete
+        write_text_whole(folder / INFO_FILE, text)  # last, so that a state without it counts as incomplete
     except OSError as reason:
         shutil.rmtree(folder / _STRUCT_FOLDER, ignore_errors=True)
         raise OSError(f"{folder}: the bake's state cannot be kept there ({reason.strerror}); make room, or bake again.") from reason
 
 
 def read_info(folder: Path) -> Info | None:
-    """What is told of the state in `folder`; None where there is none that this version can go on from."""
+    """Summary of the state in `folder`; None where there is none that this version can continue."""
     try:
         fields: dict[str, Any] = read_json(folder / INFO_FILE)
         known = (fields.pop("format"), fields.pop("version")) == (FORMAT, FORMAT_VERSION)
         info = Info(**fields) if known else None
         return info if info is not None and _is_sound(info) else None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):  # not there, or not ours
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):  # missing, or another program's
         return None
 
 
 def _is_sound(info: Info) -> bool:
-    """Whether each field is of its kind."""
+    """Whether each field has its type."""
     counts = all(isinstance(count, int) and 0 <= count < 1 << 63 for count in (info.photons, info.bytes))
     texts = [info.digest, *info.identity.keys(), *info.identity.values()]
     return counts and isinstance(info.error, int | float) and info.error >= 0.0 and all(isinstance(text, str) for text in texts)
 
 
 def no_state_error(folder: Path) -> str:
-    """The sentence for a folder of which read_info tells nothing."""
+    """The sentence for a folder without a readable summary."""
     return f"{folder}: holds no state of a bake that can be gone on with; bake again."
 
 
@@ -187,13 +187,13 @@ def find_differences(folder: Path, job_folder: Path, settings: Settings) -> list
 
 
 def keep_layout(folder: Path, settings: Settings) -> Settings:
-    """The settings for going on from a state: knobs of the layout that it knows nothing of are as they were before there was a choice."""
+    """The settings for continuing from a state: layout settings that it lacks keep the values from before they existed."""
     info = read_info(folder)
     if info is None:
         return settings
     missing: dict[str, Any] = {name: value for name, value in _EARLIER.items() if name not in info.identity}
     if settings.density > 0.0:
-        missing.pop("max_pages", None)  # as many as the density takes, then as now
+        missing.pop("max_pages", None)  # as many as the density takes, then and now
     return dataclasses.replace(settings, **missing)
 
 
@@ -231,7 +231,7 @@ def remove_checkpoint(folder: Path) -> None:
 
 
 def _identify(job_folder: Path, settings: Settings) -> dict[str, str]:
-    """What a state belongs to: the scene by its arrays' checksums, and each knob of the method."""
+    """Identity of a state: checksums of the scene's arrays, and each setting of the method."""
     with zipfile.ZipFile(job_folder / SNAPSHOT_FILE) as stored:
         rows = sorted(f"{member.filename} {member.file_size} {member.CRC}" for member in stored.infolist())
     knobs = [knob for knob in dataclasses.fields(settings) if knob.metadata["group"] not in _FREE_GROUPS and knob.name not in _FREE_KNOBS]

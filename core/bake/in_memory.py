@@ -1,4 +1,4 @@
-"""A bake for programs: a scene in, arrays out; in this process alone, and no file is left behind."""
+"""A bake for programs: a scene in, arrays out, in this process alone, without leaving files."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class SolvedLight:
     """The light of a scene on its lightmaps.
 
     pages         pass -> (page_count, size, size, 4) float32, row 0 at the bottom; alpha 1 on charts; see docs/units.md
-    tri_uv        (n_tri, 3, 2) float64, [0, 1]: where the corners of the scene's triangles lie
-    object_page   (n_object,) int32: the page of each object, -1 of those without
-    error         relative, as it is stated; nan where no photon was needed
+    tri_uv        (n_tri, 3, 2) float64, [0, 1]: corners of the scene's triangles
+    object_page   (n_object,) int32: the page of each object, -1 without one
+    error         relative, stated; nan where no photons were needed
     stopped_by    "error", "max_photons", "max_rays", "time_limit" or "interrupted"
     report        photons, rounds, rays, energy audit, and `objects` with the stated error of each
     warnings      (subject, sentence) of what was replaced or left out
@@ -53,14 +53,14 @@ def solve_scene(
     tell: Callable[[Message], None] = lambda message: None,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> SolvedLight:
-    """The light of a scene; settings.passes says which pages are wanted. The same bytes as run_bake gives with any number of workers.
+    """The light of a scene; settings.passes selects the pages. The bytes are those of run_bake with any number of workers.
 
-    tell          hears of progress
-    should_stop   whether the best so far is asked for
+    tell          receives progress
+    should_stop   whether the best light so far is wanted
     Raises ValueError with a sentence where nothing can be baked, util.words.Interrupted where it was stopped before there was any light.
     """
     settings = dataclasses.replace(settings, workers=1)
-    # What processes would share lies in files for as long as the light is sought: large arrays are mapped, not held twice.
+    # Shared arrays lie in temporary files during the bake: large arrays are mapped, not held twice.
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
         folder, executor = Path(place), executors.InlineExecutor()
         save_snapshot(folder / SNAPSHOT_FILE, scene)

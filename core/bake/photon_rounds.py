@@ -1,8 +1,8 @@
-"""Photons of a round, traced by workers: the last shards of a large one while it is looked at.
+"""Photons of a round, traced by workers: the last shards of a large round are traced while its result is read.
 
-To look at a round takes one process a while, and workers whose shard ends early wait for it. So of a round of many shards the last ones are
-left to be traced meanwhile; their sums come with the next round's. Which ones is settled by the round alone: the same seed gives the same
-bytes, however many workers there are.
+Reading a round keeps one process busy, while workers whose shards end early would be idle. So the last shards of a round of many overlap
+with it, and their sums are added with the next round's. The choice depends on the round alone, so that the same seed gives the same bytes
+for any number of workers.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from ..radiosity.tree_view import TreeView
 from . import photon_shards
 from .photon_shards import PhotonResult, PhotonShard
 
-_NEARLY_DONE = 2  # shards whose results are missing when the late ones are given out
+_NEARLY_DONE = 2  # shards without a result when the late ones are submitted
 
 
 @dataclass
 class PhotonRounds:
     """Shards under way.
 
-    late      of the last round, with their results to be; all of one view
-    dropped   those that were late when the bake stopped: who goes on sends them again, to be the bake that did not stop
+    late      of the last round, with their future results; all of one view
+    dropped   late shards when the bake stopped: a bake that continues resends them, and so equals one that did not stop
     """
 
     executor: Executor
@@ -38,11 +38,11 @@ class PhotonRounds:
     dropped: list[PhotonShard] = field(default_factory=list)
 
     def count_late(self) -> tuple[int, float]:
-        """Photons that are under way, and how many of a first round would tell as much."""
+        """Photons under way, and the sum of their weights."""
         return sum(shard.photons for shard, _ in self.late), sum(shard.photons * shard.weight for shard, _ in self.late)
 
     def trace(self, shards: Sequence[PhotonShard], n_late: int) -> Iterator[tuple[PhotonShard, PhotonResult]]:
-        """What came of the late shards of the round before, then of these but the last `n_late`; views are removed once they are read."""
+        """Results of the late shards of the round before, then of these but the last `n_late`; views are removed once they are read."""
         first, last = shards[: len(shards) - n_late], shards[len(shards) - n_late :]
         before, self.late = self.late, []
         results = self.executor.map(photon_shards.trace_photons, first)
@@ -51,7 +51,7 @@ class PhotonRounds:
                 yield shard, late.result()
             _remove_views([shard for shard, _ in before])
             for left, shard in zip(range(len(first), 0, -1), first, strict=True):
-                if left == _NEARLY_DONE:  # not before, or this process would do them while it waits for the others
+                if left == _NEARLY_DONE:  # earlier, this process would run them while it waits for the others
                     self.send(last)
                 yield shard, next(results)
         finally:
@@ -59,11 +59,11 @@ class PhotonRounds:
                 _remove_views(shards)
 
     def send(self, late: Sequence[PhotonShard]) -> None:
-        """Have these shards, of one view, traced by when the next round is."""
+        """Trace these shards, of one view, until the next round."""
         self.late = [(shard, self.executor.submit(photon_shards.trace_photons, shard)) for shard in late]
 
     def drop(self) -> None:
-        """Do not wait for what is under way: who works on it may find that its view is gone."""
+        """Abandon shards under way; their workers may find the view removed."""
         for _, late in self.late:
             late.cancel()
         self.dropped, self.late = [shard for shard, _ in self.late], []
@@ -71,7 +71,7 @@ class PhotonRounds:
 
 
 def save_view(folder: Path, tree: Quadtree, n_texel: int, square_entry: NDArray[np.int32], splitting: Splitting | None) -> str:
-    """The folder, with what the shards of a round read there; arguments as of TreeView.of_tree."""
+    """Save what the shards of a round read, and return the folder; arguments as of TreeView.of_tree."""
     shared_arrays.save_struct(folder, TreeView.of_tree(tree, n_texel, square_entry, shared_arrays.Room(folder)))
     if splitting:
         shared_arrays.save_struct(folder / photon_shards.SPLITTING_FOLDER, splitting)

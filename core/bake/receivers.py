@@ -1,4 +1,4 @@
-"""What takes light, before there is any: charts on pages, and their texels, cut where light may jump."""
+"""Surfaces that receive light: charts on pages, and their texels, cut where light may jump."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ _TREE = Status("scene", "Building the ray tracer's tree")
 
 @dataclass(frozen=True)
 class Receivers:
-    """Surfaces as light is sought on them.
+    """Receiving surfaces.
 
     facets    the charts, cut at creases and contacts
-    texels    theirs; read-only from here on, as for all processes
-    touched   (n,) bool: texel entries that something touches, of ContactMap; all False where nobody looked
-    rising    (n,) bool: those below what rises from there, likewise
+    texels    their texels; read-only from here on, as for all processes
+    touched   (n,) bool: texel entries at contacts, of ContactMap; all False without a search
+    rising    (n,) bool: texel entries below something that rises from there, likewise
     """
 
     facets: ChartAtlas
@@ -54,7 +54,7 @@ class Receivers:
 def lay_out(
     run: Run, snapshot: SceneSnapshot, settings: Settings, kept: KeptCharts, tri_turned: NDArray[np.bool_] | None = None
 ) -> ChartAtlas:
-    """The charts of all objects that take light; the layout file tells Blender where they lie.
+    """The charts of all objects that receive light; the layout file gives Blender their places.
 
     kept         of an earlier bake; what it then has is kept for the next one, also where this one is stopped
     tri_turned   (n_tri,) bool: triangles whose corners are in another order than Blender has them, see sides
@@ -65,7 +65,7 @@ def lay_out(
         try:
             atlas = make_charts(snapshot, settings, run.watch(), kept)
             is_whole = True
-        finally:  # also where it is stopped, or charts do not fit: who bakes again has waited for them once
+        finally:  # also after a stop, or where charts do not fit: they need not be unwrapped again
             _keep_charts(run, kept, is_whole)
         if not atlas.page_count:
             told = "; ".join(told.text.removesuffix(".") for told in group_warnings(atlas.warnings))
@@ -75,7 +75,7 @@ def lay_out(
         np.savez(run.folder / LAYOUT_FILE, tri_uv=tri_uv if tri_turned is None else swap_corners(tri_uv, tri_turned), **layout)
         run.warn(atlas.warnings)
         for text in earlier_bakes.describe_others(run.job, pages.list_names(run.job, snapshot, atlas)):
-            run.tell(Warning_("", text))  # now, for there is time to stop; and not in the note, for a bake that is kept writes over nothing
+            run.tell(Warning_("", text))  # now, while there is time to stop; not in the note, for a reused bake overwrites nothing
     return atlas
 
 
@@ -91,8 +91,8 @@ def find_receivers(
 ) -> Receivers:
     """The texels of the charts, saved for traced_scene.open_tracing.
 
-    lit          whether rays are sent at all
-    by_photons   whether leaves are to hold light: then charts are cut along contacts
+    lit          whether any rays are sent
+    by_photons   whether leaves will hold light: then charts are cut along contacts
     """
     place = run.folder / folders.TEXELS_FOLDER
     began = time.process_time()

@@ -19,16 +19,16 @@ from numpy.typing import NDArray
 
 RADIUS = 4  # texels, of the window
 _PATCH = 2  # texels, radius of the patches compared
-_VARIANCE_RADIUS = 2  # texels; a texel that saw no photon by chance has no variance of its own
-# ... but one that met darkness by chance, among texels that met none, holds nearly all the variance of its surroundings: the mean around it
-# is too small, and it would stay as a dent. So it counts for so much of its own at least. Measured on direct light of the samples: nrmse
-# falls by 0 to 10 %; with the whole of it edges are blurred.
+_VARIANCE_RADIUS = 2  # texels; a texel that no photon reached by chance has no variance of its own
+# ... but one with a dark sample by chance, among texels without, holds nearly all the variance around it: the mean there is too small,
+# and it would stay as a dent. So at least this share of its own variance counts. Measured on direct light of the samples: nrmse falls by 0
+# to 10 %; with all of it edges are blurred.
 _OWN_VARIANCE = np.float32(0.5)
-# Standard errors of a difference that count as alike. Measured with the radius of the patches: with 1 and 1.0 neighbours pass for like
-# whose noise is alike, and a textured emitter's light is off by twice what it is now and says; 3 leaves no less error on the samples.
+# Standard errors of a difference within which texels are similar. Measured with the radius of the patches: with 1 and 1.0 similar noise
+# passes for similar light, and a textured emitter's light errs twice as much as now and as stated; 3 leaves no less error on the samples.
 _STRICTNESS = 0.5
 HALO = RADIUS + _PATCH
-# Like neighbours times texels^2, that a plane is held to be even by: of few neighbours on one side a slope is mostly noise. Measured on
+# Prior of an even plane, in similar neighbours times texels^2: with few neighbours on one side a slope is mostly noise. Measured on
 # gathered light: with 2 up to 4 % less error, with 60 4 to 6 % more; over even light 2 leaves a twentieth more noise.
 _EVEN = np.float32(20.0)
 _LEAST_DOUBT2 = np.float32(1e-6)  # squared, relative to the texel and to the mean: keeps a quotient of exact values finite
@@ -88,7 +88,7 @@ def _compare(light: _Image, noise: _Image, chart: NDArray[np.int32]) -> Iterator
     doubt = np.float32(_STRICTNESS**2) * variance + _LEAST_DOUBT2 / 2 * ((total * total).sum(axis=0) + 1)
     one_chart = chart.min() == chart.max() >= 0
     others = chart.ravel()
-    owners = np.where(others < 0, -2, others)  # like nobody
+    owners = np.where(others < 0, -2, others)  # similar to none
     patch = _PATCH * (width + 1)
     first, last = HALO * (width + 1) - patch, (height - HALO) * width - HALO + patch
     # A row of one number: numpy finds the lesser of rows three times as fast as that of a row and a number.
@@ -142,7 +142,7 @@ class _Planes:
 
     @classmethod
     def of(cls, light: _Image, inside: _Image) -> _Planes:
-        """Of texels (n,) with light (k, 3, n) before any neighbour; inside is 1 where there is one."""
+        """Start with texels (n,) of light (k, 3, n) without neighbours; inside is 1 where there is one."""
         shape = inside.shape
         tilt, shift, spread = np.zeros((2, *light.shape), np.float32), np.zeros((2, *shape), np.float32), np.zeros((3, *shape), np.float32)
         return cls(inside, light * inside, tilt, shift, spread)
@@ -152,7 +152,7 @@ class _Planes:
         self._row_tilt, self._row = np.zeros_like(self.light), np.zeros_like(self.spread)
 
     def add(self, ahead: _Image, behind: _Image, light_ahead: _Image, light_behind: _Image, dx: int) -> None:
-        """A neighbour dx columns on, in the row that is going on, and the one opposite: how alike they are, and their light."""
+        """Add a neighbour dx columns on in the current row, and the opposite one: their similarity and their light."""
         np.multiply(ahead, light_ahead, out=self._ahead)
         np.multiply(behind, light_behind, out=self._behind)
         self.light += self._ahead
@@ -176,7 +176,7 @@ class _Planes:
             self.spread[0] += both
 
     def end_row(self, dy: int) -> None:
-        """All neighbours of a row, dy rows on, have been added."""
+        """End a row of neighbours, dy rows on."""
         y, (row_weight, row_x, row_shift) = np.float32(dy), self._row
         self._row_tilt *= y
         self.tilt[1] += self._row_tilt
@@ -195,7 +195,7 @@ class _Planes:
         xx, yy = xx + _EVEN, yy + _EVEN
         area = xx * yy - xy * xy
         lean_x, lean_y = (yy * shift_x - xy * shift_y) / area, (xx * shift_y - xy * shift_x) / area
-        own_share = 1 / np.maximum(self.weight - (shift_x * lean_x + shift_y * lean_y), 1)  # its own weight is 1, and leans nowhere
+        own_share = 1 / np.maximum(self.weight - (shift_x * lean_x + shift_y * lean_y), 1)  # its own weight is 1, at no distance
         fitted = self.light - lean_x * self.tilt[0]
         fitted -= lean_y * self.tilt[1]
         fitted *= own_share

@@ -1,4 +1,4 @@
-"""Direct light of texels by quads, where these tell it as well; elsewhere each texel looks for itself."""
+"""Direct light sampled by quads of texels where that is as accurate; elsewhere texel by texel."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from ..util.brightness import weigh_channels
 from ..util.coverage import as_slice
 from .direct import DirectLight
 
-# Side of a page, texels, from which on quads are tried. Measured: direct light takes half the time there. At 1024^2 as much is lost where
-# they do not suffice as they save elsewhere, and light changes so much from one to the next that errors grow.
+# Least side of a page, texels, for quads. Measured: direct light takes half the time there. At 1024^2 failed quads cost as much as others
+# save, and light changes so much from one quad to the next that errors grow.
 _LEAST_PAGE = 2048
-_SIDE = 2.0  # texels: a quad looks at all of itself, lest a row of them passes by what is thinner than a texel
+_SIDE = 2.0  # texels: the footprint is the whole quad, or a row of quads could miss what is thinner than a texel
 
 
 LookAt: TypeAlias = Callable[[IntArray], TexelLooks]
 
 
 class FindLight(Protocol):
-    """direct.direct_irradiance with all that is the same for a shard's texels and for its quads."""
+    """direct.direct_irradiance with the arguments shared by a shard's texels and its quads."""
 
     def __call__(
         self, look_at: LookAt, texel: IntArray, *, tiles: Tiles, crossed: NDArray[np.bool_] | None, beside: NDArray[np.float32]
@@ -37,12 +37,12 @@ class FindLight(Protocol):
 
 
 def find_quads(texels: TexelMap, entry: IntArray, tiles: Tiles, crossed: NDArray[np.bool_]) -> Quads:
-    """Those among texel entries (n,), ascending, that are worth a look; tiles and crossed (n,) bool as of direct.direct_irradiance."""
+    """Candidates among texel entries (n,), ascending; tiles and crossed (n,) bool as of direct.direct_irradiance."""
     if texels.page_size < _LEAST_PAGE or not uses("quads"):
         return Quads.none()
     rows = as_slice(entry)
     alone = crossed | texels.is_part[rows]
-    if len(texels.borders.crossed):  # a quad looks at all of its texels, and so past the foot of what stands near their middles
+    if len(texels.borders.crossed):  # a quad's footprint covers all of its texels, and reaches past the foot of objects near their middles
         alone |= texels.borders.crossed[rows]
     return Quads.of(tiles, texels.texel_tri[rows], alone)
 
@@ -68,7 +68,7 @@ def light_by_quads(
         value, noise = found.irradiance_rgb.astype(np.float64), found.variance_rgb.astype(np.float64)
         misfit = np.stack([find_misfit(*of) for of in zip(value.T, noise.T, strict=True)], axis=1)
         level = (weigh_channels(value) + beside[first]).reshape(len(quads), -1).mean(axis=1)
-        # Of light through openings most is noise, in which no misfit is seen; and of four times as many looks smoothing leaves less.
+        # Light through openings is mostly noise, which hides a misfit; and the filter leaves less noise of four times as many samples.
         enough = (weigh_channels(misfit) <= (tolerance * level) ** 2) & ~found.by_openings.reshape(-1, TILE_TEXELS).any(axis=1)
         told, rows = np.repeat(enough, TILE_TEXELS), quads.texels(enough)
         irradiance[rows] = np.maximum(spread_over_texels(value[told]), 0.0)

@@ -1,4 +1,4 @@
-"""Indirect light gathered at every texel, in place of what leaves hold of it where photons would have to be many more."""
+"""Indirect light gathered at every texel, where leaves would need many more photons."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from . import texel_shards
 from .direct_field import DirectField
 from .gather import KnownLight
 
-# Neighbours whose rays see much the same surfaces, so that the photons' noise on these is estimated by the mean over all their rays.
+# Neighbours whose rays see much the same surfaces, so that one mean over all their rays estimates the photons' noise on these.
 _BLOCK = 64
-# As direct_shards.TOLERANCE. Measured on three samples, squared error times rays: with half as much the same, with twice as much 1.1 to 1.8
-# times.
+# As direct_shards.TOLERANCE. Measured on three samples, squared error times rays: with half of it the same, with twice
+# of it 1.1 to 1.8 times.
 _TOLERANCE = 1.0
-# Of the error of all light that was gathered: what leaves cannot hold goes on in it. Measured on three samples and a box, 0.5 to 2 % asked:
-# with this 0.77 to 1.1 of the real error are stated, without it 0.7 to 1.
+# Share of the gathered light's own error that carries over, for bias of the leaves remains. Measured on three samples and a box at 0.5 to
+# 2 %: with it 0.77 to 1.1 of the real error are stated, without it 0.7 to 1.
 _CARRIED = 0.2
 
 
@@ -38,8 +38,8 @@ _CARRIED = 0.2
 class GatheredField(DirectField):
     """As DirectField, of indirect light.
 
-    doubt         (n,) float32, W/m^2: see GatheredLight, as is
-    known_error   relative, of the light that was gathered
+    doubt         (n,) float32, W/m^2: of GatheredLight
+    known_error   relative error of the light that rays met
     """
 
     said: ClassVar = Status("photons", "Indirect light")

@@ -1,4 +1,4 @@
-"""What a bake tells of its objects, and of the memory it took."""
+"""Report on a bake's objects, cost and memory."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from ..util.ablation import list_without
 def list_objects(
     snapshot: SceneSnapshot, atlas: ChartAtlas, entry_object: NDArray[np.int32], error: dict[int, float]
 ) -> list[dict[str, Any]]:
-    """What is told of each object that takes light.
+    """Report on each object that receives light.
 
     entry_object   (n,) int32: the object of each texel entry
-    error          relative, of each object by its index, of LightField.object_error
+    error          relative, by object index, of LightField.object_error
     """
     texel_count = np.bincount(entry_object, minlength=len(snapshot.objects))
     chart_count = np.bincount(atlas.chart_object, minlength=len(snapshot.objects))
@@ -39,7 +39,7 @@ def list_objects(
 
 
 def describe_light(light: LightField) -> dict[str, Any]:
-    """What it took to find the light, and how sure it is."""
+    """Cost and stated error of the light."""
     direct, ledger, without = light.direct.counters, light.ledger, list_without()
     return {
         **({"without": without} if without else {}),
@@ -57,7 +57,7 @@ def describe_light(light: LightField) -> dict[str, Any]:
 
 
 def measure_memory_mb() -> dict[str, float]:
-    """Peak resident memory of this process and of its largest worker, MB; empty where the system does not tell."""
+    """Peak resident memory of this process and of its largest worker, MB; empty where the system does not provide it."""
     if sys.platform == "win32":
         return {}
     import resource  # not on Windows

@@ -34,7 +34,7 @@ _TRIES = 20  # of one call, each on a worker that turns out to lack its folders
 
 @dataclass(frozen=True)
 class FolderCopy:
-    """A folder as workers know it: where it is on the machine that sends it, and the digest of its files."""
+    """Identity of a folder for workers: its path on the sending machine, and the digest of its files."""
 
     folder: str
     content: str
@@ -42,7 +42,7 @@ class FolderCopy:
 
 @dataclass(frozen=True)
 class Missing:
-    """A worker's answer to a shard whose folders it lacks."""
+    """A worker's answer where it lacks the folders of a shard."""
 
     worker: str
     copies: tuple[FolderCopy, ...]
@@ -54,7 +54,7 @@ def connect(address: str) -> ClusterExecutor:
     Raises OSError with a sentence when it cannot be reached or has no worker; ValueError when a worker has another Leaflight.
     """
     try:
-        get_address_host_port(address)  # what a client says of these two costs half a minute
+        get_address_host_port(address)  # a client takes half a minute to report these two
         resolve_address(address)
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as reason:
@@ -85,7 +85,7 @@ class ClusterExecutor(Executor):
         self._sending = threading.Lock()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """`fn` of one shard (see workers), on some worker."""
+        """Run `fn` of one shard (see workers) on some worker."""
         shard: Any = args[0]
         return self._threads.submit(self._call, fn, shard, {name: self._copy(name, getattr(shard, name)) for name in _folder_fields(shard)})
 
@@ -95,18 +95,18 @@ class ClusterExecutor(Executor):
         self._threads.shutdown(wait)
 
     def _copy(self, field: str, folder: str) -> FolderCopy:
-        """The folder as it is to be known, once every worker of now has it."""
+        """The folder's identity, once every present worker has a copy."""
         with self._sending:
             if self._copies.get(field, FolderCopy("", "")).folder != folder:
                 copy = FolderCopy(folder, stamp_folder(Path(folder), folders.FOLDER_PARTS[field]))
                 with self._sentences():
-                    have = self._client.run(has_copy, copy, on_error="ignore")  # who dies meanwhile, or joins, asks for it
+                    have = self._client.run(has_copy, copy, on_error="ignore")  # workers that die or join meanwhile request it
                     self._send(copy, folders.FOLDER_PARTS[field], [worker for worker, has in have.items() if not has])
                 self._copies[field] = copy
             return self._copies[field]
 
     def _send(self, copy: FolderCopy, parts: tuple[str, ...], to: list[str]) -> None:
-        """What does not arrive is asked for again."""
+        """Failed transfers are requested again."""
         if to:
             for pieces in _read_pieces(Path(copy.folder), parts):
                 self._client.run(write_pieces, copy, pieces, workers=to, on_error="ignore")
@@ -141,7 +141,7 @@ class ClusterExecutor(Executor):
 
     @contextmanager
     def _sentences(self) -> Iterator[None]:
-        """A cluster's own errors become sentences."""
+        """Turn a cluster's own errors into sentences."""
         try:
             yield
         except KilledWorker as reason:
@@ -192,7 +192,7 @@ def _read_pieces(folder: Path, parts: tuple[str, ...]) -> Iterator[list[tuple[st
 
 
 def describe_stranger(worker: str, found: object) -> str:
-    """A sentence about a worker whose describe_code() is not ours, or cannot even be asked for."""
+    """A sentence about a worker whose describe_code() differs from ours or cannot be read."""
     return (
         f"--cluster: the worker {worker} cannot work for this bake: it has {found}, and here is {describe_code()}; "
         "install the same Leaflight with the extra `cluster`, the same numpy and the same embreex there."
@@ -203,11 +203,11 @@ def _folder_fields(shard: Any) -> list[str]:
     return [name for name in folders.FOLDER_PARTS if getattr(shard, name, "")]
 
 
-# What follows runs on the workers.
+# All below runs on the workers.
 
 
 def describe_code() -> dict[str, str]:
-    """What must be alike for the same bytes."""
+    """Versions that must be equal for the same bytes."""
     return {"leaflight": hash_code(), "numpy": version("numpy"), "embreex": version("embreex")}
 
 
@@ -227,9 +227,9 @@ def write_pieces(copy: FolderCopy, pieces: list[tuple[str, bytes]], dask_worker:
 
 
 def finish_copy(copy: FolderCopy, dask_worker: Worker) -> None:
-    """The copy is whole; the oldest of many goes."""
+    """Complete the copy; the oldest of many is removed."""
     place, part = _place(copy, dask_worker), _part(copy, dask_worker)
-    if place.exists() or stamp_folder(part, ()) != copy.content:  # came twice, or in part: then it is asked for once more
+    if place.exists() or stamp_folder(part, ()) != copy.content:  # sent twice, or incomplete: then it is requested again
         shutil.rmtree(part)
         return
     part.rename(place)
@@ -239,7 +239,7 @@ def finish_copy(copy: FolderCopy, dask_worker: Worker) -> None:
 
 
 def run_shard(fn: Callable[..., Any], shard: Any, copies: dict[str, FolderCopy], code: dict[str, str]) -> Any:
-    """`fn` of a shard whose folders are found on this worker; Missing where they are not."""
+    """Run `fn` of a shard whose folders are on this worker; returns Missing where they are not."""
     worker = get_worker()
     if describe_code() != code:
         raise ValueError(describe_stranger(worker.address, describe_code()))
@@ -259,7 +259,7 @@ def _find(copy: FolderCopy, worker: Worker) -> Path | None:
         try:
             if (place / STAMP_FILE).read_text(encoding="ascii") == copy.content:
                 return place
-        except OSError:  # not there, or not for us
+        except OSError:  # missing, or not readable
             continue
     return None
 
@@ -269,7 +269,7 @@ def _place(copy: FolderCopy, worker: Worker) -> Path:
 
 
 def _part(copy: FolderCopy, worker: Worker) -> Path:
-    """Where a copy grows; of each sender its own."""
+    """Folder of an incomplete copy, separate for each sender."""
     return _place(copy, worker).with_suffix(f".{hash_pieces([copy.folder.encode()])}")
 
 

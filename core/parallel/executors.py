@@ -141,40 +141,40 @@ def count_idle(executor: Executor) -> int:
 
 
 def read_busy_seconds(executor: Executor) -> dict[str, float]:
-    """Seconds in calls by the name of their function, of all processes of this machine together; none of a cluster."""
+    """Busy seconds by function name, summed over all processes of this machine; none of a cluster."""
     return executor.busy.read() if isinstance(executor, InlineExecutor | LocalExecutor) else {}
 
 
 def read_cpu_seconds(executor: Executor) -> float:
-    """CPU seconds of this process since its start, and of other processes of this machine in calls; none of a cluster's."""
+    """CPU seconds of this process since its start, and of calls in other processes of this machine; none of a cluster's."""
     lent_s = executor.busy.lent_cpu_s if isinstance(executor, InlineExecutor | LocalExecutor) else 0.0
     return time.process_time() + lent_s
 
 
 def wake(executor: Executor) -> None:
-    """Have processes of this machine start, which takes as long as reading a scene, before there is work for them."""
+    """Start processes of this machine ahead of their work, which takes as long as reading a scene."""
     if isinstance(executor, LocalExecutor):
         executor.wake()
 
 
 def send_home(executor: Executor) -> None:
-    """Have processes of this machine end, which takes a moment, while there is other work that needs none of them."""
+    """End processes of this machine, which takes a moment, while other work needs none of them."""
     if isinstance(executor, LocalExecutor):
         executor.send_home()
 
 
 def set_apart(executor: Executor, run: Callable[[], T]) -> Callable[[], T]:
-    """What gives the result of a call that takes long: one of the other processes of this machine has begun it, and is given no other
-    meanwhile, lest somebody wait for that. Where none is ready, whoever asks runs it.
+    """Give a long call to one other process of this machine, which gets no other meanwhile, so that nothing waits behind it; returns a
+    function for its result. Where no process is ready, that function runs the call.
     """
     return executor.set_apart(run) if isinstance(executor, LocalExecutor) else run
 
 
 def spread(executor: Executor, fn: Callable[..., T], calls: Iterable[tuple[Any, ...]]) -> Iterator[T]:
-    """What `fn` gives for the arguments of each call, in their order; a few are begun now where others can work on them, and more as they
-    are asked for, lest all of them lie in memory.
+    """Results of `fn` for each tuple of arguments, in order; a few calls are submitted at once, and more as results are read, to bound the
+    memory of arguments.
 
-    By processes of this machine, where the executor is such: numpy's threads stand in each other's way, as short arrays are soon done.
+    Only processes of this machine take part, not threads: with numpy's brief calls on short arrays threads slow each other down.
     """
     local = executor if isinstance(executor, LocalExecutor) else InlineExecutor()
     begun = (local.submit(fn, *arguments) for arguments in calls)
@@ -187,14 +187,14 @@ def spread(executor: Executor, fn: Callable[..., T], calls: Iterable[tuple[Any, 
                 yield ahead.popleft().result()
                 ahead.extend(islice(begun, 1))
         finally:
-            for call in ahead:  # nobody asks for them any more
+            for call in ahead:  # their results are no longer wanted
                 call.cancel()
 
     return answer()
 
 
 class _Call(Future[Any]):
-    """A call that whoever asks for its result helps to come to."""
+    """A call that the reader of its result may run itself."""
 
     def __init__(self, help_out: Callable[[], bool], run: Callable[[], Any]) -> None:
         super().__init__()
@@ -207,7 +207,7 @@ class _Call(Future[Any]):
 
 
 class _Answers(Iterator[T]):
-    """Results of calls, in their order; who drops it wants no more of them, also where none was asked for yet."""
+    """Results of calls in order; closing it cancels the rest, also before the first was read."""
 
     def __init__(self, calls: Iterable[Future[T]]) -> None:
         self._calls = deque(calls)
@@ -221,35 +221,35 @@ class _Answers(Iterator[T]):
         self.close()
 
     def close(self) -> None:
-        """Nobody asks for the rest."""
+        """Cancel the rest."""
         for call in self._calls:
             call.cancel()
 
 
 class LocalExecutor(Executor):
-    """Processes of this machine, and this one as one more of them: while it waits for a result it works on what nobody has begun.
+    """Processes of this machine, including this one, which runs pending calls while it waits for a result.
 
-    So nothing waits for processes that are still starting, and two workers are one process to start.
+    So nothing waits for processes that are still starting, and two workers need only one new process.
     """
 
     def __init__(self, count: int, copied: bool = False, load_ahead: Callable[[], None] = _load_nothing) -> None:
-        # A copy has at once all that is loaded here, but of threads, as embree's, it would have what they left in an unknown state.
+        # A copy has all modules loaded at once, but threads of this process, as embree's, would leave it their data in an unknown state.
         context = multiprocessing.get_context("fork" if copied else "spawn")
         self.busy = BusyTime()
         self._others = min(count - 1, _MOST_ON_WINDOWS) if sys.platform == "win32" else count - 1
         self.most_ahead = 2 * (self._others + 1)
         self._pool = ProcessPoolExecutor(self._others, mp_context=context, initializer=worker_process.start, initargs=(load_ahead,))
         self._waiting: deque[_Call] = deque()
-        self._turn = threading.Lock()  # of _ready and _given
+        self._turn = threading.Lock()  # guards _ready and _given
         self.is_awake = self._closed = False  # the other processes are starting, or have started
-        self._ready = 0  # of the other processes: they have started
-        self._given = 0  # calls, to the other processes, and not back yet
+        self._ready = 0  # other processes that have started
+        self._given = 0  # calls in the other processes
         self._results = tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True)
         self._leaving: threading.Thread | None = None
-        self._lost: BaseException | None = None  # why no call can be run any more: a process was killed
+        self._lost: BaseException | None = None  # the error of a killed process, after which no call can run
 
     def wake(self) -> None:
-        """Have the other processes start; calls are given to them from when they have."""
+        """Start the other processes; each is given calls once it has started."""
         if not self.is_awake:
             self.is_awake = True
             for _ in range(self._others):
@@ -262,12 +262,12 @@ class LocalExecutor(Executor):
         self._feed()
 
     def _note_loss(self, sent: Future[Any]) -> None:
-        """What cannot be run any more is not even tried: a pool that says so holds the lock that giving it a call would wait for."""
+        """Record a broken pool: a later submit would wait for a lock that the pool holds while it reports this."""
         if not sent.cancelled() and isinstance(sent.exception(), BrokenExecutor):
             self._lost = sent.exception()
 
     def on_each(self, fn: Callable[..., Any], /, *args: Any) -> None:
-        """Have each of the other processes run `fn` while this one goes on; what it gives is dropped."""
+        """Run `fn` in each of the other processes, in the background; the results are dropped."""
         self.wake()
         for _ in range(self._others):
             self._pool.submit(fn, *args)
@@ -282,7 +282,7 @@ class LocalExecutor(Executor):
         return call
 
     def map(self, fn: Callable[..., T], *iterables: Iterable[Any], timeout: float | None = None, chunksize: int = 1) -> Iterator[T]:
-        """All calls are begun now."""
+        """Submit all calls now."""
         return _Answers([self.submit(fn, *arguments) for arguments in zip(*iterables, strict=False)])
 
     def set_apart(self, run: Callable[[], T]) -> Callable[[], T]:
@@ -307,12 +307,12 @@ class LocalExecutor(Executor):
         self._results.cleanup()
 
     def send_home(self) -> None:
-        """The other processes end while this one goes on; all that was asked of them must be done, and no more may be."""
+        """End the other processes in the background; all calls must be done, and no more may follow."""
         self._leaving = threading.Thread(target=self._pool.shutdown)
         self._leaving.start()
 
     def _take(self) -> _Call | None:
-        """The first call that nobody has begun."""
+        """The first pending call."""
         while True:
             try:
                 call = self._waiting.popleft()
@@ -322,7 +322,7 @@ class LocalExecutor(Executor):
                 return call
 
     def _help_out(self) -> bool:
-        """Run a call here; False when all have been begun."""
+        """Run a pending call here; False when there is none."""
         call = self._take()
         if call is not None:
             if self._lost:
@@ -332,7 +332,7 @@ class LocalExecutor(Executor):
         return call is not None
 
     def _feed(self) -> None:
-        """Give the other processes a call each, and while many wait a second one in reserve: at the end that would be missing here."""
+        """Give each other process a call, and while many are pending a second in reserve, which this process would lack at the end."""
         while True:
             with self._turn:
                 most = self._ready * (2 if len(self._waiting) > self._others + 1 else 1)
@@ -345,11 +345,11 @@ class LocalExecutor(Executor):
                     self._given -= 1
 
     def _send(self, call: _Call, receive: Callable[[_Call, Future[bytes | str]], None]) -> bool:
-        """Whether one of the other processes has it now; `receive` hears of what it gives."""
+        """Send the call to another process, `receive` its result; returns whether that succeeded."""
         try:
             sent = self._pool.submit(worker_process.keep_result, partial(worker_process.time_call, call.run), self._results.name)
             sent.add_done_callback(partial(receive, call))
-        except RuntimeError as error:  # one of them was killed, or all were sent home
+        except RuntimeError as error:  # a process was killed, or all were ended
             call.set_exception(error)
             return False
         return True
@@ -366,7 +366,7 @@ class LocalExecutor(Executor):
 
     def _take_back(self, call: _Call, sent: Future[bytes | str]) -> None:
         self._note_loss(sent)
-        self._feed()  # first: it works while the result is looked at
+        self._feed()  # first, so that it works while the result is read
         _settle(call, lambda: self._unpack(call, sent))
 
     def _unpack(self, call: _Call, sent: Future[bytes | str]) -> Any:
@@ -378,5 +378,5 @@ class LocalExecutor(Executor):
 def _settle(future: Future[Any], run: Callable[[], Any]) -> None:
     try:
         future.set_result(run())
-    except Exception as error:  # an executor hands every error to the one who asks for the result
+    except Exception as error:  # the executor passes every error to the reader of the result
         future.set_exception(error)
