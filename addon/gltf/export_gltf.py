@@ -16,7 +16,7 @@ from bpy_extras.io_utils import ExportHelper
 from ..read.blender_output import hold_output
 from ..show import restore
 from ..show.materials_write import Sentences
-from .gltf_file import make_manifest, read_document, rename, replace_document
+from .gltf_file import clear_numbers, make_manifest, read_document, rename, replace_document
 from .gltf_stage import Stage, open_stage
 
 _EXPORTER = "io_scene_gltf2"
@@ -44,6 +44,7 @@ def export_gltf(context: bpy.types.Context, path: Path, view_transform: str = "s
             _run_exporter(exported, stage)
             glb = exported.read_bytes()
             document = read_document(glb)
+            glb = clear_numbers(glb, document)
             materials = enumerate(document.get("materials", ()))
             ranges = {index: stage.ranges[material["name"]] for index, material in materials if material["name"] in stage.ranges}
             rename(document, stage.names)

@@ -8,7 +8,10 @@ import struct
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 _MAGIC, _VERSION, _JSON_CHUNK = 0x46546C67, 2, 0x4E4F534A
+_FLOAT = 5126  # componentType of an accessor
 _HEADER = struct.Struct("<III")  # magic, version, length of the file
 _CHUNK = struct.Struct("<II")  # length, kind
 
@@ -37,6 +40,27 @@ def replace_document(glb: bytes, document: Mapping[str, Any]) -> bytes:
     text += b" " * (-len(text) % 4)
     whole = _HEADER.size + _CHUNK.size + len(text) + len(rest)
     return _HEADER.pack(_MAGIC, _VERSION, whole) + _CHUNK.pack(len(text), _JSON_CHUNK) + text + rest
+
+
+def clear_numbers(glb: bytes, document: Mapping[str, Any]) -> bytes:
+    """The file with 0 for what is no finite number in its floats, and +Y for normals that have such: no glTF file may hold it.
+
+    Blender computes normals that are none on meshes of enormous size. An export has one buffer, which is the file's binary part.
+    """
+    start = _HEADER.size + 2 * _CHUNK.size + _CHUNK.unpack_from(glb, _HEADER.size)[0]
+    normals = {one["attributes"].get("NORMAL") for mesh in document.get("meshes", ()) for one in mesh["primitives"]}
+    out = np.frombuffer(glb, np.uint8).copy()
+    for number, accessor in enumerate(document.get("accessors", ())):
+        if accessor["componentType"] != _FLOAT or "bufferView" not in accessor:
+            continue
+        view = document["bufferViews"][accessor["bufferView"]]
+        begin = start + view.get("byteOffset", 0)
+        values = out[begin : begin + view["byteLength"] // 4 * 4].view("<f4")
+        if number in normals:
+            rows = values.reshape(-1, 3)
+            rows[~np.isfinite(rows).all(axis=1)] = (0.0, 1.0, 0.0)
+        values[~np.isfinite(values)] = 0.0
+    return out.tobytes()
 
 
 def rename(document: dict[str, Any], names: Mapping[str, Mapping[str, str]]) -> None:

@@ -45,6 +45,7 @@ def lay_polygons(local: LocalMesh, linear: FloatArray, texels_per_m: float, most
     if not np.isfinite(extent).all():
         return None
     density = min(texels_per_m, np.sqrt(most_texels / max(float(extent.prod(axis=1).sum()), 1e-12)))
+    density = min(density, MOST_TEXELS / max(float(extent.max()), 1e-12))  # a polygon without area may be endlessly long
     while True:
         size = np.ceil(extent * density).astype(np.int64) + 1 + 2 * _BORDER
         if int(size.prod(axis=1).sum()) <= MOST_TEXELS or int(size.max()) <= 2 + 2 * _BORDER:

@@ -63,3 +63,21 @@ def test_manifest_names_lightmaps_and_nothing_of_the_users():
     ]
     assert (manifest["gltf"], manifest["slot"], manifest["encoding"]) == ("room.glb", "occlusionTexture", "srgb")
     assert manifest["irradiance_factor"] == math.pi
+
+
+def test_what_is_no_number_is_cleared_and_everything_else_stays():
+    place, normal, other = [1.0, math.nan, -math.inf], [math.nan, 0.0, 1.0, 0.0, 0.0, 1.0], b"\xff" * 6
+    binary = struct.pack("<3f6f", *place, *normal) + other
+    views = [{"byteOffset": 0, "byteLength": 12}, {"byteOffset": 12, "byteLength": 24}, {"byteOffset": 36, "byteLength": 6}]
+    kinds = [5126, 5126, 5123]
+    document = {
+        "buffers": [{"byteLength": len(binary)}],
+        "bufferViews": views,
+        "accessors": [{"bufferView": view, "componentType": kind} for view, kind in enumerate(kinds)],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "NORMAL": 1}}]}],
+    }
+    glb = make_glb(json.dumps(document).encode(), binary + bytes(-len(binary) % 4))
+    out = gltf_file.clear_numbers(glb, document)
+    cleared = struct.pack("<3f6f", 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0) + other + bytes(-len(binary) % 4)
+    assert out == glb[: -len(cleared)] + cleared
+    assert gltf_file.clear_numbers(out, document) == out

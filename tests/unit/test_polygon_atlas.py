@@ -78,3 +78,11 @@ def test_hostile_meshes_have_no_atlas_or_a_finite_one():
 def _nothing():
     mesh = make_mesh(np.eye(3), [[0, 1, 2]])
     return type(mesh)(**{**vars(mesh), "polygon_start": np.zeros(0, np.int32), "corner_vertex": np.zeros(0, np.int32)})
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_polygon_that_is_endlessly_long_and_has_no_area_is_laid():
+    mesh = make_mesh([(0.0, 0.0, 0.0), (3e37, 0.0, 0.0), (1e37, 0.0, 0.0)], [[0, 1, 2]])
+    atlas = lay_polygons(mesh, np.eye(3), 32.0, 1 << 14)
+    assert np.isfinite(atlas.uv).all()
+    assert atlas.width * atlas.height < 1 << 23
