@@ -1,4 +1,4 @@
-"""Receivers of direct light: where in each texel a ray starts, and where on a light it aims."""
+"""Receivers of direct light: origins of rays within texels, and their sample points on lights."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .direct_lights import Aim
 GAUSS_POINTS = np.array([[[x, y]] for y in (-1, 1) for x in (-1, 1)]) * math.sqrt(1 / 12) + 0.5
 MIDDLE = np.full((1, 1, 2), 0.5)
 STAGES = ((0, 4), (4, 16), (16, 64))  # rays of a texel to a light; each is stratified together with those before it
-# Texels that are lit together. Of half of them numpy's calls take a tenth of the time more on a large page, but memory may ask for that.
+# Texels processed at once. With half of them the overhead of numpy's calls is 10 % more on a large page, but limited memory may need that.
 MOST_TEXELS = 2**15
 _RAYS_AT_ONCE = 2**15  # what fits the cache
 _SMOOTH_DEVIATION = 1e-3  # corner normals nearer to the face's own than this are flat shading
@@ -90,12 +90,12 @@ def shift_points(points: NDArray[np.uint32], shift: NDArray[np.uint32]) -> Float
 
 @dataclass(frozen=True)
 class Receivers:
-    """Points that light is wanted at. Arrays are views of (3, n) rows, which numpy adds and multiplies several times faster.
+    """Points at which light is estimated. Arrays are views of (3, n) rows, which numpy adds and multiplies several times faster.
 
     position   (n, 3) float32, unit box, already off its surface
     normal     (n, 3) float32, unit       shading normal
-    side       (n, 3) float32, unit       geometric normal; the same array as `normal` where all of them are flat
-    bumped     (n,) bool                  the shading normal is of a map; None where none is
+    side       (n, 3) float32, unit       geometric normal; the same array as `normal` if all triangles are flat
+    bumped     (n,) bool                  the shading normal is from a normal map; None if none is
     """
 
     position: Float32
@@ -117,7 +117,7 @@ class Receivers:
         return shade
 
     def see(self, rays: ShadowRays, aim: Aim) -> Sight:
-        """How much comes along rays; what comes from behind the face, or a bump, is not seen."""
+        """Transmittance along rays; 0 for directions behind the face, or hidden by a bump."""
         sight, shade = self._see_all(rays, aim), self.shade_bumps(aim.direction)
         return sight if shade is None else sight.dim(shade)
 
@@ -130,7 +130,7 @@ class Receivers:
 
 
 def shade_bumps(side: Float32, normal: Float32, direction: Float32) -> Float32:
-    """(n,) float32 in [0, 1]: nearly 1 but where light comes in flat over steep bumps, which hide it from each other.
+    """(n,) float32 in [0, 1]: shadowing of bumps by each other, nearly 1 unless light is grazing and bumps are steep.
 
     side        (n, 3) float32, unit     normal of the surface without its bumps
     normal      (n, 3) float32, unit     with them

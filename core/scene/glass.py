@@ -1,4 +1,4 @@
-"""Dielectric glass: which way light goes on that meets it, reflected or refracted.
+"""Dielectric glass: sampling of reflection and refraction.
 
 The lobe is GGX with Smith's height-correlated masking on both sides, with the exact Fresnel equations at the microfacet; smooth glass bends
 light at its normal. What single scattering loses on rough surfaces is given back: weights are divided by the lobe's albedo.
@@ -37,8 +37,8 @@ class Glass:
     tri_glass      (n_tri,) bool
     alpha          (n_material,) float32: roughness squared; 0 of smooth glass
     ior            (n_material,) float32
-    mirror         (3, n_material) float32: tint of what is reflected, times the share of the surface that is glass
-    fresnel        (n_material,) bool: by Fresnel's equations some is reflected; else all is refracted, and what would be reflected totally
+    mirror         (3, n_material) float32: tint of the reflection, times the share of the surface that is glass
+    fresnel        (n_material,) bool: Fresnel's equations apply; else all is refracted, and light that would be totally reflected
                    is lost
     kept           (2 * n_material * _ENTRIES,) float32: the lobe's albedo by single scattering, from the front and the back, by the cosine
     """
@@ -86,7 +86,7 @@ class Glass:
         is_front: NDArray[np.bool_],
         numbers: Float32,
     ) -> Bent:
-        """Where rays go on, one of both ways by chance.
+        """Samples the continuation of rays, reflection or refraction.
 
         direction   (3, n) float32, unit: along which rays arrive, from the side of their normals (3, n)
         is_front    (n,) bool: that is the front of the triangle

@@ -1,4 +1,4 @@
-"""A page cut into strips around the texels that something is to be done to: little of a large page, in arrays that fit a core's cache."""
+"""Tiling of a page into strips with halos around the texels to process, so that arrays fit a core's cache."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from ..util.arrays import IntArray
 from ..util.coverage import expand_ranges
 
-_WIDTHS = (16, 32, 64, 128, 256)  # texels, of the strips that a page may be cut into: narrow ones for contacts, wide ones for all of a page
-_HEIGHT = 128  # texels, of the largest
-# Texels of strips that are worked on at once. Of a quarter of them numpy's calls would take a third of the time; twice as many leave the
-# cache, and are too few parts for two cores.
+_WIDTHS = (16, 32, 64, 128, 256)  # candidate widths of strips, texels: narrow ones for contacts, wide ones for whole pages
+_HEIGHT = 128  # greatest height of a strip, texels
+# Texels of strips processed at once. With a quarter of them the overhead of numpy's calls is a third of the time; with twice as many the
+# arrays exceed the cache, and there are too few parts for two cores.
 _TOGETHER = 1 << 15
 
 
@@ -23,9 +23,9 @@ class Strips:
 
     entry_at         (h, w) int32, -1 where no chart covers the texel
     halo             texels
-    wanted           (h, w2) bool: what is worked on; w2 >= w is a multiple of a strip's width
+    wanted           (h, w2) bool: texels to process; w2 >= w is a multiple of a strip's width
     left, low        (m,) int64: the corner of each strip within its halo
-    height           (m,) int64, of each strip, and width of all, with their halo
+    height           (m,) int64: of each strip; width is that of all; both include the halo
     """
 
     entry_at: NDArray[np.int32]
@@ -69,7 +69,7 @@ class Strips:
         return min(cuts, key=lambda strips: strips.width * int(strips.height.sum()))
 
     def groups(self) -> list[NDArray[np.int64]]:
-        """Strips that are worked on together."""
+        """Groups of strips to process at once."""
         together = np.cumsum(self.height) * self.width // _TOGETHER
         return np.split(np.arange(len(self.height)), np.flatnonzero(np.diff(together)) + 1) if len(together) else []
 

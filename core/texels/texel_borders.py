@@ -1,7 +1,7 @@
-"""Texels that another thing crosses: what of a texel lies beyond it belongs to the next one.
+"""Texels divided by another surface: the area beyond it belongs to the neighbouring texel.
 
-The foot of a wall seldom lies where two texels meet. Light that falls on the far side of it, within a texel, is that of the texel there;
-else it would leak to this side's leaf, which may be many texels wide.
+The foot of a wall seldom coincides with the border of two texels. Light on the far side of it within a texel belongs to the texel there;
+otherwise it would leak to this side's leaf, which may be many texels wide.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from ..util.words import Say
 if TYPE_CHECKING:
     from .texel_map import TexelMap
 
-WAYS = ((1, 0), (0, 1), (-1, 0), (0, -1))  # columns and rows to the texels beside one
+WAYS = ((1, 0), (0, 1), (-1, 0), (0, -1))  # offsets in columns and rows to the adjacent texels
 OPPOSITE = (2, 3, 0, 1)  # of WAYS
 _HALF = 0.5  # texels, from the centre to the edge
 
 
 @dataclass(frozen=True)
 class TexelBorders:
-    """How far texels go that something parts from the next one.
+    """Extents of texels that a surface separates from a neighbour.
 
-    crossed   (n,) bool: which of all entries; empty if none is
-    entry     (b,) int64, ascending: these
-    reach     (4, b) float32, texels: from the centre, towards each of WAYS; inf where nothing is in the way, and where that is not
-              known, as of what is covered in part: it keeps all of its texel
-    other     (4, b) int32: the entry beyond; -1 where nothing is in the way
+    crossed   (n,) bool: whether an entry is divided; empty if none is
+    entry     (b,) int64, ascending: the divided entries
+    reach     (4, b) float32, texels: extent from the centre towards each of WAYS; inf without a surface there, and where it is unknown,
+              as for partly covered texels, which keep all of their area
+    other     (4, b) int32: the entry beyond; -1 without a surface there
     """
 
     crossed: NDArray[np.bool_]
@@ -49,7 +49,7 @@ class TexelBorders:
 
     @classmethod
     def of(cls, n_texel: int, way: Int64, entry: Int64, beyond: Int64, reach: FloatArray) -> TexelBorders:
-        """From pairs (m,) of entries with another thing between their centres, each from either side; the other arguments as the fields."""
+        """From pairs (m,) of entries with a surface between their centres, each pair in both directions; other arguments as the fields."""
         crossed = np.zeros(n_texel, bool)
         crossed[entry] = True
         every, own = np.unique(entry, return_inverse=True)
@@ -79,7 +79,7 @@ class TexelBorders:
         return TexelBorders(crossed, place[self.entry[rows]].astype(np.int64), self.reach[:, rows], other)
 
     def see_beyond(self, entry: IntArray, look: float) -> NDArray[np.bool_]:
-        """(m,) bool: of which of the entries (m,) the square of that side, texels, around the centre lies in part beyond."""
+        """(m,) bool: whether the square of side `look`, texels, around the centre of entries (m,) reaches beyond a surface."""
         found = np.zeros(len(entry), bool)
         if len(self.entry):
             rows = np.flatnonzero(self.crossed[entry])
@@ -87,7 +87,7 @@ class TexelBorders:
         return found
 
     def are_between(self, way: int, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
-        """(m,) bool: whether something crosses the entries `one` (m,) towards `other` (m,), that way."""
+        """(m,) bool: whether a surface separates the entries `one` (m,) from `other` (m,) in that direction."""
         between = np.zeros(len(one), bool)
         if len(self.entry):
             rows = np.flatnonzero(self.crossed[one])
@@ -95,7 +95,7 @@ class TexelBorders:
         return between
 
     def find_owners(self, entry: Int32, right: FloatArray, up: FloatArray) -> Int32:
-        """(m,) int32: the entries that places belong to, which lie in texel entries (m,) so many texels from their centres, (m,) each."""
+        """(m,) int32: the owners of points in texel entries (m,), at offsets right and up (m,) from the centres, texels."""
         rows = np.flatnonzero(self.crossed.take(entry)) if len(self.entry) else np.zeros(0, np.intp)
         if not len(rows):
             return entry
@@ -109,14 +109,14 @@ class TexelBorders:
         return found
 
     def list_beyond(self, look: float) -> tuple[Int64, Int32, Float64]:
-        """Entries (m,) of which the square of that side, texels, around the centre lies in part beyond; the entry there, and that share."""
+        """Entries (m,) whose square of side `look`, texels, reaches beyond a surface; the entry there; and the square's share."""
         inside = np.maximum(0.5 * look - self.reach.astype(np.float64), 0.0)
         way, row = np.nonzero(inside)
         return self.entry[row], self.other[way, row], inside[way, row] / look
 
     def measure(self, degree: int) -> Float64:
-        """(M, b) float64: moments about their centres of what the texels hold, texels, where a whole one has an area of 1."""
-        rows = np.searchsorted(self.entry, self.other)  # any one where nothing is in the way: nothing is gained there
+        """(M, b) float64: moments of the texels' own areas about their centres, in texels; a whole texel has the area 1."""
+        rows = np.searchsorted(self.entry, self.other)  # arbitrary without a surface there, where the gain is 0
         reach = self.reach.astype(np.float64)
         inner = np.minimum(reach, _HALF)
         right, up, left, down = inner
@@ -144,7 +144,7 @@ def _integrate(low: FloatArray | float, high: FloatArray | float, power: int) ->
 
 
 def share_texels(texels: TexelMap, borders: TexelBorders, say: Say = lambda share: None) -> TexelMap:
-    """The map with borders, and areas and moments as they make them, the areas in place; reports the share that is done."""
+    """The map with borders and the areas and moments that follow, the areas in place; reports the share that is done."""
     if not len(borders.entry):
         return texels
     shares = np.isfinite(borders.reach).any(axis=0)

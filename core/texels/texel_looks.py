@@ -1,4 +1,4 @@
-"""Where texels look: at a square on one triangle each, or at pieces of the triangles that their chart has there."""
+"""Footprints of texels: a square on one triangle each, or pieces of the triangles of their chart."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ _ROUNDING = 1e-9  # weight of a corner below 0 that is still on the triangle
 
 @dataclass(frozen=True)
 class TexelLooks:
-    """Where n texels look. Elements are their squares, then the m pieces of those that have no square; a place in an element is
-    linear in two numbers.
+    """Footprints of n texels. Elements are their squares, then the m pieces of texels without a square; a point in an element is
+    linear in two coordinates.
 
-    tri      (n + m,) int32         triangle of each element; of a texel with pieces the one that its representative point is on
-    weight   (3, 2, n + m) float32  weights of the triangle's corners 1 and 2: at the element's origin, and what its two axes add
-    part     (n,) int64             number of a texel that has pieces; -1 of one that has its square
-    first    (p + 1,) int64         pieces of part i are first[i]:first[i + 1], from the first piece on
-    after    (m,) float64           i, and the share of part i that its pieces have up to this one
+    tri      (n + m,) int32         triangle of each element; for a texel with pieces, that of its representative point
+    weight   (3, 2, n + m) float32  weights of the triangle's corners 1 and 2: at the element's origin, and the increments along its axes
+    part     (n,) int64             number of a texel with pieces; -1 of one with a square
+    first    (p + 1,) int64         pieces of part i are first[i]:first[i + 1], counted from the first piece
+    after    (m,) float64           i plus the cumulative share of part i up to and including the piece
     """
 
     tri: Int32
@@ -33,15 +33,15 @@ class TexelLooks:
 
     @classmethod
     def of_squares(cls, tri: IntArray, weight: FloatArray) -> TexelLooks:
-        """Texels that have a square each; arguments as the fields."""
+        """Footprints that are all squares; arguments as the fields."""
         return cls(tri.astype(np.int32), weight.astype(np.float32), np.full(len(tri), -1), np.zeros(1, np.int64), np.zeros(0))
 
     def with_pieces(self, rows: IntArray, owner: Int64, tri: IntArray, weight: FloatArray, share: Float64) -> TexelLooks:
-        """These squares, but for the texels `rows` (p,), which have pieces instead.
+        """These squares, with pieces instead for the texels `rows` (p,).
 
-        owner    (m,) int64, ascending: which of the rows; each has one piece at least
+        owner    (m,) int64, ascending: index in rows; each has at least one piece
         tri      (m,) int
-        weight   (3, 2, m) float    at one corner of the piece, and from there to the other two
+        weight   (3, 2, m) float    at one corner of the piece, and increments to the other two
         share    (m,) float64, > 0
         """
         part = np.full(len(self.part), -1)
@@ -55,23 +55,23 @@ class TexelLooks:
         return len(self.part)
 
     def choose(self, part: Int64, point: FloatArray) -> tuple[Int64, Float64, Float64]:
-        """Points of the unit square carried over to pieces, uniform over each part.
+        """Points of the unit square mapped to pieces, uniform over each part.
 
         part    (m,) int64
         point   (k, m, 2) float in [0, 1)
-        out     (k, m) int64 element, and (k, m) float64 twice: how far along its axes
+        out     (k, m) int64 element, and (k, m) float64 twice: coordinates along its axes
         """
         # Cumulative shares rise by one from part to part, so that one search serves all of them.
         target = point[..., 0] + part
         piece = np.clip(np.searchsorted(self.after, target, side="right"), self.first[part], self.first[part + 1] - 1)
         before = (piece > 0) * self.after[piece - 1]
-        # Source: Turk 1990, "Generating random points in triangles"; what is left of the first number is used again.
+        # Source: Turk 1990, "Generating random points in triangles"; the first number is rescaled and used again.
         root = np.sqrt(np.clip((target - before) / (self.after[piece] - before), 0.0, 1.0))
         second = root * point[..., 1]
         return piece + len(self), root - second, second
 
     def points(self, point: FloatArray) -> tuple[Int32, NDArray[np.float32]]:
-        """Points of the unit square carried over to every texel: (k, n) int32 triangles and (k, n, 2) float32 weights of corners 1 and 2.
+        """Points of the unit square mapped to every texel: (k, n) int32 triangles and (k, n, 2) float32 weights of corners 1 and 2.
 
         point   (k, n, 2) or (k, 1, 2) float in [0, 1)
         """

@@ -26,15 +26,15 @@ def shard_rng(seed: int, round_index: int, shard: int) -> np.random.Generator:
 # Of the dimensions after the first, which is van der Corput's: degree and coefficients of the primitive polynomial, and first direction
 # numbers. Source: Joe & Kuo 2008, "Constructing Sobol sequences with better two-dimensional projections".
 _SOBOL = ((1, 0, (1,)), (2, 1, (1, 3)), (3, 1, (1, 3, 1)))
-_SOBOL_BITS = 17  # of a shard's photons; more start again, shifted otherwise
-_NET_PARTS = 16  # that are scrambled by themselves: what lies between stays small
+_SOBOL_BITS = 17  # of a shard's photons; further ones repeat the points with another shift
+_NET_PARTS = 16  # parts scrambled one after the other, to keep intermediate arrays small
 _SCRAMBLES = (0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35, 0x27D4EB2F)  # one a dimension
 
 
 def low_discrepancy_points(shift: NDArray[np.uint32], start: IntArray, count: IntArray) -> NDArray[np.float32]:
     """Points start ... start + count - 1 of each of some low-discrepancy sequences; over random shifts each is uniform.
 
-    A lattice is as even, but where it lines up with the texels as seen from a lamp its noise stands in stripes. The noise of a scrambled
+    A lattice is as uniform, but its noise shows as stripes where it aligns with the texels as seen from a lamp. The noise of a scrambled
     net is spread over more frequencies.
 
     shift          (k, 4) uint32, uniform: a digital shift of each sequence
@@ -78,7 +78,7 @@ def grouped_points(count: IntArray, group: IntArray, rng: np.random.Generator) -
 
 
 def load_ahead() -> None:
-    """Makes what points are taken from before any is asked for: in a small bake that would be seen."""
+    """Builds the tables of points ahead of their first use, which would delay a small bake."""
     _scrambled_net()
 
 
@@ -255,7 +255,7 @@ class AliasTable:
             self._alias[heavy[:-1]] = heavy[1:]
 
     def sample(self, u: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Indices, and what is left of each number, again uniform in [0, 1); it has lost log2(n) bits.
+        """Indices, and each number rescaled to be uniform in [0, 1) again, with log2(n) fewer bits.
 
         u       (m,) float, uniform in [0, 1)
         index   (m,) int64
