@@ -1,4 +1,4 @@
-"""The time limit of a bake as wall time: from when it was asked for to when its images are written and shown."""
+"""The time limit of a bake as wall time: from the request until its images are written and shown."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Deadline:
     """When a bake has to be done, and what its end will take.
 
     limit_s   seconds, 0 no limit
-    began     time.monotonic() of when the bake was asked for, of any process of this machine
+    began     time.monotonic() of the request for the bake, in any process of this machine
     after_s   seconds that Blender will take once the images are written
     """
 
@@ -105,7 +105,7 @@ class Deadline:
         return replace(settings, error=max(settings.error, _FIRST_ERROR)) if self.limit_s else settings
 
     def foresee(self, steps: int) -> Callable[[], bool]:
-        """What tells after each of so many steps whether they will not all be done in the time left; once it is so it stays so."""
+        """A function to call after each of so many steps: whether they will not all end in the time left; once true it stays true."""
         began, left = time.monotonic(), self.left()
         done, is_late = 0, False
 

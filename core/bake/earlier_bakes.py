@@ -1,4 +1,4 @@
-"""What earlier bakes noted beside their images: whose those are that a bake writes over, and which pages it leaves over."""
+"""Notes of earlier bakes beside their images: owners of images that a bake overwrites, and pages that it leaves over."""
 
 from __future__ import annotations
 
@@ -79,8 +79,8 @@ def describe_others(job: Job, names: Sequence[str]) -> list[str]:
 
 
 def find_left_over(job: Job, files: Sequence[PageFile], page_count: int) -> list[str]:
-    """Files that are called like further pages of a bake, as one with more pages leaves them; who uses them is not known."""
-    if not job.settings.atlas:  # an image of an object that is not baked this time is nobody's further page
+    """Files named like further pages of a bake, as left by one with more pages; their users are unknown."""
+    if not job.settings.atlas:  # an image of an object that is not baked this time is no further page
         return []
     others = [bake for bake in read_notes(Path(job.output)) if bake.note != find_note(job) or _is_another(bake.blend, job)]
     kinds = sorted({(file.pass_name, file.kind) for file in files})
@@ -90,7 +90,7 @@ def find_left_over(job: Job, files: Sequence[PageFile], page_count: int) -> list
 
 
 def describe_left_over(job: Job, names: Sequence[str]) -> list[str]:
-    """A sentence about these files, without those that the last bake has told of."""
+    """A sentence about these files, without those that the last bake has reported."""
     header = read_header(find_note(job)) or {}
     told = header.get("left_over", [])
     new = [name for name in names if name not in told]

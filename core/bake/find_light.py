@@ -44,7 +44,7 @@ class Loaded:
     surfaces   of what has an effect
     left_out   of pruning.prune_scene
     charts     of the last bake there
-    settings   of the job, without what nobody will see
+    settings   of the job, without what no image shows
     """
 
     given: SceneSnapshot
@@ -76,7 +76,7 @@ class Loaded:
 class FoundLight:
     """The light of a bake before it becomes pages.
 
-    solver       whose state it can be kept by; None where it has none
+    solver       with the state to keep; None where there is none
     settings     with which it was found
     is_hurried   a time limit left time for one round of photons alone, which is shown as it is
     """

@@ -1,6 +1,6 @@
-"""Photons of the first rounds, traced while charts and texels are still made: until it is asked where on a page they fall, they need only
-the scene, and before a round of theirs has been read nothing guides them. Processes that would have nothing to do by then trace them, and
-the same bytes come of it as without them.
+"""Photons of the first rounds, traced while charts and texels are still made: as long as their place on a page is not needed, they
+need only the scene, and before a round has been read nothing guides them. Idle processes trace them, and the bytes are the same as without
+them.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ class KeptBake:
     """A bake whose images are still as they were written.
 
     result     of the bake, the files where they are now
-    warnings   (subject, sentence): what the core told
+    warnings   (subject, sentence) of the core
     layout     arrays of the layout file
     stateless  a state was asked for, and the bake has none to keep: it would have none the next time either
     """
@@ -69,7 +69,7 @@ def note_bake(
     """Note a bake whose files are written and whose layout is in `folder`.
 
     stateless   see KeptBake
-    left_over   names of an earlier bake's images that were told of, so that the next bake need not do so again
+    left_over   names of an earlier bake's images that were reported, so that the next bake need not repeat it
     Raises OSError where that cannot be written.
     """
     files = [{**file, "path": Path(file["path"]).relative_to(job.output).as_posix()} for file in result["files"]]

@@ -1,4 +1,4 @@
-"""What of the light a bake has to find at all, and what it was spared; both told in the report."""
+"""Parts of the light that a bake must find, and those it skips; both are reported."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Needs:
         return cls(bool(lit), indirect, indirect or (bool(lit) and settings.direct == "photons"))
 
     def trim(self, settings: Settings) -> Settings:
-        """The settings with photons that end where nobody asks for what they do next."""
+        """The settings with photons that end after the last bounce that is needed."""
         return settings if self.indirect else replace(settings, max_depth=1)
 
 

@@ -55,7 +55,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _is_error(value: Any) -> bool:
-    """Infinite where it could not be told, None of objects that have none."""
+    """Infinite where the error is unknown, None for objects without one."""
     return value is None or _is_count(value) or (isinstance(value, float) and not value < 0.0)
 
 

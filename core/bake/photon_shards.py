@@ -36,7 +36,7 @@ def open_view(folder: str) -> TreeView:
 
 @keep_view_open
 def open_splitting(folder: str) -> Splitting:
-    """What photons of a view are told; the same."""
+    """The splitting guide of a view, likewise."""
     return shared_arrays.load_struct(Path(folder) / SPLITTING_FOLDER, Splitting)
 
 
@@ -53,8 +53,8 @@ class PhotonShard:
     max_depth: int
     degree: int
     skip_first: bool  # direct light comes from shadow rays
-    weight: float = 1.0  # how much a photon tells, see splitting
-    guided: bool = False  # the view's folder tells where more or fewer photons should part
+    weight: float = 1.0  # of a photon in the sum, see splitting
+    guided: bool = False  # the view's folder holds a splitting guide
     hits: str = ""  # folder on this machine: what was traced of it already, see first_photons
 
     @classmethod
@@ -100,7 +100,7 @@ class PhotonResult:
 
     @classmethod
     def join(cls, pieces: Sequence[PhotonResult]) -> PhotonResult:
-        """Of pieces of one shard's photons: the sums of all; what becomes of groups the first one tells."""
+        """Add up the pieces of one shard's photons; results of groups are those of the first piece."""
         first = pieces[0]
         if len(pieces) == 1:
             return first

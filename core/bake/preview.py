@@ -38,7 +38,7 @@ LEAST_PAUSE_S = 0.3
 PAUSE_OF_COST = 10.0  # a preview waits so many times what the last one took
 # Whoever shows the first light gives all objects materials then, and draws everything anew: beside a bake that takes it a third longer.
 FIRST_DRAWN_S = 0.3
-_KEPT_TURNS = 3  # whoever shows a page may lag behind so many
+_KEPT_TURNS = 3  # a viewer may lag behind by so many
 
 # Pass -> whether direct and indirect light show, whether the albedo colours them, and what is added.
 _PASSES = {
@@ -67,7 +67,7 @@ def find_first_light(folder: Path, settings: Settings, texels: TexelMap) -> Ligh
 
 
 class PreviewPages:
-    """Writes pages of `pass_name` into `folder` and tells of them."""
+    """Writes pages of `pass_name` into `folder` and announces them."""
 
     def __init__(
         self,
@@ -106,7 +106,7 @@ class PreviewPages:
         self._next_s = time.monotonic() + max(LEAST_PAUSE_S, PAUSE_OF_COST * (time.thread_time() - begin))
 
     def join(self, light: LightField, direct: DirectField) -> Callable[[Message], None]:
-        """Shows a first light, and leaves time to draw it; again with each message while direct light is found; in place of `tell`."""
+        """Show a first light and leave time to draw it; returns a listener in place of `tell` that shows direct light with each message."""
         mixed = replace(light, direct=direct)
         self.show(mixed, rays_alone=True)
         time.sleep(FIRST_DRAWN_S)

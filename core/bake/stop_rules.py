@@ -17,7 +17,7 @@ from .deadline import Deadline
 class StopRules:
     """Of one bake.
 
-    should_stop   whether somebody asked for the best so far; then it stays so
+    should_stop   whether the user wants the best light so far; once true it stays true
     started       by time.monotonic()
     deadline      of the whole bake; None: the time limit counts from `started`
     """

@@ -1,6 +1,6 @@
-"""Specks that few photons leave where leaves are small, taken out of what is shown.
+"""Clamping of bright specks from few photons on small leaves, in the shown light.
 
-Photons that part near a corner fall together on the wall beside it. To whoever counts them they are many, and so look like light.
+Photons split near a corner fall close together on the wall beside it. They are correlated, but the variance counts them as independent.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ _SIDE = 4  # texels, of the largest leaf that may be a fleck, and how far is loo
 # that are darker than all around lifted too, bent_quads' error grew by a tenth.
 _BRIGHTER = 1.5
 _NOISY = 0.15  # standard error over light: of some 40 photons
-# Of more photons a leaf is a fleck only if it is brighter yet, as the cube of how much surer it is, for those that part together seem to
-# tell more than they do: of the 60 that 0.13 looks like, 2.3 times as bright as all around; of 100, 5 times. Surer ones are believed.
+# With more photons a leaf is a fleck only if it is brighter yet, by the cube of the ratio of standard errors, for split photons understate
+# it: with 60 photons (0.13) 2.3 times as bright as all around, with 100 5 times. Leaves with a smaller standard error are kept.
 _SURE = 0.09
 _ENOUGH = 16  # texels around
 _AROUND = ((_SIDE, 0), (-_SIDE, 0), (0, _SIDE), (0, -_SIDE))  # where it is looked first

@@ -25,10 +25,10 @@ def find_shares(
 
     A window is as wide as its leaf, or as a smaller one beside it and wider by what that is away. So neither a window nor a share changes
     with a step where leaves meet, but for a little near leaves of a third size. A leaf of which little is covered is as wide as a square
-    of as many texels: far beyond them its function tells nothing.
+    of as many texels: far outside of them its function is invalid.
 
     out   (m,) what each leaf has of its own window; (k,) int64 rows of places, ascending, (k,) int32 other leaves, and (k,) what they have
-          of the windows there. What lies outside of the chart is nobody's, so they need not add up to 1
+          of the windows there. The part outside of the chart belongs to no leaf, so that they need not add up to 1
     """
     row, pair = neighbours.list_pairs(leaf)
     other = neighbours.other[pair]

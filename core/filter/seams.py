@@ -31,11 +31,11 @@ _STEP = 0.02  # between both sides of a point
 _CENTRE = 0.02  # a texel whose centre a chart covers, beside its noise
 _EMPTY = 0.1  # one that is but the mean of its neighbours
 _FLOOR = 0.1
-# ... and of how unlike the texels around are, which tells how fast light changes
-_SPREAD_PART = 0.6  # a texel that tells of another place than its centre, half a texel away
+# ... and relative to the spread of texels around, which estimates the gradient of light
+_SPREAD_PART = 0.6  # a texel whose sample lies half a texel from its centre
 _SPREAD_EMPTY = 2.0  # an empty one, which lies more than a texel away from those that it is the mean of
 _REACH = 2  # texels around that are looked at
-_GRAIN = 0.5  # of a texel's standard error, which is told before grain is averaged
+_GRAIN = 0.5  # of a texel's standard error, which is stated before the filter
 _MOST_SIGMAS = 3.0  # a step of more than so many times what both readings may be off is one of the light: something touches the edge
 _AROUND = tuple(sorted(product(range(-_REACH, _REACH + 1), repeat=2), key=lambda step: max(map(abs, step))))
 _FARTHEST = 2.0  # times what it may be off, that a texel is moved at most

@@ -88,8 +88,8 @@ class DirectLight:
     counters         rays; pairs (texel, light) looked at, out_of_reach behind the horizon or beyond a cone, settled by the first rays,
                      shared with all of a tile;
                      sampled, pairs of lamps that gave little and were sampled together
-    by_quads         (n,) bool, texels that were told by one of quads; () where none is
-    by_openings      (n,) bool, texels whose sky was looked for through openings; () where none is
+    by_quads         (n,) bool, texels estimated for a quad at once; () for none
+    by_openings      (n,) bool, texels that sampled the sky through openings; () for none
     """
 
     irradiance_rgb: FloatArray
@@ -124,8 +124,8 @@ def direct_irradiance(
     tolerance    standard error, relative to the texel's light, at which a light gets no more rays
     max_rays     per texel and light: 4, 16 or 64
     tiles        among the texels, which then share their first looks at lights
-    smoothed     the light will be averaged over like neighbours: where it changes gently over a tile, more noise is left for that
-    crossed      (n,) bool: texels that see past the foot of what stands on them, which tells nothing of their neighbours
+    smoothed     the light will be filtered: where it is smooth over a tile, more noise is left to the filter
+    crossed      (n,) bool: texels whose footprint reaches past the foot of an object on them, and differs from their neighbours'
     beside       (n,) float32, W/m^2: other light of the texels, of OtherLight; None is none
     dark         W/m^2: of Demand
     """
@@ -134,7 +134,7 @@ def direct_irradiance(
     beside = np.zeros(len(texel), np.float32) if beside is None else beside
     crossed = np.zeros(len(texel), bool) if crossed is None else crossed
     has_many, every = scene.crowd is not None or scene.pool is not None, np.arange(len(texel))
-    # What is known of each texel and each of many lights takes memory; and who chooses among them does so by what neighbours see.
+    # Estimates for each pair of texel and light take memory; and the choice among many lights rests on what neighbours see.
     most, apart = (MOST_TEXELS // 2, crossed) if has_many else (MOST_TEXELS, np.zeros_like(crossed))
     for group in (every[~apart], every[apart]):
         for part, chunk in each_chunk(scene.surfaces, look_at, texel[group], scene.tri_two_sided, rng, most):
@@ -169,7 +169,7 @@ class _LookingChunk:
         self, scene: DirectScene, chunk: TexelChunk, demand: Demand, beside: NDArray[np.float32], rng: np.random.Generator
     ) -> None:
         self._scene, self._chunk, self._demand, self._beside, self._rng = scene, chunk, demand, beside, rng
-        self._shared, self._variance = np.zeros((2, len(chunk), 3))  # of light that flat tiles are sure of, and then of all
+        self._shared, self._variance = np.zeros((2, len(chunk), 3))  # of light settled by flat tiles, and then of all
         self._tallies: list[Tally] = []
         self.openings: list[Openings] = []
         self.sky: EnvironmentLight | None = None
@@ -206,7 +206,7 @@ class _LookingChunk:
         return found + self._shared, self._variance
 
     def _look_first(self, source: Source) -> None:
-        """Light that flat tiles are sure of, and an empty tally, or openings, of texels that look at the source themselves."""
+        """Light settled by flat tiles, and an empty tally, or openings, for texels that sample the source themselves."""
         chunk, demand, rng = self._chunk, self._demand, self._rng
         look = look_from_tiles(self._scene.rays_to(source), chunk, demand.flat, source, random_shift(rng, len(demand.flat)))
         lit, off = (np.where(look.lit, values, 0.0) for values in (look.closed, look.off))
@@ -249,7 +249,7 @@ class _LookingChunk:
         return rest
 
     def _settle(self, level: Float64) -> None:
-        """More rays where the tallies are less sure than they must be beside light of a level (n,), W/m^2."""
+        """Trace more rays where the standard error exceeds the tolerance relative to a level of light (n,), W/m^2."""
         allowed = [self._demand.tolerance * level[tally.rows] / weigh_channels(tally.rgb) for tally in self._tallies]
         for stage in self._demand.spans(STAGES[1:]):
             unsettled = [tally.unsettled(limit, stage) for tally, limit in zip(self._tallies, allowed, strict=True)]

@@ -1,4 +1,4 @@
-"""Closed forms of lights nearer than a texel is wide: their peak would be missed by the few points that tell its mean elsewhere."""
+"""Near-field quadrature of closed forms: the few points of a texel would miss the peak of a light nearer than a texel is wide."""
 
 from __future__ import annotations
 

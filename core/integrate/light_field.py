@@ -1,4 +1,4 @@
-"""The light of a bake, as solve or direct_only leave it to whoever makes pages of it."""
+"""The light of a bake, as solve or direct_only leave it for pages and previews."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class LightField:
     neighbours     of the leaves, where they have been looked for
     few            leaves that are shown with what is around them too; None where they are shown with what they have
     gathered       indirect light by rays from texels, where they saw all that sends it; None where leaves hold all of it
-    object_error   relative, of each object by its index, beside its own brightness; without those of which too few texels were asked
+    object_error   of each object by its index, relative to its own brightness; without objects of too few sampled texels
     stopped_by     "error", "max_photons", "max_rays", "time_limit" or "interrupted"
     """
 

@@ -1,7 +1,7 @@
-"""Light that texels have beside that of shadow rays, roughly: by it is known how sure the rays must be.
+"""Rough estimate of indirect light at texels: a reference level for the tolerance of shadow rays.
 
-What is seen is the sum of both, and so is what the error is measured by. In a shadow that much reflected light falls into few rays are
-enough; by the little direct light that comes there alone they would be the most of all.
+The error is relative to the sum of direct and indirect light. In a shadow with much indirect light few rays are enough; relative to the
+little direct light there, they would be the most of all.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class OtherLight:
 
     @classmethod
     def of_leaves(cls, tree: Quadtree, solution: Solution, leaves: IntArray) -> OtherLight:
-        """That of photons, which tell no light straight from lights; `leaves` tile the charts."""
+        """The estimate from photons, without direct light; `leaves` tile the charts."""
         irradiance = solution.flux[:, leaves] / np.maximum(tree.area[leaves], _TINY)
         level = (_SURE_SHARE * weigh_channels(np.maximum(irradiance.T, 0.0))).astype(np.float32)
         return cls(spread_over_texels(tree, leaves, level, "level"))

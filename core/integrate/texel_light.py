@@ -37,7 +37,7 @@ class TexelLight:
     """Light at the texel entries.
 
     direct, indirect   (n, 3) float32, W/m^2, never negative
-    stderr             (n, 3) float32, W/m^2, of their sum; None where nobody asked
+    stderr             (n, 3) float32, W/m^2, of their sum; None where it is not computed
     leaf               (n,) int32, node of the tree
     empty              light beside charts, direct and indirect, where seams need it
     """
@@ -61,7 +61,7 @@ def light_at_texels(
     """Light at every texel, as pages show it.
 
     stderr is the standard error before grain is filtered, computed where `doubt` asks for it.
-    spend   nobody asks for the field's direct light afterwards: the result may take its place in memory
+    spend   the field's direct light is no longer needed: the result may take its place in memory
     """
     by_rays = field.direct.take_shown(texels, smooth_grain, spread, in_place=spend)
     leaf = node_of_texel(field.tree, field.leaves, len(texels))
@@ -103,7 +103,7 @@ def light_at_texels(
 def glance_at(field: LightField, texels: TexelMap, entry: IntArray, rays_alone: bool = False) -> Float32:
     """(2, m, 3) float32, W/m^2: direct and indirect light at texel entries (m,), quick to read and unfiltered; never negative.
 
-    The flux of a leaf is kept over those of its texels that are asked for, see clip_light.
+    The flux of a leaf is preserved over its texels in `entry`, see clip_light.
 
     rays_alone   what rays found replaces the photons' direct light where rays were sent, for photons brought the same light; otherwise
                  theirs is light by mirrors and glass, which comes on top

@@ -85,7 +85,7 @@ def light_texels(shard: DirectShard) -> direct.DirectLight:
     crossed = texels.borders.see_beyond(entry, LOOK)
     beside = open_other_light(shard.view).at(entry) if shard.view else np.zeros(len(entry), np.float32)
     light = partial(direct.direct_irradiance, scene, rng=rng, tolerance=shard.tolerance, smoothed=shard.smoothed, dark=shard.dark)
-    # Who is asked again was not sure enough.
+    # Repeated texels were not exact enough.
     quads = Quads.none() if shard.turn else direct_quads.find_quads(texels, entry, tiles, crossed)
     return direct_quads.light_by_quads(light, texels, entry, shard.tolerance, tiles, crossed, beside, quads)
 

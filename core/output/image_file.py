@@ -127,8 +127,8 @@ def read_bytes(path: str) -> NDArray[np.uint8] | None:
 
 
 def load_ahead(folders: Sequence[str] = ()) -> None:
-    """Loads OpenImageIO before there is an image, from these folders where Python finds it nowhere else; where that fails, whoever has an
-    image is told.
+    """Load OpenImageIO ahead of the first image, from these folders where Python finds it nowhere else; a failure is reported with the
+    first image.
     """
     before = list(sys.path)
     sys.path.extend(folders)

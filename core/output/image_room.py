@@ -1,4 +1,4 @@
-"""Room for images: told before the bake where there is too little, and another folder where they cannot be written at its end."""
+"""Disk space for images: a warning before the bake where it is short, and another folder where writing fails at the end."""
 
 from __future__ import annotations
 

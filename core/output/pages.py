@@ -1,4 +1,4 @@
-"""Pages to image files: every pass, in every kind of file that was asked for, and what the report says of each."""
+"""Pages to image files: every pass in every requested file format, and their entries in the report."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def close_seams(light: TexelLight, points: SeamPoints, texels: TexelMap) -> tupl
 def _shade(
     name: str, direct: NDArray[np.float32], indirect: NDArray[np.float32], surface: Callable[[bool], NDArray[np.float32]]
 ) -> NDArray[np.float32]:
-    """(n, 3) float32: a pass of light, from irradiance (n, 3), and what tells albedo, or emitted radiance where its argument is true."""
+    """(n, 3) float32: a pass of light, from irradiance (n, 3), and a function for albedo, or emission where its argument is true."""
     total = {"direct": direct, "indirect": indirect}.get(name)
     lighting: NDArray[np.float32] = (direct + indirect if total is None else total) / np.float32(np.pi)
     if name in ("diffuse", "combined"):

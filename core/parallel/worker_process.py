@@ -34,7 +34,7 @@ def _end_with_parent() -> None:
     """A main process that is killed cannot say that no more work comes: its workers would wait for ever."""
     parent = multiprocessing.parent_process()
     if parent is not None:
-        parent.join()  # a copy holds open what tells those before it, so that of copies the last ends first
+        parent.join()  # a copy holds open the pipes of earlier copies, so that the last copy ends first
         os._exit(1)
 
 

@@ -12,7 +12,7 @@ Float64 = NDArray[np.float64]
 
 DIMENSIONS = 4  # of the numbers that an emitter takes
 SLICE_BITS = 3
-SLICES = 1 << SLICE_BITS  # of a cell along each dimension: what is told of its births
+SLICES = 1 << SLICE_BITS  # of a cell along each dimension, in which photons are tallied
 BINS = SLICES**DIMENSIONS
 _BELOW_ONE = np.float32(1 - 2.0**-24)  # where a sum of float32 would round to 1
 

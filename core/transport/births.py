@@ -30,7 +30,7 @@ class Photons:
 
     soft    (4, n) float32   unit box: soft_radius, soft_offset, the way covered so far, and 1 of a crowded lamp, else 0;
                              None after the first hit, or if none is soft
-    group   (n,) int32       newborn: the bin of BirthCells; later see photon_log.Groups; None if nobody asks
+    group   (n,) int32       at emission the bin of BirthCells; later see photon_log.Groups; None where it is not needed
     power   (3,) float64, W  of all of them together, from their first hit on
     stops   (n,) bool        newborn: the next photon of the same way is born behind the first surface; None if none is such
     sky     (n,) bool        newborn: of an even sky; None if none is such
@@ -86,7 +86,7 @@ def bear_photons(
     """Batches of new photons, and which of them are a lamp's without shadow.
 
     batch    photons, at most
-    told     whether the photons know where they were born
+    told     whether photons carry their bin of emission
     """
     if n_photons <= 0 or not cells.share.any():
         return

@@ -41,7 +41,7 @@ class Looks:
 
     @classmethod
     def join(cls, parts: Sequence[Looks], say: Say) -> Looks:
-        """Those of all entries, of parts that follow each other; say is told the share of the work that is done."""
+        """Join those of all entries, from parts in order; `say` receives the finished share of the work."""
         names = [field.name for field in fields(cls)]
         joined = []
         for k, name in enumerate(names):

@@ -34,7 +34,7 @@ from . import traced_scene
 from .contact_looks import Looks, Surroundings
 from .traced_scene import TracedScene
 
-if TYPE_CHECKING:  # whoever only looks for contacts has no charts to make
+if TYPE_CHECKING:  # the search alone needs no charts
     from ..atlas.charts import ChartAtlas
 
 LOOKING = Status("contacts", "Looking for contacts")
@@ -119,7 +119,7 @@ def find_contacts(
 ) -> ContactMap:
     """Contacts at all texel entries, looked for by so many threads.
 
-    watch   is told LOOKING and which share is done of that and of what cut_at_contacts does; it may raise
+    watch   receives LOOKING and the finished share of the search and of cut_at_contacts; it may raise
     part    only at these entries, those of whole charts, numbered from the first of them
     """
     around = Surroundings.of(opened, _take_charts(texels, part) if part else texels)
@@ -155,7 +155,7 @@ def _take_charts(texels: TexelMap, part: slice) -> TexelMap:
 
 @dataclass(frozen=True)
 class _Beside:
-    """Patches of one texel each, and those next to them, both told once.
+    """Patches of one texel each, and those next to them, each pair once.
 
     way     (m,) int64: 0 or 1 of WAYS, from the one to the other
     here    (m,) int64: rows of the patches
@@ -176,14 +176,14 @@ class _Beside:
         return _Beside(self.way[rows], self.here[rows], self.other[rows])
 
     def both_ways(self) -> _Beside:
-        """Each told from either side."""
+        """Each pair from either side."""
         return _Beside(np.append(self.way, self.back), np.append(self.here, self.other), np.append(self.other, self.here))
 
 
 def _join_patches(around: Surroundings, looks: Looks, say: Say) -> ContactMap:
     """Texels are of one piece where one can go from one to the next and meet nothing, nor get below something.
 
-    say   is told the share of the work that is done
+    say   receives the finished share of the work
     """
     say(0.0)
     texels = around.frames.texels

@@ -18,7 +18,7 @@ from .contact_map import LOOKING, ContactMap, find_contacts, find_in_charts
 from .traced_scene import TracedScene
 
 _LEAST = 1 << 14  # entries of a part: of fewer, what another process opens and hands over takes nearly as long as to look
-_MOST = 1 << 20  # the same: whoever wants no more is heard between them
+_MOST = 1 << 20  # the same; a stop is noticed between them
 _MOST_UNEVEN = 0.75  # share of the largest part: where one chart has nearly all entries, threads share it
 _FOUND = 0.7  # share of LOOKING that ends with find_contacts
 

@@ -53,11 +53,11 @@ class Counters:
 
 @dataclass(frozen=True)
 class Groups:
-    """Photons that went to their first surface as one, and parted there.
+    """Photons that were one up to their first surface and were split there.
 
-    place   (g,) int32          where, as photons.SplitAt tells
-    split   (g,) float32        of photons.SPLIT how many times as many
-    rays    (g,) int64          that they took from there on, all together
+    place   (g,) int32          place of splitting, of photons.SplitAt
+    split   (g,) float32        number of photons over photons.SPLIT
+    rays    (g,) int64          number of rays from there on, of all together
     owner   (m,) int32          the group of each deposit
     """
 
@@ -92,8 +92,8 @@ class ShardHits:
     u, v       (m,) float32     barycentric weights of corners 1 and 2
     flux_rgb   (3, m) float32, W
     is_first   (m,) bool        straight from a light; or where photons bring no such light, by mirrors alone
-    groups     None where nobody asked for them
-    elsewhere  what fell on sides whose light no lightmap holds
+    groups     None where they are not tallied
+    elsewhere  hits on sides without a lightmap
     """
 
     tri: _Ints
@@ -150,7 +150,7 @@ class PhotonLog:
         return np.arange(first, self._n_group, dtype=np.int32)
 
     def count_rays(self, count: int, group: _Ints | None) -> None:
-        """group   (count,) int32: whose they are, None before groups are opened and where there are none"""
+        """group   (count,) int32: their groups, None before groups are opened and where there are none"""
         self.rays += count
         if group is not None:
             self._under_way.append(group)
@@ -167,7 +167,7 @@ class PhotonLog:
         self._elsewhere.append(hits)
 
     def take(self) -> ShardHits:
-        """All since the last time; groups are told once, of what has become of them by then."""
+        """All hits since the last call; each group is returned once, with its results so far."""
         nothing = np.zeros(0, np.float32)
         self._pieces.append((np.zeros(0, np.int32), nothing, nothing, np.zeros((3, 0), np.float32), np.zeros(0, bool)))
         tri, u, v, flux, is_first = zip(*self._pieces, strict=True)

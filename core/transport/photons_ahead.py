@@ -1,4 +1,4 @@
-"""What became of photons that were traced before there were texels, as a folder until there are: then it is told where they parted."""
+"""Results of photons that were traced before there were texels, kept in a folder; their places of splitting are found once there are."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _Ints = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class Partings:
-    """Where the groups of a shard parted, in their order, as photons.SplitAt is told.
+    """Where the groups of a shard were split, in order, as arguments of photons.SplitAt.
 
     tri    (g,) int32
     u, v   (g,) float32
@@ -61,7 +61,7 @@ def keep_hits(folder: Path, hits: ShardHits, noted: NotedPartings | None) -> Non
 def fetch_hits(folder: Path, split_at: SplitAt | None) -> ShardHits:
     """Those of keep_hits, once: the folder is removed.
 
-    split_at   tells the places of groups; None where nobody asks for them
+    split_at   returns the places of groups; None where they are not needed
     """
     kept = shared_arrays.load_struct(folder, AheadHits)
     shared_arrays.remove_struct(folder)

@@ -66,6 +66,6 @@ def open_tracing(folder: str) -> Tracing:
 
 
 def open_ahead(folder: str) -> None:
-    """Open the scene in `folder` before there is work; what is wrong with it is told when there is."""
+    """Open the scene in `folder` ahead of the work; its errors are raised with the first work."""
     with contextlib.suppress(ValueError, OSError):
         open_scene(folder)
