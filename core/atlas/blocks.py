@@ -1,4 +1,4 @@
-"""Charts that several objects share, laid side by side once, to be moved and scaled as one."""
+"""Blocks: charts shared by several objects, packed once, then moved and scaled as one."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ Float64: TypeAlias = NDArray[np.float64]
 Int32: TypeAlias = NDArray[np.int32]
 Int64: TypeAlias = NDArray[np.int64]
 
-_WIDTHS = (0.6, 0.75, 0.95, 1.2)  # tried, over the side of a square that the charts' boxes with their padding would fill
+_WIDTHS = (0.6, 0.75, 0.95, 1.2)  # candidate widths, relative to the side of a square of the same area as the charts' boxes with padding
 
 
 @dataclass(frozen=True)
 class BlockLayout:
     """A block at the density, in texels/m, of its smallest object.
 
-    low    (2,) float64, texels   lower left corner among the charts as they were placed
+    low    (2,) float64, texels   lower left corner in the placement
     side   (2,) float64, texels   width and height
     """
 
@@ -45,9 +45,9 @@ class BlockLayout:
 
 
 def lay_block(outlines: Outlines, density: float, page: Page) -> BlockLayout | None:
-    """The charts of the smallest object of a block on as little room as can be; None where a page does not hold them.
+    """The smallest packing found of the charts of a block's smallest object; None if they fit no page.
 
-    Between them is a texel more than the padding: an object may put the block anywhere between texels.
+    The gaps are a texel wider than the padding, since a block may be placed at fractions of a texel.
     """
     inner = Page(page.size + 2, page.padding + 1)
     if not fits_alone(outlines, density, inner):

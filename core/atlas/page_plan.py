@@ -1,12 +1,12 @@
-"""How many pages charts need, and how finely they then lie there, where only the page size is chosen.
+"""Number of pages and density of charts if only the page size is chosen.
 
 A chart of w x h texels takes (w + gap) (h + gap) texels of a page. So all charts take
 
     C(d) = d^2 sum w h + d gap sum (w + h) + gap^2 n
 
-at d texels per metre. One page is enough where the charts fit it and most of them keep a texel. Else there are as many pages as it takes
-for the charts to be as wide as the gaps between them, in the mean: d^2 sum w h = gap^2 n. There square charts' texels still grow with the
-square of the number of pages; from there on ever less than that is won by one page more. It is at most 4 gap^2 n texels of pages.
+at d texels per metre. One page is enough if the charts fit it and most of them keep a texel. Otherwise the number of pages is that at which
+the charts' mean area is gap^2: d^2 sum w h = gap^2 n. There the texels of square charts still grow with the square of the number of pages;
+each further page gains less. The pages have at most 4 gap^2 n texels.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from .packing import Page
 
 Float64: TypeAlias = NDArray[np.float64]
 
-FILLED_SHARE = 0.9  # of a page, which charts with their gaps fill
-_USUAL_GAPS = 20.0  # paddings along a page's side, for the charts of a usual scene
-_FEWEST_TEXELS = 1.0  # half of the charts have less where one page is too coarse
+FILLED_SHARE = 0.9  # share of a page that charts with their gaps fill
+_USUAL_GAPS = 20.0  # number of paddings along a page's side, with the charts of a usual scene
+_FEWEST_TEXELS = 1.0  # median texels of a chart below which one page is too coarse
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,8 @@ class ChartDemand:
     """Number and extents of the charts of each object.
 
     count      (n,) float64
-    box_m2     (n,) float64, m^2   boxes around the charts, all together
-    extent_m   (n,) float64, m     widths and heights of the boxes, all together
+    box_m2     (n,) float64, m^2   total area of the charts' boxes
+    extent_m   (n,) float64, m     sum of the boxes' widths and heights
     """
 
     count: Float64
@@ -54,7 +54,7 @@ class ChartDemand:
         return taken
 
     def find_density(self, pages: float, page: Page) -> float:
-        """Texels/m at which all charts fill so many pages; 0 where the gaps alone do."""
+        """Density in texels/m at which all charts fill so many pages; 0 if the gaps alone do."""
         gap = find_gap(page)
         square, linear = float(self.box_m2.sum()), gap * float(self.extent_m.sum())
         constant = float(self.count.sum()) * gap**2 - pages * _room(page)

@@ -20,7 +20,7 @@ _COVER_PADDING = 1e-3  # unit box; keeps rays from starting in the plane of an o
 
 @dataclass(frozen=True)
 class SceneCover:
-    """A box around the scene: light from infinity enters by its faces, so none is spent beside the scene's outline.
+    """A box around the scene: light from infinity is emitted from its faces, so that no photons miss the box.
 
     low, high   (3,) float32, unit box
     """

@@ -1,4 +1,4 @@
-"""Where grain is smoothed: on all texels of a page, and where quads err as one, on one texel of each of these."""
+"""Lattices on which the filter runs: all texels of a page, and where quads share a sample, one texel of each quad."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from .texel_map import TexelMap
 class Lattice:
     """Texels of a page, or every second of them each way.
 
-    grainy     (m,) int64: entries that are to be smoothed
+    grainy     (m,) int64: entries to be filtered
     xy         (m, 2) int: their columns and rows
     entry_at   (h, w) int32, -1 where no chart covers the texel
-    may        (n,) bool: entries that may be smoothed beside them; None is all
-    of_quads   each entry that may be stands for its quad
+    may        (n,) bool: further entries that may be filtered; None means all
+    of_quads   each of these entries represents its quad
     """
 
     grainy: NDArray[np.int64]

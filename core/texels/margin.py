@@ -1,12 +1,12 @@
-"""Colour that runs on beyond the edges of charts, so that filtering and mip levels do not pull in the empty page."""
+"""Extends colours beyond the edges of charts, so that filtering and mip levels do not mix in the empty page."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-_EMPTY, _FILLED, _QUEUED, _OUTSIDE = range(4)  # the first two as what is covered says it
-_BAND = 128  # rows that are looked at together: what lies between stays in the cache
+_EMPTY, _FILLED, _QUEUED, _OUTSIDE = range(4)  # the first two equal the values of the covered mask
+_BAND = 128  # rows processed at once: the intermediate arrays fit the cache
 
 
 def fill_margin(page: NDArray[np.float32], covered: NDArray[np.bool_], texels: int) -> NDArray[np.float32]:

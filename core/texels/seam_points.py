@@ -1,4 +1,4 @@
-"""Seams that should not be seen: mesh edges that lie on two chart borders, where the surface goes on without a bend in its shading.
+"""Seams that should be invisible: mesh edges on two chart borders across which the shading is continuous.
 
 Light is the same on both sides of smooth-shaded edges, and between flat faces in one plane.
 """
@@ -20,8 +20,8 @@ Float64: TypeAlias = NDArray[np.float64]
 Int32: TypeAlias = NDArray[np.int32]
 Int64: TypeAlias = NDArray[np.int64]
 
-_SAME_NORMAL = 0.9998  # cosine, about a degree: a greater angle between shading normals is meant to be seen
-_SHARPEST = 0.5  # cosine between faces, however they are shaded: beyond it one of them looks away from what lights the other
+_SAME_NORMAL = 0.9998  # cosine, about a degree: a greater angle between shading normals is intended to be visible
+_SHARPEST = 0.5  # cosine between faces, whatever their shading normals: below it one of them faces away from the light of the other
 _SAME_PLACE = 1e-3  # texels
 _POINTS_PER_TEXEL = 2.0  # along an edge
 
@@ -30,7 +30,7 @@ _POINTS_PER_TEXEL = 2.0  # along an edge
 class SeamPoints:
     """Points on seams, each as it lies on both sides.
 
-    n_edge     edges they are on
+    n_edge     number of their edges
     page       (2, m) int32
     place      (2, m, 2) float64, page texels
     tri        (2, m) int32

@@ -109,7 +109,7 @@ class TexelBorders:
         return found
 
     def list_beyond(self, look: float) -> tuple[Int64, Int32, Float64]:
-        """Entries (m,) whose square of side `look`, texels, reaches beyond a surface; the entry there; and the square's share."""
+        """Entries (m,) whose square of side `look`, texels, reaches beyond a surface; the entry there; and its share."""
         inside = np.maximum(0.5 * look - self.reach.astype(np.float64), 0.0)
         way, row = np.nonzero(inside)
         return self.entry[row], self.other[way, row], inside[way, row] / look

@@ -31,8 +31,8 @@ _SLIVER = 1e-11  # share of a texel, or of a smaller triangle, below which a cli
 _MIN_UV_AREA = 1e-18  # texels^2; below it a triangle has no texels
 _EDGE = 1e-6  # texels from a triangle's edge up to which a centre lies on it
 _ON_EDGE = 1e30  # makes a piece with the centre on its edge larger than any without, of several such the largest
-_SQUARE_LOG2 = 5  # of the side, texels, of squares that are gone through together
-_SLOTS = 1 << 16  # texels at a time: what lies between stays in the cache
+_SQUARE_LOG2 = 5  # log2 of the side, texels, of squares processed together
+_SLOTS = 1 << 16  # texels at a time: the intermediate arrays fit the cache
 _PAGE_TOLERANCE = 1e-3  # texels that rounding may carry a chart beyond its page
 
 
