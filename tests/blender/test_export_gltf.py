@@ -38,11 +38,11 @@ def room(monkeypatch):
     return bpy.context.scene
 
 
-def bake_room(tmp_path, *passes, atlas=True, names=("Floor", "Cube")):
+def bake_room(tmp_path, *passes, atlas=True, names=("Floor", "Cube"), size=32):
     """Bakes these objects and puts the bake on them."""
     folder = tmp_path / "job"
     folder.mkdir()
-    settings = Settings(size=32, max_photons=5000, workers=1, passes=passes, atlas=atlas)
+    settings = Settings(size=size, max_photons=5000, workers=1, passes=passes, atlas=atlas)
     request = BakeRequest(settings, objects=names, output=tmp_path / "maps")
     work = session.prepare(bpy.context, request, folder)
     run_bake(folder, lambda message: None, lambda: False)
@@ -232,7 +232,7 @@ def test_linked_duplicates_have_their_own_part_of_the_page_in_the_file(room, tmp
     twin = cube.copy()
     twin.name, twin.location.x = "Twin", 1.5
     room.collection.objects.link(twin)
-    bake_room(tmp_path, light, names=("Floor", "Cube", "Twin"))
+    bake_room(tmp_path, light, names=("Floor", "Cube", "Twin"), size=128)  # all on one page
     assert twin.data == cube.data
     places = {name: np.array(bpy.data.objects[name][uv_layer.PLACE]) for name in ("Cube", "Twin")}
     own = uv_of(cube, "Leaflight")
@@ -477,7 +477,7 @@ def test_command_line_exports_and_saves_what_was_asked(room, tmp_path):
     )
     assert bake(scene, *words) == 0
     assert list_files(tmp_path / "out") == ["room.glb", "room.lightmap.json"]
-    assert {warning["subject"] for warning in read_report(scene)["warnings"]} == {"Ball"}
+    assert read_report(scene)["warnings"] == []
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))
     assert not restore.has_bake(bpy.context.scene)
 
