@@ -29,21 +29,21 @@ Bool: TypeAlias = NDArray[np.bool_]
 _NO_FACES = "no face can be baked, so it gets no lightmap; give it faces with an area, or leave it out of the bake"
 _NO_LAYER = "no face can be baked as the UV layer has it, so it gets no lightmap; mend the layer, or have it unwrapped instead"
 UNWRAPPING = Status("charts", "Unwrapping")
-_AT_ONCE = 1 << 10  # triangles from which on objects are no longer mended together, while xatlas has others: few make much work for numpy
-_MOST_AHEAD = 1 << 18  # triangles that xatlas is given before the charts of those it had are mended, which bounds memory
+_AT_ONCE = 1 << 10  # triangles up to which objects are grouped for post-processing, as numpy is slow on few; xatlas works meanwhile
+_MOST_AHEAD = 1 << 18  # triangles sent to xatlas ahead of the post-processing of its results, to bound memory
 
 
 @dataclass(frozen=True)
 class FoundCharts:
-    """The charts of a scene; those of an object follow each other.
+    """The charts of a scene; those of an object are consecutive.
 
     chart         (n_tri,) int64         -1 for triangles that get no texels
-    uv            (n_tri, 3, 2) float64  m, each chart upright and at 0; of kept layers pages
+    uv            (n_tri, 3, 2) float64  m, each chart upright and at 0; pages for kept layers
     first_chart   (n_object + 1,) int64
-    outlines      of all charts; empty ones of kept layers, which are never packed
+    outlines      of all charts; empty for kept layers, which are never packed
     layered       objects whose layer is kept
-    blocks        objects that wear the same charts, each in its own metres
-    findings      object and what was odd about it
+    blocks        objects that share charts, each in its own metres
+    findings      (object, warning)
     """
 
     chart: Int64
@@ -58,7 +58,7 @@ class FoundCharts:
 def find_charts(snapshot: SceneSnapshot, share_meshes: bool, watch: Watch = unwatched, kept: KeptCharts | None = None) -> FoundCharts:
     """The charts; with `share_meshes` objects that share a mesh share them, too, where they can.
 
-    kept    those of an earlier bake; has those of this one from here on
+    kept    charts of an earlier bake; updated to those of this one
     watch   receives UNWRAPPING, the share of triangles that is done, and the current object; it may raise
     Raises ValueError when xatlas is needed and cannot be loaded, or crashes.
     """
@@ -135,7 +135,7 @@ class _Search:
         return self._keep(i, chart, np.clip(uv, 0.0, 1.0), shared)
 
     def find_solid(self, i: int) -> Bool:
-        """(n,) bool: which of an object's triangles have an area in space."""
+        """(n,) bool: whether an object's triangles have an area in space."""
         return triangle_normals_areas(self.snapshot.vertex_position[self.snapshot.tri_vertex[self._rows(i)]])[1] > 0
 
     def _rows(self, i: int) -> slice:
@@ -151,7 +151,7 @@ class _Search:
         return [i for i, one in enumerate(self.snapshot.objects) if one.receives and not one.has_layer]
 
     def _find_worn(self) -> dict[int, tuple[int, float]]:
-        """Objects whose charts are another's, or another has theirs: with that other, and how many times as large as it they are."""
+        """For each object with shared charts: their owner, which may be itself, and the object's size relative to the owner."""
         led = {i: (block.members[0], float(size)) for block in self.blocks for i, size in zip(block.members, block.size, strict=True)}
         copies = find_copies(self.snapshot, self._vertex, [i for i in self._unlayered() if led.get(i, (i,))[0] == i])
         worn = {leader: (leader, 1.0) for leader, _ in copies.values()}
@@ -187,7 +187,7 @@ class _Search:
             done = max(done, int(chart[own].max(initial=-1)) + 1)
 
     def _begin_more(self) -> Iterator[None]:
-        """xatlas unwraps what comes next while charts that it has made are mended and turned; gives nothing after each beginning."""
+        """Sends further objects to xatlas, which works during the post-processing of earlier ones; yields after each request."""
         scene = self.snapshot
         while self._to_begin and self._ahead < _MOST_AHEAD:
             objects = [self._to_begin.popleft()]

@@ -1,4 +1,4 @@
-"""The borders of charts, turned upright and measured."""
+"""Borders of charts, rotated to the smallest bounding box, and their sizes."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Outlines:
 
 
 def straighten_charts(uv: Float64, chart: Int64, shared: NDArray[np.bool_], n_chart: int) -> Float64:
-    """Charts turned so that their box is smallest, and moved to 0; the side of the longest border edge is tried, and even steps.
+    """Charts rotated to the smallest box and moved to 0; the directions tried are the longest border edge's and even steps.
 
     uv       (n, 3, 2) float64
     chart    (n,) int64
@@ -95,7 +95,7 @@ def measure_outlines(uv: Float64, chart: Int64, shared: NDArray[np.bool_], n_cha
 
 
 def _box_areas(edge: Float64, edge_chart: Int64, angles: Float64) -> Float64:
-    """(n_turn, n_chart) float64, m^2: of the boxes around charts turned by angles (n_turn, n_chart), rad; 0 without a border."""
+    """(n_turn, n_chart) float64, m^2: areas of the boxes around charts turned by angles (n_turn, n_chart), rad; 0 without a border."""
     order = np.argsort(edge_chart, kind="stable")
     chart, begin, count = np.unique(edge_chart[order], return_index=True, return_counts=True)
     x, y = edge[order].reshape(-1, 2).T

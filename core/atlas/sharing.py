@@ -1,5 +1,5 @@
-"""Which objects have one set of charts: those that share a mesh wear it, as long as its shape and size are about the same on all of
-them; and copies of a mesh, which are unwrapped alike, need not be unwrapped again."""
+"""Sharing of charts: between objects with a common mesh whose shapes and sizes are about the same, and between copies of a mesh, which
+need not be unwrapped again."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from ..util.geometry import triangle_normals_areas
 
 Float64: TypeAlias = NDArray[np.float64]
 
-MAX_STRETCH = 2.0  # longest over shortest scale of an object's edges, as seen from its charts'; beyond it texels are needles
-MAX_SIZE_RATIO = 4.0  # to the object whose charts they are, either way; gaps are as wide as the smallest needs them
-_SAME_SHAPE = 1e-4  # of an object's size: copies' corners lie as near as that, as float32 leaves them far from their mesh's origin
+MAX_STRETCH = 2.0  # longest over shortest scale of an object's edges relative to its charts'; beyond it texels are needles
+MAX_SIZE_RATIO = 4.0  # to the owner of the charts, either way; gaps are as wide as the smallest object needs
+_SAME_SHAPE = 1e-4  # of an object's size: tolerance of copies' corners, for float32 far from the mesh's origin
 _SAMPLED_TRIANGLES = 1024
 _TRIANGLES_AT_ONCE = 1 << 14
-_SHORTEST = 1e-6  # of an object's longest edge; what is shorter counts as this long
+_SHORTEST = 1e-6  # of an object's longest edge; shorter edges count as this long
 
 
 @dataclass(frozen=True)
 class Block:
-    """Objects that wear the same charts, two or more: first the one that is unwrapped.
+    """Two or more objects that share charts; the first is the one that is unwrapped.
 
-    size   (n,) float64   root of each one's surface over the first's, times what their densities differ by
+    size   (n,) float64   root of each one's surface over the first's, times the ratio of their densities
     """
 
     members: tuple[int, ...]

@@ -1,4 +1,4 @@
-"""Charts for the triangles of objects, in metres: xatlas's, and what it leaves out or gets wrong polygon by polygon."""
+"""Charts for the triangles of objects, in metres: those of xatlas; polygons that it leaves out or gets wrong are charts of their own."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LEAST_STRETCH = 1e-3  # a triangle whose UV area is less of its area in space i
 
 
 class Unwrapping:
-    """Charts of the triangles of some objects: xatlas begins with them when it is made, and `finish` takes them from it."""
+    """Charts of the triangles of some objects, requested from xatlas on construction and collected by `finish`."""
 
     def __init__(
         self, tri_position: Float64, tri_vertex: IntArray, tri_polygon: IntArray, tri_corner: IntArray, tri_object: IntArray
@@ -44,11 +44,11 @@ class Unwrapping:
         )
 
     def cancel(self) -> None:
-        """Nobody will ask for the charts any more."""
+        """Gives up the charts."""
         self._asked.cancel()
 
     def finish(self, watch: Callable[[int, int], None] = lambda *_: None) -> tuple[Int64, Float64, Bool]:
-        """Charts without overlap, each with the area in UV that it has in space; corners that are one have one UV.
+        """Charts without overlap, each with the area in UV that it has in space; corners that are joined have one UV.
 
         watch   called now and then while xatlas is at work, with the object it is at work on, and how many of its triangles are done;
                 it may raise

@@ -49,7 +49,7 @@ class EmittingMeshes:
 
 @dataclass(frozen=True)
 class MeshEmitter:
-    """All emitting triangles of one material, or those that its texture lights evenly, both sides.
+    """All emitting triangles of one material, or those of constant radiance, both sides.
 
     sides        (n_cell,) int8                    1 where light from its back would never be seen, see sealed_solids; else 2
     tri_frame    (3, 3, n_tri) float32, unit box   of the whole scene, see triangle_frames
@@ -68,7 +68,7 @@ class MeshEmitter:
 
     @cached_property
     def _is_uniform(self) -> bool:
-        """Whether all shine alike."""
+        """Whether all have the same radiance."""
         rgb = self.cells.mean_rgb
         return self.cells.constant and bool((rgb == rgb[:1]).all())
 
@@ -95,7 +95,7 @@ class MeshEmitter:
 
 @dataclass(frozen=True)
 class WorldEmitter:
-    """Uniform radiance from everywhere: every face of the scene's box is a Lambertian source that shines inwards."""
+    """Uniform radiance from everywhere: every face of the scene's box is a Lambertian source that emits inwards."""
 
     name: str
     power_rgb: Float64
@@ -176,7 +176,7 @@ def usable_world(snapshot: SceneSnapshot) -> Float64:
 
 
 def usable_environment(snapshot: SceneSnapshot) -> Environment | None:
-    """The world that differs by direction, 0 where its radiance is negative or not finite; None where there is none, or it is black."""
+    """The world if its radiance varies with direction, 0 where that is negative or not finite; None if there is none, or it is black."""
     if snapshot.world_map is None:
         return None
     radiance = snapshot.world_map

@@ -23,7 +23,7 @@ _MOST_POINTS = 1 << 19  # on all parts
 _LEAST_EACH, _MOST_EACH = 6, 64  # points on a part
 _FIRST_EACH, _SURE_EACH = 16, 512  # points on a part that may have to be turned, at first and for the decision
 _CLOSE = 0.15  # of a part's extent: surfaces nearer than this are close by
-_INSIDE = 0.85  # share, among rays that meet a close surface, of those that meet the part itself or a back: the side faces into a solid
+_INSIDE = 0.85  # share of rays that meet a close surface, the part itself or a back, from which on the side faces into a solid
 _ENCLOSED = 0.98  # share of rays that meet anything
 _BOUNCES = 3
 _DARK_BESIDE, _DARK_WITHIN = 0.15, 1e-3  # light on a front close to a surface, or in a hollow, relative to the back's
@@ -129,7 +129,7 @@ class _Parts:
 
 
 class _Samples:
-    """Points spread over some of the parts by area, as many on each."""
+    """Stratified points, uniform by area, equally many on each of some of the parts."""
 
     def __init__(self, probe: LightProbe, parts: _Parts, chosen: IntArray, each: int) -> None:
         self._n, self._each, self._probe, self._parts, self._chosen = len(chosen), each, probe, parts, chosen
@@ -148,12 +148,12 @@ class _Samples:
         self.point, self.front = probe.spread_points(tri)
 
     def mean(self, values: NDArray[Any]) -> NDArray[np.float64]:
-        """(n_chosen,) of values (n_point,)."""
+        """(n_chosen,): means of values (n_point,) over the points of each part."""
         out: NDArray[np.float64] = values.reshape(self._n, self._each).mean(axis=1, dtype=np.float64)
         return out
 
     def look(self, sign: int) -> tuple[NDArray[np.float64], ...]:
-        """Shares of rays that meet something close by; that, the part itself or a back; fronts of others; and anything."""
+        """Shares of rays that meet a close surface; a close one, the part itself or a back; the front of another part; anything."""
         seen: Seen = self._probe.look(self.point, np.float32(sign) * self.front)
         own = np.zeros(len(seen.tri), bool)
         met = seen.tri >= 0
@@ -170,7 +170,7 @@ class _Samples:
 
 
 def _judge(probe: LightProbe, parts: _Parts) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """(n_part,) bool each: those to be turned, and thin sheets that are seen from both sides."""
+    """(n_part,) bool each: parts to be turned, and thin sheets that are visible from both sides."""
     is_turned, is_open = np.zeros((2, len(parts)), bool)
     area = np.bincount(parts.tri_part, probe.area[parts.tri], minlength=len(parts))
     chosen = np.argsort(-area, kind="stable")[:_MOST_PARTS]

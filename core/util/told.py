@@ -1,4 +1,4 @@
-"""Sentences for people, and the objects that each is about."""
+"""Grouping of warnings: sentences and the objects that each concerns."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from dataclasses import dataclass
 
 _NAMED = 3  # names in one sentence: a panel is narrow
 _NUMBER = re.compile(r"\d+([.,]\d+)*")
-_VERBS = frozenset(("is", "has", "was", "does", "casts"))  # that sentences about one thing begin with
+_VERBS = frozenset(("is", "has", "was", "does", "casts"))  # first words of sentences about one object
 
 
 @dataclass(frozen=True)
 class Told:
-    """One sentence and the names of what it is about; none where that is the scene."""
+    """A sentence and the names of its subjects; none for the scene."""
 
     names: tuple[str, ...]
     text: str
 
 
 def group_warnings(warnings: Iterable[tuple[str, str]]) -> list[Told]:
-    """Warnings (subject, sentence), each sentence once, with the names of all that it is about.
+    """Warnings (subject, sentence), each sentence once, with the names of all its subjects.
 
     Sentences that differ by numbers alone are one.
     """
@@ -34,7 +34,7 @@ def group_warnings(warnings: Iterable[tuple[str, str]]) -> list[Told]:
 
 
 def tell(subjects: Iterable[str], sentence: str) -> Told:
-    """A sentence that is right about any one of the subjects, about all of them."""
+    """A sentence about any one of the subjects, rephrased for all of them."""
     names = tuple(dict.fromkeys(name for name in subjects if name))
     if not names:
         return Told((), sentence)
@@ -44,7 +44,7 @@ def tell(subjects: Iterable[str], sentence: str) -> Told:
 
 
 def split_error(error: str, is_known: Callable[[str], bool]) -> Told:
-    """An error with its subject, which stands before a colon: the longest that is known, for names may hold colons too."""
+    """An error with its subject, the longest known name before a colon, as names may contain colons."""
     parts = error.split(": ")
     subjects = [": ".join(parts[:count]) for count in range(len(parts) - 1, 0, -1)]
     return Told(tuple(subject for subject in subjects if is_known(subject))[:1], error)
