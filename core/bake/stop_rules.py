@@ -1,4 +1,4 @@
-"""What ends a bake, and how far it has come."""
+"""Stop rules of a bake, and its progress."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .deadline import Deadline
 
 @dataclass(frozen=True)
 class StopRules:
-    """Of one bake.
+    """Stop rules of one bake.
 
     should_stop   whether the user wants the best light so far; once true it stays true
     started       by time.monotonic()
@@ -33,11 +33,11 @@ class StopRules:
         return 0.0 < self.settings.time_limit <= time.monotonic() - self.started
 
     def break_off(self) -> bool:
-        """Whether what is under way is not to be waited for."""
+        """Whether to abandon work under way."""
         return self.should_stop() or self.is_late()
 
     def find_reason(self, error: float, photons: int) -> str:
-        """What ends a bake of so many photons with this stated error, as LightField.stopped_by; "" where nothing does."""
+        """The reason to stop after so many photons with this stated error, as LightField.stopped_by; "" for none."""
         if self.should_stop():
             return "interrupted"
         if error <= self.settings.error:

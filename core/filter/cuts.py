@@ -1,7 +1,7 @@
-"""Light where a piece of a chart was cut and nothing stands between: without a step.
+"""Ramps over cuts of a chart's piece where nothing stands in between.
 
-Leaves on both sides of a cut are chosen apart, and where light changes within them their functions differ by more than noise. No edge
-of light is there, and so the step becomes a ramp.
+Leaves on both sides of a cut are chosen separately, and where light varies within them their functions differ by more than noise. There is
+no edge of light, so that the step is turned into a ramp.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What leaves have of a window around a place: by so much each has a say in the light there.
+"""Shares of leaves in a window around a place: their weights in the blend.
 
 Source: a partition of unity (Babuska & Melenk 1997) by the overlap of boxes.
 """

@@ -1,4 +1,4 @@
-"""Which leaves touch each other."""
+"""Adjacency of leaves."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _ALONG = 4  # places looked at beside each side of a leaf
 
 @dataclass(frozen=True)
 class Neighbours:
-    """Of each node that is a leaf, the leaves of its chart, or of what was one piece with it, that it shares a side or a corner with.
+    """For each leaf, the leaves of its chart, or of the same piece before it was cut, that share a side or a corner with it.
 
     start   (n_node + 1,) int64: other[start[k] : start[k + 1]] are those of node k
     other   (p,) int32
@@ -31,7 +31,7 @@ class Neighbours:
 
     @classmethod
     def of(cls, tree: Quadtree, leaf: NDArray[np.int32], texels: TexelMap) -> Neighbours:
-        """Looked for right beside each leaf, which finds what is as large or larger; what is smaller finds it.
+        """Neighbours are searched right beside each leaf, which finds those as large or larger; smaller ones find the leaf.
 
         leaf   (n,) int32, of each texel entry
         """
@@ -59,7 +59,7 @@ class Neighbours:
                 touches[cut] = _is_open(own[cut], flat.take(at, mode="clip"), entry[cut], leaf, texels)
             pairs += [own[touches] * len(tree) + other[touches], other[touches].astype(np.int64) * len(tree) + own[touches]]
         nodes, others = np.divmod(np.unique(np.concatenate(pairs)), max(len(tree), 1))
-        around, within = (_holds(tree, *pair) for pair in ((others, nodes), (nodes, others)))  # those of one square do not find each other
+        around, within = (_holds(tree, *pair) for pair in ((others, nodes), (nodes, others)))  # nodes of one square are not paired
         return cls(np.searchsorted(nodes, np.arange(len(tree) + 1)), others.astype(np.int32), around, within)
 
     def list_pairs(self, node: IntArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

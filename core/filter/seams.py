@@ -1,8 +1,8 @@
-"""Light on both sides of seams brought together: there, filtering reads what is one point of a surface from other texels on each side.
+"""Closing of seams: on each side, bilinear filtering reads the same point of a surface from other texels.
 
-Points along seams are read as a viewer does, bilinearly, and the texels around them are moved by least squares: as little as can be,
-for as much agreement as can be. How far a texel may be off weighs it: the empty ones beside a chart, which filtering reads too, move
-first, then those whose centre the chart does not cover; the rest by little more than their noise.
+Points along seams are read bilinearly, and a least squares problem moves the texels around them as little as possible for as small steps
+as possible. Its weights are inverse squares of each texel's uncertainty: empty texels beside a chart, which filtering reads too, move
+most, then those whose centre the chart does not cover; the others by little more than their noise.
 
 Source: Sylvan 2015, "Fixing lightmap seams"; Iwanicki 2013, "Lighting technology of The Last of Us"; Ray, Nivoliers, Lefebvre &
 Levy 2010, "Invisible seams".
@@ -26,27 +26,27 @@ Float64: TypeAlias = NDArray[np.float64]
 Int32: TypeAlias = NDArray[np.int32]
 Int64: TypeAlias = NDArray[np.int64]
 
-# What may be off, relative to the light there plus _FLOOR of its mean ...
+# Uncertainty, relative to the light there plus _FLOOR of its mean ...
 _STEP = 0.02  # between both sides of a point
-_CENTRE = 0.02  # a texel whose centre a chart covers, beside its noise
-_EMPTY = 0.1  # one that is but the mean of its neighbours
+_CENTRE = 0.02  # of a texel whose centre a chart covers, besides its noise
+_EMPTY = 0.1  # of an empty texel, which is the mean of its neighbours
 _FLOOR = 0.1
 # ... and relative to the spread of texels around, which estimates the gradient of light
 _SPREAD_PART = 0.6  # a texel whose sample lies half a texel from its centre
 _SPREAD_EMPTY = 2.0  # an empty one, which lies more than a texel away from those that it is the mean of
-_REACH = 2  # texels around that are looked at
+_REACH = 2  # texels around
 _GRAIN = 0.5  # of a texel's standard error, which is stated before the filter
-_MOST_SIGMAS = 3.0  # a step of more than so many times what both readings may be off is one of the light: something touches the edge
+_MOST_SIGMAS = 3.0  # a step above so many times the uncertainty of both sides is an edge of light: something touches the seam
 _AROUND = tuple(sorted(product(range(-_REACH, _REACH + 1), repeat=2), key=lambda step: max(map(abs, step))))
-_FARTHEST = 2.0  # times what it may be off, that a texel is moved at most
+_FARTHEST = 2.0  # greatest move of a texel over its uncertainty
 _ITERATIONS = 40  # at most
-_RESIDUAL = 1e-3  # relative, at which there are no more
+_RESIDUAL = 1e-3  # relative, at which the iterations end
 _DARKEST = 1e-30  # W/m^2
 
 
 @dataclass(frozen=True)
 class EmptyTexels:
-    """Texels beside charts that have a light of their own; the margin goes on from them.
+    """Texels beside charts with light of their own, from which the margin is filled on.
 
     page     (m,) int32
     xy       (m, 2) int64   page texel
@@ -67,7 +67,7 @@ _NO_TEXELS = np.zeros(0, np.int32), np.zeros((0, 2), np.int64), np.zeros(0, np.i
 
 @dataclass(frozen=True)
 class SeamReport:
-    """What was done: edges matched, texels that could move, and RMS steps over their points, relative to the light there."""
+    """Report: edges matched, texels that could move, and RMS steps over their points, relative to the light there."""
 
     edges: int
     texels: int
@@ -78,7 +78,7 @@ class SeamReport:
 def match_seams(
     points: SeamPoints, light: Sequence[Float32], stderr: Float32, is_central: NDArray[np.bool_], entry_at: Int32
 ) -> tuple[list[Float32], EmptyTexels, SeamReport]:
-    """The light with seams closed, light for empty texels beside them, and how well that went; there is a point at least.
+    """The light with seams closed, light for empty texels beside them, and a report; needs at least one point.
 
     light        parts of the light at the texel entries, each (n, 3) float32, W/m^2
     stderr       (n, 3) float32, W/m^2, of their sum
@@ -107,14 +107,14 @@ def match_seams(
 
 @dataclass(frozen=True)
 class _System:
-    """Texels that can move, and what points on seams read from them.
+    """Texels that can move, and how points on seams read them.
 
     size             texels, of a page's side
     cell             (v,) int64      texel of all pages together
     covered          (v,) bool
     central          (v,) bool       covered, and so is its centre
     near             (v, 25) int32   rows of the texels around among all that are looked at, itself first and then the nearest, -1 none
-    column, weight   (m, 8) int64, float64: what the one side of a point reads, less what the other does
+    column, weight   (m, 8) int64, float64: reading of one side of a point less that of the other
     """
 
     size: int
@@ -148,7 +148,7 @@ class _System:
         return cls(size, cell, covered, central, row_of[near], column.reshape(read.shape), weight), entry
 
     def gather(self, values: NDArray[Any]) -> Float64:
-        """(v, c): what texels show of values (k, c) at those looked at; empty ones the mean of the covered around them, as in margins."""
+        """(v, c): shown values of texels, from values (k, c) of those around; empty ones show the mean of covered ones, as in margins."""
         out: Float64 = values[self.near[:, 0]].astype(np.float64)
         near = self.near[~self.covered, 1:9]
         known = near >= 0
@@ -156,7 +156,7 @@ class _System:
         return out
 
     def weigh(self, total: Float32, noise: Float32) -> tuple[Float64, Float64]:
-        """How much each texel (v,) holds on to its light, and how much each point (m,) pulls: one over squares of what each may be off.
+        """Weights of texels (v,) against moving, and of points (m,) against steps: inverse squared uncertainties.
 
         total, noise   (k,) float32, W/m^2: light at the texels looked at, and its standard error
         """
@@ -170,14 +170,14 @@ class _System:
         part = np.where(self.central, 0.0, _SPREAD_PART * spread)
         off = np.where(self.covered, np.hypot(_GRAIN * doubt, _CENTRE * level) + part, _EMPTY * level + _SPREAD_EMPTY * spread)
         readings = np.abs(self.weight) * off[self.column]
-        # Neighbours err together: their errors add up.
+        # Errors of neighbours are correlated: standard errors add up.
         unsure = np.hypot(readings[:, :4].sum(axis=1), readings[:, 4:].sum(axis=1))
         local = 0.5 * (np.abs(self.weight) * level[self.column]).sum(axis=1)
         step = (self.weight * value[self.column]).sum(axis=1)
         return 1.0 / off**2, np.where(np.abs(step) <= _MOST_SIGMAS * unsure, 1.0 / (_STEP * local) ** 2, 0.0)
 
     def solve(self, before: Float64, keep: Float64, pull: Float64) -> Float64:
-        """(v, c): the change that is least in square by `keep` with the squares of steps by `pull`.
+        """(v, c): the change that minimises sum keep * change^2 + sum pull * step^2.
 
         Source: Hestenes & Stiefel 1952, "Methods of conjugate gradients for solving linear systems"; preconditioned by the diagonal.
         """
@@ -201,7 +201,7 @@ class _System:
         return change
 
     def step(self, values: Float64) -> float:
-        """Root mean square over the points of what the two sides differ by, over the light there plus a tenth of its mean."""
+        """Root mean square over the points of the step, relative to the light there plus a tenth of its mean."""
         if not len(self.column):
             return 0.0
         total = values.reshape(len(values), -1, 3).sum(axis=1).mean(axis=1)
@@ -214,7 +214,7 @@ class _System:
         return np.ascontiguousarray(self.column.T), np.ascontiguousarray(self.weight.T)
 
     def _find_steps(self, values: Float64) -> Float64:
-        """(m,): what the two sides of points differ by, of values (v,)."""
+        """(m,): steps at points, of values (v,)."""
         column, weight = self._turned
         read = weight * values.take(column)
         while len(read) > 1:  # pairs of long rows, several times faster than sums of eight numbers
@@ -223,7 +223,7 @@ class _System:
         return steps
 
     def _pull(self, values: Float64, pull: Float64) -> Float64:
-        """(v, c): how much points pull at texels by the steps between values (v, c)."""
+        """(v, c): gradient at texels from the steps between values (v, c)."""
         out, column = np.empty_like(values), self.column.ravel()
         for c, of_channel in enumerate(np.ascontiguousarray(values.T)):
             steps = pull * self._find_steps(of_channel)

@@ -24,10 +24,10 @@ class LightField:
     solution       of the leaves and what is above them
     leaves         (m,) int64: the nodes to show
     correction     (3,) float64, of the leaves' variance, see estimate
-    squares        what squares say where something touches the surface; None without photons
-    neighbours     of the leaves, where they have been looked for
-    few            leaves that are shown with what is around them too; None where they are shown with what they have
-    gathered       indirect light by rays from texels, where they saw all that sends it; None where leaves hold all of it
+    squares        tallies on texels at contacts; None without photons
+    neighbours     of the leaves, once computed
+    few            leaves shrunk towards their surroundings; None where none are
+    gathered       indirect light by rays from texels, where they met all that sends it; None where leaves hold all of it
     object_error   of each object by its index, relative to its own brightness; without objects of too few sampled texels
     stopped_by     "error", "max_photons", "max_rays", "time_limit" or "interrupted"
     """

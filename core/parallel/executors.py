@@ -1,4 +1,4 @@
-"""Where shards run: in this process, in processes of this machine with it, or on a cluster."""
+"""Executors of shards: this process, processes of this machine with it, or a cluster."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from . import worker_process
 
 T = TypeVar("T")
 
-_MOST_PER_CORE = 4  # processes: more only fight over it, and a thousand of them stop the machine
+_MOST_PER_CORE = 4  # greatest number of processes for each core: more slow each other down, and a thousand of them stop the machine
 _MOST_ON_WINDOWS = 61  # processes of a pool there, which waits for all of them at once. Source: WaitForMultipleObjects, less two for itself
 
 
@@ -34,28 +34,28 @@ class BusyTime:
         self.lent_cpu_s = 0.0  # CPU seconds of calls in other processes than this one
 
     def add(self, run: Callable[[], Any], seconds: float, lent_cpu_s: float = 0.0) -> None:
-        """`run` is a call, which took as long; CPU seconds where another process ran it."""
+        """Add a call `run` and its seconds; CPU seconds where another process ran it."""
         name = getattr(run.func if isinstance(run, partial) else run, "__name__", "other")
         with self._lock:
             self._seconds[name] = self._seconds.get(name, 0.0) + seconds
             self.lent_cpu_s += lent_cpu_s
 
     def run(self, run: Callable[[], T]) -> T:
-        """The call's result; its time is added."""
+        """Run a call, add its time, and return its result."""
         result, seconds, _ = worker_process.time_call(run)
         self.add(run, seconds)
         return result
 
     def read(self) -> dict[str, float]:
-        """All so far."""
+        """Seconds so far."""
         with self._lock:
             return dict(self._seconds)
 
 
 class InlineExecutor(Executor):
-    """Runs each call at once, in this process: what one worker is."""
+    """Runs each call at once, in this process: the executor of a single worker."""
 
-    most_ahead = 0  # calls that are worth having before a result is asked for
+    most_ahead = 0  # calls worth submitting before a result is read
 
     def __init__(self) -> None:
         self.busy = BusyTime()
@@ -66,12 +66,12 @@ class InlineExecutor(Executor):
         return future
 
     def map(self, fn: Callable[..., T], *iterables: Iterable[Any], timeout: float | None = None, chunksize: int = 1) -> Iterator[T]:
-        """Runs each call when its result is asked for: who stops asking has stopped the work, and hears of what is done meanwhile."""
+        """Run each call when its result is read, so that a reader that stops ends the work, and sees progress meanwhile."""
         return (self.submit(fn, *arguments).result() for arguments in zip(*iterables, strict=False))
 
 
 def _load_nothing() -> None:
-    """What processes load before their first call, where the caller names nothing."""
+    """Default for processes that load nothing before their first call."""
 
 
 def open_executor(settings: Settings, load_ahead: Callable[[], None] = _load_nothing) -> Executor:
@@ -82,7 +82,7 @@ def open_executor(settings: Settings, load_ahead: Callable[[], None] = _load_not
     if not settings.cluster:
         return make_executor(settings.workers, load_ahead=load_ahead)
     try:
-        from . import cluster  # dask is there only for those who use it
+        from . import cluster  # dask is an optional dependency
     except ImportError as reason:
         raise ValueError(
             f"--cluster {settings.cluster}: dask.distributed cannot be loaded ({reason}); install Leaflight with its extra `cluster`, "
@@ -92,8 +92,8 @@ def open_executor(settings: Settings, load_ahead: Callable[[], None] = _load_not
 
 
 class Ahead:
-    """Processes that are started before the settings are known, as copies of this one while it has no threads. Close them whatever becomes
-    of the bake: a pool that is dropped just as one of its processes dies may wait for itself for ever (CPython 3.13.0,
+    """Processes started before the settings are known, as copies of this one while it has no threads. Always close them, however the bake
+    ends: a pool that is dropped just as one of its processes dies may wait for itself for ever (CPython 3.13.0,
     _ExecutorManagerThread.terminate_broken).
     """
 
@@ -105,23 +105,23 @@ class Ahead:
             self.wake()
 
     def wake(self) -> None:
-        """Have those start that are no copies, and so have everything to load yet."""
+        """Start those that are no copies, and so have all modules to load."""
         wake(self._executor)
 
     def open(self, settings: Settings) -> Executor:
-        """The executor that the settings ask for, of these processes if they can be."""
+        """The executor for the settings, made of these processes where possible."""
         if not settings.cluster and count_processors(settings.workers) == count_processors(0):
             return self._executor
         self.close()
         return open_executor(settings, self._load_ahead)
 
     def close(self) -> None:
-        """May be done twice, and after their own shutdown."""
+        """Shut down; may be called repeatedly, also after the executor's own shutdown."""
         self._executor.shutdown(cancel_futures=True)
 
 
 def count_processors(workers: int) -> int:
-    """How many may be used at once, 0 for one per core that this process may use; never more than a few for each core."""
+    """Number of processes to use, 0 for one per core that this process may use; at most a few for each core."""
     return min(workers or count_usable(), _MOST_PER_CORE * count_usable())
 
 

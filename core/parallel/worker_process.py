@@ -1,4 +1,4 @@
-"""What a process does to which an executor of this machine gives calls: how it begins and ends, and how it hands over what they give."""
+"""A process of an executor on this machine: its start and end, and the transfer of results."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ _AT_ONCE = getattr(select, "PIPE_BUF", 512) - 256
 
 def start(load_ahead: Callable[[], None]) -> None:
     """Before the first call; `load_ahead` loads what calls will need."""
-    atexit.register(os._exit, 0)  # to take Python apart would take time from the others, and what is left is the system's to free
+    atexit.register(os._exit, 0)  # interpreter shutdown would take time from the others, and the system frees all
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the main process decides
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a copy would do what the main process does then
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a copy would inherit the main process's handler
     load_ahead()
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """A main process that is killed cannot say that no more work comes: its workers would wait for ever."""
+    """Exit with the main process: if it is killed, it cannot announce the end of work, and its workers would wait for ever."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()  # a copy holds open the pipes of earlier copies, so that the last copy ends first
@@ -39,17 +39,17 @@ def _end_with_parent() -> None:
 
 
 def time_call(run: Callable[[], T]) -> tuple[T, float, float]:
-    """What `run` gives, the seconds that it took, and the CPU seconds of this process meanwhile."""
+    """The result of `run`, the seconds that it took, and the CPU seconds of this process meanwhile."""
     begin, cpu_begin = time.perf_counter(), time.process_time()
     result = run()
     return result, time.perf_counter() - begin, time.process_time() - cpu_begin
 
 
 def keep_result(run: Callable[[], Any], folder: str) -> bytes | str:
-    """What `run` gives, pickled; if a pipe does not take that at once, the name of a file that holds it.
+    """The result of `run`, pickled; where a pipe would not take it at once, the name of a file that holds it.
 
-    Of a process that is killed while it writes the main one would have a part, and wait for the rest for ever: it holds the pipe open
-    itself. And a full pipe would keep this process until the main one, which traces, has read it.
+    From a process killed while it writes, the main one would have a part and wait for the rest for ever, for it holds the pipe open itself.
+    And a full pipe would block this process until the main one, which traces, has read it.
     """
     result = pickle.dumps(run(), pickle.HIGHEST_PROTOCOL)
     if len(result) <= _AT_ONCE:
@@ -63,7 +63,7 @@ def keep_result(run: Callable[[], Any], folder: str) -> bytes | str:
 
 
 def fetch_result(kept: bytes | str) -> Any:
-    """What keep_result was given; a file is taken away."""
+    """The result given to keep_result; a file is removed."""
     if isinstance(kept, bytes):
         return pickle.loads(kept)
     file = Path(kept)

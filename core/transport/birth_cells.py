@@ -1,4 +1,4 @@
-"""Parts of the numbers that photons are born from, each with a share of the photons."""
+"""Cells of the random numbers of emission, each with a share of the photons."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _BELOW_ONE = np.float32(1 - 2.0**-24)  # where a sum of float32 would round to 1
 
 @dataclass(frozen=True)
 class BirthCells:
-    """Boxes that tile the numbers of every emitter, ascending by emitter; photons of a cell carry its light between them.
+    """Boxes that tile the random numbers of every emitter, ascending by emitter; photons of a cell share its power.
 
     emitter   (c,) int32
     low       (c, 4) float32   lower corner
     side      (c, 4) float32
-    natural   (c,) float64     probability where all photons of the scene carry equal power
+    natural   (c,) float64     probability without guiding, at equal power of all photons
     share     (c,) float64     probability, > 0 where natural is
     """
 
@@ -54,7 +54,7 @@ class BirthCells:
         return np.concatenate([[0], end])
 
     def place(self, cell: NDArray[np.int64], points: Float32) -> Float32:
-        """Numbers (n, 4) of births in cells (n,), from points (n, 4) uniform in [0, 1)."""
+        """Random numbers (n, 4) of photons emitted from cells (n,), from points (n, 4) uniform in [0, 1)."""
         numbers = np.empty((DIMENSIONS, len(cell)), np.float32)
         for axis, row in enumerate(numbers):
             np.multiply(self.side[:, axis].take(cell), points[:, axis], out=row)
