@@ -28,7 +28,7 @@ _AROUND_RAYS = 4.0  # weight of the larger region's rate as a prior, in rays to 
 _MOST_SEEN = 1 / 16  # visible share of the sky above which plain rays do as well, relative to the other light
 _ANYWHERE = 0.3  # share of uniform sampling in the pdf: bounds a ray's weight to 1 / _ANYWHERE of that to an open sky
 # Lower bounds of a texel's variance, as shares of its block's mean and of the predicted variance: a texel whose rays all missed has a
-# sample variance of 0 and would get no more rays. Measured: a share of 1 takes twice the rays; of 0 loses a fourth of dim walls' light.
+# sample variance of 0 and would get no more rays. Measured: 1 of the block's takes twice the rays; 0 loses a fourth of dim walls' light.
 _LEAST_VARIANCE, _LEAST_FORESEEN = 1 / 8, 1 / 64
 # Plain rays may exceed the tolerance by this factor, as the filter removes their noise. With 10, walls far from a window had blotches.
 _SMOOTHED = 4.0

@@ -15,7 +15,7 @@ from .scene import Light
 _POINTS, _BOUNCES = 1024, 4  # points that must be dark for the warning, and bounces of their light
 _RAYS = 512
 _ENCLOSED = 0.995  # share of the rays that meet one object
-_MOST_LAMPS = 8  # lamps beyond this number are not examined
+_MOST_LAMPS = 8  # with more lamps and glowing objects, none is examined
 
 
 def describe_dark(probe: LightProbe, objects: Iterable[int]) -> list[tuple[str, str]]:
@@ -87,7 +87,7 @@ def _find_shell(probe: LightProbe, point: NDArray[np.float32], direction: NDArra
 
 
 def _find_enclosure(probe: LightProbe, number: int, point: NDArray[np.float32], side: NDArray[np.float32]) -> str:
-    """The surroundings that an object's own rays meet; "" if any ray leaves the scene."""
+    """A sentence on what encloses an object, by its own rays; "" if any ray leaves the scene."""
     tri = probe.look(point, side).tri
     if (tri < 0).any():
         return ""

@@ -17,7 +17,7 @@ TILE_TEXELS = TILE_SIDE**2
 TILE_LINES = (0, 3, 7)  # columns and rows of a tile at whose crossings are the nodes of the interpolation
 _PLACE_BITS = 14  # of a tile's column or row in a page
 _SMOOTHED = 4.0  # the filter, over at most 81 similar neighbours, lowers a standard error by this factor, a conservative one; measured
-# Further factor where the light is even, and the greatest variance of its slope over a tile, relative to the noise's, at which that holds:
+# Further factor where the light is even, and the greatest variance of the fitted surface, relative to the noise's, at which that holds:
 # in a plane a texel and the edge of the window around it then differ by at most a texel's standard error.
 _GENTLE, _ALL_ALIKE = 2.0, 1.0 / 3.0
 

@@ -25,7 +25,7 @@ def stretch(watch: Watch, said: Status, start: float = 0.0, end: float = 1.0) ->
 
 
 class Interrupted(Exception):
-    """The user stopped the bake before there was any light to keep."""
+    """The bake was stopped before there was any light to keep."""
 
 
 @dataclass
