@@ -131,7 +131,7 @@ def _open_output(folder: Path) -> None:
 
 
 def _keep_state(job: Job, solver: solve.Solver | None, error: float, tell: Callable[[Message], None]) -> bool:
-    """Keep the solver's state; returns whether the bake has none, as when repeated (a full disk may be different the next time).
+    """Keep the solver's state; returns whether the bake has none to keep, now and when repeated; False where the disk is full.
 
     solver   None where the bake stopped before it had a state, or needs none; an earlier state is removed, for it does not fit the images
     """

@@ -20,7 +20,7 @@ _HITS_FOLDER = "hits"  # and the numbers of the round and the shard
 
 @dataclass(frozen=True)
 class FirstPhotons:
-    """sent   shards that are traced ahead by round and number, and what tells, once it is done, whether their hits are there"""
+    """sent   shards that are traced ahead by round and number, and a future of whether their hits are there"""
 
     sent: dict[tuple[int, int], tuple[PhotonShard, Future[bool]]] = field(default_factory=dict)
 

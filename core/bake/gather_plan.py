@@ -22,7 +22,7 @@ _LEAST_TILED = 0.6
 # rays per texel = share of indirect light * (_RAYS_EACH + _RAYS_BY_ERROR / error). Measured on the samples: 24 and 0.9; halved, for a
 # gather ray takes half as long as a photon's.
 _RAYS_EACH, _RAYS_BY_ERROR = 12.0, 0.45
-# Greatest stated error over the requested one for gathering: at most half of it carries over to the gathered light, see gathered.
+# Greatest stated error over the requested one for gathering: at most half the requested error then carries over, see gathered.
 _MOST_KNOWN = 2.5
 # Growth of the photons after which gathering that was not enough is tried again: their light has half the variance then. Without retries
 # photons alone are sent for dim objects until the limit, and the error stays greater (two_rooms, by objects).

@@ -101,7 +101,7 @@ def _find_blend(job: Job) -> str:
 
 
 def read_header(note: Path) -> dict[str, Any] | None:
-    """What a note says besides arrays; None where it is missing or damaged."""
+    """Header of a note; None where it is missing or damaged."""
     found = _read_note(note)
     return None if found is None else found[0]
 
@@ -129,7 +129,7 @@ def find_kept_bake(snapshot: SceneSnapshot, job: Job) -> KeptBake | None:
 
 
 def _read_note(note: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]] | None:
-    """Header and layout of a note, which may be anybody's; None where it is missing or damaged."""
+    """Header and layout of a note, which is not trusted; None where it is missing or damaged."""
     try:
         arrays = load_arrays(note)
         header = parse_json(arrays.pop(_HEADER).tobytes())

@@ -1,4 +1,4 @@
-"""Light that is missing because photons had met as many surfaces as they may, and were still under way.
+"""Light lost by the limit of bounces.
 
 In a closed room of surfaces that reflect a share p of the light, p^n of it is, after n of them: 37 % of it where p is 0.999 and n is 1,000.
 """
@@ -15,9 +15,9 @@ _WORTH_A_WORD = 0.01
 
 
 def state_lost(light: LightField, settings: Settings) -> tuple[LightField, list[tuple[str, str]]]:
-    """The light with that in its stated error, and warnings (subject, sentence).
+    """The light with the loss added to its stated error, and warnings (subject, sentence).
 
-    No photon makes it less, so that no bake goes on for it.
+    More photons do not reduce it, so that no bake continues for it.
     """
     lost = light.ledger.find_lost() if settings.wants_all_light else 0.0
     if not lost:

@@ -1,4 +1,4 @@
-"""Whether a note of a bake says what notes say: it lies beside the images, where anybody's files may lie."""
+"""Validation of a note of a bake, for it lies in the folder of the images, with any other files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..util.settings import ERROR_OF, IMAGE_FORMATS, PASSES
 
 
 def is_sound(header: dict[str, Any]) -> bool:
-    """Whether all that is read of a header has its kind, and its files are in the folder of the note."""
+    """Whether all fields of a header have their types, and its files are in the folder of the note."""
     return _fits(header, _HEADER)
 
 

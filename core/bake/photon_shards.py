@@ -154,7 +154,7 @@ def _sum_up(tracing: Tracing, view: TreeView, shard: PhotonShard, splitting: Spl
 def trace_ahead(shard: PhotonShard) -> bool:
     """Trace photons of a shard to the folder `hits`, before there is anything that guides them; texels and a view need not be there yet.
 
-    False where so much becomes of them that it had better be summed as it comes.
+    Returns False where they have so many hits that these are better summed at once.
     """
     noted = photons_ahead.NotedPartings() if shard.guided else None
     pieces = _trace_hits(open_scene(shard.tracing), shard, noted)

@@ -36,7 +36,7 @@ FIRST_LEVEL = 1  # of its current nodes: there is no time for rounds that would 
 MOST_TEXELS = 1 << 19  # of all pages together
 LEAST_PAUSE_S = 0.3
 PAUSE_OF_COST = 10.0  # a preview waits so many times what the last one took
-# Whoever shows the first light gives all objects materials then, and draws everything anew: beside a bake that takes it a third longer.
+# The viewer of the first light then gives all objects materials and redraws everything, which beside a bake takes a third longer.
 FIRST_DRAWN_S = 0.3
 _KEPT_TURNS = 3  # a viewer may lag behind by so many
 
@@ -95,7 +95,7 @@ class PreviewPages:
         """Pages of the light as it stands, unless the last ones are too fresh for what they cost; rays_alone as of glance_at."""
         if time.monotonic() < self._next_s:
             return
-        begin = time.thread_time()  # not the clock: what others do with the machine is no cost of ours
+        begin = time.thread_time()  # CPU time, for load by other processes is no cost of the preview
         for page, pixels in enumerate(self.draw(light, rays_alone)):
             path = self._path(page, self._turn)
             np.save(path, pixels)

@@ -19,7 +19,7 @@ from .photon_noise import PhotonNoise
 class Sum:
     """Mean squared relative errors over texels.
 
-    doubt2     squared standard errors: of the bias, and of the noise that coefficient shrinkage removes
+    doubt2     standard error of missing2, and noise that coefficient shrinkage may not have removed
     indirect   share of the light that photons bring
     """
 
@@ -61,7 +61,7 @@ class RayNoise:
         return RayNoise(self.smoothing.take(rows), self.told[rows], self.noise2[rows] * factor)
 
     def sum_up(self, weight: NDArray[np.float32], best: NDArray[np.int64]) -> float:
-        """Mean over texels `best` of the sample: variance left by the filter, and its squared blur.
+        """Mean over texels `best` of the sample: variance without the part that the filter found absent, and squared blur.
 
         weight   (m, 3) of AllLight.weigh
         """

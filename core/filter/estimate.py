@@ -37,8 +37,8 @@ class StatedError:
     """The stated error relative to local brightness; where several parts are measured, that of the worst.
 
     relative      root mean square over the best texels and over channels; nan before any photon
-    chosen        the same plus one standard error of the bias, for the stop rule: stopping at a small estimate selects one that is small
-                  by chance
+    chosen        the same with Sum.doubt2, one standard error of the squared bias among it, for the stop rule: stopping at a small
+                  estimate selects one that is small by chance
     direct        part of it from the variance of direct light by rays, which more photons do not reduce
     photons       part of it from the photons' variance
     correction    of photon_noise.noise_correction
