@@ -33,7 +33,7 @@ class OutOfTime(Exception):
 
 @dataclass
 class Deadline:
-    """When a bake has to be done, and what its end will take.
+    """Deadline of a bake, and the estimated time of its end.
 
     limit_s   seconds, 0 no limit
     began     time.monotonic() of the request for the bake, in any process of this machine
@@ -51,33 +51,33 @@ class Deadline:
 
     @property
     def reserve_s(self) -> float:
-        """Seconds for what is still to be done once no more light is sought: one more look at it, and the images."""
+        """Seconds that the end of the bake takes: one more estimate of the light, and the images."""
         write_s = max(_WRITE_OF_TEXELS * self._texels_s, _WRITE_OF_LIGHT * self._light_s, self._pages_s)
         return self.after_s + write_s + (_SPARE * self._last_s if self._light_s else _LIGHT_OF_TEXELS * self._texels_s)
 
     def left(self) -> float:
-        """Seconds in which light may still be sought, infinity without a limit."""
+        """Seconds left for improving the light, infinity without a limit."""
         return self.began + self.limit_s - self.reserve_s - time.monotonic() if self.limit_s else math.inf
 
     def is_over(self) -> bool:
-        """Whether it is time to write the best light so far."""
+        """Whether to write the best light so far."""
         return self.left() <= 0.0
 
     def is_write_late(self) -> bool:
-        """Whether pages have to be drawn now, as the light is."""
+        """Whether pages must be drawn now from the present light."""
         return bool(self.limit_s) and time.monotonic() > self.began + self.limit_s - self.after_s - self._pages_s
 
     def limit_spread(self, spread: Spread, is_late: Callable[[], bool]) -> Spread:
-        """Gives what `spread` gives, but no more of it once it is late."""
+        """Wrap `spread` so that it yields no more results once time is up."""
 
         def limited(fn: Callable[..., Any], calls: Iterable[tuple[Any, ...]]) -> Iterable[Any]:
-            answers = spread(fn, calls)  # now: others may begin
+            answers = spread(fn, calls)  # now, so that other processes can begin
             return _take_until(answers, is_late) if self.limit_s else answers
 
         return limited
 
     def is_lost(self) -> bool:
-        """Whether a bake that has no light yet is too late to come to any."""
+        """Whether a bake without any light is too late to get some."""
         return bool(self.limit_s) and time.monotonic() - self.began > self.limit_s + max(_GRACE_SHARE * self.limit_s, _GRACE_S)
 
     def note_texels(self, seconds: float, page_texels: int = 0, slowness: float = 1.0) -> None:
@@ -85,15 +85,15 @@ class Deadline:
         self._texels_s, self._pages_s = seconds, _WRITE_OF_PAGES_S * page_texels * max(slowness, 1.0)
 
     def note_light(self, seconds: float) -> None:
-        """A look at the light, with its error, took so many."""
+        """Record the seconds of an estimate of the light with its error."""
         self._last_s, self._light_s = seconds, max(self._light_s, seconds)
 
     def note_round(self, photons: int, seconds: float) -> None:
-        """A round of so many photons took so many."""
+        """Record the seconds of a round of photons."""
         self._photons_per_s = photons / max(seconds, 1e-6)
 
     def cap_photons(self, photons: int) -> int:
-        """How many of the photons of a round can be traced in the time left."""
+        """Number of photons of a round that can be traced in the time left."""
         if not self.limit_s:
             return photons
         if not self._photons_per_s:
@@ -101,7 +101,7 @@ class Deadline:
         return max(min(photons, int(_FITS * self.left() * self._photons_per_s)), 0)
 
     def ease(self, settings: Settings) -> Settings:
-        """Settings of a first estimate at all texels: coarse where time is limited, for what is left of it makes the worst ones better."""
+        """Settings of a first estimate at all texels: coarse where time is limited, for the rest of it improves the worst texels."""
         return replace(settings, error=max(settings.error, _FIRST_ERROR)) if self.limit_s else settings
 
     def foresee(self, steps: int) -> Callable[[], bool]:
