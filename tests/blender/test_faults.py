@@ -41,7 +41,8 @@ def room(tmp_path):
 def start_bake(room, *words, **options):
     """The command line in a process of its own, with its own temporary folder and a mark that its processes inherit."""
     argv = [sys.executable, "-m", "leaflight", "bake", str(room), "--size", "64", "--workers", "2", "--output", "maps", *words]
-    env = os.environ | {"TMPDIR": str(room.parent / "tmp"), MARK: str(room)}
+    # Python leaves a .pyc cut off where the disk is full.
+    env = os.environ | {"TMPDIR": str(room.parent / "tmp"), MARK: str(room), "PYTHONDONTWRITEBYTECODE": "1"}
     return subprocess.Popen(argv, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, encoding="utf-8", cwd=room.parent, env=env, **options)
 
 
