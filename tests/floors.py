@@ -14,7 +14,7 @@ from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.rays import RayScene
 from leaflight.core.scene.scene import Light, Material, SceneSnapshot
 from leaflight.core.scene.shadow_rays import ShadowRays
-from leaflight.core.texels.texel_looks import TexelLooks
+from leaflight.core.texels.texel_footprint import TexelLooks
 from leaflight.core.texels.tiles import Tiles
 from leaflight.core.util.geometry import UnitBox, orthonormal_basis, triangle_normals_areas
 from scenes import Mesh, make_scene, quad_mesh

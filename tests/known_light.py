@@ -11,8 +11,8 @@ from boxes import solve_scene
 from leaflight.core.bake.solve import LightField
 from leaflight.core.integrate import texel_light
 from leaflight.core.scene.scene import Light, Material, SceneSnapshot
-from leaflight.core.texels.judged import BEST_TEXELS, DARK_FLOOR
-from leaflight.core.texels.texel_looks import centred_strata
+from leaflight.core.texels.error_metric import BEST_TEXELS, DARK_FLOOR
+from leaflight.core.texels.texel_footprint import centred_strata
 from leaflight.core.texels.texel_map import LOOK, TexelMap
 from leaflight.core.transport import traced_scene
 from leaflight.core.util.geometry import interpolate_corners

@@ -10,7 +10,7 @@ from leaflight.core.radiosity import basis, quadtree, tally
 from leaflight.core.radiosity.tree_view import TreeView
 from leaflight.core.scene.scene import Material, SceneObject, SceneSnapshot
 from leaflight.core.texels.texels import TexelMap, build_texel_map
-from leaflight.core.util.words import Watch, unwatched
+from leaflight.core.util.progress import Watch, unwatched
 
 SIDE = 64  # texels, of the squares that `throw` lights
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import pytest
-from leaflight.core.util.words import Interrupted, Watch
+from leaflight.core.util.progress import Interrupted, Watch
 
 
 def check_every_word_is_heard(work: Callable[[Watch], object]) -> None:

@@ -43,9 +43,9 @@ def main(folder: Path) -> int:
         signal.signal(number, lambda *_: stop.set())
     # While the parent reads the scene: what the bake will need, and first what loads beside this process.
     from leaflight.core.atlas import unfolding
-    from leaflight.core.util import heap
+    from leaflight.core.util import malloc_tuning
 
-    heap.keep_freed_memory(whole=True)  # before there are threads
+    malloc_tuning.keep_freed_memory(whole=True)  # before there are threads
     unfolding.start_ahead()
     from leaflight.core.bake import bake, tasks
     from leaflight.core.output import image_file

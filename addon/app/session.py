@@ -17,8 +17,8 @@ from typing import Any
 import bpy
 from mathutils import Matrix
 
+from ...core.bake.bake_cache import KeptBake, find_kept_bake
 from ...core.bake.checkpoint import INFO_FILE, describe_differences, find_differences, keep_layout
-from ...core.bake.kept_bake import KeptBake, find_kept_bake
 from ...core.output import image_file
 from ...core.output.image_room import SPARE_PREFIX
 from ...core.scene.snapshot import save_snapshot

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Container, Sequence
 from typing import Any
 
-from ...core.util.told import group_warnings
+from ...core.util.user_text import group_warnings
 from ..nodes.mesh_arrays import LocalMesh
 from .export_mesh import has_corners_of
 from .export_pieces import COLLECTION, CURVE, GEOMETRY, OWN, SCATTER, STRANDS, Piece

@@ -14,7 +14,7 @@ from typing import Any
 import bpy
 
 from ...core.util.messages import Done, Error
-from ...core.util.told import group_warnings
+from ...core.util.user_text import group_warnings
 from ..app import live, session
 from ..app.arguments import BakeRequest
 from ..app.bake_state import BakeState

@@ -16,7 +16,7 @@ import bpy
 
 from ...core.bake.checkpoint import no_state_error, read_info
 from ...core.util.messages import Done, Error, Message, Status, Warning_
-from ...core.util.told import group_warnings
+from ...core.util.user_text import group_warnings
 from ..app import session
 from ..app.arguments import BakeRequest, parse_arguments
 from ..app.console import describe_files, describe_miss, print_message

@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from ...core.util.told import Told
+from ...core.util.user_text import Told
 from ..app.estimate import Estimate
 from ..show.bake_text import describe_seconds
 from .select_operator import is_known

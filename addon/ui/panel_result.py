@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from ...core.util.told import Told
+from ...core.util.user_text import Told
 from ..app.bake_state import BakeState
 from ..app.request import find_output
 from ..app.spare_images import draw_spare

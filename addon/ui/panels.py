@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from ...core.util.told import Told, group_warnings, split_error
+from ...core.util.user_text import Told, group_warnings, split_error
 from ..app.bake_state import BakeState
 from ..app.properties import TEXTS, is_changed, list_groups, list_knobs
 from ..app.request import find_mode_error, find_output_error

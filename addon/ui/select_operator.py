@@ -5,7 +5,7 @@ No `from __future__ import annotations` here: Blender reads properties out of an
 
 import bpy
 
-from ...core.util.told import match_name, tell
+from ...core.util.user_text import match_name, tell
 from ..show.materials_write import find_original
 
 

@@ -15,8 +15,8 @@ from ..scene.topology import join_open_sides
 from ..util.arrays import IntArray
 from ..util.geometry import triangle_normals_areas
 from ..util.messages import Status
-from ..util.words import Watch, unwatched
-from .kept_charts import KeptCharts, Unfolding
+from ..util.progress import Watch, unwatched
+from .chart_cache import ChartCache, Unfolding
 from .layer_check import check_layer, label_charts
 from .outlines import Outlines, measure_outlines, straighten_charts
 from .sharing import Block, find_blocks, find_copies, follow_charts
@@ -55,14 +55,14 @@ class FoundCharts:
     findings: tuple[tuple[int, str], ...]
 
 
-def find_charts(snapshot: SceneSnapshot, share_meshes: bool, watch: Watch = unwatched, kept: KeptCharts | None = None) -> FoundCharts:
+def find_charts(snapshot: SceneSnapshot, share_meshes: bool, watch: Watch = unwatched, kept: ChartCache | None = None) -> FoundCharts:
     """The charts; with `share_meshes` objects that share a mesh share them, too, where they can.
 
     kept    charts of an earlier bake; updated to those of this one
     watch   receives UNWRAPPING, the share of triangles that is done, and the current object; it may raise
     Raises ValueError when xatlas is needed and cannot be loaded, or crashes.
     """
-    search = _Search(snapshot, find_blocks(snapshot) if share_meshes else [], watch, kept or KeptCharts())
+    search = _Search(snapshot, find_blocks(snapshot) if share_meshes else [], watch, kept or ChartCache())
     count = np.zeros(len(snapshot.objects) + 1, np.int64)
     layered = []
     try:
@@ -87,7 +87,7 @@ def find_charts(snapshot: SceneSnapshot, share_meshes: bool, watch: Watch = unwa
 class _Search:
     """The arrays that fill up, object by object; `chart` counts from 0 in each."""
 
-    def __init__(self, snapshot: SceneSnapshot, blocks: list[Block], watch: Watch, kept: KeptCharts) -> None:
+    def __init__(self, snapshot: SceneSnapshot, blocks: list[Block], watch: Watch, kept: ChartCache) -> None:
         self.snapshot, self.blocks, self._watch, self._kept = snapshot, blocks, watch, kept
         self.findings: list[tuple[int, str]] = []
         self.chart = np.full(snapshot.n_tri, -1, np.int64)

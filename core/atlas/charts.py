@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from ..scene.scene import SceneSnapshot
 from ..util.messages import Status
+from ..util.progress import Watch, unwatched
 from ..util.settings import MAX_PAGE_SIZE_TEXELS, Settings
-from ..util.words import Watch, unwatched
 from .blocks import BlockLayout, join_outlines, lay_block, outline_block
+from .chart_cache import ChartCache
 from .chart_search import find_charts
 from .density_search import find_greatest_density
 from .even_out import even_out
-from .kept_charts import KeptCharts
 from .outlines import Outlines
 from .packing import Page, Placement, Shapes, fits_alone, place_charts, place_uv, shape_charts
 from .page_plan import ChartDemand, find_page_size, is_one_enough, plan_pages
@@ -63,7 +63,7 @@ class ChartAtlas:
     warnings: tuple[tuple[str, str], ...]
 
 
-def make_charts(snapshot: SceneSnapshot, settings: Settings, watch: Watch = unwatched, kept: KeptCharts | None = None) -> ChartAtlas:
+def make_charts(snapshot: SceneSnapshot, settings: Settings, watch: Watch = unwatched, kept: ChartCache | None = None) -> ChartAtlas:
     """Charts of all receiving objects, of one density in texels/m; existing layers are kept and get pages of their own.
 
     If only the page size is chosen, small objects get a higher density (see even_out), and page_plan sets the number of pages. Pages are
@@ -104,7 +104,7 @@ class _PageTooSmallError(Exception):
 class _AtlasMaker:
     """The state while an atlas is made: pages fill up, warnings are collected."""
 
-    def __init__(self, snapshot: SceneSnapshot, settings: Settings, watch: Watch, kept: KeptCharts | None) -> None:
+    def __init__(self, snapshot: SceneSnapshot, settings: Settings, watch: Watch, kept: ChartCache | None) -> None:
         self.snapshot, self.settings, self._watch = even_out(snapshot, settings), settings, watch
         self.page = Page(settings.size, settings.padding)
         self.page_count = 0

@@ -22,14 +22,14 @@ from ..scene.materials import SurfaceMaterials
 from ..scene.scene import SceneSnapshot
 from ..util.job import RESULT_FILE, Job
 from ..util.messages import Done, Message, Status, Warning_
+from ..util.progress import Interrupted
 from ..util.settings import DEBUG_PASSES, Settings
-from ..util.words import Interrupted
-from . import checkpoint, earlier_bakes, kept_bake, solve, tasks
+from . import bake_cache, checkpoint, earlier_bakes, solve, tasks
 from .dark_objects import name_dark
 from .deadline import Deadline
 from .find_light import FoundLight, Loaded, find_light, resolve_light
-from .needs import count_skipped
-from .stages import Run
+from .run import Run
+from .work_plan import count_skipped
 
 _LOADING, _WRITING, _KEEPING = Status("load", "Reading the scene"), Status("write", "Writing images"), Status("keep", "Keeping the state")
 
@@ -114,7 +114,7 @@ def _bake(run: Run, loaded: Loaded, executor: Executor) -> LightField:
     # A bake is not noted where Blender still has to apply the view transform, whose settings are not part of the job.
     if light.stopped_by != "interrupted" and not spare and not any(file.linear for file in files):
         try:
-            kept_bake.note_bake(folder, loaded.given, job, result, run.warnings, stateless, left_over)
+            bake_cache.note_bake(folder, loaded.given, job, result, run.warnings, stateless, left_over)
         except OSError as reason:
             run.tell(Warning_("", f"this bake cannot be noted in {job.output} ({reason}), so the same bake will be done again"))
     (folder / RESULT_FILE).write_text(json.dumps(result), encoding="utf-8")

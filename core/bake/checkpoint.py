@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from ..integrate.direct_field import DirectField
 from ..parallel import shared_arrays
 from ..radiosity.quadtree import Quadtree
-from ..radiosity.splitting import SplitGuide, Splitting
+from ..radiosity.splitting_guide import SplitGuide, Splitting
 from ..radiosity.tally import Tally
-from ..transport.birth_guide import BirthGuide
+from ..transport.emission_guide import EmissionGuide
 from ..transport.photon_log import ENERGY_NAMES
 from ..util.files import read_json, write_text_whole
 from ..util.job import SNAPSHOT_FILE
@@ -59,7 +59,7 @@ class Checkpoint:
     tally: Tally
     square_tally: Tally
     guide: SplitGuide
-    births: BirthGuide
+    births: EmissionGuide
     direct: DirectField
     energy_w: NDArray[np.float64]
     cell: NDArray[np.int64]

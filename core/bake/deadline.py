@@ -10,8 +10,8 @@ from typing import Any
 
 from ..filter.denoise import Spread
 from ..util.messages import Status
+from ..util.progress import Watch
 from ..util.settings import Settings
-from ..util.words import Watch
 
 # Seconds that the end of a bake takes, over those in which its texels were measured, which are as many and are known by then: writing
 # smooths them once more, draws pages and fills margins. Measured on five scenes of 512 to 1024 texels: 0.8 to 3.3, and 1.5 to 2.8; and for

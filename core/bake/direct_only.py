@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..filter import estimate
-from ..filter.reading import Reading
+from ..filter import error_estimate
+from ..filter.radiosity_solution import RadiositySolution
 from ..integrate.direct_field import DirectField
 from ..integrate.light_field import LightField
 from ..parallel.executors import spread
 from ..radiosity import quadtree, refine, tally
-from ..texels.judged import Judged
+from ..texels.error_metric import ErrorMetric
 from ..texels.texel_map import TexelMap
-from ..transport.ledger import Ledger
+from ..transport.energy_audit import Ledger
 from ..util.arrays import IntArray
 from ..util.messages import Message
 from ..util.settings import Settings
@@ -44,17 +44,17 @@ def settle_direct(
 
     tri_object   (n_tri,) int: the object of each triangle
     """
-    judged = Judged.of(settings.error_of, texels, tri_object)
+    judged = ErrorMetric.of(settings.error_of, texels, tri_object)
     rules = StopRules(settings, should_stop, time.monotonic(), deadline)
     tree = quadtree.plant_trees(texels, _DEGREE, 0, settings.finest_texels, flat=False)
     totals = tally.accumulate(tree, tally.Tally.empty(len(tree), _DEGREE))
     solution = tally.solve_tallies(tree, totals)
     comparison = refine.Comparison.of(tree, totals, solution, refine.Rule(settings.oracle, settings.threshold, settings.stability, 1))
-    reading = Reading(tree, totals, solution, comparison, np.arange(len(tree)))
+    reading = RadiositySolution(tree, totals, solution, comparison, np.arange(len(tree)))
     while True:
         looked = time.monotonic()
         shown = direct.show(texels, settings.denoise, partial(spread, executor))
-        stated = estimate.state_error(reading, shown, texels, judged=judged)
+        stated = error_estimate.state_error(reading, shown, texels, judged=judged)
         if deadline:
             deadline.note_light(time.monotonic() - looked)
         worst = _find_worst(direct, stated.texel_direct2(), settings.error)

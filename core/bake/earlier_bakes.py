@@ -13,7 +13,7 @@ from ..output.pages import PageFile, find_first_page
 from ..util.digest import hash_file
 from ..util.file_names import clean_name, fill_pattern
 from ..util.job import Job
-from .kept_bake import find_note, read_header
+from .bake_cache import find_note, read_header
 
 _NAMED = 3  # files in one line
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..atlas.chart_cache import ChartCache, find_charts_file
 from ..atlas.charts import ChartAtlas
-from ..atlas.kept_charts import KeptCharts, find_charts_file
 from ..filter import seams
 from ..filter.denoise import Spread
 from ..integrate import texel_light
@@ -31,9 +31,9 @@ from ..util.settings import Settings
 from . import solve
 from .first_photons import FirstPhotons
 from .light_search import LightSearch
-from .needs import Needs
-from .receivers import Receivers, find_receivers, lay_out
-from .stages import Run
+from .receiving_texels import Receivers, find_receivers, lay_out
+from .run import Run
+from .work_plan import WorkPlan
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ class Loaded:
     tri_turned: NDArray[np.bool_]
     surfaces: SurfaceMaterials
     left_out: Mapping[str, int]
-    needs: Needs
-    charts: KeptCharts
+    needs: WorkPlan
+    charts: ChartCache
     settings: Settings
 
     @classmethod
@@ -67,8 +67,8 @@ class Loaded:
             save_snapshot(run.folder / SNAPSHOT_FILE, snapshot)
         pruned, left_out = prune_scene(snapshot)
         surfaces = SurfaceMaterials(pruned)
-        needs = Needs.of(run.job.settings, surfaces)
-        charts = KeptCharts() if run.job.settings.force else KeptCharts.load(find_charts_file(run.job))
+        needs = WorkPlan.of(run.job.settings, surfaces)
+        charts = ChartCache() if run.job.settings.force else ChartCache.load(find_charts_file(run.job))
         return cls(given, snapshot, settled.tri_turned, surfaces, left_out, needs, charts, needs.trim(run.job.settings))
 
 

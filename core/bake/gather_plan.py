@@ -6,12 +6,12 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ..filter.estimate import StatedError
-from ..integrate.next_rays import DIRECT_SHARE
+from ..filter.error_estimate import StatedError
+from ..integrate.adaptive_sampling import DIRECT_SHARE
 from ..radiosity.basis import DEGREES
 from ..texels.texel_map import TexelMap
 from ..texels.tiles import TILE_TEXELS, find_tiles
-from ..transport.ledger import Ledger
+from ..transport.energy_audit import Ledger
 from ..transport.rounds import grow_photons
 from ..util.ablation import uses
 from ..util.settings import Settings

@@ -22,7 +22,7 @@ from ..util.messages import Message
 from ..util.settings import DEBUG_PASSES, Settings
 from .dark_objects import name_dark
 from .find_light import Loaded, find_light, resolve_light
-from .stages import Run
+from .run import Run
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def solve_scene(
 
     tell          receives progress
     should_stop   whether the best light so far is wanted
-    Raises ValueError with a sentence where nothing can be baked, util.words.Interrupted where it was stopped before there was any light.
+    Raises ValueError with a sentence where nothing can be baked, util.progress.Interrupted where it was stopped before there was any light.
     """
     settings = dataclasses.replace(settings, workers=1)
     # Shared arrays lie in temporary files during the bake: large arrays are mapped, not held twice.

@@ -20,9 +20,9 @@ from . import checkpoint, preview, solve
 from .direct_only import settle_direct
 from .first_photons import FirstPhotons
 from .lost_light import state_lost
-from .needs import Needs
-from .receivers import Receivers
-from .stages import Run
+from .receiving_texels import Receivers
+from .run import Run
+from .work_plan import WorkPlan
 
 PREVIEW_FOLDER = "preview"
 _GLANCING = Status("preview", "First light")
@@ -39,7 +39,7 @@ class LightSearch:
 
     run: Run
     settings: Settings
-    needs: Needs
+    needs: WorkPlan
     receivers: Receivers
     executor: Executor
     first: FirstPhotons

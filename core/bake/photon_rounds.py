@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..parallel import shared_arrays
 from ..radiosity.quadtree import Quadtree
-from ..radiosity.splitting import Splitting
+from ..radiosity.splitting_guide import Splitting
 from ..radiosity.tree_view import TreeView
 from . import photon_shards
 from .photon_shards import PhotonResult, PhotonShard

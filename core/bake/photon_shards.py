@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..filter.squares import deposit_on_squares
+from ..filter.subtexel_tally import deposit_on_squares
 from ..parallel import shared_arrays
 from ..parallel.folders import keep_view_open
 from ..radiosity.cell_tally import CellFlux
-from ..radiosity.splitting import SplitTally, Splitting, weigh_groups
+from ..radiosity.splitting_guide import SplitTally, Splitting, weigh_groups
 from ..radiosity.tally import ShardTally, deposit
 from ..radiosity.tree_view import TreeView
 from ..transport import photons, photons_ahead
-from ..transport.birth_cells import BirthCells
-from ..transport.birth_guide import BirthTally
+from ..transport.emission_cells import BirthCells
+from ..transport.emission_guide import BirthTally
 from ..transport.photon_log import Counters, EnergyAudit, ShardHits
 from ..transport.traced_scene import TracedScene, Tracing, open_scene, open_tracing
 from ..util import sampling

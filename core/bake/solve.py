@@ -17,28 +17,28 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..filter import estimate
-from ..filter.reading import Reading
-from ..filter.squares import Squares
+from ..filter import error_estimate
+from ..filter.radiosity_solution import RadiositySolution
+from ..filter.subtexel_tally import Squares
+from ..integrate.adaptive_sampling import Look, Stop, Tell, choose_texels, have_look
 from ..integrate.direct_field import DirectField
 from ..integrate.direct_shards import NOTHING_AHEAD, ShotAhead
 from ..integrate.gather import KnownLight
 from ..integrate.gathered import GatheredField
 from ..integrate.light_field import LightField
-from ..integrate.next_rays import Look, Stop, Tell, choose_texels, have_look
-from ..integrate.other_light import OtherLight
+from ..integrate.reference_level import ReferenceLevel
 from ..integrate.texel_light import find_known
 from ..parallel.executors import spread
 from ..radiosity import basis, quadtree, refine, tally
 from ..radiosity.cell_tally import CellTally
-from ..radiosity.few_photons import CELL_BITS, FewPhotons
-from ..radiosity.splitting import SplitGuide, Splitting, weigh_deposits
+from ..radiosity.spatial_shrinkage import CELL_BITS, SpatialShrinkage
+from ..radiosity.splitting_guide import SplitGuide, Splitting, weigh_deposits
 from ..radiosity.tally import Tally
-from ..scene.space_cells import code_cells
-from ..texels.judged import Judged, Parts
+from ..scene.morton import code_cells
+from ..texels.error_metric import ErrorMetric, Parts
 from ..transport import rounds, traced_scene
-from ..transport.birth_guide import BirthGuide
-from ..transport.ledger import Ledger
+from ..transport.emission_guide import EmissionGuide
+from ..transport.energy_audit import Ledger
 from ..util.ablation import uses
 from ..util.messages import Status
 from ..util.settings import Settings
@@ -86,15 +86,17 @@ class Solver:
         self.squares = Squares.of(texels, self.forced_texels)
         self.square_tally = Tally.empty(len(self.squares.entry), 0, components)
         self.guide = SplitGuide.empty(len(self.tracing.snapshot.objects) + len(self.tree))
-        self.births = BirthGuide.of(self.tracing.scene.emitter_share)
-        self.reading: Reading | None = None  # after the last round, as are the next two
+        self.births = EmissionGuide.of(self.tracing.scene.emitter_share)
+        self.reading: RadiositySolution | None = None  # after the last round, as are the next two
         self.parts: tuple[Parts, NDArray[np.float64]] | None = None  # parts whose error was estimated, and Parts.weigh of them
         self.splitting: Splitting | None = None
-        self._mean_direct: tuple[tuple[Reading, int], NDArray[np.float64]] | None = None  # result of _find_mean_direct and its key
-        self._few: tuple[Reading, FewPhotons] | None = None  # result of _find_few and its key
+        self._mean_direct: tuple[tuple[RadiositySolution, int], NDArray[np.float64]] | None = (
+            None  # result of _find_mean_direct and its key
+        )
+        self._few: tuple[RadiositySolution, SpatialShrinkage] | None = None  # result of _find_few and its key
         self.gathered: GatheredField | None = None
         self.gather_plan = GatherPlan.of(texels)
-        self.judged = Judged.of(settings.error_of, texels, self.tracing.snapshot.tri_object)
+        self.judged = ErrorMetric.of(settings.error_of, texels, self.tracing.snapshot.tri_object)
         self.cell_tally = CellTally.empty(len(self.tracing.cells))
         self.ledger, self.rounds, self.round = Ledger(), PhotonRounds(self.executor), 0
         self.rule = refine.Rule(settings.oracle, settings.threshold, settings.stability, settings.preview_depth)
@@ -118,7 +120,7 @@ class Solver:
 
     def run(self, tell: Tell, should_stop: Stop) -> LightField:
         """Trace rounds until a stop rule holds; `tell` receives the progress after each."""
-        stated: estimate.StatedError | None = None
+        stated: error_estimate.StatedError | None = None
         traced = self.ledger.photons > 0  # begun, or continued: the last round has not been refined yet
         reading = self.reading
         rules = StopRules(self.settings, should_stop, self.started, self.deadline)
@@ -158,7 +160,7 @@ class Solver:
         """ "time_limit" where not even a small round can be traced in the time left, else ""."""
         return "" if self.deadline.cap_photons(_LEAST_PHOTONS) == _LEAST_PHOTONS else "time_limit"
 
-    def _choose_look(self, reading: Reading, stated: estimate.StatedError) -> Look | None:
+    def _choose_look(self, reading: RadiositySolution, stated: error_estimate.StatedError) -> Look | None:
         """The step that sends more rays from texels, if it reduces the error by more than further photons do."""
         settings, ledger = self.settings, self.ledger
         if settings.direct != "rays" or (self.gathered and stated.chosen <= settings.error):
@@ -175,23 +177,25 @@ class Solver:
             return partial(self._gather, reading, stated.relative, worst, repeats=repeats)
         return partial(self._shoot_again, reading, worst, repeats)
 
-    def _other_light(self, reading: Reading) -> OtherLight | None:
+    def _other_light(self, reading: RadiositySolution) -> ReferenceLevel | None:
         """Light shown beside direct light, estimated from photons; None where direct light is a pass of its own."""
         if "direct" in self.settings.passes or not uses("reference_level"):
             return None
-        return OtherLight.of_leaves(self.tree, reading.solution, reading.leaves)
+        return ReferenceLevel.of_leaves(self.tree, reading.solution, reading.leaves)
 
     def _stop_gathering(self, tell: Tell, should_stop: Stop) -> None:
         """Return to the light of the leaves, where photons reduce the error sooner."""
         self.gathered = None
 
-    def _shoot_again(self, reading: Reading, texels: NDArray[np.int64], repeats: int, tell: Tell, should_stop: Stop) -> None:
+    def _shoot_again(self, reading: RadiositySolution, texels: NDArray[np.int64], repeats: int, tell: Tell, should_stop: Stop) -> None:
         other = self._other_light(reading)
         for _ in range(repeats):
             if not self.direct.shoot(self.folder, self.settings, self.executor, texels, tell, should_stop, other):
                 return
 
-    def _gather(self, reading: Reading, error: float, texels: NDArray[np.int64], tell: Tell, should_stop: Stop, repeats: int = 1) -> None:
+    def _gather(
+        self, reading: RadiositySolution, error: float, texels: NDArray[np.int64], tell: Tell, should_stop: Stop, repeats: int = 1
+    ) -> None:
         into = self.gathered = self.gathered or GatheredField.none(len(self.tracing.texels), error)
         light, doubt = find_known(replace(self._make_light(reading), few=self._find_few(reading)), self.tracing.texels)
         known = KnownLight(light, self.direct.irradiance, doubt, *self.cell_tally.irradiance(self.tracing.cells))
@@ -203,12 +207,12 @@ class Solver:
         if not into.passes.all():  # stopped before every texel had a first estimate: a mix of both estimators would show
             self.gathered = None
 
-    def _read_tallies(self) -> Reading:
+    def _read_tallies(self) -> RadiositySolution:
         squares = self.squares.light(self.square_tally)
         shrink = self.settings.hierarchical and uses("coefficient_shrinkage")
-        return Reading.of(self.tree, self.tally, self.rule, self.judged, shrink, squares)
+        return RadiositySolution.of(self.tree, self.tally, self.rule, self.judged, shrink, squares)
 
-    def _trace_round(self, stated: estimate.StatedError | None) -> None:
+    def _trace_round(self, stated: error_estimate.StatedError | None) -> None:
         if self.gathered:
             self.gather_plan.give_up(self.settings.error, self.ledger.told)
         self.gathered, (splitting, weight) = None, self._guide_photons()
@@ -257,14 +261,14 @@ class Solver:
         worth = weigh_deposits(tree, self.reading.leaves, light, self.ledger.deposits, self.parts)
         return Splitting(factor, worth, self.births.plan()), weight
 
-    def _find_mean_direct(self, reading: Reading) -> NDArray[np.float64]:
+    def _find_mean_direct(self, reading: RadiositySolution) -> NDArray[np.float64]:
         """(3, n_node) float64, W/m^2: direct light by rays on the nodes of a reading; cached, for a round needs it twice."""
         asked = reading, self.direct.turns
         if self._mean_direct is None or self._mean_direct[0] != asked:
             self._mean_direct = asked, quadtree.mean_in_nodes(reading.tree, self.direct.irradiance)
         return self._mean_direct[1]
 
-    def _refine(self, reading: Reading) -> bool:
+    def _refine(self, reading: RadiositySolution) -> bool:
         """Split the nodes that the oracle marks; returns whether the tree has grown."""
         if not self.settings.hierarchical:
             return False
@@ -286,18 +290,18 @@ class Solver:
         self._trace_round(None)
         return self._make_light(self._read_tallies())
 
-    def _light(self, reading: Reading) -> tuple[LightField, estimate.StatedError]:
+    def _light(self, reading: RadiositySolution) -> tuple[LightField, error_estimate.StatedError]:
         """The light after the last round with its stated error."""
         texels = self.tracing.texels
         limited = self.deadline.limit_spread(partial(spread, self.executor), self.deadline.is_over)
         shown = texels, self.settings.denoise, limited
         direct, gathered = self.direct.show(*shown), self.gathered.show_gathered(*shown) if self.gathered else None
         photon_w, few = self.ledger.photon_w(), self._find_few(reading)
-        stated = estimate.state_error(reading, direct, texels, self.settings.denoise, gathered, self.judged, photon_w, few)
+        stated = error_estimate.state_error(reading, direct, texels, self.settings.denoise, gathered, self.judged, photon_w, few)
         self.parts = stated.parts, stated.parts.weigh(stated.of_parts, self.settings.error)
         return self._make_light(reading, stated), stated
 
-    def _find_few(self, reading: Reading) -> FewPhotons | None:
+    def _find_few(self, reading: RadiositySolution) -> SpatialShrinkage | None:
         """Leaves with few photons, cached; None where photons carry direct light from lamps.
 
         Direct light has sharp edges, over which light must not be averaged.
@@ -308,10 +312,10 @@ class Solver:
             nodes = reading.tree, reading.solution, reading.leaves, reading.totals.received
             tri = self.tracing.texels.texel_tri[reading.tree.start[reading.leaves]]
             cell = code_cells(self.tracing.snapshot, tri, CELL_BITS)
-            self._few = reading, FewPhotons.of(*nodes, reading.correction, cell)
+            self._few = reading, SpatialShrinkage.of(*nodes, reading.correction, cell)
         return self._few[1]
 
-    def _make_light(self, reading: Reading, stated: estimate.StatedError | None = None) -> LightField:
+    def _make_light(self, reading: RadiositySolution, stated: error_estimate.StatedError | None = None) -> LightField:
         return LightField(
             tree=self.tree,
             solution=reading.solution,
@@ -330,7 +334,7 @@ class Solver:
             few=self._find_few(reading) if stated else None,
         )
 
-    def _next_photons(self, stated: estimate.StatedError | None, weight: float) -> tuple[int, int]:
+    def _next_photons(self, stated: error_estimate.StatedError | None, weight: float) -> tuple[int, int]:
         """Photons of the next round, and how many the bake may trace after it: 0 where it probably needs none."""
         errors = (math.nan, 0.0) if stated is None else (stated.chosen, math.hypot(stated.direct, stated.gathered))
         settings, most, late = self.settings, self.settings.max_photons, self.rounds.count_late()

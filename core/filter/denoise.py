@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ..texels.lattices import list_lattices
 from ..texels.quads import QUAD_TEXELS, list_texels
-from ..texels.strips import Strips
 from ..texels.texel_map import TexelMap
+from ..texels.tiling import Strips
 from .nonlocal_means import HALO, RADIUS, smooth_alike
 
 # Greatest side, texels, of leaves whose noise is filtered. Measured on the samples: 4 leaves 0 to 4 % more error, 8 up to 1 % at 256^2 and

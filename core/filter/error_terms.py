@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..texels.judged import BEST_TEXELS, choose_lit, find_dark2
-from .direct_shown import ShownGathered, SmoothedAt
-from .missing_light import Bias
-from .photon_noise import PhotonNoise
+from ..texels.error_metric import BEST_TEXELS, choose_lit, find_dark2
+from .bias_estimate import Bias
+from .filtered_field import FilteredGather, SmoothedAt
+from .variance_estimate import PhotonNoise
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class RayNoise:
     def sum_up(self, weight: NDArray[np.float32], best: NDArray[np.int64]) -> float:
         """Mean over texels `best` of the sample: variance without the part that the filter found absent, and squared blur.
 
-        weight   (m, 3) of AllLight.weigh
+        weight   (m, 3) of ReferenceLight.weigh
         """
         asked, noise2 = best[self.told[best]], self.noise2[best]
         noise2[self.smoothing.is_smoothed[best]] *= self.smoothing.take(asked).find_noise_share(weight[asked])
@@ -89,10 +89,10 @@ class RayNoise:
 class Terms:
     """Squared relative errors of the texels of a sample (m,).
 
-    light      (m, 3) of AllLight.at
-    dark       of AllLight
-    weight     (m, 3) of AllLight.weigh
-    unseen2    (m,) of photon_noise.find_unseen
+    light      (m, 3) of ReferenceLight.at
+    dark       of ReferenceLight
+    weight     (m, 3) of ReferenceLight.weigh
+    unseen2    (m,) of variance_estimate.find_unseen
     gathered   None where no light is
     indirect   (m, 3): share of its light that photons bring
     """
@@ -107,7 +107,7 @@ class Terms:
     gathered: RayNoise | None
     indirect: NDArray[np.float32]
 
-    def with_gathered(self, gathered: ShownGathered, sample: NDArray[np.int64]) -> Terms:
+    def with_gathered(self, gathered: FilteredGather, sample: NDArray[np.int64]) -> Terms:
         """The terms where gathered light is shown in place of the leaves'; the photons' noise is changed in place.
 
         sample   (m,) int64: the texel entries
@@ -150,9 +150,9 @@ class Terms:
 
 
 def _weigh_alone(light: NDArray[np.float32], dark: float, weight: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """(k, 3): AllLight.weigh of texels relative to their own light (k, 3), W/m^2, only; (k,): its mean over that of `weight` (k, 3).
+    """(k, 3): ReferenceLight.weigh of texels relative to their own light (k, 3), W/m^2, only; (k,): its mean over that of `weight` (k, 3).
 
-    dark   of AllLight
+    dark   of ReferenceLight
     """
     scale2 = light**2 + find_dark2(light, dark)
     own = np.divide(np.float32(1.0), scale2, out=np.zeros_like(light), where=scale2 > 0.0)

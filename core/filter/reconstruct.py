@@ -24,7 +24,7 @@ from ..texels.texel_grid import part_bits
 from ..texels.texel_map import TexelMap
 from ..texels.tiles import NODE_WEIGHTS, TILE_NODES, TILE_SIDE, TILE_TEXELS, find_tiles
 from ..util.ablation import uses
-from .leaf_windows import find_shares
+from .blend_weights import find_shares
 from .neighbours import Neighbours
 
 Float64: TypeAlias = NDArray[np.float64]

@@ -8,28 +8,28 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ..lights.direct_choice import Demand, Span
-from ..lights.direct_crowd import LampCrowd, RestOfCrowd
 from ..lights.direct_environment import EnvironmentLight
 from ..lights.direct_lights import Source, WorldSource
-from ..lights.direct_openings import Openings
 from ..lights.direct_points import GAUSS_POINTS, MOST_TEXELS, STAGES, ReceivingSurfaces, TexelChunk, each_chunk, random_shift, row_pieces
-from ..lights.direct_pool import EmitterPool
 from ..lights.direct_sources import make_lamps, make_suns, make_triangle_sources, make_world
+from ..lights.emitter_pool import EmitterPool
 from ..lights.emitters import EmittingMeshes, usable_environment
 from ..lights.environment_table import EnvironmentTable
+from ..lights.lamp_crowd import LampCrowd, RestOfCrowd
+from ..lights.sky_openings import Openings
+from ..lights.stratified_choice import Demand, Span
 from ..scene.materials import SurfaceMaterials
 from ..scene.scene import SceneSnapshot
 from ..scene.shadow_rays import ShadowRays
-from ..texels.texel_looks import TexelLooks
+from ..texels.texel_footprint import TexelLooks
 from ..texels.tiles import Tiles
 from ..util.ablation import uses
 from ..util.arrays import Float64, FloatArray, IntArray
 from ..util.brightness import weigh_channels
 from ..util.coverage import as_slice
 from ..util.geometry import UnitBox
-from .direct_tally import Tally
 from .direct_tiles import look_from_tiles
+from .visibility_estimator import Tally
 
 _MOST_TRIANGLE_SOURCES = 12  # emitting triangles that are looked at one by one
 _FEW_LAMPS = 16  # lamps that every texel looks at one by one
@@ -126,7 +126,7 @@ def direct_irradiance(
     tiles        among the texels, which then share their first looks at lights
     smoothed     the light will be filtered: where it is smooth over a tile, more noise is left to the filter
     crossed      (n,) bool: texels whose footprint reaches past the foot of an object on them, and differs from their neighbours'
-    beside       (n,) float32, W/m^2: other light of the texels, of OtherLight; None is none
+    beside       (n,) float32, W/m^2: other light of the texels, of ReferenceLevel; None is none
     dark         W/m^2: of Demand
     """
     irradiance, variance, by_openings = np.zeros((len(texel), 3)), np.zeros((len(texel), 3)), np.zeros(len(texel), bool)

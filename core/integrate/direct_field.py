@@ -15,20 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..filter.denoise import Spread
-from ..filter.direct_shown import GRAIN, ShownDirect, find_grain
+from ..filter.filtered_field import GRAIN, FilteredField, find_grain
 from ..parallel import shared_arrays
-from ..texels.judged import DARK_FLOOR
+from ..texels.error_metric import DARK_FLOOR
 from ..texels.texel_map import TexelMap
 from ..util.ablation import uses
 from ..util.arrays import FloatArray, IntArray
 from ..util.coverage import as_slice
 from ..util.messages import Message, Status
+from ..util.progress import ProgressReporter
 from ..util.settings import Settings
-from ..util.words import Words
 from . import direct_shards, texel_shards
 from .direct import DirectLight
 from .direct_shards import NOTHING_AHEAD, ShotAhead
-from .other_light import OtherLight
+from .reference_level import ReferenceLevel
 
 _BLOCK = 64  # texels in a row, neighbours, with one variance correction
 # Prior weights, in repeated estimates: of a ratio of 1 in the correction of all texels, and of that correction in a block's.
@@ -102,8 +102,8 @@ class DirectField:
         if not len(self.by_openings):
             self.by_openings = np.zeros(len(self.passes), bool)
         self._grain = GRAIN  # least relative noise that is filtered
-        self._smoothed: ShownDirect | None = None  # of the last shot, computed on demand
-        self._smoothing: Callable[[], ShownDirect] | None = None  # the same in progress
+        self._smoothed: FilteredField | None = None  # of the last shot, computed on demand
+        self._smoothing: Callable[[], FilteredField] | None = None  # the same in progress
 
     @classmethod
     def none(cls, n_texel: int) -> DirectField:
@@ -126,10 +126,10 @@ class DirectField:
         """Set the least noise that is filtered from the requested relative error."""
         self._grain = find_grain(error)
 
-    def show(self, texels: TexelMap, smooth: bool, spread: Spread = starmap) -> ShownDirect:
+    def show(self, texels: TexelMap, smooth: bool, spread: Spread = starmap) -> FilteredField:
         """The light as it is shown, filtered or not."""
         if not smooth:
-            return ShownDirect.plain(self.irradiance, self.find_variance())
+            return FilteredField.plain(self.irradiance, self.find_variance())
         if self._smoothed is None:
             finish = self._smoothing or self._begin_smoothing(texels, spread)
             self._smoothed, self._smoothing = finish(), None
@@ -140,9 +140,9 @@ class DirectField:
         if smooth and self._smoothed is None and self._smoothing is None:
             self._smoothing = self._begin_smoothing(texels, spread)
 
-    def _begin_smoothing(self, texels: TexelMap, spread: Spread) -> Callable[[], ShownDirect]:
+    def _begin_smoothing(self, texels: TexelMap, spread: Spread) -> Callable[[], FilteredField]:
         by_quads = self.by_quads if self.by_quads.any() else None
-        return ShownDirect.begin_smoothing(self.irradiance, self.find_variance(), texels, spread, by_quads, self._grain)
+        return FilteredField.begin_smoothing(self.irradiance, self.find_variance(), texels, spread, by_quads, self._grain)
 
     def take_shown(self, texels: TexelMap, smooth: bool, spread: Spread = starmap, in_place: bool = False) -> NDArray[np.float32]:
         """ShownDirect.irradiance of `show`, for its last use: other results of the filter are dropped.
@@ -174,7 +174,7 @@ class DirectField:
         texels: IntArray | range,
         tell: Callable[[Message], None] = lambda message: None,
         should_stop: Callable[[], bool] = lambda: False,
-        other: OtherLight | None = None,
+        other: ReferenceLevel | None = None,
         ahead: ShotAhead = NOTHING_AHEAD,
     ) -> bool:
         """Add one more estimate of the texels (m,), ascending; each shows the mean of all of its estimates.
@@ -196,7 +196,7 @@ class DirectField:
             self._put_back(rows, kept)
         return is_done
 
-    def _find_brightness(self, shard: texel_shards.DirectShard, other: OtherLight | None) -> float:
+    def _find_brightness(self, shard: texel_shards.DirectShard, other: ReferenceLevel | None) -> float:
         """W/m^2, mean of all texels; 0 where no sky needs it."""
         if not direct_shards.is_below_sky(shard.tracing):
             return 0.0
@@ -230,7 +230,7 @@ class DirectField:
         texels = whole.texels
         shards = direct_shards.list_shards(whole)
         sent = executor.map(find_light, shards[ahead.count :])
-        words = Words(tell)
+        words = ProgressReporter(tell)
         floor = DARK_FLOOR * float(self.irradiance.mean(dtype=np.float64)) + 1e-30
         for shard, light in zip(shards, chain(ahead.wait(), sent), strict=True):
             if should_stop():

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..texels.quads import QUAD_TEXELS, Quads, find_misfit, spread_over_texels
-from ..texels.texel_looks import TexelLooks
+from ..texels.texel_footprint import TexelLooks
 from ..texels.texel_map import TexelMap
 from ..texels.tiles import TILE_TEXELS, Tiles
 from ..util.ablation import uses

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..lights.emitters import usable_environment, usable_world
 from ..parallel import executors
-from ..texels.judged import DARK_FLOOR, choose_sample
+from ..texels.error_metric import DARK_FLOOR, choose_sample
 from ..transport import traced_scene
 from ..util.ablation import uses
 from ..util.arrays import IntArray

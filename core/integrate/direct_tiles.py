@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..lights.direct_lights import Source
-from ..lights.direct_openings import Looks
 from ..lights.direct_points import MIDDLE, Receivers, TexelChunk, base_points, row_pieces, shift_points
+from ..lights.sky_openings import Looks
 from ..scene.shadow_rays import ShadowRays, Sight
 from ..texels.texel_grid import interleave_bits
 from ..texels.tiles import NODE_WEIGHTS, TILE_LINES, TILE_NODES, TILE_SIDE, TILE_TEXELS, Tiles

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..lights.direct_choice import Demand, Span, gather_until_sure
 from ..lights.direct_points import LIGHT_PLACE, MOST_TEXELS, ReceivingSurfaces, TexelChunk, each_chunk, light_points, random_shift
 from ..lights.emitters import rotate_to
+from ..lights.stratified_choice import Demand, Span, gather_until_sure
 from ..scene.materials import SurfaceMaterials
 from ..scene.rays import RayScene
 from ..scene.shadow_rays import MOST_LAYERS

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..filter.denoise import Spread
-from ..filter.direct_shown import ShownGathered
+from ..filter.filtered_field import FilteredGather
 from ..parallel import shared_arrays
 from ..texels.texel_map import TexelMap
 from ..util.ablation import uses
@@ -76,11 +76,11 @@ class GatheredField(DirectField):
         self.doubt[rows] = (self.doubt[rows] * before + light.doubt) / (before + 1)
         super()._add(rows, light)
 
-    def show_gathered(self, texels: TexelMap, smooth: bool, spread: Spread = starmap) -> ShownGathered:
+    def show_gathered(self, texels: TexelMap, smooth: bool, spread: Spread = starmap) -> FilteredGather:
         """Arguments as of show."""
         start = np.arange(0, len(self.doubt), _BLOCK)
         size = np.diff(np.append(start, len(self.doubt)))
         mean = np.add.reduceat(self.doubt, start) / size
         doubt2 = np.repeat(mean * mean, size).astype(np.float32)
         carried = _CARRIED * self.known_error if uses("carried_error") else 0.0
-        return ShownGathered(self.show(texels, smooth, spread), doubt2, self.passes > 0, carried**2)
+        return FilteredGather(self.show(texels, smooth, spread), doubt2, self.passes > 0, carried**2)

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..filter.neighbours import Neighbours
-from ..filter.squares import SquareLight
-from ..radiosity.few_photons import FewPhotons
+from ..filter.subtexel_tally import SubtexelLight
 from ..radiosity.quadtree import Quadtree
+from ..radiosity.spatial_shrinkage import SpatialShrinkage
 from ..radiosity.tally import Solution
-from ..transport.ledger import Ledger
+from ..transport.energy_audit import Ledger
 from .direct_field import DirectField
 from .gathered import GatheredField
 
@@ -43,8 +43,8 @@ class LightField:
     rounds: int
     stopped_by: str
     ledger: Ledger
-    squares: SquareLight | None = None
+    squares: SubtexelLight | None = None
     gathered: GatheredField | None = None
     neighbours: Neighbours | None = None
-    few: FewPhotons | None = None
+    few: SpatialShrinkage | None = None
     object_error: dict[int, float] = field(default_factory=dict)

@@ -17,10 +17,10 @@ from itertools import starmap
 import numpy as np
 from numpy.typing import NDArray
 
-from ..filter import denoise, reconstruct, seams, squares
+from ..filter import denoise, reconstruct, seams, subtexel_tally
+from ..filter.border_feathering import close_cuts
 from ..filter.clip_light import clip_light
-from ..filter.cuts import close_cuts
-from ..filter.flecks import clip_flecks
+from ..filter.firefly_clamp import clip_flecks
 from ..filter.neighbours import Neighbours
 from ..radiosity.quadtree import node_at_entries, node_of_texel
 from ..texels.texel_map import LOOK, TexelMap
@@ -76,7 +76,7 @@ def light_at_texels(
     _share_across_occluders(by_photons, texels)
     is_grainy = side <= denoise.SMALL_LEAF
     if field.squares is not None:
-        is_grainy |= squares.mix(by_photons.transpose(0, 2, 1), variance.T, field.squares, texels)
+        is_grainy |= subtexel_tally.mix(by_photons.transpose(0, 2, 1), variance.T, field.squares, texels)
     if field.gathered:
         gathered = field.gathered.show_gathered(texels, smooth_grain, spread)
         entry = np.flatnonzero(gathered.told)

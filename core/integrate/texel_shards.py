@@ -23,7 +23,7 @@ from ..util.ablation import uses
 from ..util.arrays import IntArray
 from ..util.coverage import as_slice
 from . import direct, direct_quads, gather
-from .other_light import OtherLight
+from .reference_level import ReferenceLevel
 
 DIRECT_ROUND = 2**31 - 1  # of the random numbers for shadow rays: no round of photons comes that far
 GATHER_ROUND = 2**30  # the same, of rays that gather
@@ -36,9 +36,9 @@ def open_known_light(folder: str) -> gather.KnownLight:
 
 
 @keep_view_open
-def open_other_light(folder: str) -> OtherLight:
+def open_other_light(folder: str) -> ReferenceLevel:
     """The same."""
-    return shared_arrays.load_struct(Path(folder), OtherLight)
+    return shared_arrays.load_struct(Path(folder), ReferenceLevel)
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class TexelShard:
 
 @dataclass(frozen=True)
 class DirectShard(TexelShard):
-    """Shadow rays; the view's folder holds other_light.OtherLight, "" where nothing is known of it; dark of direct_choice.Demand."""
+    """Shadow rays; the view's folder holds reference_level.ReferenceLevel, "" where nothing is known of it; dark: see stratified_choice."""
 
     view: str = ""
     dark: float = 0.0

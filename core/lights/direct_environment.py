@@ -16,10 +16,10 @@ from ..util.arrays import Float64, FloatArray, IntArray
 from ..util.brightness import weigh_channels
 from ..util.geometry import dot_rows, take_rows
 from ..util.sphere_map import find_solid_angles
-from .direct_choice import BLOCK_TEXELS, Demand, Int64, Span, gather_until_sure
 from .direct_lights import Aim
 from .direct_points import LIGHT_PLACE, MIDDLE, STAGES, Receivers, TexelChunk, light_points, random_shift, row_pieces
 from .environment_table import EnvironmentTable, PatchChoice
+from .stratified_choice import BLOCK_TEXELS, Demand, Int64, Span, gather_until_sure
 
 _REGION_BLOCKS = 16  # blocks whose pooled visibility is a prior
 _AROUND_RAYS = 4.0  # weight of that prior, in rays to a sector
@@ -28,11 +28,11 @@ _BACKSTOP = 0.05  # share of sampling by power alone: some of a block's normals 
 _MOST_SEEN = 1 / 16  # visible share of the sky's light below which neighbours share one error estimate, see Openings
 _MOSTLY_OPEN = 0.5  # visible share of the sky's light above which the control variate is used
 # Stratification in two dimensions lowers the variance by a further n^0.375, n rays, that successive differences do not measure, as for soft
-# lights in direct_tally; beside a wall the stated error is then twice the real one, without it five times.
+# lights in visibility_estimator; beside a wall the stated error is then twice the real one, without it five times.
 _STRATA_GAIN = 0.375
 _AIMED_LOOKS = 3  # pilot rays per such texel: they shape the pdf and are no part of the estimate
 _JUDGES = 4  # texels of a block whose normals represent it
-_LEAST_VARIANCE, _LEAST_FORESEEN = 1 / 8, 1 / 64  # as in direct_openings
+_LEAST_VARIANCE, _LEAST_FORESEEN = 1 / 8, 1 / 64  # as in sky_openings
 _INFINITE = np.float32(1e30)
 
 

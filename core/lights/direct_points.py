@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from ..scene.normal_maps import NormalMaps
 from ..scene.scene import SceneSnapshot
 from ..scene.shadow_rays import ShadowRays, Sight
+from ..texels.texel_footprint import TexelLooks
 from ..texels.texel_grid import interleave_bits
-from ..texels.texel_looks import TexelLooks
 from ..util.arrays import Float32, FloatArray, IntArray
 from ..util.geometry import UnitBox, dot_rows, locate_hits, offset_origin, take_rows, triangle_frames, triangle_normals_areas
 from .direct_lights import Aim

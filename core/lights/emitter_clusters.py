@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from ..util.arrays import Float32, Float64, FloatArray, IntArray
 from ..util.geometry import dot_rows, take_rows
-from .direct_choice import Clusters, Int64, sort_by_place
 from .direct_points import Receivers, row_pieces
+from .stratified_choice import Clusters, Int64, sort_by_place
 
 _MAX_CLUSTERS = 256
 _NEAR = np.float32(16)  # squared distance, in units of a node's `square`, below which its children are evaluated

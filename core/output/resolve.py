@@ -17,7 +17,7 @@ from ..integrate.texel_light import TexelLight
 from ..scene.materials import SurfaceMaterials
 from ..texels.margin import add_margin
 from ..texels.seam_points import SeamPoints
-from ..texels.texel_looks import centred_strata
+from ..texels.texel_footprint import centred_strata
 from ..texels.texel_map import TexelMap
 from ..util.arrays import IntArray
 from ..util.coverage import as_slice

@@ -41,7 +41,7 @@ class TreeView:
         """
         node = self.node.take(entry, mode="wrap")
         inverse_half = self.inverse_half.take(node, mode="wrap")
-        # A texel at the node's edge may extend to half of the next one, see texel_borders; the polynomial is not extrapolated farther.
+        # A texel at the node's edge may extend to half of the next one, see split_texels; the polynomial is not extrapolated farther.
         most = 1.0 + 0.5 * inverse_half
         least, places = -most, []
         for axis, at in enumerate((x, y)):

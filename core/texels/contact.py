@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..scene.rays import RayScene
 from ..util.arrays import FloatArray
 from ..util.geometry import offset_origin, take_rows
-from .texel_borders import WAYS
+from .split_texels import WAYS
 from .tiles import TILE_SIDE
 
 _LIFT_TEXELS = 0.25  # height of the contact rays above the surface

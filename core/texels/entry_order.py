@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..util.coverage import expand_ranges
-from ..util.words import Say
+from ..util.progress import Say
 from .texel_map import TexelMap
 
 _CHUNK = 1 << 18  # cells at a time

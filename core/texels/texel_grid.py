@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from ..parallel.shared_arrays import IN_MEMORY, Room
 from ..util.arrays import FloatArray, IntArray
 from ..util.coverage import Int32, Int64
+from ..util.progress import Say
 from ..util.row_spans import RowSpans
-from ..util.words import Say
 
 _NEIGHBOURS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1))  # the nearest first
 _BORDER = 2  # texels around a chart whose hits still find it; rounding needs one

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ..util.arrays import FloatArray, IntArray
 from ..util.coverage import CHUNK_SIZE, Float64, Int32, Int64, as_slice, clip_to_texels, expand_ranges
-from .texel_borders import TexelBorders
+from .split_texels import TexelBorders
+from .texel_footprint import TexelLooks, are_inside
 from .texel_grid import TexelGrid
-from .texel_looks import TexelLooks, are_inside
 from .texel_moments import EvenSquares, PartMoments
 
 CHART_SHIFT = 30  # bits of a key below its chart: a Morton code of a 2^14 root has 28

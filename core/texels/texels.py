@@ -16,8 +16,8 @@ from ..scene.scene import SceneSnapshot
 from ..util.coverage import Float64, Int32, Int64, as_slice, chunk_ranges, clip_to_texels, expand_ranges, monomial_exponents, piece_moments
 from ..util.geometry import gather
 from ..util.messages import Status
+from ..util.progress import Say, Watch, stretch, unwatched
 from ..util.row_spans import RowSpans, find_row_spans
-from ..util.words import Say, Watch, stretch, unwatched
 from .texel_grid import TexelGrid, build_grid, fill_border, part_bits
 from .texel_map import TexelMap
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from ..scene.loose_parts import LooseParts
 from ..scene.rays import RayScene
 from ..texels import contact
-from ..texels.texel_borders import WAYS
+from ..texels.split_texels import WAYS
 from ..texels.texel_map import TexelMap
 from ..texels.tiles import TILE_CORNERS, TILE_TEXELS, Tiles
 from ..util.arrays import IntArray
-from ..util.words import Say
+from ..util.progress import Say
 from .texel_frames import TexelFrames
 from .traced_scene import TracedScene
 

@@ -22,14 +22,14 @@ from ..parallel import folders, shared_arrays
 from ..texels import contact
 from ..texels.contact_parts import part_in_squares
 from ..texels.entry_order import EntryOrder, put_in_order
-from ..texels.texel_borders import OPPOSITE, WAYS, TexelBorders, share_texels
+from ..texels.split_texels import OPPOSITE, WAYS, TexelBorders, share_texels
 from ..texels.texel_grid import interleave_bits, step_codes
 from ..texels.texel_map import CHART_SHIFT, TexelMap
 from ..texels.tiles import TILE_SIDE
 from ..util.ablation import uses
 from ..util.messages import Status
+from ..util.progress import Say, Watch, stretch, unwatched
 from ..util.threads import run_on_threads
-from ..util.words import Say, Watch, stretch, unwatched
 from . import traced_scene
 from .contact_looks import Looks, Surroundings
 from .traced_scene import TracedScene

@@ -13,7 +13,7 @@ from ..parallel import executors, shared_arrays
 from ..parallel.folders import TEXELS_FOLDER
 from ..texels.texel_map import TexelMap
 from ..util.coverage import Int64
-from ..util.words import Watch, unwatched
+from ..util.progress import Watch, unwatched
 from .contact_map import LOOKING, ContactMap, find_contacts, find_in_charts
 from .traced_scene import TracedScene
 

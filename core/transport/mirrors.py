@@ -11,7 +11,7 @@ from ..scene.glass import Glass
 from ..scene.gloss import Gloss
 from ..util.arrays import IntArray
 from ..util.geometry import gather, locate_hits, offset_origin
-from .births import Arrivals, Photons
+from .emission import Arrivals, Photons
 from .passing import Passing
 
 _TINY = np.finfo(np.float32).tiny

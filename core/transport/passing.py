@@ -11,7 +11,7 @@ from ..scene.materials import SurfaceMaterials
 from ..scene.shadow_rays import leave_through
 from ..util.arrays import IntArray
 from ..util.geometry import gather, locate_hits
-from .births import Photons
+from .emission import Photons
 
 _TINY = np.finfo(np.float32).tiny
 _Rows = NDArray[np.float32]

@@ -27,8 +27,8 @@ from ..scene.shadow_rays import MOST_LAYERS, ShadowRays, collapse
 from ..util.ablation import uses
 from ..util.geometry import UnitBox, gather, locate_hits, offset_origin, triangle_frames, triangle_normals_areas
 from ..util.sampling import grouped_points
-from .birth_cells import BirthCells
-from .births import BATCH, Arrivals, Photons, bear_photons, find_hidden, join_photons, join_waves, light_every_surface, soften
+from .emission import BATCH, Arrivals, Photons, bear_photons, find_hidden, join_photons, join_waves, light_every_surface, soften
+from .emission_cells import BirthCells
 from .mirrors import reflect_photons
 from .passing import Passing
 from .photon_log import PhotonLog, ShardHits, SideHits

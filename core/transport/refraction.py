@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..scene.glass import Bent, Glass
 from ..util.arrays import Float64, IntArray
 from ..util.geometry import gather, locate_hits, offset_origin
-from .births import Arrivals, Photons
+from .emission import Arrivals, Photons
 from .mirrors import GlossyScene, shade
 
 _Rows = NDArray[np.float32]

@@ -16,8 +16,8 @@ from ..scene.snapshot import load_snapshot
 from ..scene.surface_cells import SurfaceCells
 from ..texels.texel_map import TexelMap
 from ..util.geometry import UnitBox, triangle_normals_areas
-from ..util.heap import keep_freed_memory
 from ..util.job import SNAPSHOT_FILE
+from ..util.malloc_tuning import keep_freed_memory
 from . import photons
 
 

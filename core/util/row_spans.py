@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .coverage import Float64, Int32, Int64, chunk_ranges, expand_ranges
-from .words import Say
+from .progress import Say
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-from .words import Say
+from .progress import Say
 
 T = TypeVar("T")
 

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from known_light import bake_known, mean_over_texels
 from leaflight.core.scene.materials import clamp_warnings
 from leaflight.core.scene.scene import MAX_ALBEDO, Light, Material
-from leaflight.core.texels.texel_looks import centred_strata
+from leaflight.core.texels.texel_footprint import centred_strata
 from leaflight.core.texels.texel_map import LOOK
 from leaflight.core.transport import traced_scene
 from leaflight.core.util.settings import BASES, DIRECT_MODES, Settings

@@ -38,7 +38,7 @@ LIGHT_STAGES = {"rays": ["photons", "direct", "photons", "write"], "photons": ["
 @pytest.fixture
 def patient(monkeypatch):
     """However slow the machine is, nobody is asked before there is light."""
-    monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", math.inf)
+    monkeypatch.setattr("leaflight.core.util.progress.SECONDS_BETWEEN_WORDS", math.inf)
 
 
 def bake_scene(folder, scene, settings=QUICK, output="", should_stop=lambda: False, **job):
@@ -221,7 +221,7 @@ def test_interrupted_bake_is_written_and_says_so(tmp_path, patient):
 
 
 def test_a_bake_that_is_stopped_while_its_unwrapping_takes_long_has_nothing_to_show(tmp_path, monkeypatch):
-    monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", -1.0)
+    monkeypatch.setattr("leaflight.core.util.progress.SECONDS_BETWEEN_WORDS", -1.0)
     with pytest.raises(FileNotFoundError):  # no result file
         bake_scene(tmp_path, lamp_scene(), should_stop=lambda: True)
     assert list_files(tmp_path / "images") == []
@@ -233,7 +233,7 @@ def test_a_bake_that_is_stopped_while_its_unwrapping_takes_long_has_nothing_to_s
 
 @pytest.mark.parametrize("stage", ["texels", "contacts"])
 def test_a_bake_that_is_stopped_later_but_before_there_is_light_has_nothing_to_show_either(tmp_path, monkeypatch, stage):
-    monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", -1.0)
+    monkeypatch.setattr("leaflight.core.util.progress.SECONDS_BETWEEN_WORDS", -1.0)
     save_snapshot(tmp_path / SNAPSHOT_FILE, lamp_scene())
     Job(QUICK, str(tmp_path / "images"), "room").save(tmp_path)
     messages = []
@@ -244,7 +244,7 @@ def test_a_bake_that_is_stopped_later_but_before_there_is_light_has_nothing_to_s
 
 
 def test_how_far_texels_and_contacts_have_come_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", -1.0)
+    monkeypatch.setattr("leaflight.core.util.progress.SECONDS_BETWEEN_WORDS", -1.0)
     messages, _ = bake_scene(tmp_path, lamp_scene())
     for stage, text in (("texels", "Measuring texels"), ("contacts", "Looking for contacts")):
         said = [message for message in messages if isinstance(message, Status) and message.stage == stage]
@@ -254,7 +254,7 @@ def test_how_far_texels_and_contacts_have_come_is_told(tmp_path, monkeypatch):
 
 
 def test_how_far_the_unwrapping_has_come_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", -1.0)
+    monkeypatch.setattr("leaflight.core.util.progress.SECONDS_BETWEEN_WORDS", -1.0)
     sun = Light("SUN", "Sun", power_rgb=(1.0, 1.0, 1.0))
     messages, _ = bake_scene(tmp_path, make_scene([quad_mesh("One"), moved(quad_mesh("Two"), (2.0, 0.0, 0.0))], [sun]))
     told = [message.text for message in messages if isinstance(message, Status) and message.stage == "charts"]
@@ -289,7 +289,7 @@ def test_whoever_traces_is_sent_home_however_the_bake_ends(tmp_path, monkeypatch
             ended.append(cancel_futures)
 
     if end == "stopped":
-        monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", -1.0)
+        monkeypatch.setattr("leaflight.core.util.progress.SECONDS_BETWEEN_WORDS", -1.0)
     if end == "failed":
         monkeypatch.setattr(resolve.Resolver, "page", lambda *_: (_ for _ in ()).throw(OSError("the disk is full")))
     save_snapshot(tmp_path / SNAPSHOT_FILE, lamp_scene())

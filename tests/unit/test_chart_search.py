@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from leaflight.core.atlas import chart_search, kept_charts, unwrap_question
+from leaflight.core.atlas import chart_cache, chart_search, unwrap_question
 from leaflight.core.atlas.chart_search import find_charts
 from leaflight.core.atlas.layer_check import signed_areas
 from leaflight.core.atlas.unfolding import UnfolderDied
 from leaflight.core.util.geometry import triangle_normals_areas
-from leaflight.core.util.words import Interrupted
+from leaflight.core.util.progress import Interrupted
 from scenes import box_mesh, grid_mesh, make_scene, moved, quad_mesh, shared_mesh, sphere_mesh, split_faces
 
 CLOTH = grid_mesh("Cloth", cells=4, noise=0.8)
@@ -30,8 +30,8 @@ def test_charts_of_an_object_follow_each_other_upright_and_at_zero():
 def test_shared_charts_are_found_once_and_worn_in_each_ones_metres(monkeypatch):
     scene = make_scene([shared_mesh("A", CLOTH), shared_mesh("B", CLOTH, (-2.0, 2.0, 2.0)), shared_mesh("C", CLOTH, (1.0, 1.2, 1.0))])
     calls = []
-    real = kept_charts.Unwrapping
-    monkeypatch.setattr(kept_charts, "Unwrapping", lambda *arrays: calls.append(len(arrays[0])) or real(*arrays))
+    real = chart_cache.Unwrapping
+    monkeypatch.setattr(chart_cache, "Unwrapping", lambda *arrays: calls.append(len(arrays[0])) or real(*arrays))
     found = find_charts(scene, True)
     assert sum(calls) == scene.n_tri / 3
     assert len(found.blocks) == 1
@@ -64,8 +64,8 @@ def test_copies_are_unwrapped_once_and_have_the_charts_that_they_would_have(monk
     scene = make_scene([grid_mesh("Other"), bent, *linked, replace(moved(bent, (5.0, 0.0, 0.0), 3.0), name="Copy")])
     scene = replace(scene, objects=(*scene.objects[:4], replace(scene.objects[4], density_factor=2.0)))
     calls = []
-    real = kept_charts.Unwrapping
-    monkeypatch.setattr(kept_charts, "Unwrapping", lambda *arrays: calls.append(len(arrays[0])) or real(*arrays))
+    real = chart_cache.Unwrapping
+    monkeypatch.setattr(chart_cache, "Unwrapping", lambda *arrays: calls.append(len(arrays[0])) or real(*arrays))
     found = find_charts(scene, True)
     assert sum(calls) == np.isin(scene.tri_object, [0, 1]).sum()
     own = [found.uv[scene.tri_object == i] for i in range(5)]
@@ -124,7 +124,7 @@ GRIDS = [grid_mesh(f"Grid {cells}", cells=cells) for cells in (1, 2, 3, 4)]  # o
 def diary(monkeypatch):
     def watch(fails=-1):
         written = []
-        monkeypatch.setattr(kept_charts, "Unwrapping", lambda *arrays: FakeUnwrapping(written, fails, *arrays[:-1], tri_object=arrays[-1]))
+        monkeypatch.setattr(chart_cache, "Unwrapping", lambda *arrays: FakeUnwrapping(written, fails, *arrays[:-1], tri_object=arrays[-1]))
         monkeypatch.setattr(chart_search, "_AT_ONCE", 0)
         return written
 

@@ -15,7 +15,7 @@ from leaflight.core.texels.contact import (
     rises_between,
     texel_axes,
 )
-from leaflight.core.texels.texel_borders import WAYS
+from leaflight.core.texels.split_texels import WAYS
 from leaflight.core.util.geometry import UnitBox
 from scenes import box_mesh, make_scene, quad_mesh
 

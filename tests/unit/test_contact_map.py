@@ -14,7 +14,7 @@ from leaflight.core.parallel import executors, folders, shared_arrays
 from leaflight.core.radiosity import quadtree
 from leaflight.core.scene.scene import Light
 from leaflight.core.scene.topology import join_sets
-from leaflight.core.texels.texel_borders import WAYS
+from leaflight.core.texels.split_texels import WAYS
 from leaflight.core.texels.texel_grid import interleave_bits
 from leaflight.core.texels.tiles import TILE_TEXELS
 from leaflight.core.transport import contact_map, traced_scene

@@ -10,8 +10,8 @@ from leaflight.core.scene.scene import Light
 from leaflight.core.transport import contact_search, traced_scene
 from leaflight.core.transport.contact_map import LOOKING, cut_at_contacts, find_contacts
 from leaflight.core.transport.contact_search import search_contacts, split_at_charts
+from leaflight.core.util.progress import Interrupted
 from leaflight.core.util.settings import Settings
-from leaflight.core.util.words import Interrupted
 from processes import wait_until_ready
 from scenes import box_mesh, make_scene, quad_mesh
 from words_heard import check_every_word_is_heard

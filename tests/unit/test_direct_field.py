@@ -11,7 +11,7 @@ from boxes import lamp_scene, prepare_folder
 from leaflight.core.integrate import direct_shards, texel_shards
 from leaflight.core.integrate.direct import DirectLight
 from leaflight.core.integrate.direct_field import DirectField
-from leaflight.core.integrate.other_light import OtherLight
+from leaflight.core.integrate.reference_level import ReferenceLevel
 from leaflight.core.parallel import executors
 from leaflight.core.transport import traced_scene
 from leaflight.core.util.settings import Settings
@@ -54,7 +54,7 @@ def test_many_shots_come_to_the_light(shot):
 def test_what_is_told_of_a_shot_is_the_share_that_is_done(shot, monkeypatch):
     folder, field = shot
     monkeypatch.setattr(direct_shards, "SHARD_TEXELS", 100)
-    monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", -1.0)
+    monkeypatch.setattr("leaflight.core.util.progress.SECONDS_BETWEEN_WORDS", -1.0)
     told, count = [], len(field.passes)
     field.shoot(folder, SETTINGS, executors.InlineExecutor(), np.arange(count), told.append)
     done = [1 - start / count for start in direct_shards.cut_into_shards(count)[-2::-1]]
@@ -147,7 +147,7 @@ def test_it_is_told_what_is_dark_beside_the_mean_of_all_texels(tmp_path, error_o
     settings = replace(SETTINGS, error_of=error_of)
     scene = replace(lamp_scene(), world_rgb=(2.0, 2.0, 2.0))
     n_texel = len(prepare_folder(tmp_path, scene, settings)[1].texel_area)
-    field, dice, other = DirectField.none(n_texel), Dice(np.full(n_texel, 0.1)), OtherLight(np.full(n_texel, 3.0, np.float32))
+    field, dice, other = DirectField.none(n_texel), Dice(np.full(n_texel, 0.1)), ReferenceLevel(np.full(n_texel, 3.0, np.float32))
     light = DirectField.none(n_texel)
     light.shoot(tmp_path, replace(settings, error=0.05), executors.InlineExecutor(), range(n_texel))
     field.shoot(tmp_path, settings, dice, range(n_texel), other=other)
@@ -204,7 +204,7 @@ def find_rarely(field, rng):
     """One more estimate of all texels: half as bright as each other, of rays of which one finds light in three estimates."""
     level = np.repeat([1.0, 2.0], len(field.passes) // 2)[:, None]
     found = 3.0 * rng.poisson(1 / 3, len(field.passes))[:, None] * level
-    variance = np.maximum(3.0 * found, 1.0) * level  # who found nothing is not sure of it, see direct_openings
+    variance = np.maximum(3.0 * found, 1.0) * level  # who found nothing is not sure of it, see sky_openings
     light = DirectLight(np.repeat(found, 3, axis=1), np.repeat(variance, 3, axis=1), {})
     field._note_difference(np.arange(len(field.passes)), light, 0.1)
     field._add(slice(None), light)
@@ -242,7 +242,7 @@ def test_rays_are_fewer_where_there_is_other_light_and_nothing_is_left_of_what_t
     folder, alone = shot
     every, before = range(len(alone.passes)), set(folder.iterdir())
     beside = DirectField.none(len(alone.passes))
-    bright = OtherLight(np.full(len(alone.passes), 100.0, np.float32))
+    bright = ReferenceLevel(np.full(len(alone.passes), 100.0, np.float32))
     settings = replace(SETTINGS, error=0.02)
     asked = [False, True]
     assert beside.shoot(folder, settings, executors.InlineExecutor(), every, other=bright)
@@ -258,7 +258,7 @@ def test_nothing_is_left_where_shards_fail(shot, monkeypatch):
     before = set(folder.iterdir())
     monkeypatch.setattr(texel_shards, "light_texels", lambda shard: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        field.shoot(folder, SETTINGS, executors.InlineExecutor(), range(9), other=OtherLight(np.zeros(9, np.float32)))
+        field.shoot(folder, SETTINGS, executors.InlineExecutor(), range(9), other=ReferenceLevel(np.zeros(9, np.float32)))
     assert set(folder.iterdir()) == before
 
 
@@ -272,7 +272,7 @@ def test_texels_of_every_shard_have_their_own_other_light(shot, monkeypatch):
     for bright in (np.arange(count) >= 0, np.arange(count) >= count // 2, np.arange(count) < 0):
         again = DirectField.none(count)
         again.turns = 5
-        other = OtherLight(np.where(bright, 1e4, 0.0).astype(np.float32))
+        other = ReferenceLevel(np.where(bright, 1e4, 0.0).astype(np.float32))
         again.shoot(folder, settings, executors.InlineExecutor(), range(count), other=other)
         noise.append([again.variance[rows].mean() for rows in (shadowed[shadowed < count // 2], shadowed[shadowed >= count // 2])])
     (low, _), (half_low, half_high), (_, none_high) = noise

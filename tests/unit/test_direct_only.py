@@ -9,7 +9,7 @@ from closed_forms import from_polygon
 from leaflight.core.bake.direct_only import _find_worst, settle_direct
 from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.parallel import executors
-from leaflight.core.texels.judged import BEST_TEXELS, DARK_FLOOR
+from leaflight.core.texels.error_metric import BEST_TEXELS, DARK_FLOOR
 from leaflight.core.util.settings import Settings
 from scenes import make_scene, moved, quad_mesh
 

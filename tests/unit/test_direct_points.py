@@ -10,7 +10,7 @@ from floors import floor_looks, lit_scene, prepare
 from leaflight.core.lights import direct_points
 from leaflight.core.lights.direct_lights import Aim
 from leaflight.core.lights.direct_points import MIDDLE, STAGES, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces
-from leaflight.core.texels.texel_looks import TexelLooks
+from leaflight.core.texels.texel_footprint import TexelLooks
 from leaflight.core.util.geometry import UnitBox
 from scenes import make_scene, sphere_mesh
 

@@ -12,8 +12,8 @@ from leaflight.core.integrate.direct_quads import find_quads, light_by_quads
 from leaflight.core.parallel import executors
 from leaflight.core.scene.scene import Light
 from leaflight.core.texels.quads import find_misfit
-from leaflight.core.texels.texel_borders import TexelBorders
-from leaflight.core.texels.texel_looks import centred_strata
+from leaflight.core.texels.split_texels import TexelBorders
+from leaflight.core.texels.texel_footprint import centred_strata
 from leaflight.core.texels.tiles import Tiles
 from leaflight.core.util import ablation
 from leaflight.core.util.brightness import weigh_channels

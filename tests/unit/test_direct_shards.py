@@ -8,10 +8,10 @@ from boxes import lamp_scene, prepare_folder
 from leaflight.core.integrate import direct_shards, texel_shards
 from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.integrate.direct_shards import NOTHING_AHEAD, ShotAhead
-from leaflight.core.integrate.other_light import OtherLight
+from leaflight.core.integrate.reference_level import ReferenceLevel
 from leaflight.core.parallel import executors, folders
 from leaflight.core.scene.scene import Light
-from leaflight.core.texels.judged import DARK_FLOOR
+from leaflight.core.texels.error_metric import DARK_FLOOR
 from leaflight.core.util.settings import Settings
 from scenes import box_mesh, make_scene, moved, quad_mesh
 
@@ -84,7 +84,7 @@ def test_shards_sent_ahead_see_to_shadows_as_if_nothing_else_were_seen(tmp_path,
     n_texel = len(prepare_folder(folder, scene, SETTINGS)[1])
     monkeypatch.setattr(direct_shards, "SHARD_TEXELS", n_texel // 12)
     ahead = ShotAhead.send(folder, SETTINGS, executors.InlineExecutor(), n_texel)
-    bright = OtherLight(np.full(n_texel, 1e3, np.float32))
+    bright = ReferenceLevel(np.full(n_texel, 1e3, np.float32))
     fields = [DirectField.none(n_texel) for _ in range(3)]
     for field, (other, sent) in zip(fields, ((None, NOTHING_AHEAD), (bright, NOTHING_AHEAD), (bright, ahead)), strict=True):
         field.shoot(folder, SETTINGS, executors.InlineExecutor(), range(n_texel), other=other, ahead=sent)

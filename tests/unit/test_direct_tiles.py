@@ -11,9 +11,9 @@ from floors import floor_looks, floor_tiles, lit_scene, morton_square, prepare, 
 from leaflight.core.integrate import direct
 from leaflight.core.integrate.direct import DirectLight, direct_irradiance
 from leaflight.core.integrate.direct_tiles import look_from_tiles
-from leaflight.core.lights.direct_choice import Demand
 from leaflight.core.lights.direct_points import TexelChunk
 from leaflight.core.lights.direct_sources import make_lamps
+from leaflight.core.lights.stratified_choice import Demand
 from leaflight.core.scene.scene import Light, SceneSnapshot
 from leaflight.core.texels.tiles import TILE_TEXELS, Tiles
 from leaflight.core.util.geometry import UnitBox

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from leaflight.core.bake import bake, earlier_bakes, kept_bake
+from leaflight.core.bake import bake, bake_cache, earlier_bakes
 from leaflight.core.bake.earlier_bakes import find_others, read_notes
 from leaflight.core.scene.scene import Light
 from leaflight.core.scene.snapshot import save_snapshot
@@ -66,7 +66,7 @@ def test_a_bake_that_is_stopped_leaves_over_what_a_whole_one_would(run, tmp_path
 def test_a_bake_that_is_kept_tells_nothing_of_files_that_may_be_gone(run, tmp_path):
     run(LARGE)
     run()
-    kept = kept_bake.find_kept_bake(SCENE, Job.load(tmp_path))
+    kept = bake_cache.find_kept_bake(SCENE, Job.load(tmp_path))
     assert kept is not None
     assert not any("old lightmap" in text for _, text in kept.warnings)
 
@@ -92,7 +92,7 @@ def test_a_file_called_like_a_page_is_none_of_a_bake_of_single_objects(run, tmp_
 
 def test_what_another_bake_has_noted_is_not_left_over_until_it_is_changed(run, tmp_path):
     run(LARGE)
-    note = kept_bake.find_note(Job(QUICK, str(tmp_path / "images"), "room"))
+    note = bake_cache.find_note(Job(QUICK, str(tmp_path / "images"), "room"))
     note.with_name(".leaflight_other.npz").write_bytes(note.read_bytes())
     with open(tmp_path / "images" / PAGES[1], "ab") as file:
         file.write(b"painted on")
@@ -122,13 +122,13 @@ def _rewrite(note, change):
 @pytest.mark.parametrize("harm", [_lose_note, _damage_note, _lose_contents])
 def test_what_is_left_over_is_told_without_a_note(run, tmp_path, harm):
     run(LARGE)
-    harm(kept_bake.find_note(Job(QUICK, str(tmp_path / "images"), "room")))
+    harm(bake_cache.find_note(Job(QUICK, str(tmp_path / "images"), "room")))
     assert run()[0] == [left_over(tmp_path, *PAGES[1:])]
 
 
 def test_a_note_that_names_files_elsewhere_is_not_followed(run, tmp_path):
     run(LARGE)
-    note = kept_bake.find_note(Job(QUICK, str(tmp_path / "images"), "room"))
+    note = bake_cache.find_note(Job(QUICK, str(tmp_path / "images"), "room"))
     _rewrite(note, lambda header: header["result"]["files"][2].update(path="../mine.exr"))
     assert [list(bake.files) for bake in read_notes(tmp_path / "images")] == [PAGES[:2]]
 

@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 from leaflight.core.filter import error_terms
-from leaflight.core.filter.direct_shown import ShownDirect, ShownGathered
+from leaflight.core.filter.bias_estimate import Bias
 from leaflight.core.filter.error_terms import RayNoise, Terms, judge_rays_alone
-from leaflight.core.filter.missing_light import Bias
-from leaflight.core.filter.photon_noise import PhotonNoise
-from leaflight.core.texels.judged import BEST_TEXELS, DARK_FLOOR
+from leaflight.core.filter.filtered_field import FilteredField, FilteredGather
+from leaflight.core.filter.variance_estimate import PhotonNoise
+from leaflight.core.texels.error_metric import BEST_TEXELS, DARK_FLOOR
 
 COUNT = 1000
 
@@ -23,7 +23,7 @@ def terms_of(light, photons, direct, missing=0.0, dark=1.0):
     missing2 = weight[:, 0] * np.broadcast_to(missing, n) ** 2
     told = Bias(np.arange(n, dtype=np.int32), missing2, missing2, zero, zero + np.nan, zero + np.nan)
     photons2 = weight[:, 0] * np.broadcast_to(photons, n) ** 2.0
-    shown = ShownDirect.plain(light, np.repeat(np.broadcast_to(np.float32(direct), n)[:, None] ** 2, 3, axis=1))
+    shown = FilteredField.plain(light, np.repeat(np.broadcast_to(np.float32(direct), n)[:, None] ** 2, 3, axis=1))
     rays = RayNoise(shown.tell_smoothing(np.arange(n)), np.ones(n, bool), weight[:, 0] * shown.noise[:, 0])
     return Terms(light, dark, weight, PhotonNoise(photons2, zero, 0.0, 0.0), zero, told, rays, None, weight * 0.0 + 0.5)
 
@@ -97,7 +97,7 @@ def test_gathered_light_takes_the_place_of_all_that_leaves_err_by():
     terms = dataclasses.replace(terms_of(np.ones(COUNT), 0.3, 0.2, missing=0.1, dark=0.0), unseen2=np.full(COUNT, 0.16))
     told = np.arange(COUNT) < COUNT // 2
     noise = np.full((COUNT, 3), 0.05**2, np.float32)
-    shown = ShownGathered(ShownDirect.plain(np.ones((COUNT, 3), np.float32), noise), np.full(COUNT, 0.01, np.float32), told, 0.02)
+    shown = FilteredGather(FilteredField.plain(np.ones((COUNT, 3), np.float32), noise), np.full(COUNT, 0.01, np.float32), told, 0.02)
     with_it = terms.with_gathered(shown, np.arange(COUNT))
     for rows, expected2 in ((told, 0.01 + 0.02 + 0.2**2 + 0.05**2), (~told, 0.3**2 + 0.2**2 + 0.1**2 + 0.16)):
         assert with_it.sum_up(np.flatnonzero(rows), unseen=True).relative ** 2 == pytest.approx(expected2, rel=2e-3)

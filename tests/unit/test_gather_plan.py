@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver
 from leaflight.core.bake.gather_plan import GatherPlan
-from leaflight.core.filter import estimate
+from leaflight.core.filter import error_estimate
 from leaflight.core.integrate.gathered import GatheredField
 from leaflight.core.texels.tiles import Tiles
-from leaflight.core.transport.ledger import Ledger
+from leaflight.core.transport.energy_audit import Ledger
 from leaflight.core.util.settings import Settings
 
 ASKED = Settings(error=0.02)
 LEDGER = Ledger(photons=10**6, told=1e6, rays=500_000)
-NOISY = estimate.StatedError(0.049, 0.05, 0.0, 0.04, 1.0, lambda: np.zeros(0, np.float32), indirect=1.0)
+NOISY = error_estimate.StatedError(0.049, 0.05, 0.0, 0.04, 1.0, lambda: np.zeros(0, np.float32), indirect=1.0)
 
 
 def pays(settings=ASKED, stated=NOISY, ledger=LEDGER, round_=3, n_texel=40_000, tiled=1.0, weight=1.0):

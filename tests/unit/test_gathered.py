@@ -126,7 +126,7 @@ def test_gathered_light_is_smoothed_as_fits_the_error_asked_for(tmp_path, monkey
 
 
 def test_gathering_tells_how_far_it_is_and_then_that_photons_fly(tmp_path, monkeypatch):
-    monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", -1.0)
+    monkeypatch.setattr("leaflight.core.util.progress.SECONDS_BETWEEN_WORDS", -1.0)
     told = []
     _, solver, _ = halt(tmp_path, monkeypatch, 10**6, tell=told.append, error=0.01)  # one pass
     count = len(solver.tracing.texels)

@@ -272,8 +272,8 @@ def test_the_process_keeps_what_it_frees(dummy):
     boot = Path(job.__file__).with_name("boot.py")
     process = dummy(
         f"import pathlib, runpy\nmain = runpy.run_path({str(boot)!r}, run_name='boot')['main']\n"
-        "from leaflight.core.bake import bake\nfrom leaflight.core.util import heap\nasked = []\n"
-        "heap.keep_freed_memory = lambda **how: asked.append(how)\n"
+        "from leaflight.core.bake import bake\nfrom leaflight.core.util import malloc_tuning\nasked = []\n"
+        "malloc_tuning.keep_freed_memory = lambda **how: asked.append(how)\n"
         "def fail(*_): raise ValueError(f'asked {asked}')\n"
         "bake.run_bake = fail\nsys.exit(main(pathlib.Path(sys.argv[1])))\n"
     )

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene
-from leaflight.core.atlas.kept_charts import KeptCharts
+from leaflight.core.atlas.chart_cache import ChartCache
 from leaflight.core.bake import checkpoint
 from leaflight.core.bake.first_photons import FirstPhotons
 from leaflight.core.bake.light_search import PREVIEW_FOLDER, LightSearch
-from leaflight.core.bake.needs import Needs
-from leaflight.core.bake.receivers import find_receivers, lay_out
+from leaflight.core.bake.receiving_texels import find_receivers, lay_out
+from leaflight.core.bake.run import Run
 from leaflight.core.bake.solve import Solver
-from leaflight.core.bake.stages import Run
+from leaflight.core.bake.work_plan import WorkPlan
 from leaflight.core.integrate import direct_shards
 from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.integrate.direct_shards import ShotAhead
@@ -38,9 +38,9 @@ def seek(tmp_path):
         run = Run(folder, Job(settings, str(tmp_path / "images"), "room", **job), told.append, should_stop)
         run.told = told
         surfaces = SurfaceMaterials(scene)
-        needs = Needs.of(settings, surfaces)
+        needs = WorkPlan.of(settings, surfaces)
         settings = needs.trim(settings)
-        atlas, executor = lay_out(run, scene, settings, KeptCharts()), executors.InlineExecutor()
+        atlas, executor = lay_out(run, scene, settings, ChartCache()), executors.InlineExecutor()
         receivers = find_receivers(run, scene, settings, atlas, executor, needs.direct, needs.photons)
         told.clear()
         first = first(run) if first else FirstPhotons()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from leaflight.core.filter.neighbours import Neighbours
 from leaflight.core.radiosity import quadtree
-from leaflight.core.texels.texel_borders import TexelBorders
+from leaflight.core.texels.split_texels import TexelBorders
 from trees import SquareBake
 
 

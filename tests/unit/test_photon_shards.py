@@ -10,11 +10,11 @@ from boxes import lamp_scene, make_solver, room_mesh, to_bytes
 from leaflight.core.bake import photon_shards
 from leaflight.core.bake.photon_shards import PhotonResult, PhotonShard, trace_ahead, trace_photons
 from leaflight.core.parallel import folders, shared_arrays
-from leaflight.core.radiosity.splitting import Splitting
+from leaflight.core.radiosity.splitting_guide import Splitting
 from leaflight.core.radiosity.tree_view import TreeView
 from leaflight.core.scene.scene import Light, Material
 from leaflight.core.transport import photons, traced_scene
-from leaflight.core.transport.birth_cells import BirthCells
+from leaflight.core.transport.emission_cells import BirthCells
 from leaflight.core.util.settings import Settings
 from scenes import Mesh, make_scene, moved, quad_mesh
 

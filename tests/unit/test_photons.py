@@ -11,8 +11,8 @@ from floors import chi_square_sigmas, sigma_limit
 from leaflight.core.lights.lights import Births
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.scene import Material, SceneObject, SceneSnapshot, TextureImage
-from leaflight.core.transport import births, photon_log, photons
-from leaflight.core.transport.birth_cells import BINS, BirthCells
+from leaflight.core.transport import emission, photon_log, photons
+from leaflight.core.transport.emission_cells import BINS, BirthCells
 from leaflight.core.util import geometry, sampling
 
 N = 40_000
@@ -151,7 +151,7 @@ def test_a_point_in_the_centre_lights_six_faces_alike():
 
 
 def test_births_go_on_from_batch_to_batch(monkeypatch):
-    monkeypatch.setattr(births, "BATCH", N // 3)
+    monkeypatch.setattr(emission, "BATCH", N // 3)
     hits = _trace(_build(_snapshot(_cube()), _white_lamp()), max_depth=1)
     assert len(np.unique(np.stack([hits.tri, hits.u, hits.v]), axis=1).T) > 0.99 * N
 
@@ -174,7 +174,7 @@ def test_what_is_left_of_the_waves_goes_on_together(monkeypatch):
     counting, lengths = _count_rays(scene)
     whole = _trace(counting, max_depth=9)
     assert len(lengths) == 9
-    monkeypatch.setattr(births, "BATCH", N // 8)
+    monkeypatch.setattr(emission, "BATCH", N // 8)
     monkeypatch.setattr(photons, "BATCH", N // 8)
     counting, lengths = _count_rays(scene)
     parts = _trace(counting, max_depth=9)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver
 from leaflight.core.filter import reconstruct
-from leaflight.core.filter.leaf_windows import find_shares
+from leaflight.core.filter.blend_weights import find_shares
 from leaflight.core.radiosity import quadtree
 from leaflight.core.util.settings import Settings
 from trees import SquareBake, even

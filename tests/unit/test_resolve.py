@@ -7,7 +7,7 @@ import pytest
 from boxes import lamp_scene, make_solver
 from leaflight.core.atlas import charts
 from leaflight.core.bake import solve
-from leaflight.core.filter.squares import SquareLight
+from leaflight.core.filter.subtexel_tally import SubtexelLight
 from leaflight.core.integrate import texel_light
 from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.output import resolve
@@ -228,7 +228,7 @@ def test_grain_that_squares_bring_is_smoothed():
     n = bake.n_texel
     told = np.zeros((2, 3, n))
     told[1] = 3 + 0.3 * np.random.default_rng(3).standard_normal(n)
-    say = SquareLight(np.arange(n, dtype=np.int32), told, np.full((3, n), 0.09), np.full((3, n), 0.01))
+    say = SubtexelLight(np.arange(n, dtype=np.int32), told, np.full((3, n), 0.09), np.full((3, n), 0.01))
     field = replace(light_field(bake, np.flatnonzero(bake.tree.current)), direct=DirectField.none(n), squares=say)
     grainy, shown = (texel_light.light_at_texels(field, bake.texels, smooth_grain=smooth) for smooth in (False, True))
     assert grainy.indirect.mean() == pytest.approx(3, rel=0.1)

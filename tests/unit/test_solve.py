@@ -9,11 +9,11 @@ from boxes import lamp_scene, make_solver, room_mesh, solution_bytes, solve_scen
 from leaflight.core.bake import photon_shards
 from leaflight.core.bake.photon_shards import PhotonShard
 from leaflight.core.bake.solve import TRACING
-from leaflight.core.filter import estimate
-from leaflight.core.filter.direct_shown import ShownDirect
+from leaflight.core.filter import error_estimate
+from leaflight.core.filter.filtered_field import FilteredField
 from leaflight.core.integrate import direct_shards, texel_light
 from leaflight.core.parallel import executors
-from leaflight.core.radiosity import quadtree, refine, shrinkage, splitting, tally
+from leaflight.core.radiosity import coefficient_shrinkage, quadtree, refine, splitting_guide, tally
 from leaflight.core.scene.scene import Light, Material
 from leaflight.core.transport import rounds
 from leaflight.core.transport.rounds import EARLY_GROWTH, EARLY_PHOTONS, FIRST_ROUND_PHOTONS, ROUND_GROWTH
@@ -164,7 +164,7 @@ def test_photons_are_sent_by_all_light_that_is_shown(tmp_path):
     told, _ = solver._guide_photons()
     shown = texel_light.light_at_texels(light, solver.tracing.texels)
     means = quadtree.mean_in_nodes(tree, shown.direct + shown.indirect)
-    expected = splitting.weigh_deposits(tree, light.leaves, means, light.ledger.deposits)[:, light.leaves]
+    expected = splitting_guide.weigh_deposits(tree, light.leaves, means, light.ledger.deposits)[:, light.leaves]
     ratio = told.worth[:, light.leaves] / expected
     assert np.quantile(ratio, [0.05, 0.95]) == pytest.approx(1.0, abs=0.3)
     at_texels = tree.levels[0][quadtree.node_of_texel(tree, tree.levels[0], len(solver.tracing.texels))]
@@ -225,7 +225,7 @@ def test_a_round_solves_all_that_is_asked_of_it(tmp_path, knobs):
     solver = make_solver(tmp_path, lamp_scene(), replace(SETTINGS, direct="photons", **knobs))
     solver.run(lambda message: None, lambda: False)
     state = solver._read_tallies()
-    shown, _ = shrinkage.shrink_leaves(solver.tree, state.totals, state.leaves)
+    shown, _ = coefficient_shrinkage.shrink_leaves(solver.tree, state.totals, state.leaves)
     whole = replace(state, solution=tally.solve_tallies(shown, state.totals))
     assert not np.array_equal(state.solution.flux, whole.solution.flux)
     stated, lights, marked = [], [], []
@@ -274,7 +274,7 @@ def test_rays_are_shot_again_where_they_err_most(tmp_path, monkeypatch, toleranc
 def test_rays_that_are_shot_again_are_told_of_and_can_be_stopped(tmp_path, monkeypatch):
     monkeypatch.setattr(direct_shards, "TOLERANCE", 20.0)
     monkeypatch.setattr(direct_shards, "SHARD_TEXELS", 8)
-    monkeypatch.setattr("leaflight.core.util.words.SECONDS_BETWEEN_WORDS", -1.0)
+    monkeypatch.setattr("leaflight.core.util.progress.SECONDS_BETWEEN_WORDS", -1.0)
     words = []
 
     def tell(message):
@@ -292,7 +292,7 @@ def test_what_is_shown_of_direct_light_is_of_its_last_shot(tmp_path):
     direct, texels = solver.direct, solver.tracing.texels
     before = direct.show(texels, smooth=True)
     direct.shoot(tmp_path, solver.settings, solver.executor, np.arange(len(direct.irradiance)))
-    shown, fresh = direct.show(texels, smooth=True), ShownDirect.begin_smoothing(direct.irradiance, direct.find_variance(), texels)()
+    shown, fresh = direct.show(texels, smooth=True), FilteredField.begin_smoothing(direct.irradiance, direct.find_variance(), texels)()
     np.testing.assert_array_equal(shown.irradiance, fresh.irradiance)
     assert (shown.irradiance != before.irradiance).any()
 
@@ -483,8 +483,8 @@ def hall_and_den():
 
 
 def test_the_error_is_stated_of_leaves_as_they_are_shown(tmp_path, monkeypatch):
-    given, state = [], estimate.state_error
-    monkeypatch.setattr(estimate, "state_error", lambda *arguments: given.append(arguments[-1]) or state(*arguments))
+    given, state = [], error_estimate.state_error
+    monkeypatch.setattr(error_estimate, "state_error", lambda *arguments: given.append(arguments[-1]) or state(*arguments))
     solver = make_solver(tmp_path, lamp_scene(), Settings(size=24, padding=1, error=1e-3, max_photons=1_500_000))
     light = solver.run(lambda message: None, lambda: False)
     assert light.few is not None

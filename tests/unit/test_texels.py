@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from leaflight.core.texels import texels as module
+from leaflight.core.texels.texel_footprint import centred_strata
 from leaflight.core.texels.texel_grid import interleave_bits
-from leaflight.core.texels.texel_looks import centred_strata
 from leaflight.core.texels.texels import TexelMap
 from leaflight.core.util.coverage import monomial_exponents
 from trees import make_map

@@ -7,8 +7,8 @@ import threading
 from itertools import pairwise
 
 import pytest
+from leaflight.core.util.progress import Interrupted
 from leaflight.core.util.threads import count_usable, is_alone, run_on_threads, split_entries
-from leaflight.core.util.words import Interrupted
 
 
 @pytest.mark.parametrize("count", [0, 1, 1 << 16, (1 << 16) + 1, 700_000, 1 << 21, 11_700_000])

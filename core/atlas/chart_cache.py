@@ -1,0 +1,115 @@
+"""Charts of the last bake, kept beside its images: a bake with other lamps or colours need not wait for xatlas again.
+
+Their key is a digest of all that they depend on, the code included. A file holds the charts of one bake and is replaced by the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.arrays import IntArray
+from ..util.digest import hash_code, hash_pieces
+from ..util.file_names import clean_name
+from ..util.files import load_arrays, save_whole
+from ..util.job import Job
+from .unwrap import Unwrapping
+
+Charts: TypeAlias = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]  # as of Unwrapping.finish
+
+_ROW = np.dtype([("chart", np.int32), ("uv", np.float64, (3, 2)), ("shared", np.bool_, 3)])  # of a triangle
+
+
+class Unfolding(Protocol):
+    """Charts of some objects, as Unwrapping has them."""
+
+    def cancel(self) -> None:
+        """Nobody will ask for them any more."""
+
+    def finish(self, watch: Callable[[int, int], None] = ...) -> Charts:
+        """Them; see Unwrapping.finish."""
+
+
+def find_charts_file(job: Job) -> Path:
+    """Where the charts of a job are kept."""
+    return Path(job.output) / f".leaflight_{clean_name(job.atlas_name)}.charts"
+
+
+class ChartCache:
+    """The charts of an earlier bake, and those of the one that is under way.
+
+    known   so many objects had their charts from the earlier one
+    """
+
+    def __init__(self, earlier: dict[str, NDArray[np.void]] | None = None) -> None:
+        self._earlier = earlier or {}
+        self._own: dict[str, NDArray[np.void]] = {}
+        self.known = 0
+
+    @classmethod
+    def load(cls, file: Path) -> ChartCache:
+        """Those that a bake saved there; none of a file that is missing or damaged, for xatlas is there all the same."""
+        try:
+            return cls({key: rows for key, rows in load_arrays(file).items() if _is_sound(rows)})
+        except (OSError, ValueError):
+            return cls()
+
+    def begin(
+        self, tri_position: NDArray[np.float64], tri_vertex: IntArray, tri_polygon: IntArray, tri_corner: IntArray, tri_object: IntArray
+    ) -> Unfolding:
+        """The charts of the triangles of some objects, which xatlas begins with where they are not known; arguments as of Unwrapping."""
+        # The first number depends on the objects before and has no effect.
+        labels = [label - label.min(initial=label.max(initial=0)) for label in (tri_vertex, tri_polygon, tri_corner, tri_object)]
+        arrays = [np.ascontiguousarray(tri_position), *(np.ascontiguousarray(label, np.int64) for label in labels)]
+        key = hash_pieces([hash_code().encode(), *(array.reshape(-1).view(np.uint8).data for array in arrays)])
+        rows = self._earlier.get(key)
+        if rows is None:
+            return _Asked(Unwrapping(tri_position, tri_vertex, tri_polygon, tri_corner, tri_object), self._own, key)
+        self._own[key] = rows
+        self.known += len(np.unique(tri_object))
+        return _Known(rows)
+
+    def save(self, file: Path, is_whole: bool = True) -> None:
+        """Keep those of the bake under way; the earlier one's too where this one has not come to all of its objects.
+
+        Raises OSError where they cannot be written.
+        """
+        kept = self._own if is_whole else self._earlier | self._own
+        if kept.keys() != self._earlier.keys():
+            save_whole(file, kept)
+
+
+def _is_sound(rows: NDArray[Any]) -> bool:
+    """Whether these are rows of charts that have numbers in order and UVs that are numbers."""
+    if rows.dtype != _ROW or rows.ndim != 1:
+        return False
+    chart = rows["chart"].astype(np.int64)
+    return bool(np.isfinite(rows["uv"]).all() and (chart >= -1).all() and (chart < len(rows)).all())
+
+
+class _Known:
+    def __init__(self, rows: NDArray[np.void]) -> None:
+        self._rows = rows
+
+    def cancel(self) -> None:
+        pass
+
+    def finish(self, watch: Callable[[int, int], None] = lambda *_: None) -> Charts:
+        return self._rows["chart"].astype(np.int64), self._rows["uv"].copy(), self._rows["shared"].copy()
+
+
+class _Asked:
+    def __init__(self, unwrapping: Unwrapping, own: dict[str, NDArray[np.void]], key: str) -> None:
+        self._unwrapping, self._own, self._key = unwrapping, own, key
+        self.cancel = unwrapping.cancel
+
+    def finish(self, watch: Callable[[int, int], None] = lambda *_: None) -> Charts:
+        charts = self._unwrapping.finish(watch)
+        rows = np.empty(len(charts[0]), _ROW)
+        rows["chart"], rows["uv"], rows["shared"] = charts
+        self._own[self._key] = rows
+        return charts

@@ -1,0 +1,190 @@
+"""The stated error: an estimate of the bake's distance from the converged light, from the bake's own samples.
+
+It has three parts: variance of each leaf from the squared powers of its photons, corrected by the difference of the dual buffers and, on
+small leaves, by the noise that the filter removes; discretisation bias of the leaves (missing_light); and variance of direct light by
+shadow rays. It is relative to local brightness, for the eye sees relative differences in dark corners too.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..radiosity.spatial_shrinkage import SpatialShrinkage
+from ..texels.error_metric import ErrorMetric, Parts, choose_lit
+from ..texels.texel_map import TexelMap
+from ..util.ablation import uses
+from . import bias_estimate, variance_estimate
+from .denoise import GRAIN_LEFT, SMALL_LEAF
+from .error_terms import RayNoise, Terms, judge_rays_alone
+from .filtered_field import FilteredField, FilteredGather
+from .neighbours import Neighbours
+from .radiosity_solution import RadiositySolution
+from .reconstruct import Blend
+from .reference_light import ReferenceLight
+from .subtexel_tally import SubtexelLight, SubtexelMix
+from .variance_estimate import PhotonNoise
+
+
+@dataclass(frozen=True)
+class StatedError:
+    """The stated error relative to local brightness; where several parts are measured, that of the worst.
+
+    relative      root mean square over the best texels and over channels; nan before any photon
+    chosen        the same with Sum.doubt2, one standard error of the squared bias among it, for the stop rule: stopping at a small
+                  estimate selects one that is small by chance
+    direct        part of it from the variance of direct light by rays, which more photons do not reduce
+    photons       part of it from the photons' variance
+    correction    of variance_estimate.noise_correction
+    texel_direct2 gives (n,) float32: the squared part of direct light by rays at each texel, 0 where no error is measured
+    gathered, texel_gathered2   as direct and texel_direct2, of gathered light; None where there is none
+    indirect      mean share of a texel's light that photons bring
+    neighbours    of the nodes, for blending; None before any photon
+    parts         groups of texels with one error each
+    of_parts      (p,) float64: `chosen` of each, `direct` where there is no photon
+    of_objects    gives `relative`, or `direct`, of each object by its index, relative to its own brightness; objects of few texels are left
+                  out
+    """
+
+    relative: float
+    chosen: float
+    direct: float
+    photons: float
+    correction: NDArray[np.float64]
+    texel_direct2: Callable[[], NDArray[np.float32]]
+    gathered: float = 0.0
+    texel_gathered2: Callable[[], NDArray[np.float32]] | None = None
+    indirect: float = 1.0
+    neighbours: Neighbours | None = None
+    parts: Parts = field(default_factory=lambda: Parts.whole(0, 0.0))
+    of_parts: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
+    of_objects: Callable[[], dict[int, float]] = dict
+
+
+def state_error(
+    reading: RadiositySolution,
+    shown_direct: FilteredField,
+    texels: TexelMap,
+    smooth_grain: bool = True,
+    gathered: FilteredGather | None = None,
+    judged: ErrorMetric | None = None,
+    photon_w: NDArray[np.float64] | None = None,
+    few: SpatialShrinkage | None = None,
+) -> StatedError:
+    """Error of the leaves' light of a reading as it is shown, and of direct light by rays, 0 without.
+
+    smooth_grain   whether the leaves' light is shown filtered
+    gathered       light shown in place of the leaves'
+    judged         the sampled texels; None is a sample of all
+    photon_w       (3,), W, power of one photon: bounds the light that objects without photons may lack; None is 0
+    few            leaves of the reading that are shrunk towards their surroundings
+    """
+    judged = judged or ErrorMetric.whole(texels)
+    tree, solution, leaves, sample = reading.tree, reading.solution, reading.leaves, judged.entry
+    correction = reading.correction
+    all_light = ReferenceLight.of(tree, solution, leaves, shown_direct, judged, few)
+    direct2 = all_light.relate(shown_direct.variance_at, sample)
+    texel_direct2 = partial(all_light.relate_all, shown_direct.variance_at)
+    rays = RayNoise(shown_direct.tell_smoothing(sample), np.ones(len(sample), bool), direct2)
+    if not reading.totals.photons.sum() or not len(sample):
+        return _state_rays_alone(all_light, judged, rays, correction, texel_direct2)
+    # The pages show blended leaves, which have less variance than leaves; the error is sampled at enough texels for a stable mean.
+    blend = Blend.of(texels, tree, solution, all_light.leaf, halves=True)
+    alone, shown = blend.compare_at(sample)
+    x, y = texels.own_points_at(sample)
+    asked = bias_estimate.AskedLight(all_light.leaf[sample], x, y, shown, all_light.weigh(sample))
+    noise = PhotonNoise.of(solution, asked, alone.variance, correction, leaves, reading.risk)
+    bias = bias_estimate.find_bias(tree, solution, reading.comparison, leaves, sample, asked, correction)
+    if few:
+        told, row = few.find(asked.leaf)
+        noise.replace((asked.weight[told].T * few.variance[:, row]).mean(0), told)
+        bias = bias.without(told)
+    if smooth_grain and uses("leaf_filter"):
+        noise.keep(GRAIN_LEFT, np.flatnonzero(tree.side[asked.leaf] <= SMALL_LEAF))
+    if reading.squares:
+        _mix_squares(noise, blend, reading.squares, texels, sample, asked.weight)
+    terms = Terms(
+        light=all_light.at(sample),
+        dark=all_light.dark,
+        weight=asked.weight,
+        noise=noise,
+        unseen2=variance_estimate.find_unseen(judged, asked.weight, np.zeros(3) if photon_w is None else photon_w),
+        bias=bias,
+        direct=rays,
+        gathered=None,
+        indirect=np.maximum(all_light.node_light[asked.leaf], 0.0) * np.sqrt(asked.weight),
+    )
+    texel_gathered2 = None
+    if gathered:
+        terms = terms.with_gathered(gathered, sample)
+        texel_gathered2 = partial(all_light.relate_all, partial(_find_told_variance, gathered))
+    parts = all_light.parts
+    sums = [terms.sum_up(rows, unseen=parts.of_entry is not None) for rows in parts.rows]
+    worst = max(sums, key=lambda one: one.chosen)
+    return StatedError(
+        relative=worst.relative,
+        chosen=worst.chosen,
+        direct=math.sqrt(worst.direct2),
+        photons=math.sqrt(max(worst.photons2, 0.0)),
+        correction=correction,
+        texel_direct2=texel_direct2,
+        parts=parts,
+        of_parts=np.array([one.chosen for one in sums]),
+        of_objects=partial(judged.judge_objects, terms.judge_alone),
+        gathered=math.sqrt(worst.gathered2),
+        texel_gathered2=texel_gathered2,
+        indirect=worst.indirect,
+        neighbours=blend.neighbours,
+    )
+
+
+def _state_rays_alone(
+    all_light: ReferenceLight,
+    judged: ErrorMetric,
+    rays: RayNoise,
+    correction: NDArray[np.float64],
+    texel_direct2: Callable[[], NDArray[np.float32]],
+) -> StatedError:
+    """As state_error, where there are no photons: variance of direct light by rays at the sampled texels."""
+    parts, light, weight = all_light.parts, all_light.at(judged.entry), all_light.weigh(judged.entry)
+    of_parts = np.array([rays.find_error(weight, choose_lit(rows, light.any(axis=1))) for rows in parts.rows])
+    return StatedError(
+        relative=math.nan,
+        chosen=math.nan,
+        direct=float(of_parts.max()),
+        photons=math.nan,
+        correction=correction,
+        texel_direct2=texel_direct2,
+        parts=parts,
+        of_parts=of_parts,
+        of_objects=partial(judged.judge_objects, partial(judge_rays_alone, light, all_light.dark, weight, rays)),
+    )
+
+
+def _find_told_variance(gathered: FilteredGather, rows: NDArray[np.int64]) -> NDArray[np.float32]:
+    """(k, 3) float32, (W/m^2)^2: at texel entries (k,), 0 where leaves are shown."""
+    found: NDArray[np.float32] = gathered.light.variance_at(rows) * gathered.told[rows, None]
+    return found
+
+
+def _mix_squares(
+    noise: PhotonNoise, blend: Blend, squares: SubtexelLight, texels: TexelMap, sample: NDArray[np.int64], weight: NDArray[np.float32]
+) -> None:
+    """The noise at the texels `sample` (m,) after mixing with squares, changed in place; weight (m, 3) of ReferenceLight.weigh."""
+    if len(texels.borders.entry):  # pages bring light over borders before mixing; here it is not brought, and would count as error
+        squares = squares.only(np.flatnonzero(~texels.borders.crossed[squares.entry]))
+    if not squares.tell_much():
+        return
+    shown = dataclasses.replace(blend, halves=False).at(squares.entry).irradiance
+    told = SubtexelMix.of(np.maximum(shown, 0.0), squares, texels)
+    row = np.minimum(np.searchsorted(squares.entry, sample), len(squares.entry) - 1)
+    mixed = np.flatnonzero((squares.entry[row] == sample) & (told.share[row] > 0.0))
+    row = row[mixed]
+    noise.keep((1.0 - told.share[row]) ** 2, mixed)
+    noise.photons2[mixed] += (weight[mixed].T * told.find_error(row)).mean(0)

@@ -1,0 +1,124 @@
+"""Shrunk functions of leaves: less noise where light is even, the whole slope where it is steep, and the same flux."""
+
+import numpy as np
+import pytest
+from leaflight.core.radiosity import coefficient_shrinkage, tally
+from trees import SquareBake, even
+
+ROOT = np.array([0])
+
+
+def shrunk_bake(sampler, photons, degree, seed=0, **kwargs):
+    """A bake, its solution as photons have it, and with the root shrunk."""
+    bake = SquareBake(side=16, degree=degree, preview_depth=1, **kwargs)
+    bake.throw(*sampler(np.random.default_rng(seed), photons))
+    totals = bake.totals()
+    shown, _ = coefficient_shrinkage.shrink_leaves(bake.tree, totals, ROOT)
+    return bake, shown, tally.solve_tallies(bake.tree, totals), tally.solve_tallies(shown, totals)
+
+
+def ramp(rng, n):
+    return np.sqrt(rng.random(n)), rng.random(n)
+
+
+@pytest.mark.parametrize("degree", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_even_light_errs_less(degree):
+    """Of the noise of functions beyond the mean a fifth stays or so."""
+    before, after = np.zeros((2, 100))
+    for seed in range(100):
+        bake, _, plain, shrunk = shrunk_bake(even, 500, degree, seed)
+        place = np.random.default_rng(1).random((2, 300))
+        for errors, solution in ((before, plain), (after, shrunk)):
+            bake.solution = lambda solution=solution: solution
+            errors[seed] = (bake.values(ROOT, *place) - 1.0).var()
+    assert 0.1 < after.mean() / before.mean() < 0.6
+
+
+def test_a_slope_keeps_the_share_that_is_not_noise():
+    """Of photons of different powers, in both halves of the bake and both components, on a strip: told by orthonormal functions."""
+    rng, width = np.random.default_rng(3), 0.25
+    bake = SquareBake(side=16, width=width, preview_depth=1)
+    square = energy = 0.0
+    for half, is_first in ((0, True), (1, True), (1, False)):
+        x, y = rng.random((2, 400)) * [[width], [1.0]]
+        flux = rng.uniform(0.1, 2.0, (3, 400)) * (0.8 + 0.4 * y)
+        bake.throw(x, y, half, flux=flux, is_first=is_first)
+        along = np.sqrt(12.0 / width) * np.stack([x / width - 0.5, y - 0.5])
+        energy, square = energy + flux @ along.T, square + (flux**2).sum()
+    share = 1.0 - 2 * square / width / (energy**2).sum()
+    assert 0.2 < share < 0.9
+    plain, totals = tally.solve_tallies(bake.tree, bake.totals()), bake.totals()
+    shrunk = tally.solve_tallies(coefficient_shrinkage.shrink_leaves(bake.tree, totals, ROOT)[0], totals)
+    slopes = [solution.coefficient[..., 1:, 0] * [width, 1.0] for solution in (plain, shrunk)]
+    np.testing.assert_allclose(slopes[1], share * slopes[0], rtol=1e-5)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_slope_that_many_photons_tell_stays(degree):
+    _, _, plain, shrunk = shrunk_bake(ramp, 20_000, degree)
+    slope = (shrunk.coefficient[:, :, 1, 0].sum(0) / plain.coefficient[:, :, 1, 0].sum(0))[0]
+    assert 0.98 < slope < 1.02
+
+
+def test_each_degree_is_shrunk_for_itself():
+    """A ramp has nothing that only quadratic functions could hold."""
+    before, after = np.zeros((2, 40))
+    for seed in range(40):
+        _, _, plain, shrunk = shrunk_bake(ramp, 5_000, 2, seed)
+        before[seed], after[seed] = ((solution.coefficient[:, 0, 3:, 0].sum(0) ** 2).sum() for solution in (plain, shrunk))
+    assert after.mean() < 0.6 * before.mean()
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+@pytest.mark.parametrize("width", [1.0, 0.3])
+def test_flux_stays_and_so_do_other_nodes(degree, width):
+    def strip(rng, n):
+        s, t = rng.random((2, n))
+        return s * width, t
+
+    bake, shown, plain, shrunk = shrunk_bake(strip, 300, degree, width=width)
+    np.testing.assert_allclose(shrunk.flux, plain.flux, rtol=1e-9)
+    np.testing.assert_array_equal(shown.project[1:], bake.tree.project[1:])
+    if degree == 0:
+        np.testing.assert_allclose(shown.project, bake.tree.project)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_without_photons_nothing_is_shown(degree):
+    *_, shrunk = shrunk_bake(even, 0, degree)
+    assert (shrunk.coefficient == 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("degree", "tilt"),
+    [(1, 0.0), (1, 1.0), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((1, 0.1), (2, 0.0), (2, 0.1), (2, 1.0)))],
+)
+def test_the_risk_is_what_shrinking_leaves_of_noise_beyond_the_mean(degree, tilt):
+    """Over bakes: of even light next to nothing, of a steep ramp all."""
+
+    def sampler(rng, n):
+        s, t, keep = rng.random((3, 4 * n))
+        return (axis[keep * (1 + tilt) < 1 + tilt * (2 * s - 1)][:n] for axis in (s, t))
+
+    told, real, noise = np.zeros((3, 100))
+    place = np.random.default_rng(1).random((2, 300))
+    truth = 1 + tilt * (2 * place[0] - 1)
+    for seed in range(100):
+        bake, _, plain, shrunk = shrunk_bake(sampler, 500, degree, seed)
+        told[seed] = coefficient_shrinkage.shrink_leaves(bake.tree, bake.totals(), ROOT)[1][0]
+        for errors, solution in ((noise, plain), (real, shrunk)):
+            bake.solution = lambda solution=solution: solution
+            errors[seed] = (bake.values(ROOT, *place) - truth).var()
+    assert told.mean() == pytest.approx(real.mean() / noise.mean(), abs=0.2)
+
+
+def test_leaves_without_functions_beyond_the_mean_have_no_risk_to_tell():
+    bake = shrunk_bake(even, 300, 0)[0]
+    assert coefficient_shrinkage.shrink_leaves(bake.tree, bake.totals(), ROOT)[1].tolist() == [1.0]
+
+
+@pytest.mark.parametrize(
+    ("value", "variance", "sure"), [(2.0, 0.0, 2.0), (2.0, 1.0, 1.5), (1.0, 1.0, 0.0), (0.5, 1.0, 0.0), (-1.0, 1.0, 0.0), (0.0, 0.0, 0.0)]
+)
+def test_of_a_noisy_number_what_is_beyond_noise_counts(value, variance, sure):
+    assert coefficient_shrinkage.beyond_noise(value, variance) == sure

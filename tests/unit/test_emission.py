@@ -1,0 +1,203 @@
+"""Photons as they leave the lights."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from leaflight.core.lights.joined_emitters import JoinedEmitters
+from leaflight.core.lights.lights import make_births, make_light_emitter
+from leaflight.core.scene.rays import RayScene
+from leaflight.core.scene.scene import Light
+from leaflight.core.scene.scene_cover import SceneCover
+from leaflight.core.transport.emission import BATCH, Photons, bear_photons, light_every_surface, soften
+from leaflight.core.transport.emission_cells import BINS, SLICES, BirthCells, find_bins, find_slice
+from leaflight.core.util.geometry import UnitBox
+from leaflight.core.util.sampling import low_discrepancy_points
+
+
+@dataclass(frozen=True)
+class Down:
+    """A lamp that shines straight down from a height of 0.4."""
+
+    power_rgb: np.ndarray
+    casts_shadow: bool = True
+    name: str = "Down"
+
+    def emit(self, u):
+        return make_births(np.tile(np.float32([0, 0, 0.4]), (len(u), 1)), np.tile(np.float32([0, 0, -1]), (len(u), 1)))
+
+
+LAMPS = Down(np.array([1.0, 2.0, 3.0])), Down(np.full(3, 6.0), casts_shadow=False)
+
+
+def bear(n, share=1.0, lamps=LAMPS):
+    shares = np.array([lamp.power_rgb.mean() for lamp in lamps])
+    return list(bear_photons(JoinedEmitters.of(lamps), BirthCells.whole(shares / shares.sum()), n, share, np.random.default_rng(1)))
+
+
+def test_photons_come_in_batches_and_carry_the_power_between_them():
+    batches = bear(BATCH + 100, share=0.5)
+    assert [shadowless.size for _, shadowless in batches] == [BATCH, 100]
+    flux = sum(photons.flux.sum(axis=1, dtype=float) for photons, _ in batches)
+    np.testing.assert_allclose(flux, [3.5, 4.0, 4.5], rtol=1e-3)
+
+
+def test_each_lamp_has_its_share_and_its_mark():
+    ((photons, shadowless),) = bear(8000)
+    assert shadowless.sum() == pytest.approx(6000, abs=1)
+    assert len(np.unique(photons.flux[:, shadowless], axis=1).T) == 1
+    assert photons.soft is None
+
+
+def test_no_photons_of_no_light():
+    assert bear(0) == []
+    assert list(bear_photons(JoinedEmitters.of(LAMPS), BirthCells.whole(np.zeros(2)), 10, 1.0, np.random.default_rng(1))) == []
+
+
+def test_photons_of_cells_carry_their_light_between_them():
+    """Of a lamp whose upper half of the second number has four fifths of its photons: as much light from either half, and its bins."""
+    cells = BirthCells(
+        np.int32([0, 0, 1]),
+        np.float32([[0, 0, 0, 0], [0, 0.5, 0, 0], [0, 0, 0, 0]]),
+        np.float32([[1, 0.5, 1, 1], [1, 0.5, 1, 1], [1, 1, 1, 1]]),
+        np.array([0.125, 0.125, 0.75]),
+        np.array([0.1, 0.4, 0.5]),
+    )
+    asked = []
+
+    class Asked(Down):
+        def emit(self, u):
+            asked.append(u)
+            return super().emit(u)
+
+    lamps = Asked(LAMPS[0].power_rgb), LAMPS[1]
+    batches = list(bear_photons(JoinedEmitters.of(lamps), cells, BATCH + 8000, 1.0, np.random.default_rng(1), told=True))
+    group = np.concatenate([photons.group for photons, _ in batches])
+    flux = np.concatenate([photons.flux for photons, _ in batches], axis=1).astype(float)
+    cell = group // BINS
+    np.testing.assert_allclose(np.bincount(cell) / len(cell), cells.share, atol=1e-4)
+    power = [np.bincount(cell, row) for row in flux]
+    np.testing.assert_allclose(power, [[0.5, 0.5, 6], [1, 1, 6], [1.5, 1.5, 6]], rtol=1e-3)
+    numbers = np.concatenate(asked)
+    own = group[cell < 2]
+    np.testing.assert_array_equal(numbers[:, 1] >= 0.5, own // BINS == 1)
+    np.testing.assert_array_equal(numbers[:, 1] % 0.5 // (0.5 / SLICES), find_slice(own, 1))
+    np.testing.assert_array_equal(numbers[:, 3] // (1 / SLICES), find_slice(own, 3))
+
+
+@pytest.mark.parametrize("share", [[0.25, 0.75], [0.5, 0.5], [0.9, 0.1]])
+def test_lamps_that_are_not_cut_carry_their_light_however_many_photons_they_have(share):
+    """As of scenes of many lamps, each with too few photons to be cut."""
+    cells = replace(BirthCells.whole(np.array([0.25, 0.75])), share=np.array(share))
+    ((photons, shadowless),) = bear_photons(JoinedEmitters.of(LAMPS), cells, 80_000, 1.0, np.random.default_rng(1))
+    assert shadowless.mean() == pytest.approx(share[1], abs=1e-4)
+    for lamp, own in zip(LAMPS, (~shadowless, shadowless), strict=True):
+        np.testing.assert_allclose(photons.flux[:, own].sum(axis=1, dtype=float), lamp.power_rgb, rtol=1e-3)
+
+
+def bear_one_by_one(emitters, cells, n, rng):
+    """Origins, directions and fluxes (9, n) of all photons and bins (n,), emitter by emitter."""
+    shift = rng.integers(0, 2**32, (len(emitters), 4), np.uint32)
+    start = cells.count_births(n, rng.random())
+    parts, bins = [], []
+    for number, emitter in enumerate(emitters):
+        own = np.flatnonzero(cells.emitter == number)
+        cell = np.repeat(own, np.diff(start)[own])
+        points = low_discrepancy_points(shift[number : number + 1], np.zeros(1, int), np.array([len(cell)]))
+        if not len(cell):
+            continue
+        births = emitter.emit(cells.place(cell, points) if len(own) > 1 else points)
+        share = cells.natural[own].sum() if len(own) > 1 else cells.share[own[0]]
+        flux = (emitter.power_rgb * (1.0 / n / share)).astype(np.float32)[:, None] * births.relative_rgb.T
+        if len(own) > 1:
+            flux = flux * (cells.natural / cells.share).astype(np.float32)[cell]
+        parts.append(np.concatenate([births.origin.T, births.direction.T, flux]))
+        bins.append(find_bins(cell, points))
+    return np.concatenate(parts, axis=1), np.concatenate(bins)
+
+
+@pytest.mark.parametrize("is_cut", [False, True])
+def test_photons_of_many_lamps_are_those_of_each_alone(is_cut):
+    """To the bit, also where a batch ends among a lamp's."""
+    rng = np.random.default_rng(5)
+    box = UnitBox(np.zeros(3), 0.5)
+    cover = SceneCover.around(np.array([[-0.5] * 3, [0.5] * 3]))
+    kinds = [Light("POINT", "P", radius_m=0.1), Light("AREA", "A", size_m=(0.3, 0.2)), Light("SUN", "S", angle_rad=0.2)]
+    lights = [replace(kinds[k % 2], position_m=tuple(rng.uniform(-0.5, 0.5, 3))) for k in range(40)] + [kinds[2]]
+    emitters = [make_light_emitter(light, rng.uniform(1.0, 2.0, 3), box, cover) for light in lights]
+    power = np.array([emitter.power_rgb.mean() for emitter in emitters])
+    cells = BirthCells.whole(power / power.sum())
+    if is_cut:
+        twice = np.repeat(np.arange(41), np.where(np.arange(41) % 3, 1, 2))
+        upper = np.append(False, twice[1:] == twice[:-1])
+        halved = np.isin(twice, twice[upper])
+        low, side = cells.low[twice], cells.side[twice]
+        low[upper, 1], side[halved, 1] = 0.5, 0.5
+        natural = cells.natural[twice] * np.where(halved, 0.5, 1.0)
+        share = natural * rng.uniform(0.5, 1.5, len(twice))
+        cells = BirthCells(twice.astype(np.int32), low, side, natural, share / share.sum())
+    n = 5000
+    batches = list(bear_photons(JoinedEmitters.of(emitters), cells, n, 1.0, np.random.default_rng(1), batch=777, told=True))
+    rows = np.concatenate([np.concatenate([photons.origin, photons.direction, photons.flux]) for photons, _ in batches], axis=1)
+    expected, bins = bear_one_by_one(emitters, cells, n, np.random.default_rng(1))
+    np.testing.assert_array_equal(rows, expected)
+    np.testing.assert_array_equal(np.concatenate([photons.group for photons, _ in batches]), bins)
+
+
+def sheets(*heights):
+    """Rays, normals and frames of sheets across the way down; every other one faces down."""
+    corner = np.float32([[[-0.5, -0.5, z], [0.5, -0.5, z], [0.0, 0.5, z]] for z in heights])
+    corner[1::2] = corner[1::2, ::-1]
+    edge = corner[:, 1:] - corner[:, :1]
+    normal = np.cross(edge[:, 0], edge[:, 1])
+    frame = np.stack([corner[:, 0], edge[:, 0], edge[:, 1]]).transpose(0, 2, 1)
+    return RayScene(corner), (normal / np.linalg.norm(normal, axis=1, keepdims=True)).T, frame
+
+
+def way_down(n, soft=None):
+    origin, direction = np.tile(np.float32([[0], [0], [0.4]]), n), np.tile(np.float32([[0], [0], [-1]]), n)
+    return Photons(origin, direction, np.ones((3, n), np.float32), soft)
+
+
+def test_one_photon_more_for_each_further_surface():
+    photons = replace(way_down(3), group=np.int32([5, 6, 7]))
+    heights = (0.3, 0.1, -0.2)
+    traced = light_every_surface(photons, np.array([True, False, True]), *sheets(*heights))
+    assert photons.flux.shape[1] == 3 + 2 * 2
+    assert photons.group.tolist() == [5, 6, 7, 5, 7, 5, 7]
+    assert traced == 2 * 4
+    found = sheets(*heights)[0].closest(photons.origin.T, photons.direction.T)
+    assert found.tri.tolist() == [0, 0, 0, 1, 1, 2, 2]
+
+
+def test_soft_falloff_counts_the_whole_way():
+    soft = np.float32([[0.2] * 2, [0.15] * 2, [0.0] * 2, [0.0] * 2])
+    photons = way_down(2, soft)
+    rays, normal, frame = sheets(0.3, -0.2)
+    light_every_surface(photons, np.ones(2, bool), rays, normal, frame)
+    flux = soften(photons, rays.closest(photons.origin.T, photons.direction.T).distance)
+    np.testing.assert_array_equal(flux[0], [0, 0, 1, 1])  # seen from 0.1 away they come from beside the disk, from 0.6 they do not
+
+
+def test_the_way_ends_after_a_thousand_surfaces():
+    photons = way_down(1)
+    light_every_surface(photons, np.ones(1, bool), *sheets(*np.linspace(0.3, -0.3, 1500)))
+    assert photons.flux.shape[1] == 1000
+
+
+def test_a_miss_adds_nothing():
+    photons = replace(way_down(2), direction=np.tile(np.float32([[0], [0], [1]]), 2))
+    light_every_surface(photons, np.ones(2, bool), *sheets(0.3))
+    assert photons.flux.shape[1] == 2
+
+
+def test_only_soft_photons_lose_light_however_near_they_hit():
+    soft = np.float32([[0.0, 0.0, 0.2], [0.0, 0.0, 0.15], [0.0] * 3, [0.0] * 3])
+    for distance, kept in (((0.0, 0.5, 0.0), (1, 1, 0)), ((1e-30, 3e38, 0.2), (1, 1, 1)), ((0.3, 0.3, 0.16), (1, 1, 0))):
+        np.testing.assert_array_equal(soften(way_down(3, soft), np.float32(distance)), [kept] * 3)
+
+
+def test_what_crosses_a_sphere_must_end_in_it():
+    soft = np.float32([[-0.4] * 2, [0.0] * 2, [0.0, 0.3], [1.0] * 2])
+    for distance, kept in ((0.05, (1, 1)), (0.2, (1, 0)), (0.5, (0, 0))):
+        np.testing.assert_array_equal(soften(way_down(2, soft), np.full(2, distance, np.float32)), [kept] * 3)

@@ -1,0 +1,301 @@
+"""Light of many emitting triangles: the same as from each by itself, with honest errors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from floors import chi_square_sigmas, floor_looks, floor_tiles, lit_scene, morton_square, prepare, sigma_limit, to_grid
+from leaflight.core.integrate import direct
+from leaflight.core.integrate.direct import DirectScene, direct_irradiance
+from leaflight.core.lights import emitter_pool
+from leaflight.core.lights.direct_points import Receivers
+from leaflight.core.lights.direct_sources import make_triangle_sources
+from leaflight.core.lights.emitting_cells import find_emitting_cells
+from leaflight.core.scene.scene import Material, SceneSnapshot, TextureImage
+from leaflight.core.util.geometry import UnitBox
+from scenes import box_mesh, grid_mesh, moved, quad_mesh, sphere_mesh
+
+SIDE = 32
+TEXELS = np.arange(SIDE * SIDE)
+
+
+def light_floor(scene: DirectScene, seed: int = 1, **options: float) -> direct.DirectLight:
+    return direct_irradiance(scene, floor_looks(SIDE), TEXELS, np.random.default_rng(seed), **options)
+
+
+def as_sources(scene: SceneSnapshot) -> DirectScene:
+    """The same scene with each emitting triangle as a source of its own."""
+    pooled, _, surfaces = prepare(scene)
+    ((_, cells),) = find_emitting_cells(scene, surfaces)
+    sources = make_triangle_sources(cells, pooled.surfaces.corner_unit, pooled.surfaces.normal)
+    return replace(pooled, pool=None, sources=tuple(sources))
+
+
+def boxes(count: int) -> list:
+    return [box_mesh(f"Lamp {i}", (0.1, 0.1, 0.05), (0.2 + 0.3 * (i % 3), 0.2 + 0.3 * (i // 3), 0.9)) for i in range(count)]
+
+
+def test_the_same_light_as_from_each_triangle_by_itself():
+    scene = lit_scene([box_mesh("Block", (0.3, 0.3, 0.3), (0.5, 0.5, 0.3))], emission=boxes(4), rgb=(3.0, 2.0, 1.0))
+    pooled, _, _ = prepare(scene)
+    assert pooled.pool is not None
+    expected = light_floor(as_sources(scene), tolerance=0.0).irradiance_rgb
+    found = light_floor(pooled, tolerance=0.0)
+    error = found.irradiance_rgb - expected
+    assert error.mean(axis=0) == pytest.approx(0, abs=0.01 * expected.mean())
+    assert np.sqrt((error**2).mean()) < 0.1 * expected.mean()
+    assert found.irradiance_rgb[:, 0] == pytest.approx(3 * found.irradiance_rgb[:, 2])
+
+
+def test_a_large_triangle_close_by_is_chosen_though_its_middle_is_far_and_low():
+    """A glowing panel over the floor, 5 mm above it, and lamps further off: nearly all comes from the panel."""
+    panel = moved(quad_mesh("Panel", 0.8, 0.8), (0.1, 0.1, 0.005))
+    scene = lit_scene(emission=[panel, *boxes(9)], rgb=(3.0, 2.0, 1.0))
+    pooled = prepare(scene)[0]
+    found, expected = light_floor(pooled, max_rays=16, tolerance=0.0), light_floor(as_sources(scene), tolerance=0.0).irradiance_rgb[:, 0]
+    under = expected > 0.8 * 3 * math.pi
+    assert 0.4 < under.mean() < 0.8
+    error = found.irradiance_rgb[under, 0] / expected[under] - 1
+    assert np.sqrt((error**2).mean()) < 0.1
+
+
+def test_long_strips_close_by_give_all_of_their_light():
+    """Strips of 20 m, 1 cm wide and 5 cm above the floor: by points all along them nearly nothing comes from where they are near."""
+    strips = [moved(quad_mesh(f"Strip {i}", 20.0, 0.01), (-9.5, 0.1 + 0.1 * i, 0.05)) for i in range(8)]
+    scene = lit_scene(emission=strips)
+    pooled = prepare(scene)[0]
+    assert pooled.pool is not None
+    expected = light_floor(as_sources(scene), tolerance=0.0).irradiance_rgb
+    found = light_floor(pooled, max_rays=64, tolerance=0.0).irradiance_rgb
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
+    assert np.sqrt((((found - expected) / expected) ** 2).mean()) < 0.2
+
+
+def test_few_slender_triangles_are_sources_one_by_one():
+    scene = lit_scene(emission=[moved(quad_mesh("Strip", 20.0, 0.01), (-9.5, 0.5, 0.5))])
+    pooled = prepare(scene)[0]
+    assert pooled.pool is None
+    assert len(pooled.sources) == 2
+
+
+def test_the_far_side_of_a_solid_close_by_is_not_chosen_for_what_it_would_give():
+    """Were it not for the solid, which nobody sees through: the large triangles of its far side are as near as those of its near one."""
+    scene = lit_scene(emission=[box_mesh("Lamp", (0.4, 0.4, 0.4), (0.5, 0.5, 0.5)), *boxes(4)])
+    pool = prepare(scene)[0].pool
+    place, _ = UnitBox.from_points(scene.vertex_position).to_unit(np.array([[0.29, 0.5, 0.5], [0.5, 0.5, 0.5]]))
+    toward = np.array([[1.0, 0.0, 0.0]], np.float32)
+    looking = Receivers(place[None].astype(np.float32), toward, toward)
+    judged, by_middle = pool._judge(looking, np.zeros(1, np.float32))[0], pool.clusters.judge(looking, np.zeros(1, np.float32))[0]
+    cell = pool.clusters.first[pool._alone]
+    normal = pool.scene.normal[pool.cells.tri[cell]]
+    large = pool.area[cell] > 0.5 * pool.area.max()
+    near, far = (pool._alone[large & (normal[:, 0] * side > 0.9)] for side in (-1, 1))
+    assert len(near) == len(far) == 2
+    assert (judged[near] > by_middle[near]).all()
+    assert np.array_equal(judged[far], by_middle[far])
+    assert judged[far].sum() < 0.01 * judged[near].sum()
+
+
+def test_triangles_that_share_an_edge_with_the_floor():
+    """32 of them, rising outwards from it: the nearest ends of rays bring most of the light, and their corners lie on the horizon."""
+    grid = grid_mesh("Skirt", 4, edge_m=0.25)
+    x, y, _ = grid.vertex.T
+    skirt = replace(grid, vertex=np.stack([-0.3 * x, 1 - y, 0.6 * x], axis=1))
+    scene = lit_scene(emission=[skirt])
+    pooled, alone = prepare(scene)[0], as_sources(scene)
+    found = np.mean([to_grid(light_floor(pooled, seed).irradiance_rgb[:, 0], SIDE) for seed in range(8)], axis=0)
+    expected = to_grid(light_floor(alone).irradiance_rgb[:, 0], SIDE)
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.004)
+    assert found[:, 0].mean() == pytest.approx(expected[:, 0].mean(), rel=0.02)
+
+
+def test_lamps_that_reach_down_through_the_floor():
+    """16 boxes with their feet in it: the triangles of their sides are cut by the horizon, inside and out."""
+    places = [(0.125 + 0.25 * (i % 4), 0.125 + 0.25 * (i // 4), 0.035) for i in range(16)]
+    scene = lit_scene(emission=[box_mesh(f"Lamp {i}", (0.15, 0.15, 0.08), place) for i, place in enumerate(places)])
+    pooled, alone = prepare(scene)[0], as_sources(scene)
+    assert pooled.pool is not None
+    found = np.mean([light_floor(pooled, seed).irradiance_rgb[:, 0] for seed in range(4)], axis=0)
+    expected = light_floor(alone).irradiance_rgb[:, 0]
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
+
+
+@pytest.mark.parametrize("height", [(1, 2, 3), (-1, 2, 3), (-1, -2, 3), (-1, -2, -3), (0, 0, 1), (0, -1, 1), (0, 0, 0), (-1, 0, 0)])
+def test_share_of_a_triangle_above_the_horizon(height):
+    weight = np.random.default_rng(1).dirichlet((1, 1, 1), 100_000)
+    for turned in (height, height[::-1], (height[1], height[2], height[0])):
+        above = (weight @ turned > 0).mean() if any(turned) else 1.0
+        assert emitter_pool._share_above(np.array([turned], np.float32))[0] == pytest.approx(above, abs=0.006)
+
+
+def test_cells_of_a_cluster_are_chosen_by_their_power(hold):
+    """Textured cells, each as bright as chance would have it."""
+    pixels = np.random.default_rng(3).uniform(0.2, 1.0, (8, 8, 3)).astype(np.float32)
+    scene = lit_scene(emission=[moved(quad_mesh("Screen"), (0, 0, 1.0))])
+    lamp = Material("Screen", emission_rgb=(1.0,) * 3, emission_image=0)
+    uv = scene.tri_position[..., :2].astype(np.float32)
+    pictured = replace(scene, materials=(scene.materials[0], lamp), images=(TextureImage("Picture", pixels),), tri_emission_uv=uv)
+    pool = prepare(pictured)[0].pool
+    runs = pool.clusters.runs
+    power = np.diff(runs.weight_end)
+    whole = np.add.reduceat(power, runs.start[:-1])
+    rng = np.random.default_rng(4)
+    cluster = rng.choice(len(whole), 400_000, p=whole / power.sum())
+    cell, chance = runs.choose(cluster, rng.random(len(cluster)))
+    assert chance == pytest.approx(power[cell] / whole[cluster])
+    groups = np.arange(len(power)) * 8 // len(power)
+    counts, expected = np.bincount(groups[cell]), np.bincount(groups, power) / power.sum() * len(cell)
+    limit = sigma_limit(2)
+    hold("light choice of rays: chi-square against the power", chi_square_sigmas(counts, expected), high=limit, unit="sigmas")
+    off = np.bincount(groups, power * np.where(groups == 5, 1.03, 1))
+    seen = chi_square_sigmas(counts, off / off.sum() * len(cell))
+    hold("light choice of rays: chi-square with a part of the lamp 3 % off", seen, low=limit, unit="sigmas")
+
+
+def test_errors_are_honest():
+    """Over seeds, the mean square error is the stated variance, within a factor."""
+    scene, _, _ = prepare(lit_scene([box_mesh("Block", (0.3, 0.3, 0.3), (0.5, 0.5, 0.3))], emission=boxes(6)))
+    runs = [light_floor(scene, seed) for seed in range(12)]
+    values = np.stack([run.irradiance_rgb[:, 0] for run in runs])
+    stated = np.mean([run.variance_rgb[:, 0].mean() for run in runs])
+    true = values.var(axis=0, ddof=1).mean()
+    assert 0.4 < true / stated < 1.6
+
+
+def test_an_open_sky_of_triangles_has_little_noise():
+    """200 triangles of one ceiling, nothing in between: every sample is worth almost the same."""
+    ceiling = moved(grid_mesh("Lamp", 10, edge_m=0.03), (0.35, 0.35, 0.8))
+    scene, box, _ = prepare(lit_scene(emission=[ceiling]))
+    found = light_floor(scene).irradiance_rgb[:, 0]
+    corners = box.to_unit(np.array([[0.35, 0.35, 0.8], [0.65, 0.35, 0.8], [0.65, 0.65, 0.8], [0.35, 0.65, 0.8]]))
+    centre = np.stack([(np.array([k % SIDE, k // SIDE]) + 0.5) / SIDE for k in range(SIDE * SIDE)])
+    position = box.to_unit(np.column_stack([centre, np.zeros(len(centre))]))
+    up = np.tile([0.0, 0.0, 1.0], (len(centre), 1))
+    expected = np.abs(direct_polygon(corners, position, up)).reshape(SIDE, SIDE)
+    assert to_grid(found, SIDE) == pytest.approx(expected, rel=0.02)
+
+
+def direct_polygon(corners: np.ndarray, position: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Lambert's formula, for polygons above the horizon."""
+    vector = corners[None] - position[:, None]
+    vector = vector / np.linalg.norm(vector, axis=2, keepdims=True)
+    after = np.roll(vector, -1, axis=1)
+    cross = np.cross(vector, after)
+    angle = np.arccos(np.clip((vector * after).sum(axis=2), -1, 1))
+    edge = cross / np.linalg.norm(cross, axis=2, keepdims=True)
+    return 0.5 * ((edge * normal[:, None]).sum(axis=2) * angle).sum(axis=1)
+
+
+def test_a_lamp_close_above_the_floor_has_no_fireflies():
+    scene, _, _ = prepare(lit_scene(emission=[moved(grid_mesh("Lamp", 4, edge_m=0.1), (0.3, 0.3, 0.03))]))
+    grid = to_grid(light_floor(scene).irradiance_rgb[:, 0], SIDE)
+    assert grid.max() < 1.3 * math.pi
+    # Below its middle; the closed form of a square, of all 16 texels.
+    centre = (np.stack(np.meshgrid(np.arange(14, 18), np.arange(14, 18)), axis=-1).reshape(-1, 2) + 0.5) / SIDE
+    position, up = np.column_stack([centre, np.zeros(16)]), np.tile([0.0, 0.0, 1.0], (16, 1))
+    corners = np.array([[0.3, 0.3, 0.03], [0.7, 0.3, 0.03], [0.7, 0.7, 0.03], [0.3, 0.7, 0.03]])
+    assert grid[14:18, 14:18].mean() == pytest.approx(np.abs(direct_polygon(corners, position, up)).mean(), rel=0.025)
+
+
+def test_a_bed_of_glowing_boxes_takes_few_rays(hold):
+    """49 of them just above the floor, of 588 triangles: who sees few of them, near ones, does not look for the others."""
+    places = [((i % 7 + 0.5) / 7, (i // 7 + 0.5) / 7, 0.025) for i in range(49)]
+    scene, _, _ = prepare(lit_scene(emission=[box_mesh(f"Box {i}", (0.05, 0.05, 0.025), place) for i, place in enumerate(places)]))
+    runs = [light_floor(scene, seed, max_rays=16, tolerance=0.0) for seed in range(6)]
+    light = np.stack([run.irradiance_rgb[:, 0] for run in runs])
+    noise = np.sqrt(light.var(axis=0, ddof=1).mean()) / light.mean()
+    hold("bed of glowing boxes: noise of 16 rays", noise, high=0.2)
+
+
+def test_no_ray_goes_to_the_backs_of_solids():
+    scene, box, _ = prepare(lit_scene(emission=boxes(4)))
+    pool = scene.pool
+    floor = box.to_unit(np.tile([0.5, 0.5, 0.01], (len(pool.cells.tri), 1)))
+    up = np.tile(np.array([0, 0, 1], np.float32), (len(floor), 1))
+    aim, _ = pool._aim(Receivers(floor, up, up), np.arange(len(floor)), np.full((len(floor), 2), 0.5, np.float32))
+    back = ((pool.middle - floor) * scene.surfaces.normal[pool.cells.tri]).sum(axis=1) > 0
+    assert pool.sealed.all()
+    assert back.any()
+    assert not aim.weight[back].any()
+    assert (aim.weight[~back] > 0).all()
+
+
+def test_textures_shine_where_they_are_bright():
+    scene = lit_scene(emission=[moved(quad_mesh("Screen"), (0, 0, 0.3))])
+    uv = scene.tri_emission_uv.copy()
+    uv[2], uv[3] = [[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]]
+    pixels = np.zeros((8, 8, 3), np.float32)
+    pixels[1, 6] = (64, 32, 0)
+    lamp = Material("Lamp", emission_rgb=(1.0, 1.0, 1.0), emission_image=0)
+    scene = replace(scene, materials=(scene.materials[0], lamp), images=(TextureImage("P", pixels, closest=True),), tri_emission_uv=uv)
+    prepared, _, _ = prepare(scene)
+    found = to_grid(light_floor(prepared).irradiance_rgb, SIDE)
+    # The bright texel is 0.125 m wide: nearly a small patch of 64 W/m^2/sr at (0.8125, 0.1875, 0.3).
+    place = (np.arange(SIDE) + 0.5) / SIDE
+    square = (place[None, :] - 0.8125) ** 2 + (place[:, None] - 0.1875) ** 2 + 0.09
+    expected = 64 / 64 * 0.09 / square**2
+    assert found[..., 0] == pytest.approx(expected, rel=0.2, abs=0.02 * expected.max())
+    assert found[..., 0].mean() == pytest.approx(expected.mean(), rel=0.03)
+    assert found[..., 1] == pytest.approx(found[..., 0] / 2)
+    assert not found[..., 2].any()
+
+
+def test_clusters_of_more_triangles_than_they_are():
+    lamps = [moved(sphere_mesh(f"Lamp {i}", 12, 24, 0.1), (0.25 + 0.5 * i, 0.5, 0.6)) for i in range(2)]
+    scene, _, _ = prepare(lit_scene(emission=lamps))
+    assert scene.pool is not None
+    assert len(scene.pool.clusters) <= 256 < len(scene.pool.cells.tri)
+    found = to_grid(light_floor(scene, tolerance=0.005).irradiance_rgb[:, 0], SIDE)
+    # A sphere of radiance 1 gives pi sin^2 cos, here in full view of the floor.
+    place = (np.arange(SIDE) + 0.5) / SIDE
+    expected = np.zeros((SIDE, SIDE))
+    for x in (0.25, 0.75):
+        square = (place[None, :] - x) ** 2 + (place[:, None] - 0.5) ** 2 + 0.36
+        expected += math.pi * 0.01 / square * 0.6 / np.sqrt(square)
+    assert np.sqrt(((found / expected - 1) ** 2).mean()) < 0.1
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.03)  # 12 rings are a little smaller than their sphere
+
+
+def test_tiles_choose_what_is_seen_from_them():
+    """Lamps on both sides of a wall: texels of tiles choose with no more noise than those that choose alone."""
+    wall = box_mesh("Wall", (2.0, 0.02, 3.0), (0.5, 0.5, 1.5))
+    lamps = [box_mesh(f"Lamp {i}", (0.1, 0.1, 0.05), (0.15 + 0.35 * (i % 3), 0.2 + 0.6 * (i // 3), 0.5)) for i in range(6)]
+    scene, _, _ = prepare(lit_scene([wall], emission=lamps))
+    alone, together = (light_floor(scene, tolerance=0.0, max_rays=16, **options) for options in ({}, {"tiles": floor_tiles(SIDE)}))
+    assert alone.irradiance_rgb.mean() == pytest.approx(together.irradiance_rgb.mean(), rel=0.01)
+    assert np.median(together.variance_rgb) < 1.3 * np.median(alone.variance_rgb)
+
+
+def test_a_quarter_of_a_tile_is_judged_from_its_corners():
+    x, y = morton_square(4)
+    assert sorted(zip(x[list(emitter_pool._JUDGES)], y[list(emitter_pool._JUDGES)], strict=True)) == [(0, 0), (0, 3), (3, 0), (3, 3)]
+    assert len(x) == emitter_pool._TOGETHER
+
+
+def test_tiles_take_few_rays_where_their_noise_is_smoothed():
+    """The same light on the mean, with an honest error, from fewer rays."""
+    scene, _, _ = prepare(lit_scene([box_mesh("Block", (0.3, 0.3, 0.3), (0.5, 0.5, 0.3))], emission=boxes(6)))
+    tiles = floor_tiles(SIDE)
+    plain = light_floor(scene, tolerance=0.04)
+    runs = [light_floor(scene, seed, tolerance=0.04, tiles=tiles, smoothed=True) for seed in range(12)]
+    assert runs[0].counters["rays"] < 0.8 * plain.counters["rays"]
+    first = [light_floor(scene, tolerance=10.0, **options).counters["rays"] for options in ({"tiles": tiles, "smoothed": True}, {})]
+    assert first[1] - first[0] > 0.7 * (16 - 4) * SIDE**2  # alone a texel begins with 16: of 4 hardly one may meet what lights it
+    values = np.stack([run.irradiance_rgb[:, 0] for run in runs])
+    assert values.mean() == pytest.approx(light_floor(scene, tolerance=0.0).irradiance_rgb[:, 0].mean(), rel=0.003)
+    stated = np.mean([run.variance_rgb[:, 0].mean() for run in runs])
+    assert 0.4 < values.var(axis=0, ddof=1).mean() / stated < 1.6
+
+
+def test_a_swatch_of_a_palette_close_to_a_floor_gives_what_a_colour_does():
+    """Lamps 2 mm over the floor whose one radiance comes from a texture: its points would be cut off there, the closed form is not."""
+    lamps = [moved(quad_mesh(f"Lamp {i}", 0.2, 0.2), (0.1 + 0.3 * (i % 3), 0.1 + 0.3 * (i // 3), 0.002)) for i in range(9)]
+    plain = lit_scene(emission=lamps, rgb=(3.0, 2.0, 1.0))
+    image = TextureImage("Palette", np.ones((4, 4, 3), np.float32), closest=True)
+    materials = (plain.materials[0], replace(plain.materials[1], emission_image=0))
+    textured = replace(plain, materials=materials, images=(image,), tri_emission_uv=np.full((plain.n_tri, 3, 2), 0.3, np.float32))
+    found, expected = (light_floor(prepare(scene)[0], tolerance=0.0).irradiance_rgb for scene in (textured, plain))
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.01)

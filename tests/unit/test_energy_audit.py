@@ -1,0 +1,38 @@
+"""Sums of shards of any weight."""
+
+import numpy as np
+import pytest
+from leaflight.core.transport.energy_audit import ENERGY_NAMES, Ledger
+from leaflight.core.transport.photon_log import Counters, EnergyAudit
+
+
+def make_shard(photons, weight):
+    """A shard whose photons bring 2 W each of red light to where nothing reflects, and what came of it."""
+    watts = np.array([2.0, 0.0, 0.0]) * photons * weight
+    return photons, weight, EnergyAudit(watts, watts, *np.zeros((5, 3))), Counters(photons, 3 * photons, photons)
+
+
+def test_watts_do_not_depend_on_how_many_photons_there_were_nor_on_their_weights():
+    ledger = Ledger()
+    assert ledger.audit_w() == {name: [0.0] * 3 for name in ENERGY_NAMES}
+    for photons, weight in ((100, 1.0), (50, 4.0)):
+        ledger.add(*make_shard(photons, weight))
+    assert ledger.audit_w() == {
+        "emitted": [2.0, 0.0, 0.0],
+        "absorbed": [2.0, 0.0, 0.0],
+        "escaped": [0.0] * 3,
+        "remainder": [0.0] * 3,
+        "passed": [0.0] * 3,
+        "mirrored": [0.0] * 3,
+        "refracted": [0.0] * 3,
+    }
+    assert ledger.photon_w() == pytest.approx([2.0 / 300.0, 0.0, 0.0])
+    assert (ledger.photons, ledger.told, ledger.rays, ledger.deposits) == (150, 300.0, 450, 150)
+
+
+def test_lost_light_is_that_of_the_channel_that_loses_most():
+    ledger = Ledger()
+    assert ledger.find_lost() == 0.0
+    ledger.energy_w["emitted"][:] = 4.0, 10.0, 0.0
+    ledger.energy_w["remainder"][:] = 1.0, 5.0, 0.0
+    assert ledger.find_lost() == 0.5

@@ -1,0 +1,136 @@
+"""Whose error is asked for: the whole's, or that of each object beside its own brightness."""
+
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from leaflight.core.texels import error_metric
+from leaflight.core.texels.error_metric import DARK_FLOOR, ErrorMetric, Parts, choose_lit, find_dark2
+from trees import make_map
+
+SIDE = 64  # texels
+
+
+def strips_map(*columns, side=SIDE, rows=None):
+    """A page of upright strips, each a chart and an object of so many columns, and rows or `side`; and the object of each triangle."""
+    strips = list(zip(pairwise(np.cumsum([0, *columns])), rows or [side] * len(columns), strict=True))
+    uv = [[[a, 0], [b, 0], [b, high]] for (a, b), high in strips] + [[[a, 0], [b, high], [a, high]] for (a, b), high in strips]
+    thing = np.tile(np.arange(len(columns)), 2)
+    return make_map(uv, chart=thing, size=side), thing
+
+
+def test_the_whole_is_asked_all_over_and_its_objects_are_told_apart():
+    texels, tri_object = strips_map(48, 16)
+    whole = ErrorMetric.of("bake", texels, tri_object)
+    assert whole.entry.tolist() == error_metric.choose_sample(texels).tolist()
+    assert [rows.tolist() for rows in whole.groups] == [list(range(len(whole.entry)))]
+    assert {thing: len(rows) for thing, rows in whole.objects.items()} == {0: 48 * SIDE, 1: 16 * SIDE}
+    for thing, rows in whole.objects.items():
+        assert (tri_object[texels.texel_tri[whole.entry[rows]]] == thing).all()
+
+
+def test_each_object_is_asked_as_much_as_another():
+    texels, tri_object = strips_map(100, 20, side=128)
+    each = ErrorMetric.of("objects", texels, tri_object)
+    small, large = (len(rows) for rows in each.groups)
+    assert small == large < 20 * 128
+    assert (np.diff(each.entry) > 0).all()
+    for thing, rows in each.objects.items():
+        assert rows.tolist() == each.groups[thing].tolist()
+        assert (each.entry_group[each.entry[rows]] == thing).all()
+
+
+def test_of_many_objects_fewer_texels_are_asked_of_each():
+    counts = []
+    for columns in (64, 8):
+        texels, tri_object = strips_map(*[columns] * (256 // columns), side=256)
+        counts.append({len(rows) for rows in ErrorMetric.of("objects", texels, tri_object).groups})
+    (of_few,), (of_many,) = counts
+    assert of_many == of_few / 2
+
+
+@pytest.mark.parametrize(("rows", "groups"), [(32, [0, 1, 2]), (31, [0, 1, 1]), (15, [0, -1, -1])])
+def test_objects_with_few_texels_are_judged_together_or_not_at_all(rows, groups):
+    texels, tri_object = strips_map(62, 1, 1, rows=[SIDE, rows, rows])
+    each = ErrorMetric.of("objects", texels, tri_object)
+    thing = tri_object[texels.texel_tri]
+    assert [sorted(set(each.entry_group[thing == one])) for one in range(3)] == [[group] for group in groups]
+    assert len(each.groups) == max(groups) + 1
+    assert sorted(each.objects) == [one for one, group in enumerate(groups) if groups.count(group) == 1]
+
+
+def test_where_no_object_has_enough_texels_it_is_the_whole():
+    texels, tri_object = strips_map(1, 1, rows=[15, 15])
+    each = ErrorMetric.of("objects", texels, tri_object)
+    assert each.entry_group is None
+    assert len(each.groups[0]) == 30
+    assert each.objects == {}
+
+
+def test_each_object_is_judged_beside_its_own_brightness():
+    """But not next to black: below a tenth of what is dark on the whole."""
+    texels, tri_object = strips_map(32, 16, 16)
+    each = ErrorMetric.of("objects", texels, tri_object)
+    level = np.array([10.0, 0.5, 1e-6], np.float32)
+    light = np.repeat(level[tri_object[texels.texel_tri[each.entry]]][:, None], 3, axis=1)
+    parts = each.part(light, dark=0.2)
+    assert parts.dark2 == pytest.approx((DARK_FLOOR * np.array([10.0, 0.5, 0.2])) ** 2, rel=1e-5)
+    entries = np.array([np.flatnonzero(tri_object[texels.texel_tri] == one)[0] for one in range(3)])
+    assert parts.find_dark2(entries)[:, 0] == pytest.approx(parts.dark2)
+    whole = ErrorMetric.of("bake", texels, tri_object).part(light, dark=0.2)
+    assert whole.find_dark2(entries) == pytest.approx([0.2**2])
+
+
+def test_what_is_not_judged_counts_nothing():
+    parts = Parts([np.arange(2)], np.array([4.0], np.float32), np.array([0, -1, 0], np.int32))
+    assert parts.find_dark2(np.arange(3))[:, 0].tolist() == [4.0, np.inf, 4.0]
+    assert parts.size.tolist() == [2]
+    assert parts.spread(np.array([True]), slice(None), False).tolist() == [True, False, True]
+
+
+def test_parts_that_err_more_weigh_more_and_large_ones_no_more_than_small_ones():
+    """So much more that what errs half as much hardly counts; and within bounds."""
+    sizes = [1, 4, 1, 1]
+    parts = Parts([np.arange(1)] * 4, np.ones(4, np.float32), np.repeat(np.arange(4), sizes).astype(np.int32))
+    weight = parts.weigh(np.array([0.1, 0.1, 0.05, 10.0]), wanted=0.1) * np.array(sizes)
+    assert weight == pytest.approx([1.0, 1.0, 1 / 16, 1e4])
+    assert parts.weigh(np.array([0.1, 0.1, 1e-9, np.nan]), wanted=0.1)[2:] == pytest.approx([1e-4, 1e-4])
+    assert Parts.whole(3, 1.0).weigh(np.array([0.3]), wanted=0.1).tolist() == [1.0]
+
+
+def test_what_is_said_of_objects_is_asked_of_their_texels():
+    texels, tri_object = strips_map(40, 24)
+    whole = ErrorMetric.of("bake", texels, tri_object)
+    assert whole.judge_objects(lambda rows: float(len(rows))) == {0: 40.0 * SIDE, 1: 24.0 * SIDE}
+
+
+def test_texels_asked_are_shown_ones_whose_centres_are_covered_if_there_are_any():
+    """All of them, or of many some that are spread over them."""
+    rng = np.random.default_rng(3)
+    for count in (5000, 200_000):
+        texels = SimpleNamespace(shown=rng.random(count) < 0.8, is_central=rng.random(count) < 0.7)
+        fit, asked = np.flatnonzero(texels.shown & texels.is_central), error_metric.choose_sample(texels)
+        if count == 5000:
+            assert asked.tolist() == fit.tolist()
+            texels.shown[:] = False
+            assert error_metric.choose_sample(texels).tolist() == list(range(count))
+    place = np.searchsorted(fit, asked)
+    assert (fit[place] == asked).all()
+    assert 5000 < len(asked) < len(fit) / 10
+    assert 0 < np.diff(place).min() < np.diff(place).max() < 3 * len(fit) / len(asked)
+
+
+def test_lit_texels_are_chosen_and_all_where_none_is():
+    rows, lit = np.array([1, 2, 4]), np.array([True, False, True, True, True])
+    assert choose_lit(rows, lit).tolist() == [2, 4]
+    assert choose_lit(rows, np.zeros(5, bool)).tolist() == [1, 2, 4]
+    light = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    assert find_dark2(light, 0.0) == np.float32(DARK_FLOOR) ** 2
+    assert find_dark2(light, 2.0) == np.float32(2.0 * DARK_FLOOR) ** 2
+
+
+def test_a_share_of_the_whole_is_one_of_its_texels_however_large_they_are():
+    whole = ErrorMetric(np.arange(4), np.array([9.0, 1.0, 1.0, 1.0]), {}, [np.arange(4)])
+    assert whole.find_share(np.array([True, False, False, False])) == 0.25
+    assert whole.find_share(np.zeros(4, bool)) == 1.0

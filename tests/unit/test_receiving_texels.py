@@ -1,0 +1,153 @@
+"""Charts and texels of what takes light, before there is any."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from boxes import lamp_scene, to_bytes
+from leaflight.core.atlas.chart_cache import ChartCache
+from leaflight.core.bake import receiving_texels
+from leaflight.core.bake.receiving_texels import find_receivers, lay_out
+from leaflight.core.bake.run import Run
+from leaflight.core.parallel import executors, folders
+from leaflight.core.scene.snapshot import save_snapshot
+from leaflight.core.texels import creases
+from leaflight.core.transport import traced_scene
+from leaflight.core.util.job import LAYOUT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.util.messages import Status, Warning_
+from leaflight.core.util.settings import Settings
+from processes import wait_until_ready
+from scenes import make_scene, quad_mesh
+
+SMALL = Settings(size=64, padding=1, workers=1)
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A bake that tells all into `run.told`."""
+    told = []
+    (tmp_path / "images").mkdir()
+    found = Run(tmp_path, Job(SMALL, str(tmp_path / "images"), "room"), told.append, lambda: False)
+    found.told = told
+    return found
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """A block on a floor, in the folder of `run`."""
+    found = lamp_scene()
+    save_snapshot(tmp_path / SNAPSHOT_FILE, found)
+    return found
+
+
+def find(run, scene, settings=SMALL, lit=True, by_photons=True, executor=None):
+    atlas = lay_out(run, scene, settings, ChartCache())
+    return atlas, find_receivers(run, scene, settings, atlas, executor or executors.InlineExecutor(), lit, by_photons)
+
+
+def list_stages(run):
+    return [message.stage for message in run.told if isinstance(message, Status)]
+
+
+def test_the_layout_file_tells_where_charts_lie(run, scene):
+    atlas = lay_out(run, scene, SMALL, ChartCache())
+    with np.load(run.folder / LAYOUT_FILE) as layout:
+        assert np.array_equal(layout["tri_uv"], atlas.tri_uv / atlas.page_size)
+        assert np.array_equal(layout["object_page"], atlas.object_page)
+        assert 0.0 <= layout["tri_uv"].min() < layout["tri_uv"].max() <= 1.0
+
+
+def test_nothing_to_unwrap_is_a_sentence_with_the_reason(run):
+    hidden = make_scene([quad_mesh("Floor")])
+    hidden = replace(hidden, objects=tuple(replace(one, receives=False) for one in hidden.objects))
+    with pytest.raises(ValueError, match=r"^nothing to bake: no object has a face that takes light \(.*\)\.$"):
+        lay_out(run, hidden, SMALL, ChartCache())
+    assert not (run.folder / LAYOUT_FILE).exists()
+
+
+def test_images_of_another_bake_are_told_of_but_not_noted(run, scene, monkeypatch):
+    monkeypatch.setattr("leaflight.core.bake.earlier_bakes.describe_others", lambda job, names: ["these are another scene's"])
+    lay_out(run, scene, SMALL, ChartCache())
+    assert Warning_("", "these are another scene's") in run.told
+    assert run.warnings == []
+
+
+def test_leaves_are_cut_where_the_block_stands_on_the_floor(run, scene):
+    atlas, found = find(run, scene)
+    assert list_stages(run) == list(run.seconds) == ["charts", "texels", "scene", "contacts"]
+    at_foot = scene.tri_object[found.texels.texel_tri[found.touched]]
+    assert set(at_foot) == {0, 1}
+    assert len(found.facets.chart_page) > len(creases.cut_at_creases(scene, atlas).chart_page)  # what lies below the block
+
+
+def test_two_processes_find_and_cut_the_same(run, scene, monkeypatch):
+    monkeypatch.setattr("leaflight.core.transport.contact_search._LEAST", 100)
+    found = []
+    for count in (1, 2):
+        with executors.make_executor(count) as executor:
+            if count == 2:
+                wait_until_ready(executor)
+            _, one = find(run, scene, executor=executor)
+        opened = to_bytes(traced_scene.open_tracing(str(run.folder)).texels)
+        found.append([opened, *(to_bytes(field) for field in (one.texels, one.touched, one.rising))])
+        folders.forget_folders()
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize(
+    ("settings", "lit", "by_photons", "stages"),
+    [
+        (SMALL, False, False, ["charts", "texels"]),
+        (SMALL, True, False, ["charts", "texels", "scene"]),
+        (replace(SMALL, contact=False), True, True, ["charts", "texels", "scene"]),
+    ],
+)
+def test_nobody_looks_for_what_is_not_needed(run, scene, settings, lit, by_photons, stages):
+    atlas, found = find(run, scene, settings, lit, by_photons)
+    assert list_stages(run) == stages
+    assert not found.touched.any()
+    assert not found.rising.any()
+    assert len(found.facets.chart_page) == len(creases.cut_at_creases(scene, atlas).chart_page)
+
+
+def test_texels_are_those_that_all_processes_will_open(run, scene):
+    _, found = find(run, scene)
+    try:
+        opened = traced_scene.open_tracing(str(run.folder)).texels
+        assert np.array_equal(opened.texel_tri, found.texels.texel_tri)
+        assert len(found.touched) == len(found.rising) == len(opened)
+        with pytest.raises(ValueError, match="read-only"):
+            found.texels.texel_tri[0] = 1
+    finally:
+        folders.forget_folders()
+
+
+def test_texels_of_an_earlier_bake_in_the_folder_are_gone(run, scene):
+    find(run, scene)
+    folders.forget_folders()
+    of_earlier = run.folder / folders.TEXELS_FOLDER / "grid" / "of_a_larger_bake.npy"
+    of_earlier.parent.mkdir()
+    of_earlier.write_bytes(b"1")
+    _, found = find(run, scene, replace(SMALL, size=32))
+    try:
+        assert len(traced_scene.open_tracing(str(run.folder)).texels) == len(found.texels) < 32 * 32
+        assert not of_earlier.exists()
+    finally:
+        folders.forget_folders()
+
+
+def test_what_charts_and_the_tree_warn_of_is_told_and_noted(run, scene, monkeypatch):
+    for name, warning in (
+        ("bake.receiving_texels.make_charts", ("Floor", "overlaps")),
+        ("transport.traced_scene.open_scene", ("Lamp", "is left out")),
+    ):
+        _, module, function = name.split(".")
+        before = getattr({"receivers": receiving_texels, "traced_scene": traced_scene}[module], function)
+
+        def warned(*given, before=before, warning=warning):
+            return replace(before(*given), warnings=(warning,))
+
+        monkeypatch.setattr(f"leaflight.core.{name}", warned)
+    find(run, scene, by_photons=False)
+    assert run.warnings == [("Floor", "overlaps"), ("Lamp", "is left out")]
+    assert [message for message in run.told if isinstance(message, Warning_)] == [Warning_(*one) for one in run.warnings]

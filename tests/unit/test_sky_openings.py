@@ -1,0 +1,240 @@
+"""The sky through openings: right on average, of less noise than plain rays, and left alone where these will do."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from closed_forms import from_polygon
+from floors import floor_looks, floor_tiles, lit_scene, prepare, sigma_limit
+from leaflight.core.integrate import direct
+from leaflight.core.integrate.direct import DirectLight, direct_irradiance
+from leaflight.core.lights.sky_openings import Openings, _blur, _cell_at, _Known
+from leaflight.core.scene.scene import SceneSnapshot
+from leaflight.core.texels.texel_grid import part_bits
+from leaflight.core.texels.tiles import Tiles
+from leaflight.core.util import ablation
+from scenes import moved, quad_mesh
+
+SIDE, FAR, HEIGHT = 64, 60.0, 1.0
+HATCH = (0.3, 0.7, 0.35, 0.5)  # x, x, y, y, metres: an opening of the roof
+CELLS = 256
+
+
+def roofed(hatch: tuple[float, float, float, float]) -> SceneSnapshot:
+    """A floor of a square metre below a roof without end, under a white sky; no more light than through the hatch."""
+    x0, x1, y0, y1 = hatch
+    parts = ((-FAR, x0, -FAR, FAR), (x1, FAR, -FAR, FAR), (x0, x1, -FAR, y0), (x0, x1, y1, FAR))
+    roof = [moved(quad_mesh(f"Roof {i}", b - a, d - c), (a, c, HEIGHT)) for i, (a, b, c, d) in enumerate(parts)]
+    return replace(lit_scene(roof), world_rgb=(1.0, 1.0, 1.0))
+
+
+def light_floor(scene: SceneSnapshot, seed: int = 1, tiles: Tiles | None = None, **options: object) -> DirectLight:
+    tiles = floor_tiles(SIDE) if tiles is None else tiles
+    return direct_irradiance(prepare(scene)[0], floor_looks(SIDE), np.arange(SIDE**2), np.random.default_rng(seed), tiles=tiles, **options)
+
+
+def through(hatch: tuple[float, float, float, float]) -> np.ndarray:
+    """(SIDE**2,) irradiance at the middles of the floor's texels; a little comes from beyond the roof's edge."""
+    x0, x1, y0, y1 = hatch
+    column, row = middles()
+    position = np.column_stack([column, row, np.zeros(SIDE**2)])
+    up = np.tile([0.0, 0.0, 1.0], (SIDE**2, 1))
+    hole = np.array([[x0, y0, HEIGHT], [x1, y0, HEIGHT], [x1, y1, HEIGHT], [x0, y1, HEIGHT]])
+    whole = np.array([[-FAR, -FAR, HEIGHT], [FAR, -FAR, HEIGHT], [FAR, FAR, HEIGHT], [-FAR, FAR, HEIGHT]])
+    return np.abs(from_polygon(hole, position, up)) + math.pi - np.abs(from_polygon(whole, position, up))
+
+
+def middles() -> tuple[np.ndarray, np.ndarray]:
+    x, y = part_bits(np.arange(SIDE**2))
+    return (x + 0.5) / SIDE, (y + 0.5) / SIDE
+
+
+def error_of(found: DirectLight, truth: np.ndarray) -> float:
+    return float(np.sqrt(((found.irradiance_rgb[:, 0] / truth - 1) ** 2).mean()))
+
+
+@pytest.fixture
+def plain(monkeypatch):
+    """Gives light by plain rays alone."""
+
+    def light(*args: object, **options: object) -> DirectLight:
+        with monkeypatch.context() as patch:
+            patch.setenv(ablation.VARIABLE, "openings")
+            return light_floor(*args, **options)
+
+    return light
+
+
+class TestLight:
+    @pytest.mark.parametrize("tiles", [None, Tiles.none()])
+    def test_of_a_small_hatch_is_right_with_half_the_noise_of_plain_rays(self, plain, tiles):
+        scene, truth = roofed(HATCH), through(HATCH)
+        assert 0.01 < truth.mean() / math.pi < 0.02
+        found, by_plain = ([light(scene, seed, tiles) for seed in range(4)] for light in (light_floor, plain))
+        for lights in (found, by_plain):
+            assert np.mean([one.irradiance_rgb for one in lights]) == pytest.approx(truth.mean(), rel=0.025)
+        error, plain_error = (np.mean([error_of(one, truth) for one in lights]) for lights in (found, by_plain))
+        assert error < 0.45
+        assert plain_error > 1.6 * error
+        stated = np.mean([np.sqrt((one.variance_rgb[:, 0] / truth**2).mean()) for one in found])
+        assert 0.9 < stated / error < 1.2
+
+    @pytest.mark.slow
+    def test_is_right_on_average_where_hardly_a_ray_finds_it(self):
+        hatch = (0.5, 0.6, 0.5, 0.55)
+        scene, truth = roofed(hatch), through(hatch)
+        assert truth.mean() / math.pi < 2e-3
+        found = np.array([light_floor(scene, seed, tolerance=0.025).irradiance_rgb[:, 0].mean() for seed in range(40)])
+        noise = found.std() / math.sqrt(len(found))
+        assert noise < 0.05 * truth.mean()
+        assert abs(found.mean() - truth.mean()) < sigma_limit(1) * noise
+
+    def test_whole_tiles_that_saw_little_by_chance_do_not_stop_by_that(self):
+        """Many saw nothing at all, and seem to be even."""
+        hatch = (0.1, 0.3, 0.9, 1.0)
+        scene, truth = roofed(hatch), through(hatch)
+        dim = truth < np.quantile(truth, 0.25)
+        found = np.array([light_floor(scene, seed, tolerance=0.025, smoothed=True).irradiance_rgb[:, 0] for seed in range(32)])
+        for part, most in ((np.ones(SIDE**2, bool), 0.004), (dim, 0.015)):
+            mean = found[:, part].mean(axis=1) / truth[part].mean()
+            noise = mean.std() / math.sqrt(len(mean))
+            assert noise < most
+            assert abs(mean.mean() - 1) < sigma_limit(2) * noise
+
+    def test_who_saw_nothing_by_chance_is_not_sure_of_it(self):
+        found = light_floor(roofed((0.5, 0.6, 0.5, 0.55)), seed=3)
+        dark, variance = found.irradiance_rgb[:, 0] == 0, found.variance_rgb[:, 0].reshape(-1, 64)
+        assert dark.any()
+        beside = np.repeat(variance.mean(axis=1), 64)
+        assert (found.variance_rgb[dark & (beside > 0), 0] >= beside[dark & (beside > 0)] / 16).all()
+
+    def test_blocks_of_which_no_ray_found_it_are_not_sure_either(self):
+        found = light_floor(replace(roofed((0.5, 0.53, 0.5, 0.53)), world_rgb=(1.0, 2.0, 0.0)), seed=1)
+        unlit = found.by_openings & np.repeat(~found.irradiance_rgb.reshape(-1, 64 * 3).any(axis=1), 64)
+        assert unlit.any()
+        red, green, blue = found.variance_rgb[unlit].T
+        assert (red > 0).all()
+        assert green == pytest.approx(4 * red)
+        assert not blue.any()
+
+    def test_each_channel_has_its_sky(self):
+        scene = replace(roofed(HATCH), world_rgb=(2.0, 1.0, 0.0))
+        red, green, blue = light_floor(scene).irradiance_rgb.T
+        assert red == pytest.approx(2 * green, rel=1e-6)
+        assert not blue.any()
+
+
+class TestWho:
+    def asked(self, scene: SceneSnapshot, monkeypatch, **options: object) -> int:
+        """How many texels' rays are aimed."""
+        counts, find = [], Openings.find.__func__
+
+        def counting(cls, *args):
+            out = find(cls, *args)
+            counts.append(len(out.rows))
+            return out
+
+        monkeypatch.setattr(Openings, "find", classmethod(counting))
+        light_floor(scene, **options)
+        return sum(counts)
+
+    def test_all_texels_below_a_small_hatch(self, monkeypatch):
+        assert self.asked(roofed(HATCH), monkeypatch) == SIDE**2
+
+    def test_those_around_whom_no_ray_found_it_where_others_did(self):
+        """Blocks of two regions, of which one ray in a hundred found it in the one."""
+        known = _Known.none(32 * 64)
+        known.shot[:] = 64 / CELLS
+        known.lit[:16] = known.shot[:16] / 100
+        assert not known.see_little(np.zeros(2))[16:].any()
+        known = known.tell_share()
+        assert known.see_little(np.zeros(2)).all()
+        assert not known.see_little(np.array([0.0, 0.01]))[16:].any()
+        end, mean, _ = known.of(np.arange(32) >= 16).share_out()
+        assert np.diff(end[0], prepend=0.0) == pytest.approx(1 / CELLS, rel=0.2)
+        assert 0 < mean[0] < 0.01 / 4
+
+    def test_none_in_what_is_dark(self, monkeypatch):
+        assert self.asked(roofed(HATCH), monkeypatch, tolerance=0.05, dark=0.0) == SIDE**2
+        assert self.asked(roofed(HATCH), monkeypatch, tolerance=0.05, dark=10.0) == 0
+
+    @pytest.mark.parametrize(("times", "aims"), [(3.0, False), (5.0, True)])
+    def test_those_whose_plain_rays_err_more_than_smoothing_takes(self, times, aims):
+        """Of a region that a ray in a hundred found it in, 64 rays a texel err so many times what is allowed."""
+        known = _Known.none(16 * 64)
+        known.shot[:] = 64 / CELLS
+        known.lit[:] = known.shot / 100
+        assert (known.see_little(np.array([np.sqrt(0.01 / 64) / times])) == aims).all()
+
+    def test_light_tells_who_they_are(self):
+        scene = replace(roofed(HATCH), world_rgb=(1.0, 1.0, 1.0))
+        assert light_floor(scene).by_openings.all()
+        assert not light_floor(roofed((-2.0, 3.0, -2.0, 3.0))).by_openings.any()
+
+    def test_none_below_an_open_roof(self, monkeypatch):
+        assert self.asked(roofed((-2.0, 3.0, -2.0, 3.0)), monkeypatch) == 0
+
+    def test_none_below_a_black_sky(self, monkeypatch):
+        assert self.asked(replace(roofed(HATCH), world_rgb=(0.0, 0.0, 0.0)), monkeypatch) == 0
+
+    def test_none_where_other_light_drowns_it(self, monkeypatch):
+        assert self.asked(roofed(HATCH), monkeypatch, tolerance=0.02, beside=np.full(SIDE**2, 10.0, np.float32)) == 0
+
+    @pytest.mark.parametrize(("lit", "allowed", "may"), [(0.0, 0.0, True), (0.25, 0.0, False), (0.0, 0.1, False)])
+    def test_no_more_is_asked_where_it_is_known_to_be_open_or_drowned(self, lit, allowed, may):
+        """Of an empty region and one of which each texel has sent a ray."""
+        known = _Known.none(17 * 64)
+        known.shot[:16] = 64 / CELLS
+        known.lit[:16] = lit * known.shot[:16]
+        found = known.may_see_little(np.array([allowed, 0.0]))
+        assert (found[:16] == may).all()
+        assert found[16]
+
+    def test_a_texel_whose_leader_is_one_looks_by_itself(self, monkeypatch):
+        """Openings begin and end where regions do, and tiles may lie across that."""
+        rows = np.r_[0:30, 62 : SIDE**2]  # so that no region begins with a tile
+        tiles, leaders = floor_tiles(SIDE).within(rows), []
+
+        def listening(source, own, lamp, shift, known, alone, leader, apart):
+            leaders.append((own, own[leader]))
+            return tally(source, own, lamp, shift, known, alone, leader, apart)
+
+        tally, scene = direct.Tally, prepare(roofed((0.5, 0.53, 0.5, 0.53)))[0]
+        monkeypatch.setattr(direct, "Tally", listening)
+        for seed in range(20):
+            direct_irradiance(scene, floor_looks(SIDE), rows, np.random.default_rng(seed), tiles=tiles)
+        assert any(len(own) < len(rows) for own, _ in leaders)
+        for own, leader in leaders:
+            assert (np.searchsorted(tiles.start, own, side="right") == np.searchsorted(tiles.start, leader, side="right")).all()
+
+
+class TestCells:
+    def test_are_numbered_along_a_morton_curve(self):
+        x, y = part_bits(np.arange(CELLS))
+        to = (np.stack([x, y], axis=1) + 0.5).astype(np.float32) / 16
+        assert (_cell_at(to) == np.arange(CELLS)).all()
+        assert _cell_at(np.ones((1, 2), np.float32)) == CELLS - 1
+
+    def test_are_blurred_without_loss_but_at_the_edge(self):
+        x, y = part_bits(np.arange(CELLS))
+        one = np.zeros((1, CELLS))
+        one[0, (x == 5) & (y == 9)] = 16.0
+        out = _blur(one)[0]
+        assert out.sum() == pytest.approx(16.0)
+        assert out[(x == 5) & (y == 9)] == pytest.approx(4.0)
+        assert out[(x == 6) & (y == 9)] == pytest.approx(2.0)
+        assert out[(x == 6) & (y == 10)] == pytest.approx(1.0)
+
+    def test_an_open_one_gets_most_rays_and_none_is_left_out(self):
+        known = _Known.none(64)
+        known.shot[:] = 4.0
+        known.lit[0, 17] = 4.0
+        end, mean, square = known.share_out()
+        chance = np.diff(end[0], prepend=0.0)
+        assert chance.sum() == pytest.approx(1.0)
+        assert chance.argmax() == 17
+        assert chance.min() >= 0.3 / CELLS - 1e-12
+        assert mean[0] ** 2 < square[0]

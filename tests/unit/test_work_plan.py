@@ -1,0 +1,159 @@
+"""What a bake does not need is not done, the images are the same, and the report counts it."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from boxes import lamp_scene
+from leaflight.core.bake import bake
+from leaflight.core.bake.work_plan import WorkPlan
+from leaflight.core.output.image_file import read_image
+from leaflight.core.scene.materials import SurfaceMaterials
+from leaflight.core.scene.scene import Light, Material, TextureImage
+from leaflight.core.scene.snapshot import save_snapshot
+from leaflight.core.texels.error_metric import BEST_TEXELS, DARK_FLOOR
+from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.util.messages import Status
+from leaflight.core.util.settings import Settings
+
+pytestmark = pytest.mark.usefixtures("open_image_io")
+QUICK = Settings(size=32, padding=1, workers=1, error=0.3, max_photons=20_000)
+GREY, BLACK = lamp_scene(), lamp_scene(rho=0.0)
+
+
+def bake_scene(folder, scene, **knobs):
+    """Result, stages and pictures of a bake by pass."""
+    folder.mkdir()
+    save_snapshot(folder / SNAPSHOT_FILE, scene)
+    Job(replace(QUICK, **knobs), str(folder / "images"), "room").save(folder)
+    messages = []
+    bake.run_bake(folder, messages.append, lambda: False)
+    result = json.loads((folder / RESULT_FILE).read_text())
+    stages = [message.stage for message in messages if isinstance(message, Status)]
+    return result, list(dict.fromkeys(stages)), {file["pass_name"]: read_image(file["path"])[0] for file in result["files"]}
+
+
+@pytest.mark.parametrize(
+    ("scene", "passes", "direct", "needs"),
+    [
+        (GREY, ("combined",), "rays", WorkPlan(True, True, True)),
+        (GREY, ("albedo", "stderr"), "rays", WorkPlan(True, True, True)),
+        (GREY, ("direct",), "rays", WorkPlan(True, False, False)),
+        (GREY, ("direct", "albedo"), "photons", WorkPlan(True, False, True)),
+        (GREY, ("albedo", "emission"), "photons", WorkPlan(False, False, False)),
+        (BLACK, ("combined",), "rays", WorkPlan(True, False, False)),
+        (BLACK, ("combined",), "photons", WorkPlan(True, False, True)),
+    ],
+)
+def test_needs_follow_from_passes_and_surfaces(scene, passes, direct, needs):
+    settings = Settings(passes=passes, direct=direct)
+    found = WorkPlan.of(settings, SurfaceMaterials(scene))
+    assert found == needs
+    assert found.trim(settings) == (settings if needs.indirect else replace(settings, max_depth=1))
+
+
+def test_direct_light_alone_traces_no_photon_and_is_the_same(tmp_path):
+    """Byte for byte on the same charts: contacts, which cut them, are looked for where light is reflected only."""
+    knobs = {"error": 0.05, "denoise": False, "contact": False}
+    full, _, pictures = bake_scene(tmp_path / "a", GREY, passes=("direct", "indirect"), **knobs)
+    result, stages, alone = bake_scene(tmp_path / "b", GREY, passes=("direct",), **knobs)
+    assert stages == ["load", "charts", "texels", "scene", "direct", "write"] == list(result["seconds"])
+    assert (result["photons"], result["stopped_by"], result["skipped"]["indirect_light"]) == (0, "error", 1)
+    assert result["skipped"]["photons"] == QUICK.max_photons
+    assert full["skipped"]["indirect_light"] == 0
+    assert np.array_equal(alone["direct"], pictures["direct"])
+
+
+def test_indirect_light_leaves_direct_light_as_sharp_as_it_is_alone(tmp_path):
+    """Judged over the best texels against finely traced direct light, relative to its brightness."""
+    _, _, fine = bake_scene(tmp_path / "fine", GREY, passes=("direct",), error=1e-3, denoise=False)
+    covered = fine["direct"][..., 3] > 0
+    truth = fine["direct"][covered][:, :3]
+    errors = []
+    for name, passes in (("alone", ("direct",)), ("both", ("direct", "indirect"))):
+        found = bake_scene(tmp_path / name, GREY, passes=passes, error=0.05)[2]["direct"][covered][:, :3]
+        squares = (found - truth) ** 2 / (truth**2 + (DARK_FLOOR * truth.mean()) ** 2)
+        errors.append(np.sqrt(np.sort(squares, axis=None)[: int(BEST_TEXELS * squares.size)].mean()))
+    assert errors[1] < 1.2 * errors[0]
+
+
+def test_direct_light_by_photons_traces_first_hits_only(tmp_path):
+    result, _, _ = bake_scene(tmp_path / "a", GREY, passes=("direct",), direct="photons")
+    assert result["rays"] == result["photons"] > 0
+
+
+def test_surfaces_alone_trace_nothing_and_need_no_light(tmp_path):
+    dark = replace(GREY, lights=())
+    result, stages, pictures = bake_scene(tmp_path / "a", dark, passes=("albedo", "emission"))
+    assert stages == ["load", "charts", "texels", "write"]
+    assert (result["photons"], result["rays"], result["estimated_error"], result["stopped_by"]) == (0, 0, 0.0, "error")
+    assert (result["skipped"]["direct_light"], result["skipped"]["indirect_light"]) == (1, 1)
+    covered = pictures["albedo"][..., 3] > 0
+    assert pictures["albedo"][covered][:, :3] == pytest.approx(0.5, abs=1e-3)
+
+
+def test_black_surfaces_reflect_no_photon(tmp_path):
+    """By rays and by photons of one hit: the same light."""
+    result, stages, pictures = bake_scene(tmp_path / "a", BLACK, passes=("lighting", "indirect"), error=0.02)
+    assert "photons" not in stages
+    assert (result["photons"], result["skipped"]["indirect_light"]) == (0, 1)
+    assert not pictures["indirect"][..., :3].any()
+    by_photons, _, _ = bake_scene(tmp_path / "b", BLACK, direct="photons")
+    assert by_photons["rays"] == by_photons["photons"]
+
+
+def test_what_gives_no_light_is_counted_and_changes_nothing(tmp_path):
+    lamp = GREY.lights[0]
+    idle = (
+        replace(lamp, name="Off", power_rgb=(0.0,) * 3),
+        Light("AREA", "Away", (0.0, 0.0, 9.0), ((1, 0, 0), (0, 1, 0), (0, 0, -1)), (5.0, 5.0, 5.0)),
+    )
+    paint = TextureImage("Paint", np.full((2, 2, 3), 0.5, np.float32))
+    scene = replace(GREY, lights=(lamp, *idle), materials=(Material("Grey", (1.0, 1.0, 1.0), 0),), images=(paint,))
+    plain, _, expected = bake_scene(tmp_path / "a", GREY)
+    result, _, pictures = bake_scene(tmp_path / "b", scene)
+    assert np.array_equal(pictures["combined"], expected["combined"])
+    names = ("lights_without_power", "lights_out_of_reach", "textures_of_one_colour")
+    assert [result["skipped"][name] for name in names] == [1, 1, 1]
+    assert [plain["skipped"][name] for name in names] == [0, 0, 0]
+
+
+def test_objects_that_need_nothing_are_counted(tmp_path):
+    """The block is neither baked nor seen by light; the floor has a layer that is used."""
+    floor, block = GREY.objects
+    layer = np.where(GREY.tri_object[:, None, None] == 0, GREY.vertex_position[GREY.tri_vertex][..., :2] + 0.5, 0.0)
+    scene = replace(GREY, tri_uv=layer, objects=(replace(floor, has_layer=True), replace(block, receives=False, casts_shadow=False)))
+    result, _, _ = bake_scene(tmp_path / "a", scene)
+    assert (result["skipped"]["objects_without_effect"], result["skipped"]["objects_not_unwrapped"]) == (1, 1)
+    glowing = replace(scene, materials=(replace(scene.materials[0], emission_rgb=(1.0, 1.0, 1.0)),))
+    assert bake_scene(tmp_path / "b", glowing)[0]["skipped"]["objects_without_effect"] == 0
+
+
+def test_charts_that_no_photon_reaches_are_counted(tmp_path):
+    """Of the lamp's photons none meets the block's underside, which lies on the floor."""
+    result, _, _ = bake_scene(tmp_path / "a", GREY, direct="photons", max_photons=200_000, error=1e-4)
+    assert 1 <= result["skipped"]["charts_without_photons"] < 7
+    assert result["skipped"]["photons"] == 0  # it stopped at its photons, not at its error
+    assert result["leaves"] > 7
+
+
+def test_photons_that_the_time_limit_cost_are_not_counted_as_spared(tmp_path):
+    result, _, _ = bake_scene(tmp_path / "a", GREY, max_photons=10**9, error=1e-4, time_limit=0.001)
+    assert result["stopped_by"] == "time_limit"
+    assert (result["photons"] < 10**9, result["skipped"]["photons"]) == (True, 0)
+
+
+def test_rays_that_are_spared_are_counted(tmp_path):
+    result, _, _ = bake_scene(tmp_path / "a", GREY)
+    assert result["skipped"]["pairs_out_of_reach"] == result["direct"]["out_of_reach"] > 0
+    assert result["skipped"]["pairs_settled_early"] == result["direct"]["settled"] > 0
+    assert result["skipped"]["photons"] == QUICK.max_photons - result["photons"] >= 0
+
+
+def test_lamps_that_give_little_are_sampled_together_and_counted(tmp_path):
+    lamp = GREY.lights[0]
+    many = tuple(replace(lamp, name=str(k), position_m=(0.1 * (k % 5), 0.1 * (k // 5), lamp.position_m[2])) for k in range(20))
+    result, _, _ = bake_scene(tmp_path / "a", replace(GREY, lights=many))
+    assert result["skipped"]["pairs_sampled_together"] == result["direct"]["sampled"] > 0
+    assert bake_scene(tmp_path / "b", GREY)[0]["skipped"]["pairs_sampled_together"] == 0
