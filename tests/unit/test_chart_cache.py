@@ -173,7 +173,7 @@ def test_charts_that_cannot_be_kept_are_told_and_the_bake_goes_on(bake_lamp, tmp
 def test_a_bake_that_is_stopped_before_there_is_light_keeps_them(bake_lamp, monkeypatch):
     """Who has waited for them once would wait again."""
     with monkeypatch.context() as patch:
-        patch.setattr("leaflight.core.bake.bake.find_receivers", stop_here)
+        patch.setattr("leaflight.core.bake.find_light.find_receivers", stop_here)
         with pytest.raises(KeyboardInterrupt):
             bake_lamp()
     assert bake_lamp()[0]["skipped"]["objects_unwrapped_before"] == 2
