@@ -32,7 +32,7 @@ def room_scene():
 
 def find_light(folder, direct, seed):
     """Of each chart: irradiance and its standard error, W/m^2, three channels each."""
-    light = solve_scene(folder, room_scene(), Settings(size=48, direct=direct, max_photons=PHOTONS, error=0.01, seed=seed))
+    light = solve_scene(folder, room_scene(), Settings(size=48, direct=direct, max_photons=PHOTONS, error=0.01, seed=seed, even_out=False))
     tree = light.tree
     roots = np.flatnonzero(tree.parent < 0)
     area, texels = tree.area[roots], tree.end[roots] - tree.start[roots]

@@ -132,7 +132,7 @@ def bake_on_small_disk(scene, most_bytes):
     """Code and standard error of a bake on a system where no file grows beyond this."""
     resource = pytest.importorskip("resource")
     argv = [sys.executable, "-m", "leaflight", "bake", str(scene), *QUICK, "--output", "maps", "--uv-layer", "UVMap", "--quiet"]
-    argv += ["--objects", "Floor", "--margin", "256", "--size", "256", "--force", "--error", "0.1"]
+    argv += ["--objects", "Floor", "--margin", "256", "--size", "512", "--force", "--error", "0.1"]
 
     def limit():
         resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, most_bytes))

@@ -22,10 +22,10 @@ def test_a_glance_has_the_flux_of_the_pages(tmp_path, direct):
     solver, light = bake_room(tmp_path, direct=direct)
     texels = solver.tracing.texels
     glance = texel_light.glance_at(light, texels, np.arange(len(texels)))
-    pages = texel_light.light_at_texels(light, texels)
+    pages = texel_light.light_at_texels(light, texels, smooth_grain=False)
     for quick, shown in zip(glance, (pages.direct, pages.indirect), strict=True):
         assert (quick >= 0).all()
-        assert quick.T @ texels.texel_area == pytest.approx(shown.T @ texels.texel_area, rel=0.02)
+        assert quick.T @ texels.texel_area == pytest.approx(shown.T @ texels.texel_area, rel=0.03)
 
 
 def test_gather_rays_find_the_light_of_a_glance_and_how_far_halves_differ(tmp_path):
