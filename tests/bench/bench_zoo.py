@@ -173,10 +173,10 @@ def main(words: list[str] | None = None) -> int:
             continue
         tables = [tabulate_quick(results[-1:]), *([tabulate_times(results[-1:])] if effort.samples else [])]
         print(*tables, sep="\n", file=sys.stderr, flush=True)
+        if arguments.docs and effort.samples:  # now, so that a run that is stopped leaves what it has
+            write_page(ROOT / "docs" / "zoo.md", results, bool(arguments.scenes))
     tables = [tabulate_quick(results), *([tabulate_times(results)] if effort.samples else []), summarize(results)]
     print(*tables, sep="\n\n")
-    if arguments.docs and effort.samples:
-        write_page(ROOT / "docs" / "zoo.md", results, bool(arguments.scenes))
     print(*failed, sep="\n")
     return int(bool(failed))
 
