@@ -201,12 +201,23 @@ def _digest_mesh(mesh: bpy.types.Mesh) -> str:
 
 def _read_modifier(modifier: bpy.types.Modifier) -> Any:
     names = _own_names(modifier, bpy.types.Modifier)
-    inputs = [(key, _read(modifier[key], 0)) for key in sorted(set(modifier.keys()) - set(names))] if modifier.type == "NODES" else []
     return (
         _read_values(modifier, names),
-        inputs,
+        _read_inputs(modifier, names) if modifier.type == "NODES" else [],
         _read_nodes(modifier.node_group) if modifier.type == "NODES" and modifier.node_group else "",
     )
+
+
+def _read_inputs(modifier: Any, names: list[str]) -> Any:
+    """What a Geometry Nodes modifier is given; Blender 5.3 has no custom properties for it any more."""
+    if not hasattr(modifier, "properties"):
+        return [(key, _read(modifier[key], 0)) for key in sorted(set(modifier.keys()) - set(names))]
+    if modifier.properties is None:  # without a node group
+        return []
+    inputs = modifier.properties.inputs
+    keys = [about.identifier for about in inputs.bl_rna.properties if about.identifier.startswith("Socket_")]
+    asked = ("type", "value", "attribute_name")
+    return [(key, [_read(getattr(getattr(inputs, key), name, None), 0) for name in asked]) for key in keys]
 
 
 def _read_material(material: bpy.types.Material) -> Any:

@@ -219,3 +219,24 @@ def test_removing_forgets_it_and_damaged_marks_say_nothing():
 def test_many_changes_are_one_line():
     assert describe_changes(["A", "B"]) == "Changed since this bake: A, B"
     assert describe_changes("ABCDE") == "Changed since this bake: A, B, C and 2 more"
+
+
+def test_what_geometry_nodes_are_given_is_noticed():
+    """Blender 5.3 keeps it elsewhere than those before."""
+    open_room()
+    group = bpy.data.node_groups.new("Grow", "GeometryNodeTree")
+    for name, way, kind in (("Mesh", "INPUT", "Geometry"), ("Size", "INPUT", "Float"), ("Mesh", "OUTPUT", "Geometry")):
+        group.interface.new_socket(name, in_out=way, socket_type=f"NodeSocket{kind}")
+    size = next(one.identifier for one in group.interface.items_tree if one.name == "Size")
+    modifier = bpy.data.objects["Cube"].modifiers.new("Grow", "NODES")
+    scene, layer = bpy.context.scene, bpy.context.view_layer
+    bare = print_scene(scene, layer)
+    modifier.node_group = group
+    before = print_scene(scene, layer)
+    assert list_changes(bare, before) == ["Cube"]
+    assert print_scene(scene, layer) == before
+    if hasattr(modifier, "properties"):
+        getattr(modifier.properties.inputs, size).value = 2.0
+    else:
+        modifier[size] = 2.0
+    assert list_changes(before, print_scene(scene, layer)) == ["Cube"]

@@ -142,7 +142,7 @@ def test_what_charts_and_the_tree_warn_of_is_told_and_noted(run, scene, monkeypa
         ("transport.traced_scene.open_scene", ("Lamp", "is left out")),
     ):
         _, module, function = name.split(".")
-        before = getattr({"receivers": receiving_texels, "traced_scene": traced_scene}[module], function)
+        before = getattr({"receiving_texels": receiving_texels, "traced_scene": traced_scene}[module], function)
 
         def warned(*given, before=before, warning=warning):
             return replace(before(*given), warnings=(warning,))
