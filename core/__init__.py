@@ -32,16 +32,26 @@ output, bake. The docstring of each says what goes in, what comes out and which 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .bake.in_memory import SolvedLight
     from .scene.scene import SceneSnapshot
+    from .util.messages import Message
     from .util.settings import Settings
 
 
-def solve(scene: SceneSnapshot, settings: Settings, **watching: Any) -> SolvedLight:
-    """bake.in_memory.solve_scene, which is loaded only when it is called: workers and panels import this package for less."""
+def solve(
+    scene: SceneSnapshot,
+    settings: Settings,
+    tell: Callable[[Message], None] = lambda message: None,
+    should_stop: Callable[[], bool] = lambda: False,
+) -> SolvedLight:
+    """The light of a scene, see bake.in_memory.solve_scene.
+
+    That is imported by the call: workers and panels import this package for less.
+    """
     from .bake.in_memory import solve_scene
 
-    return solve_scene(scene, settings, **watching)
+    return solve_scene(scene, settings, tell, should_stop)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from boxes import make_solver
+from boxes import make_solver, solve_scene
 from floors import sigma_limit
 from leaflight.core.atlas import charts
 from leaflight.core.bake.solve import LightField, Solver
@@ -16,6 +16,7 @@ from leaflight.core.output import resolve
 from leaflight.core.output.debug_passes import DebugPages
 from leaflight.core.parallel import folders
 from leaflight.core.scene.scene import SceneSnapshot
+from leaflight.core.transport import traced_scene
 from leaflight.core.util.settings import DEBUG_PASSES, PASSES, Settings
 
 N_TEST = 90  # comparisons of means in test_stress.py, at most
@@ -50,6 +51,19 @@ class Baked:
         sigmas, off = self.off_by(truth)
         self.hold("odd scenes: mean light off the truth", sigmas, high=Z_LIMIT, unit="stated errors")
         self.hold(f"odd scenes: mean light off the truth, up to {percent:g} %", off, high=percent, unit="%")
+
+
+def bake_and_audit(folder: Path, scene: SceneSnapshot, **knobs: object) -> tuple[np.ndarray, dict[str, np.ndarray], LightField]:
+    """Mean irradiance (3,), W/m^2, by area; the energy audit, W, which is held to be closed; and the light field of a bake.
+
+    knobs   fields of Settings
+    """
+    field = solve_scene(folder, scene, Settings(**{"size": 48, "workers": 1, "seed": 3, "max_depth": 4000, **knobs}))
+    texels = traced_scene.open_tracing(str(folder)).texels
+    light = texel_light.light_at_texels(field, texels)
+    audit = {name: np.array(watts) for name, watts in field.ledger.audit_w().items()}
+    np.testing.assert_allclose(audit["absorbed"] + audit["escaped"] + audit["remainder"], audit["emitted"], rtol=AUDIT_ROUNDING)
+    return np.average(light.direct + light.indirect, axis=0, weights=texels.texel_area), audit, field
 
 
 def bake_safely(

@@ -73,9 +73,8 @@ def solve_scene(
             resolver, _ = resolve_light(found, loaded.snapshot, loaded.surfaces, settings, starmap)
             debug = debug_passes.DebugPages(found.light, found.receivers.texels, settings.margin)
             drawers = {name: debug if name in DEBUG_PASSES else resolver for name in settings.passes}
-            pages = {
-                name: np.stack([drawer.page(name, page) for page in range(found.atlas.page_count)]) for name, drawer in drawers.items()
-            }
+            count = found.atlas.page_count
+            pages = {name: np.stack([drawer.page(name, page) for page in range(count)]) for name, drawer in drawers.items()}
             chart_object = found.receivers.facets.chart_object[found.receivers.texels.texel_chart]
             objects = report.list_objects(loaded.snapshot, found.atlas, chart_object, found.light.object_error)
             with np.load(folder / LAYOUT_FILE) as layout:
@@ -83,6 +82,6 @@ def solve_scene(
         finally:
             executor.shutdown()
             folders.forget_folders()
-    told = {**report.describe_light(found.light), "objects": objects}
     light = found.light
-    return SolvedLight(pages, tri_uv, found.atlas.object_page, light.error, light.stopped_by, told, tuple(run.warnings))
+    about = {**report.describe_light(light), "objects": objects}
+    return SolvedLight(pages, tri_uv, found.atlas.object_page, light.error, light.stopped_by, about, tuple(run.warnings))

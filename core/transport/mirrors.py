@@ -79,18 +79,26 @@ def reflect_photons(
     turned, weight = gloss.reflect(tri, u, v, direction, normal, rng.random((2, len(on)), dtype=np.float32))
     weight *= np.einsum("kn,kn->n", turned, face) > 0  # by a shading normal some would go below the face
     flux = flux * weight / gather(chance, on)
-    origin = offset_origin(locate_hits(scene.tri_frame, tri, u, v), face)
-    row = gather(place, on)
-    mirrored = np.ones(len(on), bool)
-    if not is_first:
-        mirrored = np.zeros(len(on), bool) if arrived.mirrored is None else gather(arrived.mirrored, row)
     kept = flux.any(axis=0).nonzero()[0]
     if not len(kept):
         return None
-    flux = gather(flux, kept)
-    own = None if group is None else gather(group, gather(row, kept))
-    power = np.add.reduce(flux, 1, np.float64)
-    return Photons(gather(origin, kept), gather(turned, kept), flux, group=own, power=power, mirrored=gather(mirrored, kept))
+    row = gather(gather(place, on), kept)
+    origin = offset_origin(locate_hits(scene.tri_frame, tri, u, v), face)
+    return send_on(arrived, group, is_first, row, gather(origin, kept), gather(turned, kept), gather(flux, kept))
+
+
+def send_on(
+    arrived: Arrivals, group: NDArray[np.int32] | None, is_first: bool, row: IntArray, origin: _Rows, direction: _Rows, flux: _Rows
+) -> Photons:
+    """Photons (k,) that go on specularly: those of `arrived` in rows (k,), with new origins, directions and flux, each (3, k).
+
+    group, is_first   as of reflect_photons
+    """
+    mirrored = np.ones(len(row), bool)
+    if not is_first:
+        mirrored = np.zeros(len(row), bool) if arrived.mirrored is None else gather(arrived.mirrored, row)
+    own = None if group is None else gather(group, row)
+    return Photons(origin, direction, flux, group=own, power=np.add.reduce(flux, 1, np.float64), mirrored=mirrored)
 
 
 def shade(scene: GlossyScene, tri: IntArray, u: _Rows, v: _Rows, side: _Rows, face: _Rows, direction: _Rows) -> _Rows:

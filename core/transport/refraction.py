@@ -13,7 +13,7 @@ from ..scene.glass import Bent, Glass
 from ..util.arrays import Float64, IntArray
 from ..util.geometry import gather, locate_hits, offset_origin
 from .emission import Arrivals, Photons
-from .mirrors import GlossyScene, shade
+from .mirrors import GlossyScene, send_on, shade
 
 _Rows = NDArray[np.float32]
 
@@ -58,13 +58,7 @@ def bend_photons(
         return None, nothing
     flux, tri, u, v, side, crossed = (gather(values, kept) for values in (flux, tri, u, v, side, bent.crossed))
     origin = offset_origin(locate_hits(scene.tri_frame, tri, u, v), side)
-    row = gather(place, kept)
-    mirrored = np.ones(len(kept), bool)
-    if not is_first:
-        mirrored = np.zeros(len(kept), bool) if arrived.mirrored is None else gather(arrived.mirrored, row)
-    own = None if group is None else gather(group, row)
-    power = np.add.reduce(flux, 1, np.float64)
-    photons = Photons(origin, gather(bent.direction, kept), flux, group=own, power=power, mirrored=mirrored)
+    photons = send_on(arrived, group, is_first, gather(place, kept), origin, gather(bent.direction, kept), flux)
     return photons, np.add.reduce(flux[:, crossed], 1, np.float64)
 
 

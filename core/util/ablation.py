@@ -111,6 +111,6 @@ def trim_settings(settings: Settings) -> Settings:
 
 
 def describe_without() -> str:
-    """A sentence for who sees such a bake; "" where nothing is switched off."""
+    """The warning that such a bake gives; "" where nothing is switched off."""
     names = list_without()
     return f"{VARIABLE}: baked without {', '.join(names)}; this is for measuring only, so unset it for a real bake" if names else ""

@@ -4,13 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import room_mesh, solve_scene
-from leaflight.core.integrate import texel_light
+from boxes import room_mesh
 from leaflight.core.scene.glass import Glass, reflectance
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.scene import Light, Material
-from leaflight.core.transport import traced_scene
-from leaflight.core.util.settings import Settings
+from safe_bakes import bake_and_audit
 from scenes import Mesh, box_mesh, make_scene, quad_scene, sphere_mesh
 
 DOWN = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
@@ -80,13 +78,7 @@ def test_tint_is_of_what_goes_through():
 
 
 def bake(folder, scene, direct, photons=200_000, **changes):
-    settings = Settings(direct=direct, size=48, max_photons=photons, error=0.002, workers=1, seed=3, max_depth=4000, **changes)
-    field = solve_scene(folder, scene, settings)
-    texels = traced_scene.open_tracing(str(folder)).texels
-    light = texel_light.light_at_texels(field, texels)
-    audit = {name: np.array(watts) for name, watts in field.ledger.audit_w().items()}
-    assert audit["absorbed"] + audit["escaped"] + audit["remainder"] == pytest.approx(audit["emitted"], rel=1e-9)
-    return np.average(light.direct + light.indirect, axis=0, weights=texels.texel_area), audit, field
+    return bake_and_audit(folder, scene, direct=direct, max_photons=photons, error=0.002, **changes)
 
 
 @pytest.mark.parametrize("direct", ["rays", "photons"])

@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import room_mesh, solve_scene
-from leaflight.core.integrate import texel_light
 from leaflight.core.scene.gloss import LEAST_ALPHA, Gloss, fresnel, mask, sample_visible_normals, tabulate_lobe
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.scene import MAX_ALBEDO, Light, Material, SceneSnapshot
-from leaflight.core.transport import traced_scene
 from leaflight.core.util.settings import Settings
+from safe_bakes import bake_and_audit
 from scenes import Mesh, make_scene, quad_scene
 
 
@@ -103,13 +102,7 @@ def furnace(material: Material, lamp_w: float = 24.0) -> SceneSnapshot:
 
 
 def bake(folder, scene, direct="rays", photons=200_000):
-    settings = Settings(direct=direct, size=48, max_photons=photons, error=0.004, workers=1, seed=3, max_depth=4000)
-    field = solve_scene(folder, scene, settings)
-    texels = traced_scene.open_tracing(str(folder)).texels
-    light = texel_light.light_at_texels(field, texels)
-    audit = {name: np.array(watts) for name, watts in field.ledger.audit_w().items()}
-    assert audit["absorbed"] + audit["escaped"] + audit["remainder"] == pytest.approx(audit["emitted"], rel=1e-9)
-    return np.average(light.direct + light.indirect, axis=0, weights=texels.texel_area), audit, field
+    return bake_and_audit(folder, scene, direct=direct, max_photons=photons, error=0.004)
 
 
 @pytest.mark.parametrize("direct", ["rays", "photons"])
