@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Iterable
 from contextlib import nullcontext
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,29 +12,11 @@ from numpy.typing import NDArray
 
 from ...core.output.image_file import srgb_to_linear
 from ...core.scene.scene import TextureImage
-from .image_files import ImageFiles, convert_bytes
+from .image_files import ImageFiles, ImagePixels, convert_bytes
 from .image_parts import find_cell, open_frame, open_tile
 
 MAX_TEXTURE_SIDE_TEXELS = 4096
 _EXTENSIONS = ("REPEAT", "EXTEND", "CLIP", "MIRROR")
-
-
-@dataclass(frozen=True)
-class ImagePixels:
-    """An image as the renderer sees it.
-
-    pixels   (height, width, 3) float32, linear Rec.709, row 0 at the bottom
-    alpha    (height, width) float32, None where it is 1 everywhere
-    mean     RGBA over the image
-    note     what of it was replaced, "" nothing
-    grid     the UDIM tiles that lie in it: the first one's column and row, then how many columns and rows
-    """
-
-    pixels: NDArray[np.float32]
-    alpha: NDArray[np.float32] | None
-    mean: tuple[float, float, float, float]
-    note: str
-    grid: tuple[int, int, int, int] = (0, 0, 1, 1)
 
 
 class ImageTable:
@@ -119,7 +100,7 @@ def read_pixels(image: Any, most_texels: int = 0) -> ImagePixels | None:
         note = f"colour space {space} of image {image.name} is read as Linear Rec.709"
     if not image.is_float and image.channels in (1, 3, 4):
         np.multiply(flat, np.float32(255.0), out=flat)
-        return _make_pixels(
+        return ImagePixels.of(
             *convert_bytes(np.rint(flat, out=flat).astype(np.uint8).reshape(stored.shape), encoded, True, most_texels), note
         )
     alpha = np.nan_to_num(stored[..., 3]) if image.channels == 4 and stored[..., 3].min() < 1.0 else None
@@ -128,16 +109,7 @@ def read_pixels(image: Any, most_texels: int = 0) -> ImagePixels | None:
     if encoded:
         color = srgb_to_linear(color)
     coverage = None if alpha is None else _reduce(alpha[..., None], most_texels)[..., 0]
-    return _make_pixels(_reduce(color, most_texels), coverage, note)
-
-
-def _make_pixels(color: NDArray[np.float32], alpha: NDArray[np.float32] | None, note: str = "") -> ImagePixels:
-    height, width = color.shape[:2]
-    total = (
-        color.reshape(height, -1).sum(axis=0, dtype=np.float64).reshape(width, 3).sum(axis=0)
-    )  # whole rows: three numbers are slow to add
-    red, green, blue = (float(x) / (height * width) for x in total)
-    return ImagePixels(color, alpha, (red, green, blue, 1.0 if alpha is None else float(alpha.mean(dtype=np.float64))), note)
+    return ImagePixels.of(_reduce(color, most_texels), coverage, note)
 
 
 def _read_whole(image: Any, frame: int, most_texels: int, files: ImageFiles) -> ImagePixels | None:
@@ -148,7 +120,7 @@ def _read_whole(image: Any, frame: int, most_texels: int, files: ImageFiles) -> 
     if image.source == "TILED" and len(image.tiles) > 1:
         return _read_tiles(image, most_texels)
     found = files.take(image)
-    return read_pixels(image, most_texels) if found is None else _make_pixels(*found)
+    return read_pixels(image, most_texels) if found is None else found
 
 
 def _read_tiles(image: Any, most: int) -> ImagePixels | None:

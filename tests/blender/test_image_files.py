@@ -73,9 +73,12 @@ def test_bytes_are_averaged_as_light(tmp_path):
     assert alpha is None
 
 
-@pytest.mark.parametrize(("height", "width", "most"), [(7, 5, 3), (9, 16, 4), (1, 3, 2), (64, 64, 16)])
-def test_incomplete_blocks_are_averages_of_what_they_have(height, width, most):
-    stored = np.random.default_rng(3).integers(0, 256, (height, width, 3)).astype(np.uint8)
+@pytest.mark.parametrize("channels", [1, 3, 4])
+@pytest.mark.parametrize(
+    ("height", "width", "most"), [(7, 5, 3), (9, 16, 4), (1, 3, 2), (64, 64, 16), (12, 10, 6), (11, 2, 6), (30, 1000, 500)]
+)
+def test_incomplete_blocks_are_averages_of_what_they_have(height, width, most, channels):
+    stored = np.random.default_rng(3).integers(0, 256, (height, width, channels)).astype(np.uint8)
     table = np.arange(256, dtype=np.float32)
     found = image_files.reduce_bytes(stored, table, most)
     tall, wide = -(-height // most), -(-width // most)
@@ -97,19 +100,34 @@ def test_only_what_colours_a_material_is_read_ahead(tmp_path):
     assert image_files.list_images([material, None]) == [color]
 
 
-@pytest.mark.parametrize("case", ["loaded", "painted", "packed", "gone", "premultiplied", "another space"])
+@pytest.mark.parametrize("name", ["a.png", "a.jpg"])
+def test_a_packed_file_has_the_pixels_that_blender_has(tmp_path, name):
+    image = write_file(tmp_path / name)
+    image.pack()
+    (tmp_path / name).unlink()
+    table = ImageTable(5)
+    mine = table.read(image, 0)
+    assert not image.has_data
+    np.testing.assert_allclose(mine.pixels, read_pixels(image, 5).pixels, atol=2 / 255 if name.endswith("jpg") else 1e-6)
+
+
+def test_a_file_is_read_where_blender_has_it_already(tmp_path):
+    image = write_file(tmp_path / "a.png")
+    assert len(image.pixels)
+    assert image_files.find_source(image) == str(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("case", ["painted", "painted and packed", "gone", "premultiplied", "another space"])
 def test_what_blender_alone_knows_is_left_to_it(tmp_path, case):
     image = write_file(tmp_path / "a.png", channels=4)
-    if case == "loaded":
-        assert len(image.pixels)
-    elif case == "painted":
+    if case.startswith("painted"):
+        if case.endswith("packed"):
+            image.pack()
         image.pixels[0] = 0.25
-    elif case == "packed":
-        image.pack()
     elif case == "gone":
         (tmp_path / "a.png").unlink()
     elif case == "premultiplied":
         image.alpha_mode = "PREMUL"
     else:
         image.colorspace_settings.name = "Linear Rec.2020"
-    assert image_files.find_file(image) == ""
+    assert image_files.find_source(image) == ""
