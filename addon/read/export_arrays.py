@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.scene.scene import TEXTURE_UVS
 from ...core.util.arrays import FloatArray, IntArray
 from ..nodes.color_attributes import ColorLayer, Faces
 from ..nodes.mesh_arrays import LocalMesh, WorldMesh
@@ -27,12 +28,7 @@ class PieceArrays:
     world: WorldMesh
     tri_material: NDArray[np.int32]
     tri_uv: NDArray[np.float64]
-    tri_albedo_uv: NDArray[np.float32]
-    tri_emission_uv: NDArray[np.float32]
-    tri_passing_uv: NDArray[np.float32]
-    tri_normal_uv: NDArray[np.float32]
-    tri_metal_uv: NDArray[np.float32]
-    tri_glass_uv: NDArray[np.float32]
+    texture_uv: dict[str, NDArray[np.float32]]  # (n_tri, 3, 2) each, by the names of TEXTURE_UVS
     is_clear: bool
 
     @property
@@ -56,28 +52,19 @@ def read_piece(
         for index in used
     ]
     tri_material = slot_material[slot]
-    tri_albedo_uv, tri_emission_uv, tri_passing_uv, tri_normal_uv, tri_metal_uv, tri_glass_uv = np.zeros((6, n_tri, 3, 2), np.float32)
+    texture_uv = {name: np.zeros((n_tri, 3, 2), np.float32) for name in TEXTURE_UVS}
     clear = []
     for index in np.unique(tri_material):
         reading = materials.readings[index]
         clear.append(reading.is_clear)
         here = tri_material == index
         corner = world.tri_corner[here]
-        if reading.material.albedo_image >= 0:
-            tri_albedo_uv[here] = _texture_uv(piece, local, corner, reading.albedo_mapping, materials, warnings)
-        if reading.material.emission_image >= 0:
-            tri_emission_uv[here] = _texture_uv(piece, local, corner, reading.emission_mapping, materials, warnings)
-        if max(reading.material.passing_image, reading.material.shadow_passing_image) >= 0:
-            tri_passing_uv[here] = _texture_uv(piece, local, corner, reading.passing_mapping, materials, warnings)
-        if reading.material.normal_image >= 0:
-            tri_normal_uv[here] = _texture_uv(piece, local, corner, reading.normal_mapping, materials, warnings)
-        if reading.material.metal_image >= 0:
-            tri_metal_uv[here] = _texture_uv(piece, local, corner, reading.metal_mapping, materials, warnings)
-        if reading.material.glass_image >= 0:
-            tri_glass_uv[here] = _texture_uv(piece, local, corner, reading.glass_mapping, materials, warnings)
+        for name, images in TEXTURE_UVS.items():
+            if max(getattr(reading.material, image) for image in images) >= 0:
+                mapping = getattr(reading, images[0].replace("_image", "_mapping"))
+                texture_uv[name][here] = _texture_uv(piece, local, corner, mapping, materials, warnings)
     tri_uv = np.zeros((n_tri, 3, 2)) if uv_layer is None else np.nan_to_num(local.layers[uv_layer][world.tri_corner])
-    texture_uvs = tri_albedo_uv, tri_emission_uv, tri_passing_uv, tri_normal_uv, tri_metal_uv, tri_glass_uv
-    return PieceArrays(world, tri_material, tri_uv, *texture_uvs, bool(clear) and all(clear))
+    return PieceArrays(world, tri_material, tri_uv, texture_uv, bool(clear) and all(clear))
 
 
 def list_materials(evaluated: Any) -> list[Any]:
@@ -103,12 +90,7 @@ def join_arrays(pieces: Sequence[PieceArrays]) -> dict[str, NDArray[Any]]:
         "tri_corner": np.concatenate([piece.world.tri_corner for piece in pieces]),
         "tri_normal": np.concatenate([piece.world.tri_normal for piece in pieces]),
         "tri_uv": np.concatenate([piece.tri_uv for piece in pieces]),
-        "tri_albedo_uv": np.concatenate([piece.tri_albedo_uv for piece in pieces]),
-        "tri_emission_uv": np.concatenate([piece.tri_emission_uv for piece in pieces]),
-        "tri_passing_uv": np.concatenate([piece.tri_passing_uv for piece in pieces]),
-        "tri_normal_uv": np.concatenate([piece.tri_normal_uv for piece in pieces]),
-        "tri_metal_uv": np.concatenate([piece.tri_metal_uv for piece in pieces]),
-        "tri_glass_uv": np.concatenate([piece.tri_glass_uv for piece in pieces]),
+        **{name: np.concatenate([piece.texture_uv[name] for piece in pieces]) for name in TEXTURE_UVS},
     }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ...core.scene.scene import Material
+from ...core.scene.scene import TEXTURE_UVS, Material
 from ..nodes.color_attributes import ColorLayer, ColorTable, Faces
 from ..nodes.colors_read import SHADOW, ColorReader
 from ..nodes.images_read import MAX_TEXTURE_SIDE_TEXELS, ImageTable
@@ -18,15 +18,7 @@ from .mesh_attributes import list_asked
 from .render_levels import Warnings
 from .shaders_read import Surface, read_shader
 
-# A snapshot's arrays of texture coordinates, and the image of a material that each is for.
-IMAGE_OF_UV = {
-    "tri_albedo_uv": "albedo_image",
-    "tri_emission_uv": "emission_image",
-    "tri_passing_uv": "passing_image",
-    "tri_metal_uv": "metal_image",
-    "tri_glass_uv": "glass_image",
-}
-_IMAGES = (*IMAGE_OF_UV.values(), "shadow_passing_image", "normal_image")
+_IMAGES = tuple(image for images in TEXTURE_UVS.values() for image in images)
 
 
 @dataclass(frozen=True)
@@ -40,6 +32,7 @@ class MaterialReading:
     normal_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
     metal_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
     glass_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
+    through_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
 
     @property
     def is_clear(self) -> bool:
@@ -80,7 +73,7 @@ class MaterialTable:
     def finish(self, arrays: dict[str, Any]) -> None:
         """Complete a snapshot's arrays once all of its materials are read."""
         materials = [reading.material for reading in self.readings]
-        images = {name: [getattr(one, image) for one in materials] for name, image in IMAGE_OF_UV.items()}
+        images = {name: [getattr(one, of[0]) for one in materials] for name, of in TEXTURE_UVS.items() if name != "tri_normal_uv"}
         self.colors.finish(images, arrays)
         place = self.images.keep(getattr(one, name) for one in materials for name in _IMAGES if getattr(one, name) >= 0)
         place[-1] = -1
@@ -123,6 +116,8 @@ class MaterialTable:
                 glass_fresnel=surface.bending.fresnel,
                 glass_roughness=surface.bending.roughness,
                 glass_ior=surface.bending.ior,
+                through_rgb=_clip_negative(surface.through.rgb),
+                through_image=surface.through.image,
             ),
             surface.albedo.mapping,
             surface.emission.mapping,
@@ -130,6 +125,7 @@ class MaterialTable:
             UNMAPPED if reader.normal is None else reader.normal.mapping,
             surface.metal.mapping,
             surface.glass.mapping,
+            surface.through.mapping,
         )
 
 

@@ -70,6 +70,7 @@ class Surface:
     gloss       how
     glass       tint of what glass refracts, times the share of the surface that is glass
     bending     how
+    through     the part of the albedo that leaves on the other side, diffusely
     """
 
     albedo: Color = _NOTHING
@@ -79,6 +80,7 @@ class Surface:
     gloss: GlossNumbers = DULL
     glass: Color = _NOTHING
     bending: GlassNumbers = NO_GLASS
+    through: Color = _NOTHING
 
 
 def read_shader(reader: ColorReader, port: Port) -> Surface:
@@ -161,6 +163,12 @@ def _read_diffuse(reader: ColorReader, port: Port) -> Surface:
     return Surface(read_input_color(reader, port, "Color", GREY))
 
 
+def _read_translucent(reader: ColorReader, port: Port) -> Surface:
+    _note_normal(reader, port)
+    color = read_input_color(reader, port, "Color", GREY)
+    return Surface(color, through=color)
+
+
 def _read_emission(reader: ColorReader, port: Port) -> Surface:
     return Surface(emission=_read_radiance(reader, port, "Color", "Strength", 1.0))
 
@@ -196,6 +204,7 @@ def _read_mix(reader: ColorReader, port: Port) -> Surface:
         first.gloss.times(1.0 - fraction).add(second.gloss.times(fraction)),
         reader.blend(port, first.glass, second.glass, part, "glass"),
         first.bending.times(1.0 - fraction).add(second.bending.times(fraction)),
+        reader.blend(port, first.through, second.through, part, "through"),
     )
 
 
@@ -204,8 +213,8 @@ def _read_add(reader: ColorReader, port: Port) -> Surface:
     albedo = reader.add(port, first.albedo, second.albedo, "albedo")
     emission = reader.add(port, first.emission, second.emission, "emission")
     passing, metal = reader.add(port, first.passing, second.passing, "passing"), reader.add(port, first.metal, second.metal, "metal")
-    glass = reader.add(port, first.glass, second.glass, "glass")
-    return Surface(albedo, emission, passing, metal, first.gloss.add(second.gloss), glass, first.bending.add(second.bending))
+    glass, through = reader.add(port, first.glass, second.glass, "glass"), reader.add(port, first.through, second.through, "through")
+    return Surface(albedo, emission, passing, metal, first.gloss.add(second.gloss), glass, first.bending.add(second.bending), through)
 
 
 def _read_transparent(reader: ColorReader, port: Port) -> Surface:
@@ -262,6 +271,7 @@ def _note_normal(reader: ColorReader, port: Port) -> None:
 _SHADERS: dict[str, Callable[[ColorReader, Port], Surface]] = {
     "BSDF_PRINCIPLED": _read_principled,
     "BSDF_DIFFUSE": _read_diffuse,
+    "BSDF_TRANSLUCENT": _read_translucent,
     "EMISSION": _read_emission,
     "BACKGROUND": _read_emission,
     "MIX_SHADER": _read_mix,

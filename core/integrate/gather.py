@@ -166,15 +166,19 @@ class _Gathering:
             origin, direction = origin.T, direction.T
         return np.moveaxis(sent.reshape(3, count, len(rows)), 0, -1), traced
 
-    def _find_albedo(self, tri: IntArray, u: Float32, v: Float32, direction: Float32) -> Float32:
-        """(3, n): share of light that triangles reflect diffusely against rays (n, 3)."""
+    def _find_albedo(self, tri: IntArray, u: Float32, v: Float32, direction: Float32) -> tuple[Float32, Float32 | None]:
+        """(3, n) each: share of the light on the side that rays (n, 3) meet which triangles send against them diffusely; and of the light
+        on the other side, None where all is 0.
+        """
         surfaces, mirrors = self._scene.surfaces, self._scene.mirrors
-        albedo = surfaces.reflectance_at(tri, u, v).T
+        albedo, through = surfaces.reflectance_at(tri, u, v).T, None
+        if surfaces.has_through:
+            through = surfaces.through_at(tri, u, v).T
+            albedo = np.maximum(albedo - through, 0)
         if mirrors is None or mirrors.gloss is None:
-            return albedo
+            return albedo, through
         cosine = (direction * take_rows(self._scene.receiving.normal, tri)).sum(axis=1)
-        left: Float32 = np.maximum(albedo - surfaces.metal_at(tri, u, v).T, 0) * mirrors.gloss.below_layer(tri, cosine)
-        return left
+        return np.maximum(albedo - surfaces.metal_at(tri, u, v).T, 0) * mirrors.gloss.below_layer(tri, cosine), through
 
     def _add(
         self,
@@ -191,18 +195,21 @@ class _Gathering:
         tri, u, v = hit
         entry = scene.texels.entry_of(tri, *scene.texels.hit_texel_xy(tri, u, v))
         is_front = (direction * take_rows(scene.receiving.normal, tri)).sum(axis=1) < 0
-        told = is_front & scene.tri_told[tri] & (entry >= 0)
-        albedo = self._find_albedo(tri, u, v, direction) * share
+        albedo, through = self._find_albedo(tri, u, v, direction)
         place = LIGHT_PLACE[span][ray // len(rows)] * len(rows) + ray % len(rows)
-        for sides, index, light, doubt in (
-            (np.flatnonzero(told), entry, known.light, known.doubt),
-            (np.flatnonzero(~told), scene.cells.find(tri, is_front, u, v), known.on_cells, known.cell_doubt),
-        ):
-            at, own, to = index[sides], albedo[:, sides], place[sides]
-            self.doubt[rows] += np.bincount(ray[sides] % len(rows), own.mean(axis=0) * doubt[at], len(rows))
-            for channel, row in enumerate(sent):
-                brought = own[channel] * light[channel].take(at)
-                if scene.mirrors is None:
-                    row[to] += brought
-                else:  # a ray may be there twice, mirrored and passed
-                    row += np.bincount(to, brought, len(row))
+        for facing, seen in ((is_front, albedo), (~is_front, through)):
+            if seen is None:
+                continue
+            told, own_share = facing & scene.tri_told[tri] & (entry >= 0), seen * share
+            for sides, index, light, doubt in (
+                (np.flatnonzero(told), entry, known.light, known.doubt),
+                (np.flatnonzero(~told), scene.cells.find(tri, facing, u, v), known.on_cells, known.cell_doubt),
+            ):
+                at, own, to = index[sides], own_share[:, sides], place[sides]
+                self.doubt[rows] += np.bincount(ray[sides] % len(rows), own.mean(axis=0) * doubt[at], len(rows))
+                for channel, row in enumerate(sent):
+                    brought = own[channel] * light[channel].take(at)
+                    if scene.mirrors is None:
+                        row[to] += brought
+                    else:  # a ray may be there twice, mirrored and passed
+                        row += np.bincount(to, brought, len(row))

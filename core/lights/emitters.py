@@ -43,7 +43,9 @@ class EmittingMeshes:
         shines = np.zeros(snapshot.n_tri, bool)
         for _, cells in by_material:
             shines[cells.tri] = True
-        passes = surfaces.find_passing(shadow=True)[0] | surfaces.find_passing(shadow=False)[0] | surfaces.find_glass()
+        passes = (
+            surfaces.find_passing(shadow=True)[0] | surfaces.find_passing(shadow=False)[0] | surfaces.find_glass() | surfaces.find_through()
+        )
         return cls(by_material, find_sealed(snapshot, shines, passes))
 
 

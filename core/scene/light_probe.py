@@ -106,8 +106,12 @@ class LightProbe:
             if bounce == bounces or not len(met):
                 break
             third = third[: len(met)]
-            throughput = throughput[met] * self._surfaces.albedo_at(seen.tri[met], third, third).mean(axis=1, dtype=np.float64)
+            albedo = self._surfaces.albedo_at(seen.tri[met], third, third).mean(axis=1, dtype=np.float64)
+            throughput = throughput[met] * albedo
             rows, point, side = rows[met], seen._place[met], seen._side[met]
+            if self._surfaces.has_through:
+                through = self._surfaces.through_at(seen.tri[met], third, third).mean(axis=1, dtype=np.float64)
+                side = np.where((self._rng.random(len(met)) * albedo < through)[:, None], -side, side)
         return total
 
     @cached_property

@@ -14,7 +14,7 @@ from .scene import MAX_ALBEDO, Material, SceneSnapshot
 from .textures import Textures, clamp_colours, sample_texture
 
 _MAX_EMISSION = float(np.finfo(np.float32).max)
-_LEAST_TOLD = {"albedo": 2.0 - MAX_ALBEDO, "metal": 2.0 - MAX_ALBEDO}  # white is 1; the loss is invisible
+_LEAST_TOLD = dict.fromkeys(("albedo", "metal", "translucency"), 2.0 - MAX_ALBEDO)  # white is 1; the loss is invisible
 _PIXELS_OF_ROW = 64
 
 
@@ -62,6 +62,9 @@ class SurfaceMaterials:
         )
         self._metal = _layer(scene, [m.metal_rgb for m in materials], [m.metal_image for m in materials], scene.tri_metal_uv, MAX_ALBEDO)
         self._glass = _layer(scene, [m.glass_rgb for m in materials], [m.glass_image for m in materials], scene.tri_glass_uv, 1.0)
+        self._through = _layer(
+            scene, [m.through_rgb for m in materials], [m.through_image for m in materials], scene.tri_through_uv, MAX_ALBEDO
+        )
         of_glass = np.array([any(m.glass_rgb) or any(m.glass_mirror_rgb) for m in materials], bool)
         seen = np.array([one.reflects for one in scene.objects], bool)
         self._tri_glass: NDArray[np.bool_] = of_glass[scene.tri_material] & seen[scene.tri_object]
@@ -78,7 +81,10 @@ class SurfaceMaterials:
         if unseen.any():
             self._passing = replace(self._passing, **_fill(self._passing, unseen, 1.0))
             self._metal = replace(self._metal, **_fill(self._metal, unseen, 0.0))
+            self._through = replace(self._through, **_fill(self._through, unseen, 0.0))
             self._reflecting = replace(self._albedo, **_fill(self._albedo, unseen, 0.0))
+        self._tri_through: NDArray[np.bool_] = self._through.tri_rgb.any(axis=0)
+        self.has_through = bool(self._tri_through.any())
         lets_shadow = np.array([not one.casts_shadow for one in scene.objects], bool)[scene.tri_object]
         if lets_shadow.any():
             self._shadow = replace(self._shadow, **_fill(self._shadow, lets_shadow, 1.0))
@@ -115,6 +121,14 @@ class SurfaceMaterials:
     def metal_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
         """The part of reflectance_at that a metal reflects as a mirror does; as albedo_at."""
         return self._metal.at(tri, u, v)
+
+    def through_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
+        """The part of reflectance_at that leaves diffusely on the other side; as albedo_at."""
+        return self._through.at(tri, u, v)
+
+    def find_through(self) -> NDArray[np.bool_]:
+        """(n_tri,) bool: triangles through which light leaves diffusely on the other side."""
+        return self._tri_through
 
     def glass_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
         """Tint of light that glass refracts, times the share of the surface that is glass; as albedo_at."""
@@ -162,6 +176,7 @@ def _material_warnings(scene: SceneSnapshot, index: int, material: Material) -> 
         ("emission", material.emission_rgb, material.emission_image, scene.tri_emission_uv, _MAX_EMISSION),
         ("metal", material.metal_rgb, material.metal_image, scene.tri_metal_uv, MAX_ALBEDO),
         ("glass", material.glass_rgb, material.glass_image, scene.tri_glass_uv, 1.0),
+        ("translucency", material.through_rgb, material.through_image, scene.tri_through_uv, MAX_ALBEDO),
         ("transmittance", material.passing_rgb, material.passing_image, scene.tri_passing_uv, 1.0),
     ):
         low, high = (np.array(rgb, np.float64),) * 2

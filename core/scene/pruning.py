@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..util.ablation import uses
-from .scene import Light, Material, SceneSnapshot, TextureImage
+from .scene import TEXTURE_UVS, Light, Material, SceneSnapshot, TextureImage
 
 Colour: TypeAlias = tuple[float, float, float]
 
@@ -65,29 +65,12 @@ def _find_colour(image: TextureImage) -> Colour | None:
 
 
 def _fold_textures(material: Material, colour: list[Colour | None]) -> Material:
-    albedo_rgb, albedo_image = _fold_texture(material.albedo_rgb, material.albedo_image, colour)
-    emission_rgb, emission_image = _fold_texture(material.emission_rgb, material.emission_image, colour)
-    passing_rgb, passing_image = _fold_texture(material.passing_rgb, material.passing_image, colour)
-    shadow_rgb, shadow_image = material.shadow_passing_rgb, material.shadow_passing_image
-    if shadow_rgb is not None:
-        shadow_rgb, shadow_image = _fold_texture(shadow_rgb, shadow_image, colour)
-    metal_rgb, metal_image = _fold_texture(material.metal_rgb, material.metal_image, colour)
-    glass_rgb, glass_image = _fold_texture(material.glass_rgb, material.glass_image, colour)
-    return replace(
-        material,
-        albedo_rgb=albedo_rgb,
-        albedo_image=albedo_image,
-        emission_rgb=emission_rgb,
-        emission_image=emission_image,
-        passing_rgb=passing_rgb,
-        passing_image=passing_image,
-        shadow_passing_rgb=shadow_rgb,
-        shadow_passing_image=shadow_image,
-        metal_rgb=metal_rgb,
-        metal_image=metal_image,
-        glass_rgb=glass_rgb,
-        glass_image=glass_image,
-    )
+    changed: dict[str, Any] = {}
+    for image in (image for images in TEXTURE_UVS.values() for image in images):
+        rgb = image.replace("_image", "_rgb")
+        if getattr(material, rgb, None) is not None:  # normals have none
+            changed[rgb], changed[image] = _fold_texture(getattr(material, rgb), getattr(material, image), colour)
+    return replace(material, **changed)
 
 
 def _fold_texture(rgb: Colour, image: int, colour: list[Colour | None]) -> tuple[Colour, int]:

@@ -13,6 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 MAX_ALBEDO = 0.999  # a whiter surface would keep its photons for ever
+# The texture coordinates of a SceneSnapshot, and the images of a Material that lie by each.
+TEXTURE_UVS = {
+    "tri_albedo_uv": ("albedo_image",),
+    "tri_emission_uv": ("emission_image",),
+    "tri_passing_uv": ("passing_image", "shadow_passing_image"),
+    "tri_normal_uv": ("normal_image",),
+    "tri_metal_uv": ("metal_image",),
+    "tri_glass_uv": ("glass_image",),
+    "tri_through_uv": ("through_image",),
+}
 
 
 @dataclass(frozen=True)
@@ -60,19 +70,13 @@ class Material:
     glass_fresnel: bool = True  # what is reflected goes by Fresnel's equations; else nothing is
     glass_roughness: float = 0.0  # GGX's alpha is its square
     glass_ior: float = 1.5  # of the side that faces look away from, over that of the other
+    through_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the part of the albedo that leaves on the other side, diffusely
+    through_image: int = -1
 
     @property
     def images(self) -> tuple[int, ...]:
         """All that it shows, -1 none."""
-        return (
-            self.albedo_image,
-            self.emission_image,
-            self.passing_image,
-            self.shadow_passing_image,
-            self.metal_image,
-            self.normal_image,
-            self.glass_image,
-        )
+        return tuple(getattr(self, image) for images in TEXTURE_UVS.values() for image in images)
 
 
 @dataclass(frozen=True)
@@ -137,6 +141,7 @@ class SceneSnapshot:
     tri_normal_uv     (n_tri, 3, 2) float32   the same for the images of normals
     tri_metal_uv      (n_tri, 3, 2) float32   the same, for the images of metals' colours
     tri_glass_uv      (n_tri, 3, 2) float32   the same, for the images of glass
+    tri_through_uv    (n_tri, 3, 2) float32   the same, for the images of what leaves on the other side
     """
 
     vertex_position: NDArray[np.float64]
@@ -160,10 +165,11 @@ class SceneSnapshot:
     tri_normal_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
     tri_metal_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
     tri_glass_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
+    tri_through_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
 
     def __post_init__(self) -> None:
-        for name in ("tri_passing_uv", "tri_normal_uv", "tri_metal_uv", "tri_glass_uv"):
-            if not len(getattr(self, name)):  # the dataclass is frozen
+        for name in TEXTURE_UVS:
+            if name not in ("tri_albedo_uv", "tri_emission_uv") and not len(getattr(self, name)):  # the dataclass is frozen
                 object.__setattr__(self, name, np.zeros((len(self.tri_vertex), 3, 2), np.float32))
         error = _first_error(self)
         if error:
@@ -197,12 +203,7 @@ def _first_error(scene: SceneSnapshot) -> str:
         "tri_corner": (n_tri, 3),
         "tri_normal": (n_tri, 3, 3),
         "tri_uv": (n_tri, 3, 2),
-        "tri_albedo_uv": (n_tri, 3, 2),
-        "tri_emission_uv": (n_tri, 3, 2),
-        "tri_passing_uv": (n_tri, 3, 2),
-        "tri_normal_uv": (n_tri, 3, 2),
-        "tri_metal_uv": (n_tri, 3, 2),
-        "tri_glass_uv": (n_tri, 3, 2),
+        **dict.fromkeys(TEXTURE_UVS, (n_tri, 3, 2)),
     }
     for name, expected in shapes.items():
         found = getattr(scene, name).shape

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..util.arrays import IntArray
 from ..util.settings import AUTOMATIC, BOTH
 from .light_probe import LightProbe, Seen
-from .scene import SceneSnapshot, swap_corners
+from .scene import TEXTURE_UVS, SceneSnapshot, swap_corners
 from .topology import join_open_sides, join_sets, pair_sides
 
 _MOST_PARTS = 1 << 16  # the largest; smaller ones show their fronts
@@ -77,8 +77,7 @@ def settle_sides(snapshot: SceneSnapshot, sides: str) -> SettledSides:
 def turn(snapshot: SceneSnapshot, tri_turned: NDArray[np.bool_]) -> SceneSnapshot:
     """The snapshot with the fronts of some triangles (n_tri,) where their backs were."""
     changed: dict[str, Any] = {}
-    textures = "tri_albedo_uv", "tri_emission_uv", "tri_passing_uv", "tri_normal_uv", "tri_metal_uv", "tri_glass_uv"
-    for name in ("tri_vertex", "tri_corner", "tri_normal", "tri_uv", *textures):
+    for name in ("tri_vertex", "tri_corner", "tri_normal", "tri_uv", *TEXTURE_UVS):
         changed[name] = swap_corners(getattr(snapshot, name), tri_turned)
     changed["tri_normal"][tri_turned] *= -1
     return replace(snapshot, **changed)

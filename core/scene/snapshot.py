@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .scene import Light, Material, SceneObject, SceneSnapshot, TextureImage
+from .scene import TEXTURE_UVS, Light, Material, SceneObject, SceneSnapshot, TextureImage
 
 FORMAT = "leaflight-snapshot"
-FORMAT_VERSION = 5
+FORMAT_VERSION = 6
 _HEADER, _IMAGE, _WORLD_MAP, _PROFILE = "header", "image_", "world_map", "profile_"
 _DAMAGED = (zipfile.BadZipFile, ValueError, EOFError, KeyError, AttributeError, TypeError)
 _ARRAYS = (
@@ -27,12 +27,7 @@ _ARRAYS = (
     "tri_corner",
     "tri_normal",
     "tri_uv",
-    "tri_albedo_uv",
-    "tri_emission_uv",
-    "tri_passing_uv",
-    "tri_normal_uv",
-    "tri_metal_uv",
-    "tri_glass_uv",
+    *TEXTURE_UVS,
 )
 
 

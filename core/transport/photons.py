@@ -259,24 +259,29 @@ def _meet(
             log.mirrored += bent.power - refracted
             log.refracted += refracted
             landed = landed - bent.power
+    through = scene.surfaces.through_at(index, u, v).T / np.maximum(albedo, _TINY) if scene.surfaces.has_through else None
     alive, count, flux = _play_roulette(flux, albedo, split, rng)
     normal = gather(normal, alive)
     normal *= -np.copysign(np.float32(1), gather(cosine, alive))  # the side that was hit
     origin = offset_origin(locate_hits(scene.tri_frame, gather(index, alive), gather(u, alive), gather(v, alive)), normal)
     group = None if group is None else gather(group, alive)
     tri = gather(index, alive)
+    through = None if through is None else gather(through, alive)
     if count is not None:
         copy = np.repeat(np.arange(len(alive)), count)
         origin, normal, flux, tri = gather(origin, copy), gather(normal, copy), gather(flux, copy), gather(tri, copy)
         group = None if group is None else gather(group, copy)
+        through = None if through is None else gather(through, copy)
         numbers = grouped_points(count, copy, rng)
     else:
         numbers = rng.random((2, len(alive)), dtype=np.float32)
+    crossed = np.zeros(0, bool) if through is None else _choose_side(origin, normal, flux, through, rng)
     if scene.gloss:
         facing = normal.copy()
         direction = _scatter(normal, numbers)
         # By roulette too: with weights in its place photons would grow in number on white surfaces, which mirror some and scatter all.
-        below = np.broadcast_to(scene.gloss.below_layer(tri, _dot(direction, facing)), flux.shape)
+        below = scene.gloss.below_layer(tri, _dot(direction, facing))
+        below = np.broadcast_to(np.where(crossed, np.float32(1), below) if len(crossed) else below, flux.shape)
         chance = np.minimum(below.max(axis=0), 1)
         kept = (chance > rng.random(len(chance), dtype=np.float32)).nonzero()[0]
         flux = gather(flux * below, kept) / gather(chance, kept)
@@ -367,6 +372,22 @@ def _play_roulette(
     alive = (survivors >= 1).nonzero()[0]
     count = None if split is None else gather(survivors, alive).astype(np.intp)
     return alive, count, gather(reflected, alive) / gather(expected, alive)
+
+
+def _choose_side(origin: _Rows, normal: _Rows, flux: _Rows, share: _Rows, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """(n,): which photons leave on the other side of the surface that they met, by chance; their rows are changed in place.
+
+    share   (3, n) float32 of what leaves that does so there
+    """
+    there, here = flux * share, flux * np.maximum(1 - share, 0)
+    most_there, most_here = there.max(axis=0), here.max(axis=0)
+    chance = most_there / np.maximum(most_there + most_here, _TINY)
+    crossed: NDArray[np.bool_] = chance > rng.random(len(chance), dtype=np.float32)
+    flux[:] = np.where(crossed, there, here) / np.where(crossed, chance, 1 - chance)
+    place = crossed.nonzero()[0]
+    normal[:, place] *= -1
+    origin[:, place] = offset_origin(gather(origin, place), 2 * gather(normal, place))
+    return crossed
 
 
 def _scatter(normal: _Rows, numbers: _Rows) -> _Rows:

@@ -33,6 +33,9 @@ each with constants or textures. Glass refracts and reflects by Fresnel's equati
 casts a shadow, and light comes through it as a caustic, by photons, unless the material lets shadow rays pass (*Is Shadow Ray*). Glass
 itself has no lightmap.
 
+Translucent BSDFs send light on to their other side. A texel of such a surface shows the light on its front. Cycles' bake shows there the
+light of both sides, weighted by the colours: of a Translucent BSDF alone that of the back.
+
 Where a material lets shadow rays pass and is glass for all others, Cycles counts the light twice: by the shadow rays, and as a caustic
 besides. Leaflight counts it once, so that row differs.
 

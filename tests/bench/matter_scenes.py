@@ -185,6 +185,18 @@ def _through(make: Callable[[Scene], Callable[[Any], Any]], shape: str, light: s
     return build
 
 
+def _around_a_lamp(make: Callable[[Scene], Callable[[Any], Any]]) -> Callable[[], None]:
+    """A ball of 0.6 m with a lamp inside."""
+
+    def build() -> None:
+        scene = Scene()
+        bpy.ops.mesh.primitive_uv_sphere_add(segments=32, ring_count=16, radius=0.3, location=(0, 0, 0.8))
+        bpy.context.object.data.materials.append(scene.shade("Shade", make(scene)))
+        scene.add_light("POINT", 60.0, (0, 0, 0.85), size=0.05)
+
+    return build
+
+
 def _trick(scene: Scene) -> Callable[[Any], Any]:
     """Transparent for shadow rays, glass for all others."""
     return scene.mix(scene.light_path("Is Shadow Ray"), scene.node("BsdfGlass"), scene.node("BsdfTransparent"))
@@ -229,5 +241,15 @@ SCENES: dict[str, Callable[[], None]] = {
     "glass of one face": _through(lambda s: s.node("BsdfGlass"), "face", "AREA"),
     "Refraction BSDF": _through(lambda s: s.node("BsdfRefraction", Roughness=0.2, IOR=1.45), "pane", "AREA"),
     "glass that shadow rays pass": _through(_trick, "pane"),
+    "translucent": _under_a_pane(lambda s: s.node("BsdfTranslucent", Color=(0.8, 0.5, 0.3, 1))),
+    "translucent, sky": _under_a_pane(lambda s: s.node("BsdfTranslucent", Color=(0.8, 0.5, 0.3, 1)), sky=True),
+    "half translucent": _under_a_pane(lambda s: s.mix(0.5, s.diffuse(0.7, 0.3, 0.2), s.node("BsdfTranslucent", Color=(0.2, 0.8, 0.3, 1)))),
+    "translucent by an image": _under_a_pane(
+        lambda s: s.mix(s.leaf_alpha, s.diffuse(0.5), s.node("BsdfTranslucent", Color=(0.2, 0.8, 0.3, 1)))
+    ),
+    "translucent leaf": _under_a_pane(
+        lambda s: s.mix(0.3, s.principled(Base_Color=(0.2, 0.6, 0.1, 1)), s.node("BsdfTranslucent", Color=(0.4, 0.8, 0.1, 1)))
+    ),
+    "lampshade": _around_a_lamp(lambda s: s.mix(0.5, s.diffuse(0.8), s.node("BsdfTranslucent", Color=(0.8, 0.7, 0.5, 1)))),
     "metal room": _closed_room(lambda s: s.principled(Base_Color=(0.8, 0.6, 0.4, 1), Metallic=1.0, Roughness=0.4)),
 }

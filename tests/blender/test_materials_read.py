@@ -344,6 +344,19 @@ def test_glass_bends_light(shader):
     assert warning == ""
 
 
+def test_a_translucent_shader_sends_light_on_to_its_other_side():
+    tree = Tree()
+    leaf, paint = tree.add("BsdfTranslucent", Color=(0.5, 0.25, 1.0)), tree.add("BsdfDiffuse", Color=(0.4, 0.4, 0.4))
+    mix = tree.add("MixShader")
+    mix.inputs[0].default_value = 0.25
+    tree.feed(mix, mix.inputs[1], leaf.outputs[0])
+    tree.feed(mix, mix.inputs[2], paint.outputs[0])
+    reading, _, warning = tree.show(mix).read()
+    assert reading.material.through_rgb == pytest.approx((0.375, 0.1875, 0.75))
+    assert reading.material.albedo_rgb == pytest.approx((0.475, 0.2875, 0.85))
+    assert warning == ""
+
+
 def test_glass_in_a_mix_is_glass_in_part():
     tree = Tree()
     glass, paint = tree.add("BsdfGlass", Color=(1.0, 0.5, 0.5), Roughness=0.2), tree.add("BsdfDiffuse", Color=(0.6, 0.6, 0.6))
