@@ -6,6 +6,7 @@ import contextlib
 import importlib.util
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,6 +22,7 @@ _LOG_FILE = "core.log"
 # Shards are spread over processes: no product of matrices is worth threads of numpy's own, which take long to start.
 _ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
 _PATIENCE_S = 10.0  # for a child that has told its last message and has only to let go of what it holds
+_LEAST_ROOM_BYTES = 64_000_000  # on the disk of the code: its cache is a tenth of that
 _NICE, _NICEST = 10, 19  # of a bake behind a window: it takes what drawing leaves; and the most that systems know
 
 
@@ -50,7 +52,7 @@ class BakeProcess:
         (folder / "sys_path.json").write_text(json.dumps([*_package_paths(), *library_paths()]), encoding="utf-8")
         with open(self._log, "wb") as log:
             self._process = subprocess.Popen(
-                [sys.executable, *python_args, str(_BOOT), str(folder)],
+                [sys.executable, *python_args, *_keep_code_whole(), str(_BOOT), str(folder)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=log,
@@ -111,6 +113,12 @@ class BakeProcess:
         if code == -9:
             return "The baking process was killed, most likely for lack of memory: choose a smaller page size or fewer workers." + last
         return f"The baking process ended unexpectedly (code {code}): this is a fault of Leaflight's, please report it." + last
+
+
+def _keep_code_whole() -> list[str]:
+    """Where the disk is full, Python caches modules cut off, and no later process can load them: then it is to cache none."""
+    has_room = shutil.disk_usage(_BOOT.parent).free > _LEAST_ROOM_BYTES
+    return [] if has_room and not sys.dont_write_bytecode else ["-B"]
 
 
 def _step_back(pid: int) -> None:

@@ -165,7 +165,7 @@ class Unfolder:
         return self._child
 
     def _start(self) -> tuple[subprocess.Popen[bytes], Callable[[], object]]:
-        flags = ["-S", "-P", *(["-E"] if sys.flags.ignore_environment else [])]
+        flags = ["-S", "-P", *(["-E"] if sys.flags.ignore_environment else []), *(["-B"] if sys.dont_write_bytecode else [])]
         paths = [os.path.abspath(path) for path in sys.path]
         child = subprocess.Popen(
             [sys.executable, *flags, "-c", _BOOT, str(_PROGRAM), *paths],

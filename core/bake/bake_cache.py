@@ -47,7 +47,7 @@ class KeptBake:
 
         Raises OSError where that cannot be written.
         """
-        np.savez(folder / LAYOUT_FILE, **self.layout)
+        save_whole(folder / LAYOUT_FILE, self.layout)
         (folder / RESULT_FILE).write_text(json.dumps(self.result), encoding="utf-8")
 
 

@@ -21,6 +21,7 @@ from ..texels import creases, texels
 from ..texels.texel_map import TexelMap
 from ..transport import contact_map, contact_search, traced_scene
 from ..util.ablation import uses
+from ..util.files import save_whole
 from ..util.job import LAYOUT_FILE
 from ..util.messages import Status, Warning_
 from ..util.settings import Settings
@@ -72,7 +73,8 @@ def lay_out(
             raise ValueError(f"nothing to bake: no object has a face that takes light ({told}).")
         layout = {name: getattr(atlas, name) for name in ("tri_chart", "object_page", "object_block", "object_place")}
         tri_uv = atlas.tri_uv / atlas.page_size
-        np.savez(run.folder / LAYOUT_FILE, tri_uv=tri_uv if tri_turned is None else swap_corners(tri_uv, tri_turned), **layout)
+        layout["tri_uv"] = tri_uv if tri_turned is None else swap_corners(tri_uv, tri_turned)
+        save_whole(run.folder / LAYOUT_FILE, layout)
         run.warn(atlas.warnings)
         for text in earlier_bakes.describe_others(run.job, pages.list_names(run.job, snapshot, atlas)):
             run.tell(Warning_("", text))  # now, while there is time to stop; not in the note, for a reused bake overwrites nothing

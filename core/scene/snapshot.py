@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..util.files import write_arrays
 from .scene import TEXTURE_UVS, Light, Material, SceneObject, SceneSnapshot, TextureImage
 
 FORMAT = "leaflight-snapshot"
@@ -38,8 +39,8 @@ def save_snapshot(path: str | Path, snapshot: SceneSnapshot) -> None:
     """
     arrays = list_arrays(snapshot)
     arrays[_HEADER] = np.frombuffer(json.dumps(describe_snapshot(snapshot)).encode(), dtype=np.uint8)
-    with open(path, "wb") as file:  # an open file keeps numpy from adding a suffix
-        np.savez(file, **arrays)
+    with open(path, "wb") as file:
+        write_arrays(file, arrays)
 
 
 def describe_snapshot(snapshot: SceneSnapshot) -> dict[str, Any]:

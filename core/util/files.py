@@ -20,7 +20,19 @@ def save_whole(file: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
 
     Raises OSError where that cannot be written.
     """
-    _write_whole(file, lambda out: np.savez(out, **arrays))
+    _write_whole(file, lambda out: write_arrays(out, arrays))
+
+
+def write_arrays(out: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write an .npz into an open file.
+
+    np.savez leaves its archive open where the disk is full; Python then prints that it could not close it.
+    Raises OSError where that cannot be written.
+    """
+    with zipfile.ZipFile(out, "w") as members:
+        for name, array in arrays.items():
+            with members.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.save(member, array, allow_pickle=False)
 
 
 def write_text_whole(file: Path, text: str) -> None:

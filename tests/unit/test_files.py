@@ -1,8 +1,13 @@
 """Files that are there whole or not at all, wherever links of their names lead."""
 
+import errno
+import gc
+import io
+import sys
+
 import numpy as np
 import pytest
-from leaflight.core.util.files import save_whole, write_text_whole
+from leaflight.core.util.files import save_whole, write_arrays, write_text_whole
 
 
 def test_what_is_written_takes_the_place_of_the_last(tmp_path):
@@ -32,3 +37,24 @@ def test_a_link_of_the_name_is_replaced_not_followed(tmp_path):
     link.symlink_to(victim)
     write_text_whole(link, "ours")
     assert (victim.read_text(), link.is_symlink(), link.read_text()) == ("the user's", False, "ours")
+
+
+@pytest.mark.parametrize("room", [0, 500, 5000, 16_350])
+def test_a_full_disk_is_one_error(monkeypatch, room):
+    """An archive that is left open has Python say later that it could not be closed."""
+
+    class FullDisk(io.BytesIO):
+        is_full = False
+
+        def write(self, data):
+            self.is_full = self.is_full or self.tell() + len(data) > room
+            if self.is_full:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            return super().write(data)
+
+    said = []
+    monkeypatch.setattr(sys, "unraisablehook", said.append)
+    with pytest.raises(OSError, match="No space left"):
+        write_arrays(FullDisk(), {"a": np.zeros(1000), "b": np.zeros(1000)})
+    gc.collect()
+    assert said == []

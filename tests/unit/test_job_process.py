@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -526,3 +527,13 @@ def test_asking_a_child_that_has_just_ended_is_no_error(
     monkeypatch.setattr(process._process, "stdin", Gone())
     process.cancel()
     process.kill()
+
+
+@pytest.mark.parametrize(("free_bytes", "cached"), [(10**6, False), (10**9, True)])
+def test_no_code_is_cached_where_the_disk_is_nearly_full(dummy, monkeypatch, free_bytes, cached):
+    """It would be cut off, and no later process could load it."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    monkeypatch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
+    monkeypatch.setattr(job.shutil, "disk_usage", lambda _: SimpleNamespace(free=free_bytes))
+    *_, error = dummy("tell('ERROR', text=str(not sys.dont_write_bytecode))").messages()
+    assert error.text == str(cached)
