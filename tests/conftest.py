@@ -71,8 +71,12 @@ def part_entries(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
     """part_entries(count) gives threads so many texel entries at a time from then on."""
 
     def part(count: int) -> None:
-        monkeypatch.setattr("leaflight.core.util.threads._LEAST", count)
-        monkeypatch.setattr("leaflight.core.util.threads._MOST", count)
+        def split(total: int, within: slice | None = None) -> list[slice]:
+            low, high = (within.start, within.stop) if within else (0, total)
+            first = low - low % count
+            return [slice(max(at, low) - low, min(at + count, high) - low) for at in range(first, max(high, first + 1), count)]
+
+        monkeypatch.setattr("leaflight.core.util.threads.split_entries", split)
 
     return part
 

@@ -108,7 +108,7 @@ class ClusterExecutor(Executor):
     def _send(self, copy: FolderCopy, parts: tuple[str, ...], to: list[str]) -> None:
         """Failed transfers are requested again."""
         if to:
-            for pieces in _read_pieces(Path(copy.folder), parts):
+            for pieces in read_pieces(Path(copy.folder), parts):
                 self._client.run(write_pieces, copy, pieces, workers=to, on_error="ignore")
             self._client.run(finish_copy, copy, workers=to, on_error="ignore")
 
@@ -174,7 +174,7 @@ def _list_files(folder: Path, parts: tuple[str, ...]) -> list[Path]:
     return sorted(path for top in tops for path in (top.rglob("*") if top.is_dir() else [top]) if path.is_file())
 
 
-def _read_pieces(folder: Path, parts: tuple[str, ...]) -> Iterator[list[tuple[str, bytes]]]:
+def read_pieces(folder: Path, parts: tuple[str, ...]) -> Iterator[list[tuple[str, bytes]]]:
     """The files' names and bytes, in messages of bounded size; a long file comes in several pieces, in order."""
     message: list[tuple[str, bytes]] = []
     room = _PIECE_BYTES

@@ -294,31 +294,26 @@ def test_masked_metal_and_masked_shaders_keep_their_masks():
     np.testing.assert_allclose(table.images.images[material.metal_image].pixels, metal, atol=1e-4)
 
 
-def test_a_large_image_is_made_in_blocks(monkeypatch):
-    expected = []
-    for block in (1 << 18, 50):
-        monkeypatch.setattr(derived_images, "_BLOCK_TEXELS", block)
-        table = derived_images.ImageTable()
-        picture = Color((1.0, 1.0, 1.0), table.add(TextureImage("a", np.random.default_rng(2).random((9, 7, 3)).astype(np.float32))))
-        made, told = derived_images.derive(table, "key", lambda color: 1.0 - color, [picture], "inverted")
-        again, _ = derived_images.derive(table, "key", lambda color: 1.0 - color, [picture], "inverted")
-        assert (again.image, told) == (made.image, "")
-        expected.append(table.images[made.image].pixels)
-    assert np.array_equal(*expected)
-    assert expected[0] == pytest.approx(1.0 - table.images[picture.image].pixels)
-
-
-def test_very_many_textures_made_by_nodes_are_coarser(monkeypatch):
-    """As an object's colour makes one for each object."""
-    monkeypatch.setattr(derived_images, "_MOST_TEXELS", 100)
-    monkeypatch.setattr(derived_images, "_COARSE_SIDE", 4)
+def test_a_large_image_is_made_whole_and_once():
     table = derived_images.ImageTable()
-    pixels = np.linspace(0.0, 1.0, 12 * 8 * 3, dtype=np.float32).reshape(12, 8, 3)
+    picture = Color((1.0, 1.0, 1.0), table.add(TextureImage("a", np.random.default_rng(2).random((301, 407, 3)).astype(np.float32))))
+    made, note = derived_images.derive(table, "key", lambda color: 1.0 - color, [picture], "inverted")
+    again, _ = derived_images.derive(table, "key", lambda color: 1.0 - color, [picture], "inverted")
+    assert (again.image, note) == (made.image, "")
+    np.testing.assert_allclose(table.images[made.image].pixels, 1.0 - table.images[picture.image].pixels, atol=1e-6)
+
+
+def test_very_many_textures_made_by_nodes_are_coarser():
+    """An object's colour, for example, makes one texture for each object."""
+    table = derived_images.ImageTable()
+    pixels = np.linspace(0.0, 1.0, 512 * 8 * 3, dtype=np.float32).reshape(512, 8, 3)
     picture = Color((1.0, 1.0, 1.0), table.add(TextureImage("a", pixels)))
-    made = [derived_images.derive(table, number, lambda color: 1.0 - color, [picture], "inverted") for number in range(3)]
-    assert [table.images[color.image].pixels.shape[:2] for color, _ in made] == [(12, 8), (12, 8), (4, 4)]
-    assert [told for _, told in made] == ["", "", derived_images.COARSE]
-    assert made[2][0].mean == pytest.approx(made[0][0].mean, rel=0.02)
+    fine, fine_note = derived_images.derive(table, 0, lambda color: 1.0 - color, [picture], "inverted")
+    table.derived_texels += 1 << 27  # as after thousands of others
+    coarse, coarse_note = derived_images.derive(table, 1, lambda color: 1.0 - color, [picture], "inverted")
+    assert [table.images[color.image].pixels.shape[:2] for color in (fine, coarse)] == [(512, 8), (256, 8)]
+    assert [fine_note, coarse_note] == ["", derived_images.COARSE]
+    assert coarse.mean == pytest.approx(fine.mean, rel=0.02)
 
 
 def paint_corners(paint):

@@ -1,7 +1,9 @@
 """The light of a bake that runs, on the objects: shown, kept up to date, finished, taken off; no process between."""
 
+import shutil
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,7 +30,6 @@ def _room(monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path, *library_paths()])
     monkeypatch.setattr(preview, "LEAST_PAUSE_S", 0.0)
     monkeypatch.setattr(preview, "PAUSE_OF_COST", 0.0)
-    monkeypatch.setattr(preview, "_KEPT_TURNS", 1000)
 
 
 @pytest.fixture
@@ -45,7 +46,9 @@ def start(tmp_path):
 
         def hear(message):
             if isinstance(message, Preview):
-                paths.append({message.page: message.path})
+                kept = Path(message.path).with_name(f"seen {len(paths)}.npy")  # a bake keeps the newest ones only
+                shutil.copyfile(message.path, kept)
+                paths.append({message.page: str(kept)})
 
         run_bake(folder, hear, lambda: False)
         return work, paths

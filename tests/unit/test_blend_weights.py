@@ -1,6 +1,5 @@
 """What leaves have of windows: the definition leaf by leaf, and that nothing changes with a step where leaves meet."""
 
-import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,41 +19,6 @@ def split_leaves(side=32, width=1.0, splits=2, seed=3):
         tree = quadtree.grow_previews(quadtree.split(tree, rng.choice(current, -(-len(current) // 4), replace=False)), bake.texels, 1, 1)
     leaf = quadtree.node_of_texel(tree, np.flatnonzero(tree.current), bake.n_texel)
     return bake, tree, Neighbours.of(tree, leaf, bake.texels), leaf
-
-
-def distance(tree, node, x, y):
-    """Of a place from a node's square, along the axis where that is greater."""
-    (left, low), side = tree.origin[node], tree.side[node]
-    return max(left - x, x - left - side, low - y, y - low - side, 0.0)
-
-
-def overlap(tree, node, x, y, window):
-    (left, low), side = tree.origin[node], tree.side[node]
-    across, up = (min(a + side, at + window / 2) - max(a, at - window / 2) for a, at in ((left, x), (low, y)))
-    return max(across, 0.0) * max(up, 0.0) / window**2
-
-
-@pytest.mark.parametrize("width", [1.0, 0.7])
-def test_shares_are_those_of_the_definition(width):
-    _, tree, neighbours, leaf = split_leaves(width=width)
-    widths = np.sqrt(np.bincount(leaf, minlength=len(tree)))
-    rng = np.random.default_rng(1)
-    entry = rng.integers(0, len(leaf), 200)
-    node = leaf[entry]
-    x, y = (tree.origin[node, axis] + rng.random(200) * tree.side[node] for axis in (0, 1))
-    own, row, other, share = find_shares(tree, neighbours, node, x, y)
-    leaves, narrowed = np.unique(leaf), 0
-    for k in range(200):
-        low, high = tree.origin[leaves], tree.origin[leaves] + tree.side[leaves, None]
-        touches = ((low <= tree.origin[node[k]] + tree.side[node[k]]) & (high >= tree.origin[node[k]])).all(axis=1)
-        beside = leaves[touches & (leaves != node[k])]
-        window = min([widths[node[k]], *(widths[one] + distance(tree, one, x[k], y[k]) for one in beside)])
-        narrowed += window < widths[node[k]]
-        assert own[k] == pytest.approx(max(overlap(tree, node[k], x[k], y[k], window), 0.125))
-        expected = {int(one): overlap(tree, one, x[k], y[k], window) for one in beside}
-        expected = {one: pytest.approx(value) for one, value in expected.items() if value > 0.0}
-        assert dict(zip(other[row == k].tolist(), share[row == k].tolist(), strict=True)) == expected
-    assert narrowed > 20
 
 
 def say_of_all(tree, neighbours, node, x, y):
@@ -95,28 +59,6 @@ def test_a_sliver_does_not_speak_far_beyond_its_texels():
         say = say_of_all(tree, neighbours, node, np.array([x]), np.array([4.5]))[0]
         window = 4.0 + max(16.0 - x, 0.0)
         assert say[sliver[0]] == pytest.approx(np.clip((x + window / 2 - 16.0) / window, 0.0, 1.0))
-
-
-def test_a_leaf_within_the_square_of_another_takes_its_place_from_it():
-    """As where a piece of a chart was cut: the quarter at the upper right is another's; its neighbour has what is left of the square."""
-    bake = SquareBake(side=16, degree=0, preview_depth=1)
-    root = int(np.flatnonzero(bake.tree.current)[0])
-    quarter = int(bake.tree.children[root, 3])
-    leaf = np.full(bake.n_texel, root, np.int32)
-    leaf[bake.texels.texel_xy.min(axis=1) >= 8] = quarter
-    parts = dataclasses.replace(bake.tree, chart=np.where(np.arange(len(bake.tree)) == quarter, 1, 0).astype(np.int32))
-    texels = dataclasses.replace(bake.texels, chart_piece=np.zeros(2, np.int32))
-    neighbours = Neighbours.of(parts, leaf, texels)
-    for (x, y), node, say in (
-        ((8.0, 8.0), root, (0.75, 0.25)),
-        ((8.0, 8.0), quarter, (0.75, 0.25)),
-        ((8.0, 12.0), root, (0.5, 0.5)),
-        ((8.0, 12.0), quarter, (0.5, 0.5)),
-        ((12.0, 12.0), quarter, (0.0, 1.0)),
-    ):
-        own, _, other, share = find_shares(parts, neighbours, np.array([node], np.int32), np.array([x]), np.array([y]))
-        found = {node: own[0], **dict(zip(other.tolist(), share.tolist(), strict=True))}
-        assert (found.get(root, 0.0), found.get(quarter, 0.0)) == pytest.approx(say), (x, y, node)
 
 
 def test_leaves_around_another_have_what_is_left_in_equal_parts():

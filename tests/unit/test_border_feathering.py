@@ -4,7 +4,6 @@ import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 from leaflight.core.filter.border_feathering import close_cuts
 from leaflight.core.texels.split_texels import OPPOSITE, TexelBorders
 from trees import make_square_map
@@ -42,12 +41,6 @@ def test_between_other_pieces_and_where_something_stands_steps_stay():
     page = halves([0, 0], slice(0, 20))
     assert set(page[:20].ravel().tolist()) == {1.0, 3.0}
     assert page[25, 15] > 1.5
-
-
-def test_a_short_cut_changes_little_beside_it():
-    page = halves([0, 0], slice(0, 30))
-    assert (page[30, :14] == 1.0).all()
-    assert page[30, 14] > 1.0
 
 
 def draw_charts(rng):
@@ -103,17 +96,6 @@ def ramp_one_by_one(light, texels, side):
                             break
                         out[:, page[row, at]] += change * (1.0 - (distance + 0.5) / reach)
     return out
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_cuts_of_all_kinds_are_closed_as_one_by_one(seed):
-    rng = np.random.default_rng(seed)
-    texels, side = draw_charts(rng)
-    light = rng.uniform(8.0, 9.0, (2, len(side), 3)).astype(np.float32)
-    expected = ramp_one_by_one(light, texels, side)
-    assert np.abs(expected - light).max() > 0.3
-    close_cuts(light, texels, side)
-    np.testing.assert_allclose(light, expected, rtol=1e-5)
 
 
 def test_no_light_falls_below_none():

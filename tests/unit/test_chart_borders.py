@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from leaflight.core.atlas import chart_borders
 from leaflight.core.atlas.chart_borders import find_plain_charts
 from leaflight.core.atlas.layer_check import find_overlaps, label_charts, signed_areas
 from scenes import grid_mesh, make_scene
@@ -43,11 +42,6 @@ def test_a_disc_is_plain_and_one_that_winds_twice_is_not():
     assert judge(*fan(2, 24)) == [False]
 
 
-def test_a_disc_that_winds_twice_about_its_middle_is_not_plain_though_its_border_crosses_nowhere_by_much():
-    uv, tri = fan(2, 25)  # of an odd number of steps the second round lies between the points of the first
-    assert judge(uv, tri) == [False]
-
-
 @pytest.mark.parametrize(("turns", "pitch", "plain"), [(0.9, 0.0, True), (1.3, 0.0, False), (3.0, 0.5, True), (3.0, 0.1, False)])
 def test_a_ribbon_is_plain_until_it_comes_over_itself(turns, pitch, plain):
     assert judge(*spiral(turns, 80, pitch)) == [plain]
@@ -65,91 +59,6 @@ def test_a_ring_whose_hole_lies_across_its_border_is_not_plain():
     assert judge(uv, np.where(tri % 41 == 40, tri - 40, tri)) == [False]
 
 
-def test_a_triangle_that_is_turned_over_makes_its_chart_doubtful():
-    uv, tri = fan(1, 12)
-    assert judge(uv, np.concatenate([tri[:-1], tri[-1:, ::-1]])) == [False]
-    uv[3] *= -0.5
-    assert judge(uv, tri) == [False]
-
-
-def test_three_triangles_on_one_side_make_their_chart_doubtful():
-    uv = [[0, 0], [1, 0], [0.5, 1], [0.5, -1], [0.6, 0.9]]
-    assert judge(uv, [[0, 1, 2], [1, 0, 3]]) == [True]
-    assert judge(uv, [[0, 1, 2], [1, 0, 3], [0, 1, 4]]) == [False]
-
-
-def test_a_disc_that_hangs_on_a_ring_within_another_makes_its_chart_doubtful():
-    """On every side of the ring there are three triangles, so that none of them is a border."""
-    uv, tri = fan(1, 6)
-    outer = np.array([[1 + k, 8 + k, 8 + (k + 1) % 6] for k in range(6)] + [[1 + k, 8 + (k + 1) % 6, 1 + (k + 1) % 6] for k in range(6)])
-    points = np.concatenate([uv, [[0.1, 0.0]], 2.0 * uv[1:], [[0.0, 0.1]]])
-    disc = np.concatenate([tri, outer])
-    hanging = np.where(tri == 0, len(points) - 1, tri)
-    assert judge(points, disc) == [True]
-    assert judge(points, np.concatenate([disc, hanging])) == [False]
-
-
-def test_two_discs_on_one_rim_make_their_chart_doubtful():
-    """Sides that both walk the same way; they hang on a plain triangle by one corner only, as triangles of a polygon may. Another chart of
-    the same vertices walks them the other way."""
-    uv, tri = fan(1, 6)
-    uv = np.concatenate([uv, [[0.1, 0.0]], [[1, 0], [3, 0], [3, 1]]])
-    one = np.concatenate([tri, np.where(tri == 0, 7, tri), [[8, 9, 10]]])
-    vertex = np.concatenate([one, one[:, ::-1]])
-    tri_uv = np.concatenate([uv[one], uv[one[:, ::-1]] * (-1, 1)])
-    corner = np.arange(vertex.size).reshape(-1, 3)
-    corner[12, 0], corner[25, 2] = corner[0, 1], corner[13, 1]  # in the same places
-    chart, shared = label_charts(vertex, corner, tri_uv, np.repeat([0, 1], 13), 1e-12)
-    assert chart.max() == 1
-    assert find_plain_charts(vertex, tri_uv, chart, shared).tolist() == [False, False]
-
-
-@pytest.mark.parametrize(("inner", "plain"), [("hole", True), ("second sheet", False)])
-def test_a_border_has_one_loop_that_is_walked_counterclockwise(inner, plain):
-    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
-    within = 0.3 + 0.4 * square[:: -1 if inner == "hole" else 1]
-    start = np.concatenate([square, within])
-    end = np.concatenate([np.roll(square, -1, axis=0), np.roll(within, -1, axis=0)])
-    chart = np.zeros(8, np.int64)
-    places = chart_borders._number_places(chart, start, end)
-    assert chart_borders._winds_once(chart, start, end, *places, 1).tolist() == [plain]
-
-
-def test_loops_that_meet_in_a_point_are_doubtful():
-    """A square with a hole whose corner is the square's."""
-    uv = [[0, 0], [3, 0], [3, 3], [0, 3], [2, 1], [1, 2]]
-    assert judge(uv, [[0, 1, 4], [1, 2, 4], [4, 2, 5], [2, 3, 5], [3, 0, 5]]) == [False]
-    assert judge(uv, [[0, 1, 4], [1, 2, 4], [4, 2, 5], [2, 3, 5], [3, 0, 5], [0, 4, 5]]) == [True]
-
-
-def test_a_border_that_runs_back_over_itself_is_doubtful():
-    """A disc with a slit, one of whose sides is half as long: nothing lies over anything, which a raster has to see."""
-    uv, tri = fan(1, 8)
-    uv = np.concatenate([uv, [[0.5, 0.0]]])
-    tri = tri.copy()
-    tri[-1, 2] = len(uv) - 1
-    assert judge(uv, tri) == [False]
-
-
-def test_sides_that_only_touch_are_doubtful_and_those_in_one_line_are_not():
-    def crossed(*points):
-        start, end = np.array(points, float).transpose(1, 0, 2)
-        chart = np.zeros(len(start), np.int64)
-        return len(chart_borders._find_crossed(chart, start, end, *chart_borders._number_places(chart, start, end))) > 0
-
-    assert crossed([[0, 0], [2, 0]], [[1, -1], [1, 1]])
-    assert crossed([[0, 0], [2, 0]], [[1, 0], [1, 1]])
-    assert crossed([[0, 0], [2, 1]], [[1, 0.5], [3, 1.5]])
-    assert not crossed([[0, 0], [2, 1]], [[4, 2], [6, 3]])
-    assert not crossed([[0, 0], [2, 0]], [[2, 0], [3, 0]])
-    assert not crossed([[0, 0], [2, 0]], [[1, 0.1], [1, 1]])
-
-
-def test_long_borders_are_left_to_the_raster():
-    assert judge(*fan(1, 1500)) == [False]
-    assert judge(*fan(1, 1000)) == [True]
-
-
 def test_charts_are_judged_one_by_one_whatever_the_order_of_their_triangles():
     """One of them has more pairs of sides than are looked at together."""
     parts = [fan(1, 600), fan(2, 9), spiral(3.0, 30, 0.5), spiral(3.0, 30, 0.1), fan(1, 3)]
@@ -162,15 +71,6 @@ def test_charts_are_judged_one_by_one_whatever_the_order_of_their_triangles():
     chart, shared = label_charts(vertex, np.arange(vertex.size).reshape(-1, 3), uv, number, 1e-12)
     plain = find_plain_charts(vertex, uv, chart, shared)
     assert [set(plain[chart[number == k]].tolist()) for k in range(len(parts))] == [{True}, {False}, {True}, {False}, {True}]
-
-
-def test_triangles_without_a_chart_are_nobodys_border():
-    uv, tri = fan(1, 6)
-    corner = np.arange(tri.size).reshape(-1, 3)
-    group = np.array([0, 0, 0, 0, -1, -1])
-    chart, shared = label_charts(tri, corner, uv[tri], group, 1e-12)
-    assert find_plain_charts(tri, uv[tri], chart, shared).tolist() == [True]
-    assert find_plain_charts(tri, uv[tri], np.full(6, -1), np.zeros((6, 3), bool)).tolist() == []
 
 
 def test_a_chart_without_a_border_is_doubtful():
@@ -198,8 +98,3 @@ def test_what_is_plain_a_raster_finds_nothing_in():
             found.append((noise, plain))
     assert all(plain for noise, plain in found if noise == 0.01)
     assert not any(plain for noise, plain in found if noise == 0.15)
-
-
-def test_sides_of_two_charts_at_one_edge_do_not_make_each_other_even():
-    odd = chart_borders._find_odd_sides(np.array([[0, 1, 2], [2, 1, 3]]), np.array([0, 1]), np.eye(3, dtype=bool)[[1, 0]])
-    assert sorted(odd.tolist()) == [0, 1]

@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from leaflight.core.atlas import chart_cache, chart_search, unwrap_question
+from leaflight.core.atlas import chart_cache, chart_search
 from leaflight.core.atlas.chart_search import find_charts
 from leaflight.core.atlas.layer_check import signed_areas
 from leaflight.core.atlas.unfolding import UnfolderDied
 from leaflight.core.util.geometry import triangle_normals_areas
-from leaflight.core.util.progress import Interrupted
 from scenes import box_mesh, grid_mesh, make_scene, moved, quad_mesh, shared_mesh, sphere_mesh, split_faces
 
 CLOTH = grid_mesh("Cloth", cells=4, noise=0.8)
@@ -117,9 +116,6 @@ class FakeUnwrapping:
         self.diary.append(("cancel", self.count))
 
 
-GRIDS = [grid_mesh(f"Grid {cells}", cells=cells) for cells in (1, 2, 3, 4)]  # of 2, 8, 18 and 32 triangles
-
-
 @pytest.fixture
 def diary(monkeypatch):
     def watch(fails=-1):
@@ -131,83 +127,17 @@ def diary(monkeypatch):
     return watch
 
 
-def test_xatlas_has_more_to_do_while_charts_are_mended(diary):
-    written = diary()
-    find_charts(make_scene(GRIDS), False)
-    assert written == [("begin", 2), ("begin", 8), ("begin", 18), ("begin", 32), *(("finish", count) for count in (2, 8, 18, 32))]
+def test_crash_of_xatlas_names_the_object(monkeypatch):
+    class Crashing:
+        def __init__(self, *arrays):
+            self.first = int(arrays[-1][0])
 
+        def finish(self, watch):
+            raise UnfolderDied(-11, self.first)
 
-def test_small_objects_are_mended_together(diary, monkeypatch):
-    written = diary()
-    monkeypatch.setattr(chart_search, "_AT_ONCE", 28)
-    find_charts(make_scene(GRIDS), False)
-    assert written == [("begin", 28), ("begin", 32), ("finish", 28), ("finish", 32)]
+        def cancel(self):
+            pass
 
-
-def test_whoever_wears_a_later_ones_charts_may_be_unwrapped_with_one_in_between(monkeypatch):
-    cloth = [shared_mesh(name, CLOTH, (1.0, width, 1.0)) for name, width in (("Narrow", 0.7), ("Middle", 1.0), ("Wide", 1.4))]
-    scene = make_scene([cloth[0], grid_mesh("Other", cells=5, noise=0.8), cloth[1], cloth[2]])
-    together = find_charts(scene, True)
-    assert together.blocks[0].members[0] == 2
-    monkeypatch.setattr(chart_search, "_AT_ONCE", 0)
-    apart = find_charts(scene, True)
-    np.testing.assert_array_equal(together.chart, apart.chart)
-    np.testing.assert_allclose(together.uv, apart.uv, atol=1e-4)
-
-
-def test_so_many_triangles_and_no_more_are_unwrapped_ahead(diary, monkeypatch):
-    monkeypatch.setattr(chart_search, "_MOST_AHEAD", 20)
-    written = diary()
-    find_charts(make_scene(GRIDS), False)
-    expected = [("begin", 2), ("begin", 8), ("begin", 18), ("finish", 2), ("finish", 8), ("begin", 32), ("finish", 18), ("finish", 32)]
-    assert written == expected
-
-
-def test_share_of_the_triangles_that_is_done_is_told_with_the_object_that_is_next(diary):
-    diary()
-    told = []
-    bystander = replace(grid_mesh("Lamp", cells=9), receives=False)
-    find_charts(make_scene([*GRIDS, bystander]), False, lambda *words: told.append(words))
-    names, done = ["Grid 1", "Grid 2", "Grid 3", "Grid 4"], [0 / 60, 2 / 60, 10 / 60, 28 / 60]
-    assert list(dict.fromkeys(told)) == [(chart_search.UNWRAPPING, share, name) for share, name in zip(done, names, strict=True)]
-    counts = [[name for _, _, name in told].count(name) for name in names]
-    assert counts == [2 + 4, 2, 2, 2], "as its turn comes, after each that is begun, and again while xatlas is at work on it"
-
-
-def test_share_of_a_dense_object_grows_while_xatlas_is_at_work_on_it(monkeypatch):
-    monkeypatch.setattr(unwrap_question, "_AT_ONCE", 4096)
-    told = []
-
-    def wait(answer, watch):
-        watch()
-        return answer.result()
-
-    monkeypatch.setattr(unwrap_question, "wait_for", wait)
-    find_charts(
-        make_scene([grid_mesh(), grid_mesh("Ground", cells=70, noise=0.05)]), False, lambda said, share, name: told.append((name, share))
-    )
-    shares = [share for name, share in dict.fromkeys(told) if name == "Ground"]
-    assert len(shares) >= 3
-    assert shares == sorted(shares)
-    assert shares[0] == pytest.approx(512 / (512 + 9800))
-    assert 0.6 < shares[-1] < 1.0
-
-
-def test_whoever_wants_no_charts_any_more_has_the_others_cancelled(diary):
-    written, told = diary(), []
-
-    def stop(said, share, about):
-        told.append(about)
-        if told.count("Grid 2") == 2:  # xatlas is at work on it
-            raise Interrupted
-
-    with pytest.raises(Interrupted):
-        find_charts(make_scene(GRIDS), False, stop)
-    assert written[4:] == [("finish", 2), ("cancel", 8), ("cancel", 18), ("cancel", 32)]
-
-
-def test_crash_of_xatlas_names_the_object_and_the_others_are_not_unwrapped(diary):
-    written = diary(fails=8)
-    with pytest.raises(ValueError, match=r"^Grid 2: the unwrapper xatlas ended unexpectedly on it \(code -11\); give"):
-        find_charts(make_scene(GRIDS), True)
-    assert written[-2:] == [("cancel", 18), ("cancel", 32)]
+    monkeypatch.setattr(chart_cache, "Unwrapping", Crashing)
+    with pytest.raises(ValueError, match=r"^Grid: the unwrapper xatlas ended unexpectedly on it \(code -11\); give"):
+        find_charts(make_scene([grid_mesh("Grid", cells=2)]), True)

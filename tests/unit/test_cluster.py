@@ -142,9 +142,23 @@ def test_a_worker_keeps_few_copies_and_none_that_is_damaged(tmp_path):
     assert len(list((tmp_path / "worker" / "leaflight").iterdir())) == cluster._KEPT_COPIES
 
 
+def test_a_file_too_long_for_one_message_comes_in_pieces(tmp_path):
+    sent = tmp_path / "sent"
+    sent.mkdir()
+    with open(sent / "data", "wb") as file:
+        file.truncate((1 << 26) + 5)
+    worker = SimpleNamespace(local_directory=str(tmp_path / "worker"))
+    copy = cluster.FolderCopy(str(tmp_path / "elsewhere"), cluster.stamp_folder(sent, ()))
+    messages = list(cluster.read_pieces(sent, ()))
+    assert len(messages) == 2
+    for message in messages:
+        cluster.write_pieces(copy, message, worker)
+    cluster.finish_copy(copy, worker)
+    assert cluster.has_copy(copy, worker)
+
+
 @pytest.mark.usefixtures("hidden")
-def test_folders_that_workers_do_not_see_are_sent(farm, local, tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster, "_PIECE_BYTES", 10_000)  # so that files come in pieces
+def test_folders_that_workers_do_not_see_are_sent(farm, local, tmp_path):
     for name in ("a", "b"):
         with cluster.connect(farm.address) as executor:
             assert to_bytes(solve_scene(tmp_path / name, lamp_scene(), SETTINGS, executor)) == local

@@ -112,11 +112,6 @@ def test_the_risk_is_what_shrinking_leaves_of_noise_beyond_the_mean(degree, tilt
     assert told.mean() == pytest.approx(real.mean() / noise.mean(), abs=0.2)
 
 
-def test_leaves_without_functions_beyond_the_mean_have_no_risk_to_tell():
-    bake = shrunk_bake(even, 300, 0)[0]
-    assert coefficient_shrinkage.shrink_leaves(bake.tree, bake.totals(), ROOT)[1].tolist() == [1.0]
-
-
 @pytest.mark.parametrize(
     ("value", "variance", "sure"), [(2.0, 0.0, 2.0), (2.0, 1.0, 1.5), (1.0, 1.0, 0.0), (0.5, 1.0, 0.0), (-1.0, 1.0, 0.0), (0.0, 0.0, 0.0)]
 )

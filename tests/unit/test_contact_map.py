@@ -14,17 +14,13 @@ from leaflight.core.parallel import executors, folders, shared_arrays
 from leaflight.core.radiosity import quadtree
 from leaflight.core.scene.scene import Light
 from leaflight.core.scene.topology import join_sets
-from leaflight.core.texels.split_texels import WAYS
 from leaflight.core.texels.texel_grid import interleave_bits
 from leaflight.core.texels.tiles import TILE_TEXELS
 from leaflight.core.transport import contact_map, traced_scene
-from leaflight.core.transport.contact_looks import Surroundings
 from leaflight.core.transport.contact_map import ContactMap, cut_at_contacts, find_contacts
 from leaflight.core.util import ablation
 from leaflight.core.util.settings import Settings
-from leaflight.core.util.threads import split_entries
 from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh, split_faces
-from trees import make_map, make_square_map
 from words_heard import check_every_word_is_heard
 
 SIDE = 64  # texels of the floor, a square metre
@@ -154,18 +150,6 @@ def test_a_corridor_of_two_columns_is_one_piece(tmp_path):
     assert not cut.borders.are_between(0, left, right).any()
 
 
-def test_a_texel_is_beside_nobody_where_the_next_one_is_missing():
-    """Also where another comes right before that in Morton order."""
-    texels = make_square_map(16, 0)
-    start = np.flatnonzero(np.random.default_rng(1).random(256) < 0.6)
-    patches = contact_map._Patches(start, np.ones_like(start), texels.list_keys(start))
-    xy = [tuple(place) for place in texels.texel_xy[start].tolist()]
-    for x, y in WAYS:
-        expected = [(k, xy.index((i + x, j + y))) for k, (i, j) in enumerate(xy) if (i + x, j + y) in xy]
-        found = patches.find_beside(np.arange(len(start)), (x, y))
-        assert list(zip(*(part.tolist() for part in found), strict=True)) == expected
-
-
 def turned(degrees, side):
     """The layer of a quad that is turned on its page."""
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
@@ -181,31 +165,6 @@ def test_a_floor_that_is_turned_on_its_page_is_parted_too(tmp_path, x_m, degrees
     central = cut.is_central
     position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])[central]
     np.testing.assert_array_equal(cut.texel_chart[central] == cut.texel_chart[central][position[:, 0].argmin()], position[:, 0] < x_m)
-
-
-def test_a_strip_narrower_than_a_texel_is_parted_by_others_alone(tmp_path):
-    """All of its texels are covered in part; it has a fin of its own, and another thing stands on it."""
-    strip = with_fin(0.31, depth_m=0.02, y=0.503)
-    texels, cut, _, scene = cut_floor(tmp_path, sheet(0.603), floor=strip)
-    assert len(texels.chart_page) == 2
-    of_strip = cut.texel_tri < 4
-    x_m = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])[of_strip, 0]
-    assert len(x_m) == SIDE
-    assert len(cut.chart_page) == 3
-    assert len(np.unique(np.stack([x_m < 0.603, cut.texel_chart[of_strip]]), axis=1).T) == 2
-
-
-def test_parts_of_two_charts_stay_apart(tmp_path):
-    """What lies left of a chart's first texel is nobody's."""
-    one = quad_mesh(uv=turned(30, 0.36) + 0.25)
-    other = quad_mesh(uv=LAYERS["mirrored"] * 0.5 + [0.5, 0.0])  # whose last tile is of one triangle
-    floor = join_meshes("Floor", one, moved(other, (2, 0, 0)))
-    texels, cut, _, scene = cut_floor(tmp_path, sheet(0.51), sheet(2.503), floor=floor)
-    assert len(texels.chart_page) == 2
-    x_m = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])[:, 0]
-    quarter = np.searchsorted([0.51, 1.5, 2.503], x_m)
-    inner = cut.is_central
-    assert len(np.unique(np.stack([quarter, cut.texel_chart])[:, inner], axis=1).T) == 4 == len(cut.chart_page)
 
 
 def test_rooms_that_a_door_joins_are_one_piece(tmp_path):
@@ -264,28 +223,6 @@ def test_what_stands_beyond_the_last_texel_parts_nothing(tmp_path):
     assert len(cut.chart_page) == len(texels.chart_page) == 1
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_clear_tiles_change_no_piece(tmp_path, monkeypatch, seed):
-    """Walls and boards above the floor at random places, with each texel asked for itself and without; the floor fills half of its page."""
-    rng = np.random.default_rng(seed)
-    things = []
-    for _ in range(10):
-        size, centre = rng.uniform(0.02, 0.5, 2), rng.random(2)
-        size[rng.integers(2)] = rng.choice([0.005, 0.03])
-        things.append(box_mesh("Wall", (*size, 0.5), (*centre, 0.25)))
-    for low in (0.1, 1.0, 2.5, 2.9, 4.0):
-        things.append(box_mesh("Board", (*rng.uniform(0.1, 0.5, 2), 0.01), (*rng.random(2), low / SIDE + 0.005)))
-    floor = quad_mesh("Floor", uv=SQUARE * [1, 0.5] + [0, 0.5])
-    drawn = []
-    for name in ("tiles", "texels"):
-        _, cut, _, _ = cut_floor(tmp_path / name, *things, floor=floor)
-        picture = np.full((SIDE, SIDE), -1)
-        picture[cut.texel_xy[:, 1], cut.texel_xy[:, 0]] = cut.texel_chart
-        drawn.append(picture)
-        monkeypatch.setattr(Surroundings, "_find_clear_tiles", lambda around, part: np.zeros(0, np.int64))
-    assert len(np.unique(drawn[0])) == len(np.unique(drawn[1])) == len(np.unique(np.stack(drawn, axis=2).reshape(-1, 2), axis=0))
-
-
 def test_threads_change_nothing(tmp_path, part_entries):
     scene = make_scene([quad_mesh("Floor", uv=SQUARE), replace(wall(), receives=False)], [LAMP])
     texels = prepare_folder(tmp_path, scene, SETTINGS)[1]
@@ -308,7 +245,7 @@ def test_charts_know_nothing_of_each_other(tmp_path, part_entries):
     things = [replace(mesh, receives=False) for mesh in (wall(0.55, high_m=0.6, thick_m=0.02), rug(0.72, 0.02 / SIDE), ball)]
     scene = make_scene([quad_mesh("Floor", uv=turned(20, 0.7) + 0.5), *boxes, *things], [LAMP])
     texels = prepare_folder(tmp_path, scene, replace(SETTINGS, size=4 * SIDE))[1]
-    part_entries(300)
+    part_entries(3000)
     opened = traced_scene.open_scene(str(tmp_path))
     whole = find_contacts(opened, texels)
     starts = np.unique(texels.chart_start).tolist()
@@ -326,22 +263,6 @@ def test_charts_know_nothing_of_each_other(tmp_path, part_entries):
     assert len(np.unique(texels.texel_chart[whole.borders.entry])) >= 2
 
 
-def test_how_far_the_search_is_is_told_again_and_again(tmp_path, part_entries):
-    scene = make_scene([quad_mesh("Floor", uv=SQUARE), replace(wall(), receives=False)], [LAMP])
-    atlas, texels = prepare_folder(tmp_path, scene, SETTINGS)
-    part_entries(500)
-    told = []
-    found = find_contacts(traced_scene.open_scene(str(tmp_path)), texels, 2, lambda *word: told.append(word))
-    folders.forget_folders()
-    parts = len(split_entries(len(texels)))
-    assert [share for _, share, _ in told[:parts]] == pytest.approx(0.6 * np.arange(1, parts + 1) / parts)
-    cut_at_contacts(texels, atlas, found, lambda *word: told.append(word))
-    assert {(said, about) for said, _, about in told} == {(contact_map.LOOKING, "")}
-    step = np.diff([0.0, *(share for _, share, _ in told), 1.0])
-    assert step.min() >= 0.0
-    assert step.max() < 0.1
-
-
 def test_whoever_wants_no_contacts_any_more_is_heard_at_every_word(tmp_path):
     scene = make_scene([quad_mesh("Floor", uv=SQUARE), replace(wall(), receives=False)], [LAMP])
     atlas, texels = prepare_folder(tmp_path, scene, SETTINGS)
@@ -353,13 +274,6 @@ def test_whoever_wants_no_contacts_any_more_is_heard_at_every_word(tmp_path):
 
     check_every_word_is_heard(look)
     folders.forget_folders()
-
-
-def test_where_there_is_no_texel_nothing_is_found(tmp_path):
-    prepare_folder(tmp_path, make_scene([quad_mesh("Floor", uv=SQUARE)], [LAMP]), SETTINGS)
-    found = find_contacts(traced_scene.open_scene(str(tmp_path)), make_map(np.zeros((0, 3, 2))))
-    folders.forget_folders()
-    assert len(found.touched) == len(found.piece) == len(found.borders.entry) == 0
 
 
 def test_what_hangs_above_parts_nothing(tmp_path):
@@ -454,13 +368,6 @@ def test_floors_of_several_pages_and_sizes_are_cut_alike(tmp_path):
     middle = (np.unique(cut.texel_xy[touched & (x_m < 1), 0]) + 0.5) / SIDE
     assert np.abs(middle - 0.4).max() < 1.5 / SIDE
     assert len(middle) == 3
-
-
-def test_many_parts_find_what_one_finds(tmp_path, part_entries):
-    _, whole, _, scene = cut_floor(tmp_path / "one", wall(), box_mesh("Post", (0.1, 0.1, 0.5), (0.2, 0.2, 0.25)))
-    part_entries(100)
-    _, cut, _, _ = cut_floor(tmp_path / "many", wall(), box_mesh("Post", (0.1, 0.1, 0.5), (0.2, 0.2, 0.25)))
-    np.testing.assert_array_equal(draw_pieces(cut, scene), draw_pieces(whole, scene))
 
 
 @pytest.mark.parametrize(("x_m", "most"), [(33 / SIDE, 0.0), (0.512, 0.02), (0.518, 0.02)])

@@ -97,12 +97,6 @@ def test_a_texel_that_was_dark_by_chance_leaves_no_dent(texels, colour):
     assert 1 - found.mean() == pytest.approx(1 - light.mean(), rel=0.05)  # what they are too dark by goes to those around
 
 
-def test_a_little_grain_is_enough(texels):
-    x, y = texels.texel_xy.T
-    noisy, found = smooth(texels, even, grainy=(x == 20) & (y > 10) & (y < 30))
-    assert np.abs(found[11:30, 20] - 1).mean() < 0.5 * np.abs(noisy[11:30, 20] - 1).mean()
-
-
 def test_a_mean_is_kept(texels):
     noisy, found = smooth(texels, ramp)
     assert found.mean() == pytest.approx(noisy.mean(), abs=4 * SIGMA / SIDE)
@@ -116,28 +110,6 @@ def test_light_without_noise_is_left_as_it_is(texels):
 def test_nothing_is_touched_where_there_is_no_grain(texels):
     noisy, found = smooth(texels, even, grainy=False)
     assert (found == noisy).all()
-
-
-def test_only_what_is_near_grain_is_touched(texels):
-    x, y = texels.texel_xy.T
-    noisy, found = smooth(texels, even, grainy=(x == 20) & (y == 30))
-    touched = np.argwhere(found != noisy)
-    assert touched.min(axis=0).tolist() == [26, 16]
-    assert touched.max(axis=0).tolist() == [34, 24]
-    assert len(touched) == 81
-
-
-def test_however_a_page_is_cut_it_is_smoothed_alike(texels):
-    """Grain in several places, near to each other and at the page's edges: what is done at one tells nothing of the others."""
-    x, y = texels.texel_xy.T
-    places = (x < 3) & (y % 17 < 2), (x - 30) ** 2 + (y - 12) ** 2 < 50, y == SIDE - 1, (x > 20) & (x == y)
-    noisy, together = smooth(texels, ramp, grainy=np.any(places, axis=0))
-    apart = noisy.copy()
-    for place in places:
-        found = smooth(texels, ramp, grainy=place)[1]
-        apart = np.where(found == noisy, apart, found)
-    assert (together != noisy).sum() > 500
-    np.testing.assert_allclose(together, apart, rtol=1e-6)
 
 
 def test_dark_light_of_bright_noise_stays_dark(texels):
@@ -190,28 +162,6 @@ def test_charts_do_not_mix_unless_they_were_one(texels, monkeypatch, piece):
     light = np.zeros((1, len(x), 3), np.float32) + np.where(x < SIDE // 2, 1.0, 1.1).astype(np.float32)[:, None]
     found = denoise_all(light, np.ones((len(x), 3), np.float32), np.ones(len(x), bool), texels)
     assert np.allclose(found, light, rtol=1e-5) == (piece == 1)
-
-
-def test_quads_are_smoothed_as_one(texels):
-    """As well as texels that err apart, and told so; how their texels differ stays."""
-    x = texels.texel_xy[:, 0]
-    rng, sigma = np.random.default_rng(3), np.float32(SIGMA)
-    by_quads = x < 32
-    error = sigma * rng.standard_normal((len(x), 3), np.float32)
-    first = np.flatnonzero(texels.texel_code & 3 == 0)
-    whole = np.where(by_quads[:, None], error[np.repeat(first, 4)], error)
-    gentle = 1 + 0.002 * (x - SIDE / 2)[:, None].astype(np.float32) * np.ones(3, np.float32)
-    light, variance = (gentle + whole)[None], np.full((len(x), 3), sigma**2)
-    found = denoise.denoise(light, variance, np.ones(len(x), bool), texels, tell=True, by_quads=by_quads)
-    assert np.array_equal(np.sort(found.entry), np.arange(len(x)))
-    out, left = light.copy(), np.empty_like(variance)
-    out[:, found.entry], left[found.entry] = found.light, found.variance
-    for some in (by_quads, ~by_quads):
-        real2 = ((out[0] - gentle)[some] ** 2).mean()
-        assert real2 < (sigma / 3.5) ** 2
-        assert 0.5 < left[some].mean() / real2 < 1.5
-    change = (out[0] - light[0])[by_quads].reshape(-1, 4, 3)
-    np.testing.assert_allclose(change, change[:, :1].repeat(4, axis=1), atol=1e-6)
 
 
 def test_processes_change_no_byte():

@@ -263,39 +263,6 @@ def test_texels_may_be_any_of_them(monkeypatch):
     assert found.irradiance_rgb[:, 0] == pytest.approx(expected, rel=2e-3)
 
 
-_FEW_AND_MANY = [([PANEL], [], False), (20 * [BULB], [], True), ([], [moved(grid_mesh("Plate", 4), offset_m=(0.0, 0.0, 0.9))], True)]
-
-
-def note_chunks(monkeypatch, lights, emission, **options):
-    """Whether texels are alone, of all chunks in which a floor is lit, of 100 texels at most; those that see past a foot are."""
-    alone, looking_chunk = [], direct._LookingChunk
-
-    def note(scene, chunk, demand, *others):
-        alone.append(demand.alone)
-        return looking_chunk(scene, chunk, demand, *others)
-
-    monkeypatch.setattr(direct, "_LookingChunk", note)
-    monkeypatch.setattr(direct, "MOST_TEXELS", 100)
-    light_floor(lit_scene([], lights, emission=emission), **options)
-    return alone
-
-
-@pytest.mark.parametrize(("lights", "emission", "is_many"), _FEW_AND_MANY)
-def test_of_many_lights_fewer_texels_are_lit_together(monkeypatch, lights, emission, is_many):
-    """What is kept of each texel and each of them takes memory."""
-    sizes = [len(chunk) for chunk in note_chunks(monkeypatch, lights, emission)]
-    assert max(sizes) == (50 if is_many else 100)
-    assert sum(sizes) == SIDE**2
-
-
-@pytest.mark.parametrize(("lights", "emission", "is_many"), _FEW_AND_MANY)
-def test_among_many_lights_nobody_chooses_by_what_is_seen_past_a_foot(monkeypatch, lights, emission, is_many):
-    crossed = np.arange(SIDE**2) % 7 == 3
-    chunks = note_chunks(monkeypatch, lights, emission, crossed=crossed)
-    np.testing.assert_array_equal(np.sort(np.concatenate(chunks)), np.sort(crossed))
-    assert all(alone.all() or not alone.any() for alone in chunks) == is_many
-
-
 def test_no_texels_and_no_lights():
     scene, _, _ = prepare(lit_scene())
     assert direct_irradiance(scene, floor_looks(2), np.arange(0), np.random.default_rng(1)).irradiance_rgb.shape == (0, 3)

@@ -51,17 +51,6 @@ def test_many_shots_come_to_the_light(shot):
     assert field.counters["rays"] > 0
 
 
-def test_what_is_told_of_a_shot_is_the_share_that_is_done(shot, monkeypatch):
-    folder, field = shot
-    monkeypatch.setattr(direct_shards, "SHARD_TEXELS", 100)
-    monkeypatch.setattr("leaflight.core.util.progress.SECONDS_BETWEEN_WORDS", -1.0)
-    told, count = [], len(field.passes)
-    field.shoot(folder, SETTINGS, executors.InlineExecutor(), np.arange(count), told.append)
-    done = [1 - start / count for start in direct_shards.cut_into_shards(count)[-2::-1]]
-    assert len(done) > 2
-    assert [message.text for message in told] == [f"Direct light, {share:.0%}" for share in done]
-
-
 def test_a_shot_that_is_stopped_leaves_what_there_was(shot, monkeypatch):
     """And the next one is as if it had never been, as of a bake that goes on later."""
     folder, field = shot
@@ -77,23 +66,6 @@ def test_a_shot_that_is_stopped_leaves_what_there_was(shot, monkeypatch):
         np.testing.assert_array_equal(field.repeats.sums, other.repeats.sums)
         assert (field.counters, field.turns) == (other.counters, other.turns)
         assert all(one.shoot(folder, SETTINGS, executors.InlineExecutor(), noisy) for one in (field, other))
-
-
-def test_a_shot_of_all_texels_that_is_stopped_leaves_what_there_was(shot, monkeypatch):
-    folder, field = shot
-    before = copy.deepcopy(field)
-    monkeypatch.setattr(direct_shards, "SHARD_TEXELS", 50)
-    asked = []
-    every = range(len(field.passes))
-    assert not field.shoot(folder, SETTINGS, executors.InlineExecutor(), every, should_stop=lambda: asked.append(True) or len(asked) > 2)
-    for name in ("irradiance", "variance", "passes"):
-        np.testing.assert_array_equal(getattr(field, name), getattr(before, name))
-
-
-def test_photons_alone_leave_nothing_here():
-    field = DirectField.none(5)
-    assert not field.irradiance.any()
-    assert field.counters == {}
 
 
 def test_every_shot_has_random_numbers_of_its_own(shot):
@@ -139,42 +111,6 @@ def test_variances_of_texels_shot_again_are_corrected_by_how_their_estimates_dif
     np.testing.assert_allclose(told[:3] * 16, [0.1**2, 0.2**2, 0.4**2], rtol=0.25)
     assert told[3] == pytest.approx(0.2**2)
     assert field.variance.max() == pytest.approx(0.2**2)
-
-
-@pytest.mark.parametrize(("error_of", "share"), [("bake", 0.1), ("objects", 0.01)])
-def test_it_is_told_what_is_dark_beside_the_mean_of_all_texels(tmp_path, error_of, share):
-    """A glance tells it at first, and then what has been found; other light counts too."""
-    settings = replace(SETTINGS, error_of=error_of)
-    scene = replace(lamp_scene(), world_rgb=(2.0, 2.0, 2.0))
-    n_texel = len(prepare_folder(tmp_path, scene, settings)[1].texel_area)
-    field, dice, other = DirectField.none(n_texel), Dice(np.full(n_texel, 0.1)), ReferenceLevel(np.full(n_texel, 3.0, np.float32))
-    light = DirectField.none(n_texel)
-    light.shoot(tmp_path, replace(settings, error=0.05), executors.InlineExecutor(), range(n_texel))
-    field.shoot(tmp_path, settings, dice, range(n_texel), other=other)
-    assert [shard.dark for shard in dice.shards] == pytest.approx([share * (light.irradiance.mean() + 3.0)] * len(dice.shards), rel=0.1)
-    dice.shards.clear()
-    found = field.irradiance.mean()
-    field.shoot(tmp_path, settings, dice, range(n_texel))
-    assert [shard.dark for shard in dice.shards] == pytest.approx([share * found] * len(dice.shards))
-
-
-def test_nobody_is_told_of_the_dark_where_no_sky_could_be_seen(tmp_path):
-    n_texel = len(prepare_folder(tmp_path, lamp_scene(), SETTINGS)[1].texel_area)
-    dice = Dice(np.full(n_texel, 0.1))
-    DirectField.none(n_texel).shoot(tmp_path, SETTINGS, dice, range(n_texel))
-    assert {shard.dark for shard in dice.shards} == {0.0}
-
-
-def test_texels_below_openings_are_chosen_with_their_neighbours():
-    field = DirectField.none(200)
-    error2 = np.random.default_rng(1).random(200).astype(np.float32)
-    assert field.share_error(error2) is error2
-    field.by_openings[[3, 4, 60, 70, 199]] = True
-    shared = field.share_error(error2)
-    assert shared[[3, 4, 60]] == pytest.approx(error2[[3, 4, 60]].mean())
-    assert shared[[70, 199]] == pytest.approx(error2[[70, 199]])
-    rest = ~field.by_openings
-    np.testing.assert_array_equal(shared[rest], error2[rest])
 
 
 def test_rare_light_is_right_on_average_however_often_texels_are_shot_again():
@@ -226,18 +162,6 @@ def test_of_rare_light_variances_are_corrected_by_how_estimates_differ_whatever_
     assert np.max(told[1]) < 0.7  # as it was judged before
 
 
-def test_who_saw_the_sky_through_openings_is_kept_and_put_back(tmp_path):
-    field = DirectField.none(4)
-    rows, flags = np.arange(4), np.array([True, False, True, False])
-    for told in (flags, np.zeros(4, bool)):
-        field._add(rows, DirectLight(np.ones((4, 3), np.float32), np.ones((4, 3), np.float32), {}, by_openings=told))
-    assert field.by_openings.tolist() == flags.tolist()
-    kept = field._keep(rows)
-    field.by_openings[:] = True
-    field._put_back(rows, kept)
-    assert field.by_openings.tolist() == flags.tolist()
-
-
 def test_rays_are_fewer_where_there_is_other_light_and_nothing_is_left_of_what_told_so(shot):
     folder, alone = shot
     every, before = range(len(alone.passes)), set(folder.iterdir())
@@ -260,24 +184,6 @@ def test_nothing_is_left_where_shards_fail(shot, monkeypatch):
     with pytest.raises(ZeroDivisionError):
         field.shoot(folder, SETTINGS, executors.InlineExecutor(), range(9), other=ReferenceLevel(np.zeros(9, np.float32)))
     assert set(folder.iterdir()) == before
-
-
-def test_texels_of_every_shard_have_their_own_other_light(shot, monkeypatch):
-    """And of every shot: what the one before was told is not read again."""
-    monkeypatch.setattr(direct_shards, "SHARD_TEXELS", 64)
-    folder, field = shot
-    count = len(field.passes)
-    shadowed = np.sort(np.argsort(-field.variance[:, 0])[: count // 4])
-    settings, noise = replace(SETTINGS, error=0.002), []
-    for bright in (np.arange(count) >= 0, np.arange(count) >= count // 2, np.arange(count) < 0):
-        again = DirectField.none(count)
-        again.turns = 5
-        other = ReferenceLevel(np.where(bright, 1e4, 0.0).astype(np.float32))
-        again.shoot(folder, settings, executors.InlineExecutor(), range(count), other=other)
-        noise.append([again.variance[rows].mean() for rows in (shadowed[shadowed < count // 2], shadowed[shadowed >= count // 2])])
-    (low, _), (half_low, half_high), (_, none_high) = noise
-    assert half_low < 0.7 * low
-    assert half_high > 1.4 * none_high
 
 
 def test_light_that_is_begun_to_be_shown_is_what_is_shown(shot):

@@ -96,15 +96,6 @@ def test_mean_shares_are_the_closed_form_beyond_the_horizon_too(kind):
     assert shares == pytest.approx(closed, rel=0.02)
 
 
-def test_inside_a_sphere_light_it_comes_from_all_around():
-    source = source_of(LIGHTS["sphere"])
-    position, normal = np.full((256, 3), 0.01, np.float32), np.tile(np.array([0, 0, 1], np.float32), (256, 1))
-    aim = source.aim(position, normal, grid_numbers(16))
-    assert (aim.direction[:, 2] > 0).all()
-    assert aim.share == pytest.approx(source.irradiance(position, normal))
-    assert np.linalg.norm(position + aim.direction * aim.distance[:, None], axis=1) == pytest.approx(0.125, rel=1e-4)
-
-
 def make_triangle(front_only):
     corners, up = np.array([[[0, 0, 0], [0.2, 0, 0], [0, 0.2, 0]]], np.float32), np.array([[0, 0, 1]], np.float32)
     return TriangleSource(np.ones((1, 3)), True, corners, up, np.array([0.02], np.float32), np.array([front_only]))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from boxes import lamp_scene, prepare_folder
 from closed_forms import from_polygon
-from leaflight.core.bake.direct_only import _find_worst, settle_direct
+from leaflight.core.bake.direct_only import settle_direct
 from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.parallel import executors
 from leaflight.core.texels.error_metric import BEST_TEXELS, DARK_FLOOR
@@ -38,37 +38,6 @@ def test_worse_texels_are_shot_again(tmp_path, monkeypatch):
     assert light.stopped_by == "error"
     assert light.error <= first.error / 3
     assert light.direct.passes.min() == 1 < light.direct.passes.max()
-
-
-def test_below_openings_neighbours_are_shot_again_as_one(tmp_path, monkeypatch):
-    monkeypatch.setattr("leaflight.core.integrate.direct_shards.TOLERANCE", 20.0)
-    asked = []
-    monkeypatch.setattr(DirectField, "share_error", lambda field, error2: asked.append(error2) or np.full_like(error2, error2.max()))
-    light = settle(tmp_path / "b", error=settle(tmp_path / "a", error=1.0).error / 3)
-    assert len(asked) > 2
-    assert light.direct.passes.min() > 1
-
-
-def test_where_no_neighbours_err_too_much_as_one_each_counts_by_itself():
-    direct = DirectField.none(128)
-    direct.by_openings[:64] = True
-    error2 = np.zeros(128, np.float32)
-    error2[5] = 4.0
-    assert _find_worst(direct, error2, 1.0).tolist() == [5]
-    error2[[7, 100]] = 80.0
-    assert _find_worst(direct, error2, 1.0).tolist() == [*range(64), 100]
-    direct.passes[:] = DirectField.most_passes
-    assert not len(_find_worst(direct, error2, 1.0))
-
-
-def test_where_noise_is_little_enough_and_blur_is_not_the_noisiest_are_shot_again():
-    direct, error2 = DirectField.none(128), np.zeros(128, np.float32)
-    assert not len(_find_worst(direct, error2, 1.0))
-    error2[[7, 100]] = 0.5
-    assert _find_worst(direct, error2, 1.0).tolist() == [7, 100]
-    direct.by_openings[:64] = True
-    error2[[8, 9]] = 0.5
-    assert _find_worst(direct, error2, 1.0).tolist() == [*range(64), 100]
 
 
 def test_of_objects_the_one_that_errs_most_is_to_come_to_the_error(tmp_path, monkeypatch):
@@ -148,9 +117,3 @@ def test_it_can_be_stopped_while_texels_are_shot_again(tmp_path, monkeypatch):
     assert light.stopped_by == "interrupted"
     assert light.direct.passes.max() == 1
     assert len(asked) == 5  # before the first shard, after three, and why the bake ends
-
-
-def test_texels_that_cannot_become_better_end_it(tmp_path, monkeypatch):
-    monkeypatch.setattr("leaflight.core.integrate.direct_shards.TOLERANCE", 20.0)
-    monkeypatch.setattr("leaflight.core.integrate.direct_field.DirectField.most_passes", 2)
-    assert settle(tmp_path, error=1e-4).stopped_by == "max_rays"

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import floor_looks, lit_scene, prepare
-from leaflight.core.lights import direct_points
 from leaflight.core.lights.direct_lights import Aim
-from leaflight.core.lights.direct_points import MIDDLE, STAGES, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces
+from leaflight.core.lights.direct_points import MIDDLE, ReceivingSurfaces, TexelChunk, light_points, random_shift
 from leaflight.core.texels.texel_footprint import TexelLooks
 from leaflight.core.util.geometry import UnitBox
 from scenes import make_scene, sphere_mesh
@@ -35,19 +34,6 @@ def test_first_rays_start_one_in_each_stratum_of_the_texel(count):
     start = chunk.receivers(np.array([0]), 0, count).position
     side = round(count**0.5)
     assert cells(start[:, :2] + 0.5, side, side) == list(range(count))
-
-
-def test_place_on_the_light_is_not_tied_to_place_in_the_texel():
-    texel, light = direct_points._TEXEL_POINTS.astype(float), direct_points._LIGHT_POINTS.astype(float)
-    for first, last in STAGES:
-        tie = np.corrcoef(np.concatenate([texel[:last], light[:last]], axis=1).T)[:2, 2:]
-        assert np.abs(tie).max() < (0.7 if first == 0 else 0.15)
-
-
-def test_stages_join_without_gaps():
-    shift = random_shift(np.random.default_rng(3), 7)
-    joined = np.concatenate([light_points(shift, first, last) for first, last in STAGES])
-    assert np.array_equal(joined, light_points(shift, 0, STAGES[-1][1]))
 
 
 def chunk_at(surfaces: ReceivingSurfaces, tri: np.ndarray, u: float, v: float, flip: bool = False) -> TexelChunk:
@@ -105,10 +91,3 @@ def test_what_comes_from_behind_the_face_or_weighs_nothing_is_not_seen():
     seen = receivers.see(scene.rays, Aim(direction, np.ones(4, np.float32), weight, weight))
     assert seen.share.tolist() == [True, False, True, False]
     assert seen.rays == 2
-
-
-def test_pieces_join_to_the_rows():
-    pieces = row_pieces(np.arange(10_000), 64)
-    assert np.array_equal(np.concatenate(pieces), np.arange(10_000))
-    assert max(map(len, pieces)) * 64 <= 2**15
-    assert row_pieces(np.arange(0), 64) == []

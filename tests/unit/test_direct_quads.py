@@ -5,18 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import prepare_folder
-from floors import morton_square
 from leaflight.core.integrate.direct import DirectLight
 from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.integrate.direct_quads import find_quads, light_by_quads
 from leaflight.core.parallel import executors
 from leaflight.core.scene.scene import Light
-from leaflight.core.texels.quads import find_misfit
-from leaflight.core.texels.split_texels import TexelBorders
 from leaflight.core.texels.texel_footprint import centred_strata
 from leaflight.core.texels.tiles import Tiles
 from leaflight.core.util import ablation
-from leaflight.core.util.brightness import weigh_channels
 from leaflight.core.util.coverage import as_slice
 from leaflight.core.util.settings import Settings
 from scenes import box_mesh, make_scene, moved, quad_mesh
@@ -72,17 +68,6 @@ def test_gentle_light_is_told_by_a_quarter_of_the_looks(texels):
     assert found.irradiance_rgb.dtype == found.variance_rgb.dtype == np.float32
 
 
-def test_a_quad_looks_at_all_of_itself(texels):
-    lamp = Lamp(lambda x, y: np.ones_like(x))
-    light(texels, lamp)
-    texel, place, tiles, crossed, _ = lamp.asked[0]
-    assert crossed is None
-    assert len(tiles) == 12
-    low = texels.texel_xy[texel]
-    np.testing.assert_allclose(place.min(axis=0), low + 0.25)
-    np.testing.assert_allclose(place.max(axis=0), low + 1.75)
-
-
 def test_a_step_is_told_by_texels(texels):
     lamp = Lamp(lambda x, y: np.where(x < 21, 1.0, 2.0))
     found = light(texels, lamp)
@@ -90,43 +75,6 @@ def test_a_step_is_told_by_texels(texels):
     stepped = x // 16 == 1
     np.testing.assert_array_equal(found.by_quads, ~stepped & (x // 16 != y // 16))
     np.testing.assert_allclose(found.irradiance_rgb[:, 0], np.where(x < 21, 1.0, 2.0), rtol=1e-6)
-
-
-def test_where_some_see_through_openings_each_texel_looks_for_itself(texels):
-    """Of four times as many looks smoothing leaves less, and what is noise hides a misfit."""
-    one = np.flatnonzero((texels.texel_xy == (40, 2)).all(axis=1))
-    found = light(texels, Lamp(lambda x, y: np.ones_like(x), few=lambda texel: np.isin(texel, one)))
-    x, y = texels.texel_xy.T
-    np.testing.assert_array_equal(found.by_quads, (x // 16 != y // 16) & ~((x // 16 == 2) & (y // 16 == 0)))
-    np.testing.assert_array_equal(np.flatnonzero(found.by_openings), one)
-
-
-def test_a_step_that_nobody_sees_beside_other_light_is_not(texels):
-    """And what quads leave out of it is stated."""
-    lamp = Lamp(lambda x, y: np.where(x < 21, 1.0, 1.1))
-    assert light(texels, lamp, beside=100.0).by_quads.sum() == 12 * 256
-    found = light(texels, lamp, beside=5.0)
-    x = texels.texel_xy[:, 0]
-    stepped = found.by_quads & (x // 16 == 1)
-    real2 = (found.irradiance_rgb[stepped, 0] - np.where(x[stepped] < 21, 1.0, 1.1)) ** 2
-    assert found.variance_rgb[stepped, 0].mean() > 0.5 * real2.mean() > 0
-    assert found.variance_rgb[~stepped].max() < 1e-9
-
-
-@pytest.mark.parametrize("share", [0.9, 1.1])
-def test_quads_suffice_up_to_the_error_that_is_asked_for(texels, share):
-    """Of all light that is there: with a tenth less of it their misfit is seen, with a tenth more it is not."""
-    column = np.arange(8)[np.newaxis] + np.zeros((8, 1), int)
-    quads = np.where(column < 2, 1.0, np.where(column == 2, 1.05, 1.1))[morton_square(8)[::-1]]  # a step at 21 in the columns from 16 on
-    by_channel = np.array([[1.0, 2.0, 0.0]])
-    misfit = np.sqrt(find_misfit(quads, np.zeros(64))[0] * weigh_channels(by_channel**2)[0])
-    beside = share * misfit / TOLERANCE - quads.mean() * weigh_channels(by_channel)[0]
-    found = light(texels, Lamp(lambda x, y: np.where(x < 21, 1.0, 1.1)), beside=beside)
-    x, y = texels.texel_xy.T
-    stepped = (x // 16 == 1) & (y // 16 != 1)
-    assert beside > 0
-    assert found.by_quads[stepped].all() == (share > 1)
-    assert found.by_quads[stepped].any() == (share > 1)
 
 
 def test_noise_is_told_and_no_misfit(texels):
@@ -138,41 +86,6 @@ def test_noise_is_told_and_no_misfit(texels):
     real2 = (found.irradiance_rgb[by_quads, 0] - 1) ** 2
     assert found.variance_rgb[by_quads, 0].mean() == pytest.approx(real2.mean(), rel=0.15)
     assert (found.variance_rgb[~by_quads, 0] == np.float32(sigma**2)).all()
-
-
-def test_texels_that_see_past_others_look_for_themselves(texels):
-    lamp = Lamp(lambda x, y: np.ones_like(x))
-    chosen = np.flatnonzero((texels.texel_xy == (40, 3)).all(axis=1))
-    found = light(texels, lamp, crossed=chosen)
-    x, y = texels.texel_xy.T
-    np.testing.assert_array_equal(found.by_quads, (x // 16 != y // 16) & ~((x // 16 == 2) & (y // 16 == 0)))
-    texel, _, _, crossed, _ = lamp.asked[1]
-    assert texel[crossed].tolist() == chosen.tolist()
-
-
-def test_nor_is_a_quad_made_of_one_at_the_foot_of_something(texels, monkeypatch):
-    """Which its own square does not reach, but a quad's does."""
-    one, other = (np.flatnonzero((texels.texel_xy == place).all(axis=1)) for place in ((40, 3), (41, 3)))
-    borders = TexelBorders.of(len(texels), np.zeros(1, np.int64), one, other, np.full(1, 0.4))
-    monkeypatch.setitem(texels.__dict__, "borders", borders)
-    found = light(texels, Lamp(lambda x, y: np.ones_like(x)))
-    x, y = texels.texel_xy.T
-    np.testing.assert_array_equal(found.by_quads, (x // 16 != y // 16) & ~((x // 16 == 2) & (y // 16 == 0)))
-
-
-def test_some_texels_are_told_in_their_order(texels):
-    """A large tile of which some are missing is told by texels; each has its own other light."""
-
-    def truth(x, y):
-        return 1 + x / SIDE
-
-    entry = np.arange(100, len(texels) - 70)
-    found = light(texels, Lamp(truth), entry=entry)
-    np.testing.assert_allclose(found.irradiance_rgb[:, 0], truth(texels.texel_xy[entry, 0] + 0.5, 0), rtol=2e-3)
-    assert found.by_quads[:156].sum() == 0
-    assert found.by_quads.any()
-    scattered = entry[::3]
-    assert not light(texels, Lamp(truth), entry=scattered).by_quads.any()
 
 
 def test_small_pages_are_told_by_texels(texels):
@@ -211,17 +124,3 @@ def test_rays_are_fewer_and_the_light_and_its_error_are_the_same(shadow, monkeyp
     told = quads.show(texels, True)
     stated2 = told.variance_at(np.flatnonzero(quads.by_quads)).mean() + max(told.blur2_at(np.flatnonzero(quads.by_quads)).mean(), 0)
     assert 0.6 < np.sqrt(stated2) / (off[0] * level) < 1.7
-
-
-def test_who_is_asked_again_looks_for_himself(shadow):
-    """And is no part of a quad from then on, unless that shot is stopped."""
-    folder, settings, texels = shadow
-    field = DirectField.none(len(texels))
-    field.shoot(folder, settings, executors.InlineExecutor(), range(len(texels)))
-    again, before = np.flatnonzero(field.by_quads)[:600], field.by_quads.copy()
-    assert not field.shoot(folder, settings, executors.InlineExecutor(), again, should_stop=lambda: True)
-    np.testing.assert_array_equal(field.by_quads, before)
-    field.shoot(folder, settings, executors.InlineExecutor(), again)
-    assert not field.by_quads[again].any()
-    before[again] = False
-    np.testing.assert_array_equal(field.by_quads, before)

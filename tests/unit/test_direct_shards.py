@@ -8,12 +8,9 @@ from boxes import lamp_scene, prepare_folder
 from leaflight.core.integrate import direct_shards, texel_shards
 from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.integrate.direct_shards import NOTHING_AHEAD, ShotAhead
-from leaflight.core.integrate.reference_level import ReferenceLevel
 from leaflight.core.parallel import executors, folders
-from leaflight.core.scene.scene import Light
 from leaflight.core.texels.error_metric import DARK_FLOOR
 from leaflight.core.util.settings import Settings
-from scenes import box_mesh, make_scene, moved, quad_mesh
 
 SETTINGS = Settings(size=64, padding=1, workers=1, error=0.2)
 
@@ -76,26 +73,6 @@ def test_shards_sent_ahead_are_not_sent_again_and_have_the_same_light_where_noth
     assert (parted.passes == 1).all()
 
 
-def test_shards_sent_ahead_see_to_shadows_as_if_nothing_else_were_seen(tmp_path, monkeypatch):
-    """On a floor that is all in the half-shadow of slats."""
-    folder, slats = tmp_path, [moved(box_mesh(f"Slat {k}", (0.05, 1.0, 0.02)), (0.1 * k, 0.5, 0.3)) for k in range(11)]
-    lamp = Light("AREA", "Lamp", (0.5, 0.5, 1.0), size_m=(0.5, 0.5), power_rgb=(10.0,) * 3)
-    scene = make_scene([quad_mesh("Floor"), *(replace(slat, receives=False) for slat in slats)], [lamp])
-    n_texel = len(prepare_folder(folder, scene, SETTINGS)[1])
-    monkeypatch.setattr(direct_shards, "SHARD_TEXELS", n_texel // 12)
-    ahead = ShotAhead.send(folder, SETTINGS, executors.InlineExecutor(), n_texel)
-    bright = ReferenceLevel(np.full(n_texel, 1e3, np.float32))
-    fields = [DirectField.none(n_texel) for _ in range(3)]
-    for field, (other, sent) in zip(fields, ((None, NOTHING_AHEAD), (bright, NOTHING_AHEAD), (bright, ahead)), strict=True):
-        field.shoot(folder, SETTINGS, executors.InlineExecutor(), range(n_texel), other=other, ahead=sent)
-    alone, beside, parted = (field.irradiance for field in fields)
-    sent = direct_shards.list_shards(direct_shards.ask_for_direct(folder, SETTINGS, 0, range(n_texel)))[: ahead.count]
-    early = np.isin(np.arange(n_texel), np.concatenate([shard.entries for shard in sent]))
-    assert (alone[early] != beside[early]).any()
-    np.testing.assert_array_equal(parted, np.where(early[:, None], alone, beside))
-    folders.forget_folders()
-
-
 @pytest.mark.parametrize(("error_of", "share"), [("bake", DARK_FLOOR), ("objects", DARK_FLOOR**2)])
 def test_below_a_sky_shards_sent_ahead_know_how_bright_all_is(tmp_path, monkeypatch, error_of, share):
     settings, seen, light_texels = replace(SETTINGS, error_of=error_of), [], texel_shards.light_texels
@@ -111,17 +88,3 @@ def test_below_a_sky_shards_sent_ahead_know_how_bright_all_is(tmp_path, monkeypa
     field.shoot(tmp_path, settings, executors.InlineExecutor(), every)
     assert 0.8 < glance / field.irradiance.mean() < 1.25
     folders.forget_folders()
-
-
-@pytest.mark.parametrize(("count", "ahead"), [(37_339, 1), (541_000, 3), (11_702_608, 3)])
-def test_of_a_large_page_few_shards_are_sent_ahead(count, ahead, tmp_path):
-    """Who waits for them is deaf to a stop."""
-    assert ShotAhead.send(tmp_path, SETTINGS, executors.InlineExecutor(), count).count == ahead
-
-
-@pytest.mark.parametrize("count", [0, 1, 4])
-def test_of_few_shards_none_is_sent_ahead(count, tmp_path):
-    """Others would have to wait for it."""
-    ahead = ShotAhead.send(tmp_path, SETTINGS, executors.InlineExecutor(), count * direct_shards.SHARD_TEXELS)
-    assert ahead.count == 0
-    assert ahead.wait() == []

@@ -8,14 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import floor_looks, floor_tiles, lit_scene, morton_square, prepare, sigma_limit, to_grid
-from leaflight.core.integrate import direct
 from leaflight.core.integrate.direct import DirectLight, direct_irradiance
 from leaflight.core.integrate.direct_tiles import look_from_tiles
 from leaflight.core.lights.direct_points import TexelChunk
 from leaflight.core.lights.direct_sources import make_lamps
-from leaflight.core.lights.stratified_choice import Demand
 from leaflight.core.scene.scene import Light, SceneSnapshot
-from leaflight.core.texels.tiles import TILE_TEXELS, Tiles
+from leaflight.core.texels.tiles import Tiles
 from leaflight.core.util.geometry import UnitBox
 from scenes import box_mesh, moved, quad_mesh
 
@@ -61,14 +59,6 @@ class TestClosedForms:
         assert told[floor_tiles(SIDE).texels()].mean() > 0.8
         off = (found.irradiance_rgb - exact)[told, 0]
         assert 0.2 < np.sqrt((off**2).mean() / found.variance_rgb[told, 0].mean()) < 2.0
-
-    def test_what_chunks_count_is_added_up(self, monkeypatch):
-        scene = lit_scene([box_mesh("Block", (0.5, 0.5, 0.02), (0.5, 0.5, 0.3))], [PANEL])
-        whole = light_floor(scene, tolerance=0.01)
-        monkeypatch.setattr(direct, "MOST_TEXELS", SIDE**2 // 4)
-        found = light_floor(scene, tolerance=0.01)
-        assert found.counters["pairs"] == whole.counters["pairs"] == SIDE**2
-        assert 0 < whole.counters["settled"] <= SIDE**2 - whole.counters["out_of_reach"]
 
     def test_near_a_light_they_tell_nothing(self):
         near = replace(BULB, position_m=(0.3, 0.4, 0.02))
@@ -134,27 +124,6 @@ class TestShadows:
         noise = math.sqrt(shared.var() / len(shared) + alone.var() / len(alone))
         assert noise < 0.05 * alone.mean()
         assert abs(shared.mean() - alone.mean()) < sigma_limit(1) * noise
-
-    def test_a_tile_that_follows_its_first_texel_is_not_one_that_looks_by_itself(self, monkeypatch):
-        """All its texels have that one's share, which is no sign that light is gentle there: it goes on looking for the others."""
-        monkeypatch.setattr(direct, "random_shift", lambda rng, count: np.zeros((count, 2), np.uint32))  # the first is chosen everywhere
-        scene = prepare(lit_scene([box_mesh("Block", (0.5, 0.5, 0.02), (0.5, 0.5, 0.05))], [PANEL]))[0]
-        chunk = TexelChunk(floor_looks(SIDE)(np.arange(SIDE**2)), np.zeros((SIDE**2, 2), np.uint32), scene.surfaces, False)
-        demand = Demand(0.01, flat=floor_tiles(SIDE), smoothed=floor_tiles(SIDE).texels())
-        looking = direct._LookingChunk(scene, chunk, demand, np.zeros(SIDE**2, np.float32), np.random.default_rng(1))
-        looking._look_first(scene.sources[0])
-        (tally,) = looking._tallies
-        followers = tally.rows[~tally.leads]
-        followed = tally.rows[tally._leader[~tally.leads]]
-        assert (followed == followers // TILE_TEXELS * TILE_TEXELS).all()
-        assert len(followers)
-        assert len(tally._tiles)
-        assert tally.leads[tally._tiles].all()
-        sent, add = [], direct.Tally.add
-        monkeypatch.setattr(direct.Tally, "add", lambda self, *given: sent.append(self.leads[given[2]]) or add(self, *given))
-        direct._LookingChunk(scene, chunk, demand, np.zeros(SIDE**2, np.float32), np.random.default_rng(1)).find_light()
-        assert sent
-        assert all(leads.all() for leads in sent), "nobody sends rays whose share another one tells"
 
 
 class TestGentleLight:

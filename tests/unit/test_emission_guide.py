@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from leaflight.core.transport import emission_guide
-from leaflight.core.transport.emission_cells import BINS, DIMENSIONS, SLICES
+from leaflight.core.transport.emission_cells import DIMENSIONS, SLICES
 from leaflight.core.transport.emission_guide import EVEN_SHARE, BirthTally, EmissionGuide
-from leaflight.core.transport.photon_log import Groups
 
 ONE = np.ones(1)
 EVERYWHERE = np.ones(SLICES)
@@ -51,16 +49,6 @@ def test_a_cell_is_cut_where_parts_differ_and_the_better_part_has_more():
     np.testing.assert_allclose(guided_part(cells), [0.5, 0.5], rtol=1e-3)
 
 
-def test_a_window_in_the_middle_is_found_along_both_axes():
-    """Halves would be alike. What is known along one axis is known of both parts, so that one round is enough."""
-    window = np.array([1, 1, 1, 100, 100, 1, 1, 1])
-    cells = tell(EmissionGuide.of(ONE), 1e7, along_each(window, EVERYWHERE, window)).plan()
-    seen = (np.abs(cells.low + cells.side / 2 - 0.5) < 1 / 8)[:, [0, 2]].all(1)
-    assert cells.natural[seen].sum() <= 1 / 16
-    best = 100 / (100 + 2 * 3 * 10 + 9)  # by the roots of noise: 1 / 16 of births, 6 / 16 beside, 9 / 16 in the corners
-    assert 0.75 * best < guided_part(cells)[seen].sum() < best
-
-
 def test_what_takes_more_rays_has_fewer_births():
     guide = tell(EmissionGuide.of(np.array([0.5, 0.5])), 1e7, 1.0, rays=[1.0, 16.0])
     np.testing.assert_allclose(guided_part(guide.plan()), [0.8, 0.2], rtol=1e-3)
@@ -85,37 +73,6 @@ def test_cells_tile_the_numbers_however_often_they_are_cut():
         assert (inside[:, cells.emitter == emitter].sum(1) == 1).all()
 
 
-def test_what_was_told_stays_with_the_part_that_told_it():
-    guide = tell(EmissionGuide.of(ONE), 8e6, along_each([9, 9, 1, 1, 1, 1, 1, 1]))
-    guide.plan()
-    for sums, parts in ((guide.births, [2e6, 6e6]), (guide.noise / guide.noise[1, 0].sum() * 6e6, [18e6, 6e6])):
-        np.testing.assert_allclose(sums.sum(2), np.repeat(parts, DIMENSIONS).reshape(2, -1), rtol=1e-12)
-        np.testing.assert_allclose(sums, np.broadcast_to(sums.mean(2, keepdims=True), sums.shape), rtol=1e-12)
-
-
-def test_what_photons_carry_does_not_count_as_what_they_tell():
-    """Twice as many births in a cell carry half as much each: a quarter of the noise, of a place that is worth the same."""
-    guide = tell(EmissionGuide.of(np.array([0.5, 0.5])), 1e7, [9.0, 1.0])
-    before = guide.plan()
-    tell(guide, 1e7, 5.0 * np.array([9.0, 1.0]) * (before.natural / before.share) ** 2)
-    after = guide.plan()
-    np.testing.assert_allclose(after.share, before.share, rtol=1e-3)
-
-
-def test_rounds_count_by_their_births_whatever_their_light_is_worth():
-    guide = tell(EmissionGuide.of(np.array([0.5, 0.5])), 1e7, [9.0, 1.0])
-    before = guide.plan()
-    carried = (before.natural / before.share) ** 2
-    after = tell(guide, 1e7, 1e9 * np.array([1.0, 9.0]) * carried).plan()
-    np.testing.assert_allclose(after.share, 0.5, rtol=1e-3)
-
-
-def test_a_cell_without_noise_is_not_cut():
-    """As little as it is thought to have, neither part has less."""
-    guide = tell(EmissionGuide.of(np.array([0.9, 0.1])), 2000.0, [0.0, 1.0])
-    assert len(guide.plan()) == 2
-
-
 def test_few_births_tell_little():
     for births, least, most in ((10.0, 1.0, 1.3), (1e7, 2.9, 3.1)):
         share = guided_part(tell(EmissionGuide.of(np.array([0.5, 0.5])), births, [9.0, 1.0]).plan())
@@ -123,22 +80,3 @@ def test_few_births_tell_little():
         share = guided_part(tell(EmissionGuide.of(np.array([0.5, 0.5])), births, 1.0, rays=[1.0, 9.0]).plan())
         assert least < share[0] / share[1] < most
     assert len(tell(EmissionGuide.of(ONE), 1000.0, along_each([9, 9, 1, 1, 1, 1, 1, 1])).plan()) == 1  # too few to cut by
-
-
-def test_cells_have_a_greatest_number(monkeypatch):
-    profile = np.random.default_rng(1).pareto(0.7, (DIMENSIONS, SLICES))
-    for most in (5, 10**6):
-        monkeypatch.setattr(emission_guide, "MOST_CELLS", most)
-        cells = tell(EmissionGuide.of(ONE), 1e7, along_each(*profile)).plan()
-        assert len(cells) == 5 if most == 5 else len(cells) > 5
-
-
-def test_births_are_summed_by_cell_and_slice():
-    second = BINS + 3 + 5 * SLICES  # of the second cell: slice 3 along the first axis, 5 along the second
-    alone = np.ones(4, np.float32)
-    groups = Groups(np.int32([7, second, 7, 7]), alone, np.array([4, 1, 2, 1]), np.zeros(0, np.int32))
-    tally = BirthTally.of(groups, np.array([0.5, 3.0, 0.25, 0.0]), 3)
-    for sums, first, other in ((tally.births, 3, 1), (tally.rays, 7, 1), (tally.noise, 0.75, 3)):
-        assert sums.shape == (3, DIMENSIONS, SLICES)
-        assert (sums.sum(2) == np.array([first, other, 0])[:, None]).all()
-        assert [sums[0, 0, 7], sums[0, 1, 0], sums[1, 0, 3], sums[1, 1, 5]] == [first, first, other, other]

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from leaflight.core.lights import emitting_cells
 from leaflight.core.lights.emitting_cells import EmittingCells, find_emitting_cells
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.scene import Material, SceneSnapshot, TextureImage
@@ -54,20 +53,6 @@ def test_every_star_has_its_cell(closest):
     assert mean == pytest.approx(4 * scene.images[0].pixels.mean(dtype=np.float64), rel=0.03)
     assert deviation < mean
     assert len(cells_of(scene).tri) < 40_000
-
-
-def test_no_cell_that_shines_counts_as_black(monkeypatch):
-    """Of a line beyond its border half a texel shines into a cell that is black else, and that there is no room to cut."""
-    pixels = np.zeros((1024, 1024, 3), np.float32)
-    pixels[::64] = pixels[:, ::64] = 1
-    monkeypatch.setattr(emitting_cells, "_MAX_CELLS", 2 * 64**2)
-    scene = screen(pixels)
-    cells, rng = cells_of(scene), np.random.default_rng(4)
-    cell = rng.integers(0, len(cells.tri), 100_000)
-    tri, barycentric = cells.place(cell, rng.random((len(cell), 2)))
-    shines = SurfaceMaterials(scene).emission_at(tri, barycentric[:, 0], barycentric[:, 1])[:, 0] > 0
-    assert 0.02 < shines.mean() < 0.2
-    assert (cells.mean_rgb[cell[shines]] > 0).all()
 
 
 def test_cells_tile_their_triangles():

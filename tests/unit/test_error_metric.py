@@ -1,12 +1,11 @@
 """Whose error is asked for: the whole's, or that of each object beside its own brightness."""
 
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from leaflight.core.texels import error_metric
-from leaflight.core.texels.error_metric import DARK_FLOOR, ErrorMetric, Parts, choose_lit, find_dark2
+from leaflight.core.texels.error_metric import DARK_FLOOR, ErrorMetric, Parts
 from trees import make_map
 
 SIDE = 64  # texels
@@ -39,15 +38,6 @@ def test_each_object_is_asked_as_much_as_another():
     for thing, rows in each.objects.items():
         assert rows.tolist() == each.groups[thing].tolist()
         assert (each.entry_group[each.entry[rows]] == thing).all()
-
-
-def test_of_many_objects_fewer_texels_are_asked_of_each():
-    counts = []
-    for columns in (64, 8):
-        texels, tri_object = strips_map(*[columns] * (256 // columns), side=256)
-        counts.append({len(rows) for rows in ErrorMetric.of("objects", texels, tri_object).groups})
-    (of_few,), (of_many,) = counts
-    assert of_many == of_few / 2
 
 
 @pytest.mark.parametrize(("rows", "groups"), [(32, [0, 1, 2]), (31, [0, 1, 1]), (15, [0, -1, -1])])
@@ -97,40 +87,3 @@ def test_parts_that_err_more_weigh_more_and_large_ones_no_more_than_small_ones()
     assert weight == pytest.approx([1.0, 1.0, 1 / 16, 1e4])
     assert parts.weigh(np.array([0.1, 0.1, 1e-9, np.nan]), wanted=0.1)[2:] == pytest.approx([1e-4, 1e-4])
     assert Parts.whole(3, 1.0).weigh(np.array([0.3]), wanted=0.1).tolist() == [1.0]
-
-
-def test_what_is_said_of_objects_is_asked_of_their_texels():
-    texels, tri_object = strips_map(40, 24)
-    whole = ErrorMetric.of("bake", texels, tri_object)
-    assert whole.judge_objects(lambda rows: float(len(rows))) == {0: 40.0 * SIDE, 1: 24.0 * SIDE}
-
-
-def test_texels_asked_are_shown_ones_whose_centres_are_covered_if_there_are_any():
-    """All of them, or of many some that are spread over them."""
-    rng = np.random.default_rng(3)
-    for count in (5000, 200_000):
-        texels = SimpleNamespace(shown=rng.random(count) < 0.8, is_central=rng.random(count) < 0.7)
-        fit, asked = np.flatnonzero(texels.shown & texels.is_central), error_metric.choose_sample(texels)
-        if count == 5000:
-            assert asked.tolist() == fit.tolist()
-            texels.shown[:] = False
-            assert error_metric.choose_sample(texels).tolist() == list(range(count))
-    place = np.searchsorted(fit, asked)
-    assert (fit[place] == asked).all()
-    assert 5000 < len(asked) < len(fit) / 10
-    assert 0 < np.diff(place).min() < np.diff(place).max() < 3 * len(fit) / len(asked)
-
-
-def test_lit_texels_are_chosen_and_all_where_none_is():
-    rows, lit = np.array([1, 2, 4]), np.array([True, False, True, True, True])
-    assert choose_lit(rows, lit).tolist() == [2, 4]
-    assert choose_lit(rows, np.zeros(5, bool)).tolist() == [1, 2, 4]
-    light = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    assert find_dark2(light, 0.0) == np.float32(DARK_FLOOR) ** 2
-    assert find_dark2(light, 2.0) == np.float32(2.0 * DARK_FLOOR) ** 2
-
-
-def test_a_share_of_the_whole_is_one_of_its_texels_however_large_they_are():
-    whole = ErrorMetric(np.arange(4), np.array([9.0, 1.0, 1.0, 1.0]), {}, [np.arange(4)])
-    assert whole.find_share(np.array([True, False, False, False])) == 0.25
-    assert whole.find_share(np.zeros(4, bool)) == 1.0

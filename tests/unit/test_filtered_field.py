@@ -129,34 +129,6 @@ def test_light_is_smoothed_where_it_has_grain_and_told_as_it_is_elsewhere(texels
         assert (found[x < 20] != given[x < 20]).mean() > 0.99
 
 
-def test_some_texels_are_told_as_all_of_them_are(texels):
-    """In any order, before the first that was smoothed and after the last; and what was found stays as it was."""
-    noisy, variance, _ = show(texels, np.ones((SIDE * SIDE, 3)), 0.1)
-    y = texels.texel_xy[:, 1]
-    variance[(y < 8) | (y >= 56)] = 1e-8
-    shown = FilteredField.begin_smoothing(noisy, variance, texels)()
-    every, before = np.arange(SIDE * SIDE), noisy.copy()
-    assert 0 < shown.entry[0] < shown.entry[-1] < SIDE * SIDE - 1
-    assert (np.diff(shown.entry) > 0).all()
-    some = np.random.default_rng(1).permutation(every)[:500]
-    for at in (shown.irradiance_at, shown.variance_at, shown.blur2_at):
-        np.testing.assert_array_equal(at(some), at(every)[some])
-        assert at(some[:0]).shape == (0, 3)
-    np.testing.assert_array_equal(shown.irradiance_at(every), shown.irradiance)
-    np.testing.assert_array_equal(shown.irradiance[shown.entry], shown.smooth)
-    assert shown.total_light == pytest.approx(shown.irradiance.sum(dtype=float), rel=1e-12)
-    np.testing.assert_array_equal(noisy, before)
-
-
-def test_light_with_little_noise_is_shown_as_it_is(texels):
-    noisy, variance, shown = show(texels, np.ones((SIDE * SIDE, 3)), 0.001)
-    every = np.arange(SIDE * SIDE)
-    assert shown.irradiance is noisy
-    np.testing.assert_array_equal(shown.variance_at(every), variance)
-    assert not shown.blur2_at(every).any()
-    assert shown.total_light == noisy.sum(dtype=float)
-
-
 def test_the_less_error_is_asked_for_the_less_noise_is_left_as_it_is(texels):
     noisy, variance, _ = show(texels, np.ones((SIDE * SIDE, 3)), 0.01)
     smoothed = []
@@ -166,25 +138,3 @@ def test_the_less_error_is_asked_for_the_less_noise_is_left_as_it_is(texels):
         smoothed.append(len(field.show(texels, smooth=True).entry))
     assert smoothed == [0, 0, SIDE * SIDE, SIDE * SIDE]
     assert find_grain(1.0) == find_grain(0.02) == 4 * find_grain(0.005) == GRAIN
-
-
-def test_a_field_smooths_once_for_each_shot(texels):
-    noisy, variance, shown = show(texels, np.ones((SIDE * SIDE, 3)), 0.1)
-    field = DirectField(noisy, variance, np.ones(len(noisy), np.int16))
-    first = field.show(texels, smooth=True)
-    assert field.show(texels, smooth=True) is first
-    np.testing.assert_array_equal(first.irradiance, shown.irradiance)
-    assert field.show(texels, smooth=False).irradiance is noisy
-
-
-def test_who_asks_last_may_have_the_fields_own_memory(texels):
-    noisy, variance, shown = show(texels, np.ones((SIDE * SIDE, 3)), 0.1)
-    field, before = DirectField(noisy, variance, np.ones(len(noisy), np.int16)), noisy.copy()
-    apart = field.take_shown(texels, smooth=True)
-    np.testing.assert_array_equal(noisy, before)
-    in_place = field.take_shown(texels, smooth=True, in_place=True)
-    assert in_place is noisy
-    for found in (apart, in_place):
-        np.testing.assert_array_equal(found, shown.irradiance)
-    assert field.show(texels, smooth=True).found is noisy  # what was smoothed before is not shown again
-    assert (field.show(texels, smooth=True).smooth != shown.smooth).any()

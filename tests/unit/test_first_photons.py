@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from concurrent.futures import Future
 
 import numpy as np
 import pytest
@@ -50,13 +49,6 @@ def test_a_round_of_them_is_the_round_without(tmp_path, awake, direct):
     assert sums[0] == sums[1]
 
 
-def test_who_has_no_process_to_spare_traces_them_later(tmp_path):
-    assert not FirstPhotons.send(tmp_path, SETTINGS, executors.InlineExecutor()).sent
-    with executors.LocalExecutor(2) as asleep:
-        assert not FirstPhotons.send(tmp_path, SETTINGS, asleep).sent
-    assert FirstPhotons().take(shard_of(0, 0, 10)) == shard_of(0, 0, 10)
-
-
 def shard_of(round_, number, photons, **others):
     return PhotonShard(
         tracing="", view="", seed=0, round=round_, shard=number, photons=photons, max_depth=9, degree=1, skip_first=True, **others
@@ -81,47 +73,6 @@ def test_the_second_round_is_the_same_and_tells_the_third_the_same(tmp_path, awa
         told.append((solver.reading.solution.coefficient.tobytes(), splitting.factor.tobytes(), weight, solver.ledger.rays))
         folders.forget_folders()
     assert told[0] == told[1]
-
-
-def test_it_is_not_sent_ahead_where_it_may_turn_out_smaller(tmp_path, awake):
-    def count(**others):
-        sent = FirstPhotons.send(tmp_path, Settings(size=32, **others), awake).sent.values()
-        for _, traced in sent:
-            traced.cancel()
-        return sum(shard.photons for shard, _ in sent)
-
-    first, second = rounds.AHEAD_PHOTONS
-    enough = rounds.MOST_FIRST_PHOTONS + second
-    assert count(max_photons=enough) == first + second
-    assert count(max_photons=enough - 1) == first
-    assert count(max_photons=enough, direct="photons") == first
-
-
-def test_shards_that_turn_out_otherwise_are_traced_when_they_are_known():
-    done = Future()
-    done.set_result(True)
-    first = FirstPhotons({(1, 0): (shard_of(1, 0, 100, hits="there"), done)})
-    assert first.take(shard_of(1, 0, 100)).hits == "there"
-    for other in (shard_of(1, 0, 101), shard_of(1, 1, 100), shard_of(0, 0, 100), shard_of(1, 0, 100, weight=1.5)):
-        assert first.take(other) == other
-
-
-@pytest.mark.parametrize("round_", [0, 1])
-def test_what_trees_ask_for_beyond_them_is_traced_with_the_round(round_):
-    photons = rounds.count_ahead(round_, by_rays=True)
-    ahead = rounds.share_photons(photons)
-    assert rounds.share_photons(photons, photons) == ahead
-    shares = rounds.share_photons(2 * photons + 3, photons)
-    assert shares[: len(ahead)] == ahead
-    assert sum(shares) == 2 * photons + 3
-    assert sum(shares[::2]) - sum(shares[1::2]) == 1
-    assert rounds.share_photons(2 * photons + 3) != shares
-
-
-def test_photons_alone_have_the_first_round_ahead_only():
-    counts = [[rounds.count_ahead(round_, by_rays) for round_ in range(4)] for by_rays in (True, False)]
-    first, second = rounds.AHEAD_PHOTONS
-    assert counts == [[first, second, 0, 0], [first, 0, 0, 0]]
 
 
 def test_what_goes_wrong_there_is_told_where_they_are_taken(tmp_path, awake):

@@ -7,14 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh
-from leaflight.core.bake.solve import TRACING
 from leaflight.core.bake.stop_rules import StopRules
 from leaflight.core.integrate import direct_shards, texel_light, texel_shards
-from leaflight.core.integrate.gather import GatheredLight, KnownLight
 from leaflight.core.integrate.gathered import GatheredField
 from leaflight.core.parallel import executors
 from leaflight.core.scene.scene import Light, Material
-from leaflight.core.util.messages import Progress, Status
 from leaflight.core.util.settings import Settings
 from scenes import box_mesh, make_scene
 
@@ -108,32 +105,12 @@ def test_what_more_rays_have_gathered_stays_where_they_are_stopped(tmp_path, mon
     assert np.isfinite(texel_light.light_at_texels(light, solver.tracing.texels).indirect).all()
 
 
-def test_it_is_known_how_far_what_was_gathered_was_off(tmp_path, monkeypatch):
-    """A fifth of that goes on; rays that are sent again change nothing of it."""
-    light, solver, _ = halt(tmp_path, monkeypatch, 10**6, error=0.01)
-    assert 0.01 < light.gathered.known_error <= 0.025
-    shown = light.gathered.show_gathered(solver.tracing.texels, True)
-    assert shown.carried2 == pytest.approx((light.gathered.known_error / 5) ** 2)
-    assert light.error**2 > shown.carried2
-
-
 @pytest.mark.slow
 def test_gathered_light_is_smoothed_as_fits_the_error_asked_for(tmp_path, monkeypatch):
     light, solver, _ = halt(tmp_path, monkeypatch, 10**6, error=0.004)
     texels, found = solver.tracing.texels, light.gathered
     plain = GatheredField(found.irradiance, found.variance, found.passes, doubt=found.doubt, repeats=found.repeats)
     assert len(found.show(texels, True).entry) > len(plain.show(texels, True).entry)
-
-
-def test_gathering_tells_how_far_it_is_and_then_that_photons_fly(tmp_path, monkeypatch):
-    monkeypatch.setattr("leaflight.core.util.progress.SECONDS_BETWEEN_WORDS", -1.0)
-    told = []
-    _, solver, _ = halt(tmp_path, monkeypatch, 10**6, tell=told.append, error=0.01)  # one pass
-    count = len(solver.tracing.texels)
-    shares = [1 - start / count for start in direct_shards.cut_into_shards(count)[-2::-1]]
-    words = [Status("photons", f"Indirect light, {share:.0%}", share) for share in shares]
-    kinds = [message if isinstance(message, Status) else type(message) for message in told]
-    assert kinds == [Progress, *words, TRACING, Progress]
 
 
 def test_texels_that_nothing_was_gathered_of_keep_the_light_of_the_leaves(gathered):
@@ -150,49 +127,6 @@ def test_texels_that_nothing_was_gathered_of_keep_the_light_of_the_leaves(gather
     assert np.array_equal(mixed[told], whole[told])
     assert np.array_equal(mixed[~told], of_leaves[~told])
     assert not np.array_equal(whole[~told], of_leaves[~told])
-
-
-def test_doubt_is_the_mean_of_a_block():
-    """Halves of the photons that differ all over a block are in doubt, those that differ by chance are not."""
-    field = GatheredField.none(128)
-    field.doubt[:64] = 0.5
-    field.doubt[64:] = np.tile([0.5, -0.5], 32)
-    shown = field.show_gathered(None, smooth=False)
-    assert shown.doubt2[:64] == pytest.approx(0.25)
-    assert shown.doubt2[64:] == pytest.approx(0.0)
-
-
-class Teller(executors.InlineExecutor):
-    """Stands in for who gathers: `light` says of the texels of a shard and its turn."""
-
-    def __init__(self, light):
-        super().__init__()
-        self.light = light
-
-    def submit(self, fn, /, *args, **kwargs):
-        return super().submit(lambda shard: self.light(shard.texels, shard.turn), *args)
-
-
-def test_estimates_are_averaged(tmp_path):
-    field, every = GatheredField.none(70), np.arange(70)
-    none = np.zeros(70, np.float32)
-    known = KnownLight(np.zeros((3, 70), np.float32), np.zeros((70, 3), np.float32), none, np.zeros((3, 1), np.float32), none[:1])
-
-    def tell(texels, turn):
-        light = np.full((len(texels), 3), 1.0 + turn**2, np.float32)  # 1, 2, 5
-        return GatheredLight(light, light, -light[:, 0], {"rays": len(texels)})
-
-    for texels in (every, every, every[60:]):
-        assert field.gather(tmp_path, SETTINGS, Teller(tell), texels, known)
-    assert field.passes.tolist() == [2] * 60 + [3] * 10
-    mean = np.array([1.5] * 60 + [8 / 3] * 10)
-    np.testing.assert_allclose(field.irradiance, mean[:, None] * np.ones(3), rtol=1e-6)
-    np.testing.assert_allclose(field.variance[:, 0], [3 / 4] * 60 + [8 / 9] * 10, rtol=1e-6)
-    np.testing.assert_allclose(field.doubt, -mean, rtol=1e-6)
-    assert field.counters == {"rays": 150}
-    shown = field.show_gathered(None, smooth=False)
-    assert shown.told.all()
-    np.testing.assert_allclose(shown.doubt2[[0, 69]], [(mean[:64].mean()) ** 2, (8 / 3) ** 2], rtol=1e-5)
 
 
 def test_a_thing_without_a_lightmap_sends_as_much_as_with_one(tmp_path):

@@ -57,7 +57,10 @@ def replace_bake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[s
             "import json, os, signal, sys, time\ndef tell(kind, **fields):\n    print(json.dumps({'kind': kind, **fields}), flush=True)\n"
         )
         boot.write_text(head + lines, encoding="utf-8")
-        monkeypatch.setattr(job, "_BOOT", boot)
+        own, popen = str(Path(job.__file__).with_name("boot.py")), subprocess.Popen
+        monkeypatch.setattr(
+            job.subprocess, "Popen", lambda words, **options: popen([str(boot) if word == own else word for word in words], **options)
+        )
 
     return replace_by
 
@@ -71,19 +74,6 @@ def dummy(tmp_path: Path, replace_bake: Callable[[str], None]) -> Callable[..., 
         return BakeProcess(tmp_path, **options)
 
     return start_dummy
-
-
-@pytest.fixture
-def no_copies(replace_bake: Callable[[str], None]) -> None:
-    """Has bakes go on as where nobody tells that a process has no threads, so that it cannot be copied."""
-    boot = Path(job.__file__).with_name("boot.py")
-    replace_bake(
-        f"import pathlib, runpy\nmain = runpy.run_path({str(boot)!r}, run_name='boot')['main']\n"
-        "if __name__ == '__main__':\n"
-        "    sys.path += json.loads((pathlib.Path(sys.argv[1]) / 'sys_path.json').read_text())\n"
-        "    from leaflight.core.parallel import executors\n    executors.is_alone = lambda: False\n"
-        "    sys.exit(main(pathlib.Path(sys.argv[1])))\n"
-    )
 
 
 def find_descendants(pid: int) -> list[int]:
@@ -111,10 +101,6 @@ def find_inode(path: Path) -> int:
         return path.stat().st_ino
     except FileNotFoundError:
         return 0
-
-
-def has_loaded(pid: int, library: str) -> bool:
-    return library in Path(f"/proc/{pid}/maps").read_text()
 
 
 def run_to(process: BakeProcess, kind: type[Message]) -> Message:
@@ -268,20 +254,6 @@ def test_what_is_lacking_is_named(dummy, reason, sentence):
     assert sentence in error.text
 
 
-def test_the_process_keeps_what_it_frees(dummy):
-    """Before anything is baked."""
-    boot = Path(job.__file__).with_name("boot.py")
-    process = dummy(
-        f"import pathlib, runpy\nmain = runpy.run_path({str(boot)!r}, run_name='boot')['main']\n"
-        "from leaflight.core.bake import bake\nfrom leaflight.core.util import malloc_tuning\nasked = []\n"
-        "malloc_tuning.keep_freed_memory = lambda **how: asked.append(how)\n"
-        "def fail(*_): raise ValueError(f'asked {asked}')\n"
-        "bake.run_bake = fail\nsys.exit(main(pathlib.Path(sys.argv[1])))\n"
-    )
-    *_, error = process.messages()
-    assert error.text == "asked [{'whole': True}]"
-
-
 @needs_proc
 def test_numpy_starts_no_threads_of_its_own(dummy):
     process = dummy(
@@ -380,14 +352,6 @@ def test_the_result_may_be_read_before_the_child_ends(dummy, tmp_path):
     assert (tmp_path / "put_away").exists()
 
 
-def test_a_child_that_does_not_end_after_its_last_message_is_killed(dummy, monkeypatch):
-    monkeypatch.setattr(job, "_PATIENCE_S", 0.1)
-    process = dummy("tell('DONE', result='', interrupted=False); time.sleep(600)")
-    run_to(process, Done)
-    process.close()
-    assert process._process.returncode == -signal.SIGKILL
-
-
 def test_who_has_the_result_lets_the_child_end_in_good_order(replace_bake, tmp_path):
     """And who leaves before there is one does not wait for it."""
     replace_bake(f"tell('DONE', result='', interrupted=False); time.sleep(0.3); open({str(tmp_path / 'put_away')!r}, 'w')")
@@ -445,63 +409,6 @@ def test_a_bake_begins_when_its_messages_are_asked_for(open_image_io):
         *_, last = process.messages()
         assert isinstance(last, Done)
     assert not process.folder.exists()
-
-
-@needs_proc
-@pytest.mark.skipif(os.cpu_count() == 1, reason="one processor has one process")
-@pytest.mark.parametrize("copied", [True, False])
-def test_workers_and_libraries_are_there_ahead_where_the_job_is_long_in_coming(request, copied):
-    if not copied:
-        request.getfixturevalue("no_copies")
-
-    def find_workers() -> list[int]:
-        return [pid for pid in find_descendants(process._process.pid) if is_worker(pid)]
-
-    with job.open_bake(()) as process:
-        limit = time.monotonic() + PATIENCE_S
-        while not find_workers() and time.monotonic() < limit:
-            time.sleep(0.02)
-        started = find_workers()
-        assert started
-        assert all(is_copy(pid) == copied for pid in started)
-        wanted = [(process._process.pid, "embree"), (process._process.pid, "OpenImageIO"), *((pid, "embree") for pid in started)]
-        while not all(has_loaded(*one) for one in wanted) and time.monotonic() < limit:
-            time.sleep(0.02)
-        assert [one for one in wanted if not has_loaded(*one)] == []
-    assert wait_for_end(started) == []
-
-
-@needs_proc
-@pytest.mark.skipif(count_usable() == 1, reason="one processor has one process")
-def test_workers_are_copies_which_are_there_where_the_job_is_there_at_once(start):
-    """All that they need was loaded before: they are in the way of nothing, and trace while charts are unwrapped."""
-    process = start(replace(ENDLESS, workers=0))
-    messages = process.messages()
-    next(message for message in messages if getattr(message, "stage", "") == "charts")
-    copies = [pid for pid in find_descendants(process._process.pid) if is_copy(pid)]
-    assert len(copies) == count_usable() - 1
-    assert all(has_loaded(pid, "embree") for pid in copies)
-    next(message for message in messages if isinstance(message, Progress))
-    assert [pid for pid in find_descendants(process._process.pid) if is_worker(pid)] == copies, "nor was another started"
-
-
-@needs_proc
-def test_others_keep_out_of_the_way_of_unwrapping_where_the_job_is_there_at_once(start, no_copies):
-    """They have everything to load. Seen where this process hears of unwrapping while it goes on: on a busy machine it may be over by
-    then.
-    """
-    for _ in range(3):
-        process, workers = start(replace(ENDLESS, workers=0)), {}
-        for message in process.messages():
-            found = [pid for pid in find_descendants(process._process.pid) if is_worker(pid)]
-            workers[type(message), getattr(message, "stage", "")] = found
-            if isinstance(message, Progress):
-                break
-        assert len(workers[Progress, ""]) == count_usable() - 1
-        process.kill()
-        if not workers[Status, "charts"]:
-            return
-    pytest.fail("a worker was there whenever unwrapping was heard of")
 
 
 @needs_proc

@@ -1,14 +1,13 @@
 """Shards of photons: pure functions, whoever runs them, and sums of what they bring."""
 
-import pickle
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from boxes import lamp_scene, make_solver, room_mesh, to_bytes
+from boxes import lamp_scene, make_solver, to_bytes
 from leaflight.core.bake import photon_shards
-from leaflight.core.bake.photon_shards import PhotonResult, PhotonShard, trace_ahead, trace_photons
+from leaflight.core.bake.photon_shards import PhotonShard, trace_ahead, trace_photons
 from leaflight.core.parallel import folders, shared_arrays
 from leaflight.core.radiosity.splitting_guide import Splitting
 from leaflight.core.radiosity.tree_view import TreeView
@@ -95,40 +94,6 @@ def test_photons_part_as_their_view_says(photon_shard):
         assert result.births is None
 
 
-def test_photons_that_go_alone_tell_of_their_births_too(photon_shard):
-    """... and as many arrive, wherever most are born."""
-    shard = replace(photon_shard, photons=100_000, guided=True)
-    n_object, n_node = len(traced_scene.open_tracing(shard.tracing).snapshot.objects), len(photon_shards.open_view(shard.view).centre)
-    low, side = np.zeros((2, 4), np.float32), np.ones((2, 4), np.float32)
-    low[1, 1], side[:, 1] = 0.5, 0.5
-    cells = BirthCells(np.zeros(2, np.int32), low, side, np.array([0.5, 0.5]), np.array([0.2, 0.8]))
-    told = Splitting(np.ones(n_object + n_node, np.float32), np.ones((3, n_node)), cells)
-    shared_arrays.save_struct(Path(shard.view) / photon_shards.SPLITTING_FOLDER, told)
-    result, plain = trace_photons(shard), trace_photons(replace(shard, guided=False))
-    assert result.splitting is None
-    np.testing.assert_allclose(result.births.births[:, 0].sum(1), [0.2 * shard.photons, 0.8 * shard.photons], atol=1)
-    assert result.births.rays[:, 0].sum() == result.counters.rays
-    assert result.births.noise[:, 0].sum() == pytest.approx(result.tally.weight2.sum(), rel=1e-5)
-    np.testing.assert_allclose(result.tally.raw[0, :, 0].sum(-1), plain.tally.raw[0, :, 0].sum(-1), rtol=0.02)
-
-
-def test_groups_are_told_of_where_they_parted(tmp_path):
-    """On the nodes of the floor, and on the block, which has no lightmap: in number and in what their light is worth."""
-    scene, n_birth = lamp_scene(), 4000
-    bare = replace(
-        scene, objects=(scene.objects[0], replace(scene.objects[1], receives=False)), lights=(replace(scene.lights[0], radius_m=0.0),)
-    )
-    shard, _ = make_shard(tmp_path, bare, lambda n_node: np.random.default_rng(1).random((3, n_node)))
-    first = trace_photons(replace(shard, photons=n_birth, max_depth=1))  # as many are born alike
-    parted = trace_photons(replace(shard, photons=n_birth * photons.SPLIT, skip_first=True, guided=True))
-    worth, places = photon_shards.open_splitting(shard.view).worth, parted.splitting
-    assert places.place.tolist() == [1, *(2 + first.tally.node)]
-    np.testing.assert_array_equal(places.groups[1:], first.tally.count)
-    met = n_birth * (1 - first.audit.escaped[0] / first.audit.emitted[0])
-    assert places.groups.sum() == pytest.approx(met, abs=0.5)
-    assert places.noise.sum() == pytest.approx((worth[:, parted.tally.node] * parted.tally.weight2).sum(), rel=1e-5)
-
-
 @pytest.mark.parametrize("guided", [False, True])
 def test_light_on_a_face_without_texels_is_no_other_texel_s(tmp_path, guided):
     """Half of a sheet is folded to a line in its layer; what has the last texels lies in the dark."""
@@ -158,37 +123,6 @@ def test_skipping_first_hits_leaves_the_indirect_part(photon_shard):
     assert rest.tally.raw[0, 0, 0].sum() == pytest.approx(
         whole.tally.raw[1, 0, 0].sum(), rel=0.1
     )  # few hit more than one surface: 3 % by chance
-
-
-def test_shards_and_results_can_be_sent(photon_shard):
-    result = trace_photons(photon_shard)
-    assert pickle.loads(pickle.dumps(photon_shard)) == photon_shard
-    assert to_bytes(pickle.loads(pickle.dumps(result))) == to_bytes(result)
-
-
-def test_much_that_becomes_of_photons_is_summed_by_pieces(tmp_path, monkeypatch):
-    """What becomes of groups is told by the first piece, of most of their deposits."""
-    lamp = Light("POINT", "Lamp", (0.2, 0.1, 0.0), power_rgb=(10.0, 5.0, 2.5), radius_m=0.02)
-    scene = make_scene([room_mesh()], [lamp], [Material("Grey", (0.8, 0.5, 0.8))])
-    closed, _ = make_shard(tmp_path, scene, lambda n_node: np.ones((3, n_node)), everywhere=True)
-    for shard in (closed, replace(closed, guided=True), replace(closed, skip_first=True, guided=True)):
-        whole, join, count = trace_photons(shard), PhotonResult.join, []
-        monkeypatch.setattr(PhotonResult, "join", lambda pieces, join=join, count=count: count.append(len(pieces)) or join(pieces))
-        monkeypatch.setattr(photons, "MOST_HITS", 200)
-        pieces = trace_photons(shard)
-        assert count[0] > 1
-        monkeypatch.undo()
-        assert (pieces.splitting is None, pieces.births is None) == (whole.splitting is None, whole.births is None)
-        assert (pieces.counters, pieces.tally.node.tolist()) == (whole.counters, whole.tally.node.tolist())
-        assert whole.squares.count.any()
-        for sums, of_all in ((pieces.tally, whole.tally), (pieces.squares, whole.squares)):
-            np.testing.assert_array_equal(sums.count, of_all.count)
-            np.testing.assert_allclose(sums.raw, of_all.raw, rtol=1e-9, atol=1e-12)
-            np.testing.assert_allclose(sums.weight2, of_all.weight2, rtol=1e-9)
-        for name in ("emitted", "absorbed", "escaped", "remainder"):
-            np.testing.assert_allclose(getattr(pieces.audit, name), getattr(whole.audit, name), rtol=1e-9)
-        np.testing.assert_array_equal(pieces.elsewhere.cell, whole.elsewhere.cell)
-        np.testing.assert_allclose(pieces.elsewhere.flux, whole.elsewhere.flux, rtol=1e-12)
 
 
 def test_so_much_is_not_traced_ahead(photon_shard, tmp_path, monkeypatch):

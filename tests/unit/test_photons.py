@@ -11,8 +11,7 @@ from floors import chi_square_sigmas, sigma_limit
 from leaflight.core.lights.lights import Births
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.scene import Material, SceneObject, SceneSnapshot, TextureImage
-from leaflight.core.transport import emission, photon_log, photons
-from leaflight.core.transport.emission_cells import BINS, BirthCells
+from leaflight.core.transport import photon_log, photons
 from leaflight.core.util import geometry, sampling
 
 N = 40_000
@@ -129,16 +128,6 @@ def test_same_stream_same_bytes_also_from_a_copy():
     assert first.u.tobytes() != other.u.tobytes()
 
 
-def test_record_layout():
-    hits = _trace(_build(_snapshot(_cube()), _white_lamp()), 1000)
-    m = hits.counters.deposits
-    assert [hits.tri.dtype, hits.u.dtype, hits.v.dtype, hits.flux_rgb.dtype] == [np.int32, np.float32, np.float32, np.float32]
-    assert [hits.tri.shape, hits.u.shape, hits.flux_rgb.shape, hits.is_first.shape] == [(m,), (m,), (3, m), (m,)]
-    assert hits.flux_rgb.flags.c_contiguous
-    assert hits.is_first.sum() == hits.counters.photons == 1000
-    assert hits.counters.rays == m
-
-
 def _face_share(place_unit) -> np.ndarray:
     hits = _trace(_build(_snapshot(_cube()), _white_lamp(place_unit=place_unit)), max_depth=1)
     return np.bincount(hits.tri[hits.is_first] // 2, minlength=6) / N
@@ -148,12 +137,6 @@ def test_a_point_in_the_centre_lights_six_faces_alike():
     band = 0.5 * math.sqrt(1 / 6 * 5 / 6 / N)  # half a standard error of random photons: the births are stratified
     assert np.abs(_face_share((0, 0, 0)) - 1 / 6).max() < band
     assert np.abs(_face_share((0.01, 0, 0)) - 1 / 6).max() > band  # 3 % more on one face is seen
-
-
-def test_births_go_on_from_batch_to_batch(monkeypatch):
-    monkeypatch.setattr(emission, "BATCH", N // 3)
-    hits = _trace(_build(_snapshot(_cube()), _white_lamp()), max_depth=1)
-    assert len(np.unique(np.stack([hits.tri, hits.u, hits.v]), axis=1).T) > 0.99 * N
 
 
 def _count_rays(scene):
@@ -166,26 +149,6 @@ def _count_rays(scene):
             return scene.rays.closest(origin, direction)
 
     return dataclasses.replace(scene, rays=Counting()), lengths
-
-
-def test_what_is_left_of_the_waves_goes_on_together(monkeypatch):
-    """To the same light and the same depth as in one wave."""
-    scene = _build(_snapshot(_cube(), (GREY,)), _white_lamp())
-    counting, lengths = _count_rays(scene)
-    whole = _trace(counting, max_depth=9)
-    assert len(lengths) == 9
-    monkeypatch.setattr(emission, "BATCH", N // 8)
-    monkeypatch.setattr(photons, "BATCH", N // 8)
-    counting, lengths = _count_rays(scene)
-    parts = _trace(counting, max_depth=9)
-    assert max(lengths) <= 2 * (N // 8)
-    assert len(lengths) < 8 * 9 / 2
-    assert sum(lengths) == parts.counters.rays
-    _assert_closes(parts.audit)
-    shares = [np.bincount(hits.tri, weights=hits.flux_rgb[0], minlength=12) / N for hits in (whole, parts)]
-    assert shares[1].sum() == pytest.approx(shares[0].sum(), rel=0.01)  # 80 000 hits
-    np.testing.assert_allclose(shares[1], shares[0], rtol=0.05)
-    assert 0 < parts.audit.remainder[0] == pytest.approx(whole.audit.remainder[0], rel=0.5)
 
 
 def test_scattered_light_is_cosine_distributed():
@@ -285,67 +248,6 @@ def test_photons_part_in_groups_as_they_are_told():
     np.testing.assert_array_equal(groups.rays, deposits)  # in a closed room every ray ends on a surface
     per_group = [deposits[groups.place == face].mean() for face in range(6)]
     assert per_group[4] / np.mean(per_group[:4]) == pytest.approx(4, rel=0.1)
-
-
-@pytest.mark.parametrize(("skip_first", "born"), [(False, 4096), (True, 2 * 4096 // photons.SPLIT)])
-def test_as_many_are_born_together_as_fill_a_wave(monkeypatch, skip_first, born):
-    """Of those that part where they land, half as many go on as might."""
-    monkeypatch.setattr(photons, "BATCH", 4096)
-    counting, lengths = _count_rays(_build(_snapshot(_cube(), (GREY,)), _white_lamp()))
-    _trace(counting, n=32_768, max_depth=2, skip_first=skip_first)
-    assert lengths[::2] == [born] * (32_768 // (photons.SPLIT if skip_first else 1) // born)
-    assert max(lengths[1::2]) <= 1.1 * 4096
-
-
-def test_groups_own_what_comes_of_them_and_nothing_else(monkeypatch):
-    """Two rooms without ceilings, each with a wall that has no lightmap, in many small waves: what parts in one room stays there."""
-    monkeypatch.setattr(photons, "BATCH", 4096)
-    room = _cube()[:-2]
-    bare = np.tile(np.arange(len(room)) < 2, 2).astype(np.int32)
-    objects = (SceneObject("Room"), SceneObject("Bare", receives=False))
-    snapshot = _snapshot(
-        np.concatenate([room, room + np.array([3.0, 0.0, 0.0])]), (Material("White", (0.9,) * 3),), tri_object=bare, objects=objects
-    )
-    place_unit = geometry.UnitBox.from_points(snapshot.vertex_position).to_unit(np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]))
-    scene = _build(snapshot, *(_white_lamp(place_unit=tuple(place)) for place in place_unit))
-    n_tri = np.int32(len(room))
-
-    def split_at(tri, u, v):
-        return tri // n_tri, np.ones(len(tri), np.float32)
-
-    hits = _trace_whole(scene, N, 1.0, sampling.shard_rng(7, 0, 0), 1000, True, split_at)
-    assert 0 < hits.counters.deposits < hits.groups.rays.sum()
-    np.testing.assert_array_equal(hits.groups.place[hits.groups.owner], hits.tri // n_tri)
-    share = np.bincount(hits.groups.place, hits.groups.rays) / hits.groups.rays.sum()
-    np.testing.assert_allclose(share, 0.5, atol=0.03)
-
-
-def test_photons_are_born_in_cells_as_they_are_told():
-    """Nine tenths of them fly up, of light that is even: the same light everywhere, by many photons above and few below."""
-    scene = _build(_snapshot(_cube()), _white_lamp())
-    up, down = [0, 0, 0, 0], [0.5, 0, 0, 0]  # a sphere's first number is from its top to its bottom
-    cells = BirthCells(
-        np.int32([0, 0]), np.float32([up, down]), np.float32([[0.5, 1, 1, 1]] * 2), np.array([0.5, 0.5]), np.array([0.9, 0.1])
-    )
-    hits = _trace_whole(scene, 4 * N, 1.0, sampling.shard_rng(7, 0, 0), 2, False, cells=cells)
-    _assert_closes(hits.audit)
-    assert hits.audit.emitted == pytest.approx(12.0, rel=1e-4)
-    groups, first = hits.groups, hits.is_first
-    is_up = groups.place < BINS
-    assert is_up.mean() == pytest.approx(0.9, abs=1e-3)
-    np.testing.assert_array_equal(groups.owner[first], np.arange(4 * N))  # in a closed room all meet a surface
-    np.testing.assert_array_equal(groups.rays, np.bincount(groups.owner, minlength=4 * N))
-    direct = hits.flux_rgb[0, first]
-    np.testing.assert_allclose([direct[is_up].sum(dtype=np.float64), direct[~is_up].sum(dtype=np.float64)], [6, 6], rtol=1e-4)
-    np.testing.assert_allclose(np.bincount(hits.tri[first], direct, 12), np.ones(12), rtol=0.05)
-
-
-@pytest.mark.parametrize("n", [1, photons.SPLIT - 1, 3 * photons.SPLIT + 1])
-def test_few_photons_that_go_together_carry_all_the_light(n):
-    hits = _trace(_build(_snapshot(_cube()), _white_lamp()), n, skip_first=True)
-    assert hits.counters.photons == n
-    assert hits.audit.emitted == pytest.approx(12.0, rel=1e-6)
-    _assert_closes(hits.audit)
 
 
 def test_photons_that_part_go_apart(monkeypatch):

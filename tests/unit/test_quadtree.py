@@ -1,10 +1,7 @@
 """Nodes tile their chart, areas add up, and children lie where their parents say."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
-from leaflight.core.parallel.shared_arrays import IN_MEMORY, Room
 from leaflight.core.radiosity import quadtree
 from trees import SquareBake, make_map, make_square_map
 
@@ -59,18 +56,6 @@ def test_nodes_tell_of_the_texels_in_them(side):
     assert not quadtree.mean_in_nodes(bake.tree, np.zeros_like(values)).any()
 
 
-def test_the_texels_of_children_are_found_by_halving():
-    """Ranges of any length, with what is looked for before, in and after them."""
-    rng = np.random.default_rng(1)
-    code = np.concatenate([np.sort(rng.choice(999, size)) for size in (1, 2, 300)])
-    low, high = np.array([0, 0, 1, 1, 3, 3, 3, 3, 3]), np.array([0, 1, 1, 3, 303, 303, 303, 303, 303])
-    wanted = np.array([5, 0, 7, code[2], -1, code[3], code[150], code[302], 9999])
-    found = quadtree._find_codes(code, low, high, wanted)
-    expected = [first + np.searchsorted(code[first:last], one) for first, last, one in zip(low, high, wanted, strict=True)]
-    assert found.tolist() == expected
-    assert quadtree._find_codes(code, low[:0], high[:0], wanted[:0]).tolist() == []
-
-
 def test_the_flat_tree_has_a_node_per_texel():
     texels = make_square_map(8, 1)
     tree = quadtree.plant_trees(texels, 1, level=0, finest_texels=1, flat=True)
@@ -120,25 +105,3 @@ def test_nodes_that_do_not_tile_are_refused():
         quadtree.node_of_texel(bake.tree, bake.tree.children[0][:2], 64)
     with pytest.raises(ValueError, match="expected to tile 64 texels, got 80"):
         quadtree.node_of_texel(bake.tree, np.append(bake.tree.children[0], bake.tree.children[0][0]), 64)
-
-
-def test_what_nodes_have_is_spread_over_their_texels():
-    bake = SquareBake(side=8, preview_depth=1)
-    nodes = bake.tree.children[0][::-1]
-    spread = quadtree.spread_over_texels(bake.tree, nodes, np.float32([4, 3, 2, 1]), "level")
-    assert spread.dtype == np.float32
-    np.testing.assert_array_equal(spread, np.repeat([1, 2, 3, 4], 16))
-
-
-@pytest.mark.parametrize("counts", [[], [200_000], [1] * 70_000, [1, 65_535, 65_536, 3, 140_000, 1]])
-def test_nodes_are_found_at_texels_however_many_they_have(counts, tmp_path):
-    count = np.array(counts, np.int64)
-    end = np.cumsum(count)
-    order = np.random.default_rng(1).permutation(len(count))  # the order of nodes is not that of their texels
-    tree = SimpleNamespace(start=np.empty(len(count), np.int64), end=np.empty(len(count), np.int64))
-    tree.start[order], tree.end[order] = end - count, end
-    for room in (IN_MEMORY, Room(tmp_path)):
-        found = quadtree.node_of_texel(tree, np.arange(len(count)), int(count.sum()), room)
-        np.testing.assert_array_equal(found, np.repeat(order, count))
-        assert found.dtype == np.int32
-    assert (tmp_path / "node.npy").exists() == (sum(counts) * 4 >= 1 << 20)

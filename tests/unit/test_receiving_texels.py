@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import lamp_scene, to_bytes
+from boxes import lamp_scene
 from leaflight.core.atlas.chart_cache import ChartCache
 from leaflight.core.bake import receiving_texels
 from leaflight.core.bake.receiving_texels import find_receivers, lay_out
@@ -16,7 +16,6 @@ from leaflight.core.transport import traced_scene
 from leaflight.core.util.job import LAYOUT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.util.messages import Status, Warning_
 from leaflight.core.util.settings import Settings
-from processes import wait_until_ready
 from scenes import make_scene, quad_mesh
 
 SMALL = Settings(size=64, padding=1, workers=1)
@@ -78,20 +77,6 @@ def test_leaves_are_cut_where_the_block_stands_on_the_floor(run, scene):
     at_foot = scene.tri_object[found.texels.texel_tri[found.touched]]
     assert set(at_foot) == {0, 1}
     assert len(found.facets.chart_page) > len(creases.cut_at_creases(scene, atlas).chart_page)  # what lies below the block
-
-
-def test_two_processes_find_and_cut_the_same(run, scene, monkeypatch):
-    monkeypatch.setattr("leaflight.core.transport.contact_search._LEAST", 100)
-    found = []
-    for count in (1, 2):
-        with executors.make_executor(count) as executor:
-            if count == 2:
-                wait_until_ready(executor)
-            _, one = find(run, scene, executor=executor)
-        opened = to_bytes(traced_scene.open_tracing(str(run.folder)).texels)
-        found.append([opened, *(to_bytes(field) for field in (one.texels, one.touched, one.rising))])
-        folders.forget_folders()
-    assert found[0] == found[1]
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """All light of texels, by which errors are made relative."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from leaflight.core.filter.filtered_field import FilteredField
@@ -20,18 +18,6 @@ def bake():
     return throw(even, 50_000, 1, degree=0, level=1)
 
 
-def test_light_of_photons_and_of_rays_is_added(bake):
-    judged = ErrorMetric.whole(bake.texels)
-    rows = np.arange(0, bake.n_texel, 7)
-    both, alone = (light_of(bake, direct, judged).at(rows) for direct in (2.0, 0.0))
-    assert both == pytest.approx(alone + 2.0)
-    assert alone.mean() == pytest.approx(1.0, rel=0.05)
-
-
-def test_what_dips_below_zero_is_dark(bake):
-    assert light_of(bake, -3.0, ErrorMetric.whole(bake.texels)).at(np.arange(5)).tolist() == [[0.0] * 3] * 5
-
-
 def test_errors_are_relative_to_the_light_and_to_a_share_of_the_mean(bake):
     light = light_of(bake, 2.0, ErrorMetric.whole(bake.texels))
     rows = np.arange(bake.n_texel)
@@ -42,16 +28,6 @@ def test_errors_are_relative_to_the_light_and_to_a_share_of_the_mean(bake):
     variance = np.full((bake.n_texel, 3), 0.5, np.float32)
     assert light.relate(lambda asked: variance[asked], rows[:9]) == pytest.approx((light.weigh(rows[:9]) * 0.5).mean(1))
     assert light.relate_all(lambda asked: variance[asked]) == pytest.approx((light.weigh(rows) * 0.5).mean(1))
-
-
-def test_the_mean_is_that_of_lit_texels(bake):
-    lit = bake.texels.texel_xy[:, 0] < bake.texels.page_size // 4
-    irradiance = np.where(lit, 4.0, 0.0)[:, None].repeat(3, axis=1).astype(np.float32)
-    nothing = replace(bake.solution(), flux=0.0 * bake.solution().flux)
-    shown = FilteredField.plain(irradiance, 0.0 * irradiance)
-    assert ReferenceLight.of(bake.tree, nothing, current(bake), shown, ErrorMetric.whole(bake.texels)).dark == pytest.approx(
-        4.0 * DARK_FLOOR, rel=0.02
-    )
 
 
 def test_of_objects_the_share_is_of_their_own_mean(bake):

@@ -43,10 +43,6 @@ def half_lit(rng, n):
     return s * 0.3, t
 
 
-def test_is_stable_is_a_matter_of_photons_shot():
-    assert refine.is_stable(np.array([0, 15, 16, 17]), 16).tolist() == [False, False, True, True]
-
-
 @pytest.mark.parametrize("degree", [0, 1, 2])
 def test_even_light_is_not_split(degree):
     bake = refined(50_000, even, degree=degree)
@@ -234,47 +230,3 @@ def test_the_price_of_children_that_saw_a_fair_share_is_that_of_noise():
         assert np.isfinite(price).all()
         prices.append(price[0])
     assert prices == pytest.approx(refine.NOISE_PRICE * np.array([1.0, 1.0, 2.0, 25.0]))
-
-
-def test_a_comparison_tells_of_all_nodes_that_anybody_asks_for():
-    """Nodes that shot too few photons to be compared are left out, and deeper those that have been split."""
-    bake = refined(20_000, half_lit, side=64, degree=1)
-    totals, solution = bake.totals(), bake.solution()
-    comparison = refine.Comparison.of(bake.tree, totals, solution, rule())
-    nodes = np.flatnonzero(bake.tree.has_children)
-    for depth, row, some in zip((1, 2), comparison.rows, comparison.differences, strict=True):
-        asked = totals.shot[nodes] >= 16 * refine.FANOUT
-        if depth == 2:
-            asked &= bake.tree.current[nodes]
-        assert 0 < asked.sum() < len(nodes)
-        assert ((row[nodes] >= 0) == asked).all()
-        assert (row >= 0).sum() == asked.sum()
-        same_as_at_once(bake, solution, some, nodes[asked], row[nodes[asked]], depth)
-
-
-def same_as_at_once(bake, solution, difference, nodes, rows, depth):
-    whole = refine.indicator(bake.tree, bake.totals(), solution, nodes, depth, 16)
-    for field in dataclasses.fields(refine.Difference):
-        np.testing.assert_array_equal(getattr(difference, field.name)[rows], getattr(whole, field.name), err_msg=field.name)
-
-
-def test_what_a_split_may_make_current_is_compared_too():
-    """Down to where the previews end: all three levels of the square, of which the first has two below it."""
-    bake = SquareBake(side=64, degree=0, preview_depth=3)
-    bake.throw(*np.random.default_rng(3).random((2, 200_000)))
-    comparison = refine.Comparison.of(bake.tree, bake.totals(), bake.solution(), rule(preview_depth=3))
-    asked = [[(rows[level] >= 0).all() for level in bake.tree.levels[:3]] for rows in comparison.rows]
-    assert asked == [[True, True, True], [True, True, False], [True, False, False]]
-
-
-def test_opened_nodes_give_way_to_their_children():
-    bake = SquareBake(preview_depth=2)
-    tree, roots = bake.tree, np.flatnonzero(bake.tree.parent < 0)
-    opened = np.zeros(len(tree), bool)
-    opened[roots] = True
-    first = tree.children[roots[0]]
-    opened[first[2]] = True
-    found = refine.open_nodes(tree, roots, opened)
-    assert sorted(found) == sorted([*first[[0, 1, 3]], *tree.children[first[2]]])
-    quadtree.node_of_texel(tree, found, bake.n_texel)  # they tile the square
-    assert refine.open_nodes(tree, roots, np.zeros(len(tree), bool)).tolist() == roots.tolist()

@@ -32,32 +32,6 @@ def test_a_struct_comes_back_with_shapes_types_and_numbers(tmp_path):
     assert type(loaded.inner.values) is np.ndarray
 
 
-@dataclass(frozen=True)
-class Many:
-    flags: np.ndarray
-    none: np.ndarray
-    turned: np.ndarray
-    number: np.ndarray
-    large: np.ndarray
-    outer: Outer
-
-
-def test_small_arrays_lie_in_one_file_and_large_ones_in_their_own(tmp_path):
-    """Of any shape, type and order; each where a processor likes it."""
-    turned, large = np.arange(12.0).reshape(3, 4).T, np.asfortranarray(np.arange(1 << 18).reshape(2, -1))
-    outer = Outer(2, np.zeros((0, 2)), Inner(np.arange(5, dtype=np.int16)))
-    struct = Many(np.array([True, False, True]), np.zeros((3, 0), np.int32), turned, np.array(7.5), large, outer)
-    shared_arrays.save_struct(tmp_path / "s", struct)
-    assert sorted(path.name for path in (tmp_path / "s").rglob("*")) == ["large.npy", "packed.bin"]
-    loaded = shared_arrays.load_struct(tmp_path / "s", Many)
-    for name in ("flags", "none", "turned", "number", "large"):
-        before, after = getattr(struct, name), getattr(loaded, name)
-        np.testing.assert_array_equal(after, before)
-        assert (after.dtype, after.shape, after.flags.fnc) == (before.dtype, before.shape, before.flags.fnc), name
-        assert after.ctypes.data % 64 == 0 or not after.size, name
-    np.testing.assert_array_equal(loaded.outer.inner.values, outer.inner.values)
-
-
 @pytest.mark.parametrize("damage", [lambda b: b"", lambda b: b[:5], lambda b: b[:300], lambda b: b[:5000], lambda b: b"\xff" * len(b)])
 def test_what_is_not_whole_is_told(damage, tmp_path):
     """No length that stands there makes it ask for more memory than the file has."""
@@ -106,18 +80,6 @@ def test_what_is_more_than_numbers_is_refused(values, tmp_path):
         shared_arrays.save_struct(tmp_path / "s", Inner(values))
 
 
-@dataclass(frozen=True)
-class Maybe:
-    inner: Inner | None
-
-
-def test_a_struct_that_may_be_none_comes_back_either_way(tmp_path):
-    shared_arrays.save_struct(tmp_path / "none", Maybe(None))  # no array at all
-    assert shared_arrays.load_struct(tmp_path / "none", Maybe).inner is None
-    shared_arrays.save_struct(tmp_path / "some", Maybe(Inner(np.arange(3))))
-    assert shared_arrays.load_struct(tmp_path / "some", Maybe).inner.values.tolist() == [0, 1, 2]
-
-
 def test_mapped_arrays_cannot_be_changed_by_accident(tmp_path):
     shared_arrays.save_struct(tmp_path / "s", Inner(np.zeros(5000)))
     with pytest.raises(ValueError, match="read-only"):
@@ -152,53 +114,6 @@ def test_an_array_of_parts_is_the_file_that_would_be_written(count, in_folder, t
     np.testing.assert_array_equal(shared_arrays.load_struct(tmp_path / "s", Inner).values, whole)
     assert written.exists() == (count > 3)
     assert before is None or before == written.stat().st_ino  # it was not written again
-
-
-@pytest.mark.parametrize("part", [lambda values: values[10:], lambda values: values[10:] * 1])
-def test_what_is_not_the_whole_file_is_written(part, tmp_path):
-    room = shared_arrays.Room(tmp_path / "s")
-    values = room.empty("values", (1 << 18,), np.int64)
-    values[:] = np.arange(len(values))
-    shared_arrays.save_struct(tmp_path / "s", Inner(part(values)))
-    assert shared_arrays.load_struct(tmp_path / "s", Inner).values[0] == 10
-    assert values[0] == 0  # whoever maps the file that was still has it
-
-
-def test_who_has_an_earlier_array_of_a_room_keeps_it(tmp_path):
-    before, after = (shared_arrays.Room(tmp_path / "s").empty("values", (1 << 18,), np.int64) for _ in range(2))
-    after[:] = 7
-    assert not before.any()
-
-
-@pytest.mark.parametrize("first", [0, 10])
-def test_a_rooms_array_is_written_for_another_folder(first, tmp_path):
-    values = shared_arrays.Room(tmp_path / "s").empty("values", (1 << 18,), np.int64)
-    values[:] = np.arange(len(values))
-    shared_arrays.save_struct(tmp_path / "other", Inner(values if not first else values[first:]))
-    assert shared_arrays.load_struct(tmp_path / "other", Inner).values[0] == first
-
-
-def test_a_file_has_its_place_on_the_disk_before_it_is_mapped(tmp_path, monkeypatch):
-    sizes = []
-
-    class Watched(np.memmap):
-        def __new__(cls, file, *arguments):
-            sizes.append((tmp_path / "values.npy").stat().st_size)
-            return super().__new__(cls, file, *arguments)
-
-    monkeypatch.setattr(np, "memmap", Watched)
-    values = shared_arrays.Room(tmp_path).empty("values", (1 << 18,), np.int64)
-    assert sizes == [(tmp_path / "values.npy").stat().st_size]
-    assert sizes[0] > values.nbytes
-
-
-@pytest.mark.parametrize(("room", "count"), [(shared_arrays.IN_MEMORY, 1 << 20), ("folder", 10), ("folder", 0)])
-def test_small_arrays_and_those_without_a_folder_are_in_memory(room, count, tmp_path):
-    room = room if room is shared_arrays.IN_MEMORY else shared_arrays.Room(tmp_path / "s")
-    values = room.within("inner").empty("values", (count, 2), np.int64)
-    assert values.base is None
-    assert values.shape == (count, 2)
-    assert not (tmp_path / "s").exists()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits of a file's size, which stand for a full disk here, are POSIX's")

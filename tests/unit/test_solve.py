@@ -7,16 +7,14 @@ import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh, solution_bytes, solve_scene
 from leaflight.core.bake import photon_shards
-from leaflight.core.bake.photon_shards import PhotonShard
 from leaflight.core.bake.solve import TRACING
 from leaflight.core.filter import error_estimate
 from leaflight.core.filter.filtered_field import FilteredField
-from leaflight.core.integrate import direct_shards, texel_light
+from leaflight.core.integrate import direct_shards
 from leaflight.core.parallel import executors
-from leaflight.core.radiosity import coefficient_shrinkage, quadtree, refine, splitting_guide, tally
+from leaflight.core.radiosity import quadtree, tally
 from leaflight.core.scene.scene import Light, Material
-from leaflight.core.transport import rounds
-from leaflight.core.transport.rounds import EARLY_GROWTH, EARLY_PHOTONS, FIRST_ROUND_PHOTONS, ROUND_GROWTH
+from leaflight.core.transport.rounds import EARLY_GROWTH, FIRST_ROUND_PHOTONS
 from leaflight.core.util.messages import Progress, Status
 from leaflight.core.util.settings import Settings
 from scenes import box_mesh, make_scene, moved, quad_mesh
@@ -155,56 +153,6 @@ def test_photons_that_go_alone_are_born_where_they_tell_most(tmp_path):
     assert cost[1] < 0.6 * cost[0]
 
 
-def test_photons_are_sent_by_all_light_that_is_shown(tmp_path):
-    """That of the sun, too; and what is known of a node is mixed with what is known of its own object."""
-    solver, roots = court_solver(tmp_path), []
-    light = solver.run(lambda message: None, lambda: False)
-    tree, plan, texels = solver.tree, solver.guide.plan, solver.tracing.texels
-    solver.guide.plan = lambda tree, root_object: roots.append(root_object) or plan(tree, root_object)
-    told, _ = solver._guide_photons()
-    shown = texel_light.light_at_texels(light, solver.tracing.texels)
-    means = quadtree.mean_in_nodes(tree, shown.direct + shown.indirect)
-    expected = splitting_guide.weigh_deposits(tree, light.leaves, means, light.ledger.deposits)[:, light.leaves]
-    ratio = told.worth[:, light.leaves] / expected
-    assert np.quantile(ratio, [0.05, 0.95]) == pytest.approx(1.0, abs=0.3)
-    at_texels = tree.levels[0][quadtree.node_of_texel(tree, tree.levels[0], len(solver.tracing.texels))]
-    np.testing.assert_array_equal(roots[0][at_texels], solver.tracing.snapshot.tri_object[texels.texel_tri])
-
-
-def test_rounds_grow_by_what_their_photons_tell(tmp_path):
-    recorder = Recorder()
-    solver = court_solver(tmp_path, executor=recorder, forced=True)
-    light = solver.run(lambda message: None, lambda: False)
-    shards = [shard for shard in recorder.shards if isinstance(shard, PhotonShard)]
-    photons, weight = (np.array([getattr(shard, name) for shard in shards]) for name in ("photons", "weight"))
-    told = np.bincount([shard.round for shard in shards], photons * weight)
-    before = np.cumsum(told)[:-1]
-    assert weight.max() > 2
-    assert light.rounds > 3
-    growth = np.where(before < EARLY_PHOTONS, EARLY_GROWTH, ROUND_GROWTH)
-    np.testing.assert_allclose(told[1:-1] / before[:-1], growth[:-1], rtol=1e-3)
-    assert light.ledger.told == pytest.approx(told.sum())
-    for tallied in (solver.tally, solver.square_tally):
-        assert tallied.photons.sum() == pytest.approx(told.sum())
-    assert light.squares.entry.size
-
-
-@pytest.mark.parametrize(
-    ("knobs", "degree"), [({}, 1), ({"basis": "constant"}, 0), ({"basis": "quadratic"}, 2), ({"hierarchical": False}, None)]
-)
-def test_photons_are_foretold_as_they_fall_on_the_trees_that_there_are(tmp_path, monkeypatch, knobs, degree):
-    """Where trees are not refined noise falls as one over the photons, whatever the basis."""
-    asked = []
-
-    def note(noise2, wanted2, degree):
-        asked.append(degree)
-        return 2.0
-
-    monkeypatch.setattr(rounds, "grow_photons", note)
-    solve_scene(tmp_path, lamp_scene(), replace(SETTINGS, direct="photons", **knobs))
-    assert set(asked) == {degree}
-
-
 def test_progress_is_told_after_every_round(tmp_path):
     told = []
     light = make_solver(tmp_path, lamp_scene(), SETTINGS).run(told.append, lambda: False)
@@ -217,49 +165,6 @@ def test_progress_is_told_after_every_round(tmp_path):
     for message in told:  # time so far is photons over their pace; what is left takes as long for its share
         spent = message.photons / message.photons_per_s
         assert message.seconds_left == pytest.approx(spent * (1 / message.fraction - 1), rel=1e-6, abs=1e-9)
-
-
-@pytest.mark.parametrize("knobs", [{}, {"oracle": "paper", "threshold": 0.02}])  # the other splits on noise, far below what is shown
-def test_a_round_solves_all_that_is_asked_of_it(tmp_path, knobs):
-    """What is shown, what is stated and what is split are as if every node had been solved."""
-    solver = make_solver(tmp_path, lamp_scene(), replace(SETTINGS, direct="photons", **knobs))
-    solver.run(lambda message: None, lambda: False)
-    state = solver._read_tallies()
-    shown, _ = coefficient_shrinkage.shrink_leaves(solver.tree, state.totals, state.leaves)
-    whole = replace(state, solution=tally.solve_tallies(shown, state.totals))
-    assert not np.array_equal(state.solution.flux, whole.solution.flux)
-    stated, lights, marked = [], [], []
-    for one in (state, whole):
-        light, told = solver._light(one)
-        stated.append((told.relative, told.chosen, told.direct, *told.correction))
-        lights.append(texel_light.light_at_texels(light, solver.tracing.texels).indirect)
-        nothing = np.zeros(len(solver.tree), bool), np.zeros((3, len(solver.tree)))
-        rule = replace(solver.rule, oracle="paper")  # splits on noise too
-        marked.append(refine.mark(solver.tree, one.totals, one.solution, one.comparison, rule, *nothing))
-    assert stated[0] == stated[1]
-    np.testing.assert_array_equal(*lights)
-    np.testing.assert_array_equal(*marked)
-    assert len(marked[0])
-
-
-def test_direct_light_on_nodes_is_summed_once_for_each_reading_and_shot(tmp_path, monkeypatch):
-    solver, summed = make_solver(tmp_path, lamp_scene(), SETTINGS), []
-    before = quadtree.mean_in_nodes
-    monkeypatch.setattr(quadtree, "mean_in_nodes", lambda tree, values: summed.append(len(tree)) or before(tree, values))
-    first = solver.reading
-    found = [solver._find_mean_direct(first) for _ in range(3)]
-    assert summed == [len(first.tree)]
-    np.testing.assert_array_equal(found[2], before(first.tree, solver.direct.irradiance))
-    solver.direct.shoot(tmp_path, solver.settings, solver.executor, range(len(solver.tracing.texels)))
-    again = solver._find_mean_direct(first)
-    np.testing.assert_array_equal(again, before(first.tree, solver.direct.irradiance))
-    assert not np.array_equal(again, found[0])
-    solver._refine(first)
-    solver._trace_round(None)
-    assert len(summed) == 2  # one for what marks nodes and for what guides photons
-    second = solver._read_tallies()
-    assert solver._find_mean_direct(second).shape == (3, len(second.tree))
-    assert len(summed) == 3
 
 
 @pytest.mark.parametrize("tolerance", [0.2, 20.0])
@@ -415,11 +320,6 @@ def test_no_two_shards_of_a_bake_are_alike(tmp_path):
         assert len([shard for shard in recorder.shards if shard.round == number]) % 2 == 0
 
 
-def test_views_of_past_rounds_are_removed(tmp_path):
-    solve_scene(tmp_path, lamp_scene(), SETTINGS)
-    assert not list(tmp_path.glob("view_*"))
-
-
 def test_an_error_in_a_shard_ends_the_bake_and_leaves_no_view(tmp_path, monkeypatch):
     def fail(shard):
         raise ValueError(f"shard {shard.shard}")
@@ -434,32 +334,6 @@ def test_stated_error_is_a_number_from_the_first_round_on(tmp_path):
     told = []
     make_solver(tmp_path, lamp_scene(), QUICK).run(told.append, lambda: False)
     assert all(math.isfinite(message.estimated_error) and message.estimated_error > 0 for message in told)
-
-
-def test_direct_light_takes_fewer_rays_unless_it_is_shown_by_itself(tmp_path):
-    """In a bright room: the first round, which tells of its light, is not traced again."""
-    lamp = Light("POINT", "Lamp", (-0.2, 0.1, 0.3), power_rgb=(10.0,) * 3, radius_m=0.15)
-    block = box_mesh("Block", (0.4, 0.4, 0.6), (0.2, 0.1, -0.2))
-    scene = make_scene([room_mesh(), block], [lamp], [Material("Bright", (0.8,) * 3)])
-    rays, lights = [], []
-    for name, passes in (("sum", ("combined",)), ("own", ("direct", "combined"))):
-        solver = make_solver(tmp_path / name, scene, replace(SETTINGS, size=64, error=0.02, passes=passes, name_pattern="{name}_{pass}"))
-        assert (solver.round, solver.direct.turns) == (1, 1)
-        rays.append(solver.direct.counters["rays"])
-        lights.append(solver.run(lambda message: None, lambda: True))
-    assert rays[0] < 0.9 * rays[1]
-    assert [(light.rounds, light.photons) for light in lights] == [(1, FIRST_ROUND_PHOTONS)] * 2
-    np.testing.assert_array_equal(lights[0].solution.flux, lights[1].solution.flux)
-
-
-def test_rays_that_are_shot_again_are_told_of_other_light_too(tmp_path, monkeypatch):
-    monkeypatch.setattr(direct_shards, "TOLERANCE", 20.0)
-    solver, told = make_solver(tmp_path, lamp_scene(rho=0.05), replace(SETTINGS, error=0.03, denoise=False)), []
-    shoot = solver.direct.shoot
-    monkeypatch.setattr(solver.direct, "shoot", lambda *arguments: told.append(arguments[-1]) or shoot(*arguments))
-    solver.run(lambda message: None, lambda: False)
-    assert told
-    assert all(other.level.shape == solver.direct.passes.shape for other in told)
 
 
 def test_a_first_round_that_trees_are_refined_after_states_no_error(tmp_path):
@@ -502,23 +376,6 @@ def test_a_dim_room_is_told_to_err_more_than_the_whole_and_comes_to_the_error_wh
     assert each.stopped_by == "error"
     assert max(each.object_error.values()) == pytest.approx(each.error, rel=0.01)
     assert each.error <= settings.error
-
-
-def test_photons_of_later_rounds_are_worth_most_where_an_object_errs_most(tmp_path):
-    scene, settings = hall_and_den()
-    solver = make_solver(tmp_path, scene, replace(settings, error_of="objects", max_photons=200_000))  # ends after a round that is judged
-    solver.run(lambda message: None, lambda: False)
-    deepest = np.flatnonzero(~solver.tree.has_children)
-    thing = scene.tri_object[solver.tracing.texels.texel_tri[solver.tree.start[deepest]]]
-
-    def compare_rooms(*weight):
-        solver.parts = (solver.parts[0], np.array(weight))
-        worth = solver._guide_photons()[0].worth[:, deepest].mean(axis=0)
-        return worth[thing == 1].mean() / worth[thing == 0].mean()
-
-    hall, den = solver.parts[1]
-    assert den > hall
-    assert compare_rooms(hall, den) == pytest.approx(den / hall * compare_rooms(1.0, 1.0), rel=1e-6)
 
 
 def test_a_small_house_on_a_wide_plain_is_not_done_before_a_photon_has_met_it(tmp_path):

@@ -114,14 +114,6 @@ def test_what_is_around_counts_as_one_photon():
     np.testing.assert_allclose(darker, (0.5 + 0.5 * lean[1] * (2.0 - 0.5)) * COLOUR, rtol=1e-2)
 
 
-def test_what_is_far_away_counts_for_nothing():
-    leaves = join(cluster(light=0.2), cluster(light=20.0, centre=(50.0, 0.0, 0.0), seed=2))
-    shown, tiny = 2 * leaves.show()[:, 0], (leaves.area < 1e-7) & (leaves.count == 0)
-    here = np.arange(len(leaves)) < len(leaves) // 2
-    assert shown[tiny & here].mean() == pytest.approx(0.2, rel=0.2)
-    assert shown[tiny & ~here].mean() == pytest.approx(20.0, rel=0.2)
-
-
 def test_the_two_sides_of_a_thing_are_told_apart():
     up, down = ((0.0, 0.0, side) for side in (1.0, -1.0))
     leaves = join(cluster(light=0.2, normal=down), cluster(light=20.0, normal=up, seed=2))
@@ -172,34 +164,3 @@ def test_those_that_photons_fell_on_err_by_what_is_stated():
     some = (leaves.count > 0) & (leaves.count < 16)
     error2 = (shown[some] - leaves.light[some, None] * COLOUR) ** 2
     assert 0.8 < error2.mean() / variance[some].mean() < 1.25
-
-
-def test_those_that_none_fell_on_err_by_what_they_are_lifted():
-    leaves = Leaves(*cluster())
-    shown, variance = leaves.state()
-    empty = leaves.count == 0
-    np.testing.assert_allclose(variance[empty], shown[empty] ** 2, rtol=1e-5)
-
-
-def test_nothing_is_said_of_others():
-    leaves = Leaves(*cluster())
-    few = leaves.find()
-    many = leaves.count >= 16
-    assert np.isnan(leaves.state()[1][many]).all()
-    told, row = few.find(np.array([np.flatnonzero(many)[0], np.flatnonzero(~many)[0]]))
-    np.testing.assert_array_equal(told, [False, True])
-    np.testing.assert_allclose(few.mean[:, row].T, leaves.show()[~many][:1], rtol=1e-6)
-
-
-def test_light_that_is_blended_from_neighbours_leans_as_it_is():
-    """A nearly dark leaf beside a bright one: what came over from there is not made many times as bright."""
-    few = SpatialShrinkage(np.array([-1, 0]), np.full((3, 1), 2.0), np.full(1, 0.5), np.full((3, 1), 1e-6), np.full((3, 1), 0.25))
-    light, variance = np.float32([[1.0] * 3, [1.0] * 3, [3.0] * 3]), np.zeros((3, 3), np.float32)
-    few.show(light, variance, np.array([0, 1, 1]))
-    np.testing.assert_allclose(light[:, 0], [1.0, 1.25, 2.5])
-    np.testing.assert_allclose(variance[:, 0], [0.0, 0.25, 0.25])
-
-
-def test_channels_keep_their_colour():
-    leaves = Leaves(*cluster())
-    np.testing.assert_allclose(leaves.show(), leaves.show()[:, :1] * COLOUR, rtol=1e-5)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, prepare_folder
-from leaflight.core.filter import error_estimate, subtexel_tally
+from leaflight.core.filter import subtexel_tally
 from leaflight.core.filter.reconstruct import Blend
 from leaflight.core.filter.subtexel_tally import Squares, SubtexelLight, SubtexelMix, deposit_on_squares
 from leaflight.core.radiosity.quadtree import node_of_texel
@@ -21,35 +21,6 @@ SETTINGS = Settings(size=32, padding=1)
 def texels(tmp_path):
     """Of a block on a floor: texels that are whole, and texels cut by borders and diagonals."""
     return prepare_folder(tmp_path, lamp_scene(), SETTINGS)[1]
-
-
-def is_inside(texels, tri, x, y):
-    """Whether points lie on the triangles, all (m,)."""
-    u, v = texels._corner_weights(np.full(len(x), tri), x, y)
-    corner = texels.tri_uv[tri]
-    back = corner[0] + u[:, None] * (corner[1] - corner[0]) + v[:, None] * (corner[2] - corner[0])
-    return np.abs(back - np.stack([x, y], axis=1)).max(axis=1) < 1e-9
-
-
-def test_area_is_that_of_the_square_on_the_centres_triangle(texels):
-    found = Squares.of(texels, np.ones(len(texels.texel_area), bool))
-    line = LOOK * ((np.arange(60) + 0.5) / 60 - 0.5) + 0.5
-    across, up = (axis.ravel() for axis in np.meshgrid(line, line))
-    shares = []
-    for entry, area in zip(found.entry, found.area, strict=True):
-        tri = texels.texel_tri[entry]
-        column, row = texels.texel_xy[entry]
-        shares.append(is_inside(texels, tri, column + across, row + up).mean())
-        assert area == pytest.approx(shares[-1] * LOOK**2 * texels.tri_density[tri], abs=0.02 * LOOK**2 * texels.tri_density[tri])
-    assert min(shares) < 0.9 < max(shares)
-    assert texels.is_central[found.entry].all()
-
-
-def test_only_wanted_texels_have_squares(texels):
-    wanted = np.arange(len(texels.texel_area)) % 3 == 0
-    found = Squares.of(texels, wanted)
-    assert np.array_equal(found.entry, np.flatnonzero(wanted & texels.is_central))
-    assert not len(Squares.of(texels, np.zeros(len(wanted), bool)).entry)
 
 
 def test_a_hit_counts_where_it_falls_on_the_square_and_on_the_centres_triangle(texels):
@@ -73,25 +44,6 @@ def test_a_hit_counts_where_it_falls_on_the_square_and_on_the_centres_triangle(t
     assert np.array_equal(sums.count, count[sums.node])
     assert sums.count.sum() == count.sum()
     np.testing.assert_allclose(sums.raw[:, :, 0], raw[..., sums.node], rtol=1e-12)
-
-
-def test_no_squares_count_nothing(texels):
-    nothing = np.zeros(0, np.int32)
-    sums = deposit_on_squares(
-        texels, nothing, np.array([0]), np.array([0]), np.array([0.5]), np.array([0.5]), np.ones((3, 1)), np.array([True])
-    )
-    assert not len(sums.node)
-
-
-def test_a_bake_states_its_error_with_its_squares(tmp_path, texels, monkeypatch):
-    asked, state_error = [], error_estimate.state_error
-    monkeypatch.setattr(error_estimate, "state_error", lambda *told: asked.append(told[0].squares) or state_error(*told))
-    forced = np.ones(len(texels.texel_area), bool)
-    light = make_solver(tmp_path / "all", lamp_scene(), replace(SETTINGS, max_photons=50_000), forced=forced).run(
-        lambda _: None, lambda: False
-    )
-    assert len(light.squares.entry)
-    assert asked[-1] is light.squares
 
 
 def test_a_bake_counts_light_on_the_squares_at_contacts(tmp_path, texels):
@@ -167,11 +119,6 @@ def told_by_noise(truth, leaf_value, photons, side=64, seed=1):
     return SubtexelMix.of(np.full((1, 3, side * side), leaf_value, np.float32), told, texels)
 
 
-def test_a_component_that_is_0_may_be_left_out():
-    for one, both in zip(mix_noise(2.0, 1.0, parts=1), mix_noise(2.0, 1.0), strict=True):
-        np.testing.assert_array_equal(one, both)
-
-
 @pytest.mark.parametrize("photons", [0.003, 0.1, 1.0, 10.0])
 def test_light_that_leaves_hold_stays_and_has_no_bias(photons):
     image, _, variance = mix_noise(1.0, 1.0, photons)
@@ -188,20 +135,6 @@ def test_light_that_leaves_do_not_hold_is_taken_from_the_squares():
     assert np.abs(image - truth).max() < 0.4
     assert np.sqrt(((image - truth) ** 2).mean()) < 0.1 * truth.std()
     assert changed.mean() > 0.99
-
-
-def test_squares_that_no_photon_has_met_say_nothing():
-    """Darkness is not what they tell, but that there were too few photons."""
-    image, _, variance = mix_noise(0.0, 1.0, photons=0.01)
-    assert (image > 0.9).all()
-    assert (variance > 0).all()
-
-
-def test_a_square_alone_has_no_say():
-    """Nothing tells whether it differs by more than noise."""
-    image, changed, _ = mix_noise(9.0, 1.0, entry=np.array([5]))
-    assert (image == 1).all()
-    assert not changed.any()
 
 
 @pytest.mark.parametrize(("other_chart", "one_piece"), [(True, False), (True, True), (False, False)])

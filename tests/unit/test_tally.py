@@ -104,55 +104,6 @@ def test_components_and_halves_are_told_apart():
     assert not of_children[1, left].any()
 
 
-def late_bake():
-    """Indirect light on three levels, made one after the other, of which the left half saw the last photons alone."""
-    rng = np.random.default_rng(6)
-    bake = SquareBake(side=16, degree=1, preview_depth=1)
-    for level, width in enumerate((1.0, 1.0, 0.5)):
-        s, t = rng.random((2, 1000)) * [[width], [1.0]]
-        bake.throw(s, t, half=level % 2, flux=rng.random((3, 1000)), is_first=False)
-        bake.tree = quadtree.split(bake.tree, np.flatnonzero(bake.tree.current & bake.tree.has_children))
-        bake.grow()
-    bake.tally.grow(len(bake.tree))
-    return bake
-
-
-def test_light_of_one_component_is_that_of_two_of_which_one_is_dark():
-    bake = late_bake()
-    both, sums = bake.solution(), bake.tally
-    alone = tally.Tally(sums.photons, sums.count, sums.weight2, sums.raw[:, 1:])
-    one = tally.solve_tallies(bake.tree, tally.accumulate(bake.tree, alone))
-    assert one.coefficient[1].any()
-    for name, values in vars(both).items():
-        np.testing.assert_array_equal(getattr(one, name), values, err_msg=name)
-
-
-def test_hits_of_indirect_light_alone_make_its_component_alone():
-    rng = np.random.default_rng(4)
-    node, (s, t), flux = rng.integers(0, 6, 300), rng.random((2, 300)), rng.random((3, 300))
-    alone, both = (tally.deposit(node, s, t, flux, is_first, 6, 1) for is_first in (None, np.zeros(300, bool)))
-    assert alone.raw.shape == (1, 3, 3, 6)
-    np.testing.assert_array_equal(alone.raw[0], both.raw[1])
-    np.testing.assert_array_equal(alone.weight2, both.weight2)
-    np.testing.assert_array_equal(alone.count, both.count)
-
-
-def test_nodes_that_are_asked_for_are_solved_as_all_are():
-    """They and what is above them; of the others nothing is told."""
-    bake = late_bake()
-    totals, whole = bake.totals(), bake.solution()
-    asked = bake.tree.levels[-1][[0, 7]]
-    told = np.zeros(len(bake.tree), bool)
-    for node in asked:
-        while node >= 0:
-            told[node] = True
-            node = bake.tree.parent[node]
-    assert len(asked) < told.sum() < len(bake.tree)
-    for name, values in vars(tally.solve_tallies(bake.tree, totals, asked)).items():
-        np.testing.assert_array_equal(values[..., told], getattr(whole, name)[..., told], err_msg=name)
-        assert not values[..., ~told].any()
-
-
 def test_children_without_photons_take_their_parents_function():
     rng = np.random.default_rng(5)
     bake = SquareBake(side=16, degree=1, preview_depth=1)
@@ -166,13 +117,6 @@ def test_children_without_photons_take_their_parents_function():
     np.testing.assert_allclose(
         bake.values(fine, at_s, at_t), bake.values(coarse, at_s, at_t), rtol=0.02
     )  # the parent's own is shrunk a hair
-
-
-def test_few_hits_in_many_nodes_make_a_small_tally():
-    bake = SquareBake(side=32, flat=True, degree=0)
-    bake.throw(np.array([0.5, 0.5, 0.9]), np.array([0.5, 0.5, 0.1]))
-    assert bake.tally.count.sum() == 3
-    assert bake.tally.count.max() == 2
 
 
 def test_shards_of_all_nodes_and_of_some_add_up():
@@ -208,46 +152,9 @@ def test_variance_is_that_of_repeated_bakes():
     assert np.var(values, axis=0).mean() == pytest.approx(np.mean(stated), rel=0.15)
 
 
-def test_sums_and_light_are_the_same_in_parts_as_at_once(monkeypatch):
-    rng = np.random.default_rng(17)
-    bake = SquareBake(side=32, degree=1, width=0.7, preview_depth=2)
-    bake.throw(*rng.random((2, 300)) * [[0.7], [1.0]])
-    bake.tree = quadtree.split(bake.tree, np.array([0]))
-    bake.grow()
-    bake.throw(*rng.random((2, 300)) * [[0.3], [1.0]], half=1, is_first=False)
-    monkeypatch.setattr(tally, "parts_of", lambda nodes: iter([nodes]))
-    whole = bake.totals(), bake.solution()
-    monkeypatch.setattr(tally, "parts_of", lambda nodes: (nodes[start : start + 7] for start in range(0, len(nodes), 7)))
-    assert len(bake.tree) > 7
-    for one, other in zip(whole, (bake.totals(), bake.solution()), strict=True):
-        for name, values in vars(one).items():
-            np.testing.assert_array_equal(values, getattr(other, name), err_msg=name)
-
-
-def test_parts_hold_every_node_once():
-    assert [part.tolist() for part in tally.parts_of(np.arange(9), 4)] == [[0, 1, 2, 3], [4, 5, 6, 7], [8]]
-    assert list(tally.parts_of(np.arange(0))) == []
-
-
 @pytest.mark.parametrize("watts", [1e-30, 1e-17, 1.0, 1e17, 1e25, 1e30])
 def test_squares_of_any_power_are_summed(watts):
     """Photons carry all of a scene's light: those of planets that a sun shines on have more watts than float32 can square."""
     flux = np.float32(watts) * np.float32([[1.0, 2.0, 3.0], [0.0, 0.0, 0.0], [0.5, 0.5, 0.5]])
     sums = tally.deposit(np.array([0, 1, 1]), *np.zeros((2, 3)), flux, None, 2, 0)
     np.testing.assert_allclose(sums.weight2 / float(np.float32(watts)) ** 2, [[1.0, 13.0], [0.0, 0.0], [0.25, 0.5]], rtol=1e-6)
-
-
-def test_squares_of_usual_powers_keep_their_bytes():
-    flux = np.random.default_rng(1).random((3, 50), np.float32)
-    sums = tally.deposit(np.zeros(50, int), *np.zeros((2, 50)), flux, None, 1, 0)
-    assert sums.weight2[:, 0].tolist() == (flux * flux).sum(axis=1, dtype=np.float64).tolist()
-
-
-@pytest.mark.parametrize("node", [[5, 2, 2, 9, 5, 5], [], [0]])
-def test_places_that_are_touched_are_found_as_by_sorting(node):
-    node = np.array(node, np.int32)
-    touched, slot, count = tally.find_touched(node, 10)
-    expected = np.unique(node, return_inverse=True, return_counts=True)
-    for found, right in zip((touched, slot, count), expected, strict=True):
-        np.testing.assert_array_equal(found, right)
-        assert found.dtype == np.int64

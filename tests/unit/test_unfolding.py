@@ -39,16 +39,6 @@ def test_meshes_of_one_question_lie_side_by_side():
     assert (uv.max(axis=(0, 1)) < other_uv.min(axis=(0, 1))).any() or (other_uv.max(axis=(0, 1)) < uv.min(axis=(0, 1))).any()
 
 
-def test_a_child_that_is_started_ahead_takes_no_thread(unfolder):
-    """Before the first question: a process with threads cannot be copied."""
-    before = threading.active_count()
-    unfolder.start()
-    assert threading.active_count() == before
-    assert is_alive(unfolder._child.pid)
-    unfolder.ask([SQUARE], 1.0).result()
-    assert threading.active_count() == before + 1
-
-
 def test_charts_of_dense_meshes_are_grown_otherwise():
     """Of a wavy sheet of 2,048 triangles, which is cut where it is steep, or is one chart that is joined of small ones."""
     x, y = np.meshgrid(np.linspace(0.0, 1.0, 33), np.linspace(0.0, 1.0, 33), indexing="ij")
@@ -66,40 +56,6 @@ def test_what_has_no_area_is_left_out():
     ((chart, uv),) = unfold_meshes([NOTHING], 1.0).result()
     assert chart.tolist() == [-1]
     assert not uv.any()
-
-
-@pytest.mark.parametrize("limit", [("_MOST_ATLASES", 5), ("_MOST_TRIANGLES", 10)])
-def test_child_that_keeps_much_is_replaced_and_the_answers_stay_the_same(unfolder, monkeypatch, limit):
-    monkeypatch.setattr(unfolding, *limit)
-    seen, answers = set(), []
-    for _ in range(11):
-        answers.append(unfolder.unfold([SQUARE], 1.0)[0])
-        seen.add(unfolder._child.pid)
-        if len(answers) % 5 == 0:
-            assert unfolder._child.returncode is not None, "it is gone, with what it kept, before there is another question"
-    assert len(seen) == 3
-    for chart, uv in answers[1:]:
-        np.testing.assert_array_equal(chart, answers[0][0])
-        np.testing.assert_array_equal(uv, answers[0][1])
-
-
-@pytest.mark.parametrize("dies", [False, True])
-def test_the_next_child_is_there_before_it_is_needed(unfolder, monkeypatch, dies):
-    monkeypatch.setattr(unfolding, "_MOST_ATLASES", 4)
-    unfolder.unfold([SQUARE], 1.0)
-    assert unfolder._spare is None
-    unfolder.unfold([SQUARE], 1.0)
-    spare = unfolder._spare[0]
-    unfolder.unfold([SQUARE], 1.0)
-    assert unfolder._spare[0] is spare
-    unfolder.unfold([SQUARE], 1.0)
-    if dies:
-        spare.kill()
-        spare.wait()
-    unfolder.unfold([SQUARE], 1.0)
-    assert (unfolder._child is spare) != dies
-    assert unfolder._spare is None
-    assert unfolder._atlases == 1
 
 
 def test_child_that_was_killed_between_two_questions_is_replaced(unfolder):
@@ -162,7 +118,6 @@ def test_a_failure_goes_to_the_one_who_asked(unfolder, monkeypatch):
 def test_whoever_waits_is_called_until_the_answer_is_there(unfolder, monkeypatch):
     may_answer, calls = threading.Event(), []
     monkeypatch.setattr(unfolder, "unfold", lambda meshes, area, dense: may_answer.wait(60) and [area])
-    monkeypatch.setattr(unfolding, "_WATCH_S", 0.01)
 
     def watch():
         calls.append(1)
@@ -171,26 +126,6 @@ def test_whoever_waits_is_called_until_the_answer_is_there(unfolder, monkeypatch
 
     assert unfolding.wait_for(unfolder.ask([SQUARE], 1.0), watch) == [1.0]
     assert len(calls) >= 3
-
-
-def test_an_answer_that_nobody_wants_ends_with_its_child_and_is_not_tried_again(unfolder, tmp_path, monkeypatch):
-    """The next question is answered."""
-    monkeypatch.setattr(unfolding, "_own_unfolder", lambda process_id: unfolder)
-    with monkeypatch.context() as patch:
-        (tmp_path / "xatlas.py").write_text(f"import pathlib, time\npathlib.Path({str(tmp_path / 'begun')!r}).touch()\ntime.sleep(600)\n")
-        patch.syspath_prepend(str(tmp_path))
-        unwanted, later = unfold_meshes([SQUARE], 1.0), unfold_meshes([SQUARE], 2.0)
-        limit = time.monotonic() + 60
-        while not (tmp_path / "begun").exists() and time.monotonic() < limit:
-            time.sleep(0.01)
-    child = unfolder._child
-    unfolding.give_up(later)
-    unfolding.give_up(unwanted)
-    assert isinstance(unwanted.exception(60), UnfolderDied)
-    assert later.cancelled()
-    assert child.wait(60) != 0
-    assert unfolder._child is child, "no other was started to try again"
-    assert len(unfold_meshes([SQUARE], 1.0).result(60)) == 1
 
 
 def test_to_give_up_an_answer_that_is_there_harms_no_child(unfolder, monkeypatch):

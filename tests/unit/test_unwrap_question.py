@@ -1,12 +1,11 @@
 """What xatlas is asked, and that it does not matter to the charts how."""
 
 from concurrent.futures import Future
-from pathlib import Path
 
 import numpy as np
 import pytest
-from leaflight.core.atlas import unfolding, unwrap_question, xatlas_process
-from leaflight.core.atlas.unfolding import Unfolder, UnfolderDied
+from leaflight.core.atlas import unwrap_question
+from leaflight.core.atlas.unfolding import UnfolderDied
 from leaflight.core.atlas.unwrap_question import Question
 from leaflight.core.util.geometry import triangle_normals_areas
 from scenes import Mesh, box_mesh, grid_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh
@@ -42,26 +41,6 @@ def join_polygons(meshes):
     return [[int(k + corner) for corner in polygon] for k, mesh in zip(first, meshes, strict=False) for polygon in mesh.polygons]
 
 
-@pytest.mark.parametrize(
-    "mesh", [PRISM, sphere_mesh(), grid_mesh(noise=0.6), sphere_mesh(3, 4)], ids=["prism", "sphere", "bent grid", "octahedron"]
-)
-@pytest.mark.parametrize("texels", [0.1, 20.0])
-def test_sides_are_as_long_whatever_the_raster_that_charts_are_packed_on(monkeypatch, tmp_path, mesh, texels):
-    """xatlas stretches charts to whole texels; what is one chart stays one."""
-    group, uv = ask(mesh).read()
-    other = tmp_path / "xatlas_process.py"
-    source = Path(xatlas_process.__file__).read_text()
-    assert "_TEXELS_PER_UNIT = 0.5 " in source
-    other.write_text(source.replace("_TEXELS_PER_UNIT = 0.5 ", f"_TEXELS_PER_UNIT = {texels} "))
-    monkeypatch.setattr(unfolding, "_PROGRAM", other)
-    own = Unfolder()
-    monkeypatch.setattr(unfolding, "_own_unfolder", lambda process_id: own)
-    other_group, other_uv = ask(mesh).read()
-    np.testing.assert_array_equal(other_group, group)
-    length, other_length = (np.linalg.norm(of - np.roll(of, 1, axis=1), axis=2) for of in (uv, other_uv))
-    np.testing.assert_allclose(other_length, length, rtol=2e-4)
-
-
 def test_a_dense_ground_is_unwrapped_by_pieces():
     """Of 2,048 triangles at most, so that time grows with their number; no quad is cut, and as many in a plane are one chart still."""
     group, _ = ask(grid_mesh(cells=70, noise=0.05)).read()
@@ -69,27 +48,6 @@ def test_a_dense_ground_is_unwrapped_by_pieces():
     assert np.bincount(group).max() <= 2048
     np.testing.assert_array_equal(group[::2], group[1::2])
     assert np.unique(ask(grid_mesh(cells=70)).read()[0]).size == 1
-
-
-def test_dense_pieces_are_asked_of_apart_and_have_the_charts_that_they_have_by_themselves(asked):
-    bumpy, even = grid_mesh(cells=30, noise=0.2), grid_mesh(cells=30)
-    group, uv = ask_apart(box_mesh(), bumpy, sphere_mesh(), even).read()
-    assert asked == [(3, False), (1, True)]
-    apart = [ask(mesh).read() for mesh in (box_mesh(), bumpy, sphere_mesh(), even)]
-    assert [len(np.unique(own)) for own, _ in apart] == [len(np.unique(group[rows])) for rows in rows_of(apart)]
-    for (_, own), rows in zip(apart, rows_of(apart), strict=True):
-        length, own_length = (np.linalg.norm(of - np.roll(of, 1, axis=1), axis=2) for of in (uv[rows], own))
-        np.testing.assert_allclose(length, own_length, rtol=2e-4)
-
-
-def test_dense_pieces_are_asked_of_when_their_object_has_its_turn(asked):
-    ask_apart(grid_mesh(cells=30, noise=0.2), box_mesh()).read()
-    assert asked == [(1, True), (1, False)]
-
-
-def rows_of(answers):
-    end = np.cumsum([len(group) for group, _ in answers])
-    return [slice(last - len(group), last) for last, (group, _) in zip(end, answers, strict=True)]
 
 
 def ask_apart(*meshes):

@@ -46,14 +46,6 @@ def test_pairs_sum_to_what_each_light_gives(ready):
     assert pairs.variance(len(TEXELS)).max() > 0
 
 
-def test_texels_without_a_pair_get_nothing(ready):
-    scene, chunk, lamps = ready
-    ((both, _),) = join_sources(lamps)
-    tally = Tally(both, np.array([0, 255]), np.array([0, 1]), shifts(2))
-    tally.add(scene.rays, chunk, np.arange(2), STAGES[0])
-    assert tally.light(len(TEXELS)).any(axis=1).nonzero()[0].tolist() == [0, 255]
-
-
 def test_neighbours_of_a_shadow_edge_go_on_with_it(ready):
     scene, chunk, lamps = ready
     tally = Tally(lamps[0], TEXELS, None, shifts(len(TEXELS)))
@@ -61,64 +53,3 @@ def test_neighbours_of_a_shadow_edge_go_on_with_it(ready):
     more = tally.unsettled(np.full(len(TEXELS), 1e-4), STAGES[1])
     assert 0 < len(more) < len(TEXELS)
     assert (np.bincount(more // AGREE_TEXELS) % AGREE_TEXELS == 0).all(), "whole groups of neighbours, since all of them are in reach"
-
-
-ALLOWED = np.full(len(TEXELS), 0.02)
-
-
-def look_once(ready, radius_m, alone=None):
-    """A tally with its first rays, and who is dark by these."""
-    scene, chunk, _ = ready
-    lamp = make_lamps(replace(SCENE, lights=(replace(BULB, radius_m=radius_m),)), UnitBox.from_points(SCENE.vertex_position))[0]
-    tally = Tally(lamp, TEXELS, None, shifts(len(TEXELS)), alone=alone)
-    tally.add(scene.rays, chunk, TEXELS, STAGES[0])
-    return tally, ~tally.light(len(TEXELS)).any(axis=1)
-
-
-def test_who_is_alone_neither_goes_on_with_neighbours_nor_makes_them(ready):
-    """Where the lit and the dark are both among neighbours, all of them would go on."""
-    together, dark = look_once(ready, 0.0)
-    by_themselves = look_once(ready, 0.0, alone=np.ones(len(TEXELS), bool))[0].unsettled(ALLOWED, STAGES[1])
-    assert len(together.unsettled(ALLOWED, STAGES[1])) > 2 * len(by_themselves) > 0
-    alone = dark | np.isin(TEXELS, by_themselves)
-    assert look_once(ready, 0.0, alone)[0].unsettled(ALLOWED, STAGES[1]).tolist() == by_themselves.tolist()
-
-
-def test_who_is_alone_in_the_dark_goes_on_for_himself_only(ready):
-    """Of others one goes on for a block."""
-    dark = look_once(ready, 0.1)[1]
-    others = np.flatnonzero(dark & (TEXELS % 3 > 0))
-    alone = ~np.isin(TEXELS, others)
-    tally = look_once(ready, 0.1, alone)[0]
-    more = tally.unsettled(ALLOWED, STAGES[1])
-    assert np.isin(np.flatnonzero(dark & alone), more).all()
-    assert tally.leads[alone].all()
-    leaders = np.intersect1d(others, more)
-    assert len(leaders) == -(-len(others) // AGREE_TEXELS) > 2
-    np.testing.assert_array_equal(np.flatnonzero(tally.leads & ~alone), leaders)
-
-
-def test_what_is_asked_between_rays_changes_nothing(ready):
-    """A tally remembers what it found, but for pairs that got more rays since."""
-    scene, chunk, lamps = ready
-    often, once = (Tally(lamps[0], TEXELS, None, shifts(len(TEXELS))) for _ in range(2))
-    for stage, rows in zip(STAGES, (TEXELS, TEXELS[::2], TEXELS[::5]), strict=True):
-        before = often.variance(len(TEXELS))
-        for tally in (often, once):
-            tally.add(scene.rays, chunk, rows, stage)
-        assert often.light(len(TEXELS)).any()
-        assert (often.variance(len(TEXELS)) != before).any()
-    np.testing.assert_array_equal(often.light(len(TEXELS)), once.light(len(TEXELS)))
-    np.testing.assert_array_equal(often.variance(len(TEXELS)), once.variance(len(TEXELS)))
-
-
-def test_who_is_led_is_unsure_once_the_leader_is(ready):
-    scene, chunk, _ = ready
-    dark = look_once(ready, 0.2)[1]
-    tally = look_once(ready, 0.2, alone=~dark)[0]
-    more = tally.unsettled(ALLOWED, STAGES[1])
-    assert not tally.variance(len(TEXELS))[dark].any()
-    tally.add(scene.rays, chunk, more, STAGES[1])
-    led = tally.light(len(TEXELS)).any(axis=1) & ~tally.leads
-    assert led.sum() > AGREE_TEXELS
-    assert tally.variance(len(TEXELS))[led].any(axis=1).all()
