@@ -12,13 +12,10 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..read.tags import is_made, local_objects
+from ..read.tags import LIVE, STANDS_FOR, is_made, local_objects
 from ..show import images, materials_write, restore
 from ..show.layout import Layout, worn_digest, worn_images, worn_warnings
 from . import session
-
-LIVE = "leaflight_live"  # on an image: its page of the bake that runs
-STANDS_FOR = "leaflight_stands_for"  # on such an image: that of the earlier bake, whose place it has taken
 
 
 class LiveView:

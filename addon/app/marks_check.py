@@ -15,7 +15,6 @@ import bpy
 from ..read import baked_copies, tags, uv_layer
 from ..show import images, layout, materials_write, restore, scene_prints
 from ..show.material_nodes import MODES
-from . import live
 
 _KINDS = ("objects", "meshes", "materials", "images", "collections", "node_groups")
 
@@ -141,6 +140,6 @@ _SHAPES: dict[str, tuple[Any, Callable[[Any, Any], Any]]] = {
     restore.MISSING: (bpy.types.Scene, _is_text),
     layout.LAYOUT: (bpy.types.Scene, _is_layout),
     layout.SPARE: (bpy.types.Scene, _is_text),
-    live.LIVE: (bpy.types.Image, _is_flag),
-    live.STANDS_FOR: (bpy.types.Image, lambda value, block: _is_block_or_gone(value, bpy.types.Image) and value != block),
+    tags.LIVE: (bpy.types.Image, _is_flag),
+    tags.STANDS_FOR: (bpy.types.Image, lambda value, block: _is_block_or_gone(value, bpy.types.Image) and value != block),
 }

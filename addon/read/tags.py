@@ -12,6 +12,8 @@ import bpy
 
 MADE = "leaflight_made"  # on data-blocks and nodes we created: they may be deleted
 NAME = "Leaflight"
+LIVE = "leaflight_live"  # on an image: its page of the bake that runs
+STANDS_FOR = "leaflight_stands_for"  # on such an image: that of the earlier bake, whose place it has taken
 STATE = "leaflight_state"  # on a scene: the folder, relative to that of the images, which Blender finds again wherever the .blend is saved
 STATE_IS = "leaflight_state_is"  # on a scene: digest of the folder's note, for undo and saved files bring back earlier bakes
 STATE_OBJECTS = "leaflight_state_objects"  # on a scene: names of the objects that the bake was of, as JSON; none of all
