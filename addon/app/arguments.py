@@ -80,8 +80,14 @@ def _unmask(name: str) -> str:
 
 def _read_paths(arguments: dict[str, Any]) -> frozenset[str]:
     """Words to paths, in place; gives the names of those that began with //. On Windows a path knows no more of that, and has it that of
-    another machine begins so."""
+    another machine begins so.
+
+    Raises ValueError with a sentence for a name that no file can have.
+    """
     words = {name: arguments[name] for name in _PATHS if arguments[name] is not None}
+    for name, word in words.items():
+        if "\0" in word:
+            raise ValueError(f"--{name}: holds a character of code 0, which no file name may hold; choose another name.")
     beside = frozenset(name for name, word in words.items() if word.startswith("//"))
     arguments.update((name, Path(word.lstrip("/") if name in beside else word)) for name, word in words.items())
     return beside

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -34,7 +35,8 @@ class ColorReader:
     colors     where their colour attributes go
     baker      evaluates what is not known here; of the material
     normal     unit vectors in the world in place of colours, None where the surface is shaded as it is
-    replaced   what could not be taken as it is, for one warning
+    replaced   what could not be taken as it is, for one warning; with it
+    mended     what was no number, in order
     by_faces   whether what was read depends on the faces, or
     by_object  on the object that they are of
     ray        DIFFUSE or SHADOW, the kind of rays that see the surface; by_ray tells whether what was read depends on it
@@ -53,6 +55,7 @@ class ColorReader:
         self.ray = DIFFUSE
         self._baker, self._material, self._depth, self._inexact = baker, material, 0, False
         self.replaced: list[str] = []
+        self.mended: dict[str, None] = {}
         self.normal: Color | None = None
         self.missing_rgb = GREY  # what stands for a missing image; Blender's magenta would tint the room
 
@@ -103,12 +106,25 @@ class ColorReader:
         if port is None:
             return Color(default)
         if port.is_value:
-            return Color(_value_rgb(port.socket, default))
+            return Color(self.read_value(port.socket, default))
         if shows_view_layer(port) or (self.faces is not None and shows_object(port)):
             return _read_property(self, port)
         reader = _COLOR_READERS.get(port.node.type)
         color = reader(self, port) if reader else read_function(self, port)
         return self.read_unknown(port) if color is None else color
+
+    def read_value(self, socket: Any, default: Rgb) -> Rgb:
+        """The value of a socket that nothing feeds."""
+        value = getattr(socket, "default_value", default)
+        return self.mend(to_rgb(value) if hasattr(value, "__len__") else (float(value),) * 3, default, socket)
+
+    def mend(self, rgb: Rgb, default: Rgb, place: Any) -> Rgb:
+        """A value of a material at a socket or by itself, the default where it is not finite. (Lights are left out then.)"""
+        if self._material is None or all(map(math.isfinite, rgb)):
+            return rgb
+        what = f"{place.name} of {describe(place.node)}" if place else "its colour"
+        self.mended[f"{what} is not a number, {max(default):g} is used; type one"] = None
+        return default
 
     def read_factor(self, port: Port | None, default: float) -> Color:
         """The number that a source port gives, an image of it where it differs over the surface."""
@@ -265,7 +281,7 @@ def _read_property(reader: ColorReader, port: Port) -> Color:
 
 
 def _read_output_value(reader: ColorReader, port: Port) -> Color:
-    return Color(_value_rgb(port.socket, WHITE))
+    return Color(reader.read_value(port.socket, WHITE))
 
 
 def _read_light_path(reader: ColorReader, port: Port) -> Color:
@@ -280,11 +296,6 @@ def _read_light_path(reader: ColorReader, port: Port) -> Color:
 def _read_fresnel(reader: ColorReader, port: Port) -> Color:
     reader.note(f"{describe(port.node)} is approximated")
     return Color((0.05,) * 3)  # facing a dielectric
-
-
-def _value_rgb(socket: Any, default: Rgb) -> Rgb:
-    value = getattr(socket, "default_value", default)
-    return to_rgb(value) if hasattr(value, "__len__") else (float(value),) * 3
 
 
 _COLOR_READERS: dict[str, Callable[[ColorReader, Port], Color]] = {

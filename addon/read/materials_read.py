@@ -90,8 +90,8 @@ class MaterialTable:
             if shadow.image >= 0 and surface.passing.image >= 0 and shadow.mapping != surface.passing.mapping:
                 reader.note("its transparency for shadow rays is replaced by its mean, for it is mapped in another way")
                 shadow = Color(shadow.mean)
-        if reader.replaced:
-            self._warnings.append((material.name, f"the material is simplified: {'; '.join(reader.replaced)}"))
+        if reader.replaced or reader.mended:
+            self._warnings.append((material.name, f"the material is simplified: {'; '.join([*reader.replaced, *reader.mended])}"))
         return MaterialReading(
             Material(
                 name=material.name,
@@ -140,7 +140,7 @@ def _identify(faces: Faces | None) -> tuple[int, ...]:
 def read_material(reader: ColorReader, material: Any) -> Surface:
     """What the material's active output shows to Cycles; black where nothing is connected, as there."""
     if not uses_nodes(material):
-        return Surface(Color(to_rgb(material.diffuse_color)))
+        return Surface(Color(reader.mend(to_rgb(material.diffuse_color), GREY, None)))
     output, source = find_surface(material)
     if output is None:
         reader.note("it has no output node, so it is black")

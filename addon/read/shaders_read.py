@@ -93,7 +93,7 @@ def read_input_color(reader: ColorReader, port: Port, name: str, default: Rgb = 
     """The colour input of a port's node; the value behind a link stands for a missing image."""
     socket = port.node.inputs.get(name)
     stored = getattr(socket, "default_value", None)
-    reader.missing_rgb = default if stored is None else to_rgb(stored)
+    reader.missing_rgb = default if stored is None or not all(map(math.isfinite, stored)) else to_rgb(stored)
     return reader.read_color(port.sibling(name), default)
 
 

@@ -1,5 +1,7 @@
 """Materials as diffuse reflectance and emission; one warning for each that had to be simplified."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -486,6 +488,18 @@ def test_a_principled_shader_has_a_layer_by_its_specular_level():
     assert not any(plain.metal_rgb)
     without = tree.show(tree.add("BsdfPrincipled", Specular_IOR_Level=0.0)).read()[0].material
     assert without.layer == 0.0
+
+
+def test_values_that_are_not_numbers_are_mended_and_named():
+    plain, tree = Tree("Plain"), Tree()
+    expected = plain.show(plain.add("BsdfPrincipled")).read()[0].material
+    names = ("Roughness", "IOR", "Alpha", "Specular_IOR_Level")
+    shader = tree.add("BsdfPrincipled", Base_Color=(0.5, np.nan, 0.5), **dict.fromkeys(names, np.nan))
+    reading, _, warning = tree.show(shader).read()
+    assert reading.material.albedo_rgb == pytest.approx((0.8, 0.8, 0.8))
+    assert replace(reading.material, name="Plain", albedo_rgb=expected.albedo_rgb) == expected
+    for told in ("Base Color of node Principled BSDF is not a number, 0.8 is used; type one", "Roughness of node", "Alpha of node"):
+        assert told in warning
 
 
 def test_no_output_and_nothing_connected_are_black():

@@ -110,6 +110,7 @@ def test_missing_words_end_with_2(argv):
         ("--time-limit inf", r"^--time-limit: .* got inf;"),
         ("--name-pattern {size}", r"^--name-pattern: expected no other fields than .* got '{size}'; choose another\.$"),
         ("--save room", r"^--save room: .* end in \.blend;"),
+        *((f"{flag} maps/nul\0.glb", f"^{flag}: .* no file name may hold;") for flag in ("--gltf", "--report", "--output", "--keep")),
     ],
 )
 def test_values_out_of_range_are_told_by_their_flag(words, sentence):
