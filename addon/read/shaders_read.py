@@ -8,11 +8,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...core.scene.gloss import average_fresnel
 from ..nodes.colors_read import ColorReader
 from ..nodes.node_colors import BLACK, GREY, WHITE, Color, Rgb, add_rgb, to_rgb
 from ..nodes.node_ports import Port, find_source
 
 _NOTHING = Color(BLACK)
+_NO_SUBSURFACE = "light below the surface comes out where it went in"
+# The microfibre sheen's albedo for even light from all directions, by roughness; as Cycles renders it.
+# Source: Zeltner, Burley & Chiang 2022, "Practical multiple-scattering sheen using linearly transformed cosines".
+_SHEEN = (0.0, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 1.0), (0.0, 0.0024, 0.0133, 0.0513, 0.1188, 0.2101, 0.3136, 0.3826, 0.4475)
 
 
 @dataclass(frozen=True)
@@ -23,15 +28,21 @@ class GlossNumbers:
     layer: float = 0.0
     roughness: float = 0.5
     ior: float = 1.5
+    coat: float = 0.0
+    coat_roughness: float = 0.03
+    coat_ior: float = 1.5
 
     def times(self, share: float) -> GlossNumbers:
         """On a share of the surface."""
-        return replace(self, metal=share * self.metal, layer=share * self.layer)
+        return replace(self, metal=share * self.metal, layer=share * self.layer, coat=share * self.coat)
 
     def add(self, other: GlossNumbers) -> GlossNumbers:
         """Both; as rough as the stronger one."""
         main = self if self.metal + self.layer >= other.metal + other.layer else other
-        return replace(main, metal=min(self.metal + other.metal, 1.0), layer=min(self.layer + other.layer, 1.0))
+        metal, layer, coat = (min(getattr(self, name) + getattr(other, name), 1.0) for name in ("metal", "layer", "coat"))
+        coated = self if self.coat >= other.coat else other
+        main = replace(main, coat_roughness=coated.coat_roughness, coat_ior=coated.coat_ior)
+        return replace(main, metal=metal, layer=layer, coat=coat)
 
 
 @dataclass(frozen=True)
@@ -99,9 +110,8 @@ def read_input_color(reader: ColorReader, port: Port, name: str, default: Rgb = 
 
 def _read_principled(reader: ColorReader, port: Port) -> Surface:
     metallic, transmission = _fraction(reader, port, "Metallic"), _fraction(reader, port, "Transmission Weight")
-    for name, text in (("Subsurface Weight", "subsurface light stays where it arrives"), ("Coat Weight", "its coat is left out")):
-        if reader.read_number(port.sibling(name), 0.0) > 0.0:
-            reader.note(text)
+    if reader.read_number(port.sibling("Subsurface Weight"), 0.0) > 0.0:
+        reader.note(_NO_SUBSURFACE)
     _note_normal(reader, port)
     alpha = _fraction(reader, port, "Alpha", 1.0)
     base = read_input_color(reader, port, "Base Color", GREY)
@@ -116,7 +126,7 @@ def _read_principled(reader: ColorReader, port: Port) -> Surface:
         # Cycles tints each of the two sides of a solid by the root of the colour, and what it reflects not at all.
         glass = _scale(reader, port, reader.derive(port, lambda rgb: np.sqrt(np.maximum(rgb, 0.0)), [base], "root"), part, "glass")
         bending = _read_bending(reader, port, WHITE, True).times(part.mean[0])
-    return Surface(
+    surface = Surface(
         reader.add(port, _scale(reader, port, albedo, alpha, "albedo"), metal, "reflecting"),
         _scale(reader, port, emission, alpha, "emission"),
         _complement(reader, port, alpha, "clear"),
@@ -125,6 +135,60 @@ def _read_principled(reader: ColorReader, port: Port) -> Surface:
         glass,
         bending,
     )
+    return _add_sheen(reader, port, _add_coat(reader, port, surface, alpha), alpha)
+
+
+def _add_coat(reader: ColorReader, port: Port, surface: Surface, alpha: Color) -> Surface:
+    """A Principled BSDF's clear coat above a surface; its tint colours what is below by the mean path through the coat."""
+    coat = min(max(reader.read_number(port.sibling("Coat Weight"), 0.0), 0.0), 1.0)
+    if coat <= 0.0:
+        return surface
+    ior = max(reader.read_number(port.sibling("Coat IOR"), 1.5), 1.0 + 1e-4)
+    roughness = min(max(reader.read_number(port.sibling("Coat Roughness"), 0.03), 0.0), 1.0)
+    tint = read_input_color(reader, port, "Coat Tint").mean
+    path = 2.0 * ior**2 * (1.0 - math.sqrt(1.0 - 1.0 / ior**2))  # mean of 1 / cos inside, for even light from all directions
+    red, green, blue = (1.0 - coat + coat * max(channel, 0.0) ** path for channel in tint)
+    if max(surface.glass.mean) > 0.0:
+        reader.note("its coat reflects nothing where it is glass")
+    below = _dim(surface, (red, green, blue))
+    emission = below.emission.times(1.0 - coat * average_fresnel(ior))
+    gloss = replace(below.gloss, coat=coat * alpha.mean[0], coat_roughness=roughness, coat_ior=ior)
+    return replace(below, emission=emission, gloss=gloss)
+
+
+def _add_sheen(reader: ColorReader, port: Port, surface: Surface, alpha: Color) -> Surface:
+    """A Principled BSDF's sheen above a surface, as a diffuse part of the same energy."""
+    weight = max(reader.read_number(port.sibling("Sheen Weight"), 0.0), 0.0)
+    if weight <= 0.0:
+        return surface
+    share = weight * _find_sheen(reader.read_number(port.sibling("Sheen Roughness"), 0.5))
+    sheen = Color(read_input_color(reader, port, "Sheen Tint").mean).times(share)
+    below = _dim(surface, (1.0 - min(max(*sheen.rgb), 1.0),) * 3)
+    return replace(below, albedo=reader.add(port, below.albedo, _scale(reader, port, sheen, alpha, "sheen"), "with sheen"))
+
+
+def _dim(surface: Surface, rgb: Rgb) -> Surface:
+    """What is left of all that a surface sends, where something above it lets that share of each channel through."""
+    mean = sum(rgb) / 3.0
+    albedo, emission, metal, glass = (color.times(rgb) for color in (surface.albedo, surface.emission, surface.metal, surface.glass))
+    gloss, bending = surface.gloss.times(mean), surface.bending.times(mean)
+    return replace(surface, albedo=albedo, emission=emission, metal=metal, glass=glass, gloss=gloss, bending=bending)
+
+
+def _find_sheen(roughness: float) -> float:
+    """Share of even light that white sheen reflects."""
+    return float(np.interp(roughness, *_SHEEN))
+
+
+def _read_sheen(reader: ColorReader, port: Port) -> Surface:
+    """As diffuse, with its energy."""
+    _note_normal(reader, port)
+    return Surface(read_input_color(reader, port, "Color").times(_find_sheen(reader.read_number(port.sibling("Roughness"), 0.5))))
+
+
+def _read_subsurface(reader: ColorReader, port: Port) -> Surface:
+    reader.note(_NO_SUBSURFACE)
+    return _read_diffuse(reader, port)
 
 
 def _read_bending(reader: ColorReader, port: Port, mirror_rgb: Rgb, fresnel: bool) -> GlassNumbers:
@@ -272,6 +336,8 @@ _SHADERS: dict[str, Callable[[ColorReader, Port], Surface]] = {
     "BSDF_PRINCIPLED": _read_principled,
     "BSDF_DIFFUSE": _read_diffuse,
     "BSDF_TRANSLUCENT": _read_translucent,
+    "BSDF_SHEEN": _read_sheen,
+    "SUBSURFACE_SCATTERING": _read_subsurface,
     "EMISSION": _read_emission,
     "BACKGROUND": _read_emission,
     "MIX_SHADER": _read_mix,

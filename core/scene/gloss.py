@@ -1,10 +1,11 @@
-"""Specular reflection of surfaces: metals, and the layer above dielectric ones.
+"""Specular reflection of surfaces: metals, the layer above dielectric ones, and a clear coat above both.
 
 A material's lobe is GGX with Smith's height-correlated masking. A metal reflects its colour by Schlick's formula, a dielectric layer by the
 exact Fresnel equations for its index of refraction. What single scattering loses on rough surfaces is given back, tinted: weights are
 times 1 + F (1 / E - 1), with the lobe's albedo without Fresnel, E, and the share F that the surface reflects of light scattered several
 times: of a layer its mean Fresnel reflectance over the hemisphere, of a metal less, see _give_back. The layer takes its albedo off the
-diffuse light below it, in the direction that leaves.
+diffuse light below it, in the direction that leaves. A coat is a second dielectric layer with a lobe of its own, which takes its albedo
+off all below it.
 
 Source: Walter et al. 2007, "Microfacet models for refraction through rough surfaces"; Heitz 2018, "Sampling the GGX distribution of
 visible normals"; Heitz 2014, "Understanding the masking-shadowing function", eq. 99; Turquin 2019, "Practical multiple scattering
@@ -13,6 +14,7 @@ compensation for microfacet models"; Schlick 1994.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -22,12 +24,44 @@ from numpy.typing import NDArray
 from ..util.arrays import Float32, Float64, FloatArray, IntArray
 from ..util.geometry import gather, orthonormal_basis
 from .materials import SurfaceMaterials
-from .scene import MAX_ALBEDO, SceneSnapshot
+from .scene import MAX_ALBEDO, Material, SceneSnapshot
 
 LEAST_ALPHA = 1e-3  # of a mirror; its lobe is a twentieth of a degree wide
 _ENTRIES = 65  # of a material's tables, evenly by the root of the cosine: at grazing angles they change soonest
 _SAMPLES = 2048  # for each entry
 _HAIR = np.float32(1e-6)
+
+
+@dataclass(frozen=True)
+class Coat:
+    """The coats of a scene's materials.
+
+    alpha, ior, share   (n_material,) float32: as of a layer
+    mean                (n_material,) float32: mean Fresnel reflectance
+    lost                (n_material * _ENTRIES,) float32: as of Gloss
+    albedo              the same: what the coat reflects, its share included
+    """
+
+    alpha: Float32
+    ior: Float32
+    share: Float32
+    mean: Float32
+    lost: Float32
+    albedo: Float32
+
+    @classmethod
+    def of(cls, materials: Sequence[Material]) -> Coat | None:
+        """None where no material has one."""
+        share = np.array([one.coat for one in materials], np.float32)
+        if not share.any():
+            return None
+        alpha = np.array([max(one.coat_roughness**2, LEAST_ALPHA) for one in materials], np.float32)
+        ior = np.array([max(one.coat_ior, 1.0) for one in materials], np.float32)
+        tables = [tabulate_lobe(float(a), float(n)) for a, n in zip(alpha, ior, strict=True)]
+        lost, _, albedo = (np.concatenate([table[k] for table in tables]).astype(np.float32) for k in range(3))
+        mean = np.array([average_fresnel(float(n)) for n in ior], np.float32)
+        albedo *= np.repeat(share, _ENTRIES) * (1 + np.repeat(mean, _ENTRIES) * lost)
+        return cls(alpha, ior, share, mean, lost, albedo)
 
 
 @dataclass(frozen=True)
@@ -44,7 +78,8 @@ class Gloss:
     kept_mean      (n_material,) float32: mean of E over the hemisphere
     lost           (n_material * _ENTRIES,) float32: 1 / E - 1 by the cosine with the normal
     edge           the same: what of a black metal's light Schlick's formula reflects at the edges by single scattering
-    dielectric     the same: what the layer reflects, its share included
+    dielectric     the same: what the layer and the coat reflect, their shares included
+    coat           None where no material has one
     """
 
     surfaces: SurfaceMaterials
@@ -59,6 +94,7 @@ class Gloss:
     lost: Float32
     edge: Float32
     dielectric: Float32
+    coat: Coat | None
 
     @classmethod
     def of(cls, scene: SceneSnapshot, surfaces: SurfaceMaterials) -> Gloss | None:
@@ -67,18 +103,20 @@ class Gloss:
         layer = np.array([one.layer for one in materials], np.float32)
         metal = np.array([one.metal if any(one.metal_rgb) else 0.0 for one in materials], np.float32)
         reflects = np.array([one.reflects for one in scene.objects], bool)[scene.tri_object]
-        glossy = ((layer > 0) | (metal > 0))[scene.tri_material] & reflects
+        coat = Coat.of(materials)
+        glossy = ((layer > 0) | (metal > 0) | (coat.share > 0 if coat else False))[scene.tri_material] & reflects
         if not glossy.any():
             return None
         alpha = np.array([max(one.roughness**2, LEAST_ALPHA) for one in materials], np.float32)
         ior = np.array([max(one.ior, 1.0) for one in materials], np.float32)
         tables = [tabulate_lobe(float(a), float(n)) for a, n in zip(alpha, ior, strict=True)]
         lost, edge, dielectric = (np.concatenate([table[k] for table in tables]).astype(np.float32) for k in range(3))
-        cosine = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-        layer_mean = np.array([(2 * cosine * fresnel(cosine, np.full(_SAMPLES, n))).mean() for n in ior], np.float32)
+        layer_mean = np.array([average_fresnel(float(n)) for n in ior], np.float32)
         kept_mean = average_kept(lost.reshape(-1, _ENTRIES)).astype(np.float32)
         dielectric *= np.repeat(layer, _ENTRIES) * (1 + np.repeat(layer_mean, _ENTRIES) * lost)
-        return cls(surfaces, scene.tri_material, glossy, alpha, ior, layer, metal, layer_mean, kept_mean, lost, edge, dielectric)
+        if coat:
+            dielectric = coat.albedo + (1 - coat.albedo) * dielectric
+        return cls(surfaces, scene.tri_material, glossy, alpha, ior, layer, metal, layer_mean, kept_mean, lost, edge, dielectric, coat)
 
     def albedo_at(self, tri: IntArray, u: FloatArray, v: FloatArray, cosine: Float32) -> Float32:
         """(3, n): share of light from directions at a cosine (n,) with the normal that is reflected specularly."""
@@ -87,6 +125,8 @@ class Gloss:
         edge, lost = _look_up(self.edge, *place), _look_up(self.lost, *place)
         color, share = self.surfaces.metal_at(tri, u, v).T, gather(self.metal, material)
         single: Float32 = color * (1 / (1 + lost) - edge) + share * edge
+        if self.coat:
+            single *= 1 - _look_up(self.coat.albedo, *place)
         return single * _give_back(color, share, lost, gather(self.kept_mean, material)) + _look_up(self.dielectric, *place)
 
     def below_layer(self, tri: IntArray, cosine: Float32) -> Float32:
@@ -107,15 +147,34 @@ class Gloss:
         tangent, bitangent = (axis.T for axis in orthonormal_basis(normal.T))
         local = np.stack([-_dot(direction, axis) for axis in (tangent, bitangent, normal)])
         local[2] = np.maximum(local[2], _HAIR)
+        place = _find_place(material, local[2])
+        if self.coat:
+            covered, above = _look_up(self.coat.albedo, *place), gather(self.coat.share, material)
+            below = self.albedo_at(tri, u, v, local[2]).max(axis=0) - covered
+            chance = covered / np.maximum(covered + np.maximum(below, 0), _HAIR)
+            coats = numbers[0] < chance
+            numbers = np.stack(
+                [np.where(coats, numbers[0] / np.maximum(chance, _HAIR), (numbers[0] - chance) / np.maximum(1 - chance, _HAIR)), numbers[1]]
+            )
+            numbers[0] = np.clip(numbers[0], 0, 1 - _HAIR)
+            alpha = np.where(coats, gather(self.coat.alpha, material), alpha)
         half = sample_visible_normals(local, alpha, numbers)
         cosine = np.clip(_dot(local, half), 0, 1)
         out = 2 * cosine * half - local
         edge: FloatArray = (1 - cosine) ** 5
-        lost = _look_up(self.lost, *_find_place(material, local[2]))
+        lost = _look_up(self.lost, *place)
         color, share = self.surfaces.metal_at(tri, u, v).T, gather(self.metal, material)
         rgb: FloatArray = (color * (1 - edge) + share * edge) * _give_back(color, share, lost, gather(self.kept_mean, material))
         layer = gather(self.layer, material) * fresnel(cosine, gather(self.ior, material))
-        rgb = (rgb + layer * (1 + gather(self.layer_mean, material) * lost)) * mask(local[2], out[2], alpha)
+        rgb = rgb + layer * (1 + gather(self.layer_mean, material) * lost)
+        if self.coat:
+            own = (
+                above
+                * fresnel(cosine, gather(self.coat.ior, material))
+                * (1 + gather(self.coat.mean, material) * _look_up(self.coat.lost, *place))
+            )
+            rgb = np.where(coats, own / np.maximum(chance, _HAIR), rgb * (1 - covered) / np.where(coats, 1, 1 - chance))
+        rgb = rgb * mask(local[2], out[2], alpha)
         turned = out[0] * tangent + out[1] * bitangent + out[2] * normal
         return turned.astype(np.float32), rgb.astype(np.float32)
 
@@ -163,6 +222,13 @@ def fresnel(cosine: FloatArray, ior: FloatArray) -> FloatArray:
     other = (cosine * (g + cosine) - 1) / (cosine * (g - cosine) + 1)
     out: FloatArray = 0.5 * ratio * ratio * (1 + other * other)
     return out
+
+
+@lru_cache(maxsize=1024)
+def average_fresnel(ior: float) -> float:
+    """Mean of the same over the hemisphere, for even light."""
+    cosine = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+    return float((2 * cosine * fresnel(cosine, np.full(_SAMPLES, ior))).mean())
 
 
 @lru_cache(maxsize=1024)

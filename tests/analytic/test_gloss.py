@@ -69,8 +69,14 @@ def test_fresnel_of_glass():
 @pytest.mark.parametrize("cosine", [0.1, 0.5, 0.99])
 @pytest.mark.parametrize(
     "material",
-    [{"metal_rgb": (1.0, 0.5, 0.0)}, {"layer": 1.0}, {"layer": 0.4, "metal_rgb": (0.3, 0.3, 0.3), "metal": 0.6}],
-    ids=["metal", "layer", "both"],
+    [
+        {"metal_rgb": (1.0, 0.5, 0.0)},
+        {"layer": 1.0},
+        {"layer": 0.4, "metal_rgb": (0.3, 0.3, 0.3), "metal": 0.6},
+        {"layer": 1.0, "coat": 0.7, "coat_roughness": 0.0, "coat_ior": 1.8},
+        {"metal_rgb": (1.0, 0.5, 0.0), "coat": 1.0, "coat_roughness": 0.0},
+    ],
+    ids=["metal", "layer", "both", "coat on layer", "coat on metal"],
 )
 def test_weights_of_reflected_rays_have_the_stated_albedo_as_mean(roughness, cosine, material):
     gloss, n = make_gloss(Material("Shiny", (1.0,) * 3, roughness=roughness, **material)), 100_000
@@ -93,6 +99,40 @@ def test_a_white_metal_reflects_all():
         tri, where = np.zeros(50, np.intp), np.full(50, 0.25, np.float32)
         assert gloss.albedo_at(tri, where, where, cosine) == pytest.approx(np.ones((3, 50)), abs=2e-3)
         assert tabulate_lobe(alpha, 1.5)[0].min() > -0.01
+
+
+def test_a_coat_takes_from_what_is_below_as_much_as_it_reflects():
+    cosine = np.linspace(0.02, 1, 40, dtype=np.float32)
+    tri, where = np.zeros(40, np.intp), np.full(40, 0.25, np.float32)
+    coat = {"coat": 1.0, "coat_roughness": 0.4}
+    white = make_gloss(Material("White", (1.0,) * 3, metal_rgb=(1.0,) * 3, roughness=0.6, **coat))
+    assert white.albedo_at(tri, where, where, cosine) == pytest.approx(np.ones((3, 40)), abs=3e-3)
+    paint = make_gloss(Material("Paint", (0.8,) * 3, layer=1.0, **coat))
+    assert paint.albedo_at(tri, where, where, cosine)[0] + paint.below_layer(tri, cosine) == pytest.approx(np.ones(40), abs=1e-5)
+    bare = make_gloss(Material("Paint", (0.8,) * 3, layer=1.0))
+    alone = make_gloss(Material("Coat", (0.0,) * 3, **coat))
+    assert paint.below_layer(tri, cosine) == pytest.approx(bare.below_layer(tri, cosine) * alone.below_layer(tri, cosine), abs=1e-5)
+    assert alone.albedo_at(tri[-1:], where[-1:], where[-1:], cosine[-1:])[0] == pytest.approx([0.04], abs=2e-3)
+
+
+@pytest.mark.parametrize("roughness", [0.2, 1.0])
+def test_rays_go_on_by_the_lobes_of_the_coat_and_of_the_metal_below(roughness):
+    """Everywhere as much as by the coat alone and, of what that leaves, by the metal alone."""
+    coat, metal = {"coat": 0.8, "coat_roughness": roughness}, {"metal_rgb": (0.9, 0.5, 0.1), "roughness": 1.2 - roughness}
+    n, cosine = 200_000, 0.6
+    tri, where = np.zeros(n, np.intp), np.full(n, 0.25, np.float32)
+    direction = np.repeat(np.float32([[0.8], [0], [-cosine]]), n, axis=1)
+    normal = np.repeat(np.float32([[0], [0], [1]]), n, axis=1)
+    found = []
+    for lobes in (coat | metal, coat, metal):
+        gloss = make_gloss(Material("Coated", (0.9, 0.5, 0.1), **lobes))
+        turned, weight = gloss.reflect(tri, where, where, direction, normal, np.random.default_rng(5).random((2, n)).astype(np.float32))
+        stated = gloss.albedo_at(tri[:1], where[:1], where[:1], np.float32([cosine]))[:, 0]
+        assert weight.mean(axis=1) == pytest.approx(stated, abs=3e-3)
+        near = np.float32([0.8, 0, 0.6]) @ turned > 0.97  # around where a mirror sends them
+        found.append(np.stack([(weight * near).mean(axis=1), (weight * (turned[2] < 0.4)).mean(axis=1), stated]))
+    both, of_coat, of_metal = found
+    assert both == pytest.approx(of_coat + (1 - of_coat[2]) * of_metal, abs=4e-3)
 
 
 def furnace(material: Material, lamp_w: float = 24.0) -> SceneSnapshot:

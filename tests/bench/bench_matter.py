@@ -36,6 +36,9 @@ itself has no lightmap.
 Translucent BSDFs send light on to their other side. A texel of such a surface shows the light on its front. Cycles' bake shows there the
 light of both sides, weighted by the colours: of a Translucent BSDF alone that of the back.
 
+A coat is a layer above all else. Sheen is diffuse here, with its energy for even light; where light comes from straight ahead it sends less
+to the side in Cycles. Subsurface light leaves where it arrives.
+
 Where a material lets shadow rays pass and is glass for all others, Cycles counts the light twice: by the shadow rays, and as a caustic
 besides. Leaflight counts it once, so that row differs.
 

@@ -251,5 +251,17 @@ SCENES: dict[str, Callable[[], None]] = {
         lambda s: s.mix(0.3, s.principled(Base_Color=(0.2, 0.6, 0.1, 1)), s.node("BsdfTranslucent", Color=(0.4, 0.8, 0.1, 1)))
     ),
     "lampshade": _around_a_lamp(lambda s: s.mix(0.5, s.diffuse(0.8), s.node("BsdfTranslucent", Color=(0.8, 0.7, 0.5, 1)))),
+    "subsurface": _beside_a_wall(lambda s: s.principled(Base_Color=(0.8, 0.5, 0.4, 1), Subsurface_Weight=1.0, Subsurface_Scale=0.02)),
+    "sheen": _beside_a_wall(lambda s: s.principled(Base_Color=(0.2, 0.2, 0.4, 1), Sheen_Weight=1.0, Sheen_Roughness=0.7)),
+    "Sheen BSDF": _beside_a_wall(lambda s: s.node("BsdfSheen", Color=(0.9, 0.7, 0.5, 1), Roughness=0.9)),
+    "sheen room": _closed_room(lambda s: s.principled(Base_Color=(0.6, 0.6, 0.6, 1), Sheen_Weight=1.0, Sheen_Roughness=0.7)),
+    "coat": _beside_a_wall(lambda s: s.principled(Base_Color=(0.6, 0.6, 0.6, 1), Coat_Weight=1.0, Coat_Roughness=0.3)),
+    "tinted coat": _beside_a_wall(
+        lambda s: s.principled(Base_Color=(0.8, 0.8, 0.8, 1), Coat_Weight=1.0, Coat_Tint=(0.8, 0.4, 0.2, 1), Coat_Roughness=0.2)
+    ),
+    "coated metal": _beside_a_wall(
+        lambda s: s.principled(Base_Color=(0.8, 0.6, 0.4, 1), Metallic=1.0, Roughness=0.6, Coat_Weight=1.0, Coat_Roughness=0.3)
+    ),
+    "coated white room": _closed_room(lambda s: s.principled(Base_Color=(0.8, 0.8, 0.8, 1), Coat_Weight=1.0, Coat_Roughness=0.2)),
     "metal room": _closed_room(lambda s: s.principled(Base_Color=(0.8, 0.6, 0.4, 1), Metallic=1.0, Roughness=0.4)),
 }

@@ -502,6 +502,38 @@ def test_values_that_are_not_numbers_are_mended_and_named():
         assert told in warning
 
 
+def test_a_coat_lies_above_all_else():
+    tree = Tree()
+    tint = (0.5, 1.0, 1.0)
+    coated = tree.add("BsdfPrincipled", Base_Color=(0.6, 0.6, 0.6), Coat_Weight=0.5, Coat_Roughness=0.2, Coat_IOR=1.6, Coat_Tint=tint)
+    reading, _, warning = tree.show(coated).read()
+    material = reading.material
+    assert (material.coat, material.coat_roughness, material.coat_ior) == pytest.approx((0.5, 0.2, 1.6))
+    assert 0.3 + 0.3 * 0.5**1.3 < material.albedo_rgb[0] < 0.3 + 0.3 * 0.5  # the way through the coat is slanted
+    assert material.albedo_rgb[1:] == pytest.approx((0.6, 0.6))
+    assert warning == ""
+
+
+def test_sheen_is_diffuse_and_takes_from_what_is_below():
+    tree = Tree()
+    sheen = {"Sheen_Weight": 1.0, "Sheen_Roughness": 1.0, "Sheen_Tint": (1.0, 0.5, 0.0)}
+    reading, _, warning = tree.show(tree.add("BsdfPrincipled", Base_Color=(0.5, 0.5, 0.5), **sheen)).read()
+    share = 0.4475
+    assert reading.material.albedo_rgb == pytest.approx([0.5 * (1 - share) + share * tint for tint in (1.0, 0.5, 0.0)], abs=1e-3)
+    cloth, _, _ = tree.show(tree.add("BsdfSheen", Color=(1.0, 0.5, 0.0), Roughness=1.0)).read()
+    assert cloth.material.albedo_rgb == pytest.approx((share, share / 2, 0.0), abs=1e-3)
+    assert warning == ""
+
+
+@pytest.mark.parametrize("shader", ["BsdfPrincipled", "SubsurfaceScattering"])
+def test_subsurface_light_is_diffuse_and_one_warning_says_so(shader):
+    tree = Tree()
+    inputs = {"Base_Color": (0.6, 0.4, 0.2), "Subsurface_Weight": 1.0} if shader == "BsdfPrincipled" else {"Color": (0.6, 0.4, 0.2)}
+    reading, _, warning = tree.show(tree.add(shader, **inputs)).read()
+    assert reading.material.albedo_rgb == pytest.approx((0.6, 0.4, 0.2))
+    assert "below the surface" in warning
+
+
 def test_no_output_and_nothing_connected_are_black():
     tree = Tree()
     reading, _, warning = tree.read()
