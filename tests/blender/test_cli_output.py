@@ -29,11 +29,6 @@ def test_report_lists_each_file_with_encoding_and_range(room):
             assert (file["encoding"], file["range"]) == (file["kind"], 4.0)
 
 
-def test_pattern_names_the_files(room):
-    assert bake(room, "--per-object", "--pass", "albedo", "direct", "--name-pattern", "{pass}-{name}") == 0
-    assert list_files(room.parent / "maps") == ["albedo-Cube.exr", "albedo-Floor.exr", "direct-Cube.exr", "direct-Floor.exr"]
-
-
 def test_folders_beside_the_blend(room, monkeypatch, tmp_path):
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
@@ -67,9 +62,15 @@ def test_files_that_materials_cannot_show_are_told_before_the_bake(room, capsys,
     assert bake(room, *words, "--save", str(room.parent / "baked.blend")) == 1
     assert "add EXR to the formats" in capsys.readouterr().err
     assert list_files(room.parent / "maps") == []
-    assert bake(room, *words, "--save", str(room.parent / "baked.blend"), "--no-assign") == 0
 
 
-def test_the_first_format_that_can_be_shown_is(room):
-    assert bake(room, "--format", "rgbm", "hdr", "--save", str(room.parent / "baked.blend")) == 0
-    assert bpy.data.images["room_0.combined"].filepath.endswith(".hdr")
+def test_any_format_is_written_where_nothing_is_to_show_it(room):
+    words = ("--format", "rgbm", "logluv", "--save", str(room.parent / "baked.blend"), "--no-assign")
+    assert bake(room, *words, "--per-object", "--pass", "albedo", "direct", "--name-pattern", "{pass}-{name}") == 0
+    expected = [f"{kind}-{name}.{end}.png" for kind in ("albedo", "direct") for name in ("Cube", "Floor") for end in ("logluv", "rgbm")]
+    assert len(list_files(room.parent / "maps")) == len(expected)
+    assert all(name.startswith(("albedo-Cube", "albedo-Floor", "direct-Cube", "direct-Floor")) for name in list_files(room.parent / "maps"))
+    floor = bpy.data.objects["Floor"]
+    assert [layer.name for layer in floor.data.uv_layers] == ["UVMap"]
+    assert len(floor.material_slots) == 0
+    assert len(bpy.data.images) == 0

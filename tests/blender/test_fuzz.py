@@ -1,4 +1,4 @@
-"""A minute of `make fuzz`: odd scenes, damaged files and odd words end in a bake or in a sentence, and harm nothing."""
+"""A few cases of `make fuzz`: odd scenes, damaged files and odd words end in a bake or in a sentence, and harm nothing."""
 
 import os
 import sys
@@ -15,7 +15,7 @@ from run_fuzz import Outcome, run_cases, tabulate
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="cases are run with what POSIX has")
 
-SEEDS = range(1, 25)
+SEEDS = (1, 2, 5, 6, 9, 15, 20, 22)  # of each kind of case, and with each exit code
 
 
 def test_cases_from_seeds_end_as_they_should(tmp_path):

@@ -57,7 +57,7 @@ def test_originals_in_a_ring_are_let_go():
     assert find_original(one) == find_original(other)  # an end is found
 
 
-@pytest.mark.parametrize("words", [(), ("--own-meshes",), ("--per-object", "--pass", "lighting")])
+@pytest.mark.parametrize("words", [("--own-meshes",), ("--per-object", "--pass", "lighting")])
 def test_the_marks_of_a_bake_stay(room, words):
     """Copies of meshes, places of linked duplicates, slots and layers among them."""
     cube = bpy.data.objects["Cube"]
