@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import bpy
 import numpy as np
+from numpy.typing import NDArray
 
+from ...core.scene.textures import sample_texture
+from ...core.util.arrays import FloatArray
 from .color_attributes import ColorLayer, ColorTable, Faces
 from .color_nodes import read_function
 from .derived_images import AT_CORNERS, Formula, derive, derive_painted, lie_alike
@@ -19,9 +23,12 @@ from .node_colors import BLACK, GREY, WHITE, Color, Rgb, add_rgb, find_brightnes
 from .node_formulas import lerp, to_grey
 from .node_ports import Port, describe
 from .object_attributes import NOTHING, find_shown, pick_output, shows_object, shows_view_layer
+from .polygon_atlas import PolygonAtlas
 from .socket_bake import TOO_MANY, SocketBaker, can_evaluate, depends_on_object
-from .texture_mapping import read_mapping
+from .tangent_normals import lay_tangent_normals
+from .texture_mapping import UV, UvMapping, read_mapping
 
+FACING: Rgb = (0.5, 0.5, 1.0)  # of a normal map that changes nothing
 TEXTURE_COLOR: Rgb = (0.5, 0.5, 0.5)  # mean of a procedural texture, roughly
 DIFFUSE, SHADOW = "Is Diffuse Ray", "Is Shadow Ray"
 _SEEN_AS = {DIFFUSE: (DIFFUSE, "Ray Depth", "Diffuse Depth"), SHADOW: (SHADOW, "Ray Depth", "Diffuse Depth")}  # what is 1 then
@@ -95,12 +102,58 @@ class ColorReader:
         if not self.faces.receives:
             self.by_faces = self.by_object = True  # another object may show it
             return True
-        found = self._baker.bake(port, self._material, self.faces, by_object=True, is_normal=True)
+        color = self._read_normal_map(port)
+        if color is not None and color.image < 0 and color.rgb == FACING:
+            return True
+        read = None if color is None else partial(self._lay_normals, port, color)
+        found = self._baker.bake(port, self._material, self.faces, by_object=True, is_normal=True, read=read)
         if found is None:
             return False
         self.by_faces = self.by_object = True
         self.normal = self.normal or found
         return True
+
+    def _read_normal_map(self, port: Port) -> Color | None:
+        """The colour of a Normal Map node in tangent space, None where it, or another node, has to be evaluated by Blender."""
+        node, strength, faces = port.node, port.sibling("Strength"), self.faces
+        if node.type != "NORMAL_MAP" or node.space != "TANGENT" or getattr(node, "convention", "OPENGL") != "OPENGL" or faces is None:
+            return None
+        local = faces.local
+        if (node.uv_map or local.render_layer) not in local.layers or (strength is not None and not strength.is_value):
+            return None
+        before, self._depth, self._inexact = list(self.replaced), 1, False
+        try:
+            color = self._read_color(port.sibling("Color"), FACING)
+        finally:
+            self._depth, self.replaced = 0, before
+        if self._inexact or not (color.image < 0 or isinstance(color.mapping, UvMapping)):
+            return None
+        lies = color.image < 0 or (color.mapping.space == UV and not color.mapping.box)
+        return color if lies and (color.image < 0 or (color.mapping.layer or local.render_layer) in local.layers) else None
+
+    def _lay_normals(self, port: Port, color: Color, matrix: NDArray[np.float64], atlas: PolygonAtlas) -> NDArray[np.float32] | None:
+        assert self.faces is not None
+        local, strength = self.faces.local, port.sibling("Strength")
+        uv = local.layers[port.node.uv_map or local.render_layer]
+        image = self.images.images[color.image] if color.image >= 0 else None
+
+        def colors_at(place: FloatArray) -> FloatArray:
+            return np.float32(color.rgb) * (np.ones((len(place), 1), np.float32) if image is None else sample_texture(image, place))
+
+        mapping = color.mapping
+        lies = mapping.apply(local.layers[mapping.layer or local.render_layer]) if image and isinstance(mapping, UvMapping) else uv
+        amount = 1.0 if strength is None else max(float(strength.socket.default_value), 0.0)
+        return lay_tangent_normals(
+            local,
+            uv,
+            self.faces.tri.nonzero()[0],
+            atlas,
+            matrix,
+            colors_at,
+            lies,
+            0 if image is None else max(image.pixels.shape[:2]),
+            amount,
+        )
 
     def _read_color(self, port: Port | None, default: Rgb) -> Color:
         if port is None:

@@ -1,0 +1,75 @@
+"""Normal maps that are read without Cycles are what Cycles gives on the same mesh."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from leaflight.addon.nodes import socket_bake
+from leaflight.addon.read.export_scene import export_scene
+
+SIDE = 8
+
+
+@pytest.fixture(autouse=True)
+def _empty_file():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+def add_object(kind):
+    if kind == "cylinder":  # flat, with polygons of many corners
+        bpy.ops.mesh.primitive_cylinder_add(vertices=8)
+    else:
+        bpy.ops.mesh.primitive_uv_sphere_add(segments=8, ring_count=6)
+        bpy.ops.object.shade_smooth()
+    return bpy.context.object
+
+
+def wear_normal_map(obj, space="Non-Color", strength=1.0):
+    rng = np.random.default_rng(5)
+    image = bpy.data.images.new("Bumps", SIDE, SIDE, is_data=True)
+    pixels = np.ones((SIDE, SIDE, 4), np.float32)
+    pixels[..., :2] = rng.uniform(0.2, 0.8, (SIDE, SIDE, 2))
+    image.pixels.foreach_set(pixels.ravel())
+    image.colorspace_settings.name = space
+    material = bpy.data.materials.new("Paint")
+    if material.node_tree is None:
+        material.use_nodes = True
+    obj.data.materials.append(material)
+    tree = material.node_tree
+    texture, node = tree.nodes.new("ShaderNodeTexImage"), tree.nodes.new("ShaderNodeNormalMap")
+    texture.image, node.inputs["Strength"].default_value = image, strength
+    tree.links.new(texture.outputs["Color"], node.inputs["Color"])
+    tree.links.new(node.outputs[0], tree.nodes["Principled BSDF"].inputs["Normal"])
+    return tree, node
+
+
+def export_normals():
+    snapshot = export_scene(bpy.context).snapshot
+    return snapshot.images[next(material.normal_image for material in snapshot.materials if material.normal_image >= 0)].pixels
+
+
+@pytest.mark.parametrize(("kind", "mirrored", "strength"), [("sphere", False, 1.0), ("cylinder", True, 0.5), ("cylinder", False, 1.7)])
+def test_a_normal_map_is_read_as_cycles_gives_it(kind, mirrored, strength, monkeypatch):
+    obj = add_object(kind)
+    obj.rotation_euler, obj.scale = (0.3, 0.5, 0.7), (-0.4 if mirrored else 0.4, 0.5, 0.3)
+    tree, node = wear_normal_map(obj, strength=strength)
+    value = tree.nodes.new("ShaderNodeValue")
+    value.outputs[0].default_value = strength
+    link = tree.links.new(value.outputs[0], node.inputs["Strength"])
+    theirs = export_normals()  # a linked strength is left to Blender
+    tree.links.remove(link)
+    monkeypatch.setattr(socket_bake, "bake_socket", lambda *_: pytest.fail("Blender was asked"))
+    mine = export_normals()
+    both = mine.any(axis=2) & theirs.any(axis=2)
+    assert both.mean() > 0.5
+    unit = theirs[both] / np.linalg.norm(theirs[both], axis=1, keepdims=True)
+    cosine = (mine[both] * unit).sum(axis=1)
+    assert np.percentile(cosine, 1) > 0.98  # four samples of each texel lie where chance has them there
+    assert np.percentile(cosine, 50) > 0.999
+
+
+def test_a_normal_map_that_changes_nothing_is_left_out():
+    tree, node = wear_normal_map(add_object("cylinder"))
+    tree.links.remove(node.inputs["Color"].links[0])
+    assert all(material.normal_image < 0 for material in export_scene(bpy.context).snapshot.materials)
