@@ -60,12 +60,12 @@ def main(folder: Path) -> int:
         if not begun.is_set():  # with nothing to wait for, processes that are no copies would only be in the way of the first light
             ahead.wake()
         image_file.load_ahead()
-        return _tell_of(bake.run_bake, folder, begun, stop, ahead.open)
+        return _run_and_send(bake.run_bake, folder, begun, stop, ahead.open)
     finally:
         ahead.close()
 
 
-def _tell_of(
+def _run_and_send(
     run: Callable[..., None], folder: Path, begun: threading.Event, stop: threading.Event, open_executor: Callable[..., Executor]
 ) -> int:
     """Runs bake.run_bake once it has begun, its messages and errors to standard output; out as of main."""
@@ -74,19 +74,19 @@ def _tell_of(
     out = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
     os.dup2(2, 1)  # what libraries print must not get between the messages
 
-    def tell(message: messages.Message) -> None:
+    def send(message: messages.Message) -> None:
         out.write(messages.encode_message(message) + "\n")
 
     begun.wait()
     try:
-        run(folder, tell, stop.is_set, open_executor)
+        run(folder, send, stop.is_set, open_executor)
     except (ValueError, OSError, MemoryError) as reason:
         traceback.print_exc()  # kept with the job, for whoever has to find out more
-        tell(messages.Error(_sentence(reason, folder)))
+        send(messages.Error(_sentence(reason, folder)))
         return 1
     except BrokenExecutor:
         traceback.print_exc()
-        tell(
+        send(
             messages.Error("A worker of the bake was killed, most likely for lack of memory: choose a smaller page size or fewer workers.")
         )
         return 1

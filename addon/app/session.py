@@ -170,7 +170,7 @@ def check_file(file: Path) -> None:
         raise OSError(f"{file}: is write-protected; choose another name, or make it writable.")
 
 
-def tell_kept(session: Session) -> list[Message]:
+def list_kept_messages(session: Session) -> list[Message]:
     """The messages of a bake that need not be done."""
     assert session.kept is not None
     count = len(session.kept.result["files"])

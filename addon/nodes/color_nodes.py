@@ -27,7 +27,7 @@ def read_function(reader: ColorReader, port: Port) -> Color | None:
     return function(reader, port) if function else None
 
 
-def tells_colors(node: Any) -> bool:
+def gives_colors(node: Any) -> bool:
     """Whether a node's formula is known."""
     return node.type in _FUNCTIONS
 
@@ -103,7 +103,7 @@ def _read_float_curve(reader: ColorReader, port: Port) -> Color:
 def _read_ramp(reader: ColorReader, port: Port) -> Color:
     """A ramp over what is known; of a procedural texture the mean of the ramp."""
     ramp, source = port.node.color_ramp, port.sibling("Fac")
-    known = source is None or source.is_value or tells_colors(source.node) or reader.reads(source)
+    known = source is None or source.is_value or gives_colors(source.node) or reader.reads(source)
     channels = slice(3, 4) if port.socket.name == "Alpha" else slice(0, 3)
     table = np.array([np.broadcast_to(ramp.evaluate(i / (TABLE_SIZE - 1))[channels], 3) for i in range(TABLE_SIZE)])
     if not known:

@@ -107,7 +107,7 @@ class Receivers:
         """Whether what an object makes of this kind is without lightmaps."""
         return kind == SCATTER or self._count[source, kind] > MAX_INSTANCES
 
-    def tell_no_faces(self, piece: Piece) -> None:
+    def warn_no_faces(self, piece: Piece) -> None:
         """Tells that a piece is left out, unless all that its object is there for is instances."""
         instanced = any(source == piece.source and kind != OWN for source, kind in self._count)
         if piece.kind == OWN and not instanced:

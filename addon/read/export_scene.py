@@ -191,7 +191,7 @@ class _Export:
         unseen = not piece.evaluated.visible_shadow and not piece.evaluated.visible_diffuse
         if not local.n_polygon or (unseen and not receives):
             if receives:
-                self._receivers.tell_no_faces(piece)
+                self._receivers.warn_no_faces(piece)
             return
         has_layer = receives and self._has_layer(piece, local)
         arrays = read_piece(piece, local, self._materials, self._uv_layer if has_layer else None, self._warnings, receives)

@@ -14,7 +14,7 @@ from ..nodes.node_ports import find_surface, uses_nodes
 from ..nodes.polygon_atlas import BakedLayer
 from ..nodes.socket_bake import SocketBaker
 from ..nodes.texture_mapping import UNMAPPED, UvMapping
-from .mesh_attributes import list_asked
+from .mesh_attributes import list_wanted_attributes
 from .render_levels import Warnings
 from .shaders_read import Surface, read_shader
 
@@ -50,7 +50,7 @@ class MaterialTable:
         self.colors = ColorTable(self.images)
         self.baker = SocketBaker(self.images)
         self.readings: list[MaterialReading] = []
-        self.asked = list_asked()
+        self.asked = list_wanted_attributes()
         self._warnings = warnings
         self._index: dict[tuple[int, ...], int] = {}  # by material and mesh, 0 any; or material, object and what it makes an instance of
         self._known: dict[tuple[int, MaterialReading], int] = {}

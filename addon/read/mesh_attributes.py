@@ -29,7 +29,7 @@ _FIELDS: dict[str, tuple[str, int]] = {  # data_type -> field, numbers
 }
 
 
-def list_asked() -> frozenset[str]:
+def list_wanted_attributes() -> frozenset[str]:
     """Names that Attribute and Color Attribute nodes of this file ask meshes for."""
     trees = [*(material.node_tree for material in bpy.data.materials if material.node_tree), *bpy.data.node_groups]
     nodes = [node for tree in trees for node in tree.nodes]

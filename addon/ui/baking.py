@@ -144,7 +144,7 @@ class Baking:
         warnings = list(self._session.export.warnings)
         if self._session.kept:
             process.kill()
-            self._ended = state.begin_kept(session.tell_kept(self._session), began, warnings, self._scene_uid)
+            self._ended = state.begin_kept(session.list_kept_messages(self._session), began, warnings, self._scene_uid)
         else:
             state.begin(process, began, warnings, self._session.request.settings.error, self._scene_uid)
             state.plan = describe_plan(context, len(self._session.export.objects))

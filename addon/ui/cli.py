@@ -64,7 +64,7 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
     choose_scene(bpy.context, request.scene_name, request.view_layer, request.frame)
     request = resolve_paths(request)
     if request.dry_run:
-        return _tell_plan(request, process, warnings)
+        return _print_plan(request, process, warnings)
     _check(request)
     scene = bpy.data.filepath or str(request.scene)
     seconds = {"open": time.perf_counter() - begin}
@@ -73,7 +73,7 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
     seconds["export"] = time.perf_counter() - start
     _print_warnings([*warnings, *work.export.warnings], request.quiet)
     with _interrupts(_stop_here if work.kept else process.cancel):  # until the end: what was baked is saved
-        error, interrupted, told = _follow(session.tell_kept(work) if work.kept else process.messages(), request.quiet)
+        error, interrupted, told = _follow(session.list_kept_messages(work) if work.kept else process.messages(), request.quiet)
         if error:
             raise ValueError(error)
         if interrupted and not session.has_result(work):
@@ -107,7 +107,7 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
     return EXIT_INTERRUPTED if interrupted else EXIT_DONE
 
 
-def _tell_plan(request: BakeRequest, process: BakeProcess, warnings: session.Warnings) -> int:
+def _print_plan(request: BakeRequest, process: BakeProcess, warnings: session.Warnings) -> int:
     """What the bake would be; nothing is left on disk."""
     work = session.prepare(bpy.context, replace(request, output=process.folder / "maps"), process.folder)
     _print_warnings([*warnings, *work.export.warnings], request.quiet)

@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from ...core.util.user_text import Told
+from ...core.util.user_text import Sentence
 from ..app.estimate import Estimate
 from ..show.bake_text import describe_seconds
 from .select_operator import is_known
@@ -24,7 +24,7 @@ def draw_sentence(layout: Any, context: bpy.types.Context, text: str, icon: str,
         column.label(text=line.replace("\N{NO-BREAK SPACE}", " "), icon=icon if i == 0 else "BLANK1")
 
 
-def draw_told(layout: Any, context: bpy.types.Context, told: Told, icon: str) -> None:
+def draw_subjects(layout: Any, context: bpy.types.Context, told: Sentence, icon: str) -> None:
     """A sentence with a button that selects what it is about."""
     selects = any(is_known(context, name) for name in told.names)
     row = layout.row()

@@ -6,14 +6,14 @@ from typing import Any
 
 import bpy
 
-from ...core.util.user_text import Told
+from ...core.util.user_text import Sentence
 from ..app.bake_state import BakeState
 from ..app.request import find_output
 from ..app.spare_images import draw_spare
 from ..show import layout, restore, view_shading
 from ..show.bake_text import Worn
 from ..show.scene_prints import describe_changes
-from .panel_parts import draw_sentence, draw_told
+from .panel_parts import draw_sentence, draw_subjects
 
 
 def find_worn(context: bpy.types.Context, state: BakeState) -> Worn:
@@ -46,15 +46,15 @@ def draw_result(column: Any, context: bpy.types.Context, worn: Worn) -> None:
         draw_show_it(box)
     if changes:
         told = f"{describe_changes(changes)}. The light that you see is out of date: bake again."
-        draw_told(box, context, Told(tuple(changes), told), "ERROR")
+        draw_subjects(box, context, Sentence(tuple(changes), told), "ERROR")
     if watch.older:
         told = f"Changed between two bakes: {', '.join(watch.older[:3])}. What was not selected shows the older light: bake All."
-        draw_told(box, context, Told(watch.older, told), "ERROR")
+        draw_subjects(box, context, Sentence(watch.older, told), "ERROR")
     lines = box.column(align=True)
     for i, line in enumerate(worn.lines):
         icon = "CHECKMARK" if i == 0 else "BLANK1"
         if worn.worst and worn.worst in line:
-            draw_told(lines, context, Told((worn.worst,), line), icon)
+            draw_subjects(lines, context, Sentence((worn.worst,), line), icon)
         else:
             draw_sentence(lines, context, line, icon)
     if worn.details:

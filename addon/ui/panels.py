@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from ...core.util.user_text import Told, group_warnings, split_error
+from ...core.util.user_text import Sentence, group_warnings, split_error
 from ..app.bake_state import BakeState
 from ..app.properties import TEXTS, is_changed, list_groups, list_knobs
 from ..app.request import find_mode_error, find_output_error
@@ -17,7 +17,7 @@ from ..show import restore, view_shading
 from ..show.layout import worn_result
 from . import preferences
 from .checker import is_checker_on
-from .panel_parts import describe_estimate, describe_evened, describe_takers, draw_sentence, draw_told, prepare
+from .panel_parts import describe_estimate, describe_evened, describe_takers, draw_sentence, draw_subjects, prepare
 from .panel_result import draw_result, draw_show_it, find_worn
 from .presets import LEAFLIGHT_PT_presets
 from .select_operator import is_known
@@ -61,7 +61,7 @@ class LEAFLIGHT_PT_main(_Sidebar, bpy.types.Panel):
             draw_result(result, context, worn)
         error = _find_error(context, state)
         if error and error != now:
-            draw_told(layout.box(), context, split_error(error, partial(is_known, context)), "ERROR")
+            draw_subjects(layout.box(), context, split_error(error, partial(is_known, context)), "ERROR")
         if state.running:
             _draw_progress(layout, context, state)
         else:
@@ -117,13 +117,13 @@ def _draw_plan(layout: Any, context: bpy.types.Context) -> None:
         _draw_lines(column, describe_evened(meter.estimate), active=not meter.stale)
         for name, share in meter.estimate.takers[:1]:
             if share >= _MOST:
-                draw_told(column, context, Told((name,), describe_takers(meter.estimate)[0]), "INFO")
+                draw_subjects(column, context, Sentence((name,), describe_takers(meter.estimate)[0]), "INFO")
         for names, told in (
             (meter.estimate.too_large, "larger than a page at this density: baked less finely"),
             (meter.estimate.nearly, "about as large as a page at this density: may be baked less finely"),
         ):
             if names:
-                draw_told(column, context, group_warnings((name, told) for name in names)[0], "ERROR")
+                draw_subjects(column, context, group_warnings((name, told) for name in names)[0], "ERROR")
 
 
 def _draw_progress(layout: Any, context: bpy.types.Context, state: BakeState) -> None:
@@ -153,14 +153,14 @@ def _draw_lines(column: Any, lines: Sequence[str], active: bool) -> None:
         plan.label(text=line, icon="TEXTURE" if i == 0 else "BLANK1")
 
 
-def _draw_warnings(layout: Any, context: bpy.types.Context, warnings: list[Told]) -> None:
+def _draw_warnings(layout: Any, context: bpy.types.Context, warnings: list[Sentence]) -> None:
     header, body = layout.panel("leaflight_warnings")
     header.label(text=f"{len(warnings)} Warning{'' if len(warnings) == 1 else 's'}", icon="ERROR")
     if body is None:
         return
     column = body.column()
     for told in warnings[:_SHOWN_WARNINGS]:
-        draw_told(column, context, told, "DOT")
+        draw_subjects(column, context, told, "DOT")
     if len(warnings) > _SHOWN_WARNINGS:
         column.label(text=f"and {len(warnings) - _SHOWN_WARNINGS} more", icon="BLANK1")
 

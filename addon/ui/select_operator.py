@@ -5,7 +5,7 @@ No `from __future__ import annotations` here: Blender reads properties out of an
 
 import bpy
 
-from ...core.util.user_text import match_name, tell
+from ...core.util.user_text import match_name, write_sentence
 from ..show.materials_write import find_original
 
 
@@ -30,7 +30,7 @@ class LEAFLIGHT_OT_select(bpy.types.Operator):
         names = self.names.splitlines()
         meant = find_objects(context, names)
         if not meant:
-            self.report({"WARNING"}, tell(names, "is not in this view layer any more.").text)
+            self.report({"WARNING"}, write_sentence(names, "is not in this view layer any more.").text)
             return {"CANCELLED"}
         for obj in context.view_layer.objects:
             obj.select_set(False)
@@ -42,7 +42,7 @@ class LEAFLIGHT_OT_select(bpy.types.Operator):
                 hidden.append(obj.name)
         context.view_layer.objects.active = meant[0]
         if hidden:
-            self.report({"INFO"}, tell(hidden, "is in a hidden collection, or hidden in viewports; show it to see it.").text)
+            self.report({"INFO"}, write_sentence(hidden, "is in a hidden collection, or hidden in viewports; show it to see it.").text)
         return {"FINISHED"}
 
 

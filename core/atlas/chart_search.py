@@ -196,7 +196,7 @@ class _Search:
             rows = self._rows_of(objects)
             owner = scene.tri_object[rows]
             position = scene.vertex_position[scene.tri_vertex[rows]]
-            polygon, corner = _tell_apart(scene.tri_polygon[rows], owner), _tell_apart(scene.tri_corner[rows], owner[:, None])
+            polygon, corner = _number_by_owner(scene.tri_polygon[rows], owner), _number_by_owner(scene.tri_corner[rows], owner[:, None])
             self._begun.append((objects, self._kept.begin(position, self._vertex[rows], polygon, corner, owner)))
             self._ahead += len(rows)
             yield
@@ -207,7 +207,7 @@ class _Search:
         return int(chart.max(initial=-1)) + 1
 
 
-def _tell_apart(number: IntArray, owner: IntArray) -> Int64:
+def _number_by_owner(number: IntArray, owner: IntArray) -> Int64:
     """Numbers that are unique within each object, made unique among all objects."""
     apart: Int64 = owner.astype(np.int64) * (int(number.max(initial=0)) + 1) + number
     return apart

@@ -131,15 +131,15 @@ class _AtlasMaker:
         for i, sentence in found.findings:
             self._warn(i, sentence)
         unwrapped = [i for i in np.flatnonzero(np.diff(found.first_chart)).tolist() if i not in layered]
-        told = len(self.warnings)
+        n_warning = len(self.warnings)
         while True:
             try:
                 self._pack(unwrapped)
                 break
             except _PageTooSmallError as small:
-                del self.warnings[told:]
+                del self.warnings[n_warning:]
                 self._enlarge_pages(int(small.args[0]), unwrapped)
-                told = len(self.warnings)
+                n_warning = len(self.warnings)
         for i in layered:
             self.object_page[i] = self._new_page()
             self.uv[self._rows(i)] = found.uv[self._rows(i)] * float(self.page.size)
@@ -196,7 +196,7 @@ class _AtlasMaker:
         plan = plan_pages(demand, self.page, self.settings.max_pages)
         density = plan.density
         for left in reversed(range(_MOST_TRIES)) if density else ():
-            told = len(self.warnings)
+            n_warning = len(self.warnings)
             self._begin(density)
             self._make_blocks_fit()
             self._pack_first_fit(objects)
@@ -204,7 +204,7 @@ class _AtlasMaker:
             is_tried_enough = left < _MOST_TRIES - _TRIES or density < least  # a page more is accepted, if allowed
             if self.page_count <= plan.pages or (is_tried_enough and not self._has_too_many()):
                 return
-            del self.warnings[told:]
+            del self.warnings[n_warning:]
         self._check_count()
         self._refuse(objects)
 

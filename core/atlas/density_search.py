@@ -14,7 +14,7 @@ _PRECISION = 1.01  # ratio of densities at which the search stops
 _STEP_UP, _STEP_DOWN = 1.08, 0.92  # steps without a prediction
 _WANTED_HEIGHT = 0.995  # of a page: predicted heights are off by a little, and a layout that is too high is useless
 # Number of tries that predict the next one, for at least so many charts: with few charts heights jump, and a try takes little time.
-_TOLD, _MANY = 4, 1000
+_MOST_TRIES, _MANY = 4, 1000
 _POWERS = (0.2, 2.0)  # bounds of p in height ~ density^p; measured 0.2 where padding is most of the height, 2 without padding
 _TOO_HIGH = 1.5  # of a page's inside: the placing of many charts ends at this height
 _LEAST_SHARE = 1e-8  # of the greatest possible density; below it charts are points
@@ -55,15 +55,15 @@ def find_greatest_density(
     density = min(_guess_density(outlines, page, FILLED_SHARE) or limit * _LEAST_SHARE, limit)
     found, too_great, step = None, limit * _PRECISION, _STEP_DOWN
     ceiling = int(_TOO_HIGH * page.inside) if len(outlines.extent) >= _MANY else None  # a height beyond it predicts nothing
-    told: list[_Try] = []
+    tries: list[_Try] = []
     while found is None or (too_great / found.density > _PRECISION and found.density < limit):
         if density < limit * _LEAST_SHARE:
             return None
         tried = _try_density(lay_out(density), density, page, ceiling)
         full = wanted = 0.0
-        if tried and ceiling and len(told) < _TOLD:
-            told.append(tried)
-            full, wanted = (_foresee(outlines, told, height) for height in (1.0, _WANTED_HEIGHT))
+        if tried and ceiling and len(tries) < _MOST_TRIES:
+            tries.append(tried)
+            full, wanted = (_foresee(outlines, tries, height) for height in (1.0, _WANTED_HEIGHT))
         if tried and tried.fits:
             found = tried
             if 0.0 < full < _PRECISION * density and limit > _STEP_UP * density:
@@ -88,15 +88,15 @@ def _try_density(outlines: Outlines | None, density: float, page: Page, ceiling:
     return None if placement is None else _Try(density, shapes, placement)
 
 
-def _foresee(outlines: Outlines, told: list[_Try], height: float) -> float:
+def _foresee(outlines: Outlines, tries: list[_Try], height: float) -> float:
     """Predicted density at which charts take the share `height` of the page.
 
     It follows from a power law through the last two tries; after the first try, from the charts' boxes.
     """
-    last = told[-1]
-    if len(told) == 1:
+    last = tries[-1]
+    if len(tries) == 1:
         return _guess_density(outlines, last.shapes.page, _share_of_boxes(outlines, last) * height / last.height)
-    before = told[-2]
+    before = tries[-2]
     power = math.log(last.height / before.height) / math.log(last.density / before.density)
     return last.density * float((height / last.height) ** (1.0 / min(max(power, _POWERS[0]), _POWERS[1])))
 

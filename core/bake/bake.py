@@ -167,7 +167,7 @@ def _write_pages(
     def write(to: Job) -> list[pages.PageFile]:
         return pages.write_pages(to, run.folder, snapshot, atlas, metadata, draw)
 
-    files, spare, told = image_room.write_somewhere(job, run.folder.parent, write)
-    if told:
-        run.tell(Warning_("", told))
+    files, spare, sentence = image_room.write_somewhere(job, run.folder.parent, write)
+    if sentence:
+        run.tell(Warning_("", sentence))
     return files, spare, seam_report

@@ -92,8 +92,8 @@ def find_left_over(job: Job, files: Sequence[PageFile], page_count: int) -> list
 def describe_left_over(job: Job, names: Sequence[str]) -> list[str]:
     """A sentence about these files, without those that the last bake has reported."""
     header = read_header(find_note(job)) or {}
-    told = header.get("left_over", [])
-    new = [name for name in names if name not in told]
+    noted = header.get("left_over", [])
+    new = [name for name in names if name not in noted]
     return (
         [f"{name_some(new)} in {job.output}: old lightmap from an earlier bake; you can delete it if no other file uses it"] if new else []
     )

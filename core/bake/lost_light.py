@@ -22,8 +22,8 @@ def state_lost(light: LightField, settings: Settings) -> tuple[LightField, list[
     lost = light.ledger.find_lost() if settings.wants_all_light else 0.0
     if not lost:
         return light, []
-    told = (
+    sentence = (
         f"{lost:.0%} of the light was still under way after {settings.max_depth:,} surfaces and is missing, for they reflect nearly all; "
         "give the whitest materials a darker Base Color, as paint has (0.8), or raise --max-depth"
     )
-    return replace(light, error=math.hypot(light.error, lost)), [("", told)] if lost >= _WORTH_A_WORD else []
+    return replace(light, error=math.hypot(light.error, lost)), [("", sentence)] if lost >= _WORTH_A_WORD else []

@@ -111,11 +111,11 @@ class PreviewPages:
         self.show(mixed, rays_alone=True)
         time.sleep(FIRST_DRAWN_S)
 
-        def tell_and_show(message: Message) -> None:
+        def send_and_show(message: Message) -> None:
             self._tell(message)
             self.show(mixed, rays_alone=True)
 
-        return tell_and_show
+        return send_and_show
 
     def draw(self, light: LightField, rays_alone: bool = False) -> list[NDArray[np.float16]]:
         """(side, side, 4) float16 for each page, row 0 at the bottom; rays_alone as of glance_at."""

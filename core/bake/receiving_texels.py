@@ -69,8 +69,8 @@ def lay_out(
         finally:  # also after a stop, or where charts do not fit: they need not be unwrapped again
             _keep_charts(run, kept, is_whole)
         if not atlas.page_count:
-            told = "; ".join(told.text.removesuffix(".") for told in group_warnings(atlas.warnings))
-            raise ValueError(f"nothing to bake: no object has a face that takes light ({told}).")
+            reasons = "; ".join(one.text.removesuffix(".") for one in group_warnings(atlas.warnings))
+            raise ValueError(f"nothing to bake: no object has a face that takes light ({reasons}).")
         layout = {name: getattr(atlas, name) for name in ("tri_chart", "object_page", "object_block", "object_place")}
         tri_uv = atlas.tri_uv / atlas.page_size
         layout["tri_uv"] = tri_uv if tri_turned is None else swap_corners(tri_uv, tri_turned)

@@ -163,8 +163,8 @@ def stamp_folder(folder: Path, parts: tuple[str, ...]) -> str:
     for path in _list_files(folder, parts):
         with open(path, "r+b") as file:
             os.fsync(file.fileno())
-    told = ((path.relative_to(folder).as_posix(), hash_file(path)) for path in _list_files(folder, parts))
-    content = hash_pieces(text.encode() for pair in told for text in pair)
+    digests = ((path.relative_to(folder).as_posix(), hash_file(path)) for path in _list_files(folder, parts))
+    content = hash_pieces(text.encode() for pair in digests for text in pair)
     (folder / STAMP_FILE).write_text(content, encoding="ascii")
     return content
 

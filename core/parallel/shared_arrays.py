@@ -70,8 +70,8 @@ def _write_and_map(
     path = folder / f"{name}.npy"
     path.unlink(missing_ok=True)  # as in save_struct
     with open(path, "w+b") as file:
-        told = {"descr": np.dtype(dtype).str, "fortran_order": False, "shape": shape}
-        np.lib.format.write_array_header_1_0(file, told)  # type: ignore[no-untyped-call]
+        header = {"descr": np.dtype(dtype).str, "fortran_order": False, "shape": shape}
+        np.lib.format.write_array_header_1_0(file, header)  # type: ignore[no-untyped-call]
         offset = file.tell()
         for part in contents:
             file.write(part)
@@ -92,11 +92,11 @@ def save_struct(folder: Path, struct: Any) -> None:
     """
     folder.mkdir(parents=True, exist_ok=True)
     packed = _Packed()
-    told = json.dumps(_put_away(folder, struct, packed)).encode()
+    header = json.dumps(_put_away(folder, struct, packed)).encode()
     path = folder / _PACKED_FILE
     path.unlink(missing_ok=True)  # unlinked, not truncated, for a process may have it mapped
     with open(path, "wb") as file:
-        file.write(len(told).to_bytes(_LENGTH_BYTES, "little") + told)
+        file.write(len(header).to_bytes(_LENGTH_BYTES, "little") + header)
         begin = _align(file.tell())
         for start, array in packed.arrays:
             file.seek(begin + start)
@@ -125,25 +125,25 @@ def _describe(array: NDArray[Any]) -> tuple[str, tuple[int, ...], str]:
 
 def _put_away(folder: Path, struct: Any, packed: _Packed) -> dict[str, Any]:
     """Write the large arrays of a struct and of structs in it, add the small ones to `packed`, and return an index of the fields."""
-    told: dict[str, Any] = {"plain": {}, "packed": {}, "files": {}, "structs": {}}
+    header: dict[str, Any] = {"plain": {}, "packed": {}, "files": {}, "structs": {}}
     for field in dataclasses.fields(struct):
         name, value = field.name, getattr(struct, field.name)
         if dataclasses.is_dataclass(value):
-            told["structs"][name] = _put_away(folder / name, value, packed)
+            header["structs"][name] = _put_away(folder / name, value, packed)
         elif not isinstance(value, np.ndarray):
-            told["plain"][name] = value
+            header["plain"][name] = value
         elif value.dtype.kind in "OV":
             raise TypeError(f"{name}: expected an array of plain numbers, got {value.dtype}")
         elif value.nbytes < _LEAST_FILE:
-            told["packed"][name] = (*_describe(value), packed.add(value))
+            header["packed"][name] = (*_describe(value), packed.add(value))
         else:
-            told["files"][name] = _describe(value)
+            header["files"][name] = _describe(value)
             file = folder / f"{name}.npy"
             if not _is_of_file(value, file):
                 folder.mkdir(parents=True, exist_ok=True)
                 file.unlink(missing_ok=True)  # as above
                 np.save(file, value)
-    return told
+    return header
 
 
 @contextmanager
@@ -167,22 +167,22 @@ def load_struct(folder: Path, cls: type[T]) -> T:
     """
     whole = np.memmap(folder / _PACKED_FILE, np.uint8, "r").view(np.ndarray)  # np.memmap's own indexing is slow
     end = _LENGTH_BYTES + int.from_bytes(whole[:_LENGTH_BYTES].tobytes(), "little")
-    told = parse_json(whole[_LENGTH_BYTES:end].tobytes())
-    return _find_fields(folder, cls, told, whole[_align(end) :])
+    header = parse_json(whole[_LENGTH_BYTES:end].tobytes())
+    return _find_fields(folder, cls, header, whole[_align(end) :])
 
 
-def _find_fields(folder: Path, cls: type[T], told: dict[str, Any], packed: NDArray[np.uint8]) -> T:
+def _find_fields(folder: Path, cls: type[T], header: dict[str, Any], packed: NDArray[np.uint8]) -> T:
     """Build the dataclass from the index of _put_away."""
     fields: Any = cls.__dataclass_fields__  # type: ignore[attr-defined]
-    unknown = {name for of_kind in told.values() for name in of_kind} - set(fields)
+    unknown = {name for of_kind in header.values() for name in of_kind} - set(fields)
     if unknown:  # names become file names
         raise ValueError(f"it has no fields {', '.join(sorted(unknown))}")
-    values: dict[str, Any] = dict(told["plain"])
-    values |= {name: _unpack(packed, *of_array) for name, of_array in told["packed"].items()}
-    values |= {name: _map_file(folder / f"{name}.npy", *of_array) for name, of_array in told["files"].items()}
-    if told["structs"]:
+    values: dict[str, Any] = dict(header["plain"])
+    values |= {name: _unpack(packed, *of_array) for name, of_array in header["packed"].items()}
+    values |= {name: _map_file(folder / f"{name}.npy", *of_array) for name, of_array in header["files"].items()}
+    if header["structs"]:
         hints = get_type_hints(cls)
-        for name, of_struct in told["structs"].items():
+        for name, of_struct in header["structs"].items():
             inner: Any = next(filter(dataclasses.is_dataclass, get_args(hints[name])), hints[name])  # unwraps Optional
             values[name] = _find_fields(folder / name, inner, of_struct, packed)
     return cls(**values)

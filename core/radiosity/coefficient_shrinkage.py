@@ -45,11 +45,11 @@ def shrink_leaves(tree: Quadtree, totals: Totals, leaves: NDArray[np.int64]) -> 
         energy = (raw * basis.apply_matrices(step, raw)).sum((0, 1))
         expected = (rank - rank_below) * noise
         noisy = np.divide(expected, energy, out=np.ones(len(leaves)), where=energy > 0.0)
-        told = 1.0 - noisy
-        share = np.clip(told, 0.0, 1.0) if degree else np.ones(len(leaves))
+        signal = 1.0 - noisy
+        share = np.clip(signal, 0.0, 1.0) if degree else np.ones(len(leaves))
         shrunk = shrunk + share[:, None, None] * step
         if degree:
-            risk += np.where(told > 0.0, (1.0 + (4.0 / np.maximum(rank - rank_below, 1) - 1.0) * noisy) * expected, energy - expected)
+            risk += np.where(signal > 0.0, (1.0 + (4.0 / np.maximum(rank - rank_below, 1) - 1.0) * noisy) * expected, energy - expected)
             beyond += expected
     project = tree.project.copy()
     project[leaves] = shrunk

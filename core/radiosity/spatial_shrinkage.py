@@ -85,8 +85,8 @@ class SpatialShrinkage:
         mean[black] = 0.0
         # Without photons the light was found to be about as likely above the shown value as between it and 0.
         count = own.mean(axis=0) * area / np.maximum(around.photon, _TINY)
-        told = count + np.where(count > 0.0, _OF_LEAF, _LIFTED**2 * _OF_LEAF)
-        variance = np.where(black, 0.0, told * (share / _OF_LEAF * around.mean) ** 2)
+        spread = count + np.where(count > 0.0, _OF_LEAF, _LIFTED**2 * _OF_LEAF)
+        variance = np.where(black, 0.0, spread * (share / _OF_LEAF * around.mean) ** 2)
         return cls(row_of, np.where(black, 0.0, around.mean), share, mean, variance)
 
     def find(self, leaf: IntArray) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:

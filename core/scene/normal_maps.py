@@ -44,8 +44,8 @@ class NormalMaps:
         uv = locate_hits(self.tri_uv, gather(tri, rows), gather(u, rows), gather(v, rows))
         normal = self.textures.at(gather(image, rows), uv.T).T.astype(np.float32)
         length = np.sqrt((normal * normal).sum(axis=0))
-        told = length > _SHORTEST_NORMAL
-        rows, normal, length = rows[told], normal[:, told], length[told]
+        is_known = length > _SHORTEST_NORMAL
+        rows, normal, length = rows[is_known], normal[:, is_known], length[is_known]
         # A surface that is seen from its back, or was turned, has the same bumps the other way round.
         ahead = (normal * gather(side, rows)).sum(axis=0)
         return rows, normal * (np.where(ahead < 0, -1.0, 1.0).astype(np.float32) / length)

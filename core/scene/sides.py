@@ -64,7 +64,7 @@ def settle_sides(snapshot: SceneSnapshot, sides: str) -> SettledSides:
         return SettledSides(snapshot, turned, ())
     parts = _Parts.of(snapshot, tri)
     probe = LightProbe(snapshot)
-    is_turned, is_open = _judge(probe, parts)
+    is_turned, is_open = _decide_sides(probe, parts)
     is_turned = _agree(snapshot, parts, is_turned)
     turned[tri] = is_turned[parts.tri_part]
     warnings = [
@@ -168,7 +168,7 @@ class _Samples:
         return self.mean(self._probe.find_irradiance(self.point, np.float32(sign) * self.front, _BOUNCES))
 
 
-def _judge(probe: LightProbe, parts: _Parts) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _decide_sides(probe: LightProbe, parts: _Parts) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """(n_part,) bool each: parts to be turned, and thin sheets that are visible from both sides."""
     is_turned, is_open = np.zeros((2, len(parts)), bool)
     area = np.bincount(parts.tri_part, probe.area[parts.tri], minlength=len(parts))

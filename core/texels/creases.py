@@ -92,8 +92,8 @@ def _fork(edge: IntArray, direction: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 def _differ(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
     """(2, m) bool: whether normals (2, m, 3) form a crease; without a normal there is none."""
-    told = one.any(axis=-1) & other.any(axis=-1)
-    differ: NDArray[np.bool_] = told & ((one * other).sum(axis=-1) < _CREASE_COSINE)
+    has_normals = one.any(axis=-1) & other.any(axis=-1)
+    differ: NDArray[np.bool_] = has_normals & ((one * other).sum(axis=-1) < _CREASE_COSINE)
     return differ
 
 

@@ -274,8 +274,8 @@ class TexelMap:
         owner, pair = expand_ranges(self.pair_start[part], self.pair_start[part + 1])
         central = ~self.part_point[part].any(axis=1)
         if look < 1.0:  # light differs across a crease: only the centre's triangle counts, as in Cycles
-            told = ~central[owner] | (self.pair_tri[pair] == self.texel_tri[self.part_entry[part]][owner])
-            owner, pair = owner[told], pair[told]
+            counts = ~central[owner] | (self.pair_tri[pair] == self.texel_tri[self.part_entry[part]][owner])
+            owner, pair = owner[counts], pair[counts]
         tri, xy = self.pair_tri[pair], self.texel_xy[self.part_entry[part[owner]]]
         pieces = clip_to_texels(self.tri_uv[tri], xy, np.where(central, look, 1.0)[owner])
         tri, xy, owner = tri[pieces.pair], xy[pieces.pair], owner[pieces.pair]

@@ -52,8 +52,8 @@ class EvenSquares:
         terms = _square_moments(self.texel_xy[start[one]].T, whole[one], centre[one].T, 1.0 / half[one], degree)
         for row, term in zip(moments, terms, strict=True):
             row[one] = self.texel_area[start[one]] * whole[one] ** 2 * term
-        told = (ends[first] == start) & (ends[last] == end)  # the others begin or end within a square
-        for rows, from_texels in ((np.flatnonzero(told & (whole == 0)), False), (np.flatnonzero(~told & (whole == 0)), True)):
+        ends_whole = (ends[first] == start) & (ends[last] == end)  # the others begin or end within a square
+        for rows, from_texels in ((np.flatnonzero(ends_whole & (whole == 0)), False), (np.flatnonzero(~ends_whole & (whole == 0)), True)):
             lines = start[rows] if from_texels else first[rows], end[rows] if from_texels else last[rows]
             for some, begin, stop in chunk_ranges(*lines):
                 square = expand_ranges(begin, stop)[1]

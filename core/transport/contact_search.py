@@ -40,12 +40,12 @@ def search_contacts(
     own_share = first.stop / len(texels)
     own = find_contacts(opened, texels, 1, lambda said, share, about: watch(said, own_share * share, about), first)
 
-    def tell_of() -> Iterator[ContactMap]:
+    def report_each() -> Iterator[ContactMap]:
         for part, one in zip(others, found, strict=True):
             yield one
             watch(LOOKING, _FOUND * part.stop / len(texels), "")
 
-    return ContactMap.join([own, *tell_of()])
+    return ContactMap.join([own, *report_each()])
 
 
 def split_at_charts(chart_start: Int64, processes: int) -> list[slice]:

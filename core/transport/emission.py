@@ -81,12 +81,12 @@ def bear_photons(
     total_flux_share: float,
     rng: np.random.Generator,
     batch: int = BATCH,
-    told: bool = False,
+    with_bins: bool = False,
 ) -> Iterator[tuple[Photons, Bools]]:
     """Batches of new photons, and which of them are a lamp's without shadow.
 
     batch    photons, at most
-    told     whether photons carry their bin of emission
+    with_bins  whether photons carry their bin of emission
     """
     if n_photons <= 0 or not cells.share.any():
         return
@@ -119,7 +119,7 @@ def bear_photons(
         if births.soft_radius.any():
             crowded = emitters.crowded.take(emitter).astype(np.float32)
             soft = np.stack([births.soft_radius, births.soft_offset, np.zeros(last - first, np.float32), crowded])
-        born = find_bins(cell, points) if told else None
+        born = find_bins(cell, points) if with_bins else None
         origin, direction = (np.ascontiguousarray(vectors.T) for vectors in (births.origin, births.direction))
         sky = emitters.is_even_sky.take(emitter) if emitters.is_even_sky.any() else None
         yield Photons(origin, direction, flux, soft, born, sky=sky), ~emitters.casts_shadow.take(emitter)

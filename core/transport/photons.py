@@ -307,11 +307,11 @@ def _bear(
 ) -> Iterator[Photons]:
     """The photons as they are born, `together` in one."""
     log.photons += n_photons if scene.emitter_share.any() else 0
-    told = cells is not None
+    with_bins = cells is not None
     planned = BirthCells.whole(scene.emitter_share) if cells is None else cells
     count = -(-n_photons // together)
     batch = BATCH if together == 1 else max(2 * BATCH // together, 1)  # surfaces reflect about half of what comes, so that waves stay full
-    for photons, shadowless in bear_photons(scene.emitters, planned, count, total_flux_share, rng, batch, told):
+    for photons, shadowless in bear_photons(scene.emitters, planned, count, total_flux_share, rng, batch, with_bins):
         if photons.group is not None:
             photons.group = log.open_groups(photons.group, np.ones(len(photons.group), np.float32))
         if shadowless.any():

@@ -56,7 +56,7 @@ class ProgressReporter:
             raise Interrupted
         if now - self._spoke <= SECONDS_BETWEEN_WORDS:
             return
-        told = replace(said, text=f"{said.text}, {share:.0%}" + (f": {about}" if about else ""), share=share)
-        if told != self._said:
-            self._spoke, self._said = now, told
-            self.tell(told)
+        status = replace(said, text=f"{said.text}, {share:.0%}" + (f": {about}" if about else ""), share=share)
+        if status != self._said:
+            self._spoke, self._said = now, status
+            self.tell(status)

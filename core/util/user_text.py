@@ -12,14 +12,14 @@ _VERBS = frozenset(("is", "has", "was", "does", "casts"))  # first words of sent
 
 
 @dataclass(frozen=True)
-class Told:
+class Sentence:
     """A sentence and the names of its subjects; none for the scene."""
 
     names: tuple[str, ...]
     text: str
 
 
-def group_warnings(warnings: Iterable[tuple[str, str]]) -> list[Told]:
+def group_warnings(warnings: Iterable[tuple[str, str]]) -> list[Sentence]:
     """Warnings (subject, sentence), each sentence once, with the names of all its subjects.
 
     Sentences that differ by numbers alone are one.
@@ -30,24 +30,24 @@ def group_warnings(warnings: Iterable[tuple[str, str]]) -> list[Told]:
         names, sentences = subjects.setdefault(_NUMBER.sub("0", sentence) if subject else sentence, ([], []))
         names.append(subject)
         sentences.append(sentence)
-    return [tell(names, _say_once(sentences, names)) for names, sentences in subjects.values()]
+    return [write_sentence(names, _say_once(sentences, names)) for names, sentences in subjects.values()]
 
 
-def tell(subjects: Iterable[str], sentence: str) -> Told:
+def write_sentence(subjects: Iterable[str], sentence: str) -> Sentence:
     """A sentence about any one of the subjects, rephrased for all of them."""
     names = tuple(dict.fromkeys(name for name in subjects if name))
     if not names:
-        return Told((), sentence)
+        return Sentence((), sentence)
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     said = sentence if len(names) == 1 else _say_of_each(sentence)
-    return Told(names, f"{', '.join(names[:_NAMED])}{more}: {said}")
+    return Sentence(names, f"{', '.join(names[:_NAMED])}{more}: {said}")
 
 
-def split_error(error: str, is_known: Callable[[str], bool]) -> Told:
+def split_error(error: str, is_known: Callable[[str], bool]) -> Sentence:
     """An error with its subject, the longest known name before a colon, as names may contain colons."""
     parts = error.split(": ")
     subjects = [": ".join(parts[:count]) for count in range(len(parts) - 1, 0, -1)]
-    return Told(tuple(subject for subject in subjects if is_known(subject))[:1], error)
+    return Sentence(tuple(subject for subject in subjects if is_known(subject))[:1], error)
 
 
 def match_name(subject: str, known: Container[str]) -> str:

@@ -8,7 +8,7 @@ bpy = pytest.importorskip("bpy")
 from leaflight.addon.nodes.socket_bake import SocketBaker
 from leaflight.addon.read.export_mesh import read_mesh
 from leaflight.addon.read.export_scene import export_scene
-from leaflight.addon.read.mesh_attributes import list_asked
+from leaflight.addon.read.mesh_attributes import list_wanted_attributes
 from leaflight.core.scene.materials import SurfaceMaterials
 
 SIDE = 8  # pixels
@@ -125,9 +125,9 @@ def test_only_what_is_asked_for_is_read_besides_colours():
     mesh = add_glow("FLOAT", "POINT")
     mesh.attributes.new("Col", "FLOAT_COLOR", "CORNER")
     mesh.attributes.new("edges", "FLOAT_COLOR", "EDGE")
-    assert list_asked() == {"x"}
+    assert list_wanted_attributes() == {"x"}
     assert set(read_mesh(mesh).colors) == {"Col", ""}
-    assert set(read_mesh(mesh, list_asked()).colors) == {"Col", "", "x"}
+    assert set(read_mesh(mesh, list_wanted_attributes()).colors) == {"Col", "", "x"}
 
 
 def test_a_node_within_a_group_asks_too():
@@ -137,7 +137,7 @@ def test_a_node_within_a_group_asks_too():
     other = group.nodes.new("ShaderNodeAttribute")
     other.attribute_type, other.attribute_name = "OBJECT", "outer"
     group.nodes.new("ShaderNodeVertexColor").layer_name = "color"
-    assert list_asked() == {"inner", "color"}
+    assert list_wanted_attributes() == {"inner", "color"}
 
 
 def test_what_is_not_read_is_told(monkeypatch):

@@ -71,7 +71,7 @@ def test_photons_of_cells_carry_their_light_between_them():
             return super().emit(u)
 
     lamps = Asked(LAMPS[0].power_rgb), LAMPS[1]
-    batches = list(bear_photons(JoinedEmitters.of(lamps), cells, BATCH + 8000, 1.0, np.random.default_rng(1), told=True))
+    batches = list(bear_photons(JoinedEmitters.of(lamps), cells, BATCH + 8000, 1.0, np.random.default_rng(1), with_bins=True))
     group = np.concatenate([photons.group for photons, _ in batches])
     flux = np.concatenate([photons.flux for photons, _ in batches], axis=1).astype(float)
     cell = group // BINS
@@ -137,7 +137,7 @@ def test_photons_of_many_lamps_are_those_of_each_alone(is_cut):
         share = natural * rng.uniform(0.5, 1.5, len(twice))
         cells = BirthCells(twice.astype(np.int32), low, side, natural, share / share.sum())
     n = 5000
-    batches = list(bear_photons(JoinedEmitters.of(emitters), cells, n, 1.0, np.random.default_rng(1), batch=777, told=True))
+    batches = list(bear_photons(JoinedEmitters.of(emitters), cells, n, 1.0, np.random.default_rng(1), batch=777, with_bins=True))
     rows = np.concatenate([np.concatenate([photons.origin, photons.direction, photons.flux]) for photons, _ in batches], axis=1)
     expected, bins = bear_one_by_one(emitters, cells, n, np.random.default_rng(1))
     np.testing.assert_array_equal(rows, expected)

@@ -1,15 +1,15 @@
 """Sentences of the panel and what each is about."""
 
 import pytest
-from leaflight.core.util.user_text import Told, group_warnings, match_name, split_error, tell
+from leaflight.core.util.user_text import Sentence, group_warnings, match_name, split_error, write_sentence
 
 
 def test_warnings_about_many_objects_are_one_sentence():
     told = [("A", "has no faces"), *((name, f"{name}: is too small.") for name in "ABCDEA"), ("", "the sky is dark.")]
     assert group_warnings(told) == [
-        Told(("A",), "A: has no faces"),
-        Told(("A", "B", "C", "D", "E"), "A, B, C and 2 more: each is too small."),
-        Told((), "the sky is dark."),
+        Sentence(("A",), "A: has no faces"),
+        Sentence(("A", "B", "C", "D", "E"), "A, B, C and 2 more: each is too small."),
+        Sentence((), "the sky is dark."),
     ]
 
 
@@ -26,16 +26,16 @@ def test_warnings_about_many_objects_are_one_sentence():
     ],
 )
 def test_a_sentence_is_right_about_one_and_about_many(one, many):
-    assert tell(["A", "A"], one).text == f"A: {one}"
-    assert tell(["A", "B"], one).text == f"A, B: {many}"
+    assert write_sentence(["A", "A"], one).text == f"A: {one}"
+    assert write_sentence(["A", "B"], one).text == f"A, B: {many}"
 
 
 def test_an_error_names_its_subject_before_the_colon():
     known = {"Wall", "Wall: left", "nothing"}.__contains__
-    assert split_error("Wall: is odd; mend it.", known) == Told(("Wall",), "Wall: is odd; mend it.")
+    assert split_error("Wall: is odd; mend it.", known) == Sentence(("Wall",), "Wall: is odd; mend it.")
     assert split_error("Wall: left: is odd: mend it.", known).names == ("Wall: left",)
     assert split_error("Roof: is odd; mend it.", known).names == ()
-    assert split_error("All is dark.", known) == Told((), "All is dark.")
+    assert split_error("All is dark.", known) == Sentence((), "All is dark.")
 
 
 @pytest.mark.parametrize(
