@@ -137,7 +137,7 @@ class TestPalette(EmitterContract):
         births = emitter.emit(numbers())
         flux = np.broadcast_to(births.relative_rgb, (N_PHOTON, 3)) * emitter.power_rgb
         red = (flux[:, 2] == 0).astype(int)
-        assert flux[red == 1] == pytest.approx(np.tile(flux[red == 1][0], (red.sum(), 1)))
+        np.testing.assert_allclose(flux[red == 1], np.tile(flux[red == 1][0], (red.sum(), 1)), rtol=1e-6, atol=1e-12)
         assert flux[red == 1][0, 0] / flux[red == 1][0, 1] == pytest.approx(3)
         assert (flux[red == 0][:, 0] == 0).all()
         assert flux.mean(axis=0) == pytest.approx(self.power_w, rel=0.02)
