@@ -16,7 +16,7 @@ from ..nodes.socket_bake import SocketBaker
 from ..nodes.texture_mapping import UNMAPPED, UvMapping
 from .mesh_attributes import list_wanted_attributes
 from .render_levels import Warnings
-from .shaders_read import Surface, read_shader
+from .shaders_read import PAINT, Surface, read_shader
 
 _IMAGES = tuple(image for images in TEXTURE_UVS.values() for image in images)
 
@@ -108,6 +108,7 @@ class MaterialTable:
                 metal_image=surface.metal.image,
                 metal=surface.gloss.metal,
                 layer=surface.gloss.layer,
+                diffuse=surface.gloss.diffuse,
                 roughness=surface.gloss.roughness,
                 ior=surface.gloss.ior,
                 coat=surface.gloss.coat,
@@ -143,7 +144,7 @@ def _identify(faces: Faces | None) -> tuple[int, ...]:
 def read_material(reader: ColorReader, material: Any) -> Surface:
     """What the material's active output shows to Cycles; black where nothing is connected, as there."""
     if not uses_nodes(material):
-        return Surface(Color(reader.mend(to_rgb(material.diffuse_color), GREY, None)))
+        return Surface(Color(reader.mend(to_rgb(material.diffuse_color), GREY, None)), gloss=PAINT)
     output, source = find_surface(material)
     if output is None:
         reader.note("it has no output node, so it is black")

@@ -28,21 +28,25 @@ class GlossNumbers:
     layer: float = 0.0
     roughness: float = 0.5
     ior: float = 1.5
+    diffuse: float = 1.0
     coat: float = 0.0
     coat_roughness: float = 0.03
     coat_ior: float = 1.5
 
     def times(self, share: float) -> GlossNumbers:
         """On a share of the surface."""
-        return replace(self, metal=share * self.metal, layer=share * self.layer, coat=share * self.coat)
+        metal, layer, diffuse, coat = (share * part for part in (self.metal, self.layer, self.diffuse, self.coat))
+        return replace(self, metal=metal, layer=layer, diffuse=diffuse, coat=coat)
 
     def add(self, other: GlossNumbers) -> GlossNumbers:
         """Both; as rough as the stronger one."""
         main = self if self.metal + self.layer >= other.metal + other.layer else other
-        metal, layer, coat = (min(getattr(self, name) + getattr(other, name), 1.0) for name in ("metal", "layer", "coat"))
+        metal, layer, diffuse, coat = (
+            min(getattr(self, name) + getattr(other, name), 1.0) for name in ("metal", "layer", "diffuse", "coat")
+        )
         coated = self if self.coat >= other.coat else other
         main = replace(main, coat_roughness=coated.coat_roughness, coat_ior=coated.coat_ior)
-        return replace(main, metal=metal, layer=layer, coat=coat)
+        return replace(main, metal=metal, layer=layer, diffuse=diffuse, coat=coat)
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,8 @@ class GlassNumbers:
         return replace(main, share=min(self.share + other.share, 1.0), mirror_rgb=add_rgb(self.mirror_rgb, other.mirror_rgb))
 
 
-DULL = GlossNumbers()
+PAINT = GlossNumbers()
+NO_GLOSS = GlossNumbers(diffuse=0.0)
 NO_GLASS = GlassNumbers()
 
 
@@ -88,7 +93,7 @@ class Surface:
     emission: Color = _NOTHING
     passing: Color = _NOTHING
     metal: Color = _NOTHING
-    gloss: GlossNumbers = DULL
+    gloss: GlossNumbers = NO_GLOSS
     glass: Color = _NOTHING
     bending: GlassNumbers = NO_GLASS
     through: Color = _NOTHING
@@ -164,7 +169,8 @@ def _add_sheen(reader: ColorReader, port: Port, surface: Surface, alpha: Color) 
     share = weight * _find_sheen(reader.read_number(port.sibling("Sheen Roughness"), 0.5))
     sheen = Color(read_input_color(reader, port, "Sheen Tint").mean).times(share)
     below = _dim(surface, (1.0 - min(max(*sheen.rgb), 1.0),) * 3)
-    return replace(below, albedo=reader.add(port, below.albedo, _scale(reader, port, sheen, alpha, "sheen"), "with sheen"))
+    gloss = replace(below.gloss, diffuse=min(below.gloss.diffuse + share * alpha.mean[0], 1.0))
+    return replace(below, albedo=reader.add(port, below.albedo, _scale(reader, port, sheen, alpha, "sheen"), "with sheen"), gloss=gloss)
 
 
 def _dim(surface: Surface, rgb: Rgb) -> Surface:
@@ -183,7 +189,8 @@ def _find_sheen(roughness: float) -> float:
 def _read_sheen(reader: ColorReader, port: Port) -> Surface:
     """As diffuse, with its energy."""
     _note_normal(reader, port)
-    return Surface(read_input_color(reader, port, "Color").times(_find_sheen(reader.read_number(port.sibling("Roughness"), 0.5))))
+    share = _find_sheen(reader.read_number(port.sibling("Roughness"), 0.5))
+    return Surface(read_input_color(reader, port, "Color").times(share), gloss=PAINT)
 
 
 def _read_subsurface(reader: ColorReader, port: Port) -> Surface:
@@ -204,7 +211,8 @@ def _read_gloss(reader: ColorReader, port: Port, metallic: float, transmission: 
     straight_on = min(2.0 * level * ((ior - 1.0) / (ior + 1.0)) ** 2, 0.98)
     root = math.sqrt(straight_on)
     layer = (1.0 - metallic) * (1.0 - transmission) if straight_on > 0.0 else 0.0
-    return GlossNumbers(metallic, layer, _read_roughness(reader, port, metallic > 0.0), (1.0 + root) / (1.0 - root))
+    diffuse = (1.0 - metallic) * (1.0 - transmission)
+    return GlossNumbers(metallic, layer, _read_roughness(reader, port, metallic > 0.0), (1.0 + root) / (1.0 - root), diffuse)
 
 
 def _read_roughness(reader: ColorReader, port: Port, matters: bool) -> float:
@@ -219,12 +227,14 @@ def _read_roughness(reader: ColorReader, port: Port, matters: bool) -> float:
 def _read_glossy(reader: ColorReader, port: Port) -> Surface:
     """A Glossy BSDF reflects its colour at all angles, a Metallic BSDF nearly so."""
     color = read_input_color(reader, port, "Base Color" if "Base Color" in port.node.inputs else "Color")
-    return Surface(color, metal=color, gloss=GlossNumbers(min(sum(color.mean) / 3.0, 1.0), 0.0, _read_roughness(reader, port, True)))
+    return Surface(
+        color, metal=color, gloss=GlossNumbers(min(sum(color.mean) / 3.0, 1.0), 0.0, _read_roughness(reader, port, True), diffuse=0.0)
+    )
 
 
 def _read_diffuse(reader: ColorReader, port: Port) -> Surface:
     _note_normal(reader, port)
-    return Surface(read_input_color(reader, port, "Color", GREY))
+    return Surface(read_input_color(reader, port, "Color", GREY), gloss=PAINT)
 
 
 def _read_translucent(reader: ColorReader, port: Port) -> Surface:
@@ -299,7 +309,7 @@ def _read_other(reader: ColorReader, port: Port) -> Surface:
     """A shader unknown to us as a diffuse one of its colour."""
     reader.note(f"{port.node.name} is baked as diffuse")
     name = next((name for name in ("Color", "Base Color") if name in port.node.inputs), "")
-    return Surface(read_input_color(reader, port, name, GREY) if name else Color(GREY))
+    return Surface(read_input_color(reader, port, name, GREY) if name else Color(GREY), gloss=PAINT)
 
 
 def _read_two(reader: ColorReader, port: Port) -> tuple[Surface, Surface]:

@@ -20,6 +20,7 @@ from .near_field_quadrature import average_peaks, estimate_bend, find_peaks
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 AGREE_TEXELS = 16  # neighbours in Morton order that share the stopping rule: their first rays must agree before any of them stops
+_ALIKE = 0.01  # rays agree whose transmittance differs by less
 # variance ~ 1 / n^(1 + gain) for n stratified rays; measured. A hard edge crosses few cells of a texel; a soft one couples the place in the
 # texel with the place on the light, which are stratified separately.
 _SHARP_GAIN, _SOFT_GAIN = 0.9, 0.375
@@ -66,6 +67,7 @@ class Tally:
         self._sums = np.zeros((5, len(rows)))
         # The same sums by channel, once rays return colours; `_sums` are then those of their mean.
         self._channel_sums: Float64 | None = None
+        self._least, self._most = np.zeros((2, 0))  # share that passes of each pair's rays, once they return colours
         self._lit, self._dark = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
         self._leader: NDArray[np.int64] | None = leader  # None while each pair leads itself, as most do
         if leader is not None and (leader == np.arange(len(rows))).all():
@@ -148,6 +150,10 @@ class Tally:
         if sight.rgb is not None:
             if self._channel_sums is None:
                 self._channel_sums = np.zeros((3, 5, len(self.rows)))
+                self._least, self._most = np.ones(len(self.rows)), np.zeros(len(self.rows))
+            passes = np.where(spread(shines), spread(sight.share), np.nan)  # fmin and fmax leave out nan
+            self._least[own] = np.fmin(self._least[own], np.fmin.reduce(passes, axis=0))
+            self._most[own] = np.fmax(self._most[own], np.fmax.reduce(passes, axis=0))
             for sums, passed in zip(self._channel_sums, sight.rgb.T, strict=True):
                 _add_products(sums, own, share, spread(aim.weight * passed).astype(np.float64))
         self._lit[own] |= spread(seen).any(axis=0)
@@ -200,7 +206,14 @@ class Tally:
         if stage == STAGES[1] or not self.source.is_sharp:
             block, n_block = self._block, int(self._block.max(initial=-1)) + 1
             lit = np.bincount(block, self._lit, minlength=n_block) > 0
-            mixed = np.pad(lit & (np.bincount(block, self._dark, minlength=n_block) > 0), 1)
+            if self._channel_sums is None:
+                differ = lit & (np.bincount(block, self._dark, minlength=n_block) > 0)
+            else:  # rays agree where as much passes of all of them
+                least, most = np.ones(n_block), np.zeros(n_block)
+                np.minimum.at(least, block, self._least)
+                np.maximum.at(most, block, self._most)
+                differ = most - least > _ALIKE
+            mixed = np.pad(differ, 1)
             matters = 0.25 * self._closed() > allowed
             around = mixed[:-2] | mixed[1:-1] | mixed[2:]
             if stage == STAGES[1]:

@@ -30,6 +30,7 @@ LEAST_ALPHA = 1e-3  # of a mirror; its lobe is a twentieth of a degree wide
 _ENTRIES = 65  # of a material's tables, evenly by the root of the cosine: at grazing angles they change soonest
 _SAMPLES = 2048  # for each entry
 _HAIR = np.float32(1e-6)
+_LEAST_SHARE = 1e-6  # of a surface
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,7 @@ class Gloss:
     lost           (n_material * _ENTRIES,) float32: 1 / E - 1 by the cosine with the normal
     edge           the same: what of a black metal's light Schlick's formula reflects at the edges by single scattering
     dielectric     the same: what the layer and the coat reflect, their shares included
+    below          the same: what they leave of the diffuse light that they cover, and all of the rest
     coat           None where no material has one
     """
 
@@ -94,6 +96,7 @@ class Gloss:
     lost: Float32
     edge: Float32
     dielectric: Float32
+    below: Float32
     coat: Coat | None
 
     @classmethod
@@ -109,14 +112,19 @@ class Gloss:
             return None
         alpha = np.array([max(one.roughness**2, LEAST_ALPHA) for one in materials], np.float32)
         ior = np.array([max(one.ior, 1.0) for one in materials], np.float32)
-        tables = [tabulate_lobe(float(a), float(n)) for a, n in zip(alpha, ior, strict=True)]
-        lost, edge, dielectric = (np.concatenate([table[k] for table in tables]).astype(np.float32) for k in range(3))
+        lobes = [tabulate_lobe(float(a), float(n)) for a, n in zip(alpha, ior, strict=True)]
+        lost, edge, dielectric = (np.concatenate([lobe[k] for lobe in lobes]).astype(np.float32) for k in range(3))
         layer_mean = np.array([average_fresnel(float(n)) for n in ior], np.float32)
         kept_mean = average_kept(lost.reshape(-1, _ENTRIES)).astype(np.float32)
-        dielectric *= np.repeat(layer, _ENTRIES) * (1 + np.repeat(layer_mean, _ENTRIES) * lost)
+        dielectric *= 1 + np.repeat(layer_mean, _ENTRIES) * lost
+        diffuse = np.array([max(one.diffuse, _LEAST_SHARE) for one in materials], np.float32)
+        below = 1 - np.repeat(np.minimum(layer / diffuse, 1), _ENTRIES) * dielectric
+        dielectric *= np.repeat(layer, _ENTRIES)
         if coat:
+            below *= 1 - coat.albedo * np.repeat(np.minimum(coat.share / diffuse, 1) / np.maximum(coat.share, _LEAST_SHARE), _ENTRIES)
             dielectric = coat.albedo + (1 - coat.albedo) * dielectric
-        return cls(surfaces, scene.tri_material, glossy, alpha, ior, layer, metal, layer_mean, kept_mean, lost, edge, dielectric, coat)
+        tables = lost, edge, dielectric, below
+        return cls(surfaces, scene.tri_material, glossy, alpha, ior, layer, metal, layer_mean, kept_mean, *tables, coat)
 
     def albedo_at(self, tri: IntArray, u: FloatArray, v: FloatArray, cosine: Float32) -> Float32:
         """(3, n): share of light from directions at a cosine (n,) with the normal that is reflected specularly."""
@@ -131,24 +139,25 @@ class Gloss:
 
     def below_layer(self, tri: IntArray, cosine: Float32) -> Float32:
         """(n,): share of diffuse light that leaves at a cosine (n,) with the normal, for what the layer reflects there is not below it."""
-        left: Float32 = np.float32(1) - _look_up(self.dielectric, *_find_place(gather(self.tri_material, tri), cosine))
-        return left
+        return _look_up(self.below, *_find_place(gather(self.tri_material, tri), cosine))
 
     def reflect(
-        self, tri: IntArray, u: FloatArray, v: FloatArray, direction: Float32, normal: Float32, numbers: Float32
+        self, tri: IntArray, u: FloatArray, v: FloatArray, direction: Float32, normal: Float32, numbers: Float32, of_light: bool = False
     ) -> tuple[Float32, Float32]:
         """Directions (3, n) of reflected rays and their weights (3, n), whose mean is albedo_at; 0 below the surface.
 
         direction   (3, n) float32, unit: along which rays arrive, from the side of their normals (3, n)
         numbers     (2, n) float32, uniform in [0, 1)
+        of_light    the rays carry light rather than look for it. What is given back, and what a coat leaves, goes by the direction that is
+                    looked from, as in Cycles, so the weights are those of the adjoint (Veach 1997, 3.7.6)
         """
         material = gather(self.tri_material, tri)
         alpha = gather(self.alpha, material)
         tangent, bitangent = (axis.T for axis in orthonormal_basis(normal.T))
         local = np.stack([-_dot(direction, axis) for axis in (tangent, bitangent, normal)])
         local[2] = np.maximum(local[2], _HAIR)
-        place = _find_place(material, local[2])
         if self.coat:
+            place = _find_place(material, local[2])
             covered, above = _look_up(self.coat.albedo, *place), gather(self.coat.share, material)
             below = self.albedo_at(tri, u, v, local[2]).max(axis=0) - covered
             chance = covered / np.maximum(covered + np.maximum(below, 0), _HAIR)
@@ -162,6 +171,7 @@ class Gloss:
         cosine = np.clip(_dot(local, half), 0, 1)
         out = 2 * cosine * half - local
         edge: FloatArray = (1 - cosine) ** 5
+        place = _find_place(material, np.maximum(out[2], 0) if of_light else local[2])
         lost = _look_up(self.lost, *place)
         color, share = self.surfaces.metal_at(tri, u, v).T, gather(self.metal, material)
         rgb: FloatArray = (color * (1 - edge) + share * edge) * _give_back(color, share, lost, gather(self.kept_mean, material))
@@ -173,7 +183,8 @@ class Gloss:
                 * fresnel(cosine, gather(self.coat.ior, material))
                 * (1 + gather(self.coat.mean, material) * _look_up(self.coat.lost, *place))
             )
-            rgb = np.where(coats, own / np.maximum(chance, _HAIR), rgb * (1 - covered) / np.where(coats, 1, 1 - chance))
+            left = 1 - _look_up(self.coat.albedo, *place)
+            rgb = np.where(coats, own / np.maximum(chance, _HAIR), rgb * left / np.where(coats, 1, 1 - chance))
         rgb = rgb * mask(local[2], out[2], alpha)
         turned = out[0] * tangent + out[1] * bitangent + out[2] * normal
         return turned.astype(np.float32), rgb.astype(np.float32)

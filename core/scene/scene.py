@@ -62,6 +62,7 @@ class Material:
     metal_image: int = -1
     metal: float = 1.0  # share of the surface that is metal, on average
     layer: float = 0.0  # share of the surface that has a dielectric layer above what is diffuse
+    diffuse: float = 1.0  # share of the surface that is diffuse, of which the layer and the coat cover as much as they can
     roughness: float = 0.5  # of the metal and of the layer; GGX's alpha is its square
     ior: float = 1.5  # of the layer
     coat: float = 0.0  # share of the surface that has a clear coat above all of this

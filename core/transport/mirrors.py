@@ -76,7 +76,7 @@ def reflect_photons(
     if not len(on):
         return None
     tri, u, v, flux, direction, face, normal = (gather(values, on) for values in (tri, u, v, flux, direction, face, normal))
-    turned, weight = gloss.reflect(tri, u, v, direction, normal, rng.random((2, len(on)), dtype=np.float32))
+    turned, weight = gloss.reflect(tri, u, v, direction, normal, rng.random((2, len(on)), dtype=np.float32), of_light=True)
     weight *= np.einsum("kn,kn->n", turned, face) > 0  # by a shading normal some would go below the face
     flux = flux * weight / gather(chance, on)
     kept = flux.any(axis=0).nonzero()[0]

@@ -147,3 +147,23 @@ def test_an_object_that_others_do_not_see_sends_them_no_light(tmp_path):
     assert seen > 0
     assert unseen == 0
     assert still_lit == pytest.approx(lit, rel=0.02)
+
+
+def test_half_clear_panes_are_not_too_bright(tmp_path):
+    """Under an even sky, beside what a square of 1.6 m, 0.8 m above, hides: texels do not stop because their first rays pass it by."""
+    pane = Material("Pane", (0,) * 3, passing_rgb=(0.5,) * 3)
+    scene = make_scene([square("Floor", 0, 2, True), square("Pane", 0.8, 0.8)], [], [Material("Floor", (0,) * 3), pane])
+    scene = replace(scene, tri_material=scene.tri_object, world_rgb=(1.0,) * 3)
+    field = solve_scene(tmp_path, scene, Settings(size=64, max_photons=1000, error=0.01, workers=1, seed=3))
+    texels = workers_texels(tmp_path)
+    found = np.average(texel_light.light_at_texels(field, texels).direct[:, 0], weights=texels.texel_area)
+    x, y = np.meshgrid(*[(np.arange(200) + 0.5) / 50 - 2] * 2)
+
+    def corner(a, b):
+        """Form factor of a rectangle above a corner of its, sides a and b by the height; odd in both. Source: Howell, B-3."""
+        p, q = np.hypot(1, a), np.hypot(1, b)
+        return (a / p * np.arctan(b / p) + b / q * np.arctan(a / q)) / (2 * np.pi)
+
+    low, high = [(-0.8 - axis) / 0.8 for axis in (x, y)], [(0.8 - axis) / 0.8 for axis in (x, y)]
+    hidden = corner(high[0], high[1]) - corner(low[0], high[1]) - corner(high[0], low[1]) + corner(low[0], low[1])
+    assert found == pytest.approx(np.pi * (1 - 0.5 * hidden.mean()), rel=0.003)

@@ -1,4 +1,4 @@
-"""Light by every kind of matter: a floor in a small scene of each, baked by Leaflight and by Cycles. Fills docs/matter.md.
+"""Light by every kind of sky, lamp and matter: a floor in a small scene of each, baked by Leaflight and by Cycles. Fills docs/matter.md.
 
 python bench_matter.py [--samples N] [--size N] [--docs] [NAME ...]
 """
@@ -14,18 +14,22 @@ import numpy as np
 from cycles_bake import bake_cycles, set_stage
 from leaflight.addon.ui import cli
 from leaflight.core.output.image_file import read_image, write_image
+from light_scenes import SCENES as LIGHT_SCENES
 from lightmap_errors import LightmapErrors, measure_errors
-from matter_scenes import FLOOR, SCENES
+from matter_scenes import FLOOR
+from matter_scenes import SCENES as MATTER_SCENES
 
+SCENES = {**LIGHT_SCENES, **MATTER_SCENES}
 ROOT = Path(__file__).resolve().parents[2]
 PAGE, SHEET = ROOT / "docs" / "matter.md", ROOT / "docs" / "matter.png"
 _MEAN_TARGET, _NRMSE_TARGET = 0.01, 0.04
 _COLUMNS, _GAP = 4, 4  # of the sheet, pairs; texels
-_HEAD = """# Light by every kind of matter
+_HEAD = """# Light by every kind of sky, lamp and matter
 
-A floor of 4 m in a small scene for each kind of matter, baked by Leaflight (`--error 0.01`) and by Cycles (DIFFUSE, direct and indirect,
-without colour; all bounces, no clamping, {samples} samples twice) on the same UV layer. *mean* is Leaflight's mean light over Cycles',
-*nrmse* the root mean square difference over the mean, from which Cycles' own noise is taken off. Targets: 1 % and 4 %.
+A floor of 4 m in a small scene for each kind of sky, lamp, geometry and matter, baked by Leaflight (`--error 0.01`) and by Cycles
+(DIFFUSE, direct and indirect, without colour; all bounces, no clamping, {samples} samples twice) on the same UV layer. *mean* is
+Leaflight's mean light over Cycles', *nrmse* the root mean square difference over the mean, from which Cycles' own noise is taken off.
+Targets: 1 % and 4 %.
 `make bench-matter` makes this page.
 
 Matter is diffuse, or a metal, mirror or glossy shader (GGX), the layer of the Principled BSDF, glass, transparent, or a mix of these,
@@ -42,7 +46,7 @@ to the side in Cycles. Subsurface light leaves where it arrives.
 Where a material lets shadow rays pass and is glass for all others, Cycles counts the light twice: by the shadow rays, and as a caustic
 besides. Leaflight counts it once, so that row differs.
 
-| matter | mean | nrmse | |
+| scene | mean | nrmse | |
 | --- | --- | --- | --- |
 """
 
