@@ -97,36 +97,6 @@ def test_what_is_to_be_mended_is_the_layer_or_the_faces(height, advice):
     assert len(found.findings) == (2 if height > 0 else 1)
 
 
-class FakeUnwrapping:
-    """Writes down what is done with it; the one of `fails` triangles crashes."""
-
-    def __init__(self, diary, fails, tri_position, *_, tri_object):
-        self.diary, self.fails, self.count, self.objects = diary, fails, len(tri_position), np.unique(tri_object).tolist()
-        diary.append(("begin", self.count))
-
-    def finish(self, watch):
-        for i in self.objects:
-            watch(i, 0)
-        if self.count == self.fails:
-            raise UnfolderDied(-11, self.objects[0])
-        self.diary.append(("finish", self.count))
-        return np.full(self.count, -1), np.zeros((self.count, 3, 2)), np.zeros((self.count, 3), bool)
-
-    def cancel(self):
-        self.diary.append(("cancel", self.count))
-
-
-@pytest.fixture
-def diary(monkeypatch):
-    def watch(fails=-1):
-        written = []
-        monkeypatch.setattr(chart_cache, "Unwrapping", lambda *arrays: FakeUnwrapping(written, fails, *arrays[:-1], tri_object=arrays[-1]))
-        monkeypatch.setattr(chart_search, "_AT_ONCE", 0)
-        return written
-
-    return watch
-
-
 def test_crash_of_xatlas_names_the_object(monkeypatch):
     class Crashing:
         def __init__(self, *arrays):

@@ -225,6 +225,29 @@ def test_photons_whose_first_hit_is_skipped_go_there_together_and_part():
     np.testing.assert_allclose(on_tri[1], on_tri[0], rtol=0.08)
 
 
+def test_groups_own_what_comes_of_them_and_nothing_else(monkeypatch):
+    """Two rooms without ceilings, each with a wall that has no lightmap, in many small waves: what parts in one room stays there."""
+    monkeypatch.setattr(photons, "BATCH", 4096)
+    room = _cube()[:-2]
+    bare = np.tile(np.arange(len(room)) < 2, 2).astype(np.int32)
+    objects = (SceneObject("Room"), SceneObject("Bare", receives=False))
+    snapshot = _snapshot(
+        np.concatenate([room, room + np.array([3.0, 0.0, 0.0])]), (Material("White", (0.9,) * 3),), tri_object=bare, objects=objects
+    )
+    place_unit = geometry.UnitBox.from_points(snapshot.vertex_position).to_unit(np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]))
+    scene = _build(snapshot, *(_white_lamp(place_unit=tuple(place)) for place in place_unit))
+    n_tri = np.int32(len(room))
+
+    def split_at(tri, u, v):
+        return tri // n_tri, np.ones(len(tri), np.float32)
+
+    hits = _trace_whole(scene, N, 1.0, sampling.shard_rng(7, 0, 0), 1000, True, split_at)
+    assert 0 < hits.counters.deposits < hits.groups.rays.sum()
+    np.testing.assert_array_equal(hits.groups.place[hits.groups.owner], hits.tri // n_tri)
+    share = np.bincount(hits.groups.place, hits.groups.rays) / hits.groups.rays.sum()
+    np.testing.assert_allclose(share, 0.5, atol=0.03)
+
+
 def test_photons_part_in_groups_as_they_are_told():
     """On the floor twice as many as elsewhere: the same light, and each deposit and ray belongs to a group."""
     scene = _build(_snapshot(_cube(), (Material("Red", (0.8, 0.5, 0.1)),)), _white_lamp())
