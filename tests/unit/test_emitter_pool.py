@@ -55,7 +55,7 @@ def test_a_large_triangle_close_by_is_chosen_though_its_middle_is_far_and_low():
     panel = moved(quad_mesh("Panel", 0.8, 0.8), (0.1, 0.1, 0.005))
     scene = lit_scene(emission=[panel, *boxes(9)], rgb=(3.0, 2.0, 1.0))
     pooled = prepare(scene)[0]
-    found, expected = light_floor(pooled, max_rays=16, tolerance=0.0), light_floor(as_sources(scene), tolerance=0.0).irradiance_rgb[:, 0]
+    found, expected = light_floor(pooled, max_rays=16, tolerance=0.0), light_floor(as_sources(scene), tolerance=0.02).irradiance_rgb[:, 0]
     under = expected > 0.8 * 3 * math.pi
     assert 0.4 < under.mean() < 0.8
     error = found.irradiance_rgb[under, 0] / expected[under] - 1
@@ -113,8 +113,8 @@ def test_triangles_that_share_an_edge_with_the_floor():
 
 
 def test_lamps_that_reach_down_through_the_floor():
-    """16 boxes with their feet in it: the triangles of their sides are cut by the horizon, inside and out."""
-    places = [(0.125 + 0.25 * (i % 4), 0.125 + 0.25 * (i // 4), 0.035) for i in range(16)]
+    """9 boxes with their feet in it: the triangles of their sides are cut by the horizon, inside and out."""
+    places = [((i % 3 + 0.5) / 3, (i // 3 + 0.5) / 3, 0.035) for i in range(9)]
     scene = lit_scene(emission=[box_mesh(f"Lamp {i}", (0.15, 0.15, 0.08), place) for i, place in enumerate(places)])
     pooled, alone = prepare(scene)[0], as_sources(scene)
     assert pooled.pool is not None
