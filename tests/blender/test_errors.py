@@ -256,7 +256,7 @@ def test_sentences_name_no_flag_of_the_command_line(state):
     chosen = bpy.context.scene.leaflight
     chosen.size = 4
     assert "--" not in bake_error(state)
-    chosen.size, chosen.density = 32, 1000.0
+    chosen.size, chosen.density = 32, 200.0
     assert not [text for text in bake_warnings(state).values() if "--" in text]
 
 
