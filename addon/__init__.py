@@ -36,6 +36,8 @@ def register() -> None:
             (handlers.load_post, operators.forget_last_bake),
             (handlers.save_pre, operators.take_live_off),
             (handlers.save_post, operators.keep_pages),
+            (handlers.undo_pre, operators.take_live_off),
+            (handlers.redo_pre, operators.take_live_off),
             (handlers.undo_post, operators.forget_old_light),
             (handlers.redo_post, operators.forget_old_light),
         ):

@@ -5,6 +5,7 @@ with the best so far, and the end of it, which comes when the parent is gone, en
 """
 
 import atexit
+import contextlib
 import errno
 import importlib.util
 import json
@@ -81,19 +82,25 @@ def _run_and_send(
     try:
         run(folder, send, stop.is_set, open_executor)
     except (ValueError, OSError, MemoryError) as reason:
-        traceback.print_exc()  # kept with the job, for whoever has to find out more
+        _log_fault()
         send(messages.Error(_sentence(reason, folder)))
         return 1
     except BrokenExecutor:
-        traceback.print_exc()
+        _log_fault()
         send(
             messages.Error("A worker of the bake was killed, most likely for lack of memory: choose a smaller page size or fewer workers.")
         )
         return 1
     except Exception:  # the last line of defence of a process: a fault of ours is shown whole
-        traceback.print_exc()
+        _log_fault()
         return 3
     return 0
+
+
+def _log_fault() -> None:
+    """The traceback is kept with the job, for whoever has to find out more; where that disk is full it is lost, the sentence is not."""
+    with contextlib.suppress(OSError):
+        traceback.print_exc()
 
 
 def _sentence(reason: ValueError | OSError | MemoryError, folder: Path) -> str:

@@ -31,7 +31,10 @@ def forget_last_bake(*_: Any) -> None:
 
 @bpy.app.handlers.persistent
 def take_live_off(*_: Any) -> None:
-    """A file that is saved during a bake holds what was there before; the next pages put the light on again."""
+    """A file that is saved during a bake holds what was there before; the next pages put the light on again.
+
+    So does an undo: light so far is in none of its steps, and Blender crashes where objects wear what no step knows.
+    """
     live.take_off()
 
 

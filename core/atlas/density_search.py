@@ -17,6 +17,7 @@ _WANTED_HEIGHT = 0.995  # of a page: predicted heights are off by a little, and 
 _MOST_TRIES, _MANY = 4, 1000
 _POWERS = (0.2, 2.0)  # bounds of p in height ~ density^p; measured 0.2 where padding is most of the height, 2 without padding
 _TOO_HIGH = 1.5  # of a page's inside: the placing of many charts ends at this height
+_LEAST_EXTENT_M = 1e-30  # of charts that are points: their density stays finite
 _LEAST_SHARE = 1e-8  # of the greatest possible density; below it charts are points
 
 
@@ -102,7 +103,7 @@ def _foresee(outlines: Outlines, tries: list[_Try], height: float) -> float:
 
 
 def _density_limit(outlines: Outlines, page: Page) -> float:
-    return page.inside / max(float(outlines.extent.max()), math.sqrt(float(outlines.area.sum())))
+    return page.inside / max(float(outlines.extent.max()), math.sqrt(float(outlines.area.sum())), _LEAST_EXTENT_M)
 
 
 def _share_of_boxes(outlines: Outlines, tried: _Try) -> float:
@@ -120,4 +121,5 @@ def _guess_density(outlines: Outlines, page: Page, share: float) -> float:
     if constant >= 0:
         return 0.0
     # The stable root: the square term vanishes for lines of charts.
-    return float(-2.0 * constant / (linear + (linear**2 - 4.0 * square * constant) ** 0.5))
+    divisor = linear + (linear**2 - 4.0 * square * constant) ** 0.5
+    return float(-2.0 * constant / divisor) if divisor > 0.0 else math.inf  # charts without extent take padding alone

@@ -36,9 +36,11 @@ class Unwrapping:
         """
         self._vertex, self._corner = tri_vertex, tri_corner
         self._polygon, self._object = (np.unique(label, return_inverse=True)[1].ravel() for label in (tri_polygon, tri_object))
-        self._normal, self._area = triangle_normals_areas(tri_position)
+        self._normal, area = triangle_normals_areas(tri_position)
+        self._position = _centre(tri_position, self._object, np.flatnonzero(area > 0))
+        # Beside an enormous extent, centring rounds what is small to points, which cannot be laid out.
+        self._area = np.where(triangle_normals_areas(self._position)[1] > 0, area, 0.0)
         self._solid = solid = np.flatnonzero(self._area > 0)
-        self._position = _centre(tri_position, self._object, solid)
         self._asked = Question(
             self._position[solid], self._normal[solid], self._area[solid], tri_vertex[solid], tri_polygon[solid], tri_object[solid]
         )
@@ -72,8 +74,9 @@ class Unwrapping:
             chart, shared = self._label(group, uv)
         used = chart >= 0
         # Triangles taken out of a chart were not stretched like the rest.
-        sums = [np.bincount(chart[used], values[used]) for values in (area, np.abs(signed_areas(uv)))]
-        uv[used] *= np.sqrt(sums[0] / sums[1])[chart[used], None, None]
+        wanted, laid = (np.bincount(chart[used], values[used]) for values in (area, np.abs(signed_areas(uv))))
+        # An area in UV that vanishes to rounding is stretched by nothing: the chart is a point.
+        uv[used] *= np.sqrt(np.divide(wanted, laid, out=np.ones(len(wanted)), where=laid > 0))[chart[used], None, None]
         return chart, uv, shared
 
     def _label(self, group: Int64, uv: Float64) -> tuple[Int64, Bool]:

@@ -130,6 +130,12 @@ def test_needles_have_charts():
     check_promises(Mesh("Needle", np.array([[0, 0, 0], [1, 0, 0], [0.5, 1e-6, 0]]), [[0, 1, 2]]))
 
 
+def test_a_needle_whose_width_vanishes_beside_its_length_is_laid_out():
+    needle = Mesh("Needle", np.array([[0, 0, 0], [0.1, 0.2, 0.3], [3e37, 8e37, -2e38]]), [[0, 1, 2]])
+    _, chart, uv, _ = unwrap(join_meshes("Both", quad_mesh(), needle))
+    assert np.isfinite(uv[chart >= 0]).all()
+
+
 def test_detail_in_a_large_object_is_unwrapped_as_by_itself():
     spoon = moved(sphere_mesh(), (30.0, 20.0, 0.01), 0.01)
     hall = join_meshes("Hall", quad_mesh(width_m=100, depth_m=100), spoon)
