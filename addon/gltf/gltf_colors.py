@@ -16,11 +16,11 @@ from ...core.output.image_file import linear_to_srgb
 from ...core.util.file_names import clean_name
 from ..nodes.colors_read import ColorReader
 from ..nodes.images_read import ImageTable
-from ..nodes.node_colors import GREY, Color
+from ..nodes.node_colors import GREY, Color, add_rgb
 from ..nodes.node_ports import Port, find_source, find_surface, give_nodes, list_shaders, uses_nodes
 from ..nodes.texture_mapping import UV, UvMapping
 from ..read.materials_read import read_material
-from ..read.shaders_read import read_input_color
+from ..read.shaders_read import Surface, read_input_color
 from ..show.material_nodes import DIFFUSE_NODES, feed
 from ..show.node_groups import bring_out
 
@@ -75,7 +75,11 @@ class GltfColors:
         if base is not None and _is_known(base):
             feed(tree, base, shader.inputs["Base Color"])
         else:
-            self._put(copy, original, shader.inputs["Base Color"], surface.albedo)
+            self._put(copy, original, shader.inputs["Base Color"], _tint(surface))
+        if surface.bending.share > 0.0:
+            for name, value in (("Transmission Weight", surface.bending.share), ("Roughness", surface.bending.roughness)):
+                shader.inputs[name].default_value = value
+            shader.inputs["IOR"].default_value = surface.bending.ior
         strength = max(surface.emission.mean)
         if strength > 0.0:
             self._put(copy, original, shader.inputs["Emission Color"], surface.emission.times(1.0 / strength))
@@ -128,6 +132,25 @@ class GltfColors:
             texture.save()
             self._textures[key] = texture
         return self._textures[key]
+
+
+def _tint(surface: Surface) -> Color:
+    """The base colour: glass is seen through in its own, and paint beside it is not told apart."""
+    if surface.bending.share <= 0.0:
+        return surface.albedo
+    red, green, blue = add_rgb(surface.albedo.mean, surface.glass.mean)
+    return Color((min(red, 1.0), min(green, 1.0), min(blue, 1.0)))
+
+
+def has_gaps(material: bpy.types.Material | None) -> bool:
+    """Whether an image cuts gaps into a material, as into leaves."""
+    if material is None or not uses_nodes(material):
+        return False
+    source = find_surface(material)[1]
+    if source is None:
+        return False
+    alphas = [port.sibling("Alpha") for port in list_shaders(source) if port.node.type == _PRINCIPLED]
+    return _find_alpha(source) is not None or any(alpha is not None and not alpha.is_value for alpha in alphas)
 
 
 def _is_known(source: Port | None) -> bool:

@@ -21,7 +21,7 @@ from ..read.uv_layer import MAX_LAYERS, layer_name, read_place
 from ..show.materials_write import BAKE, Sentences, find_original
 from ..show.node_groups import remove_unused_groups
 from . import gltf_materials, gltf_textures
-from .gltf_colors import GltfColors
+from .gltf_colors import GltfColors, has_gaps
 
 # What holds an attribute's numbers, and how many each has.
 _FLOATS = {"FLOAT": ("value", 1), "FLOAT2": ("vector", 2), "FLOAT_VECTOR": ("vector", 3), "FLOAT_COLOR": ("color", 4)}
@@ -110,6 +110,9 @@ class Stage:
                 self.ranges[made.name] = value_range
             else:
                 made = gltf_materials.make_unlit(original, texture, layer)
+                if original is not None and has_gaps(original):
+                    why = "its gaps are closed in the .glb, whose unlit colour is the baked image; bake the pass lighting to keep them"
+                    self.warnings.append((original.name, f"{original.name}: {why}."))
             self._made.append(made)
             self._materials[key] = made
             self._name(made, original)

@@ -361,6 +361,34 @@ def test_colours_of_mixes_and_lamps_are_those_that_were_read(room, tmp_path):
     np.testing.assert_allclose(np.array(material["emissiveFactor"]) * strength, (6.0, 3.0, 1.5), rtol=1e-5)
 
 
+def test_glass_is_seen_through(room, tmp_path):
+    pane = bpy.data.materials.new("Pane")
+    _, glass = make_shader(pane, "ShaderNodeBsdfGlass")
+    glass.inputs["Color"].default_value, glass.inputs["Roughness"].default_value = (0.9, 0.5, 0.4, 1.0), 0.25
+    bpy.data.objects["Ball"].data.materials.append(pane)
+    bake_room(tmp_path, "lighting")
+    material, color, metallic = read_factors(export(tmp_path), "Ball")
+    np.testing.assert_allclose([*color, metallic], (0.9, 0.5, 0.4, 0.0), atol=1e-6)
+    assert material["extensions"]["KHR_materials_transmission"]["transmissionFactor"] == 1
+    assert material["pbrMetallicRoughness"]["roughnessFactor"] == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize("name", ["combined", "lighting"])
+def test_gaps_that_an_unlit_file_closes_are_told(room, tmp_path, name):
+    leaf = bpy.data.materials["Wood"]
+    tree, mix = make_shader(leaf, "ShaderNodeMixShader")
+    image, clear, paint = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexImage", "BsdfTransparent", "BsdfDiffuse"))
+    image.image = bpy.data.images.new("Leaf", 4, 4, alpha=True)
+    image.image.pixels.foreach_set([0.5, 0.5, 0.5, 0.0] * 8 + [0.5, 0.5, 0.5, 1.0] * 8)
+    image.image.pack()
+    for number, output in enumerate((image.outputs["Alpha"], clear.outputs[0], paint.outputs[0])):
+        tree.links.new(mix.inputs[number], output)
+    bake_room(tmp_path, name)
+    told = [sentence for _, sentence in export_gltf(bpy.context, tmp_path / "room.glb") if "gaps are closed" in sentence]
+    assert len(told) == (name == "combined")
+    assert ("alphaMode" in find(read_document((tmp_path / "room.glb").read_bytes()), "materials", "Wood")) == (name == "lighting")
+
+
 def test_what_nodes_make_of_an_image_is_a_texture_on_its_own_layer(room, tmp_path):
     wood = bpy.data.materials["Wood"]
     tree, shader = make_shader(wood, "ShaderNodeBsdfPrincipled")
