@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,3 +66,32 @@ class WorldMesh:
     tri_slot: NDArray[np.int32]
     tri_normal: NDArray[np.float32]
     left_out: int
+
+
+def read_positions(mesh: Any) -> NDArray[np.float32]:
+    """(n_vertex, 3) float32 of a Blender mesh."""
+    return _read(mesh, "position", "vector", mesh.vertices, "co", (len(mesh.vertices), 3), np.float32)
+
+
+def read_corner_vertices(mesh: Any) -> NDArray[np.int32]:
+    """(n_corner,) int32 of a Blender mesh."""
+    return _read(mesh, ".corner_vert", "value", mesh.loops, "vertex_index", (len(mesh.loops),), np.int32)
+
+
+def read_faces(mesh: Any, name: str, dtype: Any) -> NDArray[Any]:
+    """(n_polygon,) of a Blender mesh: an attribute of faces, which is zero where there is none of this name."""
+    found, shape = mesh.attributes.get(name), (len(mesh.polygons),)
+    values = np.zeros(shape, dtype)
+    if found is not None and found.domain == "FACE" and len(found.data) == len(values):
+        found.data.foreach_get("value", values)
+    return values
+
+
+def _read(mesh: Any, attribute: str, value: str, items: Any, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+    """Attributes are copied as they are, many times as fast as items, which are asked one by one; in Edit Mode there are only these."""
+    found, values = mesh.attributes.get(attribute), np.empty(shape, dtype)
+    if found is not None and len(found.data) == len(items):
+        found.data.foreach_get(value, values.reshape(-1))
+    else:
+        items.foreach_get(name, values.reshape(-1))
+    return values

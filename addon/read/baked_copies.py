@@ -10,9 +10,9 @@ from collections import Counter
 from collections.abc import Container, Hashable, Iterable, Sequence
 
 import bpy
-import numpy as np
 from mathutils import Matrix
 
+from ..nodes.mesh_arrays import read_corner_vertices, read_positions
 from .tags import MADE, NAME, is_made, local_objects, mark_made, remove_mark, suffixed_name
 
 COPIES = "leaflight_copies"  # on our collection: the copies in it; a copy that the user duplicated is not among them
@@ -216,8 +216,4 @@ def _take_object_materials(mesh: bpy.types.Mesh, evaluated: bpy.types.Object) ->
 
 
 def _shape_digest(mesh: bpy.types.Mesh) -> str:
-    position = np.empty(3 * len(mesh.vertices), dtype=np.float32)
-    corner_vertex = np.empty(len(mesh.loops), dtype=np.int32)
-    mesh.vertices.foreach_get("co", position)
-    mesh.loops.foreach_get("vertex_index", corner_vertex)
-    return f"{zlib.crc32(corner_vertex.tobytes(), zlib.crc32(position.tobytes())):08x}"
+    return f"{zlib.crc32(read_corner_vertices(mesh), zlib.crc32(read_positions(mesh))):08x}"

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.output.image_file import srgb_to_linear
+from ..nodes.mesh_arrays import read_corner_vertices
 
 Float32: TypeAlias = NDArray[np.float32]
 
@@ -94,9 +95,7 @@ def _bring_to_vertices(mesh: Any, values: Float32, data_type: str) -> Float32:
 
 def _bring_to_corners(mesh: Any, rgba: Float32, domain: str) -> Float32:
     if domain in ("POINT", "EDGE"):
-        vertex = np.empty(len(mesh.loops), np.int32)
-        mesh.loops.foreach_get("vertex_index", vertex)
-        return rgba[vertex]
+        return rgba[read_corner_vertices(mesh)]
     if domain == "FACE":
         count = np.empty(len(mesh.polygons), np.int32)
         mesh.polygons.foreach_get("loop_total", count)

@@ -14,6 +14,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ..nodes.mesh_arrays import read_corner_vertices, read_faces, read_positions
 from ..read import baked_copies
 from ..read.object_settings import IGNORE, read_choice
 from ..read.render_levels import find_render_objects
@@ -175,15 +176,9 @@ def _read_data(obj: bpy.types.Object, meshes: dict[int, str]) -> Any:
 
 def _digest_mesh(mesh: bpy.types.Mesh) -> str:
     ours, render = layer_name(mesh), next((layer.name for layer in mesh.uv_layers if layer.active_render), "")
-    arrays: list[Any] = []
-    for items, name, width, kind in (
-        (mesh.vertices, "co", 3, np.float32),
-        (mesh.loops, "vertex_index", 1, np.int32),
-        (mesh.polygons, "loop_start", 1, np.int32),
-        (mesh.polygons, "material_index", 1, np.int32),
-    ):
-        arrays.append(np.empty(width * len(items), kind))
-        items.foreach_get(name, arrays[-1])
+    start = np.empty(len(mesh.polygons), np.int32)
+    mesh.polygons.foreach_get("loop_start", start)
+    arrays: list[Any] = [read_positions(mesh), read_corner_vertices(mesh), start, read_faces(mesh, "material_index", np.int32)]
     for layer in mesh.uv_layers:
         if layer.name != ours:
             arrays.append(np.empty(2 * len(layer.uv), np.float32))
@@ -195,7 +190,7 @@ def _digest_mesh(mesh: bpy.types.Mesh) -> str:
     about = (names, "" if render == ours else render, [layer.name for layer in mesh.color_attributes])
     crc = zlib.crc32(repr(about).encode())
     for array in arrays:
-        crc = zlib.crc32(array.tobytes(), crc)
+        crc = zlib.crc32(array, crc)
     return f"{crc:08x}"
 
 
