@@ -16,7 +16,7 @@ import bpy
 
 SCENE_FILE = bpy.data.filepath
 TICK_SECONDS = 0.05
-GIVE_UP_SECONDS = 60.0
+GIVE_UP_SECONDS = 300.0
 FAILED: list[str] = []
 
 
