@@ -109,6 +109,7 @@ class MaterialTable:
                 metal=surface.gloss.metal,
                 layer=surface.gloss.layer,
                 diffuse=surface.gloss.diffuse,
+                layer_tint=surface.gloss.layer_tint,
                 roughness=surface.gloss.roughness,
                 ior=surface.gloss.ior,
                 coat=surface.gloss.coat,

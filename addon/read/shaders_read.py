@@ -29,6 +29,7 @@ class GlossNumbers:
     roughness: float = 0.5
     ior: float = 1.5
     diffuse: float = 1.0
+    layer_tint: float = 1.0
     coat: float = 0.0
     coat_roughness: float = 0.03
     coat_ior: float = 1.5
@@ -205,14 +206,19 @@ def _read_bending(reader: ColorReader, port: Port, mirror_rgb: Rgb, fresnel: boo
 
 
 def _read_gloss(reader: ColorReader, port: Port, metallic: float, transmission: float) -> GlossNumbers:
-    """Of a Principled BSDF. Its Specular IOR Level scales what the layer reflects straight on, as Cycles has it."""
+    """Of a Principled BSDF. Its Specular IOR Level scales what the layer reflects straight on, as Cycles has it.
+
+    So does its Specular Tint, here by the mean of its channels.
+    """
     level = max(reader.read_number(port.sibling("Specular IOR Level"), 0.5), 0.0)
     ior = max(reader.read_number(port.sibling("IOR"), 1.5), 1.0)
     straight_on = min(2.0 * level * ((ior - 1.0) / (ior + 1.0)) ** 2, 0.98)
     root = math.sqrt(straight_on)
     layer = (1.0 - metallic) * (1.0 - transmission) if straight_on > 0.0 else 0.0
     diffuse = (1.0 - metallic) * (1.0 - transmission)
-    return GlossNumbers(metallic, layer, _read_roughness(reader, port, metallic > 0.0), (1.0 + root) / (1.0 - root), diffuse)
+    numbers = GlossNumbers(metallic, layer, _read_roughness(reader, port, metallic > 0.0), (1.0 + root) / (1.0 - root), diffuse)
+    tint = sum(read_input_color(reader, port, "Specular Tint").mean) / 3.0
+    return replace(numbers, layer_tint=min(max(tint, 0.0), 1.0))
 
 
 def _read_roughness(reader: ColorReader, port: Port, matters: bool) -> float:

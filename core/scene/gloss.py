@@ -74,6 +74,7 @@ class Gloss:
     alpha          (n_material,) float32: roughness squared
     ior            (n_material,) float32: of the dielectric layer
     layer          (n_material,) float32: share of the surface that has one
+    tint           (n_material,) float32: of what the layer reflects straight on
     metal          (n_material,) float32: share of the surface that is metal
     layer_mean     (n_material,) float32: mean Fresnel reflectance of the layer
     kept_mean      (n_material,) float32: mean of E over the hemisphere
@@ -90,6 +91,7 @@ class Gloss:
     alpha: Float32
     ior: Float32
     layer: Float32
+    tint: Float32
     metal: Float32
     layer_mean: Float32
     kept_mean: Float32
@@ -112,9 +114,10 @@ class Gloss:
             return None
         alpha = np.array([max(one.roughness**2, LEAST_ALPHA) for one in materials], np.float32)
         ior = np.array([max(one.ior, 1.0) for one in materials], np.float32)
-        lobes = [tabulate_lobe(float(a), float(n)) for a, n in zip(alpha, ior, strict=True)]
+        tint = np.array([one.layer_tint for one in materials], np.float32)
+        lobes = [tabulate_lobe(*map(float, numbers)) for numbers in zip(alpha, ior, tint, strict=True)]
         lost, edge, dielectric = (np.concatenate([lobe[k] for lobe in lobes]).astype(np.float32) for k in range(3))
-        layer_mean = np.array([average_fresnel(float(n)) for n in ior], np.float32)
+        layer_mean = np.array([average_fresnel(float(n), float(t)) for n, t in zip(ior, tint, strict=True)], np.float32)
         kept_mean = average_kept(lost.reshape(-1, _ENTRIES)).astype(np.float32)
         dielectric *= 1 + np.repeat(layer_mean, _ENTRIES) * lost
         diffuse = np.array([max(one.diffuse, _LEAST_SHARE) for one in materials], np.float32)
@@ -124,7 +127,7 @@ class Gloss:
             below *= 1 - coat.albedo * np.repeat(np.minimum(coat.share / diffuse, 1) / np.maximum(coat.share, _LEAST_SHARE), _ENTRIES)
             dielectric = coat.albedo + (1 - coat.albedo) * dielectric
         tables = lost, edge, dielectric, below
-        return cls(surfaces, scene.tri_material, glossy, alpha, ior, layer, metal, layer_mean, kept_mean, *tables, coat)
+        return cls(surfaces, scene.tri_material, glossy, alpha, ior, layer, tint, metal, layer_mean, kept_mean, *tables, coat)
 
     def albedo_at(self, tri: IntArray, u: FloatArray, v: FloatArray, cosine: Float32) -> Float32:
         """(3, n): share of light from directions at a cosine (n,) with the normal that is reflected specularly."""
@@ -175,7 +178,7 @@ class Gloss:
         lost = _look_up(self.lost, *place)
         color, share = self.surfaces.metal_at(tri, u, v).T, gather(self.metal, material)
         rgb: FloatArray = (color * (1 - edge) + share * edge) * _give_back(color, share, lost, gather(self.kept_mean, material))
-        layer = gather(self.layer, material) * fresnel(cosine, gather(self.ior, material))
+        layer = gather(self.layer, material) * tinted_fresnel(cosine, gather(self.ior, material), gather(self.tint, material))
         rgb = rgb + layer * (1 + gather(self.layer_mean, material) * lost)
         if self.coat:
             own = (
@@ -235,17 +238,30 @@ def fresnel(cosine: FloatArray, ior: FloatArray) -> FloatArray:
     return out
 
 
+def tinted_fresnel(cosine: FloatArray, ior: FloatArray, tint: FloatArray) -> FloatArray:
+    """(n,): the same of a layer whose reflection straight on is scaled by a tint (n,), and is whole at grazing angles nevertheless.
+
+    Source: Hoffman 2019, "Fresnel equations considered harmful", with the exact equations for the way from straight on to grazing; as
+    Cycles has the Principled BSDF's Specular Tint.
+    """
+    whole = fresnel(cosine, ior)
+    straight_on = ((ior - 1) / (ior + 1)) ** 2
+    grazing = np.maximum(whole - straight_on, 0) / np.maximum(1 - straight_on, 1e-6)
+    out: FloatArray = tint * whole + (1 - tint) * grazing
+    return out
+
+
 @lru_cache(maxsize=1024)
-def average_fresnel(ior: float) -> float:
-    """Mean of the same over the hemisphere, for even light."""
+def average_fresnel(ior: float, tint: float = 1.0) -> float:
+    """Mean of tinted_fresnel over the hemisphere, for even light."""
     cosine = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-    return float((2 * cosine * fresnel(cosine, np.full(_SAMPLES, ior))).mean())
+    return float((2 * cosine * tinted_fresnel(cosine, np.full(_SAMPLES, ior), np.full(_SAMPLES, tint))).mean())
 
 
 @lru_cache(maxsize=1024)
-def tabulate_lobe(alpha: float, ior: float) -> tuple[Float64, Float64, Float64]:
+def tabulate_lobe(alpha: float, ior: float, tint: float = 1.0) -> tuple[Float64, Float64, Float64]:
     """(_ENTRIES,) each, by the cosine with the normal: 1 / E - 1; the mean of Schlick's (1 - cos)^5; and that of
-    Fresnel's reflectance; both over the lobe, by single scattering.
+    tinted_fresnel; both over the lobe, by single scattering.
     """
     cosine = np.repeat(np.maximum(np.linspace(0, 1, _ENTRIES) ** 2, 1e-5), _SAMPLES)
     index = np.arange(_SAMPLES)
@@ -262,7 +278,8 @@ def tabulate_lobe(alpha: float, ior: float) -> tuple[Float64, Float64, Float64]:
         return out
 
     albedo = mean(weight)
-    return 1 / albedo - 1, mean(weight * (1 - facing) ** 5), mean(weight * fresnel(facing, np.full_like(cosine, ior)))
+    reflected = tinted_fresnel(facing, np.full_like(cosine, ior), np.full_like(cosine, tint))
+    return 1 / albedo - 1, mean(weight * (1 - facing) ** 5), mean(weight * reflected)
 
 
 def average_kept(lost: FloatArray) -> FloatArray:

@@ -65,6 +65,7 @@ class Material:
     diffuse: float = 1.0  # share of the surface that is diffuse, of which the layer and the coat cover as much as they can
     roughness: float = 0.5  # of the metal and of the layer; GGX's alpha is its square
     ior: float = 1.5  # of the layer
+    layer_tint: float = 1.0  # scales what the layer reflects straight on; at grazing angles it reflects all
     coat: float = 0.0  # share of the surface that has a clear coat above all of this
     coat_roughness: float = 0.03
     coat_ior: float = 1.5

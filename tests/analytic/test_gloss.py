@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import room_mesh, solve_scene
-from leaflight.core.scene.gloss import LEAST_ALPHA, Gloss, fresnel, mask, sample_visible_normals, tabulate_lobe
+from leaflight.core.scene.gloss import LEAST_ALPHA, Gloss, fresnel, mask, sample_visible_normals, tabulate_lobe, tinted_fresnel
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.scene import MAX_ALBEDO, Light, Material, SceneSnapshot
 from leaflight.core.util.settings import Settings
@@ -90,6 +90,16 @@ def test_weights_of_reflected_rays_have_the_stated_albedo_as_mean(roughness, cos
     assert np.linalg.norm(turned, axis=0) == pytest.approx(1, abs=1e-4)
     if roughness == 0:
         assert turned[:, 0] == pytest.approx([np.sqrt(1 - cosine**2), 0, cosine], abs=0.02)
+
+
+def test_a_black_tint_leaves_a_layer_its_edges_alone():
+    """The share that it reflects of even light, beside what Cycles 5.0 renders of such a plane at 60 degrees."""
+    assert tinted_fresnel(*(np.array([value]) for value in (1.0, 1.5, 0.0)))[0] == 0
+    assert tinted_fresnel(*(np.array([value]) for value in (0.0, 1.5, 0.0)))[0] == pytest.approx(1)
+    for ior, tint, cycles in ((1.5, 0.0, 0.050), (1.5, 0.5, 0.068), (5.0, 0.5, 0.218), (1000.0, 0.5, 0.491)):
+        gloss = make_gloss(Material("Tinted", layer=1.0, layer_tint=tint, roughness=0.3, ior=ior))
+        one, cosine = np.zeros(1), np.array([0.5], np.float32)
+        assert gloss.albedo_at(np.zeros(1, int), one, one, cosine)[0, 0] == pytest.approx(cycles, abs=0.01)
 
 
 def test_a_white_metal_reflects_all():

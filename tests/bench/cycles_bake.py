@@ -164,6 +164,8 @@ def _set_cycles(scene: bpy.types.Scene) -> None:
     cycles = scene.cycles
     cycles.use_adaptive_sampling = cycles.use_denoising = cycles.use_fast_gi = False
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = cycles.blur_glossy = cycles.light_sampling_threshold = 0.0
-    cycles.max_bounces = cycles.diffuse_bounces = BOUNCES
+    for kind in ("max", "diffuse", "glossy", "transmission", "volume", "transparent_max"):
+        setattr(cycles, f"{kind}_bounces", BOUNCES)
+    cycles.caustics_reflective = cycles.caustics_refractive = True
     scene.render.bake.margin = 0
     scene.render.bake.use_clear = False

@@ -224,6 +224,9 @@ SCENES: dict[str, Callable[[], None]] = {
     "Glossy BSDF": _beside_a_wall(lambda s: s.node("BsdfGlossy", Color=(0.8, 0.8, 0.8, 1), Roughness=0.2)),
     "layer, roughness 0.1": _beside_a_wall(lambda s: s.principled(Base_Color=(0.6, 0.6, 0.6, 1), Roughness=0.1)),
     "layer, roughness 0.5": _beside_a_wall(lambda s: s.principled(Base_Color=(0.6, 0.6, 0.6, 1))),
+    "layer, black tint, IOR 1000": _beside_a_wall(
+        lambda s: s.principled(Base_Color=(0.6, 0.6, 0.6, 1), IOR=1000.0, Specular_Tint=(0, 0, 0, 1))
+    ),
     "white room": _closed_room(lambda s: s.principled(Base_Color=(0.8, 0.8, 0.8, 1))),
     "white room without a layer": _closed_room(lambda s: s.diffuse(0.8)),
     "glass ball, sun": _through(lambda s: s.node("BsdfGlass"), "ball"),

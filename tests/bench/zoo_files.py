@@ -57,6 +57,15 @@ def make_plain(objects: list[Any]) -> None:
                 slot.material = plain
 
 
+def drop_missing_images() -> None:
+    """No node shows an image whose file is missing: Cycles paints such surfaces magenta, Leaflight as the value behind the link."""
+    trees = [block.node_tree for kind in (bpy.data.materials, bpy.data.worlds, bpy.data.lights) for block in kind if block.node_tree]
+    for tree in (*trees, *bpy.data.node_groups):
+        for node in list(tree.nodes):
+            if node.type in ("TEX_IMAGE", "TEX_ENVIRONMENT") and (node.image is None or not all(node.image.size)):
+                tree.nodes.remove(node)
+
+
 def main(blend: Path, folder: Path, size: int) -> None:
     from leaflight.addon.read.scene_file import open_scene
 
@@ -68,6 +77,7 @@ def main(blend: Path, folder: Path, size: int) -> None:
     objects = choose_objects()
     if not objects:
         raise ValueError(f"{blend.name}: has no visible mesh with a diffuse surface; leave it out.")
+    drop_missing_images()
     make_plain(objects)
     unwrap_smart(objects)
     bpy.ops.file.make_paths_absolute()

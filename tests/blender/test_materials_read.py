@@ -488,6 +488,8 @@ def test_a_principled_shader_has_a_layer_by_its_specular_level():
     assert not any(plain.metal_rgb)
     without = tree.show(tree.add("BsdfPrincipled", Specular_IOR_Level=0.0)).read()[0].material
     assert without.layer == 0.0
+    tinted = tree.show(tree.add("BsdfPrincipled", Specular_Tint=(0.0, 0.3, 0.6))).read()[0].material
+    assert (plain.layer_tint, tinted.layer_tint) == pytest.approx((1.0, 0.3))
 
 
 def test_values_that_are_not_numbers_are_mended_and_named():
