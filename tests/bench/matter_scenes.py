@@ -268,3 +268,9 @@ SCENES: dict[str, Callable[[], None]] = {
     "coated white room": _closed_room(lambda s: s.principled(Base_Color=(0.8, 0.8, 0.8, 1), Coat_Weight=1.0, Coat_Roughness=0.2)),
     "metal room": _closed_room(lambda s: s.principled(Base_Color=(0.8, 0.6, 0.4, 1), Metallic=1.0, Roughness=0.4)),
 }
+# Scenes in which much light comes by caustics, which Cycles renders with more noise.
+CAUSTICS = {
+    name
+    for name in SCENES
+    if any(word in name for word in ("mirror", "metal,", "half metal", "Glossy", "roughness 0.1", "glass", "Refraction"))
+}
