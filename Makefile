@@ -11,7 +11,7 @@ endif
 VENV := .venv-$(PYTHON_VERSION)
 RUN := $(VENV)/bin/python
 
-.PHONY: help bake test pytest bench bench-speed bench-matter bench-zoo bench-ablation fuzz pictures lint zip clean
+.PHONY: help bake test pytest bench bench-speed bench-matter bench-zoo bench-ablation fuzz faults pictures lint zip clean
 .DELETE_ON_ERROR:
 
 help:
@@ -24,6 +24,7 @@ help:
 	@echo "make bench-zoo  Leaflight beside Cycles on random scenes, other ones every day   (ZOO='--quick --seeds 1 2 3', or other options)"
 	@echo "make bench-ablation  random scenes without each mechanism: what each is worth   (ABLATION='--seeds 1 2 --mechanisms tiles')"
 	@echo "make fuzz    1,000 odd scenes, damaged files and odd words, other ones every day   (FUZZ='--seeds 7 8', '--count 100', or other options)"
+	@echo "make faults  every fault in a running bake, at every stage, half an hour   (FAULTS='--docs' fills docs/reliability.md)"
 	@echo "make pictures  bake all samples and draw them into docs/samples, and the leaves of one into docs/leaves.png"
 	@echo "make lint    ruff check, ruff format --check, mypy --strict"
 	@echo "make zip     the extension's zips in dist/, one per platform   (WHEELS_DIR=folder: also one with the wheels in it)"
@@ -60,6 +61,9 @@ bench-ablation: $(VENV)/.ready-bench
 
 fuzz: $(VENV)/.ready
 	$(RUN) tests/fuzz/run_fuzz.py $(FUZZ)
+
+faults: $(VENV)/.ready
+	$(RUN) tests/fuzz/run_faults.py $(FAULTS)
 
 pictures: $(VENV)/.ready
 	$(RUN) tests/bench/draw_samples.py

@@ -2,6 +2,7 @@
 
 import os
 import sys
+from datetime import date
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ pytest.importorskip("bpy")
 sys.path.append(str(Path(__file__).resolve().parents[1] / "fuzz"))
 
 from fuzz_judge import judge, list_content
+from run_faults import count_passed
 from run_fuzz import Outcome, run_cases, tabulate
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="cases are run with what POSIX has")
@@ -76,3 +78,18 @@ def test_the_table_counts_every_case_once():
     rows = {row[0]: row[1:] for row in tabulate(outcomes).rows}
     assert rows["all"] == ["3", "1", "1", "1", "2 of 3"]
     assert sum(int(row[0]) for kind, row in rows.items() if kind != "all") == 3
+
+
+def test_results_of_faults_are_counted(tmp_path):
+    case = '<testcase name="{}">{}</testcase>'
+    found = tmp_path / "found.xml"
+
+    def count(*kinds):
+        content = "".join(case.format(i, f"<{kind}/>" if kind else "") for i, kind in enumerate(kinds))
+        found.write_text(f"<testsuites><testsuite>{content}</testsuite></testsuites>", encoding="utf-8")
+        return count_passed(found, date(2026, 1, 2))
+
+    assert count("", "", "") == ("3 of 3, 2026-01-02", True)
+    assert count("", "failure", "error") == ("1 of 3, 2026-01-02", False)
+    assert count("", "skipped") == ("1 of 1, 2026-01-02; 1 need what this machine lacks", True)
+    assert count("skipped")[1] is False

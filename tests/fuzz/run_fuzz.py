@@ -28,7 +28,6 @@ from typing import Any
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
-from fault_rows import tabulate_faults
 from tables import Table, put_tables
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -202,9 +201,7 @@ def main() -> int:
         shutil.rmtree(folder, ignore_errors=True)
     if asked.docs and not asked.seeds:
         note = Table(["seeds", "date"], [[f"{seeds[0]} to {seeds[-1]}", datetime.date.today().isoformat()]])
-        DOCS.write_text(
-            put_tables(DOCS.read_text(encoding="utf-8"), {"fuzz": table, "seeds": note, "faults": tabulate_faults()}), encoding="utf-8"
-        )
+        DOCS.write_text(put_tables(DOCS.read_text(encoding="utf-8"), {"fuzz": table, "seeds": note}), encoding="utf-8")
     return 1 if failed else 0
 
 
