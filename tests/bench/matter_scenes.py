@@ -269,8 +269,5 @@ SCENES: dict[str, Callable[[], None]] = {
     "metal room": _closed_room(lambda s: s.principled(Base_Color=(0.8, 0.6, 0.4, 1), Metallic=1.0, Roughness=0.4)),
 }
 # Scenes in which much light comes by caustics, which Cycles renders with more noise.
-CAUSTICS = {
-    name
-    for name in SCENES
-    if any(word in name for word in ("mirror", "metal,", "half metal", "Glossy", "roughness 0.1", "glass", "Refraction"))
-}
+_WORDS = "mirror", "metal,", "half metal", "Glossy", "roughness 0.1", "glass", "Refraction"
+CAUSTICS = {name for name in SCENES if any(word in name for word in _WORDS) and not any(word in name for word in ("sky", "shadow"))}
