@@ -131,7 +131,9 @@ class ColorReader:
         lies = color.image < 0 or (color.mapping.space == UV and not color.mapping.box)
         return color if lies and (color.image < 0 or (color.mapping.layer or local.render_layer) in local.layers) else None
 
-    def _lay_normals(self, port: Port, color: Color, matrix: NDArray[np.float64], atlas: PolygonAtlas) -> NDArray[np.float32] | None:
+    def _lay_normals(
+        self, port: Port, color: Color, matrix: NDArray[np.float64], atlas: PolygonAtlas
+    ) -> tuple[NDArray[np.float32], bool] | None:
         assert self.faces is not None
         local, strength = self.faces.local, port.sibling("Strength")
         uv = local.layers[port.node.uv_map or local.render_layer]
@@ -143,7 +145,7 @@ class ColorReader:
         mapping = color.mapping
         lies = mapping.apply(local.layers[mapping.layer or local.render_layer]) if image and isinstance(mapping, UvMapping) else uv
         amount = 1.0 if strength is None else max(float(strength.socket.default_value), 0.0)
-        return lay_tangent_normals(
+        laid = lay_tangent_normals(
             local,
             uv,
             self.faces.tri.nonzero()[0],
@@ -154,6 +156,7 @@ class ColorReader:
             0 if image is None else max(image.pixels.shape[:2]),
             amount,
         )
+        return laid and (laid[0], laid[1] or (image is not None and image.closest))
 
     def _read_color(self, port: Port | None, default: Rgb) -> Color:
         if port is None:

@@ -34,7 +34,8 @@ _UNFIT = ("LIGHT_PATH", "FRESNEL", "LAYER_WEIGHT", "CAMERA", "PARTICLE_INFO", "H
 _BY_OBJECT = ("OBJECT_INFO", "NEW_GEOMETRY")
 
 
-ReadOnAtlas: TypeAlias = Callable[[NDArray[np.float64], PolygonAtlas], NDArray[np.float32] | None]  # of an object's matrix
+# Of an object's matrix: pixels as of bake_socket, and whether no mean is to be taken between texels.
+ReadOnAtlas: TypeAlias = Callable[[NDArray[np.float64], PolygonAtlas], tuple[NDArray[np.float32], bool] | None]
 
 
 @dataclass
@@ -59,7 +60,7 @@ class SocketBaker:
 
         by_object   whether it differs between objects of one mesh
         is_normal   whether it is a direction, of which a lightmap shows less detail
-        read        gives the pixels without Blender, if it can
+        read        gives the pixels without Blender, if it can; and whether no mean is to be taken between texels
         """
         if self._spent_s > _SECONDS:
             return None
@@ -94,12 +95,11 @@ class SocketBaker:
         key: tuple[int, ...],
         read: ReadOnAtlas | None,
     ) -> Color | None:
-        pixels = read(matrix, atlas) if read else None
-        if pixels is None:
-            pixels = bake_socket(port, material, faces, matrix, atlas)
+        found, closest = (read(matrix, atlas) if read else None) or (None, False)
+        pixels = bake_socket(port, material, faces, matrix, atlas) if found is None else found
         if pixels is None:
             return None
-        index = self.images.add(TextureImage(port.node.label or port.node.name, pixels, "EXTEND"))
+        index = self.images.add(TextureImage(port.node.label or port.node.name, pixels, "EXTEND", closest))
         return Color(WHITE, index, BakedLayer(key), to_rgb(_find_mean(pixels, atlas)))
 
 

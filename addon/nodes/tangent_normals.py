@@ -15,7 +15,6 @@ from .polygon_atlas import PolygonAtlas, find_rectangles
 ColorsAt: TypeAlias = Callable[[FloatArray], FloatArray]  # (n, 2) texture coordinates -> (n, 3) colours of the normal map
 _MOST_LOOKS = 1 << 24  # texels times triangles of their polygon; Blender evaluates what would take longer
 _TEXELS_AT_ONCE = 1 << 17
-_SAMPLES = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))  # of each texel
 
 
 def lay_tangent_normals(
@@ -28,13 +27,17 @@ def lay_tangent_normals(
     color_uv: FloatArray,
     color_size: int,
     strength: float,
-) -> NDArray[np.float32] | None:
-    """(height, width, 3) float32: unit normals in the world at polygons and around them, 0 elsewhere; None where it would take long.
+) -> tuple[NDArray[np.float32], bool] | None:
+    """(height, width, 3) float32: unit normals in the world at polygons and around them, 0 elsewhere, each that at a texel's middle; and
+    whether the normal map is finer than that, so that between texels no mean is to be taken. None where it would take long.
+
+    A mean normal is steeper than those that it is of, so that light at it is too bright: on average over a surface, light at some of its
+    normals is right.
 
     uv         (n_corner, 2) float: the layer along which tangents lie
     tri        (k,) int, the triangles wanted
     matrix     (4, 4) float, object to world
-    color_uv   (n_corner, 2) float: where the normal map lies, of color_size texels on its longest side; coarser ones are sampled once
+    color_uv   (n_corner, 2) float: where the normal map lies, of color_size texels on its longest side
     Source: Blender, intern/cycles/kernel/svm/tex_coord.h, svm_node_normal_map.
     """
     polygons = np.unique(local.tri_polygon[tri])
@@ -48,10 +51,10 @@ def lay_tangent_normals(
     weigh = _find_weights(within[local.tri_corner])  # of texels from their polygon's first on: small numbers are exact in float32
     lies = np.asarray(color_uv, np.float64)[local.tri_corner]
     along_uv = np.einsum("ijt,tik->kjt", weigh[:, :2], lies)
-    samples = _SAMPLES if np.abs(along_uv).sum(axis=1).max() * color_size > 1.0 else ((0.0, 0.0),)
+    is_finer = bool(np.abs(along_uv).sum(axis=1).max() * color_size > 1.0)
     smooth, tangent, sign = find_tangents(local, uv)
     normals, tangents, places = (np.float32(np.moveaxis(one, 0, -1)) for one in (smooth, tangent, lies))
-    weigh, along_uv, sign = np.float32(weigh), np.float32(along_uv), np.float32(sign)
+    weigh, sign = np.float32(weigh), np.float32(sign)
     solid = np.asarray(matrix, np.float64)[:3, :3]
     turn = np.float32(np.linalg.inv(solid) if np.linalg.det(solid) else np.eye(3))
     pixels = np.zeros((atlas.height, atlas.width, 3), np.float32)
@@ -61,12 +64,7 @@ def lay_tangent_normals(
         number = np.arange(len(polygon)) - np.repeat(np.cumsum(texels[group]) - texels[group], texels[group])
         row, column = np.divmod(number, size[:, 0].take(polygon))
         which, weight = _find_triangles(weigh, np.float32(column) + 0.5, np.float32(row) + 0.5, first.take(polygon), count.take(polygon))
-        place = _blend(places, which, weight)
-        color = np.zeros((3, len(which)), np.float32)
-        for right, up in samples:
-            shift = along_uv[:, 0].take(which, axis=1) * right + along_uv[:, 1].take(which, axis=1) * up if len(samples) > 1 else 0.0
-            color += colors_at((place + shift).T).T
-        x, y, z = color * np.float32(2.0 / len(samples)) - 1.0
+        x, y, z = colors_at(_blend(places, which, weight).T).T * np.float32(2.0) - 1.0
         if strength != 1.0:
             x, y, z = x * strength, y * strength, 1.0 + (z - 1.0) * min(strength, 1.0)
         weight = np.maximum(weight, 0.0)
@@ -75,7 +73,7 @@ def lay_tangent_normals(
         mapped = turn.T @ (x * along + y * aside + z * normal)
         mapped /= np.maximum(np.sqrt((mapped * mapped).sum(axis=0)), 1e-30)
         pixels[low[:, 1].take(polygon) + row, low[:, 0].take(polygon) + column] = mapped.T
-    return pixels
+    return pixels, is_finer
 
 
 def find_tangents(local: LocalMesh, uv: FloatArray) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:

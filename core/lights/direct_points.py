@@ -10,13 +10,13 @@ from random import Random
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scene.normal_maps import NormalMaps
+from ..scene.normal_maps import NormalMaps, shade_bumps
 from ..scene.scene import SceneSnapshot
 from ..scene.shadow_rays import ShadowRays, Sight
 from ..texels.texel_footprint import TexelLooks
 from ..texels.texel_grid import interleave_bits
 from ..util.arrays import Float32, FloatArray, IntArray
-from ..util.geometry import UnitBox, dot_rows, locate_hits, offset_origin, take_rows, triangle_frames, triangle_normals_areas
+from ..util.geometry import UnitBox, locate_hits, offset_origin, take_rows, triangle_frames, triangle_normals_areas
 from .direct_lights import Aim
 
 # Source: Gauss-Legendre, two points a side; their mean is exact for cubic polynomials.
@@ -129,22 +129,6 @@ class Receivers:
         return rays.see(take_rows(self.position, live), take_rows(aim.direction, live), aim.distance[live]).place(live, len(above))
 
 
-def shade_bumps(side: Float32, normal: Float32, direction: Float32) -> Float32:
-    """(n,) float32 in [0, 1]: shadowing of bumps by each other, nearly 1 unless light is grazing and bumps are steep.
-
-    side        (n, 3) float32, unit     normal of the surface without its bumps
-    normal      (n, 3) float32, unit     with them
-    direction   (n, 3) float32, unit     where the light comes from
-    Source: Conty Estevez, Lecocq & Stein 2019, "A Microfacet-Based Shadowing Function to Solve the Bump Terminator Problem"; Cycles does
-    the same.
-    """
-    steep = np.clip(dot_rows(side, normal), np.float32(1e-4), np.float32(1))  # rounding brings it above 1, and a root below 0
-    height = np.maximum(dot_rows(side, direction), np.float32(1e-4))
-    roughness = np.minimum((1 / (steep * steep) - 1) / 8, 1)
-    shade: Float32 = 2 / (1 + np.sqrt(1 + roughness * (1 / (height * height) - 1)))
-    return shade.astype(np.float32, copy=False)
-
-
 @dataclass(frozen=True)
 class ReceivingSurfaces:
     """Triangles that receive.
@@ -199,7 +183,8 @@ class ReceivingSurfaces:
         if len(mapped):
             bumped = np.zeros(len(tri), bool)
             bumped[mapped] = True
-        return LookFrames(position, side, normal, is_smooth, bumped)
+        maps = MappedPlaces(self.maps, tri, weight) if self.maps and len(mapped) else None
+        return LookFrames(position, side, normal, is_smooth, bumped, maps)
 
     def _look_up_normals(self, looks: TexelLooks, side: Float32) -> tuple[NDArray[np.int64], Float32]:
         """Elements of looks that have a normal from a map, and (3, m) these: one each, that at its middle."""
@@ -223,6 +208,34 @@ def _follow_axes(frame: Float32, tri: IntArray, weight: Float32) -> Float32:
 
 
 @dataclass(frozen=True)
+class MappedPlaces:
+    """Normal maps, and where on their triangles the elements of TexelLooks lie.
+
+    tri      (n,) int32
+    weight   (3, 2, n) float32   of corners 1 and 2, at the origin and along the axes
+    """
+
+    maps: NormalMaps
+    tri: NDArray[np.int32]
+    weight: Float32
+
+    def put_normals(
+        self, normal: Float32, side: Float32, element: IntArray, a: FloatArray, b: FloatArray, bumped: NDArray[np.bool_]
+    ) -> None:
+        """Into normal (3, k, m), at places (k, m) along the axes of elements (1 or k, m), where their elements (n,) are bumped.
+
+        A texel may show many bumps, and light at their mean normal is not the mean of their light.
+        """
+        every = np.broadcast_to(element, a.shape).ravel()
+        rows = np.flatnonzero(bumped[every])
+        own = every[rows]
+        weight, a, b = self.weight.take(own, axis=2), a.ravel()[rows], b.ravel()[rows]
+        u, v = weight[0] + a * weight[1] + b * weight[2]
+        found, of_maps = self.maps.look_up(self.tri[own], u, v, side.take(own, axis=1))
+        normal.reshape(3, -1)[:, rows[found]] = of_maps
+
+
+@dataclass(frozen=True)
 class LookFrames:
     """Receivers on the elements of TexelLooks, linear along their axes; at the origin, and what each axis adds.
 
@@ -231,6 +244,7 @@ class LookFrames:
     normal     (3, 3, n) float32              shading normal, of any length; None where all are flat
     smooth     (n,) bool                      has a shading normal of its own; None where none has
     bumped     (n,) bool                      has one of a map; None where none has
+    maps       that it has it of; None where none has
     """
 
     position: Float32
@@ -238,6 +252,7 @@ class LookFrames:
     normal: Float32 | None
     smooth: NDArray[np.bool_] | None
     bumped: NDArray[np.bool_] | None = None
+    maps: MappedPlaces | None = None
 
     def at(self, element: IntArray, a: FloatArray, b: FloatArray) -> tuple[Float32, Float32, Float32]:
         """Positions, shading normals and sides, each (3, k, m) or (3, 1, m), at places (k, m) along the axes of elements (1 or k, m)."""
@@ -252,6 +267,8 @@ class LookFrames:
             length[cancelled] = 1
             normal = np.where(cancelled, side, normal)
         normal /= length
+        if self.maps is not None and self.bumped is not None:
+            self.maps.put_normals(normal, self.side, element, a, b, self.bumped)
         return position, normal, side
 
 

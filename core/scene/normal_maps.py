@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..util.arrays import Float32, FloatArray, IntArray
-from ..util.geometry import gather, locate_hits, triangle_frames
+from ..util.geometry import dot_rows, gather, locate_hits, triangle_frames
 from .scene import SceneSnapshot
 from .textures import Textures
 
@@ -49,3 +49,36 @@ class NormalMaps:
         # A surface that is seen from its back, or was turned, has the same bumps the other way round.
         ahead = (normal * gather(side, rows)).sum(axis=0)
         return rows, normal * (np.where(ahead < 0, -1.0, 1.0).astype(np.float32) / length)
+
+    def weigh(self, tri: IntArray, u: FloatArray, v: FloatArray, side: Float32, direction: Float32) -> tuple[NDArray[np.int64], Float32]:
+        """Which of n particles meet a normal of a map, (m,) int64, and what their light is worth there, (m,) float32.
+
+        That is their cosine with this normal over that with the surface, and what bumps do not hide: all light that leaves the surface
+        diffusely is scaled by it, in whatever direction.
+
+        side        (3, n) float32, unit: normal of the surface on the side that they meet
+        direction   (3, n) float32, unit: along which they come
+        Source: Veach 1997, "Robust Monte Carlo methods for light transport simulation", section 5.3.
+        """
+        rows, normal = self.look_up(tri, u, v, side)
+        side, toward = gather(side, rows), -gather(direction, rows)
+        height = np.maximum((side * toward).sum(axis=0), np.float32(1e-4))
+        facing = np.maximum((normal * toward).sum(axis=0), 0)
+        worth: Float32 = facing / height * shade_bumps(side.T, normal.T, toward.T)
+        return rows, worth
+
+
+def shade_bumps(side: Float32, normal: Float32, direction: Float32) -> Float32:
+    """(n,) float32 in [0, 1]: shadowing of bumps by each other, nearly 1 unless light is grazing and bumps are steep.
+
+    side        (n, 3) float32, unit     normal of the surface without its bumps
+    normal      (n, 3) float32, unit     with them
+    direction   (n, 3) float32, unit     where the light comes from
+    Source: Conty Estevez, Lecocq & Stein 2019, "A Microfacet-Based Shadowing Function to Solve the Bump Terminator Problem"; Cycles does
+    the same.
+    """
+    steep = np.clip(dot_rows(side, normal), np.float32(1e-4), np.float32(1))  # rounding brings it above 1, and a root below 0
+    height = np.maximum(dot_rows(side, direction), np.float32(1e-4))
+    roughness = np.minimum((1 / (steep * steep) - 1) / 8, 1)
+    shade: Float32 = 2 / (1 + np.sqrt(1 + roughness * (1 / (height * height) - 1)))
+    return shade.astype(np.float32, copy=False)

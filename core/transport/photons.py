@@ -21,6 +21,7 @@ from ..lights.lights import Emitter
 from ..scene.glass import Glass
 from ..scene.gloss import Gloss
 from ..scene.materials import SurfaceMaterials
+from ..scene.normal_maps import NormalMaps
 from ..scene.rays import RayScene
 from ..scene.scene import SceneSnapshot
 from ..scene.shadow_rays import MOST_LAYERS, ShadowRays, collapse
@@ -66,6 +67,7 @@ class TraceScene:
                                              or without a lightmap -inf
     tri_smooth      (n_tri,) int32           column of smooth_frame, -1 for flat shading
     smooth_frame    (3, 3, n_smooth) float32 of triangle_frames, of the corners' unit shading normals
+    maps            of normals, None where no surface has one
     """
 
     rays: RayScene
@@ -81,6 +83,7 @@ class TraceScene:
     tri_lit_below: NDArray[np.float32]
     tri_smooth: NDArray[np.int32]
     smooth_frame: NDArray[np.float32]
+    maps: NormalMaps | None = None
 
     @property
     def has_caustics(self) -> bool:
@@ -124,6 +127,7 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
         tri_lit_below=lit_below[snapshot.tri_object],
         tri_smooth=tri_smooth,
         smooth_frame=triangle_frames(snapshot.tri_normal[smooth].astype(np.float32)),
+        maps=NormalMaps.of(snapshot),
     )
 
 
@@ -223,15 +227,17 @@ def _meet(
     cosine = _dot(arrived.direction, normal)  # < 0 on the front
     lit = cosine < gather(scene.tri_lit_below, index)
     is_front = cosine < 0
+    worth = _weigh_bumps(scene, arrived, index, cosine)
     elsewhere = (~(is_front & (gather(scene.tri_lit_below, index) == 0))).nonzero()[0]
     if len(elsewhere):
         own = arrived.only(elsewhere)
-        log.light_elsewhere(SideHits(own.tri, own.u, own.v, gather(is_front, elsewhere), own.flux))
+        brought = own.flux if worth is None else own.flux * gather(worth, elsewhere)
+        log.light_elsewhere(SideHits(own.tri, own.u, own.v, gather(is_front, elsewhere), brought))
     if depth or not skip_first:
         is_first = np.full(len(tri), depth == 0)
         if skip_first and arrived.mirrored is not None:
             is_first |= arrived.mirrored
-        _deposit(scene, arrived, cosine, lit, is_first, log)
+        _deposit(scene, arrived, cosine, lit, is_first, worth, log)
     passed = scene.passing.go_on(photons, hit, index, u, v, found.distance, depth == 0, rng) if scene.passing else None
     if passed:
         log.passed += passed.power
@@ -260,6 +266,8 @@ def _meet(
             log.refracted += refracted
             landed = landed - bent.power
     through = scene.surfaces.through_at(index, u, v).T / np.maximum(albedo, _TINY) if scene.surfaces.has_through else None
+    if worth is not None:
+        albedo = albedo * worth
     alive, count, flux = _play_roulette(flux, albedo, split, rng)
     normal = gather(normal, alive)
     normal *= -np.copysign(np.float32(1), gather(cosine, alive))  # the side that was hit
@@ -329,10 +337,27 @@ def _dot(a: _Rows, b: _Rows) -> NDArray[np.float32]:
     return product
 
 
+def _weigh_bumps(scene: TraceScene, arrived: Arrivals, index: NDArray[np.intp], cosine: _Rows) -> NDArray[np.float32] | None:
+    """(n,): what light is worth by the normal maps where it arrives; None where none has one."""
+    if scene.maps is None:
+        return None
+    side = gather(scene.tri_normal, index) * -np.copysign(np.float32(1), cosine)
+    rows, of_bumps = scene.maps.weigh(index, arrived.u, arrived.v, side, arrived.direction)
+    worth = np.ones(len(index), np.float32)
+    worth[rows] = of_bumps
+    return worth
+
+
 def _deposit(
-    scene: TraceScene, arrived: Arrivals, cosine: _Rows, lit: NDArray[np.bool_], is_first: NDArray[np.bool_], log: PhotonLog
+    scene: TraceScene,
+    arrived: Arrivals,
+    cosine: _Rows,
+    lit: NDArray[np.bool_],
+    is_first: NDArray[np.bool_],
+    worth: NDArray[np.float32] | None,
+    log: PhotonLog,
 ) -> None:
-    """Logs those that are lit (n,) bool; cosine (n,) float32: of the way they came with the normal."""
+    """Logs those that are lit (n,) bool; cosine (n,) float32: of the way they came with the normal; worth of _weigh_bumps."""
     kept = lit.nonzero()[0]
     own = arrived.only(kept)
     flux = own.flux
@@ -347,7 +372,11 @@ def _deposit(
             # Shading normals scale what particles bring: Veach 1997, section 5.3.
             factor = np.ones(len(own.tri), np.float32)
             factor[smooth] = np.maximum(facing, 0)
+            if scene.maps is not None:  # a map's normal is in place of the corners'
+                factor[gather(scene.maps.tri_image, own.tri) >= 0] = 1
             flux = flux * factor
+    if worth is not None:
+        flux = flux * gather(worth, kept)
     log.deposit(own.tri, own.u, own.v, flux, gather(is_first, kept), own.group)
 
 
@@ -371,7 +400,8 @@ def _play_roulette(
     survivors += rng.random(len(survivors), dtype=np.float32)  # what is cut off survives by chance
     alive = (survivors >= 1).nonzero()[0]
     count = None if split is None else gather(survivors, alive).astype(np.intp)
-    return alive, count, gather(reflected, alive) / gather(expected, alive)
+    chance = expected if split is not None else np.minimum(expected, 1)  # beyond 1 one brings the light of more
+    return alive, count, gather(reflected, alive) / gather(chance, alive)
 
 
 def _choose_side(origin: _Rows, normal: _Rows, flux: _Rows, share: _Rows, rng: np.random.Generator) -> NDArray[np.bool_]:

@@ -72,16 +72,30 @@ def bake_lighting(folder, scene, **settings):
 
 
 @pytest.mark.usefixtures("open_image_io")
+@pytest.mark.parametrize(("direct", "within"), [("rays", 2e-3), ("photons", 0.02)])
 @pytest.mark.parametrize("tilt", [0.0, 0.5, 1.2])
-def test_direct_light_is_that_on_the_normal_of_the_map(tmp_path, tilt):
+def test_direct_light_is_that_on_the_normal_of_the_map(tmp_path, tilt, direct, within):
     normal = (math.sin(tilt), 0.0, math.cos(tilt))
     from_45_degrees = ((math.sqrt(0.5), 0.0, -math.sqrt(0.5)), (0.0, 1.0, 0.0), (math.sqrt(0.5), 0.0, math.sqrt(0.5)))
     sun = Light("SUN", "Sun", rotation=from_45_degrees, power_rgb=(2.0,) * 3, angle_rad=0.01)
-    page = bake_lighting(tmp_path / "tilted", tilted_scene(normal, normal, lights=[sun]))
-    facing = math.cos(math.pi / 4 - tilt)
+    page = bake_lighting(tmp_path / "tilted", tilted_scene(normal, normal, lights=[sun]), direct=direct)
+    assert page.mean() == pytest.approx(2.0 * light_at_45_degrees(tilt) / math.pi, rel=within)
+
+
+def light_at_45_degrees(tilt):
+    """Of light that comes at 45 degrees, on a normal that is tilted towards it."""
     roughness = min(math.tan(tilt) ** 2 / 8, 1.0)
-    shade = 2.0 / (1.0 + math.sqrt(1.0 + roughness))  # 45 degrees have a tangent of 1
-    assert page.mean() == pytest.approx(2.0 * facing * shade / math.pi, rel=2e-3)
+    return math.cos(math.pi / 4 - tilt) * 2.0 / (1.0 + math.sqrt(1.0 + roughness))  # 45 degrees have a tangent of 1
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.5, 1.2])
+def test_photons_bring_what_the_normal_of_the_map_sees(tilt):
+    """And leave with that, so that light which bumps hide is not reflected."""
+    normal = (math.sin(tilt), 0.0, math.cos(tilt))
+    maps, tri, where = NormalMaps.of(tilted_scene(normal, normal)), np.zeros(1, np.int32), np.float32([0.3])
+    rows, worth = maps.weigh(tri, where, where, UP, np.float32([[-math.sqrt(0.5)], [0.0], [-math.sqrt(0.5)]]))
+    assert rows.tolist() == [0]
+    assert worth * math.sqrt(0.5) == pytest.approx(light_at_45_degrees(tilt), rel=1e-4)
 
 
 @pytest.mark.usefixtures("open_image_io")
@@ -91,3 +105,12 @@ def test_each_texel_has_the_normal_at_its_place(tmp_path):
     page = bake_lighting(tmp_path / "two", tilted_scene(left, right, lights=[sun]))
     values = np.unique(page.round(2))
     assert values == pytest.approx([round(math.cos(0.6), 2), 1.0], abs=0.011)
+
+
+@pytest.mark.usefixtures("open_image_io")
+def test_texels_of_many_bumps_have_the_mean_of_their_light(tmp_path):
+    """Not the light on their mean normal, here a fifth more."""
+    bumps = [(math.sin(tilt), 0.0, math.cos(tilt)) for tilt in (0.0, 1.2)] * 40
+    page = bake_lighting(tmp_path / "many", tilted_scene(*bumps, lights=[Light("SUN", "Sun", power_rgb=(math.pi,) * 3)]))
+    mean = (1.0 + math.cos(1.2)) / 2.0
+    assert page.mean() == pytest.approx(mean, rel=0.04)
