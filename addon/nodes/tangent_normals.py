@@ -31,8 +31,7 @@ def lay_tangent_normals(
     """(height, width, 3) float32: unit normals in the world at polygons and around them, 0 elsewhere, each that at a texel's middle; and
     whether the normal map is finer than that, so that between texels no mean is to be taken. None where it would take long.
 
-    A mean normal is steeper than those that it is of, so that light at it is too bright: on average over a surface, light at some of its
-    normals is right.
+    A mean of normals is less tilted than they are, so that light at it is too bright on average; light at single ones is not.
 
     uv         (n_corner, 2) float: the layer along which tangents lie
     tri        (k,) int, the triangles wanted

@@ -23,6 +23,7 @@ _GRACE_SHARE, _GRACE_S = 0.1, 2.0  # by which a bake may be late to have any lig
 _UNKNOWN_PHOTONS = 1 << 18  # of a round before it is known how fast they are
 _FIRST_ERROR = 0.05  # relative, of a first estimate
 _SOON = 0.1  # share of the time left after which it is clear how long a stage will take
+_LEAST_STEPS = 5  # that tell how long a step takes: several processes bring the first ones late, and together
 _FITS = 0.85  # share of the time left that a stage may take
 _CONTACTS = 0.25  # share of it that the search for contacts may take
 
@@ -105,16 +106,21 @@ class Deadline:
         return replace(settings, error=max(settings.error, _FIRST_ERROR)) if self.limit_s else settings
 
     def foresee(self, steps: int) -> Callable[[], bool]:
-        """A function to call after each of so many steps: whether they will not all end in the time left; once true it stays true."""
+        """A function to call after each of so many steps: whether they will not all end in the time left; once true it stays true.
+
+        Steps take as long as those after the first, which also opens the scene in the processes that trace.
+        """
         began, left = time.monotonic(), self.left()
-        done, is_late = 0, False
+        done, first, is_late = 0, 0.0, False
 
         def ask() -> bool:
-            nonlocal done, is_late
+            nonlocal done, first, is_late
             done += 1
             passed = time.monotonic() - began
-            soon = passed > _SOON * left or left <= 0.0
-            is_late = is_late or (bool(self.limit_s) and soon and passed / done * steps > _FITS * left)
+            first = first or passed
+            each = (passed - first) / max(done - 1, 1)
+            forecast = passed + (each * (steps - done) if done >= _LEAST_STEPS and passed > _SOON * left else 0.0)
+            is_late = is_late or (bool(self.limit_s) and forecast > _FITS * left)
             return is_late
 
         return ask

@@ -169,31 +169,16 @@ class ReceivingSurfaces:
         position = _follow_axes(self.tri_frame, tri, weight)
         position[0] = offset_origin(position[0], side)
         is_smooth = self.smooth[tri]
-        mapped, bumps = self._look_up_normals(looks, side)
-        if not is_smooth.any() and not len(mapped):
+        bumped = self.maps.has(tri) if self.maps else np.zeros(len(tri), bool)
+        if not is_smooth.any() and not bumped.any():
             return LookFrames(position, side, None, None)
         smooth = np.flatnonzero(is_smooth)
         normal = np.zeros_like(position)
         normal[0] = side
         corners = triangle_frames(self.shading_normal[tri[smooth]])
         normal[:, :, smooth] = _follow_axes(corners, np.arange(len(smooth)), weight[:, :, smooth]) * np.float32(-1 if flip else 1)
-        normal[0][:, mapped], normal[1:, :, mapped] = bumps, 0
-        is_smooth[mapped] = True
-        bumped = None
-        if len(mapped):
-            bumped = np.zeros(len(tri), bool)
-            bumped[mapped] = True
-        maps = MappedPlaces(self.maps, tri, weight) if self.maps and len(mapped) else None
-        return LookFrames(position, side, normal, is_smooth, bumped, maps)
-
-    def _look_up_normals(self, looks: TexelLooks, side: Float32) -> tuple[NDArray[np.int64], Float32]:
-        """Elements of looks that have a normal from a map, and (3, m) these: one each, that at its middle."""
-        if self.maps is None:
-            return np.zeros(0, np.int64), np.zeros((3, 0), np.float32)
-        middle = np.full(len(looks.tri), 0.5, np.float32)
-        middle[len(looks) :] = 1.0 / 3.0  # of pieces, which are triangles
-        u, v = looks.weight[0] + middle * (looks.weight[1] + looks.weight[2])
-        return self.maps.look_up(looks.tri, u, v, side)
+        bumps = Bumps(self.maps, bumped, tri, weight) if self.maps and bumped.any() else None
+        return LookFrames(position, side, normal, is_smooth | bumped, bumps)
 
 
 def _follow_axes(frame: Float32, tri: IntArray, weight: Float32) -> Float32:
@@ -208,29 +193,29 @@ def _follow_axes(frame: Float32, tri: IntArray, weight: Float32) -> Float32:
 
 
 @dataclass(frozen=True)
-class MappedPlaces:
-    """Normal maps, and where on their triangles the elements of TexelLooks lie.
+class Bumps:
+    """Normal maps on the elements of TexelLooks.
 
+    bumped   (n,) bool           has a map
     tri      (n,) int32
     weight   (3, 2, n) float32   of corners 1 and 2, at the origin and along the axes
     """
 
     maps: NormalMaps
+    bumped: NDArray[np.bool_]
     tri: NDArray[np.int32]
     weight: Float32
 
-    def put_normals(
-        self, normal: Float32, side: Float32, element: IntArray, a: FloatArray, b: FloatArray, bumped: NDArray[np.bool_]
-    ) -> None:
-        """Into normal (3, k, m), at places (k, m) along the axes of elements (1 or k, m), where their elements (n,) are bumped.
+    def put_normals(self, normal: Float32, side: Float32, element: IntArray, a: FloatArray, b: FloatArray) -> None:
+        """Put the maps' normals into normal (3, k, m), at places (k, m) along the axes of elements (1 or k, m); side (3, n).
 
         A texel may show many bumps, and light at their mean normal is not the mean of their light.
         """
         every = np.broadcast_to(element, a.shape).ravel()
-        rows = np.flatnonzero(bumped[every])
+        rows = np.flatnonzero(self.bumped[every])
         own = every[rows]
-        weight, a, b = self.weight.take(own, axis=2), a.ravel()[rows], b.ravel()[rows]
-        u, v = weight[0] + a * weight[1] + b * weight[2]
+        weight = self.weight.take(own, axis=2)
+        u, v = weight[0] + a.ravel()[rows] * weight[1] + b.ravel()[rows] * weight[2]
         found, of_maps = self.maps.look_up(self.tri[own], u, v, side.take(own, axis=1))
         normal.reshape(3, -1)[:, rows[found]] = of_maps
 
@@ -243,16 +228,14 @@ class LookFrames:
     side       (3, n) float32, unit           geometric normal
     normal     (3, 3, n) float32              shading normal, of any length; None where all are flat
     smooth     (n,) bool                      has a shading normal of its own; None where none has
-    bumped     (n,) bool                      has one of a map; None where none has
-    maps       that it has it of; None where none has
+    bumps      normals of maps, in place of these; None where there are none
     """
 
     position: Float32
     side: Float32
     normal: Float32 | None
     smooth: NDArray[np.bool_] | None
-    bumped: NDArray[np.bool_] | None = None
-    maps: MappedPlaces | None = None
+    bumps: Bumps | None = None
 
     def at(self, element: IntArray, a: FloatArray, b: FloatArray) -> tuple[Float32, Float32, Float32]:
         """Positions, shading normals and sides, each (3, k, m) or (3, 1, m), at places (k, m) along the axes of elements (1 or k, m)."""
@@ -267,8 +250,8 @@ class LookFrames:
             length[cancelled] = 1
             normal = np.where(cancelled, side, normal)
         normal /= length
-        if self.maps is not None and self.bumped is not None:
-            self.maps.put_normals(normal, self.side, element, a, b, self.bumped)
+        if self.bumps:
+            self.bumps.put_normals(normal, self.side, element, a, b)
         return position, normal, side
 
 
@@ -321,7 +304,7 @@ class TexelChunk:
             normal = side if flat else _replace_columns(normal, shape, torn, own_normal)
         sides = np.broadcast_to(side, shape).reshape(3, -1).T
         normals = sides if normal is side else np.broadcast_to(normal, shape).reshape(3, -1).T
-        bumped = None if self._frames.bumped is None else np.tile(self._frames.bumped[rows], len(points))
+        bumped = np.tile(self._frames.bumps.bumped[rows], len(points)) if self._frames.bumps else None
         return Receivers(position.reshape(3, -1).T, normals, sides, bumped)
 
 

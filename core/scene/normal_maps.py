@@ -33,16 +33,21 @@ class NormalMaps:
         image = np.array([material.normal_image for material in snapshot.materials], np.int32)[snapshot.tri_material]
         return cls(image, triangle_frames(snapshot.tri_normal_uv), Textures(snapshot.images)) if (image >= 0).any() else None
 
+    def has(self, tri: IntArray) -> NDArray[np.bool_]:
+        """(n,) bool: which triangles (n,) have an image."""
+        found: NDArray[np.bool_] = gather(self.tri_image, tri) >= 0
+        return found
+
     def look_up(self, tri: IntArray, u: FloatArray, v: FloatArray, side: Float32) -> tuple[NDArray[np.int64], Float32]:
         """Which of n points have a normal of their own, (m,) int64, and (3, m) float32: these normals, unit.
 
         tri, u, v   (n,) triangles, and weights of their corners 1 and 2
         side        (3, n) float32, unit: on which side the normals are to be
         """
-        image = gather(self.tri_image, tri)
-        rows = (image >= 0).nonzero()[0]
-        uv = locate_hits(self.tri_uv, gather(tri, rows), gather(u, rows), gather(v, rows))
-        normal = self.textures.at(gather(image, rows), uv.T).T.astype(np.float32)
+        rows = self.has(tri).nonzero()[0]
+        own = gather(tri, rows)
+        uv = locate_hits(self.tri_uv, own, gather(u, rows), gather(v, rows))
+        normal = self.textures.at(gather(self.tri_image, own), uv.T).T.astype(np.float32)
         length = np.sqrt((normal * normal).sum(axis=0))
         is_known = length > _SHORTEST_NORMAL
         rows, normal, length = rows[is_known], normal[:, is_known], length[is_known]

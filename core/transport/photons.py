@@ -373,7 +373,7 @@ def _deposit(
             factor = np.ones(len(own.tri), np.float32)
             factor[smooth] = np.maximum(facing, 0)
             if scene.maps is not None:  # a map's normal is in place of the corners'
-                factor[gather(scene.maps.tri_image, own.tri) >= 0] = 1
+                factor[scene.maps.has(own.tri)] = 1
             flux = flux * factor
     if worth is not None:
         flux = flux * gather(worth, kept)

@@ -92,6 +92,20 @@ def test_a_stage_that_would_take_too_long_is_foreseen(clock):
     assert all(told[5:])
 
 
+def test_a_stage_that_is_slow_to_begin_is_not_taken_for_a_slow_one(clock):
+    """Its first steps may open the scene in all processes, and come together: so did those of a bake of a level with 15.3 s left."""
+    late = Deadline(15.3).foresee(28)
+    for seconds in (2.5, 1.3, *[0.0] * 6, *[0.25] * 20):
+        clock[0] += seconds
+        assert not late()
+
+
+def test_a_stage_whose_first_step_takes_all_the_time_is_late(clock):
+    late = Deadline(20.0).foresee(28)
+    clock[0] += 18.0
+    assert late()
+
+
 def test_contacts_have_their_share_of_the_time(clock):
     said = []
     watch = Deadline(40.0).watch_contacts(lambda *words: said.append(words))

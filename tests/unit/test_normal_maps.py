@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from leaflight.core import solve
 from leaflight.core.bake.bake import run_bake
 from leaflight.core.lights.direct_points import shade_bumps
 from leaflight.core.output.image_file import read_image
@@ -15,6 +16,8 @@ from leaflight.core.util.job import SNAPSHOT_FILE, Job
 from leaflight.core.util.settings import Settings
 from scenes import make_scene, quad_mesh
 
+_FROM_45_DEGREES = ((math.sqrt(0.5), 0.0, -math.sqrt(0.5)), (0.0, 1.0, 0.0), (math.sqrt(0.5), 0.0, math.sqrt(0.5)))
+SUN = Light("SUN", "Sun", rotation=_FROM_45_DEGREES, power_rgb=(2.0,) * 3, angle_rad=0.01)
 UP = np.float32([[0.0], [0.0], [1.0]])
 
 
@@ -76,9 +79,7 @@ def bake_lighting(folder, scene, **settings):
 @pytest.mark.parametrize("tilt", [0.0, 0.5, 1.2])
 def test_direct_light_is_that_on_the_normal_of_the_map(tmp_path, tilt, direct, within):
     normal = (math.sin(tilt), 0.0, math.cos(tilt))
-    from_45_degrees = ((math.sqrt(0.5), 0.0, -math.sqrt(0.5)), (0.0, 1.0, 0.0), (math.sqrt(0.5), 0.0, math.sqrt(0.5)))
-    sun = Light("SUN", "Sun", rotation=from_45_degrees, power_rgb=(2.0,) * 3, angle_rad=0.01)
-    page = bake_lighting(tmp_path / "tilted", tilted_scene(normal, normal, lights=[sun]), direct=direct)
+    page = bake_lighting(tmp_path / "tilted", tilted_scene(normal, normal, lights=[SUN]), direct=direct)
     assert page.mean() == pytest.approx(2.0 * light_at_45_degrees(tilt) / math.pi, rel=within)
 
 
@@ -96,6 +97,24 @@ def test_photons_bring_what_the_normal_of_the_map_sees(tilt):
     rows, worth = maps.weigh(tri, where, where, UP, np.float32([[-math.sqrt(0.5)], [0.0], [-math.sqrt(0.5)]]))
     assert rows.tolist() == [0]
     assert worth * math.sqrt(0.5) == pytest.approx(light_at_45_degrees(tilt), rel=1e-4)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.5, 1.2])
+def test_a_surface_reflects_the_light_on_the_normals_of_its_map(tilt):
+    """Also where they see more of it than the surface: then one photon brings the light of more."""
+    normal = (math.sin(tilt), 0.0, math.cos(tilt))
+    scene = tilted_scene(normal, normal, lights=[SUN])
+    albedo = 0.8
+
+    def escape(reflectance):
+        snapshot = replace(scene, materials=(replace(scene.materials[0], albedo_rgb=(reflectance,) * 3),))
+        settings = Settings(size=16, padding=1, workers=1, error=0.01, max_photons=200_000, direct="photons", sides="front")
+        energy = solve(snapshot, settings).report["energy_audit_w"]
+        return energy["escaped"][0] / energy["emitted"][0]
+
+    missed = escape(0.0)
+    worth = light_at_45_degrees(tilt) / math.sqrt(0.5)
+    assert escape(albedo) - missed == pytest.approx(albedo * worth * (1.0 - missed), rel=0.02)
 
 
 @pytest.mark.usefixtures("open_image_io")
