@@ -135,7 +135,7 @@ class GltfColors:
 
 
 def _tint(surface: Surface) -> Color:
-    """The base colour: glass is seen through in its own, and paint beside it is not told apart."""
+    """The base colour; glTF has one for glass and paint together, so it is the sum of both."""
     if surface.bending.share <= 0.0:
         return surface.albedo
     red, green, blue = add_rgb(surface.albedo.mean, surface.glass.mean)

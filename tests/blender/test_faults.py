@@ -205,7 +205,7 @@ def small_disk(tmp_path):
     place = tmp_path / "small"
     place.mkdir()
     if not shutil.which("mount") or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=8m", "tmpfs", place], check=False).returncode:
-        pytest.skip("no leave to mount a file system")
+        pytest.skip("mounting a file system is not allowed here")  # it takes root; no other disk can be filled without harm
 
     def free(count):
         (place / "filler").write_bytes(bytes(max(shutil.disk_usage(place).free - count, 0)))

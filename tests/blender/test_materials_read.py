@@ -346,14 +346,18 @@ def test_glass_bends_light(shader):
     assert warning == ""
 
 
+def mix_shaders(tree, fraction, first, second):
+    mix = tree.add("MixShader")
+    mix.inputs[0].default_value = fraction
+    for socket, shader in zip(mix.inputs[1:], (first, second), strict=True):
+        tree.feed(mix, socket, shader.outputs[0])
+    return mix
+
+
 def test_a_translucent_shader_sends_light_on_to_its_other_side():
     tree = Tree()
     leaf, paint = tree.add("BsdfTranslucent", Color=(0.5, 0.25, 1.0)), tree.add("BsdfDiffuse", Color=(0.4, 0.4, 0.4))
-    mix = tree.add("MixShader")
-    mix.inputs[0].default_value = 0.25
-    tree.feed(mix, mix.inputs[1], leaf.outputs[0])
-    tree.feed(mix, mix.inputs[2], paint.outputs[0])
-    reading, _, warning = tree.show(mix).read()
+    reading, _, warning = tree.show(mix_shaders(tree, 0.25, leaf, paint)).read()
     assert reading.material.through_rgb == pytest.approx((0.375, 0.1875, 0.75))
     assert reading.material.albedo_rgb == pytest.approx((0.475, 0.2875, 0.85))
     assert warning == ""
@@ -362,11 +366,7 @@ def test_a_translucent_shader_sends_light_on_to_its_other_side():
 def test_glass_in_a_mix_is_glass_in_part():
     tree = Tree()
     glass, paint = tree.add("BsdfGlass", Color=(1.0, 0.5, 0.5), Roughness=0.2), tree.add("BsdfDiffuse", Color=(0.6, 0.6, 0.6))
-    mix = tree.add("MixShader")
-    mix.inputs[0].default_value = 0.25
-    tree.feed(mix, mix.inputs[1], glass.outputs[0])
-    tree.feed(mix, mix.inputs[2], paint.outputs[0])
-    reading, _, warning = tree.show(mix).read()
+    reading, _, warning = tree.show(mix_shaders(tree, 0.25, glass, paint)).read()
     assert reading.material.glass_rgb == pytest.approx((0.75, 0.375, 0.375))
     assert reading.material.albedo_rgb == pytest.approx((0.15,) * 3)
     assert reading.material.glass_roughness == pytest.approx(0.2)
