@@ -38,9 +38,9 @@ bake: $(VENV)/.ready
 test: lint pytest
 
 # Two at a time, whatever the machine: many tests bake, which takes two processes again. Files in their order: small ones come last, so that
-# both processes end together.
+# both processes end together. Where Python is kept from writing bytecode, each of hundreds of processes would compile the package anew.
 pytest: $(VENV)/.ready
-	$(RUN) -m pytest -m "not slow" --numprocesses 2 --dist loadfile --no-loadscope-reorder
+	PYTHONDONTWRITEBYTECODE= $(RUN) -m pytest -m "not slow" --numprocesses 2 --dist loadfile --no-loadscope-reorder
 
 bench: $(VENV)/.ready-bench
 	rm -rf out/claims
