@@ -37,6 +37,7 @@ def start_process(scene, *words):
     return subprocess.Popen(argv, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, encoding="utf-8", cwd=scene.parent)
 
 
+@pytest.mark.own_process
 def test_bake_gives_an_image_and_a_report_and_leaves_the_scene_alone(room, capsys):
     before = room.read_bytes()
     assert bake(room) == 0
@@ -134,6 +135,7 @@ def test_existing_uv_layer_is_used_as_it_is(room):
     assert [layer.name for layer in bpy.data.objects["Floor"].data.uv_layers] == ["UVMap"]
 
 
+@pytest.mark.own_process
 def test_saved_file_wears_the_bake_and_bakes_alike_again(room):
     before = room.read_bytes()
     saved = room.parent / "far" / "baked.blend"
@@ -153,6 +155,7 @@ def test_saved_file_wears_the_bake_and_bakes_alike_again(room):
     assert (room.parent / "again" / "baked_0.combined.exr").read_bytes() == first  # the bake itself gives no light
 
 
+@pytest.mark.own_process
 def test_seed_alone_decides_the_bytes(room):
     """Enough photons for several shards, so that the order of workers could matter."""
     words = ("--max-photons", "300000", "--error", "0.0001", "--pass", "indirect")
@@ -164,6 +167,7 @@ def test_seed_alone_decides_the_bytes(room):
     assert images[0] != images[2]
 
 
+@pytest.mark.own_process
 def test_a_time_limit_is_wall_time_from_the_start_of_the_command(room):
     """Contacts, direct light and smoothing of a large page would each take longer than what is asked for here."""
     words = ("--time-limit", "6", "--error", "0.0001", "--max-photons", "100000000000", "--size", "1024", "--workers", "1")
@@ -230,7 +234,7 @@ def test_open_scene_is_baked_where_blender_runs_the_command(room, capsys):
 
 
 def test_wrong_words_end_a_process_with_2(room):
-    """Codes 0 and 1 of a process: test_cli_bad_input.test_full_disk."""
+    """Codes 0 and 1 of a process: test_faults."""
     process = start_process(room, "--sighs", "5")
     assert "usage: python -m leaflight" in process.communicate(timeout=60)[1]
     assert process.returncode == 2
@@ -335,6 +339,7 @@ def test_what_has_changed_is_baked_again(room, capsys):
     assert not is_kept("--seed", "2")
 
 
+@pytest.mark.own_process
 def test_a_cluster_that_cannot_be_reached_is_a_sentence(room, capsys):
     pytest.importorskip("distributed")
     assert bake(room, "--cluster", "nowhere") == 1

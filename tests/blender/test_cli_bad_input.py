@@ -2,7 +2,6 @@
 
 import math
 import shutil
-import subprocess
 import sys
 import tempfile
 
@@ -15,6 +14,7 @@ from blend_rooms import QUICK, add_mesh, bake, list_files, open_room, read_pixel
 from leaflight.addon.app import spare_images
 from leaflight.addon.app.job import BakeProcess
 from leaflight.addon.show.layout import worn_images
+from leaflight.addon.ui import cli
 
 IMAGE = "room_0.combined.exr"
 TRIANGLE = [(0.0, 0.0, 1.5), (1.0, 0.0, 1.5), (1.0, 1.0, 1.5)]
@@ -77,6 +77,7 @@ def test_output_folder_that_cannot_be(room, capsys, below):
     assert refuse(room, capsys, "--output", str(folder)).startswith(f"{folder}: is no folder that can be written (")
 
 
+@pytest.mark.own_process
 def test_mechanisms_that_are_none(room, capsys, monkeypatch):
     """And those that are: they reach the child that bakes, and the report says which were switched off."""
     monkeypatch.setenv("LEAFLIGHT_WITHOUT", "magic")
@@ -128,20 +129,22 @@ def test_images_that_cannot_be_written_are_kept_elsewhere(room, capsys, monkeypa
     assert spare_images.find_spare(scene) is None
 
 
-def bake_on_small_disk(scene, most_bytes):
-    """Code and standard error of a bake on a system where no file grows beyond this."""
+def bake_on_small_disk(scene, most_bytes, monkeypatch):
+    """Exit code of a bake on a system where no file grows beyond this."""
     resource = pytest.importorskip("resource")
-    argv = [sys.executable, "-m", "leaflight", "bake", str(scene), *QUICK, "--output", "maps", "--uv-layer", "UVMap", "--quiet"]
-    argv += ["--objects", "Floor", "--margin", "256", "--size", "512", "--force", "--error", "0.1"]
+    words = ("--uv-layer", "UVMap", "--quiet", "--objects", "Floor", "--margin", "256", "--size", "512", "--force", "--error", "0.1")
+    argv = ["bake", str(scene), *QUICK, "--output", str(scene.parent / "maps"), *words]
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "dont_write_bytecode", True)  # Python leaves a .pyc cut off where the disk is full
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, before[1]))
+        try:
+            return cli.main(argv, "leaflight", with_scene=True)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
-    def limit():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, most_bytes))
 
-    done = subprocess.run(argv, capture_output=True, encoding="utf-8", cwd=scene.parent, preexec_fn=limit, timeout=60, check=False)
-    return done.returncode, done.stderr
-
-
-def test_full_disk(tmp_path):
+def test_full_disk(tmp_path, capsys, monkeypatch):
     """The layer covers little of the page, so the image is the greatest file; a limit just below it hits nothing else."""
     open_room()
     layer = bpy.data.objects["Floor"].data.uv_layers["UVMap"]
@@ -151,21 +154,21 @@ def test_full_disk(tmp_path):
     scene = save_scene(tmp_path / "room.blend")
     before = scene.read_bytes()
     image = tmp_path / "maps" / IMAGE
-    code, told = bake_on_small_disk(scene, 10**9)
-    assert (code, told) == (0, "")
+    assert bake_on_small_disk(scene, 10**9, monkeypatch) == 0
+    assert capsys.readouterr().err == ""
     whole = image.read_bytes()
 
-    code, told = bake_on_small_disk(scene, len(whole) - 1)
-    assert code == 1
+    assert bake_on_small_disk(scene, len(whole) - 1, monkeypatch) == 1
+    told = capsys.readouterr().err
     assert f"{IMAGE}: cannot be written (" in told
     assert "has room" in told
     assert list_files(image.parent) == [IMAGE]
     assert image.read_bytes() == whole  # the old one, not a part of the new
 
     shutil.rmtree(image.parent)
-    code, told = bake_on_small_disk(scene, 2000)  # not even the scene can be handed over
-    assert code == 1
-    assert "the scene cannot be kept there (File too large); make room, or set TMPDIR to another folder." in told
+    assert bake_on_small_disk(scene, 2000, monkeypatch) == 1  # not even the scene can be handed over
+    sentence = "the scene cannot be kept there (File too large); make room, or set TMPDIR to another folder."
+    assert sentence in capsys.readouterr().err
     assert list_files(image.parent) == []
     assert scene.read_bytes() == before
 

@@ -224,6 +224,7 @@ def when_baking(state, act):
     return thread
 
 
+@pytest.mark.own_process
 @pytest.mark.skipif(os.name != "posix", reason="signals are POSIX's")
 def test_killed_child(state):
     bpy.context.scene.leaflight.error = 1e-4
@@ -235,6 +236,7 @@ def test_killed_child(state):
     )
 
 
+@pytest.mark.own_process
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory can be limited on Linux")
 # Where embree is loaded, builds its tree, and long after.
 @pytest.mark.parametrize("limit_mb", [700, 1500, *(pytest.param(limit_mb, marks=pytest.mark.slow) for limit_mb in (500, 1000))])

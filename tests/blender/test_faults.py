@@ -25,6 +25,7 @@ from fuzz_judge import MARK, find_left
 from leaflight.addon.ui import baking
 from tables import put_tables
 
+pytestmark = pytest.mark.own_process
 TESTS = Path(__file__).resolve().parents[1]
 IMAGE = "room_0.combined.exr"
 ENDLESS = ("--error", "0.0001", "--max-photons", "1000000000000")

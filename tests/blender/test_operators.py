@@ -97,6 +97,7 @@ def test_main_pass_comes_first_and_once():
         properties.make_settings(chosen)
 
 
+@pytest.mark.own_process
 def test_bake_is_shown_switched_and_removed(scene, state, tmp_path):
     assert bpy.ops.leaflight.bake() == {"FINISHED"}
     assert is_baked()
@@ -326,6 +327,7 @@ def test_opening_a_file_forgets_the_last_bake(scene, state):
     assert state.summarize() == []
 
 
+@pytest.mark.own_process
 @pytest.mark.skipif(os.name != "posix", reason="process groups are POSIX's")
 def test_unregistering_ends_a_bake_with_its_workers(scene, state, tmp_path):
     from leaflight.addon.app import job

@@ -39,6 +39,21 @@ def keep(folder, settings=SETTINGS, stop_after=1, scene=None, forced=False):
     return folder / "kept", light
 
 
+@pytest.fixture(scope="module")
+def first_round(tmp_path_factory):
+    """A folder in which `keep` has kept a bake after its first round."""
+    folder = tmp_path_factory.mktemp("first_round")
+    keep(folder)
+    return folder
+
+
+@pytest.fixture
+def kept(first_round, tmp_path):
+    """A copy of that state; the bake's own folder is `first`, beside it."""
+    shutil.copytree(first_round, tmp_path, dirs_exist_ok=True)
+    return tmp_path / "kept"
+
+
 def go_on(folder, kept, settings=SETTINGS, scene=None, forced=False):
     solver = make_solver(folder / "second", scene or lamp_scene(), settings, forced=forced, begun=False)
     load_checkpoint(kept, folder / "second", settings).give_to(solver)
@@ -51,9 +66,8 @@ def light_bytes(light):
     return b"".join(array.tobytes() for array in arrays)
 
 
-def test_a_state_from_before_a_choice_keeps_its_layout(tmp_path):
+def test_a_state_from_before_a_choice_keeps_its_layout(tmp_path, kept):
     """Even Out and pages by themselves came later; who goes on has neither."""
-    kept, _ = keep(tmp_path)
     assert checkpoint.keep_layout(kept, SETTINGS) == SETTINGS
     told = json.loads((kept / INFO_FILE).read_text())
     for name in ("even_out", "max_pages"):
@@ -169,8 +183,7 @@ def test_direct_light_is_shown_as_fits_the_error_that_is_asked_for_now(tmp_path)
     assert smoothed[0] < smoothed[1]
 
 
-def test_a_state_may_be_kept_where_it_came_from(tmp_path):
-    kept, _ = keep(tmp_path)
+def test_a_state_may_be_kept_where_it_came_from(tmp_path, kept):
     solver = make_solver(tmp_path / "second", lamp_scene(), SETTINGS, begun=False)
     load_checkpoint(kept, tmp_path / "second", SETTINGS).give_to(solver)
     light = run(solver)
@@ -178,8 +191,7 @@ def test_a_state_may_be_kept_where_it_came_from(tmp_path):
     assert read_info(kept).photons == light.photons > 2**18
 
 
-def test_another_scene_or_method_is_refused_by_name(tmp_path):
-    kept, _ = keep(tmp_path)
+def test_another_scene_or_method_is_refused_by_name(tmp_path, kept):
     with pytest.raises(ValueError, match="another scene; bake again"):
         go_on(tmp_path, kept, scene=lamp_scene(rho=0.51))
     for knob, value in (("seed", 2), ("basis", "constant"), ("size", 33), ("direct", "photons")):
@@ -189,10 +201,9 @@ def test_another_scene_or_method_is_refused_by_name(tmp_path):
     assert load_checkpoint(kept, tmp_path / "first", free).round == 1
 
 
-def test_what_is_no_state_is_refused(tmp_path):
+def test_what_is_no_state_is_refused(tmp_path, kept):
     with pytest.raises(ValueError, match="holds no state"):
         load_checkpoint(tmp_path / "nowhere", tmp_path, SETTINGS)
-    kept, _ = keep(tmp_path)
     next(kept.glob("*/packed.bin")).unlink()
     with pytest.raises(ValueError, match="is damaged"):
         load_checkpoint(kept, tmp_path / "first", SETTINGS)
@@ -202,9 +213,8 @@ def test_what_is_no_state_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("place", [9, 500, -1])
-def test_no_byte_of_a_state_may_change(tmp_path, place):
+def test_no_byte_of_a_state_may_change(tmp_path, kept, place):
     """Numbers that are counted or pointed with would end the bake far from here."""
-    kept, _ = keep(tmp_path)
     file = next(kept.glob("*/packed.bin"))
     content = bytearray(file.read_bytes())
     content[place] ^= 64
@@ -228,8 +238,7 @@ def test_no_byte_of_a_state_may_change(tmp_path, place):
         {"more": 1},
     ],
 )
-def test_a_note_of_a_state_that_says_something_else_is_none(tmp_path, change):
-    kept, _ = keep(tmp_path)
+def test_a_note_of_a_state_that_says_something_else_is_none(kept, change):
     info = json.loads((kept / INFO_FILE).read_text())
     (kept / INFO_FILE).write_text(json.dumps(info | change))
     assert read_info(kept) is None
@@ -241,8 +250,7 @@ def test_no_text_in_place_of_a_note_is_the_end(tmp_path, text):
     assert read_info(tmp_path) is None
 
 
-def test_a_state_is_not_written_through_a_link(tmp_path):
-    kept, _ = keep(tmp_path)
+def test_a_state_is_not_written_through_a_link(tmp_path, kept):
     solver = make_solver(tmp_path / "second", lamp_scene(), SETTINGS, begun=False)
     (tmp_path / "theirs").mkdir()
     shutil.rmtree(kept / "state")
@@ -252,8 +260,7 @@ def test_a_state_is_not_written_through_a_link(tmp_path):
     assert load_checkpoint(kept, tmp_path / "first", SETTINGS).photons == read_info(kept).photons == 0
 
 
-def test_a_state_too_large_is_not_kept_and_said(tmp_path):
-    kept, _ = keep(tmp_path)
+def test_a_state_too_large_is_not_kept_and_said(tmp_path, kept):
     size = read_info(kept).bytes
     on_disk = sum(path.stat().st_size for path in kept.rglob("*") if path.is_file())
     assert 0.8 * on_disk < size <= on_disk
@@ -264,8 +271,7 @@ def test_a_state_too_large_is_not_kept_and_said(tmp_path):
     assert read_info(kept) is None  # nor is the old one, of other images
 
 
-def test_a_full_disk_leaves_no_half_state(tmp_path, monkeypatch):
-    kept, _ = keep(tmp_path)
+def test_a_full_disk_leaves_no_half_state(tmp_path, kept, monkeypatch):
     solver = make_solver(tmp_path / "second", lamp_scene(), SETTINGS, begun=False)
     run(solver, 1)
 
@@ -278,12 +284,11 @@ def test_a_full_disk_leaves_no_half_state(tmp_path, monkeypatch):
     assert read_info(kept) is None
 
 
-def test_only_our_own_files_are_removed(tmp_path):
+def test_only_our_own_files_are_removed(tmp_path, kept):
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "state").mkdir()
     remove_checkpoint(tmp_path / "other")
     assert (tmp_path / "other" / "state").is_dir()
-    kept, _ = keep(tmp_path)
     (kept / "mine.txt").touch()
     remove_checkpoint(kept)
     assert [path.name for path in kept.iterdir()] == ["mine.txt"]
@@ -295,8 +300,8 @@ def test_only_our_own_files_are_removed(tmp_path):
     assert not kept.exists()
 
 
-def test_progress_tells_of_the_photons_of_this_time_only(tmp_path):
-    kept, first = keep(tmp_path)
+def test_progress_tells_of_the_photons_of_this_time_only(tmp_path, kept):
+    first = read_info(kept)
     solver, told = make_solver(tmp_path / "second", lamp_scene(), SETTINGS, begun=False), []
     load_checkpoint(kept, tmp_path / "second", SETTINGS).give_to(solver)
     solver.started -= 100.0

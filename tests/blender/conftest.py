@@ -1,0 +1,59 @@
+"""Bakes inside of the tests' own process, for all tests that are not about the process that bakes."""
+
+from __future__ import annotations
+
+import threading
+import traceback
+from collections.abc import Iterator
+from pathlib import Path
+from queue import SimpleQueue
+
+import pytest
+from leaflight.addon.app import job
+from leaflight.core.bake import bake
+from leaflight.core.output import image_file
+from leaflight.core.parallel.executors import InlineExecutor
+from leaflight.core.util.messages import Error, Message
+
+
+class InsideBake:
+    """Does what job.BakeProcess does, in a thread: loading the core into a process of its own takes longer than a small bake."""
+
+    def __init__(self, folder: Path, python_args: tuple[str, ...] = (), *, yielding: bool = False) -> None:
+        self.folder = folder
+        self._told: SimpleQueue[Message | None] = SimpleQueue()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._bake, daemon=True)
+
+    def _bake(self) -> None:
+        try:
+            bake.run_bake(self.folder, self._told.put, self._stop.is_set, lambda settings: InlineExecutor())
+        except (ValueError, OSError) as reason:
+            self._told.put(Error(str(reason)))
+        except Exception:
+            self._told.put(Error(traceback.format_exc()))
+        self._told.put(None)
+
+    def messages(self) -> Iterator[Message]:
+        self._thread.start()
+        yield from iter(self._told.get, None)
+
+    def cancel(self) -> None:
+        self._stop.set()
+
+    def kill(self) -> None:
+        self._stop.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+
+    close = kill
+
+
+@pytest.fixture(autouse=True)
+def _bake_inside(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bakes take place in this process, by one worker, but for tests that are marked own_process."""
+    if request.node.get_closest_marker("own_process"):
+        return
+    image_file.load_ahead(job.library_paths())
+    for name in ("__init__", "_bake", "messages", "cancel", "kill", "close"):
+        monkeypatch.setattr(job.BakeProcess, name, vars(InsideBake)[name], raising=False)
