@@ -95,11 +95,14 @@ class ColorReader:
         self.by_faces, self.by_object, self.replaced = True, self.by_object or by_object, before
         return evaluated
 
-    def read_normal(self, port: Port) -> bool:
-        """Evaluate the normal that an output gives, as `normal`; whether that is done, or nobody would see it."""
+    def read_normal(self, port: Port, is_mirror: bool = False) -> bool:
+        """Evaluate the normal that an output gives, as `normal`; whether that is done, or nobody would see it.
+
+        is_mirror   the surface reflects light by its normal, so that others see what it does where none is baked, too
+        """
         if self.faces is None or self._baker is None or not can_evaluate(port):
             return False
-        if not self.faces.receives:
+        if not (self.faces.receives or is_mirror):
             self.by_faces = self.by_object = True  # another object may show it
             return True
         color = self._read_normal_map(port)

@@ -33,6 +33,7 @@ class MaterialReading:
     metal_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
     glass_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
     through_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
+    lobe_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
 
     @property
     def is_clear(self) -> bool:
@@ -107,6 +108,8 @@ class MaterialTable:
                 metal_rgb=_clip_negative(surface.metal.rgb),
                 metal_image=surface.metal.image,
                 metal=surface.gloss.metal,
+                metal_edge_rgb=surface.gloss.edge_rgb,
+                lobe_image=-1 if surface.lobes is None else surface.lobes.image,
                 layer=surface.gloss.layer,
                 diffuse=surface.gloss.diffuse,
                 layer_tint=surface.gloss.layer_tint,
@@ -131,6 +134,7 @@ class MaterialTable:
             surface.metal.mapping,
             surface.glass.mapping,
             surface.through.mapping,
+            UNMAPPED if surface.lobes is None else surface.lobes.mapping,
         )
 
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...core.scene.gloss import average_fresnel
+from ...core.scene.gloss import EDGE_COSINE, average_fresnel, reflect_conductor, reflect_schlick
+from ...core.util.arrays import FloatArray
 from ..nodes.colors_read import ColorReader
 from ..nodes.node_colors import BLACK, GREY, WHITE, Color, Rgb, add_rgb, to_rgb
 from ..nodes.node_ports import Port, find_source
@@ -33,6 +34,7 @@ class GlossNumbers:
     coat: float = 0.0
     coat_roughness: float = 0.03
     coat_ior: float = 1.5
+    edge_rgb: Rgb = WHITE
 
     def times(self, share: float) -> GlossNumbers:
         """On a share of the surface."""
@@ -42,6 +44,7 @@ class GlossNumbers:
     def add(self, other: GlossNumbers) -> GlossNumbers:
         """Both; as rough as the stronger one."""
         main = self if self.metal + self.layer >= other.metal + other.layer else other
+        main = replace(main, edge_rgb=(self if self.metal >= other.metal else other).edge_rgb)
         metal, layer, diffuse, coat = (
             min(getattr(self, name) + getattr(other, name), 1.0) for name in ("metal", "layer", "diffuse", "coat")
         )
@@ -85,6 +88,7 @@ class Surface:
 
     metal       the part of the albedo that is reflected as in a mirror
     gloss       how
+    lobes       roughness, share of metal and share with a layer as channels of an image; None where gloss holds everywhere
     glass       tint of what glass refracts, times the share of the surface that is glass
     bending     how
     through     the part of the albedo that leaves on the other side, diffusely
@@ -95,6 +99,7 @@ class Surface:
     passing: Color = _NOTHING
     metal: Color = _NOTHING
     gloss: GlossNumbers = NO_GLOSS
+    lobes: Color | None = None
     glass: Color = _NOTHING
     bending: GlassNumbers = NO_GLASS
     through: Color = _NOTHING
@@ -118,7 +123,7 @@ def _read_principled(reader: ColorReader, port: Port) -> Surface:
     metallic, transmission = _fraction(reader, port, "Metallic"), _fraction(reader, port, "Transmission Weight")
     if reader.read_number(port.sibling("Subsurface Weight"), 0.0) > 0.0:
         reader.note(_NO_SUBSURFACE)
-    _note_normal(reader, port)
+    _note_normal(reader, port, is_mirror=metallic.mean[0] > 0.0)
     alpha = _fraction(reader, port, "Alpha", 1.0)
     base = read_input_color(reader, port, "Base Color", GREY)
     color = _leave_out(reader, port, base, metallic, "not metal")
@@ -132,12 +137,14 @@ def _read_principled(reader: ColorReader, port: Port) -> Surface:
         # Cycles tints each of the two sides of a solid by the root of the colour, and what it reflects not at all.
         glass = _scale(reader, port, reader.derive(port, lambda rgb: np.sqrt(np.maximum(rgb, 0.0)), [base], "root"), part, "glass")
         bending = _read_bending(reader, port, WHITE, True).times(part.mean[0])
+    gloss = _read_gloss(reader, port, metallic.mean[0], transmission.mean[0])
     surface = Surface(
         reader.add(port, _scale(reader, port, albedo, alpha, "albedo"), metal, "reflecting"),
         _scale(reader, port, emission, alpha, "emission"),
         _complement(reader, port, alpha, "clear"),
         metal,
-        _read_gloss(reader, port, metallic.mean[0], transmission.mean[0]).times(alpha.mean[0]),
+        gloss.times(alpha.mean[0]),
+        _read_lobes(reader, port, metallic, (alpha, transmission), gloss.layer > 0.0),
         glass,
         bending,
     )
@@ -156,7 +163,7 @@ def _add_coat(reader: ColorReader, port: Port, surface: Surface, alpha: Color) -
     red, green, blue = (1.0 - coat + coat * max(channel, 0.0) ** path for channel in tint)
     if max(surface.glass.mean) > 0.0:
         reader.note("its coat reflects nothing where it is glass")
-    below = _dim(surface, (red, green, blue))
+    below = _dim(reader, port, surface, (red, green, blue))
     emission = below.emission.times(1.0 - coat * average_fresnel(ior))
     gloss = replace(below.gloss, coat=coat * alpha.mean[0], coat_roughness=roughness, coat_ior=ior)
     return replace(below, emission=emission, gloss=gloss)
@@ -169,17 +176,19 @@ def _add_sheen(reader: ColorReader, port: Port, surface: Surface, alpha: Color) 
         return surface
     share = weight * _find_sheen(reader.read_number(port.sibling("Sheen Roughness"), 0.5))
     sheen = Color(read_input_color(reader, port, "Sheen Tint").mean).times(share)
-    below = _dim(surface, (1.0 - min(max(*sheen.rgb), 1.0),) * 3)
+    below = _dim(reader, port, surface, (1.0 - min(max(*sheen.rgb), 1.0),) * 3)
     gloss = replace(below.gloss, diffuse=min(below.gloss.diffuse + share * alpha.mean[0], 1.0))
     return replace(below, albedo=reader.add(port, below.albedo, _scale(reader, port, sheen, alpha, "sheen"), "with sheen"), gloss=gloss)
 
 
-def _dim(surface: Surface, rgb: Rgb) -> Surface:
+def _dim(reader: ColorReader, port: Port, surface: Surface, rgb: Rgb) -> Surface:
     """What is left of all that a surface sends, where something above it lets that share of each channel through."""
     mean = sum(rgb) / 3.0
     albedo, emission, metal, glass = (color.times(rgb) for color in (surface.albedo, surface.emission, surface.metal, surface.glass))
-    gloss, bending = surface.gloss.times(mean), surface.bending.times(mean)
-    return replace(surface, albedo=albedo, emission=emission, metal=metal, glass=glass, gloss=gloss, bending=bending)
+    gloss, bending, lobes = surface.gloss.times(mean), surface.bending.times(mean), surface.lobes
+    if lobes is not None and mean != 1.0:
+        lobes = reader.derive(port, lambda shares: shares * np.float32([1.0, mean, mean]), [lobes], f"dimmed to {mean}")
+    return replace(surface, albedo=albedo, emission=emission, metal=metal, glass=glass, gloss=gloss, lobes=lobes, bending=bending)
 
 
 def _find_sheen(roughness: float) -> float:
@@ -208,7 +217,7 @@ def _read_bending(reader: ColorReader, port: Port, mirror_rgb: Rgb, fresnel: boo
 def _read_gloss(reader: ColorReader, port: Port, metallic: float, transmission: float) -> GlossNumbers:
     """Of a Principled BSDF. Its Specular IOR Level scales what the layer reflects straight on, as Cycles has it.
 
-    So does its Specular Tint, here by the mean of its channels.
+    So does its Specular Tint, here by the mean of its channels. Of a metal it is the tint at the edge.
     """
     level = max(reader.read_number(port.sibling("Specular IOR Level"), 0.5), 0.0)
     ior = max(reader.read_number(port.sibling("IOR"), 1.5), 1.0)
@@ -216,13 +225,39 @@ def _read_gloss(reader: ColorReader, port: Port, metallic: float, transmission: 
     root = math.sqrt(straight_on)
     layer = (1.0 - metallic) * (1.0 - transmission) if straight_on > 0.0 else 0.0
     diffuse = (1.0 - metallic) * (1.0 - transmission)
-    numbers = GlossNumbers(metallic, layer, _read_roughness(reader, port, metallic > 0.0), (1.0 + root) / (1.0 - root), diffuse)
-    tint = sum(read_input_color(reader, port, "Specular Tint").mean) / 3.0
-    return replace(numbers, layer_tint=min(max(tint, 0.0), 1.0))
+    numbers = GlossNumbers(metallic, layer, _read_roughness(reader, port, False), (1.0 + root) / (1.0 - root), diffuse)
+    tint = _clip(read_input_color(reader, port, "Specular Tint").mean)
+    return replace(numbers, layer_tint=sum(tint) / 3.0, edge_rgb=tint)
+
+
+def _read_lobes(
+    reader: ColorReader, port: Port, metallic: Color, others: tuple[Color, Color], has_layer: bool, name: str = "Roughness"
+) -> Color | None:
+    """As of a Surface. What is rough in one place and not in another matters of metals alone: a layer reflects a twentieth of the light.
+
+    others   shares of the surface that are there, and that are glass where it is not metal
+    """
+    if metallic.mean[0] <= 0.0:
+        return None
+    rough = reader.read_factor(port.sibling(name), 0.5)
+    if rough.image < 0 and metallic.image < 0:
+        return None
+
+    def join(rough: FloatArray, metal: FloatArray, seen: FloatArray, glass: FloatArray) -> FloatArray:
+        metal, seen = np.clip(metal[..., 0], 0.0, 1.0), np.clip(seen[..., 0], 0.0, 1.0)
+        layer = (1.0 - metal) * (1.0 - np.clip(glass[..., 0], 0.0, 1.0)) * has_layer
+        return np.stack(np.broadcast_arrays(rough[..., 0], metal * seen, layer * seen), axis=-1)
+
+    return reader.derive(port, join, [rough, metallic, *others], "lobes")
+
+
+def _clip(rgb: Rgb) -> Rgb:
+    red, green, blue = (min(max(channel, 0.0), 1.0) for channel in rgb)
+    return red, green, blue
 
 
 def _read_roughness(reader: ColorReader, port: Port, matters: bool) -> float:
-    """The mean; what is replaced is noted only where it matters, for a layer reflects a twentieth of the light."""
+    """The mean; what is replaced is noted only where it matters: a layer reflects a twentieth of the light, and metals have _read_lobes."""
     noted = len(reader.replaced)
     roughness = reader.read_number(port.sibling("Roughness"), 0.5)
     if not matters:
@@ -231,11 +266,25 @@ def _read_roughness(reader: ColorReader, port: Port, matters: bool) -> float:
 
 
 def _read_glossy(reader: ColorReader, port: Port) -> Surface:
-    """A Glossy BSDF reflects its colour at all angles, a Metallic BSDF nearly so."""
-    color = read_input_color(reader, port, "Base Color" if "Base Color" in port.node.inputs else "Color")
-    return Surface(
-        color, metal=color, gloss=GlossNumbers(min(sum(color.mean) / 3.0, 1.0), 0.0, _read_roughness(reader, port, True), diffuse=0.0)
-    )
+    """A Glossy BSDF reflects its colour at all angles."""
+    _note_normal(reader, port, is_mirror=True)
+    color = read_input_color(reader, port, "Color")
+    share = min(sum(color.mean) / 3.0, 1.0)
+    gloss = GlossNumbers(share, 0.0, _read_roughness(reader, port, False), diffuse=0.0)
+    return Surface(color, metal=color, gloss=gloss, lobes=_read_lobes(reader, port, Color((share,) * 3), (Color(WHITE), _NOTHING), False))
+
+
+def _read_metallic(reader: ColorReader, port: Port) -> Surface:
+    """A Metallic BSDF: its colour straight on and a tint at the edge, or what a conductor's indices of refraction make of both."""
+    _note_normal(reader, port, is_mirror=True)
+    if getattr(port.node, "fresnel_type", "F82") == "PHYSICAL_CONDUCTOR":
+        ior, extinction = (read_input_color(reader, port, name).mean for name in ("IOR", "Extinction"))
+        straight_on, at_edge = (reflect_conductor(cosine, np.array(ior), np.array(extinction)) for cosine in (1.0, EDGE_COSINE))
+        color, edge = Color(to_rgb(straight_on)), _clip(to_rgb(at_edge / reflect_schlick(EDGE_COSINE, straight_on)))
+    else:
+        color, edge = read_input_color(reader, port, "Base Color"), _clip(read_input_color(reader, port, "Edge Tint").mean)
+    gloss = GlossNumbers(1.0, 0.0, _read_roughness(reader, port, False), diffuse=0.0, edge_rgb=edge)
+    return Surface(color, metal=color, gloss=gloss, lobes=_read_lobes(reader, port, Color(WHITE), (Color(WHITE), _NOTHING), False))
 
 
 def _read_diffuse(reader: ColorReader, port: Port) -> Surface:
@@ -282,6 +331,7 @@ def _read_mix(reader: ColorReader, port: Port) -> Surface:
         reader.blend(port, first.passing, second.passing, part, "passing"),
         reader.blend(port, first.metal, second.metal, part, "metal"),
         first.gloss.times(1.0 - fraction).add(second.gloss.times(fraction)),
+        _join_lobes(reader, port, first, second, part),
         reader.blend(port, first.glass, second.glass, part, "glass"),
         first.bending.times(1.0 - fraction).add(second.bending.times(fraction)),
         reader.blend(port, first.through, second.through, part, "through"),
@@ -294,7 +344,24 @@ def _read_add(reader: ColorReader, port: Port) -> Surface:
     emission = reader.add(port, first.emission, second.emission, "emission")
     passing, metal = reader.add(port, first.passing, second.passing, "passing"), reader.add(port, first.metal, second.metal, "metal")
     glass, through = reader.add(port, first.glass, second.glass, "glass"), reader.add(port, first.through, second.through, "through")
-    return Surface(albedo, emission, passing, metal, first.gloss.add(second.gloss), glass, first.bending.add(second.bending), through)
+    gloss, bending = first.gloss.add(second.gloss), first.bending.add(second.bending)
+    return Surface(albedo, emission, passing, metal, gloss, _join_lobes(reader, port, first, second, None), glass, bending, through)
+
+
+def _join_lobes(reader: ColorReader, port: Port, first: Surface, second: Surface, part: Color | None) -> Color | None:
+    """Of two shaders mixed by a part, or added where that is None; as rough as the stronger one, as of GlossNumbers."""
+    varies = first.lobes is not None or second.lobes is not None
+    if not (varies or (part is not None and part.image >= 0 and first.gloss.metal + second.gloss.metal > 0.0)):
+        return None
+
+    def join(one: FloatArray, two: FloatArray, part: FloatArray, rest: FloatArray) -> FloatArray:
+        here, there = np.clip(rest[..., :1], 0.0, 1.0) * one[..., 1:], np.clip(part[..., :1], 0.0, 1.0) * two[..., 1:]
+        rough = np.where(here.sum(axis=-1) >= there.sum(axis=-1), one[..., 0], two[..., 0])
+        return np.concatenate([rough[..., None], here + there], axis=-1)
+
+    both = [one.lobes or Color((one.gloss.roughness, one.gloss.metal, one.gloss.layer)) for one in (first, second)]
+    parts = [Color(WHITE), Color(WHITE)] if part is None else [part, _complement(reader, port, part, "rest")]
+    return reader.derive(port, join, [*both, *parts], "lobes")
 
 
 def _read_transparent(reader: ColorReader, port: Port) -> Surface:
@@ -342,9 +409,9 @@ def _complement(reader: ColorReader, port: Port, fraction: Color, what: str) -> 
     return _leave_out(reader, port, Color(WHITE), fraction, what)
 
 
-def _note_normal(reader: ColorReader, port: Port) -> None:
+def _note_normal(reader: ColorReader, port: Port, is_mirror: bool = False) -> None:
     normal = port.sibling("Normal")
-    if normal is not None and not normal.is_value and not reader.read_normal(normal):
+    if normal is not None and not normal.is_value and not reader.read_normal(normal, is_mirror):
         reader.note("its normal or bump map is left out")
 
 
@@ -361,7 +428,7 @@ _SHADERS: dict[str, Callable[[ColorReader, Port], Surface]] = {
     "BSDF_TRANSPARENT": _read_transparent,
     "BSDF_GLOSSY": _read_glossy,
     "BSDF_ANISOTROPIC": _read_glossy,
-    "BSDF_METALLIC": _read_glossy,
+    "BSDF_METALLIC": _read_metallic,
     "BSDF_GLASS": _read_glass,
     "BSDF_REFRACTION": _read_refraction,
 }

@@ -7,15 +7,18 @@ times: of a layer its mean Fresnel reflectance over the hemisphere, of a metal l
 diffuse light below it, in the direction that leaves. A coat is a second dielectric layer with a lobe of its own, which takes its albedo
 off all below it.
 
+Lobes are tabulated by rows: a material has one, or, where an image says how rough it is, one for each of some levels of roughness.
+
 Source: Walter et al. 2007, "Microfacet models for refraction through rough surfaces"; Heitz 2018, "Sampling the GGX distribution of
 visible normals"; Heitz 2014, "Understanding the masking-shadowing function", eq. 99; Turquin 2019, "Practical multiple scattering
-compensation for microfacet models"; Schlick 1994.
+compensation for microfacet models"; Schlick 1994; Kutz, Hasan & Edmondson 2021, "Novel aspects of the Adobe Standard Material" (a metal's
+tint at the edge).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -31,15 +34,19 @@ _ENTRIES = 65  # of a material's tables, evenly by the root of the cosine: at gr
 _SAMPLES = 2048  # for each entry
 _HAIR = np.float32(1e-6)
 _LEAST_SHARE = 1e-6  # of a surface
+_LEVELS = 16  # steps of roughness from 0 to 1 in images
+_LEVEL_SAMPLES = 512
+EDGE_COSINE = 1 / 7  # at which a metal's tint at the edge applies: Schlick's (1 - cos)^5 times that factor is greatest there
+_EDGE = (1 - EDGE_COSINE) ** 5
 
 
 @dataclass(frozen=True)
 class Coat:
-    """The coats of a scene's materials.
+    """The coats of a scene's rows of tables.
 
-    alpha, ior, share   (n_material,) float32: as of a layer
-    mean                (n_material,) float32: mean Fresnel reflectance
-    lost                (n_material * _ENTRIES,) float32: as of Gloss
+    alpha, ior, share   (n_row,) float32: as of a layer
+    mean                (n_row,) float32: mean Fresnel reflectance
+    lost                (n_row * _ENTRIES,) float32: as of Gloss
     albedo              the same: what the coat reflects, its share included
     """
 
@@ -51,18 +58,52 @@ class Coat:
     albedo: Float32
 
     @classmethod
-    def of(cls, materials: Sequence[Material]) -> Coat | None:
-        """None where no material has one."""
-        share = np.array([one.coat for one in materials], np.float32)
+    def of(cls, rows: Sequence[Material]) -> Coat | None:
+        """None where no row has one."""
+        share = np.array([one.coat for one in rows], np.float32)
         if not share.any():
             return None
-        alpha = np.array([max(one.coat_roughness**2, LEAST_ALPHA) for one in materials], np.float32)
-        ior = np.array([max(one.coat_ior, 1.0) for one in materials], np.float32)
+        alpha = np.array([max(one.coat_roughness**2, LEAST_ALPHA) for one in rows], np.float32)
+        ior = np.array([max(one.coat_ior, 1.0) for one in rows], np.float32)
         tables = [tabulate_lobe(float(a), float(n)) for a, n in zip(alpha, ior, strict=True)]
-        lost, _, albedo = (np.concatenate([table[k] for table in tables]).astype(np.float32) for k in range(3))
+        lost, albedo = (np.concatenate([table[k] for table in tables]).astype(np.float32) for k in (0, 3))
         mean = np.array([average_fresnel(float(n)) for n in ior], np.float32)
         albedo *= np.repeat(share, _ENTRIES) * (1 + np.repeat(mean, _ENTRIES) * lost)
         return cls(alpha, ior, share, mean, lost, albedo)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Where the tables of a scene's materials are.
+
+    materials      one for each row, with the roughness that the row is for
+    first          (n_material,) int32: row of the least level
+    least, most    (n_material,) int32: levels of roughness; 0 of a material that is as rough everywhere
+    """
+
+    materials: tuple[Material, ...]
+    first: NDArray[np.int32]
+    least: NDArray[np.int32]
+    most: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, scene: SceneSnapshot) -> _Rows:
+        rows: list[Material] = []
+        first, levels = [], []
+        for material in scene.materials:
+            first.append(len(rows))
+            if material.lobe_image < 0:
+                levels.append((0, 0))
+                rows.append(material)
+                continue
+            image = scene.images[material.lobe_image]
+            rough = image.pixels[..., 0] if image.pixels.size else np.zeros(1, np.float32)
+            ends = np.nan_to_num(np.array([rough.min(), rough.max()]))
+            least, most = np.rint(np.clip(ends, 0, 1) * _LEVELS).astype(int).tolist()
+            levels.append((least, most))
+            rows += [replace(material, roughness=level / _LEVELS) for level in range(least, most + 1)]
+        least, most = np.array(levels, np.int32).reshape(-1, 2).T
+        return cls(tuple(rows), np.array(first, np.int32), least, most)
 
 
 @dataclass(frozen=True)
@@ -71,23 +112,28 @@ class Gloss:
 
     tri_material   (n_tri,) int32
     tri_glossy     (n_tri,) bool
-    alpha          (n_material,) float32: roughness squared
-    ior            (n_material,) float32: of the dielectric layer
-    layer          (n_material,) float32: share of the surface that has one
-    tint           (n_material,) float32: of what the layer reflects straight on
-    metal          (n_material,) float32: share of the surface that is metal
-    layer_mean     (n_material,) float32: mean Fresnel reflectance of the layer
-    kept_mean      (n_material,) float32: mean of E over the hemisphere
-    lost           (n_material * _ENTRIES,) float32: 1 / E - 1 by the cosine with the normal
+    rows           of the tables
+    alpha          (n_row,) float32: roughness squared
+    ior            (n_row,) float32: of the dielectric layer
+    layer          (n_row,) float32: share of the surface that has one
+    tint           (n_row,) float32: of what the layer reflects straight on
+    metal          (n_row,) float32: share of the surface that is metal
+    layer_mean     (n_row,) float32: mean Fresnel reflectance of the layer
+    kept_mean      (n_row,) float32: mean of E over the hemisphere
+    lost           (n_row * _ENTRIES,) float32: 1 / E - 1 by the cosine with the normal
     edge           the same: what of a black metal's light Schlick's formula reflects at the edges by single scattering
-    dielectric     the same: what the layer and the coat reflect, their shares included
-    below          the same: what they leave of the diffuse light that they cover, and all of the rest
+    dielectric     the same: what the layer reflects where it is
+    below          the same: what layer and coat leave of the diffuse light that they cover, and all of the rest
+    dip            the same: mean of cos (1 - cos)^6 over the lobe, by which a tint at the edge differs from Schlick's formula
+    dip_rgb        (3, n_row) float32: of how much of it metals reflect less, as a share of what they reflect at the edge; None where all
+                   edges are as Schlick has them
     coat           None where no material has one
     """
 
     surfaces: SurfaceMaterials
     tri_material: NDArray[np.int32]
     tri_glossy: NDArray[np.bool_]
+    rows: _Rows
     alpha: Float32
     ior: Float32
     layer: Float32
@@ -99,50 +145,85 @@ class Gloss:
     edge: Float32
     dielectric: Float32
     below: Float32
+    dip: Float32
+    dip_rgb: Float32 | None
     coat: Coat | None
 
     @classmethod
     def of(cls, scene: SceneSnapshot, surfaces: SurfaceMaterials) -> Gloss | None:
         """None where no surface has any."""
-        materials = scene.materials
-        layer = np.array([one.layer for one in materials], np.float32)
-        metal = np.array([one.metal if any(one.metal_rgb) else 0.0 for one in materials], np.float32)
+        shiny = np.array([one.layer > 0 or (one.metal > 0 and any(one.metal_rgb)) or one.coat > 0 for one in scene.materials], bool)
         reflects = np.array([one.reflects for one in scene.objects], bool)[scene.tri_object]
-        coat = Coat.of(materials)
-        glossy = ((layer > 0) | (metal > 0) | (coat.share > 0 if coat else False))[scene.tri_material] & reflects
+        glossy = shiny[scene.tri_material] & reflects
         if not glossy.any():
             return None
-        alpha = np.array([max(one.roughness**2, LEAST_ALPHA) for one in materials], np.float32)
-        ior = np.array([max(one.ior, 1.0) for one in materials], np.float32)
-        tint = np.array([one.layer_tint for one in materials], np.float32)
-        lobes = [tabulate_lobe(*map(float, numbers)) for numbers in zip(alpha, ior, tint, strict=True)]
-        lost, edge, dielectric = (np.concatenate([lobe[k] for lobe in lobes]).astype(np.float32) for k in range(3))
+        found = _Rows.of(scene)
+        rows = found.materials
+        layer = np.array([one.layer for one in rows], np.float32)
+        metal = np.array([one.metal if any(one.metal_rgb) else 0.0 for one in rows], np.float32)
+        coat = Coat.of(rows)
+        alpha = np.array([max(one.roughness**2, LEAST_ALPHA) for one in rows], np.float32)
+        ior = np.array([max(one.ior, 1.0) for one in rows], np.float32)
+        tint = np.array([one.layer_tint for one in rows], np.float32)
+        samples = [_SAMPLES if one.lobe_image < 0 else _LEVEL_SAMPLES for one in rows]
+        lobes = [tabulate_lobe(float(a), float(n), float(t), k) for a, n, t, k in zip(alpha, ior, tint, samples, strict=True)]
+        lost, edge, dip, dielectric = (np.concatenate([lobe[k] for lobe in lobes]).astype(np.float32) for k in range(4))
         layer_mean = np.array([average_fresnel(float(n), float(t)) for n, t in zip(ior, tint, strict=True)], np.float32)
         kept_mean = average_kept(lost.reshape(-1, _ENTRIES)).astype(np.float32)
         dielectric *= 1 + np.repeat(layer_mean, _ENTRIES) * lost
-        diffuse = np.array([max(one.diffuse, _LEAST_SHARE) for one in materials], np.float32)
+        diffuse = np.array([max(one.diffuse, _LEAST_SHARE) for one in rows], np.float32)
         below = 1 - np.repeat(np.minimum(layer / diffuse, 1), _ENTRIES) * dielectric
-        dielectric *= np.repeat(layer, _ENTRIES)
         if coat:
             below *= 1 - coat.albedo * np.repeat(np.minimum(coat.share / diffuse, 1) / np.maximum(coat.share, _LEAST_SHARE), _ENTRIES)
-            dielectric = coat.albedo + (1 - coat.albedo) * dielectric
-        tables = lost, edge, dielectric, below
-        return cls(surfaces, scene.tri_material, glossy, alpha, ior, layer, tint, metal, layer_mean, kept_mean, *tables, coat)
+        at_edge = 1 - np.clip(np.array([one.metal_edge_rgb for one in rows], np.float32), 0, 1).T
+        dip_rgb = at_edge / np.float32(EDGE_COSINE * _EDGE * (1 - EDGE_COSINE)) if at_edge.any() else None
+        means = alpha, ior, layer, tint, metal, layer_mean, kept_mean
+        return cls(surfaces, scene.tri_material, glossy, found, *means, lost, edge, dielectric, below, dip, dip_rgb, coat)
+
+    def find_rows(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.int32]:
+        """(n,): where tables have the surface at points of triangles."""
+        return self._find_lobes(tri, u, v)[0]
+
+    def _find_lobes(self, tri: IntArray, u: FloatArray, v: FloatArray) -> tuple[NDArray[np.int32], Float32, Float32]:
+        """(n,) each: the row, and the shares of the surface that are metal and that have a layer."""
+        material, rows = gather(self.tri_material, tri), self.rows
+        if not self.surfaces.has_lobe_images:
+            row = gather(rows.first, material)
+            return row, gather(self.metal, row), gather(self.layer, row)
+        rough, metal, layer = self.surfaces.lobes_at(tri, u, v).T
+        least = gather(rows.least, material)
+        level = np.clip(np.rint(rough * np.float32(_LEVELS)).astype(np.int32), least, gather(rows.most, material))
+        row = gather(rows.first, material) + level - least
+        return row, metal * (gather(self.metal, row) > 0), layer
+
+    def _find_dip(self, row: IntArray, color: Float32, share: Float32) -> Float32 | None:
+        """(3, n): of how much cos (1 - cos)^6 metals reflect less than by Schlick's formula; None for none."""
+        if self.dip_rgb is None:
+            return None
+        return (color * np.float32(1 - _EDGE) + share * np.float32(_EDGE)) * gather(self.dip_rgb, row)
 
     def albedo_at(self, tri: IntArray, u: FloatArray, v: FloatArray, cosine: Float32) -> Float32:
         """(3, n): share of light from directions at a cosine (n,) with the normal that is reflected specularly."""
-        material = gather(self.tri_material, tri)
-        place = _find_place(material, cosine)
+        row, share, layer = self._find_lobes(tri, u, v)
+        place = _find_place(row, cosine)
         edge, lost = _look_up(self.edge, *place), _look_up(self.lost, *place)
-        color, share = self.surfaces.metal_at(tri, u, v).T, gather(self.metal, material)
+        color = self.surfaces.metal_at(tri, u, v).T
+        dip = self._find_dip(row, color, share)
         single: Float32 = color * (1 / (1 + lost) - edge) + share * edge
+        if dip is not None:
+            single = np.maximum(single - dip * _look_up(self.dip, *place), 0)
+        out: Float32 = single * _give_back(color, share, dip, lost, gather(self.kept_mean, row)) + layer * _look_up(self.dielectric, *place)
         if self.coat:
-            single *= 1 - _look_up(self.coat.albedo, *place)
-        return single * _give_back(color, share, lost, gather(self.kept_mean, material)) + _look_up(self.dielectric, *place)
+            covered = _look_up(self.coat.albedo, *place)
+            out = covered + (1 - covered) * out
+        return out
 
-    def below_layer(self, tri: IntArray, cosine: Float32) -> Float32:
-        """(n,): share of diffuse light that leaves at a cosine (n,) with the normal, for what the layer reflects there is not below it."""
-        return _look_up(self.below, *_find_place(gather(self.tri_material, tri), cosine))
+    def below_layer(self, row: IntArray, cosine: Float32) -> Float32:
+        """(n,): share of diffuse light that leaves at a cosine (n,) with the normal, for what the layer reflects there is not below it.
+
+        row   (n,) of find_rows
+        """
+        return _look_up(self.below, *_find_place(row, cosine))
 
     def reflect(
         self, tri: IntArray, u: FloatArray, v: FloatArray, direction: Float32, normal: Float32, numbers: Float32, of_light: bool = False
@@ -154,14 +235,14 @@ class Gloss:
         of_light    the rays carry light rather than look for it. What is given back, and what a coat leaves, goes by the direction that is
                     looked from, as in Cycles, so the weights are those of the adjoint (Veach 1997, 3.7.6)
         """
-        material = gather(self.tri_material, tri)
-        alpha = gather(self.alpha, material)
+        row, share, layer = self._find_lobes(tri, u, v)
+        alpha = gather(self.alpha, row)
         tangent, bitangent = (axis.T for axis in orthonormal_basis(normal.T))
         local = np.stack([-_dot(direction, axis) for axis in (tangent, bitangent, normal)])
         local[2] = np.maximum(local[2], _HAIR)
         if self.coat:
-            place = _find_place(material, local[2])
-            covered, above = _look_up(self.coat.albedo, *place), gather(self.coat.share, material)
+            place = _find_place(row, local[2])
+            covered, above = _look_up(self.coat.albedo, *place), gather(self.coat.share, row)
             below = self.albedo_at(tri, u, v, local[2]).max(axis=0) - covered
             chance = covered / np.maximum(covered + np.maximum(below, 0), _HAIR)
             coats = numbers[0] < chance
@@ -169,23 +250,23 @@ class Gloss:
                 [np.where(coats, numbers[0] / np.maximum(chance, _HAIR), (numbers[0] - chance) / np.maximum(1 - chance, _HAIR)), numbers[1]]
             )
             numbers[0] = np.clip(numbers[0], 0, 1 - _HAIR)
-            alpha = np.where(coats, gather(self.coat.alpha, material), alpha)
+            alpha = np.where(coats, gather(self.coat.alpha, row), alpha)
         half = sample_visible_normals(local, alpha, numbers)
         cosine = np.clip(_dot(local, half), 0, 1)
         out = 2 * cosine * half - local
         edge: FloatArray = (1 - cosine) ** 5
-        place = _find_place(material, np.maximum(out[2], 0) if of_light else local[2])
+        place = _find_place(row, np.maximum(out[2], 0) if of_light else local[2])
         lost = _look_up(self.lost, *place)
-        color, share = self.surfaces.metal_at(tri, u, v).T, gather(self.metal, material)
-        rgb: FloatArray = (color * (1 - edge) + share * edge) * _give_back(color, share, lost, gather(self.kept_mean, material))
-        layer = gather(self.layer, material) * tinted_fresnel(cosine, gather(self.ior, material), gather(self.tint, material))
-        rgb = rgb + layer * (1 + gather(self.layer_mean, material) * lost)
+        color = self.surfaces.metal_at(tri, u, v).T
+        dip = self._find_dip(row, color, share)
+        rgb: FloatArray = color * (1 - edge) + share * edge
+        if dip is not None:
+            rgb = np.maximum(rgb - dip * (cosine * (1 - cosine) * edge), 0)
+        rgb = rgb * _give_back(color, share, dip, lost, gather(self.kept_mean, row))
+        layer = layer * tinted_fresnel(cosine, gather(self.ior, row), gather(self.tint, row))
+        rgb = rgb + layer * (1 + gather(self.layer_mean, row) * lost)
         if self.coat:
-            own = (
-                above
-                * fresnel(cosine, gather(self.coat.ior, material))
-                * (1 + gather(self.coat.mean, material) * _look_up(self.coat.lost, *place))
-            )
+            own = above * fresnel(cosine, gather(self.coat.ior, row)) * (1 + gather(self.coat.mean, row) * _look_up(self.coat.lost, *place))
             left = 1 - _look_up(self.coat.albedo, *place)
             rgb = np.where(coats, own / np.maximum(chance, _HAIR), rgb * left / np.where(coats, 1, 1 - chance))
         rgb = rgb * mask(local[2], out[2], alpha)
@@ -251,6 +332,24 @@ def tinted_fresnel(cosine: FloatArray, ior: FloatArray, tint: FloatArray) -> Flo
     return out
 
 
+def reflect_schlick(cosine: float, straight_on: FloatArray) -> FloatArray:
+    """(n,): share of light that a metal reflects at a cosine, which reflects a share (n,) straight on."""
+    out: FloatArray = straight_on + (1 - straight_on) * (1 - cosine) ** 5
+    return out
+
+
+def reflect_conductor(cosine: float, ior: FloatArray, extinction: FloatArray) -> FloatArray:
+    """(n,): share of unpolarised light that a conductor reflects at a cosine, by its complex index of refraction (n,) each.
+
+    Source: Fresnel's equations; Born & Wolf, "Principles of optics", section 13.4.
+    """
+    eta = ior + 1j * extinction
+    inside = np.sqrt(eta**2 - (1 - cosine**2))
+    across, along = (cosine - inside) / (cosine + inside), (eta**2 * cosine - inside) / (eta**2 * cosine + inside)
+    out: FloatArray = 0.5 * (np.abs(across) ** 2 + np.abs(along) ** 2)
+    return out
+
+
 @lru_cache(maxsize=1024)
 def average_fresnel(ior: float, tint: float = 1.0) -> float:
     """Mean of tinted_fresnel over the hemisphere, for even light."""
@@ -259,14 +358,14 @@ def average_fresnel(ior: float, tint: float = 1.0) -> float:
 
 
 @lru_cache(maxsize=1024)
-def tabulate_lobe(alpha: float, ior: float, tint: float = 1.0) -> tuple[Float64, Float64, Float64]:
-    """(_ENTRIES,) each, by the cosine with the normal: 1 / E - 1; the mean of Schlick's (1 - cos)^5; and that of
-    tinted_fresnel; both over the lobe, by single scattering.
+def tabulate_lobe(alpha: float, ior: float, tint: float = 1.0, samples: int = _SAMPLES) -> tuple[Float64, Float64, Float64, Float64]:
+    """(_ENTRIES,) each, by the cosine with the normal: 1 / E - 1; the mean of Schlick's (1 - cos)^5; that of cos (1 - cos)^6; and that of
+    tinted_fresnel; the three over the lobe, by single scattering. By so many samples each.
     """
-    cosine = np.repeat(np.maximum(np.linspace(0, 1, _ENTRIES) ** 2, 1e-5), _SAMPLES)
-    index = np.arange(_SAMPLES)
+    cosine = np.repeat(np.maximum(np.linspace(0, 1, _ENTRIES) ** 2, 1e-5), samples)
+    index = np.arange(samples)
     # Source: Rank-1 lattice by the golden ratio; Niederreiter 1992.
-    numbers = np.stack([(index + 0.5) / _SAMPLES, index * 0.6180339887498949 % 1])
+    numbers = np.stack([(index + 0.5) / samples, index * 0.6180339887498949 % 1])
     numbers = np.tile(numbers, _ENTRIES)
     view = np.stack([np.sqrt(1 - cosine**2), np.zeros_like(cosine), cosine])
     half = sample_visible_normals(view, np.full_like(cosine, alpha), numbers)
@@ -274,12 +373,12 @@ def tabulate_lobe(alpha: float, ior: float, tint: float = 1.0) -> tuple[Float64,
     weight = mask(cosine, 2 * facing * half[2] - cosine, np.full_like(cosine, alpha))
 
     def mean(values: FloatArray) -> Float64:
-        out: Float64 = values.reshape(_ENTRIES, _SAMPLES).mean(axis=1)
+        out: Float64 = values.reshape(_ENTRIES, samples).mean(axis=1)
         return out
 
-    albedo = mean(weight)
+    albedo, at_edge = mean(weight), weight * (1 - facing) ** 5
     reflected = tinted_fresnel(facing, np.full_like(cosine, ior), np.full_like(cosine, tint))
-    return 1 / albedo - 1, mean(weight * (1 - facing) ** 5), mean(weight * reflected)
+    return 1 / albedo - 1, mean(at_edge), mean(at_edge * facing * (1 - facing)), mean(weight * reflected)
 
 
 def average_kept(lost: FloatArray) -> FloatArray:
@@ -290,16 +389,19 @@ def average_kept(lost: FloatArray) -> FloatArray:
     return np.minimum(out, 1)
 
 
-def _give_back(color: FloatArray, share: FloatArray, lost: FloatArray, kept_mean: FloatArray) -> FloatArray:
-    """(3, n): what multiple scattering adds to a metal's light, as a factor; color (3, n) is the share (n,) that is metal times its own.
+def _give_back(color: FloatArray, share: FloatArray, dip: FloatArray | None, lost: FloatArray, kept_mean: FloatArray) -> FloatArray:
+    """(3, n): what multiple scattering adds to a metal's light, as a factor; color (3, n) is the share (n,) that is metal times its own,
+    as is dip (3, n), of _find_dip.
 
     Each further scattering is tinted again: of F E' + F (1 - E') F E' + ... is left F E' / (1 - F (1 - E')), with the means F of Schlick's
-    formula, F0 + (1 - F0) / 21, and E' of E.
+    formula, F0 + (1 - F0) / 21, less a 126th of the dip, and E' of E.
     Source: Kulla & Conty 2017, "Revisiting physically based shading at Imageworks", as the factor of Turquin 2019, eq. 16.
     """
     own = np.divide(color, share, out=np.zeros_like(color), where=share > 0)
     own = np.minimum(own / np.float32(MAX_ALBEDO), 1)  # what the clamp takes of white is lost once, not at each scattering
     mean = own + (1 - own) / np.float32(21)
+    if dip is not None:
+        mean = np.maximum(mean - np.divide(dip, share, out=np.zeros_like(dip), where=share > 0) / np.float32(126), 0)
     out: FloatArray = 1 + mean * kept_mean / (1 - mean * (1 - kept_mean)) * lost
     return out
 
@@ -311,11 +413,11 @@ def shadow_term(cosine: FloatArray, alpha: FloatArray) -> FloatArray:
     return out
 
 
-def _find_place(material: IntArray, cosine: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Where materials' tables have a cosine (n,): the entry before it, and how far it is on the way to the next."""
+def _find_place(row: IntArray, cosine: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Where the tables of rows (n,) have a cosine (n,): the entry before it, and how far it is on the way to the next."""
     place = np.sqrt(np.minimum(np.abs(cosine), 1)) * (_ENTRIES - 1)
     before = np.minimum(place, _ENTRIES - 2).astype(np.intp)
-    return material * _ENTRIES + before, place - before
+    return row * _ENTRIES + before, place - before
 
 
 def _look_up(table: Float32, before: IntArray, share: FloatArray) -> Float32:

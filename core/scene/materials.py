@@ -65,6 +65,8 @@ class SurfaceMaterials:
         self._through = _layer(
             scene, [m.through_rgb for m in materials], [m.through_image for m in materials], scene.tri_through_uv, MAX_ALBEDO
         )
+        lobes = [(m.roughness, m.metal, m.layer) if m.lobe_image < 0 else (1.0, 1.0, 1.0) for m in materials]
+        self._lobes = _layer(scene, lobes, [m.lobe_image for m in materials], scene.tri_lobe_uv, 1.0)
         of_glass = np.array([any(m.glass_rgb) or any(m.glass_mirror_rgb) for m in materials], bool)
         seen = np.array([one.reflects for one in scene.objects], bool)
         self._tri_glass: NDArray[np.bool_] = of_glass[scene.tri_material] & seen[scene.tri_object]
@@ -121,6 +123,15 @@ class SurfaceMaterials:
     def metal_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
         """The part of reflectance_at that a metal reflects as a mirror does; as albedo_at."""
         return self._metal.at(tri, u, v)
+
+    @property
+    def has_lobe_images(self) -> bool:
+        """Whether roughness or shares of any triangle vary over it."""
+        return self._lobes.tri_image is not None
+
+    def lobes_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
+        """Roughness, and the shares of the surface that are metal and that have a dielectric layer, within [0, 1]; as albedo_at."""
+        return self._lobes.at(tri, u, v)
 
     def through_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
         """The part of reflectance_at that leaves diffusely on the other side; as albedo_at."""

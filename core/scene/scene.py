@@ -22,6 +22,7 @@ TEXTURE_UVS = {
     "tri_metal_uv": ("metal_image",),
     "tri_glass_uv": ("glass_image",),
     "tri_through_uv": ("through_image",),
+    "tri_lobe_uv": ("lobe_image",),
 }
 
 
@@ -61,6 +62,8 @@ class Material:
     metal_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the part of the albedo that is a metal's, and reflected as in a mirror
     metal_image: int = -1
     metal: float = 1.0  # share of the surface that is metal, on average
+    metal_edge_rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)  # tint of what the metal reflects at 82 degrees, beside Schlick's formula
+    lobe_image: int = -1  # roughness, share of metal and share with a layer as its channels, in place of the three means
     layer: float = 0.0  # share of the surface that has a dielectric layer above what is diffuse
     diffuse: float = 1.0  # share of the surface that is diffuse, of which the layer and the coat cover as much as they can
     roughness: float = 0.5  # of the metal and of the layer; GGX's alpha is its square
@@ -147,6 +150,7 @@ class SceneSnapshot:
     tri_metal_uv      (n_tri, 3, 2) float32   the same, for the images of metals' colours
     tri_glass_uv      (n_tri, 3, 2) float32   the same, for the images of glass
     tri_through_uv    (n_tri, 3, 2) float32   the same, for the images of what leaves on the other side
+    tri_lobe_uv       (n_tri, 3, 2) float32   the same, for the images of roughness and shares
     """
 
     vertex_position: NDArray[np.float64]
@@ -171,6 +175,7 @@ class SceneSnapshot:
     tri_metal_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
     tri_glass_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
     tri_through_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
+    tri_lobe_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
 
     def __post_init__(self) -> None:
         for name in TEXTURE_UVS:

@@ -9,12 +9,15 @@ from numpy.typing import NDArray
 
 from ..scene.glass import Glass
 from ..scene.gloss import Gloss
+from ..scene.normal_maps import NormalMaps
 from ..util.arrays import IntArray
 from ..util.geometry import gather, locate_hits, offset_origin
 from .emission import Arrivals, Photons
 from .passing import Passing
 
 _TINY = np.finfo(np.float32).tiny
+_LEAST_COSINE = 0.01  # as where photons are deposited
+_LIFT = np.float32(0.01)
 _Rows = NDArray[np.float32]
 
 
@@ -35,6 +38,8 @@ class GlossyScene(Protocol):
     def tri_smooth(self) -> NDArray[np.int32]: ...
     @property
     def smooth_frame(self) -> _Rows: ...
+    @property
+    def maps(self) -> NormalMaps | None: ...
 
 
 def reflect_photons(
@@ -69,15 +74,16 @@ def reflect_photons(
     side = -np.copysign(np.float32(1), gather(cosine, place))
     face = gather(scene.tri_normal, tri) * side
     normal = shade(scene, tri, u, v, side, face, direction)
-    facing = -np.einsum("kn,kn->n", direction, normal)
+    facing = -_dot(direction, normal)
     expected = flux * gloss.albedo_at(tri, u, v, facing)
     chance = np.minimum(expected.max(axis=0) / np.maximum(flux.max(axis=0), _TINY), 1)
     on = (chance > rng.random(len(chance), dtype=np.float32)).nonzero()[0]
     if not len(on):
         return None
+    is_plain = normal is face
     tri, u, v, flux, direction, face, normal = (gather(values, on) for values in (tri, u, v, flux, direction, face, normal))
     turned, weight = gloss.reflect(tri, u, v, direction, normal, rng.random((2, len(on)), dtype=np.float32), of_light=True)
-    weight *= np.einsum("kn,kn->n", turned, face) > 0  # by a shading normal some would go below the face
+    weight *= _dot(turned, face) > 0 if is_plain else _weigh_shading(direction, turned, face, normal)
     flux = flux * weight / gather(chance, on)
     kept = flux.any(axis=0).nonzero()[0]
     if not len(kept):
@@ -102,11 +108,58 @@ def send_on(
 
 
 def shade(scene: GlossyScene, tri: IntArray, u: _Rows, v: _Rows, side: _Rows, face: _Rows, direction: _Rows) -> _Rows:
-    """(3, n): unit shading normals on the side that rays come from; the face's own (3, n) where those look away from the rays.
+    """(3, n): unit shading normals on the side that rays come from, of normal maps too; the face's own (3, n) where those look away from
+    the rays.
 
     side        (n,) float32: 1 where rays meet the front, -1 the back
     direction   (3, n) float32 of the rays
     """
+    normal = _smooth(scene, tri, u, v, side, face, direction)
+    if scene.maps is not None:
+        rows, bumps = scene.maps.look_up(tri, u, v, normal)
+        if len(rows):
+            bumps = _lift(bumps, gather(face, rows), gather(direction, rows))
+            good = _dot(bumps, gather(direction, rows)) < 0
+            normal = normal.copy()
+            normal[:, rows[good]] = bumps[:, good]
+    return normal
+
+
+def _lift(normal: _Rows, face: _Rows, direction: _Rows) -> _Rows:
+    """Normals (3, n) turned so far toward the face's own (3, n) that a mirror sends rays along directions (3, n) above the face."""
+    out = direction - 2 * _dot(direction, normal) * normal
+    low = (_dot(out, face) < _LIFT).nonzero()[0]
+    if not len(low):
+        return normal
+    face, direction, out = gather(face, low), gather(direction, low), gather(out, low)
+    out += (_LIFT - _dot(out, face)) * face
+    half = out / np.sqrt(_dot(out, out)) - direction
+    normal = normal.copy()
+    normal[:, low] = half / np.maximum(np.sqrt(_dot(half, half)), _TINY)
+    return normal
+
+
+def _weigh_shading(arrived: _Rows, turned: _Rows, face: _Rows, normal: _Rows) -> _Rows:
+    """(n,): by what a shading normal changes the flux that photons carry on, where rays that look for light keep its radiance; 0 below the
+    face.
+
+    arrived, turned   (3, n) float32, unit: along which photons came and go on
+    face, normal      (3, n) float32, unit: the geometric normal and the shading normal on that side
+    Source: Veach 1997, section 5.3.
+    """
+    out = _dot(turned, face)
+    least = np.float32(_LEAST_COSINE)
+    factor: _Rows = _dot(arrived, normal) * out / np.minimum(_dot(arrived, face), -least) / np.maximum(_dot(turned, normal), least)
+    return np.where(out > 0, np.maximum(factor, 0), 0)
+
+
+def _dot(a: _Rows, b: _Rows) -> _Rows:
+    product: _Rows = np.einsum("kn,kn->n", a, b)
+    return product
+
+
+def _smooth(scene: GlossyScene, tri: IntArray, u: _Rows, v: _Rows, side: _Rows, face: _Rows, direction: _Rows) -> _Rows:
+    """As shade, by the corners' normals alone."""
     if not scene.smooth_frame.size:
         return face
     column = gather(scene.tri_smooth, tri)
@@ -114,9 +167,9 @@ def shade(scene: GlossyScene, tri: IntArray, u: _Rows, v: _Rows, side: _Rows, fa
     if not len(smooth):
         return face
     shading = locate_hits(scene.smooth_frame, gather(column, smooth), gather(u, smooth), gather(v, smooth)) * gather(side, smooth)
-    length = np.sqrt(np.einsum("kn,kn->n", shading, shading))
+    length = np.sqrt(_dot(shading, shading))
     shading /= np.maximum(length, np.float32(1e-6))
-    good = (np.einsum("kn,kn->n", shading, gather(direction, smooth)) < 0) & (length > np.float32(1e-6))
+    good = (_dot(shading, gather(direction, smooth)) < 0) & (length > np.float32(1e-6))
     normal: _Rows = face.copy()
     normal[:, smooth[good]] = shading[:, good]
     return normal
@@ -139,14 +192,14 @@ def follow_mirrors(
     tri, u, v = gather(tri, place).astype(np.intp), gather(u, place), gather(v, place)
     direction, share = gather(direction, place), gather(share, place)
     normal = gather(scene.tri_normal, tri)
-    side = -np.copysign(np.float32(1), np.einsum("kn,kn->n", direction, normal))
+    side = -np.copysign(np.float32(1), _dot(direction, normal))
     face = normal * side
     normal = shade(scene, tri, u, v, side, face, direction)
-    chance = gloss.albedo_at(tri, u, v, -np.einsum("kn,kn->n", direction, normal)).max(axis=0)
+    chance = gloss.albedo_at(tri, u, v, -_dot(direction, normal)).max(axis=0)
     on = (chance > rng.random(len(chance), dtype=np.float32)).nonzero()[0]
     tri, u, v, direction, face, normal = (gather(values, on) for values in (tri, u, v, direction, face, normal))
     turned, weight = gloss.reflect(tri, u, v, direction, normal, rng.random((2, len(on)), dtype=np.float32))
-    weight *= np.einsum("kn,kn->n", turned, face) > 0
+    weight *= _dot(turned, face) > 0
     share = gather(share, on) * weight / np.minimum(gather(chance, on), 1)
     origin = offset_origin(locate_hits(scene.tri_frame, tri, u, v), face)
     return gather(place, on), origin, turned, share

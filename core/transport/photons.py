@@ -273,22 +273,23 @@ def _meet(
     normal *= -np.copysign(np.float32(1), gather(cosine, alive))  # the side that was hit
     origin = offset_origin(locate_hits(scene.tri_frame, gather(index, alive), gather(u, alive), gather(v, alive)), normal)
     group = None if group is None else gather(group, alive)
-    tri = gather(index, alive)
+    row = gather(scene.gloss.find_rows(index, u, v), alive) if scene.gloss else None
     through = None if through is None else gather(through, alive)
     if count is not None:
         copy = np.repeat(np.arange(len(alive)), count)
-        origin, normal, flux, tri = gather(origin, copy), gather(normal, copy), gather(flux, copy), gather(tri, copy)
+        origin, normal, flux = gather(origin, copy), gather(normal, copy), gather(flux, copy)
+        row = None if row is None else gather(row, copy)
         group = None if group is None else gather(group, copy)
         through = None if through is None else gather(through, copy)
         numbers = grouped_points(count, copy, rng)
     else:
         numbers = rng.random((2, len(alive)), dtype=np.float32)
     crossed = np.zeros(0, bool) if through is None else _choose_side(origin, normal, flux, through, rng)
-    if scene.gloss:
+    if scene.gloss and row is not None:
         facing = normal.copy()
         direction = _scatter(normal, numbers)
         # By roulette too: with weights in its place photons would grow in number on white surfaces, which mirror some and scatter all.
-        below = scene.gloss.below_layer(tri, _dot(direction, facing))
+        below = scene.gloss.below_layer(row, _dot(direction, facing))
         below = np.broadcast_to(np.where(crossed, np.float32(1), below) if len(crossed) else below, flux.shape)
         chance = np.minimum(below.max(axis=0), 1)
         kept = (chance > rng.random(len(chance), dtype=np.float32)).nonzero()[0]

@@ -5,9 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import room_mesh, solve_scene
-from leaflight.core.scene.gloss import LEAST_ALPHA, Gloss, fresnel, mask, sample_visible_normals, tabulate_lobe, tinted_fresnel
+from leaflight.core.scene.gloss import (
+    EDGE_COSINE,
+    LEAST_ALPHA,
+    Gloss,
+    fresnel,
+    mask,
+    reflect_conductor,
+    reflect_schlick,
+    sample_visible_normals,
+    tabulate_lobe,
+    tinted_fresnel,
+)
 from leaflight.core.scene.materials import SurfaceMaterials
-from leaflight.core.scene.scene import MAX_ALBEDO, Light, Material, SceneSnapshot
+from leaflight.core.scene.scene import MAX_ALBEDO, Light, Material, SceneSnapshot, TextureImage
 from leaflight.core.util.settings import Settings
 from safe_bakes import bake_and_audit
 from scenes import Mesh, make_scene, quad_scene
@@ -70,7 +81,7 @@ def test_fresnel_of_glass():
 @pytest.mark.parametrize(
     "material",
     [
-        {"metal_rgb": (1.0, 0.5, 0.0)},
+        {"metal_rgb": (0.9, 0.5, 0.1), "metal_edge_rgb": (0.2, 0.9, 0.4)},
         {"layer": 1.0},
         {"layer": 0.4, "metal_rgb": (0.3, 0.3, 0.3), "metal": 0.6},
         {"layer": 1.0, "coat": 0.7, "coat_roughness": 0.0, "coat_ior": 1.8},
@@ -100,6 +111,44 @@ def test_a_black_tint_leaves_a_layer_its_edges_alone():
         gloss = make_gloss(Material("Tinted", layer=1.0, layer_tint=tint, roughness=0.3, ior=ior))
         one, cosine = np.zeros(1), np.array([0.5], np.float32)
         assert gloss.albedo_at(np.zeros(1, int), one, one, cosine)[0, 0] == pytest.approx(cycles, abs=0.01)
+
+
+def test_a_mirror_has_its_tint_at_the_edge():
+    """At 82 degrees Schlick's share of light times the tint, and straight on the colour."""
+    rgb, tint = np.array([0.9, 0.5, 0.1]), np.array([0.3, 1.0, 0.6])
+    gloss = make_gloss(Material("Metal", (0.9,) * 3, metal_rgb=tuple(rgb), metal_edge_rgb=tuple(tint), roughness=0.0))
+    tri, where = np.zeros(2, np.intp), np.full(2, 0.25, np.float32)
+    found = gloss.albedo_at(tri, where, where, np.float32([1.0, EDGE_COSINE]))
+    assert found[:, 0] == pytest.approx(rgb, abs=1e-3)
+    assert found[:, 1] == pytest.approx(reflect_schlick(EDGE_COSINE, rgb) * tint, abs=2e-3)
+
+
+def test_gold_is_a_conductor():
+    """Of red, green and blue light; the share straight on by n and k, and the known limits of Fresnel's equations."""
+    n, k = np.array([0.18, 0.42, 1.37]), np.array([3.42, 2.35, 1.77])
+    assert reflect_conductor(1.0, n, k) == pytest.approx(((n - 1) ** 2 + k**2) / ((n + 1) ** 2 + k**2))
+    assert reflect_conductor(1e-6, n, k) == pytest.approx(np.ones(3), abs=1e-4)
+    glass = np.array([1.5])
+    assert reflect_conductor(0.3, glass, np.zeros(1)) == pytest.approx(fresnel(np.array([0.3]), glass))
+
+
+def test_an_image_says_where_a_surface_is_metal_and_how_rough():
+    """Left a rough metal, right paint below a layer: everywhere what a material of that alone reflects."""
+    pixels = np.float32([[[0.75, 1.0, 0.0], [0.25, 0.0, 1.0]]])
+    color = np.float32([[[0.9, 0.5, 0.1], [0.0, 0.0, 0.0]]])
+    uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)[quad_scene().tri_vertex]
+    mixed = Material("Mixed", (0.9,) * 3, metal_rgb=(1.0,) * 3, metal_image=1, metal=0.5, layer=0.5, diffuse=0.5, lobe_image=0)
+    images = TextureImage("Lobes", pixels, closest=True), TextureImage("Metal", color, closest=True)
+    scene = replace(quad_scene(), materials=(mixed,), images=images, tri_lobe_uv=uv, tri_metal_uv=uv)
+    both = Gloss.of(scene, SurfaceMaterials(scene))
+    left = make_gloss(Material("Metal", (0.9,) * 3, metal_rgb=(0.9, 0.5, 0.1), roughness=0.75))
+    right = make_gloss(Material("Paint", (0.0,) * 3, layer=1.0, roughness=0.25))
+    for cosine in np.float32([[0.2], [0.9]]):
+        for gloss, place in ((left, 0.2), (right, 0.8)):
+            # On the first triangle u + v is how far a point is to the right.
+            at = np.zeros(1, np.intp), np.float32([place]), np.zeros(1, np.float32)
+            assert both.albedo_at(*at, cosine) == pytest.approx(gloss.albedo_at(*at, cosine), abs=3e-3)
+        assert both.below_layer(both.find_rows(*at), cosine) == pytest.approx(right.below_layer(np.zeros(1, int), cosine), abs=3e-3)
 
 
 def test_a_white_metal_reflects_all():
@@ -236,12 +285,31 @@ def test_a_mirror_throws_a_caustic(tmp_path, direct):
         assert not field.direct.irradiance.any()
 
 
+@pytest.mark.parametrize("direct", ["rays", "photons"])
+def test_a_mirror_with_a_normal_map_throws_light_aside(tmp_path, direct):
+    """A level mirror whose map leans by 22.5 degrees sends a beam from above to a wall at 45 degrees.
+
+    What looks into it sees as bright a lamp as in a mirror, in the same solid angle, of which it shows the cosine of 45 degrees only.
+    """
+    mirror = Mesh("Mirror", np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]], float), [[0, 1, 2, 3]], None, False)
+    wall = Mesh("Wall", np.array([[-1, -2, 1], [1, -2, 1], [1, -2, 3], [-1, -2, 3]], float), [[0, 3, 2, 1]])
+    spot = Light("SPOT", "Spot", (0, 0, 3), ((1, 0, 0), (0, 1, 0), (0, 0, 1)), (100.0,) * 3, cone_angle_rad=0.1)
+    lean = np.deg2rad(22.5)
+    bumps = TextureImage("Normals", np.float32([[[0, -np.sin(lean), np.cos(lean)]]]))
+    black = Material("Black", (0,) * 3)
+    leaning = Material("Mirror", (0.8,) * 3, metal_rgb=(0.8,) * 3, roughness=0, normal_image=0)
+    scene = make_scene([wall, mirror], [spot])
+    scene = replace(scene, materials=(black, leaning), tri_material=scene.tri_object, images=(bumps,))
+    light, audit, _ = bake(tmp_path, scene, direct, photons=100_000)
+    assert light[0] * 4.0 == pytest.approx(0.8 * np.sqrt(0.5) * audit["emitted"][0], rel=0.03)
+
+
 def test_rough_metal_is_tinted_at_each_scattering():
     """What leaves after k scatterings more than one was tinted k times: a share (1 - E)^(k - 1) E of it, with the lobe's mean albedo E."""
     roughness, rho, cosine = 0.9, 0.5, np.float32([0.3, 0.6, 0.9])
     tri, where = np.zeros(3, np.intp), np.full(3, 0.25, np.float32)
     gloss = make_gloss(Material("Metal", (rho,) * 3, metal_rgb=(rho,) * 3, roughness=roughness))
-    lost, edge, _ = tabulate_lobe(roughness**2, 1.5)
+    lost, edge = tabulate_lobe(roughness**2, 1.5)[:2]
     place, fine = np.linspace(0, 1, 65) ** 2, (np.arange(4000) + 0.5) / 4000
     mean = (2 * fine / (1 + np.interp(np.sqrt(fine), np.sqrt(place), lost))).mean()
     tint = rho + (1 - rho) / 21

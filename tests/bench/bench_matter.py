@@ -40,6 +40,10 @@ itself has no lightmap.
 Translucent BSDFs send light on to their other side. A texel of such a surface shows the light on its front. Cycles' bake shows there the
 light of both sides, weighted by the colours: of a Translucent BSDF alone that of the back.
 
+Metals are as rough as an image says, and as much of a surface is metal, point by point; the roughness of a dielectric layer counts by its
+mean. The Principled BSDF's Specular Tint tints the edges of metals, and scales what its layer reflects straight on by the mean of its
+channels. Normal maps count for light that arrives, for photons that go on, and for what metals and layers reflect.
+
 A coat is a layer above all else. Sheen is diffuse here, with its energy for even light; where light comes from straight ahead it sends less
 to the side in Cycles. Subsurface light leaves where it arrives.
 

@@ -78,6 +78,40 @@ class Scene:
         node.image = image
         return node.outputs["Alpha"]
 
+    def map_image(self, make: Callable[[np.ndarray, np.ndarray], Any]) -> Callable[[Any], Any]:
+        """The colour of an image without colour space: what a function makes of its pixels' x and y, from 0 to 1."""
+
+        def build(tree: Any) -> Any:
+            y, x = (np.mgrid[:64, :64] + 0.5) / 64
+            pixels = np.ones((64, 64, 4), np.float32)
+            for channel, values in enumerate(make(x, y)):
+                pixels[..., channel] = values
+            image = bpy.data.images.new("Map", 64, 64, float_buffer=True)
+            image.colorspace_settings.name = "Non-Color"
+            image.pixels.foreach_set(pixels.ravel())
+            image.pack()
+            node = tree.nodes.new("ShaderNodeTexImage")
+            node.image = image
+            return node.outputs["Color"]
+
+        return build
+
+    def stripes(self, low: float, high: float) -> Callable[[Any], Any]:
+        """Four soft upright stripes of two values."""
+        return self.map_image(lambda x, y: (low + (high - low) * np.clip(2 * np.cos(4 * np.pi * x) + 0.5, 0, 1),) * 3)
+
+    def waves(self, tree: Any) -> Any:
+        """A normal map of waves, 20 degrees steep."""
+        node = tree.nodes.new("ShaderNodeNormalMap")
+
+        def lean(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, ...]:
+            slope = 0.36 * np.cos(16 * np.pi * x)
+            length = np.sqrt(1 + slope**2)
+            return 0.5 + 0.5 * slope / length, 0.5 + 0 * y, 0.5 + 0.5 / length
+
+        tree.links.new(self.map_image(lean)(tree), node.inputs["Color"])
+        return node.outputs["Normal"]
+
     def light_path(self, name: str) -> Callable[[Any], Any]:
         return lambda tree: tree.nodes.new("ShaderNodeLightPath").outputs[name]
 
@@ -202,6 +236,18 @@ def _trick(scene: Scene) -> Callable[[Any], Any]:
     return scene.mix(scene.light_path("Is Shadow Ray"), scene.node("BsdfGlass"), scene.node("BsdfTransparent"))
 
 
+def _gold(scene: Scene) -> Callable[[Any], Any]:
+    """A Metallic BSDF by its indices of refraction."""
+
+    def make(tree: Any) -> Any:
+        node = scene.node("BsdfMetallic", Roughness=0.4)(tree)
+        node.fresnel_type = "PHYSICAL_CONDUCTOR"
+        node.inputs["IOR"].default_value, node.inputs["Extinction"].default_value = (0.18, 0.42, 1.37), (3.42, 2.35, 1.77)
+        return node
+
+    return make
+
+
 SCENES: dict[str, Callable[[], None]] = {
     "alpha 0.4": _under_a_pane(lambda s: s.principled(Alpha=0.4)),
     "alpha 0.4, sky": _under_a_pane(lambda s: s.principled(Alpha=0.4), sky=True),
@@ -221,6 +267,18 @@ SCENES: dict[str, Callable[[], None]] = {
     "metal, roughness 0.3": _beside_a_wall(lambda s: s.principled(Base_Color=(0.9, 0.7, 0.5, 1), Metallic=1.0, Roughness=0.3)),
     "metal, roughness 0.8": _beside_a_wall(lambda s: s.principled(Base_Color=(0.9, 0.7, 0.5, 1), Metallic=1.0, Roughness=0.8)),
     "half metal": _beside_a_wall(lambda s: s.principled(Base_Color=(0.9, 0.7, 0.5, 1), Metallic=0.5, Roughness=0.4)),
+    "metal, roughness by an image": _beside_a_wall(
+        lambda s: s.principled(Base_Color=(0.9, 0.7, 0.5, 1), Metallic=1.0, Roughness=s.stripes(0.2, 0.9))
+    ),
+    "metal by an image": _beside_a_wall(lambda s: s.principled(Base_Color=(0.9, 0.7, 0.5, 1), Metallic=s.stripes(0, 1), Roughness=0.4)),
+    "metal, tinted edge": _beside_a_wall(
+        lambda s: s.principled(Base_Color=(0.9, 0.7, 0.5, 1), Metallic=1.0, Roughness=0.5, Specular_Tint=(0.2, 0.8, 0.9, 1))
+    ),
+    "Metallic BSDF, gold": _beside_a_wall(_gold),
+    "metal, normal map": _beside_a_wall(lambda s: s.principled(Base_Color=(0.9, 0.7, 0.5, 1), Metallic=1.0, Roughness=0.6, Normal=s.waves)),
+    "metal mixed by an image": _beside_a_wall(
+        lambda s: s.mix(s.stripes(0, 1), s.diffuse(0.3), s.node("BsdfGlossy", Color=(0.8, 0.8, 0.8, 1), Roughness=0.6))
+    ),
     "Glossy BSDF": _beside_a_wall(lambda s: s.node("BsdfGlossy", Color=(0.8, 0.8, 0.8, 1), Roughness=0.2)),
     "layer, roughness 0.1": _beside_a_wall(lambda s: s.principled(Base_Color=(0.6, 0.6, 0.6, 1), Roughness=0.1)),
     "layer, roughness 0.5": _beside_a_wall(lambda s: s.principled(Base_Color=(0.6, 0.6, 0.6, 1))),
@@ -269,5 +327,5 @@ SCENES: dict[str, Callable[[], None]] = {
     "metal room": _closed_room(lambda s: s.principled(Base_Color=(0.8, 0.6, 0.4, 1), Metallic=1.0, Roughness=0.4)),
 }
 # Scenes in which much light comes by caustics, which Cycles renders with more noise.
-_WORDS = "mirror", "metal,", "half metal", "Glossy", "roughness 0.1", "glass", "Refraction"
+_WORDS = "mirror", "metal,", "metal by", "metal mixed", "half metal", "Metallic", "Glossy", "roughness 0.1", "glass", "Refraction"
 CAUSTICS = {name for name in SCENES if any(word in name for word in _WORDS) and not any(word in name for word in ("sky", "shadow"))}

@@ -292,6 +292,28 @@ def test_masked_metal_and_masked_shaders_keep_their_masks():
     np.testing.assert_allclose(table.images.images[material.albedo_image].pixels, expected, atol=1e-4)
     metal = (1.0 - part[..., None]) * part[..., None] * (0.8, 0.6, 0.4)
     np.testing.assert_allclose(table.images.images[material.metal_image].pixels, metal, atol=1e-4)
+    # As rough as the principled shader, and where how much of the surface is metal, or has a layer.
+    lobes = np.stack([np.full_like(part, 0.5), (1.0 - part) * part, (1.0 - part) ** 2], axis=-1)
+    np.testing.assert_allclose(table.images.images[material.lobe_image].pixels, lobes, atol=1e-4)
+
+
+def test_metals_are_as_rough_as_an_image_says():
+    paint = Paint()
+    image, metal = paint.image(), paint.add("BsdfMetallic")
+    paint.feed(metal, Base_Color=(0.8, 0.6, 0.4), Edge_Tint=(0.9, 0.5, 0.2), Roughness=image.outputs[0])
+    paint.tree.links.new(metal.outputs[0], next(node for node in paint.tree.nodes if node.type == "OUTPUT_MATERIAL").inputs["Surface"])
+    table, told = MaterialTable(warnings := []), warnings
+    material = table.readings[table.index(paint.material)].material
+    assert told == []
+    grey = np.array(image.image.pixels).reshape(SIDE, SIDE, 4)[..., :3] @ (0.2126, 0.7152, 0.0722)
+    lobes = np.stack([grey, np.ones_like(grey), np.zeros_like(grey)], axis=-1)
+    np.testing.assert_allclose(table.images.images[material.lobe_image].pixels, lobes, atol=1e-4)
+    assert material.metal_edge_rgb == pytest.approx((0.9, 0.5, 0.2))
+    # Gold by its indices of refraction.
+    metal.fresnel_type = "PHYSICAL_CONDUCTOR"
+    metal.inputs["IOR"].default_value, metal.inputs["Extinction"].default_value = (0.18, 0.42, 1.37), (3.42, 2.35, 1.77)
+    gold = MaterialTable([])
+    assert gold.readings[gold.index(paint.material)].material.metal_rgb == pytest.approx((0.945, 0.777, 0.373), abs=1e-3)
 
 
 def test_a_large_image_is_made_whole_and_once():
